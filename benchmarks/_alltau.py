@@ -1,4 +1,4 @@
-"""Allan deviations at every cluster size: our time, error and memory, and allantools' time extrapolated, in one run."""
+"""Allan deviations at every cluster size: jaxcal's time, error and memory, and allantools' time extrapolated, in one run."""
 
 import subprocess
 import sys
@@ -13,7 +13,7 @@ RATE = 100.0
 
 
 def all_tau(longest):
-    """One line per statistic and length up to `longest`."""
+    """Print one line per statistic and length up to `longest`."""
     print("every cluster size: allantools' seconds are extrapolated from 24 cluster sizes, spaced evenly, in this run; error: largest")
     print("relative difference of the deviation from direct sums in extended precision at 20 cluster sizes; MB beyond the record")
     print(f"{'kind':6} {'samples':>9} {'tau':>8} {'jaxcal s':>9} {'allantools s':>12} {'ratio':>7} {'error':>7} {'MB':>6}")
@@ -31,10 +31,10 @@ def all_tau(longest):
 
 
 def _extrapolated(y, kind, number):
-    """Seconds that allantools would take at `number` cluster sizes, from the mean over some of them."""
-    # evenly: the time falls about linearly with m; it refuses the last sizes, which are most of those of adev and hdev
+    """Seconds that allantools would take at `number` cluster sizes, extrapolated from the mean over some of them."""
+    # evenly spaced, as the time falls about linearly with m; allantools refuses the last sizes, many of those of adev and hdev
     chosen = np.unique(np.linspace(1, (0.6 if kind in ("adev", "hdev") else 0.98) * number, 24).astype(int))
-    theta = np.concatenate([[0.0], np.cumsum(y)]) / RATE  # integrated once, as it would be
+    theta = np.concatenate([[0.0], np.cumsum(y)]) / RATE  # integrate once, as a whole run would
     function = getattr(allantools, kind)
 
     def seconds(m):
@@ -64,7 +64,7 @@ def _error(y, kind, found):
 
 
 def _memory(samples, kind):
-    """Growth of the peak beyond the record in MB, in a process of its own."""
+    """Growth of the peak memory beyond the record in MB, in a separate process."""
     done = subprocess.run([sys.executable, __file__, str(samples), kind], capture_output=True, text=True, check=True)
     return float(done.stdout)
 

@@ -1,8 +1,8 @@
-"""Magnetometer logs with errors that the fit does not model, simulated without jaxcal; and what the fit makes of them.
+"""Magnetometer logs with errors that the fit does not model, simulated without jaxcal; and the quality of the fit on them.
 
-Six hundred readings of a sensor that a hand turns: rates wander with a correlation time of 25 readings, 0.12 rad a reading in each axis.
-White noise is 1 % of the field unless the case says otherwise. The truth of a drift is the hard iron at the start, of a current that
-without it. Conditions are recorded for the case "current", and not for "current unrecorded".
+A log has six hundred readings of a sensor turned by hand: rates wander with a correlation time of 25 readings, 0.12 rad per reading in
+each axis. White noise is 1 % of the field unless the case differs. The true hard iron is the one at the start for a drift, and the one
+without current for a current. Conditions are recorded for the case "current", but not for "current unrecorded".
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ DIP = np.deg2rad(57.0)
 COUNT = 600
 _HEADINGS = np.arange(24) * np.pi / 12
 
-#: case -> its size, and the cause that names it
+#: (case, size) -> the cause that the fit should name
 CASES = {
     ("white", 0.005): None, ("white", 0.01): None, ("white", 0.05): None,
     ("AR(1)", 0.8): "correlated noise", ("AR(1)", 0.9): "correlated noise", ("AR(1)", 0.97): "correlated noise",
@@ -28,24 +28,24 @@ CASES = {
 
 
 def wander(factor, count, columns, rng):
-    """AR(1) series of variance one, (count, columns)."""
+    """AR(1) series with variance one, (count, columns)."""
     noise = rng.normal(size=(count, columns)) * np.sqrt(1 - factor**2)
     noise[0] /= np.sqrt(1 - factor**2)
     return scipy.signal.lfilter([1], [1, -factor], noise, axis=0)
 
 
 def turned(count, rng, speed, finer=1):
-    """True field in body axes, (count, 3), of norm one."""
+    """True field in body axes, (count, 3), of magnitude one."""
     rates = speed / finer * wander(np.exp(-1 / (25 * finer)), count * finer, 3, rng)
-    attitude, found = Rotation.random(random_state=int(rng.integers(2**31))), []
-    for step in rates:
-        attitude = attitude * Rotation.from_rotvec(step)
-        found.append(attitude.as_quat())
-    return Rotation.from_quat(np.array(found)).inv().apply([np.cos(DIP), 0.0, np.sin(DIP)])
+    attitude, found = Rotation.random(random_state=int(rng.integers(2**31))).as_matrix(), []
+    for step in Rotation.from_rotvec(rates).as_matrix():
+        attitude = attitude @ step
+        found.append(attitude)
+    return np.array([np.cos(DIP), 0.0, np.sin(DIP)]) @ np.array(found)
 
 
 def simulate(case, seed, count=COUNT):
-    """Readings (count, 3), and the conditions that were recorded."""
+    """Readings (count, 3), and the recorded conditions."""
     (name, size), rng = case, np.random.default_rng([seed, sum(map(ord, case[0])), round(1000 * case[1])])
     averaged = name == "low-pass"
     field = turned(count, rng, 0.25 if averaged else 0.12, 3 if averaged else 1)
@@ -74,7 +74,7 @@ def simulate(case, seed, count=COUNT):
 
 
 def random_log(seed, tilt=(5.0, 180.0), noise=(0.001, 0.2), count=(5, 3000)):
-    """Readings (n, 3) of a random sensor at all headings and tilts up to some angle in degrees; noise over field and n log-uniform."""
+    """Readings (n, 3) of a random sensor at all headings and at tilts up to an angle in degrees; noise over field and n are log-uniform."""
     rng = np.random.default_rng([7, seed])
     n, spread = (np.exp(rng.uniform(*np.log(limits))) for limits in (count, noise))
     dip, most = rng.uniform(-1.3, 1.3), np.deg2rad(rng.uniform(*tilt))
@@ -86,7 +86,7 @@ def random_log(seed, tilt=(5.0, 180.0), noise=(0.001, 0.2), count=(5, 3000)):
 
 
 def heading_error(model):
-    """Root mean square error of the level headings, in rad, of readings without noise."""
+    """Root mean square error of the level headings, in rad, for readings without noise."""
     level = np.stack([np.cos(_HEADINGS) * np.cos(DIP), -np.sin(_HEADINGS) * np.cos(DIP), np.full(24, np.sin(DIP))], axis=1)
     y = (level @ SOFT.T + HARD - model.hard_iron) @ np.linalg.inv(model.soft_iron).T
     off = np.arctan2(-y[:, 1], y[:, 0]) - _HEADINGS
@@ -94,7 +94,7 @@ def heading_error(model):
 
 
 def tried(fit, case, runs, first=0):
-    """Fits of one case: whether good, true heading error in degrees, true over predicted, whether named, truths inside their intervals."""
+    """For each fit of a case: good, true heading error in degrees, true over predicted error, cause named, share of truths in intervals."""
     rows = []
     for seed in range(first, first + runs):
         m, conditions = simulate(case, seed)

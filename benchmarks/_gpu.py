@@ -1,4 +1,4 @@
-"""The kernels on a GPU, where there is one: time, and the share of the memory bandwidth that a copy reaches in the same run."""
+"""The kernels on a GPU, if there is one: time, and share of the memory bandwidth that a copy reaches in the same run."""
 
 import time
 
@@ -21,7 +21,7 @@ def _seconds(function):
 
 
 def bandwidth(samples=10**7):
-    """Overlapped Allan variance in float64 at octaves, by both kernels; three reads of 8 bytes for each difference."""
+    """Time both kernels for the overlapping Allan variance in float64 at octaves; each difference reads three times 8 bytes."""
     if jax.default_backend() != "gpu":
         print(f"no GPU: the backend is {jax.default_backend()}; nothing measured")
         return

@@ -1,4 +1,4 @@
-"""Streams larger than memory, many logs, and the dynamic deviation: the parts of compare.py that need no peer, or hardly one.
+"""Streams larger than memory, many logs, and the dynamic deviation: parts of compare.py that hardly need another package.
 
 python benchmarks/_stream.py --longest 1000000000     everything; the longest stream needs 4 GB on disk
 """
@@ -20,7 +20,7 @@ _COMPILED = "/jax/core/compile/backend_compile_duration"
 
 
 def stream(samples, folder=None):
-    """A file of float32 samples through `batch.deviation`, each length in a process of its own: speed, memory, cluster sizes."""
+    """Read float32 files through `batch.deviation`, each length in a separate process: speed, memory, cluster sizes."""
     lengths = [10**e for e in range(6, 12) if 10**e <= samples]
     print(f"{'samples':>10} {'kind':6} {'cluster sizes':>13} {'seconds':>8} {'samples/us':>10} {'ns/sample':>9} {'peak MB':>8}")
     for length in lengths:
@@ -35,7 +35,7 @@ def stream(samples, folder=None):
 
 
 def _write(path, length):
-    """White noise with a mean of 9.81, float32; the file is written block by block."""
+    """Write white noise with a mean of 9.81 in float32, block by block."""
     file = np.lib.format.open_memmap(path, mode="w+", dtype=np.float32, shape=(length,))
     random, block = np.random.default_rng(0), 1 << 22
     for start in range(0, length, block):
@@ -45,9 +45,9 @@ def _write(path, length):
 
 
 def _stream_of(path, kind):
-    """Runs in a process of its own: seconds after compilation, number of cluster sizes, peak resident MB."""
+    """Print seconds after compilation, number of cluster sizes, and peak resident MB; runs in a separate process."""
     y = np.load(path, mmap_mode="r")
-    jaxcal.allan.Accumulator(RATE, kind=kind).update(y[:1_500_000]).result()  # compiles what the stream needs
+    jaxcal.allan.Accumulator(RATE, kind=kind).update(y[:1_500_000]).result()  # compiles the programs that the stream needs
     times = []
     for _ in range(1 if len(y) > 10**8 else 3):
         start = time.perf_counter()
@@ -64,7 +64,7 @@ def _peak():
 
 
 def many_logs(logs=1000):
-    """Logs of 0.5 to 1.5 x 10^5 samples, all of different lengths, against allantools one after another."""
+    """Process logs of 0.5 to 1.5 x 10^5 samples, all of different lengths, beside allantools one after another."""
     import allantools
 
     random = np.random.default_rng(1)
@@ -97,7 +97,7 @@ def many_logs(logs=1000):
 
 
 def dynamic(samples=10**6, windows=200):
-    """The surface of a record, with and without compilation."""
+    """Compute the surface of a record, with and without compilation."""
     y = np.random.default_rng(2).standard_normal(samples)
     window = samples // 20 / RATE
     step = (samples - samples // 20) // (windows - 1) / RATE
@@ -110,7 +110,7 @@ def dynamic(samples=10**6, windows=200):
 
 
 def main():
-    """Run everything, or the part asked for."""
+    """Run everything, or the requested part."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--longest", type=int, default=10**8, help="longest stream, in samples")
     parser.add_argument("--folder", help="where the file of the stream is written")

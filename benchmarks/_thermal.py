@@ -1,7 +1,7 @@
-"""Records of a sensor whose bias depends on temperature, made without the package, and what `jaxcal.temperature.fit` says of them.
+"""Records of a sensor whose bias depends on temperature, made without jaxcal, and results of `jaxcal.temperature.fit` for them.
 
-Units are free: a curve of about 15, and noise at a sample a second. Steps are error functions, which the estimator does not know, and
-flicker is a sum of first-order processes.
+Units are arbitrary: a curve of about 15, and noise at one sample per second. Steps are error functions, which the estimator does not
+assume, and flicker is a sum of first-order processes.
 """
 
 import math
@@ -9,6 +9,7 @@ import math
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize
 from scipy.signal import lfilter
 from scipy.special import erf
 
@@ -16,10 +17,10 @@ from jaxcal.temperature import fit
 
 LOW, HIGH, PERIOD = 20.0, 45.0, 4500
 JUMPS = {"none": (), "one": ((3.0, 24.0, 0.12),), "two": ((3.0, 24.0, 0.12), (-2.0, 36.0, 0.25))}
-#: N, B and K of the cases with jumps, and of the comparison of models, unit/sqrt(Hz) and so on
+#: N, B and K for the cases with jumps, and for the comparison of models, unit/sqrt(Hz) and so on
 QUIET, LOUD = (0.3, 0.1, 0.003), (1.0, 0.3, 0.01)
 TAUS = 10 ** np.arange(-0.5, 6.5, 0.25)
-LENGTH, SPREAD = 8.0, 4.0  # degC and unit: the kernel of random curves
+LENGTH, SPREAD = 8.0, 4.0  # degC and unit: length and standard deviation of random curves
 
 
 def temperature(count, period=PERIOD):
@@ -28,7 +29,7 @@ def temperature(count, period=PERIOD):
 
 
 def flicker_variance(b):
-    """Variance of each first-order process, so that their density together is B^2/(2 pi f)."""
+    """Variance of each first-order process, such that the sum of their densities is B^2/(2 pi f)."""
     return b**2 * 0.25 * math.log(10) / math.pi
 
 
@@ -50,7 +51,7 @@ def kernel(a, b):
 
 
 def smooth(rng=None):
-    """A curve of about 15 between LOW and HIGH: a fixed one, or a random one of `kernel`."""
+    """A curve of about 15 between LOW and HIGH: a fixed one, or with `rng` a random one with covariance `kernel`."""
     if rng is None:
         return lambda t: (
             5 * (t - 32.5) / 12.5 - 2.5 * ((t - 32.5) / 12.5) ** 2 + 1.5 * ((t - 32.5) / 12.5) ** 3 + 0.8 * np.exp((t - 32.5) / 12.5)
@@ -66,21 +67,21 @@ def steps(t, jumps):
 
 
 def counted(case, run, *, thermometer=0.01, random=True):
-    """Jumps found less jumps there, and whether the height of each true one is in its interval of 95 %."""
+    """Number of jumps found minus true number, and errors of the heights of true jumps over their standard errors."""
     rng = np.random.default_rng([21, run])
     curve, true = smooth(rng if random else None), temperature(PERIOD)
     bias = curve(true) + steps(true, JUMPS[case]) + noise(PERIOD, QUIET, rng)
     found = fit(true + thermometer * rng.standard_normal(PERIOD), bias, time=np.arange(PERIOD))
-    inside = []
+    errors = []
     for height, centre, _ in JUMPS[case]:
         near = [step for step in found.steps if abs(step.centre - centre) < 0.5]
         if len(near) == 1:
-            inside.append(abs(near[0].height - height) < 1.96 * near[0].height_error)
-    return len(found.steps) - len(JUMPS[case]), inside
+            errors.append((near[0].height - height) / near[0].height_error)
+    return len(found.steps) - len(JUMPS[case]), errors
 
 
 def rate(run, thermometer=0.02):
-    """Effect of dT/dt, rms, and rms of what the model leaves of it and of the curve on the next cycle, less its mean."""
+    """Rms residuals on the next cycle, without their mean: of a static model, and of the default fit, for a bias that follows dT/dt."""
     rng, count = np.random.default_rng([22, run]), 2 * PERIOD
     true = temperature(count)
     change = np.gradient(true)
@@ -94,7 +95,7 @@ def rate(run, thermometer=0.02):
 
 
 def compared(run, random, level=LOUD, block=5):
-    """Rms error of each model on the next cycle, less its mean, and how much of truth and readings the intervals hold."""
+    """Rms error of each model on the next cycle, without its mean, and shares of truth and of readings inside the intervals."""
     rng, count = np.random.default_rng([23, run]), 2 * PERIOD
     curve, true = smooth(rng if random else None), temperature(count)
     wander = noise(count, level, rng)
@@ -104,15 +105,7 @@ def compared(run, random, level=LOUD, block=5):
     values = {"auto": found.model.curve.value(np.clip(test, found.model.low, found.model.high))}
     for name, degree in (("polynomial 3", 3), ("polynomial 5", 5), ("table", None)):
         values[name] = fit(t, b, time=time[:PERIOD], model=name.split()[0], degree=degree).model.curve.value(test)
-    # the Gaussian process that knows the kernels of the curve and of the noise
-    size = PERIOD // block
-    middle = (np.arange(size) + 0.5) * block
-    covariance = np.eye(size) * level[0] ** 2 / block + level[2] ** 2 * np.minimum(middle[:, None], middle) + 1e4
-    for tau in TAUS if level[1] else ():
-        each = np.exp(-np.abs(middle[:, None] - middle) / tau) if tau > 1 else np.eye(size) * 2 * tau / block
-        covariance += flicker_variance(level[1]) * each
-    means_t, means_b = (x.reshape(size, block).mean(axis=1) for x in (t, b))
-    values["true kernel"] = kernel(test, means_t) @ cho_solve(cho_factor(covariance + kernel(means_t, means_t)), means_b)
+    values.update(processes(t, b, test, level, block))
     errors = {name: float(np.std(value - curve(test))) for name, value in values.items()}
     grid = np.linspace(LOW + 0.2, HIGH - 0.2, 99)
     low, high = found.interval_at(grid)
@@ -123,8 +116,30 @@ def compared(run, random, level=LOUD, block=5):
     return errors, float(np.mean((low <= truth) & (truth <= high))), float(np.mean((bottom <= readings) & (readings <= top)))
 
 
+def processes(t, b, test, level, block):
+    """Gaussian processes that know the kernel of the curve, with N, B and K by maximum likelihood, and with the true N, B and K."""
+    size = len(t) // block
+    middle = (np.arange(size) + 0.5) * block
+    t, b = (x.reshape(size, block).mean(axis=1) for x in (t, b))
+    walk, flicker, curve = np.minimum(middle[:, None], middle), np.zeros((size, size)), kernel(t, t)
+    for tau in TAUS:
+        each = np.exp(-np.abs(middle[:, None] - middle) / tau) if tau > 1 else np.eye(size) * 2 * tau / block
+        flicker += flicker_variance(1.0) * each
+
+    def factor(n, b, k):
+        return cho_factor(np.eye(size) * n**2 / block + b**2 * flicker + k**2 * walk + 1e4 + curve)
+
+    def cost(logarithms):
+        root = factor(*np.exp(logarithms))
+        return 0.5 * b @ cho_solve(root, b) + np.sum(np.log(np.diag(root[0])))
+
+    best = minimize(cost, np.log(np.maximum(level, 1e-9)), method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.02, "maxiter": 150})
+    known = {"true kernel": np.exp(best.x), "true kernel and noise": level}
+    return {name: kernel(test, t) @ cho_solve(factor(*noises), b) for name, noises in known.items()}
+
+
 def lagging(run, thermometer=0.02, tau=60.0):
-    """Rms error on the second cycle, mdeg/s, of the case "lag": jump of 300 mdeg/s, noise of 4, lag of 60 s; and the lag found."""
+    """Rms error in mdeg/s on the second cycle of the case "lag" (jump of 300 mdeg/s, noise of 4, lag of 60 s), and the lag found."""
     rng, count = np.random.default_rng([24, run]), 2 * PERIOD
     true = temperature(count)
     felt = lfilter([1 - math.exp(-1 / tau)], [1.0, -math.exp(-1 / tau)], true - true[0]) + true[0]

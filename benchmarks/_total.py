@@ -1,4 +1,4 @@
-"""mtotdev, htotdev and theo1 beside allantools, whose time is quadratic and worse: measured at small sizes, extrapolated above."""
+"""mtotdev, htotdev and theo1 beside allantools, whose time grows at least quadratically: measured at small sizes, then extrapolated."""
 
 import time
 
@@ -11,11 +11,11 @@ _SAMPLES = 10**4
 
 
 def total_family(budget=60.0):
-    """Print one row for each statistic at 10^4 samples on octaves; `budget` is roughly the seconds spent on allantools altogether.
+    """Print one row for each statistic at 10^4 samples on octaves; `budget` is about the total time in s spent on allantools.
 
     allantools visits every window of mtotdev and htotdev with a loop over 6 m positions, and every window of theo1 with m/2: its
-    time per window is a line in m. Windows are alike, so it is timed on records just long enough for a few windows at each of
-    three cluster sizes, and the line through the cost of a window is summed over the windows of all cluster sizes.
+    time per window is linear in m. All windows cost the same, so allantools is timed on records just long enough for a few windows, at
+    three cluster sizes. The line through these costs is then summed over the windows of all cluster sizes.
     """
     y = np.random.default_rng(0).standard_normal(_SAMPLES)
     print(f"{'kind':8} {'samples':>8} {'grid':7} {'allantools s (extrapolated)':>28} {'jaxcal s':>9} {'ratio':>9} {'agree':>8}")
@@ -31,7 +31,7 @@ def total_family(budget=60.0):
 
 
 def _cost_of_a_window(kind, y, seconds):
-    """Intercept and slope in m of the seconds that allantools takes for a window, and how far its values are from ours."""
+    """Intercept and slope in m of allantools' seconds per window, and largest relative difference of its values from jaxcal's."""
     sizes, costs, worst = np.array([4, 16, 64]), [], 0.0
     for m in sizes:
         spent, fewest, chosen = 0.0, np.inf, 20

@@ -4,7 +4,7 @@
     python benchmarks/alignment.py --only speed      one part: accuracy, efficiency, methods, plan, speed
     python benchmarks/alignment.py --runs 4000       more draws per cell of the tables
 
-The reference file, where it is compared with, is looked for in JAXCAL_REFERENCE or ../shared.
+The reference file, which some parts need, is searched for in JAXCAL_REFERENCE or ../shared.
 """
 
 import argparse
@@ -24,7 +24,7 @@ DEG, G, EARTH = np.pi / 180, 9.80665, 7.292115e-5
 ARW, VRW = 0.01 * DEG / 60, 50e-6 * G
 SEVEN = NAMES[:7]
 X4 = [("x", 0), ("x", 90), ("x", 180), ("x", 270)]
-GRADES = {"navigation": (0.1, 5.0), "tactical": (1.0, 50.0), "MEMS": (10.0, 200.0)}  # 0.01 deg/sqrt(h), micro-g sqrt(s)
+GRADES = {"navigation": (0.1, 5.0), "tactical": (1.0, 50.0), "MEMS": (10.0, 200.0)}  # multiples of 0.01 deg/sqrt(h), and micro-g sqrt(s)
 
 
 def at(rows, total=240.0):
@@ -47,7 +47,7 @@ METHODS = {
 
 
 def accuracy(_):
-    """Error-free recovery over 300 random attitudes at least 10 degrees from the singularities, all methods and the joint fit."""
+    """Print noise-free errors for 300 random attitudes at least 10 degrees from the singularities, for all methods and the joint fit."""
     rng = np.random.default_rng(0)
     span = np.array([[-80, 80], [-80, 80], [10, 170], [-75, 75]]) * DEG
     draws = rng.uniform(span[:, 0], span[:, 1], (300, 4))
@@ -84,7 +84,7 @@ def accuracy(_):
 
 
 def _fits(places, attitude, latitude, accel, gyro, runs, seed, **options):
-    """Azimuths and chi-squares of many simulated joint fits at once; the compiled program is shared by all cells of a table."""
+    """Azimuths and verdicts of many simulated joint fits at once; all cells of a table share the compiled program."""
 
     def one(key):
         readings = simulate(places, jnp.asarray(attitude), latitude, accel=accel, gyro=gyro, seed=key)
@@ -95,7 +95,7 @@ def _fits(places, attitude, latitude, accel, gyro, runs, seed, **options):
 
 
 def efficiency(runs):
-    """Root mean square error of the joint fit over the Cramer-Rao bound."""
+    """Print the root mean square error of the joint fit over the Cramer-Rao bound."""
     print(f"\nrmse / bound of the azimuth, {runs} runs each (standard error {1 / np.sqrt(2 * runs):.3f}); in brackets the bound in degrees")
     layouts = {
         "x4, priors 1e-4": (X4, {"free": SEVEN, "priors": {"s_a": 1e-4, "s_g": 1e-4}}),
@@ -115,7 +115,7 @@ def efficiency(runs):
                 worst.append(rmse / bound.azimuth_std)
             print(f"{name:16s} {grade:11s} latitude 0: {cells[0]}  35: {cells[1]}  60: {cells[2]}  80: {cells[3]}")
     print(f"all: {min(worst):.3f} to {max(worst):.3f}")
-    # beyond 10 degrees the bound of a linear model means little; every run says so
+    # beyond 10 degrees the bound of a linear model means little, and every run reports it
     rows, options = layouts["x4, priors 1e-4"]
     noise = Sensor(white=200e-6 * G), Sensor(white=10 * ARW)
     bound = crlb(at(rows), attitude, 80 * DEG, accel_noise=noise[0], gyro_noise=noise[1], **options).azimuth_std
@@ -139,12 +139,12 @@ LISTED = {  # alignment.md, section 8: (phi, theta, psi, latitude) -> seven meth
     (1, 2, 5, 80): (5.01, 0.855, 1.20, 5.23, 14.9, 1.80, 2.10, 1.79, 1.20, 1.47),
 }
 LISTED_METHODS = ("opposed", "quadrature", "four_point", "single_reading", "maximum", "bias_and_scale", "triad")
-#: the accelerometer reads where the table stands; what its own positions leave open needs more of them
+#: positions of the accelerometer; by default those of the method, but some methods need more positions to determine the level
 LEVELLING = {"opposed": X4, "quadrature": X4, "single_reading": X4, "four_point": X4, "maximum": None, "bias_and_scale": X4, "triad": X4}
 
 
 def draws(method, attitude, latitude, runs, seed):
-    """Azimuth errors of a closed form, the root nearest the truth, with the level measured beside it."""
+    """Azimuth errors of a closed form, from the root nearest to the truth, with a separately measured level."""
     rows = METHODS[method]
     gyro_at, level_rows = at(rows), METHODS["maximum"] if method == "maximum" else X4
     level_at, by = at(level_rows), "least_squares_x" if method == "maximum" else "four_point_x"
@@ -155,14 +155,14 @@ def draws(method, attitude, latitude, runs, seed):
         flat = level(simulate(level_at, attitude, latitude, accel=Sensor(white=VRW), seed=first), method=by, hint=attitude[0])
         readings = simulate(gyro_at, attitude, latitude, gyro=Sensor(white=ARW), seed=second)
         found = azimuth(readings, jnp.stack([flat.phi, flat.theta]), latitude, method=method, hint=attitude[2])
-        # the table's figures keep clipped draws: where no root is real, the nearest angle
+        # the listed figures include clipped draws: if no root is real, the nearest angle counts
         return found.psi, found.verdict._value
 
     return jax.vmap(one)(jax.random.split(jax.random.key(seed), runs))
 
 
 def methods(runs):
-    """The method comparison of alignment.md, section 8."""
+    """Print the method comparison of alignment.md, section 8."""
     print(
         f"\nstandard deviation of the azimuth in degrees, 240 s in all, {runs} draws; listed value, ours, ratio; draws without a root in %"
     )
@@ -201,7 +201,7 @@ def _none():
 
 
 def plans(_):
-    """`plan` beside the listed plans and optima."""
+    """Compare `plan` with the listed plans and optima."""
     print(
         "\nazimuth bound in degrees, 240 s, tactical gyro, latitude 35: plan, listed optimum, uniform four, gain, best of the other plans"
     )
@@ -219,7 +219,7 @@ def plans(_):
 
 
 def speed(_):
-    """10,000 simulated alignments under vmap."""
+    """Time 10,000 simulated alignments under vmap."""
     attitude, latitude = jnp.asarray(np.array([50.0, 30.0, 88.0]) * DEG), 35 * DEG
     places = at([*X4, ("z", 0), ("-z", 0)])
     noise = {"accel": Sensor(white=VRW), "gyro": Sensor(white=ARW)}

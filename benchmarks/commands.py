@@ -1,11 +1,11 @@
-"""Processor time of whole commands, on an empty compilation cache and on a warm one, and when the first table is on the screen.
+"""CPU time of whole commands, with an empty and with a warm compilation cache, and the time until the first table is on the screen.
 
     python benchmarks/commands.py                               every command, this checkout
-    python benchmarks/commands.py --beside ../other             the same commands of another checkout, in turn, with the ratio
+    python benchmarks/commands.py --beside ../other             alternate with the same commands of another checkout, and give the ratio
     python benchmarks/commands.py --only noise mag --repeats 5
 
-CPU is user and system seconds of the whole process, with imports, tracing and compilation. `first table` is the share of the wall time
-after which the answer is printed. `import` is `import jaxcal`. `imu` is a simulated session of poses by hand.
+CPU means user and system seconds of the whole process, including imports, tracing and compilation. `first table` is the share of the wall
+time after which the first table is printed. `import` is `import jaxcal`. `imu` is a simulated session of poses by hand.
 """
 
 import argparse
@@ -21,7 +21,7 @@ import time
 import numpy as np
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
-#: command -> its words, and a word of the first table
+#: command -> its words, and a text in the first table
 COMMANDS = {
     "noise": (["noise", "rest.csv"], "gyroscope: coefficient"),
     "mag": (["mag", "mag.csv"], "magnetometer, model"),
@@ -33,7 +33,7 @@ COMMANDS = {
 
 
 def make_logs(folder: pathlib.Path) -> None:
-    """The logs: 10^5 samples of six axes at rest, 360 readings of a magnetometer, four positions, a session by hand."""
+    """Write the logs: 10^5 samples of six axes at rest, 360 magnetometer readings, four positions, a session by hand."""
     rng = np.random.default_rng(1)
     n, rate = 100_000, 100.0
     walk = np.cumsum(rng.normal(size=(n, 6)), axis=0) * [1e-7] * 6
@@ -60,7 +60,7 @@ def make_logs(folder: pathlib.Path) -> None:
 
 def run(checkout: pathlib.Path, words: list[str], folder: pathlib.Path, cache: pathlib.Path, mark: str = "") -> tuple[float, float]:
     """CPU seconds of a command, and the share of its wall time at which `mark` was printed."""
-    # as for a user: a JAX_COMPILATION_CACHE_DIR would keep jaxcal from its folder of programs
+    # use the environment of a user: JAX_COMPILATION_CACHE_DIR would keep jaxcal from using its own folder of programs
     environment = {name: value for name, value in os.environ.items() if not name.startswith("JAX_")} | {
         "PYTHONPATH": str(checkout),
         "XDG_CACHE_HOME": str(cache),
@@ -83,7 +83,7 @@ def run(checkout: pathlib.Path, words: list[str], folder: pathlib.Path, cache: p
 
 
 def main() -> None:
-    """Print a table: one row a command and checkout, each figure the median of the repeats."""
+    """Print a table with one row per command and checkout; each figure is the median of the repeats."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=COMMANDS, default=list(COMMANDS))
     parser.add_argument("--beside", type=pathlib.Path, help="another checkout of jaxcal")
@@ -98,7 +98,7 @@ def main() -> None:
             words, mark = COMMANDS[command]
             caches = {label: folder / f"cache-{label}-{command}" for label in checkouts}
             cold = {label: run(at, words, folder, caches[label], mark)[0] for label, at in checkouts.items()}
-            # in turn, so that a machine that changes its pace changes it for both
+            # alternate between the checkouts, so that changes in the speed of the machine affect both
             warm = [{label: run(at, words, folder, caches[label], mark) for label, at in checkouts.items()} for _ in range(asked.repeats)]
             median = {label: [statistics.median(one[label][i] for one in warm) for i in (0, 1)] for label in checkouts}
             for label in checkouts:

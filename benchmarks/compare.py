@@ -1,11 +1,11 @@
-"""jaxcal beside allantools, in one run: speed, agreement, memory, compilations, and the whole `jaxcal noise` command.
+"""jaxcal beside allantools in one run: speed, agreement, memory, compilations, and the whole command `jaxcal noise`.
 
     python benchmarks/compare.py                     everything (about twenty minutes on two cores)
     python benchmarks/compare.py --only total        one part: command, speed, calls, all, total, stream, ... (see main)
     python benchmarks/compare.py --longest 1000000   shorter records only
-    python benchmarks/compare.py --log imu.csv.gz    the command on a log of yours instead of a simulated one
+    python benchmarks/compare.py --log imu.csv.gz    the command on your own log instead of a simulated one
 
-Times are the best of several after compilation; compilation is timed on its own. Ratios above 1 favour jaxcal.
+Times are the best of several after compilation; compilation is timed separately. Ratios above 1 favour jaxcal.
 """
 
 import argparse
@@ -31,7 +31,7 @@ _COMPILED = "/jax/core/compile/backend_compile_duration"
 
 
 def best(function, budget=4.0):
-    """Least wall time over repeated calls within about `budget` seconds."""
+    """Smallest wall time of repeated calls within about `budget` seconds."""
     times, began = [], time.perf_counter()
     while len(times) < 2 or (time.perf_counter() - began < budget and len(times) < 20):
         start = time.perf_counter()
@@ -53,7 +53,7 @@ class Compilations:
             self.seconds += duration
 
     def during(self, function):
-        """Programs compiled during a call, their seconds, and the seconds of the call."""
+        """Number of programs compiled during a call, their seconds, and the seconds of the call."""
         count, seconds, start = self.count, self.seconds, time.perf_counter()
         function()
         return self.count - count, self.seconds - seconds, time.perf_counter() - start
@@ -70,13 +70,13 @@ def octave_grid(largest):
 
 
 def speed(longest, compilations):
-    """One row per statistic, length, grid and number of channels."""
+    """Print one row per statistic, length, grid and number of channels."""
     print(f"{'kind':6} {'samples':>9} {'grid':7} {'tau':>4} {'ch':>2} {'allantools s':>12} {'jaxcal s':>9} {'ratio':>6} ", end="")
     print(f"{'1st call s':>10} {'agree':>8}")
     random = np.random.default_rng(0)
     for samples in (n for n in (10**5, 10**6, 10**7) if n <= longest):
         record = random.standard_normal((samples, 6)) + 0.01 * np.cumsum(random.standard_normal((samples, 6)), axis=0)
-        record = np.asfortranarray(record)  # channels one after another, as a reader hands them over
+        record = np.asfortranarray(record)  # channels one after another, as a reader provides them
         cases = [("oadev", "log", 1), ("oadev", "octave", 1), ("oadev", "log", 6), ("oadev", "octave", 6)]
         cases += [(kind, "log", 1) for kind in ("adev", "mdev", "hdev", "ohdev")]
         for kind, name, channels in cases:
@@ -91,7 +91,7 @@ def speed(longest, compilations):
                 return jaxcal.allan.deviation(y, RATE, kind=kind, m=m)
 
             _, _, first = compilations.during(ours)
-            # the peer drops cluster sizes with a single difference: compare those it returns
+            # allantools drops cluster sizes with a single difference, so compare only those that it returns
             other, own = theirs(), ours().deviation
             agree = max(float(np.max(np.abs(own[: len(o), i] / o - 1))) for i, o in enumerate(other))
             a, b = best(theirs), best(ours)
@@ -100,7 +100,7 @@ def speed(longest, compilations):
 
 
 def calls():
-    """One ordinary log per call, in plain loops of 20 calls by turns: median of their ratios, and of those of the processor times."""
+    """Time one ordinary log per call, alternating loops of 20 calls: median ratio of wall times, and of CPU times."""
     random = np.random.default_rng(2)
     print(f"{'samples':>9} {'tau':>4} {'allantools ms':>13} {'jaxcal ms':>9} {'ratio':>6} {'of processor time':>18}")
     for samples in (10_000, 50_000, 100_000, 150_000):
@@ -112,7 +112,7 @@ def calls():
             lambda y=y, m=m: jaxcal.allan.deviation(y, RATE, m=m),
         )
         times = []
-        for _ in range(16):  # by turns, so that both see the same machine
+        for _ in range(16):  # alternate, so that both see the same state of the machine
             row = []
             for peer in peers:
                 calls = []
@@ -129,7 +129,7 @@ def calls():
 
 
 def compilations_over_lengths(compilations):
-    """100 logs of different lengths, one kind, default grid."""
+    """Count compilations for 100 logs of different lengths, with one statistic and the default grid."""
     random = np.random.default_rng(1)
     lengths = random.choice(np.arange(50_000, 1_000_000), 100, replace=False)
     record = random.standard_normal(lengths.max())
@@ -155,7 +155,7 @@ def compilations_over_lengths(compilations):
 
 
 def memory(samples):
-    """Peak resident memory beyond the record itself, each in a process of its own."""
+    """Print the peak resident memory beyond the record itself, each measured in a separate process."""
     for which in ("allantools", "jaxcal"):
         arguments = [sys.executable, __file__, "--memory-of", which, "--longest", str(samples)]
         done = subprocess.run(arguments, capture_output=True, text=True, check=True)
@@ -173,7 +173,7 @@ def peak():
 
 
 def memory_of(which, samples):
-    """Runs in a process of its own: prints the growth of the peak in MB."""
+    """Print the growth of the peak memory in MB; runs in a separate process."""
     m = log_grid(samples // 2)
     small = np.random.default_rng(0).standard_normal(100_000)
     run = {
@@ -188,7 +188,7 @@ def memory_of(which, samples):
 
 
 def command(log):
-    """The whole process `jaxcal noise`, from a cold and from a warm compilation cache."""
+    """Time the whole process `jaxcal noise`, with a cold and with a warm compilation cache."""
     with tempfile.TemporaryDirectory() as folder:
         if log is None:
             log = os.path.join(folder, "imu.csv")
@@ -210,7 +210,7 @@ def command(log):
 
 
 def main():
-    """Run everything, or the part asked for."""
+    """Run everything, or the requested part."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--longest", type=int, default=10**7, help="longest record, in samples")
     parser.add_argument("--log", help="log for the command")

@@ -1,12 +1,11 @@
-"""How accurate `jaxcal.noise.fit` is, and whether its intervals hold the truth as often as they say, by Monte Carlo.
+"""Accuracy of `jaxcal.noise.fit`, and whether its intervals hold the truth as often as they should, by Monte Carlo.
 
     python benchmarks/coverage.py                    the figures of the README (about two minutes on two cores)
     python benchmarks/coverage.py --runs 1000        more records
 
-Every record is simulated by the exact generators with a seed of its own, so the figures repeat. Each figure comes with its Monte
-Carlo standard error. Three devices: the demo's gyroscope, the same without B and K (how often are they found though absent?), and
-the same behind a moving average of 20 samples (the shortest cluster times are wrong and must be left out, and Q is no
-longer that of the device).
+The exact generators simulate every record with its own seed, so the figures can be reproduced. Each figure has its Monte Carlo standard
+error. There are three devices: the demo's gyroscope; the same without B and K, to count how often they are found though absent; and the
+same behind a moving average of 20 samples, which makes the shortest cluster times wrong, so that they must be left out, and changes Q.
 """
 
 import argparse
@@ -22,7 +21,7 @@ _WINDOW = 20
 
 
 def averaged(record):
-    """Behind a moving average, as a sensor with a digital filter would report it."""
+    """The record behind a moving average, as a sensor with a digital filter would report it."""
     return np.convolve(record, np.full(_WINDOW, 1.0 / _WINDOW), mode="valid")
 
 

@@ -1,12 +1,12 @@
-"""How near the estimators of `jaxcal.noise.fit` come to the information bound, and what disturbances do to them, by Monte Carlo.
+"""Errors of the estimators of `jaxcal.noise.fit` beside the information bound, and the effect of disturbances, by Monte Carlo.
 
     python benchmarks/efficiency.py                    the tables of docs (about fifteen minutes on two cores)
     python benchmarks/efficiency.py --runs 40          a quick look
     python benchmarks/efficiency.py --only cases       one part: cases, power, absent, disturbances or time
 
 100 Hz, N = 0.25 deg/sqrt(h), B = 7.6 deg/h, K = 1.8 deg/h/sqrt(s). A: n = 2^17, Q = 0. B: K = 0. C: Q = 1.8 arcsec. E: B = 0.
-D, F: A, B at n = 2^19. All four terms are always fitted. Record k has seed k. rmse in per cent of the coefficient, with its Monte
-Carlo standard error; coverage of 95 % intervals; share of records in which a term is called present.
+D, F: A, B at n = 2^19. All four terms are always fitted. Record k has seed k. The tables give the rmse in per cent of the coefficient with
+its Monte Carlo standard error, the coverage of 95 % intervals, and the share of records in which a term is called present.
 """
 
 import argparse
@@ -34,7 +34,7 @@ METHODS = ("whittle", "gls", "edf", "wavelet", "unweighted", "log", "slope")
 
 
 def row(fits, truth):
-    """Text on each term of many fits."""
+    """Text on each term, from many fits."""
     cells = []
     for term in TERMS:
         true = float(getattr(truth, term))
@@ -56,19 +56,19 @@ def row(fits, truth):
 
 
 def cases(runs):
-    """Bias, rmse, coverage and verdicts of every method in every case."""
+    """Print bias, rmse, coverage and verdicts of every method in every case."""
     print(f"{'':18}" + "".join(f"{term + ': bias / rmse ±, covers, present %':34}" for term in TERMS))
     for name, (truth, n) in CASES.items():
         for method in METHODS:
             count = runs if n == 1 << 17 else max(runs // 3, 16)
             if name == "A" and method in ("whittle", "gls"):
-                count = 8 * runs // 3  # 400 of 150: coverage to 1 %
+                count = 8 * runs // 3  # 400 for 150 runs: gives the coverage to 1 %
             fits = [jaxcal.noise.fit(truth.simulate(n, RATE, seed=seed), RATE, method=method) for seed in range(count)]
             print(f"{name} {method:11}{count:4d} {row(fits, truth)}", flush=True)
 
 
 def power(runs):
-    """Share of records in which K and B of different strength are called present, other terms as in case A."""
+    """Print the share of records in which K and B of different strength are called present, with other terms as in case A."""
     for term, unit, values in (("K", "deg/h/sqrt(s)", (0.3, 0.5, 0.8, 1.2, 1.8)), ("B", "deg/h", (2.0, 3.5, 5.0, 7.6))):
         for value in values:
             truth = dataclasses.replace(FULL, **{term: value / 3600 * DEGREE})
@@ -83,7 +83,7 @@ def power(runs):
 
 
 def absent(runs):
-    """How often an absent Q or K (case B) is called present at 1 % nominal."""
+    """Print how often an absent Q or K (case B) is called present at a nominal 1 %."""
     truth, n = CASES["B"]
     for method in ("whittle", "gls", "edf", "wavelet"):
         fits = [jaxcal.noise.fit(truth.simulate(n, RATE, seed=seed), RATE, method=method) for seed in range(runs)]
@@ -93,7 +93,7 @@ def absent(runs):
 
 
 def disturbances(runs):
-    """Bias of N, B and K under each disturbance, as fitted by default and with the cure that the warning names."""
+    """Print the bias of N, B and K under each disturbance, with the default fit and with the cure that the warning names."""
     n = 1 << 17
     t = np.arange(n) / RATE
     white = FULL.N * np.sqrt(RATE)
@@ -134,7 +134,7 @@ def disturbances(runs):
 
 
 def seconds():
-    """Time of one fit after compilation: all of `fit`, with intervals, checks, second opinion and the Allan deviation."""
+    """Time one fit after compilation: the whole `fit`, with intervals, checks, second opinion and the Allan deviation."""
     for n, channels in ((1 << 17, 1), (1 << 19, 1), (10**6, 6)):
         y = np.stack([FULL.simulate(n, RATE, seed=seed) for seed in range(channels)], axis=1)
         y = np.asfortranarray(y) if channels > 1 else y[:, 0]

@@ -1,12 +1,12 @@
-"""Processor time of the first call of an estimator in a fresh process on an empty compilation cache, and of later calls.
+"""CPU time of the first call of an estimator, in a fresh process with an empty compilation cache, and of later calls.
 
     python benchmarks/first_call.py                              every case, this checkout
-    python benchmarks/first_call.py --beside ../other            the same cases of another checkout, in turn, with the ratio
+    python benchmarks/first_call.py --beside ../other            alternate with the same cases of another checkout, and give the ratio
     python benchmarks/first_call.py --only noise gls --repeats 3
 
-Every measurement is a process of its own. `first` counts user and system seconds of the whole first call, with tracing and compilation, and
-without the imports of the package, which `import` counts. `warm` is the median wall time of later calls. `xsens` needs the log of
-imu_tk in FOLDER/data/imu_tk, FOLDER from JAXCAL_REFERENCE or ../shared.
+Every measurement is a separate process. `first` counts user and system seconds of the whole first call, including tracing and
+compilation but not the imports of the package, which `import` counts. `warm` is the median wall time of later calls. `xsens` needs the
+log of imu_tk in FOLDER/data/imu_tk, where FOLDER is JAXCAL_REFERENCE or ../shared.
 """
 
 import argparse
@@ -66,7 +66,7 @@ print(json.dumps({"import": imported, "first": first, "warm": sorted(warm)[len(w
 
 
 def measured(case: str, checkout: pathlib.Path) -> dict[str, float]:
-    """Import and first call in CPU seconds, and the warm call in s, of one fresh process."""
+    """Import and first call in CPU seconds, and warm call in s, of one fresh process."""
     reference = os.environ.get("JAXCAL_REFERENCE", str(ROOT.parent / "shared"))
     with tempfile.TemporaryDirectory() as cache:
         environment = os.environ | {
@@ -80,7 +80,7 @@ def measured(case: str, checkout: pathlib.Path) -> dict[str, float]:
 
 
 def main() -> None:
-    """Print a table: one row a case, each figure the median of the repeats."""
+    """Print a table with one row per case; each figure is the median of the repeats."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=CASES, default=CASES)
     parser.add_argument("--beside", type=pathlib.Path, help="another checkout of jaxcal")

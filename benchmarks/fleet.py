@@ -1,14 +1,14 @@
-"""Fleets of logs: speed beside one worker, kills and resumption, workers lost, a local Dask cluster; with fixed seeds.
+"""Fleets of logs, with fixed seeds: speed relative to one worker, kills and resumption, lost workers, a local Dask cluster.
 
     python benchmarks/fleet.py                                  everything, 1,000 logs (half an hour on two cores, 2.5 GB of disk)
     python benchmarks/fleet.py --logs 100 --kill-logs 40        reduced
     python benchmarks/fleet.py --only speed                     one part: speed, kill, workers, dask, bad
-    python benchmarks/fleet.py --only bad                       1,000 small logs, a tenth of them bad: as they are, killed, on Dask
-    python benchmarks/fleet.py --folder /scratch/fleet          where logs and results go; by default a temporary folder
+    python benchmarks/fleet.py --only bad                       1,000 small logs, a tenth of them bad: undisturbed, killed, on Dask
+    python benchmarks/fleet.py --folder /scratch/fleet          folder for logs and results; by default a temporary folder
 
-The task is "noise": the Whittle fit of Q, N, B and K with intervals, six channels of 10^5 samples a log. All logs differ. Programs come
-from a compilation cache that is filled before anything is timed, so that a worker loads them rather than compiles them. Times mean
-something only on a machine that does nothing else; processor times are printed beside them.
+The task is "noise": the Whittle fit of Q, N, B and K with intervals, for six channels of 10^5 samples per log. All logs differ. The
+compilation cache is filled before anything is timed, so that workers load programs instead of compiling them. Times are meaningful
+only on a machine that does nothing else; CPU times are printed beside them.
 """
 
 import argparse
@@ -34,7 +34,7 @@ RATE = 100.0
 
 
 def make_logs(folder, number, samples):
-    """Six channels of white noise, bias instability and random walk at 100 Hz, each log with levels of its own, as float32."""
+    """Write logs with six channels of white noise, bias instability and random walk at 100 Hz, as float32; each log has its own levels."""
     from jaxcal.noise import Noise
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -66,7 +66,7 @@ def timed(paths, out, **options):
 
 
 def warm(paths, folder):
-    """Fill the compilation cache, as the first command of a user does."""
+    """Fill the compilation cache, as a user's first command does."""
     from jaxcal.batch import _run, run
 
     single(_run)
@@ -75,7 +75,7 @@ def warm(paths, folder):
 
 
 def single(module, threads=1):
-    """Give one worker as many threads as each of two has."""
+    """Give a single worker as many threads as each of two workers has."""
     from jaxcal.batch._pool import WorkerPool
 
     module.WorkerPool = lambda workers, _: WorkerPool(workers, threads)
@@ -159,13 +159,13 @@ def computed(room):
 
 
 def kill(paths, folder, arguments):
-    """Kill the whole run at random moments and take it up again, until all is done."""
+    """Kill the whole run at random moments and resume it, until all is done."""
     paths = paths[: arguments.kill_logs]
     command, environment, room = counted_run(folder / "kill", paths, folder / "kill" / "plain", "plain")
     start = time.perf_counter()
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process:
         process.stdout.readline()
-        begin = time.perf_counter() - start  # of the first result
+        begin = time.perf_counter() - start  # time of the first result
         process.stdout.read()
     undisturbed, expected = time.perf_counter() - start, results(folder / "kill" / "plain")
     out, rng = folder / "kill" / "out", random.Random(0)
@@ -176,7 +176,7 @@ def kill(paths, folder, arguments):
         try:
             process.wait(begin * rng.uniform(0.5, 1.2) + (undisturbed - begin) / arguments.kills * rng.uniform(0.0, 2.0))
         except subprocess.TimeoutExpired:
-            # half of them the run alone, whose workers must go by themselves; half with the workers
+            # half of the kills hit the run alone, whose workers must then end by themselves; the other half hit the workers too
             (os.killpg if rng.random() < 0.5 else os.kill)(process.pid, signal.SIGKILL)
             kills += 1
         process.wait()
@@ -206,7 +206,7 @@ def kill(paths, folder, arguments):
 
 
 def workers(paths, folder, arguments):
-    """Kill workers at random while the run goes on."""
+    """Kill workers at random while the run continues."""
     from jaxcal.batch import run
 
     paths = paths[: arguments.kill_logs]
@@ -263,7 +263,7 @@ def dask(paths, folder, arguments):
 
 
 ROWS = b"".join(b"0.%03d,0.1,0.2,%d.5\n" % (i, i % 7) for i in range(500))
-#: bad logs by kind: what ends in a sentence, and in nothing else
+#: bad logs by kind: each must give a sentence and nothing else
 BAD = {
     "empty.csv": b"",
     "text.csv": b"these are my notes\n" * 50,
@@ -296,7 +296,7 @@ BAD = {
 
 
 def bombs():
-    """Files that unpack to far more than a log can be."""
+    """Files that unpack to far more data than a log can have."""
     arrays, packed = io.BytesIO(), gzip.compress(b"0.0,1.0,2.0,3.0\n" * 5_000_000, 9)
     np.savez_compressed(arrays, gyro=np.zeros((5_000_000, 3)), rate=100.0)
     archive = io.BytesIO()
@@ -306,7 +306,7 @@ def bombs():
 
 
 def bad(paths, folder, arguments):
-    """The command on many small logs, a tenth of which are bad in every way: as it is, killed again and again, and on a Dask cluster."""
+    """Run the command on many small logs, a tenth of them bad in every way: undisturbed, killed repeatedly, and on a Dask cluster."""
     logs = folder / "bad"
     logs.mkdir()
     rng, number, kinds = np.random.default_rng(0), arguments.logs, list((BAD | bombs()).items())
@@ -357,7 +357,7 @@ def bad(paths, folder, arguments):
         while process.poll() is None and (not out.exists() or len(list((out / "results").glob("*.json"))) < min(wanted, number - 1)):
             time.sleep(0.01)
         if process.poll() is None:
-            # half of them the command alone, whose workers must go by themselves; half with the workers
+            # half of the kills hit the command alone, whose workers must then end by themselves; the other half hit the workers too
             (os.killpg if rng.random() < 0.5 else os.kill)(process.pid, signal.SIGKILL)
             kills += 1
         process.wait()

@@ -1,14 +1,14 @@
-"""Mutated logs before every reader: each is read or refused with a JaxcalError, in bounded time and memory.
+"""Give mutated logs to every reader: each must be read or refused with a JaxcalError, in bounded time and memory.
 
-    python benchmarks/fuzz.py --out fuzz.txt      1,000,000 inputs; counts appended to the file for every part of a reader
-    python benchmarks/fuzz.py --inputs 20000      fewer
+    python benchmarks/fuzz.py --out fuzz.txt      1,000,000 inputs; counts for every part of a reader are appended to the file
+    python benchmarks/fuzz.py --inputs 20000      fewer inputs
     python benchmarks/fuzz.py --only ulog --seed 17 --each 1 --keep out     one input again, kept as a file
 
-Inputs follow from the name of the reader and a number alone. One process makes and reads them, one after the other, in a folder in
-memory, with a hook that sees files opened for writing, programs started, code run and pickles loaded. Another process watches it: an
-input that takes more than 20 s ends it, and it begins again behind that input. The peak of the memory of the process, and of the process
-in which jaxcal reads Parquet, MATLAB and HDF5, may be 1 GB above what they held when they began. Exit status 1: something crashed; the
-lines say with which number.
+The name of the reader and a number determine each input. One process makes and reads the inputs, one after the other, in a folder in
+memory. A hook in it notes files opened for writing, programs started, code run and pickles loaded. Another process watches it: an input
+that takes more than 20 s ends it, and it starts again after that input. The peak memory of the process, and of the process in which
+jaxcal reads Parquet, MATLAB and HDF5, may exceed their memory at the start by 1 GB. Exit status 1 means that something crashed; the lines
+tell the number of the input.
 """
 
 import argparse
@@ -35,7 +35,7 @@ import zlib
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "tests" / "io")]
 
-#: s for one input, and bytes beyond what the process holds when it begins
+#: time limit for one input in s, and memory limit in bytes beyond what the process holds when it begins
 LIMIT_S, LIMIT_BYTES = 20.0, 1 << 30
 SAMPLES = 40
 SUFFIX = {
@@ -43,14 +43,14 @@ SUFFIX = {
     "npy": ".npy", "npz": ".npz", "parquet": ".parquet", "bag1": ".bag", "sqlite3": ".db3", "mcap": ".mcap",
     "ulog": ".ulg", "dataflash": ".bin", "mat5": ".mat", "hdf5": ".h5", "mat73": ".mat", "calibration": ".json",
 }  # fmt: skip
-#: thousands of the inputs in a million, by what a reader's inputs cost and how much of it is ours
+#: thousandths of the inputs for each reader, by the cost of an input and by how much of the reader is jaxcal's own code
 SHARE = {
     "csv": 25, "headers": 40, "zip": 5, "npy": 90, "npz": 40, "parquet": 120, "bag1": 110, "sqlite3": 25, "mcap": 80, "ulog": 80,
     "dataflash": 80, "mat5": 25, "hdf5": 40, "mat73": 10, "calibration": 230,
 }  # fmt: skip
 
 
-# seeds: small logs that are read
+# seeds: small valid logs
 
 
 def signals():
@@ -92,7 +92,7 @@ def seeds(folder):
         gzip.compress(b"t,gx,gy,gz\n" + rows.encode(), mtime=0),
         ("t,gx\n" + "1,2\n" * 40).encode("utf-16"),
     ]
-    # few rows, so that what a name or a unit costs is most of the cost
+    # few rows, so that names and units take most of the time
     for number in range(48):
         name, content, _ = layouts.case(number)
         found["headers"].append(b"\n".join(content.split(b"\n")[: 120 if number % 6 == 0 else 32]) + b"\n")
@@ -229,7 +229,7 @@ def dataflash_batches(gyro, accel):
 
 
 def calibrations(folder):
-    """JSON files: the golden one of the exports, and a fit of noise."""
+    """JSON files: the golden file of the exports, and a fit of noise."""
     import made_fit
 
     import jaxcal
@@ -252,7 +252,7 @@ WORDS = [
 
 
 def bytewise(draw, content, others):
-    """One to eight blows anywhere, or all near one place."""
+    """Change bytes in one to eight places, anywhere or near one place."""
     content = bytearray(content)
     near = draw.randrange(len(content) + 1) if draw.random() < 0.3 else None
     for _ in range(draw.choice([1, 1, 1, 2, 3, 5, 8])):
@@ -294,7 +294,7 @@ def bytewise(draw, content, others):
 
 
 def textwise(draw, content, others):
-    """Fields and lines changed, for text."""
+    """Change fields and lines of a text."""
     encoding = "utf-16" if content.startswith((b"\xff\xfe", b"\xfe\xff")) else "latin-1"
     lines = content.decode(encoding).splitlines(keepends=True)
     for _ in range(draw.choice([1, 2, 4])):
@@ -349,7 +349,7 @@ ABOVE = [
 
 
 def headerwise(draw, content, others):
-    """Names, units, columns and their order changed, and what stands above the table."""
+    """Change names, units, columns and their order, and the lines above the table."""
     lines = content.decode().split("\n")
     at = next((i for i, line in enumerate(lines[:6]) if any(mark in line for mark in ",;\t") and "#" not in line[:1]), 0)
     mark = max(",;\t", key=lines[at].count)
@@ -385,7 +385,7 @@ def headerwise(draw, content, others):
 
 
 def zipped(draw, content, others):
-    """Members of an .npz changed, and the archive made whole again."""
+    """Change members of an .npz, and build a valid archive again."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
     name = draw.choice(list(members))
@@ -404,7 +404,7 @@ def zipped(draw, content, others):
 
 
 def unpacked_mat(draw, content, others):
-    """The inside of one packed variable of a MATLAB file changed, and packed again."""
+    """Change the contents of one packed variable of a MATLAB file, and pack it again."""
     at, places = 128, []
     while at + 8 <= len(content):
         kind, length = struct.unpack_from("<II", content, at)
@@ -419,7 +419,7 @@ def unpacked_mat(draw, content, others):
 
 
 def in_database(draw, content, others):
-    """Messages and tables of an sqlite3 recording changed."""
+    """Change messages and tables of an sqlite3 recording."""
     database = sqlite3.connect(":memory:")
     database.deserialize(content)
     ids = [row[0] for row in database.execute("select id from messages")]
@@ -447,7 +447,7 @@ def in_database(draw, content, others):
 
 
 def in_json(draw, content, others):
-    """Values of a JSON file replaced by others of any type, keys renamed or dropped."""
+    """Replace values of a JSON file by values of any type, and rename or drop keys."""
     document = json.loads(content)
     for _ in range(draw.choice([1, 1, 2, 4])):
         places = [(document, key) for key in document] if isinstance(document, dict) else []
@@ -478,7 +478,7 @@ def in_json(draw, content, others):
 
 
 def mutate(reader, number, found):
-    """The input of a number."""
+    """The input with this number."""
     draw = random.Random(f"{reader} {number}")
     content = draw.choice(found[reader])
     others = found[reader]
@@ -496,14 +496,14 @@ def mutate(reader, number, found):
     return special(draw, content, others) if special and own else bytewise(draw, content, others)
 
 
-# the process that reads
+# the reading process
 
-#: what it tells while it works: number of the part, and of the input in it
+#: what the process reports while it works: number of the part, and of the input in it
 STATE = struct.Struct("<qq")
 
 
 def worker(folder, parts, first, state, out):
-    """Read all inputs of the `parts`, (reader, seed, number), from the input `first` of the first on, and write a line for each part."""
+    """Read all inputs of the `parts`, (reader, seed, number), starting at input `first` of the first part; write a line for each part."""
     import jaxcal
     from jaxcal.io._readers._sandbox import sandbox
 
@@ -517,7 +517,7 @@ def worker(folder, parts, first, state, out):
         for content in contents:
             take(jaxcal, reader, content, place)
     seen = watch(place)
-    warnings.simplefilter("error")  # no warning of a library reaches a user
+    warnings.simplefilter("error")  # no warning of a library may reach a user
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     own = resource.getpagesize() * int(pathlib.Path("/proc/self/statm").read_text().split()[0])
     resource.setrlimit(resource.RLIMIT_AS, (own + LIMIT_BYTES, own + LIMIT_BYTES))
@@ -546,7 +546,7 @@ def worker(folder, parts, first, state, out):
 
 
 def held(process="self"):
-    """Peak of the memory that a process held, bytes."""
+    """Peak memory of a process in bytes."""
     try:
         text = pathlib.Path(f"/proc/{process}/status").read_text()
     except OSError:
@@ -581,7 +581,7 @@ def take(jaxcal, reader, content, place):
     except jaxcal.JaxcalError as error:
         outcome = "refused" if str(error).startswith(path.name) or reader == "calibration" else f"crash message {str(error)[:200]}"
         if isinstance(error.__cause__, MemoryError):
-            outcome = "memory"  # refused too, but only when the memory that there is was asked for
+            outcome = "memory"  # refused too, but only after all available memory was requested
     except Exception as error:
         outcome = f"crash {type(error).__name__}: {str(error)[:200]} {origin(error)}"
     except BaseException as error:
@@ -607,22 +607,22 @@ FORBIDDEN = ("pickle.find_class", "os.system", "subprocess.Popen", "os.exec", "o
 
 
 def watch(place):
-    """Note what no reader may do."""
+    """Note anything that no reader may do."""
     seen = []
 
     def hook(event, arguments):
         if event == "subprocess.Popen" and str(arguments[1][-1]).endswith("/jaxcal/io/_readers/_sandbox.py"):
             return  # jaxcal's own reading process
         if event == "os.remove" and arguments[1] != -1:
-            return  # within the folder in which a zip file was unpacked
+            return  # inside the folder in which a zip file was unpacked
         if event in FORBIDDEN and not (event == "os.remove" and pathlib.Path(arguments[0]).parent == place):
             seen.append(event)
         elif event == "exec" and arguments[0].co_filename == "<string>":
             seen.append("exec")
         elif event == "open" and isinstance(arguments[1], str) and set(arguments[1]) & set("wax+"):
             path = os.path.abspath(arguments[0]) if isinstance(arguments[0], str | bytes | os.PathLike) else str(place)
-            # what the reading process says on its standard error goes to a file without a name
-            own = (str(place), os.path.join(tempfile.gettempdir(), ".jaxcal-"))  # where zip files are unpacked
+            # the standard error of the reading process goes to a file without a name
+            own = (str(place), os.path.join(tempfile.gettempdir(), ".jaxcal-"))  # here zip files are unpacked
             if not str(path).startswith(own) and path != tempfile.gettempdir():
                 seen.append(f"open {path}")
 
@@ -630,12 +630,12 @@ def watch(place):
     return seen
 
 
-# the process that watches
+# the watching process
 
 
 def watched(parts, out):
-    """Have all parts read, whatever an input does to the process; lines go to the file `out`."""
-    # in memory: a disk that is busy is no fault of a reader
+    """Have all parts read, whatever an input does to the process; lines are written to the file `out`."""
+    # in memory, because a busy disk is not the fault of a reader
     room = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
     part = first = 0
     with tempfile.TemporaryDirectory(dir=room, ignore_cleanup_errors=True) as folder, tempfile.NamedTemporaryFile(dir=room) as state:
@@ -650,11 +650,11 @@ def watched(parts, out):
             process.start()
             before, looks, late = b"", 0.0, False
             while process.is_alive() and not late:
-                # looks are counted rather than time, which goes on while a machine is held
+                # count checks instead of time, because time goes on while the machine is suspended
                 process.join(1.0)
                 now = pathlib.Path(state.name).read_bytes()
                 looks = looks + 1.0 if now == before else 0.0
-                # to begin takes a while
+                # the start takes a while
                 late, before = looks > (LIMIT_S if any(now) else 300.0), now
             if late:
                 process.kill()
@@ -693,7 +693,7 @@ def main():
     total = sum(SHARE[name] for name in names)
     counts = {name: options.each or round(options.inputs * SHARE[name] / total) for name in names}
     rounds = max(1, min(50, sum(counts.values()) // 20_000))
-    # every reader comes up in every round, so that a run that is cut short has met all of them
+    # every reader takes part in every round, so that an interrupted run has tested all of them
     parts = []
     for k in range(rounds):
         for name, count in counts.items():

@@ -4,9 +4,9 @@
     python benchmarks/imu.py --only xsens       one part: xsens, coverage
     python benchmarks/imu.py --runs 400         more runs
 
-`xsens` needs the log (xsens_acc.mat, xsens_gyro.mat) in FOLDER/data/imu_tk, FOLDER from JAXCAL_REFERENCE or ../shared. Times are
-after compilation, which is timed on its own. imu_tk itself takes 0.38 s for its fit of the gyroscope (C++), and the same in NumPy with
-finite differences 6.4 s; both were measured on another machine.
+`xsens` needs the log (xsens_acc.mat, xsens_gyro.mat) in FOLDER/data/imu_tk, where FOLDER is JAXCAL_REFERENCE or ../shared. Times are
+after compilation, which is timed separately. imu_tk itself (C++) takes 0.38 s for its fit of the gyroscope, and the same fit in NumPy
+with finite differences 6.4 s; both were measured on another machine.
 """
 
 import argparse
@@ -40,7 +40,7 @@ def timed(function, repeats=3):
 
 
 def gyroscope(log, stamps, found):
-    """imu_tk's fit of the gyroscope alone, from a start that is 25 % off."""
+    """Run imu_tk's fit of the gyroscope alone, from a start that is 25 % off."""
     still, slots = found.still, 64
     force = np.array([found.accel.correct(log.accel[i:j]).mean(axis=0) for i, j in zip(still.start, still.stop, strict=True)])
     up = padded(force / np.linalg.norm(force, axis=1, keepdims=True), slots)

@@ -1,10 +1,10 @@
-"""Coverage and verdicts of jaxcal.imu on recordings that its own simulator did not make (tests/imu/world.py), with fixed seeds.
+"""Coverage and verdicts of jaxcal.imu on recordings not made by its own simulator (tests/imu/world.py), with fixed seeds.
 
     python benchmarks/imu_honesty.py                        all cases, 100 runs each
     python benchmarks/imu_honesty.py --runs 30 --only base "12 poses"
 
-Each row: share of "good" verdicts, coverage in % of the intervals of 95 % of every group of parameters, root mean square error over the
-predicted standard error, the size of the error against that of the base case, and the most frequent reason below "good".
+Each row gives the share of "good" verdicts, the coverage in % of the 95 % intervals for every group of parameters, the root mean square
+error over the predicted standard error, the rms errors of both matrices in %, and the most frequent reasons for verdicts below "good".
 """
 
 import argparse

@@ -1,10 +1,10 @@
-"""What the published scales of imu1.log and imu3.log (mikoff/imu-calib) rest on: their method, written again in NumPy, beside jaxcal.
+"""The method behind the published scales of imu1.log and imu3.log (mikoff/imu-calib), written again in NumPy, beside jaxcal.
 
     python benchmarks/imu_published.py
 
-The logs are in FOLDER/data/imu/mikoff, FOLDER from JAXCAL_REFERENCE or ../shared. The method: rests where the norm of the rate stays
-below 0.13 rad/s for 60 samples, without the 60 before a motion; the vertical of a rest is its mean; twelve parameters of the gyroscope
-(matrix and bias) from the turns by least squares.
+The logs are in FOLDER/data/imu/mikoff, where FOLDER is JAXCAL_REFERENCE or ../shared. The method finds rests where the magnitude of the
+rate stays below 0.13 rad/s for 60 samples, without the 60 samples before a motion. The vertical of a rest is its mean. Least squares then
+gives twelve parameters of the gyroscope (matrix and bias) from the turns.
 """
 
 import json
@@ -23,7 +23,7 @@ MARGIN, GRAVITY = 5, 9.81
 
 
 def rests_of(gyro):
-    """Start and stop of the rests that the published flags give."""
+    """Start and stop of the rests according to the published flags."""
     still, count = np.zeros(len(gyro), dtype=bool), 60
     for i, fast in enumerate(np.linalg.norm(gyro, axis=1) >= 0.13):
         count = 0 if fast else count + 1
@@ -31,12 +31,12 @@ def rests_of(gyro):
         if fast:
             still[max(i - 60, 0) : i] = False
     edges = np.flatnonzero(np.diff(still.astype(int)))
-    start, stop = edges[::2] - MARGIN + 1, edges[1::2] + MARGIN + 1  # of the motions
+    start, stop = edges[::2] - MARGIN + 1, edges[1::2] + MARGIN + 1  # start and stop of the motions
     return np.concatenate([[0], stop]), np.concatenate([start, [len(gyro) - 1]]), still
 
 
 def published(accel, gyro, least):
-    """Scales in %, their standard errors, angles left after turns in mrad, samples of the rests; those below `least` do not count."""
+    """Scales in %, their standard errors, angle errors after turns in mrad, and lengths of the rests; rests below `least` are not used."""
     start, stop, still = rests_of(gyro)
 
     def norms(p):

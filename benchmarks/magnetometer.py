@@ -1,11 +1,11 @@
-"""jaxcal.magnetometer beside scipy's least_squares in one run, and the Monte Carlo tables, with fixed seeds.
+"""jaxcal.magnetometer beside scipy's least_squares in one run, and Monte Carlo tables, with fixed seeds.
 
     python benchmarks/magnetometer.py                  everything (minutes)
     python benchmarks/magnetometer.py --only speed     one part: speed, partial, scenarios, coverage, penalty, known, chosen, joint, faults,
                                                        random, guided, halves
     python benchmarks/magnetometer.py --runs 300       more runs per cell of the tables
 
-Times are the best of several after compilation; compilation is timed on its own. Ratios above 1 favour jaxcal.
+Times are the best of several after compilation; compilation is timed separately. Ratios above 1 favour jaxcal.
 """
 
 import argparse
@@ -69,7 +69,7 @@ def best(function, repeats=7):
 
 
 def spent(function, repeats=40):
-    """Wall time and processor time of each call, ms."""
+    """Wall time and CPU time of each call, ms."""
     for _ in range(3):
         function()
     times = []
@@ -81,7 +81,7 @@ def spent(function, repeats=40):
 
 
 def residuals(p, m):
-    """First-order orthogonal distances, in NumPy, of the same nine parameters: scipy's fastest way here."""
+    """First-order orthogonal distances in NumPy, with the same nine parameters: the fastest formulation for scipy."""
     upper = np.array([[p[0], p[1], p[2]], [0, p[3], p[4]], [0, 0, p[5]]])
     v = (m - p[6:]) @ upper.T
     r = np.linalg.norm(v, axis=1)
@@ -150,14 +150,14 @@ def partial(runs):
 
 
 def heading_errors(model):
-    """Errors at eight level headings in degrees, from the angle itself: also where `heading` would call the field too steep."""
+    """Errors in degrees at eight level headings, from the angle itself, so that fields too steep for `heading` count too."""
     level = np.stack([HEADINGS, 0 * HEADINGS, 0 * HEADINGS], axis=1)
     x, y, _ = np.asarray(model.correct(PAPER.measure(body_field(level, FIELD, DIP)))).T
     return np.rad2deg(np.angle(np.exp(1j * (np.arctan2(-y, x) - HEADINGS))))
 
 
 def least_heading_error(field, sigma):
-    """Cramer-Rao bound at level in degrees: information of the orthogonal distances at the exact readings."""
+    """Cramer-Rao bound at level in degrees, from the information of the orthogonal distances at the exact readings."""
     shape = np.linalg.inv(PAPER.soft_iron) / FIELD
     shape = shape @ shape
     z = field @ np.asarray(PAPER.soft_iron).T
@@ -246,7 +246,7 @@ def chosen(runs):
 
 
 STRETCHED = MagModel(PAPER.soft_iron, np.array([0.5, -1.0, 0.7]))
-#: sensor, number of readings, cosine of the cap's half angle, noise; field of norm 1
+#: sensor, number of readings, cosine of the cap's half angle, noise; the field has magnitude 1
 FEW = {
     "half sphere, 30 readings": (MILD, 30, 0.0, 0.05),
     "cap of 60 degrees, 100 readings": (MILD, 100, 0.5, 0.02),
@@ -307,7 +307,7 @@ NORTH = np.array([np.cos(DIP), 0.0, np.sin(DIP)])
 
 
 def driven(kind, count, rate, rng, sigma):
-    """Readings, rates (0.1 deg/s white a sample, bias 0.2 deg/s) and specific force (0.5 % white) of a smooth motion."""
+    """Readings, rates (white noise of 0.1 deg/s per sample, bias 0.2 deg/s) and specific force (0.5 % white) of a smooth motion."""
     fine, phase = 4, rng.uniform(0, 2 * np.pi, 3)
     t = np.arange(-1, fine * count + 1) / (fine * rate)
     swing = lambda most, pace, i: np.deg2rad(most) * np.sin(pace * t + phase[i])  # noqa: E731
@@ -362,7 +362,7 @@ def jointly(runs):
 
 
 def faults(runs):
-    """What predicted errors and verdicts are worth on logs with errors that the fit does not model."""
+    """Compare predicted errors and verdicts with the truth, on logs with errors that the fit does not model."""
     print("\n| case | good | bad among good | true over predicted, median | hard iron inside | costs more than the limit | named there |")
     print("|---|---|---|---|---|---|---|")
     for name, size in _faults.CASES:
@@ -377,7 +377,7 @@ def faults(runs):
 
 
 def random(runs):
-    """Random logs: no exception, whatever they hold (thirty for each run, 2,010 with --runs 67)."""
+    """Fit random logs, none of which may raise an exception (thirty for each run, 2,010 with --runs 67)."""
     words = {"good": 0, "weak": 0, "refused": 0}
     for seed in range(30 * runs):
         words[fit(_faults.random_log(seed)).verdict] += 1
@@ -385,7 +385,7 @@ def random(runs):
 
 
 def replayed(m, limit):
-    """Readings until the limit is expected, in the order of the log and chosen by `guide`; readings at the word stop, and its fit."""
+    """Readings until the limit is expected, in log order and chosen by `guide`; readings when `guide` says stop, and the fit then."""
     plain = next((n for n in range(12, len(m), 4) if guide(m[:n], limit=limit).heading_error <= limit), None)
     taken, left, reached = [0], list(range(1, len(m))), None
     while left:
@@ -399,9 +399,9 @@ def replayed(m, limit):
 
 
 def guided(runs):
-    """Readings in the order of a log and in that of `guide`, until one degree is expected; the error at the word stop.
+    """Compare the order of a log with that of `guide`: readings until one degree is expected, and the error when `guide` says stop.
 
-    That of a real log is the difference from the fit of the whole log.
+    For a real log, the error is the difference from the fit of the whole log.
     """
     limit = np.deg2rad(1.0)
     print("\n| log | in its order | guided | ratio | at stop | error at stop, degrees | within the limit |\n|---|---|---|---|---|---|---|")
@@ -428,7 +428,7 @@ def guided(runs):
 
 
 def _real(folder):
-    """Tumbles recorded by others, in counts."""
+    """Tumbles recorded by other people, in counts."""
     if not folder.is_dir():
         return {}
     found = {
@@ -449,7 +449,7 @@ def _real(folder):
 
 
 def halves(_):
-    """Halves of real logs against each other; and poses with known headings, calibrated by a tumble, aligned on half of the poses."""
+    """Compare halves of real logs; check a tumble's calibration, aligned on half of the poses, on the other half with known headings."""
     folder = pathlib.Path(os.environ.get("JAXCAL_REFERENCE", "../shared")) / "data" / "magnetometer"
     ratios, standard = [], []
     print("\n| log | halves differ, degrees | predicted | ratio | hard iron, standard errors rms |\n|---|---|---|---|---|")
@@ -485,7 +485,7 @@ def halves(_):
 
 
 def _down(m):
-    """Axes of the flight controller, x forward, y left, z up, to x forward, y right, z down."""
+    """Convert the axes of the flight controller, x forward, y left, z up, to x forward, y right, z down."""
     return np.array(m, dtype=float) * [1.0, -1.0, -1.0]
 
 

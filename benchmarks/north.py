@@ -1,12 +1,12 @@
-"""Coverage and efficiency of north finding on a turntable that its own simulator did not make (tests/alignment/world.py), fixed seeds.
+"""Coverage and efficiency of north finding on tests not made by its own simulator (tests/alignment/world.py), with fixed seeds.
 
     python benchmarks/north.py                     everything: nine cells of 400 tests each, raw logs of 100 tests each
     python benchmarks/north.py --only raw          one part: cells, raw
     python benchmarks/north.py --runs 2000         more tests per cell
 
-cells: coverage in % of the intervals of 95 % of roll, pitch and azimuth, and rmse of the azimuth over the bound for that noise.
-raw: the answers from raw logs less those from ideal means over the same rests, with the same knowledge of the table's angles, rms in
-standard deviations; and coverage.
+cells: coverage in % of the 95 % intervals of roll, pitch and azimuth, and rmse of the azimuth over the bound for that noise.
+raw: rms difference, in standard deviations, between the results from raw logs and from ideal means over the same rests, with the same
+knowledge of the table's angles; and coverage.
 """
 
 import argparse
@@ -75,7 +75,7 @@ def raw(runs):
                 got = found.fit(world.LATITUDE)
                 words = ("x",) if axes == 1 else ("x", "y", "fixed z")
                 times = (rests[:, 1] - rests[:, 0]) / 50, rests[:, 0] / 50
-                # angles that the gyroscope gave are as uncertain for the ideal means as for the log
+                # angles from the gyroscope are as uncertain for the ideal means as for the log
                 exact = np.repeat(angles * world.DEG, axes), None
                 place, doubt = exact if known else (found.readings.positions.angle, found.readings.positions.angle_std)
                 places = Positions(place, words * len(angles), *(np.repeat(x, axes) for x in times), angle_std=doubt)

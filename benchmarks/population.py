@@ -4,11 +4,11 @@ units; the next recording; levels; gauge studies; size.
     python benchmarks/population.py [--only errors,odd,next,levels,gauge,size] [--fleets 20]
 
 errors: 30 devices with N 0.25 deg/sqrt(h), B 7.6 deg/h, K 1.8 deg/h/sqrt(s) at 100 Hz, whose B and K scatter by 20 and 30 % between devices
-(normal logarithms), or by half of that; records of 5.5 and 22 minutes. "Mean unknown" knows the spread of the population and must find its
-middle: a bound for what can be had. odd: one device three spreads away in B, and the power of a test
-that knows the population. next: how well the first recording of a device predicts its second, alone and pooled. levels: devices, recordings
-and a covariate, from estimates with errors. gauge: 10 parts, 3 operators, 3 trials. size: time and memory of the hierarchical step for
-10,000 devices. Records are drawn ordinate by ordinate, as in records.py.
+(normal logarithms), or by half of that; records of 5.5 and 22 minutes. "Mean unknown" knows the spread of the population and must estimate
+its middle, which bounds the accuracy that is possible. odd: one device is three spreads away in B; also the power of a test that knows
+the population. next: how well the first recording of a device predicts its second, alone and pooled. levels: devices, recordings and a
+covariate, from estimates with errors. gauge: 10 parts, 3 operators, 3 trials. size: time and memory of the hierarchical step for 10,000
+devices. Records are drawn ordinate by ordinate, as in records.py.
 """
 
 import argparse
@@ -38,9 +38,9 @@ def fleet(samples, spread, rng, devices=30, odd=None):
 
 
 def known(samples, records, mean, spread, rng, steps=6000, found=False):
-    """Medians of the coefficients with the true population known: Metropolis for all devices at once, on bins of its own.
+    """Medians of the coefficients if the true population is known, by a Metropolis sampler for all devices at once, on bins of its own.
 
-    With `found` the mean of the population is not known, and drawn too.
+    With `found` the mean of the population is unknown and is drawn too.
     """
     count = samples - 1
     edges = np.unique(np.concatenate([np.arange(20), np.round(np.geomspace(20, count, 90))])).astype(int)
@@ -77,7 +77,7 @@ def known(samples, records, mean, spread, rng, steps=6000, found=False):
 
 
 def said(text, file):
-    """Print, and keep what a run that is cut has found."""
+    """Print, and append to a file, so that an interrupted run keeps its results."""
     print(text, flush=True)
     if file:
         with open(file, "a", encoding="utf-8") as log:
@@ -150,7 +150,7 @@ def odd(fleets, file):
 
 
 def _estimate(y):
-    """Logarithm of the likeliest B, by Fisher scoring on bins of its own."""
+    """Logarithm of the most likely B, by Fisher scoring on bins of its own."""
     edges = np.unique(np.concatenate([np.arange(20), np.round(np.geomspace(20, len(y) - 1, 90))])).astype(int)
     size = np.diff(edges)
     power = np.add.reduceat(scipy.fft.dct(y, norm="ortho")[1:] ** 2 / RATE, edges[:-1]) / size
@@ -166,7 +166,7 @@ def _estimate(y):
 
 
 def following(fleets, file):
-    """Log score of the second recording of each device under what the first says, alone and pooled; B and K repeat within 5 %."""
+    """Log score of each device's second recording as predicted by the first, alone and pooled; B and K repeat within 5 %."""
     samples, gain = int(5.5 * 60 * RATE), []
     for seed in range(fleets):
         rng = np.random.default_rng([seed, 9])
@@ -186,7 +186,7 @@ def following(fleets, file):
 
 
 def _score(second, value, interval, rng, draws=400):
-    """Logarithm of the mean likelihood over values that are log-normal with this interval."""
+    """Logarithm of the mean likelihood over log-normal values with this interval."""
     floor = 0.1 * CASE_A
     low, high = np.log(np.maximum(interval, floor[:, None])).T
     x = np.log(np.maximum(value, floor)) + (high - low) / 3.92 * rng.standard_normal((draws, 3))
@@ -197,7 +197,7 @@ def _score(second, value, interval, rng, draws=400):
 
 
 def levels(fleets, file):
-    """Devices of 0.2, recordings of 0.1 and axes of 0.15, a covariate of 0.05 and a class of 0.1; errors of 0.1 each; normal."""
+    """Test levels: devices of 0.2, recordings of 0.1, axes of 0.15, a covariate of 0.05, a class of 0.1, errors of about 0.1; normal."""
     runs, held, held_errors = 5 * fleets, [], []
     for seed in range(runs):
         rng = np.random.default_rng([seed, 11])
@@ -220,7 +220,7 @@ def levels(fleets, file):
 
 @dataclasses.dataclass
 class Estimate:
-    """What `population` takes of a fit that is not of noise."""
+    """The parts of a fit that `population` needs, for fits that are not of noise."""
 
     names: tuple
     values: list
@@ -228,7 +228,7 @@ class Estimate:
 
 
 def gauges(fleets, file):
-    """Studies of known components; estimates over truth, and how often intervals hold."""
+    """Study known components: estimates over truth, and how often the intervals hold."""
     part, operator, _ = (index.ravel() for index in np.indices((10, 3, 3)))
     for deviations in ((1.0, 0.25, 0.0, 0.2), (1.0, 0.25, 0.2, 0.2), (0.5, 0.5, 0.5, 0.5)):
         rng, ratio, held = np.random.default_rng(0), [], []

@@ -2,9 +2,9 @@
 
     python benchmarks/reading.py                  everything
     python benchmarks/reading.py --only csv       csv, ros, ulog, dataflash, convert
-    python benchmarks/reading.py --pymavlink /path/to/python    an interpreter that has pymavlink, to compare with
+    python benchmarks/reading.py --pymavlink /path/to/python    an interpreter that has pymavlink, for comparison
 
-Every time is the best of three in processes of their own, files in the page cache; the peak is that of the process.
+Every time is the best of three, each in a separate process, with files in the page cache; the peak is that of the process.
 """
 
 import argparse
@@ -19,7 +19,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "io")]
 PARTS = ("csv", "ros", "ulog", "dataflash", "convert")
 
-#: what is timed, as code of a process of its own: `path` is the file
+#: timed code, which runs in a separate process; `path` is the file
 CODE = {
     "jaxcal": "import jaxcal.io\nstart = now()\nlog = jaxcal.read(path, quiet=True)\ncount = len(log.time)",
     "polars": (
@@ -81,7 +81,7 @@ def path_size(path):
 
 
 def csv(folder):
-    """10^7 rows of a stamp and six channels."""
+    """Read 10^7 rows of a stamp and six channels."""
     import numpy as np
     import polars as pl
 
@@ -97,7 +97,7 @@ def csv(folder):
 
 
 def ros(folder):
-    """10^5 Imu messages in both storages."""
+    """Read 10^5 Imu messages in both storages."""
     import numpy as np
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
@@ -131,7 +131,7 @@ def numbers(count):
 
 
 def ulog(folder):
-    """Two raw topics of 5 10^5 rows each."""
+    """Read two raw topics of 5 10^5 rows each."""
     import flightlogs
 
     path = folder / "log.ulg"
@@ -140,7 +140,7 @@ def ulog(folder):
 
 
 def dataflash(folder, python):
-    """5 10^5 IMU records."""
+    """Read 5 10^5 IMU records."""
     import flightlogs
 
     path = folder / "log.bin"
@@ -152,7 +152,7 @@ def dataflash(folder, python):
 
 
 def convert(folder):
-    """What converting once saves."""
+    """Time reading after converting once."""
     import jaxcal
 
     ros(folder)

@@ -1,26 +1,38 @@
-"""Noise of records that are not the model's: missing samples, and causes that pass for slow noise.
+"""Noise of records that do not follow the model: missing samples, and other causes that look like slow noise.
 
-    python benchmarks/records.py [--only gaps,causes,levels,alternatives] [--runs 20] [--seed 1]
+    python benchmarks/records.py [--only gaps,causes,tails,doubling,recordings,degenerate,levels,alternatives] [--case exponent]
+        [--runs 20] [--seed 1]
 
-gaps: case A (2^17 samples at 100 Hz; N 0.25 deg/sqrt(h), B 7.6 deg/h, K 1.8 deg/h/sqrt(s)) with samples missing; rmse in % of N, B, K,
-share of 95 % intervals that hold the truth, share of records in which K is present, and processor seconds of a fit.
+gaps: case A (2^17 samples at 100 Hz; N 0.25 deg/sqrt(h), B 7.6 deg/h, K 1.8 deg/h/sqrt(s)) with missing samples; rmse in % of N, B, K,
+share of 95 % intervals that hold the truth, share of records in which K is present, and CPU seconds of a fit.
 causes: white noise (2^16 samples) with a step, a sinusoid, a warm-up, noise of another exponent or two Gauss-Markov processes; how often
-B and K are present, N is covered, and the cause named.
-alternatives: gain in likelihood of each family of other spectra in records of noise of the model, which sets the levels of
+B and K are present or a hint, N is covered, how wide its interval is, and how often the cause is named: in all records, and in those
+whose likelihood ratio of the true density over Q, N, B and K exceeds the level of 1 %. Then noise of the model, where B and K are there.
+tails, doubling, recordings, degenerate: heavy tails, a level that doubles, several recordings of a device, and records that are hardly any.
+alternatives: gain in likelihood of each family of other spectra, for records with noise of the model; this sets the levels of
 `jaxcal.noise._alternatives`.
-levels: highest likelihood ratio of each family of causes in records of noise alone, which set `jaxcal.noise._causes.LEVELS`.
+levels: highest likelihood ratio of each family of causes, for records of noise alone; this sets `jaxcal.noise._causes.LEVELS`.
 
-Records are drawn ordinate by ordinate from their density; nothing is shared with `jaxcal.noise.Noise.simulate`.
+Records are drawn ordinate by ordinate from their density, without using `jaxcal.noise.Noise.simulate`.
 """
 
 import argparse
+import contextlib
+import io
+import pathlib
+import tempfile
 import time
+import warnings
+from functools import partial
 
+import jax
 import numpy as np
 import scipy.fft
+import scipy.optimize
 
 import jaxcal
 from jaxcal._precision import host_float64
+from jaxcal.cli import main
 from jaxcal.noise import _causes
 from jaxcal.noise._alternatives import find_alternatives
 from jaxcal.noise._model import checked_terms
@@ -38,20 +50,20 @@ GAPS = {
 
 
 def columns(n):
-    """Density of the ordinates of a DCT-II of n samples per squared coefficient N, B, K."""
+    """Density of the ordinates of a DCT-II of n samples, per squared coefficient N, B, K."""
     k, dt = np.arange(1, n), 1 / RATE
     s = 2 * np.sin(np.pi * k / (2 * n))
     return np.stack([np.ones(n - 1), dt / s * (1 - 2 / (np.pi**2 * k)), dt**2 / s**2], axis=1)
 
 
 def drawn(density, rng):
-    """A record with this density of its ordinates."""
+    """A record whose ordinates have this density."""
     ordinates = np.sqrt(density * RATE) * rng.standard_normal(len(density))
     return scipy.fft.idct(np.concatenate([[0.0], ordinates]), norm="ortho")
 
 
 def lost(y, share, length, rng):
-    """The record without a share of its samples, in gaps of a length: 1 for single samples, else a share of the record."""
+    """The record without a share of its samples, in gaps of one length: 1 for single samples, otherwise a share of the record."""
     y, n = y.copy(), len(y)
     size = 1 if length == 1 else int(length * n)
     for start in rng.choice(n - size, round(share * n / size), replace=False):
@@ -59,11 +71,13 @@ def lost(y, share, length, rng):
     return y
 
 
-def gaps(runs, seed):
+def gaps(runs, seed, case=""):
     n = 2**17
     density = columns(n) @ CASE_A**2
     print(f"{'missing':20s} {'rmse N':>8s} {'B':>6s} {'K':>6s}   inside N, B, K   K present   CPU s")
     for name, (share, length) in GAPS.items():
+        if not name.startswith(tuple(case.split(";"))):
+            continue
         errors, inside, present, spent = [], [], [], []
         for i in range(runs):
             y = drawn(density, np.random.default_rng([seed, i]))
@@ -77,23 +91,41 @@ def gaps(runs, seed):
         rmse, held = 100 * np.sqrt(np.mean(np.square(errors), axis=0)), 100 * np.mean(inside, axis=0)
         cells = " ".join(f"{value:4.0f}" for value in held)
         print(
-            f"{name:20s} {rmse[0]:8.2f} {rmse[1]:6.1f} {rmse[2]:6.1f}   {cells}   {100 * np.mean(present):9.0f}   {np.median(spent):5.2f}"
+            f"{name:20s} {rmse[0]:8.2f} {rmse[1]:6.1f} {rmse[2]:6.1f}   {cells}   {100 * np.mean(present):9.0f}   {np.median(spent):5.2f}",
+            flush=True,
         )
 
 
+#: name -> (family that is to be named, (level, correlation time in s) of processes, exponent and its corner in Hz)
+SPECTRA = {
+    "exponent 0.8, corner 0.1 Hz": ("noise of exponent", (), (0.8, 0.1)),
+    "exponent 0.8, corner 1 Hz": ("noise of exponent", (), (0.8, 1.0)),
+    "exponent 1.2, corner 0.1 Hz": ("noise of exponent", (), (1.2, 0.1)),
+    "exponent 1.2, corner 1 Hz": ("noise of exponent", (), (1.2, 1.0)),
+    "processes of 0.5 and 30 s": ("Gauss-Markov process", ((5, 0.5), (200, 30.0)), None),
+    "processes of 1 and 20 s": ("Gauss-Markov process", ((1, 1.0), (1, 20.0)), None),
+}
+DETECTABLE = 6.63  # likelihood ratio of the true density over Q, N, B and K that one in a hundred exceeds, for one parameter more
+
+
+def _density(name, n):
+    """Density of the ordinates of one of SPECTRA beside white noise of density 1."""
+    _, processes, law = SPECTRA[name]
+    angle = np.pi * np.arange(1, n) / n
+    density = np.ones(n - 1) if law is None else 1 + (law[1] / (2 * np.sin(angle / 2) * RATE / (2 * np.pi))) ** law[0]
+    for level, correlation_time in processes:
+        a = np.exp(-1 / (RATE * correlation_time))
+        density = density + level * (1 - a) ** 2 / (1 + a * a - 2 * a * np.cos(angle))
+    return density
+
+
 def _made(n):
-    """Name -> (family that is to be named, record from a generator); white noise of density 1."""
-    t, angle = np.arange(n) / n, np.pi * np.arange(1, n) / n
-    frequency = 2 * np.sin(angle / 2) * RATE / (2 * np.pi)
-
-    def process(time):
-        """Density of a Gauss-Markov process relative to that at zero."""
-        a = np.exp(-1 / (RATE * time))
-        return (1 - a) ** 2 / (1 + a * a - 2 * a * np.cos(angle))
-
+    """Name -> (family that should be named, function that draws a record); white noise has density 1."""
+    t = np.arange(n) / n
     white, sd = np.ones(n - 1), np.sqrt(RATE)
+    spectra = {name: (family, partial(drawn, _density(name, n))) for name, (family, _, _) in SPECTRA.items()}
     return {
-        "plain": ("", lambda r: drawn(white, r)),
+        "plain": ("", partial(drawn, white)),
         "step of 0.3 sd": ("a step of", lambda r: drawn(white, r) + 0.3 * sd * (t > r.uniform(0.2, 0.8))),
         "step of 1 sd": ("a step of", lambda r: drawn(white, r) + sd * (t > r.uniform(0.2, 0.8))),
         "sinusoid, 1 to 6 cycles": (
@@ -101,25 +133,54 @@ def _made(n):
             lambda r: drawn(white, r) + 0.1 * sd * np.sin(2 * np.pi * (r.uniform(1, 6) * t + r.uniform())),
         ),
         "warm-up": ("a warm-up of", lambda r: drawn(white, r) + sd * np.exp(-t / r.uniform(0.02, 0.2))),
-        "exponent 0.8, corner 0.1 Hz": ("noise of exponent", lambda r: drawn(1 + (0.1 / frequency) ** 0.8, r)),
-        "exponent 0.8, corner 1 Hz": ("noise of exponent", lambda r: drawn(1 + (1 / frequency) ** 0.8, r)),
-        "exponent 1.2, corner 0.1 Hz": ("noise of exponent", lambda r: drawn(1 + (0.1 / frequency) ** 1.2, r)),
-        "exponent 1.2, corner 1 Hz": ("noise of exponent", lambda r: drawn(1 + (1 / frequency) ** 1.2, r)),
-        "processes of 0.5 and 30 s": ("Gauss-Markov process", lambda r: drawn(1 + 5 * process(0.5) + 200 * process(30.0), r)),
-        "processes of 1 and 20 s": ("Gauss-Markov process", lambda r: drawn(1 + process(1.0) + process(20.0), r)),
-    }
+    } | spectra
 
 
-def causes(runs, seed):
-    print(f"{'record':26s} B present   K present   N covered   cause named   (in % of {runs})")
-    for name, (family, make) in _made(2**16).items():
-        counts = np.zeros(4)
+def _plain(n):
+    """Name -> (no family, record from a generator) of noise of the model; N is 1."""
+    noises = {"N, B": (1, 0.3, 0), "N, B strong": (1, 1, 0), "N, K": (1, 0, 0.1), "N, B, K": (1, 0.3, 0.1)}
+    densities = {name: columns(n) @ np.square(np.array(noise, dtype=float)) for name, noise in noises.items()}
+    densities |= {"case A": columns(n) @ (CASE_A / CASE_A[0]) ** 2, "case A, 2^17": columns(2 * n) @ (CASE_A / CASE_A[0]) ** 2}
+    return {name: ("", partial(drawn, density)) for name, density in densities.items()}
+
+
+def _ratio(y, density):
+    """Twice the log likelihood of the true density over that of the best Q, N, B and K, from the record's own ordinates."""
+    n = len(y)
+    ordinates = scipy.fft.dct(y, norm="ortho")[1:] ** 2 / RATE
+    edges = np.unique(np.geomspace(1, n, 400).astype(int))[:-1] - 1
+    count = np.diff(np.append(edges, n - 1))
+    quantised = 4 * np.sin(np.pi * np.arange(1, n) / (2 * n)) ** 2
+    given = (np.column_stack([columns(n), quantised]), ordinates, density)
+    shapes, mean, true = (np.add.reduceat(x, edges, axis=0).T / count for x in given)
+
+    def cost(logs):
+        s = np.exp(logs) @ shapes
+        return np.sum(count * (np.log(s) + mean / s)), np.exp(logs) * (shapes @ (count * (1 - mean / s) / s))
+
+    starts = [(np.log(np.mean(density[-n // 4 :])), b, k, -6.0) for b in (-12.0, -3.0, 2.0) for k in (-20.0, -8.0, -2.0)]
+    best = min(scipy.optimize.minimize(cost, start, jac=True, method="L-BFGS-B", bounds=[(-40, 20)] * 4).fun for start in starts)
+    return best - np.sum(count * (np.log(true) + mean / true))
+
+
+def causes(runs, seed, case=""):
+    print(f"{'record':26s} B present   hint   K present   hint   N covered   width   named   detectable   of them named   (in % of {runs})")
+    made = _made(2**16)
+    chosen = {name: one for name, one in (made | _plain(2**16)).items() if name.startswith(tuple(case.split(";")))}
+    for name, (family, make) in chosen.items():
+        rows, ratios = [], []
         for i in range(runs):
-            found = jaxcal.noise.fit(make(np.random.default_rng([seed, i])), RATE)
+            y = make(np.random.default_rng([seed, i]))
+            found = jaxcal.noise.fit(y, RATE)
             low, high = found.interval["N"]
             named = any(family in sentence if family else "explain" in sentence for sentence in found.warnings)
-            counts += [found.verdict["B"] == "present", found.verdict["K"] == "present", low <= 1.0 <= high, named]
-        print(f"{name:26s}" + "".join(f"{100 * value / runs:9.1f}   " for value in counts))
+            verdicts = [found.verdict[term] == word for term in "BK" for word in ("present", "hint")]
+            rows.append([*verdicts, low <= 1.0 <= high, high - low, named])
+            ratios.append(_ratio(y, _density(name, 2**16)) if name in SPECTRA else np.nan)
+        rows, seen = np.array(rows, dtype=float), np.array(ratios) > DETECTABLE
+        cells = [100 * value for value in np.mean(rows, axis=0)]
+        told = f"{100 * np.mean(seen):9.1f}   {100 * np.mean(rows[seen, 6]):9.1f}" if seen.any() else ""
+        print(f"{name:26s}" + "".join(f"{value:9.1f}" for value in cells) + f"   {told}", flush=True)
 
 
 def levels(runs, seed):
@@ -153,11 +214,114 @@ def alternatives(runs, seed):
             drawn_ordinates = density * np.random.default_rng([seed, i]).gamma(count / 2, 2 / count)
             bins = Bins(drawn_ordinates / density[-1], count, shapes, frequency, 1.0)
             fitted = fit_bins(bins, groups_of(count, n - 1), True, tuple(term.name for term in terms))
-            for one in find_alternatives(fitted, terms, 1 / RATE, n / RATE):
+            for one in find_alternatives(fitted, terms, 1 / RATE, n / RATE).listed:
                 found.setdefault(one.family, []).append(one.gain)
         for family, gains in found.items():
-            gains = np.append(gains, np.full(runs - len(gains), -np.inf))  # no B and no K to be replaced
+            gains = np.append(gains, np.full(runs - len(gains), -np.inf))  # runs without B and K, which nothing can replace
             print(f"{name:8s} {family:16s}   " + "  ".join(f"{np.sort(gains)[int(q * (runs - 1))]:6.1f}" for q in (0.5, 0.9, 0.97, 0.99)))
+
+
+def tails(runs, seed):
+    """N of the core of white noise with heavy tails, 2^16 samples: its error, and whether the interval holds it."""
+    n = 2**16
+    laws = {
+        "normal": (1.0, lambda r: r.standard_normal(n)),
+        "9 % of 12 standard deviations": (1.0, lambda r: r.standard_normal(n) * np.where(r.random(n) < 0.09, 12.0, 1.0)),
+        "9 % of Laplace bursts": (1.0, lambda r: r.standard_normal(n) + (r.random(n) < 0.09) * r.laplace(0, 15, n)),
+        "Student, 3 degrees of freedom": (3.0**0.5, lambda r: r.standard_t(3, n)),
+    }
+    print(f"{'law':30s}   mean error of N   largest, %   N covered   tails named   (in % of {runs})")
+    for name, (truth, draw) in laws.items():
+        rows = []
+        for i in range(runs):
+            found = jaxcal.noise.fit(draw(np.random.default_rng([seed, i])), RATE, robust=True)
+            (low, high), truth_here = found.interval["N"], truth / np.sqrt(RATE)
+            named = any("heavy tails" in sentence for sentence in found.warnings)
+            rows.append([found.noise.N / truth_here - 1, low <= truth_here <= high, named])
+        error, inside, named = 100 * np.array(rows, dtype=float).T
+        print(f"{name:30s}{error.mean():15.2f}{np.abs(error).max():13.2f}{inside.mean():12.1f}{named.mean():12.1f}", flush=True)
+
+
+def doubling(runs, seed):
+    """White noise whose level doubles at 30 to 70 % of 2^16 samples."""
+    n, rows = 2**16, []
+    for i in range(runs):
+        r = np.random.default_rng([seed, i])
+        y = r.standard_normal(n) * np.where(np.arange(n) < n * r.uniform(0.3, 0.7), 1.0, 2.0)
+        found = jaxcal.noise.fit(y, RATE)
+        said = [sentence for sentence in found.warnings if "level of the white noise changes" in sentence]
+        levels = [float(part.split(" +- ")[0]) * np.sqrt(RATE) for part in said[0].split("N is ")[1].split(" s, ")] if said else []
+        error = np.abs(np.array(levels) / [1.0, 2.0] - 1).max() if len(levels) == 2 else np.nan
+        rows.append(
+            [found.verdict["N"] == "present", len(levels) == 2, error, found.verdict["B"] == "present", found.verdict["K"] == "present"]
+        )
+    present, two, error, b, k = 100 * np.array(rows, dtype=float).T
+    print(f"level doubles, {runs} records: N present {present.mean():.1f} %, two levels {two.mean():.1f} %, their largest error "
+          f"{np.nanmax(error):.2f} %, B and K present {b.mean():.1f} and {k.mean():.1f} %")  # fmt: skip
+
+
+def recordings(runs, seed):
+    """Whether the interval of four recordings holds the coefficient of the fifth; 4,096 samples, true spreads of N."""
+    for spread in (0.01, 0.1, 0.3):
+        inside = []
+        for i in range(runs):
+            r = np.random.default_rng([seed, i])
+            truth = np.exp(spread * r.standard_normal(5))
+            found = jaxcal.noise.fit_recordings([n * r.standard_normal(4096) for n in truth[:4]], RATE, terms="NK")
+            low, high = found.interval["N"]
+            inside.append(low <= truth[4] / np.sqrt(RATE) <= high)
+        print(
+            f"spread {100 * spread:.0f} %: the interval of four recordings holds the fifth's N in {100 * np.mean(inside):.1f} % of {runs}",
+            flush=True,
+        )
+
+
+def degenerate(runs, seed):
+    """Short, moving and degenerate records: answers, refusals, NaN, warnings of Python; and the status of the command for moving ones."""
+    kinds = {
+        "white": lambda t, w, r: w, "moving": lambda t, w, r: r.uniform(1, 5) * np.sin(r.uniform(0.5, 3) * t) + 0.01 * w,
+        "sine": lambda t, w, r: 1e-9 * w + np.sin(2 * np.pi * r.uniform(0.1, 30.0) * t), "summed": lambda t, w, r: w.cumsum().cumsum(),
+        "coarse": lambda t, w, r: np.round(0.4 * w), "late": lambda t, w, r: np.where(np.arange(len(t)) < len(t) // 2, 0.0, w),
+        "lost": lambda t, w, r: np.where(r.random(len(t)) < r.random(), np.nan, w),
+        "growing": lambda t, w, r: w * np.exp(5 * t / max(t[-1], 0.01)), "ramp": lambda t, w, r: 100.0 * t,
+        "step": lambda t, w, r: (t > t[len(t) // 2]).astype(float), "cauchy": lambda t, w, r: r.standard_cauchy(len(t)),
+        "held": lambda t, w, r: np.repeat(w[: len(t) // 10 + 1], 10)[: len(t)], "offset": lambda t, w, r: 1e15 + 1e8 * w,
+        "tiny": lambda t, w, r: 1e-150 * w, "constant": lambda t, w, r: 0 * t,
+    }  # fmt: skip
+    counts = dict.fromkeys(("answers", "refusals", "NaN", "warnings", "other errors"), 0)
+    for i in range(runs):
+        r, kind = np.random.default_rng([seed, i]), list(kinds)[i % len(kinds)]
+        n = int(np.exp(r.uniform(np.log(2), np.log(5000))))
+        y = kinds[kind](np.arange(n) / RATE, r.standard_normal(n), r)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            try:
+                fit = jaxcal.noise.fit(y, RATE)
+                tables = (fit.interval, fit.upper_limit, fit.significance, fit.longer_record, fit.decides, fit.covariance, fit.noise)
+                outcome = "NaN" if any(np.isnan(leaf).any() for leaf in jax.tree.leaves(tables)) else "answers"
+            except jaxcal.JaxcalError:
+                outcome = "refusals"
+            except Warning:
+                outcome = "warnings"
+            except Exception:
+                outcome = "other errors"
+        counts[outcome] += 1
+        if outcome not in ("answers", "refusals"):
+            print(kind, n, outcome)
+    print(f"{runs} records: {counts}")
+    status = []
+    for i in range(runs // 10):
+        r = np.random.default_rng([seed, i, 1])
+        n = int(r.uniform(500, 5000))
+        t = np.arange(n) / RATE
+        turn = np.stack([r.uniform(0.3, 3) * np.sin(r.uniform(0.5, 3) * t + phase) for phase in range(3)], axis=1)
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "log.csv"
+            table = np.column_stack([t, turn + 0.01 * r.standard_normal((n, 3))])
+            np.savetxt(path, table, delimiter=",", header="time [s],gyro_x [rad/s],gyro_y [rad/s],gyro_z [rad/s]", comments="")
+            with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+                status.append(main(["noise", str(path), "--json", str(path.with_suffix(".json"))]))
+    print(f"{len(status)} logs of a sensor that moves: status 0 in {sum(one == 0 for one in status)}")
 
 
 if __name__ == "__main__":
@@ -165,6 +329,10 @@ if __name__ == "__main__":
     parser.add_argument("--only", default="gaps,causes")
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--case", default="", help="rows of gaps and causes that begin with one of these, separated by semicolons")
     options = parser.parse_args()
+    tables = {"gaps": partial(gaps, case=options.case), "causes": partial(causes, case=options.case), "levels": levels}
+    tables |= {"alternatives": host_float64(alternatives), "tails": tails, "doubling": doubling, "recordings": recordings}
+    tables["degenerate"] = degenerate
     for table in options.only.split(","):
-        {"gaps": gaps, "causes": causes, "levels": levels, "alternatives": host_float64(alternatives)}[table](options.runs, options.seed)
+        tables[table](options.runs, options.seed)

@@ -1,10 +1,10 @@
-"""Pictures of every report, to look at: 1280 and 390 px wide, light and dark, and on paper.
+"""Take pictures of every report for inspection: 1280 and 390 px wide, light and dark, and printed.
 
     python benchmarks/report_pictures.py FOLDER
     python benchmarks/report_pictures.py FOLDER --only noise mag
 
-Needs Chromium (Debian: apt-get install chromium). The results on the pages are those of the tests. What the pages complain of, and what
-does not fit on them, is printed.
+Needs Chromium (Debian: apt-get install chromium). The results on the pages are those of the tests. Errors of the pages, and content that
+does not fit on them, are printed.
 """
 
 import argparse

@@ -1,11 +1,11 @@
-"""The tables of thermal models, with fixed seeds: jumps, noise, rate of change, hysteresis, and time of a fit.
+"""Tables of thermal models, with fixed seeds: jumps, noise, rate of change, hysteresis, and time of a fit.
 
     python benchmarks/temperature.py                  everything (an hour)
     python benchmarks/temperature.py --only phantoms  one part: phantoms, noise, rate, lag, curves, hysteresis, speed
     python benchmarks/temperature.py --runs 20        fewer runs of each
 
-`_thermal.py` makes the records of the first four parts without the package. Errors of the others are those of the curve against the truth,
-in mdeg/s.
+`_thermal.py` makes the records of the first four parts without jaxcal. In the other parts, errors compare the curve with the truth, in
+mdeg/s.
 """
 
 import argparse
@@ -23,7 +23,7 @@ MODELS = ("polynomial 1", "polynomial 3", "polynomial 5", "polynomial 9", "polyn
 
 
 def errors(value, low, high, test, jump):
-    """rms, rms in 24-25 degC, maximum; median removed."""
+    """rms, rms in 24-25 degC, and maximum of the error of a curve, with its median removed."""
     t = test.true_temperature
     off = (value(np.clip(t, low, high)) - reference_bias(t, np.deg2rad(jump))) / MDEG
     off = off - np.median(off)
@@ -34,9 +34,14 @@ def errors(value, low, high, test, jump):
 def phantoms(runs):
     print(f"\n{runs} records each: jumps found beyond those there, missed, and heights inside their intervals of 95 %\n")
     for case in _thermal.JUMPS:
-        excess, inside = zip(*(_thermal.counted(case, run) for run in range(runs)), strict=True)
-        held = [one for run in inside for one in run]
-        share = f", heights inside {100 * np.mean(held):.1f} % of {len(held)}" if held else ""
+        excess, errors = zip(*(_thermal.counted(case, run) for run in range(runs)), strict=True)
+        z = np.concatenate(errors)
+        held = (
+            f"{100 * np.mean(np.abs(z) < 1.96):.1f} % of {len(z)}, rms of error over standard error {np.sqrt(np.mean(z**2)):.2f}"
+            if len(z)
+            else ""
+        )
+        share = f", heights inside {held}" if held else ""
         print(f"{case}: phantoms in {np.mean(np.array(excess) > 0):.1%}, missed in {np.mean(np.array(excess) < 0):.1%}{share}", flush=True)
 
 
@@ -121,7 +126,7 @@ if __name__ == "__main__":
     parser.add_argument("--only", choices=PARTS)
     parser.add_argument("--runs", type=int, default=100)
     options = parser.parse_args()
-    warnings.simplefilter("ignore")  # of temperatures a hair outside the range
+    warnings.simplefilter("ignore")  # there are warnings of temperatures just outside the range
     for name, part in PARTS.items():
         if options.only in (None, name):
             part(options.runs)

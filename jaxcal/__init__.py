@@ -1,7 +1,7 @@
 """jaxcal: calibrated models of inertial and magnetic sensors, with honest uncertainty.
 
-Parts are imported when they are first used, so that ``import jaxcal`` is quick, loads neither JAX nor a reader, and leaves
-every JAX setting as it is.
+Sub-packages are imported when they are first used. So ``import jaxcal`` is quick, loads neither JAX nor a reader, and does not change
+any setting of JAX.
 """
 
 import importlib

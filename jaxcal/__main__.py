@@ -1,4 +1,4 @@
-"""`python -m jaxcal`: the command line, where the script `jaxcal` is not on the path."""
+"""`python -m jaxcal`: run the command line if the script `jaxcal` is not on the path."""
 
 import sys
 

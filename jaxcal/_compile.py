@@ -1,7 +1,7 @@
-"""`jit` and `filter_jit`: compiled in half the time on a CPU.
+"""`jit` and `filter_jit`: compile in half the time on a CPU.
 
-Most of a first call is compilation, and most of that is XLA's newer generator of fused loops. The older one gives the same numbers at the
-same speed. Options for one program leave the user's own settings and programs alone.
+Most of a first call is compilation, and most of that is XLA's newer generator of fused loops. The older generator gives the same numbers
+at the same speed. The options are set for single programs, so the user's own settings and programs are not affected.
 """
 
 import functools
@@ -20,7 +20,7 @@ _QUICK: dict[str, Any] = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_paralle
 
 @functools.cache
 def _known() -> bool:
-    """Whether programs run on a CPU, and this version of XLA has the options; a later one may not."""
+    """Whether programs run on a CPU, and this version of XLA has the options, which a later version may drop."""
     if jax.default_backend() != "cpu":
         return False
     try:
@@ -31,7 +31,7 @@ def _known() -> bool:
 
 
 def jit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
-    """`jax.jit` with the quick compiler; `options` are those of `jax.jit`.
+    """`jax.jit` with the faster compiler options; `options` are those of `jax.jit`.
 
     Examples
     --------
@@ -48,7 +48,7 @@ def jit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
-        # inside another program the options of that program hold, and jax refuses others
+        # inside another program the options of that program apply, and jax refuses others
         return (plain if is_traced(args, kwargs) or not _known() else quick)(*args, **kwargs)
 
     return call
@@ -56,7 +56,7 @@ def jit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
 
 @jax.tree_util.register_static
 class _Fixed:
-    """What of a tree is compiled into the program: its structure, and its leaves with None in place of each array."""
+    """The part of a tree that is compiled into the program: its structure, and its leaves with None in place of each array."""
 
     def __init__(self, structure: Any, leaves: tuple[Any, ...]):
         self.structure, self.leaves = structure, leaves
@@ -69,7 +69,7 @@ class _Fixed:
         return isinstance(other, _Fixed) and (self.structure, self.leaves) == (other.structure, other.leaves)
 
     def __reduce__(self) -> Any:
-        # a structure with classes in it cannot be pickled; a tree of that structure can
+        # a structure that contains classes cannot be pickled, but a tree with that structure can
         marked = [Slot((), "", False) if leaf is None else leaf for leaf in self.leaves]
         return _fixed_of, (jax.tree.unflatten(self.structure, marked),)
 
@@ -91,9 +91,9 @@ def _joined(arrays: list[Any], fixed: _Fixed) -> Any:
 
 
 def filter_jit(function: Callable[..., Any]) -> Any:
-    """`equinox.filter_jit` with the quick compiler, and with a fraction of its own time, for small programs that are called often.
+    """`equinox.filter_jit` with the faster compiler options, and with less overhead, for small programs that are called often.
 
-    Arrays at any depth of the arguments are data; the rest is compiled into the program, and a new value of it compiles anew.
+    Arrays at any depth of the arguments are data. All other values are compiled into the program, and a new value compiles it again.
 
     Examples
     --------
@@ -106,7 +106,7 @@ def filter_jit(function: Callable[..., Any]) -> Any:
         args, kwargs = _joined(arrays, fixed)
         return _split(function(*args, **kwargs))
 
-    run.__name__ = run.__qualname__ = function.__name__  # by which profiles and messages of the compiler name the program
+    run.__name__ = run.__qualname__ = function.__name__  # profiles and messages of the compiler show this name
     plain, quick = jax.jit(run), jax.jit(run, compiler_options=_QUICK)
 
     @functools.wraps(function)
@@ -120,10 +120,10 @@ def filter_jit(function: Callable[..., Any]) -> Any:
     return call
 
 
-#: the store that the commands use
+#: the store used by the commands
 _stores: list[Store] = []
 
 
 def keep_programs(folder: Path) -> None:
-    """Keep the programs of `filter_jit` in a folder for later processes, and use those that are there."""
+    """Store the programs of `filter_jit` in a folder for later processes, and use those stored there."""
     _stores[:] = [Store(folder)]

@@ -1,8 +1,8 @@
-"""Exceptions and warnings. Every message says what was got, what was expected and what mends it."""
+"""Exceptions and warnings. Every message says what was found, what was expected and how to correct it."""
 
 
 class JaxcalError(ValueError):
-    """Base of every error that jaxcal raises on purpose."""
+    """Base class of all errors that jaxcal raises on purpose."""
 
 
 class DataError(JaxcalError):
@@ -14,12 +14,12 @@ class UnitError(JaxcalError):
 
 
 class FitError(JaxcalError):
-    """A fit did not produce a usable result; the message carries the outcome's sentence."""
+    """A fit did not produce a usable result; the message contains the sentence of its outcome."""
 
 
 class ExportError(JaxcalError):
-    """A result cannot be written in the asked format without losing what the format needs."""
+    """A result cannot be written in the requested format without losing information that the format needs."""
 
 
 class PrecisionWarning(UserWarning):
-    """The differentiable path runs in float32."""
+    """A traced computation, which is the differentiable path, runs in float32."""

@@ -1,4 +1,4 @@
-"""How results reach the disk: files that are either whole or not there, and one layout of JSON."""
+"""Write results to disk: files that are either complete or absent, and one layout for JSON."""
 
 import contextlib
 import hashlib
@@ -14,12 +14,12 @@ from typing import Any
 
 from ._errors import ExportError
 
-_DAYS = 3 * 86400.0  # s
-_WIDTH = 100  # a list with words in it is broken into lines beyond this
+_DAYS = 3 * 86400.0  # s; age after which a left-over file is removed
+_WIDTH = 100  # characters; a longer list with words in it is broken into lines
 
 
 def shown(path: str | os.PathLike[str]) -> str:
-    r"""The name of a file as printable text: names need not be text, and may hold line feeds.
+    r"""The name of a file as printable text: file names need not be text, and may contain line feeds.
 
     Examples
     --------
@@ -35,8 +35,8 @@ def shown(path: str | os.PathLike[str]) -> str:
 def write_atomically(path: str | os.PathLike[str], data: str | bytes) -> None:
     """Write a file in one step: a reader sees the old content or the new one, never a part.
 
-    The data (text in UTF-8, line ends as given, or bytes) go to a temporary file in the same folder, are flushed to the disk, and take
-    the name `path` by a rename. If anything fails, the temporary file is removed and a file already at `path` is left as it was.
+    The data (text in UTF-8 with its line ends unchanged, or bytes) are written to a temporary file in the same folder, flushed to the disk,
+    and renamed to `path`. If anything fails, the temporary file is removed and an existing file at `path` stays unchanged.
     """
     path = pathlib.Path(path)
     folder = path.parent
@@ -51,14 +51,14 @@ def write_atomically(path: str | os.PathLike[str], data: str | bytes) -> None:
         if path.exists() and not path.is_file():
             path.write_bytes(content)  # a pipe or device has no old content to keep, and must not be replaced by a file
         else:
-            _replace(path.resolve(), content)  # a link keeps pointing at the file that is replaced
+            _replace(path.resolve(), content)  # a link keeps pointing to the file that is replaced
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise ExportError(f"cannot write {path}: {reason}; make the folder {folder} writable, or give a path in another folder") from error
 
 
 def hidden_name(suffix: str = "") -> str:
-    """A name for a file or folder that is only there while a run writes; it says of which process, so that the next run can remove it."""
+    """A name for a temporary file or folder of a run; it contains the process number, so that the next run can remove left-overs."""
     return f".jaxcal-{_host()}-{os.getpid()}-{uuid.uuid4().hex[:12]}{suffix}"
 
 
@@ -67,7 +67,7 @@ def _host() -> str:
 
 
 def clear_hidden(folder: pathlib.Path) -> None:
-    """Remove what runs that were killed left in a folder: those of this machine whose process is gone, and any that is days old."""
+    """Remove left-overs of killed runs from a folder: those of this machine whose process has ended, and any that are days old."""
     with contextlib.suppress(OSError):
         for left in folder.glob(".jaxcal-*"):
             match = re.fullmatch(r"\.jaxcal-([0-9a-f]{8})-(\d+)-[0-9a-f]{12}.*", left.name)
@@ -108,9 +108,9 @@ def _replace(target: pathlib.Path, content: bytes) -> None:
 
 
 def json_text(document: dict[str, Any]) -> str:
-    """JSON with one key a line, arrays of numbers in one line, floats as their shortest exact text, and a final newline.
+    """JSON with one key per line, arrays of numbers in one line, floats as their shortest exact text, and a final newline.
 
-    NaN and infinity do not exist in JSON: the caller writes None and says why.
+    NaN and infinity do not exist in JSON: the caller must write None and give the reason.
 
     Examples
     --------
@@ -138,7 +138,7 @@ def _layout(value: Any, indent: str) -> str:
 
 
 def _is_short(items: list | tuple) -> bool:
-    """Whether a list goes into one line: numbers always, words where they fit, dictionaries never."""
+    """Whether a list fits into one line: numbers always do, words if the line is short enough, dictionaries never."""
     leaves = list(items)
     while any(isinstance(leaf, (list, tuple)) for leaf in leaves):
         leaves = [inner for leaf in leaves for inner in (leaf if isinstance(leaf, (list, tuple)) else (leaf,))]

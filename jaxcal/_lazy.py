@@ -1,4 +1,4 @@
-"""Packages whose parts are imported when they are first used."""
+"""Packages whose modules are imported when they are first used."""
 
 import importlib
 import sys
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def on_first_use(package: str, homes: dict[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """`__getattr__` and `__dir__` of a package whose modules are the homes of these public names, separated by spaces.
+    """`__getattr__` and `__dir__` of a package; `homes` maps each module to its public names, separated by spaces.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""`Log`: one recording in SI on a uniform time grid."""
+"""`Log`: one recording in SI units on a uniform time grid."""
 
 import copy
 import dataclasses
@@ -12,21 +12,20 @@ import equinox as eqx
 import numpy as np
 
 from ._errors import DataError
-from ._quality import all_finite, checked_rate, inspect, mark_missing
+from ._quality import all_finite, checked_rate, inspect, mark_missing, shown_unit
 from ._timebase import place, span
 from ._types import AnyArray
-from ._units import si_unit
 
 #: sensor field -> channel name suffixes
 _AXES = {"gyro": ("_x", "_y", "_z"), "accel": ("_x", "_y", "_z"), "mag": ("_x", "_y", "_z"), "temperature": ("",)}
 _THREE = 3
-#: a sensor present in less than this part of the samples is slow, not full of gaps
+#: a sensor present in a smaller share of the samples is slow, not full of gaps
 _SPARSE = 0.5
 
 
 @dataclasses.dataclass(frozen=True)
 class Gap:
-    """A stretch of missing samples: `start` (s, of the first missing sample), `length` (s), `samples` lost."""
+    """A stretch of missing samples: `start` (s, of the first missing sample), `length` (s), number of lost `samples`."""
 
     start: float
     length: float
@@ -34,44 +33,43 @@ class Gap:
 
 
 class Log(eqx.Module):
-    """One recording in SI on a uniform time grid; missing samples are NaN rows.
+    """One recording in SI units on a uniform time grid; missing samples are rows of NaN.
 
-    The stamps are put in order and their steps compared with the sampling period: samples that repeat a stamp and its values
-    are dropped, a wrapped counter is unwrapped, stamps in bursts or of low resolution are spaced evenly, and a step longer than
-    1.5 periods that later steps do not make up becomes a gap of NaN rows. The rate is the number of steps over their length,
-    gaps left out. Infinite values and the repeats of a frozen sensor (more than 50 equal vectors) become NaN. Whatever was
-    mended stands in `warnings`, one sentence each.
+    The stamps are sorted, and their steps compared with the sampling period. Samples that repeat both a stamp and its values are dropped,
+    a wrapped counter is unwrapped, and stamps in bursts or of low resolution are spaced evenly. A step longer than 1.5 periods that later
+    steps do not make up becomes a gap of NaN rows. The rate is the number of steps divided by their length, without gaps. Infinite values,
+    and the repeats of a frozen sensor (more than 50 equal vectors), become NaN. `warnings` reports each repair in one sentence.
 
     Parameters
     ----------
-    time : (n,) stamps in s (or datetime64), or None where `rate` is given. Only differences count.
+    time : (n,) stamps in s (or datetime64), or None if `rate` is given. Only differences matter.
     gyro : (n, 3) angular rate, rad/s. Like `accel` and `mag` it may also be (n,) or have fewer columns: x, then y.
     accel : (n, 3) specific force, m/s^2.
     mag : (n, 3) magnetic field, T.
     temperature : (n,) degC.
-    rate : Hz. With stamps it is checked against them (0.5 %) and kept; without, it makes the grid.
-    notes, warnings : sentences from whoever read the recording, put before those found here.
-    provenance : where the recording comes from. `epoch_ns`, the stamp of the first sample, is filled in.
+    rate : Hz. With stamps, it is checked against them (0.5 %) and kept; without stamps, it defines the grid.
+    notes, warnings : sentences from the reader of the recording, placed before the sentences found here.
+    provenance : origin of the recording. `epoch_ns`, the stamp of the first sample, is filled in.
 
     Attributes
     ----------
     time : (n,) s from the first sample.
-    gyro, accel, mag, temperature : as given, on the grid; None where not recorded.
+    gyro, accel, mag, temperature : as given, on the grid; None if not recorded.
     rate : Hz.
     gaps : tuple of `Gap`: stretches in which a sensor is missing.
-    notes : tuple of sentences, for the record: steps of quantisation, warm-up, small jitter.
-    warnings : tuple of sentences on what makes results from these data doubtful.
+    notes : tuple of sentences for information: quantisation steps, warm-up, small jitter.
+    warnings : tuple of sentences on anything that makes results from these data doubtful.
     provenance : dict.
 
     Raises
     ------
     DataError
-        If there are fewer than 2 samples, nothing but NaN in a channel, no regular recording behind the stamps, a `rate` that
-        contradicts them, or more missing samples than a log can hold (a gap of years).
+        If there are fewer than 2 samples, a channel contains only NaN, the stamps do not belong to a regular recording, `rate`
+        contradicts them, or more samples are missing than a log can hold (a gap of years).
 
     Examples
     --------
-    A gap of two samples:
+    A recording with a gap of two samples:
 
     >>> import numpy as np
     >>> import jaxcal
@@ -147,7 +145,7 @@ class Log(eqx.Module):
         return len(self.time) / self.rate
 
     def channels(self) -> dict[str, np.ndarray]:
-        """Every channel as a name -> (n,) array map: gyro_x .. mag_z, temperature (SI)."""
+        """Every channel as a dictionary name -> (n,) array: gyro_x .. mag_z, temperature (SI units)."""
         found = {}
         for name, values in self._sensors().items():
             found |= dict(zip(_channel_names(name, values), values.T, strict=True))
@@ -158,13 +156,13 @@ class Log(eqx.Module):
 
         Parameters
         ----------
-        start, stop : s from the start of the recording (None: its start, its end). Negative times count from the end.
+        start, stop : s from the start of the recording; None means its start and its end. Negative times count from the end.
 
         Returns
         -------
         Log
-            With its own time from 0 and its own gaps; `notes` and `warnings` are those of the whole recording, and
-            `provenance["selected"]` says which part it is, in s.
+            With its own time from 0 and its own gaps. `notes` and `warnings` are those of the whole recording, and
+            `provenance["selected"]` gives the selected part in s.
 
         Raises
         ------
@@ -181,7 +179,7 @@ class Log(eqx.Module):
         """
         bounds = [0.0 if start is None else float(start), self.duration if stop is None else float(stop)]
         bounds = [bound + self.duration if bound < 0 else bound for bound in bounds]
-        # a bound on a sample belongs to that sample, whatever the last digit of its time
+        # a bound at a sample means that sample, in spite of rounding errors of its time
         first, last = (int(np.clip(np.ceil(bound * self.rate - 1e-6), 0, len(self.time))) for bound in bounds)
         if last - first < 2:
             raise DataError(
@@ -203,11 +201,11 @@ class Log(eqx.Module):
         __hash__ = None
 
     def __repr__(self) -> str:
-        """What `summary` says."""
+        """The text of `summary`."""
         return f"Log: {self.summary()}"
 
     def _repr_html_(self) -> str:
-        """The same for notebooks."""
+        """The text of `summary`, for notebooks."""
         return f"<pre>{html.escape(repr(self))}</pre>"
 
     def summary(self) -> str:
@@ -226,10 +224,12 @@ class Log(eqx.Module):
         lines = [f"{len(self.time)} samples at {self.rate:.6g} Hz, {span(self.duration)}, {gaps}"]
         channels = self.channels()
         width = max(map(len, channels))
+        clock = self.provenance.get("quantity") == "clock"  # fractional frequencies stand in the columns of a sensor
         for name, column in channels.items():
             present = column[np.isfinite(column)]
-            sensor = name.split("_")[0]
-            lines.append(f"{name:<{width}}  mean {present.mean():.4g}  std {present.std():.4g}  {si_unit(sensor)}")
+            sensor, _, axis = name.partition("_")
+            name, unit = (f"clock_{axis}", "fractions of the frequency") if clock else (name, shown_unit(sensor, present))
+            lines.append(f"{name:<{width}}  mean {present.mean():.4g}  std {present.std():.4g}  {unit}")
         return "\n".join(lines)
 
     def _sensors(self) -> dict[str, np.ndarray]:
@@ -238,7 +238,7 @@ class Log(eqx.Module):
         return {name: values.reshape(len(values), -1) for name, values in present.items()}
 
     def _replaced(self, **changes: Any) -> "Log":
-        """A copy with other fields; nothing is looked at again."""
+        """A copy with other fields, without any check."""
         log = copy.copy(self)
         for name, value in changes.items():
             object.__setattr__(log, name, value)
@@ -246,7 +246,7 @@ class Log(eqx.Module):
 
 
 def as_log(source: Any, rate: float | int | None = None) -> Log:
-    """The log that an estimator is given: a `Log`, or anything that `jaxcal.read` takes.
+    """The log that an estimator receives: a `Log`, or anything that `jaxcal.read` accepts.
 
     Examples
     --------
@@ -257,25 +257,30 @@ def as_log(source: Any, rate: float | int | None = None) -> Log:
     """
     if isinstance(source, Log) and rate is None:
         return source
-    # the readers stand above the estimators; they are loaded when something has to be read
+    # the readers depend on the estimators, so load them only if something must be read
     return importlib.import_module(f"{__package__}.io").read(source, rate=rate, quiet=True)
 
 
-def field_readings(source: Any) -> Any:
-    """(n, 3) readings of the magnetometer of a log, of anything else that `jaxcal.read` takes by name, or an array as it is."""
+def field_readings(source: Any) -> tuple[Any, Any]:
+    """Magnetometer readings (n, 3), from a log or anything else that `jaxcal.read` accepts by name, or an array unchanged.
+
+    Also the specific force at the same times, if the log has it.
+    """
     named = (
         isinstance(source, Log | str | os.PathLike | dict) or hasattr(source, "data_vars") or np.ndim(getattr(source, "columns", 0)) == 1
     )
     if not named or len(getattr(source, "columns", ())) == _THREE:
-        return source
+        return source, None
     log = as_log(source)
     if log.mag is None or log.mag.shape[1] != _THREE:
         raise DataError("the log has no magnetometer of three axes; name its columns with jaxcal.read(..., columns={'mag': [...]})")
-    return log.mag[np.isfinite(log.mag).all(axis=1)]
+    there = np.isfinite(log.mag).all(axis=1)
+    force = log.accel if log.accel is not None and log.accel.shape[1] == _THREE else None
+    return log.mag[there], None if force is None else force[there]
 
 
 def _fields(sensors: dict[str, np.ndarray]) -> dict[str, np.ndarray | None]:
-    """The sensors as a log holds them."""
+    """The sensors in the form of the fields of a log."""
     fields = {name: sensors.get(name) for name in _AXES}
     if (temperature := sensors.get("temperature")) is not None:
         fields["temperature"] = temperature[:, 0]
@@ -287,7 +292,7 @@ def _channel_names(sensor: str, values: np.ndarray) -> list[str]:
 
 
 def _columns(sensor: str, values: Any) -> np.ndarray:
-    """Values of one sensor as (n, channels) in float64, each channel contiguous, since channels are looked at one by one."""
+    """Values of one sensor as (n, channels) in float64; each channel is contiguous, because channels are examined one by one."""
     axes = len(_AXES[sensor])
     try:
         array = np.asarray(values)
@@ -304,7 +309,7 @@ def _columns(sensor: str, values: Any) -> np.ndarray:
 
 
 def _stamps(time: Any) -> tuple[np.ndarray | None, int]:
-    """Stamps in s, and the ns to add to them."""
+    """Stamps in s, and the nanoseconds to add to them."""
     if time is None:
         return None, 0
     stamps = np.asarray(time)
@@ -341,7 +346,7 @@ def _on_grid(values: np.ndarray, grid: Any) -> np.ndarray:
 
 
 def _gaps(sensors: dict[str, np.ndarray], rate: float, warnings: list[str]) -> tuple[Gap, ...]:
-    """Stretches in which a sensor is missing; adds a sentence on them, and one on each sensor slower than the log."""
+    """Stretches in which a sensor is missing; adds a warning on them, and one for each sensor slower than the log."""
     absent = {name: np.any(np.isnan(values), axis=1) for name, values in sensors.items() if not all_finite(values)}
     if not absent:
         return ()

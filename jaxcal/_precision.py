@@ -1,4 +1,4 @@
-"""Float64 for host drivers, without touching the user's JAX configuration."""
+"""Float64 for host functions, without changing the user's JAX configuration."""
 
 import functools
 import os
@@ -18,14 +18,14 @@ from ._errors import DataError, PrecisionWarning
 
 
 class _Fork:
-    """Whether this process was forked from one in which JAX had begun: its threads are not here, and programs wait for them for ever."""
+    """Whether this process was forked from one in which JAX had started: JAX's threads are missing, and programs would wait for ever."""
 
     severed = False
 
     @classmethod
     def cut(cls) -> None:
-        """In the child of a fork."""
-        # jax has no public way to ask whether it has begun
+        """Set the flag in the child of a fork."""
+        # JAX has no public way to ask whether it has started
         bridge = sys.modules.get("jax._src.xla_bridge")
         cls.severed = cls.severed or bool(getattr(bridge, "_backends", None))
 
@@ -35,7 +35,7 @@ if hasattr(os, "register_at_fork"):
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-#: the state of JAX that was last seen without a trace: to compare it takes half a microsecond, to make a constant 30
+#: the latest state of JAX that was seen without a trace: comparing it takes half a microsecond, making a constant 30
 _untraced: Any = None
 
 
@@ -55,16 +55,16 @@ def is_traced(*trees: Any) -> bool:
 
 
 def array_module(*trees: Any) -> ModuleType:
-    """`jax.numpy` where something is traced, otherwise `numpy`.
+    """`jax.numpy` if something is traced, otherwise `numpy`.
 
-    A closed form over a few hundred values is done in NumPy in less than JAX takes to look up its first operation, and each
-    new shape would cost JAX a compilation per operation.
+    NumPy computes a closed form over a few hundred values in less time than JAX needs to look up its first operation, and with JAX each
+    new shape would cost one compilation per operation.
     """
     return jnp if is_traced(*trees) else np
 
 
 def map_ordered(function: Callable[..., Any], tree: Any, *rest: Any) -> Any:
-    """`jax.tree.map`, which sorts dictionaries by key, with their order kept."""
+    """`jax.tree.map` that keeps the order of dictionaries, which JAX sorts by key."""
 
     def one(leaf: Any, *others: Any) -> Any:
         if type(leaf) is dict:
@@ -85,17 +85,15 @@ def _to_numpy(leaf: Any) -> Any:
 
 
 def host_float64(function: F) -> F:
-    """Run a host driver in float64 and hand back NumPy arrays.
+    """Run a host function in float64 and return NumPy arrays.
 
-    If an argument is a tracer, or a trace is in progress, the call passes straight through in the caller's
-    precision: that is the differentiable path. It warns (`PrecisionWarning`) once where that precision is
-    float32, because phase is an integral: with a mean of 9.81 the float32 Allan deviation at m = 1 is wrong by
-    a factor of tens.
+    If an argument is a tracer, or a trace is in progress, the function runs unchanged in the caller's precision: this is the
+    differentiable path. If that precision is float32 it warns once (`PrecisionWarning`), because phase is an integral: with a mean
+    of 9.81, the float32 Allan deviation at m = 1 is wrong by a factor of tens.
 
-    Otherwise the call enters ``jax.enable_x64(True)`` as the outermost context, converts floating inputs to
-    float64, and turns every JAX array of the result into a NumPy array before leaving (a float64 JAX array used
-    outside the context would become float32 without a word). The context is thread-local: worker threads enter
-    it themselves.
+    Otherwise the call enters ``jax.enable_x64(True)`` as the outermost context, converts floating inputs to float64, and
+    converts every JAX array of the result to a NumPy array before leaving. (Outside the context, a float64 JAX array would
+    silently become float32.) The context is thread-local: worker threads must enter it themselves.
 
     Examples
     --------

@@ -1,10 +1,10 @@
-"""Compiled programs kept on disk, so that a command neither traces nor compiles what an earlier one did.
+"""Compiled programs kept on disk, so that a command need not trace or compile again what an earlier command did.
 
-JAX's own cache saves the compilation alone: tracing and lowering, which it needs to find an entry, take as long again. Here a program is
-found by what goes into its trace: the function, the shapes and types of its arrays, and everything else of its arguments. That is safe
-where the source is known to be the same. So a program is kept only if all that its arguments refer to belongs to jaxcal or to the packages
-that it stands on. A model or a term of the user's own is traced as ever. The folder is the user's own: its files are code, as those of
-JAX's cache are.
+JAX's own cache only saves the compilation. Tracing and lowering, which it needs to find an entry, take as long again. Here a program is
+found by the inputs of its trace: the function, the shapes and types of its arrays, and all other arguments. This is safe if the source
+is known to be the same. So a program is kept only if everything that its arguments refer to belongs to jaxcal or to the packages that it
+depends on. A user's own model or term is always traced. The folder belongs to the user: its files are code, like those of JAX's
+cache.
 """
 
 import contextlib
@@ -33,7 +33,7 @@ _KNOWN = {"jaxcal", *_PACKAGES, *sys.stdlib_module_names}
 
 @dataclasses.dataclass(frozen=True)
 class Slot:
-    """Stands for an array in a tree: what of it goes into a trace."""
+    """A placeholder for an array in a tree, with the properties of the array on which a trace depends."""
 
     shape: tuple[int, ...]
     dtype: str
@@ -41,7 +41,7 @@ class Slot:
 
 
 class _Pickler(pickle.Pickler):
-    """Refuses what is defined elsewhere: its source may change while its name stays."""
+    """Refuses objects defined elsewhere, because their source may change while their name stays the same."""
 
     def reducer_override(self, obj: Any) -> Any:
         if isinstance(obj, type) or callable(obj):
@@ -59,7 +59,7 @@ def _pickled(tree: Any) -> bytes:
 
 @functools.cache
 def _world() -> bytes:
-    """What a program depends on beside its arguments: sources, versions, settings and processor."""
+    """Everything besides its arguments on which a program depends: sources, versions, settings and processor."""
     root = Path(__file__).parent
     sources = [(str(path.relative_to(root)), path.stat().st_size, path.stat().st_mtime_ns) for path in sorted(root.rglob("*.py"))]
     versions = [importlib.metadata.version(name) for name in _PACKAGES]
@@ -73,16 +73,16 @@ def _world() -> bytes:
 
 
 class Store:
-    """Programs in a folder, one file for each."""
+    """Programs in a folder, one file per program."""
 
     def __init__(self, folder: Path):
         self._folder = folder
         self._held: dict[Any, Callable[..., Any] | None] = {}
 
     def run(self, function: Callable[..., Any], lower: Callable[..., Any], arrays: list[Any], fixed: Any, described: Callable) -> Any:
-        """Arrays and structure that the function's program gives for such arguments; None where the program cannot be kept.
+        """Arrays and structure that the function's program returns for these arguments; None if the program cannot be kept.
 
-        `lower(arrays, fixed)` traces it; `described(slots)` are its arguments with something in place of each array.
+        `lower(arrays, fixed)` traces the program; `described(slots)` gives its arguments with a placeholder for each array.
         """
         slots = [Slot(np.shape(array), str(array.dtype), bool(getattr(array, "weak_type", False))) for array in arrays]
         key = (function, tuple(slots), fixed)
@@ -90,7 +90,7 @@ class Store:
             try:
                 name = _pickled((function, described(slots), jax.config.read("jax_enable_x64")))
             except (pickle.PicklingError, AttributeError, TypeError):
-                self._held[key] = None  # a function inside of another, or one of the user's own
+                self._held[key] = None  # a function inside another one, or a user's function
             else:
                 path = self._folder / f"program-{hashlib.sha256(_world() + name).hexdigest()}-cache"
                 self._held[key] = _read(path, arrays, fixed) or _made(path, lower(arrays, fixed).compile())
@@ -99,12 +99,12 @@ class Store:
 
 
 def _read(path: Path, arrays: list[Any], fixed: Any) -> Callable[..., Any] | None:
-    """The program in a file; None where there is none that can be read."""
+    """The program in a file; None if there is no readable one."""
     from jax.experimental.serialize_executable import deserialize_and_load
 
     try:
         code, count, result = pickle.loads(path.read_bytes())
-        if b"lapack" in code:  # its routines are registered when a program is traced
+        if b"lapack" in code:  # the routines in it are registered when a program is traced
             from jaxlib import lapack
 
             lapack.prepare_lapack_call("getrf", np.dtype(np.float64))
@@ -112,12 +112,12 @@ def _read(path: Path, arrays: list[Any], fixed: Any) -> Callable[..., Any] | Non
         return deserialize_and_load(code, taken, given)
     except FileNotFoundError:
         return None
-    except Exception:  # whatever a file ends in that was cut: the program is compiled again, and replaces it
+    except Exception:  # any error that a truncated file causes: the program is compiled again and replaces the file
         return None
 
 
 def _made(path: Path, compiled: Any) -> Callable[..., Any]:
-    """The program, written to its file with the structure of its results once that is known."""
+    """The program; it is written to its file, with the structure of its results, once that is known."""
     from jax.experimental.serialize_executable import serialize
 
     written = False
@@ -127,7 +127,7 @@ def _made(path: Path, compiled: Any) -> Callable[..., Any]:
         found, result = compiled(arrays, fixed)
         if not written:
             written = True
-            # a full disk, or a program of a kind that JAX cannot store: the next command compiles it again
+            # on a full disk, or for a program that JAX cannot store, the next command compiles it again
             with contextlib.suppress(ExportError, pickle.PicklingError, AttributeError, TypeError, ValueError, NotImplementedError):
                 write_atomically(path, pickle.dumps((serialize(compiled)[0], len(found), result)))
         return found, result

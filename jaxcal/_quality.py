@@ -1,4 +1,4 @@
-"""What a record and its rate must be, and what is worth knowing of its values: missing, frozen, clipped, coarse, not yet warm."""
+"""Checks of a record and its rate, and findings about its values: missing, frozen, clipped, coarse, still warming up."""
 
 import os
 from typing import Any
@@ -8,13 +8,16 @@ import numpy as np
 
 from ._errors import DataError
 from ._precision import is_traced
-from ._units import si_unit
+from ._units import STRONGEST_FIELD, si_unit
 
-#: this many equal vectors in a row are a frozen sensor
+#: number of equal vectors in a row that mark a frozen sensor
 _FROZEN = 50
-#: samples looked at for the quantisation step
+#: number of samples examined for the quantisation step
 _LOOK = 100_000
 _WARM_UP = 60.0
+
+#: SI, beyond the range of any sensor: larger readings are counts
+_LARGEST = {"mag": STRONGEST_FIELD, "accel": 4e3, "gyro": 1e3}
 
 
 def checked_rate(rate: Any) -> float:
@@ -29,28 +32,28 @@ def checked_rate(rate: Any) -> float:
 
 
 def checked_confidence(confidence: Any) -> Any:
-    """The level of an interval."""
+    """The level of an interval, checked."""
     if not 0.0 < confidence < 1.0:
         raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)")
     return confidence
 
 
 def checked_whole(name: str, value: Any, least: int) -> int:
-    """An option that counts something."""
+    """An option that is a count, checked."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise DataError(f"{name} must be a whole number, at least {least}; got {value!r}")
     return int(value)
 
 
 def refuse_infinite(column: np.ndarray, name: str, cure: str = "replace them by NaN to mark a gap") -> None:
-    """Infinite samples are neither values nor gaps."""
+    """Refuse infinite samples, which are neither values nor gaps."""
     infinite = np.flatnonzero(np.isinf(column))
     if len(infinite):
         raise DataError(f"{name} has {len(infinite)} infinite values, the first at sample {infinite[0]}; {cure}")
 
 
 def refuse_other_than_samples(y: Any) -> None:
-    """Refuse what holds samples but is none: the name of a file, a log, a dictionary, a dataset; and say how to take one."""
+    """Refuse objects that only contain samples (the name of a file, a log, a dictionary, a dataset), and tell what to give instead."""
     how = "give one sensor and its rate, such as log.gyro and log.rate; jaxcal.noise.characterise takes a whole log"
     if isinstance(y, str | os.PathLike):
         raise DataError(f"y is the name of a file; read it with log = jaxcal.read({os.fspath(y)!r}), and {how}")
@@ -61,7 +64,7 @@ def refuse_other_than_samples(y: Any) -> None:
 
 
 def checked_record(y: Any) -> Any:
-    """Samples (n,) or (n, channels), NaN and infinity left to the caller: a JAX array where traced, else NumPy in float64."""
+    """Samples (n,) or (n, channels): a JAX array if traced, otherwise NumPy in float64. The caller must handle NaN and infinity."""
     refuse_other_than_samples(y)
     traced = is_traced(y)
     y = jnp.asarray(y) if traced else np.asarray(y)
@@ -75,13 +78,13 @@ def checked_record(y: Any) -> Any:
 
 
 def all_finite(values: np.ndarray) -> bool:
-    """Whether every value is finite, by a sum where that decides it: a quarter of the time of looking at each."""
+    """Whether every value is finite. A finite sum already proves it, in a quarter of the time of checking each value."""
     with np.errstate(over="ignore", invalid="ignore"):
         return bool(np.isfinite(values.sum()) or np.isfinite(values).all())
 
 
 def mark_missing(sensor: str, names: list[str], values: np.ndarray, warnings: list[str]) -> np.ndarray:
-    """Turn infinite values into missing ones (NaN), and refuse a channel that has no finite value at all."""
+    """Turn infinite values into missing ones (NaN), and refuse a channel without any finite value."""
     if all_finite(values):
         return values
     infinite = np.isinf(values)
@@ -96,9 +99,23 @@ def mark_missing(sensor: str, names: list[str], values: np.ndarray, warnings: li
     return values
 
 
+def shown_unit(quantity: str, values: np.ndarray) -> str:
+    """Unit to print beside readings: the SI unit, or "counts" if the values are larger than the range of any sensor.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal._quality import shown_unit
+    >>> shown_unit("mag", np.array([47e-6])), shown_unit("mag", np.array([310.0]))
+    ('T', 'counts')
+    """
+    most = _LARGEST.get(quantity, np.inf)
+    return "counts" if np.fmax.reduce(np.abs(values), axis=None, initial=0.0) > most else si_unit(quantity)
+
+
 def inspect(sensor: str, names: list[str], values: np.ndarray, rate: float, notes: list[str], warnings: list[str]) -> np.ndarray:
-    """Look at the values (n, channels) of one sensor on the grid, add sentences, and return them with frozen stretches as NaN."""
-    unit = si_unit(sensor)
+    """Examine the values (n, channels) of one sensor on the grid, add sentences, and return the values with frozen stretches as NaN."""
+    unit = shown_unit(sensor, values)
     low, high = np.fmin.reduce(values, axis=0), np.fmax.reduce(values, axis=0)
     constant = [f"{name} ({value:.6g})" for name, value, top in zip(names, low, high, strict=True) if value == top]
     if constant and sensor != "temperature":
@@ -114,7 +131,7 @@ def inspect(sensor: str, names: list[str], values: np.ndarray, rate: float, note
 
 
 def _without_frozen(sensor: str, values: np.ndarray, rate: float, warnings: list[str]) -> np.ndarray:
-    # a run of more than 50 covers two neighbouring samples of every 25th
+    # a run of more than 50 contains two neighbouring samples of every 25th
     coarse = values[:: _FROZEN // 2]
     if not (coarse[1:] == coarse[:-1]).all(axis=1).any():
         return values
@@ -145,14 +162,14 @@ def _without_frozen(sensor: str, values: np.ndarray, rate: float, warnings: list
 
 
 def _clipping(name: str, column: np.ndarray, low: float, high: float, unit: str, warnings: list[str]) -> None:
-    """A pile of samples at the extreme value, at least thrice the next value's, is a full scale."""
+    """Report clipping: many samples stand at the extreme value, more than three times as many as at the next value."""
     for extreme in (low, high):
         at = np.count_nonzero(column == extreme)
         if at < 10 or low == high:
             continue
         others = column[(column != extreme) & np.isfinite(column)]
         neighbour = others.min() if extreme == low else others.max()
-        # few levels in all (a coarse sensor at rest) pile up anywhere
+        # a coarse sensor at rest has few levels, and any of them may be frequent
         if abs(neighbour - extreme) < 0.05 * (high - low) and at > 3 * np.count_nonzero(column == neighbour):
             warnings.append(f"{name} is clipped: {at} samples stand at the extreme value {extreme:.6g} {unit}")
 
@@ -169,13 +186,13 @@ def _resolution(sensor: str, names: list[str], values: np.ndarray, notes: list[s
         if steps.max() > 1e5 * smallest:
             continue
         counts = steps / smallest
-        # multiples of one step, few enough of them that this is no accident
+        # multiples of one step, so few that this is no accident
         if np.abs(counts - np.round(counts)).max() < 0.01:
             found.append((name, f"{smallest:.4g}"))
     if found:
         same = len({step for _, step in found}) == 1 and len(found) == len(names)
         text = found[0][1] if same else ", ".join(f"{name} {step}" for name, step in found)
-        notes.append(f"{sensor}: values come in steps of {text} {si_unit(sensor)}")
+        notes.append(f"{sensor}: values come in steps of {text} {shown_unit(sensor, values)}")
 
 
 def _transient(sensor: str, values: np.ndarray, rate: float, notes: list[str]) -> None:
@@ -198,6 +215,6 @@ def _transient(sensor: str, values: np.ndarray, rate: float, notes: list[str]) -
     if np.any((moved > 6 * scatter) & (scatter > 0)):
         shift = moved[np.argmax(moved)]
         notes.append(
-            f"{sensor}: the mean of the first {_WARM_UP:g} s is off the rest by {shift:.3g} {si_unit(sensor)} (warm-up?); "
+            f"{sensor}: the mean of the first {_WARM_UP:g} s is off the rest by {shift:.3g} {shown_unit(sensor, values)} (warm-up?); "
             f"log.select({_WARM_UP:g}, None) leaves them out"
         )

@@ -1,4 +1,4 @@
-"""`Result`: what every estimator returns has in common, so that a new result is a class with fields and, at most, a table."""
+"""`Result`: the common part of all results. A new kind of result only needs fields and, if wanted, a table."""
 
 import dataclasses
 import html
@@ -22,14 +22,14 @@ from ._units import number
 
 #: half of a 95 % interval in standard deviations
 NORMAL95 = statistics.NormalDist().inv_cdf(0.975)
-_WIDTH = 100  # characters of a line of text
-_FEW = 12  # rows of a `repr`
-#: attributes that `summary` names below the verdict, with their unit
+_WIDTH = 100  # characters per line of text
+_FEW = 12  # number of rows in a `repr`
+#: attributes that `summary` lists below the verdict, with their unit
 _FACTS = {"method": "", "kind": "", "convention": "", "rate": " Hz", "duration": " s", "used": " readings"}
 
 
 class Row(NamedTuple):
-    """One number of the table in `Result.summary`, with its interval where one is known."""
+    """One number in the table of `Result.summary`, with its interval if known."""
 
     name: str
     value: Any
@@ -40,24 +40,24 @@ class Row(NamedTuple):
 
 
 class Result(eqx.Module):
-    """Base of all results. A subclass has the three attributes below, as fields or properties, and says its numbers by `_rows`.
+    """Base of all results. A subclass has the three attributes below, as fields or properties, and lists its numbers in `_rows`.
 
-    A result prints its numbers with their intervals and units, in a notebook as a table. It cannot be hashed, because it holds arrays.
+    A result prints its numbers with intervals and units; a notebook shows them as a table. It cannot be hashed, because it holds arrays.
 
     Attributes
     ----------
-    verdict : "good", "weak" or "refused"; of noise, for every term, "present", "hint" or "not detected".
-    reason : why, in a sentence or more.
+    verdict : "good", "weak" or "refused"; for noise, "present", "hint" or "not detected" for every term.
+    reason : one or more sentences that explain the verdict.
     warnings : sentences.
     """
 
-    if not TYPE_CHECKING:  # a type checker would take them for arguments of every subclass
+    if not TYPE_CHECKING:  # a type checker would treat them as arguments of every subclass
         verdict: eqx.AbstractVar[Any]
         reason: eqx.AbstractVar[str]
         warnings: eqx.AbstractVar[tuple[Any, ...]]
         __hash__ = None
 
-    #: function of `jaxcal.plot` that draws the result, and whether it takes the readings before the result
+    #: function of `jaxcal.plot` that draws the result, and whether it needs the readings before the result
     _figure: ClassVar[tuple[str, bool] | None] = None
 
     def _rows(self) -> list[Row]:
@@ -65,7 +65,7 @@ class Result(eqx.Module):
         return []
 
     def _columns(self) -> dict[str, Any]:
-        """Columns of `to_dataframe`: those of the table in `summary`, unless a subclass has longer ones."""
+        """Columns of `to_dataframe`: those of the table in `summary`, unless a subclass defines longer ones."""
         rows = [row._replace(value=float(row.value), low=float(row.low), high=float(row.high)) for row in self._rows()]
         return {name: [row[i] for row in rows] for i, name in enumerate(Row._fields)}
 
@@ -78,7 +78,7 @@ class Result(eqx.Module):
         return "", "value", f"{100 * getattr(self, 'confidence', 0.95):g} % interval", "unit", ""
 
     def __repr__(self) -> str:
-        """Verdict, and the first numbers with interval and unit."""
+        """The verdict, and the first numbers with interval and unit."""
         if is_traced(self):
             return eqx.tree_pformat(self)
         rows = self._rows()
@@ -89,7 +89,7 @@ class Result(eqx.Module):
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        """The same as a table, for notebooks."""
+        """The verdict and a table of all numbers, for notebooks."""
         if is_traced(self):
             return f"<pre>{html.escape(repr(self))}</pre>"
         judged: Any = self
@@ -124,7 +124,7 @@ class Result(eqx.Module):
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """Every field, and the verdict with its reason, as JSON can say it: SI units; None for what is infinite or not known.
+        """Every field, and the verdict with its reason, in a form for JSON: SI units, and None for infinite or unknown numbers.
 
         Examples
         --------
@@ -139,9 +139,9 @@ class Result(eqx.Module):
         return head | plain(self) | judged
 
     def to_dataframe(self) -> Any:
-        """The numbers as a data frame of polars, or of pandas where polars is not installed.
+        """The numbers as a data frame of polars, or of pandas if polars is not installed.
 
-        A fit has a row for each number: name, value, low, high, unit, remark. A curve has a row for each of its points.
+        A fit has one row per number: name, value, low, high, unit, remark. A curve has one row per point.
 
         Raises
         ------
@@ -186,11 +186,11 @@ class Result(eqx.Module):
         write_atomically(path, json_text(self.to_dict()))
 
     def plot(self, *readings: Any, ax: Any = None) -> Any:
-        """Draw the result with the function of `jaxcal.plot` that is made for it.
+        """Draw the result with the function of `jaxcal.plot` for this kind of result.
 
         Parameters
         ----------
-        readings : what was fitted, for results that do not hold it: the (n, 3) readings of a `MagFit`, the `Readings` of an `AlignmentFit`.
+        readings : the fitted readings, for results that do not hold them: (n, 3) readings of a `MagFit`, `Readings` of an `AlignmentFit`.
         ax : matplotlib axes to draw into; None makes a figure.
 
         Returns
@@ -200,7 +200,7 @@ class Result(eqx.Module):
         Raises
         ------
         DataError
-            If the readings are missing, or there is no figure of such a result.
+            If the readings are missing, or there is no figure for this kind of result.
 
         Examples
         --------
@@ -216,28 +216,28 @@ class Result(eqx.Module):
         if len(readings) != wanted:
             call = f"plot({'readings' if wanted else ''})"
             raise DataError(f"a {name} is drawn by {call}, with {'the readings that were fitted' if wanted else 'nothing else'}")
-        # a module above this one, loaded when it is asked for
+        # load `plot` only now, because it depends on this module
         draw = getattr(importlib.import_module(f"{__package__}.plot"), function)
         return draw(*readings, self, ax)
 
 
 class Unjudged(Result):
-    """A result that decides nothing: good, or weak where it comes with warnings."""
+    """A result without a decision: good, or weak if it has warnings."""
 
     @property
     def verdict(self) -> str:
-        """The word "good", or "weak" where there are warnings."""
+        """The word "good", or "weak" if there are warnings."""
         return "weak" if getattr(self, "warnings") else "good"  # noqa: B009
 
     @property
     def reason(self) -> str:
-        """How many warnings there are."""
+        """The number of warnings, as a sentence."""
         count = len(getattr(self, "warnings"))  # noqa: B009
         return f"{count} warning{'s' * (count != 1)}." if count else "No warnings."
 
 
 def columns_of(curve: Any, names: Sequence[str]) -> dict[str, Any]:
-    """Arrays of a curve as columns of equal length, with a column `channel` where there are several; what all points share is repeated."""
+    """Arrays of a curve as columns of equal length, with a column `channel` if there are several; values for all points are repeated."""
     first = np.asarray(getattr(curve, "lower"))  # noqa: B009
     channels = 1 if first.ndim == 1 else first.shape[1]
     found = {} if channels == 1 else {"channel": np.repeat(np.arange(channels), len(first))}
@@ -248,7 +248,7 @@ def columns_of(curve: Any, names: Sequence[str]) -> dict[str, Any]:
 
 
 def rows_of(curve: Any, field: str, name: Callable[[int], str], unit: str) -> list[Row]:
-    """At most twelve rows of a curve with `lower` and `upper`, channels one after the other."""
+    """At most twelve rows per channel of a curve with `lower` and `upper`, one channel after the other."""
     values, low, high = (np.asarray(getattr(curve, key)).reshape(len(curve.lower), -1) for key in (field, "lower", "upper"))
     picked = np.unique(np.linspace(0, len(values) - 1, min(len(values), 12)).astype(int)).tolist()
     channels = [""] if values.shape[1] == 1 else [f", channel {k}" for k in range(values.shape[1])]
@@ -256,14 +256,14 @@ def rows_of(curve: Any, field: str, name: Callable[[int], str], unit: str) -> li
 
 
 def channel_of(result: Any, name: str, index: int, axes: int = 2) -> Any:
-    """A result for one of several channels, which are the last of the `axes` axes of its array `name` and of others with as many."""
+    """The result for one of several channels, the last axis of `name` and of all other arrays with the same number of axes."""
     if getattr(result, name).ndim < axes:
         raise IndexError(f"this {name} is of a single channel; there is nothing to pick")
     return jax.tree.map(lambda leaf: leaf[..., index] if leaf.ndim == axes else leaf, result)
 
 
 def replaced(module: Any, **fields: Any) -> Any:
-    """A frozen module with other values in some of its fields, made without its `__init__`."""
+    """A frozen module with new values in some of its fields, made without its `__init__`."""
     new = object.__new__(type(module))
     for field in dataclasses.fields(module):
         object.__setattr__(new, field.name, fields.get(field.name, getattr(module, field.name)))
@@ -271,7 +271,7 @@ def replaced(module: Any, **fields: Any) -> Any:
 
 
 def by_channel(sentences: Mapping[str, Any]) -> list[str]:
-    """Sentences of several channels, each once with the channels it is true of.
+    """Sentences of several channels, each once, with the channels to which it applies.
 
     Examples
     --------
@@ -287,7 +287,7 @@ def by_channel(sentences: Mapping[str, Any]) -> list[str]:
 
 
 def plain(value: Any) -> Any:
-    """Any value as JSON can say it: modules as dictionaries, arrays as lists, infinite or unknown numbers as None.
+    """Any value in a form for JSON: modules as dictionaries, arrays as lists, infinite or unknown numbers as None.
 
     Examples
     --------
@@ -298,7 +298,7 @@ def plain(value: Any) -> Any:
     """
     if hasattr(value, "__array__"):
         value = np.asarray(value).tolist()
-    if hasattr(value, "_enumeration"):  # an item of an Enumeration of Equinox, by its name
+    if hasattr(value, "_enumeration"):  # an item of an Equinox Enumeration, by its name
         names = value._enumeration._name_to_item.items()
         return next(name for name, item in names if int(item._value) == int(np.asarray(value._value)))
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
@@ -313,7 +313,7 @@ def plain(value: Any) -> Any:
 
 
 def _aligned(cells: list[list[str]], header: Sequence[str] = ()) -> list[str]:
-    """Rows of cells as lines, columns below one another; columns without a cell are left out, and their header too."""
+    """Rows of cells as lines with aligned columns; columns without any cell are left out, with their header."""
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     if header:
         widths = [width and max(width, len(name)) for width, name in zip(widths, header, strict=True)]

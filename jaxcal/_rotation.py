@@ -1,6 +1,6 @@
-"""Rotations: unit quaternions (scalar first) and rotation vectors, with derivatives that hold at the identity.
+"""Rotations: unit quaternions (scalar first) and rotation vectors, with derivatives that are valid at the identity.
 
-A quaternion q stands for the matrix R(q); the product of quaternions is that of the matrices. Leading axes are batch axes.
+A quaternion q represents the matrix R(q); the product of quaternions represents the product of the matrices. Leading axes are batch axes.
 """
 
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ Vector = Float[AnyArray, "*batch 3"]
 
 
 def product(a: Quaternion, b: Quaternion) -> Array:
-    """Hamilton product a b: first b turns, then a."""
+    """Hamilton product a b: rotates first by b, then by a."""
     a0, a1, a2, a3 = jnp.moveaxis(jnp.asarray(a), -1, 0)
     b0, b1, b2, b3 = jnp.moveaxis(jnp.asarray(b), -1, 0)
     return jnp.stack(
@@ -33,7 +33,7 @@ def conjugate(q: Quaternion) -> Array:
 
 
 def normalised(q: Quaternion) -> Array:
-    """Unit quaternion along q, which is not zero."""
+    """Unit quaternion in the direction of q, which must not be zero."""
     q = jnp.asarray(q)
     return q / jnp.sqrt(jnp.sum(q * q, axis=-1, keepdims=True))
 
@@ -42,7 +42,7 @@ def exponential(v: Vector) -> Array:
     """Quaternion of the rotation vector v (rad): cos(|v|/2), v/|v| sin(|v|/2)."""
     v = jnp.asarray(v)
     square = jnp.sum(v * v, axis=-1, keepdims=True)
-    # Double where: sqrt has no derivative at zero; the series is exact to rounding below the switch.
+    # Replace the input as well, because sqrt has no derivative at zero; below the switch the series is exact to rounding.
     small = square < jnp.finfo(v.dtype).eps ** 0.5
     angle = jnp.sqrt(jnp.where(small, 1, square))
     cosine = jnp.where(small, 1 - square / 8 + square**2 / 384, jnp.cos(angle / 2))

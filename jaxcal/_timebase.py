@@ -1,4 +1,4 @@
-"""Time stamps as recorded -> places on a uniform grid, with sentences on everything that was mended."""
+"""Place recorded time stamps on a uniform grid, and report every repair in a sentence."""
 
 import dataclasses
 from collections.abc import Callable
@@ -8,14 +8,14 @@ import numpy as np
 from ._errors import DataError
 from ._quality import all_finite
 
-#: counters that wrap, and the ticks (s) in which they count
+#: ranges (ticks) at which counters wrap, and lengths (s) of their ticks
 _WRAPS = (2.0**16, 2.0**31, 2.0**32)
 _TICKS = (1e-9, 1e-6, 1e-3, 1.0)
 #: a step longer than this many periods that later steps do not make up is a gap
 _GAP = 1.5
-#: rate= may differ from the stamps by this much
+#: largest relative difference between rate= and the stamps
 _RATE_TOLERANCE = 0.005
-#: rms jitter, in periods, from which it is worth a warning
+#: rms jitter, in periods, above which a warning is given
 _JITTER = 0.02
 
 ADVICE = (
@@ -25,7 +25,7 @@ ADVICE = (
 
 @dataclasses.dataclass(frozen=True)
 class Placement:
-    """Where each sample belongs: `source` rows (None: all, as they are) go to `slot`s (None: in turn) of a grid of `size`."""
+    """Position of each sample: `source` rows (None: all, in order) go to `slot`s (None: one after the other) of a grid of `size`."""
 
     source: np.ndarray | None
     slot: np.ndarray | None
@@ -39,7 +39,7 @@ class Placement:
 def place(stamps: np.ndarray, rate: float | None, equal: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Placement:
     """Place samples with the given stamps (s, in any order) on a uniform grid.
 
-    `rate` is checked against the stamps, and kept where it agrees; ``equal(i, j)`` says for which pairs of rows all sensors have the
+    `rate` is checked against the stamps, and kept if it agrees. ``equal(i, j)`` tells for which pairs of rows all sensors have the
     same values.
     """
     warnings: list[str] = []
@@ -74,10 +74,10 @@ def place(stamps: np.ndarray, rate: float | None, equal: Callable[[np.ndarray, n
     estimate = len(kept) / float(kept.sum())
     rises = np.flatnonzero(steps > 0) + 1 if not even else np.zeros(0, np.int64)
     if len(rises) > 3:
-        # the first and the last of the stamps that several samples share may be shared by fewer of them
+        # fewer samples may share the first and the last of repeated stamps, so leave these out
         inner = steps[rises[0] : rises[-1]][regular[rises[0] : rises[-1]]]
         estimate = len(inner) / float(inner.sum()) if inner.any() else estimate
-    # no more digits than the stamps carry, so that 0.01 s steps give 100 Hz
+    # use no more digits than the stamps carry, so that steps of 0.01 s give 100 Hz
     carried = np.spacing(np.abs(stamps[[0, -1]]).max()) / (stamps[-1] - stamps[0])
     estimate = float(f"{estimate:.{int(np.clip(-np.log10(carried), 6, 12))}g}")
     jitter = float(np.sqrt(np.mean((kept - 1.0 / estimate) ** 2)) * estimate)
@@ -94,7 +94,7 @@ def place(stamps: np.ndarray, rate: float | None, equal: Callable[[np.ndarray, n
 
 
 def _unwrap(stamps: np.ndarray, warnings: list[str]) -> np.ndarray:
-    """Undo the overflow of a 16, 31 or 32 bit counter: a step back that the counter's range turns into an ordinary step."""
+    """Undo the overflow of a 16, 31 or 32 bit counter: a step back that becomes an ordinary step if the counter's range is added."""
     steps = np.diff(stamps)
     back = np.flatnonzero(steps < 0)
     period = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
@@ -104,7 +104,7 @@ def _unwrap(stamps: np.ndarray, warnings: list[str]) -> np.ndarray:
             if span < 20 * period:
                 continue
             wrapped = back[np.abs(steps[back] + span - period) < min(10 * period, span / 4)]
-            # after a wrap the count goes on from below; after a late stamp it jumps up again
+            # after a wrap the counter continues from below; after a late stamp it jumps up again
             wrapped = wrapped[[not np.any(steps[i + 1 : i + 50] > span / 2) for i in wrapped]]
             if len(wrapped):
                 turns = np.zeros(len(stamps))
@@ -126,7 +126,7 @@ def _sort(stamps: np.ndarray, source: np.ndarray | None, warnings: list[str]) ->
 
 
 def _drop_duplicates(stamps, source, equal, warnings: list[str]) -> tuple[np.ndarray, np.ndarray | None]:
-    """Keep one of the samples with equal stamp and equal values; leave those with different values to the even spacing."""
+    """Keep one of the samples with equal stamp and equal values; samples with different values are spaced evenly later."""
     same = np.flatnonzero(np.diff(stamps) == 0)
     if not len(same):
         return stamps, source
@@ -145,13 +145,13 @@ def _drop_duplicates(stamps, source, equal, warnings: list[str]) -> tuple[np.nda
 
 
 def _period(stamps: np.ndarray, steps: np.ndarray) -> tuple[float, bool]:
-    """Sampling period, robust against gaps, and whether single steps show it (False: bursts or coarse stamps)."""
-    if steps.max() < 1.05 * steps.min():  # wherever the medians lie, they agree
+    """Sampling period, robust against gaps, and whether single steps show it (False for bursts or coarse stamps)."""
+    if steps.max() < 1.05 * steps.min():  # for nearly equal steps, all medians agree
         return float(np.mean(steps)), True
     median = float(np.median(steps if steps.min() > 0 else steps[steps > 0]))
     block = max(1, min(256, len(steps) // 8))
     typical = float(np.median(stamps[block::block] - stamps[:-block:block])) / block
-    # where half of the samples are lost, the median and the mean step agree on the wrong period
+    # if half of the samples are lost, the median and the mean step agree on the wrong period
     if abs(typical / median - 1.0) > 0.05 or np.count_nonzero(steps < 0.75 * median) > 0.1 * len(steps):
         lossy = _period_of_lossy(stamps, steps)
         if lossy is None and abs(typical / median - 1.0) > 0.05:
@@ -166,7 +166,7 @@ def _period(stamps: np.ndarray, steps: np.ndarray) -> tuple[float, bool]:
 
 
 def _period_of_lossy(stamps: np.ndarray, steps: np.ndarray) -> float | None:
-    """Period if long steps are lost samples: whole multiples of the period that, unlike coarse stamps, stray from any line."""
+    """Period if long steps are lost samples: they are whole multiples of the period and, unlike coarse stamps, deviate from any line."""
     shortest = np.quantile(steps, 0.1)
     period = float(np.mean(steps[steps <= _GAP * shortest]))
     ratio = steps / period if period > 0 else np.zeros(1)
@@ -175,7 +175,7 @@ def _period_of_lossy(stamps: np.ndarray, steps: np.ndarray) -> float | None:
 
 
 def _refuse_irregular(stamps: np.ndarray, steps: np.ndarray, period: float) -> None:
-    """Bursts and coarse stamps keep near an even clock, within about the wait between two bursts; anything else is no clock."""
+    """Refuse stamps that are no clock. Bursts and coarse stamps stay near an even clock, within about the wait between two bursts."""
     if period == 0.0:
         raise DataError(f"most of the {len(stamps)} time stamps equal their neighbours; {ADVICE}")
     long = steps[steps > _GAP * period]
@@ -188,7 +188,7 @@ def _refuse_irregular(stamps: np.ndarray, steps: np.ndarray, period: float) -> N
 
 
 def _clock_deviation(stamps: np.ndarray, length: int) -> float:
-    """Largest distance from a line through (index, stamp), typical of blocks of `length` samples."""
+    """Largest distance from a line through (index, stamp), typical for blocks of `length` samples."""
     length = min(length, len(stamps))
     blocks = stamps[: len(stamps) // length * length].reshape(-1, length)
     blocks = blocks - blocks.mean(axis=1, keepdims=True)
@@ -198,24 +198,24 @@ def _clock_deviation(stamps: np.ndarray, length: int) -> float:
 
 
 def _gaps(steps: np.ndarray, period: float, even: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Samples missing in, and indices of, the steps that are gaps.
+    """Number of missing samples in each step that is a gap, and indices of these steps.
 
-    A long step is a gap only if the lag behind an even clock stays: a late stamp, or the wait between two bursts, is made up
-    by the short steps around it.
+    A long step is a gap only if the lag behind an even clock stays. The short steps around it make up for a late stamp, or for the wait
+    between two bursts.
     """
     long = np.flatnonzero(steps > _GAP * period)
     if not len(long):
         return np.zeros(0, np.int64), long
     from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-    # wide enough to hold a burst
+    # the window must be wide enough for a burst
     window = 20 if even else int(np.clip(3 * (len(steps) // len(long)), 20, 5000))
     lag = np.concatenate([[0.0], np.cumsum(steps - period)])
     least_after = minimum_filter1d(lag, window, mode="nearest", origin=-(window // 2))[long + 1]
     most_before = maximum_filter1d(lag, window, mode="nearest", origin=(window - 1) // 2)[long]
     lost = least_after - most_before
     if even:
-        # the extremes of 20 jittered stamps lie 1.87 sigma out on either side
+        # the extremes of 20 jittered stamps are 1.87 sigma out on either side
         lost += 2 * 1.87 * np.std(steps[(steps > 0.5 * period) & (steps < _GAP * period)]) / np.sqrt(2.0)
         missing = lost
     else:
@@ -234,7 +234,7 @@ def _gaps(steps: np.ndarray, period: float, even: bool) -> tuple[np.ndarray, np.
 
 
 def _describe(stamps, steps, rate: float, jitter: float, even: bool, warnings: list[str]) -> list[str]:
-    """Notes and warnings on how regular the stamps are."""
+    """Notes and warnings on the regularity of the stamps."""
     notes = []
     single = ""
     if np.spacing(np.float32(np.abs(stamps[-1]))) > 0.01 / rate and all(
@@ -272,7 +272,7 @@ def _agreed_rate(rate: float | None, estimate: float, notes: list[str]) -> float
 
 
 def span(seconds: float) -> str:
-    """Length of time in words, such as 2 h 46 min 40 s."""
+    """A length of time in words, such as 2 h 46 min 40 s."""
     if seconds >= 2 * 365.25 * 86400:
         return f"{seconds / (365.25 * 86400):.1f} years"
     if seconds >= 2 * 86400:

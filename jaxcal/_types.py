@@ -8,15 +8,15 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int, Num, PyTree
 
 AnyArray = Array | np.ndarray
 
-#: A result that is an array of JAX in a trace, and a number or array of NumPy outside of it.
+#: a result that is a JAX array in a trace, and a NumPy number or array outside of it
 Value = Array | np.ndarray | np.number
 
-#: One recording of one channel, or several channels with time first.
+#: one recording of one channel, or of several channels with time first
 Series = Num[AnyArray, " n"] | Num[AnyArray, "n channels"]
 
 Scalar = Float[AnyArray, ""] | float
 
-#: a group, which is a number or a word, for each of many
+#: the group of each of many items: a number or a word
 Groups = Sequence[Hashable] | AnyArray
 
 __all__ = ["Any", "AnyArray", "Array", "ArrayLike", "Bool", "Float", "Groups", "Int", "Num", "PyTree", "Scalar", "Series", "Value"]

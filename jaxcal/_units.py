@@ -1,7 +1,7 @@
-"""Units: strings to SI factors, and the units in which noise coefficients are quoted.
+"""Units: text to SI factors, and the units in which noise coefficients are quoted.
 
-SI inside, always: rad/s, m/s^2, T, s, degC. The factors of the noise coefficients are those of IEEE Std 952 and of
-inertial data sheets. A random walk coefficient N is two-sided; a data-sheet "noise density" is one-sided and
+jaxcal always computes in SI: rad/s, m/s^2, T, s, degC. The factors of the noise coefficients are those of IEEE Std 952 and of
+inertial data sheets. A random walk coefficient N is two-sided; the "noise density" of a data sheet is one-sided and
 sqrt(2) larger.
 """
 
@@ -11,6 +11,7 @@ import re
 from ._errors import UnitError
 
 STANDARD_GRAVITY = 9.80665
+STRONGEST_FIELD = 1e-3  # T: readings of a stronger field are counts, or in another unit
 _DEG = math.pi / 180.0
 
 #: quantity -> (SI unit, {unit: factor to SI})
@@ -29,7 +30,7 @@ _QUANTITIES: dict[str, tuple[str, dict[str, float]]] = {
 #: the Modified Julian Date counts from 1858-11-17, 40587 days before 1970
 _OFFSETS = {"K": -273.15, "degF": -160.0 / 9.0, "mjd": -40587.0 * 86400.0}
 
-#: spellings met in headers and on command lines -> the unit above
+#: spellings found in headers and on command lines -> the unit above
 _SPELLINGS = {
     "sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "millis": "ms", "usec": "us", "micros": "us",
     "nsec": "ns", "nanos": "ns", "hour": "h", "hours": "h", "day": "d", "days": "d",
@@ -70,7 +71,7 @@ def units_of(quantity: str) -> dict[str, float]:
 
 
 def find_unit(text: str, quantity: str) -> str | None:
-    """Canonical unit that `text` spells for `quantity`, or None.
+    """Canonical unit that `text` means for `quantity`, or None.
 
     Examples
     --------
@@ -84,12 +85,12 @@ def find_unit(text: str, quantity: str) -> str | None:
         if candidate in table:
             return candidate
     lowered = {unit.lower(): unit for unit in table}
-    # only where lower case is unambiguous: mT and mt, G and g mean different things
+    # accept other cases only where they are unambiguous: mT and mt, G and g mean different things
     return lowered.get(text.lower()) if quantity in ("time", "gyro", "accel") else None
 
 
 def factor(unit: str, quantity: str) -> float:
-    """SI value of one `unit` of `quantity` (temperature: of one degree; see `to_si` for the offset)."""
+    """SI value of one `unit` of `quantity`; for temperature, of one degree (`to_si` adds the offset)."""
     found = find_unit(unit, quantity)
     if found is None:
         known = ", ".join(_QUANTITIES[quantity][1])
@@ -104,7 +105,7 @@ def to_si(values, unit: str, quantity: str):
     return values if scale == 1.0 and offset == 0.0 else values * scale + offset
 
 
-#: (term, sensor) -> {unit: SI value of one unit}; the first entry is the one printed
+#: (term, sensor) -> {unit: SI value of one unit}; the first entry is used for printing
 _NOISE: dict[tuple[str, str], dict[str, float]] = {
     ("Q", "gyro"): {"arcsec": _DEG / 3600, "deg": _DEG, "rad": 1.0},
     ("N", "gyro"): {"deg/sqrt(h)": _DEG / 60, "deg/sqrt(s)": _DEG, "deg/s/sqrt(Hz)": _DEG, "rad/sqrt(s)": 1.0},
@@ -131,7 +132,7 @@ _NOISE: dict[tuple[str, str], dict[str, float]] = {
 
 
 def noise_units(term: str, sensor: str) -> tuple[str, ...]:
-    """Units in which a noise coefficient is quoted: the printed one first, the SI one last. A term of one's own has "SI" alone."""
+    """Units in which a noise coefficient is quoted: first the printed one, last the SI unit. A user's term has "SI" only."""
     return tuple(_noise_table(term, sensor))
 
 
@@ -159,7 +160,7 @@ def _noise_table(term: str, sensor: str) -> dict[str, float]:
 
 
 def number(value: float, uncertainty: float) -> str:
-    """A number with the digits that its uncertainty leaves: two of them are doubtful.
+    """A number with decimals down to the second digit of its uncertainty.
 
     Examples
     --------

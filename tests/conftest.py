@@ -1,4 +1,4 @@
-"""Strict JAX settings for every test, checked types where asked for, one cache of compiled programs, and numbers recorded by others."""
+"""Settings of all tests: strict JAX, optional type checks, a common cache of compiled programs, and the folder of reference data."""
 
 import dataclasses
 import functools
@@ -8,15 +8,15 @@ import pathlib
 import shutil
 import tempfile
 
-# Nine tenths of a run is compilation, and much of that optimisation, which makes the same programs faster. Without it, with the older
-# generator of fused loops and with one object file for each program, compilation takes less than half the time. Everything is optimised
-# with XLA_FLAGS= in the environment.
+# Compilation takes nine tenths of a run, and a large part of it is optimisation. Without optimisation, with the older generator of fused
+# loops and with one object file for each program, compilation takes less than half the time. XLA_FLAGS= in the environment restores full
+# optimisation.
 os.environ.setdefault(
     "XLA_FLAGS",
     "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true "
     "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1",
 )
-# Two processes whose linear algebra takes two threads each wait for one another: thermal fits take four times as long.
+# If two processes use two threads each for linear algebra, they wait for one another, and thermal fits take four times as long.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 import beartype
 import jax
@@ -30,10 +30,10 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
-# Many programs are compiled more than once: by each process, and by the commands, workers and notebooks they start. One folder for all of
-# them saves a twelfth of a run. What counts compilations counts programs that are found there too.
+# Each process, and each command, worker and notebook that it starts, would compile many of the same programs. A common cache folder saves
+# a twelfth of the run. Tests that count compilations also count programs found in the cache.
 _CACHE = None
-if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # processes find the folder of the one that started them
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # a process that another one starts uses the folder of that one
     _CACHE = tempfile.mkdtemp(prefix="jaxcal-tests-")
     limits = {"jax_persistent_cache_min_compile_time_secs": 0.01, "jax_persistent_cache_min_entry_size_bytes": -1}
     for name, value in {"jax_compilation_cache_dir": _CACHE, **limits}.items():
@@ -42,7 +42,7 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # processes find the folder o
 
 
 def pytest_unconfigure():
-    """Remove the cache of this run, in the process that made it."""
+    """Remove the cache of this run; only the process that made it does this."""
     if _CACHE is not None:
         shutil.rmtree(_CACHE, ignore_errors=True)
 
@@ -51,11 +51,11 @@ _by_jaxtyping = jaxtyping.jaxtyped
 
 
 def _checked(fn=None, *, typechecker):
-    """Check types and shapes at each call, as `jaxtyping.jaxtyped` does, in a tenth of its time.
+    """Check types and shapes at each call, as `jaxtyping.jaxtyped` does, but in a tenth of its time.
 
-    `jaxtyped` binds the arguments and calls two functions of its own around every function, also where nothing is annotated. That is half
-    of a test that calls the package in a loop. Here beartype checks arguments and result in one call. `jaxtyped` checks what is left: a
-    function inside of a function, which is made anew at each call, and annotations that name a class before it is there.
+    `jaxtyped` binds the arguments and calls two of its own functions around every function, even one without annotations. This takes half
+    the time of a test that calls the package in a loop. Here beartype checks arguments and result in one call. Two cases are left to
+    `jaxtyped`: functions defined inside a function, which are created again at each call, and annotations given as strings.
     """
     if fn is None:
         return functools.partial(_checked, typechecker=typechecker)
@@ -71,7 +71,7 @@ def _checked(fn=None, *, typechecker):
 
     @functools.wraps(fn)
     def call(*args, **kwargs):
-        push_shape_memo({})  # the sizes that the names of axes have in this call
+        push_shape_memo({})  # stores the sizes of named axes for this call
         try:
             return inner(*args, **kwargs)
         finally:
@@ -81,16 +81,19 @@ def _checked(fn=None, *, typechecker):
     return call
 
 
-jaxtyping.jaxtyped = _checked  # the import hook of --jaxtyping-packages applies it to the package, which is not imported yet
+jaxtyping.jaxtyped = _checked  # the import hook of --jaxtyping-packages will apply it to the package, which is imported later
 
 
-#: memory maps of a process beyond which compiled programs are let go; Linux allows 65,530, and a compiler that gets no more of them crashes
+#: number of memory maps of a process above which compiled programs are released; Linux allows 65,530, beyond which the compiler crashes
 _MOST_MAPS = 30_000
 
 
 @pytest.fixture(autouse=True, scope="module")
 def _programs_let_go():
-    """Every program compiled holds memory maps: a process that runs half of all tests would have more than it may."""
+    """Release compiled programs when a process has too many memory maps.
+
+    Every compiled program needs some; a process that runs half of all tests would exceed the limit.
+    """
     yield
     maps = pathlib.Path("/proc/self/maps")
     if maps.exists() and maps.read_bytes().count(b"\n") > _MOST_MAPS:
@@ -98,16 +101,22 @@ def _programs_let_go():
         gc.collect()
 
 
+def pytest_collection_finish():
+    """Exclude all objects that exist now from garbage collection, which would otherwise search a million of them repeatedly."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(params=["float64", "float32"])
 def precision(request):
-    """Run the test twice: with the user's JAX in float64 and in its default float32."""
+    """Run the test twice, with JAX in float64 and in its default float32."""
     with jax.enable_x64(request.param == "float64"):
         yield request.param
 
 
 @pytest.fixture(scope="session")
 def reference():
-    """Folder with numbers and logs recorded by others (`JAXCAL_REFERENCE`, default ../shared)."""
+    """Folder with reference numbers and real logs (`JAXCAL_REFERENCE`, default ../shared)."""
     root = pathlib.Path(__file__).resolve().parents[1]
     folder = pathlib.Path(os.environ.get("JAXCAL_REFERENCE", root.parent / "shared"))
     if not (folder / "reference").is_dir():

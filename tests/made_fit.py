@@ -1,4 +1,4 @@
-"""Fits made by hand, so that every field holds a chosen value."""
+"""Noise fits written by hand, so that every field has a chosen value."""
 
 import math
 
@@ -11,7 +11,7 @@ TERMS = ("Q", "N", "B", "K")
 
 
 def made_deviation(noise, rate=200.0, clusters=40, largest=50_000, **changes):
-    """The deviation that the model predicts, with an interval that widens with the cluster time."""
+    """The Allan deviation that the model predicts, with an interval that widens with the cluster time."""
     m = np.unique(np.round(np.geomspace(1, largest, clusters)))
     tau = m / rate
     value = np.sqrt(np.asarray(noise.avar(tau, dt=1 / rate)))

@@ -1,4 +1,4 @@
-"""`Calibration` against the golden file of its schema, and round trips of everything that it can hold."""
+"""`Calibration` against the golden file of its schema, and round trips of all its contents."""
 
 import dataclasses
 import json
@@ -258,12 +258,12 @@ def test_a_magnetometer_fit_corrects_a_log(tmp_path):
         jaxcal.Calibration(magnetometer=jaxcal.magnetometer.fit(1e6 * field))
 
 
-# files of an earlier version, and models of one's own
+# files of an earlier version, and user-defined models
 
 
 @pytest.mark.parametrize("name", ["full", "bare"])
 def test_files_of_an_earlier_version_load_and_give_the_same_numbers(tmp_path, name):
-    """Written at 78460c9, together with what that version made of a log of six samples."""
+    """The files were written at commit 78460c9, together with the values to which that version corrected a log of six samples."""
     made = json.loads(EARLIER.read_text())[name]
     device = loaded_from(made["document"], tmp_path / "a.json")
     k = np.arange(6)
@@ -281,7 +281,7 @@ def test_files_of_an_earlier_version_load_and_give_the_same_numbers(tmp_path, na
 
 
 class WarmMagnetometer(MagModel):
-    """A hard iron that moves with the temperature."""
+    """A magnetometer whose hard iron changes with the temperature."""
 
     slope: Any = 0.0
 
@@ -293,7 +293,7 @@ class WarmMagnetometer(MagModel):
 
 
 class BentAccelerometer(Triad):
-    """A reading that bends with the square of the specific force along each axis."""
+    """An accelerometer with a quadratic term along each axis."""
 
     bend: Any = 0.0
 
@@ -306,7 +306,7 @@ class BentAccelerometer(Triad):
 
 
 class Quadratic(AbstractCurve):
-    """A thermal curve of one's own."""
+    """A user-defined thermal curve."""
 
     vertex: float
     gain: float
@@ -320,7 +320,7 @@ SOFT = np.array([[1.1, 0.1, 0.0], [0.1, 0.9, 0.0], [0.0, 0.0, 1.0]])
 
 @pytest.fixture(scope="module")
 def own():
-    """A device whose models have fields that the package does not know."""
+    """A device with user-defined models that have additional fields."""
     mag = WarmMagnetometer(SOFT, np.array([2e-5, -1e-5, 3e-5]), np.array([1e-8, 0.0, -2e-8]))
     names = ("A_xx", "A_xy", "A_yy", "A_xz", "A_yz", "A_zz", "b_x", "b_y", "b_z", "slope[0]", "slope[1]", "slope[2]")
     covariance = Covariance(names, np.diag([1e-4] * 6 + [1e-14] * 3 + [1e-20] * 3))
@@ -332,7 +332,7 @@ def own():
 
 @pytest.fixture(scope="module")
 def own_log(own):
-    """What the device of `own` reads, and the truth."""
+    """Readings of the device `own`, the true field and the true specific force."""
     draw, t = np.random.default_rng(0), np.linspace(10.0, 40.0, 20)
     field, force = 5e-5 * draw.standard_normal((20, 3)), 9.8 * draw.standard_normal((20, 3))
     log = jaxcal.Log(
@@ -435,7 +435,7 @@ def test_an_export_says_what_it_cannot_hold(own, tmp_path):
 
 
 class Nested(MagModel):
-    """A model within a model, and text."""
+    """A model with a nested model and text as fields."""
 
     drift: Chebyshev = None
     remark: str = ""

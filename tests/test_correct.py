@@ -1,4 +1,4 @@
-"""`Calibration.correct`, and the temperature section: equations (5.4), (5.5), exact storage, warnings."""
+"""`Calibration.correct` and the temperature section: equations (5.4) and (5.5), exact storage, warnings."""
 
 import pathlib
 
@@ -7,7 +7,7 @@ import pytest
 
 import jaxcal
 from jaxcal import Calibration, DataError, Log
-from jaxcal.temperature import characterise, reference_bias, simulate
+from jaxcal.temperature import characterise, fit, reference_bias, simulate
 
 GOLDEN = pathlib.Path(__file__).parent / "export" / "golden.json"
 
@@ -26,9 +26,8 @@ def log(made):
 @pytest.fixture(scope="module")
 def device(log):
     fits = {}
-    for model, degree, name in (("auto", None, "gyro_x"), ("table", None, "gyro_y"), ("polynomial", 25, "gyro_z")):
-        part = characterise(Log(None, gyro=log.gyro, temperature=log.temperature, rate=1.0), model=model, degree=degree)
-        fits[name] = part[name]
+    for i, (model, degree, name) in enumerate((("auto", None, "gyro_x"), ("table", None, "gyro_y"), ("polynomial", 25, "gyro_z"))):
+        fits[name] = fit(log.temperature, log.gyro[:, i], time=log.time, model=model, degree=degree)
     return Calibration(temperature=fits, device="unit 7", provenance={"sha256": "a"})
 
 
@@ -99,7 +98,7 @@ def test_what_cannot_be_corrected_is_refused(device, log):
     with pytest.raises(DataError, match="holds nothing that this log could be corrected with"):
         device.correct(Log(None, mag=log.gyro, rate=1.0))
     with pytest.raises(DataError, match="channel 'wx'"):
-        Calibration(temperature={"wx": characterise(log, model="polynomial", degree=1)["gyro_x"]})
+        Calibration(temperature={"wx": fit(log.temperature, log.gyro[:, 0], model="polynomial", degree=1)})
     section = device.temperature.to_document()
     broken = {**section, "channels": {"gyro_x": {k: v for k, v in section["channels"]["gyro_x"].items() if k != "coefficients"}}}
     with pytest.raises(DataError, match=r"channels.gyro_x.coefficients is missing"):
@@ -109,7 +108,7 @@ def test_what_cannot_be_corrected_is_refused(device, log):
 
 
 def test_the_slow_noise_of_a_drifting_temperature_goes(device):
-    """An hour whose temperature drifts by 2 degC, which counts as B, K or R at long times without the correction."""
+    """The temperature drifts by 2 degC within an hour; without the correction this appears as B, K or R at long cluster times."""
     n, rate = 9_000, 2.5
     t = 30 + 2 * np.sin(np.pi * np.arange(n) / n)
     white = 1e-4 * np.sqrt(rate) * np.random.default_rng(0).standard_normal(n)

@@ -1,4 +1,4 @@
-"""Two calibrations: one after the other, backwards, and what changed between them."""
+"""Composition, inverse and difference of calibrations."""
 
 import contextlib
 import copy
@@ -29,7 +29,7 @@ def golden():
 
 
 def other(seed, **sections):
-    """A calibration with all that mixes axes."""
+    """A random calibration with all sections whose matrices mix axes."""
     draw = np.random.default_rng(seed)
 
     def near(size):
@@ -68,13 +68,13 @@ def same(a, b):
 def test_composed_is_one_after_the_other(golden, log, left_out, which):
     old, new = (golden, other(1, **left_out)) if which == "new" else (other(1, **left_out), golden)
     if old.imu is None and old.temperature is not None:
-        # without an imu section thermal powers are taken off all the same
+        # the thermal bias is subtracted even without an imu section
         assert old.correct(log).gyro is not None
     same(new.compose(old).correct(log), new.correct(old.correct(log)))
 
 
 def test_composed_matrices(golden):
-    """Section 2.15 of formats.md: C_new C_old, and the bias mapped back, written out."""
+    """The matrix is C_new C_old, and the new bias is mapped back through C_old, as in section 2.15 of formats.md."""
     new, old = other(2), golden
     both = new.compose(old).imu.accel
     c_new, c_old = (np.linalg.inv(one.imu.accel.model.matrix) for one in (new, old))
@@ -93,7 +93,7 @@ def test_inverse_makes_raw_again(golden, log):
 
 
 def test_the_covariance_is_carried_to_the_raw_readings():
-    """Against the spread of compositions of drawn calibrations."""
+    """The covariance equals that of compositions in which the new parameters are changed along the columns of its root."""
     draw = np.random.default_rng(7)
     size = 1e-3
     root = size * np.tril(draw.standard_normal((21, 21)) / 5 + np.eye(21))
@@ -122,7 +122,7 @@ def test_the_covariance_of_a_magnetometer_is_carried():
 
     def shape(part):
         w = np.linalg.inv(part.model.soft_iron) / part.field
-        return (w.T @ w) * 1e-9  # the scale keeps A and b of one size
+        return (w.T @ w) * 1e-9  # the factor makes A and b similar in size
 
     entries = [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)]
     known = Part(new.model, "T", new.field, Covariance(tuple(MAG_NAMES), root @ root.T))
@@ -155,7 +155,7 @@ def test_thermal_models_that_do_not_add_up(golden):
 
 
 def drawn_pair(draw, change):
-    """Two fits of an accelerometer whose third bias changed, fixed matrix entries below the diagonal as a convention has them."""
+    """Two random fits of an accelerometer whose z bias changed; matrix elements below the diagonal are fixed, as in "upper"."""
     root = 1e-3 * np.tril(np.random.default_rng(3).standard_normal((12, 12)))
     fixed = [3, 6, 7]
     root[fixed] = 0.0
@@ -199,7 +199,7 @@ def test_conventions_and_missing_covariances_are_told(golden):
 
 
 def test_a_magnetometer_that_changed():
-    """Fits of two simulated recordings: the same device, and with another hard iron."""
+    """The difference is significant for a recording with another hard iron, but not for another recording of the same device."""
     field = jaxcal.magnetometer.body_field(jaxcal.magnetometer.scenario("all"), 50e-6)
     soft, hard = np.array([[1.1, 0.05, 0.0], [0.05, 0.95, 0.0], [0.0, 0.0, 1.0]]), np.array([2e-5, -1e-5, 3e-5])
 
@@ -282,7 +282,7 @@ JUNK = [
 
 @pytest.mark.long
 def test_a_mutated_file_ends_in_a_sentence(golden, log, tmp_path):
-    """Values replaced, lost, and copied elsewhere at random: the file is refused, or everything made of it is finite."""
+    """A file with random values replaced, removed or copied is refused, or all results computed from it are finite."""
     full = other(1)
     document = json.loads(GOLDEN.read_text())
     document["imu"]["accel"]["covariance"] = {"parameters": NAMES, "values": np.eye(12).tolist()}

@@ -1,4 +1,4 @@
-"""The pages of docs/: what they link to and name is there, and their code is Python."""
+"""The pages of docs/: their links and the names in them exist, and their code is valid Python."""
 
 import ast
 import importlib
@@ -61,7 +61,7 @@ def test_code_is_python(page):
 
 
 def test_pages_of_the_interface_follow_the_packages():
-    """Every package with public names has its page; the list of them is read without the tools of the site."""
+    """Every package with public names has a page. The test reads the list from docs/hooks.py, without the packages of the site."""
     tree = ast.parse((ROOT / "docs" / "hooks.py").read_text(encoding="utf-8"))
     parts = next(ast.literal_eval(node.value) for node in tree.body if isinstance(node, ast.Assign) and node.targets[0].id == "PARTS")
     packages = {f"jaxcal.{path.parent.name}" for path in (ROOT / "jaxcal").glob("[a-z]*/__init__.py")}
@@ -69,7 +69,7 @@ def test_pages_of_the_interface_follow_the_packages():
 
 
 def test_docstrings_become_markdown():
-    """numpydoc with entries on one line; run apart, since griffe belongs to the tools of the site alone."""
+    """Sections of numpydoc become Markdown. The code runs in a separate process without griffe, which only the site needs."""
     source = """One line, a*b and x_[i].
 
         S = 1

@@ -1,4 +1,4 @@
-"""Which calibration of a folder is taken for a device and a date."""
+"""Choice of a calibration from a folder by device and date."""
 
 import datetime
 

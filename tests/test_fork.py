@@ -1,4 +1,4 @@
-"""A process that is forked from one that computes says so, instead of waiting for ever."""
+"""In a process forked from one that has used JAX, jaxcal raises an error instead of waiting forever."""
 
 import os
 import subprocess

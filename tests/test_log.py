@@ -1,4 +1,4 @@
-"""The time grid and the state of the values of a `Log`."""
+"""The time grid of a `Log`, and checks of its values."""
 
 import numpy as np
 import pytest
@@ -143,7 +143,7 @@ def test_a_gap_of_years_asks_for_a_split():
         Log(time, noise())
 
 
-# stamps that need mending
+# stamps that can be repaired
 
 
 def test_out_of_order_stamps_are_sorted():
@@ -236,7 +236,7 @@ def test_samples_without_a_stamp_are_left_out():
     assert np.isnan(log.gyro[10]).all()
 
 
-# the rate given beside stamps
+# a rate given together with stamps
 
 
 def test_a_given_rate_within_half_a_percent_is_kept():
@@ -256,7 +256,7 @@ def test_a_rate_is_a_positive_number(rate):
         Log(None, noise(), rate=rate)
 
 
-# stamps that cannot be mended
+# stamps that cannot be repaired
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
-"""Laws that hold between results of changed data: units, axes, order, time, constants, and records put together.
+"""Relations between the results of changed data: other units, axes, order, time and constants, and records that are joined.
 
-They need no truth: each follows from the definition of what is estimated, and the comment says how. The same shapes are used throughout,
-so that few programs are compiled.
+These relations need no known truth: each follows from the definition of the estimated quantity, as its comment explains. All tests use
+the same shapes, so that few programs are compiled.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ SIZES = {kind: [2, 8, 64] for kind in KINDS}
 
 @pytest.fixture(scope="module")
 def y():
-    """White noise on a random walk, three channels of different size."""
+    """Three channels of white noise plus random walk, with different sizes."""
     rng = np.random.default_rng(0)
     return (rng.standard_normal((N, 3)) + 0.02 * np.cumsum(rng.standard_normal((N, 3)), axis=0)) * [1.0, 2.0, 0.5]
 
@@ -41,27 +41,27 @@ def close(found, expected, rtol=1e-9, atol=0.0):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_deviation(y, deviations, kind):
-    """Every deviation is a norm of linear functionals of the record, channel by channel."""
+    """Every deviation is a norm of linear functions of the record, separately for each channel."""
     before, options = deviations[kind], {"kind": kind, "m": SIZES[kind]}
-    # homogeneous of degree one; degrees of freedom and noise type are those of the shape alone
+    # the deviation scales with the record; degrees of freedom and noise type do not depend on the scale
     scaled = allan.deviation(-3.0 * y, RATE, **options)
     for name in ("deviation", "lower", "upper"):
         close(getattr(scaled, name), 3.0 * getattr(before, name), 1e-10)
     np.testing.assert_array_equal(scaled.alpha, before.alpha)
-    # a channel does not know of the others
+    # a channel does not depend on the others
     order = [2, 0, 1]
     close(allan.deviation(y[:, order], RATE, **options).deviation, before.deviation[:, order], 1e-12)
-    # in a clock that runs c times as fast, averages at the same number of samples are the same; integrals are 1/c of what they were
+    # at a rate c times as high, averages over the same number of samples are unchanged, and integrals are divided by c
     faster = allan.deviation(y, 4.0 * RATE, **options)
     close(faster.tau, before.tau / 4.0)
     close(faster.deviation, before.deviation / (4.0 if before.unit_of_phase else 1.0), 1e-10)
-    # differences run over all starting points, and m divides n: the record reversed has the same, with other signs
+    # the differences start at all samples, and m divides n: the reversed record has the same differences with other signs
     close(allan.deviation(y[::-1], RATE, **options).deviation, before.deviation, 1e-9)
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in ("mtie", "tierms")])
 def test_deviation_does_not_see_a_constant(y, deviations, kind):
-    """The second difference of phase takes a line off, the third (Hadamard) a parabola: a constant rate, and a ramp."""
+    """The second difference of phase removes a line (a constant rate), the third of Hadamard also a parabola (a ramp of the rate)."""
     options = {"kind": kind, "m": SIZES[kind]}
     close(allan.deviation(y + 9.81, RATE, **options).deviation, deviations[kind].deviation, 1e-9)
     if kind in ("hdev", "ohdev"):
@@ -71,7 +71,7 @@ def test_deviation_does_not_see_a_constant(y, deviations, kind):
 
 @pytest.mark.parametrize("kind", ["oadev", "ohdev"])
 def test_deviation_of_two_records_with_a_gap_between(y, kind):
-    """No difference spans the gap: the variance is the mean of both, weighted by their numbers of differences."""
+    """No difference spans the gap: the variance is the mean of those of both parts, weighted by their numbers of differences."""
     m = [1, 8, 32]
     first, second = y[:1200], y[1200:]
     gap = np.full((8, 3), np.nan)
@@ -88,24 +88,24 @@ def test_deviation_of_two_records_with_a_gap_between(y, kind):
 
 @pytest.mark.parametrize("method", ["periodogram", "welch", "dct"])
 def test_spectrum(y, method):
-    """A density is the square of a linear functional, per Hz, without frequency zero."""
+    """A density is the squared magnitude of a linear transform, per Hz, without frequency zero."""
     options = {"method": method, "average": None}
     before = spectrum.density(y, RATE, **options)
     close(spectrum.density(-3.0 * y, RATE, **options).density, 9.0 * before.density, 1e-9, 1e-20)
     close(spectrum.density(y[:, [2, 0, 1]], RATE, **options).density, before.density[:, [2, 0, 1]], 1e-9, 1e-20)
-    # same power over four times the band
+    # the same power is spread over four times the bandwidth
     faster = spectrum.density(y, 4.0 * RATE, **options)
     close(faster.frequency, 4.0 * before.frequency)
     close(faster.density, before.density / 4.0)
-    # what is constant has frequency zero
+    # a constant has frequency zero, which is left out
     close(spectrum.density(y + 9.81, RATE, **options).density, before.density, 1e-6, 1e-12 * before.density.max())
-    if method != "welch":  # its periodic window is not symmetric
-        # reversal conjugates the transform, and changes the sign of every other cosine
+    if method != "welch":  # the periodic window of Welch's method is not symmetric
+        # reversal conjugates the Fourier transform, and changes the sign of every other coefficient of the cosine transform
         close(spectrum.density(y[::-1], RATE, **options).density, before.density, 1e-6, 1e-12 * before.density.max())
 
 
 def test_spectrum_of_a_record_twice(y):
-    """A repeated record is periodic: all its power at every other ordinate, which hold the transform twice over twice the length."""
+    """A repeated record is periodic: every other ordinate is zero, and the others double, as the transform does over twice the length."""
     once = spectrum.density(y, RATE, average=None).density
     twice = spectrum.density(np.concatenate([y, y]), RATE, average=None).density
     close(twice[1::2], 2.0 * once, 1e-8, 1e-12 * once.max())
@@ -117,14 +117,14 @@ def test_spectrum_of_a_record_twice(y):
 
 @pytest.fixture(scope="module", params=["whittle", "gls"])
 def fitted(request):
-    """A record with N and K, and its fit."""
+    """A simulated record with N and K, the options of a fit, and the fit."""
     made = noise.Noise(N=1.0, K=2.0).simulate(4096, rate=RATE, seed=1)
     options = {"method": request.param, "terms": ("N", "K")}
     return made, options, noise.fit(made, rate=RATE, **options)
 
 
 def alike(found, before, factors, rtol):
-    """Coefficients and limits, times a factor for each term; verdicts as they were."""
+    """Check that coefficients and intervals are multiplied by the factor of their term, and that verdicts are unchanged."""
     for term, factor in factors.items():
         close(getattr(found.noise, term), factor * getattr(before.noise, term), rtol)
         close(found.interval[term], factor * np.array(before.interval[term]), rtol)
@@ -132,17 +132,17 @@ def alike(found, before, factors, rtol):
 
 
 def test_noise(fitted):
-    """The likelihood and the weights know the record by the shape of its spectrum or its Allan variance."""
+    """The fit depends on the record only through its spectrum or its Allan variance."""
     made, options, before = fitted
     assert before.verdict == {"N": "present", "K": "present"}
-    # coefficients are sizes: they go with the unit
+    # coefficients scale with the unit and do not depend on the sign
     alike(noise.fit(1e-3 * made, rate=RATE, **options), before, {"N": 1e-3, "K": 1e-3}, 1e-5)
     alike(noise.fit(-made, rate=RATE, **options), before, {"N": 1.0, "K": 1.0}, 1e-6)
-    # neither spectrum nor Allan variance sees a constant
+    # neither the spectrum nor the Allan variance depends on a constant
     alike(noise.fit(made + 9.81, rate=RATE, **options), before, {"N": 1.0, "K": 1.0}, 1e-5)
-    # nor the direction of time
+    # nor do they depend on the direction of time
     alike(noise.fit(made[::-1], rate=RATE, **options), before, {"N": 1.0, "K": 1.0}, 1e-5)
-    # in a clock c times as fast: N^2 is power per Hz, falls by c; K^2 = S (2 pi f)^2 rises by c^2 / c
+    # at a rate c times as high, N^2 is power per Hz and is divided by c; K^2 = S (2 pi f)^2 is multiplied by c^2 / c
     c = 4.0
     alike(noise.fit(made, rate=c * RATE, **options), before, {"N": c**-0.5, "K": c**0.5}, 1e-5)
 
@@ -156,7 +156,7 @@ def test_noise_channels_do_not_know_of_one_another(fitted):
 
 
 def test_noise_of_two_records_put_together():
-    """White noise has no border: the variance is the mean of both, and the interval is sqrt(2) times narrower."""
+    """Joined records of white noise are white noise: the variance is the mean of both, and the interval is sqrt(2) times narrower."""
     a, b = noise.Noise(N=1.0).simulate(4096, rate=RATE, seed=5), noise.Noise(N=1.0).simulate(4096, rate=RATE, seed=6)
     parts = [noise.fit(x, rate=RATE, terms=("N", "K")) for x in (a, b)]
     both = noise.fit(np.concatenate([a, b]), rate=RATE, terms=("N", "K"))
@@ -178,7 +178,7 @@ def ball():
 
 @pytest.mark.parametrize("method", ["ml", "constrained", "li_griffiths"])
 def test_magnetometer(ball, method):
-    """The readings lie on an ellipsoid; what moves, turns or stretches it does so to its centre and its matrix."""
+    """The readings lie on an ellipsoid; moving, rotating or scaling them does the same to its centre and its matrix."""
     options = {"method": method, "model": "symmetric"}
     before = magnetometer.fit(ball, **options)
     matrix, centre = np.asarray(before.model.soft_iron), np.asarray(before.model.hard_iron)
@@ -191,29 +191,29 @@ def test_magnetometer(ball, method):
         assert found.verdict == before.verdict
         return found
 
-    # another unit: the centre goes with it, the shape stays, and so does the error in degrees
+    # another unit: the centre scales with it; the shape and the error in degrees do not change
     found = check(1e-6 * ball, matrix, 1e-6 * centre)
     close(found.heading_error, before.heading_error, 1e-4)
-    # a hard iron more: conditions on the quadratic part alone do not see where the centre is
+    # an additional hard iron: conditions on the quadratic part do not depend on the centre
     check(ball + [5.0, -3.0, 2.0], matrix, centre + [5.0, -3.0, 2.0], 1e-5)
-    # a turned sensor: a symmetric soft iron turns from both sides. Traces, the invariants of Li and Griffiths and distances do not see a
-    # rotation; the condition 4ac - b^2 = 1 is of the section z = const, and sees all but those about z
+    # a rotated sensor: a symmetric soft iron is rotated from both sides. Traces, the invariants of Li and Griffiths, and distances do not
+    # change under a rotation; the condition 4ac - b^2 = 1 is on the section z = const and is unchanged only by rotations about z
     turn = Rotation.from_rotvec([0.0, 0.0, 0.7] if method == "constrained" else [0.3, -1.1, 0.7]).as_matrix()
     check(ball @ turn.T, turn @ matrix @ turn.T, turn @ centre, 1e-5)
-    # axes exchanged, one reversed
+    # two axes are exchanged, and one is reversed
     swap = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
     if method == "constrained":
         swap = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     check(ball @ swap.T, swap @ matrix @ swap.T, swap @ centre, 1e-5)
-    # neither time nor order is in a fit of norms
+    # a fit of field magnitudes does not depend on time or order
     check(ball[::-1], matrix, centre)
     check(np.random.default_rng(1).permutation(ball), matrix, centre)
-    # every reading twice: no other ellipsoid
+    # if every reading is repeated, the ellipsoid is the same
     check(np.concatenate([ball, ball]), matrix, centre, 1e-5)
 
 
 def test_magnetometer_readings_twice_are_half_the_variance(ball):
-    """In the formula of the covariance; the noise is per reading, with 9 degrees of freedom taken once."""
+    """If every reading is repeated, the formula halves the covariance; noise is per reading, and 9 degrees of freedom are used once."""
     once, twice = (magnetometer.fit(m, model="symmetric") for m in (ball, np.concatenate([ball, ball])))
     close(np.sqrt(np.diag(twice.covariance) / np.diag(once.covariance)), np.sqrt(0.5), 0.02)
 
@@ -222,7 +222,7 @@ def test_magnetometer_readings_twice_are_half_the_variance(ball):
 
 
 def test_six_position():
-    """A linear model in its parameters: the readings' unit and constants go straight into the result."""
+    """The model is linear in its parameters: unit and constants of the readings appear directly in the result."""
     rng = np.random.default_rng(0)
     true = imu.Triad(np.eye(3) + 0.02 * rng.standard_normal((3, 3)), np.array([0.1, -0.2, 0.05]))
     force = 9.81 * np.kron(np.eye(3), np.array([[1.0], [-1.0]]))
@@ -234,21 +234,21 @@ def test_six_position():
     moved = imu.six_position(readings + [1.0, 2.0, 3.0], 9.81).triad
     close(moved.matrix, before.matrix, 1e-9, 1e-12)
     close(moved.bias, before.bias + [1.0, 2.0, 3.0])
-    # the order of the positions, told with them
+    # the positions in another order, with their directions
     order = rng.permutation(6)
     shuffled = imu.six_position(readings[order], 9.81, up=(force / 9.81)[order]).triad
     close(shuffled.matrix, before.matrix, 1e-9, 1e-12)
-    # sensor and block turned together: the matrix turns from both sides
+    # sensor and block are rotated together: the matrix is rotated from both sides
     turn = Rotation.from_rotvec([0.2, 0.1, -0.3]).as_matrix()
     turned = imu.six_position(readings @ turn.T, 9.81, up=force @ turn.T / 9.81).triad
     close(turned.matrix, turn @ before.matrix @ turn.T, 1e-9, 1e-12)
     close(turned.bias, turn @ before.bias, 1e-9, 1e-12)
-    # every position twice
+    # every position is used twice
     twice = imu.six_position(np.tile(readings, (2, 1)), 9.81, up=np.tile(force / 9.81, (2, 1))).triad
     close(twice.bias, before.bias, 1e-9, 1e-12)
 
 
-# The laws of imu.multi_position are in tests/imu/test_multi.py, where its program is compiled already.
+# The relations for imu.multi_position are in tests/imu/test_multi.py, where its program is already compiled.
 
 
 # --- Thermal models
@@ -256,7 +256,7 @@ def test_six_position():
 
 @pytest.mark.parametrize("model", ["polynomial", "table"])
 def test_temperature(model):
-    """Curves that are linear in the biases; a polynomial does not know where zero degrees are."""
+    """Curves are linear in the biases; a polynomial does not depend on the zero of the temperature scale."""
     rng = np.random.default_rng(0)
     t = np.linspace(20.0, 45.0, 3000)
     bias = 1e-3 * (t - 30) + 2e-5 * (t - 30) ** 2 + 1e-3 * rng.standard_normal(3000)
@@ -270,11 +270,11 @@ def test_temperature(model):
     size = np.ptp(before)
     close(curve(t, -1e3 * bias), -1e3 * before, 1e-7, 1e-7 * 1e3 * size)
     close(curve(t, bias + 2.0), before + 2.0, 1e-7)
-    # nothing static knows the direction of time
+    # a static curve does not depend on the direction of time
     close(curve(t[::-1], bias[::-1]), before, 1e-7, 1e-7 * size)
-    # the same passage twice has the same curve: twice the weight everywhere
+    # a repeated record has the same curve, since all weights double
     close(curve(np.tile(t, 2), np.tile(bias, 2)), before, 1e-7, 1e-7 * size)
-    # another zero, by whole bins: neither polynomials nor bins see it
+    # a shift of the temperature by whole bins changes neither polynomials nor bins
     close(curve(t - 5.0, bias, at - 5.0), before, 1e-6, 1e-6 * size)
 
 
@@ -282,7 +282,7 @@ def test_temperature(model):
 
 
 def test_alignment():
-    """Least squares over readings at table angles."""
+    """The fit is least squares over readings at table angles."""
     angles = np.deg2rad([0.0, 90.0, 180.0, 270.0, 45.0, 200.0])
     positions = Positions(angles, dwell=60.0)
     accel, gyro = Sensor(bias=1e-3, white=5e-4), Sensor(bias=5e-8, white=3e-6)
@@ -296,23 +296,23 @@ def test_alignment():
     fit = lambda readings: alignment.fit(readings, latitude)  # noqa: E731
     before = fit(changed())
     attitude = np.array([before.phi, before.theta, before.psi])
-    # a constant is a bias, and both are free
+    # a constant changes the biases, which are free
     moved = fit(changed(gyro=made.gyro + 1e-6, accel=made.accel + 0.01))
     close([moved.phi, moved.theta, moved.psi], attitude, 1e-7)
     close(moved.parameters["b_g"] - before.parameters["b_g"], 1e-6, 1e-6)
     close(moved.parameters["b_a"] - before.parameters["b_a"], 0.01, 1e-6)
-    # a sum over positions has no order
+    # a sum over positions does not depend on their order
     order = np.array([3, 0, 5, 1, 4, 2])
     shuffled = fit(changed(angles[order], made.accel[order], made.gyro[order]))
     close([shuffled.phi, shuffled.theta, shuffled.psi], attitude, 1e-8)
-    # the zero mark of the table moved: the table's attitude turns back about its axis
+    # if the zero of the table angle moves, the table's attitude rotates back about its axis
     delta = 0.3
     turned = fit(changed(angles + delta))
     back = Rotation.from_rotvec([0.0, 0.0, delta]).as_matrix()
     matrices = [f.model.matrix for f in (before, turned)]
     ways = [back @ matrices[0], back.T @ matrices[0]]
     close(min(ways, key=lambda way: np.abs(way - matrices[1]).max()), matrices[1], 0.0, 1e-8)
-    # noise weighs sensors against one another: common to both, it changes the errors alone
+    # noise determines the weights of the sensors; a common factor changes only the standard errors
     louder = fit(changed(noise=2.0))
     close([louder.phi, louder.theta, louder.psi], attitude, 1e-8)
     close(louder.azimuth_std, 2.0 * before.azimuth_std, 1e-6)

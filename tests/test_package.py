@@ -1,4 +1,4 @@
-"""What `import jaxcal` gives and what it leaves alone."""
+"""Names that `import jaxcal` provides, and settings that it must not change."""
 
 import ast
 import importlib.metadata
@@ -19,7 +19,7 @@ HEAVY = ("jax", "equinox", "optimistix", "scipy", "matplotlib", "polars", "rosba
 
 
 def run(code):
-    """Output of `code` in a fresh interpreter."""
+    """Output of `code` in a new interpreter."""
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
 
 
@@ -86,7 +86,7 @@ def test_the_lines_of_the_readme_run(tmp_path, monkeypatch):
 
 
 def test_ci_runs_the_commands_of_the_readme():
-    """The script takes its commands from the README; each of its patterns must find one command, and the one that is meant."""
+    """The script takes its commands from the README; each of its patterns must match exactly the intended command."""
     readme, script = (ROOT / "README.md").read_text(), (ROOT / ".ci" / "run").read_text()
     patterns = re.findall(r"grep -m1 (?:-- )?'([^']+)' \"\$root/README.md\"", script)
     assert patterns == ["-m pytest", "bin/jaxcal demo"]
@@ -96,7 +96,7 @@ def test_ci_runs_the_commands_of_the_readme():
         assert len(found) == 1
         assert found[0] in block
         assert found[0].startswith("python3.11 -m venv .venv && .venv/bin/pip install ")
-    assert " && (cd" in next(line for line in block if "-m pytest" in line)  # where the script cuts the installation off
+    assert " && (cd" in next(line for line in block if "-m pytest" in line)  # here the script separates the installation
     assert os.access(ROOT / ".ci" / "run", os.X_OK)
 
 

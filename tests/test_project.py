@@ -1,4 +1,4 @@
-"""What people expect of a repository: examples of every public name, a short README, forms, workflows, and one version everywhere."""
+"""The repository as a whole: examples of every public name, a short README, issue forms, workflows, and the same version everywhere."""
 
 import importlib
 import inspect
@@ -66,7 +66,7 @@ def test_forms_ask_for_a_log_and_for_what_info_says():
 
 
 def pyright(*words, cwd):
-    """What pyright says, as JSON."""
+    """Output of pyright as JSON."""
     found = subprocess.run([sys.executable, "-m", "pyright", "--outputjson", *words], cwd=cwd, capture_output=True, text=True, check=False)
     return json.loads(found.stdout)
 

@@ -1,4 +1,4 @@
-"""What all results have in common: verdict, reason, warnings, a summary, a dictionary, a file."""
+"""Common properties of all results: verdict, reason, warnings, summary, dictionary, file."""
 
 import dataclasses
 import json
@@ -54,7 +54,7 @@ def test_a_magnetometer_fit_as_text_and_as_a_file(tmp_path):
 
 
 class Warm(MagModel):
-    """A model with one more field."""
+    """A model with an additional field."""
 
     slope: Any = None
 

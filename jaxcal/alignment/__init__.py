@@ -1,4 +1,4 @@
-"""Stationary levelling and north finding with one accelerometer and one gyro on a turntable."""
+"""Static levelling and north finding with one accelerometer and one gyro on a turntable."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""`azimuth`: north from a gyro on the turntable, by eight closed forms."""
+"""`azimuth`: find north with a gyro on the turntable, by eight closed-form methods."""
 
 import dataclasses
 from typing import Any
@@ -41,14 +41,14 @@ class Azimuth(eqx.Module):
 
     Attributes
     ----------
-    psi : the chosen root, rad, in (-pi, pi]; None where there is none or nothing decides.
-    std : its standard deviation from the readings' noise and the level's, first order, rad; zero where neither is known.
-    roots, root_std : all roots, sorted, and their standard deviations. real : traced, which of the padded roots are roots.
-    bias : of the gyro, rad/s (it includes MA_2 w_z); None where the method gives none.
-    scale : scale factor S of each root; scale_approx : its linear approximation (equations 66, 71).
-    latitude, latitude_std : as "triad" finds it, rad. rho : amplitude over the Earth's rate, of "maximum".
+    psi : the chosen root, rad, in (-pi, pi]; None if there is no root or no information to choose one.
+    std : first-order standard deviation of psi from the noise of the readings and of the level, rad; zero if neither is known.
+    roots, root_std : all roots, sorted, and their standard deviations. real : in traced results, which of the padded roots are real.
+    bias : gyro bias, rad/s (it includes MA_2 w_z); None if the method does not give one.
+    scale : scale factor S of each root. scale_approx : its linear approximation (equations 66, 71).
+    latitude, latitude_std : estimate of "triad", rad. rho : amplitude divided by the Earth's rate, from "maximum".
     verdict : item of `Verdict`.
-    method : its name.
+    method : name of the method.
 
     Examples
     --------
@@ -78,7 +78,7 @@ class Azimuth(eqx.Module):
 
     @property
     def reason(self) -> str:
-        """What the verdict means here (host only)."""
+        """Sentence that explains the verdict for this method (host only)."""
         return sentence(self.verdict, self.method)
 
 
@@ -95,34 +95,35 @@ def azimuth(
     bias: Any = 0.0,
     scale: Any = 1.0,
 ) -> Azimuth:
-    r"""Azimuth of a table that stands still, from one gyro, its level and the latitude.
+    r"""Compute the azimuth of a table at rest from the readings of one gyro, the level and the latitude.
 
     .. math:: \psi = \operatorname{atan2}\big((u_1\sin\theta\sin\phi - u_2)/\cos\phi,\; u_1\big)
 
-    for "four_point", with :math:`u_1 = ((w_0 - w_{180})/2 - \sin\theta\sin\lambda)/(\cos\theta\cos\lambda)` and :math:`u_2 = ((w_{90} -
-    w_{270})/2 + \cos\theta\sin\phi\sin\lambda)/\cos\lambda`, rates over the Earth's. The other methods solve
-    :math:`a\sin\psi + b\cos\psi = c` and may have several roots; `fit` needs no choice of method. Traced, the kernels run as they are.
+    This is the formula of "four_point", with :math:`u_1 = ((w_0 - w_{180})/2 - \sin\theta\sin\lambda)/(\cos\theta\cos\lambda)` and
+    :math:`u_2 = ((w_{90} - w_{270})/2 + \cos\theta\sin\phi\sin\lambda)/\cos\lambda`, where w are rates divided by the Earth's rate. The
+    other methods solve :math:`a\sin\psi + b\cos\psi = c` and may have several roots. To avoid the choice of a method, use `fit`. Under
+    JAX tracing the same formulas run without checks of the values.
 
     Parameters
     ----------
-    readings : with a gyro, at the positions of the method ("maximum" takes all x positions, "single_reading" one).
+    readings : gyro readings at the positions that the method needs ("maximum" uses all x positions, "single_reading" one).
     level : `Level`, or (phi, theta) in rad.
     latitude : rad, north positive.
-    method : "opposed" (0 and 180 degrees), "quadrature" (90 and 270), "four_point", "single_reading", "maximum", "bias_and_scale",
-        "scale_first" (0, 90, 180), "triad" (and z).
-    hint : rough azimuth, as of a compass, rad. hint_accuracy : its accuracy.
-    angle : table angle of "single_reading", rad; by default that of the first x reading.
-    bias, scale : of the gyro, known before, for "single_reading".
+    method : "opposed" (table angles 0 and 180 degrees), "quadrature" (90 and 270), "four_point" (0, 90, 180, 270), "bias_and_scale" or
+        "scale_first" (0, 90, 180), "triad" (0, 90, 180 and a z reading), "single_reading" or "maximum".
+    hint : rough azimuth, for example from a compass, rad. hint_accuracy : its accuracy, rad.
+    angle : table angle of "single_reading", rad; the default is that of the first x reading.
+    bias, scale : known bias (rad/s) and scale factor of the gyro, for "single_reading".
 
     Returns
     -------
     Azimuth
-        With all roots and a verdict. Traced, roots are padded (`real` says which count) and psi is 0 where none is chosen.
+        All roots and a verdict. In a traced result the roots are padded (`real` marks the valid ones), and psi is 0 if none is chosen.
 
     Raises
     ------
     DataError
-        For an unknown method, a missing position (named), no gyro, or a level without roll.
+        If the method is unknown, a position is missing (the message names it), there is no gyro, or the level has no roll.
 
     Examples
     --------
@@ -178,7 +179,7 @@ def _level(level: Any, method: str) -> tuple[Any, Any, Any]:
 @filter_jit
 def _found(readings, phi, theta, level_covariance, latitude, hint, accuracy, angle, bias, scale, method: str) -> Azimuth:
     unit = EARTH_RATE
-    # at a pole the formulas divide by zero, and the verdict says so
+    # at a pole the formulas would divide by zero; the verdict reports this case
     pole = jnp.abs(latitude) > _POLE
     lat = jnp.where(pole, _POLE, latitude)
     missing = jnp.asarray(False)
@@ -197,7 +198,7 @@ def _found(readings, phi, theta, level_covariance, latitude, hint, accuracy, ang
 
 
 def _judged(form: Closed, method: str, latitude, hint, accuracy, pole, missing, unit, dtype) -> Azimuth:
-    """Order the roots, choose one, and say what to think of it."""
+    """Sort the roots, choose one, and give a verdict."""
     found, positive = form.found, method in ("bias_and_scale", "scale_first")
     order = jnp.argsort(jnp.where(found.real, found.roots, 10.0))
     roots, std, real, merged, weak = (v[order] for v in (found.roots, found.std, found.real, found.merged, found.weak))
@@ -233,7 +234,7 @@ def _judged(form: Closed, method: str, latitude, hint, accuracy, pole, missing, 
 
 
 def _trimmed(found: Azimuth) -> Azimuth:
-    """A result of the host: the real roots alone, and None where there is no number."""
+    """Host result: keep only the real roots, and replace undefined numbers by None."""
     name = verdict_name(found.verdict)
     none = name in {verdict_name(item) for item in NO_NUMBER}
     kept = np.asarray(found.real) & (not none or name == "undecided")

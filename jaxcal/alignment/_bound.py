@@ -1,4 +1,4 @@
-"""`crlb`: how well positions can tell attitude, sensor errors and latitude, before a reading."""
+"""`crlb`: the accuracy with which positions can determine attitude, sensor errors and latitude, before any measurement."""
 
 import dataclasses
 from collections.abc import Iterable
@@ -20,7 +20,7 @@ from ._start import free_of, priors_of
 
 
 def given_noise(noise: Any, name: str) -> Any:
-    """The noise of one sensor, checked."""
+    """Check the noise of one sensor and convert it to `Noise`."""
     if noise is None:
         raise DataError(f"There is no {name}; give its white noise, SI, or a `jaxcal.noise.Noise`: without it there is no bound.")
     found = as_noise(noise, name)
@@ -43,7 +43,7 @@ def crlb(
     lever_arm: Any = 0.0,
     gravity: Any = GRAVITY,
 ) -> Bound:
-    r"""Cramer-Rao bound of the joint fit, :math:`(J^T J)^{-1}` of the whitened Jacobian with the priors.
+    r"""Compute the Cramer-Rao bound of the joint fit, :math:`(J^T J)^{-1}` of the whitened Jacobian with the priors.
 
     Parameters
     ----------
@@ -51,20 +51,20 @@ def crlb(
     attitude : (3,) roll, pitch, azimuth, rad.
     latitude : rad; it counts as known unless "latitude" is in `free`.
     accel_noise, gyro_noise : white noise N (m/s^2 sqrt(s), rad/sqrt(s)), a `jaxcal.noise.Noise`, a `NoiseFit` or a `Sensor`; `noise_of`
-        takes both from a calibration. All terms count, with their exact covariance between the dwells.
-    free, priors : as of `fit`.
-    accel, gyro : sensor errors at which the bound is taken.
+        extracts both from a calibration. All noise terms are used, with their exact covariance between the dwells.
+    free, priors : see `fit`.
+    accel, gyro : sensor errors at which the bound is evaluated.
     lever_arm : m. gravity : m/s^2.
 
     Returns
     -------
     Bound
-        With covariance, rank and the parameters that are confounded. Traced, it is differentiable in every number.
+        Covariance, rank and the parameters that cannot be separated. You can differentiate it by every numeric argument.
 
     Raises
     ------
     DataError
-        For unknown names, or noise that is not positive.
+        If a name is unknown, or the noise is not positive.
 
     Examples
     --------
@@ -107,6 +107,6 @@ def crlb(
 
 @filter_jit
 def jacobian_at(model: Turntable, table: Table) -> Array:
-    """Jacobian of the residuals with respect to the parameters, in their order."""
+    """Jacobian of the residuals with respect to the parameters, in the order of the model's fields."""
     values = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(model)])
     return jax.jacfwd(lambda x: residuals(with_values(model, x), table))(values)

@@ -1,4 +1,4 @@
-"""The closed forms of the azimuth: pure functions of the readings in units of the Earth's rate, and a sin(psi) + b cos(psi) = c."""
+"""Closed forms of the azimuth: pure functions of readings in units of the Earth's rate; most solve a sin(psi) + b cos(psi) = c."""
 
 from collections.abc import Callable
 
@@ -19,10 +19,10 @@ _LEVEL = 1e-6
 
 
 class Roots(eqx.Module):
-    """Roots of one equation, or several.
+    """Roots of one or more equations.
 
-    roots : in (-pi, pi]. std : standard deviation; large, not infinite, where roots merge. real : which are roots.
-    degenerate, infeasible, clipped : flags for all roots. merged, weak : flags, one per root.
+    roots : in (-pi, pi]. std : standard deviations; large but finite for merged roots. real : flags of the real roots.
+    degenerate, infeasible, clipped : flags for all roots together. merged, weak : flags for each root.
     """
 
     roots: Array
@@ -36,7 +36,7 @@ class Roots(eqx.Module):
 
 
 def root_of(square: Array) -> Array:
-    """Square root, zero for what is not positive, with the derivative zero there instead of none."""
+    """Square root; for arguments that are not positive, both value and derivative are zero."""
     inside = square > 0
     return jnp.where(inside, jnp.sqrt(jnp.where(inside, square, 1)), 0)
 
@@ -50,9 +50,9 @@ def arc_cosine(c: Array, r: Array) -> tuple[Array, Array]:
 
 
 def solve(coefficients: Callable[[Array], Array], x: Array, covariance: Array, empty: float = _EMPTY) -> Roots:
-    """Both roots of the equation whose (a, b, c) `coefficients` gives for the data `x` with their `covariance`.
+    """Both roots of a sin(psi) + b cos(psi) = c, where `coefficients` computes (a, b, c) from the data `x` with their `covariance`.
 
-    The standard deviation is that of a sin + b cos - c over its slope in psi: everything that `x` holds counts.
+    The standard deviation of a root is that of a sin + b cos - c divided by its derivative by psi; it includes the errors of all of `x`.
     """
     a, b, c = coefficients(x)
     slopes = jax.jacfwd(coefficients)(x)
@@ -87,7 +87,7 @@ def _misfit(root: Array, slopes: Array, covariance: Array) -> Array:
 
 
 class Closed(eqx.Module):
-    """Roots, with the bias and scale of each in units of the Earth's rate where the method gives them, and the latitude of `triad`."""
+    """Roots with further estimates of a method: bias in units of the Earth's rate, scale of each root, latitude (`triad`), amplitude."""
 
     found: Roots
     bias: Any = None
@@ -99,7 +99,7 @@ class Closed(eqx.Module):
 
 
 def _trig(x: Array) -> tuple[Array, Array, Array, Array]:
-    """Sine and cosine of roll and pitch, in which the data of every method end."""
+    """Sine and cosine of roll and pitch, the last two entries of the data of every method."""
     return jnp.sin(x[-2]), jnp.cos(x[-2]), jnp.sin(x[-1]), jnp.cos(x[-1])
 
 
@@ -109,29 +109,29 @@ def _flat(x: Array) -> Array:
 
 
 def _at(x: Array, rate: Array, lat: Array, tau: Any) -> Array:
-    """Equations (42), (43) for a rate, or half the difference of opposite ones, at the level that x ends in: coefficients (a, b, c)."""
+    """Coefficients (a, b, c) of equations (42), (43) for a rate, or for half the difference of opposite rates; x ends with the level."""
     sf, cf, st, ct = _trig(x)
     s, c, sl, cl = jnp.sin(tau), jnp.cos(tau), jnp.sin(lat), jnp.cos(lat)
     return jnp.stack([-cf * cl * s, cl * (st * sf * s + ct * c), rate - st * sl * c + ct * sf * sl * s])
 
 
 def opposed(x: Array, covariance: Array, lat: Array) -> Closed:
-    """Equation (40), first: 0 and 180."""
+    """Equation (40), first form: 0 and 180 degrees."""
     return Closed(solve(lambda x: _at(x, (x[0] - x[1]) / 2, lat, 0.0), x, covariance), bias=(x[0] + x[1]) / 2)
 
 
 def quadrature(x: Array, covariance: Array, lat: Array) -> Closed:
-    """Equation (40), second: 90 and 270."""
+    """Equation (40), second form: 90 and 270 degrees."""
     return Closed(solve(lambda x: _at(x, (x[0] - x[1]) / 2, lat, np.pi / 2) / jnp.cos(lat), x, covariance), bias=(x[0] + x[1]) / 2)
 
 
 def single_reading(x: Array, covariance: Array, lat: Array, tau: Array) -> Closed:
-    """One reading at the table angle tau, bias and scale taken off."""
+    """One reading at the table angle tau, corrected for bias and scale."""
     return Closed(solve(lambda x: _at(x, x[0], lat, tau), x, covariance))
 
 
 def four_point(x: Array, covariance: Array, lat: Array) -> Closed:
-    """0, 90, 180 and 270: one root."""
+    """Readings at 0, 90, 180 and 270 degrees, which give one root."""
     flat = _flat(x)
 
     def parts(x: Array) -> Array:
@@ -145,7 +145,7 @@ def four_point(x: Array, covariance: Array, lat: Array) -> Closed:
 
 
 def _one_root(parts: Any, x: Array, covariance: Array, flat: Array) -> Roots:
-    """The azimuth as atan2 of two numbers of the readings."""
+    """Azimuth as atan2 of two functions of the readings, with its standard deviation."""
     y = parts(x)
     empty = flat | (y @ y < _FLAT**2)
     safe = jnp.where(empty, 1, y @ y)
@@ -160,7 +160,10 @@ def _one_root(parts: Any, x: Array, covariance: Array, flat: Array) -> Roots:
 
 
 def maximum(x: Array, covariance: Array, lat: Array, bias: Array, known: Array) -> Closed:
-    """The amplitude against the table angle, equations (44) to (52) without the quartic; x = (cosine, sine, phi, theta) where `known`."""
+    """Azimuth from the amplitude over the table angle, equations (44) to (52) without the quartic.
+
+    x = (cosine, sine, phi, theta) with the fitted harmonics, which are valid if `known`.
+    """
     sf, cf, st, _ = _trig(x)
     level = (jnp.hypot(sf, st * cf) < _LEVEL) | ~known
 
@@ -185,13 +188,13 @@ def maximum(x: Array, covariance: Array, lat: Array, bias: Array, known: Array) 
 
 
 def _scaled(x: Array) -> tuple[Array, Array, Array]:
-    """Bias, and S Wx and S Wy, from 0, 90 and 180."""
+    """Bias, S Wx and S Wy from the readings at 0, 90 and 180 degrees."""
     b = (x[0] + x[2]) / 2
     return b, x[0] - b, x[1] - b
 
 
 def _ratio(x: Array, lat: Array) -> Array:
-    """Equation (58) through w2 and cos(lat): regular everywhere."""
+    """Coefficients (a, b, c) of equation (58), multiplied by w2 and cos(lat) to avoid divisions by zero."""
     _, w1, w2 = _scaled(x)
     sf, cf, st, ct = _trig(x)
     sl, cl = jnp.sin(lat), jnp.cos(lat)
@@ -199,7 +202,7 @@ def _ratio(x: Array, lat: Array) -> Array:
 
 
 def scale_at(x: Array, lat: Array, psi: Array) -> Array:
-    """Scale factor of a root, by projection on the Earth's rate in the table's plane."""
+    """Scale factor of a root: projection of the readings on the Earth's rate in the table's plane."""
     _, w1, w2 = _scaled(x)
     sf, cf, st, ct = _trig(x)
     sl, cl, sp, cp = jnp.sin(lat), jnp.cos(lat), jnp.sin(psi), jnp.cos(psi)
@@ -209,14 +212,14 @@ def scale_at(x: Array, lat: Array, psi: Array) -> Array:
 
 
 def bias_and_scale(x: Array, covariance: Array, lat: Array) -> Closed:
-    """Equations (53) to (60): 0, 90 and 180."""
+    """Equations (53) to (60): readings at 0, 90 and 180 degrees."""
     found = solve(lambda x: _ratio(x, lat), x, covariance)
     scale = scale_at(x, lat, found.roots)
     return Closed(_positive(found, scale), bias=_scaled(x)[0], scale=scale)
 
 
 def _positive(found: Roots, scale: Array) -> Roots:
-    """All roots stay; a method that finds none with a positive scale does not fit."""
+    """Mark the result as infeasible if no root has a positive scale; all roots are kept."""
     none = ~jnp.any(found.real & (scale > 0)) & ~found.degenerate
     return eqx.tree_at(lambda r: r.infeasible, found, found.infeasible | none)
 
@@ -235,14 +238,14 @@ def scale_first(x: Array, covariance: Array, lat: Array) -> Closed:
     middle = -2 * (p * q + w1 * tl * tt / ct)
     last = (1 - (sl / (ct * cf)) ** 2) / cl**2
     root = root_of(middle**2 + 4 * leading * last)
-    # the stable form of both roots: no difference of nearly equal numbers
+    # numerically stable form of both roots, without differences of nearly equal numbers
     half = -(middle + jnp.where(middle < 0, -root, root)) / 2
     empty = flat | (leading < _FLAT**2)
     inverse = jnp.stack([half / jnp.where(empty, 1, leading), jnp.where(half == 0, 0, -last / jnp.where(half == 0, 1, half))])
     psi = jnp.arctan2(inverse * p - q, inverse * w1 / ct - tl * tt)
     positive = inverse > 0
     scale = jnp.where(positive, 1 / (jnp.where(positive, inverse, 1) * cl), 0)
-    # the same estimates as by angle first, in another order: they have the same standard deviations
+    # these are the roots of `bias_and_scale` in another order, so use their standard deviations
     near = jnp.argmin(jnp.abs(jnp.sin((psi[:, None] - by_angle.roots[None, :]) / 2)), axis=1)
     lean = last * cl**2
     approx = 1 + (-lean + leading + middle * cl) / jnp.where(2 * lean == middle * cl, 1, 2 * lean - middle * cl)
@@ -254,7 +257,7 @@ def scale_first(x: Array, covariance: Array, lat: Array) -> Closed:
 
 
 def triad(x: Array, covariance: Array, lat: Array) -> Closed:
-    """Equations (68) to (71) and the level: 0, 90, 180 and z; neither scale nor latitude is needed."""
+    """Equations (68) to (71) with the level: readings at 0, 90, 180 degrees and z; scale and latitude are not needed."""
 
     def levelled(x: Array) -> Array:
         b, w1, w2 = _scaled(x)

@@ -1,4 +1,4 @@
-"""`fit`: attitude, sensor errors and latitude from all readings at once."""
+"""`fit`: joint estimate of attitude, sensor errors and latitude from all readings."""
 
 import dataclasses
 from collections.abc import Iterable
@@ -34,15 +34,15 @@ from ._positions import GRAVITY, Readings, check_gravity, check_latitude, wrap
 from ._result import AlignmentFit, Verdict, decided, know, sizes_of
 from ._start import check_latitude_free, check_names, free_of, initial_guess, priors_of
 
-#: noise that weighs the sensors against one another where none is given: 50 micro-g sqrt(s), 0.01 deg/sqrt(h)
+#: noise that weights the sensors relative to each other if none is given: 50 micro-g sqrt(s), 0.01 deg/sqrt(h)
 _NOMINAL = {"accel": 50e-6 * GRAVITY, "gyro": np.deg2rad(0.01) / 60}
 _SENSORS = {"accel": "accelerometer", "gyro": "gyro"}
 _POLE = np.deg2rad(89.9)
 _MISFIT = 1e-3
 _ROUNDS = 3
-#: readings left over by the fit from which the level of a sensor's noise is estimated
+#: least degrees of freedom to estimate the noise level of a sensor
 _FEWEST = 0.5
-#: step to go, over the statistical uncertainty, at which the fit ends
+#: the fit ends when the remaining step is below this share of the statistical uncertainty
 _SETTLED = 1e-6
 _DONE = 1e-4
 
@@ -61,41 +61,40 @@ def fit(
     gravity: Any = GRAVITY,
     noise: Any = None,
 ) -> AlignmentFit:
-    r"""Roll, pitch, azimuth, sensor errors and, where it is asked for, latitude by joint nonlinear least squares.
+    r"""Fit roll, pitch, azimuth, sensor errors and, optionally, latitude by joint nonlinear least squares.
 
     .. math:: \min\ (a - \hat a)^T C_a^{-1} (a - \hat a) + (w - \hat w)^T C_g^{-1} (w - \hat w)
         + \sum_j \frac{(x_j - x_{j0})^2}{\sigma_j^2}
 
-    over any positions and mountings, at the information bound. C is the exact covariance of the means over the dwells under N, B, K and
-    whatever else the noise has (`jaxcal.noise.mean_covariance`); for white noise its diagonal is N^2/T. Errors of the table's angles
-    (`Positions.angle_std`) join both sensors. A bias is that of the mean over the measured time.
+    The fit accepts any positions and mountings, and its accuracy reaches the Cramer-Rao bound. C is the exact covariance of the means over
+    the dwells from all terms of the noise (`jaxcal.noise.mean_covariance`); for white noise its diagonal is N^2/T. Errors of the table
+    angles (`Positions.angle_std`) correlate the two sensors. A fitted bias is the mean bias over the measured time.
 
     Parameters
     ----------
-    readings : of either sensor or both, with their noise. Without noise the residuals give its white level for each sensor, the
-        intervals are Student's with the degrees of freedom that are left, and there is no test of fit.
+    readings : accelerometer or gyro readings or both, with their noise. Without noise, the residuals give a white-noise level for each
+        sensor, the intervals use Student's t with the remaining degrees of freedom, and there is no test of fit.
     latitude : rad, north positive; None estimates it.
-    free : names out of `jaxcal.alignment.NAMES`, or fields of `model`; by default the angles and biases, and the scale errors where
-        there is a z reading.
-        Parameters with a prior are free as well.
+    free : names from `jaxcal.alignment.NAMES`, or fields of `model`. The default is the angles and biases, and the scale errors if there
+        is a z reading. Parameters with a prior are also free.
     priors : name -> standard deviation about zero, or (mean, standard deviation), SI; angles need the mean.
-    start : name -> value, SI: where to start, and the value of a parameter that is not free (zero otherwise).
-    model : what predicts the readings: a `Turntable` or one of a subclass, whose parameters that are not free keep their values.
-    hint : rough azimuth, rad, for readings that allow two.
-    hemisphere : "north" or "south", for a latitude that the table alone gives.
+    start : name -> value, SI: initial value of a free parameter, or fixed value of another one (default zero).
+    model : model that predicts the readings: a `Turntable` or a subclass; parameters that are not free keep the values of this model.
+    hint : rough azimuth, rad, to choose between two solutions.
+    hemisphere : "north" or "south", if the latitude is estimated without z readings.
     gravity : local gravity, m/s^2.
-    noise : of the device, as `noise_of` takes it (its x axis; all three for `Triads`), in place of that of the readings.
+    noise : noise of the device for `noise_of` (its x axis; all three for `Triads`), instead of that of the readings.
 
     Returns
     -------
     AlignmentFit
-        With covariance, observability, chi-square test and a verdict. Traced, it holds numbers alone and no sentences; it is
-        differentiable by everything given: readings, table angles, latitude, gravity, priors, values that are held, noise.
+        Covariance, observability, chi-square test and a verdict. A traced result has numbers only, no sentences; you can differentiate
+        it by readings, table angles, latitude, gravity, priors, fixed values and noise.
 
     Raises
     ------
     DataError
-        For unknown names, readings of too few kinds, and a latitude that these positions cannot give.
+        If a name is unknown, readings of a required sensor are missing, or the positions cannot determine the latitude.
 
     Examples
     --------
@@ -156,7 +155,7 @@ def fit(
 
 
 class _Options(eqx.Module):
-    """What the caller asked for: the model, its parameters by name, and what is known of them before."""
+    """Options of the caller: the model, its parameters by name, and prior knowledge of them."""
 
     model: Turntable
     names: tuple[str, ...] = eqx.field(static=True)
@@ -176,21 +175,21 @@ class _Options(eqx.Module):
 
 
 def _solved(readings: Readings, gravity: Any, noise: dict[str, Any], o: _Options) -> tuple[Fit, Table, Any, Any]:
-    """The fit, the data it used, and other parameters that fit as well where the last value is true."""
+    """Fit; return the fit, its data, a second set of parameters, and whether this second set fits equally well."""
     table = tabulate(readings, gravity, list(noise.values()))
     xp, dtype, chosen = array_module(table, o), table.accel.dtype, o.chosen
     places = padded(readings.positions)
     level = _level(noise["gyro"], places, table.measured[1])
     first, second, twofold = initial_guess(table, places.dwell, o.values, o.known, chosen, o.hint, level, o.hemisphere)
-    # of an angle's prior the turn that is next to where the fit begins
+    # shift the prior of an angle by whole turns to be nearest to the start of the fit
     near = {name: first[name] + wrap(centre - first[name]) if name in ANGLES else centre for name, centre in o.mean.items()}
     prior, certainty = (xp.stack([xp.asarray(given.get(name, 0.0), dtype=dtype) for name in o.names]) for given in (near, o.certainty))
     table = dataclasses.replace(table, prior=prior, certainty=certainty)
-    # a parameter that is held lies between equal bounds: one program serves every choice, and the derivative by its value is kept
+    # a fixed parameter has equal bounds, so that one compiled program serves every choice of free parameters and keeps its derivative
     low, high = ([end if name in chosen else first[name] for name in o.names] for end in (-np.inf, np.inf))
     guess = with_values(o.model, [xp.asarray(first[name], dtype=dtype) for name in o.names])
     bounds = with_values(o.model, low), with_values(o.model, high)
-    # errors of the table's angles act through the slope of the readings, which the solution gives
+    # iterate, because errors of the table angles act through the slope of the readings, which depends on the solution
     for _ in range(1 if readings.positions.angle_std is None else _ROUNDS):
         table = with_angle_errors(table, guess, readings.positions, gravity, readings.lever_arm)
         found = solve(residuals, guess, table, bounds=bounds, rtol=_SETTLED)
@@ -201,7 +200,7 @@ def _solved(readings: Readings, gravity: Any, noise: dict[str, Any], o: _Options
 
 
 def _described(found: Fit, table: Table, readings: Readings, sizes: Any, other: Any, twofold: Any, o: _Options) -> AlignmentFit:
-    """Covariance, test of fit and verdict; in NumPy, which compiles nothing, unless the call is traced."""
+    """Covariance, test of fit and verdict; in NumPy, which needs no compilation, unless the call is traced."""
     xp = array_module(found, table)
     r, jacobian, n, free, names = found.residuals, found.jacobian, table.accel.size, np.array(o.free), o.names
     known_of = know(jacobian, 2 * n, free, sizes)
@@ -211,10 +210,10 @@ def _described(found: Fit, table: Table, readings: Readings, sizes: Any, other: 
     chi_square = xp.sum(r**2)
     special = scipy.special if xp is np else jax.scipy.special
     p_value = special.gammaincc(xp.maximum(dof, 1) / 2, chi_square / 2)
-    # the solver's own test fails on readings without noise, whose residuals are rounding, and along open combinations
+    # the solver's own convergence test fails for noise-free readings, whose residuals are rounding, and along undetermined directions
     gradient = jacobian.T @ r
     usable = xp.asarray(found.usable) | (gradient @ finite @ gradient < _DONE**2)
-    # damped steps end early along combinations that are hardly determined; the last one, of Gauss and Newton, is without damping
+    # damped steps end early along directions that are hardly determined, so finish with an undamped Gauss-Newton step
     last = xp.where(usable, finite @ gradient, 0)
     last = last if xp is np else jax.lax.stop_gradient(last)
     values, covariance = _in_range(xp, found.parameters - last, known_of.covariance)
@@ -239,7 +238,7 @@ def _described(found: Fit, table: Table, readings: Readings, sizes: Any, other: 
 
 
 def _in_range(xp: Any, values: Any, covariance: Any) -> tuple[Any, Any]:
-    """The same attitude with the pitch between -90 and 90 degrees, and the angles in (-pi, pi]."""
+    """Rewrite the attitude with the pitch between -90 and 90 degrees and the angles in (-pi, pi]."""
     over = xp.cos(values[1]) < 0
     turn = xp.where(over, np.pi, 0.0)
     angles = [wrap(values[0] + turn), wrap(xp.where(over, np.pi - values[1], values[1])), wrap(values[2] + turn)]
@@ -248,12 +247,12 @@ def _in_range(xp: Any, values: Any, covariance: Any) -> tuple[Any, Any]:
 
 
 def _mirrored(readings: Readings, o: _Options) -> bool:
-    """Whether the mirrored attitude gives the same readings: none has another mounting."""
+    """Whether the mirrored attitude gives the same readings, which is so without readings along the table's axis."""
     return not {"z", "-z", "fixed z"} & set(readings.positions.mounting) and {"phi", "psi"} <= o.chosen
 
 
 def _spare(found: Fit, table: Table, fitted: AlignmentFit) -> dict[str, tuple[float, float]]:
-    """Sensor -> how many of its readings the fit leaves over, and how many times larger than assumed its residuals show the noise."""
+    """Sensor -> its degrees of freedom, and the ratio of the noise in its residuals to the assumed noise."""
     finite = np.where(np.isfinite(fitted.covariance), fitted.covariance, 0)
     left = 1 - np.einsum("mi,ij,mj->m", found.jacobian, finite, found.jacobian)
     n, made = table.accel.size, {}
@@ -265,7 +264,7 @@ def _spare(found: Fit, table: Table, fitted: AlignmentFit) -> dict[str, tuple[fl
 
 
 def _freedom(found: Fit, table: Table, fitted: AlignmentFit, estimated: dict[str, float]) -> np.ndarray:
-    """Degrees of freedom of every variance, of which sensors with an estimated level have a share each (Satterthwaite)."""
+    """Degrees of freedom of every variance (Satterthwaite), from the shares of the sensors with an estimated noise level."""
     finite, n = np.where(np.isfinite(fitted.covariance), fitted.covariance, 0), table.accel.size
     doubt = np.zeros(len(fitted.names))
     for i, name in enumerate(_SENSORS):
@@ -277,7 +276,7 @@ def _freedom(found: Fit, table: Table, fitted: AlignmentFit, estimated: dict[str
 
 
 def _level(noise: Any, places: Any, here: Any) -> Any:
-    """White noise for one second that has the variance of the readings."""
+    """White noise N with the same mean variance as the readings."""
     xp = array_module(noise, places, here)
     variance = covariance_of(noise, places, here)
     variance = variance if variance.ndim == 1 else xp.diagonal(variance)
@@ -287,7 +286,7 @@ def _level(noise: Any, places: Any, here: Any) -> Any:
 
 
 def _noted(found: AlignmentFit, readings: Readings, o: _Options, twofold: bool, nominal: list[str]) -> AlignmentFit:
-    """The result of a host call, with its remarks; `nominal` are the sensors whose noise nothing tells."""
+    """Add the notes to a host result; `nominal` names the sensors whose noise is neither given nor estimated."""
     notes, dof = [], int(found.degrees_of_freedom)
     if not o.noise_known:
         notes.append(

@@ -33,14 +33,14 @@ class Level(eqx.Module):
 
     Attributes
     ----------
-    phi, theta : roll and pitch, rad; phi is None where it is not determined.
-    phi_roots : both rolls that the readings allow, sorted, or the one of "bias_and_scale".
-    covariance : (2, 2) of (phi, theta), rad^2; zero where the noise is not known.
-    bias : offset of the readings, m/s^2 (it includes MA_2 f_z); scale, scale_approx : scale factor S and its linear approximation
-        of the paper's equation (34); None where the method gives none.
-    excess : by how much a sine exceeds 1 in standard deviations; 0 where none does, infinite where the noise is not known.
+    phi, theta : roll and pitch, rad; None if not determined.
+    phi_roots : both rolls that are consistent with the readings, sorted; a single roll for "bias_and_scale".
+    covariance : (2, 2) covariance of (phi, theta), rad^2; zero if the noise is unknown.
+    bias : offset of the readings, m/s^2 (it includes MA_2 f_z). scale, scale_approx : scale factor S and its linear approximation
+        from the paper's equation (34). Each is None if the method does not give it.
+    excess : amount by which a computed sine exceeds 1, in standard deviations; 0 if none does, infinite if the noise is unknown.
     verdict : item of `Verdict`.
-    method : its name.
+    method : name of the method.
 
     Examples
     --------
@@ -70,7 +70,7 @@ class Level(eqx.Module):
 
     @property
     def reason(self) -> str:
-        """What the verdict means here (host only)."""
+        """Sentence that explains the verdict for this method (host only)."""
         by = f" (by {float(self.excess):.2g} standard deviations)" if 0 < float(self.excess) < np.inf else ""
         return sentence(self.verdict, self.method) + by
 
@@ -85,32 +85,34 @@ def level(
     offset: bool = True,
     both_z: bool = False,
 ) -> Level:
-    r"""Roll and pitch of a table that stands still, from one accelerometer.
+    r"""Compute roll and pitch of a table at rest from the readings of one accelerometer.
 
     .. math:: \sin\theta = (a_0 - a_{180})/2g,\qquad \cos\theta\sin\phi = (a_{270} - a_{90})/2g
 
-    for "four_point_x"; "least_squares_x" fits the same two numbers and an offset to any angles; the methods of y take a sensor on
-    body y; "bias_and_scale" adds a z reading, which gives scale and the whole circle of roll. The others leave phi and pi - phi open: the
-    one within 90 degrees is taken, unless a z reading or the hint says otherwise. Traced, the kernels run as they are.
+    These are the formulas of "four_point_x". "least_squares_x" fits the same two numbers and an offset to any angles; the y methods use
+    a sensor along body y. "bias_and_scale" adds a z reading, which gives the scale and an unambiguous roll. The other methods cannot
+    distinguish phi from pi - phi: they choose the roll within 90 degrees, unless a z reading or `hint` gives the other one. Under JAX
+    tracing the same formulas run without checks of the values.
 
     Parameters
     ----------
-    readings : with an accelerometer, at the positions of the method (all x or y positions for least squares).
+    readings : accelerometer readings at the positions that the method needs (least squares uses all x or y positions).
     method : "four_point_x", "least_squares_x", "four_point_y", "least_squares_y" or "bias_and_scale".
     gravity : local gravity, m/s^2.
     hint : rough roll, rad.
-    offset : whether least squares fits the bias; without it two angles suffice, and an unbalanced set does not cancel the bias.
-    both_z : whether "bias_and_scale" takes a reading with mounting "-z" as well, which frees it of the misalignment MA_1.
+    offset : whether least squares fits the bias. Without it two angles suffice, but a bias then falsifies roll and pitch unless the
+        angles are balanced.
+    both_z : whether "bias_and_scale" also uses a reading with mounting "-z", which removes the effect of the misalignment MA_1.
 
     Returns
     -------
     Level
-        With both roots, the covariance from the readings' noise, and a verdict. Traced, phi is 0 where it is not determined.
+        Both roots, the covariance from the readings' noise, and a verdict. In a traced result phi is 0 if it is not determined.
 
     Raises
     ------
     DataError
-        For an unknown method, a missing position (named), or no accelerometer.
+        If the method is unknown, a position is missing (the message names it), or there is no accelerometer.
 
     Examples
     --------
@@ -139,7 +141,7 @@ def level(
 
 
 def _trimmed(found: Level) -> Level:
-    """A result of the host: no number where there is none."""
+    """Host result: replace undefined numbers by None."""
     name = verdict_name(found.verdict)
     gone = name in ("degenerate", "missing") or (name == "clipped" and np.cos(float(found.theta)) < _SINGULAR)
     whole = gone and (not np.isfinite(float(found.theta)) or name == "missing" or bool(np.asarray(found.covariance)[1, 1] < 0))
@@ -170,7 +172,7 @@ def _levelled(readings: Readings, method: str, gravity: Array, hint: Array | Non
     # x: a = g (st cos - q sin) + b; y: a = -g (q cos + st sin) + b
     turn = as_array([[1.0, 0.0], [0.0, -1.0]] if method[-1] == "x" else [[0.0, -1.0], [-1.0, 0.0]])
     (sine, product), covariance = turn @ value, turn @ covariance @ turn.T
-    # -f_z / g as far as z readings tell; 0 where there are none
+    # -f_z / g from the z readings; 0 without z readings
     (plus, minus), _, (up, over) = means_at(readings, "accel", [("z", 0.0), ("-z", 0.0)], gravity)
     zero = as_array(0.0) if bias is None else bias / gravity
     down = jnp.where(up & over, (minus - plus) / 2, jnp.where(up, zero - plus, jnp.where(over, minus - zero, 0)))
@@ -178,7 +180,7 @@ def _levelled(readings: Readings, method: str, gravity: Array, hint: Array | Non
 
 
 def _from_plane(sine, product, covariance, bias, determined, down, hint, method) -> Level:
-    """Roll and pitch from st and ct sf."""
+    """Roll and pitch from sin(theta) and cos(theta) sin(phi)."""
     one = jnp.ones_like(sine)
     over_theta = jnp.abs(sine) - 1
     st = jnp.clip(sine, -1, 1)
@@ -194,7 +196,7 @@ def _from_plane(sine, product, covariance, bias, determined, down, hint, method)
     far = distance(roots, hint) if hint is not None else jnp.where(down != 0, jnp.sign(down) * -jnp.cos(roots), -jnp.cos(roots))
     phi = roots[jnp.argmin(far)]
 
-    # derivative of the sines' arguments; a clipped or merged root has none, and takes that of its neighbourhood
+    # derivative of the angles by the two sines; a clipped or double root has none, so use that of a point nearby
     scale = jnp.maximum(ct, _SINGULAR)
     by = jnp.stack([jnp.stack([sf * st / scale, one]), jnp.stack([one, jnp.zeros_like(one)])])
     raw = by @ covariance @ by.T / jnp.outer(jnp.stack([scale, scale]), jnp.stack([scale, scale]))
@@ -206,7 +208,7 @@ def _from_plane(sine, product, covariance, bias, determined, down, hint, method)
     over = jnp.stack([over_theta, over_phi])
     rounding = 8 * jnp.finfo(sine.dtype).eps
     excess = jnp.max(jnp.where(over > rounding, jnp.where(variance > 0, over / sigma, jnp.inf), 0))
-    # fewer angles than unknowns: not even the pitch is known, and a negative variance says so to the host
+    # with fewer angles than unknowns even the pitch is unknown; a negative variance marks this case for `_trimmed`
     unknown = Verdict.degenerate if method.startswith("least") else Verdict.missing
     verdict = decided(
         (angle_covariance[0, 0] > WEAK**2, Verdict.weak), (cf < _SINGULAR, Verdict.double_root), (undefined, Verdict.degenerate),
@@ -217,7 +219,7 @@ def _from_plane(sine, product, covariance, bias, determined, down, hint, method)
 
 
 def _with_z(readings: Readings, gravity: Array, both: bool) -> Level:
-    """The method of bias and scale: angles that depend on neither."""
+    """The method "bias_and_scale", whose angles depend on neither bias nor scale."""
     x, variance, present = means_at(readings, "accel", [*_WANTED["bias_and_scale"], ("-z", 0.0)], gravity)
 
     def parts(x: Array) -> Array:
@@ -228,7 +230,7 @@ def _with_z(readings: Readings, gravity: Array, both: bool) -> Level:
         a1, a2, a3 = parts(x)
         square = a2**2 + a3**2
         some = square > 0
-        # straight up or down the roll has no value and no slope
+        # with the x axis vertical, the roll has neither a value nor a derivative
         second, third = jnp.where(some, -a2, 0), jnp.where(some, -a3, 1)
         return jnp.stack([jnp.arctan2(second, third), jnp.arctan2(a1, root_of(square))])
 
@@ -251,12 +253,12 @@ class Coarse(eqx.Module):
 
     Attributes
     ----------
-    attitude : (3,) roll, pitch, azimuth, rad; None where there is no horizontal rate or no gravity (traced: zero azimuth).
-    latitude : rad, as found.
-    attitude_std : (3,) first order, for a level IMU that points north; None without noise.
-    latitude_std : rad; None without noise.
-    rate_error, force_error : |w| - we in rad/s and |f| - g in m/s^2.
-    latitude_error : found less given, rad; None where none was given.
+    attitude : (3,) roll, pitch, azimuth, rad; None without horizontal rate or gravity (traced: zero azimuth).
+    latitude : estimated latitude, rad; None without gravity.
+    attitude_std : (3,) first-order standard deviations for a level IMU that points north, rad; None without given errors.
+    latitude_std : standard deviation of the latitude, rad; None without given errors.
+    rate_error, force_error : |w| minus the Earth's rate, rad/s, and |f| minus gravity, m/s^2.
+    latitude_error : estimated minus given latitude, rad; None if no latitude was given.
     verdict : item of `Verdict`.
 
     Examples
@@ -279,7 +281,7 @@ class Coarse(eqx.Module):
 
     @property
     def reason(self) -> str:
-        """What the verdict means (host only)."""
+        """Sentence that explains the verdict (host only)."""
         return sentence(self.verdict, "coarse")
 
 
@@ -287,16 +289,16 @@ class Coarse(eqx.Module):
 def coarse(
     gyro_mean: Any, accel_mean: Any, *, latitude: Any = None, gravity: Any = GRAVITY, gyro_error: Any = None, accel_error: Any = None
 ) -> Coarse:
-    r"""Attitude and latitude from the mean rate and specific force of three gyros and three accelerometers at rest.
+    r"""Compute attitude and latitude from the mean rate and mean specific force of an IMU with three axes at rest.
 
     .. math:: d = -f/|f|,\quad n = \frac{w - (w\cdot d)\,d}{|w - (w\cdot d)\,d|},\quad e = d \times n,\quad C_{BN} = [n\; e\; d]
 
     Parameters
     ----------
     gyro_mean, accel_mean : (3,) rad/s and m/s^2 in body axes.
-    latitude : rad, if known: it is compared with the one found.
+    latitude : rad, if known; the function compares it with the estimate.
     gravity : m/s^2.
-    gyro_error, accel_error : standard deviation of one axis' mean with its bias, rad/s and m/s^2.
+    gyro_error, accel_error : standard deviation of the mean of one axis, including its bias, rad/s and m/s^2.
 
     Returns
     -------
@@ -305,7 +307,7 @@ def coarse(
     Raises
     ------
     DataError
-        For means that are not three finite numbers.
+        If a mean is not three finite numbers.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""`Turntable`: every reading as a function of attitude, sensor errors and latitude; `Table`: readings and priors as its data."""
+"""`Turntable` predicts every reading from attitude, sensor errors and latitude; `Table` holds readings and priors as data."""
 
 import dataclasses
 from typing import Any
@@ -25,15 +25,15 @@ class Turntable(eqx.Module):
     .. math:: m = (1 + s)\,u\cdot v + MA_1 v_1\cdot v + MA_2 v_2\cdot v + b + \dot b\,t,\qquad
         f = a_{rel} + 2\omega_E \times v_{rel} - g,\quad \omega = \omega_E + \omega_{table}
 
-    u is the sensitive axis, v_1 and v_2 the cross axes. The fields are the parameters that `fit` estimates. A subclass with one more
-    number, whose `measure` uses it, is fitted, reported and drawn as well (``fit(readings, latitude, model=Mine(), free=...)``).
+    u is the sensitive axis, v_1 and v_2 are the cross axes. The fields are the parameters that `fit` can estimate. To add a parameter,
+    write a subclass with a further number that its `measure` uses (``fit(readings, latitude, model=Mine(), free=...)``).
 
     Attributes
     ----------
     phi, theta, psi : roll, pitch and azimuth of the table, rad.
     b_a, s_a, b_g, s_g : bias and scale error of the accelerometer (m/s^2) and of the gyro (rad/s).
     ma_a_xy, ma_a_xz, ma_g_xy, ma_g_xz : misalignments towards the first and the second cross axis, rad.
-    b_a_rate, b_g_rate : drift of the biases per second about the middle of the test.
+    b_a_rate, b_g_rate : drift of the biases per second; b_a and b_g refer to the middle of the test.
     latitude : rad, north positive.
 
     Examples
@@ -66,28 +66,28 @@ class Turntable(eqx.Module):
 
     @property
     def matrix(self) -> AnyArray:
-        """C_TN, (3, 3): from north, east, down to table axes."""
+        """Rotation matrix C_TN, (3, 3), from north, east, down to table axes."""
         return table_from_nav(self.phi, self.theta, self.psi)
 
     @property
     def earth_rate(self) -> AnyArray:
-        """(3,) the Earth's rate in table axes over its size, C_TN [cos lat, 0, -sin lat]."""
+        """(3,) unit vector of the Earth's rate in table axes, C_TN [cos lat, 0, -sin lat]."""
         xp, matrix = array_module(self), self.matrix
         return matrix[:, 0] * xp.cos(self.latitude) - matrix[:, 2] * xp.sin(self.latitude)
 
     def truth(self, positions: Any, *, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> tuple[AnyArray, AnyArray]:
-        """Specific force (n, 3), m/s^2, and angular rate (n, 3), rad/s, along the sensitive and the two cross axes; see `measure`."""
+        """True specific force (n, 3), m/s^2, and angular rate (n, 3), rad/s, along the sensitive and two cross axes; see `measure`."""
         places = geometry(positions, gravity, lever_arm)
         down, earth = self.matrix[:, 2], EARTH_RATE * self.earth_rate
         force = places.force + places.coriolis @ earth - places.gravity * (places.axes @ down)
         return force, places.rate + places.axes @ earth
 
     def measure(self, positions: Any, *, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> tuple[AnyArray, AnyArray]:
-        """Readings of the accelerometer (n,), m/s^2, and of the gyro (n,), rad/s, without noise.
+        """Compute the noise-free readings of the accelerometer (n,), m/s^2, and of the gyro (n,), rad/s.
 
         Parameters
         ----------
-        positions : `Positions`, table angles in rad, or the `places` of a `Table`, which hold gravity and lever arm themselves.
+        positions : `Positions`, table angles in rad, or the `places` of a `Table`, which already include gravity and lever arm.
         gravity : m/s^2.
         lever_arm : distance of the sensors from the table's axis along body x, m.
         """
@@ -98,24 +98,24 @@ class Turntable(eqx.Module):
         return accel + self.b_a + self.b_a_rate * places.time, gyro + self.b_g + self.b_g_rate * places.time
 
     def correct(self, accel: Any, gyro: Any, positions: Any, *, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> tuple[AnyArray, AnyArray]:
-        """What sensors without errors would have read: the readings less what bias, drift, scale and misalignment add at this attitude."""
+        """Correct readings: subtract the effects of bias, drift, scale error and misalignment at this attitude."""
         places = geometry(positions, gravity, lever_arm)
         errors = (own - true[:, 0] for own, true in zip(self.measure(places), self.truth(places), strict=True))
         return tuple(reading - error for reading, error in zip((accel, gyro), errors, strict=True))  # type: ignore[return-value]
 
 
 class Triads(Turntable):
-    r"""A turntable with a full IMU: every axis has a bias of its own, and the z axes need not be parallel to the table's axis.
+    r"""A turntable with a full IMU: each axis has its own bias, and the z axes need not be parallel to the table's axis.
 
     .. math:: m_z = f_z + MA_{zx} f_x + MA_{zy} f_y + b_z
 
-    Scale errors and the other misalignments are common to the axes. Correct the readings with the calibration of the IMU first, so that
-    these are small. That the x and y axes are not square to the table's axis adds a constant, which is part of their biases. The mountings
-    of the rows are "x", "y" and "fixed z".
+    Scale errors and the other misalignments are common to all axes, so correct the readings with the calibration of the IMU first. If the
+    x and y axes are not perpendicular to the table's axis, this adds a constant, which is part of their biases. The mountings of the rows
+    are "x", "y" and "fixed z".
 
     Attributes
     ----------
-    b_a_y, b_a_z, b_g_y, b_g_z : biases of the y and z axes; those of the x axes are b_a and b_g.
+    b_a_y, b_a_z, b_g_y, b_g_z : biases of the y and z axes; b_a and b_g are the biases of the x axes.
     ma_a_zx, ma_a_zy, ma_g_zx, ma_g_zy : misalignments of the z axes towards x and y, rad.
 
     Examples
@@ -127,7 +127,7 @@ class Triads(Turntable):
 
     References
     ----------
-    As of `Turntable`.
+    See `Turntable`.
     """
 
     b_a_y: Any = 0.0
@@ -140,7 +140,7 @@ class Triads(Turntable):
     ma_g_zy: Any = 0.0
 
     def measure(self, positions: Any, *, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> tuple[AnyArray, AnyArray]:
-        """As of `Turntable`, with the bias of each axis and the misalignment of the z axes."""
+        """Compute the noise-free readings as `Turntable.measure` does, with the bias of each axis and the misalignment of the z axes."""
         places = geometry(positions, gravity, lever_arm)
         xp, readings, truth = array_module(self, places), super().measure(places), self.truth(places)
         errors = (
@@ -155,7 +155,7 @@ class Triads(Turntable):
 
 
 NAMES = tuple(field.name for field in dataclasses.fields(Turntable))
-#: parameter -> its unit; a parameter of a subclass has none here
+#: parameter -> its unit; additional parameters of a user's subclass are not listed
 UNITS = dict(zip(NAMES, ("rad",) * 3 + ("m/s^2", "", "rad/s", "") + ("rad",) * 4 + ("m/s^3", "rad/s^2", "rad"), strict=True))
 UNITS |= {"b_a_y": "m/s^2", "b_a_z": "m/s^2", "b_g_y": "rad/s", "b_g_z": "rad/s"}
 UNITS |= {f"ma_{sensor}_z{axis}": "rad" for sensor in "ag" for axis in "xy"}
@@ -163,7 +163,7 @@ ANGLES = NAMES[:3]
 
 
 def names_of(model: Any) -> tuple[str, ...]:
-    """Names of the parameters of a model, in order."""
+    """Names of the parameters of a model, in the order of its fields."""
     found = [(jax.tree_util.keystr(path, simple=True, separator="."), leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(model)]
     other = [name for name, leaf in found if np.shape(leaf)]
     if not isinstance(model, Turntable) or other:
@@ -173,19 +173,19 @@ def names_of(model: Any) -> tuple[str, ...]:
 
 
 def with_values(model: Any, values: Any) -> Any:
-    """The model with other values, in the order of `names_of`."""
+    """The model with new values, given in the order of `names_of`."""
     return jax.tree.unflatten(jax.tree.structure(model), list(values))
 
 
 def turntable(attitude: Any, latitude: Any, accel: Sensor, gyro: Sensor) -> Turntable:
-    """The model of two sensors on a table."""
+    """Make a `Turntable` from attitude, latitude and the errors of both sensors."""
     (a1, a2), (g1, g2) = accel.misalignment, gyro.misalignment
     errors = (accel.bias, accel.scale_error, gyro.bias, gyro.scale_error, a1, a2, g1, g2, accel.bias_rate, gyro.bias_rate)
     return with_values(Turntable(), [*attitude, *errors, latitude])
 
 
 class Places(eqx.Module):
-    """The arrays of `Positions`, filled up to a power of two with rows that are never measured."""
+    """The arrays of `Positions`, padded to a power of two with rows that are never measured."""
 
     angle: Any
     axes: Any
@@ -203,14 +203,14 @@ class Table(eqx.Module):
 
     Attributes
     ----------
-    places : `Geometry` of the positions, of one length for many lists of positions, so that one compiled program serves them.
+    places : `Geometry` of the positions, padded so that one compiled program serves position lists of different lengths.
     accel, gyro : (n,) readings, m/s^2 and rad/s.
-    weight_accel, weight_gyro : (n,) one over the standard deviation, zero where nothing was measured; or (n, n) inverse Cholesky factor
-        of the covariance, where the bias wanders.
-    prior, certainty : (p,) prior means and one over their standard deviations, zero where there is none, in the order of the model's
-        parameters; None for no priors.
-    weight_both : (2 n, 2 n) inverse Cholesky factor of the covariance of all readings, where table angles that are not exact join those of
-        both sensors; None where these are independent.
+    weight_accel, weight_gyro : (n,) reciprocal standard deviation, zero if not measured; or (n, n) inverse Cholesky factor of the
+        covariance if the noise is not white.
+    prior, certainty : (p,) prior means and reciprocal standard deviations in the order of the model's parameters, zero for a parameter
+        without prior; None for no priors.
+    weight_both : (2 n, 2 n) inverse Cholesky factor of the covariance of all readings, if errors of the table angles correlate the two
+        sensors; None if the sensors are independent.
 
     Examples
     --------
@@ -232,25 +232,25 @@ class Table(eqx.Module):
 
     @property
     def measured(self) -> list[AnyArray]:
-        """Which rows the accelerometer measured (n,), and which the gyro."""
+        """Two arrays (n,): the rows measured by the accelerometer, and the rows measured by the gyro."""
         return [(weight if weight.ndim == 1 else weight.diagonal()) > 0 for weight in (self.weight_accel, self.weight_gyro)]
 
 
 def residuals(model: Any, data: Any) -> Any:
-    r"""Residuals of a turntable model in units of their standard deviation: accelerometer, gyro, priors.
+    r"""Compute the residuals of a turntable model in units of their standard deviation: accelerometer, gyro, priors.
 
     .. math:: r = \left(W_a (\hat a - a),\; W_g (\hat w - w),\; (x - x_0)/\sigma_0\right)
 
-    Pure, and usable under `jit`, `vmap`, `grad` and in `jaxcal.fitting.solve`.
+    The function is pure and works under `jit`, `vmap`, `grad` and in `jaxcal.fitting.solve`.
 
     Parameters
     ----------
-    model : `Turntable`, or one of a subclass.
+    model : `Turntable` or a subclass.
     data : `Table`, or `Readings` with their noise.
 
     Returns
     -------
-    (2 n,) or (2 n + p,) with p parameters, where there are priors; n is the number of positions, padded to a power of two.
+    (2 n,), or (2 n + p,) with priors on p parameters; n is the number of positions, padded to a power of two.
 
     Examples
     --------
@@ -262,7 +262,7 @@ def residuals(model: Any, data: Any) -> Any:
 
     References
     ----------
-    As of `fit`.
+    See `fit`.
     """
     table = tabulate(data) if isinstance(data, Readings) else data
     accel, gyro = model.measure(table.places)
@@ -279,7 +279,7 @@ def residuals(model: Any, data: Any) -> Any:
 
 
 def padded(positions: Positions) -> Places:
-    """Positions padded to a power of two."""
+    """Pad the arrays of positions to a power of two."""
     xp = array_module(positions)
     count = len(positions)
     more = max(_SMALLEST_PAD, 1 << (count - 1).bit_length()) - count
@@ -293,14 +293,14 @@ def padded(positions: Positions) -> Places:
 
 
 def tabulate(readings: Readings, gravity: Any = GRAVITY, noise: Any = None, prior: Any = None, certainty: Any = None) -> Table:
-    """Readings as data of `residuals`.
+    """Convert readings to the data of `residuals`.
 
     Parameters
     ----------
     readings : `Readings`.
     gravity : m/s^2.
-    noise : noise of the accelerometer and of the gyro, as `Readings` holds it; by default that of the readings.
-    prior, certainty : as of `Table`.
+    noise : (accelerometer, gyro) noise in the form of `Readings`; the default is that of the readings.
+    prior, certainty : see `Table`.
 
     Examples
     --------
@@ -327,7 +327,7 @@ def tabulate(readings: Readings, gravity: Any = GRAVITY, noise: Any = None, prio
 
 
 def with_angle_errors(table: Table, model: Any, positions: Positions, gravity: Any, lever_arm: Any) -> Table:
-    """The table with the covariance that errors of the table's angles add, for a model near the solution."""
+    """Add to the data the covariance caused by errors of the table angles, linearised at a model near the solution."""
     if positions.angle_std is None:
         return table
     xp = array_module(table, model, positions, gravity, lever_arm)
@@ -351,7 +351,7 @@ def with_angle_errors(table: Table, model: Any, positions: Positions, gravity: A
 
 
 def in_one_type(tree: Any, dtype: Any) -> Any:
-    """Every floating number of a tree as an array of one type; NumPy's stay NumPy's."""
+    """Convert every floating-point number of a tree to an array of one dtype; NumPy arrays stay NumPy arrays."""
 
     def cast(leaf: Any) -> Any:
         traced = isinstance(leaf, jax.Array)

@@ -1,4 +1,4 @@
-"""Noise of the sensors: errors that are known (`Sensor`), any source as a `Noise` for each axis, and the covariance of the readings."""
+"""Noise of the sensors: known errors (`Sensor`), conversion of any source to `Noise` per axis, and the covariance of the readings."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -18,14 +18,14 @@ _WORDS = {"accel": "accelerometer", "gyro": "gyro"}
 class Sensor(eqx.Module):
     """Errors of an accelerometer (SI: m/s^2) or a gyro (rad/s).
 
-    The reading is m = (1 + s) u.v + MA_1 v1.v + MA_2 v2.v + b + b' (t - t0) + n, with u the sensitive axis, v1 and v2 the cross axes.
+    The reading is m = (1 + s) u.v + MA_1 v1.v + MA_2 v2.v + b + b' (t - t0) + n with the sensitive axis u and the cross axes v1, v2.
 
     Attributes
     ----------
     scale_error : s.
     misalignment : (2,) MA_1, MA_2, rad.
     bias : b, mean over the measured time.
-    bias_rate : b', per second, about the middle of the test.
+    bias_rate : b', drift of the bias per second; t0 is the middle of the test.
     white : N, velocity or angle random walk (m/s^2 sqrt(s), rad/sqrt(s)); the mean over a dwell T has the variance N^2/T.
     walk : K, random walk of the bias (m/s^2/sqrt(s), rad/s/sqrt(s)).
     flicker : B, bias instability (m/s^2, rad/s).
@@ -52,7 +52,7 @@ IDEAL = Sensor()
 
 
 def as_noise(given: Any, name: str) -> Any:
-    """A `Noise`, or a tuple of three for the axes of a triad, from all that stands for one; None for None."""
+    """Convert a number, `Sensor`, `NoiseFit` or `Noise`, or three of them, to `Noise` or a tuple of three; None stays None."""
     if given is None or isinstance(given, Noise):
         return given
     if isinstance(given, (tuple, list)):
@@ -71,22 +71,22 @@ def as_noise(given: Any, name: str) -> Any:
 
 
 def noise_of(source: Any, axis: str | None = "x") -> dict[str, Any]:
-    """Noise of accelerometer and gyro from what is known of a device.
+    """Extract the noise of accelerometer and gyro from a noise fit or a calibration of the device.
 
     Parameters
     ----------
-    source : what `jaxcal.noise.characterise` returns (channel -> `NoiseFit`), a `jaxcal.Calibration` with noise, or {"accel": noise,
-        "gyro": noise} with any noise that `Readings` takes.
-    axis : axis of the device that is the sensor on the table, "x", "y" or "z"; None for all three, as a full IMU needs them.
+    source : result of `jaxcal.noise.characterise` (channel -> `NoiseFit`), a `jaxcal.Calibration` with noise, or {"accel": noise,
+        "gyro": noise} with any noise that `Readings` accepts.
+    axis : axis of the device that is the sensitive axis on the table, "x", "y" or "z"; None returns all three, for a full IMU.
 
     Returns
     -------
-    {"accel_noise": ..., "gyro_noise": ...}, for `Readings`, `crlb` and `plan`; None for a sensor of which the source says nothing.
+    {"accel_noise": ..., "gyro_noise": ...}, for `Readings`, `crlb` and `plan`; None for a sensor without noise in the source.
 
     Raises
     ------
     DataError
-        For a source that holds no noise of either sensor, or an axis that is not x, y or z.
+        If the source has no noise of either sensor, or the axis is not x, y or z.
 
     Examples
     --------
@@ -115,7 +115,7 @@ def noise_of(source: Any, axis: str | None = "x") -> dict[str, Any]:
 
 
 def _channel(held: Any, sensor: str, index: int) -> Noise | None:
-    """Noise of one axis, from fits by channel or from the noise of a calibration."""
+    """Noise of one axis, from a mapping channel -> fit or from the noise of a calibration; None if it has none."""
     if isinstance(held, Mapping):
         return as_noise(held.get(f"{sensor}_{_AXES[index]}"), f"{_WORDS[sensor]} noise")
     stored = getattr(held, sensor, None)
@@ -129,13 +129,13 @@ def _channel(held: Any, sensor: str, index: int) -> Noise | None:
 
 
 def by_channel(noise: Any, positions: Any) -> Any:
-    """A model for each sensor of a triad, where the positions have several: one model then stands for three independent sensors."""
+    """Repeat one noise model for the three sensors of a triad if the positions use several sensors, whose noise is independent."""
     several = noise is not None and not isinstance(noise, tuple) and bool(np.any(positions.channel > 0))
     return (noise,) * 3 if several else noise
 
 
 def check_noise(noise: Any, name: str) -> None:
-    """Refuse noise without a white part, or with a coefficient that is negative or not finite (host only)."""
+    """Refuse noise without white noise, or with a coefficient that is negative or not finite (host only)."""
     for one in noise if isinstance(noise, tuple) else (noise,):
         if one is None or is_traced(one):
             continue
@@ -145,7 +145,7 @@ def check_noise(noise: Any, name: str) -> None:
 
 
 def mixed(noises: tuple[Noise, ...], matrix: np.ndarray) -> tuple[Noise, ...]:
-    """Noise of the axes of a triad turned by a matrix: squared coefficients add up."""
+    """Noise of the axes of a triad after rotation by a matrix: squared coefficients add up."""
 
     def one(row: np.ndarray) -> Noise:
         squares = {name: sum((w * float(getattr(n, name))) ** 2 for w, n in zip(row, noises, strict=True)) for name in "QNBKR"}
@@ -159,12 +159,12 @@ def mixed(noises: tuple[Noise, ...], matrix: np.ndarray) -> tuple[Noise, ...]:
 
 
 def white_alone(noise: Noise) -> bool:
-    """Whether N is all that a model has, besides a ramp, which is not random."""
+    """Whether a model has white noise only; a ramp is ignored, because it is not random."""
     return all(name in ("N", "R") or (isinstance(c, (int, float)) and c == 0) for name, c, _ in noise.parts)
 
 
 def covariance_of(noise: Any, places: Any, here: AnyArray) -> AnyArray:
-    """Variances (n,) of the readings of one sensor where its noise is white, else their covariance (n, n); one where there is none."""
+    """Variances (n,) of the readings of one sensor if its noise is white, else their covariance (n, n); one for unmeasured rows."""
     axes = noise if isinstance(noise, tuple) else (noise,)
     xp = array_module(axes, places, here)
     mine = [here & (places.channel == i) if len(axes) > 1 else here for i in range(len(axes))]
@@ -182,7 +182,7 @@ def covariance_of(noise: Any, places: Any, here: AnyArray) -> AnyArray:
 
 
 def weight_of(covariance: AnyArray, here: AnyArray) -> AnyArray:
-    """One over the standard deviations (n,), or the inverse Cholesky factor (n, n); zero where nothing was measured."""
+    """Reciprocal standard deviations (n,), or the inverse Cholesky factor (n, n); zero for unmeasured rows."""
     xp = array_module(covariance, here)
     if covariance.ndim == 1:
         return xp.where(here, 1 / xp.sqrt(covariance), 0)

@@ -1,4 +1,4 @@
-"""`plan`: at which table angles to measure, and how long, for the best azimuth."""
+"""`plan`: choose table angles and dwells that give the most accurate azimuth."""
 
 import dataclasses
 from collections.abc import Iterable
@@ -23,19 +23,19 @@ from ._start import free_of, priors_of
 
 _STARTS = 4
 _NUDGE = 0.1
-_LEAST = 1e-7  # share of the time that a position keeps
+_LEAST = 1e-7  # least share of the time for a position
 
 
 class Plan(eqx.Module):
-    """Table angles and dwells.
+    """A measurement plan: table angles and dwells.
 
     Attributes
     ----------
-    positions : `Positions` in the order to measure them, with their dwells and starts.
-    azimuth_std : bound of the azimuth, rad, per attitude (k,).
-    compared : name -> the same bound, by the criterion, of other plans with the same time: uniform turns and the best pair.
-    criterion : the value that was minimised, rad. gain : that of uniform four positions over it.
-    pair : best angle tau0 of a pair tau0, tau0 + 180 degrees for the first attitude, rad, in [0, pi).
+    positions : `Positions` in the order of measurement, with their dwells and starts.
+    azimuth_std : (k,) bound of the azimuth's standard deviation for each attitude, rad.
+    compared : name -> value of the criterion for other plans with the same total time: uniform turns and the best pair.
+    criterion : minimised value, rad. gain : value of four uniform positions divided by `criterion`.
+    pair : angle tau0 of the best pair tau0, tau0 + 180 degrees for the first attitude, rad, in [0, pi).
 
     Examples
     --------
@@ -55,7 +55,7 @@ class Plan(eqx.Module):
 
 
 def best_angle(attitude: Any, latitude: Any) -> Any:
-    r"""Table angle at which the sensitive axis feels the azimuth most.
+    r"""Compute the table angle at which the reading is most sensitive to the azimuth.
 
     .. math:: \tau_0 = \mathrm{atan2}(\partial W_y/\partial\psi,\ \partial W_x/\partial\psi)
 
@@ -66,11 +66,11 @@ def best_angle(attitude: Any, latitude: Any) -> Any:
 
     Returns
     -------
-    The angle, rad; the best pair of positions is this one and the opposite.
+    The angle, rad; the best pair of positions is this angle and the opposite one.
 
     Examples
     --------
-    A level table whose x axis points north: best is the axis towards east or west.
+    For a level table whose x axis points north, the best direction of the sensitive axis is east or west:
 
     >>> import math
     >>> import numpy as np
@@ -83,7 +83,7 @@ def best_angle(attitude: Any, latitude: Any) -> Any:
     The derivative of the rate in table axes, equations (36) to (38) of the north-finding paper in corrected form.
     """
     phi, theta, psi = attitude
-    # the horizontal part of the Earth's rate turns with the azimuth: its slope is what it is a quarter turn on
+    # the horizontal part of the Earth's rate rotates with the azimuth, so its derivative is its value a quarter turn further
     slope = table_from_nav(phi, theta, psi + np.pi / 2)[:, 0]
     return array_module(slope).arctan2(slope[1], slope[0])
 
@@ -106,25 +106,26 @@ def plan(
     gravity: Any = GRAVITY,
     seed: int = 0,
 ) -> Plan:
-    r"""Angles and dwells that minimise the bound of the azimuth under a total time.
+    r"""Choose table angles and dwells that minimise the bound of the azimuth for a given total time.
 
     .. math:: \min_{\tau, z} \log\sigma_\psi(\tau, T),\qquad T_k = T\,\mathrm{softmax}(z)_k
 
-    by the gradient of the Cramer-Rao bound of the joint fit, from several starts; never worse than the plans in `compared`.
+    The search follows the gradient of the Cramer-Rao bound of the joint fit from several starts. The result is never worse than the plans
+    in `compared`.
 
     Parameters
     ----------
-    total_time : s, moves included.
+    total_time : s, including moves.
     latitude : rad.
-    attitude : (3,) rough roll, pitch and azimuth, rad; or (k, 3) possible ones. The best angles depend on the azimuth: plan from a
-        first short turn, or over several azimuths.
-    accel_noise, gyro_noise : as of `crlb`.
-    mountings : one word per position, or several such lists, of which the best is taken.
-    free, priors : as of `fit`; by default angles, biases and scale errors are free, with priors of 1e-4 on the scale errors.
-    criterion : "mean" variance or "largest" variance over the attitudes.
-    minimum_dwell : s per position. slew : s per move between positions.
-    mirrored : measure forth and back, which cancels a linear drift of the biases.
-    gravity : m/s^2. seed : of the starts.
+    attitude : (3,) approximate roll, pitch and azimuth, rad; or (k, 3) possible attitudes. The best angles depend on the azimuth, so
+        estimate it by a short first measurement, or plan for several azimuths.
+    accel_noise, gyro_noise : see `crlb`.
+    mountings : one word per position; or several such lists, of which the best one is used.
+    free, priors : see `fit`; by default angles, biases and scale errors are free, with priors of 1e-4 on the scale errors.
+    criterion : "mean" or "largest" variance over the attitudes.
+    minimum_dwell : least dwell per position, s. slew : time per move between positions, s.
+    mirrored : True to measure the positions forwards and then backwards, which cancels a linear drift of the biases.
+    gravity : m/s^2. seed : seed of the starts.
 
     Returns
     -------
@@ -133,7 +134,7 @@ def plan(
     Raises
     ------
     DataError
-        For a time that the moves and least dwells use up, unknown names, or parameters that no such positions determine.
+        If the time is too short for the moves and dwells, a name is unknown, or no such positions determine the free parameters.
 
     Examples
     --------
@@ -160,7 +161,7 @@ def plan(
         raise DataError(f"There is no criterion {criterion!r}; known are 'mean' and 'largest'.")
     lists = [mountings] if isinstance(mountings[0], str) and mountings[0] in ("x", "z", "-z", "y") else list(mountings)
     noise = [given_noise(accel_noise, "accelerometer noise"), given_noise(gyro_noise, "gyro noise")]
-    # a coefficient of zero is part of the program, which is then smaller
+    # a zero coefficient stays a Python number, so that the compiled program omits its term
     noise = jax.tree.map(lambda value: jnp.asarray(float(value)) if float(value) else 0.0, noise)
     if priors is None and free is None:
         free, priors = ("phi", "theta", "psi", "b_a", "s_a", "b_g", "s_g"), {"s_a": 1e-4, "s_g": 1e-4}
@@ -179,8 +180,8 @@ def plan(
 class _Design(eqx.Module):
     """The bound of the azimuth as a function of table angles and shares of the time, for one list of mountings.
 
-    words : mountings. free : which parameters are estimated. total, minimum, slew : s, as of `plan`. largest : whether the criterion is.
-    bound : what else the bound needs: models (k,), noise, certainty of the priors, gravity.
+    words : mountings. free : flags of the estimated parameters. total, minimum, slew : times in s, see `plan`. largest : True for the
+    criterion "largest". bound : further data for the bound: models (k,), noise, certainty of the priors, gravity.
     """
 
     words: tuple[str, ...]
@@ -194,22 +195,22 @@ class _Design(eqx.Module):
 
     @property
     def order(self) -> np.ndarray:
-        """Places in the order of measuring: forth, and back where asked for."""
+        """Indices of the positions in the order of measurement: forwards and, if `mirrored`, backwards."""
         forth = np.arange(len(self.words))
         return np.concatenate([forth, forth[::-1]]) if self.mirrored else forth
 
     @property
     def time(self) -> float:
-        """Time for all dwells, s; the first place on the way back is the last one forth, without a move."""
+        """Time for all dwells, s; the way back begins at the last position of the way out, without a move."""
         return self.total - self.slew * (len(self.order) - (2 if self.mirrored else 1))
 
     @property
     def least(self) -> float:
-        """Share of the time that every place keeps."""
+        """Least share of the time for every position."""
         return max(self.minimum * len(self.order) / self.time, _LEAST) / len(self.words)
 
     def objective(self, p: np.ndarray) -> tuple[float, np.ndarray]:
-        """Logarithm of the criterion, and its gradient by angles and logarithms of shares."""
+        """Logarithm of the criterion, and its gradient with respect to angles and logarithms of shares."""
         order = self.order
         places = padded(Positions(np.zeros(len(order)), tuple(self.words[i] for i in order)))
         dwell = (jnp.asarray(self.least), jnp.asarray(self.time), jnp.asarray(len(order) / len(self.words)), jnp.asarray(self.moves))
@@ -217,7 +218,7 @@ class _Design(eqx.Module):
         return float(value), np.asarray(slope)
 
     def value(self, angles: np.ndarray, shares: np.ndarray) -> float:
-        """Standard deviation of the azimuth by the criterion; infinite where the positions do not determine it."""
+        """Standard deviation of the azimuth by the criterion; infinite if the positions do not determine it."""
         value = self.objective(np.concatenate([angles, np.log(np.maximum(shares, 1e-300))]))[0]
         return float(np.exp(value)) if np.isfinite(value) and np.exp(value) < np.pi * 1e3 else np.inf
 
@@ -230,12 +231,12 @@ class _Design(eqx.Module):
 
     @property
     def any_order(self) -> bool:
-        """Whether the order of the visits does not matter: no bias drifts or wanders."""
+        """Whether the order of the positions is irrelevant, because no bias drifts and all noise is white."""
         drifts = any(free and name.endswith("_rate") for name, free in zip(NAMES, self.free, strict=True))
         return not drifts and all(map(white_alone, self.bound[1]))
 
     def positions(self, angles: np.ndarray, shares: np.ndarray) -> Positions:
-        """Mounting by mounting and in the order of their angles, where the order does not matter."""
+        """`Positions` for angles and shares; sorted by mounting and angle if the order is irrelevant."""
         angles, count, order = np.mod(angles, 2 * np.pi), len(self.words), self.order
         if self.any_order:
             order = np.lexsort((angles, np.array([tuple(AXES).index(word) for word in self.words])))[order]
@@ -244,7 +245,7 @@ class _Design(eqx.Module):
 
 
 def _searched(design: _Design, tau: float, seed: int) -> Plan:
-    """Best plan with one list of mountings; `tau` is the best angle of a pair."""
+    """Find the best plan for one list of mountings; `tau` is the best angle of a pair."""
     visits, count = len(design.order), len(design.words)
     if not design.time > max(visits * design.minimum, 0):
         raise DataError(
@@ -266,7 +267,7 @@ def _searched(design: _Design, tau: float, seed: int) -> Plan:
         found = scipy.optimize.minimize(design.objective, start, jac=True, method="L-BFGS-B", options=options)
         if np.isfinite(found.fun) and found.fun < value:
             best, value = (found.x[:count], scipy.special.softmax(found.x[count:])), found.fun
-    # a listed plan that the search did not reach is as good as any
+    # use a listed plan if the search did not find a better one
     for name, pair in listed.items():
         if np.log(values[name]) < value:
             best, value = pair, np.log(values[name])
@@ -277,7 +278,7 @@ def _searched(design: _Design, tau: float, seed: int) -> Plan:
 
 
 def _starts(words: tuple[str, ...], seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The uniform turn of every mounting, slightly moved: at the uniform turn itself the gradient may vanish."""
+    """Starts near uniform angles for every mounting; exactly uniform angles are avoided, because the gradient may vanish there."""
     rng, angles = np.random.default_rng(seed), np.zeros(len(words))
     for word in set(words):
         here = [i for i, other in enumerate(words) if other == word]
@@ -287,7 +288,7 @@ def _starts(words: tuple[str, ...], seed: int) -> list[tuple[np.ndarray, np.ndar
 
 
 def _listed(words: tuple[str, ...], tau: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Rules of thumb with these mountings: uniform turns, and the best pair after a short uniform turn."""
+    """Simple plans with these mountings: uniform turns, and the best pair after a short uniform turn."""
     plane = [i for i, word in enumerate(words) if word == "x"]
     count, n, made = len(words), len(plane), {}
 
@@ -310,7 +311,7 @@ def _listed(words: tuple[str, ...], tau: float) -> dict[str, tuple[np.ndarray, n
 
 @filter_jit
 def _variances(places: Places, count: Any, free: tuple[bool, ...], models: Any, noise: Any, certainty: Array, gravity: Array) -> Array:
-    """Variance of the azimuth for every attitude, (k,), where the first `count` places are measured."""
+    """(k,) variance of the azimuth for every attitude if the first `count` positions are measured."""
     here, zeros = jnp.arange(places.angle.size) < count, jnp.zeros_like(places.angle)
     weights = [weight_of(covariance_of(one, places, here), here) for one in noise]
     table = Table(geometry(places, gravity), zeros, zeros, weights[0], weights[1], 0 * certainty, certainty)
@@ -330,7 +331,7 @@ def _variances(places: Places, count: Any, free: tuple[bool, ...], models: Any, 
 
 @filter_jit
 def _gradient(p: Array, places: Places, index: Array, dwell: Any, largest: Array, *others: Any) -> tuple[Array, Array]:
-    """Half the logarithm of the variance, and its gradient by angles and logarithms of shares; `index` is the order of measuring."""
+    """Half the logarithm of the variance, and its gradient by angles and logarithms of shares; `index` is the order of measurement."""
     least, time, halves, moves = dwell
 
     def objective(p: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Whether readings can be those of a turntable at rest on the Earth, before any statistics."""
+"""Check, before any statistics, that readings can come from a turntable at rest on the Earth."""
 
 from typing import Any
 
@@ -11,18 +11,18 @@ from ._positions import EARTH_RATE, Readings
 
 #: gravity at the surface of the Earth, m/s^2
 GRAVITIES = (9.76, 9.84)
-#: the largest reading of an accelerometer at rest that bias and scale errors explain, m/s^2
+#: largest reading of an accelerometer at rest that bias and scale errors can explain, m/s^2
 _LARGEST = 12.0
-#: the largest bias of a gyro, rad/s, and how many times the Earth's rate the readings may differ by between positions, noise aside
+#: largest bias of a gyro, rad/s; largest half difference between positions in multiples of the Earth's rate, without noise
 _BIAS = np.deg2rad(20.0)
 _TIMES = 20.0
 _NOISE = 6.0
-#: norm of the specific force at rest with an accelerometer that is not calibrated
+#: limits of the magnitude of specific force at rest for an uncalibrated accelerometer, m/s^2
 _NORMS = (9.2, 10.4)
 
 
 def check_readings(readings: Readings) -> None:
-    """Refuse readings of a wrong unit, with the likely one (host only)."""
+    """Refuse readings in a wrong unit, and name the likely unit (host only)."""
     if is_traced(readings):
         return
     resting = np.asarray(readings.positions.rate) == 0
@@ -33,7 +33,7 @@ def check_readings(readings: Readings) -> None:
 
 
 def check_norm(force: np.ndarray) -> None:
-    """Refuse specific force of three axes, (k, 3) at rest, whose norm is not gravity."""
+    """Refuse specific force (k, 3) at rest whose magnitude is not gravity."""
     size = float(np.median(np.linalg.norm(force, axis=1)))
     if not _NORMS[0] < size < _NORMS[1]:
         raise DataError(
@@ -47,7 +47,7 @@ def _check_force(readings: Readings, accel: np.ndarray) -> None:
     largest = float(np.max(np.abs(accel[here]), initial=0.0))
     moving = float(np.max(np.abs(np.asarray(readings.lever_arm) * np.asarray(readings.positions.rate) ** 2), initial=0.0))
     if largest > _LARGEST + moving:
-        # a sensor in the plane of a table reads a part of gravity, one that is remounted all of it
+        # a sensor in the plane of the table measures a small part of gravity, a remounted one all of it
         likely = _likely("accel", lambda factor: 1e-4 < largest * factor < _LARGEST)
         raise DataError(
             f"The accelerometer reads up to {largest:.4g} m/s^2 at rest, but gravity is {GRAVITIES[0]} to {GRAVITIES[1]} m/s^2. {likely}"
@@ -77,7 +77,7 @@ def _check_rate(readings: Readings, gyro: np.ndarray, resting: np.ndarray) -> No
 
 
 def _likely(sensor: str, fits: Any) -> str:
-    """The units that would make the numbers plausible, largest first, and what to do."""
+    """Sentence that names the units that would make the numbers plausible, and tells the user what to do."""
     found = [unit for unit, factor in units_of(sensor).items() if factor != 1 and fits(factor)]
     if not found:
         return f"No usual unit explains that; give the readings in {si_unit(sensor)}."

@@ -1,4 +1,4 @@
-"""`Positions`, `Readings` and `Sensor`: where the table stood, what was read there, and what the sensor does; frames and angles."""
+"""`Positions` and `Readings`: the positions of the table and the readings taken there; frames and angles."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ from ._noise import as_noise, by_channel, covariance_of
 #: rad/s, and m/s^2
 EARTH_RATE = 7.292115e-5
 GRAVITY = 9.80665
-_SAME = 1e-6  # rad: table angles that count as one
+_SAME = 1e-6  # rad: table angles that differ by less count as equal
 
 #: mounting -> sensitive axis and the two cross axes, in body axes
 AXES: dict[str, np.ndarray] = {
@@ -25,22 +25,22 @@ AXES: dict[str, np.ndarray] = {
     "-z": np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]]),
     "fixed z": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]),
 }
-#: mounting -> the sensor of a triad that it is
+#: mounting -> index of the sensor in a triad
 CHANNELS = {"x": 0, "z": 0, "-z": 0, "y": 1, "fixed z": 2}
 
 
 def wrap(angle: Any) -> Any:
-    """The angle in (-pi, pi]."""
+    """Wrap an angle to (-pi, pi]."""
     return angle - 2 * np.pi * array_module(angle).ceil((angle - np.pi) / (2 * np.pi))
 
 
 def distance(first: Any, second: Any) -> Any:
-    """Size of the angle between two azimuths."""
+    """Absolute difference between two azimuths, in [0, pi]."""
     return abs(wrap(first - second))
 
 
 def table_from_nav(phi: Any, theta: Any, psi: Any) -> AnyArray:
-    """C_TN = Rx(phi) Ry(theta) Rz(psi), (3, 3)."""
+    """Rotation matrix C_TN = Rx(phi) Ry(theta) Rz(psi), (3, 3), from north, east, down to table axes."""
     xp = array_module(phi, theta, psi)
     sf, cf, st, ct, sp, cp = (f(a) for a in (phi, theta, psi) for f in (xp.sin, xp.cos))
     return xp.stack(
@@ -53,19 +53,19 @@ def table_from_nav(phi: Any, theta: Any, psi: Any) -> AnyArray:
 
 
 class Positions(eqx.Module):
-    """Where the table stood, and how long.
+    """Positions of the table and the times spent at them.
 
     Attributes
     ----------
     angle : (n,) table angle, rad.
     mounting : "x" (normal), "z" or "-z" (the same sensor remounted by -90 or +90 degrees about body y), "y" or "fixed z" (other
-        sensors, fixed on body y and z), one word or one per position.
-    dwell : time averaged over, s, one number or (n,).
-    start : (n,) time at which each dwell begins, s; by default one follows the other.
-    rate, acceleration : of the table during the dwell, rad/s and rad/s^2, one number or (n,).
-    width : sector of table angle that a turning table passes during the dwell, rad; 0 for a table that stands still.
-    angle_std : what the table's angles may be wrong by, rad: one standard deviation or (n,) for errors that are independent, or their
-        covariance (n, n); None where the angles are exact. An error common to all positions is one of the azimuth itself.
+        sensors, fixed along body y and z); one word, or one per position.
+    dwell : averaging time, s, one number or (n,).
+    start : (n,) time at which each dwell begins, s; by default each dwell begins when the previous one ends.
+    rate, acceleration : rate and acceleration of the table during the dwell, rad/s and rad/s^2, one number or (n,).
+    width : sector of table angle that a turning table covers during the dwell, rad; 0 for a table at rest.
+    angle_std : uncertainty of the table angles, rad: standard deviation of independent errors, one number or (n,), or covariance (n, n)
+        in rad^2; None for exact angles. An error common to all positions is an error of the azimuth itself.
 
     Examples
     --------
@@ -117,12 +117,12 @@ class Positions(eqx.Module):
 
     @property
     def axes(self) -> np.ndarray:
-        """(n, 3, 3) sensitive axis and cross axes of every position, in body axes."""
+        """(n, 3, 3) sensitive axis and two cross axes at every position, in body axes."""
         return np.array([AXES[word] for word in self.mounting])
 
     @property
     def channel(self) -> np.ndarray:
-        """(n,) number of the sensor of a triad that reads at each position."""
+        """(n,) index of the sensor in the triad that is read at each position."""
         return np.array([float(CHANNELS[word]) for word in self.mounting])
 
     @property
@@ -133,17 +133,17 @@ class Positions(eqx.Module):
 
 
 class Readings(eqx.Module):
-    """Mean readings at every position, and the noise they carry.
+    """Mean readings at every position, and their noise.
 
     Attributes
     ----------
     positions : `Positions`.
-    accel : (n,) mean of the accelerometer at every position, m/s^2; NaN where there is none; None without an accelerometer.
-    gyro : (n,) mean of the gyro, rad/s; likewise.
-    accel_noise, gyro_noise : `jaxcal.noise.Noise`, or three of them for the axes of a triad; None where it is not known. It may be given
-        as a number, white noise N (m/s^2 sqrt(s), rad/sqrt(s)), as a `NoiseFit` or a `Sensor`; `noise_of` takes it from a calibration.
-        The closed forms count N alone.
-    lever_arm : distance of the sensors from the table's axis along body x, m; it matters while the table turns.
+    accel : (n,) mean accelerometer reading at every position, m/s^2; NaN if not measured there; None without an accelerometer.
+    gyro : (n,) mean gyro reading, rad/s; NaN and None as for `accel`.
+    accel_noise, gyro_noise : `jaxcal.noise.Noise`, or three of them for the axes of a triad; None if unknown. You may give a number,
+        the white noise N (m/s^2 sqrt(s), rad/sqrt(s)), a `NoiseFit` or a `Sensor`; `noise_of` extracts the noise from a calibration.
+        The closed-form methods use N only.
+    lever_arm : distance of the sensors from the table's axis along body x, m; it matters only while the table turns.
 
     Examples
     --------
@@ -175,12 +175,12 @@ class Readings(eqx.Module):
         self.lever_arm = lever_arm
 
     def white(self, sensor: str) -> Any:
-        """White noise N of "accel" or "gyro"; None where it is not known."""
+        """White noise N of "accel" or "gyro"; None if unknown."""
         noise = getattr(self, f"{sensor}_noise")
         return None if noise is None else (noise[0] if isinstance(noise, tuple) else noise).N
 
     def variance(self, sensor: str) -> Any:
-        """(n,) variance of each reading of "accel" or "gyro"; None where the noise is not known."""
+        """(n,) variance of each reading of "accel" or "gyro"; None if the noise is unknown."""
         noise = getattr(self, f"{sensor}_noise")
         if noise is None:
             return None
@@ -189,7 +189,7 @@ class Readings(eqx.Module):
 
 
 def _floats(values: Any, name: str) -> Any:
-    """A floating array, traced or of NumPy."""
+    """Convert values to a floating-point array, of JAX if they are traced or JAX arrays, else of NumPy."""
     if is_traced(values) or isinstance(values, jax.Array):
         return jnp.asarray(values)
     try:
@@ -206,20 +206,21 @@ def _per_position(value: Any, angle: Any, name: str) -> Any:
 
 
 def as_positions(given: Any) -> Positions:
-    """Positions from themselves, or from table angles alone."""
+    """Return `Positions` unchanged, or make them from table angles."""
     return given if isinstance(given, Positions) else Positions(given)
 
 
 class Geometry(eqx.Module):
-    """What the readings at n positions need of the table, computed once: both true vectors are linear in the axes of the table.
+    """Geometry of n positions, computed once. Both true vectors (specific force and angular rate) are linear in these arrays.
 
     Attributes
     ----------
     time : (n,) middle of the dwell, s, counted from the middle of the test.
-    channel : (n,) number of the sensor of a triad.
-    axes : (n, 3, 3) sensitive axis and two cross axes in table axes; the mean over a sector shortens their turning part.
-    force : (n, 3) specific force along them that the table's motion gives, m/s^2. coriolis : (n, 3, 3) m/s, times the Earth's rate.
-    rate : (n, 3) angular rate along them that the table's motion gives, rad/s.
+    channel : (n,) index of the sensor in a triad.
+    axes : (n, 3, 3) sensitive axis and two cross axes in table axes; averaging over a sector shortens their components in the plane.
+    force : (n, 3) specific force along these axes due to the table's motion, m/s^2. coriolis : (n, 3, 3) m/s; its product with the
+        Earth's rate is the Coriolis term.
+    rate : (n, 3) angular rate along these axes due to the table's motion, rad/s.
     gravity : m/s^2.
 
     Examples
@@ -241,13 +242,13 @@ class Geometry(eqx.Module):
 
 
 def geometry(positions: Any, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> Geometry:
-    """Geometry of `Positions`, of table angles in rad, or of any object with the arrays of `Positions`; itself where it is one."""
+    """Geometry of `Positions`, of table angles in rad, or of any object with the arrays of `Positions`; a `Geometry` is unchanged."""
     if isinstance(positions, Geometry):
         return positions
     places = positions if hasattr(positions, "axes") else as_positions(positions)
     xp = array_module(places, gravity, lever_arm)
     angle, rate, width, axes = (xp.asarray(value) for value in (places.angle, places.rate, places.width, places.axes))
-    # the mean of a first harmonic over a sector
+    # averaging a first harmonic over a sector attenuates it by this factor
     half = xp.where(width != 0, width, 1) / 2
     part = xp.where(width != 0, xp.sin(half) / half, 1)
     c, s, zero = part * xp.cos(angle), part * xp.sin(angle), xp.zeros_like(angle)
@@ -263,7 +264,7 @@ def geometry(positions: Any, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> Ge
 
 
 def taken(readings: Readings, sensor: str, mounting: str, angle: Any) -> Any:
-    """Which readings of a sensor were taken at a position, (n,)."""
+    """(n,) True for the readings of a sensor that were taken at the given mounting and table angle."""
     xp, values = array_module(readings, angle), getattr(readings, sensor)
     apart = xp.asarray(readings.positions.angle, dtype=values.dtype) - angle
     same = abs(apart - 2 * np.pi * xp.round(apart / (2 * np.pi))) < _SAME
@@ -271,7 +272,7 @@ def taken(readings: Readings, sensor: str, mounting: str, angle: Any) -> Any:
 
 
 def means_at(readings: Readings, sensor: str, places: list[tuple[str, Any]], unit: Any) -> tuple[Array, Array, Array]:
-    """Means over all dwells at each position in units of `unit`, variances (zero where the noise is not known), and which there are."""
+    """Mean over all dwells at each position in units of `unit`, its variance (zero for unknown noise), and whether it was measured."""
     values = jnp.asarray(getattr(readings, sensor))
     here = jnp.stack([taken(readings, sensor, *place) for place in places])
     dwell = jnp.where(here, jnp.asarray(readings.positions.dwell, dtype=values.dtype)[None, :], 0)
@@ -286,7 +287,7 @@ def _noise(readings: Readings, sensor: str, unit: Any) -> Array:
 
 
 def need(readings: Readings, sensor: str, wanted: list[tuple[str, float]], method: str) -> None:
-    """Refuse readings that lack a position of a method, and name it (host only)."""
+    """Refuse readings that lack a position needed by a method; the message names the position (host only)."""
     word = "accelerometer" if sensor == "accel" else "gyro"
     if getattr(readings, sensor) is None:
         raise DataError(f"There are no {word} readings; method {method!r} needs them.")
@@ -301,9 +302,9 @@ def need(readings: Readings, sensor: str, wanted: list[tuple[str, float]], metho
 
 
 def least_squares(rows: AnyArray, values: AnyArray, weight: AnyArray, tolerance: float = 1e-7) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """Solution x (p,) of values = rows x, its covariance for residuals of variance 1 / weight^2, and which entries are determined."""
+    """Least-squares solution x (p,) of values = rows x, its covariance for variances 1 / weight^2, and which entries are determined."""
     xp = array_module(rows, values, weight)
-    # by singular values alone, which compile in a third of the time of `fitting.information`
+    # a plain SVD compiles three times as fast as `fitting.information`
     left, s, right = xp.linalg.svd(weight[:, None] * rows, full_matrices=False)
     kept = s > tolerance * xp.max(s)
     inverse = xp.where(kept, 1 / xp.where(kept, s, 1), 0)
@@ -312,7 +313,7 @@ def least_squares(rows: AnyArray, values: AnyArray, weight: AnyArray, tolerance:
 
 
 def harmonics(readings: Readings, sensor: str, mounting: str, unit: Any, offset: bool = True) -> tuple[Array, Array, Array]:
-    """A, B and C of A cos tau + B sin tau + C fitted to readings in units of `unit`, their covariance, and whether they are determined."""
+    """Fit A cos tau + B sin tau + C to readings in units of `unit`; return (A, B, C), their covariance, and whether they are determined."""
     values = jnp.asarray(getattr(readings, sensor))
     here = np.array([word == mounting for word in readings.positions.mounting]) & jnp.isfinite(values)
     angle, dwell = (jnp.asarray(part, dtype=values.dtype) for part in (readings.positions.angle, readings.positions.dwell))
@@ -322,14 +323,14 @@ def harmonics(readings: Readings, sensor: str, mounting: str, unit: Any, offset:
 
 
 def check_gravity(gravity: Any) -> Any:
-    """Gravity, in m/s^2: that of a place on the Earth."""
+    """Refuse gravity that is not in m/s^2 or does not occur on the Earth's surface."""
     if not is_traced(gravity) and not 9.76 <= float(gravity) <= 9.84:
         raise DataError(f"The gravity is {float(gravity):g}; on the Earth it is 9.76 to 9.84 m/s^2. Take {GRAVITY} where it is not known.")
     return gravity
 
 
 def check_latitude(latitude: Any) -> Any:
-    """Latitude, in rad."""
+    """Refuse a latitude beyond a pole, which is probably in degrees."""
     if not is_traced(latitude) and not abs(float(latitude)) <= np.pi / 2 + 1e-9:
         raise DataError(f"The latitude is {float(latitude):g} rad; it lies between -pi/2 and pi/2 (degrees: numpy.deg2rad).")
     return latitude

@@ -1,4 +1,4 @@
-"""Readings from a raw log of a table that turns all the time (`carousel`), and from errors that are known (`simulate`)."""
+"""`carousel`: readings from the raw log of a continuously turning table; `simulate`: readings of sensors with known errors."""
 
 from typing import Any
 
@@ -20,15 +20,15 @@ from ._positions import GRAVITY, Positions, Readings, as_positions, check_latitu
 
 
 class Carousel(eqx.Module):
-    """Sector means, and what they show of the table.
+    """Sector means of a continuously turning table, and the wobble of the table.
 
     Attributes
     ----------
-    readings : `Readings` with one position per sector (and turn, unless folded), for `fit`.
+    readings : `Readings` with one position per sector (and per turn, unless folded), for `fit`.
     turns : number of turns in the log.
-    rate : mean table rate, rad/s; rate_spread : its standard deviation from sector to sector.
-    wobble : sensor -> (amplitude of the second harmonic, its standard deviation, p value), SI; the model has none, so that a
-        significant one is table wobble or g-sensitivity.
+    rate : mean table rate, rad/s. rate_spread : standard deviation of the rate between sectors, rad/s.
+    wobble : sensor -> (amplitude of the second harmonic, its standard deviation, p value), SI. The model has no second harmonic, so a
+        significant one indicates wobble of the table or g-sensitivity.
     notes : sentences.
 
     Examples
@@ -63,19 +63,19 @@ def carousel(
     gyro_noise: Any = None,
     lever_arm: Any = 0.0,
 ) -> Carousel:
-    r"""Sector means of a raw log with the table's angle, ready for `fit`.
+    r"""Average the raw log of a continuously turning table over sectors of the table angle, as input for `fit`.
 
-    The mean over a sector of width :math:`\delta` lowers the turning part of a reading by :math:`\sin(\delta/2)/(\delta/2)`; `fit` knows.
-    The offset it finds holds the table rate times a misalignment, so that the bias of the gyro must stay free.
+    Averaging over a sector of width :math:`\delta` attenuates the harmonic part of a reading by :math:`\sin(\delta/2)/(\delta/2)`; `fit`
+    accounts for this. The fitted gyro bias includes the table rate times a misalignment, so leave the gyro bias free.
 
     Parameters
     ----------
     time : (n,) s, increasing.
-    angle : (n,) table angle, rad, wrapped or not.
-    accel, gyro : (n,) samples along the sensitive axis, m/s^2 and rad/s; either may be None.
-    sectors : per turn.
-    fold : one mean for a sector over all turns, which loses nothing to white noise; False keeps the turns apart, for a drift.
-    accel_noise, gyro_noise : as of `Readings`; by default what the samples scatter about the fitted harmonics, taken as white.
+    angle : (n,) table angle, rad, wrapped or unwrapped.
+    accel, gyro : (n,) samples along the sensitive axis, m/s^2 and rad/s; one of them may be None.
+    sectors : number of sectors per turn.
+    fold : True averages each sector over all turns, which is optimal for white noise; False keeps the turns separate, to show a drift.
+    accel_noise, gyro_noise : see `Readings`; the default is white noise with the scatter of the sector means about the fitted harmonics.
     lever_arm : m.
 
     Returns
@@ -85,7 +85,7 @@ def carousel(
     Raises
     ------
     DataError
-        For arrays of different lengths, times that do not increase, less than one turn, or sectors with fewer than two samples.
+        If array lengths differ, times do not increase, there is less than one turn, or a sector has fewer than two samples.
 
     Examples
     --------
@@ -99,7 +99,7 @@ def carousel(
 
     References
     ----------
-    The north-finding paper's equations (36) to (39) with the table turning; the attenuation is the mean of a cosine over the sector.
+    The north-finding paper's equations (36) to (39) with a turning table; the attenuation is the mean of a cosine over the sector.
     """
     if is_traced(time, angle, accel, gyro):
         raise DataError("`carousel` sorts a log on the host and cannot be traced; its result goes into `fit`, which can.")
@@ -120,7 +120,7 @@ def carousel(
         raise DataError(f"The log holds {turns:.2g} turns in {sectors} sectors; it takes one whole turn and four sectors at least.")
     width = 2 * np.pi / sectors
     label = np.floor(angle / width).astype(int)
-    # the first and last sectors are cut off by the log and have another mean angle
+    # leave out the first and last sectors: they are incomplete and have a different mean angle
     kept = (label != label[0]) & (label != label[-1])
     names, first, place = np.unique(label[kept], return_index=True, return_inverse=True)
     count = np.bincount(place)
@@ -149,7 +149,7 @@ def carousel(
     if fold:
         over = np.unique(np.mod(names, sectors), return_inverse=True)[1]
         total = np.bincount(over, weights=dwell)
-        # angles within the turn: means over several turns would lie turns apart
+        # wrap the angles first, because angles of different turns differ by multiples of 2 pi
         folded = lambda v: np.bincount(over, weights=dwell * v) / total  # noqa: E731
         mean_angle, means, rate = folded(np.mod(mean_angle, 2 * np.pi)), {name: folded(v) for name, v in means.items()}, folded(rate)
         dwell, start = total, np.cumsum(total) - total
@@ -160,14 +160,14 @@ def carousel(
 
 
 def _second_harmonic(angle: np.ndarray, value: np.ndarray, dwell: np.ndarray) -> tuple[tuple[float, float, float], float]:
-    """Amplitude, its standard deviation and p value, and the white noise for one second."""
+    """Amplitude of the second harmonic, its standard deviation and p value; and the white noise N."""
     rows = np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle), np.cos(2 * angle), np.sin(2 * angle)], axis=1)
     solution, unit, _ = least_squares(rows, value, np.sqrt(dwell))
     freedom = max(len(value) - rows.shape[1], 1)
     white = float(np.sqrt(np.sum(dwell * (value - rows @ solution) ** 2) / freedom))
     pair, covariance = solution[3:], white**2 * unit[3:, 3:]
     amplitude, sigma = float(np.hypot(*pair)), float(np.sqrt(np.trace(covariance) / 2))
-    # readings without any noise: rounding is no wobble
+    # in noise-free readings, rounding must not count as wobble
     tiny = amplitude < 1e-9 * float(np.abs(value).max())
     statistic = 0.0 if tiny or sigma == 0 else float(pair @ np.linalg.solve(covariance, pair)) / 2
     return (amplitude, sigma, float(scipy.special.fdtrc(2, freedom, statistic))), white
@@ -175,12 +175,12 @@ def _second_harmonic(angle: np.ndarray, value: np.ndarray, dwell: np.ndarray) ->
 
 @filter_jit
 def _noise(key: Array, noise: Noise, dwell: Array, start: Array) -> Array:
-    """Noise of the means over dwells."""
+    """Draw the noise of the means over the dwells."""
     drawn = jax.random.normal(key, dwell.shape, dwell.dtype)
     if white_alone(noise):
         return noise.N / jnp.sqrt(dwell) * drawn
     covariance = mean_covariance(noise, start, dwell)
-    # without white noise the common mean of a bias that wanders has no variance
+    # without white noise the covariance may be singular, so add a small diagonal
     return jnp.linalg.cholesky(covariance + 1e-12 * jnp.mean(jnp.diag(covariance)) * jnp.eye(dwell.size, dtype=dwell.dtype)) @ drawn
 
 
@@ -198,11 +198,11 @@ def simulate(
     gravity: Any = GRAVITY,
     seed: Any = 0,
 ) -> Readings:
-    r"""Readings of an accelerometer and a gyro on a turntable.
+    r"""Simulate readings of an accelerometer and a gyro on a turntable.
 
     .. math:: f = a_{rel} + 2\omega_E \times v_{rel} - g,\qquad m = (1+s)\,u\cdot v + MA_1 v_1\cdot v + MA_2 v_2\cdot v + b + n
 
-    with :math:`v_{rel} = [0, l\omega, 0]`, :math:`a_{rel} = [-l\omega^2, l\dot\omega, 0]`, at every position, mounting and dwell.
+    Here :math:`v_{rel} = [0, l\omega, 0]` and :math:`a_{rel} = [-l\omega^2, l\dot\omega, 0]`, with the lever arm l and the table rate.
 
     Parameters
     ----------
@@ -211,18 +211,19 @@ def simulate(
     latitude : rad, north positive.
     accel, gyro : errors and noise of the sensors.
     lever_arm : distance of the sensors from the table's axis along body x, m.
-    table_rate, table_acceleration : rad/s and rad/s^2; by default those of the positions.
+    table_rate, table_acceleration : rad/s and rad/s^2; the default is those of the positions.
     gravity : m/s^2.
-    seed : of the noise; traced, a key of `jax.random`.
+    seed : seed of the noise; under tracing, a key of `jax.random`.
 
     Returns
     -------
-    Readings; they carry the noise coefficients of the sensors, where these are not zero.
+    Readings
+        They include the noise coefficients of the sensors that are not zero.
 
     Raises
     ------
     DataError
-        For an attitude that is not three finite angles, or a latitude beyond the poles.
+        If the attitude is not three finite angles, or the latitude is beyond a pole.
 
     Examples
     --------
@@ -252,7 +253,7 @@ def simulate(
     dtype = jax.dtypes.canonicalize_dtype(attitude.dtype)
     made = in_one_type(made, dtype)
     keys = jax.random.split(seed if isinstance(seed, jax.Array) else jax.random.key(int(seed)))
-    # as arrays: a number would be part of the program, which would be compiled anew for every other
+    # convert to arrays, because a Python number would be a constant of the program and force a new compilation for every value
     as_array = lambda value: jnp.asarray(value, dtype=dtype)  # noqa: E731
     dwell, start = as_array(positions.dwell), as_array(positions.start)
     known = [
@@ -266,5 +267,5 @@ def simulate(
 
 
 def _some(size: Any) -> bool:
-    """Whether a noise coefficient is not zero, or not yet known."""
+    """Whether a noise coefficient is not zero, or is traced."""
     return isinstance(size, jax.core.Tracer) or float(size) > 0

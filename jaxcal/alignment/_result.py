@@ -1,4 +1,4 @@
-"""`AlignmentFit` and `Bound`, what a Jacobian tells of the parameters, and verdicts with the sentence that goes with each method's."""
+"""`AlignmentFit` and `Bound`, the information in a Jacobian, and the verdicts with their sentences for each method."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ _RANK = 1e-9
 
 
 class Verdict(eqx.Enumeration):
-    """What a method can say; `Verdict[item]` is the sentence.
+    """The possible verdicts of a method; `Verdict[item]` is the sentence.
 
     Examples
     --------
@@ -76,7 +76,7 @@ _MORE: dict[str, dict[str, str]] = {
 
 
 def decided(*cases: tuple[Any, Any]) -> Any:
-    """Of (condition, verdict) the verdict of the last condition that holds, or ok; conditions may be traced."""
+    """Verdict of the last (condition, verdict) pair whose condition is true, or ok; conditions may be traced."""
     found = Verdict.ok
     for condition, verdict in cases:
         if is_traced(condition):
@@ -87,7 +87,7 @@ def decided(*cases: tuple[Any, Any]) -> Any:
 
 
 def verdict_name(verdict: Any) -> str:
-    """Name of a verdict (host only), which is an item of `Verdict`.
+    """Return the name of a verdict, an item of `Verdict` (host only).
 
     Examples
     --------
@@ -100,17 +100,17 @@ def verdict_name(verdict: Any) -> str:
 
 
 def sentence(verdict: Any, method: str) -> str:
-    """What the verdict means for a method (host only)."""
+    """Sentence that explains a verdict for a method (host only)."""
     more = _MORE.get(verdict_name(verdict), {}).get(method)
     return Verdict[verdict] + (f" {more}" if more else "")
 
 
 class Knowledge(eqx.Module):
-    """What the rows of a Jacobian tell of the parameters.
+    """Information on the parameters in the rows of a Jacobian.
 
-    covariance : (p, p) with the priors; rows of parameters that are held are zero, diagonal entries of those nothing determines infinite.
-    rank : of the data alone. hidden : (p,) free parameters with a part in the data's null space. lost : those that the priors do not
-    save either.
+    covariance : (p, p) with the priors; zero rows for fixed parameters, infinite diagonal entries for undetermined parameters.
+    rank : rank of the data alone. hidden : (p,) free parameters that the data alone do not determine. lost : (p,) free parameters that
+    data and priors together do not determine.
     """
 
     covariance: AnyArray
@@ -121,7 +121,7 @@ class Knowledge(eqx.Module):
 
 
 def sizes_of(names: tuple[str, ...], gravity: Any, positions: Any) -> AnyArray:
-    """(p,) size of a change of every parameter that counts as one: rad, g, the Earth's rate, either over the duration, one."""
+    """(p,) unit in which each parameter is scaled: rad, gravity, the Earth's rate, one of these per duration of the test, or one."""
     xp = array_module(gravity, positions)
     duration = (positions.start + positions.dwell).max() - positions.start.min()
     sizes = {"b_a_rate": gravity / duration, "b_g_rate": EARTH_RATE / duration}
@@ -131,14 +131,17 @@ def sizes_of(names: tuple[str, ...], gravity: Any, positions: Any) -> AnyArray:
 
 
 def know(jacobian: AnyArray, rows: int, free: np.ndarray, sizes: AnyArray) -> Knowledge:
-    """From the Jacobian of the readings, its first `rows` rows, and of the priors; differentiable where every parameter is determined."""
+    """Compute `Knowledge` from a Jacobian: its first `rows` rows belong to the readings, the others to the priors.
+
+    It is differentiable if every parameter is determined.
+    """
     data, whole = (_informed(part * sizes[None, :], free) for part in (jacobian[:rows], jacobian))
     covariance = whole.covariance * sizes[:, None] * sizes[None, :]
     return Knowledge(covariance, data.rank, whole.rank, free & ~data.determined, free & ~whole.determined)
 
 
 def _informed(matrix: AnyArray, free: np.ndarray) -> Information:
-    """Information of the free parameters; a column below 1e-9 of the largest is rounding, and holds none."""
+    """Information on the free parameters; a column below 1e-9 of the largest is rounding and counts as zero."""
     xp = array_module(matrix)
     matrix = xp.where(free[None, :], matrix, 0)
     column = xp.sqrt(xp.sum(matrix**2, axis=0))
@@ -146,7 +149,7 @@ def _informed(matrix: AnyArray, free: np.ndarray) -> Information:
 
 
 class _Known(eqx.Module):
-    """Covariance of the parameters, and which of them the positions determine."""
+    """Covariance of the parameters, and flags of those that the positions determine."""
 
     names: tuple[str, ...] = eqx.field(static=True)
     covariance: Any
@@ -160,7 +163,7 @@ class _Known(eqx.Module):
 
     @property
     def std(self) -> dict[str, float]:
-        """Standard deviation of every free parameter; infinite where nothing determines it (host only)."""
+        """Standard deviation of every free parameter; infinite if undetermined (host only)."""
         size = dict(zip(self.names, np.sqrt(np.diag(np.asarray(self.covariance))), strict=True))
         return {name: float(size[name]) for name in self._named(self.free)}
 
@@ -181,7 +184,7 @@ class _Known(eqx.Module):
 
     @property
     def observability(self) -> str:
-        """What the readings determine, in a sentence (host only)."""
+        """Sentence that says what the readings determine (host only)."""
         count, rank, open_ = int(np.sum(np.asarray(self.free))), int(self.rank), self.unobservable
         if not open_:
             return f"The readings determine all {count} free parameters."
@@ -203,10 +206,11 @@ class Bound(_Known):
 
     Attributes
     ----------
-    names : the p parameters: `jaxcal.alignment.NAMES`, and those that a subclass of `Turntable` adds.
-    covariance : (p, p), in the order of `names`, SI; zero for parameters that are held, infinite where nothing determines them.
-    free : (p,) which parameters are estimated. rank : of the readings' information.
-    hidden, lost : (p,) parameters that the readings, and the readings with the priors, leave open (see `unobservable`).
+    names : names of the p parameters: `jaxcal.alignment.NAMES`, and those of a subclass of `Turntable`.
+    covariance : (p, p) in the order of `names`, SI; zero for fixed parameters, infinite for undetermined ones.
+    free : (p,) flags of the estimated parameters. rank : rank of the information in the readings.
+    hidden : (p,) flags of the parameters that the readings do not determine. lost : (p,) flags of those that readings and priors together
+        do not determine.
 
     Examples
     --------
@@ -220,21 +224,20 @@ class Bound(_Known):
 
 
 class AlignmentFit(_Known, Result):
-    """The joint fit of attitude, sensor errors and latitude.
+    """Result of the joint fit of attitude, sensor errors and latitude.
 
     Attributes
     ----------
-    model : the fitted `Turntable`, of the class of the one given.
-    values : (p,) its parameters in the order of `names`, SI; those that nothing determines keep their start.
-    names, covariance, free, rank, hidden, lost : as of `Bound`, at the solution.
-    prior_only : (p,) parameters whose standard deviation is that of their prior.
-    accel_residual, gyro_residual : (n,) reading less model, over its standard deviation (decorrelated where there is a random walk).
-    chi_square, degrees_of_freedom, p_value : of the whitened residuals with the priors; p_value is None without redundancy, or where
-        the noise came from the residuals themselves.
-    other : (p,) another solution that fits as well; None where there is none.
-    noise_known : whether the noise was given; otherwise the residuals gave it.
-    freedom : (p,) degrees of freedom of each standard deviation; infinite where the noise was given. Intervals take the quantile of
-        Student's distribution with them.
+    model : the fitted model, a `Turntable` or the given subclass.
+    values : (p,) fitted parameters in the order of `names`, SI; undetermined parameters keep their initial values.
+    names, covariance, free, rank, hidden, lost : see `Bound`; evaluated at the solution.
+    prior_only : (p,) flags of the parameters whose standard deviation is that of their prior.
+    accel_residual, gyro_residual : (n,) model minus reading in units of the standard deviation (decorrelated if the noise is not white).
+    chi_square, degrees_of_freedom, p_value : test of the whitened residuals with the priors; p_value is None without redundancy, or if
+        the noise was estimated from the residuals.
+    other : (p,) a second solution that fits equally well; None if there is none.
+    noise_known : True if the noise was given, False if it was estimated from the residuals.
+    freedom : (p,) degrees of freedom of each standard deviation, for the intervals by Student's t; infinite if the noise was given.
     verdict : item of `Verdict`. notes : sentences.
 
     Examples
@@ -270,37 +273,37 @@ class AlignmentFit(_Known, Result):
 
     @property
     def phi(self) -> float | None:
-        """Roll, rad; None where it is not determined (host only)."""
+        """Roll, rad; None if not determined (host only)."""
         return self._value("phi")
 
     @property
     def theta(self) -> float | None:
-        """Pitch, rad; None where it is not determined (host only)."""
+        """Pitch, rad; None if not determined (host only)."""
         return self._value("theta")
 
     @property
     def psi(self) -> float | None:
-        """Azimuth, rad; None where it is not determined or nothing decides between two (host only)."""
+        """Azimuth, rad; None if not determined, or if two solutions fit equally well (host only)."""
         return self._value("psi")
 
     @property
     def latitude(self) -> float | None:
-        """Latitude, rad, given or found; None where it is not determined (host only)."""
+        """Given or estimated latitude, rad; None if not determined (host only)."""
         return self._value("latitude")
 
     @property
     def parameters(self) -> dict[str, float | None]:
-        """Free parameters by name, SI; None where nothing determines one (host only)."""
+        """Free parameters by name, SI; None for an undetermined parameter (host only)."""
         return {name: self._value(name) for name in self._named(self.free)}
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The notes."""
+        """The notes of the fit."""
         return self.notes
 
     @property
     def interval(self) -> dict[str, tuple[float, float]]:
-        """Interval of 95 % of every free parameter that has a number, SI (host only)."""
+        """95 % confidence interval of every determined free parameter, SI (host only)."""
         reach = dict(zip(self.names, scipy.special.stdtrit(np.asarray(self.freedom), 0.975), strict=True))
         known = {name: value for name, value in self.parameters.items() if value is not None and np.isfinite(self.std[name])}
         return {name: (x - reach[name] * self.std[name], x + reach[name] * self.std[name]) for name, x in known.items()}
@@ -314,6 +317,6 @@ class AlignmentFit(_Known, Result):
 
     @property
     def reason(self) -> str:
-        """What the verdict means here, and what the readings leave open (host only)."""
+        """Sentence that explains the verdict and, if the verdict is "unobservable", names the undetermined parameters (host only)."""
         more = f" {self.observability}" if verdict_name(self.verdict) == "unobservable" else ""
         return Verdict[self.verdict] + more

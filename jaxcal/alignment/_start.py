@@ -1,4 +1,4 @@
-"""What a joint fit is asked for, checked; and its initial guess: in the right basin, from linear fits and a search over the azimuth."""
+"""Checks of the options of a joint fit, and its initial guess near the global minimum, from linear fits and a search over azimuths."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ _ALWAYS = ("phi", "theta", "psi", "b_a", "b_g")
 _OTHER_AXES = ("b_a_y", "b_a_z", "b_g_y", "b_g_z")
 _ANGLES = ("phi", "theta", "psi", "latitude")
 _FEW_ANGLES = 3
-#: sensor -> what cannot be free without it
+#: sensor -> parameters that cannot be free without this sensor
 _NEEDED = {
     "accelerometer": ("b_a", "s_a", "ma_a_xy", "ma_a_xz", "b_a_rate", "b_a_y", "b_a_z", "ma_a_zx", "ma_a_zy"),
     "gyro": ("psi", "b_g", "s_g", "b_g_y", "b_g_z", "ma_g_zx", "ma_g_zy"),
@@ -24,7 +24,7 @@ _GRID = 360
 
 
 def free_of(free: Any, priors: Any, positions: Positions, latitude: Any, sensors: tuple[bool, bool], known: tuple[str, ...]) -> set[str]:
-    """Names of the parameters that are estimated; by default angles, biases, and the scale errors where there is a z reading."""
+    """Names of the free parameters; the default is angles and biases, and the scale errors if there is a z reading."""
     priors = priors or {}
     if free is None:
         names = {*_ALWAYS, *(("s_a", "s_g") if {"z", "-z"} & set(positions.mounting) else ()), *(n for n in _OTHER_AXES if n in known)}
@@ -50,7 +50,7 @@ def check_names(names: Any, what: str, known: tuple[str, ...]) -> None:
 
 
 def priors_of(priors: Any, known: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Means and one over the standard deviations by name; a prior is a standard deviation about zero, or (mean, deviation)."""
+    """Means and reciprocal standard deviations by name; a prior is a standard deviation about zero, or (mean, deviation)."""
     mean: dict[str, Any] = {}
     certainty: dict[str, Any] = {}
     check_names(priors or {}, "parameter for a prior", known)
@@ -67,7 +67,7 @@ def priors_of(priors: Any, known: tuple[str, ...]) -> tuple[dict[str, Any], dict
 
 
 def check_latitude_free(free: set[str], priors: dict[str, Any], positions: Positions) -> None:
-    """Refuse a free latitude that the readings cannot give (section 2 of the method)."""
+    """Refuse a free latitude that the readings cannot determine (section 2 of the method)."""
     if "latitude" not in free or "latitude" in priors:
         return
     in_plane = np.isin(np.array(positions.mounting), ["x", "y", "fixed z"])
@@ -88,14 +88,14 @@ def check_latitude_free(free: set[str], priors: dict[str, Any], positions: Posit
 def initial_guess(
     table: Table, dwell: AnyArray, given: dict[str, Any], known: set[str], free: set[str], hint: Any, noise: Any, hemisphere: Any
 ) -> tuple[dict[str, Any], dict[str, Any], Any]:
-    """Values to start from, other values that fit as well, and whether they do.
+    """Initial values, values at a second minimum, and whether both minima fit equally well.
 
-    `given` holds every parameter that the caller sets (`known`) or holds; `noise` is the gyro's for a second, rad/s, and says which minima
-    of the search are one as good as the other; `hemisphere` is 1, -1, or 0 for either.
+    `given` has a value for every parameter; `known` are the names that the caller set. `noise` is the gyro's white noise, which decides
+    whether two minima of the search are equally good. `hemisphere` is 1 (north), -1 (south) or 0 (unknown).
     """
     xp = array_module(table, given, hint, noise)
     axes, root = table.places.axes[:, 0], xp.sqrt(dwell)
-    # a column for each bias
+    # one column for each bias
     one_hot = [table.places.channel == i for i in range(3)] if _OTHER_AXES[0] in given else [xp.ones_like(table.places.channel)]
     offsets = xp.stack([xp.asarray(column, dtype=axes.dtype) for column in one_hot], -1)
     weight_accel, weight_gyro = (xp.where(measured, root, 0) for measured in table.measured)
@@ -127,13 +127,13 @@ def initial_guess(
         twofold = tie if "psi" in free and "psi" not in known else xp.zeros_like(tie)
     first = given | {"phi": phi, "theta": theta, "psi": chosen("psi", psi), "latitude": latitude}
     second = first | {"psi": other, "latitude": other_latitude}
-    # a free parameter's solution does not depend on where the search began; one that is held keeps its derivative
+    # the solution does not depend on the start of a free parameter, so only fixed parameters keep their derivative
     still = lambda values: {n: jax.lax.stop_gradient(v) if xp is not np and n in free else v for n, v in values.items()}  # noqa: E731
     return still(first), still(second), twofold
 
 
 def _vector(axes: AnyArray, reading: AnyArray, weight: AnyArray, offsets: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Least-squares vector v of reading = axes.v + b, and which of its components the readings determine."""
+    """Least-squares vector v in reading = axes.v + b, and which of its components the readings determine."""
     xp = array_module(axes, reading, weight)
     rows = xp.concatenate([axes, offsets], axis=1)
     solution, _, known = least_squares(rows, reading, weight, 1e-6)
@@ -141,18 +141,18 @@ def _vector(axes: AnyArray, reading: AnyArray, weight: AnyArray, offsets: AnyArr
 
 
 def _levelled(xp: Any, plane: AnyArray, third: Any, phi: Any, theta: Any) -> tuple[Any, Any]:
-    """Azimuth and latitude of an Earth's rate in table axes."""
+    """Azimuth and latitude from the Earth's rate in table axes."""
     h = table_from_nav(phi, theta, xp.zeros_like(third)).T @ xp.stack([*plane, third])
     return xp.arctan2(-h[1], h[0]), xp.arctan2(-h[2], xp.hypot(h[0], h[1]))
 
 
 def _preference(xp: Any, psi: Any, latitude: Any, hint: Any, hemisphere: Any) -> Any:
-    """How far a candidate is from what was said before: 0 where nothing was."""
+    """Penalty of a candidate for disagreement with the azimuth hint and the hemisphere; 0 without either."""
     return (0.0 if hint is None else distance(psi, hint)) + xp.where(hemisphere * latitude < 0, 10.0, 0.0)
 
 
 def _search(xp, phi, theta, latitude, axes, gyro, weight, column, hint, noise) -> tuple[Any, Any, Any]:
-    """Lowest misfit of the gyro over a grid of azimuths, the next minimum, and whether it is as good."""
+    """Azimuth with the lowest misfit of the gyro on a grid, azimuth of the next minimum, and whether both fit equally well."""
     grid = xp.arange(_GRID, dtype=gyro.dtype) * (2 * np.pi / _GRID)
     east, north = (table_from_nav(phi, theta, angle)[:, 0] for angle in (np.pi / 2, 0.0))
     vertical = table_from_nav(phi, theta, 0.0)[:, 2] * xp.sin(latitude)
@@ -165,7 +165,7 @@ def _search(xp, phi, theta, latitude, axes, gyro, weight, column, hint, noise) -
     best = xp.argmin(xp.where(far, xp.inf, cost))
     valley = (cost <= xp.roll(cost, 1)) & (cost <= xp.roll(cost, -1)) & (distance(grid, grid[best]) > 3 * 2 * np.pi / _GRID)
     second = xp.argmin(xp.where(valley, cost, xp.inf))
-    # a minimum between two points of the grid lies lower than both by up to a quarter step's worth of curvature
+    # the true minimum between two grid points can be lower than both; subtract the largest possible difference
     fine = (xp.roll(cost, 1) + xp.roll(cost, -1) - 2 * cost) / 8
     tie = xp.any(valley) & (cost[second] - fine[second] - cost[best] < 9) & (hint is None)
     return wrap(grid[best]), wrap(grid[second]), tie

@@ -1,36 +1,36 @@
-"""Where a turntable rests, from its sensors and its recorded angle (host, NumPy)."""
+"""Detect the rests of a turntable from its sensors and its recorded angle (host, NumPy)."""
 
 import numpy as np
 
 from .._errors import DataError
 from ..imu import windowed_variance
 
-#: of a window of variances: s, and samples at least
+#: length of the variance window: s, and least number of samples
 _WINDOW, _SAMPLES = 0.25, 20
-#: variance of a window over that at rest, above which the sensor moves; of normal noise one window in 1e12 reaches it
+#: ratio of a window's variance to that at rest above which the sensor moves; normal noise exceeds it in one of 1e12 windows
 _MOVES = 6.0
 _QUANTILE = 0.3
-#: standard deviations beyond which a sample, and the mean over a tenth of a second, do not belong to a rest
+#: standard deviations beyond which a sample, or the mean over a block, does not belong to a rest; length of a block, s
 _SAMPLE, _BLOCK_MEAN, _BLOCK = 4.5, 5.0, 0.1
-#: part of a rest that its beginning or end may lose because it is still swinging
+#: largest share of a rest that may be cut off at its beginning or end because the table still oscillates
 _MOST = 0.25
-#: angle within which a table stays that does not move, rad
+#: largest change of the angle of a table at rest, rad
 _STEADY = np.deg2rad(0.01)
-#: rate of a table that turns steadily and so smoothly that no variance shows it, rad/s
+#: rate above which a table turns, rad/s; a steady, smooth rotation does not show in the variance
 _TURNS = np.deg2rad(0.1)
 
 
 def rests_of(
     samples: dict[str, np.ndarray], recorded: np.ndarray | None, rate: float, least: float, settle: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """First sample of each rest, and the one after its last."""
+    """First sample of each rest, and the sample after its last one."""
     half = max(round(_WINDOW * rate), _SAMPLES) // 2
     size = 2 * half + 1
     n = len(next(iter(samples.values())))
     if n < 4 * size:
         raise DataError(f"The log has {n} samples, less than four windows of {size}; record longer.")
     still = np.ones(n, dtype=bool)
-    # a sensor that is slower than the log is missing in most samples, and says nothing of these
+    # ignore a sensor that is slower than the log and therefore missing in most samples
     there = {name: np.isfinite(x).all(axis=1) for name, x in samples.items()}
     samples = {name: x for name, x in samples.items() if np.mean(there[name]) > 0.5} or samples
     for name, x in samples.items():
@@ -43,7 +43,7 @@ def rests_of(
             still &= ~_turning(x, size)
     if recorded is not None:
         still &= _unmoved(recorded, size)
-    # windows with more samples missing than present are not still: what is left are single gaps
+    # windows with more missing than present samples are already excluded, so only short gaps are interpolated
     samples = {
         name: np.stack([np.interp(np.arange(n), np.flatnonzero(there[name]), column[there[name]]) for column in x.T], axis=1)
         for name, x in samples.items()
@@ -66,7 +66,7 @@ def rests_of(
 
 
 def _turning(gyro: np.ndarray, size: int) -> np.ndarray:
-    """Samples at which the mean rate over a window is off its median by more than a table at rest shows."""
+    """True for samples at which the mean rate over a window differs from the median by more than that of a table at rest."""
     filled = np.where(np.isfinite(gyro).all(axis=1, keepdims=True), gyro - np.nanmedian(gyro, axis=0), 0.0)
     sums = np.cumsum(np.concatenate([np.zeros((1, 3)), filled]), axis=0)
     low, high = (np.clip(np.arange(len(gyro)) + shift, 0, len(gyro)) for shift in (-(size // 2), size // 2 + 1))
@@ -76,7 +76,7 @@ def _turning(gyro: np.ndarray, size: int) -> np.ndarray:
 
 
 def _unmoved(angle: np.ndarray, size: int) -> np.ndarray:
-    """Samples about which the table's angle stays within its own noise over a window."""
+    """True for samples around which the table angle changes by no more than its noise over a window."""
     half = size // 2
     padded = np.pad(angle, half, mode="edge")
     change = np.abs(padded[2 * half :] - padded[: -2 * half])
@@ -87,7 +87,7 @@ def _unmoved(angle: np.ndarray, size: int) -> np.ndarray:
 def _trimmed(
     samples: dict[str, np.ndarray], recorded: np.ndarray | None, first: int, last: int, half: int, rate: float, settle: float
 ) -> tuple[int, int] | None:
-    """A still stretch with its ends where the motion ends: outwards while samples belong to it, then inwards while it still swings."""
+    """Refine the ends of a rest: extend it while samples agree with it, then shorten it while the table still oscillates."""
     x = np.concatenate([*samples.values(), *([] if recorded is None else [recorded[:, None]])], axis=1)
     middle, scatter = np.mean(x[first:last], axis=0), np.std(x[first:last], axis=0)
     scatter = np.maximum(scatter, 1e-12 + 1e-9 * np.abs(middle))
@@ -99,7 +99,7 @@ def _trimmed(
     start = int(low + before[-1] + 1) if len(before) else low
     stop = int(last + after[0]) if len(after) else high
     cut = round(settle * rate)
-    # at an end of the log there was no motion
+    # do not cut at the ends of the log, where there was no motion
     start, stop = start + cut * (start > 0), stop - cut * (stop < len(x))
     block, most = max(round(_BLOCK * rate), 2), int(_MOST * (last - first))
     if stop - start < 6 * block:
@@ -108,7 +108,7 @@ def _trimmed(
 
 
 def _settled(x: np.ndarray, start: int, block: int, most: int) -> tuple[int, int]:
-    """Start and stop without the blocks at both ends whose means do not agree with the middle."""
+    """Start and stop after removing the blocks at both ends whose means differ from the middle."""
     inside = x[most : len(x) - most]
     level = np.mean(inside, axis=0)
     means = np.mean(inside[: len(inside) // block * block].reshape(-1, block, x.shape[1]), axis=1)

@@ -1,4 +1,4 @@
-"""`from_log`: positions, means and their noise from the raw log of a table that rests, turns and rests again (host, NumPy)."""
+"""`from_log`: positions, mean readings and their noise from the raw log of a table that moves between rests (host, NumPy)."""
 
 from typing import Any
 
@@ -16,9 +16,9 @@ from ._positions import Positions, Readings
 from ._result import AlignmentFit
 from ._table_rests import rests_of
 
-#: a move that turns by less is none, rad; part of a move that may be about another axis
+#: smallest rotation that counts as a move, rad; largest share of a move about another axis
 _NO_MOVE, _ASIDE = np.deg2rad(1.0), 0.05
-#: s; a table does not move to another position in less
+#: s; shorter interruptions of a rest are not moves to another position
 _BUMP = 1.2
 #: standard deviation of the angle between the z axes and the axis of the moves, rad
 _SKEW = 5e-3
@@ -26,17 +26,17 @@ _AXES = "xyz"
 
 
 class TableLog(eqx.Module):
-    """What the raw log of a turntable holds.
+    """Readings and positions from the raw log of a turntable.
 
     Attributes
     ----------
-    readings : `Readings`, one row for each rest, or one for each axis and rest.
-    model : `Turntable`, or `Triads` where there are several axes, for `fit`.
-    free : names of the parameters that this log can give.
-    priors : of the misalignments of the z axes, which come from the axis of the moves.
+    readings : `Readings` with one row for each rest, or for each axis of each rest.
+    model : `Turntable`, or `Triads` for sensors with three axes; the model for `fit`.
+    free : names of the parameters to estimate from this log.
+    priors : priors of the misalignments of the z axes, because the table's z axis is known only from the axis of the moves.
     start, stop : (k,) samples of each rest: start <= i < stop.
     angle : (k,) table angle of each rest, rad.
-    frame : (3, 3) turns the axes of the device into those of the table.
+    frame : (3, 3) rotation matrix from the axes of the device to those of the table.
     notes : sentences.
 
     Examples
@@ -62,7 +62,7 @@ class TableLog(eqx.Module):
     notes: tuple[str, ...] = eqx.field(static=True)
 
     def fit(self, latitude: Any = None, **options: Any) -> AlignmentFit:
-        """`jaxcal.alignment.fit` of the readings with the model and parameters of this log; `options` are those of `fit`."""
+        """Call `jaxcal.alignment.fit` with the readings, model and free parameters of this log; `options` are passed on."""
         given = {"free": self.free, **options, "priors": self.priors | (options.get("priors") or {})}
         return fit(self.readings, latitude, model=self.model, **given)
 
@@ -80,28 +80,28 @@ def from_log(
     least: float | int = 5.0,
     settle: float | int = 0.05,
 ) -> TableLog:
-    r"""Positions of a table, and the mean readings on each, from its raw log.
+    r"""Find the rests of a turntable in its raw log, and average the readings of each rest.
 
-    A rest is a stretch in which neither the variance of the sensors nor the table's angle changes. Its ends are moved inwards until the
+    A rest is a time in which the sensors' variance stays low and the table angle does not change. Its ends are moved inwards until the
     samples there, and the means over a tenth of a second, agree with the rest. The angle of a rest comes from the log, from the caller,
     or from the integral of a gyroscope with three axes over the moves:
 
     .. math:: \alpha_{k+1} = \alpha_k + \int n \cdot (\omega - b)\,dt
 
-    where n is the axis of the moves and b the mean of the rests before and after. The frame of the result is that of the table at the angle
-    zero: z along n, downwards, and x along the x axis of the device.
+    where n is the axis of the moves and b the mean of the rests before and after. The frame of the result is that of the table at angle
+    zero: z along n, downwards, and x close to the x axis of the device.
 
     Parameters
     ----------
-    log : `jaxcal.Log` with one or three axes of accelerometer and gyroscope, or one of the two.
-    angle : (n,) table angle of every sample, rad, wrapped or not; it grows as the table turns clockwise seen from above.
+    log : `jaxcal.Log` with one or three axes of an accelerometer, a gyroscope or both.
+    angle : (n,) table angle of every sample, rad, wrapped or unwrapped; it increases when the table turns clockwise seen from above.
     angles : (k,) table angle of every rest in order, rad.
-    noise : of the device, as `noise_of` takes it; None leaves it to the residuals of the fit.
-    axis : axis of `noise` that the sensor is, where the log has one axis.
-    angle_std : standard deviation of each angle that the log or the caller gives, rad.
-    gyro_scale : standard deviation of the gyroscope's scale factor, where its integral gives the angles.
+    noise : noise of the device for `noise_of`; None lets the fit estimate it from the residuals.
+    axis : device axis of the sensor, to select from `noise`, if the log has one axis.
+    angle_std : standard deviation of each angle given by the log or the caller, rad.
+    gyro_scale : standard deviation of the gyroscope's scale factor, used if the angles come from its integral.
     least : shortest rest, s.
-    settle : s that are cut off at both ends of a rest besides.
+    settle : additional time to cut off at both ends of a rest, s.
 
     Returns
     -------
@@ -110,7 +110,7 @@ def from_log(
     Raises
     ------
     DataError
-        For a log in which the table never rests, or turns about several axes, or whose angles nothing tells.
+        If the table rests less than twice, turns about several axes, or there is no source for its angles.
 
     Examples
     --------
@@ -153,7 +153,7 @@ def _three(samples: dict[str, np.ndarray]) -> bool:
 
 
 def _recorded(angle: Any, size: int) -> np.ndarray:
-    """The table's angle of every sample, unwrapped, gaps filled."""
+    """Table angle of every sample, unwrapped, with gaps interpolated."""
     angle = np.asarray(angle, dtype=float)
     if angle.shape != (size,):
         raise DataError(f"angle has shape {angle.shape}; the log has {size} samples: give one angle for each.")
@@ -164,7 +164,7 @@ def _recorded(angle: Any, size: int) -> np.ndarray:
 
 
 def _moves(samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, rate: float) -> tuple[np.ndarray | None, np.ndarray]:
-    """Angle (k - 1,) of each move about the axis of the table, rad, and the frame of the table; None without three axes of a gyroscope."""
+    """Angle (k - 1,) of each move about the table's axis, rad, or None without a gyroscope with three axes; and the table's frame."""
     gyro = samples.get("gyro")
     if gyro is None or gyro.shape[1] != 3:
         return None, np.eye(3)
@@ -208,11 +208,11 @@ def _angles(
     samples: dict[str, np.ndarray], recorded: np.ndarray | None, given: Any, turns: np.ndarray | None, start: np.ndarray,
     stop: np.ndarray, rate: float, scale: float, angle_std: Any, notes: list[str],
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Table angle of each rest and the covariance of its errors."""
+    """Table angle of each rest, and the covariance of the angle errors."""
     count = len(start)
     if given is not None:
         angle = np.asarray(given, dtype=float)
-        # a spike, a bump or missing samples part a rest in two
+        # a spike, a bump or missing samples can split a rest in two: give both parts the same angle
         there = np.all([np.isfinite(x).any(axis=1) for x in samples.values()], axis=0)
         between = np.array([np.count_nonzero(there[i:j]) for i, j in zip(stop[:-1], start[1:], strict=True)])
         place = np.concatenate([[0], np.cumsum(between / rate > _BUMP)])
@@ -260,7 +260,7 @@ def _lengths(start: np.ndarray, stop: np.ndarray, rate: float) -> str:
 
 
 def _white(x: np.ndarray, rate: float) -> np.ndarray:
-    """(axes,) white noise N of a rest, from means over a second, or over tenths of a short rest."""
+    """(axes,) white noise N of a rest, from means over one second, or over a tenth of a short rest."""
     block = max(min(round(rate), len(x) // 10), 1)
     means = np.nanmean(x[: len(x) // block * block].reshape(-1, block, x.shape[1]), axis=1)
     return np.nanstd(np.diff(means, axis=0), axis=0) / np.sqrt(2) * np.sqrt(block / rate)
@@ -270,7 +270,7 @@ def _gathered(
     samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, time: np.ndarray, rate: float, angle: np.ndarray,
     spread: np.ndarray, frame: np.ndarray, told: dict[str, Any], notes: list[str],
 ) -> TableLog:  # fmt: skip
-    """Means on every rest and axis as readings, and what of the device they can give."""
+    """Collect the means of every rest and axis as readings, with the model, its free parameters and priors."""
     count, words = len(start), ("x", "y", "fixed z") if _three(samples) else ("x",)
     values: dict[str, np.ndarray] = {}
     for name, x in samples.items():
@@ -302,7 +302,7 @@ def _gathered(
 
 
 def _free(samples: dict[str, np.ndarray]) -> tuple[str, ...]:
-    """Angles and the biases of the axes that there are."""
+    """Names of the free parameters: the angles, and the biases of the existing axes."""
     names = ["phi", "theta"] if "accel" in samples else []
     names += ["psi"] if "gyro" in samples else []
     for letter, name in (("a", "accel"), ("g", "gyro")):

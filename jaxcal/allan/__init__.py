@@ -1,4 +1,4 @@
-"""Time-domain statistics of a record."""
+"""Time-domain statistics of a record: Allan deviation and its relatives."""
 
 from ._deviation import deviation as deviation
 from ._dynamic import DynamicDeviation as DynamicDeviation, dynamic as dynamic

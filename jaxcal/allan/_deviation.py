@@ -1,4 +1,4 @@
-"""`deviation`: the host driver of the time-domain statistics."""
+"""`deviation`: compute the time-domain statistics of a record, on the host or in a trace."""
 
 import dataclasses
 import functools
@@ -31,10 +31,10 @@ from ._uncertainty._bias import bias_factors
 from ._uncertainty._edf import interval_factors, known_uncertainty, tabulated_factors
 from ._uncertainty._edf_total import degrees_of_freedom
 
-_PARALLEL_FROM = 20_000_000  # differences; below, a second thread costs more than it brings
+_PARALLEL_FROM = 20_000_000  # number of differences above which a second thread saves more time than it costs
 
 
-#: what gives the sums, which may still be computed; counts; noise types: (clusters, channels) each
+#: function that gives the sums, which may still be computed; counts; noise types: (clusters, channels) each
 _Measured = tuple[Callable[[], Any], Any, Any]
 
 
@@ -49,8 +49,8 @@ def deviation(
 
     .. math:: \sigma^2(m\,dt) = \frac{1}{2 m^2 M} \sum_k (\theta_{k+2m} - 2\theta_{k+m} + \theta_k)^2
 
-    over all M starting points k (oadev) or every m-th (adev); hdev and ohdev use third differences and 6 m^2; mdev averages
-    the phase over m points first; tdev is mdev times tau/sqrt(3). Every cluster size is exact.
+    over all M starting points k (oadev) or every m-th one (adev). hdev and ohdev use third differences and 6 m^2; mdev first averages
+    the phase over m points; tdev is mdev times tau/sqrt(3). Every cluster size is computed exactly.
 
     ======== ==================================================================================== ============ =================
     kind     variance                                                                             cluster size unit
@@ -65,48 +65,47 @@ def deviation(
     tierms   root mean square of theta_{k+m} - theta_k                                            1 .. n       times s
     ======== ==================================================================================== ============ =================
 
-    The total statistics and theo1 know more at long cluster times than their plain counterparts, at the price of a bias that
-    depends on the noise type; `bias_corrected` takes it off. mtie and tierms see a constant rate: it is removed from rate samples
-    (their mean), and kept in phase.
+    At long cluster times the total statistics and theo1 are more precise than their plain counterparts, but have a bias that depends on
+    the noise type; `bias_corrected` removes it. A constant rate affects mtie and tierms: it is removed from rate samples (as their mean),
+    and kept in phase data.
 
-    More than 512 cluster sizes, or all (``m="all"``), cost O(n log^2 n) in a record without gaps: FFT correlations replace the direct
-    sums, to a relative error of the variance below 1e-8, and cluster sizes where rounding could exceed that are summed directly.
-    With gaps adev and hdev are as quick, but the overlapped statistics need the direct sums: n^2/4 differences for all of oadev,
-    minutes at 10^6 samples. From 5e11 differences on they are refused. The noise type is then identified at 512 cluster sizes and
-    held from each to the next, and the degrees of freedom agree with their formula to 1e-3.
+    More than 512 cluster sizes, or all (``m="all"``), cost O(n log^2 n) in a record without gaps. FFT correlations then replace the direct
+    sums, with a relative error of the variance below 1e-8; cluster sizes where rounding could exceed this are summed directly. With gaps,
+    adev and hdev are as fast, but the overlapping statistics need the direct sums: n^2/4 differences for all cluster sizes of oadev, which
+    takes minutes for 10^6 samples. More than 5e11 differences are refused. With more than 512 cluster sizes, the noise type is identified
+    at up to 512 of them and kept up to the next, and the degrees of freedom agree with their formula to 1e-3.
 
     Parameters
     ----------
-    y : (n,) or (n, channels) rate samples in any unit (rad/s, m/s^2), or phase in that unit times s. NaN marks a gap:
-        differences that touch it are left out and counted. totdev, mtotdev, ttotdev, htotdev and theo1 need a record without
-        gaps: they use its longest stretch without, and a warning says which. A channel of nothing but NaN comes out as NaN, with
-        a warning, beside others that hold samples.
+    y : (n,) or (n, channels) rate samples in any unit (rad/s, m/s^2), or phase in that unit times s. NaN marks a gap: differences that
+        touch it are left out and counted. totdev, mtotdev, ttotdev, htotdev and theo1 need a record without gaps: they use the longest
+        stretch without gaps, and a warning reports it. If only some channels contain samples, the others give NaN and a warning.
     rate : sampling rate in Hz.
     kind : "adev", "oadev" (default), "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "theo1", "theoh",
-        "mtie" or "tierms". In a traced record (jit, grad, vmap) all but mtotdev, ttotdev, htotdev, theo1, theoh and mtie.
+        "mtie" or "tierms". A traced record (jit, grad, vmap) allows all except mtotdev, ttotdev, htotdev, theo1, theoh and mtie.
     m : cluster sizes in samples: "log" (default, about 15 per decade), "octave", "decade", "all", or integers.
     data : "rate" (default) or "phase".
     confidence : level of the intervals, 0.95 by default.
-    alpha : noise type for the degrees of freedom (2 .. -2), instead of the one identified at each cluster size.
-    bias_corrected : True divides the variance by its bias against mdev, ohdev or oadev, for the noise type at each cluster size and
-        exact; "published" by the constants in use (mtotdev 0.94, 0.83, 0.73, 0.70, 0.69 as Stable32 has them, the others of NIST SP
-        1065), to compare with tables that others print. The factor is reported (`bias`).
-    robust : of adev, oadev, hdev or ohdev, in place of the mean of squares an M-estimate (Tukey's biweight) that outliers do not carry
-        off; 8 % of the degrees of freedom is its price.
-    time : (n,) stamps in s of a record that is not evenly spaced. It is put on the grid of `rate`: the mean of the samples nearest to
-        each step, a gap where there are none; a warning says how many. Nothing is interpolated.
+    alpha : noise type for the degrees of freedom (2 .. -2), to replace the one identified at each cluster size.
+    bias_corrected : True divides the variance by its exact bias against mdev, ohdev or oadev, for the noise type at each cluster size.
+        "published" uses the constants in common use, for comparison with published tables (mtotdev 0.94, 0.83, 0.73, 0.70, 0.69 as in
+        Stable32, all others from NIST SP 1065). `bias` of the result reports the factor.
+    robust : for adev, oadev, hdev or ohdev, replace the mean of squares by an M-estimate (Tukey's biweight), which resists outliers but
+        costs 8 % of the degrees of freedom.
+    time : (n,) stamps in s of a record that is not evenly spaced. Each step of the grid of `rate` takes the mean of the samples nearest
+        to it, or becomes a gap if there are none; a warning reports how many. Nothing is interpolated.
 
     Returns
     -------
     Deviation
-        tau in s, deviation and its limits in the unit of y, edf, counts and noise types. Of mtie and tierms no interval is known:
+        tau in s, deviation and its limits in the unit of y, edf, counts and noise types. No interval is known for mtie and tierms:
         their limits and edf are NaN.
 
     Raises
     ------
     DataError
-        If y is not a finite numeric record (NaN apart), is too short for the statistic or for a cluster size, if an option is unknown, if
-        the record is traced and the statistic cannot be, or if a record with gaps would need more than 5e11 differences.
+        If y is not a record of finite numbers (apart from NaN), y is too short for the statistic or a cluster size, an option is
+        unknown, a statistic cannot be traced, or a record with gaps would need more than 5e11 differences.
 
     Examples
     --------
@@ -155,9 +154,9 @@ def begin(
     y, rate: float, statistic: Kind, sizes: Int[np.ndarray, " clusters"], confidence: float, alpha: Any, *, data="rate",
     bias_corrected: Any = False, robust=False, warnings: tuple[str, ...] = (),
 ) -> Callable[[], Deviation]:  # fmt: skip
-    """Start `deviation` of a checked record at given cluster sizes, and return the function that waits for it.
+    """Start `deviation` for a checked record at given cluster sizes, and return a function that waits for the result.
 
-    The sums of a short record are computed in the background: a caller with many records begins one before it waits for the last.
+    The sums of a short record are computed in the background, so a caller with many records should start one before waiting for another.
     """
     samples = y.shape[0] - (1 if data == "phase" else 0)
     columns = y if y.ndim == 2 else y[:, None]
@@ -175,7 +174,7 @@ def begin(
 
 
 def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int, measured, data, bias_corrected, robust, warnings):
-    """The result from sums, counts and noise types, (clusters, channels). The sums, which may still be computed, are needed last."""
+    """The result from sums, counts and noise types, (clusters, channels). The sums come last, because they may still be computed."""
     sums, count, noise = measured
     xp, kept = np if isinstance(y, np.ndarray) else jnp, slice(None)
     expected = statistic.count(samples, sizes)[:, None]
@@ -209,7 +208,7 @@ def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int
 
 
 def empty_channels(y):
-    """Which channels hold nothing but NaN, where others hold samples; None where there are no such."""
+    """Which channels contain only NaN while others contain samples; None if there are no such channels."""
     if not isinstance(y, np.ndarray) or y.ndim == 1 or not np.isnan(y[0]).any():
         return None
     empty = np.array([bool(np.isnan(column[0]) and np.isnan(column).all()) for column in y.T])
@@ -217,7 +216,7 @@ def empty_channels(y):
 
 
 def _with_empty(found: Deviation, empty, warnings: tuple[str, ...]) -> Deviation:
-    """The result of the channels that hold samples, with NaN, and a sentence, for those that hold none."""
+    """The result of the channels with samples, extended by NaN and a warning for channels without samples."""
     values = {"count": 0, "alpha": 0, "skipped": found.count[:, 0] + found.skipped[:, 0], "bias": 1.0}
     arrays = {}
     for name in ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped", "bias"):
@@ -230,7 +229,7 @@ def _with_empty(found: Deviation, empty, warnings: tuple[str, ...]) -> Deviation
 
 
 def _missing(column, name: str):
-    """Where a column that is not finite throughout is NaN; refuses infinite values and columns without any sample."""
+    """Where a column is NaN; refuses infinite values and columns without any sample."""
     refuse_infinite(column, name)
     gone = np.isnan(column)
     if gone.all():
@@ -239,7 +238,7 @@ def _missing(column, name: str):
 
 
 def _by_noise_type(function, sizes, noise, statistic: Kind, xp):
-    """function(m, alpha) at the noise types found; in a trace, where they are not known yet, picked from a table of all types."""
+    """function(m, alpha) at the identified noise types; in a trace, where they are not known yet, read from a table of all types."""
     if xp is np:
         return function(sizes[:, None], noise)
     types = np.arange(2, -5 if statistic.plain.order == 3 else -3, -1)
@@ -248,7 +247,7 @@ def _by_noise_type(function, sizes, noise, statistic: Kind, xp):
 
 
 def _uncertainty(noise, count, expected, sizes, statistic: Kind, samples, confidence: float, efficiency: float, xp):
-    """The edf and interval factors; in a trace the factors are read from a table."""
+    """The edf and the interval factors; in a trace, the factors are read from a table."""
     if statistic.interval_error:
         return (xp.full(count.shape, xp.nan, dtype=noise.dtype),) * 3
     if xp is np and not statistic.contiguous and efficiency == 1.0 and len(sizes) <= MANY and (count == expected).all():
@@ -261,7 +260,7 @@ def _uncertainty(noise, count, expected, sizes, statistic: Kind, samples, confid
 
 
 def _traced(columns, sizes, statistic: Kind, rate: float, data: str, samples: int, alpha):
-    """Sums, counts and noise types of a traced record: plain algebra that JAX can differentiate."""
+    """Sums, counts and noise types of a traced record, by plain algebra that JAX can differentiate."""
     gone = jnp.isnan(columns)
     missing, rule, less = _gap_rule(gone, statistic, data, jnp)
     clean = jnp.where(gone, 0.0, columns)
@@ -300,19 +299,19 @@ def _traced(columns, sizes, statistic: Kind, rate: float, data: str, samples: in
 
 
 def _gap_rule(gone, statistic: Kind, data: str, xp):
-    """What marks missing samples for the kernels, the rule, and how much shorter than order*m the reach is."""
+    """Marks of missing samples for the kernels, the gap rule, and by how much the reach is shorter than order*m."""
     if data == "phase" and not statistic.modified:
         return gone.astype(np.int32), "points", 0
     running = xp.cumsum(gone, axis=0, dtype=np.int32)
     running = xp.concatenate([xp.zeros_like(running[:1]), running])
     if statistic.modified and data == "rate":
-        # one phase point more than rate samples: the last is reached through its neighbour
+        # there is one more phase point than rate samples: extend the marks by repeating the last
         running = xp.concatenate([running, running[-1:]])
     return running, "span", 1 if statistic.modified and data == "rate" else 0
 
 
 def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: int, alpha, robust: bool) -> _Measured:
-    """The sums, counts and noise types of a record at hand."""
+    """The sums, counts and noise types of a record on the host."""
     order = np.argsort(sizes, kind="stable")
     ascending, back = sizes[order], np.argsort(order, kind="stable")
     number = statistic.count(samples, ascending)
@@ -323,18 +322,18 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
         for index, column in enumerate(columns.T):
             theta = aligned(length)
             if not integrate(column, theta[: samples + 1], 1):
-                break  # with a gap: below
+                break  # a record with a gap is handled below
             sums.append(sums_in_cache(theta, ascending, number, statistic))
-            if alpha is None:  # while the sums are computed
+            if alpha is None:  # while the sums are computed in the background
                 noise[:, index] = identify(theta[: samples + 1], None, ascending, statistic.plain, samples, data)[back]
         else:
             count = np.repeat(number[back, None], channels, axis=1)
             return lambda: np.stack([wait() for wait in sums], axis=1)[back], count, noise
     workers = 1
-    # a thread of its own, as `batch` starts one for each log, is a core's worth already
+    # a thread that the caller started, as `batch` does for each log, already has a core
     if channels * int(number.sum()) >= _PARALLEL_FROM and threading.current_thread() is threading.main_thread():
         workers = min(os.cpu_count() or 1, 16) if jax.default_backend() == "cpu" else 1
-    # threads share a record that is alone, or at many cluster sizes; otherwise each takes a channel
+    # threads share one record if it is alone or has many cluster sizes; otherwise each thread takes a channel
     split = workers if channels == 1 or len(sizes) > MANY else 1
 
     def channel(index, run):
@@ -360,11 +359,11 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
 
 
 def _prepare(column, name: str, statistic: Kind, rate: float, data: str, samples: int, parts: int, run):
-    """Padded arrays of one channel for the block kernel, and its phase and gap marks for the identification."""
+    """Padded arrays of one channel for the block kernel, and its phase and gap marks for the noise identification."""
     length = padded_length(samples)
     marks = missing = None
     rule, less = "none", 0
-    buffer = aligned(length)  # what lies beyond the record stays arbitrary
+    buffer = aligned(length)  # values beyond the record stay arbitrary
     held = buffer[: samples + 1]
     whole = integrate(column, held, parts, run) if data == "rate" else bool(np.isfinite(np.sum(column)))
     gone = None if whole else _missing(column, name)

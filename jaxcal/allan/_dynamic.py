@@ -20,8 +20,8 @@ from ._kinds import Kind, cluster_sizes, find_kind
 from ._noise_type._identify import identify, types_for_intervals
 from ._uncertainty._edf import degrees_of_freedom, interval_factors
 
-_ROW = 256  # squares summed together; a prefix sum runs over rows
-_TYPED = 256  # windows in which the noise types are told
+_ROW = 256  # number of squares summed together; a prefix sum runs over these rows
+_TYPED = 256  # number of windows in which noise types are identified
 _KINDS = ("oadev", "ohdev", "mdev", "tdev")
 
 
@@ -33,8 +33,8 @@ class DynamicDeviation(eqx.Module):
     time : (windows,) centres of the windows in s, from the first sample.
     tau : (clusters,) cluster time in s.
     m : (clusters,) cluster size in samples.
-    deviation : (windows, clusters) or (windows, clusters, channels), in the unit of the record (tdev: that unit times s). NaN where
-        a gap leaves no difference in a window, and in a channel without samples; `warnings` tells of both.
+    deviation : (windows, clusters) or (windows, clusters, channels), in the unit of the record (tdev: that unit times s). NaN if gaps
+        leave no difference in a window, and in a channel without samples; `warnings` reports both.
     lower, upper : limits of the interval at level `confidence`, same shape and unit.
     edf : equivalent degrees of freedom of the variance, same shape.
     count : number of differences averaged, same shape.
@@ -43,7 +43,7 @@ class DynamicDeviation(eqx.Module):
     rate : sampling rate in Hz.
     window : length of a window in s.
     confidence : level of the intervals.
-    warnings : sentences on what gaps left out.
+    warnings : sentences on results that gaps prevent.
 
     Examples
     --------
@@ -71,7 +71,7 @@ class DynamicDeviation(eqx.Module):
     warnings: tuple[str, ...] = eqx.field(static=True, default=())
 
     def channel(self, index: int) -> "DynamicDeviation":
-        """The same result for one channel of a record with several."""
+        """The same result for one of several channels."""
         return channel_of(self, "deviation", index, axes=3)
 
 
@@ -81,11 +81,11 @@ def dynamic(
 ) -> DynamicDeviation:
     r"""Dynamic Allan deviation: how the deviation at each cluster time changes along the record.
 
-    With :math:`E_m(k) = \sum_{j<k} D_m(j)^2` over all overlapped differences of the record, the window of W samples that begins at p has
+    With :math:`E_m(k) = \sum_{j<k} D_m(j)^2` over all overlapping differences of the record, a window of W samples that begins at p has
 
     .. math:: \sigma^2(p, m) = \frac{E_m(p + W - 2m + 1) - E_m(p)}{2 m^2 (W - 2m + 1)}
 
-    so that any number of windows costs one pass for each cluster size. It equals `deviation` of each window alone.
+    so that any number of windows costs one pass for each cluster size. The result equals `deviation` of each window alone.
 
     Parameters
     ----------
@@ -93,20 +93,20 @@ def dynamic(
     rate : sampling rate in Hz.
     window : length of the windows in s.
     step : distance between windows in s; half a window by default.
-    m : cluster sizes in samples, as for `deviation`, within a window.
+    m : cluster sizes in samples, as for `deviation`, for the length of a window.
     kind : "oadev" (default), "ohdev", "mdev" or "tdev".
     confidence : level of the intervals, 0.95 by default.
 
     Returns
     -------
     DynamicDeviation
-        time and tau in s, deviation and limits in the unit of y. Intervals are those of `deviation` in each window; with more than
-        256 windows the noise types are told in 256 of them, and taken from the nearest in between.
+        time and tau in s, deviation and limits in the unit of y. The intervals equal those of `deviation` in each window. With more
+        than 256 windows, noise types are identified in 256 of them, and the others use those of the nearest.
 
     Raises
     ------
     DataError
-        If y is not a finite numeric record (NaN apart), if a window or step does not suit it, or if an option is unknown.
+        If y is not a record of finite numbers (apart from NaN), a window or step does not suit it, or an option is unknown.
 
     Examples
     --------
@@ -198,10 +198,10 @@ def _one_channel(column, name: str, starts, width: int, sizes, statistic: Kind):
     if gone.any():
         missing = np.zeros(len(theta), np.int32)
         np.cumsum(gone, out=missing[1 : samples + 1])
-    # as many windows and cluster sizes as the bucket holds: one program serves neighbouring lengths
+    # pad windows and cluster sizes to the bucket, so that neighbouring lengths share one compiled program
     begin = np.pad(starts, (0, max(1 << (len(starts) - 1).bit_length(), 64) - len(starts)))
     fill = (0, -len(sizes) % 16)
-    # differences of a window: of the starting points from its first on
+    # the differences of a window have their starting points in it, from its first sample on
     m, number = np.pad(sizes, fill, constant_values=1), np.pad(statistic.count(width, sizes), fill)
     squares, count = _window_sums(theta, missing, begin, m, number, order=statistic.difference, modified=statistic.modified)
     window, cluster = slice(len(starts)), slice(len(sizes))
@@ -220,14 +220,14 @@ def _window_sums(
     order: int,
     modified: bool,
 ) -> tuple[Float[Array, "clusters windows"], Int[Array, "clusters windows"]]:
-    """Sum of squared differences with starting points begin .. begin + number - 1, and how many touch no gap.
+    """Sum of squared differences with starting points begin .. begin + number - 1, and the number of them that touch no gap.
 
-    The prefix sum is kept as a sum within a row and an unevaluated sum of two numbers over the rows before, so that a quiet
-    window after a loud one keeps its digits.
+    The prefix sum is stored as a sum within a row plus an unevaluated sum of two numbers over the rows before, so that a quiet window
+    after a loud one keeps its digits.
     """
     length = theta.shape[0]
     parts = running_sum_of_phase(theta) if modified else (theta,)
-    # read as far as the largest cluster size reaches; what comes from there belongs to no window
+    # extend the arrays by the reach of the largest cluster size; no window uses the values from there
     parts = tuple(jnp.concatenate([part, jnp.zeros_like(part)]) for part in parts)
     lost = None if missing is None else jnp.concatenate([missing, jnp.zeros_like(missing)])
 
@@ -249,7 +249,7 @@ def _window_sums(
 
 
 def _between(squares, begin, end):
-    """Sums of squares[begin:end]."""
+    """Sum of squares[begin:end] for each window."""
     rows = squares.reshape(-1, _ROW)
     inside = jnp.cumsum(rows, axis=1)
     high, low = lax.associative_scan(double_add, (inside[:, -1], jnp.zeros_like(inside[:, -1])))
@@ -265,7 +265,7 @@ def _between(squares, begin, end):
 
 
 def _noise_types(theta, missing, starts, width: int, sizes, statistic: Kind) -> np.ndarray:
-    """Noise types, (windows, clusters)."""
+    """Noise types of each window, (windows, clusters)."""
     told = np.unique(np.linspace(0, len(starts) - 1, min(len(starts), _TYPED)).round().astype(int))
     types = []
     for start in starts[told]:
@@ -277,7 +277,7 @@ def _noise_types(theta, missing, starts, width: int, sizes, statistic: Kind) -> 
 
 
 def _whole_edf(noise: np.ndarray, sizes: np.ndarray, statistic: Kind, width: int) -> np.ndarray:
-    """Degrees of freedom of windows without gaps: a table of cluster sizes and noise types, read for each window."""
+    """Degrees of freedom of windows without gaps, from a table over cluster sizes and noise types."""
     types = np.arange(-4, 3)
     table = degrees_of_freedom(sizes[:, None], types[None, :], statistic, width)
     return table[np.arange(len(sizes))[None, :, None], noise + 4]

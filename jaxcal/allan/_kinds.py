@@ -1,4 +1,4 @@
-"""The statistics by name: which differences they average, how many there are, and how they are scaled."""
+"""The statistics by name: which differences they average, how many differences there are, and how they are scaled."""
 
 import dataclasses
 
@@ -10,43 +10,42 @@ from .._types import Any, Int
 
 @dataclasses.dataclass(frozen=True)
 class Kind:
-    """One statistic: differences of `order` of the phase (or of its running sum, if `modified`), all or every m-th.
+    """One statistic: differences of `order` of the phase (or of its running sum, if `modified`), at all points or every m-th.
 
-    `family` tells how it is formed: "difference" from differences of the record as it is; "total" from differences of the record,
-    or of windows of it, reflected about their ends; "theo1" from pairs of differences within windows; "range" from the extremes
-    of windows.
+    `family` tells how it is formed: "difference" uses differences of the record itself; "total" uses differences of the record, or of
+    windows of it, reflected about their ends; "theo1" uses pairs of differences within windows; "range" uses the extremes of windows.
     """
 
     name: str
-    order: int  # 1 interval error, 2 Allan, 3 Hadamard: what the edf formulas call d
-    modified: bool  # averages the phase over m points first
-    overlapped: bool  # all starting points, or every m-th
+    order: int  # 1 interval error, 2 Allan, 3 Hadamard: d in the edf formulas
+    modified: bool  # first averages the phase over m points
+    overlapped: bool  # all starting points, not every m-th
     timed: bool = False  # multiplied by tau/sqrt(3)
     family: str = "difference"
 
     @property
     def difference(self) -> int:
-        """Order of the difference of the array that is summed: 3 for the running sum of phase (NIST SP 1065, 5.2.5)."""
+        """Order of the difference of the summed array: 3 for the running sum of phase (NIST SP 1065, 5.2.5)."""
         return 3 if self.modified else self.order
 
     @property
     def plain(self) -> "Kind":
-        """The statistic of differences that this one estimates, or that sees the noise types as this one does."""
+        """The difference statistic that this one estimates, or whose response to noise types is the same."""
         name = {1: "oadev", 2: "mdev" if self.modified else "oadev", 3: "ohdev"}[self.order]
         return self if self.family == "difference" and self.order > 1 else _KINDS[name]
 
     @property
     def interval_error(self) -> bool:
-        """Whether it is an error of phase (mtie, tierms), of which neither noise type nor interval is defined."""
+        """Whether this is an error of phase (mtie, tierms), for which neither noise type nor interval is defined."""
         return self.order == 1
 
     @property
     def contiguous(self) -> bool:
-        """Whether it needs a stretch without gaps."""
+        """Whether the statistic needs a stretch without gaps."""
         return self.family in ("total", "theo1")
 
     def tau(self, m: Any, rate: float) -> Any:
-        """Cluster time in s: m / rate, for theo1 three quarters of it."""
+        """Cluster time in s: m / rate, or three quarters of it for theo1."""
         return m / rate * (0.75 if self.family == "theo1" else 1.0)
 
     def count(self, samples: Any, m: Int[np.ndarray, " clusters"]) -> Int[np.ndarray, " clusters"]:
@@ -60,7 +59,7 @@ class Kind:
         return samples - self.difference * m + (2 if self.modified else 1)
 
     def length(self, count: Any, m: Any, samples: int) -> Any:
-        """Rate samples of the stretch that gave `count` differences: the whole record where gaps are left out one by one."""
+        """Number of rate samples in the stretch that gave `count` differences; the whole record if gaps are left out one by one."""
         if not self.contiguous:
             return samples
         if self.family == "theo1":
@@ -111,7 +110,7 @@ _KINDS = {
 
 
 def find_kind(name: "str | Kind", *more: str) -> Kind:
-    """The statistic called `name`, or the one given; a message lists what is known, and `more` that the caller takes."""
+    """The statistic called `name`, or the given one; the error message lists the known names, and `more` names of the caller."""
     if isinstance(name, Kind):
         return name
     if name not in _KINDS:
@@ -124,7 +123,7 @@ _PER_DECADE = 15
 
 
 def whole_sizes(m: Any) -> Int[np.ndarray, " clusters"]:
-    """Given cluster sizes as an array of whole numbers; refuses what is not."""
+    """Given cluster sizes as an array of whole numbers; refuses anything else."""
     sizes = np.atleast_1d(np.asarray(m))
     if sizes.ndim != 1 or sizes.size == 0 or not np.issubdtype(sizes.dtype, np.number) or np.any(sizes != np.round(sizes)):
         raise DataError(f"cluster sizes must be a list of whole numbers of samples; got {m!r} (tau in s is m / rate)")
@@ -136,16 +135,16 @@ def cluster_sizes(m: Any, kind: str | Kind, samples: int) -> Int[np.ndarray, " c
 
     Parameters
     ----------
-    m : "log" (about 15 per decade), "octave" (1, 2, 4, ...), "decade" (1, 2, 4, 10, 20, 40, ...), "all", or integers. The named
-        grids hold even sizes only for theo1, and end at half the record for mtie and tierms.
+    m : "log" (about 15 per decade), "octave" (1, 2, 4, ...), "decade" (1, 2, 4, 10, 20, 40, ...), "all", or integers. For theo1 the
+        named grids contain even sizes only; for mtie and tierms they end at half the record.
     kind : name of the statistic, such as "oadev".
     samples : number of rate samples.
 
     Raises
     ------
     DataError
-        If the record is too short for the statistic, or a given size is not an integer within 1 .. the largest possible, or
-        odd where the statistic has even ones only.
+        If the record is too short for the statistic, or a given size is not an integer within 1 .. the largest possible size, or
+        it is odd for a statistic with even sizes only.
 
     Examples
     --------
@@ -162,7 +161,7 @@ def cluster_sizes(m: Any, kind: str | Kind, samples: int) -> Int[np.ndarray, " c
             f"{kind.name} needs a record of at least {need} rate samples or {need + 1} phase points; got {samples} or {samples + 1}"
         )
     if isinstance(m, str):
-        largest = samples // 2 if kind.interval_error else largest  # beyond, the few windows are nearly the same
+        largest = samples // 2 if kind.interval_error else largest  # larger windows are few and nearly the same
         if m == "log":
             decades = np.log10(largest)
             intervals = int(np.ceil(decades * _PER_DECADE))
@@ -179,7 +178,7 @@ def cluster_sizes(m: Any, kind: str | Kind, samples: int) -> Int[np.ndarray, " c
             raise DataError(f'unknown grid of cluster sizes {m!r}; expected "log", "octave", "decade", "all" or integers')
         if step == 2:
             sizes = 2 * np.round(sizes / 2).astype(np.int64) if m == "log" else sizes[sizes % 2 == 0]
-        # ascending already
+        # the sizes are ascending; keep each once
         return sizes[(sizes >= step) & (sizes <= largest) & (np.diff(sizes, prepend=0) > 0)].astype(np.int64)
     sizes = whole_sizes(m)
     bad = sizes[(sizes < step) | (sizes > largest)]

@@ -17,27 +17,27 @@ from ._kinds import Kind
 class Deviation(Unjudged):
     """A time-domain deviation at several cluster sizes, with chi-square intervals.
 
-    Every array has the cluster sizes first; a second axis is there where the record had channels.
+    The first axis of every array is the cluster size; arrays of a record with channels have a second axis.
 
     Attributes
     ----------
     tau : (clusters,) cluster time in s.
     m : (clusters,) cluster size in samples.
     deviation : (clusters,) or (clusters, channels), in the unit of the record (tdev, ttotdev, mtie, tierms: that unit times s).
-    lower, upper : limits of the interval at level `confidence`, same shape and unit as `deviation`. NaN throughout for mtie and
-        tierms, of which no interval is known: the one is an extreme, and both depend on the record's mean.
+    lower, upper : limits of the interval at level `confidence`, same shape and unit as `deviation`. NaN for mtie and tierms, whose
+        intervals are unknown: mtie is an extreme, and both depend on the record's mean.
     edf : equivalent degrees of freedom of the variance, same shape; NaN for mtie and tierms.
     count : number of differences averaged (windows for mtotdev, ttotdev, htotdev and mtie), same shape; less than the full number
-        where gaps were left out.
-    alpha : noise type identified at each cluster size (2 white phase or quantisation, 1 flicker phase, 0 white
-        rate, -1 flicker rate, -2 random walk of rate), same shape. Where fewer than 30 averages are left, edf and limits follow
-        the redder of it and the last type found before.
+        if gaps were left out.
+    alpha : noise type identified at each cluster size (2 white phase or quantisation, 1 flicker phase, 0 white rate, -1 flicker rate, -2
+        random walk of rate), same shape. With fewer than 30 averages, edf and limits use the redder of this type and the last one
+        identified before.
     kind : name of the statistic.
     rate : sampling rate in Hz.
     confidence : level of the interval.
     skipped : number of differences left out because they touch a gap, same shape as `count`.
-    warnings : sentences, where a cluster size or a part of the record had to be left out.
-    bias : factor by which the variance was divided (`bias_corrected`), same shape; ones where nothing was.
+    warnings : sentences on cluster sizes or parts of the record that were left out.
+    bias : factor by which the variance was divided (`bias_corrected`), same shape; ones without correction.
 
     Examples
     --------
@@ -64,7 +64,7 @@ class Deviation(Unjudged):
     rate: float = eqx.field(static=True)
     confidence: float = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True, default=())
-    bias: AnyArray = None  # type: ignore[assignment]  # ones, once made
+    bias: AnyArray = None  # type: ignore[assignment]  # ones by default
 
     def __post_init__(self) -> None:
         if self.bias is None:
@@ -85,16 +85,16 @@ class Deviation(Unjudged):
         return self.kind in ("tdev", "ttotdev", "mtie", "tierms")
 
     def channel(self, index: int) -> "Deviation":
-        """The same result for one channel of a record with several."""
+        """The same result for one of several channels."""
         return channel_of(self, "deviation", index)
 
 
 def assembled(
     kind: Kind, rate: float, m, deviation, factors, count, alpha, skipped, bias, confidence: float, warnings, flat: bool
 ) -> Deviation:
-    """The result from arrays (clusters, channels), of which there is one if `flat`; `factors` are edf and those of the limits.
+    """The result from arrays (clusters, channels), with a single channel if `flat`; `factors` are edf and factors of the limits.
 
-    From its structure it is made in a tenth of the time that its `__init__` takes, which is a large part of a call with a short record.
+    It is built from its tree structure, in a tenth of the time of `__init__`, which would be a large part of a call with a short record.
     """
     edf, low, high = factors
     arrays = (deviation, deviation * low, deviation * high, edf, count, alpha, skipped, bias)

@@ -1,4 +1,4 @@
-"""TheoH: the Allan deviation up to a tenth of the record, and beyond it Theo1 brought to the level of the Allan deviation."""
+"""TheoH: the Allan deviation up to a tenth of the record, and beyond it Theo1 scaled to the Allan deviation."""
 
 import dataclasses
 from collections.abc import Callable
@@ -10,16 +10,16 @@ from .._errors import DataError
 from ._kinds import cluster_sizes, whole_sizes
 from ._result import Deviation
 
-_SHORT = 0.1  # part of the record that the Allan deviation covers
-_FEWEST = 30  # samples from which the two can be compared
+_SHORT = 0.1  # share of the record that the Allan deviation covers
+_FEWEST = 30  # smallest number of samples for comparing the two
 _JOINED = ("tau", "m", "deviation", "lower", "upper", "edf", "count", "alpha", "skipped", "bias")
 
 
 def theoh(samples: int, m: Any, plain: Callable[..., Deviation]) -> Deviation:
-    """Both parts one after the other; `plain(kind=, m=)` computes one statistic of the record.
+    """The Allan deviation followed by scaled Theo1; `plain(kind=, m=)` computes one statistic of the record.
 
-    NIST SP 1065, 5.2.16 and 5.2.17. The bias of Theo1 depends on the noise. Its factor is taken from the record: the mean ratio of the
-    Allan variance at 9 + 3 i samples to Theo1 at 12 + 4 i, which has the same cluster time.
+    NIST SP 1065, 5.2.16 and 5.2.17. The bias of Theo1 depends on the noise. Its factor is estimated from the record: the mean ratio of the
+    Allan variance at 9 + 3 i samples to Theo1 at 12 + 4 i, which have the same cluster time.
     """
     if samples < _FEWEST:
         raise DataError(f"theoh compares Theo1 with the Allan variance: it needs at least {_FEWEST} rate samples; got {samples}")

@@ -1,4 +1,4 @@
-"""What a worker does with one log: read it, perform the task, and say what came of it; no fault of a log leaves here as an exception."""
+"""The work of a worker on one log: read it, perform the task, and report. A faulty log never raises an exception out of this module."""
 
 import contextlib
 import datetime
@@ -25,12 +25,12 @@ SCHEMA = "jaxcal.batch/1"
 def answer(
     path: str, task: Any, options: dict[str, Any], reading: dict[str, Any], each: bool = False, topics: str = ""
 ) -> tuple[str, float]:
-    """The text of the result file of the log at `path`, and the seconds it took.
+    """Result file of the log at `path`, as text, and the seconds it took.
 
-    With `each` the result names the other IMUs of the log, which are read with these `topics` in turn.
+    With `each` the result names the other IMUs of the log; they are then read in turn with their `topics`.
 
-    A log that cannot be answered gives a result too: `status` is then "failed" and `reason` a sentence. `again` tells that the
-    reason may be gone the next time (a missing file, memory), so that a run taken up again tries it again.
+    A log that fails gives a result too: `status` is then "failed" and `reason` a sentence. `again` is True if the reason may be gone the
+    next time (a missing file, memory), so that a resumed run tries the log again.
     """
     begin = time.perf_counter()
     begun = functools.partial(_begun, path, task, options, reading, topics)
@@ -59,7 +59,7 @@ def answer(
 
 
 def _read(path: str, known: dict[str, Any], each: bool) -> tuple[Log, list[str]]:
-    """The log, by default that of its first IMU, and with `each` the topics of its other IMUs."""
+    """The log, by default of its first IMU, and with `each` the topics of its other IMUs."""
     if not each or known.get("topics") is not None:
         return read(path, quiet=True, **known), []
     try:
@@ -74,27 +74,27 @@ def _read(path: str, known: dict[str, Any], each: bool) -> tuple[Log, list[str]]
 
 
 def lost(path: str, task: Any, options: dict[str, Any], reading: dict[str, Any], topics: str = "", *, reason: str) -> str:
-    """The text of the result file of a log whose worker gave no answer."""
+    """Result file, as text, of a log whose worker gave no answer."""
     return json_text(_failed(_begun(path, task, options, reading, topics), _Changed(reason), path))
 
 
 def fingerprint(path: str | os.PathLike[str]) -> tuple[int | None, str | None]:
-    """Size and SHA-256 of a log as its result file has them; None where it cannot be read."""
+    """Size and SHA-256 of a log as in its result file; None if the log cannot be read."""
     sources = [pathlib.Path(path)]
     try:
         with contextlib.suppress(DataError):
-            sources = find(sources[0])[1]  # what `read` takes of a folder
+            sources = find(sources[0])[1]  # the same files that `read` takes from a folder
         return fingerprint_of(sources)
     except OSError:
         return None, None
 
 
 class _Changed(DataError):
-    """A reason that may be gone the next time."""
+    """An error whose reason may be gone the next time."""
 
 
 def _begun(path: str, task: Any, options: dict[str, Any], reading: dict[str, Any], topics: str) -> dict[str, Any]:
-    full = os.fsencode(os.path.abspath(path)).decode("utf-8", "backslashreplace")  # a name need not be text
+    full = os.fsencode(os.path.abspath(path)).decode("utf-8", "backslashreplace")  # a file name need not be text
     known = {
         "path": full,
         "name": os.path.basename(full),
@@ -131,7 +131,7 @@ def _sentence(fault: BaseException) -> str:
 
 
 def _stat(path: pathlib.Path) -> list[tuple[str, int, int]]:
-    """Name, size and time of change of a file, or of every file of a folder."""
+    """Name, size and time of last change of a file, or of every file in a folder."""
     try:
         files = sorted(path.iterdir()) if path.is_dir() else [path]
         return [(file.name, state.st_size, state.st_mtime_ns) for file in files for state in [file.stat()]]
@@ -142,8 +142,8 @@ def _stat(path: pathlib.Path) -> list[tuple[str, int, int]]:
 
 
 def _date(provenance: dict[str, Any], files: list[tuple[str, int, int]]) -> list[str]:
-    """When the log was recorded, and how that is known: by its stamps where they are of our time, otherwise by its file."""
+    """When the log was recorded, and the source of that: its time stamps if they are absolute times, otherwise the time of its file."""
     stamp = provenance.get("epoch_ns") or 0
-    source = "stamps" if stamp > 946_684_800_000_000_000 else "file"  # the year 2000: stamps since the start of the device are less
+    source = "stamps" if stamp > 946_684_800_000_000_000 else "file"  # the year 2000: stamps since the device started are smaller
     seconds = (stamp if source == "stamps" else max(changed for _, _, changed in files)) / 1e9
     return [datetime.datetime.fromtimestamp(seconds, datetime.UTC).isoformat(timespec="seconds"), source]

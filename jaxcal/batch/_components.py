@@ -1,4 +1,4 @@
-"""`components`: variance components of measurements, with intervals; and `gauge`, the study of a gauge."""
+"""`components`: variance components of measurements, with intervals; and `gauge`: a gauge study (gauge R&R)."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -14,27 +14,28 @@ from .._quality import checked_confidence
 from .._results import Result, Row
 from .._types import AnyArray, Groups
 
-_DRAWS = 20_000  # of the generalised intervals
-_SEED = 24  # of them: the same study always gives the same numbers
-_POOL = 0.25  # chance from which an interaction is taken for repeatability: the rule of the AIAG manual
-_LARGEST = 4_000_000  # values times groups
-_CATEGORIES = 1.41  # distinct categories: 1.41 part deviations over those of the gauge
+_DRAWS = 20_000  # number of draws for the generalised intervals
+_SEED = 24  # seed of the draws: the same study always gives the same numbers
+_POOL = 0.25  # p value above which an interaction counts as repeatability: the rule of the AIAG manual
+_LARGEST = 4_000_000  # largest number of values times groups
+_OPEN = 3.0  # ratio of a component's upper limit to the scatter of the whole study above which the study is weak
+_CATEGORIES = 1.41  # distinct categories: 1.41 times the standard deviation of parts over that of the gauge
 
 
 class Components(Result):
-    """Variance components of measurements; variances are in the squared unit of the measurements, deviations in their unit.
+    """Variance components of measurements. Variances are in the squared unit of the measurements, standard deviations in their unit.
 
     Attributes
     ----------
     names : levels, interactions as "part:operator", and last "repeatability".
-    variance, interval : (k,) and (k, 2), variance of each and its interval; 0 where the estimate is negative.
-    degrees_of_freedom, mean_square, p_value : (k,) the analysis of variance; p value of no variance of this level, NaN for the last.
-    pooled : names of interactions that were taken for repeatability.
-    mean : of all measurements.
-    ratios, ratio_interval : (q,) and (q, 2), what a gauge study reports, in the order of `ratio_names`; empty for `components`.
-    ratio_names : their names.
+    variance, interval : (k,) and (k, 2), variance of each component and its interval; 0 if the estimate is negative.
+    degrees_of_freedom, mean_square, p_value : (k,) analysis of variance; p value of zero variance at this level, NaN for the last.
+    pooled : names of interactions that were counted as repeatability.
+    mean : mean of all measurements.
+    ratios, ratio_interval : (q,) and (q, 2), results of a gauge study, in the order of `ratio_names`; empty for `components`.
+    ratio_names : names of the ratios.
     confidence : level of the intervals.
-    warnings : sentences.
+    warnings : a sentence for each level of too few groups, whose interval goes beyond three times the deviation of all components.
 
     Examples
     --------
@@ -64,12 +65,12 @@ class Components(Result):
 
     @property
     def verdict(self) -> str:
-        """The word "good", or "weak" where there are warnings."""
+        """The word "good"; "weak" if a component may be larger than three times the scatter of the whole study."""
         return "weak" if self.warnings else "good"
 
     @property
     def reason(self) -> str:
-        """The share of each component in the sum of the variances."""
+        """The share of each component in the total variance."""
         shares = 100.0 * np.asarray(self.variance) / max(float(np.sum(self.variance)), np.finfo(float).tiny)
         return "; ".join(f"{name} {share:.1f} % of the variance" for name, share in zip(self.names, shares, strict=True))
 
@@ -87,17 +88,17 @@ def components(values: Any, levels: Mapping[str, Groups], *, crossed: Sequence[s
     r"""Variance components of measurements by an analysis of variance.
 
     Each level is nested in those before it: recordings in devices, axes in recordings. Levels named in `crossed` have the same groups
-    everywhere, such as operators who measure all parts; an interaction with each other crossed level joins the model. The sums of
-    squares of the levels, one after the other, have the expectations
+    everywhere, such as operators who measure all parts; the model then includes an interaction for each pair of crossed levels. The sums of
+    squares of the levels, taken one after the other, have the expectations
 
     .. math:: E\,MS_k = \sum_l c_{kl}\,\sigma_l^2
 
-    which give the estimates. The intervals are generalised ones: :math:`MS_k` is replaced with :math:`f_k MS_k/\chi^2_{f_k}`, drawn 20,000
-    times. Sums of squares are independent chi-squares for balanced studies, and nearly so for others.
+    which give the estimates. The intervals are generalised intervals: :math:`MS_k` is replaced with :math:`f_k MS_k/\chi^2_{f_k}`, drawn
+    20,000 times. The sums of squares are independent chi-squares in balanced studies, and nearly so in others.
 
     Parameters
     ----------
-    values : (n,) measurements with no error of their own; for fits that have one, take `population`.
+    values : (n,) measurements without uncertainties. For fits with uncertainties use `population`.
     levels : name -> group of each measurement, the outermost first.
     crossed : names of levels that are crossed with one another.
     confidence : level of the intervals.
@@ -109,7 +110,7 @@ def components(values: Any, levels: Mapping[str, Groups], *, crossed: Sequence[s
     Raises
     ------
     DataError
-        If there are too few measurements, a value is not finite, or a level cannot be told from those before it.
+        If there are too few measurements, a value is not finite, or a level cannot be separated from those before it.
 
     Examples
     --------
@@ -135,19 +136,19 @@ def gauge(
     values: Any, parts: Groups, operators: Groups, *, pool: float = _POOL, tolerance: float | None = None,
     confidence: float = 0.95,
 ) -> Components:  # fmt: skip
-    r"""Gauge R&R: the scatter of measurements, split into parts, operators and repeatability.
+    r"""Gauge R&R: split the scatter of measurements into parts, operators and repeatability.
 
-    Operators measure all parts several times. `ratios` has, as the AIAG manual reports them, standard deviations EV (repeatability), AV
-    (reproducibility: operators and their interaction with parts), GRR (both), PV (parts) and TV (all), the percentages of TV, and the
+    Operators measure all parts several times. `ratios` reports what the AIAG manual asks for: the standard deviations EV (repeatability),
+    AV (reproducibility: operators and their interaction with parts), GRR (both), PV (parts) and TV (total), the percentages of TV, and the
     number of distinct categories 1.41 PV/GRR, not rounded down.
 
     Parameters
     ----------
     values : (n,) measurements.
-    parts, operators : part and operator of each. A device in place of a part, and a turntable or a mounting in place of an operator, make
-        the same study.
-    pool : an interaction whose F test has a larger p value than this is counted as repeatability; 1 keeps it always.
-    tolerance : width of the tolerance, in the unit of the values: 6 GRR over it is then among the ratios.
+    parts, operators : part and operator of each measurement. A device may take the place of a part, and a turntable or a mounting that of
+        an operator.
+    pool : an interaction counts as repeatability if the p value of its F test is larger than this; 1 always keeps the interaction.
+    tolerance : width of the tolerance, in the unit of the values; the ratios then include 6 GRR divided by it.
     confidence : level of the intervals.
 
     Returns
@@ -157,7 +158,7 @@ def gauge(
     Raises
     ------
     DataError
-        As `components`; or if there are fewer than two parts or operators, or no repetition.
+        As for `components`; or if there are fewer than two parts or operators, or no repeated measurements.
 
     Examples
     --------
@@ -195,7 +196,7 @@ def _analysed(values: Any, levels: Mapping[str, Any], crossed: tuple[str, ...], 
         k, last = names.index(name), len(names)
         chance = scipy.stats.f.sf(squares[k] / freedom[k] / (squares[last] / freedom[last]), freedom[k], freedom[last])
         if chance > pool:
-            # it is not there as far as can be told; its interval says how large it may be
+            # the data do not show it; its interval tells how large it may still be
             pooled[name] = np.maximum(np.quantile(_draws(squares, freedom, expected)[:, k], ends), 0.0)
             del columns[name]
             squares, freedom, expected = _table(values, columns)
@@ -211,17 +212,26 @@ def _analysed(values: Any, levels: Mapping[str, Any], crossed: tuple[str, ...], 
         return np.array([fill if at == -1 else array[at] for at in where])
 
     limits = dict(zip([*names, "repeatability"], np.maximum(np.quantile(drawn, ends, axis=0).T, 0.0), strict=True)) | pooled
+    total, said = float(np.sqrt(np.sum(variance))), []
+    for name, free in zip(names, freedom[:-1], strict=True):
+        highest = float(np.sqrt(limits[name][1]))
+        if highest > _OPEN * total > 0.0:
+            said.append(
+                f"the standard deviation of {name} may be {highest:.3g}, {highest / total:.1f} times that of the whole study: "
+                f"{free:.0f} degree{'s' * bool(free > 1)} of freedom tell too little; measure with five or more of them"
+            )
     ratio_names, ratios, ratio_limits = _reported(names, variance, np.maximum(drawn, 0.0), ends, study) if study else ((), [], [])
     return Components(
         names=tuple(order), variance=placed(variance, 0.0), interval=np.array([limits[name] for name in order]),
         degrees_of_freedom=placed(freedom, np.nan), mean_square=placed(means, np.nan),
         p_value=placed(tests, np.nan), pooled=tuple(pooled), mean=float(values.mean()),
         ratio_names=ratio_names, ratios=np.array(ratios), ratio_interval=np.array(ratio_limits).reshape(-1, 2), confidence=confidence,
+        warnings=tuple(said),
     )  # fmt: skip
 
 
 def _columns(values: np.ndarray, levels: Mapping[str, Any], crossed: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Name -> number of the group of each measurement, groups nested where they are not crossed."""
+    """Name -> group number of each measurement; groups that are not crossed are nested."""
     if not levels:
         raise DataError("there are no levels; name one, as {'device': ...}")
     unknown = [name for name in crossed if name not in levels]
@@ -250,7 +260,7 @@ def _numbered(labels: list[Any]) -> np.ndarray:
 
 
 def _table(values: np.ndarray, columns: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sums of squares of each level after those before it and of the rest, degrees of freedom, and expectations of the mean squares."""
+    """Sums of squares of each level after those before it, and of the rest; degrees of freedom; expectations of the mean squares."""
     n = len(values)
     if n * max(int(group.max()) + 1 for group in columns.values()) > _LARGEST:
         raise DataError(f"{n} values are too many: values times groups of a level may be {_LARGEST}; use jaxcal.batch.population")
@@ -277,13 +287,13 @@ def _table(values: np.ndarray, columns: dict[str, np.ndarray]) -> tuple[np.ndarr
 
 
 def _draws(squares: np.ndarray, freedom: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """Generalised draws of the variances, (draws, k); they may be negative."""
+    """Draws of the variances for generalised intervals, (draws, k); they may be negative."""
     drawn = squares / np.random.default_rng(_SEED).chisquare(freedom, (_DRAWS, len(freedom)))
     return np.linalg.solve(expected, drawn.T).T
 
 
 def _chance(expected: np.ndarray, means: np.ndarray, freedom: np.ndarray, k: int) -> float:
-    """The p value of no variance of level k: its mean square against the mix of others that has the same expectation without it."""
+    """P value of zero variance at level k: its mean square against the mix of others that would then have the same expectation."""
     target = expected[k].copy()
     target[k] = 0.0
     others = [i for i in range(len(means)) if i != k]

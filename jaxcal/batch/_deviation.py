@@ -1,4 +1,4 @@
-"""`deviation`: of many logs, and of logs larger than memory; `reduce`: partial results of one record put together."""
+"""`deviation`: for many logs, and for logs larger than memory; `reduce`: merge partial results of one record."""
 
 import dataclasses
 import itertools
@@ -20,7 +20,7 @@ from ..allan._kernels._route import MANY
 from ..allan._kinds import Kind, cluster_sizes, find_kind
 from ..io._chunks import Chunks, array_chunks, open_chunks
 
-#: rate= may differ from the stamps by this much
+#: largest relative difference between rate= and the time stamps
 _RATE_TOLERANCE = 0.005
 
 T = TypeVar("T", bound=Any)
@@ -32,39 +32,40 @@ def deviation(
 ) -> Any:  # fmt: skip
     """Allan, modified Allan, time or Hadamard deviation of a file larger than memory, or of many logs.
 
-    A record of up to `chunk` samples is that of `jaxcal.allan.deviation`. A longer one is read `chunk` samples at a time through
-    `jaxcal.allan.Accumulator`: the same result up to the cluster size `exact`, and at a stride of starting points beyond. A list of
-    logs of any lengths is shared among the cores. All logs of up to 262,143 samples share one program, longer ones one for each doubling.
+    A record of up to `chunk` samples goes through `jaxcal.allan.deviation`. A longer one is read `chunk` samples at a time through
+    `jaxcal.allan.Accumulator`. The result is the same up to the cluster size `exact`; larger clusters use a stride of starting points. A
+    list of logs of any lengths is shared among the cores. All logs of up to 262,143 samples share one compiled program; longer logs need
+    one for each doubling of the length.
 
     Parameters
     ----------
     source : a path to a .npy, .npz, Parquet, HDF5 or text file, to a PX4 ULog, an ArduPilot DataFlash log or a ROS recording, an array or
-        memory map (n,) or (n, channels), or a list of these, each a record of its own.
+        memory map (n,) or (n, channels), or a list of these, each one a separate record.
     rate : sampling rate in Hz, one for all logs, or a list with one for each.
     kind : statistic, see `jaxcal.allan.deviation`.
-    m : cluster sizes in samples, see there; for a record longer than `chunk` not "all".
+    m : cluster sizes in samples, as in `jaxcal.allan.deviation`; not "all" for a record longer than `chunk`.
     confidence : level of the intervals, 0.95 by default.
-    alpha : noise type for the degrees of freedom (2 .. -2), instead of the one identified at each cluster size.
+    alpha : noise type for the degrees of freedom (2 .. -2), to replace the one identified at each cluster size.
     columns : channels by number (arrays, .npy, text) or name (Parquet, text), arrays by name (.npz, HDF5), or one topic of a log of
-        messages (``"sensor_gyro:0"``, ``"IMU:0"``, ``"/imu"``), whose channels are in SI, and NaN where its stamps leave samples out. By
-        default all that hold numbers and are no time by their name, or the only topic.
-    chunk : samples in memory at a time.
-    exact : cluster size up to which every overlapped difference of a longer record is taken; mdev and tdev end there.
-    workers : threads for the logs of a list that are longer than `chunk`, have several channels, or take a statistic of the whole record;
-        by default as many as Python's pool has. The others go through a single one. With `executor`: into how many stretches the record
-        is cut.
-    executor : a `concurrent.futures.Executor` whose workers take a stretch each of one record longer than `chunk`, by the path of its
-        file; the parts are merged in a tree (`reduce`). The result is that of one pass, to rounding.
+        messages (``"sensor_gyro:0"``, ``"IMU:0"``, ``"/imu"``); its channels are in SI, with NaN where its stamps skip samples. By
+        default all columns that contain numbers and are not named as a time, or the only topic.
+    chunk : number of samples in memory at a time.
+    exact : largest cluster size for which every overlapping difference of a longer record is used; mdev and tdev end there.
+    workers : threads for those logs of a list that are longer than `chunk`, have several channels, or need a statistic of the whole record;
+        by default Python's pool decides. All other logs share a single thread. With `executor`: number of stretches into which the
+        record is cut.
+    executor : a `concurrent.futures.Executor` for one record longer than `chunk`. Each worker opens the file by its path and processes one
+        stretch; the parts are merged in a tree (`reduce`). Up to rounding the result is that of a single pass.
 
     Returns
     -------
     Deviation
-        tau in s, deviation and its limits in the unit of the record. For a list of logs a list of them, in the same order.
+        tau in s, deviation and its limits in the unit of the record. For a list of logs: a list of results in the same order.
 
     Raises
     ------
     DataError
-        If a record cannot be read or is no record; the message says which of the list.
+        If a record cannot be read or is not a record; for a list, the message names the log.
 
     Examples
     --------
@@ -118,8 +119,8 @@ def deviation(
         y = checked_record(records[i].read(0, records[i].samples)[:, 0])
         return begin(y, rates[i], statistic, sizes, confidence, alpha)
 
-    # One thread for the short records, whose sums are computed in the background: each is begun before the last one is waited for.
-    # Several threads at short NumPy steps would only wait for the interpreter and for one another.
+    # One thread for the short records, whose sums are computed in the background: start each before waiting for the one before.
+    # With short NumPy steps, several threads would only wait for the interpreter and for one another.
     short = [i for i, record in enumerate(records) if record.flat and record.samples < min(chunk + 1, IN_CACHE) and _plain(m, statistic)]
     with jax.enable_x64(True):
         waits = [(i, named(i, begun, i)) for i in short[:1]]
@@ -135,19 +136,19 @@ def deviation(
     others = [i for i in range(len(records)) if i not in found]
     ahead = list({padded_length(records[i].samples): i for i in reversed(others)}.values())
     with ThreadPoolExecutor(workers) as pool:
-        # the first of each bucket of lengths before the others: two threads would compile the same program twice
+        # compute the first log of each bucket of lengths before the others, or two threads would compile the same program twice
         for turn in (ahead, [i for i in others if i not in ahead]):
             found.update(zip(turn, pool.map(alone, turn), strict=True))
     return [found[i] for i in range(len(records))]
 
 
 def _plain(m: Any, statistic: Kind) -> bool:
-    """Whether the cluster sizes are few and the statistic one of differences of the record as it is."""
+    """Whether there are few cluster sizes, and the statistic uses differences of the record itself."""
     return statistic.family == "difference" and (m != "all" if isinstance(m, str) else np.size(m) <= MANY)
 
 
 def _shared(executor: Any, workers: int | None, source: Any, columns: Any) -> Callable[..., Accumulator] | None:
-    """How the workers of an executor pass a record that they open themselves: (make, samples, chunk) -> the whole accumulator."""
+    """A function (make, samples, chunk) -> accumulator of the whole record, computed by the workers of an executor; None without one."""
     if executor is None:
         return None
     if not isinstance(executor, Executor):
@@ -155,7 +156,7 @@ def _shared(executor: Any, workers: int | None, source: Any, columns: Any) -> Ca
     parts = workers or getattr(executor, "_max_workers", None) or os.cpu_count() or 1
 
     def passed(make: Callable[[int], Accumulator], samples: int, chunk: int) -> Accumulator:
-        # whole chunks, so that what a worker holds is what one pass would
+        # use whole chunks, so that a worker holds the same samples at a time as a single pass
         edges = sorted({min(-(-samples * i // parts // chunk) * chunk, samples) for i in range(parts + 1)})
         futures = [executor.submit(_stretch, make(start), source, columns, start, stop, chunk) for start, stop in itertools.pairwise(edges)]
         try:
@@ -168,7 +169,7 @@ def _shared(executor: Any, workers: int | None, source: Any, columns: Any) -> Ca
 
 
 def _stretch(empty: Accumulator, source: Any, columns: Any, start: int, stop: int, chunk: int) -> Accumulator:
-    """In a worker: the samples from `start` to `stop`."""
+    """In a worker: accumulate the samples from `start` to `stop`."""
     record, found = _opened(source, columns), empty
     for at in range(start, stop, chunk):
         found = found.update(record.read(at, min(at + chunk, stop)))
@@ -218,8 +219,8 @@ def _opened(source: Any, columns: Any) -> Chunks:
 def reduce(parts: Iterable[T]) -> T:
     """Merge partial results of neighbouring stretches of one record, in a tree.
 
-    Each part is merged with its neighbour, then each pair with the next: of n parts none goes through more than log2(n) merges, so that
-    rounding errors do not grow with n, and merges of different pairs could run side by side.
+    Each part is merged with its neighbour, then each pair with the next. No part goes through more than log2(n) merges of n parts, so that
+    rounding errors do not grow with n, and different pairs could be merged in parallel.
 
     Parameters
     ----------
@@ -228,12 +229,12 @@ def reduce(parts: Iterable[T]) -> T:
 
     Returns
     -------
-    As if one of them had been given the whole record.
+    The same result as if one accumulator had received the whole record.
 
     Raises
     ------
     DataError
-        If there are no parts, or they do not join.
+        If there are no parts, or they are not neighbours.
 
     Examples
     --------

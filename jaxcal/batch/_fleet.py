@@ -1,4 +1,4 @@
-"""`Fleet`: what a run found out about its logs, what they have in common, which stand out, and trends."""
+"""`Fleet`: the results of a run for each log, the spread over all logs, outliers, and trends."""
 
 import dataclasses
 import datetime
@@ -15,22 +15,22 @@ import scipy  # loads its parts when they are first used
 from .._files import shown
 
 _FEWEST, _FEWEST_FOR_TRENDS = 5, 8
-_FALSE_ALARM = 0.05  # chance that a fleet of Gaussian coefficients has an outlier, or a trend, at all
-_GAUSS = 1.482602218505602  # standard deviation over median absolute deviation
-_MEAN_GAUSS = 1.2533141373155003  # and over mean absolute deviation
-#: tasks whose coefficients are sizes, which scatter by factors
+_FALSE_ALARM = 0.05  # probability that a fleet of Gaussian coefficients has any outlier, or any trend
+_GAUSS = 1.482602218505602  # standard deviation over median absolute deviation, for a normal distribution
+_MEAN_GAUSS = 1.2533141373155003  # standard deviation over mean absolute deviation
+#: coefficients that are sizes, whose scatter is relative
 _SIZES = re.compile(r"\.(?:[QNBKR]|[a-z0-9]+dev\([^)]*\)|theo1\([^)]*\))$")
 
 
 @dataclasses.dataclass(frozen=True)
 class Coefficient:
-    """A number of one log.
+    """A number from the result of one log.
 
     Attributes
     ----------
-    value : None where the log has none, as of a term not detected.
-    low, high : limits of its interval, or None. Of a term not detected `high` is the upper limit.
-    unit : its SI unit, "" if not known.
+    value : None if the log has none, as for a term that was not detected.
+    low, high : limits of its interval, or None. For a term that was not detected, `high` is the upper limit.
+    unit : SI unit, "" if unknown.
 
     Examples
     --------
@@ -51,18 +51,18 @@ class Entry:
 
     Attributes
     ----------
-    path : the log.
+    path : path of the log.
     status : "done" or "failed".
-    reason : of a failure, a sentence; otherwise None.
+    reason : for a failure, a sentence; otherwise None.
     again : whether the reason may be gone the next time.
     coefficients : name -> `Coefficient`.
     warnings : sentences.
-    sha256 : of the log; None where it could not be read.
-    date : when it was recorded (ISO 8601), by its stamps, or by the time of its file; None where it could not be read.
-    seconds : of computation; None where there was none.
-    kept : whether the result was there already.
+    sha256 : hash of the log; None if it could not be read.
+    date : date of the recording (ISO 8601), from its stamps or from the time of its file; None if it could not be read.
+    seconds : computing time in s; None if the result was not computed in this run.
+    kept : whether the result comes from an earlier run.
     file : result file; None without a folder.
-    topics : of several IMUs in one log the topics of the one that this is about; "" for the first, or the only one.
+    topics : for a log with several IMUs, the topics of the IMU that this entry is about; "" for the first or only one.
 
     Examples
     --------
@@ -95,12 +95,12 @@ class Entry:
 
     @property
     def name(self) -> str:
-        """Name of the log as printable text, with its IMU where that is not the first."""
+        """Name of the log as printable text, with the IMU unless it is the first."""
         return shown(self.path) + (f" {self.topics}" if self.topics else "")
 
     @property
     def document(self) -> dict[str, Any]:
-        """The whole result, as its file has it: `result` holds what the task found."""
+        """The whole result as in its file; `result` holds the results of the task."""
         text = self._text if self.file is None else self.file.read_text(encoding="utf-8")
         assert text is not None  # without a file the text is kept
         return json.loads(text)
@@ -108,7 +108,7 @@ class Entry:
 
 @dataclasses.dataclass(frozen=True)
 class Outlier:
-    """A log that stands out: its name, path, value, distance from the median in robust standard deviations, and the sentence on it.
+    """A log that stands out: name, path, value, distance from the median in robust standard deviations, and a sentence.
 
     Examples
     --------
@@ -126,9 +126,9 @@ class Outlier:
 
 @dataclasses.dataclass(frozen=True)
 class Trend:
-    """A coefficient that goes with `along` ("serial number", "place in the list" or "date"): slope per step or day, Kendall's tau, p.
+    """A trend of a coefficient along "serial number", "place in the list" or "date": slope per step or day, Kendall's tau, p value.
 
-    `at` is where each log stands, in the order of `Spread.values`.
+    `at` is the position of each log along the trend, in the order of `Spread.values`.
 
     Examples
     --------
@@ -147,20 +147,20 @@ class Trend:
 
 @dataclasses.dataclass(frozen=True)
 class Spread:
-    """One coefficient over the fleet.
+    """The spread of one coefficient over the fleet.
 
     Attributes
     ----------
-    unit : of it.
-    count : logs that have it.
-    median, sigma : middle and robust standard deviation (1.4826 times the median absolute deviation).
-    low, high : between which 90 % of the logs lie.
-    own : median of the standard errors of the single logs; NaN where they have none. A sigma that is not larger than this is the
-        scatter of the estimates, not of the sensors.
-    values : of each log, NaN where it has none, in the order of the run.
-    scores : distance of each from the median in robust standard deviations.
-    limit : score from which a log is an outlier; infinite for fewer than 5 logs.
-    outliers, trends : what stands out.
+    unit : unit of the coefficient.
+    count : number of logs that have it.
+    median, sigma : median and robust standard deviation (1.4826 times the median absolute deviation).
+    low, high : limits that contain 90 % of the logs.
+    own : median of the standard errors of the single logs; NaN if they have none. If sigma is not larger than this, it is the scatter of
+        the estimates, not of the sensors.
+    values : value of each log, NaN if it has none, in the order of the run.
+    scores : distance of each value from the median in robust standard deviations.
+    limit : score above which a log is an outlier; infinite for fewer than 5 logs.
+    outliers, trends : logs that stand out, and trends.
 
     Examples
     --------
@@ -194,7 +194,7 @@ class Spread:
 
 @dataclasses.dataclass(frozen=True)
 class Fleet:
-    """The logs of a run, in natural order of their names.
+    """The logs of a run with their results, in natural order of their names.
 
     Attributes
     ----------
@@ -227,21 +227,21 @@ class Fleet:
 
     @property
     def done(self) -> tuple[Entry, ...]:
-        """The logs that were answered."""
+        """The logs with a result."""
         return tuple(entry for entry in self.entries if entry.status == "done")
 
     @property
     def failed(self) -> tuple[Entry, ...]:
-        """The logs that were not, each with its reason."""
+        """The logs without a result, each with its reason."""
         return tuple(entry for entry in self.entries if entry.status == "failed")
 
     @functools.cached_property
     def spread(self) -> dict[str, Spread]:
-        """Name of a coefficient -> its spread over the logs that were answered.
+        """Name of a coefficient -> its spread over the logs with a result.
 
-        A log is an outlier where its distance from the median, over the root of the squares of the fleet's robust standard deviation and
-        the log's own standard error, is beyond what the largest of all distances in the fleet would reach by chance in 5 % of Gaussian
-        fleets. Noise coefficients and deviations are compared by their logarithms.
+        The score of a log is its distance from the median, divided by the root of the sum of squares of the fleet's robust standard
+        deviation and the log's own standard error. A log is an outlier if the largest score of a Gaussian fleet would exceed its score in
+        less than 5 % of fleets. Noise coefficients and deviations are compared by their logarithms.
         """
         done = self.done
         names = list(dict.fromkeys(name for entry in done for name in entry.coefficients))
@@ -266,12 +266,12 @@ def _one(name: str, done: Sequence[Entry], number: int, along: dict[str, np.ndar
         own = errors / np.abs(values) if by_factors else errors
     middle = float(np.median(x[here]))
     apart = np.abs(x[here] - middle)
-    sigma = _GAUSS * float(np.median(apart)) or _MEAN_GAUSS * float(np.mean(apart))  # more than half of them equal
+    sigma = _GAUSS * float(np.median(apart)) or _MEAN_GAUSS * float(np.mean(apart))  # if more than half of the values are equal
     total = np.sqrt(sigma**2 + np.where(np.isfinite(own), own, 0.0) ** 2)
     with np.errstate(invalid="ignore", divide="ignore"):
         scores = np.where(np.abs(x - middle) > 0, (x - middle) / total, np.where(here, 0.0, np.nan))
-    # Student's t with half the degrees of freedom, for the median absolute deviation of few values is itself uncertain: against
-    # simulated Gaussian fleets of 5 to 300 logs the chance of a false alarm is 4 to 6 %
+    # Student's t with half the degrees of freedom, because the median absolute deviation of few values is itself uncertain: for simulated
+    # Gaussian fleets of 5 to 300 logs the probability of a false alarm is 4 to 6 %
     limit = np.inf if n < _FEWEST else float(scipy.special.stdtrit((n - 1) / 2, 1 - _FALSE_ALARM / (2 * n * number)))
     median = float(np.median(values[here]))
     low, high = (float(end) for end in np.quantile(values[here], [0.05, 0.95]))
@@ -310,7 +310,7 @@ def _trend(name: str, along: str, places: np.ndarray, all_values: np.ndarray, un
 
 
 def _along(done: Sequence[Entry]) -> dict[str, np.ndarray]:
-    """What a trend may go along."""
+    """The quantities along which a trend is tested: serial numbers, or places in the list, and dates."""
     found = {}
     numbers = [re.findall(r"\d+", entry.path.stem) for entry in done]
     serial = [int(each[-1]) for each in numbers if each and len(each[-1]) < 16]
@@ -319,7 +319,7 @@ def _along(done: Sequence[Entry]) -> dict[str, np.ndarray]:
     else:
         found["place in the list"] = np.arange(len(done), dtype=float)
     days = np.array([np.nan if entry.date is None else datetime.datetime.fromisoformat(entry.date).timestamp() / 86400 for entry in done])
-    # logs of one minute were written by one program
+    # logs with dates within one minute were written by one program, so their dates tell nothing
     if len(days) and np.all(np.isfinite(days)) and np.ptp(days) > 1 / 1440:
         found["date"] = days - days.min()
     return found

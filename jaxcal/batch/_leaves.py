@@ -1,4 +1,4 @@
-"""What each recording says of its parameters: a likelihood in bins for noise, a normal law for what other fits give."""
+"""Information of each recording about its parameters: a binned likelihood for noise, a normal distribution for other fits."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -14,16 +14,16 @@ from .._errors import DataError
 from .._types import Array
 from ..noise import LogLikelihood, NoiseFit
 
-_SINGLE, _PER_DECADE = 16, 12  # bins of one ordinate, and bins to the decade beyond: they hold all that smooth densities differ by
+_SINGLE, _PER_DECADE = 16, 12  # bins of one ordinate, and bins per decade beyond; they resolve all differences of smooth densities
 _SEEN = 0.25  # share of the recordings that must show a term for it to be pooled
-_FLAT = 1e-3  # precision of a logarithm of which the record says nothing
-_STARTS = 0.05  # of a coefficient that is not there, over the median of those that are
-_ROUNDS = 15  # Fisher scoring steps of a profile
+_FLAT = 1e-3  # precision of a logarithm about which the record has no information
+_STARTS = 0.05  # share of the median below which a coefficient starts from the median
+_ROUNDS = 15  # number of Fisher scoring steps of a profile
 _TERMS = ("Q", "N", "B", "K")
 
 
 class Recording(NamedTuple):
-    """Noise of one recording: its likelihood, and its own coefficients with their intervals and whether they were detected."""
+    """Noise of one recording: its likelihood, and its own coefficients, with their intervals and whether each was detected."""
 
     likelihood: LogLikelihood
     value: dict[str, float]
@@ -32,7 +32,7 @@ class Recording(NamedTuple):
 
     @classmethod
     def of(cls, fit: NoiseFit) -> "Recording":
-        """That of a fit."""
+        """The recording that belongs to a fit."""
         values = {term: float(np.asarray(fit.noise.coefficient(term))) for term in fit.terms}
         limits = {term: (float(fit.interval[term][0]), float(fit.interval[term][1])) for term in fit.terms}
         seen = {term: values[term] > 0.0 and fit.verdict[term] != "not detected" for term in fit.terms}
@@ -40,10 +40,11 @@ class Recording(NamedTuple):
 
 
 class Leaves(NamedTuple):
-    """All recordings, side by side.
+    """Information of all recordings, side by side.
 
-    names : parameters. logarithm : whether `start` are logarithms of the parameters. raw, interval : each by itself.
-    start : (n, p). step : (n, p, p) roots of the covariances of proposals. data : of the likelihoods, (n, ...) each.
+    names : names of the parameters. logarithm : whether `start` holds logarithms of them. raw, interval : estimates of each recording
+        alone.
+    start : (n, p). step : (n, p, p) roots of the covariances of proposals. data : data of the likelihoods, (n, ...) each.
     scale : (p,) unit in which the parameters are sampled.
     """
 
@@ -58,14 +59,14 @@ class Leaves(NamedTuple):
 
     @property
     def log_likelihood(self) -> Any:
-        """(parameters, data of one) -> scalar; None for normal laws."""
+        """(parameters, data of one recording) -> scalar; None for normal distributions."""
         return binned if self.logarithm else None
 
     def seen_from(self, middle: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Value and standard error (n, p) of the normal law that each recording is, seen from the population.
+        """Mean and standard error (n, p) of the normal distribution that replaces each recording, as seen from the population.
 
-        The signed root of the profile likelihood, r(v), is normal about zero at the true value v. It is made linear between one standard
-        deviation of the population to either side of `middle`, (n, p): where it decides whether a recording belongs there.
+        The signed root of the profile likelihood, r(v), is normal about zero at the true value v. It is replaced by a straight line between
+        one standard deviation of the population on either side of `middle`, (n, p), where it decides whether a recording belongs there.
         """
         if not self.logarithm:
             value, root = self.data
@@ -77,13 +78,13 @@ class Leaves(NamedTuple):
 
 
 def binned(x: Array, data: Any) -> Array:
-    """Whittle log-likelihood of logarithms of coefficients."""
+    """Whittle log-likelihood of logarithms of coefficients, from binned data."""
     s = data["columns"] @ jnp.exp(2.0 * x) + data["base"]
     return -0.5 * jnp.sum(data["weight"] * (jnp.log(s) + data["density"] / s))
 
 
 def of_noise(recordings: Sequence[Recording], terms: Sequence[str] | None) -> Leaves:
-    """Those of noise: logarithms of the coefficients."""
+    """`Leaves` of noise, whose parameters are logarithms of the coefficients."""
     names = _chosen(recordings, terms)
     raw = np.array([[one.value[term] for term in names] for one in recordings])
     interval = np.array([[one.interval[term] for term in names] for one in recordings])
@@ -106,7 +107,7 @@ def of_noise(recordings: Sequence[Recording], terms: Sequence[str] | None) -> Le
 
 
 def of_estimates(fits: Sequence[Any], terms: Sequence[str] | None, confidence: float) -> Leaves:
-    """Those of fits with `names`, `values` and `covariance`, as of a magnetometer or an IMU: the parameters themselves."""
+    """`Leaves` of fits with `names`, `values` and `covariance`, as of a magnetometer or an IMU; their parameters are not transformed."""
     for i, fit in enumerate(fits):
         if any(getattr(fit, name, None) is None for name in ("names", "values", "covariance")):
             raise DataError(
@@ -147,7 +148,7 @@ def _chosen(recordings: Sequence[Recording], terms: Sequence[str] | None) -> tup
 
 
 def _coarse(one: Recording, terms: tuple[str, ...]) -> dict[str, Any]:
-    """Density, weight and columns of the bins, neighbours together; `base` is what the terms that are not pooled give."""
+    """Density, weight and columns of wider bins; `base` is the density of the terms that are not pooled."""
     held = coarse(one.likelihood)
     columns = np.stack([held.columns[term] for term in terms], axis=1)
     rest = [value**2 * held.columns[term] for term, value in one.value.items() if term not in terms]
@@ -156,7 +157,7 @@ def _coarse(one: Recording, terms: tuple[str, ...]) -> dict[str, Any]:
 
 
 def coarse(held: LogLikelihood) -> LogLikelihood:
-    """With neighbouring bins together: enough for smooth densities, and quick."""
+    """The likelihood with neighbouring bins merged, which is accurate for smooth densities and faster."""
     used = np.asarray(held.weight) > 0
     f, weight = np.asarray(held.frequency)[used], np.asarray(held.weight)[used]
     number = np.floor(_PER_DECADE * np.log10(f / f[0]))

@@ -13,25 +13,26 @@ from .._types import AnyArray
 from ._population import Population
 
 _FEWEST = 8  # recordings
-_ORDERS = 2000  # random orders that the limits come from
-_SEED = 24  # of them: the same line always gives the same numbers
+_ORDERS = 2000  # number of random orders from which the limits come
+_SEED = 24  # seed of the orders: the same line always gives the same numbers
 
 
 class Line(Result):
-    """What changed along a test line.
+    """Changes along a test line, as `line` finds them.
 
     Attributes
     ----------
     terms : names of the parameters.
-    order : (n,) indices of the recordings in the order of time.
-    score : (n, p) distance of each recording from the middle, in that order, in standard deviations of the population and its own error.
+    order : (n,) indices of the recordings in order of time.
+    score : (n, p) distance of each recording from the middle, in that order, over the root of the summed variances of population and own
+        error.
     slope, slope_error : (p,) change over the whole line, of the logarithm for noise, and its standard error.
-    chance : (p,) how often a line without a change has as steep a slope or as clear a change point, whichever is rarer.
-    drift_chance : (p,) how often it has as steep a slope.
-    change : (p,) number of recordings before the most likely change. change_size : (p,) the step there, as `slope`.
-    change_chance : (p,) how often a line without a change has as clear a one anywhere.
-    findings : sentences on what a line without a change has in less than `false_alarm` of cases.
-    false_alarm : chance, for each parameter, that a line without a change has a drift or a change point named.
+    chance : (p,) probability that a line without a change has a slope as steep, or a change point as clear, whichever is rarer.
+    drift_chance : (p,) probability that it has a slope as steep.
+    change : (p,) number of recordings before the most likely change. change_size : (p,) size of that step, in the unit of `slope`.
+    change_chance : (p,) probability that a line without a change has a change point as clear anywhere.
+    findings : sentences on changes that a line without a change shows with a probability below `false_alarm`.
+    false_alarm : probability, for each parameter, of finding a drift or a change point in a line without a change.
     warnings : sentences.
 
     Examples
@@ -61,12 +62,12 @@ class Line(Result):
 
     @property
     def verdict(self) -> str:
-        """The word "changed" where there are findings, otherwise "steady"."""
+        """The word "changed" if there are findings, otherwise "steady"."""
         return "changed" if self.findings else "steady"
 
     @property
     def reason(self) -> str:
-        """The findings."""
+        """The findings, as one sentence."""
         return "; ".join(self.findings) or "no drift and no change point"
 
     def _rows(self) -> list[Row]:
@@ -81,15 +82,16 @@ class Line(Result):
 def line(found: Population, when: Sequence[Any] | AnyArray, *, false_alarm: float = 0.05) -> Line:
     r"""Drift and change points of a test line.
 
-    Each recording is compared with the middle of the population, in standard deviations of the population together with its own error.
-    The weighted slope over time, and the largest weighted difference of means before and after any recording, are held against those of
-    2,000 random orders of the same recordings, and so is the rarer of the two. The limits hold whatever the law of the devices is.
+    Each recording is compared with the middle of the population, in standard deviations that combine the population's and the recording's
+    own error. Two statistics are computed: the weighted slope over time, and the largest weighted difference of means before and after any
+    recording. Each statistic, and the rarer of the two, is compared with its values in 2,000 random orders of the same recordings. The
+    limits hold for any distribution of the devices.
 
     Parameters
     ----------
-    found : the population. Its covariates explain what they can; what is left is looked at.
-    when : time of each recording, numbers or dates of one kind.
-    false_alarm : chance of a finding in a parameter of a line without a change.
+    found : the population. Its covariates are subtracted first; only the rest is tested.
+    when : time of each recording: numbers, or dates of one kind.
+    false_alarm : probability of a finding in a parameter of a line without a change.
 
     Returns
     -------
@@ -98,7 +100,7 @@ def line(found: Population, when: Sequence[Any] | AnyArray, *, false_alarm: floa
     Raises
     ------
     DataError
-        If there are fewer than eight recordings, several of one device, or the times differ in number or are all the same.
+        If there are fewer than eight recordings, a device has several, or the times differ in number or are all the same.
 
     Examples
     --------
@@ -170,5 +172,5 @@ def line(found: Population, when: Sequence[Any] | AnyArray, *, false_alarm: floa
 
 
 def _rarity(values: np.ndarray) -> np.ndarray:
-    """Share of all values that are as large as each, or larger."""
+    """For each value, the share of values that are at least as large."""
     return 1.0 - np.searchsorted(np.sort(values), values, side="left") / len(values)

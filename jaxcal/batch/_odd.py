@@ -1,4 +1,4 @@
-"""`chances`: how often a usual device would be as far from the middle of the population as each device is."""
+"""`chances`: the probability that a usual device is as far from the middle of the population as each device is."""
 
 import itertools
 
@@ -7,24 +7,24 @@ import scipy  # loads its parts when they are first used
 
 from ..fitting._hierarchy import Hierarchy, log_density
 
-_NODES = 15  # of the quadrature over a device's own error
-_AT_ONCE = 200  # devices
-_MOST, _FEWEST = 400_000, 100  # devices times draws of the population that are looked at, and draws at least
+_NODES = 15  # nodes of the quadrature over a device's own error
+_AT_ONCE = 200  # number of devices that are processed together
+_MOST, _FEWEST = 400_000, 100  # largest number of devices times draws of the population, and smallest number of draws
 
 
 def chances(
     away: np.ndarray, variance: np.ndarray, member: np.ndarray, parts: list[np.ndarray], usual: np.ndarray, drawn: Hierarchy
 ) -> np.ndarray:
-    """Two-sided probability of the distance of each device from the middle, (g, p), under a normal population that the others describe.
+    """Two-sided probability of the distance of each device from the middle, (g, p), for the normal population of the other devices.
 
-    Each draw of the population is weighted with the inverse of the density that it gives the device, which takes the device out of the
-    posterior: otherwise an odd unit widens the law that it is held against.
+    Each draw of the population is weighted with the inverse of its density for the device, which removes the device from the posterior.
+    Otherwise an odd unit would widen the distribution with which it is compared.
 
     Parameters
     ----------
     away, variance : (n, p) distance of each recording from its middle, and the variance of its own error.
-    member : (n,) its device. parts : groups of the recordings for each level within devices.
-    usual : (p,) mean of the population that the distances are from.
+    member : (n,) device of each recording. parts : groups of the recordings for each level within devices.
+    usual : (p,) mean of the population from which the distances are measured.
     drawn : posterior of all devices.
     """
     groups = int(member.max()) + 1
@@ -45,7 +45,7 @@ def chances(
 
 
 def _combined(away: np.ndarray, variance: np.ndarray, own: np.ndarray, parts: list[np.ndarray], deviations: np.ndarray):
-    """Distance of each device and the variance of that, (draws, g, p), its recordings weighted with their errors in each draw."""
+    """Distance of each device and its variance, (draws, g, p); recordings are weighted by their errors in each draw."""
     groups = int(own.max()) + 1
     if deviations.shape[1] == 1:  # each recording is a device
         return np.broadcast_to(away, (len(deviations), *away.shape)), np.broadcast_to(variance, (len(deviations), *variance.shape))
@@ -68,11 +68,11 @@ def _combined(away: np.ndarray, variance: np.ndarray, own: np.ndarray, parts: li
 
 
 def _tails(z: np.ndarray, error: np.ndarray, deviation: np.ndarray, scale: np.ndarray, freedom: np.ndarray) -> np.ndarray:
-    """Mean over the draws of the chance of |z| or more, each weighted with the inverse of its density of z."""
+    """Mean over the draws of the probability of |z| or more, each draw weighted with the inverse of its density at z."""
     node, weight = np.polynomial.hermite_e.hermegauss(_NODES)
     apart = z[..., None] + np.sqrt(error)[..., None] * node
     share = 1.0 / np.maximum(np.exp(np.asarray(log_density(apart, scale[..., None], freedom[..., None]))) @ weight, 1e-300)
-    # few draws must not decide alone
+    # limit the weights, so that a few draws cannot decide alone
     share = np.minimum(share, np.mean(share, axis=0) * len(share) ** 0.5)
     far = 2.0 * scipy.stats.norm.sf(np.abs(z) / np.sqrt(deviation**2 + error))
     return np.sum(share * far, axis=0) / np.sum(share, axis=0)

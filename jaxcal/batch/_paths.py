@@ -1,4 +1,4 @@
-"""Which logs a run is about: files, folders and patterns, each log once, in the order that people count in."""
+"""Find the logs of a run: files, folders and patterns, each log once, in natural order."""
 
 import glob
 import os
@@ -9,7 +9,7 @@ from typing import Any
 
 from .._errors import DataError
 
-#: endings of the files that are taken from a folder
+#: endings of the log files that are taken from a folder
 SUFFIXES = (
     ".csv", ".txt", ".tsv", ".dat", ".log", ".gz", ".npy", ".npz", ".parquet", ".bag", ".db3", ".mcap",
     ".ulg", ".bin", ".mat", ".h5", ".hdf5",
@@ -19,10 +19,10 @@ _MAGIC = re.compile(r"[*?\[]")
 
 
 def find_logs(paths: Any, out: pathlib.Path | None = None) -> tuple[list[pathlib.Path], dict[pathlib.Path, str]]:
-    """The logs at `paths`, each once and in natural order, and the folders that cannot be listed with the reason.
+    """The logs at `paths`, each once and in natural order, and the folders that cannot be listed, with the reason.
 
-    `paths` is a path or a list of files, of folders with all that is in them (one with a metadata.yaml is a ROS 2 recording), and of
-    patterns. A file that does not exist is kept: the run says what is wrong with it. Folders of results, `out` among them, are left out.
+    `paths` is one path or a list of files, folders with all logs in them (a folder with a metadata.yaml is a ROS 2 recording), and
+    patterns. A file that does not exist is kept: the run reports it. Folders of results, such as `out`, are left out.
     """
     given = [paths] if isinstance(paths, str | os.PathLike) else list(paths) if isinstance(paths, Iterable) else [paths]
     if not all(isinstance(path, str | os.PathLike) for path in given):
@@ -39,9 +39,9 @@ def find_logs(paths: Any, out: pathlib.Path | None = None) -> tuple[list[pathlib
 
 
 def natural(path: pathlib.Path) -> list[Any]:
-    """Sorting key by which unit9 comes before unit10."""
+    """Sorting key that puts unit9 before unit10."""
     pieces = re.split(r"(\d+)", os.fspath(path))
-    # numbers stand at odd places: like is compared with like
+    # numbers stand at odd positions, so that numbers are compared with numbers
     return [(int(piece), piece) if i % 2 else piece.casefold() for i, piece in enumerate(pieces)]
 
 

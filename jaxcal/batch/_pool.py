@@ -1,4 +1,4 @@
-"""Who computes: processes of our own, each with one log at a time, or any executor."""
+"""The workers of a run: processes of its own, each with one log at a time, or any given executor."""
 
 import multiprocessing
 import os
@@ -12,12 +12,12 @@ from typing import Any
 
 from .._errors import DataError
 
-_STARTS = 3  # workers that may be killed one after another before they have begun
+_STARTS = 3  # number of workers in a row that may be killed before they begin
 _starting = threading.Lock()
 
 
 class _Process(SpawnProcess):
-    """A fresh process whose libraries find their limits when they are loaded: later they no longer ask."""
+    """A fresh process with its environment set before its libraries load, because they read their limits only then."""
 
     environment: dict[str, str]
 
@@ -34,21 +34,21 @@ class _Process(SpawnProcess):
 
 
 class _Context(SpawnContext):
-    """Makes processes with this environment, and keeps the latest."""
+    """Makes processes with this environment, and remembers the latest."""
 
     def __init__(self, environment: dict[str, str]) -> None:
         self.environment = environment
         self.latest: _Process | None = None
 
     def Process(self, *arguments: Any, **options: Any) -> _Process:
-        """The class of that name, which an executor calls."""
+        """Make a process; an executor calls this method by the name of the class that it replaces."""
         self.latest = _Process(*arguments, **options)
         self.latest.environment = self.environment
         return self.latest
 
 
 def room(workers: int) -> float:
-    """Bytes that a worker may hold by default: an equal share of four fifths of the memory there is, and 2 GB at least."""
+    """Bytes that a worker may hold by default: an equal share of four fifths of the memory, and at least 2 GB."""
     try:
         total = float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
     except (ValueError, OSError, AttributeError):
@@ -57,7 +57,7 @@ def room(workers: int) -> float:
 
 
 def limits(threads: int) -> dict[str, str]:
-    """Environment of a worker: so many threads, no claim on all of an accelerator's memory, the compilation cache of this process."""
+    """Environment of a worker: number of threads, no reservation of an accelerator's memory, the compilation cache of this process."""
     import jax
 
     count = str(threads)
@@ -70,10 +70,10 @@ def limits(threads: int) -> dict[str, str]:
 
 
 def _begin() -> None:
-    """In a worker: leave interrupts to the parent, and end with it, however it ends."""
+    """In a worker: ignore interrupts, which the parent handles, and end when the parent ends for any reason."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     count = int(os.environ["PYTHON_CPU_COUNT"])
-    os.cpu_count = lambda: count  # from Python 3.13 on the variable alone does it
+    os.cpu_count = lambda: count  # from Python 3.13 on, the variable alone is enough
 
     def follow() -> None:
         parent = multiprocessing.parent_process()
@@ -85,7 +85,7 @@ def _begin() -> None:
 
 
 class Worker:
-    """One process. When it dies no other is touched, and it is known whose log it was; the next log finds a fresh one."""
+    """One process. If it dies, no other process is affected, and the log it held is known; the next log gets a fresh process."""
 
     def __init__(self, environment: dict[str, str]) -> None:
         self.context = _Context(environment)
@@ -97,7 +97,7 @@ class Worker:
         if self.pool is None:
             self.pool = ProcessPoolExecutor(1, mp_context=self.context, initializer=_begin)
             self.hello = self.pool.submit(os.getpid)
-            self.hello.add_done_callback(self._clock)  # what a process takes to begin is not the log's
+            self.hello.add_done_callback(self._clock)  # the start of a process does not count as time of the log
         self._clock()
         return self.pool.submit(function, *arguments)
 
@@ -106,18 +106,18 @@ class Worker:
 
     @property
     def started(self) -> bool:
-        """Whether the process got as far as its first log."""
+        """Whether the process reached its first log."""
         return self.hello is not None and self.hello.done() and self.hello.exception() is None
 
     @property
     def refused(self) -> bool:
-        """Whether the process ended by itself before it began, rather than by a signal."""
+        """Whether the process ended by itself before it began, and not by a signal."""
         process = self.context.latest
         return not self.started and process is not None and (process.exitcode or 0) > 0
 
     @property
     def memory(self) -> int:
-        """Bytes that the process holds; 0 where the system does not tell."""
+        """Bytes that the process holds; 0 if the system does not report it."""
         process = self.context.latest
         try:
             with open(f"/proc/{process.pid if process is not None else 0}/statm") as file:
@@ -139,7 +139,7 @@ class Worker:
 
 
 class WorkerPool:
-    """Processes of our own, each with one log at a time."""
+    """Processes of the run itself, each with one log at a time."""
 
     def __init__(self, workers: int, threads: int) -> None:
         environment = limits(threads)
@@ -155,14 +155,14 @@ class WorkerPool:
         worker = self._idle.pop()
         try:
             future = worker.submit(function, *arguments)
-        except BrokenExecutor:  # it died between two logs
+        except BrokenExecutor:  # the process died between two logs
             worker.close(at_once=False)
             future = worker.submit(function, *arguments)
         self._busy[future] = worker
         return future
 
     def release(self, future: Future) -> bool:
-        """The worker of a finished log is free again. Whether the worker died of the log."""
+        """Free the worker of a finished log. Returns whether the log killed the worker."""
         worker = self._busy.pop(future)
         self._idle.append(worker)
         if not isinstance(future.exception(), BrokenExecutor):
@@ -179,10 +179,10 @@ class WorkerPool:
         return begun
 
     def ask(self) -> None:
-        """Our own processes tell when they end."""
+        """Do nothing: the end of a process of the pool is noticed anyway."""
 
     def beyond(self, seconds: Callable[[Future], float], memory: float) -> dict[Future, str]:
-        """Kill the workers whose log takes longer than `seconds` of it, or more than `memory` bytes; their futures, and why."""
+        """Kill workers whose log takes longer than its `seconds` or more than `memory` bytes. Returns their futures with the reason."""
         now = time.monotonic()
         found: dict[Future, str] = {}
         for future, worker in self._busy.items():
@@ -206,7 +206,7 @@ class WorkerPool:
 
 
 class GivenExecutor:
-    """Somebody's executor: it is neither restarted nor shut down."""
+    """An executor given by the caller: it is neither restarted nor shut down."""
 
     def __init__(self, executor: Executor, logs: int) -> None:
         self._executor, self._logs, self._flying = executor, logs, set()
@@ -226,7 +226,7 @@ class GivenExecutor:
         return False
 
     def ask(self) -> None:
-        """Raise what the executor raises when it takes no more: one whose cluster is gone may never answer for the logs it holds."""
+        """Submit an empty task, so that an executor that takes no more raises; a lost cluster may never answer for the logs it holds."""
         if self._question is not None:
             self._question.cancel()
         self._question = self._executor.submit(int)

@@ -1,4 +1,4 @@
-"""`pool`: the populations of a run, from what its results hold."""
+"""`pool`: the populations of a run, from its results."""
 
 import csv
 import dataclasses
@@ -19,14 +19,14 @@ from ._fleet import Entry, Fleet
 from ._leaves import Recording, coarse
 from ._population import Population, population
 
-_DIGITS = 7  # of the numbers of a likelihood in a result
-_WIDTH = 2.0 * NORMAL95  # of an interval of 95 % in standard deviations
+_DIGITS = 7  # significant digits of the numbers of a likelihood in a result
+_WIDTH = 2.0 * NORMAL95  # width of an interval of 95 % in standard deviations
 _FIELDS = ("frequency", "density", "weight", "base")
 
 
 @dataclasses.dataclass
 class _Estimate:
-    """Coefficients of one log, with the variances that their intervals of 95 % mean."""
+    """Coefficients of one log, with the variances that follow from their intervals of 95 %."""
 
     names: tuple[str, ...]
     values: list[float]
@@ -38,18 +38,18 @@ def pool(
 ) -> dict[str, Population]:
     """Populations of the logs of a run: the middle device, the spread between devices, and a pooled value for each log.
 
-    For the task "noise" there is one for each channel, from the likelihoods in the results, or with `axes` one for each sensor, with
-    its axes as a level within the device. For other tasks there is one of all coefficients that have intervals. A run with a folder
-    also gets `population.json`, and the populations in its overview.
+    For the task "noise" there is one population per channel, from the likelihoods in the results; with `axes` there is one per sensor, with
+    its axes as a level within the device. For other tasks there is one population of all coefficients that have intervals. If the run has
+    a folder, the function also writes `population.json` there, and adds the populations to the overview.
 
     Parameters
     ----------
-    fleet : what `run` gave.
-    table : what is known of the logs: name -> column, or a CSV file with a line for each log. "log" holds names of logs, with or without
-        the end; "device" says which logs are of one device; all others are covariates, numbers or words.
-    names : pattern of the names of the logs, as "unit{device}_{temperature}C": what stands in each brace is the device, a covariate, or
-        with {_} neither. Without `table` and `names` every log is a device of its own.
-    axes : whether axes are a level, rather than populations of their own.
+    fleet : the result of `run`.
+    table : further data about the logs: name -> column, or a CSV file with one line per log. Column "log" holds names of logs, with or
+        without extension; "device" tells which logs are from the same device; all other columns are covariates, numbers or words.
+    names : pattern of the names of the logs, as "unit{device}_{temperature}C": each pair of braces marks the device, a covariate, or, as
+        {_}, text to ignore. Without `table` and `names` every log is from a device of its own.
+    axes : whether axes are a level of one population, rather than separate populations.
     confidence, false_alarm : as for `population`.
 
     Returns
@@ -60,7 +60,7 @@ def pool(
     Raises
     ------
     DataError
-        If logs are not in the table or do not fit the pattern, or there is nothing to pool; see `population`.
+        If a log is not in the table or does not fit the pattern, or there is nothing to pool; see `population`.
     ExportError
         If the folder of the run cannot be written.
 
@@ -105,7 +105,7 @@ def pool(
 
 
 def _with_axes(parts: dict[str, list], devices: list, covariates: dict[str, list], asked: dict[str, Any]) -> Population:
-    """One population of a sensor: its axes are a level within the device, and differ in their middle."""
+    """One population for a sensor, with its axes as a level within the device and as a covariate."""
     where = [(name, i) for name, leaves in parts.items() for i, leaf in enumerate(leaves) if leaf is not None]
     axis, log = [name.partition("_")[2] for name, _ in where], [i for _, i in where]
     several = {"recording": log, "axis": axis} if len(set(devices)) < len(devices) else None
@@ -118,7 +118,7 @@ def _with_axes(parts: dict[str, list], devices: list, covariates: dict[str, list
 
 
 def held(likelihood: LogLikelihood) -> dict[str, Any]:
-    """A likelihood as a result holds it: coarse bins, rounded."""
+    """A likelihood in the form of a result file: wide bins, rounded numbers."""
     few = coarse(likelihood)
     fields = {name: _rounded(getattr(few, name)) for name in _FIELDS}
     return fields | {"columns": {name: _rounded(column) for name, column in few.columns.items()}, "dt": few.dt}
@@ -129,7 +129,7 @@ def _rounded(values: Any) -> list[float]:
 
 
 def _noise(entries: tuple[Entry, ...]) -> dict[str, list[Recording | None]]:
-    """Channel -> what each log says of it; empty where the task was another one."""
+    """Channel -> the recording of each log; empty if the task was not "noise"."""
     found: dict[str, list[Recording | None]] = {}
     for i, entry in enumerate(entries):
         result = entry.document["result"]
@@ -163,7 +163,7 @@ def _estimates(entries: tuple[Entry, ...]) -> list[_Estimate]:
 
 
 def _about(entries: tuple[Entry, ...], table: Any, names: str | None) -> dict[str, list[Any]]:
-    """Column -> what is known of each log."""
+    """Column -> its value for each log."""
     found: dict[str, list[Any]] = {}
     if names is not None:
         pattern = _pattern(names)
@@ -211,7 +211,7 @@ def _read(table: str | os.PathLike[str]) -> dict[str, list[str]]:
 
 
 def _covariates(about: dict[str, list[Any]]) -> tuple[dict[str, list[Any]], list[str]]:
-    """Columns, as numbers where all are; and the names of those that are the same in all logs, which tell nothing."""
+    """Columns, as numbers if all are; and the names of columns that are the same in all logs, which are left out."""
     found: dict[str, list[Any]] = {}
     same = [name for name, column in about.items() if len({str(one) for one in column}) < 2]
     for name, column in about.items():

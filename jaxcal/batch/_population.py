@@ -1,4 +1,4 @@
-"""`population`: what many devices of one type say about the type, and the type about each of them."""
+"""`population`: combine many devices of one type, to describe the type and to improve the estimate of each device."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -19,35 +19,35 @@ from ._leaves import Leaves, Recording, of_estimates, of_noise
 from ._odd import chances
 
 _FEWEST = 5  # devices
-_MANY = 1000  # recordings from which fewer sweeps do: the population is then known well
-_HARDLY = 0.05  # share of steps accepted below which draws are not to be trusted
+_MANY = 1000  # number of recordings above which fewer sweeps suffice, because the population is then well known
+_HARDLY = 0.05  # acceptance rate below which draws are not reliable
 
 
 class Population(Result):
-    """Parameters of a type of device, of each recording by itself, and of each with what the others say.
+    """Parameters of a type of device, and of each recording: by itself, and combined with the population.
 
-    Noise coefficients are described by their logarithms: a standard deviation of 0.2 is 20 %. Other parameters, such as a hard iron,
-    are described as they are, in their own unit.
+    Noise coefficients are described by their logarithms: a standard deviation of 0.2 means 20 %. Other parameters, such as a hard iron,
+    are described directly, in their own unit.
 
     Attributes
     ----------
-    terms : names of the parameters, in this order along the last axis of the arrays.
-    median, median_interval : (p,) and (p, 2), parameter of the middle device; of a fleet with covariates that at their mean.
-    levels : names of the levels: "device", those of `levels=`, and last "recording" or "rest", what differs within all of them.
-    components, components_interval : (levels, p) and (levels, p, 2), standard deviation between the groups of each level: the
-        variance components are their squares. That between devices is `spread`, the last of several is `repeatability`.
+    terms : names of the parameters, in their order along the last axis of the arrays.
+    median, median_interval : (p,) and (p, 2), parameters of the middle device; in a fleet with covariates, at their mean.
+    levels : names of the levels: "device", those of `levels=`, and last "recording" or "rest", which varies within all others.
+    components, components_interval : (levels, p) and (levels, p, 2), standard deviation between the groups of each level; the variance
+        components are their squares. The first, between devices, is `spread`; the last of several is `repeatability`.
     effect, effect_interval : (c, p) and (c, p, 2), change for one standard deviation of each covariate, or of a class against the first.
-    raw, raw_interval : (n, p) and (n, p, 2), each recording by itself; 0 where a term was not found.
-    pooled, pooled_interval : the same with what the population says. The intervals allow for what is not known of the population.
+    raw, raw_interval : (n, p) and (n, p, 2), each recording by itself; 0 if a term was not found.
+    pooled, pooled_interval : the same combined with the population. The intervals include the uncertainty of the population.
     device_values, device_interval : (g, p) and (g, p, 2), the middle of each device over its recordings.
-    seen, seen_error : (n, p) each recording by itself as the population sees it (logarithms for noise), and its standard error.
-    away : (n, p) `seen` less the middle at the covariates of the recording.
+    seen, seen_error : (n, p) estimate of each recording by itself near the population (logarithms for noise), and its standard error.
+    away : (n, p) `seen` minus the middle at the covariates of the recording.
     chance : (g, p) probability that a usual device is as far from the middle as this one; small for an odd unit.
-    outliers : (device, term) of which the chance is below the false-alarm rate.
-    devices, recordings : names of the devices (g,), and of the device of each recording (n,).
-    covariates : names of the covariates, and of the classes of those that are words.
-    logarithm : whether the model is one of logarithms.
-    confidence, false_alarm : levels of the intervals and of the outliers.
+    outliers : (device, term) pairs whose chance is below `false_alarm`.
+    devices, recordings : names of the devices (g,), and the device of each recording (n,).
+    covariates : names of the covariates; for covariates that are words, one name per class except the first.
+    logarithm : whether the model uses logarithms.
+    confidence, false_alarm : level of the intervals, and of the outliers.
     warnings : sentences.
 
     Examples
@@ -96,27 +96,27 @@ class Population(Result):
 
     @property
     def spread_interval(self) -> AnyArray:
-        """(p, 2) its interval."""
+        """(p, 2) interval of `spread`."""
         return self.components_interval[0]
 
     @property
     def repeatability(self) -> AnyArray:
-        """(p,) standard deviation within all levels; NaN where each device has one recording."""
+        """(p,) standard deviation within all levels; NaN if each device has one recording."""
         return self.components[-1] if len(self.levels) > 1 else np.full(len(self.terms), np.nan)
 
     @property
     def repeatability_interval(self) -> AnyArray:
-        """(p, 2) its interval."""
+        """(p, 2) interval of `repeatability`."""
         return self.components_interval[-1] if len(self.levels) > 1 else np.full((len(self.terms), 2), np.nan)
 
     @property
     def verdict(self) -> str:
-        """The word "good", or "weak" where there are warnings."""
+        """The word "good", or "weak" if there are warnings."""
         return "weak" if self.warnings else "good"
 
     @property
     def reason(self) -> str:
-        """How many devices and recordings there are, and which stand out."""
+        """The number of devices and recordings, and the devices that stand out."""
         odd = ", ".join(f"{device} in {term}" for device, term in self.outliers)
         return f"{len(self.recordings)} recordings of {len(self.devices)} devices; {f'odd: {odd}' if odd else 'no device stands out'}"
 
@@ -139,32 +139,33 @@ def population(
 ) -> Population:  # fmt: skip
     r"""Pool the parameters of many devices of one type.
 
-    Each parameter x, of noise the logarithm of a coefficient, is that of the type, plus effects of the device, of levels within it such
-    as recording and axis, and of what is left:
+    Each parameter x (for noise, the logarithm of a coefficient) is the value of the type, plus effects of the device, of levels within the
+    device such as recording and axis, and a rest:
 
     .. math:: x_i = \mu + z_i\beta + u_{d(i)} + \sum_l v^{(l)}_{d(i),l(i)} + e_i,\qquad u \sim t_\nu(0, s^2),\quad
         v^{(l)}, e \sim N(0, s_l^2)
 
-    Every recording of noise enters with its own likelihood, which for a term that was not found has only an upper end. Other fits enter
-    with their values and covariance. The law between devices may have heavy tails, as heavy as the devices ask for, so that an odd unit is
-    not drawn in. Values and intervals come from draws of the joint posterior: the intervals allow for what is not known of the
-    population. A short record gains most; a long one is known by itself.
+    Every noise recording enters with its own likelihood, which for an undetected term only has an upper end. Other fits enter with their
+    values and covariance. The distribution between devices may have heavy tails, estimated from the devices, so that an odd unit is not
+    pulled towards the others. Values and intervals come from draws of the joint posterior, so the intervals include the uncertainty of the
+    population. Short records gain most; a long record already determines its own parameters.
 
-    A device is odd in a term where its distance from the middle would be exceeded by the share `false_alarm` of usual devices. The law
-    that it is held against is that of the other devices.
+    A device is odd in a term if only the share `false_alarm` of usual devices is as far from the middle. The device itself is left out of
+    the population with which it is compared.
 
     Parameters
     ----------
-    fits : of each recording a `NoiseFit` of one channel by method "whittle"; or a result with `names`, `values` and `covariance`, as
+    fits : for each recording a `NoiseFit` of one channel by method "whittle"; or a result with `names`, `values` and `covariance`, such as
         those of `jaxcal.magnetometer.fit` and `jaxcal.imu.multi_position`.
-    devices : name of the device of each recording; by default each is a device of its own.
-    levels : name of a level -> name of the group of each fit, counted within its device: {"recording": ..., "axis": ...}. Recording 1 of
-        two devices are two recordings. One axis of a device is the same in all of its recordings.
+    devices : name of the device of each recording; by default each recording is from a different device.
+    levels : name of a level -> name of the group of each fit, such as {"recording": ..., "axis": ...}. Groups belong to a device: recording
+        1 of two devices means two recordings, and an axis of a device is the same in all of its recordings.
     covariates : name -> number or word for each recording, such as its temperature, age or batch.
-    terms : parameters to pool; by default those of N, B, K and Q that a quarter of the fits show, or all. The others stay as fitted.
+    terms : parameters to pool. By default those of N, B, K and Q that a quarter of the fits show, or all parameters of other fits. Terms
+        that are not pooled keep their fitted values.
     confidence : level of the intervals.
     false_alarm : share of usual devices that are named as outliers in a term.
-    seed : of the draws.
+    seed : seed of the draws.
 
     Returns
     -------
@@ -174,7 +175,7 @@ def population(
     ------
     DataError
         If there are fewer than five devices, the lists differ in length, a fit has several channels or no likelihood, no term is
-        found often enough, or a level has one group in each device.
+        found often enough, or a level has only one group in each device.
 
     Examples
     --------
@@ -212,7 +213,7 @@ def population(
 def _summary(
     leaves: Leaves, drawn: Hierarchy, design: np.ndarray, members: list[np.ndarray], named: tuple, confidence: float, false_alarm: float
 ) -> Population:
-    """Medians and intervals of the draws, and the odd units."""
+    """Summarise the draws as medians and intervals, and find the odd units."""
     names, order, titles, labels = named
     items, beta, deviations = (np.asarray(value) for value in (drawn.items, drawn.coefficients, drawn.deviations))
     scale, ends = leaves.scale, [(1.0 - confidence) / 2.0, (1.0 + confidence) / 2.0]
@@ -244,7 +245,7 @@ def _summary(
 
 
 def _leaves(fits: list[Any], terms: Sequence[str] | None, confidence: float) -> Leaves:
-    """What each fit says: all of noise, or none."""
+    """The information of each fit; either all fits are of noise, or none is."""
     if not any(isinstance(fit, NoiseFit | Recording) for fit in fits):
         return of_estimates(fits, terms, confidence)
     for i, fit in enumerate(fits):
@@ -254,7 +255,7 @@ def _leaves(fits: list[Any], terms: Sequence[str] | None, confidence: float) -> 
 
 
 def _devices(count: int, devices: Groups | None) -> tuple[tuple[Any, ...], np.ndarray, tuple[Any, ...]]:
-    """Device of each recording, its number, and the devices in their order."""
+    """Device of each recording, its number, and the devices in order of appearance."""
     names = (
         tuple(range(count)) if devices is None else tuple(one.item() if isinstance(one, np.generic | jax.Array) else one for one in devices)
     )
@@ -268,7 +269,7 @@ def _devices(count: int, devices: Groups | None) -> tuple[tuple[Any, ...], np.nd
 
 
 def _levels(levels: Mapping[str, Groups] | None, member: np.ndarray, names: tuple[Any, ...]) -> tuple[list[np.ndarray], tuple[str, ...]]:
-    """Number of the group of each fit for every level, and the names of all levels."""
+    """Group number of each fit for every level, and the names of all levels."""
     found, titles = [], ["device"]
     for name, labels in (levels or {}).items():
         labels = list(labels)
@@ -285,7 +286,7 @@ def _levels(levels: Mapping[str, Groups] | None, member: np.ndarray, names: tupl
 
 
 def _covariates(covariates: Mapping[str, Any] | None, count: int) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Columns of mean 0 and, where they are numbers, standard deviation 1; and their names."""
+    """Columns with mean 0 and, for numbers, standard deviation 1; and their names."""
     columns, labels = [], []
     for name, given in (covariates or {}).items():
         words = [str(one) for one in given] if any(isinstance(one, str) for one in given) else []

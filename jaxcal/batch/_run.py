@@ -1,4 +1,4 @@
-"""`run`: one task on many logs."""
+"""`run`: perform one task on many logs."""
 
 import collections
 import concurrent.futures
@@ -23,10 +23,10 @@ from ._pool import GivenExecutor, WorkerPool, room
 from ._store import Store, write_manifest, write_summary
 from ._tasks import check_task, identity, reading_options
 
-_TRIES = 2  # workers that a log may kill, or executors that may lose it
-_LOOK = 0.5  # s between looks at the clock, and at the disk for the manifest every so often
-_SILENCE = 5.0  # s without an answer after which an executor is asked whether it still is there
-_MANIFEST_EVERY = 30.0  # s
+_TRIES = 2  # workers that a log may kill, or executors that may lose it, before it has failed
+_LOOK = 0.5  # s between checks of the clock
+_SILENCE = 5.0  # s without an answer after which an executor is asked whether it still works
+_MANIFEST_EVERY = 30.0  # s between writes of the manifest
 
 
 def run(
@@ -34,56 +34,58 @@ def run(
     options: dict[str, Any] | None = None, reading: dict[str, Any] | None = None, timeout: float | int | None = None,
     memory: float | int | None = None, progress: Callable[[int, int, str], None] | None = None, each: bool = False,
 ) -> Fleet:  # fmt: skip
-    """One task on many logs: a result for each, what they have in common, and which stand out.
+    """Perform one task on many logs: a result for each log, the spread over all logs, and outliers.
 
-    One bad log never costs the others: it gets a result that says what is wrong with it. A run that was killed is taken up again by the
-    same call: what is done and still matches (SHA-256 of the log, task, options, version) is not computed again, what changed is.
+    One bad log does not stop the others: it gets a result that explains the fault. After an interruption, make the same call again to
+    resume. Results that still match (SHA-256 of the log, task, options, version) are kept; all others are computed.
 
-    With `out` the folder holds, each written in one step: `results/`, one JSON file per log; `manifest.json`, what was run with which
-    versions, and every log with its status, reason and result file; `summary.csv`, and with polars `summary.parquet`, a row per log
-    with all coefficients and intervals; `overview.html`, the spread of every coefficient, outliers and trends. A second run into the
-    same folder at the same time is refused.
+    With `out` the folder holds the following files, each written in one step. `results/` has one JSON file per log. `manifest.json` lists
+    the task, the versions, and every log with its status, reason and result file. `summary.csv`, and with polars `summary.parquet`, have a
+    row per log with all coefficients and intervals. `overview.html` shows the spread of every coefficient, outliers and trends. A second
+    run into the same folder is refused while the first is running.
 
-    **Memory.** A worker holds one log at a time: 0.3 to 0.5 GB for JAX and its programs, and about four times the log as numbers
-    of 8 bytes. This process holds the coefficients (20 kB a log of six channels); without `out` the results too. No more than two
-    logs a worker are handed out.
+    **Memory.** A worker holds one log at a time. It needs 0.3 to 0.5 GB for JAX and its programs, plus about four times the log as 8-byte
+    numbers. This process holds the coefficients (20 kB per log of six channels) and, without `out`, the results. At most two logs per
+    worker are handed out at a time.
 
-    **Processes.** By default one worker per core, each a fresh process with an equal share of the cores as threads, so that they do not
-    fight. It compiles each program once, and uses JAX's persistent compilation cache where this process does. One that dies is
-    replaced and its log tried again; a log whose worker dies twice is failed. Call from below ``if __name__ == "__main__":`` in a script.
+    **Processes.** By default there is one worker per core. Each is a fresh process with an equal share of the cores as threads, so that
+    workers do not compete. A worker compiles each program once, and uses JAX's persistent compilation cache if this process does. A worker
+    that dies is replaced and its log tried again; a log fails if its worker dies twice. In a script, call `run` below
+    ``if __name__ == "__main__":``.
 
     Parameters
     ----------
-    paths : a path or a list of paths: files, folders (searched with the folders in them) and patterns as "logs/*.csv".
-    task : "noise", "mag", "imu", "temperature" or "allan", or a function Log -> result of numbers, arrays, dictionaries, or results of
-        jaxcal; it is named by its module and compared by its source. Workers that are processes need one from the top of a module.
-    executor : a `concurrent.futures.Executor` instead of processes of one's own: threads, processes, or
+    paths : one path or a list of paths: files, folders (with their subfolders) and patterns such as "logs/*.csv".
+    task : "noise", "mag", "imu", "temperature" or "allan", or a function Log -> result made of numbers, arrays, dictionaries, or results of
+        jaxcal. A function is named by its module and compared by its source. For worker processes, define it at the top of a module.
+    executor : a `concurrent.futures.Executor` to use instead of new processes: threads, processes, or
         ``distributed.Client(...).get_executor()``. It is not shut down.
-    out : folder for the results, made if it is missing. None keeps them in memory.
-    resume : take results that are there and match. False computes every log anew.
-    workers : processes; by default as many as cores. With `executor`: how many logs it works on at a time.
-    options : keyword options of a named task, those of `jaxcal.noise.characterise`, `jaxcal.magnetometer.fit`,
-        `jaxcal.imu.multi_position`, `jaxcal.temperature.fit` and `jaxcal.allan.deviation`.
+    out : folder for the results, created if missing. None keeps the results in memory.
+    resume : keep results in `out` that match. False computes every log again.
+    workers : number of processes; by default one per core. With `executor`: number of logs that it works on at a time.
+    options : keyword options of a named task: those of `jaxcal.noise.characterise`, `jaxcal.magnetometer.fit`,
+        `jaxcal.imu.multi_position`, `jaxcal.temperature.fit` or `jaxcal.allan.deviation`.
     reading : keyword options of `jaxcal.read`, and `start` and `stop` in s.
-    timeout : seconds after which a log is given up and its worker replaced; the first of a worker takes the compilation too. By default
-        900 s and 10 s more for every MB of the log; `math.inf` for no limit. Not for an executor.
-    memory : bytes beyond which a worker is given up with its log. By default each has an equal share of four fifths of the memory that
-        there is, and 2 GB at least; `math.inf` for no limit. Not for an executor.
+    timeout : seconds after which a log is given up and its worker replaced; for the first log of a worker this includes compilation. The
+        default is 900 s plus 10 s per MB of the log; `math.inf` sets no limit. Not for an executor.
+    memory : bytes above which a worker and its log are given up. By default each worker has an equal share of four fifths of the memory,
+        and at least 2 GB; `math.inf` sets no limit. Not for an executor.
     progress : called as progress(done, total, name) after each log.
-    each : a result for every IMU of a log that holds several (ULog, DataFlash, bags, groups of HDF5), instead of the one that
-        `jaxcal.read` takes by default, of which a warning in the result tells.
+    each : give a result for every IMU of a log that contains several (ULog, DataFlash, bags, groups of HDF5). By default only the IMU that
+        `jaxcal.read` chooses is used, and a warning in the result says so.
 
     Returns
     -------
     Fleet
-        Its entries have status, reason, coefficients, warnings and the whole result of each log; `spread` compares them.
+        Its entries hold status, reason, coefficients, warnings and the whole result of each log; `spread` compares the logs.
 
     Raises
     ------
     DataError
-        If there are no logs, the call is wrong, another run writes to the same folder, or the executor broke; what is done stays done.
+        If there are no logs, the call is wrong, another run writes to the same folder, or the executor broke. Finished results are
+        kept.
     ExportError
-        If results cannot be written, as on a full disk; what is done stays done.
+        If results cannot be written, as on a full disk. Finished results are kept.
 
     Examples
     --------
@@ -141,13 +143,13 @@ def _check(task: Any, options: dict, reading: dict, executor: Any, workers: Any,
 @dataclasses.dataclass
 class _Job:
     path: pathlib.Path
-    topics: str = ""  # of the IMU; "" for the first
+    topics: str = ""  # topics of the IMU; "" for the first
     lost: int = 0
-    over: str = ""  # which limit it broke
+    over: str = ""  # the limit that it exceeded
 
     @functools.cached_property
     def seconds(self) -> float:
-        """How long the log may take by default: a quarter of an hour, and 10 s more for every MB."""
+        """How long the log may take by default: a quarter of an hour, plus 10 s per MB."""
         with contextlib.suppress(OSError):
             return 900.0 + 1e-5 * self.path.stat().st_size
         return 900.0
@@ -158,12 +160,12 @@ class _Run:
         self.logs, self.unreadable, self.call, self.store, self.report, self.each = logs, unreadable, call, store, report, each
         self.identity = json.loads(json.dumps(identity(*call)))
         self.entries: dict[tuple[pathlib.Path, str], Entry] = {}
-        # the IMUs of each log by their topics; those beside the first are known when that was read
+        # the IMUs of each log by their topics; further IMUs are known once the first has been read
         self.imus: dict[pathlib.Path, list[str]] = {path: [""] for path in [*unreadable, *logs]}
         self.noted = time.monotonic()
 
     def work(self, executor: Executor | None, workers: int | None, timeout: float | None, memory: float | None, *, resume: bool) -> None:
-        """Have every log computed that has no result yet."""
+        """Compute every log that has no result yet."""
         for folder, reason in self.unreadable.items():
             text = lost(str(folder), *self.call, reason=f"the folder cannot be listed: {reason}")
             self._keep(_Job(folder), text)
@@ -185,16 +187,16 @@ class _Run:
         finally:
             pool.close(at_once=not whole)
             if not whole:
-                with contextlib.suppress(OSError, ValueError):  # a full disk must not hide what went wrong
+                with contextlib.suppress(OSError, ValueError):  # a full disk must not hide the first error
                     self._note()
 
     def _left(self, store: Store) -> list[_Job]:
-        """The logs without a result that matches."""
-        with ThreadPoolExecutor(min(4, os.cpu_count() or 1)) as pool:  # hashing lets go of the interpreter
+        """The logs without a matching result."""
+        with ThreadPoolExecutor(min(4, os.cpu_count() or 1)) as pool:  # hashing releases the interpreter lock
             known: dict[pathlib.Path, tuple[list[str], dict[str, Entry], Future]] = {}
             for path in self.logs:
                 found = self._loaded(store, path, "")
-                # only a log with a result of this task is worth the time
+                # hash only logs that have a result of this task
                 if found is None:
                     continue
                 imus = ["", *(found["log"]["others"] if self.each else [])]
@@ -211,15 +213,15 @@ class _Run:
         return [_Job(path, one) for path in self.logs for one in self.imus[path] if (path, one) not in self.entries]
 
     def _loaded(self, store: Store, path: pathlib.Path, topics: str) -> dict[str, Any] | None:
-        """A result of this task that need not be tried again."""
+        """A result of this task that need not be tried again, or None."""
         found = store.load(path, topics)
         if found is None or found.get("task") != self.identity or found.get("again"):
             return None
-        # what was read without `each` does not say which other IMUs there are
+        # a result that was read without `each` does not list the other IMUs
         return found if not self.each or topics or found["log"].get("each") else None
 
     def _hand_out(self, pool: Any, waiting: collections.deque, timeout: float | None, memory: float | None) -> None:
-        """Give the logs to the pool as it has room, and keep what comes back."""
+        """Hand out the logs as the pool has room, and keep the results."""
         flying: dict[Future, _Job] = {}
         answered = time.monotonic()
 
@@ -231,7 +233,7 @@ class _Run:
         def asked(function: Callable, *arguments: Any) -> Any:
             try:
                 return function(*arguments)
-            except Exception as error:  # every library has its own: BrokenExecutor, RuntimeError, Dask's ClosedClientError
+            except Exception as error:  # each library raises its own: BrokenExecutor, RuntimeError, Dask's ClosedClientError
                 raise self._stopped(error) from error
 
         while waiting or flying:
@@ -242,7 +244,7 @@ class _Run:
             elif time.monotonic() - answered > _SILENCE:
                 answered = time.monotonic()
                 asked(pool.ask)
-            if memory is not None:  # with processes of our own
+            if memory is not None:  # only for processes of the run itself
                 for future, why in pool.beyond(lambda future: timeout or flying[future].seconds, memory).items():
                     flying[future].over = why
             back = []
@@ -256,10 +258,10 @@ class _Run:
                     if self.each and not job.topics:
                         self.imus[job.path] = ["", *json.loads(text)["log"]["others"]]
                         waiting.extend(_Job(job.path, one) for one in self.imus[job.path][1:])
-                    self._keep(job, text)  # before a worker is given the next: what is lost by a kill is what workers hold
+                    self._keep(job, text)  # before a worker gets its next log, so that a kill only loses the logs that workers hold
             try:
                 fill()
-            finally:  # what is on the disk is in the manifest too, where the executor takes no more
+            finally:  # if the executor takes no more, the manifest must still list what is on the disk
                 for job, text, seconds in back:
                     if text is not None:
                         self._enter(job, text, seconds)
@@ -272,7 +274,7 @@ class _Run:
         if job.over:
             return self._lost(job, job.over), None
         if isinstance(fault, BrokenExecutor) and not killed:
-            # our own worker died before it began; somebody's executor is no longer there
+            # a process of the run died before it began, or the given executor is gone
             return None, None
         if killed or isinstance(fault, concurrent.futures.CancelledError):
             job.lost += 1
@@ -292,12 +294,12 @@ class _Run:
         return DataError(f"the executor takes no more logs ({type(error).__name__}: {error}). {done}{kept}")
 
     def _keep(self, job: _Job, text: str) -> None:
-        """A result goes to the disk before anything else."""
+        """Write a result to the disk before anything else."""
         if self.store is not None:
             write_atomically(self.store.file_of(job.path, job.topics), text)
 
     def _enter(self, job: _Job, text: str, seconds: float | None) -> None:
-        """Take up a result that is kept."""
+        """Register a result that is kept."""
         entry = self._entry(job, json.loads(text), seconds, text if self.store is None else None)
         self.entries[job.path, job.topics] = entry
         self.report(len(self.entries), self._total, entry.name)
@@ -318,7 +320,7 @@ class _Run:
         )  # fmt: skip
 
     def _note(self) -> None:
-        """Write the manifest, where there is a folder."""
+        """Write the manifest if there is a folder."""
         self.noted = time.monotonic()
         if self.store is not None:
             write_manifest(self.store.folder, self._ordered(), self.identity, self._total)
@@ -327,7 +329,7 @@ class _Run:
         return [self.entries[path, one] for path, imus in self.imus.items() for one in imus if (path, one) in self.entries]
 
     def finished(self) -> Fleet:
-        """The fleet, and the files about it."""
+        """The fleet, after writing the files about it."""
         fleet = Fleet(tuple(self._ordered()), None if self.store is None else self.store.folder)
         if fleet.out is not None:
             self._note()
@@ -339,7 +341,7 @@ class _Run:
 
 
 def overview(fleet: Fleet, identity: dict[str, Any]) -> dict[str, Any]:
-    """What the page shows."""
+    """The data of the overview page."""
     said: dict[str, list[str]] = {}
     for entry in fleet.done:
         for sentence in entry.warnings:

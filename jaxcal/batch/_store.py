@@ -1,4 +1,4 @@
-"""The folder of a run: a lock, one result file per log, and the files about all of them."""
+"""The folder of a run: a lock, one result file per log, and the files about all logs."""
 
 import contextlib
 import csv
@@ -20,22 +20,23 @@ from .._files import clear_hidden, json_text, write_atomically
 from ._answer import SCHEMA
 from ._fleet import Coefficient, Entry
 
-_HELD: set[str] = set()  # folders that this process writes to: a lock of the system does not tell its threads apart everywhere
+_HELD: set[str] = set()  # folders that this process writes to: on some systems a file lock does not separate the threads of one process
 _GUARD = threading.Lock()
 #: the first columns of the table, and their types in Parquet
 _FIRST = dict.fromkeys(("log", "topics", "status", "reason", "date", "sha256"), "String") | {"seconds": "Float64", "warnings": "Int64"}
 
 
 class Store:
-    """Result files in `folder`/results, each whole or not there."""
+    """Result files in `folder`/results; each is complete or absent."""
 
     def __init__(self, folder: pathlib.Path) -> None:
         self.folder = folder
         self.results = folder / "results"
 
     def file_of(self, log: str | os.PathLike[str], topics: str = "") -> pathlib.Path:
-        """The result file of a log, or of one of its IMUs: its name in plain characters, and a part of its path's hash, for logs of one
-        name in two folders.
+        """The result file of a log, or of one of its IMUs.
+
+        Its name is the log's name in plain characters, plus a part of the hash of the path, so that logs of one name in two folders differ.
         """
         path = os.path.abspath(log)
         name = re.sub(r"[^A-Za-z0-9_-]+", "_", os.path.basename(path).rsplit(".", 1)[0]).strip("_")[:80] or "log"
@@ -43,7 +44,7 @@ class Store:
         return self.results / f"{name}-{hashlib.sha256(key).hexdigest()[:10]}.json"
 
     def load(self, log: str | os.PathLike[str], topics: str = "") -> dict[str, Any] | None:
-        """The result of a log; None where there is none, or the file is not one of ours."""
+        """The result of a log; None if there is none, or the file was not written by jaxcal."""
         try:
             document = json.loads(self.file_of(log, topics).read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError):
@@ -53,7 +54,7 @@ class Store:
 
     @contextlib.contextmanager
     def held(self) -> Iterator[None]:
-        """Make the folders, and keep other runs out until the block ends: they get a `DataError`. The lock ends with the process."""
+        """Make the folders, and lock them until the block ends: other runs get a `DataError`. The lock ends with the process."""
         try:
             self.results.mkdir(parents=True, exist_ok=True)
             handle = os.open(self.folder / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
@@ -72,7 +73,7 @@ class Store:
             raise DataError(f"another run is writing into {self.folder}; wait until it ends, or give another folder for the results")
         try:
             for folder in (self.folder, self.results):
-                clear_hidden(folder)  # of a run that was killed while it wrote
+                clear_hidden(folder)  # left over from a run that was killed while writing
             for left in self.results.glob(".*.part"):
                 with contextlib.suppress(OSError):
                     left.unlink()
@@ -93,13 +94,13 @@ def _locked(handle: int) -> bool:
             import fcntl
 
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except (BlockingIOError, PermissionError):  # what the two raise for a lock that another process holds
+    except (BlockingIOError, PermissionError):  # both calls raise these for a lock that another process holds
         return False
     return True
 
 
 def write_manifest(folder: pathlib.Path, entries: Sequence[Entry], identity: dict[str, Any], logs: int) -> None:
-    """What was run, with which versions, and every log with its status, reason and result file."""
+    """Write the manifest: the task, the versions, and every log with its status, reason and result file."""
     rows = [
         {
             "log": _text(os.path.abspath(entry.path)), "topics": entry.topics,
@@ -120,9 +121,9 @@ def write_manifest(folder: pathlib.Path, entries: Sequence[Entry], identity: dic
 
 
 def write_summary(folder: pathlib.Path, entries: Sequence[Entry]) -> None:
-    """`summary.csv`, and `summary.parquet` where polars is there: a row for each log, three columns for each coefficient."""
+    """Write `summary.csv`, and with polars `summary.parquet`: one row per log, up to three columns per coefficient."""
     names = list(dict.fromkeys(name for entry in entries for name in entry.coefficients))
-    # an interval that no log has would be empty columns
+    # leave out the columns of intervals that no log has
     bounded = {name for entry in entries for name, one in entry.coefficients.items() if one.low is not None or one.high is not None}
     kinds = _FIRST | {column: "Float64" for name in names for column in _columns(name, name in bounded)}
     rows = []
@@ -152,10 +153,10 @@ def _columns(name: str, bounded: bool) -> list[str]:
 
 
 def _cell(value: Any) -> Any:
-    """What a spreadsheet cannot take for a formula."""
+    """A cell that a spreadsheet cannot mistake for a formula."""
     return f"'{value}" if isinstance(value, str) and value.startswith(("=", "+", "-", "@")) else value
 
 
 def _text(path: str | os.PathLike[str]) -> str:
-    """A path as text; the name of a file need not be."""
+    """A path as text, even if its bytes are not valid text."""
     return os.fsencode(path).decode("utf-8", "backslashreplace")

@@ -1,4 +1,4 @@
-"""What is done to each log: the tasks that have a name, and those of one's own."""
+"""The tasks of a run: those with a name, and functions given by the user."""
 
 import functools
 import hashlib
@@ -13,24 +13,24 @@ import numpy as np
 
 from .._errors import DataError, UnitError
 from .._log import Log
-from .._results import by_channel, plain
+from .._results import NORMAL95, by_channel, plain
 from .._units import STANDARD_GRAVITY, noise_units, si_unit
 from ..io._suited import unsuited
 from ._fleet import Coefficient
 
 Answer = tuple[Any, dict[str, Coefficient], list[str]]
 _DECADES = 10.0 ** np.arange(-3, 6)
-_MOST = 400  # numbers taken from the result of a task of one's own
+_MOST = 400  # largest number of values taken from the result of a user's task
 
 
 def _coefficient(value: Any, low: Any = math.nan, high: Any = math.nan, unit: str = "") -> Coefficient:
-    """A coefficient whose numbers are None where they are not finite."""
+    """A coefficient; numbers that are not finite become None."""
     known = (plain(float(x)) for x in (value, low, high))
     return Coefficient(*known, unit=unit)
 
 
 def noise(log: Log, **options: Any) -> Answer:
-    """Noise coefficients of every channel."""
+    """Fit the noise coefficients of every channel."""
     from ..noise import characterise
     from ..report import document
     from ._pooled import held
@@ -47,7 +47,7 @@ def noise(log: Log, **options: Any) -> Answer:
 
 
 def mag(log: Log, **options: Any) -> Answer:
-    """Hard and soft iron."""
+    """Fit hard and soft iron."""
     from ..magnetometer import fit
     from ..report import document
 
@@ -56,12 +56,12 @@ def mag(log: Log, **options: Any) -> Answer:
     result = fit(log.mag[np.isfinite(log.mag).all(axis=1)], **options)
     if result.model is None or result.verdict == "refused":
         raise DataError(f"the calibration is refused. {result.reason}")
-    half = 1.96 * np.asarray(result.hard_iron_error)
+    half = NORMAL95 * np.asarray(result.hard_iron_error)
     found = {
         f"hard_iron_{axis}": _coefficient(b, b - s, b + s, "T")
         for axis, b, s in zip("xyz", np.asarray(result.model.hard_iron), half, strict=True)
     }
-    matrix, spread = np.asarray(result.model.soft_iron), 1.96 * np.asarray(result.soft_iron_error)
+    matrix, spread = np.asarray(result.model.soft_iron), NORMAL95 * np.asarray(result.soft_iron_error)
     low, high = matrix - spread, matrix + spread
     found |= {
         f"soft_iron_{a}{b}": _coefficient(matrix[i, j], low[i, j], high[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz")
@@ -72,7 +72,7 @@ def mag(log: Log, **options: Any) -> Answer:
 
 
 def imu(log: Log, **options: Any) -> Answer:
-    """Both triads from still poses and the turns between them."""
+    """Calibrate both triads from still poses and the turns between them."""
     from ..imu import multi_position
     from ..report import document
 
@@ -83,13 +83,13 @@ def imu(log: Log, **options: Any) -> Answer:
     found = {
         name: _coefficient(value, low, high)
         for name, value, (low, high) in zip(result.names, np.asarray(result.values), np.asarray(result.interval), strict=True)
-        if high > low  # not fixed by the convention
+        if high > low  # otherwise the convention fixes it
     }
     return document(result, log), found, [*said, *result.warnings]
 
 
 def temperature(log: Log, **options: Any) -> Answer:
-    """Thermal model of every channel."""
+    """Fit the thermal model of every channel."""
     from ..report import document
     from ..temperature import characterise
 
@@ -107,7 +107,7 @@ def temperature(log: Log, **options: Any) -> Answer:
 
 
 def allan(log: Log, **options: Any) -> Answer:
-    """Deviation of every channel; a fleet is compared at the decades of the cluster time."""
+    """Compute the deviation of every channel; a fleet is compared at powers of ten of the cluster time."""
     from ..allan import deviation
 
     document: dict[str, Any] = {"kind": options.get("kind", "oadev"), "rate": log.rate, "duration": log.duration, "channels": {}}
@@ -133,7 +133,7 @@ def allan(log: Log, **options: Any) -> Answer:
     return document, found, by_channel(said)
 
 
-#: name of a task -> what it does, and the function whose options it takes
+#: name of a task -> its function, and the function whose options it takes
 TASKS: dict[str, tuple[Callable[..., Answer], str]] = {
     "noise": (noise, "noise.characterise"), "mag": (mag, "magnetometer.fit"), "imu": (imu, "imu.multi_position"),
     "temperature": (temperature, "temperature.fit"), "allan": (allan, "allan.deviation"),
@@ -141,7 +141,7 @@ TASKS: dict[str, tuple[Callable[..., Answer], str]] = {
 
 
 def check_task(task: Any, options: dict[str, Any]) -> None:
-    """Raise a `DataError` unless the task is known and takes these options."""
+    """Raise a `DataError` unless the task is known and accepts these options."""
     if not isinstance(task, str):
         if not callable(task):
             raise DataError(f"task must be one of {', '.join(TASKS)}, or a function Log -> result; got {task!r}")
@@ -157,7 +157,7 @@ def check_task(task: Any, options: dict[str, Any]) -> None:
 
 
 def perform(task: Any, log: Log, options: dict[str, Any]) -> Answer:
-    """Do it: the result as JSON has it, coefficients, and warnings."""
+    """Perform the task: the result as in JSON, coefficients, and warnings."""
     if isinstance(task, str):
         if wrong := unsuited(task, log, str(log.provenance.get("file", "LOG"))):
             raise DataError(wrong)
@@ -169,7 +169,7 @@ def perform(task: Any, log: Log, options: dict[str, Any]) -> Answer:
 
 
 def _numbers(result: Any, name: str = "") -> dict[str, Coefficient]:
-    """The first numbers in the result of a task of one's own: a.b for nested dictionaries, a[0] for short lists."""
+    """The first numbers in the result of a user's task: a.b for nested dictionaries, a[0] for short lists."""
     if isinstance(result, bool) or not isinstance(result, int | float | dict | list):
         return {}
     if isinstance(result, int | float):
@@ -183,9 +183,9 @@ def _numbers(result: Any, name: str = "") -> dict[str, Coefficient]:
 
 
 def identity(task: Any, options: dict[str, Any], reading: dict[str, Any]) -> dict[str, Any]:
-    """What a result depends on besides its log: a result with the same is not computed again.
+    """Everything besides the log on which a result depends; a result with the same identity is not computed again.
 
-    A function of one's own is known by its name and its source, where Python has it.
+    A user's function is identified by its name and, if Python has it, its source.
     """
     return {**_named(task), "options": plain(options), "reading": plain(reading), "jaxcal": importlib.metadata.version("jaxcal")}
 
@@ -205,7 +205,7 @@ def _named(task: Any) -> dict[str, Any]:
 
 
 def reading_options(reading: dict[str, Any]) -> tuple[dict[str, Any], tuple[Any, Any]]:
-    """Options of `jaxcal.read`, and start and stop of the part that is taken; a `DataError` for one that is unknown or has no meaning."""
+    """Options of `jaxcal.read`, and start and stop of the part to use; a `DataError` for options that are unknown or invalid."""
     from ..io import read
     from ..io._columns import parse_columns, parse_topics, parse_units
 

@@ -1,4 +1,4 @@
-"""`Calibration`: one device in one object, and one file."""
+"""`Calibration`: all data about one device in one object and one file."""
 
 import importlib.metadata
 import os
@@ -22,34 +22,34 @@ _SECTIONS = ("noise", "imu", "magnetometer", "temperature")
 
 
 class Calibration(eqx.Module):
-    """Everything known about one device: noise, deterministic models, thermal model, and where it all comes from.
+    """Everything known about one device: noise, deterministic models, thermal model, and the origin of the numbers.
 
     Parameters
     ----------
-    noise : what `jaxcal.noise.characterise` returns (channel -> `NoiseFit`), or the stored form: {"rate": Hz, "gyro": {"unit":
-        "rad/s", "Q": (3,), "N": (3,), "B": (3,), "K": (3,), "R": (3,)}, "accel": {...}, "mag": {...}}, with None for what is
-        not known. Held as `DeviceNoise`.
+    noise : the result of `jaxcal.noise.characterise` (channel -> `NoiseFit`), or the stored form: {"rate": Hz, "gyro": {"unit":
+        "rad/s", "Q": (3,), "N": (3,), "B": (3,), "K": (3,), "R": (3,)}, "accel": {...}, "mag": {...}}, with None for unknown
+        coefficients. Stored as `DeviceNoise`.
     imu : an `ImuFit`, a `DeviceFit`, {"accel": `Triad`, "gyro": `Triad`}, or the stored form: {"accel": {"unit": "m/s^2", "matrix":
         (3, 3), "bias": (3,), "covariance"}, "gyro": {"unit": "rad/s", "matrix", "bias", "g_sensitivity": (3, 3), "covariance"}}, where
-        y = matrix x + bias + g_sensitivity a. Held as `Imu`: `imu.gyro.model` is the `Triad`, `imu.gyro.covariance` what is known of it.
+        y = matrix x + bias + g_sensitivity a. Stored as `Imu`: `imu.gyro.model` is the `Triad`, `imu.gyro.covariance` its uncertainty.
     magnetometer : a `MagFit` of readings in tesla, a `DeviceFit`, a `MagModel`, or the stored form: {"unit": "T", "soft_iron": (3, 3),
-        "hard_iron": (3,), "field", "covariance"}, where measured = soft_iron true + hard_iron. Held as `Part`: `magnetometer.model` is
+        "hard_iron": (3,), "field", "covariance"}, where measured = soft_iron true + hard_iron. Stored as `Part`: `magnetometer.model` is
         the `MagModel`.
-    temperature : what `jaxcal.temperature.characterise` returns (channel -> `TemperatureFit`), or the stored form: {"unit": "degC",
-        "reference", "minimum", "maximum"} with "accel" and "gyro" (3, powers), coefficients of the powers 1, 2, ... of the temperature
-        above the reference, in the unit of the sensor, or with "channels": {"gyro_x": {"curve", "minimum", "maximum", "lag", "play",
-        ...}, ...}, which hold any thermal model exactly. Held as `Thermal`, channel -> `ThermalModel`.
-    device : name, or a dictionary with "name" and the ids by which flight controllers find a sensor.
-    provenance : dictionary of where the numbers come from: recording ("file", "sha256") and the options used ("options"). The
+    temperature : the result of `jaxcal.temperature.characterise` (channel -> `TemperatureFit`), or the stored form: {"unit": "degC",
+        "reference", "minimum", "maximum"} with one of two entries. "accel" and "gyro" (3, powers) are coefficients of the powers 1, 2, ...
+        of the temperature above the reference, in the unit of the sensor. "channels": {"gyro_x": {"curve", "minimum", "maximum", "lag",
+        "play", ...}, ...} stores any thermal model exactly. Stored as `Thermal`, channel -> `ThermalModel`.
+    device : name, or a dictionary with "name" and the ids by which flight controllers identify a sensor.
+    provenance : dictionary with the origin of the numbers: the recording ("file", "sha256") and the options used ("options"). The
         version of jaxcal is added as "version".
 
-    A covariance is None or {"parameters": names in their order, "values": (p, p)}. A subclass of `Triad`, `MagModel` or of a thermal curve
-    that you define is stored with the name of its class, and found again by it where the module that defines it was imported.
+    A covariance is None or {"parameters": names in their order, "values": (p, p)}. If you define a subclass of `Triad`, `MagModel` or a
+    thermal curve, it is stored with the name of its class. To load it, import the module that defines the class first.
 
     Raises
     ------
     DataError
-        If a section lacks a key, or holds something else than numbers of the right shape; the message names the key.
+        If a section lacks a key, or contains anything but numbers of the right shape; the message names the key.
 
     Examples
     --------
@@ -84,27 +84,27 @@ class Calibration(eqx.Module):
         self.provenance = provenance
 
     def correct(self, log: Log, *, currents: dict[str, Any] | None = None) -> Log:
-        """A log without the errors that this calibration knows, equations (5.4) and (5.5) of the thesis.
+        """Correct a log with this calibration, by equations (5.4) and (5.5) of the thesis.
 
-        The thermal models come first, at the temperature of the log (a slow thermometer is interpolated); then bias, g-sensitivity,
-        scale factor and misalignment, and the magnetometer's iron. A gyroscope without an `imu` section is corrected to zero at rest;
-        of other sensors only the change since the reference temperature is taken off, for the rest is gravity or field.
+        The thermal models come first, at the temperature of the log (a slow thermometer is interpolated). Then come bias, g-sensitivity,
+        scale factor and misalignment, and the magnetometer's iron. Without an `imu` section, a gyroscope is corrected to zero at rest. For
+        other sensors, only the change since the reference temperature is subtracted, because the rest is gravity or field.
 
         Parameters
         ----------
         log : recording of the same device; missing samples stay missing.
-        currents : name -> (n,) current at each sample, for the terms that `magnetometer.fit_current` found; a sample without a current
+        currents : name -> (n,) current at each sample, for the terms that `magnetometer.fit_current` found. A sample without a current
             becomes missing.
 
         Returns
         -------
-        Log, on the same grid. Its `warnings` tell of temperatures outside the models, of jumps that the temperature passes, and of
-        a model fitted to this very recording; its `notes` tell what was done.
+        Log, on the same grid. Its `warnings` report temperatures outside the models, temperatures that pass a jump, and a model that was
+        fitted to this same recording; its `notes` list the corrections.
 
         Raises
         ------
         DataError
-            If nothing in the log can be corrected, a thermal model finds no temperature in it, or a current is not known.
+            If nothing in the log can be corrected, a thermal model finds no temperature in it, or a current is unknown.
 
         Examples
         --------
@@ -118,26 +118,27 @@ class Calibration(eqx.Module):
         return corrected(self, log, currents)
 
     def compose(self, other: "Calibration") -> "Calibration":
-        r"""The calibration of raw readings that does at once what `other` and then this one do.
+        r"""One calibration of raw readings that combines `other`, applied first, and this one.
 
-        For a calibration fitted to readings that the device had corrected already (`other`):
+        Use it for a calibration fitted to readings that the device had already corrected with `other`:
 
         .. math:: C = C_\mathrm{self} C_\mathrm{other}, \quad b = b_\mathrm{other} + C_\mathrm{other}^{-1} b_\mathrm{self}
 
-        The numbers of `other` are those that were applied, so that the covariance is this one's, carried to the raw readings.
+        The numbers of `other` count as exact, because they were the ones applied. The covariance is that of this calibration, transformed
+        to the raw readings.
 
         Parameters
         ----------
-        other : what was applied to the readings first.
+        other : the calibration that was applied to the readings first.
 
         Returns
         -------
-        Calibration, with the device of this one, or else of `other`.
+        Calibration, with the device of this calibration, or else of `other`.
 
         Raises
         ------
         DataError
-            If both have thermal models that do not add up.
+            If both have thermal models that cannot be added.
 
         Examples
         --------
@@ -153,11 +154,11 @@ class Calibration(eqx.Module):
         return Calibration(**composed(self, other), device=self.device or other.device, provenance={"composed": steps})
 
     def inverse(self) -> "Calibration":
-        """The calibration that makes corrected readings raw again.
+        """The calibration that turns corrected readings back into raw ones.
 
         Returns
         -------
-        Calibration without noise and covariances; composed with this one it does nothing.
+        Calibration without noise and covariances. Composed with this calibration, it changes nothing.
 
         Raises
         ------
@@ -169,8 +170,7 @@ class Calibration(eqx.Module):
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the calibration as JSON, schema "jaxcal.calibration/1".
 
-        Every number is exact. NaN and infinity, which JSON cannot say, become null, and `reason` in the same section tells
-        which of them it was.
+        Every number is exact. JSON has no NaN and no infinity: both become null, and `reason` in the same section tells which one it was.
 
         Parameters
         ----------
@@ -187,7 +187,7 @@ class Calibration(eqx.Module):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Calibration":
-        """Read what `save` wrote.
+        """Read a file written by `save`.
 
         Parameters
         ----------
@@ -196,14 +196,14 @@ class Calibration(eqx.Module):
         Raises
         ------
         DataError
-            If the file is not such a calibration; the message names the key at fault.
+            If the file is not such a calibration; the message names the wrong key.
         """
         path = pathlib.Path(path)
         document = read_document(path)
         try:
             provenance = document.get("provenance")
             if isinstance(provenance, dict):
-                provenance.setdefault("version", None)  # it is not for this version to sign
+                provenance.setdefault("version", None)  # keep it unknown: the file was not written by this version
             sections = {name: from_json(document.get(name)) for name in _SECTIONS}
             return cls(**sections, device=document.get("device"), provenance=provenance)
         except DataError as error:
@@ -213,7 +213,7 @@ class Calibration(eqx.Module):
 
 
 def _free(value: Any, name: str) -> dict[str, Any] | None:
-    """A dictionary of the user's own, or None."""
+    """A dictionary given by the user, or None."""
     if value is not None and not isinstance(value, dict):
         raise wrong(value, "a dictionary", name)
     return free(value, name)

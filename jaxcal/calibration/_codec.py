@@ -1,11 +1,11 @@
-"""Files of calibrations: JSON to objects and back. What a file must hold follows from the fields of the classes and their types.
+"""Convert calibrations to JSON and back. The fields of the classes and their types define the contents of a file.
 
-The major version of the schema changes where an old reader would misread the file; it refuses. The minor version changes where keys were
-added: an old reader ignores what it does not know.
+The major version of the schema changes if an old reader would misread the file; the old reader then refuses it. The minor version
+changes if keys were added; an old reader ignores keys that it does not know.
 
 A type is `float`, `str`, `X | None`, `tuple[X, ...]`, `dict[str, X]`, `Float[np.ndarray, "3 _"]` (numbers of that shape, `_` for any
-length), `Any` (numbers of any shape, text or None), or a class with fields. Of a class that has subclasses, such as a sensor model, the
-key "class" names the one that is meant.
+length), `Any` (numbers of any shape, text or None), or a class with fields. If a class has subclasses, as a sensor model does, the
+key "class" names the one to use.
 """
 
 import dataclasses
@@ -25,15 +25,15 @@ from .._errors import DataError
 
 _MAJOR = 1
 SCHEMA = f"jaxcal.calibration/{_MAJOR}"
-_LARGEST_FILE = 64 * 2**20  # bytes; a calibration has some thousands
-#: a number above this is damage; raw counts per SI unit stay far below it
+_LARGEST_FILE = 64 * 2**20  # bytes; a calibration has a few thousand
+#: a larger number means damage; raw counts per SI unit stay far below it
 LARGEST = 1e15
 _LARGEST_INTEGER = 2**63
 _REASONS = {"not known": math.nan, "infinite": math.inf, "minus infinite": -math.inf}
 
 
 def read_document(path: pathlib.Path) -> dict[str, Any]:
-    """The JSON document in a file; raises a `DataError` where it is not one that this version reads."""
+    """The JSON document in a file, or a `DataError` if this version cannot read it."""
     try:
         size = path.stat().st_size
         text = path.read_text(encoding="utf-8") if size <= _LARGEST_FILE else "null"
@@ -79,7 +79,7 @@ def _no_constant(word: str) -> None:
 def structured(value: Any, kind: Any, path: str) -> Any:
     """`value` as an object of type `kind`: numbers as float64 arrays, lists as tuples, without unknown keys.
 
-    Where it is not of the type a `DataError` names the key by its `path`.
+    If the value does not have the type, a `DataError` names the key by its `path`.
     """
     origin, inner = typing.get_origin(kind), typing.get_args(kind)
     if origin in (typing.Union, types.UnionType):
@@ -124,7 +124,7 @@ def _object(value: Any, kind: Any, path: str) -> Any:
 
 @functools.lru_cache(256)
 def _hints(kind: type) -> dict[str, Any]:
-    """Types of the fields of a class; none where one was imported for type checkers alone."""
+    """Types of the fields of a class; empty if one was imported for type checkers only."""
     try:
         return typing.get_type_hints(kind)
     except NameError:
@@ -132,7 +132,7 @@ def _hints(kind: type) -> dict[str, Any]:
 
 
 def _class_of(base: type, name: Any, path: str) -> type:
-    """The class of that name among `base` and its subclasses, the one defined last where several have it; nothing is imported."""
+    """The class of that name among `base` and its subclasses; of several, the one defined last. Nothing is imported."""
     known = [base]
     for kind in known:
         known += kind.__subclasses__()
@@ -147,7 +147,7 @@ def _class_of(base: type, name: Any, path: str) -> type:
 
 
 def _depth(value: Any) -> int:
-    """How many lists are within one another; one beyond what an array can have is enough to be refused."""
+    """Depth of nested lists; the count stops at one more than an array can have, which is enough to refuse it."""
     if isinstance(value, np.ndarray):
         return value.ndim
     depth = 0
@@ -157,14 +157,14 @@ def _depth(value: Any) -> int:
 
 
 def required(value: dict[str, Any], name: str, path: str, needed: Any) -> Any:
-    """The value of a key that must be there."""
+    """The value of a required key."""
     if name not in value:
         raise DataError(f"{path}.{name} is missing; {path} needs {', '.join(needed)}")
     return value[name]
 
 
 def checked_unit(value: Any, unit: str, path: str) -> None:
-    """Raise a `DataError` unless a section says that it holds SI units."""
+    """Raise a `DataError` unless a section declares the given SI unit."""
     if not isinstance(value, dict):
         raise wrong(value, f"a dictionary with unit {unit!r}", path)
     if required(value, "unit", path, ("unit",)) != unit:
@@ -172,10 +172,10 @@ def checked_unit(value: Any, unit: str, path: str) -> None:
 
 
 def numbers(value: Any, shape: tuple[int | None, ...], path: str) -> np.ndarray:
-    """Numbers of a shape, in which None stands for any length; a number that is None is not known."""
+    """Numbers of the given shape, where None means any length; a number that is None becomes NaN."""
     try:
         raw = np.array(value, dtype=object)
-    except ValueError:  # lists within lists beyond what an array can have
+    except ValueError:  # nested more deeply than an array can be
         raise wrong(value, "numbers", path) from None
     fits = raw.ndim == len(shape) and all(want in (None, got) for want, got in zip(shape, raw.shape, strict=True))
     if not fits or not all(x is None or (isinstance(x, (int, float, np.number)) and not isinstance(x, bool)) for x in raw.flat):
@@ -197,7 +197,7 @@ def _text(value: Any, path: str) -> str:
 
 
 def wrong(value: Any, expected: str, path: str) -> DataError:
-    """The error that says what stands at `path` and what should."""
+    """The error that reports the value at `path` and the expected one."""
     try:
         text = repr(value)
     except ValueError:  # an integer of thousands of digits
@@ -206,7 +206,7 @@ def wrong(value: Any, expected: str, path: str) -> DataError:
 
 
 def free(value: Any, path: str) -> Any:
-    """A value of the user's own, as JSON can say it; a `DataError` where it cannot."""
+    """A value given by the user in a form that JSON can store, or a `DataError`."""
     if isinstance(value, (np.ndarray, np.generic)):
         value = value.tolist()
     if isinstance(value, os.PathLike):
@@ -225,7 +225,7 @@ def free(value: Any, path: str) -> Any:
 
 
 def document_of(model: Any, base: type, path: str) -> dict[str, Any]:
-    """The fields of a model as lists, numbers and text, with its class where that is not `base`; a `DataError` for anything else."""
+    """The fields of a model as lists, numbers and text, with its class unless it is `base`; a `DataError` for anything else."""
     found: dict[str, Any] = {} if type(model) is base else {"class": type(model).__name__}
     for field in dataclasses.fields(model):
         value, kind, place = getattr(model, field.name), _hints(type(model)).get(field.name), f"{path}.{field.name}"
@@ -240,16 +240,16 @@ def document_of(model: Any, base: type, path: str) -> dict[str, Any]:
 
 
 def check_finite(values: Any, path: str) -> None:
-    """Raise a `DataError` where a number is not finite, or beyond all sense."""
+    """Raise a `DataError` if a number is not finite, or absurdly large."""
     if not np.all(np.abs(values) < LARGEST):
         raise wrong(np.asarray(values).tolist(), f"finite numbers below {LARGEST:g}", path)
 
 
-# what JSON cannot say
+# numbers that JSON cannot store
 
 
 def to_json(section: Any) -> dict[str, Any]:
-    """A section for JSON: numbers that it cannot say are null, and `reason` tells for each what it was."""
+    """A section for JSON: numbers that JSON cannot store become null, and `reason` tells what each of them was."""
     reason: dict[str, str] = {}
 
     def walk(value: Any, path: str) -> Any:
@@ -274,7 +274,7 @@ def to_json(section: Any) -> dict[str, Any]:
 
 
 def from_json(section: Any) -> Any:
-    """A section as it was before `to_json`, lists for arrays."""
+    """A section as it was before `to_json`, with lists in place of arrays."""
     reason = section.get("reason") if isinstance(section, dict) else None
     if not isinstance(reason, dict):
         return section

@@ -1,6 +1,6 @@
-"""Calibrations one after the other, and backwards.
+"""Combine two calibrations that are applied one after the other, and invert one.
 
-Accelerometer and gyroscope are one affine model of six axes, y = M x + b, in which the g-sensitivity is a block of M.
+Accelerometer and gyroscope form one affine model with six axes, y = M x + b, in which the g-sensitivity is a block of M.
 """
 
 from typing import Any
@@ -16,18 +16,18 @@ from ..magnetometer import MagModel
 from ._parts import Covariance, Imu, Part
 from ._thermal import Thermal, polynomials
 
-#: entries of the symmetric matrix of an ellipsoid in the order of the covariance, and the matrices of which they are the coefficients
+#: entries of the symmetric matrix of an ellipsoid in the order of the covariance, and the matrix that belongs to each entry
 QUADRIC = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 UNITS = np.array([[[float((p, q) in ((i, j), (j, i))) for q in range(3)] for p in range(3)] for i, j in QUADRIC])
 
 
 def entries(matrix: AnyArray) -> AnyArray:
-    """(..., 6) entries of symmetric matrices in the order of `QUADRIC`."""
+    """Entries (..., 6) of symmetric matrices in the order of `QUADRIC`."""
     return matrix[..., *np.transpose(QUADRIC)]
 
 
 def composed(new: Any, old: Any) -> dict[str, Any]:
-    """Sections of the calibration that does at once what `old` and then `new` do: M_old M_new, the bias mapped back."""
+    """Sections of the calibration that combines `old` and then `new`: M_old M_new, with the bias transformed back."""
     (m, b), (n, c) = _affine(old), _affine(new)
     parts = {**_parts(old), **_parts(new)}
     if _parts(old) and _parts(new):
@@ -42,7 +42,7 @@ def composed(new: Any, old: Any) -> dict[str, Any]:
 
 
 def inverted(calibration: Any) -> dict[str, Any]:
-    """Sections of the calibration that makes corrected readings raw again, at one temperature as at another."""
+    """Sections of the calibration that turns corrected readings back into raw ones, at every temperature."""
     held = _parts(calibration)
     for sensor, part in (*held.items(), ("mag", calibration.magnetometer)):
         _only_plain(part, sensor, "an inverse")
@@ -67,7 +67,7 @@ def _parts(calibration: Any) -> dict[str, Part[Triad]]:
 
 
 def _affine(calibration: Any) -> tuple[AnyArray, AnyArray]:
-    """M (6, 6) and b (6,) of accelerometer and gyroscope; the identity for a sensor that is not there."""
+    """M (6, 6) and b (6,) of accelerometer and gyroscope; the identity for a missing sensor."""
     nothing = Triad(np.eye(3), np.zeros(3))
     accel, gyro = (nothing if (part := _parts(calibration).get(sensor)) is None else part.model for sensor in ("accel", "gyro"))
     matrix = np.block([[accel.matrix, np.zeros((3, 3))], [gyro.g_sensitivity, gyro.matrix]])
@@ -79,7 +79,7 @@ def _triads(matrix: AnyArray, bias: AnyArray) -> dict[str, Triad]:
 
 
 def _only_plain(part: Part[Any] | None, what: str, wish: str) -> None:
-    """Raise a `DataError` for a model with fields of its own, of which nothing is known here."""
+    """Raise a `DataError` for a model with fields of its own, whose composition and inverse are unknown here."""
     if part is not None and type(part.model) is not part.base:
         raise DataError(
             f"the model {type(part.model).__name__} of {what} has {', '.join(part.further) or 'a formula of its own'}; {wish} is known of "
@@ -88,7 +88,7 @@ def _only_plain(part: Part[Any] | None, what: str, wish: str) -> None:
 
 
 def _carried(new: Any, old: Any, sensor: str, m: AnyArray) -> Covariance | None:
-    """Covariance of the product: the old numbers are what was applied, and exact; the new fit knows all that is uncertain."""
+    """Covariance of the product: the old numbers were applied and so are exact; all uncertainty is in the new fit."""
     if sensor not in _parts(new):
         return _parts(old)[sensor].covariance
     covariance, size = _parts(new)[sensor].covariance, 21 if sensor == "gyro" else 12
@@ -113,7 +113,7 @@ def _magnetometer(new: Part[MagModel] | None, old: Part[MagModel] | None) -> Par
         _only_plain(part, "the magnetometer", "a composition")
     s, covariance = old.model.soft_iron, None
     if new.covariance is not None and new.covariance.parameters[6:] == ("b_x", "b_y", "b_z"):
-        # A_raw = S^-T A S^-1 and b_raw = S b + h, A as its six entries
+        # A_raw = S^-T A S^-1 and b_raw = S b + h, with A as its six entries
         c = np.linalg.inv(s)
         slope = scipy.linalg.block_diag(entries(c.T @ UNITS @ c).T, s)
         covariance = Covariance(new.covariance.parameters, slope @ new.covariance.values @ slope.T)
@@ -122,7 +122,7 @@ def _magnetometer(new: Part[MagModel] | None, old: Part[MagModel] | None) -> Par
 
 
 def _currents(new: Part[MagModel], old: Part[MagModel], s: AnyArray) -> dict[str, AnyArray] | None:
-    """Fields of currents in the raw readings: those found there, and those of the corrected ones through the soft iron."""
+    """Fields of currents in the raw readings: the old ones, plus the new ones of the corrected readings, mapped by the soft iron."""
     found = dict(old.currents or {})
     for name, field in (new.currents or {}).items():
         found[name] = found.get(name, np.zeros(3)) + s @ field
@@ -133,7 +133,7 @@ def _thermal(new: Thermal | None, old: Thermal | None, m: AnyArray) -> Thermal |
     if new is None:
         return old
     if old is None and np.array_equal(m, np.eye(6)):
-        return new  # the same before the old correction as after it
+        return new  # the same before and after the old correction
     older = {} if old is None else _powers_of(old, "a composition")
     newer = _powers_of(new, "a composition")
     sections = [one for one in (old, new) if one is not None]
@@ -156,7 +156,7 @@ def _powers_of(thermal: Thermal, what: str) -> dict[str, AnyArray]:
 
 
 def _mapped(matrix: AnyArray, powers: dict[str, AnyArray], further: dict[str, AnyArray]) -> dict[str, AnyArray]:
-    """Coefficients of polynomials of both sensors through a matrix of six axes, plus further ones."""
+    """Coefficients of the polynomials of both sensors after multiplication by a matrix of six axes, plus `further` ones."""
     found = {}
     for sensor, own in (("accel", slice(0, 3)), ("gyro", slice(3, 6))):
         blocks = {"accel": matrix[own, :3], "gyro": matrix[own, 3:]}

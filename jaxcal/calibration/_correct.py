@@ -1,4 +1,4 @@
-"""A log without the errors that a calibration knows: temperature first, then bias, scale factor and misalignment."""
+"""Correct a log with a calibration: first temperature, then bias, scale factor and misalignment."""
 
 from collections.abc import Callable
 from typing import Any
@@ -27,7 +27,7 @@ def corrected(calibration: Any, log: Log, currents: dict[str, Any] | None) -> Lo
         if offset is not None:
             values[sensor] = values[sensor] - offset
             done.append(sensor)
-    for sensor in ("accel", "gyro", "mag"):  # a gyroscope's model takes the corrected accelerometer
+    for sensor in ("accel", "gyro", "mag"):  # in this order, because the gyroscope's model uses the corrected accelerometer
         part = parts.get(sensor)
         if part is None or sensor not in values:
             continue
@@ -51,7 +51,7 @@ def corrected(calibration: Any, log: Log, currents: dict[str, Any] | None) -> Lo
 
 
 def _fields_of(part: Part[Any] | None, log: Log, given: dict[str, Any], notes: list[str], warnings: list[str]) -> AnyArray | None:
-    """Fields (n, 3) of the currents that are given, by the magnetometer's terms."""
+    """Fields (n, 3) of the given currents, by the magnetometer's terms."""
     terms = {} if part is None or log.mag is None else part.currents or {}
     if unknown := [name for name in given if name not in terms]:
         known = f"it has {', '.join(terms)}" if terms else "it has none"
@@ -73,7 +73,7 @@ def _fields_of(part: Part[Any] | None, log: Log, given: dict[str, Any], notes: l
 
 
 def _modelled(part: Part[Any], sensor: str, log: Log, values: dict[str, Any], warnings: list[str]) -> AnyArray:
-    """Readings through the model of their sensor, with what it takes beside them: temperature, specific force, time."""
+    """Readings corrected by the model of their sensor, with the further inputs that it needs: temperature, specific force, time."""
     conditions: dict[str, Callable[[], Any]] = {"temperature": lambda: thermometer(log), "time": lambda: log.time}
     if sensor == "gyro" and np.any(part.model.g_sensitivity):
         if "accel" in values and values["accel"].shape[1:] == (3,):
@@ -87,7 +87,7 @@ def _modelled(part: Part[Any], sensor: str, log: Log, values: dict[str, Any], wa
 def _thermal(
     thermal: Thermal | None, log: Log, sensor: str, y: AnyArray, has_bias: bool, notes: list[str], warnings: list[str]
 ) -> AnyArray | None:
-    """What the temperature adds to a sensor, (n, axes); None where the calibration does not say."""
+    """Change of a sensor with temperature, (n, axes); None if the calibration has no thermal model for it."""
     axes = AXES[: y.reshape(len(y), -1).shape[1]]
     models = {} if thermal is None else {axis: model for axis, model in thermal.of(sensor).items() if axis in axes}
     if thermal is None or not models:

@@ -1,4 +1,4 @@
-"""`difference`: what changed between two calibrations of one device, and whether it is more than their uncertainty."""
+"""`difference`: the changes between two calibrations of one device, and whether they exceed their uncertainty."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -17,21 +17,21 @@ from ._compose import QUADRIC, UNITS, entries
 from ._parts import Part
 from ._thermal import Thermal
 
-_RANK = 1e-9  # of the largest eigenvalue of the correlations
+_RANK = 1e-9  # smallest eigenvalue of the correlations that counts, relative to the largest
 _AXES = "xyz"
 
 
 class PartDifference(eqx.Module):
-    """One part of a calibration, such as the accelerometer.
+    """Changes in one part of a calibration, such as the accelerometer.
 
     Attributes
     ----------
     name : "accel", "gyro", "magnetometer", "noise gyro_x" or "temperature gyro".
-    parameters, units : of each row.
+    parameters, units : name and unit of each row.
     first, second : (p,) values of the two calibrations.
-    standard_error : (p,) of second - first; NaN where neither covariance is known, 0 for what a convention fixes.
-    chi_square, degrees_of_freedom : of all differences together under both covariances; NaN and 0 without covariances.
-    probability : of so large a chi-square where nothing changed.
+    standard_error : (p,) standard error of second - first; NaN if neither covariance is known, 0 for parameters fixed by a convention.
+    chi_square, degrees_of_freedom : for all differences together under both covariances; NaN and 0 without covariances.
+    probability : probability of a chi-square at least as large if nothing changed.
     notes : sentences.
 
     Examples
@@ -64,18 +64,18 @@ class PartDifference(eqx.Module):
 
 @host_float64
 def difference(a: Calibration, b: Calibration) -> tuple[PartDifference, ...]:
-    r"""What changed from one calibration to another, part by part, with its significance.
+    r"""Changes from one calibration to another, part by part, with their significance.
 
     .. math:: \chi^2 = (\theta_b - \theta_a)^T (P_a + P_b)^{+} (\theta_b - \theta_a)
 
     Parameters
     ----------
-    a, b : two calibrations of one device, from recordings that have nothing in common. The parts are those that both hold.
+    a, b : two calibrations of one device, from different recordings. Only parts that both contain are compared.
 
     Returns
     -------
-    One `PartDifference` for each part. The magnetometer is compared by its symmetric correction, with the field of `a` for both, and by
-    its hard iron; noise by the squares of its coefficients; thermal models by their largest departure, without a covariance.
+    One `PartDifference` for each part. A magnetometer is compared by its symmetric correction, with the field of `a` for both, and by
+    its hard iron; noise by the squares of its coefficients; thermal models by their largest difference, without a covariance.
 
     Examples
     --------
@@ -115,7 +115,7 @@ def difference(a: Calibration, b: Calibration) -> tuple[PartDifference, ...]:
 
 
 def _by_leaves(sensor: str, a: Part[Any], b: Part[Any], notes: Sequence[str]) -> PartDifference:
-    """The parameters as the fields of the models have them; of a magnetometer those that were fitted."""
+    """Compare the fields of the models; for a magnetometer, only the fitted ones."""
     held = [part.parameters for part in (a, b)]
     names = [name for name in held[0] if name in held[1] and (sensor == "gyro" or not name.startswith("g_sensitivity"))]
     if sensor == "magnetometer" and a.covariance is not None and b.covariance is not None:
@@ -128,13 +128,13 @@ def _by_leaves(sensor: str, a: Part[Any], b: Part[Any], notes: Sequence[str]) ->
 
 
 def _unequal(a: Part[Any], b: Part[Any]) -> list[str]:
-    """A sentence where the two models are of different classes."""
+    """A sentence if the two models are of different classes."""
     kinds = [type(part.model).__name__ for part in (a, b)]
     return [] if kinds[0] == kinds[1] else [f"the first is a {kinds[0]} and the second a {kinds[1]}; what only one has is not compared"]
 
 
 def _magnetometer(a: Part[Any], b: Part[Any], notes: Sequence[str]) -> PartDifference:
-    """The root W of the ellipsoid's matrix A = W W, times the field of `a`; dA = W dW + dW W gives the covariance."""
+    """Compare the root W of the ellipsoid's matrix A = W W, times the field of `a`; dA = W dW + dW W gives the covariance."""
     said = [*notes, *_unequal(a, b)]
     known = all(part.field is not None and np.isfinite(part.field) for part in (a, b))
     if not known:
@@ -161,7 +161,7 @@ def _magnetometer(a: Part[Any], b: Part[Any], notes: Sequence[str]) -> PartDiffe
 
 
 def _of_root(spread: AnyArray, root: AnyArray, scale: float) -> AnyArray:
-    """Covariance of scale W and of the hard iron, from that of A = W W and of the hard iron."""
+    """Covariance of scale * W and of the hard iron, from that of A = W W and of the hard iron."""
     slope = np.eye(len(spread))
     slope[:6, :6] = scale * np.transpose([entries(scipy.linalg.solve_sylvester(root, root, unit)) for unit in UNITS])
     return slope @ spread @ slope.T
@@ -180,7 +180,7 @@ def _noise(sensor: str, i: int, a: Any, b: Any, notes: Sequence[str]) -> PartDif
     units = [noise_units(term, sensor)[-1] for term in terms]
     part = _part(f"noise {sensor}_{_AXES[i]}", terms, units, first**2, second**2, spread, (*notes, *said))
     with np.errstate(divide="ignore", invalid="ignore"):
-        # to first order, of each coefficient from its square
+        # first-order error of each coefficient, from that of its square
         error = np.sqrt(sum(np.diag(s) / (4 * value**2) for s, value in zip(squares, (first, second), strict=True) if s is not None))
     error = np.where(np.isfinite(error), error, np.nan) * np.ones(len(terms))
     return dataclasses.replace(part, first=first, second=second, standard_error=error)
@@ -202,7 +202,7 @@ def _temperature(sensor: str, a: Thermal, b: Thermal) -> PartDifference | None:
 
 
 def _curve(thermal: Thermal, sensor: str, t: AnyArray) -> Any:
-    """Change of the bias of the three axes since the middle of `t`, (3, n); None where an axis has no model."""
+    """Change of the bias of the three axes since the middle of `t`, (3, n); None if an axis has no model."""
     models = thermal.of(sensor)
     if len(models) < len(_AXES):
         return None
@@ -226,7 +226,7 @@ def _sum(spreads: Sequence[AnyArray | None]) -> tuple[AnyArray | None, list[str]
 def _part(
     name: str, names: Sequence[str], units: Sequence[str], first: AnyArray, second: AnyArray, spread: AnyArray | None, notes: Sequence[str]
 ) -> PartDifference:
-    """The chi-square in the space that the covariance spans; what a convention fixes is not counted."""
+    """Form the chi-square in the space that the covariance spans; parameters that a convention fixes do not count."""
     error, chi, freedom, probability, said = np.full(len(names), np.nan), np.nan, 0, np.nan, list(notes)
     if spread is not None:
         error = np.sqrt(np.maximum(np.diag(spread), 0.0))

@@ -1,4 +1,4 @@
-"""`find`: the calibration of a device among the files of a folder, by name and date."""
+"""`find`: find the calibration of a device in a folder, by name and date."""
 
 import datetime
 import json
@@ -13,13 +13,14 @@ Date = str | datetime.date | datetime.datetime
 
 
 def find(folder: str | os.PathLike[str], device: str, date: Date | None = None) -> pathlib.Path:
-    """The calibration file of a device that held at a date: the latest one that is not younger.
+    """The calibration file of a device that was valid at a date: the latest one that is not newer than the date.
 
     Parameters
     ----------
-    folder : where to look, with the folders in it, for files that `Calibration.save` wrote. Other files are passed over.
-    device : name of the device, or any id in its dictionary, as `Calibration(device=...)` has it; upper and lower case are the same.
-    date : of the recording to be corrected, a date or "2026-03-01" or "2026-03-01T12:00"; without a zone it is UTC. None takes the latest.
+    folder : folder to search, with its subfolders, for files written by `Calibration.save`. Other files are ignored.
+    device : name of the device, or any id in its dictionary, as in `Calibration(device=...)`; case does not matter.
+    date : date of the recording to be corrected: a date, or "2026-03-01", or "2026-03-01T12:00"; UTC unless it has a zone. None takes the
+        latest calibration.
 
     Returns
     -------
@@ -28,7 +29,7 @@ def find(folder: str | os.PathLike[str], device: str, date: Date | None = None) 
     Raises
     ------
     DataError
-        If there is no such folder, no calibration of the device, none that is old enough, or two of the same date.
+        If the folder does not exist, it has no calibration of the device, none is old enough, or two have the same date.
 
     Examples
     --------
@@ -90,7 +91,7 @@ def _dated(document: dict[str, Any], path: pathlib.Path) -> datetime.datetime | 
 
 
 def _moment(date: Any, what: str) -> datetime.datetime:
-    """A moment in UTC; a date without a time is its last second, so that the calibration of that day counts."""
+    """A moment in UTC; a date without a time means its last second, so that a calibration of that day counts."""
     try:
         if isinstance(date, str):
             found = datetime.datetime.fromisoformat(date.strip())

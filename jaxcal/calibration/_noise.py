@@ -1,4 +1,4 @@
-"""Noise of one device: the coefficients of every sensor and, where they were fitted, what is known about them."""
+"""Noise of one device: the coefficients of every sensor and, if they were fitted, their uncertainty and verdicts."""
 
 import math
 from typing import Any
@@ -26,12 +26,12 @@ class NoiseCovariance(eqx.Module):
     values: Float[np.ndarray, "3 _ _"]
 
     def axis(self, i: int) -> Covariance:
-        """That of one axis."""
+        """The covariance of one axis."""
         return Covariance(self.parameters, self.values[i])
 
 
 class FurtherTerm(eqx.Module):
-    """A term of one's own, and its coefficients on the three axes, NaN for an axis that was not measured."""
+    """A user's term, and its coefficients on the three axes; NaN for an axis that was not measured."""
 
     term: Term
     coefficient: Axes
@@ -47,14 +47,14 @@ class SensorNoise(eqx.Module):
     Attributes
     ----------
     unit : SI unit of the readings.
-    Q, N, B, K, R : (3,) coefficients, NaN for an axis that was not measured; None where no axis was.
-    method, confidence : how the coefficients were fitted, and the level of intervals and limits. These and the fields below
-        are None where the coefficients do not come from a fit.
+    Q, N, B, K, R : (3,) coefficients, NaN for an axis that was not measured; None if no axis was.
+    method, confidence : method of the fit, and level of intervals and limits. These and the fields below are None if the coefficients do
+        not come from a fit.
     low, high, upper_limit : term -> (3,).
     verdict : term -> ("present", "hint" or "not detected", None for an axis that was not measured) for the three axes.
     covariance : `parameters` ("N^2", ...) and `values` (3, terms, terms) of the squared coefficients.
     markov, sinusoid : for each axis ((qc, Tc), ...) and ((A, f0), ...).
-    further : terms of one's own (`jaxcal.noise.Term`), with their coefficients.
+    further : terms defined by the user (`jaxcal.noise.Term`), with their coefficients.
 
     Examples
     --------
@@ -84,7 +84,7 @@ class SensorNoise(eqx.Module):
 
 
 class DeviceNoise(eqx.Module):
-    """Noise of the sensors of one device, and the rate in Hz at which it was recorded.
+    """Noise of the sensors of one device, and the sampling rate in Hz of the recording.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What a calibration holds of the inertial sensors and the magnetometer: their models, with what is known about each."""
+"""Inertial sensors and magnetometer in a calibration: the models, with their uncertainty and verdicts."""
 
 import dataclasses
 import inspect
@@ -39,7 +39,7 @@ class Covariance(eqx.Module):
     values: Float[np.ndarray, "rows columns"]
 
     def of(self, names: Any) -> AnyArray | None:
-        """The covariance of the named parameters in their order; None where some are not in it, or not known."""
+        """The covariance of the named parameters in the given order; None if one is missing or not finite."""
         if not np.isfinite(self.values).all() or any(name not in self.parameters for name in names):
             return None
         where = [self.parameters.index(name) for name in names]
@@ -47,7 +47,7 @@ class Covariance(eqx.Module):
 
 
 class Interval(eqx.Module):
-    """Limits of the intervals of 95 % of the parameters of a covariance.
+    """Limits of the 95 % intervals of the parameters of a covariance.
 
     Examples
     --------
@@ -62,16 +62,16 @@ class Interval(eqx.Module):
 
 
 class Part(eqx.Module, Generic[M]):
-    """The model of a sensor, with what is known about it.
+    """The model of a sensor, with its uncertainty and verdict.
 
     Attributes
     ----------
     model : a `Triad` or `MagModel`, or a subclass with more fields.
     unit : SI unit of the readings.
-    covariance, interval : of its parameters, or None.
-    field : of a magnetometer the norm of the corrected field in tesla; None where it is not known.
-    verdict, verdict_reason : of the fit; None where there was none. Those of an IMU are with both sensors.
-    currents : of a magnetometer, name -> (3,) field in tesla per unit of a current; None where none was fitted.
+    covariance, interval : of the parameters of the model, or None.
+    field : for a magnetometer, the magnitude of the corrected field in tesla; None if unknown.
+    verdict, verdict_reason : verdict on the fit, and its reason; None without a fit. For an IMU, `Imu` holds them for both sensors.
+    currents : for a magnetometer, name -> (3,) field in tesla per unit of a current; None if none was fitted.
 
     Examples
     --------
@@ -93,12 +93,12 @@ class Part(eqx.Module, Generic[M]):
 
     @property
     def base(self) -> type:
-        """The class of the package that the model is, or derives from."""
+        """The jaxcal class of the model, or the one that it derives from."""
         return MagModel if isinstance(self.model, MagModel) else Triad
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Numbers of the model by name: "matrix[0,1]", "bias[2]", and those of a subclass by the names of its fields."""
+        """Numbers of the model by name: "matrix[0,1]", "bias[2]", and the fields of a subclass by their names."""
         found = {}
         for name, value in _leaves(document_of(self.model, self.base, "model")):
             values = np.asarray(value, dtype=float)
@@ -112,12 +112,12 @@ class Part(eqx.Module, Generic[M]):
         return [name for name in self.parameters if name.partition("[")[0] not in _SHAPES]
 
     def correct(self, y: AnyArray, conditions: dict[str, Callable[[], Any]], what: str) -> AnyArray:
-        """Readings without the sensor's errors; the model gets those of the `conditions` that its `correct` takes.
+        """Readings without the sensor's errors. The model receives those of the `conditions` that its `correct` accepts.
 
         Raises
         ------
         DataError
-            If it takes one that the log does not have, or fails.
+            If the model needs a condition that the log does not have, or fails.
         """
         name, taken = type(self.model).__name__, list(inspect.signature(self.model.correct).parameters.values())[1:]  # type: ignore[attr-defined]
         open_ended = any(one.kind is one.VAR_KEYWORD for one in taken) and type(self.model) is not self.base
@@ -131,7 +131,7 @@ class Part(eqx.Module, Generic[M]):
             raise DataError(f"the model {name} of {what} does not correct this log: {error}") from error
 
     def to_document(self) -> dict[str, Any]:
-        """The stored form: the fields of the model stand beside the others."""
+        """The stored form, in which the fields of the model stand beside the others."""
         sensor = next(name for name in (*SENSORS, "mag") if si_unit(name) == self.unit)
         fields = document_of(self.model, self.base, sensor)
         if sensor == "accel" and not np.any(fields["g_sensitivity"]):
@@ -164,12 +164,12 @@ class Imu(eqx.Module):
 
     @property
     def parts(self) -> dict[str, Part[Triad]]:
-        """Sensor -> its part, of those that are there."""
+        """Sensor -> its part, for each sensor that is present."""
         return {name: part for name in SENSORS if (part := getattr(self, name)) is not None}
 
 
 def imu_of(value: Any) -> Imu | None:
-    """The inertial part of a calibration, checked: an `ImuFit`, `DeviceFit` or `RateTest`, the stored form, or `Triad`s by sensor."""
+    """The inertial part of a calibration, checked; from an `ImuFit`, `DeviceFit`, `RateTest`, the stored form, or `Triad`s by sensor."""
     if value is None or isinstance(value, Imu):
         return value
     if isinstance(value, ImuFit):
@@ -189,7 +189,7 @@ def imu_of(value: Any) -> Imu | None:
 
 
 def magnetometer_of(value: Any) -> Part[MagModel] | None:
-    """The magnetometer of a calibration, checked: a `MagFit` in tesla, a `DeviceFit`, the stored form, a `MagModel`, or a `Part`."""
+    """The magnetometer of a calibration, checked; from a `MagFit` in tesla, a `DeviceFit`, the stored form, a `MagModel`, or a `Part`."""
     if isinstance(value, DeviceFit):
         if value.verdicts["magnetometer"] == "refused":
             raise DataError(f"the magnetometer is refused, and is no calibration: {value.reason}")
@@ -250,7 +250,7 @@ def _from_rate_test(test: RateTest) -> Imu:
 
 
 def _part(value: Any, base: type, sensor: str, path: str) -> Part[Any]:
-    """A sensor's part from a model or its stored form, checked."""
+    """A sensor's part from a model or from its stored form, checked."""
     if isinstance(value, base):
         value = Part(value, si_unit(sensor))
     if not isinstance(value, Part):

@@ -1,4 +1,4 @@
-"""Where the numbers of a calibration come from: the recording, the versions, and the options of the command."""
+"""Provenance of a calibration: the recording, the versions, and the options of the command."""
 
 import datetime
 import importlib.metadata
@@ -11,24 +11,23 @@ import numpy as np
 from .._log import Log
 
 _PACKAGES = ("jax", "numpy", "scipy")
-_FIRST = 946_684_800_000_000_000  # ns, the year 2000: smaller stamps count from a start of the device
+_FIRST = 946_684_800_000_000_000  # ns at the year 2000: smaller stamps count from the start of the device
 
 
 def provenance(log: Log, command: str, options: Mapping[str, Any] | None = None, *, rate_given: bool = False) -> dict[str, Any]:
-    """Provenance of a calibration made from a log; `Calibration(provenance=...)` takes it.
+    """Provenance of a calibration made from a log, for `Calibration(provenance=...)`.
 
     Parameters
     ----------
-    log : recording; its own provenance (file, size, SHA-256, format) is kept.
-    command : what made the calibration, such as "jaxcal imu".
-    options : as the command had them; what JSON cannot say becomes text.
-    rate_given : whether the sampling rate was given by the user. Otherwise exports warn that it is an estimate.
+    log : recording; its own provenance (file, size, SHA-256, format) is included.
+    command : the command that made the calibration, such as "jaxcal imu".
+    options : options of the command; values that JSON cannot store become text.
+    rate_given : whether the user gave the sampling rate. Otherwise exports warn that it is an estimate.
 
     Returns
     -------
-    Dictionary for JSON: that of the log, "date" of its first sample (UTC) where its stamps tell, "applied" (sentences) where the device had
-    corrected the readings already,
-    "rate" ("given" or "estimated"), "command", "options", "version" and "versions".
+    Dictionary for JSON: the provenance of the log; "date" of its first sample (UTC) if its stamps tell; "applied" (sentences) if the device
+    had already corrected the readings; "rate" ("given" or "estimated"), "command", "options", "version" and "versions".
 
     Examples
     --------
@@ -40,7 +39,7 @@ def provenance(log: Log, command: str, options: Mapping[str, Any] | None = None,
     ('a.csv', 'given', {'band': [1.0, 9.0]})
     """
     held = _said(log.provenance)
-    # what readers of flight logs say of corrections that the device made before it logged
+    # sentences of the readers of flight logs about corrections that the device made before it logged
     applied = [sentence for sentence in log.warnings if "already calibrated" in sentence or "already corrected" in sentence]
     if applied and "applied" not in held:
         held["applied"] = applied
@@ -59,7 +58,7 @@ def provenance(log: Log, command: str, options: Mapping[str, Any] | None = None,
 
 
 def _said(value: Any) -> Any:
-    """A value as JSON can say it."""
+    """A value in a form that JSON can store."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, Mapping):

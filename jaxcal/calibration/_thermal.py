@@ -1,4 +1,4 @@
-"""Thermal models of a device: one for every channel, and how they are stored."""
+"""Thermal models of a device, one for every channel, and their stored form."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ from ._codec import check_finite, checked_unit, document_of, numbers, required, 
 AXES = ("x", "y", "z")
 SENSORS = ("gyro", "accel", "mag")
 CHANNELS = tuple(f"{sensor}_{axis}" for sensor in SENSORS for axis in AXES)
-_HOTTEST, _LONGEST = 1e4, 1e6  # degC, s: beyond them is damage
+_HOTTEST, _LONGEST = 1e4, 1e6  # degC, s: larger values mean damage
 _MOST_POWERS, _MOST_NODES = 64, 4096
 
 
@@ -41,7 +41,7 @@ class Powers(AbstractCurve):
     coefficients: Any
 
     def value(self, t: Any) -> AnyArray:
-        """The polynomial at the temperatures `t`, degC."""
+        """Value of the polynomial at the temperatures `t`, degC."""
         return np.asarray(polynomial.polyval(np.asarray(t) - self.reference, np.concatenate([[0.0], self.coefficients])))
 
 
@@ -50,8 +50,8 @@ class Thermal(eqx.Module):
 
     Attributes
     ----------
-    reference : temperature to which corrected readings belong, degC.
-    minimum, maximum : range that the channels share, degC.
+    reference : temperature to which readings are corrected, degC.
+    minimum, maximum : range that all channels share, degC.
     channels : "gyro_x" .. "mag_z" -> `ThermalModel`.
 
     Examples
@@ -72,18 +72,18 @@ class Thermal(eqx.Module):
     channels: dict[str, ThermalModel]
 
     def of(self, sensor: str) -> dict[str, ThermalModel]:
-        """Axis -> model, of one sensor."""
+        """Axis -> model, for one sensor."""
         return {axis: self.channels[f"{sensor}_{axis}"] for axis in AXES if f"{sensor}_{axis}" in self.channels}
 
     def constant(self, name: str) -> float:
-        """Bias of a channel at the reference temperature."""
+        """Bias of a channel at the reference temperature; zero for `Powers`, which model changes only."""
         model = self.channels[name]
         if isinstance(model.curve, Powers):
             return 0.0
         return float(np.asarray(model.curve.value(np.clip(self.reference, model.low, model.high))))
 
     def powers(self, sensor: str) -> AnyArray | None:
-        """(3, degree) coefficients of a sensor whose axes are all plain polynomials over the range; None of any other."""
+        """Coefficients (3, degree) of a sensor if all its axes are plain polynomials over the whole range; otherwise None."""
         models = self.of(sensor)
         limits = (self.reference, self.minimum, self.maximum, 0, 0, 0)
         plain = [
@@ -96,7 +96,7 @@ class Thermal(eqx.Module):
         return np.stack(plain) if same else None
 
     def to_document(self) -> dict[str, Any]:
-        """The stored form, in which plain polynomials of a sensor are the rows of a matrix."""
+        """The stored form, in which the plain polynomials of a sensor are the rows of a matrix."""
         found: dict[str, Any] = {"unit": si_unit("temperature"), **{key: getattr(self, key) for key in ("reference", "minimum", "maximum")}}
         found |= {sensor: rows for sensor in ("accel", "gyro") if (rows := self.powers(sensor)) is not None}
         single = {name: model for name, model in self.channels.items() if name.partition("_")[0] not in found}
@@ -105,11 +105,11 @@ class Thermal(eqx.Module):
 
 
 def polynomials(reference: float, minimum: float, maximum: float, **sensors: AnyArray) -> Thermal:
-    """Thermal models of whole sensors: polynomials of the temperature above a reference.
+    """Thermal models of whole sensors, as polynomials of the temperature above a reference.
 
     Parameters
     ----------
-    reference, minimum, maximum : temperature to which corrected readings belong, and range of the models, degC.
+    reference, minimum, maximum : temperature to which readings are corrected, and range of the models, degC.
     sensors : (3, degree) coefficients of the powers 1, 2, ... for "accel" and "gyro", SI per degC, degC^2, ...
 
     Examples
@@ -128,19 +128,19 @@ def polynomials(reference: float, minimum: float, maximum: float, **sensors: Any
     return Thermal(reference, minimum, maximum, models)
 
 
-#: built-in curve, as a file names it -> the keys of its numbers
+#: built-in curves by their name in a file -> the keys of their numbers
 _CURVES = {
     "chebyshev": ("coefficients",), "steps": ("coefficients", "height", "centre", "width"), "piecewise": ("nodes", "pieces"),
     "powers": ("coefficients",),
 }  # fmt: skip
 _RANGE = ("minimum", "maximum", "lag", "play")
-_RATE = ("rate", "rate_lag")  # stored where there is one
+_RATE = ("rate", "rate_lag")  # stored only if the rate is not zero
 
 
 def thermal_of(value: Any) -> Thermal | None:
     """The thermal part of a calibration, checked: fits (channel -> `TemperatureFit`), the stored form, or a `Thermal`.
 
-    The reference temperature of fits is the middle of the range that all channels share.
+    For fits, the reference temperature is the middle of the range that all channels share.
     """
     if value is None:
         return None
@@ -183,7 +183,7 @@ def _from_document(value: Any) -> Thermal:
 
 
 def _model(value: Any, reference: float, path: str) -> ThermalModel:
-    """A channel from its stored form; the curve is a built-in one, or a class of the user's."""
+    """A channel from its stored form, whose curve is a built-in one or a user's class."""
     if not isinstance(value, dict):
         raise wrong(value, f"a dictionary with curve, {', '.join(_RANGE)}", path)
     name = structured(required(value, "curve", path, ("curve", *_RANGE)), str, f"{path}.curve")
@@ -255,12 +255,12 @@ def _check_numbers(values: AnyArray, path: str, most: int, least: int = 1) -> No
 
 
 def cubic(thermal: Thermal, sensor: str, degree: int, reference: float) -> tuple[AnyArray, AnyArray, AnyArray] | None:
-    """A sensor's thermal models as polynomials about a temperature, for tools that know nothing else; None where it has none.
+    """A sensor's thermal models as polynomials about a temperature, for programs that need these; None if there are none.
 
     Returns
     -------
     (3, degree) coefficients of the powers 1, 2, ... of T - reference; (3,) change of the bias from the stored reference to this one;
-    (3,) largest departure from the model over its range.
+    (3,) largest difference from the model over its range.
     """
     models = thermal.of(sensor)
     if not models:
@@ -280,6 +280,6 @@ def cubic(thermal: Thermal, sensor: str, degree: int, reference: float) -> tuple
             fitted = polynomial.Polynomial.fit(t, value, degree, domain=[thermal.minimum, thermal.maximum])
             about = fitted.convert()(polynomial.Polynomial([reference, 1.0])).coef
             departure = float(np.max(np.abs(fitted(t) - value)))
-            lost[i] = departure if departure > 1e-9 * np.max(np.abs(value)) else 0.0  # less is rounding
+            lost[i] = departure if departure > 1e-9 * np.max(np.abs(value)) else 0.0  # a smaller difference is rounding
         found[i, : len(about)] = about
     return found[:, 1:], found[:, 0], lost

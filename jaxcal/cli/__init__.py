@@ -1,4 +1,4 @@
-"""The `jaxcal` command: thin commands over the library, no numerics."""
+"""The `jaxcal` command: thin commands around the library, without numerics."""
 
 import gc
 import sys
@@ -9,13 +9,13 @@ def main(argv: list[str] | None = None) -> int:
 
     Parameters
     ----------
-    argv : words after the name of the program; by default those of this process.
+    argv : words after the name of the program; the default is the command line of this process.
 
     Returns
     -------
     int
-        0 done; 1 the data do not allow an answer; 2 the call was wrong; 3 a fault in jaxcal itself; 130 interrupted;
-        141 the reader of the output went away. The reason is printed on standard error.
+        0: done; 1: the data do not allow a result; 2: the call was wrong; 3: a fault in jaxcal itself; 130: interrupted;
+        141: the reader of the output closed the pipe. The reason is printed on standard error.
 
     Examples
     --------
@@ -30,7 +30,7 @@ def main(argv: list[str] | None = None) -> int:
             raise
         print('The jaxcal command needs two small packages more; install them with: pip install "jaxcal[cli]"', file=sys.stderr)
         return 2
-    # imports and traced programs leave a million objects alive; looking through them again and again takes a tenth of a command
+    # imports and traced programs keep a million objects alive; frequent garbage collection would take a tenth of the time of a command
     before = gc.get_threshold()
     gc.set_threshold(200_000, 50, 100)
     try:

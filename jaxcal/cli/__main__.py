@@ -1,4 +1,4 @@
-"""`python -m jaxcal.cli`, where the script `jaxcal` is not on the path."""
+"""`python -m jaxcal.cli`, for use when the script `jaxcal` is not on the path."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""What a wrong call was meant to be: for every refusal of the parser the command line that works."""
+"""Advice on wrong calls: for every error of the parser, the command line that works."""
 
 import difflib
 import re
@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-#: commands that take a log, and what else they are called
+#: commands that take a log
 LOGS = ("info", "noise", "allan", "psd", "temperature", "imu", "rate-table", "vibration", "mag", "device", "north")
 #: options of every command that reads a log
 READING_OPTIONS = {"--columns", "--units", "--rate", "--topics", "--raw", "--data", "--missing", "--format"}
-#: commands that `jaxcal batch --task` can do
+#: commands that `jaxcal batch --task` can run
 TASKS = ("noise", "mag", "imu", "temperature", "allan")
 _OTHER_NAMES = {
     "magnetometer": "mag", "compass": "mag", "magcal": "mag", "calibrate-mag": "mag", "ellipsoid": "mag", "accel": "imu",
@@ -30,7 +30,7 @@ _OTHER_OPTIONS = {
     "--level": "--confidence", "--alpha-level": "--confidence", "--random-seed": "--seed", "--g": "--gravity",
     "--local-gravity": "--gravity", "--dip": "--inclination", "--declination": "--inclination",
 }  # fmt: skip
-#: what `jaxcal simulate` makes
+#: kinds of logs that `jaxcal simulate` makes
 KINDS = ("noise", "temperature", "imu", "mag", "device", "north")
 _USAGE = {
     "apply": "jaxcal apply calibration.json LOG.csv --out corrected.csv", "convert": "jaxcal convert LOG.csv LOG.npz",
@@ -38,7 +38,7 @@ _USAGE = {
     "batch": "jaxcal batch logs/ --task noise --out fleet", "north": "jaxcal north table.csv --latitude 39.93",
     "simulate": 'jaxcal simulate noise --gyro "N=0.25deg/sqrt(h)" --out log.csv',
 }  # fmt: skip
-#: unit behind a number -> what the number is to be multiplied by; options are in Hz, s, m, degrees, uT, m/s^2
+#: unit after a number -> factor to the unit of the option; options are in Hz, s, m, degrees, uT, m/s^2
 _SIZES = {
     "hz": 1.0, "khz": 1e3, "min": 60.0, "h": 3600.0, "ms": 1e-3, "sec": 1.0, "n": 1.0, "w": -1.0, "e": 1.0, "%": 0.01, "m": 1.0, "km": 1e3,
     "deg": 1.0, "°": 1.0, "ut": 1.0, "nt": 1e-3, "m/s^2": 1.0, "m/s2": 1.0, "gb": 1.0,
@@ -49,11 +49,11 @@ _FIRST = 4096  # bytes
 
 
 def advice(error: Any, argv: Sequence[str], options: dict[str, set[str]]) -> str | None:
-    """A sentence in place of the parser's own, or None where that one will do.
+    """A sentence that replaces the parser's own message, or None if that message is good enough.
 
     Parameters
     ----------
-    error : what the parser raised.
+    error : the exception raised by the parser.
     argv : the command line.
     options : command -> names of its options.
     """
@@ -64,7 +64,7 @@ def advice(error: Any, argv: Sequence[str], options: dict[str, set[str]]) -> str
         return f"jaxcal simulate takes what to simulate: {kinds}. For example: {_USAGE['simulate']}"
     if name == "UnknownCommandError" or (command and command not in options):
         return _unknown_command(command, options)
-    if name == "UnknownOptionError" and getattr(error.token, "source", "cli") == "cli":  # and not a file of --config
+    if name == "UnknownOptionError" and getattr(error.token, "source", "cli") == "cli":  # not from the file of --config
         return _unknown_option(_word(error), command, options)
     if name == "UnusedCliTokensError":
         return _too_much([str(word) for word in error.unused_tokens or ()], command, argv)
@@ -131,7 +131,7 @@ def _too_much(words: list[str], command: str, argv: Sequence[str]) -> str | None
 
 
 def _not_a_number(error: Any) -> str | None:
-    """What a number should have been: without its unit, with a decimal point, or a number at all."""
+    """Advice on a wrong number: omit its unit, use a decimal point, or give a number."""
     token = getattr(error, "token", None)
     text, option = str(getattr(token, "value", "") or ""), str(getattr(token, "keyword", "") or "")
     if not option or getattr(error, "target_type", None) not in (float, int):
@@ -169,7 +169,7 @@ def _missing(error: Any, command: str, argv: Sequence[str]) -> str | None:
 
 
 def as_typed(text: str, options: set[str]) -> str:
-    """A message of the library, whose options are those of Python, in the syntax of the command line.
+    """Rewrite a message of the library, which names options in Python syntax, in the syntax of the command line.
 
     Examples
     --------
@@ -191,7 +191,7 @@ def as_typed(text: str, options: set[str]) -> str:
 
 
 def kind_of(path: Path) -> str:
-    """What a file is that jaxcal or another program made: "calibration", "result", "report", "picture", or "" for anything else."""
+    """Kind of a file that is not a log: "calibration", "result", "report", "picture", or "" for anything else."""
     try:
         with path.open("rb") as file:
             head = file.read(_FIRST)
@@ -209,7 +209,7 @@ def kind_of(path: Path) -> str:
 
 
 def not_a_log(path: Path, command: str) -> str | None:
-    """Why a path is no log, with the call that was meant; None where it may be one."""
+    """Sentence that says why a path is not a log, with the intended call; None if it may be a log."""
     name = str(path)
     if name in ("-", "/dev/stdin", "/dev/fd/0", "/proc/self/fd/0"):
         return _STDIN.format(command)
@@ -246,7 +246,7 @@ def _not_there(path: Path, command: str) -> str:
 
 
 def not_a_calibration(path: Path, option: str = "") -> str | None:
-    """Why a path is no calibration; None where it may be one."""
+    """Sentence that says why a path is not a calibration; None if it may be one."""
     head = f"{option} {path}".strip()
     if not path.exists():
         return f"{head}: {_not_there(path, 'apply')}" if option else _not_there(path, "apply")

@@ -1,4 +1,4 @@
-"""The application: its commands, the configuration file, and what each error means for the exit status."""
+"""The application: its commands, the configuration file, and the exit status for each error."""
 
 import errno
 import functools
@@ -46,7 +46,7 @@ printed) or 2 (the call was wrong). To see it work: jaxcal demo"""
 
 
 def _configuration(app, commands, arguments):
-    """Fill options that the command line leaves out from the table [command] of the file given with --config."""
+    """Take options that are not on the command line from the table [command] of the file given with --config."""
     for argument in arguments:
         if "--config" in argument.names and argument.tokens:
             file = argument.tokens[0].value
@@ -80,10 +80,10 @@ def _application() -> cyclopts.App:
 
 
 def run(argv: list[str]) -> int:
-    """Exit status of the command line `argv`; every expected failure becomes one paragraph on standard error."""
+    """Run the command line `argv` and return its exit status; every expected failure prints one paragraph on standard error."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # a terminal that lacks a character is no reason to fail
+            stream.reconfigure(errors="backslashreplace")  # do not fail if a terminal lacks a character
     try:
         _application()(argv, exit_on_error=False, print_error=False)
         sys.stdout.flush()
@@ -110,7 +110,7 @@ def run(argv: list[str]) -> int:
             return PIPE_CLOSED
         _complain(f"{error.filename or 'a file'}: {(error.strerror or str(error)).lower()}")
         return CALL
-    except Exception:  # a fault of ours: the trace is what its report needs
+    except Exception:  # a fault in jaxcal: print the trace, which a bug report needs
         traceback.print_exc()
         _complain("this is a fault in jaxcal, not in your data or call; please report the lines above at "
                   "https://github.com/jaxcal/jaxcal/issues")  # fmt: skip
@@ -118,13 +118,13 @@ def run(argv: list[str]) -> int:
 
 
 def _names() -> list[str]:
-    """Commands as they are typed."""
+    """Names of the commands as typed by the user."""
     return [command.__name__.replace("_", "-") for command in _COMMANDS]
 
 
 @functools.cache
 def _options() -> dict[str, set[str]]:
-    """Command -> names of its options; those of all kinds together for simulate."""
+    """Command -> names of its options; for simulate, the options of all kinds together."""
     app, found = _application(), {}
     for name in (*_names(), "simulate"):
         parts = [app[name]] if name != "simulate" else [app[name][command.__name__.removeprefix("simulate_")] for command in _SIMULATE]
@@ -144,5 +144,5 @@ def _help_command(argv: list[str]) -> str:
 
 
 def _discard_output() -> None:
-    """Let the interpreter flush its remaining output without another complaint."""
+    """Redirect standard output to the null device, so that the interpreter can flush its remaining output without an error."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

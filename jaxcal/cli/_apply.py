@@ -1,4 +1,4 @@
-"""`jaxcal apply` and `jaxcal convert`: a log without the errors that a calibration knows, or in a layout that is read at once."""
+"""`jaxcal apply` and `jaxcal convert`: correct a log with a calibration, or write it in a layout that is read quickly."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -65,7 +65,7 @@ def convert(
     reading: Reading = Reading(),
     running: Running = Running(),
 ) -> None:
-    """Write a log as .npz or Parquet, in SI units, so that reading it again takes no time and no guess."""
+    """Write a log as .npz or Parquet in SI units, so that it can be read quickly and without inference."""
     from ..io._saved import SUFFIXES, save
 
     if out.exists() and not log.exists():
@@ -83,7 +83,7 @@ def convert(
 def _rewrite(
     inputs: list[Path], out: Path, doing: str, write: Callable[[Any, Path], Any], reading: Reading, running: Running, command: str
 ) -> None:
-    """Read the first of `inputs`, and print what was written."""
+    """Read the first of `inputs`, rewrite it, and print a summary."""
     screen = Screen(running.quiet)
     with staged([out], inputs=inputs) as places:
         with progress(f"reading {inputs[0].name}", running.quiet):
@@ -96,7 +96,7 @@ def _rewrite(
 
 
 def corrected(calibration: Path, log: Any, currents: dict[str, Any] | None = None) -> Any:
-    """The log, corrected with the calibration in a file."""
+    """Correct the log with the calibration in a file."""
     return jaxcal.Calibration.load(calibration).correct(log, currents=currents)
 
 

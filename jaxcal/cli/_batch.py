@@ -1,4 +1,4 @@
-"""`jaxcal batch`: one task on many logs."""
+"""`jaxcal batch`: run one task on many logs."""
 
 import contextlib
 import json
@@ -17,7 +17,7 @@ from ._options import RUNNING, CallError, Quiet, Reading, checked
 from ._screen import Screen, progress, show_written
 
 Task = Literal["noise", "mag", "imu", "temperature", "allan"]
-_ROWS = 40  # of a printed table; the files hold all
+_ROWS = 40  # largest number of rows of a printed table; the files have all rows
 
 
 @Parameter(name="*", group=RUNNING)
@@ -83,12 +83,12 @@ def batch(
     reading: Reading = Reading(),
     running: FleetRunning = FleetRunning(),
 ) -> None:
-    """One task on many logs, side by side; interrupted, the same command resumes.
+    """Run one task on many logs in parallel; after an interruption, rerun to resume.
 
     A log that fails is reported and does not stop the others. The folder --out
     gets a result file for each log, manifest.json, summary.csv (and .parquet),
-    and overview.html: the spread of every coefficient, outliers and trends.
-    The status is 1 only if no log at all could be answered.
+    and overview.html with the spread of every coefficient, outliers and trends.
+    The status is 1 only if no log gave a result.
     """
     from jaxcal.batch._paths import find_logs
     from jaxcal.batch._tasks import check_task, reading_options
@@ -129,7 +129,7 @@ def batch(
 
 @contextlib.contextmanager
 def _executor(address: str | None) -> Iterator[tuple[Any, int | None]]:
-    """The executor of a Dask cluster and how many threads it has; or neither."""
+    """The executor of a Dask cluster and its number of threads; or (None, None) without an address."""
     if address is None:
         yield None, None
         return
@@ -163,7 +163,7 @@ def _joined(value: Any) -> Any:
 
 
 def _show(screen: Screen, fleet: Any, pooled: dict[str, Any]) -> None:
-    """Table over the fleet, what stands out, and what failed."""
+    """Print the table of the fleet, outliers and trends, and failures."""
     kept = sum(entry.kept for entry in fleet)
     there = f"; {kept} of them were there already" if kept else ""
     screen.line(f"{_logs(len(fleet))}: {len(fleet.done)} answered, {len(fleet.failed)} not{there}")

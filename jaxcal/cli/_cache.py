@@ -1,4 +1,4 @@
-"""The folder of compiled programs, which makes a command quick: kept, bounded in size, and cleared by `jaxcal cache --clear`."""
+"""The folder of compiled programs, which makes commands fast; it is limited in size, and `jaxcal cache --clear` empties it."""
 
 import contextlib
 import dataclasses
@@ -12,9 +12,9 @@ from cyclopts import Parameter
 from ._options import CallError, Quiet
 from ._screen import Screen
 
-#: bytes that the folder may hold; every command has its programs in a hundredth of that
+#: largest size of the folder in bytes; the programs of one command need a hundredth of it
 BOUND = 200_000_000
-_AFTER = 0.8  # of the bound, to which the folder is emptied
+_AFTER = 0.8  # share of the bound to which a full folder is reduced
 
 
 def cache(
@@ -22,11 +22,11 @@ def cache(
     clear: Annotated[bool, Parameter(help="Remove all of them; the next command of each kind compiles for some seconds.")] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Say where compiled programs are kept, and how much room they take.
+    """Show the folder of compiled programs and its size.
 
     The first command of each kind compiles its programs, which takes seconds;
-    the next ones find them in this folder. Beyond 200 MB the programs that
-    were used longest ago are removed.
+    later commands find them in this folder. Beyond 200 MB, jaxcal removes the
+    programs that were not used for the longest time.
     """
     screen = Screen(quiet)
     if own := os.environ.get("JAX_COMPILATION_CACHE_DIR"):
@@ -47,7 +47,7 @@ def cache(
 
 @dataclasses.dataclass(frozen=True)
 class _Entry:
-    """A file of the cache: when it was used last, its size, and where it is."""
+    """A file of the cache: time of its last use, size, and path."""
 
     used: float
     size: int
@@ -55,7 +55,7 @@ class _Entry:
 
 
 def _entries(folder: Path) -> list[_Entry]:
-    """The programs in the folder; other files in it are none of ours."""
+    """The programs in the folder; other files are ignored."""
     found = []
     with contextlib.suppress(OSError), os.scandir(folder) as files:
         for file in files:
@@ -67,7 +67,7 @@ def _entries(folder: Path) -> list[_Entry]:
 
 
 def bound(folder: Path, limit: int = BOUND) -> None:
-    """Remove the programs that were used longest ago, where the folder holds more than `limit` bytes."""
+    """If the folder has more than `limit` bytes, remove the programs that were not used for the longest time."""
     found = sorted(_entries(folder), key=lambda entry: entry.used)
     size = sum(entry.size for entry in found)
     if size <= limit:
@@ -81,7 +81,7 @@ def bound(folder: Path, limit: int = BOUND) -> None:
 
 
 def cache_folder() -> Path:
-    """The user's cache folder for compiled programs: XDG_CACHE_HOME, or the custom of the platform."""
+    """The user's cache folder for compiled programs: below XDG_CACHE_HOME, or the usual place of the platform."""
     if configured := os.environ.get("XDG_CACHE_HOME"):
         base = Path(configured)
     elif sys.platform == "win32":
@@ -94,10 +94,10 @@ def cache_folder() -> Path:
 
 
 def keep_compiled() -> None:
-    """Switch the cache on for this process.
+    """Switch on the cache for this process.
 
-    A folder of the user's own (JAX_COMPILATION_CACHE_DIR) is left in force. Where the cache folder cannot be written the
-    command goes on without it and without a word: it costs seconds, never a result.
+    A folder set by the user (JAX_COMPILATION_CACHE_DIR) stays in effect. If the cache folder cannot be written, the command continues
+    without it and without a warning, because this costs seconds but never a result.
     """
     import warnings
 
@@ -105,7 +105,7 @@ def keep_compiled() -> None:
 
     from .._compile import keep_programs
 
-    # a disk that is full, or an entry that another process is just writing, costs seconds and no result
+    # a full disk, or an entry that another process is writing, costs seconds but no result
     warnings.filterwarnings("ignore", message="Error (writing|reading) persistent compilation cache entry")
     if jax.config.values["jax_compilation_cache_dir"] is None:
         try:
@@ -118,6 +118,6 @@ def keep_compiled() -> None:
         bound(folder)
         jax.config.update("jax_compilation_cache_dir", str(folder))
         keep_programs(folder)
-    # the kernels are many and small: with JAX's own limits most of them would be compiled anew in every run
+    # the programs are many and small: with JAX's default limits most would be compiled again in every run
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

@@ -1,4 +1,4 @@
-"""`jaxcal allan` and `jaxcal psd`: a curve with intervals of every axis."""
+"""`jaxcal allan` and `jaxcal psd`: a curve with intervals for every axis."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -23,7 +23,7 @@ Kind = Literal[
     "adev", "oadev", "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "theo1", "theoh", "mtie", "tierms"
 ]  # fmt: skip
 _GRIDS = ("log", "octave", "decade", "all")
-_DEVIATIONS, _FREQUENCIES = 50, 30  # rows of a printed table; files hold all
+_DEVIATIONS, _FREQUENCIES = 50, 30  # largest number of rows of a printed table; files have all rows
 _NONE = "neither gyroscope, accelerometer nor magnetometer; name their columns with --columns"
 
 
@@ -71,28 +71,32 @@ def allan(
     m
         Cluster sizes: log (15 per decade), octave, decade, all, or numbers of samples as 1,10,100.
     bias_corrected
-        Take off the bias of the total statistics and of Theo1, for the noise type found.
+        Remove the bias of the total statistics and of Theo1 for the identified noise type.
     alpha
-        Noise type for the intervals, instead of the one found: 2 white phase, 1 flicker phase, 0 white frequency, -1 flicker
+        Noise type for the intervals, instead of the identified one: 2 white phase, 1 flicker phase, 0 white frequency, -1 flicker
         frequency, -2 random walk of frequency.
     robust
-        An M-estimate that outliers do not carry off, for adev, oadev, hdev and ohdev.
+        Use an M-estimate that is robust against outliers, for adev, oadev, hdev and ohdev.
     clock
         The log is a column of fractional frequencies, or with --data phase of time errors in s, of clocks or oscillators (one to three
         columns with --columns gyro=0:2): deviations have no unit, tdev is in s.
     """
     options: dict[str, Any] = {"kind": kind, "m": _sizes(m), "confidence": confidence, "bias_corrected": bias_corrected}
     options |= {"alpha": alpha, "robust": robust}
+    asked = dict(options)
 
+    change = None
     if clock:
-        # a column without a unit passes through as rad/s, whose factor is one
+        # read a column without a unit as rad/s, whose factor is one; the files name what was asked for
+        options |= {"clock": True, "columns": reading.columns, "units": reading.units}
         reading = replace(reading, columns=reading.columns or ("gyro=0",), units=("gyro=rad/s", *(reading.units or ())))
+        change = _as_clock
 
     def compute(recording: Any, _: Any) -> dict[str, Any]:
         found = {}
         for sensor in ("gyro", "accel", "mag"):
             if (values := getattr(recording, sensor)) is not None:
-                result = jaxcal.allan.deviation(values.reshape(len(values), -1), recording.rate, **options)
+                result = jaxcal.allan.deviation(values.reshape(len(values), -1), recording.rate, **asked)
                 name = "clock" if clock else sensor
                 found |= {f"{name}_{'xyz'[axis]}": result.channel(axis) for axis in range(result.deviation.shape[1])}
         if not found:
@@ -102,7 +106,9 @@ def allan(
     names = ("tau", "m", "deviation", "lower", "upper", "edf")
     plan = _outputs(log, writing, "allan", "tau_s", names, ("count", "alpha", "bias"), ("kind", "confidence"), lambda plot: plot.allan)
     show = partial(_tables, table=_deviations)
-    done = carry_out(log, reading, running, plan, compute, doing="computing", show=show, command="jaxcal allan", options=options)
+    done = carry_out(
+        log, reading, running, plan, compute, doing="computing", show=show, change=change, command="jaxcal allan", options=options
+    )
     done.tell([sentence for result in done.found.values() for sentence in result.warnings])
 
 
@@ -124,13 +130,13 @@ def psd(
     Parameters
     ----------
     method
-        Periodogram, Welch's mean over segments (for records that drift), or DCT (no leakage; one degree of freedom an ordinate).
+        Periodogram, Welch's mean over segments (for records that drift), or DCT (no leakage; one degree of freedom per ordinate).
     sided
         2: two-sided, as every noise coefficient here. 1: one-sided, as in data sheets, twice as high.
     average
-        Mean over neighbouring ordinates: octave (16 values to the octave), log (40 to the decade), none.
+        Mean over neighbouring ordinates: octave (16 values per octave), log (40 per decade), none.
     keep_tail
-        Average the last ordinates too where they do not fill their group.
+        Also average the last ordinates if they do not fill their group.
     """
     mean = None if average == "none" else average
     options: dict[str, Any] = {"method": method, "sided": sided, "average": mean, "keep_tail": keep_tail, "confidence": confidence}
@@ -166,6 +172,14 @@ def psd(
     done.tell(by_channel(warnings))
 
 
+def _as_clock(log: Any) -> Any:
+    """The log with a provenance that says what its column holds, in place of the units of a sensor."""
+    import equinox as eqx
+
+    known = {name: value for name, value in log.provenance.items() if name not in ("units", "columns")}
+    return eqx.tree_at(lambda one: one.provenance, log, known | {"quantity": "clock"})
+
+
 def _tables(screen: Screen, found: Mapping[str, Any], *, table: Callable[[Screen, str, str, Mapping[str, Any]], None]) -> None:
     for sensor, name, axes in by_sensor(found):
         table(screen, sensor, name, axes)
@@ -184,7 +198,7 @@ def _outputs(
     log: Path, writing: Deviations, what: str, abscissa: str, names: tuple[str, ...], more: tuple[str, ...], head: tuple[str, ...],
     draw: Callable[[Any], Callable[..., Any]],
 ) -> Outputs:  # fmt: skip
-    """JSON with the arrays `names` and `more` of every channel, a table of `names` alone, and a picture."""
+    """Output files: JSON with the arrays `names` and `more` of every channel, a table of `names`, a picture, and a report."""
     files: list[File] = [
         ("json", "", partial(_json, what=what, names=(*names, *more), head=head)),
         ("plot", "", figure(lambda plot, found, _: draw(plot)(found))),
@@ -210,7 +224,7 @@ def _csv(place: Path, found: dict[str, Any], log: Any, format: str, *, header: t
 
 
 def _columns(found: dict[str, Any], names: tuple[str, ...]) -> Iterator[tuple[str, str, dict[str, list[Any]]]]:
-    """Channel, unit and arrays as lists, with None where there is no number (limits of an interval error)."""
+    """Channel, unit and arrays as lists, with None for undefined numbers (limits of an interval error)."""
     for channel, result in found.items():
         sensor = channel.partition("_")[0]
         if hasattr(result, "density"):
@@ -237,7 +251,7 @@ def _deviations(screen: Screen, sensor: str, name: str, axes: Mapping[str, Any])
         cells = []
         for result in axes.values():
             value, low, high = (curve[i] / scale for curve in (result.deviation, result.lower, result.upper))
-            doubt = 5 * (high - low)  # one doubtful digit: there are many rows and they are narrow
+            doubt = 5 * (high - low)  # print only one uncertain digit, because there are many narrow rows
             limits = "" if np.isnan(low) else f" [{number(low, doubt)}, {number(high, doubt)}]"
             cells.append(number(value, doubt) + limits)
         rows.append([f"{first.tau[i]:.4g}", *cells])
@@ -270,7 +284,7 @@ def _densities(screen: Screen, sensor: str, name: str, axes: Mapping[str, Any]) 
 
 
 def _rows(frequency: Any) -> list[int]:
-    """Frequencies to print: all of them, or some at equal ratios."""
+    """Indices of the frequencies to print: all, or a subset at equal ratios."""
     if len(frequency) <= _FREQUENCIES:
         return list(range(len(frequency)))
     ratio = float(frequency[-1] / frequency[0])

@@ -1,4 +1,4 @@
-"""`jaxcal demo`: a simulated device, so that every result can be held against the truth."""
+"""`jaxcal demo`: a simulated device, for which every result can be compared with the truth."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from ._screen import Screen
 from ._simulate import noise_from_text, write_log
 from ._tables import missed
 
-# an inertial unit of the better MEMS class; every term stands out somewhere between 0.01 s and 1,000 s
+# an inertial unit of the better MEMS class; every term dominates somewhere between 0.01 s and 1,000 s
 _DEVICE = {
     "gyro": "Q=0.5arcsec,N=0.25deg/sqrt(h),B=8deg/h,K=1.8deg/h/sqrt(s)",
     "accel": "Q=3e-5m/s,N=0.05m/s/sqrt(h),B=0.03mg,K=4m/s/h^(3/2)",
@@ -18,7 +18,7 @@ _RATE, _DURATION = 100.0, 3600.0
 
 
 def demo(*, out: Path = Path("jaxcal-demo"), running: Running = Running()) -> None:
-    """Simulate an hour of a device at rest, and hold jaxcal noise against it.
+    """Simulate an hour of a device at rest, and compare jaxcal noise with the truth.
 
     Parameters
     ----------

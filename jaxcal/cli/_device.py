@@ -12,7 +12,7 @@ import jaxcal
 
 from .._units import STANDARD_GRAVITY, number
 from ._options import CallError, Gravity, Latitude, Log, Reading, Running, checked, stem
-from ._outputs import File, outputs
+from ._outputs import File, outputs, save_json, save_report
 from ._screen import Screen
 from ._work import carry_out
 
@@ -31,6 +31,7 @@ class DeviceWriting:
 
     out: Annotated[Path | None, Parameter(help="Folder for the files, made if it is missing.")] = None
     json: Annotated[Path | None, Parameter(help="Models, intervals, attitude, residuals and verdicts as JSON.")] = None
+    report: Annotated[Path | None, Parameter(help="Report as one HTML file.")] = None
     calibration: Annotated[Path | None, Parameter(help="Calibration file, for jaxcal apply and jaxcal export.")] = None
 
 
@@ -72,9 +73,8 @@ def device(
         return None
 
     files: list[File] = [
-        ("json", "device.json", lambda place, found, _: found.save(place)),
-        ("calibration", "calibration.json", calibration),
-    ]
+        ("report", "report.html", save_report), ("json", "device.json", save_json), ("calibration", "calibration.json", calibration),
+    ]  # fmt: skip
     plan = outputs(writing, files, f"{stem(log)}-device")
 
     def compute(data: Any, _: Any) -> Any:

@@ -1,4 +1,4 @@
-"""`jaxcal diff`: what changed between two calibrations, and whether it is more than chance."""
+"""`jaxcal diff`: changes between two calibrations, and their significance."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -30,10 +30,10 @@ def diff(
     json: Annotated[Path | None, Parameter(help="File for the differences, in SI units.")] = None,
     running: Running = Running(),
 ) -> None:
-    """Differences between two calibrations of one device, with their significance.
+    """Compare two calibrations of one device, with the significance of changes.
 
-    A table for every part that both hold: the values, their difference and
-    its standard error, and the chi-square of all differences together.
+    A table for every part that both calibrations have shows the values, their
+    difference and its standard error, and the chi-square of all differences.
     """
     must_be_calibration(first, second)
     screen = Screen(running.quiet)
@@ -75,12 +75,12 @@ def _change(change: float, error: float) -> list[str]:
 
 
 def _kind(name: str) -> str:
-    """What a parameter is, without its axes."""
+    """Name of a parameter without its axes."""
     return name.split("[")[0].split(" at ")[0].removesuffix(" x").removesuffix(" y").removesuffix(" z")
 
 
 def _document(parts: Any) -> dict[str, Any]:
-    """Schema "jaxcal.difference/1"."""
+    """Document for JSON, schema "jaxcal.difference/1"."""
     from .._results import plain
 
     document = [{**plain(part), "change": plain(part.change)} for part in parts]

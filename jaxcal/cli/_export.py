@@ -1,4 +1,4 @@
-"""`jaxcal export`: a calibration as a file for another tool."""
+"""`jaxcal export`: write a calibration as a file for another tool."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,7 +12,7 @@ from ._outputs import distinct, staged
 from ._screen import Screen, show_written
 
 Format = Literal["kalibr", "openvins", "vins", "orbslam3", "gtsam", "px4", "ardupilot", "ros", "imu_tk", "motioncal", "c", "csv"]
-#: format -> name of its file where none is given
+#: format -> default name of its file
 FILES = {
     "kalibr": "imu.yaml", "openvins": "kalibr_imu_chain.yaml", "vins": "vins.yaml", "orbslam3": "orbslam3.yaml", "gtsam": "gtsam_imu.py",
     "px4": "px4.params", "ardupilot": "ardupilot.param", "ros": "calibration.yaml", "imu_tk": "imu.calib", "motioncal": "motioncal.bin",
@@ -76,7 +76,7 @@ def export(
 ) -> None:
     """Write a calibration in the units, signs and order of another tool.
 
-    What the tool cannot hold is said, with the error that it leaves.
+    Warnings report what the tool cannot represent, and the resulting error.
     """
     must_be_calibration(*calibration)
     if ids is not None and to not in _IDS:
@@ -111,7 +111,7 @@ def export(
 
 
 def ids_of(text: str | None, sensors: tuple[str, ...]) -> dict[str, int]:
-    """Ids of `sensors` from SENSOR=NUMBER,..., by their names in a calibration."""
+    """Parse ids of `sensors` from SENSOR=NUMBER,...; the keys are their names in a calibration."""
     found = {}
     for word in text.split(",") if text else ():
         sensor, _, value = word.partition("=")

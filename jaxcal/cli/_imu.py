@@ -1,4 +1,4 @@
-"""`jaxcal imu`: both triads from a log of still poses and the turns between them."""
+"""`jaxcal imu`: calibrate both triads from a log of still poses and the turns between them."""
 
 import json
 import math
@@ -14,22 +14,22 @@ import jaxcal
 from .._units import STANDARD_GRAVITY, number
 from ._export import FILES
 from ._noise_file import read_noise
-from ._options import CallError, Files, Gravity, Latitude, Log, Reading, Running, checked, must_exist, stem
+from ._options import CallError, Files, Gravity, Latitude, Log, Reading, Running, checked, in_counts, must_exist, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report
 from ._screen import Screen
 from ._work import carry_out
 
 _AXES = "xyz"
-_TURNS = 14  # from which on a delay can be told
-_LATE = 1e-3  # s, a delay that is worth a word
-#: format of --export -> name of the file where none is given
+_TURNS = 14  # least number of turns to estimate a delay
+_LATE = 1e-3  # s; a longer delay is reported
+#: format of --export -> default name of the file
 _EXPORTS = {name: FILES[name] for name in ("c", "csv")}
 _OTHER = "File for another tool: c, csv, or such as c=FILE. Repeatable; jaxcal export writes the other formats."
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImuWriting(Files):
-    """Where results go. Without any of these, into the folder LOG-imu, all of them."""
+    """Where results go. By default all go into the folder LOG-imu."""
 
     json: Annotated[Path | None, Parameter(help="Triads, intervals, residuals and verdict as JSON.")] = None
     calibration: Annotated[Path | None, Parameter(help="Calibration file, for jaxcal apply and jaxcal export.")] = None
@@ -68,7 +68,7 @@ def imu(
         str, Parameter(help="Further terms: auto for what the log asks for, or names such as accel.quadratic,gyro.cubic.")
     ] = "",
     device: Annotated[str | None, Parameter(help="Name of the device, kept in the calibration.")] = None,
-    raw: Annotated[bool, Parameter(help="The log holds counts; their scale is found from the data.")] = False,
+    counts: Annotated[bool, Parameter(help="The log holds counts; their scale is found from the data.")] = False,
     without_g_sensitivity: Annotated[bool, Parameter(help="Leave out the gyroscope's sensitivity to acceleration.")] = False,
     earth_rate: Annotated[bool, Parameter(help="Account for the Earth's rate, with --latitude; for tactical units.")] = False,
     reading: Reading = Reading(),
@@ -83,9 +83,11 @@ def imu(
     """
     if earth_rate and latitude is None:
         raise CallError("--earth-rate needs --latitude")
+    if counts:
+        reading = in_counts(reading, "accel", "gyro")
     options = {
         "gravity": gravity, "latitude": latitude, "height": height, "earth_rate": earth_rate, "convention": convention, "method": method,
-        "raw": raw, "initial": initial, "regions": regions and str(regions), "without_g_sensitivity": without_g_sensitivity,
+        "counts": counts, "initial": initial, "regions": regions and str(regions), "without_g_sensitivity": without_g_sensitivity,
         "noise": noise and str(noise), "prior": prior and str(prior), "terms": terms, "device": device,
     }  # fmt: skip
     files: list[File] = [
@@ -100,7 +102,7 @@ def imu(
     known |= {} if not asked else {"terms": "auto" if asked == ("auto",) else asked}
 
     def compute(data: Any, _: Any) -> Any:
-        from ..imu._session import rests_among  # a command's help must not wait for JAX
+        from ..imu._session import rests_among  # imported here, so that the help of a command need not wait for JAX
 
         labelled = jaxcal.imu.read_regions(regions, data.rate) if regions is not None else None
         if method == "six_position" and labelled is None:
@@ -109,12 +111,12 @@ def imu(
         if method == "six_position" and rests is not None:
             raise CallError("--method six_position needs regions of faces (x_p, x_a, ...); those of --regions are rests")
         if labelled is not None and rests is None:
-            if raw or method == "imu_tk" or convention != "upper" or earth_rate or without_g_sensitivity or initial is not None or known:
-                words = "--raw, --convention, --earth-rate, --initial, --without-g-sensitivity, --noise, --prior and --terms"
+            if counts or method == "imu_tk" or convention != "upper" or earth_rate or without_g_sensitivity or initial is not None or known:
+                words = "--counts, --convention, --earth-rate, --initial, --without-g-sensitivity, --noise, --prior and --terms"
                 raise CallError(f"faces of a box take none of {words}")
             return jaxcal.imu.ferraris(data, labelled, gravity=_gravity(gravity, latitude, height, notes))
         found = jaxcal.imu.multi_position(
-            data, gravity=_gravity(gravity, latitude, height, notes), convention=convention, method=method, raw=raw, rests=rests,
+            data, gravity=_gravity(gravity, latitude, height, notes), convention=convention, method=method, raw=counts, rests=rests,
             g_sensitivity=not without_g_sensitivity, initial=initial,
             latitude=math.radians(latitude) if earth_rate and latitude is not None else None, **known,
         )  # fmt: skip
@@ -127,7 +129,7 @@ def imu(
         return found
 
     def show(screen: Screen, found: Any) -> None:
-        _tables(screen, found, raw)
+        _tables(screen, found, counts)
         screen.line()
         screen.line(f"{found.verdict}: {found.reason}")
 
@@ -136,7 +138,7 @@ def imu(
 
 
 def _prior(path: Path) -> Any:
-    """An earlier calibration, or the data sheet in a JSON file."""
+    """Read an earlier calibration, or a data sheet from a JSON file."""
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
     except (UnicodeDecodeError, ValueError) as error:
@@ -156,18 +158,18 @@ def _gravity(gravity: float | None, latitude: float | None, height: float, notes
     return STANDARD_GRAVITY
 
 
-def _tables(screen: Screen, found: Any, raw: bool) -> None:
-    """Scale errors, misalignment and bias of every axis with intervals of 95 %."""
+def _tables(screen: Screen, found: Any, counts: bool) -> None:
+    """Print matrix, bias and further parameters of every axis with 95 % intervals."""
     for sensor, name, first in (("accel", "accelerometer", 0), ("gyro", "gyroscope", 12)):
         if getattr(found, sensor) is None:
             continue
-        unit = "counts" if raw else {"accel": "m/s^2", "gyro": "rad/s"}[sensor]
+        unit = "counts" if counts else {"accel": "m/s^2", "gyro": "rad/s"}[sensor]
         places = [[first + 3 * i, first + 3 * i + 1, first + 3 * i + 2, first + 9 + i] for i in range(3)]
         rows = [[axis, *(_cell(found, place) for place in row)] for axis, row in zip(_AXES, places, strict=True)]
         screen.table(f"{name}: 95 % interval below", ["", "matrix x", "matrix y", "matrix z", f"bias\n{unit}"], rows)
     if found.gyro is not None and found.gyro.g_sensitivity.any():
         rows = [[axis, *(_cell(found, 24 + 3 * i + j) for j in range(3))] for i, axis in enumerate(_AXES)]
-        unit = "counts per m/s^2" if raw else "rad/s per m/s^2"
+        unit = "counts per m/s^2" if counts else "rad/s per m/s^2"
         screen.table(f"gyroscope, sensitivity to specific force ({unit})", ["", "x", "y", "z"], rows)
     if further := range(33, len(found.names)):
         rows = [[found.names[i], *_cell(found, i).split("\n")] for i in further]

@@ -1,4 +1,4 @@
-"""`jaxcal info`: what is in a log, and how it would be read."""
+"""`jaxcal info`: show what is in a log, and how jaxcal reads it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,17 +17,17 @@ from ._screen import Screen, progress, show_written
 @Parameter(name="*", group=WRITING)
 @dataclass(frozen=True, kw_only=True)
 class InfoFiles:
-    """Where the answer goes."""
+    """Where the result goes."""
 
     json: Annotated[Path | None, Parameter(help="All of it as JSON.")] = None
 
 
 def info(log: Log, /, *, files: InfoFiles = InfoFiles(), reading: Reading = Reading(), running: Running = Running()) -> None:
-    """Say what is in a log, what is read as what and why, and which commands suit it.
+    """Show what is in a log, how it is read and why, and which commands suit it.
 
-    Every choice comes with the options that change it; give them here to see
-    what they do, then to the other commands. The status is 1 if the log cannot
-    be read with them.
+    Every choice is shown with the options that change it. Try these options
+    here, then give them to the other commands. The status is 1 if the log
+    cannot be read with them.
     """
     must_be_log(log, "info")
     screen = Screen(running.quiet)

@@ -1,4 +1,4 @@
-"""`jaxcal mag`: hard and soft iron of a magnetometer from a log of it in many attitudes."""
+"""`jaxcal mag`: hard and soft iron of a magnetometer from a log in many attitudes."""
 
 import contextlib
 import dataclasses
@@ -12,6 +12,7 @@ from cyclopts import Parameter
 
 import jaxcal
 
+from .._units import STRONGEST_FIELD
 from ._apply import save_sensors
 from ._cache import keep_compiled
 from ._export import FILES
@@ -23,8 +24,7 @@ from ._work import carry_out
 
 _MICRO = 1e-6
 _NO_MAG = "the log has no magnetometer of three axes; name its columns with --columns mag=mx,my,mz"
-_STRONGEST = 1e-3  # T: a larger field is one in counts
-#: format of --export -> name of the file where none is given
+#: format of --export -> default name of the file
 _EXPORTS = {name: FILES[name] for name in ("motioncal", "c", "csv")}
 #: formats that --against reads
 _PARAMETERS = ("ardupilot", "px4", "motioncal", "csv")
@@ -33,7 +33,7 @@ _FIELDS = (20.0, 70.0)  # uT, everywhere on Earth
 
 
 def _of_the_earth(norm: float) -> str:
-    """What is expected of --field, with the likely unit of a number that is none in uT."""
+    """Expected value of --field, with the likely unit of a number that is not in uT."""
     unit = next(
         (unit for unit, size in (("nT", 1e-3), ("G", 100.0), ("mG", 0.1), ("T", 1e6)) if _FIELDS[0] <= norm * size <= _FIELDS[1]), ""
     )
@@ -48,7 +48,7 @@ Dip = Annotated[float, checked("--inclination", lambda dip: abs(dip) < 90, "degr
 
 @dataclass(frozen=True, kw_only=True)
 class Writing(Files):
-    """Where results go. Without any of these, into the folder LOG-mag, all but the corrected log."""
+    """Where results go. By default all except the corrected log go into the folder LOG-mag."""
 
     json: Annotated[Path | None, Parameter(help="Calibration, uncertainty and verdict as JSON, in SI units.")] = None
     calibration: Annotated[Path | None, Parameter(help="Calibration of the device as JSON, for jaxcal.Calibration.load.")] = None
@@ -70,7 +70,8 @@ def mag(
     ] = "auto",
     field: Annotated[Norm | None, Parameter(help="Norm of Earth's field there, in uT; by default the size of the readings stays.")] = None,
     inclination: Annotated[
-        Dip | None, Parameter(help="Dip of the field in degrees, for the heading error; else that of --place or --align accel.")
+        Dip | None,
+        Parameter(help="Dip of the field in degrees, for the heading error; else that of --place, or what the accelerometer shows."),
     ] = None,
     field_error: Annotated[
         float | None, Parameter(help="Relative standard deviation of that norm in the log's unit, such as 0.02: the fit then uses it.")
@@ -90,7 +91,7 @@ def mag(
         Parameter(help="Column of known magnetic headings, or heading,roll,pitch, in degrees: they give the rotation, and are a check."),
     ] = None,
     currents: Annotated[
-        str | None, Parameter(help="Columns of motor currents or throttles, such as I1,I2: fits the field of each.")
+        str | None, Parameter(help="Columns of motor currents or throttles, such as I1,I2; or time or temperature: fits the field of each.")
     ] = None,
     check: Annotated[
         int | None,
@@ -115,10 +116,10 @@ def mag(
     writing: Writing = Writing(),
     running: Running = Running(),
 ) -> None:
-    """Hard and soft iron of a magnetometer that was turned through all attitudes.
+    """Calibrate a magnetometer (hard and soft iron) from a log in all attitudes.
 
-    With their uncertainty, the heading error to expect, the directions that
-    are still missing, and a verdict. A refused fit ends with status 1.
+    The result has uncertainties, the expected heading error, the directions
+    that are missing, and a verdict. A refused fit ends with status 1.
     """
     if joint and (align == "none" or method != "ml" or model not in ("auto", "symmetric") or loss != "none"):
         raise CallError("--joint goes with --align accel or gyro, and with the full soft iron by --method ml without --loss")
@@ -169,7 +170,7 @@ def mag(
 
 
 def _advise(path: Path, reading: Reading, running: Running, limit: float, inclination: float | None) -> None:
-    """The next attitude, on the screen."""
+    """Print the next attitude to take."""
     import numpy as np
 
     reading, _ = ready(path, reading, False)
@@ -186,7 +187,7 @@ def _advise(path: Path, reading: Reading, running: Running, limit: float, inclin
 
 
 def _present(path: Path) -> Any:
-    """The magnetometer's model in a calibration as JSON, or in a file of another tool."""
+    """Read the magnetometer's model from a calibration as JSON, or from a file of another tool."""
     if path.suffix.lower() == ".json":
         part = jaxcal.Calibration.load(path).magnetometer
         if part is None:
@@ -201,7 +202,7 @@ def _present(path: Path) -> Any:
 
 
 def _compare(screen: Screen, path: Path | None, present: Any, found: Any) -> None:
-    """What the new calibration would change."""
+    """Print by how much the new calibration changes headings and hard iron."""
     import numpy as np
 
     down = np.asarray(found.down) if found.alignment is None else np.asarray(found.alignment.rotation).T @ found.down
@@ -220,7 +221,7 @@ def _compare(screen: Screen, path: Path | None, present: Any, found: Any) -> Non
 
 
 def _earth(field: float | None, place: tuple[float, float] | None, date: str | None) -> Any:
-    """Norm of the field in tesla, its vector, or None."""
+    """Magnitude of the field in tesla, its vector, or None."""
     if (place is None) != (date is None):
         raise CallError("--place and --date go together: --place 39.93 32.86 --date 2026-05-31")
     if place is None or date is None:
@@ -246,11 +247,13 @@ def _fit(log: Any, align: str, joint: bool, options: dict[str, Any], given: Shot
     up = log.accel if given.up is None else given.up
     there = np.isfinite(log.mag).all(axis=1)
     kept, held = there & ~given.held, there & given.held
-    aid = Accelerometer(up[kept]) if align == "accel" else None
+    # without --align the accelerometer is used for the dip only, not for the rotation
+    three = log.accel is not None and log.accel.shape[1] == 3
+    aid = Accelerometer(log.accel[kept], turns=align == "accel") if align != "gyro" and three else None
     if given.headings is not None:
         aid = Headings(given.headings[kept], None if up is None else up[kept])
     if given.currents:
-        # rates are integrated over all readings
+        # keep all readings, because rates are integrated over all of them
         there = np.ones_like(kept) if align == "gyro" else kept
         rows = np.where(kept[:, None], log.mag, np.nan)[there]
         used = {name: np.where(kept, values, 0.0)[there] for name, values in given.currents.items()}
@@ -260,7 +263,10 @@ def _fit(log: Any, align: str, joint: bool, options: dict[str, Any], given: Shot
         mag = np.asarray(powered.correct(log.mag, np.column_stack(list(given.currents.values()))))
     else:
         warmth = {} if log.temperature is None else _conditions(log.temperature[kept])
-        found, mag = jaxcal.magnetometer.fit(log.mag[kept], conditions=warmth, aid=aid, joint=joint and aid is not None, **options), log.mag
+        found, mag = (
+            jaxcal.magnetometer.fit(log.mag[kept], conditions=warmth, aid=aid, joint=joint and align == "accel", **options),
+            log.mag,
+        )
     if found.model is None:
         return found
     if align == "gyro" and not given.currents:
@@ -274,7 +280,7 @@ def _fit(log: Any, align: str, joint: bool, options: dict[str, Any], given: Shot
 
 
 def _conditions(temperature: Any) -> dict[str, Any]:
-    """The temperature, where every reading has one."""
+    """The temperature as a condition, if every reading has one."""
     import numpy as np
 
     return {"temperature": np.ravel(temperature)} if np.isfinite(temperature).all() and temperature.size == len(temperature) else {}
@@ -287,7 +293,7 @@ def _show(screen: Screen, found: Any) -> None:
     screen.line(f"{found.verdict}: {found.reason}")
     if found.model is None:
         return
-    size, unit = (_MICRO, "uT") if found.field < _STRONGEST else (1.0, "counts")
+    size, unit = (_MICRO, "uT") if found.field < STRONGEST_FIELD else (1.0, "counts")
     hard, spread = np.asarray(found.model.hard_iron) / size, found.hard_iron_error / size
     rows = [
         [f"hard iron ({unit})", *(f"{b:.4f} +- {s:.2g}" if np.isfinite(s) else f"{b:.4f} open" for b, s in zip(hard, spread, strict=True))],
@@ -317,7 +323,7 @@ def _show(screen: Screen, found: Any) -> None:
 
 
 def _show_check(screen: Screen, seen: Any) -> None:
-    """What the readings that were held back say, and the residuals by heading."""
+    """Print the result of the check on the held-out readings, and the residuals by heading."""
     import numpy as np
 
     screen.sentences(f"Check: {seen.verdict}", [seen.reason])

@@ -17,13 +17,13 @@ from ._screen import Screen
 from ._tables import decides, left_out, longer_record, noise_tables
 from ._work import carry_out
 
-#: format of --export -> name of the file where none is given
+#: format of --export -> default name of the file
 _EXPORTS = {name: FILES[name] for name in ("kalibr", "openvins", "vins", "orbslam3", "gtsam", "ros", "csv")}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Writing(Files):
-    """Where results go. Without any of these, into the folder LOG-noise, all of them."""
+    """Where results go. By default all go into the folder LOG-noise."""
 
     json: Annotated[Path | None, Parameter(help="Coefficients, intervals and verdicts as JSON, in SI units.")] = None
     export: Annotated[
@@ -56,11 +56,11 @@ def noise(
     writing: Writing = Writing(),
     running: Running = Running(),
 ) -> None:
-    """Noise coefficients of every axis, from a log of a sensor at rest.
+    """Fit the noise coefficients of every axis to a log of a sensor at rest.
 
-    Q quantisation, N random walk (two-sided: a data-sheet density is
-    sqrt(2) N), B bias instability, K rate random walk and, if asked for,
-    R ramp: with intervals, and an upper limit where a term is not there.
+    The terms are Q quantisation, N random walk (two-sided: a data-sheet
+    density is sqrt(2) N), B bias instability, K rate random walk and, with
+    --terms, R ramp. Each has an interval, or an upper limit if not detected.
     """
     must_be_calibration(calibration, option="--calibration")
     characterise(log, terms, confidence, band, reading, writing, running, method=method, calibration=calibration, robust=robust)
@@ -70,7 +70,7 @@ def characterise(
     path: Path, terms: str, confidence: float, band: tuple[float, float] | None, reading: Reading, writing: Writing, running: Running,
     truth: dict[str, Any] | None = None, method: str = "whittle", calibration: Path | None = None, robust: bool = False,
 ) -> dict[str, Any]:  # fmt: skip
-    """Read, fit, write and print; `truth` (sensor -> `Noise`) is compared where a log was simulated. Gives the fits."""
+    """Read, fit, write and print; return the fits. For a simulated log, `truth` (sensor -> `Noise`) is compared with them."""
     chosen = tuple(terms.replace(",", "").upper())
     if not chosen or set(chosen) - set("QNBKRM") or len(set(chosen)) != len(chosen):
         raise CallError(f"--terms {terms}: expected letters of QNBKRM, each once, such as QNBK")
@@ -88,7 +88,7 @@ def characterise(
         screen.sentences("Record length that would decide on a term not detected", decides(fits))
         screen.sentences("Left out of the fit", left_out(fits))
 
-    # a filter needs some noise and some random walk: where none was found the upper limit is safe, and file and warning say so
+    # a filter needs a density and a random walk: if one was not found, write its upper limit, which is safe; file and warning state it
     export = partial(save_export, part="noise", density="upper_limit", random_walk="upper_limit")
     files: list[File] = [
         ("plot", "", figure(lambda plot, fits, _: plot.allan(fits))), ("report", "report.html", save_report),

@@ -1,4 +1,4 @@
-"""Noise of a device from a file: the noise.json or the calibration.json of `jaxcal noise`."""
+"""Read the noise of a device from the noise.json or the calibration.json of `jaxcal noise`."""
 
 import json
 from pathlib import Path
@@ -9,14 +9,14 @@ from ._options import CallError
 
 
 def read_noise(path: Path) -> Any:
-    """Channel -> `Noise`, or a `Calibration`.
+    """Read channel -> `Noise`, or a `Calibration`.
 
     Raises
     ------
     CallError
-        If there is no such file.
+        If the file does not exist.
     DataError
-        If it holds no noise.
+        If the file has no noise.
     """
     if not path.exists():
         raise CallError(f"{path} does not exist; --noise takes the noise.json of jaxcal noise, or a calibration")

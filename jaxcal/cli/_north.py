@@ -19,7 +19,7 @@ from ._simulate import noises
 
 TABLE = Group("The table", sort_key=5)
 
-#: parameter -> (name, unit, its size in SI)
+#: parameter -> (name, unit, SI value of the unit)
 _DEG = math.pi / 180
 _ROWS = {
     "phi": ("roll", "deg", _DEG), "theta": ("pitch", "deg", _DEG), "psi": ("azimuth", "deg", _DEG),
@@ -39,7 +39,7 @@ _ROWS = {
 @Parameter(name="*", group=WRITING)
 @dataclass(frozen=True, kw_only=True)
 class Writing:
-    """Where results go; without any of these they are only printed."""
+    """Where results go; by default they are only printed."""
 
     json: Annotated[Path | None, Parameter(help="The result as JSON, in SI units.")] = None
     report: Annotated[Path | None, Parameter(help="The report: one HTML file.")] = None
@@ -54,13 +54,13 @@ class TableOptions:
     Parameters
     ----------
     angle_column
-        Raw log: name of the column with the table's angle, in deg unless it says rad; by default one that is called angle.
+        Raw log: name of the column with the table angle, in deg unless its name says rad; by default a column called angle.
     angles
         Raw log: table angle in degrees of every rest in order, as 0,90,180,270.
     angle_std
         Standard deviation of each table angle in degrees.
     gyro_scale
-        Raw log: standard deviation of the gyroscope's scale factor in ppm, where its integral gives the angles.
+        Raw log: standard deviation of the gyroscope's scale factor in ppm, used if its integral gives the angles.
     least
         Raw log: shortest rest in s.
     """
@@ -102,13 +102,13 @@ def north(
     writing: Writing = Writing(),
     running: Running = Running(),
 ) -> None:
-    """Roll, pitch and azimuth from readings on a turntable at rest.
+    """Estimate roll, pitch and azimuth from readings on a turntable at rest.
 
     The table of readings is CSV with one row per position:
     angle [deg],mounting,dwell [s],accel [m/s^2],gyro [deg/h]
     Mountings are x (normal), z and -z (the same sensor remounted).
-    A raw log is any log of the table's moves and rests: the rests are
-    found, and their angles from a column angle, --angles, or the gyroscope.
+    A raw log is any log of the table's moves and rests. jaxcal finds the
+    rests; their angles come from a column angle, --angles, or the gyroscope.
     """
     files: list[File] = [
         ("json", "", save_json), ("report", "", save_report), ("plot", "", figure(lambda plot, found, data: plot.north(data, found))),
@@ -153,7 +153,7 @@ def north(
 def _from_table(
     given: Any, latitude: Any, table: TableOptions, source: Any, told: dict[str, Any], axis: str, azimuth: Any, options: dict[str, Any]
 ) -> tuple[Any, Any, str, list[str]]:
-    """Readings, their fit, what they are, and how they were read."""
+    """Readings, their fit, a headline, and notes, from a table of readings."""
     from jaxcal.alignment import Positions, Readings, fit, noise_of
 
     values, notes = given
@@ -170,7 +170,7 @@ def _from_table(
 def _from_log(
     given: Any, latitude: Any, table: TableOptions, source: Any, told: dict[str, Any], axis: str, azimuth: Any, options: dict[str, Any]
 ) -> tuple[Any, Any, str, list[str]]:
-    """The same from a raw log."""
+    """Readings, their fit, a headline, and notes, from a raw log."""
     from jaxcal.alignment import from_log, noise_of
 
     log, column, notes = given

@@ -1,6 +1,7 @@
-"""Options that the commands share."""
+"""Options shared by the commands."""
 
 import contextlib
+import dataclasses
 import datetime
 from collections.abc import Callable
 from dataclasses import dataclass, fields
@@ -14,17 +15,17 @@ from ._advice import TASKS, not_a_calibration, not_a_log
 READING = Group("Reading the log", sort_key=10)
 WRITING = Group("Output", sort_key=20)
 RUNNING = Group("Running", sort_key=30)
-#: forms of a date that are recognised, and refused with the one that is meant
+#: other forms of a date, which are refused with the correct form in the message
 _DATES = ("%d.%m.%Y", "%d.%m.%y", "%Y/%m/%d", "%Y.%m.%d", "%d/%m/%Y", "%m/%d/%Y", "%d-%m-%Y", "%d %B %Y", "%d %b %Y", "%B %d, %Y",
           "%b %d, %Y", "%B %d %Y", "%Y-%m-%d %H:%M:%S", "%Y-%m-%dT%H:%M:%S", "%Y-%m-%dT%H:%M:%SZ", "%Y-%j")  # fmt: skip
 
 
 class CallError(Exception):
-    """The command line asks for something that cannot be done with any data; exit status 2."""
+    """The command line is wrong whatever the data; exit status 2."""
 
 
 def checked(name: str, holds: Callable[[Any], bool], expected: str | Callable[[Any], str], help: str | None = None) -> Parameter:
-    """The help of an option, unless a docstring has it, and a check of its value: where `holds` is false the call ends with status 2."""
+    """Parameter of an option with its help, unless a docstring has it, and a check of its value: `holds` false ends with status 2."""
 
     def validate(_: Any, value: Any) -> None:
         if value is not None and not holds(value):
@@ -40,7 +41,7 @@ def picture(help: str = "Picture: FILE.png, FILE.svg or FILE.pdf.") -> Parameter
 
 
 def log_file(name: str = "--out", help: str = "File to write: FILE.csv or FILE.npz, in SI units.") -> Parameter:
-    """An option for a log to be written."""
+    """An option for a log that the command writes."""
     return checked(name, lambda path: path.suffix in (".csv", ".npz"), "a name that ends in .csv or .npz", help)
 
 
@@ -51,11 +52,11 @@ Level = Annotated[
     float, checked("--confidence", lambda level: 0 < level < 1, "a level between 0 and 1; 0.95 is 95 %", "Level of the intervals.")
 ]
 Latitude = Annotated[float, checked("--latitude", lambda angle: abs(angle) <= 90, "degrees between -90 and 90")]
-GRAVITIES = (9.76, 9.84)  # m/s^2, from the highest mountain at the equator to the poles
+GRAVITIES = (9.76, 9.84)  # m/s^2: limits on Earth, from the highest mountain at the equator to the poles
 
 
 def _on_earth(value: float) -> str:
-    """What is expected of --gravity, with the likely unit of a number that is none in m/s^2."""
+    """Expected value of --gravity, with the likely unit of a number that is not in m/s^2."""
     likely = {"g": 1.0, "mg": 1e3, "cm/s^2": 980.665, "ft/s^2": 32.174}
     unit, size = min(likely.items(), key=lambda item: abs(value / item[1] - 1.0))
     seems = f"; {value:g} looks like {unit}" if abs(value / size - 1.0) < 0.02 else ""
@@ -68,7 +69,7 @@ Gravity = Annotated[float, checked("--gravity", lambda value: GRAVITIES[0] <= va
 @Parameter(name="*", group=WRITING)
 @dataclass(frozen=True, kw_only=True)
 class Files:
-    """Where results go: a folder for all of them, or single files. A command adds its own files and says what its JSON holds."""
+    """Where results go: a folder for all of them, or single files. A command adds its own files and describes its JSON."""
 
     out: Annotated[Path | None, Parameter(help="Folder for the files, made if it is missing.")] = None
     json: Path | None = None
@@ -79,7 +80,7 @@ class Files:
 @Parameter(name="*", group=READING)
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """How a log is read. What is not given is guessed, and the guess is printed.
+    """How a log is read. jaxcal infers what is not given, and prints it.
 
     Attributes
     ----------
@@ -88,22 +89,22 @@ class Reading:
     units
         Units of the file: time=us,gyro=deg/s,accel=g,mag=uT,temperature=K. Repeatable.
     rate
-        Sampling rate in Hz, where the log has no time stamps.
+        Sampling rate in Hz, for a log without time stamps.
     topics
         Topics to read: /imu0,/mag of a ROS bag, sensor_gyro:1 of a ULog, IMU:1 of a DataFlash log. Repeatable.
     raw
         Undo the calibration that a flight controller applied before logging, with the parameters in the log.
     data
-        rate, or phase where the file holds time integrals (angles, velocities, the phase in files of Stable32): differences are taken.
+        rate, or phase for a file of time integrals (angles, velocities, the phase in files of Stable32), which are differenced.
     missing
-        Number that stands for a missing value in a table, such as 0 or -999.
+        Number that marks a missing value in a table, such as 0 or -999.
     format
-        Format of the file, where its content does not tell: csv, json, npy, npz, parquet, rosbag1, rosbag2, mat, hdf5, ulog, dataflash,
+        Format of the file, if its content does not show it: csv, json, npy, npz, parquet, rosbag1, rosbag2, mat, hdf5, ulog, dataflash,
         zip.
     start
-        Leave out what comes before this time, in s after the first sample.
+        Ignore samples before this time, in s after the first sample.
     stop
-        Leave out what comes after this time; negative times count from the end.
+        Ignore samples after this time, in s; negative times count from the end.
     """
 
     columns: tuple[str, ...] | None = None
@@ -118,7 +119,7 @@ class Reading:
     stop: float | None = None
 
     def asked(self) -> dict[str, Any]:
-        """Options that were given, by name."""
+        """Options that differ from their defaults, by name."""
         plain = {field.name: field.default for field in fields(self)}
         return {name: value for name, value in vars(self).items() if value != plain[name]}
 
@@ -136,27 +137,27 @@ class Running:
 
 
 def must_exist(*paths: Path | None, option: str = "") -> None:
-    """Raise a `CallError` for a file that is not there."""
+    """Raise a `CallError` for a file that does not exist."""
     for path in paths:
         if path is not None and not path.exists():
             raise CallError(f"{option} {path}: {path} does not exist" if option else f"{path} does not exist")
 
 
 def must_be_log(path: Path, command: str) -> None:
-    """Raise a `CallError`, with the call that was meant, for what is no file or folder, and for files of jaxcal's own."""
+    """Raise a `CallError` with the intended call if the path does not exist, or is a file that jaxcal made."""
     if wrong := not_a_log(path, command):
         raise CallError(wrong)
 
 
 def must_be_calibration(*paths: Path | None, option: str = "") -> None:
-    """The same for files that are no calibration."""
+    """Raise a `CallError` for files that are not calibrations."""
     for path in paths:
         if path is not None and (wrong := not_a_calibration(path, option)):
             raise CallError(wrong)
 
 
 def day(text: str) -> datetime.date:
-    """The day that --date names, as year-month-day; a `CallError` shows how another form is written so.
+    """Parse the day in --date, as year-month-day; for another form, a `CallError` shows the correct form.
 
     Examples
     --------
@@ -180,13 +181,22 @@ def day(text: str) -> datetime.date:
     raise CallError(f"--date {text} is no day; write year, month, day: --date 2026-05-31")
 
 
+def in_counts(options: Reading, *sensors: str) -> Reading:
+    """The options with one count as the unit of these sensors, where they have no unit."""
+    from .._units import si_unit
+
+    given = options.units or ()
+    units = tuple(f"{sensor}=1 {si_unit(sensor)}" for sensor in sensors if not any(sensor in unit for unit in given))
+    return dataclasses.replace(options, units=(*given, *units) or None)
+
+
 def reading_options(options: Reading) -> dict[str, Any]:
-    """Options of `jaxcal.read`, but for its `quiet`.
+    """Options for `jaxcal.read`, except `quiet`.
 
     Raises
     ------
     CallError
-        If an option has no meaning.
+        If an option is invalid.
     """
     import jaxcal
 
@@ -204,14 +214,14 @@ def reading_options(options: Reading) -> dict[str, Any]:
 
 
 def read_log(path: Path, options: Reading, command: str) -> Any:
-    """The log at `path` for a command, read with `options`.
+    """Read the log at `path` with `options` for a command.
 
     Raises
     ------
     CallError
-        If there is no such file, the file is no log, or an option has no meaning.
+        If the file does not exist, is not a log, or an option is invalid.
     DataError
-        If it cannot be read.
+        If the log cannot be read.
     """
     must_be_log(path, command)
     if options.start is not None and options.stop is not None and options.start >= options.stop > 0:
@@ -229,6 +239,6 @@ def read_log(path: Path, options: Reading, command: str) -> Any:
 
 
 def stem(path: Path) -> str:
-    """Name of a log without its suffix, for the names of files made from it."""
+    """Name of a log without its suffix, from which the names of output files are made."""
     path = path.absolute()
     return Path(path.stem).stem if path.suffix == ".gz" else path.stem

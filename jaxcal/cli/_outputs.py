@@ -1,4 +1,4 @@
-"""Output files of a command: what makes each of them, checked before the work, and there all together or not at all."""
+"""Output files of a command: their makers, checks before the work starts, and writing of all files or none."""
 
 import contextlib
 import os
@@ -15,9 +15,9 @@ from ._options import CallError
 
 #: (place to write to, results, log) -> sentences to print, if any
 Maker = Callable[[Path, Any, Any], Sequence[str] | None]
-#: option and name in the folder of all files ("" where there is none), and what makes the file
+#: option and name in the output folder ("" for none), and the maker of the file
 File = tuple[str, str, Maker]
-#: target -> what makes it, and the folder that may have to be made
+#: target -> its maker, and the folder to create if it is missing
 Outputs = tuple[dict[Path, Maker], Path | None]
 
 
@@ -25,13 +25,13 @@ def outputs(
     writing: Any, files: Sequence[File], default: str = "", *, formats: Mapping[str, str] | None = None,
     export: Callable[..., Sequence[str] | None] | None = None,
 ) -> Outputs:  # fmt: skip
-    """The files to write: those that were asked for, or all in one folder.
+    """The files to write: the requested ones, or all in one folder.
 
     Parameters
     ----------
-    writing : options of the command: those that `files` names, and --out and --export where it has them.
-    files : all that the command can write. A file without a name in the folder is written beside what is there.
-    default : name of the folder where --out gives none; "" for no folder.
+    writing : options of the command: those named in `files`, and --out and --export if the command has them.
+    files : all files that the command can write. A file without a name in the folder is written only on request, in addition to others.
+    default : name of the folder if --out is not given; "" for no folder.
     formats, export : format of --export -> name of its file, and the maker, which also gets format=.
     """
     out = getattr(writing, "out", None)
@@ -50,14 +50,14 @@ def outputs(
 
 
 def distinct(asked: list[tuple[Path, Any]]) -> dict[Path, Any]:
-    """Target -> what makes it, where no two targets are the same file."""
+    """Target -> its maker; refused if two targets are the same file."""
     if len({target.resolve() for target, _ in asked}) < len(asked):
         raise CallError("two outputs have the same file name; give each a name of its own")
     return dict(asked)
 
 
 def tried(make: Maker, error: type[jaxcal.JaxcalError] = jaxcal.DataError) -> Maker:
-    """The same maker, whose `error` is a sentence about the missing file and no failure of the command."""
+    """Wrap a maker, so that `error` gives a sentence on the missing file instead of a failure of the command."""
 
     def attempt(place: Path, results: Any, log: Any) -> Sequence[str] | None:
         try:
@@ -69,7 +69,7 @@ def tried(make: Maker, error: type[jaxcal.JaxcalError] = jaxcal.DataError) -> Ma
 
 
 def figure(draw: Callable[[Any, Any, Any], Any]) -> Maker:
-    """Maker of a figure: `draw` gets `jaxcal.plot`, the results and the log. What forbids drawing it is a sentence."""
+    """Maker of a figure: `draw` gets `jaxcal.plot`, the results and the log. If it cannot be drawn, the reason is printed."""
 
     def make(place: Path, results: Any, log: Any) -> None:
         jaxcal.plot.save(draw(jaxcal.plot, results, log), place)
@@ -78,32 +78,32 @@ def figure(draw: Callable[[Any, Any, Any], Any]) -> Maker:
 
 
 def save_report(place: Path, results: Any, log: Any) -> None:
-    """The HTML page."""
+    """Write the HTML page."""
     jaxcal.report.write(results, place, log=log)
 
 
 def save_json(place: Path, results: Any, log: Any) -> None:
-    """The JSON document."""
+    """Write the JSON document."""
     write_atomically(place, json_text(jaxcal.report.document(results, log)))
 
 
 def save_calibration(place: Path, results: Any, log: Any, *, part: str, device: str | None = None) -> None:
-    """The results as the `part` of a calibration."""
+    """Write the results as the `part` of a calibration."""
     jaxcal.Calibration(**{part: results}, device=device, provenance=log.provenance).save(place)
 
 
 def save_export(place: Path, results: Any, log: Any, format: str, *, part: str, device: Any = None, **options: Any) -> list[str]:
-    """The results as the `part` of a calibration, in the form of another tool."""
+    """Write the results as the `part` of a calibration, in the format of another tool."""
     made = jaxcal.Calibration(**{part: results}, device=device, provenance=log.provenance)
     return [f"{place.name}: {sentence}" for sentence in jaxcal.export.write(made, place, format=format, **options)]
 
 
 @contextlib.contextmanager
 def staged(targets: Iterable[Path], *, inputs: Iterable[Path] = (), folder: Path | None = None) -> Iterator[dict[Path, Path]]:
-    """Give a place to write to for every target; what was written there takes the target's name when the block ends well.
+    """Yield a temporary path for every target; after the block, the files written there are renamed to the targets.
 
-    The place is a hidden folder next to the target, so that entering the block proves that the folder can be written, and
-    a failure, or an interruption, removes every trace. A target that was not written is left out.
+    The paths are in a hidden folder next to the target. Entering the block therefore proves that the folder can be written, and after a
+    failure or an interruption nothing remains. Targets that were not written are ignored.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def _check(targets: list[Path], inputs: Iterable[Path]) -> None:
 
 
 def _create(folder: Path, cleanup: contextlib.ExitStack) -> None:
-    """Make `folder` and its parents; those made here vanish again if they stay empty."""
+    """Create `folder` and its parents; afterwards, remove those created here if they are still empty."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     for path in reversed(missing):
         try:

@@ -1,4 +1,4 @@
-"""Tables of turntable readings, one row per position; and raw logs with the table's angle."""
+"""Read tables of turntable readings with one row per position, and raw logs with the table angle."""
 
 import csv
 import re
@@ -22,12 +22,12 @@ _HEADER = re.compile(r"\s*([A-Za-z_ ]+?)\s*(?:[\[(]\s*(.+?)\s*[\])])?\s*")
 _EXPECTED = "expected a header such as: angle [deg],mounting,dwell [s],accel [m/s^2],gyro [deg/h]"
 
 
-#: rows above which a table without dwells and mountings is a log
+#: a table with more rows and without dwells and mountings is a log
 _MOST = 200
 
 
 def holds_positions(path: Path) -> bool:
-    """Whether a file is a table with one row per position, and not a log."""
+    """Whether a file is a table with one row per position rather than a log."""
     if path.suffix.lower() not in (".csv", ".txt", ".tsv", ""):
         return False
     try:
@@ -40,14 +40,14 @@ def holds_positions(path: Path) -> bool:
 
 
 def _named(cell: str) -> tuple[str | None, str | None]:
-    """What the cell of a header names, and the unit in its brackets."""
+    """The quantity named in a cell of the header, and the unit in its brackets."""
     found = _HEADER.fullmatch(cell)
     word, unit = (found.group(1).lower().replace(" ", "_"), found.group(2)) if found else ("", None)
     return next((name for name, words in _NAMES.items() if word in words), None), unit
 
 
 def read_table_log(path: Path, options: Reading, column: str | None) -> tuple[Any, Any, list[str]]:
-    """A raw log, the table's angle on its samples in rad or None where there is no such column, and how it was read."""
+    """Read a raw log; return it, the table angle of its samples in rad (None without such a column), and notes."""
     log = read_log(path, options, "north")
     cell = _angle_cell(path, column)
     if cell is None:
@@ -58,9 +58,9 @@ def read_table_log(path: Path, options: Reading, column: str | None) -> tuple[An
 
 
 def column_of(path: Path, options: Reading, cell: str, count: int, unit: str | None) -> Any:
-    """A column of a log that is no quantity of a sensor, (count,), on the samples of the log.
+    """Read a column that is not a sensor quantity, (count,), on the samples of the log.
 
-    Where `unit` is "deg" it holds angles, in the unit that its name has in brackets or in degrees, and is returned in rad.
+    If `unit` is "deg", the column has angles in the unit in brackets in its name, or else in degrees; they are returned in rad.
     """
     import jaxcal
 
@@ -69,7 +69,7 @@ def column_of(path: Path, options: Reading, cell: str, count: int, unit: str | N
     written = None if unit is None else _named(cell)[1] or unit
     if written is not None and written not in _ANGLES:
         raise DataError(f"{path}: {written!r} is not a unit of the angle; use deg or rad")
-    # a log has no place for it: it is read as the one quantity that has no axes, on the same grid
+    # a log cannot hold such a column, so read it as a temperature, the only quantity without axes, on the same grid
     columns = {name: one for name, one in parse_columns(",".join(options.columns or ()) or None).items() if name == "time"}
     units = {name: one for name, one in parse_units(",".join(options.units or ()) or None).items() if name == "time"}
     found = jaxcal.read(
@@ -85,7 +85,7 @@ def column_of(path: Path, options: Reading, cell: str, count: int, unit: str | N
 
 
 def _angle_cell(path: Path, column: str | None) -> str | None:
-    """Name of the column with the table's angle as the header has it: the one asked for, or one that is called angle."""
+    """Name of the column with the table angle, as in the header: the given column, or a column called angle."""
     if path.suffix.lower() not in (".csv", ".txt", ".tsv", ""):
         return column
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
@@ -98,14 +98,14 @@ def _angle_cell(path: Path, column: str | None) -> str | None:
 
 
 def read_readings(path: Path) -> tuple[dict[str, Any], list[str]]:
-    """Columns in SI by name (angle, mounting, dwell, start, accel, gyro), and what was taken for granted.
+    """Read the columns in SI by name (angle, mounting, dwell, start, accel, gyro), and notes on assumptions.
 
     Raises
     ------
     CallError
-        If there is no such file.
+        If the file does not exist.
     DataError
-        If the header lacks the angle or both sensors, or a cell is no number.
+        If the header lacks the angle or both sensors, or a cell is not a number.
     """
     if not path.exists():
         raise CallError(f"{path} does not exist")

@@ -1,4 +1,4 @@
-"""What a command prints: sentences and tables on standard output, progress on standard error."""
+"""Output of a command: sentences and tables on standard output, progress on standard error."""
 
 import contextlib
 import threading
@@ -9,28 +9,28 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-_WAIT = 1.0  # s of work before a progress bar appears
+_WAIT = 1.0  # s until a progress bar appears
 
 
 class Screen:
     """Standard output of one command; silent if `quiet`."""
 
     def __init__(self, quiet: bool = False):
-        # sentences hold brackets and numbers of their own: no markup, no colouring by guess
+        # sentences contain brackets and numbers, so switch off markup and automatic colours
         self._console = Console(markup=False, highlight=False, emoji=False)
         self._quiet = quiet
         self._gone: BrokenPipeError | None = None
 
     def line(self, text: str = "") -> None:
-        """One sentence, wrapped."""
+        """Print one sentence, wrapped."""
         self._print(text)
 
     def path(self, text: str) -> None:
-        """A line that is never broken, so that a path in it can be copied."""
+        """Print a line without breaking it, so that a path in it can be copied."""
         self._print(text, soft_wrap=True)
 
     def sentences(self, title: str, sentences: Iterable[str]) -> None:
-        """A title and a bullet for every sentence; nothing where there is none."""
+        """Print a title and a bullet for every sentence; nothing without sentences."""
         bullets = Table.grid(padding=(0, 1))
         for sentence in dict.fromkeys(sentences):
             bullets.add_row(" -", sentence)
@@ -40,7 +40,7 @@ class Screen:
             self._print(bullets)
 
     def table(self, title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-        """A table whose cells may hold several lines; set to the left, so that the lines of a cell stay together."""
+        """Print a table whose cells may have several lines; left-aligned, so that the lines of a cell stay together."""
         table = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="bold")
         for name in header:
             table.add_column(name, overflow="fold")
@@ -51,14 +51,14 @@ class Screen:
         self._print(table)
 
     def flush(self) -> None:
-        """Hand on what was printed, so that it is read while the command goes on; who reads may have gone: the files still come."""
+        """Flush the output, so that it can be read while the command continues; a closed pipe does not stop the files."""
         try:
             self._console.file.flush()
         except BrokenPipeError as error:
             self._gone = error
 
     def end(self) -> None:
-        """Complain at last that nobody read on, as `jaxcal noise LOG | head` does."""
+        """Raise the error of a closed pipe, if any, at the end of the command, as with `jaxcal noise LOG | head`."""
         if self._gone is not None:
             raise self._gone
 
@@ -68,7 +68,7 @@ class Screen:
         with self._console.capture() as captured:
             self._console.print(*what, **how)
         text = captured.get()
-        if not self._console.is_terminal:  # what fills a column is of no use in a file
+        if not self._console.is_terminal:  # remove trailing blanks in a file
             text = "\n".join(line.rstrip() for line in text.split("\n"))
         try:
             self._console.file.write(text)
@@ -78,9 +78,9 @@ class Screen:
 
 @contextlib.contextmanager
 def progress(what: str, quiet: bool = False) -> Iterator[Callable[[int, int, str], None]]:
-    """A bar on standard error for work that takes more than a second, on a terminal only.
+    """Show a progress bar on standard error for work of more than a second, on a terminal only.
 
-    Yields a function (done, total, name) that moves the bar.
+    Yields a function (done, total, name) that updates the bar.
     """
     console = Console(stderr=True)
     if quiet or not console.is_terminal:
@@ -109,13 +109,13 @@ def progress(what: str, quiet: bool = False) -> Iterator[Callable[[int, int, str
 
 
 def show_log(screen: Screen, log: Any) -> None:
-    """What was read, and what was guessed about it."""
+    """Print a summary of the log, and what was inferred about it."""
     screen.line(log.summary())
     screen.sentences("How it was read", log.notes)
 
 
 def show_written(screen: Screen, written: Sequence[Path]) -> None:
-    """The files that a command wrote."""
+    """Print the files that a command wrote."""
     if written:
         screen.line()
     for path in written:

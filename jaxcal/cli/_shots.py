@@ -1,19 +1,19 @@
-"""What `jaxcal mag` takes beside readings: known headings, currents, readings that are held back; and logs without times or names."""
+"""Further inputs of `jaxcal mag`: known headings, currents, held-out readings; and logs without times or names."""
 
 import dataclasses
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ._options import CallError, Reading, read_log
+from ._options import CallError, Reading, in_counts, read_log
 from ._readings import column_of
 
 _PEEK, _SMALL = 20_000, 5_000_000  # bytes
 _NO_TIMES = "there are no times, and a fit of norms needs none: the rows stand 1 s apart; give them with --rate"
-_COUNTS = "whole numbers without a unit are counts, and so are all results (T stands for a count); give it with --units mag=uT"
+_COUNTS = "whole numbers without a unit are counts, and so are all results; give it with --units mag=uT"
 
 
 class Shots(NamedTuple):
-    """Known headings in rad (n,), specific force from known attitudes (n, 3), currents by name (n,), and the readings held back (n,)."""
+    """Known headings in rad (n,), specific force from known attitudes (n, 3), currents by name (n,), flags of held-out readings (n,)."""
 
     headings: Any
     up: Any
@@ -22,7 +22,7 @@ class Shots(NamedTuple):
 
 
 def shots(path: Path, reading: Reading, log: Any, headings: str | None, currents: str | None, check: int | None) -> Shots:
-    """The columns that were asked for, on the samples of the log."""
+    """Read the requested columns on the samples of the log."""
     import numpy as np
 
     from ..magnetometer import body_field
@@ -39,34 +39,36 @@ def shots(path: Path, reading: Reading, log: Any, headings: str | None, currents
             up = -9.80665 * np.asarray(body_field(np.nan_to_num(attitudes), 1.0, np.pi / 2))
             angle = np.where(np.isfinite(attitudes).all(axis=1), angle, np.nan)
     wanted = [name.strip() for name in currents.split(",")] if currents else []
-    found = {name: column_of(path, reading, name, len(log.time), None) for name in wanted}
+    own = {"time": log.time, "temperature": None if log.temperature is None else np.ravel(log.temperature)}
+    found = {name: column_of(path, reading, name, len(log.time), None) if own.get(name) is None else own[name] for name in wanted}
     held = np.zeros(len(log.time), dtype=bool)
     if check is not None:
-        # readings of one pose are held back together
+        # hold out all readings of a pose together
         pose = np.arange(len(held)) if angle is None else np.cumsum(np.diff(angle, prepend=np.nan) != 0)
         held = pose % check == check - 1
     return Shots(angle, up, found, held)
 
 
 def ready(path: Path, reading: Reading, needs_time: bool) -> tuple[Reading, list[str]]:
-    """How to read a log whose columns or times are not named; a fit of norms needs neither times nor a unit. And the notes on that."""
+    """Options to read a log without named columns or times, with notes; a fit of field magnitudes needs neither times nor a unit."""
     if not path.is_file() or path.stat().st_size > _SMALL:
         return reading, []
     said: list[str] = []
     if not needs_time and not reading.columns and reading.format in (None, "csv", "json"):
         reading, said = _by_position(path, reading)
     timeless = [] if needs_time or reading.rate is not None else [({"rate": 1.0}, [_NO_TIMES])]
-    counted = [] if reading.units else [({"units": ("mag=1 T",)}, [_COUNTS])]
+    units = in_counts(reading, "mag").units
+    counted = [] if units == reading.units else [({"units": units}, [_COUNTS])]
     both = [({**one, **other}, [*word, *more]) for one, word in counted for other, more in timeless]
     for options, words in [({}, []), *timeless, *counted, *both]:
         tried = dataclasses.replace(reading, **options)
         if _has_readings(path, tried, "units" in options):
             return tried, [*said, *words]
-    return reading, said  # the command says why
+    return reading, said  # reading by the command will report the reason
 
 
 def _has_readings(path: Path, reading: Reading, whole: bool) -> bool:
-    """Whether a log can be read like this and has a magnetometer of three axes, of whole numbers if these are to be counts."""
+    """Whether a log can be read with these options and has a magnetometer with three axes (`whole`: of whole numbers, for counts)."""
     import numpy as np
 
     import jaxcal
@@ -79,7 +81,7 @@ def _has_readings(path: Path, reading: Reading, whole: bool) -> bool:
 
 
 def _by_position(path: Path, reading: Reading) -> tuple[Reading, list[str]]:
-    """Three columns without names, or called x, y and z, are the magnetometer."""
+    """Read three columns without names, or called x, y and z, as the magnetometer."""
     import numpy as np
 
     chosen: dict[str, Any] = {}
@@ -91,7 +93,7 @@ def _by_position(path: Path, reading: Reading) -> tuple[Reading, list[str]]:
         try:
             table = read_json(path)
         except jaxcal.DataError:
-            return reading, []  # the command says why
+            return reading, []  # reading by the command will report the reason
         bare = len(table.names) == 3 and not any(table.names)
         if not bare and not {"x", "y", "z"} <= set(table.names):
             return reading, []

@@ -1,4 +1,4 @@
-"""`jaxcal simulate`: logs of devices whose truth is known."""
+"""`jaxcal simulate`: logs of simulated devices with known parameters."""
 
 import math
 import re
@@ -15,7 +15,7 @@ from ._screen import Screen, progress, show_written
 
 _TERM = re.compile(r"([QNBKR])\s*=\s*(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*(.*)")
 _DEG = math.pi / 180
-_LARGEST = 500_000_000  # samples; more would not fit the memory of most machines
+_LARGEST = 500_000_000  # samples; more would exceed the memory of most machines
 
 
 def simulate_noise(
@@ -27,7 +27,7 @@ def simulate_noise(
     accel: Annotated[str | None, Parameter(help="Noise of each accelerometer axis.")] = None,
     running: Running = Running(),
 ) -> None:
-    """A log of a level sensor at rest: the noise given, and gravity on accel_z.
+    """Simulate a level sensor at rest: the given noise, and gravity on accel_z.
 
     Coefficients are two-sided and have units:
     N=0.25deg/sqrt(h),B=7.6deg/h,K=0.5deg/h/sqrt(s).
@@ -52,7 +52,7 @@ def simulate_temperature(
     duration: Annotated[float, Parameter(help="Length of the log in s.")] = 5400.0,
     running: Running = Running(),
 ) -> None:
-    """A log of a gyroscope at rest whose bias depends on a temperature of 20 to 45 degC.
+    """Simulate a gyroscope at rest whose bias depends on temperature (20 to 45 degC).
 
     The x axis has a cubic and a jump at 24.5 degC, the y axis the jump
     downwards, the z axis no jump.
@@ -73,7 +73,7 @@ def simulate_temperature(
             )
             for height in (jump, -jump, 0.0)
         ]  # fmt: skip
-        # one thermometer, that of the first axis; the true temperature is the same for all
+        # the log has the thermometer of the first axis; the true temperature is the same for all axes
         return made[0].time, {"gyro": np.stack([one.bias for one in made], axis=1), "temperature": made[0].temperature}
 
     _write(out, make, running)
@@ -93,10 +93,10 @@ def simulate_imu(
     latitude: Annotated[Latitude | None, Parameter(help="Latitude in degrees, to add the Earth's rate and take gravity there.")] = None,
     running: Running = Running(),
 ) -> None:
-    """A log of a sensor held still in many poses, with turns between them.
+    """Simulate a sensor that is held still in many poses, with turns between them.
 
     Scale factors, misalignment, biases and g-sensitivity are those of a
-    common MEMS unit (jaxcal.imu.simulate shows them).
+    typical MEMS unit (jaxcal.imu.MEMS).
     """
     if poses < 2 or not all(0.0 < x < float("inf") for x in (rate, still, turn, initial)):
         raise CallError("--poses, --rate, --still, --turn, --initial: expected 2 poses or more, and positive numbers")
@@ -138,10 +138,10 @@ def simulate_mag(
     mounting: Annotated[float, Parameter(help="Angle in degrees by which the magnetometer is turned about its z axis.")] = 0.0,
     running: Running = Running(),
 ) -> None:
-    """A log of a magnetometer in many attitudes, with the specific force at rest.
+    """Simulate a magnetometer in many attitudes, with the specific force at rest.
 
-    Hard iron and soft iron with mounting are printed, as jaxcal mag gives
-    them: the truth to hold it against.
+    The command prints the true hard iron, and soft iron with mounting, in the
+    form of jaxcal mag, for comparison.
     """
     if not noise >= 0 or not field > 0 or not abs(inclination) < 90 or not 0 <= soft_iron < 0.3:
         raise CallError("expected --noise of 0 or more, a positive --field, --inclination within 90 degrees, --soft-iron from 0 to 0.3")
@@ -263,7 +263,7 @@ def simulate_north(
     accel_scale: Annotated[float, Parameter(help="Scale error in ppm.")] = 0.0,
     running: Running = Running(),
 ) -> None:
-    """A table of turntable readings for `jaxcal north`."""
+    """Simulate a table of turntable readings for `jaxcal north`."""
     angles = _numbers("--attitude", attitude)
     if len(angles) != 3:
         raise CallError(f"--attitude {attitude}: expected roll, pitch and azimuth in degrees, such as 1,2,88")
@@ -298,7 +298,7 @@ def simulate_north(
 
 
 def noise_from_text(text: str, sensor: str) -> Any:
-    """`Noise` from coefficients with units, as in ``N=0.25deg/sqrt(h),B=7.6deg/h``.
+    """Parse coefficients with units, as in ``N=0.25deg/sqrt(h),B=7.6deg/h``, to `Noise`.
 
     Examples
     --------
@@ -323,7 +323,7 @@ def noise_from_text(text: str, sensor: str) -> Any:
 
 
 def noises(gyro: str | None, accel: str | None) -> dict[str, Any]:
-    """Sensor -> `Noise`, of the sensors whose noise was given."""
+    """Sensor -> `Noise`, for the sensors with a given noise."""
     return {sensor: noise_from_text(text, sensor) for sensor, text in (("gyro", gyro), ("accel", accel)) if text is not None}
 
 
@@ -355,7 +355,7 @@ def write_log(
 
 
 def _write(out: Path, make: Callable[[Any], tuple[Any, dict[str, Any]]], running: Running, folder: Path | None = None) -> None:
-    """Write what `make` gives for a random generator: times, and values by sensor."""
+    """Write the log that `make` returns for a random generator: times, and values by sensor."""
     with staged([out], folder=folder) as places, progress("simulating", running.quiet):
         import numpy as np
 
@@ -363,7 +363,7 @@ def _write(out: Path, make: Callable[[Any], tuple[Any, dict[str, Any]]], running
 
 
 def save_log(place: Path, time: Any, sensors: dict[str, Any]) -> None:
-    """Write a log as CSV or NPZ, in SI units; what is missing is an empty field, or NaN."""
+    """Write a log as CSV or NPZ, in SI units; missing values are NaN."""
     import numpy as np
 
     if place.suffix == ".npz":

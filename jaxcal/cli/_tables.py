@@ -1,4 +1,4 @@
-"""Noise coefficients as people read them: data-sheet units, digits that the interval justifies, one table a sensor."""
+"""Tables of noise coefficients for readers: data-sheet units, digits justified by the interval, one table per sensor."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -12,20 +12,20 @@ _VERDICTS = {"hint": "only a hint", "not detected": "not detected"}
 
 
 def by_sensor(found: Mapping[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
-    """Sensor, its name in full, and its channels with their results, for every sensor that has any."""
+    """Sensor, its full name, and its channels with their results, for every sensor with results."""
     for sensor, name in _SENSORS.items():
         if axes := {channel: result for channel, result in found.items() if channel.startswith(f"{sensor}_")}:
             yield sensor, name, axes
 
 
 def noise_tables(screen: Screen, fits: Mapping[str, Any], truth: Mapping[str, Any] | None = None) -> None:
-    """One table for every sensor: a row for every axis, in each cell the coefficient and its interval below.
+    """Print one table for every sensor: one row per axis, and in each cell the coefficient with its interval below.
 
     Parameters
     ----------
     screen : where to print.
     fits : channel -> `NoiseFit`.
-    truth : sensor -> `Noise` that was simulated: adds a row, and marks the intervals that miss it.
+    truth : sensor -> simulated `Noise`; adds a row, and marks the intervals that do not contain it.
     """
     for sensor, name, axes in by_sensor(fits):
         _sensor_table(screen, sensor, name, axes, None if truth is None else truth[sensor])
@@ -45,7 +45,7 @@ def _sensor_table(screen: Screen, sensor: str, name: str, axes: dict[str, Any], 
 
 
 def _column(sensor: str, term: str, axes: dict[str, Any]) -> tuple[str, float]:
-    """Unit as printed, and its SI value: the data-sheet unit, with a power of ten where numbers would be clumsy."""
+    """Printed unit and its SI value: the data-sheet unit, with a power of ten for very small or large numbers."""
     unit = noise_units(term, sensor)[0]
     factor = noise_factor(term, sensor, unit)
     largest = max(float(fit.upper_limit[term]) for fit in axes.values()) / factor
@@ -69,7 +69,7 @@ def _cell(fit: Any, term: str, scale: float, truth: Any) -> str:
 
 
 def missed(fits: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[int, int]:
-    """How many intervals miss the simulated coefficient, and how many there are."""
+    """Number of intervals that do not contain the simulated coefficient, and number of all intervals."""
     found = [
         bool(fit.interval[term][0] <= truth[channel.partition("_")[0]].coefficient(term) <= fit.interval[term][1])
         for channel, fit in fits.items()
@@ -79,7 +79,7 @@ def missed(fits: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[int, int]
 
 
 def left_out(fits: Mapping[str, Any]) -> list[str]:
-    """Cluster times that the fits could not use; a real log may have many octaves of them, which the report lists one by one."""
+    """Sentences on cluster times that the fits did not use; a real log may have many, which the report lists one by one."""
     from .._results import by_channel
 
     found = {}
@@ -91,15 +91,15 @@ def left_out(fits: Mapping[str, Any]) -> list[str]:
 
 
 def longer_record(fits: Mapping[str, Any]) -> list[str]:
-    """For every sensor, how long a record makes each term certain to 10 % on the worst axis; nothing on terms that are not there."""
+    """For every sensor, the record length with which each detected term is known to 10 % on the worst axis."""
     return _lengths(fits, lambda fit, term: [float(fit.longer_record[term])] if fit.verdict[term] == "present" else [])
 
 
 def decides(fits: Mapping[str, Any]) -> list[str]:
-    """For every sensor, how long a record decides whether a term is there that was not detected, were it at its upper limit."""
+    """For every sensor, the record length that would detect an undetected term if the term were at its upper limit."""
 
     def seconds(fit: Any, term: str) -> list[float]:
-        # Q is decided at once where the band is whole, and not at all where it is cut
+        # leave out Q: a longer record does not help, because only the shortest cluster times determine it
         open_ = fit.verdict.get(term) == "not detected" and term in fit.decides and term != "Q"
         return [float(fit.decides[term])] if open_ else []
 
@@ -107,7 +107,7 @@ def decides(fits: Mapping[str, Any]) -> list[str]:
 
 
 def _lengths(fits: Mapping[str, Any], seconds: Callable[[Any, str], list[float]]) -> list[str]:
-    """A sentence for every sensor: the terms with their longest record, where every axis has a finite one."""
+    """A sentence for every sensor: the terms with the longest record length over the axes, if it is finite."""
     found = []
     for _, name, axes in by_sensor(fits):
         longest = {
@@ -120,7 +120,7 @@ def _lengths(fits: Mapping[str, Any], seconds: Callable[[Any, str], list[float]]
 
 
 def duration(seconds: float) -> str:
-    """A time as people say it.
+    """Format a time for readers.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""`jaxcal temperature`: thermal models of every axis of a log of a sensor at rest."""
+"""`jaxcal temperature`: thermal models of every axis from a log of a sensor at rest."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 import jaxcal
 
+from .._results import NORMAL95
 from .._units import noise_factor, noise_units, number
 from ._export import FILES, ids_of
 from ._options import CallError, Files, Level, Reading, Running, stem
@@ -17,14 +18,14 @@ from ._screen import Screen
 from ._tables import by_sensor
 from ._work import carry_out
 
-#: format of --export -> name of the file where none is given
+#: format of --export -> default name of the file
 _EXPORTS = {name: FILES[name] for name in ("px4", "ardupilot", "c", "csv")}
 _OTHER = "File for another tool: px4, ardupilot, c or csv, or px4=FILE. Repeatable."
 
 
 @dataclass(frozen=True, kw_only=True)
 class Writing(Files):
-    """Where results go. Without any of these, into the folder LOG-temperature, all but exports."""
+    """Where results go. By default all except exports go into the folder LOG-temperature."""
 
     json: Annotated[Path | None, Parameter(help="Models, residuals, jumps and curves as JSON, in SI units.")] = None
     calibration: Annotated[Path | None, Parameter(help="Calibration that jaxcal apply and jaxcal noise --calibration read.")] = None
@@ -48,10 +49,11 @@ def temperature(
     writing: Writing = Writing(),
     running: Running = Running(),
 ) -> None:
-    """Bias against temperature of every axis, from a log of a sensor that rests while it warms and cools.
+    """Fit the bias of every axis over temperature, from a log of a sensor at rest.
 
-    Jumps of the bias at a temperature and hysteresis are followed; what a
-    polynomial leaves of them is said.
+    Record the sensor while it warms up and cools down. The automatic model
+    includes jumps of the bias and hysteresis; with a polynomial, a warning
+    reports jumps that it does not follow.
     """
     if degree is None and model == "polynomial":
         raise CallError("--model polynomial needs --degree; --model auto has as much freedom as the data ask for")
@@ -103,7 +105,7 @@ def _table(screen: Screen, sensor: str, name: str, axes: dict[str, Any]) -> None
         model = [fit.kind if fit.degree is None or fit.steps else f"{fit.kind} {fit.degree}"]
         for step in fit.steps:
             height = number(step.height / scale, step.height_error / scale)
-            model.append(f"jump {height} at {step.centre:.2f} +- {1.96 * step.centre_error:.2g} degC")
+            model.append(f"jump {height} at {step.centre:.2f} +- {NORMAL95 * step.centre_error:.2g} degC")
         model += [f"lag {fit.model.lag:.0f} s"] * (fit.model.lag > 0) + [f"play {fit.model.play:.2f} degC"] * (fit.model.play > 0)
         if fit.model.rate != 0:
             model.append(f"{fit.model.rate / scale / 60:.3g} {unit} per degC/min")

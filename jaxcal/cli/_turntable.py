@@ -1,4 +1,4 @@
-"""`jaxcal rate-table` and `jaxcal vibration`: a gyroscope on a rate table, both sensors on a shaker, from raw logs."""
+"""`jaxcal rate-table` and `jaxcal vibration`: raw logs of a gyroscope on a rate table, and of both sensors on a shaker."""
 
 import math
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from ._work import carry_out
 @Parameter(name="*", group=WRITING)
 @dataclass(frozen=True, kw_only=True)
 class ResultWriting:
-    """Where results go. Without any of these, into a folder named after the log."""
+    """Where results go. By default all go into a folder named after the log."""
 
     out: Annotated[Path | None, Parameter(help="Folder for the files, made if it is missing.")] = None
     json: Annotated[Path | None, Parameter(help="All figures as JSON, in SI units.")] = None
@@ -30,7 +30,7 @@ class ResultWriting:
 @Parameter(name="*", group=WRITING)
 @dataclass(frozen=True, kw_only=True)
 class RateWriting(ResultWriting):
-    """The same, and the gyroscope."""
+    """Where results go, including the calibration of the gyroscope."""
 
     calibration: Annotated[Path | None, Parameter(help="Calibration file, for jaxcal apply and jaxcal export.")] = None
 
@@ -50,8 +50,9 @@ def rate_table(
 ) -> None:
     """Calibrate a gyroscope from the raw log of a rate table.
 
-    Turn about each axis at several rates of both signs, each for 3 s or
-    more, up and down again. Stretches of constant rate are found in the log.
+    Turn about each axis at several rates of both signs, each for 3 s or more,
+    first with increasing, then with decreasing rates. jaxcal finds the
+    stretches of constant rate in the log.
     """
     if (rates is None) == (regions is None):
         raise CallError("give either --rates, those that the table was set to, or --regions")
@@ -90,10 +91,10 @@ def vibration(
     writing: ResultWriting = ResultWriting(),
     running: Running = Running(),
 ) -> None:
-    """Vibration rectification: the bias that a shaker makes in accelerometer and gyroscope.
+    """Estimate vibration rectification, the bias caused by vibration, on a shaker.
 
-    Record the sensor in one attitude: the shaker at rest, at one level or
-    more, and at rest again.
+    Record the sensor in one attitude: with the shaker at rest, at one or more
+    levels, and at rest again.
     """
     files: list[File] = [("json", "vibration.json", _save_json)]
     done = carry_out(

@@ -1,4 +1,4 @@
-"""The way of a command from a log to its files: read, compute, write, and leave the rest to be printed."""
+"""The steps of a command from a log to its files: read, compute, print the result, and write."""
 
 import datetime
 from collections.abc import Callable, Iterable, Mapping
@@ -13,7 +13,7 @@ from ._screen import Screen, progress, show_log, show_written
 
 
 class Done(NamedTuple):
-    """What is left to print: the log, the results, sentences of the files' makers, and the files written."""
+    """Data for the last lines of output: the log, the results, sentences from writing the files, and the files written."""
 
     screen: Screen
     log: Any
@@ -22,14 +22,14 @@ class Done(NamedTuple):
     written: list[Path]
 
     def tell(self, warnings: Iterable[str] = (), notes: Iterable[str] = ()) -> None:
-        """The last lines: all warnings, the notes, and the files."""
+        """Print the last lines: all warnings, the notes, and the files."""
         self.screen.sentences("Warnings", [as_typed(text, READING_OPTIONS) for text in (*self.log.warnings, *warnings, *self.said)])
         self.screen.sentences("Notes", [as_typed(text, READING_OPTIONS) for text in notes])
         show_written(self.screen, self.written)
         self.screen.end()
 
     def tell_by_channel(self) -> None:
-        """The same for results by channel, with their own warnings and notes."""
+        """Print the last lines for results by channel, with the warnings and notes of the channels."""
         from .._results import by_channel
 
         warnings, notes = (by_channel({name: getattr(one, what) for name, one in self.found.items()}) for what in ("warnings", "notes"))
@@ -37,7 +37,7 @@ class Done(NamedTuple):
 
 
 def date_of(log: Any, path: Path) -> str:
-    """When a log was recorded, by its stamps, or else when its file was written; UTC."""
+    """Time when a log was recorded (UTC): from its time stamps, or else the modification time of its file."""
     from ..calibration import provenance
 
     return provenance(log, "").get("date") or f"{datetime.datetime.fromtimestamp(path.stat().st_mtime, datetime.UTC):%Y-%m-%dT%H:%M:%SZ}"
@@ -48,16 +48,16 @@ def carry_out(
     show: Callable[[Screen, Any], None] | None = None, change: Callable[[Any], Any] | None = None, command: str = "",
     options: Mapping[str, Any] | None = None,
 ) -> Done:  # fmt: skip
-    """Read the log at `path`, print what was read, compute, print the answer, and write the files of `plan`: all of them or none.
+    """Read the log at `path`, print what was read, compute, print the result, and write the files of `plan`: all of them or none.
 
     Parameters
     ----------
     path, reading, running, plan : the log, the options of the command, and its `outputs`.
-    compute : (log, function that moves the progress bar) -> results, which the makers get.
+    compute : (log, function that updates the progress bar) -> results, which are passed to the makers of the files.
     doing : word for the progress bar.
-    show : (screen, results) -> None: prints the answer. It comes before the files, which nobody has to wait for.
-    change : what is done to the log before anything else.
-    command, options : kept with the log, if given, so that every file made from it names them and the versions.
+    show : (screen, results) -> None: prints the result, before the files are written, so that the user need not wait for them.
+    change : function applied to the log before everything else.
+    command, options : stored with the log, if given, so that every file made from it names them and the versions.
     """
     screen, (targets, folder) = Screen(running.quiet), plan
     with staged(targets, inputs=[path], folder=folder) as places:
@@ -80,22 +80,22 @@ def carry_out(
 
 
 def check_suited(command: str, log: Any, path: Path, options: Mapping[str, Any]) -> None:
-    """Refuse a log that cannot be what the command needs, before any fit."""
+    """Refuse a log that does not suit the command, before any fit."""
     from .._errors import DataError
     from ..io._suited import unsuited
 
-    # counts have no unit that gravity could contradict
+    # skip the check for counts, whose size cannot contradict gravity
     if not options.get("raw") and (wrong := unsuited(command.removeprefix("jaxcal "), log, str(path))):
         raise DataError(f"{path.name}: {wrong}")
 
 
 def _signed(path: Path, log: Any, command: str, reading: Reading, options: Mapping[str, Any]) -> Any:
-    """The log with a provenance that names command, options, versions and the date, which is that of the file where no stamp tells."""
+    """Add command, options, versions and date to the provenance of the log; without time stamps, the date is that of the file."""
     import equinox as eqx
 
     from ..calibration import provenance
 
-    found = provenance(log, command, {**options, **reading.asked()}, rate_given=reading.rate is not None)
+    found = provenance(log, command, {**reading.asked(), **options}, rate_given=reading.rate is not None)
     if "date" not in found:
         found |= {"date": date_of(log, path), "date_from": "time of the file"}
     return eqx.tree_at(lambda one: one.provenance, log, found)

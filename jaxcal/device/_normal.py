@@ -1,4 +1,4 @@
-"""Residuals of all windows with their derivatives in closed form (host, NumPy): `pieces` of `_windows`, without a compilation."""
+"""Residuals of all windows with their derivatives in closed form (host, NumPy), so that nothing is compiled."""
 
 import dataclasses
 

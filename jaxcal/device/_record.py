@@ -36,7 +36,7 @@ def _changed(m: np.ndarray) -> np.ndarray:
     """(n,) readings of a magnetometer that are there and new: a slow one repeats its last reading in many logs."""
     there = np.isfinite(m).all(axis=1)
     same = np.concatenate([[False], np.all(m[1:] == m[:-1], axis=1)])
-    return there & ~same if np.mean(same[there]) > _HELD else there
+    return np.asarray(there & ~same if np.mean(same[there]) > _HELD else there)
 
 
 def white_noise(y: np.ndarray, rate: float, lost: np.ndarray) -> float:
@@ -61,7 +61,7 @@ def recorded(log: Any, gravity: float, reach: float, latitude: float | None = No
     grid = Grid.of(len(accel), rate, reach)
     wide = math.ceil(reach * rate) + 4
     lost = no_accel | (np.convolve(no_gyro, np.ones(2 * wide + 1), mode="same") > 0)
-    broken = lost[grid.inner].any(axis=1)
+    broken = np.any(lost[grid.inner], axis=1)
     spin = np.zeros(3) if latitude is None else EARTH_RATE * np.array([np.cos(latitude), 0.0, np.sin(latitude)])
     earth = exponential(spin * grid.steps * grid.step)
     noise = Noise(white_noise(gyro, rate, no_gyro), white_noise(accel, rate, no_accel), 0.01)

@@ -1,4 +1,4 @@
-"""A calibration as a C header that needs nothing else: C99, float32, SI, no dynamic memory."""
+"""Write a calibration as a C header without dependencies: C99, float32, SI, no dynamic memory."""
 
 from typing import Any
 
@@ -110,7 +110,7 @@ _THERMAL = """ * bias is at %sTEMPERATURE_REFERENCE_C; add coeff[0]*d + coeff[1]
 
 
 def header(calibration: Calibration, options: Options) -> Product:
-    """Constants of every sensor that the calibration holds, and the function that applies them."""
+    """Write the constants of every sensor in the calibration, and the function that applies them."""
     warnings: list[str] = []
     parts, p = triads(calibration), options.prefix
     thermal = {sensor: cubics(calibration, sensor, None, warnings) for sensor in ("accel", "gyro")}

@@ -1,4 +1,4 @@
-"""A calibration as a table: one row for every number."""
+"""Write a calibration as a table with one row per number, and read it."""
 
 import csv
 import io
@@ -19,7 +19,7 @@ from ._noise import stored_noise
 from ._options import UNITS, Options, Product, finite, number
 
 _HEADER = "quantity,axis,value,low,high,unit,kind"
-#: term of the noise -> its kind
+#: noise term -> its name in the column `kind`
 _TERMS = {"Q": "quantisation", "N": "density", "B": "bias_instability", "K": "random_walk", "R": "ramp"}
 _AXES = "xyz"
 _RANGE = ("reference", "minimum", "maximum")
@@ -30,7 +30,7 @@ Cells = dict[tuple[str, str], dict[str, AnyArray]]
 
 
 def table(calibration: Calibration, options: Options) -> Product:
-    """Forward models, as in the JSON file; low and high are limits of the confidence interval where one is known."""
+    """Write the forward models, as in the JSON file; low and high are the limits of the confidence interval if it is known."""
     rows = [*_noise(calibration.noise), *_models(calibration), *_temperature(calibration.temperature)]
     if not rows:
         raise ExportError("the calibration holds no numbers")
@@ -92,7 +92,7 @@ def _temperature(section: Thermal | None) -> Iterator[Row]:
 
 
 def _rows(quantity: str, kind: str, unit: str, values: Any, errors: dict[str, float] | None = None) -> Iterator[Row]:
-    """A number, a vector or a matrix; `errors` by name, such as "bias[2]"."""
+    """Rows of a number, a vector or a matrix; `errors` maps names such as "bias[2]" to standard errors."""
     values = np.asarray(values, dtype=float)
     for index in np.ndindex(values.shape):
         error = (errors or {}).get(f"{kind}[{','.join(map(str, index))}]", 0.0)
@@ -108,7 +108,7 @@ def _errors(covariance: Covariance | None) -> dict[str, float]:
 
 
 def read_table(text: str, options: dict[str, Any]) -> Calibration:
-    """The table of `write`: forward models and noise; covariances and the limits of matrices are not in it."""
+    """Read the table of `write`: forward models and noise, without covariances and the limits of matrices."""
     rows = list(csv.reader(io.StringIO(text)))
     if not rows or ",".join(rows[0]) != _HEADER:
         raise DataError(f"the first line is not {_HEADER}")
@@ -162,7 +162,7 @@ def _read_temperature(found: Cells) -> Thermal | None:
 
 
 def _values(found: Cells, quantity: str, kind: str, rank: int) -> AnyArray:
-    """A number, a vector or a matrix."""
+    """Get a number, a vector or a matrix from the cells; refuse it if a row is missing."""
     cells = found.get((quantity, kind), {})
     axes = ["".join(axes) for axes in itertools.product(_AXES, repeat=rank)]
     for axis in axes:

@@ -1,8 +1,8 @@
-"""Files of visual-inertial estimators: Kalibr, OpenVINS, VINS, ORB-SLAM3, GTSAM; all but the last are read back.
+"""Files of visual-inertial estimators: Kalibr, OpenVINS, VINS, ORB-SLAM3, GTSAM. All except GTSAM can be read.
 
 Kalibr's `imu.yaml`: https://github.com/ethz-asl/kalibr/wiki/IMU-Noise-Model. OpenVINS' `kalibr_imu_chain.yaml`:
-https://docs.openvins.com/propagation_analytical.html (its IMU intrinsics). The loader of OpenVINS keeps one triangle of Ta and Tw, so that
-both matrices are factored into a triangle and a rotation first. Both factorings are exact; they turn the IMU's frame, which is said.
+https://docs.openvins.com/propagation_analytical.html (its IMU intrinsics). The loader of OpenVINS keeps one triangle of Ta and Tw, so both
+matrices are factored into a triangle and a rotation first. This is exact, but it rotates the IMU's frame, which a warning reports.
 """
 
 import math
@@ -31,13 +31,13 @@ _ORBSLAM3 = {
     ("random_walk", "gyro"): "IMU.GyroWalk", ("random_walk", "accel"): "IMU.AccWalk",
 }  # fmt: skip
 _VINS = {("density", "accel"): "acc_n", ("density", "gyro"): "gyr_n", ("random_walk", "accel"): "acc_w", ("random_walk", "gyro"): "gyr_w"}
-_DIGITS = 9  # of a rotation in a file
-#: what a name may hold; between quotes these characters need no escape
+_DIGITS = 9  # digits of a rotation in a file
+#: allowed characters of a topic; in quotes they need no escape
 _TOPIC = re.compile(r"[A-Za-z~/][A-Za-z0-9_~/]*")
 
 
 def kalibr(calibration: Calibration, options: Options) -> Product:
-    """Continuous-time noise and the rate by which Kalibr makes it discrete."""
+    """Write continuous-time noise, and the rate that Kalibr uses to discretise it."""
     topic = _topic(options)
     noise = isotropic(calibration, options, "Kalibr makes the noise discrete with it")
     accel, gyro = (comment(fact[0].upper() + fact[1:]) for fact in noise.facts)
@@ -47,7 +47,7 @@ def kalibr(calibration: Calibration, options: Options) -> Product:
 
 
 def read_kalibr(text: str, options: dict[str, Any]) -> Calibration:
-    """`imu.yaml`, or the result of Kalibr's calibration, whose matrices are read as well."""
+    """Read `imu.yaml`, or Kalibr's calibration result with its matrices."""
     document = parse(text)
     part = mapping(document, "imu0") if "imu0" in document else document
     imu = None
@@ -63,7 +63,7 @@ def read_kalibr(text: str, options: dict[str, Any]) -> Calibration:
 
 
 def openvins(calibration: Calibration, options: Options) -> Product:
-    """Noise, and the matrices of the model that is asked for."""
+    """Write noise, and the matrices of the chosen model."""
     topic = _topic(options)
     noise = isotropic(calibration, options, "OpenVINS makes the noise discrete with it")
     parts = triads(calibration)
@@ -101,7 +101,7 @@ def openvins(calibration: Calibration, options: Options) -> Product:
 
 
 def read_openvins(text: str, options: dict[str, Any]) -> Calibration:
-    """`kalibr_imu_chain.yaml`; biases, which it does not hold, are zero, and the frame is the file's IMU frame."""
+    """Read `kalibr_imu_chain.yaml`. It has no biases, so these are zero; the frame is the file's IMU frame."""
     part = mapping(parse(text), "imu0")
     imu = None
     if "Ta" in part or "Tw" in part:
@@ -112,9 +112,9 @@ def read_openvins(text: str, options: dict[str, Any]) -> Calibration:
 
 
 def vins(calibration: Calibration, options: Options) -> Product:
-    """Per-sample noise of VINS-Mono and VINS-Fusion, in the reading of its convention that is asked for; the other is in a comment.
+    """Write the per-sample noise of VINS-Mono and VINS-Fusion in the chosen convention; a comment states the values of the other one.
 
-    Their `integration_base.h` adds 2 (0.5)^2 ACC_N^2 dt^2 and (ACC_W dt)^2 a step, which is N^2 dt and K^2 dt.
+    Their `integration_base.h` adds 2 (0.5)^2 ACC_N^2 dt^2 and (ACC_W dt)^2 in each step, which must equal N^2 dt and K^2 dt.
     """
     topic = _topic(options)
     noise = isotropic(calibration, options, "the values are per sample and hold for this rate alone")
@@ -139,7 +139,7 @@ def vins(calibration: Calibration, options: Options) -> Product:
 
 
 def read_vins(text: str, options: dict[str, Any]) -> Calibration:
-    """The lines acc_n, gyr_n, acc_w and gyr_w, in the reading of their convention that is given."""
+    """Read the lines acc_n, gyr_n, acc_w and gyr_w, in the given convention or that of the file."""
     document = parse(text)
     if "acc_n" not in document and ("Acc" in document or "Gyr" in document):
         raise DataError(
@@ -155,7 +155,7 @@ def read_vins(text: str, options: dict[str, Any]) -> Calibration:
 
 
 def orbslam3(calibration: Calibration, options: Options) -> Product:
-    """Continuous-time noise of ORB-SLAM3, whose loader makes it discrete with IMU.Frequency."""
+    """Write continuous-time noise for ORB-SLAM3, whose loader discretises it with IMU.Frequency."""
     noise = isotropic(calibration, options, "ORB-SLAM3 makes the noise discrete with it")
     lines = (*_lines(noise, _ORBSLAM3), f"IMU.Frequency: {number(noise.rate)}   # Hz")
     mounting = "IMU.T_b_c1 (camera to body), which ORB-SLAM3 needs beside these lines, is not the sensor's and stays yours"
@@ -163,13 +163,13 @@ def orbslam3(calibration: Calibration, options: Options) -> Product:
 
 
 def read_orbslam3(text: str, options: dict[str, Any]) -> Calibration:
-    """The lines IMU.* of a configuration."""
+    """Read the lines IMU.* of a configuration."""
     document = parse(text)
     return Calibration(noise={**_read_noise(document, _ORBSLAM3), "rate": read_rate(document, "IMU.Frequency", options)})
 
 
 def gtsam(calibration: Calibration, options: Options) -> Product:
-    """Python that makes GTSAM's `PreintegrationCombinedParams`; all covariances are continuous in time and per axis."""
+    """Write Python code that makes GTSAM's `PreintegrationCombinedParams`; all covariances are continuous-time and per axis."""
     noise = noise_of(calibration)
     n_gyro, k_gyro, gyro, gyro_said = per_axis(noise, "gyro", options)
     n_accel, k_accel, accel, accel_said = per_axis(noise, "accel", options)
@@ -204,7 +204,7 @@ def gtsam(calibration: Calibration, options: Options) -> Product:
 
 
 def _topic(options: Options) -> str:
-    """The topic, quoted where YAML would take it for something else."""
+    """The topic, in quotes if YAML could misread it."""
     if not _TOPIC.fullmatch(options.topic):
         raise ExportError(f'topic={options.topic!r}: expected the name of a ROS topic, such as "/imu0"')
     return options.topic if options.topic.startswith("/") else f'"{options.topic}"'
@@ -215,7 +215,7 @@ def _lines(noise: Isotropic, names: dict[tuple[str, str], str]) -> list[str]:
 
 
 def _read_noise(document: dict[str, Any], names: dict[tuple[str, str], str], scales: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Noise of both sensors from four keys, whose numbers are `scales` times the model's; one number stands for all three axes."""
+    """Noise of both sensors from four keys; the numbers are divided by `scales`, and each is used for all three axes."""
     found = {one: numbers_of(document, key) / (scales or {}).get(one[0], 1.0) for one, key in names.items()}
     return {sensor: stored_noise(sensor, N=[found["density", sensor]] * 3, K=[found["random_walk", sensor]] * 3) for sensor in SENSORS}
 
@@ -225,9 +225,10 @@ def _block(key: str, matrix: AnyArray) -> list[str]:
 
 
 def _triangles(accel: AnyArray, gyro: AnyArray, sensitivity: AnyArray, model: str) -> tuple[dict[str, AnyArray], AnyArray, str]:
-    """Matrices of a model of OpenVINS, the turn of the IMU's frame, and its name.
+    """Matrices of an OpenVINS model, the rotation of the IMU's frame, and the name of this rotation.
 
-    "kalibr": lower triangles; the IMU's frame is that in which the accelerometer's matrix is one. "rpng": upper ones, the gyroscope's.
+    "kalibr": lower triangles, in the frame in which the accelerometer's matrix is lower triangular. "rpng": upper triangles, in the frame
+    in which the gyroscope's matrix is upper triangular.
     """
     if model == "kalibr":
         ta, turned = factored(accel, "lower")
@@ -242,10 +243,10 @@ def _triangles(accel: AnyArray, gyro: AnyArray, sensitivity: AnyArray, model: st
 
 
 def _exact_rotation(turn: AnyArray) -> AnyArray:
-    """The rotation whose entries, rounded to nine digits, are those given; the nearest one where there is none such.
+    """Find the rotation whose entries round to the given nine digits; else the nearest rotation.
 
-    Nine digits leave a rotation open by 5e-10, and the nearest one to them rounds to other digits about once in three entries. The
-    errors are linear in the three angles of a small turn, so that the one with the smallest largest error is a linear programme.
+    Nine digits determine a rotation to 5e-10 only, and about one in three entries of the nearest rotation would round to other digits.
+    Errors are linear in the three angles of a small rotation, so a linear programme finds the rotation with the smallest largest error.
     """
     u, _, v = np.linalg.svd(turn)
     near = u @ v
@@ -253,8 +254,8 @@ def _exact_rotation(turn: AnyArray) -> AnyArray:
         raise DataError("R_IMUtoACC or R_IMUtoGYRO is no rotation")
     steps = np.stack([np.cross(np.eye(3)[k], near, axisb=0, axisc=0).ravel() for k in range(3)], axis=1)
     size = np.abs(turn.ravel())
-    unit = 10.0 ** (np.ceil(np.log10(np.maximum(size, 1e-13))) - _DIGITS)  # of the ninth digit
-    half = np.where(size < 1e-13, 1e-15, 0.5 * unit)[:, None]  # the first are written as exact zeros
+    unit = 10.0 ** (np.ceil(np.log10(np.maximum(size, 1e-13))) - _DIGITS)  # value of the ninth digit
+    half = np.where(size < 1e-13, 1e-15, 0.5 * unit)[:, None]  # tiny entries are written as exact zeros
     off, scale = (turn - near).ravel(), 5e-10
     rows = np.vstack([np.hstack([steps, -half / scale]), np.hstack([-steps, -half / scale])])
     found = scipy.optimize.linprog([0, 0, 0, 1.0], A_ub=rows, b_ub=np.concatenate([off, -off]) / scale, bounds=[(None, None)] * 4)

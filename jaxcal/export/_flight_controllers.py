@@ -23,9 +23,9 @@ _AXES = "XYZ"
 _GAUSS, _MILLIGAUSS = 1e-4, 1e-7  # T
 _MILLIONTH = 1e-6
 _PX4_MOST, _IMUS, _COMPASSES = 4, 5, 3
-_REFERENCE = 35.0  # degC about which the firmware of ArduPilot expands every polynomial
+_REFERENCE = 35.0  # degC: the firmware of ArduPilot expands every polynomial about this temperature
 _LEAST_RANGE = 10.0  # degC
-_LARGEST_ID = 2**24  # parameters of ArduPilot travel as float32
+_LARGEST_ID = 2**24  # limit of ids in ArduPilot, because parameters are transmitted as float32
 _PX4_FACTS = ("units: accelerometer m/s^2, gyroscope rad/s, magnetometer gauss; temperature degC; scale factors 1",)
 _ARDUPILOT_FACTS = (
     "units: accelerometer m/s^2, gyroscope rad/s, compass milligauss; thermal terms 1e-6 of these per degC, degC^2, degC^3",
@@ -35,7 +35,7 @@ Rows = dict[str, float | int]
 
 
 def px4(calibrations: Sequence[Calibration], options: Options) -> Product:
-    """One instance of each sensor for every calibration, from `options.instance` on."""
+    """Write one instance of each sensor for every calibration, beginning with `options.instance`."""
     rows, warnings = _instances("PX4", _px4_rows, calibrations, options)
     lines = [f"1\t1\t{name}\t{plain(value)}\t{6 if isinstance(value, int) else 9}" for name, value in rows]
     head = ("# Sensor calibration written by jaxcal", "#", "# Vehicle-Id Component-Id Name Value Type")
@@ -43,7 +43,7 @@ def px4(calibrations: Sequence[Calibration], options: Options) -> Product:
 
 
 def ardupilot(calibrations: Sequence[Calibration], options: Options) -> Product:
-    """One instance of each sensor for every calibration, from `options.instance` on; ArduPilot counts from 1."""
+    """Write one instance of each sensor for every calibration, beginning with `options.instance`; ArduPilot counts from 1."""
     rows, warnings = _instances("ArduPilot", _ardupilot_rows, calibrations, options)
     lines = [f"{name},{plain(value)}" for name, value in rows]
     return Product("\n".join(("# Sensor calibration written by jaxcal", *lines)) + "\n", warnings, _ARDUPILOT_FACTS)
@@ -88,7 +88,7 @@ def _px4_rows(calibration: Calibration, i: int, options: Options, warnings: list
         powers = cubics(calibration, sensor, None, warnings)
         if powers is None:
             continue
-        # the constant stays in CAL_*OFF: to switch the thermal model off must not move the bias at the reference
+        # keep the constant in CAL_*OFF, so that switching off the thermal model does not change the bias at the reference
         start = f"TC_{letter}{i}"
         rows |= {
             f"TC_{letter}_ENABLE": 1, f"{start}_ID": _device_id(calibration, "px4", f"{sensor}_id"), f"{start}_TMIN": section.minimum,
@@ -103,7 +103,7 @@ def _px4_rows(calibration: Calibration, i: int, options: Options, warnings: list
 
 
 def _ardupilot_names(i: int) -> dict[str, str]:
-    """Patterns of the parameters of instance `i`, counted from 1, for each axis."""
+    """Name patterns of the parameters of instance `i`, counted from 1; {} stands for the axis."""
     number = "" if i == 1 else str(i)
     accel, gyro = (f"INS_{word}{number}" if i < 4 else f"INS{i}_{word}" for word in ("ACC", "GYR"))
     holds = {
@@ -150,7 +150,7 @@ def _ardupilot_rows(calibration: Calibration, instance: int, options: Options, w
                 f"the thermal model covers {low:.2f} to {high:.2f} degC; ArduPilot needs at least {_LEAST_RANGE:g} degC: calibrate over a "
                 "wider range"
             )
-        # the firmware's default of -300 degC would be clipped to TMIN, and shift the bias
+        # write CALTEMP: the firmware clips its default of -300 degC to TMIN, which would shift the bias
         start = names["thermal"]
         rows |= {names["accel_temperature"]: holds, f"{start}ENABLE": 1, f"{start}TMIN": low, f"{start}TMAX": high}
         if options.gyro_bias and "gyro" in parts:
@@ -164,7 +164,7 @@ def _ardupilot_rows(calibration: Calibration, instance: int, options: Options, w
 
 
 def _where_it_holds(section: Thermal | None, thermal: dict[str, AnyArray | None]) -> tuple[float, dict[str, AnyArray]]:
-    """Temperature for CALTEMP, which the firmware clips to the range, and how far the biases move from the reference to it."""
+    """Temperature for CALTEMP, which the firmware clips to the range, and the change of the biases from the reference to it."""
     moved: dict[str, AnyArray] = dict.fromkeys(thermal, np.zeros(3))
     if section is None:
         return _REFERENCE, moved
@@ -193,7 +193,7 @@ def _compass(calibration: Calibration, names: dict[str, str], i: int, warnings: 
 
 
 def _device_id(calibration: Calibration, tool: str, name: str) -> int:
-    """Id by which a flight controller finds a sensor."""
+    """Id by which a flight controller identifies a sensor."""
     ids = (calibration.device or {}).get(tool)
     value = ids.get(name) if isinstance(ids, dict) else None
     if not isinstance(value, int) or isinstance(value, bool) or not 0 < value < 2**31:
@@ -211,7 +211,7 @@ def _named(pattern: str, values: Any) -> Rows:
 
 
 def read_px4(text: str, options: dict[str, Any]) -> Calibration:
-    """One instance of each sensor; a thermal model that is switched off is left out, and its constant goes to the bias."""
+    """Read one instance of each sensor. A disabled thermal model is left out; the constant of an enabled one is added to the bias."""
     values: dict[str, float] = {}
     for line in _lines(text):
         row = line.split("\t")
@@ -250,7 +250,7 @@ def _px4_thermal(values: dict[str, float], letter: str, i: int) -> tuple[dict[st
 
 
 def read_ardupilot(text: str, options: dict[str, Any]) -> Calibration:
-    """One instance of each sensor; the bias of the compass is minus its offset, and thermal models hold at CALTEMP."""
+    """Read one instance of each sensor; the compass bias is minus its offset, and the thermal models refer to CALTEMP."""
     values: dict[str, float] = {}
     for line in _lines(text):
         parts = [part for part in re.split(r"[ ,\t]+", line.strip()) if part]
@@ -266,7 +266,7 @@ def read_ardupilot(text: str, options: dict[str, Any]) -> Calibration:
     ids = {"accel_id": values.get(names["accel_id"])}
     mag = None
     if names["compass_offset"].format("X") in values:
-        # a scale of 0 is ignored by the firmware
+        # the firmware ignores a scale of 0
         scale = values.get(names["compass_scale"], 1.0) or 1.0
         correction = scale * symmetric_of(_three(values, names["compass_diagonal"]), _three(values, names["compass_rest"]))
         mag = MagModel(inverse(correction), -_three(values, names["compass_offset"]) * _MILLIGAUSS)
@@ -289,7 +289,7 @@ def _ardupilot_thermal(values: dict[str, float], names: dict[str, str]) -> Therm
 
 
 def _joined(thermal: dict[str, Any]) -> Thermal | None:
-    """One section of the models of two sensors: the reference of the first, and the range that both share."""
+    """Join the models of two sensors into one section: the reference of the first, and the common range."""
     if not thermal:
         return None
     models = thermal.values()
@@ -299,7 +299,7 @@ def _joined(thermal: dict[str, Any]) -> Thermal | None:
 
 
 def _about(powers: AnyArray, old: float, new: float) -> AnyArray:
-    """Coefficients of the powers from 1 of T - new, from those of T - old; the constant stays with the bias."""
+    """Convert coefficients of the powers of T - old, from 1 on, to those of T - new; the constant belongs to the bias."""
     if old == new:
         return powers
     shift = polynomial.Polynomial([new - old, 1.0])

@@ -1,4 +1,4 @@
-"""The formats: who writes them, what they hold, and how their files are called."""
+"""The table of formats: writer, reader, contents, options and file names."""
 
 import pathlib
 from collections.abc import Callable
@@ -15,17 +15,17 @@ from ._options import Options, Product
 class Format(eqx.Module):
     """One format."""
 
-    make: Callable[..., Product]  # of (calibration, options); of (list of calibrations, options) where there are `many`
-    read: Callable[..., Calibration] | None  # of (content of a file, options)
-    sections: tuple[str, ...]  # of the calibration that it uses
-    options: tuple[str, ...] = ()  # that mean something to it
-    mark: str = "#"  # of its comments; "" where it has no place for them
+    make: Callable[..., Product]  # takes (calibration, options), or (list of calibrations, options) if `many`
+    read: Callable[..., Calibration] | None  # takes (content of a file, options)
+    sections: tuple[str, ...]  # sections of the calibration that the format uses
+    options: tuple[str, ...] = ()  # options that the format uses
+    mark: str = "#"  # mark of a comment line; "" if the format has no comments
     after: int = 0  # number of lines before the first comment
-    many: bool = False  # whether it holds several instances of a sensor
+    many: bool = False  # whether a file can hold several instances of a sensor
 
 
 _NOISE = ("axis", "inflate", "density", "random_walk")
-#: accepted by every format, for callers that pass them to all
+#: options that every format accepts, so that callers can pass them to all formats
 _ALWAYS = ("density", "random_walk")
 _FIELDS = ("imu", "magnetometer", "temperature")
 FORMATS: dict[str, Format] = {
@@ -45,7 +45,7 @@ FORMATS: dict[str, Format] = {
 
 
 def check_options(name: str, options: Options) -> Format:
-    """The format of that name; an error where there is none, or where one of the options means nothing to it."""
+    """Return the format of that name; raise an error if it is unknown or does not use one of the given options."""
     if name not in FORMATS:
         raise ExportError(f"unknown format {name!r}; expected one of {', '.join(FORMATS)}")
     kind = FORMATS[name]
@@ -57,7 +57,7 @@ def check_options(name: str, options: Options) -> Format:
 
 
 def files_of(path: pathlib.Path, name: str) -> dict[str, pathlib.Path]:
-    """Suffix of the name -> file, for the files that a format may write at `path`; most write `path` itself, under ""."""
+    """Suffix of the name -> file, for all files that a format may write at `path`; for most formats {"": path}."""
     if name != "imu_tk":
         return {"": path}
     stem = path.stem if path.suffix == ".calib" else path.name

@@ -12,14 +12,14 @@ from ._models import correction, dropped_g_sensitivity, inverse, triads
 from ._options import Options, Product, finite, plain
 
 _DIGITS = 12
-_DECIMALS = 13  # of T, whose diagonal is 1; what is beyond is rounding
-_NUMBERS = 21  # T, K and B
-#: sensor -> end of the name of its file
+_DECIMALS = 13  # decimals of T, whose diagonal is 1; further decimals are rounding errors
+_NUMBERS = 21  # numbers in T, K and B
+#: sensor -> end of its file's name
 SUFFIXES = {"accel": "_acc", "gyro": "_gyro"}
 
 
 def imu_tk(calibration: Calibration, options: Options) -> Product:
-    """One text for each sensor that the calibration holds."""
+    """Make one text for each sensor in the calibration."""
     parts = triads(calibration)
     if not parts:
         raise ExportError("the calibration holds no imu, of which imu_tk's files could be made")
@@ -28,7 +28,7 @@ def imu_tk(calibration: Calibration, options: Options) -> Product:
 
 
 def read_imu_tk(texts: dict[str, str], options: dict[str, Any]) -> Calibration:
-    """One or both of the files, by sensor."""
+    """Read the files of one or both sensors."""
     imu = {}
     for sensor, text in texts.items():
         words = text.split()
@@ -41,7 +41,7 @@ def read_imu_tk(texts: dict[str, str], options: dict[str, Any]) -> Calibration:
 
 
 def _text(part: Triad) -> str:
-    correction(part.matrix)  # refuses what has no inverse; its rounding would be seen in the twelfth digit of T
+    correction(part.matrix)  # only to refuse a singular matrix; its rounded result would change the twelfth digit of T
     full = np.linalg.inv(part.matrix)
     scale = np.diag(full)
     if not np.all(scale):

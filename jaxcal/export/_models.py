@@ -1,4 +1,4 @@
-"""Models as other tools hold them, with what is lost: matrices full, triangular, symmetric or diagonal; thermal models as cubics."""
+"""Models in the forms of other tools, with warnings on what is lost: triangular, symmetric or diagonal matrices; thermal cubics."""
 
 from typing import Any
 
@@ -13,14 +13,14 @@ from ..calibration._thermal import AXES, cubic
 from ..imu import Triad
 from ._options import SENSORS
 
-_DECIMALS = 14  # below the largest entry; what is smaller is rounding of the inverse
+_DECIMALS = 14  # decimals relative to the largest entry; further ones are rounding errors of the inverse
 _DEGREE = 3
 _NARROW = 10.0  # degC
-_ROUNDING = 1e-13  # of the largest term; what is smaller is left by the change of the reference
+_ROUNDING = 1e-13  # share of the largest term; smaller terms are rounding errors from the change of the reference
 
 
 def correction(matrix: AnyArray) -> AnyArray:
-    """Inverse of a forward matrix, its zeros exact."""
+    """Inverse of a forward matrix, with exact zeros."""
     try:
         return rounded(np.linalg.inv(matrix))
     except np.linalg.LinAlgError:
@@ -28,7 +28,7 @@ def correction(matrix: AnyArray) -> AnyArray:
 
 
 def inverse(matrix: AnyArray) -> AnyArray:
-    """Forward matrix of the correction that a file holds."""
+    """Forward matrix of a correction matrix from a file."""
     try:
         return np.linalg.inv(matrix)
     except np.linalg.LinAlgError:
@@ -36,7 +36,7 @@ def inverse(matrix: AnyArray) -> AnyArray:
 
 
 def rounded(values: AnyArray) -> AnyArray:
-    """Values without what rounding left of them, fourteen decimals below the largest."""
+    """Round values to fourteen decimals relative to the largest, to remove rounding errors."""
     values = np.asarray(values, dtype=np.float64)
     largest = np.max(np.abs(values), initial=0.0)
     if not (np.isfinite(largest) and largest > 0):
@@ -46,7 +46,7 @@ def rounded(values: AnyArray) -> AnyArray:
 
 
 def factored(matrix: AnyArray, shape: str) -> tuple[AnyArray, AnyArray]:
-    """A triangular matrix with positive diagonal and a rotation whose product is `matrix`; `shape` "lower" or "upper"."""
+    """Factor `matrix` into a triangular matrix with positive diagonal and a rotation; `shape` is "lower" or "upper"."""
     if not np.linalg.det(matrix) > 0:
         raise ExportError("a matrix of the calibration mirrors the axes, which no rotation can hold; exchange or negate an axis of the log")
     if shape == "lower":
@@ -60,18 +60,18 @@ def factored(matrix: AnyArray, shape: str) -> tuple[AnyArray, AnyArray]:
 
 
 def angle(turn: AnyArray) -> float:
-    """Angle of a rotation in degrees, exact for small ones."""
+    """Angle of a rotation in degrees, accurate for small angles, too."""
     axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     return float(np.degrees(np.arctan2(np.linalg.norm(axis), np.trace(turn) - 1)))
 
 
 def triads(calibration: Calibration) -> dict[str, Triad]:
-    """Sensor -> its model."""
+    """Sensor -> its model, for the sensors in the imu section."""
     return {} if calibration.imu is None else {name: part.model for name, part in calibration.imu.parts.items()}
 
 
 def diagonal(calibration: Calibration, warnings: list[str]) -> AnyArray:
-    """Scale factors of the accelerometer's correction, (3,)."""
+    """(3,) scale factors of the accelerometer's correction; the misalignment is lost, with a warning."""
     full = correction(triads(calibration)["accel"].matrix)
     scale = np.diag(full)
     lost = np.linalg.norm(full - np.diag(scale), 2)
@@ -83,7 +83,7 @@ def diagonal(calibration: Calibration, warnings: list[str]) -> AnyArray:
 
 
 def symmetric(calibration: Calibration, mounting: str, warnings: list[str]) -> AnyArray:
-    """Correction of the magnetometer as a symmetric matrix, (3, 3): A = U P gives P, and U is lost."""
+    """Correction of the magnetometer as a symmetric matrix (3, 3): P of the polar decomposition A = U P; the rotation U is lost."""
     mag: Any = calibration.magnetometer
     full = correction(mag.model.soft_iron)
     if np.linalg.det(full) < 0:
@@ -97,18 +97,18 @@ def symmetric(calibration: Calibration, mounting: str, warnings: list[str]) -> A
 
 
 def upper_of(matrix: AnyArray) -> tuple[Any, Any, Any]:
-    """The entries xy, xz and yz, as all tools order them."""
+    """The entries xy, xz and yz, in the order that all tools use."""
     return matrix[0, 1], matrix[0, 2], matrix[1, 2]
 
 
 def symmetric_of(diagonal: AnyArray, upper: AnyArray) -> AnyArray:
-    """A symmetric matrix from its diagonal and xy, xz, yz."""
+    """Make a symmetric matrix from its diagonal and its entries xy, xz, yz."""
     (xx, yy, zz), (xy, xz, yz) = diagonal, upper
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def unknown_field(calibration: Calibration, warnings: list[str]) -> None:
-    """Say that the scale of the magnetometer is arbitrary, where it is."""
+    """Warn if the scale of the magnetometer is arbitrary."""
     mag: Any = calibration.magnetometer
     asked = (calibration.provenance or {}).get("options")
     guessed = isinstance(asked, dict) and "field" in asked and asked["field"] is None and asked.get("place") is None
@@ -117,7 +117,7 @@ def unknown_field(calibration: Calibration, warnings: list[str]) -> None:
 
 
 def dropped_of_gyro(calibration: Calibration) -> list[str]:
-    """What a gyroscope loses where only its bias is written."""
+    """Warnings on the gyroscope parameters that are lost if only its bias is written."""
     gyro = triads(calibration).get("gyro")
     if gyro is None:
         return []
@@ -127,7 +127,7 @@ def dropped_of_gyro(calibration: Calibration) -> list[str]:
 
 
 def dropped_g_sensitivity(calibration: Calibration) -> list[str]:
-    """The gyroscope's g-sensitivity, where a format has no place for it."""
+    """Warning on the loss of the gyroscope's g-sensitivity."""
     gyro = triads(calibration).get("gyro")
     if gyro is None or not np.any(gyro.g_sensitivity):
         return []
@@ -139,7 +139,7 @@ def dropped_g_sensitivity(calibration: Calibration) -> list[str]:
 
 
 def gyro_bias(calibration: Calibration) -> AnyArray | None:
-    """Bias of the gyroscope at the reference temperature, rad/s: of the imu section, or else of the thermal model."""
+    """Bias of the gyroscope at the reference temperature, rad/s, from the imu section or else from the thermal model; None without."""
     parts, section = triads(calibration), calibration.temperature
     if "gyro" in parts:
         return parts["gyro"].bias
@@ -149,9 +149,9 @@ def gyro_bias(calibration: Calibration) -> AnyArray | None:
 
 
 def cubics(calibration: Calibration, sensor: str, reference: float | None, warnings: list[str]) -> AnyArray | None:
-    """Thermal model of a sensor: (3, 3) coefficients of d, d^2 and d^3 for each axis, d = T - `reference` (None: that of the model).
+    """Thermal model of a sensor as a cubic: (3, 3) coefficients of d, d^2, d^3 for each axis, or None without a thermal model.
 
-    None where there is no model.
+    d = T - `reference`; `reference` None uses that of the model. Warnings report what the cubic loses.
     """
     section = calibration.temperature
     if section is None:

@@ -1,4 +1,4 @@
-"""MotionCal's calibration packet, as the program sends it to a sensor: 68 bytes."""
+"""MotionCal's calibration packet of 68 bytes, which the program sends to a sensor."""
 
 import struct
 from typing import Any
@@ -14,12 +14,12 @@ from ._options import Options, Product, plain
 
 _MICROTESLA = 1e-6
 _SIGNATURE = b"\x75\x54"
-#: of a determinant that float32 cannot tell from 1
+#: largest departure of a determinant from 1 that float32 cannot represent
 _UNIT = 3e-7
 
 
 def motioncal(calibration: Calibration, options: Options) -> Product:
-    """Hard iron in uT and the inverse of the soft iron with unit determinant."""
+    """Write the hard iron in uT and the inverse of the soft iron, scaled to unit determinant."""
     mag = calibration.magnetometer
     if mag is None:
         raise ExportError("the calibration holds no magnetometer, for which alone MotionCal has a place")
@@ -35,13 +35,13 @@ def motioncal(calibration: Calibration, options: Options) -> Product:
         warnings.append("the packet's offsets of accelerometer and gyroscope are zero; MotionCal does not know their units")
     values = [0.0] * 6 + [*mag.model.hard_iron / _MICROTESLA, field / _MICROTESLA, *shape.diagonal(), *upper_of(shape)]
     for value in values:
-        plain(float(value))  # float32 holds it
+        plain(float(value))  # refuses values outside the range of float32
     body = _SIGNATURE + struct.pack("<16f", *values)
     return Product(body + struct.pack("<H", _checksum(body)), tuple(warnings))
 
 
 def read_motioncal(data: bytes, options: dict[str, Any]) -> Calibration:
-    """A packet of 68 bytes, or of 52 as older programs sent it, in which the field's strength is not known."""
+    """Read a packet of 68 bytes, or of 52 bytes from older programs, which does not state the field's strength."""
     if data[:2] != _SIGNATURE or len(data) not in (52, 68):
         raise DataError(f"the file has {len(data)} bytes and begins with {data[:2].hex(' ')}; expected 68 or 52 that begin with 75 54")
     sent, found = struct.unpack("<H", data[-2:])[0], _checksum(data[:-2])
@@ -58,7 +58,7 @@ def read_motioncal(data: bytes, options: dict[str, Any]) -> Calibration:
 
 
 def _checksum(data: bytes) -> int:
-    """CRC-16, reflected polynomial 0xA001, from 0xFFFF."""
+    """CRC-16 with the reflected polynomial 0xA001 and the initial value 0xFFFF."""
     found = 0xFFFF
     for byte in data:
         found ^= byte

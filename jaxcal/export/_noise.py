@@ -1,4 +1,4 @@
-"""From the noise of three axes to the one density and one random walk that most filters take."""
+"""Combine the noise of three axes to the single density and random walk that most filters use."""
 
 from typing import Any
 
@@ -11,22 +11,22 @@ from .._units import si_unit
 from ..calibration import Calibration, DeviceNoise, SensorNoise
 from ._options import SENSORS, UNITS, Options, is_positive, number, numbers
 
-#: what filters call it -> term of the noise model, and words
+#: a filter's name -> term of the noise model, and its name in messages
 _QUANTITIES = {"density": ("N", "noise density"), "random_walk": ("K", "random walk")}
 _DROPPED = {"Q": "quantisation", "B": "bias instability", "R": "ramp", "markov": "Gauss-Markov", "sinusoid": "sinusoid"}
 
 
 class Isotropic(eqx.Module):
-    """Noise as most filters take it: one density (N) and one random walk (K) for each sensor, SI per sqrt(Hz), after `inflate`."""
+    """Noise for most filters: one density (N) and one random walk (K) for each sensor, SI per sqrt(Hz), after `inflate`."""
 
     values: dict[tuple[str, str], float]  # (quantity, sensor) -> number
     rate: float
-    facts: tuple[str, ...]  # how they came about; the accelerometer first, also in the warnings
+    facts: tuple[str, ...]  # origin of the values; the accelerometer comes first, also in the warnings
     warnings: tuple[str, ...]
 
 
 def isotropic(calibration: Calibration, options: Options, why: str) -> Isotropic:
-    """Density and random walk of both sensors, and the rate, on which `why` says what depends; an error where one is not known."""
+    """Density and random walk of both sensors, and the rate; refused if one is unknown. `why` says what depends on the rate."""
     noise = noise_of(calibration)
     combine = np.max if options.axis == "worst" else lambda values: np.sqrt(np.mean(values**2))
     values, facts, warnings = {}, [], []
@@ -40,12 +40,12 @@ def isotropic(calibration: Calibration, options: Options, why: str) -> Isotropic
 
 
 def stored_noise(sensor: str, **terms: Any) -> dict[str, Any]:
-    """Noise of a sensor with these terms, as `Calibration` takes it."""
+    """Noise of a sensor with these terms, in the form for `Calibration`."""
     return {"unit": si_unit(sensor), **dict.fromkeys("QNBKR"), **terms}
 
 
 def noise_of(calibration: Calibration) -> DeviceNoise:
-    """Noise of the device, or the reason why there is none to write."""
+    """Noise of the device; refused if the calibration has none."""
     if calibration.noise is None:
         raise ExportError(
             "the calibration holds no noise; run jaxcal noise on a log of the sensor at rest, whose calibration.json holds it"
@@ -54,7 +54,7 @@ def noise_of(calibration: Calibration) -> DeviceNoise:
 
 
 def per_axis(noise: DeviceNoise, sensor: str, options: Options) -> tuple[AnyArray, AnyArray, str, tuple[str, ...]]:
-    """N and K of the three axes of a sensor after `inflate`, how they came about, and warnings."""
+    """N and K of the three axes of a sensor after `inflate`, their origin, and warnings."""
     n, n_source, n_warnings = _axes(noise, sensor, "density", options)
     k, k_source, k_warnings = _axes(noise, sensor, "random_walk", options)
     about = f"per axis N = {numbers(n)}{n_source}; K = {numbers(k)}{k_source}"
@@ -64,7 +64,7 @@ def per_axis(noise: DeviceNoise, sensor: str, options: Options) -> tuple[AnyArra
 
 
 def rate_of(noise: DeviceNoise, calibration: Calibration, options: Options, why: str) -> tuple[float, list[str]]:
-    """Sampling rate to write in Hz, and a warning where nobody gave it; `why` says what depends on it."""
+    """Sampling rate to write in Hz, with a warning if it was only estimated; `why` says what depends on it."""
     if options.rate is not None:
         return float(options.rate), []
     if (calibration.provenance or {}).get("rate") == "given":
@@ -80,7 +80,7 @@ def _measured(noise: DeviceNoise, sensor: str) -> SensorNoise:
 
 
 def _axes(device: DeviceNoise, sensor: str, quantity: str, options: Options) -> tuple[np.ndarray, str, list[str]]:
-    """N or K of the three axes, where it comes from if not from the fit, and warnings."""
+    """N or K of the three axes, its origin if it is not the fit, and warnings."""
     noise, (term, name) = _measured(device, sensor), _QUANTITIES[quantity]
     missing = _not_found(noise, term)
     asked: Any = getattr(options, quantity)
@@ -110,7 +110,7 @@ def _axes(device: DeviceNoise, sensor: str, quantity: str, options: Options) -> 
 
 
 def _not_found(noise: SensorNoise, term: str) -> list[int]:
-    """Axes on which a term is zero, not known, or not certain."""
+    """Axes on which a term is zero, unknown, or not certain."""
     values = getattr(noise, term)
     if values is None:
         return [0, 1, 2]
@@ -119,7 +119,7 @@ def _not_found(noise: SensorNoise, term: str) -> list[int]:
 
 
 def _for_one_sensor(device: DeviceNoise, value: float | int, sensor: str, quantity: str) -> float | int | None:
-    """A lone number is for the one sensor that lacks the quantity; the units of the two differ."""
+    """Return a single number for the one sensor without this quantity, else None; refuse it if the sensor is ambiguous."""
     term, name = _QUANTITIES[quantity]
     lacking = [other for other in SENSORS if _not_found(_measured(device, other), term)]
     if len(lacking) != 1:

@@ -1,4 +1,4 @@
-"""What the formats share: what a user may choose about a file, what a writer makes, and numbers as they are written and read."""
+"""Shared by the formats: the user's options, the result of a writer, and conversion of numbers to and from text."""
 
 import dataclasses
 import math
@@ -10,7 +10,7 @@ import numpy as np
 from .._errors import DataError, ExportError
 from .._units import STANDARD_GRAVITY
 
-#: what filters call a term of the noise -> sensor -> its SI unit there
+#: a filter's name for a noise term -> sensor -> SI unit
 UNITS = {
     "density": {"gyro": "rad/s/sqrt(Hz)", "accel": "m/s^2/sqrt(Hz)"},
     "random_walk": {"gyro": "rad/s^2/sqrt(Hz)", "accel": "m/s^3/sqrt(Hz)"},
@@ -28,11 +28,11 @@ _CHOICES = {
 }  # fmt: skip
 INSTANCE = "the number of the sensor on its vehicle, from 0"
 _LARGEST = 3e38  # of float32
-LARGEST_READ = 1e15  # a number above this is damage
+LARGEST_READ = 1e15  # a larger number means that the file is damaged
 
 
 class Options(eqx.Module):
-    """Choices that the formats share; see `jaxcal.export.write`."""
+    """Options of all formats; see `jaxcal.export.write`."""
 
     topic: str = "/imu0"
     axis: str = "worst"
@@ -79,7 +79,7 @@ class Options(eqx.Module):
 
 
 class Product(eqx.Module):
-    """What a writer makes: the text (or bytes, or suffix of the file's name -> text), warnings, and facts for the comments."""
+    """Result of a writer: the text (or bytes, or a dictionary file suffix -> text), warnings, and facts for the comments."""
 
     content: Any
     warnings: tuple[str, ...] = ()
@@ -92,12 +92,12 @@ def is_positive(value: Any) -> bool:
 
 
 def is_instance(value: Any) -> bool:
-    """Whether a value can be the number of a sensor on its vehicle."""
+    """Whether a value is a valid index of a sensor on its vehicle."""
     return not isinstance(value, bool) and 0 <= value <= 4
 
 
 def plain(value: float | int, digits: int = 9) -> str:
-    """Nine digits, exact for float32, and no negative zero; an error where float32 does not hold the value."""
+    """Format with nine digits, exact for float32, without negative zero; refuse a value outside the range of float32."""
     if isinstance(value, int):
         return str(value)
     if not (math.isfinite(value) and abs(value) < _LARGEST):
@@ -106,7 +106,7 @@ def plain(value: float | int, digits: int = 9) -> str:
 
 
 def number(value: float | int) -> str:
-    """Nine digits, exact for float32, with a point: "4.0e-06", for YAML readers take `4e-06` for a word."""
+    """Format like `plain`, but with a decimal point: "4.0e-06", because YAML readers take `4e-06` for a string."""
     text = plain(float(value))
     if "." in text:
         return text
@@ -115,22 +115,22 @@ def number(value: float | int) -> str:
 
 
 def numbers(values: Any) -> str:
-    """Numbers of a vector or matrix, row by row, separated by commas."""
+    """Format the numbers of a vector or matrix, row by row, separated by commas."""
     return ", ".join(number(float(value)) for value in np.ravel(values))
 
 
 def listed(values: Any) -> str:
-    """Numbers as a list in YAML and Python."""
+    """Format numbers as a list for YAML and Python."""
     return f"[{numbers(values)}]"
 
 
 def comment(text: str, mark: str = "#") -> str:
-    """One line of comment, whatever the text holds."""
+    """Format a text as one comment line; line breaks become spaces."""
     return f"{mark} {' '.join(text.split())}"
 
 
 def finite(text: str, what: str) -> float:
-    """The number that a text is; an error where it is none, or none that a calibration can have. `what` says where it stands."""
+    """Convert a text to a number; refuse a text that is not a plausible number. `what` names it in the message."""
     try:
         value = float(text)
     except ValueError:

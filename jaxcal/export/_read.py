@@ -1,4 +1,4 @@
-"""`read`: what another tool's file says about a device."""
+"""`read`: read a calibration from another tool's file."""
 
 import os
 import pathlib
@@ -20,22 +20,23 @@ def read(
     convention: str | None = None,
     instance: int = 0,
 ) -> Calibration:
-    """Read back a file that `write`, or the tool itself, wrote.
+    """Read a file that was written by `write` or by the tool itself.
 
-    Numbers are those of the file: what the format cannot hold is not there, and one number for three axes stands for each of them.
+    The result has only the numbers in the file. If the file has one number for three axes, each axis gets this number.
 
     Parameters
     ----------
     path : the file; for "imu_tk" the name given to `write`, or one of its two files.
-    format : "kalibr" (`imu.yaml`, or the result of its calibration with matrices), "openvins", "vins", "orbslam3", "px4", "ardupilot",
+    format : "kalibr" (`imu.yaml`, or Kalibr's calibration result with matrices), "openvins", "vins", "orbslam3", "px4", "ardupilot",
         "ros" (all flavours), "imu_tk", "motioncal" (68 or 52 bytes) or "csv".
-    rate : sampling rate in Hz; needed for "vins" and the covariances of "ros" where the file does not say it.
-    convention : "midpoint" or "per_sample" of "vins"; by default as the file says, else "midpoint".
-    instance : number of the sensors on the vehicle, from 0, for "px4" and "ardupilot".
+    rate : sampling rate in Hz; replaces that of the file, and is required if the file does not state it.
+    convention : "midpoint" or "per_sample", for "vins"; the default is that stated in the file, else "midpoint".
+    instance : index of the sensors on the vehicle, from 0, for "px4" and "ardupilot".
 
     Returns
     -------
-    `Calibration` with the sections that the file allows.
+    Calibration
+        With the sections that the file contains.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Calibrations as YAML for ROS nodes; there is no standard, so that a flavour is chosen."""
+"""Calibrations as YAML for ROS nodes. There is no standard, so the user chooses a flavour."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ _COVARIANCES = {
 
 
 def ros(calibration: Calibration, options: Options) -> Product:
-    """The flavour that is asked for."""
+    """Write the chosen flavour."""
     make = {"ros2": _ros2, "imu_calib": _imu_calib, "dlio": _dlio, "madgwick": _madgwick}[options.flavour]
     lines, warnings = make(calibration, options)
     if calibration.temperature is not None:
@@ -59,8 +59,7 @@ def _covariances(calibration: Calibration, options: Options, warnings: list[str]
             if held is not None:
                 warnings.append(f"{name} is not written: no N was found on some axis of {sensor}")
             continue
-        at = f" at {number(rate)} Hz" if sensor == "gyro" else ""
-        lines.append(f"{name}: {listed(np.diag((held.N * options.inflate) ** 2 * rate))}   # {unit}{at}")
+        lines.append(f"{name}: {listed(np.diag((held.N * options.inflate) ** 2 * rate))}   # {unit} at {number(rate)} Hz")
         if any(values is not None and np.any(values > 0) for values in (held.K, held.B)):
             warnings.append(f"{name}: K and B are not written; a covariance holds white noise alone")
     if options.inflate != 1 and lines:
@@ -96,7 +95,7 @@ def _dlio(calibration: Calibration, options: Options) -> tuple[list[str], list[s
 
 
 def _before_bias(calibration: Calibration, why: str) -> tuple[AnyArray, AnyArray]:
-    """Matrix of the accelerometer's correction, and the bias that is subtracted after it."""
+    """Matrix of the accelerometer's correction, and the bias to subtract after the matrix."""
     accel = triads(calibration).get("accel")
     if accel is None:
         raise ExportError(f"the calibration holds no accelerometer{why}")
@@ -122,7 +121,7 @@ def _left_out(calibration: Calibration, tool: str, names: tuple[str, ...]) -> li
 
 
 def read_ros(text: str, options: dict[str, Any]) -> Calibration:
-    """Any of the flavours that `write` knows, told apart by their keys."""
+    """Read any flavour of `write`; the keys of the file identify it."""
     document = parse(text)
     if "SM" in document:
         return Calibration(imu={"accel": _after_matrix(document, "SM")})
@@ -154,6 +153,6 @@ def read_ros(text: str, options: dict[str, Any]) -> Calibration:
 
 
 def _after_matrix(found: dict[str, Any], key: str) -> Triad:
-    """An accelerometer whose bias is subtracted after the matrix."""
+    """Read an accelerometer whose bias is subtracted after the matrix."""
     matrix = inverse(numbers_of(found, key, 3, 3))
     return Triad(matrix, matrix @ numbers_of(found, "bias", 3))

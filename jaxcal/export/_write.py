@@ -1,4 +1,4 @@
-"""`write`: a calibration as a file for another tool."""
+"""`write`: write a calibration as a file for another tool."""
 
 import importlib.metadata
 import os
@@ -39,45 +39,46 @@ def write(
 ) -> tuple[str, ...]:
     """Write a calibration as a file that another tool reads.
 
-    Noise N becomes the noise density and K the random walk; bias instability B is never written as a random walk. Where a tool
-    takes one number for three axes, `axis` chooses it.
+    Noise N is written as the noise density and K as the random walk; bias instability B is never written as a random walk. If a tool
+    uses one number for three axes, `axis` says how to combine them.
 
     Parameters
     ----------
     calibration : the `Calibration` to write; for "px4" and "ardupilot" also a list of them, one for each instance of the sensors.
-    path : file to write; an existing one is replaced in one step. "imu_tk" writes two: NAME_acc.calib and NAME_gyro.calib.
+    path : file to write; an existing file is replaced atomically. "imu_tk" writes two files: NAME_acc.calib and NAME_gyro.calib.
     format : "kalibr" (`imu.yaml`), "openvins" (`kalibr_imu_chain.yaml`, with its matrices), "vins" (lines for VINS-Mono and
         VINS-Fusion), "orbslam3" (lines), "gtsam" (Python), "px4" (`.params`), "ardupilot" (`.param`), "ros" (YAML), "imu_tk"
-        (`.calib`), "motioncal" (68 bytes), "c" (header of C99), "csv" (a row for every number). All but the last three write the
-        units beside the numbers or among the comments.
+        (`.calib`), "motioncal" (68 bytes), "c" (C99 header), "csv" (one row per number). Most formats state the units beside the numbers
+        or in comments.
     topic : ROS topic of the sensor.
-    axis : "worst", the largest of the three axes, or "rms", their root mean square. The file lists the three in a comment.
-    inflate : factor on all noise; the file says so.
-    density : what to write where a fit did not find N: "upper_limit", a number (rad/s/sqrt(Hz) or m/s^2/sqrt(Hz)) for the one
-        sensor that lacks it, or {"gyro": ..., "accel": ...}, which also replaces an N that was found. The file says so.
+    axis : "worst" uses the largest of the three axes, "rms" their root mean square. A comment in the file lists all three.
+    inflate : factor applied to all noise; the file states it.
+    density : value to write if the fit did not find N: "upper_limit", a number (rad/s/sqrt(Hz) or m/s^2/sqrt(Hz)) for the one
+        sensor without N, or {"gyro": ..., "accel": ...}, which also replaces a fitted N. The file states it.
     random_walk : the same for K, in rad/s^2/sqrt(Hz) or m/s^3/sqrt(Hz).
-    rate : true sampling rate in Hz; by default that of the log, with a warning.
+    rate : true sampling rate in Hz; the default is that of the log, with a warning.
     gravity : m/s^2, for "vins" and "gtsam".
-    convention : "midpoint", N sqrt(2 rate), or "per_sample", N sqrt(rate), of "vins"; the file states the other too.
-    model : "kalibr" (lower triangles) or "rpng" (upper) of "openvins".
-    frame : "up" or "down", the z axis of "gtsam".
-    flavour : "ros2", "imu_calib", "dlio" or "madgwick" of "ros".
-    instance : number of the sensors on the vehicle, from 0.
-    gyro_bias : whether "ardupilot" gets the gyroscope's bias, which it learns anew at every start.
-    prefix : of the names in C.
-    accumulator : whether the header has the accumulator for the next magnetometer calibration; see `Moments` and `Admission`.
-    force : write a calibration whose verdict is "weak" or "refused" too.
-    provenance : whether to begin with comments on origin, units and on what was left out. imu_tk, motioncal and csv have no comments.
+    convention : for "vins", "midpoint" writes N sqrt(2 rate), "per_sample" writes N sqrt(rate); the file states the other value, too.
+    model : for "openvins", "kalibr" (lower triangles) or "rpng" (upper triangles).
+    frame : for "gtsam", "up" or "down", the direction of the z axis.
+    flavour : for "ros", "ros2", "imu_calib", "dlio" or "madgwick".
+    instance : index of the sensors on the vehicle, from 0.
+    gyro_bias : for "ardupilot", whether to write the gyroscope's bias, which the firmware estimates again at every start.
+    prefix : prefix of the names in the C header.
+    accumulator : whether the C header includes the accumulator for the next magnetometer calibration; see `Moments` and `Admission`.
+    force : True also writes a calibration whose verdict is "weak" or "refused".
+    provenance : whether to begin with comments on origin, units and omissions. imu_tk, motioncal and csv have no comments.
 
     Returns
     -------
-    Sentences on what the file leaves out or takes from elsewhere than the fit.
+    tuple of str
+        Sentences on what the file omits, and on values that do not come from the fit.
 
     Raises
     ------
     ExportError
         If the calibration lacks something that the format needs, its verdict is "weak" or "refused" without `force`, an option is
-        wrong or means nothing to the format, or the file cannot be written.
+        wrong or not used by the format, or the file cannot be written.
 
     Examples
     --------
@@ -123,7 +124,7 @@ def _devices(calibration: Any, kind: Format, format: str) -> list[Calibration]:
 
 
 def _doubts(calibration: Calibration, kind: Format, force: bool) -> list[str]:
-    """What makes the calibration itself doubtful, whatever the format."""
+    """Warnings on the calibration itself, which apply to every format."""
     said = []
     for name in ("imu", "magnetometer"):
         section = getattr(calibration, name)
@@ -147,7 +148,7 @@ def _doubts(calibration: Calibration, kind: Format, force: bool) -> list[str]:
 
 
 def _left_out(calibration: Calibration, kind: Format, format: str) -> list[str]:
-    """Sections for which the format has no place at all."""
+    """Warnings on sections and parameters that the format cannot represent."""
     held = [name for name in ("noise", "imu", "magnetometer", "temperature") if getattr(calibration, name) is not None]
     left = [name for name in held if name not in kind.sections]
     said = []

@@ -1,4 +1,4 @@
-"""YAML as calibrations are written in it, read by PyYAML, and the numbers in it."""
+"""Read calibrations in YAML with PyYAML, and get numbers from them."""
 
 import math
 import re
@@ -15,7 +15,7 @@ _AGAIN = "give rate= (Hz), the rate of the sensor"
 
 
 def parse(text: str) -> dict[str, Any]:
-    """The mapping that a text holds, in which no key stands twice. OpenCV's directive and tags are passed over."""
+    """Parse a text to a mapping. Duplicate keys are refused; OpenCV's directive and tags are ignored."""
     try:
         import yaml
     except ImportError as error:
@@ -42,7 +42,7 @@ def parse(text: str) -> dict[str, Any]:
         found = yaml.load("\n".join("" if line.startswith("%YAML") else line for line in text.splitlines()), Loader)
     except yaml.YAMLError as error:
         raise DataError(f"the file is not YAML: {' '.join(str(error).split())}") from error
-    except (RecursionError, ValueError) as error:  # lists within lists without end; a date or a number that is none
+    except (RecursionError, ValueError) as error:  # too deeply nested lists; an invalid date or number
         if isinstance(error, DataError):
             raise
         raise DataError(f"the file is no configuration: {error}") from error
@@ -52,7 +52,7 @@ def parse(text: str) -> dict[str, Any]:
 
 
 def mapping(found: dict[str, Any], *keys: str) -> dict[str, Any]:
-    """The mapping below a key, below that key the next, and so on."""
+    """Follow a path of keys through nested mappings, and return the last mapping."""
     for key in keys:
         value = found.get(key)
         if not isinstance(value, dict):
@@ -62,12 +62,12 @@ def mapping(found: dict[str, Any], *keys: str) -> dict[str, Any]:
 
 
 def numbers_of(found: dict[str, Any], key: str, *shape: int) -> AnyArray:
-    """The number, vector or matrix at a key."""
+    """Return the number, vector or matrix at a key."""
     value, size = found.get(key), math.prod(shape)
     rows = value if isinstance(value, list) else [value]
     flat: list[Any] = [item for row in rows for item in (row if isinstance(row, list) else [row])]
     try:
-        # YAML takes 1e-3, without a point, for a word
+        # YAML reads 1e-3, without a decimal point, as a string
         values = np.array([float("nan") if isinstance(item, bool) else float(item) for item in flat])
     except (TypeError, ValueError, OverflowError):
         values = np.array([])
@@ -78,14 +78,14 @@ def numbers_of(found: dict[str, Any], key: str, *shape: int) -> AnyArray:
 
 
 def read_rate(found: dict[str, Any], key: str, options: dict[str, Any]) -> float:
-    """The rate that the user gave, or else the one at a key."""
+    """The rate given by the user, or else the rate at a key."""
     if options["rate"] is None and key not in found:
         raise DataError(f"the file does not say the rate; {_AGAIN}")
     return float(options["rate"] or numbers_of(found, key))
 
 
 def stated(text: str, pattern: str, options: dict[str, Any], what: str) -> float:
-    """The rate of values per sample (`what`) that the user gave, or else the one that a comment states."""
+    """The rate for per-sample values (`what`): that given by the user, or else that stated in a comment of the file."""
     found = re.search(pattern, text)
     try:
         value = float(options["rate"] or (found[1] if found else 0.0))

@@ -1,8 +1,8 @@
 """Least squares for every calibration, and for models of your own.
 
-A calibration is a residual problem: a model (any tree of numbers, as a rule an Equinox module) and a function
-`residuals(model, data) -> array` of residuals in units of their standard deviation. `solve` fits it; the other functions say how
-well the parameters are known. Every estimator of jaxcal stands on this package, the only one that uses optimistix.
+A calibration is a residual problem: a model (any tree of numbers, usually an Equinox module) and a function
+`residuals(model, data) -> array` of residuals in units of their standard deviation. `solve` fits the model; the other functions tell how
+well its parameters are known. Every estimator of jaxcal uses this package, and only this package uses optimistix.
 """
 
 from ._chain import Chain as Chain, Eliminated as Eliminated

@@ -1,4 +1,4 @@
-"""Covariance of fitted parameters: of the model, of a sandwich over blocks of residuals, and from refits without one block at a time."""
+"""Covariance of fitted parameters: from the model, from a sandwich over blocks of residuals, or from refits without one block at a time."""
 
 import dataclasses
 from typing import Any, Literal
@@ -19,9 +19,9 @@ from ._search import search
 
 Kind = Literal["model", "sandwich", "jackknife"]
 
-#: Blocks of a jackknife unless given. On real logs six were honest, where ten or twenty were still too narrow.
+#: Default number of blocks of a jackknife. On real logs the errors were right with six, but too small with ten or twenty.
 _BLOCKS = 6
-#: Share of a residual that a sandwich takes for unexplained at least: a block of leverage one has no residual to scale.
+#: Smallest share of a residual that a sandwich counts as unexplained: a block of leverage one leaves no residual to scale.
 _LEAST = 1e-6
 
 
@@ -32,39 +32,39 @@ def covariance(
 
     With J the Jacobian of the residuals, K that of the priors and B = (J'J + K'K)^-1:
 
-    - "model" takes the residuals at their word, independent with standard deviation one: C = B. With `scaled` they have one unknown
-      variance, the reduced chi-square s^2: C = B (s^2 J'J + K'K) B. A robust loss is always scaled, and corrected for the finite number
+    - "model" assumes independent residuals with standard deviation one: C = B. With `scaled` the residuals share one unknown variance,
+      estimated by the reduced chi-square s^2: C = B (s^2 J'J + K'K) B. A robust loss is always scaled, and corrected for the finite number
       of residuals (Huber and Ronchetti, Robust Statistics, 2009, section 7.6).
-    - "sandwich" allows residuals of any variance, correlated within a block: C = B (sum_b g_b g_b' + K'K) B with g_b the gradient of
-      block b, freed of the leverage of the block (R. M. Bell and D. F. McCaffrey, Survey Methodology 28 (2002) 169).
-    - "jackknife" refits without one block at a time: C = (m - 1) / m sum_b (x_b - mean) (x_b - mean)' + B K'K B with m blocks. It sees
-      in addition that parts of a recording determine different parameters, and the curvature of the model. Use it for the errors of real
-      sensors, which are correlated in time: there the first is several times too narrow. It needs a fit of `solve`.
+    - "sandwich" allows residuals of any variance that are correlated within a block: C = B (sum_b g_b g_b' + K'K) B, where g_b is the
+      gradient of block b, corrected for the leverage of the block (R. M. Bell and D. F. McCaffrey, Survey Methodology 28 (2002) 169).
+    - "jackknife" refits without one block at a time: C = (m - 1) / m sum_b (x_b - mean) (x_b - mean)' + B K'K B with m blocks. It also
+      includes the curvature of the model, and the fact that parts of a recording determine different parameters. Use it for real sensors,
+      whose errors are correlated in time: "model" then gives errors several times too small. It needs a fit by `solve`.
 
-    The residuals of priors are certain information of variance one in each of them: nothing scales them, and they belong to no block.
+    The residuals of priors are independent with variance one. They are never scaled, and they belong to no block.
 
     Parameters
     ----------
     fit
-        A fit; a parameter at its bound counts as fixed and has zero covariance (but for "jackknife", in which it may leave the bound).
+        A fit. A parameter at its bound counts as fixed and has zero covariance, except with "jackknife", where it may leave the bound.
     kind
         "model", "sandwich" or "jackknife".
     blocks
-        Blocks of residuals: a number of contiguous ones in the order of `fit.residuals` (padding left out), or (n,) a label each. By
-        default six for "jackknife", and every residual by itself for "sandwich".
+        Blocks of residuals: a number of contiguous blocks in the order of `fit.residuals` (without padding), or (n,) labels. By
+        default six blocks for "jackknife", and one block per residual for "sandwich".
     scaled
-        For "model": multiply by the reduced chi-square, for residuals whose standard deviation was not known.
+        For "model": multiply by the reduced chi-square. Use it if the standard deviation of the residuals is unknown.
     information
-        (p, p) information of the data instead of J'J, such as the expected one of a likelihood, in units of the parameters.
+        (p, p) information of the data instead of J'J, such as the expected information of a likelihood, in units of the parameters.
 
     Returns
     -------
-    (p, p) in the units of the parameters; infinite where the data do not determine every parameter, or do not without one of the blocks.
+    (p, p) in the units of the parameters; infinite if the data do not determine every parameter, with all blocks or without one of them.
 
     Raises
     ------
     FitError
-        For labels that are not one per residual, too few blocks, blocks where `kind` takes none, and a jackknife without its problem.
+        If the labels are not one per residual, blocks are too few, `kind` takes no blocks, or a jackknife lacks the data of its fit.
 
     Examples
     --------
@@ -102,11 +102,11 @@ def covariance(
 def intervals(
     fit: Fit[Any], kind: Kind = "model", *, confidence: float = 0.95, blocks: int | AnyArray | None = None, **options: Any
 ) -> AnyArray:
-    """Intervals: parameters plus and minus a quantile times their standard errors (host only).
+    """Intervals of the parameters: the estimate plus and minus a quantile times its standard error (host only).
 
-    The quantile is that of Student's distribution with the degrees of freedom of the variance: m - 1 for a sandwich or jackknife of m
-    blocks, `fit.degrees_of_freedom` for a scaled covariance or a robust loss. It is that of the normal distribution where the residuals
-    are taken at their word.
+    The quantile is from Student's t distribution with the degrees of freedom of the variance: m - 1 for a sandwich or jackknife with m
+    blocks, and `fit.degrees_of_freedom` for a scaled covariance or a robust loss. For a covariance of kind "model" without scaling it is
+    from the normal distribution.
 
     Parameters
     ----------
@@ -115,12 +115,12 @@ def intervals(
     confidence
         Probability that an interval covers its parameter.
     options
-        The other options of `covariance`.
+        Further options of `covariance`.
 
     Returns
     -------
-    (p, 2) lower and upper ends in the order of `fit.names`, in the units of the parameters. At a bound the interval has no length; use
-    `profile_interval` there.
+    (p, 2) lower and upper ends in the order of `fit.names`, in the units of the parameters. The interval of a parameter at its bound has
+    zero length; use `profile_interval` there.
 
     Examples
     --------
@@ -147,7 +147,7 @@ def _bread(fit: Fit[Any], given: AnyArray | None) -> Information:
     xp = array_module(fit.residuals, given)
     if given is None:
         rows = xp.sqrt(xp.abs(fit.mean_curvature)) * fit.jacobian
-    else:  # rows of which it is the product, from columns of unit length, since an eigenvalue knows no units
+    else:  # rows whose product is the information; columns are scaled to unit length, because eigenvalues depend on units
         size = xp.sqrt(xp.diagonal(given))
         size = xp.where(size > 0, size, 1)
         values, vectors = xp.linalg.eigh(given / size[:, None] / size[None, :])
@@ -156,7 +156,7 @@ def _bread(fit: Fit[Any], given: AnyArray | None) -> Information:
 
 
 def _variance(fit: Fit[Any]) -> Value:
-    """Factor of the data's share: the reduced chi-square, or its counterpart for a robust loss."""
+    """Factor for the data's share of the covariance: the reduced chi-square, or its counterpart for a robust loss."""
     if not fit.robust:
         return fit.variance
     xp = array_module(fit.residuals)
@@ -165,7 +165,7 @@ def _variance(fit: Fit[Any]) -> Value:
 
 
 def _labels(fit: Fit[Any], blocks: int | AnyArray | None) -> tuple[AnyArray, int]:
-    """Number of the block of every residual, and how many there are."""
+    """Block number of every residual, and the number of blocks."""
     xp, n = array_module(fit.residuals), fit.residuals.size
     if isinstance(blocks, int):
         if not 2 <= blocks <= n:
@@ -180,12 +180,12 @@ def _labels(fit: Fit[Any], blocks: int | AnyArray | None) -> tuple[AnyArray, int
 
 
 def _real(fit: Fit[Any], labels: AnyArray) -> int:
-    """Number of blocks that are not padding alone (host only)."""
+    """Number of blocks that contain more than padding (host only)."""
     return len(np.unique(np.asarray(labels)[np.asarray(fit.counted)]))
 
 
 def _meat(fit: Fit[Any], labels: AnyArray, count: int) -> AnyArray:
-    """Sum of the squared gradients of the blocks, each freed of its leverage H_b: J_b' (1 - H_b)^-1/2 r_b in p dimensions."""
+    """Sum of the squared gradients of the blocks, each corrected for its leverage H_b: J_b' (1 - H_b)^-1/2 r_b in p dimensions."""
     xp, rows = array_module(fit.residuals), weighted_rows(fit)[0]
     if not is_traced(fit.residuals):
         real = _real(fit, labels)
@@ -206,7 +206,7 @@ def _meat(fit: Fit[Any], labels: AnyArray, count: int) -> AnyArray:
 
 @filter_jit
 def _without(problem: Problem, keep: Array) -> tuple[Array, Array]:
-    """Parameters of the refits, (m, p), and which of them converged and are determined."""
+    """Parameters of the refits, (m, p), and whether each refit converged and is determined."""
 
     def refit(kept: Array) -> tuple[Array, Array]:
         found = search(dataclasses.replace(problem, keep=kept))
@@ -222,7 +222,7 @@ def _without(problem: Problem, keep: Array) -> tuple[Array, Array]:
 def _refits(fit: Fit[Any], problem: Problem, labels: AnyArray, count: int) -> AnyArray:
     """Jackknife covariance: (m - 1) / m times the sum of squares of the refits' deviations from their mean, for m blocks.
 
-    Every refit starts at the solution. A block of padding alone is none. It is infinite where a refit fails.
+    Every refit starts at the solution. Blocks that contain only padding are ignored. The result is infinite if a refit fails.
     """
     xp = array_module(fit.residuals)
     problem = dataclasses.replace(problem, start=fit.model, starts=None)

@@ -35,45 +35,45 @@ def solve(
 ) -> Fit[M]:
     """Fit a model by minimising 1/2 sum_i c^2 rho(r_i^2 / c^2) over its parameters (half the sum of squares without a loss).
 
-    The fit is differentiable in `data`, bounds, held parameters and the numbers of priors and loss (implicit function theorem), and runs
-    under `jit` and `vmap`. Repeated calls with the same residual function and the same shapes do not recompile.
+    The fit can be differentiated with respect to `data`, bounds, held parameters, and the numbers in priors and loss (implicit function
+    theorem). It runs under `jit` and `vmap`. Calls with the same residual function and the same shapes reuse the compiled program.
 
     Parameters
     ----------
     residuals
-        Function of (model, data) that returns an array of any shape, each entry divided by its standard deviation. Define it
-        once, at module level: a new function object is compiled anew. Entries that are zero with zero derivative are padding.
+        Function of (model, data) that returns an array of any shape, with each entry divided by its standard deviation. Define it
+        once, at module level: each new function object is compiled again. Entries that are zero with zero derivative are padding.
     start
         Model to start from: an Equinox module or any other tree. Its floating-point leaves are the parameters.
     data
         Second argument of `residuals`: any tree.
     free
-        True for the parameters to fit and False for those to hold: one value, or a tree like `start` (or a prefix of it)
+        True for the parameters to fit and False for those to hold fixed: one value, or a tree like `start` (or a prefix of it)
         whose leaves may be arrays.
     bounds
-        (lower, upper), each a number or a tree like `start`. A parameter may start and end on its bound; there the fit ends
-        with `Outcome.at_bound`, and the parameter counts as fixed for covariance and degrees of freedom.
+        (lower, upper), each a number or a tree like `start`. A parameter may start and end on its bound. If it ends there, the outcome
+        is `Outcome.at_bound`, and the parameter counts as fixed for covariance and degrees of freedom.
     loss
         Robust loss, such as `Huber()`.
     priors
-        What is known of the parameters besides: a prior such as `Gaussian("bias[2]", 0.0, 0.01)`, or several.
+        Prior knowledge of the parameters: one prior such as `Gaussian("bias[2]", 0.0, 0.01)`, or several.
     solver
-        Any least-squares solver of optimistix instead of the default one; without bounds.
+        Any least-squares solver of optimistix, to replace the default one; without bounds.
     starts
-        Tree like `start` with one more axis in front of every leaf: fit from each and keep the lowest cost.
+        Tree like `start` with one more leading axis in every leaf: fit from each start and keep the lowest cost.
     max_steps
-        Most evaluations of the residuals from one start.
+        Largest number of evaluations of the residuals from one start.
     rtol
-        Step to go, relative to the statistical uncertainty, at which the fit has converged.
+        Remaining step, relative to the statistical uncertainty, at which the fit has converged.
 
     Returns
     -------
-    Fit; it is not raised but said in `outcome` where the fit did not converge (`fit.checked()` raises).
+    Fit. A fit that does not converge raises no error; its `outcome` tells (`fit.checked()` raises).
 
     Raises
     ------
     FitError
-        Before compiling, for a start that is not finite or outside the bounds, and for too few or non-finite residuals.
+        Before compiling, if a start is not finite or outside the bounds, or if residuals are too few or not finite.
 
     Examples
     --------
@@ -98,7 +98,7 @@ def solve(
 
 @filter_jit
 def _run(problem: Problem) -> dict[str, Any]:
-    """Solve and describe the solution, but for its rank: fields of `Fit`."""
+    """Solve the problem and return the fields of `Fit`, except for the rank."""
     found = search(problem)
     x, rows, r = found.x, found.rows, found.rows.residuals
     outcome = Outcome.where(jnp.any(found.held), Outcome.at_bound, Outcome.converged)
@@ -124,9 +124,9 @@ def _run(problem: Problem) -> dict[str, Any]:
 
 
 def run(problem: Problem) -> Fit:
-    """Solve, and say where the data do not determine every parameter.
+    """Solve the problem, and report if the data do not determine every parameter.
 
-    Outside of a trace what describes the model is arrays of NumPy, with which the host computes without compiling.
+    Outside of a trace, the fields other than the model are NumPy arrays, so that the host computes with them without compiling.
     """
     found = _run(problem)
     model = found.pop("model")
@@ -142,7 +142,7 @@ def run(problem: Problem) -> Fit:
 
 
 def _check_residuals(problem: Problem, fit: Fit) -> None:
-    """Refuse residuals that are not finite at the start, and say which (host only)."""
+    """Refuse residuals that are not finite at the start, and report which (host only)."""
     if is_traced(fit.parameters) or not ended(fit, Outcome.not_finite):
         return
     at_start = np.concatenate([np.asarray(part) for part in filter_jit(lambda given: given.residual(given.values()))(problem)])
@@ -165,25 +165,25 @@ def solve_many(
 ) -> Fit[M]:
     """Fit the same model to many data sets in one compiled call.
 
-    Nothing is raised for one bad data set among many: look at `outcome` or `usable`, one per fit.
+    One bad data set among many raises no error: check `outcome` or `usable`, which have one value per fit.
 
     Parameters
     ----------
     residuals
         As for `solve`.
     start, data
-        As for `solve`, with one more axis in front of every leaf that is `batched`.
+        As for `solve`, with one more leading axis in every `batched` leaf.
     batched
-        Which leaves have that axis: True or False for all of `start`, and for all of `data` (or a tree for each).
+        Whether leaves have that axis: True or False for all of `start`, and for all of `data` (or a tree for each).
     batch
-        "map" solves one after another, each in as few steps as it needs; "vmap" all at once, each in as many steps as the
-        slowest. By default "map" on a CPU and "vmap" elsewhere.
+        "map" solves one data set after another, each in its own number of steps; "vmap" solves all at once, in as many steps as the
+        slowest needs. The default is "map" on a CPU and "vmap" elsewhere.
     options
-        Those of `solve`, the same for every fit.
+        Options of `solve`, the same for every fit.
 
     Returns
     -------
-    Fit whose arrays have the fits as their first axis.
+    Fit whose arrays have one more leading axis, one entry per fit.
 
     Examples
     --------

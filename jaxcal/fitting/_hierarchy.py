@@ -1,23 +1,23 @@
-r"""`sample_hierarchy`: parameters of many items and of the population that they come from, drawn from their joint posterior.
+r"""`sample_hierarchy`: draw the parameters of many items, and of the population that they come from, from their joint posterior.
 
-Item i has parameters :math:`x_i` (p,), known by its own likelihood. Levels group the items, nested or crossed, such as devices,
+Item i has parameters :math:`x_i` (p,) and a likelihood of its own. Levels group the items, nested or crossed, such as devices,
 recordings and axes:
 
 .. math:: x_i = Z_i\beta + \sum_l u^{(l)}_{g_l(i)} + e_i,\qquad u^{(1)} \sim t_\nu(0, s_1^2),\quad u^{(l)} \sim N(0, s_l^2),\quad
     e_i \sim N(0, s_e^2)
 
-Without levels e has the t law. Its heavy tails let an odd unit stay where its own data put it; how heavy they are is drawn too, between
-a law with 3 degrees of freedom and one that is nearly normal. One sweep draws the items by Metropolis steps, or exactly where their
-likelihoods are normal. Everything else comes from its conditional law: the effects of a level
-together with the coefficients from a normal one, the variances from inverse gamma ones (priors as a mixture, below), the weights of
-the t law from gamma ones. Where the items say little, the population and the items move slowly in turn. Each sweep therefore also
-moves the mean and the standard deviation of each level with all items at once ("interweaving"). All sweeps are one compiled program.
+Without levels, e has the t distribution. Its heavy tails let an odd unit stay where its own data put it. Its degrees of freedom are
+drawn too, from 3 to 50, which is nearly normal. One sweep draws the items by Metropolis steps, or exactly if their likelihoods are
+normal. Everything else is drawn from its conditional distribution: the effects of a level together with the coefficients from a normal
+one, the variances from inverse gamma ones (their priors are mixtures, see below), and the weights of the t distribution from gamma
+ones. If the items carry little information, drawing population and items in turn mixes slowly. So each sweep also moves the mean and
+the standard deviation of each level together with all items ("interweaving"). All sweeps are one compiled program.
 
 The prior of the variance of the first level is :math:`(1 + s^2/A^2)^{-2}`, flat below a standard deviation of A. A prior that is flat
-in the standard deviation itself lets it vanish too often where there are few groups, and intervals of the items then hold too
-seldom. The other levels, which may well be nothing, have such a prior, the half-Cauchy one.
+in the standard deviation itself would let it vanish too often if there are few groups, and the intervals of the items would then cover
+too seldom. The other levels, whose variances may well be zero, have such a prior, the half-Cauchy one.
 
-M.-E. Perez, L. R. Pericchi and I. C. Ramirez, Bayesian Analysis 12, 2017 (the scaled F law as a prior); A. Gelman, Bayesian Analysis
+M.-E. Perez, L. R. Pericchi and I. C. Ramirez, Bayesian Analysis 12, 2017 (the scaled F as a prior); A. Gelman, Bayesian Analysis
 1, 2006 (half-Cauchy); A. Gelman et al., Bayesian Data Analysis, 2013, chapters 5, 11 and 17; Y. Yu
 and X.-L. Meng, J. Comput. Graph. Stat. 20, 2011 (interweaving).
 """
@@ -34,17 +34,17 @@ import scipy  # loads its parts when they are first used
 
 from .._types import Array
 
-FREEDOMS = (3.0, 5.0, 8.0, 15.0, 50.0)  # of the t law of the first level, equally likely at first
-_STEPS = 4  # Metropolis steps of the items in a sweep
-_SHAPE, _SHAPE_WITHIN = 1.0, 0.5  # of the priors of variances: of the first level, and of the others
-_WANTED = 0.3  # share of them that is accepted
-_FLOOR = 1e-10  # least variance, of the squared scale of the prior
+FREEDOMS = (3.0, 5.0, 8.0, 15.0, 50.0)  # degrees of freedom of the t distribution of the first level, with equal prior probabilities
+_STEPS = 4  # Metropolis steps of the items in one sweep
+_SHAPE, _SHAPE_WITHIN = 1.0, 0.5  # shape of the priors of variances: for the first level, and for the others
+_WANTED = 0.3  # target acceptance rate of the steps
+_FLOOR = 1e-10  # smallest variance, relative to the squared scale of the prior
 
 
 class Hierarchy(NamedTuple):
     """Draws: parameters of the items (draws, n, p), effects of each level (draws, g, p), coefficients (draws, c, p), standard deviations
-    of the levels and, last, of the items (draws, levels + 1, p); scale and degrees of freedom of the t law, (draws, p), whose
-    standard deviation is that of the normal law nearest to it; share of the steps that were accepted.
+    of the levels and, last, of the items (draws, levels + 1, p); scale and degrees of freedom of the t distribution, (draws, p); acceptance
+    rate of the steps. The standard deviation of the t distribution is that of the normal distribution which it fits best.
     """
 
     items: Array
@@ -57,12 +57,12 @@ class Hierarchy(NamedTuple):
 
 
 class _Problem(NamedTuple):
-    log_likelihood: Callable[..., Array] | None  # None: normal, by `data` (values, roots of covariances)
+    log_likelihood: Callable[..., Array] | None  # None for normal likelihoods, with `data` = (values, roots of covariances)
     data: Any
     design: Array
     members: tuple[Array, ...]
     prior: Array
-    cores: Array  # of the laws of `FREEDOMS`
+    cores: Array  # `core` of each entry of `FREEDOMS`
 
 
 class _State(NamedTuple):
@@ -71,16 +71,16 @@ class _State(NamedTuple):
     effects: tuple[Array, ...]
     beta: Array
     weight: Array
-    law: Array  # which of `FREEDOMS`, (p,)
+    law: Array  # index into `FREEDOMS`, (p,)
     variance: Array  # of the levels and of the items, (levels + 1, p)
     step: Array
     scale: Array
-    stride: Array  # of the moves of a level with all items, (levels + 1, p)
+    stride: Array  # step sizes for moving a level with all items, (levels + 1, p)
 
 
 @functools.cache
 def core(freedom: float) -> float:
-    """Standard deviation of a normal law over the scale of the t law that fits it best: E[(nu + 1) z^2 / (nu s^2 + z^2)] = 1."""
+    """Standard deviation of a normal distribution over the scale of the t that fits it best: E[(nu + 1) z^2 / (nu s^2 + z^2)] = 1."""
 
     def excess(scale):
         mean = scipy.integrate.quad(lambda z: (freedom + 1) * z**2 / (freedom * scale**2 + z**2) * scipy.stats.norm.pdf(z), -9, 9)[0]
@@ -91,13 +91,13 @@ def core(freedom: float) -> float:
 
 
 def log_density(z: Any, scale: Any, freedom: Any) -> Any:
-    """Logarithm of the density of the t law."""
+    """Logarithm of the density of the t distribution."""
     constant = jax.scipy.special.gammaln((freedom + 1.0) / 2.0) - jax.scipy.special.gammaln(freedom / 2.0) - 0.5 * jnp.log(freedom * jnp.pi)
     return constant - jnp.log(scale) - (freedom + 1.0) / 2.0 * jnp.log1p((z / scale) ** 2 / freedom)
 
 
 def _variance(key: Array, squares: Array, count: int, now: Array, prior: Array, shape: float) -> Array:
-    """A draw of a variance from the sum of squares of `count` effects: its prior is a mixture over an auxiliary variable."""
+    """Draw a variance from the sum of squares of `count` effects; its prior is a mixture over an auxiliary variable."""
     first, second = jax.random.split(key)
     auxiliary = jax.random.gamma(first, 2.0 * shape, now.shape, now.dtype) / (1.0 / now + 1.0 / prior**2)
     rate = auxiliary + squares / 2.0
@@ -105,7 +105,7 @@ def _variance(key: Array, squares: Array, count: int, now: Array, prior: Array, 
 
 
 def _normal(key: Array, precision: Array, pull: Array) -> Array:
-    """Draws from N(precision^-1 pull, precision^-1), (..., c, c) and (..., c)."""
+    """Draw from N(precision^-1 pull, precision^-1), with shapes (..., c, c) and (..., c)."""
     root = jnp.linalg.cholesky(precision)
     noise = jax.random.normal(key, pull.shape, pull.dtype)
     middle = jax.scipy.linalg.cho_solve((root, True), pull[..., None])[..., 0]
@@ -113,7 +113,7 @@ def _normal(key: Array, precision: Array, pull: Array) -> Array:
 
 
 def _offsets(problem: _Problem, effects: tuple[Array, ...]) -> Any:
-    """Sum of the effects of all levels at the items."""
+    """Sum of the effects of all levels, for each item."""
     shape = (problem.design.shape[0], problem.prior.shape[0])
     return sum((effect[member] for effect, member in zip(effects, problem.members, strict=True)), jnp.zeros(shape))
 
@@ -130,7 +130,7 @@ def _items(problem: _Problem, state: _State, key: Array) -> tuple[_State, Array]
     likelihood = problem.log_likelihood
     n, p = state.x.shape
     if likelihood is None:
-        # a draw of everything, corrected by what was observed: right for a covariance of zero too
+        # draw everything, then correct by the observed values: also valid for a covariance of zero
         value, root = problem.data
         one, two = jax.random.split(key)
         x = mean + jnp.sqrt(variance) * jax.random.normal(one, (n, p), mean.dtype)
@@ -170,7 +170,7 @@ def _population(problem: _Problem, state: _State, key: Array) -> _State:
         rest = state.x - _offsets(problem, others)
         own = (state.weight if k == 0 else jnp.ones((1, p), dtype)) / variance[k][None, :]
         exact = total(noise) + own
-        # coefficients with the effects of this level integrated out, then the effects
+        # draw the coefficients with the effects of this level integrated out, then the effects
         shared = total(design[:, :, None] * noise[:, None, :])
         precision = jnp.einsum("nc,np,nd->pcd", design, noise, design) - jnp.einsum("gcp,gp,gdp->pcd", shared, 1.0 / exact, shared)
         pull = jnp.einsum("nc,np->pc", design, noise * rest) - jnp.einsum("gcp,gp->pc", shared, total(noise * rest) / exact)
@@ -193,7 +193,7 @@ def _population(problem: _Problem, state: _State, key: Array) -> _State:
 
 
 def _law(problem: _Problem, now: Array, first: Array, variance: Array, key: Array) -> tuple[Array, Array]:
-    """Draw the degrees of freedom of the t law, at the same standard deviation, with the weights integrated out."""
+    """Draw the degrees of freedom of the t distribution, at constant standard deviation, with the weights integrated out."""
     freedom, cores = jnp.asarray(FREEDOMS, first.dtype)[:, None], problem.cores[:, None]
     scale = jnp.sqrt(variance[0])[None, :] * problem.cores[now][None, :] / cores
     likelihood = jnp.sum(log_density(first[None], scale[:, None, :], freedom[:, :, None]), axis=1)
@@ -203,7 +203,7 @@ def _law(problem: _Problem, now: Array, first: Array, variance: Array, key: Arra
 
 
 def _interweave(problem: _Problem, state: _State, key: Array) -> tuple[_State, Array]:
-    """Move the mean and the standard deviation of each level with all items, term by term; share accepted, (levels + 1, p)."""
+    """Move the mean and the standard deviation of each level with all items, parameter by parameter; acceptance rates (levels + 1, p)."""
     likelihood: Any = problem.log_likelihood
     p, dtype = state.x.shape[1], state.x.dtype
     sizes = [effect.shape[0] for effect in state.effects] + [state.x.shape[0]]
@@ -254,19 +254,19 @@ def sample_hierarchy(
     groups: tuple[int, ...], prior: Array, key: Array, warm: int, draws: int, thin: int,
     together: bool = True,
 ) -> Hierarchy:  # fmt: skip
-    """Draws from the joint posterior.
+    """Draw from the joint posterior.
 
     Parameters
     ----------
-    log_likelihood : (parameters (p,), data of one item) -> scalar. None for a normal one, whose `data` are values (n, p) and roots of
+    log_likelihood : (parameters (p,), data of one item) -> scalar. None for a normal one; `data` are then values (n, p) and roots of
         covariances (n, p, p), which may be zero.
     start : (n, p) parameters of the items to start from. step : (n, p, p) roots of the covariances of their first proposals.
-    data : a tree whose leaves have the items first.
-    design : (n, c) of the coefficients; the first column is one, for the mean.
-    members, groups : of each level, the group of each item (n,), and how many groups there are. The effects of the first have the t law.
+    data : a tree whose leaves have the items as leading axis.
+    design : (n, c) regressors of the coefficients; the first column is one, for the mean.
+    members, groups : for each level, the group of each item (n,), and the number of groups. The first level has the t distribution.
     prior : (p,) scale A of the priors of the standard deviations.
-    key : of `jax.random`. warm, draws, thin : sweeps that are thrown away, draws that are kept, and sweeps for each of them.
-    together : whether to move the population with all items at once, which thousands of items hardly need and pay for.
+    key : key of `jax.random`. warm, draws, thin : sweeps to discard, draws to keep, and sweeps per draw.
+    together : whether to move the population together with all items; for thousands of items this costs much and helps little.
     """
     n, p = start.shape
     dtype = start.dtype
@@ -286,7 +286,7 @@ def sample_hierarchy(
     gains = jnp.where(number < blocks, 2.0 / jnp.sqrt(1.0 + within.astype(dtype)), 0.0)
     counted = ((number >= half // 2) & (number < half)).astype(dtype) / (half - half // 2)
 
-    # one body for the warm-up and the draws: it is long to compile
+    # one body for the warm-up and the draws, because it takes long to compile
     def block(carry, inputs):
         state, mean, squares = carry
         keys, gain, share, renewed = inputs

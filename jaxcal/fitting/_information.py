@@ -1,4 +1,4 @@
-"""What the rows of a Jacobian say of the parameters: rank, covariance and leverage from one decomposition."""
+"""Rank, covariance and leverage of the parameters, from one decomposition of a Jacobian."""
 
 import equinox as eqx
 import jax
@@ -9,15 +9,15 @@ from .._types import AnyArray, Value
 
 
 class Information(eqx.Module):
-    """What residuals with standard deviation one say of the parameters, from their Jacobian J = U S V' D with D the column lengths.
+    """Information about the parameters in residuals with standard deviation one and Jacobian J = U S V' D, D the column lengths.
 
     Attributes
     ----------
-    singular_values : (p,) of the Jacobian with columns of unit length, largest first; zero where they count as none.
-    vectors : (p, p) rows of V', the combinations of the parameters that belong to them, in units of 1 / `column`.
+    singular_values : (p,) of the Jacobian with columns of unit length, largest first; zero where they are below the tolerance.
+    vectors : (p, p) rows of V', the combinations of the parameters that belong to the singular values, in units of 1 / `column`.
     triangle : (p, p) factor R of the Jacobian with columns of unit length.
-    column : (p,) lengths of the columns (one where a column is zero).
-    held : (p,) parameters that count as fixed, such as those at a bound.
+    column : (p,) lengths of the columns (one if a column is zero).
+    held : (p,) parameters that count as fixed, such as parameters at a bound.
     names : the parameters in order.
 
     Examples
@@ -38,50 +38,50 @@ class Information(eqx.Module):
 
     @property
     def rank(self) -> Value:
-        """Number of combinations of the free parameters that are determined."""
+        """Number of combinations of the free parameters that the data determine."""
         xp = array_module(self.singular_values)
         return xp.sum(self.singular_values > 0) - xp.sum(self.held)
 
     @property
     def condition(self) -> Value:
-        """Largest singular value over the smallest: up to this the standard error of the weakest combination is inflated."""
+        """Largest singular value over the smallest: an upper bound on the inflation of the weakest combination's standard error."""
         xp, s = array_module(self.singular_values), self.singular_values
         return xp.where(s[-1] > 0, s[0] / xp.where(s[-1] > 0, s[-1], 1), xp.inf)
 
     @property
     def direction(self) -> AnyArray:
-        """(p,) the weakest combination, of unit length, each parameter in units of its own effect on the residuals."""
+        """(p,) the combination determined least, of unit length, with each parameter in units of its own effect on the residuals."""
         return self.vectors[-1]
 
     @property
     def determined(self) -> AnyArray:
-        """(p,) parameters without a part in a combination that is not determined; True for held ones."""
+        """(p,) False for parameters that take part in an undetermined combination; True for held ones."""
         xp, s = array_module(self.singular_values), self.singular_values
         return 1 - xp.sum(xp.where(s[:, None] > 0, self.vectors, 0) ** 2, axis=0) < xp.finfo(s.dtype).eps ** 0.75
 
     @property
     def root(self) -> AnyArray:
-        """(p, p) matrix A with A A' = (J'J)^-1, the pseudo-inverse where the rank is not full; zero rows for held parameters."""
+        """(p, p) matrix A with A A' = (J'J)^-1, or the pseudo-inverse if the rank is not full; zero rows for held parameters."""
         xp, s = array_module(self.triangle), self.singular_values
-        # The triangle has a derivative where singular values are equal, which their vectors have not.
+        # The triangle has a derivative even where singular values are equal; the singular vectors do not.
         regular = xp.linalg.inv(xp.where(s[-1] > 0, self.triangle, xp.eye(s.size, dtype=s.dtype)))
         singular = self.vectors.T * xp.where(s > 0, 1 / xp.where(s > 0, s, 1), 0)[None, :]
         return xp.where(self.held[:, None], 0, xp.where(s[-1] > 0, regular, singular) / self.column[:, None])
 
     @property
     def covariance(self) -> AnyArray:
-        """(p, p) inverse of J'J: zero for held parameters, with infinite variance for those that are not determined."""
+        """(p, p) inverse of J'J: zero for held parameters, infinite variance for undetermined ones."""
         xp, root, lost = array_module(self.singular_values), self.root, ~self.determined
         infinite = xp.where(xp.eye(len(lost), dtype=bool), xp.inf, 0)
         return xp.where(lost[:, None] | lost[None, :], infinite, root @ root.T).astype(root.dtype)
 
     def leverage(self, rows: AnyArray) -> AnyArray:
-        """(n,) share of each row in its own prediction, diag(J (J'J)^-1 J'); over all rows they sum up to the rank."""
+        """(n,) share of each row in its own prediction, diag(J (J'J)^-1 J'); the shares of all rows sum to the rank."""
         return ((rows @ self.root) ** 2).sum(axis=1)
 
     @property
     def sentence(self) -> str:
-        """What the data determine, with the weakest combination by name (host only)."""
+        """A sentence: how many parameters the data determine, and the weakest combination by name (host only)."""
         count = len(self.names) - int(np.sum(self.held))
         share = np.abs(np.asarray(self.direction))
         weak = [name for name, part in zip(self.names, share, strict=True) if part > 0.3 * share.max()]
@@ -101,18 +101,18 @@ def information(
 ) -> Information:
     """Rank, covariance and leverage of the parameters from the Jacobian of whitened residuals.
 
-    The columns are scaled to unit length, so that the units of the parameters do not matter. The condition number is not squared, as it
-    would be in the normal equations. Outside of a trace NumPy does the work, and nothing is compiled.
+    The columns are scaled to unit length, so that the units of the parameters do not matter. The normal equations are not formed, because
+    they would square the condition number. Outside of a trace, NumPy does the work and nothing is compiled.
 
     Parameters
     ----------
     jacobian
-        (n, p) derivative of residuals with standard deviation one. Rows of priors are rows like all others; what is not finite counts
-        as zero.
+        (n, p) derivative of residuals with standard deviation one. Priors may add rows like any others; entries that are not finite
+        count as zero.
     held
         (p,) True for parameters that are fixed; by default none.
     tolerance
-        Singular values below it, relative to columns of unit length, count as zero; by default 10 p times the rounding error.
+        Singular values below it, with columns of unit length, count as zero; by default 10 p times the rounding error.
     names
         Names of the parameters, for `Information.sentence`.
 
@@ -134,7 +134,7 @@ def information(
     rows = xp.where(fixed[None, :] | ~xp.isfinite(jacobian), 0, jacobian)
     column = xp.linalg.norm(rows, axis=0)
     column = xp.where(column > 0, column, 1)
-    # a held column is replaced by one that is orthogonal to all others
+    # replace a held column by one that is orthogonal to all others
     triangle = xp.linalg.qr(xp.concatenate([rows / column[None, :], xp.diag(fixed.astype(rows.dtype))]), mode="r")
     _, s, vectors = xp.linalg.svd(triangle)
     floor = 10 * p * xp.finfo(s.dtype).eps if tolerance is None else tolerance

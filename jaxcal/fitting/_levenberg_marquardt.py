@@ -1,7 +1,7 @@
 """The default solver: Levenberg-Marquardt on scaled normal equations, with bounds by projection.
 
-It is a solver of optimistix with a step of its own for two reasons. `optimistix.least_squares` has no bounds. And its step evaluates the
-residuals once, together with their Jacobian, so that the compiled loop holds them once.
+It is an optimistix solver with its own step, for two reasons. `optimistix.least_squares` has no bounds. And this step evaluates the
+residuals only once, together with their Jacobian, so that the compiled loop contains them once.
 """
 
 from collections.abc import Callable
@@ -14,17 +14,17 @@ import optimistix as optx
 
 from .._types import Array
 
-#: Damping of the first step relative to the unit diagonal: nearly a Gauss-Newton step, and never a singular matrix.
+#: Damping of the first step relative to the unit diagonal: nearly a Gauss-Newton step, but never a singular matrix.
 _FIRST_DAMPING = 1e-2
-#: A step is accepted beyond the first part of the predicted decrease and lengthened beyond the second.
+#: Shares of the predicted decrease: above the first a step is accepted, above the second the next step is longer.
 _ACCEPTED, _GOOD = 0.01, 0.75
 _SHORTER, _LONGER = 0.25, 3.5
 
 
 class Linear(eqx.Module):
-    """Residuals linearised at `y`: their normal equations with columns scaled to unit length, and the undamped step.
+    """Residuals linearised at `y`: normal equations with columns scaled to unit length, and the undamped step.
 
-    Parameters that a bound holds (`held`) do not move.
+    Parameters at a bound (`held`) do not move.
     """
 
     y: Array
@@ -35,42 +35,42 @@ class Linear(eqx.Module):
     total: Array
 
     def steps(self, damping: Array) -> tuple[Array, Array]:
-        """Gauss-Newton step of the scaled parameters, damped (one value per parameter), and the undamped one."""
+        """Gauss-Newton steps of the scaled parameters: damped (one damping value per parameter), and undamped."""
         p, dtype = self.gradient.size, self.gram.dtype
         free = ~self.held
         matrix = jnp.where(free[:, None] & free[None, :], self.gram, jnp.eye(p, dtype=dtype))
-        # The floor keeps the pivots positive where columns are dependent or zero.
+        # The floor keeps the pivots positive if columns are dependent or zero.
         floor = jnp.maximum(jnp.stack([damping, jnp.zeros_like(damping)]), 10 * p * jnp.finfo(dtype).eps)
         damped, newton = _eliminated(matrix[None] + floor[:, :, None] * jnp.eye(p, dtype=dtype)[None], jnp.where(free, -self.gradient, 0))
         return damped, newton
 
     def predicted(self, y: Array) -> Array:
-        """Change of the cost on the way to `y`, of the linearised residuals."""
+        """Change of the cost from here to `y`, predicted by the linearised residuals."""
         way = self.column * (y - self.y)
         return way @ (self.gradient + 0.5 * (self.gram @ way))
 
     def offset(self, newton: Array) -> Array:
-        """Squared length of the residuals' projection on the tangent space, relative to theirs.
+        """Squared length of the residuals' projection on the tangent space, relative to the residuals.
 
-        Its root is the convergence measure of D. M. Bates and D. G. Watts, Technometrics 23 (1981) 179: the step still to go
-        in units of the statistical uncertainty.
+        Its root is the convergence measure of D. M. Bates and D. G. Watts, Technometrics 23 (1981) 179: the remaining step in units of the
+        statistical uncertainty.
         """
         return -(self.gradient @ newton) / jnp.where(self.total > 0, self.total, 1)
 
     def shorter(self, step: Array, power: float) -> Array:
-        """Whether a step of the scaled parameters is at rounding level, eps^power of their size."""
+        """Whether a step of the scaled parameters is at rounding level: eps^power of their size."""
         return jnp.linalg.norm(step) <= jnp.finfo(step.dtype).eps ** power * jnp.linalg.norm(self.column * self.y)
 
     def flat(self, newton: Array) -> Array:
-        """Whether the cost has no slope left; the second test is for residuals that vanish, where the offset means nothing."""
+        """Whether the cost has no slope left; the second test covers residuals that vanish, for which the offset is meaningless."""
         return (self.offset(newton) <= 1e-6) | self.shorter(newton, 0.5)
 
 
 def _eliminated(matrix: Array, side: Array) -> Array:
     """Solutions of small symmetric positive definite systems, (k, p, p), with one right-hand side.
 
-    Elimination without pivoting is stable here. It is written out because a batch of LAPACK factorisations next to another one can hang
-    on a CPU (jaxlib 0.10), and is slower for a handful of unknowns.
+    Elimination without pivoting is stable here. It is written out because batched LAPACK factorisations that run side by side can hang
+    on a CPU (jaxlib 0.10), and are slower for a handful of unknowns.
     """
     k, p = len(matrix), side.size
     rows = jnp.arange(p)[None, :, None]
@@ -83,12 +83,12 @@ def _eliminated(matrix: Array, side: Array) -> Array:
 
 
 def held_at(y: Array, gradient: Array, lower: Array, upper: Array) -> Array:
-    """Where a parameter lies on a bound and the cost falls only beyond it."""
+    """Whether each parameter lies on a bound and the cost falls only beyond it."""
     return ((y <= lower) & (gradient >= 0)) | ((y >= upper) & (gradient <= 0))
 
 
 def linear_problem(jacobian: Array, residual: Array, y: Array, lower: Array, upper: Array) -> Linear:
-    """Scale and form J'J and J'r; full precision, because accelerators would round the products to ten bits."""
+    """Scale the columns, and form J'J and J'r in full precision, because accelerators would round the products to ten bits."""
     column = jnp.linalg.norm(jacobian, axis=0)
     column = jnp.where(column > 0, column, 1)
     scaled = jacobian / column[None, :]
@@ -98,7 +98,7 @@ def linear_problem(jacobian: Array, residual: Array, y: Array, lower: Array, upp
 
 
 class State(eqx.Module):
-    """The best point so far (`linear`, and what the residual function handed out there) and the next one to try."""
+    """The best point so far (`linear`, and the extra output of the residual function there) and the next point to try."""
 
     linear: Linear
     seen: Any
@@ -112,9 +112,9 @@ class State(eqx.Module):
 class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     """Levenberg-Marquardt on scaled normal equations, with bounds by projection.
 
-    Its function returns residuals and, besides, (their Jacobian, anything to keep of the best point). From a good start it is
-    Gauss-Newton; it cannot fail on dependent columns; it does not depend on the units of the parameters. It ends when the step to go is
-    `rtol` of the statistical uncertainty, or no longer moves the parameters.
+    The function must return residuals and (their Jacobian, anything to keep of the best point). From a good start the solver is
+    Gauss-Newton. Dependent columns cannot make it fail, and the units of the parameters do not matter. It ends when the remaining step is
+    `rtol` of the statistical uncertainty, or no longer changes the parameters.
     """
 
     rtol: float | Array
@@ -137,7 +137,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         good = ~state.first & (predicted < 0) & (change < _GOOD * predicted)
         size = state.size * jnp.where(accept, jnp.where(good, _LONGER, 1.0), _SHORTER).astype(y.dtype)
         linear, seen = jax.tree.map(lambda new, old: jnp.where(accept, new, old), (here, seen), (state.linear, state.seen))
-        # A parameter is damped by its longest column so far (More, 1978), lest it run off where it has no effect.
+        # Damp a parameter by its longest column so far (More, 1978); otherwise it could diverge where it has no effect.
         longest = jnp.where(accept, jnp.maximum(state.longest, here.column), state.longest)
         way, newton = linear.steps(_FIRST_DAMPING / size * (longest / linear.column) ** 2)
         trial = jnp.clip(linear.y + way / linear.column, self.lower, self.upper)

@@ -15,12 +15,12 @@ from ._problem import names_of, vector_of
 
 
 class AbstractLoss(eqx.Module):
-    """How much a whitened residual counts: the cost is 1/2 sum_i c^2 rho(r_i^2 / c^2), with c = `scale`.
+    """Robust loss of whitened residuals: the cost is 1/2 sum_i c^2 rho(r_i^2 / c^2), with c = `scale`.
 
-    The solver sees the residual f(r) = r sqrt(rho(z) / z), z = r^2 / c^2, whose half sum of squares is that cost. So least
-    squares on f has exactly the optimum of the loss, and the implicit derivative of the solution is that of the loss.
+    The solver uses the residual f(r) = r sqrt(rho(z) / z), z = r^2 / c^2, whose half sum of squares is that cost. So least squares on f
+    has exactly the optimum of the loss, and the implicit derivative of the solution is that of the loss. Subclasses define `ratio`.
 
-    The default scales have 95 % efficiency on Gaussian residuals (P. J. Huber and E. M. Ronchetti, Robust Statistics, 2009).
+    The default scales of the losses give 95 % efficiency on Gaussian residuals (P. J. Huber and E. M. Ronchetti, Robust Statistics, 2009).
 
     Examples
     --------
@@ -49,7 +49,7 @@ class AbstractLoss(eqx.Module):
         return residual * jnp.sqrt(self.ratio(self._squared(residual)))
 
     def weight(self, residual: Array) -> Array:
-        """Slope d rho / d z: the weight between one and zero that the residual has in the gradient."""
+        """Slope d rho / d z: the weight, from zero to one, of the residual in the gradient."""
         z = self._squared(residual)
         return jnp.clip(jax.jvp(lambda x: x * self.ratio(x), (z,), (jnp.ones_like(z),))[1], 0, 1)
 
@@ -68,13 +68,13 @@ class Huber(AbstractLoss):
     scale: float | Array = 1.345
 
     def ratio(self, z: Array) -> Array:
-        # Double where: the derivative of the branch not taken must be finite at zero.
+        # Replace the input as well: the derivative of the branch not taken must be finite at zero.
         large = jnp.where(z > 1, z, 1)
         return jnp.where(z > 1, 2 / jnp.sqrt(large) - 1 / large, 1)
 
 
 class SoftL1(AbstractLoss):
-    """A smooth Huber: rho = 2 (sqrt(1 + z) - 1).
+    """A smooth version of Huber's loss: rho = 2 (sqrt(1 + z) - 1).
 
     Examples
     --------
@@ -91,7 +91,7 @@ class SoftL1(AbstractLoss):
 
 
 class Cauchy(AbstractLoss):
-    """Weight 1 / (1 + z), for heavy tails: rho = ln(1 + z).
+    """Loss for heavy tails, with weight 1 / (1 + z): rho = ln(1 + z).
 
     Examples
     --------
@@ -104,14 +104,14 @@ class Cauchy(AbstractLoss):
     scale: float | Array = 2.385
 
     def ratio(self, z: Array) -> Array:
-        # Double where: 0 / 0 at zero; the series is exact to rounding below the switch.
+        # Replace the input as well, because zero gives 0 / 0; below the switch the series is exact to rounding.
         small = z < jnp.finfo(z.dtype).eps ** 0.5
         safe = jnp.where(small, 1, z)
         return jnp.where(small, 1 - z / 2, jnp.log1p(safe) / safe)
 
 
 class Tukey(AbstractLoss):
-    """No weight beyond `scale`: rho = (1 - (1 - z)^3) / 3, then 1/3. It has many minima; start from a robust fit.
+    """Loss that ignores residuals beyond `scale`: rho = (1 - (1 - z)^3) / 3, then 1/3. It has many minima; start from a robust fit.
 
     Examples
     --------
@@ -129,10 +129,10 @@ class Tukey(AbstractLoss):
 
 
 class AbstractPrior(eqx.Module):
-    """Knowledge of a model that does not come from the data, as residuals with standard deviation one.
+    """Prior knowledge of a model, as residuals with standard deviation one.
 
-    The fit minimises half their sum of squares beside that of the data. No robust loss acts on them, and they are no data: they have no
-    degree of freedom and belong to no block, and a reduced chi-square does not scale them.
+    The fit minimises half their sum of squares together with that of the data. They are not data: no robust loss acts on them, they add no
+    degree of freedom, they belong to no block, and a reduced chi-square does not scale them.
 
     Examples
     --------
@@ -146,7 +146,7 @@ class AbstractPrior(eqx.Module):
 
     @abc.abstractmethod
     def residuals(self, model: Any) -> Array:
-        """Residuals of any shape at a model."""
+        """Residuals of the prior for a model, of any shape."""
 
 
 class Gaussian(AbstractPrior):
@@ -155,15 +155,15 @@ class Gaussian(AbstractPrior):
     Parameters
     ----------
     where
-        Name of one parameter, such as "bias[2]", or of all of a leaf, such as "bias"; or a function of the model that returns what is
-        known, an array or a tree of them. Define it once: a new function object is compiled anew.
+        Name of one parameter, such as "bias[2]", or of a whole leaf, such as "bias"; or a function of the model that returns the known
+        quantity, an array or a tree of arrays. Define the function once: each new function object is compiled again.
     mean, sigma
-        Mean and standard deviation in the unit of the parameter, one for all or one for each value.
+        Mean and standard deviation in the unit of the parameter: one for all values, or one for each value.
 
     Raises
     ------
     FitError
-        When it is used, if the model has no parameter of that name.
+        When the prior is used, if the model has no parameter of that name.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""`Problem`: residuals, start, bounds and options of one fit, checked on the host; and its parameters as one named vector."""
+"""`Problem`: residuals, start, bounds and options of one fit, checked on the host; its parameters as one vector with names."""
 
 import dataclasses
 from collections.abc import Callable
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from optimistix import AbstractLeastSquaresSolver
 
     LeastSquaresSolver: TypeAlias = AbstractLeastSquaresSolver[Any, Any, Any, Any]
-else:  # it takes a fifth of a second to load, which only the trace of a fit needs
+else:  # the import takes a fifth of a second, and only the trace of a fit needs it
     LeastSquaresSolver = Any
 
 _STATIC = {"static": True}
@@ -32,9 +32,9 @@ def is_float(leaf: Any) -> bool:
 
 
 def to_floats(tree: Any, dtype: Any) -> Any:
-    """Cast floating leaves (Python floats as well) to one dtype, and leave the rest alone; what is not of JAX becomes an array of NumPy.
+    """Cast floating leaves (Python floats as well) to one dtype, and leave all others alone; leaves not of JAX become NumPy arrays.
 
-    A compiled program takes arrays of NumPy as they are, in a tenth of the time that it takes to make arrays of JAX from them.
+    A compiled program accepts NumPy arrays directly, in a tenth of the time that it takes to make JAX arrays from them.
     """
 
     def cast(leaf: Any) -> Any:
@@ -46,13 +46,13 @@ def to_floats(tree: Any, dtype: Any) -> Any:
 
 
 def common_dtype(*trees: Any) -> Any:
-    """Widest floating dtype among the arrays, or JAX's default where there are only Python numbers."""
+    """Widest floating dtype among the arrays, or JAX's default if there are only Python numbers."""
     found = [leaf.dtype for leaf in jax.tree.leaves(trees) if hasattr(leaf, "dtype") and is_float(leaf)]
     return jax.dtypes.canonicalize_dtype(np.result_type(*found)) if found else jnp.zeros(()).dtype
 
 
 def names_of(model: Any) -> list[str]:
-    """One name per entry of every floating leaf, e.g. `bias[2]` or `matrix[0,1]`.
+    """One name per entry of every floating array leaf, e.g. `bias[2]` or `matrix[0,1]`.
 
     Examples
     --------
@@ -72,11 +72,11 @@ def names_of(model: Any) -> list[str]:
 
 
 def spread(spec: Any, model: Any, what: str) -> np.ndarray | Array:
-    """One value per entry of the floating leaves of a model, from a number, or from a tree like `model` or a prefix of it."""
+    """One value per entry of the floating leaves of a model; `spec` is a number, or a tree like `model` or a prefix of it."""
     xp = jnp if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(spec)) else np
 
     def fill(value: Any, part: Any) -> list:
-        # for a number from a number `broadcast_to` would take most of the time
+        # a shortcut for equal shapes, because `broadcast_to` would take most of the time
         return [xp.ravel(value if np.shape(value) == leaf.shape else xp.broadcast_to(value, leaf.shape)) for leaf in jax.tree.leaves(part)]
 
     try:
@@ -87,7 +87,7 @@ def spread(spec: Any, model: Any, what: str) -> np.ndarray | Array:
 
 
 def vector_of(model: Any) -> tuple[Array, Callable[[Array], Any]]:
-    """All floating leaves as one vector, and the function that puts a vector back."""
+    """All floating leaves as one vector, and the function that rebuilds the model from a vector."""
     parameters, rest = eqx.partition(model, eqx.is_inexact_array)
     vector, unravel = jax.flatten_util.ravel_pytree(parameters)
     return vector, lambda x: eqx.combine(unravel(x), rest)
@@ -96,15 +96,15 @@ def vector_of(model: Any) -> tuple[Array, Callable[[Array], Any]]:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class Problem:
-    """Everything that defines one fit. Arrays are data, so that new values never recompile; the rest is static.
+    """Everything that defines one fit. Arrays are data, so that new values never recompile; all other fields are static.
 
-    It is no module of Equinox, which would take a tenth of a small fit to make. What is data may be of any type while JAX maps over it.
+    It is not an Equinox module, because making one would take a tenth of a small fit. Data may have any type while JAX maps over them.
 
     Attributes
     ----------
-    start, data, loss, priors : as given to `solve`, in one type. lower, upper : (p,) bounds of the free parameters.
+    start, data, loss, priors : as given to `solve`, in one dtype. lower, upper : (p,) bounds of the free parameters.
     starts : (k, p) or None. keep : (n,) False for residuals that a refit leaves out, or None.
-    free : places of the free parameters among all of the model.
+    free : positions of the free parameters among all parameters of the model.
     """
 
     start: Any
@@ -127,15 +127,15 @@ class Problem:
         return vector_of(self.start)[0][jnp.asarray(self.free)]
 
     def model(self, x: Array) -> Any:
-        """Model with the free parameters `x`; the others keep the values of the start."""
+        """Model with the free parameters `x`; all others keep the values of the start."""
         vector, put = vector_of(self.start)
-        # a gather, which compiles faster than a scatter and its derivatives
+        # use a gather, which compiles faster than a scatter and its derivatives
         place = x.size + np.arange(vector.size)
         place[list(self.free)] = np.arange(x.size)
         return put(x if len(self.free) == vector.size else jnp.concatenate([x, vector])[place])
 
     def residual(self, x: Array) -> tuple[Array, Array]:
-        """Residuals of the data and of the priors, a vector each; their shape is checked here, which costs nothing once compiled."""
+        """Residuals of the data and of the priors, one vector each. Their shape is checked here, at no cost once compiled."""
         model = self.model(x)
         r = self.residuals(model, self.data)
         if not (isinstance(r, (jnp.ndarray, np.ndarray)) and jnp.issubdtype(r.dtype, jnp.floating)):
@@ -152,7 +152,7 @@ class Problem:
 def define(
     residuals, start, data, *, free=None, bounds=None, loss=None, priors=(), solver=None, starts=None, max_steps=128, rtol=None
 ) -> Problem:
-    """Bring the arguments of `solve` into one shape and dtype."""
+    """Convert the arguments of `solve` to one form and dtype."""
     dtype = common_dtype(start, data)
     priors = (priors,) if hasattr(priors, "residuals") else tuple(priors)
     start, data, loss, priors = (to_floats(tree, dtype) for tree in (start, data, loss, priors))
@@ -186,13 +186,13 @@ def define(
 
 
 def _rows(starts: Any) -> AnyArray:
-    """Several starts as one vector each."""
+    """The starts as rows, one vector per start."""
     leaves = [leaf.reshape(len(leaf), -1) for leaf in jax.tree.leaves(starts) if eqx.is_inexact_array(leaf)]
     return array_module(leaves).concatenate(leaves, axis=1)
 
 
 def check(problem: Problem) -> None:
-    """Refuse a start that cannot work, with the parameter's name (host only)."""
+    """Refuse a start that cannot work, and name the parameter (host only)."""
     if is_traced(problem):
         return
     one = [np.ravel(leaf) for leaf in jax.tree.leaves(problem.start) if eqx.is_inexact_array(leaf)]

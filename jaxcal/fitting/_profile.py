@@ -1,4 +1,4 @@
-"""Profile-likelihood intervals: the parameter values that the data do not rule out."""
+"""Profile-likelihood intervals: the values of a parameter that the data do not rule out."""
 
 import dataclasses
 import math
@@ -18,7 +18,7 @@ _DOUBLINGS = 12
 
 
 class Interval(eqx.Module):
-    """Interval of one parameter: `low` and `high` at level `confidence`; infinite where the data set no limit.
+    """Interval of one parameter, from `low` to `high` at level `confidence`; infinite if the data set no limit.
 
     Examples
     --------
@@ -33,23 +33,23 @@ class Interval(eqx.Module):
 
 
 def profile_interval(fit: Fit[Any], name: str, *, confidence: float = 0.95, scaled: bool = False) -> Interval:
-    """Interval of a parameter by refitting all others with it held fixed.
+    """Interval of a parameter, found by holding it at trial values and refitting all others.
 
-    The ends are where the sum of squares exceeds its minimum by the chi-square quantile of one degree of freedom; with
-    `scaled` (and with a robust loss) by s^2 times the F(1, n-p) quantile. Unlike a standard error it follows the curvature of
-    the model (D. M. Bates and D. G. Watts, Nonlinear Regression Analysis, 1988, section 6.1). At a bound it is one-sided: that end is
-    the bound. Host only; it reuses the compiled fit.
+    At the ends, the sum of squares exceeds its minimum by the chi-square quantile with one degree of freedom; with `scaled`, and with a
+    robust loss, by s^2 times the F(1, n-p) quantile. Unlike a standard error, this interval follows the curvature of the model (D. M.
+    Bates and D. G. Watts, Nonlinear Regression Analysis, 1988, section 6.1). For a parameter at its bound, one end is the bound. The
+    function runs on the host only and reuses the compiled fit.
 
     Parameters
     ----------
     fit
-        A fit of `solve` that converged.
+        A converged fit by `solve`.
     name
         Name of the parameter, one of `fit.names`.
     confidence
         Level of the interval.
     scaled
-        For residuals whose standard deviation was not known.
+        True if the standard deviation of the residuals is unknown.
 
     Returns
     -------
@@ -58,7 +58,7 @@ def profile_interval(fit: Fit[Any], name: str, *, confidence: float = 0.95, scal
     Raises
     ------
     FitError
-        If the name is unknown, the fit did not converge, or a better fit turns up on the way.
+        If the name is unknown, the fit did not converge, or the search finds a better fit.
 
     Examples
     --------
@@ -82,7 +82,7 @@ def profile_interval(fit: Fit[Any], name: str, *, confidence: float = 0.95, scal
         rise = float(fit.variance * fit.mean_curvature) * scipy.special.fdtri(1, int(fit.degrees_of_freedom), confidence)
     else:
         rise = 2.0 * float(scipy.special.gammaincinv(0.5, confidence))
-    # A parameter at its bound has a standard error once the bound is lifted; it is only the length of the first step.
+    # Without its bound, a parameter at the bound has a standard error; it only sets the length of the first step.
     place = np.arange(len(fit.names))
     lifted = dataclasses.replace(fit, at_bound=np.where(place == j, False, fit.at_bound))
     step = math.sqrt(rise * float(covariance(lifted)[j, j]))
@@ -96,7 +96,7 @@ def profile_interval(fit: Fit[Any], name: str, *, confidence: float = 0.95, scal
         return found
 
     def excess(value: float) -> float:
-        """Root of the rise at `value`, in units of the allowed one, less one: nearly linear in the value."""
+        """Root of the rise at `value` over the allowed rise, minus one: nearly linear in the value."""
         gain = 2 * float(refit(value).cost) - least
         if not gain > -1e-3 * rise:
             raise FitError(f"A better fit than the given one turned up at {name} = {value:g}; start there, or use several starts.")

@@ -1,4 +1,4 @@
-"""`Fit`: what a solve returns; `Outcome`: how it ended, as sentences that say what to do."""
+"""`Fit`: the result of a solve; `Outcome`: how it ended, as sentences that tell what to do."""
 
 import functools
 from typing import Any, Generic, TypeVar
@@ -18,7 +18,7 @@ M = TypeVar("M")
 
 
 class Outcome(eqx.Enumeration):
-    """How a fit ended; `Outcome[item]` is the sentence.
+    """How a fit ended; `Outcome[item]` is a sentence.
 
     Examples
     --------
@@ -36,7 +36,7 @@ class Outcome(eqx.Enumeration):
 
 
 def weighted_rows(fit: "Fit") -> tuple[AnyArray, AnyArray]:
-    """Rows of the Jacobian that the solution sees: those of the data times the roots of their weights, and those of the priors."""
+    """Rows of the Jacobian that determine the solution: those of the data times the roots of their weights, and those of the priors."""
     return array_module(fit.residuals).sqrt(fit.weights)[:, None] * fit.jacobian, fit.prior_jacobian
 
 
@@ -45,25 +45,25 @@ def _informed(fit: "Fit") -> Information:
 
 
 class Fit(eqx.Module, Generic[M]):
-    """A fitted model and everything needed to say how well it is known.
+    """A fitted model, with everything needed to tell how well it is known.
 
     Attributes
     ----------
     model : the fitted model, of the type of the start.
     outcome : an item of `Outcome`.
-    cost : half the sum of the squared residuals (of the loss, where there is one) and of the residuals of the priors.
+    cost : half the sum of the squared residuals (or of the loss) and of the squared residuals of the priors.
     parameters : (p,) free parameters, in the order of `names`.
     residuals : (n,) whitened residuals at the solution, without the loss.
-    jacobian : (n, p) their derivative with respect to `parameters`.
-    weights : (n,) weight of each residual under the loss, one without it.
-    curvature : (n,) second derivative of the loss, one without it.
+    jacobian : (n, p) derivative of the residuals with respect to `parameters`.
+    weights : (n,) weight of each residual under the loss; one without a loss.
+    curvature : (n,) second derivative of the loss; one without a loss.
     prior_residuals, prior_jacobian : (m,) residuals of the priors, and (m, p) their derivative; empty without priors.
     at_bound : (p,) True where a bound holds the parameter.
-    steps : evaluations of the residuals.
-    effective : number of parameters that the data determine: the free ones, less what the priors determine (sum of the leverage).
+    steps : number of evaluations of the residuals.
+    effective : number of parameters that the data determine: the free ones minus the part that the priors determine (sum of the leverage).
     names : one name per free parameter.
-    robust : whether there was a loss.
-    problem : what was solved, for `profile_interval`; None for one of many.
+    robust : whether a loss was used.
+    problem : the problem that was solved, for `profile_interval`; None for one fit out of many.
 
     Examples
     --------
@@ -93,7 +93,7 @@ class Fit(eqx.Module, Generic[M]):
 
     @property
     def usable(self) -> Value | np.bool_:
-        """True where the fit converged, inside its bounds or on one."""
+        """True if the fit converged, inside its bounds or on one."""
         return array_module(self.residuals).logical_or(ended(self, Outcome.converged), ended(self, Outcome.at_bound))
 
     @property
@@ -113,12 +113,12 @@ class Fit(eqx.Module, Generic[M]):
 
     @property
     def degrees_of_freedom(self) -> Value:
-        """`count` less `effective`: residuals of the data that are left to test the fit."""
+        """`count` minus `effective`: the residuals of the data that remain to test the fit."""
         return self.count - self.effective
 
     @property
     def mean_curvature(self) -> Value:
-        """Mean second derivative of the loss over the residuals: one without it."""
+        """Mean second derivative of the loss over the residuals; one without a loss."""
         xp = array_module(self.residuals)
         if not self.robust:
             return xp.mean(self.curvature, axis=-1)
@@ -126,18 +126,18 @@ class Fit(eqx.Module, Generic[M]):
 
     @property
     def variance(self) -> Value:
-        """Variance of a whitened residual that explains the fit: reduced chi-square, or its counterpart for a robust loss."""
+        """Estimated variance of a whitened residual: reduced chi-square, or its counterpart for a robust loss."""
         xp = array_module(self.residuals)
         return xp.sum((self.weights * self.residuals) ** 2, axis=-1) / xp.maximum(self.degrees_of_freedom, 1) / self.mean_curvature**2
 
     @property
     def chi_square(self) -> Value:
-        """Sum of the squared residuals: chi-square distributed if they are whitened, normal and without loss."""
+        """Sum of the squared residuals. It has a chi-square distribution if they are whitened and normal, and no loss is used."""
         return array_module(self.residuals).sum(self.residuals**2, axis=-1)
 
     @property
     def goodness(self) -> Value:
-        """Probability of a larger chi-square by chance (p value); one where no degree of freedom is left."""
+        """Probability of a larger chi-square by chance (p value); one if no degrees of freedom are left."""
         xp, gammaincc = array_module(self.residuals), (jax.scipy.special if is_traced(self.residuals) else scipy.special).gammaincc
         tail = gammaincc(xp.maximum(self.degrees_of_freedom, 1) / 2, self.chi_square / 2)
         return xp.where(self.degrees_of_freedom > 0, tail, 1)
@@ -149,12 +149,12 @@ class Fit(eqx.Module, Generic[M]):
         return Outcome[self.outcome] + (f" At its bound: {', '.join(held)}." if held else "")
 
     def checked(self) -> "Fit[M]":
-        """Return this fit, or raise a `FitError` with the outcome's sentence where it did not converge (host only, one fit)."""
+        """Return this fit, or raise a `FitError` with the outcome's sentence if it did not converge (host only, one fit)."""
         if not bool(self.usable):
             raise FitError(self.message)
         return self
 
-    #: on the host, where several functions need it, and each time it would take a twentieth of a small fit
+    #: cached on the host, because several functions need it and each call would take a twentieth of a small fit
     _known = functools.cached_property(_informed)
 
 
@@ -164,28 +164,28 @@ def known_of(fit: Fit[Any]) -> Information:
 
 
 def ended(fit: Fit[Any], item: Any) -> Any:
-    """Whether the outcome of a fit is an item of `Outcome`, without the operation of JAX that `==` of Equinox takes."""
+    """Whether the outcome of a fit is the given item of `Outcome`; unlike Equinox's `==`, this needs no JAX operation."""
     return fit.outcome._value == item._value
 
 
 def to_numpy(tree: Any) -> Any:
-    """The same tree with arrays of NumPy, outside of a trace."""
+    """The tree with NumPy arrays, outside of a trace."""
     return tree if is_traced(tree) else jax.tree.map(lambda leaf: np.asarray(leaf) if eqx.is_array(leaf) else leaf, tree)
 
 
 def leverage(fit: Fit[Any]) -> AnyArray:
     """Share of each residual in its own prediction, the diagonal of the hat matrix W^1/2 J (J'WJ + K'K)^-1 J' W^1/2.
 
-    A residual of leverage one is fitted exactly, whatever was measured. W are the weights of a robust loss, K the Jacobian of the priors.
+    A residual of leverage one is fitted exactly, whatever its value. W are the weights of a robust loss, K is the Jacobian of the priors.
 
     Parameters
     ----------
     fit
-        Any fit of `solve`.
+        Any fit by `solve`.
 
     Returns
     -------
-    (n,) between 0 and 1; the sum is the number of parameters, less what the priors determine.
+    (n,) between 0 and 1. The sum is the number of parameters, minus the part that the priors determine.
 
     Examples
     --------

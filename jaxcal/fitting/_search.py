@@ -1,8 +1,8 @@
 """The search for the lowest cost: a solver of optimistix around one evaluation of the residuals and their Jacobian.
 
-Tracing and compiling the residuals is most of what a first call costs, so the whole program holds them once: `linearised` gives residuals
-and Jacobian together, the solver differentiates it by one product with that Jacobian, and the solution keeps both. The derivative of the
-solution (implicit function theorem) is a rule of its own, which is traced only where a fit is differentiated.
+Tracing and compiling the residuals is most of the cost of a first call, so the whole program contains them once: `linearised` gives
+residuals and Jacobian together, the solver differentiates it by one product with that Jacobian, and the solution keeps both. The
+derivative of the solution (implicit function theorem) has its own rule, which is traced only if a fit is differentiated.
 """
 
 import equinox as eqx
@@ -23,7 +23,7 @@ class Rows(eqx.Module):
 
 
 class Found(eqx.Module):
-    """Where a search ended; `flat` says that the cost has no slope left there. A derivative of it has None for what has none."""
+    """End of a search; `flat` tells whether the cost has no slope left there. In a derivative, fields without a derivative are None."""
 
     x: Array
     rows: Rows
@@ -46,12 +46,12 @@ def lossy(problem: Problem, r: Array) -> tuple[Array, Array]:
 
 
 def cost(problem: Problem, r: Array, prior: Array) -> Array:
-    """What the fit minimises."""
+    """The cost that the fit minimises."""
     return 0.5 * (jnp.sum(lossy(problem, r)[0] ** 2) + jnp.sum(prior**2))
 
 
 def _from(problem: Problem, x: Array) -> Found:
-    """Lowest point that the solver reaches from `x`."""
+    """The lowest point that the solver reaches from `x`."""
     import optimistix as optx
 
     from ._levenberg_marquardt import BoundedLevenbergMarquardt, linear_problem
@@ -65,7 +65,7 @@ def _from(problem: Problem, x: Array) -> Found:
         solver = BoundedLevenbergMarquardt(rtol=problem.rtol, lower=problem.lower, upper=problem.upper)
         end = optx.least_squares(evaluated, solver, x, problem, has_aux=True, max_steps=problem.max_steps, throw=False)
         x, last, newton, rows = end.value, end.state.linear, end.state.newton, end.state.seen
-    else:  # the default solver scales by itself; another one gets parameters that move the residuals by one
+    else:  # only the default solver scales the parameters itself; scale them here so that each has a unit effect on the residuals
         column = jnp.linalg.norm(evaluated(x, problem)[1][0], axis=0)
         scale = jnp.where(column > 0, 1 / jnp.where(column > 0, column, 1), 1)
 
@@ -94,7 +94,7 @@ def search(problem: Problem) -> Found:
 
 @search.def_jvp
 def _(primals, tangents):
-    """The solution is a root of the gradient, or lies on a bound, whatever the solver did to find it."""
+    """Derivative of the solution, which is a root of the gradient or lies on a bound, however the solver found it."""
     (problem,), (change,) = primals, tangents
     still = jax.tree.map(lambda leaf: leaf is None, change, is_leaf=lambda leaf: leaf is None)
     fixed, moving = eqx.partition(problem, still)

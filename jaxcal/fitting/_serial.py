@@ -1,8 +1,8 @@
-"""Errors that are correlated along a log: whether residuals are white, and a covariance from leaving out parts of the log.
+"""Errors that are correlated along a log: a test whether residuals are white, and a covariance from fits without parts of the log.
 
-A log shows its own correlation only in parts that each see most of what the fit needs, so few and long parts are left out, one at a
-time. The parts overlap: windows of a sixth of the log, moved on by a quarter of their length. Each refit is a step of Gauss and Newton
-from the solution, which is exact for what is linear about it, and costs no compilation.
+A part of a log shows the log's correlation only if it contains most of what the fit needs. So few and long parts are left out, one at a
+time. The parts overlap: they are windows of a sixth of the log, spaced by a quarter of their length. Each refit is one Gauss-Newton step
+from the solution. This is exact for a model that is linear there, and needs no compilation.
 """
 
 import itertools
@@ -10,22 +10,22 @@ import itertools
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-#: parts of a log; on real logs six were honest, where ten or twenty were too narrow
+#: number of parts of a log; on real logs the errors were right with six, but too small with ten or twenty
 BLOCKS = 6
-_STEPS = 4  # windows that begin in each part
+_STEPS = 4  # number of windows that begin in each part
 _LAGS, _FEWEST = 20, 24
 _FAR = 3.5  # standard deviations
-_ALIKE = 1e-12  # square of the singular value, of the largest, below which a part does not see a combination
-_CHANCE = 0.003  # of each of the two tests of whiteness
+_ALIKE = 1e-12  # squared singular value, relative to the largest, below which a part does not determine a combination
+_CHANCE = 0.003  # error probability of each of the two tests of whiteness
 
 
 def span_of(jacobian: np.ndarray) -> np.ndarray:
-    """Orthonormal columns (n, p) of what the parameters can change."""
+    """Orthonormal columns (n, p) that span the changes of the residuals with the parameters."""
     return np.linalg.qr(jacobian / np.linalg.norm(jacobian, axis=0))[0]
 
 
 def tamed(span: np.ndarray, residuals: np.ndarray) -> np.ndarray:
-    """Residuals with outliers at 3.5 robust standard deviations, at right angles to the Jacobian: single outliers prove nothing."""
+    """Residuals clipped at 3.5 robust standard deviations and orthogonal to the Jacobian, because single outliers prove nothing."""
     most = _FAR * 1.4826 * np.median(np.abs(residuals))
     residuals = np.clip(residuals, -most, most)
     return residuals - span @ (span.T @ residuals)
@@ -34,8 +34,8 @@ def tamed(span: np.ndarray, residuals: np.ndarray) -> np.ndarray:
 def is_white(jacobian: np.ndarray, residuals: np.ndarray) -> bool:
     """Whether residuals in the order of a log look independent.
 
-    Two tests look at them: one of their autocorrelation, and one that asks whether parts of the log want parameters of their own. Each of
-    them takes white residuals for correlated ones in three of a thousand logs.
+    Two tests examine the residuals: one their autocorrelation, the other whether parts of the log need parameters of their own. Each test
+    mistakes white residuals for correlated ones in three of a thousand logs.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def is_white(jacobian: np.ndarray, residuals: np.ndarray) -> bool:
 
     Returns
     -------
-    True where no test finds dependence, and with fewer than 24 residuals.
+    True if neither test finds dependence, or if there are fewer than 24 residuals.
 
     Examples
     --------
@@ -62,7 +62,7 @@ def is_white(jacobian: np.ndarray, residuals: np.ndarray) -> bool:
 
 
 def look_white(jacobian: np.ndarray, span: np.ndarray | None, residuals: np.ndarray) -> bool:
-    """`is_white` with a `span_of` the Jacobian that is known already."""
+    """`is_white` for a Jacobian whose `span_of` may be known already."""
     n, free = jacobian.shape
     if n < _FEWEST:
         return True  # too few to tell
@@ -94,18 +94,18 @@ def leave_out(jacobian: np.ndarray, residuals: np.ndarray, known: np.ndarray | N
 
     .. math:: C = \frac{m - 1}{w} \sum_i (\theta_i - \bar\theta)(\theta_i - \bar\theta)^T
 
-    with m = 6 parts, w = 21 windows of a sixth of the log, and a step of Gauss and Newton without each of them. `covariance` of kind
+    with m = 6 parts, w = 21 windows of a sixth of the log, and a Gauss-Newton step without each window. In contrast, `covariance` of kind
     "jackknife" refits in full, and leaves out each part once.
 
     Parameters
     ----------
     jacobian : (n, p) derivative of the residuals at the solution.
     residuals : (n,) in the order of time.
-    known : (p, p) information that is not of the residuals, such as a prior's; it is in every refit.
+    known : (p, p) information from other sources than the residuals, such as a prior; every refit uses it.
 
     Returns
     -------
-    (p, p); infinite where the rest of a log does not determine the parameters. Its degrees of freedom are five.
+    (p, p); infinite if the log without a window does not determine the parameters. The covariance has five degrees of freedom.
 
     Examples
     --------
@@ -150,7 +150,7 @@ def leave_out_pieces(hats: np.ndarray, scores: np.ndarray, known: np.ndarray) ->
 
 
 def correlation_time(residuals: np.ndarray) -> float:
-    """Readings that are as good as one: the sum of the autocorrelation up to where it is lost in its own noise."""
+    """Number of readings that count as one: the sum of the autocorrelation up to where its own noise hides it."""
     n = len(residuals)
     values = np.fft.irfft(np.abs(np.fft.rfft(residuals, 2 * n)) ** 2)[: max(n // 4, 2)]
     values = values / values[0]
@@ -159,5 +159,5 @@ def correlation_time(residuals: np.ndarray) -> float:
 
 
 def doubt(freedom: float | int) -> float:
-    """Factor by which five per cent of standard deviations from so many degrees of freedom are too small, or more."""
+    """Factor by which standard deviations from so many degrees of freedom are too small in the worst five per cent of cases, at least."""
     return float(np.sqrt(freedom / (2 * scipy.special.gammaincinv(freedom / 2, 0.05))))

@@ -1,4 +1,4 @@
-"""Accelerometers and gyroscopes: scale factors, misalignment, bias, g-sensitivity, with a turntable and without one."""
+"""Accelerometers and gyroscopes: scale factors, misalignment, bias and g-sensitivity, with or without a turntable."""
 
 from typing import TYPE_CHECKING
 

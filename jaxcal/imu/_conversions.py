@@ -1,4 +1,4 @@
-"""The same calibration as other programs write it: imu_tk, Kalibr, OpenVINS, PX4, ArduPilot."""
+"""Conversion of a calibration to the models of other programs: imu_tk, Kalibr, OpenVINS, PX4, ArduPilot."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ from ._model import Imu, Triad, in_convention, inverse, turned_to
 
 
 class ImuTk(eqx.Module):
-    """x = T K (y - B), T with a unit diagonal, K diagonal (imu_tk of D. Tedaldi and A. Pretto).
+    """Model of imu_tk (D. Tedaldi and A. Pretto): x = T K (y - B), where T has a unit diagonal and K is diagonal.
 
     Attributes
     ----------
@@ -34,14 +34,14 @@ class ImuTk(eqx.Module):
     @classmethod
     @host_float64
     def of(cls, triad: Triad) -> "ImuTk":
-        """Of an accelerometer, or of a gyroscope without sensitivity to g."""
+        """Convert an accelerometer, or a gyroscope without g-sensitivity."""
         correction = jnp.linalg.inv(jnp.asarray(triad.matrix))
         scale = jnp.diagonal(correction)
         return cls(correction / scale[None, :], scale, jnp.asarray(triad.bias))
 
     @host_float64
     def triad(self) -> Triad:
-        """The exact inverse: matrix (T K)^-1."""
+        """Convert back exactly: matrix (T K)^-1."""
         scale = jnp.asarray(self.scale)
         return Triad(jnp.linalg.inv(jnp.asarray(self.misalignment) * scale[None, :]), jnp.asarray(self.bias))
 
@@ -75,7 +75,7 @@ class Kalibr(eqx.Module):
     @classmethod
     @host_float64
     def of(cls, accel: Triad, gyro: Triad) -> "Kalibr":
-        """Turns the frame so that the accelerometer's matrix becomes lower triangular, then parts the gyroscope's into M C."""
+        """Rotate the frame so that the accelerometer's matrix is lower triangular, then factor the gyroscope's matrix into M C."""
         turned = in_convention(Imu(accel, gyro), "lower")
         correction = turned_to(inverse(turned.gyro.matrix), "lower")
         rotation = correction @ turned.gyro.matrix
@@ -90,13 +90,13 @@ class Kalibr(eqx.Module):
 
 
 class OpenVins(eqx.Module):
-    """OpenVINS: f = R_accel Da (a - b_a); w = R_gyro Dw (w - b_g - Tg f).
+    """Model of OpenVINS: f = R_accel Da (a - b_a); w = R_gyro Dw (w - b_g - Tg f).
 
     Attributes
     ----------
     accel_correction, gyro_correction : (3, 3) Da and Dw, triangular. accel_rotation, gyro_rotation : (3, 3) R_ACCtoIMU and R_GYROtoIMU.
     g_sensitivity : (3, 3) Tg. accel_bias, gyro_bias : (3,).
-    model : "kalibr" (lower triangular, the frame is the accelerometer's) or "rpng" (upper triangular, the gyroscope's).
+    model : "kalibr" (lower triangular, in the accelerometer's frame) or "rpng" (upper triangular, in the gyroscope's frame).
 
     Examples
     --------
@@ -119,7 +119,7 @@ class OpenVins(eqx.Module):
     @classmethod
     @host_float64
     def of(cls, accel: Triad, gyro: Triad, model: str = "kalibr") -> "OpenVins":
-        """Of both triads, for one of the two models."""
+        """Convert both triads to one of the two models."""
         if model not in ("kalibr", "rpng"):
             raise DataError(f"There is no OpenVINS model {model!r}; known are 'kalibr' and 'rpng'.")
         convention = "lower" if model == "kalibr" else "upper"
@@ -142,11 +142,11 @@ class OpenVins(eqx.Module):
 
 
 class Px4(eqx.Module):
-    """PX4: x = R ((y - offset) * scale), CAL_ACC*_OFF and _SCALE; a gyroscope has no scale there.
+    """Model of PX4: x = R ((y - offset) * scale), CAL_ACC*_OFF and _SCALE; PX4 has no scale for a gyroscope.
 
     Attributes
     ----------
-    offset, scale : (3,). rotation : (3, 3) of the board. lost : (3, 3) misalignment in rad that has no place in it.
+    offset, scale : (3,). rotation : (3, 3) of the board. lost : (3, 3) misalignment in rad that the model cannot represent.
 
     Examples
     --------
@@ -165,23 +165,23 @@ class Px4(eqx.Module):
     @classmethod
     @host_float64
     def of(cls, triad: Triad, rotation: Any = None) -> "Px4":
-        """Scale factors alone; `lost` says what misalignment is left out."""
+        """Convert a triad to offset and scale factors; `lost` is the omitted misalignment."""
         turn = jnp.eye(3) if rotation is None else jnp.asarray(rotation)
         scale, lost = _diagonal(jnp.asarray(triad.matrix) @ turn)
         return cls(jnp.asarray(triad.bias), 1 / scale, turn, lost)
 
     @host_float64
     def triad(self) -> Triad:
-        """Matrix diag(1/scale) R', without what was lost."""
+        """Convert back: matrix diag(1/scale) R', without `lost`."""
         return Triad(jnp.diag(1 / jnp.asarray(self.scale)) @ jnp.asarray(self.rotation).T, jnp.asarray(self.offset))
 
 
 class ArduPilot(eqx.Module):
-    """ArduPilot: accelerometer x = (y - INS_ACCOFFS) * INS_ACCSCAL, gyroscope x = y - INS_GYROFFS.
+    """Model of ArduPilot: accelerometer x = (y - INS_ACCOFFS) * INS_ACCSCAL, gyroscope x = y - INS_GYROFFS.
 
     Attributes
     ----------
-    offset, scale : (3,). lost : (3, 3) misalignment in rad, and scale errors of a gyroscope, that have no place in it.
+    offset, scale : (3,). lost : (3, 3) misalignment in rad, and scale errors of a gyroscope, that the model cannot represent.
 
     Examples
     --------
@@ -199,7 +199,7 @@ class ArduPilot(eqx.Module):
     @classmethod
     @host_float64
     def of(cls, triad: Triad, sensor: str = "accel") -> "ArduPilot":
-        """Scale factors alone, none for sensor="gyro"; `lost` says what is left out."""
+        """Convert a triad to offset and scale factors (scale one for sensor="gyro"); `lost` is the omitted part."""
         if sensor not in ("accel", "gyro"):
             raise DataError(f"There is no sensor {sensor!r}; known are 'accel' and 'gyro'.")
         matrix = jnp.asarray(triad.matrix)
@@ -210,12 +210,12 @@ class ArduPilot(eqx.Module):
 
     @host_float64
     def triad(self) -> Triad:
-        """Matrix diag(1/scale), without what was lost."""
+        """Convert back: matrix diag(1/scale), without `lost`."""
         return Triad(jnp.diag(1 / jnp.asarray(self.scale)), jnp.asarray(self.offset))
 
 
 def _diagonal(matrix: Any) -> tuple[Any, Any]:
-    """Scale factors, and the misalignment (rad) beside them."""
+    """Split a matrix into scale factors and misalignment (rad)."""
     if np.any(np.asarray(jnp.diagonal(matrix)) <= 0):
         raise DataError("A scale factor is not positive: this format cannot say it. Turn the axes first.")
     scale = jnp.diagonal(matrix)

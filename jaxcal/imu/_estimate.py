@@ -1,4 +1,4 @@
-"""`estimate`: both triads and their covariance from poses and turns, a pure function."""
+"""`estimate`: fit both triads and their covariance to poses and turns, as a pure function."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,7 +15,7 @@ from ..fitting import AbstractLoss, AbstractPrior, Fit, covariance, solve
 from ._model import CONVENTIONS, Imu, Triad, entries, freed, in_convention, replaced, values
 from ._residuals import Poses, Turns, Weighted, arrays, residuals, reweighted
 
-#: step to go, of the statistical uncertainty, at which a fit is done
+#: a fit ends when the remaining step is below this share of the statistical uncertainty
 RTOL = 1e-4
 
 
@@ -25,11 +25,11 @@ class Estimate(eqx.Module):
     Attributes
     ----------
     model : `Imu` with the fitted sensors.
-    covariance : (p, p) of the parameters in `names`, in units of the readings per SI; zero for what the convention or an option holds,
-        infinite where the data do not determine every parameter.
+    covariance : (p, p) covariance of the parameters in `names`, in units of the readings per SI; zero for parameters that the convention
+        or an option fixes, infinite if the data do not determine every parameter.
     fit : `jaxcal.fitting.Fit`, in the frame of the fit.
-    data : `Weighted`, as it was fitted.
-    names : the parameters of both sensors, the fields of `Triad` first, those of a subclass after them.
+    data : the `Weighted` data of the fit.
+    names : names of the parameters of both sensors; the fields of `Triad` come first, those of a subclass follow.
 
     Examples
     --------
@@ -54,7 +54,7 @@ class Estimate(eqx.Module):
 
     @property
     def standard_error(self) -> AnyArray:
-        """(p,) roots of the diagonal of the covariance."""
+        """(p,) standard errors: square roots of the diagonal of the covariance."""
         return array_module(self.covariance).sqrt(array_module(self.covariance).diagonal(self.covariance))
 
 
@@ -71,26 +71,27 @@ def estimate(
     latitude: Any = None,
     loss: AbstractLoss | None = None,
 ) -> Estimate:
-    r"""Accelerometer and gyroscope from the means of still poses and the samples of the turns between them.
+    r"""Fit accelerometer and gyroscope to the means of still poses and the samples of the turns between them.
 
-    It minimises the squares of `residuals`, or their loss. The covariance is :math:`s^2 (J^T J)^{-1}`, s^2 the reduced chi-square.
+    The fit minimises the sum of squares of `residuals`, or their loss. The covariance is :math:`s^2 (J^T J)^{-1}` with the reduced
+    chi-square s^2.
 
-    `multi_position` finds poses, turns and standard deviations in a recording and judges the result. This function runs under jit, vmap
-    and grad; the result has derivatives with respect to the readings, their standard deviations, gravity and latitude.
+    To start from a recording, use `multi_position`, which also finds poses, turns and standard deviations, and judges the result. This
+    function runs under jit, vmap and grad: you can differentiate the result by readings, standard deviations, gravity and latitude.
 
     Parameters
     ----------
     poses : `Poses`, 9 or more attitudes in general position.
-    turns : `Turns` between them; None fits the accelerometer alone.
+    turns : `Turns` between the poses; None fits the accelerometer alone.
     gravity : m/s^2.
-    model : where the fit starts and what it fits: a `Triad` or a subclass for the accelerometer, or an `Imu` with both. Every
-        floating-point field is a parameter. None is the unit triad. What the convention holds keeps the value it has here.
+    model : initial model, which also defines the parameters: a `Triad` or a subclass for the accelerometer, or an `Imu` with both
+        sensors. Every floating-point field is a parameter; those that the convention fixes keep their value. None is the unit triad.
     convention : "upper", "lower" or "full", the frame of the result, see `turned_to`. A subclass of `Triad` is fitted in "upper" or
-        "lower": its accelerometer's matrix keeps the entries on the other side of the diagonal.
-    misalignment : whether to fit the entries of the accelerometer's matrix outside of the diagonal.
+        "lower": the entries of its accelerometer's matrix on the other side of the diagonal stay fixed.
+    misalignment : whether to fit the off-diagonal entries of the accelerometer's matrix.
     g_sensitivity : whether to fit the gyroscope's sensitivity to specific force.
     latitude : rad, to account for the Earth's rate; None leaves it out.
-    loss : of `jaxcal.fitting`, such as `Huber()`; None for least squares.
+    loss : a loss of `jaxcal.fitting`, such as `Huber()`; None uses least squares.
 
     Returns
     -------
@@ -99,7 +100,7 @@ def estimate(
     Raises
     ------
     DataError
-        For a convention that there is not, or "full" with a subclass of `Triad`.
+        If the convention is unknown, or is "full" with a subclass of `Triad`.
 
     Examples
     --------
@@ -123,7 +124,7 @@ def estimate(
         raise DataError("A subclass of Triad cannot be turned into the frame 'full'; take convention='upper' or 'lower'.")
     start, data = arrays((start, Weighted(poses, turns, gravity, latitude)))
     data = reweighted(start, data)
-    # to the end, not to the statistical uncertainty: differences of two estimates are then as good as their derivatives
+    # iterate to full convergence (rtol=None), so that differences of two estimates agree with the derivatives
     return described(solved(start, data, convention, misalignment, g_sensitivity, loss, rtol=None), data, convention)
 
 
@@ -131,20 +132,20 @@ def solved(
     start: Imu, data: Weighted, convention: str = "upper", misalignment: bool = True, g_sensitivity: bool = True,
     loss: AbstractLoss | None = None, rtol: float | None = RTOL, priors: Sequence[AbstractPrior] = (),
 ) -> Fit:  # fmt: skip
-    """Fit of weighted data. Plain triads are fitted in the frame "upper", whatever frame is asked for, and turned afterwards."""
+    """Fit weighted data. Plain triads are always fitted in the frame "upper"; `framed` rotates them afterwards."""
     free = freed(start, "upper" if start.plain else convention, misalignment, g_sensitivity)
     return solve(residuals, start, data, free=free, loss=loss, rtol=rtol, priors=priors)
 
 
 def described(fit: Fit[Any], data: Weighted, convention: str) -> Estimate:
-    """A fit as models and covariance in the frame of a convention."""
+    """Convert a fit to an `Estimate` in the frame of a convention."""
     names = entries(fit.model)[0]
     found, (matrix,) = framed(fit.model, convention, placed(fit.names, covariance(fit, scaled=True), names))
     return Estimate(found, matrix, eqx.tree_at(lambda f: f.problem, fit, None, is_leaf=lambda x: x is None), data, names)
 
 
 def started(model: Any, gyro: bool, north: bool) -> Imu:
-    """Model to start from, with a gyroscope and the heading of the first pose where they are asked for."""
+    """Initial model, with a gyroscope if `gyro`, and with the heading of the first pose if `north`."""
     unit = Triad(np.eye(3), np.zeros(3))
     whole = model if isinstance(model, Imu) else Imu(unit if model is None else model)
     second = (unit if whole.gyro is None else whole.gyro) if gyro else None
@@ -152,14 +153,14 @@ def started(model: Any, gyro: bool, north: bool) -> Imu:
 
 
 def placed(fitted: tuple[str, ...], matrix: AnyArray, names: tuple[str, ...]) -> AnyArray:
-    """Covariance of all named parameters from that of the fitted ones, with zeros for what was held."""
+    """Expand the covariance of the fitted parameters to all `names`, with zeros for fixed parameters."""
     xp = array_module(matrix)
     place = np.array([fitted.index(name) if name in fitted else len(fitted) for name in names])
     return xp.pad(xp.asarray(matrix), ((0, 1), (0, 1)))[place][:, place]
 
 
 def sandwich(fit: Fit[Any], blocks: np.ndarray) -> np.ndarray:
-    """Covariance over blocks of residuals (host); infinite where the blocks are too few or the parameters not determined."""
+    """Sandwich covariance over blocks of residuals (host); infinite if the blocks are too few or the parameters not determined."""
     if len(np.unique(blocks[np.asarray(fit.counted)])) <= len(fit.names) or not bool(fit.usable):
         return np.full((len(fit.names),) * 2, np.inf)
     return np.asarray(covariance(fit, "sandwich", blocks=blocks))
@@ -172,13 +173,13 @@ def _turned(model: Imu, convention: str) -> tuple[Imu, AnyArray]:
 
 
 def turned(model: Imu, convention: str, *matrices: AnyArray) -> tuple[Imu, list[AnyArray]]:
-    """A model and covariances of its parameters in the frame of a convention."""
+    """Transform a model and covariances of its parameters to the frame of a convention."""
     found, slope = _turned(model, convention)
     return found, [slope @ matrix @ slope.T for matrix in matrices]
 
 
 def framed(model: Imu, convention: str, *matrices: AnyArray) -> tuple[Imu, list[AnyArray]]:
-    """The same for a model as it was fitted, which is in the frame "upper" already."""
+    """Like `turned`, for a model directly after its fit, which is already in the frame "upper"."""
     if convention == "upper" or not model.plain:
         return model, list(matrices)
     return turned(model, convention, *matrices)

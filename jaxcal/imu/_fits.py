@@ -1,4 +1,4 @@
-"""Both fits of a recording (host): jointly, in rounds that find the sizes of the errors; and in two steps, as imu_tk does it."""
+"""The two fits of a recording (host): the joint fit, in rounds that estimate the sizes of the errors; and imu_tk's two-step fit."""
 
 import dataclasses
 from collections.abc import Callable, Mapping
@@ -23,7 +23,7 @@ from ._recording import Recording, Rests, means, norms, padded, sampled_turns
 from ._residuals import Pieces, Turns, Weighted, arrays, pieces, reweighted
 from ._result import ImuFit, finished, observability
 
-_FIRST_TURN = 0.02  # rad, before the turns have told their own size
+_FIRST_TURN = 0.02  # rad: assumed error of a turn, until the residuals show it
 ROUNDS = 3
 _DRIFT_LEVEL = 0.01
 _CLIP = 2.5
@@ -34,7 +34,7 @@ _RADIANS = {"rad/s": 1.0, "deg/s": np.pi / 180}
 
 
 class Options(eqx.Module):
-    """What the fit may do; noise as (N, B, K) of both sensors in SI."""
+    """Options of the fit; the noise of each sensor is (N, B, K) in SI."""
 
     gravity: float
     convention: str
@@ -46,23 +46,23 @@ class Options(eqx.Module):
     gyro_noise: tuple[float, float, float]
     latitude: float | None
     prior: Prior | None = None
-    held: np.ndarray | None = None  # (9,) standard deviations with which the g-sensitivity is held at zero
+    held: np.ndarray | None = None  # (9,) standard deviations of a prior that holds the g-sensitivity near zero
 
     @property
     def priors(self) -> tuple[Prior, ...]:
-        """Of the accelerometer alone, for `solve`; none where nothing is known."""
+        """Priors for a fit of the accelerometer alone; empty without prior knowledge."""
         return () if self.prior is None else (jax.tree.map(jnp.asarray, self.prior),)
 
     @property
     def joint_priors(self) -> tuple[Prior, ...]:
-        """Of both sensors. There is always one, if only of zeros: a term that is held, or known, then needs no other program."""
+        """Priors for a fit of both sensors. There is always one, perhaps of zeros, so that a new prior needs no new compilation."""
         return (jax.tree.map(jnp.asarray, complete(self.prior, self.held)),)
 
 
 def excess(residual: np.ndarray, base: np.ndarray, parameters: Any) -> float:
-    """Variance to add to `base` so that the residuals, those beyond 2.5 standard deviations cut, have the size it says.
+    """Variance to add to `base` so that it matches the residuals, which are clipped at 2.5 standard deviations.
 
-    Each of n residuals counts for 1 - p/n, because the fit took p of them.
+    Each of n residuals counts as 1 - p/n degrees of freedom, because p parameters were fitted to them.
     """
     residual, base = np.ravel(residual), np.ravel(base)
     freedom = max(len(residual) - parameters, 1.0)
@@ -78,9 +78,10 @@ def excess(residual: np.ndarray, base: np.ndarray, parameters: Any) -> float:
 
 
 def coefficients(noise: Any, sensor: str) -> tuple[float, float, float]:
-    """White noise N, flicker B and random walk K of a sensor, largest axis, in SI; zero where nothing is known.
+    """White noise N, bias instability B and random walk K of a sensor, of its noisiest axis, in SI; zero if unknown.
 
-    `noise` is {"accel": ..., "gyro": ...}, channel -> noise as `jaxcal.noise.characterise` gives it, or has these as its `noise`.
+    `noise` is {"accel": ..., "gyro": ...}, or channel -> noise as in the result of `jaxcal.noise.characterise`, or has one of these as
+    its attribute `noise`.
     """
 
     def part(whole: Any, name: str) -> Any:
@@ -92,7 +93,7 @@ def coefficients(noise: Any, sensor: str) -> tuple[float, float, float]:
         raise DataError('noise must be {"accel": ..., "gyro": ...} with a Noise, or a dictionary of N and B, for each sensor')
     sizes = []
     for term in ("N", "B", "K"):
-        # a fit of an axis holds its coefficients one level below
+        # the fit of an axis has the coefficients in its attribute `noise`
         found = [part(part(one, "noise") if part(one, "noise") is not None else one, term) for one in axes or [part(held, sensor)]]
         values = np.array([np.max(np.nan_to_num(np.asarray(value, dtype=float))) for value in found if value is not None])
         sizes.append(float(values.max(initial=0.0)))
@@ -102,22 +103,22 @@ def coefficients(noise: Any, sensor: str) -> tuple[float, float, float]:
 
 
 def mean_variance(noise: tuple[float, float, float], rests: Rests) -> np.ndarray:
-    """Variance of the means of rests: N^2/t, the flat part of the Allan variance, and what the bias walks from the middle of the record."""
+    """Variance of the means of rests: white noise N^2/t, bias instability, and the bias's random walk from the middle of the record."""
     white, flicker, walk = noise
     return white**2 / rests.duration + 2 * np.log(2) / np.pi * flicker**2 + walk**2 * np.abs(rests.time)
 
 
 def nominal_start(model: Triad, mean: np.ndarray, gravity: float) -> Triad:
-    """The model with scale and bias from the extremes of the means, without misalignment, for an accelerometer of unknown unit."""
+    """Initial model for an accelerometer in an unknown unit: scale and bias from the extremes of the means, no misalignment."""
     low, high = mean.min(axis=0), mean.max(axis=0)
     half = np.maximum((high - low) / 2, 1e-3 * np.abs(high - low).max())
-    # the axis that was never vertical shows less than its range; the others tell what it would be
+    # an axis that was never vertical does not show its full range; take it from the other axes
     half = np.maximum(half, 0.7 * half.max())
     return eqx.tree_at(lambda t: (t.matrix, t.bias), model, (np.diag(half / gravity), (low + high) / 2))
 
 
 def turn_costs(matrices: np.ndarray, bias: np.ndarray, vertical: np.ndarray, turns: Turns) -> np.ndarray:
-    """Mean square of the turns' residuals for a few matrices from readings to rad/s: coarse, in 64 steps of constant rate a turn."""
+    """Mean square of the residuals of the turns for each matrix from readings to rad/s; coarse, with 64 steps of constant rate a turn."""
     middle = (turns.gyro[:, :-1] + turns.gyro[:, 1:]) / 2 - bias
     steps = (middle * turns.dt[..., None]).reshape(len(middle), _STEPS, -1, 3).sum(axis=2)
     valid = np.isfinite(turns.sigma)
@@ -132,7 +133,7 @@ def turn_costs(matrices: np.ndarray, bias: np.ndarray, vertical: np.ndarray, tur
 
 
 def scanned_scale(bias: np.ndarray, vertical: np.ndarray, turns: Turns) -> float:
-    """Scale (rad/s per reading) at which the turns fit best, of a grid from slow turns to quick ones."""
+    """Scale (rad/s per reading) at which the turns fit best, on a grid that covers slow and fast turns."""
     valid = np.isfinite(turns.sigma)
     fast = float(np.quantile(np.linalg.norm(turns.gyro[valid] - bias, axis=2), 0.9))
     grid = np.geomspace(0.1, 10.0, _SCALES) / fast
@@ -140,8 +141,8 @@ def scanned_scale(bias: np.ndarray, vertical: np.ndarray, turns: Turns) -> float
 
 
 def explanation(bias: np.ndarray, vertical: np.ndarray, turns: Turns, scale: float) -> str | None:
-    """Another unit or another order of the gyroscope's axes that would fit at least ten times better than what was taken."""
-    swaps = np.round(scipy.spatial.transform.Rotation.create_group("O").as_matrix())  # the 24 that carry axes into axes
+    """Sentence on another unit or order of the gyroscope's axes, if one fits the turns at least ten times better; else None."""
+    swaps = np.round(scipy.spatial.transform.Rotation.create_group("O").as_matrix())  # the 24 rotations that map axes to axes
     tried = [(unit, factor, turn) for unit, factor in _RADIANS.items() for turn in swaps]
     matrices = np.array([scale * factor * turn for _, factor, turn in tried])
     costs = turn_costs(matrices, bias, vertical, turns)
@@ -159,7 +160,7 @@ def explanation(bias: np.ndarray, vertical: np.ndarray, turns: Turns, scale: flo
 
 
 class Joint(eqx.Module):
-    """A joint fit, its data, residuals in physical units, and the sizes of its errors: norm (m/s^2), turn (rad), rest (rad/s)."""
+    """A joint fit, its data, its residuals in physical units, and their standard deviations: norm (m/s^2), turn (rad), rest (rad/s)."""
 
     fit: Fit
     data: Weighted
@@ -168,7 +169,7 @@ class Joint(eqx.Module):
 
 
 def rest_start(rests: Rests, force: np.ndarray, with_force: bool, earth: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Bias and g-sensitivity by least squares on the still rates, and whether the bias drifts (F test at 1 %)."""
+    """Bias and g-sensitivity by least squares on the rates at rest, and whether the bias drifts (F test at 1 %)."""
     x, y = np.concatenate([np.ones((len(force), 1)), force[:, : 3 * with_force]], axis=1), rests.gyro - earth
     beta, more = np.linalg.lstsq(x, y)[:2]
     less = np.linalg.lstsq(np.concatenate([x, rests.time[:, None]], axis=1), y)[1].sum()
@@ -178,9 +179,10 @@ def rest_start(rests: Rests, force: np.ndarray, with_force: bool, earth: np.ndar
 
 
 def _sized(data: Weighted, found: Pieces, rests: Rests, options: Options, model: Imu, paid: np.ndarray) -> tuple[Weighted, np.ndarray]:
-    """The same data with errors as large as the residuals say, and these sizes; norms, turns and rests (3) took `paid` parameters each.
+    """Set the standard deviations of the data by the size of the residuals; return the data and the mean sizes.
 
-    At least they are what the noise coefficients say where they are given, and else what the scatter inside the rests does.
+    `paid` (5,) is the number of parameters fitted to the magnitudes, the turns, and each axis of the rests. No standard deviation is
+    below the one that the noise coefficients give or, without them, the scatter within the rests.
     """
     turns: Any = data.turns
     gyro, across_norm = model.gyro, found.vertical[: len(rests.accel)] @ np.linalg.inv(model.accel.matrix)
@@ -196,12 +198,12 @@ def _sized(data: Weighted, found: Pieces, rests: Rests, options: Options, model:
     still = still + np.array([excess(rest[:count, axis], still[:, axis], paid[2 + axis]) for axis in range(3)])
 
     across = np.einsum("sij,si->sj", data.tangent, found.turned)[valid]
-    # the stillest rest shows the noise of the sensor, the others that of the hand too
+    # the stillest rest shows the noise of the sensor alone; the others include motion of the hand
     density = options.gyro_noise[0] ** 2 if given[1] else np.max(np.min(scatter * rests.duration[:, None], axis=0) / scale**2)
     white = density * turns.dt.sum(axis=1)[valid]
     upright = np.concatenate([variance, np.zeros(rests.slots - count)]) / options.gravity**2
     around = (upright[:-1] + upright[1:])[valid]
-    # a turn without an error of its own would make the covariance singular where poses are shared
+    # neighbouring turns share a pose, so a turn without an error of its own would make the covariance singular
     turn = np.maximum(white + excess(across, np.repeat((white + around)[:, None], 2, axis=1), paid[1]), 1e-3 * around)
     sigma = np.full(len(valid), np.inf)
     sigma[valid] = np.sqrt(turn)
@@ -212,18 +214,18 @@ def _sized(data: Weighted, found: Pieces, rests: Rests, options: Options, model:
 
 
 def refitted(start: Imu, data: Weighted, options: Options) -> Fit:
-    """One fit with the errors as they stand in the data."""
+    """Fit once, with the standard deviations of the data unchanged."""
     return solved(start, data, options.convention, options.misalignment, options.g_sensitivity, options.loss, priors=options.joint_priors)
 
 
 def joint_fit(start: Imu, data: Weighted, rests: Rests, options: Options, paid: int, near: bool = False, rounds: int = ROUNDS) -> Joint:
-    """Fit, find the sizes of the errors, and fit again; `paid` is the number of parameters of the accelerometer.
+    """Fit, estimate the sizes of the errors, and fit again; `paid` is the number of accelerometer parameters.
 
-    From a start that is `near` the residuals there say how large the errors are, and the first fit is saved.
+    If `near`, the start is close to the solution: its residuals already show the sizes of the errors, and the first fit is skipped.
     """
     found, sizes, slots, fit = pieces(start, data), np.zeros(3), rests.slots, None
     data = dataclasses.replace(data, tangent=found.tangent)
-    # still rates and norms are in order from the start; turns are not
+    # residuals of magnitudes and of rates at rest are realistic from the start, those of turns are not
     per_axis = 1 + 3 * (options.g_sensitivity and options.held is None) + (start.drift is not None)
     traces, model = np.array([paid, 9, per_axis, per_axis, per_axis]), start
     turns: Any = data.turns
@@ -233,7 +235,7 @@ def joint_fit(start: Imu, data: Weighted, rests: Rests, options: Options, paid: 
         fit = refitted(start, data, options)
     for _ in range(rounds - (not near)):
         if fit is not None:
-            # every kind of residual pays for as many parameters as its part of the hat matrix has trace
+            # each kind of residual uses as many degrees of freedom as the trace of its part of the hat matrix
             norm, turned, rest = np.split(np.asarray(leverage(fit))[: 6 * slots - 2], [slots, 3 * slots - 2])
             traces, model = np.array([norm.sum(), turned.sum(), *rest.reshape(-1, 3).sum(axis=0)]), fit.model
             found = pieces(model, data)
@@ -245,7 +247,7 @@ def joint_fit(start: Imu, data: Weighted, rests: Rests, options: Options, paid: 
 
 
 def left_out(joint: Joint) -> tuple[float, int]:
-    """Mean square of the turns' components, each under the fit without this turn, to first order; and the number of turns."""
+    """Leave-one-out mean square of the components of the turns, to first order, and the number of turns."""
     data, turns, slots = joint.data, joint.data.turns, len(joint.found.norm)
     assert turns is not None
     valid = np.isfinite(turns.sigma)
@@ -255,7 +257,10 @@ def left_out(joint: Joint) -> tuple[float, int]:
 
 
 def halves(slots: int, outside: Callable[[np.ndarray], Any]) -> np.ndarray:
-    """Rms of norms and of turns' components that a fit did not see; `outside` fits some poses, and returns both at the others or None."""
+    """Held-out rms of the magnitudes and of the components of the turns, by two-fold cross-validation.
+
+    `outside` fits one half of the poses and returns both kinds of residual at the other half, or None.
+    """
     even = np.arange(slots) % 2 == 0
     parts = [outside(even), outside(~even)]
     if any(part is None for part in parts):
@@ -264,7 +269,7 @@ def halves(slots: int, outside: Callable[[np.ndarray], Any]) -> np.ndarray:
 
 
 def held_out(joint: Joint, options: Options) -> np.ndarray:
-    """`halves` of a joint fit."""
+    """Two-fold cross-validation (`halves`) of a joint fit."""
     data, turns = joint.data, joint.data.turns
     assert turns is not None
     known, valid, whiten = np.isfinite(data.poses.sigma), np.isfinite(turns.sigma), np.asarray(data.whiten)
@@ -287,7 +292,7 @@ def held_out(joint: Joint, options: Options) -> np.ndarray:
 
 @filter_jit
 def turn_residuals(model: Imu, data: tuple[Turns, Any]) -> Array:
-    """R' u_before - u_after, three components for every turn, by Runge-Kutta steps: the residual of imu_tk; u (k, 3) is held."""
+    """imu_tk's residual R' u_before - u_after, three components for each turn, by Runge-Kutta steps; the verticals u (k, 3) are fixed."""
     gyro, (turns, vertical) = model.gyro, data
     matrix = inverse(gyro.matrix)
     column = jnp.concatenate([turns.gyro, jnp.ones_like(turns.gyro[..., :1])], axis=-1)
@@ -296,14 +301,17 @@ def turn_residuals(model: Imu, data: tuple[Turns, Any]) -> Array:
 
 
 def gyro_fit(gyro: Triad, turns: Turns, vertical: np.ndarray) -> Fit:
-    """The gyroscope's matrix, its bias held."""
+    """Fit the gyroscope's matrix with fixed bias."""
     model = Imu(None, gyro)
     free = eqx.tree_at(lambda m: m.gyro.bias, freed(model, "upper", g_sensitivity=False), np.zeros(3, dtype=bool))
     return solve(turn_residuals, model, (turns, vertical), free=free)
 
 
 def tedaldi(record: Recording, base: ImuFit, fit: Fit, options: Options, each: int, raw: bool, initial: Any, held_out: bool) -> ImuFit:
-    """Norms of the first `each` samples of every interval, as fitted, then the turns by Runge-Kutta steps, verticals and bias fixed."""
+    """imu_tk's second step and the result: fit the turns by Runge-Kutta steps with fixed verticals and bias.
+
+    `fit` is the first step, the accelerometer from the magnitudes of the first `each` samples of every interval.
+    """
     still: Any = base.still
     rates: Any = record.gyro
     count, slots = len(still), len(np.asarray(fit.residuals)) // each
@@ -340,7 +348,7 @@ def tedaldi(record: Recording, base: ImuFit, fit: Fit, options: Options, each: i
 
 
 def _verticals(fit: Fit, reading: np.ndarray) -> np.ndarray:
-    """Directions of corrected mean specific forces."""
+    """Directions of the corrected mean specific forces."""
     force = jax.tree.map(np.asarray, fit.model.accel).correct(reading)
     return force / np.linalg.norm(force, axis=1, keepdims=True)
 
@@ -348,7 +356,7 @@ def _verticals(fit: Fit, reading: np.ndarray) -> np.ndarray:
 def _held_out(
     record: Recording, start: np.ndarray, each: int, slots: int, model: Imu, gyro: Triad, turns: Turns, options: Options
 ) -> np.ndarray:
-    """`halves` of both fits."""
+    """Two-fold cross-validation (`halves`) of both steps."""
     count, valid = len(start), np.isfinite(turns.sigma)
     data = norms(np.concatenate([record.accel[i : i + each] for i in start]), slots * each, options.gravity)
     mean = means(record.accel, start, start + each)

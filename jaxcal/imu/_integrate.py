@@ -1,4 +1,4 @@
-"""Attitude from sampled angular rate, all segments at once, with exact derivatives that cost little more than the attitude itself."""
+"""Attitude from sampled angular rate for many segments at once, with exact derivatives at little extra cost."""
 
 import functools
 
@@ -11,7 +11,7 @@ from jax.custom_derivatives import SymbolicZero
 from .._rotation import conjugate, matrix as rotation_matrix, normalised, product
 from .._types import Any, Array
 
-#: w @ CROSS is the matrix of the cross product, [w] x = w cross x: products of matrices compile faster than components
+#: w @ CROSS is the matrix of the cross product, [w] x = w cross x; matrix products compile faster than single components
 CROSS = np.array([[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], dtype=float)
 
 
@@ -23,8 +23,9 @@ def skew(w: Array) -> Array:
 class Step(eqx.Module):
     """Rotation (..., 3, 3) from the axes after a step to those before it, and its derivative.
 
-    before, after : (..., 3, 3), small rotation in the axes after the step for a change of the rate at its two ends, rad per rad/s.
-    width : (..., 3), the same for a change of its length, rad/s.
+    before, after : (..., 3, 3) derivative of the rotation by the rate at the two ends of the step, as a small rotation in the axes after
+        the step, rad per rad/s.
+    width : (..., 3) derivative of the rotation by the length of the step, rad/s.
     """
 
     rotation: Array
@@ -34,7 +35,7 @@ class Step(eqx.Module):
 
 
 def closed_form(first: Array, second: Array, dt: Array) -> Step:
-    """Step (rates in rad/s, dt (..., 1) in s) whose rotation vector is the mean rate times dt, with the coning term of a linear rate.
+    """Step (rates in rad/s, dt (..., 1) in s) with the mean rate times dt as rotation vector, plus the coning term of a linear rate.
 
     P. G. Savage, J. Guid. Control Dyn. 21 (1998) 19; the error of a step is of fifth order in dt.
     """
@@ -43,7 +44,7 @@ def closed_form(first: Array, second: Array, dt: Array) -> Step:
     coning = (a @ second[..., None])[..., 0]
     v = (first + second) * (dt / 2) + coning * (dt**2 / 12)
     square = jnp.sum(v**2, axis=-1)[..., None, None]
-    # Double where: sqrt has no derivative at zero; the series are exact to rounding below the switch.
+    # double `where`, because sqrt has no derivative at zero; below the switch the series are exact to rounding
     small = square < 1e-3
     angle = jnp.sqrt(jnp.where(small, 1, square))
     sine = jnp.where(small, 1 - square / 6 + square**2 / 120 - square**3 / 5040 + square**4 / 362880, jnp.sin(angle) / angle)
@@ -54,7 +55,7 @@ def closed_form(first: Array, second: Array, dt: Array) -> Step:
     k = skew(v)
     k2 = k @ k
     rate = (first + second) / 2 + coning * (dt / 6)
-    right = one - cosine * k + third * k2  # of a change of the rotation vector, in the axes after the step
+    right = one - cosine * k + third * k2  # derivative by the rotation vector, in the axes after the step
     return Step(
         one + sine * k + cosine * k2,
         right @ (one * (h / 2) - b * (h**2 / 12)),
@@ -77,9 +78,9 @@ def _fourth_order(first: Array, second: Array, dt: Array) -> Array:
 
 
 def runge_kutta(first: Array, second: Array, dt: Array) -> Step:
-    """Step by the fourth-order Runge-Kutta formula for q' = q w / 2, normalised, as imu_tk does it.
+    """Step by the fourth-order Runge-Kutta formula for q' = q w / 2, normalised, as in imu_tk.
 
-    The equation is linear in q, so that a step multiplies q by a quaternion of its own, wherever q is.
+    The equation is linear in q, so a step multiplies every q by the same quaternion.
     """
     q = _fourth_order(first, second, dt)
 
@@ -101,14 +102,14 @@ def _steps(matrix: Array, column: Array, dt: Array, integrator: str) -> Step:
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(3,))
 def attitude(matrix: Array, column: Array, dt: Array, integrator: str = "closed_form") -> Array:
-    """Rotation from the last to the first body axes of segments whose rate is `matrix` @ `column`.
+    """Integrate the rate `matrix` @ `column` over segments: the rotation from the last to the first body axes of each segment.
 
-    Every model of a gyroscope that is linear in the readings has this form, whatever its parameters are, and the derivative with
-    respect to the matrix, which is all that a fit needs, is one sum over the samples:
+    Every gyroscope model that is linear in the readings has this form. A fit needs only the derivative with respect to the matrix, which
+    is one sum over the samples:
 
         d theta = sum_j R(q_j..end)' (A_j dW z_j + B_j dW z_j+1),
 
-    with A and B the derivatives of a step's own small rotation with respect to the rates at its ends.
+    where A and B are the derivatives of the small rotation of a step with respect to the rates at its two ends.
 
     Parameters
     ----------
@@ -132,7 +133,7 @@ def attitude(matrix: Array, column: Array, dt: Array, integrator: str = "closed_
      [ 0.  0.  1.]]
     """
     steps = jnp.moveaxis(_steps(matrix, column, dt, integrator).rotation, 1, 0)
-    # from the last step on, as the derivative below does: the same rounding in both
+    # backwards from the last step, like the derivative below, so that both round alike
     return jax.lax.scan(lambda later, step: (step @ later, None), steps[-1], steps[:-1], reverse=True)[0]
 
 

@@ -1,4 +1,4 @@
-"""The joint fit of a recording (host): which of several sets of rests to take, the fit, and its result."""
+"""The joint fit of a recording (host): it chooses one of several sets of rests, fits it, and makes the result."""
 
 import dataclasses
 from collections.abc import Callable
@@ -22,23 +22,25 @@ from ._prior import known_of
 from ._recording import Recording, Rests, padded
 from ._residuals import Turns, Weighted, pieces
 from ._rests import Ends, Multiples
-from ._result import SINGULAR, ImuFit, Observability, finished, observability
+from ._result import SINGULAR, ImuFit, Observability, finished, observability, spread_of
 
-#: poses beyond the number of parameters from which errors of prediction can be compared
+#: poses in excess of the number of parameters that are needed to compare prediction errors
 _SPARE = 3
-#: ratio of the noise of two rests that is the hand's
+#: spread of the poses in degrees below which they are one attitude, so that turns cannot determine the accelerometer either
+_ONE_ATTITUDE = 5.0
+#: ratio of the noise of two rests above which motion of the hand is the cause
 _UNEVEN = 10.0
-#: level of the test below which the gyroscope is sensitive to specific force beyond doubt
+#: significance level of the test for sensitivity of the gyroscope to specific force
 _SENSITIVE = 0.01
 
 
 def count_of(free: Any) -> int:
-    """Number of parameters that are free."""
+    """Number of free parameters."""
     return int(sum(np.sum(leaf) for leaf in jax.tree.leaves(free)))
 
 
 class Begun(eqx.Module):
-    """What the fit of one set of rests starts from; `turns` is None without a gyroscope."""
+    """Data and start of the fit of one set of rests; `turns` is None without a gyroscope."""
 
     rests: Rests
     fit: Fit
@@ -51,7 +53,7 @@ class Begun(eqx.Module):
 
 
 class Refusal(eqx.Module):
-    """Why a set of rests allows no fit."""
+    """Reason why a set of rests cannot be fitted."""
 
     reason: str = eqx.field(static=True)
     seen: Observability | None = None
@@ -59,7 +61,7 @@ class Refusal(eqx.Module):
 
 
 class Job(eqx.Module):
-    """One recording, the model to fit, the number of parameters of the accelerometer, and the options."""
+    """A recording, the model to fit, the number of poses that the model needs, and the options."""
 
     record: Recording
     model: Imu
@@ -68,12 +70,12 @@ class Job(eqx.Module):
     raw: bool
 
     def best(self, table: np.ndarray, usable: dict[Multiples, Ends], fits: dict[Multiples, Fit]) -> tuple[Multiples, np.ndarray, Any]:
-        """The set of rests to take, the mean squares of turns left out (m,), and what its fit begins with and where.
+        """Choose a set of rests; return it, the leave-one-out mean squares of the turns (m,), and the start and first fit of the set.
 
-        The variance of the parameters is the mean square of the residuals over their number: sets are compared by this of the poses and,
-        with a gyroscope, of the turns, each left out of the fit that predicts it. Of each bound on the gyroscope the best bound on the
-        accelerometer is looked at, since the turns take a joint fit each. The same comparison says whether turns go between mean
-        attitudes, which frees them of what the hand moves, or between the ends of the rests, which spares them the gyroscope's noise.
+        The criterion is proportional to the variance of the parameters: leave-one-out mean square over number, of the poses and, with a
+        gyroscope, of the turns. Each comparison of turns needs a joint fit, so for each bound on the gyroscope only the best bound on the
+        accelerometer is tried. The same criterion decides whether turns connect mean attitudes, which avoids the effect of hand motion,
+        or the ends of the rests, which avoids integrating the gyroscope's noise over the rests.
         """
         pairs, turned, found = list(usable), np.full(len(table), np.nan), []
         score, near, refused = table[:, 4] / table[:, 2], None, {}
@@ -88,14 +90,14 @@ class Job(eqx.Module):
             turned[i] = np.fmin(turned[i], variance)
             return score[i] * variance / count, i, begun, joint
 
-        # with hardly more poses than parameters nothing is left to be predicted, and the errors look small
+        # sets with hardly more poses than parameters are left out: their prediction errors look too small
         enough = table[:, 2] >= min(self.needed + _SPARE, table[:, 2].max())
         for bound in np.unique(table[enough, 1])[::-1]:
             here = np.flatnonzero((table[:, 1] == bound) & enough)
             if (one := tried(int(here[np.argmin(score[here])]), True)) is not None:
                 found.append(one)
                 near = (one[3].fit.model, one[2].scale) if bool(one[3].fit.usable) and near is None else near
-        if not found:  # there is no gyroscope, or the refusal of the set with the best norms says why
+        if not found:  # no gyroscope, or every set was refused: report the set with the best magnitudes
             i = min(refused, key=lambda i: score[i])
             return pairs[i], turned, (refused[i], None)
         best = min(found, key=lambda entry: entry[0])
@@ -104,7 +106,7 @@ class Job(eqx.Module):
         return pairs[best[1]], turned, best[2:]
 
     def begun(self, ends: Ends, fit: Fit, whole: bool, near: tuple[Imu, float] | None) -> Begun | Refusal:
-        """Means and turns of a set of rests, and where its fit starts: at a model and scale that are near, if there are some."""
+        """Compute means and turns of a set of rests, and the start of its fit: `near` (model and scale of another set) if it is given."""
         record, options, notes = self.record, self.options, []
         clipped = _recording.stuck(record.accel, *ends)
         start, stop = (part[~clipped] for part in ends)
@@ -122,8 +124,10 @@ class Job(eqx.Module):
         vertical, size = at_rest.vertical[: len(start)], options.gravity - at_rest.norm[: len(start)]
         rests = rests.shortened(np.linalg.inv(np.asarray(fit.model.accel.matrix)), vertical, size)
         seen = observability(vertical, not options.misalignment)
-        # with turns the joint fit tells what both determine: six faces and the turns between them show the misalignment
-        if not seen.condition <= SINGULAR and record.gyro is None and not known_of(options.prior):
+        # with a gyroscope the joint fit judges this later: six faces and the turns between them determine the misalignment. Poses of one
+        # attitude determine nothing, and the joint fit would take all its steps to find that
+        one = record.gyro is None or spread_of(vertical) < _ONE_ATTITUDE
+        if not seen.condition <= SINGULAR and one and not known_of(options.prior):
             return Refusal(seen.sentence, seen)
         accel = jax.tree.map(np.asarray, fit.model.accel)
         if record.gyro is None:
@@ -160,14 +164,14 @@ class Job(eqx.Module):
         return Begun(rests, fit, vertical, start, turns, scale, seen, tuple(notes))
 
     def joint(self, begun: Begun, near: bool, rounds: int) -> Joint:
-        """The fit of one set of rests, in so many rounds of finding the size of the errors."""
+        """Fit one set of rests, with `rounds` rounds of estimating the sizes of the errors."""
         one = np.ones((len(begun.rests.accel), 3))
         poses, gravity = begun.rests.poses(one[:, 0], one), np.asarray(self.options.gravity)
         data = Weighted(poses, begun.turns, gravity, self.options.latitude)
         return _fits.joint_fit(begun.start, data, begun.rests, self.options, self.needed, near, rounds)
 
     def result(self, base: ImuFit, begun: Begun | Refusal, joint: Joint | None, held_out: bool) -> ImuFit:
-        """The calibration by the set of rests that was chosen; `joint` is a first fit of it."""
+        """The calibration from the chosen set of rests; `joint` is its first fit."""
         options = self.options
         notes, base = [*base.warnings, *begun.notes], dataclasses.replace(base, observability=begun.seen)
         if isinstance(begun, Refusal):
@@ -195,10 +199,10 @@ class Job(eqx.Module):
         return _result(base, found, rests, self.needed, options, notes, explain, shift)
 
     def without_sensitivity(self, joint: Joint, rests: Rests, notes: list[str]) -> tuple[Joint, Options, np.ndarray | None]:
-        """The fit without sensitivity to specific force, where neither a test nor turns left out ask for it.
+        """Drop the g-sensitivity of the gyroscope if neither the F test nor the leave-one-out error of the turns supports it.
 
-        Rates at rest in a hand say little of it; fitted all the same, it takes up errors of the turns. The covariance of what was left
-        out is kept for the intervals: that of the sensitivity, and the step of the other parameters.
+        Rates at rest in a hand hardly determine the g-sensitivity, and fitting it would absorb errors of the turns. The third result
+        widens the intervals for this choice: the covariance of the dropped parameters, and the squared step of the others.
         """
         options, fit = self.options, joint.fit
         names = np.array(fit.names)
@@ -225,23 +229,23 @@ class Job(eqx.Module):
 
 
 def _known_kind(model: Imu) -> bool:
-    """Whether both sensors are of the package, so that what they lack can be said."""
+    """Whether both sensors are jaxcal's own models, for which missing terms can be named."""
     return all(type(sensor) in (Triad, Nonlinear, type(None)) for sensor in (model.accel, model.gyro))
 
 
 def _own_sizes(fit: Fit, names: tuple[str, ...], rests: Rests) -> np.ndarray:
-    """(p,) standard deviation of the kind of residual that determines a parameter, over that of all residuals.
+    """(p,) for each parameter, the standard deviation of the residuals that determine it, relative to that of all residuals.
 
-    Norms determine the accelerometer, turns the gyroscope's matrix, still rates its bias and its sensitivity to specific force.
+    Magnitudes determine the accelerometer, turns the gyroscope's matrix, and rates at rest its bias and g-sensitivity.
     """
     slots, density = rests.slots, rests.gyro_variance() * rests.duration[:, None]
     kind = np.repeat([0, 1, 2], [slots, 2 * slots - 2, 3 * slots])[: len(fit.residuals)]
-    own = np.arange(len(fit.residuals)) < len(kind)  # not the heading's
+    own = np.arange(len(fit.residuals)) < len(kind)  # without the residuals of the heading
     square, share = (np.asarray(part)[own] for part in ((fit.weights * fit.residuals) ** 2, fit.counted - leverage(fit)))
     size, freedom = (np.bincount(kind, part, 3) for part in (square, share))
     ratio = np.sqrt(size / np.maximum(freedom, 1) / np.asarray(fit.mean_curvature) ** 2 / np.asarray(fit.variance))
-    # rates that go to and fro in a hand have means that scatter less than they seem to; a rest on a table, which shows the bias, is no
-    # better for it
+    # in a hand, rates oscillate and their means scatter less than their noise suggests; this must not make a rest on a table, which
+    # determines the bias, look more certain than it is
     uneven = np.any(density.max(axis=0) > _UNEVEN * density.min(axis=0))
     ratio = np.where(freedom < 1, 1.0, np.maximum(ratio, np.array([0.0, 0.0, float(uneven) / float(np.sqrt(np.asarray(fit.variance)))])))
     place = [0 if name.startswith("accel") else 2 if name.startswith(("gyro.bias", "gyro.g_sens")) else 1 for name in names]
@@ -258,7 +262,7 @@ def _result(
     explain: Callable[[], str | None],
     lost: np.ndarray | None = None,
 ) -> ImuFit:
-    """The result of a fit with or without a gyroscope, judged."""
+    """Make and judge the result of a fit, with or without a gyroscope."""
     fit, found, slots, count = joint.fit, joint.found, rests.slots, len(rests.accel)
     blocks = np.concatenate([np.arange(slots), np.repeat(slots + np.arange(slots - 1), 2), np.repeat(np.arange(slots), 3), [-1, -1]])
     weight, gyro, drift = np.asarray(fit.weights), fit.model.gyro, np.zeros(3)
@@ -285,10 +289,10 @@ def _result(
         size = np.abs(np.asarray(fit.model.accel_warm_up)).max()
         notes = [*notes, f"The accelerometer's bias warms up by {size:.2g} during the recording, in readings; the bias is the settled one."]
     still = 3 * (count - 1 - 3 * options.g_sensitivity) if len(turned) else 0
-    own_norms = float(np.sum(np.asarray(leverage(fit))[:slots]))  # the turns tell some of the accelerometer, too
+    own_norms = float(np.sum(np.asarray(leverage(fit))[:slots]))  # less than the number of parameters: turns contribute, too
     by_field = {"accel": count - own_norms, "gyro": 2 * len(turned) - own, "gyro.bias": still, "gyro.g_sensitivity": still}
     freedom = np.array([by_field.get(name.split("[")[0], by_field[name.split(".")[0]]) for name in result.names], dtype=float)
-    # a prior must not be scaled by what the residuals say
+    # with a prior the covariance is not rescaled by the residuals, because that would rescale the prior, too
     own_size = _own_sizes(fit, made.names, rests) if options.prior is None else np.ones(len(made.names))
     plain = np.asarray(made.covariance) * own_size[:, None] * own_size[None, :]
     missing = lacks(joint, rests) if _known_kind(fit.model) and bool(fit.usable) else []

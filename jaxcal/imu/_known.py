@@ -1,4 +1,4 @@
-"""`six_position` and `rate_table`: a triad from known inputs by linear least squares, one axis beside the other (host, NumPy)."""
+"""`six_position` and `rate_table`: fit a triad to known inputs by linear least squares, axis by axis (host, NumPy)."""
 
 import dataclasses
 from typing import Any
@@ -22,17 +22,17 @@ _RANK = 1e-8
 
 
 class TriadFit(Unjudged):
-    """A triad from known inputs.
+    """A triad fitted to known inputs.
 
     Attributes
     ----------
-    triad : `Triad`.
-    covariance : (p, p) of the parameters named by `names`, in the units of the readings per SI.
-    interval : (p, 2) limits of the intervals of 95 %, in the order of `names`.
-    residual : (k, 3) readings less the fitted ones.
-    sigma : (3,) standard deviation of a mean reading, as given or from the residuals.
-    degrees_of_freedom : of the residuals of one axis.
-    names : of the parameters: matrix by rows, bias, g-sensitivity by rows where it was fitted.
+    triad : the fitted `Triad`.
+    covariance : (p, p) covariance of the parameters in `names`, in the units of the readings per SI.
+    interval : (p, 2) limits of the 95 % confidence intervals, in the order of `names`.
+    residual : (k, 3) readings minus the fitted readings.
+    sigma : (3,) standard deviation of a mean reading, as given or estimated from the residuals.
+    degrees_of_freedom : degrees of freedom of the residuals of one axis.
+    names : names of the parameters: matrix by rows, bias, and g-sensitivity by rows if it was fitted.
     warnings : sentences.
 
     Examples
@@ -61,7 +61,7 @@ class TriadFit(Unjudged):
 
 
 def checked_gravity(gravity: Any) -> float:
-    """A number of m/s^2."""
+    """Return gravity as a float in m/s^2, or refuse a value in another unit."""
     value = float(gravity)
     if 0.5 < abs(value) < 2.0:
         raise DataError(f"gravity={value:g} looks like g; it is asked for in m/s^2, about 9.81 (jaxcal.imu.gravity(latitude) gives it)")
@@ -73,7 +73,7 @@ def checked_gravity(gravity: Any) -> float:
 def _triad_of(
     x: np.ndarray, y: np.ndarray, sigma: Any, words: tuple[str, ...], advice: str, warnings: tuple[str, ...] = (), servo: float = 0.0
 ) -> TriadFit:
-    """Fit of columns [input, 1] or [input, 1, specific force]; `sigma` of a mean reading, or None to take it from the residuals."""
+    """Fit readings `y` to columns [input, 1] or [input, 1, specific force]; `sigma` None estimates the noise from the residuals."""
     known = information(x, tolerance=_RANK)
     share = np.sqrt(np.sum(known.vectors[known.singular_values == 0] ** 2, axis=0))
     if np.any(share > 1e-3):
@@ -87,7 +87,7 @@ def _triad_of(
             raise DataError(
                 f"{len(x)} readings leave nothing to tell their noise from; give sigma=, the standard deviation of a mean reading"
             )
-        # one noise for the three axes of a triad: three times the degrees of freedom
+        # the three axes share one noise level, which triples the degrees of freedom
         sigma = np.full(3, np.sqrt(np.sum(residual**2) / (3 * freedom)))
         quantile = scipy.special.stdtrit(3 * freedom, 0.975)
     else:
@@ -103,7 +103,7 @@ def _triad_of(
                 f"The readings scatter by {np.max(noise / sigma):.2g} times the noise given: levelling, repeatability or the model. The "
                 "intervals are too narrow; leave out sigma= to take it from the scatter.",
             )
-    # the axes are fitted one beside the other, but named field by field: name -> (axis, column)
+    # the fit is ordered by axis, the names are ordered by field: name -> (axis, column)
     fields = {"matrix[{},{}]": range(3), "bias[{}]": (3,), "g_sensitivity[{},{}]": range(4, columns)}
     names = {name.format(axis, i): (axis, column) for name, part in fields.items() for axis in range(3) for i, column in enumerate(part)}
     axis, column = np.array(list(names.values())).T
@@ -118,7 +118,7 @@ def _triad_of(
 
 
 def _readings_of(values: Any, name: str) -> np.ndarray:
-    """(k, 3) finite numbers."""
+    """Return the values as a (k, 3) array of finite numbers, or refuse them."""
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -132,20 +132,21 @@ def _readings_of(values: Any, name: str) -> np.ndarray:
 
 @host_float64
 def six_position(readings: Any, gravity: float | int, *, up: Any = None, sigma: Any = None) -> TriadFit:
-    r"""Accelerometer from positions of known attitude: six faces of a squared block, or any number of them.
+    r"""Calibrate an accelerometer from positions of known attitude: the six faces of a rectangular block, or others.
 
     .. math:: y_k = M f_k + b,\qquad f_k = g\,u_k;\qquad
               M_{\cdot j} = \frac{y_{j+} - y_{j-}}{2g},\quad b = \tfrac16\textstyle\sum y
 
-    the second form being what least squares gives for the six.
+    The second form is the least-squares solution for the six faces.
 
     Parameters
     ----------
     readings : (6, 3) mean readings with x up, x down, y up, y down, z up, z down; or (k, 3) with `up`.
-    gravity : m/s^2.
-    up : (k, 3) directions of the vertical in body axes, where the positions are others.
-    sigma : standard deviation of a mean reading, one or (3,); None takes it from the residuals. It is the noise, N / sqrt(dwell), with
-        the repeatability of the table: an error of levelling of 0.5 degrees alone makes 6e-3 of misalignment and 0.03 m/s^2 of bias.
+    gravity : local gravity, m/s^2.
+    up : (k, 3) upward direction in body axes of each position; None for the six faces.
+    sigma : standard deviation of a mean reading, one or (3,); None estimates it from the residuals. It combines the noise,
+        N / sqrt(dwell), and the repeatability of the table: a levelling error of 0.5 degrees alone causes a misalignment of 6e-3 and a
+        bias of 0.03 m/s^2.
 
     Returns
     -------
@@ -154,7 +155,7 @@ def six_position(readings: Any, gravity: float | int, *, up: Any = None, sigma: 
     Raises
     ------
     DataError
-        For readings of another shape, gravity in g, or positions that do not span space.
+        If the readings have another shape, gravity is in g, or the positions do not determine every parameter.
 
     Examples
     --------
@@ -203,23 +204,23 @@ def six_position(readings: Any, gravity: float | int, *, up: Any = None, sigma: 
 def rate_table(
     readings: Any, rates: Any, accel: Any = None, *, latitude: float | None = None, sigma: Any = None, servo: float = 0.0
 ) -> TriadFit:
-    r"""Gyroscope from a rate table, with its sensitivity to g where the specific force is known.
+    r"""Calibrate a gyroscope from mean readings on a rate table, with g-sensitivity if the specific force is known.
 
     .. math:: y_k = M\,(\omega_k + \Omega_E\sin\varphi\,u_k) + b + G f_k
 
-    by least squares on [w, 1, f]. For a body axis j vertical at rates of both signs column j of M is (y_+ - y_-) / (2 rate), in which
-    the Earth's rate, the bias and the sensitivity to g cancel.
+    The model is fitted by least squares on [w, 1, f]. If body axis j is vertical at rates of both signs, column j of M is
+    (y_+ - y_-) / (2 rate), and the Earth's rate, the bias and the g-sensitivity cancel.
 
     Parameters
     ----------
     readings : (k, 3) mean readings over whole turns.
     rates : (k, 3) angular rate of the table in body axes, rad/s.
-    accel : (k, 3) specific force in body axes, m/s^2, mean over the turns; at least four that are not in a plane, better the six faces
-        up. Without it there is no g-sensitivity, and what there is goes into the bias.
-    latitude : rad, to take off the vertical part of the Earth's rate; it would pass for a g-sensitivity of 10 deg/h/g. The table's axis
-        must be vertical.
-    sigma : standard deviation of a mean reading, one or (3,); None takes it from the residuals.
-    servo : relative standard deviation of the table's rate; it scales the matrix.
+    accel : (k, 3) mean specific force in body axes, m/s^2, in at least four positions that are not in a plane, preferably with each of
+        the six faces up. Without it no g-sensitivity is fitted, and its effect is part of the bias.
+    latitude : rad, to subtract the vertical part of the Earth's rate, which otherwise looks like a g-sensitivity of 10 deg/h/g. The
+        table's axis must be vertical.
+    sigma : standard deviation of a mean reading, one or (3,); None estimates it from the residuals.
+    servo : relative standard deviation of the table's rate; it adds a scale error common to the matrix.
 
     Returns
     -------
@@ -228,7 +229,7 @@ def rate_table(
     Raises
     ------
     DataError
-        For shapes that differ, or positions that do not determine every parameter.
+        If the shapes differ, or the positions do not determine every parameter.
 
     Examples
     --------

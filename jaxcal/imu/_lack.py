@@ -1,4 +1,4 @@
-"""Lack of fit (host): what the model of the sensors leaves out, by name, and what that does to the parameters."""
+"""Lack of fit (host): named terms that the sensor model lacks, and their effect on the parameters."""
 
 import dataclasses
 from typing import Any
@@ -13,22 +13,24 @@ from ._fits import Joint
 from ._recording import Rests
 from ._residuals import pieces
 
-_LEVEL = 1e-3  # of each F test; a recording without such a term fails about one of eight tests in 125 recordings
-_LEAST = 3  # residuals that must be left to judge a term
-_ENOUGH = 8  # residuals of the norms that must be left to judge a term of the accelerometer without the turns
-_TWICE = 2.0  # flicker alone can make norms scatter more than the white noise of a rest says
+_LEVEL = 1e-3  # level of each F test; with eight tests, one in 125 recordings without such a term gives a false alarm
+_LEAST = 3  # least degrees of freedom to judge a term
+_ENOUGH = 8  # least degrees of freedom of the magnitudes to judge a term of the accelerometer without the turns
+_TWICE = 2.0  # smaller excess scatter of the magnitudes is ignored: flicker noise alone can cause it
 _ALIKE = 1.5  # terms whose sums of squares differ by less cannot be told apart
-_APART = 0.05  # share of a term, in length, that the parameters must not be able to stand for
+_APART = 0.05  # least share of a term's effect, in length, that the parameters must be unable to reproduce
 _SENSORS = {"accel": "accelerometer", "gyro": "gyroscope"}
 #: term -> name in `jaxcal.imu.TERMS`
 _NAMES = {"a quadratic term": "quadratic", "a cubic term": "cubic", "an asymmetry of sign": "asymmetry", "a linear drift": "drift",
           "a drift of a warm-up": "warm_up", "a term of the squared specific force": "g_squared"}  # fmt: skip
-_NUDGE = 1e-3  # of a finite difference, in the unit of the readings
+_NUDGE = 1e-3  # step of the finite difference, relative to the full term
 
 
 class Lack(eqx.Module):
-    """A term that the model lacks: its sentence, the change of the parameters (p,) that it would bring, by the names of the fit, and the
-    name by which it can be added, or None.
+    """A term that the model lacks.
+
+    shift : (p,) change of the fit's parameters that the term would cause. sentence : description for the user.
+    term : name by which the term can be added, or None.
     """
 
     shift: np.ndarray
@@ -37,10 +39,10 @@ class Lack(eqx.Module):
 
 
 def lacks(joint: Joint, rests: Rests) -> list[Lack]:
-    """Terms that the residuals ask for: the best for the norms, for the turns and for the still rates, each where it is significant.
+    """Find missing terms: the best one for the magnitudes, for the turns and for the rates at rest, if it is significant.
 
-    Residuals of one kind, in units of their standard deviation, are regressed on the parameters that determine them and on the effect of
-    three coefficients, one for each axis. The F test compares with the residuals that are left, whose size need not be known.
+    Residuals of one kind, in units of their standard deviation, are regressed on the parameters that determine them and on the effects
+    of three coefficients, one for each axis. The F test compares with the remaining residuals, so their size need not be known.
     """
     fit, slots = joint.fit, len(joint.found.norm)
     names, root = np.array(fit.names), np.sqrt(np.asarray(fit.weights))
@@ -48,7 +50,7 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
     found = []
 
     def judged(part: slice, own: np.ndarray, terms: dict[str, np.ndarray], size: Any, what: str, sensor: str) -> None:
-        """Test the terms (n, q) in one kind of residual, for the parameters that are its `own`."""
+        """Test the terms (n, q) on one kind of residual, together with the parameters `own` that these residuals determine."""
         here = np.any(slope[part] != 0, axis=1)
         best = _best(rows[part][here], slope[part][here][:, own], {name: (root[part, None] * x)[here] for name, x in terms.items()})
         if best is None:
@@ -62,7 +64,7 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
         told = f"The {what} ask for {kind} of the {_SENSORS[sensor]}, which the model lacks (p = {max(level, 1e-300):.1g})"
         found.append(Lack(shift, f"{told}; the intervals count what it would change.{add}", term))
 
-    # not the size that was measured, whose error is the residual
+    # the magnitude is gravity, not the measured one, because the error of the measured one is the residual itself
     force = joint.found.vertical * float(joint.data.gravity)
     duration = max(float(np.ptp(rests.time)), 1e-9)
 
@@ -76,7 +78,7 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
     shapes = _shapes(force, rests, duration)
     terms, what = _norm_terms(joint, shapes), "poses"
     if left < _ENOUGH and joint.data.turns is not None:
-        # with few poses the turns help: a vertical that is wrong is so before and after a turn
+        # few poses: use the turns as well, because an error of a vertical also appears in the turns before and after it
         norms, own = slice(0, 3 * slots - 2), own | np.char.startswith(names, "gyro.matrix")
         terms = {name: np.concatenate([x, _between(joint, shapes[name])]) for name, x in terms.items()}
         what = "poses and turns"
@@ -89,7 +91,7 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
         lambda name, coefficient: f"of {100 * np.abs(coefficient).max():.2g} % of the rate at {np.rad2deg(fast):.3g} deg/s",
         "turns", "gyro",
     )  # fmt: skip
-    # the axes of the still rates have nothing in common: each is tested by itself
+    # the axes of the rates at rest are independent, so each is tested separately
     for axis in range(3):
         squared = force[:, axis] ** 2 / STANDARD_GRAVITY**2 / np.asarray(joint.data.poses.gyro_sigma)[:, axis]
         judged(
@@ -102,7 +104,7 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
 
 
 def _scattered(joint: Joint, rests: Rests, freedom: int, left: int) -> list[Lack]:
-    """Norms that scatter more than the noise inside the rests explains, where they are too few to be tested for terms."""
+    """Report magnitudes that scatter more than the noise within the rests explains, if there are too few to test for terms."""
     if freedom < 1 or left >= _LEAST:
         return []
     count = len(rests.accel)
@@ -123,7 +125,7 @@ def _scale(triad: Any) -> np.ndarray:
 
 
 def _shapes(force: np.ndarray, rests: Rests, duration: float) -> dict[str, np.ndarray]:
-    """Change of the force along each axis (k, 3), by one unit of a term, at 1 g or over the recording."""
+    """Change of the force along each axis (k, 3) for a unit coefficient of each term (its value at 1 g, or over the recording)."""
     count, slots, g = len(rests.accel), len(force), STANDARD_GRAVITY
     time = np.zeros((slots, 1))
     time[:count, 0] = (rests.time - rests.time.min()) / duration
@@ -135,13 +137,13 @@ def _shapes(force: np.ndarray, rests: Rests, duration: float) -> dict[str, np.nd
 
 
 def _norm_terms(joint: Joint, shapes: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Whitened effect on the norms (k, 3) of one unit of a term of each axis."""
-    across = -joint.found.vertical / np.asarray(joint.data.poses.sigma)[:, None]  # of a change of the force along each axis
+    """Whitened effect on the magnitudes (k, 3) of a unit coefficient of each axis."""
+    across = -joint.found.vertical / np.asarray(joint.data.poses.sigma)[:, None]  # effect of a change of the force along each axis
     return {name: across * shape for name, shape in shapes.items()}
 
 
 def _between(joint: Joint, shape: np.ndarray) -> np.ndarray:
-    """Whitened effect on the turns (2s, 3) of the same, which turns the verticals before and after them."""
+    """Whitened effect on the turns (2s, 3) of a change of the force, which tilts the verticals before and after each turn."""
     data, up = joint.data, joint.found.vertical
     tilt = (np.eye(3)[None] - up[:, :, None] * up[:, None, :]) * shape[:, None, :] / float(data.gravity)  # (k, component, axis)
     moved = np.einsum("sji,sjc->sic", joint.found.rotation, tilt[:-1]) - tilt[1:]
@@ -149,7 +151,7 @@ def _between(joint: Joint, shape: np.ndarray) -> np.ndarray:
 
 
 def _turn_terms(joint: Joint, fast: float) -> dict[str, np.ndarray]:
-    """Whitened effect on the turns (2s, 3) of a term of each axis, as a share of the rate at the largest rate."""
+    """Whitened effect on the turns (2s, 3) of each term of the gyroscope; coefficients are relative to the rate at the rate `fast`."""
     model, data = joint.fit.model, joint.data
     turns: Any = data.turns
     gyro = jax.tree.map(np.asarray, model.gyro)
@@ -170,13 +172,13 @@ def _turn_terms(joint: Joint, fast: float) -> dict[str, np.ndarray]:
 
 
 def _best(r: np.ndarray, own: np.ndarray, terms: dict[str, np.ndarray]) -> tuple[str, list[str], np.ndarray, np.ndarray, float] | None:
-    """The term that leaves the least, those as good, the change of the parameters, the coefficients, and the level of its F test."""
+    """The term with the smallest remaining residuals; equally good terms, the parameter change, the coefficients, the F test's level."""
     count = next(iter(terms.values())).shape[1]
     freedom = len(r) - np.linalg.matrix_rank(own) - count
     if freedom < _LEAST:
         return None
     plain, _ = _left(r, own)
-    # six faces cannot tell a cubic term from a scale: terms that the parameters could stand for are not tried
+    # skip terms that the parameters can reproduce: six faces, for example, cannot distinguish a cubic term from a scale factor
     terms = {name: x for name, x in terms.items() if all(np.linalg.norm(_left(y, own)[0]) > _APART * np.linalg.norm(y) for y in x.T)}
     if not terms:
         return None
@@ -185,7 +187,7 @@ def _best(r: np.ndarray, own: np.ndarray, terms: dict[str, np.ndarray]) -> tuple
     left, solution = tried[name]
     ratio = (np.sum(plain**2) - np.sum(left**2)) / count / max(np.sum(left**2) / freedom, 1e-300)
     level = float(scipy.special.fdtrc(count, freedom, ratio))
-    # what is left out of the fit must be predicted better, too
+    # the term must also improve the leave-one-out prediction
     if level >= _LEVEL or _predicted(left, np.concatenate([own, terms[name]], axis=1)) >= _predicted(plain, own):
         return None
     also = [key for key, (other, _) in tried.items() if key != name and np.sum(other**2) < _ALIKE * np.sum(left**2)]
@@ -193,7 +195,7 @@ def _best(r: np.ndarray, own: np.ndarray, terms: dict[str, np.ndarray]) -> tuple
 
 
 def _left(r: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals after the regression, and its step: r + columns step is what is left."""
+    """Remaining residuals r + columns @ step after a regression, and its step."""
     length = np.linalg.norm(columns, axis=0)
     length = np.where(length > 0, length, 1)
     step = -np.linalg.lstsq(columns / length, r)[0]
@@ -201,6 +203,6 @@ def _left(r: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _predicted(left: np.ndarray, columns: np.ndarray) -> float:
-    """Sum of the squared residuals, each under the regression without it."""
+    """Sum of the squared leave-one-out residuals."""
     basis = np.linalg.qr(columns)[0]
     return float(np.sum((left / np.maximum(1 - np.sum(basis**2, axis=1), 1e-3)) ** 2))

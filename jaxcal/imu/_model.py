@@ -1,4 +1,4 @@
-"""`Triad` and `Imu`: what three sensing axes read, and back; the frame a device is described in; `gravity`."""
+"""`Triad` and `Imu`, the sensor models; the frames in which they are described; `gravity`."""
 
 from typing import Any
 
@@ -27,7 +27,7 @@ class Triad(eqx.Module):
 
     Attributes
     ----------
-    matrix : (3, 3) M: reading per SI unit, I + S + N of the thesis. Without errors the unit matrix.
+    matrix : (3, 3) M: reading per SI unit, I + S + N of the thesis; the identity for a sensor without errors.
     bias : (3,) b, in the unit of the readings.
     g_sensitivity : (3, 3) G: reading per m/s^2 of specific force; zero for an accelerometer.
 
@@ -41,8 +41,8 @@ class Triad(eqx.Module):
     >>> print(reading.round(3), triad.correct(reading).round(3))
     [0.1 0.  9.7] [ 0.  0. 10.]
 
-    A sensor with another model is a subclass with its own fields, `measure` and `correct`. `estimate` and `multi_position` fit every
-    floating-point field of it, here a term of the square of the specific force:
+    For another sensor model, write a subclass with its own fields, `measure` and `correct`. `estimate` and `multi_position` fit all its
+    floating-point fields. This example adds a quadratic term:
 
     >>> class Quadratic(jaxcal.imu.Triad):
     ...     square: np.ndarray = eqx.field(default_factory=lambda: np.zeros(3))
@@ -68,33 +68,33 @@ class Triad(eqx.Module):
 
     @host_float64
     def measure(self, x: Any, accel: Any = None) -> AnyArray:
-        """Readings M x + b + G a.
+        """Compute the readings M x + b + G a.
 
         Parameters
         ----------
         x : (3,) or (n, 3) angular rate in rad/s, or specific force in m/s^2.
-        accel : specific force, same shape, m/s^2; needed where there is a g-sensitivity.
+        accel : specific force, same shape, m/s^2; required if the triad has a g-sensitivity.
 
         Returns
         -------
-        Readings of the shape of `x`.
+        Readings in the shape of `x`.
 
         Raises
         ------
         DataError
-            Where there is a g-sensitivity and no `accel`, or the shapes differ.
+            If the triad has a g-sensitivity and `accel` is missing, or if the shapes differ.
         """
         x, matrix, offset = self._terms(x, accel)
         return x @ matrix.T + offset
 
     @host_float64
     def correct(self, y: Any, accel: Any = None) -> AnyArray:
-        """What was measured, M^-1 (y - b - G a).
+        """Correct readings: the measured quantity M^-1 (y - b - G a).
 
         Parameters
         ----------
         y : (3,) or (n, 3) readings.
-        accel : specific force, same shape, m/s^2: that of the corrected accelerometer. Needed where there is a g-sensitivity.
+        accel : specific force from the corrected accelerometer, same shape, m/s^2; required if the triad has a g-sensitivity.
 
         Returns
         -------
@@ -103,8 +103,8 @@ class Triad(eqx.Module):
         Raises
         ------
         DataError
-            Where `matrix` is singular or nearly so (condition number above 100), there is a g-sensitivity and no `accel`, or the
-            shapes differ.
+            If `matrix` is singular or nearly so (condition number above 100), if the triad has a g-sensitivity and `accel` is
+            missing, or if the shapes differ.
         """
         y, matrix, offset = self._terms(y, accel)
         if not is_traced(matrix):
@@ -117,7 +117,7 @@ class Triad(eqx.Module):
         return (y - offset) @ inverse(matrix).T
 
     def _terms(self, x: Any, accel: Any) -> tuple[AnyArray, AnyArray, AnyArray]:
-        """The vectors, M, and b + G a for each of them, as arrays of one dtype: of NumPy where nothing is traced."""
+        """The vectors, M, and b + G a for each vector, as arrays of one dtype; NumPy arrays unless JAX traces."""
         if accel is None and not is_traced(self.g_sensitivity) and np.any(np.asarray(self.g_sensitivity)):
             raise DataError("This triad has a g-sensitivity: give the specific force with accel=.")
         xp, force = array_module(self, x, accel), [] if accel is None else [accel]
@@ -135,7 +135,7 @@ class Triad(eqx.Module):
 
 
 def inverse(matrix: AnyArray) -> AnyArray:
-    """Inverse of a (3, 3) matrix by its cofactors, which compile in a tenth of the time of LAPACK's factors."""
+    """Inverse of a (3, 3) matrix by cofactors, which compile ten times as fast as LAPACK's factorisation."""
     xp = array_module(matrix)
     cofactor = xp.cross(xp.roll(matrix, -1, axis=0), xp.roll(matrix, -2, axis=0))
     return cofactor.T / xp.sum(matrix[0] * cofactor[0])
@@ -146,13 +146,13 @@ class Imu(eqx.Module):
 
     Attributes
     ----------
-    accel, gyro : `Triad`, or a subclass with its own fields, `measure` and `correct`; None for a sensor that is missing.
-    drift : (3,) drift of the gyroscope's bias, readings per s; None where there is none.
-    accel_drift : (3,) drift of the accelerometer's bias, readings per s; None where there is none. The bias is that of the middle.
-    accel_warm_up : (3,) readings by which the accelerometer's bias is off at the beginning; it settles with a quarter of the recording as
-        its time constant, and the bias is the settled one. None where there is none.
-    north : (2,) horizontal part of the Earth's rate in the first pose, as cosine and sine of a heading; None where the Earth's rate is
-        left out.
+    accel, gyro : `Triad`, or a subclass with its own fields, `measure` and `correct`; None for a missing sensor.
+    drift : (3,) drift of the gyroscope's bias, readings per s; None for no drift.
+    accel_drift : (3,) drift of the accelerometer's bias, readings per s; None for no drift. The bias is that of the middle of the record.
+    accel_warm_up : (3,) offset of the accelerometer's bias at the beginning, in readings. It decays with a time constant of a quarter of
+        the recording, and the bias is the settled value. None for no warm-up.
+    north : (2,) direction of the horizontal part of the Earth's rate in the first pose, as cosine and sine of a heading; None if the
+        Earth's rate is ignored.
 
     Examples
     --------
@@ -171,14 +171,14 @@ class Imu(eqx.Module):
 
     @property
     def plain(self) -> bool:
-        """Whether both sensors are `Triad`s, linear in their readings, and not subclasses."""
+        """Whether both sensors are plain `Triad`s, which are linear in their readings, and not subclasses."""
         return all(type(sensor) in (Triad, type(None)) for sensor in (self.accel, self.gyro))
 
 
 def entries(model: Imu) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names of the parameters of both sensors, and their places among all floating-point leaves of the model.
+    """Names of the parameters of both sensors, and their indices among all floating-point leaves of the model.
 
-    The fields of `Triad` come first, those of a subclass after them. The sensitivity of an accelerometer to specific force is none.
+    The fields of `Triad` come first, those of a subclass follow. The g-sensitivity of an accelerometer is not a parameter.
     """
     names = names_of(model)
     kept = [name for name in names if name.startswith(("accel.", "gyro.")) and not name.startswith("accel.g_sensitivity")]
@@ -194,14 +194,14 @@ def values(model: Imu) -> Any:
 
 
 def replaced(model: Imu, parameters: AnyArray) -> Imu:
-    """The model with other parameters, in the order of `entries`."""
+    """The model with new parameters, given in the order of `entries`."""
     floats, rest = eqx.partition(model, eqx.is_inexact_array)
     vector, unravel = jax.flatten_util.ravel_pytree(floats)
     return eqx.combine(unravel(vector.at[entries(model)[1]].set(parameters)), rest)
 
 
 def freed(model: Imu, convention: str, misalignment: bool = True, g_sensitivity: bool = True) -> Imu:
-    """Which entries are fitted: all, without those that the convention of the frame holds, in a tree of the model's form."""
+    """A tree of the model's form that marks the entries to fit: all except those that the convention or an option holds fixed."""
     free = jax.tree.map(lambda leaf: np.ones(np.shape(leaf), dtype=bool), eqx.filter(model, eqx.is_inexact_array))
     if model.accel is not None:
         square = np.ones((3, 3), dtype=bool)
@@ -213,7 +213,7 @@ def freed(model: Imu, convention: str, misalignment: bool = True, g_sensitivity:
 
 
 def turned_to(correction: Any, convention: str) -> Array:
-    """The matrix D' with D'^T D' = D^T D of a convention.
+    """Rotate a correction matrix D into the frame of a convention: the D' of that form with D'^T D' = D^T D.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ def turned_to(correction: Any, convention: str) -> Array:
 
     Returns
     -------
-    (3, 3); the frame is turned by D' D^-1.
+    (3, 3); D' D^-1 is the rotation of the frame.
 
     Examples
     --------
@@ -236,14 +236,14 @@ def turned_to(correction: Any, convention: str) -> Array:
 
     References
     ----------
-    Cholesky's factor of D'D, and for "full" the polar factor by Newton's iteration: N. J. Higham, SIAM J. Sci. Stat. Comput. 7, 1986,
+    The Cholesky factor of D'D; for "full" the polar factor by Newton's iteration: N. J. Higham, SIAM J. Sci. Stat. Comput. 7, 1986,
     equation (3.3).
     """
     correction = jnp.asarray(correction)
     if convention != "full":
         flip = slice(None, None, 1 if convention == "upper" else -1)
         return jnp.linalg.cholesky((correction.T @ correction)[flip, flip]).T[flip, flip]
-    # the polar factor by Newton's iteration, whose derivative needs no distinct singular values
+    # Newton's iteration for the polar factor: unlike that of an SVD, its derivative exists for equal singular values
     rotation = correction / jnp.cbrt(jnp.linalg.det(correction))
     for _ in range(12):
         rotation = (rotation + jnp.linalg.inv(rotation).T) / 2
@@ -253,11 +253,11 @@ def turned_to(correction: Any, convention: str) -> Array:
 
 @host_float64
 def in_convention(imu: Imu, convention: str) -> Imu:
-    """The same device in the frame of a convention: matrices M Q', sensitivities G Q', biases as they are.
+    """Describe the same device in the frame of a convention: matrices M Q', sensitivities G Q', unchanged biases.
 
     Parameters
     ----------
-    imu : accelerometer, and gyroscope where there is one; both plain `Triad`s.
+    imu : accelerometer and optional gyroscope; both plain `Triad`s.
     convention : "upper", "lower" or "full", see `turned_to`.
 
     Returns
@@ -267,7 +267,7 @@ def in_convention(imu: Imu, convention: str) -> Imu:
     Raises
     ------
     DataError
-        For a subclass of `Triad`, whose own parameters jaxcal cannot turn.
+        For a subclass of `Triad`, because jaxcal cannot rotate its additional parameters.
 
     Examples
     --------
@@ -302,7 +302,7 @@ def gravity(latitude: Any, height: Any = 0.0) -> AnyArray:
 
     Returns
     -------
-    m/s^2; the true value differs by up to 1e-3 m/s^2 (anomalies).
+    m/s^2; gravity anomalies change the true value by up to 1e-3 m/s^2.
 
     Examples
     --------

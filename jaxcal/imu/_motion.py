@@ -1,4 +1,4 @@
-"""`motion`: what the turns say of delay and lever arms, from the specific force while the sensor moves."""
+"""`motion`: delay and lever arms of the sensors, from the specific force during the turns."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ from ._recording import means, recording
 from ._rests import given_rests
 from ._result import ImuFit
 
-_LEAST = 14  # turns: ten parameters, and some to tell their errors from
+_LEAST = 14  # turns: enough for ten parameters and their errors
 _SLOPE = np.array([-2.0, -1.0, 0.0, 1.0, 2.0]) / 10  # derivative over five samples
 
 
@@ -25,15 +25,15 @@ class Motion(Result):
 
     Attributes
     ----------
-    delay : s by which the gyroscope is later than the accelerometer.
-    delay_interval : (2,) limits of 95 %.
-    lever_arm : (3, 3) m: row i is the place of axis i of the accelerometer, from the point about which the turns went. The differences of
-        rows are those between the axes.
-    lever_arm_interval : (3, 3, 2) limits of 95 %.
+    delay : delay of the gyroscope relative to the accelerometer, s; positive if the gyroscope is later.
+    delay_interval : (2,) limits of the 95 % confidence interval.
+    lever_arm : (3, 3) m: row i is the position of accelerometer axis i relative to the centre of the turns. Differences between rows are
+        the distances between the axes.
+    lever_arm_interval : (3, 3, 2) limits of the 95 % confidence intervals.
     turns : number of turns.
-    residual : rms of the specific force that is left, m/s^2: linear acceleration of the hand.
-    verdict : "good", or "weak" where the delay is not known to a sample.
-    reason : a sentence or more. warnings : sentences.
+    residual : rms of the remaining specific force, m/s^2: linear acceleration of the hand.
+    verdict : "good", or "weak" if the half-width of the delay's interval is one sample period or more.
+    reason : one or more sentences that explain the verdict. warnings : further sentences.
 
     Examples
     --------
@@ -67,21 +67,21 @@ class Motion(Result):
 
 @host_float64
 def motion(log: Any, found: ImuFit | Imu, *, gravity: float | int | None = None, rests: Any = None) -> Motion:
-    r"""Delay between gyroscope and accelerometer, and lever arms of the accelerometer's axes, from the turns of a calibration.
+    r"""Estimate the delay between gyroscope and accelerometer, and the accelerometer's lever arms, from the turns of a calibration.
 
-    In a turn the gyroscope predicts the direction of gravity, and the accelerometer sees, besides,
+    During a turn the gyroscope predicts the direction of gravity. The accelerometer measures in addition
 
     .. math:: f - g u = \tau\, g\,(u\times\omega) + e_i^T(\dot\omega\times r_i + \omega\times(\omega\times r_i)) + \ldots
 
-    where the dots stand for the linear acceleration of the hand, which is taken for noise. The ten numbers are fitted by least squares;
-    their intervals come from fits without one turn at a time.
+    where the dots stand for the linear acceleration of the hand, which is treated as noise. The ten numbers are fitted by least squares;
+    their intervals come from a jackknife over the turns.
 
     Parameters
     ----------
     log : `jaxcal.Log` of the calibration.
     found : the `ImuFit` of that log, or an `Imu` of calibrated sensors.
-    gravity : m/s^2; with an `ImuFit` its own.
-    rests : (k, 2) samples of the rests; with an `ImuFit` its own.
+    gravity : m/s^2; None uses that of the `ImuFit`.
+    rests : (k, 2) first sample of each rest and the one after its last; None uses those of the `ImuFit`.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def motion(log: Any, found: ImuFit | Imu, *, gravity: float | int | None = None,
     Raises
     ------
     DataError
-        For a fit without gyroscope, fewer than 14 turns, or an `Imu` without gravity and rests.
+        If the fit has no gyroscope, the log has fewer than 14 usable turns, or gravity or rests are missing for an `Imu`.
 
     Examples
     --------
@@ -158,7 +158,7 @@ def _products(time: np.ndarray, force: np.ndarray, rate: np.ndarray, up: np.ndar
     slope = np.stack([np.convolve(column, _SLOPE[::-1], "valid") for column in rate.T], axis=1) * (len(time) - 1) / (time[-1] - time[0])
     inside = slice(2, -2)
     w, u = rate[inside], vertical[inside]
-    turning = _skew(slope) + _skew(w) @ _skew(w)  # (n, 3, 3): its row i times the arm of axis i
+    turning = _skew(slope) + _skew(w) @ _skew(w)  # (n, 3, 3): row i times the lever arm of axis i is its acceleration
     columns = np.zeros((len(w), 3, 10))
     columns[..., 0] = gravity * np.cross(u, w)
     for axis in range(3):
@@ -168,7 +168,7 @@ def _products(time: np.ndarray, force: np.ndarray, rate: np.ndarray, up: np.ndar
 
 
 def _turned_by(vector: np.ndarray) -> np.ndarray:
-    """Rotations (n, 3, 3) by small vectors."""
+    """Rotation matrices (n, 3, 3) of rotation vectors (n, 3)."""
     angle = np.linalg.norm(vector, axis=1)[:, None, None]
     cross = _skew(vector)
     return np.eye(3) + np.sinc(angle / np.pi) * cross + np.sinc(angle / (2 * np.pi)) ** 2 / 2 * cross @ cross

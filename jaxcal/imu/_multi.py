@@ -1,4 +1,4 @@
-"""`multi_position`: both triads from still poses and the turns between them, without a turntable."""
+"""`multi_position`: calibrate both triads from still poses and the turns between them, without a turntable."""
 
 import dataclasses
 from collections.abc import Callable, Mapping
@@ -25,9 +25,9 @@ from ._result import ImuFit
 METHODS = ("joint", "imu_tk")
 MODELS = ("full", "diagonal")
 _HUBER = Huber()
-_FEWEST = 4  # poses, however much is known before
+_FEWEST = 4  # poses that a fit needs even with a prior
 _MOST_TERMS = 3
-_TYPICAL = 0.01  # m/s^2, of a norm, for weighing a prior before the residuals have told their size
+_TYPICAL = 0.01  # m/s^2: assumed error of a magnitude, to weight a prior before the residuals show their size
 
 
 @host_float64
@@ -53,55 +53,57 @@ def multi_position(
     terms: Any = (),
     prior: Any = None,
 ) -> ImuFit:
-    r"""Scale factors, misalignments, biases and g-sensitivity from poses held still and the turns between them.
+    r"""Estimate scale factors, misalignments, biases and g-sensitivity from still poses and the turns between them.
 
-    At rest the corrected specific force has the length of gravity, whatever the attitude; between two poses the integrated rate
-    turns one vertical into the next; and the still rates show the bias and its dependence on the specific force,
+    The fit uses three facts. At rest, the corrected specific force has the magnitude of gravity in every attitude. Between two poses,
+    the integrated rate rotates one vertical into the next. At rest, the rates show the bias and its dependence on the specific force:
 
     .. math:: g = |D_a(y_k - b_a)|,\qquad R(q_k)^T u_k = u_{k+1},\ \dot q = \tfrac12 q\,\omega,\qquad
               \bar y_k = b_g + G f_k + M_g\,\omega_E,\quad \omega = D_g(y - b_g - G f).
 
-    The joint fit weighs the three by the size of their residuals (from noise coefficients where they are given), shares the errors of
-    the verticals among the turns that meet in them, and counts every pose and every turn as one observation.
+    The joint fit weights the three kinds of residual by their size (or by the noise coefficients, if you give them). It models the error
+    of a vertical as common to the two turns that meet in it, and counts every pose and every turn as one observation.
 
     Parameters
     ----------
-    log : `jaxcal.Log` of 18 to 50 poses of 3 s or more: six faces, twelve edges, some corners, with turns of 45 to 180 degrees between
-        them; best after a rest of 30 s, which shows the gyroscope's bias. Missing samples shorten a rest and are interpolated in a turn.
-    gravity : m/s^2 at the place; see `jaxcal.imu.gravity`.
+    log : `jaxcal.Log` with 18 to 50 poses of 3 s or more: six faces, twelve edges and some corners, with turns of 45 to 180 degrees
+        between them. Begin with a rest of 30 s, which shows the gyroscope's bias. Missing samples shorten a rest; in a turn, short gaps
+        are interpolated.
+    gravity : local gravity, m/s^2; see `jaxcal.imu.gravity`.
     convention : frame of the result, "upper", "lower" or "full" (see `turned_to`); all describe the same calibration.
-    method : "joint", or "imu_tk": the two-step fit of that program, with its thresholds, weights and frozen bias.
-    model : "full" (9 parameters of the accelerometer), or "diagonal" (scale and bias, 6 poses); or a model of your own, where the fit
-        starts: a subclass of `Triad` for the accelerometer, or an `Imu` with both sensors. Every floating-point field is fitted.
+    method : "joint", or "imu_tk" for the two-step fit of that program, with its thresholds, weights and fixed bias.
+    model : "full" (9 accelerometer parameters) or "diagonal" (scale and bias only, 6 poses suffice). Or a model of your own, from which
+        the fit starts: a subclass of `Triad` for the accelerometer, or an `Imu` with both sensors. Every floating-point field is fitted.
     g_sensitivity : whether to fit the gyroscope's sensitivity to specific force.
-    loss : of `jaxcal.fitting`; `Huber()` bounds the influence of a disturbed pose. None for least squares.
-    latitude : rad, to account for the Earth's rate: vertical part known, heading of the first pose fitted.
-    noise : {"accel": noise, "gyro": noise}, each a `jaxcal.noise.Noise` or {"N": ..., "B": ..., "K": ...} in SI; or what
-        `jaxcal.noise.characterise` returns, or a `Calibration` with noise. It weighs rests by their length and by what the bias wanders.
-    raw : whether the log holds counts: scales are then found from the data. Otherwise it is in m/s^2 and rad/s.
-    threshold : multiple of the accelerometer's variance at rest below which the sensor is still; None compares 2 to 10. Each is compared
-        with bounds on the gyroscope's variance, and what promises the smallest errors on norms and turns left out is taken.
-    initial : length of a rest at the beginning, s, whose variance is the reference; None takes the stillest 5 % of the recording.
-    window, least : window of the variance and shortest interval, s.
-    time : (n,) stamps in s, where those of the log's even grid are not wanted.
-    rests : (k, 2) first sample of each rest, and the one after its last, where they are known; None finds them.
-    held_out : whether to fit twice more, each time without half the poses and turns, for `held_out`.
-    terms : names of further terms of the sensors, of `jaxcal.imu.TERMS`, such as ["accel.quadratic"]; "auto" adds what the log asks for,
-        where the F test and held-out residuals agree.
-    prior : what is known of the device before: a data sheet as standard deviations, {"accel": {"scale": 0.03, "misalignment": 0.01,
+    loss : a loss of `jaxcal.fitting`; `Huber()` limits the influence of a disturbed pose. None uses least squares.
+    latitude : rad, to account for the Earth's rate: its vertical part follows from the latitude, the heading of the first pose is fitted.
+    noise : {"accel": noise, "gyro": noise}, each a `jaxcal.noise.Noise` or {"N": ..., "B": ..., "K": ...} in SI; or the result of
+        `jaxcal.noise.characterise`, or a `Calibration` with noise. It weights each rest by its length and by the wander of the bias.
+    raw : True if the log holds counts; the fit then estimates the scales. Otherwise the log is in m/s^2 and rad/s.
+    threshold : multiple of the accelerometer's variance at rest below which the sensor counts as still. None compares several multiples,
+        each with several bounds on the gyroscope's variance, and chooses the pair with the smallest expected error on omitted poses
+        and turns.
+    initial : length of a rest at the beginning, s, whose variance is the reference; None uses the stillest 5 % of the recording.
+    window, least : window of the variance and shortest still interval, s.
+    time : (n,) time stamps in s, to use instead of the log's even grid.
+    rests : (k, 2) first sample of each rest, and the sample after its last one, if you know them; None detects them.
+    held_out : whether to fit twice more, each time without half of the poses and turns, to compute `held_out` of the result.
+    terms : names of further terms from `jaxcal.imu.TERMS`, such as ["accel.quadratic"]. "auto" adds each term for which both the F test
+        and the held-out residuals give evidence.
+    prior : earlier knowledge of the device. Either a data sheet as standard deviations, {"accel": {"scale": 0.03, "misalignment": 0.01,
         "bias": 0.6}, "gyro": {"scale": 0.03, "misalignment": 0.01, "bias": 0.3, "g_sensitivity": 2e-4}} (relative, rad, SI); or an earlier
-        `ImuFit` or `Calibration`, of which all but the biases is taken over, with its covariance. Fewer poses then suffice.
+        `ImuFit` or `Calibration`, whose parameters except the biases are used with their covariance. Fewer poses then suffice.
 
     Returns
     -------
     ImuFit
-        With a verdict. Recordings that determine nothing give a "refused" fit without triads.
+        It includes a verdict. A recording that determines nothing gives a "refused" fit without triads.
 
     Raises
     ------
     DataError
-        If the log has no accelerometer with three axes, its stamps do not grow, it is shorter than the initial rest, or an option is
-        unknown or gravity is not in m/s^2.
+        If the log has no accelerometer with three axes, its time stamps do not increase, it is shorter than the initial rest, an option
+        is unknown, or gravity is not in m/s^2.
 
     Examples
     --------
@@ -169,7 +171,7 @@ def multi_position(
 
 
 def _with_asked(found: ImuFit, again: Callable[..., ImuFit]) -> ImuFit:
-    """The fit with the terms that the log asks for, added until it asks for no more."""
+    """Refit with the further terms that the log supports, until it supports no more (at most `_MOST_TERMS`)."""
     terms: tuple[str, ...] = ()
     while found.asked and found.still is not None and len(terms) < _MOST_TERMS:
         terms = (*terms, *found.asked)
@@ -184,9 +186,10 @@ def _with_asked(found: ImuFit, again: Callable[..., ImuFit]) -> ImuFit:
 def _norm_fits(
     record: Recording, usable: dict[Multiples, Ends], model: Triad, options: Options, raw: bool, each: int | None
 ) -> tuple[np.ndarray, dict[Multiples, Fit]]:
-    """Fits of the norms of every set of rests, and a row on each: both multiples, number of rests, cost, leave-one-out mean square.
+    """Fit the accelerometer to the magnitudes of every set of rests.
 
-    A rest is its mean, or its first `each` samples with a residual for each of them, as in imu_tk.
+    Returns a table with one row for each set (both multiples, number of rests, cost, leave-one-out mean square) and the fits. A rest
+    contributes its mean or, if `each` is given, its first `each` samples with one residual each, as in imu_tk.
     """
     slots = _recording.power_of_two(max(len(start) for start, _ in usable.values()) + 1, 32)
     fits, table = {}, []
@@ -200,7 +203,7 @@ def _norm_fits(
         sigma = 1.0 if options.prior is None else _TYPICAL
         data = _recording.norms(reading, slots * rows, options.gravity, sigma)
         fit = solved(Imu(begin), data, options.convention, options.misalignment, rtol=None, priors=options.priors)
-        # residual of every pose under the fit without it, to first order
+        # leave-one-out residual of every pose, to first order
         without = sigma * np.asarray(fit.residuals) / (1 - np.minimum(leverage(fit), 1 - 1e-6))
         rest = without[: count * rows].reshape(count, rows).mean(axis=1)
         fits[pair] = fit
@@ -209,14 +212,14 @@ def _norm_fits(
 
 
 def _with(base: ImuFit, still: StillIntervals, ends: Ends, table: np.ndarray, turned: np.ndarray) -> ImuFit:
-    """The result with the rests that were chosen, and what was compared."""
+    """Add the chosen rests and the table of compared sets to the result."""
     accel, gyro, count, cost, norm = table.T
     seen = np.stack([accel, count, cost, np.sqrt(norm), gyro, np.sqrt(turned)], axis=1)
     return dataclasses.replace(base, still=dataclasses.replace(still, start=ends[0], stop=ends[1]), thresholds=seen)
 
 
 def _cheapest(table: np.ndarray, usable: dict[Multiples, Ends], base: ImuFit, windows: Windows) -> tuple[Multiples, ImuFit]:
-    """imu_tk's rule: the smallest total cost, which favours fewer intervals."""
+    """Choose the set of rests by imu_tk's rule, the smallest total cost; warn where this rule favours too few intervals."""
     cheapest, least = (int(np.argmin(table[:, column])) for column in (3, 4))
     pair = list(usable)[cheapest]
     result = _with(base, windows.intervals(pair[1], chosen=pair[0]), usable[pair], table, np.full(len(table), np.nan))

@@ -1,4 +1,4 @@
-"""`Nonlinear`: a triad with terms that are not linear, each there or not; `with_terms` adds them by name."""
+"""`Nonlinear`: a triad with optional nonlinear terms; `with_terms` adds them by name."""
 
 import dataclasses
 from collections.abc import Iterable
@@ -12,27 +12,27 @@ from .._precision import array_module, host_float64
 from .._types import AnyArray
 from ._model import Imu, Triad
 
-_ROUNDS = 4  # of the fixed point: a term of 1 % of the reading is then off by 1e-10 of it
+_ROUNDS = 4  # iterations of the fixed point: the error is then 1e-10 of the reading for a term of 1 % of the reading
 #: fields of `Nonlinear`, and which sensor may have them
 _FIELDS = {"quadratic": "both", "cubic": "both", "asymmetry": "both", "g_squared": "gyro"}
-#: terms of the accelerometer's bias in time, which are fields of `Imu`
+#: time-dependent terms of the accelerometer's bias, which are fields of `Imu`
 _IN_TIME = {"accel.drift": "accel_drift", "accel.warm_up": "accel_warm_up"}
 TERMS = (*(f"{sensor}.{field}" for sensor in ("accel", "gyro") for field, of in _FIELDS.items() if of in ("both", sensor)), *_IN_TIME)
 
 
 class Nonlinear(Triad):
-    r"""A triad whose axes bend.
+    r"""A triad with nonlinear terms.
 
     .. math:: y = M x + b + G a + q x^2 + c x^3 + s |x| + h a^2
 
-    All powers are of single components. A term that is None is not there, and not fitted.
+    Powers apply to each component. A term that is None is absent and is not fitted.
 
     Attributes
     ----------
     quadratic : (3,) q, reading per SI unit squared; or None.
-    cubic : (3,) c, reading per SI unit to the third; or None.
-    asymmetry : (3,) s, reading per SI unit: half the difference of the scales of both signs; or None.
-    g_squared : (3,) h, of a gyroscope: reading per (m/s^2)^2 of the specific force along the same axis; or None.
+    cubic : (3,) c, reading per SI unit cubed; or None.
+    asymmetry : (3,) s, reading per SI unit: half the difference between the scales for positive and negative inputs; or None.
+    g_squared : (3,) h, for a gyroscope: reading per (m/s^2)^2 of the specific force along the same axis; or None.
 
     Examples
     --------
@@ -54,12 +54,12 @@ class Nonlinear(Triad):
 
     @host_float64
     def measure(self, x: Any, accel: Any = None) -> AnyArray:
-        """Readings; see `Triad.measure`."""
+        """Compute the readings; see `Triad.measure`."""
         return super().measure(x, accel) + self._bent(x, accel)
 
     @host_float64
     def correct(self, y: Any, accel: Any = None) -> AnyArray:
-        """What was measured, by a fixed point; see `Triad.correct`."""
+        """Correct readings by a fixed-point iteration; see `Triad.correct`."""
         x = super().correct(y, accel)
         for _ in range(_ROUNDS):
             x = super().correct(y - self._bent(x, accel), accel)
@@ -80,12 +80,12 @@ class Nonlinear(Triad):
 
 
 def with_terms(model: Imu, terms: Iterable[str]) -> Imu:
-    """The model with further terms, zero at first.
+    """Add terms to a model, with initial values of zero.
 
     Parameters
     ----------
     model : `Imu` of plain `Triad`s or of `Nonlinear`.
-    terms : names such as "accel.quadratic" or "gyro.cubic"; all are in `jaxcal.imu.TERMS`.
+    terms : names such as "accel.quadratic" or "gyro.cubic"; `jaxcal.imu.TERMS` lists all.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def with_terms(model: Imu, terms: Iterable[str]) -> Imu:
     Raises
     ------
     DataError
-        For a name that there is not, or a model of your own.
+        If a name is unknown, the model lacks the sensor, or the sensor is of a class of your own.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""`Prior`: what is known of a device before its recording, from a data sheet or an earlier calibration."""
+"""`Prior`: knowledge of a device before its recording, from a data sheet or an earlier calibration."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -16,17 +16,17 @@ from ._model import Imu, Triad
 _SHEET = {"accel": ("scale", "misalignment", "bias"), "gyro": ("scale", "misalignment", "bias", "g_sensitivity")}
 _FIELDS = ("matrix", "bias", "g_sensitivity")
 _SIZE = 21
-CONFLICT = 1e-3  # level of the test of prior against data
-_FLAT = 1e-12  # share of the largest eigenvalue of a correlation that is rounding
+CONFLICT = 1e-3  # level of the test whether prior and data contradict each other
+_FLAT = 1e-12  # eigenvalues below this share of the largest are rounding errors
 
 
 class Prior(AbstractPrior):
-    """Normal knowledge of the triads, in the frame "upper", in which the fit runs.
+    """Normal prior distribution of the triads, in the frame "upper" in which the fit runs.
 
     Attributes
     ----------
     accel, gyro : (mean (21,), root (21, 21)) of matrix, bias and g-sensitivity by rows: root @ (value - mean) has standard deviation one.
-        A row of zeros says nothing. None for a sensor of which nothing is known.
+        A row of zeros carries no information. None for a sensor without prior knowledge.
 
     Examples
     --------
@@ -42,7 +42,7 @@ class Prior(AbstractPrior):
     gyro: Any = None
 
     def residuals(self, model: Any) -> Array:
-        """(n,) of the sensors that the model has."""
+        """(n,) prior residuals of the sensors in the model."""
         parts = [jnp.zeros(0)]
         for known, sensor in ((self.accel, model.accel), (self.gyro, model.gyro)):
             if known is not None and sensor is not None:
@@ -52,11 +52,11 @@ class Prior(AbstractPrior):
 
 
 def prior_of(source: Any) -> Prior | None:
-    """The prior that a data sheet or an earlier calibration gives.
+    """Make a prior from a data sheet or an earlier calibration.
 
     A data sheet is {"accel": {"scale": relative, "misalignment": rad, "bias": m/s^2}, "gyro": {"scale", "misalignment", "bias": rad/s,
-    "g_sensitivity": rad/s per m/s^2}} of standard deviations, each of which may be missing. Of an `ImuFit` or a `Calibration` matrices and
-    g-sensitivity are taken with their covariance; the biases are not, since they change from one switching on to the next.
+    "g_sensitivity": rad/s per m/s^2}} with standard deviations; each entry is optional. An `ImuFit` or a `Calibration` gives matrices and
+    g-sensitivity with their covariance, but not the biases, because these change each time the device is switched on.
     """
     if source is None or isinstance(source, Prior):
         return source
@@ -93,7 +93,7 @@ def prior_of(source: Any) -> Prior | None:
 
 
 def _covariance(held: Any, part: Any, sensor: str) -> np.ndarray | None:
-    """(21, 21), or (12, 12) of an accelerometer, from the fit or from the part of a calibration."""
+    """Covariance, (21, 21) or (12, 12) for an accelerometer, from a fit or from a part of a calibration; None if it has none."""
     count = 12 if sensor == "accel" else 21
     if hasattr(held, "degrees_of_freedom"):
         first = 0 if sensor == "accel" else 12
@@ -104,11 +104,11 @@ def _covariance(held: Any, part: Any, sensor: str) -> np.ndarray | None:
 
 
 def _known(triad: Triad | None, covariance: np.ndarray) -> Any:
-    """Mean and root of a sensor, of all but the bias."""
+    """Mean and root of a sensor's parameters except the bias."""
     if triad is None:
         return None
     error = np.sqrt(np.diag(covariance))
-    # the biases are left out, and what was held has no error
+    # leave out the biases, and the fixed parameters, whose error is zero
     taken = np.flatnonzero((error > 0) & ~np.isin(np.arange(len(covariance)), (9, 10, 11)))
     scaled = covariance[np.ix_(taken, taken)] / np.outer(error[taken], error[taken])
     values, vectors = np.linalg.eigh(scaled)
@@ -135,12 +135,12 @@ def _of_sheet(sheet: Mapping[str, Any]) -> Prior:
 
 
 def known_of(prior: Prior | None) -> int:
-    """Number of parameters of the accelerometer that a prior knows."""
+    """Number of accelerometer parameters that the prior determines."""
     return 0 if prior is None or prior.accel is None else int(np.linalg.matrix_rank(np.asarray(prior.accel[1])))
 
 
 def complete(prior: Prior | None, held: np.ndarray | None = None) -> Prior:
-    """A prior with rows for all parameters of both sensors, of zeros where nothing is known; `held` holds the g-sensitivity at zero."""
+    """A prior with rows for all parameters of both sensors, zero without knowledge; `held` holds the g-sensitivity near zero."""
     parts = []
     for known in (prior.accel, prior.gyro) if prior is not None else (None, None):
         mean, root = (np.zeros(_SIZE), np.zeros((_SIZE, _SIZE))) if known is None else known
@@ -151,7 +151,7 @@ def complete(prior: Prior | None, held: np.ndarray | None = None) -> Prior:
 
 
 def conflict(fit: Fit) -> float:
-    """Level at which prior and data contradict each other: chi-square of the prior's residuals, each over its own expected variance."""
+    """The p value of a contradiction between prior and data: largest weighted residual (chi-square, Bonferroni)."""
     r = np.asarray(fit.prior_residuals)
     slope = np.asarray(fit.prior_jacobian)
     if not r.size:

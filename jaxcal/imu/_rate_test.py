@@ -1,4 +1,4 @@
-"""`rate_test`: a gyroscope from the raw log of a rate table; `scale_figures`: how far a response is from a straight line, in ppm."""
+"""`rate_test`: calibrate a gyroscope from the raw log of a rate table; `scale_figures`: deviations from a straight line, in ppm."""
 
 import re
 from typing import Any
@@ -18,30 +18,30 @@ from ._rests import static_intervals
 from ._session import Region, listed
 
 _AXES = "xyz"
-#: of the variance at rest; the motor of a table shakes more the faster it turns
+#: multiples of the variance at rest that are tried; the motor of a table shakes more at higher rates
 _MULTIPLES = (4, 10, 30, 100, 300, 1000)
-_TOLERANCE = 0.2  # share by which a rate may differ from the one that was set, before its scale is calibrated
+_TOLERANCE = 0.2  # relative error that an uncalibrated rate may have
 _PIECES = 8
-_LEAST_REPEATS = 6  # degrees of freedom of repeated rates from which their scatter is the error of a mean
+_LEAST_REPEATS = 6  # with at least so many degrees of freedom, the scatter of repeated rates replaces `sigma`
 _COLLINEAR = 1e-2
 _LABEL = re.compile(r"([xyz])[ _]*([+-]?\d+(?:\.\d+)?)|(rest|still|pose|static)[ _-]?\d*", re.IGNORECASE)
 _PPM = 1e6
 
 
 class ScaleFigures(eqx.Module):
-    """How far the response of one axis is from a straight line: each in ppm, NaN where the rates cannot show it.
+    """Deviations of one axis from a straight line, in ppm; NaN for a figure that the inputs cannot show.
 
     Attributes
     ----------
-    scale, offset : of the line by least squares: reading per input, and reading.
-    nonlinearity : largest difference from the line, of the mean at any input, over the output at the largest input.
-    nonlinearity_noise : what noise alone exceeds once in twenty tests.
-    asymmetry : scale for positive inputs less that for negative ones, over their mean.
-    asymmetry_interval : (2,) limits of 95 %.
-    repeatability : standard deviation of the reading at an input that is set again, over the output at the largest input.
-    hysteresis : largest difference at an input between coming from below and from above, over the output at the largest input.
-    hysteresis_noise : what noise alone exceeds once in twenty tests.
-    residual : (m,) reading less the line, over the output at the largest input, ppm.
+    scale, offset : least-squares line: reading per input, and reading at zero input.
+    nonlinearity : largest deviation of the mean at any input from the line, relative to the output at the largest input.
+    nonlinearity_noise : nonlinearity that noise alone exceeds in one of twenty tests.
+    asymmetry : scale for positive inputs minus that for negative inputs, relative to their mean.
+    asymmetry_interval : (2,) limits of the 95 % confidence interval.
+    repeatability : standard deviation of the reading when an input is set again, relative to the output at the largest input.
+    hysteresis : largest difference at one input between approach from below and from above, relative to the output at the largest input.
+    hysteresis_noise : hysteresis that noise alone exceeds in one of twenty tests.
+    residual : (m,) reading minus the line, relative to the output at the largest input, ppm.
 
     Examples
     --------
@@ -66,23 +66,23 @@ class ScaleFigures(eqx.Module):
 
 
 def _reach(freedom: float, number: int) -> float:
-    """Size that the largest of so many independent deviations exceeds once in twenty times."""
+    """Size that the largest of `number` independent deviations exceeds with a probability of 5 %."""
     return float(scipy.special.stdtrit(freedom, 0.5 + 0.95 ** (1 / max(number, 1)) / 2))
 
 
 @host_float64
 def scale_figures(inputs: Any, readings: Any, sigma: Any = None) -> ScaleFigures:
-    r"""Nonlinearity, asymmetry, repeatability and hysteresis of one axis, in ppm.
+    r"""Compute nonlinearity, asymmetry, repeatability and hysteresis of one axis, in ppm.
 
     .. math:: y_i = K\,x_i + y_0 + r_i,\qquad \text{nonlinearity} = \frac{\max_x|\bar r(x)|}{K\max|x|},\qquad
               \text{asymmetry} = \frac{2 (K_+ - K_-)}{K_+ + K_-}
 
     Parameters
     ----------
-    inputs : (m,) rates, or specific forces, in the order in which they were set: hysteresis depends on it. An input that is set again
-        shows the repeatability.
+    inputs : (m,) rates or specific forces, in the order in which they were set, because hysteresis depends on the order. Repeated inputs
+        show the repeatability.
     readings : (m,) mean readings.
-    sigma : standard deviation of a mean reading, one or (m,); it serves where hardly any input was repeated.
+    sigma : standard deviation of a mean reading, one or (m,); used if few inputs were repeated (less than 6 repetitions).
 
     Returns
     -------
@@ -91,7 +91,7 @@ def scale_figures(inputs: Any, readings: Any, sigma: Any = None) -> ScaleFigures
     Raises
     ------
     DataError
-        For fewer than three different inputs, or where neither repeated inputs nor `sigma` tell the noise.
+        If there are fewer than three different inputs, or neither repeated inputs nor `sigma` to give the noise.
 
     Examples
     --------
@@ -139,7 +139,7 @@ def scale_figures(inputs: Any, readings: Any, sigma: Any = None) -> ScaleFigures
 
 
 def _asymmetry(x: np.ndarray, y: np.ndarray, error: float, freedom: float) -> tuple[float, np.ndarray]:
-    """In ppm, with its interval; NaN without two inputs of each sign, or one and zero."""
+    """Asymmetry in ppm with its interval; NaN if the inputs do not determine a scale for each sign and an offset."""
     columns = np.stack([np.maximum(x, 0), np.minimum(x, 0), np.ones_like(x)], axis=1)
     if np.linalg.matrix_rank(columns) < 3:
         return np.nan, np.full(2, np.nan)
@@ -153,7 +153,7 @@ def _asymmetry(x: np.ndarray, y: np.ndarray, error: float, freedom: float) -> tu
 
 
 def _hysteresis(x: np.ndarray, left: np.ndarray, which: np.ndarray, error: float, freedom: float) -> tuple[float, float]:
-    """Largest difference between inputs that were reached from below and from above, and what noise would make of it."""
+    """Largest difference between inputs reached from below and from above, and the largest difference that noise would give."""
     step = np.concatenate([[0.0], np.diff(x)])
     found = []
     for level in range(which.max() + 1):
@@ -167,16 +167,17 @@ def _hysteresis(x: np.ndarray, left: np.ndarray, which: np.ndarray, error: float
 
 
 class RateTest(Result):
-    """A gyroscope on a rate table.
+    """Result of a rate-table test of a gyroscope.
 
     Attributes
     ----------
-    fit : `TriadFit` of matrix, bias and, where the positions allow it, g-sensitivity; None where not every axis was turned.
+    fit : `TriadFit` of matrix, bias and, if the positions determine it, g-sensitivity; None unless every axis was turned both ways.
     figures : axis -> `ScaleFigures`.
-    start, stop : (m,) samples of the stretches of constant rate; axis : (m,) index of the axis turned about, -1 at rest.
-    rates : (m, 3) of the table, rad/s. readings : (m, 3) means. sigma : (m, 3) standard deviation of a mean by the noise inside a stretch.
-    verdict : "good", or "weak" where an axis is missing or no rate was repeated.
-    reason : sentences. warnings : sentences.
+    start, stop : (m,) samples of the stretches of constant rate; axis : (m,) index of the rotation axis, -1 at rest.
+    rates : (m, 3) rates of the table, rad/s. readings : (m, 3) mean readings. sigma : (m, 3) their standard deviation from the noise
+        within a stretch.
+    verdict : "good", or "weak" if an axis is missing or no rate was repeated.
+    reason : sentences that explain the verdict. warnings : further sentences.
 
     Examples
     --------
@@ -204,7 +205,7 @@ class RateTest(Result):
 
     @property
     def gyro(self) -> Triad | None:
-        """The gyroscope, where every axis was turned."""
+        """The gyroscope; None unless every axis was turned both ways."""
         return None if self.fit is None else self.fit.triad
 
     def _rows(self) -> list[Row]:
@@ -225,20 +226,20 @@ class RateTest(Result):
 def rate_test(
     log: Any, rates: Any = None, *, regions: Any = None, latitude: float | None = None, servo: float = 0.0, raw: bool = False
 ) -> RateTest:
-    r"""A gyroscope from the raw log of a rate table: triad, and figures of every axis in ppm.
+    r"""Calibrate a gyroscope from the raw log of a rate table: the triad, and figures in ppm for each axis.
 
-    Stretches of constant rate are found, their means fitted as `rate_table` does, and every axis judged by `scale_figures`.
+    The function finds the stretches of constant rate, fits their means as `rate_table` does, and describes each axis by `scale_figures`.
 
     Parameters
     ----------
-    log : `jaxcal.Log` with a gyroscope; with an accelerometer in m/s^2 and six faces up there is a g-sensitivity too.
-    rates : rates that the table was set to, rad/s, without sign. The gyroscope itself shows axis and sign, so that its scale must be
-        right to a fifth.
-    regions : instead of `rates`, (label, start, stop) of every stretch, in samples. A label is an axis and a rate in deg/s, "z +100", or
-        "rest". `read_regions` reads them from a file.
-    latitude : rad, to take off the Earth's rate; it needs the accelerometer.
+    log : `jaxcal.Log` with a gyroscope. If it has an accelerometer in m/s^2 and each of the six faces was up, the g-sensitivity is fitted.
+    rates : rates to which the table was set, rad/s, without sign. Axis and sign are taken from the gyroscope itself, so its scale must be
+        correct to 20 %.
+    regions : instead of `rates`, (label, start, stop) of every stretch, in samples. A label is an axis and a rate in deg/s, such as
+        "z +100", or "rest". `read_regions` reads them from a file.
+    latitude : rad, to subtract the Earth's rate; this needs the accelerometer.
     servo : relative standard deviation of the table's rate.
-    raw : whether the gyroscope is in counts, whose scale the largest rate tells.
+    raw : True if the gyroscope is in counts; the largest rate then gives the scale.
 
     Returns
     -------
@@ -247,7 +248,7 @@ def rate_test(
     Raises
     ------
     DataError
-        If no stretch of constant rate is found, or its rate is none of `rates`.
+        If no stretch of constant rate is found, or the rate of a stretch is none of `rates`.
 
     Examples
     --------
@@ -286,7 +287,7 @@ def rate_test(
         turned = np.flatnonzero(axis == i)
         if len(turned) < 2:
             continue
-        # rests count where the sensor was mounted as in the turns: another face up has another g-sensitivity
+        # use only rests with the same face up as in the turns, because g-sensitivity shifts the bias between faces
         here = np.zeros(len(axis), dtype=bool)
         here[max(turned[0] - 1, 0) : turned[-1] + 2] = True
         here &= (axis == i) | (axis == -1)
@@ -311,13 +312,13 @@ def rate_test(
 
 
 def _cut(start: np.ndarray, stop: np.ndarray, piece: int) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of one of the equal pieces of every stretch."""
+    """Start and stop of piece number `piece` of every stretch; all pieces have the same length."""
     length = (stop - start) / _PIECES
     return start + np.floor(piece * length).astype(int), start + np.floor((piece + 1) * length).astype(int)
 
 
 def _apart(gyro: np.ndarray, start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Stretches that are long enough; an axis that does not change in one is at the end of its range, and no reading."""
+    """Keep the stretches that are long enough and not saturated: an axis that does not change at all is at the end of its range."""
     least = np.array([np.nanstd(gyro[i:j], axis=0).min() for i, j in zip(start, stop, strict=True)])
     kept = (stop - start >= 2 * _PIECES) & (least > 0)
     if not kept.any():
@@ -326,7 +327,7 @@ def _apart(gyro: np.ndarray, start: np.ndarray, stop: np.ndarray) -> tuple[np.nd
 
 
 def _assigned(readings: np.ndarray, rates: Any, raw: bool) -> np.ndarray:
-    """(m, 3) rates of the table: of those it was set to, the one that the largest axis is nearest to."""
+    """(m, 3) rates of the table: to each stretch, assign the set rate that is nearest to its largest axis."""
     known = np.unique(np.abs(np.asarray(rates, dtype=float)))
     known = known[known > 0]
     if known.ndim != 1 or not len(known) or not np.isfinite(known).all():
@@ -339,7 +340,7 @@ def _assigned(readings: np.ndarray, rates: Any, raw: bool) -> np.ndarray:
     size = turned[np.arange(len(axis)), axis]
     with_rest = np.concatenate([[0.0], known])
     nearest = with_rest[np.argmin(np.abs(np.abs(size)[:, None] - with_rest), axis=1)]
-    # the fastest stretch is no rest, whatever the rates are
+    # the fastest stretch cannot be a rest: assigning it to zero means that the rates or the unit are wrong
     wrong = (np.abs(np.abs(size) - nearest) > _TOLERANCE * np.where(nearest > 0, nearest, known[0])) | (
         (np.abs(size) == np.abs(size).max()) & (nearest == 0)
     )
@@ -355,7 +356,7 @@ def _assigned(readings: np.ndarray, rates: Any, raw: bool) -> np.ndarray:
 
 
 def _labelled(regions: list[Region], samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Ends and rates of labelled stretches, in the order of time."""
+    """Start, stop and rates of labelled stretches, in order of time."""
     start, stop, set_to = [], [], []
     for label, first, last in sorted(regions, key=lambda region: region[1]):
         match = _LABEL.fullmatch(label.strip())
@@ -375,7 +376,7 @@ def _fitted(
     log: Any, start: np.ndarray, stop: np.ndarray, readings: np.ndarray, set_to: np.ndarray, latitude: float | None, servo: float,
     notes: list[str],
 ) -> TriadFit:  # fmt: skip
-    """The triad, with its g-sensitivity where the accelerometer was in enough positions."""
+    """Fit the triad, with g-sensitivity if the accelerometer was in enough positions."""
     force = None if log.accel is None else means(np.asarray(log.accel, dtype=float), start, stop)
     if force is not None:
         columns = np.concatenate([set_to, np.ones((len(force), 1)), force], axis=1)

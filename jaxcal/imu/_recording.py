@@ -1,4 +1,4 @@
-"""A log as the calibration takes it: arrays, means over its rests and samples of the turns between them (host, NumPy)."""
+"""Data of a log for the calibration: arrays, means over the rests, and samples of the turns between them (host, NumPy)."""
 
 import dataclasses
 from typing import Any
@@ -11,25 +11,26 @@ from .._errors import DataError
 from .._log import as_log
 from ._residuals import Poses, Turns, Weighted
 
-_RUN = 3  # samples in a row at the end of the range
+_RUN = 3  # consecutive samples at the end of the range that count as saturation
 _UNITS = {"g": 9.80665, "mg": 9.80665e-3, "ft/s^2": 0.3048}
-#: s; readings are interpolated over missing samples up to this length, in which a turn by hand hardly changes its rate
+#: s; longest gap that is interpolated: the rate of a turn by hand hardly changes in this time
 _BRIDGE = 0.1
-#: steps of every turn, so that all recordings share one compiled fit; one of 5 s then has steps of 20 ms, and twice as many steps move no
-#: parameter by more than a tenth of its standard error
+#: steps of every turn, the same in all recordings so that they share one compiled fit. A turn of 5 s has steps of 20 ms; doubling the
+#: number changes no parameter by more than a tenth of its standard error.
 _STEPS = 252
-#: s; means of so much of a rest are taken for independent: shorter ones would share a tremor of the hand
+#: s; length of the parts of a rest whose means count as independent; means of shorter parts would be correlated by hand tremor
 _PIECE = 0.25
 _MOST_PIECES = 64
-_UNLIKE = 1e-3  # level at which a rest is taken to have a noise of its own
-#: s; over a longer rest the noise of the gyroscope is larger than what a hand moves
+_UNLIKE = 1e-3  # significance level at which a rest gets its own noise instead of the common one
+#: s; in longer rests, the integrated noise of the gyroscope exceeds the motion of the hand
 _LONGEST = 10.0
 
 
 class Recording(eqx.Module):
-    """time (n,) s; accel, gyro (n, 3) readings, gyro None without one; temperature: mean in degC or NaN.
+    """Arrays of a recording.
 
-    bridged : (n, 6) gyroscope, then accelerometer, short gaps filled, for the turns; over : (n,) whether the gyroscope saturates.
+    time : (n,) s. accel, gyro : (n, 3) readings; gyro is None without a gyroscope. temperature : mean in degC, or NaN.
+    bridged : (n, 6) gyroscope, then accelerometer, with short gaps interpolated, for the turns. over : (n,) gyroscope saturates.
     """
 
     time: np.ndarray
@@ -42,7 +43,7 @@ class Recording(eqx.Module):
 
 
 def recording(log: Any, time: Any) -> Recording:
-    """Arrays of a log, with stamps of the user's own where the log's even grid is not what they want."""
+    """Convert a log to arrays; `time` replaces the log's time stamps unless it is None."""
     log = as_log(log)
     accel = log.accel
     if accel is None:
@@ -67,7 +68,7 @@ def recording(log: Any, time: Any) -> Recording:
 
 
 def pinned(x: np.ndarray) -> np.ndarray:
-    """(n,) whether a channel stays at the end of its range for three samples or more."""
+    """(n,) True where a channel stays at the end of its range for three or more samples."""
     found = np.zeros(len(x), dtype=bool)
     for limit in (np.nanmin(x, axis=0), np.nanmax(x, axis=0)):
         at = x == limit
@@ -79,14 +80,14 @@ def pinned(x: np.ndarray) -> np.ndarray:
 
 
 def stuck(x: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
-    """(k,) whether an axis does not move during a still interval and is at the end of its range: it is clipped, not still."""
+    """(k,) True where an axis stays at the end of its range during a whole still interval: it is saturated, not still."""
     low, high = np.nanmin(x, axis=0), np.nanmax(x, axis=0)
     at_end = (x == low) | (x == high) | np.isnan(x)
     return np.array([np.any(np.all(at_end[i:j], axis=0)) for i, j in zip(start, stop, strict=True)], dtype=bool)
 
 
 def wrong_units(accel: np.ndarray, gravity: float) -> str | None:
-    """Why the readings cannot be in m/s^2."""
+    """Sentence that says why the readings cannot be in m/s^2, or None if they can."""
     size = float(np.nanmedian(np.linalg.norm(accel, axis=1)))
     if 0.5 * gravity <= size <= 2 * gravity:
         return None
@@ -98,7 +99,7 @@ def wrong_units(accel: np.ndarray, gravity: float) -> str | None:
 
 
 def bridged(readings: np.ndarray, rate: float, longest: float | None = None) -> np.ndarray:
-    """Readings with gaps up to a length in s filled by interpolation; longer gaps stay NaN."""
+    """Interpolate gaps up to `longest` seconds; longer gaps stay NaN."""
     missing = ~np.all(np.isfinite(readings), axis=1)
     if not missing.any():
         return readings
@@ -114,11 +115,11 @@ def bridged(readings: np.ndarray, rate: float, longest: float | None = None) -> 
 class Rests(eqx.Module):
     """Means over k still intervals.
 
-    accel, gyro : (k, 3) readings; time : (k,) middle, s from the middle of the record; duration : (k,) s with samples.
-    accel_scatter : (k, 3, 3) covariance of the mean; gyro_scatter : (k, 3) its variance, both from the scatter inside the interval.
-    pieces : (k,) independent parts of the interval from which they were taken.
-    short : (k,) m/s^2 by which the mean force is shorter than the force, because a hand turned a little; zero until a model is known.
-    slots : rows of the padding.
+    accel, gyro : (k, 3) mean readings; time : (k,) middle, s from the middle of the record; duration : (k,) s without missing samples.
+    accel_scatter : (k, 3, 3) covariance of the mean of accel; gyro_scatter : (k, 3) variance of the mean of gyro; both are estimated
+        from the scatter within the interval, between `pieces` (k,) independent parts.
+    short : (k,) m/s^2 by which the mean vector is shorter than the force, because a hand rotated a little; zero until a model is known.
+    slots : number of rows after padding.
     """
 
     accel: np.ndarray
@@ -137,24 +138,24 @@ class Rests(eqx.Module):
         return Poses(accel, padded(sigma, self.slots, np.inf), gyro, padded(gyro_sigma, self.slots, np.inf), time, short)
 
     def shortened(self, correction: np.ndarray, vertical: np.ndarray, size: np.ndarray) -> "Rests":
-        """The same with `short`: a vector that turns to and fro by an angle has a mean that is shorter by half its square.
+        """Fill in `short`: if a vector rotates to and fro, half the variance of the angle is the relative loss of length of its mean.
 
-        `correction` (3, 3) takes readings to m/s^2; `vertical` (k, 3) and `size` (k,) are those of the mean force.
+        `correction` (3, 3) converts readings to m/s^2; `vertical` (k, 3) and `size` (k,) are direction and size of the mean force.
         """
         scatter = np.einsum("ij,kjl,ml->kim", correction, self.accel_scatter * self.pieces[:, None, None], correction)
         along = np.einsum("ki,kij,kj->k", vertical, scatter, vertical)
         return dataclasses.replace(self, short=(np.trace(scatter, axis1=1, axis2=2) - along) / (2 * size))
 
     def norm_variance(self, across: np.ndarray) -> np.ndarray:
-        """(k,) variance of the norm that the scatter inside the rests explains; `across` (k, 3) is its derivative by the readings."""
+        """(k,) variance of the magnitude that the scatter within the rests explains; `across` (k, 3) is its derivative by the readings."""
         return self._shared(np.einsum("ki,kij,kj->k", across, self.accel_scatter, across))
 
     def gyro_variance(self) -> np.ndarray:
-        """(k, 3) variance of the mean rate that the scatter inside the rests explains."""
+        """(k, 3) variance of the mean rate that the scatter within the rests explains."""
         return np.stack([self._shared(column) for column in self.gyro_scatter.T], axis=1)
 
     def _shared(self, variance: np.ndarray) -> np.ndarray:
-        """The common noise of all rests, since one alone knows its own badly; its own for a rest that beyond doubt has another one."""
+        """Pool the noise over all rests, because one rest is too short to estimate it; a significantly different rest keeps its own."""
         freedom, density = self.pieces - 1, variance * self.duration
         common = np.median(density / (2 * scipy.special.gammaincinv(freedom / 2, 0.5)) * freedom)
         low, high = (common * 2 * scipy.special.gammaincinv(freedom / 2, part) / freedom for part in (_UNLIKE, 1 - _UNLIKE))
@@ -162,25 +163,25 @@ class Rests(eqx.Module):
 
 
 def padded(x: np.ndarray, slots: int, fill: float | None = None) -> np.ndarray:
-    """Up to so many rows: of the first row, or of a number."""
+    """Extend x to `slots` rows with copies of its first row, or with `fill`."""
     more = np.repeat(x[:1], slots - len(x), axis=0)
     return np.concatenate([x, more if fill is None else np.full_like(more, fill)])
 
 
 def norms(accel: np.ndarray, slots: int, gravity: float, sigma: float = 1.0) -> Weighted:
-    """Readings at rest, padded, as a fit of the accelerometer alone takes them."""
+    """Padded data of readings at rest, for a fit of the accelerometer alone to their magnitudes."""
     return Weighted(Poses(padded(accel, slots), padded(np.full(len(accel), sigma), slots, np.inf)), None, gravity)
 
 
 def power_of_two(n: int, least: int = 1) -> int:
-    """Smallest power of two of at least n."""
+    """Smallest power of two that is at least n, but not below `least`."""
     return max(1 << max(n - 1, 0).bit_length(), least)
 
 
 def _means(readings: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Mean between neighbours of growing edges over the samples that are there; NaN where there is none."""
+    """Mean of the finite samples between successive edges, which increase; NaN between edges without a finite sample."""
     there = np.isfinite(readings)
-    # means of the record are taken off first: sums of large counts keep their digits
+    # subtract the mean of the record first, so that sums of large counts do not lose digits
     middle = np.nanmean(readings, axis=0)
     filled = np.where(there, readings - middle, 0.0)
     sums, count = (np.add.reduceat(part, edges[:-1], axis=0, dtype=float) for part in (filled[: edges[-1]], there[: edges[-1]]))
@@ -188,12 +189,12 @@ def _means(readings: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 def means(readings: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
-    """Mean over the samples of each interval that are there."""
+    """Mean of the finite samples of each interval."""
     return _means(readings, np.stack([start, stop], axis=1).reshape(-1))[::2]
 
 
 def rests_of(recording: Recording, start: np.ndarray, stop: np.ndarray) -> Rests:
-    """Means over whole intervals, and what their own scatter says of them."""
+    """Means over the intervals, and the uncertainty of each mean from the scatter within its interval."""
     accel = means(recording.accel, start, stop)
     gyro = 0 * accel if recording.gyro is None else means(recording.gyro, start, stop)
     middle = (recording.time[start] + recording.time[stop - 1]) / 2 - recording.time[-1] / 2
@@ -212,11 +213,11 @@ def rests_of(recording: Recording, start: np.ndarray, stop: np.ndarray) -> Rests
 
 
 def turns_of(recording: Recording, start: np.ndarray, stop: np.ndarray, slots: int, whole: bool = False) -> Turns:
-    """Turns between rests; sigma is one, infinite where too many samples are missing.
+    """Turns between rests, with sigma one, or infinite for a turn with too many missing samples.
 
-    A turn goes from the last sample of a rest to the first of the next one. With `whole` it goes from the mean attitude of a rest to
-    that of the next, because a hand moves a little while it holds still: the angle from the mean attitude of a rest of length T to its
-    end is the integral of the rate weighed by t / T, and takes one step of length T / 2 with the weighed mean of the rate.
+    A turn starts at the last sample of a rest and ends at the first sample of the next one. With `whole`, it starts and ends at the mean
+    attitudes of the rests instead, because a hand moves a little even when it holds still. The angle from the mean attitude of a rest
+    of length T to its end is the integral of the rate weighted by t / T: one step of length T / 2 with the weighted mean of the rate.
     """
     readings = np.asarray(recording.bridged)
     number, count = len(start) - 1, _STEPS + 5
@@ -237,10 +238,10 @@ def turns_of(recording: Recording, start: np.ndarray, stop: np.ndarray, slots: i
 
 
 def _resampled(time: np.ndarray, readings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Samples of a turn at `_STEPS` + 1 nodes, and the steps between these.
+    """Resample a turn to `_STEPS` + 1 nodes; return the nodes and the steps between them.
 
-    A turn of fewer samples repeats its last one with steps of length zero. In a longer one a node is the mean of the samples about it,
-    weighed by a triangle, so that the sum over the steps, the angle, stays what it was.
+    A turn with fewer samples repeats its last sample with steps of length zero. In a longer turn, each node is the triangularly weighted
+    mean of the samples around it, which preserves the sum over the steps, that is the angle.
     """
     if len(time) <= _STEPS + 1:
         index = np.minimum(np.arange(_STEPS + 1), len(time) - 1)
@@ -255,7 +256,7 @@ def _resampled(time: np.ndarray, readings: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def sampled_turns(recording: Recording, start: np.ndarray, stop: np.ndarray, slots: int) -> Turns:
-    """Turns with every sample as it is, as imu_tk takes them; their length is padded to a power of two."""
+    """Turns with all original samples, as in imu_tk, padded to a power of two."""
     gyro, accel = recording.gyro, recording.accel
     assert gyro is not None
     first, last = stop[:-1] - 1, start[1:]  # samples first <= i < last

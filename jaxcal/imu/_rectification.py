@@ -1,4 +1,4 @@
-"""`vibration_rectification`: the bias that vibration makes, from a log on a shaker."""
+"""`vibration_rectification`: the bias caused by vibration, from a log on a shaker."""
 
 from typing import Any
 
@@ -13,21 +13,21 @@ from .._types import AnyArray
 from .._units import STANDARD_GRAVITY
 
 _LEAST = 12  # windows
-_RANGE = 4.0  # of the vibration's power, loudest window over quietest
+_RANGE = 4.0  # least ratio of the vibration power in the strongest window to that in the quietest
 _UNITS = {"accel": ("ug/g^2", 1e6 * STANDARD_GRAVITY), "gyro": ("deg/h/g^2", STANDARD_GRAVITY**2 * 3600 * 180 / np.pi)}
 
 
 class Rectification(Result):
-    """How vibration shifts the mean reading of accelerometer and gyroscope.
+    """Shift of the mean readings of accelerometer and gyroscope by vibration.
 
     Attributes
     ----------
     coefficient : (6,) gyroscope x y z, accelerometer x y z: reading per (m/s^2)^2 of mean square vibration; NaN for a missing
         sensor.
-    interval : (6, 2) limits of 95 %.
-    power : (k,) mean square of the vibration in every window, (m/s^2)^2, the three axes together.
-    mean : (k, 6) readings in every window.
-    verdict, reason, warnings : "good", or "weak" where no shift is seen.
+    interval : (6, 2) limits of the 95 % confidence intervals.
+    power : (k,) mean square of the vibration in every window, (m/s^2)^2, summed over the three axes.
+    mean : (k, 6) mean readings of every window.
+    verdict : "good", or "weak" if no axis shows a significant shift. reason, warnings : sentences.
 
     Examples
     --------
@@ -60,20 +60,20 @@ class Rectification(Result):
 
 @host_float64
 def vibration_rectification(log: Any, *, window: float | int = 2.0) -> Rectification:
-    r"""Vibration rectification of accelerometer and gyroscope, from a log on a shaker that runs at several levels.
+    r"""Estimate the vibration rectification of accelerometer and gyroscope from a log on a shaker at several levels.
 
-    The log is cut into windows. Their means, tapered by Hann's window, are fitted by least squares with a drift and the mean square of
-    the vibration,
+    The log is cut into windows. The window means, with a Hann taper, are fitted by least squares with a bias, a linear drift and a term
+    proportional to the mean square of the vibration:
 
     .. math:: \bar y_k = b + d\,t_k + c\,P_k,\qquad P_k = \mathrm{tr}\,\mathrm{cov}(a)_k .
 
-    The covariance is that of errors of unequal size (HC3), because the mean of a window that shakes more is less certain.
+    The covariance (HC3) allows errors of unequal size, because the mean is less certain in a window with more vibration.
 
     Parameters
     ----------
-    log : `jaxcal.Log` with an accelerometer in m/s^2, in one attitude; quiet before and after, and one level of vibration or more between.
-        The sensor sees only what its own filter lets pass: vibration beyond it shifts the bias too, and is not counted.
-    window : s.
+    log : `jaxcal.Log` with an accelerometer in m/s^2, in one attitude: quiet, then one or more levels of vibration, then quiet again.
+        Vibration above the bandwidth of the sensor's filter also shifts the bias, but the log does not show it.
+    window : length of a window, s.
 
     Returns
     -------
@@ -109,11 +109,11 @@ def vibration_rectification(log: Any, *, window: float | int = 2.0) -> Rectifica
     if count < _LEAST:
         raise DataError(f"the log has {count} windows of {window:g} s, {_LEAST} are needed; record longer, or give a shorter window=")
     cut = np.concatenate([gyro, accel], axis=1)[: count * size].reshape(count, size, 6)
-    # a window of which more than half is missing says nothing
+    # ignore windows with half of their samples or more missing
     there = np.isfinite(cut[..., 3:]).all(axis=2)
     cut = cut[there.sum(axis=1) * 2 > size]
     there = np.isfinite(cut)
-    # tapered, so that a cycle of the vibration that is cut off at the end of a window hardly moves its mean
+    # taper, so that an incomplete vibration cycle at the end of a window hardly changes its mean
     weight = np.hanning(size + 2)[1:-1, None] * there
     total = np.maximum(weight.sum(axis=1), 1e-12)
     mean = np.where(there.any(axis=1), (weight * np.where(there, cut, 0)).sum(axis=1) / total, np.nan)

@@ -1,4 +1,4 @@
-"""`residuals`: what the rests and turns of a recording say about a model of its sensors; `Poses`, `Turns` and `Weighted` hold the data."""
+"""`residuals`: residuals of a sensor model on the rests and turns of a recording; `Poses`, `Turns` and `Weighted` hold the data."""
 
 from typing import Any
 
@@ -15,16 +15,16 @@ from ._model import EARTH_RATE, Imu, inverse
 
 
 class Poses(eqx.Module):
-    """Mean readings of k poses held still. A pose with an infinite `sigma` is left out: padding, so that programs keep their shapes.
+    """Mean readings of k still poses. A pose with an infinite `sigma` is ignored; such padding keeps array shapes the same.
 
     Attributes
     ----------
     accel : (k, 3) readings of the accelerometer.
-    sigma : (k,) standard deviation of the norm of the corrected specific force, m/s^2.
-    gyro : (k, 3) readings of the gyroscope; None without one.
+    sigma : (k,) standard deviation of the magnitude of the corrected specific force, m/s^2.
+    gyro : (k, 3) readings of the gyroscope; None without a gyroscope.
     gyro_sigma : (k, 3) standard deviation of `gyro`, in readings.
-    time : (k,) s, for a bias that drifts; from the middle of the record, where the bias is to hold.
-    short : (k,) m/s^2 by which the mean of a force that turned during the pose is shorter than the force; None for not at all.
+    time : (k,) s from the time to which the bias refers, the middle of the record; used for a drifting bias.
+    short : (k,) m/s^2 by which the mean vector is shorter than the force because the sensor rotated during the pose; None for zero.
 
     Examples
     --------
@@ -42,16 +42,16 @@ class Poses(eqx.Module):
 
 
 class Turns(eqx.Module):
-    """Samples of the k - 1 turns between successive poses, from the last sample of a pose to the first of the next one.
+    """Samples of the k - 1 turns (rotations between successive poses), from the last sample of a pose to the first of the next.
 
-    Turns that take fewer than n steps repeat their last sample with steps of length zero.
+    A turn with fewer than n steps repeats its last sample with steps of length zero.
 
     Attributes
     ----------
     gyro, accel : (k - 1, n + 1, 3) readings.
     dt : (k - 1, n) steps, s.
-    sigma : (k - 1,) standard deviation, rad, of what the gyroscope adds to each component of the vertical after the turn, such as
-        N sqrt(duration); infinite for a turn that is left out.
+    sigma : (k - 1,) standard deviation, rad, of the gyroscope's error in each component of the vertical after the turn, such as
+        N sqrt(duration); infinite for a turn to ignore.
 
     Examples
     --------
@@ -69,14 +69,14 @@ class Turns(eqx.Module):
 
 
 class Weighted(eqx.Module):
-    """Poses and turns as `residuals` takes them; `weighted` makes it.
+    """Poses and turns with their weights, the data for `residuals`; `weighted` makes it.
 
     Attributes
     ----------
     poses, turns : `Poses` and `Turns`; turns None for an accelerometer alone.
     gravity : m/s^2.
-    latitude : rad, where the Earth's rate is accounted for; else None.
-    tangent : (k - 1, 3, 2) plane across the vertical after each turn.
+    latitude : rad, to account for the Earth's rate; None leaves it out.
+    tangent : (k - 1, 3, 2) basis of the plane perpendicular to the vertical after each turn.
     whiten : (2k - 2, 2k - 2) inverse Cholesky factor of the covariance of the turns' residuals.
 
     Examples
@@ -98,8 +98,9 @@ class Weighted(eqx.Module):
 
 
 class Pieces(eqx.Module):
-    """Residuals in physical units: norm (k,) m/s^2, turned (k - 1, 3) rad, rest (k, 3) readings; and vertical (k, 3) of each pose,
-    rotation (k - 1, 3, 3) from the axes after a turn to those before it.
+    """Residuals in physical units, before weighting: norm (k,) m/s^2, turned (k - 1, 3) rad, rest (k, 3) readings.
+
+    vertical : (k, 3) of each pose. rotation : (k - 1, 3, 3) from the axes after a turn to those before it. tangent : see `Weighted`.
     """
 
     norm: Any
@@ -115,7 +116,7 @@ def _unit(f: Array) -> Array:
 
 
 def _rotations(model: Imu, poses: Poses, turns: Turns) -> Array:
-    """Rotation of every turn, from the corrected rates."""
+    """Rotation matrix of every turn, from the corrected rates."""
     accel, gyro = model.accel, model.gyro
     time = jnp.zeros_like(turns.sigma) if model.drift is None else poses.time[:-1]
     if not model.plain:
@@ -123,7 +124,7 @@ def _rotations(model: Imu, poses: Poses, turns: Turns) -> Array:
         force = accel.correct(turns.accel.reshape(-1, 3))
         rate = gyro.correct(readings.reshape(-1, 3), force).reshape(readings.shape)
         return attitude(jnp.eye(3, dtype=rate.dtype), rate, turns.dt)
-    # linear in the readings: the derivative of all turns then needs their samples once, not once for each parameter
+    # a model linear in the readings needs one pass over the samples for the derivative, not one pass for each parameter
     matrix = inverse(gyro.matrix)
     force = matrix @ gyro.g_sensitivity @ inverse(accel.matrix)
     one = jnp.ones_like(turns.gyro[..., :1])
@@ -134,9 +135,9 @@ def _rotations(model: Imu, poses: Poses, turns: Turns) -> Array:
 
 
 def _norths(north: Array, vertical: Array, rotation: Array, sigma: Array) -> Array:
-    """Horizontal vector of the Earth's rate over its size in the axes of every pose, from that of the first and the turns."""
+    """Horizontal unit vector of the Earth's rate in the axes of every pose: that of the first pose, carried on by the turns."""
     first = vertical[0]
-    # any axis that is far from the vertical gives a horizontal pair
+    # the cross product with an axis far from the vertical gives a horizontal pair of vectors
     aside = jnp.where(jnp.abs(first) == jnp.min(jnp.abs(first)), 1.0, 0.0).astype(first.dtype)
     right = _unit(jnp.cross(first, aside))
     start = north[0] * right + north[1] * jnp.cross(first, right)
@@ -146,14 +147,14 @@ def _norths(north: Array, vertical: Array, rotation: Array, sigma: Array) -> Arr
 
 
 def warm_up(time: Any, known: Any) -> Any:
-    """What is left of a warm-up at a time, one at the first and exp(-4) at the last of the poses that are `known`."""
+    """Remaining share of a warm-up at a time: one at the first and exp(-4) at the last of the poses that are `known`."""
     xp = array_module(time)
     first, last = xp.min(xp.where(known, time, xp.inf)), xp.max(xp.where(known, time, -xp.inf))
     return xp.exp(-4 * (time - first) / (last - first))
 
 
 def _settled(model: Imu, poses: Poses) -> Array:
-    """Readings of the accelerometer without what its bias wanders during the recording."""
+    """Readings of the accelerometer minus the drift and warm-up of its bias."""
     accel = poses.accel
     if model.accel_drift is not None:
         accel = accel - poses.time[:, None] * model.accel_drift[None, :]
@@ -175,14 +176,14 @@ def _pieces(model: Imu, poses: Poses, turns: Turns | None, gravity: Array, latit
     if latitude is not None:
         north = _norths(model.north, vertical, rotation, turns.sigma)
         earth = EARTH_RATE * (jnp.sin(latitude) * vertical + jnp.cos(latitude) * north)
-        # against the stars the vertical of a resting table turns with the Earth
+        # in an inertial frame, the vertical of a table at rest rotates with the Earth
         still = closed_form(earth[:-1], earth[:-1], jnp.sum(turns.dt, axis=1, keepdims=True)).rotation
         moved = jnp.einsum("sij,sj->si", still, moved)
     turned = jnp.einsum("sji,sj->si", rotation, moved) - vertical[1:]
     rest = poses.gyro - model.gyro.measure(earth, force)
     if model.drift is not None:
         rest = rest - poses.time[:, None] * model.drift[None, :]
-    # two unit vectors across each vertical after a turn, from the axis of the sensor that is farthest from it
+    # two unit vectors perpendicular to each vertical after a turn, made from the sensor axis farthest from it
     aside = jnp.eye(3, dtype=vertical.dtype)[jnp.argmin(jnp.abs(vertical[1:]), axis=1)]
     right = _unit(jnp.cross(vertical[1:], aside))
     return Pieces(norm, vertical, turned, rest, rotation, jnp.stack([right, jnp.cross(vertical[1:], right)], axis=2))
@@ -190,13 +191,13 @@ def _pieces(model: Imu, poses: Poses, turns: Turns | None, gravity: Array, latit
 
 @host_float64
 def residuals(model: Imu, data: Weighted) -> Array:
-    r"""Residuals of a model in units of their standard deviation, which `estimate` minimises.
+    r"""Compute the residuals of a model in units of their standard deviation; `estimate` minimises them.
 
     .. math:: \frac{g - |f_k|}{\sigma_k},\qquad L^{-1} T_{k+1}^T (R_k^T u_k - u_{k+1}),\qquad
               \frac{\bar y_k - b_g - G f_k}{\sigma_{g,k}},\qquad f_k = D_a (\bar a_k - b_a),\ u_k = f_k / |f_k|
 
-    for the norms, the turns (R integrated from the rates, T the plane across the vertical, L the factor of the covariance, in which
-    neighbours share the error of a vertical) and the still rates.
+    They belong to the magnitudes at rest, the turns and the rates at rest. R is integrated from the rates, T is the plane perpendicular
+    to the vertical, and L is the Cholesky factor of the covariance, in which neighbouring turns share the error of a vertical.
 
     Parameters
     ----------
@@ -205,7 +206,7 @@ def residuals(model: Imu, data: Weighted) -> Array:
 
     Returns
     -------
-    (k,) for an accelerometer alone; with a gyroscope (k + 2 (k - 1) + 3 k,), and two more for the heading where there is a latitude. The
+    (k,) for an accelerometer alone; (k + 2 (k - 1) + 3 k,) with a gyroscope, and two more for the heading if a latitude is given. The
     function is pure and runs under jit, vmap and grad.
 
     Examples
@@ -228,18 +229,18 @@ def residuals(model: Imu, data: Weighted) -> Array:
         across = jnp.einsum("sij,si->sj", data.tangent, found.turned)
         parts += [data.whiten @ across.reshape(-1), (found.rest / data.poses.gyro_sigma).reshape(-1)]
     if data.latitude is not None:
-        parts.append(model.north * 2.0**0.5)  # the heading is a unit vector
+        parts.append(model.north * 2.0**0.5)  # keeps the heading's cosine and sine bounded: only their direction matters
     return jnp.concatenate(parts)
 
 
 @filter_jit
 def whitening(sigma: Array, turn: Array, gravity: Array, tangent: Array, rotation: Array) -> Array:
-    """Inverse Cholesky factor (2s, 2s) of the covariance of the turns' residuals, zero for turns that are left out.
+    """Inverse Cholesky factor (2s, 2s) of the covariance of the turns' residuals, zero for ignored turns.
 
-    The vertical of a pose, with `sigma`, closes one turn and opens the next: neighbours share its error.
+    The vertical of a pose ends one turn and begins the next, so neighbouring turns share its error (from `sigma`).
     """
     count, valid, known = len(turn), jnp.isfinite(turn), jnp.isfinite(sigma)
-    # rows left out get a variance of one; the double where keeps infinities from the derivative
+    # ignored rows get a variance of one; the double `where` keeps infinities out of the derivative
     upright = (jnp.where(known, sigma, 0) / gravity) ** 2
     own = jnp.where(valid, jnp.where(valid, turn, 0) ** 2 + upright[:-1] + upright[1:], 1)
     shared = jnp.where(valid[:-1] & valid[1:], -upright[1:-1], 0)
@@ -254,12 +255,12 @@ def whitening(sigma: Array, turn: Array, gravity: Array, tangent: Array, rotatio
 
 @host_float64
 def weighted(model: Imu, poses: Poses, turns: Turns | None = None, *, gravity: Any, latitude: Any = None) -> Weighted:
-    """Poses and turns with the weights of their residuals near a model.
+    """Combine poses and turns with the weights of their residuals, computed at a model.
 
     Parameters
     ----------
-    model : `Imu`, at which the covariance of the turns' residuals is linearised.
-    poses, turns : `Poses` and `Turns`; without turns the accelerometer alone.
+    model : `Imu` at which the covariance of the turns' residuals is linearised.
+    poses, turns : `Poses` and `Turns`; without turns, the data of an accelerometer alone.
     gravity : m/s^2.
     latitude : rad, to account for the Earth's rate; None leaves it out.
 
@@ -279,12 +280,12 @@ def weighted(model: Imu, poses: Poses, turns: Turns | None = None, *, gravity: A
 
 
 def arrays(tree: Any) -> Any:
-    """The tree with every number as a JAX array, so that other numbers need no other program."""
+    """Convert every number of the tree to a JAX array, so that new numbers need no new compilation."""
     return jax.tree.map(lambda leaf: jnp.asarray(leaf) if isinstance(leaf, float) or hasattr(leaf, "dtype") else leaf, tree)
 
 
 def reweighted(model: Imu, data: Weighted, found: Pieces | None = None) -> Weighted:
-    """The same data with the covariance of the turns at a model, whose pieces may be at hand. The tangents stay once they are there."""
+    """Recompute the covariance of the turns at a model; `found` are its pieces, if known. Existing tangents are kept."""
     if data.turns is None:
         return data
     found = pieces(model, data) if found is None else found
@@ -294,6 +295,6 @@ def reweighted(model: Imu, data: Weighted, found: Pieces | None = None) -> Weigh
 
 
 def pieces(model: Imu, data: Weighted) -> Pieces:
-    """Residuals of norms, turns and still rates before they are weighted; arrays of NumPy outside of a trace."""
+    """Unweighted residuals of the magnitudes, turns and rates at rest; NumPy arrays unless JAX traces."""
     found = _pieces(*arrays((model, data.poses, data.turns, data.gravity, data.latitude)))
     return found if is_traced(found) else jax.tree.map(np.asarray, found)

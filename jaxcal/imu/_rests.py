@@ -1,4 +1,4 @@
-"""Where a recording rests, from the accelerometer and the gyroscope together (host, NumPy)."""
+"""Detect the still intervals of a recording from accelerometer and gyroscope together (host, NumPy)."""
 
 import itertools
 from typing import Any
@@ -10,14 +10,14 @@ from .._errors import DataError
 from .._precision import host_float64
 
 MULTIPLES = tuple(range(2, 11))
-#: for the joint fit, whose turns tell whether a rest in which the hand drifted is worth having
+#: for the joint fit, whose turns show whether a rest with some drift of the hand improves the result
 _WIDER = (2, 3, 4, 6, 10, 20, 40, 100)
-#: of the variance of the gyroscope. A hand turns a sensor to and fro by much more than its noise and hardly moves the mean vertical;
-#: which of them bounds the rests best is what `multi_position` finds out.
+#: multiples of the gyroscope's variance. A hand rotates a sensor to and fro by much more than its noise, but hardly moves the mean
+#: vertical; `multi_position` finds out which of these bounds gives the best rests.
 GYRO_MULTIPLES = (100.0, 300.0, 1000.0, np.inf)
-_BLOCK = 4  # windows to a block of the running sums
+_BLOCK = 4  # windows in a block of the running sums
 _QUANTILE = 0.05
-_MOVED = 20.0  # variance of the initial rest over that of the stillest windows
+_MOVED = 20.0  # largest ratio of the variance of the initial rest to that of the stillest windows
 
 #: start and stop of still intervals, (k,) samples each: start <= i < stop
 Ends = tuple[np.ndarray, np.ndarray]
@@ -26,16 +26,16 @@ Multiples = tuple[float, float]
 
 
 class StillIntervals(eqx.Module):
-    """Still stretches of a recording.
+    """Still intervals of a recording.
 
     Attributes
     ----------
-    start, stop : (k,) samples of each: start <= i < stop.
-    threshold : on the norm of the accelerometer's three variances, (m/s^2)^2 or what the readings' unit squared is.
-    multiple : threshold over `initial_variance`.
-    initial_variance : the same norm over the initial still period, or in the stillest windows where none was given.
-    gyro_multiple : the same ratio for the gyroscope; infinite where it did not matter, or there is none.
-    counts : multiple -> number of intervals, of the multiples that were compared, at this `gyro_multiple`.
+    start, stop : (k,) samples of each interval: start <= i < stop.
+    threshold : bound on the norm of the three windowed variances of the accelerometer, in the squared unit of the readings.
+    multiple : `threshold` divided by `initial_variance`.
+    initial_variance : norm of the variances at rest: of the initial rest if its length was given, else of the stillest windows.
+    gyro_multiple : the same ratio for the gyroscope; infinite if the gyroscope was not used or made no difference.
+    counts : multiple -> number of intervals, for the multiples that were compared, at this `gyro_multiple`.
 
     Examples
     --------
@@ -61,10 +61,10 @@ class StillIntervals(eqx.Module):
 
 
 def windowed_variance(x: np.ndarray, window: int) -> np.ndarray:
-    """Norm of the three unbiased variances over `window` samples about each: (n - window + 1,).
+    """Norm of the three unbiased variances over a moving window of `window` samples: (n - window + 1,).
 
-    Missing samples (NaN rows) are left out of their windows; a window of which more than half is missing has an infinite variance.
-    Running sums of blocks of a few windows, each less its own mean: counts of a million with a variance of four keep their digits.
+    Missing samples (NaN rows) are ignored; a window has an infinite variance if half of its samples or more are missing. The function
+    uses running sums over blocks of a few windows, each minus its own mean, so that large counts with a small variance keep their digits.
 
     Examples
     --------
@@ -76,7 +76,7 @@ def windowed_variance(x: np.ndarray, window: int) -> np.ndarray:
     count = len(x) - window + 1
     size = _BLOCK * window
     present = np.all(np.isfinite(x), axis=1)
-    # neither padding nor gaps may lie far from the readings, whose digits they would cost
+    # fill gaps and padding with values near the readings; distant values would cost digits
     filled = x if present.all() else np.where(present[:, None], x, np.nanmean(x, axis=0))
     filled = np.concatenate([filled, np.repeat(filled[-1:], -count % size, axis=0)])
     there = np.concatenate([present, np.ones(len(filled) - len(x), dtype=bool)])
@@ -94,7 +94,7 @@ def windowed_variance(x: np.ndarray, window: int) -> np.ndarray:
 
 
 def _runs(still: np.ndarray, half: int, least: int) -> Ends:
-    """Start and stop of the stretches of still windows, of at least so many samples."""
+    """Start and stop of the runs of still windows with at least `least` samples."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
     start, stop = edges[::2] + half, edges[1::2] + half
     kept = stop - start >= least
@@ -102,7 +102,7 @@ def _runs(still: np.ndarray, half: int, least: int) -> Ends:
 
 
 def _plateau(counts: dict[float, int]) -> float:
-    """Multiple in the middle of the longest run over which the number of intervals does not change."""
+    """Multiple in the middle of the longest range over which the number of intervals does not change."""
     stretches = [list(part) for count, part in itertools.groupby(counts, key=counts.get) if count] or [list(counts)]
     longest = max(stretches, key=len)
     return longest[len(longest) // 2]
@@ -121,24 +121,24 @@ def static_intervals(
     least: float | int = 1.0,
     multiples: tuple[float | int, ...] = MULTIPLES,
 ) -> StillIntervals:
-    r"""Still stretches: where the windowed variances of accelerometer and gyroscope stay below multiples of what they are at rest.
+    r"""Find still intervals, in which the windowed variances of accelerometer and gyroscope stay near their values at rest.
 
     .. math:: v_i = \|(\mathrm{var}\,x, \mathrm{var}\,y, \mathrm{var}\,z)\| < k\,v_\mathrm{rest}
 
-    with unbiased variances over a window centred at sample i. The interval begins and ends half a window away from the motion.
+    The unbiased variances are those of a window centred at sample i. An interval begins and ends half a window away from the motion.
 
     Parameters
     ----------
-    accel : (n, 3) readings in any unit; NaN marks a missing sample. A window is judged by the samples it has, if these are the half.
-    rate : Hz.
-    gyro : (n, 3) readings of the gyroscope; None leaves the accelerometer alone to say what is still.
-    threshold : multiple k of the accelerometer's variance at rest. None tries all `multiples` and takes the middle of the longest run
-        over which the number of intervals stays the same; `multi_position` judges them by what they leave of the calibration.
+    accel : (n, 3) readings in any unit; NaN marks a missing sample. A window needs more than half of its samples.
+    rate : sample rate, Hz.
+    gyro : (n, 3) readings of the gyroscope; None uses the accelerometer alone.
+    threshold : multiple k of the accelerometer's variance at rest. None tries all `multiples` and uses the middle of the longest range
+        over which the number of intervals stays the same. (`multi_position` instead compares the resulting calibrations.)
     gyro_threshold : multiple of the gyroscope's variance at rest.
-    window : length of the window, s; made an odd number of samples.
-    initial : length of a rest at the beginning, s, whose variance is the reference; None takes the 5 % quantile of v.
+    window : length of the window, s; rounded to an odd number of samples.
+    initial : length of a rest at the beginning, s, whose variance is the reference; None uses the 5 % quantile of v.
     least : shortest interval, s.
-    multiples : those to try.
+    multiples : values of k to try.
 
     Returns
     -------
@@ -147,8 +147,8 @@ def static_intervals(
     Raises
     ------
     DataError
-        If the readings are not (n, 3), the record is shorter than two windows or than the initial rest, the sensor never changes, or
-        an option is not positive.
+        If the readings are not (n, 3), the record is shorter than two windows or than the initial rest, the readings are constant at
+        rest, or an option is not positive.
 
     Examples
     --------
@@ -169,7 +169,7 @@ def static_intervals(
 
 
 def given_rests(rests: Any, samples: int) -> Ends:
-    """Rests that the caller knows, checked."""
+    """Check the rests given by the caller, and sort them."""
     ends = np.asarray(rests)
     if ends.ndim != 2 or ends.shape[1] != 2:
         raise DataError(f"rests has shape {ends.shape}; expected (k, 2): the first sample of each rest, and the one after its last")
@@ -196,7 +196,7 @@ def _triads(name: str, readings: Any) -> np.ndarray:
 
 
 class Windows:
-    """Windowed variances of a recording and their references at rest."""
+    """Windowed variances of a recording, and their reference values at rest."""
 
     def __init__(self, accel: Any, gyro: Any, rate: Any, window: Any, initial: Any, least: Any):
         x, y = _triads("accel", accel), None if gyro is None else _triads("gyro", gyro)
@@ -216,7 +216,7 @@ class Windows:
         self.gyro_variance, self.gyro_reference = (None, np.nan) if y is None else self._referred(y, size, "gyroscope")
 
     def _referred(self, x: np.ndarray, size: int, name: str) -> tuple[np.ndarray, float]:
-        """Windowed variance, and its value at rest: in the initial one, or in the stillest of the windows that are not constant."""
+        """Windowed variance and its value at rest: in the initial rest if given, else in the stillest windows that are not constant."""
         variance = windowed_variance(x, size)
         changing = variance[np.isfinite(variance) & (variance > 0)]
         if self.initial is not None:
@@ -239,7 +239,7 @@ class Windows:
         return _runs(still, self.half, self.shortest)
 
     def intervals(self, gyro_multiple: float, multiples: tuple[float | int, ...] = MULTIPLES, chosen: Any = None) -> StillIntervals:
-        """The intervals of one multiple of the gyroscope's variance, at the accelerometer's that was chosen or is on the plateau."""
+        """The still intervals for one gyroscope multiple, at the `chosen` accelerometer multiple or that of the plateau."""
         counts = {float(k): len(self.ends((float(k), gyro_multiple))[0]) for k in multiples}
         multiple = _plateau(counts) if chosen is None else _positive("threshold", chosen)
         ends = self.ends((multiple, gyro_multiple))
@@ -247,12 +247,12 @@ class Windows:
         return StillIntervals(*ends, multiple * self.reference, multiple, self.reference, bound, counts)
 
     def tried(self, threshold: Any, both: bool) -> dict[Multiples, Ends]:
-        """Still intervals of every pair of multiples, those that are the same once."""
+        """Still intervals of every pair of multiples; if `both`, pairs that give the same intervals appear once."""
         first = (_WIDER if both else MULTIPLES) if threshold is None else (_positive("threshold", threshold),)
         second = GYRO_MULTIPLES if both and self.gyro_variance is not None else (np.inf,)
         found: dict[Multiples, Ends] = {}
         seen = set()
-        # of equal intervals the ones with the loosest bound on the gyroscope are kept: it did not matter
+        # of pairs with equal intervals keep the loosest bound on the gyroscope, which made no difference
         for pair in itertools.product(map(float, first), reversed(second)):
             ends = self.ends(pair)
             key = (ends[0].tobytes(), ends[1].tobytes())
@@ -262,7 +262,7 @@ class Windows:
         return found
 
     def moved(self) -> str | None:
-        """Why the beginning is no rest, where its length was given."""
+        """Sentence that says why the initial period is not still, or None; only if its length was given."""
         if self.initial is None:
             return None
         quiet = float(np.quantile(self.variance[np.isfinite(self.variance)], _QUANTILE))

@@ -1,4 +1,4 @@
-"""`ImuFit`: both triads with what is known about them; how well still poses determine an accelerometer; the verdict."""
+"""`ImuFit`, the result of a calibration; `observability`, how well still poses determine an accelerometer; the verdict."""
 
 import dataclasses
 import itertools
@@ -26,13 +26,13 @@ _WORDS = (
     "bias along x", "bias along y", "bias along z",
 )  # fmt: skip
 _DIAGONAL = [0, 1, 2, 6, 7, 8]
-#: condition numbers of the natural information: 18 even poses have 3 to 4; from here on poses are missing, or nothing is known
+#: limits of the condition number (18 evenly spread poses have 3 to 4): above them poses are missing, the result is uncertain, or singular
 _ENOUGH, _ILL, SINGULAR = 12.0, 60.0, 300.0
 _NEAR = np.cos(np.deg2rad(25.0))
 _ALIKE = 20.0  # degrees
 _FEW_POSES, _FEW_TURNS = 12, 10
 _TURN = np.deg2rad(5.0)
-#: relative standard error of a matrix that is as good as unknown, and that makes the verdict weak
+#: relative standard error above which a matrix counts as unknown, and above which the verdict is weak
 UNKNOWN, POOR = 0.1, 0.01
 _ROTATION = np.deg2rad(0.03)
 _UNITS = {"matrix": "1", "g_sensitivity": "rad/s per m/s^2"}
@@ -43,9 +43,9 @@ class Observability(eqx.Module):
 
     Attributes
     ----------
-    condition : ratio of the largest to the smallest singular value for errors of natural size.
-    missing : (m, 3) directions that should point up in further poses, in body axes, the most useful first.
-    sentence : what the poses determine, and which are missing.
+    condition : ratio of the largest to the smallest singular value of the Jacobian, for parameter errors of equal size.
+    missing : (m, 3) directions in body axes that should point up in further poses, the most useful first.
+    sentence : which parameters the poses determine, and which poses are missing.
 
     Examples
     --------
@@ -62,13 +62,13 @@ class Observability(eqx.Module):
 
 
 def _rows_of(up: np.ndarray) -> np.ndarray:
-    """Change of |f|/g for a change E of the correction and c of the bias: u'Eu + u'c, E symmetric."""
+    """Derivative of |f|/g with respect to a symmetric change E of the correction and a change c of the bias: u'Eu + u'c."""
     x, y, z = up.T
     return np.stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z, x, y, z], axis=1)
 
 
 def _condition(information: np.ndarray) -> tuple[float, np.ndarray]:
-    """Condition number of the residuals' Jacobian, and how much each parameter shares in what it determines least."""
+    """Condition number of the Jacobian, and the share of each parameter in the least determined directions."""
     values, vectors = np.linalg.eigh(information)
     least = max(float(values[0]), 0.0)
     weak = values <= max(values[-1] / SINGULAR**2, 1.5 * least)
@@ -77,28 +77,28 @@ def _condition(information: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def _name(direction: np.ndarray) -> str:
-    """A direction in words: the nearest face, edge or corner of the case."""
+    """Name a direction by the nearest face, edge or corner of the case."""
     place = PLACES[np.argmax(_UP @ direction)]
     axes = [f"{'+' if sign > 0 else '-'}{axis}" for sign, axis in zip(place, "xyz", strict=True) if sign]
     return " and ".join([", ".join(axes[:-1]), axes[-1]] if len(axes) > 1 else axes) + " up"
 
 
 def observability(up: np.ndarray, diagonal: bool = False) -> Observability:
-    """How well the attitudes of still poses determine an accelerometer, before or after they are recorded.
+    """Check how well the attitudes of still poses determine an accelerometer, before or after you record them.
 
     Parameters
     ----------
     up : (k, 3) unit vectors, the upward direction in body axes of each pose.
-    diagonal : leave misalignment out: three scales and three biases.
+    diagonal : True for a model without misalignment: three scales and three biases.
 
     Returns
     -------
     Observability
-        Condition number, the directions that are missing, and a sentence.
+        Condition number, missing directions, and a sentence.
 
     Examples
     --------
-    The six faces show scale and bias, but no misalignment:
+    The six faces determine scale and bias, but not misalignment:
 
     >>> import numpy as np
     >>> import jaxcal
@@ -110,8 +110,8 @@ def observability(up: np.ndarray, diagonal: bool = False) -> Observability:
 
     References
     ----------
-    The singular values of the norm residuals' derivative, D. Tedaldi, A. Pretto and E. Menegatti, ICRA 2014, equation (10), for errors
-    of equal size.
+    The singular values of the Jacobian of the magnitude residuals of D. Tedaldi, A. Pretto and E. Menegatti, ICRA 2014, equation (10),
+    for parameter errors of equal size.
     """
     chosen = _DIAGONAL if diagonal else list(range(9))
     told = _rows_of(up)[:, chosen]
@@ -125,15 +125,13 @@ def observability(up: np.ndarray, diagonal: bool = False) -> Observability:
     picked: list[np.ndarray] = []
     grown = information + 1e-6 * np.eye(len(chosen))
     while free.any() and len(picked) < 9 and _condition(grown)[0] > _ENOUGH / 2:
-        # the pose that takes most off the variance, as if it were held three times
+        # choose the pose that increases the information most; it counts as if it were held three times
         gain = np.array([np.linalg.slogdet(grown + 3 * len(up) * np.outer(row, row))[1] for row in extra])
         best = int(np.argmax(np.where(free, gain, -np.inf)))
         picked.append(_UP[best])
         grown = grown + 3 * len(up) * np.outer(extra[best], extra[best])
         free &= _UP @ _UP[best] < _NEAR
-    middle = up.mean(axis=0)
-    apart = np.rad2deg(np.arccos(np.clip(np.min(up @ middle) / max(np.linalg.norm(middle), 1e-12), -1, 1)))
-    if apart < _ALIKE:
+    if (apart := spread_of(up)) < _ALIKE:
         words = f"the accelerometer: they are all alike, within {max(apart, 1):.0f} degrees of one attitude"
     degree = "do not determine" if condition > SINGULAR else "hardly determine" if condition > _ILL else "leave uncertain"
     advice = "; ".join(_name(direction) for direction in picked)
@@ -141,42 +139,48 @@ def observability(up: np.ndarray, diagonal: bool = False) -> Observability:
     return Observability(condition, np.array(picked).reshape(-1, 3), sentence + (f" Add poses with {advice}." if picked else ""))
 
 
+def spread_of(up: np.ndarray) -> float:
+    """Largest angle between a pose's vertical and the mean of all, in degrees."""
+    middle = up.mean(axis=0)
+    return float(np.rad2deg(np.arccos(np.clip(np.min(up @ middle) / max(np.linalg.norm(middle), 1e-12), -1, 1))))
+
+
 def _unknown(*shape: int, fill: float = np.nan) -> Any:
     return eqx.field(default_factory=lambda: np.full(shape, fill))
 
 
 class ImuFit(Result):
-    """An accelerometer and a gyroscope from a recording of still poses and the turns between them.
+    """Accelerometer and gyroscope, calibrated from a recording of still poses and the turns between them.
 
     Attributes
     ----------
-    accel, gyro : `Triad`s, or the subclasses that were fitted, in the frame of `convention`; None where the recording allows none, or has
-        no gyroscope.
-    covariance : (p, p) of the parameters in `names`, in units of the readings per SI. What the convention or an option fixes has
-        zeros. Poses and turns are the independent units of it: errors that are common to a still interval are in it.
-    interval : (p, 2) limits of the intervals of 95 %.
-    robust_covariance : (p, p) the sandwich form, clusters being poses and turns, which also holds where their errors differ in size.
-    degrees_of_freedom : (p,) of the estimate of each parameter's standard error.
-    residual_norm : (k,) gravity less the norm of the corrected specific force of each pose, m/s^2.
-    residual_turn : (s,) angle between the vertical that the gyroscope predicts after each turn and the accelerometer's; rad.
-    residual_rest : (k, 3) still rates less the model, rad/s.
-    sigma : standard deviations of the three, one pose or turn: m/s^2, rad, rad/s.
-    down_weighted : (poses, turns) whose weight under the robust loss is below one half, as two index arrays.
+    accel, gyro : `Triad`s, or the subclasses that were fitted, in the frame of `convention`; None if the recording does not determine
+        the sensor, or has no gyroscope.
+    covariance : (p, p) covariance of the parameters in `names`, in units of the readings per SI; zero for parameters that the convention
+        or an option fixes. Poses and turns count as independent; errors common to all samples of a still interval are included.
+    interval : (p, 2) limits of the 95 % confidence intervals.
+    robust_covariance : (p, p) sandwich covariance with poses and turns as clusters; it also holds if their errors differ in size.
+    degrees_of_freedom : (p,) degrees of freedom of each parameter's standard error.
+    residual_norm : (k,) gravity minus the magnitude of the corrected specific force of each pose, m/s^2.
+    residual_turn : (s,) angle after each turn between the vertical predicted by the gyroscope and that of the accelerometer, rad.
+    residual_rest : (k, 3) rates at rest minus the model, rad/s.
+    sigma : (3,) standard deviations of these three residuals for one pose or turn: m/s^2, rad, rad/s.
+    down_weighted : two index arrays, the poses and the turns whose weight under the robust loss is below one half.
     cost : (2,) half the sums of squared residuals, accelerometer (m/s^2)^2 and gyroscope; imu_tk's cost for method="imu_tk".
-    held_out : (2,) rms of the norms (m/s^2) and of the turns' components (rad) on poses and turns that the fit did not see.
-    still : `StillIntervals` that were used.
-    thresholds : (m, 6) of the sets of rests that were compared: multiple of the accelerometer's variance at rest, intervals, total cost
-        of the norms, leave-one-out rms of the norms (m/s^2), multiple of the gyroscope's variance, leave-one-out rms of the turns'
-        components (rad; NaN where only the norms were looked at).
+    held_out : (2,) rms error on poses and turns left out of the fit: magnitude (m/s^2) and components of the turns (rad).
+    still : the `StillIntervals` that the fit used.
+    thresholds : (m, 6) one row for each set of rests that was compared: multiple of the accelerometer's variance at rest, number of
+        intervals, total cost of the magnitudes, leave-one-out rms of the magnitudes (m/s^2), multiple of the gyroscope's variance,
+        leave-one-out rms of the components of the turns (rad; NaN if only the magnitudes were compared).
     observability : `Observability`: condition, missing attitudes, sentence.
-    drift : (3,) drift of the gyroscope's bias, rad/s per s; zero where the F test finds none.
-    asked : names of the terms that the log asks for and the model lacks, for `terms`.
-    rate, gravity : Hz, m/s^2.
-    temperature : mean of the recording, degC; NaN where it was not recorded.
+    drift : (3,) drift of the gyroscope's bias, rad/s per s; zero if the F test finds none.
+    asked : names of terms that the log supports and the model lacks; pass them as `terms`.
+    rate : Hz. gravity : m/s^2.
+    temperature : mean of the recording, degC; NaN if it was not recorded.
     verdict : "good", "weak" or "refused".
-    reason : one sentence or more.
-    warnings : sentences.
-    convention, method : as asked for.
+    reason : one or more sentences that explain the verdict.
+    warnings : further sentences.
+    convention, method : the options of the fit.
 
     Examples
     --------
@@ -216,22 +220,22 @@ class ImuFit(Result):
 
     @property
     def model(self) -> Imu:
-        """Both sensors; a sensor that is missing is a `Triad` of NaN."""
+        """Both sensors; a missing sensor is a `Triad` of NaN."""
         return self._both(np.nan)
 
     def _both(self, missing: float) -> Imu:
-        """Both sensors, with the unit triad times a number for one that is missing."""
+        """Both sensors; a missing one is the unit triad multiplied by `missing`."""
         unit = Triad(missing * np.eye(3), missing * np.zeros(3), missing * np.zeros((3, 3)))
         return Imu(*(unit if sensor is None else sensor for sensor in (self.accel, self.gyro)))
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the p parameters: 33 of both triads, and those that a subclass of `Triad` adds."""
+        """Names of the p parameters: the 33 of both triads, then those of subclasses of `Triad`."""
         return entries(self.model)[0]
 
     @property
     def values(self) -> np.ndarray:
-        """(p,) parameters in the order of `names`; NaN for those of a sensor that is missing."""
+        """(p,) parameters in the order of `names`; NaN for a missing sensor."""
         return values(self.model)
 
     _figure = ("imu", False)
@@ -244,20 +248,20 @@ class ImuFit(Result):
 
     @property
     def standard_error(self) -> np.ndarray:
-        """(p,) roots of the diagonal of the covariance."""
+        """(p,) standard errors: square roots of the diagonal of the covariance."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @host_float64
     def propagate(self, function: Any) -> tuple[AnyArray, AnyArray]:
-        """Value and covariance of anything computed from both triads, to first order.
+        """Value and covariance of a function of both triads, to first order.
 
         Parameters
         ----------
-        function : of (accel, gyro), the two sensors, that returns an array; traced by JAX.
+        function : takes (accel, gyro), the two sensors, and returns an array; JAX traces it.
 
         Returns
         -------
-        Its value, and the covariance of its entries in the order of `ravel`.
+        The value of the function, and the covariance of its entries in the order of `ravel`.
         """
         model = self._both(1.0)
 
@@ -272,9 +276,10 @@ class ImuFit(Result):
 def finished(
     result: ImuFit, fit: Fit, options: Any, notes: list[str], explain: Callable[[], str | None], missing: Sequence[str] = ()
 ) -> ImuFit:
-    """The result with intervals of 95 % by Student's t, and a verdict with the sentences that lead to it, the gravest first.
+    """Add the 95 % intervals (Student's t) and the verdict with the sentences that explain it, the most serious first.
 
-    `explain` may know another unit or other axes that would mend a refused fit; `missing` are sentences on what the model lacks.
+    `explain` returns a unit or an order of axes that would repair a refused fit, or None; `missing` are sentences on terms that the
+    model lacks.
     """
     half = scipy.special.stdtrit(np.maximum(result.degrees_of_freedom, 1), 0.975) * result.standard_error
     interval = np.stack([result.values - half, result.values + half], axis=1)
@@ -318,7 +323,7 @@ def finished(
     if result.sigma[0] > 0.02 * options.gravity:
         weak.append(f"The norms scatter by {result.sigma[0]:.2g} m/s^2: the sensor moved while it should rest, or is not linear.")
     if gyro and options.latitude is None and 0 < rms < _ROTATION:
-        notes.append("The turns agree so well that the Earth's rate matters: give latitude=.")
+        notes.append("The turns agree so well that the Earth's rate matters: give the `latitude` (--earth-rate --latitude).")
     verdict, sentences = "refused" if refused else "weak" if weak else "good", [*refused, *weak]
     if refused and (why := explain()):
         sentences.append(why)
@@ -329,11 +334,11 @@ def finished(
 
 
 def relative_error(result: ImuFit, first: int) -> float:
-    """Largest standard error of the entries of a matrix, over its scale; `first` is the place of the matrix in `names`."""
+    """Largest standard error of the entries of a matrix relative to its scale; `first` is the index of the matrix in `names`."""
     errors, matrix = (x[first : first + 9].reshape(3, 3) for x in (result.standard_error, result.values))
     return float(np.max(errors / np.abs(np.diag(matrix))[:, None]))
 
 
 def parts_of(value: float) -> str:
-    """A ratio in % or ppm."""
+    """Format a ratio in % or ppm."""
     return f"{100 * value:.2g} %" if value >= 1e-4 else f"{1e6 * value:.2g} ppm"

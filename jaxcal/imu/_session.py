@@ -1,4 +1,4 @@
-"""`ferraris`: triads from labelled faces and turns; `faces` finds the faces; `read_regions` reads the labels of a file."""
+"""`ferraris`: calibrate triads from labelled faces and turns; `faces` detects the faces; `read_regions` reads labels from a file."""
 
 import csv
 import dataclasses
@@ -37,14 +37,15 @@ Region = tuple[str, int, int]
 
 
 def read_regions(path: Any, rate: float) -> list[Region]:
-    r"""Labelled regions of a recording from a file.
+    r"""Read the labelled regions of a recording from a file.
 
     Parameters
     ----------
     path : JSON as imucal writes it, {"x_p": {"start": 540, "end": 1271}, ...}, in samples; or CSV with the columns label, start and stop,
-        in samples, or in s where the header says `start [s]`. The end is not part of a region. A CSV with the column label alone has a row
-        for each sample, such as the log itself: rows in a row with the same label are a region, and rows without a label none.
-    rate : Hz.
+        in samples, or in s if the header is `start [s]`. The end is not part of a region. A CSV with a label column but without start and
+        stop has one row for each sample, as the log itself has: consecutive rows with the same label form a region; an empty label marks
+        no region.
+    rate : sample rate, Hz.
 
     Returns
     -------
@@ -53,7 +54,7 @@ def read_regions(path: Any, rate: float) -> list[Region]:
     Raises
     ------
     DataError
-        If the file cannot be read so.
+        If the file does not exist or has neither of these forms.
 
     Examples
     --------
@@ -90,26 +91,26 @@ def read_regions(path: Any, rate: float) -> list[Region]:
 
 
 def _runs(labels: list[str], where: str) -> list[Region]:
-    """Regions of rows that are labelled one by one."""
+    """Regions from one label for each row; rows without a label belong to no region."""
     edges = [0, *(i for i in range(1, len(labels)) if labels[i] != labels[i - 1]), len(labels)]
     return listed([(labels[i], i, j) for i, j in itertools.pairwise(edges) if j > i and labels[i]], where)
 
 
 def joined(logs: Mapping[str, Any]) -> tuple[Log, list[Region]]:
-    """One log and its regions from a session that was cut up into a log for each region.
+    """Join a session that has one log for each region into one log with labelled regions.
 
     Parameters
     ----------
-    logs : label -> `jaxcal.Log`, such as {"x_p": log, "x_a": log, ..., "z_rot": log}; of one rate, with the same sensors.
+    logs : label -> `jaxcal.Log`, such as {"x_p": log, "x_a": log, ..., "z_rot": log}, all with the same rate and sensors.
 
     Returns
     -------
-    The logs one after the other, and (label, start, stop) of each, for `ferraris`.
+    The concatenated log, and (label, start, stop) of each part, for `ferraris`.
 
     Raises
     ------
     DataError
-        If there is none, or rates or sensors differ.
+        If there is no log, or if rates or sensors differ.
 
     Examples
     --------
@@ -135,7 +136,7 @@ def joined(logs: Mapping[str, Any]) -> tuple[Log, list[Region]]:
 
 
 def listed(regions: Any, where: str = "regions") -> list[Region]:
-    """Regions of a mapping or a list, as (label, start, stop)."""
+    """Convert a mapping or a list of regions to (label, start, stop)."""
     if isinstance(regions, Mapping):
         regions = [(label, ends) for label, ends in regions.items()]
     found = []
@@ -155,15 +156,15 @@ def listed(regions: Any, where: str = "regions") -> list[Region]:
 
 @host_float64
 def faces(log: Any) -> list[Region]:
-    """Labelled regions of a log in which a squared block lies on each of its six faces, for `ferraris`.
+    """Find the rests in which a rectangular block lies on its six faces, and label them for `ferraris`.
 
     Parameters
     ----------
-    log : `jaxcal.Log` with an accelerometer, which is still on each face for 2 s or more.
+    log : `jaxcal.Log` with an accelerometer that rests on each face for 2 s or more.
 
     Returns
     -------
-    List of (label, start, stop) in samples. Rests off a face by more than 25 degrees are left out.
+    List of (label, start, stop) in samples. Rests more than 25 degrees away from every face are left out.
 
     Raises
     ------
@@ -199,33 +200,33 @@ def faces(log: Any) -> list[Region]:
 
 
 def rests_among(regions: Any) -> list[tuple[int, int]] | None:
-    """Start and stop of the regions, where every label is that of a rest; else None."""
+    """Start and stop of the regions if every label names a rest; else None."""
     known = listed(regions)
     return [(start, stop) for _, start, stop in known] if all(_REST.fullmatch(label.strip()) for label, _, _ in known) else None
 
 
 @host_float64
 def ferraris(log: Any, regions: Any, *, gravity: float | int, angle: float = 2 * np.pi) -> ImuFit:
-    r"""Accelerometer and gyroscope from a Ferraris session: six faces of a box at rest, and a turn about each axis.
+    r"""Calibrate accelerometer and gyroscope from a Ferraris session: a box at rest on six faces, and one turn about each axis.
 
-    Without turns it is the six-position test of the accelerometer, and the gyroscope is left out.
+    Without turns this is the six-position test of the accelerometer, and the result has no gyroscope.
 
     .. math:: \bar y_a = M_a f + b_a,\quad f = \pm g e_j;\qquad \bar y_g = b_g + G f;\qquad
               \int (y_g - b_g - G f)\,dt = \pm M_g e_j\,\alpha
 
-    by least squares; regions of the same label are repetitions. The frame of the result is that of the box. A turn has the sign that the
-    gyroscope shows, so that a gyroscope mounted upside down is not noticed.
+    The equations are solved by least squares; regions with the same label are repetitions. The frame of the result is that of the box.
+    The sign of a turn is taken from the gyroscope itself, so a gyroscope mounted upside down is not detected.
 
-    The intervals come from the residuals of the six faces. These show how well the box lies on a face; the axis of a turn is taken to be
-    as good, and its angle better by the root of two of it, because nothing but a repetition can show the error of a turn.
+    The intervals come from the residuals of the six faces, which show how exactly the box lies on a face. The fit assumes that the axis
+    of a turn is as exact, and that each end of a turn has the same error, because only repetitions can show the error of a turn.
 
     Parameters
     ----------
     log : `jaxcal.Log` with accelerometer and gyroscope.
-    regions : (label, start, stop) of each, in samples, `stop` excluded; or a mapping from label to (start, stop). The labels are x_p, x_a,
-        y_p, y_a, z_p, z_a for an axis up or down, and x_rot, y_rot, z_rot for the turns. `read_regions` reads them from a file.
-    gravity : m/s^2 at the place.
-    angle : rad of each turn.
+    regions : list of (label, start, stop) in samples, `stop` excluded; or a mapping from label to (start, stop). The labels are x_p, y_p,
+        z_p for an axis up, x_a, y_a, z_a for an axis down, and x_rot, y_rot, z_rot for the turns. `read_regions` reads them from a file.
+    gravity : local gravity, m/s^2.
+    angle : angle of each turn, rad.
 
     Returns
     -------
@@ -234,7 +235,7 @@ def ferraris(log: Any, regions: Any, *, gravity: float | int, angle: float = 2 *
     Raises
     ------
     DataError
-        If a region is missing or outside of the log, or the readings contradict its label.
+        If a region is missing or outside the log, or if the readings contradict its label.
 
     Examples
     --------
@@ -303,7 +304,7 @@ def ferraris(log: Any, regions: Any, *, gravity: float | int, angle: float = 2 *
 
 
 def _sorted(regions: list[Region], samples: int) -> tuple[list[Any], list[Any]]:
-    """Faces as (axis, sign, start, stop), and turns likewise with the sign zero."""
+    """Split the regions into faces (axis, sign, start, stop) and turns, which have the sign zero."""
     found = []
     for label, start, stop in regions:
         match = _LABEL.fullmatch(label.strip())
@@ -323,7 +324,7 @@ def _sorted(regions: list[Region], samples: int) -> tuple[list[Any], list[Any]]:
 
 
 def _turned(record: Recording, force: np.ndarray, turns: list[Any], beta: np.ndarray, angle: float) -> tuple[np.ndarray, np.ndarray]:
-    """Integrals (n, 3) of the readings less what they are at rest, positive about the axis of the turn, and these axes."""
+    """Integrals (n, 3) of the readings minus their value at rest, with the sign that is positive about the axis of the turn; the axes."""
     sums = []
     for axis, _, i, j in turns:
         rate = np.asarray(record.bridged)[i:j, :3] - beta[0] - force[i:j] @ beta[1:]
@@ -358,7 +359,7 @@ def _turn_variance(
 
 
 def _covariance(accel: np.ndarray, still: np.ndarray | None = None, matrix: np.ndarray | None = None) -> np.ndarray:
-    """(33, 33) of both triads; the gyroscope's matrix is taken apart from its bias, on which it hardly depends."""
+    """(33, 33) covariance of both triads, without correlation between the gyroscope's matrix and its bias, which is negligible."""
     covariance = np.zeros((33, 33))
     covariance[:12, :12] = accel
     if still is None or matrix is None:
@@ -371,7 +372,7 @@ def _covariance(accel: np.ndarray, still: np.ndarray | None = None, matrix: np.n
 
 
 def _judged(result: ImuFit, tilt: float, turns: int) -> ImuFit:
-    """The result with intervals and verdict."""
+    """Add intervals and verdict to the result."""
     half = scipy.special.stdtrit(result.degrees_of_freedom, 0.975) * result.standard_error
     interval = np.stack([result.values - half, result.values + half], axis=1)
     force, rate = relative_error(result, 0), relative_error(result, 12) if turns else 0.0

@@ -1,4 +1,4 @@
-"""Recordings and readings of sensors whose truth is known."""
+"""Simulated recordings and readings of sensors with known parameters."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ from ._known import SIX, checked_gravity
 from ._model import EARTH_RATE, Imu, Triad
 from ._result import PLACES
 
-#: a MEMS unit of the common kind, and its white noise in m/s/sqrt(s) and rad/sqrt(s)
+#: a typical MEMS unit, and its white noise in m/s/sqrt(s) and rad/sqrt(s)
 MEMS = Imu(
     Triad(np.array([[1.012, 0.004, -0.006], [0.0, 0.991, 0.009], [0.0, 0.0, 1.005]]), np.array([0.12, -0.08, 0.2])),
     Triad(
@@ -25,12 +25,12 @@ MEMS_NOISE = {"accel": 1.5e-3, "gyro": 1e-4}
 
 
 def attitudes(poses: int = 24, seed: Any = 0) -> np.ndarray:
-    """Attitudes for a calibration by hand: faces, edges and corners of the case in random order, each off by some degrees.
+    """Attitudes for a calibration by hand: faces, edges and corners of the case in random order, each with an error of some degrees.
 
     Parameters
     ----------
-    poses : number of them; from 26 on the places are taken again.
-    seed : of the order and the errors, or a generator of NumPy.
+    poses : number of attitudes; above 26, faces, edges and corners repeat.
+    seed : seed of the order and the errors, or a NumPy generator.
 
     Returns
     -------
@@ -51,7 +51,7 @@ def attitudes(poses: int = 24, seed: Any = 0) -> np.ndarray:
 
 
 def _attitude_with(up: np.ndarray, heading: float) -> np.ndarray:
-    """C_nb (north, west, up from body) with the given upward direction in body axes."""
+    """Rotation matrix C_nb (from body axes to north, west, up) with the given upward direction in body axes."""
     aside = np.eye(3)[np.argmin(np.abs(up))]
     first = np.cross(aside, up)
     first /= np.linalg.norm(first)
@@ -78,34 +78,34 @@ def simulate(
     motion: int | None = None,
     seed: int = 0,
 ) -> Log:
-    """A recording as `multi_position` wants it: a rest, then poses held still with smooth turns between them.
+    """Simulate a recording for `multi_position`: an initial rest, then still poses with smooth turns between them.
 
-    Every turn is about an axis fixed in the body, with rate and acceleration zero at its ends; the sensor sits in the centre of
+    Every turn is about an axis fixed in the body; its rate and acceleration are zero at both ends. The sensor sits in the centre of
     rotation. Rates and forces are exact.
 
     Parameters
     ----------
-    poses : number of still intervals, the first of which is the initial rest.
-    rate : Hz. initial, still, turn : length of the initial rest, of the others and of the turns, s.
-    accel, gyro : `Triad`s of the sensors, or subclasses; `jaxcal.imu.MEMS` unless given.
+    poses : number of still intervals, including the initial rest.
+    rate : Hz. initial, still, turn : length of the initial rest, of the other rests and of the turns, s.
+    accel, gyro : `Triad`s of the sensors, or subclasses; the default is `jaxcal.imu.MEMS`.
     noise : {"accel": N, "gyro": N}, white noise in m/s/sqrt(s) and rad/sqrt(s), or a `jaxcal.noise.Noise` for each; None for that of a
-        common MEMS unit.
+        typical MEMS unit.
     gravity : m/s^2.
-    latitude : rad, to add the Earth's rate; None for none.
-    up : (poses, 3) upward directions in body axes; None for faces, edges and corners, each off by some degrees.
-    saturation : ends of the range of accelerometer and gyroscope, in the unit of the readings.
-    motion : seed of poses and headings, where many records of one motion are wanted; None for that of `seed`.
-    seed : of the noise.
+    latitude : rad, to add the Earth's rate; None leaves it out.
+    up : (poses, 3) upward directions in body axes; None for faces, edges and corners, each with an error of some degrees.
+    saturation : (accelerometer, gyroscope) limits of the range, in the unit of the readings.
+    motion : seed of poses and headings, for several recordings of the same motion; None uses `seed`.
+    seed : seed of the noise.
 
     Returns
     -------
     Log
-        In the unit of the readings: m/s^2 and rad/s for triads near the unit matrix.
+        In the unit of the readings: m/s^2 and rad/s if the matrices are near the identity.
 
     Raises
     ------
     DataError
-        For fewer than 2 poses, or lengths that are not positive.
+        If there are fewer than 2 poses, or a length is not positive.
 
     Examples
     --------
@@ -165,16 +165,16 @@ def simulate_positions(
     tilt: float = 0.0,
     seed: int = 0,
 ) -> AnyArray:
-    """Mean readings of an accelerometer in positions whose attitude is set up with errors.
+    """Simulate mean readings of an accelerometer in static positions with attitude errors.
 
     Parameters
     ----------
     triad : the accelerometer. gravity : m/s^2.
     up : (k, 3) nominal upward directions in body axes; None for the six of `six_position`.
     sigma : standard deviation of a mean reading.
-    levelling : standard deviation of the error of levelling about each axis, rad, independent in each position.
-    tilt : standard deviation of a rotation common to all positions about each axis, rad.
-    seed : of all of these.
+    levelling : standard deviation of the levelling error about each axis, rad, independent in each position.
+    tilt : standard deviation about each axis of a rotation common to all positions, rad.
+    seed : seed of all random errors.
 
     Returns
     -------
@@ -193,6 +193,6 @@ def simulate_positions(
     turned = scipy.spatial.transform.Rotation.from_rotvec(tilt * rng.normal(size=3)).apply(
         scipy.spatial.transform.Rotation.from_rotvec(errors).apply(directions)
     )
-    # in NumPy: simulations call this by the hundred
+    # NumPy instead of `Triad.measure`, because simulations call this hundreds of times
     readings = float(gravity) * turned @ np.asarray(triad.matrix).T + np.asarray(triad.bias)
     return readings + sigma * rng.normal(size=directions.shape)

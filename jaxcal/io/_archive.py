@@ -1,4 +1,4 @@
-"""Zip files: NumPy arrays, workbooks, and logs that an app or a person packed."""
+"""Zip files: NumPy arrays, workbooks, and packed logs."""
 
 import contextlib
 import pathlib
@@ -17,14 +17,14 @@ _PIECE = 1 << 20
 
 
 def zip_kind(path: pathlib.Path) -> str:
-    """The format npz, or zip for packed logs; a workbook is refused with its sheets."""
+    """Return the format npz, or zip for packed logs; refuse a workbook, and list its sheets."""
     book = ""
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
             book = _workbook(archive) if "xl/workbook.xml" in names else ""
     except (zipfile.BadZipFile, NotImplementedError, OSError, UnicodeError, ValueError):
-        return "npz"  # damaged: whoever reads it says so
+        return "npz"  # a damaged file, which its reader will report
     if book:
         raise DataError(book)
     return "npz" if not names or all(name.endswith(".npy") for name in names) or path.suffix.lower() == ".npz" else "zip"
@@ -45,7 +45,7 @@ def _workbook(archive: zipfile.ZipFile) -> str:
 
 @contextlib.contextmanager
 def unpacked(path: pathlib.Path) -> Iterator[pathlib.Path]:
-    """The logs of a zip file in a folder that is removed afterwards; no more is unpacked than a log can hold."""
+    """Unpack the logs of a zip file into a temporary folder, with a limit on the total size."""
     size = path.stat().st_size
     with zipfile.ZipFile(path) as archive, _room() as folder:
         members = [one for one in archive.infolist() if not one.is_dir() and _wanted(one.filename)]
@@ -73,7 +73,7 @@ def unpacked(path: pathlib.Path) -> Iterator[pathlib.Path]:
 
 @contextlib.contextmanager
 def _room() -> Iterator[pathlib.Path]:
-    """A folder for temporary files; those of runs that were killed are removed first."""
+    """Make a temporary folder, after removing the folders of killed runs."""
     above = pathlib.Path(tempfile.gettempdir())
     clear_hidden(above)
     room = above / hidden_name()

@@ -1,4 +1,4 @@
-"""Which columns of a table are which sensor: as `columns=` says, a device is known to name them, or their names, units and values tell."""
+"""Assign the columns of a table to sensors: by `columns=`, by known devices, or by names, units and values."""
 
 import dataclasses
 import re
@@ -25,9 +25,9 @@ _FILES = {
     "accel": r"acc(?![a-z])|accel|beschleunigung|specific_?force",
     "mag": r"mag(?![a-z])|magnet|compass",
 }
-#: words in the name of a column that make it look like a sensor's
+#: words that suggest a sensor in the name of a column
 _LIKE = re.compile(r"gyr|angular|omega|rotrate|rotation(?!vector)|acc|mag(?:n|_|$|[xyz])|compass", re.IGNORECASE)
-#: words of values that are not as the sensor gave them
+#: words for values that were processed after the sensor
 _FILTERED = re.compile(r"filt(?!er.?off)|lpf|smooth|(?<![a-z])(?:avg|mean|true|ref|est|ekf|kalman|fused)(?![a-z])", re.IGNORECASE)
 _CLOCKS = re.compile(r"time|stamp", re.IGNORECASE)
 _NOT_LIKE = re.compile(r"covar|bias|std|status|accura|calib|norm|total|abs|count|clip|temp|image|max|min|magnitude", re.IGNORECASE)
@@ -35,7 +35,7 @@ _NOT_LIKE = re.compile(r"covar|bias|std|status|accura|calib|norm|total|abs|count
 
 @dataclasses.dataclass
 class Selection:
-    """Columns by quantity, what the names say of units, and how it was chosen; `names` are the meanings of all columns."""
+    """Columns by quantity, units from the names, and how the choice was made; `names` are the meanings of all columns."""
 
     columns: dict[str, list[int]]
     units: dict[str, str]
@@ -48,7 +48,7 @@ class Selection:
 
 
 def select(table, columns: Columns) -> Selection:
-    """Sensors and temperature of a table; time is left to `_clock`, but for what is explicit."""
+    """Choose the sensors and the temperature of a table; time, unless explicit, is chosen in `_clock`."""
     names, count = table.names, len(table.columns)
     explicit = resolve(columns, names, count)
     profile, known = matching(names if any(names) else _labelled(table), table.preamble, table.stem)
@@ -82,7 +82,7 @@ def select(table, columns: Columns) -> Selection:
 
 
 def _labelled(table) -> list[str]:
-    """Names for a table without: of five columns that begin with the word of a sensor, that word and what the others are."""
+    """Names for a table without names, if it has five columns: the word of a sensor, a time, and three axes."""
     if len(table.columns) == 5 and table.columns[0].dtype.kind == "O":
         words = {str(value).strip() for value in table.columns[0] if value is not None}
         if len(words) == 1:
@@ -91,7 +91,7 @@ def _labelled(table) -> list[str]:
 
 
 def _shared_prefix(names: list[str]) -> str:
-    """What all names begin with, up to a separator, as the name of a device; nothing where it may be a word of a sensor."""
+    """Common prefix of all names up to a separator, such as the name of a device; empty if it may denote a sensor."""
     named = [name for name in names if name]
     ends = (min(named), max(named)) if len(named) > 3 else ("", "")
     same = next((i for i, (a, b) in enumerate(zip(*ends, strict=False)) if a != b), min(map(len, ends)))
@@ -111,7 +111,7 @@ def _present(table, index: int) -> bool:
 
 
 def _groups(table, meanings: list[Name | None], kind: str) -> dict[tuple[int, str], dict[str, int]]:
-    """Columns of one kind by sensor: number and stem -> axis -> column; a sensor without a value is none."""
+    """Columns of one kind by sensor: (instance, stem) -> axis -> column; sensors without any value are left out."""
     found: dict[tuple[int, str], dict[str, int]] = {}
     for i, one in enumerate(meanings):
         if one is not None and one.kind == kind and one.axis and is_number(table, i):
@@ -130,11 +130,11 @@ def _by_name(table, columns: Columns, found: Selection) -> None:
         if not groups:
             continue
         whole = [key for key, axes in groups.items() if len(axes) == 3]
-        # noise and calibration ask for what the sensor gave
+        # prefer unprocessed values, which noise analysis and calibration need
         whole.sort(key=lambda key: bool(_FILTERED.search(" ".join(table.names[i] for i in groups[key].values()))))
         key = whole[0] if whole else next(iter(groups))
         axes = groups[key]
-        if not whole:  # axes of one sensor that are spelled differently
+        if not whole:  # the axes of one sensor may be spelled differently
             for other in groups.values():
                 axes = other | axes
         present = [axis for axis in AXES if axis in axes]
@@ -167,7 +167,7 @@ def _by_name(table, columns: Columns, found: Selection) -> None:
 
 
 def file_kind(stem: str) -> str | None:
-    """The sensor that the name of a file tells, where it tells one."""
+    """The sensor named in a file name, or None."""
     low = re.sub(r"([a-z])([A-Z])", r"\1_\2", stem).lower()
     found = [kind for kind, pattern in _FILES.items() if re.search(rf"(?<![a-z])(?:{pattern})|(?:{pattern})", low)]
     if found and found[0] in ("linear", "gravity", "attitude"):
@@ -176,7 +176,7 @@ def file_kind(stem: str) -> str | None:
 
 
 def _by_file(table, columns: Columns, found: Selection) -> None:
-    """Columns that are called x, y, z belong to the sensor that names the file."""
+    """Assign columns that are called x, y, z to the sensor in the file name."""
     if found.profile or set(found.columns) & set(SENSORS) or any(sensor in columns for sensor in SENSORS):
         return
     kind = file_kind(table.stem)
@@ -197,7 +197,7 @@ def _by_file(table, columns: Columns, found: Selection) -> None:
 
 
 def _bare_axes(table, found: Selection) -> list[int]:
-    """Columns that are called x, y, z, alone or with words that all three share."""
+    """Columns that are called x, y, z, alone or with the same words in all three names."""
     bare = [re.sub(r"[\[(].*?[\])]", "", name).lower() for name in table.names]
     low = [re.sub(r"^axis|axis$|^raw|^value", "", plain(name)) for name in bare]
     axes = [low.index(axis) for axis in AXES if axis in low and _present(table, low.index(axis))]
@@ -240,7 +240,7 @@ def _by_position(table, columns: Columns, found: Selection) -> None:
         numeric = [i for i in numeric if i not in counters]
     left = [i for i in numeric if i not in (time or [])]
     if len(left) not in (3, 6, 9):
-        # the number of a person or of a sensor
+        # leave out constant columns, such as the number of a person or a sensor
         left = [i for i in left if np.ptp(table.columns[i]) > 0] if len(table.columns[0]) > 10 else left
     label = _label(table)
     if label and len(left) == 3:
@@ -269,7 +269,7 @@ def _by_position(table, columns: Columns, found: Selection) -> None:
 
 
 def _label(table) -> str | None:
-    """The sensor that a word in every row names; several words are several sensors, which are told."""
+    """The sensor named by a word in every row, or None; rows of several sensors are refused."""
     for i, column in enumerate(table.columns):
         if column.dtype.kind != "O":
             continue
@@ -287,7 +287,7 @@ def _label(table) -> str | None:
 
 
 def increasing(values: np.ndarray) -> bool:
-    """Whether a column rises as time does: nearly all steps up."""
+    """Whether a column increases like time: nearly all steps are positive."""
     if values.dtype.kind not in "iuf":
         return False
     steps = np.diff(values)
@@ -295,7 +295,7 @@ def increasing(values: np.ndarray) -> bool:
 
 
 def _tell_unused(table, found: Selection) -> None:
-    """Name the columns that look like those of a sensor and are not read."""
+    """Report columns that look like those of a sensor but are not read."""
     used = {i for indices in found.columns.values() for i in indices}
     strange = [
         i for i, name in enumerate(table.names)

@@ -1,8 +1,8 @@
-"""Records chunk by chunk, from files that need not fit into memory.
+"""Read records in chunks, from files that need not fit into memory.
 
-NumPy .npy and .npz that is not compressed are memory-mapped; Parquet is read by row groups, HDF5 by slices, plain text tables by
-blocks of lines. Of ULog and DataFlash the places of the rows are held (8 bytes each), of ROS recordings some thousand messages; their
-stamps are looked through once, and what is missing between them becomes NaN. Every other log is converted once (`jaxcal.io.convert`).
+Uncompressed NumPy .npy and .npz files are memory-mapped; Parquet is read by row groups, HDF5 by slices, plain text tables by blocks of
+lines. For ULog and DataFlash, the offsets of the rows stay in memory (8 bytes each); for ROS recordings, some thousand messages. Their
+time stamps are scanned once, and missing samples become NaN. Other formats must be converted first (`jaxcal.io.convert`).
 """
 
 import dataclasses
@@ -27,7 +27,7 @@ from ._readers._ros import ros_rows
 from ._readers._streams import Rows
 from ._readers._text import open_text, sniff
 
-#: rows of messages looked at together, and the step in periods from which samples are missing
+#: number of messages examined together, and the step in periods above which samples are missing
 _BLOCK, _GAP = 1 << 16, 1.5
 _TIME = ("time", "timestamp", "stamp", "t")
 _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
@@ -35,13 +35,13 @@ _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.r
 
 @dataclasses.dataclass(frozen=True)
 class Chunks:
-    """A record that is read when it is asked for: `read(start, stop)` gives (stop - start, channels)."""
+    """A record that is read on demand: `read(start, stop)` returns (stop - start, channels)."""
 
     samples: int
     channels: int
-    flat: bool  # a single channel without an axis of its own
+    flat: bool  # whether the record is one channel of shape (n,)
     read: Callable[[int, int], np.ndarray]
-    rate: float | None = None  # Hz, where stamps tell it
+    rate: float | None = None  # Hz, if time stamps determine it
 
     def of(self, length: int) -> Iterator[np.ndarray]:
         """The record in chunks of `length` samples, the last of which may be shorter."""
@@ -50,10 +50,10 @@ class Chunks:
 
 
 def open_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
-    """The record in a .npy, .npz, Parquet or HDF5 file, a text table, a ULog, a DataFlash log or a ROS recording.
+    """Open the record in a .npy, .npz, Parquet or HDF5 file, a text table, a ULog, a DataFlash log or a ROS recording.
 
-    `columns` are channels by number (.npy, text) or name (Parquet, text), arrays by name (.npz, HDF5), or one topic (logs of messages); by
-    default all that hold numbers and no time, or the only topic.
+    `columns` are channels by number (.npy, text) or name (Parquet, text), arrays by name (.npz, HDF5), or one topic (logs of messages).
+    The default is all numeric columns except times, or the only topic.
     """
     kind, sources = find(path)
     if kind == "npy":
@@ -72,7 +72,7 @@ def open_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
 
 
 def array_chunks(array: np.ndarray, columns: Sequence[Any] | None) -> Chunks:
-    """The record in an array, in memory or mapped."""
+    """The record in an array, which may be memory-mapped."""
     if array.ndim not in (1, 2) or array.dtype.kind not in "iuf":
         raise DataError(f"the array has shape {array.shape} and type {array.dtype}; expected numbers of shape (n,) or (n, channels)")
     width = 1 if array.ndim == 1 else array.shape[1]
@@ -85,7 +85,7 @@ def array_chunks(array: np.ndarray, columns: Sequence[Any] | None) -> Chunks:
 
 
 def _joined(arrays: dict[str, Any], columns: Sequence[Any] | None) -> Chunks:
-    """Arrays of one length side by side."""
+    """The record of several arrays of one length, side by side."""
     usable = {name: array for name, array in arrays.items() if array.ndim in (1, 2) and array.dtype.kind in "iuf" and len(array) > 1}
     names = _named(list(usable), columns, "arrays of numbers are")
     chosen = [usable[name] for name in names]
@@ -101,7 +101,7 @@ def _joined(arrays: dict[str, Any], columns: Sequence[Any] | None) -> Chunks:
 
 
 def _named(usable: list[str], columns: Sequence[Any] | None, what: str) -> list[str]:
-    """The names that `columns` asks for, by default all but those of a time."""
+    """The names in `columns`; the default is all names except those of a time."""
     if columns is None:
         names = [name for name in usable if name.rpartition("/")[2].lower().split("_")[0] not in _TIME]
     else:
@@ -113,7 +113,7 @@ def _named(usable: list[str], columns: Sequence[Any] | None, what: str) -> list[
 
 
 def _mapped(path: pathlib.Path) -> dict[str, np.ndarray]:
-    """Arrays of an .npz where they stand in the file."""
+    """Memory-map the arrays of an .npz file."""
     found = {}
     size = path.stat().st_size
     with zipfile.ZipFile(path) as archive, path.open("rb") as file:
@@ -134,7 +134,7 @@ def _mapped(path: pathlib.Path) -> dict[str, np.ndarray]:
 
 
 def _datasets(path: pathlib.Path) -> dict[str, Any]:
-    """Data sets of an HDF5 file, each opened where it stands; the file stays open as long as they are used."""
+    """Data sets of an HDF5 file, not loaded; the file stays open as long as they are used."""
     require("h5py", "reading HDF5 and MATLAB 7.3", "hdf5")
     import h5py
 
@@ -165,7 +165,7 @@ def _parquet_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks
 
 
 def _text_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
-    """A plain text table: its rows are counted once, and blocks parsed when they are asked for."""
+    """The record in a plain text table: rows are counted once, and blocks are parsed on demand."""
     require("polars", "reading tables", "csv")
     text = open_text(path)
     if text.packed or text.content is not None:
@@ -193,7 +193,7 @@ def _text_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
 
 
 def _message_chunks(path: pathlib.Path, kind: str, sources: list[pathlib.Path], columns: Sequence[Any] | None) -> Chunks:
-    """One topic of a log of messages, on a uniform grid: samples that its stamps leave out are NaN."""
+    """One topic of a log of messages on a uniform grid; missing samples are NaN."""
     given = [columns] if isinstance(columns, str) else [str(one) for one in columns or ()]
     if len(given) > 1:
         raise DataError(f"columns={columns!r}: topics have stamps of their own; name one of them")
@@ -212,7 +212,7 @@ def _message_chunks(path: pathlib.Path, kind: str, sources: list[pathlib.Path], 
 
     def read(start: int, stop: int) -> np.ndarray:
         out = np.full((stop - start, channels), np.nan)
-        # the rows of this stretch: those of the segments in it
+        # rows of the segments between start and stop
         first, last = (int(_row_at(starts, slots, rows.count, place)) for place in (start, stop))
         if last > first:
             each = np.arange(first, last)
@@ -224,7 +224,7 @@ def _message_chunks(path: pathlib.Path, kind: str, sources: list[pathlib.Path], 
 
 
 def _row_at(starts: np.ndarray, slots: np.ndarray, count: int, place: int) -> int:
-    """The first row at or behind a place of the grid."""
+    """The first row at or after a place of the grid."""
     segment = int(np.searchsorted(slots, place, "right")) - 1
     if segment < 0:
         return 0
@@ -233,7 +233,7 @@ def _row_at(starts: np.ndarray, slots: np.ndarray, count: int, place: int) -> in
 
 
 def _segments(rows: Rows) -> tuple[np.ndarray, np.ndarray, float]:
-    """Where stretches without a gap begin, as rows and as places of the grid, and the period in ns."""
+    """Starts of the stretches without gaps, as rows and as places of the grid; and the period in ns."""
     steps, block = np.diff(rows.stamps(0, min(rows.count, _BLOCK))), _BLOCK
     rising = steps[steps > 0]
     if not len(rising):
@@ -260,7 +260,7 @@ def _segments(rows: Rows) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def _check_units(rows: Rows, period: float) -> None:
-    """A unit that the first samples contradict is an error: read in chunks there is nobody to be told."""
+    """Raise an error if the first samples contradict the unit of the format, because reading in chunks gives no warnings."""
     head, at = rows.values(0, min(rows.count, 5000)), 0
     for name, width in rows.sensors.items():
         values, at = head[:, at : at + width], at + width

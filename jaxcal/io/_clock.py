@@ -1,7 +1,7 @@
-"""When the samples of a table were taken: which column is the clock, in which unit, and what speaks for it.
+"""Find the clock of a table: its column, its unit, and the evidence for them.
 
-A column that counts rows is no clock, whatever it is called. Of several clocks the one that tells more samples apart is taken, and the
-others must agree with it.
+A column that counts rows is not a clock, whatever its name. Of several clocks, the one with more distinct values is used, and the others
+must agree with it.
 """
 
 import dataclasses
@@ -16,7 +16,7 @@ from ._columns import listing, scale
 from ._names import is_counter
 from ._stamps import DAY, SECONDS, Clock, from_digits, is_fraction, pair, since_midnight, unit_by_step
 
-#: whole numbers that a counter of 16, 31 or 32 bits falls back by, and a clock at midnight
+#: sizes of counters of 16, 31 and 32 bits, by which a clock jumps back when its counter wraps
 _WRAPS = (2.0**16, 2.0**31, 2.0**32)
 _STATED = re.compile(
     r"(?:sampl\w*[ _-]*(?:rate|freq\w*)|update[ _-]*rate|output[ _-]*(?:data[ _-]*)?rate|data[ _-]*rate|\bodr|frequency|\bfreq|\bfs|\brate|"
@@ -26,7 +26,7 @@ _FILE_RATE = re.compile(r"(?<![0-9a-z.])([0-9]+(?:[.p][0-9]+)?)[ _-]?(k?hz)(?![a
 
 
 def stated_rate(preamble: str, stem: str) -> tuple[float, str] | None:
-    """A sampling rate that the text above a table, or else the name of the file, states."""
+    """The sampling rate stated in the text above a table, or else in the file name, with its source; or None."""
     for text, pattern, source in ((preamble, _STATED, "the header states"), (stem, _FILE_RATE, "the name of the file states")):
         found = [one for one in pattern.findall(text) if one[1] or not re.search(r"\bat\W+" + re.escape(one[0]), text, re.IGNORECASE)]
         values = {float(number.replace(",", ".").replace("p", ".")) * (1e3 if unit.lower() == "khz" else 1.0) for number, unit in found}
@@ -37,7 +37,7 @@ def stated_rate(preamble: str, stem: str) -> tuple[float, str] | None:
 
 
 def clock_of(table, found: Selection, units: dict[str, str], rate: float | int | None) -> Clock | None:
-    """The clock of a table, or None where it has none."""
+    """The clock of a table, or None if it has none."""
     wanted = found.columns.get("time")
     if wanted is not None and "time" not in found.guessed:
         return _read(table, wanted, units.get("time") or _named_unit(found, wanted), rate, found, explicit="time" in units)
@@ -66,7 +66,7 @@ def clock_of(table, found: Selection, units: dict[str, str], rate: float | int |
 
 
 def _candidates(table, found: Selection, wanted: list[int] | None) -> list[list[int]]:
-    """Columns that may be the clock: named ones; without a name, dates, and else what rises."""
+    """Columns that may be the clock: columns with a time in their name, dates, or else an increasing column."""
     named = [i for i, one in enumerate(found.names) if one is not None and one.kind == "time" and one.axis == ""]
     fraction = [i for i, one in enumerate(found.names) if one is not None and one.kind == "time" and one.axis == "nsec"]
     dates = [i for i, column in enumerate(table.columns) if column.dtype.kind == "M" and i not in table.days]
@@ -111,7 +111,7 @@ def _named_unit(found: Selection, indices: list[int]) -> str | None:
 
 
 def _counts_rows(table, indices: list[int], stated: str | None) -> bool:
-    """Whether a column counts rows: whole numbers, one after the other, and no unit that says otherwise."""
+    """Whether a column counts rows: consecutive whole numbers, without a stated unit."""
     column = table.columns[indices[0]]
     if len(indices) > 1 or indices[0] in table.clocks or column.dtype.kind not in "iuf" or stated is not None:
         return False
@@ -126,7 +126,7 @@ def _counts_rows(table, indices: list[int], stated: str | None) -> bool:
 
 
 def _read(table, indices: list[int], stated: str | None, rate: float | int | None, found: Selection, *, explicit: bool) -> Clock:
-    """Stamps of columns: dates as they are, whole numbers relative to the first so that no digit is lost, decimals as they are."""
+    """Time stamps of columns. Whole numbers become relative to the first, so that no digit is lost; dates and decimals stay as they are."""
     columns = [table.columns[i] for i in indices]
     for i, column in zip(indices, columns, strict=True):
         if column.dtype.kind not in "iufbM":
@@ -176,7 +176,7 @@ def _whole(table, index: int) -> bool:
 
 
 def _compare(table, best: Clock, other: Clock, found: Selection) -> Clock:
-    """Two clocks must agree; one that is sure settles the unit of one that is not."""
+    """Compare two clocks, which must agree; a certain one determines the unit of an uncertain one."""
     shown = [" and ".join(table.names[i] or str(i) for i in one.columns) for one in (best, other)]
     ratio = best.mean / other.mean
     coarse = 2.0 / max(len(best.time) * other.distinct, 1)  # two ticks of the coarser clock
@@ -204,7 +204,7 @@ def _compare(table, best: Clock, other: Clock, found: Selection) -> Clock:
 
 
 def refuse_restarts(clock: Clock) -> None:
-    """Recordings one below the other, in which time begins again, are not one recording."""
+    """Refuse a table in which time starts again, because it has several recordings one below the other."""
     seconds = clock.seconds
     with np.errstate(invalid="ignore"):
         back = np.flatnonzero(np.diff(seconds) < 0)
@@ -237,7 +237,7 @@ def refuse_restarts(clock: Clock) -> None:
 
 
 def check_rate(clock: Clock, stated: tuple[float, str] | None, warnings: list[str], names: str) -> None:
-    """Compare a clock with a rate that is stated elsewhere, and with what is possible."""
+    """Compare a clock with a rate stated elsewhere, and with plausible rates."""
     rate = 1.0 / clock.period if clock.period else np.nan
     if not np.isfinite(rate):
         return
@@ -257,7 +257,7 @@ def check_rate(clock: Clock, stated: tuple[float, str] | None, warnings: list[st
                     "this is no clock; give the unit with units={'time': ...} (--units time=...), or leave the stamps out with "
                     "columns={'time': None} (--columns time=none) and rate= (--rate)"
                 )
-        if stated[1] != "the file states":  # of which the log itself will speak
+        if stated[1] != "the file states":  # in this case `_build` in `_read` adds the warning
             warnings.append(f"{stated[1]} {stated[0]:g} Hz, but the stamps say {rate:.5g} Hz, which is used")
     if clock.unit == "s" and stated is None and clock.period == 1.0 and clock.seconds[0] in (0.0, 1.0):
         warnings.append(f"the clock {names} rises by 1 in every row: one sample a second, or a counter; if it counts rows, give --rate")
@@ -269,7 +269,7 @@ def check_rate(clock: Clock, stated: tuple[float, str] | None, warnings: list[st
 
 
 def no_clock(table, rate_needed: bool, counters: list[str]) -> DataError:
-    """The error where a table has no clock and no rate."""
+    """Error for a table without a clock and without a rate."""
     counted = f"; {', '.join(counters)} counts rows and is no time" if counters else ""
     return DataError(
         f"there is no time column among {listing(table.names, len(table.columns))}{counted}; give the sampling rate with rate= (--rate), "
@@ -278,5 +278,5 @@ def no_clock(table, rate_needed: bool, counters: list[str]) -> DataError:
 
 
 def label_of(table: Any, indices: list[int]) -> str:
-    """Columns by name, else by number."""
+    """Label columns by name, or by number if they have none."""
     return " and ".join(table.names[i] or f"column {i}" for i in indices)

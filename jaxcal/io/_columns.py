@@ -1,4 +1,4 @@
-"""Which column holds what, in which unit, as `columns=`, `units=` and `topics=` say."""
+"""Parse the options `columns=`, `units=` and `topics=`."""
 
 import re
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ Columns = dict[str, list[int | str] | None]
 
 
 def parse_columns(given: Mapping[str, Any] | str | None) -> Columns:
-    """Columns by quantity, from a mapping or a string.
+    """Parse columns by quantity from a mapping or a string.
 
     Examples
     --------
@@ -45,7 +45,7 @@ def parse_columns(given: Mapping[str, Any] | str | None) -> Columns:
 
 
 def parse_units(given: Mapping[str, Any] | str | None) -> dict[str, str]:
-    """Units by quantity; each is checked, and a bare number means SI units per count."""
+    """Parse and check units by quantity; a number without unit is the size of one count in SI."""
     found = {}
     for name, value in _pairs(given, "units").items():
         if name not in quantities():
@@ -56,7 +56,7 @@ def parse_units(given: Mapping[str, Any] | str | None) -> dict[str, str]:
 
 
 def parse_topics(given: Any) -> list[str] | None:
-    """Topic names, from a list or a string with commas."""
+    """Parse topic names from a list or a comma-separated string."""
     if given is None:
         return None
     topics = [t.strip() for t in given.split(",")] if isinstance(given, str) else [str(t) for t in given]
@@ -66,7 +66,7 @@ def parse_topics(given: Any) -> list[str] | None:
 
 
 def scale(unit: str, quantity: str) -> tuple[float, float]:
-    """Factor and offset from `unit`, which may carry a number ("0.05 deg/s"), to SI."""
+    """Factor and offset that convert `unit`, which may begin with a number ("0.05 deg/s"), to SI."""
     number, rest = 1.0, unit
     match = re.match(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*[ *]?\s*(.*)", unit)
     if match and find_unit(unit, quantity) is None:
@@ -107,7 +107,7 @@ def _column(value: Any) -> int | str:
 
 
 def resolve(columns: Columns, names: list[str], count: int) -> dict[str, list[int]]:
-    """Numbers of the columns that `columns=` names; ``"1:3"`` is the range from 1 to 3, ends included."""
+    """Resolve the columns in `columns=` to column numbers; ``"1:3"`` means columns 1 to 3, inclusive."""
     found = {}
     for quantity, wanted in columns.items():
         if wanted is None:
@@ -143,7 +143,7 @@ def _plain(name: str) -> str:
 
 
 def listing(names: list[str], count: int) -> str:
-    """The columns of a table, for a message."""
+    """List the columns of a table, for a message."""
     if any(names):
         shown = [f"{i} ({name})" for i, name in enumerate(names)]
         return ", ".join(shown[:24]) + (f" and {len(shown) - 24} more" if len(shown) > 24 else "")

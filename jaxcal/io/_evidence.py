@@ -1,79 +1,79 @@
-"""What the values of a sensor say of their unit, whatever their names say.
+"""Evidence for the unit of a sensor in its values, independent of names.
 
-Four things are looked at. The *step* of the values: sensors count, and the size of a count is known for common ones (an MPU-6050 has
-131 counts per deg/s). *Gravity* and the Earth's *field*, whose size is known. And *turning*: seen from a sensor that turns, gravity
-and the field turn against it, ``da/dt = -omega x a``, so that the slope of one on the other is the unit of the gyroscope.
+There are four kinds of evidence. The *step* of the values: sensors count, and the size of a count is known for common sensors (an MPU-6050
+has 131 counts per deg/s). *Gravity* and the Earth's *field*, whose magnitudes are known. And *rotation*: in the frame of a rotating
+sensor, gravity and the field rotate by ``da/dt = -omega x a``, so a regression of the two sides gives the unit of the gyroscope.
 """
 
 import dataclasses
 
 import numpy as np
 
-#: samples looked at where a few suffice
+#: number of samples to examine if a part of the record suffices
 LOOK = 50_000
 GRAVITY = 9.80665
 _DEG = np.pi / 180.0
-#: size of one count of common gyroscopes, deg/s. Powers of two are no evidence: any number format has them.
+#: size of one count of common gyroscopes, deg/s. Powers of two are not evidence, because every number format has them.
 _GYROSCOPES = (
     *(1 / counts for counts in (131.0, 65.5, 32.8, 16.4, 131.2, 65.6, 262.4, 14.375)),
     *(span / 32768 for span in (125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0)),
     *(0.004375, 0.00875, 0.0175, 0.035, 0.07, 0.14),
 )  # fmt: skip
-#: the same of accelerometers, in g; here powers of two beside a norm near 1 are evidence
+#: size of one count of common accelerometers, g; here powers of two together with a magnitude near 1 are evidence
 _ACCELEROMETERS = (*(2.0**-n for n in range(8, 16)), *(1e-3 * mg for mg in (0.061, 0.122, 0.244, 0.488, 0.732, 3.9)))
-#: counts per g, and per deg/s, that a size of raw counts may mean
+#: counts per g of common accelerometers
 _COUNTS_PER_G = (16384, 8192, 4096, 2048, 1024, 256, 64)
 _MATCH = 4e-4
 
 
 @dataclasses.dataclass(frozen=True)
 class Turning:
-    """Slope and correlation of the turning of a vector that stands still in space on that which a gyroscope states, in rad/s."""
+    """Regression of the rotation of a fixed vector (gravity, field) on that predicted by a gyroscope in rad/s: slope, correlation."""
 
     slope: float
     correlation: float
 
     @property
     def unit(self) -> str | None:
-        """Unit of the gyroscope, where the slope is that of one."""
+        """Unit of the gyroscope if the slope fits one, else None."""
         found = [unit for unit, size in (("rad/s", 1.0), ("deg/s", _DEG)) if 0.25 < abs(self.slope) / size < 4.0]
         return found[0] if found else None
 
 
 def thinned(values: np.ndarray) -> np.ndarray:
-    """Some of the rows, whole ones only."""
+    """A subset of the rows, without rows with missing values."""
     values = values[:: max(1, len(values) // LOOK)]
     return values[np.isfinite(values).all(axis=1)]
 
 
 def norms(values: np.ndarray) -> np.ndarray:
-    """Lengths of some of the vectors."""
+    """Magnitudes of a subset of the vectors."""
     return np.linalg.norm(thinned(values), axis=1)
 
 
 def median_norm(values: np.ndarray) -> float:
-    """Median length of the vectors."""
+    """Median magnitude of the vectors."""
     found = norms(values)
     return float(np.median(found)) if len(found) else np.nan
 
 
 def spread(values: np.ndarray) -> float:
-    """Standard deviation of the lengths over their median."""
+    """Standard deviation of the magnitudes, relative to their median."""
     found = norms(values)
     median = float(np.median(found)) if len(found) else 0.0
     return float(np.std(found) / median) if median else np.inf
 
 
 def all_integer(values: np.ndarray) -> bool:
-    """Whether all values are whole numbers, and not merely zeros and ones."""
+    """Whether all values are whole numbers with a range of 5 or more."""
     seen = thinned(values)
     return bool(len(seen) and np.all(seen == np.round(seen)) and np.ptp(seen) >= 5)
 
 
 def noise_floor(values: np.ndarray) -> float:
-    """Standard deviation of the noise of a sample where the values move least: the tenth part of some 50 stretches.
+    """Standard deviation of the noise of a sample in quiet parts of the record: the 10 % quantile over about 50 parts.
 
-    Third differences hardly see a motion: white noise of deviation s has ones of sqrt(20) s.
+    The function uses third differences, which suppress motion; for white noise of standard deviation s theirs is sqrt(20) s.
     """
     seen = values[:LOOK]
     seen = seen[np.isfinite(seen).all(axis=1)]
@@ -82,13 +82,13 @@ def noise_floor(values: np.ndarray) -> float:
     if not count:
         return 0.0
     steps = np.abs(np.diff(seen[: count * width].reshape(count, width, -1), n=3, axis=1))
-    # 1.4826 for the median absolute deviation of normal noise
+    # 1.4826 converts the median absolute value of normal noise to a standard deviation
     each = 1.4826 / np.sqrt(20.0) * np.median(np.median(steps, axis=1), axis=1)
     return float(np.quantile(each, 0.1))
 
 
 def normalised(values: np.ndarray) -> float | None:
-    """The length that all vectors have to a part in a thousand although they turn: directions, no measurements. None for others."""
+    """Common length of rotating vectors if all agree to a part in a thousand: normalised directions, not measurements. Else None."""
     seen = thinned(values)
     if values.shape[1] != 3 or len(seen) < 10:
         return None
@@ -103,13 +103,13 @@ def normalised(values: np.ndarray) -> float | None:
 
 
 def steps_fit(differences: np.ndarray, size: float) -> bool:
-    """Whether differences are whole multiples of a step of this size to a part in 2500, and as small as it at times."""
+    """Whether differences are multiples of a step of this size to one part in 2500, and some are only a few steps."""
     ratio = differences / size
     near = ratio[ratio < 300]
     near = near[near > 0.02]
     if len(near) < 30 or np.mean(near < 0.5) > 0.02:
         return False
-    # the sizes differ by less than one in 2500 from what is sought, so that 300 steps are counted right
+    # the size may be wrong by one part in 2500 at most, so that up to 300 steps are counted correctly
     whole = np.round(near)
     refined = float(near @ whole / (whole @ whole))
     if abs(refined - 1.0) > _MATCH or np.sum(whole <= 4) < 3 or len(np.unique(whole)) < 5 or np.gcd.reduce(whole.astype(np.int64)) > 1:
@@ -118,26 +118,26 @@ def steps_fit(differences: np.ndarray, size: float) -> bool:
 
 
 def _may_fit(differences: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Of which steps differences may be multiples at all: as `steps_fit` begins, for all sizes together."""
+    """Quick preselection of step sizes: the first tests of `steps_fit`, for all sizes together."""
     least, half, few, most = (np.searchsorted(np.sort(differences), times * sizes) for times in (0.02, 0.5, 4.5, 300.0))
     near = most - least
     return (near >= 30) & (half - least <= 0.02 * near) & (few - least >= 3)
 
 
 def _differences(values: np.ndarray) -> list[np.ndarray]:
-    """Steps from sample to sample of every channel, equal samples left out."""
+    """Absolute differences between successive samples of every channel, without zeros."""
     found = []
     for channel in values[:LOOK].T:
         difference = np.abs(np.diff(channel))
         difference = difference[np.isfinite(difference) & (difference > 0)]
-        # a few sizes of rounding apart is the same value
+        # values that differ only by rounding count as equal
         floor = 1e-6 * float(np.max(np.abs(channel[np.isfinite(channel)]), initial=0.0))
         found.append(difference[difference > floor])
     return [difference for difference in found if len(difference) >= 30]
 
 
 def step_unit(sensor: str, values: np.ndarray) -> tuple[str, str] | None:
-    """Unit in which the step of the values is that of a known sensor, and the sentence; None where none or more than one fits."""
+    """Unit in which the step of the values is that of a known sensor, and its description; None if no unit or several units fit."""
     differences = _differences(values)
     if not differences:
         return None
@@ -162,7 +162,7 @@ def step_unit(sensor: str, values: np.ndarray) -> tuple[str, str] | None:
 
 
 def counts_hint(sensor: str, values: np.ndarray) -> str | None:
-    """Size of one count of an accelerometer, where the norm of raw counts is that of a usual one."""
+    """Size of one count of an accelerometer if the magnitude of its raw counts fits a common sensor, else None."""
     if sensor != "accel" or values.shape[1] != 3:
         return None
     norm = median_norm(values)
@@ -174,7 +174,7 @@ def counts_hint(sensor: str, values: np.ndarray) -> str | None:
 
 
 def turning(gyro: np.ndarray, vector: np.ndarray, period: float) -> Turning | None:
-    """How far a vector that stands still in space (gravity, the field) turns as the gyroscope says; None where too little turns."""
+    """Compare the rotation of a fixed vector (gravity, field) with the gyroscope; None if there is too little rotation or agreement."""
     if gyro.shape[1] != 3 or vector.shape[1] != 3 or len(gyro) < 50 or not np.isfinite(period) or period <= 0:
         return None
     gyro, vector = gyro[:LOOK], vector[:LOOK]
@@ -184,17 +184,17 @@ def turning(gyro: np.ndarray, vector: np.ndarray, period: float) -> Turning | No
     rate, held = gyro[: count * width].reshape(shape).mean(axis=1), vector[: count * width].reshape(shape).mean(axis=1)
     length = np.linalg.norm(held, axis=1, keepdims=True)
     whole = np.isfinite(length[:, 0]) & (length[:, 0] > 0)
-    # what hardly turns, by 6 degrees rms, is noise
+    # a rotation of less than 6 degrees rms could be noise
     if not whole.any() or np.linalg.norm(np.mean(held[whole] / length[whole], axis=0)) > 0.995:
         return None
-    # from block to block the vector turns by the mean of both rates
+    # between blocks the vector rotates with the mean of both rates
     turned = held[1:] - held[:-1]
     stated = -np.cross(0.5 * (rate[1:] + rate[:-1]), 0.5 * (held[1:] + held[:-1])) * (width * period)
     good = np.isfinite(turned).all(axis=1) & np.isfinite(stated).all(axis=1)
     turned, stated = turned[good].ravel(), stated[good].ravel()
     if len(turned) < 60:
         return None
-    # shocks are no turning; a few of them must not decide
+    # leave out shocks, so that a few of them do not determine the result
     limit = 20 * np.median(np.abs(turned)) + 1e-12
     kept = np.abs(turned) < max(limit, float(np.quantile(np.abs(turned), 0.99)))
     turned, stated = turned[kept], stated[kept]
@@ -208,9 +208,9 @@ def turning(gyro: np.ndarray, vector: np.ndarray, period: float) -> Turning | No
 
 
 def gravity_stays(accel: np.ndarray, period: float | None) -> float:
-    """Part of the length of the vectors that is left when they are averaged over a second: near 1 with gravity, small without.
+    """Share of the vectors' magnitude that remains after averaging over a second: near 1 with gravity, small without it.
 
-    Vectors of nearly one length hold gravity however fast they turn: their part is 1.
+    Vectors of nearly constant magnitude contain gravity however fast they rotate; for them the function returns 1.
     """
     found = norms(accel)
     if len(found) and np.ptp(np.quantile(found, [0.25, 0.75])) < 0.35 * np.median(found):
@@ -226,7 +226,7 @@ def gravity_stays(accel: np.ndarray, period: float | None) -> float:
 
 
 def field_size(values: np.ndarray) -> tuple[float, str]:
-    """Radius of the sphere through the vectors, or their median norm where they cover too little of one."""
+    """Radius of a sphere fitted to the vectors, or their median magnitude if they cover too little of a sphere; and which of the two."""
     seen = thinned(values)
     if len(seen) > 5000:
         seen = seen[:: len(seen) // 5000]
@@ -234,14 +234,14 @@ def field_size(values: np.ndarray) -> tuple[float, str]:
         centred = seen - seen.mean(axis=0)
         size = np.sqrt(np.mean(np.sum(centred**2, axis=1)))
         if 0 < size < np.inf and np.linalg.svd(centred / size, compute_uv=False)[-1] > 0.1 * np.sqrt(len(seen)):
-            # |v|^2 = 2 c.v + r^2 - |c|^2, linear in c and the constant
+            # |v|^2 = 2 c.v + r^2 - |c|^2 is linear in c and the constant
             unknowns, *_ = np.linalg.lstsq(
                 np.column_stack([2 * centred / size, np.ones(len(seen))]), np.sum((centred / size) ** 2, axis=1), rcond=None
             )
             radius = np.sqrt(max(0.0, unknowns[3] + unknowns[:3] @ unknowns[:3]))
-            # a cloud of noise fills the sphere instead of lying on it
+            # noise fills the sphere instead of lying on its surface
             lies = np.std(np.linalg.norm(centred / size - unknowns[:3], axis=1)) < 0.25 * radius
-            # far smaller than the vectors it is the noise of a sensor at rest
+            # a radius much smaller than the vectors is the noise of a sensor at rest
             if lies and size * radius > 0.05 * np.median(np.linalg.norm(seen, axis=1)):
                 return float(size * radius), "sphere radius"
     return median_norm(values), "median norm"

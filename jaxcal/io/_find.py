@@ -1,4 +1,4 @@
-"""Which files are the recording, and in which format."""
+"""Find the files of a recording and detect their format."""
 
 import contextlib
 import os
@@ -12,7 +12,7 @@ from ._choose import file_kind
 from ._columns import SENSORS
 from ._names import parse
 
-#: formats that are read, as `format=` names them
+#: supported formats, as named in `format=`
 FORMATS = ("csv", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "ulog", "dataflash", "zip", "oxts", "json")
 
 _SQLITE, _MCAP, _HDF5 = b"SQLite format 3\0", b"\x89MCAP0\r\n", b"\x89HDF\r\n\x1a\n"
@@ -20,17 +20,17 @@ _MAGIC = {
     b"\x93NUMPY": "npy", b"PK\x03\x04": "zip", b"PK\x05\x06": "zip", b"PAR1": "parquet", b"#ROSBAG V": "rosbag1", _SQLITE: "rosbag2",
     _MCAP: "rosbag2", _HDF5: "hdf5", b"MATLAB 7.3": "hdf5", b"MATLAB 5.0": "mat", b"ULog\x01\x12\x35": "ulog", b"\xa3\x95": "dataflash",
 }  # fmt: skip
-#: HDF5 may begin behind a block of the user's, as in MATLAB 7.3
+#: HDF5 may begin after a user block, as in MATLAB 7.3
 _USER_BLOCKS = (512, 1024, 2048)
-#: names of text tables; anything else that is text (notes, configuration) is no log
+#: suffixes of text tables; other text files (notes, configuration) are not logs
 _TEXT = (".csv", ".tsv", ".txt", ".dat", ".csv.gz", ".tsv.gz", ".txt.gz", ".dat.gz")
 _LOGS = (*_TEXT, ".bag", ".db3", ".mcap", ".ulg", ".bin", ".npz", ".npy", ".parquet", ".mat", ".h5", ".hdf5")
 _PART = re.compile(r"(.+)_(\d+)")
-#: words by which the files of one sensor differ: Accelerometer, AccelerometerUncalibrated, TotalAcceleration
+#: words that differ between files of the same sensor: Accelerometer, AccelerometerUncalibrated, TotalAcceleration
 _VARIANT = re.compile(r"uncalibrated|uncal|total|raw|calibrated|accelerometer|acceleration|accel|acc|[^a-z0-9]")
 _LFS = b"version https://git-lfs.github.com/spec/"
 _SHOWN, _MOST = 8, 10_000
-#: first bytes of files that are no log, what they are, and what to do
+#: first bytes of files that are not logs, what they are, and what the user should do
 _OTHERS = (
     ((b"\xd0\xcf\x11\xe0",), "an Excel workbook of the old kind (XLS)", "save the sheet that holds the log as CSV"),
     ((b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05"), "a pickle, which can run any program", "save the arrays with numpy.savez"),
@@ -43,7 +43,7 @@ _JSON = re.compile(rb"\s*(?:\[\s*)?\{\s*[\"}]")
 
 
 def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
-    """Format of a log and its files: one, the parts of a split ROS recording in order, or a file for each sensor ("sensors")."""
+    """Format and files of a log: one file, the parts of a split ROS recording in order, or one file for each sensor ("sensors")."""
     if not path.is_dir():
         return detect(path), [path]
     if (path / "metadata.yaml").is_file():
@@ -63,7 +63,7 @@ def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
         except OSError:
             continue
         if kind == "json":
-            continue  # beside a log it describes the log
+            continue  # JSON beside a log describes the log
         if kind != "csv" or file.name.lower().endswith(_TEXT):
             logs[file] = kind
     if not logs and refused:
@@ -83,7 +83,7 @@ def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
 
 
 def sensor_files(files: list[pathlib.Path]) -> list[pathlib.Path]:
-    """The files of a folder that hold one sensor each, where their names say so and no sensor was recorded twice."""
+    """The files of a folder with one sensor each, according to their names; empty if a sensor was recorded twice."""
     found: dict[str, list[str]] = {}
     kept = []
     for file in files:
@@ -98,7 +98,7 @@ def sensor_files(files: list[pathlib.Path]) -> list[pathlib.Path]:
 
 
 def _names_sensors(file: pathlib.Path) -> bool:
-    """Whether one of the first lines of a text file names the axes of a sensor."""
+    """Whether the beginning of a text file names an axis of a sensor."""
     with contextlib.suppress(OSError), file.open("rb") as opened:
         words = re.split(r"[,;\t\n]", opened.read(2048).decode("utf-8", "replace"))
         return any((one := parse(word.strip('" #\r'))) is not None and one.kind in SENSORS for word in words if word.strip())
@@ -106,7 +106,7 @@ def _names_sensors(file: pathlib.Path) -> bool:
 
 
 def _below(folder: pathlib.Path) -> str:
-    """Logs in the folders below one, for a message."""
+    """List logs in the subfolders, for a message."""
     found: list[str] = []
     for looked, (here, folders, files) in enumerate(os.walk(folder)):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
@@ -117,7 +117,7 @@ def _below(folder: pathlib.Path) -> str:
 
 
 def _parts(files: list[pathlib.Path]) -> list[pathlib.Path]:
-    """Parts of one recording in order: name_0, name_1, ... as `rosbag record --split` and `ros2 bag record -b` name them."""
+    """Sort the parts of one recording: name_0, name_1, ... from `rosbag record --split` and `ros2 bag record -b`."""
     matches = {file: _PART.fullmatch(file.stem) for file in files}
     found = {int(match[2]): file for file, match in matches.items() if match}
     stems = {(match[1], file.suffix) if match else (file.name, "") for file, match in matches.items()}
@@ -132,7 +132,7 @@ def _parts(files: list[pathlib.Path]) -> list[pathlib.Path]:
 
 
 def detect(path: pathlib.Path) -> str:
-    """Format of a file, by its first bytes."""
+    """Detect the format of a file from its first bytes."""
     if not path.exists():
         raise DataError("there is no such file; check the path")
     if not path.is_file():
@@ -163,7 +163,7 @@ def detect(path: pathlib.Path) -> str:
 
 
 def _refuse_others(head: bytes) -> None:
-    """Say what a file is that is no log by its first bytes."""
+    """Refuse a file that is not a log, and say what it is."""
     for marks, what, advice in _OTHERS:
         if head.startswith(marks):
             raise DataError(f"this is {what}: {advice}, and read that")
@@ -172,7 +172,7 @@ def _refuse_others(head: bytes) -> None:
 
 
 def _is_mat4(head: bytes) -> bool:
-    """Whether a file begins as MATLAB 4 does: a type of four decimal digits, and sizes that are none too large."""
+    """Whether a file begins like MATLAB 4: a type of four decimal digits, and plausible sizes."""
     return any(
         kind in (*range(60), *range(1000, 1060)) and rows >= 0 and columns >= 0 and imaginary in (0, 1) and 0 < length < 256
         for order in "<>"

@@ -1,6 +1,6 @@
-"""Recordings in memory: data frames of pandas and polars, datasets of xarray, dictionaries and arrays, as tables like those of files.
+"""Convert recordings in memory to tables: data frames of pandas and polars, datasets of xarray, dictionaries and arrays.
 
-None of these libraries is imported here: an object of one of them has loaded it already, and is known by where its class comes from.
+This module imports none of these libraries: it recognises an object by the module of its class.
 """
 
 from typing import Any
@@ -17,7 +17,7 @@ _TAKEN = (
 
 
 def table_of(source: Any) -> Table:
-    """The columns of an object in memory, copied, with their names."""
+    """Copy the columns of an object in memory into a table, with their names."""
     library, kind = type(source).__module__.partition(".")[0], type(source).__name__
     if library == "polars" and kind in ("DataFrame", "LazyFrame"):
         frame = source.collect() if kind == "LazyFrame" else source
@@ -39,7 +39,7 @@ def _of_pandas(frame: Any) -> dict[str, Any]:
 
 
 def _moments(column: Any) -> np.ndarray:
-    """Values of a column; times with a zone in UTC."""
+    """Values of a column; times with a time zone are converted to UTC."""
     return np.array(column.dt.tz_convert("UTC").dt.tz_localize(None) if _zoned(column) and hasattr(column, "dt") else
                     column.tz_convert("UTC").tz_localize(None) if _zoned(column) else column)  # fmt: skip
 
@@ -49,7 +49,7 @@ def _zoned(column: Any) -> bool:
 
 
 def _of_xarray(dataset: Any) -> dict[str, Any]:
-    """Coordinates and variables along one dimension: the one called time, or the first of the first variable."""
+    """Coordinates and variables along one dimension: `time`, or else the first dimension of the first variable."""
     first = next(iter(dataset.data_vars.values()), None)
     if first is None or not first.dims:
         raise DataError("the dataset has no variable with a dimension; it takes variables such as gyro along time")

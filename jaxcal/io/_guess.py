@@ -1,6 +1,6 @@
-"""The unit of a sensor: what its name states, compared with what its values say; or what the values say alone.
+"""The unit of a sensor: the stated unit, checked against the values; or a unit inferred from the values alone.
 
-A statement that the values contradict is an error, and what nothing supports is a guess, of which the log warns.
+If the values contradict the stated unit, it is an error. A unit without evidence is a guess, and the log warns about it.
 """
 
 import dataclasses
@@ -25,29 +25,29 @@ from ._evidence import (
 )  # fmt: skip
 
 _DEG = np.pi / 180.0
-#: sensor -> size of the Earth's gravity, or of a field of 1 uT, in each unit, and the unit to name where the guess is wrong
+#: sensor -> unit -> size of gravity (or of a field of 1 uT) in this unit, and the unit to suggest if the guess is wrong
 _SIZES = {
     "accel": {"m/s^2": (STANDARD_GRAVITY, "g"), "g": (1.0, "m/s^2"), "mg": (1000.0, "g")},
     "mag": {"T": (1e-6, "uT"), "G": (1e-2, "uT"), "uT": (1.0, "G"), "mG": (10.0, "uT"), "nT": (1e3, "uT")},
 }
-#: sensor -> least and largest size of what is certain, then of what is a guess, with the units in which whole numbers are no counts
+#: sensor -> limits of the size for a certain unit, then for a guess; and units in which whole numbers are not counts
 _RANGES = {
     "accel": ((0.88, 1.12, True, ("m/s^2", "g", "mg")), (0.7, 1.4, False, ("mg",))),
     "mag": ((22, 67, True, ("T", "G", "nT")), (15, 100, False, ())),
 }
-#: median of specific force over gravity, and field in uT, that a stated unit may give
+#: limits for a stated unit: median of specific force over gravity, and field in uT
 _FORCE, _FIELD = (0.6, 1.7), (5.0, 1000.0)
-#: noise of a sample, where the unit is not known: common sensors have 0.03 to 0.5 deg/s, which is 0.0005 to 0.009 rad/s
+#: noise of a sample in an unknown unit: common sensors have 0.03 to 0.5 deg/s, which is 0.0005 to 0.009 rad/s
 _NOISY, _CALM = 0.02, 0.008
-#: temperatures at which sensors are read, degC
+#: plausible temperatures of sensors, degC
 _CELSIUS = (-80.0, 200.0)
-#: deg/s beyond which no common gyroscope goes
+#: largest rate of common gyroscopes, deg/s
 _FASTEST = 8000.0
 
 
 @dataclasses.dataclass(frozen=True)
 class Guess:
-    """A unit, why, the unit to name where that is wrong, and whether something besides plausibility speaks for it."""
+    """A unit, the reason for it, the unit to suggest if it is wrong, and whether there is evidence besides plausibility."""
 
     unit: str
     reason: str
@@ -56,11 +56,11 @@ class Guess:
 
 
 def accel_unit(values: np.ndarray, stated: str | None, where: str, period: float | None) -> Guess:
-    """Unit of an accelerometer, in whose values gravity must be."""
+    """Unit of an accelerometer, whose values must include gravity."""
     norm, whole = median_norm(values), values.shape[1] == 3
     seen = f"median norm {norm:.4g}"
     if whole and abs(norm - 1.0) < 1e-3 and normalised(values) is not None and float(np.ptp(norms(values))) < 1e-4:
-        # noise alone would give lengths that differ
+        # even noise would make the magnitudes differ, so these are normalised vectors
         reason = "every vector has the length 1; uncertain, normalised vectors are no specific force"
         return Guess(stated or "g", reason, "m/s^2", False)
     if stated is None:
@@ -105,7 +105,7 @@ def _gravity_free(stated: str, values: np.ndarray, seen: str, stays: float) -> s
 
 
 def mag_unit(values: np.ndarray, stated: str | None, where: str) -> Guess:
-    """Unit of a magnetometer from the radius of a first sphere fit: the Earth's field is 22 to 67 uT."""
+    """Unit of a magnetometer from the radius of a sphere fit: the Earth's field is 22 to 67 uT."""
     radius, how = field_size(values)
     seen = f"{how} {radius:.3g}"
     size = None if stated is None else factor_of(stated, "mag")
@@ -116,7 +116,7 @@ def mag_unit(values: np.ndarray, stated: str | None, where: str) -> Guess:
         known = any(_RANGES["mag"][0][0] <= radius / one <= _RANGES["mag"][0][1] for one, _ in _SIZES["mag"].values())
         if known or not any(15 <= norm / one <= 100 for one, _ in _SIZES["mag"].values()):
             return _by_size("mag", radius, seen, values)
-        # a sphere through a small part of it may have any radius
+        # readings on a small part of a sphere fit any radius, so use the median magnitude
         return dataclasses.replace(_by_size("mag", norm, f"median norm {norm:.3g}; uncertain, the {seen}", values), sure=False)
     field = radius * size * 1e6
     if any(_FIELD[0] <= one * size * 1e6 <= _FIELD[1] for one in (radius, median_norm(values))):
@@ -132,7 +132,7 @@ def mag_unit(values: np.ndarray, stated: str | None, where: str) -> Guess:
 
 
 def no_field(values: np.ndarray) -> str | None:
-    """Why the values of a magnetometer are no field: zero, or directions of one length; None where they may be one."""
+    """Sentence that says why magnetometer values are not a field (zero, or normalised directions); None if they may be one."""
     seen = thinned(values)
     if len(seen) and not seen.any():
         return "it is zero in every sample"
@@ -155,14 +155,14 @@ def _by_size(sensor: str, size: float, seen: str, values: np.ndarray) -> Guess:
                     sure = False
                 if sensor == "accel" and unit == "mg" and sure and 961.0 < size < 990.0:
                     return Guess(unit, f"{seen}; uncertain, could be cm/s^2", "cm/s^2", False)
-                # whole numbers near 1000 may be counts of 1/1024 g; one axis is no norm
+                # whole numbers near 1000 may be counts of 1/1024 g; a single axis does not give a magnitude
                 sure = sure and not (whole and unit == "mg") and values.shape[1] == 3
                 return Guess(unit, seen + ("" if sure else "; uncertain"), other, sure)
     raise DataError(undecided(sensor, seen, values, {"accel": "g", "mag": "uT"}[sensor]))
 
 
 def gyro_unit(values: np.ndarray, stated: str | None, where: str, turns: Turning | None) -> Guess:
-    """Unit of a gyroscope: as stated, unless steps, turns or size contradict it; by these; or a guess."""
+    """Unit of a gyroscope: the stated unit, checked against steps, rotations and size; else a unit inferred from these, or a guess."""
     largest = float(np.nanmax(np.abs(values)))
     steps = step_unit("gyro", values)
     if stated is not None:
@@ -187,7 +187,7 @@ def gyro_unit(values: np.ndarray, stated: str | None, where: str, turns: Turning
         sure = bool(abs(turns.correlation) > 0.5)
         reason = f"states {abs(turns.slope) ** -1:.2g} times the turns of gravity or the field, r = {abs(turns.correlation):.2f}"
         return Guess(turns.unit, reason + ("" if sure else "; uncertain"), other[turns.unit], sure)
-    # of some 100 stretches
+    # the following uses medians over about 100 parts of the record
     lengths = norms(values)
     middle = float(np.median(lengths)) if len(lengths) else 0.0
     if largest > 35 and middle > 20 and np.ptp(np.quantile(lengths, [0.1, 0.9])) < 0.5 * middle:
@@ -211,7 +211,7 @@ def gyro_unit(values: np.ndarray, stated: str | None, where: str, turns: Turning
 
 
 def keeps_length(values: np.ndarray) -> str | None:
-    """The sentence on vectors that turn, and whose length stays that of gravity all the while; None for others."""
+    """Sentence that the vectors rotate while their magnitude stays that of gravity, or None."""
     if values.shape[1] != 3:
         return None
     seen = thinned(values)
@@ -247,7 +247,7 @@ def _contradict_gyro(values, stated: str, where: str, steps, turns: Turning | No
 
 
 def temperature_unit(values: np.ndarray, stated: str | None, where: str) -> Guess:
-    """As stated, else K or degC, whichever is a temperature at which sensors work; an error where none is."""
+    """Unit of a temperature: the stated unit, else degC or K, whichever is plausible for a sensor; an error if neither is."""
     median = float(np.nanmedian(values))
     low, high = _CELSIUS
     if stated is not None:
@@ -257,7 +257,7 @@ def temperature_unit(values: np.ndarray, stated: str | None, where: str) -> Gues
             raise DataError(f"{said}; give the unit that is right with units={{'temperature': ...}} (--units temperature=...)")
         return Guess(stated, where, stated)
     if low <= median <= high:
-        # a device at 75 degF is a device at rest, and one at 75 degC a rare one
+        # 75 is a common room temperature in degF, but rare for a device in degC
         sure = not 60 < median < 110
         return Guess("degC", f"median {median:.4g}" + ("" if sure else "; uncertain, could be degF"), "K" if sure else "degF", sure)
     if low + 273.15 <= median <= high + 273.15:
@@ -269,14 +269,14 @@ def temperature_unit(values: np.ndarray, stated: str | None, where: str) -> Gues
 
 
 def factor_of(unit: str, sensor: str) -> float | None:
-    """SI value of a unit without a number before it, else None."""
+    """SI value of a unit; None for a unit with a number before it."""
     return factor(unit, sensor) if find_unit(unit, sensor) else None
 
 
 def roles(triples: list[np.ndarray]) -> list[str]:
-    """Which sensor each of one, two or three triples of nameless columns is.
+    """Identify the sensor of each of one, two or three triples of columns without names.
 
-    Gravity and the magnetic field keep their norm when the sensor turns; an angular rate does not.
+    The magnitudes of gravity and of the magnetic field stay constant when the sensor rotates; that of an angular rate does not.
     """
     if len(triples) == 1:
         if all_integer(triples[0]) and not (_gravity_like(triples[0]) or _field_like(triples[0])):
@@ -285,7 +285,7 @@ def roles(triples: list[np.ndarray]) -> list[str]:
     likeness = [_gravity_like(triple) for triple in triples]
     if not any(likeness):
         raise DataError("neither triple of columns has the norm of gravity in m/s^2, g or mg")
-    # of two that may be gravity, it is the one of steadier norm
+    # if two triples may be gravity, choose the one with the steadier magnitude
     force = min((k for k, like in enumerate(likeness) if like), key=lambda k: spread(triples[k]))
     rest = [k for k in range(len(triples)) if k != force]
     if len(rest) == 1:
@@ -293,7 +293,7 @@ def roles(triples: list[np.ndarray]) -> list[str]:
     else:
         fields = [k for k in rest if _field_like(triples[k])]
         if len(fields) == 2 and 3 * spread(triples[min(rest, key=lambda k: spread(triples[k]))]) < max(spread(triples[k]) for k in rest):
-            fields = [min(rest, key=lambda k: spread(triples[k]))]  # a field keeps its size, and rates do not
+            fields = [min(rest, key=lambda k: spread(triples[k]))]  # the magnitude of a field is steadier than that of rates
         if len(fields) != 1:
             raise DataError("of the two triples besides the accelerometer's, not one alone is like the Earth's field")
         found = {k: "mag" if k in fields else "gyro" for k in rest}
@@ -310,7 +310,7 @@ def _field_like(values: np.ndarray) -> bool:
 
 
 def undecided(sensor: str, seen: str, values: np.ndarray, example: str) -> str:
-    """The sentence on values whose unit nothing tells."""
+    """Error sentence for values without any evidence of their unit."""
     if all_integer(values):
         hint = counts_hint(sensor, values)
         size = hint or f"0.01 {example}"

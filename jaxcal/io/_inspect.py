@@ -1,4 +1,4 @@
-"""`inspect`: what is in a log, what would be read as what and why, and what it is good for."""
+"""`inspect`: show what is in a log, how and why jaxcal would read it, and which commands suit it."""
 
 import dataclasses
 import os
@@ -18,7 +18,7 @@ from ._read import finished, named, opened
 from ._table import Choice, Table
 
 _MOST = 60
-#: what the kinds of columns that are no quantity of a log hold
+#: descriptions of columns that are not read into a log
 _KINDS = {
     "linear": "acceleration without gravity", "gravity": "gravity", "attitude": "an attitude", "motion": "a position or velocity",
     "counter": "a counter", "accel or linear": "acceleration, with or without gravity",
@@ -27,7 +27,7 @@ _KINDS = {
 
 @dataclasses.dataclass(frozen=True)
 class Column:
-    """One column: its number, name, what its name says, and the range of its values."""
+    """One column: its number, its name, the meaning of its name, and the range of its values."""
 
     number: int
     name: str
@@ -47,19 +47,19 @@ class Suitability:
 
 @dataclasses.dataclass(frozen=True)
 class Inspection:
-    r"""What is in a log, and how `jaxcal.read` would read it.
+    r"""Content of a log, and how `jaxcal.read` would read it.
 
     Attributes
     ----------
-    file, format, size : name, format and bytes; None where even that is not known.
+    file, format, size : name, format and number of bytes; format and size are None if unknown.
     columns : columns of a table.
     sources : topics or records of a recording of messages, with their counts and rates.
-    choices : for every quantity the columns, unit, reason, whether anything supports the choice, and the options that change it.
-    refusal : why the log is not read with these options; None where it is.
-    samples, rate, duration : number, Hz and s of the uniform grid; None where the log is not read.
-    gaps, missing : stretches of missing samples, and samples missing in all.
-    notes, warnings : what `jaxcal.read` says.
-    commands : which commands suit it, and why.
+    choices : for every quantity the columns, unit, reason, whether there is evidence, and the options that change the choice.
+    refusal : why the log cannot be read with these options; None if it can.
+    samples, rate, duration : number of samples, Hz and s of the uniform grid; None if the log cannot be read.
+    gaps, missing : number of gaps, and total number of missing samples.
+    notes, warnings : notes and warnings of `jaxcal.read`.
+    commands : for each command, whether it suits the log, and why.
 
     Examples
     --------
@@ -90,11 +90,11 @@ class Inspection:
     commands: tuple[Suitability, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it, as JSON can say it."""
+        """Return all fields as a dictionary for JSON."""
         return {"schema": "jaxcal.info/1"} | plain(dataclasses.asdict(self))
 
     def summary(self) -> str:
-        """All of it as lines of text."""
+        """Return all fields as lines of text."""
         head = f"{self.file}: {self.format or 'not known'}" + (f", {self.size} bytes" if self.size is not None else "")
         lines = [head]
         if self.rate is not None and self.duration is not None:
@@ -132,24 +132,24 @@ def inspect(
     data: str = "rate",
     missing: float | int | None = None,
 ) -> Inspection:
-    r"""Say what is in a log, what `jaxcal.read` would read as what and why, and which commands suit it.
+    r"""Show what is in a log, how and why `jaxcal.read` would read it, and which commands suit it.
 
-    A log that cannot be read is no error: `refusal` holds the reason, and the columns or topics are shown all the same.
+    A log that cannot be read raises no error: `refusal` gives the reason, and the result still has the columns or topics.
 
     Parameters
     ----------
-    path, format, columns, units, rate, topics, raw, data, missing : as of `jaxcal.read`.
+    path, format, columns, units, rate, topics, raw, data, missing : see `jaxcal.read`.
 
     Returns
     -------
     Inspection
-        Columns or topics, every choice with its reason and the option that changes it, rate, gaps, duration, warnings, and the
-        commands that suit. Its `summary()` is text, and its `to_dict()` goes into JSON.
+        Columns or topics, every choice with its reason and the option that changes it, rate, gaps, duration, warnings, and suitable
+        commands. Use `summary()` for text and `to_dict()` for JSON.
 
     Raises
     ------
     DataError
-        If an option has no meaning.
+        If an option is invalid.
 
     Examples
     --------
@@ -216,7 +216,7 @@ def _columns(table: Table) -> list[Column]:
 
 
 def _suitable(log: Log) -> list[Suitability]:
-    """Which commands suit a log: by its sensors, its length, and how much of it is still."""
+    """Judge which commands suit a log, by its sensors, its length, and the share of it that is still."""
     inertial = [name for name in ("gyro", "accel") if getattr(log, name) is not None]
     still = _still(log)
     found = []
@@ -248,7 +248,7 @@ def _suitable(log: Log) -> list[Suitability]:
 
 
 def _blocks(log: Log) -> tuple[np.ndarray, np.ndarray] | None:
-    """Means of the accelerometer over seconds, and whether each second is still."""
+    """Means of the accelerometer over one second each, and whether the sensor was still in it."""
     if log.accel is None or log.accel.shape[1] != 3:
         return None
     width = max(4, round(log.rate))
@@ -272,7 +272,7 @@ def _still(log: Log) -> float | None:
 
 
 def _poses(log: Log) -> int:
-    """Attitudes at rest that differ by 15 degrees or more."""
+    """Number of attitudes at rest that differ by 15 degrees or more."""
     blocks = _blocks(log)
     if blocks is None:
         return 0

@@ -1,4 +1,4 @@
-"""Tables that hold more than one recording: rows of several devices that take turns, and sensors with clocks of their own."""
+"""Refuse tables with more than one recording: alternating rows of several devices, or sensors with different clocks."""
 
 import re
 
@@ -8,18 +8,18 @@ from .._errors import DataError
 from ._columns import SENSORS
 from ._names import plain
 
-#: names of columns that say which device a row is of, and those that may say so or something else
+#: names of columns that identify the device of a row, and names that may do so
 _DEVICE = re.compile(r".*(?:device|sensor|node|mac|address|board|imu)(?:id|name|number|no|nr|index|type)?")
 _PERHAPS = re.compile(
     r"id|type|source|name|tag|place|location|position|side|foot|limb|hand|leg|unit|channel|port|.*(?:subject|user|person)(?:id)?"
 )
 _LOOK, _MOST = 20_000, 64
-#: part of the rows at which the device changes that makes it taking turns; a label of what is done changes seldom
+#: share of the rows at which the value changes; above it devices alternate, while a label of an activity changes seldom
 _TURNS = 0.2
 
 
 def refuse_mixed(table, columns: dict[str, list[int]]) -> None:
-    """Rows of several devices one after the other are no recording: their stamps and values belong to different sensors."""
+    """Refuse alternating rows of several devices, whose time stamps and values belong to different sensors."""
     used = {i for indices in columns.values() for i in indices}
     chosen = [i for name in SENSORS for i in columns.get(name, ())]
     for i, column in enumerate(table.columns):
@@ -40,7 +40,7 @@ def refuse_mixed(table, columns: dict[str, list[int]]) -> None:
         if not 2 <= kinds <= _MOST or np.mean(turns) < _TURNS:
             continue
         smooth = _smoother(table, chosen, code)
-        # an id may as well be a count that begins again
+        # an id may also be a counter that starts again, so the values must confirm it
         if smooth > 3.0 or (device and (smooth > 0.8 or np.mean(turns) > 0.9)) or (perhaps and kinds <= 8 and smooth > 1.3):
             shown = ", ".join(sorted({f"{value:g}" if isinstance(value, float) else str(value) for value in values.tolist()})[:6])
             raise DataError(
@@ -50,7 +50,7 @@ def refuse_mixed(table, columns: dict[str, list[int]]) -> None:
 
 
 def _codes(values: np.ndarray) -> np.ndarray | None:
-    """Numbers for the different values of a column; None where there are too many."""
+    """Replace the values of a column by indices of its distinct values; None if there are too many."""
     if values.dtype.kind == "O":
         known: dict[str, int] = {}
         code = np.array([known.setdefault(str(value), len(known)) for value in values.tolist()])
@@ -62,7 +62,7 @@ def _codes(values: np.ndarray) -> np.ndarray | None:
 
 
 def _smoother(table, chosen: list[int], code: np.ndarray) -> float:
-    """How much larger the steps from row to row are than those from row to row of one device: the median over the channels."""
+    """Ratio of the median step between rows to the median step between rows of one device; the median over the channels."""
     ratios = []
     for i in chosen:
         values = np.asarray(table.columns[i][: len(code)], np.float64)
@@ -75,7 +75,7 @@ def _smoother(table, chosen: list[int], code: np.ndarray) -> float:
 
 
 def own_clocks(table, found, clock) -> str | None:
-    """A sentence where sensors have clocks of their own that differ: their samples do not belong into one row."""
+    """Sentence on sensors with their own, different clocks, whose samples do not belong into one row; or None."""
     if clock is None or len(clock.columns) > 1:
         return None
     base = clock.columns[0]
@@ -101,7 +101,7 @@ def own_clocks(table, found, clock) -> str | None:
 
 
 def _clock_of_sensor(table, found, name: str) -> int | None:
-    """The column of stamps that is named after a sensor."""
+    """The time column that is named after a sensor, or None."""
     if name not in found.columns:
         return None
     word = {"gyro": "gyr", "accel": "acc", "mag": "mag"}[name]
@@ -114,12 +114,12 @@ def _clock_of_sensor(table, found, name: str) -> int | None:
 
 
 def _is_read(found, index: int) -> bool:
-    """Whether a column is read as a sensor's."""
+    """Whether a column is read as part of a sensor."""
     return any(index in found.columns.get(name, ()) for name in SENSORS)
 
 
 def _same(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether two columns of stamps are equal but for what is small beside a step."""
+    """Whether two columns of time stamps agree up to a constant and to small differences compared with a step."""
     if one.dtype.kind == "M":
         one, other = one.astype(np.int64), other.astype(np.int64)
     one, other = one.astype(np.float64), other.astype(np.float64)

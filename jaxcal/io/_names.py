@@ -1,8 +1,8 @@
-"""What the name of a column says: which quantity, axis and unit, in the spellings that loggers use.
+"""Parse the name of a column: quantity, axis and unit, in the spellings of common loggers.
 
-A name is cut into words. The word of the axis is taken out, then a unit at the end, then words that say where a column comes from;
-what is left is looked up. Quantities that are no sensor of ours (an attitude, acceleration without gravity) have kinds of their own,
-so that they are never taken for one.
+A name is cut into words. The parser removes the word of the axis, then a unit at the end, then words for the origin of a column, and
+looks up the rest. Quantities that jaxcal does not read (an attitude, acceleration without gravity) have their own kinds, so that they
+are never mistaken for a sensor.
 """
 
 import dataclasses
@@ -13,9 +13,9 @@ import unicodedata
 from .._units import find_unit
 
 AXES = "xyz"
-#: characters of a name beyond which it names no quantity
+#: longest name that is parsed
 _LONGEST = 120
-#: kinds of which no sensor is made; "linear" holds acceleration without gravity
+#: kinds that are not read as a sensor; "linear" is acceleration without gravity
 OTHERS = ("linear", "gravity", "attitude", "motion", "counter")
 
 
@@ -36,7 +36,7 @@ _WORDS = {
         "beschleunigungssensor|beschleunigungmitg|aceleracion|acelerometro|accelerazione|accelerometro|aceleracao|acelerometro|arss|"
         "properacceleration"
     ),
-    # ROS and phyphox give one name to opposite things: the values decide whether gravity is in it
+    # this name means opposite things in ROS and phyphox; the values decide whether gravity is included
     "accel or linear": "linearacceleration|linearaccelerations|linearaccel|linearacc|linacc|linaccel|la|lia|linearebeschleunigung",
     "linear": (
         "useracceleration|useracc|motionuseracceleration|motionuseracc|freeacc|freeacceleration|accelerationwithoutg|"
@@ -79,7 +79,7 @@ _COUNTER = re.compile(
     r"sampleindex|samplecount|samplecounter|nsamples|nsample|loopiteration|iteration|iter|record|recordnumber|point|punkt|zeile|step|"
     r"datapoint|msgcount|loggingsample|measurement|messung|tick|ticks|zahler|nummer|lfd|lfdnr|headerseq|serial|entry|event"
 )
-#: words that say where a column comes from, not what it is
+#: words for the origin of a column, not its quantity
 _ORIGINS = _words(
     "imu field header msg data sensor sensors raw cal uncal calib uncalib calibrated uncalibrated value values val axis axe achse "
     "asse adc body attr "
@@ -88,14 +88,14 @@ _ORIGINS = _words(
 )
 
 
-#: words that make something else of a sensor's name
+#: words that change the meaning of a sensor's name
 _CHANGING = _words(
     "bias biases offset off std stdev stddev var variance cov covariance sigma rms error err true truth ref reference gt groundtruth est "
     "estimate estimated mean median max min peak target desired cmd command setpoint world earth nav global ned enu delta d dt integral "
     "integrated free linear lin user dynamic gravity grav jerk diff pos position vel velocity quat euler angle angles temp temperature "
     "scale factor misalignment drift residual innovation"
 )
-#: words of other scripts, in the order in which they are looked for
+#: words in other scripts, in the order of the search
 OTHER_SCRIPTS = {
     "\u52a0\u901f\u5ea6": "acc", "\u89d2\u901f\u5ea6": "gyro", "\u9640\u87ba\u4eea": "gyro", "\u30b8\u30e3\u30a4\u30ed": "gyro",
     "\u78c1\u573a": "mag", "\u78c1\u529b": "mag", "\u5730\u78c1\u6c17": "mag", "\u65f6\u95f4": "time", "\u6642\u9593": "time",
@@ -106,15 +106,17 @@ OTHER_SCRIPTS = {
     "\u0443\u0433\u043b\u043e\u0432\u0430\u044f \u0441\u043a\u043e\u0440\u043e\u0441\u0442\u044c": "gyro",
     "\u0442\u0435\u043c\u043f\u0435\u0440\u0430\u0442\u0443\u0440\u0430": "temperature",
 }  # fmt: skip
-#: what a header says in the place of a unit where the values have none
+#: entries in the place of a unit for values without a unit
 RELATIVE = re.compile(r"a\.?u\.?|arb(?:itrary)?\.?(?: units?)?|normali[sz]ed|local_flux|unitless|-", re.IGNORECASE)
 COUNTS = re.compile(r"lsb|counts?|adc|digits?", re.IGNORECASE)
 
 
 @dataclasses.dataclass(frozen=True)
 class Name:
-    """What a column is: `kind` (a quantity of a log, or one of `OTHERS`), `axis` (x, y, z, "" or "nsec"), `unit`, where the name has
-    them, `instance` (its number among several sensors), and `stem`, which the columns of one sensor share.
+    """Meaning of a column name.
+
+    `kind` is a quantity of a log or one of `OTHERS`, `axis` is x, y, z, "" or "nsec", `unit` is None if the name has no unit, `instance`
+    is the number of the sensor among several, and `stem` is the same for all columns of one sensor.
     """
 
     kind: str
@@ -125,17 +127,17 @@ class Name:
 
 
 def bracketed(name: str) -> str | None:
-    """Text in the brackets of a column name, or None; a number in brackets counts axes."""
+    """Text in the brackets of a column name, or None; a number in brackets is an axis and is ignored."""
     found = [(one or other).strip() for one, other in re.findall(r"\[([^\]]*)\]|\(((?:[^()]|\([^()]*\))*)\)", name)]
     return next((text for text in found if not text.isdigit()), None)
 
 
 def unit_of(text: str, quantity: str) -> str | None:
-    """Unit that a header spells, or None; exponents such as ``rad s^-1`` and ``m s-2`` are understood."""
+    """Parse a unit in a header, with exponents such as ``rad s^-1`` and ``m s-2``; None if it is unknown."""
     text = re.sub(r"\((\w+\^?\d?)\)", r"\1", text.strip()).rstrip("* ")
     if quantity == "mag" and text in ("g", "mg"):
         return {"g": "G", "mg": "mG"}[text]
-    # the superscripts and the degree sign, also where an encoding was mistaken for another
+    # superscripts and the degree sign, also after a wrong decoding
     text = text.replace("\u207b\u00b9", "-1").replace("\u207b\u00b2", "-2").replace("\u00b7", " ").replace("*", " ")
     text = re.sub(r"\u00b2|\u00e2\u00b2|\u00c2\u00b2", "2", text).replace("\u00c2", "")
     text = re.sub(r"^(?:\u00b0|degrees?|grad)(?=\s*(?:/|per|s))", "deg", re.sub(r"\s*\bper\b\s*", "/", text), flags=re.IGNORECASE)
@@ -149,7 +151,7 @@ def unit_of(text: str, quantity: str) -> str | None:
 
 
 def _cut(name: str) -> list[list[str]]:
-    """Words of a name, in lower case: cut where capitals begin, and as they stand."""
+    """Words of a name in lower case, in two ways: also cut at capital letters, and cut at separators only."""
     if not name.isascii():
         low = name.lower()
         for word, ours in OTHER_SCRIPTS.items():
@@ -162,21 +164,21 @@ def _cut(name: str) -> list[list[str]]:
 
 
 def plain(name: str) -> str:
-    """A name as letters and digits alone, without brackets."""
+    """A name reduced to letters and digits, without brackets."""
     return "".join(_cut(name[:_LONGEST])[1])
 
 
 def is_counter(name: str) -> bool:
-    """Whether a name is that of a row or packet counter, which is no time; a nameless index counts as one."""
+    """Whether a name denotes a row or packet counter, which is not a time; an empty name counts as a counter."""
     words = [word for word in _cut(name[:_LONGEST])[0] if not word.isdigit() and word not in ("imu", "data")]
     if not words and any(letter.isalpha() and not letter.isascii() for letter in name):
-        return False  # a word of a script that is not known here
+        return False  # an unknown word in another script
     return bool(_COUNTER.fullmatch("".join(words)))
 
 
 @functools.lru_cache(4096)
 def parse(name: str) -> Name | None:
-    """What a name says, or None."""
+    """Meaning of a name, or None."""
     if len(name) > _LONGEST:
         return None
     inside = bracketed(name)
@@ -192,7 +194,7 @@ def parse(name: str) -> Name | None:
                 kind = "accel" if found.kind in ("accel or linear", "linear", "gravity") else found.kind
                 return dataclasses.replace(found, unit=unit_of(inside, kind) if kind in _KINDS and kind not in OTHERS else None)
             return found
-    # x, y, z and a unit: the unit tells the sensor
+    # for x, y, z with a unit, the unit determines the sensor
     bare = "".join(_cut(name)[0])
     bare = bare.removesuffix("axis").removeprefix("axis")
     if bare in tuple(AXES) and inside:
@@ -203,7 +205,7 @@ def parse(name: str) -> Name | None:
 
 
 def _sensors(words: list[str], index: re.Match[str] | None):
-    """Readings of the words, the most literal first."""
+    """Possible interpretations of the words, the most literal first."""
     placed = [(i, word, []) for i, word in enumerate(words) if word in tuple(AXES)]
     placed += [(i, word[-1], [word[:-1]]) for i, word in enumerate(words) if len(word) > 1 and word[-1] in AXES]
     placed += [(i, word[0], [word[1:]]) for i, word in enumerate(words) if len(word) > 2 and word[0] in AXES]
@@ -213,7 +215,7 @@ def _sensors(words: list[str], index: re.Match[str] | None):
         placed.insert(0, (len(words), AXES[int(index[1])], []))
     for at, axis, left in placed:
         rest = [*words[:at], *left, *words[at + 1 :]]
-        for tail in (0, *range(min(3, len(rest) - 1), 0, -1)):  # of units the longest: mg before g
+        for tail in (0, *range(min(3, len(rest) - 1), 0, -1)):  # try the longest unit first: mg before g
             head, end = rest[: len(rest) - tail], rest[len(rest) - tail :]
             found = _kind(head)
             if found is None:
@@ -232,14 +234,14 @@ def _sensors(words: list[str], index: re.Match[str] | None):
 
 
 def _spelled(words: list[str], quantity: str) -> str | None:
-    """Unit that words at the end of a name spell."""
+    """Unit spelled by the words at the end of a name, or None."""
     if quantity == "gyro" and words in (["rad"], ["deg"]):
-        return f"{words[0]}/s"  # gyro_rad holds rates all the same
+        return f"{words[0]}/s"  # gyro_rad means rad/s
     return next((unit for glue in ("", "_", "/", " ") if (unit := unit_of(glue.join(words), quantity))), None)
 
 
 def loosened(name: str) -> Name | None:
-    """What a name says behind or before words that are not known, such as the place of a sensor; None where one of them may change it."""
+    """Meaning of a name after dropping unknown words at its ends, such as the place of a sensor; None if a word may change the meaning."""
     inside = re.search(r"\s*[\[(][^\])]*[\])]\s*$", name)
     tail = inside[0] if inside else ""
     for words in _cut(name[:_LONGEST]):
@@ -254,7 +256,7 @@ def loosened(name: str) -> Name | None:
 
 
 def _kind(words: list[str]) -> tuple[str, int, str] | None:
-    """Kind, number of the sensor, and what its columns share."""
+    """Kind, instance and stem of a sensor's name, or None."""
     digits = [int(word) for word in words if word.isdigit() and len(word) < 3]
     bare = [word.rstrip("0123456789") if not word.isdigit() else "" for word in words]
     digits += [int(word[len(word.rstrip("0123456789")) :]) for word in words if word[-1].isdigit() and not word.isdigit()][:1]
@@ -263,7 +265,7 @@ def _kind(words: list[str]) -> tuple[str, int, str] | None:
     for candidate in (named, bare):
         joined = "".join(candidate)
         if joined in ("g", "m") and "field" in bare:
-            continue  # field_x_G is a field in gauss, and no gyroscope of a message's field
+            continue  # field_x_G is a field in gauss, not a gyroscope in the field of a message
         for kind, known in _KINDS.items():
             if joined in known:
                 return kind, digits[0] if digits and digits[0] < 1000 else 0, "".join(words)
@@ -276,13 +278,13 @@ def _time(words: list[str], inside: str | None) -> Name | None:
         return None
     joined, head, last = "".join(bare), "".join(bare[:-1]), bare[-1]
     own = unit_of(inside, "time") or _TIME_UNITS.get(inside.lower()) if inside else None
-    if joined == "t" and inside and own is None:  # a temperature, or something else that has a unit
+    if joined == "t" and inside and own is None:  # a temperature, or another quantity with a unit
         return None
     if joined == "sampletimefine":
         return Name("time", "", "sampletimefine")
     if joined in _TIME:
         return Name("time", "", own or ("s" if "seconds" in joined or joined in ("gpstow", "tow", "gpssow", "sow") else None))
-    # a column that is called "s" is something else
+    # a column that is called "s" is not a time
     if head == "utc" and not own:  # a part of a date
         return None
     if last in _TIME_UNITS and (head in _TIME or (not head and last not in ("s", "min", "nano", "second"))):
@@ -307,7 +309,7 @@ def _temperature(words: list[str], inside: str | None) -> Name | None:
 
 
 def parse_name(name: str) -> tuple[str, str, str | None] | None:
-    """Quantity, axis (x, y, z, or "" where there is none; "nsec" for the second half of a stamp) and unit of a column name.
+    """Quantity, axis (x, y, z, or ""; "nsec" for the nanoseconds of a time stamp) and unit of a column name.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Time integrals (angles, velocities, phase) to rates."""
+"""Convert time integrals (angles, velocities, phase) to rates."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from ._table import Signals
 
 
 def differentiate(signals: Signals) -> None:
-    """Time integrals to rates: y_k = (x_(k+1) - x_k) / tau_0, stamped as x_k; missing over a step longer than 1.5 periods."""
+    """Convert integrals to rates y_k = (x_(k+1) - x_k) / tau_0 at the time of x_k; missing over a step longer than 1.5 periods."""
     wrong = [name for name in ("mag", "temperature") if name in signals.sensors]
     if wrong:
         raise DataError(

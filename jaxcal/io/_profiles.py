@@ -1,7 +1,7 @@
-"""Devices and apps whose tables do not say all that is needed: one row for each.
+"""Profiles of devices and apps whose tables do not state everything that jaxcal needs.
 
-A row says which columns hold what, in which unit; values are still compared with what is known of gravity, the field and of
-sensors, so that a row that is wrong for a file is contradicted rather than believed.
+A profile defines the quantity and the unit of columns. The values are still checked against gravity, the field and known sensors, so that
+a wrong profile is detected.
 
 Sources: the data sheets and manuals of the makers (VMU931 User Guide, Variense 2017: ms since power-up, g, deg/s; VectorNav: gauss, m/s^2,
 rad/s), the formats of the data sets (EuRoC MAV, TUM-VI, BROAD, KITTI, NaveGo), sensor_msgs of ROS (REP 103: SI), and the description of
@@ -23,9 +23,9 @@ _XYZ = "([xyz])"
 class Profile:
     """One device or app.
 
-    `needs` are patterns of column names that must all be there, `preamble` one of the text above the table, `file` one of the file's
-    name. `columns` are (pattern with the axis as a group, or none, kind, unit), where the unit may be None: told from the values.
-    `sign` says what the device does differently. `unit_from` takes the size of a unit from the preamble.
+    `needs` are patterns of column names that must all be present; `preamble` is a pattern of the text above the table, `file` one of the
+    file name. `columns` are (pattern, optionally with the axis as a group; kind; unit), where unit None means inferred from the values.
+    `sign` describes a peculiarity of the device. `unit_from` takes the size of a unit from the preamble.
     """
 
     name: str
@@ -34,7 +34,7 @@ class Profile:
     preamble: str = ""
     file: str = ""
     sign: str = ""
-    unit_from: tuple[tuple[str, str, str, int], ...] = ()  # kind, pattern in the preamble, unit, and the power of the number before it
+    unit_from: tuple[tuple[str, str, str, int], ...] = ()  # kind, pattern in the preamble, unit, exponent of the number found
 
 
 def _sensor_logger(file: str, kind: str, unit: str | None, sign: str = "") -> Profile:
@@ -156,7 +156,7 @@ OXTS = tuple(
 
 
 def matching(names: list[str], preamble: str, file: str) -> tuple[Profile | None, dict[int, Name]]:
-    """The first profile that fits a table, and what it says of the columns."""
+    """The first profile that fits a table, and the meanings of the columns by it."""
     low = [name.strip().lower() for name in names]
     for profile in PROFILES:
         if not all(any(re.fullmatch(need, name) for name in low) for need in profile.needs):
@@ -172,7 +172,7 @@ def matching(names: list[str], preamble: str, file: str) -> tuple[Profile | None
                 if match := re.fullmatch(pattern, name):
                     axis = match[1] if match.groups() else ""
                     axis = "xyz"["012".index(axis)] if axis in tuple("012") else axis
-                    # the columns of one sensor are alike but for the axis
+                    # the columns of one sensor differ only in the axis
                     stem = pattern + (name[: match.start(1)] if match.groups() else "")
                     found[i] = Name(kind, axis, sizes.get(kind, unit), 0, stem)
                     break
@@ -181,7 +181,7 @@ def matching(names: list[str], preamble: str, file: str) -> tuple[Profile | None
 
 
 def _sizes(profile: Profile, preamble: str) -> Iterator[tuple[str, float, str]]:
-    """Kind, number and unit that the preamble gives."""
+    """Kind, number and unit from the preamble."""
     for kind, pattern, unit, power in profile.unit_from:
         match = re.search(pattern, preamble)
         with contextlib.suppress(ValueError, OverflowError, ZeroDivisionError):

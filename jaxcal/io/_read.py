@@ -1,4 +1,4 @@
-"""`read`: any readable recording -> `Log`; `convert`: the same, written in jaxcal's own layout."""
+"""`read`: read any supported recording into a `Log`; `convert`: write it in jaxcal's own layout."""
 
 import concurrent.futures
 import contextlib
@@ -32,11 +32,11 @@ from ._saved import SUFFIXES, save
 from ._sensors import read_oxts, read_sensors
 from ._table import Choice, Signals, Table, interpret
 
-#: tables, of which columns= chooses; trees of arrays, of which topics= names the group; logs, of which topics= chooses
+#: readers of tables (columns= chooses), of trees of arrays (topics= names a group), and of logs of messages (topics= chooses)
 _TABLES = {"csv": read_csv, "npy": read_npy, "npz": read_npz, "parquet": read_parquet, "oxts": read_oxts, "json": read_json}
 _TREES = {"mat": read_mat, "hdf5": read_hdf5}
 _LOGS = {"ulog": read_px4, "dataflash": read_ardupilot}
-#: bytes of a file that is hashed before it is read, for which a thread costs more than it saves
+#: bytes; smaller files are hashed before reading, because a thread would cost more than it saves
 _SMALL = 1 << 20
 _SI = {name: si_unit(name) for name in (*SENSORS, "temperature")}
 _NAMES = {
@@ -71,46 +71,45 @@ def read(
 ) -> Log:
     r"""Read a recording of an inertial or magnetic sensor into a `Log`, in SI and on a uniform time grid.
 
-    Text tables (any delimiter, with or without header, plain or gzipped), JSON, NumPy .npy and .npz, Parquet, MATLAB files, HDF5, ROS 1
-    bags, ROS 2 recordings (sqlite3 or MCAP), PX4 ULog and ArduPilot DataFlash are told apart by their content. What the file does
-    not say is guessed: columns from their names
-    (or, without names, from their values), the unit of time from the size of the steps, units of sensors from gravity, the
-    Earth's field and the size of the rates. Every guess is one sentence in `Log.notes` with its reason and the option that
-    overrides it.
+    The content of a file shows its format: text tables (any delimiter, with or without header, plain or gzipped), JSON, NumPy .npy and
+    .npz, Parquet, MATLAB files, HDF5, ROS 1 bags, ROS 2 recordings (sqlite3 or MCAP), PX4 ULog and ArduPilot DataFlash. jaxcal infers
+    what the file does not state: columns from their names (or from their values if they have no names), the unit of time from the
+    size of the steps, units of sensors from gravity, the Earth's field and the size of the rates. `Log.notes` has one sentence for
+    every inference, with its reason and the option that overrides it.
 
     Parameters
     ----------
-    path : file, or folder: of a ROS 2 recording, of the numbered parts of a split one, or with one log in it. Or a recording in memory: a
-        pandas or polars data frame, an xarray dataset with a dimension time, a dictionary of arrays, or an array (n, columns) with its
-        `rate`. Its columns are chosen as those of a file are. A `Log` is returned as it is.
-    format : "csv", "json", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "ulog" or "dataflash"; by default told from the
-        first bytes.
-    columns : which column holds what, by number (from 0) or name: ``{"time": 0, "gyro": [1, 2, 3]}``, ``{"gyro_x": "wx", ...}``,
-        or as a string, ``"time=0,gyro=1:3"``, in which ``1:3`` means columns 1 to 3. Sensors not named are left out;
-        ``{"time": None}`` ignores the stamps (give `rate`).
+    path : a file; or a folder with a ROS 2 recording, with the numbered parts of a split recording, or with one log. Or a recording in
+        memory: a pandas or polars data frame, an xarray dataset with a dimension time, a dictionary of arrays, or an array (n, columns)
+        with its `rate`; `columns` and `units` work as for a file. A `Log` is returned unchanged.
+    format : "csv", "json", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "ulog" or "dataflash"; the default is detected
+        from the first bytes.
+    columns : columns of each quantity, by number (from 0) or name: ``{"time": 0, "gyro": [1, 2, 3]}``, ``{"gyro_x": "wx", ...}``,
+        or a string, ``"time=0,gyro=1:3"``, in which ``1:3`` means columns 1 to 3. Sensors that are not named are left out;
+        ``{"time": None}`` ignores the time stamps (then give `rate`).
     units : unit of each quantity, ``{"gyro": "deg/s", "accel": "g", "time": "us"}`` or ``"gyro=deg/s,accel=g"``. A number before
         the unit is the size of one count: ``{"gyro": "0.05 deg/s"}``.
-    rate : sampling rate, Hz. Needed where there are no stamps; with stamps, a contradiction of more than 0.5 % is an error.
-    topics : what to read where there are several sensors of a kind: ROS topics, ULog topics with their instance
-        (``"sensor_gyro:1,sensor_accel:1"``), DataFlash records with theirs (``"IMU:1"``), or the group of a MATLAB or HDF5 file.
-    raw : undo the calibration that a flight controller applied before logging, with the parameters in the log (ULog, DataFlash).
-    data : "rate", or "phase" where the file holds the time integral of what the sensors measure: angles and velocities, or the phase
-        in files of Stable32. Differences from sample to sample over the sampling period are taken; `units` are those of the rate.
-    missing : number that stands for a missing value in a table (0 in files of Stable32, -999 in others).
+    rate : sampling rate, Hz. Required without time stamps; with time stamps, a contradiction of more than 0.5 % is an error.
+    topics : what to read if there are several sensors of a kind: ROS topics, ULog topics with their instance
+        (``"sensor_gyro:1,sensor_accel:1"``), DataFlash records with their instance (``"IMU:1"``), or the group in a MATLAB or HDF5 file.
+    raw : undo the calibration that a flight controller applied before logging, using the parameters in the log (ULog, DataFlash).
+    data : "rate", or "phase" if the file has the time integral of the measured quantities: angles and velocities, or the phase
+        in files of Stable32. jaxcal then uses differences between samples divided by the sampling period; `units` are those of the rate.
+    missing : number that marks a missing value in a table (0 in files of Stable32, -999 in others).
     quiet : do not print notes and warnings on stderr.
 
     Returns
     -------
     Log
-        `notes` tell what was guessed, `warnings` what was mended, `provenance` the file (name, size, sha256), the format, and
-        the columns and units used. Of a log with several IMUs `provenance["imus"]` holds the `topics` of each.
+        `notes` report what was inferred, `warnings` what was repaired, `provenance` the file (name, size, sha256), the format, and
+        the columns and units used. For a log with several IMUs, `provenance["imus"]` lists the `topics` of each.
 
     Raises
     ------
     DataError
-        If the file cannot be read, or what it holds cannot be told; the message names the option that helps.
+        If the file cannot be read, or its content is ambiguous; the message names the option that helps.
     UnitError
-        If `units` holds an unknown unit.
+        If `units` has an unknown unit.
 
     Examples
     --------
@@ -155,21 +154,21 @@ def convert(
     missing: float | int | None = None,
     quiet: bool = False,
 ) -> Log:
-    r"""Read a log once and write it as .npz or Parquet, which reads many times faster than bags and text.
+    r"""Read a log once and write it as .npz or Parquet, which jaxcal reads many times faster than bags and text.
 
-    Values are written in SI, on the uniform grid, with missing samples as NaN, and with everything that was said about them: `read`
-    gives the same `Log` again, with nothing left to guess, and its `provenance` is that of the original.
+    The file has values in SI on the uniform grid, with missing samples as NaN, and all notes and warnings. `read` returns the same `Log`
+    from it without any inference, with the `provenance` of the original file.
 
     Parameters
     ----------
-    path : log, as `jaxcal.read` takes it.
-    out : file to write, FILE.npz or FILE.parquet (which needs polars); an existing one is replaced.
-    format, columns, units, rate, topics, raw, data, missing, quiet : as of `jaxcal.read`.
+    path : log, as for `jaxcal.read`.
+    out : file to write, FILE.npz or FILE.parquet (which needs polars); an existing file is replaced.
+    format, columns, units, rate, topics, raw, data, missing, quiet : see `jaxcal.read`.
 
     Returns
     -------
     Log
-        What was written.
+        The log that was written.
 
     Raises
     ------
@@ -211,7 +210,7 @@ def convert(
 
 
 def _in_memory(source: Any, other: Any, columns: Any, units: Any, rate: Any, data: str, missing: Any) -> Log:
-    """The log of what is no file."""
+    """Make a log from an object in memory."""
     options = {"columns": parse_columns(columns), "units": parse_units(units), "rate": rate, "missing": missing}
     if isinstance(source, Log):
         if other or data != "rate" or any(value is not None and value != {} for value in options.values()):
@@ -222,10 +221,10 @@ def _in_memory(source: Any, other: Any, columns: Any, units: Any, rate: Any, dat
     return finished(table_of(source), {"file": f"a {type(source).__name__} in memory", "format": "memory"}, options, data == "phase")
 
 
-# what no number can hold becomes infinite or NaN, and is counted as missing
+# overflow gives infinity or NaN, which counts as missing
 @np.errstate(invalid="ignore", over="ignore", divide="ignore")
 def _read(path: pathlib.Path, format: str | None, options: dict[str, Any], topics: list[str] | None, raw: bool, phase: bool) -> Log:
-    """The log, of which `options` say how a table is read."""
+    """Read a log; `options` are the options for tables."""
     with opened(path, format, options, topics, raw) as (found, origin):
         return finished(found, origin, options, phase)
 
@@ -234,7 +233,7 @@ def _read(path: pathlib.Path, format: str | None, options: dict[str, Any], topic
 def opened(
     path: pathlib.Path, format: str | None, options: dict[str, Any], topics: list[str] | None, raw: bool
 ) -> Iterator[tuple[Table | Signals, dict[str, Any]]]:
-    """What a file holds, before columns and units are chosen, and where it comes from; a zip file is unpacked as long as that is used."""
+    """Content of a file, before columns and units are chosen, and its provenance; a zip file stays unpacked inside the `with` block."""
     if format is not None and format not in FORMATS:
         raise DataError(f"format={format!r} is unknown; use one of {', '.join(FORMATS)}")
     with _faults("a recording"):
@@ -260,7 +259,7 @@ def opened(
             found = _parse(kind, sources, topics, options, raw)
         else:
             with concurrent.futures.ThreadPoolExecutor(1) as pool:
-                # hashing lets go of the interpreter, so it costs nothing beside the parsing
+                # hashing releases the interpreter lock, so it runs in parallel to the parsing
                 digest = pool.submit(fingerprint, sources)
                 found = _parse(kind, sources, topics, options, raw)
                 size, sha256 = digest.result()
@@ -273,7 +272,7 @@ def opened(
 def finished(
     found: Table | Signals, origin: dict[str, Any], options: dict[str, Any], phase: bool, choices: list[Choice] | None = None
 ) -> Log:
-    """The log of what a file holds; `choices` gets what was chosen."""
+    """Make a log from the content of a file; the choices of columns and units are appended to `choices`."""
     plain = not phase and all(value is None or value == {} for value in options.values())
     if isinstance(found, Table) and found.saved is not None and plain:
         return found.saved.restore(interpret(found, {"time": None}, _SI, found.saved.rate).sensors, origin)
@@ -323,7 +322,7 @@ def _build(signals: Signals, provenance: dict[str, Any]) -> Log:
 
 
 def fingerprint(sources: list[pathlib.Path]) -> tuple[int, str]:
-    """Size and sha256 of a file, or of several and those of a folder in the order of their names."""
+    """Size and sha256 of a file, of several files, or of the files of a folder in the order of their names."""
     if len(sources) == 1 and sources[0].is_file():
         with sources[0].open("rb") as file:
             return sources[0].stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()
@@ -338,7 +337,7 @@ def fingerprint(sources: list[pathlib.Path]) -> tuple[int, str]:
 
 @contextlib.contextmanager
 def named(path: pathlib.Path) -> Iterator[None]:
-    """Put the name of the file before every message."""
+    """Add the name of the file to every error message."""
     try:
         yield
     except JaxcalError as error:
@@ -349,7 +348,7 @@ def named(path: pathlib.Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _faults(kind: str) -> Iterator[None]:
-    """Turn every fault of a reader library into a `DataError`."""
+    """Convert every exception of a reader library to a `DataError`."""
     try:
         yield
     except JaxcalError:
@@ -361,7 +360,7 @@ def _faults(kind: str) -> Iterator[None]:
             f"reading it as {kind} asks for more memory than there is; it is damaged, or too long to be read in one piece"
         ) from error
     except BaseException as error:
-        # a panic inside polars is no Exception; keyboard interrupts and exits go on
+        # a panic inside polars is not an Exception; keyboard interrupts and exits pass through
         if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
             raise
         if "allow_pickle" in str(error) or "Python objects" in str(error):

@@ -1,4 +1,4 @@
-"""Logs in jaxcal's own layout of .npz or Parquet: in SI, on their grid, with a description beside the numbers, read back as they were."""
+"""Logs in jaxcal's own layout of .npz or Parquet: SI values on the grid with a description, from which the same log can be restored."""
 
 import dataclasses
 import json
@@ -27,7 +27,7 @@ def save(log: Log, place: pathlib.Path) -> None:
     try:
         _write(log, place)
     except Exception as error:
-        # polars has errors of its own for a disk that is full
+        # polars raises its own exceptions, for example if the disk is full
         if not isinstance(error, OSError) and "os error" not in str(error):
             raise
         reason = getattr(error, "strerror", None) or str(error)
@@ -64,16 +64,16 @@ class Saved:
     provenance: dict[str, Any]
 
     def restore(self, sensors: dict[str, Any], where: dict[str, Any]) -> Log:
-        """The log of `sensors`, in SI and on the grid, with its own sentences, since those that looking again would add are among them.
+        """Restore the log from `sensors` (SI, on the grid) with its original notes and warnings, without adding new ones.
 
-        `where` is the converted file, which `provenance` names beside the original.
+        `where` describes the converted file; `provenance` names it in addition to the original file.
         """
         log = Log(None, **sensors, rate=self.rate)
         return log._replaced(notes=self.notes, warnings=self.warnings, provenance=self.provenance | {"converted": where})
 
 
 def parse_saved(text: str) -> Saved:
-    """The description that `save` wrote, checked."""
+    """Parse and check the description written by `save`."""
     schema, rate, notes, warnings, provenance = map(_parsed(text).get, ("schema", "rate", "notes", "warnings", "provenance"))
     if isinstance(schema, int) and schema > _SCHEMA:
         raise DataError("it was written by a later version of jaxcal; update jaxcal, or convert the log again")

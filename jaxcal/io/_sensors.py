@@ -1,4 +1,4 @@
-"""One recording in several files: a table for each sensor, as phone apps write them, or for each sample, as in KITTI."""
+"""Recordings in several files: a table for each sensor, as from phone apps, or a file for each sample, as in KITTI."""
 
 import pathlib
 from collections.abc import Callable
@@ -14,7 +14,7 @@ _MOST = 200_000
 
 
 def read_sensors(files: list[pathlib.Path], read: Callable[[pathlib.Path], Signals]) -> Signals:
-    """The sensors of all files on the stamps of the fastest; a file whose sensor cannot be used is named, and left out."""
+    """Join the sensors of all files on the time stamps of the fastest sensor; unusable files are left out with a warning."""
     parts: list[Part] = []
     signals = Signals(None, {})
     refused: list[str] = []
@@ -33,7 +33,7 @@ def read_sensors(files: list[pathlib.Path], read: Callable[[pathlib.Path], Signa
             if name in {part.name for part in parts}:
                 signals.notes.append(f"{name}: {file.name} is not read, since another file holds {name}")
                 continue
-            # the numbers are in SI already
+            # the values are already in SI
             parts.append(Part(name, file.name, _stamps(one), values, {"gyro": "rad/s", "accel": "m/s^2", "mag": "T"}.get(name, "degC")))
             signals.units[name] = one.units[name]
             signals.columns[name] = [file.name, *one.columns[name]]
@@ -48,7 +48,7 @@ def read_sensors(files: list[pathlib.Path], read: Callable[[pathlib.Path], Signa
 
 
 def _stamps(one: Signals) -> np.ndarray:
-    """Stamps in ns."""
+    """Time stamps in ns."""
     time = one.time
     assert time is not None
     if time.dtype.kind == "M":
@@ -60,7 +60,7 @@ def _stamps(one: Signals) -> np.ndarray:
 
 
 def read_oxts(folder: pathlib.Path) -> Table:
-    """A KITTI oxts folder: a file of 30 numbers for each sample, and a line of timestamps.txt."""
+    """Read a KITTI oxts folder: for each sample a file of 30 numbers, and a line in timestamps.txt."""
     files = sorted(file for file in (folder / "data").iterdir() if file.suffix == ".txt")
     if not 2 <= len(files) <= _MOST:
         raise DataError(f"data/ holds {len(files)} files, where one for each sample is expected (2 to {_MOST})")

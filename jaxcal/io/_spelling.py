@@ -1,4 +1,4 @@
-"""What several names say together: the axes of one sensor as numbers or as roll, pitch and yaw, a group named by the column before it."""
+"""Interpret several column names together: axes as numbers or as roll, pitch and yaw, and groups named by the column before them."""
 
 import dataclasses
 import re
@@ -16,7 +16,7 @@ _SENSORS = ("gyro", "accel", "mag", "accel or linear")
 
 
 def meanings(table, shared: str, known: dict[int, Name]) -> list[Name | None]:
-    """What every name says by itself, beside its neighbours, and, where no name is that of a sensor, without words that are not known."""
+    """Meaning of every name: by itself, together with its neighbours and, if no sensor is found, without unknown words."""
     names = _grouped(table)
     found = [known.get(i) or (parse(name[len(shared) :]) if name else None) for i, name in enumerate(names)]
     if known:
@@ -25,7 +25,7 @@ def meanings(table, shared: str, known: dict[int, Name]) -> list[Name | None]:
     _numbered(names, found)
     if not any(one is not None and one.kind in _SENSORS for one in found):
         for i, name in enumerate(names):
-            # only what says nothing, or of which the end alone was understood, is looked at again
+            # only names without a meaning, or with a meaning from their last word alone, are tried again
             one = found[i]
             if name and (one is None or one.kind in ("attitude", "motion")):
                 found[i] = loosened(name[len(shared) :]) or found[i]
@@ -33,7 +33,7 @@ def meanings(table, shared: str, known: dict[int, Name]) -> list[Name | None]:
 
 
 def _grouped(table) -> list[str]:
-    """Names, where x, y and z stand several times with the name of the group as that of an empty column before them."""
+    """Complete repeated names x, y, z with the name of their group, which is that of an empty column before them."""
     low = [name.strip().lower() for name in table.names]
     if low.count("x") < 2:
         return table.names
@@ -46,7 +46,7 @@ def _grouped(table) -> list[str]:
 
 
 def _rolls(names: list[str], found: list[Name | None]) -> None:
-    """Rates about the axes of roll, pitch and yaw: GyroR, GyroP, GyroY; roll_rate, pitch_rate, yaw_rate; p, q, r."""
+    """Recognise rates about roll, pitch and yaw: GyroR, GyroP, GyroY; roll_rate, pitch_rate, yaw_rate; p, q, r."""
     low = [plain(name) for name in names]
     gyros = sum(one is not None and one.kind == "gyro" for one in found)
     for stem in ("gyro", "gyr", "rate", "omega", ""):
@@ -83,7 +83,7 @@ def _rolls(names: list[str], found: list[Name | None]) -> None:
 
 
 def _numbered(names: list[str], found: list[Name | None]) -> None:
-    """Axes that are called 1, 2, 3 or 0, 1, 2: acc_1, acc_2, acc_3."""
+    """Recognise axes numbered 1, 2, 3 or 0, 1, 2: acc_1, acc_2, acc_3."""
     groups: dict[tuple[str, str], dict[int, int]] = {}
     for i, name in enumerate(names):
         match = re.fullmatch(r"([A-Za-z][A-Za-z _./:-]*[A-Za-z])[ _.-]?(\d)(\s*[\[(].*)?", name.strip())

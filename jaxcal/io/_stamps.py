@@ -1,4 +1,4 @@
-"""One column of stamps, or two: their unit by size and step, seconds with a fraction beside them, times written as digits."""
+"""Time stamps in one or two columns: unit from size and step, seconds with a separate fraction, times written as digits."""
 
 import dataclasses
 
@@ -7,22 +7,22 @@ import numpy as np
 from .._errors import DataError
 
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-#: where an epoch since 1970 begins, by unit
+#: limits of plausible times since 1970, by unit
 _EPOCH = {"s": (1e9, 4e9), "ms": (1e12, 4e12), "us": (1e15, 4e15), "ns": (1e18, 4e18)}
 #: ticks of 100 ns since 1601 (Windows) and since the year 1 (.NET), and days since the year 0 (MATLAB), of this century
 _TICKS = ((1.25e17, 1.6e17, "1e-7 s", 0.0, "Windows"), (6.3e17, 6.7e17, "1e-7 s", 0.0, ".NET"), (7.3e5, 7.7e5, "d", 5e-5, "MATLAB"))
-#: upper end of the median step of each unit, and between which steps the one below it is a guess
+#: upper limit of the median step of each unit, and the range of steps in which the choice is uncertain
 _STEPS = {
     True: (("ms", 300.0, (100.0, 1000.0)), ("us", 3e5, (1e5, 1e6)), ("ns", np.inf, (np.inf, np.inf))),
     False: (("s", 0.5, (0.2, 3.0)), ("ms", 300.0, (100.0, 1000.0)), ("us", 3e5, (1e5, 1e6)), ("ns", np.inf, (np.inf, np.inf))),
 }
-#: Modified Julian Dates from 1968 to 2132, and the step (in d, 4 s) above which they may as well be seconds
+#: limits of Modified Julian Dates (1968 to 2132), and the step (in d; 4 s) above which the numbers may also be seconds
 _MJD, _MJD_STEP, DAY = (40_000.0, 100_000.0), 5e-5, 86400.0
 
 
 @dataclasses.dataclass
 class Clock:
-    """Stamps in s (or dates) from `columns`, their unit, why, and whether anything besides plausibility speaks for it."""
+    """Time stamps in s (or dates) from `columns`, their unit, the reason for it, and whether there is evidence besides plausibility."""
 
     columns: list[int]
     time: np.ndarray
@@ -34,7 +34,7 @@ class Clock:
 
     @property
     def seconds(self) -> np.ndarray:
-        """Stamps in s from the first."""
+        """Time stamps in s; dates are relative to the first."""
         if self.time.dtype.kind == "M":
             ns = self.time.astype("datetime64[ns]").astype(np.int64)
             return np.where(np.isnat(self.time), np.nan, (ns - ns[0]) * 1e-9)
@@ -42,7 +42,7 @@ class Clock:
 
     @property
     def period(self) -> float:
-        """Median step that rises, s, or the mean one where stamps are so coarse that several samples share one; NaN where none rises."""
+        """Median positive step, s, or the mean step if several samples share a time stamp; NaN without a positive step."""
         steps = np.diff(self.seconds)
         steps = steps[np.isfinite(steps) & (steps >= 0)]
         rising = steps[steps > 0]
@@ -58,14 +58,14 @@ class Clock:
 
     @property
     def distinct(self) -> float:
-        """Part of the samples that the stamps tell apart."""
+        """Share of the samples with distinct time stamps."""
         seconds = self.seconds[: 1 << 16]
         seconds = seconds[np.isfinite(seconds)]
         return len(np.unique(seconds)) / len(seconds) if len(seconds) else 0.0
 
 
 def pair(table, indices: list[int], columns: list[np.ndarray], size: float) -> Clock:
-    """A date and a time of day, or seconds and a fraction beside them that counts in `size` s."""
+    """Clock from two columns: a date and a time of day, or seconds and a fraction in units of `size` s."""
     fraction = np.asarray(columns[1]).astype(np.float64)
     if columns[0].dtype.kind == "M" and columns[1].dtype.kind != "M":
         seconds = fraction if indices[1] in table.clocks else fraction * size
@@ -89,13 +89,13 @@ def pair(table, indices: list[int], columns: list[np.ndarray], size: float) -> C
 
 
 def since_midnight(clock: np.ndarray) -> np.ndarray:
-    """Times of day in s that go on rising: at midnight they begin again, and after an hour where the hours are missing."""
+    """Unwrap times of day in s, which restart at midnight, or after an hour if the hours are missing."""
     turn = DAY if np.nanmax(clock) >= 3600 else 3600.0
     return clock + turn * np.cumsum(np.concatenate([[0], np.diff(clock) < -turn / 2]))
 
 
 def is_fraction(table, whole: int, part: int, size: float) -> bool:
-    """Whether a column counts parts of a second, and falls back to zero where another begins a new second."""
+    """Whether a column counts fractions of a second, and returns to zero when another column begins a new second."""
     column, seconds = table.columns[part], table.columns[whole]
     if column.dtype.kind not in "iuf" or part in table.clocks or not np.isfinite(column).all():
         return False
@@ -112,9 +112,9 @@ def is_fraction(table, whole: int, part: int, size: float) -> bool:
 
 
 def from_digits(column: np.ndarray) -> np.ndarray | None:
-    """Times of day in s that are written as the digits HHMMSS, with or without decimals, or HHMMSSmmm; None for other numbers.
+    """Convert times of day written as digits HHMMSS, with or without decimals, or HHMMSSmmm, to s; None for other numbers.
 
-    A count of any unit passes through all digits; times of day never show seconds or minutes beyond 59, and jump where a minute begins.
+    A counter takes all values; in times of day, seconds and minutes never exceed 59, and the number jumps when a minute begins.
     """
     values = column[np.isfinite(column)].astype(np.float64) if column.dtype.kind in "iuf" else np.zeros(0)
     if len(values) < 20 or values.min() < 0 or values.max() >= 240_000e6:
@@ -134,7 +134,7 @@ def from_digits(column: np.ndarray) -> np.ndarray | None:
 
 
 def unit_by_step(stamps: np.ndarray, integer: bool, rate: float | int | None) -> tuple[str, str, bool]:
-    """Unit of stamps that no name tells: that which agrees with `rate`, that of an epoch, or by the median step."""
+    """Unit of time stamps without a stated unit: from agreement with `rate`, from an epoch, or from the median step."""
     steps = np.diff(stamps)
     steps = steps[(steps > 0) & np.isfinite(steps)]
     if not len(steps):
@@ -144,7 +144,7 @@ def unit_by_step(stamps: np.ndarray, integer: bool, rate: float | int | None) ->
     start = float(stamps[np.isfinite(stamps)][0])
     if not integer and _MJD[0] <= start <= _MJD[1]:
         agrees = rate is not None and abs(1 / (step * DAY) / rate - 1) < 0.05
-        # as seconds it would be a rate beyond 20 kHz
+        # in seconds the rate would be above 20 kHz
         if agrees or (rate is None and step < _MJD_STEP):
             return "mjd", f"{seen}, from {start:.6g} on: Modified Julian Dates", True
     if rate is not None:
@@ -153,7 +153,7 @@ def unit_by_step(stamps: np.ndarray, integer: bool, rate: float | int | None) ->
             if min(abs(1 / (step * seconds) / rate - 1), abs(mean / seconds / rate - 1)) < 0.05:
                 return unit, f"{seen}: agrees with a rate of {rate:g} Hz", True
     for unit, (first, last) in _EPOCH.items():
-        # a rate far outside any sensor's means that a time since boot only looks like an epoch
+        # require a plausible rate, because a time since boot may look like an epoch
         if first <= start <= last and 0.1 < 1 / (step * SECONDS[unit]) < 1e6:
             return unit, f"starts at {start:.4g}, as time since 1970 does", True
     for first, last, unit, most, who in _TICKS:

@@ -1,7 +1,6 @@
-"""Whether a log can be what a command needs: units that the Earth contradicts, motion where rest is needed, rest where motion is needed.
+"""Check before any statistics that a log suits a command: implausible units, motion instead of rest, rest instead of motion.
 
-These questions come before any statistics. Motion is looked for in means over a second: vibration and noise average out, a turned sensor
-does not.
+Motion is detected in means over a second, in which vibration and noise average out but a rotation of the sensor does not.
 """
 
 import dataclasses
@@ -13,20 +12,20 @@ from .._log import Log
 from .._units import STANDARD_GRAVITY, factor, find_unit
 from ._evidence import field_size, median_norm, turning
 
-#: size of what a second's mean departs by from the usual one where the sensor moved: 5 degrees of gravity, 5 deg/s, a tenth of the field
+#: change of the mean over a second that indicates motion: 5 degrees of gravity, 5 deg/s, a tenth of the field
 _FORCE, _RATE, _FIELD = 0.087 * STANDARD_GRAVITY, np.deg2rad(5.0), 0.1
-_SIGMAS = 6.0  # the noise of a mean must explain less
-_SHARE = 0.02  # of the seconds: a bump does not make a log one of motion
+_SIGMAS = 6.0  # the change must also exceed the noise of a mean by this factor
+_SHARE = 0.02  # share of the seconds with motion that is tolerated, such as a bump
 _LONG = 60.0  # s
-_SEEN = 2000  # blocks that show the noise
-#: part of the median length by which a field seen from one side only varies
+_SEEN = 2000  # number of blocks from which the noise is estimated
+#: relative variation of a field below which it comes from one direction only
 _ONE_SIDE = 0.05
 _UNITS = {"accel": ("m/s^2", "g", "mg"), "mag": ("uT", "nT", "mG", "G", "mT", "T")}
 
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
-    """Share of the seconds in which the sensor has moved, what shows it, and the longest still part as (start, stop) in s, or None."""
+    """Share of the seconds with motion, the evidence, and the longest still part as (start, stop) in s, or None."""
 
     share: float
     shown: str
@@ -34,13 +33,13 @@ class Motion:
 
 
 def unsuited(command: str, log: Log, name: str = "LOG") -> str | None:
-    """Why a log is not what a command needs, with the command lines that are right, or None.
+    """Sentence that says why a log does not suit a command, with the right command lines; None if it suits.
 
     Parameters
     ----------
     command : "noise", "temperature", "imu" or "mag".
-    log : what was read.
-    name : the log, as the user gave it.
+    log : the log.
+    name : name of the log in the command line, as the user gave it.
     """
     if wrong := wrong_units(log):
         return wrong
@@ -74,7 +73,7 @@ def _moving(command: str, found: Motion, name: str) -> str:
 
 
 def wrong_units(log: Log) -> str | None:
-    """The sentence on a unit, given by the user, that gravity or the Earth's field contradicts."""
+    """Sentence on a unit that contradicts gravity or the Earth's field, or None."""
     units = log.provenance.get("units", {})
     for sensor, likely, expected in (
         ("accel", (8.8, 10.8), "gravity is 9.76 to 9.84 m/s^2"),
@@ -84,7 +83,7 @@ def wrong_units(log: Log) -> str | None:
         if values is None or values.shape[1] != 3 or unit is None:
             continue
         size = median_norm(values) if sensor == "accel" else field_size(values)[0]
-        # sensors are not calibrated yet: what is off by less than a factor of two may be their own error
+        # an uncalibrated sensor may have a large error, so tolerate a factor of two
         if not size or likely[0] / 2 < size < 2 * likely[1]:
             continue
         raw = size / factor(unit, sensor)
@@ -97,7 +96,7 @@ def wrong_units(log: Log) -> str | None:
 
 
 def _wrong_rate(log: Log) -> str | None:
-    """The same of a gyroscope, whose turns gravity or the field must follow."""
+    """Sentence on a gyroscope unit that contradicts the observed rotation of gravity or the field, or None."""
     unit = find_unit(str(log.provenance.get("units", {}).get("gyro", "")), "gyro")
     if log.gyro is None or unit not in ("rad/s", "deg/s"):
         return None
@@ -114,7 +113,7 @@ def _wrong_rate(log: Log) -> str | None:
 
 
 def motion(log: Log) -> Motion | None:
-    """Where the sensor moves, by the mean of each second; None where too little is there to tell."""
+    """Find motion from the means over each second; None if there are too few data."""
     width = max(4, round(log.rate))
     parts: list[tuple[str, Any, float]] = [("gravity", log.accel, _FORCE), ("the rate", log.gyro, _RATE)]
     if log.accel is None and log.gyro is None and log.mag is not None:
@@ -138,7 +137,7 @@ def motion(log: Log) -> Motion | None:
 
 
 def _means(values: np.ndarray, width: int, limit: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """Whether each block departs from the usual mean, and whether it departs from the block before."""
+    """For each block, whether its mean differs from the median of all means, and whether it differs from the block before."""
     count = len(values) // width
     if count < 3:
         return None
@@ -157,7 +156,7 @@ def _means(values: np.ndarray, width: int, limit: float) -> tuple[np.ndarray, np
 
 
 def _longest(still: np.ndarray, seconds: float) -> tuple[float, float] | None:
-    """Start and stop in s of the longest run of still blocks, less a block at each end; None where it is short."""
+    """Start and stop in s of the longest run of still blocks, without one block at each end; None if it is short."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
     if not len(edges):
         return None

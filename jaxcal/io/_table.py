@@ -1,4 +1,4 @@
-"""A table of columns -> stamps in s and sensors in SI: explicit options first, then names, then values. Time integrals -> rates."""
+"""Convert a table of columns to time stamps in s and sensors in SI: by explicit options first, then by names, then by values."""
 
 import dataclasses
 import re
@@ -22,11 +22,11 @@ from ._stamps import Clock
 
 @dataclasses.dataclass
 class Table:
-    """Columns as a reader found them.
+    """Columns of a table, as a reader found them.
 
-    `names` are empty strings where there are none; `integer` are the columns without decimals, `clocks` those that hold times of day in
-    s, `days` those that hold dates without a time. `preamble` is the text above the table, `stem` the name of the file, without its
-    suffix. `rate` is one that the file states in a number of its own; `saved` is what `convert` wrote.
+    `names` has empty strings for columns without a name. `integer` are the columns without decimals, `clocks` those with times of day in
+    s, `days` those with dates without a time. `preamble` is the text above the table, `stem` the file name without its suffix. `rate` is
+    a sampling rate that the file states separately; `saved` is the description written by `convert`.
     """
 
     columns: list[np.ndarray]
@@ -44,7 +44,7 @@ class Table:
 
 @dataclasses.dataclass(frozen=True)
 class Choice:
-    """What is read as one quantity: columns (or topics), unit, why, whether anything supports it, and the options that change it."""
+    """How one quantity is read: columns (or topics), unit, reason, whether there is evidence, and the options that change it."""
 
     quantity: str
     columns: tuple[str, ...]
@@ -56,10 +56,10 @@ class Choice:
 
 @dataclasses.dataclass
 class Signals:
-    """What goes into a `Log`, and the columns and units it was taken from.
+    """Data for a `Log`, and the columns and units from which they come.
 
-    `nominal` is a rate that the file states beside stamps; `choices` are what `jaxcal.io.inspect` shows, and `sources` all topics that
-    there are, as sentences; `imus` are the `topics` of each IMU in the log, where there are several.
+    `nominal` is a rate that the file states in addition to time stamps. `choices` are for `jaxcal.io.inspect`; `sources` are sentences on
+    all topics in the file. `imus` are the `topics` of each IMU, if there are several.
     """
 
     time: np.ndarray | None
@@ -76,14 +76,14 @@ class Signals:
     imus: list[str] = dataclasses.field(default_factory=list)
 
 
-# a value too large to convert becomes infinite, and that is counted as missing
+# overflow gives infinity, which counts as missing
 @np.errstate(invalid="ignore", over="ignore")
 def interpret(
     table: Table, columns: Columns, units: dict[str, str], rate: float | int | None, missing: float | int | None = None
 ) -> Signals:
-    """Stamps and sensors of a table, in which `missing` stands for no value.
+    """Convert a table to time stamps and sensors; `missing` is the number that marks a missing value.
 
-    Everything that is missing or contradicted is said in one error, so that one more call is enough.
+    One error reports everything that is missing or contradictory, so that the user needs only one more call.
     """
     listed = listing(table.names, len(table.columns))
     if not table.columns or not len(table.columns[0]):
@@ -118,11 +118,11 @@ def interpret(
             signals.notes.append(_note(name, found.columns[name], table.names, guess))
     signals.notes += table.notes
     taken = [i for indices in signals.columns.values() for i in indices]
-    # a table that is used as a whole is converted where it stands
+    # a table of which most columns are used is converted in place, to save memory
     own = len(set(taken)) == len(taken) > len(table.columns) / 2
     for name, (factor, offset) in scales.items():
         signals.sensors[name] = _convert(raw.pop(name), factor, offset, own=own)
-        # of a table that fills the memory there is no room for two
+        # free the source columns: a large table may not fit into memory twice
         for i in found.columns[name]:
             table.columns[i] = table.columns[i][:0]
     unused = [name or str(i) for i, name in enumerate(table.names) if i not in taken]
@@ -147,7 +147,7 @@ def _set_time(
     table: Table, found: Any, columns: Columns, clock: Clock | None, stated: tuple[float, str] | None, signals: Signals,
     problems: list[str],
 ) -> None:  # fmt: skip
-    """Stamps, or a rate in their place."""
+    """Set the time stamps, or else the rate."""
     if clock is None:
         if "time" not in columns and (signals.rate or stated):
             _place_by_counter(table, found, float(signals.rate or (stated or (0.0,))[0]), signals)
@@ -192,7 +192,7 @@ def _set_time(
 
 
 def _place_by_counter(table: Table, found: Any, rate: float, signals: Signals) -> None:
-    """Stamps from a column that counts samples, where it skips some: without a clock nothing else tells that they were lost."""
+    """Without a clock, use a sample counter to find lost samples, and set time stamps if it skips some."""
     for i, one in enumerate(found.names):
         if one is None or one.kind != "counter" or table.columns[i].dtype.kind not in "iuf":
             continue
@@ -212,7 +212,7 @@ def _units(
     table: Table, found: Any, raw: dict[str, Any], units: dict[str, str], period: float | None, clock: Clock | None, signals: Signals,
     problems: list[str],
 ) -> dict[str, _guess.Guess]:  # fmt: skip
-    """The unit of every sensor; those without a field or a value are left out, with a sentence."""
+    """Find the unit of every sensor; a magnetometer without a field, or a sensor without a unit, is left out with a warning."""
     guesses: dict[str, _guess.Guess] = {}
     values: dict[str, np.ndarray] = {}
     for name in list(raw):
@@ -236,7 +236,7 @@ def _units(
             guesses[name] = _unit(name, values[name], stated, where, period, turns, name in units, signals.warnings)
         except DataError as error:
             if name in found.guessed and len(raw) > 1 and ((name == "mag" and stated is None) or name == "temperature"):
-                # the other sensors need neither a field nor a temperature
+                # leave it out: the other sensors can be used without a field or temperature
                 signals.warnings.append(f"{name} is left out: {error}")
             else:
                 problems.append(str(error))
@@ -247,7 +247,7 @@ def _units(
 
 
 def _turns(values: dict[str, np.ndarray], period: float | None) -> Turning | None:
-    """The turning of gravity, or of the field, as the gyroscope in rad/s would have it; that which follows more closely."""
+    """Compare the gyroscope (as rad/s) with the rotation of gravity or of the field, whichever correlates better."""
     if "gyro" not in values or not period:
         return None
     found = [turning(values["gyro"], values[name], period) for name in ("accel", "mag") if name in values]
@@ -259,7 +259,7 @@ def _unit(
     warnings: list[str],
 ) -> _guess.Guess:  # fmt: skip
     if not np.isfinite(values).all(axis=1).any():
-        # `Log` refuses it by name
+        # `Log` refuses a sensor without values, and names it
         return _guess.Guess(stated or si_unit(name), "there is nothing to tell it from", "")
     judge = {
         "gyro": lambda unit: _guess.gyro_unit(values, unit, where, turns),
@@ -271,7 +271,7 @@ def _unit(
         return judge(stated)
     try:
         judge(stated)
-    except DataError as error:  # the caller's word goes before that of the values
+    except DataError as error:  # a unit given by the caller overrides the evidence in the values
         said = str(error).partition("; give the unit")[0].partition(": give the unit")[0].partition(". Record")[0]
         warnings.append(f"{name} is read in {stated}, as given, although {said.replace(' (as given)', '')}")
     return _guess.Guess(stated or "", "", "")
@@ -280,12 +280,13 @@ def _unit(
 def _check_turns(
     guesses: dict[str, _guess.Guess], turns: Turning | None, clock: Clock | None, warnings: list[str], problems: list[str]
 ) -> None:
-    """Rates and stamps together must turn gravity as far as it is seen to turn."""
+    """Check that rates and time stamps together agree with the observed rotation of gravity or of the field."""
     if turns is None or "gyro" not in guesses or abs(turns.correlation) < 0.6:
         return
     factor, _ = scale(guesses["gyro"].unit, "gyro")
     slope = turns.slope / factor
-    if not 0.2 < abs(slope) < 5.0:
+    counted = guesses["gyro"].unit == f"1 {si_unit('gyro')}"  # counts of unknown size
+    if not counted and not 0.2 < abs(slope) < 5.0:
         what = "the clock is not in " + clock.unit if clock is not None and not clock.sure else "the unit of gyro or of time is wrong"
         sentence = (
             f"gravity or the field turns {slope:.3g} times as fast as gyro in {guesses['gyro'].unit} says "
@@ -318,13 +319,13 @@ def _numbers(table: Table, index: int, kinds: str = "iufb") -> np.ndarray:
 
 
 def _without(column: np.ndarray, missing: float | int) -> np.ndarray:
-    """A column in which a value that stands for none is NaN."""
+    """Replace the number that marks a missing value by NaN."""
     found = column == missing
     return np.where(found, np.nan, column) if found.any() else column
 
 
 def _beside(columns: list[np.ndarray]) -> np.ndarray | None:
-    """Columns that are successive rows of one array, as (k, n) without a copy; None for others."""
+    """View columns that are successive rows of one array as (k, n), without a copy; None for other columns."""
     base = columns[0].base
     if base is None or base.ndim != 2 or base.dtype != np.float64 or not base.flags.writeable or base.strides[1] != base.itemsize:
         return None
@@ -337,7 +338,7 @@ def _beside(columns: list[np.ndarray]) -> np.ndarray | None:
 
 
 def _convert(columns: list[np.ndarray], factor: float, offset: float, *, own: bool = False) -> np.ndarray:
-    """Columns as (n, k) in SI, each channel contiguous; in place where they stand beside one another and are our `own`."""
+    """Convert columns to (n, k) in SI, each channel contiguous; in place if they are adjacent and may be overwritten (`own`)."""
     if own and (rows := _beside(columns)) is not None:
         if factor != 1.0:
             rows *= factor
@@ -356,14 +357,14 @@ def _convert(columns: list[np.ndarray], factor: float, offset: float, *, own: bo
 
 
 def _stack(columns: list[np.ndarray]) -> np.ndarray:
-    """Columns as (n, k), with NaN for whatever is not finite."""
+    """Stack columns to (n, k), with NaN for values that are not finite."""
     rows = _beside(columns)
     values = _convert(columns, 1.0, 0.0) if rows is None else rows.T
     return values if all_finite(values) else np.where(np.isfinite(values), values, np.nan)
 
 
 def _refuse_unknown_unit(name: str, header: str) -> None:
-    """A unit in square brackets is a statement: where it is not understood, nothing is guessed against it."""
+    """Refuse an unknown unit in square brackets, because a guess could contradict the statement of the header."""
     match = re.search(r"\[([^\]]*[A-Za-z][^\]]*)\]", header)
     inside = bracketed(header) or ""
     if name == "mag" and (RELATIVE.fullmatch(inside) or header.lower().endswith(("_flux", " a.u.", "_au"))):
@@ -381,7 +382,7 @@ def _refuse_unknown_unit(name: str, header: str) -> None:
 
 
 def _spelled(indices: list[int], to: str, between: str) -> str:
-    """A run of numbers by its ends, others one by one."""
+    """Spell consecutive numbers as a range, other numbers one by one."""
     run = len(indices) > 1 and indices == list(range(indices[0], indices[-1] + 1))
     return f"{indices[0]}{to}{indices[-1]}" if run else between.join(map(str, indices))
 
@@ -394,5 +395,7 @@ def _label(indices: list[int], names: list[str]) -> str:
 def _note(name: str, indices: list[int], names: list[str], guess: _guess.Guess) -> str:
     why = f" ({guess.reason})" if guess.reason else ""
     where = f"column{'s' * (len(indices) > 1)} {_label(indices, names)}"
-    options = f"--columns {name}={_spelled(indices, ':', ',')} --units {name}={guess.other or guess.unit}"
+    other = guess.other or guess.unit
+    quoted = f"'{other}'" if " " in other else other
+    options = f"--columns {name}={_spelled(indices, ':', ',')} --units {name}={quoted}"
     return f"{name}: {where}, {guess.unit}{why}; override with {options}"

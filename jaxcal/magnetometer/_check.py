@@ -1,4 +1,4 @@
-"""`check`: a calibration on readings that it has not seen, or on readings with known headings."""
+"""`check`: how well a calibration does on readings that it has not seen, or on readings with known headings."""
 
 from typing import Any
 
@@ -17,27 +17,27 @@ from ._result import MagFit
 from ._rotation._align import still
 from ._rotation._turning import array, like
 
-_MOST = 36  # headings that are listed one by one; more are put into sectors
+_MOST = 36  # most headings that are listed one by one; more are grouped into sectors
 _SECTORS = 12
-_PARAMETERS = 3.0  # degrees of freedom of a heading error, nearly: the hard iron dominates it
+_PARAMETERS = 3.0  # approximate degrees of freedom of a heading error: the hard iron dominates it
 _LEAST = 1e-9
-_STEEP, _LEVEL = 0.18, 0.1  # horizontal share of a field that has a heading, and horizontal share of gravity at level
+_STEEP, _LEVEL = 0.18, 0.1  # least horizontal share of the field for a heading; largest horizontal share of gravity at level
 
 
 class Check(Result):
-    """How a calibration does on readings.
+    """Errors of a calibration on readings, beside the errors to expect.
 
     Attributes
     ----------
-    norm, expected_norm : rms of the corrected norm over the field, less one: found, and expected from noise and calibration error.
+    norm, expected_norm : rms of (magnitude of the corrected reading / field - 1): found, and expected from noise and calibration error.
     heading, expected_heading : rms heading error in rad: found, and expected. NaN without known headings.
     dip : (2,) mean and standard deviation of the dip in rad; NaN without an accelerometer.
     count : number of readings.
-    table : (k, 5) a row for each known heading, or for each sector of 30 degrees: heading in rad, number of readings, mean heading error
-        and standard deviation in rad, rms of the norm.
-    verdict : "good", or "weak" where an error is larger than expected beyond chance of 5 %.
-    reason : a sentence.
-    warnings : none.
+    table : (k, 5) one row for each known heading, or for each sector of 30 degrees: heading in rad, number of readings, mean heading error
+        and its standard deviation in rad, rms of the magnitude error.
+    verdict : "good", or "weak" if an error exceeds the expected one by more than chance (5 %) explains.
+    reason : sentences that explain the verdict.
+    warnings : always empty.
 
     Examples
     --------
@@ -74,18 +74,19 @@ class Check(Result):
 def check(found: MagFit, m: Any, *, accel: Any = None, headings: Any = None) -> Check:
     r"""Errors of a calibration on readings that were held back from it, beside the errors that it predicts.
 
-    The norm of a corrected reading, over the field, has the variance
+    The magnitude of a corrected reading, divided by the field, has the variance
 
     .. math:: \frac{\sigma^2}{H^2} |C^{-T} \hat y|^2 + r\,\mathrm{Cov}\,r^T
 
-    with the slopes r of the norm by shape and hard iron. A heading has that of the calibration, and that of the reading's own noise.
+    where r are the slopes of the magnitude with respect to shape and hard iron. The variance of a heading is the sum of the calibration's
+    variance and that of the reading's own noise.
 
     Parameters
     ----------
     found : a fit with a model that is not planar.
     m : (n, 3) readings that `found` has not seen, in its unit.
-    accel : (n, 3) specific force at rest, in the axes of the corrected field; for the dip, and for headings of a sensor that is not level.
-    headings : (n,) known magnetic headings in rad; NaN where there is none.
+    accel : (n, 3) specific force at rest, in the axes of the corrected field. It gives the dip, and headings of a sensor that is not level.
+    headings : (n,) known magnetic headings in rad; NaN where a heading is unknown.
 
     Returns
     -------
@@ -94,7 +95,7 @@ def check(found: MagFit, m: Any, *, accel: Any = None, headings: Any = None) -> 
     Raises
     ------
     DataError
-        If the fit has no model, or shapes differ.
+        If the fit has no model, or the shapes differ.
 
     Examples
     --------
@@ -108,7 +109,7 @@ def check(found: MagFit, m: Any, *, accel: Any = None, headings: Any = None) -> 
 
     References
     ----------
-    First-order propagation; the limit is the 95 % quantile of Fisher's law.
+    First-order propagation; the limit is the 95 % quantile of the F distribution.
     """
     if found.model is None or found.plane is not None or len(found.values):
         raise DataError("A check needs a fit of norms with a model that is not planar.")
@@ -143,19 +144,19 @@ def check(found: MagFit, m: Any, *, accel: Any = None, headings: Any = None) -> 
         said.append(f"Headings are off by {np.rad2deg(rms):.2g} degrees rms; {np.rad2deg(told):.2g} are expected.")
     freedom = found.blocks - 1 if found.blocks else max(found.used - 9, 1)
     most = float(np.sqrt(scipy.special.fdtri(_PARAMETERS, freedom, 0.95)))
-    wrong = norm > max(most * expected, _LEAST) or rms > max(most * told, _LEAST)  # false where there is no heading
+    wrong = norm > max(most * expected, _LEAST) or rms > max(most * told, _LEAST)  # the second is false without known headings
     if wrong:
         said.append("That is more than chance: the calibration, the readings or the known headings have an error that is not counted.")
     return Check(norm, expected, rms, told, dip, len(m), _table(of, error, off), "weak" if wrong else "good", " ".join(said))
 
 
 def _expected_norm(found: MagFit, m: np.ndarray, y: np.ndarray) -> float:
-    """Rms that noise and calibration error give the norm over the field."""
+    """Rms error of the magnitude over the field that noise and calibration error explain."""
     known = np.asarray(found.covariance)
     if not np.isfinite(known).all():
         return float("inf")
     shape, centre = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)  # type: ignore[arg-type]
-    # the slope of the norm is that of the distance, times the length of A z
+    # the slope of the magnitude is the slope of the distance times the length of A z
     rows = distance_slopes(shape, m - centre) * np.linalg.norm((m - centre) @ shape, axis=1)[:, None]
     push = unit(y) @ np.linalg.inv(np.asarray(found.model.soft_iron))  # type: ignore[union-attr]
     by_noise = (found.noise / found.field) ** 2 * np.sum(push**2, axis=1)
@@ -163,7 +164,7 @@ def _expected_norm(found: MagFit, m: np.ndarray, y: np.ndarray) -> float:
 
 
 def _table(of: np.ndarray, error: np.ndarray, off: np.ndarray) -> np.ndarray:
-    """A row for each heading, or for each sector."""
+    """One row for each heading, or for each sector."""
     there = np.isfinite(of)
     degrees = np.round(np.rad2deg(of[there])) % 360
     if len(np.unique(degrees)) > _MOST:

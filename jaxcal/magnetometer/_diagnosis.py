@@ -1,4 +1,4 @@
-"""What the causes that residuals follow cost in degrees of heading, and the sentences that name them; readings at the end of a range."""
+"""Heading errors due to causes that the residuals follow, sentences that name these causes, and readings at the end of a range."""
 
 from typing import Any
 
@@ -10,8 +10,9 @@ from ._design._heading_error import heading_error
 from ._ellipsoid._causes import ALONE, BENT, DRIFT, FAST, PLACE, SERIAL, Examined
 from ._ellipsoid._kinds import PLANAR, PLANAR_ROWS, basis_of, slopes_of
 from ._ellipsoid._shape import Found
+from ._result import between
 
-_WORTH_SAYING = 0.1  # of the limit
+_WORTH_SAYING = 0.1  # share of the limit above which a cause is worth a sentence
 _SENTENCES = {
     DRIFT: "The hard iron drifts along the log, by up to {size:.2g} % of the field about its mean{cost}. "
     "Let the sensor warm up, keep iron and currents as they are, and record again.",
@@ -22,7 +23,7 @@ _SENTENCES = {
     PLACE: "The norm of the field varies along the log, by {size:.2g} % rms{cost}: iron or currents are near. "
     "Record outdoors, and turn the sensor about one place.",
     ALONE: "The hard iron changes along one direction, by up to {size:.2g} % of the field{cost}: a current, or a part that moves. "
-    "Keep it constant, or record it and give it as `conditions`.",
+    "Keep it constant, or record it and fit it as a term of its own (`fit_current`, or --currents).",
     SERIAL: "The noise is correlated from reading to reading, {size:.2g} % of the field rms{cost}. "
     "The errors are those between fits without parts of the log. A longer log, or one farther from iron and currents, makes them smaller.",
 }
@@ -33,15 +34,15 @@ _CONDITION = (
 
 CLIPPED = "clipping"
 _FEWEST_AT_END = 4
-_NEAR = 20  # readings next to the end, whose density says how many may share one value by chance
+_NEAR = 20  # number of readings next to the end; their density tells how many may share one value by chance
 _BY_CHANCE = 1e-5
-_APART = 0.05  # of the size of the log: what stands still repeats a value too
+_APART = 0.05  # as a share of the log's size: a sensor at rest repeats a value too
 
 
 def at_end(m: np.ndarray) -> np.ndarray:
-    """Readings (n,) that stand at the largest or smallest value of an axis more often than chance allows: the sensor was at its limit.
+    """Find readings (n,) of a saturated sensor: the largest or smallest value of an axis occurs more often than chance allows.
 
-    Chance is a Poisson law. Its mean comes from the density of the readings next to the end, times the step between values.
+    Chance follows a Poisson distribution. Its mean is the density of the readings next to the end, times the step between values.
     """
     out, distinct = np.zeros(len(m), dtype=bool), None
     for axis in range(3):
@@ -65,7 +66,7 @@ def at_end(m: np.ndarray) -> np.ndarray:
 
 
 def checked_conditions(conditions: dict[str, Any], count: int) -> dict[str, np.ndarray]:
-    """Recorded conditions as arrays of one number a reading."""
+    """Recorded conditions as arrays of one number per reading."""
     found = {}
     for name, given in conditions.items():
         values = np.asarray(given, dtype=float)
@@ -80,7 +81,7 @@ def checked_conditions(conditions: dict[str, Any], count: int) -> dict[str, np.n
 
 
 def cost_of(found: Found, steps: np.ndarray, dip: float) -> float:
-    """The rms heading error in rad that biases (k, 9) of a fit make at level."""
+    """The rms heading error in rad at level that biases (k, 9) of a fit cause."""
     if not steps.any():
         return 0.0
     rows = np.array(PLANAR_ROWS) if found.kind in PLANAR else np.arange(9)
@@ -88,23 +89,24 @@ def cost_of(found: Found, steps: np.ndarray, dip: float) -> float:
 
 
 def costs_of(said: Examined, found: Found, whole: np.ndarray, dip: float) -> dict[str, float]:
-    """That of each cause; of correlated noise, all of the error."""
+    """Heading error of each cause; for correlated noise, the whole heading error."""
     return {cause.name: cost_of(found, cause.steps, dip) if len(cause.steps) else float(whole[0]) for cause in said.causes}
 
 
-def assumptions(dip: float, no_dip: bool, no_axis: bool, span: np.ndarray) -> str:
-    """What the heading error takes for granted, and its range without that."""
+def assumptions(dip: float, no_dip: bool, no_axis: bool, span: np.ndarray, seen: bool) -> str:
+    """A sentence with the assumptions behind the heading error, and its range without them; `seen`: the accelerometer shows the dip."""
+    if seen:
+        told = f" The accelerometer shows a dip of {np.rad2deg(dip):.0f} degrees."
+        return told + assumptions(dip, no_dip, no_axis, span, False)
     if not (no_dip or no_axis) or not np.isfinite(span).all():
         return ""
     taken = [f"a dip of {np.rad2deg(dip):.0f} degrees"] * no_dip + ["the z axis down"] * no_axis
     others = ["dips up to 75 degrees"] * no_dip + ["other axes down"] * no_axis
-    low, high = np.rad2deg(span)
-    most = f"{low:.2g} to {high:.2g} degrees" if high < 30 else f"{low:.2g} to more than 30 degrees" if low < 30 else "more than 30 degrees"
-    return f" This assumes {' and '.join(taken)}; with {' and '.join(others)} the error at level is {most}."
+    return f" This assumes {' and '.join(taken)}; with {' and '.join(others)} the error at level is {between(span)}."
 
 
 def error_with_terms(said: Examined, found: Found, dip: float) -> float:
-    """Heading error in rad at level if drift and conditions were fitted as terms; the other causes stay."""
+    """Heading error in rad at level if drift and conditions were fitted as terms; the other causes remain."""
     if said.with_terms is None or found.kind in PLANAR:
         return np.inf
     slopes = slopes_of(found.parameters, basis_of(found.kind))
@@ -114,7 +116,7 @@ def error_with_terms(said: Examined, found: Found, dip: float) -> float:
 
 
 def sentences(said: Examined, costs: dict[str, float], limit: float, modelled: float) -> list[str]:
-    """One for each cause that costs something, the strongest first; `modelled` is the `error_with_terms`."""
+    """One sentence for each cause of a notable heading error, the strongest first; `modelled` comes from `error_with_terms`."""
     texts = []
     for name, _, size in said.causes:
         if costs[name] >= _WORTH_SAYING * limit:
@@ -122,7 +124,10 @@ def sentences(said: Examined, costs: dict[str, float], limit: float, modelled: f
             cost = f", which costs {np.rad2deg(costs[name]):.2g} degrees of heading rms{of_all}" if np.isfinite(costs[name]) else ""
             text = _SENTENCES.get(name, _CONDITION).format(name=name, size=100 * size, cost=cost)
             if name not in (FAST, BENT, PLACE, ALONE, SERIAL) and modelled < 0.5 * costs[name]:
-                of = "the time" if name == DRIFT else "it"
-                text += f" `fit_current` with {of} as the current would leave an error of {np.rad2deg(modelled):.2g} degrees."
+                of = "time" if name == DRIFT else name
+                text += (
+                    f" Fitted as a term of its own ({of} as the current of `fit_current`, or --currents {of}) it would leave an error of "
+                    f"{np.rad2deg(modelled):.2g} degrees."
+                )
             texts.append(text)
     return texts

@@ -1,4 +1,4 @@
-"""Earth's field: at a place, in body axes (x forward, y right, z down; azimuth, elevation, bank), and the heading that it gives."""
+"""Earth's field at a place and in body axes (x forward, y right, z down; azimuth, elevation, bank), and the heading that it gives."""
 
 import datetime
 import warnings
@@ -8,6 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from .._compile import jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._types import AnyArray
@@ -25,7 +26,7 @@ def body_field(attitudes: Any, field: float = 1.0, inclination: float = INCLINAT
     Parameters
     ----------
     attitudes : (n, 3) azimuth, elevation and bank in rad.
-    field : norm H of the field.
+    field : magnitude H of the field.
     inclination : dip I in rad, positive downwards.
 
     Returns
@@ -47,7 +48,7 @@ def body_field(attitudes: Any, field: float = 1.0, inclination: float = INCLINAT
 
 
 def unit_field(attitudes: Any, inclination: Any, xp: ModuleType = np) -> Any:
-    """`body_field` of norm one; of numbers it is NumPy's also while something is traced."""
+    """`body_field` of magnitude one. Plain numbers give NumPy arrays, even while something else is traced."""
     azimuth, elevation, bank = xp.moveaxis(attitudes, -1, 0)
     ct, st, cp, sp = xp.cos(elevation), xp.sin(elevation), xp.cos(bank), xp.sin(bank)
     north, east, down = xp.cos(inclination) * xp.cos(azimuth), -xp.cos(inclination) * xp.sin(azimuth), xp.sin(inclination)
@@ -60,14 +61,14 @@ _SAMPLES = {"all": 360, "three_turns": 120, "twelve_points": 4}
 
 @host_float64
 def scenario(name: str, *, samples: int | None = None, elevation: float = np.deg2rad(30.0), seed: int = 0) -> AnyArray:
-    """Attitudes of the magnetometer paper's three ways to collect readings.
+    """Attitudes of the three ways to collect readings in the magnetometer paper.
 
     Parameters
     ----------
-    name : "all", attitudes drawn uniformly; "three_turns", full turns at three elevations; "twelve_points", four headings at each.
+    name : "all", random attitudes, uniform; "three_turns", full turns at three elevations; "twelve_points", four headings at each.
     samples : attitudes for "all" (360), or headings per turn for the others (120 and 4).
     elevation : the three elevations are minus this, 0 and this, in rad.
-    seed : of the random attitudes of "all".
+    seed : seed of the random attitudes of "all".
 
     Returns
     -------
@@ -102,7 +103,7 @@ def scenario(name: str, *, samples: int | None = None, elevation: float = np.deg
     return np.stack([azimuth, tilt, np.zeros(3 * count)], axis=1)
 
 
-_STEEPEST = 0.17  # horizontal share of the field below which (10 degrees from a magnetic pole) there is no heading
+_STEEPEST = 0.17  # horizontal share of the field below which there is no heading: within 10 degrees of a magnetic pole
 _LIGHTEST = 1.0  # m/s^2 of specific force below which there is no vertical
 
 
@@ -113,7 +114,7 @@ def heading(m: Any, accel: Any, *, declination: float = 0.0) -> AnyArray:
     .. math:: \phi = \mathrm{atan2}(-f_y, -f_z),\quad \theta = \mathrm{atan2}(f_x, \sqrt{f_y^2 + f_z^2}),\quad
               \psi = \mathrm{atan2}(-Y_h, X_h) + \delta
 
-    with X_h and Y_h the field turned back by bank and elevation.
+    where X_h and Y_h are the field rotated back by bank and elevation.
 
     Parameters
     ----------
@@ -123,8 +124,8 @@ def heading(m: Any, accel: Any, *, declination: float = 0.0) -> AnyArray:
 
     Returns
     -------
-    Heading in rad in [0, 2 pi), clockwise from north. NaN, with a warning that says how many and why, within 10 degrees of a
-    magnetic pole and in free fall.
+    Heading in rad in [0, 2 pi), clockwise from north. NaN within 10 degrees of a magnetic pole and in free fall; a warning then says
+    how many headings are NaN and why.
 
     Raises
     ------
@@ -145,11 +146,20 @@ def heading(m: Any, accel: Any, *, declination: float = 0.0) -> AnyArray:
     m, accel = jnp.asarray(m, dtype=jnp.result_type(float)), jnp.asarray(accel, dtype=jnp.result_type(float))
     if m.shape != accel.shape or m.ndim not in (1, 2) or m.shape[-1] != 3:
         raise DataError(f"The field has shape {m.shape} and the specific force {accel.shape}; both must be (3,) or (n, 3).")
+    angle, falling, steep = _heading(m, accel, declination)
+    if not is_traced(m, accel):
+        _explain(int(np.sum(falling)), int(np.sum(steep)), int(np.size(falling)))
+    return angle
+
+
+@jit
+def _heading(m: Any, accel: Any, declination: Any) -> tuple[Any, Any, Any]:
+    """Heading, where the sensor falls, and where the field is too steep otherwise."""
     x, y, z = jnp.moveaxis(m, -1, 0)
     fx, fy, fz = jnp.moveaxis(accel, -1, 0)
     force, field = jnp.linalg.norm(accel, axis=-1), jnp.linalg.norm(m, axis=-1)
     falling = ~(force >= _LIGHTEST)
-    # Double where: no derivative of atan2 at the origin.
+    # Replace the inputs as well as the results: atan2 has no derivative at the origin.
     fz = jnp.where(falling, -1, fz)
     fx, fy = (jnp.where(falling, 0, f) for f in (fx, fy))
     cross = jnp.sqrt(fy**2 + fz**2)
@@ -162,9 +172,7 @@ def heading(m: Any, accel: Any, *, declination: float = 0.0) -> AnyArray:
     steep = ~(jnp.sqrt(forward**2 + right**2) > _STEEPEST * field)
     angle = jnp.arctan2(-jnp.where(steep, 0, right), jnp.where(steep, 1, forward))
     angle = jnp.mod(angle + declination, 2 * jnp.pi)
-    if not is_traced(m, accel):
-        _explain(int(np.sum(falling)), int(np.sum(steep & ~falling)), int(np.size(falling)))
-    return jnp.where(falling | steep, jnp.nan, angle)
+    return jnp.where(falling | steep, jnp.nan, angle), falling, steep & ~falling
 
 
 def _explain(falling: int, steep: int, count: int) -> None:
@@ -176,7 +184,7 @@ def _explain(falling: int, steep: int, count: int) -> None:
 
 
 def earth_field(latitude: float | int, longitude: float | int, date: Any, *, altitude: float | int = 0.0) -> AnyArray:
-    """Earth's field (north, east, down) in tesla; its norm and dip are what `fit(field=...)` takes from it.
+    """Earth's field (north, east, down) in tesla, for use as `fit(field=...)`, which takes its magnitude and dip.
 
     Parameters
     ----------
@@ -191,7 +199,7 @@ def earth_field(latitude: float | int, longitude: float | int, date: Any, *, alt
     Raises
     ------
     DataError
-        If the place is none on Earth, the model does not hold at the date, or pygeomag is not installed.
+        If there is no such place on Earth, the model does not hold at the date, or pygeomag is not installed.
 
     Examples
     --------

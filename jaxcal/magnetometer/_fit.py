@@ -1,4 +1,4 @@
-"""`fit`: hard and soft iron from readings in a field of constant norm."""
+"""`fit`: hard and soft iron from readings in a field of constant magnitude."""
 
 import dataclasses
 import functools
@@ -27,10 +27,10 @@ from ._field import INCLINATION
 from ._model import MagModel
 from ._own_model import fit_model, one_by_one
 from ._result import LIMITS, NEAR_PLANAR, NEAR_PLANAR_SENTENCE, NOT_JUDGED, MagFit, judge, outliers, refusal
-from ._rotation._align import align, vertical
+from ._rotation._align import Accelerometer, align, vertical
 from ._rotation._joint import checked_joint, jointly, with_rotation
 
-_LINE = 0.01  # second singular value of the centred readings, of 0.58 for a full sphere
+_LINE = 0.01  # second singular value of the centred readings; it is 0.58 for a full sphere
 _FEW = 64
 _EXACT = ("ml", "consistent")
 _EXTREMES = ("minmax", "axes")
@@ -65,63 +65,63 @@ def fit(
     joint: bool = False,
     conditions: dict[str, Any] | None = None,
 ) -> MagFit:
-    r"""Hard and soft iron from readings in many attitudes of a field of constant norm.
+    r"""Hard and soft iron from readings in many attitudes, in a field of constant magnitude.
 
-    The default is the maximum-likelihood fit for white noise of one unknown variance in all axes and any attitudes,
+    The default is the maximum-likelihood fit. It assumes white noise of one unknown variance in all axes, and any attitudes:
 
     .. math:: \min_{A, b} \sum_i d_i^2,\qquad d_i = \text{distance of } m_i \text{ to } (x - b)^T A (x - b) = 1,\quad A = U^T U,
 
-    from the consistent algebraic fit; where the noise exceeds 2 % of the field the distances are freed of the mean that noise
-    along the curved surface gives them. The soft iron is the symmetric one, C = H A^{-1/2}; a rotation of all corrected
-    readings, as from an unsymmetric soft iron or a turned sensor, leaves every norm as it is and cannot be found this way. With
-    an `aid` it is found after the fit, by `align`, and is part of the soft iron.
+    and starts from the consistent algebraic fit. Where the noise exceeds 2 % of the field, the fit corrects the distances for the mean
+    offset that noise causes at a curved surface. The soft iron found is symmetric, C = H A^{-1/2}. A rotation of all corrected readings,
+    from an unsymmetric soft iron or a rotated sensor, leaves every magnitude unchanged, so magnitudes alone cannot show it. With an
+    `aid`, `align` finds this rotation after the fit, and the soft iron includes it.
 
     Parameters
     ----------
-    m : (n, 3) readings, any unit; NaN is not allowed. Or a `Log`, or a path, data frame or dataset of one, of which the rows without a
-        reading are left out.
-    method : "ml"; "consistent" (adjusted least squares: no noise bias, no iteration); and for comparison "algebraic" (trace
-        constraint), "li_griffiths", "constrained" (the magnetometer paper), "radial" (norm error of the corrected field), "axes" and
-        "minmax" (the thesis, from the extremes).
-    model : "sphere" (4 parameters), "diagonal" (6), "symmetric" (9), "planar" (circle or ellipse, for readings of turns about
-        one axis), or "auto": "ml" chooses, the other methods take the largest they have. Or a model object, a `MagModel` or a
-        subclass with fields of its own: its floating leaves are fitted by "ml", from their values or from the algebraic fit.
-    field : norm of the true field, or the field vector (north, east, down), whose dip is then used too; in the unit of the
-        readings. Without it the corrected readings keep the unit and mean size of the readings.
-    field_error : relative standard deviation with which the norm `field` is known in the unit of the readings: the sensor's sensitivity
-        and the mean stretch of its soft iron, not the field model alone. The fit then uses it, which helps most with part of a sphere.
+    m : (n, 3) readings in any unit, without NaN. Or a `Log`, or a path, data frame or dataset of one; rows without a reading are then
+        left out.
+    method : "ml", or "consistent" (adjusted least squares: no noise bias, no iteration). For comparison: "algebraic" (trace
+        constraint), "li_griffiths", "constrained" (the magnetometer paper), "radial" (magnitude error of the corrected field), "axes" and
+        "minmax" (from the extreme readings, as in the thesis).
+    model : "sphere" (4 parameters), "diagonal" (6), "symmetric" (9), or "planar" (circle or ellipse, for turns about one axis). With
+        "auto", "ml" chooses a model and the other methods use their largest one. Or a model object: a `MagModel`, or a subclass with
+        fields of its own. "ml" then fits its floating leaves, from their values or from the algebraic fit.
+    field : magnitude of the true field, or the field vector (north, east, down), in the unit of the readings. The vector also gives the
+        dip. Without `field`, the corrected readings keep the unit and mean size of the readings.
+    field_error : relative standard deviation of `field` in the unit of the readings. It covers the sensor's sensitivity and the mean
+        stretch of its soft iron as well as the field model. The fit then uses `field`, which helps most with part of a sphere.
     loss : None, "huber", "cauchy", "tukey" or a loss of `jaxcal.fitting`, for readings with outliers; "ml" and "radial" only.
-    inclination : dip of the field in rad for `heading_error`; unless given that of `field`, or what an `Accelerometer` shows. Else 57
-        degrees are assumed, and `heading_range` says what other dips would make of it.
-    choose : "bic" or "held_out", how "auto" compares models.
-    limits : rms heading error in rad above which the verdict is "weak", and above which it is "refused".
-    per_direction : logs of more than 20,000 readings are thinned to this many in each of 500 directions: neighbours repeat one
-        another. None fits all of them, at 15 s for 100,000.
-    penalty : weight of the penalty that keeps "ml" fits of few readings, or of a corner of the sphere, from running off: log det M / 2,
-        M being the information of the corrected directions. It is left out where it would move a fit by less than a tenth of a
-        standard error. 1 is Jeffreys' prior (Firth), 0 plain maximum likelihood; 0.5 has the least errors in Monte Carlo.
-    aid : `Accelerometer`, `Gyroscope` or `Headings`, for the rotation, as for `align`.
-    joint : fit norms and the accelerometer, or the gyroscope, together, each residual over its own standard deviation: full
-        soft iron, hard iron and rotation at once. Rates show the hard iron where norms leave it open, as with a vehicle that
-        tilts by 20 degrees; then this is far better than one after the other. Model "auto" or "symmetric", method "ml", no loss.
-        Of long logs the same readings are fitted as without; rates are integrated before any is dropped.
+    inclination : dip of the field in rad, used for `heading_error`. By default it comes from `field` or from an `Accelerometer`; without
+        either, 57 degrees are assumed and `heading_range` gives the error for other dips.
+    choose : "bic" or "held_out": how "auto" compares models.
+    limits : rms heading errors in rad above which the verdict is "weak" and "refused".
+    per_direction : number of readings to keep in each of 500 directions, for logs of more than 20,000 readings: neighbouring readings
+        repeat one another. None fits all readings, which takes 15 s for 100,000.
+    penalty : weight of the penalty log det M / 2, where M is the information of the corrected directions. It keeps "ml" fits from diverging
+        when there are few readings, or readings from a corner of the sphere only. It is omitted where it would change a fit by less than
+        a tenth of a standard error. 1 is Jeffreys' prior (Firth), 0 plain maximum likelihood; 0.5 has the smallest Monte Carlo errors.
+    aid : `Accelerometer`, `Gyroscope` or `Headings` that shows the rotation, as in `align`. Without an aid, the accelerometer of a `Log`
+        shows the dip.
+    joint : fit the magnitudes together with the accelerometer or the gyroscope, each residual divided by its own standard deviation.
+        One fit then gives full soft iron, hard iron and rotation. This is far better than two fits where magnitudes leave the hard iron
+        open but rates show it, as in a vehicle that tilts by 20 degrees. Needs model "auto" or "symmetric", method "ml" and no loss. A
+        long log is thinned to the same readings as without `joint`; rates are integrated first.
+    conditions : name -> array with one number per reading, such as a motor current or the temperature. The fit checks whether the
+        residuals follow it (see `MagFit.causes`). With a model object: further arguments of its `measure` and `correct`.
 
-    conditions : name -> array of one number a reading, such as the current of a motor or the temperature: the fit looks whether the
-        residuals follow it (see `MagFit.causes`). With a model object: what its `measure` and `correct` take beside the field.
-
-    Under `jit`, `vmap` and `grad` the fit is that of method "ml" for model "sphere", "diagonal", "symmetric" or "planar", which is an
-    ellipse there. An expression decides on the curvature term; there is no penalty and no thinning, and `verdict` is "not judged".
+    Under `jit`, `vmap` and `grad` the fit uses method "ml" and model "sphere", "diagonal", "symmetric" or "planar"; "planar" then fits an
+    ellipse. A traced condition selects the curvature term, there is no penalty and no thinning, and `verdict` is "not judged".
 
     Returns
     -------
     MagFit
-        With a verdict. Readings that determine nothing give a "refused" fit whose `model` is None. A refused fit may have a model,
-        to look at and not to use.
+        The fit with its verdict. Readings that determine nothing give a "refused" fit whose `model` is None. The model of a refused fit
+        is for inspection only; do not use it.
 
     Raises
     ------
     DataError
-        If the readings are not (n, 3) finite numbers, or an option is unknown or does not go with the method.
+        If the readings are not (n, 3) finite numbers, or an option is unknown or does not suit the method.
 
     Examples
     --------
@@ -139,7 +139,7 @@ def fit(
     J. F. Vasconcelos et al., IEEE Trans. Aerosp. Electron. Syst. 47 (2011) 1293 (maximum likelihood); I. Markovsky et al., Numer.
     Math. 98 (2004) 177 (consistent); the magnetometer paper's equations 6 to 16 (constrained); the thesis, chapter 6.
     """
-    m = field_readings(m)
+    m, force = field_readings(m)
     if isinstance(model, MagModel):
         if method != "ml" or loss is not None or field_error is not None or aid is not None:
             raise DataError("A model object is fitted by method='ml', without `loss`, `field_error` and `aid`.")
@@ -153,6 +153,8 @@ def fit(
         given["conditions"] = bool(conditions)
         return _traced(m, model, field, inclination, [name for name, there in given.items() if there])
     m, norm, dip = _checked(m, method, model, field, loss, inclination, choose, penalty, field_error)
+    if aid is None and force is not None:
+        aid = Accelerometer(force, turns=False)
     loss, recorded = loss_of(loss), checked_conditions(conditions or {}, len(m))
     if joint:
         checked_joint(method, model, aid, loss, field_error)
@@ -209,8 +211,8 @@ def fit(
             told["heading_error"] = np.hypot(told["heading_error"], heading_departure(found, best, dip))
         except NotEllipsoid:
             told["heading_error"] = np.full(2, np.inf)
-    turn = None if aid is None else align(whole, told["model"], aid)
-    seen, down = (None, None) if turn is None else vertical(aid, turn)
+    turn = align(whole, told["model"], aid) if getattr(aid, "turns", aid is not None) else None
+    seen, down = vertical(aid, turn, _corrected(told["model"], whole))
     shape, matrix = found.shape / frame.scale**2, told["covariance"]
     if seen is not None and plane is None and method in _EXACT:
         dip = float(seen) if assumed else dip
@@ -219,7 +221,7 @@ def fit(
     verdict, reason = judge(found, u, told["heading_error"], known, limits, loss, notes, said, cost_of(found, said.swing, dip))
     dips = None if assumed and seen is None else dip
     span = np.full(2, np.nan) if plane is not None else heading_range(shape, matrix, dips, down)
-    reason += assumptions(dip, dips is None, down is None, span)
+    reason += assumptions(dip, dips is None, down is None, span, assumed and seen is not None)
     costs, warnings = costs_of(said, found, told["heading_error"], dip), []
     if full.any():
         costs = {CLIPPED: cost_of(found, step_by(found, u, log[full], all_distances(found, log[full]))[None], dip), **costs}
@@ -243,13 +245,18 @@ def fit(
 
 
 def _distinct(m: np.ndarray) -> int:
-    """Number of distinct readings, of the first few alone where those are enough for any model."""
-    few = len({row.tobytes() for row in m[:_FEW] + 0.0})  # the sum makes zeros of one sign of them
+    """Number of distinct readings; only the first few are counted where these suffice for any model."""
+    few = len({row.tobytes() for row in m[:_FEW] + 0.0})  # adding zero turns -0.0 into 0.0
     return few if few > COUNT["symmetric"] else len(np.unique(m, axis=0))
 
 
+def _corrected(model: MagModel, m: np.ndarray) -> np.ndarray:
+    """Corrected readings, computed by NumPy, because JAX would compile a program for each length of log."""
+    return (m - model.hard_iron) @ np.linalg.inv(model.soft_iron).T
+
+
 def _of_all(found: Found, frame: Frame, m: np.ndarray, told: dict[str, Any], norm: float | None, warnings: list[str]) -> dict[str, Any]:
-    """What a fit, of these readings or of some of them, says of all."""
+    """The results that cover all readings, even if only some were fitted."""
     model, plane, used = told["model"], told["plane"], len(found.distance)
     mean = frame.scale * radius_of(found.shape, plane is not None)
     if norm is not None and not 0.8 <= mean / norm <= 1.25:
@@ -264,16 +271,14 @@ def _of_all(found: Found, frame: Frame, m: np.ndarray, told: dict[str, Any], nor
         far = outliers(distance)
     if plane is None and np.isfinite(told["covariance"]).all():
         wanted = needed(found.shape / frame.scale**2, told["covariance"], sphere_grid())
-    # corrected by NumPy: nothing to compile for each length of log
-    corrected = (m - model.hard_iron) @ np.linalg.inv(model.soft_iron).T
     return {
-        "residual": distance * frame.scale, "outliers": far, "coverage": covered(corrected), "needed": wanted, "used": used,
+        "residual": distance * frame.scale, "outliers": far, "coverage": covered(_corrected(model, m)), "needed": wanted, "used": used,
         "warnings": tuple(warnings),
     }  # fmt: skip
 
 
 def _unseen(fits: dict[str, Found], chosen: Found, distinct: int, frame: Frame, dip: float, limit: float) -> list[str]:
-    """A smaller model says little where the largest could not be tried, or leaves the heading open: what is left out was not seen."""
+    """A warning that a smaller model was fitted because the readings cannot show the largest one, or no sentence."""
     largest = "ellipse" if chosen.kind in PLANAR else "symmetric"
     full = fits.get(largest)
     if chosen.kind == largest or (full is not None and full.converged and _told(full, frame, None, dip)["heading_error"][0] <= limit):
@@ -284,7 +289,7 @@ def _unseen(fits: dict[str, Found], chosen: Found, distinct: int, frame: Frame, 
 
 
 def _traced(m: Any, model: str, field: Any, inclination: Any, refused: list[str]) -> MagFit:
-    """The fit under `jit`, `vmap` and `grad`: of a given kind by maximum likelihood, not judged."""
+    """The fit under `jit`, `vmap` and `grad`: maximum likelihood with a given model, without a verdict."""
     if model not in (*SOLID, "planar") or refused:
         said = ", ".join(f"`{name}`" for name in refused) or f"model={model!r}"
         raise DataError(
@@ -301,7 +306,7 @@ def _traced(m: Any, model: str, field: Any, inclination: Any, refused: list[str]
 
 
 def _pure(kind: str, dip: float, m: Any, norm: Any) -> dict[str, Any]:
-    """What a traced fit knows, from the readings and the norm of the field."""
+    """The results of a traced fit, from the readings and the magnitude of the field."""
     frame = Frame.of(m)
     u = frame.scaled(m)
     plane = _plane(u) if kind in PLANAR else None
@@ -310,7 +315,7 @@ def _pure(kind: str, dip: float, m: Any, norm: Any) -> dict[str, Any]:
 
 
 def _told(found: Found, frame: Frame, norm: Any, dip: float, plane: Any = None, biases: Any = None) -> dict[str, Any]:
-    """What a `MagFit` has of an ellipsoid, traced or not."""
+    """The fields of a `MagFit` that follow from an ellipsoid, traced or not."""
     size = radius_of(found.shape, plane is not None) if norm is None else norm / frame.scale
     covariance = covariance_of(found, frame, None if biases is None else np.concatenate(biases))
     return {
@@ -320,16 +325,19 @@ def _told(found: Found, frame: Frame, norm: Any, dip: float, plane: Any = None, 
 
 
 def _plane(u: Any) -> Any:
-    """Axes of the plane nearest to readings and its normal, (3, 3), with the derivative of the normal; a turn about it changes nothing."""
+    """Axes of the plane nearest to the readings, and its normal, (3, 3), with the derivative of the normal.
+
+    A rotation about the normal changes nothing, so it has no derivative.
+    """
     scatter = u.T @ u
     values, axes = jax.lax.stop_gradient(jnp.linalg.eigh(scatter))
     normal, inside = axes[:, 0], axes[:, :0:-1].T
-    tilt = inside @ scatter @ normal / (values[:0:-1] - values[0])  # zero: it has the derivative alone
+    tilt = inside @ scatter @ normal / (values[:0:-1] - values[0])  # its value is zero, only its derivative matters
     return jnp.concatenate([inside + tilt[:, None] * normal[None, :], (normal - tilt @ inside)[None, :]])
 
 
 def _checked(m, method, model, field, loss, inclination, choose, penalty, field_error) -> tuple[np.ndarray, float | None, float]:
-    """Readings, norm of the field and dip; every option known and at home with the method."""
+    """Readings, magnitude of the field and dip, after a check that each option is known and suits the method."""
     try:
         m = np.asarray(m, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -364,7 +372,7 @@ def _checked(m, method, model, field, loss, inclination, choose, penalty, field_
 
 
 def _norm_and_dip(field: Any, inclination: Any, model: str = "") -> tuple[Any, Any]:
-    """Norm of the field, traced or not, and its dip: the one given, that of the vector, or that of Ankara."""
+    """Magnitude of the field, traced or not, and its dip: as given, from the field vector, or else the dip at Ankara."""
     if field is not None and model == "planar":
         raise DataError("Readings in a plane do not show the whole field: leave out `field` with model='planar'.")
     norm = dip = None

@@ -1,4 +1,4 @@
-"""`guide`: which attitude to read next, and when to stop; `heading_change`: what a new calibration would change."""
+"""`guide`: which attitude to read next, and when to stop; `heading_change`: how far a new calibration turns headings."""
 
 from typing import Any
 
@@ -18,9 +18,9 @@ from ._fit import fit
 from ._model import MagModel
 from ._result import MagFit
 
-_FEWEST = 12  # readings from which the fit advises; before, the greatest gap between directions does
+_FEWEST = 12  # number of readings from which the fit gives the advice; before, the largest gap between directions does
 _PARAMETERS = 9
-_LOOKS = 5.0  # the error is looked at after every reading, and the luckiest look stops: as many of them count as independent
+_LOOKS = 5.0  # the error is checked after every reading, and one lucky check ends the session: they count as this many independent ones
 
 
 class Guide(eqx.Module):
@@ -28,12 +28,12 @@ class Guide(eqx.Module):
 
     Attributes
     ----------
-    stop : whether the heading error is below the limit with the confidence asked for.
-    direction : (3,) unit vector in the sensor's axes, along which the field should point at the next reading; None where candidates
-        were given.
-    candidate : index of the best candidate; None without candidates, or where there is none.
-    heading_error : rms heading error in rad that is expected now; infinite with fewer than twelve readings.
-    bound : upper limit of the heading error in rad at the level asked for.
+    stop : whether the heading error is below the limit, at the requested confidence.
+    direction : (3,) unit vector in the sensor's axes along which the field should point at the next reading; None if candidates were
+        given.
+    candidate : index of the best candidate; None if there are no candidates.
+    heading_error : expected rms heading error in rad of the readings so far; infinite with fewer than twelve readings.
+    bound : upper limit of the heading error in rad at the requested confidence.
     reason : the advice as a sentence.
     fit : the fit of the readings so far; None with fewer than twelve.
 
@@ -62,23 +62,23 @@ def guide(
 ) -> Guide:
     r"""Which reading would lower the heading error most, and whether the readings so far are enough.
 
-    A reading in a direction with the slope r of its distance to the ellipsoid lowers the mean square heading error tr(W C) by
+    A reading whose distance to the ellipsoid has the slope r lowers the mean square heading error tr(W C) by
 
     .. math:: \frac{r C W C r^T}{\sigma^2 + r C r^T},
 
-    C the covariance of the nine parameters, W the mean outer product of the heading's slopes, :math:`\sigma` the noise of a reading.
-    With fewer than twelve readings the direction farthest from those seen is next. The error of one calibration is a quadratic form of
-    nine normal parameters. Its upper limit is a quantile of Fisher's law: the degrees of freedom above come from the mean and the
-    variance of the form (Satterthwaite), those below from the noise. The limit is looked at after every reading, and the luckiest look
-    would stop too early. So the chance of an error is divided by five, as for five independent looks (Bonferroni).
+    where C is the covariance of the nine parameters, W the mean outer product of the heading's slopes, and :math:`\sigma` the noise of a
+    reading. With fewer than twelve readings, the next direction is the one farthest from those seen. The squared error of one calibration
+    is a quadratic form of nine normal parameters. Its upper limit is a quantile of the F distribution. The numerator's degrees of freedom
+    come from the mean and variance of the form (Satterthwaite), the denominator's from the noise. Because the limit is checked after every
+    reading, a lucky check would stop too early. So the error probability is divided by five, as for five independent checks (Bonferroni).
 
     Parameters
     ----------
-    m : (n, 3) readings so far, in tesla, or in counts.
-    limit : rms heading error in rad, at level, that is wanted.
-    candidates : (k, 3) readings to choose from, where a log is replayed; by default all directions.
+    m : (n, 3) readings so far, in tesla or in counts.
+    limit : wanted rms heading error in rad, at level.
+    candidates : (k, 3) readings to choose from, when a log is replayed; by default all directions.
     inclination : dip of the field in rad, as in `fit`.
-    confidence : level at which the error has to be below the limit.
+    confidence : level at which the error must be below the limit.
 
     Returns
     -------
@@ -121,13 +121,13 @@ def guide(
     weight, covariance = slopes.T @ slopes / len(slopes), np.asarray(found.covariance)
     grid = sphere_grid()
     points = grid @ np.linalg.inv(root(shape)) if choice is None else choice - centre
-    # on the ellipsoid: of candidates by themselves those whose noise points outwards would be taken, which biases the fit
+    # project onto the ellipsoid: otherwise candidates whose noise points outwards would be preferred, which biases the fit
     points = points / np.sqrt(np.einsum("ni,ij,nj->n", points, shape, points))[:, None]
     rows = distance_slopes(shape, points)
     gain = np.sum(rows @ (covariance @ weight @ covariance) * rows, axis=1) / (found.noise**2 + np.sum(rows @ covariance * rows, axis=1))
     form = weight @ covariance
     mean, spread = float(np.trace(form)), float(np.trace(form @ form))
-    freedom = mean**2 / spread  # of the chi-square that the form is nearly
+    freedom = mean**2 / spread  # of the chi-square distribution that approximates the form
     quantile = scipy.special.fdtri(freedom, max(len(m) - _PARAMETERS, 1), 1.0 - (1.0 - confidence) / _LOOKS)
     error = float(found.heading_error[0])
     bound = float(error * np.sqrt(quantile))
@@ -144,22 +144,22 @@ def guide(
 def heading_change(
     present: MagModel, new: MagModel, field: float, *, inclination: float = INCLINATION, down: Any = None
 ) -> Float[np.ndarray, " headings"]:
-    """By how much level headings turn where one calibration takes the place of another.
+    """By how much level headings change when a new calibration replaces the present one.
 
     Parameters
     ----------
-    present, new : both calibrations, of readings in the same unit.
-    field : norm of the field that `new` gives, in its unit, as `MagFit.field`.
+    present, new : the two calibrations, for readings in the same unit.
+    field : magnitude of the field that `new` gives, in its unit, as in `MagFit.field`.
     inclination : dip of the field in rad.
     down : the axis that points down at level, in the axes of the field that `new` gives; z by default.
 
     Returns
     -------
-    (24,) rad: heading by `new` less heading by `present`, where `new` gives headings every 15 degrees from north.
+    (24,) rad: heading by `new` minus heading by `present`, at every 15 degrees of heading by `new`, from north.
 
     Examples
     --------
-    A hard iron that is off by a tenth of the field turns headings by up to its share of the horizontal field:
+    A hard iron error of a tenth of the horizontal field turns headings by up to 5.7 degrees:
 
     >>> import numpy as np
     >>> from jaxcal.magnetometer import MagModel, heading_change
@@ -169,7 +169,7 @@ def heading_change(
 
     References
     ----------
-    Readings that `new` corrects to the field at level are corrected with `present`.
+    Readings that `new` corrects to the level field are corrected with `present`.
     """
     attitudes, directions = grids(float(inclination))[0]
     turn = levelled(down)
@@ -179,7 +179,7 @@ def heading_change(
 
 
 def _by_gap(m: AnyArray, choice: AnyArray | None, said: str, found: MagFit | None) -> Guide:
-    """The direction, or the candidate, that is farthest from all readings so far."""
+    """Advice to read the direction, or the candidate, that is farthest from all readings so far."""
     if choice is not None:
         apart = np.linalg.norm(choice[:, None] - m[None], axis=2).min(axis=1) if len(m) else np.zeros(len(choice))
         best = int(np.argmax(apart)) if len(choice) else None
@@ -194,7 +194,7 @@ def _by_gap(m: AnyArray, choice: AnyArray | None, said: str, found: MagFit | Non
 
 
 def _centre(m: AnyArray) -> Float[np.ndarray, "3"]:
-    """Centre of the sphere through the readings; where they do not span one, the point nearest to their mean that fits."""
+    """Centre of the sphere through the readings; if they do not determine one, the solution nearest to their mean."""
     middle = m.mean(axis=0)
     away = m - middle
     square = np.sum(away**2, axis=1)

@@ -1,4 +1,4 @@
-"""`MagModel`: what a magnetometer reads in a given field, and back."""
+"""`MagModel`: converts a true field to readings, and readings to fields."""
 
 import equinox as eqx
 import jax
@@ -16,7 +16,7 @@ class MagModel(eqx.Module):
 
     Attributes
     ----------
-    soft_iron : (3, 3) distortion C: reading per field. Without distortion the unit matrix.
+    soft_iron : (3, 3) distortion C: reading per field. The identity matrix means no distortion.
     hard_iron : (3,) offset b, in the unit of the readings.
 
     Examples
@@ -37,7 +37,7 @@ class MagModel(eqx.Module):
     hard_iron: Any
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Methods of a subclass run in float64 on the host, as those here do."""
+        """Make `measure` and `correct` of a subclass run in float64 on the host, as they do here."""
         super().__init_subclass__(**options)
         for name in ("measure", "correct"):
             if name in vars(cls):
@@ -52,12 +52,12 @@ class MagModel(eqx.Module):
 
     @host_float64
     def correct(self, m: Any) -> AnyArray:
-        """Fields C^-1 (m - b) that belong to the readings `m` (3,) or (n, 3), in their unit (that of C is a pure number)."""
+        """Fields C^-1 (m - b) that belong to the readings `m` (3,) or (n, 3), in the same unit, because C has no unit."""
         m, matrix, offset = _same_dtype(m, self.soft_iron, self.hard_iron)
         return jnp.einsum("ij,...j->...i", jnp.linalg.inv(matrix), m - jnp.broadcast_to(offset, m.shape))
 
     def then(self, second: "MagModel") -> "MagModel":
-        """One model for this calibration and a `second` that was made of readings this one had corrected.
+        """One model that combines this calibration with a `second` one, made from readings that this one had corrected.
 
         C = C1 C2 and b = b1 + C1 b2. `measure` undoes a correction: m = C y + b.
 
@@ -76,6 +76,6 @@ class MagModel(eqx.Module):
 
 
 def _same_dtype(*values: Any) -> list[jax.Array]:
-    """Arrays of the widest floating type among them."""
+    """The values as arrays of the widest floating type among them."""
     kind = np.result_type(*(value.dtype if hasattr(value, "dtype") else np.dtype(float) for value in values), np.float32)
     return [jnp.asarray(value, dtype=jax.dtypes.canonicalize_dtype(kind)) for value in values]

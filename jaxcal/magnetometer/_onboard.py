@@ -1,4 +1,4 @@
-"""Calibration on a small processor: `Admission` says which readings are new, `Moments` keeps 35 sums of them, from which it fits."""
+"""Calibration on a small processor: `Admission` selects readings that add information; `Moments` sums them up and fits from 35 sums."""
 
 import itertools
 import math
@@ -25,18 +25,18 @@ def _finite(m: Any) -> np.ndarray:
 
 
 class Admission(eqx.Module):
-    r"""Readings that are new, and from all directions alike, in a fixed memory.
+    r"""Select readings that are new and come from all directions alike, in a fixed amount of memory.
 
-    A device that lies still sends the same reading a thousand times, and sums that take them all know that direction alone. The
-    direction of m - c0 falls into one of 96 cells, 4 x 4 on each face of a cube. A reading is admitted where its cell has
-    admitted fewer than 32, and is at least 0.05 s0 from the last that the cell admitted.
+    A device at rest sends the same reading a thousand times, and sums over all of them would know that direction only. The direction of
+    m - c0 falls into one of 96 cells, 4 x 4 on each face of a cube. A reading is admitted if its cell has admitted fewer than 32 readings
+    and the reading is at least 0.05 s0 away from the last one that the cell admitted.
 
     Parameters
     ----------
-    centre : (3,) c0 in the unit of the readings, the last known hard iron; or a first guess, off by less than the field.
-    scale : s0, norm of the field in the unit of the readings.
-    count : (96,) readings admitted in each cell; None for none.
-    last : (96, 3) the last of them, in the unit of the readings.
+    centre : (3,) c0 in the unit of the readings: the last known hard iron, or a first guess whose error is smaller than the field.
+    scale : s0, magnitude of the field in the unit of the readings.
+    count : (96,) number of readings admitted in each cell; None means none.
+    last : (96, 3) last reading admitted in each cell, in the unit of the readings.
 
     Raises
     ------
@@ -55,7 +55,7 @@ class Admission(eqx.Module):
     References
     ----------
     The rule is that of ArduPilot's compass calibrator (a least distance between samples), with a limit in each direction; the cells
-    need no trigonometry on a small processor. `jaxcal.export.write(..., format="c", accumulator=True)` has the same in C.
+    need no trigonometry on a small processor. `jaxcal.export.write(..., format="c", accumulator=True)` writes the same in C.
     """
 
     centre: AnyArray
@@ -74,7 +74,7 @@ class Admission(eqx.Module):
             raise DataError(f"Admission has {CELLS} cells; got counts {self.count.shape} and last readings {self.last.shape}.")
 
     def admit(self, m: Any) -> tuple["Admission", np.ndarray]:
-        """The state after the readings (n, 3), in their order, and which of them are admitted, (n,) booleans."""
+        """The state after the readings (n, 3) in their order, and whether each was admitted, (n,) booleans."""
         m = _finite(m)
         count, last = self.count.copy(), self.last.copy()
         least, kept = (APART * self.scale) ** 2, np.zeros(len(m), dtype=bool)
@@ -86,9 +86,9 @@ class Admission(eqx.Module):
         return Admission(self.centre, self.scale, count, last), kept
 
     def cells(self, m: Any) -> np.ndarray:
-        """Cell of each reading (n, 3), (n,): `count` by these shows in which directions readings are still wanted.
+        """Cell of each reading (n, 3), as (n,). With it, `count` shows in which directions readings are still wanted.
 
-        32 times the axis along which m - c0 is largest, 16 more where it is negative there, and 4 x 4 on that face of the cube.
+        The number is 32 times the axis of the largest entry of m - c0, plus 16 if that is negative, plus the place on the 4 x 4 grid.
         """
         z = array(m, "readings") - self.centre
         axis = np.argmax(np.abs(z), axis=1)
@@ -105,7 +105,7 @@ class MomentFit(eqx.Module):
     Attributes
     ----------
     model : `MagModel`.
-    field : norm of the corrected readings, in the unit of the readings.
+    field : magnitude of the corrected readings, in the unit of the readings.
     noise : standard deviation of one axis of a reading, in its unit.
     count : number of readings.
 
@@ -125,15 +125,15 @@ class MomentFit(eqx.Module):
 
 
 class Moments(eqx.Module):
-    r"""Sums of all products of readings up to the fourth order: a fixed memory for any number of them.
+    r"""Sums of all products of readings up to the fourth order; they need the same memory for any number of readings.
 
     .. math:: S_{abc} = \sum x^a y^b z^c,\quad a + b + c \le 4,\qquad (x, y, z) = (m - c_0)/s_0
 
     Parameters
     ----------
     centre : (3,) c0, near the middle of the readings: the first one, or the last known hard iron.
-    scale : s0, near the norm of the field. Both only keep the sums small: what is fitted does not depend on them.
-    sums : (35,) the sums in the order of `exponents`; None for no readings.
+    scale : s0, near the magnitude of the field. Centre and scale only keep the sums small; the fit does not depend on them.
+    sums : (35,) the sums in the order of `exponents`; None means no readings.
 
     Examples
     --------
@@ -148,7 +148,7 @@ class Moments(eqx.Module):
 
     References
     ----------
-    I. Markovsky, A. Kukush and S. Van Huffel, Numer. Math. 98 (2004) 177: the consistent fit needs no more than these.
+    I. Markovsky, A. Kukush and S. Van Huffel, Numer. Math. 98 (2004) 177: the consistent fit needs only these sums.
     """
 
     centre: AnyArray
@@ -173,14 +173,14 @@ class Moments(eqx.Module):
         return round(float(self.sums[0]))
 
     def update(self, m: Any) -> "Moments":
-        """With the readings (n, 3) added."""
+        """The moments with the readings (n, 3) added."""
         m = _finite(m)
         powers = ((m - self.centre) / self.scale)[:, :, None] ** np.arange(5)
         sums = [np.sum(powers[:, 0, a] * powers[:, 1, b] * powers[:, 2, c]) for a, b, c in ORDERS]
         return Moments(self.centre, self.scale, self.sums + np.array(sums))
 
     def merge(self, other: "Moments") -> "Moments":
-        """With the readings of `other`, whatever its centre and scale."""
+        """The moments with those of `other` added, which may have another centre and scale."""
         return Moments(self.centre, self.scale, self.sums + other.moved(self.centre, self.scale).sums)
 
     def moved(self, centre: Any, scale: float | int) -> "Moments":
@@ -196,17 +196,17 @@ class Moments(eqx.Module):
         return Moments(centre, scale, sums)
 
     def fit(self, method: str = "consistent", *, field: float | int | None = None) -> MomentFit:
-        """Hard and soft iron, as `fit` gives them with these methods.
+        """Hard and soft iron from the moments, the same as `fit` finds with these methods.
 
         Parameters
         ----------
         method : "consistent" (no noise bias) or "algebraic" (trace constraint).
-        field : norm of the true field; None keeps the mean size of the readings.
+        field : magnitude of the true field; None keeps the mean size of the readings.
 
         Raises
         ------
         DataError
-            If there are fewer than 10 readings, no such method, or the moments are those of no ellipsoid.
+            If there are fewer than 10 readings, there is no such method, or the moments belong to no ellipsoid.
         """
         if method not in ("consistent", "algebraic"):
             raise DataError(f"There is no method {method!r} for moments; known are 'consistent' and 'algebraic'.")
@@ -228,7 +228,7 @@ class Moments(eqx.Module):
                 trace[[0, 2, 5]] = 1.0
                 theta = np.linalg.lstsq(psi[0], trace, rcond=1e-14)[0]
                 shape, centre = ellipsoid_of(theta)
-                # algebraic residual over the gradient's mean square
+                # rms algebraic residual divided by the root mean square gradient
                 gradient = 4 * np.mean(np.linalg.eigvalsh(shape))
                 scaled = theta / (theta @ trace) * np.trace(shape)
                 noise = float(np.sqrt(max(scaled @ psi[0] @ scaled, 0.0) / gradient))

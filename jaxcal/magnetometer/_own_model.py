@@ -1,7 +1,7 @@
 """`fit` of the leaves of a model object: a `MagModel`, or a subclass of it with fields of its own.
 
-A fit of norms leaves a common rotation open, so the soft iron is S Q with S symmetric, which is fitted, and Q that of the start, which
-is held. All other floating leaves are fitted as they are.
+Field magnitudes do not determine a common rotation. So the soft iron is S Q with a symmetric S, which is fitted, and the rotation Q of
+the start, which is kept. All other floating leaves are fitted unchanged.
 """
 
 import dataclasses
@@ -37,7 +37,7 @@ _PRECISE = 1e-8
 
 
 class Leaves(eqx.Module):
-    """What is fitted: six entries of S, and the model without its soft iron."""
+    """The fitted leaves: six entries of S, and the model without its soft iron."""
 
     soft_iron: Any
     rest: MagModel
@@ -53,7 +53,10 @@ def _whitened(leaves: Leaves, data: tuple) -> Array:
 
 
 def _start(model: MagModel, m: Any, field: Any, conditions: Any) -> tuple[Leaves, Array, Any]:
-    """The given model, or that with the iron of the algebraic fit where its distances are less; Q of its soft iron S Q; and the field."""
+    """Start of the fit, Q of the soft iron S Q, and the field.
+
+    The start is the given model, or the same with the iron of the algebraic fit if that has smaller distances.
+    """
     frame = Frame.of(m)
     shape, centre = shape_and_centre(traced_start(frame.scaled(m), "symmetric"), basis_of("symmetric"))
     norm = radius_of(shape) * frame.scale if field is None else jnp.asarray(field, dtype=m.dtype)
@@ -68,7 +71,7 @@ def _start(model: MagModel, m: Any, field: Any, conditions: Any) -> tuple[Leaves
 
 
 def _changes(leaves: Leaves, turn: Array, norm: Any, usual: dict[str, Any], directions: Any) -> Array:
-    """Derivative of corrected unit fields with respect to what is fitted, (n, 3, p), under the usual conditions."""
+    """Derivative of corrected unit fields with respect to the fitted leaves, (n, 3, p), under the usual conditions."""
     there = {name: jnp.broadcast_to(value, (len(directions), *jnp.shape(value))) for name, value in usual.items()}
     readings = leaves.model(turn).measure(norm * jnp.asarray(directions), **there)
     slope = jax.jacfwd(lambda leaves: leaves.model(turn).correct(readings, **there))(leaves)
@@ -79,7 +82,7 @@ _changes_compiled = filter_jit(_changes)
 
 
 def changes_of(found: MagFit, directions: np.ndarray) -> np.ndarray:
-    """That of a fit of a model object (host only)."""
+    """`_changes` for a finished fit of a model object (host only)."""
     model: Any = found.model
     left, _, right = np.linalg.svd(np.asarray(model.soft_iron))
     turn = left @ right
@@ -88,7 +91,7 @@ def changes_of(found: MagFit, directions: np.ndarray) -> np.ndarray:
 
 
 def _pure(dip: float, model: MagModel, m: Any, field: Any, conditions: Any) -> tuple[Fit, dict[str, Any]]:
-    """The fit, and what a `MagFit` has of it."""
+    """The fit, and the fields of a `MagFit` that follow from it."""
     begin, turn, norm = _start(model, m, field, conditions)
     noise2 = jnp.zeros((), m.dtype)
     for last in (False, True):
@@ -110,11 +113,11 @@ def _pure(dip: float, model: MagModel, m: Any, field: Any, conditions: Any) -> t
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
 def one_by_one(pure: Callable, dip: float, *given: Any) -> Any:
-    """`pure(dip, *given)`, of which a batch runs one after another, each in as few steps as it needs: together LAPACK may hang."""
+    """`pure(dip, *given)`; a batch runs item by item, because LAPACK may hang otherwise, and each item takes only its own steps."""
     return jax.custom_batching.sequential_vmap(functools.partial(pure, dip))(*given)
 
 
-# derivatives run together all the same, as `custom_vmap` has none
+# derivatives of a batch still run together, because `custom_vmap` has none
 @one_by_one.defjvp
 def _(pure: Callable, dip: float, primals: tuple, tangents: tuple) -> tuple:
     return jax.jvp(functools.partial(pure, dip), primals, tangents)
@@ -126,7 +129,7 @@ _compiled = filter_jit(one_by_one)
 def fit_model(
     m: Any, model: MagModel, norm: Any, dip: float, conditions: dict[str, Any], limits: tuple[float, float], traced: bool
 ) -> MagFit:
-    """`fit` for a model object; `norm` and `dip` of the field."""
+    """`fit` for a model object; `norm` and `dip` describe the field."""
     conditions = {name: jnp.asarray(value, dtype=float) for name, value in conditions.items()}
     for name, value in conditions.items():
         if value.ndim < 1 or len(value) != len(m):

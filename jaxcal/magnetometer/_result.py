@@ -1,4 +1,4 @@
-"""`MagFit`: a magnetometer calibration with what is known about it; and whether it is good, weak or refused, and why."""
+"""`MagFit`: a magnetometer calibration with its uncertainty, and the verdict good, weak or refused with its reasons."""
 
 import dataclasses
 from typing import Any, NamedTuple
@@ -9,6 +9,7 @@ import scipy  # loads its parts when they are first used
 
 from .._results import Result, Row
 from .._types import AnyArray
+from .._units import STRONGEST_FIELD
 from ..fitting._serial import BLOCKS, doubt
 from ._design._heading_error import Information, heading_error
 from ._ellipsoid._algebraic import NotEllipsoid, ellipsoid_of, extents, nearest_quadric, sampson
@@ -20,12 +21,11 @@ from ._model import MagModel
 NOT_JUDGED = "The fit was traced: nothing was chosen and nothing is judged. Call `fit` outside of jit, vmap and grad for a verdict."
 #: rms heading error in rad above which a verdict is "weak", and above which it is "refused"
 LIMITS = (np.deg2rad(1.0), np.deg2rad(5.0))
-NEAR_PLANAR = 0.05  # smallest singular value of the centred readings, of 0.58 for a full sphere
+NEAR_PLANAR = 0.05  # smallest singular value of the centred readings; it is 0.58 for a full sphere
 NEAR_PLANAR_SENTENCE = (
     "The readings are near-planar: they leave the field across their plane open. Turn about a second axis, or use model='planar'."
 )
 _OUTLIER = 4.0
-_STRONGEST = 1e-3  # T: readings of a larger field are in another unit, or counts
 _ONE = 1e-9
 #: change of a symmetric matrix with each of its entries xx, xy, xz, yy, yz, zz
 _UPPER = np.zeros((6, 3, 3))
@@ -36,55 +36,56 @@ _ILL, _SINGULAR = 1000.0, 1e8
 _BY_NOISE = 0.5
 _BY_PENALTY, _CONFLICT = 0.5, 3.0  # standard errors
 UNEVEN = "The residuals are not white, and parts of the log differ"
-_BY_BIAS = 1.5  # what an error may be more than the biases that were found
+_BY_BIAS = 1.5  # factor by which an error may exceed the biases that were found
 
 
 class MagFit(Result):
     """Hard and soft iron with their uncertainty, the heading error to expect, and a verdict.
 
-    A fit of norms cannot see a rotation common to all readings: without an `alignment`, `model` is the one with a symmetric soft
-    iron, and `heading_error` is that of the hard iron and of the symmetric part alone.
+    Field magnitudes cannot show a rotation common to all readings. Without an `alignment`, `model` has a symmetric soft iron, and
+    `heading_error` covers the errors of the hard iron and of the symmetric soft iron only.
 
     Attributes
     ----------
-    model : `MagModel`; None where the readings allow none.
-    covariance : (9, 9) of A_xx, A_xy, A_yy, A_xz, A_yz, A_zz and the hard iron, in the units of the readings (see `names`), where
-        (m - b)'A(m - b) = 1 is the ellipsoid; with what a model that was chosen may leave out, and with the squares of the biases by
-        `causes`. It is that of white noise where the residuals are white, else from fits without parts of the log (see `blocks`). In a
-        plane (5, 5).
-    heading_error : (2,) predicted rms error of the heading in rad, at level and at 20 degrees of tilt, for the dip `inclination`,
-        readings without noise and a true vertical. For methods other than "ml" and "consistent" it includes the distance from "ml".
+    model : `MagModel`; None if the readings determine none.
+    covariance : (9, 9) of A_xx, A_xy, A_yy, A_xz, A_yz, A_zz and the hard iron, in units of the readings (see `names`); the ellipsoid is
+        (m - b)'A(m - b) = 1. It includes what a smaller model may leave out, and the squared biases from `causes`. It assumes white
+        noise if the residuals are white; otherwise it comes from fits without parts of the log (see `blocks`). In a plane (5, 5).
+    heading_error : (2,) predicted rms error of the heading in rad, at level and at 20 degrees of tilt. It holds for the dip `inclination`,
+        readings without noise and a true vertical. For methods other than "ml" and "consistent" it includes their difference from "ml".
     coverage : `Coverage` of the corrected readings; None without a model.
     residual : (n,) orthogonal distance of each reading to the ellipsoid, in the unit of the readings, positive outside.
     noise : standard deviation of one axis of a reading, in its unit.
     verdict : "good", "weak" or "refused"; "not judged" under `jit`, `vmap` and `grad`, where coverage, outliers, `needed` and
         `condition` are left empty.
-    reason : one sentence or more.
-    field : norm of the corrected field: as given, or the cube root of the product of the ellipsoid's semi-axes.
-    outliers : indices of readings more than four robust standard deviations off, or weighted below one half.
-    causes : what the residuals follow beyond chance, the strongest first, with the rms heading error in rad that it adds at level: "drift",
-        a name of `conditions`, "rate of turn", "nonlinearity"; then "place", "current or moving part" or "correlated noise" where the
-        rest is not white.
-    blocks : number of parts of the log that were left out in turn for `covariance`; zero where the residuals are white.
-    used : number of readings that were fitted: all, or of a long log as many as there are directions to tell apart.
+    reason : one or more sentences that explain the verdict.
+    field : magnitude of the corrected field: as given, or the cube root of the product of the ellipsoid's semi-axes.
+    outliers : indices of readings more than four robust standard deviations off, or with a weight below 0.33.
+    causes : name -> rms heading error in rad that it adds at level, for each cause that the residuals follow beyond chance, the strongest
+        first: "drift", a name of `conditions`, "rate of turn", "nonlinearity"; then "place", "current or moving part" or "correlated
+        noise" if the remaining residuals are not white. Also "clipping", with readings at the end of the sensor's range.
+    blocks : number of parts of the log that were left out in turn for `covariance`; zero if the residuals are white.
+    used : number of readings that were fitted. Long logs are thinned.
     needed : (3, 3) unit vectors, in the corrected field's axes, in which further readings would help most.
-    condition : condition number of the fit on the unit sphere; 3 for even coverage, above 1000 the data hardly determine the model.
-    inclination : dip of the field used for `heading_error`, rad: as given, or as the accelerometer shows it, or 57 degrees.
-    down : (3,) axis that points down at level, used for `heading_error`, in the axes of the norms' fit (before a rotation by `alignment`):
-        z, or the mean vertical of an accelerometer that is tilted little.
-    heading_range : (2,) least and largest `heading_error` at level, over what is not known of both: dips up to 75 degrees, and each axis
+    condition : condition number of the fit on the unit sphere. 3 for even coverage; above 1000 the readings hardly determine the model.
+    inclination : dip of the field used for `heading_error`, rad: as given, from the accelerometer, or 57 degrees.
+    down : (3,) axis that points down at level, used for `heading_error`, in the axes of the magnitude fit (before the rotation by
+        `alignment`): z, or the mean vertical of an accelerometer if it tilts little.
+    heading_range : (2,) smallest and largest `heading_error` at level, over all unknown assumptions: dips up to 75 degrees, and each axis
         down. NaN in a plane and for model objects.
-    terms : name of a current -> (2, 3) field per unit of it and its standard deviation, in the unit of the readings; of `fit_current`.
+    terms : name of a current -> (2, 3): field per unit of the current, and its standard deviation, in the unit of the readings; from
+        `fit_current`.
     check : `Check` of readings that were held back from the fit; None otherwise.
-    usual : median of each condition of a model object, at which `heading_error` holds.
-    plane : (3, 3) for a planar fit: unit vectors of the plane, and its normal last. None otherwise.
-    alignment : `Alignment` with the accelerometer, gyroscope or headings that were given; its rotation is in `model`. None otherwise.
+    usual : median of each condition of a model object; `heading_error` holds at these values.
+    plane : (3, 3) for a planar fit: two unit vectors in the plane, then its normal. None otherwise.
+    alignment : `Alignment` with the given accelerometer, gyroscope or headings; `model` includes its rotation. None otherwise.
     warnings : sentences.
-    names : of the parameters of `covariance`.
-    field_error : relative standard deviation with which the given field took part in the fit; None where it only scales.
-    penalty : weight of the penalty on directions in a corner of the sphere; zero where the readings alone decided.
-    joint : whether norms and the other sensor were fitted together; then `heading_error` has what ellipsoid and rotation have in common.
-    values : of the parameters in `names`; `parameters` and `interval` have them by name.
+    names : names of the parameters of `covariance`.
+    field_error : relative standard deviation with which the given field took part in the fit; None if the field only sets the scale.
+    penalty : weight of the penalty against few directions; zero if the readings alone decided.
+    joint : whether magnitudes and the other sensor were fitted together. `heading_error` then includes the correlation of ellipsoid and
+        rotation.
+    values : values of the parameters in `names`; `parameters` and `interval` give them by name.
     method, kind : name of the method; "sphere", "diagonal", "symmetric", or in a plane "circle" and "ellipse".
 
     Examples
@@ -158,7 +159,7 @@ class MagFit(Result):
         if self.model is None:
             return []
         hard, half = np.asarray(self.model.hard_iron), self._quantile * self.hard_iron_error
-        unit = "T" if self.field < _STRONGEST else "unit of the readings"
+        unit = "T" if self.field < STRONGEST_FIELD else "unit of the readings"
         rows = [Row(f"hard iron {axis}", b, b - h, b + h, unit) for axis, b, h in zip("xyz", hard, half, strict=True)]
         soft = np.asarray(self.model.soft_iron)
         spread = self._quantile * self.soft_iron_error
@@ -168,7 +169,7 @@ class MagFit(Result):
             spread = self._quantile * np.asarray(error)
             rows += [Row(f"{name} {a}", v, v - h, v + h, "unit") for a, v, h in zip("xyz", np.asarray(value), spread, strict=True)]
         known = self.interval
-        for field in dataclasses.fields(self.model)[2:]:  # those of a subclass, fitted or set
+        for field in dataclasses.fields(self.model)[2:]:  # the fields of a subclass, fitted or set
             values = np.asarray(getattr(self.model, field.name))
             for entry in np.ndindex(values.shape) if np.issubdtype(values.dtype, np.floating) else ():
                 name = field.name + (f"[{','.join(map(str, entry))}]" if entry else "")
@@ -177,7 +178,7 @@ class MagFit(Result):
 
     @property
     def hard_iron_error(self) -> np.ndarray:
-        """(3,) standard deviation of the hard iron, in the unit of the readings; infinite along a plane's normal."""
+        """(3,) standard deviation of the hard iron, in the unit of the readings; infinite along the normal of a planar fit."""
         if self.plane is None:
             return np.sqrt(np.diag(self.covariance)[6:9])
         if not np.isfinite(self.covariance).all():
@@ -188,11 +189,11 @@ class MagFit(Result):
 
     @property
     def soft_iron_error(self) -> np.ndarray:
-        """(3, 3) standard deviations of the soft iron, the rotation by `alignment` included; infinite for what a plane leaves open."""
+        """(3, 3) standard deviations of the soft iron, including the rotation by `alignment`; infinite where a plane determines nothing."""
         if self.model is None or not np.isfinite(self.covariance).all():
             return np.full((3, 3), np.inf)
         soft, covariance = np.asarray(self.model.soft_iron), np.asarray(self.covariance)
-        if len(self.values):  # of a model object: S Q, of which S is fitted
+        if len(self.values):  # a model object has soft iron S Q, and S is fitted
             left, _, right = np.linalg.svd(soft)
             slopes = _UPPER @ (left @ right)
         else:
@@ -213,9 +214,9 @@ class MagFit(Result):
         return error if self.plane is None else np.where(np.outer(*2 * [np.abs(self.plane[2]) > _ONE]), np.inf, error)
 
     def _widened(self, by: np.ndarray, limits: tuple[float, float], what: str, more: np.ndarray | None = None) -> "MagFit":
-        """The fit with a further covariance (9, 9) that `what` brings, in the heading error and in the verdict.
+        """The fit with a further covariance `by` (9, 9), caused by `what`, added to its covariance, heading error and verdict.
 
-        more : the heading error that it brings, where it turns the fit too.
+        more : the further heading error, if it does not follow from `by`. The range over dips and axes grows in proportion.
         """
         assert self.model is not None
         values = list(self.parameters.values())
@@ -226,10 +227,20 @@ class MagFit(Result):
         reasons = Reasons([], [])
         reasons.heading(error, limits, f"; part of that is by {what}.")
         verdict = max(self.verdict, reasons.verdict, key=("good", "weak", "refused").index)
+        span = self.heading_range * error[0] / np.asarray(self.heading_error)[0]
         reason = self.reason.replace(expected(np.asarray(self.heading_error)), expected(error))
+        reason = reason.replace(between(self.heading_range), between(span))
         if verdict != self.verdict:
             reason = reasons.text(reason)
-        return dataclasses.replace(self, covariance=self.covariance + by, heading_error=error, verdict=verdict, reason=reason)
+        return dataclasses.replace(
+            self, covariance=self.covariance + by, heading_error=error, heading_range=span, verdict=verdict, reason=reason
+        )
+
+
+def between(span: np.ndarray) -> str:
+    """The range of a heading error in rad, as text in degrees."""
+    low, high = np.rad2deg(span)
+    return f"{low:.2g} to {high:.2g} degrees" if high < 30 else f"{low:.2g} to more than 30 degrees" if low < 30 else "more than 30 degrees"
 
 
 def refusal(method: str, dip: float, reason: str) -> MagFit:
@@ -242,24 +253,24 @@ def refusal(method: str, dip: float, reason: str) -> MagFit:
 
 
 def expected(error: Any) -> str:
-    """The heading error of a good fit, in words."""
+    """The expected heading error, in words."""
     level, tilted = np.rad2deg(error)
     where = f"at level and {tilted:.2g} at 20 degrees of tilt" if np.isfinite(tilted) else "in the plane"
     return f"heading error to expect is {level:.2g} degrees rms {where}"
 
 
 class Reasons(NamedTuple):
-    """Sentences that speak against a fit."""
+    """Sentences that explain why a fit is refused or weak."""
 
     refused: list[str]
     weak: list[str]
 
     def add(self, grave: bool | np.bool_, sentence: str) -> None:
-        """One more, that refuses the fit or weakens it."""
+        """Add a sentence that refuses the fit if `grave`, or else makes it weak."""
         (self.refused if grave else self.weak).append(sentence)
 
     def heading(self, error: np.ndarray, limits: tuple[float, float], rest: str) -> bool:
-        """Whether the predicted heading error is too large."""
+        """Add a sentence and return True if the predicted heading error is too large."""
         (level, tilted), (least, most) = np.rad2deg(error), np.rad2deg(limits)
         if not level <= least:
             large = "by more than 30 degrees" if not level <= 30 else f"by {level:.2g} degrees rms"
@@ -268,35 +279,35 @@ class Reasons(NamedTuple):
         return not level <= least
 
     def scatter(self, relative: float, surface: str = "ellipsoid") -> None:
-        """The noise, over the field."""
+        """Add a sentence if the noise, relative to the field, is too large."""
         if relative > _NOISY:
             grave = relative > _TOO_NOISY
             far = "; they do not lie on one" if grave else ""
             self.add(grave, f"The readings scatter by {100 * relative:.0f} % of the field about the best {surface}{far}.")
 
     def outliers(self, number: int, count: int, cure: str = "leave them out") -> None:
-        """Readings that are far off, as more than chance."""
+        """Add a sentence if there are more outliers than chance explains."""
         if number > max(_MANY_OUTLIERS * count, 2):
             self.weak.append(f"{number} of {count} readings are outliers; {cure}.")
 
     @property
     def verdict(self) -> str:
-        """The word for them."""
+        """The verdict that follows from the sentences."""
         return "refused" if self.refused else "weak" if self.weak else "good"
 
     def text(self, otherwise: str) -> str:
-        """All of them, the gravest first."""
+        """All sentences, the gravest first, or `otherwise` if there are none."""
         return " ".join([*self.refused, *self.weak]) or otherwise
 
 
 def outliers(distance: AnyArray, weight: Any = 1.0) -> np.ndarray:
-    """Readings off by four robust standard deviations, or with less than a third of their weight; distances in scaled units."""
+    """Indices of readings more than four robust standard deviations off, or with a weight below 0.33; distances in scaled units."""
     size = np.abs(distance)
     return np.flatnonzero((size > max(_OUTLIER * 1.4826 * np.median(size), 1e-9)) | (np.asarray(weight) < 0.33))
 
 
 def _other_quadric(found: Found, u: np.ndarray) -> str | None:
-    """Why the readings lie on another quadric than an ellipsoid, if they lie on it twice as close."""
+    """Which other quadric the readings lie on, if their distances to it are less than half of those to the ellipsoid."""
     kept = found.weight > 0.5
     theta = nearest_quadric(u[kept])
     try:
@@ -309,7 +320,7 @@ def _other_quadric(found: Found, u: np.ndarray) -> str | None:
 
 
 def _structural(found: Found, u: np.ndarray, told: Information, planar: bool) -> list[str]:
-    """Reasons that lie in the geometry of the readings, whatever their noise."""
+    """Reasons that lie in the geometry of the readings, for any noise."""
     if not planar and extents(u - u.mean(axis=0))[-1] < NEAR_PLANAR:
         return [NEAR_PLANAR_SENTENCE]
     if not planar and (other := _other_quadric(found, u)):
@@ -325,7 +336,7 @@ def judge(
     found: Found, u: np.ndarray, error: np.ndarray, told: Information, limits: tuple[float, float], loss: Any, notes: list[str],
     said: Examined, swing: float,
 ) -> tuple[str, str]:  # fmt: skip
-    """Verdict, and the sentences that lead to it."""
+    """The verdict, and the sentences that explain it."""
     planar = found.kind in PLANAR
     reasons = Reasons(_structural(found, u, told, planar), list(notes))
     if not reasons.refused:
@@ -342,7 +353,7 @@ def judge(
 def _by_size(
     found: Found, error: np.ndarray, told: Information, limits: tuple[float, float], reasons: Reasons, said: Examined, swing: float
 ) -> None:
-    """Reasons that are a matter of degree: scatter, predicted heading error, condition."""
+    """Add the reasons that are a matter of degree: scatter, predicted heading error, condition."""
     if not found.converged:
         reasons.refused.append(f"The fit did not converge: {found.message or 'it ran off, as fits of this cost do with partial coverage.'}")
     reasons.scatter(found.noise / radius_of(found.shape))
@@ -362,7 +373,7 @@ def _by_size(
 
 
 def _doubtful(found: Found, level: float, least: float, reasons: Reasons, said: Examined, swing: float) -> None:
-    """Whether the heading may be worse than the limit, by how well its error is known."""
+    """Add a reason if the heading error may exceed the limit, given how well the error itself is known."""
     if said.blocks:
         by, why = doubt(BLOCKS - 1), UNEVEN
     elif said.causes:

@@ -1,21 +1,35 @@
-"""What errors of the fields of currents do to a fit of norms, to first order, and to a joint fit, by fits anew."""
+"""Add the errors of the current terms to a fit of magnitudes, to first order, and to a joint fit, by fitting again."""
 
 import dataclasses
 from typing import Any
 
 import numpy as np
 
-from ._design._heading_error import angle, distance_slopes, grids, levelled
+from ._design._heading_error import angle, distance_slopes, grids, heading_error, levelled
 from ._ellipsoid._shape import Frame, ellipsoid_of_model
 from ._result import MagFit
 from ._rotation._joint import aligned
 
-#: of the largest variance, below which a direction of the terms adds nothing
+#: share of the largest variance below which a direction of the terms adds nothing
 _NOTHING = 1e-6
 
 
-def by_terms(found: MagFit, m: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """By how much shape and centre (9,) move with each term, (9, 3 currents), to first order."""
+def widened_by_terms(found: MagFit, m: np.ndarray, columns: np.ndarray, covariance: np.ndarray, limits: tuple[float, float]) -> MagFit:
+    """The fit of readings (n, 3) without the fields of the currents, widened by the errors (3 c, 3 c) of the terms.
+
+    The hard iron holds at zero current. The heading error holds at the recorded current nearest to zero: a temperature is never zero.
+    """
+    slopes = _by_terms(found, m, columns)
+    errors = None
+    if (nearest := np.clip(0.0, columns.min(axis=0), columns.max(axis=0))).any():
+        there = _by_terms(found, m, columns - nearest)
+        shape = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)[0]  # type: ignore[arg-type]
+        errors = heading_error(shape, there @ covariance @ there.T, found.inclination, found.down)
+    return found._widened(slopes @ covariance @ slopes.T, limits, "the terms of the currents", errors)
+
+
+def _by_terms(found: MagFit, m: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Change of shape and centre (9,) with each term, (9, 3 currents), to first order."""
     shape, centre = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)  # type: ignore[arg-type]
     rows = distance_slopes(shape, m - centre)
     size = np.linalg.norm(rows, axis=0)
@@ -27,9 +41,9 @@ def by_terms(found: MagFit, m: np.ndarray, columns: np.ndarray) -> np.ndarray:
 def jointly_with_terms(
     found: MagFit, m: np.ndarray, columns: np.ndarray, covariance: np.ndarray, aid: Any, limits: tuple[float, float]
 ) -> MagFit:
-    """The joint fit of readings (n, 3) whose currents' fields are taken off, with the errors that those fields bring.
+    """The joint fit of readings (n, 3) without the fields of the currents, widened by the errors of the terms.
 
-    covariance : (3 c, 3 c) of the terms (3, c), by rows. Each of its principal axes is one step, of a standard deviation.
+    covariance : (3 c, 3 c) of the terms (3, c), by rows. The fit is repeated one standard deviation away along each principal axis.
     """
     best = aligned(found, m, aid, joint=True)
     values, vectors = np.linalg.eigh(covariance)
@@ -51,7 +65,7 @@ def jointly_with_terms(
 
 
 def _departure(first: MagFit, second: MagFit) -> np.ndarray:
-    """Root mean square of the headings' difference between two fits, at level and at 20 degrees of tilt."""
+    """Root mean square difference of the headings by two fits, at level and at 20 degrees of tilt."""
     assert first.model is not None
     assert second.model is not None
     axes, found = levelled(np.asarray(first.alignment.rotation).T @ first.down), []

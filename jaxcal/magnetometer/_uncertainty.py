@@ -1,4 +1,4 @@
-"""How well a calibration is known: `bootstrap` and `heading_uncertainty` of a fit; `predict` and `plan` before a reading is taken."""
+"""Uncertainty of a calibration: `bootstrap` and `heading_uncertainty` after a fit; `predict` and `plan` before readings are taken."""
 
 import functools
 from typing import Any
@@ -22,7 +22,7 @@ from ._field import INCLINATION, unit_field
 from ._own_model import changes_of
 from ._result import MagFit
 
-#: step to go, relative to the statistical uncertainty, at which a refit is done
+#: remaining step, relative to the statistical uncertainty, at which a refit is done
 _PRECISE = 1e-4
 _STARTS = 4
 _FEWEST = 10
@@ -30,23 +30,23 @@ _FEWEST = 10
 
 @host_float64
 def bootstrap(m: Any, found: MagFit, *, replicas: int = 1000, seed: int = 0) -> AnyArray:
-    """Hard irons and shapes refitted to readings drawn with replacement: maximum likelihood, all in one compiled call.
+    """Shapes and hard irons refitted by maximum likelihood to readings drawn with replacement, all in one compiled call.
 
     Parameters
     ----------
     m : (n, 3) the readings that were fitted.
-    found : their fit, with a model that is not planar.
+    found : the fit of these readings, with a model that is not planar.
     replicas : number of refits.
-    seed : of the draws.
+    seed : seed of the draws.
 
     Returns
     -------
-    (replicas, 9) parameters in the order and units of `found.covariance`; `np.cov` of them, rows as readings, is comparable to it.
+    (replicas, 9) parameters in the order and units of `found.covariance`. Compare it with `np.cov(replicas, rowvar=False)`.
 
     Raises
     ------
     DataError
-        If the fit has no model, is planar, or is not of these readings.
+        If the fit has no model, is planar, or was made from other readings.
 
     Examples
     --------
@@ -92,15 +92,15 @@ def bootstrap(m: Any, found: MagFit, *, replicas: int = 1000, seed: int = 0) -> 
 
 @host_float64
 def heading_uncertainty(found: MagFit, headings: Any, *, tilt: float | int = 0.0) -> AnyArray:
-    r"""Standard deviation of the heading that a fit leaves, for readings without noise and a true vertical.
+    r"""Standard deviation of the heading due to the errors of a fit, for readings without noise and a true vertical.
 
     .. math:: \sigma_\psi^2 = j\,\mathrm{Cov}\,j^T,\qquad j = \partial\psi/\partial(A, b)
 
     Parameters
     ----------
-    found : a fit with a model. A rotation that was aligned is not part of it: `found.heading_error` has both.
-    headings : (n,) rad.
-    tilt : angle of the sensor from level, rad: the rms over eight directions of tilt. In a plane there is none.
+    found : a fit with a model. The result excludes the error of an aligned rotation; `found.heading_error` includes it.
+    headings : (n,) headings in rad.
+    tilt : angle of the sensor from level, rad; the result is the rms over eight directions of tilt. Ignored for a planar fit.
 
     Returns
     -------
@@ -143,13 +143,13 @@ def heading_uncertainty(found: MagFit, headings: Any, *, tilt: float | int = 0.0
 
 
 class Plan(eqx.Module):
-    """Attitudes to hold, and what they will give.
+    """Attitudes to hold, and the heading error that they will give.
 
     Attributes
     ----------
     attitudes : (n, 3) azimuth, elevation and bank in rad.
     heading_error : (2,) predicted rms heading error in rad, at level and at 20 degrees of tilt.
-    repeats : readings to take at each attitude so that both are below the limit; 1 without a limit.
+    repeats : number of readings to take at each attitude so that both errors are below the limit; 1 without a limit.
 
     Examples
     --------
@@ -165,9 +165,9 @@ class Plan(eqx.Module):
 
 
 def _variance(attitudes: Array, inclination: Array, weight: Array) -> Array:
-    """Mean square heading error per noise variance (relative to the field) for sensors near C = I: trace of bound times weight."""
+    """Mean square heading error per noise variance (relative to the field) for sensors near C = I: trace of the bound times `weight`."""
     rows = natural_rows(unit_field(attitudes, inclination, jnp), jnp)
-    # a ridge far below what a usable plan has keeps the derivative finite at singular plans
+    # a ridge, far below the information of a usable plan, keeps the derivative finite at singular plans
     information = rows.T @ rows + 1e-9 * len(rows) * jnp.eye(9, dtype=rows.dtype)
     return jnp.trace(jnp.linalg.solve(information, weight))
 
@@ -185,25 +185,25 @@ _value = jax.jit(_variance)
 
 @host_float64
 def predict(attitudes: Any, noise: float | int, *, inclination: float | int = INCLINATION) -> AnyArray:
-    r"""Least rms heading error that readings in given attitudes allow: the Cramer-Rao bound, before a reading is taken.
+    r"""Smallest possible rms heading error for readings in given attitudes (Cramer-Rao bound), before any reading is taken.
 
     .. math:: \sigma_\psi^2 = \sigma^2\,\mathrm{tr}\big[(J^T J)^{-1}\,\overline{j^T j}\big]
 
     Parameters
     ----------
     attitudes : (n, 3) azimuth, elevation and bank in rad, one for each reading.
-    noise : standard deviation of an axis of a reading, relative to the norm of the field.
+    noise : standard deviation of an axis of a reading, relative to the magnitude of the field.
     inclination : dip of the field in rad.
 
     Returns
     -------
-    (2,) rad, at level and at 20 degrees of tilt, for a sensor with little soft iron, all nine parameters unknown. Under `jit`, `vmap`
-    and `grad` too: the gradient with respect to the attitudes says which one to move where.
+    (2,) rad, at level and at 20 degrees of tilt, for a sensor with little soft iron and all nine parameters unknown. Works under `jit`,
+    `vmap` and `grad`; the gradient with respect to the attitudes shows where to move each of them.
 
     Raises
     ------
     DataError
-        If the attitudes are not (n, 3), or fewer than ten.
+        If the attitudes are not (n, 3), or there are fewer than ten.
 
     Examples
     --------
@@ -237,16 +237,16 @@ def plan(
     inclination: float | int = INCLINATION,
     seed: int = 0,
 ) -> Plan:
-    """Attitudes to hold, by the gradient of the bound, so that the heading error is small.
+    """Attitudes to hold for a small heading error, found by the gradient of the bound.
 
     Parameters
     ----------
     count : number of attitudes, 10 or more.
-    noise : standard deviation of an axis of a reading, relative to the norm of the field.
-    limit : rms heading error in rad to stay below at level and at 20 degrees of tilt; `repeats` then says how often to read.
-    elevation, bank : lowest and highest that the vehicle allows, rad. All headings are allowed.
+    noise : standard deviation of an axis of a reading, relative to the magnitude of the field.
+    limit : largest rms heading error in rad, at level and at 20 degrees of tilt; `repeats` then says how often to read.
+    elevation, bank : lowest and highest angle that the vehicle allows, rad. All headings are allowed.
     inclination : dip of the field in rad.
-    seed : of the attitudes to start from; the best of four is taken.
+    seed : seed of the attitudes to start from; the best of four starts is used.
 
     Returns
     -------
@@ -255,7 +255,7 @@ def plan(
     Raises
     ------
     DataError
-        If there are too few attitudes, the limits are no interval, or what they allow leaves a parameter open.
+        If there are too few attitudes, a range is not an interval, or the allowed attitudes do not determine all parameters.
 
     Examples
     --------

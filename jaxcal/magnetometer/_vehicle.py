@@ -1,4 +1,4 @@
-"""Magnetometers on a vehicle: fields of its currents, known attitudes, hard iron anew, several sensors."""
+"""Magnetometers on a vehicle: fields of its currents, known attitudes, a new hard iron with the old soft iron, several sensors."""
 
 import dataclasses
 from typing import Any
@@ -20,20 +20,20 @@ from ._result import LIMITS, MagFit
 from ._rotation._align import spread_of
 from ._rotation._joint import aligned, checked_joint
 from ._rotation._turning import array
-from ._term_errors import by_terms, jointly_with_terms
+from ._term_errors import jointly_with_terms, widened_by_terms
 
 
 class CurrentTerms(eqx.Module):
-    """Field per ampere of each current.
+    """Field per ampere of each current, as `fit_current` and `motor_terms` find it.
 
     Attributes
     ----------
     terms : (3, currents) k, in the unit of the readings per unit of current: m = C h + b + k I.
     error : (3, currents) standard deviations.
-    correlation : (currents,) largest correlation of a current with the readings' directions; above 0.5 it is told apart badly.
+    correlation : (currents,) largest correlation of a current with the readings' directions; above 0.5 its field is hard to separate.
     noise : standard deviation of a reading.
-    fit : `MagFit` of the readings with the currents' fields taken off, whose errors count those of the terms; None where the attitude was
-        held.
+    fit : `MagFit` of the readings after the fields of the currents were subtracted; its errors include the errors of the terms. None if the
+        attitude was held.
 
     Examples
     --------
@@ -68,7 +68,7 @@ def _columns_of(current: Any, count: int) -> np.ndarray:
 
 
 def _regression(m: np.ndarray, columns: np.ndarray, scale: np.ndarray, failure: str) -> tuple[np.ndarray, np.ndarray, float]:
-    """Coefficients of readings on columns of some size (3, c), their standard errors, and the noise, by linear least squares."""
+    """Coefficients (3, c) of readings on columns of size `scale`, their standard errors, and the noise, by linear least squares."""
     scaled = columns / scale
     if len(m) <= columns.shape[1] or np.linalg.cond(scaled) > 1e6:
         raise DataError(failure)
@@ -85,7 +85,7 @@ def _largest(columns: np.ndarray) -> np.ndarray:
 
 @host_float64
 def motor_terms(m: Any, current: Any) -> CurrentTerms:
-    r"""Field per ampere from readings of a vehicle that stands still while its currents vary.
+    r"""Field per ampere, from readings of a vehicle that stands still while its currents vary.
 
     .. math:: m_i = m_0 + \sum_j k_j I_{ij}
 
@@ -101,7 +101,7 @@ def motor_terms(m: Any, current: Any) -> CurrentTerms:
     Raises
     ------
     DataError
-        If shapes differ, or a current does not vary by itself.
+        If the shapes differ, or a current does not vary independently.
 
     Examples
     --------
@@ -123,13 +123,13 @@ def motor_terms(m: Any, current: Any) -> CurrentTerms:
 
 
 class AttitudeFit(eqx.Module):
-    """Full calibration from known attitudes.
+    """A full calibration from known attitudes, as `fit_attitudes` finds it.
 
     Attributes
     ----------
-    model : `MagModel` with any soft iron, rotation included.
+    model : `MagModel` with a full soft iron, rotation included.
     currents : (3, c) field per unit of each current, in the unit of the readings.
-    error : (3, 4 + c) standard errors, those of the columns of C, then of b, then of each k.
+    error : (3, 4 + c) standard errors of the columns of C, then of b, then of each k.
     noise : standard deviation of one axis of a reading, in its unit.
 
     Examples
@@ -149,15 +149,15 @@ class AttitudeFit(eqx.Module):
 
 @host_float64
 def fit_attitudes(m: Any, field: Any, *, current: Any = None) -> AttitudeFit:
-    r"""Hard iron and the whole soft iron, rotation included, from readings in known fields: linear least squares.
+    r"""Hard iron and full soft iron, rotation included, by linear least squares from readings in known fields.
 
     .. math:: m_i = C h_i + b + \sum_j k_j I_{ij}
 
     Parameters
     ----------
     m : (n, 3) readings.
-    field : (n, 3) true field in body axes at each, from the attitude and a field model, as `body_field` gives it.
-    current : (n,) or (n, currents), for the vehicle's own fields.
+    field : (n, 3) true field in body axes at each reading, from the attitude and a field model, as from `body_field`.
+    current : (n,) or (n, currents) currents whose fields are to be fitted too.
 
     Returns
     -------
@@ -166,7 +166,7 @@ def fit_attitudes(m: Any, field: Any, *, current: Any = None) -> AttitudeFit:
     Raises
     ------
     DataError
-        If shapes differ, or the attitudes do not determine twelve numbers.
+        If the shapes differ, or the attitudes do not determine twelve parameters.
 
     Examples
     --------
@@ -194,14 +194,14 @@ def fit_attitudes(m: Any, field: Any, *, current: Any = None) -> AttitudeFit:
 
 
 def _distances(iron: dict[str, Array], data: tuple[Array, Array, Array]) -> Array:
-    """Weighted distances to {x : |U (x - b)| = s} of readings less the fields of currents; given are readings, currents and weight."""
+    """Weighted distances to {x : |U (x - b)| = s}, after subtracting the fields of currents; `data`: readings, currents and weights."""
     u, current, weight = data
     shape = iron["upper"].T @ iron["upper"] * jnp.exp(-2 * iron["log_size"])
     return weight * signed_distance(shape, u - current @ iron["terms"].T - iron["centre"][None, :])
 
 
 def _fitted(u: np.ndarray, current: np.ndarray, start: dict[str, Any], free: dict[str, Any]) -> tuple[Fit, np.ndarray]:
-    """The fit, and the covariance of what was free: of centre, size, terms and U in this order."""
+    """The fit, and the covariance of its free parameters, in the order centre, size, terms, U."""
     found = solve(_distances, start, (filled(u, u[:1]), filled(current), filled(np.ones(len(u)))), free=free)
     return found, spread_of(found)
 
@@ -210,23 +210,24 @@ def _fitted(u: np.ndarray, current: np.ndarray, start: dict[str, Any], free: dic
 def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
     """Hard iron, soft iron and the fields of currents together, from readings in all attitudes while the currents vary.
 
-    The hard iron is that without the currents. What else moves the hard iron in proportion, such as a temperature, is fitted alike.
+    The hard iron is the one without currents. The same fit serves anything else that shifts the hard iron in proportion, such as a
+    temperature. The heading error holds at zero current, or at the recorded current nearest to zero.
 
     Parameters
     ----------
-    m : (n, 3) readings; rows with NaN are left out, but for the rates of a `Gyroscope`.
-    current : (n,) or (n, currents) current or throttle at the readings' times; or a dictionary, name -> (n,).
-    options : those of `fit`, for the calibration of what remains; its `model` is symmetric here unless given, and not planar. With
-        `joint` what remains is fitted with the `aid` together; the terms are those of the norms.
+    m : (n, 3) readings. Rows with NaN are left out; with a `Gyroscope` its rates in these rows are still used.
+    current : (n,) or (n, currents) current or throttle at the times of the readings; or a dictionary, name -> (n,).
+    options : options of `fit`, for the readings after the fields of the currents are subtracted. `model` is "symmetric" by default and
+        cannot be "planar". With `joint`, these readings are fitted together with the `aid`; the terms come from the magnitudes alone.
 
     Returns
     -------
-    CurrentTerms, with `fit`. Its covariance, heading error and verdict count the errors of the terms; `fit.terms` has them by name.
+    CurrentTerms, with `fit`. Covariance, heading error and verdict of `fit` include the errors of the terms; `fit.terms` has them by name.
 
     Raises
     ------
     DataError
-        If shapes differ, a current does not vary, or the readings determine no ellipsoid.
+        If the shapes differ, a current does not vary, or the readings determine no ellipsoid.
 
     Examples
     --------
@@ -280,8 +281,7 @@ def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
         if joint:
             calibrated = jointly_with_terms(calibrated, rows, given, matrix, aid, limits)
         else:
-            slopes = by_terms(calibrated, m - columns @ terms.T, columns)
-            calibrated = calibrated._widened(slopes @ matrix @ slopes.T, limits, "the terms of the currents")
+            calibrated = widened_by_terms(calibrated, m - columns @ terms.T, columns, matrix, limits)
         by_name = {name: np.stack([terms[:, i], error[:, i]]) for i, name in enumerate(names)}
         lost = (
             ()
@@ -296,13 +296,13 @@ def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
 
 @host_float64
 def fit_offset(m: Any, model: MagModel, *, field: float | int | None = None) -> tuple[MagModel, AnyArray]:
-    """Hard iron anew with the soft iron kept, as after a change of what the sensor is mounted with.
+    """A new hard iron with the soft iron kept, for use after a change of the sensor's mounting.
 
     Parameters
     ----------
     m : (n, 3) readings; a third of a sphere is enough.
     model : the earlier calibration.
-    field : norm of the field in the unit of the corrected readings; None fits it too.
+    field : magnitude of the field in the unit of the corrected readings; None fits it too.
 
     Returns
     -------
@@ -345,21 +345,21 @@ def fit_offset(m: Any, model: MagModel, *, field: float | int | None = None) -> 
 
 
 def fit_several(readings: dict[str, Any], **options: Any) -> dict[str, MagFit]:
-    """Several magnetometers on one body, read at the same times: each calibrated, and all turned into the axes of the first.
+    """Calibrate several magnetometers on one body, read at the same times, and rotate all of them into the axes of the first.
 
     Parameters
     ----------
-    readings : name -> (n, 3), rows at the same times.
-    options : those of `fit`. The `aid` is that of the first sensor: its rotation is found once, and holds for all.
+    readings : name -> (n, 3) readings, with rows at the same times.
+    options : options of `fit`. The `aid` belongs to the first sensor; its rotation is found once and used for all.
 
     Returns
     -------
-    name -> `MagFit`; the models of all but the first give fields in the axes of the first, as far as their own shape tells.
+    name -> `MagFit`. Every model gives fields in the axes of the first sensor, up to the errors of the sensor's own soft iron.
 
     Raises
     ------
     DataError
-        If lengths differ, or a sensor has no model.
+        If the lengths differ, or a sensor has no model.
 
     Examples
     --------
@@ -375,7 +375,7 @@ def fit_several(readings: dict[str, Any], **options: Any) -> dict[str, MagFit]:
     ----------
     G. Wahba, SIAM Review 7 (1965) 409 (the rotation, by singular values).
     """
-    # not a host driver itself: those hand dictionaries on in alphabetical order, and the first sensor matters
+    # not wrapped in `host_float64`: it passes dictionaries on in alphabetical order, and the first sensor matters here
     arrays = {name: array(m, f"readings of {name}") for name, m in readings.items()}
     if not arrays or len({len(m) for m in arrays.values()}) > 1:
         raise DataError(f"The sensors have {[len(m) for m in arrays.values()]} readings; give rows at the same times for all.")

@@ -5,9 +5,17 @@ The fit takes B and K for the slow noise of a record. Before they are called pre
 What counts is twice the gain in log likelihood over B and K. An alternative is admitted where it reaches a level that about one
 record in 300 of Q, N, B and K alone reaches (`benchmarks/records.py --only alternatives`). Its terms are then fitted beside B and
 K, which are judged by what they explain beyond it.
+
+An alternative that is not admitted may still be as likely as B and K. Then N has an interval that holds for both models, and a term
+that the alternative does without is a hint at most:
+
+- K, unless it explains more than flicker of any exponent does. The exponents of measured flicker lie near one, so the gain of an
+  exponent :math:`\alpha` is reduced by :math:`((\alpha - 1)/\sigma)^2`, with :math:`\sigma = 0.15`, the logarithm of a normal prior.
+- B, where one Gauss-Markov process explains more than B and K do, or two explain much more.
 """
 
 import functools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,20 +23,26 @@ import numpy as np
 from .._types import AnyArray
 from ._lanes import inverse
 from ._likelihood import ROUGH, information, minimise
+from ._result import PRESENT
 from ._spectral import Fitted
 from ._terms import BUILT_IN, Filter, GaussMarkov, PowerLaw, Term
 
 _ALIKE = 0.1  # exponents nearer than this to 1 are flicker
-_EXPONENTS = np.array([0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8])
-_LAWS: tuple[Term, ...] = tuple(PowerLaw(exponent=float(value)) for value in _EXPONENTS)
+_EXPONENTS = np.arange(3, 19) / 10.0
+_OTHER = np.abs(_EXPONENTS - 1.0) > _ALIKE / 2.0
+_LAWS: tuple[tuple[Term, ...], ...] = tuple((PowerLaw(exponent=float(value)),) for value in _EXPONENTS)
+_SPREAD = 0.15  # standard deviation of the exponents of measured flicker about 1
 _TIMES = 14  # correlation times that are tried, from ten samples to a quarter of the record
 _HALVINGS = 4  # of the step between neighbours, around the best of them
 _WORTH = 3.0  # score of one more term below which the search is short: alternatives that are admitted have twice that and more
 _SLOW = 5.41  # twice the gain of B and K over none below which there is nothing to replace
 _OWN = 1e-9  # part of a term's squares that the terms of the fit must leave for it to be another term
 _TINY = np.finfo(float).tiny ** 0.5
-#: family -> shape parameters and coefficients beyond those of B and K, and twice the gain in log likelihood that admits it
-_FAMILIES = {"power law": (0, 9.0), "one process": (0, 8.0), "two processes": (2, 13.0), "process beside": (2, 13.0)}
+#: family -> shape parameters and coefficients beyond those of B and K, twice the gain in log likelihood that admits it, and that
+#: from which B, or K beside a power law, is a hint at most
+_FAMILIES = {
+    "power law": (0, 9.0, -PRESENT), "one process": (0, 8.0, 1.0), "two processes": (2, 13.0, 8.0), "process beside": (2, 13.0, np.inf),
+}  # fmt: skip
 _PARAMETER = 2.0  # what one parameter more must gain for a family to be preferred to another
 
 
@@ -44,9 +58,45 @@ class Alternative(NamedTuple):
         """Whether the gain is too large for chance."""
         return self.gain > _FAMILIES[self.family][1]
 
+    @property
+    def net(self) -> float:
+        """The gain less what its further parameters gain by chance."""
+        return self.gain - _PARAMETER * _FAMILIES[self.family][0]
 
-def find_alternatives(fitted: Fitted, terms: tuple[Term, ...], dt: float, duration: float) -> list[Alternative]:
-    """The best of each family, the likeliest family first; none where B and K are not there, or terms of the user's own are.
+
+class Alternatives(NamedTuple):
+    """The best of each family that was tried, the likeliest family first; `flicker` is flicker of an exponent of its own alone.
+
+    The gain of `flicker` is reduced by the prior of its exponent.
+    """
+
+    listed: tuple[Alternative, ...] = ()
+    flicker: Alternative | None = None
+
+    @property
+    def admitted(self) -> Alternative | None:
+        """The alternative that joins the model."""
+        return self.listed[0] if self.listed and self.listed[0].admitted else None
+
+    @property
+    def rival(self) -> Alternative | None:
+        """The likeliest of those that do without B and K."""
+        return max((one for one in self.listed if one.family != "process beside"), key=lambda one: one.net, default=None)
+
+    def doubts(self) -> dict[str, Alternative]:
+        """Term -> what explains the record nearly as well without it, so that the term is a hint at most."""
+        model, found = self.admitted, {}
+        if model is not None and model.family != "process beside":
+            return {}  # B and K are judged by what they explain beyond it
+        judged = [("B", one) for one in self.listed if one.family in ("one process", "two processes")]
+        for term, one in [("K", self.flicker), *judged] if self.flicker else judged:
+            if one.net > model.net - PRESENT if model else one.gain > _FAMILIES[one.family][2]:
+                found.setdefault(term, one)
+        return found
+
+
+def find_alternatives(fitted: Fitted, terms: tuple[Term, ...], dt: float, duration: float) -> Alternatives:
+    """The best of each family; none where B and K are not there, or terms of the user's own are.
 
     Parameters
     ----------
@@ -56,28 +106,47 @@ def find_alternatives(fitted: Fitted, terms: tuple[Term, ...], dt: float, durati
     """
     slow = np.array([term.name in ("B", "K") for term in terms])
     if not np.any(fitted.theta[slow] > 0.0) or any(term.name not in (*BUILT_IN, Filter.name) for term in terms):
-        return []
+        return Alternatives()
     search = _Search(fitted, slow, dt)
     if search.gain(search.without()) > -_SLOW:
-        return []
+        return Alternatives()
     times, step = _times(dt, duration)
-    laws: list[tuple[Term, ...]] = [(law,) for law in _LAWS]
     ones: list[tuple[Term, ...]] = [(one,) for one in _processes(dt, duration)]
     # all choices at once: the term of each alone takes a hundred times as long
     f = fitted.bins.frequency
     slopes, lags = PowerLaw(exponent=_EXPONENTS[:, None]).psd(f, dt), GaussMarkov(time=np.array(times)[:, None]).psd(f, dt)
-    if _score(fitted, np.concatenate([slopes, lags])) < _WORTH:
-        best, cost = search.best(ones, lags[:, :, None])
-        return [Alternative("one process", best, search.gain(cost))]
-    pairs: list[tuple[Term, ...]] = [(_process(long), _process(short, "markov2")) for i, long in enumerate(times) for short in times[:i]]
-    found = {
-        "power law": search.refined(search.best(laws, slopes[:, :, None]), 0.1),
-        "one process": search.refined(search.best(ones, lags[:, :, None]), step),
-        "two processes": search.refined(search.best(pairs), step),
-        "process beside": search.best(ones, lags[:, :, None], beside=True),
-    }
+    costs = search.costs(_LAWS, slopes[:, :, None])
+    gains = np.array([search.gain(cost) for cost in costs])
+    flicker = Alternative("power law", *_near_one(gains))
+    index = int(np.flatnonzero(_OTHER)[np.argmin(costs[_OTHER])])
+    law, process = (_LAWS[index], float(costs[index])), search.best(ones, lags[:, :, None])
+    found = {"power law": law, "one process": process}
+    if _score(fitted, np.concatenate([slopes[_OTHER], lags])) >= _WORTH:
+        pairs: list[tuple[Term, ...]] = [
+            (_process(long), _process(short, "markov2")) for i, long in enumerate(times) for short in times[:i]
+        ]
+        found = {
+            "power law": search.refined(law, 0.1),
+            "one process": search.refined(process, step),
+            "two processes": search.refined(search.best(pairs), step),
+            "process beside": search.best(ones, lags[:, :, None], beside=True),
+        }
     listed = [Alternative(family, best, search.gain(cost)) for family, (best, cost) in found.items()]
-    return sorted(listed, key=lambda one: -(one.gain - _PARAMETER * _FAMILIES[one.family][0] + 1e3 * one.admitted))
+    return Alternatives(tuple(sorted(listed, key=lambda one: -(one.net + 1e3 * one.admitted))), flicker)
+
+
+def _near_one(gains: AnyArray) -> tuple[tuple[Term, ...], float]:
+    """The likeliest exponent of flicker under its prior, from the gains at all exponents, and its gain less that of the prior."""
+    gains = gains - ((_EXPONENTS - 1.0) / _SPREAD) ** 2
+    index = int(np.clip(np.argmax(gains), 1, len(gains) - 2))
+    near = gains[index - 1 : index + 2]
+    before, best, after = np.where(np.isfinite(near), near, 0.0)
+    bend = 2.0 * best - before - after  # of the parabola through the three
+    if not np.all(np.isfinite(near)) or bend <= 0.0:
+        return _LAWS[index], float(near[1])
+    at = float(np.clip((after - before) / (2.0 * bend), -1.0, 1.0))
+    exponent = float(_EXPONENTS[index] + at * (_EXPONENTS[1] - _EXPONENTS[0]))
+    return (PowerLaw(exponent=exponent),), float(best + at * (after - before) / 4.0)
 
 
 def _score(fitted: Fitted, densities: AnyArray) -> float:
@@ -168,10 +237,8 @@ class _Search:
         start = np.maximum(start, np.where(bins.columns[:, kept].min(axis=0) >= 0.0, _TINY, 0.0))
         return float(minimise(bins.columns[:, kept], bins.density, bins.weight, start[None, :], rtol=ROUGH).cost[0])
 
-    def best(
-        self, candidates: list[tuple[Term, ...]], extra: AnyArray | None = None, *, beside: bool = False
-    ) -> tuple[tuple[Term, ...], float]:
-        """The candidate of the least cost, and that cost; `extra`, (candidates, bins, terms), are the densities of the terms, if known."""
+    def costs(self, candidates: Sequence[tuple[Term, ...]], extra: AnyArray | None = None, *, beside: bool = False) -> AnyArray:
+        """Cost with each candidate; `extra`, (candidates, bins, terms), are the densities of the terms, if known."""
         bins, lanes = self._fitted.bins, len(candidates)
         if extra is None:
             extra = np.stack([np.stack([np.asarray(term.psd(bins.frequency, self._dt)) for term in one], axis=1) for one in candidates])
@@ -182,7 +249,13 @@ class _Search:
         level = np.sum(own * (np.log(self._level)[:, None] - np.log(extra)), axis=1) / np.maximum(np.sum(own, axis=1), _TINY)
         columns = np.concatenate([np.broadcast_to(bins.columns[:, kept], (lanes, len(self._level), int(np.sum(kept)))), extra], axis=2)
         start = np.concatenate([np.tile(self._fitted.theta[kept], (lanes, 1)), np.exp(level)], axis=1)
-        costs = minimise(columns, bins.density, bins.weight, start, rtol=ROUGH).cost
+        return np.asarray(minimise(columns, bins.density, bins.weight, start, rtol=ROUGH).cost)
+
+    def best(
+        self, candidates: Sequence[tuple[Term, ...]], extra: AnyArray | None = None, *, beside: bool = False
+    ) -> tuple[tuple[Term, ...], float]:
+        """The candidate of the least cost, and that cost."""
+        costs = self.costs(candidates, extra, beside=beside)
         index = int(np.argmin(costs))
         return candidates[index], float(costs[index])
 

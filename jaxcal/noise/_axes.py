@@ -1,6 +1,6 @@
 """`correlation`: how much of the white noise the axes of a sensor have in common."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
@@ -16,6 +16,8 @@ from .._types import Float
 from ._model import Noise
 
 _FEWEST = 100.0  # ordinates' worth of information below which nothing is said
+_LARGEST = 30.0  # ordinate over its expectation above which it is that of a line or a step: noise has one in 2e7
+_MATTERS, _SURE = 0.05, 0.999  # correlation that a log's fit speaks of, and the level of the interval that must lie beyond it
 
 
 class Correlation(Unjudged):
@@ -87,7 +89,8 @@ def correlation(y: Any, rate: Any, fits: Sequence[Any], *, confidence: float = 0
         s_{ij} = \sum_k g_k \frac{dt\, c_{i,k} c_{j,k}}{\sqrt{S_{i,k} S_{j,k}}},\qquad
         \operatorname{artanh} \rho \pm \frac{z}{\sqrt{\sum_k g_k^2}} .
 
-    The expectation of the other noise, :math:`\sum_k g_k (1 - g_k)`, is taken off :math:`s_{ii}`.
+    The expectation of the other noise, :math:`\sum_k g_k (1 - g_k)`, is taken off :math:`s_{ii}`. Ordinates of more than 30 times their
+    expectation in one of the axes, which lines and steps leave, take no part.
 
     Parameters
     ----------
@@ -139,6 +142,7 @@ def correlation(y: Any, rate: Any, fits: Sequence[Any], *, confidence: float = 0
     ordinates = np.asarray(scipy.fft.dct(part - part.mean(axis=1, keepdims=True), norm="ortho"))[:, 1:]
     root = np.sqrt([np.asarray(model.psd(frequency, dt=1.0 / rate)) for model in models])
     white, share = ordinates / root / np.sqrt(rate), strength[:, None] / root
+    share = np.where(np.all(white**2 < _LARGEST, axis=0), share, 0.0)
     weight = share[:, None] * share[None]
     # each axis with itself, less its other noise: the scatter that both sums share cancels, and so does a level that is a little off
     own = np.sum(share**2 * (white**2 - 1.0 + share**2), axis=1)
@@ -157,3 +161,19 @@ def correlation(y: Any, rate: Any, fits: Sequence[Any], *, confidence: float = 0
             said.append(f"the white noise of axes {i} and {j} is correlated: {rho[i, j]:.2f}, between {low:.2f} and {high:.2f}")
     covariance = rho * np.outer(strength, strength)
     return Correlation(covariance, rho, interval, confidence, tuple(said))
+
+
+def sentences_of_axes(y: Any, rate: float, fits: Mapping[str, Any]) -> dict[str, str]:
+    """Channel -> a sentence on the later channel of a sensor with whose white noise its own is correlated; `y` is (n, channels)."""
+    names = list(fits)
+    try:
+        found = correlation(y, rate, list(fits.values()), confidence=_SURE)
+    except DataError:
+        return {}  # no white noise, or gaps everywhere: nothing can be said
+    said: dict[str, str] = {}
+    for i, j in combinations(range(len(names)), 2):
+        low, high = found.interval[i, j]
+        if low > _MATTERS or high < -_MATTERS:
+            one = f"is correlated with that of {names[j]}: {found.correlation[i, j]:.2f}, between {low:.2f} and {high:.2f}"
+            said[names[i]] = f"{said[names[i]]}; it {one}" if names[i] in said else f"the white noise {one}"
+    return {name: f"{one} (`noise.correlation` gives the covariance for a filter)" for name, one in said.items()}

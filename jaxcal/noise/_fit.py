@@ -12,6 +12,7 @@ from .._precision import host_float64, is_traced
 from .._quality import checked_rate, refuse_other_than_samples
 from .._types import Any
 from ..allan import deviation
+from ._axes import sentences_of_axes
 from ._checks import find_jumps, refuse_extremes, resolution, sentences_of_checks
 from ._display import fit_plainly
 from ._joint import fit_jointly, with_second_opinion
@@ -57,7 +58,8 @@ def fit(
     sensor, are left out and named; what a filter leaves below is fitted as a nuisance, and Q, which has its shape, is then not
     estimated. Spectral lines are taken out, and become sinusoids of the model. Where the record scatters more than the model
     allows, the intervals are widened, with a warning. A step, a ramp, a warm-up or a slow sinusoid is fitted together with the noise and
-    named. Another exponent, or Gauss-Markov processes, join the model where they explain the slow noise better than B and K.
+    named. Another exponent, or Gauss-Markov processes, join the model where they explain the slow noise better than B and K. Where
+    they explain it about as well, B or K is a hint at most, which a note says, and the interval of N holds for both models.
     Single outlying samples are set to the mean of their neighbours, and counted.
 
     Parameters
@@ -173,6 +175,8 @@ def characterise(
 ) -> dict[str, NoiseFit]:
     """Noise coefficients of every gyroscope, accelerometer and magnetometer channel of a static log.
 
+    Where the white noise of two axes of a sensor is correlated by more than 5 %, a note says so; `correlation` gives its covariance.
+
     Parameters
     ----------
     log : the `Log`, or anything that `jaxcal.read` takes: a path, a data frame, a dataset, a dictionary of arrays.
@@ -212,6 +216,11 @@ def characterise(
             fits[name] = dataclasses.replace(found, sensor=name.partition("_")[0])
         except DataError as error:
             raise DataError(f"{name}: {error}") from error
+    for sensor in {name.partition("_")[0] for name in fits}:
+        axes = {name: fit for name, fit in fits.items() if fit.sensor == sensor}
+        if len(axes) > 1:
+            for name, sentence in sentences_of_axes(np.stack([channels[name] for name in axes], axis=1), log.rate, axes).items():
+                fits[name] = dataclasses.replace(fits[name], notes=(*fits[name].notes, sentence))
     report(len(channels), len(channels), "")
     return fits
 

@@ -1,15 +1,16 @@
 """What a fit tells its reader: octaves left out, warnings and notes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ..allan import Deviation
-from ._alternatives import Alternative
+from ._alternatives import Alternative, Alternatives
 from ._causes import Cause
 from ._model import Noise
-from ._result import NoiseFit
+from ._result import PRESENT, NoiseFit
 from ._stationarity import PARTS, Level, Unevenness
+from ._terms import PowerLaw
 
 #: standard errors above which a record follows a line in time, where R is asked for
 RAMP = 3.0
@@ -26,6 +27,8 @@ _CAUSES = {
 }
 #: twice the log likelihood within which flicker and one Gauss-Markov process are alike
 _ALIKE = 2.0
+#: net gain of another model that one record in a hundred of B and K reaches
+_CHANCE = 6.63
 #: standard deviations by which two estimates may be apart
 _APART = 3.0
 
@@ -138,35 +141,48 @@ def events_of_parts(
     return found
 
 
-def of_alternatives(found: Sequence[Alternative], fitted: bool, fit: NoiseFit) -> tuple[list[str], tuple[str, ...]]:
-    """A warning or a note on what explains the slow noise as well as B and K do, from the families that were tried, the best first."""
-    if not found:
-        return [], ()
-    if fitted:
-        what, where = _described(found[0], fit), "beside" if found[0].family == "process beside" else "in place of"
-        alike = [one for one in found[1:] if one.family == "process beside" and one.gain > found[0].gain - 2.0 * _ALIKE]
-        other = "; B, K and one process explain it as well, and this record cannot tell which it is" if alike else ""
-        return [
-            f"{what} {where} B and K explain{'s' if len(found[0].terms) == 1 else ''} the spectrum better than these alone (likelihood "
-            f"ratio {found[0].gain:.1f}): the model has it now, and B and K stand for what remains{other}"
-        ], ()
-    if found[0].family == "power law" and found[0].gain > _ALIKE:
-        return [], (
-            f"{_described(found[0], fit)} in place of B and K describes the spectrum as well (likelihood ratio {found[0].gain:.1f}): the "
-            "interval of N holds for both, and K is a hint at most",
+def of_alternatives(found: Alternatives, doubts: Mapping[str, Alternative], fit: NoiseFit) -> tuple[list[str], tuple[str, ...]]:
+    """Warnings and notes on what explains the slow noise as well as B and K do, or better."""
+    said, notes = [], []
+    if found.admitted:
+        one, others = found.admitted, found.listed[1:]
+        what, where = _described(one, fit), "beside" if one.family == "process beside" else "in place of"
+        alike = [other for other in others if other.net > one.net - 2.0 * _ALIKE]
+        named = [f"{_described(other)}{' beside B and K' * (other.family == 'process beside')}" for other in alike]
+        other = f"; {', or '.join(named)}, explains it nearly as well, and this record cannot tell which it is" if alike else ""
+        said.append(
+            f"{what} {where} B and K explain{'s' if len(one.terms) == 1 else ''} the spectrum better than these alone (likelihood "
+            f"ratio {one.gain:.1f}): the model has it now, and B and K stand for what remains{other}"
         )
-    for one in found:
-        if one.family == "one process" and one.gain > -_ALIKE and fit.verdict.get("B") == "present":
-            time = one.terms[0].time  # type: ignore[attr-defined]
-            return [], (f"B or one Gauss-Markov process of correlation time about {time:.2g} s: this record cannot tell them apart",)
-    return [], ()
+    elif found.rival is not None and found.rival.net > _CHANCE:
+        one = found.rival
+        said.append(
+            f"{_described(one)} in place of B and K would explain the spectrum better (likelihood ratio {one.gain:.1f}), but not by so "
+            "much that B and K are excluded: the interval of N holds for both"
+        )
+    if one := doubts.get("K"):
+        notes.append(
+            f"K is a hint at most: {_described(one)} without K explains the record nearly as well (K would have to gain {PRESENT} in twice "
+            f"the log likelihood, and gains {-one.gain:.1f})"
+        )
+    if one := doubts.get("B"):
+        notes.append(f"B is a hint at most: B or {_described(one)}, this record cannot tell them apart")
+    if not found.admitted and "B" not in doubts and fit.verdict.get("B") == "present":
+        for one in found.listed:
+            if one.family == "one process" and one.gain > -_ALIKE:
+                notes.append(f"B or {_described(one)}: this record cannot tell them apart")
+    return said, tuple(notes)
 
 
-def _described(one: Alternative, fit: NoiseFit) -> str:
-    if one.family == "power law":
-        return f"noise of exponent {one.terms[0].exponent:.2g} (flicker has 1, a random walk 2)"  # type: ignore[attr-defined]
-    each = [f"{time:.2g} s (standard deviation {float(strength) * np.sqrt(time / 2.0):.3g})" for strength, time in fit.noise.markov]
-    many = "two Gauss-Markov processes of correlation times" if len(each) > 1 else "a Gauss-Markov process of correlation time"
+def _described(one: Alternative, fit: NoiseFit | None = None) -> str:
+    """What an alternative is; with its strength, where the model of a fit has it."""
+    if isinstance(one.terms[0], PowerLaw):
+        return f"noise of exponent {one.terms[0].exponent:.2g} (flicker has 1, a random walk 2)"
+    if fit is None:
+        each = [f"{term.time:.2g} s" for term in one.terms]  # type: ignore[attr-defined]
+    else:
+        each = [f"{time:.2g} s (standard deviation {float(strength) * np.sqrt(time / 2.0):.3g})" for strength, time in fit.noise.markov]
+    many = "two Gauss-Markov processes of correlation times" if len(each) > 1 else "one Gauss-Markov process of correlation time"
     return f"{many} {' and '.join(each)}"
 
 

@@ -67,8 +67,9 @@ class NoiseFit(Result):
         `noise.markov`, and has an entry "markov" in the tables below.
     interval : term -> (low, high) at level `confidence`, in the unit of the coefficient; low is 0 where zero cannot be excluded.
     upper_limit : term -> one-sided upper limit at level `confidence`.
-    verdict : term -> "present", "hint" or "not detected". Empty where there is none: for the methods without uncertainty, and for a
-        record under jit, vmap or grad, whose numbers are not known there; judge `significance` yourself, or fit outside of the trace.
+    verdict : term -> "present", "hint" or "not detected". A term that other noise explains nearly as well is a hint, with a note. Empty
+        where there is none: for the methods without uncertainty, and for a record under jit, vmap or grad, whose numbers are not known
+        there; judge `significance` yourself, or fit outside of the trace.
     significance : term -> drop of the chi-square when the term is admitted: by chance above 2.71 in 5 % and above 5.41 in 1 %.
         Methods gls, edf and wavelet correct it for the skewness of an Allan variance at long cluster times.
     covariance : (terms, terms) covariance of the *squared* coefficients, which may lie at zero; channels last. Those of B and K

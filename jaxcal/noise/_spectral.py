@@ -159,10 +159,12 @@ def _judged(found: Attempt, bins: Bins, alone: Attempt, plain: Bins, cut) -> Fit
     return Fitted(*found[:3], bins, cut, inflation <= _TOO_WIDE, goodness, inflation, plain, alone)
 
 
-def uncertainty(fitted: Fitted, widened: AnyArray, two_sided, one_sided, terms: tuple[str, ...]) -> tuple[AnyArray, Limits, AnyArray]:
+def uncertainty(
+    fitted: Fitted, widened: AnyArray, two_sided, one_sided, terms: tuple[str, ...], only: tuple[str, ...] | None = None
+) -> tuple[AnyArray, Limits, AnyArray]:
     """Covariance of the squared coefficients (inverse Fisher information), profile-likelihood limits, and by which factor the
     record must be longer to decide whether a coefficient at its upper limit is there: to tell it from zero in 95 % of records,
-    and call it present without it in 1 %. Limits and factors are those of the terms, without `FILTER`.
+    and call it present without it in 1 %. Limits and factors are those of the terms, without `FILTER`, or of some of them `only`.
 
     Every variance is `widened`, (p,), beside what the misfit of the spectrum makes of it.
     In a cut band the limits of Q are found without the filter, whose shape it has and by which it is replaced elsewhere.
@@ -172,9 +174,9 @@ def uncertainty(fitted: Fitted, widened: AnyArray, two_sided, one_sided, terms: 
     scale = fitted.inflation * xp.asarray(widened, dtype=fitted.theta.dtype)
     fitted = jax.lax.stop_gradient(fitted) if xp is jnp else fitted
     bins, plain, theta, theta_alone, cost_alone = fitted.bins, fitted.plain, fitted.theta, fitted.alone.theta, fitted.alone.cost
-    own = np.flatnonzero([term != FILTER for term in terms])
+    own = np.flatnonzero([term != FILTER and (only is None or term in only) for term in terms])
     named = np.eye(len(terms), dtype=bool)
-    terms_alone = np.isin(np.arange(len(terms)), own)[None, :]
+    terms_alone = np.array([term != FILTER for term in terms])[None, :]
     short = np.array([term == "Q" for term in terms]) & fitted.cut
 
     def ratio(lane, value, state):

@@ -9,15 +9,15 @@ from .._errors import DataError, FitError
 from .._types import AnyArray
 from ..allan import Deviation, deviation
 from ..spectrum._average import log_groups
-from . import _messages
-from ._alternatives import Alternative, find_alternatives, likeliest_time, widening
+from . import _messages, _rivals as rivals
+from ._alternatives import Alternatives, find_alternatives, likeliest_time, widening
 from ._causes import find_causes
 from ._covariance import covariance_tensor
 from ._likelihood import density
 from ._limits import Limits, levels_of
 from ._observed import Observed
 from ._ordinates import Bins, amplitudes, bins_of, find_lines
-from ._result import PRESENT, FittedSpectrum, NoiseFit, assemble, with_edf, without_terms
+from ._result import FittedSpectrum, NoiseFit, assemble, with_edf, without_terms
 from ._spectral import FILTER, Fitted, attempt, fit_bins, fit_whole, groups_of, uncertainty, without
 from ._stationarity import ORDINATES, Level, Unevenness, follows, levels_of_white, unevenness, unevenness_of_level
 from ._tails import Tails, tamed
@@ -29,7 +29,6 @@ _ROUGH, _MANY = 2, 100.0  # first rounds, which trust no model above groups of s
 _MENDED = 0.5  # share of the misfit in the whole band that others than B and K must explain to be tried there
 #: likelihood ratio above which what stands in place of B and K is not chance: records of the model reached 15 at most
 _SURE = 30.0
-_CONTENDER = 3.0  # gain from which a model without B and K counts as possible
 _FAST = ("Q", "N", FILTER)  # terms that are known from frequencies at which nothing passes for them
 
 
@@ -108,13 +107,13 @@ def fit_record(
         solved = _solve(observed, base, band)
         lowest = _lowest(observed, solved)
     # its spectrum is close enough for the degrees of freedom of the curve
-    plain, found, extra, rival = solved, [], (), None
+    plain, found, extra = solved, Alternatives(), ()
     if sought:
         extra = (GaussMarkov(time=likeliest_time(solved.fitted, dt, n * dt), name=sought[0].name),)
         terms = tuple(extra[0] if term in sought else term for term in terms)
         solved = _solve(observed, (*base, *extra), band)
     else:
-        found, solved, rival = _with_alternatives(observed, solved, base, band)
+        found, solved = _with_alternatives(observed, solved, base, band)
         extra = tuple(term for term in solved.columns if term not in (*base, *plain.columns))
         terms = (*terms, *extra)
     if extra:
@@ -131,14 +130,15 @@ def fit_record(
     if extra and not sought:
         widened = widened * widening(solved.fitted, solved.columns, extra, dt)
     covariance, limits, factor = uncertainty(solved.fitted, widened, *levels_of(confidence), names)
-    if extra and not sought and found[0].gain < _SURE:
-        limits = _with_limits_of(limits, names, ("B", "K"), plain, 1.0, float(plain.bins.unit / solved.bins.unit), confidence)
-    if rival is not None:
-        shapes = [term for term in rival.columns if term not in base and term.name != FILTER]
-        wide = widening(rival.fitted, rival.columns, tuple(shapes), dt)
-        limits = _with_limits_of(limits, names, ("N",), rival, wide, float(rival.bins.unit / solved.bins.unit), confidence)
-        if not extra and "K" in names:  # a random walk is there beside flicker, and not in flicker of another exponent
-            limits = _doubted(limits, [one for one in names if one != FILTER].index("K"))
+    if extra and found.admitted and found.admitted.gain < _SURE:
+        other = uncertainty(plain.fitted, np.ones(len(plain.names)), *levels_of(confidence), plain.names, ("B", "K"))[1]
+        limits = rivals.widest(limits, names, other.scaled(float(plain.bins.unit / solved.bins.unit)), ("B", "K"))
+    rest = tuple(term for term in base if term.name not in ("B", "K"))
+    if "N" in asked and (rival := rivals.competing(found, confidence)):
+        other = _solve(observed, (*rest, *rival.terms), band)
+        wide, unit = widening(other.fitted, other.columns, rival.terms, dt), float(other.bins.unit / solved.bins.unit)
+        limits = rivals.over_models(limits, names, other.fitted, other.names, wide, unit, found, confidence)
+    limits, doubts = rivals.doubted(limits, names, found.doubts())
     lines = amplitudes(solved.bins, solved.taken, density(solved.bins.columns, solved.fitted.theta), n * dt)
     lines = [found for found in lines if found[1] <= solved.end]
     if tails.law or not observed.complete:
@@ -149,9 +149,10 @@ def fit_record(
         decides={name: float(factor[names.index(name)]) * n * dt for name in asked if name in names}, confidence=confidence,
         goodness=float(solved.fitted.goodness), method="whittle", band=(float(curve.tau[used].min()), float(curve.tau[used].max())),
     )  # fmt: skip
+    fit = dataclasses.replace(fit, verdict=fit.verdict | dict.fromkeys(doubts, "hint"))
     left_out = _messages.of_octaves(curve, used, np.sqrt(np.asarray(fit.noise.avar(curve.tau, dt=dt))), band is None)
     inflation = float(solved.fitted.inflation)
-    told, notes = _messages.of_alternatives(found, bool(extra), fit)
+    told, notes = _messages.of_alternatives(found, doubts, fit)
     where, how = "any band" if band is None else "the band asked for", f"the spectrum scatters {inflation:.1f} times as much as it may"
     unsettled = "the search for the largest likelihood did not converge; fit fewer terms or another band"
     warnings = (
@@ -237,8 +238,8 @@ def _solve(observed: Observed, columns: tuple[Term, ...], band) -> Solved:
     return solved
 
 
-def _with_alternatives(observed: Observed, solved: Solved, base: tuple[Term, ...], band) -> tuple[list[Alternative], Solved, Solved | None]:
-    """What else explains the slow noise; the fit with it beside B and K where it is admitted; one without B and K where that is as good.
+def _with_alternatives(observed: Observed, solved: Solved, base: tuple[Term, ...], band) -> tuple[Alternatives, Solved]:
+    """What else explains the slow noise, and the fit with it beside B and K where it is admitted.
 
     Where high frequencies were left out, because B and K do not describe them, others may describe the whole band.
     """
@@ -248,15 +249,12 @@ def _with_alternatives(observed: Observed, solved: Solved, base: tuple[Term, ...
         whole = fit_bins(clear, groups_of(clear.weight, int(np.sum(clear.weight))), False, solved.names)
         found = find_alternatives(whole, solved.columns, dt, duration)
         excess = whole.alone.deviance - whole.alone.freedom
-        if found and found[0].admitted and found[0].gain * whole.inflation > _MENDED * excess:
-            wider = _solve(observed, (*base, *found[0].terms), band)
+        if found.admitted and found.admitted.gain * whole.inflation > _MENDED * excess:
+            wider = _solve(observed, (*base, *found.admitted.terms), band)
             if not bool(wider.fitted.cut):
-                return found, wider, None
+                return found, wider
     found = find_alternatives(solved.fitted, solved.columns, dt, duration)
-    rivals = [one for one in found if one.family != "process beside" and one.gain > _CONTENDER]
-    rest = tuple(term for term in base if term.name not in ("B", "K"))
-    rival = _solve(observed, (*rest, *rivals[0].terms), band) if rivals and rest else None
-    return found, _solve(observed, (*base, *found[0].terms), band) if found and found[0].admitted else solved, rival
+    return found, _solve(observed, (*base, *found.admitted.terms), band) if found.admitted else solved
 
 
 def observed_bins(y, dt: float, terms: tuple[Term, ...]) -> Bins:
@@ -268,26 +266,6 @@ def observed_bins(y, dt: float, terms: tuple[Term, ...]) -> Bins:
 def _spectrum(solved: Solved):
     """Frequencies in Hz and the density there."""
     return solved.bins.frequency, _level(solved, False)
-
-
-def _with_limits_of(
-    limits: Limits, names: tuple[str, ...], terms: tuple[str, ...], solved: Solved, widened, unit: float, confidence: float
-) -> Limits:
-    """Limits of some terms that hold too where another model is the true one: both ends reach to those of its fit, `solved`."""
-    wide = np.broadcast_to(widened, len(solved.names))
-    other = uncertainty(solved.fitted, wide, *levels_of(confidence), solved.names)[1].scaled(unit)
-    low, high, upper = limits.low.copy(), limits.high.copy(), limits.upper.copy()
-    for name in set(terms) & set(names) & set(solved.names):
-        i, j = ([one for one in fit if one != FILTER].index(name) for fit in (names, solved.names))
-        low[i], high[i], upper[i] = min(low[i], other.low[j]), max(high[i], other.high[j]), max(upper[i], other.upper[j])
-    return limits._replace(low=low, high=high, upper=upper)
-
-
-def _doubted(limits: Limits, index: int) -> Limits:
-    """The limits, with the significance of one term not above that of a hint."""
-    significance = limits.significance.copy()
-    significance[index] = min(significance[index], PRESENT * (1.0 - 1e-9))
-    return limits._replace(significance=significance)
 
 
 def _level(solved: Solved, rough: bool):

@@ -1,4 +1,4 @@
-"""Figures, with matplotlib's object interface: no window, no global setting."""
+"""Figures by matplotlib's object interface; they open no window and change no global setting."""
 
 from ._allan import allan as allan
 from ._dynamic import dynamic as dynamic

@@ -19,18 +19,18 @@ KINDS = {
     "mtotdev": "Modified total deviation", "ttotdev": "Time total deviation", "htotdev": "Hadamard total deviation",
     "theo1": "Theo1 deviation", "theoh": "TheoH deviation", "mtie": "Maximum time interval error", "tierms": "RMS time interval error",
 }  # fmt: skip
-_MOST_POINTS = 400  # cluster sizes drawn; more cannot be told apart
+_MOST_POINTS = 400  # largest number of cluster sizes drawn; the eye cannot separate more
 _MODELLED = ("adev", "oadev", "totdev")  # statistics whose expectation is the Allan variance of the model
 
 
 class _Channel(ModelledChannel):
-    """One curve to draw; the model is None where only the deviation is known."""
+    """One curve to draw; the model is None if only the deviation is known."""
 
     model: NoiseFit | None
     deviation: Deviation
 
     def points(self):
-        """tau, deviation, lower, upper in the unit of the axis, and which sizes the fit used; those that a log axis can show."""
+        """tau, deviation, lower, upper in the unit of the axis, and which sizes the fit used; only values that a log axis can show."""
         d, scale = self.deviation, self.unit[0]
         values = [np.asarray(v, dtype=np.float64) for v in (d.tau, d.deviation / scale, d.lower / scale, d.upper / scale)]
         used = np.ones(len(values[0]), dtype=bool) if self.model is None else np.asarray(self.model.used)
@@ -46,7 +46,7 @@ class _Channel(ModelledChannel):
         return m / d.rate, np.sqrt(np.asarray(noise.avar(m / d.rate, dt=1.0 / d.rate))) / self.unit[0]
 
     def draw_values(self, ax: "Axes", color: str, *, alone: bool) -> Any:
-        """Points, hollow where the fit did not use them, and the interval."""
+        """Draw the interval and the points, which are hollow if the fit did not use them."""
         tau, deviation, lower, upper, used = self.points()
         ax.fill_between(tau, lower, upper, where=used | alone | (self.model is None), color=color, alpha=0.16, linewidth=0)
         hollow: dict[str, Any] = {"markerfacecolor": "none", "markeredgecolor": color, "markeredgewidth": 0.7, "alpha": 0.7}
@@ -56,7 +56,7 @@ class _Channel(ModelledChannel):
         return ax.plot(tau[used], deviation[used], "o", markersize=3.4, color=color, markeredgewidth=0, label=label)[0]
 
     def draw_model(self, ax: "Axes", color: str) -> list[Any]:
-        """The whole curve thin and, inside the band of the fit, full; nothing where the model does not predict the statistic."""
+        """Draw the whole curve thin and, inside the band of the fit, thick; nothing if the model does not predict the statistic."""
         fit = self.model
         if fit is None or self.deviation.kind not in _MODELLED:
             return []
@@ -72,19 +72,19 @@ class _Channel(ModelledChannel):
 def allan(result: Any, ax: Any = None) -> Any:
     """Draw Allan deviations on log-log axes: points, chi-square interval, fitted model.
 
-    The vertical axis is in the unit of the bias instability (gyroscope deg/h, accelerometer mg, magnetometer nT) where the name of
-    the channel tells the sensor, and in the unit of the record otherwise. Hollow points and the shaded band were left out of the
-    fit. A single fit is drawn with the lines of its terms, dotted where a term is only known by its upper limit.
+    The vertical axis is in the unit of the bias instability (gyroscope deg/h, accelerometer mg, magnetometer nT) if the name of the
+    channel tells the sensor, and in the unit of the record otherwise. The fit left out hollow points and the shaded band. A single fit is
+    drawn with a line for each term, dotted if only an upper limit of the term is known.
 
     Parameters
     ----------
-    result : a `Deviation`, a `NoiseFit`, or a dictionary channel -> either, such as `jaxcal.noise.characterise` returns.
+    result : a `Deviation`, a `NoiseFit`, or a dictionary channel -> either, such as the result of `jaxcal.noise.characterise`.
     ax : matplotlib Axes to draw on; for a dictionary with several sensors an array with one for each. None makes a figure 1000
-        pixels wide, which `jaxcal.plot.save` writes and which a notebook shows as ``ax.figure``.
+        pixels wide; `jaxcal.plot.save` writes it, and a notebook shows it as ``ax.figure``.
 
     Returns
     -------
-    The Axes; an array of Axes, one for each sensor, where there are several.
+    The Axes; for several sensors an array of Axes, one for each.
 
     Raises
     ------
@@ -117,6 +117,8 @@ def _channels(name: str, item: Any) -> list[_Channel]:
 def _draw(ax: "Axes", channels: list[_Channel], *, own: bool) -> None:
     deviation = channels[0].deviation
     unit = (channels[0].unit[1] or "unit of the record") + (" s" if deviation.unit_of_phase else "")
+    if channels[0].name.startswith("clock_"):  # fractions of the frequency
+        unit = "s" if deviation.unit_of_phase else "1"
     log_axes(ax, "Cluster time τ (s)", f"{KINDS.get(deviation.kind, deviation.kind)} ({unit})")
     columns = draw_curves(ax, channels, beneath=INK)
     if not all(np.all(channel.points()[4]) for channel in channels):
@@ -128,7 +130,7 @@ def _draw(ax: "Axes", channels: list[_Channel], *, own: bool) -> None:
 
 
 def _limit(ax: "Axes", channels: list[_Channel]) -> None:
-    """Limits from what is known within a factor of two; lines of single terms and wide intervals may leave the axes."""
+    """Set limits from values known within a factor of two; lines of single terms and wide intervals may leave the axes."""
     tau, values, lower, upper = np.concatenate([np.array(channel.points()[:4]) for channel in channels], axis=1)
     if tau.size == 0:
         raise DataError("there is nothing to draw: no deviation is above zero; the record is constant")

@@ -1,4 +1,4 @@
-"""Channels of several sensors, each sensor on axes of its own: what `allan`, `spectrum` and `temperature` have in common."""
+"""Channels of several sensors, each sensor on its own axes: shared by `allan`, `spectrum` and `temperature`."""
 
 import abc
 import itertools
@@ -16,12 +16,12 @@ from ._style import INK, SENSORS, SERIES, TERM_COLORS, display_unit, interval_la
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_FURTHER = ("#56b4e9", "#8c564b", "#7f7f7f")  # for terms of one's own
-_PAD = 0.06  # inches around what is drawn
+_FURTHER = ("#56b4e9", "#8c564b", "#7f7f7f")  # for the user's own terms
+_PAD = 0.06  # inches around the drawing
 
 
 class Channel(eqx.Module):
-    """One curve to draw; its name tells the sensor where it begins with one."""
+    """One curve to draw; its name tells the sensor if it begins with one."""
 
     name: str
 
@@ -33,18 +33,18 @@ class Channel(eqx.Module):
 
     @property
     def label(self) -> str:
-        """How the key calls it: the axis alone where the sensor is known; no formula, and not hidden for a leading underscore."""
+        """Name in the legend: only the axis if the sensor is known. No "$" may start a formula, and no leading underscore may hide it."""
         name = (self.name if self.sensor is None else self.name.partition("_")[2]).replace("$", r"\$")
         return f" {name}" if name.startswith("_") else name
 
     @property
     def unit(self) -> tuple[float, str]:
-        """SI value and label of the unit of the bias instability, so that the plateau of an Allan deviation is read off."""
+        """SI value and label of the unit of the bias instability, so that the plateau of an Allan deviation can be read directly."""
         return display_unit("B", self.sensor)
 
 
 class ModelledChannel(Channel):
-    """One curve to draw, and the model on top of it: a `Noise`, a `NoiseFit` or None."""
+    """One curve to draw, with a model on top of it: a `Noise`, a `NoiseFit` or None."""
 
     model: Noise | NoiseFit | None
 
@@ -54,9 +54,9 @@ class ModelledChannel(Channel):
         return self.model.noise if isinstance(self.model, NoiseFit) else self.model
 
     def coefficient(self, term: str) -> tuple[float, str, str]:
-        """What to draw of a term: value, line style and label, such as "N = 0.245 °/√h"; value 0 where the model does not have it.
+        """Value, line style and label of a term, such as "N = 0.245 °/√h"; value 0 if the model does not have the term.
 
-        Of a term that was not detected the upper limit, dotted: "K < 1.8 °/h/√s".
+        For a term that was not detected, the upper limit with a dotted line: "K < 1.8 °/h/√s".
         """
         fit, noise = self.model if isinstance(self.model, NoiseFit) else None, self.noise
         if noise is None or term not in ([name for name, _, _ in noise.parts] if fit is None else fit.terms):
@@ -74,7 +74,7 @@ class ModelledChannel(Channel):
         return value, ":" if verdict == "not detected" else "--", f"{term} {words} {unit}".strip()
 
     def term_lines(self, ax: "Axes", terms: Iterable[str], **look: Any) -> list[Any]:
-        """A line for every term, dotted at the upper limit of one that was not detected."""
+        """Draw a line for every term, dotted at the upper limit of a term that was not detected."""
         lines = []
         for term in terms:
             value, style, label = self.coefficient(term)
@@ -87,32 +87,32 @@ class ModelledChannel(Channel):
 
     @abc.abstractmethod
     def curve(self, noise: Noise) -> tuple[np.ndarray, np.ndarray]:
-        """Where the line of a noise model goes, in the units of the axes."""
+        """Points of the line of a noise model, in the units of the axes."""
 
     @abc.abstractmethod
     def draw_values(self, ax: "Axes", color: str, *, alone: bool) -> Any:
-        """Draw what was measured, with its interval; the handle for the key, which says what the interval is."""
+        """Draw the measured values with their interval; returns the legend handle, whose label names the interval."""
 
     @abc.abstractmethod
     def draw_model(self, ax: "Axes", color: str) -> list[Any]:
-        """Draw the model where there is one; its handle for the key."""
+        """Draw the model if there is one; returns its legend handle."""
 
     @abc.abstractmethod
     def draw_terms(self, ax: "Axes") -> list[Any]:
-        """Draw the lines of the terms of the model; their handles for the key."""
+        """Draw the lines of the terms of the model; returns their legend handles."""
 
 
 def term_names(channels: Sequence[ModelledChannel]) -> list[str]:
-    """Letters, and the terms of one's own that any of the models has."""
+    """The letters of the terms, and the names of all user's terms in the models."""
     models = [channel.noise for channel in channels if channel.noise is not None]
     return list(dict.fromkeys([*TERM_COLORS, *(term.name for noise in models for _, term in noise.further)]))
 
 
 def draw_curves(ax: "Axes", channels: Sequence[ModelledChannel], beneath: str) -> list[list[Any]]:
-    """Draw channels, and return the columns of their key.
+    """Draw channels, and return the columns of their legend.
 
-    One alone is drawn in the colour `beneath` under its model in ink, with the lines of its terms in colour. Several have a colour
-    each, and their key is a table of the coefficients of every term that was found on one of them.
+    A single channel is drawn in the colour `beneath`, under its model in ink, with coloured lines for its terms. Several channels have a
+    colour each, and their legend is a table with the coefficients of every term that was found in any of them.
     """
     if len(channels) == 1:
         values = channels[0].draw_values(ax, SERIES[0] if channels[0].model is None else beneath, alone=True)
@@ -129,9 +129,9 @@ def draw_curves(ax: "Axes", channels: Sequence[ModelledChannel], beneath: str) -
 
 
 def draw_groups(channels: Sequence[Any], ax: Any, draw: Callable[..., None], key: Callable[[Any], Any] = lambda one: one.sensor) -> Any:
-    """Draw the channels by sensor (`key`), by `draw(axes, channels, own=...)`: on the axes given, or on new ones below one another.
+    """Draw the channels by sensor (`key`), with `draw(axes, channels, own=...)`, on the given axes or on new ones below one another.
 
-    Returns the Axes; an array of Axes where there are several groups.
+    Returns the Axes, or an array of Axes for several groups.
     """
     groups: dict[Any, list[Any]] = {}
     for channel in channels:
@@ -154,7 +154,7 @@ def draw_groups(channels: Sequence[Any], ax: Any, draw: Callable[..., None], key
 
 
 def finish(ax: "Axes", channels: Sequence[Channel], columns: list[list[Any]], *, own: bool) -> None:
-    """Ticks of log axes, and the key from its columns; in axes of the user there is room for the marks alone."""
+    """Set the ticks of log axes, and the legend from its columns; axes of the user have room for the first column only."""
     _tick_decades(ax)
     title, single = SENSORS.get(channels[0].sensor or "", ""), len(channels) == 1
     if single:
@@ -165,20 +165,20 @@ def finish(ax: "Axes", channels: Sequence[Channel], columns: list[list[Any]], *,
 
 
 def _tick_decades(ax: "Axes") -> None:
-    """Ticks for the limits that the axes have: powers of ten, with 2 and 5 or small ticks between them."""
+    """Set ticks for the limits of the axes: powers of ten, with 2 and 5 or small ticks between them."""
     from matplotlib.ticker import LogLocator, NullLocator
 
     for axis, (low, high) in ((ax.xaxis, ax.get_xlim()), (ax.yaxis, ax.get_ylim())):
         decades = math.log10(high / low)
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades < 3.2 else (1.0,), numticks=12))
-        # a tick is the dearest thing to draw: none that tells no more
+        # ticks take the most time to draw, so omit those that tell nothing more
         axis.set_minor_locator(LogLocator(subs=tuple(range(2, 10)), numticks=12) if 3.2 <= decades < 8 else NullLocator())
 
 
 def _arrange(panels: list[Any]) -> None:
-    """Give each panel of a figure without a layout of its own what its labels and the key above it leave.
+    """Arrange the panels of a figure without a layout, so that labels and the legend above each panel fit.
 
-    One look at the texts: matplotlib's constrained layout, in every file that is written, costs more than the drawing itself.
+    Each text is measured once: matplotlib's constrained layout costs more than the drawing itself, in every file that is written.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 

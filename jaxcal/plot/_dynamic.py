@@ -12,14 +12,14 @@ from ._style import INK, MUTED, SHADE, color_bar, duration_label, log_axes, new_
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_COLORS = "viridis"  # even in lightness, also for colour-blind readers and in grey
+_COLORS = "viridis"  # even in lightness, also for colour-blind readers and in greyscale
 
 
 def dynamic(result: Any, ax: Any = None) -> Any:
-    """Draw a dynamic Allan deviation: time along, cluster time up, the deviation as colour on a logarithmic scale.
+    """Draw a dynamic Allan deviation: time to the right, cluster time upwards, the deviation as colour on a logarithmic scale.
 
-    Where a gap leaves no difference the axes are grey. An edge between two colours that runs upwards is a change of the sensor; one
-    that runs along is the slope of the Allan deviation.
+    Grey areas mean that a gap leaves no difference. A vertical edge between two colours is a change of the sensor; a horizontal one is the
+    slope of the Allan deviation.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def dynamic(result: Any, ax: Any = None) -> Any:
     Raises
     ------
     DataError
-        If the result is not that of one channel, or no deviation is above zero.
+        If the result does not have a single channel, or no deviation is above zero.
 
     Examples
     --------
@@ -50,7 +50,7 @@ def dynamic(result: Any, ax: Any = None) -> Any:
         raise DataError(f"the deviation has {result.deviation.shape[2]} channels, which need axes each; pick one with result.channel(0)")
     order = np.argsort(result.tau, kind="stable")
     tau, values = np.asarray(result.tau)[order], np.asarray(result.deviation)[:, order].T
-    shown = np.ma.masked_where(~(values > 0), values)  # NaN too
+    shown = np.ma.masked_where(~(values > 0), values)  # also masks NaN
     if shown.count() == 0:
         raise DataError("there is nothing to draw: no deviation is above zero; the record is constant")
     ax = new_figure().subplots() if ax is None else ax
@@ -65,7 +65,7 @@ def _draw(ax: "Axes", result: DynamicDeviation, tau: np.ndarray, shown: Any) -> 
     log_axes(ax, "Time (s)", "Cluster time τ (s)")
     formatter = ax.yaxis.get_major_formatter()
     low, high = float(shown.min()), float(shown.max())
-    # a constant surface has no scale of its own
+    # a constant surface needs an artificial range of colours
     norm = LogNorm(low / 1.05, high * 1.05) if low == high else LogNorm(low, high)
     time = _edges(np.asarray(result.time), result.window)
     ax.set_facecolor(SHADE)
@@ -87,7 +87,7 @@ def _draw(ax: "Axes", result: DynamicDeviation, tau: np.ndarray, shown: Any) -> 
 
 
 def _edges(centres: np.ndarray, alone: float) -> np.ndarray:
-    """Borders half way between centres, and as far beyond the first and last; `alone` is the width of a single one."""
+    """Borders of cells: half way between centres, and as far beyond the first and last one; `alone` is the width of a single cell."""
     if len(centres) == 1:
         return np.array([centres[0] - alone / 2, centres[0] + alone / 2])
     middle = (centres[1:] + centres[:-1]) / 2

@@ -1,4 +1,4 @@
-"""`imu`: what a multi-position calibration leaves, pose by pose and turn by turn."""
+"""`imu`: residuals of a multi-position calibration, pose by pose and turn by turn."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -13,14 +13,14 @@ if TYPE_CHECKING:
 
 
 def imu(result: Any, ax: Any = None) -> Any:
-    """Draw the residuals of a multi-position calibration: norms of the poses, angles left after the turns, still rates.
+    """Draw the residuals of a multi-position calibration: magnitudes in the poses, angle errors after the turns, rates at rest.
 
-    Poses and turns that the robust loss weighs down are hollow. Bands are one standard deviation as the fit found it.
+    Hollow points are poses and turns to which the robust loss gives less weight. Bands show one standard deviation found by the fit.
 
     Parameters
     ----------
     result : an `ImuFit` that was not refused.
-    ax : array of one Axes (accelerometer alone) or three to draw on; None makes a figure 1000 pixels wide.
+    ax : array of one Axes (accelerometer only), or of two or three with a gyroscope; None makes a figure 1000 pixels wide.
 
     Returns
     -------
@@ -29,11 +29,11 @@ def imu(result: Any, ax: Any = None) -> Any:
     Raises
     ------
     DataError
-        If the result is no `ImuFit`, was refused, or the number of axes is wrong.
+        If the result is not an `ImuFit`, was refused, or the number of axes is wrong.
 
     Examples
     --------
-    Of an accelerometer alone:
+    For an accelerometer alone:
 
     >>> import jaxcal
     >>> log = jaxcal.imu.simulate(poses=18, seed=0)

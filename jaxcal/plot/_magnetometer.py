@@ -11,18 +11,18 @@ from ._style import INK, SERIES, SHADE, color_bar, new_figure, style_axes
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_MOST = 5000  # points that are drawn; more only cover one another
+_MOST = 5000  # largest number of points drawn; more would only cover one another
 _PLANES = ((0, 1), (0, 2), (1, 2))
 _BEFORE, _AFTER = SERIES[1], SERIES[0]
 
 
 def sphere(m: Any, found: Any, axes: Any = None) -> Any:
-    """Draw readings before and after the calibration on the three planes and in space, with the circle they should fill.
+    """Draw readings before and after the calibration, in the three planes and in space, with the circle that they should fill.
 
     Parameters
     ----------
     m : (n, 3) the readings, in tesla or any other unit.
-    found : their fit.
+    found : the fit of these readings.
     axes : four matplotlib Axes, the last one three-dimensional; None makes a figure.
 
     Returns
@@ -73,9 +73,9 @@ def sphere(m: Any, found: Any, axes: Any = None) -> Any:
 
 
 def coverage(found: Any, ax: Any = None) -> Any:
-    """Draw the sphere of the corrected field's directions as an equal-area map: readings per region, and what is missing.
+    """Draw an equal-area map of the corrected field's directions: readings per region, and the missing regions.
 
-    Longitude runs from x (0) over y (90 degrees), latitude from -z to +z. Crosses: where further readings would help most.
+    Longitude runs from x (0) to y (90 degrees), latitude from -z to +z. Crosses show where further readings would help most.
 
     Parameters
     ----------
@@ -119,14 +119,14 @@ def coverage(found: Any, ax: Any = None) -> Any:
 
 
 def residual(m: Any, found: Any, ax: Any = None) -> Any:
-    """Draw the distance of every reading to the fitted ellipsoid against its direction, as colour on the map of `coverage`.
+    """Draw the distance of every reading to the fitted ellipsoid, as colour at its direction on the map of `coverage`.
 
-    Patches of one colour are a field that is not uniform, or iron that turns with something else than the sensor.
+    A patch of one colour means a field that is not uniform, or iron that does not move with the sensor.
 
     Parameters
     ----------
     m : (n, 3) the readings that were fitted.
-    found : their fit.
+    found : the fit of these readings.
     ax : matplotlib Axes; None makes a figure.
 
     Returns
@@ -136,7 +136,7 @@ def residual(m: Any, found: Any, ax: Any = None) -> Any:
     Raises
     ------
     DataError
-        If the fit has no model, or is not of these readings.
+        If the fit has no model, or was made from other readings.
 
     Examples
     --------
@@ -166,7 +166,7 @@ def residual(m: Any, found: Any, ax: Any = None) -> Any:
 
 
 def heading_error(found: Any, ax: Any = None) -> Any:
-    """Draw the standard deviation of the heading that the fit leaves, against heading, at level and at 20 degrees of tilt.
+    """Draw the standard deviation of the heading after the fit, against heading, at level and at 20 degrees of tilt.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def heading_error(found: Any, ax: Any = None) -> Any:
     Raises
     ------
     DataError
-        If the fit has no model, or its readings leave the heading open.
+        If the fit has no model, or its readings do not determine the heading.
 
     Examples
     --------
@@ -206,7 +206,7 @@ def heading_error(found: Any, ax: Any = None) -> Any:
 
 
 def _map(ax: "Axes", reach: float) -> None:
-    """Axes of longitude and of the sine of latitude, which are an equal-area map."""
+    """Set up axes of longitude and of the sine of latitude, which form an equal-area map."""
     style_axes(ax, "longitude (°), 0 at x, 90 at y", "latitude (°), z up")
     ax.set(xlim=(-180, 180), ylim=(-reach, reach), xticks=range(-180, 181, 45))
     latitudes = np.array([-90, -45, -30, -15, 0, 15, 30, 45, 90])
@@ -222,12 +222,12 @@ def _checked(found: Any) -> Any:
 
 
 def unit_of(found: MagFit) -> tuple[float, str]:
-    """Microtesla where the field is one of Earth in tesla, else the readings' own unit."""
+    """Microtesla if the field is of Earth's size in tesla, else the unit of the readings."""
     return (1e-6, "µT") if 1e-6 < found.field < 1e-3 else (1.0, "unit of the readings")
 
 
 def region_corners() -> list[np.ndarray]:
-    """Corners of the 100 regions of equal area in longitude (degrees) and sine of latitude."""
+    """Corners of the 100 regions of equal area, in longitude (degrees) and sine of latitude."""
     edges = np.sin([1.37046, 0.74776, 0.0, -0.74776, -1.37046])
     rows = [(1, 1.0, edges[0])] + [(n, edges[k], edges[k + 1]) for k, n in enumerate((15, 34, 34, 15))] + [(1, edges[-1], -1.0)]
     # region j of a zone begins j sectors after -x, where the longitude is -180 degrees

@@ -1,4 +1,4 @@
-"""`north`: readings on the turntable with the fitted sinusoid, and how well they place the azimuth."""
+"""`north`: readings on the turntable with the fitted sinusoid, and the uncertainty of the azimuth."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -6,6 +6,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
+from .._results import NORMAL95
 from ..alignment import AlignmentFit, Positions, Readings
 from ._style import INK, MUTED, SERIES, SHADE, stacked, style_axes
 
@@ -14,20 +15,20 @@ if TYPE_CHECKING:
 
 _DEG = np.pi / 180
 _SENSORS = (("accel", "Specific force (m/s²)", 1.0), ("gyro", "Rate (deg/h)", 3600 / _DEG))
-_SPAN = 4.0  # half-widths of the interval that are drawn, both sides together
+_SPAN = 4.0  # width of the drawn range, in half-widths of the interval
 
 
 def north(readings: Any, result: Any, ax: Any = None) -> Any:
     """Draw readings against the table angle with the fitted model, and the azimuth's distribution.
 
-    A line is what the fitted parameters predict at every table angle for mounting "x" or "y". Readings with "z" and "-z" are marked by
-    their names at the right edge; a sensor fixed on the z axis, which reads the same at every angle, is left out. The last panel is the
-    distribution of the azimuth, 95 % of it shaded: normal where the noise was given, Student's where the residuals gave it.
+    A line shows the prediction of the fitted parameters at every table angle for mounting "x" or "y". Readings with "z" and "-z" are
+    labelled at the right edge; a sensor fixed on the z axis reads the same at every angle and is left out. The last panel shows the
+    distribution of the azimuth, with 95 % of it shaded: normal if the noise was given, Student's t if it comes from the residuals.
 
     Parameters
     ----------
     readings : `jaxcal.alignment.Readings` that were fitted.
-    result : the `AlignmentFit` of them.
+    result : the `AlignmentFit` of these readings.
     ax : array of Axes to draw on, one per sensor and one for the azimuth; None makes a figure 1000 pixels wide.
 
     Returns
@@ -64,7 +65,7 @@ def north(readings: Any, result: Any, ax: Any = None) -> Any:
     curves = {}
     for word in ("x", "y"):
         if word in readings.positions.mounting:
-            moving = Positions(turning, word, start=0.0, rate=rate, width=width)  # one instant: no drift
+            moving = Positions(turning, word, start=0.0, rate=rate, width=width)  # a single instant, so that there is no drift
             curves[word] = Readings(moving, *result.model.measure(moving, lever_arm=readings.lever_arm))
     for panel, (name, label, scale) in zip(axes, sensors, strict=False):
         _readings(panel, readings, name, label, scale, curves)
@@ -75,7 +76,7 @@ def north(readings: Any, result: Any, ax: Any = None) -> Any:
 def _readings(ax: "Axes", readings: Readings, name: str, label: str, scale: float, curves: dict[str, Readings]) -> None:
     positions = readings.positions
     values, variance = np.asarray(getattr(readings, name)) * scale, readings.variance(name)
-    bars = None if variance is None else 1.96 * scale * np.sqrt(variance)
+    bars = None if variance is None else NORMAL95 * scale * np.sqrt(variance)
     angle = np.mod(positions.angle / _DEG, 360.0)
     words, there = np.array(positions.mounting), np.isfinite(values)
     mark = {"fmt": "o", "markersize": 5, "capsize": 3}
@@ -90,7 +91,7 @@ def _readings(ax: "Axes", readings: Readings, name: str, label: str, scale: floa
         ax.errorbar(angle[here], values[here], yerr=pick(here), label=said, color=color, ecolor=color, **mark)
     for word in dict.fromkeys(words):
         here = (words == word) & there
-        # a sensor of its own on the z axis reads the same at every angle
+        # a sensor fixed on the z axis reads the same at every angle
         if word in curves or word == "fixed z" or not here.any():
             continue
         spot = 368 + 0 * angle[here]
@@ -125,7 +126,7 @@ def _azimuth(ax: "Axes", result: AlignmentFit) -> None:
 
 
 def student_density(t: np.ndarray, freedom: float) -> np.ndarray:
-    """Density of Student's t; of a normal variable for infinitely many degrees of freedom."""
+    """Density of Student's t distribution; of the normal distribution for infinitely many degrees of freedom."""
     if not np.isfinite(freedom):
         return np.exp(-0.5 * t**2) / np.sqrt(2.0 * np.pi)
     size = scipy.special.gammaln((freedom + 1) / 2) - scipy.special.gammaln(freedom / 2) - 0.5 * np.log(freedom * np.pi)

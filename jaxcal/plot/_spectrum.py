@@ -13,25 +13,25 @@ from ._style import log_axes, number_label
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_MOST_POINTS = 600  # drawn as points; more are drawn as a line
-_MOST_COLUMNS = 1000  # stretches of the frequency axis; of each the lowest and the highest value is drawn
-_VALUES = "#8b949e"  # under a model, which is drawn in ink
+_MOST_POINTS = 600  # largest number of values drawn as points; more are drawn as a line
+_MOST_COLUMNS = 1000  # number of stretches of the frequency axis; the lowest and the highest value of each are drawn
+_VALUES = "#8b949e"  # colour of values under a model, which is drawn in ink
 _MARKOV_COLOR = "#56b4e9"
 
 
 class _Channel(ModelledChannel):
-    """One curve to draw, and the model on top of it."""
+    """One curve to draw, with a model on top of it."""
 
     spectrum: Spectrum
 
     def points(self) -> np.ndarray:
-        """Rows frequency, density, lower, upper in the unit of the axis, of values that a log axis can show."""
-        s, scale = self.spectrum, self.unit[0] ** 2  # the unit of the axis is the square of that of B, per Hz
+        """Rows frequency, density, lower, upper in the unit of the axis; only values that a log axis can show."""
+        s, scale = self.spectrum, self.unit[0] ** 2  # the unit of the axis is the square of the unit of B, per Hz
         rows = np.stack([np.asarray(s.frequency), *(np.asarray(v) / scale for v in (s.density, s.lower, s.upper))])
         rows = rows[:, np.isfinite(rows[1]) & (rows[1] > 0)]
         if rows.shape[1] <= 2 * _MOST_COLUMNS:
             return rows
-        # lines and dips stay to be seen: what cannot be told apart is drawn from its lowest to its highest value
+        # keep lines and dips visible: of values that the eye cannot separate, draw the lowest and the highest
         edges = np.searchsorted(rows[0], np.geomspace(rows[0, 0], rows[0, -1], _MOST_COLUMNS + 1)[1:-1])
         parts = [(a, rows[1, a:b]) for a, b in zip([0, *edges], [*edges, rows.shape[1]], strict=True) if b > a]
         chosen = {a + int(pick) for a, part in parts for pick in (part.argmin(), part.argmax())}
@@ -43,7 +43,7 @@ class _Channel(ModelledChannel):
         return f, np.asarray(noise.psd(f, dt=1.0 / s.rate)) * (2.0 if s.sided == 1 else 1.0) / self.unit[0] ** 2
 
     def draw_values(self, ax: "Axes", color: str, *, alone: bool) -> Any:
-        """Points, or a line where there are many, and the interval."""
+        """Draw the interval, and points, or a line if there are many."""
         frequency, density, lower, upper = self.points()
         ax.fill_between(frequency, lower, upper, color=color, alpha=0.16 if alone else 0.1, linewidth=0)
         many = len(frequency) > _MOST_POINTS
@@ -55,7 +55,7 @@ class _Channel(ModelledChannel):
         return [] if self.noise is None else ax.plot(*self.curve(self.noise), color=color, linewidth=1.8, label=name)
 
     def draw_terms(self, ax: "Axes") -> list[Any]:
-        """Terms, and Gauss-Markov processes; a ramp has no density."""
+        """Draw terms and Gauss-Markov processes; a ramp has no density."""
         lines = self.term_lines(ax, [term for term in term_names([self]) if term != "R"])
         for pair in () if self.noise is None else self.noise.markov:
             label = f"Gauss-Markov, {number_label(float(pair[1]))} s"
@@ -66,21 +66,21 @@ class _Channel(ModelledChannel):
 def spectrum(result: Any, ax: Any = None, noise: Any = None) -> Any:
     """Draw power spectral densities on log-log axes: density, chi-square interval, noise model.
 
-    The vertical axis is in the squared unit of the bias instability per Hz (gyroscope deg/h, accelerometer mg, magnetometer nT) where
-    the name of the channel tells the sensor, and in that of the record otherwise. The model is its exact density for samples. A
-    single channel is drawn with the lines of the model's terms, dotted where a term is only known by its upper limit. Of many
-    values at nearly one frequency the lowest and the highest are drawn.
+    The vertical axis is in the squared unit of the bias instability per Hz (gyroscope deg/h, accelerometer mg, magnetometer nT) if the
+    name of the channel tells the sensor, and in the record's unit otherwise. The model is drawn with its exact density for samples. A
+    single channel is drawn with a line for each term of the model, dotted if only an upper limit of the term is known. Of many values at
+    nearly the same frequency, the lowest and the highest are drawn.
 
     Parameters
     ----------
     result : a `Spectrum`, or a dictionary channel -> `Spectrum`.
     ax : matplotlib Axes to draw on; for a dictionary with several sensors an array with one for each. None makes a figure 1000
-        pixels wide, which `jaxcal.plot.save` writes and which a notebook shows as ``ax.figure``.
+        pixels wide; `jaxcal.plot.save` writes it, and a notebook shows it as ``ax.figure``.
     noise : a `Noise` or `NoiseFit` to draw on top, or a dictionary channel -> either, as `jaxcal.noise.characterise` returns.
 
     Returns
     -------
-    The Axes; an array of Axes, one for each sensor, where there are several.
+    The Axes; for several sensors an array of Axes, one for each.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def _channels(name: str, item: Any, model: Any) -> list[_Channel]:
     if not (model is None or isinstance(model, (Noise, NoiseFit))):
         raise DataError(f"noise must be a Noise, a NoiseFit, or a dictionary channel -> these; got {type(model).__name__}")
     if np.ndim(item.density) == 2:
-        common = isinstance(model, NoiseFit) and np.ndim(model.goodness) == 0  # it knows no channels
+        common = isinstance(model, NoiseFit) and np.ndim(model.goodness) == 0  # a model of this kind has no channels
         models = [model if model is None or common else model.channel(i) for i in range(item.density.shape[1])]
         return [one for i, own in enumerate(models) for one in _channels(f"{name} {i}".strip(), item.channel(i), own)]
     return [_Channel(name, model, item)]
@@ -127,7 +127,7 @@ def _draw(ax: "Axes", channels: list[_Channel], *, own: bool) -> None:
 
 
 def _limit(ax: "Axes", channels: list[_Channel]) -> None:
-    """Limits from the values, but for the deepest dips; wide intervals and lines of single terms may leave the axes."""
+    """Set limits from the values, except for the deepest dips; wide intervals and lines of single terms may leave the axes."""
     frequency, density = np.concatenate([channel.points()[:2] for channel in channels], axis=1)
     if density.size == 0:
         raise DataError("there is nothing to draw: no density is above zero")

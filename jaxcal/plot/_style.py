@@ -1,4 +1,4 @@
-"""One look for every figure: colours that colour-blind readers tell apart, light grid, numbers and units as people read them; `save`."""
+"""A common style for all figures: colours that colour-blind readers can separate, a light grid, readable numbers and units; `save`."""
 
 import io
 import math
@@ -22,7 +22,7 @@ MUTED = "#68707c"
 GRID = "#e4e7eb"
 SHADE = "#f1f3f5"
 
-#: channels, and the terms of a noise model: Okabe and Ito's palette (jfly.uni-koeln.de/color), yellow left out
+#: colours of channels, and of the terms of a noise model: Okabe and Ito's palette (jfly.uni-koeln.de/color) without yellow
 SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 TERM_COLORS = {"Q": "#cc79a7", "N": "#0072b2", "B": "#009e73", "K": "#d55e00", "R": "#e69f00"}
 _TEXT = 10.0
@@ -31,14 +31,14 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def new_figure(height: float = 5.0) -> "Figure":
-    """An empty figure, 1000 pixels wide and so many inches high, laid out by matplotlib; it belongs to no window."""
+    """An empty figure, 1000 pixels wide and `height` inches high, with matplotlib's layout; it opens no window."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(8.0, height), dpi=125, layout="constrained")
 
 
 def stacked(ax: Any, count: int, height: float, meant: str) -> Any:
-    """(count,) the axes given, or new ones below one another in a figure `height` inches high; `meant` says what they are for."""
+    """The given axes, (count,), or new ones below one another in a figure `height` inches high; `meant` describes them in an error."""
     axes = np.atleast_1d(np.asarray(new_figure(height).subplots(count, 1) if ax is None else ax, dtype=object)).ravel()
     if len(axes) != count:
         raise DataError(f"there are {len(axes)} Axes for {count} panels; give one {meant}")
@@ -46,7 +46,7 @@ def stacked(ax: Any, count: int, height: float, meant: str) -> Any:
 
 
 def log_axes(ax: "Axes", x_label: str, y_label: str) -> None:
-    """Log-log axes with a light grid and numbers as people write them."""
+    """Make log-log axes with a light grid and readable numbers."""
     from matplotlib.ticker import FuncFormatter, NullFormatter
 
     ax.set_xscale("log")
@@ -58,7 +58,7 @@ def log_axes(ax: "Axes", x_label: str, y_label: str) -> None:
 
 
 def style_axes(ax: "Axes", x_label: str, y_label: str, size: float = _TEXT) -> None:
-    """A light grid behind the data, axes left and below, named in letters of this size."""
+    """Draw a light grid behind the data, and axes on the left and below, with labels of this size."""
     ax.set_axisbelow(True)
     ax.grid(True, which="major", color=GRID, linewidth=0.8)
     ax.tick_params(which="both", color=GRID, labelcolor=INK, labelsize=size - 1)
@@ -72,7 +72,7 @@ def style_axes(ax: "Axes", x_label: str, y_label: str, size: float = _TEXT) -> N
 
 
 def color_bar(ax: "Axes", drawn: Any, label: str) -> Any:
-    """The scale of the colours of what was drawn, beside the axes."""
+    """Add a colour scale for `drawn` beside the axes."""
     bar = ax.figure.colorbar(drawn, ax=ax, pad=0.02)
     bar.set_label(label, color=INK)
     bar.outline.set_visible(False)  # type: ignore[operator]
@@ -80,9 +80,9 @@ def color_bar(ax: "Axes", drawn: Any, label: str) -> Any:
 
 
 def place_legend(ax: "Axes", columns: list[list[Any]], title: str, *, above: bool, lines: bool) -> None:
-    """The key, in columns: above the axes in a figure of our own, where it covers nothing; inside axes that belong to the user.
+    """Place the legend, in columns: above the axes in jaxcal's own figures, where it covers nothing; inside axes given by the user.
 
-    `lines` makes room for samples of lines beside the points.
+    `lines` leaves room for samples of lines beside the points.
     """
     columns = [column for column in columns if column]
     rows = max(len(column) for column in columns)
@@ -98,7 +98,7 @@ def place_legend(ax: "Axes", columns: list[list[Any]], title: str, *, above: boo
 
 
 def text_only(text: str, **look: Any) -> Any:
-    """An entry of the key without a mark, or with one that no line of the figure has."""
+    """A legend entry without a mark, or with a mark that no line of the figure has."""
     from matplotlib.lines import Line2D
 
     return Line2D([], [], label=text or " ", **{"linestyle": "none", **look})
@@ -120,14 +120,14 @@ def save(figure: Any, path: str | os.PathLike[str], *, dpi: float | int = 150) -
 
     Parameters
     ----------
-    figure : a matplotlib Figure, an Axes, or an array of Axes as `jaxcal.plot` returns them.
-    path : file to write; its ending chooses the format (.png, .svg, .pdf, ...).
-    dpi : pixels per inch of formats made of pixels.
+    figure : a matplotlib Figure, an Axes, or an array of Axes as returned by `jaxcal.plot`.
+    path : file to write; its extension sets the format (.png, .svg, .pdf, ...).
+    dpi : pixels per inch, for pixel formats.
 
     Raises
     ------
     ExportError
-        If the ending is not that of an image format, or the file cannot be written.
+        If the extension does not belong to an image format, or the file cannot be written.
 
     Examples
     --------
@@ -160,14 +160,14 @@ def unit_label(unit: str) -> str:
 
 
 def interval_labels(value: float, low: float, high: float) -> tuple[str, str, str]:
-    """A value and its interval, all three down to the first digit of the half width: 2 to 4 digits of the value."""
+    """A value and its interval, all three rounded to the first digit of the half width, with 2 to 4 digits of the value."""
     half = (high - low) / 2
     digits = 3
     if 0 < value < math.inf and 0 < half < math.inf:
         digits = min(max(_power(value) - _power(half) + 1, 2), 4)
 
     def like(end: float) -> str:
-        """As many decimals as the value has."""
+        """The limit with the decimals of the value."""
         return number_label(end, digits + _power(end) - _power(value)) if 0 < end < math.inf and value > 0 else number_label(end)
 
     return number_label(value, digits), like(low), like(high)
@@ -178,7 +178,7 @@ def _power(value: float) -> int:
 
 
 def number_label(value: float, digits: int = 3) -> str:
-    """A number with so many significant digits, with a power of ten only where it saves zeros: 0.245, 1.8×10⁻⁷, 10000."""
+    """A number with `digits` significant digits, and a power of ten only if this saves zeros: 0.245, 1.8×10⁻⁷, 10000."""
     if not math.isfinite(value):
         return "∞" if value > 0 else "\u2013"
     if value == 0:
@@ -192,7 +192,7 @@ def number_label(value: float, digits: int = 3) -> str:
 
 
 def display_unit(term: str, sensor: str | None) -> tuple[float, str]:
-    """SI value and label of the unit in which a coefficient is shown; (1, "") for a sensor that is not known."""
+    """SI value and label of the unit in which a coefficient is shown; (1, "") for an unknown sensor."""
     if sensor is None:
         return 1.0, ""
     unit = noise_units(term, sensor)[0]
@@ -200,7 +200,7 @@ def display_unit(term: str, sensor: str | None) -> tuple[float, str]:
 
 
 def duration_label(seconds: float) -> str:
-    """A length of time in the unit that people would take."""
+    """A length of time in a convenient unit."""
     if not math.isfinite(seconds):
         return "∞"
     for size, name in ((86400.0 * 365.25, "years"), (86400.0, "days"), (3600.0, "h"), (60.0, "min")):

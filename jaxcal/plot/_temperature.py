@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._errors import DataError
+from .._results import NORMAL95
 from ..temperature import TemperatureFit
 from ._channels import Channel, draw_groups
 from ._style import INK, MUTED, SENSORS, SERIES, interval_labels, number_label, place_legend, style_axes
@@ -12,7 +13,7 @@ from ._style import INK, MUTED, SENSORS, SERIES, interval_labels, number_label, 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_FINE = 2000  # temperatures at which a curve is drawn: a jump is narrow
+_FINE = 2000  # number of temperatures at which a curve is drawn, because a jump is narrow
 
 
 class _Channel(Channel):
@@ -21,7 +22,7 @@ class _Channel(Channel):
     fit: TemperatureFit
 
     def change(self, bias: Any) -> np.ndarray:
-        """A bias less the model at the middle of the range, in the unit of the axis."""
+        """A bias minus the model at the middle of the range, in the unit of the axis."""
         model = self.fit.model
         return (np.asarray(bias) - float(np.asarray(model.curve.value(np.asarray((model.low + model.high) / 2))))) / self.unit[0]
 
@@ -29,19 +30,19 @@ class _Channel(Channel):
 def temperature(result: Any, ax: Any = None) -> Any:
     """Draw the change of bias with temperature: means over 0.1 degC, the model with its interval, and jumps as dotted lines.
 
-    Channels are drawn from their value at the middle of the range, so that several share an axis. The vertical axis is in the unit of the
-    bias instability (gyroscope deg/h, accelerometer mg, magnetometer nT) where the name of the channel tells the sensor. The horizontal
-    axis is the temperature that the sensor feels, behind lag and play where it has them.
+    Each channel is drawn relative to its value at the middle of the range, so that several can share an axis. The vertical axis is in the
+    unit of the bias instability (gyroscope deg/h, accelerometer mg, magnetometer nT) if the name of the channel tells the sensor. The
+    horizontal axis is the temperature that the sensor feels, after lag and play if the model has them.
 
     Parameters
     ----------
-    result : a `TemperatureFit`, or a dictionary channel -> these, such as `jaxcal.temperature.characterise` returns.
+    result : a `TemperatureFit`, or a dictionary channel -> these, such as the result of `jaxcal.temperature.characterise`.
     ax : matplotlib Axes to draw on; for a dictionary with several sensors an array with one for each. None makes a figure 1000
-        pixels wide, which `jaxcal.plot.save` writes and which a notebook shows as ``ax.figure``.
+        pixels wide; `jaxcal.plot.save` writes it, and a notebook shows it as ``ax.figure``.
 
     Returns
     -------
-    The Axes; an array of Axes, one for each sensor, where there are several.
+    The Axes; for several sensors an array of Axes, one for each.
 
     Raises
     ------
@@ -88,10 +89,10 @@ def _curve(ax: "Axes", channel: _Channel, color: str) -> Any:
 
 
 def _described(fit: TemperatureFit, scale: float, unit: str) -> str:
-    """What the key says about a model: "smooth; 300 at 24.50 °C; lag 60 s"."""
+    """Description of a model for the legend: "smooth; 300 at 24.50 °C; lag 60 s"."""
     words = [fit.kind if fit.degree is None or fit.steps else f"{fit.kind} {fit.degree}"]
     for step in fit.steps:
-        value, half = abs(step.height) / scale, 1.96 * step.height_error / scale
+        value, half = abs(step.height) / scale, NORMAL95 * step.height_error / scale
         height = interval_labels(value, value - half, value + half)[0]
         sign = "" if step.height > 0 else "\u2212"
         words.append(f"{sign}{height} {unit} at {step.centre:.2f} °C".replace("  ", " "))

@@ -1,3 +1,3 @@
-"""Results as one HTML page, and as a JSON document."""
+"""Write results as one HTML page or as a JSON document."""
 
 from ._write import document as document, write as write

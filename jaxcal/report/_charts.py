@@ -1,4 +1,4 @@
-"""Charts of a few curves to explore: the data that `charts.js` draws from, and the same curves as static figures."""
+"""Interactive charts of a few curves: data for `charts.js`, and the same curves as static figures."""
 
 import json
 from collections.abc import Sequence
@@ -14,7 +14,8 @@ from ._svg import Mark, figure, linear_axis
 class Curve(NamedTuple):
     """Dots with intervals, or a line with the band of its interval.
 
-    `name` is that of the switch, `label` that beside a value; `hollow` are indices of dots that count less, `words` a remark on each.
+    `name` is the text of the switch, `label` the text beside a value; `hollow` are the indices of dots with less weight, `words` the
+    remarks on the dots.
     """
 
     name: str
@@ -30,7 +31,7 @@ class Curve(NamedTuple):
 
 
 class Chart(NamedTuple):
-    """Curves over one abscissa; `units` are (label, size) to choose from, the first one first; `marks` are abscissas of dotted lines."""
+    """Curves over one abscissa; `units` are (label, size) to choose from, the default first; `marks` are abscissas of vertical lines."""
 
     prefix: str
     title: str
@@ -43,9 +44,9 @@ class Chart(NamedTuple):
 
 
 def charts(found: Sequence[Chart]) -> Markup:
-    """The charts where scripts run, else static figures."""
+    """The charts if scripts run, else static figures."""
     text = json.dumps([_data(one) for one in found], ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    # nothing in the document may end the element
+    # escape everything that could end the element
     document = tag("script", Markup(text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")), type="application/json")
     return tag("div", document, tag("div", *map(_static, found), class_="static"), class_="charts")
 

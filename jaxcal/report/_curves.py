@@ -1,4 +1,4 @@
-"""Deviations and spectra of the channels as sections of a page, and as JSON can say them."""
+"""Deviations and spectra of the channels as sections of a page, and as JSON documents."""
 
 import importlib.metadata
 from typing import Any
@@ -13,7 +13,7 @@ from ._explore import SENSOR_NAMES, explorer, first_unit, thinned
 from ._html import Markup, definitions, join, numbers, provenance, recording, section, warnings_of
 from ._noise import about_log, by_channel, channels_of
 
-_ROWS = 100  # of a table of numbers
+_ROWS = 100  # largest number of rows of a table of numbers
 _MEANING = {
     Deviation: ("Deviation", "How much means over the cluster time τ differ from one to the next. On logarithmic axes white noise falls as "
      "1/√τ, flicker is level, and a random walk rises as √τ. Neighbouring values share most of their data."),
@@ -30,12 +30,12 @@ def document(results: dict[str, Any], log: Log | None) -> dict[str, Any]:
 
 
 def summary(results: dict[str, Any]) -> list[tuple[str, str, Any]]:
-    """What it is of, its verdict in a word, and what that means."""
+    """Subject, verdict in one word, and the number of channels."""
     return [(_name(results), "warnings" if any(one.warnings for one in results.values()) else "ok", channels_of(results))]
 
 
 def page(results: dict[str, Any], log: Log | None, version: str) -> tuple[str, str, Markup]:
-    """What the page is on, the line below its title, and its sections."""
+    """Subject, subtitle and sections of the page."""
     first = next(iter(results.values()))
     length = "" if log is None else f", {duration_label(log.duration)}"
     lead = f"{channels_of(results)}{length} at {first.rate:.6g} Hz"
@@ -59,7 +59,7 @@ def _name(results: dict[str, Any]) -> str:
 
 
 def _numbers(name: str, one: Any, sensor: str) -> Markup:
-    """The values of a curve, or some of them evenly on a logarithmic scale."""
+    """Table of the values of a curve, or of a subset evenly spaced on a logarithmic scale."""
     scale, unit = first_unit(sensor)
     deviation = isinstance(one, Deviation)
     scale, unit = (scale, unit + " s" * one.unit_of_phase) if deviation else (scale**2, f"({unit})²/Hz")

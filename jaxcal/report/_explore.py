@@ -1,7 +1,7 @@
-"""Curves to explore: the data that the script of a page draws from, and the same curves as static figures.
+"""Interactive curves: data for the script of a page, and the same curves as static figures.
 
-A page holds one JSON document for each sensor. `explore.js` draws its views: the Allan deviation, the spectrum, the residual of the fit,
-and the signal. Values are in SI units; the script divides by the unit that is chosen.
+A page has one JSON document for each sensor. `explore.js` draws its views: the Allan deviation, the spectrum, the residual of the fit,
+and the signal. Values are in SI units; the script divides them by the chosen unit.
 """
 
 import json
@@ -23,7 +23,7 @@ from ..spectrum import Spectrum, density
 from ._html import Markup, tag
 from ._svg import Axis, Mark, figure, linear_axis, log_axis
 
-#: sensor -> units to choose from, the first one first: that of B, and those of other terms where they are not the first of their list
+#: sensor -> units to choose from, beginning with the default: the unit of B, and units of other terms unless they are the usual ones
 _UNITS: dict[str, dict[str, dict[str, str]]] = {
     "gyro": {"deg/h": {}, "deg/s": {"Q": "deg", "N": "deg/sqrt(s)", "K": "deg/s/sqrt(s)", "R": "deg/h/s"}, "rad/s": {}},
     "accel": {"mg": {}, "ug": {"N": "ug/sqrt(Hz)", "K": "mg/sqrt(s)"}, "m/s^2": {}},
@@ -31,22 +31,22 @@ _UNITS: dict[str, dict[str, dict[str, str]]] = {
     "mag": {"nT": {}, "uT": {"Q": "uT s", "N": "uT/sqrt(Hz)", "K": "uT/sqrt(s)", "R": "uT/h"}, "T": {}},
 }
 SENSOR_NAMES = {**SENSORS, "clock": "Clock"}
-_STRETCHES, _COARSER = 360, 3  # of a signal, and how many of them make one of a static figure
+_STRETCHES, _COARSER = 360, 3  # number of stretches of a signal, and how many of them a static figure combines
 _FINE = 64  # points of a model's curve
-_MOST = 300  # points of a measured curve
-_FEWEST, _PER_DECADE = 3, 24  # ordinates in a point of a spectrum, and points to the decade
-_FLAT = math.sqrt(2 * math.log(2) / math.pi)  # Allan deviation of flicker over B
+_MOST = 300  # largest number of points of a measured curve
+_FEWEST, _PER_DECADE = 3, 24  # least number of ordinates in a point of a spectrum, and points per decade
+_FLAT = math.sqrt(2 * math.log(2) / math.pi)  # ratio of the Allan deviation of flicker noise to B
 
 
 class _Grids:
-    """Arrays that several curves share, each kept once."""
+    """Arrays that several curves share; each is stored once."""
 
     def __init__(self) -> None:
         self.kept: list[list[float | None]] = []
         self._places: dict[bytes, int] = {}
 
     def place(self, values: Any) -> int:
-        """Number of the array."""
+        """Store an array and return its index."""
         array = np.asarray(values, dtype=float)
         key = array.tobytes()
         if key not in self._places:
@@ -56,12 +56,12 @@ class _Grids:
 
 
 def short(values: Any, digits: int = 4) -> list[float | None]:
-    """Numbers with few digits; None where there is none."""
+    """Round numbers to a few digits; values that are not finite become None."""
     return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in np.asarray(values, dtype=float).tolist()]
 
 
 def explorer(sensor: str, channels: Mapping[str, Any], log: Log | None) -> Markup:
-    """The views of one sensor: controls and charts where scripts run, else static figures.
+    """The views of one sensor: controls and charts if scripts run, else static figures.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def explorer(sensor: str, channels: Mapping[str, Any], log: Log | None) -> Marku
         "duration": float(f"{_duration(channels, log):.7g}"), "grids": grids.kept,
     }  # fmt: skip
     text = json.dumps(about, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    # nothing in the document may end the element
+    # escape everything that could end the element
     document = tag("script", Markup(text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")), type="application/json")
     static = tag("div", *_figures(sensor, about), class_="static")
     return tag("div", tag("h3", SENSOR_NAMES[sensor]), document, static, class_="explore", data_sensor=sensor)
@@ -102,7 +102,7 @@ def _unit(sensor: str, unit: str, own: Mapping[str, str], channels: Mapping[str,
 
 
 def first_unit(sensor: str) -> tuple[float, str]:
-    """SI value and label of the unit in which curves are shown first."""
+    """SI value and label of the default unit of the curves."""
     unit = next(iter(_UNITS[sensor]))
     return (noise_factor("B", sensor, unit), unit_label(unit)) if unit else (1.0, "1")
 
@@ -136,14 +136,14 @@ def _channel(name: str, result: Any, log: Log | None, grids: _Grids, level: floa
 
 
 def _ratio(result: Spectrum, key: str) -> np.ndarray:
-    """Density over a limit of its interval, which is the same for every channel."""
+    """Ratio of the density to a limit of its interval, which is the same for every channel."""
     other = {"lower": result.upper, "upper": result.lower}[key]
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.round(np.asarray(result.density) / np.asarray(other), 9)
 
 
 def _extremes(f: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Indices of all values, or of the lowest and the highest of each stretch of frequencies, so that lines stay to be seen."""
+    """Indices of all values, or of the lowest and highest value in each range of frequencies, so that spectral lines stay visible."""
     if len(f) <= _MOST:
         return np.arange(len(f))
     edges = np.searchsorted(f, np.geomspace(f[0], f[-1], _MOST // 2 + 1)[1:-1])
@@ -152,7 +152,7 @@ def _extremes(f: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def thinned(count: int, most: int = _MOST) -> np.ndarray:
-    """Indices of at most so many values, evenly on a logarithmic scale."""
+    """Indices of at most `most` values, evenly spaced on a logarithmic scale."""
     return np.arange(count) if count <= most else np.unique(np.round(np.geomspace(1, count, most)).astype(int) - 1)
 
 
@@ -171,7 +171,7 @@ def _allan(deviation: Deviation, fit: NoiseFit | None, grids: _Grids) -> dict[st
 
 
 def _curves(fit: NoiseFit, curve: Any) -> dict[str, Any]:
-    """The curve of the whole model and of each term; of a term that was not detected at its upper limit."""
+    """The curve of the whole model and of each term; an undetected term is drawn at its upper limit."""
     terms = {}
     for term in fit.terms:
         detected = fit.verdict.get(term) != "not detected"
@@ -189,12 +189,12 @@ def _term(fit: NoiseFit, term: str) -> dict[str, Any]:
 
 
 def _of_record(fit: NoiseFit, values: Any, rate: float) -> FittedSpectrum | None:
-    """The spectrum of the record beside the model, for a method that does not fit one; None where the record has gaps."""
+    """The spectrum of the record with the model, for methods that do not fit a spectrum; None if the record has gaps."""
     if values is None:
         return None
     try:
         found = density(values, rate, method="dct", average="log", keep_tail=True)
-    except DataError:  # a view less; the log's summary tells of its gaps
+    except DataError:  # omit this view; the summary of the log reports the gaps
         return None
     f = np.asarray(found.frequency)
     model = np.asarray(fit.noise.psd(f, dt=1.0 / rate))
@@ -203,7 +203,7 @@ def _of_record(fit: NoiseFit, values: Any, rate: float) -> FittedSpectrum | None
 
 
 def _spectrum(fitted: FittedSpectrum, fit: NoiseFit, rate: float, grids: _Grids, level: float) -> dict[str, Any]:
-    """Few points, each of three ordinates or more, with what chi-square allows of measured over fitted."""
+    """A few points, each the mean of three or more ordinates, with the chi-square limits of measured over fitted density."""
     f, measured, model, edf, used = (np.asarray(getattr(fitted, key)) for key in ("frequency", "density", "model", "edf", "used"))
     place = np.floor(np.log10(f / f[0]) * _PER_DECADE)
     starts, held = [0], 0.0
@@ -228,7 +228,7 @@ def _spectrum(fitted: FittedSpectrum, fit: NoiseFit, rate: float, grids: _Grids,
 
 
 def _signal(values: np.ndarray, rate: float, grids: _Grids) -> dict[str, Any]:
-    """Lowest, mean and highest value of each stretch less the mean of the record, in thousandths of the largest."""
+    """Lowest, mean and highest value of each stretch minus the mean of the record, in thousandths of the largest."""
     size = -(-len(values) // _STRETCHES)
     padded = np.concatenate([values, np.full(-len(values) % size, np.nan)]).reshape(-1, size)
     known = np.isfinite(padded)
@@ -246,7 +246,7 @@ def _signal(values: np.ndarray, rate: float, grids: _Grids) -> dict[str, Any]:
 
 
 def _figures(sensor: str, about: dict[str, Any]) -> list[Markup]:
-    """The views as static figures, in the first unit."""
+    """The views as static figures in the default unit."""
     unit, channels, grids = about["units"][0], about["channels"], about["grids"]
     scale, label, name = unit["scale"], unit["label"], about["name"]
     names, found = [one["axis"] for one in channels], []

@@ -1,4 +1,4 @@
-"""`write_fleet`: many logs on one page."""
+"""`write_fleet`: write the overview of many logs as one page."""
 
 import importlib.metadata
 import math
@@ -13,9 +13,9 @@ from ._html import Markup, definitions, each, join, scroll, section, table, tag
 from ._page import page, picture
 from ._population import populations
 
-_ROWS = 36  # coefficients in the figure, and in the first table
-_PANELS = 8  # trends that are drawn
-_LISTED = 50  # logs, sentences, outliers in a list
+_ROWS = 36  # largest number of coefficients in the figure
+_PANELS = 8  # largest number of trends that are drawn
+_LISTED = 50  # largest number of logs, sentences or outliers in a list
 _MEANING = (
     (
         "robust standard deviation",
@@ -36,14 +36,14 @@ _MEANING = (
 
 
 def write_fleet(fleet: dict[str, Any], path: str | os.PathLike[str]) -> None:
-    """Write the overview of many logs: the spread of every coefficient, what stands out, trends, and the logs that failed.
+    """Write the overview of many logs: the spread of every coefficient, outliers, trends, and failed logs.
 
     Parameters
     ----------
-    fleet : `task` (name, options, reading, jaxcal), `logs` (how many), `names` and `dates` of those that were answered, `failed` (pairs
-        of name and reason), `warnings` (pairs of sentence and names), `spread` (name -> the fields of `jaxcal.batch.Spread`);
-        `populations` (name -> `jaxcal.batch.Population`) where they were pooled.
-    path : file to write; an existing one is replaced in one step.
+    fleet : `task` (name, options, reading, jaxcal), `logs` (number of logs), `names` and `dates` of the logs with a result, `failed`
+        (pairs of name and reason), `warnings` (pairs of sentence and names), `spread` (name -> the fields of `jaxcal.batch.Spread`), and
+        `populations` (name -> `jaxcal.batch.Population`) if the logs were pooled.
+    path : file to write; an existing file is replaced atomically.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def _spread(fleet: dict[str, Any]) -> Markup:
     shown = {name: one for name, one in fleet["spread"].items() if one["count"]}
     if not shown:
         return Markup("")
-    drawn = dict(sorted(shown.items(), key=lambda item: -len(item[1]["outliers"]))[:_ROWS])  # those with outliers are not left out
+    drawn = dict(sorted(shown.items(), key=lambda item: -len(item[1]["outliers"]))[:_ROWS])  # prefer those with outliers
     drawn = {name: one for name, one in shown.items() if name in drawn}
     title = "Distance of every log from the median"
     caption = "Each point is a log, in robust standard deviations of its coefficient; orange: outliers. Linear up to 5, then logarithmic."
@@ -150,7 +150,7 @@ def _warnings(fleet: dict[str, Any]) -> Markup:
 def _spread_figure(spread: dict[str, dict[str, Any]]) -> Any:
     """A row of points for each coefficient."""
     ax = new_figure(0.27 * len(spread) + 0.9).subplots()
-    rng = np.random.default_rng(0)  # points of one row beside one another
+    rng = np.random.default_rng(0)  # small random heights, so that the points of a row do not overlap
     for row, one in enumerate(spread.values()):
         score = np.array(one["scores"], dtype=float)
         odd = np.abs(score) > one["limit"]
@@ -173,7 +173,7 @@ def _spread_figure(spread: dict[str, dict[str, Any]]) -> Any:
 
 
 def _trend_figure(found: list[tuple[str, dict[str, Any], dict[str, Any]]]) -> Any:
-    """A panel for each trend, over the place of the log."""
+    """A panel for each trend, over the order or the date of the logs."""
     panels = new_figure(1.7 * len(found) + 0.4).subplots(len(found), 1, squeeze=False)[:, 0]
     for ax, (name, one, trend) in zip(panels, found, strict=True):
         values = np.array(one["values"], dtype=float)

@@ -1,4 +1,4 @@
-"""HTML, written so that no text can become markup, and the pieces that all pages are made of."""
+"""Write HTML so that no text can become markup; common parts of all pages."""
 
 import datetime
 import html
@@ -12,15 +12,15 @@ _VOID = ("meta", "br", "hr", "col")
 
 
 class Markup(str):
-    """Text that is HTML already."""
+    """Text that is already HTML."""
 
     __slots__ = ()
 
 
 def tag(name: str, /, *content: Any, **attributes: Any) -> Markup:
-    """An element; content that is not `Markup` is escaped, and so is every attribute.
+    """Make an element; every attribute is escaped, and so is content that is not `Markup`.
 
-    A trailing underscore of an attribute is dropped, another becomes a hyphen; None leaves the attribute out.
+    In attribute names a trailing underscore is dropped, and other underscores become hyphens; a value of None omits the attribute.
 
     Examples
     --------
@@ -36,17 +36,17 @@ def tag(name: str, /, *content: Any, **attributes: Any) -> Markup:
 
 
 def join(content: Any) -> Markup:
-    """Pieces one after the other."""
+    """Concatenate pieces."""
     return Markup("".join(piece if isinstance(piece, Markup) else html.escape(str(piece)) for piece in content))
 
 
 def each(name: str, items: Any) -> Markup:
-    """An element for every item."""
+    """Make an element for every item."""
     return join(tag(name, item) for item in items)
 
 
 def inside(prefix: str, content: Markup) -> Markup:
-    """A page's content as a part of another: its ids and what refers to them begin with `prefix`, its headings are one level lower.
+    """Make a page's content a part of another page: add `prefix` to its ids and references, and lower its headings by one level.
 
     Examples
     --------
@@ -54,7 +54,7 @@ def inside(prefix: str, content: Markup) -> Markup:
     >>> inside("a-", tag("h2", 'url(#x) id="x"', id="x"))
     '<h3 id="a-x">url(#x) id=&quot;x&quot;</h3>'
     """
-    # in text and in attributes < and > are escaped, so that this finds elements and nothing else
+    # < and > are escaped in text and attributes, so this pattern finds only elements
     return Markup(re.sub("<[^>]*>", lambda found: _moved(prefix, found[0]), content))
 
 
@@ -66,12 +66,12 @@ def _moved(prefix: str, element: str) -> str:
 
 
 def section(title: str, name: str, *content: Any) -> Markup:
-    """A part of a page below a heading, by which links find it."""
+    """A section of a page with a heading, whose id is the target of links."""
     return tag("section", tag("h2", title, id=name), *content, aria_labelledby=name)
 
 
 def definitions(pairs: Iterable[tuple[Any, Any]]) -> Markup:
-    """Words, and what each of them means or holds."""
+    """A list of terms with their definitions or values."""
     return tag("dl", *(piece for word, text in pairs for piece in (tag("dt", word), tag("dd", text))))
 
 
@@ -90,17 +90,17 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[Any]], caption: str | 
 
 
 def scroll(content: Markup, label: str, class_: str = "scroll") -> Markup:
-    """What may be wider than a phone, in a region that scrolls by itself and takes the focus."""
+    """Put content that may be wider than a phone into a region that scrolls separately and takes the focus."""
     return tag("div", content, class_=class_, tabindex="0", role="region", aria_label=label)
 
 
 def numbers(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Markup:
-    """The numbers behind a figure, in a table that opens on demand."""
+    """The numbers of a figure, in a table that opens on demand."""
     return tag("details", tag("summary", title), numbers_table(title, columns, rows))
 
 
 def numbers_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Markup:
-    """The table alone, in a region that scrolls."""
+    """The table without the control to open it, in a region that scrolls."""
     return scroll(table(columns, rows, title), title, "scroll numbers")
 
 
@@ -111,7 +111,7 @@ def warnings_of(log: Any, said: Iterable[str]) -> Markup:
 
 
 def recording(log: Any) -> Markup:
-    """What the log is, and what was guessed to read it."""
+    """Summary of the log, and the inferences made to read it."""
     if log is None:
         return Markup("")
     notes = [tag("h3", "How it was read"), tag("ul", each("li", log.notes))] if log.notes else []
@@ -120,7 +120,7 @@ def recording(log: Any) -> Markup:
 
 
 def provenance(known: dict[str, Any], log: Any) -> Markup:
-    """Where the numbers come from: what is `known`, then what the log says, in words."""
+    """The origin of the numbers: first `known`, then the provenance of the log, in words."""
     for key, value in plain(log.provenance if log is not None else {}).items():
         if key == "epoch_ns":
             if (when := recorded(log)) is not None:
@@ -131,11 +131,11 @@ def provenance(known: dict[str, Any], log: Any) -> Markup:
 
 
 _LABELS = {"sha256": "SHA-256", "size": "Size in bytes", "rate": "Sampling rate"}
-_YEAR_2000 = 946_684_800  # s; a log whose clock says less does not know its date
+_YEAR_2000 = 946_684_800  # s; an earlier time means that the clock of the log does not know the date
 
 
 def recorded(log: Any) -> str | None:
-    """When a recording began, where it knows."""
+    """Start of a recording as text, or None if the log does not know it."""
     seconds = int(getattr(log, "provenance", {}).get("epoch_ns", 0)) // 1_000_000_000
     if seconds < _YEAR_2000:
         return None
@@ -143,7 +143,7 @@ def recorded(log: Any) -> str | None:
 
 
 def _words(value: Any) -> str:
-    """A value as people write it; nothing for what was not given."""
+    """Format a value for readers; empty for a value that was not given."""
     if isinstance(value, dict):
         return "; ".join(f"{key} {text}".strip() for key, item in value.items() if (text := _words(item)) != "")
     if isinstance(value, list):

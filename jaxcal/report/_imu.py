@@ -1,4 +1,4 @@
-"""A multi-position calibration as sections of a page, and as JSON can say it."""
+"""A multi-position calibration as sections of a page, and as a JSON document."""
 
 import importlib.metadata
 from collections.abc import Callable, Iterable
@@ -41,12 +41,12 @@ def document(found: ImuFit, log: Log | None) -> dict[str, Any]:
 
 
 def summary(found: ImuFit) -> list[tuple[str, str, Any]]:
-    """What it is of, its verdict in a word, and what that means."""
+    """Subject, verdict in one word, and the reason for the verdict."""
     return [("Accelerometer and gyroscope" if found.gyro is not None else "Accelerometer", found.verdict, found.reason)]
 
 
 def page(found: ImuFit, log: Log | None, version: str) -> tuple[str, str, Markup]:
-    """What the page is on, the line below its title, and its sections; of a refused calibration the reason alone."""
+    """Subject, subtitle and sections of the page; for a refused calibration only the reason."""
     lead = f"{len(found.residual_norm)} poses, {len(found.residual_turn)} turns at {found.rate:.6g} Hz"
     verdict = tag("p", f"{found.verdict}: {found.reason}")
     if found.accel is None:
@@ -81,7 +81,7 @@ def page(found: ImuFit, log: Log | None, version: str) -> tuple[str, str, Markup
 
 
 def _numbers(found: ImuFit) -> list[Markup]:
-    """What the points of the figure are."""
+    """Tables of the numbers in the figure."""
     norm, rest = -1e3 * np.asarray(found.residual_norm), np.rad2deg(found.residual_rest) * 3600
     low, turned = (set(np.asarray(index).tolist()) for index in found.down_weighted)
     columns = ("pose", "norm less gravity (mm/s²)", *(f"still rate less model, {axis} (deg/h)" for axis in "xyz" if len(rest)), "weight")
@@ -109,7 +109,7 @@ def _cell(found: ImuFit, k: int) -> Markup:
 
 
 def _residuals(found: ImuFit) -> list[Chart]:
-    """Residuals of every pose and turn; hollow dots are weighed down by the robust loss."""
+    """Residuals of every pose and turn; hollow dots mark those with a reduced weight in the robust loss."""
     down = [np.asarray(which, dtype=int) for which in found.down_weighted]
 
     def dots(name: str, values: Any, color: int, hollow: Any = ()) -> Curve:

@@ -13,7 +13,7 @@ from ..plot import _magnetometer as pictures
 from ._html import Markup, definitions, join, numbers, provenance, recording, scroll, section, table, tag, warnings_of
 from ._sphere import sphere
 
-_ROWS = 200  # readings that the table behind the figures lists
+_ROWS = 200  # largest number of readings in the table
 _METHODS = {"ml": "maximum likelihood (orthogonal distance)", "consistent": "adjusted least squares"}
 _MEANING = (
     ("Correction", "true field = inverse of the soft iron matrix times (reading less hard iron)."),
@@ -47,12 +47,12 @@ def document(found: MagFit, log: Log | None) -> dict[str, Any]:
 
 
 def summary(found: MagFit) -> list[tuple[str, str, Any]]:
-    """What it is of, its verdict in a word, and what that means."""
+    """Subject, verdict in one word, and the reason for the verdict."""
     return [("Magnetometer", found.verdict, found.reason)]
 
 
 def page(found: MagFit, log: Log | None, version: str) -> tuple[str, str, Markup]:
-    """What the page is on, the line below its title, and its sections."""
+    """Subject, subtitle and sections of the page."""
     parts = [_verdict(found)]
     if found.model is not None:
         readings = None if log is None or log.mag is None else np.asarray(log.mag)[np.isfinite(log.mag).all(axis=1)]
@@ -75,7 +75,7 @@ def _verdict(found: MagFit) -> Markup:
         for axis, *both in zip("xyz", np.asarray(model.soft_iron), found.soft_iron_error, strict=True):
             cells = (f"{c:.5f} ± {s:.1g}" if np.isfinite(s) else f"{c:.5f}, open" for c, s in zip(*both, strict=True))
             rows.append((f"soft iron, {axis}", *cells))
-        for row in found._rows()[12:-2]:  # of a model with more fields, in the units of the readings
+        for row in found._rows()[12:-2]:  # further fields of a model, in the units of the readings
             rows.append((row.name, f"{row.value:.5g}", f"{row.low:.5g} to {row.high:.5g}" if row.high > row.low else "", ""))
         parts.append(scroll(table(("", "x", "y", "z"), rows), "Calibration"))
         level, tilted = np.rad2deg(found.heading_error)
@@ -97,8 +97,8 @@ def _verdict(found: MagFit) -> Markup:
 
 
 def _pictures(found: MagFit, m: np.ndarray | None) -> Markup:
-    """The sphere, and the numbers behind it; those of the readings only where they are at hand."""
-    alone = len(inspect.signature(found.model.correct).parameters) == 1  # a model of your own may need conditions  # type: ignore[union-attr]
+    """The sphere and its numbers; the numbers of the readings only if the readings are available."""
+    alone = len(inspect.signature(found.model.correct).parameters) == 1  # a user's model may need conditions  # type: ignore[union-attr]
     fitted = m is not None and len(m) == len(found.residual) and alone
     parts = [sphere(found, m if fitted else None), *([_readings(found, m)] if fitted else []), _regions(found)]
     if np.isfinite(found.covariance).all():

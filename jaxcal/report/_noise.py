@@ -1,4 +1,4 @@
-"""The noise of the channels as sections of a page, and as JSON can say it."""
+"""The noise of the channels as sections of a page, and as a JSON document."""
 
 import importlib.metadata
 import math
@@ -16,7 +16,7 @@ from ._explore import explorer
 from ._html import Markup, definitions, each, join, numbers, provenance, recording, scroll, section, table, tag, warnings_of
 
 F = TypeVar("F")
-_MOST = 300  # rows of a table of numbers
+_MOST = 300  # largest number of rows of a table of numbers
 _NAMES = {
     ("Q", "gyro"): "quantisation noise", ("N", "gyro"): "angle random walk", ("B", "gyro"): "bias instability",
     ("K", "gyro"): "rate random walk", ("R", "gyro"): "rate ramp",
@@ -52,7 +52,7 @@ def document(results: dict[str, NoiseFit], log: Log | None) -> dict[str, Any]:
 
 
 def about_log(log: Log | None) -> dict[str, Any]:
-    """What a document says of the recording."""
+    """Entries of a document on the recording."""
     if log is None:
         return {"provenance": None, "notes": [], "warnings": []}
     return {"provenance": plain(log.provenance), "notes": list(log.notes), "warnings": list(log.warnings)}
@@ -71,7 +71,7 @@ def _check(results: Any) -> None:
 
 
 def sensor_of(channel: str) -> str:
-    """Sensor that a channel belongs to: gyro_x -> gyro."""
+    """Sensor of a channel: gyro_x -> gyro."""
     sensor = channel.partition("_")[0]
     if sensor not in ("gyro", "accel", "mag"):
         raise DataError(f"channel {channel!r} has no known sensor; expected names such as gyro_x, accel_y, mag_z")
@@ -104,17 +104,17 @@ def _channel(fit: NoiseFit, sensor: str) -> dict[str, Any]:
 
 
 def number(value: Any) -> float | None:
-    """A number as JSON has it: None where it is infinite or not known."""
+    """Convert a number for JSON: None if it is infinite or unknown."""
     return plain(float(value))
 
 
 def channels_of(results: dict[str, Any]) -> str:
-    """How many channels there are, in words."""
+    """The number of channels in words."""
     return f"{len(results)} channel{'s' * (len(results) != 1)}"
 
 
 def page(results: dict[str, NoiseFit], log: Log | None, version: str) -> tuple[str, str, Markup]:
-    """What the page is on, the line below its title, and its sections."""
+    """Subject, subtitle and sections of the page."""
     _check(results)
     first = next(iter(results.values()))
     lead = f"{channels_of(results)}, {duration_label(first.duration)} at {first.deviation.rate:.6g} Hz"
@@ -134,7 +134,7 @@ def page(results: dict[str, NoiseFit], log: Log | None, version: str) -> tuple[s
 
 
 def _verdict(results: dict[str, NoiseFit], warned: int) -> Markup:
-    """What was found, in sentences, then a table for every sensor."""
+    """The result in sentences, then a table for every sensor."""
     tables = []
     if warned:
         count = "one warning" if warned == 1 else f"{warned} warnings"
@@ -146,7 +146,7 @@ def _verdict(results: dict[str, NoiseFit], warned: int) -> Markup:
 
 
 def summary(results: dict[str, NoiseFit]) -> list[tuple[str, str, Any]]:
-    """What was found on every sensor: its name, the verdict in a word, sentences."""
+    """For every sensor, its name, the verdict in one word, and sentences on the result."""
     rows = []
     for sensor, channels in by_sensor(results).items():
         warned = any(fit.warnings for fit in channels.values())
@@ -156,7 +156,7 @@ def summary(results: dict[str, NoiseFit]) -> list[tuple[str, str, Any]]:
 
 
 def by_sensor(results: dict[str, F]) -> dict[str, dict[str, F]]:
-    """Results grouped by sensor, in the order in which they come."""
+    """Group results by sensor, in their original order."""
     groups: dict[str, dict[str, F]] = {}
     for name, fit in results.items():
         groups.setdefault(sensor_of(name), {})[name] = fit
@@ -211,7 +211,7 @@ def _cell(term: str, channel: str, fit: NoiseFit, sensor: str) -> Markup:
         return tag("span", "not fitted", class_="small")
     kind = fit.verdict[term]
     badge = tag("span", kind, class_=f"badge {kind}" if kind in ("present", "hint") else "badge")
-    scale, name = display_unit(term, sensor)[0], f"{channel} {term}"  # by which the script finds the cell when the unit changes
+    scale, name = display_unit(term, sensor)[0], f"{channel} {term}"  # the script finds the cell by this name when the unit changes
     if kind == "not detected":
         return join((tag("strong", f"< {number_label(float(fit.upper_limit[term]) / scale, 2)}", data_coefficient=name), badge))
     value, low, high = interval_labels(*(float(v) / scale for v in (fit.noise.coefficient(term), *fit.interval[term])))
@@ -227,7 +227,7 @@ def _fit_quality(fit: NoiseFit) -> Markup:
 
 
 def _plots(results: dict[str, NoiseFit], log: Log | None) -> Markup:
-    """The curves of every sensor, and the numbers of each axis."""
+    """The curves of every sensor, and tables of numbers for each axis."""
     parts = []
     for sensor, channels in by_sensor(results).items():
         parts.append(explorer(sensor, channels, log))
@@ -236,7 +236,7 @@ def _plots(results: dict[str, NoiseFit], log: Log | None) -> Markup:
 
 
 def _numbers(channel: str, fit: NoiseFit, sensor: str) -> Markup:
-    """All cluster times, or 300 of them, evenly on a logarithmic scale."""
+    """Table of all cluster times, or of 300 that are evenly spaced on a logarithmic scale."""
     (scale, unit), d = display_unit("B", sensor), fit.deviation
     level = f"{100 * d.confidence:g} %"
     columns = ("τ (s)", f"deviation ({unit})", f"{level} low", f"{level} high", "degrees of freedom", "used in the fit")
@@ -261,7 +261,7 @@ def _left_out(results: dict[str, NoiseFit]) -> Markup:
 
 
 def by_channel(results: dict[str, Any], field: str) -> list[str]:
-    """Each sentence of a field once, with the channels that it is true of."""
+    """List each sentence of a field once, with the channels to which it applies."""
     channels: dict[str, list[str]] = {}
     for channel, fit in results.items():
         for sentence in getattr(fit, field):
@@ -270,7 +270,7 @@ def by_channel(results: dict[str, Any], field: str) -> list[str]:
 
 
 def _meaning(results: dict[str, NoiseFit]) -> Markup:
-    """A sentence on every term."""
+    """Explanations of the fitted terms."""
     sensors, items = list(by_sensor(results)), []
     for term in _terms(results):
         names = dict.fromkeys(_name(term, sensor) for sensor in sensors)

@@ -1,4 +1,4 @@
-"""The alignment of a turntable as sections of a page, and as JSON can say it."""
+"""The alignment of a turntable as sections of a page, and as a JSON document."""
 
 import importlib.metadata
 import math
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import DataError
+from .._results import NORMAL95
 from .._units import STANDARD_GRAVITY
 from ..alignment import UNITS, AlignmentFit, Positions, Readings, verdict_name
 from ..plot._north import student_density
@@ -47,12 +48,12 @@ def document(result: AlignmentFit, readings: Any) -> dict[str, Any]:
 
 
 def summary(result: AlignmentFit) -> list[tuple[str, str, Any]]:
-    """What it is of, its verdict in a word, and what that means."""
+    """Subject, verdict in one word, and the reason for the verdict."""
     return [("Alignment", verdict_name(result.verdict), result.reason)]
 
 
 def page(result: AlignmentFit, readings: Any, version: str) -> tuple[str, str, Markup]:
-    """What the page is on, the line below its title, and its sections."""
+    """Subject, subtitle and sections of the page."""
     if not isinstance(readings, Readings):
         raise DataError(
             f"log is {type(readings).__name__}; the page of an alignment shows what was read: give the Readings that were fitted"
@@ -69,20 +70,20 @@ def page(result: AlignmentFit, readings: Any, version: str) -> tuple[str, str, M
 
 
 def _readings(readings: Readings, result: AlignmentFit) -> list[Chart]:
-    """Readings against the table angle, with what the model says at every angle."""
+    """Readings over the table angle, with the model at every angle."""
     positions, turning, shown = readings.positions, np.linspace(0.0, 2.0 * np.pi, 121), []
     mean = {name: float(np.mean(getattr(positions, name))) for name in ("rate", "width")}
     words, models = np.array(positions.mounting), {}
     for word in ("x", "y"):
         if word in positions.mounting:
-            moving = Positions(turning, word, start=0.0, **mean)  # one instant: no drift
+            moving = Positions(turning, word, start=0.0, **mean)  # all at one time, so without drift
             models[word] = dict(zip(("accel", "gyro"), result.model.measure(moving, lever_arm=readings.lever_arm), strict=True))
     for name, title, units in _SENSORS:
         if getattr(readings, name) is None:
             continue
         values, variance = np.asarray(getattr(readings, name)), readings.variance(name)
         angle, curves = np.mod(positions.angle / _DEG, 360.0), []
-        half = None if variance is None else 1.96 * np.sqrt(np.asarray(variance))
+        half = None if variance is None else NORMAL95 * np.sqrt(np.asarray(variance))
         for color, word in enumerate(dict.fromkeys(words)):
             here = (words == word) & np.isfinite(values)
             if here.any() and word != "fixed z":
@@ -97,7 +98,7 @@ def _readings(readings: Readings, result: AlignmentFit) -> list[Chart]:
 
 
 def _azimuth(result: AlignmentFit) -> list[Chart]:
-    """Distribution of the azimuth, where there is one."""
+    """Distribution of the azimuth, if it was determined."""
     std = float(np.asarray(result.azimuth_std))
     if result.psi is None or not 0 < std < math.inf:
         return []
@@ -111,7 +112,7 @@ def _azimuth(result: AlignmentFit) -> list[Chart]:
 
 
 def _shown(name: str) -> tuple[float, str]:
-    """Size and name of the unit in which a parameter is read."""
+    """Size and name of the unit in which a parameter is displayed."""
     if name not in UNITS or name in ("phi", "theta", "psi", "latitude"):
         return (_DEG, "deg") if name in UNITS else (1.0, "SI")
     return {

@@ -1,7 +1,7 @@
-"""The frame of a page: head, style, script, nothing from outside; and figures in its colours.
+"""The frame of a page: head, style and script, without external resources; and figures in the colours of the page.
 
-Where a page has curves to explore, uPlot stands in it, with `explore.js` or `charts.js`. A content security policy names them by their
-hashes, so that nothing else can run, and nothing can be loaded or sent.
+A page with interactive curves includes uPlot, and `explore.js` or `charts.js`. A content security policy lists the hashes of the scripts,
+so that no other script can run, and nothing can be loaded or sent.
 """
 
 import base64
@@ -18,9 +18,9 @@ from ._html import Markup, definitions, join, scroll, tag
 _ASSETS = pathlib.Path(__file__).parent / "_assets"
 _LIBRARY = "uPlot 1.6.32 (MIT License, Copyright (c) 2022 Leon Sorokin)"
 
-#: colour that the figure is drawn in -> the page's own
+#: colour of a figure -> colour variable of the page
 _COLORS = {INK: "ink", MUTED: "muted", GRID: "grid", SHADE: "shade", **{color: f"series-{i}" for i, color in enumerate(SERIES)}}
-#: frames, ticks and the walls of a space where nothing else is said; black letters are left to the style of the page
+#: default colours of frames, ticks and the walls of a 3D plot; black text gets the colour of the page
 _COLORS |= {"#ffffff": "paper", "#000000": "ink", "#b0b0b0": "grid", **dict.fromkeys(("#f2f2f2", "#e6e6e6", "#ececec"), "shade")}
 
 _LIGHT = """
@@ -143,7 +143,7 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
 
 
 def page(title: str, lead: str, body: Markup, footer: str, facts: Iterable[tuple[str, str]] = ()) -> str:
-    """A whole document; the facts stand below its title."""
+    """Make a whole document; the facts appear below its title."""
     style, scripts = _STYLE, []
     if 'class="sphere"' in body:
         scripts = [_asset("sphere.js")]
@@ -176,7 +176,7 @@ def page(title: str, lead: str, body: Markup, footer: str, facts: Iterable[tuple
 
 
 def _asset(name: str) -> str:
-    """A file that stands in the page, without its indentation."""
+    """Read a file that is included in the page, without its indentation."""
     return re.sub(r"(?m)^[ ]+", "", (_ASSETS / name).read_text(encoding="utf-8")).strip()
 
 
@@ -186,17 +186,17 @@ def _hash(text: str) -> str:
 
 
 def picture(axes: Any, prefix: str, title: str, about: str, caption: str | None = None) -> Markup:
-    """The figure of `axes`; screen readers are told what it is `about`."""
+    """The figure of `axes`; `about` is its description for screen readers."""
     svg = scroll(_inline(axes, prefix, title, about), title)
     return tag("figure", svg, *(() if caption is None else (tag("figcaption", caption),)))
 
 
 def _inline(axes: Any, prefix: str, title: str, description: str) -> Markup:
-    """SVG of the figure of `axes`: colours are variables of the page, and ids begin with `prefix`."""
+    """Convert the figure of `axes` to SVG with the colour variables of the page and ids that begin with `prefix`."""
     import matplotlib
 
     buffer = io.BytesIO()
-    # matplotlib takes the kind of text and of ids from its settings alone; they are put back at once
+    # matplotlib has only global settings for the form of text and ids; `rc_context` restores them immediately
     with matplotlib.rc_context({"svg.hashsalt": prefix, "svg.fonttype": "path"}):
         axes.figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
     text = buffer.getvalue().decode("utf-8")
@@ -206,7 +206,7 @@ def _inline(axes: Any, prefix: str, title: str, description: str) -> Markup:
     for color, name in _COLORS.items():
         body = re.sub(color, f"var(--{name})", body, flags=re.IGNORECASE)
     body = re.sub(r'(\bid="|xlink:href="#|url\(#)', lambda found: f"{found[1]}{prefix}-", body).replace("xlink:href", "href")
-    # the policy of the page refuses inline styles; attributes say the same
+    # the policy of the page forbids inline styles, so convert them to attributes
     body = re.sub(r"<style[^>]*>.*?</style>", "", body, flags=re.DOTALL)
     body = re.sub(r' style="([^"]*)"', lambda found: _attributes(found[1]), body)
     body = re.sub(r"\s*\n\s*", " ", body)

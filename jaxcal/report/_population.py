@@ -8,13 +8,13 @@ from ..plot._style import MUTED, SERIES, new_figure, number_label, style_axes
 from ._html import Markup, each, scroll, section, table, tag
 from ._page import picture
 
-_DRAWN = 60  # recordings of a panel
-_LISTED = 200  # rows of the table of recordings
+_DRAWN = 60  # largest number of recordings in a panel
+_LISTED = 200  # largest number of rows in the table of recordings
 _PANELS = 6
 
 
 def populations(found: dict[str, Any]) -> Markup:
-    """Middle, components, odd units, and each recording alone beside its pooled value."""
+    """Middle, variance components and odd units of each population, and the value of each recording beside its pooled value."""
     if not found:
         return Markup("")
     lead = tag(
@@ -67,7 +67,7 @@ def _shown(value: float) -> str:
 
 
 def _figure(found: Any) -> Any:
-    """A panel for each parameter: logs alone beside pooled."""
+    """A panel for each parameter: the value of each log beside its pooled value."""
     terms = found.terms[:_PANELS]
     panels = new_figure(1.8 * len(terms) + 0.4).subplots(len(terms), 1, squeeze=False)[:, 0]
     count = min(len(found.recordings), _DRAWN)

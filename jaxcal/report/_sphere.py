@@ -1,4 +1,4 @@
-"""The readings of a magnetometer on the sphere: data of the script that turns it, and the same as static figures."""
+"""The readings of a magnetometer on a sphere: data for the script that rotates it, and the same as static figures."""
 
 import json
 import math
@@ -12,17 +12,17 @@ from ._explore import short
 from ._html import Markup, tag
 from ._svg import ASPECT, Axis, Mark, figure, linear_axis
 
-_MOST = 500  # readings drawn
-_STEPS = (0.5, 1.5, 3.5, 7.5)  # readings of a region at which its shade grows
+_MOST = 500  # largest number of readings drawn
+_STEPS = (0.5, 1.5, 3.5, 7.5)  # numbers of readings in a region above which its shade becomes darker
 
 
 def sphere(found: MagFit, readings: np.ndarray | None) -> Markup:
-    """The sphere that turns under the finger where scripts run, and static figures elsewhere.
+    """A sphere that the reader can rotate if scripts run, else static figures.
 
     Parameters
     ----------
     found : a fit with a model.
-    readings : (n, 3) the readings that were fitted, in the unit of the fit; None where they are not at hand.
+    readings : (n, 3) the readings that were fitted, in the unit of the fit; None if they are not available.
     """
     scale, unit = unit_of(found)
     about: dict[str, Any] = {"unit": unit, "missing": _vectors(found.coverage.missing), "needed": _vectors(found.needed), "readings": []}
@@ -48,7 +48,7 @@ def _vectors(values: Any) -> list[list[float | None]]:
 
 
 def _planes(found: MagFit, readings: np.ndarray, scale: float, unit: str) -> list[Markup]:
-    """Readings before and after correction, on two planes."""
+    """Readings before and after correction, projected on two planes; and the residuals by direction."""
     pick = np.unique(np.linspace(0, len(readings) - 1, min(len(readings), _MOST // 2)).astype(int))
     before, after = readings[pick] / scale, np.asarray(found.model.correct(readings[pick])) / scale  # type: ignore[union-attr]
     circle = np.linspace(0, 2 * np.pi, 121)
@@ -74,7 +74,7 @@ def _axes() -> tuple[Axis, Axis]:
 
 
 def _map(found: MagFit) -> Markup:
-    """Readings per region of equal area, and where more would help."""
+    """Number of readings per region of equal area, and directions in which more would help."""
     marks = []
     for count, corners in zip(np.asarray(found.coverage.counts), region_corners(), strict=True):
         (west, bottom), _, (east, top), _ = corners
@@ -87,7 +87,7 @@ def _map(found: MagFit) -> Markup:
 
 
 def _headings(found: MagFit) -> Markup:
-    """Standard deviation of the heading against heading."""
+    """Standard deviation of the heading as a function of heading."""
     headings = np.linspace(0, 2 * np.pi, 73)
     tilts = {"at level": 0.0, "at 20° of tilt": math.radians(20)} if found.plane is None else {"in the plane": 0.0}
     curves = [np.rad2deg(np.asarray(heading_uncertainty(found, headings, tilt=tilt))) for tilt in tilts.values()]

@@ -1,4 +1,4 @@
-"""Small static figures as SVG: what a page shows without script, and on paper. Their colours and letters are those of the page."""
+"""Small static SVG figures for pages without script and on paper, in the colours and fonts of the page."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -9,14 +9,14 @@ import numpy as np
 from ..plot._style import number_label
 from ._html import Markup, join, tag
 
-_WIDTH, _HEIGHT = 480, 310  # small, so that letters can be read on a phone
+_WIDTH, _HEIGHT = 480, 310  # small, so that text is readable on a phone
 _LEFT, _RIGHT, _TOP, _BOTTOM = 76, 14, 12, 44
-#: width over height of what the axes enclose
+#: ratio of width to height of the plotting area
 ASPECT = (_WIDTH - _LEFT - _RIGHT) / (_HEIGHT - _TOP - _BOTTOM)
 
 
 class Axis(NamedTuple):
-    """Name with unit, ends, and whether it is logarithmic."""
+    """An axis: label with unit, limits, and whether it is logarithmic."""
 
     label: str
     low: float
@@ -24,7 +24,7 @@ class Axis(NamedTuple):
     log: bool = True
 
     def at(self, values: Any) -> np.ndarray:
-        """Place of values between 0 and 1."""
+        """Positions of values on the axis, from 0 to 1."""
         low, high, values = self.low, self.high, np.asarray(values, dtype=float)
         if self.log:
             low, high = math.log(low), math.log(high)
@@ -33,7 +33,7 @@ class Axis(NamedTuple):
         return (values - low) / (high - low)
 
     def ticks(self) -> list[float]:
-        """Values to label: powers of ten, with 2 and 5 between where there are few; else round steps."""
+        """Values to label: powers of ten (with 2 and 5 in between on a short axis), or round steps on a linear axis."""
         if not self.log:
             raw = (self.high - self.low) / 5
             size = 10.0 ** math.floor(math.log10(raw))
@@ -47,7 +47,7 @@ class Axis(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """Something to draw: a "line", "dots", or a "band" between y and `top`; `color` is a number, or a name of a class."""
+    """Something to draw: a "line", "dots", or a "band" between y and `top`; `color` is a number, or the name of a CSS class."""
 
     kind: str
     x: Any
@@ -58,14 +58,14 @@ class Mark(NamedTuple):
 
 
 def log_axis(label: str, values: Iterable[Any], pad: float = 1.3) -> Axis:
-    """An axis for all positive ones of the values."""
+    """Make a logarithmic axis for all positive values."""
     found = np.concatenate([np.ravel(np.asarray(part, dtype=float)) for part in values])
     found = found[np.isfinite(found) & (found > 0)]
     return Axis(label, float(found.min()) / pad, float(found.max()) * pad) if len(found) else Axis(label, 0.1, 10.0)
 
 
 def linear_axis(label: str, values: Iterable[Any], pad: float = 0.05) -> Axis:
-    """An axis for all finite ones of the values."""
+    """Make a linear axis for all finite values."""
     found = np.concatenate([np.ravel(np.asarray(part, dtype=float)) for part in values])
     found = found[np.isfinite(found)]
     low, high = (float(found.min()), float(found.max())) if len(found) else (0.0, 1.0)
@@ -74,7 +74,7 @@ def linear_axis(label: str, values: Iterable[Any], pad: float = 0.05) -> Axis:
 
 
 def figure(prefix: str, title: str, about: str, x: Axis, y: Axis, marks: Sequence[Mark], names: Sequence[str] = ()) -> Markup:
-    """A figure with its caption; `names` are those of the colours, for the key."""
+    """Make a figure with its caption; `names` label the colours in the key."""
     parts = [tag("title", title, id=f"{prefix}-title"), tag("desc", about, id=f"{prefix}-desc"), _grid(x, y)]
     clip = f"{prefix}-clip"
     box = tag("rect", x=_LEFT, y=_TOP, width=_WIDTH - _LEFT - _RIGHT, height=_HEIGHT - _TOP - _BOTTOM)
@@ -108,7 +108,7 @@ def _grid(x: Axis, y: Axis) -> Markup:
 
 
 def _tick(value: float) -> str:
-    """A number without the zeros that say nothing: 0.5, 10⁻⁵."""
+    """Format a number without superfluous zeros: 0.5, 10⁻⁵."""
     if value == 0:
         return "0"
     power = math.floor(math.log10(abs(value)) + 1e-9)
@@ -123,7 +123,7 @@ def _across(x: Axis, values: Any) -> np.ndarray:
 
 
 def _up(y: Axis, values: Any) -> np.ndarray:
-    # what lies far outside is cut, and needs no digits
+    # clip values far outside the figure, which would only add digits
     return _HEIGHT - _BOTTOM - np.clip(y.at(values), -1.0, 2.0) * (_HEIGHT - _TOP - _BOTTOM)
 
 

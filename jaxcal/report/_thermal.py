@@ -1,4 +1,4 @@
-"""Thermal models as sections of a page, and as JSON can say it."""
+"""Thermal models as sections of a page, and as a JSON document."""
 
 import importlib.metadata
 from typing import Any
@@ -7,6 +7,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._log import Log
+from .._results import NORMAL95
 from .._units import noise_factor, noise_units, si_unit
 from ..plot._style import SENSORS, display_unit, number_label, unit_label
 from ..temperature import TemperatureFit
@@ -14,7 +15,7 @@ from ._charts import Chart, Curve, charts
 from ._html import Markup, definitions, join, numbers, recording, scroll, section, table, tag, warnings_of
 from ._noise import about_log, by_channel, by_sensor, channels_of, number, sensor_of
 
-_FINE = 160  # temperatures at which a curve is drawn
+_FINE = 160  # number of temperatures at which a curve is drawn
 _MEANING = (
     ("rms", "What the model leaves of the means over 0.1 °C, over all temperatures. It is not a noise coefficient."),
     ("worst degree", "The same in the worst window of 1 °C. A model that misses a jump shows it here."),
@@ -69,7 +70,7 @@ def _channel(fit: TemperatureFit, sensor: str) -> dict[str, Any]:
 
 
 def page(results: dict[str, TemperatureFit], log: Log | None, version: str) -> tuple[str, str, Markup]:
-    """What the page is on, the line below its title, and its sections."""
+    """Subject, subtitle and sections of the page."""
     _check(results)
     sections = (
         _verdict(results), _figures(results), _choice(results), warnings_of(log, by_channel(results, "warnings")),
@@ -79,7 +80,7 @@ def page(results: dict[str, TemperatureFit], log: Log | None, version: str) -> t
 
 
 def summary(results: dict[str, TemperatureFit]) -> list[tuple[str, str, Any]]:
-    """What was found on every sensor: its name, the verdict in a word, a sentence."""
+    """For every sensor, its name, the verdict in one word, and a sentence on the result."""
     rows = []
     for sensor, channels in by_sensor(results).items():
         scale, unit = display_unit("B", sensor)
@@ -111,7 +112,7 @@ def _sentence(fit: TemperatureFit, scale: float, unit: str) -> str:
     words = [fit.kind if fit.degree is None or fit.steps else f"{fit.kind} of degree {fit.degree}"]
     words += [
         f"jump of {number_label(abs(s.height) / scale)} {unit} {'up' if s.height > 0 else 'down'} at {s.centre:.2f} ± "
-        f"{1.96 * s.centre_error:.2g} °C" for s in fit.steps
+        f"{NORMAL95 * s.centre_error:.2g} °C" for s in fit.steps
     ]  # fmt: skip
     if fit.model.lag > 0:
         words.append(f"lag {float(fit.model.lag):.0f} s")
@@ -131,7 +132,7 @@ def _figures(results: dict[str, TemperatureFit]) -> Markup:
 
 
 def _chart(sensor: str, channels: dict[str, TemperatureFit]) -> Chart:
-    """Means and curves of every axis, each from its value in the middle of its range."""
+    """Means and curves of every axis, each relative to its value in the middle of its range."""
     curves = []
     for i, (name, fit) in enumerate(channels.items()):
         model, axis = fit.model, name.partition("_")[2]
@@ -150,7 +151,7 @@ def _chart(sensor: str, channels: dict[str, TemperatureFit]) -> Chart:
 
 
 def _temperatures(fit: TemperatureFit) -> np.ndarray:
-    """Where a curve is drawn: evenly, and closely about each jump, which is narrow."""
+    """Temperatures at which a curve is drawn: evenly spaced, with more points around each narrow jump."""
     low, high = float(fit.model.low), float(fit.model.high)
     parts = [np.linspace(low, high, _FINE)]
     parts += [step.centre + step.width * np.linspace(-8.0, 8.0, 33) for step in fit.steps]

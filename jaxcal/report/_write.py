@@ -1,4 +1,4 @@
-"""`write`: results as one HTML page; `document`: as JSON can say them."""
+"""`write`: write results as one HTML page; `document`: convert results to a dictionary for JSON."""
 
 import datetime
 import importlib
@@ -17,38 +17,39 @@ from ._page import page
 if TYPE_CHECKING:
     from ..alignment import Readings
 else:
-    Readings = Any  # a page does not read the parts of the package that it is not about
+    Readings = Any  # avoids importing parts of the package that a page does not need
 
 _PACKAGE = __name__.partition(".")[0]
-#: kind of result -> module of the package with its `document`, its `page` and its `summary`; and of a dictionary channel -> result
-_KINDS = {("alignment", "AlignmentFit"): "_north", ("imu", "ImuFit"): "_imu", ("magnetometer", "MagFit"): "_magnetometer",
-          ("device", "DeviceFit"): "_device"}  # fmt: skip
+#: kind of result -> module with its `document`, `page` and `summary`; for single results, and for dictionaries channel -> result
+_KINDS = {
+    ("alignment", "AlignmentFit"): "_north", ("imu", "ImuFit"): "_imu", ("magnetometer", "MagFit"): "_magnetometer",
+    ("device", "DeviceFit"): "_device",
+}  # fmt: skip
 _BY_CHANNEL = {("temperature", "TemperatureFit"): "_thermal", ("allan", "Deviation"): "_curves", ("spectrum", "Spectrum"): "_curves"}
-_TITLES = {"Noise": "Sensor noise", "Alignment": "Alignment on a turntable"}  # where neither device nor file is known
+_TITLES = {"Noise": "Sensor noise", "Alignment": "Alignment on a turntable"}  # if neither device nor file is known
 _BADGES = {"good": " present", "ok": " present", "fitted": " present"}
 
 
 def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | None = None, device: str | None = None) -> None:
-    """Write a report: one HTML file that needs nothing else, for screens light and dark, phones and paper.
+    """Write a report: one self-contained HTML file for light and dark screens, phones and paper.
 
-    It says first what was found, with intervals, then shows the figures and the numbers behind them, the warnings, what the
-    words mean, and where everything comes from. Several results of one device make one page, with a table of verdicts first.
+    The report begins with the result and its intervals. Figures and their numbers follow, then warnings, explanations of terms, and the
+    provenance. Several results of one device make one page, which begins with a table of verdicts.
 
     Parameters
     ----------
-    results : channel -> `NoiseFit`, as `jaxcal.noise.characterise` returns them, channel -> `TemperatureFit`, as
-        `jaxcal.temperature.characterise` does, channel -> `Deviation` or channel -> `Spectrum`, the `ImuFit` of an IMU, the `MagFit` of a
-        magnetometer, the `DeviceFit` of all three, or the `AlignmentFit` of a turntable. Or a list of these, or of pairs (result, its
-        log), of one device.
-    path : file to write; an existing one is replaced in one step.
-    log : the recording, for its summary, notes, warnings and provenance; with an `AlignmentFit` the `Readings` that were fitted, which
-        its page shows. With a list it is the log of every result that comes without one, but not of an `AlignmentFit`.
-    device : name of the device, for the title; by default the name of the log's file.
+    results : channel -> `NoiseFit` (from `jaxcal.noise.characterise`), channel -> `TemperatureFit` (from
+        `jaxcal.temperature.characterise`), channel -> `Deviation`, channel -> `Spectrum`, an `ImuFit`, a `MagFit`, a
+        `DeviceFit` or an `AlignmentFit`. Or a list of these, or of pairs (result, log), from one device.
+    path : file to write; an existing file is replaced atomically.
+    log : the recording, for its summary, notes, warnings and provenance; for an `AlignmentFit`, the `Readings` that were fitted and that
+        the page shows. With a list, it is the log of every result without its own log, except of an `AlignmentFit`.
+    device : name of the device for the title; the default is the file name of the log.
 
     Raises
     ------
     DataError
-        If there are no results, a calibration was refused, or `log` is not what belongs to the results.
+        If there are no results, a calibration was refused, or `log` has the wrong type.
     ExportError
         If the file cannot be written.
 
@@ -63,7 +64,7 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | N
     ...     path.read_text()[:15]
     '<!DOCTYPE html>'
 
-    Two results of one device, each with the log that it comes from:
+    Two results of one device, each with its log:
 
     >>> from jaxcal.magnetometer import body_field, scenario
     >>> mag = jaxcal.Log(None, mag=body_field(scenario("all"), 50e-6), rate=50.0)
@@ -86,7 +87,7 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | N
 
 
 def _facts(log: Any, device: str | None, version: str) -> list[tuple[str, str]]:
-    """What stands at the top: device, file, dates, command and version, as far as they are known."""
+    """Facts for the top of the page: device, file, dates, command and version, if known."""
     origin = log.provenance if isinstance(log, Log) else {}
     known = {
         "Device": device or origin.get("device"), "File": origin.get("file"), "Recorded": recorded(log) if isinstance(log, Log) else None,
@@ -96,23 +97,23 @@ def _facts(log: Any, device: str | None, version: str) -> list[tuple[str, str]]:
 
 
 def document(results: Any, log: Any = None) -> dict[str, Any]:
-    """Results as a dictionary for JSON, in SI units and degC. What is infinite or not known is None.
+    """Convert results to a dictionary for JSON, in SI units and degC. Infinite and unknown values are None.
 
     Parameters
     ----------
     results : one result, as for `write`.
-    log : the recording, for its provenance, notes and warnings; the readings of a turntable add nothing.
+    log : the recording, for its provenance, notes and warnings; not used for a turntable.
 
     Returns
     -------
-    Dictionary with `schema`, `version`, and by the kind of results:
+    Dictionary with `schema`, `version`, and further keys by the kind of results:
 
-    - "jaxcal.noise/1": `rate` (Hz), `duration` (s), `provenance`, `notes`, `warnings` (of the log) and `channels`. Each channel holds for
-      every term `value`, `low`, `high`, `upper_limit`, `verdict`, `significance`, `longer_record` (s to reach 10 %), `decides` (s that
-      would decide whether it is there) and `unit`; then `method`, `confidence`, `band` (s), `left_out`, `goodness`, `warnings`, `notes`,
-      `markov` (strength, correlation time in s) and `sinusoid` (amplitude, Hz).
+    - "jaxcal.noise/1": `rate` (Hz), `duration` (s), `provenance`, `notes`, `warnings` (of the log) and `channels`. Each channel has for
+      every term `value`, `low`, `high`, `upper_limit`, `verdict`, `significance`, `longer_record` (s needed to know it to 10 %), `decides`
+      (s needed to decide whether the term is present) and `unit`; then `method`, `confidence`, `band` (s), `left_out`, `goodness`,
+      `warnings`, `notes`, `markov` (strength, correlation time in s) and `sinusoid` (amplitude, Hz).
     - "jaxcal.allan/1", "jaxcal.psd/1": `provenance`, `notes`, `warnings` and `channels`, each with the fields of its result.
-    - "jaxcal.temperature/1": `provenance`, `notes`, `warnings` and `channels`. Each channel holds `kind`, `degree`, `unit`, `minimum`,
+    - "jaxcal.temperature/1": `provenance`, `notes`, `warnings` and `channels`. Each channel has `kind`, `degree`, `unit`, `minimum`,
       `maximum`, `lag`, `play`, `rms`, `worst`, `worst_at`, `coefficients` (of the powers of T) with `coefficient_error`, `steps`,
       `candidates`, `curve` (temperature, bias, low, high at 101 temperatures), `warnings` and `notes`.
     - "jaxcal.imu/1": `verdict`, `reason`, `warnings`, `convention`, `method`, `gravity`, `rate`, `poses`, `turns`, `sensors` (each with
@@ -145,13 +146,13 @@ def document(results: Any, log: Any = None) -> dict[str, Any]:
 
 
 def _is(result: Any, home: str, name: str) -> bool:
-    """Whether it is of a class of the package; a class whose module was never read has no results."""
+    """Whether a result is of a class of jaxcal, without importing its module: without an import there can be no such result."""
     module = sys.modules.get(f"{_PACKAGE}.{home}")
     return module is not None and isinstance(result, getattr(module, name))
 
 
 def _kind(results: Any) -> Any:
-    """The module that knows this kind of result; what is none of them is refused as noise."""
+    """The module for this kind of result; the module for noise, which refuses unknown results, is the default."""
     many = isinstance(results, dict)
     first = next(iter(results.values()), None) if many else results
     kinds = _BY_CHANNEL if many else _KINDS
@@ -160,7 +161,7 @@ def _kind(results: Any) -> Any:
 
 
 def _content(results: Any, log: Any, version: str, device: str | None) -> tuple[str, str, Markup]:
-    """Title, line below it, and the sections of a page."""
+    """Title, subtitle and sections of a page."""
     if not (log is None or isinstance(log, Log) or _is(results, "alignment", "AlignmentFit")):
         raise DataError(f"log is {type(log).__name__}; give the Log that was read, or leave it out")
     what, lead, body = _kind(results).page(results, log, version)
@@ -172,7 +173,7 @@ def _content(results: Any, log: Any, version: str, device: str | None) -> tuple[
 
 
 def _pairs(results: Any, log: Any) -> list[tuple[Any, Any]]:
-    """Every result with its log: its own where it comes as a pair, else the common one."""
+    """Pair every result with its own log if it has one, else with the common log."""
     found = []
     for item in results:
         own = isinstance(item, (list, tuple)) and len(item) == 2
@@ -186,11 +187,11 @@ def _pairs(results: Any, log: Any) -> list[tuple[Any, Any]]:
 
 
 def _device(parts: list[tuple[Any, Any]], device: str | None, version: str) -> tuple[str, str, Markup]:
-    """Title, line below it, and the body of a page on several results: the verdicts in a table, then each result as a part."""
+    """Title, subtitle and body of a page on several results: a table of verdicts, then one part for each result."""
     articles, rows, told = [], [], set()
     for number, (results, log) in enumerate(parts, start=1):
         title, lead, body = _content(results, log, version, None)
-        if isinstance(log, Log) and id(log) in told:  # a recording is described once
+        if isinstance(log, Log) and id(log) in told:  # describe each recording only once
             body = Markup(body.replace(recording(log), ""))
         told.add(id(log))
         name = f"part-{number}"

@@ -1,4 +1,4 @@
-"""Power spectral density of a record."""
+"""Power spectral density of a record, and cross-spectra of its channels."""
 
 from ._cross import CrossSpectrum as CrossSpectrum, cross as cross
 from ._density import density as density

@@ -1,8 +1,8 @@
-"""Groups of neighbouring ordinates, which a spectrum averages so that its values are few and certain.
+"""Groups of neighbouring ordinates, whose averages make a spectrum of few and precise values.
 
-A grouping is a pair of arrays (start, count): index of the first ordinate of each group, from 0, and how many it holds. Ordinate
-0 is the first above zero frequency, which the tables number 1. The last group is kept though the ordinates do not fill it if
-`keep_tail`.
+A grouping is a pair of arrays (start, count): index of the first ordinate of each group, from 0, and number of ordinates. Ordinate
+0 is the first above zero frequency, which the tables number 1. With `keep_tail` the last group is kept even if the ordinates do not
+fill it.
 """
 
 import functools
@@ -21,7 +21,7 @@ _LOG_SINGLE, _PER_DECADE = 48, 40
 
 @functools.lru_cache(maxsize=64)
 def single_groups(ordinates: int, *, keep_tail: bool = False) -> Groups:
-    """Every ordinate by itself."""
+    """Groups of a single ordinate each."""
     return _cut(np.arange(ordinates + 1), ordinates, keep_tail)
 
 
@@ -37,7 +37,7 @@ def octave_groups(ordinates: int, *, keep_tail: bool = False) -> Groups:
 
 @functools.lru_cache(maxsize=64)
 def log_groups(ordinates: int, *, keep_tail: bool = False) -> Groups:
-    """Ordinates 1-48 single, then 40 groups to the decade."""
+    """Ordinates 1-48 single, then 40 groups per decade."""
     decades = np.log10(max(ordinates / _LOG_SINGLE, 1.0))
     beyond = _LOG_SINGLE * 10.0 ** (np.arange(int(np.ceil(decades * _PER_DECADE)) + 2) / _PER_DECADE)
     return _cut(np.append(np.arange(_LOG_SINGLE), np.round(beyond).astype(np.int64)), ordinates, keep_tail)
@@ -48,7 +48,7 @@ GROUPS = {None: single_groups, "octave": octave_groups, "log": log_groups}
 
 
 def _cut(edges: np.ndarray, ordinates: int, keep_tail: bool) -> Groups:
-    """The groups between `edges` that begin within the ordinates; the last, if cut short, with its true count or not at all."""
+    """The groups between `edges` that begin within the ordinates; an incomplete last group is kept with its true count, or dropped."""
     begun = np.count_nonzero(edges < ordinates)
     start, full = edges[:begun].astype(np.int64), np.diff(edges)[:begun]
     count = np.minimum(start + full, ordinates) - start
@@ -59,7 +59,7 @@ def _cut(edges: np.ndarray, ordinates: int, keep_tail: bool) -> Groups:
 
 
 def average(values: Any, groups: Groups) -> Any:
-    """Means over the groups along the last axis; ordinates behind the last group are left out."""
+    """Means over the groups along the last axis; ordinates after the last group are left out."""
     start, count = groups
     values = values[..., : start[-1] + count[-1]]
     if count.max() == 1:

@@ -1,4 +1,4 @@
-"""What a record and the options of a spectrum must be, and the sentences for those that are not."""
+"""Checks of a record and of the options of a spectrum, with clear error messages."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,11 +11,11 @@ from .._types import Any
 from ._average import GROUPS
 
 METHODS = ("periodogram", "welch", "dct")
-_FEWEST = 4  # samples
+_FEWEST = 4  # smallest number of samples
 
 
 def check_options(method: Any, sided: Any, average: Any, confidence: Any) -> None:
-    """Refuse an option that has no meaning."""
+    """Refuse an invalid option."""
     if method not in METHODS:
         raise DataError(f"unknown method {method!r}; expected one of {', '.join(METHODS)}")
     if sided not in (1, 2):
@@ -26,7 +26,7 @@ def check_options(method: Any, sided: Any, average: Any, confidence: Any) -> Non
 
 
 def checked_record(y: Any, rate: float) -> Any:
-    """Samples (n,) or (n, channels) without gaps; a traced record is looked at when it runs."""
+    """Samples (n,) or (n, channels) without gaps; a traced record is checked when it runs."""
     y = quality.checked_record(y)
     if y.shape[0] < _FEWEST:
         raise DataError(f"a spectrum needs at least {_FEWEST} samples; got {y.shape[0]}")
@@ -47,7 +47,7 @@ def checked_record(y: Any, rate: float) -> Any:
 
 
 def checked_segment(segment: Any, overlap: Any, method: str, samples: int) -> tuple[int, int]:
-    """Length of Welch's segments, and the distance of one from the next, in samples."""
+    """Length of Welch's segments, and the distance between their starts, in samples."""
     if method != "welch":
         if segment is not None:
             raise DataError(f'segment belongs to method="welch"; {method} takes the record as a whole')
@@ -78,6 +78,6 @@ def _refuse_gaps(columns: np.ndarray, column: np.ndarray, name: str, rate: float
 
 
 def _seconds(index: int, rate: float) -> str:
-    """The time of a sample, with as many digits as name it exactly."""
+    """The time of a sample, with just enough digits to identify it."""
     texts = (f"{index / rate:.{digits}g}" for digits in range(4, 18))
     return next((text for text in texts if abs(float(text) * rate - index) < 1e-7), repr(index / rate))

@@ -1,4 +1,4 @@
-"""`cross`: what channels have in common, frequency by frequency."""
+"""`cross`: how much power channels share at each frequency."""
 
 from itertools import combinations
 from typing import Any
@@ -21,14 +21,14 @@ class CrossSpectrum(Unjudged):
 
     Attributes
     ----------
-    frequency : (values,) Hz, the mean over the ordinates averaged.
+    frequency : (values,) Hz, mean over the averaged ordinates.
     density : (values, channels, channels) complex, two-sided, in the products of the channels' units per Hz. The diagonal is the
-        spectrum of each channel; the phase of an entry [i, j] is that of channel i against channel j.
-    coherence : (values, channels, channels) squared modulus of the density over both spectra, 0 to 1; 1 where one ordinate stands alone.
-    level : (values,) coherence that independent channels exceed with the probability 1 - confidence; NaN where one ordinate stands alone.
+        spectrum of each channel; the phase of an entry [i, j] is the phase of channel i relative to channel j.
+    coherence : (values, channels, channels) squared modulus of the density over both spectra, 0 to 1; 1 for a single ordinate.
+    level : (values,) coherence that independent channels exceed with the probability 1 - confidence; NaN for a single ordinate.
     count : (values,) number of ordinates averaged.
     rate : sampling rate in Hz.
-    confidence : what `level` belongs to.
+    confidence : confidence of `level`.
     warnings : sentences.
 
     Examples
@@ -64,21 +64,21 @@ class CrossSpectrum(Unjudged):
 def cross(y: Any, rate: Any, *, average: Any = "octave", confidence: float = 0.95) -> CrossSpectrum:
     r"""Cross-spectral density and coherence of the channels of a record.
 
-    With the transforms X of both channels, over the n ordinates of each group of neighbouring frequencies,
+    With the transforms X of both channels, averaged over the n ordinates of each group of neighbouring frequencies,
 
     .. math:: S_{ij} = \frac{dt}{N} \langle X_i X_j^* \rangle,\qquad
         \gamma^2_{ij} = \frac{|S_{ij}|^2}{S_{ii} S_{jj}},\qquad
         P(\gamma^2 > g) = (1 - g)^{n-1}
 
-    for independent channels. Neighbouring ordinates are averaged, so a delay between the channels of more than a group's inverse width
-    lowers the coherence.
+    for independent channels. Because neighbouring ordinates are averaged, a delay between the channels that exceeds the inverse width of
+    a group lowers the coherence.
 
     Parameters
     ----------
-    y : (n, channels) samples without gaps, two channels or more.
+    y : (n, channels) samples without gaps, with at least two channels.
     rate : sampling rate in Hz.
     average : groups of neighbouring ordinates, "octave" (default) or "log", as in `density`.
-    confidence : what the level of chance belongs to.
+    confidence : confidence of `level`.
 
     Returns
     -------
@@ -87,7 +87,7 @@ def cross(y: Any, rate: Any, *, average: Any = "octave", confidence: float = 0.9
     Raises
     ------
     DataError
-        If there is one channel only, the record has gaps, or an option is unknown.
+        If there is only one channel, the record has gaps, or an option is unknown.
 
     Examples
     --------
@@ -102,7 +102,7 @@ def cross(y: Any, rate: Any, *, average: Any = "octave", confidence: float = 0.9
 
     References
     ----------
-    J. S. Bendat and A. G. Piersol, Random Data, Wiley, 2010, section 9.2; level of chance: N. R. Goodman, 1957.
+    J. S. Bendat and A. G. Piersol, Random Data, Wiley, 2010, section 9.2; level for independent channels: N. R. Goodman, 1957.
     """
     check_options("periodogram", 2, average, confidence)
     if average is None:

@@ -1,4 +1,4 @@
-"""`density`: the host driver of the spectra."""
+"""`density`: compute spectra, on the host or in a trace."""
 
 import functools
 from collections.abc import Callable
@@ -34,30 +34,30 @@ def density(
 
     .. math:: S_j = \frac{dt}{n} |X_j|^2,\qquad 0 < f_j \le \frac{1}{2\,dt},
 
-    and the one-sided twice that, but for the ordinate at half the sampling rate, which an even n has: that one stands for itself. The
-    one-sided ordinates times 1/(n dt) add up to the mean square of the record less its mean. Frequency zero is left out.
+    The one-sided periodogram is twice that, except for the ordinate at half the sampling rate, which exists for even n and is not doubled.
+    The one-sided ordinates times 1/(n dt) add up to the mean square of the record without its mean. Frequency zero is left out.
 
-    The periodogram takes the record as it is. Where noise grows towards low frequencies or the record drifts, its power leaks
-    into other frequencies; a random walk comes out about twice too high. Welch's method averages half-overlapping segments
-    under a Hann window: less leakage, no frequency below that of a segment. The DCT-II spectrum,
+    The periodogram uses the record as it is. If noise grows towards low frequencies or the record drifts, power leaks into other
+    frequencies; a random walk comes out about twice too high. Welch's method averages overlapping segments under a Hann window: this
+    reduces leakage, but gives no frequency below that of a segment. The DCT-II spectrum,
 
     .. math:: P_k = dt\, c_k^2,\qquad f_k = \frac{k}{2\,n\,dt},\quad k = 1 \ldots n-1,
 
-    with c the orthonormal DCT-II, has neither window nor leakage, and independent ordinates to within 5 %, each with one degree
-    of freedom instead of two; a random walk has the expectation :math:`K^2 dt^2 / (2\sin(\pi k/2n))^2` exactly.
+    with c the orthonormal DCT-II, needs no window and has no leakage. Its ordinates are independent to within 5 %, each with one degree
+    of freedom instead of two; a random walk has exactly the expectation :math:`K^2 dt^2 / (2\sin(\pi k/2n))^2`.
 
     Parameters
     ----------
     y : (n,) or (n, channels) samples in any unit (rad/s, m/s^2), without gaps.
     rate : sampling rate in Hz.
     method : "periodogram" (default), "welch" or "dct".
-    sided : 2 (default), the convention of every noise coefficient here, or 1, that of data sheets, which is twice as high.
+    sided : 2 (default), the convention of all noise coefficients in jaxcal, or 1, the convention of data sheets, which is twice as high.
     average : mean over neighbouring ordinates, in frequency and density. "octave" (default): ordinates 1 to 32 single, then 16
-        values to the octave (192 from 32,768 ordinates). "log": the first 48 single, then 40 values to the decade. None: none.
-    confidence : level of the intervals, 0.95 by default. They hold for noise whose density is flat within a value's ordinates.
-    segment : length of Welch's segments in samples; by default the power of two at or below an eighth of the record.
-    overlap : part of a Welch segment that the next one shares with it.
-    keep_tail : average the last ordinates too where they do not fill their group; by default they are left out.
+        values per octave (192 from 32,768 ordinates). "log": the first 48 single, then 40 values per decade. None: no average.
+    confidence : level of the intervals, 0.95 by default. They hold for noise whose density is flat within the ordinates of a value.
+    segment : length of Welch's segments in samples; by default the largest power of two up to an eighth of the record.
+    overlap : share of a Welch segment that the next one contains too.
+    keep_tail : also average the last ordinates if they do not fill their group; by default they are left out.
 
     Returns
     -------
@@ -67,7 +67,7 @@ def density(
     Raises
     ------
     DataError
-        If y is constant, too short, or not finite throughout (the message names the longest stretch without gaps), or an option
+        If y is constant, too short, or not finite everywhere (the message names the longest stretch without gaps), or an option
         is unknown.
 
     Examples
@@ -104,7 +104,7 @@ def spectrum_of(
     found: Any, rate: float, method: str, sided: int, average: Any, confidence: float, keep_tail: bool, cut: tuple[int, int, int],
     flat: bool, like: Callable[[np.ndarray], Any] = np.asarray,
 ) -> Spectrum:  # fmt: skip
-    """Ordinates (channels, ordinates) of `cut` (length, distance and number of segments) averaged, with their intervals."""
+    """Average the ordinates (channels, ordinates), with their intervals; `cut` is length, distance and number of the segments."""
     length, step, segments = cut
     ordinates, bins = (length - 1, 2 * length) if method == "dct" else (length // 2, length)
     groups = GROUPS[average](ordinates, keep_tail=keep_tail)
@@ -129,7 +129,7 @@ def spectrum_of(
 
 
 def _centred(y: Any) -> tuple[Any, Callable[[np.ndarray], Any]]:
-    """The record less its mean as (channels, n), and what makes an array of the same kind."""
+    """The record without its mean as (channels, n), and a function that makes an array of the same kind."""
     columns = y.T if y.ndim == 2 else y[None, :]
     if isinstance(y, np.ndarray):
         return np.subtract(columns, columns.mean(axis=1, keepdims=True), order="C"), np.asarray
@@ -137,7 +137,7 @@ def _centred(y: Any) -> tuple[Any, Callable[[np.ndarray], Any]]:
 
 
 def _left_out(ordinates: int, groups: Groups, spacing: float) -> tuple[str, ...]:
-    """The sentence on ordinates that do not fill a group."""
+    """A sentence on ordinates that do not fill a group."""
     first = int(groups[0][-1] + groups[1][-1])
     if first == ordinates:
         return ()

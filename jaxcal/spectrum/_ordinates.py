@@ -1,18 +1,17 @@
-r"""Ordinates of a record, estimates of its two-sided density at equally spaced frequencies above zero, and the degrees of freedom of
-means over them.
+r"""Ordinates of a record, and degrees of freedom of means over them.
 
-The functions take centred samples (channels, n), NumPy on the host or traced, and give (channels, ordinates). Ordinate k of the
-periodogram and of Welch's method stands at k/(n dt), k = 1 .. n/2 (n the length of a segment for Welch), that of the DCT-II at
-k/(2 n dt), k = 1 .. n-1.
+Ordinates estimate the two-sided density at equally spaced frequencies above zero. The functions take centred samples (channels, n),
+NumPy on the host or traced, and return (channels, ordinates). Ordinate k of the periodogram and of Welch's method belongs to k/(n dt),
+k = 1 .. n/2 (n is the length of a segment for Welch), that of the DCT-II to k/(2 n dt), k = 1 .. n-1.
 
 For white noise the ordinates k and l of a real record have, relative to the squared density, the covariance v(k-l) + v(k+l),
 
 .. math:: v(q) = \frac{1}{K^2} \sum_{|d|<K} (K - |d|)\,\Big|\frac{\sum_t w_t w_{t+dD}\, e^{-2\pi i q t/L}}{\sum_t w_t^2}\Big|^2
 
 with K segments of length L at a distance D under the window w; the periodogram is one segment under a window of ones, v(0) = 1.
-The mean of ordinates of relative size a_k then has 2 (sum a)^2 / sum a_k a_l [v(k-l) + v(k+l)] degrees of freedom. v(k+l) counts
-near zero frequency and near half the sampling rate, where an ordinate is real. For a density that changes across a group the
-number holds as far as the density is flat within it.
+The mean of ordinates of relative size a_k then has 2 (sum a)^2 / sum a_k a_l [v(k-l) + v(k+l)] degrees of freedom. v(k+l) matters
+near zero frequency and near half the sampling rate, where an ordinate is real. If the density changes across a group, the number holds
+as far as the density is flat within it.
 
 P. D. Welch, IEEE Trans. Audio Electroacoust. 15, 1967, 70-73; his edf is the case of a single ordinate.
 """
@@ -27,8 +26,8 @@ import scipy  # loads its parts when they are first used
 from .._types import Any, Float
 from ._average import Groups
 
-_REACH = 16  # ordinates; what windows correlate over more is below 1e-6
-_PARALLEL_FROM = 50_000  # samples; below, starting threads costs more than they bring
+_REACH = 16  # number of ordinates; over more, windows correlate by less than 1e-6
+_PARALLEL_FROM = 50_000  # number of samples above which threads save more time than they cost
 
 
 def periodogram(x: Any, dt: float) -> Any:
@@ -47,16 +46,16 @@ def dct(x: Any, dt: float) -> Any:
 
 
 def welch(x: Any, dt: float, segment: int, step: int) -> Any:
-    """Mean over segments, each less its mean and under a Hann window, of |X_k|^2 in units of its expectation for white noise.
+    """Mean over segments of |X_k|^2, in units of its expectation for white noise; segments have no mean and a Hann window.
 
-    That expectation is the sum of the squared window, but for the first ordinate, of which the segment's mean takes a sixth.
+    The expectation is the sum of the squared window, except for the first ordinate, which loses a sixth with the segment's mean.
     """
     window = hann(segment)
     transform = np.abs(np.asarray(scipy.fft.rfft(window)))[1:]
     expected = np.sum(window**2) - transform**2 / segment
     if isinstance(x, np.ndarray):
         segments = np.lib.stride_tricks.sliding_window_view(x, segment, axis=-1)[:, ::step]
-        # channel by channel: the segments hold the record twice
+        # go channel by channel, because the segments take twice the memory of the record
         power = [_squares((part - part.mean(axis=-1, keepdims=True)) * window).mean(axis=0)[1:] for part in segments]
         return np.stack(power) * (dt / expected)
     index = np.arange(0, x.shape[-1] - segment + 1, step)[:, None] + np.arange(segment)
@@ -81,7 +80,7 @@ def _workers(x: np.ndarray) -> int:
 
 
 def welch_correlation(segments: int, segment: int, step: int) -> Float[np.ndarray, " reach"]:
-    """v(q), q = 0 .. 16, of `segments` segments at a distance of `step` samples under a Hann window."""
+    """v(q), q = 0 .. 16, for `segments` segments with a distance of `step` samples under a Hann window."""
     window = hann(segment)
     total = np.zeros(segment // 2 + 1)
     for d in range(min(segments, -(-segment // step))):
@@ -92,7 +91,7 @@ def welch_correlation(segments: int, segment: int, step: int) -> Float[np.ndarra
 
 
 def first_of_welch(segments: int, segment: int, step: int) -> float:
-    """Degrees of freedom of ordinate 1, the one that shares the window with the mean taken off each segment."""
+    """Degrees of freedom of ordinate 1, which is affected by the mean that is subtracted from each segment."""
     window, t = hann(segment), np.arange(segment)
     filtered = window * np.exp(-2j * np.pi * t / segment)
     filtered -= filtered.mean()
@@ -105,7 +104,7 @@ def first_of_welch(segments: int, segment: int, step: int) -> float:
 
 
 def degrees_of_freedom(v: Float[np.ndarray, " reach"], groups: Groups, size: Float[np.ndarray, " ordinates"], length: int) -> np.ndarray:
-    """Degrees of freedom of the mean over each group, of ordinates of relative expected `size`; bin `length` is bin 0 again."""
+    """Degrees of freedom of the mean over each group, for ordinates of relative expected `size`; bin `length` equals bin 0."""
     start, count = groups
     size = size[: start[-1] + count[-1]]
     group = np.repeat(np.arange(len(start)), count)

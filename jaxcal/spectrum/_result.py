@@ -11,21 +11,21 @@ from .._types import AnyArray
 class Spectrum(Unjudged):
     """A power spectral density at frequencies above zero, with chi-square intervals.
 
-    Every array has the frequencies first; a second axis is there where the record had channels.
+    The first axis of every array is the frequency; arrays of a record with channels have a second axis.
 
     Attributes
     ----------
-    frequency : (values,) Hz, the mean over the ordinates averaged.
-    density : (values,) or (values, channels), the unit of the record squared per Hz; two-sided, or one-sided where `sided` is 1.
+    frequency : (values,) Hz, mean over the averaged ordinates.
+    density : (values,) or (values, channels), in the squared unit of the record per Hz; two-sided, or one-sided if `sided` is 1.
     lower, upper : limits of the interval at level `confidence`, same shape and unit as `density`.
     count : (values,) number of ordinates averaged; for Welch's method over neighbours and segments.
     edf : (values,) equivalent degrees of freedom of each value.
     method : "periodogram", "welch" or "dct".
-    sided : 2 where the density is spread over positive and negative frequencies, 1 where all of it stands at the positive ones.
+    sided : 2 if the power is spread over positive and negative frequencies, 1 if all of it is assigned to positive ones.
     average : how neighbouring ordinates were averaged: "octave", "log" or None.
     rate : sampling rate in Hz.
     confidence : level of the interval.
-    warnings : sentences, where a part of the record or of the frequencies had to be left out.
+    warnings : sentences on parts of the record or of the frequencies that were left out.
 
     Examples
     --------
@@ -59,5 +59,5 @@ class Spectrum(Unjudged):
         return rows_of(self, "density", lambda i: f"density at {float(self.frequency[i]):.4g} Hz", "unit^2/Hz")
 
     def channel(self, index: int) -> "Spectrum":
-        """The same result for one channel of a record with several."""
+        """The same result for one of several channels."""
         return channel_of(self, "density", index)

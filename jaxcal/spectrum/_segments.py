@@ -1,4 +1,4 @@
-"""`Segments`: Welch's spectrum of a record that comes chunk by chunk, or in parts on several workers."""
+"""`Segments`: Welch's spectrum of a record that arrives chunk by chunk, or in parts on several workers."""
 
 from typing import Any
 
@@ -15,23 +15,23 @@ from ._density import spectrum_of
 from ._ordinates import welch
 from ._result import Spectrum
 
-_TOGETHER = 1 << 20  # samples that are transformed at a time
+_TOGETHER = 1 << 20  # number of samples that are transformed at a time
 
 
 class Segments(eqx.Module):
-    r"""Sums of Welch's periodograms: chunks in, of any lengths; neighbouring parts merged; memory that does not grow.
+    r"""Sums of Welch's periodograms: accepts chunks of any length, merges with its neighbour, and needs constant memory.
 
     Segments begin at multiples of their distance in the whole record. A part keeps less than a segment of samples at each end, from
-    which merging makes the segments across the border: the result is that of `density(y, rate, method="welch", segment=...)` to
-    rounding, however the record was cut. It is frozen: `update` and `merge` return a new one.
+    which merging forms the segments across the border. However the record was cut, the result equals, to rounding,
+    `density(y, rate, method="welch", segment=...)`. It is frozen: `update` and `merge` return a new one.
 
     Parameters
     ----------
     rate : sampling rate in Hz.
     segment : length of the segments in samples.
-    overlap : part of a segment that the next one shares with it.
+    overlap : share of a segment that the next one contains too.
     channels : number of channels; with 1 (default) the chunks are (n,) or (n, 1), and the result is (values,).
-    start : position of the first sample in the record. Only needed for a part that is merged to another and does not start at a
+    start : position of the first sample in the record. It is needed only for a part to be merged, if the part does not start at a
         multiple of the distance between segments.
 
     Raises
@@ -76,7 +76,7 @@ class Segments(eqx.Module):
         self._head = self._tail = np.zeros((0, self.channels))
 
     def update(self, chunk: Any) -> "Segments":
-        """With the next samples of the record.
+        """A new `Segments` with the next samples of the record added.
 
         Parameters
         ----------
@@ -85,7 +85,7 @@ class Segments(eqx.Module):
         Raises
         ------
         DataError
-            If the chunk has another number of channels, is empty, or is not finite throughout.
+            If the chunk has another number of channels, is empty, or contains values that are not finite.
         """
         if is_traced(chunk):
             raise DataError("Segments take data at hand, not traced values; use jaxcal.spectrum.density inside jit or grad")
@@ -104,12 +104,12 @@ class Segments(eqx.Module):
         return replaced(self, samples=self.samples + len(x), count=self.count + count, _sums=self._sums + sums, _head=head, _tail=tail)
 
     def merge(self, other: "Segments") -> "Segments":
-        """For the record of this one followed, without a sample between, by that of another.
+        """A new `Segments` for this part of the record and the part in `other`, which must follow it without a missing sample.
 
         Raises
         ------
         DataError
-            If the parts differ in their options, or do not follow one another.
+            If the parts differ in their options, or are not neighbours.
         """
         if not isinstance(other, Segments):
             raise DataError(f"only Segments can be merged; got {type(other).__name__}")
@@ -127,9 +127,9 @@ class Segments(eqx.Module):
                 f"make it with Segments(..., start={border})"
             )
         bridge = np.concatenate([self._tail, other._head[max(self._next - border, 0) :]])
-        across = max(-(-(border - self._next) // self.step), 0)  # segments that begin in the first part
+        across = max(-(-(border - self._next) // self.step), 0)  # number of segments that begin in the first part
         sums, count = self._transformed(bridge, across)
-        # a short second part may end before all of them
+        # a short second part may end before all of these
         tail = other._tail if count == across else bridge[count * self.step :].copy()
         head = np.concatenate([self._head, other._head[: self.segment - 1 - len(self._head)]])
         count, total = self.count + count + other.count, self._sums + sums + other._sums
@@ -158,13 +158,13 @@ class Segments(eqx.Module):
 
     @property
     def _next(self) -> int:
-        """Where the first segment begins that is not complete."""
+        """Start of the first segment that is not complete."""
         ends = self._origin + self.samples
         first = -(-self._origin // self.step) * self.step
         return first if ends < first + self.segment else first + ((ends - first - self.segment) // self.step + 1) * self.step
 
     def _transformed(self, x: np.ndarray, most: int | None) -> tuple[np.ndarray, int]:
-        """Sums over the complete segments of x, which begins with one, and how many there are; of `most` at most."""
+        """Sums over the complete segments of x, which begins with a segment, and their number, limited to `most`."""
         count = max((len(x) - self.segment) // self.step + 1, 0)
         count = count if most is None else min(count, most)
         total, block = np.zeros_like(self._sums), max(_TOGETHER // self.segment, 1)

@@ -1,4 +1,4 @@
-"""The curve that the data ask for: its structure, its coefficients, and how well they are known."""
+"""The automatic model: choice of its structure, its coefficients, and their uncertainty."""
 
 import dataclasses
 from typing import Any, NamedTuple
@@ -15,16 +15,16 @@ from ._restricted import Averaged, bands
 from ._result import Candidate, Step
 from ._structure import Found, settled, structures, with_jumps
 
-_MANY = 2**15  # samples of all records, above which they are averaged
-_FEWEST = 16  # samples of a record
-_FILLED, _SHARE = 10, 0.01  # samples, or part of a record, over which a gap is filled by a line
-_NOTHING = 1e-12  # part of the range of a curve below which its last coefficients are left out
-_CLOSE = 12.0  # -2 log likelihood between lag and play below which they are not told apart
-_CHUNK = 2**24  # numbers held at once
+_MANY = 2**15  # largest number of samples of all records together; more samples are averaged
+_FEWEST = 16  # least number of samples of a record
+_FILLED, _SHARE = 10, 0.01  # longest gap that is interpolated, in samples and as a share of the record
+_NOTHING = 1e-12  # trailing coefficients below this share of the largest are dropped
+_CLOSE = 12.0  # least difference in -2 log likelihood to distinguish lag from play
+_CHUNK = 2**24  # largest number of array elements in memory at once
 
 
 def design_of(records: list[Record], devices: list[int], *, smooth: bool) -> Design:
-    """Records on one grid of time. Short gaps are filled by lines, longer ones begin a new record with a level of its own."""
+    """Put records on a common time grid. Short gaps are interpolated; after a long gap a new record with its own level begins."""
     steps = [float(np.median(np.diff(one.time))) for one in records if one.time is not None]
     dt = min(steps) if steps else 1.0
     dt *= max(-(-sum(len(one.t) for one in records) // _MANY), 1)
@@ -44,7 +44,7 @@ def design_of(records: list[Record], devices: list[int], *, smooth: bool) -> Des
 
 
 class Chosen(NamedTuple):
-    """The structure that was found, what else was tried, and whether lag and play could not be told apart."""
+    """The chosen structure, all structures that were compared, and whether lag and play could not be distinguished."""
 
     found: Found
     tried: tuple[Candidate, ...]
@@ -52,7 +52,7 @@ class Chosen(NamedTuple):
 
 
 def choose(design: Design, given: Form, searched: tuple[str, ...], thermometer: float) -> Chosen:
-    """The structure of the lowest price-laden likelihood; a hysteresis within the noise of the thermometer is none."""
+    """Choose the structure with the lowest penalised score; a hysteresis smaller than the thermometer's noise is rejected."""
     if not searched:
         return Chosen(with_jumps(design, settled(design, given)), (), False)
     tried = structures(design, given, searched)
@@ -71,10 +71,10 @@ def _moved(design: Design, form: Form, given: Form) -> float:
 
 
 class Curve(NamedTuple):
-    """A device's model with its uncertainty, over the temperatures `grid`.
+    """A device's model with its uncertainty at the temperatures `grid`.
 
-    error : standard error of the curve. next_error : standard deviation of what the mean reading over a bin of 0.1 degC departs from the
-        curve by in the next cycle. level : that of the level between cycles, and its degrees of freedom, where several were recorded.
+    error : standard error of the curve. next_error : standard deviation of the mean reading over a bin of 0.1 degC about the curve in the
+        next cycle. level : standard deviation of the level of the next cycle and its degrees of freedom, for several recorded cycles.
     """
 
     model: ThermalModel
@@ -90,7 +90,7 @@ class Curve(NamedTuple):
 
 
 def curves(design: Design, found: Found, thermometer: float, confidence: float) -> list[Curve]:
-    """The curve of every device, averaged over the hyperparameters."""
+    """Compute the curve of every device, averaged over the hyperparameters."""
     form = found.form
     slopes = design.slopes(form, design.restricted(form).solved(found.phi).beta)
     restricted = design.restricted(form, slopes=slopes)
@@ -99,7 +99,7 @@ def curves(design: Design, found: Found, thermometer: float, confidence: float) 
     count = len(form.vector)
     linear = beta[: len(beta) - count]
     form = form.at(_inside(design, form, beta[len(beta) - count :]))
-    # thermometer: its white noise moves a reading by as much as the curve is steep
+    # add the effect of the thermometer's white noise, which is proportional to the slope of the curve
     at = restricted.solved(found.phi)
     whole = np.concatenate([design.columns(found.form), slopes], axis=1) / at.density[design.bands.index, None]
     gain = design.bands.restore(whole @ at.covariance)
@@ -110,14 +110,14 @@ def curves(design: Design, found: Found, thermometer: float, confidence: float) 
 
 
 def _inside(design: Design, form: Form, step: AnyArray) -> AnyArray:
-    """Numbers of the form moved by what the averages say, no further than a linear model holds."""
+    """Nonlinear parameters after the averaged step, limited to the range where the linear model is valid."""
     first = len(form.free)
     reach = np.concatenate([0.1 * form.vector[:first], *([0.3 * np.exp(jump.log_width), 0.2] for jump in form.jumps)])
     return form.vector + np.clip(step, -reach, reach)
 
 
 def _steepness(design: Design, form: Form, linear: AnyArray) -> AnyArray:
-    """db/dT of every sample."""
+    """Slope db/dT at every sample."""
     t, step, size = design.filtered(form.lag, form.play), 1e-3, len(design.order)
     total = np.zeros(len(t))
     for sign in (1, -1):
@@ -137,7 +137,7 @@ def _curve(design: Design, form: Form, averaged: Averaged, k: int, chances: tupl
     further = design.further(form)
     change = design.chebyshev(t, design.device) @ linear[:size] + further @ linear[size:]
     rest = design.b - change
-    # every record has a level of its own
+    # each record has its own level: shift all records to the mean level
     records = np.unique(design.record[own])
     levels = np.array([np.mean(rest[design.record == r]) for r in records])
     b = np.where(own, design.b, np.nan)
@@ -178,7 +178,7 @@ def _curve(design: Design, form: Form, averaged: Averaged, k: int, chances: tupl
 
 
 def _rows(design: Design, form: Form, linear: AnyArray, t: AnyArray, k: int) -> AnyArray:
-    """Derivative of the curve of a device at temperatures by every coefficient and every number of the form."""
+    """Derivative of a device's curve at the given temperatures by all coefficients and nonlinear parameters."""
     device = np.full(len(t), k)
     heights = linear[len(linear) - len(form.jumps) :]
     columns = [np.zeros(len(t))] * form.rate + [design.jump(jump, t, device) for jump in form.jumps] + [np.zeros(len(t))] * len(form.free)
@@ -189,10 +189,10 @@ def _rows(design: Design, form: Form, linear: AnyArray, t: AnyArray, k: int) -> 
 
 
 def next_variance(place: AnyArray, record: AnyArray, dt: float) -> AnyArray:
-    """(3, bins) variance per N^2, B^2 and K^2 of the mean of the noise over each bin in the next cycle, about its mean over this one.
+    """(3, bins) variance per N^2, B^2, K^2 of the mean noise in each bin of the next cycle, relative to the mean noise of this cycle.
 
-    After a single record the next cycle is the same one run again without a pause. Where several were recorded, it is about its own mean:
-    the level has its own spread.
+    After a single record, the next cycle is a repetition without a pause. With several records, the variance is relative to the mean of
+    the next cycle itself, because the scatter of the level is treated separately.
     """
     several = record[-1] != record[0]
     last = place[record == record[-1]] if several else place
@@ -206,11 +206,11 @@ def next_variance(place: AnyArray, record: AnyArray, dt: float) -> AnyArray:
         gain[after:] = (last[:, None] == part) / np.maximum(share[part], 1)
         gain[:n] -= 1 / n
         variance[:, part] = held.columns.T[:, held.index] @ held.transform(gain) ** 2
-    # a bin that the last record does not reach is as uncertain as the worst of those that it does
+    # for bins that the last record does not reach, use the largest variance of the others
     return np.where(share > 0, variance, variance[:, share > 0].max(axis=1, keepdims=True))
 
 
 def _shortened(coefficients: AnyArray) -> AnyArray:
-    """Without last coefficients that are nothing."""
+    """Drop trailing coefficients that are negligible."""
     tail = np.cumsum(np.abs(coefficients[::-1]))[::-1]
     return coefficients[: max(int(np.sum(tail > _NOTHING * max(np.abs(coefficients[1:]).max(), 1e-300))), 2)]

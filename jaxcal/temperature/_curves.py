@@ -1,4 +1,4 @@
-"""Curves of bias against temperature: Chebyshev series, series with logistic steps, piecewise cubic."""
+"""Curves of bias as a function of temperature: Chebyshev series, series with logistic steps, piecewise cubic."""
 
 import abc
 from types import ModuleType
@@ -10,18 +10,18 @@ import numpy as np
 from .._precision import array_module
 from .._types import AnyArray
 
-#: the exponent of a step is clipped here, where the logistic function is 0 or 1 to the last digit
+#: limit of the exponent of a step; beyond it the logistic function is 0 or 1 to the last digit
 _FLAT = 50.0
 
 
 def common(xp: ModuleType, *values: Any) -> list[Any]:
-    """Arrays of the widest floating type among them."""
+    """Convert values to arrays of their widest floating-point type, at least float32."""
     kind = np.result_type(*(value.dtype if hasattr(value, "dtype") else np.dtype(float) for value in values), np.float32)
     return [xp.asarray(value, dtype=kind) for value in values]
 
 
 class AbstractCurve(eqx.Module):
-    """A bias as a function of the temperature alone.
+    """A bias as a function of the temperature; subclass it and implement `value` for your own curve.
 
     Examples
     --------
@@ -37,7 +37,7 @@ class AbstractCurve(eqx.Module):
 
     @abc.abstractmethod
     def value(self, t: Any) -> AnyArray:
-        """Bias at the temperatures `t` (n,) or (), degC."""
+        """Compute the bias at the temperatures `t` (n,) or (), degC."""
 
 
 class Chebyshev(AbstractCurve):
@@ -64,7 +64,7 @@ class Chebyshev(AbstractCurve):
     high: Any
 
     def value(self, t: Any) -> AnyArray:
-        """By Clenshaw's recurrence, W. Clenshaw, Math. Comp. 9 (1955) 118."""
+        """Compute the bias by Clenshaw's recurrence, C. W. Clenshaw, Math. Comp. 9 (1955) 118."""
         xp = array_module(self, t)
         t, q, low, high = common(xp, t, self.coefficients, self.low, self.high)
         u = 2 * (t - low) / (high - low) - 1
@@ -99,7 +99,7 @@ class Steps(AbstractCurve):
     width: Any
 
     def value(self, t: Any) -> AnyArray:
-        """The series and every step."""
+        """Compute the sum of the series and all steps."""
         xp = array_module(self, t)
         t, height, centre, width = common(xp, t, self.height, self.centre, self.width)
         total = self.base.value(t)
@@ -116,7 +116,7 @@ class Piecewise(AbstractCurve):
     Attributes
     ----------
     nodes : (pieces + 1,) t, degC, increasing.
-    coefficients : (pieces, powers) c, lowest power first. Beyond the nodes the first and the last value hold.
+    coefficients : (pieces, powers) c, lowest power first. Outside the nodes the curve keeps its first or last value.
 
     Examples
     --------
@@ -131,7 +131,7 @@ class Piecewise(AbstractCurve):
     coefficients: Any
 
     def value(self, t: Any) -> AnyArray:
-        """By Horner's rule in the piece of each temperature."""
+        """Compute the bias by Horner's rule in the piece of each temperature."""
         xp = array_module(self, t)
         t, nodes, c = common(xp, t, self.nodes, self.coefficients)
         t = xp.clip(t, nodes[0], nodes[-1])

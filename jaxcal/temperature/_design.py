@@ -1,4 +1,4 @@
-"""The columns of a thermal curve over one or several records, for a given structure, and how they change with it."""
+"""Design matrix of a thermal curve over one or several records for a given structure, and its derivatives."""
 
 import dataclasses
 from typing import Any, NamedTuple
@@ -11,11 +11,11 @@ from .._types import AnyArray
 from ._hysteresis import felt, lagged, rate_of
 from ._restricted import Bands, Restricted, bands
 
-DEGREE, DEGREE_OF_MANY = 40, 20  # of the Chebyshev series; lower where several devices each have one
-_STEP = {"lag": 0.5, "play": 0.01, "slow": 0.5}  # s, degC, s: of central differences
+DEGREE, DEGREE_OF_MANY = 40, 20  # degree of the Chebyshev series: for one device, and for each of several devices
+_STEP = {"lag": 0.5, "play": 0.01, "slow": 0.5}  # s, degC, s: steps of central differences
 
 _FLAT = 50.0
-_LOCAL, _LOCAL_RATE = 31.0, 121.0  # s over which a thermometer is smoothed, and its rate of change
+_LOCAL, _LOCAL_RATE = 31.0, 121.0  # s: window for smoothing a thermometer, and its rate of change
 
 
 class Jump(NamedTuple):
@@ -28,7 +28,7 @@ class Jump(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Form:
-    """What a curve consists of beside the series: lag, play, a term in dT/dt behind a lag of its own, jumps. `free` are fitted."""
+    """Structure of a curve in addition to its series: lag, play, a term in dT/dt with its own lag, jumps. `free` names what is fitted."""
 
     lag: float = 0.0
     play: float = 0.0
@@ -39,11 +39,11 @@ class Form:
 
     @property
     def vector(self) -> AnyArray:
-        """The numbers that enter not linearly: those that are free, then centre and log width of every jump."""
+        """The nonlinear parameters: those in `free`, then centre and log width of every jump."""
         return np.array([*(getattr(self, name) for name in self.free), *(x for jump in self.jumps for x in jump[1:])], dtype=float)
 
     def at(self, vector: AnyArray) -> "Form":
-        """The same form with other numbers."""
+        """The same form with new nonlinear parameters."""
         first = len(self.free)
         pairs = np.asarray(vector[first:], dtype=float).reshape(-1, 2)
         jumps = tuple(jump._replace(centre=float(c), log_width=float(w)) for jump, (c, w) in zip(self.jumps, pairs, strict=True))
@@ -52,7 +52,7 @@ class Form:
 
 
 class Part(NamedTuple):
-    """One record without gaps, at even intervals: temperature, dT/dt, bias, and the number of its device."""
+    """One record without gaps, at even intervals: temperature, dT/dt, bias, and the index of its device."""
 
     t: AnyArray
     rate: AnyArray
@@ -61,26 +61,26 @@ class Part(NamedTuple):
 
 
 def part_of(t: AnyArray, b: AnyArray, dt: float, device: int = 0, *, smooth: bool = True) -> Part:
-    """A record with its thermometer smoothed by local parabolas, which delay nothing: A. Savitzky and M. Golay, Anal. Chem. 36 (1964) 1627.
+    """Make a record, with its thermometer smoothed by local parabolas: A. Savitzky and M. Golay, Anal. Chem. 36 (1964) 1627.
 
-    The noise of a thermometer is no movement of the sensor; where the bias is steep it would pass for one.
+    This smoothing causes no delay. Without it, the thermometer's noise would look like noise of the bias where the bias is steep.
     """
 
     def local(seconds: float) -> AnyArray:
         window = min(2 * int(seconds / dt / 2) + 1, 2 * ((len(t) - 1) // 2) + 1)
         return t if window < 5 else np.asarray(scipy.signal.savgol_filter(t, window, 2))
 
-    # the rate is the one that a model will see, for its filter changes the size of a quick one
+    # use the same filter as the model, because it attenuates a quickly changing rate
     return Part(local(_LOCAL) if smooth else t, rate_of(local(_LOCAL_RATE), dt)[0], b, device)
 
 
 def sigmoid(t: AnyArray, centre: Any, width: Any) -> AnyArray:
-    """The logistic step."""
+    """Logistic step from 0 to 1."""
     return 1 / (1 + np.exp(np.clip((centre - t) / width, -_FLAT, _FLAT)))
 
 
 class Design:
-    """Records on one grid of time, and the columns of a form over them."""
+    """Records on a common time grid, and the columns of the design matrix of a form."""
 
     def __init__(self, parts: list[Part], dt: float):
         self.parts, self.dt = parts, dt
@@ -102,7 +102,7 @@ class Design:
         self._kept: dict[tuple[float, float], AnyArray] = {}
 
     def filtered(self, lag: float, play: float) -> AnyArray:
-        """Temperature that the sensor feels."""
+        """Temperature at the sensor, behind lag and play."""
         return np.concatenate([felt(part.t, lag, play, self.dt)[1] for part in self.parts])
 
     def rate(self, slow: float) -> AnyArray:
@@ -110,34 +110,34 @@ class Design:
         return np.concatenate([lagged(part.rate, self.dt, slow) for part in self.parts])
 
     def chebyshev(self, t: AnyArray, device: AnyArray) -> AnyArray:
-        """Columns of the curves at temperatures of devices, without the constant."""
+        """Columns of the common curve and of each device's deviation at the given temperatures, without the constant."""
         values = chebyshev.chebvander(2 * (np.clip(t, self.low, self.high) - self.low) / (self.high - self.low) - 1, self.degree)[:, 1:]
         own = [values * (device == k)[:, None] for k in range(self.devices)] if self.devices > 1 else []
         return np.concatenate([values, *own], axis=1)
 
     def jump(self, jump: Jump, t: AnyArray, device: AnyArray) -> AnyArray:
-        """Column of a jump."""
+        """Column of one jump."""
         return sigmoid(t, jump.centre, np.exp(jump.log_width)) * (device == jump.device)
 
     def base(self, form: Form) -> AnyArray:
-        """Transformed columns of the series; those of the last lag and play are kept."""
+        """Transformed columns of the series; the result for the last lag and play is cached."""
         key = form.lag, form.play
         if key not in self._kept:
             self._kept = {key: self.bands.transform(self.chebyshev(self.filtered(*key), self.device))}
         return self._kept[key]
 
     def further(self, form: Form) -> AnyArray:
-        """(samples, k) columns beside the series: dT/dt, and the jumps."""
+        """(samples, k) columns in addition to the series: dT/dt and the jumps."""
         t = self.filtered(form.lag, form.play)
         columns = [self.rate(form.slow)] * form.rate + [self.jump(jump, t, self.device) for jump in form.jumps]
         return np.stack(columns, axis=1) if columns else np.zeros((len(t), 0))
 
     def columns(self, form: Form) -> AnyArray:
-        """Transformed columns of the series and beside it."""
+        """All transformed columns: the series, dT/dt and the jumps."""
         return np.concatenate([self.base(form), self.bands.transform(self.further(form))], axis=1)
 
     def restricted(self, form: Form, *, slopes: AnyArray | None = None) -> Restricted:
-        """Restricted likelihood of a form, with columns for changes of its numbers if they are given."""
+        """Restricted likelihood of a form; `slopes` adds columns for its nonlinear parameters."""
         columns = self.columns(form)
         columns = columns if slopes is None else np.concatenate([columns, slopes], axis=1)
         further = columns.shape[1] - len(self.order)
@@ -158,7 +158,7 @@ class Design:
 
 
 def shape_slopes(jump: Jump, height: float, t: AnyArray, device: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Derivative of a jump by its centre and by its log width."""
+    """Derivatives of a jump by its centre and by its log width."""
     width = np.exp(jump.log_width)
     step = sigmoid(t, jump.centre, width)
     bell = height * step * (1 - step) / width * (device == jump.device)

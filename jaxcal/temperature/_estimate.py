@@ -1,4 +1,4 @@
-"""Fits of a form that is given: `residuals` and their fit, pure and also under `jit`, `vmap` and `grad`, and `scale_factor`."""
+"""Fits of a given form: `residuals` and their fit, pure functions that also run under `jit`, `vmap` and `grad`; `scale_factor`."""
 
 from typing import Any
 
@@ -16,22 +16,22 @@ from ._model import ThermalModel
 from ._record import COARSE, FINE, Bins, binned, numbers
 from ._result import Candidate, TemperatureFit
 
-#: leaves that are not fitted: where a curve is scaled or joined
+#: fields that are not fitted: the scaling range and the nodes of a curve
 _HELD = ("low", "high", "nodes")
-_HIGHEST = 3  # degree of a scale factor's polynomial that is chosen
+_HIGHEST = 3  # highest degree for a scale factor's polynomial in the automatic choice
 
 
 def residuals(model: Any, data: Bins) -> Any:
-    r"""Residuals of a thermal model: means over bins of temperature, in units of their standard deviation.
+    r"""Compute the residuals of a thermal model on bins of temperature, in units of their standard deviation.
 
     .. math:: r_j = \sqrt{c_j}\,(f(T_j) - b_j)/\sigma
 
-    Pure, and usable under `jit`, `vmap`, `grad` and in `jaxcal.fitting.solve`.
+    The function is pure and works under `jit`, `vmap`, `grad` and in `jaxcal.fitting.solve`.
 
     Parameters
     ----------
     model : `ThermalModel`, or any `AbstractCurve`.
-    data : `Bins`: mean temperatures that the sensor felt T, degC, means b, counts c; `error` is sigma.
+    data : `Bins` with mean temperatures T at the sensor, degC, mean biases b, counts c, and `error` sigma.
 
     Returns
     -------
@@ -52,7 +52,7 @@ def residuals(model: Any, data: Bins) -> Any:
 
 
 def fitted(curve: AbstractCurve, bins: Bins) -> Fit:
-    """The curve of least squares that has the form of the one given, which is where the search begins."""
+    """Least-squares fit of a curve; the search begins at the given curve."""
 
     def free(path: Any, leaf: Any) -> Any:
         return jax.tree_util.keystr(path[-1:], simple=True) not in _HELD
@@ -62,7 +62,7 @@ def fitted(curve: AbstractCurve, bins: Bins) -> Fit:
 
 
 def traced(temperature: Any, bias: Any, model: Any, degree: int | None, time: Any, lag: Any, play: Any) -> TemperatureFit:
-    """The fit of a form that the arguments fix, for a record that needs no cleaning."""
+    """Traceable fit of a fully specified form, for a record that needs no cleaning."""
     known = isinstance(model, AbstractCurve) or model in ("polynomial", "table")
     if not known or isinstance(lag, str) or isinstance(play, str):
         raise DataError(
@@ -74,7 +74,7 @@ def traced(temperature: Any, bias: Any, model: Any, degree: int | None, time: An
     t, b = common(jnp, temperature, bias)
     if t.ndim != 1 or t.shape != b.shape:
         raise DataError(f"temperature has shape {t.shape} and bias {b.shape}; expected both (n,)")
-    # NumPy's temperatures stay NumPy's: with them the number of bins is known
+    # keep NumPy temperatures in NumPy, because the number of bins is then known
     t = t if isinstance(temperature, jax.Array) else np.asarray(temperature, dtype=t.dtype)
     t = played(t if time is None else lagged(t, steps_of(common(jnp, time, t)[0]), lag), play)
     low, high, bins = t.min(), t.max(), binned(t, b, FINE)
@@ -90,23 +90,24 @@ def traced(temperature: Any, bias: Any, model: Any, degree: int | None, time: An
 
 @host_float64
 def scale_factor(temperature: Any, scale: Any, *, error: Any = None, degree: int | None = None, confidence: float = 0.95) -> TemperatureFit:
-    r"""Scale factor against temperature, from calibrations (multi-position, rate table) at a few temperatures.
+    r"""Fit a scale factor as a function of temperature to calibrations (multi-position, rate table) at a few temperatures.
 
     .. math:: s(T) = \sum_i q_i C_i(u),\qquad \hat x = y / s(T)
 
-    The entries of a misalignment matrix are fitted in the same way, one at a time.
+    You can fit the entries of a misalignment matrix in the same way, one at a time.
 
     Parameters
     ----------
-    temperature : (n,) degC of each calibration, at least three different ones.
+    temperature : (n,) degC of each calibration, at least three different temperatures.
     scale : (n,) scale factors.
-    error : their standard errors, one or (n,); None takes them from the residuals, which needs n above degree + 1.
-    degree : of the polynomial; None chooses 0 to 3 by BIC, fewer where there are few temperatures.
+    error : standard errors of the scale factors, one or (n,); None estimates them from the residuals and needs n above degree + 1.
+    degree : degree of the polynomial; None chooses 0 to 3 by BIC, but at most the number of different temperatures minus 2.
     confidence : level of the intervals.
 
     Returns
     -------
-    TemperatureFit whose `model.correct` divides by the scale factor.
+    TemperatureFit
+        Its `model.correct` divides by the scale factor.
 
     Raises
     ------
@@ -146,7 +147,7 @@ def scale_factor(temperature: Any, scale: Any, *, error: Any = None, degree: int
     for one in range(most + 1) if degree is None else [degree]:
         q = np.linalg.lstsq(design[:, : one + 1], s * weight, rcond=None)[0]
         rss = float(np.sum((s * weight - design[:, : one + 1] @ q) ** 2))
-        # with known errors the sum of squares itself is minus twice the log likelihood
+        # with known errors, the sum of squares is minus twice the log likelihood
         fits.append((bic(rss, len(s), one + 1) if sigma is None else rss + (one + 1) * np.log(len(s)), one, q, rss))
     _, chosen, q, rss = min(fits, key=lambda found: found[0])
     curve = Chebyshev(q, low, high)

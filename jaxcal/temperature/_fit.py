@@ -1,4 +1,4 @@
-"""`fit`: a thermal model of one channel."""
+"""`fit`: fit a thermal model to one channel."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -21,8 +21,8 @@ from ._result import TemperatureFit
 from ._structure import settled
 
 MODELS = ("auto", "polynomial", "table")
-_WINDOW = 1.0  # degC: the window whose worst residual is reported
-_STANDS_OUT = 3.0  # times the rms of the rest above which the worst window is told
+_WINDOW = 1.0  # degC: width of the windows for the worst residual
+_STANDS_OUT = 3.0  # the worst window is reported if its rms exceeds that of the other residuals by this factor
 
 
 @host_float64
@@ -38,43 +38,42 @@ def fit(
     device: Sequence[Any] | None = None,
     confidence: float = 0.95,
 ) -> Any:
-    r"""Bias of a sensor at rest against its temperature: a smooth curve, jumps, hysteresis, and the noise about it.
+    r"""Fit the bias of a sensor at rest as a function of its temperature: a smooth curve, jumps, hysteresis and noise.
 
     .. math:: b = \sum_m q_m C_m(u) + \sum_j \frac{p_j}{1 + e^{-(T_e - t_j)/w_j}} + c\,L_{\tau'}(\dot T) + n(t),\qquad
         q \sim N(0, \sigma^2 F_\ell F_\ell^T)
 
-    C_m is a Chebyshev polynomial of the temperature that the sensor feels, scaled to -1 .. 1, and n the noise with N, B and K. F F' is the
-    covariance that a Gaussian process of the kind of Matern (smoothness 7/2, length ell) gives the coefficients beside the slope. The
-    restricted likelihood estimates N, B, K, sigma and ell together: the curve has as much freedom as the data ask for. Curve and
-    intervals are averages over what it leaves open. It also decides on lag, play, the term in dT/dt and the jumps. Of records without a
-    jump less than one in 300 shows one.
+    C_m is a Chebyshev polynomial of the temperature at the sensor, scaled to -1 .. 1, and n is noise with N, B and K. F F' is the
+    covariance that a Matern Gaussian process (smoothness 7/2, length ell) implies for all coefficients but the slope. The restricted
+    likelihood estimates N, B, K, sigma and ell together, so the data determine how flexible the curve is. Curve and intervals are
+    averages over the uncertainty of these parameters. The likelihood also decides on lag, play, the term in dT/dt and the jumps. Fewer
+    than one in 300 records without a jump shows one.
 
     Parameters
     ----------
-    temperature : (n,) degC, in time order; or a list of these, one for each record (cycle).
-    bias : (n,) readings at rest, any unit, or a list of these; rows that are not numbers are left out, and told.
-    model : "auto", the model above; "polynomial" of a given degree; "table", means over 0.25 degC with lines between. Or a curve, or a
-        `ThermalModel` with one: its numbers are where the search begins, all but the `low`, `high` and `nodes` of curves are fitted.
-    degree : of the polynomial.
-    time : (n,) s, or a list of these. With it the record is averaged to seconds, and a lag and a term in dT/dt can be found.
-    lag : time constant in s with which the sensor follows the thermometer: a number, "auto" to search it, None for "auto" with
-        model="auto" and 0 with the others. A search needs heating and cooling.
-    play : half-width in degC of the backlash between thermometer and sensor, likewise.
-    device : with a list of records, the label of the device of each; None for one device. Devices share noise, lag and the spread of their
-        curves about a common one; each has jumps of its own.
+    temperature : (n,) degC, in time order; or a list of such arrays, one for each record (cycle).
+    bias : (n,) readings at rest, any unit, or a list of such arrays; rows that are not numbers are left out, with a warning.
+    model : "auto", the model above; "polynomial" of a given degree; "table", means over 0.25 degC with linear interpolation. Or a curve,
+        or a `ThermalModel` with one: the search begins at its numbers, and fits all of them except `low`, `high` and `nodes`.
+    degree : degree of the polynomial.
+    time : (n,) s, or a list of such arrays. With times the record is averaged to seconds, and a lag and a term in dT/dt can be estimated.
+    lag : time constant in s with which the sensor follows the thermometer: a number, or "auto" to estimate it. None means "auto" with
+        model="auto" and 0 with the other models. An estimate needs both heating and cooling.
+    play : half-width in degC of the backlash between thermometer and sensor; a number, "auto" or None, as for `lag`.
+    device : with a list of records, the device label of each record; None for one device. Devices share the noise, the lag and the prior
+        of their deviations from a common curve; each has its own jumps.
     confidence : level of the intervals.
 
     Returns
     -------
     TemperatureFit, or with `device` a dictionary of these by label.
-        Traced, for a polynomial of given degree, a table or a curve, with lag and play as numbers: the model, bins and residuals alone,
-        of a record that is taken as it is, neither averaged nor cleaned.
+        A traced call (with a polynomial of given degree, a table or a curve, and lag and play as numbers) returns only model, bins and
+        residuals, and does not average or clean the record.
 
     Raises
     ------
     DataError
-        If the arrays do not belong together, the temperature covers less than 2 degC or fills less than 10 bins of 0.1 degC, or an
-        option is unknown.
+        If array lengths differ, the temperature covers less than 2 degC or fills less than 10 bins of 0.1 degC, or an option is unknown.
 
     Examples
     --------
@@ -135,7 +134,7 @@ def _check(model: Any, degree: Any, lag: Any, play: Any, confidence: float, time
 
 
 def _records(temperature: Any, bias: Any, time: Any, device: Any, several: bool) -> tuple[list[Record], list[Any]]:
-    """The records, checked, and the label of the device of each."""
+    """The checked records, and the device label of each."""
     if not several:
         if device is not None:
             raise DataError("device= goes with a list of records; give temperature, bias and time as lists")
@@ -156,10 +155,10 @@ def _records(temperature: Any, bias: Any, time: Any, device: Any, several: bool)
 def _smooth(
     design: Design, records: list[Record], labels: list[Any], names: list[Any], given: Form, asked: tuple[Any, Any], confidence: float
 ) -> dict[Any, TemperatureFit]:  # fmt: skip
-    """Every device's fit by the restricted likelihood."""
+    """Fit every device by the restricted likelihood."""
     timed = all(one.time is not None for one in records)
     both = any(len(np.unique(one.ramp)) > 1 for one in records) or len({bool(one.t[-1] > one.t[0]) for one in records}) > 1
-    # one ramp cannot tell temperature from time
+    # a single ramp cannot separate effects of temperature and time
     searched = [name for name, value in zip(("lag", "play"), asked, strict=True) if value == "auto" and (timed or name == "play")]
     searched = [*searched, *(["rate"] if timed else [])] if both else []
     thermometer = float(np.median([one.noise for one in records]))
@@ -189,7 +188,7 @@ def _smooth(
 def _given(
     model: Any, degree: int | None, design: Design, one: Record, given: Form, confidence: float
 ) -> TemperatureFit:  # fmt: skip
-    """The fit of a form that is given, by least squares over bins; its errors from the noise about a smooth curve."""
+    """Fit a given form by least squares over bins; the standard errors use the noise estimated about a smooth curve."""
     t, b = design.filtered(given.lag, given.play), design.b
     low, high = float(t.min()), float(t.max())
     bins, warnings, own = binned(t, b, low=low), list(one.warnings), None
@@ -216,7 +215,7 @@ def _given(
     place = np.unique(number(t, FINE, low), return_inverse=True)[1]
     samples = (gain / bins.count)[:, place]
     white = (np.abs(steepness(curve, bins.t)) * one.noise)[place]
-    # the mean of the noise is no error: nothing can tell it from the bias
+    # leave out the mean of the noise, which cannot be distinguished from the bias
     samples_free = samples - samples.sum(axis=1, keepdims=True) / len(t)
     covariance = design.bands.spread(samples_free, averaged.weight @ averaged.theta) + (samples * white**2) @ samples.T
     error = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", rows, covariance, rows), 0))
@@ -239,10 +238,10 @@ def _given(
 def _gain(
     curve: Any, own: Fit | None, bins: Bins, t: AnyArray, b: AnyArray, degree: int | None, low: float, high: float
 ) -> tuple[AnyArray, AnyArray, AnyArray]:  # fmt: skip
-    """Temperatures, the derivative of the curve there by its parameters, and that of the parameters by the bins."""
+    """Temperatures, derivative of the curve there by its parameters, and derivative of the parameters by the bins."""
     root = np.sqrt(bins.count)
     if own is None and degree is None:
-        # a node is the mean of the bins that it joins
+        # a node is the mean of its bins
         nodes = binned(t, b, COARSE)
         share = (np.abs(bins.t[:, None] - nodes.t).argmin(axis=1)[:, None] == np.arange(len(nodes.t))) * bins.count[:, None]
         return nodes.t, np.eye(len(nodes.t)), (share / np.maximum(share.sum(axis=0), 1)).T
@@ -251,7 +250,7 @@ def _gain(
 
 
 def steepness(curve: AbstractCurve, t: AnyArray, step: float = 1e-3) -> AnyArray:
-    """df/dT, by central differences."""
+    """Derivative df/dT by central differences."""
     return (np.asarray(curve.value(t + step)) - np.asarray(curve.value(t - step))) / (2 * step)
 
 
@@ -264,7 +263,7 @@ def _thermometer(curve: AbstractCurve, bins: Bins, noise: float) -> str:
 
 
 def _windows(bins: Bins, residual: AnyArray) -> tuple[float, float, float]:
-    """Rms over all, and in the worst window of 1 degC with its centre."""
+    """Rms of all residuals, and rms and centre of the worst window of 1 degC."""
     centres = np.arange(float(bins.t[0]) + _WINDOW / 2, float(bins.t[-1]) - _WINDOW / 2 + 1e-9, 0.1)
     square = np.concatenate([[0.0], np.cumsum(bins.count * residual**2)])
     count = np.concatenate([[0.0], np.cumsum(bins.count)])

@@ -1,7 +1,7 @@
-r"""Effective temperatures of a sensor that does not follow its thermometer at once.
+r"""Effective temperatures of a sensor that does not follow its thermometer immediately.
 
-Both filters are chains of maps that compose into maps of the same kind, x -> A x + B and x -> min(max(x, A), B), so that a record
-takes log2(n) steps over whole arrays.
+Each filter is a chain of maps, x -> A x + B or x -> min(max(x, A), B), whose compositions have the same form. A record therefore needs
+only log2(n) steps over whole arrays.
 """
 
 from collections.abc import Callable
@@ -15,23 +15,23 @@ from .._types import AnyArray
 from ._curves import common
 
 _Maps = tuple[Any, Any]
-_SMOOTH, _BEGIN = 45.0, 60.0  # s: time constant that a rate of change is smoothed with, and the line on which it begins
+_SMOOTH, _BEGIN = 45.0, 60.0  # s: time constant of the smoothing of a rate of change, and length of the line fitted to start it
 
 
 def lagged(temperature: Any, dt: Any, tau: Any, start: Any = None) -> AnyArray:
-    r"""Temperature of an element that follows the thermometer with a time constant.
+    r"""Compute the temperature of an element that follows the thermometer with a time constant.
 
     .. math:: x_k = x_{k-1} + (1 - e^{-\Delta t/\tau}) (T_k - x_{k-1})
 
-    This is exact for a thermometer that keeps its value over a step, at any step; methods that put dt/tau for the factor need
-    dt much below tau.
+    The formula is exact for every step dt if the temperature is constant during a step. (The common approximation dt/tau of the factor
+    requires dt much below tau.)
 
     Parameters
     ----------
-    temperature : (n,) thermometer, degC.
-    dt : step in s, one number or (n,) with the step that leads to each sample.
-    tau : time constant in s; 0 gives the thermometer itself.
-    start : state before the first sample, degC; None begins at the first sample.
+    temperature : (n,) readings of the thermometer, degC.
+    dt : time step before each sample, s, one number or (n,).
+    tau : time constant in s; 0 returns the thermometer itself.
+    start : state before the first sample, degC; None uses the first sample.
 
     Examples
     --------
@@ -42,7 +42,7 @@ def lagged(temperature: Any, dt: Any, tau: Any, start: Any = None) -> AnyArray:
     """
     xp = array_module(temperature, dt, tau, start)
     t, dt, tau = common(xp, temperature, dt, tau)
-    # the unused branch must have no division by zero, whose derivative is not finite
+    # avoid a division by zero in the unused branch, because its derivative would not be finite
     keep = xp.where(tau > 0, xp.exp(-dt / xp.where(tau > 0, tau, 1)), 0)
     keep = xp.broadcast_to(keep, t.shape)
     follow = (1 - keep) * t
@@ -51,15 +51,15 @@ def lagged(temperature: Any, dt: Any, tau: Any, start: Any = None) -> AnyArray:
 
 
 def played(temperature: Any, play: Any, start: Any = None) -> AnyArray:
-    r"""Temperature behind a backlash of half-width h.
+    r"""Compute the temperature behind a backlash of half-width h.
 
     .. math:: P_k = \min(\max(P_{k-1}, T_k - h), T_k + h)
 
     Parameters
     ----------
     temperature : (n,) degC.
-    play : h in degC; 0 gives the temperature itself.
-    start : state before the first sample, degC; None begins at the first sample.
+    play : h in degC; 0 returns the temperature itself.
+    start : state before the first sample, degC; None uses the first sample.
 
     Examples
     --------
@@ -78,23 +78,23 @@ def played(temperature: Any, play: Any, start: Any = None) -> AnyArray:
 
 
 def felt(temperature: Any, lag: Any, play: Any, steps: Any = None, state: tuple[Any, Any] = (None, None)) -> tuple[AnyArray, AnyArray]:
-    """Temperature behind the lag, and behind lag and play; `steps` as dt of `lagged`, `state` what both were before the first sample."""
+    """Temperature behind the lag, and behind lag and play; `steps` is dt of `lagged`, `state` both values before the first sample."""
     behind = lagged(temperature, steps, lag, state[0]) if is_traced(lag) or lag > 0 else temperature
     return behind, played(behind, play, state[1]) if is_traced(play) or play > 0 else behind
 
 
 def rate_of(temperature: Any, dt: Any, behind: Any = 0.0, state: Any = None) -> tuple[AnyArray, Any]:
-    r"""dT/dt in degC/s, behind a lag of its own, and the state of the filters after it.
+    r"""Rate of change dT/dt in degC/s behind its own lag, and the state of the filters after the last sample.
 
     .. math:: \dot T \approx (3 - 2 L)\,L\,\frac{T - L T}{\tau_0}\quad\text{with L the filter of `lagged` for } \tau_0 = 45\,\text{s}
 
-    takes the noise of a thermometer out without a delay: the first error is of the order of :math:`(\tau_0\,d/dt)^2`. Behind a lag
-    tau it is :math:`(T - L_\tau T)/\tau`, the difference between two thermometers of which one follows the other.
+    This removes the noise of the thermometer without a delay: the leading error is of the order :math:`(\tau_0\,d/dt)^2`. Behind a lag
+    tau the rate is :math:`(T - L_\tau T)/\tau`, the scaled difference between two thermometers of which one lags.
 
     Parameters
     ----------
-    temperature : (n,) degC. dt : as for `lagged`. behind : tau in s.
-    state : that of an earlier part; None begins on a line through the first minute.
+    temperature : (n,) degC. dt : see `lagged`. behind : tau in s.
+    state : state after an earlier part; None starts from a line through the first minute.
     """
     xp = array_module(temperature, dt, behind)
     t, dt, behind = common(xp, temperature, dt, behind)
@@ -109,22 +109,22 @@ def rate_of(temperature: Any, dt: Any, behind: Any = 0.0, state: Any = None) -> 
     a = lagged(t, dt, _SMOOTH, state[0])
     r = lagged((t - a) / _SMOOTH, dt, _SMOOTH, state[1])
     second = lagged(r, dt, _SMOOTH, state[2])
-    # a filter L delays by tau_0, the difference too: 3 - 2 L takes both off
+    # the filter L and the difference each delay by tau_0; the factor 3 - 2 L removes both delays
     sharp = 3 * r - 2 * second
     slow = lagged(sharp, dt, behind, state[3])
     return slow, (a[-1], r[-1], second[-1], slow[-1])
 
 
 def steps_of(time: Any) -> AnyArray:
-    """Time that leads to each sample; to the first as long as to the second."""
+    """Time step before each sample; the step before the first sample is set to that before the second."""
     xp = array_module(time)
     steps = xp.diff(xp.asarray(time))
     return xp.concatenate([steps[:1], steps])
 
 
 def _scanned(xp: Any, a: Any, b: Any, start: Any, compose: Callable[[_Maps, _Maps], _Maps], apply: Callable[[_Maps, Any], Any]) -> Any:
-    """Every map composed with all before it, applied to the start."""
-    if xp is jnp:  # compiled, a loop is quick, and its program small
+    """Compose every map with all earlier maps, and apply the results to the start."""
+    if xp is jnp:  # a compiled loop is fast, and its program is small
         return jax.lax.scan(lambda x, maps: (apply(maps, x),) * 2, jnp.asarray(start, a.dtype), (a, b))[1]
     # W. D. Hillis and G. L. Steele, Comm. ACM 29 (1986) 1170
     step = 1

@@ -1,4 +1,4 @@
-"""Curves that are linear in the data: polynomial and table."""
+"""Curves whose fit is linear in the data: polynomial and table."""
 
 import math
 
@@ -14,23 +14,23 @@ CAP = 25  # highest degree of a polynomial
 
 
 def basis(t: AnyArray, low: float, high: float, degree: int) -> AnyArray:
-    """(n, degree + 1) Chebyshev polynomials of the temperature on -1 .. 1."""
+    """(n, degree + 1) Chebyshev polynomials of the temperature, scaled to -1 .. 1."""
     return chebyshev.chebvander(2 * (np.clip(t, low, high) - low) / (high - low) - 1, degree)
 
 
 def polynomial_curve(bins: Bins, low: float, high: float, degree: int) -> Chebyshev:
-    """Chebyshev series of the weighted least squares."""
+    """Chebyshev series by weighted least squares."""
     weight = np.sqrt(bins.count)
     return Chebyshev(np.linalg.lstsq(basis(bins.t, low, high, degree) * weight[:, None], bins.b * weight, rcond=None)[0], low, high)
 
 
 def bic(rss: float, n: int, parameters: int) -> float:
-    """Schwarz's criterion, Ann. Stat. 6 (1978) 461; bins, not samples, are counted, for these are correlated."""
+    """Schwarz's criterion, Ann. Stat. 6 (1978) 461, with n bins; samples are correlated and must not be counted."""
     return n * math.log(max(rss, 1e-300) / n) + parameters * math.log(n)
 
 
 def monomials(curve: Chebyshev) -> AnyArray:
-    """Coefficients a1, a2, ... of the powers of T, equation (5.3) of the thesis, from those of the Chebyshev series."""
+    """Convert a Chebyshev series to the coefficients a1, a2, ... of the powers of T, equation (5.3) of the thesis."""
     centre, half = (curve.high + curve.low) / 2, (curve.high - curve.low) / 2
     powers, total = chebyshev.cheb2poly(curve.coefficients), np.zeros(1)
     for coefficient in powers[::-1]:
@@ -39,14 +39,14 @@ def monomials(curve: Chebyshev) -> AnyArray:
 
 
 def monomial_errors(curve: Chebyshev, covariance: AnyArray) -> AnyArray:
-    """Standard errors of `monomials`, from the covariance of the coefficients of the series."""
+    """Standard errors of `monomials`, from the covariance of the Chebyshev coefficients."""
     change = np.stack([monomials(Chebyshev(unit, curve.low, curve.high)) for unit in np.eye(len(covariance))], axis=1)
     return np.sqrt(np.diag(change @ covariance @ change.T))
 
 
 def table_curve(nodes: Bins) -> Piecewise:
-    """Bin means, with lines between them."""
+    """Bin means with linear interpolation."""
     xp = array_module(nodes)
-    step = xp.diff(nodes.t)  # zero between the copies of a last node
+    step = xp.diff(nodes.t)  # zero between the copies of the last node in a padded array
     slope = xp.where(step > 0, xp.diff(nodes.b) / xp.where(step > 0, step, 1), 0)
     return Piecewise(nodes.t, xp.stack([nodes.b[:-1], slope], axis=1))

@@ -1,4 +1,4 @@
-"""`characterise`: thermal models of every channel of a log."""
+"""`characterise`: fit thermal models to every channel of a log."""
 
 from collections.abc import Callable
 from typing import Any
@@ -17,17 +17,17 @@ _SENSORS = ("gyro", "accel", "mag")
 def characterise(
     log: Any, *, rate: float | None = None, progress: Callable[[int, int, str], None] | None = None, **options: Any
 ) -> dict[str, TemperatureFit]:
-    """Thermal models of every gyroscope, accelerometer and magnetometer channel of a log of a sensor at rest.
+    """Fit a thermal model to every gyroscope, accelerometer and magnetometer channel of a log of a sensor at rest.
 
-    The sensor must keep its attitude: an accelerometer's "bias" then holds its part of gravity, a magnetometer's that of the field, and
-    only its change with temperature is the sensor's own.
+    The sensor must keep its attitude. The "bias" of an accelerometer then includes its component of gravity, that of a magnetometer its
+    component of the field; only the change with temperature is an error of the sensor.
 
     Parameters
     ----------
-    log : the `Log`, or anything that `jaxcal.read` takes, with a temperature; a slow thermometer is interpolated.
-    rate : sampling rate in Hz, where what is given has no times.
-    progress : called as progress(done, total, channel) before each channel, and once at the end.
-    options : of `fit`: model, degree, lag, play, confidence.
+    log : a `Log`, or anything that `jaxcal.read` accepts, with a temperature; a slow thermometer is interpolated.
+    rate : sampling rate in Hz, for data without times.
+    progress : function called as progress(done, total, channel) before each channel, and once at the end.
+    options : options of `fit`: model, degree, lag, play, confidence.
 
     Returns
     -------
@@ -37,7 +37,7 @@ def characterise(
     Raises
     ------
     DataError
-        As `fit`, naming the channel; or if the log has no temperature or no sensor channel.
+        If the log has no temperature or no sensor channel, or for the reasons of `fit`; the message then names the channel.
 
     Examples
     --------
@@ -65,7 +65,7 @@ def characterise(
 
 
 def thermometer(log: Log) -> AnyArray:
-    """Temperature of a log at every sample: interpolated where it is slower or missing, and averaged over a second.
+    """Compute the temperature of a log at every sample: missing values are interpolated, and the result is averaged over a second.
 
     Parameters
     ----------
@@ -91,8 +91,8 @@ def thermometer(log: Log) -> AnyArray:
 
     References
     ----------
-    The noise of a thermometer becomes noise of the corrected output, in proportion to the slope of the bias: the average over a second
-    takes most of it off. Linear interpolation and a running mean.
+    Linear interpolation and a running mean. A correction turns the thermometer's noise into noise of the output, in proportion to the
+    slope of the bias; the average over a second removes most of it.
     """
     if log.temperature is None:
         raise DataError("the log has no temperature; name its column with columns=temperature=NAME")

@@ -1,4 +1,4 @@
-"""`ThermalModel`: the bias of one channel at a temperature, and readings without it."""
+"""`ThermalModel`: the bias of one channel as a function of temperature, and the correction of readings."""
 
 import warnings
 from typing import Any
@@ -12,12 +12,12 @@ from .._types import AnyArray
 from ._curves import AbstractCurve, common
 from ._hysteresis import felt, rate_of, steps_of
 
-#: degC outside the range that a thermometer's noise brings about
+#: degC outside the range without a warning, because the thermometer's noise can cause them
 _MARGIN = 0.1
 
 
 class ClampWarning(UserWarning):
-    """Temperatures outside the range of a model were taken as its ends.
+    """Warning that temperatures outside the range of a model were replaced by its nearest end.
 
     Examples
     --------
@@ -33,22 +33,22 @@ class ClampWarning(UserWarning):
 
 
 class ThermalModel(eqx.Module):
-    r"""Bias of one channel against temperature, with the hysteresis of the sensor.
+    r"""Bias of one channel as a function of temperature, with the hysteresis of the sensor.
 
     .. math:: b = f(T_e) + c\,L_{\tau'}(\dot T),\qquad T_e = \mathrm{clip}(P_h(L_\tau(T)), T_{lo}, T_{hi})
 
-    Outside the range of its data the model keeps the value at the end of the range, and says so; it never extrapolates.
+    The model never extrapolates: outside the range of its data it keeps the value at the end of the range, and warns.
 
     Attributes
     ----------
-    curve : f, one of `Chebyshev`, `Steps` and `Piecewise`.
+    curve : f, a `Chebyshev`, `Steps`, `Piecewise` or another `AbstractCurve`.
     low, high : ends of the range, degC.
-    lag : tau, time constant in s with which the sensor follows the thermometer; 0 for none.
-    play : h, half-width in degC of the backlash; 0 for none.
-    rate : c, bias per rate of change of the temperature, in the unit of the bias per degC/s; 0 for none.
-    rate_lag : tau', time constant in s behind which the rate acts. :math:`L_{\tau'}(\dot T) = (T - L_{\tau'} T)/\tau'` is the difference to
-        a second thermometer that lags; 0 is the rate itself.
-    scale : whether the curve is a scale factor, by which readings are divided, and not a bias.
+    lag : tau, time constant in s with which the sensor follows the thermometer; 0 for no lag.
+    play : h, half-width in degC of the backlash; 0 for no backlash.
+    rate : c, bias per rate of change of the temperature, in the unit of the bias per degC/s; 0 for no such term.
+    rate_lag : tau', time constant in s of a lag of the rate term; 0 for no lag. :math:`L_{\tau'}(\dot T) = (T - L_{\tau'} T)/\tau'` is
+        proportional to the difference from a second thermometer with this lag.
+    scale : True if the curve is a scale factor, by which readings are divided, False for a bias.
 
     Examples
     --------
@@ -76,16 +76,16 @@ class ThermalModel(eqx.Module):
 
     @host_float64
     def bias_at(self, temperature: Any, rate_of_change: Any = None) -> AnyArray:
-        """Bias at temperatures; with `rate_of_change`, on a steady ramp: f(T - tau dT/dt - h sign(dT/dt)) + c dT/dt.
+        """Compute the bias at temperatures; with `rate_of_change` on a steady ramp: f(T - tau dT/dt - h sign(dT/dt)) + c dT/dt.
 
         Parameters
         ----------
         temperature : (n,) or one, degC.
-        rate_of_change : dT/dt in degC/s, one or (n,); None for a temperature that has been steady.
+        rate_of_change : dT/dt in degC/s, one or (n,); None for a steady temperature.
 
         Returns
         -------
-        (n,) or (), in the unit of the channel. A `ClampWarning` tells of temperatures outside the range.
+        (n,) or (), in the unit of the channel. A `ClampWarning` reports temperatures outside the range.
         """
         xp = array_module(self, temperature, rate_of_change)
         t, lag, play, own = common(xp, temperature, self.lag, self.play, self.rate)
@@ -96,43 +96,43 @@ class ThermalModel(eqx.Module):
 
     @host_float64
     def measure(self, x: Any, temperature: Any, *, time: Any = None, rate: Any = None) -> AnyArray:
-        """Readings of a true input, x + b(T), or x s(T) for a scale factor; parameters and errors as of `correct`, its inverse."""
+        """Compute the readings of a true input, x + b(T), or x s(T) for a scale factor; the inverse of `correct`, with its parameters."""
         x, value, _ = self._at(x, temperature, time, rate, None)
         return x * value if self.scale else x + value
 
     @host_float64
     def correct(self, y: Any, temperature: Any, *, time: Any = None, rate: Any = None) -> AnyArray:
-        """Readings without the bias: y - b(T), or y / s(T) for a scale factor.
+        """Correct readings: y - b(T), or y / s(T) for a scale factor.
 
         Parameters
         ----------
         y : (n,) readings in time order.
         temperature : (n,) degC.
-        time : (n,) s, or `rate` in Hz: needed by a model with a lag or a rate.
+        time : (n,) s, or `rate` in Hz; required if the model has a lag or a rate term.
 
         Returns
         -------
-        (n,) in the unit of the channel. A `ClampWarning` tells of temperatures outside the range.
+        (n,) in the unit of the channel. A `ClampWarning` reports temperatures outside the range.
 
         Raises
         ------
         DataError
-            If the lengths differ, or the model has a lag or a rate and the times are not known.
+            If the lengths differ, or the model has a lag or a rate term and the times are unknown.
         """
         return self.correct_chunk(y, temperature, time=time, rate=rate)[0]
 
     @host_float64
     def correct_chunk(self, y: Any, temperature: Any, *, time: Any = None, rate: Any = None, state: Any = None) -> tuple[AnyArray, Any]:
-        """As `correct` for one part of a stream, with the state to give to the next part.
+        """Correct one part of a stream like `correct`; also return the state to pass to the call for the next part.
 
-        The first part should hold a minute if the model has a rate, which begins on a line through it.
-        With `state` and `time`, the first time must be followed at the same step as within the part; parts of one sample need `rate`.
+        If the model has a rate term, the first part should last a minute, because the filter starts from a line through it. With `time`,
+        the step before a part is assumed to be its first step; parts of one sample need `rate`.
         """
         y, value, state = self._at(y, temperature, time, rate, state)
         return (y / value if self.scale else y - value), state
 
     def _at(self, y: Any, temperature: Any, time: Any, rate: Any, state: Any) -> tuple[Any, Any, Any]:
-        """Readings, and the curve at every sample's effective temperature, in one type; and the state after them."""
+        """Readings and bias (or scale factor) of every sample, in one dtype, and the state after the last sample."""
         if np.shape(y) != np.shape(temperature) or np.ndim(temperature) != 1 or not np.size(temperature):
             raise DataError(
                 f"y has shape {np.shape(y)} and temperature {np.shape(temperature)}; expected both (n,), one temperature per reading"
@@ -145,7 +145,7 @@ class ThermalModel(eqx.Module):
         return y, self._value(t) + further, state
 
     def effective(self, temperature: Any, *, time: Any = None, rate: Any = None, state: Any = None) -> tuple[Any, Any, Any]:
-        """Temperature that the sensor feels, not yet clipped, the bias by the rate of change, and the state of all filters after it."""
+        """Temperature at the sensor (not clipped), bias due to the rate of change, and the state of all filters after the last sample."""
         moves = is_traced(self.rate) or self.rate != 0
         steps = _steps(temperature, time, rate) if moves or is_traced(self.lag) or self.lag > 0 else None
         behind, both = felt(temperature, self.lag, self.play, steps, (None, None) if state is None else state[:2])
@@ -168,7 +168,7 @@ class ThermalModel(eqx.Module):
 
 
 def _steps(t: Any, time: Any, rate: Any) -> Any:
-    """Time that leads to each sample, s."""
+    """Time step before each sample, s."""
     if rate is not None:
         return 1.0 / rate
     if time is None:

@@ -1,10 +1,10 @@
-r"""How smooth a curve is expected to be: a Gaussian process with the covariance of Matern, of the smoothness 7/2.
+r"""Prior of the smoothness of a curve: a Gaussian process with Matern covariance of smoothness 7/2.
 
 .. math:: k(d) = \sigma^2 (1 + s + \tfrac{2}{5} s^2 + \tfrac{1}{15} s^3) e^{-s},\qquad s = \sqrt 7\, d/\ell
 
-Its curves are three times differentiable and equally rough all over the range. The process is written in coefficients of Chebyshev
-polynomials: their covariance is the double series of the kernel, and its Cholesky factor is a smooth function of the length, which a
-spline holds.
+Its curves are three times differentiable and equally rough over the whole range. The process is expressed in coefficients of Chebyshev
+polynomials: their covariance is the double Chebyshev series of the kernel. Its Cholesky factor is a smooth function of the length, which
+a spline interpolates.
 """
 
 import functools
@@ -16,7 +16,7 @@ from numpy.polynomial import chebyshev
 
 from .._types import AnyArray
 
-#: half ranges: lengths that are held; shorter ones need a higher degree, longer ones are all alike
+#: limits of the length in half ranges; shorter lengths need a higher degree, longer ones are all alike
 SHORTEST, LONGEST = 0.1, 3.0
 DEGREE = 40
 _NODES, _LENGTHS = 96, 41
@@ -25,7 +25,7 @@ _NODES, _LENGTHS = 96, 41
 def factor(log_length: float, degree: int) -> tuple[AnyArray, AnyArray]:
     """Factor F (degree, degree) of the covariance F F' of the coefficients 1 to `degree` for sigma = 1, and dF/d log_length.
 
-    The coefficient 1, the slope, is independent of the others: in the common curve it has no prior, which makes it so.
+    Coefficient 1, the slope, is independent of the others, because it has no prior in the common curve.
     """
     table = _table()
     return table(log_length)[:degree, :degree], table(log_length, 1)[:degree, :degree]

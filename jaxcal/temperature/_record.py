@@ -1,4 +1,4 @@
-"""What a fit may be given, checked, averaged to about a second and cleaned; and its means in bins of temperature."""
+"""Checks, averaging to about a second and cleaning of the data for a fit; means in bins of temperature."""
 
 from typing import Any
 
@@ -12,11 +12,11 @@ from .._errors import DataError
 from .._precision import is_traced
 from .._types import AnyArray
 
-FINE, COARSE = 0.1, 0.25  # degC: bins of curves, bins of tables
+FINE, COARSE = 0.1, 0.25  # degC: width of bins for curves and for tables
 _SECOND = 1.0  # s over which readings are averaged
-_WINDOW, _OUTLIER = 21, 6.0  # Hampel's filter: samples, and robust standard deviations beyond which one is left out
+_WINDOW, _OUTLIER = 21, 6.0  # Hampel filter: window in samples, and limit of outliers in robust standard deviations
 _LEAST_RANGE, _LEAST_BINS, _LEAST_SAMPLES = 2.0, 10, 3
-_TURN = 0.1  # part of the range by which a temperature must come back to end a ramp
+_TURN = 0.1  # share of the range by which the temperature must return to end a ramp
 
 
 class Bins(eqx.Module):
@@ -25,7 +25,7 @@ class Bins(eqx.Module):
     Attributes
     ----------
     t, b, count : mean temperature, degC, mean bias and number of samples, all (bins,), in order of temperature.
-    error : standard deviation of one sample, where it is known.
+    error : standard deviation of one sample; 1 if unknown.
 
     Examples
     --------
@@ -43,9 +43,10 @@ class Bins(eqx.Module):
 
 
 def binned(t: AnyArray, b: AnyArray, width: float = FINE, low: Any = None) -> Bins:
-    """Means of temperature and bias in bins of `width` degC from `low` (default: the lowest temperature); empty bins are left out.
+    """Average temperature and bias in bins of `width` degC from `low` (default: the lowest temperature); empty bins are left out.
 
-    Where the temperatures are traced there are as many bins as samples; the last ones are copies of the last that holds any, and count 0.
+    If the temperatures are traced, there are as many bins as samples; the unused bins at the end are copies of the last filled bin with
+    count 0.
 
     Examples
     --------
@@ -69,14 +70,14 @@ def binned(t: AnyArray, b: AnyArray, width: float = FINE, low: Any = None) -> Bi
 
 
 def number(t: AnyArray, width: float, low: Any) -> AnyArray:
-    """Number of the bin of each temperature."""
-    # a temperature on an edge belongs above it, whatever its last digit
+    """Index of the bin of each temperature."""
+    # a temperature on an edge belongs to the upper bin in spite of rounding
     xp = jnp if isinstance(t, jax.core.Tracer) else np
     return xp.maximum(xp.floor((t - low) / width + 1e-9), 0).astype(int)
 
 
 class Record(eqx.Module):
-    """`t` (degC), `b`, `time` (s, or None), all (n,) in time order, `ramp` (n,) its number, and what was found on the way."""
+    """`t` (degC), `b`, `time` (s, or None) and `ramp` (index of the ramp), all (n,) in time order; warnings and notes of the checks."""
 
     t: AnyArray
     b: AnyArray
@@ -93,7 +94,7 @@ class Record(eqx.Module):
 
 
 def record(temperature: Any, bias: Any, time: Any) -> Record:
-    """The record of a fit; a `DataError` if the arrays do not belong together, hold too little, or the temperature hardly changes."""
+    """Check, average and clean the data; `DataError` if lengths differ, data are too few, or the temperature hardly changes."""
     if is_traced(temperature, bias, time):
         raise DataError("`fit` decides on the host and cannot be traced; differentiate the model's `curve.value` instead")
     t, b = numbers(temperature, "temperature"), numbers(bias, "bias")
@@ -130,7 +131,7 @@ def record(temperature: Any, bias: Any, time: Any) -> Record:
 
 
 def numbers(values: Any, name: str) -> AnyArray:
-    """Values as (n,) in float64."""
+    """Convert values to a float64 array (n,)."""
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -141,7 +142,7 @@ def numbers(values: Any, name: str) -> AnyArray:
 
 
 def _averaged(t: AnyArray, b: AnyArray, time: AnyArray, notes: list[str]) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """Means over seconds where the record is quicker than that."""
+    """Average a faster record to means over one second."""
     if len(time) < 3 or np.median(np.diff(time)) > 0.6 * _SECOND:
         return t, b, time
     second = np.floor((time - time[0]) / _SECOND + 1e-9).astype(np.int64)
@@ -153,14 +154,14 @@ def _averaged(t: AnyArray, b: AnyArray, time: AnyArray, notes: list[str]) -> tup
 
 
 def _cleaned(t: AnyArray, b: AnyArray, time: AnyArray | None, notes: list[str]) -> tuple[AnyArray, AnyArray, AnyArray | None]:
-    """Samples far from the median of their neighbours are left out: F. R. Hampel, J. Am. Stat. Assoc. 69 (1974) 383."""
+    """Remove samples far from the median of their neighbours: F. R. Hampel, J. Am. Stat. Assoc. 69 (1974) 383."""
     good = np.ones(len(t), dtype=bool)
     if len(t) > _WINDOW:
         for values in (t, b):
             window = np.lib.stride_tricks.sliding_window_view(np.pad(values, _WINDOW // 2, mode="edge"), _WINDOW)
             middle = np.median(window, axis=1)
             away = np.abs(values - middle)
-            # about the median of the window: what a ramp changes within it is no outlier
+            # deviations from the median of each window include the ramp, whose change must not count as an outlier
             spread = 1.4826 * np.median(np.abs(window - middle[:, None]), axis=1)
             good &= away <= _OUTLIER * np.maximum(spread, np.median(spread))
     if not good.all():
@@ -192,7 +193,7 @@ def _check(t: AnyArray, time: AnyArray | None, warnings: list[str]) -> None:
 
 
 def ramps(t: AnyArray) -> AnyArray:
-    """Number of the ramp of each sample, between turning points that a tenth of the range tells."""
+    """Index of the ramp of each sample; a turning point needs a return by a tenth of the range."""
     least = max(_TURN * np.ptp(t), 0.5)
     turns, up, extreme = [], None, 0
     low = high = 0

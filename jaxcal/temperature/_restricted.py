@@ -1,15 +1,15 @@
-r"""The restricted likelihood of a curve with the noise N, B, K of the sensor, and averages over what it leaves open.
+r"""Restricted likelihood of a curve with sensor noise N, B, K, and averages over the uncertainty of the hyperparameters.
 
 The orthonormal DCT-II of each record makes the noise independent: ordinate k has the variance
-:math:`S_k = N^2 a_k + B^2 b_k + K^2 c_k`, and the mean of the record, which no curve can tell from the noise, drops out. The curve is
+:math:`S_k = N^2 a_k + B^2 b_k + K^2 c_k`. The mean of the record, which cannot be separated from the noise, drops out. The curve is
 linear in its coefficients,
 
 .. math:: b = X \beta + n,\qquad \beta \sim N(0, \sigma^2 F F^T)
 
-with F of `_prior.factor` and a flat prior of the slope. Integrating the coefficients out leaves the restricted likelihood of the noise and
-of the variances, which knows what the curve has taken from the noise (H. D. Patterson and R. Thompson, Biometrika 58 (1971) 545). Ordinates
-of nearly one frequency share S, so that products of columns are summed once in bands of frequency and a likelihood costs no pass over the
-record.
+with F from `_prior.factor` and a flat prior of the slope. Integration over the coefficients gives the restricted likelihood of the noise
+and the variances, which accounts for the degrees of freedom of the curve (H. D. Patterson and R. Thompson, Biometrika 58 (1971) 545).
+Ordinates of nearly equal frequency share S. Products of columns are therefore summed once over bands of frequency, and an evaluation of
+the likelihood needs no pass over the record.
 """
 
 import functools
@@ -25,22 +25,22 @@ from ._prior import LONGEST, SHORTEST, factor
 
 TERMS = ("N", "B", "K")
 _BANDS_PER_OCTAVE = 8
-#: the prior of the length, half ranges: median, and standard deviation of its logarithm
+#: prior of the length in half ranges: median, and standard deviation of its logarithm
 _LENGTH, _DECAY = 0.7, 1.0
-_FLAT = 0.2  # power of a variance in its prior, by its logarithm
-#: N^2, B^2, K^2, sigma^2 over their units, and the length
+_FLAT = 0.2  # exponent of a variance in its prior density over the logarithm
+#: starts of the search: N^2, B^2, K^2, sigma^2 over their units, and the length
 _STARTS = ((1.0, 0.1, 0.01, 0.1, 0.5), (1.0, 1e-3, 1e-5, 0.01, 1.5))
-#: of the importance sampling: draws of both rounds, degrees of freedom, least curvature, least variance
+#: importance sampling: draws in the two rounds, degrees of freedom, least curvature, least variance
 _DRAWS, _FREEDOM, _FLATTEST, _LEAST = (128, 256), 6, 0.08, 1e-4
 _SEED = 20_260  # the same record always gives the same numbers
-_DEEP, _HIGH = 25.0, 15.0  # logarithms: how far variances may be from their start
+_DEEP, _HIGH = 25.0, 15.0  # limits of the logarithms of the variances below and above their units
 
 
 class Bands(NamedTuple):
     """Bands of frequency of one or several records.
 
-    sizes : samples of each record. index : (ordinates,) band of each ordinate, records one after the other. count : (bands,) ordinates.
-    columns : (bands, 3) variance of an ordinate per N^2, B^2, K^2.
+    sizes : number of samples of each record. dt : sampling interval, s. index : (ordinates,) band of each ordinate, for the concatenated
+    records. count : (bands,) number of ordinates. columns : (bands, 3) variance of an ordinate per N^2, B^2, K^2.
     """
 
     sizes: tuple[int, ...]
@@ -50,29 +50,29 @@ class Bands(NamedTuple):
     columns: AnyArray
 
     def transform(self, x: AnyArray) -> AnyArray:
-        """Ordinates (ordinates, ...) of columns (samples, ...), without the means of the records."""
+        """Transform columns (samples, ...) to ordinates (ordinates, ...), without the means of the records."""
         edges = np.cumsum((0, *self.sizes))
         return np.concatenate([np.asarray(scipy.fft.dct(x[a:b], norm="ortho", axis=0))[1:] for a, b in itertools.pairwise(edges)])
 
     def restore(self, ordinates: AnyArray) -> AnyArray:
-        """Columns (samples, ...) of ordinates (ordinates, ...): the transpose of `transform`."""
+        """Transform ordinates (ordinates, ...) to columns (samples, ...): the transpose of `transform`."""
         edges = np.cumsum((0, *(n - 1 for n in self.sizes)))
         padded = [np.concatenate([np.zeros((1, *ordinates.shape[1:])), ordinates[a:b]]) for a, b in itertools.pairwise(edges)]
         return np.concatenate([np.asarray(scipy.fft.idct(x, norm="ortho", axis=0)) for x in padded])
 
     def density(self, theta: AnyArray) -> AnyArray:
-        """S of the bands, for squared coefficients."""
+        """Variance S of an ordinate in each band, for the squared noise coefficients `theta`."""
         return self.columns @ theta
 
     def spread(self, gain: AnyArray, theta: AnyArray) -> AnyArray:
-        """Covariance of `gain` (m, samples) times the noise; each row must take no notice of the means of the records."""
+        """Covariance of `gain` (m, samples) times the noise; each row of `gain` must cancel the means of the records."""
         ordinates = self.transform(np.asarray(gain).T) * np.sqrt(self.density(theta))[self.index, None]
         return np.asarray(ordinates.T @ ordinates)
 
 
 @functools.lru_cache(maxsize=64)
 def bands(sizes: tuple[int, ...], dt: float) -> Bands:
-    """The bands of records of the given numbers of samples."""
+    """Make the bands for records with the given numbers of samples."""
     index, count, columns, last = [], [], [], 0
     terms = [Noise(**{name: 1.0}).part(name)[2] for name in TERMS]
     for n in sizes:
@@ -88,7 +88,7 @@ def bands(sizes: tuple[int, ...], dt: float) -> Bands:
 
 
 class Solved(NamedTuple):
-    """Coefficients (p,), their covariance (p, p), and what the likelihood needs of them."""
+    """Coefficients (p,), their covariance (p, p), and intermediate results for the likelihood."""
 
     beta: AnyArray
     covariance: AnyArray
@@ -109,13 +109,13 @@ class Averaged(NamedTuple):
 
     @property
     def noise(self) -> Noise:
-        """The mean of every coefficient of the noise."""
+        """Noise with the mean of each coefficient over the draws."""
         return Noise(**dict(zip(TERMS, (self.weight @ np.sqrt(self.theta)).tolist(), strict=True)))
 
     def quantile(self, variance: AnyArray, confidence: float) -> AnyArray:
-        """Standard deviation with which a normal interval of that level holds what has the variances (m, ...) in the draws.
+        """Standard deviation s for which +-z s holds the mixture of normals with variances (m, ...) with probability `confidence`.
 
-        A normal of the mean variance would be too wide: K has a long tail.
+        The mean variance would give too wide an interval, because K has a long tail.
         """
         tail = scipy.special.ndtri(0.5 + confidence / 2)
         spread = np.sqrt(np.maximum(variance, np.finfo(float).tiny))
@@ -128,20 +128,20 @@ class Averaged(NamedTuple):
 
 
 class Restricted:
-    """The restricted likelihood of one design.
+    """Restricted likelihood of one design.
 
     Parameters
     ----------
     held : the bands.
-    design : (ordinates, p) transformed columns; the last `further` of them have no prior and no part in the determinant: they are
-        parameters that are profiled, so that designs with different numbers of them can be compared.
+    design : (ordinates, p) transformed columns. The last `further` columns have no prior and no part in the determinant: their parameters
+        are profiled, so that designs with different numbers of them can be compared.
     y : (ordinates,) transformed readings.
     order : (p - further,) order m of each column of the curve.
-    group : (p - further,) 0 for the curve that is common, 1 for what a device adds to it.
-    least : noise of a reading by rounding.
-    doubtful : whether some columns may say the same as others.
+    group : (p - further,) 0 for the common curve, 1 for the deviation of a device from it.
+    least : rounding noise of a reading.
+    doubtful : True if columns may be linearly dependent.
 
-    The hyperparameters phi are the logarithms of N^2, B^2, K^2, sigma^2, of the length, and with a group 1 of its share of sigma^2.
+    The hyperparameters phi are the logarithms of N^2, B^2, K^2, sigma^2, of the length and, if there is a group 1, of its share of sigma^2.
     """
 
     def __init__(
@@ -163,13 +163,13 @@ class Restricted:
         products = np.stack([whole[a:b].T @ whole[a:b] for a, b in itertools.pairwise(edges)])
         self.products = products.reshape(len(products), -1)
         self.total = products[:, -1, -1]
-        # without a prior: the slope of the common curve, and what is profiled
+        # columns with a prior: all but the slope of the common curve and the profiled columns
         self.random = np.concatenate([(order > 1) | (group > 0), np.zeros(further, dtype=bool)])
         self.hyper = 6 if group.any() else 5
         self._start = np.flatnonzero(order == 1)
 
     def _factors(self, phi: AnyArray) -> tuple[AnyArray, AnyArray]:
-        """Factor of the prior covariance of the columns of the curve, and its derivative by the logarithm of the length."""
+        """Factor of the prior covariance of the curve's coefficients, and its derivative by the logarithm of the length."""
         count, degree = len(self.order), int(self.order.max())
         one, change = factor(float(phi[4]), degree)
         whole, slope = np.zeros((count, count)), np.zeros((count, count))
@@ -180,7 +180,7 @@ class Restricted:
         return whole, slope
 
     def solved(self, phi: AnyArray) -> Solved:
-        """Coefficients given the hyperparameters."""
+        """Coefficients for given hyperparameters."""
         density = self.held.density(np.exp(phi[:3]))
         gram = ((1 / density) @ self.products).reshape(self.size + 1, -1)
         whole, curve = np.diag(1 / np.sqrt(np.maximum(np.diag(gram)[:-1], np.finfo(float).tiny))), len(self.order)
@@ -208,16 +208,16 @@ class Restricted:
         z = scipy.linalg.solve_triangular(whole, at.beta[:curve], lower=True)
         own = np.where(random, 1 - np.diag(inverse) - z**2, 0.0)
         size = [own.sum(), own @ self.group][: self.hyper - 4]
-        # what the length changes of the factor; the slope that has no prior stays
+        # derivative of the factor by the length; the slope without prior does not depend on it
         change = np.where(random[:, None], self._factors(phi)[1], 0.0)
         length = 2 * np.sum((inverse @ whole.T @ at.gram[:curve, :curve]).T * change) - 2 * (change @ z) @ (at.gram[:curve] @ rest)
         return value, np.concatenate([(self.held.columns.T @ slope) * np.exp(phi[:3]), size[:1], [length], size[1:]])
 
     def posterior(self, phi: AnyArray) -> tuple[float, AnyArray]:
-        r"""-log density of the hyperparameters, and its gradient.
+        r"""-log posterior density of the hyperparameters, and its gradient.
 
-        The prior of every standard deviation s is :math:`s^{-0.6}`: flat in s lets K be too large, flat in log s has no end towards 0. That
-        of the logarithm of the length is normal.
+        The prior of every standard deviation s is :math:`s^{-0.6}`, because a prior flat in s allows too large a K, and one flat in log s
+        is improper towards 0. The prior of the logarithm of the length is normal.
         """
         value, gradient = self.cost(phi)
         slope = np.full(len(phi), -_FLAT)
@@ -226,7 +226,7 @@ class Restricted:
         return 0.5 * value + slope @ phi + 0.5 * off @ off, 0.5 * gradient + slope + off / _DECAY
 
     def bounds(self) -> tuple[AnyArray, AnyArray, AnyArray]:
-        """Logarithms of the unit of the variances, and the least and the most of every hyperparameter."""
+        """Logarithms of the units of the hyperparameters, and their lower and upper bounds."""
         level = np.maximum(self.total / self.held.count, self.least**2)
         quick = np.argsort(self.held.columns[:, 2])[: max(len(level) // 4, 1)]
         white = float(np.median(level[quick] / self.held.columns[quick, 0]))
@@ -239,7 +239,7 @@ class Restricted:
         return unit[: self.hyper], low[: self.hyper], high[: self.hyper]
 
     def fitted(self, start: AnyArray | None = None, *, near: bool = False) -> tuple[AnyArray, float]:
-        """The most probable hyperparameters, and -log density there; from several starts, for there are local minima, unless `near`."""
+        """The most probable hyperparameters and -log density there; unless `near`, from several starts because of local minima."""
         unit, low, high = self.bounds()
         starts = [unit + np.array([*np.log(one), np.log(0.1)])[: self.hyper] for one in _STARTS]
         best: Any = None
@@ -254,9 +254,9 @@ class Restricted:
     def averaged(self, phi: AnyArray) -> Averaged:
         """Coefficients and noise, averaged over the hyperparameters.
 
-        One record leaves B, K and the roughness of the curve wide open; intervals at their most probable values are too narrow.
-        Importance sampling from a multivariate t, at points of a Sobol sequence: first about `phi`, with the curvature there, then with
-        mean and covariance of the first draws, which follow long tails better.
+        One record determines B, K and the roughness of the curve poorly, so intervals at their most probable values would be too narrow.
+        The average uses importance sampling from a multivariate t at points of a Sobol sequence: first around `phi` with the curvature
+        there, then with mean and covariance of the first draws, which represent long tails better.
         """
         size, step = len(phi), 0.05
         hessian = np.stack([(self.posterior(phi + e)[1] - self.posterior(phi - e)[1]) / (2 * step) for e in step * np.eye(size)])
@@ -277,13 +277,13 @@ class Restricted:
 
     def _drawn(self, middle: AnyArray, root: AnyArray, count: int) -> tuple[AnyArray, AnyArray]:
         """Draws (count, p) of the hyperparameters from a multivariate t, and their weights (count,)."""
-        from scipy.stats import qmc  # 0.6 s, which other commands need not wait for
+        from scipy.stats import qmc  # imported here, because it takes 0.6 s that other commands need not spend
 
         size = len(middle)
         uniform = qmc.Sobol(size + 1, rng=np.random.default_rng(_SEED)).random(count)
         chi = scipy.special.chdtri(_FREEDOM, 1.0 - uniform[:, -1]) / _FREEDOM
         t = scipy.special.ndtri(uniform[:, :-1]) / np.sqrt(chi)[:, None]
-        t[0] = 0.0  # at least the middle is possible
+        t[0] = 0.0  # the middle, so that at least one draw is within the bounds
         _, low, high = self.bounds()
         draws = middle + t @ root.T
         logs = np.full(count, -np.inf)

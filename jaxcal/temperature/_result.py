@@ -1,4 +1,4 @@
-"""`TemperatureFit`: a thermal model with what is known about it."""
+"""`TemperatureFit`: a thermal model with its uncertainty and diagnostics."""
 
 from typing import Any
 
@@ -15,15 +15,15 @@ from ._record import Bins
 
 
 class Step(eqx.Module):
-    """A jump of the bias at a temperature: a property of the device.
+    """A jump of the bias at a certain temperature of the device.
 
     Attributes
     ----------
     centre : temperature of the jump, degC.
-    width : the logistic function's own width, degC: four of them hold three quarters of the jump.
-    height : in the unit of the bias.
-    centre_error, width_error, height_error : standard errors of the three.
-    chance : probability that a record without this jump shows one as clear, anywhere.
+    width : width parameter w of the logistic function, degC; three quarters of the jump occur within 4 w.
+    height : height in the unit of the bias.
+    centre_error, width_error, height_error : standard errors of centre, width and height.
+    chance : probability that a record without this jump shows an equally clear one at any temperature.
 
     Examples
     --------
@@ -42,13 +42,13 @@ class Step(eqx.Module):
 
 
 class Candidate(eqx.Module):
-    """A structure that was compared.
+    """A model structure that was compared with others.
 
     Attributes
     ----------
-    name : "none", "lag", "play", "rate" or several of them; of a scale factor the polynomial.
-    score : -2 log likelihood with the price of its parameters (of a scale factor BIC), above that of the one that was taken.
-    chosen : whether it was taken.
+    name : "none", "lag", "play", "rate" or a combination; for a scale factor, the polynomial.
+    score : penalised -2 log likelihood (BIC for a scale factor) minus that of the chosen structure.
+    chosen : True for the chosen structure.
 
     Examples
     --------
@@ -63,29 +63,29 @@ class Candidate(eqx.Module):
 
 
 class TemperatureFit(Unjudged):
-    """Bias of one channel against temperature, with its uncertainty.
+    """Bias of one channel as a function of temperature, with its uncertainty.
 
-    `interval_at` holds for the curve, about the mean of the noise in the record; `prediction_at` for readings of the next cycle, with what
-    the sensor wanders until then.
+    `interval_at` gives the interval of the curve, relative to the mean noise of the record. `prediction_at` gives the interval of readings
+    in the next cycle, including the bias drift until then.
 
     Attributes
     ----------
     model : `ThermalModel` with `bias_at` and `correct`.
-    kind : "smooth", "polynomial", "table", or the class of a curve of one's own.
-    degree : of a polynomial; None for the others.
+    kind : "smooth", "polynomial", "table", or the class name of your own curve.
+    degree : degree of a polynomial; None for other models.
     coefficients, coefficient_error : (degree + 1,) a1, a2, ... of the powers of T in degC, equation (5.3) of the thesis, and their
-        standard errors; None for other models. Above degree 5 they are numbers of alternating sign that nearly cancel: use `model`.
-    steps : tuple of `Step`, by temperature.
-    parameters : name -> (value, standard error): of a curve that was given to `fit`, or of lag, play and rate that were found.
-    noise : `jaxcal.noise.Noise` with the N, B and K that were estimated together with the curve; None where the times are not known.
-    rms, worst, worst_at : rms residual of the means over 0.1 degC: over all the range, and in the worst window of 1 degC, whose centre
-        is `worst_at` (degC). The first alone hides a failure at a jump.
+        standard errors; None for other models. Above degree 5 they alternate in sign and nearly cancel, so use `model` instead.
+    steps : tuple of `Step`, sorted by temperature.
+    parameters : name -> (value, standard error): parameters of your own curve, or the estimated lag, play and rate.
+    noise : `jaxcal.noise.Noise` with the N, B and K estimated together with the curve; None if the times are unknown.
+    rms, worst, worst_at : rms residual of the means over 0.1 degC over the whole range; the same in the worst window of 1 degC; and the
+        centre of this window, degC. `rms` alone hides a misfit at a jump.
     grid, error : (bins,) temperatures, degC, and the standard error of the curve there.
-    bins : `Bins` that were fitted, over the effective temperature; `residual` (bins,) what is left of them.
-    next_error : (bins,) standard deviation of what the mean reading over 0.1 degC departs from the curve by in the next cycle.
-    level : standard deviation of the level of the next cycle, and its degrees of freedom, from the levels of several records.
+    bins : the fitted `Bins`, over the effective temperature. residual : (bins,) mean biases of the bins minus the curve.
+    next_error : (bins,) standard deviation of the mean reading over 0.1 degC in the next cycle about the curve.
+    level : (standard deviation of the level of the next cycle, its degrees of freedom), from the levels of several records.
     thermometer : standard deviation of the thermometer's noise, degC.
-    candidates : tuple of `Candidate`, the choice by likelihood; empty where nothing was chosen.
+    candidates : tuple of `Candidate`, the structures compared by likelihood; empty if there was no choice.
     confidence : level of `interval_at` and `prediction_at`.
     warnings, notes : sentences.
 
@@ -137,7 +137,7 @@ class TemperatureFit(Unjudged):
 
     @host_float64
     def interval_at(self, temperature: Any) -> tuple[AnyArray, AnyArray]:
-        """Ends of the interval of the curve at steady temperatures (n,) or (), degC, at level `confidence`."""
+        """Limits of the confidence interval of the curve at steady temperatures (n,) or (), degC, at level `confidence`."""
         t = np.clip(np.asarray(temperature, dtype=float), self.model.low, self.model.high)
         value = np.asarray(self.model.curve.value(t))
         half = scipy.special.ndtri(0.5 + self.confidence / 2) * np.interp(t, self.grid, self.error)
@@ -145,10 +145,10 @@ class TemperatureFit(Unjudged):
 
     @host_float64
     def prediction_at(self, temperature: Any) -> tuple[AnyArray, AnyArray]:
-        """Ends of the interval of mean readings over 0.1 degC in the next cycle at temperatures (n,) or (), degC, at level `confidence`.
+        """Limits of the prediction interval of mean readings over 0.1 degC in the next cycle, at temperatures (n,) or (), degC.
 
-        After one record the next cycle is the same one again without a pause, so that B and K go on wandering. After several records it is
-        another one like them; its level is as uncertain as theirs differ, with a Student quantile.
+        After one record, the next cycle is a repetition without a pause, during which the bias continues to drift with B and K. After
+        several records, it is another cycle of the same kind, whose level scatters as their levels do (Student's t).
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""`simulate`: a bias that depends on temperature, with a jump and hysteresis whose truth is known."""
+"""`simulate`: a bias that depends on temperature, with a known jump and known hysteresis."""
 
 from typing import Any
 
@@ -19,9 +19,9 @@ class Simulated(eqx.Module):
     Attributes
     ----------
     time : (n,) s.
-    temperature : (n,) as the thermometer reads it, with its noise, degC.
-    bias : (n,) as the sensor reads it at rest, with noise and random walk, rad/s.
-    true_temperature : (n,) degC.
+    temperature : (n,) readings of the thermometer, with noise, degC.
+    bias : (n,) readings of the sensor at rest, with noise and random walk, rad/s.
+    true_temperature : (n,) true temperature, degC.
     truth : (n,) bias without noise, rad/s.
 
     Examples
@@ -40,18 +40,18 @@ class Simulated(eqx.Module):
 
 
 def reference_bias(temperature: Any, jump: float = np.deg2rad(0.3)) -> AnyArray:
-    r"""The true bias of `simulate`, rad/s: a cubic between 20 and 45 degC, and a jump at 24.5 degC.
+    r"""Compute the true bias of `simulate`, rad/s: a cubic between 20 and 45 degC, and a jump at 24.5 degC.
 
     .. math:: b = 0.05 + 0.12 x - 0.06 x^2 + 0.04 x^3 + J/(1 + e^{-(T - 24.5)/0.08})\ \text{deg/s},\quad x = (T - 32.5)/12.5
 
     Parameters
     ----------
     temperature : (n,) or (), degC.
-    jump : its height J, rad/s.
+    jump : height J of the jump, rad/s.
 
     Returns
     -------
-    Of the shape of `temperature`, rad/s.
+    Bias in the shape of `temperature`, rad/s.
 
     Examples
     --------
@@ -84,18 +84,18 @@ def simulate(
     rate: float = 1.0,
     seed: Any = 0,
 ) -> Simulated:
-    """A gyroscope channel at rest while the temperature goes between 20 and 45 degC.
+    """Simulate a gyroscope channel at rest while the temperature changes between 20 and 45 degC.
 
     Parameters
     ----------
-    jump : height of the step at 24.5 degC, rad/s.
-    profile : "ramp", once from 20 to 45 degC; "cycle", a sine of 75 minutes that begins upwards at 32.5 degC.
+    jump : height of the jump at 24.5 degC, rad/s.
+    profile : "ramp", once from 20 to 45 degC; "cycle", a sine with a period of 75 minutes that starts upwards at 32.5 degC.
     lag : time constant in s with which the sensor follows the true temperature.
-    play : half-width of its backlash, degC.
-    noise : standard deviation of a sample, rad/s.
-    walk : standard deviation of the step that the bias takes from sample to sample, rad/s.
-    thermometer : standard deviation of its noise, degC.
-    duration, rate : s, Hz.
+    play : half-width of the sensor's backlash, degC.
+    noise : standard deviation of the white noise of a sample, rad/s.
+    walk : standard deviation of the random-walk step of the bias from sample to sample, rad/s.
+    thermometer : standard deviation of the thermometer's noise, degC.
+    duration : s. rate : Hz.
     seed : integer or NumPy generator.
 
     Returns
@@ -106,7 +106,7 @@ def simulate(
     Raises
     ------
     DataError
-        For fewer than two samples, or another profile.
+        If there are fewer than two samples, or the profile is unknown.
 
     Examples
     --------

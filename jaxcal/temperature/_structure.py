@@ -1,12 +1,12 @@
-r"""What a curve consists of: lag, play, a term in dT/dt and jumps, as the restricted likelihood decides.
+r"""Choice of a curve's structure by the restricted likelihood: lag, play, a term in dT/dt, and jumps.
 
-A jump is looked for as the largest score of a logistic step over centres and widths under the curve without it, whose series takes all that
-is smooth. The score of a step that is not there is normal, and the chance that the largest of all is above u is at most
+The search for a jump computes the score of a logistic step for many centres and widths, under the curve without the jump, whose series
+absorbs everything smooth. Without a jump each score is normal, and the probability that the largest score exceeds u is at most
 
 .. math:: 2\,\Phi(-u) + \frac{1}{\pi} \sum_i \arccos(\rho_{i,i+1})\, e^{-u^2/2}
 
-for each chain of neighbouring steps with correlations rho (R. B. Davies, Biometrika 64 (1977) 247). A jump stays where the chance of
-its likelihood ratio is below `CHANCE`.
+for each chain of neighbouring steps with correlations rho (R. B. Davies, Biometrika 64 (1977) 247). A jump is accepted if this probability
+for its likelihood ratio is below `CHANCE`.
 """
 
 import dataclasses
@@ -19,22 +19,22 @@ from ._design import Design, Form, Jump, Part
 from ._restricted import Restricted
 
 CHANCE = 0.003
-MOST = 4  # jumps of a device
-PRICE = 12.0  # -2 log likelihood that lag, play or the term in dT/dt must gain: chance gives it to one record in 500
-_WIDTHS = (0.04, 0.12, 0.36)  # degC of steps that are looked for
-_NARROW, _WIDE, _PART = 0.01, 0.5, 1 / 40  # degC, degC and part of the range: what is wider is a curve, not a jump
+MOST = 4  # largest number of jumps of a device
+PRICE = 12.0  # gain in -2 log likelihood required of lag, play or the term in dT/dt; chance gives it in one of 500 records
+_WIDTHS = (0.04, 0.12, 0.36)  # degC: widths of steps in the search
+_NARROW, _WIDE, _PART = 0.01, 0.5, 1 / 40  # degC, degC, share of the range: limits of a jump's width; wider steps belong to the curve
 _EDGE, _GRID = 0.5, 0.05  # degC
-_APART = 3.0  # widths between two jumps: nearer ones are the shape of one
+_APART = 3.0  # least distance of two jumps in widths; nearer steps would describe the shape of one jump
 _ROUNDS, _STEPS, _HALVINGS = 4, 12, 6
-_COARSE = 2000  # samples on which structures are compared
-#: s, degC, s: where searches begin
+_COARSE = 2000  # number of samples for the comparison of structures
+#: starts of the searches: s, degC, s
 _STARTS = {"lag": (5.0, 15.0, 40.0, 100.0, 250.0), "play": (0.1, 0.3, 0.7, 1.2), "slow": (30.0, 200.0, 1000.0)}
-PRICE_OF_JUMP = 20.0  # likewise of a jump, beside what its search demands
+PRICE_OF_JUMP = 20.0  # required gain for a jump, in addition to the test in its search
 
 
 @dataclasses.dataclass(frozen=True)
 class Found:
-    """A form with its hyperparameters, -log posterior density, and the chance of every jump."""
+    """A form with its hyperparameters, -log posterior density, and the false-alarm probability of every jump."""
 
     form: Form
     phi: AnyArray
@@ -43,7 +43,7 @@ class Found:
 
 
 def settled(design: Design, form: Form, phi: AnyArray | None = None, *, near: bool = False) -> Found:
-    """Numbers of the form and hyperparameters in turn, until nothing changes; `near` as of `Restricted.fitted`."""
+    """Fit the form's nonlinear parameters and the hyperparameters in turn until convergence; `near` as in `Restricted.fitted`."""
     restricted = design.restricted(form)
     phi, value = restricted.fitted(phi, near=near)
     for _ in range(_ROUNDS if len(form.vector) else 0):
@@ -64,7 +64,7 @@ def _limits(design: Design, form: Form) -> tuple[AnyArray, AnyArray]:
 
 
 def _refined(design: Design, form: Form, phi: AnyArray) -> Form:
-    """Gauss-Newton steps of the numbers that enter not linearly, with the coefficients eliminated."""
+    """Gauss-Newton steps for the nonlinear parameters, with the linear coefficients eliminated."""
     low, high = _limits(design, form)
     at = design.restricted(form).solved(phi)
     for _ in range(_STEPS):
@@ -87,7 +87,7 @@ def _refined(design: Design, form: Form, phi: AnyArray) -> Form:
 
 
 def with_jumps(design: Design, found: Found) -> Found:
-    """Jumps one by one, each where it helps most, as long as chance does not explain it."""
+    """Add jumps one by one, each where it improves the fit most, as long as they are significant."""
     while len(found.form.jumps) < MOST * design.devices:
         best = max((_candidate(design, found, k) for k in range(design.devices)), key=lambda one: one[0])
         score, jump, chains = best
@@ -102,12 +102,12 @@ def with_jumps(design: Design, found: Found) -> Found:
 
 
 def chance(score: float, chains: list[AnyArray]) -> float:
-    """Davies' bound of the chance that the largest of several chains of normal scores is above `score`."""
+    """Davies' bound of the probability that the largest score in several chains of normal scores exceeds `score`."""
     return sum(2 * scipy.special.ndtr(-score) + np.sum(np.arccos(np.clip(one, -1, 1))) / np.pi * np.exp(-(score**2) / 2) for one in chains)
 
 
 def _candidate(design: Design, found: Found, device: int) -> tuple[float, Jump | None, list[AnyArray]]:
-    """The step with the largest score, and the correlations of neighbours in each chain."""
+    """Largest score, its step, and the correlations of neighbouring scores in each chain."""
     restricted: Restricted = design.restricted(found.form)
     at = restricted.solved(found.phi)
     weight = 1 / np.sqrt(at.density)[design.bands.index]
@@ -131,7 +131,7 @@ def _candidate(design: Design, found: Found, device: int) -> tuple[float, Jump |
         taken = at.covariance @ inside
         variance = np.sum(steps**2, axis=0) - np.sum(inside * taken, axis=0)
         neighbours = np.sum(steps[:, 1:] * steps[:, :-1], axis=0) - np.sum(inside[:, 1:] * taken[:, :-1], axis=0)
-        # a step that the series follows to rounding cannot be seen
+        # a step that the series reproduces to rounding cannot be detected
         seen = variance > 1e-9 * np.sum(steps**2, axis=0)
         variance = np.where(seen, variance, np.inf)
         score = np.abs(steps.T @ rest) / np.sqrt(variance)
@@ -144,7 +144,7 @@ def _candidate(design: Design, found: Found, device: int) -> tuple[float, Jump |
 
 @dataclasses.dataclass(frozen=True)
 class Tried:
-    """A structure that was compared: its name, what was found, and its price-laden -2 log posterior density."""
+    """A structure that was compared: its name, its fit, and its penalised -2 log posterior density."""
 
     name: str
     found: Found
@@ -152,7 +152,7 @@ class Tried:
 
 
 def structures(design: Design, given: Form, searched: tuple[str, ...]) -> list[Tried]:
-    """What is given, and with each of `searched`, "lag", "play" and "rate", or two of them; on means over blocks, which is quick."""
+    """Fit the given form alone and with one or two of `searched` ("lag", "play", "rate"), on means over blocks to save time."""
     coarse = _coarser(design)
     plain = with_jumps(coarse, settled(coarse, given))
     tried = [_tried("none", plain)]
@@ -173,7 +173,7 @@ def _tried(name: str, found: Found) -> Tried:
 
 
 def _one_more(design: Design, begin: Found, form: Form, name: str, label: str = "") -> Tried:
-    """The structure with one more, from the start with the least misfit; jumps are looked for anew."""
+    """Add one term to a structure, from its best start, and search for jumps again."""
     form = dataclasses.replace(form, jumps=())
     if name == "rate":
         best = dataclasses.replace(form, rate=True)

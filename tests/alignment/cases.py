@@ -1,4 +1,4 @@
-"""The reference file as arguments, and comparisons of angles."""
+"""Convert entries of the reference file to arguments of `jaxcal.alignment`, and compare angles."""
 
 import json
 
@@ -30,17 +30,17 @@ def readings(data, case, kind):
 
 
 def apart(first, second):
-    """Size of the angle between, rad."""
+    """Absolute difference of two angles modulo 2 pi, rad."""
     return np.abs(np.angle(np.exp(1j * (np.asarray(first) - np.asarray(second)))))
 
 
 def unmatched(expected, found):
-    """Largest distance of an expected root from the nearest found one."""
+    """Distance of every expected root from the nearest root found, of which the largest is returned, rad."""
     return max((float(np.min(apart(root, np.asarray(found)))) if len(found) else np.inf) for root in expected)
 
 
 def random_attitudes(count, seed, latitudes=70.0):
-    """Attitudes with |phi|, |theta| and latitude away from the poles of their own, rad, (n, 4): phi, theta, psi, latitude."""
+    """Random attitudes whose roll, pitch and latitude are away from +-90 degrees, rad, (n, 4): phi, theta, psi, latitude."""
     rng = np.random.default_rng(seed)
     span = np.array([[-80, 80], [-80, 80], [-180, 180], [-latitudes, latitudes]]) * DEG
     return rng.uniform(span[:, 0], span[:, 1], (count, 4))

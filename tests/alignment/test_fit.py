@@ -1,4 +1,4 @@
-"""The joint fit against the Cramer-Rao bound, what it can and cannot tell, the bound itself and the plan."""
+"""The joint fit against the Cramer-Rao bound, parameters that the data do not determine, the bound itself, and the plan of a test."""
 
 from typing import Any
 
@@ -71,7 +71,7 @@ def test_rules_of_thumb():
     pair = lambda angle: Positions([angle, angle + np.pi], dwell=total / 2)  # noqa: E731
     best = float(jaxcal.alignment.best_angle(jnp.asarray(level), LATITUDE))
     assert crlb(pair(best), level, LATITUDE, **known).azimuth_std == pytest.approx(unit / np.sqrt(total), rel=1e-9)
-    # an axis error of 10 degrees costs 1.5 %
+    # table angles that are off by 10 degrees increase the standard deviation by 1.5 %
     off = crlb(pair(best + 10 * DEG), level, LATITUDE, **known).azimuth_std
     assert off == pytest.approx(unit / np.sqrt(total) / np.cos(10 * DEG), rel=1e-9)
     worst = crlb(pair(best + np.pi / 2), level, LATITUDE, **known)
@@ -79,10 +79,10 @@ def test_rules_of_thumb():
     assert np.isinf(worst.azimuth_std)
 
 
-#: one list of mountings for all, with readings left out, so that one program serves them
+#: all layouts have the same mountings and leave readings out, so that they share one compiled program
 MOUNTINGS = ["x"] * 8 + ["z", "-z"]
 LAYOUTS = {
-    # angles of the eight x positions, dwells (0: not measured), what is free, priors, largest order of drift
+    # angles of the eight x positions, dwells (0: not measured), free parameters, priors
     "x4": ([0, 90, 180, 270] * 2, [60] * 4 + [0] * 6, SEVEN, PRIORS),
     "x4 + z + -z": ([0, 90, 180, 270] * 2, [40] * 4 + [0] * 4 + [40] * 2, SEVEN, {}),
     "unequal dwells": ([0, 90, 180, 270] * 2, [15, 100, 45, 80] + [0] * 6, SEVEN, PRIORS),
@@ -98,7 +98,7 @@ def test_the_fit_is_at_the_bound(name):
     places = Positions(np.array([*angles, 0, 0]) * DEG, MOUNTINGS, np.where(measured, dwell, 1.0))
     accel, gyro = Sensor(bias=1e-3, white=VRW), Sensor(bias=5e-8, white=ARW)
 
-    # the true scale errors scatter as their priors say, so that covariance and chi-square hold for the average run
+    # the true scale errors are drawn from their priors, so that covariance and chi-square are valid on average over the runs
     spread = 1e-4 if priors else 0.0
 
     def one(key):
@@ -114,11 +114,11 @@ def test_the_fit_is_at_the_bound(name):
     alone = Positions(np.array([*angles, 0, 0])[kept] * DEG, [MOUNTINGS[i] for i in kept], np.array(dwell)[kept], places.start[kept])
     bound = crlb(alone, PAPER, LATITUDE, accel_noise=VRW, gyro_noise=ARW, free=free, priors=priors)
     rmse = np.sqrt(np.mean(apart(values[:, 2], PAPER[2]) ** 2))
-    # standard error of a rmse over 1,000 runs: 2.2 %
+    # an rmse over 1,000 runs has a standard error of 2.2 %
     assert 0.9 < rmse / bound.azimuth_std < 1.1
     assert np.all(np.asarray(verdict) == int(jaxcal.alignment.Verdict.ok._value)) or np.mean(np.asarray(p_value) < 1e-3) < 5e-3
     np.testing.assert_allclose(np.median(covariance[:, 2, 2]) ** 0.5, bound.azimuth_std, rtol=0.02)
-    # normalised error squared of the three angles: chi-square of three degrees of freedom
+    # the normalised squared error of the three angles has a chi-square distribution with three degrees of freedom
     error = np.asarray(values)[:, :3] - PAPER[None, :]
     squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(np.asarray(covariance)[:, :3, :3]), error)
     assert scipy.stats.kstest(squared, "chi2", (3,)).pvalue > 1e-3
@@ -181,7 +181,7 @@ def test_latitude():
 
 
 def test_two_azimuths_that_fit_are_not_decided_in_silence():
-    # level known, one opposed pair: the azimuth and its mirror in the meridian
+    # with a known level and one opposed pair, the azimuth and its mirror image about the meridian both fit
     readings = readings_at(X4[::2], np.array([0.0, 0.0, 40.0]) * DEG)
     options = {"free": ("psi", "b_g"), "start": {"phi": 0.0, "theta": 0.0}}
     found = fit(readings, LATITUDE, **options)
@@ -206,7 +206,7 @@ def test_noise_from_the_residuals():
     errors = {"accel": Sensor(white=VRW), "gyro": Sensor(white=ARW)}
     made = simulate(cases.positions(rows, 24.0), PAPER, LATITUDE, seed=3, **errors)
     found = fit(Readings(made.positions, made.accel, made.gyro), LATITUDE)
-    # six redundant readings of the gyro: 29 %
+    # six redundant readings of the gyro determine the noise to 29 %
     assert found.azimuth_std == pytest.approx(fit(made, LATITUDE).azimuth_std, rel=0.6)
     assert found.p_value is None
     assert "No noise was given" in found.notes[0]
@@ -223,7 +223,7 @@ def test_one_sensor_alone():
 
 
 def test_random_walk_of_the_bias_widens_the_azimuth_as_generalised_least_squares_says():
-    """Against the covariance written out in NumPy: level known, unknowns psi and the bias at the start."""
+    """The bound agrees with generalised least squares in NumPy; the level is known, psi and the bias at the start are unknown."""
     walk, dwell = 5e-8, 30.0
     angles = np.array([0, 90, 180, 270, 270, 180, 90, 0]) * DEG
     places = Positions(angles, dwell=dwell)
@@ -237,7 +237,7 @@ def test_random_walk_of_the_bias_widens_the_azimuth_as_generalised_least_squares
     bound = crlb(places, level, LATITUDE, accel_noise=VRW, gyro_noise=noise, free=("psi", "b_g"))
     assert bound.azimuth_std == pytest.approx(expected, rel=1e-9)
     assert bound.azimuth_std > 1.05 * crlb(places, level, LATITUDE, accel_noise=VRW, gyro_noise=ARW, free=("psi", "b_g")).azimuth_std
-    # and the noise that `simulate` makes has that covariance; the walk is counted from its mean over the test
+    # the noise of `simulate` has the same covariance, except that the walk is relative to its mean over the test
     away = np.eye(8) - 1 / 8
     covariance = np.eye(8) * ARW**2 / dwell + away @ (covariance - np.eye(8) * ARW**2 / dwell) @ away
     keys = jax.random.split(jax.random.key(0), 4000)
@@ -292,11 +292,11 @@ def test_calls_that_are_wrong_say_what_mends_them(change, match):
 
 
 def test_the_azimuth_responds_to_everything_given_as_finite_differences_say():
-    """Held values, priors, gravity, table angles and noise included."""
+    """The arguments include fixed parameters, priors, gravity, table angles and noise."""
     rows = [*X4, ("z", 0)]
     base = readings_at(rows, np.array([12.0, -11.0, 40.0]) * DEG)
     rng = np.random.default_rng(0)
-    #: what changes -> a step in its own unit
+    #: argument -> step in the unit of that argument
     steps = {
         "latitude": 1e-4, "gravity": 1e-3, "gyro": 1e-8 * rng.normal(size=5), "accel": 1e-4 * rng.normal(size=5),
         "angle": 1e-4 * rng.normal(size=5), "s_g": 1e-4, "s_a": 1e-4, "ma_g_xy": 1e-4, "prior": 1e-4, "deviation": 5e-7,
@@ -307,7 +307,7 @@ def test_the_azimuth_responds_to_everything_given_as_finite_differences_say():
     def psi(change):
         error = 1e-5 * (1 + change["angle_std"])
         places = Positions(base.positions.angle + change["angle"], base.positions.mounting, 60.0 + change["dwell"], angle_std=error)
-        # noise in the readings, that weights and priors matter
+        # the readings get errors, so that weights and priors matter
         accel, gyro = base.accel + 1e-4 * np.array([1.0, -2.0, 0.5, 1.0, 0.0]), base.gyro + 1e-7 * np.array([0.0, 1.0, -1.0, 2.0, 1.0])
         process = (1e-9, 30.0 * (1 + change["time"]))
         noise = Noise(
@@ -324,13 +324,13 @@ def test_the_azimuth_responds_to_everything_given_as_finite_differences_say():
     slopes = jax.jit(jax.grad(psi))(jax.tree.map(jnp.asarray, none))
     for name, step in steps.items():
         up, down = (psi(none | {name: sign * step}) for sign in (0.5, -0.5))
-        # a fit ends within 1e-6 standard deviations (2e-9 rad), which is much for a change of the weights
+        # a fit stops within 1e-6 standard deviations (2e-9 rad), which is not small against the effect of the weights
         assert float(np.sum(slopes[name] * step)) == pytest.approx(up - down, rel=1e-3 if np.abs(up - down) < 1e-7 else 1e-4), name
     assert abs(float(slopes["latitude"])) > 0.01
 
 
 class Squared(Turntable):
-    """A term of the accelerometer quadratic in its own reading, which the package does not know."""
+    """A user-defined model with a term of the accelerometer that is quadratic in its own reading."""
 
     k_a: Any = 0.0
 
@@ -351,7 +351,7 @@ def test_a_model_with_one_more_parameter_is_fitted_and_reported():
         found = fit(readings, LATITUDE, model=Squared(), free=free)
         assert isinstance(found.model, Squared)
         inside.append(abs(found.parameters["k_a"] - 2e-5) < 1.96 * found.std["k_a"])
-    # 40 runs: 33 to 40 of them with probability 0.997
+    # of 40 intervals, 33 to 40 contain the truth with probability 0.997
     assert 33 <= sum(inside) <= 40
     assert found.std["k_a"] < 2e-6
     assert "k_a" in found.summary()

@@ -1,4 +1,4 @@
-"""Intervals, bound and noise of north finding against a world that shares nothing with the package."""
+"""Intervals, bound and noise of north finding against a simulation that uses no code of jaxcal."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ GIVEN = {kind: [Noise(**dict(zip("NBK", c * keep, strict=True))) for c in (world
 
 
 def covered(plan_name, kind, known, runs, seed=5):
-    """Share of 95 % intervals that hold roll, pitch and azimuth, and the rmse of the azimuth over its bound."""
+    """Share of 95 % intervals that contain the true roll, pitch and azimuth, and the rmse of the azimuth divided by its bound."""
     angle, start, dwell, accel, gyro = world.tables(np.random.default_rng(seed), runs, plan_name, kind, ATTITUDE)
     places = Positions(angle, dwell=dwell, start=start)
     noise = dict(zip(("accel_noise", "gyro_noise"), GIVEN[kind], strict=True))
@@ -38,7 +38,7 @@ def covered(plan_name, kind, known, runs, seed=5):
 def test_intervals_hold_the_truth(plan_name, kind, known):
     runs = 60
     share, ratio = covered(plan_name, kind, known, runs)
-    # 95 %, within three standard errors
+    # 95 % less three standard errors
     assert np.all(share > 0.95 - 3 * np.sqrt(0.95 * 0.05 / runs)), share
     assert ratio == pytest.approx(1, abs=3 / np.sqrt(2 * runs))
 
@@ -55,7 +55,7 @@ def test_intervals_hold_the_truth_in_every_cell(plan_name, kind):
 
 
 def test_the_bound_under_flicker_is_that_of_generalised_least_squares():
-    """Level known, unknowns psi and bias; the covariance from the semivariogram of flicker, sample by sample."""
+    """With a known level, psi and bias are unknown; the covariance is summed over all samples from the semivariogram of flicker."""
     angles, dwell, dt = np.array([0, 90, 180, 270]) * DEG, 60.0, 0.5
     start = 70.0 * np.arange(4)
     h = np.arange(1200)
@@ -86,7 +86,7 @@ def test_student_quantiles_follow_the_readings_that_are_left_over():
                     gyro=Sensor(white=ARW), seed=1)  # fmt: skip
     found = fit(Readings(made.positions, made.accel, made.gyro), world.LATITUDE)
     freedom = dict(zip(found.names, found.freedom, strict=True))
-    # four readings each; the accelerometer has roll, pitch and bias to give, the gyro azimuth and bias
+    # of four readings each, the accelerometer determines roll, pitch and bias, the gyro azimuth and bias
     assert freedom["phi"] == pytest.approx(1, rel=1e-3)
     assert freedom["psi"] == pytest.approx(2, rel=1e-3)
     low, high = found.interval["psi"]
@@ -98,7 +98,7 @@ def test_student_quantiles_follow_the_readings_that_are_left_over():
 
 
 def test_errors_of_the_table_angles_widen_the_azimuth():
-    """Against the covariance written out: gyro and accelerometer at one position share the error of its angle."""
+    """The bound agrees with a covariance in NumPy, in which gyro and accelerometer at one position share the error of its angle."""
     angles, sigma = np.array([0, 90, 180, 270]) * DEG, 0.1 * DEG
     places = Positions(angles, dwell=60.0, angle_std=sigma)
     noise = {"accel_noise": VRW, "gyro_noise": ARW / 10}

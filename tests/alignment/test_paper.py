@@ -1,4 +1,4 @@
-"""The north-finding paper's own case, to the digits of section 13 of the method."""
+"""The example of the north-finding paper, to the digits that section 13 of the method states."""
 
 import numpy as np
 import pytest
@@ -84,7 +84,7 @@ def test_angles_of_four_points_in_place_of_the_true_ones(readings):
 
 
 def test_transfer_of_level_errors():
-    """Degrees of azimuth per degree of roll and of pitch, section 5 of the method."""
+    """Section 5 of the method states the error of azimuth in degrees per degree of roll and of pitch."""
     clean = simulate(PLACES, ATTITUDE, LATITUDE)
     listed = {
         "opposed": (0.000, 0.680), "quadrature": (0.955, 0.719), "four_point": (0.021, 0.681), "maximum": (3.714, 0.830),

@@ -1,4 +1,4 @@
-"""Error-free readings give back the truth: closed forms over 300 attitudes, joint fit, drift, continuous rotation, full IMU."""
+"""Noise-free readings reproduce the truth: closed forms at 300 attitudes, joint fit, drift, continuous rotation, full IMU."""
 
 import functools
 
@@ -30,13 +30,13 @@ NANO = 1e-9 * DEG
 
 
 def made(draw):
-    """Readings of one attitude: (phi, theta, psi, latitude)."""
+    """Noise-free readings of all positions for `draw`: phi, theta, psi and latitude, rad."""
     return simulate(EVERY, draw[:3], draw[3])
 
 
 @pytest.fixture(scope="module")
 def attitudes():
-    """300 attitudes 10 degrees away from roll and pitch of 90 degrees and from the meridian."""
+    """300 random attitudes at least 10 degrees away from roll and pitch of 90 degrees and from the meridian."""
     rng = np.random.default_rng(0)
     span = np.array([[-80, 80], [-80, 80], [10, 170], [-75, 75]]) * DEG
     draws = rng.uniform(span[:, 0], span[:, 1], (300, 4))
@@ -53,7 +53,7 @@ def test_levels(attitudes, method):
 
 @pytest.fixture(scope="module")
 def solved(attitudes):
-    """Method -> roots of all attitudes at once, kept for the tests that share them."""
+    """A function that returns the roots of a method at all attitudes; it caches them for the tests that share them."""
 
     @functools.cache
     def found(method):
@@ -67,7 +67,7 @@ def test_azimuths(attitudes, solved, method):
     found = solved(method)
     away = np.where(found.real, apart(found.roots, attitudes[:, 2:3]), np.inf)
     away = np.sort(np.concatenate([away, np.full((300, 1), np.inf)], axis=1), axis=1)
-    # ten degrees away from the method's own singularity: where its roots merge
+    # keep attitudes ten degrees away from the singularity of the method, where two of its roots merge
     kept = away[:, 1] > 10 * DEG
     assert np.sum(kept) > 200
     assert np.max(away[kept, 0]) < NANO
@@ -80,7 +80,7 @@ def test_two_orders_of_solution_agree(solved):
 
 
 def test_maximum_agrees_with_the_quartic(attitudes, solved):
-    """Equation (50), corrected: the roots of the polynomial in cos(psi), with the sign of sin(psi) that fits."""
+    """The roots agree with those of the polynomial in cos(psi) of the corrected equation (50), with the matching sign of sin(psi)."""
     worst, counted, found = 0.0, 0, solved("maximum")
     for (phi, theta, _, lat), all_roots, real, rho in zip(attitudes, found.roots, found.real, found.rho, strict=True):
         direct = np.asarray(all_roots)[np.asarray(real)]
@@ -92,7 +92,7 @@ def test_maximum_agrees_with_the_quartic(attitudes, solved):
         cosines = cosines[np.abs(cosines.imag) < 1e-5].real
         if len(cosines) != len(direct) or np.min(np.abs(c * cosines + d)) < 1e-2:
             continue
-        # two roots of the quartic that nearly merge are known to the root of the rounding
+        # two roots of the quartic that nearly merge have errors of the square root of the rounding error
         gaps = np.abs(cosines[:, None] - cosines[None, :]) + np.eye(len(cosines))
         if np.min(gaps) < 1e-3 or np.max(np.abs(cosines)) > 1 - 1e-4:
             continue
@@ -103,7 +103,7 @@ def test_maximum_agrees_with_the_quartic(attitudes, solved):
 
 
 def test_joint_fit_of_every_parameter(attitudes):
-    """Eleven parameters, and twelve with the latitude, from x4 + z4."""
+    """Eleven parameters, and twelve with the latitude, are determined by four x and four z positions."""
     places = Positions(np.tile([0, 90, 180, 270], 2) * DEG, ["x"] * 4 + ["z"] * 4, dwell=30.0)
     accel, gyro = Sensor(1e-4, np.array([1e-4, -2e-4]), 1e-3), Sensor(-2e-4, np.array([-1e-4, 3e-4]), 1e-7)
     worst = np.zeros(2)
@@ -122,7 +122,7 @@ def test_joint_fit_beyond_80_degrees_of_pitch():
         truth = np.array([20.0, theta, -50.0]) * DEG
         clean = simulate(places, truth, 0.6, accel=Sensor(bias=1e-3), gyro=Sensor(bias=1e-7))
         found = fit(Readings(places, clean.accel, clean.gyro, accel_noise=cases.VRW, gyro_noise=cases.ARW), 0.6)
-        # of roll and azimuth the combination that is not the turn about the vertical is well known
+        # roll and azimuth are nearly confounded; only their combination below is well determined
         assert abs(found.theta - truth[1]) < NANO
         turn = np.sign(theta)
         assert apart(found.phi - turn * found.psi, truth[0] - turn * truth[2]) < NANO
@@ -138,7 +138,7 @@ def test_linear_drift_is_fitted_exactly(reference):
     np.testing.assert_allclose([found.phi, found.theta, found.psi], case["attitude"], atol=NANO)
     assert found.parameters["b_g_rate"] == pytest.approx(case["gyro"]["bias_rate"], rel=1e-9)
     assert found.parameters["b_a_rate"] == pytest.approx(case["accel"]["bias_rate"], rel=1e-9)
-    # mirrored order: a drift that is left out does no harm to the azimuth
+    # the positions are in mirrored order, so that a drift that is not fitted causes no error of azimuth
     ignored = fit(readings, case["latitude"])
     assert apart(ignored.psi, case["attitude"][2]) < 1e-6 * DEG
 
@@ -156,7 +156,7 @@ def test_sectors_of_a_turning_table(reference):
     found = fit(readings, case["latitude"], start=known)
     np.testing.assert_allclose([found.phi, found.theta, found.psi], case["attitude"], atol=NANO)
     assert found.parameters["b_g"] == pytest.approx(gyro["bias"], abs=1e-16)
-    # where the sensor errors are left out the offset takes the table rate times the misalignment
+    # without the sensor errors the fitted offset contains the table rate times the misalignment
     apart_from_it = fit(readings, case["latitude"]).parameters["b_g"]
     assert apart_from_it == pytest.approx(gyro["misalignment"][1] * case["table_rate"] + gyro["bias"], rel=0.01)
 
@@ -173,7 +173,7 @@ def test_a_raw_log_of_a_turning_table():
     assert found.rate == pytest.approx(rate, rel=1e-6)
     best = fit(found.readings, latitude)
     assert apart(best.psi, truth[2]) < 4 * best.azimuth_std
-    # white noise of a uniform turn: ARW sqrt(2 / T) / (we cos(lat)), with the noise estimated from 150 sectors or so
+    # expected for a uniform turn with white noise: ARW sqrt(2 / T) / (we cos(lat)); about 150 sectors determine the noise
     assert best.azimuth_std == pytest.approx(1e-7 * np.sqrt(2 / 400) / (7.292115e-5 * np.cos(latitude)), rel=0.3)
     assert found.wobble["gyro"][2] > 1e-3
     shaken = carousel(time, rate * time, dense.accel, dense.gyro + 2e-7 * np.cos(2 * rate * time + 1))

@@ -1,4 +1,4 @@
-"""Every number of the reference file (50-digit arithmetic, rounded to double): readings, closed forms, all roots."""
+"""Readings, closed forms and all roots agree with the reference file, which was computed with 50 digits and rounded to double."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def test_moving_table(data):
     for case in data["moving_table"]:
         place = Positions([case["tau"]], rate=case["table_rate"], acceleration=case["table_acceleration"])
         table = Turntable(*case["attitude"], latitude=case["latitude"])
-        # along body x, y, z: the axes of mounting "x"
+        # components along body x, y, z, which are the axes of mounting "x"
         force, rate = table.truth(place, lever_arm=case["lever_arm"])
         np.testing.assert_allclose(force[0], case["specific_force"], atol=1e-14 * 9.80665)
         np.testing.assert_allclose(rate[0], case["angular_rate"], atol=1e-14 * max(abs(case["table_rate"]), EARTH))
@@ -59,7 +59,7 @@ def test_levels(data, configurations, method):
         found = level(cases.readings(data, case, "ideal"), method=method, gravity=case["gravity"])
         assert apart(found.theta, expected["theta"]) <= expected["tol_theta"], case["name"]
         assert unmatched(expected["phi_roots"], found.phi_roots) <= expected["tol_phi"], case["name"]
-        # the z reading decides between the roots
+        # the z reading selects the correct root
         assert apart(found.phi, case["attitude"][0]) <= expected["tol_phi"], case["name"]
         if expected["status"] == "double_root":
             assert verdict_name(found.verdict) in ("double_root", "clipped"), case["name"]
@@ -87,7 +87,7 @@ def _azimuth(data, case, method, kind="ideal", **options):
 
 
 def _agrees(found, expected, name):
-    """Status, then every root."""
+    """Check the status, then every root."""
     status = expected.get("status", "ok")
     if status == "degenerate":
         assert verdict_name(found.verdict) == "degenerate", name
@@ -98,7 +98,7 @@ def _agrees(found, expected, name):
         assert verdict_name(found.verdict) == "infeasible", name
         return
     assert unmatched(expected["roots"], found.roots) <= expected["tol"], name
-    # no root too many: those found are all expected
+    # every root found must be an expected one
     assert unmatched(found.roots, expected["roots"]) <= max(expected["tol"], 2e-6 if status == "double_root" else 0), name
     if status == "double_root":
         assert verdict_name(found.verdict) in ("double_root", "clipped", "undecided"), name
@@ -170,7 +170,7 @@ def test_azimuth_by_triad(data, configurations):
 
 
 def test_sensor_errors_without_misalignment_come_back_exactly(data):
-    """Configurations of even index: bias and scale as they are, and the true angles."""
+    """Configurations of even index have no misalignment: bias, scale and angles equal the truth."""
     for case in data["configurations"][0::2]:
         expected = case["expected"]["azimuth"]["bias_and_scale"]
         for method in ("bias_and_scale", "triad"):

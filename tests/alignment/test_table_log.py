@@ -1,4 +1,4 @@
-"""Raw logs of a table that rests and moves, made outside of the package, against ideal means over the same rests."""
+"""Raw logs of a table that rests and moves, simulated without jaxcal, against ideal means over the same rests."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,10 @@ WORDS = {1: ("x",), 3: ("x", "y", "fixed z")}
 
 
 def compared(axes, known, runs, kind="N+B+K"):
-    """Difference of the answers from a raw log and from ideal means, in standard deviations, and which intervals hold the truth."""
+    """Compare the answers from raw logs with those from ideal means.
+
+    Returns the differences in standard deviations, and which intervals contain the truth.
+    """
     noise = {
         name: Noise(**dict(zip("NBK", c * world.NOISES[kind], strict=True))) for name, c in (("accel", world.ACCEL), ("gyro", world.GYRO))
     }
@@ -66,12 +69,12 @@ def test_the_gyroscope_tells_the_angles_and_the_axis(made):
     time, _, accel, gyro, rests, _ = made
     found = from_log(jaxcal.Log(time, accel=accel, gyro=gyro), noise={"accel": world.ACCEL[0], "gyro": world.GYRO[0]})
     np.testing.assert_allclose(np.rad2deg(found.angle), [0, 90, 180, 270], atol=0.05)
-    # the device stands 0.02 and 0.01 rad askew on the table, which its gyro shows but for a misalignment of 1e-3
+    # the device is tilted on the table by 0.02 and 0.01 rad; its gyro determines the tilt apart from a misalignment of 1e-3
     assert np.arccos(found.frame[2, 2]) == pytest.approx(np.hypot(0.02, 0.01), abs=3e-3)
     assert np.all((found.start >= rests[:, 0]) & (found.stop <= rests[:, 1]))
     got = found.fit(world.LATITUDE)
     for name, truth in zip(("phi", "theta", "psi"), ATTITUDE, strict=True):
-        # the azimuth is that of the x axis of the device in the plane of the table
+        # the azimuth is that of the projection of the device's x axis on the plane of the table
         assert abs(got.parameters[name] - truth) < 4 * got.std[name] + (0.001 if name == "psi" else 0.0), name
     assert got.std["phi"] > from_log(jaxcal.Log(time, accel=accel, gyro=gyro), angles=found.angle, noise={
         "accel": world.ACCEL[0], "gyro": world.GYRO[0]}).fit(world.LATITUDE).std["phi"]  # fmt: skip
@@ -148,7 +151,7 @@ def test_readings_that_no_table_on_earth_gives_are_refused_with_the_likely_unit(
 
 
 def test_a_poor_gyro_is_not_taken_for_a_wrong_unit():
-    """A consumer gyro of 5 deg/sqrt(h) scatters by more than the Earth's rate; the answer is weak, not refused."""
+    """The noise of a consumer gyro (5 deg/sqrt(h)) exceeds the Earth's rate; the result is weak but not refused."""
     angles = np.array([0, 90, 180, 270]) * DEG
     rng = np.random.default_rng(0)
     clean = [vector[:, 0] for vector in world.vectors(ATTITUDE, angles)]

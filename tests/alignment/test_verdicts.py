@@ -1,4 +1,4 @@
-"""Section 11 of the method: every degenerate case is reported, nothing is solved in silence, nothing is NaN."""
+"""Degenerate cases of section 11 of the method: each is reported by its verdict, and no result is NaN."""
 
 import jax
 import jax.numpy as jnp
@@ -61,7 +61,7 @@ def test_the_level_table_has_no_maximum_whatever_the_noise():
 
 
 def test_roots_closer_than_the_hint():
-    # 71.4 and 88 degrees at the paper's attitude and table angle 120
+    # the paper's attitude at a table angle of 120 degrees has roots at 71.4 and 88 degrees
     found = north("single_reading", 50, 30, 88, 35, angle=120 * DEG, hint=85 * DEG)
     assert verdict_name(found.verdict) == "ambiguous"
     assert found.psi == pytest.approx(88 * DEG, abs=1e-9)
@@ -74,7 +74,7 @@ def test_arc_cosines_that_exceed_one():
     large = Readings(X4, gyro=readings.gyro * 1.01)
     found = azimuth(large, np.array([2, 3]) * DEG, 35 * DEG, method="opposed")
     assert (verdict_name(found.verdict), found.psi, found.std) == ("infeasible", None, None)
-    # the same excess within five standard deviations of the readings: the double root, and it is said
+    # an excess within five standard deviations of the readings gives the double root with the verdict "clipped"
     noisy = Readings(X4, gyro=readings.gyro * 1.01, gyro_noise=100 * ARW)
     found = azimuth(noisy, np.array([2, 3]) * DEG, 35 * DEG, method="opposed")
     assert verdict_name(found.verdict) == "clipped"
@@ -141,7 +141,7 @@ def test_too_few_angles(method):
     found = level(readings, method=method)
     assert (verdict_name(found.verdict), found.phi, found.theta) == ("degenerate", None, None)
     assert "third angle" in found.reason
-    # without the offset two angles suffice
+    # two angles suffice without the offset
     assert level(readings, method=method, offset=False).phi == pytest.approx(3 * DEG, abs=1e-12)
     if method[-1] == "x":
         assert azimuth(readings, [0.05, 0.07], 0.6, method="maximum").psi is None
@@ -170,7 +170,7 @@ def test_without_a_sensor():
 
 
 def test_constant_readings():
-    """A dead sensor: no azimuth, or one that is flagged."""
+    """Constant readings of a dead sensor give no azimuth, or a verdict other than ok."""
     dead = Readings(EVERY, np.zeros(11), np.zeros(11), accel_noise=VRW, gyro_noise=ARW)
     for method in AZIMUTH_METHODS:
         found = azimuth(dead, np.array([10.0, 20.0]) * DEG, 35 * DEG, method=method)
@@ -179,7 +179,7 @@ def test_constant_readings():
 
 
 def test_gradients_are_finite_at_double_roots():
-    """Also where arc cosines have infinite slopes: no NaN reaches a caller's gradient."""
+    """The gradient is finite even where the arc cosine has an infinite slope."""
     places = X4
     for psi in (0.0, np.pi):
         gyro = jnp.asarray(simulate(places, np.array([0.1, 0.2, psi]), 0.6).gyro)
@@ -208,7 +208,7 @@ def test_traced_as_on_the_host_and_differentiable(method):
 
 @pytest.mark.parametrize("method", ["opposed", "quadrature", "four_point", "bias_and_scale", "triad"])
 def test_first_order_standard_deviations(method):
-    """Against the closed forms of the method's section 5 for a known level."""
+    """For a known level the standard deviations equal the closed forms in section 5 of the method."""
     phi, theta, psi, lat = np.array([20, -10, 60, 35]) * DEG
     made = at(20, -10, 60, 35)
     readings = Readings(EVERY, made.accel, made.gyro, gyro_noise=ARW)
@@ -222,7 +222,7 @@ def test_first_order_standard_deviations(method):
     elif method == "quadrature":
         assert found.std == pytest.approx(sigma / (np.sqrt(2) * cl * abs(sp * st * sf + cp * cf)), rel=1e-9)
     else:
-        # numerically: every reading moved by its standard deviation
+        # sum the effects of a small change of each reading, scaled to its standard deviation
         total = 0.0
         for i in (*range(4), 10):
             step = 1e-4 * ARW / np.sqrt(60) * (np.arange(11) == i)
@@ -238,14 +238,14 @@ def test_level_uncertainty_enters_the_azimuth():
     readings = Readings(EVERY, made.accel, made.gyro, accel_noise=1e3 * VRW)
     flat = level(readings)
     found = azimuth(readings, flat, 35 * DEG, method="quadrature", hint=88 * DEG)
-    # 0.955 and 0.719 degrees of azimuth per degree of roll and pitch, both of one sign or not as their covariance says
+    # azimuth changes by 0.955 and 0.719 degrees per degree of roll and pitch; both choices of the relative sign are tried
     slope = np.array([0.955, 0.719])
     signs = [np.array([1, s]) * slope for s in (1, -1)]
     assert any(found.std == pytest.approx(np.sqrt(v @ flat.covariance @ v), rel=2e-3) for v in signs)
 
 
 def test_level_standard_deviations():
-    """The closed form of the method's section 4 for four points."""
+    """For four points the standard deviations equal the closed form in section 4 of the method."""
     phi, theta = 50 * DEG, 30 * DEG
     made = at(50, 30, 88, 35)
     sigma = VRW / np.sqrt(60) / 9.80665

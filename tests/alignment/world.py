@@ -1,4 +1,4 @@
-"""A turntable by NumPy and SciPy alone: nothing of the package. Noise of a whole test, its means over the rests, and raw logs."""
+"""A turntable simulated with NumPy and SciPy but not jaxcal: noise over a whole test, mean readings over the rests, and raw logs."""
 
 import numpy as np
 from scipy.signal import fftconvolve
@@ -7,12 +7,12 @@ from scipy.spatial.transform import Rotation
 DEG, EARTH, G = np.pi / 180, 7.292115e-5, 9.80665
 LATITUDE = 35 * DEG
 
-#: N, B, K, SI: a gyro of 0.002 deg/sqrt(h), 0.02 deg/h, 0.1 deg/h/sqrt(h), an accelerometer of 50 micro-g sqrt(s), 10 micro-g
+#: N, B, K in SI units: a gyro of 0.002 deg/sqrt(h), 0.02 deg/h, 0.1 deg/h/sqrt(h), an accelerometer of 50 micro-g sqrt(s), 10 micro-g
 GYRO = np.array([0.002 * DEG / 60, 0.02 * DEG / 3600, 0.1 * DEG / 3600 / 60])
 ACCEL = np.array([50e-6 * G, 10e-6 * G, 5e-7 * G])
-#: which of N, B and K there is
+#: factors of N, B and K for each kind of noise
 NOISES = {"white": np.array([1, 0, 0]), "N+B": np.array([1, 1, 0]), "N+B+K": np.array([1, 1, 1])}
-#: table angles in degrees, and the time on each in s
+#: table angles in degrees, and the time at each of them in s
 PLANS = {
     "4 x 120 s": ([0, 90, 180, 270], 120.0), "8 mirrored x 60 s": ([0, 90, 180, 270, 270, 180, 90, 0], 60.0),
     "4 x 600 s": ([0, 90, 180, 270], 600.0),
@@ -21,7 +21,10 @@ MOVE = 8.0  # s between rests
 
 
 def noise(rng, coefficients, shape, dt):
-    """Samples of N, B and K, time last. Flicker by the filter of Kasdin (Proc. IEEE 83, 1995, 802), begun eight records earlier."""
+    """Simulate noise with coefficients N, B and K; the last axis is time.
+
+    Flicker is made by the filter of Kasdin (Proc. IEEE 83, 1995, 802), which starts eight record lengths earlier.
+    """
     white, flicker, walk = coefficients
     n = shape[-1]
     made = white / np.sqrt(dt) * rng.normal(size=shape)
@@ -37,7 +40,10 @@ def noise(rng, coefficients, shape, dt):
 
 
 def vectors(attitude, angle):
-    """Specific force and Earth's rate in axes that turn with the table, (..., 3), for roll, pitch and azimuth and table angles."""
+    """Specific force and Earth's rate in axes that turn with the table, (..., 3).
+
+    `attitude` has roll, pitch and azimuth of the table, `angle` the table angles, rad.
+    """
     phi, theta, psi = attitude
     nav = Rotation.from_euler("ZYX", [psi, theta, phi])  # table axes in north, east, down
     body = nav * Rotation.from_rotvec(np.multiply.outer(angle, [0.0, 0.0, 1.0]))
@@ -45,7 +51,7 @@ def vectors(attitude, angle):
 
 
 def tables(rng, runs, plan, kind, attitude, bias=(1e-3, 2e-7), dt=1.0):
-    """Angles, starts, dwell, and means (runs, n) of accelerometer and gyro over the rests of `runs` tests with noise of a kind."""
+    """Simulate `runs` tests: table angles, start times, dwell, and mean readings of accelerometer and gyro at the rests, (runs, n)."""
     angles, dwell = PLANS[plan]
     angle = np.array(angles) * DEG
     start = np.arange(len(angle)) * (dwell + MOVE)
@@ -59,7 +65,7 @@ def tables(rng, runs, plan, kind, attitude, bias=(1e-3, 2e-7), dt=1.0):
 
 
 def motion(rng, angles, dwells, rate, move=8.0):
-    """Table angle of every sample, whether it is at rest, and the time since the last move, for rests of these lengths."""
+    """Table angle of every sample, whether the table is at rest, and the time since its last move (s)."""
     angle, still, since = [], [], []
     for k, (place, dwell) in enumerate(zip(angles, dwells, strict=True)):
         n = round(dwell * rate)
@@ -69,7 +75,7 @@ def motion(rng, angles, dwells, rate, move=8.0):
         if k + 1 < len(angles):
             n = round(move * rng.uniform(0.7, 1.3) * rate)
             part = (np.arange(n) + 0.5) / n
-            # the rate rises and falls as one minus a cosine
+            # the rate follows one minus a cosine
             angle.append(place + (angles[k + 1] - place) * (part - np.sin(2 * np.pi * part) / (2 * np.pi)))
             still.append(np.zeros(n, bool))
             since.append(np.zeros(n))
@@ -79,11 +85,11 @@ def motion(rng, angles, dwells, rate, move=8.0):
 def recording(
     rng, angles, dwells, kind, attitude, *, axes=1, rate=50.0, vibration=0.3, ringing=0.02, mount=(0.0, 0.0), bias=(1e-3, 2e-7), scale=1.0
 ):  # fmt: skip
-    """Time, table angle, accelerometer and gyro (n, axes) of a table log; the samples of each true rest, and ideal means over them.
+    """Simulate a table log: time, table angle, accelerometer and gyro (n, axes), the samples of each rest, and ideal means over them.
 
-    While the table moves it vibrates (m/s^2; the gyro a tenth of it in rad/s) and its rate reaches the gyro's other axes by a misalignment
-    of 1e-3; the sensors sit 0.1 m off the axis; after a move the table rings at 7 Hz for some tenths of a second (m/s^2). mount: tilt
-    of the device on the table, rad. scale: of the gyro.
+    While the table moves it vibrates (m/s^2; a tenth of the number in rad/s for the gyro), and its rate leaks into the gyro's other axes
+    by a misalignment of 1e-3. The sensors are 0.1 m off the axis. After a move the table rings at 7 Hz for some tenths of a second
+    (m/s^2). mount: tilt of the device on the table, rad. scale: scale factor of the gyro.
     """
     angle, still, since = motion(rng, np.asarray(angles) * DEG, dwells, rate)
     n, dt = angle.size, 1 / rate
@@ -92,19 +98,19 @@ def recording(
     turn = speed[:, None] * np.array([0.0, 0.0, 1.0])
     force = resting + 0.1 * np.stack([-(speed**2), np.gradient(speed, dt) * ~still, 0 * speed], axis=1)
     shake = (vibration * ~still)[:, None] * rng.normal(size=(n, 3))
-    rock = 0.1 * np.diff(shake, axis=0, append=shake[-1:])  # a vibration turns nothing in the end
+    rock = 0.1 * np.diff(shake, axis=0, append=shake[-1:])  # differences: a vibration has no net rotation
     since = np.minimum(since, 50.0)
     ring = ringing * np.exp(-since / 0.1) * np.sin(2 * np.pi * 7 * since) * still
-    swing = np.diff(ring, append=ring[-1:]) * rate / (2 * np.pi * 7)  # so does the ringing
+    swing = np.diff(ring, append=ring[-1:]) * rate / (2 * np.pi * 7)  # the ringing has no net rotation either
     tilt = Rotation.from_euler("xy", mount).inv()
     coupling = np.eye(3) + 1e-3 * np.array([[0, 1, -1], [1, 0, 1], [-1, 1, 0]])
     accel = tilt.apply(force + shake + ring[:, None])[:, :axes] + bias[0]
-    # the coupling is that of the table's rate alone: of the Earth's it is a misalignment like any other
+    # only the table's rate is coupled; coupling of the Earth's rate would be an ordinary misalignment
     gyro = scale * tilt.apply(earth + (turn + rock + 0.1 * swing[:, None]) @ coupling.T)[:, :axes] + bias[1]
     noises = [noise(rng, c * NOISES[kind], (axes, n), dt).T for c in (ACCEL, GYRO)]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
     rests = np.stack([edges[::2], edges[1::2]], axis=1)
-    # what a sensor without misalignment on a table that does not ring would have read
+    # readings of a sensor without misalignment on a table that does not ring
     clean = [tilt.apply(v)[:, :axes] + b + x for v, b, x in zip((resting, scale * earth), bias, noises, strict=True)]
     ideal = [np.array([x[i:j].mean(axis=0) for i, j in rests]) for x in clean]
     return np.arange(n) * dt, angle, accel + noises[0], gyro + noises[1], rests, ideal

@@ -47,6 +47,19 @@ def test_the_example_of_the_aiag_manual():
     assert "AV" in found.summary()
     by_tolerance = gauge(AIAG.ravel(), part, operator, tolerance=6.0)
     assert by_tolerance.ratios[-1] == pytest.approx(0.302373, rel=3e-4)
+    assert found.verdict == "good"
+
+
+def test_two_operators_who_differ_are_a_weak_study():
+    operator, _, part = (index.ravel() for index in np.indices(AIAG[:2].shape))
+    few = gauge((AIAG[:2] + np.array([0.3, 0.0])[:, None, None]).ravel(), part, operator)
+    assert few.verdict == "weak"
+    assert "standard deviation of operator may be" in few.warnings[0]
+    assert "1 degree of freedom" in few.warnings[0]
+    # two operators who agree leave nothing open that matters
+    rng = np.random.default_rng(1)
+    x = rng.normal(size=(1, 1, 10)) + 0.1 * rng.normal(size=(2, 3, 10))
+    assert gauge((x - x.mean(axis=(1, 2), keepdims=True)).ravel(), part, operator).verdict == "good"
 
 
 def test_nested_levels_of_a_balanced_study_are_those_of_the_textbook():

@@ -1,4 +1,4 @@
-"""A small log, and the command line called in this process."""
+"""Fixtures: a small log, and calls of the command line in this process or in another."""
 
 import dataclasses
 import os
@@ -23,13 +23,13 @@ class Outcome:
 
     @property
     def reason(self):
-        """What was printed on standard error, as one line."""
+        """The text on standard error as one line."""
         return " ".join(self.err.split())
 
 
 @pytest.fixture
 def call(monkeypatch, capsys, tmp_path):
-    """Call the command line in an empty working folder; gives status, output and errors."""
+    """Call the command line in an empty working folder; returns the exit status, the output and the errors."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
 
@@ -40,12 +40,15 @@ def call(monkeypatch, capsys, tmp_path):
     limit = "jax_persistent_cache_min_compile_time_secs"
     before = jax.config.values[limit]
     yield run
-    jax.config.update(limit, before)  # a command sets it for its process, which here is that of the tests
+    jax.config.update(limit, before)  # a command changes the limit of its process, which is that of the tests here
 
 
 @pytest.fixture(scope="session")
 def shell(tmp_path_factory):
-    """Call the command line in a process of its own, as a shell does; its compilation cache is a user's, or where `cached` the tests'."""
+    """Call the command line in a separate process, as a shell does.
+
+    Its compilation cache is that of a new user; with `cached` it is that of the tests.
+    """
     tests = {name: value for name, value in os.environ.items() if name.startswith("JAX_COMPILATION") or "PERSISTENT_CACHE" in name}
     environment = {name: value for name, value in os.environ.items() if not name.startswith("JAX")}
     environment |= {"XDG_CACHE_HOME": str(tmp_path_factory.mktemp("cache")), "COLUMNS": "80"}
@@ -68,7 +71,7 @@ def folder(tmp_path):
 
 
 def table(samples=SAMPLES, seed=0):
-    """Rows of a sensor at rest: time, gyroscope, accelerometer, white noise of 1e-3 rad/sqrt(s) and 1e-2 m/s/sqrt(s)."""
+    """Rows of time, gyroscope and accelerometer at rest, with white noise of 1e-3 rad/sqrt(s) and 1e-2 m/s/sqrt(s)."""
     noise = np.random.default_rng(seed).standard_normal((samples, 6)) * np.sqrt(RATE) * np.repeat([1e-3, 1e-2], 3)
     return np.column_stack([np.arange(samples) / RATE, noise + np.array([0, 0, 0, 0, 0, 9.80665])])
 
@@ -85,5 +88,5 @@ def log(folder):
 
 
 def listing(folder):
-    """Names of all files and folders below a folder, hidden ones too."""
+    """Names of all files and folders below a folder, including hidden ones."""
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))

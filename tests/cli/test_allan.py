@@ -101,12 +101,15 @@ def test_a_clock_has_no_unit(call, folder):
     ended = call(*words)
     assert ended.status == 0
     assert "clock: oadev in fractions of the frequency" in ended.out
+    assert "clock_x  mean" in ended.out
+    assert not any(word in ended.out for word in ("gyro", "rad/s"))
     channel = json.loads((folder / "clock.json").read_text())["channels"]["clock_x"]
     assert channel["unit"] == "1"
     expected = jaxcal.allan.deviation(x, 1.0, m=[1, 8], data="phase")
     np.testing.assert_allclose(channel["deviation"], expected.deviation, rtol=1e-5)  # six digits in the file
-    assert call(*words, "--kind", "tdev").status == 0
+    assert call(*words, "--kind", "tdev", "--report", "clock.html").status == 0
     assert json.loads((folder / "clock.json").read_text())["channels"]["clock_x"]["unit"] == "s"
+    assert not any(word in (folder / "clock.html").read_text() for word in ("gyro_x", "rad/s", "gyro="))
 
 
 def test_a_report_to_explore(call, folder, log):

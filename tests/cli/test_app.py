@@ -1,4 +1,4 @@
-"""Help, exit status, configuration file, output that goes away."""
+"""The command line as a whole: help, exit status, configuration file, and output that is closed early."""
 
 import json
 import os
@@ -40,12 +40,12 @@ def test_help_of_every_command_explains_every_option_in_80_columns(call, command
     assert max(map(len, found.out.splitlines())) <= 80
     assert "--no-" not in found.out
     assert "\x1b" not in found.out
-    # an option whose description is missing ends its line with the type
+    # the line of an option without a description would end with its type
     assert not [line for line in found.out.splitlines() if line.rstrip("│ ").endswith((" STR", " FLOAT", " INT", " PATH", " STR..."))]
 
 
 def words(sentence):
-    """What a sentence offers, in quotes or not, after "expected", "known are" or "Choose from:"."""
+    """Choices that a message lists, with or without quotes, after "expected", "known are" or "Choose from:"."""
     offered = re.split(r"expected one of|expected|known are|Choose from:", sentence)[1].split(". ")[0].split(", or a function")[0]
     return {word for word in re.findall(r"\w+", offered) if word not in ("or", "see")}
 
@@ -155,7 +155,7 @@ def test_a_bar_shows_long_work_on_a_terminal_only(call, log, monkeypatch, termin
     monkeypatch.setattr("jaxcal.cli._screen._WAIT", wait)
     monkeypatch.setenv("TERM", "xterm")
     if terminal:
-        monkeypatch.setenv("FORCE_COLOR", "1")  # rich then takes any stream for a terminal
+        monkeypatch.setenv("FORCE_COLOR", "1")  # with this setting rich treats every stream as a terminal
     found = call("noise", "imu.csv", *["--quiet"] * quiet)
     assert "fitting" not in found.out
     assert found.err.endswith("jaxcal: enough\n")
@@ -170,3 +170,14 @@ def test_missing_packages_of_the_extra_are_one_sentence(monkeypatch, capsys):
     error = capsys.readouterr().err
     assert 'pip install "jaxcal[cli]"' in error
     assert len(error.splitlines()) == 1
+
+
+def test_no_command_has_two_options_of_one_name(call):
+    """If two options had the same name, one of them could not be given."""
+    commands = re.findall(r"^│ ([a-z][a-z-]+) ", call("--help").out, re.M)
+    assert len(commands) > 15
+    for command in commands:
+        kinds = re.findall(r"^│ ([a-z]+) ", call(command, "--help").out, re.M) if command == "simulate" else [""]
+        for kind in kinds:
+            names = re.findall(r"^│ (?:\*  |   )?(--[a-z-]+)", call(command, *[kind] * bool(kind), "--help").out, re.M)
+            assert len(names) == len(set(names)), (command, kind, sorted(names))

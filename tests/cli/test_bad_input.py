@@ -1,4 +1,4 @@
-"""Logs that allow no answer end in a sentence and leave nothing behind; logs with blemishes end in an answer and a warning."""
+"""Logs that allow no result end with an error message and leave no files; logs with small faults give a result and a warning."""
 
 import json
 import os
@@ -14,7 +14,7 @@ def text(folder, name, content):
 
 
 def with_rows(change):
-    """A maker of a log that `change` spoils."""
+    """Return a function that writes a log whose rows are changed by `change`."""
 
     def make(folder):
         save(folder / "bad.csv", change(table(3000)))

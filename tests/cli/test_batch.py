@@ -37,7 +37,7 @@ def test_a_fleet_is_answered_and_what_failed_is_told(call, folder, logs):
     table = json.loads(next((folder / "out" / "results").glob("unit1*.json")).read_text())
     expected = jaxcal.allan.deviation(np.load(logs / "unit1.npz")["gyro"][:, 2], 100.0, kind="mdev", m=[1, 10, 100])
     np.testing.assert_allclose(table["result"]["channels"]["gyro_z"]["deviation"], expected.deviation, rtol=1e-9)
-    # all there: no worker is started
+    # all results exist, so that no worker is started
     again = call("batch", "logs/*.npz", "logs/bad.csv", "--task", "allan", "--out", "out", "--set", "kind=mdev", "--set", "m=[1,10,100]")
     assert again.status == 0
     assert again.out.splitlines()[0] == "4 logs: 3 answered, 1 not; 4 of them were there already"
@@ -96,7 +96,7 @@ def test_a_pooled_fleet(call, folder):
     assert "wrote out/population.json" in found.out.splitlines()
     assert "Population" in (folder / "out" / "overview.html").read_text()
     before = (folder / "out" / "population.json").read_bytes()
-    again = call(*words)  # a run that was cut goes on from what is there, to the same numbers
+    again = call(*words)  # an interrupted run continues from the existing results and gives the same numbers
     assert "6 of them were there already" in again.out
     assert (folder / "out" / "population.json").read_bytes() == before
 

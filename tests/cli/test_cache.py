@@ -1,4 +1,4 @@
-"""The folder of compiled programs: shown, bounded, cleared; other files in it stay."""
+"""The folder of compiled programs is shown, limited in size and cleared; other files in it are kept."""
 
 import os
 import pathlib
@@ -11,7 +11,7 @@ from jaxcal.cli._cache import bound
 
 @pytest.fixture
 def programs(tmp_path, monkeypatch):
-    """A cache of ten programs of 100 bytes, the first used longest ago, and a file of someone else's."""
+    """A cache of ten programs of 100 bytes, of which the first was used longest ago, and a file that does not belong to jaxcal."""
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     folder = tmp_path / "cache" / "jaxcal" / "xla"
@@ -50,7 +50,7 @@ def test_beyond_the_bound_the_oldest_programs_go(programs):
 
 
 def test_a_second_command_finds_its_programs_without_a_trace(tmp_path, shell, monkeypatch):
-    """What was traced leaves a file; a file that was cut is made anew, and the answer is the same each time."""
+    """A traced program is stored in a file; a truncated file is replaced, and the result is the same each time."""
     monkeypatch.setitem(shell.environment, "XDG_CACHE_HOME", str(tmp_path / "cache"))
     rng = np.random.default_rng(0)
     u = rng.normal(size=(300, 3))
@@ -75,7 +75,7 @@ def test_a_second_command_finds_its_programs_without_a_trace(tmp_path, shell, mo
 
 
 def test_a_model_of_the_users_own_is_not_kept(tmp_path):
-    """Its class could change under the same name: its fit is traced in every process."""
+    """Users can change a class without changing its name, so that a fit of it is traced in every process."""
     from jaxcal import fitting
     from jaxcal._compile import _stores, keep_programs
 
@@ -88,5 +88,5 @@ def test_a_model_of_the_users_own_is_not_kept(tmp_path):
 
 
 def own_residuals(model, data):
-    """Of a mean."""
+    """Residuals of a user-defined model, whose level is fitted to the mean of the data."""
     return model["level"] - data

@@ -41,7 +41,7 @@ def test_every_format_under_its_usual_name(call, folder, device, format):
 
 @pytest.mark.parametrize("format", ["openvins", "vins", "orbslam3", "gtsam", "ros", "csv"])
 def test_the_noise_command_knows_the_formats(call, folder, log, monkeypatch, format):
-    """With a fit made by hand, for the fit is not what is tested."""
+    """The command gets a fit written by hand, since the test is only about formats."""
     made = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))["made_results"]()
     monkeypatch.setattr("jaxcal.noise.characterise", lambda *args, **options: made)
     found = call("noise", log, "--export", f"{format}=out", "--rate", 100)

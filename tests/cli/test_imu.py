@@ -10,7 +10,7 @@ from jaxcal.imu import MEMS, MEMS_NOISE
 
 from .conftest import listing
 
-# padded as those of tests/imu: one set of programs
+# as many poses and samples as in tests/imu after padding, so that the tests share compiled programs
 LOG = ("simulate", "imu", "--out", "log.csv", "--rate", "50", "--poses", "18", "--still", "3", "--turn", "2")
 
 
@@ -41,7 +41,7 @@ def test_a_simulated_log_is_calibrated(call, folder):
     np.testing.assert_allclose(stored.imu.gyro.model.bias, document["sensors"]["gyro"]["bias"])
     np.testing.assert_allclose(stored.imu.gyro.model.g_sensitivity, MEMS.gyro.g_sensitivity, atol=1e-4)
     assert stored.imu.accel.covariance.parameters[0] == "matrix[0,0]"
-    # the same again with what is known before: the noise of the sensors, and the first calibration
+    # the same with prior knowledge: the noise of the sensors, and the first calibration
     channels = {f"{sensor}_{axis}": {"N": {"value": value}} for sensor, value in MEMS_NOISE.items() for axis in "xyz"}
     (folder / "noise.json").write_text(json.dumps({"schema": "jaxcal.noise/1", "channels": channels}))
     known = ("--noise", "noise.json", "--prior", "log-imu/calibration.json", "--device", "unit 7", "--calibration", "again.json")
@@ -50,6 +50,19 @@ def test_a_simulated_log_is_calibrated(call, folder):
     assert (again.device, again.imu.verdict) == ({"name": "unit 7"}, "good")
     widths = [np.diff([one.imu.accel.interval.low[:9], one.imu.accel.interval.high[:9]], axis=0) for one in (stored, again)]
     assert np.mean(widths[1]) < np.mean(widths[0])
+    # and in counts of 16384 per g and 131 per deg/s, without giving the command their size
+    table = np.genfromtxt(folder / "log.csv", delimiter=",", skip_header=1)
+    axes = (folder / "log.csv").read_text().partition("\n")[0].split(",")
+    size = np.array([1 / 16384 * 9.80665 if "accel" in name else np.deg2rad(1 / 131) for name in axes[1:]])
+    counts = np.column_stack([table[:, 0], np.round(table[:, 1:] / size)])
+    header = ",".join([axes[0], *(name.partition(" ")[0] for name in axes[1:])])
+    np.savetxt(folder / "counts.csv", counts, delimiter=",", header=header, comments="", fmt=["%.9f"] + ["%d"] * 6)
+    found = call("imu", "counts.csv", "--gravity", "9.80665", "--counts", "--json", "counts.json", "--out", "counts")
+    assert (found.status, found.err) == (0, "")
+    assert "gyro_x" in found.out
+    assert "counts" in found.out.split("\n")[1]
+    matrix = json.loads((folder / "counts.json").read_text())["sensors"]["accel"]["matrix"]
+    assert np.array(matrix) * 9.80665 / 16384 == pytest.approx(np.array(accel["matrix"]), abs=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -105,5 +118,5 @@ def test_a_session_with_labelled_regions(call, folder):
     document = json.loads((folder / "box.json").read_text())
     assert (document["verdict"], document["method"], document["poses"], document["turns"]) == ("good", "ferraris", 6, 3)
     assert np.diag(document["sensors"]["gyro"]["matrix"]) == pytest.approx(np.ones(3), abs=2e-3)
-    refused = call("imu", "box.csv", "--rate", "100", "--gravity", "9.81", "--regions", "regions.json", "--raw")
-    assert (refused.status, "take none of --raw" in refused.reason) == (2, True)
+    refused = call("imu", "box.csv", "--rate", "100", "--gravity", "9.81", "--regions", "regions.json", "--counts")
+    assert (refused.status, "take none of --counts" in refused.reason) == (2, True)

@@ -1,6 +1,7 @@
 """`jaxcal mag` and `jaxcal simulate mag`."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from .conftest import listing, save
 
 @pytest.fixture
 def simulated(call):
-    """A log in all attitudes, the magnetometer turned by 2 degrees about z; and the command line."""
+    """Simulate a log in all attitudes whose magnetometer is rotated by 2 degrees about z; returns the command line."""
     found = call("simulate", "mag", "--out", "tumble.csv", "--mounting", "2", "--samples", "200")
     assert (found.status, found.err) == (0, "")
     lines = found.out.splitlines()
@@ -24,7 +25,7 @@ def simulated(call):
 
 @pytest.fixture
 def plain(call, folder):
-    """A small log with a magnetometer, and the command line."""
+    """Write a small log with a magnetometer; returns the command line."""
     m = 4e-5 * np.random.default_rng(0).normal(size=(20, 3))
     save(folder / "tumble.csv", np.column_stack([np.arange(20) / 10, m]), "time [s],mag_x [T],mag_y [T],mag_z [T]")
     return call
@@ -137,7 +138,7 @@ def test_both_sensors_at_once(simulated, folder):
 
 
 def test_counts_need_neither_times_nor_a_unit(call, folder):
-    """Three columns of whole numbers, as an Arduino prints them."""
+    """The log has three columns of whole numbers, as an Arduino prints them."""
     rng = np.random.default_rng(0)
     u = rng.normal(size=(300, 3))
     m = np.round(400 * u / np.linalg.norm(u, axis=1, keepdims=True) + [50, -20, 10] + 4 * rng.normal(size=u.shape)).astype(int)
@@ -149,6 +150,18 @@ def test_counts_need_neither_times_nor_a_unit(call, folder):
     document = json.loads((folder / "counts.json").read_text())
     assert np.abs(np.array(document["hard_iron"]) - [50, -20, 10]).max() < 2
     assert document["field"] == pytest.approx(400, rel=0.01)
+    assert re.search("mag_x .* counts", found.out)
+
+
+def test_counts_need_no_unit_beside_rates(call, folder, reference):
+    """The log of a flight controller (pichim) has columns without names, of which three are counts and three are rates."""
+    log = next((reference / "data" / "magnetometer" / "pichim").glob("*.txt"))
+    found = call(
+        "mag", log, "--columns", "mag=0:2,gyro=3:5", "--units", "gyro=rad/s", "--rate", "200", "--align", "gyro", "--out", "pichim"
+    )
+    assert (found.status, found.err) == (0, "")
+    assert "hard iron (counts)" in found.out
+    assert json.loads((folder / "pichim" / "mag.json").read_text())["alignment"]["source"] == "gyro"
 
 
 def test_the_next_attitude_and_when_to_stop(simulated, folder):
@@ -177,7 +190,7 @@ def test_what_a_new_calibration_would_change(simulated, folder):
     jaxcal.Calibration(magnetometer=old).save(folder / "old.json")
     other = call("mag", "tumble.csv", "--json", "new.json", "--against", "old.json")
     assert "more than the new one is uncertain by" in " ".join(other.out.split())
-    # a hard iron off by 10 uT, of 25.6 uT of horizontal field
+    # a hard iron that is wrong by 10 uT, where the horizontal field is 25.6 uT
     known = jaxcal.Calibration.load(folder / "device.json").magnetometer.model
     moved = jaxcal.magnetometer.MagModel(known.soft_iron, np.add(known.hard_iron, [10e-6, 0.0, 0.0]))
     jaxcal.Calibration(magnetometer=moved).save(folder / "old.json")
@@ -218,7 +231,7 @@ def test_lists_of_readings_as_json(call, folder):
 
 @pytest.fixture
 def swung(folder):
-    """A compass that is swung through twelve headings at three tilts, with a motor's current: its mounting is turned by 3 degrees."""
+    """A compass swung through twelve headings at three tilts, with the current of a motor; its mounting is rotated by 3 degrees."""
     rng = np.random.default_rng(1)
     heading, tilt = np.repeat(np.tile(np.arange(0, 360, 30), 6), 3), np.repeat([-60, -25, 0, 25, 60, 0], 36)
     bank = np.repeat([0, 15, 0, -20, 0, 170], 36)
@@ -278,3 +291,19 @@ def test_fields_of_currents_are_taken_off_a_log(call, folder, swung):
     wrong = call("apply", "device.json", "powered.csv", "--rate", "1", "--currents", "heading", "--out", "no.csv")
     assert wrong.status == 1
     assert "no field of the current 'heading'; it has motor" in wrong.reason
+
+
+def test_a_warming_sensor_is_fitted_with_its_temperature(call, folder):
+    """The hard iron changes with a temperature between 25 and 40 degC; a message names the option that fits this."""
+    rng, time = np.random.default_rng(0), np.arange(600) / 5
+    u, warmth = rng.normal(size=(600, 3)), 40 - 15 * np.exp(-time / 50)
+    m = 47 * u / np.linalg.norm(u, axis=1, keepdims=True) + np.outer(warmth, [0.2, 0.0, -0.07]) + 0.2 * rng.normal(size=u.shape)
+    save(folder / "warm.csv", np.column_stack([time, m, warmth]), "time [s],mag_x [uT],mag_y [uT],mag_z [uT],temperature [degC]")
+    first = call("mag", "warm.csv", "--out", "alone")
+    assert "--currents temperature" in " ".join(first.out.split())
+    found = call("mag", "warm.csv", "--currents", "temperature", "--json", "warm.json", "--out", "warm")
+    assert (found.status, found.err) == (0, "")
+    document = json.loads((folder / "warm.json").read_text())
+    assert np.abs(np.array(document["terms"]["temperature"][0]) * 1e6 - [0.2, 0.0, -0.07]).max() < 0.01
+    # the error is that at the temperatures of the log, not at 0 degC
+    assert np.rad2deg(document["heading_error"][0]) < 0.15

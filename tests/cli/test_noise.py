@@ -1,4 +1,4 @@
-"""`jaxcal noise` from a log to its files."""
+"""`jaxcal noise`, from a log to its output files."""
 
 import json
 import subprocess
@@ -38,11 +38,11 @@ def test_without_options_everything_goes_into_a_folder(call, folder, log):
 def test_a_picture_is_drawn_where_it_is_asked_for(call, folder, log):
     assert call("noise", "imu.csv", "--plot", "allan.png").status == 0
     assert (folder / "allan.png").read_bytes().startswith(b"\x89PNG")
-    assert listing(folder / "imu-noise") == FILES  # beside all others
+    assert listing(folder / "imu-noise") == FILES  # in addition to all other files
 
 
 def test_the_answer_comes_before_the_files(log, folder):
-    """A report that cannot be made leaves the table on the screen; and without a picture matplotlib is not read."""
+    """The table is printed even if the report fails afterwards; matplotlib is imported only for figures."""
     code = """
 import sys
 import jaxcal, jaxcal.report

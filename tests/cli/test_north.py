@@ -11,7 +11,7 @@ import jaxcal
 
 from .conftest import listing
 
-# the world of another folder of tests, which is no package
+# the simulation of tests/alignment, which is not an importable package
 _found = importlib.util.spec_from_file_location("world", pathlib.Path(__file__).parents[1] / "alignment" / "world.py")
 world = importlib.util.module_from_spec(_found)
 _found.loader.exec_module(world)
@@ -39,7 +39,7 @@ def test_what_was_simulated_comes_back_with_intervals_report_and_picture(call, f
         assert abs(entry["value"] - value) < 4 * entry["std"], name
     assert document["schema"] == "jaxcal.north/1"
     assert document["verdict"] == "ok"
-    # 360 s on x4 + z + -z: 0.254 degrees
+    # 360 s at four x positions, z and -z give 0.254 degrees
     assert 0.2 < document["parameters"]["psi"]["std"] * 57.29578 < 0.3
     page = (folder / "a.html").read_text()
     for word in ("<svg", "azimuth", "Every reading", "Chi-square"):
@@ -91,7 +91,7 @@ def test_wrong_simulations(call):
 
 
 def raw_log(path, axes):
-    """A raw log of a table by the world of tests/alignment, and the noise.json of its sensors."""
+    """Write a raw table log, simulated by tests/alignment/world.py, and noise.json of its sensors."""
     rng, attitude = np.random.default_rng(3), np.array([1.0, 2.0, 40.0]) * world.DEG
     time, angle, accel, gyro, _, _ = world.recording(rng, [0, 90, 180, 270], [40.0] * 4, "N+B", attitude, axes=axes, rate=20.0)
     names = [f"{sensor}_{axis} [{unit}]" for sensor, unit in (("accel", "m/s^2"), ("gyro", "deg/h")) for axis in "xyz"[:axes]]
@@ -116,7 +116,7 @@ def test_a_raw_log_needs_no_averaging_by_hand(call, folder, axes):
     for name, value in zip(("phi", "theta", "psi"), (1.0, 2.0, 40.0), strict=True):
         entry = document["parameters"][name]
         assert abs(entry["value"] - np.deg2rad(value)) < 4 * entry["std"], name
-    # with flicker of 0.02 deg/h four positions of 40 s give no better than this
+    # with flicker of 0.02 deg/h, four positions of 40 s cannot give a smaller error
     assert document["parameters"]["psi"]["std"] > np.deg2rad(0.05 if axes == 1 else 0.03)
     assert document["p_value"] is not None
 

@@ -1,4 +1,4 @@
-"""Output files: checked first, then all or none."""
+"""Output files are checked before the computation, and then either all or none are written."""
 
 import os
 import pathlib
@@ -97,4 +97,4 @@ def test_what_a_killed_run_left_is_removed_by_the_next(call, folder, log):
         (folder / name).mkdir()
         (folder / name / "half.json").write_text("{")
     assert call(*ALLAN, "--json", "a.json").status == 0
-    assert listing(folder) == [own, f"{own}/half.json", "a.json", "imu.csv"]  # that of a process which is at work stays
+    assert listing(folder) == [own, f"{own}/half.json", "a.json", "imu.csv"]  # the folder of a running process is kept

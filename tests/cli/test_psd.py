@@ -104,7 +104,7 @@ def test_a_log_of_temperature_alone_is_status_1(call, folder):
 
 
 def test_exact_zeros_are_printed(call, folder):
-    """A square wave at half the rate has no power anywhere else."""
+    """A square wave at half the sampling rate has no power at other frequencies."""
     rows = table(64)[:, :4]
     rows[:, 1:] = np.where(np.arange(64) % 2, 1.0, -1.0)[:, None]
     save(folder / "square.csv", rows, header=",".join(HEADER.split(",")[:4]))

@@ -63,7 +63,7 @@ def test_the_demo_runs_from_the_shell_and_its_log_gives_the_same_again(tmp_path,
     assert ["truth", "0.5", "0.25", "8", "1.8"] in rows
     assert ["truth", "30", "0.05", "0.03", "4"] in rows
     hits = next(line for line in lines if "intervals of 95 % hold the truth" in line)
-    assert int(hits.split()[0]) >= 20  # of 24; fewer has a chance below 1 in 100
+    assert int(hits.split()[0]) >= 20  # of 24; fewer have a probability below 1 in 100
     channels = json.loads((tmp_path / "device" / "noise.json").read_text())["channels"]
     assert channels["gyro_x"]["N"]["value"] == pytest.approx(np.deg2rad(0.25 / 60), rel=0.01)
 

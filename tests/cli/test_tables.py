@@ -1,4 +1,4 @@
-"""What `jaxcal noise` and `jaxcal demo` print about fits that are not plain."""
+"""Output of `jaxcal noise` and `jaxcal demo` for hints, upper limits, missed truths and other special cases."""
 
 import pathlib
 import re
@@ -13,7 +13,7 @@ DEG = 0.017453292519943295
 
 
 def fit(**change):
-    """A stand-in for a `NoiseFit` of one term, N = 0.25 deg/sqrt(h)."""
+    """A substitute for a `NoiseFit` with one term, N = 0.25 deg/sqrt(h)."""
     n = 0.25 * DEG / 60
     fields = {
         "noise": Noise(N=n), "interval": {"N": (0.9 * n, 1.1 * n)}, "upper_limit": {"N": 1.2 * n}, "verdict": {"N": "present"},
@@ -25,7 +25,7 @@ def fit(**change):
 
 @pytest.fixture
 def printed(call, log, monkeypatch):
-    """The words of every line that the command prints below the summary of the log."""
+    """A function that returns the words of every line which the command prints below the summary of the log."""
 
     def run(fits):
         monkeypatch.setattr("jaxcal.noise.characterise", lambda *args, **options: fits)
@@ -34,7 +34,7 @@ def printed(call, log, monkeypatch):
         assert (found.status, found.err) == (0, "")
         lines = [line.split() for line in found.out.splitlines() if line.strip()]
         start = next(i for i, line in enumerate(lines) if line[1:2] == ["coefficient,"])
-        return lines[start:-1]  # the last names the file
+        return lines[start:-1]  # the last line names the output file
 
     return run
 
@@ -52,7 +52,7 @@ def test_a_term_that_is_not_there_shows_its_upper_limit_alone(printed):
 
 
 def test_a_missed_truth_is_marked_and_counted(call, monkeypatch):
-    """Intervals of the x axis hold the truth of the demo, those of N on the other axes do not."""
+    """Intervals of the x axis contain the truth of the demo; those of N on the other axes do not."""
     made = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))["made_fit"]
     truth = {"gyro": Noise(N=0.25 * DEG / 60), "accel": Noise(N=0.05 / 60)}
     fits = {f"{s}_{axis}": made(truth[s].N / 1e-4 * scale) for s in truth for axis, scale in (("x", 1.05), ("y", 1.3), ("z", 0.5))}

@@ -14,7 +14,7 @@ FILES = ["calibration.json", "report.html", "temperature.json"]
 
 @pytest.fixture
 def ramp(call, folder):
-    """Two simulated ramps of one device, each of 45 minutes."""
+    """Simulate two temperature ramps of one device, each of 45 minutes."""
     for seed, name in ((1, "ramp.csv"), (2, "again.csv")):
         assert call("simulate", "temperature", "--out", name, "--duration", "2700", "--seed", seed).status == 0
     return folder / "ramp.csv"

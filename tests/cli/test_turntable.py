@@ -1,4 +1,4 @@
-"""`jaxcal rate-table`, `jaxcal vibration`, the six-position test and a calibration found by its device, end to end."""
+"""`jaxcal rate-table`, `jaxcal vibration`, the six-position test, and a calibration found by its device, end to end."""
 
 import json
 
@@ -28,7 +28,7 @@ def test_a_rate_table(call, folder):
     stored = jaxcal.Calibration.load(folder / "sweep-rate-table" / "calibration.json")
     assert stored.imu.gyro.model.matrix.diagonal() == pytest.approx(1.01 * np.ones(3), abs=1e-3)
     assert json.loads((folder / "sweep-rate-table" / "rate_table.json").read_text())["schema"] == "jaxcal.RateTest/1"
-    # the calibration is found by the name of the device, and by the date of the file of the log
+    # the calibration is found by the name of the device and the date of the log file
     assert call("apply", ".", "sweep.csv", "--rate", "100", "--device", "unit 7", "--out", "corrected.csv").status == 0
     assert call("apply", ".", "sweep.csv", "--rate", "100", "--out", "c.csv").status == 2
     for words, status, reason in (
@@ -52,7 +52,7 @@ def test_a_block_and_a_shaker(call, folder):
     assert (document["method"], document["verdict"]) == ("six_position", "good")
     assert np.diag(document["sensors"]["accel"]["matrix"]) == pytest.approx(1.02 * np.ones(3), abs=2e-3)
 
-    # a shaker moves its sensor to and fro: its mean acceleration is zero
+    # the mean acceleration of a sensor on a shaker is zero
     shaken = (np.repeat([0.0, 5.0, 0.0], 2500) * np.sin(2 * np.pi * 31.7 * np.arange(7500) / 200))[:, None] * [0, 0, 1]
     save(
         folder / "shaker.csv",

@@ -1,4 +1,4 @@
-"""Wrong calls and impossible inputs: each ends with a sentence that says what to type, before any fit, and leaves nothing behind."""
+"""Wrong calls and unsuitable inputs end before any fit with a message that says what to type, and leave no files."""
 
 import re
 import shlex
@@ -12,7 +12,7 @@ RATE = 50.0
 IMU = "time [s],gyro_x [rad/s],gyro_y [rad/s],gyro_z [rad/s],accel_x [m/s^2],accel_y [m/s^2],accel_z [m/s^2]"
 MAG = "time [s],accel_x [m/s^2],accel_y [m/s^2],accel_z [m/s^2],mag_x [uT],mag_y [uT],mag_z [uT]"
 
-# the calls, with the words that their sentence must have; files are those of `logs` below
+# each call with words that its message must contain; `logs` below writes the files
 
 #: the call was wrong
 CALLS = """
@@ -201,7 +201,7 @@ simulate mag --out a.csv --noise -1        | expected --noise of 0 or more
 simulate north --out a.csv --latitude 40 --attitude 1,2 | expected roll, pitch and azimuth in degrees
 """
 
-#: the data do not allow an answer
+#: the data do not allow a result
 DATA = """
 noise tumble.csv                           | the sensor moves in
 noise poses.csv                            | jaxcal noise needs a sensor at rest
@@ -283,14 +283,14 @@ def saved(path, header, rows):
 
 
 def turning(samples, seed):
-    """(n, 3) directions of a vector that stands still in space, seen from a sensor that tumbles."""
+    """Directions of a vector fixed in space, in the axes of a tumbling sensor, (n, 3)."""
     angle = np.cumsum(np.random.default_rng(seed).normal(size=(samples, 2)) * 0.02 + 0.06, axis=0)
     return np.stack([np.cos(angle[:, 0]) * np.sin(angle[:, 1]), np.sin(angle[:, 0]) * np.sin(angle[:, 1]), np.cos(angle[:, 1])], axis=1)
 
 
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory):
-    """A folder with every file that the calls name."""
+    """A folder with all files that the calls name."""
     folder = tmp_path_factory.mktemp("logs")
     random = np.random.default_rng(0)
     n = 2000
@@ -321,7 +321,7 @@ def logs(tmp_path_factory):
 
 
 def moving(n, random):
-    """Rows of an inertial unit that turns all the time, consistently in both sensors."""
+    """Rows of an inertial unit that always turns; gyroscope and accelerometer agree."""
     rate = np.stack([0.8 * np.sin(np.arange(n) / 90), 0.7 * np.cos(np.arange(n) / 70), 0.5 * np.sin(np.arange(n) / 50)], axis=1)
     down, force = np.array([0.0, 0.0, 9.80665]), []
     for step in rate:
@@ -332,7 +332,7 @@ def moving(n, random):
 
 
 def content(folder, rest):
-    """Files that hold no log, or one that allows no answer."""
+    """Write files that are not logs, and logs that allow no result."""
 
     def change(name, spoil, header=IMU):
         rows = rest.copy()
@@ -383,7 +383,7 @@ def content(folder, rest):
 
 
 def tables(folder):
-    """Tables of turntable readings."""
+    """Write tables of turntable readings."""
     head, rows = (
         "angle [deg],mounting,dwell [s],accel [m/s^2],gyro [deg/h]",
         "0,x,60,0.1,11\n90,x,60,-0.1,1\n180,x,60,-0.1,-11\n270,x,60,0.1,-1\n",

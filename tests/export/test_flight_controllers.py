@@ -1,4 +1,4 @@
-"""PX4's and ArduPilot's parameters: golden files, the tools' own formulas, and what is lost."""
+"""Parameters of PX4 and ArduPilot: check vectors with the tools' own formulas, warnings on what the formats cannot store, refusals."""
 
 import json
 import pathlib
@@ -22,7 +22,7 @@ def golden():
 
 @pytest.fixture(scope="module")
 def fitted():
-    """Gyroscope with a jump, fitted."""
+    """Thermal fits of a simulated gyroscope whose bias has a jump."""
     made = simulate(seed=1)
     log = Log(made.time, gyro=np.stack([made.bias, 0.5 * made.bias, -made.bias], axis=1), temperature=made.temperature)
     return characterise(log)
@@ -80,7 +80,7 @@ def test_a_jump_is_smeared_out_and_said(fitted, tmp_path):
     t = np.linspace(20.5, 44.5, 200)
     d = t - p["TC_G0_TREF"]
     cubic = p["CAL_GYRO0_XOFF"] + sum(p[f"TC_G0_X{i}_0"] * d**i for i in range(4))
-    # a polynomial of degree 3 leaves about 47 mdeg/s rms at a jump of 300
+    # at a jump of 300 mdeg/s a polynomial of degree 3 has an rms error of about 47 mdeg/s
     assert 0.03 < np.sqrt(np.mean(np.rad2deg(cubic - fitted["gyro_x"].model.curve.value(t)) ** 2)) < 0.07
 
 

@@ -1,7 +1,7 @@
-"""Signs, orders and units: each tool's own formula, applied to raw readings with the numbers of its file.
+"""Signs, orders and units of every format: the tool's own formula corrects raw readings with the numbers of its file.
 
-The formulas are those of the tools' sources as formats.md, table 2.1, lists them; the expected values are the check vectors of section
-2.2, and, where nothing is lost, what `Calibration.correct` makes of the readings.
+The formulas come from the tools' sources, as listed in table 2.1 of formats.md. The expected values are the check vectors of section 2.2
+and, where the format loses nothing, the readings as `Calibration.correct` corrects them.
 """
 
 import json
@@ -28,7 +28,7 @@ def golden():
 
 @pytest.fixture(scope="module")
 def right(golden):
-    """(accel, gyro, mag) as Python corrects them, at 35 and at 50 degC."""
+    """Readings (accel, gyro, mag) corrected by `Calibration.correct` at 35 and at 50 degC."""
 
     def at(t):
         raw = {"accel": ACCEL, "gyro": GYRO, "mag": 1e-6 * MAG}
@@ -59,7 +59,7 @@ def test_the_check_vectors_are_what_python_corrects(right):
 
 
 def test_px4(golden, tmp_path):
-    """Accelerometer (raw - thermal - OFF) SCALE; gyroscope raw - thermal - OFF; magnetometer S (raw - OFF), gauss."""
+    """PX4: accelerometer (raw - thermal - OFF) SCALE; gyroscope raw - thermal - OFF; magnetometer S (raw - OFF) in gauss."""
     write(golden, tmp_path / "a", format="px4")
     p = params(tmp_path / "a", 2)
 
@@ -77,7 +77,7 @@ def test_px4(golden, tmp_path):
 
 
 def test_ardupilot(golden, tmp_path):
-    """Accelerometer (raw - thermal - OFFS) SCAL; compass D scale (raw + OFS), milligauss."""
+    """ArduPilot: accelerometer (raw - thermal - OFFS) SCAL; compass D scale (raw + OFS) in milligauss."""
     write(golden, tmp_path / "a", format="ardupilot", gyro_bias=True)
     p = params(tmp_path / "a", 0)
 
@@ -99,7 +99,7 @@ def test_ardupilot(golden, tmp_path):
 
 
 def test_ardupilot_where_the_reference_is_outside_its_range(golden, tmp_path):
-    """CALTEMP is clipped by the firmware: the offset must be that of the clipped temperature."""
+    """The firmware clips CALTEMP, so that the offset must belong to the clipped temperature."""
     device = Calibration(imu=golden.imu, temperature={**DOCUMENT["temperature"], "reference": 5.0}, device=golden.device)
     said = write(device, tmp_path / "a", format="ardupilot")
     p = params(tmp_path / "a", 0)
@@ -111,7 +111,7 @@ def test_ardupilot_where_the_reference_is_outside_its_range(golden, tmp_path):
 
 
 def test_imu_tk(golden, right, tmp_path):
-    """T K (raw - B)."""
+    """imu_tk: T K (raw - B)."""
     write(golden, tmp_path / "a.calib", format="imu_tk")
     for name, raw, expected in (("acc", ACCEL, right[35.0][0]), ("gyro", GYRO, [0.29261016, -0.17819445, 0.09545963])):
         values = np.loadtxt((tmp_path / f"a_{name}.calib").read_text().split())
@@ -119,7 +119,7 @@ def test_imu_tk(golden, right, tmp_path):
 
 
 def test_imu_calib_and_dlio(golden, right, tmp_path):
-    """SM raw - bias, the matrix first; DLIO's gyroscope raw - bias."""
+    """Both: SM raw - bias, with the matrix applied before the bias; DLIO's gyroscope: raw - bias."""
     write(golden, tmp_path / "a", format="ros", flavour="imu_calib")
     p = yaml.safe_load((tmp_path / "a").read_text())
     close(np.reshape(p["SM"], (3, 3)) @ ACCEL - p["bias"], right[35.0][0])
@@ -142,12 +142,12 @@ def test_ros2(golden, right, tmp_path):
 
 
 def test_motioncal(golden, tmp_path):
-    """invW (raw - V)."""
+    """MotionCal: invW (raw - V)."""
     write(golden, tmp_path / "a", format="motioncal")
     values = np.frombuffer((tmp_path / "a").read_bytes()[2:66], dtype="<f4").astype(float)
     v, b, (xx, yy, zz, xy, xz, yz) = values[6:9], values[9], values[10:]
     w = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    # float32 numbers of a field of 65 uT
+    # the tolerance is that of float32 numbers of 65 uT
     np.testing.assert_allclose(w @ (MAG - v), [8.82016591, 14.8486051, -64.1947983], rtol=0, atol=65 * 2**-24 * 4)
     assert np.linalg.det(w) == pytest.approx(1, abs=3e-7)
     assert b == pytest.approx(47.73032, rel=1e-6)
@@ -155,9 +155,9 @@ def test_motioncal(golden, tmp_path):
 
 @pytest.mark.parametrize("model", ["kalibr", "rpng"])
 def test_openvins(golden, right, tmp_path, model):
-    """Its update: accel = R_ACC' inv(Ta) (raw - b); gyro = R_GYRO' inv(Tw) (raw - b - Tg accel), in the file's IMU frame.
+    """OpenVINS: accel = R_ACC' inv(Ta) (raw - b); gyro = R_GYRO' inv(Tw) (raw - b - Tg accel), in the file's IMU frame.
 
-    The loader keeps one triangle of Ta and Tw, lower for "kalibr", upper for "rpng"; the other is dropped here too.
+    OpenVINS reads only one triangle of Ta and Tw, the lower for "kalibr" and the upper for "rpng"; the test does the same.
     """
     said = write(golden, tmp_path / "a", format="openvins", model=model, provenance=False)
     p = yaml.safe_load((tmp_path / "a").read_text().removeprefix("%YAML:1.0\n"))["imu0"]

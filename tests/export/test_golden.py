@@ -1,4 +1,4 @@
-"""Every format against its golden file, and its output read by a real parser or compiler."""
+"""Every format agrees with its golden file, and real parsers and compilers accept it."""
 
 import json
 import pathlib
@@ -38,7 +38,7 @@ def golden():
 
 
 def yaml_of(path):
-    """PyYAML's reading; OpenCV's directive `%YAML:1.0` is not YAML, and is taken off before."""
+    """Read a file with PyYAML, without OpenCV's directive `%YAML:1.0`, which is not valid YAML."""
     return yaml.safe_load(path.read_text().removeprefix("%YAML:1.0\n"))
 
 
@@ -103,7 +103,7 @@ def test_an_opencv_reader_needs_its_directive_first(golden, tmp_path):
 
 @pytest.mark.parametrize("frame", ["up", "down"])
 def test_the_snippet_of_gtsam_runs(golden, tmp_path, frame, monkeypatch):
-    """Against a stand-in that keeps what it is told; the names are those of GTSAM's documentation."""
+    """The snippet runs with a substitute for GTSAM that stores the values it receives; method names are from GTSAM's documentation."""
     values = np.diag([4e-6, 5e-6, 6e-6]), np.diag([7e-8, 8e-8, 9e-8])
     imu = {
         name: {**DOCUMENT["imu"][name], "covariance": {"parameters": tuple(f"bias[{i}]" for i in range(3)), "values": value}}
@@ -200,7 +200,7 @@ def test_vins_states_both_readings_of_its_convention(golden, tmp_path):
         assert a[key] == pytest.approx(np.sqrt(2) * b[key], rel=1e-8)
     assert (a["acc_w"], a["gyr_w"]) == (b["acc_w"], b["gyr_w"])
     dt = 1 / 200
-    # the covariance that integration_base.h adds each step
+    # the covariance that integration_base.h adds in each step
     assert 2 * 0.5**2 * a["acc_n"] ** 2 * dt**2 == pytest.approx(2.1e-3**2 * dt, rel=1e-8)
     assert (a["gyr_w"] * dt) ** 2 == pytest.approx(2.4e-6**2 * dt, rel=1e-8)
     assert "mid-point covariance equal N^2*dt: acc 0.042, gyr 0.0036" in (tmp_path / "b").read_text()

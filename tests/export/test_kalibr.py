@@ -1,4 +1,4 @@
-"""Kalibr's imu.yaml against its golden file, and what must not get into it."""
+"""Kalibr's imu.yaml agrees with its golden file and contains no value that was not measured or given."""
 
 import math
 import pathlib
@@ -26,14 +26,14 @@ def path(tmp_path):
 
 
 def with_noise(calibration, sensor, **changes):
-    """The calibration with other noise of one sensor."""
+    """The calibration with changed noise of one sensor."""
     old = getattr(calibration.noise, sensor)
     new = type(old)(**({name: getattr(old, name) for name in old.__dataclass_fields__} | changes))
     return eqx.tree_at(lambda c: getattr(c.noise, sensor), calibration, new, is_leaf=lambda x: x is old)
 
 
 def without_walk(calibration, sensor, limit=(1e-5, 2e-5, 9e-5)):
-    """K found on y alone."""
+    """The calibration with a random walk K that was found only on axis y of a sensor."""
     return with_noise(
         calibration,
         sensor,
@@ -56,7 +56,7 @@ def test_provenance_adds_comments_alone(golden, path):
     data = [line for line in (FOLDER / "golden/imu.yaml").read_text().splitlines() if not line.startswith("#")]
     assert [line for line in lines if not line.startswith("#")] == data
     assert lines[0] == f"# kalibr file written by jaxcal {jaxcal.__version__}"
-    assert "# device: unit 7 B: 1" in lines  # a line break does not get out of the comment
+    assert "# device: unit 7 B: 1" in lines  # line breaks are replaced, so that the comment stays on one line
     assert "# recording: a.csv, SHA-256 ab" in lines
     assert all(f"# {warning}" in lines for warning in warnings)
 
@@ -107,7 +107,7 @@ def test_upper_limit_is_written_where_k_was_not_found(golden, path):
     assert yaml.safe_load(path.read_text())["gyroscope_random_walk"] == 9e-5
     assert "K = 1.0e-05, 3.0e-05, 9.0e-05 (95 % upper limit on gyro_x, gyro_z)" in path.read_text()
     assert "K was not found on gyro_x, gyro_z: its 95 % upper limit is written" in warnings
-    assert yaml.safe_load(path.read_text())["accelerometer_random_walk"] == 3.2e-5  # found, so kept
+    assert yaml.safe_load(path.read_text())["accelerometer_random_walk"] == 3.2e-5  # this value was found and is kept
 
 
 def test_upper_limit_that_is_not_known(golden, path):
@@ -180,7 +180,7 @@ def test_terms_that_are_there_and_not_written_are_mentioned(golden, path):
     verdict = {"Q": ("not detected",) * 3, "B": ("not detected",) * 3}
     processes = (((1.0, 2.0),), (), ())
     warnings = write(with_noise(golden, "gyro", verdict=verdict, Q=np.ones(3), R=np.ones(3), markov=processes), path)
-    assert any(warning.startswith("gyroscope: ramp R, Gauss-Markov not written") for warning in warnings)  # Q and B: not detected
+    assert any(warning.startswith("gyroscope: ramp R, Gauss-Markov not written") for warning in warnings)  # Q and B were not detected
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""What is written comes back: the same bytes again, the values that were printed, and damage refused."""
+"""Files written by jaxcal are read back: writing again gives the same bytes, values are those printed, and damaged files are refused."""
 
 import pathlib
 import struct
@@ -39,7 +39,7 @@ def golden():
 
 
 def made(seed):
-    """A device of a chance."""
+    """A calibration of a device with random parameters."""
     draw = np.random.default_rng(seed)
     noise = {"rate": float(draw.uniform(20, 2000))}
     for sensor, unit, n in (("gyro", "rad/s", 1e-4), ("accel", "m/s^2", 1e-3)):
@@ -71,7 +71,7 @@ def made(seed):
 
 
 def data_lines(path, binary):
-    """The file without comments."""
+    """Lines of a file without comments; all bytes of a binary file."""
     if binary:
         return path.read_bytes()
     return [line for line in path.read_text().splitlines() if not line.startswith("#")]
@@ -88,7 +88,7 @@ def test_write_read_write_gives_the_same_bytes(golden, tmp_path, format, options
     write(again, second, format=format, **options)
     assert data_lines(first, format == "motioncal") == data_lines(second, format == "motioncal")
     write(read(second, format=format, **where), third, format=format, **options)
-    assert second.read_bytes() == third.read_bytes()  # comments too
+    assert second.read_bytes() == third.read_bytes()  # including comments
 
 
 @pytest.mark.parametrize("seed", [None, 1, 2, 3])
@@ -156,7 +156,7 @@ def test_several_instances_in_one_file(golden, tmp_path):
 
 @pytest.mark.parametrize("seed", range(20))
 def test_the_rotation_behind_nine_digits(golden, tmp_path, seed):
-    """A file of OpenVINS holds a rotation in nine digits; what is read is a rotation to the last digit, and prints the same."""
+    """OpenVINS prints rotations with nine digits; `read` returns an exact rotation that agrees with all digits printed."""
     write(golden, tmp_path / "a.yaml", format="openvins")
     lines = (tmp_path / "a.yaml").read_text().splitlines()
     start = lines.index("  R_IMUtoGYRO:") + 1
@@ -173,7 +173,7 @@ def test_the_rotation_behind_nine_digits(golden, tmp_path, seed):
 
 
 def test_the_result_of_kalibr(tmp_path):
-    """Written by hand in the form of its results, which PyYAML's writer gives; accel = M_a a, gyro = M_g C w + A C a."""
+    """A result file of Kalibr, imitated with PyYAML, is read by accel = M_a a and gyro = M_g C w + A C a."""
     turn = Rotation.from_rotvec([0.01, -0.02, 0.03]).as_matrix()
     ma, mg, a = np.tril(np.full((3, 3), 0.01)) + np.eye(3), np.eye(3) - np.tril(np.full((3, 3), 0.02)), np.full((3, 3), 1e-4)
     document = {"imu0": {
@@ -214,7 +214,7 @@ def test_thermal_constants_of_px4_go_to_the_bias(golden, tmp_path):
 def test_the_scale_of_a_compass_multiplies(golden, tmp_path):
     write(golden, tmp_path / "a", format="ardupilot")
     text = (tmp_path / "a").read_text().replace("COMPASS_SCALE,1", "COMPASS_SCALE,2")
-    (tmp_path / "a").write_text(text.replace(",", " "))  # as MAVProxy has it
+    (tmp_path / "a").write_text(text.replace(",", " "))  # MAVProxy separates by blanks
     found = read(tmp_path / "a", format="ardupilot").magnetometer
     np.testing.assert_allclose(
         np.linalg.inv(found.model.soft_iron), 2 * np.linalg.inv(golden.magnetometer.model.soft_iron), rtol=1e-8, atol=1e-9
@@ -222,7 +222,7 @@ def test_the_scale_of_a_compass_multiplies(golden, tmp_path):
 
 
 def checksum(data):
-    """CRC-16 with the polynomial x^16 + x^15 + x^2 + 1, bits reflected, by long division of the whole message."""
+    """CRC-16 with the polynomial x^16 + x^15 + x^2 + 1 and reflected bits, computed by long division of the whole message."""
     bits = [byte >> k & 1 for byte in data for k in range(8)] + [0] * 16
     bits[:16] = [bit ^ 1 for bit in bits[:16]]  # the register starts with ones
     for i in range(len(bits) - 16):
@@ -275,6 +275,14 @@ def test_yaml_beyond_calibrations_is_refused(tmp_path, text, format):
         read(tmp_path / "a.yaml", format=format)
 
 
+def test_a_ros_file_with_the_noise_of_the_accelerometer_alone_has_its_rate(tmp_path):
+    noise = {"rate": 50.0, "accel": {"unit": "m/s^2", "Q": None, "N": np.full(3, 2e-3), "B": None, "K": None, "R": None}}
+    write(Calibration(noise=noise), tmp_path / "a.yaml", format="ros")
+    back = read(tmp_path / "a.yaml", format="ros").noise
+    assert back.rate == 50.0
+    np.testing.assert_allclose(back.accel.N, 2e-3)
+
+
 FILES = {
     "kalibr": "imu.yaml", "openvins": "kalibr_imu_chain.yaml", "vins": "vins.yaml", "orbslam3": "orbslam3.yaml", "px4": "px4.params",
     "ardupilot": "ardupilot.param", "ros": "ros_ros2.yaml", "imu_tk": "golden_acc.calib",
@@ -283,7 +291,7 @@ FILES = {
 
 @pytest.mark.parametrize("format", [*FILES, "csv"])
 def test_damage_never_gets_through(golden, tmp_path, format):
-    """Letters changed, lost and doubled at random: the file is refused, or its numbers are finite."""
+    """A file with random bytes changed, removed or repeated is refused, or its numbers are finite."""
     if format == "csv":
         write(golden, tmp_path / "a", format="csv")
         data = (tmp_path / "a").read_bytes()

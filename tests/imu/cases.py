@@ -1,4 +1,4 @@
-"""Devices, poses and the information bound that the tests share."""
+"""Shared by the tests of `jaxcal.imu`: a device, its poses, recordings, and the Cramer-Rao bound of the parameters."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,14 +14,21 @@ UP = attitudes(POSES, 0)
 
 
 def recording(seed, **options):
-    """A record of the usual poses; all of these have one shape, and so one compiled fit."""
+    """Simulate a recording of the usual poses. All these recordings have the same shape, so that the fit is compiled only once."""
     return simulate(
         options.pop("poses", POSES), **({"rate": RATE, "still": STILL, "turn": TURN, "up": UP, "motion": 0, "seed": seed} | options)
     )
 
 
+def rests(poses=POSES):
+    """First sample of every pose of a simulated recording and the sample after its last, (poses, 2)."""
+    still, turn, first = (int(seconds * RATE) for seconds in (STILL, TURN, 30.0))
+    stop = first + np.arange(poses) * (still + turn)
+    return np.stack([np.r_[0, stop[1:] - still], stop], axis=1)
+
+
 def turned_truth(accel=ACCEL, gyro=GYRO):
-    """The 33 parameters of the simulated device in the frame of the upper triangle, by numpy."""
+    """The 33 true parameters of the simulated device in the frame of the convention "upper", computed with NumPy."""
     correction = np.linalg.inv(accel.matrix)
     upper = np.linalg.cholesky(correction.T @ correction).T
     turn = upper @ accel.matrix
@@ -31,13 +38,13 @@ def turned_truth(accel=ACCEL, gyro=GYRO):
 
 
 def imu_tk_of(triad):
-    """(misalignment, scale, bias) as imu_tk writes them."""
+    """Misalignment, scale and bias of a triad in the form of imu_tk."""
     found = ImuTk.of(triad)
     return found.misalignment, found.scale, found.bias
 
 
 def _integrated(rate, dt):
-    """Rotation over samples, mean of neighbours and coning, by scipy."""
+    """Integrate angular rates with SciPy: the mean of neighbouring samples plus a correction for coning."""
     step = (rate[1:] + rate[:-1]) * dt / 2 + np.cross(rate[:-1], rate[1:]) * dt**2 / 12
     total = Rotation.identity()
     for part in Rotation.from_rotvec(step):
@@ -46,7 +53,7 @@ def _integrated(rate, dt):
 
 
 def _predicted(x, clean, pieces, start, stop):
-    """Forces and rates at rest, and turns, that the noise-free readings would mean under the parameters x (30)."""
+    """Convert noise-free readings with the parameters x (30) to specific forces and rates at rest and to rotations between the poses."""
     accel = np.linalg.inv(np.array([[x[0], x[1], x[2]], [0, x[3], x[4]], [0, 0, x[5]]]))
     gyro, bias, sensitivity = np.linalg.inv(x[9:18].reshape(3, 3)), x[18:21], x[21:30].reshape(3, 3)
     force = (clean[0] - x[6:9]) @ accel.T
@@ -55,9 +62,10 @@ def _predicted(x, clean, pieces, start, stop):
 
 
 def bound(found, noise=NOISE):
-    """Cramer-Rao bound of the 33 parameters for white noise, the attitude of every pose being a nuisance of three angles.
+    """Cramer-Rao bound of the free parameters for white noise; three angles of every pose are nuisance parameters.
 
-    Nothing of the estimator's residuals is used: the information is that of all means at rest and of all integrated turns.
+    The bound does not use the residuals of the estimator: the information is that of all means at rest and of all integrated turns.
+    Returns the indices of the 30 free parameters among the 33, and the bound of their covariance, (30, 30).
     """
     free = np.array([0, 1, 2, 4, 5, 8, 9, 10, 11, *range(12, 33)])
     x0 = turned_truth()[free]
@@ -78,7 +86,7 @@ def bound(found, noise=NOISE):
     ends = [[observed(x0 + s * steps[i] * np.eye(30)[i]) for s in (1, -1)] for i in range(30)]
     accel, gyro = (np.linalg.inv(turned_truth()[k : k + 9].reshape(3, 3)) for k in (0, 12))
     for k in range(count):
-        # specific force: parameters, and the attitude of the pose
+        # the specific force depends on the parameters and on the attitude of the pose
         block = np.zeros((3, 30 + 3 * count))
         block[:, :30] = np.stack([(a[0][k] - b[0][k]) / (2e-5) for a, b in ends], axis=1)
         f = force[k]
@@ -86,7 +94,7 @@ def bound(found, noise=NOISE):
         rows.append(block)
         duration = (stop[k] - start[k]) / RATE
         noises.append(noise["accel"] ** 2 / duration * accel @ accel.T)
-        # rate at rest: zero, whatever the attitude
+        # the rate at rest is zero in every attitude
         block = np.zeros((3, 30 + 3 * count))
         block[:, :30] = np.stack([(a[1][k] - b[1][k]) / (2e-5) for a, b in ends], axis=1)
         rows.append(block)
@@ -96,13 +104,13 @@ def bound(found, noise=NOISE):
         block[:, :30] = np.stack(
             [((turns[k].inv() * a[2][k]).as_rotvec() - (turns[k].inv() * b[2][k]).as_rotvec()) / 2e-5 for a, b in ends], 1
         )
-        # attitude errors in the axes of each pose: those of the first carried along the turn
+        # attitude errors are in the axes of each pose: those of the first pose are rotated by the turn
         block[:, 30 + 3 * k : 33 + 3 * k] = turns[k].inv().as_matrix()
         block[:, 33 + 3 * k : 36 + 3 * k] = -np.eye(3)
         rows.append(block)
         noises.append(noise["gyro"] ** 2 * (j - i - 1) / RATE * gyro @ gyro.T)
     information = sum(block.T @ np.linalg.solve(noise, block) for block, noise in zip(rows, noises, strict=True))
     scale = 1 / np.sqrt(np.diag(information))
-    # the heading of the whole is unknowable: a pseudo-inverse leaves it out, and no parameter depends on it
+    # the common heading cannot be observed; the pseudo-inverse leaves it out, and no parameter depends on it
     inverse = np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-12, hermitian=True) * np.outer(scale, scale)
     return free, inverse[:30, :30]

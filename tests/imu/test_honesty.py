@@ -1,4 +1,7 @@
-"""What `multi_position` says of recordings that its own simulator did not make; benchmarks/imu_honesty.py has all cases in full size."""
+"""Verdicts and intervals of `multi_position` for recordings of an independent simulator with effects outside the model.
+
+benchmarks/imu_honesty.py runs all cases with more seeds.
+"""
 
 import numpy as np
 import pytest
@@ -25,15 +28,16 @@ def test_a_linear_sensor_is_good_and_in_its_intervals(base):
     assert all(found.verdict == "good" for found, _ in base)
     free = np.array(base[0][0].standard_error) > 0
     inside = [((f.interval[:, 0] <= truth) & (truth <= f.interval[:, 1]))[free] for f, truth in base]
-    # 4 runs of 30 parameters in groups that hang together: a standard error of about 3 %
+    # 4 runs of 30 parameters in correlated groups: the coverage has a standard error of about 3 %
     assert np.mean(inside) > 0.88
 
 
 @pytest.mark.long
 def test_missing_samples_cost_next_to_nothing(base):
-    """2 % of the samples lost, seen by the stamps alone: the same poses and turns, and errors larger by at most a tenth.
+    """When 2 % of the samples are lost (only gaps in the stamps show it), all poses and turns are found; errors grow by 10 % at most.
 
-    The variance of the difference of two estimates, of which one has less data, is that of their variances: 1.1^2 - 1.
+    If one of two estimates uses a part of the other's data, the variance of their difference is the difference of their variances:
+    1.1^2 - 1.
     """
     moved, wider = [], []
     for seed, (whole, _) in zip(SEEDS, base, strict=True):
@@ -67,7 +71,7 @@ def test_what_the_model_lacks_is_named(case, words):
 
 @pytest.mark.long
 def test_a_hand_that_turns_in_the_rests_makes_no_scale():
-    """1.5 degrees: the mean of the force is shorter by 3e-4 of it, five standard errors of the scale."""
+    """A drift of 1.5 degrees within the rests shortens the mean force by 3e-4 of it, which is five standard errors of the scale."""
     inside = []
     for seed in range(4):
         found, truth = calibrated(seed, "wide drift")

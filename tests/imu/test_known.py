@@ -1,4 +1,4 @@
-"""Six positions, rate table and the still detector: closed forms, Monte Carlo against the covariance, refusals."""
+"""Six positions, the rate table and the detector of rests: closed forms, scatter of simulated runs against the covariance, refusals."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_six_positions_are_the_closed_form(precision):
 
 
 def test_six_position_scatter_is_its_covariance():
-    """400 runs: a standard deviation is known to 3.5 %, and the mean of twelve to about 1 %."""
+    """With 400 runs a standard deviation is known to 3.5 %, and the mean of twelve of them to about 1 %."""
     truth = np.r_[np.ravel(ACCEL.matrix), ACCEL.bias]
     fits = [six_position(simulate_positions(sigma=0.02, seed=s), G) for s in range(400)]
     values = np.array([np.r_[np.ravel(f.triad.matrix), f.triad.bias] for f in fits])
@@ -46,7 +46,10 @@ def test_six_position_scatter_is_its_covariance():
 
 
 def test_levelling_errors_have_the_size_of_the_closed_form():
-    """Independent levelling of 0.5 deg: bias sd g delta/3 = 0.0285, off-diagonal sd delta/sqrt(2) = 6.2e-3; 200 runs know them to 3 %."""
+    """Independent levelling errors of 0.5 deg have closed forms, which 200 runs confirm to 3 %.
+
+    The standard deviations are g delta/3 = 0.0285 for the bias and delta/sqrt(2) = 6.2e-3 for elements off the diagonal.
+    """
     delta = np.deg2rad(0.5)
     fits = [
         six_position(simulate_positions(Triad(np.eye(3), np.zeros(3)), G, levelling=delta, seed=s), G, sigma=1.0).triad for s in range(200)
@@ -58,7 +61,7 @@ def test_levelling_errors_have_the_size_of_the_closed_form():
         six_position(simulate_positions(Triad(np.eye(3), np.zeros(3)), G, tilt=delta, seed=s), G, sigma=1.0).triad for s in range(200)
     ]
     assert np.std([f.matrix[~np.eye(3, dtype=bool)] for f in common]) == pytest.approx(delta, rel=0.08)
-    # one such run is caught by the residuals
+    # the residuals of a single run are large enough for a warning
     assert "levelling" in six_position(simulate_positions(levelling=delta, seed=1), G, sigma=1e-3).warnings[0]
 
 
@@ -84,7 +87,7 @@ def test_six_position_refuses_with_reasons():
 
 
 def table(latitude=None, sigma=0.0, seed=0, faces=SIX, gyro=GYRO):
-    """Means on a rate table: each face up, rates of +-0.5 and +-1.5 rad/s about the vertical."""
+    """Mean readings on a rate table with each face up, at +-0.5 and +-1.5 rad/s about the vertical; then the true rates and forces."""
     up = np.repeat(faces, 4, axis=0)
     rates = up * np.tile([0.5, -0.5, 1.5, -1.5], len(faces))[:, None]
     force = G * up
@@ -111,7 +114,7 @@ def test_rate_table_recovers_the_triad_with_its_g_sensitivity():
 
 
 def test_the_vertical_part_of_the_earths_rate_passes_for_g_sensitivity():
-    """At 40 degrees 15.041 deg/h sin 40 = 9.67 deg/h, on the diagonal, per g."""
+    """At a latitude of 40 degrees the g-sensitivity is wrong by 15.041 deg/h sin 40 = 9.67 deg/h per g on its diagonal."""
     planted = Triad(np.eye(3), np.zeros(3), np.deg2rad(0.05) / G * np.array([[1.0, 0.5, -0.3], [0.2, -1, 0.4], [0.1, 0.2, 0.7]]))
     y, rates, force = table(np.deg2rad(40.0), gyro=planted)
     good = rate_table(y, rates, force, latitude=np.deg2rad(40.0), sigma=1e-6).triad.g_sensitivity
@@ -142,7 +145,7 @@ def test_windowed_variance_is_that_of_numpy_even_with_large_counts():
     windows = np.lib.stride_tricks.sliding_window_view(x, 51, axis=0)
     expected = np.linalg.norm(windows.var(axis=-1, ddof=1), axis=1)
     np.testing.assert_allclose(windowed_variance(x, 51), expected, rtol=1e-8)
-    # a missing sample is left out of its windows; a window of which the half is missing says nothing
+    # a missing sample is left out of its windows; the variance of a window that lacks half of its samples is undefined
     x[2000] = np.nan
     found = windowed_variance(x, 51)
     expected[1950:2001] = np.linalg.norm(np.nanvar(windows[1950:2001], axis=-1, ddof=1), axis=1)
@@ -169,14 +172,14 @@ def test_still_intervals_are_those_that_were_made():
     assert found.counts[found.multiple] == 5
     assert len(static_intervals(x, 100.0, least=12.0)) == 3
     assert len(static_intervals(x, 100.0, initial=30.0, threshold=3.0)) == 5
-    # the gyroscope sees a slow turn that the accelerometer does not
+    # the gyroscope detects a slow turn that the accelerometer does not detect
     gyro = 1e-3 * rng.normal(size=(10_000, 3))
     for i, j in [*moves, (2000, 2200)]:
         gyro[i:j] += 0.1 * np.sin(np.arange(j - i) / 15)[:, None]
     both = static_intervals(x, 100.0, gyro=gyro)
     assert len(both) == 6
     assert abs(both.stop[0] - 1950) < 20
-    # nor do missing samples end a rest
+    # some missing samples do not end a rest; a long gap does
     x[2400:2430], x[7000:7200:9] = np.nan, np.nan
     assert len(static_intervals(x, 100.0)) == 5
     x[2400:2480] = np.nan
@@ -214,7 +217,7 @@ def test_observability_names_what_is_missing():
     assert "bias along z" in half.sentence
     assert "-z up" in half.sentence
     assert half.missing[0, 2] < -0.9
-    # what is advised mends it
+    # poses in the advised directions make the problem well conditioned
     mended = observability(np.concatenate([upper / np.linalg.norm(upper, axis=1, keepdims=True), half.missing]))
     assert mended.condition < half.condition / 2
     near = np.array([0, 0, 1.0]) + 0.02 * rng.normal(size=(20, 3))

@@ -1,4 +1,4 @@
-"""`Triad`, its forms in other programs, rotations, gravity: closed forms and exact inverses."""
+"""`Triad`, its conversion to the forms of other programs, rotations and gravity: closed forms and exact inverses."""
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ from jaxcal.imu import ArduPilot, ImuTk, Kalibr, OpenVins, Px4, Triad, attitude,
 
 
 def triads(seed):
-    """Both triads with errors of some per cent, in readings per SI."""
+    """Accelerometer and gyroscope with errors of a few per cent, in readings per SI unit."""
     rng = np.random.default_rng(seed)
     near = [np.eye(3) + 0.05 * rng.normal(size=(3, 3)) for _ in range(2)]
     return Triad(near[0], rng.normal(size=3)), Triad(near[1], 0.1 * rng.normal(size=3), 1e-3 * rng.normal(size=(3, 3)))
@@ -55,7 +55,10 @@ def test_a_triad_is_traced_like_any_function():
 
 
 def errors_of(first, second):
-    """Invariants of two calibrations of the same device in different frames: norms of forces and angles between force and rate."""
+    """Largest difference of quantities that do not depend on the frame, between two calibrations of the same device.
+
+    The quantities are the products of force with force, rate with rate, and force with rate.
+    """
     rng = np.random.default_rng(3)
     y, z = rng.normal(size=(40, 3)), rng.normal(size=(40, 3))
     f, g = first[0].correct(y), second[0].correct(y)
@@ -82,14 +85,14 @@ def test_forms_of_other_programs_are_exact_inverses(seed):
         leading = vins.accel_rotation if model == "kalibr" else vins.gyro_rotation
         np.testing.assert_allclose(leading, np.eye(3), atol=1e-12)
         assert errors_of((accel, gyro), vins.triads()) < 1e-11
-        # in the frame of the model the round trip is the identity, entry by entry
+        # in the frame of the OpenVINS model the round trip reproduces every element
         again = OpenVins.of(*vins.triads(), model)
         np.testing.assert_allclose(again.gyro_correction, vins.gyro_correction, atol=1e-12)
         np.testing.assert_allclose(again.g_sensitivity, vins.g_sensitivity, atol=1e-12)
 
 
 def test_formulas_of_the_other_programs_give_what_correct_gives():
-    """Written out as those programs do it, not with our own inverse."""
+    """The formulas are written as in those programs and do not use the inverse of jaxcal."""
     accel, gyro = triads(7)
     y, z = np.array([0.3, -1.2, 9.1]), np.array([0.2, 0.1, -0.4])
     t = ImuTk.of(accel)
@@ -168,7 +171,7 @@ def test_rotations_are_those_of_scipy_and_have_derivatives_at_the_identity(angle
 @pytest.mark.long
 @pytest.mark.parametrize(("integrator", "order"), [("closed_form", 4), ("runge_kutta", 4)])
 def test_attitude_converges_to_that_of_a_coning_motion(integrator, order):
-    """Coning: q(t) = exp(Omega t z) exp(a (cos, sin, 0)) has a known rate at every instant."""
+    """Coning motion q(t) = exp(Omega t z) exp(a (cos, sin, 0)) has a known rate at every instant."""
     cone, spin, length = 0.2, 12.0, 1.0
 
     def attitude_at(t):
@@ -186,7 +189,7 @@ def test_attitude_converges_to_that_of_a_coning_motion(integrator, order):
         found = Rotation.from_matrix(q)
         errors.append((truth.inv() * found).magnitude())
     assert errors[1] < 2e-3
-    # both are exact for rates linear between samples; the curvature of this one leaves second order, and the fourth of the step
+    # both integrators assume rates that are linear between samples; the curvature of this rate reduces the convergence to second order
     assert errors[0] / errors[1] > 3.5
 
 
@@ -204,14 +207,14 @@ def test_derivatives_of_the_attitude(integrator):
     back = jax.jit(jax.grad(lambda a: jnp.sum(turned(a, column, dt)[:, 1])))(matrix)
     forward = jax.jit(lambda a: jax.jvp(lambda a: jnp.sum(turned(a, column, dt)[:, 1]), (a,), (along[0],))[1])(matrix)
     assert float(jnp.sum(back * along[0])) == pytest.approx(float(forward), rel=1e-10)
-    # padding with steps of no length changes nothing
+    # padding with steps of zero length changes nothing
     longer = jnp.concatenate([column, column[:, -1:]], axis=1)
     same = turned(matrix, longer, jnp.concatenate([dt, jnp.zeros((2, 1))], axis=1))
     np.testing.assert_allclose(same, value, atol=1e-14)
 
 
 def test_gravity_is_that_of_the_ellipsoid():
-    """Published values of WGS 84: equator 9.7803253359, pole 9.8321849378 m/s^2."""
+    """WGS 84 publishes 9.7803253359 m/s^2 at the equator and 9.8321849378 m/s^2 at the pole."""
     assert float(gravity(0.0)) == pytest.approx(9.7803253359, abs=1e-10)
     assert float(gravity(np.pi / 2)) == pytest.approx(9.8321849378, abs=1e-9)
     assert float(gravity(0.0) - gravity(0.0, 1000.0)) == pytest.approx(3.086e-3, rel=1e-9)

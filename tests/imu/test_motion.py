@@ -1,4 +1,4 @@
-"""Delay and lever arms from turns by hand, with linear accelerations that nothing models."""
+"""Delay of the gyroscope and lever arms from turns by hand, with linear accelerations that the model does not contain."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from jaxcal.imu import Imu, Triad, motion, static_intervals
 
 from . import world
 
-#: s; the rate of a sample of `world` is that over the 2.5 ms before it
+#: true delay (s): `world` computes the rate of a sample over the 2.5 ms before it, which adds half of this time to the offset
 DELAY = 0.02 + 0.00125
 ARMS = np.array([[0.03, 0.0, -0.01], [0.01, 0.02, 0.0], [-0.02, 0.01, 0.03]])
 
@@ -38,7 +38,7 @@ def test_intervals_hold_in_a_hand_that_sways():
         interval = np.concatenate([found.delay_interval[None], found.lever_arm_interval.reshape(9, 2)])
         truth = np.concatenate([[DELAY], ARMS.ravel()])
         inside.append((interval[:, 0] <= truth) & (truth <= interval[:, 1]))
-    # 30 runs of ten numbers: a standard error of 2 %
+    # 30 runs of ten numbers: the coverage has a standard error of 2 %
     assert 0.90 <= np.mean(inside) <= 0.99
 
 

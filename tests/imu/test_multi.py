@@ -1,4 +1,4 @@
-"""Both triads from simulated records: Monte Carlo against truth and the information bound, options, refusals with their reasons."""
+"""`multi_position` with both sensors: scatter of simulated runs against truth and the Cramer-Rao bound, options, refusals and reasons."""
 
 import dataclasses
 import itertools
@@ -24,13 +24,13 @@ def fit(log, **options):
 
 @pytest.fixture(scope="module")
 def found():
-    """The fit of one recording whose noise is given."""
+    """The fit of one recording with given noise coefficients."""
     return fit(cases.recording(0), noise=KNOWN)
 
 
 @pytest.fixture(scope="module")
 def repeated(found):
-    """Fits of one motion under fresh noise, whose coefficients are given."""
+    """Fits of recordings of the same motion, each with its own noise; the noise coefficients are given."""
     return [found, *(fit(cases.recording(seed), noise=KNOWN) for seed in range(1, RUNS))]
 
 
@@ -40,7 +40,7 @@ def test_intervals_hold_the_truth(repeated):
     free = np.diag(repeated[0].covariance) > 0
     inside = np.array([(f.interval[:, 0] <= truth) & (truth <= f.interval[:, 1]) for f in repeated])[:, free]
     assert free.sum() == 30
-    # 40 fits of 30 parameters in groups that hang together: the standard error of the share is about 1 %, of a third of them 1.8 %
+    # 40 fits of 30 parameters in correlated groups: the coverage has a standard error of about 1 %, that of ten parameters 1.8 %
     assert 0.925 <= inside.mean() <= 0.975
     for part in (slice(0, 9), slice(9, 18), slice(18, 30)):
         assert 0.905 <= inside[:, part].mean() <= 0.995
@@ -51,7 +51,7 @@ def test_the_scatter_is_the_information_bound(repeated):
     free, inverse = cases.bound(repeated[0])
     errors = np.array([f.values for f in repeated])[:, free] - cases.turned_truth()[free]
     ratio = np.sqrt(np.mean(errors**2, axis=0) / np.diag(inverse))
-    # one ratio of 40 runs is known to 11 %, the mean of thirty to about 3.5 %
+    # with 40 runs, one ratio has a standard error of 11 %, and the mean of thirty ratios about 3.5 %
     assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.12)
     assert ratio.max() < 1.42
     predicted = np.sqrt(np.mean([np.diag(f.covariance)[free] for f in repeated], axis=0) / np.diag(inverse))
@@ -80,7 +80,7 @@ def test_conventions_are_one_calibration(found):
 
 @pytest.mark.long
 def test_errors_common_to_a_still_interval_are_in_the_intervals():
-    """Each pose has an error of its own, three times what white noise leaves of its mean: only intervals as units see it."""
+    """Each pose has its own error, three times the error of its mean by white noise: intervals must be treated as units of data."""
     white = NOISE["accel"] / np.sqrt(cases.STILL - 1)
     truth = cases.turned_truth()[:12]
     inside, naive = [], []
@@ -95,10 +95,10 @@ def test_errors_common_to_a_still_interval_are_in_the_intervals():
         found = fit(jaxcal.Log(None, gyro=log.gyro, accel=accel, rate=log.rate), threshold=10)
         keep = np.diag(found.covariance)[:12] > 0
         inside.append(((found.interval[:12, 0] <= truth) & (truth <= found.interval[:12, 1]))[keep])
-        # what a residual per sample would say
+        # intervals that treat every sample as independent data
         error = np.sqrt(np.diag(found.covariance)[:12]) * white / found.sigma[0]
         naive.append((np.abs(found.values[:12] - truth) < 1.96 * error)[keep])
-    # 108 intervals of nine parameters that hang together: a standard error of 3 %
+    # 108 intervals of nine correlated parameters: the coverage has a standard error of 3 %
     assert np.mean(inside) == pytest.approx(0.95, abs=0.07)
     assert np.mean(naive) < 0.7
 
@@ -181,7 +181,7 @@ def test_too_little_is_refused_and_the_missing_is_named():
     assert "Add poses with" in alike.reason
     faces = np.kron(np.eye(3), np.array([[1.0], [-1.0]]))[np.arange(cases.POSES) % 6]
     both = fit(cases.recording(0, up=faces))
-    assert both.verdict == "good"  # the turns show the misalignment that norms on six faces leave open
+    assert both.verdict == "good"  # the turns determine the misalignment, which the magnitudes on six faces do not
     truth, free = cases.turned_truth(), both.standard_error > 0
     assert np.mean((both.interval[free, 0] <= truth[free]) & (truth[free] <= both.interval[free, 1])) > 0.8
     six = fit(_accel_only(cases.recording(0, up=faces)))
@@ -219,12 +219,12 @@ def test_a_record_without_a_rest_at_its_beginning():
 
 
 def test_the_earths_rate_is_taken_off():
-    """Noise of a tactical unit at latitude 40; without the latitude the vertical part passes for a g-sensitivity of 9.67 deg/h/g."""
+    """A tactical-grade unit at latitude 40: without the latitude, the vertical Earth's rate appears as a g-sensitivity of 9.67 deg/h/g."""
     quiet = {"accel": 1e-4, "gyro": 2e-6}
     log = cases.recording(0, latitude=np.deg2rad(40.0), noise=quiet)
     truth = cases.turned_truth()[24:]
     plain, told = fit(log), fit(log, latitude=np.deg2rad(40.0))
-    assert any("give latitude" in sentence for sentence in plain.warnings)
+    assert any("give the `latitude`" in sentence for sentence in plain.warnings)
     bias = np.rad2deg((plain.values[24:] - truth) * cases.GRAVITY).reshape(3, 3) * 3600
     assert np.mean(np.diag(bias)) == pytest.approx(9.67, abs=1.0)
     left = np.rad2deg((told.values[24:] - truth) * cases.GRAVITY) * 3600

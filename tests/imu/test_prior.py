@@ -1,4 +1,4 @@
-"""What is known before a recording: data sheets and earlier calibrations; and terms that the log asks for, added by name."""
+"""Prior knowledge from data sheets and earlier calibrations, and additional terms, chosen by name or because the log requires them."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def log_of(seed, **case):
 
 
 def known_to(truth, sigma, rng):
-    """A calibration whose matrices are off by `sigma`, and that says so."""
+    """A calibration whose parameters have errors of standard deviation `sigma`, with the covariance that states these errors."""
     value = truth + np.where(truth != 0, sigma * rng.normal(size=33), 0)
     parts = {}
     for sensor, first, count in (("accel", 0, 12), ("gyro", 12, 21)):
@@ -47,7 +47,7 @@ def test_ten_poses_with_an_earlier_calibration_are_as_good_as_it():
 
 
 def test_five_poses_and_a_data_sheet():
-    """Scale and misalignment of 1 % and a bias of 0.1: five norms are fitted to the noise, and what they leave open the sheet bounds."""
+    """A data sheet allows 1 % of scale and misalignment and a bias of 0.1. Five poses leave some parameters open; the sheet bounds them."""
     log, truth = log_of(0, poses=5)
     sheet = {"scale": 0.01, "misalignment": 0.01, "bias": 0.1}
     found = multi_position(jaxcal.Log(log.time, accel=log.accel), gravity=world.GRAVITY, prior={"accel": sheet}, held_out=False)
@@ -90,7 +90,7 @@ def test_terms_that_the_log_asks_for_are_added():
 
 @pytest.mark.long
 def test_a_drift_is_fitted_where_it_is_asked_for():
-    """2 mg over the recording, in readings; the bias is that of the middle."""
+    """The accelerometer drifts by 2 mg over the recording; the fitted bias is that at its middle."""
     log, truth = log_of(2)
     time = np.asarray(log.time) - np.mean(log.time)
     drift = 0.02 / np.ptp(time)
@@ -102,7 +102,7 @@ def test_a_drift_is_fitted_where_it_is_asked_for():
     assert found.verdict == "good"
     free = found.standard_error > 0
     assert np.mean((found.interval[free, 0] <= truth[free]) & (truth[free] <= found.interval[free, 1])) > 0.8
-    # three parameters more cost little, where the drift itself cost much
+    # three more parameters increase the errors little; the drift increased them much
     assert np.mean(np.abs(found.values - truth)[:9]) < 0.5 * np.mean(np.abs(plain.values - truth)[:9])
 
 

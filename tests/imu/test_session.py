@@ -1,4 +1,4 @@
-"""Sessions with labelled regions: imucal's example against imucal's own result, and what cannot be read."""
+"""Sessions with labelled regions: imucal's example against imucal's own result, intervals against truth, and refusals."""
 
 import json
 
@@ -17,7 +17,7 @@ GYRO = Triad(np.array([[0.98, 0.01, 0.0], [0.0, 1.01, -0.02], [0.003, 0.0, 1.0]]
 
 
 def session(seed, levelling=0.0):
-    """Nine regions of 5 s at 100 Hz, with the readings of the next one between them."""
+    """Simulate nine labelled regions of 5 s at 100 Hz with 1 s between them, in which the device keeps the attitude without turning."""
     rng = np.random.default_rng(seed)
     f, w = np.zeros((5400, 3)), np.zeros((5400, 3))
     for label, start, _ in REGIONS:
@@ -39,7 +39,7 @@ def test_the_session_of_imucal(reference):
     np.testing.assert_allclose(found.accel.matrix, expected["K_a_R_a"], atol=1e-4)
     np.testing.assert_allclose(found.gyro.matrix, expected["K_g_R_g"], atol=1e-4)
     np.testing.assert_allclose(np.rad2deg(found.gyro.g_sensitivity), expected["K_ga"], atol=1e-4)
-    # imucal takes the bias of an axis from two of the faces, this one from all six
+    # imucal computes the bias of an axis from two of the faces, jaxcal from all six
     for first, bias in ((9, expected["b_a"]), (21, np.deg2rad(expected["b_g"]))):
         low, high = found.interval[first : first + 3].T
         assert np.all((low <= bias) & (bias <= high))
@@ -48,17 +48,17 @@ def test_the_session_of_imucal(reference):
 
 
 def test_intervals_of_a_session_hold_the_truth(tmp_path):
-    """Faces off by 2 mrad; a turn without an error of its own, so that its intervals are wider than they need be."""
+    """The faces are off by 2 mrad. The turns have no such error, so that their intervals are wider than necessary."""
     truth = np.concatenate([np.ravel(part) for part in (ACCEL.matrix, ACCEL.bias, GYRO.matrix, GYRO.bias, GYRO.g_sensitivity)])
     fits = [ferraris(session(seed, 2e-3), REGIONS, gravity=9.81) for seed in range(40)]
     inside = np.array([(f.interval[:, 0] <= truth) & (truth <= f.interval[:, 1]) for f in fits])
-    # 40 runs of twelve parameters, of which a few are independent: standard errors of the shares about 2 %
+    # 40 runs of twelve parameters, only a few of them independent: the coverage has a standard error of about 2 %
     assert 0.90 <= inside[:, :12].mean() <= 0.99
     assert 0.89 <= inside[:, 21:].mean() <= 0.99
     assert inside[:, 12:21].mean() >= 0.93
     jaxcal.Calibration(imu=fits[0]).save(tmp_path / "device.json")
     np.testing.assert_array_equal(jaxcal.Calibration.load(tmp_path / "device.json").imu.gyro.model.matrix, fits[0].gyro.matrix)
-    # repeated turns average, and show what a single one cannot
+    # turns that are repeated average their errors and also show how well they repeat
     both = jaxcal.Log(None, accel=np.tile(session(0).accel, (2, 1)), gyro=np.tile(session(0).gyro, (2, 1)), rate=100.0)
     again = ferraris(both, REGIONS + [(label, i + 5400, j + 5400) for label, i, j in REGIONS], gravity=9.81)
     assert not any("once" in sentence for sentence in again.warnings)

@@ -1,4 +1,4 @@
-"""Raw logs of a rate table, of a block on its faces and of a shaker, simulated by NumPy alone, against their truth."""
+"""Raw logs of a rate table, of a block on its faces and of a shaker, simulated with NumPy alone, against the simulated truth."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ SWEEP = np.array([0, 50, 100, 150, 100, 50, 0, -50, -100, -150, -100, -50, 0]) *
 
 
 def table_log(seed, cubic=0.0, asymmetry=0.0, wander=0.0):
-    """A sweep up and down about each axis, ramps of a second between rates, and a bias that wanders from rate to rate."""
+    """Simulate a sweep up and down about each axis, with ramps of 1 s between the rates and a bias that changes from rate to rate."""
     rng = np.random.default_rng(seed)
     w, shift = [], []
     for axis in range(3):
@@ -39,7 +39,7 @@ def test_the_rates_are_found_in_a_raw_log():
 
 
 def test_what_bends_is_told_in_ppm_and_what_does_not_is_noise():
-    """0.1 % at 150 deg/s to the third power: the line takes most of it; 600 ppm between the signs."""
+    """A cubic term of 0.1 % at 150 deg/s, of which the straight line absorbs the most, and an asymmetry of 600 ppm between the signs."""
     figures = rate_test(table_log(1, cubic=1e-3 / (150 * DEGREE) ** 2), np.array([50, 100, 150]) * DEGREE).figures
     left = SWEEP**3 - SWEEP * (SWEEP @ SWEEP**3) / (SWEEP @ SWEEP)
     assert figures["x"].nonlinearity == pytest.approx(1e3 * np.abs(left).max() / (150 * DEGREE) ** 3, rel=0.1)
@@ -55,7 +55,7 @@ def test_what_bends_is_told_in_ppm_and_what_does_not_is_noise():
 def test_figures_of_a_straight_line_are_within_the_noise_they_state():
     rng = np.random.default_rng(0)
     runs = [scale_figures(SWEEP, SWEEP + 1e-4 * rng.normal(size=SWEEP.shape)) for _ in range(300)]
-    # 300 runs: a standard error of 1.3 %
+    # 300 runs: the shares have standard errors of 1.3 %
     assert np.mean([one.nonlinearity > one.nonlinearity_noise for one in runs]) < 0.09
     assert np.mean([one.hysteresis > one.hysteresis_noise for one in runs]) < 0.09
     assert 0.91 < np.mean([one.asymmetry_interval[0] < 0 < one.asymmetry_interval[1] for one in runs]) < 0.99
@@ -98,17 +98,17 @@ def test_a_block_on_its_faces():
 
 
 def test_vibration_that_shifts_the_bias():
-    """A quadratic term of 1e-4 s^2/m along z, shaken at three levels while the bias drifts; the coefficient is that term."""
+    """An accelerometer with a quadratic term of 1e-4 s^2/m is shaken along z at three levels while its bias drifts: the term is found."""
     inside = []
     for seed in range(40):
         rng = np.random.default_rng(seed)
         level = np.repeat([0.0, 4.0, 0.0, 8.0, 0.0], 2000)[:, None] * [0, 0, 1]
-        shaken = np.diff(level * rng.normal(size=(10001, 3))[1:], axis=0, prepend=0)  # to and fro: without a mean
+        shaken = np.diff(level * rng.normal(size=(10001, 3))[1:], axis=0, prepend=0)  # differences, so that the mean is zero
         accel = shaken + [0, 0, 9.81] + 1e-4 * shaken**2 + np.linspace(0, 1e-3, 10000)[:, None] + 0.01 * rng.normal(size=(10000, 3))
         gyro = 1e-3 * rng.normal(size=(10000, 3))
         found = vibration_rectification(jaxcal.Log(None, accel=accel, gyro=gyro, rate=200.0))
         inside.append((found.interval[:, 0] <= [0, 0, 0, 0, 0, 1e-4]) & (found.interval[:, 1] >= [0, 0, 0, 0, 0, 1e-4]))
-    # 240 intervals, of which those of a run are independent: a standard error of 1.5 %
+    # 240 independent intervals: the coverage has a standard error of 1.5 %
     assert 0.90 <= np.mean(inside) <= 0.99
     assert "ug/g^2" in found.summary()
     with pytest.raises(DataError, match="hardly changes"):

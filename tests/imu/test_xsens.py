@@ -1,4 +1,4 @@
-"""The Xsens log of imu_tk: what that program finds, and what the joint fit makes of the same data."""
+"""The Xsens log of imu_tk: the method `imu_tk` reproduces that program's results, and the joint fit predicts better."""
 
 import json
 
@@ -72,7 +72,7 @@ def test_upper_turned_to_lower_is_the_lower_result(tedaldi, xsens):
 
 
 def test_naive_errors_are_the_recorded_ones(tedaldi, xsens):
-    """T (3), K (3), bias (3): by automatic differentiation of the change of form."""
+    """Standard errors of T (3), K (3) and bias (3), propagated by automatic differentiation of the change of form."""
 
     def form(accel, gyro):
         correction = jnp.linalg.inv(accel.matrix)
@@ -81,7 +81,7 @@ def test_naive_errors_are_the_recorded_ones(tedaldi, xsens):
         return jnp.concatenate([jnp.stack([unit[0, 1], unit[0, 2], unit[1, 2]]), scale, accel.bias])
 
     covariance = tedaldi["upper"].propagate(form)[1]
-    # ours has one degree of freedom per residual less the parameters, as theirs
+    # both programs use the number of residuals less that of parameters as the degrees of freedom
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), xsens[2]["upper"]["acc"]["sigma_naive"], rtol=1e-4)
 
 
@@ -93,7 +93,7 @@ def test_the_gyroscope_fit_from_the_start_of_the_specification(xsens, tedaldi):
     vertical = padded(force / np.linalg.norm(force, axis=1, keepdims=True), 64)
     turns = sampled_turns(recording(log, stamps), still.start, still.stop, 64)
     begin = Triad(6258 * np.eye(3), found.gyro.bias)
-    # the start of the specification, whose cost there is 8.531
+    # the specification states a cost of 8.531 at this start
     given = jax.tree.map(jnp.asarray, (Imu(None, begin), (turns, vertical)))
     assert 0.5 * float(np.sum(turn_residuals(*given) ** 2)) == pytest.approx(8.531, abs=5e-4)
     assert float(gyro_fit(begin, turns, vertical).cost) == pytest.approx(0.00150695538, rel=1e-5)
@@ -101,18 +101,18 @@ def test_the_gyroscope_fit_from_the_start_of_the_specification(xsens, tedaldi):
 
 @pytest.mark.long
 def test_the_joint_fit_agrees_where_the_models_agree_and_predicts_better(joint, tedaldi, xsens):
-    """Accelerometer: the same model. Gyroscope: imu_tk's has no sensitivity to g, which these data show beyond doubt."""
+    """Both accelerometer models are the same. imu_tk's gyroscope has no g-sensitivity, which is highly significant in these data."""
     theirs = tedaldi["upper"]
     assert joint.verdict == "good"
     inside = (joint.interval[:, 0] <= theirs.values) & (theirs.values <= joint.interval[:, 1])
     assert inside[:12].all()
-    # poses and turns that neither fit saw, on its own intervals and on theirs
+    # held-out poses and turns, with the rests that jaxcal found and with those of imu_tk
     log, stamps, _ = xsens
     for found in (joint, multi_position(log, time=stamps, threshold=6, **OPTIONS)):
         assert found.held_out[0] <= 0.2 * theirs.held_out[0]
         assert found.held_out[1] <= 0.3 * theirs.held_out[1]
     assert len(found.still) == len(theirs.still)
-    # a factor of four in the angle left after a turn
+    # the residual angle after a turn is smaller by almost a factor of four
     rms = [np.rad2deg(np.sqrt(np.mean(found.residual_turn**2))) for found in (theirs, joint)]
     assert rms[0] == pytest.approx(0.517, abs=0.001)
     assert rms[1] < 0.15

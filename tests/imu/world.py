@@ -1,7 +1,7 @@
-"""Recordings of a hand-turned IMU by NumPy and SciPy alone: nothing of the package, and effects that its model does not have.
+"""Simulated recordings of a hand-turned IMU that use NumPy and SciPy but not jaxcal, with effects that jaxcal's model does not contain.
 
-A case is a name in `CASES` with options of `record`. The truth is that of the linear part of both sensors in the frame of the upper
-triangle, as `multi_position` gives it.
+A case is a name in `CASES` with options of `record`. The truth is the linear part of both sensors in the frame of the convention
+"upper", in which `multi_position` reports its result.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ RATE, GRAVITY = 100.0, 9.81
 NOISE_ACCEL, NOISE_GYRO = 1.5e-3, 1e-4  # m/s/sqrt(s), rad/sqrt(s)
 DEGREE = np.pi / 180
 
-#: options of `record`, and whether the case is one that the model holds
+#: name of each case: options of `record`
 CASES = {
     "base": {},
     "9 poses": {"poses": 9},
@@ -38,14 +38,14 @@ CASES = {
 
 
 def _matrices(rng):
-    """Sensors with scale errors of 1 %, misalignment of half a degree, biases, and a sensitivity to g of 20 deg/h/m/s^2."""
+    """Draw sensors with scale errors of 1 %, misalignment of half a degree, biases, and a g-sensitivity of 20 deg/h/(m/s^2)."""
     accel = np.eye(3) + np.triu(rng.normal(size=(3, 3)) * np.where(np.eye(3), 0.01, 0.008))
     gyro = np.eye(3) + rng.normal(size=(3, 3)) * np.where(np.eye(3), 0.01, 0.008)
     return accel, 0.1 * rng.normal(size=3), gyro, 0.01 * rng.normal(size=3), 1e-4 * rng.normal(size=(3, 3))
 
 
 def _directions(rng, poses, hemisphere):
-    """Upward directions: faces, edges and corners in random order, each off by some degrees."""
+    """Upward directions of the poses: faces, edges and corners in random order, each off by several degrees."""
     grid = np.array([p for p in np.ndindex(3, 3, 3) if p != (1, 1, 1)]) - 1.0
     grid = grid[np.argsort(np.abs(grid).sum(axis=1), kind="stable")]
     if hemisphere:
@@ -56,7 +56,7 @@ def _directions(rng, poses, hemisphere):
 
 
 def _smooth(rng, count, dt, low, high):
-    """(count, 3) of unit variance between two frequencies, by the discrete Fourier transform."""
+    """Draw smooth random motion of unit variance between two frequencies with the discrete Fourier transform, (count, 3)."""
     frequency = np.fft.rfftfreq(count, dt)
     spectrum = np.fft.rfft(rng.normal(size=(count, 3)), axis=0)
     path = np.fft.irfft(np.where(((frequency >= low) & (frequency <= high))[:, None], spectrum, 0), count, axis=0)
@@ -67,18 +67,18 @@ def record(
     seed, *, poses=24, hemisphere=False, tremor=0.0, drift=0.0, vibration=0.0, quadratic=0.0, asymmetry=0.0, cubic=0.0, lever=0.0,
     offset=0.0, saturation=None, jitter=0.0, missing=0.0, warm_up=0.0, initial=20.0, device=None, arms=None, sway=0.0,
 ):  # fmt: skip
-    """Stamps (s), accelerometer and gyroscope of one recording, and its truth (33 parameters).
+    """Simulate one recording: stamps (s), accelerometer, gyroscope, and the truth (33 parameters).
 
-    Angles in rad: tremor at 9 Hz and slow drift of the hand, in poses and turns but not in the initial rest. vibration: m/s^2 at 23 Hz
-    in every other pose. quadratic: reading per (m/s^2)^2. asymmetry: relative, of the sign. cubic: per (rad/s)^2. lever: m. offset: s by
-    which the gyroscope is late. jitter: of the instants of sampling, in periods, which the stamps do not show. missing: share of
-    samples lost. warm_up: m/s^2 at the beginning, with a time constant of 60 s. arms: (3, 3) m, the place of each axis of the
-    accelerometer. sway: linear acceleration of the hand in the turns, m/s^2.
+    tremor, drift: motion of the hand (rad) at 9 Hz and below 0.5 Hz, in poses and turns but not in the initial rest. vibration: m/s^2 at
+    23 Hz in every other pose. quadratic: reading per (m/s^2)^2. asymmetry: relative difference of the scale by sign. cubic: per
+    (rad/s)^2. lever: length of the lever arm, m. offset: delay of the gyroscope, s. jitter: of the sampling instants, in periods; the
+    stamps do not show it. missing: share of samples lost. warm_up: change of the accelerometer's bias, m/s^2, with a time constant of
+    60 s. arms: position of each axis of the accelerometer, (3, 3), m. sway: linear acceleration of the hand during the turns, m/s^2.
     """
     rng = np.random.default_rng([seed, 20])
     matrix, bias, gyro_matrix, gyro_bias, sensitivity = _matrices(rng if device is None else np.random.default_rng([device, 21]))
     up = _directions(rng, poses, hemisphere)
-    fine = 4  # samples of the motion to one of the sensors
+    fine = 4  # samples of the motion per sample of the sensors
     dt = 1 / (RATE * fine)
     held, labels, attitude = [], [], Rotation.align_vectors([[0.0, 0, 1]], [up[0]])[0] * Rotation.identity()
     for k in range(poses):
@@ -87,7 +87,7 @@ def record(
         held.append(np.repeat(attitude.as_matrix()[None], count, axis=0))
         labels.append(np.full(count, k))
         if k + 1 < poses:
-            # to any attitude with the next direction up, on a way that is no rotation about one axis
+            # turn to a random attitude with the next direction up, along a path that is not a rotation about a single axis
             goal = Rotation.from_rotvec([0, 0, rng.uniform(-1.5, 1.5)]) * Rotation.align_vectors([[0.0, 0, 1]], [up[k + 1]])[0]
             relative = (attitude.inv() * goal).as_rotvec()
             angle = np.linalg.norm(relative)
@@ -120,7 +120,7 @@ def record(
     if vibration:
         shaken = (label >= 0) & (label % 2 == 1)
         force = force + np.where(shaken[:, None], vibration * np.sin(2 * np.pi * 23.3 * time)[:, None] * rng.normal(size=3), 0)
-    # instants of sampling
+    # sampling instants
     number = int(count / fine) - 8
     due = np.arange(number) / RATE
     taken = due + jitter * rng.uniform(-0.5, 0.5, number) / RATE + 4 / RATE
@@ -138,6 +138,6 @@ def record(
     return due[kept], accel[kept], gyro[kept], truth
 
 
-#: groups of parameters whose coverage is counted apart
+#: groups of parameters whose coverage is counted separately
 GROUPS = {"accel matrix": slice(0, 9), "accel bias": slice(9, 12), "gyro matrix": slice(12, 21), "gyro bias": slice(21, 24),
           "g-sensitivity": slice(24, 33)}  # fmt: skip

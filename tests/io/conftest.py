@@ -1,4 +1,4 @@
-"""Recordings to be written in every format, and the writers of ROS recordings."""
+"""Fixtures: a recording that the tests write in every format, writers of ROS recordings, and smaller reading blocks."""
 
 import functools
 import types
@@ -12,7 +12,7 @@ DEG, G = np.pi / 180.0, 9.80665
 
 
 def recording(n=400, rate=100.0, seed=0):
-    """A still sensor in SI: gyro well below 0.35 rad/s, gravity on z, the Earth's field along x and z."""
+    """Recording of a still sensor in SI units: rates well below 0.35 rad/s, gravity along z, the Earth's field along x and z."""
     rng = np.random.default_rng(seed)
     return types.SimpleNamespace(
         time=np.arange(n) / rate,
@@ -39,7 +39,7 @@ def _typestore(version):
 
 
 def _messages(store, kind, stamps, values, frame, attitude, covariance):
-    """Messages of one topic; values are gyro and accel side by side, mag, or temperature."""
+    """Messages of one topic; `values` has columns of gyro and accel, of mag, or of temperature."""
     t = store.types
     vector = lambda v: t["geometry_msgs/msg/Vector3"](*map(float, v))  # noqa: E731
     for i, (ns, row) in enumerate(zip(stamps, values, strict=True)):
@@ -96,7 +96,7 @@ def write_bag(tmp_path):
 
 @pytest.fixture
 def blocks_of(monkeypatch):
-    """``blocks_of(length)``: text tables and DataFlash logs are looked at in blocks of so many bytes."""
+    """``blocks_of(length)`` makes the readers of text tables and DataFlash logs read blocks of this many bytes."""
 
     def short(length):
         monkeypatch.setattr(_text, "_BLOCK", length)

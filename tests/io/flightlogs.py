@@ -1,4 +1,4 @@
-"""Writers of PX4 ULog and ArduPilot DataFlash logs, byte by byte as their published formats say."""
+"""Writers of PX4 ULog and ArduPilot DataFlash logs, which follow the published formats byte by byte."""
 
 import struct
 
@@ -12,7 +12,7 @@ def ulog_message(kind, body):
 
 
 class ULogWriter:
-    """Formats first, then parameters, then one message after another; `bytes` is the file."""
+    """Writer of a ULog file: formats, parameters, then messages, in the order of the calls; `content` has the bytes of the file."""
 
     def __init__(self, start=0):
         self.content = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", start) + ulog_message("B", bytes(40))
@@ -32,7 +32,7 @@ class ULogWriter:
         self.content += ulog_message("A", struct.pack("<BH", instance, number) + name.encode())
 
     def data(self, name, instance, rows, cut=0):
-        """Rows of a structured array; `cut` bytes of padding at their end are not written."""
+        """Write the rows of a structured array without the last `cut` bytes of each, which are padding."""
         packed = np.ascontiguousarray(rows)
         size = packed.dtype.itemsize
         raw = packed.tobytes()
@@ -76,7 +76,7 @@ DATAFLASH_CODES = {
 
 
 class DataFlashWriter:
-    """FMT records for every type, then records; `content` is the file."""
+    """Writer of a DataFlash file: an FMT record for every type, then records; `content` has the bytes of the file."""
 
     def __init__(self):
         self.content = b""
@@ -110,7 +110,7 @@ def imu_records(stamps_us, gyro, accel, instance=0, temperature=25.0):
 
 
 def dataflash_with_imu(stamps_us, gyro, accel, instances=(0,)):
-    """A log as ArduPilot begins one: FMT records, then IMU records of the instances in turn."""
+    """A log with FMT records, as ArduPilot writes them first, and then alternating IMU records of the instances."""
     log = DataFlashWriter()
     log.describe(176, "IMU", "QBffffffIIfBBHH", IMU_LABELS)
     log.describe(64, "PARM", "QNf", "TimeUS,Name,Value")
@@ -120,7 +120,7 @@ def dataflash_with_imu(stamps_us, gyro, accel, instances=(0,)):
 
 
 def ulog_with_imu(stamps_us, gyro, accel, mag=None, instances=(0,)):
-    """A log with raw topics, one row of each after the other."""
+    """A log of raw sensor topics, with one row of each topic in turn."""
     log = ULogWriter()
     for name in ("sensor_gyro", "sensor_accel", "sensor_mag"):
         log.format(name, SENSOR)
@@ -139,5 +139,5 @@ def ulog_with_imu(stamps_us, gyro, accel, mag=None, instances=(0,)):
 
 
 def f4(values):
-    """What is left of numbers that were stored in single precision."""
+    """Numbers rounded to single precision, as a flight log stores them."""
     return values.astype(np.float32).astype(np.float64)

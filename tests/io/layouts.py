@@ -1,7 +1,7 @@
-"""Text tables as loggers write them, with a known truth: names, orders, units, clocks, languages and separators drawn at random.
+"""Random text tables with known contents, as loggers write them.
 
-The signals come from a rigid body that rests and turns, and share nothing with what reads them. `python tests/io/layouts.py 2000` prints
-how tables are read.
+Names, orders, units, clocks, languages and separators are chosen at random. The signals are those of a rigid body that rests and turns,
+simulated without code of jaxcal. `python tests/io/layouts.py 2000` reads 2000 tables and prints the outcomes.
 """
 
 import collections
@@ -106,7 +106,7 @@ GYRO_COUNTS, ACCEL_COUNTS = [131, 65.5, 32.8, 16.4, 32768 / 2000, 32768 / 500, 1
 
 
 def motion(draw, n, rate):
-    """Rate (rad/s), specific force (m/s^2) and field (T) of a body: still, turned by hand between rests, or shaken."""
+    """Simulate rate (rad/s), specific force (m/s^2) and field (T) of a body that is still, turned by hand, or shaken."""
     noise = np.random.default_rng(draw.randrange(2**31))
     kind = draw.choice(["still", "still", "hand", "hand", "lively"])
     time = np.arange(n) / rate
@@ -136,7 +136,7 @@ def motion(draw, n, rate):
 
 
 def clocks(draw, time, n):
-    """Columns that tell the time: [(name, fields)], whether they do, and what stands above the table or in the file's name."""
+    """Choose a kind of clock at random; returns its name and the columns for it, [(name, fields)]."""
     start = draw.uniform(1.5e9, 1.75e9)
     day = datetime.datetime.fromtimestamp(round(start, 3), datetime.UTC)
     counter = (
@@ -196,7 +196,11 @@ def clocks(draw, time, n):
 
 
 def case(number):
-    """(file name, bytes, truth): the truth has `rate`, arrays in SI by sensor, or `refuse`, with the tricks that were played."""
+    """Make a table from a seed: file name, bytes, and the truth.
+
+    The truth is a dictionary with `rate`, an array in SI units for each sensor, `tricks` (deliberate faults) and, if the table must be
+    refused, `refuse` (the reason).
+    """
     draw = random.Random(number)
     rate = draw.choice([20.0, 25.0, 50.0, 100.0, 100.0, 104.0, 119.0, 200.0, 250.0, 400.0])
     n = draw.choice([200, 400, 700])
@@ -281,7 +285,10 @@ def case(number):
 
 
 def judge(path, truth):
-    """(outcome, sentence): right, refused (rightly), asked (refused, though it could be read), loud (wrong, but said) or wrong."""
+    """Read a table and compare it with the truth; returns the outcome and a sentence.
+
+    Outcomes: right, refused (as it must be), asked (refused although it could be read), loud (wrong, with a warning) or wrong.
+    """
     import jaxcal
 
     try:
@@ -307,7 +314,7 @@ def judge(path, truth):
 
 
 def score(numbers, folder, show=False):
-    """Outcomes of the cases, counted, and those that are wrong."""
+    """Count the outcomes of the cases, and list the wrong ones."""
     tally, wrong = collections.Counter(), []
     for number in numbers:
         name, content, truth = case(number)

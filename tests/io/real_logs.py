@@ -1,4 +1,4 @@
-"""How the real logs behind JAXCAL_REFERENCE are read, beside what is known of them: `python tests/io/real_logs.py` prints the score."""
+"""Compare the reading of real logs in JAXCAL_REFERENCE with known facts about them; `python tests/io/real_logs.py` prints the score."""
 
 import json
 import os
@@ -8,7 +8,7 @@ import sys
 import jaxcal
 
 ROOT = pathlib.Path(os.environ.get("JAXCAL_REFERENCE", "/nowhere"), "data", "logs")
-#: what a refusal must speak of (one word of each group), by what `why` says of the file
+#: words that a refusal must contain (one of each group), from the reasons in the field `why` of expected.json
 SAID = {
     "straightLine_CalInertialAndMag.csv": [("packet number",), ("rate",)],
     "example_ferraris_session.csv": [("n_samples",), ("rate",)],
@@ -24,7 +24,7 @@ SAID = {
     "stationary.xlsx": [("imu_data",), ("csv",)],
     "demo.mcap": [("git lfs",)],
 }
-#: options that the refusals of logs with a known truth lead to
+#: options that make refused logs readable, as their refusals advise
 MENDED = {
     "straightLine_CalInertialAndMag.csv": {"rate": 256},
     "example_ferraris_session.csv": {"rate": 102.4},
@@ -34,12 +34,12 @@ MENDED = {
 
 
 def entries():
-    """What is known of every file; nothing where the reference is not there."""
+    """Known facts about every file; an empty list without the reference data."""
     return json.loads((ROOT / "expected.json").read_text())["files"] if (ROOT / "expected.json").exists() else []
 
 
 def wrongs(log, entry):
-    """What of a log differs from what is known."""
+    """Differences between a log and the known facts about it."""
     found = []
     rate, tolerance = entry["rate_hz"], entry["rate_tolerance"]
     if rate is not None and abs(log.rate / rate - 1) > tolerance:
@@ -63,7 +63,11 @@ def wrongs(log, entry):
 
 
 def judge(entry):
-    """(outcome, what was said): "read", "refused", "wrong" (silently), "unhelpful" or "asked" (refused for want of an allowed option)."""
+    """Read a file and compare it with the known facts; returns the outcome and the messages.
+
+    Outcomes: "read", "refused", "guessed" (wrong, with a warning that it is a guess), "wrong" (without one), "unhelpful", or "asked"
+    (refused because an option was missing that the file may need).
+    """
     path = ROOT / entry["file"]
     try:
         log = jaxcal.read(path, quiet=True)

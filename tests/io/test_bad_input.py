@@ -1,4 +1,4 @@
-"""Whatever is put before `read`, the answer is a sentence that names the file and what mends it."""
+"""For every unreadable file, `read` raises an error that names the file and a remedy."""
 
 import gzip
 import os

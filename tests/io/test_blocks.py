@@ -1,4 +1,4 @@
-"""Text tables longer than a block: the same as in one piece, whatever stands at the seams."""
+"""Text tables longer than a block are read as in one piece, whatever is at the boundary of two blocks."""
 
 import gzip
 
@@ -58,7 +58,7 @@ def test_faults_in_several_blocks_are_counted_and_the_first_is_shown(tmp_path, b
 
 
 def test_faults_are_measured_by_the_whole_table(tmp_path, blocks_of):
-    """A block that is bad throughout is no reason to refuse a long table, and one in each is."""
+    """A long table with one damaged block is read; a table with damaged rows in all blocks is refused."""
     blocks_of(500)
     lines, _ = rows(3000)
     damaged = [line + ",1" if 1000 <= i < 1025 else line for i, line in enumerate(lines)]
@@ -69,7 +69,7 @@ def test_faults_are_measured_by_the_whole_table(tmp_path, blocks_of):
 
 
 def test_rows_cut_short_all_through_a_block(tmp_path, blocks_of):
-    """They are not taken for a column without values."""
+    """Rows that lack their last field are reported, even if all rows of a block do; the column is not treated as empty."""
     blocks_of(500)
     lines, _ = rows(3000)
     damaged = [line.rpartition(",")[0] if 600 <= i < 650 else line for i, line in enumerate(lines)]
@@ -96,7 +96,7 @@ def test_nanoseconds_and_dates_and_missing_values_across_blocks(tmp_path, blocks
 
 
 def test_a_column_taken_twice_is_not_converted_twice(tmp_path):
-    """Columns that stand beside one another are converted in place, but never under the feet of another sensor."""
+    """Adjacent columns are converted in place, but not if another sensor uses the same columns."""
     lines, values = rows(300)
     log = read(
         tmp_path / "log.csv", lines, columns={"time": 0, "gyro": [1, 2, 3], "accel": [1, 2, 3]}, units={"gyro": "deg/s", "accel": "g"}

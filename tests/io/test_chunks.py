@@ -1,4 +1,4 @@
-"""Records in chunks: the same result as from the same arrays read whole."""
+"""Recordings read in chunks give the same results as the whole arrays."""
 
 import gzip
 
@@ -79,7 +79,7 @@ LOST = [*range(50, 53), *range(200, 301)]
 
 
 def with_gaps(still, kept):
-    """The values that chunks give: NaN where samples were lost."""
+    """Expected values of the chunks, with NaN for lost samples."""
     whole = np.full((400, 3), np.nan)
     whole[kept] = np.float32(still.gyro[kept])
     return whole

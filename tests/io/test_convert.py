@@ -1,4 +1,4 @@
-"""Converted logs are read back as they were."""
+"""Converted logs are read back unchanged."""
 
 import json
 
@@ -29,7 +29,7 @@ def same(a, b):
 def test_every_log_is_read_back_equal(suffix, kind, still, write_bag, tmp_path):
     path, options = tmp_path / f"log.{kind}", {}
     if kind == "csv":
-        # a gap, a missing value, an infinite one, an axis left out, units and rate that would be guessed otherwise
+        # a gap, a missing value, an infinite value, an omitted axis, and units and rate that `read` would otherwise have to guess
         rows = [f"{t:.3f},{w[0] * 3000:.6f},{w[1]:.6f},{25 + k % 7}" for k, (t, w) in enumerate(zip(still.time, still.gyro, strict=True))]
         rows[10] = rows[10].replace("25", "nan").replace("26", "nan").replace("27", "nan").replace("28", "nan")
         rows[20] = ",".join(["0.200", "inf", "0", "25"])
@@ -56,7 +56,7 @@ def test_every_log_is_read_back_equal(suffix, kind, still, write_bag, tmp_path):
     same(log, again)
     assert again.provenance["converted"]["file"] == out.name
     assert sorted(file.name for file in tmp_path.iterdir() if file.name.startswith(".")) == []
-    # once more, and of a part
+    # convert again, and convert a part
     same(again, jaxcal.io.convert(out, tmp_path / f"second{suffix}", quiet=True))
 
 

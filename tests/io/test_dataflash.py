@@ -1,4 +1,4 @@
-"""ArduPilot DataFlash: logs packed record by record, as pymavlink reads them too."""
+"""ArduPilot DataFlash: logs packed record by record in a form that pymavlink also reads."""
 
 import numpy as np
 import pytest
@@ -56,7 +56,7 @@ def test_sample_stamps_are_preferred(still, put):
 
 
 def batches(put, counts, rate=1000.0, mul=100, every=2.0, cut=0):
-    """Batches of 64 samples, gyroscope and accelerometer in turn."""
+    """Write batches of 64 samples, alternately of gyroscope and accelerometer."""
     log = DataFlashWriter()
     log.describe(30, "ISBH", "QHBBHHQf", "TimeUS,N,type,instance,mul,smp_cnt,SampleUS,smp_rate")
     log.describe(31, "ISBD", "QHHaaa", "TimeUS,N,seqno,x,y,z")
@@ -80,7 +80,7 @@ def test_batches_of_raw_samples(put, int16_arrays):
     counts = np.random.default_rng(1).integers(-3000, 3000, size=(8, 64, 3))
     log = read(batches(put, counts), quiet=True)
     assert log.rate == 1000.0
-    # gyroscope at even batches, accelerometer at odd ones, 128 ms apart, 64 ms long
+    # even batches are of the gyroscope and odd ones of the accelerometer; they are 64 ms long and start every 128 ms
     gyro = np.concatenate([log.gyro[256 * k : 256 * k + 64] for k in range(4)])
     accel = np.concatenate([log.accel[128 + 256 * k : 192 + 256 * k] for k in range(4)])
     np.testing.assert_array_equal(gyro, counts[::2].reshape(-1, 3) / 100)
@@ -187,7 +187,7 @@ def test_drops_of_the_logger(still, put):
 def test_the_bytes_that_begin_a_record_may_stand_in_one(block, still, put, blocks_of):
     blocks_of(block)
     gyro = still.gyro.copy()
-    # a float whose bytes are A3 95 B0 3D, a record of type 176 to the eye
+    # a float with the bytes A3 95 B0 3D, which look like the start of a record of type 176
     gyro[::7, 1] = np.frombuffer(b"\xa3\x95\xb0\x3d", "<f4")[0]
     found = read(put(dataflash_with_imu(STAMPS, gyro, still.accel)), quiet=True)
     np.testing.assert_array_equal(found.gyro, f4(gyro))

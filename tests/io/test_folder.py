@@ -1,4 +1,4 @@
-"""A folder for a log: the one in it, or the parts of a split recording."""
+"""A folder in place of a log: its only log is read, or the parts of a split recording are joined."""
 
 import shutil
 

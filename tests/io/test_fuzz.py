@@ -1,4 +1,4 @@
-"""A bounded share of `benchmarks/fuzz.py`, which mutates small logs of every format."""
+"""A limited number of runs of `benchmarks/fuzz.py`, which mutates small logs of every format."""
 
 import pathlib
 import subprocess

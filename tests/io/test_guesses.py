@@ -1,4 +1,4 @@
-"""Every rule by which columns and units are guessed."""
+"""All rules by which `read` infers columns and units."""
 
 import re
 import types
@@ -26,7 +26,7 @@ def save(tmp_path):
 
 @pytest.fixture
 def guess(tmp_path):
-    """``guess(name, rate=None, gyro=..., time=...)`` -> the unit of a sensor or of time, why, and the one to name where that is wrong."""
+    """``guess(name, rate=None, gyro=..., time=...)`` returns the inferred unit of a sensor or of time, the reason, and an alternative."""
 
     def run(name, rate=None, **arrays):
         np.savez(tmp_path / "log.npz", **arrays)
@@ -107,7 +107,7 @@ def test_an_accelerometer_of_unknown_size_is_asked_about(values, said, guess):
 
 def test_whole_milli_g_are_no_counts(guess):
     found = guess("accel", 100.0, accel=np.round(1000 * (STILL + 1.05 * Z)))
-    assert (found.unit, found.sure) == ("mg", False)  # a count of 1/1024 g is not far
+    assert (found.unit, found.sure) == ("mg", False)  # counts of 1/1024 g are nearly mg
 
 
 def test_a_gyroscope_beyond_35_is_in_degrees(guess):
@@ -127,7 +127,7 @@ def test_a_still_gyroscope_is_assumed_in_radians(guess):
 
 
 def turns(rate=100.0):
-    """Still, a turn of 90 degrees about x in 2 s, still, a turn of 90 degrees about y, still; gyro in rad/s, accel in m/s^2."""
+    """Simulate turns of 90 degrees about x and about y in 2 s each, with rests before, between and after; rad/s and m/s^2."""
     rng = np.random.default_rng(3)
     gyro, accel, down = [], [], np.array([0.0, 0.0, 1.0])
     for axis in (None, 0, None, 1, None):
@@ -147,7 +147,7 @@ def turns(rate=100.0):
 @pytest.mark.parametrize(("unit", "size"), [("rad/s", 1.0), ("deg/s", DEG)])
 def test_turns_between_still_stretches_tell_the_unit_of_the_gyroscope(unit, size, guess):
     gyro, accel = turns()
-    # slow enough that the size alone says nothing
+    # the turns are so slow that the size of the rates does not determine the unit
     found = guess("gyro", 100.0, gyro=gyro / size * (1.0 if unit == "rad/s" else 0.7), accel=accel)
     assert (found.unit, found.sure) == (unit, True)
     assert "times the turns of gravity" in found.reason
@@ -172,7 +172,7 @@ def directions(n=500):
 @pytest.mark.parametrize(("unit", "size"), [("T", 1e-6), ("G", 1e-2), ("uT", 1.0), ("mG", 10.0), ("nT", 1e3)])
 @pytest.mark.parametrize("field", [23.0, 48.0, 66.0])
 def test_the_field_behind_hard_iron_tells_the_unit_of_the_magnetometer(unit, size, field, guess):
-    # a hard iron thrice the field: the raw norm would say another unit
+    # the hard iron is three times the field, so that the magnitude of raw readings would suggest another unit
     found = guess("mag", 100.0, mag=size * (field * directions() + [150.0, -20.0, 90.0]))
     assert (found.unit, found.reason) == (unit, f"sphere radius {field * size:.3g}")
 
@@ -247,7 +247,7 @@ def test_a_rising_column_of_unknown_name_is_time(still, save):
     assert log.provenance["columns"]["time"] == [3]
 
 
-# what is said, and what overrides it
+# notes and warnings, and options that override them
 
 
 def test_every_guess_is_one_sentence_with_its_override(still, save):

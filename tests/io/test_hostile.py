@@ -1,4 +1,4 @@
-"""Files that ask for too much, and files that are not what they seem."""
+"""Malicious files: they would need too much memory, or their contents are not of the type that the name states."""
 
 import gzip
 import json

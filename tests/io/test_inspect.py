@@ -1,4 +1,4 @@
-"""`jaxcal.io.inspect`: the choices of `read`, with reasons, and what a log is good for."""
+"""`jaxcal.io.inspect` reports the choices of `read` with reasons, and the analyses for which a log is suitable."""
 
 import json
 
@@ -30,7 +30,7 @@ def test_every_choice_has_a_reason_and_the_option_that_changes_it(still, tmp_pat
     assert [column.name for column in found.columns] == names
     assert "--columns gyro=1:3 --units gyro=deg/s" in found.summary()
     json.dumps(found.to_dict(), allow_nan=False)
-    # the option does what it says
+    # the suggested option has the described effect
     changed = jaxcal.io.inspect(path, columns="gyro=1:3", units="gyro=deg/s")
     assert {one.quantity: one.unit for one in changed.choices}["gyro"] == "deg/s"
 
@@ -58,7 +58,7 @@ def test_commands_that_suit(tmp_path):
     still = np.array([0.0, 0.0, G]) + 0.01 * noise.normal(size=(9000, 3))
     np.savez(tmp_path / "rest.npz", time=time, gyro=0.001 * noise.normal(size=(9000, 3)), accel=still, units="SI")
     assert suits(jaxcal.io.inspect(tmp_path / "rest.npz")) == {"jaxcal noise": True, "jaxcal imu": False}
-    # ten attitudes, three seconds each, on a sphere
+    # ten attitudes over the whole sphere, three seconds each
     k = np.arange(10) + 0.5
     down = np.stack([np.sqrt(1 - (1 - k / 5) ** 2) * np.cos(2.4 * k), np.sqrt(1 - (1 - k / 5) ** 2) * np.sin(2.4 * k), 1 - k / 5], axis=1)
     poses = np.repeat(G * down, 300, axis=0) + 0.01 * noise.normal(size=(3000, 3))

@@ -1,4 +1,4 @@
-"""Recordings in memory: every estimator takes what `read` takes, or refuses with a sentence."""
+"""Recordings in memory: every estimator accepts the same inputs as `read`, or refuses them with a clear message."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def test_read_takes_it(kind):
     log = jaxcal.read(source, quiet=True, **options)
     assert log.rate == pytest.approx(RATE)
     np.testing.assert_allclose(log.gyro, GYRO)
-    log.gyro[:] = 0.0  # of a copy
+    log.gyro[:] = 0.0  # changes a copy only
     if kind != "log":
         np.testing.assert_array_equal(GYRO, before)
     GYRO[:] = before

@@ -1,4 +1,4 @@
-"""From a ROS 2 recording to a finished report with one command after the installation, and without ROS."""
+"""A newly installed jaxcal turns a ROS 2 recording into a report with one command and without ROS."""
 
 import importlib.util
 import sys
@@ -22,7 +22,7 @@ def test_one_command_makes_the_report(make, write_bag, tmp_path, capsys, monkeyp
     page = (tmp_path / "report.html").read_text()
     assert page.startswith("<!DOCTYPE html>")
     assert page.count("<svg") >= 1
-    assert "src=" not in page.replace('src="data:', "")  # one file, nothing fetched
+    assert "src=" not in page.replace('src="data:', "")  # the page is one file and loads nothing else
     assert not {"rclpy", "rospy"} & set(sys.modules)
 
 

@@ -1,4 +1,4 @@
-"""Tables as apps, loggers and programs write them, beyond those of `layouts`: each is read rightly, or refused with the reason."""
+"""Tables of further apps, loggers and programs, which `layouts` does not make: each is read correctly or refused with the reason."""
 
 import datetime
 import importlib.util

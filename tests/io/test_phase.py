@@ -1,4 +1,4 @@
-"""Files of the clock community: phase data, Modified Julian Dates, numbers that stand for a missing value."""
+"""Conventions of files with clock data: phase, Modified Julian Dates, and numbers that mark a missing value."""
 
 import os
 import pathlib
@@ -18,12 +18,12 @@ def test_the_phase_record_that_comes_with_stable32():
     log = jaxcal.read(PHASE / "PHASE.DAT", **SERIES, data="phase", quiet=True)
     table = np.loadtxt(PHASE / "phase_dat_oadev_octave.txt")
     found = jaxcal.allan.deviation(log.gyro[:, 0], log.rate, m=table[:, 0].astype(int))
-    np.testing.assert_allclose(found.deviation, table[:, 5], rtol=5e-5)  # five digits are printed
+    np.testing.assert_allclose(found.deviation, table[:, 5], rtol=5e-5)  # the table has five digits
     assert log.notes == ('the values are taken as time integrals: their differences over the sampling period are used (data="phase")',)
 
 
 def test_phase_with_a_gap(tmp_path):
-    """The rate is the derivative of the phase; across a gap, and beside a missing value, there is none."""
+    """The reading is the derivative of the phase; it is NaN across a gap and next to a missing value."""
     t = np.delete(np.arange(200) / 50, slice(60, 70))
     x = np.column_stack([t**2, 3 * t, np.sin(t)])
     x[20, 1] = -999.0
@@ -39,7 +39,7 @@ def test_phase_with_a_gap(tmp_path):
 
 
 def test_a_missing_value_of_a_converted_log(tmp_path):
-    """In SI, as the file has it."""
+    """The marker of missing values is in SI units, as are the values of a converted log."""
     x = np.random.default_rng(0).normal(size=(300, 3))
     x[7, 2] = 8.0
     np.savez(tmp_path / "raw.npz", gyro=x, rate=10.0)
@@ -49,7 +49,7 @@ def test_a_missing_value_of_a_converted_log(tmp_path):
 
 
 def test_modified_julian_dates(tmp_path):
-    """One reading a second from 2020-01-01 (58849) on; a first column of the day, in days."""
+    """Modified Julian Dates in the first column are times in days; the readings are one second apart from 2020-01-01 (58849) on."""
     rng = np.random.default_rng(0)
     mjd = 58849 + np.arange(2000) / 86400
     (tmp_path / "a.txt").write_text(
@@ -59,7 +59,7 @@ def test_modified_julian_dates(tmp_path):
     assert log.rate == pytest.approx(1.0, rel=1e-6)
     assert "Modified Julian Dates" in log.notes[0]
     assert abs(log.provenance["epoch_ns"] - int(np.datetime64("2020-01-01", "ns").astype(np.int64))) < 10**8
-    slow = 58849 + np.arange(500) / 48  # half an hour: it may be seconds; told, it is days
+    slow = 58849 + np.arange(500) / 48  # steps of half an hour could also be seconds; the option states days
     (tmp_path / "a.txt").write_text("\n".join(f"{a:.9f} {b:.6e}" for a, b in zip(slow, rng.normal(size=500), strict=True)))
     log = jaxcal.read(tmp_path / "a.txt", columns="gyro=1", units="gyro=rad/s,time=mjd", quiet=True)
     assert 1 / log.rate == pytest.approx(1800.0, rel=1e-6)

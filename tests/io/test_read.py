@@ -1,4 +1,4 @@
-"""What `read` prints and records, and a recording made by others."""
+"""`read` prints and records its choices; a recording of a real sensor is read correctly."""
 
 import hashlib
 
@@ -63,7 +63,7 @@ def test_the_static_recording_of_an_adis16405(reference):
     log = read(folder / "imu1.csv.gz", quiet=True)
     counts = np.load(folder / "imu1.npz", allow_pickle=False)["counts"]
     assert (log.rate, log.duration, log.gaps, log.warnings) == (100.0, 10_000.0, (), ())
-    # the sensor's scale, from its data sheet
+    # the scale is from the data sheet of the sensor
     np.testing.assert_allclose(log.gyro, counts[:, :3] * np.radians(0.05), rtol=1e-12)
     np.testing.assert_allclose(log.accel, counts[:, 3:] * 3.33e-3 * 9.80665, rtol=1e-12)
     assert "gyro: values come in steps of 0.0008727 rad/s" in log.notes

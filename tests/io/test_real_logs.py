@@ -1,4 +1,4 @@
-"""Real logs of public repositories: none is read wrongly without a word."""
+"""Real logs of public repositories: none is read wrongly without a warning."""
 
 import importlib.util
 import pathlib

@@ -1,4 +1,4 @@
-"""ROS 1 bags, ROS 2 sqlite3 and MCAP recordings, written here with the writers of rosbags."""
+"""ROS 1 bags, and ROS 2 recordings in sqlite3 and MCAP, which the tests write with rosbags."""
 
 import numpy as np
 import pytest
@@ -84,7 +84,7 @@ def test_stamps_out_of_order_keep_their_samples(still, write_bag):
     np.testing.assert_array_equal(log.mag, still.mag)
 
 
-# which topic
+# choice of topics
 
 
 def test_several_topics_of_a_type_are_listed(still, write_bag):
@@ -135,7 +135,7 @@ def test_a_recording_of_other_topics_lists_them(write_bag):
         read(write_bag("mcap", {"/chatter": ("String", ns(3), np.zeros(3))}), quiet=True)
 
 
-# what is doubtful
+# doubtful contents
 
 
 @pytest.mark.parametrize(

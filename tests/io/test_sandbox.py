@@ -1,4 +1,4 @@
-"""The process of its own in which some libraries read: what brings it down is a sentence, and the next file is read."""
+"""Some libraries read in a separate process: if it crashes, an error explains this, and the next file is read."""
 
 import os
 import subprocess
@@ -21,7 +21,7 @@ def log(still, tmp_path):
 
 @pytest.fixture
 def program(tmp_path, monkeypatch):
-    """Put another program in the place of the reading process."""
+    """Replace the program of the reading process."""
 
     def put(text):
         _sandbox.sandbox.stop()
@@ -60,7 +60,7 @@ def test_one_process_serves_all_files(log):
 
 
 def test_what_a_library_prints_is_no_answer(log, monkeypatch, tmp_path):
-    # a module beside the log, or in the working folder, is not taken for polars
+    # a module named polars next to the log or in the working folder is not imported
     (tmp_path / "polars.py").write_text("raise SystemExit('taken')")
     monkeypatch.chdir(tmp_path)
     _sandbox.sandbox.stop()

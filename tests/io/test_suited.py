@@ -1,4 +1,4 @@
-"""How often a log of a sensor at rest is refused, and how often a log of motion is not: effects that the check does not model."""
+"""Few logs at rest are refused and few logs with motion accepted, although the logs have effects that the check does not model."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from jaxcal.io._suited import unsuited
 
 
 def resting(seed):
-    """A minute or more at rest, with noise of any size, a bias that wanders and warms up, vibration, a sagging mount and gaps."""
+    """Simulate a minute or more at rest, with random noise level, random walk and warm-up of the bias, vibration, sagging and gaps."""
     random = np.random.default_rng(seed)
     rate = float(random.choice([10.0, 50.0, 100.0, 400.0]))
     n = round(rate * random.uniform(60.0, 200.0))
@@ -32,7 +32,7 @@ def resting(seed):
 
 
 def turned(seed):
-    """The same, but turned by 10 degrees or more for at least a twentieth of the log."""
+    """The same log, but with the device turned by 10 degrees or more for at least a twentieth of the time."""
     random = np.random.default_rng(1000 + seed)
     log = resting(seed)
     accel, n = np.array(log.accel), len(log.time)
@@ -41,7 +41,7 @@ def turned(seed):
     angle, axis = np.deg2rad(random.uniform(10.0, 180.0)), random.integers(3)
     c, s = np.cos(angle), np.sin(angle)
     turn = np.roll(np.roll(np.array([[1, 0, 0], [0, c, -s], [0, s, c]]), axis, 0), axis, 1)
-    level = np.roll(np.array([0.0, 0.0, 9.80665]), axis)  # an axis at right angles to the turn's
+    level = np.roll(np.array([0.0, 0.0, 9.80665]), axis)  # an axis perpendicular to that of the turn
     accel += level - np.nanmean(accel, axis=0)
     accel[part] = accel[part] @ turn.T
     return jaxcal.Log(None, gyro=log.gyro, accel=accel, rate=log.rate)

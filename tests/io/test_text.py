@@ -1,4 +1,4 @@
-"""Text tables: every layout gives the same log."""
+"""Text tables: all layouts of the same data give the same log."""
 
 import gzip
 
@@ -32,7 +32,7 @@ def save(tmp_path):
 
 
 def besides_guesses(log):
-    """Warnings that are no guesses of units or columns, which names without units call for."""
+    """Warnings other than those on inferred units and columns, which every table without units causes."""
     return [sentence for sentence in log.warnings if not sentence.startswith("a guess")]
 
 

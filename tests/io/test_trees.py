@@ -1,4 +1,4 @@
-"""MATLAB files and HDF5, written by scipy and h5py."""
+"""MATLAB and HDF5 files, which the tests write with SciPy and h5py."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""PX4 ULog: files packed byte by byte, as pyulog reads them too."""
+"""PX4 ULog: files packed byte by byte in a form that pyulog also reads."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def test_raw_topics_are_read_exactly(still, put):
     np.testing.assert_allclose(log.mag, f4(still.mag / G) * G, rtol=1e-15)
     np.testing.assert_array_equal(log.temperature, 25.0)
     assert (log.rate, log.gaps, log.warnings) == (100.0, (), ())
-    assert log.provenance["epoch_ns"] == 5_000_000_000  # timestamp_sample, not the time of logging
+    assert log.provenance["epoch_ns"] == 5_000_000_000  # from timestamp_sample, not from the time of logging
     assert log.provenance["columns"] == {"topics": ["sensor_gyro:0", "sensor_accel:0", "sensor_mag:0"]}
     assert log.provenance["units"] == {"gyro": "rad/s", "accel": "m/s^2", "mag": "G", "temperature": "degC"}
 
@@ -88,7 +88,7 @@ def test_raw_topics_go_before_calibrated_ones(still, put):
     log.data("sensor_gyro", 0, sensor_rows(STAMPS, 2 * still.gyro), 4)
     found = read(put(log), quiet=True)
     np.testing.assert_array_equal(found.gyro, f4(2 * still.gyro))
-    assert found.accel is None  # never mixed with the averages
+    assert found.accel is None  # raw readings are not mixed with averages
     assert "topics: sensor_gyro:0; not read: sensor_combined; override with --topics" in found.notes
     assert read(put(log), topics="sensor_combined", quiet=True).accel is not None
 
@@ -126,7 +126,7 @@ GYRO = {"CAL_GYRO0_ID": 6, "CAL_GYRO0_XOFF": 0.01}
 
 
 def test_a_calibration_is_undone_on_request(still, put):
-    # what PX4 does: rotation (scale (raw - offset)); rotation 2 is yaw by 90 degrees
+    # PX4 computes rotation (scale (raw - offset)); rotation 2 is yaw by 90 degrees
     raw = still.accel
     scale, offset = np.array([1.01, 1.0, 1.0]), np.array([0.1, -0.2, 0.3])
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -285,7 +285,7 @@ def test_data_appended_after_a_crash(still, put):
     log.format("sensor_gyro", SENSOR)
     log.subscribe("sensor_gyro")
     log.data("sensor_gyro", 0, sensor_rows(STAMPS[:200], still.gyro[:200]), 4)
-    log.content += b"\x40\x00D"  # cut off
+    log.content += b"\x40\x00D"  # truncated message
     place = len(log.content)
     log.data("sensor_gyro", 0, sensor_rows(STAMPS[200:], still.gyro[200:]), 4)
     flags = bytes(8) + b"\x01" + bytes(7) + place.to_bytes(8, "little") + bytes(16)

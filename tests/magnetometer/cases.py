@@ -1,22 +1,22 @@
-"""Sensors, directions and headings that the tests share. Numbers are those of the papers, or of the method they name."""
+"""Sensors, directions and headings that the tests share; the numbers come from the papers or methods that are named."""
 
 import numpy as np
 
 from jaxcal.magnetometer import MagModel, body_field, heading, scenario
 
-#: the magnetometer paper's simulation; the field at Ankara is assumed, 47 uT at 57 degrees of dip
+#: sensor of the magnetometer paper's simulation; the field is assumed to be that at Ankara, 47 uT with a dip of 57 degrees
 PAPER = MagModel(
     np.linalg.inv([[0.9847, -0.2311, -0.0363], [-0.2311, 1.3609, -0.3391], [-0.0363, -0.3391, 0.8710]]),
     np.array([2.1746, 5.1520, 10.2458]),
 )
 FIELD, DIP = 47.0, np.deg2rad(57.0)
-#: a mild distortion, of a field of norm 1
+#: a sensor with small distortions, for a field of magnitude 1
 MILD = MagModel(np.array([[1.10, 0.06, -0.04], [0.06, 0.92, 0.05], [-0.04, 0.05, 1.0]]), np.array([0.8, -0.5, 0.3]))
 HEADINGS = np.deg2rad([2.4, 77.4, 115.5, 167.5, 222.6, 249.4, 300.3, 356.1])
 
 
 def directions(count, seed, coverage="full"):
-    """Unit vectors, uniform over the sphere, the upper half of it, or a band of 30 degrees about the equator."""
+    """Random unit vectors, uniform over the sphere, over its upper half, or over a band of 30 degrees on both sides of the equator."""
     rng = np.random.default_rng(seed)
     found = np.zeros((0, 3))
     while len(found) < count:
@@ -37,7 +37,7 @@ def paper_readings(name, sigma, seed, **options):
 
 
 def heading_errors(model, sensor=PAPER, field=FIELD, dip=DIP, steep=False, headings=HEADINGS):
-    """Errors at the eight level test headings, in degrees, readings without noise; steep: also of a field too steep for `heading`."""
+    """Heading errors in degrees of a level sensor without noise; `steep` allows fields that are too steep for `heading`."""
     level = np.stack([headings, 0 * headings, 0 * headings], axis=1)
     up = np.tile([0.0, 0.0, -9.81], (len(headings), 1))
     corrected = model.correct(sensor.measure(body_field(level, field, dip)))
@@ -50,7 +50,7 @@ def rms(values):
 
 
 def direction_error(model, sensor, seed=0):
-    """Root mean square angle between the true direction and the corrected one, over the sphere, in degrees."""
+    """Root mean square angle between true and corrected directions over the sphere, in degrees."""
     u = directions(500, seed)
     y = model.correct(sensor.measure(u))
     cosine = np.sum(u * y, axis=1) / np.linalg.norm(y, axis=1)
@@ -58,7 +58,7 @@ def direction_error(model, sensor, seed=0):
 
 
 def bound(sensor, field, z, sigma):
-    """True shape matrix, and the inverse information of the orthogonal distances, written out from their definition."""
+    """True shape matrix, and the inverse information of the orthogonal distances, computed from their definition."""
     inverse = np.linalg.inv(np.asarray(sensor.soft_iron)) / field
     shape = inverse.T @ inverse
     normal = 2 * z @ shape
@@ -69,7 +69,7 @@ def bound(sensor, field, z, sigma):
 
 
 def least_heading_error(sensor, field, z, sigma, dip=DIP):
-    """The bound of the rms heading error at level, in degrees: readings z about the hard iron, slopes of the headings by differences."""
+    """Cramer-Rao bound of the rms heading error of a level sensor, in degrees; `z` has readings relative to the hard iron."""
     shape, covariance = bound(sensor, field, z, sigma)
     headings = np.arange(24) * np.pi / 12
     level = np.stack([headings, 0 * headings, 0 * headings], axis=1)
@@ -82,7 +82,7 @@ def least_heading_error(sensor, field, z, sigma, dip=DIP):
 
     def off(step):
         a, b = np.zeros((3, 3)), step[6:]
-        a[np.tril_indices(3)] = step[:6]  # xx, xy, yy, xz, yz, zz
+        a[np.tril_indices(3)] = step[:6]  # order: xx, xy, yy, xz, yz, zz
         y = (m - b) @ root(shape + a + np.tril(a, -1).T)
         return np.angle(np.exp(1j * (np.arctan2(-y[:, 1], y[:, 0]) - headings)))
 

@@ -1,4 +1,4 @@
-"""Monte Carlo: bias, spread, the Cramer-Rao bound and the covariance, against truth and the tables of the methods' comparison."""
+"""Bias, scatter and covariance of simulated fits against the truth, the Cramer-Rao bound, and the tables of the methods' comparison."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from . import cases
 
 
 def partial(coverage, sigma, runs, method="ml"):
-    """Bias of the centre in per cent of the field, its standard error; the median direction error in degrees, and its."""
+    """Bias of the centre and its standard error in per cent of the field; median direction error and its standard error in degrees."""
     offsets, angles = [], []
     for seed in range(runs):
         m = cases.readings(cases.MILD, cases.directions(300, seed, coverage), sigma, seed)
@@ -25,7 +25,7 @@ def partial(coverage, sigma, runs, method="ml"):
 @pytest.mark.long
 @pytest.mark.parametrize(("sigma", "most", "angle"), [(0.02, 0.2, 0.7), (0.05, 0.3, 2.0)])
 def test_hemisphere(sigma, most, angle):
-    """Targets of the comparison of methods. Of 900 runs at 2 % the median angle was 0.693 +- 0.013; of 60 it scatters by 0.06."""
+    """The limits are targets of the methods' comparison. At 2 % the median angle of 900 runs was 0.693 +- 0.013."""
     offset, error, found, doubt = partial("hemisphere", sigma, 100)
     assert offset <= most + 2 * error
     assert found <= angle + 3 * doubt
@@ -38,7 +38,7 @@ def test_the_usual_fit_of_a_hemisphere_is_biased():
 
 
 def test_curvature_does_not_bias_the_radius():
-    # a profile fit is too large by sigma^2/R, 1 % here; the mean of 60 fits of 300 readings is known to 0.08 %
+    # a fit without the curvature term has a radius too large by sigma^2/R, here 1 %; 60 fits of 300 readings determine it to 0.08 %
     radii = [
         fit(cases.readings(MagModel(np.eye(3), np.zeros(3)), cases.directions(300, s), 0.1, s), model="sphere").field for s in range(60)
     ]
@@ -47,18 +47,18 @@ def test_curvature_does_not_bias_the_radius():
     assert error < 0.002
 
 
-#: a few hundred fits, each known exactly: the number of truths inside is binomial
+#: number of fits; the number of intervals that contain the truth is binomial
 RUNS = 300
 
 
 @pytest.fixture(scope="module")
 def repeated():
-    """Fits of the paper's first scenario, the same attitudes each time."""
+    """Fits of the paper's first scenario, all with the same attitudes."""
     return [fit(cases.paper_readings("all", 0.2, 0) + _noise(seed, 0.2), model="symmetric", inclination=cases.DIP) for seed in range(RUNS)]
 
 
 def _noise(seed, sigma):
-    # the readings of seed 0 carry noise of their own: take it off
+    # the readings of seed 0 already have noise, which is subtracted
     rng = np.random.default_rng([0, 1])
     return sigma * (np.random.default_rng([seed, 2]).normal(size=(360, 3)) - rng.normal(size=(360, 3)))
 
@@ -79,7 +79,7 @@ def estimate(found):
 def test_covariance_holds_the_truth_as_often_as_it_says(repeated):
     away = np.array([(estimate(found) - truth()) / np.sqrt(np.diag(found.covariance)) for found in repeated])
     share = np.mean(np.abs(away) < 1.96, axis=0)
-    # nine parameters of 300 fits: each share has a standard error of 1.3 %, their mean less than that
+    # with 300 fits the coverage of each of nine parameters has a standard error of 1.3 %, and their mean a smaller one
     assert 0.93 <= share.mean() <= 0.97
     assert np.all(np.abs(share - 0.95) < 4 * np.sqrt(0.95 * 0.05 / RUNS))
     whole = np.array([(estimate(f) - truth()) @ np.linalg.solve(f.covariance, estimate(f) - truth()) for f in repeated])
@@ -91,7 +91,7 @@ def test_covariance_holds_the_truth_as_often_as_it_says(repeated):
 def test_predicted_heading_error_is_the_real_one(repeated):
     real = cases.rms([cases.heading_errors(found.model) for found in repeated])
     predicted = cases.rms([found.heading_error[0] for found in repeated])
-    # about 700 independent errors: known to a few per cent
+    # about 700 independent errors determine the rms to a few per cent
     assert real == pytest.approx(np.rad2deg(predicted), rel=0.12)
     assert np.mean([found.noise for found in repeated]) == pytest.approx(0.2, rel=0.01)
 
@@ -102,7 +102,7 @@ def test_predicted_heading_error_is_the_real_one(repeated):
     [("all", 0.1, 0.041, 0.038), ("three_turns", 0.1, 0.076, 0.081), ("twelve_points", 0.05, 0.35, 0.31)],
 )
 def test_ml_reaches_the_cramer_rao_bound(name, sigma, tabulated, listed):
-    """The bound from the exact directions; the tabulated figures of 60 to 100 runs are good to 5 to 10 %."""
+    """The bound is computed from the exact directions; the figures in the table, from 60 to 100 runs, are accurate to 5 to 10 %."""
     errors, predicted = [], []
     for seed in range(100):
         attitudes = scenario(name, seed=seed)
@@ -117,7 +117,7 @@ def test_ml_reaches_the_cramer_rao_bound(name, sigma, tabulated, listed):
 
 @pytest.mark.long
 def test_twelve_points_reach_the_bound_where_plain_fits_run_off():
-    """At 1 uT the table has 27 degrees for plain maximum likelihood, and 6.2 for the bound."""
+    """At 1 uT the table states 27 degrees for maximum likelihood without a penalty, and 6.2 for the bound."""
     errors, plain, predicted = [], [], []
     for seed in range(60):
         field = body_field(scenario("twelve_points", seed=seed), cases.FIELD, cases.DIP)
@@ -127,7 +127,7 @@ def test_twelve_points_reach_the_bound_where_plain_fits_run_off():
         predicted.append(crlb(field, 1.0))
     least = cases.rms(predicted)
     assert least == pytest.approx(6.2, rel=0.1)
-    # 0.79 +- 0.02 of the bound in 2,000 runs; 60 scatter by 0.1
+    # the error was 0.79 +- 0.02 of the bound in 2,000 runs; for 60 runs it scatters by 0.1
     assert cases.rms(errors) <= 1.15 * least
     assert cases.rms(plain) > 1.15 * least
 
@@ -137,12 +137,12 @@ def _white(seed, field, sigma):
 
 
 def crlb(field, sigma):
-    """Least rms heading error at level, in degrees."""
+    """Cramer-Rao bound of the rms heading error of the level sensor, in degrees."""
     return cases.least_heading_error(cases.PAPER, cases.FIELD, field @ np.asarray(cases.PAPER.soft_iron).T, sigma)
 
 
 def test_agreement_between_data_sets_is_not_accuracy():
-    """A turned soft iron gives the same heading error in every data set, and no residual shows it."""
+    """A rotated soft iron causes the same heading error in every data set, and the residuals do not show it."""
     a = np.deg2rad(2.0)
     turned = MagModel(
         np.asarray(cases.PAPER.soft_iron) @ [[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]], cases.PAPER.hard_iron
@@ -158,7 +158,10 @@ def test_agreement_between_data_sets_is_not_accuracy():
 
 
 def test_the_thesis_case():
-    """Section 7.4: offset, one tilted plane. Without the last rotation its headings are wrong by 12 degrees, at the same roundness."""
+    """Section 7.4 of the thesis: offset and one tilted plane.
+
+    Without the last rotation the headings are wrong by 12 degrees, although the corrected magnitudes are equally constant.
+    """
     phi, alpha = np.deg2rad(11.3), np.diag([1.0150, 0.9393, 1.0455])
     turn = np.array([[1, 0, 0], [0, np.cos(phi), np.sin(phi)], [0, -np.sin(phi), np.cos(phi)]])
     sensor = MagModel(turn.T @ alpha @ turn, np.array([158.50, -37.49, 191.96]))
@@ -166,12 +169,12 @@ def test_the_thesis_case():
     m = cases.readings(sensor, field, 0.5, 0)
     found = fit(m, method="axes")
     assert np.abs(found.model.hard_iron - sensor.hard_iron).max() < 1.0
-    # 0.22 over 20 draws, 0.43 at most; the axes of 4000 random readings are not as well known as the thesis's angle is below
+    # 20 data sets had an error of 0.22 and at most 0.43; 4000 random readings determine the axes less well than the thesis's angle
     assert cases.rms(cases.heading_errors(found.model, sensor, 470.0)) < 0.45
-    along = fit(m @ turn.T, method="minmax").model.soft_iron  # with the thesis's angle, as read off its plots
+    along = fit(m @ turn.T, method="minmax").model.soft_iron  # with the angle that is read from the thesis's plots
     by_hand = MagModel(turn.T @ along @ turn, fit(m, method="minmax").model.hard_iron)
     assert cases.rms(cases.heading_errors(by_hand, sensor, 470.0)) < 0.15
-    stopped = MagModel(turn.T @ alpha, sensor.hard_iron)  # corrected by alpha^-1 R: spherical, and turned
+    stopped = MagModel(turn.T @ alpha, sensor.hard_iron)  # a correction by alpha^-1 R gives a sphere that is rotated
     assert cases.rms(cases.heading_errors(stopped, sensor, 470.0)) == pytest.approx(12.1, abs=0.3)
     norm = np.linalg.norm(stopped.correct(m), axis=1)
     assert 100 * norm.std() / norm.mean() < 0.2

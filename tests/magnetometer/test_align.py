@@ -1,4 +1,4 @@
-"""The rotation that norms cannot see: known turns, real pairs of sensors, finite differences."""
+"""The rotation that field magnitudes do not determine: known rotations, real pairs of sensors, finite differences."""
 
 import json
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxcal import DataError
+from jaxcal import DataError, Log
 from jaxcal.magnetometer import (
     Accelerometer,
     Gyroscope,
@@ -24,7 +24,7 @@ from . import cases
 PLAIN = MagModel(np.eye(3), np.zeros(3))
 VECTOR = np.deg2rad([2.0, -1.0, 3.0])
 TURN = Rotation.from_rotvec(VECTOR).as_matrix()
-#: C Q: the field in the other sensor's axes, turned into the magnetometer's
+#: soft iron C Q, which also rotates the field from the axes of the other sensor to those of the magnetometer
 TURNED = MagModel(np.asarray(cases.MILD.soft_iron) @ TURN, cases.MILD.hard_iron)
 
 
@@ -41,7 +41,7 @@ def recovered(found, true=TURN):
 
 
 def test_furbrain_dips_are_no_wider_than_listed(reference):
-    """Six cave surveying devices: dip spread before and after, angle, as computed elsewhere for this project, and the recorded ones."""
+    """Six cave surveying devices: spread of the dip before and after, and angle, against computed and recorded reference values."""
     recorded = json.loads((reference / "reference" / "magnetometer_fits.json").read_text())["furbrain_dip"]["devices"]
     listed = {
         "BB": (0.883, 0.230, 1.69), "CF": (0.311, 0.236, 0.36), "FG": (0.711, 0.251, 1.48),
@@ -69,7 +69,7 @@ def test_the_accelerometer_finds_the_turn_and_the_dip_as_well_as_it_says():
         off = recovered(found)
         away.append(off @ np.linalg.solve(found.covariance, off))
         dips.append(found.dip - cases.DIP)
-    # chi-square of three degrees, scaled by an estimated variance: its mean of 40 scatters by 0.4
+    # chi-square with three degrees of freedom, scaled by an estimated variance: the mean of 40 scatters by 0.4
     assert np.mean(away) == pytest.approx(3.0, abs=1.3)
     assert abs(np.mean(dips)) < 4 * np.std(dips) / np.sqrt(40)
     assert np.std(dips) < np.deg2rad(0.3)
@@ -82,7 +82,7 @@ def test_fit_puts_the_turn_into_the_model():
     assert found.alignment.source == "accel"
     np.testing.assert_allclose(found.model.soft_iron, TURNED.soft_iron, atol=4e-3)
     assert cases.rms(cases.heading_errors(found.model, TURNED, 1.0)) < 0.3
-    # without it the headings are off by the turn about the vertical, and no residual shows it
+    # without the rotation the headings are wrong by its part about the vertical, and the residuals do not show it
     assert cases.rms(cases.heading_errors(bare.model, TURNED, 1.0)) > 2.0
     assert bare.alignment is None
     assert found.heading_error[0] > bare.heading_error[0]
@@ -112,7 +112,7 @@ def test_axes_that_are_exchanged():
 
 
 def tumble(rate, seconds, bias, sigma, seed):
-    """Attitudes by fine integration of smooth rates; what the field and the rates are at the samples."""
+    """Simulate readings of the field and of the rates of a turning sensor; attitudes are integrated from smooth rates in fine steps."""
     fine, n = 20, int(rate * seconds)
     t = np.arange(n * fine) / (rate * fine)
     rates = np.stack([1.1 * np.sin(0.7 * t), 0.9 * np.cos(0.45 * t + 1), 0.8 * np.sin(0.3 * t + 2)], axis=1)
@@ -136,7 +136,7 @@ def test_the_gyroscope_finds_the_turn_and_its_own_bias():
     off = recovered(found)
     assert off @ np.linalg.solve(found.covariance, off) < 16.3  # chi-square of three degrees, 99.9 %
     np.testing.assert_allclose(found.bias, bias, atol=6e-4)
-    # what is left is the noise of a reading, 0.005 in each of the two directions across the field
+    # the remaining spread is the noise of a reading, 0.005 in each of the two directions perpendicular to the field
     assert found.spread[1] == pytest.approx(0.005, rel=0.15)
     assert found.spread[0] > 3 * found.spread[1]
     whole = fit(m, field=1.0, aid=Gyroscope(rates, 50.0))
@@ -175,7 +175,7 @@ def test_known_headings_find_the_turn():
     off = recovered(found)
     assert off @ np.linalg.solve(found.covariance, off) < 25
     assert np.linalg.norm(off) < np.deg2rad(0.5)
-    # level poses alone do, too: the dip turns a tilt of the sensor into a heading error that goes round with the heading
+    # level poses alone suffice: because of the dip, a tilt of the sensor causes a heading error that varies with the heading
     level = np.stack([np.arange(12) * np.pi / 6, np.zeros(12), np.zeros(12)], axis=1)
     alone = align(TURNED.measure(body_field(level)), cases.MILD, Headings(level[:, 0]))
     assert np.linalg.norm(recovered(alone)) < 1e-6
@@ -211,7 +211,7 @@ def test_exact_poses_give_the_exact_turn(rho):
 
 
 def test_the_covariance_is_that_of_slopes_by_differences():
-    """Of y'Qf - s with respect to the turn and s, written out."""
+    """The covariance agrees with finite differences of y'Qf - s with respect to the rotation and s."""
     _, m, up = poses(60, 0.01, 0)
     found = align(m, cases.MILD, Accelerometer(up))
     assert found.used == 60
@@ -227,7 +227,7 @@ def test_the_covariance_is_that_of_slopes_by_differences():
 
 
 def test_constant_rates_are_integrated_exactly():
-    """Three turns, gaps between them: the hard iron of the readings is exact, and a bias of the rates is found to first order."""
+    """From three turns with gaps between them, the hard iron is found exactly and a bias of the rates to first order."""
     rate, n, offset = 100.0, 400, np.array([0.8, -0.5, 0.3])
     gyro, field = [], []
     for w in ([0.3, -0.5, 0.8], [0.7, 0.4, -0.2], [-0.5, 0.6, 0.4]):
@@ -244,7 +244,7 @@ def test_constant_rates_are_integrated_exactly():
 
 
 def test_the_vertical_of_the_accelerometer_is_that_of_the_heading_error():
-    """A sensor that tilts by 30 degrees at a dip of 70: the truth is the same whichever of its axes points down."""
+    """A sensor tilts by 30 degrees at a dip of 70; its heading error must not depend on which axis points down."""
     dip = np.deg2rad(70.0)
     attitudes = scenario("three_turns")
     field, up = body_field(attitudes, 1.0, dip), -9.81 * body_field(attitudes, 1.0, np.pi / 2)
@@ -264,21 +264,19 @@ def test_the_vertical_of_the_accelerometer_is_that_of_the_heading_error():
 
 
 def hand(delay, seed, rate=100.0, count=1200, fine=20):
-    """Readings that lag the rates by a delay, in a hand that turns at varied rates, and the true rotation; rates at the instants."""
+    """Simulate a hand that turns at varied rates: readings that lag the rates by a delay, the rates, and the true rotation."""
     rng, total = np.random.default_rng(seed), count * fine
     t = np.arange(total)[:, None] / (rate * fine)
     waves = [rng.normal(size=3) * np.sin(2 * np.pi * rng.uniform(0.1, 1.2) * t + rng.uniform(0, 2 * np.pi, 3)) for _ in range(8)]
     rates = 0.75 * np.sum(waves, axis=0)
-    attitude, found = Rotation.identity(), []
-    for middle in (rates[1:] + rates[:-1]) / 2 / (rate * fine):
-        found.append(attitude.as_quat())
-        attitude = attitude * Rotation.from_rotvec(middle)
-    found.append(attitude.as_quat())
-    body = Rotation.from_quat(np.array(found))
+    body = [np.eye(3)]
+    for step in Rotation.from_rotvec((rates[1:] + rates[:-1]) / 2 / (rate * fine)).as_matrix():
+        body.append(body[-1] @ step)
+    body = np.array(body)
     now = np.arange(count) * fine
     then = np.clip(now - round(delay * rate * fine), 0, total - 1)
     turn = Rotation.from_rotvec(VECTOR).as_matrix()
-    field = body[then].inv().apply([np.cos(1.0), 0.0, np.sin(1.0)])
+    field = np.array([np.cos(1.0), 0.0, np.sin(1.0)]) @ body[then]
     m = field @ turn.T + 0.005 * rng.normal(size=field.shape) + [0.3, -0.2, 0.1]
     return m, rates[now] + 0.002 * rng.normal(size=(count, 3)) + [0.01, -0.02, 0.005], turn
 
@@ -300,7 +298,7 @@ def angle_between(one, other):
 
 
 def test_a_delay_that_the_turns_do_not_show_is_said():
-    """Slow turns, at one rate about each of two axes: a delay is a rotation, and what is known of delays beforehand bounds it."""
+    """At constant slow rates about two axes, a delay looks like a rotation; only prior knowledge of delays limits its error."""
     steps = np.repeat([[0.0, 0.0, 0.1], [0.1, 0.0, 0.0]], 300, axis=0)
     body = [np.eye(3)]
     for step in Rotation.from_rotvec(steps[:-1] / 10.0).as_matrix():
@@ -312,7 +310,7 @@ def test_a_delay_that_the_turns_do_not_show_is_said():
 
 
 def test_a_shift_of_the_rates_moves_the_delay_and_not_the_rotation(reference):
-    """A flight controller's log of 200 Hz (pichim), its rates moved by up to 20 ms."""
+    """In a flight controller's log at 200 Hz (pichim), the rates are shifted by up to 20 ms."""
     log = np.loadtxt(next((reference / "data" / "magnetometer" / "pichim").glob("*.txt")), delimiter=",")
     m, gyro = log[500:2500, :3], log[:, 3:]
     model = fit(log[:, :3]).model
@@ -338,7 +336,7 @@ def test_a_joint_fit_of_correlated_noise_is_as_certain_as_it_says():
 
 
 def test_headings_of_a_sensor_with_other_axes():
-    """x forward, y left and z up, as some flight controllers have it: half a turn about x from x forward, y right and z down."""
+    """Axes are x forward, y left and z up, as in some flight controllers: x forward, y right, z down, rotated by 180 degrees about x."""
     attitudes, m, up = poses(40, 0.002, 1)
     half = np.diag([1.0, -1.0, -1.0])
     sensor = MagModel(half @ np.asarray(TURNED.soft_iron), half @ np.asarray(TURNED.hard_iron))
@@ -347,3 +345,16 @@ def test_headings_of_a_sensor_with_other_axes():
     assert found.verdict == "good"
     np.testing.assert_allclose(found.model.soft_iron, sensor.soft_iron, atol=4e-3)
     assert found.angle < np.deg2rad(6)
+
+
+def test_the_accelerometer_of_a_log_shows_the_dip_and_turns_nothing():
+    """An accelerometer whose axes differ from those of the magnetometer is not used."""
+    attitudes = scenario("all", samples=60, seed=1)
+    up = -9.81 * body_field(attitudes, 1.0, np.pi / 2)
+    m = cases.MILD.measure(body_field(attitudes, 1.0, np.deg2rad(70.0))) + 0.002 * np.random.default_rng(0).normal(size=up.shape)
+    found = fit(Log(None, mag=m, accel=up, rate=1.0))
+    assert np.rad2deg(found.inclination) == pytest.approx(70.0, abs=0.5)
+    assert found.alignment is None
+    assert "The accelerometer shows a dip of 70 degrees." in found.reason
+    other = fit(Log(None, mag=m, accel=up[:, [1, 2, 0]], rate=1.0))
+    assert "This assumes a dip of 57 degrees" in other.reason

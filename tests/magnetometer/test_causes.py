@@ -1,4 +1,4 @@
-"""Errors that a fit does not model: what is predicted, called good, and named. `benchmarks/magnetometer.py` has more runs."""
+"""Errors that the model does not contain: predictions, verdicts and named causes. `benchmarks/magnetometer.py` has more runs."""
 
 import importlib.util
 import json
@@ -25,7 +25,7 @@ def tries():
 def test_what_is_called_good_is_good(tries):
     good, true, *_ = np.concatenate(list(tries.values())).T
     assert np.sum(good) > 3
-    # five in a hundred, and what chance adds in so few runs
+    # the limit is 5 %, plus the scatter of so few runs
     assert np.sum(true[good > 0] > 1.0) <= 3
 
 
@@ -34,7 +34,7 @@ def test_the_predicted_error_is_the_true_one(tries):
     for (name, _), rows in tries.items():
         ratios.setdefault(name, []).extend(rows[:, 2])
     medians = np.array([np.median(parts) for parts in ratios.values()])
-    # 0.7 to 1.5 of 200 runs for each size; a median of six to eighteen scatters by up to a fourth
+    # 200 runs for each size had 0.7 to 1.5; a median of six to eighteen runs scatters by up to a fourth
     assert np.all((medians > 0.55) & (medians < 1.9)), dict(zip(ratios, medians, strict=True))
     assert 0.8 < np.median(medians) < 1.3
 
@@ -53,8 +53,8 @@ def test_causes_that_cost_more_than_the_limit_are_named(tries):
 def test_white_noise_is_as_before():
     rows = faults.tried(fit, ("white", 0.01), 40)
     assert np.mean(rows[:, 0]) >= 0.95
-    assert 0.88 < np.mean(rows[:, 4]) <= 1.0  # 120 intervals of 95 %, three of which share a run
-    assert 0.7 < np.median(rows[:, 2]) < 1.0  # a median below its root mean square
+    assert 0.88 < np.mean(rows[:, 4]) <= 1.0  # 120 intervals of 95 %, three from each run
+    assert 0.7 < np.median(rows[:, 2]) < 1.0  # a median is below the root mean square
     quiet = [fit(faults.simulate(("white", 0.01), seed)[0]) for seed in range(20)]
     assert np.mean([not found.causes for found in quiet]) >= 0.9
     assert not any(found.warnings for found in quiet if not found.causes)
@@ -66,7 +66,7 @@ def test_a_cause_is_a_sentence_with_its_cost():
     assert next(iter(found.causes)) == "current"
     assert "follow 'current'" in found.warnings[0]
     assert f"{np.rad2deg(found.causes['current']):.2g} degrees of heading" in found.warnings[0]
-    # it is in every figure of the error
+    # all figures of the error contain it
     rms = np.sqrt(np.mean(heading_uncertainty(found, np.arange(24) * np.pi / 12) ** 2))
     assert rms == pytest.approx(found.heading_error[0], rel=1e-6)
     assert found.heading_error[0] >= found.causes["current"] > 3 * fit(faults.simulate(("white", 0.01), 0)[0]).heading_error[0]
@@ -83,7 +83,7 @@ def test_parts_of_a_log_give_student_intervals():
 
 
 def tumbles(folder):
-    """Logs in the order of time."""
+    """Real logs in the order of time."""
     for path in sorted(folder.glob("betaflight/*_tumble.json")):
         yield np.array([[s[axis] for axis in "xyz"] for s in json.loads(path.read_text())["samples"]], dtype=float)
     yield np.loadtxt(folder / "ellipsoid_fit_python" / "mag_out.txt")
@@ -108,9 +108,9 @@ def test_halves_of_real_logs_differ_as_predicted(reference):
 def test_a_drift_says_what_a_term_would_leave():
     m, _ = faults.simulate(("drift", 0.1), 0)
     found = fit(m)
-    assert "with the time as the current would leave an error of" in found.warnings[0]
+    assert "time as the current of `fit_current`, or --currents time) it would leave an error of" in found.warnings[0]
     promised = float(found.warnings[0].split("leave an error of ")[1].split()[0])
     modelled = fit_current(m, {"time": np.arange(len(m)) / len(m)})
-    # the hard iron of `fit_current` is that at the start, which is the truth here; the promise is for the middle of the range
+    # the hard iron of `fit_current` is that at the start, as is the truth here; the predicted error is for the middle of the range
     assert np.rad2deg(faults.heading_error(modelled.fit.model)) < 3 * np.rad2deg(modelled.fit.heading_error[0])
     assert promised < np.rad2deg(modelled.fit.heading_error[0]) < 3 * promised < np.rad2deg(found.heading_error[0])

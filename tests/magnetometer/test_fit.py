@@ -1,4 +1,4 @@
-"""What `fit` accepts, refuses and says."""
+"""Inputs that `fit` accepts and refuses, and its messages."""
 
 import jax
 import numpy as np
@@ -27,7 +27,7 @@ def test_exact_readings_give_the_exact_model(method, precision):
 
 
 def test_minmax_and_axes_on_dense_full_coverage():
-    # extremes of n directions miss the semi-axes by about 1/n
+    # the extremes of n directions differ from the semi-axes by about 1/n
     u = cases.directions(20_000, 0)
     diagonal = jaxcal.magnetometer.MagModel(np.diag([1.2, 0.8, 1.0]), np.array([3.0, -2.0, 1.0]))
     for method, sensor in (("minmax", diagonal), ("axes", cases.MILD)):
@@ -40,7 +40,7 @@ def test_the_corrected_field_has_the_given_norm_and_without_one_the_size_of_the_
     assert np.mean(np.linalg.norm(fit(NOISY, field=50e-6).model.correct(NOISY), axis=1)) == pytest.approx(50e-6, rel=2e-3)
     found = fit(NOISY)
     assert np.linalg.det(found.model.soft_iron) == pytest.approx(1.0)
-    # volume of the ellipsoid of a unit field is det C
+    # the ellipsoid of a unit field has the volume of the unit sphere times det C
     assert found.field == pytest.approx(np.cbrt(np.linalg.det(cases.MILD.soft_iron)), rel=5e-3)
     assert fit(NOISY, field=50e-6).warnings[0].startswith("The readings have a mean field of")
 
@@ -48,7 +48,7 @@ def test_the_corrected_field_has_the_given_norm_and_without_one_the_size_of_the_
 def test_a_field_vector_brings_its_dip():
     assert fit(NOISY, field=np.array([0.6, 0.0, 0.8])).inclination == pytest.approx(np.arctan2(0.8, 0.6))
     shallow, steep = (fit(NOISY, inclination=np.deg2rad(dip)).heading_error[0] for dip in (20.0, 75.0))
-    # the horizontal field is what a heading has to go by
+    # a heading depends on the horizontal field
     assert steep > 2 * shallow
 
 
@@ -71,7 +71,7 @@ def test_algebraic_fits_move_with_the_readings():
     for (name, first), second, third in zip(quadrics(m).items(), quadrics(m + 0.46).values(), quadrics(m @ turn.T).values(), strict=True):
         np.testing.assert_allclose(second, first + 0.46, atol=1e-11, err_msg=name)
         np.testing.assert_allclose(third, turn @ first, atol=1e-11, err_msg=name)
-    # the paper's constraint singles out z
+    # the paper's constraint treats z differently from x and y
     plain, turned = (fit(x, method="constrained").model.hard_iron for x in (m, m @ turn.T))
     departure = np.abs(turned - turn @ plain).max()
     assert 1e-6 < departure < 5e-3
@@ -79,7 +79,7 @@ def test_algebraic_fits_move_with_the_readings():
 
 @pytest.mark.long
 def test_the_consistent_fit_of_half_a_sphere_has_no_bias_at_any_noise():
-    """Noise of 20 % of the field in 20,000 readings: the moments of every order have their part in it."""
+    """The noise is 20 % of the field in 20,000 readings, so that corrections of moments of every order matter."""
     exact, draws = cases.MILD.measure(cases.directions(20_000, 0, "hemisphere")), []
     for seed in range(40):
         found = fit(exact + 0.2 * np.random.default_rng(seed).normal(size=exact.shape), method="consistent", field=1.0)
@@ -108,10 +108,10 @@ def test_covariance_has_a_row_for_each_name():
 
 
 def test_a_hemisphere_is_asked_for_the_other_half():
-    # the corrected axes are those of the directions, so the missing half is z < 0
+    # corrected axes are those of the directions, so that the half z < 0 is missing
     found = fit(cases.readings(cases.MILD, cases.directions(300, 5, "hemisphere"), 0.02, 0), model="symmetric")
     assert found.needed[0, 2] < -0.7
-    # 23 without noise; the log-normal scatter of 300 directions is a few per cent
+    # 23 without noise; with 300 random directions it scatters by a few per cent
     assert found.condition == pytest.approx(23, rel=0.15)
     assert np.all(found.coverage.missing[:, 2] < 0.2)
 
@@ -133,7 +133,7 @@ def test_outliers_are_reported_and_a_loss_disarms_them():
     for loss in ("huber", "cauchy", "tukey"):
         found = fit(m, loss=loss, model="symmetric")
         assert found.verdict == "good"
-        # a fifth of the readings is lost, and some of the rest looks worse than it is
+        # a fifth of the readings is lost, and some of the others seem worse than they are
         assert np.all(np.abs(found.model.hard_iron - cases.MILD.hard_iron) < 4 * found.hard_iron_error)
         assert np.all(found.hard_iron_error < 2.5 * clean.hard_iron_error)
         far = bad[np.linalg.norm(m[bad] - NOISY[bad], axis=1) > 2]
@@ -183,13 +183,13 @@ def test_readings_in_a_plane():
     assert abs(found.plane[2] @ normal) == pytest.approx(1.0, abs=1e-3)
     assert np.isinf(found.heading_error[1])
     assert np.isinf(found.hard_iron_error).all()  # no axis lies in this plane
-    # the centre is known in the plane alone: off along the normal by the unknown height
+    # the centre is known only within the plane; along the normal it is wrong by the unknown height
     inside = found.plane[:2] @ (found.model.hard_iron - [0.8, -0.5, 0.3])
     assert np.all(np.abs(inside) < 4 * 0.005 * np.sqrt(2 / 300))
     asked = fit(m, model="planar")
     assert asked.verdict == "good"
     assert "plane" in asked.reason
-    # sd of a circle's centre is sigma sqrt(2/n), and the heading's is that over the radius
+    # the standard deviation of a circle's centre is sigma sqrt(2/n); that of the heading is this divided by the radius
     assert asked.heading_error[0] == pytest.approx(0.005 * np.sqrt(2 / 300), rel=0.15)
     for method, model in (("ml", "symmetric"), ("ml", "sphere"), ("consistent", "auto"), ("algebraic", "auto"), ("li_griffiths", "auto")):
         refused = fit(m, method=method, model=model)
@@ -238,7 +238,7 @@ def test_six_faces_cannot_show_soft_iron():
 
 
 def test_a_small_fit_does_not_claim_its_noise():
-    # three degrees of freedom: the noise may be estimated far too small
+    # with three degrees of freedom, the noise may be estimated far too small
     verdicts = [fit(cases.paper_readings("twelve_points", 0.2, seed), model="symmetric").verdict for seed in range(10)]
     assert "good" not in verdicts
 

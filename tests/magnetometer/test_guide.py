@@ -1,4 +1,4 @@
-"""Advice on the next reading: fewer readings than in the order of a recording, and an error within the limit at the word stop."""
+"""Advice on the next reading: it needs fewer readings than a recording in its order, and stops when the error is within the limit."""
 
 import json
 
@@ -16,7 +16,7 @@ LIMIT = np.deg2rad(1.0)
 
 
 def tumble(seed, noise=0.01, count=300):
-    """Readings of a sensor that a hand turns slowly: neighbours are close."""
+    """Readings of a sensor that is turned slowly by hand, so that consecutive readings are similar."""
     rng = np.random.default_rng(seed)
     attitude, found = Rotation.random(random_state=seed), []
     rate = np.zeros(3)
@@ -28,7 +28,7 @@ def tumble(seed, noise=0.01, count=300):
 
 
 def tumbles(folder):
-    """Logs in counts, in the order of time."""
+    """Real logs in counts, in the order of time."""
     for path in sorted(folder.glob("betaflight/*_tumble.json")):
         yield np.array([[s[axis] for axis in "xyz"] for s in json.loads(path.read_text())["samples"]], dtype=float)
     yield np.loadtxt(folder / "ellipsoid_fit_python" / "mag_out.txt")
@@ -44,7 +44,7 @@ def off(model):
 
 
 def replayed(m):
-    """Readings needed until one degree is expected, and the advice at the word stop, each reading chosen out of the log."""
+    """Choose readings from a log by advice: returns how many are needed for the limit, and the advice that stops."""
     taken, left, reached = [0], list(range(1, len(m))), None
     while left:
         advice = guide(m[taken], limit=LIMIT, candidates=m[left])
@@ -67,12 +67,12 @@ def test_a_guided_replay_needs_half_the_readings_and_stops_rightly():
         ratios.append(reached / plain)
         inside.append(off(advice.fit.model) <= LIMIT)
     assert np.median(ratios) < 0.5
-    assert np.mean(inside) >= 0.875  # of 40 at 95 %: five or more misses by chance in 5 of 100
+    assert np.mean(inside) >= 0.875  # 40 intervals of 95 %: five or more misses have a probability of 5 %
 
 
 @pytest.mark.long
 def test_real_tumbles_need_half_the_readings(reference):
-    """Logs of four sources; at the word stop the fit is within the limit of the fit of the whole log."""
+    """Logs from four sources: when the advice is to stop, the fit differs from that of the whole log by less than the limit."""
     for m in tumbles(reference / "data" / "magnetometer"):
         m = m[np.unique(np.linspace(0, len(m) - 1, 600).astype(int))]
         whole = fit(m, model="symmetric")
@@ -85,7 +85,7 @@ def test_real_tumbles_need_half_the_readings(reference):
 
 
 def test_directions_fill_the_sphere_and_end():
-    """A person who follows the advice: each reading is taken in the direction that was asked for."""
+    """Each reading is taken in the advised direction, as by a person who follows the advice."""
     rng = np.random.default_rng(0)
     m = np.zeros((0, 3))
     for _ in range(120):

@@ -1,4 +1,4 @@
-"""Norms and a second sensor together: exact data, partial coverage, intervals, what stays open."""
+"""Joint fits of field magnitudes and a second sensor: exact data, partial coverage, intervals, undetermined parameters."""
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +21,7 @@ NOISE, GYRO_NOISE, FORCE_NOISE = 0.01, np.deg2rad(0.1), 0.005
 
 
 def attitudes(kind, t, phase):
-    """Yaw, elevation and bank: everywhere, a cap of 40 degrees, a vehicle that turns three times and tilts by 20 degrees, one axis."""
+    """Attitudes of a motion: over the sphere, in a cap or a corner, of a vehicle with three turns and tilts of 20 degrees, or yaw only."""
     swing = lambda most, pace, i: np.deg2rad(most) * np.sin(pace * t + phase[i])  # noqa: E731
     once = 6 * np.pi * t * RATE / COUNT + phase[0]
     found = {
@@ -35,7 +35,10 @@ def attitudes(kind, t, phase):
 
 
 def log(kind, seed, sigma=NOISE, exact=False):
-    """Readings, rates at their times, and specific force; exact: turned by the mean of the rates at both ends of every step."""
+    """Simulate readings, rates at the same times, and specific force.
+
+    With `exact`, every step is a rotation by the mean of the rates at its ends, which is how the fit integrates.
+    """
     rng = np.random.default_rng([seed, 9])
     body = attitudes(kind, np.arange(-1, FINE * COUNT + 1) / (FINE * RATE), rng.uniform(0, 2 * np.pi, 3))
     rates = (body[:-2].inv() * body[2:]).as_rotvec()[::FINE] * FINE * RATE / 2
@@ -83,7 +86,7 @@ def test_exact_data_give_the_whole_soft_iron_and_the_hard_iron(kind, name):
 
 @pytest.fixture(scope="module")
 def partial():
-    """Both fits of twelve logs of a vehicle, for each sensor."""
+    """Fits one after the other and joint fits of twelve logs of a vehicle, for each second sensor."""
     found = {"gyro": [], "accel": []}
     for seed in range(12):
         m, other = sensors(log("tilt", seed))
@@ -99,7 +102,7 @@ def test_partial_coverage_gains_by_a_large_factor_and_says_so_rightly(partial, n
     assert cases.rms([off(f.model) for f in after]) > 4 * cases.rms([off(f.model) for f in both])
     true = cases.rms([heading_error(f.model) for f in both])
     assert true < 0.8 * cases.rms([heading_error(f.model) for f in after])
-    # chi-square of few degrees in twelve logs: the ratio scatters by about 0.15
+    # chi-square with few degrees of freedom in twelve logs: the ratio scatters by about 0.15
     assert true == pytest.approx(np.rad2deg(cases.rms([f.heading_error[0] for f in both])), rel=0.45)
     away = [
         (f.model.hard_iron - SENSOR.hard_iron) @ np.linalg.solve(f.covariance[6:, 6:], f.model.hard_iron - SENSOR.hard_iron) for f in both
@@ -115,7 +118,7 @@ def test_partial_coverage_gains_by_a_large_factor_and_says_so_rightly(partial, n
 
 @pytest.mark.long
 def test_intervals_and_the_rotation_hold_the_truth(partial):
-    """Nine parameters, three angles and the soft iron of 24 logs: 504 intervals of 95 %, correlated within a log."""
+    """Nine parameters, three angles and the soft iron of 24 logs have 504 intervals of 95 %, which are correlated within a log."""
     inverse = np.linalg.inv(SENSOR.soft_iron)
     shape = inverse.T @ inverse
     values, vectors = np.linalg.eigh(shape)
@@ -134,7 +137,7 @@ def test_intervals_and_the_rotation_hold_the_truth(partial):
 
 
 def test_a_refused_fit_of_norms_is_a_start():
-    """A corner of 20 degrees."""
+    """Magnitudes in a corner of 20 degrees do not suffice for a fit alone, but the joint fit can start from it."""
     m, other = sensors(log("corner", 3))
     before, found = (fit(m, model="symmetric", joint=joint, aid=other["gyro"]) for joint in (False, True))
     assert before.verdict == "refused"
@@ -183,7 +186,7 @@ def test_rows_without_a_value_and_a_known_dip():
 
 def test_long_logs_are_thinned_after_the_rates_are_integrated():
     m, other = sensors(log("all", 2))
-    # the same turns, sampled 21 times as often with all in between: only some readings can be fitted
+    # the same turns with 21 times as many samples, of which the fit can use only some
     m, gyro = np.repeat(m, 21, axis=0), np.repeat(other["gyro"].gyro, 21, axis=0)
     found = fit(m, field=1.0, joint=True, aid=Gyroscope(gyro, 21 * RATE), per_direction=8)
     assert 513 <= found.used <= 1000

@@ -1,4 +1,4 @@
-"""A model that was chosen for want of evidence is not more certain than one that was not."""
+"""If the smaller model is chosen for lack of evidence, its predicted errors include the parameters that it leaves out."""
 
 import numpy as np
 import pytest
@@ -22,9 +22,9 @@ def heading_error(found, sensor):
 
 @pytest.mark.parametrize(("sensor", "low", "high"), [(SMALL, 0.75, 1.35), (ROUND, 0.6, 1.1)])
 def test_the_predicted_heading_error_counts_the_soft_iron_left_out(sensor, low, high):
-    """A soft iron of 3 per cent, a third of a sphere, 2 per cent noise: BIC takes the smaller model, with 0.6 degrees of heading error.
+    """With a soft iron of 3 %, a third of the sphere and 2 % noise, BIC chooses the smaller model, whose heading error is 0.6 degrees.
 
-    That model's own covariance says 0.3. With no soft iron at all the prediction may not be far too large either.
+    The covariance of that model alone predicts 0.3 degrees. Without any soft iron, the prediction must not be far too large.
     """
     real, predicted, kinds = [], [], []
     for seed in range(40):
@@ -33,7 +33,7 @@ def test_the_predicted_heading_error_counts_the_soft_iron_left_out(sensor, low, 
         real.append(heading_error(found, sensor))
         predicted.append(found.heading_error[0])
     assert sum(kind != "symmetric" for kind in kinds) > 25
-    # forty errors of about two degrees of freedom each: known to 8 per cent
+    # forty errors with about two degrees of freedom each determine the rms to 8 %
     assert low < cases.rms(real) / cases.rms(predicted) < high
 
 
@@ -42,7 +42,7 @@ def test_a_model_that_is_asked_for_is_taken_at_its_word():
     auto, asked = fit(m), fit(m, model="sphere")
     assert auto.kind == "sphere"
     np.testing.assert_allclose(auto.model.hard_iron, asked.model.hard_iron, atol=1e-5)
-    # here nothing is left out that could matter: both are one fit, from two starts
+    # here the omitted parameters do not matter: both fits have the same result from two starts
     assert auto.heading_error[0] == pytest.approx(asked.heading_error[0], rel=1e-6)
     m = cases.readings(ROUND, cap(3, 0.4), 0.02, 3)
     auto, asked = fit(m), fit(m, model="sphere")
@@ -51,7 +51,7 @@ def test_a_model_that_is_asked_for_is_taken_at_its_word():
 
 
 def test_what_could_not_be_seen_is_not_called_absent():
-    """A quarter of a circle does not tell a circle from an ellipse, nor a small cap a sphere from an ellipsoid."""
+    """A quarter of a circle cannot distinguish a circle from an ellipse, nor a small cap a sphere from an ellipsoid."""
     a = np.random.default_rng(0).uniform(0, np.pi / 2, 60)
     arc = np.column_stack([1.1 * np.cos(a), 0.95 * np.sin(a), np.zeros(60)]) + 0.01 * np.random.default_rng(1).normal(size=(60, 3))
     found = fit(arc, model="planar")

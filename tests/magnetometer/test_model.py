@@ -1,4 +1,4 @@
-"""Model, attitudes, heading and coverage: closed forms and published figures."""
+"""Model, attitudes, heading and coverage against closed forms and published figures."""
 
 import warnings
 
@@ -42,7 +42,7 @@ def test_scenarios_are_those_of_the_paper():
     assert set(np.rad2deg(turns[:, 1]).round(9)) == {-30.0, 0.0, 30.0} == set(np.rad2deg(twelve[:, 1]).round(9))
     assert sorted(set(np.rad2deg(twelve[:, 0]).round(9))) == [0.0, 90.0, 180.0, 270.0]
     assert not turns[:, 2].any()
-    # the mean sine of a uniform direction's elevation is 0 +- 1/sqrt(3 n)
+    # for uniform directions, the mean sine of the elevation is 0 +- 1/sqrt(3 n)
     assert abs(np.mean(np.sin(everywhere[:, 1]))) < 4 / np.sqrt(3 * 360)
     np.testing.assert_array_equal(everywhere, scenario("all", seed=0))
     with pytest.raises(DataError, match="no scenario 'thirteen'"):
@@ -90,7 +90,7 @@ def test_where_there_is_no_heading_it_says_why():
 
 
 def test_coverage_of_the_logs_is_the_recorded_one(reference):
-    # MotionCal's figures for Li-Griffiths fits, with the southern sectors in their place
+    # MotionCal's figures for Li-Griffiths fits, with corrected positions of the southern sectors
     for name, delimiter, gaps, variance, wobble in (
         ("ellipsoid_fit_python/mag_out.txt", None, 14.23, 2.0598, 2.3696),
         ("jremington/mag3_raw.csv", ",", 7.34, 1.5520, 2.2605),
@@ -105,13 +105,13 @@ def test_coverage_of_the_logs_is_the_recorded_one(reference):
 def test_coverage_of_known_directions():
     u = cases.directions(20_000, 0)
     full = coverage(u)
-    # equal areas: every region expects 200 readings, with a standard deviation of 14
+    # regions have equal areas: each has 200 readings on average, with a standard deviation of 14
     assert np.abs(full.counts - 200).max() < 5 * np.sqrt(200)
     assert full.gaps == 0
     assert full.variance < 1e-10
     assert full.wobble < 0.2
     half = coverage(u[u[:, 0] > 0])
-    assert half.wobble < 1.5  # of a perfect sphere; MotionCal itself reads 9.13
+    assert half.wobble < 1.5  # for a perfect sphere, for which MotionCal itself shows 9.13
     assert half.largest_gap == pytest.approx(np.pi / 2, abs=0.05)
     assert half.occupied == pytest.approx(0.5, abs=0.05)
     assert np.all(half.missing[:, 0] < 0.3)

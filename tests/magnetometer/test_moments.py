@@ -1,4 +1,4 @@
-"""Moments reach the fits of the readings themselves, and a C program the same numbers."""
+"""Fits of moments agree with fits of the readings, and a C program accumulates the same moments."""
 
 import re
 import shutil
@@ -59,12 +59,12 @@ def test_what_moments_cannot_do():
 def test_a_device_at_rest_does_not_fill_the_sums():
     rest = cases.readings(cases.MILD, np.tile([0.0, 0.6, 0.8], (5000, 1)), 0.02, 4)
     admission, new = Admission([0.7, -0.4, 0.2], 1.0).admit(np.concatenate([rest, M]))
-    # noise alone moves a still reading by 0.05 now and then, but no more than 32 times in a cell
+    # noise sometimes moves a still reading by 0.05, but a cell admits no more than 32 readings
     assert new[:5000].sum() <= 64
     assert new[5000:].sum() > 300
     assert admission.count.max() <= 32
     np.testing.assert_array_equal(admission.count, np.bincount(admission.cells(np.concatenate([rest, M])[new]), minlength=96))
-    # chunk by chunk it is the same
+    # the result is the same in chunks
     part, kept = Admission([0.7, -0.4, 0.2], 1.0), []
     for chunk in np.array_split(np.concatenate([rest, M]), 9):
         part, mask = part.admit(chunk)
@@ -124,7 +124,7 @@ int main(void)
 
 
 def test_the_c_header_does_what_python_does(tmp_path):
-    # one attitude held for a while, as on a bench
+    # one attitude is kept for a while, as on a bench
     m = (50e-6 * np.concatenate([M[:200], np.repeat(M[200:201], 100, axis=0), M[200:]])).astype(np.float32).astype(float)
     found = fit(m, field=50e-6)
     device = jaxcal.Calibration(magnetometer=found, device="unit 7")

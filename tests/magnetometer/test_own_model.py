@@ -1,4 +1,4 @@
-"""A magnetometer with a linear temperature term, defined here alone: fitted with intervals, plotted, saved, loaded and applied."""
+"""A user-defined magnetometer model with a linear temperature term is fitted with intervals, plotted, saved, loaded and applied."""
 
 import dataclasses
 
@@ -16,7 +16,7 @@ from . import cases
 
 
 class Warming(MagModel):
-    """Hard iron that grows with the temperature: b + k (T - 25)."""
+    """A model whose hard iron depends linearly on the temperature: b + k (T - 25)."""
 
     per_kelvin: jax.Array
 
@@ -67,7 +67,7 @@ def test_the_leaves_of_the_model_are_fitted_with_intervals_by_name(found):
 
 @pytest.mark.long
 def test_the_truth_is_inside_the_intervals_as_often_as_they_say():
-    """200 fits in one call; the shares of twelve parameters scatter together by 0.5 to 1 %."""
+    """200 fits in one call; the mean coverage of twelve parameters has a standard error of 0.5 to 1 %."""
 
     @jax.jit
     @jax.vmap
@@ -95,7 +95,7 @@ def test_it_is_applied_and_plotted(found):
 
 
 def test_it_is_saved_loaded_and_applied_to_a_log(found, tmp_path):
-    """The log has a thermometer that speaks at every seventh reading; what comes back is the true field of each reading."""
+    """The thermometer of the log has a value at every seventh reading; the correction gives the true field at each reading."""
     jaxcal.Calibration(magnetometer=found).save(tmp_path / "device.json")
     again = jaxcal.Calibration.load(tmp_path / "device.json")
     part = again.magnetometer
@@ -115,7 +115,7 @@ def test_it_is_saved_loaded_and_applied_to_a_log(found, tmp_path):
     np.testing.assert_allclose(fixed.mag, found.model.correct(log.mag, warmth), rtol=0, atol=1e-12 * FIELD)
     np.testing.assert_array_equal(fixed.gyro, log.gyro)
     assert fixed.notes[-1] == "corrected: mag"
-    # twelve parameters of 200 readings of 0.2 uT each: the field is known to some 0.05 uT
+    # with twelve parameters from 200 readings of 0.2 uT each, the field has an error of about 0.05 uT
     assert cases.rms(fixed.mag - field) < 0.1e-6
     without = dataclasses.replace(found.model, per_kelvin=np.zeros(3))
     assert cases.rms(jaxcal.Calibration(magnetometer=without).correct(log).mag - field) > 3 * cases.rms(fixed.mag - field)

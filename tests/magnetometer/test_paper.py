@@ -1,4 +1,4 @@
-"""The magnetometer paper's tables, and what they say: agreement between data sets beside the true accuracy."""
+"""Tables of the magnetometer paper: agreement between data sets compared with the true accuracy."""
 
 import numpy as np
 import pytest
@@ -23,13 +23,13 @@ HARD_IRON = {"three_turns": (2.3274, 5.3477, 10.5134), "twelve_points": (1.7671,
 def test_published_spreads():
     np.testing.assert_allclose(np.ptp(SIMULATED, axis=1), [0.184, 0.315, 0.583, 0.186, 0.671, 0.373, 0.527, 0.142], atol=1e-9)
     np.testing.assert_allclose(np.ptp(EXPERIMENT, axis=1), [0.419, 0.891, 0.218, 0.945, 1.334, 0.158, 0.381, 0.818], atol=1e-9)
-    # "differences below 1 degree" does not hold at the fifth position
+    # the paper's "differences below 1 degree" is not true at the fifth position
     assert np.ptp(EXPERIMENT, axis=1).max() > 1.0
 
 
 @pytest.fixture(scope="module")
 def repeated():
-    """Heading errors (runs, scenarios, positions) of the paper's own fit at 0.1 uT."""
+    """Heading errors (runs, scenarios, positions) of the paper's method at 0.1 uT."""
     errors = []
     for seed in range(30):
         fits = [fit(cases.paper_readings(name, 0.1, seed), method="constrained") for name in NAMES]
@@ -39,13 +39,13 @@ def repeated():
 
 @pytest.mark.long
 def test_spread_between_scenarios_and_true_accuracy(repeated):
-    """Listed for 0.1 uT: median of the largest spread 0.78 degrees; true rms 0.66, 0.081 and 0.043 degrees."""
+    """Reference values at 0.1 uT: median of the largest spread 0.78 degrees; true rms 0.66, 0.081 and 0.043 degrees."""
     spread = np.ptp(repeated, axis=1).max(axis=1)
-    # the standard error of a median of 30 is 1.25 times that of a mean; the listed value's own is of the same size
+    # the standard error of a median of 30 is 1.25 times that of a mean; the reference value has a similar standard error
     assert np.median(spread) == pytest.approx(0.78, abs=3 * 1.41 * 1.25 * spread.std() / np.sqrt(30))
     for i, listed in enumerate((0.66, 0.081, 0.043)):
         assert cases.rms(repeated[:, i]) == pytest.approx(listed, rel=0.25)
-    # Table I's largest spread is one of noise between these
+    # the largest spread of Table I is within the range of these
     assert np.mean(spread > np.ptp(SIMULATED, axis=1).max()) > 0.3
 
 
@@ -54,12 +54,12 @@ def test_published_hard_irons_are_what_noise_of_a_tenth_of_a_microtesla_gives():
         error = fit(cases.paper_readings(name, 0.08, 0), model="symmetric")
         expected = error.hard_iron_error * 0.08 / error.noise
         assert np.all(np.abs(np.array(published) - cases.PAPER.hard_iron) < 4 * expected)
-        # and not of noise ten times smaller
+        # it does not fit noise ten times smaller
         assert np.any(np.abs(np.array(published) - cases.PAPER.hard_iron) > 4 * expected / 10)
 
 
 def test_standard_deviation_of_the_hard_iron_by_scenario():
-    """Per uT of noise, C = I: the jump of 400 in the experiment's z offset is what twelve points predict."""
+    """Standard deviations per uT of noise for C = I: twelve points explain the jump of 400 in the z offset of the experiment."""
     plain = MagModel(np.eye(3), np.zeros(3))
     listed = {"all": (0.10, 0.09, 0.09), "three_turns": (0.45, 0.86, 4.6), "twelve_points": (2.2, 10.8, 20.1)}
     for name, spread in listed.items():

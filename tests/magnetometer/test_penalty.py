@@ -1,4 +1,4 @@
-"""The penalty on directions in a corner of the sphere: its derivatives, its minimum, and fits that would run off without it."""
+"""The penalty on directions within a corner of the sphere: its derivatives, its minimum, and fits that diverge without it."""
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +17,7 @@ CAP = cases.directions(40, 3, "hemisphere")
 
 
 def log_det(upper, z, kind):
-    """log det M / 2, written out."""
+    """log det M / 2, computed from its definition."""
     v = z @ upper.T
     rows = natural_rows(v / np.linalg.norm(v, axis=1, keepdims=True)) @ BASES[kind]
     return np.linalg.slogdet(rows.T @ rows / len(z))[1] / 2
@@ -39,7 +39,7 @@ def test_the_penalty_and_its_slopes(kind):
     step = 1e-6 * np.random.default_rng(0).normal(size=z.shape) * (np.arange(3) < (2 if kind in PLANAR else 3))
     finite = (log_det(upper, z + step, kind) - log_det(upper, z - step, kind)) / 2
     assert np.sum(by_z * step) == pytest.approx(finite, rel=1e-4)
-    # as a residual: eager, compiled, and its derivative; no directions whatever are better than the bound
+    # the penalty as a residual, plain, compiled and differentiated; no set of directions is better than the bound
     square = 0.5 * 0.1**2 * (form.top - 2 * value)
     arrays = [jnp.asarray(x) for x in (upper, z, weight)]
     form = jax.tree.map(jnp.asarray, form)
@@ -51,9 +51,9 @@ def test_the_penalty_and_its_slopes(kind):
 
 
 def test_even_coverage_is_the_best_of_all():
-    """log det M of the whole sphere from its moments: 1/3 of x^2, 1/5 of x^4, 1/15 of x^2 y^2."""
+    """log det M for the whole sphere follows from the moments 1/3 of x^2, 1/5 of x^4 and 1/15 of x^2 y^2."""
     dense = cases.directions(200_000, 0)
-    even = (3 * np.log(1 / 3) + np.log(1 / 12) + 5 * np.log(1 / 30) + 3 * np.log(2)) / 2  # the couplings have rows 2xy
+    even = (3 * np.log(1 / 3) + np.log(1 / 12) + 5 * np.log(1 / 30) + 3 * np.log(2)) / 2  # the rows of the couplings are 2xy
     assert log_det(np.eye(3), dense, "symmetric") == pytest.approx(even, abs=0.01)
     assert log_det(np.eye(3), CAP, "symmetric") < even - 1
     assert Penalty.of("symmetric", 1.0, 1.0).top > 2 * even
@@ -65,13 +65,13 @@ def few(seed, sigma=1.0):
 
 @pytest.mark.parametrize("known", [{}, {"field": 40.0, "field_error": 0.05}])
 def test_the_fit_is_the_minimum_of_what_it_says(known):
-    """Sum of squared distances over 2 sigma^2, less w/2 log det M, and the prior of the size; sigma is the fit's own."""
+    """The fit minimises squared distances / (2 sigma^2) - w/2 log det M plus the prior of the size, with sigma as estimated by the fit."""
     m = few(1)
     found = fit(m, model="symmetric", penalty=1.0, **known)
     assert found.penalty == 1.0
     matrix = np.linalg.inv(found.model.soft_iron) / found.field
     radius = np.linalg.det(matrix) ** (-1 / 3)
-    assert found.noise < 0.02 * radius  # else the curvature term would have its part
+    assert found.noise < 0.02 * radius  # for larger noise the curvature term would matter
 
     @jax.jit
     def cost(p):
@@ -99,7 +99,7 @@ def test_readings_that_say_enough_are_left_alone():
 
 
 def test_a_fit_that_ran_off_is_held_and_says_so():
-    # the first draw whose likelihood has no maximum
+    # the first data set whose likelihood has no maximum
     off = next(m for m in map(few, range(200)) if "did not converge" in fit(m, model="symmetric", penalty=0.0).reason)
     found = fit(off, model="symmetric")
     assert np.linalg.norm(found.model.hard_iron - cases.PAPER.hard_iron) < cases.FIELD
@@ -125,7 +125,7 @@ def test_outliers_and_the_penalty():
 
 
 def test_a_known_field_helps_half_a_sphere():
-    """Both errors, of the readings and of the given norm, are drawn anew each time; 40 runs know a share of 95 % to 3.5 %."""
+    """Errors of the readings and of the given field are drawn in each run; 40 runs determine a coverage of 95 % to 3.5 %."""
     size, with_field, without, off = np.linalg.det(cases.MILD.soft_iron) ** (1 / 3), [], [], []
     rng = np.random.default_rng(3)
     for seed in range(40):

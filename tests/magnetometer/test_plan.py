@@ -1,4 +1,4 @@
-"""Collection plans against the table of the methods' comparison, Monte Carlo, and finite differences."""
+"""Collection plans against the table of the methods' comparison, simulated fits, and finite differences."""
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ UNIT = 1.0 / 47.0
 
 
 def test_prediction_is_the_tabulated_bound():
-    """Degrees of heading per uT at C = I, for twelve points and three turns, by inclination; the listed ones are good to 5 to 10 %."""
+    """Heading error in degrees per uT at C = I, by inclination; the reference values are accurate to 5 to 10 %."""
     for dip, twelve, turns in ((10, 3.7, 0.15), (30, 3.4, 0.21), (45, 4.9, 0.37), (57, 8.2, 0.77), (70, 21, 2.7)):
         for name, listed in (("twelve_points", twelve), ("three_turns", turns)):
             found = np.rad2deg(predict(scenario(name), UNIT, inclination=np.deg2rad(dip))[0])
@@ -27,13 +27,13 @@ def test_prediction_is_what_fits_then_scatter():
     for seed in range(40):
         m = field + 0.2 * np.random.default_rng(seed).normal(size=field.shape)
         errors.append(cases.heading_errors(fit(m, model="symmetric").model, sensor))
-    # 40 runs of about five independent numbers: 5 % standard error
+    # 40 runs with about five independent numbers: the rms has a standard error of 5 %
     assert cases.rms(errors) == pytest.approx(np.rad2deg(predict(attitudes, 0.2 / 47)[0]), rel=0.15)
 
 
 @pytest.mark.long
 def test_a_plan_beats_every_listed_one_and_keeps_its_limits():
-    # best of the listed twelve-point plans: six faces of two, 2.5 degrees per uT for C = inv(Si1)
+    # the best twelve-point plan of the reference is six faces with two points each: 2.5 degrees per uT for C = inv(Si1)
     found = plan(12, UNIT)
     assert np.rad2deg(found.heading_error[0]) < 2.3
     assert np.all(found.heading_error < predict(scenario("twelve_points"), UNIT) / 3)
@@ -51,7 +51,7 @@ def test_the_prediction_is_the_bound_written_out_and_has_a_gradient():
     attitudes = scenario("all", samples=12, seed=3)
     least = cases.least_heading_error(MagModel(np.eye(3), np.zeros(3)), 1.0, body_field(attitudes, 1.0, 0.9), UNIT, dip=0.9)
     assert np.rad2deg(predict(attitudes, UNIT, inclination=0.9)[0]) == pytest.approx(least, rel=1e-6)
-    cost = jax.jit(lambda a: jnp.log(jnp.mean(predict(a, UNIT, inclination=0.9) ** 2)))  # what `plan` makes small
+    cost = jax.jit(lambda a: jnp.log(jnp.mean(predict(a, UNIT, inclination=0.9) ** 2)))  # the cost that `plan` minimises
     slope = np.asarray(jax.grad(cost)(jnp.asarray(attitudes)))
     for index in ((0, 0), (3, 1), (7, 2)):
         ends = []

@@ -1,4 +1,4 @@
-"""Whatever the readings are: a verdict, and no exception. `benchmarks/magnetometer.py --only random` has thousands of logs."""
+"""Arbitrary readings give a verdict and no exception. `benchmarks/magnetometer.py --only random` has thousands of logs."""
 
 import importlib.util
 import pathlib
@@ -13,7 +13,7 @@ _SPEC = importlib.util.spec_from_file_location("faults", _PLACE)
 faults = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(faults)
 
-#: logs of 10 to 30 degrees of tilt whose largest model runs off, to where rounding leaves no ellipsoid
+#: logs with tilts of 10 to 30 degrees, for which the largest model diverges until rounding leaves no ellipsoid
 AWAY = (68, 234, 295, 342, 480)
 
 

@@ -1,4 +1,4 @@
-"""Real logs, and what other programs made of them."""
+"""Results on real logs against those of other programs."""
 
 import json
 
@@ -17,12 +17,12 @@ def log(request, reference):
 
 
 def normalised(found):
-    """Symmetric correction of unit determinant."""
+    """Symmetric correction matrix, scaled to a determinant of one."""
     matrix = np.linalg.inv(found.model.soft_iron)
     return matrix / np.cbrt(np.linalg.det(matrix))
 
 
-#: our method -> the entry, printed to four digits behind the point
+#: method of jaxcal: entry in the reference, which has four decimal places
 SAME = {"minmax": "minmax", "li_griffiths": "Li-Griff py", "algebraic": "Petrov py", "radial": "geo radial", "ml": "ML"}
 
 
@@ -33,7 +33,7 @@ def test_the_same_method_gives_the_printed_digits(log, method):
     found = fit(m, method=method, model="diagonal" if method == "minmax" else "symmetric")
     y = np.linalg.norm(found.model.correct(m), axis=1)
     if method == "ml" and found.noise > 0.02 * found.field:
-        # ours takes off the mean distance that noise along the surface makes, about sigma^2/R in the radius; the listed fit does not
+        # noise along the surface increases the mean distance by about sigma^2/R; jaxcal subtracts this, the reference fit does not
         np.testing.assert_allclose(found.model.hard_iron, entry["b"], atol=1e-3)
         assert entry["R"] - found.field == pytest.approx(found.noise**2 / found.field, rel=0.05)
         return
@@ -45,7 +45,7 @@ def test_the_same_method_gives_the_printed_digits(log, method):
         assert np.sqrt(np.mean(found.residual**2)) == pytest.approx(entry["rms_orth"], abs=0.51e-4)
 
 
-#: centre, equivalent radius, noise: computed once elsewhere for this project
+#: centre and equivalent radius, computed independently for this project
 OTHERS = {
     "constrained": (((-68.1822, 82.8912, -133.4825), 173.6782), ((9955.9997, -7948.3385, 8512.5432), 3479.9426)),
     "consistent": (((-68.0961, 82.8723, -133.4457), 173.7104), ((9955.9235, -7948.9749, 8512.5810), 3479.4626)),
@@ -66,7 +66,7 @@ def test_ml_is_within_its_own_two_sigma_of_the_listed_orthogonal_fit(log):
     found = fit(m)
     assert found.kind == "symmetric"
     assert np.all(np.abs(found.model.hard_iron - listed["ML"]["b"]) < 2 * found.hard_iron_error)
-    # the radial fit's own standard deviations are another estimate of the same scatter, taken as white; that of mag3 is not
+    # standard deviations of the radial fit are another estimate of the same scatter, which assumes white noise; that of mag3 is not white
     listed = np.array(listed["geo radial"]["sigma_b"])
     if found.blocks:
         assert np.all(found.hard_iron_error > 2 * listed)
@@ -80,17 +80,17 @@ def test_bootstrap_agrees_with_the_covariance(log):
     m, _ = log
     found = fit(m, model="symmetric")
     ratio = np.std(bootstrap(m, found, replicas=300), axis=0) / np.sqrt(np.diag(found.covariance))
-    # 300 replicas know a standard deviation to 4 %; readings drawn one by one have lost their correlation, as that of mag3
+    # 300 replicas determine a standard deviation to 4 %; readings drawn one by one lose their correlation, which matters for mag3
     assert np.all(ratio < 1.6)
     assert found.blocks or np.all(ratio > 1 / 1.6)
 
 
 def test_published_calibration_of_mag3(reference):
-    """`mag3_out.txt`: J. Remington's matrix for a field of 1000, made by Li-Griffiths."""
+    """The reference for `mag3_out.txt` is J. Remington's matrix for a field of 1000, computed by the method of Li and Griffiths."""
     m = np.loadtxt(reference / "data" / "magnetometer" / "jremington" / "mag3_raw.csv", delimiter=",")
     found = fit(m, method="li_griffiths", field=1000.0)
     published = [[0.25060005, 0.02941951, -0.02954944], [0.02941951, 0.31691521, 0.00788726], [-0.02954944, 0.00788726, 0.30592214]]
-    # his matrix has its determinant from another scale: mean of the readings' norms instead of the ellipsoid's volume
+    # the scale of that matrix comes from the mean magnitude of the readings and not from the volume of the ellipsoid
     ratio = np.linalg.inv(found.model.soft_iron) / published
     np.testing.assert_allclose(ratio, ratio[0, 0], rtol=1e-6)
     np.testing.assert_allclose(found.model.hard_iron, [9955.151669, -7948.26463057, 8511.80447932], atol=1e-5)

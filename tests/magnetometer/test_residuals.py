@@ -1,4 +1,4 @@
-"""Distances against a numerical search for the nearest point, and their derivatives."""
+"""Distances to the ellipsoid against a numerical search for the nearest point, and their derivatives."""
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +17,7 @@ SHAPE = TURN @ np.diag(1 / SEMI**2) @ TURN.T
 
 
 def searched(z):
-    """Distance to the ellipsoid by a search over its parameter angles, from a grid of starts."""
+    """Distance to the ellipsoid, found by a search over its parameter angles from a grid of starts."""
     a, b = np.meshgrid(np.linspace(0.05, np.pi - 0.05, 40), np.linspace(0, 2 * np.pi, 80))
 
     def point(angles):
@@ -89,7 +89,7 @@ def test_residuals_alone_under_jit_vmap_and_grad():
 
 
 def test_second_derivative_of_the_distance():
-    # what the derivative of a fit with respect to its data needs
+    # the derivatives that differentiating a fit with respect to its data needs
     z = jnp.asarray((TURN * SEMI @ cases.directions(6, 4).T).T * 1.1)
 
     slope = jax.jit(jax.grad(lambda soft: jnp.sum(residuals(MagModel(soft, jnp.zeros(3)), (z, 1.0)) ** 2)))
@@ -99,7 +99,7 @@ def test_second_derivative_of_the_distance():
     np.testing.assert_allclose(exact, finite, rtol=1e-5, atol=1e-6)
 
 
-@pytest.mark.filterwarnings("ignore::jaxcal.PrecisionWarning")  # it says that it is traced in float32
+@pytest.mark.filterwarnings("ignore::jaxcal.PrecisionWarning")  # the warning says that the fit is traced in float32
 def test_float32_stays_float32():
     with jax.enable_x64(False):
         model = MagModel(jnp.eye(3), jnp.zeros(3))

@@ -1,4 +1,4 @@
-"""Errors of the soft iron, fields of currents with their errors, saturated readings, and readings held back."""
+"""Errors of the soft iron, fields of currents with their errors, saturated readings, and held-out readings."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def test_intervals_of_the_soft_iron_hold_it(field):
     for _ in range(40):
         m = sphere(rng, 150) @ SOFT.T + HARD + 0.01 * rng.normal(size=(150, 3))
         held += inside(fit(m, model="symmetric", field=field), truth, 3)
-    # 360 intervals of 95 %, six of which are independent in a run
+    # 360 intervals of 95 %; six per run are independent
     assert 0.92 < np.mean(held) < 0.98
 
 
@@ -51,7 +51,7 @@ def test_soft_iron_of_a_plane_is_open_across_it():
     error = fit(m, model="planar").soft_iron_error
     assert np.isfinite(error[:2, :2]).all()
     assert np.isinf(error[2, 2])
-    # of diag(1.1, 0.9): the determinant is held, so both scales are known alike
+    # for diag(1.1, 0.9): the determinant is fixed, so that both scales have the same relative error
     assert error[0, 0] / 1.1 == pytest.approx(error[1, 1] / 0.9, rel=0.05)
 
 
@@ -64,19 +64,19 @@ def test_hard_iron_without_the_current_is_inside_its_interval():
         found = fit_current(m, {"motor": current})
         held += inside(found.fit, HARD, 0)
         terms += inside(found.fit, way, 12)
-    # 75 intervals each
+    # 75 intervals for each
     assert np.mean(held) > 0.9
     assert np.mean(terms) > 0.9
     value, error = found.fit.terms["motor"]
     np.testing.assert_allclose([value, error], [found.terms[:, 0], found.error[:, 0]])
-    # the current was never near zero: most of the error of the hard iron is that of the terms
+    # the current was never near zero, so that most of the error of the hard iron comes from the terms
     assert np.all(found.fit.hard_iron_error > 1.5 * fit(m - np.outer(current, way), model="symmetric").hard_iron_error)
     with pytest.raises(DataError, match="needs an `aid`"):
         fit_current(m, current, joint=True)
 
 
 def test_currents_beside_a_joint_fit():
-    """A vehicle that tilts by 30 degrees: the errors of the terms are in those of the joint fit."""
+    """A vehicle tilts by 30 degrees; errors of the joint fit include those of the current terms."""
     turn, way, off = Rotation.from_rotvec([0.03, -0.02, 0.05]).as_matrix(), np.array([0.05, -0.03, 0.04]), []
     for seed in range(3):
         rng = np.random.default_rng([5, seed])

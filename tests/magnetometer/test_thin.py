@@ -1,4 +1,4 @@
-"""Long logs are thinned by direction, and judged whole."""
+"""Long logs are thinned by direction for the fit, and evaluated with all readings."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from . import cases
 
 
 def long_log(count=21_000):
-    """Nine tenths of the readings lie within 20 degrees of one direction, as when the sensor rests."""
+    """A log with nine tenths of its readings within 20 degrees of one direction, as when the sensor rests for a long time."""
     u = cases.directions(count, 0)
     rest = np.array([0.0, 0.0, 1.0]) + 0.1 * np.random.default_rng(1).normal(size=(count * 9 // 10, 3))
     u[: len(rest)] = rest / np.linalg.norm(rest, axis=1, keepdims=True)
@@ -35,18 +35,18 @@ def test_a_long_log_is_fitted_from_all_directions_alike():
 
 
 def test_thinning_keeps_so_many_in_each_direction():
-    """Of 500 cells of equal area, those next to the points of a Fibonacci lattice."""
+    """The 500 cells of equal area are the regions nearest to the points of a Fibonacci lattice."""
     u, m = long_log()
     k = np.arange(500) + 0.5
     z, angle = 1 - k / 250, np.pi * (1 + np.sqrt(5)) * k
     lattice = np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=1)
     count = np.bincount(scipy.spatial.KDTree(lattice).query(u)[1], minlength=500)
-    # cells of the rough fit are those of the truth but for readings at their edges
+    # cells of the rough fit differ from the true ones only for readings near their edges
     assert fit(m, per_direction=8).used == pytest.approx(np.minimum(count, 8).sum(), rel=0.03)
 
 
 def test_thinning_spreads_over_time():
-    """The field is 1.02 in the first half and 0.98 in the second, which has all directions as the first: both are heard alike."""
+    """Both halves have the same directions, with fields of 1.02 and 0.98; thinning gives them equal weight."""
     u = cases.directions(12_000, 0)
     found = fit(np.concatenate([1.02 * u, 0.98 * u]), model="sphere", per_direction=8)
     assert found.used <= 500 * 8

@@ -1,4 +1,4 @@
-"""`fit` of a given kind under `jit`, `vmap` and `grad`: the numbers of the host's fit, its derivative, and no verdict."""
+"""`fit` of a given kind under `jit`, `vmap` and `grad`: it has the numbers of the untraced fit and its derivative, but no verdict."""
 
 import functools
 
@@ -13,7 +13,7 @@ from jaxcal.magnetometer import fit
 from . import cases
 
 TUMBLES = np.array([cases.paper_readings("all", 0.2, seed) for seed in range(6)])
-#: noise of 5 % of the field: the curvature term has its part
+#: noise of 5 % of the field, so that the curvature term matters
 NOISY = np.array([cases.paper_readings("all", 2.5, seed) for seed in range(6)])
 
 
@@ -57,7 +57,7 @@ def test_the_derivative_is_that_of_finite_differences(kind):
 
 @pytest.mark.long
 def test_a_planar_fit_is_that_of_the_host_and_has_its_derivative():
-    """Turns about a tilted axis: the fit has to find the plane, and its normal moves with the readings."""
+    """The sensor turns about a tilted axis: the fit has to find the plane, whose normal depends on the readings."""
     angle = np.arange(40) * np.pi / 20
     around = cases.MILD.measure(np.stack([np.cos(angle), np.sin(angle), 0.4 + 0 * angle], axis=1) @ cases.PAPER.soft_iron)
     m = around + 0.01 * np.random.default_rng(0).normal(size=around.shape)

@@ -61,7 +61,7 @@ def test_currents_in_a_fit_of_norms():
     assert found.noise == pytest.approx(0.01, rel=0.12)
     assert np.all(np.abs(found.fit.model.hard_iron - cases.MILD.hard_iron) < 0.02)
     assert found.correlation.max() < 0.3
-    # without the terms the readings are far noisier
+    # without the terms the residual noise is far larger
     assert fit(m, model="symmetric").noise > 4 * found.noise
     with pytest.raises(DataError, match="constant"):
         fit_current(m, np.ones(300))
@@ -92,7 +92,7 @@ def test_calibrations_compose_and_undo():
     both, m = cases.MILD.then(second), cases.directions(20, 0)
     np.testing.assert_allclose(both.correct(m), second.correct(cases.MILD.correct(m)), atol=1e-14)
     np.testing.assert_allclose(cases.MILD.measure(cases.MILD.correct(m)), m, atol=1e-14)
-    # a log corrected by the wrong model, fitted again, composed: the same as a fit of the raw readings
+    # a log is corrected by a wrong model and fitted again; the composition equals a fit of the raw readings
     raw = cases.readings(cases.MILD, cases.directions(300, 0), 0.005, 0)
     wrong = MagModel(np.diag([1.05, 1.0, 0.97]), np.array([0.5, 0.0, 0.1]))
     again = wrong.then(fit(wrong.correct(raw), model="symmetric", field=1.0).model)
@@ -110,7 +110,7 @@ def test_an_offset_alone_needs_a_part_of_the_sphere():
         away.append(off @ np.linalg.solve(matrix, off))
     assert np.mean(away) == pytest.approx(3.0, abs=1.6)
     free, larger = fit_offset(m, cases.MILD)
-    # on a hemisphere the mean square of z is 1/3, its variance, which is left when the size is free too, 1/12
+    # on a hemisphere the mean square of z is 1/3; if the size is free too, only its variance counts, which is 1/12
     assert larger[2, 2] / matrix[2, 2] == pytest.approx(4.0, rel=0.3)
     assert np.abs(free.hard_iron - found.hard_iron).max() < 0.05
     with pytest.raises(DataError, match="fewer than 5"):
@@ -134,7 +134,7 @@ def test_several_sensors_end_in_the_axes_of_the_first():
 
 
 def test_the_field_of_a_place():
-    """World Magnetic Model 2025, NOAA's test values: 80 N, 0 E, 0 km, 2025.0."""
+    """NOAA's test values of the World Magnetic Model 2025 at 80 N, 0 E, 0 km, 2025.0."""
     pytest.importorskip("pygeomag")
     field = earth_field(80.0, 0.0, 2025.0)
     np.testing.assert_allclose(1e9 * field, [6521.6, 145.9, 54791.5], atol=0.06)

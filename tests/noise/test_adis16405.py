@@ -38,9 +38,25 @@ def test_the_model_describes_the_measured_deviation(record, fits):
         assert rms < (0.03 if i < 3 else 0.12), (i, rms)
 
 
-def test_the_random_walk_of_one_gyroscope(record):
+@pytest.fixture(scope="module")
+def gyro_x(record):
     y, rate = record
-    np.testing.assert_allclose(float(jaxcal.noise.fit(y[:, 0], rate).noise.N), PLATEAU[0], rtol=0.04)
+    return jaxcal.noise.fit(y[:, 0], rate)
+
+
+def test_the_random_walk_of_one_gyroscope(gyro_x):
+    np.testing.assert_allclose(float(gyro_x.noise.N), PLATEAU[0], rtol=0.04)
+
+
+def steps(fit):
+    """Times of the steps that a fit tells of."""
+    return [float(said.split(" s explains")[0].split(" at ")[1]) for said in fit.warnings if said.startswith("a step of")]
+
+
+def test_the_step_of_one_accelerometer_is_told(record, gyro_x):
+    y, rate = record
+    assert min(abs(step - 2150) for step in steps(jaxcal.noise.fit(y[:400_000, 5], rate))) < 60.0
+    assert not steps(gyro_x)
 
 
 @pytest.mark.long
@@ -78,10 +94,10 @@ def test_disjoint_halves_agree(record):
     assert apart(record, "NBK") <= 3  # 18 comparisons at 95 %: P(> 3) = 1 %
 
 
+@pytest.mark.long
 def test_steps_are_told(fits):
     """The eye sees them in means of 20 s: all accelerometers stepped at 2150 s, z by most, and x and y were knocked near 7000 s."""
     for fit, times in zip(fits[3:], ((2150, 7000), (2150, 7000), (2150,)), strict=True):
-        steps = [float(said.split(" s explains")[0].split(" at ")[1]) for said in fit.warnings if said.startswith("a step of")]
         for time in times:
-            assert min(abs(step - time) for step in steps) < 60.0, (time, steps)
-    assert not any(said.startswith("a step of") for fit in fits[:3] for said in fit.warnings)
+            assert min(abs(step - time) for step in steps(fit)) < 60.0, (time, steps(fit))
+    assert not any(steps(fit) for fit in fits[:3])

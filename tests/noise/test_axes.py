@@ -74,3 +74,15 @@ def test_coherence_is_that_of_the_mixture_and_of_chance():
         jaxcal.spectrum.cross(y[:, 0], RATE)
     with pytest.raises(DataError, match="needs an average"):
         jaxcal.spectrum.cross(y, RATE, average=None)
+
+
+def test_a_log_with_correlated_axes_says_so_and_a_common_step_and_line_do_not_count():
+    random, n = np.random.default_rng(5), 2**13
+    a, b, c = 1e-3 * random.standard_normal((3, n))
+    common = 3e-3 * (np.arange(n) > n / 2) + 1e-3 * np.sin(2 * np.pi * 0.2 * np.arange(n))
+    log = jaxcal.Log(None, gyro=np.stack([a + common, 0.6 * a + 0.8 * b, c + common], axis=1), rate=RATE)
+    said = {name: [note for note in fit.notes if "is correlated" in note] for name, fit in jaxcal.noise.characterise(log).items()}
+    assert len(said["gyro_x"]) == 1
+    assert abs(float(said["gyro_x"][0].split("gyro_y: ")[1].split(",")[0]) - 0.6) < 0.04
+    assert "gyro_z" not in said["gyro_x"][0]
+    assert said["gyro_y"] == said["gyro_z"] == []

@@ -54,6 +54,30 @@ def test_what_passes_for_slow_noise_is_named_and_no_b_or_k_is_present(cause):
     assert covered >= RUNS - 2
 
 
+RIVALS = {
+    "K": ("noise of exponent", density(exponent=1.2, corner=0.3)),
+    "B": ("Gauss-Markov process", density(processes=((1.0, 1.0), (1.0, 20.0)))),
+}
+
+
+@pytest.mark.parametrize("term", RIVALS)
+def test_what_another_spectrum_explains_as_well_is_a_hint_that_names_it(term):
+    cause, level = RIVALS[term]
+    false = hints = covered = 0
+    for seed in range(8):
+        found = jaxcal.noise.fit(drawn(level, seed), RATE)
+        false += found.verdict[term] == "present"
+        covered += found.interval["N"][0] <= 1.0 <= found.interval["N"][1]
+        if notes := [note for note in found.notes if note.startswith(f"{term} is a hint at most")]:
+            hints += 1
+            assert cause in notes[0]
+            assert found.verdict[term] == "hint"
+            assert found.interval[term][0] == 0.0
+    assert false <= 2  # in 3 % of records twice as long
+    assert hints >= 2
+    assert covered >= 6  # of 8 at 95 %
+
+
 @pytest.mark.long
 def test_noise_of_the_model_alone_has_no_other_cause():
     truth = jaxcal.noise.Noise(N=0.25 / 60, B=7.6 / 3600, K=1.8 / 3600)

@@ -63,7 +63,9 @@ def test_minimum_and_limits_equal_those_of_a_general_minimiser(seed):
         for end, value in ends.items():
             if value > 0:
                 level = scipy.stats.norm.ppf(0.95) ** 2 if end == "upper" else scipy.stats.chi2.ppf(0.95, 1)
-                assert 2 * (least(starts, (i, value)).min() - lowest) == pytest.approx(level, abs=0.02)
+                ratio = 2 * (least(starts, (i, value)).min() - lowest)
+                # the interval of N reaches to that of another model of the slow noise, where the record does not exclude it
+                assert level - 0.02 <= ratio <= level + (0.5 if term == "N" else 0.02)
         rise = 2 * (least(starts, (i, 0.0)).min() - lowest)
         assert rise == pytest.approx(float(fit.significance[term]), abs=0.02, rel=1e-3)
         assert (fit.interval[term][0] == 0.0) == (rise <= scipy.stats.chi2.ppf(0.95, 1))
@@ -211,19 +213,21 @@ def test_a_log_that_carries_temperature_is_tested_for_it(record):
 
 
 def test_jit_vmap_and_derivative():
-    records = np.stack([CASE_A.simulate(1 << 13, RATE, seed=s) for s in range(3)])
-    plain = [jaxcal.noise.fit(y, RATE).noise.N for y in records]
-    both = jax.jit(jax.vmap(lambda y: jaxcal.noise.fit(y, RATE).noise.N))(jnp.asarray(records))
-    np.testing.assert_allclose(both, plain, rtol=1e-6)
+    """Values and derivatives of two records, in one program."""
+    records = np.stack([CASE_A.simulate(1 << 13, RATE, seed=s) for s in range(2)])
 
     def coefficients(y):
         noise = jaxcal.noise.fit(y, RATE).noise
-        return jnp.stack([jnp.asarray(noise.N), jnp.asarray(noise.B)])
+        found = jnp.stack([jnp.asarray(noise.N), jnp.asarray(noise.B)])
+        return found, found
 
+    slopes, both = jax.jit(jax.vmap(jax.jacrev(coefficients, has_aux=True)))(jnp.asarray(records))
+    plain = [jaxcal.noise.fit(y, RATE).noise for y in records]
+    np.testing.assert_allclose(both, [(noise.N, noise.B) for noise in plain], rtol=1e-6)
     direction, step = np.random.default_rng(0).normal(size=1 << 13) * 1e-3, 1e-3
-    slope = jax.jit(jax.jacrev(coefficients))(jnp.asarray(records[0])) @ direction
-    finite = (coefficients(records[0] + step * direction) - coefficients(records[0] - step * direction)) / (2 * step)
-    np.testing.assert_allclose(slope, finite, rtol=1e-3)
+    for y, slope in zip(records, slopes, strict=True):
+        up, down = (np.array(coefficients(y + sign * step * direction)[0]) for sign in (1, -1))
+        np.testing.assert_allclose(slope @ direction, (up - down) / (2 * step), rtol=1e-4)
 
 
 def test_in_float32_it_is_close():

@@ -1,4 +1,4 @@
-"""Chromium without a window, spoken to over the pipe of its DevTools protocol; nothing beside the browser is needed."""
+"""Control a headless Chromium over the pipe of its DevTools protocol; this needs no package besides the browser."""
 
 import base64
 import contextlib
@@ -22,18 +22,18 @@ _START = "import os, sys; os.dup2(int(sys.argv[1]), 3); os.dup2(int(sys.argv[2])
 
 
 def executable():
-    """Path of a browser; None where there is none."""
+    """Path of an installed browser, or None."""
     return next((found for name in NAMES if (found := shutil.which(name))), None)
 
 
 class Browser:
-    """One tab of one browser."""
+    """A running browser with one tab."""
 
     def __init__(self, path):
         self._stack = contextlib.ExitStack()
         profile = self._stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
         (read_there, self._to), (self._from, write_there) = os.pipe(), os.pipe()
-        # the protocol's pipes are descriptors 3 and 4 of the browser; above 9 they cannot be in the way of these
+        # the browser expects the pipes of the protocol as descriptors 3 and 4; until then they have numbers that cannot collide
         ends = [fcntl.fcntl(end, fcntl.F_DUPFD, 10) for end in (read_there, write_there)]
         self._process = subprocess.Popen(
             [sys.executable, "-IS", "-c", _START, *map(str, ends), path, *_FLAGS, f"--user-data-dir={profile}", "about:blank"],
@@ -55,7 +55,7 @@ class Browser:
             self.call(f"{part}.enable")
 
     def close(self):
-        """End the browser, and take its profile away."""
+        """End the browser and delete its profile."""
         with contextlib.suppress(Exception):
             self._session = None
             self.call("Browser.close", timeout=5)
@@ -69,7 +69,7 @@ class Browser:
         self._stack.close()
 
     def call(self, method, timeout=30, **arguments):
-        """A command of the protocol, and what it returns."""
+        """Send a command of the protocol and return its result."""
         self._count += 1
         message = {"id": self._count, "method": method, "params": arguments}
         if self._session is not None:
@@ -97,7 +97,7 @@ class Browser:
         return json.loads(message)
 
     def open(self, url):
-        """Load a page, and forget what was told of the one before."""
+        """Load a page and discard the messages of the page before."""
         self.events = []
         self.call("Page.navigate", url=url)
         deadline = time.monotonic() + 30
@@ -110,14 +110,14 @@ class Browser:
         self.call("Emulation.setEmulatedMedia", media=media, features=[{"name": "prefers-color-scheme", "value": scheme}])
 
     def run(self, script):
-        """Value of a JavaScript expression on the page."""
+        """Evaluate a JavaScript expression on the page."""
         found = self.call("Runtime.evaluate", expression=script, returnByValue=True)
         if "exceptionDetails" in found:
             raise RuntimeError(str(found["exceptionDetails"]))
         return found["result"].get("value")
 
     def complaints(self):
-        """Errors, warnings and requests since the page was opened."""
+        """Errors, warnings and network requests since the page was opened."""
         told = []
         for event in self.events:
             what = event["params"]
@@ -132,6 +132,6 @@ class Browser:
         return told
 
     def picture(self, path):
-        """The whole page as PNG."""
+        """Save the whole page as PNG."""
         found = self.call("Page.captureScreenshot", captureBeyondViewport=True, format="png")
         path.write_bytes(base64.b64decode(found["data"]))

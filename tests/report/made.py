@@ -1,4 +1,4 @@
-"""One result of every kind with its log: most made by hand, since what a page looks like does not need a fit."""
+"""One result of every kind with its log. Most are written by hand, since a test of the page needs no real fit."""
 
 import pathlib
 import runpy
@@ -17,7 +17,7 @@ EVIL = "<script>alert('x')</script>"
 
 
 def noise():
-    """Six channels with warnings, and the log of three of them, whose name is long."""
+    """Noise results of six channels with warnings, and a log with a long name that has three of them."""
     results = _NOISE["made_results"]()
     left_out = ("0.005 to 0.01 s: the model does not hold there",)
     results["gyro_y"] = _NOISE["made_fit"](2.0, warnings=(f"a warning & {EVIL}",), left_out=left_out)
@@ -28,14 +28,14 @@ def noise():
 
 
 def thermal():
-    """A jump, as the fit finds it, on two sensors."""
+    """Thermal fits of two sensors with a jump."""
     made = jaxcal.temperature.simulate(seed=1)
     found = jaxcal.temperature.fit(made.temperature, made.bias)
     return {"gyro_x": found, "gyro_y": found, "accel_x": found}, None
 
 
 def imu():
-    """Twenty poses, nineteen turns; some entries fixed by the convention."""
+    """A calibration from twenty poses and nineteen turns; the convention fixes some elements."""
     rng = np.random.default_rng(1)
     gyro = Triad(np.eye(3) + 0.01 * rng.normal(size=(3, 3)), 0.01 * rng.normal(size=3), 1e-5 * rng.normal(size=(3, 3)))
     accel = Triad(np.triu(gyro.matrix), 10 * gyro.bias)
@@ -55,7 +55,7 @@ def imu():
 
 
 def mag():
-    """All attitudes with noise."""
+    """A magnetometer fit of noisy readings in all attitudes."""
     rng = np.random.default_rng(0)
     m = body_field(scenario("all"), 50e-6) + [2e-5, -1e-5, 0] + 3e-7 * rng.normal(size=(360, 3))
     return jaxcal.magnetometer.fit(m), Log(None, mag=m, rate=50.0)
@@ -90,7 +90,7 @@ def joint():
 
 
 def north():
-    """Six positions, one of them with another mounting, one reading missing; a scale error that its prior decides."""
+    """North finding from six positions: one has another mounting, one reading is missing, and a prior alone determines a scale error."""
     where = Positions(np.deg2rad([0.0, 90, 180, 270, 0, 45]), mounting=("x", "x", "x", "x", "z", "x"))
     angles, latitude = np.array([0.035, -0.017, 0.7]), 0.6
     made = simulate(where, angles, latitude, accel=Sensor(white=5e-4), gyro=Sensor(white=3e-6))
@@ -111,13 +111,13 @@ def north():
 
 
 def allan():
-    """Deviations of two channels, and the log."""
+    """Allan deviations of two channels, and the log."""
     log = noise()[1]
     return {name: jaxcal.allan.deviation(values, log.rate) for name, values in list(log.channels().items())[:2]}, log
 
 
 def psd():
-    """Every ordinate of a spectrum, with a line among them."""
+    """A spectrum that is not averaged and contains a spectral line."""
     log = noise()[1]
     values = log.gyro[:, 0] + 5 * np.sin(2 * np.pi * 40 * log.time)
     return {"gyro_x": jaxcal.spectrum.density(np.tile(values, 8), log.rate, average=None)}, log

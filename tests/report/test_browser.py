@@ -1,4 +1,4 @@
-"""Every kind of page in a real browser: wide and narrow, light and dark, and on paper."""
+"""Every kind of page in a real browser: in wide and narrow windows, light and dark, and in print."""
 
 import csv
 import json
@@ -15,7 +15,7 @@ from . import browser, made
 
 SCRIPT = (pathlib.Path(__file__).parent / "look.js").read_text(encoding="utf-8")
 LOOKS = [(1280, "light", "screen"), (1280, "dark", "screen"), (390, "light", "screen"), (360, "dark", "screen"), (680, "dark", "print")]
-#: pieces of text in the figures; those of a page with curves to explore are drawn on a canvas, and are text on paper
+#: least number of texts in the figures; interactive charts draw theirs on a canvas, except in print
 LEAST = {"noise": 0, "allan": 0, "psd": 0, "thermal": 0, "imu": 0, "mag": 20, "joint": 0, "north": 0, "device": 20}
 
 
@@ -44,11 +44,11 @@ def pages(results, tmp_path_factory):
 
 
 def looked_at(tab, width, scheme, media):
-    """What the script finds with everything opened; paper opens it by itself."""
+    """Findings of look.js with all details opened; in print the page opens them itself."""
     tab.look(width, scheme, media)
     tab.run(f"document.querySelectorAll('details').forEach((d) => {{ d.open = {str(media == 'screen').lower()} }})")
     if tab.run("document.querySelectorAll('.views').length"):
-        settled(tab)  # charts take their new width
+        settled(tab)  # until the charts have their new width
     return tab.run(SCRIPT)
 
 
@@ -60,7 +60,7 @@ def test_page(tab, pages, kind):
         assert found["wrong"] == [], look
         assert found["letters"] >= LEAST[kind], look
         assert found["letters"] > 12 or look[2] == "screen", look
-        # the letters of a dark page would be unreadable on paper
+        # a dark page must be printed on a light background
         assert (max(found["paper"][:3]) < 50) == (look[1] == "dark" and look[2] == "screen"), look
     assert tab.complaints() == []
 
@@ -115,7 +115,7 @@ SUM = """(() => {  // changes with every pixel of a chart
 
 
 def pixels(tab, script, number):
-    """What a script finds in the pixels of a chart."""
+    """Result of a script that is applied to the pixels of a chart."""
     copy = (
         f"(() => {{ const chart = document.querySelectorAll('.chart canvas')[{number}], copy = document.createElement('canvas');"
         "[copy.width, copy.height] = [chart.width, chart.height]; const to = copy.getContext('2d', {willReadFrequently: true});"
@@ -132,7 +132,7 @@ def noise_page(tab, pages):
 
 
 def chart(tab, number):
-    """Left, top, width and height of what a chart shows, in the window."""
+    """Left, top, width and height of a chart's plotting area in the window."""
     return tab.run(
         f"(() => {{ const over = document.querySelectorAll('.chart .u-over')[{number}]; over.scrollIntoView({{block: 'center'}});"
         "const box = over.getBoundingClientRect(); return [box.left, box.top, box.width, box.height]; })()"
@@ -145,7 +145,7 @@ def hover(tab, number, across, kind="mouseMoved"):
 
 
 def settled(tab):
-    """Let what is drawn in the next frame be drawn."""
+    """Wait until the browser has drawn the next frame."""
     tab.call("Runtime.evaluate", expression="new Promise((r) => requestAnimationFrame(() => requestAnimationFrame(r)))", awaitPromise=True)
 
 
@@ -161,7 +161,7 @@ def test_the_pointer_reads_values_with_intervals_in_all_views(noise_page):
     index = int(abs(deviation.tau - tau).argmin())
     expected = [np.rad2deg(getattr(deviation, key)[index]) * 3600 for key in ("deviation", "lower", "upper")]
     assert [value, low, high] == pytest.approx(expected, rel=0.02)
-    assert float(spectrum.split()[2]) == pytest.approx(0.5 / tau, rel=0.5)  # the same place of the spectrum
+    assert float(spectrum.split()[2]) == pytest.approx(0.5 / tau, rel=0.5)  # the spectrum shows the corresponding frequency
     assert "(°/h)²/Hz" in spectrum
     assert "expected" in residual
     assert "Move over" in signal
@@ -204,7 +204,7 @@ def test_zoom_is_common_to_views_of_one_abscissa(noise_page):
     settled(tab)
     zoomed = [pixels(tab, SUM, number) for number in (1, 2)]
     assert zoomed[0] != before[0]
-    assert zoomed[1] != before[1]  # the residual follows the spectrum
+    assert zoomed[1] != before[1]  # the chart of the residual zooms with the spectrum
     tab.run(f"document.querySelectorAll('.zoom button')[{names.index('Show all, Residual of the fit')}].click()")
     settled(tab)
     assert [pixels(tab, SUM, number) for number in (1, 2)] == before
@@ -314,7 +314,7 @@ def test_residuals_of_poses_are_explored(tab, pages, results):
     first = -1e3 * results["imu"][0].residual_norm[0]
     assert tab.run(SAID.format(0)).startswith("Pose: 1.000 norm ")
     assert float(re.search(r"norm (-?[\d.]+) mm/s²", tab.run(SAID.format(0)))[1]) == pytest.approx(first, rel=1e-3)
-    # another unit, and one axis of three switched off
+    # change the unit, and switch off one of three axes
     tab.run(FIGURE.format(2) + ".querySelector('select').value = 1")
     tab.run(FIGURE.format(2) + ".querySelector('select').dispatchEvent(new Event('change'))")
     tab.run(FIGURE.format(2) + ".querySelector('.toggle').click()")
@@ -348,7 +348,7 @@ def test_charts_are_zoomed_and_copied(tab, pages):
     assert pixels(tab, SUM, 0) != before
     tab.run(PRESS.format(0, "0"))
     tab.run("navigator.clipboard.writeText = (text) => { window.copied = text; return Promise.resolve(); }")
-    tab.run(FIGURE.format(1) + ".querySelectorAll('.bar button')[2].click()")  # CSV, behind two switches
+    tab.run(FIGURE.format(1) + ".querySelectorAll('.bar button')[2].click()")  # the button CSV follows two switches
     rows = list(csv.DictReader(tab.run("window.copied").splitlines()))
     assert {row["curve"] for row in rows} == {"x, read", "x, model", "z, read"}
     assert {row["unit"] for row in rows} == {"deg/h"}

@@ -1,4 +1,4 @@
-"""The report as a page, and the JSON document of the noise."""
+"""The HTML report, and the JSON document of noise results."""
 
 import base64
 import hashlib
@@ -25,7 +25,7 @@ EVIL = "<script>alert('x')</script>"
 
 
 class Page(html.parser.HTMLParser):
-    """What a page holds; fails where an element is not closed, or closed by another's end."""
+    """Contents of an HTML page; parsing fails if an element is not closed or has the end tag of another."""
 
     def __init__(self, text):
         super().__init__(convert_charrefs=True)
@@ -157,7 +157,7 @@ def test_verdict_comes_first_and_is_complete(text):
 
 def test_figures_say_what_they_show_and_have_their_numbers(text):
     page = Page(text)
-    # of each sensor the Allan deviation; the log knows three axes of one: their spectrum, residual and signal
+    # an Allan deviation for each sensor; the log has one of them, for which there are also spectrum, residual and signal
     assert page.tags.count("svg") == page.values("role").count("img") == 2 + 3
     assert page.tags.count("details") >= 7
     fit = made_fit(1.0)
@@ -188,7 +188,7 @@ def test_provenance_and_summary(text, log):
     assert f"jaxcal {jaxcal.__version__}" in page.text
     assert "edf, terms Q N B K, 95 % intervals" in page.text
     assert " ".join(log.summary().split()) in page.text
-    assert "Options units gyro deg/s" in page.text  # what was not given is left out
+    assert "Options units gyro deg/s" in page.text  # options that were not given are omitted
     head = page.text[: page.text.index("Verdict")]
     assert "File logs/" in head
     assert f"Version jaxcal {jaxcal.__version__}" in head
@@ -312,7 +312,7 @@ def test_noise_document_without_what_is_not_known():
 
 
 def test_from_a_recording_to_every_file(tmp_path):
-    """What the fit returns goes through everything that writes it."""
+    """All functions that write results accept those of a real fit."""
     rate, n = 100.0, 30_000
     gyro = np.stack([jaxcal.noise.Noise(N=1e-4, K=1e-4).simulate(n, rate, seed=i) for i in range(3)], axis=1)
     accel = np.stack([jaxcal.noise.Noise(N=1e-3).simulate(n, rate, seed=i + 3) for i in range(3)], axis=1)

@@ -1,4 +1,4 @@
-"""Records of the specification's simulation, in mdeg/s, and errors of a model against the truth."""
+"""Simulated records of the specification, a smooth record, and errors of a model against the truth in mdeg/s."""
 
 import numpy as np
 
@@ -8,13 +8,13 @@ MDEG = np.deg2rad(1e-3)
 
 
 def pair(jump, seed, thermometer=0.02):
-    """A training ramp and an independent test ramp."""
+    """Simulate a training ramp and an independent test ramp with a jump in deg/s."""
     random = np.random.default_rng(seed)
     return tuple(simulate(jump=np.deg2rad(jump), thermometer=thermometer, seed=random) for _ in range(2))
 
 
 def errors(model, test, jump):
-    """rms, rms in 24-25 degC and largest error on the test ramp, median removed, mdeg/s."""
+    """Rms error, rms error in 24-25 degC and largest error on the test ramp, without their median, mdeg/s."""
     t = test.true_temperature
     off = (model.curve.value(np.clip(t, model.low, model.high)) - reference_bias(t, np.deg2rad(jump))) / MDEG
     off = off - np.median(off)
@@ -23,7 +23,7 @@ def errors(model, test, jump):
 
 
 def smooth_record(n=1500, degree=2, seed=0, low=10.0, high=40.0, noise=1e-4):
-    """(temperature, bias, truth) of a polynomial with white noise."""
+    """Temperature, bias and true bias of a polynomial with white noise."""
     t = np.linspace(low, high, n)
     truth = np.polynomial.polynomial.polyval((t - 25) / 15, [0.01, 0.004, -0.002, 0.001][: degree + 1])
     return t, truth + noise * np.random.default_rng(seed).standard_normal(n), truth

@@ -1,4 +1,4 @@
-"""Jumps, hysteresis, rate of change and intervals on records made outside of the package; benchmarks/temperature.py has hundreds."""
+"""Jumps, hysteresis, rate of change and intervals on simulated records, of which benchmarks/temperature.py runs hundreds."""
 
 import importlib.util
 import pathlib
@@ -15,7 +15,7 @@ _PLACE = pathlib.Path(__file__).resolve().parents[2] / "benchmarks" / "_thermal.
 
 @pytest.fixture(scope="module")
 def made():
-    """The module with the records."""
+    """The module benchmarks/_thermal.py, which simulates and evaluates records."""
     spec = importlib.util.spec_from_file_location("thermal_records", _PLACE)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -33,7 +33,7 @@ def test_polynomials_leave_what_the_table_of_the_specification_says(degree, row)
 
 @pytest.mark.parametrize("jump", [0.3, 0.02, 0.0])
 def test_a_ramp_with_a_jump_is_followed(jump):
-    """Rms, rms in the degree of the jump and largest error, mdeg/s, of one record; the walks of the two ramps are about 0.6 of it."""
+    """One record stays below limits for rms, rms near the jump and largest error, mdeg/s; random walks of the ramps cause about 0.6."""
     train, test = pair(jump, 4)
     found = fit(train.temperature, train.bias, time=train.time)
     assert (errors(found.model, test, jump) < [1.5, 3.0, 6.0]).all()
@@ -46,7 +46,7 @@ def test_a_ramp_with_a_jump_is_followed(jump):
 
 @pytest.mark.long
 def test_ramps_with_a_jump_of_300_mdeg_s_are_followed():
-    """In the mean of 12 records below 0.7 and 2, where the thermometer's noise of 0.02 degC costs 19 mdeg/s a sample on the jump."""
+    """The mean errors of 12 records are below 0.7 and 2 mdeg/s, although on the jump the thermometer's noise changes a sample by 19."""
     found = []
     for seed in range(12):
         train, test = pair(0.3, seed)
@@ -64,7 +64,11 @@ def test_one_jump_is_one_jump(made, case, count):
 @pytest.mark.long
 @pytest.mark.parametrize("case", ["none", "one", "two"])
 def test_jumps_of_many_records(made, case):
-    """At one in 300 the probability of 2 phantoms or more of 8 is 0.0003; of less than 6 of 8 heights inside at 95 %, 0.006."""
+    """The limits on false jumps and on heights outside their intervals are rarely exceeded by chance.
+
+    At one false jump in 300 records, 2 or more in 8 records have a probability of 0.0003. At a coverage of 95 %, fewer than 6 of 8
+    heights within their intervals have a probability of 0.006.
+    """
     excess, inside = zip(*(made.counted(case, run) for run in range(8)), strict=True)
     assert sum(one > 0 for one in excess) <= 1
     assert case == "none" or np.mean([one for run in inside for one in run]) >= 0.75
@@ -73,7 +77,7 @@ def test_jumps_of_many_records(made, case):
 def test_an_effect_of_the_rate_of_change_is_found(made):
     static, found = made.rate(0)
     assert static > 4.0
-    assert found < 0.2  # of one record; below 0.1 in the mean
+    assert found < 0.2  # limit for one record; the mean of many is below 0.1
 
 
 def test_a_lag_is_found_with_a_noisy_thermometer(made):
@@ -97,7 +101,7 @@ def test_the_true_hysteresis_is_found(lag, play):
 @pytest.mark.long
 @pytest.mark.parametrize("random", [False, True])
 def test_flicker_and_walk_of_the_sensor(made, random):
-    """No worse than the best of the others by more than chance lets 8 records show; intervals hold truth and next cycle."""
+    """The model "auto" is as good as the best other model to within the scatter of 8 records; intervals contain truth and next cycle."""
     runs = [made.compared(run, random) for run in range(8)]
     rms = {name: np.sqrt(np.mean([errors[name] ** 2 for errors, _, _ in runs])) for name in runs[0][0]}
     assert rms["auto"] < 1.2 * min(rms.values())

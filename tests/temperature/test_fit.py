@@ -1,4 +1,4 @@
-"""`fit`: numpy's and scipy's own answers, choices, uncertainty, and data that allow no answer."""
+"""`fit` against NumPy: model choices, uncertainty, derivatives, and data that are refused."""
 
 import itertools
 from typing import Any
@@ -44,7 +44,7 @@ def test_the_table_goes_through_the_means():
 
 
 def test_the_curve_is_the_polynomial_where_the_truth_is_one():
-    """A straight line has no other freedom; a cubic is followed to the noise."""
+    """The automatic model reproduces a straight line and a cubic to the noise."""
     t, b, truth = smooth_record(degree=1)
     assert len(fit(t, b).model.curve.coefficients) <= 41
     np.testing.assert_allclose(fit(t, b).model.bias_at(t), truth - truth.mean() + b.mean(), atol=2e-5)
@@ -54,7 +54,7 @@ def test_the_curve_is_the_polynomial_where_the_truth_is_one():
 
 @pytest.mark.parametrize(("ends", "one"), [((24, 45, 20, 30), False), ((24, 45), True)])
 def test_ramps_are_counted_between_turning_points(ends, one):
-    """Noise of the thermometer makes no ramp of its own."""
+    """The noise of the thermometer is not counted as additional ramps."""
     t = np.concatenate([np.linspace(start, stop, 300) for start, stop in itertools.pairwise(ends)])
     rng = np.random.default_rng(0)
     found = fit(t + 0.05 * rng.normal(size=len(t)), 1e-3 * t + 1e-3 * rng.normal(size=len(t)))
@@ -70,7 +70,7 @@ def test_a_ramp_with_the_noise_of_its_thermometer_has_no_outliers():
 
 
 def test_several_cycles_and_devices_share_one_fit():
-    """Each cycle has a level of its own, whose spread widens the prediction; each device has its own curve."""
+    """Each cycle has its own level, and the spread of the levels widens the prediction; each device has its own curve."""
     rng, time = np.random.default_rng(1), np.arange(2000.0)
     t = 30 + 8 * np.sin(2 * np.pi * time / 2000)
     levels = [0.0, 0.4, -0.3, 0.2]
@@ -107,7 +107,7 @@ def test_intervals_hold_the_truth_of_a_smooth_curve():
         found = fit(t, b, model="polynomial", degree=3)
         low, high = found.interval_at(t[::40])
         covered.append((low <= truth[::40]) & (truth[::40] <= high))
-    # white noise: the walk that the interval allows for is absent, so they are too wide, never too narrow; standard error 0.03
+    # the noise is white and has no random walk, for which the intervals allow: they are too wide; the share has an error of 0.03
     assert np.mean(covered) > 0.9
     assert np.diff(found.interval_at(t[300]))[0] < 6 * 1e-4 * np.sqrt(4 / 600) * 2
 
@@ -235,18 +235,16 @@ def jumping(n=600):
 @pytest.mark.parametrize("options", [{"model": "polynomial", "degree": 3}, {"model": "table"}, {"model": JUMP}])
 def test_a_given_form_is_traced_mapped_and_differentiable(options):
     t, b = jumping()
-    host = fit(t, b, **options).model.bias_at(AT)
 
     def values(t, b):
         return fit(t, b, **options).model.bias_at(jnp.asarray(AT))
 
     along = 1e-6 * np.random.default_rng(1).normal(size=len(b))
     many = np.stack([b, b + along / 2, b - along / 2])
-    found, slope = jax.jit(lambda t, b, v: jax.jvp(lambda b: values(t, b), (b,), (v,)))(t, b, along)
-    np.testing.assert_allclose(found, host, rtol=1e-9)
-    mapped = jax.jit(jax.vmap(lambda b: values(t, b)))(many)
+    # values and slopes share one program, since each compilation takes seconds
+    mapped, slopes = jax.jit(jax.vmap(lambda b: jax.jvp(lambda b: values(t, b), (b,), (along,))))(many)
     np.testing.assert_allclose(mapped, [fit(t, one, **options).model.bias_at(AT) for one in many], rtol=1e-9)
-    np.testing.assert_allclose(slope, mapped[1] - mapped[2], rtol=1e-4)
+    np.testing.assert_allclose(slopes[0], mapped[1] - mapped[2], rtol=1e-4)
 
 
 @pytest.mark.parametrize("options", [{"model": "polynomial", "degree": 3}, {"model": "table"}, {"model": JUMP}])
@@ -255,25 +253,26 @@ def test_a_given_form_responds_to_temperatures_lag_and_play_as_finite_difference
     t = 25 + 14 * np.sin(time / 150) + 0.01 * rng.normal(size=900)
     felt = played(lagged(t, 1.0, 20.0), 0.3)
     b = 0.01 + 0.004 * (felt - 25) / 15 + 0.005 / (1 + np.exp(-(felt - 24.5) / 0.3)) + 1e-4 * rng.normal(size=900)
-    #: what changes -> a step that moves no sample into another bin
+    #: argument -> a step so small that no sample changes its bin
     steps = {"temperature": 1e-7 * rng.normal(size=900), "lag": 1e-6, "play": 1e-7}
 
-    @jax.jit
     def values(change):
         held = {"lag": 20.0 + change["lag"], "play": 0.3 + change["play"]}
-        return fit(t + change["temperature"], b, time=time, **held, **options).model.bias_at(jnp.asarray(AT))
+        found = fit(t + change["temperature"], b, time=time, **held, **options).model.bias_at(jnp.asarray(AT))
+        return found, found
 
-    none = jax.tree.map(np.zeros_like, steps)
-    # the host averages the record to seconds first
-    np.testing.assert_allclose(values(none), fit(t, b, time=time, lag=20.0, play=0.3, **options).model.bias_at(AT), rtol=1e-3)
-    slopes = jax.jit(jax.jacrev(values))(none)
+    # values and slopes share one program, since its compilation takes seconds
+    both, none = jax.jit(jax.jacrev(values, has_aux=True)), jax.tree.map(np.zeros_like, steps)
+    slopes, plain = both(none)
+    # without tracing, `fit` averages the record to seconds first
+    np.testing.assert_allclose(plain, fit(t, b, time=time, lag=20.0, play=0.3, **options).model.bias_at(AT), rtol=1e-3)
     for name, step in steps.items():
-        up, down = (values(none | {name: sign * step}) for sign in (0.5, -0.5))
+        up, down = (both(none | {name: sign * step})[1] for sign in (0.5, -0.5))
         np.testing.assert_allclose(np.reshape(slopes[name], (2, -1)) @ np.ravel(step), up - down, rtol=1e-4, atol=1e-16, err_msg=name)
 
 
 class Sine(AbstractCurve):
-    """A curve that the package does not know."""
+    """A user-defined curve."""
 
     line: Chebyshev
     amplitude: Any

@@ -1,1 +1,1 @@
-"""Sums behind the deviations: phase from rates, squared differences by blocks or correlations, statistics of whole stretches."""
+"""Sums for the deviations: phase from rates, squared differences by blocks or correlations, statistics of whole stretches."""

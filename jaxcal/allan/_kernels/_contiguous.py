@@ -1,4 +1,4 @@
-"""The statistics that need a stretch without gaps (total, Theo1) or its extremes (mtie), on the host."""
+"""Statistics that need a stretch without gaps (total, Theo1) or extremes in windows (mtie), on the host."""
 
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -15,10 +15,10 @@ from ._total import reflected_record, total_sum, window_sum
 
 
 def measure_whole(columns, missing: list, sizes, statistic: Kind, rate: float, data: str, alpha):
-    """Sums, counts and noise types, (clusters, channels), and a sentence for every channel of which a part was used.
+    """Sums, counts and noise types, (clusters, channels), and a sentence for every channel of which only a part was used.
 
-    `columns` are (points, channels) samples of rate or of phase; `missing` says for every channel where it is NaN, or is None without a
-    gap; `alpha` is the noise type, instead of the one identified.
+    `columns` holds (points, channels) samples of rate or of phase. `missing` has one entry per channel: where the channel is NaN, or None
+    without gaps. `alpha` is the noise type, or None to identify it.
     """
     order = np.argsort(sizes, kind="stable")
     ascending, channels = sizes[order], columns.shape[1]
@@ -36,7 +36,7 @@ def measure_whole(columns, missing: list, sizes, statistic: Kind, rate: float, d
 
 
 def _stretch(column, gone, sizes, statistic: Kind, rate: float, data: str, identified: bool, name: str):
-    """One channel of a statistic that needs an unbroken stretch: of a record with gaps the longest, the first of equals."""
+    """One channel of a statistic that needs an unbroken stretch; in a record with gaps, the longest stretch (the first if several)."""
     told = ""
     if gone is not None:
         edges = np.flatnonzero(np.diff(np.concatenate([[True], gone, [True]])))
@@ -62,7 +62,7 @@ def _stretch(column, gone, sizes, statistic: Kind, rate: float, data: str, ident
             total[i] = theo1_sum(theta, m)
         elif statistic.modified:
             total[i] = window_sum(theta, m)
-        elif m == 1:  # a window of one sample each way has no line to take off: the plain statistic, as NIST SP 1065 has it
+        elif m == 1:  # a window of one sample per cluster has no line to remove: NIST SP 1065 uses the plain statistic
             total[i] = np.sum(np.diff(x, 2) ** 2)
         else:
             total[i] = window_sum(x, m)
@@ -73,12 +73,12 @@ def _stretch(column, gone, sizes, statistic: Kind, rate: float, data: str, ident
 
 
 def effective_sizes(sizes, statistic: Kind):
-    """Cluster sizes at which a plain statistic averages as long."""
+    """Cluster sizes at which a plain statistic averages over the same time."""
     return np.maximum(np.round(0.75 * sizes), 1).astype(np.int64) if statistic.family == "theo1" else sizes
 
 
 def _phase_and_rate(column, rate: float, data: str, statistic: Kind):
-    """Phase in samples less its constant, or the line through its ends, and for three samples the rate."""
+    """Phase in samples minus its first value, or minus the line through its ends; with it the rate for three-sample statistics."""
     if data == "rate":
         theta = np.empty(len(column) + 1)
         integrate(column, theta, 1)
@@ -89,7 +89,7 @@ def _phase_and_rate(column, rate: float, data: str, statistic: Kind):
 
 
 def _extremes(column, gone, sizes, statistic: Kind, rate: float, data: str, identified: bool, name: str):
-    """One channel of mtie: over windows without a gap."""
+    """One channel of mtie, over windows without gaps."""
     del name
     lost = marks = None
     if gone is not None:
@@ -106,15 +106,15 @@ def _extremes(column, gone, sizes, statistic: Kind, rate: float, data: str, iden
 def _ranges(
     theta: Float[np.ndarray, " points"], m: Int[np.ndarray, " clusters"], lost: Int[np.ndarray, " reach"] | None, less: int
 ) -> tuple[Float[np.ndarray, " clusters"], Int[np.ndarray, " clusters"]]:
-    """Greatest range of m + 1 successive phase points, and the number of windows free of gaps, at ascending cluster sizes.
+    """Largest range of m + 1 successive phase points, and number of windows free of gaps, at ascending cluster sizes.
 
     ITU-T G.810, 1996, section II.5; S. Bregni, IEEE Trans. Instrum. Meas. 45, 1996. The extremes of a window of any length are those of
-    two overlapping windows whose length is a power of two; the tables of these are doubled on the way through the cluster sizes.
-    `lost` is the running number of missing samples (None without gaps): where it counts phase points and not rate samples, a window
+    two overlapping windows whose length is a power of two; the tables of these are doubled while going through the cluster sizes.
+    `lost` is the running number of missing samples (None without gaps). If it counts phase points instead of rate samples, a window
     reaches further by `less`, 1.
     """
     low = high = theta
-    length = 1  # points that an entry of the tables spans
+    length = 1  # number of points that an entry of the tables spans
     greatest, counts = np.zeros(len(m)), np.zeros(len(m), dtype=np.int64)
     for i, size in enumerate(int(size) for size in m):
         while 2 * length <= size + 1:
@@ -132,7 +132,7 @@ def _ranges(
 
 
 def refuse_traced(statistic: Kind) -> None:
-    """A clear word where a traced record cannot be served."""
+    """Raise a clear error for a statistic that cannot be traced."""
     if statistic.name in ("mtotdev", "ttotdev", "htotdev", "theo1", "mtie"):
         raise DataError(
             f"{statistic.name} is computed on the host: it can be neither differentiated, nor batched by vmap, nor compiled by jit. Of a "

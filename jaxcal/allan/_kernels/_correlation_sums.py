@@ -1,12 +1,12 @@
-"""Sums of squared differences at very many cluster sizes: from correlations, or strided.
+"""Sums of squared differences at very many cluster sizes, from correlations.
 
 A sum of squared differences over K starting points is a combination of sums of x_k x_{k+m}, x_k x_{k+2m}, ... . Over a window
-these are one correlation, less the products that fall off its two ends: sums over ranges that grow with m, which
-`_half_range` finds for all m at once. A record of n samples then takes O(n log^2 n) for all n/2 cluster sizes, not O(n^2).
+these are one correlation minus the products that fall off its two ends. Those are sums over ranges that grow with m, which
+`_half_range` computes for all m at once. A record of n samples then takes O(n log^2 n) for all n/2 cluster sizes, not O(n^2).
 
-The products are as large as x^2, the result may be far smaller. So x is cut into windows in proportion to m, and each loses
-the polynomial that the difference does not see: its line, or, for the running sum of phase, its parabola. What rounding can
-still do is estimated, and cluster sizes for which it could matter are summed directly.
+The products are as large as x^2, but the result may be far smaller. So x is cut into windows in proportion to m, and each window loses
+the polynomial to which the difference is blind: its line, or, for the running sum of phase, its parabola. The remaining rounding error
+is estimated, and cluster sizes for which it could matter are summed directly.
 """
 
 import functools
@@ -19,18 +19,18 @@ import scipy  # loads its parts when they are first used
 from ..._types import Any
 from .._kinds import Kind
 
-_STEP = 2  # doublings from the smallest to the largest cluster size of a range that shares its windows
-_RATIO = 4  # starting points of a window over the largest cluster size
-_CHUNK = 1 << 18  # points of the windows taken together
-_ROW = 1024  # points of a running sum that are added one by one
-_FEWEST = 64  # differences; cluster sizes with fewer are summed directly
-#: bound on the relative error of a sum beyond which it is formed directly instead
+_STEP = 2  # number of doublings from the smallest to the largest cluster size of a range that shares its windows
+_RATIO = 4  # ratio of the starting points of a window to the largest cluster size
+_CHUNK = 1 << 18  # number of points of the windows that are processed together
+_ROW = 1024  # number of points of a running sum that are added one by one
+_FEWEST = 64  # cluster sizes with fewer differences are summed directly
+#: largest relative error of a sum; where the bound is larger, the sum is formed directly
 LARGEST_ERROR = 1e-8
-#: rounding error of a sum over machine epsilon times the sum of x^2: a few times the largest measured
+#: rounding error of a sum, over machine epsilon times the sum of x^2: a few times the largest measured value
 _ROUNDING = {2: 400.0, 3: 1600.0}
-_ROUNDING_OF_REMOVAL = 100.0  # over its standard deviation
+_ROUNDING_OF_REMOVAL = 100.0  # rounding error over its standard deviation
 
-#: sizes of the triangles that are summed directly; with factors 2, 3 and 5 only, even
+#: sizes of the triangles that are summed directly; they are even and have only the prime factors 2, 3 and 5
 _BASES = (32, 36, 40, 48, 54, 60, 64)
 # weights of the squared difference at lags 0, m, 2m, 3m, and of the products at the two ends as (weight, a, c) of `_half_range`
 _LAGS = {2: (-8.0, 2.0), 3: (-30.0, 12.0, -2.0)}
@@ -39,13 +39,13 @@ _ENDS = {2: ((4.0, 1, 1),), 3: ((18.0, 1, 1), (6.0, 2, 1), (-6.0, 1, 2))}
 
 
 def _size_below(limit: int) -> tuple[int, int]:
-    """Largest base * 2**doublings that is at most `limit` (32 or more), as that pair."""
+    """Largest base * 2**doublings that does not exceed `limit` (32 or more), as the pair (base, doublings)."""
     doublings = (limit // _BASES[0]).bit_length() - 1
     return max(b for b in _BASES if b << doublings <= limit), doublings
 
 
 def _size_above(limit: int) -> tuple[int, int]:
-    """Least base * 2**doublings that is at least `limit`, as that pair."""
+    """Smallest base * 2**doublings that is at least `limit`, as the pair (base, doublings)."""
     doublings = max((limit // _BASES[-1]).bit_length() - 1, 0)
     while _BASES[-1] << doublings < limit:
         doublings += 1
@@ -53,7 +53,7 @@ def _size_above(limit: int) -> tuple[int, int]:
 
 
 def _products(first, second, length: int) -> np.ndarray:
-    """Spectrum of the _products of two arrays at every lag, along the last axis, circular over `length`."""
+    """Spectrum of the products of two arrays at every lag, along the last axis, circular over `length`."""
     spectrum = np.asarray(scipy.fft.rfft(first, length))
     np.conj(spectrum, out=spectrum)
     spectrum *= np.conj(spectrum) if second is first else np.asarray(scipy.fft.rfft(second, length))
@@ -61,12 +61,12 @@ def _products(first, second, length: int) -> np.ndarray:
 
 
 def _at_lags(spectrum, length: int) -> np.ndarray:
-    """The _products of such a spectrum, lag by lag; the spectrum is spoilt."""
+    """The products from such a spectrum, lag by lag; the spectrum is overwritten."""
     return np.asarray(scipy.fft.irfft(spectrum, length, overwrite_x=True))
 
 
 def _fast_length(least: int) -> int:
-    """Length of `least` or a little more whose real FFT is quick."""
+    """Smallest length from `least` on whose real FFT is fast."""
     length: Any = scipy.fft.next_fast_len(least, real=True)
     return int(length)
 
@@ -74,8 +74,8 @@ def _fast_length(least: int) -> int:
 def _half_range(z: np.ndarray, a: int, c: int, base: int, doublings: int) -> np.ndarray:
     """G(m) = sum_{i < a m} z_i z_{i + c m} for m = 0 .. M-1, M = base * 2**doublings, (windows, M).
 
-    The pairs (m, i) fill a triangle: a rectangle of half its height, which is one correlation, and two triangles of half its
-    size. All rectangles of a size are one batch of FFTs; the triangles left at the end, of size `base`, are summed as they stand.
+    The pairs (m, i) fill a triangle. It consists of a rectangle of half its height, which is one correlation, and two triangles of half its
+    size. All rectangles of one size are one batch of FFTs; the remaining triangles, of size `base`, are summed directly.
     z is (windows, (a + c) M or more); c is 1, or 2 with a = 1.
     """
     windows, size = z.shape[0], base << doublings
@@ -83,7 +83,7 @@ def _half_range(z: np.ndarray, a: int, c: int, base: int, doublings: int) -> np.
     near, far = (np.ascontiguousarray(z[:, : reach * size]) for reach in (a, a + c))
     half = size // 2
     while half >= base:
-        # block j: m = 2 half j + half + q, i from 2 a half j on; every c-th lag is kept, so every c-th point is a series of its own
+        # block j: m = 2 half j + half + q, i from 2 a half j on; only every c-th lag is needed, so every c-th point forms a separate series
         split = (windows, size // (2 * half), -1, c)
         first = near.reshape(split)[:, :, : a * half // c]
         second = far.reshape(split)[:, :, half : half + (a + c) * half // c]
@@ -99,12 +99,12 @@ def _half_range(z: np.ndarray, a: int, c: int, base: int, doublings: int) -> np.
 
 
 def _detrended(theta, starts, points: int, kind: Kind) -> tuple[np.ndarray, float]:
-    """Windows of phase, or of its running sum, without the polynomials that the difference does not see, (windows, points).
+    """Windows of phase, or of its running sum, without the polynomials to which the difference is blind, (windows, points).
 
-    With them the sum of the squares that were rounded on the way: those of what the polynomials were still part of.
+    Also returns the sum of the squares that were rounded on the way, which still contain the polynomials.
     """
     z = np.lib.stride_tricks.sliding_window_view(theta, points - 1 if kind.modified else points)[starts]
-    z -= z[:, :1]  # first, so that the fit keeps its digits
+    z -= z[:, :1]  # subtract this first, so that the fit keeps its digits
     rounded = float(np.einsum("ij,ij->", z, z))
     if kind.modified:
         _remove_polynomial(z, 1)
@@ -115,20 +115,20 @@ def _detrended(theta, starts, points: int, kind: Kind) -> tuple[np.ndarray, floa
 
 
 def _remove_polynomial(z, degree: int) -> None:
-    """Takes the least-squares polynomial in time off every row, in place."""
+    """Subtract the least-squares polynomial in time from every row, in place."""
     t = np.linspace(-1.0, 1.0, z.shape[1])
     basis = [np.ones_like(t), t, t**2 - np.mean(t**2)]
     for one in basis[: degree + 1]:
-        # no matrix product: its library would start threads of its own inside ours
+        # do not use a matrix product: its library would start threads of its own inside these
         z -= (np.einsum("ij,j->i", z, one) / np.sum(one * one))[:, None] * one
 
 
 def _running_sum(z) -> np.ndarray:
-    """Sum of the values before each point, (windows, points + 1), in two steps: rounding grows with the root of a row's length."""
+    """Sum of the values before each point, (windows, points + 1), in two steps; rounding then grows with the root of a row's length."""
     windows, points = z.shape
     rows = -(-points // _ROW)
     total = np.zeros((windows, rows * _ROW + 1))
-    inside = total[:, 1:].reshape(windows, rows, _ROW)  # a view
+    inside = total[:, 1:].reshape(windows, rows, _ROW)  # a view of `total`
     total[:, 1 : points + 1] = z
     np.cumsum(inside, axis=2, out=inside)
     inside[:, 1:] += np.cumsum(inside[:, :-1, -1], axis=1)[:, :, None]
@@ -136,7 +136,7 @@ def _running_sum(z) -> np.ndarray:
 
 
 def _ends(z, order: int, base: int, doublings: int) -> np.ndarray:
-    """The products at one end, (windows, M): what the correlations of a window have too much, or lack."""
+    """The products at one end, (windows, M), by which the correlations of a window must be corrected."""
     reach = 3 * base << doublings
     if z.shape[1] < reach:
         z = np.pad(z, ((0, 0), (0, reach - z.shape[1])))
@@ -163,7 +163,7 @@ def _window_sums(z, order: int, base: int, doublings: int, low: int) -> tuple[np
 
 
 def _record_sums(z, rounded: float, order: int, largest: int, low: int) -> list[Callable[[], tuple[np.ndarray, float, float]]]:
-    """The same over all starting points of one record, for m = low .. largest: three calls whose results add up."""
+    """`_window_sums` over all starting points of one record, for m = low .. largest: three calls whose results add up."""
     points, m = z.shape[1], np.arange(low, largest + 1)
 
     def middle():
@@ -187,12 +187,12 @@ def _record_sums(z, rounded: float, order: int, largest: int, low: int) -> list[
 def correlation_sums(theta, m, kind: Kind, workers: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Sums of squared differences at ascending cluster sizes m, (clusters,), and bounds on their relative errors.
 
-    The bound is infinite where the sum is not formed here: the smallest cluster sizes, and those with few differences.
+    The bound is infinite if the sum is not formed here: for the smallest cluster sizes, and for those with few differences.
     """
     order, points = kind.difference, len(theta) + (1 if kind.modified else 0)
     largest = int(m[-1])
     edges = [_FEWEST]
-    widest = points // (2 * (_RATIO + order))  # from here on a window would be more than half the record
+    widest = points // (2 * (_RATIO + order))  # a window for larger cluster sizes would be more than half the record
     if widest >= _FEWEST:
         base, doublings = _size_below(widest)
         edges = [base << k for k in range(doublings % _STEP, doublings + 1, _STEP)]
@@ -229,10 +229,10 @@ def correlation_sums(theta, m, kind: Kind, workers: int = 1) -> tuple[np.ndarray
 
 
 def _relative_error(sums, energy, rounded, m, points: int, kind: Kind, absent) -> np.ndarray:
-    """Bound on the relative error of sums from points whose squares sum to `energy`, to `rounded` before their polynomials left."""
+    """Bound on the relative error of sums, from the sum of squares `energy`, and `rounded` before the polynomials were removed."""
     epsilon = np.finfo(np.float64).eps
-    # What the removal rounds differs from point to point, so that its products with the differences add up like a random walk;
-    # a running sum gathers it likewise, and m steps of that are seen.
+    # The rounding by the removal differs from point to point, so that its products with the differences add up like a random walk.
+    # A running sum accumulates it in the same way, over m steps.
     steps = m if kind.modified else 1
     positive = np.maximum(sums, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):

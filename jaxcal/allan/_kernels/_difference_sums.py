@@ -11,16 +11,16 @@ from jax import lax
 from ..._types import Array, Float, Int
 from ._phase import BLOCK
 
-_ENDS = 64  # sums of a lane that are added one after another
+_ENDS = 64  # number of sums of a lane that are added one after another
 _LANE = 4096  # points per vector operation; BLOCK // _LANE of them are unrolled
-_SHORT_LANE, _UNROLLED = 2112, 4  # the same of a record that stays in the cache; lanes a power of two apart would share cache lines
-_WIDE: dict[str, bool | str] = {"xla_cpu_prefer_vector_width": "512"}  # a quarter quicker where a core has such vectors
+_SHORT_LANE, _UNROLLED = 2112, 4  # the same for a record that stays in the cache; lanes a power of two apart would share cache lines
+_WIDE: dict[str, bool | str] = {"xla_cpu_prefer_vector_width": "512"}  # a quarter faster on cores with such vectors
 
 Parts = tuple[Float[Array, " padded"], ...]
 
 
 def difference_of(parts: Parts, take, order: int):
-    """Difference of `order` of the sum of `parts`, formed from neighbours first so that large values cancel early."""
+    """Difference of `order` of the sum of `parts`, formed from neighbouring points first so that large values cancel early."""
     differences = []
     for part in parts:
         points = [take(part, j) for j in range(order + 1)]
@@ -31,7 +31,7 @@ def difference_of(parts: Parts, take, order: int):
 
 
 def _valid(missing, take, order: int, rule: str, less, m, start):
-    """Which differences touch no missing sample ("span": every sample in reach; "points": the phase points used)."""
+    """Which differences touch no missing sample ("span": every sample in reach; "points": only the phase points used)."""
     if rule == "points":
         used = [take(missing, j) for j in range(order + 1)]
         return sum(used[1:], used[0]) == 0
@@ -53,19 +53,19 @@ def block_sums(
     strided: bool,
     rule: str,
 ) -> tuple[Float[Array, " clusters"], Int[Array, " clusters"]]:
-    """Sum of squared differences, and how many were valid, over the blocks first..last-1 of starting points.
+    """Sum of squared differences, and the number of valid ones, over the blocks first..last-1 of starting points.
 
-    Every cluster size visits a block of starting points before the next block is loaded. `m` is ascending, `count` (number of
-    differences of the whole record) descending: the cluster sizes for which a block is full come first, then those for
-    which it is cut by the end of the record. Both are data: nothing here depends on the length of the record. The differences are
-    those of the sum of `parts` (phase, or high and low part of its running sum), from all starting points or, `strided`, from
-    0, m, 2m, ... For rule "span" `missing` is the number of missing samples before each point, and the reach is by `less` shorter than
-    order * m; for "points" it is 1 where a point is missing.
+    Every cluster size visits a block of starting points before the next block is loaded. `m` is ascending and `count` (number of
+    differences in the whole record) descending. So the cluster sizes for which a block is full come first, then those for which the end
+    of the record cuts it. Both are data: nothing here depends on the length of the record. The differences are those of the sum of
+    `parts` (phase, or high and low part of its running sum), from all starting points or, if `strided`, from 0, m, 2m, ... For rule
+    "span", `missing` is the number of missing samples before each point, and the reach is shorter than order * m by `less`; for rule
+    "points" it is 1 where a point is missing.
     """
     clusters = m.shape[0]
 
     def lane(start, j, limit):
-        """Squares over one lane and which are valid; `limit` cuts it at the end of the record."""
+        """Squares over one lane, and which are valid; `limit` cuts the lane at the end of the record."""
         size = m[j]
 
         def take(array, shift, back=0):
@@ -83,7 +83,7 @@ def block_sums(
             keep = inside if keep is None else keep & inside
         if keep is None:
             return d * d, jnp.ones(_LANE, jnp.int32)
-        # the points beyond the record are arbitrary (they may be NaN): select before squaring
+        # the points beyond the record are arbitrary (they may be NaN), so select before squaring
         d = jnp.where(keep, d, 0.0)
         return d * d, keep.astype(jnp.int32)
 
@@ -132,10 +132,10 @@ def cached_sums(
     order: int,
     strided: bool,
 ) -> Float[Array, " rows"]:
-    """`block_sums` of a record without gaps that stays in the cache as a whole, at the first `clusters` of the cluster sizes.
+    """`block_sums` for a record without gaps that stays in the cache as a whole, at the first `clusters` of the cluster sizes.
 
-    The record is read once for each cluster size. One row of sums then takes the place of one row for every cluster size, which
-    would not stay in the cache. The number of cluster sizes is data too: rows beyond it cost nothing.
+    The record is read once for each cluster size. This needs a single row of sums, where one row for every cluster size would not stay in
+    the cache. The number of cluster sizes is data too: rows beyond it cost nothing.
     """
 
     def cluster(row, sums):
@@ -157,13 +157,13 @@ def cached_sums(
         blocks, last = number // block, number // _SHORT_LANE * _SHORT_LANE
 
         def rest(lanes):
-            """What is left beyond the whole blocks: so many lanes, and the one in which the record ends."""
+            """The squares beyond the whole blocks: this many lanes, and the lane in which the record ends."""
             d = jnp.where(last + jnp.arange(_SHORT_LANE) < number, differences(last), 0.0)
             return d * d + summed(blocks * block, lanes) if lanes else d * d
 
         total = lax.switch((last - blocks * block) // _SHORT_LANE, [functools.partial(rest, lanes) for lanes in range(_UNROLLED)])
         total = lax.fori_loop(0, blocks, lambda i, total: total + summed(i * block, _UNROLLED), total)
-        while len(total) > _ENDS:  # a plain sum waits for every addition
+        while len(total) > _ENDS:  # in pairs, because in a plain sum each addition waits for the one before
             total = total[: len(total) // 2] + total[len(total) // 2 :]
         return sums.at[row].set(jnp.sum(total))
 
@@ -182,10 +182,10 @@ def direct_sums(
     strided: bool,
     rule: str,
 ) -> tuple[Float[Array, " clusters"], Int[Array, " clusters"]]:
-    """The same sums, one cluster size at a time over the whole record: plain, and differentiable in both directions.
+    """The sums of `block_sums`, one cluster size at a time over the whole record: simple, and differentiable in both directions.
 
-    The block kernel's loops run for as long as the data ask, which reverse mode cannot follow. Used where the record is
-    traced, and as the definition that the block kernel is tested against.
+    Reverse mode cannot follow the loops of the block kernel, whose length depends on the data. This function serves traced records, and
+    the block kernel is tested against it.
     """
     points = parts[0].shape[0]
     index = jnp.arange(points)

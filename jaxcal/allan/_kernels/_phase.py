@@ -1,4 +1,4 @@
-"""Phase of a record and its running sum, without loss, and the buckets of length that all kernels share."""
+"""Phase of a record and its running sum without loss of digits, and the buckets of length that all kernels share."""
 
 import itertools
 from collections.abc import Callable
@@ -10,25 +10,25 @@ from jax import lax
 
 from ..._types import Array, Float
 
-#: starting points taken at a time; the padding of every record is this
+#: number of starting points processed at a time, and padding of every record
 BLOCK = 16384
-#: phase points of the longest record that stays in the second-level cache (2 MB)
+#: number of phase points of the longest record that stays in the second-level cache (2 MB)
 IN_CACHE = 1 << 18
 _ROW = 32
-_CHUNK = 1 << 16  # samples that pass through the second-level cache together
-_ONE_BY_ONE = 4096  # samples that are added one after another
+_CHUNK = 1 << 16  # number of samples that pass through the second-level cache together
+_ONE_BY_ONE = 4096  # number of samples that are added one after another
 
 
 def padded_length(samples: int) -> int:
-    """Length of the bucket for a record, a power of two and a block: kernels compile once per bucket, not once per length."""
+    """Padded length for a record, a power of two plus a block: kernels compile once per bucket, not once per length."""
     return max(1 << samples.bit_length(), BLOCK) + BLOCK
 
 
 def integrate(values, out, parts: int, run: Callable = map) -> bool:
-    """Running sum of the values less their mean, from 0, into `out` (one longer): False, with `out` spoilt, if one is not finite.
+    """Running sum of the values minus their mean, from 0, into `out` (one longer); False, with `out` undefined, if one is not finite.
 
-    The mean comes off first, so that the sum stays small: the statistics do not see it, and its digits are not lost. `run`
-    maps a function over `parts` stretches of the record, in threads if it is a pool's.
+    The mean is subtracted first, so that the sum stays small and keeps its digits; the statistics do not depend on it. `run` maps a
+    function over `parts` stretches of the record, in threads if it belongs to a pool.
     """
     rest, edges = out[1:], [len(values) * i // parts for i in range(parts + 1)]
     pieces = [[slice(a, min(a + _CHUNK, stop)) for a in range(start, stop, _CHUNK)] for start, stop in itertools.pairwise(edges)]
@@ -36,9 +36,9 @@ def integrate(values, out, parts: int, run: Callable = map) -> bool:
     def total(part):
         return sum(float(np.add.reduce(np.subtract(values[piece], values[0], out=rest[piece]))) for piece in part)
 
-    if parts == 1:  # what rounding leaves of the mean is a line in the phase
+    if parts == 1:  # the rounding error of the mean is a line in the phase
         first, carries = float(values[0]), [0.0]
-        # with no more binary places than the first value has: then the differences of a coarse record are exact
+        # use no more binary places than the first value has, so that the differences of a coarse record are exact
         mean = first + (float(np.add.reduce(values)) / len(values) - first)
     else:  # between stretches it would be a step
         sums = np.array(list(run(total, pieces)))
@@ -59,10 +59,10 @@ def integrate(values, out, parts: int, run: Callable = map) -> bool:
 
 
 def _running_sum(values) -> np.ndarray:
-    """Running sum of the values, in their place.
+    """Running sum of the values, in place.
 
-    A sum one by one waits for each addition. So pairs are added at once, their running sum is formed in the same way, and a value is
-    taken off where the sum ends in the middle of a pair: 0.4 of the time.
+    In a simple sum each addition waits for the one before. So pairs are added first, their running sum is formed in the same way, and a
+    value is subtracted where the sum ends in the middle of a pair. This takes 0.4 of the time.
     """
     if len(values) <= _ONE_BY_ONE:
         return np.cumsum(values, out=values)
@@ -77,14 +77,14 @@ def _running_sum(values) -> np.ndarray:
 
 
 def _two_sum(a, b):
-    """Sum a + b as the rounded sum and what rounding lost (Knuth, TAOCP 2, 4.2.2)."""
+    """Sum a + b as the rounded sum and its rounding error (Knuth, TAOCP 2, 4.2.2)."""
     total = a + b
     shadow = total - a
     return total, (a - (total - shadow)) + (b - shadow)
 
 
 def _two_product(a, b):
-    """Product a * b as the rounded product and what rounding lost (Dekker 1971, splitting without fused multiply-add)."""
+    """Product a * b as the rounded product and its rounding error (Dekker 1971, splitting without fused multiply-add)."""
     split = 2.0**27 + 1.0 if a.dtype == jnp.float64 else 2.0**12 + 1.0
     split = jnp.asarray(split, a.dtype)
     ca, cb = split * a, split * b
@@ -104,8 +104,8 @@ def double_add(x, y):
 def running_sum_of_phase(theta: Float[Array, " padded"]) -> tuple[Float[Array, " padded"], Float[Array, " padded"]]:
     """C_k = sum_{i<k} theta_i as an unevaluated sum of two numbers (high, low).
 
-    C grows like n^(5/2) on a random walk of rate, and its third difference at m = 1 is of the size of one sample: a single
-    float64 loses it (relative error above 1 at n = 10^7). Within a row the sum is split exactly into
+    C grows like n^(5/2) for a random walk of rate, but its third difference at m = 1 is as small as one sample. A single float64
+    would lose it (relative error above 1 at n = 10^7). Within a row the sum is split exactly into
     C_row + i theta_row + sum (theta - theta_row), whose last part is small.
     """
     rows = theta.reshape(-1, _ROW)
@@ -124,7 +124,7 @@ def running_sum_of_phase(theta: Float[Array, " padded"]) -> tuple[Float[Array, "
 
 
 def aligned(length: int, dtype=np.float64) -> np.ndarray:
-    """Uninitialised array whose address suits JAX, so that handing it over copies nothing."""
+    """Uninitialised array whose address is aligned for JAX, so that JAX can use it without a copy."""
     item = np.dtype(dtype).itemsize
     raw = np.empty(length + 64 // item, dtype)
     return raw[(-raw.ctypes.data // item) % (64 // item) :][:length]

@@ -1,4 +1,4 @@
-"""Records with stamps that are not evenly spaced, on the grid that the statistics need."""
+"""Records with unevenly spaced stamps, put on the grid that the statistics need."""
 
 import numpy as np
 
@@ -6,10 +6,10 @@ from ..._errors import DataError
 
 
 def on_grid(y, time, rate: float) -> tuple[np.ndarray, tuple[str, ...]]:
-    """The record in steps of 1/rate: each step the mean of the samples nearest to it, NaN where there are none.
+    """The record in steps of 1/rate: each step is the mean of the samples nearest to it, or NaN if there are none.
 
     Nothing is interpolated: an empty step is a gap, whose differences are left out. `time` holds (n,) ascending stamps in s. For a
-    regular recording whose stamps jitter `jaxcal.Log` is better: it counts samples.
+    regular recording whose stamps jitter, use `jaxcal.Log`, which counts samples.
     """
     y, time = np.asarray(y, dtype=np.float64), np.asarray(time)
     if time.dtype.kind not in "fiu" or time.shape != y.shape[:1]:

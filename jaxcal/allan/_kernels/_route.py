@@ -1,4 +1,4 @@
-"""Which route the sums of a record take: block by block, from correlations, or strided."""
+"""Choose how to compute the sums of a record: block by block, from correlations, or strided."""
 
 import itertools
 import os
@@ -14,26 +14,26 @@ from ._correlation_sums import LARGEST_ERROR, correlation_sums
 from ._difference_sums import block_sums, cached_sums
 from ._phase import BLOCK, running_sum_of_phase
 
-MANY = 512  # cluster sizes; up to here every record takes the block kernel
-_PER_SAMPLE = 1000  # differences per sample from which correlations cost less
-_MOST = 5e11  # differences that the block kernel is asked for: about half an hour on two cores
-_TOGETHER = 1 << 18  # phase points of many cluster sizes
-_GROUP, _STEP, _FEW = 1024, 256, 32  # cluster sizes per pass of the block kernel; their number is a multiple of 256, of few sizes of 32
+MANY = 512  # number of cluster sizes up to which every record uses the block kernel
+_PER_SAMPLE = 1000  # differences per sample above which correlations cost less
+_MOST = 5e11  # largest number of differences for the block kernel: about half an hour on two cores
+_TOGETHER = 1 << 18  # number of phase points processed together for many cluster sizes
+_GROUP, _STEP, _FEW = 1024, 256, 32  # cluster sizes per pass of the block kernel; a multiple of 256, or of 32 for few sizes
 
 
 def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable) -> tuple[np.ndarray, np.ndarray]:
-    """Sums of squared differences and how many were valid, at ascending cluster sizes, (clusters,).
+    """Sums of squared differences and number of valid ones, at ascending cluster sizes, (clusters,).
 
-    The one place that chooses the route:
+    This function alone chooses the route:
 
     1. At most 512 cluster sizes: the block kernel, with or without gaps.
     2. More, adev or hdev: strided sums, with or without gaps; n ln n differences in all.
-    3. More, an overlapped statistic of a record without gaps, of over 1,000 differences per sample: correlations, O(n log^2 n).
-       The smallest cluster sizes, those with few differences, and those whose relative error could exceed 1e-8 take the block kernel.
-    4. Otherwise the block kernel; refused from 5e11 differences on.
+    3. More, an overlapping statistic of a record without gaps, with over 1,000 differences per sample: correlations, O(n log^2 n).
+       The smallest cluster sizes, those with few differences, and those whose relative error could exceed 1e-8 use the block kernel.
+    4. Otherwise the block kernel; more than 5e11 differences are refused.
 
-    `prepared` is what `_prepare` gives for one channel, `number` the differences that each cluster size has without gaps; `run` maps a
-    function over stretches of the record, in threads if it is a pool's.
+    `prepared` is the result of `_prepare` for one channel, `number` the number of differences at each cluster size without gaps. `run`
+    maps a function over stretches of the record, in threads if it belongs to a pool.
     """
     parts, theta, marks, missing, rule, less = prepared
 
@@ -48,19 +48,19 @@ def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable
     if missing is not None or number.sum() <= _PER_SAMPLE * len(theta):
         return direct(everything)
     total, error = correlation_sums(theta, sizes, kind, min(os.cpu_count() or 1, 16))
-    again = np.flatnonzero(~(error <= LARGEST_ERROR))  # also where it is not a number
+    again = np.flatnonzero(~(error <= LARGEST_ERROR))  # also true if the error is NaN
     if len(again):
         total[again], _ = direct(again)
     return total, number.copy()
 
 
 def sums_in_cache(theta, sizes, number, kind: Kind) -> Callable[[], np.ndarray]:
-    """The same of a record without gaps that stays in the cache, at no more than 512 cluster sizes: started, and what waits for it.
+    """Start the sums of a record without gaps that stays in the cache, at up to 512 cluster sizes; returns a function that waits for them.
 
-    One program serves every length and every number of cluster sizes, since both are data. theta is the padded phase.
+    One compiled program serves every length and every number of cluster sizes, because both are data. theta is the padded phase.
     """
     with jax.enable_x64(True):  # thread-local
-        # a compiled function reads an aligned array where it lies, and `device_put` would take longer than the call
+        # a compiled function reads an aligned array in place, and `device_put` would take longer than the call
         phase = running_sum_of_phase(theta) if kind.modified else (theta,)
         clusters = np.int64(len(sizes))
         sums = cached_sums(phase, *filled(sizes, number, MANY), clusters, order=kind.difference, strided=not kind.overlapped)
@@ -68,7 +68,7 @@ def sums_in_cache(theta, sizes, number, kind: Kind) -> Callable[[], np.ndarray]:
 
 
 def _by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: int, run) -> tuple[np.ndarray, np.ndarray]:
-    """The block kernel, over stretches of equal work in threads, and over at most 1,024 cluster sizes at a time."""
+    """The block kernel over stretches of equal work in threads, and over at most 1,024 cluster sizes at a time."""
     cost = float(number.sum())
     if len(sizes) > MANY and cost > _MOST:
         if missing is None:
@@ -82,7 +82,7 @@ def _by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, worke
     found = []
     for first in range(0, len(sizes), _GROUP):
         m, count = sizes[first : first + _GROUP], number[first : first + _GROUP]
-        # one program for many lengths: the rows that are added have no differences
+        # one compiled program for many lengths: the added rows have no differences
         m, count = filled(m, count, len(m) + -len(m) % (_STEP if len(sizes) > MANY else _FEW))
         found.append(_group(parts, missing, m, count, less, kind, rule, workers, run))
     total, count = (np.concatenate(values)[: len(sizes)] for values in zip(*found, strict=True))
@@ -90,7 +90,7 @@ def _by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, worke
 
 
 def filled(m, count, rows: int):
-    """Cluster sizes and numbers of differences, lengthened to `rows` by the largest without any difference."""
+    """Cluster sizes and numbers of differences, padded to `rows` by the largest size without any difference."""
     extra = max(rows - len(m), 0)
     return np.concatenate([m, np.full(extra, m[-1])]), np.concatenate([count, np.zeros(extra, count.dtype)])
 
@@ -99,7 +99,7 @@ def _group(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: 
     blocks = -(-int(number[0]) // BLOCK)
     edges = [0, blocks]
     if workers > 1:
-        # the same work for each part: the number of cluster sizes that visit a block falls along the record
+        # give each part the same work: the number of cluster sizes that visit a block decreases along the record
         visits = len(number) - np.searchsorted(number[::-1], np.arange(blocks) * BLOCK, side="right")
         inner = np.searchsorted(np.cumsum(visits), np.linspace(0, visits.sum(), workers + 1)[1:-1])
         edges = [0, *(int(e) for e in inner), blocks]
@@ -118,7 +118,7 @@ def _group(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: 
 
 
 def strided_sums(theta, marks, rule: str, sizes, number, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sums over every m-th starting point and how many were valid, at ascending cluster sizes: series end to end, a stretch at a time."""
+    """Sums over every m-th starting point and number of valid ones, at ascending cluster sizes; the series are joined end to end."""
     total, count = np.zeros(len(sizes)), number.copy()
     for part in np.split(np.arange(len(sizes)), np.flatnonzero(np.diff(np.cumsum(number + order) // _TOGETHER)) + 1):
         series = Segments(number[part] + order, np)

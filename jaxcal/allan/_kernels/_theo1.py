@@ -5,10 +5,10 @@ Frequency Control Symposium, 2003. With h = m/2, I = n + 1 - m windows and w_d =
 
     sum_i sum_{d<h} w_d (theta_i - theta_{i-d+h} + theta_{i+m} - theta_{i+d+h})^2.
 
-The squares come from running sums, the products of the ends with the inner points from one convolution, and the products of
-the two inner points, q_d = sum_i theta_{i+h-d} theta_{i+h+d}, from its autocorrelation at lag 2 d less the
+The squares come from running sums, the products of the ends with the inner points from one convolution. The products of
+the two inner points, q_d = sum_i theta_{i+h-d} theta_{i+h+d}, come from the autocorrelation at lag 2 d minus the
 pairs whose centre lies within h of either end. Those are sums over a triangle i + j < h (of the even and of the odd points),
-which is a square, one FFT correlation, and two triangles of half the size.
+which consists of a square, one FFT correlation, and two triangles of half the size.
 """
 
 import numpy as np
@@ -17,8 +17,8 @@ import scipy  # loads its parts when they are first used
 from ..._types import Float
 from ._total import dot
 
-_DIRECT = 32  # windows, or offsets, up to which the double sum is formed as it stands
-_FEWEST = 8192  # windows of a chunk at least
+_DIRECT = 32  # number of windows, or offsets, up to which the double sum is formed directly
+_FEWEST = 8192  # smallest number of windows of a chunk
 _BASE = 32  # size of the triangles that are summed directly
 
 
@@ -27,7 +27,7 @@ def theo1_sum(theta: Float[np.ndarray, " points"], m: int) -> float:
     windows = len(theta) - m
     if min(m // 2, windows) <= _DIRECT:
         return _double_sum(theta, m)
-    # a chunk less its line stays of the size of the result: the sum does not see a line, the products do
+    # subtract a line from each chunk, to keep the products as small as the result: the sum does not depend on a line, the products do
     chunk = max(16 * m, _FEWEST)
     return sum(_fast(theta[first : min(first + chunk, windows) + m], m) for first in range(0, windows, chunk))
 
@@ -60,7 +60,7 @@ def _fast(theta, m: int) -> float:
 
 
 def _double_sum(theta, m: int) -> float:
-    """The definition, over whichever of windows and offsets is the longer at once."""
+    """The definition, summed over the shorter of windows and offsets, with all of the longer at once."""
     h, windows = m // 2, len(theta) - m
     total = 0.0
     if h <= windows:
@@ -77,7 +77,7 @@ def _double_sum(theta, m: int) -> float:
 
 
 def _near_the_start(z, h: int):
-    """For d = 0 .. h-1 the sum of z_p z_{p+2d} over p >= 0 with p + d < h: pairs whose centre lies before h."""
+    """For d = 0 .. h-1, the sum of z_p z_{p+2d} over p >= 0 with p + d < h: the pairs whose centre lies before h."""
     z = z[: 2 * h]
     found = _triangle(z[0::2], h)
     found[:-1] += _triangle(z[1::2], h - 1)
@@ -85,11 +85,11 @@ def _near_the_start(z, h: int):
 
 
 def _triangle(x, size: int):
-    """For d = 0 .. size - 1 the sum of x_k x_{k+d} over k >= 0 with 2 k + d < size."""
+    """For d = 0 .. size - 1, the sum of x_k x_{k+d} over k >= 0 with 2 k + d < size."""
     whole = _BASE
     while whole < size:
         whole *= 2
-    # zeros before the first factor make the size a power of two, and shift the lag by as many
+    # zeros before the first factor make the size a power of two, and shift the lag by their number
     shift = whole - size
     left, right = np.zeros(whole), np.zeros(whole)
     left[shift:] = x[:size]

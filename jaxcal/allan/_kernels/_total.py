@@ -4,15 +4,15 @@ C. A. Greenhall, D. A. Howe and D. B. Percival, "Total variance, an estimator of
 UFFC 46, 1999; D. A. Howe and F. Vernotte, "Generalization of the total variance approach to the modified Allan variance",
 PTTI 1999; D. A. Howe et al., "A total estimator of the Hadamard function used for GPS operations", PTTI 2000.
 
-The windows of mtotdev and htotdev cost O(3 m) each by their definition. Here all of them together cost O(n). The extension of
-a window is even and has the period 6 m, so its third differences are, for an offset s from the end of the window at i + 3 m,
+By their definition, the windows of mtotdev and htotdev cost O(3 m) each. Here all of them together cost O(n). The extension of
+a window is even and has the period 6 m, so its third differences at an offset s from the end of the window at i + 3 m are
 
     D(i, s) = F(i) + R(i - s) + H(i + s),
 
-with F, R and H combinations of the running sum P of the record: one combination for s <= m, another for m <= s < 2 m, and the
-same again for the start of the window with the record reversed. The squares summed over all i and s then need running sums
-of F, R and H, and one with stride 2 for R(i - s) H(i + s). Removing the window's line b_i a changes D by -b_i g(s), where g is
--s^2 on the first range and 2 s^2 - 6 m s + 3 m^2 on the second.
+where F, R and H are combinations of the running sum P of the record: one combination for s <= m, another for m <= s < 2 m. The start
+of the window is treated in the same way, with the record reversed. The squares summed over all i and s then need running sums of F, R
+and H, and one with stride 2 for R(i - s) H(i + s). Removing the window's line b_i changes D by -b_i g(s), where g is -s^2 on the first
+range and 2 s^2 - 6 m s + 3 m^2 on the second.
 """
 
 import jax
@@ -22,14 +22,14 @@ from jax import lax
 
 from ..._types import Array, Float, Int
 
-#: up to this cluster size every D(i, s) is formed and squared: quicker, and nothing large cancels
+#: largest cluster size at which every D(i, s) is formed and squared: this is faster there, and nothing large cancels
 LITERAL = 16
-_FEWEST = 512  # windows of a chunk at least
-_POINTS = 1 << 16  # points worked on at a time, so that they stay in the cache
+_FEWEST = 512  # smallest number of windows of a chunk
+_POINTS = 1 << 16  # number of points processed at a time, so that they stay in the cache
 
 
 def dot(a, b) -> float:
-    """Sum of products over all entries, on this thread alone: the linear algebra library would start others for each small sum."""
+    """Sum of products over all entries, in this thread alone; the linear algebra library would start threads for each small sum."""
     return float(np.einsum(*((a, [0], b, [0]) if a.ndim == 1 else (a, [0, 1], b, [0, 1])), []))
 
 
@@ -54,7 +54,7 @@ def total_sum(reflected: Float[np.ndarray, " points"], m: int) -> float:
 
 
 def traced_total_sums(theta: Float[Array, " points"], m: Int[Array, " clusters"]) -> Float[Array, " clusters"]:
-    """`total_sum` at every cluster size, in plain algebra that JAX can differentiate."""
+    """`total_sum` at every cluster size, by plain algebra that JAX can differentiate."""
     n = theta.shape[0] - 1
     reflected = reflected_record(theta, jnp)
     inner = n + jnp.arange(1, n)
@@ -68,9 +68,9 @@ def traced_total_sums(theta: Float[Array, " points"], m: Int[Array, " clusters"]
 
 
 def window_sum(z: Float[np.ndarray, " points"], m: int) -> float:
-    """Sum over all windows of 3 m points of the mean squared third difference of the running sum of the reflected window.
+    """Sum, over all windows of 3 m points, of the mean squared third difference of the running sum of the reflected window.
 
-    The differences have the step m and 6 m positions, one period of the extension.
+    The differences have the step m and 6 m positions, which is one period of the extension.
     """
     windows = len(z) - 3 * m + 1
     chunk = min(max(8 * m, _FEWEST), windows)
@@ -96,7 +96,7 @@ def _chunks(z, m: int) -> float:
 
 
 def _one_end(z, m: int) -> float:
-    """The differences that reach over the end of their window, summed over windows and rows."""
+    """Sum, over windows and rows, of the squared differences that reach beyond the end of their window."""
     rows, length = z.shape
     windows = length - 3 * m + 1
     sums = np.zeros((rows, length + 1))
@@ -127,7 +127,7 @@ def _one_end(z, m: int) -> float:
 
 
 def _one_by_one(sums, slope, m: int) -> float:
-    """The same, offset by offset."""
+    """`_one_end` for small m, offset by offset."""
     windows = slope.shape[1]
 
     def point(shift):
@@ -154,13 +154,13 @@ def _squares(f, r, h, low: int, high: int, slope, line) -> float:
     windows, offsets = f.shape[1], high - low + 1
     many = windows + offsets - 1
     j = np.arange(many)
-    ways = np.minimum(np.minimum(j + 1, many - j), min(windows, offsets)).astype(np.float64)  # pairs (i, s) with one i - s, or i + s
+    ways = np.minimum(np.minimum(j + 1, many - j), min(windows, offsets)).astype(np.float64)  # pairs (i, s) of one i - s, or i + s
     total = offsets * dot(f, f) + float(np.einsum("ij,j->", r * r + h * h, ways))
     # over s, for every i: sums of s^p r_{i-s} and s^p h_{i+s}, p = 0, 1, 2, from running sums about the middle of the window range
     at = np.arange(windows) - (windows - 1) / 2.0
     behind, ahead = _moments(r, offsets, high, windows), _moments(h, offsets, -low, windows)
     total += 2.0 * dot(f, behind[0] + ahead[0])
-    # r_{i-s} h_{i+s}: with u = i + s, h_u times the sum of r_{u-2s} over the s that leave i inside
+    # r_{i-s} h_{i+s}: with u = i + s, multiply h_u by the sum of r_{u-2s} over all s that keep i inside
     total += 2.0 * dot(h, _strided(r, low, high, windows))
     s = np.arange(low, high + 1, dtype=np.float64)
     g = line[0] + line[1] * s + line[2] * s**2
@@ -171,7 +171,7 @@ def _squares(f, r, h, low: int, high: int, slope, line) -> float:
 
 
 def _moments(values, width: int, before: int, windows: int):
-    """Sums of k^p values_k, p = 0, 1, 2, over every run of `width` values; values start at k = -before, k counts from the middle."""
+    """Sums of k^p values_k, p = 0, 1, 2, over every run of `width` values; values start at k = -before, and k counts from the middle."""
     k = np.arange(values.shape[1]) - before - (windows - 1) / 2.0
     found = []
     weighted = values
@@ -185,7 +185,7 @@ def _moments(values, width: int, before: int, windows: int):
 
 
 def _strided(r, low: int, high: int, windows: int):
-    """For u = low .. windows - 1 + high the sum of r_{u-2s} over s = max(low, u - windows + 1) .. min(high, u); r starts at -high."""
+    """For u = low .. windows - 1 + high, the sum of r_{u-2s} over s = max(low, u - windows + 1) .. min(high, u); r starts at -high."""
     rows, many = r.shape
     padded = np.zeros((rows, many + 2 + many % 2))
     padded[:, 2 : 2 + many] = r

@@ -1,8 +1,8 @@
-"""Noise type from two ratios of variances, where too few averages are left for an autocorrelation.
+"""Noise type from two ratios of variances, for use where too few averages remain for an autocorrelation.
 
 B1, the sample variance of N averages over their Allan variance, grows with N as the noise gets redder (J. A. Barnes, NBS
-Technical Note 375, 1969); it is the same for white and flicker phase noise, which R(n), the modified over the plain Allan variance,
-tells apart. Both are compared with the geometric mean of the expectations for neighbouring types (D. Howe, R. Beard, C.
+Technical Note 375, 1969). It is the same for white and flicker phase noise; R(n), the modified over the plain Allan variance,
+distinguishes these. Both ratios are compared with the geometric mean of the expectations for neighbouring types (D. Howe, R. Beard, C.
 Greenhall, F. Vernotte and W. Riley, "A total estimator of the Hadamard function used for GPS operations", PTTI 2000;
 NIST SP 1065, section 5.5).
 """
@@ -18,16 +18,16 @@ from ..._types import Any
 from .._kinds import Kind
 from ._segments import Segments, followed, steps
 
-_POINTS = 1000  # points that R(n) is taken from
+_POINTS = 1000  # number of points used for R(n)
 
 
 def fewest_averages(kind: Kind) -> int:
-    """Averages below which the ratios decide nothing: T/tau from which Stable32 carries on the type in its tables of PHASE.DAT."""
+    """Smallest number of averages for the ratios; below this T/tau Stable32 keeps the last type in its tables of PHASE.DAT."""
     return 8 if kind.overlapped else 10
 
 
 def _b1(terms, mu: int, xp: ModuleType):
-    """Expected B1 of `terms` averages where the Allan variance goes as tau^mu."""
+    """Expected B1 of `terms` averages if the Allan variance goes as tau^mu."""
     if mu == 0:
         return terms * xp.log(terms) / (2.0 * (terms - 1.0) * np.log(2.0))
     if mu == 2:
@@ -51,24 +51,24 @@ def _phase_boundary(m: np.ndarray) -> np.ndarray:
 
 
 def thinned_sums(theta, missing, data: str, xp: ModuleType):
-    """Phase at every s-th point, its sum up to there, the number of missing points up to there (or None), and s.
+    """Phase at every s-th point, the sum up to there, the number of missing points up to there (or None), and s.
 
-    About a thousand points leave R(n) the same to 1 or 2 %; white and flicker phase noise lie factors apart.
+    With about a thousand points R(n) changes by 1 or 2 % only, while white and flicker phase noise differ by factors.
     """
     step = max((theta.shape[0] - 1) // _POINTS, 1)
     blocks = theta.shape[0] // step
     phase = theta[: blocks * step].reshape(blocks, step)
-    means = xp.einsum("ij->i", phase) / step  # a third of the time of a mean along the rows
+    means = xp.einsum("ij->i", phase) / step  # takes a third of the time of a mean along the rows
     sums = xp.concatenate([xp.zeros_like(theta[:1]), xp.cumsum(means - xp.mean(means))]) * step
     if missing is None:
         return phase[:, 0].copy(), sums, None, step
     marks = missing[: blocks * step].reshape(blocks, step)
-    lost = marks[:, 0] if data == "rate" else xp.cumsum(xp.sum(marks, axis=1))  # a rate record brings the running number
+    lost = marks[:, 0] if data == "rate" else xp.cumsum(xp.sum(marks, axis=1))  # a rate record already provides the running number
     return phase[:, 0].copy(), sums, lost, step
 
 
 def modified_over_plain(phase, sums, lost, step: int, m: int, xp: ModuleType):
-    """R(n) from every s-th starting point, and whether one of them is free of gaps."""
+    """R(n) from every s-th starting point, and whether any of them is free of gaps."""
     size = max(round(m / step), 1)
     windows = sums.shape[0] - 3 * size
     first, second, third, last = (sums[k * size : k * size + windows] for k in range(4))
@@ -83,10 +83,10 @@ def modified_over_plain(phase, sums, lost, step: int, m: int, xp: ModuleType):
 
 
 def carried_on(low, high, carried, xp: ModuleType):
-    """Noise types, (clusters,): each is that of the one before, `carried` for the first, held between two bounds."""
+    """Noise types, (clusters,): each continues the one before (`carried` for the first), limited by two bounds."""
     if xp is np:
         found = low.copy()
-        for i in np.flatnonzero(low != high).tolist():  # where they are equal there is nothing to carry on
+        for i in np.flatnonzero(low != high).tolist():  # equal bounds leave nothing to carry on
             found[i] = min(max(found[i - 1] if i else carried, low[i]), high[i])
         return found
     found = []
@@ -97,11 +97,11 @@ def carried_on(low, high, carried, xp: ModuleType):
 
 
 def bounds_of_ratios(averages, weight, series: Segments, m, kind: Kind, samples: Any, thinned: Callable[[], Any] | None, xp: ModuleType):
-    """Noise types from B1 and, where that cannot tell, R(n), as bounds on the type of the next smaller cluster size.
+    """Noise types from B1 and, if B1 cannot distinguish them, from R(n), as bounds on the type of the next smaller cluster size.
 
-    They are equal where the type is found, and infinite where it cannot be. `averages` of the rate follow one another as `series` says;
-    `weight` is 1 where they are free of gaps, 0 elsewhere, None where all are. `thinned` gives what `thinned_sums` returns for the
-    record, and is called only where it is needed; None: phase noise is taken as flicker phase noise, unless the type before is white
+    The bounds are equal where the type is identified, and infinite where it cannot be. `averages` of the rate are joined as `series`
+    describes. `weight` is 1 for averages free of gaps and 0 for others; None means no gaps. `thinned` returns the result of `thinned_sums`
+    for the record and is called only if needed. If it is None, phase noise counts as flicker phase noise, unless the type before is white
     phase noise.
     """
     points, one_less = series.points.astype(averages.dtype), series.shorter
@@ -113,7 +113,7 @@ def bounds_of_ratios(averages, weight, series: Segments, m, kind: Kind, samples:
         both = followed(weight, xp)
         number, pairs = series.sums(weight), one_less.sums(both)
         some = (number >= fewest_averages(kind)) & (pairs >= 2)
-        number, pairs = (xp.where(some, v, 10.0) for v in (number, pairs))  # 10: any number that divides
+        number, pairs = (xp.where(some, v, 10.0) for v in (number, pairs))  # 10 is an arbitrary valid divisor; its results are not used
         terms = terms * pairs / (points - 1.0)
         averages, change = averages * weight, change * both
     spread = averages - series.spread(series.sums(averages) / number)
@@ -131,7 +131,7 @@ def bounds_of_ratios(averages, weight, series: Segments, m, kind: Kind, samples:
         low, high = xp.where(phase, 1.0, low), xp.where(phase, np.inf, high)
     elif xp is not np or phase.any():
         one = functools.partial(modified_over_plain, *thinned(), xp=xp)
-        # a traced record has no way to leave out those not needed
+        # a traced record must compute all of them
         each = [one(m=size) if xp is not np or phase[i] else (0.0, False) for i, size in enumerate(m.tolist())]
         ratio, usable = (xp.array(values) for values in zip(*each, strict=True))
         found = xp.where(ratio > _phase_boundary(m), 1.0, 2.0)
@@ -141,6 +141,6 @@ def bounds_of_ratios(averages, weight, series: Segments, m, kind: Kind, samples:
 
 
 def noise_type_of_ratio(averages, weight, m: int, kind: Kind, samples: int, carried: float) -> float:
-    """Noise type at one cluster size from B1; `carried`, that of the next smaller one, where it cannot be formed."""
+    """Noise type at one cluster size from B1; if that is impossible, `carried`, the type at the next smaller size."""
     series = Segments(np.array([len(averages)]), np)
     return carried_on(*bounds_of_ratios(averages, weight, series, np.array([m]), kind, samples, None, np), carried, np)[0]

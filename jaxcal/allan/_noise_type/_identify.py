@@ -1,4 +1,4 @@
-"""Noise type at each cluster size: by the lag-1 autocorrelation, and by the ratios B1 and R(n) where points are few.
+"""Noise type at each cluster size: from the lag-1 autocorrelation, or from the ratios B1 and R(n) if points are few.
 
 W. J. Riley and C. A. Greenhall, "Power law noise identification using the lag 1 autocorrelation", EFTF 2004. A fractionally
 integrated process has r1/(1+r1) = delta; differencing until it is stationary gives alpha = -2 (delta + differences).
@@ -14,14 +14,14 @@ from .._kinds import Kind
 from ._b1_ratio import bounds_of_ratios, carried_on, fewest_averages, thinned_sums
 from ._segments import Segments, followed, lag_one, moments_of, steps
 
-FEWEST = 30  # averaged points that the lag-1 autocorrelation needs; with fewer, the ratios decide
+FEWEST = 30  # smallest number of averaged points for the lag-1 autocorrelation; with fewer, the ratios decide
 _STATIONARY = 0.25
-_MOST_SIZES = 512  # cluster sizes identified; neighbours then differ by 3 % in a record of 10^7 samples
-_MOST = 1 << 10  # averaged points used: r1 to 0.031, where half a unit of alpha is 0.1 and more
+_MOST_SIZES = 512  # largest number of identified cluster sizes; neighbours then differ by 3 % in a record of 10^7 samples
+_MOST = 1 << 10  # largest number of averaged points: r1 to 0.031, where half a unit of alpha is 0.1 and more
 
 
 def _without_polynomial(z, weight, series: Segments, degree: int, xp: ModuleType):
-    """Residual of each series from its least-squares polynomial in time over the valid points, 0 at the others; z is spent."""
+    """Residual of each series from its least-squares polynomial in time over the valid points, 0 at all others; z is overwritten."""
     n, t = series.points.astype(np.float64), series.time()
     # Gram's polynomials, orthogonal over all points of a series, and their squared norms
     basis = [t, t**2 - np.repeat((n**2 - 1.0) / 12.0, series.lengths) if degree == 2 else t][:degree]
@@ -41,7 +41,7 @@ def _without_polynomial(z, weight, series: Segments, degree: int, xp: ModuleType
         right = xp.stack([moment / norm for moment, norm in zip(moments, norms, strict=True)], axis=-1)
         solved = xp.linalg.solve(gram, right[..., None])[..., 0]
         factors = [solved[..., i] / norm for i, norm in enumerate(norms)]
-    z -= series.spread(factors[0])  # in place where z is an array of NumPy
+    z -= series.spread(factors[0])  # in place for NumPy arrays
     for b, factor in zip(basis, factors[1:], strict=True):
         term = series.spread(factor)
         term *= b
@@ -50,7 +50,7 @@ def _without_polynomial(z, weight, series: Segments, degree: int, xp: ModuleType
 
 
 def _lag_one(z, weight, series: Segments, xp: ModuleType):
-    """Lag-1 autocorrelation of each series over pairs of valid points; z is 0 at the others, and loses its mean."""
+    """Lag-1 autocorrelation of each series over pairs of valid points; z must be 0 at all others, and its mean is subtracted."""
     one_less = series.shorter
     if weight is None:
         total, pairs = series.points.astype(z.dtype), one_less.points.astype(z.dtype)
@@ -64,13 +64,13 @@ def _lag_one(z, weight, series: Segments, xp: ModuleType):
 
 
 def _order(r1, xp: ModuleType):
-    """Fractional order of integration r1/(1 + r1); a series is stationary where it is below `_STATIONARY`."""
-    # r1 = -1 would divide by zero: it belongs to a pure alternation, far below every noise type
+    """Fractional order of integration r1/(1 + r1); a series is stationary if it is below `_STATIONARY`."""
+    # r1 = -1 would divide by zero; it means a pure alternation, far below every noise type
     return r1 / (1.0 + xp.where(r1 > -0.99, r1, -0.99))
 
 
 def _type(rho, xp: ModuleType):
-    # half up rather than to even, so that a boundary is the same for every number of differences
+    # round half up and not to even, so that a boundary is the same for every number of differences
     return -xp.floor(2.0 * rho + 0.5)
 
 
@@ -93,18 +93,18 @@ def _alpha_of(z, weight, series: Segments, degree: int, highest: int, xp: Module
 
 
 class _Plan(NamedTuple):
-    """Where the phase points of each cluster size lie, in the record and in the array that holds them end to end."""
+    """Position of the phase points of each cluster size, in the record and in the array that joins them end to end."""
 
     spans: list[slice]
     series: Segments
-    decided: int  # cluster sizes with points enough for an autocorrelation; the ratios take those beyond
+    decided: int  # number of cluster sizes with enough points for an autocorrelation; the ratios serve those beyond
     long: Segments
     few: Segments
 
 
 @functools.lru_cache(maxsize=256)
 def _planned(held: bytes, samples: int, kind: Kind, data: str, xp: ModuleType) -> _Plan:
-    """The plan at ascending cluster sizes, of points in the middle of the record: many records of one length make it once."""
+    """The plan at ascending cluster sizes, with points from the middle of the record; records of one length share it."""
     sizes = np.frombuffer(held, np.int64)
     every = samples // sizes + 1
     told = np.count_nonzero(every > fewest_averages(kind))
@@ -117,20 +117,20 @@ def _planned(held: bytes, samples: int, kind: Kind, data: str, xp: ModuleType) -
 
 
 def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str, xp: ModuleType = np):
-    """Noise types at the cluster sizes m, (clusters,); the series of all cluster sizes stand in one array, end to end.
+    """Noise types at the cluster sizes m, (clusters,); the series of all cluster sizes are joined end to end in one array.
 
     Parameters
     ----------
     theta : (points,) phase in samples.
     missing : (points,) running number of missing samples ("rate"), or 1 at missing points ("phase"); None without gaps.
-    kind : the statistic; it sets how often the series may be differenced and the range of alpha.
-    xp : numpy, or jax.numpy where theta is traced.
+    kind : the statistic; it limits how often the series may be differenced, and the range of alpha.
+    xp : numpy, or jax.numpy if theta is traced.
     """
     order = np.argsort(m, kind="stable")
     sizes, back = m[order], np.argsort(order, kind="stable")
     spans, series, decided, long, few = _planned(sizes.tobytes(), samples, kind, data, xp)
     told, beyond = len(spans), long.lengths.sum()
-    if not told:  # nothing is known of a record that is too short
+    if not told:  # a record that is too short tells nothing
         return xp.zeros(len(m), dtype=theta.dtype)
     taken, weight, enough = [theta[span] for span in spans], None, None
     if missing is None and data == "rate" and xp is np:
@@ -146,12 +146,12 @@ def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str,
         z, held = z[:beyond], None
         if missing is not None and decided:
             enough = long.sums(there[:beyond]) >= FEWEST
-            # ones keep the algebra finite where there are too few; not used then
+            # ones keep the algebra finite where there are too few points; those results are not used
             held = xp.maximum(there[:beyond], 1.0 - long.spread(enough.astype(z.dtype)))
             z = z * held
         alpha = _alpha_of(z, held, long, 1 if data == "rate" else 2, kind.order, xp) if decided else z
     low = high = xp.clip(alpha, -2 if kind.order == 2 else -4, 2)
-    # a type is that of the next smaller cluster size, held between two bounds: equal where it is identified, infinite where nothing is
+    # each type continues that of the next smaller cluster size within two bounds: equal if identified, infinite if unknown
     if enough is not None:
         low, high = xp.where(enough, low, -np.inf), xp.where(enough, high, np.inf)
     if decided < told:
@@ -163,7 +163,7 @@ def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str,
 
 
 def _from_moments(taken: list[np.ndarray], series: Segments, long: Segments, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
-    """The averages, and the types of the long series from moments; the averages less their line are formed only where it must be."""
+    """The averages, and the types of the long series from moments; averages without their line are formed only if necessary."""
     averages, moments = moments_of(taken, series)
     r1, lost = lag_one(moments[:, : len(long.lengths)], long.lengths - 1)
     rho = _order(r1, np)
@@ -175,25 +175,25 @@ def _from_moments(taken: list[np.ndarray], series: Segments, long: Segments, kin
 
 
 def noise_types(theta, marks, sizes, kind: Kind, samples: int, data: str) -> np.ndarray:
-    """Noise types at ascending cluster sizes, (clusters,), as `identify` finds them.
+    """Noise types at ascending cluster sizes, (clusters,), by `identify`.
 
-    Of more than 512 cluster sizes 512, spaced evenly in their logarithm, are identified; each of the others has the type of the
-    next smaller one identified. The arguments are those of `identify`.
+    Of more than 512 cluster sizes, at most 512 are identified, evenly spaced in their logarithm; each of the others has the type of the
+    next smaller identified one. The arguments are those of `identify`.
     """
     if len(sizes) <= _MOST_SIZES:
         return identify(theta, marks, sizes, kind, samples, data)
-    # rounding up keeps the first; small sizes are few per decade, so fewer than 512 remain
+    # rounding up keeps the first size; small sizes are few per decade, so fewer than 512 remain
     chosen = np.unique(np.searchsorted(sizes, np.geomspace(sizes[0], sizes[-1], _MOST_SIZES)).clip(max=len(sizes) - 1))
     found = identify(theta, marks, sizes[chosen], kind, samples, data)
     return found[np.searchsorted(chosen, np.arange(len(sizes)), side="right") - 1]
 
 
 def types_for_intervals(alpha, m: np.ndarray, samples, data: str, xp: ModuleType = np):
-    """Noise types to take the degrees of freedom from, (clusters, channels): with few averages the redder of two estimates.
+    """Noise types for the degrees of freedom, (clusters, channels): with few averages, the redder of two estimates.
 
-    Where the ratios decide, they call white rate noise phase noise once in seven times, whose edf is several times larger. The
-    redder of their type and the last one that the autocorrelation gave keeps the intervals at their level: measured on 400
-    records of 1000 samples, T/tau = 25 to 3, 95 % intervals of oadev hold 92-98 % for N, B, K and N with K; by the ratios alone 85-97 %.
+    The ratios mistake white rate noise for phase noise once in seven times, and the edf of phase noise is several times larger. To keep
+    the intervals at their level, the redder of this type and the last one from the autocorrelation is used. Measured on 400 records of
+    1000 samples, T/tau = 25 to 3, 95 % intervals of oadev hold 92-98 % for N, B, K and N with K; with the ratios alone 85-97 %.
     """
     decided = np.asarray(samples) // m[:, None] + (1 if data == "phase" else 0) >= FEWEST
     if decided.all() or not decided.any():

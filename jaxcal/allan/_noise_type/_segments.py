@@ -1,4 +1,4 @@
-"""Many series of different lengths in one array, end to end: what is done to each takes a handful of operations for all."""
+"""Many series of different lengths, joined end to end in one array, so that a handful of operations serves all of them."""
 
 import functools
 from types import ModuleType
@@ -8,13 +8,13 @@ import numpy as np
 
 from ..._types import Any, Float
 
-_LOST = 1e-6  # share of the squares that must be left, for nine digits of r1
+_LOST = 1e-6  # smallest share of the squares that must remain, for nine digits of r1
 
 
 class Segments:
-    """Where the series lie in the array; the last `less` points of each are not used.
+    """Positions of the series in the array; the last `less` points of each series are not used.
 
-    Differencing the whole array differences every series, and spoils the last point of each: `shorter` leaves it out.
+    Differencing the whole array differences every series, and makes the last point of each invalid; `shorter` leaves it out.
     """
 
     def __init__(self, lengths: np.ndarray, xp: ModuleType, less: int = 0):
@@ -24,7 +24,7 @@ class Segments:
 
     @property
     def points(self) -> np.ndarray:
-        """Points used of each series."""
+        """Number of used points of each series."""
         return self.lengths - self.less
 
     @functools.cached_property
@@ -39,15 +39,15 @@ class Segments:
         return jax.ops.segment_sum(values, self._inside, num_segments=len(self.lengths) + 1, indices_are_sorted=False)[:-1]
 
     def spread(self, each: Any) -> Any:
-        """A value of each series at all its points."""
+        """One value per series, repeated for all its points."""
         return np.repeat(each, self.lengths) if self._xp is np else each[self._series]
 
     @functools.cached_property
     def _edges(self) -> np.ndarray:
-        """Where series begin and end, by turns: the sums between two of them are not used."""
+        """Begin and end of each series in turn; sums between an end and the next begin are not used."""
         edges = np.empty(2 * len(self.lengths), dtype=np.int64)
         edges[::2], edges[1::2] = self.starts, self.stops - self.less
-        return edges if self.less else edges[:-1]  # the end of the array is no beginning
+        return edges if self.less else edges[:-1]  # the end of the array cannot begin a sum
 
     @functools.cached_property
     def _series(self) -> np.ndarray:
@@ -55,17 +55,17 @@ class Segments:
 
     @functools.cached_property
     def _inside(self) -> np.ndarray:
-        """Series of each point; one more than there are for points not used."""
+        """Series of each point; unused points have a number one larger than the last."""
         unused = np.arange(self.stops[-1]) >= np.repeat(self.stops - self.less, self.lengths)
         return np.where(unused, len(self.lengths), self._series)
 
     def time(self) -> np.ndarray:
-        """Points counted from the middle of the series that they belong to."""
+        """Position of each point, counted from the middle of its series."""
         return np.arange(float(self.stops[-1])) - np.repeat(self.starts + (self.points - 1) / 2.0, self.lengths)
 
 
 def steps(values: Any, xp: ModuleType) -> Any:
-    """Difference from each point of the array to the next; the last, which has none, is 0."""
+    """Difference from each point of the array to the next; 0 for the last point."""
     if xp is not np:
         return xp.concatenate([values[1:] - values[:-1], xp.zeros_like(values[:1])])
     out = np.empty_like(values)
@@ -75,7 +75,7 @@ def steps(values: Any, xp: ModuleType) -> Any:
 
 
 def followed(values: Any, xp: ModuleType) -> Any:
-    """Product of each point of the array with the next; the last, which has none, is 0."""
+    """Product of each point of the array with the next; 0 for the last point."""
     if xp is not np:
         return xp.concatenate([values[1:] * values[:-1], xp.zeros_like(values[:1])])
     out = np.empty_like(values)
@@ -85,9 +85,9 @@ def followed(values: Any, xp: ModuleType) -> Any:
 
 
 def moments_of(parts: list[np.ndarray], series: Segments) -> tuple[np.ndarray, Float[np.ndarray, "6 series"]]:
-    """The differences z of each series of phase points, and sums of z, of t z, of z^2, of neighbours' products, first and last z.
+    """Differences z of each series of phase points, and sums of z, of t z, of z^2, of neighbours' products, first and last z.
 
-    After the last z of a series stands a 0, so that the series of z lie as those of the points. The first two sums telescope.
+    A 0 follows the last z of each series, so that the series of z have the positions of those of the points. The first two sums telescope.
     """
     held = np.empty((4, series.stops[-1]))
     points, square, product, z = held
@@ -103,16 +103,16 @@ def moments_of(parts: list[np.ndarray], series: Segments) -> tuple[np.ndarray, F
 
 
 def lag_one(moments: Float[np.ndarray, "6 series"], count: Any) -> tuple[np.ndarray, np.ndarray]:
-    """The lag-1 autocorrelation of each series of `count` points less its straight line, and where it has lost its digits.
+    """Lag-1 autocorrelation of each series of `count` points minus its straight line, and whether it has lost its digits.
 
-    With residuals :math:`e_i = z_i - a - b t_i`, t counted from the middle, every sum over e expands into the moments. One pass takes
-    the place of twenty; where the line holds nearly all of the squares, the residuals have to be formed.
+    With residuals :math:`e_i = z_i - a - b t_i`, t counted from the middle, every sum over e expands into the moments. One pass replaces
+    twenty. If the line contains nearly all of the squares, the residuals must be formed.
     """
     total, slope, square, product, first, last = moments
     n = count.astype(np.float64)
     a, b = total / n, slope / (n * (n * n - 1.0) / 12.0)
     rise = b * ((n - 1.0) / 2.0)
-    low, high = a - rise, a + rise  # the line at both ends
+    low, high = a - rise, a + rise  # values of the line at both ends
     line = a * total + b * slope
     left = square - line
     pairs = product - line + b * total + (last - high) * (high + b) + first * (low - b)

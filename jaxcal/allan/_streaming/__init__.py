@@ -1,1 +1,1 @@
-"""Deviations of records that come in pieces: running sums that can be continued and merged."""
+"""Deviations of records that arrive in pieces: running sums that can be continued and merged."""

@@ -1,4 +1,4 @@
-"""`Accumulator`: the deviation of a record that comes chunk by chunk, or that does not fit into memory."""
+"""`Accumulator`: the deviation of a record that arrives chunk by chunk, or that does not fit into memory."""
 
 import itertools
 import mmap
@@ -25,47 +25,48 @@ from ._phase_stream import Plan, Stretch, lengthened, make_plan, new_stretch, si
 
 _KINDS = ("adev", "oadev", "mdev", "tdev", "hdev", "ohdev")
 _FOLLOWED = 10**10  # largest cluster size of a named grid
-_SMALLER = 1 << 17  # samples taken in at a time where no cluster size has every starting point
+_SMALLER = 1 << 17  # samples processed at a time if no cluster size uses every starting point
 
 
 class Accumulator(eqx.Module):
-    r"""Deviation of a stream: chunks in, of any lengths; two neighbouring parts merged; memory that does not grow.
+    r"""Deviation of a stream: it accepts chunks of any length, merges with its neighbour, and needs constant memory.
 
-    It is frozen, as every model here: `update` and `merge` return a new one and leave the old as it was. ::
+    It is frozen, as all models here: `update` and `merge` return a new one and leave the old one unchanged. ::
 
         acc = jaxcal.allan.Accumulator(rate, "log")
         for chunk in chunks:
             acc = acc.update(chunk)
         deviation = acc.result()
 
-    **What is exact.** Up to the cluster size `exact` the result is that of `jaxcal.allan.deviation` for the whole record, to rounding:
-    every overlapped difference is in it, those across the borders of chunks and of merged parts too. Beyond, the differences of
-    oadev and ohdev start at every s-th sample only, s the largest power of two up to m/128. The phase is then kept at so few
+    **What is exact.** Up to the cluster size `exact`, the result equals `jaxcal.allan.deviation` of the whole record, to rounding: it
+    contains every overlapping difference, also across the borders of chunks and of merged parts. For larger clusters, the differences of
+    oadev and ohdev start at every s-th sample only, where s is the largest power of two up to m/128. The phase is then kept at so few
     points that any cluster size costs 10 kB. The variance of the result rises by less than 0.1 % for white noise, flicker and random
-    walk of the rate (by less than 1 % where the record is hardly longer than one difference). White noise of phase would lose
+    walk of the rate (by less than 1 % if the record is hardly longer than one difference). White noise of phase would lose
     more, by up to s; it has no weight at such cluster sizes. adev and hdev are exact everywhere.
 
-    **Digits.** The phase is kept relative to the mean of the latest 1,048,576 samples, of which no difference knows: neither the length
-    of the stream nor a wandering mean costs digits. Chunks may be float32; they are summed in float64.
+    **Digits.** The phase is kept relative to the mean of the latest 1,048,576 samples, which does not affect any difference. So neither the
+    length of the stream nor a wandering mean costs digits. Chunks may be float32; they are summed in float64.
 
     **Cost.** oadev of a float32 file on the default grid, two cores (`benchmarks/_stream.py`): 38, 31, 27 and 24 ns a sample at 10^6, 10^7,
     10^8 and 10^9 samples, at most 0.5 GB in all.
 
-    **Noise type.** As by `deviation`, from the first 8,192 averages at each cluster size; that takes those in the middle of a longer
-    record, so that the type, and with it the interval, may differ where a type is at the boundary to the next. The ratio R(n) is not
-    formed: phase noise shown by fewer than 30 averages is taken as flicker phase noise, unless it was white phase noise before.
+    **Noise type.** It is identified as by `deviation`, but from the first 8,192 averages at each cluster size, where `deviation` uses those
+    in the middle of a longer record. So the type, and with it the interval, may differ near the boundary between two types. The ratio
+    R(n) is not formed: phase noise with fewer than 30 averages counts as flicker phase noise, unless it was white phase noise before.
 
     Parameters
     ----------
     rate : sampling rate in Hz.
-    m : cluster sizes in samples: "log" (default, 15 per decade), "octave", "decade", or integers. A grid goes on as far as the record.
+    m : cluster sizes in samples: "log" (default, 15 per decade), "octave", "decade", or integers. A grid grows with the record.
     channels : number of channels, 1 by default. With 1 the chunks are (n,) or (n, 1), and the result is (clusters,).
     kind : "adev", "oadev" (default), "hdev", "ohdev", or, up to `exact`, "mdev" and "tdev".
-    exact : cluster size in samples up to which every overlapped difference is taken. It costs 4 to 6 times `exact` numbers a channel.
-    start : position of the first sample of this part in the record. Only needed for a part that is merged to another where starting
-        points are not at every sample, and the part does not start at a multiple of their distance.
+    exact : largest cluster size in samples for which every overlapping difference is used. It costs 4 to 6 times `exact` numbers per
+        channel.
+    start : position of the first sample of this part in the record. It is needed only for a part to be merged, if starting points are
+        not at every sample and the part does not start at a multiple of their distance.
     confidence : level of the intervals, 0.95 by default.
-    alpha : noise type for the degrees of freedom (2 .. -2), instead of the one identified at each cluster size.
+    alpha : noise type for the degrees of freedom (2 .. -2), to replace the one identified at each cluster size.
 
     Raises
     ------
@@ -86,8 +87,8 @@ class Accumulator(eqx.Module):
 
     References
     ----------
-    W. J. Riley, Handbook of Frequency Stability Analysis, NIST SP 1065, 2008, section 5. The loss by a stride: the covariance of
-    overlapped differences (C. A. Greenhall and W. J. Riley, PTTI 2003) summed over every s-th lag.
+    W. J. Riley, Handbook of Frequency Stability Analysis, NIST SP 1065, 2008, section 5. Loss due to the stride: the covariance of
+    overlapping differences (C. A. Greenhall and W. J. Riley, PTTI 2003) summed over every s-th lag.
     """
 
     rate: float
@@ -128,18 +129,17 @@ class Accumulator(eqx.Module):
 
         Parameters
         ----------
-        chunk : (n,) or (n, channels) rate samples, n >= 1; float32 or float64, also a memory map, which is read piece by piece. NaN
-            marks a gap.
+        chunk : (n,) or (n, channels) rate samples, n >= 1; float32 or float64. A memory map is read piece by piece. NaN marks a gap.
 
         Returns
         -------
         Accumulator
-            The state after the chunk; this one stays as it was.
+            The state after the chunk; this accumulator does not change.
 
         Raises
         ------
         DataError
-            If the chunk is empty, has another number of channels, or holds infinite values or no numbers.
+            If the chunk is empty, has another number of channels, or contains infinite values or anything but numbers.
 
         Examples
         --------
@@ -155,7 +155,7 @@ class Accumulator(eqx.Module):
             waiting, last = list(self._waiting), np.array(chunk, dtype=np.float64)
             if np.isinf(last).any():
                 raise DataError("the chunk has infinite values; replace them by NaN to mark a gap")
-            # pieces at least halve in length from one to the next: short chunks are not copied each time
+            # pieces at least halve in length from one to the next, so that short chunks are not copied each time
             while waiting and len(waiting[-1]) <= len(last):
                 last = np.concatenate([waiting.pop(), last])
             return replaced(self, _waiting=(*waiting, last))
@@ -166,7 +166,7 @@ class Accumulator(eqx.Module):
         return replaced(self, _taken=self._advanced(pieces, given), _waiting=(rest,) if len(rest) else ())
 
     def merge(self, other: "Accumulator") -> "Accumulator":
-        """A new accumulator for the record of this one followed, without a sample between, by that of another.
+        """A new accumulator for this part of the record and the part in `other`, which must follow it without a missing sample.
 
         Parameters
         ----------
@@ -175,13 +175,13 @@ class Accumulator(eqx.Module):
         Returns
         -------
         Accumulator
-            As if one accumulator had been given both parts.
+            The same as if one accumulator had received both parts.
 
         Raises
         ------
         DataError
-            If a part is empty, the parts differ in what they compute, do not follow one another, or the second part's starting
-            points do not continue those of the first; then the message says which `start` makes them.
+            If a part is empty, the parts differ in their options, they do not follow one another, or the second part's starting points
+            do not continue those of the first. In the last case the message gives the `start` that is needed.
 
         Examples
         --------
@@ -218,8 +218,8 @@ class Accumulator(eqx.Module):
         Returns
         -------
         Deviation
-            At the cluster sizes that have a difference; a sentence in `warnings` names given sizes that have none. `count` and
-            `skipped` count the differences taken, see `exact`. A channel without any sample is NaN, and a sentence names it.
+            The cluster sizes that have a difference; `warnings` names given sizes that have none. `count` and `skipped` count the
+            differences used (see `exact`). A channel without any sample is NaN, and `warnings` names it.
 
         Raises
         ------
@@ -249,12 +249,12 @@ class Accumulator(eqx.Module):
             reason = f"{samples} samples, of which {smallest} are needed" if not begun.any() else "every difference touches a gap"
             raise DataError(f"no cluster size has a difference free of gaps: {reason}")
         noise = self._noise_types(taken)
-        # in the order asked for
+        # in the order in which they were given
         where = np.searchsorted(plan.m, np.array(self.m))
         chosen = where[kept[where]]
         m = plan.m[chosen]
         squares, count, expected, noise = squares[chosen], count[chosen], expected[chosen][:, None], noise[chosen]
-        with np.errstate(invalid="ignore"):  # 0/0 in a channel without samples: NaN, as said below
+        with np.errstate(invalid="ignore"):  # 0/0 in a channel without samples gives NaN, which a warning reports
             deviation = np.sqrt(squares / count * statistic.scale(m, self.rate)[:, None])
         types = types_for_intervals(noise, m, samples, "rate")
         edf = np.maximum(degrees_of_freedom(m[:, None], types, statistic, samples) * (count / expected), 1.0)
@@ -281,7 +281,7 @@ class Accumulator(eqx.Module):
         taken = self._taken
         workers = min(os.cpu_count() or 1, 16) if jax.default_backend() == "cpu" else 1
         with ThreadPoolExecutor(workers) as pool:
-            # points far apart are picked out by NumPy, whose temporary arrays want a smaller cache
+            # with strided points only, NumPy picks them out, and its temporary arrays need a smaller part of the cache
             parts_of = (lambda piece: [piece]) if self._plan.dense else (lambda piece: np.array_split(piece, -(-len(piece) // _SMALLER)))
             for piece in itertools.chain.from_iterable(map(parts_of, pieces)):
                 busy = workers > 1 and len(piece) * max(self._plan.dense, 1) * self.channels >= _phase_stream.PARALLEL_FROM
@@ -343,15 +343,15 @@ class Accumulator(eqx.Module):
 
 
 def _let_go(source: Any) -> None:
-    """Gives back the pages of a memory map that have been read: they count as memory of the process until the system wants them."""
+    """Release the pages of a memory map that have been read; otherwise they count as memory of the process."""
     pages = getattr(source, "_mmap", None)
-    # of a copy-on-write map the user's changes would be lost
+    # in a copy-on-write map this would lose the user's changes
     if isinstance(pages, mmap.mmap) and getattr(source, "mode", "c") in ("r", "r+") and hasattr(mmap, "MADV_DONTNEED"):
         pages.madvise(mmap.MADV_DONTNEED)
 
 
 def _sizes(m, kind: Kind, exact: int) -> np.ndarray:
-    """Cluster sizes of a grid that does not depend on the length of the record, or the given ones."""
+    """Cluster sizes of a grid, for any length of the record, or the given ones."""
     largest = exact if kind.modified else _FOLLOWED
     if isinstance(m, str):
         if m == "log":

@@ -1,11 +1,11 @@
-"""Sums of squared differences of a stretch of samples that comes piece by piece, and of two neighbouring stretches as one.
+"""Sums of squared differences of a stretch of samples that arrives piece by piece, and the merging of two neighbouring stretches.
 
-Differences of the phase do not see a line in it. So the phase is kept relative to the mean of the latest piece, as far back as the
-cluster sizes reach: it stays small, and its digits are not lost, however long the stream and wherever its mean wanders.
+Differences of the phase do not depend on a line in it. So the phase is kept relative to the mean of the latest piece, as far back as
+the cluster sizes reach. It stays small and keeps its digits, for any length of the stream and any wandering of its mean.
 
-A stretch has two frames. In the first the phase is zero at its first point and the level is the mean of its first piece: `head`,
-`marks` and the leading points of `tracks` are kept there, for a stretch that comes before. The second moves on with each piece.
-Where two stretches meet, the differences across their border are formed, and both ends carried into common frames.
+A stretch has two frames. In the first frame the phase is zero at the first point, and the level is the mean of the first piece: `head`,
+`marks` and the leading points of `tracks` are kept in it, for a stretch that comes before. The second frame moves on with each piece.
+Where two stretches meet, the differences across their border are formed, and both ends are transformed into common frames.
 """
 
 import itertools
@@ -23,19 +23,19 @@ from .._kernels._phase import BLOCK, aligned, running_sum_of_phase
 from .._kinds import Kind
 from ._tracks import NEVER, Piece, Tracks, at_the_beginning, extended, joined, new_tracks
 
-#: samples that are taken in at a time
+#: number of samples processed at a time
 PIECE = 1 << 20
-#: differences from which a second thread brings more than it costs
+#: number of differences above which a second thread saves more time than it costs
 PARALLEL_FROM = 4_000_000
-#: points per cluster size between starting points, at least, where not all are taken
+#: smallest number of points per cluster between starting points, if not all are used
 PER_CLUSTER = 128
-#: averages kept for the noise type, at each cluster size
+#: number of averages kept for the noise type, at each cluster size
 AVERAGES = 1 << 13
-_BUCKET = 16  # numbers of cluster sizes for which one program is compiled
+_BUCKET = 16  # step of the numbers of cluster sizes for which a program is compiled
 
 
 class Plan(eqx.Module):
-    """What is computed: cluster sizes in ascending order, the first `dense` of them at every starting point."""
+    """The cluster sizes to compute, in ascending order; the first `dense` of them use every starting point."""
 
     kind: Kind
     m: np.ndarray
@@ -44,7 +44,7 @@ class Plan(eqx.Module):
 
     @property
     def reach(self) -> int:
-        """Phase points that the longest dense difference spans."""
+        """Number of phase points that the longest dense difference spans."""
         return self.kind.difference * int(self.m[self.dense - 1]) if self.dense else 1
 
     @property
@@ -64,52 +64,52 @@ def make_plan(m: np.ndarray, kind: Kind, exact: int) -> Plan:
 
 
 class End(NamedTuple):
-    """Phase at the points of one end of a stretch, and the number of missing samples between the end and each; None without any."""
+    """Phase at the points of one end of a stretch, and number of missing samples between the end and each point; None without any."""
 
     phase: np.ndarray
     lost: np.ndarray | None
 
     @property
     def counted(self) -> np.ndarray:
-        """The numbers of missing samples where there are none, too."""
+        """The numbers of missing samples, as zeros if there are none."""
         return _counted(self.lost, len(self.phase))
 
     def followed(self, phase: np.ndarray, lost: np.ndarray, reach: int) -> "End":
-        """The end with further points, `reach` in all at most."""
+        """The end with further points, at most `reach` in all."""
         counted = np.concatenate([self.counted, lost])[:reach]
         return End(np.concatenate([self.phase, phase])[:reach], counted if counted.any() else None)
 
 
 class Stretch(eqx.Module):
-    """Everything that is kept of a stretch of samples; channels first, but in tables by cluster size."""
+    """The stored data of a stretch of samples; channels are the first axis, except in tables by cluster size."""
 
-    start: int | None  # position of its first sample, None if not known
+    start: int | None  # position of its first sample, None if unknown
     samples: int
-    present: np.ndarray  # (channels,) samples that are not missing
+    present: np.ndarray  # (channels,) number of samples that are not missing
     first_level: np.ndarray  # (channels,) levels of the two frames
     level: np.ndarray
-    here: np.ndarray  # (channels,) phase at the last point in the second frame: rounding errors
+    here: np.ndarray  # (channels,) phase at the last point in the second frame: rounding errors only
     net: np.ndarray  # (channels,) phase at the last point in the first frame
     head: tuple[End, ...]  # the first points of each channel
     tail: tuple[End, ...]  # the last points, latest first
     squares: np.ndarray  # (dense, channels) sums of squares
-    count: np.ndarray  # (dense, channels) differences that touch no gap
-    tracks: Tracks  # the cluster sizes beyond
-    #: for each cluster size phase (first frame) and missing samples at points m apart, side by side: (points, 2 channels). The
-    #: first is at the first sample, or, where `start` is known, at the first multiple of m in the record
+    count: np.ndarray  # (dense, channels) number of differences that touch no gap
+    tracks: Tracks  # the larger cluster sizes
+    #: for each cluster size, phase (first frame) and missing samples at points m apart, side by side: (points, 2 channels). The
+    #: first point is at the first sample or, if `start` is known, at the first multiple of m in the record
     marks: tuple[np.ndarray, ...]
-    mark_due: np.ndarray  # (sizes,) where the next such point is, counted from the first sample
+    mark_due: np.ndarray  # (sizes,) position of the next such point, counted from the first sample
 
     @property
     def origin(self) -> int:
-        """Position of the first sample; 0 where it is not known."""
+        """Position of the first sample; 0 if unknown."""
         return self.start or 0
 
 
 def new_stretch(plan: Plan, channels: int, start: int | None) -> Stretch:
-    """A stretch without a sample."""
+    """A stretch without samples."""
     zero = np.zeros(channels)
-    # where its place is known, the points for the noise types are those that one pass over the record would take
+    # if the position is known, use the same points for the noise types as a single pass over the record
     due = plan.m if start is None else np.where(start % plan.m == 0, plan.m, -start % plan.m)
     marks = tuple(np.zeros((int(m == first), 2 * channels)) for m, first in zip(plan.m, due, strict=True))
     return Stretch(
@@ -122,7 +122,7 @@ def new_stretch(plan: Plan, channels: int, start: int | None) -> Stretch:
 
 
 def lengthened(plan: Plan, old: Stretch, samples: np.ndarray, run: Callable, parts: int) -> Stretch:
-    """The stretch with up to PIECE more samples, (w, channels); `run` maps, and `parts` share the work on one channel."""
+    """The stretch with up to PIECE more samples, (w, channels); `run` maps, and `parts` threads share the work on one channel."""
     width, channels = samples.shape
     phase, lost, level, gone = zip(*run(lambda c: _integrated(samples[:, c], old, c), range(channels)), strict=True)
     level, gone = np.array(level), np.array(gone)
@@ -155,7 +155,7 @@ def lengthened(plan: Plan, old: Stretch, samples: np.ndarray, run: Callable, par
 
 
 def _integrated(samples: np.ndarray, old: Stretch, c: int):
-    """Phase in the frame of the piece (its first value is the last of the piece before), missing samples, level, how many missing."""
+    """Phase in the frame of the piece, starting at the last value of the piece before; missing samples; level; their number."""
     x = np.array(samples, dtype=np.float64)
     total, lost, gone = float(np.sum(x)), None, 0
     if np.isfinite(total):
@@ -179,9 +179,9 @@ def _integrated(samples: np.ndarray, old: Stretch, c: int):
 
 
 def _laid_out(plan: Plan, tail: End, phase, lost, tilt: float):
-    """Phase in reverse order of time, the new points first, as the block kernel wants its starting points; and missing samples."""
+    """Phase in reverse order of time, new points first, so that the kernel finds its starting points at the front; and missing samples."""
     width, length = len(phase) - 1, len(tail.phase)
-    buffer = aligned(plan.padded)  # what lies beyond the points stays arbitrary
+    buffer = aligned(plan.padded)  # values beyond the points stay arbitrary
     buffer[:width] = phase[:0:-1]
     np.multiply(np.arange(length), -tilt, out=buffer[width : width + length])
     buffer[width : width + length] += tail.phase
@@ -194,11 +194,11 @@ def _laid_out(plan: Plan, tail: End, phase, lost, tilt: float):
 
 
 def _dense_sums(plan: Plan, buffers, before: int, width: int, run: Callable, parts: int):
-    """Channel, sums and counts over the differences that end in the piece; a pool's threads begin at once."""
+    """Channel, sums and counts over the differences that end in the piece; threads of a pool start at once."""
     kind, m = plan.kind, plan.m[: plan.dense]
     filled = -(-plan.dense // _BUCKET) * _BUCKET - plan.dense
     number = np.clip(kind.count(before + width, m), 0, width)
-    # sizes that fill the bucket have no difference
+    # the sizes that fill the bucket have no differences
     sizes, number = np.pad(m, (0, filled), constant_values=1), np.pad(number, (0, filled))
     edges = np.linspace(0, -(-width // BLOCK), parts + 1).astype(int)
     tasks = [(c, a, b) for c in range(len(buffers)) for a, b in itertools.pairwise(edges.tolist())]
@@ -229,7 +229,7 @@ def _counted(lost: np.ndarray | None, length: int) -> np.ndarray:
 
 
 def _more_marks(plan: Plan, old: Stretch, piece: Piece, drift: np.ndarray):
-    """The points that the noise types are told from, until there are enough."""
+    """Collect the points from which noise types are identified, until there are enough."""
     channels, last = len(piece.phase), len(piece.phase[0]) - 1
     marks, due = list(old.marks), old.mark_due.copy()
     for i in np.flatnonzero(due <= piece.now + last):
@@ -243,12 +243,12 @@ def _more_marks(plan: Plan, old: Stretch, piece: Piece, drift: np.ndarray):
 
 
 def side_by_side(plan: Plan, a: Stretch, b: Stretch) -> Stretch:
-    """Two neighbouring stretches as one."""
+    """Merge two neighbouring stretches into one."""
     kind, channels = plan.kind, len(a.level)
     border = a.origin + a.samples
-    shift = border - b.origin  # zero where the second stretch knows its place
+    shift = border - b.origin  # zero if the position of the second stretch is known
     start, first_tracks = a.start, a.tracks
-    if start is None and b.start is not None:  # the place of the second says that the first begins the record
+    if start is None and b.start is not None:  # the position of the second shows that the first begins the record
         start, first_tracks = 0, at_the_beginning(a.tracks)
     lost = a.samples - a.present
     squares, count = a.squares + b.squares, a.count + b.count
@@ -291,13 +291,13 @@ def side_by_side(plan: Plan, a: Stretch, b: Stretch) -> Stretch:
 
 
 def _before(a: Stretch, c: int, rise: float) -> End:
-    """The last points of the first stretch, latest first, in the first frame of the second."""
+    """The last points of the first stretch, latest first, in the first frame of the second stretch."""
     phase, lost = a.tail[c]
     return End(phase - a.here[c] - rise * np.arange(len(phase)), lost)
 
 
 def _head(plan: Plan, a: Stretch, b: Stretch, c: int) -> End:
-    """The head of both, with the points of the second where the first is too short."""
+    """The head of both, with points of the second stretch if the first is too short."""
     mine, more = a.head[c], b.head[c]
     if len(mine.phase) <= a.samples:
         return mine
@@ -306,7 +306,7 @@ def _head(plan: Plan, a: Stretch, b: Stretch, c: int) -> End:
 
 
 def _tail(plan: Plan, b: Stretch, c: int, before: End) -> End:
-    """The tail of both, with the points of the first that the second does not push out, in the second frame of the second."""
+    """The tail of both, with points of the first stretch if the second is too short, in the second frame of the second stretch."""
     if len(b.tail[c].phase) <= b.samples:
         return b.tail[c]
     ago = np.arange(len(before.phase)) + b.samples
@@ -315,7 +315,7 @@ def _tail(plan: Plan, b: Stretch, c: int, before: End) -> End:
 
 
 def _across(theta: np.ndarray, lost: np.ndarray, border: int, m: int, kind: Kind) -> tuple[float, int]:
-    """Sum of squares and count of the differences that start before and end after the border."""
+    """Sum of squares and number of the differences that start before the border and end after it."""
     span = kind.difference * m - (1 if kind.modified else 0)
     low, high = max(border - span + 1, 0), min(border, len(theta) - span)  # starting points low .. high - 1
     if high <= low:
@@ -330,4 +330,4 @@ def _across(theta: np.ndarray, lost: np.ndarray, border: int, m: int, kind: Kind
     valid = lost[low:high] == lost[low + span : high + span]
     d = d[valid]
     d *= d
-    return float(np.sum(d)), len(d)  # a dot product would start the linear algebra library's threads
+    return float(np.sum(d)), len(d)  # a dot product would start the threads of the linear algebra library

@@ -1,8 +1,8 @@
 """Differences at a stride of starting points, from a stream: the phase is kept only at the points that they use.
 
-A cluster size m with stride s takes the starting points 0, s, 2s, ... The points i s + j m, i = 0, 1, ..., form track j; a
-difference is formed, and its points dropped, when the point on the last track has come. So m/s points or so are held for each
-track, however large m is.
+A cluster size m with stride s uses the starting points 0, s, 2s, ... The points i s + j m, i = 0, 1, ..., form track j. Once the point
+on the last track has arrived, its difference is formed and its points are dropped. So each track holds about m/s points, however large
+m is.
 """
 
 import dataclasses
@@ -12,30 +12,30 @@ from collections.abc import Sequence
 import equinox as eqx
 import numpy as np
 
-#: later than any sample: a cluster size that is no longer followed
+#: a position after any sample, for a cluster size that is no longer followed
 NEVER = 1 << 62
 
 Rows = tuple[tuple[np.ndarray, ...], ...]
 
 
 class Tracks(eqx.Module):
-    """Points held for each cluster size and track, and the sums so far. Rows hold position, phase and missing samples of each channel."""
+    """Points kept for each cluster size and track, and the sums so far. Rows hold position, phase and missing samples of each channel."""
 
-    m: np.ndarray  # (sizes,) cluster sizes and strides
+    m: np.ndarray  # (sizes,) cluster sizes, and below their strides
     stride: np.ndarray
-    order: int = eqx.field(static=True)  # of the difference
+    order: int = eqx.field(static=True)  # order of the difference
     due: np.ndarray  # (sizes, order + 1) position of the next point of each track
-    ahead: np.ndarray  # (sizes, order + 1) how many points are still to come whose difference starts before this stretch of samples
-    lead: Rows  # such points that have come, for the stretch before
+    ahead: np.ndarray  # (sizes, order + 1) number of points still to come whose difference starts before this stretch of samples
+    lead: Rows  # such points that have arrived, kept for the stretch before
     held: Rows  # points whose difference is not complete
-    squares: np.ndarray  # (sizes, channels) sum of squared differences, and number of those that touch no gap
+    squares: np.ndarray  # (sizes, channels) sum of squared differences, and below the number of those that touch no gap
     count: np.ndarray
-    seen: np.ndarray  # (sizes,) number of differences, gaps or not
+    seen: np.ndarray  # (sizes,) number of differences, with or without gaps
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Piece:
-    """Phase at the positions now .. now + w of each channel, in one frame, and the number of missing samples before each point."""
+    """Phase at the positions now .. now + w of each channel, in one frame, and number of missing samples before each point."""
 
     now: int
     phase: Sequence[np.ndarray]
@@ -43,7 +43,7 @@ class Piece:
     lost_before: np.ndarray
 
     def rows(self, first: int, number: int, stride: int) -> np.ndarray:
-        """Points first, first + stride, ... counted from now."""
+        """The points first, first + stride, ..., counted from `now`."""
         channels = len(self.phase)
         out = np.empty((number, 1 + 2 * channels))
         out[:, 0] = self.now + first + stride * np.arange(number)
@@ -61,12 +61,12 @@ class Piece:
 
 
 def new_tracks(m: np.ndarray, stride: np.ndarray, order: int, channels: int, start: int | None) -> Tracks:
-    """Tracks without a point. `start` is the position of the first sample; None: not known, a multiple of every stride."""
+    """Tracks without points. `start` is the position of the first sample; None if it is unknown but a multiple of every stride."""
     sizes = len(m)
     begin, tracks = start or 0, np.arange(order + 1)
     own = -(-begin // stride)[:, None]
     lowest = np.iinfo(np.int64).min // 4 if start is None else 0
-    # points of differences that start earlier lie after `begin`: the point there is the last of the stretch before
+    # points of differences that start earlier lie after `begin`; the point at `begin` is the last of the stretch before
     first = np.maximum(lowest, (begin - tracks * m[:, None]) // stride[:, None] + 1)
     first[:, 0] = own[:, 0]
     first = np.minimum(first, own)
@@ -80,7 +80,7 @@ def new_tracks(m: np.ndarray, stride: np.ndarray, order: int, channels: int, sta
 
 
 def at_the_beginning(tracks: Tracks) -> Tracks:
-    """The tracks of a stretch that turns out to begin at the record's first sample: no difference starts before it."""
+    """The tracks of a stretch that turns out to begin the record: no difference starts before it."""
     none = tuple(tuple(rows[:0] for rows in row) for row in tracks.lead)
     due = tracks.due + tracks.ahead * tracks.stride[:, None]
     return eqx.tree_at(lambda t: (t.due, t.ahead, t.lead), tracks, (due, np.zeros_like(tracks.ahead), none))
@@ -89,8 +89,8 @@ def at_the_beginning(tracks: Tracks) -> Tracks:
 def extended(tracks: Tracks, piece: Piece, tilt: np.ndarray, to_first: tuple[np.ndarray, np.ndarray]) -> Tracks:
     """The tracks after another piece.
 
-    `tilt` is the (channels,) slope that carries points held, counted from piece.now, into the frame of the piece, `to_first` the offset and
-    slope that carry the piece into the frame in which `lead` is kept.
+    `tilt` is the (channels,) slope that transforms stored points, counted from piece.now, into the frame of the piece. `to_first` is the
+    offset and slope that transform the piece into the frame of `lead`.
     """
     channels, last, order = len(piece.phase), len(piece.phase[0]) - 1, tracks.order
     held = list(_tilted(tracks.held, piece.now, tilt))
@@ -112,7 +112,7 @@ def extended(tracks: Tracks, piece: Piece, tilt: np.ndarray, to_first: tuple[np.
             first.append(begin + early * stride)
             number.append(come - early)
         lead[b] = tuple(leading)
-        complete = number[-1]  # the last track holds nothing: its points complete a difference at once
+        complete = number[-1]  # the last track stores nothing: its points complete a difference at once
         for c in range(channels if complete else 0):
             points = [
                 np.concatenate([held[b][j][:, 1 + c], piece.phase[c][first[j] :: stride][: number[j]]])[:complete] for j in range(order + 1)
@@ -137,10 +137,10 @@ def extended(tracks: Tracks, piece: Piece, tilt: np.ndarray, to_first: tuple[np.
 
 
 def joined(a: Tracks, b: Tracks, border: int, shift: int, frames: tuple, lost: np.ndarray) -> Tracks:
-    """The tracks of two neighbouring stretches that share the phase point at `border`; `shift` brings positions of `b` to those of `a`.
+    """The tracks of two neighbouring stretches that share the phase point at `border`; `shift` maps positions of `b` to those of `a`.
 
-    `frames` are (offset, slope) from the border that carry a.held into the frame of b.lead, b.lead into that of a.lead, and b.lead
-    into that of b.held; `lost` the (channels,) missing samples of `a`.
+    `frames` are (offset, slope) from the border for three transformations: a.held into the frame of b.lead, b.lead into that of a.lead, and
+    b.lead into that of b.held. `lost` is the (channels,) number of missing samples of `a`.
     """
     channels = len(lost)
     value, missing = slice(1, 1 + channels), slice(1 + channels, None)
@@ -158,7 +158,7 @@ def joined(a: Tracks, b: Tracks, border: int, shift: int, frames: tuple, lost: n
             mine[:, missing] -= lost
             come = b.lead[i][j].copy()
             come[:, 0] += shift
-            come = come[come[:, 0] >= a.due[i, j]]  # others would have started before the record
+            come = come[come[:, 0] >= a.due[i, j]]  # the differences of earlier points would start before the record
             early = come[: int(ahead[i, j])].copy()
             come = come[len(early) :]
             ahead[i, j] -= len(early)
@@ -190,7 +190,7 @@ def joined(a: Tracks, b: Tracks, border: int, shift: int, frames: tuple, lost: n
 
 
 def _tilted(held: Rows, now: int, tilt: np.ndarray) -> Rows:
-    """All rows at once: there are hundreds of short arrays."""
+    """Apply the slope to all rows in one array, because there are hundreds of short ones."""
     flat = [rows for tracks in held for rows in tracks]
     if not flat:
         return held
@@ -202,11 +202,11 @@ def _tilted(held: Rows, now: int, tilt: np.ndarray) -> Rows:
 
 
 def _sum_of_squares(points: list[np.ndarray], ends: tuple[np.ndarray, np.ndarray] | None) -> tuple[float, int]:
-    """Sum of the squared differences, formed from neighbours first, over those between whose ends no sample is missing."""
+    """Sum of the squared differences, formed from neighbours first; with `ends`, only over those without a missing sample in their span."""
     while len(points) > 1:
         points = [b - a for a, b in itertools.pairwise(points)]
     d = points[0]
     if ends is not None:
         d = d[ends[0] == ends[1]]
     d *= d
-    return float(np.sum(d)), len(d)  # a dot product would start the linear algebra library's threads
+    return float(np.sum(d)), len(d)  # a dot product would start the threads of the linear algebra library

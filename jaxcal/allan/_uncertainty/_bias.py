@@ -1,12 +1,12 @@
 """Bias of the total statistics and of Theo1: their expectation over that of the plain variance, by noise type.
 
-Every one of them is a mean of squares of differences that do not see a line, so for a noise type its expectation follows from
+Each of them is a mean of squares of differences that are blind to a line. So, for a noise type, its expectation follows from
 the generalised covariance of phase alone (C. A. Greenhall, "The generalized autocovariance: a tool for clock statistics", TMO
-Progress Report 42-137, 1999). The factors of mtotdev, htotdev and theo1 are these expectations, at every cluster size. Printed
+Progress Report 42-137, 1999). The factors of mtotdev, htotdev and theo1 here are these expectations, at every cluster size. Printed
 tables hold their limits for large m, or fits to simulations: htotdev 0.995, 0.851, 0.771, 0.717, 0.679 (NIST SP 1065), which is
 the limit to the last digit; mtotdev 0.94, 0.83, 0.73, 0.70, 0.69 (Stable32), where the limit is 0.995, 0.851, 0.771, 0.717,
-0.679; theo1 within 3 %, of phase noise 15 %. totdev: D. A. Howe and C. A. Greenhall, "Total variance: a progress report on a new
-frequency stability characterization", PTTI 1997; white phase derived, flicker phase fitted to the expectation.
+0.679; theo1 within 3 %, for phase noise 15 %. totdev: D. A. Howe and C. A. Greenhall, "Total variance: a progress report on a new
+frequency stability characterization", PTTI 1997; the white phase factor is derived, the flicker phase factor fitted to the expectation.
 """
 
 import functools
@@ -21,13 +21,13 @@ _TOTAL = {2: 4.0 / 3.0, 1: 4.0 / 3.0, 0: 0.0, -1: -0.481, -2: -0.750}  # totdev:
 _MTOT = {2: 0.94, 1: 0.83, 0: 0.73, -1: 0.70, -2: 0.69}
 _HTOT = {0: 0.995, -1: 0.851, -2: 0.771, -3: 0.717, -4: 0.679}
 _THEO1 = {2: (0.09, 0.74, 0.40), 1: (0.14, 0.82, 0.30), 0: (1.0, 0.0, 0.0), -1: (1.87, -1.05, 0.79), -2: (2.70, -1.53, 0.85)}
-_LIMIT = 64  # cluster size from which the factors of the windows no longer change
+_LIMIT = 64  # cluster size above which the factors of the windows no longer change
 
 
 def phase_covariance(alpha: int, lag: Any) -> Float[np.ndarray, "..."]:
     """Generalised covariance of the phase of power-law noise, up to a factor, a constant and a parabola; band limit 1/(2 dt).
 
-    Variances of differences that do not see a parabola follow from it as those of a stationary process do (C. A. Greenhall, TMO
+    Use it like the covariance of a stationary process, for variances of differences that are blind to a parabola (C. A. Greenhall, TMO
     Progress Report 42-137, 1999).
 
     Parameters
@@ -37,7 +37,7 @@ def phase_covariance(alpha: int, lag: Any) -> Float[np.ndarray, "..."]:
 
     Examples
     --------
-    The Allan variance of white rate noise halves where the cluster size doubles:
+    The Allan variance of white rate noise halves when the cluster size doubles:
 
     >>> from jaxcal.allan import phase_covariance
     >>> allan = [(6 * phase_covariance(0, 0) - 8 * phase_covariance(0, m) + 2 * phase_covariance(0, 2 * m)) / (2 * m**2) for m in (1, 2)]
@@ -54,15 +54,15 @@ def phase_covariance(alpha: int, lag: Any) -> Float[np.ndarray, "..."]:
 
 
 def bias_factors(m: Any, alpha: Any, kind: str | Kind, samples: Any, published: bool = False) -> Float[np.ndarray, "..."]:
-    """Expectation of the variance of a total statistic or Theo1 over that of the plain one; `deviation` divides by it.
+    """Expectation of the variance of a total statistic or Theo1 over that of the plain variance; `deviation` divides by it.
 
     Parameters
     ----------
     m : cluster sizes in samples.
     alpha : noise types, broadcast against m.
     kind : name of the statistic, such as "mtotdev"; plain statistics have a factor of one.
-    samples : rate samples of the record, broadcast against m.
-    published : the constants that printed tables were made with, instead of the exact factors.
+    samples : number of rate samples of the record, broadcast against m.
+    published : use the constants of published tables instead of the exact factors.
 
     Examples
     --------
@@ -74,7 +74,7 @@ def bias_factors(m: Any, alpha: Any, kind: str | Kind, samples: Any, published: 
     sizes, types, lengths = np.broadcast_arrays(m, np.clip(np.asarray(alpha), -4 if kind.order == 3 else -2, 2), samples)
     if kind.name == "totdev":
         slopes = np.vectorize(_TOTAL.get, otypes=[float])(types.astype(int))
-        slopes = slopes - np.where(types == 1, 0.77 * sizes**-0.135, 0.0)  # flicker phase nears white phase slowly
+        slopes = slopes - np.where(types == 1, 0.77 * sizes**-0.135, 0.0)  # flicker phase approaches white phase slowly
         return np.where(sizes > 1, 1.0 + slopes * sizes / np.maximum(lengths, 1), 1.0)  # at m = 1 nothing is reflected
     if not kind.contiguous:
         return np.ones(sizes.shape)
@@ -85,7 +85,7 @@ def bias_factors(m: Any, alpha: Any, kind: str | Kind, samples: Any, published: 
 
 
 def _published(sizes, types, kind: Kind) -> Float[np.ndarray, "..."]:
-    """Stable32's factors of mtotdev, and those of NIST SP 1065, where phase noise of htotdev has none."""
+    """Stable32's factors for mtotdev, and those of NIST SP 1065, which has none for htotdev of phase noise."""
     if kind.family == "theo1":
         a, b, c = (np.vectorize(lambda noise, i=i: _THEO1[max(int(noise), -2)][i], otypes=[float])(types) for i in range(3))
         return 1.0 / (a + b / sizes**c)
@@ -95,7 +95,7 @@ def _published(sizes, types, kind: Kind) -> Float[np.ndarray, "..."]:
 
 @functools.lru_cache(maxsize=64)
 def _window_map(m: int) -> Float[np.ndarray, "points differences"]:
-    """The definition, applied to unit windows: matrix from the points of a window to the third differences of its extension."""
+    """The definition applied to unit windows: matrix from the points of a window to the third differences of its extension."""
     length = 3 * m
     unit = np.eye(length)
     half, rest = length // 2, -(-length // 2)
@@ -110,7 +110,7 @@ def _window_map(m: int) -> Float[np.ndarray, "points differences"]:
 
 def _window_factor(m: int, alpha: int, order: int) -> float:
     if order == 3 and m == 1:
-        return 1.0  # htotdev is ohdev there
+        return 1.0  # htotdev equals ohdev there
     return _window_expectation(min(m, _LIMIT), alpha, order)
 
 

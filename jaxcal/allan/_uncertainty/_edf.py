@@ -1,4 +1,4 @@
-"""Equivalent degrees of freedom of a variance, and the chi-square interval that follows from it.
+"""Equivalent degrees of freedom of a variance, and the chi-square interval that follows from them.
 
 C. A. Greenhall and W. J. Riley, "Uncertainty of stability variances based on finite differences", Proc. 35th PTTI, 2003,
 the "combined" algorithm. alpha is the noise type: 2 white phase, 1 flicker phase, 0 white rate, -1 flicker rate, -2 random
@@ -16,9 +16,9 @@ from ..._types import Float
 from .._kinds import Kind
 
 _JMAX = 100
-#: points of the table of interval factors; more values than that are looked up
+#: number of points of the table of interval factors
 TABLE = 4000
-_NODES = 1024  # arguments up to which a function is evaluated at each
+_NODES = 1024  # largest number of arguments for which a function is evaluated at each
 
 # generalised autocovariance of phase, by alpha: sign * |t|^power * (ln |t| or 1)
 _WALK = {2: (-1, 1, 0), 1: (1, 2, 1), 0: (1, 3, 0), -1: (-1, 4, 1), -2: (-1, 5, 0), -3: (1, 6, 1), -4: (1, 7, 0)}
@@ -46,7 +46,7 @@ def _sw(t, alpha: int):
     sign, power, log = _WALK[alpha]
     t = np.abs(t)
     value = sign * t
-    for _ in range(power - 1):  # a tenth of the time of t**power
+    for _ in range(power - 1):  # takes a tenth of the time of t**power
         value = value * t
     return value * np.log(np.where(t > 0, t, 1.0)) if log else value  # zero at t = 0
 
@@ -55,9 +55,9 @@ def _sx(t, f, alpha: int):
     if np.ndim(f) == 0 and math.isinf(f):
         return _sw(t, alpha + 2)
     whole = f**2 * (2 * _sw(t, alpha) - _sw(t - 1 / f, alpha) - _sw(t + 1 / f, alpha))
-    if alpha != 1:  # the others take this road at small f only
+    if alpha != 1:  # other noise types reach this line at small f only
         return whole
-    # the second difference of t^2 ln |t| at spacing 1/f cancels; its series does not
+    # the second difference of t^2 ln |t| at spacing 1/f suffers from cancellation; its series does not
     reach = np.abs(t) * f
     far = reach > 300.0
     reach = np.where(far, reach, 300.0)
@@ -68,7 +68,7 @@ def _sz(t, f, alpha: int, order: int):
     weights = _TWICE[order]
     shifts = np.arange(-order, order + 1)
     values = _sx(np.asarray(t) + shifts.reshape(-1, *(1,) * np.ndim(t)), f, alpha)
-    # one after another: large values cancel, and the rounding must not depend on how many are taken together
+    # add one after another: large values cancel, and the rounding must not depend on the number of arguments
     return (
         sum(weights[abs(shift)] * value for shift, value in zip(shifts[1:].tolist(), values[1:], strict=True)) + weights[order] * values[0]
     )
@@ -84,13 +84,13 @@ def _basic_sum(j, m, s, f, alpha: int, order: int) -> np.ndarray:
 
 
 def _at_nodes(function, x) -> np.ndarray:
-    """A smooth function at positive values: each where there are few, else linear in ln x between some hundreds of them."""
+    """A smooth function at positive values: directly if they are few, otherwise linear in ln x between some hundreds of them."""
     if len(x) <= _NODES:
         return function(x)
     values = np.sort(x)
     values = values[np.diff(values, prepend=0.0) > 0]  # np.unique takes ten times as long
     if len(values) > _NODES:
-        # BasicSum has kinks where one of its terms meets a whole number of clusters: hence the even spacing beside the other
+        # half of the nodes are evenly spaced, because BasicSum has kinks where one of its terms meets a whole number of clusters
         inner = [spaced(values[0], values[-1], _NODES // 2) for spaced in (np.geomspace, np.linspace)]
         ends = np.arange(_NODES // 8)
         chosen = np.searchsorted(values, np.concatenate(inner)).clip(max=len(values) - 1)
@@ -107,7 +107,7 @@ def _inverse_edf(m, alpha, points, kind: Kind) -> np.ndarray:
     total = 1 + np.floor(s * (points - reach) / m)
     r = total / s
     a0, a1 = np.array([*(_TABLE_1 if modified else _TABLE_2)[order].values()])[2 - alpha].T
-    out = (a0 - a1 / r) / r  # long records
+    out = (a0 - a1 / r) / r  # for long records
     j = np.minimum(total, (order + 1) * s)
     limited, short = (j > _JMAX) & (r < order + 1), j <= _JMAX
     if not modified:
@@ -124,7 +124,7 @@ def _inverse_edf(m, alpha, points, kind: Kind) -> np.ndarray:
             out[common] = (constant - slope / total[common]) / total[common]
             short = short & ~common
     for one in {*alpha[limited | short].tolist()}:
-        infinite = not modified and one <= 0  # f where m is large
+        infinite = not modified and one <= 0  # whether f, in the paper's notation, is infinite where m is large
         here = limited & (alpha == one)
         if here.any():
             out[here] = _limited(r[here], size[here], one, kind)
@@ -138,7 +138,7 @@ def _inverse_edf(m, alpha, points, kind: Kind) -> np.ndarray:
 
 
 def _white_phase(total, r, order: int) -> np.ndarray:
-    """Inverse of edf times `total`, of the plain variances of white phase noise."""
+    """Inverse of edf times `total`, for the plain variances of white phase noise."""
     centre, (a0, a1) = math.comb(2 * order, order), _TABLE_2[order][2]
     pairs = sum(np.maximum(1 - i / r, 0.0) * math.comb(2 * order, order - i) ** 2 for i in range(1, order))
     return np.where(r <= order, 1 + 2 * pairs / centre**2, a0 - a1 / r)
@@ -150,7 +150,7 @@ def _flicker_phase(size, order: int) -> np.ndarray:
 
 
 def _limited(r, size, alpha: int, kind: Kind) -> np.ndarray:
-    """1/edf where a hundred terms stand for all of BasicSum, and the record is short."""
+    """1/edf of a short record, with a hundred terms in place of the whole BasicSum."""
     flicker = not kind.modified and alpha == 1
     f = 1.0 if kind.modified else math.inf
 
@@ -163,14 +163,14 @@ def _limited(r, size, alpha: int, kind: Kind) -> np.ndarray:
 
 @functools.cache
 def _short_table(order: int, modified: bool) -> Float[np.ndarray, "2 types sizes"]:
-    """The c and b of 1/edf = (c - b / M) / M with M differences, at the cluster sizes all of whose terms are added.
+    """Coefficients c and b of 1/edf = (c - b / M) / M for M differences, at the cluster sizes for which all terms are added.
 
-    Of records in which M is no less than the terms.
+    They hold for records in which M is not smaller than the number of terms.
     """
     sizes = np.arange(_JMAX // (order + 1) + 1)
     table = np.zeros((2, 5 if order == 2 else 7, len(sizes)))
     s = sizes[1:].astype(np.float64)
-    # linear in 1/M: two values give it; at M infinite, and at the least that the terms allow
+    # 1/edf is linear in 1/M, so two values suffice: at infinite M, and at the smallest M that the terms allow
     j = (order + 1) * s
     for row in range(table.shape[1]):
         part = (s, np.ones_like(s) if modified else s, 2 - row, order)
@@ -182,12 +182,12 @@ def _short_table(order: int, modified: bool) -> Float[np.ndarray, "2 types sizes
 
 
 def _short(total, j, s, f, alpha: int, order: int) -> np.ndarray:
-    """1/edf where all terms of BasicSum are added."""
+    """1/edf with all terms of BasicSum added."""
     return _basic_sum(j, total, s, f, alpha, order) / (total * _sz(np.zeros_like(s), f, alpha, order) ** 2)
 
 
 def _short_strided(total, j, s, f, alpha: int, order: int) -> np.ndarray:
-    """The same at s = 1, where the few s_z needed depend on f alone."""
+    """`_short` at s = 1, where the few s_z needed depend on f only."""
 
     def one(t):
         if np.ndim(f) == 0:
@@ -202,18 +202,18 @@ def _short_strided(total, j, s, f, alpha: int, order: int) -> np.ndarray:
 
 
 def degrees_of_freedom(m, alpha, kind: Kind, samples) -> Float[np.ndarray, "..."]:
-    """Equivalent degrees of freedom for cluster sizes m (broadcast against noise types alpha), gap-free record.
+    """Equivalent degrees of freedom at cluster sizes m (broadcast against noise types alpha), for a record without gaps.
 
     Parameters
     ----------
     m : cluster sizes.
     alpha : noise types, 2 .. -2 (-4 for three-sample statistics); clipped to that range.
     kind : the statistic.
-    samples : number of rate samples of the record, one for all or (broadcast) for each.
+    samples : number of rate samples of the record, one for all or (broadcast) one for each.
 
     Examples
     --------
-    Overlapped Allan deviation of white rate noise, 1025 phase points:
+    Overlapping Allan deviation of white rate noise, 1025 phase points:
 
     >>> from jaxcal.allan._uncertainty._edf import degrees_of_freedom
     >>> from jaxcal.allan._kinds import find_kind
@@ -223,17 +223,17 @@ def degrees_of_freedom(m, alpha, kind: Kind, samples) -> Float[np.ndarray, "..."
     alpha = np.clip(np.asarray(alpha), -2 if kind.order == 2 else -4, 2).astype(np.int64)
     sizes, types, samples = np.broadcast_arrays(np.asarray(m, dtype=np.int64), alpha, samples)
     inverse = _inverse_edf(sizes.ravel(), types.ravel(), samples.ravel() + 1, kind).reshape(sizes.shape)
-    # a variance of a single difference has one degree of freedom; formulas for large arguments can dip below
+    # a variance of a single difference has one degree of freedom; formulas for large arguments may give less
     return np.asarray(np.maximum(1.0 / inverse, 1.0))
 
 
 def interval_factors(edf, confidence: float) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
     """Factors from a deviation to the limits of its interval: sqrt(edf / chi2_{1-a/2}), sqrt(edf / chi2_{a/2}), a = 1 - confidence.
 
-    The table gives seven digits, one step of Halley's method from there all of them, in a quarter of the time of scipy's search.
+    The table gives seven digits, and one step of Halley's method gives all of them, in a quarter of the time of scipy's search.
     """
     half = np.asarray(edf, dtype=np.float64) / 2.0
-    largest = 2.0 * float(np.max(half, initial=0.5, where=half > 0.5))  # NaN, of a channel without samples, stays NaN
+    largest = 2.0 * float(np.max(half, initial=0.5, where=half > 0.5))  # NaN, from a channel without samples, stays NaN
     factors = []
     for near, p in zip(tabulated_factors(2.0 * half, largest, confidence), _tails(confidence), strict=True):
         x = half / near**2
@@ -243,9 +243,9 @@ def interval_factors(edf, confidence: float) -> tuple[Float[np.ndarray, "..."], 
 
 
 def known_uncertainty(sizes, alpha, kind: Kind, samples: int, confidence: float) -> Float[np.ndarray, "3 clusters channels"]:
-    """The edf and both interval factors of a record without gaps at (clusters,) sizes and (clusters, channels) types.
+    """The edf and both interval factors of a record without gaps, at (clusters,) sizes and (clusters, channels) types.
 
-    They depend on the length of the record and not on its samples: many records of one length compute them once.
+    They depend on the length of the record and not on its samples, so records of one length share them.
     """
     out, held = np.empty((3, *alpha.shape)), sizes.tobytes()
     for one in {*alpha.ravel().tolist()}:
@@ -260,12 +260,12 @@ def _of_type(sizes: bytes, alpha: float, kind: Kind, samples: int, confidence: f
 
 
 def _tails(confidence: float) -> tuple[float, float]:
-    """Probabilities below chi-square at the lower and at the upper limit of a deviation."""
+    """Probabilities of chi-square below the values for the lower and the upper limit of a deviation."""
     return (1.0 + confidence) / 2.0, (1.0 - confidence) / 2.0
 
 
 def tabulated_factors(edf, largest: float, confidence: float, xp: ModuleType = np):
-    """The same for many or traced values up to `largest`, from a table: good to 5e-7 (99.9 %, 10^7 degrees of freedom)."""
+    """`interval_factors` for many or traced values up to `largest`, from a table: good to 5e-7 (99.9 %, 10^7 degrees of freedom)."""
     scale, curves = _factor_table(max(math.ceil(math.log2(largest)), 1), confidence)
     log, root = xp.log(edf), xp.sqrt(edf)
     return tuple(xp.exp(xp.interp(log, *(xp.asarray(v, dtype=edf.dtype) for v in (scale, curve))) / root) for curve in curves)
@@ -273,7 +273,7 @@ def tabulated_factors(edf, largest: float, confidence: float, xp: ModuleType = n
 
 @functools.lru_cache(maxsize=16)
 def _factor_table(octaves: int, confidence: float) -> tuple[np.ndarray, list[np.ndarray]]:
-    """ln(edf), and ln(factor) sqrt(edf) of both limits, which hardly vary: 4,000 points, closer where edf is small."""
+    """ln(edf), and ln(factor) sqrt(edf) of both limits, which hardly vary: 4,000 points, closer together where edf is small."""
     scale = np.linspace(0.0, 1.0, TABLE) ** 2 * (octaves * math.log(2.0))
     half, root = np.exp(scale) / 2.0, np.exp(scale / 2.0)
     return scale, [np.log(half / scipy.special.gammaincinv(half, p)) / 2.0 * root for p in _tails(confidence)]

@@ -1,11 +1,11 @@
 """Equivalent degrees of freedom of the total statistics and of Theo1, by noise type, from record length over cluster time.
 
-For Gaussian noise the edf of a quadratic form v = theta' A theta is (tr A C)^2 / tr (A C A C), C the generalised covariance of
-phase (`phase_covariance`). The figures for totdev, mtotdev and htotdev here are this, evaluated for records of up to 768 samples
-and put into formulas and tables of x = T / tau; the form holds at every cluster size. The published formulas (NIST SP 1065,
-sections 5.2.11 to 5.2.14) agree with it for totdev at large m, and count too many degrees of freedom elsewhere: for mtotdev and
-htotdev 1.2 times at x = 8, 1.5 times at x = 3, and for all three about twice at m = 1. Theo1: SP 1065 section 5.2.15, which
-agrees with the exact value within 20 %.
+For Gaussian noise, the edf of a quadratic form v = theta' A theta is (tr A C)^2 / tr (A C A C), where C is the generalised covariance
+of phase (`phase_covariance`). For totdev, mtotdev and htotdev this was evaluated for records of up to 768 samples, and put into
+formulas and tables of x = T / tau; the form holds at every cluster size. The published formulas (NIST SP 1065, sections 5.2.11 to
+5.2.14) agree with it for totdev at large m. Elsewhere they count too many degrees of freedom: for mtotdev and htotdev 1.2 times at
+x = 8, 1.5 times at x = 3, and for all three about twice at m = 1. Theo1 uses SP 1065 section 5.2.15, which agrees with the exact
+value within 20 %.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from ..._types import Any, Float
 from .._kinds import Kind, find_kind
 from . import _edf
 
-# mtotdev for white phase .. random walk of rate; htotdev, which does to rate what mtotdev does to phase, for white rate .. -4
+# mtotdev for white phase .. random walk of rate; htotdev, which treats rate as mtotdev treats phase, for white rate .. -4
 _RATIOS = np.array([3.0, 4.0, 6.0, 8.0, 12.0, 24.0, 48.0])
 _WINDOWS = np.array(
     [
@@ -25,7 +25,7 @@ _WINDOWS = np.array(
         [1.313, 1.557, 2.928, 4.512, 7.730, 17.44, 36.90],
     ]
 )
-# what a small cluster size changes, by size: fewer points are averaged than the limit of large m has
+# factors for small cluster sizes, by size: they average fewer points than the limit of large m
 _SMALL = np.array([1.0, 2.0, 4.0, 8.0, 16.0])
 _CHANGES = np.array(
     [
@@ -37,30 +37,30 @@ _CHANGES = np.array(
     ]
 )
 
-#: edf of htotdev over that of ohdev in white and flicker phase noise: simulated, 1.42 to 2.3 for m = 2 .. 64 and
-#: 6 to 48 cluster times in the record (1000 records each); the least, so that no interval is too narrow
+#: edf of htotdev over that of ohdev in white and flicker phase noise. Simulations gave 1.42 to 2.3 for m = 2 .. 64 and 6 to 48 cluster
+#: times in the record (1000 records each); the smallest is used, so that no interval is too narrow
 _OVER_OHDEV = 1.4
 
 
 def degrees_of_freedom(m: Any, alpha: Any, kind: str | Kind, samples: Any) -> Float[np.ndarray, "..."]:
-    """Equivalent degrees of freedom of a variance, of a record without gaps.
+    """Equivalent degrees of freedom of a variance, for a record without gaps.
 
-    Plain statistics by the "combined" algorithm of Greenhall and Riley (PTTI 2003), the total statistics by their quadratic forms,
-    Theo1 by NIST SP 1065, section 5.2.15. The variance times edf over its expectation is nearly chi-square with edf degrees of freedom.
+    Plain statistics use the "combined" algorithm of Greenhall and Riley (PTTI 2003), total statistics their quadratic forms, and Theo1
+    NIST SP 1065, section 5.2.15. The variance times edf over its expectation is nearly chi-square with edf degrees of freedom.
 
     Parameters
     ----------
     m : cluster sizes in samples.
     alpha : noise types (2 white phase .. -2 random walk of rate, -4 for three-sample statistics), broadcast against m.
     kind : name of the statistic, such as "oadev".
-    samples : rate samples of the record, broadcast against m.
+    samples : number of rate samples of the record, broadcast against m.
 
-    Of phase noise htotdev has the degrees of freedom of ohdev times 1.4, or those of white rate where they are more: 0 to 35 % fewer
-    than in simulations from 6 cluster times in the record on, and far fewer below. Types beyond the last are taken as the last.
+    In phase noise, htotdev has 1.4 times the degrees of freedom of ohdev, or those of white rate noise if they are more. From 6 cluster
+    times in the record on, these are 0 to 35 % fewer than in simulations, and far fewer below. Types beyond the last count as the last.
 
     Examples
     --------
-    Total deviation of white rate noise: half as many again as the record has clusters.
+    Total deviation of white rate noise: one and a half times the number of clusters in the record.
 
     >>> from jaxcal.allan import degrees_of_freedom
     >>> [round(float(v), 1) for v in degrees_of_freedom([10, 100, 500], 0, "totdev", 1000)]
@@ -73,11 +73,11 @@ def degrees_of_freedom(m: Any, alpha: Any, kind: str | Kind, samples: Any) -> Fl
     sizes, types, lengths = np.broadcast_arrays(m, np.clip(np.asarray(alpha), lowest, 2).astype(np.int64), samples)
     edf = np.ones(sizes.shape)
     formula = _theo1 if kind.family == "theo1" else _totdev if kind.name == "totdev" else _windows
-    shift = 0 if kind.order == 3 else 2  # row of the tables of windows: shift - alpha
+    shift = 0 if kind.order == 3 else 2  # row of the tables of windows is shift - alpha
     for noise in np.unique(types):
         here = types == noise
         edf[here] = formula(sizes[here].astype(np.float64), np.maximum(lengths[here], 1).astype(np.float64), int(noise), shift)
-    if kind.order == 3:  # htotdev is ohdev at m = 1, and has more degrees of freedom than ohdev elsewhere, in phase noise many more
+    if kind.order == 3:  # htotdev equals ohdev at m = 1; elsewhere it has more degrees of freedom, in phase noise many more
         for length in np.unique(lengths):
             here = (lengths == length) & ((sizes == 1) | (types > 0))
             plain = _edf.degrees_of_freedom(sizes[here], types[here], kind.plain, int(length))
@@ -87,7 +87,7 @@ def degrees_of_freedom(m: Any, alpha: Any, kind: str | Kind, samples: Any) -> Fl
 
 def _totdev(m, n, alpha: int, _):
     x = n / m
-    if alpha == 2:  # the differences within m of an end share the end point twice over: 32 m^2
+    if alpha == 2:  # 32 m^2: differences within m of an end share the end point twice
         return (6.0 * n + 8.0 * m) ** 2 / (70.0 * n + 110.0 * m + 32.0 * m**2)
     if alpha == 1:  # fitted up to n = 512
         return n / (1.339 + 0.2834 * m * np.minimum(m, 512.0) ** -0.094) / (1.0 + 0.96 / x)

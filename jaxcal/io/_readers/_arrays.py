@@ -1,4 +1,4 @@
-"""Files of arrays: NumPy, MATLAB, HDF5 and Parquet. Pickled objects are never loaded."""
+"""Read files of arrays: NumPy, MATLAB, HDF5 and Parquet. Pickled objects are never loaded."""
 
 import pathlib
 import posixpath
@@ -33,12 +33,12 @@ _NAMELESS, _WIDEST = "\0", 1000
 
 
 def read_npy(path: pathlib.Path) -> Table:
-    """Columns of a 2-D array (memory-mapped), or the fields of a structured one."""
+    """Read the columns of a 2-D array (memory-mapped), or the fields of a structured array."""
     return arrays_of_columns(np.load(path, mmap_mode="r", allow_pickle=False))
 
 
 def arrays_of_columns(array: np.ndarray) -> Table:
-    """Columns of a 2-D array, or the fields of a structured one."""
+    """Make a table from the columns of a 2-D array, or from the fields of a structured array."""
     if array.dtype.names:
         return table_of_arrays({name: array[name] for name in array.dtype.names})
     if array.ndim == 1:
@@ -51,7 +51,7 @@ def arrays_of_columns(array: np.ndarray) -> Table:
 
 
 def read_npz(path: pathlib.Path) -> Table:
-    """Arrays of an .npz by name: vectors such as gyro (n, 3), single channels such as gyro_x (n,), and a scalar rate."""
+    """Read the arrays of an .npz by name: vectors such as gyro (n, 3), channels such as gyro_x (n,), and a scalar rate."""
     with zipfile.ZipFile(path) as archive:
         check_declared(sum(member.file_size for member in archive.infolist()), path.stat().st_size, "the arrays")
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
@@ -60,7 +60,7 @@ def read_npz(path: pathlib.Path) -> Table:
     system = arrays.pop("units", np.array(""))
     arrays |= {name: array.T for name, array in arrays.items() if array.ndim == 2 and array.shape[0] < array.shape[1]}
     table = table_of_arrays(arrays)
-    if str(system) == "SI":  # as `jaxcal apply` and `jaxcal simulate` write
+    if str(system) == "SI":  # written by `jaxcal apply` and `jaxcal simulate`
         quantities = [(parse_name(name) or ("",))[0] for name in table.names]
         table.names = [f"{name} [{si_unit(one)}]" if one else name for name, one in zip(table.names, quantities, strict=True)]
     if saved is not None and saved.dtype.kind == "U" and saved.size == 1:
@@ -69,7 +69,7 @@ def read_npz(path: pathlib.Path) -> Table:
 
 
 def read_parquet(path: pathlib.Path) -> Table:
-    """Columns of a Parquet file, named as in a text table; dates and times become datetime64[ns]."""
+    """Read the columns of a Parquet file, named as in a text table; dates and times become datetime64[ns]."""
     require("polars", "reading Parquet", "parquet")
     about, arrays = _in_sandbox("parquet", path, "the table")
     columns = []
@@ -85,7 +85,7 @@ def read_parquet(path: pathlib.Path) -> Table:
 
 
 def table_of_arrays(arrays: dict[str, np.ndarray]) -> Table:
-    """Arrays of one length as columns: vectors of up to three columns, single channels; a scalar may be the rate."""
+    """Make a table from arrays of one length: vectors of up to three columns, and single channels; a scalar may be the rate."""
     columns: list[np.ndarray] = []
     names: list[str] = []
     rate, left_out = None, []
@@ -125,7 +125,7 @@ def _table(columns: list[np.ndarray], names: list[str]) -> Table:
 
 
 def read_mat(path: pathlib.Path, topics: list[str] | None) -> Table:
-    """Variables of a MATLAB file of the versions 4 to 7 by name, and the fields of structs; 7.3 is HDF5."""
+    """Read the variables, and fields of structs, of a MATLAB file of version 4 to 7; version 7.3 is HDF5."""
     _check_mat(path)
     about, arrays = _in_sandbox("mat", path, "the file")
     if not about["names"] and about["opaque"]:
@@ -137,13 +137,13 @@ def read_mat(path: pathlib.Path, topics: list[str] | None) -> Table:
 
 
 def _check_mat(path: pathlib.Path) -> None:
-    """Compare the sizes that variables declare, unpacked ones included, with that of the file."""
+    """Compare the declared (unpacked) sizes of the variables with the size of the file."""
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(128)
         order = _ORDER.get(head[126:128])
         if order is None or not head.startswith(b"MATLAB"):
-            return  # version 4: nothing is packed
+            return  # version 4 has no compression
         total = 0
         while len(tag := file.read(8)) == 8:
             kind, length = struct.unpack(order + "II", tag)
@@ -161,9 +161,9 @@ def _check_mat(path: pathlib.Path) -> None:
 
 
 def read_hdf5(path: pathlib.Path, topics: list[str] | None) -> Table:
-    """Arrays of an HDF5 or MATLAB 7.3 file by the names of the data sets, at any depth; an attribute `units` gives the unit.
+    """Read the arrays of an HDF5 or MATLAB 7.3 file by the names of the data sets, at any depth; an attribute `units` gives the unit.
 
-    Only what lies in the file itself is read: links to other files, data stored in them, and virtual data sets are left out.
+    Only data in the file itself are read: links to other files, external data, and virtual data sets are left out.
     """
     require("h5py", "reading HDF5 and MATLAB 7.3", "hdf5")
     about, arrays = _in_sandbox("hdf5", path, "the file")
@@ -176,7 +176,7 @@ def read_hdf5(path: pathlib.Path, topics: list[str] | None) -> Table:
     attributes: dict[str, Any] = about.get("attributes", {})
     prose = "\n".join(value for value in attributes.values() if isinstance(value, str))
     for name in about["names"]:
-        # "`imu_gyr` in rad/s", as descriptions say
+        # find units in descriptions, such as "`imu_gyr` in rad/s"
         found = re.search(rf"{re.escape(posixpath.basename(name))}[`'\"]?\s*(?:\(|\[|in|:)\s*([^\s,;()\[\]]+)", prose)
         quantity = (parse_name(f"{posixpath.basename(name)}_x") or parse_name(posixpath.basename(name)) or ("",))[0]
         if found and quantity and name not in about["units"] and (unit := unit_of(found[1].rstrip("."), quantity)):
@@ -197,7 +197,7 @@ def read_hdf5(path: pathlib.Path, topics: list[str] | None) -> Table:
 
 
 def _in_sandbox(kind: str, path: pathlib.Path, what: str) -> tuple[dict[str, Any], list[np.ndarray]]:
-    """Description and arrays of a file, read in the process of `_sandbox`."""
+    """Read description and arrays of a file in the separate process of `_sandbox`."""
     size = path.stat().st_size
     about, arrays = sandbox.read(kind, str(path), allowed=allowed(size))
     check_declared(about.get("declared", 0), size, what)
@@ -205,10 +205,10 @@ def _in_sandbox(kind: str, path: pathlib.Path, what: str) -> tuple[dict[str, Any
 
 
 def _table_of_tree(about: dict[str, Any], arrays: list[np.ndarray], topics: list[str] | None, kind: str) -> Table:
-    """Table of the arrays of one group, or of all where their names are different.
+    """Make a table from the arrays of one group, or from all arrays if their names are unique.
 
-    `about` has the name of each, such as ``imu0/gyro``, and units by name where the file gives some. Rows and columns may be either
-    way round: the longer side is time. `topics` is the group to read, `kind` what arrays are called in messages.
+    `about` has the names of the arrays, such as ``imu0/gyro``, and units by name if the file states them. Arrays may be transposed: the
+    longer side is time. `topics` is the group to read, `kind` the word for an array in messages.
     """
     groups: dict[str, dict[str, np.ndarray]] = {}
     for path, array in zip(about["names"], arrays, strict=True):
@@ -239,7 +239,7 @@ def _table_of_tree(about: dict[str, Any], arrays: list[np.ndarray], topics: list
 
 
 def _inherited(groups: dict[str, dict[str, np.ndarray]], group: str) -> dict[str, np.ndarray]:
-    """Arrays of a group, and of those around it (a clock that several sensors share)."""
+    """Arrays of a group and of its parent groups, which may have a clock that several sensors share."""
     found = dict(groups[group])
     while group:
         group = posixpath.dirname(group)
@@ -265,7 +265,7 @@ def _has_sensor(arrays: dict[str, np.ndarray]) -> bool:
 
 
 def _upright(array: np.ndarray) -> np.ndarray:
-    """Time first: vectors of one dimension, and the longer side of a matrix down."""
+    """Make time the first axis: flatten vectors, and transpose matrices whose second side is longer."""
     if array.ndim != 1 and array.size == max(array.shape, default=1):
         return array.reshape(-1)
     return array.T if array.ndim == 2 and array.shape[0] < array.shape[1] else array

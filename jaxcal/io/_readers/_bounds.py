@@ -1,31 +1,31 @@
-"""What a file may ask of the reader of its format: how much memory, and for how long.
+"""Limits on the memory and time that a file may use in its reader.
 
-A few damaged or malicious bytes can declare terabytes, and a file of one megabyte can hold a gigabyte of zeros. Sensor noise does
-not compress: real logs grow by a factor of ten or twenty when unpacked, so that a limit far above that refuses no log. Three
-measures keep libraries within it, in the order of what they cost:
+A few damaged or malicious bytes can declare terabytes, and a file of one megabyte can contain a gigabyte of zeros. Sensor noise does
+not compress: real logs grow by a factor of ten or twenty when unpacked, so a much higher limit refuses no real log. Three measures
+enforce the limit, from cheap to expensive:
 
-- sizes that a file declares are compared with the size of the file before memory is taken (`check_declared`);
-- where a library reads as many bytes as a record says it has, its file ends no later than the file does (ROS);
-- libraries that a damaged file can bring down, the process with them, read in a process of their own (`_sandbox`).
+- the size declared in a file is compared with the size of the file before memory is allocated (`check_declared`);
+- if a library reads as many bytes as a record declares, the file object limits this to the end of the file (ROS);
+- libraries that a damaged file can crash, and the process with them, run in a separate process (`_sandbox`).
 
-The readers written here (ULog, DataFlash, text layout) take time in proportion to the length of the file, whatever it holds.
+jaxcal's own readers (ULog, DataFlash, text layout) take time proportional to the length of the file, whatever its content.
 """
 
 import importlib.util
 
 from ..._errors import DataError
 
-#: bytes that any file may ask for, and bytes more for each byte of it
+#: bytes that every file may use, and further bytes for each byte of the file
 _FREE, _FACTOR = 1 << 26, 256
 
 
 def allowed(size: int) -> int:
-    """Bytes that a file of `size` bytes may unpack to."""
+    """Largest unpacked size, in bytes, of a file of `size` bytes."""
     return _FREE + _FACTOR * size
 
 
 def check_declared(declared: int, size: int, what: str) -> None:
-    """Refuse what a file of `size` bytes cannot hold."""
+    """Refuse a declared size that a file of `size` bytes cannot contain."""
     if declared > allowed(size):
         raise DataError(
             f"{what} is said to hold {declared} bytes in a file of {size}; it is damaged, or packed beyond what a log can be: "
@@ -34,6 +34,6 @@ def check_declared(declared: int, size: int, what: str) -> None:
 
 
 def require(library: str, purpose: str, extra: str) -> None:
-    """Say which extra of the package brings a library that is not installed."""
+    """Refuse if a library is not installed, and name the extra of the package that installs it."""
     if importlib.util.find_spec(library) is None:
         raise DataError(f'{purpose} needs {library}: pip install "jaxcal[{extra}]"')

@@ -1,6 +1,6 @@
-"""The rows of a text table, block by block: threads parse side by side, and neither the text nor a frame of all rows is held.
+"""Read the rows of a text table in blocks, parsed by parallel threads, without keeping the text or a frame of all rows in memory.
 
-A block in which something does not fit is repaired: looked at line by line, and what is wrong is counted.
+A block with faulty rows is parsed again line by line, and the faults are counted.
 """
 
 import collections
@@ -21,17 +21,17 @@ from .._table import Table
 from ._bounds import require
 from ._text import MISSING, MONTHS, STAMPS, Layout, Text, open_text, sniff, split
 
-#: part of the rows that may be damaged before the table is refused
+#: largest share of damaged rows; a table with more is refused
 _TOLERATED = 0.01
-#: in the place of a column: rows that have another number of fields
+#: key in the place of a column, for rows with a wrong number of fields
 _WIDTH = -1
 
 
 def read_csv(path: pathlib.Path) -> Table:
-    """Columns of a text table (CSV, TSV, blanks), plain or gzipped.
+    """Read the columns of a text table (CSV, TSV, blanks), plain or gzipped.
 
-    Rows with the wrong number of fields are left out, and text in a column of numbers is a missing value; both are counted, and
-    more than 1 % of either is an error that shows the first.
+    Rows with a wrong number of fields are left out, and text in a column of numbers is a missing value. Both are counted; more than 1 %
+    of either is an error, which shows the first case.
     """
     require("polars", "reading tables", "csv")
     text = open_text(path)
@@ -49,13 +49,13 @@ def read_csv(path: pathlib.Path) -> Table:
 
 
 def _cut_last(text: Text, layout: Layout, columns: list[np.ndarray]) -> str | None:
-    """A sentence where the last row may be cut off within a number: no line ends there, and its last field is shorter than others."""
+    """Warning that the last row may be cut off within a number (no line end, and a shorter last field than other rows), or None."""
     tail = text.tail()
     if tail is None or tail.endswith(("\n", "\r")) or not len(columns[0]) or layout.kinds[-1] not in ("int", "long", "float"):
         return None
     rows = [line for line in tail.splitlines()[1 if len(tail) > 60_000 else 0 :] if line.strip()]
     if len(rows) < 3 or len(split(rows[-1], layout.delimiter)) != layout.width:
-        return None  # a row of too few fields is left out anyhow
+        return None  # a row with too few fields is left out in any case
     fields = [split(row, layout.delimiter)[-1].strip().replace(",", ".") for row in rows[-1000:]]
     if _is_whole(fields[-1], [field for field in fields[:-1] if field not in MISSING]):
         return None
@@ -63,7 +63,7 @@ def _cut_last(text: Text, layout: Layout, columns: list[np.ndarray]) -> str | No
 
 
 def _is_whole(field: str, others: list[str]) -> bool:
-    """Whether a number at the end of a file is written out like the `others`, so that at most a last digit is lost."""
+    """Whether a number at the end of a file is as complete as the `others`, so that at most its last digit is lost."""
     form = re.compile(r"[+-]?(\d*)(?:\.(\d*))?(?:[eE]([+-]?\d+))?")
     others = [other for other in others if form.fullmatch(other)]  # the header may be among them
     if field in MISSING or not others:
@@ -73,7 +73,7 @@ def _is_whole(field: str, others: list[str]) -> bool:
         return False
     exponents = [len(form[3] or "") for form in forms if form]
     if any(exponents[:-1]):
-        # a short exponent is another number; without one, the number must be as long as those that have none
+        # a truncated exponent changes the number; without exponent, the number must be as long as others without exponent
         plain = not exponents[-1] and not all(exponents[:-1]) and len(field) >= np.median([*map(len, others)])
         return bool(plain or exponents[-1] == max(exponents[:-1]))
     decimals = [len(form[2] or "") for form in forms if form]
@@ -83,7 +83,7 @@ def _is_whole(field: str, others: list[str]) -> bool:
 
 
 class Seen(NamedTuple):
-    """Something that was found `count` times, first in line `number`, which reads `shown`."""
+    """A fault that was found `count` times, first in line `number` with the content `shown`."""
 
     count: int
     number: int
@@ -92,20 +92,20 @@ class Seen(NamedTuple):
 
 @dataclasses.dataclass
 class Faults:
-    """What is wrong in the lines of a block, or of a table, by column."""
+    """Faults in the lines of a block or of a table, by column."""
 
     rows: int = 0
     found: dict[int, Seen] = dataclasses.field(default_factory=dict)
 
     def add(self, other: "Faults", lines: int) -> None:
-        """Count what a later block holds, of which `lines` stand before it."""
+        """Add the faults of a later block, which begins after `lines` lines."""
         self.rows += other.rows
         for j, seen in other.found.items():
             first = self.found.get(j, Seen(0, seen.number + lines, seen.shown))
             self.found[j] = first._replace(count=first.count + seen.count)
 
     def judged(self, layout: Layout) -> list[str]:
-        """A sentence on each; an error if more than 1 % of the rows are wrong."""
+        """One warning for each fault; an error if it affects more than 1 % of the rows."""
         said, rows = [], self.rows
         for j, (count, number, shown) in sorted(self.found.items()):
             if j == _WIDTH:
@@ -124,7 +124,7 @@ class Faults:
 
 @dataclasses.dataclass
 class Block:
-    """Columns of one block, of how many rows and bytes, and what was wrong with it."""
+    """Columns of one block, its numbers of rows and bytes, and its faults."""
 
     columns: list[np.ndarray]
     rows: int
@@ -133,14 +133,14 @@ class Block:
 
 
 def stretch(text: Text, layout: Layout, edges: list[int]) -> Iterator[Block]:
-    """The blocks between successive places in the text."""
+    """Parse the blocks between successive byte offsets in the text."""
     return _parsed_ahead(layout, (functools.partial(text.part, at, end) for at, end in itertools.pairwise(edges)))
 
 
 def row_edges(text: Text, layout: Layout) -> tuple[list[int], np.ndarray]:
-    """Where blocks begin in a text that is not packed, and how many rows stand before each, ends included.
+    """Byte offsets of the blocks of an uncompressed text, and the number of rows before each, ends included.
 
-    A row that does not fit is an error: read in chunks there is nobody to be told.
+    A faulty row is an error, because reading in chunks gives no warnings.
     """
     edges = text.edges(text.start(layout.skip))
     counts, lines = [0], _Lines(text, layout)
@@ -155,7 +155,7 @@ def row_edges(text: Text, layout: Layout) -> tuple[list[int], np.ndarray]:
 
 
 def _parsed_ahead(layout: Layout, reads: Iterator[Callable[[], bytes]]) -> Iterator[Block]:
-    """The blocks that `reads` give, in order; some are parsed ahead."""
+    """Parse the blocks from `reads` in order; some are parsed ahead."""
     import polars as pl
 
     threads = os.cpu_count() or 1
@@ -180,7 +180,7 @@ def _parsed_ahead(layout: Layout, reads: Iterator[Callable[[], bytes]]) -> Itera
 
 
 def _parse(pl: Any, read: Callable[[], bytes], layout: Layout) -> Block:
-    """The rows of one block."""
+    """Parse the rows of one block."""
     text = read()
     frame, faults = (None if layout.padded else _parsed(pl, text, layout)), None
     if frame is None or not _fits(pl, frame, layout, text):
@@ -194,11 +194,11 @@ def _parse(pl: Any, read: Callable[[], bytes], layout: Layout) -> Block:
 
 
 def _parsed(pl: Any, text: bytes, layout: Layout) -> Any:
-    """The rows as a frame, or None where they do not fit."""
+    """Parse the rows to a frame; None if they do not fit the layout."""
     types = {"int": pl.Float64, "long": pl.Int64, "float": pl.Float64, **dict.fromkeys((*STAMPS, "text"), pl.String)}
     schema = {f"c{j}": types[kind] for j, kind in enumerate(layout.kinds)} | ({"end": pl.String} if layout.trailing else {})
     plain = not (b'"' in text or (layout.comment or "#").encode() in text or {*STAMPS, "text"} & set(layout.kinds))
-    # to look for quotes, comments and words that stand for a missing value takes as long as the numbers
+    # try a quick way first: handling of quotes, comments and words for missing values doubles the time
     for quick in (True, False) if plain else (False,):
         more = {"quote_char": None} if quick else {"null_values": list(MISSING), "comment_prefix": layout.comment}
         try:
@@ -212,19 +212,19 @@ def _parsed(pl: Any, text: bytes, layout: Layout) -> Any:
 
 
 def _fits(pl: Any, frame: Any, layout: Layout, text: bytes) -> bool:
-    """Whether no row looks cut short or overlong: a row cut short ends in nulls, as do a blank line and a missing last value."""
+    """Whether no row seems too short or too long; a short row ends in nulls, as do a blank line and a missing last value."""
     if layout.trailing and frame["end"].drop_nulls().len():
         return False
     nulls = frame.to_series(layout.width - 1).null_count()
     if not nulls or nulls == frame.select(pl.all_horizontal(pl.all().is_null()).sum()).item():
         return True
-    # a last column without any value
+    # accept a last column without any value
     fields = text.count(layout.delimiter.encode()) == (layout.width - 1 + layout.trailing) * frame.height
     return nulls == frame.height and fields and b'"' not in text
 
 
 def gather(text: Text, layout: Layout, warnings: list[str]) -> list[np.ndarray]:
-    """All rows, column by column; those of numbers are the rows of one array."""
+    """Read all rows into columns; the columns of numbers are the rows of one array."""
     places = {j: i for i, j in enumerate(j for j, kind in enumerate(layout.kinds) if kind in ("int", "float"))}
     others: dict[int, list[np.ndarray]] = {j: [] for j in range(layout.width) if j not in places}
     numbers = np.empty((len(places), 0))
@@ -247,7 +247,7 @@ def gather(text: Text, layout: Layout, warnings: list[str]) -> list[np.ndarray]:
 
 
 class _Lines:
-    """How many lines stand before a block, counted when something is wrong in it."""
+    """Counts the lines before a block, only when the block has a fault."""
 
     def __init__(self, text: Text, layout: Layout) -> None:
         self._reads, self._at, self._lines = text.blocks(text.start(layout.skip)), 0, layout.skip
@@ -260,14 +260,14 @@ class _Lines:
 
 
 def _expected(text: Text, block: Block, rows: int) -> int:
-    """Rows to make room for; what is not needed costs no memory, as it is never touched."""
+    """Number of rows to allocate; unused rows cost no memory, because they are never touched."""
     if text.size is None or not block.size:
         return 2 * rows
     return max(int(1.05 * block.rows * text.size / block.size), rows + rows // 4)
 
 
 def _dates(column: Any) -> np.ndarray:
-    """Dates with a time as datetime64[ns], in UTC where they carry a zone."""
+    """Convert dates with times to datetime64[ns], to UTC if they have a time zone."""
     text = _months(column.str.strip_chars())
     parts = text.str.extract_groups(r"^([\d./-]+)(?:[T_]|,? +)([\d.,:]+\s*(?:[AaPp][Mm])?)").struct.unnest()
     day, clock = _days(parts.to_series(0)), _clocks(parts.to_series(1))
@@ -282,7 +282,7 @@ def _dates(column: Any) -> np.ndarray:
 
 
 def _months(text: Any) -> Any:
-    """Dates with the names of months as digits."""
+    """Replace the names of months in dates by digits."""
     if text.head(1000).str.contains(r"^\d\d?[- ][A-Za-z]{3}").any():
         for number, month in enumerate(MONTHS, 1):
             text = text.str.replace(rf"(?i)^(\d\d?)[- ]{month}[a-z]*[- ]", f"${{1}}-{number:02d}-")
@@ -290,19 +290,19 @@ def _months(text: Any) -> Any:
 
 
 def _days(column: Any) -> np.ndarray:
-    """Dates as datetime64[ns]: year first; or day first, unless that is no date."""
+    """Convert dates to datetime64[ns]: year first, or day first, or month first."""
     text = _months(column.str.strip_chars()).str.replace_all(r"[./]", "-")
     text = text.str.replace(r"^(\d\d?-\d\d?)-(\d\d)$", "$1-20$2")
     year_first = text.str.to_datetime("%Y-%m-%d", time_unit="ns", strict=False)
     orders = [text.str.to_datetime(form, time_unit="ns", strict=False) for form in ("%d-%m-%Y", "%m-%d-%Y")]
-    # with slashes the month often stands first; where both are dates, that which moves less from row to row
+    # with slashes the month is often first; if both orders give dates, choose the one with fewer distinct dates
     found = min((year_first.fill_null(order) for order in orders), key=lambda one: (one.null_count(), one.n_unique()))
     return found.to_numpy().astype("datetime64[ns]")
 
 
 def _clocks(column: Any) -> np.ndarray:
-    """Times of day in s."""
-    # minutes and seconds alone are those of hour 0
+    """Convert times of day to s."""
+    # minutes and seconds without hours get hour 0
     text = column.str.strip_chars().str.replace(r"^(\d\d?:\d\d[.,])", "0:$1")
     fields = text.str.extract_groups(r"^(\d\d?):(\d\d?):(\d\d)(?:[.,:](\d+))?\s*([AaPp])?").struct.unnest()
     hours, minutes, seconds, fraction = (fields.to_series(k).cast(float, strict=False).to_numpy() for k in range(4))
@@ -316,7 +316,7 @@ _STAMPS = {"date": _dates, "day": _days, "clock": _clocks}
 
 
 def _repair(pl: Any, content: bytes, layout: Layout) -> tuple[Any, Faults]:
-    """The rows of a block as a frame, and what is wrong: rows of the wrong width are left out, text among numbers is blanked out."""
+    """Parse a block line by line; rows with a wrong number of fields are left out, text among numbers becomes missing; count both."""
     lines = pl.read_csv(
         content, has_header=False, separator="\x1f", quote_char=None, schema={"line": pl.String}, encoding="utf8-lossy",
         truncate_ragged_lines=True, raise_if_empty=False,
@@ -330,7 +330,7 @@ def _repair(pl: Any, content: bytes, layout: Layout) -> tuple[Any, Faults]:
     if separator == " ":
         lines = lines.with_columns(line.str.replace_all(r"\s+", " "))
     if lines.select(line.str.contains('"', literal=True).any()).item():
-        # delimiters inside quotes are no delimiters
+        # replace delimiters inside quotes, which do not separate fields
         plain = [separator.join(field.replace(separator, " ") for field in split(text, separator)) for text in lines["line"]]
         lines = lines.with_columns(pl.Series("line", plain, pl.String))
     fields = line.str.count_matches(separator, literal=True) + 1

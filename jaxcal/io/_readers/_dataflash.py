@@ -1,7 +1,7 @@
-"""ArduPilot DataFlash, which describes itself: FMT records give the layout of all others.
+"""Read ArduPilot DataFlash logs, a self-describing format: FMT records define the layout of all other records.
 
-Records are found in whole arrays: every place where the two bytes stand that begin a record is a candidate, and one is real where
-the record before it ends. Only where that chain breaks (the same two bytes within a record, or damage) is it followed by hand.
+Records are found with array operations: every occurrence of the two bytes that begin a record is a candidate, and a candidate is a record
+if the previous record ends there. Only where this chain breaks (the same two bytes within a record, or damage) is it followed step by step.
 """
 
 import dataclasses
@@ -24,23 +24,23 @@ _LETTERS = {
     "b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8", "f": "<f4", "d": "<f8", "g": "<f2",
     "c": "<i2", "C": "<u2", "e": "<i4", "E": "<u4", "L": "<i4", "M": "u1", "n": "S4", "N": "S16", "Z": "S64", "a": "(32,)<i2",
 }  # fmt: skip
-#: letters whose value is stored times 100
+#: letters of fields that are stored multiplied by 100
 _HUNDREDTHS = "cCeE"
-#: bytes looked at in one go
+#: number of bytes examined together
 _BLOCK = 1 << 24
-#: group of records -> sensor -> (fields, unit of the value where the log does not tell)
+#: (sensor, prefix of its fields, unit if the log does not state one); group of records -> its sensors
 _GYRO, _ACCEL, _MAG = ("gyro", "Gyr", "rad/s"), ("accel", "Acc", "m/s^2"), ("mag", "Mag", "mG")
 _GROUPS = {"IMU": (_GYRO, _ACCEL), "GYR": (_GYRO,), "ACC": (_ACCEL,), "MAG": (_MAG,)}
 _OLD = re.compile(r"(IMU|GYR|ACC|MAG)([1-9])")
 #: clock of a record, newest first -> ns in one tick
 _CLOCKS = {"TimeUS": 1000, "TimeMS": 1_000_000}
-#: batches by the number of their type
+#: batches: number of the type, sensor, unit
 _BATCHES = {"ISB-ACC": (0, "accel", "m/s^2"), "ISB-GYR": (1, "gyro", "rad/s")}
 
 
 @dataclasses.dataclass
 class Format:
-    """Layout of one type of record: its number, `letters` of its fields, and where its records begin."""
+    """Layout of one type of record: its number, the `letters` of its fields, and the offsets of its records."""
 
     number: int
     letters: dict[str, str]
@@ -49,7 +49,7 @@ class Format:
 
 
 class DataFlash:
-    """A log: the layout of its records by name; `skipped` bytes belong to no record."""
+    """A log: the layouts of its records by name; `skipped` is the number of bytes that belong to no record."""
 
     def __init__(self, path: pathlib.Path):
         with path.open("rb") as file:
@@ -67,17 +67,17 @@ class DataFlash:
             form.offsets = places[kinds == form.number] + 3
 
     def holds(self, name: str, *fields: str) -> bool:
-        """Whether there are records of a type, with these fields."""
+        """Whether the log has records of this type with these fields."""
         return name in self.formats and len(self.formats[name].offsets) > 0 and set(fields) <= set(self.formats[name].letters)
 
     def rows(self, name: str, offsets: np.ndarray | None = None, fields: list[str] | None = None) -> np.ndarray:
-        """Records of one type, all or those at `offsets`, as a structured array with the log's field names; values as stored."""
+        """Records of one type, all or those at `offsets`, as a structured array with the log's field names and the stored values."""
         form = self.formats[name]
         return gather(self._content, form.offsets if offsets is None else offsets, form.dtype[fields] if fields else form.dtype)
 
 
 def read_ardupilot(path: pathlib.Path, topics: list[str] | None, units: dict[str, str], raw: bool) -> Signals:
-    """Stamps and sensors of a log: batches of unfiltered samples (ISBH, ISBD) go before ACC and GYR, and those before IMU."""
+    """Read time stamps and sensors of a log; batches of unfiltered samples (ISBH, ISBD) are preferred to ACC and GYR, these to IMU."""
     log = DataFlash(path)
     streams = _streams(log)
     if not streams:
@@ -102,7 +102,7 @@ def read_ardupilot(path: pathlib.Path, topics: list[str] | None, units: dict[str
 
 
 def ardupilot_rows(path: pathlib.Path, wanted: str | None) -> Rows:
-    """Records of one sensor, such as ``"IMU:0"``, without the batches, which are bursts."""
+    """Rows of one sensor, such as ``"IMU:0"``; batches are excluded, because they have gaps."""
     log = DataFlash(path)
     places = {label: offsets for label, (_, offsets) in _places(log).items()}
     label = one_of(list(places), wanted)
@@ -126,7 +126,7 @@ def ardupilot_rows(path: pathlib.Path, wanted: str | None) -> Rows:
 
 
 def _places(log: DataFlash) -> dict[str, tuple[str, np.ndarray]]:
-    """Label -> type of record, and where the records of that sensor begin."""
+    """Label -> type of record, and the offsets of this sensor's records."""
     found: dict[str, tuple[str, np.ndarray]] = {}
     for name in filter(log.holds, log.formats):
         old, form = _OLD.fullmatch(name), log.formats[name]
@@ -142,7 +142,7 @@ def _places(log: DataFlash) -> dict[str, tuple[str, np.ndarray]]:
 
 
 def _streams(log: DataFlash) -> dict[str, np.ndarray]:
-    """Label, as `topics=` takes it -> records of one sensor."""
+    """Label, as in `topics=` -> records of one sensor."""
     found = {label: log.rows(name, offsets) for label, (name, offsets) in _places(log).items()}
     if log.holds("ISBD") and log.holds("ISBH", "type", "instance", "N", "mul", "SampleUS", "smp_rate", "smp_cnt"):
         heads = log.rows("ISBH")
@@ -167,7 +167,7 @@ def _choose(samples: dict[str, int], topics: list[str] | None, present: str, sig
 
 
 def _records(log: DataFlash, label: str, rows: np.ndarray, raw: bool, signals: Signals) -> list[Part]:
-    """Sensors of records that hold one sample each."""
+    """Sensors from records with one sample each."""
     group, _, number = label.partition(":")
     names = rows.dtype.names or ()
     form = next(name for name in (group, f"{group}{int(number) + 1}") if name in log.formats and log.formats[name].dtype == rows.dtype)
@@ -202,7 +202,7 @@ def _records(log: DataFlash, label: str, rows: np.ndarray, raw: bool, signals: S
 
 
 def _stamps(rows: np.ndarray, label: str) -> np.ndarray:
-    """When records were taken, ns since boot."""
+    """Times of the samples, ns since boot."""
     names = rows.dtype.names or ()
     stamp = "SampleUS" if "SampleUS" in names and rows["SampleUS"].any() else next((one for one in _CLOCKS if one in names), "TimeUS")
     if stamp not in names or rows[stamp].dtype.kind not in "iu":
@@ -211,7 +211,7 @@ def _stamps(rows: np.ndarray, label: str) -> np.ndarray:
 
 
 def _values(log: DataFlash, form: str, rows: np.ndarray, fields: list[str], unit: str, quantity: str) -> tuple[np.ndarray, str]:
-    """Fields of records as (n, k), and their unit: that of FMTU, UNIT and MULT, else the customary one."""
+    """Fields of records as (n, k), and their unit from FMTU, UNIT and MULT, or else the usual unit."""
     letters = log.formats[form].letters
     wrong = [field for field in fields if field not in letters or rows[field].dtype.kind not in "iuf" or rows[field].ndim > 1]
     if wrong:
@@ -226,7 +226,7 @@ def _values(log: DataFlash, form: str, rows: np.ndarray, fields: list[str], unit
 
 
 def _stated(log: DataFlash, form: str, field: str, quantity: str) -> tuple[str | None, float]:
-    """Unit and factor that the log itself gives for a field, or None."""
+    """Unit and factor that the log states for a field; the unit is None if it states none."""
     if not (log.holds("FMTU", "FmtType", "UnitIds", "MultIds") and log.holds("UNIT", "Id", "Label") and log.holds("MULT", "Id", "Mult")):
         return None, 1.0
     own = next((row for row in log.rows("FMTU") if row["FmtType"] == log.formats[form].number), None)
@@ -240,18 +240,18 @@ def _stated(log: DataFlash, form: str, field: str, quantity: str) -> tuple[str |
     found = find_unit({"Gauss": "G", "mGauss": "mG", "m/s/s": "m/s^2"}.get(text, text), quantity)
     if found is None or not factors:
         return None, 1.0
-    # zero stands for a field without a multiplier
+    # zero means that the field has no multiplier
     return found, factors[0] if np.isfinite(factors[0]) and factors[0] > 0 else 1.0
 
 
 def _batches(log: DataFlash, label: str, signals: Signals) -> Part:
-    """Bursts of int16 at the sensor's own rate: ISBH begins one, and the ISBD of the same number hold its samples."""
+    """Read batches of int16 samples at the sensor's own rate: ISBH begins a batch, and ISBD records of the same number have its samples."""
     group, _, number = label.partition(":")
     kind, name, unit = _BATCHES[group]
     if not log.holds("ISBD", "N", "seqno", "x", "y", "z"):
         raise DataError("ISBD lacks N, seqno, x, y or z; choose other records with topics= (--topics)")
     everything, data = log.rows("ISBH"), log.rows("ISBD")
-    # numbers of 16 bits come round again: a record belongs to the last header before it
+    # the 16-bit batch numbers repeat, so a record belongs to the last header before it
     before = np.searchsorted(log.formats["ISBH"].offsets, log.formats["ISBD"].offsets) - 1
     own = (before >= 0) & (everything["N"][np.maximum(before, 0)] == data["N"])
     data, owner = data[own], before[own]
@@ -282,7 +282,7 @@ def _batches(log: DataFlash, label: str, signals: Signals) -> Part:
 
 
 def _together(parts: list[Part]) -> list[Part]:
-    """Batches of the gyroscope and of the accelerometer take turns: give both the stamps of either, with nothing at the other's."""
+    """Give gyroscope and accelerometer, whose batches alternate, common time stamps; each has NaN at the stamps of the other."""
     turns = [part for part in parts if part.source.startswith("ISB")]
     if len(turns) < 2:
         return parts
@@ -295,7 +295,7 @@ def _together(parts: list[Part]) -> list[Part]:
 
 
 def _parameters(log: DataFlash) -> tuple[dict[str, float], set[str]]:
-    """Parameters as first logged, and the names of those that changed later."""
+    """First logged values of the parameters, and the names of those that changed later."""
     found: dict[str, float] = {}
     changed: set[str] = set()
     rows = log.rows("PARM") if log.holds("PARM", "Name", "Value") else None
@@ -308,7 +308,7 @@ def _parameters(log: DataFlash) -> tuple[dict[str, float], set[str]]:
 
 
 def _formats(data: mmap.mmap) -> dict[str, Format]:
-    """Types of records, by the FMT records wherever they stand; the first of a number or a name holds."""
+    """Types of records from all FMT records in the file; of several with the same number or name, the first is used."""
     found: dict[str, Format] = {}
     numbers = {_FMT}
     at = data.find(_HEAD + bytes([_FMT]))
@@ -329,7 +329,7 @@ def _formats(data: mmap.mmap) -> dict[str, Format]:
 
 
 def _walk(content: np.ndarray, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """Where records begin, their types, and how many bytes belong to none."""
+    """Offsets of the records, their types, and the number of bytes that belong to no record."""
     places, kinds = [np.empty(0, np.int64)], [np.empty(0, np.uint8)]
     due = taken = 0
     for begin in range(0, len(content), _BLOCK):
@@ -348,7 +348,7 @@ def _walk(content: np.ndarray, lengths: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _chain(at: np.ndarray, end: np.ndarray, due: int) -> tuple[np.ndarray, int]:
-    """Which candidates begin a record: each begins where, or after, the one before it ends."""
+    """Select the candidates that begin a record: each begins where the previous record ends, or later; also the last end."""
     real = np.zeros(len(at), bool)
     breaks = [*np.flatnonzero(end[:-1] != at[1:]).tolist(), len(at) - 1]
     i = 0

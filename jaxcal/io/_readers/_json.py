@@ -1,4 +1,4 @@
-"""Readings as JSON: lists of numbers, lists of records, or arrays by name."""
+"""Read JSON: lists of numbers, lists of records, or arrays by name."""
 
 import json
 import pathlib
@@ -16,10 +16,10 @@ _AXES = "xyz"
 
 
 def read_json(path: pathlib.Path) -> Table:
-    """Columns of a JSON file.
+    """Read the columns of a JSON file.
 
-    It holds rows of numbers, records, or arrays by name. Records may lie deeper, as in {"poses": [{"heading": 90, "samples": [...]}]}:
-    then each has the numbers of those around it. A vector of three numbers becomes three columns, name_x to name_z.
+    The file has rows of numbers, records, or arrays by name. Records may be nested, as in {"poses": [{"heading": 90, "samples": [...]}]};
+    then each record also gets the numbers of the records around it. A vector of three numbers becomes three columns, name_x to name_z.
     """
     if path.stat().st_size > _LARGEST:
         raise DataError(f"the file has {path.stat().st_size} bytes, and JSON is read up to {_LARGEST}; write the readings as CSV")
@@ -62,12 +62,12 @@ def _named(name: str, width: int) -> list[str]:
 
 
 def _rows(value: Any) -> bool:
-    """Whether it is a list of vectors of one length."""
+    """Whether a value is a list of vectors of equal length."""
     return isinstance(value, list) and len(value) > 0 and all(map(_vector, value)) and len({len(row) for row in value}) == 1
 
 
 def _arrays(content: Any) -> list[tuple[str, Sequence[float | int]]]:
-    """Columns of rows of numbers, or of arrays by name, all of one length."""
+    """Columns from rows of numbers, or from arrays by name, all of equal length."""
     if _rows(content):
         return list(zip(_named("", len(content[0])), zip(*content, strict=True), strict=True))
     if not isinstance(content, dict):
@@ -96,7 +96,7 @@ def _records(node: Any, around: dict[str, float | int]) -> list[dict[str, float 
 
 
 def _columns(records: list[dict[str, float | int]]) -> list[tuple[str, Sequence[float | int]]]:
-    """Columns of the numbers that most records have; where one has none, it is missing."""
+    """Columns of the numbers that most records have; records without such a number have a missing value."""
     if len(records) < 2:
         return []
     names = list(dict.fromkeys(name for record in records for name in record))

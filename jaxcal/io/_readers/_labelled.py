@@ -1,7 +1,7 @@
-"""Lines in which every number has its label, as programs print them (``ax: 0.01 ay: 0.02``), and lines behind a time and an arrow.
+"""Convert lines with a label for every number (``ax: 0.01 ay: 0.02``), or lines after a time and an arrow, to a table.
 
-Such text becomes a table: one line of names, and the numbers with commas between them. A line of another form is left as it is, so that
-whoever reads the table counts it.
+The result is one line of names, and lines of comma-separated numbers. A line of another form is unchanged, so that the reader of the table
+counts it as a fault.
 """
 
 import collections
@@ -12,14 +12,14 @@ from collections.abc import Callable
 from .._names import AXES
 
 _LOOK, _SHARE = 60, 0.8
-#: a label and its number; and a time at the beginning of a line, with the arrow of a serial monitor or brackets
+#: a label with its number; a time at the beginning of a line, in brackets or with the arrow of a serial monitor
 _PAIR = re.compile(r"[A-Za-z\]\)]\s*[:=]\s*[-+]?\.?\d")
 _TIME = re.compile(r"\s*\[?((?:\d{4}-\d\d-\d\d[ T])?\d\d:\d\d:\d\d[.,]\d+)\]?\s*(->)?\s*")
 _NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w:]|\.\d)")
 
 
 def relabelled(text: str) -> Callable[[str], str] | None:
-    """What turns such text into a table; None for text that is one already."""
+    """Return a function that converts such text to a table; None for text of another form."""
     lines = [line for line in text.split("\n", _LOOK + 1)[: _LOOK + 1] if line.strip()][:_LOOK]
     arrows = sum(bool((match := _TIME.match(line)) and match[2]) for line in lines)
     pairs = sum(len(_PAIR.findall(_TIME.sub("", line, 1))) > 1 for line in lines)
@@ -47,7 +47,7 @@ def relabelled(text: str) -> Callable[[str], str] | None:
 
 
 def _taken_apart(line: str) -> tuple[tuple[str, ...], list[str]]:
-    """What stands between the numbers of a line, and the numbers; a time at its beginning is the first of them."""
+    """Split a line into the texts between its numbers, and the numbers; a time at its beginning is the first number."""
     match = _TIME.match(line)
     first = [match[1].replace(",", ".")] if match else []
     rest = line[match.end() :] if match else line
@@ -62,7 +62,7 @@ def _taken_apart(line: str) -> tuple[tuple[str, ...], list[str]]:
 
 
 def _names(form: tuple[str, ...]) -> list[str]:
-    """Names of the columns: the label before each number; numbers that follow one label are its axes, and what is behind is a unit."""
+    """Names of the columns: the label before each number, and a unit after it; several numbers after one label are its axes."""
     names: list[str] = ["time"] if form[0] == "\0" else []
     group, place = "", 0
     for before, after in itertools.pairwise(form[1:]):

@@ -1,4 +1,4 @@
-"""PX4 ULog: which topics are read, and what their fields mean."""
+"""Read PX4 ULog files: choice of topics, and meaning of their fields."""
 
 import collections
 import dataclasses
@@ -13,21 +13,21 @@ from ._streams import Part, Rows, first_of, imus_of, join, named, one_of
 from ._ulog import Topic, ULog
 from ._undo import undo_px4
 
-#: topic -> sensors in it
+#: topic -> its sensors
 _RAW = {"sensor_gyro": ("gyro",), "sensor_accel": ("accel",), "sensor_mag": ("mag",)}
 _FIFO = {"sensor_gyro_fifo": ("gyro",), "sensor_accel_fifo": ("accel",)}
 _USED = {"sensor_combined": ("gyro", "accel"), "vehicle_magnetometer": ("mag",)}
 _ALL = _RAW | _FIFO | _USED
 _HELPERS = ("vehicle_imu_status", "sensor_selection")
-#: what PX4 writes where it has no accelerometer sample
+#: value that PX4 writes if it has no accelerometer sample
 _INVALID = 2147483647
-#: part of the samples of another topic below which raw ones are no recording
+#: raw topics with a smaller share of the samples of another topic are not used
 _FEW = 0.2
 _UNITS = {"gyro": "rad/s", "accel": "m/s^2", "mag": "G", "temperature": "degC"}
 
 
 def read_px4(path: pathlib.Path, topics: list[str] | None, units: dict[str, str], raw: bool) -> Signals:
-    """Stamps and sensors of a ULog: raw topics go before those that PX4 has already calibrated; `topics` names one of several instances."""
+    """Read time stamps and sensors of a ULog; raw topics are preferred to calibrated ones; `topics` names one of several instances."""
     log = ULog(path, frozenset(_ALL) | frozenset(_HELPERS))
     found = {topic.label: topic for topic in log.topics if topic.name in _ALL}
     if not found:
@@ -74,7 +74,7 @@ def px4_rows(path: pathlib.Path, wanted: str | None) -> Rows:
 
 
 def _choose(samples: dict[str, int], topics: list[str] | None, present: str, signals: Signals) -> list[str]:
-    """Topics to read, of those with so many `samples`: raw ones first, unless they hold far fewer samples than others do."""
+    """Choose the topics to read: raw topics first, unless they have far fewer samples than others; `samples` maps label to number."""
     if topics is not None:
         return list(dict.fromkeys(named(list(samples), wanted, present) for wanted in topics))
 
@@ -103,7 +103,7 @@ def _name(label: str) -> str:
 
 
 def _samples(log: ULog, topic: Topic) -> int:
-    """Samples in a topic: rows, or those in the batches of a FIFO."""
+    """Number of samples in a topic: its rows, or the samples in the batches of a FIFO."""
     if "fifo" not in topic.name or "samples" not in topic.fields:
         return len(topic.offsets)
     counts = log.rows(topic, ["samples"])["samples"]
@@ -181,7 +181,7 @@ def _combined(log: ULog, topic: Topic, raw: bool, signals: Signals) -> list[Part
 
 
 def _fifo(log: ULog, topic: Topic) -> list[Part]:
-    """Batches of raw counts: sample k of `samples` is taken (samples - 1 - k) dt before the batch's stamp."""
+    """Read batches of raw counts: sample k of `samples` was taken (samples - 1 - k) dt before the time stamp of the batch."""
     rows = _rows(log, topic, ["dt", "scale", "samples", "x", "y", "z"], ["timestamp", "timestamp_sample"])
     stamps = _stamps(rows, topic, [])
     width = rows["x"].reshape(len(stamps), -1).shape[1]
@@ -211,7 +211,7 @@ def _rows(log: ULog, topic: Topic, needed: list[str], optional: list[str]) -> di
 
 
 def _stamps(rows: dict[str, np.ndarray], topic: Topic, notes: list[str]) -> np.ndarray:
-    """When the samples were taken, in ns since boot."""
+    """Times of the samples, ns since boot."""
     if "timestamp_sample" in rows and rows["timestamp_sample"].any():
         return rows["timestamp_sample"].astype(np.int64) * 1000
     if "timestamp" not in rows:
@@ -228,7 +228,7 @@ def _wide(rows: dict[str, np.ndarray], fields: list[str]) -> np.ndarray:
 
 
 def _longest(rows: dict[str, np.ndarray], field: str, topic: Topic, warnings: list[str]) -> dict[str, np.ndarray]:
-    """Rows with the calibration that most of them have."""
+    """Keep the rows with the most frequent calibration."""
     if field not in rows:
         return rows
     counts = collections.Counter(rows[field].tolist())
@@ -254,7 +254,7 @@ def _calibrated(log: ULog, topic: Topic, name: str, values: np.ndarray, devices:
 
 
 def _one_temperature(log: ULog, parts: list[Part], notes: list[str]) -> None:
-    """Keep one temperature: the gyroscope's, since its bias moves most; that of the status topic where there is none."""
+    """Keep one temperature: that of the gyroscope, whose bias depends on it most, or else that of the status topic."""
     found = sorted((part for part in parts if part.name == "temperature"), key=lambda part: not part.source.startswith("sensor_gyro"))
     for part in found[1:]:
         parts.remove(part)

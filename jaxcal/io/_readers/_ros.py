@@ -1,8 +1,7 @@
-"""ROS 1 and ROS 2 recordings through rosbags.
+"""Read ROS 1 and ROS 2 recordings with rosbags.
 
-The three message types read here have had one layout since ROS 1, so that their numbers are taken from the raw bytes in whole
-arrays, about five times faster than message by message. The type definitions stored in a bag, which rosbags would turn into
-Python code, are not looked at.
+The three message types have had the same layout since ROS 1, so jaxcal decodes the raw bytes as arrays, about five times faster than
+message by message. It ignores the type definitions stored in a bag, which rosbags would turn into Python code.
 """
 
 import contextlib
@@ -23,7 +22,7 @@ from ._streams import Part, Rows, SeveralError, join, one_of
 
 #: message type -> number of float64 after the header
 _TYPES = {"sensor_msgs/msg/Imu": 37, "sensor_msgs/msg/MagneticField": 12, "sensor_msgs/msg/Temperature": 2}
-#: places of the vectors, and of the covariances whose first element is -1 where there is no measurement, in an Imu message
+#: positions in an Imu message: of the vectors, and of the first element of their covariances, which is -1 without a measurement
 _IMU = {"gyro": (slice(13, 16), 16), "accel": (slice(25, 28), 28)}
 _UNITS = {"gyro": "rad/s", "accel": "m/s^2", "mag": "T", "temperature": "degC"}
 _CHUNK = 4096
@@ -32,7 +31,7 @@ _ODD = "the recording is damaged, or the type is not ROS's own: convert it to CS
 
 @dataclasses.dataclass
 class Stream:
-    """One topic: stamps in ns and the float64 of every message."""
+    """One topic: time stamps in ns and the float64 numbers of every message."""
 
     topic: str
     kind: str
@@ -41,7 +40,7 @@ class Stream:
 
 
 def read_ros(paths: list[pathlib.Path], version: int, topics: list[str] | None, units: dict[str, str]) -> Signals:
-    """Stamps and sensors of the inertial, magnetic and temperature topics of a recording, of its parts in order."""
+    """Read time stamps and sensors of the inertial, magnetic and temperature topics of a recording; `paths` are its parts in order."""
     signals = Signals(None, {})
     with contextlib.ExitStack() as stack:
         readers = [stack.enter_context(_open(path, version)) for path in paths]
@@ -70,7 +69,7 @@ def read_ros(paths: list[pathlib.Path], version: int, topics: list[str] | None, 
 
 
 def ros_rows(paths: list[pathlib.Path], version: int, wanted: str | None) -> Rows:
-    """Messages of one topic, in their order."""
+    """Rows of one topic, in the order of its messages."""
     stack = contextlib.ExitStack()
     readers = [stack.enter_context(_open(path, version)) for path in paths]
     kinds = {c.topic: c.msgtype for reader in readers for c in reader.connections if c.msgtype in _TYPES}
@@ -95,7 +94,7 @@ def ros_rows(paths: list[pathlib.Path], version: int, wanted: str | None) -> Row
 
 
 class _Cursor:
-    """Messages by number from an iterator of blocks, which begins again where it is asked to go back; `files` stay open as long."""
+    """Random access to messages from an iterator of blocks, which restarts to go back; keeps `files` open."""
 
     def __init__(self, begin: Callable[[], Iterator[tuple[np.ndarray, np.ndarray]]], files: contextlib.ExitStack):
         self._begin, self._files = begin, files
@@ -120,7 +119,7 @@ class _Cursor:
 
 
 def _messages(readers: list[Any], topic: str, numbers: int, version: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Header stamps and float64 of the messages of a topic, some thousand at a time."""
+    """Header stamps and float64 numbers of the messages of a topic, some thousand at a time."""
     for reader in readers:
         own = [c for c in reader.connections if c.topic == topic and c.msgtype in _TYPES]
         messages: Iterator[Any] = iter(reader.messages(connections=own) if own else ())
@@ -145,7 +144,7 @@ def _open(path: pathlib.Path, version: int) -> Iterator[Any]:
 
 
 class _BoundedFile(io.BufferedReader):
-    """A file that makes room for no more bytes than are left in it, however many a damaged record asks for."""
+    """A file that reads no more bytes than it has left, even if a damaged record requests more."""
 
     def __init__(self, path: pathlib.Path):
         super().__init__(io.FileIO(path))
@@ -156,14 +155,14 @@ class _BoundedFile(io.BufferedReader):
 
 
 class _BoundedPath(type(pathlib.Path())):
-    """A path that opens its file as a `_BoundedFile` where it is read as bytes."""
+    """A path that opens its file as a `_BoundedFile` for reading bytes."""
 
     def open(self, mode: str = "r", *args: Any, **options: Any) -> Any:
         return _BoundedFile(self) if mode == "rb" else super().open(mode, *args, **options)
 
 
 def _check_database(path: pathlib.Path) -> None:
-    """Refuse views in the place of tables: a view is a program, which may run without end."""
+    """Refuse views instead of tables in a database, because a view is a program that may never end."""
     for file in [path] if path.suffix == ".db3" else path.glob("*.db3") if path.is_dir() else []:
         with contextlib.closing(sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
             odd = database.execute("select name from sqlite_master where type not in ('table', 'index') limit 1").fetchone()
@@ -172,7 +171,7 @@ def _check_database(path: pathlib.Path) -> None:
 
 
 def _choose(found: list[Any], topics: list[str] | None, present: str, notes: list[str]) -> list[str]:
-    """Topics to read: those asked for, or the only one (or only raw one) of each type."""
+    """Topics to read: those in `topics`, or the only topic (or only raw topic) of each type."""
     if topics is not None:
         unknown = [topic for topic in topics if topic not in {c.topic for c in found}]
         if unknown:
@@ -193,7 +192,7 @@ def _choose(found: list[Any], topics: list[str] | None, present: str, notes: lis
 
 
 def _imus(found: list[Any]) -> list[str]:
-    """The topics of each IMU: one of type Imu, and the others beside it in the tree of names."""
+    """The topics of each IMU: a topic of type Imu, and other topics with the same parent in the tree of names."""
     of = {c.topic: c.msgtype for c in found}
     first = [topic for topic, kind in sorted(of.items()) if kind == next(iter(_TYPES))]
     parents = [topic.rpartition("/")[0] for topic in first]
@@ -205,7 +204,7 @@ def _imus(found: list[Any]) -> list[str]:
 
 
 def _stream(readers: list[Any], topic: str, version: int, warnings: list[str]) -> Stream:
-    """All messages of one topic, decoded some thousand at a time."""
+    """Decode all messages of one topic, some thousand at a time."""
     connections = [[c for c in reader.connections if c.topic == topic and c.msgtype in _TYPES] for reader in readers]
     kind = next(c.msgtype for found in connections for c in found)
     numbers = _TYPES[kind]
@@ -214,7 +213,7 @@ def _stream(readers: list[Any], topic: str, version: int, warnings: list[str]) -
         messages: Iterator[Any] = iter(reader.messages(connections=own) if own else ())
         while True:
             stamps, raws = [], []
-            for _, stamp, raw in itertools.islice(messages, _CHUNK):  # thousands of tuples, kept, would set off the garbage collector
+            for _, stamp, raw in itertools.islice(messages, _CHUNK):  # keeping thousands of tuples would trigger the garbage collector
                 stamps.append(stamp)
                 raws.append(raw)
             if not raws:
@@ -234,7 +233,7 @@ def _stream(readers: list[Any], topic: str, version: int, warnings: list[str]) -
 
 
 def _decode(raws: list[bytes], numbers: int, version: int, topic: str) -> tuple[np.ndarray, np.ndarray]:
-    """Header stamps (ns) and float64 of messages: a header of stamp and frame name, then `numbers` float64."""
+    """Header stamps (ns) and float64 numbers of messages: a header with time stamp and frame name, then `numbers` float64."""
     # ROS 1: sequence number, stamp, frame; ROS 2: 4 bytes of encapsulation, stamp, frame, padding to 8 bytes
     stamps, values = np.empty(len(raws), np.int64), np.empty((len(raws), numbers))
     lengths = np.array([len(raw) for raw in raws])
@@ -281,7 +280,7 @@ def _sensors(stream: Stream, signals: Signals) -> dict[str, np.ndarray]:
     found = {}
     for name, (place, covariance) in _IMU.items():
         values = stream.values[:, place]
-        # drivers with one topic per sensor leave the other at zero
+        # drivers with one topic per sensor leave the other sensor at zero
         if stream.values[0, covariance] == -1 or not values.any():
             why = "marked as not provided" if stream.values[0, covariance] == -1 else "zero throughout"
             signals.notes.append(f"{name}: {why} in {stream.topic}, so left out")

@@ -1,11 +1,10 @@
-"""Readers in a process of their own, for libraries that a damaged file can bring down.
+"""Read files in a separate process, with libraries that a damaged file can crash.
 
-polars ends the process (an abort, which nothing can catch) where a page of a Parquet file declares more values than memory can
-hold, as one in 2000 mutated files does; scipy's reader of MATLAB files reads where it must not, one in 1500; the HDF5 library runs
-without end, one in 1000, and so does pyulog, which is not used. The process is started
-with the first such file, serves all later ones, and is replaced when it dies; its memory and the time for each file are limited.
-It runs this very file, which therefore imports nothing of jaxcal but within functions of the other side. What comes back is a
-description in JSON and plain bytes, never a pickle.
+polars aborts the process (which cannot be caught) if a page of a Parquet file declares more values than memory can hold, as in one of
+2000 mutated files; scipy's reader of MATLAB files accesses invalid memory in one of 1500; the HDF5 library never returns in one of 1000,
+and so does pyulog, which jaxcal does not use. The process starts with the first such file, serves all later files, and is replaced when
+it dies; its memory and its time for each file are limited. It runs this file itself, which therefore imports jaxcal only inside functions
+of the requesting side. The answer is a description in JSON and plain bytes, never a pickle.
 """
 
 import atexit
@@ -22,10 +21,10 @@ from typing import Any
 
 import numpy as np
 
-#: s for a file, and s more for each byte; bytes of memory beyond what the process holds, and more for each byte of the file
+#: time limit: s for a file, and s for each of its bytes; memory limit: bytes beyond those in use, and bytes for each byte of the file
 _SECONDS, _SECONDS_PER_BYTE = 10.0, 1e-6
 _MEMORY, _MEMORY_PER_BYTE = 3 << 28, 64
-#: data sets and groups looked at, and MATLAB classes whose layout is not public
+#: largest number of data sets and groups, and MATLAB classes whose layout is not public
 _MOST = 10_000
 _OPAQUE = ("table", "timetable", "datetime", "duration", "string")
 
@@ -35,7 +34,7 @@ _OPAQUE = ("table", "timetable", "datetime", "duration", "string")
 
 def _serve() -> None:
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # nothing that a library prints is an answer
+    os.dup2(2, 1)  # output printed by a library must not get into the answers
     for line in sys.stdin:
         request = json.loads(line)
         try:
@@ -44,7 +43,7 @@ def _serve() -> None:
             arrays = [np.ascontiguousarray(array) for array in arrays]
             about["arrays"] = [(array.dtype.str, array.shape) for array in arrays]
         except BaseException as error:
-            # a panic inside polars is no Exception
+            # a panic inside polars is not an Exception
             if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
                 raise
             about, arrays = {"error": type(error).__name__, "said": str(error)[:500]}, []
@@ -57,7 +56,7 @@ def _serve() -> None:
 
 
 def _limit(more: int) -> None:
-    with contextlib.suppress(ImportError, OSError, ValueError):  # not on this system
+    with contextlib.suppress(ImportError, OSError, ValueError):  # the system may not support limits
         import resource
 
         with open("/proc/self/statm") as file:
@@ -102,7 +101,7 @@ def _mat(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
     import scipy.io.matlab
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # on names that occur twice, and on objects, which are told of
+        warnings.simplefilter("ignore")  # warnings on duplicate names, and on objects, which `opaque` reports
         variables = scipy.io.loadmat(request["path"], simplify_cells=True, appendmat=False)
     names: list[str] = []
     arrays: list[np.ndarray] = []
@@ -179,7 +178,7 @@ def _hdf5(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
                 count += 1
                 if count > _MOST:
                     return {"most": _MOST}, []
-                # links to other places, data in other files: a log must not make its reader open files of its choice
+                # skip links and external data: a log must not be able to make its reader open other files
                 if name.startswith("#") or group.get(name, getclass=True, getlink=True) is not h5py.HardLink:
                     continue
                 item = group.get(name)
@@ -192,11 +191,11 @@ def _hdf5(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
     return {"names": names, "units": units, "opaque": opaque, "attributes": attributes}, arrays
 
 
-# the side that asks
+# the side that requests
 
 
 class Sandbox:
-    """The reading process; one for each process that reads."""
+    """The separate reading process; each process that reads has its own."""
 
     def __init__(self):
         self._lock = threading.Lock()
@@ -205,7 +204,7 @@ class Sandbox:
         self._said: Any = None
 
     def read(self, kind: str, path: str, **request: Any) -> tuple[dict[str, Any], list[np.ndarray]]:
-        """Description and arrays of a file; an error where the library refuses it, takes too long, or is brought down by it."""
+        """Read description and arrays of a file; an error if the library refuses the file, takes too long, or crashes."""
         from ..._errors import DataError
 
         with self._lock:
@@ -226,7 +225,7 @@ class Sandbox:
                 self.stop()
                 raise DataError(f"{said}; it is damaged: copy it again") from None
             except BaseException:
-                self.stop()  # half an answer is left in the pipe
+                self.stop()  # part of an answer is left in the pipe
                 raise
             finally:
                 alarm.cancel()
@@ -242,7 +241,7 @@ class Sandbox:
             self.stop()
         if self._process is None:
             self._said = tempfile.TemporaryFile()  # noqa: SIM115
-            # -P: no module is taken from the working folder, nor from this one
+            # -P: import no module from the working folder or from this folder
             self._process = subprocess.Popen(
                 [sys.executable, "-P", __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._said,
                 env=os.environ | {"RUST_BACKTRACE": "0"},
@@ -269,7 +268,7 @@ class Sandbox:
         return f" ({lines[-1]})" if lines else ""
 
     def stop(self) -> None:
-        """End the process, where there is one."""
+        """End the process, if it is running."""
         process, self._process = self._process, None
         if process is None:
             return

@@ -1,4 +1,4 @@
-"""What logs of messages have in common: records gathered in whole arrays, and sensors with stamps of their own put on one set of stamps."""
+"""Shared by readers of message logs: gather records into arrays, and bring sensors with different time stamps onto common ones."""
 
 import dataclasses
 from collections.abc import Callable
@@ -17,7 +17,7 @@ _PIECE = 1 << 16
 
 @dataclasses.dataclass
 class Part:
-    """One sensor of one source (a topic, a message): `name`, stamps in ns, values (n, axes) and their unit."""
+    """One sensor of one source (a topic, a message): `name`, time stamps in ns, values (n, axes) and their unit."""
 
     name: str
     source: str
@@ -28,9 +28,9 @@ class Part:
 
 @dataclasses.dataclass(frozen=True)
 class Rows:
-    """Rows of one topic that are read when they are asked for: `stamps(first, last)` in ns, `values(first, last)` in SI, (n, channels).
+    """Rows of one topic that are read on demand: `stamps(first, last)` in ns, `values(first, last)` in SI, (n, channels).
 
-    `sensors` are their names and how many channels each has.
+    `sensors` maps the name of each sensor to its number of channels.
     """
 
     count: int
@@ -40,7 +40,7 @@ class Rows:
 
 
 def gather(content: np.ndarray, offsets: np.ndarray, dtype: np.dtype) -> np.ndarray:
-    """Records that begin at `offsets` (bytes) in `content` (uint8) as a structured array; fields of `dtype` may leave bytes out."""
+    """Gather the records at `offsets` (bytes) in `content` (uint8) into a structured array; `dtype` may skip bytes."""
     if not len(offsets):
         return np.empty(0, dtype)
     windows = np.lib.stride_tricks.sliding_window_view(content, dtype.itemsize)
@@ -52,7 +52,7 @@ def gather(content: np.ndarray, offsets: np.ndarray, dtype: np.dtype) -> np.ndar
 
 
 def named(labels: list[str], wanted: str, present: str) -> str:
-    """The one label, such as IMU:0, that `wanted` names in full or without its number; `present` lists all."""
+    """The single label, such as IMU:0, that `wanted` names in full or without its number; `present` lists all labels for messages."""
     matching = [label for label in labels if wanted in (label, label.partition(":")[0])]
     if not matching:
         raise DataError(f"topics=: {wanted} not among {present}")
@@ -64,7 +64,7 @@ def named(labels: list[str], wanted: str, present: str) -> str:
 
 
 def one_of(labels: list[str], wanted: str | None) -> str:
-    """The one label that `wanted` names, or the only one that there is."""
+    """The label named by `wanted`, or the only label."""
     if not labels:
         raise DataError("there is no sensor in it that can be read in chunks; convert it once with `jaxcal convert LOG LOG.npz`")
     if wanted is not None:
@@ -75,7 +75,7 @@ def one_of(labels: list[str], wanted: str | None) -> str:
 
 
 def first_of(labels: list[str], samples: dict[str, int], warnings: list[str]) -> list[str]:
-    """Of several sensors of one kind the first that has about as many samples as any, with a sentence on the others."""
+    """Of several sensors of one kind, choose the first with at least 80 % of the largest number of samples; warn about the others."""
     if len(labels) > 1:
         most = max(samples[label] for label in labels)
         taken = next(label for label in labels if samples[label] >= 0.8 * most)
@@ -86,7 +86,7 @@ def first_of(labels: list[str], samples: dict[str, int], warnings: list[str]) ->
 
 
 class SeveralError(DataError):
-    """Several sensors of one kind, of which none is the first; `imus` are the `topics` of each."""
+    """Error for several sensors of one kind without an order of preference; `imus` are the `topics` of each IMU."""
 
     def __init__(self, message: str, imus: list[str] | None = None):
         super().__init__(message)
@@ -94,16 +94,17 @@ class SeveralError(DataError):
 
 
 def imus_of(labels: list[str], chosen: list[str]) -> list[str]:
-    """The `topics` of each IMU: the first of every kind that was chosen, the second of every kind, and so on."""
+    """The `topics` of each IMU: instance 0 of every chosen kind, then instance 1 of every chosen kind, and so on."""
     names = list(dict.fromkeys(label.partition(":")[0] for label in chosen))
     numbers = sorted({int(number) for name, _, number in (label.partition(":") for label in labels) if name in names and number.isdigit()})
     return [",".join(one for name in names if (one := f"{name}:{number}") in labels) for number in numbers]
 
 
 def join(parts: list[Part], units: dict[str, str], signals: Signals) -> None:
-    """Put all sensors, in SI, on the stamps of the one with most samples: a temperature interpolated, others at the nearest stamp.
+    """Convert all sensors to SI and put them on the time stamps of the sensor with most samples.
 
-    `units` of the caller go before those of the parts. `signals` gets the result, and a note on each sensor that had other stamps.
+    A temperature is interpolated; samples of other sensors go to the nearest time stamp. `units` from the caller override those of the
+    parts. The result is stored in `signals`, with a note on each sensor that had other time stamps.
     """
     names = [part.name for part in parts]
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -132,7 +133,7 @@ def join(parts: list[Part], units: dict[str, str], signals: Signals) -> None:
 
 
 def _checked(parts: list[Part], units: dict[str, str], warnings: list[str]) -> list[Part]:
-    """Parts whose values may be what they are said to be; a warning where they contradict the unit that the format prescribes."""
+    """Check the values of the parts: leave out a magnetometer without a field, and warn about values that contradict their unit."""
     kept = []
     of = {part.name: part for part in parts}
     for part in parts:
@@ -165,7 +166,7 @@ def _checked(parts: list[Part], units: dict[str, str], warnings: list[str]) -> l
 
 
 def _nearest(main: Part, part: Part, values: np.ndarray, notes: list[str]) -> np.ndarray:
-    """Samples of a slower sensor at the nearest stamps of the main one; NaN in between."""
+    """Put the samples of a slower sensor at the nearest time stamps of the main sensor; NaN in between."""
     order = np.argsort(main.stamps, kind="stable")
     stamps = main.stamps[order]
     if len(stamps) < 2:

@@ -1,4 +1,4 @@
-"""A text table before its rows are parsed: its bytes (plain, gzipped or in another encoding), and its layout, told from its beginning."""
+"""Access to the bytes of a text table (plain, gzipped or in another encoding), and detection of its layout from its beginning."""
 
 import contextlib
 import csv
@@ -19,7 +19,7 @@ from ._bounds import check_declared
 from ._labelled import relabelled
 
 _HEAD = 1 << 18
-#: two threads with blocks of 4 MiB read as fast as they parse, and hold little
+#: with blocks of 4 MiB, two threads read as fast as they parse and need little memory
 _BLOCK = 1 << 22
 MISSING = ("", "NA", "N/A", "n/a", "null", "NULL", "None", "none", "-", "--", "NAN", "nan", "NaN", "Nan")
 COMMENTS = ("#", "%", "//")
@@ -30,38 +30,38 @@ _DAY = (
     r"(?:\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[-/.]\d\d?[-/.](?:\d{4}|\d\d(?!\d))|"
     rf"\d\d?[- ](?i:{'|'.join(MONTHS)})[a-z]{{0,6}}[- ]\d{{4}})"
 )
-#: also minutes and seconds alone, which is what is left of a time in a table that passed through a spreadsheet
+#: also minutes and seconds without hours, as spreadsheets save times
 _TIME_OF_DAY = r"(?:\d\d?:\d\d:\d\d(?:[.,:]\d+)?(?:\s*[AaPp][Mm])?|\d\d?:\d\d[.,]\d+)"
 _DATE = re.compile(rf"{_DAY}(?:[T_]|,? +){_TIME_OF_DAY}\s*(?:Z|UTC|[+-]\d\d:?\d\d)?")
 _DAY_ALONE, _CLOCK = re.compile(_DAY), re.compile(_TIME_OF_DAY)
 _ANY = re.compile("|".join(f"(?:{form.pattern})" for form in (_NUMBER, _COMMA_NUMBER, _DATE, _DAY_ALONE, _CLOCK)), re.IGNORECASE)
-#: kinds of columns that hold text to be turned into stamps
+#: kinds of text columns that are converted to time stamps
 STAMPS = ("date", "day", "clock")
 _LOOK = 500
 _CONTROL = bytes([*range(9), *range(14, 32)])
-#: fields in a line, beyond which no log goes, and characters of a line that are looked at
+#: largest number of fields, and of characters, in a line of a log
 WIDEST, _LONGEST_LINE = 5000, 1 << 20
 
 
 @dataclasses.dataclass(frozen=True)
 class Text:
-    """A text table: `head` is its beginning as text; `content` is all of it in UTF-8 with line feeds, where the file has it otherwise."""
+    """A text table: `head` is its beginning; `content` is the whole text converted to UTF-8 with line feeds, if the file needs it."""
 
     path: pathlib.Path
     head: str
-    first: bytes  # the head as it stands in the blocks
+    first: bytes  # the bytes of the head, as in the blocks
     content: bytes | None
     packed: bool
 
     def start(self, lines: int) -> int:
-        """Where the line after the first `lines` begins."""
+        """Byte offset of the line after the first `lines` lines."""
         at = 0
         for _ in range(lines):
             at = self.first.find(b"\n", at) + 1
         return at
 
     def edges(self, start: int) -> list[int]:
-        """Where blocks of whole lines begin, from `start` on, and where the last one ends."""
+        """Byte offsets at which blocks of whole lines begin, from `start` on, and the end of the last block."""
         with self._open() as file:
             size = file.seek(0, io.SEEK_END)
             found = [start]
@@ -72,13 +72,13 @@ class Text:
         return found
 
     def part(self, start: int, stop: int) -> bytes:
-        """The bytes between two places."""
+        """The bytes between two offsets."""
         with self._open() as file:
             file.seek(start)
             return file.read(stop - start)
 
     def blocks(self, start: int) -> Iterator[Callable[[], bytes]]:
-        """What reads one block each; they may be called in any thread."""
+        """Functions that read one block each, and may be called in any thread."""
         if self.packed and self.content is None:
             yield from (functools.partial(bytes, block) for block in _unpacked(self.path, start))
             return
@@ -86,7 +86,7 @@ class Text:
             yield functools.partial(self.part, at, end)
 
     def tail(self) -> str | None:
-        """The end of the text, None where it is packed."""
+        """The end of the text; None for a packed file."""
         size = self.size
         if size is None:
             return None
@@ -94,7 +94,7 @@ class Text:
 
     @property
     def size(self) -> int | None:
-        """Bytes in all, None where that is known at the end only."""
+        """Total number of bytes; None for a packed file, where it is known only at the end."""
         if self.content is not None:
             return len(self.content)
         return None if self.packed else self.path.stat().st_size
@@ -104,7 +104,7 @@ class Text:
 
 
 def open_text(path: pathlib.Path) -> Text:
-    """Look at the beginning of a text file."""
+    """Open a text file and examine its beginning."""
     with path.open("rb") as file:
         packed = file.read(2) == b"\x1f\x8b"
     with _gzip_faults(), gzip.open(path) if packed else path.open("rb") as file:
@@ -119,7 +119,7 @@ def open_text(path: pathlib.Path) -> Text:
         raise DataError("the file is empty")
     content = None
     table = relabelled(text)
-    # polars reads UTF-8 and ends lines at \n
+    # polars needs UTF-8 and lines that end with \n
     if table is not None:
         everything = b"".join(_unpacked(path, 0)) if packed else path.read_bytes()
         text = table(everything.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n"))
@@ -133,7 +133,7 @@ def open_text(path: pathlib.Path) -> Text:
 
 
 def _unpacked(path: pathlib.Path, start: int) -> Iterator[bytes]:
-    """Blocks of whole lines of a gzip file, whose checksum is looked at on the way."""
+    """Blocks of whole lines of a gzip file, whose checksum is verified at the end."""
     size = path.stat().st_size
     with _gzip_faults(), gzip.open(path) as file:
         file.read(start)
@@ -167,7 +167,7 @@ def _encoding(head: bytes) -> str:
 
 
 def _older(head: bytes) -> str:
-    """Latin-1, or the encoding of Chinese systems where that gives words which are known."""
+    """Latin-1, or the encoding of Chinese systems if it gives known words."""
     line = b"\n".join(head.split(b"\n", 5)[:5])
     try:
         text = line.decode("gb18030")
@@ -178,11 +178,11 @@ def _older(head: bytes) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Layout:
-    """How to read a text table.
+    """Layout of a text table.
 
-    `skip` lines precede the first row; `delimiter` " " stands for any white space; `width` columns carry data, and rows may end
-    with one delimiter more (`trailing`); `kinds` are "int", "long" (more than 15 digits), "float", "date", "day", "clock" (a time of
-    day) or "text"; `padded` rows have blanks to remove first; `preamble` is the text above the rows.
+    `skip` lines precede the first row; `delimiter` " " means any white space; there are `width` columns of data, and rows may end with
+    one more delimiter (`trailing`); `kinds` are "int", "long" (more than 15 digits), "float", "date", "day", "clock" (a time of day) or
+    "text"; `padded` rows have blanks that must be removed first; `preamble` is the text above the rows.
     """
 
     skip: int
@@ -202,7 +202,7 @@ class Layout:
 
 
 def sniff(text: str) -> Layout:
-    """Layout of a table from its first lines."""
+    """Detect the layout of a table from its first lines."""
     lines = text.split("\n", _LOOK)[:_LOOK]
     lines = [part for line in lines for part in line.rstrip("\r").split("\r")][:_LOOK]
     _refuse_wide(lines)
@@ -229,7 +229,7 @@ def sniff(text: str) -> Layout:
     stated = ""
     heads = [{*map(str.strip, row)} for row in data[:2]]
     if len(data) > 3 and len(heads[0]) == len(heads[1]) == 1 and re.fullmatch(r" *1\d{9}(?:\.\d+)?", data[0][0]):
-        # a start in s since 1970 and a rate above every column, as Empatica writes them
+        # Empatica writes a start in s since 1970 and a rate above every column
         stated, first, data = f"\nsampling rate: {data[1][0].strip()} Hz", sorted(found)[2], data[2:]
     comments = [line.strip() for line in lines[first:] if _is_comment(line)]
     marks = [mark for mark in COMMENTS if any(line.startswith(mark) for line in comments)]
@@ -248,7 +248,7 @@ def sniff(text: str) -> Layout:
 
 
 def _refuse_wide(lines: list[str]) -> None:
-    """A line of more fields than any log has, or longer than any, is refused before it is taken apart."""
+    """Refuse a line that is longer or has more fields than any log, before splitting it."""
     for number, line in enumerate(lines, 1):
         fields = max(line.count(mark) for mark in ",;\t ") + 1 if len(line) > WIDEST else 0
         if fields > WIDEST or len(line) > _LONGEST_LINE:
@@ -260,7 +260,7 @@ def _refuse_wide(lines: list[str]) -> None:
 
 
 def split(line: str, delimiter: str) -> list[str]:
-    """Fields of a line; " " splits at any white space; quoted fields are kept whole."""
+    """Split a line into fields; " " splits at any white space; quoted fields are not split."""
     if delimiter == " ":
         return [field.strip('"') for field in line.split()]
     if '"' not in line:
@@ -273,7 +273,7 @@ def _is_comment(line: str) -> bool:
 
 
 def _effective(row: list[str]) -> int:
-    """Number of fields, a trailing delimiter left out."""
+    """Number of fields, without the empty field after a trailing delimiter."""
     return len(row) - (len(row) > 1 and not row[-1].strip())
 
 
@@ -298,12 +298,12 @@ def _kind(fields: list[str]) -> str:
         return "text"
     if not all(re.fullmatch(r"[+-]?\d+", field) for field in filled if _is_number(field)):
         return "float"
-    # float64 holds whole numbers up to 2^53; nanoseconds since 1970 are longer
+    # float64 represents whole numbers exactly up to 2^53; nanoseconds since 1970 are larger
     return "long" if max(len(field) for field in filled) > 15 else "int"
 
 
 def _names(head: list[str], delimiter: str, width: int) -> list[str] | None:
-    """Column names: the line of text before the data that has as many fields; a line of units below it is joined on."""
+    """Column names: the line of text above the data with the same number of fields; a line of units below it is added to the names."""
     names = _fields(head[-1], delimiter, width) if head else None
     if names and len(head) > 1 and _are_units(names):
         above = _fields(head[-2], delimiter, width)
@@ -311,7 +311,7 @@ def _names(head: list[str], delimiter: str, width: int) -> list[str] | None:
             units = [_bare(unit) for unit in names]
             return [f"{name} [{unit}]" if unit.strip("- ") else name for name, unit in zip(above, units, strict=True)]
     if names and len(head) > 1 and len(set(names)) < len(names) and (above := _fields(head[-2], delimiter, width)):
-        # a line of groups above the axes, as pandas and workbooks have them, each group named once or over every axis
+        # pandas and workbooks write a line of groups above the axes, with each group named once or above every axis
         filled, group = [], ""
         for word in above:
             group = word if word and not word.startswith("Unnamed") else group
@@ -319,12 +319,12 @@ def _names(head: list[str], delimiter: str, width: int) -> list[str] | None:
         joined = [f"{one}_{name}" if one and name else one or name for one, name in zip(filled, names, strict=True)]
         if sum(parse_name(one) is not None for one in joined) > sum(parse_name(one) is not None for one in names):
             return joined
-    # a comment may happen to have as many words as there are columns
+    # a comment can have as many words as there are columns by chance, so require a known name
     return None if names and _is_comment(head[-1]) and not any(map(parse_name, names)) else names
 
 
 def _fields(line: str, delimiter: str, width: int) -> list[str] | None:
-    """The `width` words of a line above the data, or None; a comment may use another delimiter than the data."""
+    """The `width` fields of a line above the data, or None; a comment may use another delimiter than the data."""
     comment = _is_comment(line)
     bare = line.strip().lstrip("#%/").strip() if comment else line
     for mark in dict.fromkeys((delimiter, ",", ";", "\t", " ") if comment else (delimiter,)):
@@ -335,10 +335,10 @@ def _fields(line: str, delimiter: str, width: int) -> list[str] | None:
 
 
 def _are_units(fields: list[str]) -> bool:
-    """Whether a line holds units: most of them known, and none of them names of columns."""
+    """Whether a line has units: all known, or most of them known and some repeated."""
     filled = [field for field in fields if field.strip()]
     known = sum(map(_is_unit, filled))
-    # a unit in a line of units need not be one that is known here
+    # a line of units may include unknown units
     return bool(filled) and (known == len(filled) or (known >= max(2, len(filled) / 2) and len(set(filled)) < len(filled)))
 
 
@@ -348,6 +348,6 @@ def _is_unit(field: str) -> bool:
 
 
 def _bare(field: str) -> str:
-    """A field without the brackets around it."""
+    """Remove the brackets around a field."""
     text = field.strip()
     return text[1:-1].strip() if text[:1] in ("[", "(") and text[-1:] in ("]", ")") else text

@@ -1,8 +1,8 @@
-"""The structure of a PX4 ULog: https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
+"""Parse the structure of a PX4 ULog: https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
 
-The messages are walked once and their places noted; the numbers are then taken from the file in whole arrays. Time is
-proportional to the length of the file whatever it holds: behind damage the walk goes on at the next mark that the logger leaves
-for that purpose, and no length that the file states is trusted. pyulog, which reads the same files, tries again at every byte.
+The parser walks over the messages once and records their offsets; the numbers are then read from the file as arrays. The time is
+proportional to the length of the file, whatever its content: after damage the walk continues at the next synchronisation mark of the
+logger, and no length stated in the file is trusted. (pyulog, which reads the same files, tries again at every byte.)
 """
 
 import array
@@ -27,15 +27,15 @@ _TYPES = {
     "uint64_t": "<u8", "float": "<f4", "double": "<f8", "bool": "u1", "char": "S1",
 }  # fmt: skip
 _FIELD = re.compile(r"([A-Za-z_][\w-]*)(?:\[(\d{1,5})\])? ([A-Za-z_]\w*)")
-#: rows looked at together
+#: number of rows examined together
 _PIECE = 1 << 16
-#: of one message: bytes that its 16 bit length can tell, and fields
+#: limits of one message: bytes (16-bit length) and number of fields
 _LONGEST, _MOST = 65535, 4096
 
 
 @dataclasses.dataclass
 class Topic:
-    """One instance of a topic: layout of its rows and where they begin."""
+    """One instance of a topic: layout and offsets of its rows."""
 
     name: str
     instance: int
@@ -44,7 +44,7 @@ class Topic:
 
     @property
     def label(self) -> str:
-        """Name as `topics=` takes it."""
+        """Name, as in `topics=`."""
         return f"{self.name}:{self.instance}"
 
     @property
@@ -54,10 +54,10 @@ class Topic:
 
 
 class ULog:
-    """A ULog, walked through once.
+    """A parsed ULog.
 
-    `topics` are those `wanted` that have rows, `others` the names of the rest; `changed` names the parameters that changed while the
-    log ran, and `dropouts` are the ms that the logger dropped.
+    `topics` are the `wanted` topics that have rows, `others` the names of the other topics; `changed` are the names of the parameters
+    that changed during the log, and `dropouts` the lengths in ms of the logger's dropouts.
     """
 
     def __init__(self, path: pathlib.Path, wanted: frozenset[str]):
@@ -71,12 +71,12 @@ class ULog:
         self.dropouts: list[int] = []
         self.warnings: list[str] = []
         self._wanted, self._formats, self._stops = wanted, dict[str, str](), list[int]()
-        # where the rows of a topic and instance begin; the same lists by the number of a subscription
+        # offsets of the rows by topic and instance; the same lists by subscription number
         self._rows: dict[tuple[str, int], array.array] = {}
         self._places: list[array.array | None] = [None] * 65536
         self._started, self._skipped = False, 0
         self._span(16, len(data), True)
-        # data that a crash dump appended begin at places of their own: what stands before such a place may be cut short
+        # data appended by a crash dump begin at listed offsets, and the message before such an offset may be cut off
         for begin, end in itertools.pairwise([*self._stops, len(data)]):
             self._span(begin, end, False)
         self._content = np.frombuffer(data, np.uint8)
@@ -85,19 +85,19 @@ class ULog:
             self.warnings.append(f"the file is damaged: {self._skipped} bytes are no messages and are left out")
 
     def rows(self, topic: Topic, fields: list[str]) -> dict[str, np.ndarray]:
-        """Columns of a topic by name; those that it lacks are left out."""
+        """Columns of a topic by name; missing columns are left out."""
         kept = [name for name in fields if name in topic.fields]
         rows = gather(self._content, topic.offsets, topic.dtype[kept])
         return {name: rows[name] for name in kept}
 
     def _topic(self, name: str, instance: int, place: array.array) -> Topic:
         dtype, padding = layout(name, self._formats)
-        offsets = np.frombuffer(place, np.int64)  # where they stand: of a long log there is no room for two
+        offsets = np.frombuffer(place, np.int64)  # without a copy: in a long log there is no memory for two
         whole = np.empty(len(offsets), bool)
         for start in range(0, len(offsets), _PIECE):
             piece = offsets[start : start + _PIECE]
             size = self._content[piece].astype(np.int64) + (self._content[piece + 1].astype(np.int64) << 8) - 2
-            # padding at the end of a row may be written or not
+            # the padding at the end of a row is optional
             whole[start : start + _PIECE] = (size >= dtype.itemsize) & (size <= dtype.itemsize + padding)
         if not whole.all():
             self.warnings.append(f"{name}:{instance}: {np.count_nonzero(~whole)} rows have the wrong length and are left out")
@@ -113,7 +113,7 @@ class ULog:
             after = i + 3 + size
             if after > end or kind not in _KNOWN:
                 if after > end and kind in _KNOWN and data.find(_SYNC, i, end) < 0:
-                    break  # the last message is cut off, as it is whenever power was
+                    break  # the last message is cut off, as after every power-off
                 found = data.find(_SYNC, i + 1, end)
                 self._skipped += (end if found < 0 else found) - i
                 if found < 0:
@@ -169,7 +169,7 @@ class ULog:
 
 
 def layout(name: str, formats: dict[str, str]) -> tuple[np.dtype, int]:
-    """Layout of the rows of a topic, and how many bytes of padding may follow; types made of others are taken apart."""
+    """Layout of the rows of a topic, and the number of padding bytes that may follow; nested types are expanded."""
     fields: list[tuple[Any, ...]] = []
     visits = itertools.count()
 

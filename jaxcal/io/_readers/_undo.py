@@ -1,4 +1,4 @@
-"""Calibrations that a flight controller applied before it logged, undone with the parameters in the log."""
+"""Undo the calibration that a flight controller applied before logging, with the parameters in the log."""
 
 from collections.abc import Mapping
 
@@ -12,8 +12,8 @@ _WITHOUT = "; read it without raw=True (--raw), or record the raw topics"
 def undo_px4(name: str, values: np.ndarray, device: int | None, parameters: Mapping[str, float], changed: set[str]) -> np.ndarray:
     """Values (n, 3) of a PX4 sensor before calibration: ``scale^-1 R^T x + offset``.
 
-    `device` is the id of the sensor, or None where the log does not tell; then there must be one calibration only. `changed` are
-    the names of the parameters that changed while the log ran.
+    `device` is the id of the sensor, or None if it is unknown; then the log must have a single calibration. `changed` are the names of the
+    parameters that changed during the log.
     """
     group, thermal = {"gyro": ("CAL_GYRO", "TC_G_ENABLE"), "accel": ("CAL_ACC", "TC_A_ENABLE"), "mag": ("CAL_MAG", "TC_M_ENABLE")}[name]
     slots = {int(found): f"{group}{slot}_" for slot in range(4) if (found := parameters.get(f"{group}{slot}_ID", 0))}
@@ -41,7 +41,7 @@ def undo_px4(name: str, values: np.ndarray, device: int | None, parameters: Mapp
 
 
 def undo_ardupilot(name: str, values: np.ndarray, instance: int, parameters: Mapping[str, float], changed: set[str]) -> np.ndarray:
-    """Values (n, 3) of an ArduPilot IMU before calibration: ``R^T x / scale + offset``; arguments as of `undo_px4`."""
+    """Values (n, 3) of an ArduPilot IMU before calibration: ``R^T x / scale + offset``; for the arguments see `undo_px4`."""
     base = f"INS_{'ACC' if name == 'accel' else 'GYR'}{_number(instance)}"
     needed = [f"{base}{kind}_{axis}" for kind in (("OFFS", "SCAL") if name == "accel" else ("OFFS",)) for axis in "XYZ"]
     _complete(needed, parameters)
@@ -62,13 +62,13 @@ def undo_compass(field: np.ndarray, added: np.ndarray, instance: int, parameters
     _constant([key for key in changed if key in names])
     matrix = _symmetric(parameters, f"COMPASS_DIA{number}_{{}}", f"COMPASS_ODI{number}_{{}}")
     if not matrix.any():
-        matrix = np.eye(3)  # all zero: never calibrated, and not applied
+        matrix = np.eye(3)  # all zeros: the compass was never calibrated, and the firmware applies no matrix
     scale = parameters.get(f"COMPASS_SCALE{number}", 0.0) or 1.0
     return np.linalg.solve(matrix, field.T).T / scale - added
 
 
 def _number(instance: int) -> str:
-    """How the parameters of ArduPilot name an instance: the first has no number."""
+    """Number of an instance in ArduPilot's parameter names; the first has none."""
     return "" if instance == 0 else str(instance + 1)
 
 
@@ -100,7 +100,7 @@ def _symmetric(parameters: Mapping[str, float], diagonal: str, other: str) -> np
 
 
 def _rotation(number: int) -> np.ndarray:
-    """Matrix R of ``body = R sensor`` for the numbers 0 to 7, yaw by multiples of 45 degrees, which both flight controllers share."""
+    """Matrix R in ``body = R sensor`` for rotations 0 to 7, yaw by multiples of 45 degrees, the same in both flight controllers."""
     if not 0 <= number <= 7:
         raise DataError(f"raw=True: the board is mounted by rotation {number}; only turns about z (0 to 7) are undone{_WITHOUT}")
     cosine, sine = np.cos(number * np.pi / 4), np.sin(number * np.pi / 4)

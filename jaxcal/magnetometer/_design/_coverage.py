@@ -1,4 +1,4 @@
-"""`coverage`: how evenly readings fill the sphere, by MotionCal's regions (its southern index mended) and by gaps."""
+"""`coverage`: how evenly readings fill the sphere, by MotionCal's regions (with its southern index corrected) and by gaps."""
 
 import functools
 from typing import Any
@@ -11,25 +11,25 @@ from ..._errors import DataError
 from ..._precision import host_float64
 from ..._types import AnyArray
 
-_POLE, _RING = 1.37046, 0.74776  # latitudes that part the 100 regions of equal area
-_HIGH, _LOW = 1.05911, 0.37388  # latitudes of their middles
+_POLE, _RING = 1.37046, 0.74776  # latitudes that bound the 100 regions of equal area
+_HIGH, _LOW = 1.05911, 0.37388  # latitudes of the regions' centres
 _GRID = 500
-_GAPS = np.array([1.0, 0.2, 0.01, 0.0])  # weight of a region with so many readings
-_MANY = 2000  # readings beyond which a tree finds neighbours faster than all products
+_GAPS = np.array([1.0, 0.2, 0.01, 0.0])  # weight of a region with 0, 1, 2, or more readings
+_MANY = 2000  # number of readings above which a tree finds neighbours faster than all products
 
 
 class Coverage(eqx.Module):
-    """How readings fill the sphere of directions.
+    """How well readings fill the sphere of directions.
 
     Attributes
     ----------
     counts : (100,) readings per region of equal area: pole, 15 sectors, 34, 34, 15, pole.
-    gaps : weight of the empty regions in per cent: an empty one counts 1, one with a single reading 0.2, with two 0.01.
-    variance : standard deviation of the norm in per cent of its mean.
-    wobble : mean offset of the regions' mean readings from where a centred sphere has them, in per cent of the radius.
-    occupied : share of 500 equal bins that hold a reading.
+    gaps : weight of the empty regions in per cent: an empty region counts 1, one with a single reading 0.2, one with two 0.01.
+    variance : standard deviation of the magnitude in per cent of its mean.
+    wobble : mean offset of the regions' mean readings from their positions on a centred sphere, in per cent of the radius.
+    occupied : share of 500 equal bins that contain a reading.
     largest_gap : half-angle of the largest cap without a reading, rad.
-    missing : (k, 3) unit vectors to the middles of the regions without a reading.
+    missing : (k, 3) unit vectors to the centres of the regions without a reading.
 
     Examples
     --------
@@ -50,7 +50,7 @@ class Coverage(eqx.Module):
 
 @functools.cache
 def sphere_grid(count: int = _GRID) -> np.ndarray:
-    """Points of a Fibonacci lattice: nearly equal areas, (count, 3)."""
+    """Points of a Fibonacci lattice, (count, 3); each represents nearly the same area."""
     k = np.arange(count) + 0.5
     z, angle = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5)) * k
     grid = np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=1)
@@ -82,7 +82,7 @@ def regions(directions: np.ndarray) -> np.ndarray:
 
 @functools.cache
 def middles() -> np.ndarray:
-    """Unit vectors to the middles of the regions, (100, 3)."""
+    """Unit vectors to the centres of the regions, (100, 3)."""
 
     def zone(n, latitude):
         longitude = (np.arange(n) + 0.5) * 2 * np.pi / n
@@ -100,7 +100,7 @@ def coverage(m: Any) -> Coverage:
 
     Parameters
     ----------
-    m : (n, 3) corrected readings, any unit; hard iron must be taken off.
+    m : (n, 3) corrected readings in any unit; the hard iron must be subtracted already.
 
     Returns
     -------
@@ -109,7 +109,7 @@ def coverage(m: Any) -> Coverage:
     Raises
     ------
     DataError
-        If a reading is zero or not finite, or there is none.
+        If a reading is zero or not finite, or there are no readings.
 
     Examples
     --------
@@ -122,13 +122,13 @@ def coverage(m: Any) -> Coverage:
 
     References
     ----------
-    P. Stoffregen, MotionCal (quality.c). Its wobble turns the southern sectors by 192 degrees; here they are where they belong.
+    P. Stoffregen, MotionCal (quality.c). Its wobble rotates the southern sectors by 192 degrees; here this is corrected.
     """
     return covered(m)
 
 
 def covered(m: Any) -> Coverage:
-    """`coverage` of NumPy arrays on the host."""
+    """`coverage` for NumPy arrays on the host."""
     m = np.asarray(m, dtype=float)
     if m.ndim != 2 or m.shape[-1] != 3 or not len(m):
         raise DataError(f"The corrected readings have shape {m.shape}; they must be (n, 3) with at least one row.")

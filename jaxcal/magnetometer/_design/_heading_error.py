@@ -1,4 +1,4 @@
-"""From the covariance of an ellipsoid to the heading error it causes, and which parameters the readings leave open (host, NumPy)."""
+"""Heading error from the covariance of an ellipsoid, and the parameters that the readings determine least (host, NumPy)."""
 
 import functools
 from collections.abc import Callable
@@ -24,11 +24,11 @@ _IN_PLANE = {
 }  # fmt: skip
 _TILT = np.deg2rad(20.0)
 _HEADINGS = np.arange(24) * np.pi / 12
-_DIPS = (0.0, np.deg2rad(50.0), np.deg2rad(75.0))  # Earth's, but for the polar regions; an odd function adds nothing below zero
+_DIPS = (0.0, np.deg2rad(50.0), np.deg2rad(75.0))  # those on Earth outside the polar regions; negative dips give the same errors
 
 
 def tilted(headings: np.ndarray, tilt: float) -> np.ndarray:
-    """Attitudes at some headings: level, or tilted in each of eight directions, (8 n, 3)."""
+    """Attitudes at the given headings, (8 n, 3): tilted in each of eight directions, or level, (n, 3), if the tilt is zero."""
     way = np.repeat(np.arange(8 if tilt else 1) * np.pi / 4, len(headings))
     elevation, bank = np.arcsin(np.sin(tilt) * np.cos(way)), np.arctan2(np.sin(tilt) * np.sin(way), np.cos(tilt))
     return np.stack([np.resize(headings, len(way)), elevation, bank], axis=1)
@@ -49,7 +49,7 @@ def _level_axes(attitudes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _level_parts(attitudes: np.ndarray, y: np.ndarray) -> list[np.ndarray]:
-    """Components of body vectors along those axes, (n,) each."""
+    """Components of body vectors along the axes of `_level_axes`, (n,) each."""
     return [np.sum(y * axis, axis=1) for axis in _level_axes(attitudes)]
 
 
@@ -77,26 +77,26 @@ def heading_slopes(shape: Any, attitudes: np.ndarray, directions: np.ndarray) ->
 
 
 def planar_slopes(shape: Any, headings: np.ndarray) -> Any:
-    """The same in a plane, with respect to what a plane has of them, (n, 5)."""
+    """`heading_slopes` in a plane, with respect to the parameters that a plane has, (n, 5)."""
     level = tilted(headings, 0.0)
     return heading_slopes(shape, level, unit_field(level, 0.0))[:, np.array(PLANAR_ROWS)]
 
 
 def levelled(down: AnyArray | None) -> np.ndarray:
-    """Rotation (3, 3) that turns rows of vectors, in axes of which z points down at level, to those of which another does."""
+    """Rotation (3, 3) for rows of vectors: from axes whose z points down at level to axes whose `down` points down at level."""
     if down is None:
         return np.eye(3)
     z, axis = np.array([0.0, 0.0, 1.0]), np.asarray(down) / np.linalg.norm(down)
     if axis[2] < -1 + 1e-12:
         return np.diag([1.0, -1.0, -1.0])
     both = z + axis
-    return 2 * np.outer(both, both) / (both @ both) - np.eye(3)  # half a turn about what lies between them
+    return 2 * np.outer(both, both) / (both @ both) - np.eye(3)  # half a turn about the bisector of z and `axis`
 
 
 def rms_heading(change: Callable[[np.ndarray], Any], covariance: Any, inclination: float, down: AnyArray | None = None) -> Any:
-    """Root mean square heading error in rad, at level and at 20 degrees of tilt, of parameters that are known to `covariance` (p, p).
+    """Root mean square heading error in rad, at level and at 20 degrees of tilt, from the `covariance` (p, p) of the parameters.
 
-    change : from unit fields in body axes (n, 3) to the derivative of the corrected ones with respect to the parameters, (n, 3, p).
+    change : takes unit fields in body axes (n, 3) to the derivative of the corrected fields with respect to the parameters, (n, 3, p).
     down : the axis that points down at level; z by default.
     """
     both, turn = zip(grids(inclination), grids_across(inclination), strict=True), levelled(down)
@@ -105,7 +105,7 @@ def rms_heading(change: Callable[[np.ndarray], Any], covariance: Any, inclinatio
 
 
 def _rms(slopes: list[Any], covariance: Any) -> Any:
-    """Roots of the mean variance s'Cs over all rows s of each array; infinite where the covariance is."""
+    """Roots of the mean variance s'Cs over all rows s of each array; infinite if the covariance is."""
     xp = array_module(slopes, covariance)
     known = xp.isfinite(covariance).all()
     safe = xp.where(known, covariance, 0.0)
@@ -113,9 +113,9 @@ def _rms(slopes: list[Any], covariance: Any) -> Any:
 
 
 def _moments(inclination: float, down: AnyArray | None = None) -> np.ndarray:
-    """Mean of g g', at level and tilted, (2, 12, 12): g has the products s_i u_j of slope and unit field, and the slope s.
+    """Mean of g g', at level and tilted, (2, 12, 12), where g holds the products s_i u_j of slope and unit field, and the slope s.
 
-    The heading error of what changes a corrected field u by D u + d, for a matrix D and a vector d, depends on the grid through it alone.
+    The heading error due to a change D u + d of a corrected field u, for a matrix D and a vector d, depends on the grid only through it.
     """
     return _moments_about(float(inclination), None if down is None else tuple(np.asarray(down).tolist()))
 
@@ -131,7 +131,7 @@ def _moments_about(inclination: float, down: tuple[float, ...] | None) -> np.nda
 
 
 def _spread_of_change(shape: Any, covariance: Any) -> Any:
-    """Covariance of (D, d), (12, 12), by that of the shape's entries and the centre: D = dS S^-1 and d = -S db with the root S."""
+    """Covariance of (D, d), (12, 12), from that of the shape's entries and the centre: D = dS S^-1 and d = -S db with the root S."""
     xp = array_module(shape)
     matrix, inverse, slopes = roots_of(shape)
     turned = (slopes @ inverse).reshape(6, 9).T
@@ -141,23 +141,23 @@ def _spread_of_change(shape: Any, covariance: Any) -> Any:
 
 
 def heading_error(shape: Any, covariance: Any, inclination: float, down: AnyArray | None = None) -> Any:
-    """Predicted rms heading error of an ellipsoid; in a plane there is no tilt."""
+    """Predicted rms heading error of an ellipsoid, at level and tilted; a plane has no tilt."""
     xp = array_module(covariance)
     if len(covariance) == 5:
         return xp.concatenate([_rms([planar_slopes(shape, _HEADINGS)], covariance), xp.full(1, np.inf)])
     known = xp.isfinite(covariance).all()
     spread = _spread_of_change(shape, xp.where(known, covariance, 0.0))
-    # rounding may leave nothing, or less
+    # rounding may make a small value negative
     return xp.where(known, xp.sqrt(xp.maximum((_moments(inclination, down) * spread[None]).sum(axis=(1, 2)), 0.0)), xp.inf)
 
 
 def turned_heading_error(covariance: np.ndarray, inclination: float, down: AnyArray | None = None) -> np.ndarray:
-    """That of a rotation about the body axes."""
+    """Predicted rms heading error due to the error of a rotation about the body axes."""
     return rms_heading(lambda directions: np.cross(np.eye(3), directions[:, None]).swapaxes(1, 2), covariance, inclination, down)
 
 
 def heading_range(shape: AnyArray, covariance: AnyArray, dip: float | None, down: AnyArray | None) -> np.ndarray:
-    """Least and largest rms heading error at level: over dips up to 75 degrees and axes that point down, of what is not known of both."""
+    """Smallest and largest rms heading error at level: over dips up to 75 degrees if the dip is unknown, and over axes if `down` is."""
     if not np.isfinite(covariance).all():
         return np.full(2, np.inf)
     dips, axes = _DIPS if dip is None else (dip,), np.eye(3) if down is None else [down]
@@ -167,7 +167,7 @@ def heading_range(shape: AnyArray, covariance: AnyArray, dip: float | None, down
 
 
 def heading_departure(first: Found, second: Found, inclination: float) -> np.ndarray:
-    """Root mean square of the headings' difference between two calibrations of the same readings, at level and tilted."""
+    """Root mean square difference of the headings by two calibrations of the same readings, at level and tilted."""
     matrix, other = root(first.shape), root(second.shape)
     departures = []
     for attitudes, directions in grids(inclination):
@@ -178,13 +178,13 @@ def heading_departure(first: Found, second: Found, inclination: float) -> np.nda
 
 
 def angle(attitudes: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Magnetic heading in rad of corrected fields in body axes, in known attitudes."""
+    """Magnetic heading in rad of corrected fields `y` in body axes, for known attitudes."""
     forward, right = _level_parts(attitudes, y)
     return np.arctan2(-right, forward)
 
 
 class Information(NamedTuple):
-    """Condition number on the unit sphere, share of its least singular value squared that noise alone gives, and what is weakest."""
+    """Condition number on the unit sphere, share of its smallest squared singular value due to noise alone, and the weakest parameters."""
 
     condition: float
     by_noise: float
@@ -192,10 +192,10 @@ class Information(NamedTuple):
 
 
 def information(directions: np.ndarray, kind: str, relative_noise: float) -> Information:
-    """Condition number of the fit on the unit sphere, and the parameters it leaves weakest, in words.
+    """Condition number of the fit on the unit sphere, and the parameters that it determines least, in words.
 
-    Columns keep their natural scale: with columns of unit length a thin band of directions looks well conditioned. A row is
-    (u'Qu - 2c'u)/2 for the change Q of A and c of the centre; noise of size s across u alone moves it by s |(Qu - c)_across|.
+    Columns keep their natural scale, because with columns of unit length a thin band of directions would look well conditioned. A row is
+    (u'Qu - 2c'u)/2 for the change Q of A and c of the centre. Noise of size s across u changes it by s |(Qu - c)_across|.
     """
     basis = BASES[kind]
     values, vectors = np.linalg.svd(triangle(natural_rows(directions) @ basis) / np.sqrt(len(directions)))[1:]
@@ -212,14 +212,17 @@ def information(directions: np.ndarray, kind: str, relative_noise: float) -> Inf
 
 
 def distance_slopes(shape: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Derivative of the distance to the ellipsoid, at points z from its centre, by the shape's entries and the centre, (n, 9)."""
+    """Derivative of the distance to the ellipsoid with respect to the shape's entries and the centre, (n, 9).
+
+    z : (n, 3) points, relative to the centre.
+    """
     x, y, w = z.T
     rows = np.concatenate([np.stack([x * x, 2 * x * y, y * y, 2 * x * w, 2 * y * w, w * w], axis=1), -2 * z @ shape], axis=1)
     return rows / np.linalg.norm(2 * z @ shape, axis=1, keepdims=True)
 
 
 def needed(shape: np.ndarray, covariance: np.ndarray, grid: np.ndarray) -> np.ndarray:
-    """Three directions, at least 45 degrees apart, in which a reading is predicted worst: there a new one tells most."""
+    """The three directions, at least 45 degrees apart, in which the fit predicts readings worst: new readings there help most."""
     rows = distance_slopes(shape, grid @ np.linalg.inv(root(shape)))
     variance = np.sum(rows @ covariance * rows, axis=1)
     chosen = []

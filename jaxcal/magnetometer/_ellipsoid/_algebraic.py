@@ -1,7 +1,7 @@
-"""Ellipsoids fitted without iteration, and the starts of the iterative fits: linear and quadratic constraints, consistent, extremes.
+"""Ellipsoid fits without iteration, which also start the iterative fits: linear and quadratic constraints, consistent, extremes.
 
 A quadric is theta = [a..f | p, r, s, k] over the monomials [x^2, xy, y^2, xz, yz, z^2 | x, y, z, 1]. Every fit works on readings
-that are centred and scaled, and eliminates the linear part exactly. What is traced says so; the rest is NumPy on the host.
+that are centred and scaled, and eliminates the linear part exactly. Functions run in NumPy on the host unless they say "traced".
 """
 
 import itertools
@@ -25,16 +25,16 @@ _KEPT, _ROUNDS = 10, 4
 
 
 class NotEllipsoid(FitError):
-    """The quadric that fits is not an ellipsoid."""
+    """The fitted quadric is not an ellipsoid."""
 
 
 def monomials(u: Any) -> Any:
-    """Columns (n, 10)."""
+    """The monomials of each reading, (n, 10)."""
     xp, (x, y, z) = array_module(u), u.T
     return xp.stack([x * x, x * y, y * y, x * z, y * z, z * z, x, y, z, xp.ones_like(x)], axis=1)
 
 
-#: entries of a symmetric matrix from a..f; the paper's printed one belongs to another order of the monomials
+#: entries of a symmetric matrix from a..f; the matrix printed in the paper belongs to another order of the monomials
 _ENTRY = np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]])
 _HALF = np.array([[1, 0.5, 0.5], [0.5, 1, 0.5], [0.5, 0.5, 1]])
 
@@ -48,7 +48,7 @@ _BLOCK = 128
 
 
 def triangle(columns: np.ndarray) -> np.ndarray:
-    """R of the QR factors of many rows, by blocks: on a tall matrix BLAS starts threads, and waits for them longer than it works."""
+    """R of the QR factors of many rows, by blocks: on a tall matrix BLAS would start threads and spend more time waiting than working."""
     whole = len(columns) // _BLOCK * _BLOCK
     if whole > _BLOCK:
         width = columns.shape[1]
@@ -58,19 +58,19 @@ def triangle(columns: np.ndarray) -> np.ndarray:
 
 
 def extents(u: np.ndarray) -> np.ndarray:
-    """Root mean squares along the principal axes of readings, the largest first; those of a plane are zero to 1e-8."""
+    """Root mean squares along the principal axes of readings, the largest first; readings in a plane give a zero to within 1e-8."""
     return np.sqrt(np.maximum(np.linalg.eigvalsh(u.T @ u / len(u))[::-1], 0.0))
 
 
 def shape_of(theta: Any) -> tuple[Any, Any]:
-    """Shape matrix A and centre of the quadric theta, scaled so that (u - x0)'A(u - x0) = 1, whatever quadric it is."""
+    """Shape matrix A and centre of any quadric theta, scaled so that (u - x0)'A(u - x0) = 1."""
     quadratic = matrix_of(theta[:6])
     x0 = array_module(theta).linalg.solve(quadratic, -theta[6:9] / 2)
     return quadratic / (x0 @ quadratic @ x0 - theta[9]), x0
 
 
 def ellipsoid_of(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Shape matrix and centre of an ellipsoid; any other quadric is named."""
+    """Shape matrix and centre of an ellipsoid; for any other quadric, an error that names it."""
     with np.errstate(all="ignore"):
         try:
             shape, x0 = shape_of(theta)
@@ -81,23 +81,23 @@ def ellipsoid_of(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     values = np.linalg.eigvalsh(shape)
     if values[0] <= 0:
         raise NotEllipsoid(NOT_ELLIPSOID.format("hyperboloid" if values[-1] > 0 else "quadric without real points"))
-    # a centre hundreds of data radii away is a paraboloid to rounding
+    # a centre hundreds of data radii away means a paraboloid, to within rounding
     if values[-1] > 1e12 * values[0] or np.linalg.norm(x0) > 1e6:
         raise NotEllipsoid(NOT_ELLIPSOID.format("paraboloid or a cylinder"))
     return shape, x0
 
 
 def _constrained(u: np.ndarray, chosen: tuple[int, ...], rest: tuple[int, ...], constraint: np.ndarray) -> np.ndarray:
-    """Theta of least algebraic residual under q'Cq = 1 for the `chosen` coefficients q, with the best of the `rest`; others are zero."""
+    """Theta of smallest algebraic residual under q'Cq = 1 for the `chosen` coefficients q, and the best `rest`; all others are zero."""
     columns = monomials(u)
     first, (q2, r2) = columns[:, chosen], np.linalg.qr(columns[:, rest], mode="reduced")
     left = first - q2 @ (q2.T @ first)
-    # S q = lambda C q has one solution with q'Cq > 0, as C has one positive eigenvalue
+    # S q = lambda C q has exactly one solution with q'Cq > 0, because C has one positive eigenvalue
     values, vectors = scipy.linalg.eig(left.T @ left, constraint)  # type: ignore[misc]  # its type depends on flags left out
     pairs = []
     for value, vector in zip(values, np.real(vectors).T, strict=True):
         size = vector @ constraint @ vector
-        # eigenvalues may be infinite where the constraint has no rank
+        # eigenvalues may be infinite if the constraint lacks full rank
         if np.isfinite(value) and np.all(np.isfinite(vector)) and size > 1e-12 * (vector @ vector):
             pairs.append((abs(value), vector / np.sqrt(size)))
     if not pairs:
@@ -108,7 +108,7 @@ def _constrained(u: np.ndarray, chosen: tuple[int, ...], rest: tuple[int, ...], 
     return theta
 
 
-#: kind -> the coefficients of theta that are free, and those that are one, or one less the others of the squares
+#: kind -> the free coefficients of theta, and those fixed to one (a single one: one minus the other squares)
 _FREE = {
     "symmetric": ((0, 1, 2, 3, 4, 6, 7, 8, 9), (5,)), "diagonal": ((0, 2, 6, 7, 8, 9), (5,)), "sphere": ((6, 7, 8, 9), (0, 2, 5)),
     "ellipse": ((0, 1, 6, 7, 9), (2, 5)), "circle": ((6, 7, 9), (0, 2, 5)),
@@ -116,10 +116,10 @@ _FREE = {
 
 
 def linear(u: Any, kind: str) -> Any:
-    """Theta of least algebraic residual under a constraint that is linear, traced or not; invariant to rotation and shift.
+    """Theta of smallest algebraic residual under a linear constraint, traced or not; invariant to rotation and shift.
 
-    a + c + f = 1 for the symmetric and the diagonal kind (Y. Petrov's ellipsoid_fit), a = c = f = 1 for a sphere; in the plane z = 0
-    a + c = 1 for an ellipse, a = c = 1 for a circle, and any f.
+    The constraint is a + c + f = 1 for the symmetric and the diagonal kind (Y. Petrov's ellipsoid_fit), and a = c = f = 1 for a sphere.
+    In the plane z = 0 it is a + c = 1 for an ellipse and a = c = 1 for a circle; f is arbitrary there.
     """
     free, one = _FREE[kind]
     fixed, moves = np.zeros(10, u.dtype), np.eye(10, dtype=u.dtype)[:, list(free)]
@@ -130,41 +130,41 @@ def linear(u: Any, kind: str) -> Any:
 
 
 def algebraic(u: np.ndarray, kind: str = "symmetric") -> tuple[np.ndarray, np.ndarray]:
-    """Shape matrix and centre of the algebraic fit of a kind."""
+    """Shape matrix and centre of the algebraic fit of the given kind."""
     return ellipse(u) if kind == "ellipse" else ellipsoid_of(linear(u, kind))
 
 
 def li_griffiths(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least squares under 4J - I^2 = 1 (Q. Li and J. G. Griffiths, GMP 2004): always an ellipsoid, biased towards spheres."""
+    """Least squares under 4J - I^2 = 1 (Q. Li and J. G. Griffiths, GMP 2004). Always gives an ellipsoid, biased towards spheres."""
     constraint = np.diag([-2.0, -1.0, -2.0, -1.0, -1.0, -2.0])
     constraint[np.ix_((0, 2, 5), (0, 2, 5))] += 1.0
     return ellipsoid_of(_constrained(u, tuple(range(6)), (6, 7, 8, 9), constraint))
 
 
-#: of a, b and c: 4ac - b^2
+#: matrix of the quadratic form 4ac - b^2 in a, b and c
 _DISCRIMINANT = np.array([[0.0, 0.0, 2.0], [0.0, -1.0, 0.0], [2.0, 0.0, 0.0]])
 
 
 def constrained(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least squares under 4ac - b^2 = 1 (the magnetometer paper, equations 11 to 16): an ellipsoid, or a hyperboloid about z."""
+    """Least squares under 4ac - b^2 = 1 (the magnetometer paper, equations 11 to 16): gives an ellipsoid, or a hyperboloid about z."""
     return ellipsoid_of(_constrained(u, (0, 1, 2), tuple(range(3, 10)), _DISCRIMINANT))
 
 
 def ellipse(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fitzgibbon's ellipse in the plane z = 0: here 4ac - b^2 = 1 is the right condition."""
+    """Fitzgibbon's ellipse in the plane z = 0, where 4ac - b^2 = 1 is the right condition."""
     theta = _constrained(u, (0, 1, 2), (6, 7, 9), _DISCRIMINANT)
-    theta[5] = theta[0]  # any third axis does: the readings have no third coordinate
+    theta[5] = theta[0]  # any third axis is correct: the readings have no third coordinate
     return ellipsoid_of(theta)
 
 
 def sampson(theta: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """First-order distance of readings to any quadric."""
+    """First-order distance of readings to a quadric of any kind."""
     gradient = 2 * u @ matrix_of(theta[:6]) + theta[6:9]
     return monomials(u) @ theta / np.maximum(np.linalg.norm(gradient, axis=1), 1e-12)
 
 
 def nearest_quadric(u: np.ndarray) -> np.ndarray:
-    """Quadric of unit theta with the least algebraic residual, of any kind."""
+    """Quadric of any kind with unit theta and the smallest algebraic residual."""
     return np.linalg.svd(triangle(monomials(u)))[2][-1]
 
 
@@ -174,10 +174,11 @@ def minmax(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def axes(u: np.ndarray, vectors: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Rotate to the principal axes, divide by the semi-axes, rotate back (thesis 6.5 to 6.9; it stops before the last step).
+    """Rotate to the principal axes, divide by the semi-axes, rotate back (thesis 6.5 to 6.9, which omits the last step).
 
-    The axes are the columns of `vectors`, or the covariance's eigenvectors: the thesis's plane angles where one plane alone is tilted.
-    Every direction counts the same, however many readings it has: uneven chance alone turns the axes of 4000 readings by degrees.
+    The axes are the columns of `vectors`, or the eigenvectors of the covariance; these give the thesis's plane angles if only one plane is
+    tilted. Every direction has the same weight, however many readings it has: otherwise an uneven random distribution alone would turn the
+    axes of 4000 readings by degrees.
     """
     centre = (u.max(axis=0) + u.min(axis=0)) / 2
     z = u - centre
@@ -191,8 +192,8 @@ def axes(u: np.ndarray, vectors: np.ndarray | None = None) -> tuple[np.ndarray, 
     return (vectors / radii**2) @ vectors.T, centre
 
 
-_LARGEST = 0.6  # noise, in units of the readings' rms radius, beyond which there is nothing to fit
-#: exponents (x, y, z) of the ten monomials, of their 100 products, and of the 35 moments, which are all among the products
+_LARGEST = 0.6  # noise, in units of the readings' rms radius, above which a fit is meaningless
+#: exponents (x, y, z) of the ten monomials, of their 100 products, and of the 35 moments, which all occur among the products
 _EXPONENTS = ((2, 0, 0), (1, 1, 0), (0, 2, 0), (1, 0, 1), (0, 1, 1), (0, 0, 2), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0))
 _PRODUCTS = [tuple(a + b for a, b in zip(*pair, strict=True)) for pair in itertools.product(_EXPONENTS, repeat=2)]
 ORDERS = [e for e in itertools.product(range(5), repeat=3) if sum(e) <= 4]
@@ -223,13 +224,13 @@ def consistent(u: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def null_of(psi: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """The same from Psi0, Psi1 and Psi2."""
+    """`consistent` from Psi0, Psi1 and Psi2."""
 
     def least(s2: float) -> float:
         return float(np.linalg.eigvalsh(psi[0] + s2 * (psi[1] + s2 * psi[2]))[0])
 
     s2 = 0.0
-    if least(0.0) > 1e-14:  # else the readings are exact
+    if least(0.0) > 1e-14:  # otherwise the readings are exact
         low, high = 0.0, 0.02**2
         while least(high) > 0:
             low, high = high, 1.69 * high
@@ -241,7 +242,7 @@ def null_of(psi: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def start(u: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
-    """Shape and centre of the first of the algebraic fits, in order of merit, that is an ellipsoid."""
+    """Shape and centre of the first algebraic fit, in order of merit, that gives an ellipsoid."""
     kinds = dict.fromkeys((kind, "circle" if kind in PLANAR else "sphere"))
     attempts = [lambda one=one: algebraic(u, one) for one in kinds]
     if kind == "symmetric":
@@ -257,11 +258,11 @@ def start(u: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def traced_start(u: Any, kind: str) -> Any:
-    """Parameters of the linear algebraic fit, or where that is no ellipsoid of the sphere: `start` without a choice on the host."""
+    """Parameters of the linear algebraic fit, or of the sphere if that fit is no ellipsoid: `start` without a choice on the host."""
     best, sphere = (shape_of(linear(u, which)) for which in (kind, "circle" if kind in PLANAR else "sphere"))
     values = jnp.linalg.eigvalsh(jnp.where(jnp.isfinite(best[0]), best[0], -1.0))
     good = (values[0] > 1e-6 * values[-1]) & jnp.all(jnp.isfinite(best[1]))
-    # the sphere is one about the readings' mean where it has no real points
+    # if the sphere has no real points, use one about the readings' mean
     real = sphere[0][0, 0] > 0
     round_ = (jnp.where(real, sphere[0], jnp.eye(3, dtype=u.dtype)), jnp.where(real, sphere[1], 0.0))
     shape, centre = (jnp.where(good, a, b) for a, b in zip(best, round_, strict=True))
@@ -277,7 +278,7 @@ def away(found: tuple[np.ndarray, np.ndarray], u: np.ndarray) -> np.ndarray:
 
 
 def robust_start(u: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
-    """Fit of least median distance: the best of random subsets, refitted to the nearer half (Rousseeuw, Technometrics 41, 1999, 212)."""
+    """Fit of smallest median distance: the best random subsets, refitted to the nearer half (Rousseeuw, Technometrics 41, 1999, 212)."""
     rng, half = np.random.default_rng(0), (len(u) + COUNT[kind] + 1) // 2
 
     def attempt(readings):

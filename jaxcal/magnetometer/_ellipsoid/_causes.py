@@ -1,8 +1,8 @@
-"""What residuals follow beyond chance: drift, a recorded condition, the rate of turn, the response of an axis, or each other.
+"""Find causes that the residuals follow beyond chance: drift, a recorded condition, the rate of turn, an axis's response, each other.
 
-A cause is a few columns beside the Jacobian. What it explains beyond chance moves the fit by a step that is known: a bias. It stands in
-the covariance, together with what is left of it in use: a drift goes on after the log, and a current takes any value that it had.
-Chance is judged by the sums over twenty parts of the log, so that correlated noise does not pass for a cause.
+A cause is a few columns beside the Jacobian. What it explains beyond chance biases the fit by a known step. The covariance includes this
+step, and the effect that remains in use: a drift continues after the log, and a current takes any value that it had. Chance is judged
+by sums over twenty parts of the log, so that correlated noise is not mistaken for a cause.
 """
 
 import dataclasses
@@ -23,8 +23,8 @@ DRIFT, FAST, BENT, PLACE, ALONE, SERIAL = "drift", "rate of turn", "nonlinearity
 _PARTS = 20
 _CHANCE = 0.003
 _FEWEST = 80
-_EXACT = 1e-9  # of the field: rounding is no noise
-_MOST = 3  # causes
+_EXACT = 1e-9  # share of the field below which residuals are rounding, not noise
+_MOST = 3  # largest number of causes
 
 
 class Cause(NamedTuple):
@@ -36,11 +36,11 @@ class Cause(NamedTuple):
 
 
 class Examined(NamedTuple):
-    """Covariance of the parameters, number of parts that it is from (zero for white residuals), and causes, the strongest first.
+    """Covariance of the parameters, number of parts that it comes from (zero for white residuals), and causes, the strongest first.
 
-    swing : (k, 9) how far the hard iron may have moved from its mean along each axis, if it were the reason why the residuals are not
-        white; the verdict alone counts it.
-    with_terms : covariance of the parameters if the causes that move the hard iron were fitted as terms; None where there is none.
+    swing : (3, 9) or (0, 9): how far the hard iron may have moved from its mean along each axis, if this is why the residuals are not
+        white. Only the verdict uses it.
+    with_terms : covariance of the parameters if the causes that move the hard iron were fitted as terms; None without such causes.
     """
 
     covariance: np.ndarray
@@ -51,9 +51,9 @@ class Examined(NamedTuple):
 
 
 def _rows(found: Found, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Derivative of the distances with respect to shape and centre, (n, 9), unit normals and readings about the centre.
+    """Derivative of the distances with respect to shape and centre, (n, 9), unit normals, and readings relative to the centre.
 
-    At the nearest points of the ellipsoid, where the readings' own noise has no part in them.
+    They are taken at the nearest points of the ellipsoid, so that the readings' own noise does not enter.
     """
     z = u - found.centre
     z = z - found.distance[:, None] * unit(z @ found.shape)
@@ -65,7 +65,7 @@ def _rows(found: Found, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def step_by(found: Found, u: np.ndarray, more: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Step (9,) of shape and centre that further readings at some distance from the ellipsoid would make, to first order."""
+    """Step (9,) of shape and centre that additional readings `more`, at the given distances from the ellipsoid, cause to first order."""
     slopes = slopes_of(found.parameters, basis_of(found.kind))[:, : COUNT[found.kind]]
     jacobian = np.concatenate([_rows(found, u)[0], _rows(dataclasses.replace(found, distance=distance), more)[0]]) @ slopes
     residuals = np.concatenate([np.zeros(len(u)), distance])
@@ -74,7 +74,7 @@ def step_by(found: Found, u: np.ndarray, more: np.ndarray, distance: np.ndarray)
 
 
 def _columns(found, normals, z, whole, rows, conditions) -> dict[str, np.ndarray]:
-    """Columns of each cause, for the readings in some rows of the whole log."""
+    """Columns of each cause, for the readings in the given rows of the whole log."""
     radius, support = radius_of(found.shape, found.kind in PLANAR), np.sum(normals * z, axis=1)
     follow = {DRIFT: rows.astype(float), **{name: values[rows] for name, values in conditions.items()}}
     columns = {}
@@ -82,7 +82,7 @@ def _columns(found, normals, z, whole, rows, conditions) -> dict[str, np.ndarray
         low, high = values.min(), values.max()
         if high > low:
             columns[name] = normals * ((2 * values - low - high) / (high - low))[:, None]
-    # what a mean over a short time takes off a turning vector goes with the square of the turn
+    # averaging over a short time shortens a turning vector in proportion to the square of its rate
     turn = np.gradient(unit((whole - found.centre) @ root(found.shape)), axis=0)[rows]
     columns[FAST] = (support * np.sum(turn**2, axis=1))[:, None]
     columns[BENT] = np.concatenate([normals * (z / radius) ** 2, normals * (z / radius) ** 3], axis=1)
@@ -90,7 +90,7 @@ def _columns(found, normals, z, whole, rows, conditions) -> dict[str, np.ndarray
 
 
 def _fitted(jacobian: np.ndarray, columns: np.ndarray, residuals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Step of the parameters that the columns account for, and their coefficients."""
+    """Step of the parameters that the columns explain, and the coefficients of the columns."""
     both = np.concatenate([jacobian, columns], axis=1)
     size = np.linalg.norm(both, axis=0)
     found = np.linalg.lstsq(both / size, residuals, rcond=1e-9)[0] / size
@@ -99,7 +99,7 @@ def _fitted(jacobian: np.ndarray, columns: np.ndarray, residuals: np.ndarray) ->
 
 
 def _evidence(span: np.ndarray, columns: np.ndarray, residuals: np.ndarray, worth: float) -> float:
-    """Logarithm of the likelihood ratio of columns less their price, by the `worth` of the readings; negative where chance may do it."""
+    """Log likelihood ratio of the columns minus their penalty, scaled by the `worth` of the readings; negative if chance explains it."""
     free = columns - span @ (span.T @ columns)
     size, before = np.linalg.norm(free, axis=0), np.linalg.norm(columns, axis=0)
     if not (size > 1e-6 * before).all():
@@ -115,7 +115,7 @@ def _evidence(span: np.ndarray, columns: np.ndarray, residuals: np.ndarray, wort
     scores = np.add.reduceat(free * left[:, None], edges, axis=0)
     variance = bread @ (scores.T @ scores) @ bread * _PARTS / (_PARTS - 1)
     statistic = coefficients @ symmetric_inverse(variance) @ coefficients
-    ratio = (_PARTS - count) / (count * (_PARTS - 1)) * statistic  # Hotelling
+    ratio = (_PARTS - count) / (count * (_PARTS - 1)) * statistic  # Hotelling's T^2 as an F statistic
     if not scipy.special.fdtrc(count, _PARTS - count, ratio) < _CHANCE:
         return -np.inf
     return gain
@@ -124,7 +124,7 @@ def _evidence(span: np.ndarray, columns: np.ndarray, residuals: np.ndarray, wort
 def examined(
     found: Found, u: np.ndarray, whole: np.ndarray, rows: np.ndarray, conditions: dict[str, np.ndarray], size: Size | None
 ) -> Examined:
-    """What the residuals of a fit say of its error; `rows` of the `whole` log were fitted, in the order of time."""
+    """What the residuals of a fit tell about its error; the given `rows` of the `whole` log were fitted, in order of time."""
     count, n = COUNT[found.kind], len(u)
     radius = radius_of(found.shape, found.kind in PLANAR)
     if not np.isfinite(found.covariance).all() or not found.noise > _EXACT * radius or not found.converged:
@@ -148,7 +148,7 @@ def examined(
         step, coefficients = _fitted(jacobian, part, left)
         left = left - jacobian @ step - part @ coefficients
         steps = [-slopes @ step]
-        if name not in (FAST, BENT):  # what moves the hard iron moves it after the log too, by up to half its range
+        if name not in (FAST, BENT):  # a cause that moves the hard iron continues after the log, by up to half its range
             moved = np.zeros(9)
             moved[6 : 6 + len(coefficients)] = coefficients
             steps.append(moved)
@@ -158,7 +158,7 @@ def examined(
         rest = np.sum(left**2) / np.sum((weight[:, 0] * found.distance) ** 2)
         return Examined(found.covariance * min(rest, 1.0), 0, causes, np.zeros((0, 9)), _with_terms(terms, left, count, True))
     known = np.zeros((count, count))
-    if size is not None:  # the derivative of the mean semi-axis, of the field that was given
+    if size is not None:  # derivative of the mean semi-axis, for the field that was given
         slope = np.linalg.inv(found.shape) / -6
         by_size = np.array([slope[0, 0], 2 * slope[0, 1], slope[1, 1], 2 * slope[0, 2], 2 * slope[1, 2], slope[2, 2], 0, 0, 0]) @ slopes
         known = np.outer(by_size, by_size) * (found.noise / size.error) ** 2
@@ -168,7 +168,7 @@ def examined(
         matrix = np.zeros((9, 9))
         matrix[:count, :count] = part
     of_norm, alone, swing = shared(left, normals)
-    # half the range of what takes any value alike is the square root of three standard deviations
+    # half the range of a uniform distribution is sqrt(3) times its standard deviation
     half = np.sqrt(3.0) * swing * np.eye(9)[6:]
     if alone is None:
         rest = Cause(PLACE if of_norm else SERIAL, np.zeros((0, 9)), float(np.std(left)) / radius)
@@ -179,7 +179,7 @@ def examined(
 
 
 def _with_terms(terms: list[np.ndarray], residuals: np.ndarray, count: int, independent: bool) -> np.ndarray | None:
-    """Covariance (9, 9) of the first parameters where columns of causes are fitted beside them."""
+    """Covariance (9, 9) of the first parameters if columns of causes are fitted beside them; None without such columns."""
     rows, matrix = np.concatenate(terms, axis=1), np.zeros((9, 9))
     if len(terms) == 1:
         return None

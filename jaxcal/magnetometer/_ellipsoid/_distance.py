@@ -5,12 +5,12 @@ import jax.numpy as jnp
 
 from ..._types import Array, Float
 
-#: enough for readings deep inside; those near the surface need three
+#: enough for readings deep inside; readings near the surface need three
 _ITERATIONS = 12
 
 
 def _pencil(shape: Array, z: Array):
-    """y(t) = (I + t A)^-1 z as a function of t, for all rows of z; by Cayley and Hamilton, without a decomposition."""
+    """y(t) = (I + t A)^-1 z as a function of t, for all rows of z, by the Cayley-Hamilton theorem without a decomposition."""
     square = shape @ shape
     trace = jnp.trace(shape)
     second = (trace**2 - jnp.trace(square)) / 2
@@ -26,18 +26,18 @@ def _pencil(shape: Array, z: Array):
 
 
 def _newton(apply, shape, z, t):
-    """One Newton step on 1/sqrt(y'Ay) = 1, which is nearly linear in t; also y(t)."""
+    """One Newton step in t on 1/sqrt(y'Ay) = 1, which is nearly linear in t, where y = y(t)."""
     y = apply(t, z)
     normal = y @ shape
     g = jnp.sum(y * normal, axis=1)
     q = jnp.sum(normal * apply(t, normal), axis=1)
-    # Double where: at the centre of the ellipsoid all of these vanish.
+    # Replace the inputs as well: at the centre of the ellipsoid all of these vanish.
     g, q = jnp.where(q > 0, g, 1), jnp.where(q > 0, q, 1)
     return t + g * (jnp.sqrt(g) - 1) / q
 
 
 def _largest_eigenvalue(shape: Array) -> Array:
-    """In closed form (O. K. Smith, Commun. ACM 4 (1961) 168): a call of LAPACK for each step would cost more than the step."""
+    """Largest eigenvalue in closed form (O. K. Smith, Commun. ACM 4 (1961) 168), because a LAPACK call would cost more than a step."""
     mean = jnp.trace(shape) / 3
     rest = shape - mean * jnp.eye(3, dtype=shape.dtype)
     size = jnp.sqrt(jnp.sum(rest**2) / 6)
@@ -47,11 +47,11 @@ def _largest_eigenvalue(shape: Array) -> Array:
 
 
 def foot(shape: Float[Array, "3 3"], z: Float[Array, "n 3"]) -> tuple[Float[Array, " n"], Float[Array, "n 3"]]:
-    """Nearest point y of x'Ax = 1 to each row of z, and t with z - y = t A y; both differentiable once."""
+    """Nearest point y of x'Ax = 1 to each row of z, and t with z - y = t A y; both can be differentiated once."""
     fixed, far = jax.lax.stop_gradient(shape), jax.lax.stop_gradient(z)
     apply = _pencil(fixed, far)
     lowest = -1 / _largest_eigenvalue(fixed)
-    # Newton doubles the digits: half of them, and the step after the loop brings all.
+    # Each Newton step doubles the digits: half of them here, and the step after the loop gives the rest.
     half = jnp.finfo(far.dtype).eps ** 0.5
 
     def again(carry):
@@ -62,7 +62,7 @@ def foot(shape: Float[Array, "3 3"], z: Float[Array, "n 3"]) -> tuple[Float[Arra
 
     begin = (0, jnp.zeros_like(far[:, 0]), jnp.asarray(False))
     _, t, _ = jax.lax.while_loop(lambda carry: (carry[0] < _ITERATIONS) & ~carry[2], again, begin)
-    # A step from the root has the derivative of the root (implicit function theorem).
+    # A step taken at the root has the derivative of the root (implicit function theorem).
     apply = _pencil(shape, z)
     t = _newton(apply, shape, z, jax.lax.stop_gradient(t))
     return t, apply(t, z)
@@ -72,7 +72,7 @@ def foot(shape: Float[Array, "3 3"], z: Float[Array, "n 3"]) -> tuple[Float[Arra
 def signed_distance(shape: Float[Array, "3 3"], z: Float[Array, "n 3"]) -> Float[Array, " n"]:
     r"""Distance of each row of z to the ellipsoid x'Ax = 1, positive outside.
 
-    With the nearest point y and the normal g = A y the distance is t|g|, and its differential
+    With the nearest point y and the normal g = A y, the distance is t|g|, and its differential is
 
     .. math:: \mathrm d d = \frac{y^T\,\mathrm dA\,y}{2|g|} + \frac{g^T \mathrm dz}{|g|}.
     """
@@ -84,6 +84,7 @@ def _(primals, tangents):
     return _forward(*_distance_slopes(*primals), *tangents)
 
 
+@jax.jit
 def _distance_slopes(shape, z):
     """Distance, and its derivatives with respect to the nine entries of A and to z."""
     t, y = foot(shape, z)
@@ -98,13 +99,13 @@ def _outer(a: Array, b: Array) -> Array:
 
 
 def _forward(value, by_shape, by_z, d_shape, d_z):
-    """Value and change: the derivatives stand apart from the changes, so that all parameters share them."""
+    """Value and its change: keeping the derivatives separate from the tangents lets all parameters share them."""
     return value, by_shape @ d_shape.reshape(9) + jnp.sum(by_z * d_z, axis=1)
 
 
 @jax.custom_jvp
 def mean_curvature(shape: Float[Array, "3 3"], z: Float[Array, "n 3"]) -> Float[Array, " n"]:
-    r"""Sum of half the principal curvatures where the level set of x'Ax passes each row of z: 1/R on a sphere of radius R.
+    r"""Half the sum of the principal curvatures of the level set of x'Ax through each row of z: 1/R on a sphere of radius R.
 
     With the normal g = A z and T = tr A it is
 
@@ -118,12 +119,13 @@ def _(primals, tangents):
     return _forward(*_curvature_slopes(*primals), *tangents)
 
 
+@jax.jit
 def _curvature_slopes(shape, z):
     """Mean curvature, and its derivatives with respect to the nine entries of A and to z."""
     normal = z @ shape
     bent = jnp.trace(shape) * normal - normal @ shape
     square = jnp.sum(normal**2, axis=1)
-    square = jnp.where(square > 0, square, 1)  # no direction at the centre
+    square = jnp.where(square > 0, square, 1)  # the centre has no direction
     cube = square * jnp.sqrt(square)
     curvature = jnp.sum(normal * bent, axis=1) / (2 * cube)
     by_normal = bent / cube[:, None] - (3 * curvature / square)[:, None] * normal
@@ -133,7 +135,7 @@ def _curvature_slopes(shape, z):
 
 @jax.custom_jvp
 def corrected_distance(shape: Float[Array, "3 3"], z: Float[Array, "n 3"], noise2: Float[Array, ""]) -> Float[Array, " n"]:
-    """Signed distance less sigma^2 times the mean curvature, differentiated as one."""
+    """Signed distance minus sigma^2 times the mean curvature, differentiated together."""
     return signed_distance(shape, z) - noise2 * mean_curvature(shape, z)
 
 

@@ -7,18 +7,18 @@ import numpy as np
 
 from ..._precision import array_module
 
-#: parameters of each kind
+#: number of parameters of each kind
 COUNT = {"sphere": 4, "diagonal": 6, "symmetric": 9, "circle": 3, "ellipse": 5}
 SOLID, PLANAR = ("sphere", "diagonal", "symmetric"), ("circle", "ellipse")
 NAMES = ("A_xx", "A_xy", "A_yy", "A_xz", "A_yz", "A_zz", "b_x", "b_y", "b_z")
 PLANAR_NAMES = ("A_11", "A_12", "A_22", "b_1", "b_2")
-#: rows of (A_xx, A_xy, A_yy, A_xz, A_yz, A_zz, b) that a plane has
+#: rows of (A_xx, A_xy, A_yy, A_xz, A_yz, A_zz, b) that exist in a plane
 PLANAR_ROWS = [0, 1, 2, 6, 7]
 #: rows and columns of the six entries of A in that order
 ENTRIES = (np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2]))
 
-#: entries of (U_11, U_12, U_13, U_22, U_23, U_33, b) that each parameter moves. A planar fit has no third coordinate: U_33 is idle,
-#: and follows U_11 so that A stays regular.
+#: entries of (U_11, U_12, U_13, U_22, U_23, U_33, b) that each parameter changes. A planar fit has no third coordinate, so U_33 has no
+#: effect; it follows U_11 to keep A regular.
 _MOVES = {
     "sphere": ((0, 3, 5), (6,), (7,), (8,)),
     "diagonal": ((0,), (3,), (5,), (6,), (7,), (8,)),
@@ -26,13 +26,13 @@ _MOVES = {
     "circle": ((0, 3, 5), (6,), (7,)),
     "ellipse": ((0, 5), (1,), (3,), (6,), (7,)),
 }
-#: where (U_11, U_12, U_13, U_22, U_23, U_33, b) stand among the nine entries of U and the centre
+#: positions of (U_11, U_12, U_13, U_22, U_23, U_33, b) among the nine entries of U and the centre
 _PLACE = (0, 1, 2, 4, 5, 8, 9, 10, 11)
 
 
 @functools.cache
 def basis_of(kind: str) -> np.ndarray:
-    """(12, 9) from the parameters of a kind, filled up with zeros, to the entries of U and the centre."""
+    """Matrix (12, 9) from the parameters of a kind, padded with zeros, to the entries of U and the centre."""
     basis = np.zeros((12, 9))
     for column, rows in enumerate(_MOVES[kind]):
         basis[[_PLACE[row] for row in rows], column] = 1.0
@@ -47,13 +47,13 @@ def upper_and_centre(parameters: Any, basis: Any) -> tuple[Any, Any]:
 
 
 def shape_and_centre(parameters: Any, basis: Any) -> tuple[Any, Any]:
-    """A = U'U, positive whatever the parameters are, and the centre."""
+    """A = U'U, which is positive for any parameters, and the centre."""
     upper, centre = upper_and_centre(parameters, basis)
     return upper.T @ upper, centre
 
 
 def parameters_of(kind: str, shape: Any, centre: Any) -> Any:
-    """Nearest parameters of a kind to a shape matrix and centre, filled up with zeros."""
+    """Parameters of the given kind nearest to a shape matrix and centre, padded with zeros."""
     xp = array_module(shape)
     if kind == "diagonal":
         upper = xp.diag(xp.sqrt(xp.diag(shape)))

@@ -1,4 +1,4 @@
-"""Iterative fits of scaled readings through the package's one solver: orthogonal and radial, robust, curvature corrected, penalised."""
+"""Iterative fits of scaled readings with the package's solver: orthogonal and radial, robust, curvature corrected, penalised."""
 
 import contextlib
 import dataclasses
@@ -20,29 +20,29 @@ from ._residuals import Penalty, Readings, Size, half_log_det, orthogonal, penal
 from ._shape import Found, entries_of, filled, radius_of
 
 LOSSES: dict[str, AbstractLoss] = {"huber": Huber(), "cauchy": Cauchy(), "tukey": Tukey()}
-CURVED = 0.02  # noise over radius above which the curvature term is worth a fit
-ROUNDS, SETTLED = 3, 3e-3  # of fits with the curvature term, and the change of the noise that ends them
+CURVED = 0.02  # noise over radius above which the curvature term matters
+ROUNDS, SETTLED = 3, 3e-3  # number of fits with the curvature term, and the relative change of the noise that ends them
 _ROBUST_ROUNDS = 5
-_PRECISE = 1e-8  # step to go, relative to the statistical uncertainty
-_LOST = 1e-12  # singular value of columns of unit length, below which readings leave a parameter open
-_IDLE = 0.1  # standard errors: a penalty that moves a fit by less is left out
-_FAR = 1.0  # standard errors: beyond, the fit without the penalty may have run off
+_PRECISE = 1e-8  # remaining step, relative to the statistical uncertainty
+_LOST = 1e-12  # singular value, with columns of unit length, below which the readings do not determine a parameter
+_IDLE = 0.1  # standard errors: a penalty that moves a fit by less is omitted
+_FAR = 1.0  # standard errors: a larger bias suggests that the fit without the penalty diverged
 _SINGULAR = 1e8
 
 
 def padded(u: np.ndarray, kind: str, scale: float = 1.0, noise2: float = 0.0, penalty: Penalty | None = None) -> Readings:
-    """Readings filled up to a power of two with weight zero, so that logs of any length share a compiled program."""
+    """Readings padded to a power of two with zero weights, so that logs of any length share a compiled program."""
     return Readings(filled(u, u[:1]), filled(np.ones(len(u))), np.float64(scale), np.float64(noise2), basis_of(kind), penalty)
 
 
 def bounds_of(kind: str) -> tuple[np.ndarray, np.ndarray]:
-    """Idle parameters are held at zero: so all kinds share one program."""
+    """Bounds that hold unused parameters at zero, so that all kinds share one program."""
     idle = np.arange(9) >= COUNT[kind]
     return np.where(idle, 0.0, -np.inf), np.where(idle, 0.0, np.inf)
 
 
 def attempt(function: Callable, start: AnyArray, data: Readings, kind: str, loss: AbstractLoss | None = None) -> Fit:
-    """Best fit from the rows of `start`. The residuals of penalty and prior are dropped from it: its covariance is that of the readings."""
+    """Best fit from the rows of `start`, without the residuals of penalty and prior: its covariance is that of the readings."""
     begin, starts = (start, None) if start.ndim == 1 else (start[0], start)
     fit = solve(function, begin, data, loss=loss, bounds=bounds_of(kind), starts=starts, rtol=_PRECISE)
     if fit.residuals.size == len(data.u):
@@ -52,7 +52,7 @@ def attempt(function: Callable, start: AnyArray, data: Readings, kind: str, loss
 
 
 def flat(u: np.ndarray, kind: str, loss: AbstractLoss | None = None, cost: str = "orthogonal", begin: Any = None) -> Found:
-    """The fit without the curvature term: enough to compare models, which all have a radius to take up its mean."""
+    """The fit without the curvature term. It suffices to compare models, because the radius of each absorbs the mean of that term."""
     if begin is None:
         begin = parameters_of(kind, *(start if loss is None else robust_start)(u, kind))
     function = radial if cost == "radial" else orthogonal
@@ -61,14 +61,14 @@ def flat(u: np.ndarray, kind: str, loss: AbstractLoss | None = None, cost: str =
     else:
         fit, scale = _robust(function, begin, u, kind, loss)
     if cost == "radial":
-        # its own J'J is not the information of the readings
+        # J'J of the radial cost is not the information of the readings
         found = described(np.asarray(fit.parameters), u, kind)
         return dataclasses.replace(found, converged=bool(fit.usable), weight=np.asarray(fit.weights)[: len(u)])
     return described_by(fit, scale, len(u), kind)
 
 
 def described_by(fit: Fit, scale: float, count: int, kind: str, noise2: Any = 0.0) -> Found:
-    """What a solution says of the ellipsoid; infinite covariance where the readings alone do not determine it."""
+    """The ellipsoid that a solution describes; its covariance is infinite if the readings alone do not determine it."""
     traced = is_traced(fit.parameters)
     xp = jnp if traced else np
     parameters, residuals, matrix = (xp.asarray(x) for x in (fit.parameters, fit.residuals, covariance(fit, scaled=True)))
@@ -84,15 +84,15 @@ def described_by(fit: Fit, scale: float, count: int, kind: str, noise2: Any = 0.
 
 
 def curvature_variance(found: Found) -> Any:
-    """Variance whose curvature term counts, zero where the noise is too small for it, or so large that there is no surface."""
+    """Variance for the curvature term; zero if the noise is too small to matter, or so large that there is no surface."""
     xp, radius = array_module(found), radius_of(found.shape)
     curved = (0.5 * radius > found.noise) & (found.noise > CURVED * radius)
-    # readings in a plane have no noise across it, so of the two curvatures one counts
+    # readings in a plane have no noise across it, so only one of the two curvatures counts
     return xp.where(curved, (0.5 if found.kind in PLANAR else 1.0) * found.noise**2, 0.0)
 
 
 def estimate(u: Any, kind: str) -> Found:
-    """Maximum likelihood of scaled readings as one pure function: `flat` and the rounds of `refined`, each decision an expression."""
+    """Maximum likelihood of scaled readings as one pure function: `flat` and the rounds of `refined`, without branches."""
     basis, weight, one = jnp.asarray(basis_of(kind), dtype=u.dtype), jnp.ones(len(u), dtype=u.dtype), jnp.ones((), u.dtype)
 
     def again(carry: tuple, _: None) -> tuple:
@@ -115,7 +115,7 @@ def _spread(residuals, count: int, free: int) -> float:
 
 
 def _robust(function: Callable, begin: np.ndarray, u: np.ndarray, kind: str, loss: AbstractLoss) -> tuple[Fit, float]:
-    """Fit and scale by turns, from a start of high breakdown point; Tukey's loss, which has many minima, could start nowhere else."""
+    """Fit and scale in turn, from a start of high breakdown point; Tukey's loss needs such a start, because it has many minima."""
     count, free = len(u), COUNT[kind]
     scale = max(_spread(_linearised(function, begin, padded(u, kind))[0], count, free), 1e-13)
     for _ in range(_ROBUST_ROUNDS):
@@ -133,7 +133,7 @@ def _linearised(function: Callable, parameters: Any, data: Readings) -> tuple[An
 
 
 def described(parameters: AnyArray, u: np.ndarray, kind: str) -> Found:
-    """An ellipsoid that another method found, with the covariance that the readings allow there (the Cramer-Rao bound)."""
+    """An ellipsoid that another method found, with the smallest covariance that the readings allow there (Cramer-Rao bound)."""
     residuals, jacobian = (np.asarray(x)[: len(u)] for x in _linearised(orthogonal, parameters, padded(u, kind)))
     noise = float(np.sqrt(np.sum(residuals**2) / max(len(u) - COUNT[kind], 1)))
     known = information(triangle(jacobian), held=np.arange(9) >= COUNT[kind], tolerance=_LOST)
@@ -150,7 +150,7 @@ def geometric(
 
 
 def refined(found: Found, u: np.ndarray, loss: AbstractLoss | None = None, penalty: float = 0.0, size: Size | None = None) -> Found:
-    """The fit with the curvature term where the noise matters, the penalty where that does, and the size that is known."""
+    """The fit with the curvature term where noise matters, with the penalty where that matters, and with the known size."""
     bias = _step(found, u, penalty)[1] if penalty else 0.0
     if found.converged and bias < _IDLE:
         penalty = 0.0
@@ -167,9 +167,10 @@ def refined(found: Found, u: np.ndarray, loss: AbstractLoss | None = None, penal
 
 
 def left_out(fits: dict[str, Found], chosen: Found, u: np.ndarray, loss: AbstractLoss | None, penalty: float) -> np.ndarray:
-    """Bias of a chosen model by what it leaves out, (9,), as far as the largest model shows it: want of evidence makes none more certain.
+    """Bias (9,) of the chosen model due to the terms that it leaves out, as far as the largest model shows it.
 
-    The step to the largest is that bias and noise, whose share of the likelihood ratio is one a parameter (positive-part James and Stein).
+    A lack of evidence for these terms must not make the fit more certain. The step to the largest model is this bias plus noise, and noise
+    contributes one per parameter to the likelihood ratio (positive-part James and Stein).
     """
     largest = next(iter(fits.values()))
     more = COUNT[largest.kind] - COUNT[chosen.kind]
@@ -178,14 +179,14 @@ def left_out(fits: dict[str, Found], chosen: Found, u: np.ndarray, loss: Abstrac
     if penalty and not (largest.converged and _step(largest, u, penalty)[1] < _IDLE):
         largest = refined(largest, u, loss, penalty)
     if not np.isfinite(largest.covariance).all():
-        return np.zeros(9)  # the verdict says that it could not be tried
+        return np.zeros(9)  # the verdict reports that the largest model could not be tried
     weight = largest.weight
     gain = float(np.sum(weight * chosen.distance**2) - np.sum(weight * largest.distance**2)) / max(largest.noise, 1e-300) ** 2
     return np.sqrt(max(1 - more / max(gain, 1e-300), 0.0)) * (entries_of(largest) - entries_of(chosen))
 
 
 def _step(found: Found, u: np.ndarray, penalty: float) -> tuple[Any, float]:
-    """How far the penalty moves a fit, to first order: in the parameters, and in standard errors of the readings alone."""
+    """Shift of a fit by the penalty, to first order: in the parameters, and in standard errors of the readings alone."""
     if not np.isfinite(found.covariance).all():
         return np.zeros(9), np.inf
     upper, centre = upper_and_centre(found.parameters, basis_of(found.kind))
@@ -197,23 +198,23 @@ def _step(found: Found, u: np.ndarray, penalty: float) -> tuple[Any, float]:
 
 
 def _penalised(found: Found, u: np.ndarray, loss: AbstractLoss | None, penalty: float, bias: float, size: Size | None) -> Found:
-    """The fit with penalty and prior; from a sphere too where the fit without them may have run off."""
-    # the noise is that of the fit without them, whose degrees of freedom are known
+    """The fit with penalty and prior; it also starts from a sphere if the fit without them may have diverged."""
+    # the noise comes from the fit without penalty and prior, whose degrees of freedom are known
     alone, noise, begin = found, max(found.noise, 1e-12), [found.parameters]
     scale = 1.0 if loss is None else noise
     if not found.converged or bias > _FAR:
-        with contextlib.suppress(NotEllipsoid):  # then the one start has to do
+        with contextlib.suppress(NotEllipsoid):  # in that case one start must suffice
             begin.append(parameters_of(found.kind, *start(u[found.weight > 0.5], "circle" if found.kind in PLANAR else "sphere")))
     noise2 = float(curvature_variance(found))
     data = padded(u, found.kind, scale, noise2, Penalty.of(found.kind, noise, penalty, size))
     fit = attempt(penalised, np.array(begin), data, found.kind, loss)
     found = described_by(fit, scale, len(u), found.kind, noise2)
-    # penalty and prior make a solution where the readings have none, so the solver does not say that they have none
+    # penalty and prior give a solution even if the readings have none, and the solver does not report that
     known = identifiability(fit).condition < _SINGULAR
     covariance = found.covariance * (noise / max(found.noise, 1e-300)) ** 2 if known else np.full((9, 9), np.inf)
     found = dataclasses.replace(found, noise=noise, covariance=covariance, penalty=penalty)
     if penalty:
-        # what it moved the fit by is a bias: known in size, so part of the uncertainty
+        # the shift by the penalty is a bias of known size, so it is part of the uncertainty
         step, bias = _step(found, u, penalty)
         found = dataclasses.replace(found, covariance=found.covariance + np.outer(step, step), bias=bias)
     return found if size is None else _with_size(found, alone, size)
@@ -228,7 +229,7 @@ def _log_size(found: Found) -> tuple[float, np.ndarray]:
 
 
 def _with_size(found: Found, alone: Found, size: Size) -> Found:
-    """The prior's information in the covariance, and how far it is from what the readings alone say."""
+    """The fit with the prior's information in its covariance, and with the distance between prior and readings as `conflict`."""
     value, slope = _log_size(alone)
     conflict = 0.0
     if alone.converged and np.isfinite(alone.covariance).all():
@@ -242,7 +243,7 @@ def _with_size(found: Found, alone: Found, size: Size) -> Found:
 
 
 def loss_of(loss: Any) -> AbstractLoss | None:
-    """The loss, by its name or as an object."""
+    """The loss, given by name or as an object."""
     if loss is None or isinstance(loss, AbstractLoss):
         return loss
     if isinstance(loss, str) and loss in LOSSES:

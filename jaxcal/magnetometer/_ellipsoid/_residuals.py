@@ -1,13 +1,13 @@
-r"""Residuals of a magnetometer calibration: distances of the readings, and the penalty on ellipsoids that put them into a corner.
+r"""Residuals of a magnetometer calibration: distances of the readings, and a penalty on ellipsoids of which they cover a corner only.
 
-Distances are orthogonal, in the space of the readings, or radial, in the calibrated one. The information matrix of n directions u is M,
-the mean of j j' with the natural rows j = (u'Qu - 2c'u)/2 of the changes Q of the shape and c of the centre. Fits of few readings run
-off to ever larger ellipsoids, on which the readings are a spot, for a gain in the squared distances that noise alone can give. The
-penalty is a power w of Jeffreys' prior in these natural parameters,
+Distances are orthogonal, in the space of the readings, or radial, in the calibrated space. The information matrix of n directions u is
+M, the mean of j j' with the natural rows j = (u'Qu - 2c'u)/2 of the changes Q of the shape and c of the centre. Fits of few readings
+diverge to ever larger ellipsoids, on which the readings cover a spot: noise alone can make this lower the squared distances. The penalty
+is a power w of Jeffreys' prior in these natural parameters,
 
 .. math:: \frac{1}{2\sigma^2}\sum_i d_i^2 - \frac w2 \log\det M(A, b)
 
-D. Firth, Biometrika 80 (1993) 27, has w = 1; G. Heinze and M. Schemper, Stat. Med. 21 (2002) 2409, use it where fits run off.
+D. Firth, Biometrika 80 (1993) 27, has w = 1; G. Heinze and M. Schemper, Stat. Med. 21 (2002) 2409, use it where fits diverge.
 """
 
 from types import ModuleType
@@ -17,18 +17,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._compile import filter_jit
 from ..._types import Any, Array, Float
 from .._model import MagModel
 from ._distance import corrected_distance, signed_distance
 from ._kinds import COUNT, PLANAR_ROWS, shape_and_centre, upper_and_centre
 
-#: from the changes of a kind to the six entries of A and the centre
+#: matrices from the changes of each kind to the six entries of A and the centre
 BASES = {"symmetric": np.eye(9), "diagonal": np.eye(9)[:, [0, 2, 5, 6, 7, 8]], "ellipse": np.eye(9)[:, PLANAR_ROWS]}
 BASES["sphere"] = np.concatenate([np.eye(9)[:, [0, 2, 5]].sum(axis=1, keepdims=True) / np.sqrt(3), np.eye(9)[:, 6:]], axis=1)
 BASES["circle"] = np.concatenate([np.eye(9)[:, [0, 2]].sum(axis=1, keepdims=True) / np.sqrt(2), np.eye(9)[:, 6:8]], axis=1)
 
-_MOST = 17 / 12  # of |j|^2, where all entries of u are equal in size
-_FLOOR = 1e-10  # keeps the logarithm of directions that determine nothing
+_MOST = 17 / 12  # largest |j|^2, reached where all entries of u have equal size
+_FLOOR = 1e-10  # keeps the logarithm finite for directions that determine nothing
 
 
 def natural_rows(directions: Any, xp: ModuleType = np) -> Any:
@@ -38,7 +39,7 @@ def natural_rows(directions: Any, xp: ModuleType = np) -> Any:
 
 
 class Size(eqx.Module):
-    """What is known of the mean semi-axis beforehand: its logarithm, and the standard deviation of that."""
+    """Prior knowledge of the mean semi-axis: its logarithm, and the standard deviation of the logarithm."""
 
     log: float
     error: float
@@ -47,9 +48,9 @@ class Size(eqx.Module):
 class Penalty(eqx.Module):
     """The penalty for one kind of model, and the prior of its size.
 
-    basis : (9, 9) columns of `BASES`, filled up with zeros; idle : (9,) one for those.
-    top : a bound of log det M; strength : w times the variance of a distance.
-    size : logarithm of the mean semi-axis; strength_of_size : standard deviation of a distance over that of `size`, zero where it is open.
+    basis : (9, 9) columns of `BASES`, padded with zeros; idle : (9,) one for the padding.
+    top : an upper bound of log det M; strength : w times the variance of a distance.
+    size : logarithm of the mean semi-axis; strength_of_size : standard deviation of a distance over that of `size`, zero without a prior.
     """
 
     basis: Any
@@ -65,7 +66,7 @@ class Penalty(eqx.Module):
         basis = np.zeros((9, 9))
         basis[:, :count] = BASES[kind]
         known = (0.0, 0.0) if size is None else (size.log, noise / size.error)
-        # the eigenvalues sum to |j|^2 at most: their product is largest where they are equal
+        # the eigenvalues sum to at most |j|^2, and their product is largest if they are equal
         return Penalty(basis, (np.arange(9) >= count).astype(float), count * np.log(_MOST / count), weight * noise**2, *known)
 
 
@@ -81,7 +82,7 @@ def _half_log_det(upper, z, weight, basis, idle):
 
 @_half_log_det.defjvp
 def _(primals, tangents):
-    # weights, basis and idle columns are data
+    # weights, basis and idle columns are data, so they have no derivative
     value, by_upper, by_z = half_log_det(*primals, xp=jnp)
     return value, jnp.sum(by_upper * tangents[0]) + jnp.sum(by_z * tangents[1])
 
@@ -104,7 +105,7 @@ def half_log_det(upper: Any, z: Any, weight: Any, basis: Any, idle: Any, xp: Mod
 
 
 class Readings(eqx.Module):
-    """Scaled readings (n, 3), weight (n,), zero for padding, scale of a residual, noise variance of the curvature term, `basis_of`."""
+    """Scaled readings (n, 3), weight (n,), zero for padding, scale of a residual, noise variance for the curvature term, `basis_of`."""
 
     u: Any
     weight: Any
@@ -115,19 +116,19 @@ class Readings(eqx.Module):
 
 
 def distances(parameters: Array, data: Readings) -> Array:
-    """Weighted orthogonal distances over the scale."""
+    """Weighted orthogonal distances divided by the scale."""
     shape, centre = shape_and_centre(parameters, data.basis)
     return data.weight * signed_distance(shape, data.u - centre[None, :]) / data.scale
 
 
 def orthogonal(parameters: Array, data: Readings) -> Array:
-    """Weighted orthogonal distances over the scale, less what noise along the curved surface adds: sigma^2 times the mean curvature."""
+    """`distances` without the mean offset that noise causes along the curved surface: sigma^2 times the mean curvature."""
     shape, centre = shape_and_centre(parameters, data.basis)
     return data.weight * corrected_distance(shape, data.u - centre[None, :], data.noise2) / data.scale
 
 
 def penalised(parameters: Array, data: Readings) -> Array:
-    """Those of `orthogonal`, one of the prior of the size, and one whose square is the penalty on directions in a corner."""
+    """The residuals of `orthogonal`, one for the prior of the size, and one whose square is the penalty on directions in a corner."""
     upper, centre = upper_and_centre(parameters, data.basis)
     # the mean semi-axis is the cube root of 1/det U
     off = -jnp.sum(jnp.log(jnp.abs(jnp.diagonal(upper)))) / 3 - data.penalty.size
@@ -136,20 +137,20 @@ def penalised(parameters: Array, data: Readings) -> Array:
 
 
 def radial(parameters: Array, data: Readings) -> Array:
-    """Weighted |W (m - b)| - 1 over the scale; W need not be formed."""
+    """Weighted |W (m - b)| - 1, divided by the scale; W need not be formed."""
     shape, centre = shape_and_centre(parameters, data.basis)
     z = data.u - centre[None, :]
     return data.weight * (jnp.sqrt(jnp.sum(z * (z @ shape), axis=1)) - 1) / data.scale
 
 
 def surface_distances(model: MagModel, m: Any, field: Any, conditions: Any, noise2: Any) -> Array:
-    """Signed distance of each reading to the surface on which its conditions would put a field of this norm, curvature corrected."""
+    """Signed, curvature corrected distance of each reading to the surface for a field of this magnitude under the reading's conditions."""
     m = jnp.asarray(m)
-    # about the corrected reading the model is C_i h + b_i, and its surface there an ellipsoid
+    # near the corrected reading the model is C_i h + b_i, and its surface there is an ellipsoid
     h = jnp.asarray(model.correct(m, **conditions))
     measured, push = jax.linearize(lambda h: model.measure(h, **conditions), h)
     first, second, third = (push(jnp.broadcast_to(axis, h.shape)) for axis in jnp.eye(3, dtype=h.dtype))
-    # the inverse from cross products: a batch of small matrices is slow in LAPACK
+    # form the inverse from cross products, because LAPACK is slow on a batch of small matrices
     rows = jnp.stack([jnp.cross(second, third), jnp.cross(third, first), jnp.cross(first, second)], axis=1)
     inverse = rows / jnp.sum(rows[:, 0] * first, axis=1)[:, None, None]
     z = m - measured + h[:, :1] * first + h[:, 1:2] * second + h[:, 2:] * third
@@ -159,21 +160,21 @@ def surface_distances(model: MagModel, m: Any, field: Any, conditions: Any, nois
 
 
 def residuals(model: MagModel, data: Any) -> Array:
-    r"""Signed orthogonal distance of each reading to the surface on which a field of norm H would put it.
+    r"""Signed orthogonal distance of each reading to the surface of all readings that a field of magnitude H can give.
 
     .. math:: d_i = \pm\min_h |m_i - \mathrm{measure}(h)|,\qquad |h| = H
 
-    For white noise of one variance in all axes this is the residual of maximum likelihood, whatever the unknown attitudes.
+    These are the residuals of maximum likelihood for white noise of one variance in all axes, for any unknown attitudes.
 
     Parameters
     ----------
     model : a `MagModel`, or a subclass with `measure(h, **conditions)` and `correct(m, **conditions)`.
-    data : (m, H) or (m, H, conditions): readings (n, 3), the norm of the field in their unit, and a dictionary of arrays with a row
-        for each reading, such as the temperature.
+    data : (m, H) or (m, H, conditions): readings (n, 3), the magnitude of the field in their unit, and a dictionary of arrays with one row
+        per reading, such as the temperature.
 
     Returns
     -------
-    (n,) in the unit of the readings, positive outside; traced as it is, under `jit`, `grad` and `vmap`.
+    (n,) in the unit of the readings, positive outside. Works under `jit`, `grad` and `vmap`.
 
     Examples
     --------
@@ -188,4 +189,14 @@ def residuals(model: MagModel, data: Any) -> Array:
     N. I. Chernov and H. Ma, Least squares fitting of quadratic curves and surfaces, 2011, section 5 (the nearest point).
     """
     m, field, *conditions = data
-    return surface_distances(model, m, field, conditions[0] if conditions else {}, 0.0)
+    return _residuals(*jax.tree.map(_as_array, (model, m, field, conditions[0] if conditions else {})))
+
+
+def _as_array(leaf: Any) -> Any:
+    return jnp.asarray(leaf) if isinstance(leaf, np.ndarray | float | int) else leaf
+
+
+@filter_jit
+def _residuals(model: MagModel, m: Any, field: Any, conditions: Any) -> Array:
+    # one program: called by themselves, its two hundred operations would be compiled one by one
+    return surface_distances(model, m, field, conditions, 0.0)

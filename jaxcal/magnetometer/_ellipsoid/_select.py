@@ -1,4 +1,4 @@
-"""Which model, by the Bayesian information criterion or by held-out error; and which readings of a long log."""
+"""Choice of the model, by the Bayesian information criterion or by held-out error; choice of the readings of a long log."""
 
 import contextlib
 
@@ -17,19 +17,19 @@ from ._residuals import Readings, orthogonal
 from ._shape import Found, directions_of, root, unit
 
 _TIE = 2.0
-_LEAST = 1e-28  # mean square of distances to which exact readings are taken
-_HOPELESS = 4.0  # times what would decide
+_LEAST = 1e-28  # smallest mean square of distances, that of exact readings
+_HOPELESS = 4.0  # multiple of the deciding margin at which a model is excluded
 _SECTORS = 10
-#: logs that are fitted whole
+#: largest number of readings that are all fitted
 LONG = 20_000
 _FIRST = 4000
 _CHUNK = 16_384
 
 
 def candidates(u: np.ndarray, kinds: tuple[str, ...], loss: AbstractLoss | None, distinct: int) -> tuple[dict[str, Found], int]:
-    """Fits of all kinds that have enough readings and are not excluded by far, the largest first, without the curvature term.
+    """Fits, without the curvature term, of all kinds that have enough readings and are not clearly excluded, the largest first.
 
-    And the number of bins of 500 that hold a reading.
+    Also the number of bins, of 500, that contain a reading.
     """
     fits, failure, count = {}, None, 0
     for kind in sorted(kinds, key=lambda kind: -COUNT[kind]):
@@ -50,7 +50,7 @@ def candidates(u: np.ndarray, kinds: tuple[str, ...], loss: AbstractLoss | None,
 
 
 def _nearest(full: Found, kind: str) -> np.ndarray | None:
-    """Parameters of a smaller kind that are nearest to the symmetric fit by its own covariance: where both hold, nearly its fit."""
+    """Parameters of a smaller kind nearest to the symmetric fit in its covariance: almost the smaller fit where both models hold."""
     if not (full.converged and np.isfinite(full.covariance).all() and (full.parameters[[0, 3, 5]] > 0).all()):
         return None
     free = COUNT[kind]
@@ -62,19 +62,19 @@ def _nearest(full: Found, kind: str) -> np.ndarray | None:
 
 
 def _occupied(found: Found, u: np.ndarray) -> int:
-    """Number of bins of 500 that hold a reading."""
+    """Number of bins, of 500, that contain a reading."""
     return int(np.count_nonzero(np.bincount(bins(directions_of(found, u)))))
 
 
 def _hopeless(full: Found, begin: np.ndarray, kind: str, u: np.ndarray, count: int) -> bool:
-    """Whether a smaller model, from nearly its best parameters, is worse by several times the margin that decides."""
+    """Whether a smaller model, at nearly its best parameters, is worse by several times the margin that decides."""
     squares = np.array([np.mean(away(shape_and_centre(begin, basis_of(kind)), u) ** 2), np.mean(full.distance**2)])
     small, large = np.log(np.maximum(squares, _LEAST))
     return bool(count * (small - large) > _HOPELESS * ((COUNT[full.kind] - COUNT[kind]) * np.log(count) + _TIE))
 
 
 def by_bic(fits: dict[str, Found], count: int) -> str:
-    """Kind of least n ln(mean d^2) + k ln n; n is the number of occupied bins of 500, because neighbours repeat one another."""
+    """Kind with the smallest n ln(mean d^2) + k ln n. n is the number of occupied bins of 500, because neighbours repeat one another."""
     weight, score = next(iter(fits.values())).weight, {}
     for kind, found in fits.items():
         square = np.sum(weight * found.distance**2) / np.sum(weight)
@@ -83,7 +83,7 @@ def by_bic(fits: dict[str, Found], count: int) -> str:
 
 
 def by_held_out(fits: dict[str, Found], u: np.ndarray, loss: AbstractLoss | None) -> str:
-    """Kind of least error on sectors of longitude that the fit did not see."""
+    """Kind with the smallest error on sectors of longitude that were held out of the fit."""
     largest = next(iter(fits.values()))
     units = directions_of(largest, u)
     normal = np.linalg.svd(units - units.mean(axis=0), full_matrices=False)[2]
@@ -106,7 +106,7 @@ def _smallest(score: dict[str, float], tie: float) -> str:
 
 
 def thinned(u: np.ndarray, per_bin: int, loss: AbstractLoss | None) -> np.ndarray:
-    """Indices of at most so many readings in each of 500 directions, evenly over their times, by a rough fit of some 4,000."""
+    """Indices of at most `per_bin` readings in each of 500 directions, evenly spaced in time, by a rough fit of about 4,000 readings."""
     if per_bin < 1:
         raise DataError(f"{per_bin} readings per direction were asked for; at least one is needed, or None for all.")
     few = u[:: max(len(u) // _FIRST, 1)]
@@ -119,7 +119,7 @@ def thinned(u: np.ndarray, per_bin: int, loss: AbstractLoss | None) -> np.ndarra
     count = np.bincount(cell, minlength=500)
     first = np.repeat(np.cumsum(count) - count, count)
     place, size = np.arange(len(u)) - first, count[cell[order]]
-    # of a bin of n every n/k-th: where floor(i k/n) moves on
+    # keep every (n/k)-th reading of a bin of n: those where floor(i k/n) increases
     kept = (size <= per_bin) | (place * per_bin // size != (place - 1) * per_bin // size)
     return np.sort(order[kept])
 
@@ -128,7 +128,7 @@ _distance = jax.jit(orthogonal)
 
 
 def all_distances(found: Found, u: np.ndarray) -> np.ndarray:
-    """Distance of every reading to an ellipsoid that some of them gave, in chunks of one size: nothing to compile per length."""
+    """Distance of every reading to an ellipsoid fitted to some of them, in chunks of one size, so that no length needs compiling."""
     basis, parts = jnp.asarray(basis_of(found.kind)), []
     for begin in range(0, len(u), _CHUNK):
         part = u[begin : begin + _CHUNK]

@@ -1,4 +1,4 @@
-"""Ellipsoids (x - b)'A(x - b) = 1 of scaled readings: what a fit gives, covariance, symmetric root, and model."""
+"""Ellipsoids (x - b)'A(x - b) = 1 of scaled readings: result of a fit, covariance, symmetric root, and model."""
 
 import dataclasses
 from typing import Any
@@ -21,7 +21,7 @@ _ENTRY_CHANGE[range(6), *ENTRIES] = _ENTRY_CHANGE[range(6), *ENTRIES[::-1]] = 1.
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class Frame:
-    """Centring and scaling u = (m - centre) / scale of readings."""
+    """Centring and scaling of readings, u = (m - centre) / scale."""
 
     centre: AnyArray
     scale: Any
@@ -41,8 +41,8 @@ class Frame:
 class Found:
     """An ellipsoid in scaled readings: shape and centre, (9, 9) covariance of its parameters, noise, distances and weights.
 
-    noise2 : the variance whose curvature term was taken off the distances. penalty : its weight; bias : how far it moved the fit,
-    conflict : how far the field that the readings alone give is from the known one, both in standard errors.
+    noise2 : variance for the curvature term, which was subtracted from the distances. penalty : weight of the penalty. bias : shift of the
+    fit by the penalty; conflict : distance between the known field and the one that the readings alone give, both in standard errors.
     """
 
     parameters: AnyArray
@@ -62,18 +62,18 @@ class Found:
 
 
 def padded_length(count: int) -> int:
-    """Power of two to which arrays are filled up, so that logs of any length share a compiled program."""
+    """Power of two to which arrays are padded, so that logs of any length share a compiled program."""
     return max(_SMALLEST_PAD, 1 << max(count - 1, 0).bit_length())
 
 
 def filled(values: np.ndarray, row: Any = 0.0) -> np.ndarray:
-    """An array with as many more of a `row` as it takes to have the padded length."""
+    """The array, padded with copies of `row` to the padded length."""
     rest = np.zeros_like(values, shape=(padded_length(len(values)) - len(values), *values.shape[1:]))
     return np.concatenate([values, rest + np.asarray(row, dtype=values.dtype)])
 
 
 def unit(v: np.ndarray) -> np.ndarray:
-    """Rows of length one."""
+    """Rows scaled to length one."""
     return v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-300)
 
 
@@ -83,13 +83,13 @@ def entries_of(found: Found) -> np.ndarray:
 
 
 def covariance_of(found: Found, frame: Frame, bias: np.ndarray | None = None) -> Any:
-    """Covariance of the shape's entries and the centre, (9, 9), or (5, 5) in a plane; squares of biases (k, 9), scaled, are added."""
+    """Covariance (9, 9) of the shape's entries and the centre, (5, 5) in a plane, plus the squares of scaled biases (k, 9)."""
     xp = array_module(found, frame)
     rows = np.arange(9) if found.kind not in PLANAR else np.array(PLANAR_ROWS)
     size = xp.where(rows < 6, frame.scale**-2, frame.scale)
     slopes = slopes_of(found.parameters, basis_of(found.kind))[rows] * size[:, None]
     off = np.zeros((0, len(rows))) if bias is None else bias[:, rows] * size
-    # infinity times zero is no number: an open parameter leaves all of it open
+    # infinity times zero is NaN, so one undetermined parameter makes the whole covariance infinite
     known = xp.isfinite(found.covariance).all()
     return xp.where(known, slopes @ xp.where(known, found.covariance, 0.0) @ slopes.T + off.T @ off, xp.inf)
 
@@ -101,7 +101,7 @@ def root(shape: Any) -> Any:
 
 def _root(shape: Any, xp: Any) -> Any:
     values, vectors = xp.linalg.eigh(shape)
-    # that of an ellipsoid that ran off may be negative by rounding
+    # rounding may make an eigenvalue negative if the ellipsoid diverged
     values = xp.maximum(values, xp.finfo(values.dtype).eps * xp.abs(values[-1]))
     return (vectors * xp.sqrt(values)[None, :]) @ vectors.T
 
@@ -118,7 +118,7 @@ def _(primals: Any, tangents: Any) -> Any:
 
 
 def _root_change(matrix: Any, change: Any) -> Any:
-    """DS for the columns dA, from S dS + dS S = dA: unlike derivatives of eigenvectors it is finite where eigenvalues are equal."""
+    """Change dS of the root for the columns dA, from S dS + dS S = dA; finite for equal eigenvalues, unlike derivatives of eigenvectors."""
     xp = array_module(matrix)
     one = xp.eye(3, dtype=matrix.dtype)
     return xp.linalg.solve(xp.kron(matrix, one) + xp.kron(one, matrix), change)
@@ -130,7 +130,7 @@ def root_slopes(shape: Any) -> Any:
 
 
 def roots_of(shape: Any) -> tuple[Any, Any, Any]:
-    """Symmetric root, its inverse, and `root_slopes`: of numbers from one decomposition."""
+    """Symmetric root, its inverse, and `root_slopes`; on the host from one decomposition."""
     if is_traced(shape):
         matrix = root(shape)
         return matrix, jnp.linalg.inv(matrix), root_slopes(shape)
@@ -143,7 +143,7 @@ def roots_of(shape: Any) -> tuple[Any, Any, Any]:
 def soft_iron_slopes(shape: np.ndarray, field: float, given: bool, plane: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Symmetric soft iron C = A^(-1/2) / H, and its derivative with respect to the entries of A, (6, 3, 3), or (3, 3, 3) in a plane.
 
-    given : whether H is a field that was given; else it is the mean semi-axis, and the determinant of C stays one.
+    given : whether the field H was given; otherwise H is the mean semi-axis, and the determinant of C stays one.
     """
     count = 6 if plane is None else 3
     change = np.zeros((count, 3, 3))
@@ -162,10 +162,10 @@ def soft_iron_slopes(shape: np.ndarray, field: float, given: bool, plane: np.nda
 
 
 def radius_of(shape: Any, planar: bool = False) -> Any:
-    """Geometric mean of the semi-axes, or of those in the plane."""
+    """Geometric mean of all semi-axes, or of those in the plane."""
     xp = array_module(shape)
     det = xp.linalg.det(shape[:2, :2] if planar else shape)
-    # rounding may leave an ellipsoid that ran off none, or a negative one
+    # rounding may make the determinant zero or negative if the ellipsoid diverged
     return xp.maximum(det, xp.finfo(shape.dtype).tiny) ** (-0.25 if planar else -1 / 6)
 
 
@@ -175,21 +175,21 @@ def directions_of(found: Found, u: np.ndarray) -> np.ndarray:
 
 
 def in_plane(u: Any, plane: Any) -> Any:
-    """Readings in the axes of a plane, the third coordinate zero."""
+    """Readings in the axes of a plane, with a third coordinate of zero."""
     xp = array_module(u)
     return xp.concatenate([u @ plane[:2].T, xp.zeros((len(u), 1), u.dtype)], axis=1)
 
 
 def model_of(shape: Any, centre: Any, frame: Frame, size: Any, plane: Any = None) -> MagModel:
-    """The model with a symmetric soft iron, for a field of norm `size` in scaled units."""
+    """The model with a symmetric soft iron, for a field of magnitude `size` in scaled units."""
     xp, matrix = array_module(shape), root(shape)
-    if plane is not None:  # across it nothing is known: the same scale as in it, and the readings' own mean
+    if plane is not None:  # nothing is known across the plane: use the scale within it, and the readings' own mean
         matrix = plane[:2].T @ matrix[:2, :2] @ plane[:2] + xp.outer(plane[2], plane[2]) / radius_of(shape, True)
         centre = centre[:2] @ plane[:2]
     return MagModel(xp.linalg.inv(matrix * size), frame.centre + frame.scale * centre)
 
 
 def ellipsoid_of_model(model: MagModel, frame: Frame, field: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Shape matrix and centre that a model gives a field of this norm: `model_of` undone, whatever the rotation in the soft iron."""
+    """Shape matrix and centre of a model for a field of this magnitude: the inverse of `model_of`, for any rotation in the soft iron."""
     inverse = np.linalg.inv(np.asarray(model.soft_iron)) * frame.scale / field
     return inverse.T @ inverse, (np.asarray(model.hard_iron) - frame.centre) / frame.scale

@@ -1,20 +1,20 @@
-"""What neighbouring residuals of a log have in common: a norm that varies, or an offset that moves."""
+"""Find what neighbouring residuals of a log have in common: a field magnitude that varies, or an offset that moves."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-_TURNING = 12  # lags at which products of residuals are looked at
+_TURNING = 12  # number of lags at which products of residuals are examined
 _CLOSE = range(3, 7)
-_ALONE = 4.0  # variance along one direction, over those across it
+_ALONE = 4.0  # ratio of the variance along one direction to that across it
 
 
 class Shared(NamedTuple):
     """What neighbouring residuals have in common.
 
-    of_norm : whether they agree whatever their directions, as a field that varies makes them, rather than as an offset would.
-    alone : (3,) standard deviation of an offset along the one direction in which it varies, as that of a current; None where there is none.
-    swing : standard deviation of an offset along any direction that has what neighbours share.
+    of_norm : whether they agree for all directions, as with a field that varies, rather than as with an offset.
+    alone : (3,) standard deviation of an offset along the one direction in which it varies, as with a current; None if there is none.
+    swing : standard deviation, along any direction, of an offset that would explain what neighbours share.
     """
 
     of_norm: bool
@@ -23,13 +23,13 @@ class Shared(NamedTuple):
 
 
 def shared(residuals: np.ndarray, normals: np.ndarray) -> Shared:
-    """From products of residuals some lags apart: a variance of the norm, plus n'Sn of their normals with the covariance S of an offset."""
+    """Fit products of residuals at some lags: a variance of the magnitude, plus n'Sn of their normals with an offset's covariance S."""
     n = len(residuals)
     lags = np.unique(np.round(np.geomspace(1, max(n // _TURNING, 2), _TURNING)).astype(int))
     first, second = (np.concatenate([part(k) for k in lags]) for part in (lambda k: normals[k:], lambda k: normals[:-k]))
     products = np.concatenate([residuals[k:] * residuals[:-k] for k in lags])
     norm, offset = np.linalg.lstsq(np.stack([np.ones(len(first)), np.sum(first * second, axis=1)], axis=1), products, rcond=None)[0]
-    # of close neighbours, which share most of it, but not of the closest, which share what the log repeats
+    # use close neighbours, which have most in common, but not the closest, because a log may repeat readings
     near = np.concatenate([residuals[k:] * residuals[:-k] for k in _CLOSE])
     turned = np.concatenate([np.sum(normals[k:] * normals[:-k], axis=1) for k in _CLOSE])
     swing = float(np.sqrt(max(np.sum(turned * near) / max(np.sum(turned**2), 1e-300), 0.0)))

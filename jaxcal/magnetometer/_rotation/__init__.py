@@ -1,1 +1,1 @@
-"""The rotation that norms cannot show: alignment with another sensor, joint fits, rates."""
+"""The rotation that field magnitudes cannot show: alignment with another sensor, joint fits, rates."""

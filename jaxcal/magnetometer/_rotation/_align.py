@@ -1,4 +1,4 @@
-"""`align`: the rotation that a fit of norms cannot see, from the vertical, from rates, or from known headings."""
+"""`align`: the rotation that a fit of magnitudes cannot show, from the vertical, from rates, or from known headings."""
 
 from collections.abc import Callable
 from typing import Any
@@ -18,15 +18,15 @@ from .._model import MagModel
 from ._residuals import dip_residuals, heading_residuals, turn_residuals
 from ._turning import SEGMENT, array, attitudes_in_segments, like, permutations
 
-_STILL = 0.03  # departure of the specific force from its median beyond which a pose is not at rest
-#: standard deviation in rad above which a verdict is "weak", and above which it is "refused"
+_STILL = 0.03  # relative departure of the specific force from its median above which a pose is not at rest
+#: standard deviations in rad above which the verdict is "weak" and "refused"
 LIMITS = (np.deg2rad(1.0), np.deg2rad(5.0))
 _FEWEST = 5
 _ROUNDS, _SETTLED, _EXACT = 6, 1e-6, 1e-12
-DELAY = 0.05  # s, standard deviation of delays as they are, before anything is measured
-_OPEN = 0.5  # of it: a delay known no better was not determined
+DELAY = 0.05  # s, prior standard deviation of the delay between the sensors
+_OPEN = 0.5  # share of the prior: a delay with a larger error was not determined
 _FAR = np.deg2rad(45.0)
-_LEVEL = 0.5  # length of the mean unit vertical, one for a sensor at level and zero for one turned all over
+_LEVEL = 0.5  # length of the mean unit vertical: one for a sensor at level, zero for one rotated through all attitudes
 
 
 class Alignment(eqx.Module):
@@ -37,15 +37,15 @@ class Alignment(eqx.Module):
     model : `MagModel` whose corrected field is in the axes of the other sensor; its soft iron is the given one times `rotation`.
     rotation : (3, 3) Q from the axes of the other sensor to those of the corrected field before.
     covariance : (3, 3) of the rotation vector about the other sensor's axes, rad^2.
-    angle, angle_error : of the rotation and its standard deviation along it, rad.
+    angle, angle_error : angle of the rotation, and its standard deviation along the rotation, rad.
     dip : inclination of the field found with the accelerometer, positive downwards, rad; NaN with other sensors.
     spread : (2,) standard deviation before and after the rotation, rad: of the dip, of the heading, or of an axis of the unit
         field while the sensor turns.
     bias : (3,) bias of the gyroscope, rad/s; zero with other sensors.
-    delay, delay_error : time by which the magnetometer is behind the gyroscope in s, and its standard deviation; NaN with other sensors.
+    delay, delay_error : time by which the magnetometer lags the gyroscope in s, and its standard deviation; NaN with other sensors.
     used : number of readings.
-    verdict : "good", "weak" (a standard deviation above 1 degree) or "refused" (above 5).
-    reason : a sentence.
+    verdict : "good", "weak" (a standard deviation above 1 degree) or "refused" (above 5 degrees).
+    reason : one or more sentences that explain the verdict.
     source : "accel", "gyro" or "headings".
 
     Examples
@@ -81,9 +81,11 @@ class Accelerometer(eqx.Module):
 
     Attributes
     ----------
-    accel : (n, 3) specific force in m/s^2, calibrated; poses in motion (norm off by more than 3 %) are not used.
-    dip : known inclination of the field in rad; without it, it is found.
-    mounting : "near", the axes of both sensors differ by less than 45 degrees, or "any": the 24 ways to exchange axes are tried first.
+    accel : (n, 3) calibrated specific force in m/s^2; poses in motion (magnitude off by more than 3 %) are not used.
+    dip : known inclination of the field in rad; None to estimate it.
+    mounting : "near" if the axes of both sensors differ by less than 45 degrees; "any" tries the 24 ways to exchange axes first.
+    turns : whether to rotate the axes of the magnetometer to those of the accelerometer. If False, `fit` only takes the dip from the
+        accelerometer, and only if the axes agree so well that the dip of the readings at rest scatters by less than 5 degrees.
 
     Examples
     --------
@@ -97,6 +99,7 @@ class Accelerometer(eqx.Module):
     accel: Any
     dip: float | int | None = None
     mounting: str = eqx.field(static=True, default="near")
+    turns: bool = eqx.field(static=True, default=True)
 
     def __check_init__(self) -> None:
         if self.mounting not in ("near", "any"):
@@ -109,7 +112,7 @@ class Accelerometer(eqx.Module):
         y, f = unit(y[kept]), unit(accel[kept])
         base = np.eye(3)
         if self.mounting == "any":
-            # the best constant: about it the products scatter least
+            # choose the axes for which the products scatter least about a constant
             base = min(permutations(), key=lambda p: np.std(np.sum(y * (f @ p.T), axis=1)))
         before = np.sum(y * (f @ base.T), axis=1)
         s = float(np.mean(before)) if self.dip is None else -float(np.sin(self.dip))
@@ -121,27 +124,35 @@ class Accelerometer(eqx.Module):
         )
 
 
-def vertical(aid: Any, turn: Alignment) -> tuple[float | None, np.ndarray | None]:
-    """Dip, and the axis that points down at level, in the axes of the corrected field before the rotation; None where it is not seen.
+def vertical(aid: Any, turn: Alignment | None, y: Any = None) -> tuple[float | None, np.ndarray | None]:
+    """Dip, and the axis that points down at level, in the axes of the corrected field before the rotation; None if unknown.
 
-    A sensor that was tilted little has a mean vertical; one that was turned all over has none.
+    A sensor that tilts little has a mean vertical; one rotated through all attitudes has none. Without a rotation, the corrected readings
+    y (n, 3) show the dip.
     """
-    if not isinstance(aid, Accelerometer) or turn.verdict == "refused":
+    if not isinstance(aid, Accelerometer) or (turn is not None and turn.verdict == "refused"):
         return None, None
     force = array(aid.accel, "specific force")
-    mean = unit(force[still(force)]).mean(axis=0)
+    kept = still(force)
+    up = unit(force[kept])
+    mean = up.mean(axis=0) if len(up) else np.zeros(3)
     size = float(np.linalg.norm(mean))
-    return turn.dip, -turn.rotation @ mean / size if size > _LEVEL else None
+    if turn is not None:
+        return turn.dip, -turn.rotation @ mean / size if size > _LEVEL else None
+    dips = -np.arcsin(np.clip(np.sum(unit(y[kept]) * up, axis=1), -1, 1))
+    if len(dips) < _FEWEST or np.std(dips) > LIMITS[1]:
+        return None, None
+    return float(np.mean(dips)), -mean / size if size > _LEVEL else None
 
 
 class Gyroscope(eqx.Module):
-    """A gyroscope beside the magnetometer: it shows how the field turns in the sensor's axes.
+    """A gyroscope beside the magnetometer: it shows how the field rotates in the sensor's axes.
 
     Attributes
     ----------
-    gyro : (n, 3) rates in rad/s at the instants of the readings; NaN where there is none. A mean over the interval before the reading is
-        the rate half an interval earlier: the delay that is found is then larger by that half. The delay of the readings is estimated, with
-        50 ms as its standard deviation beforehand.
+    gyro : (n, 3) rates in rad/s at the times of the readings; NaN where there is none. If each rate is a mean over the interval before
+        its reading, it is the rate half an interval earlier, and the estimated delay is larger by that half. The delay of the readings
+        is estimated with a prior standard deviation of 50 ms.
     rate : readings per second.
 
     Examples
@@ -175,7 +186,7 @@ class Gyroscope(eqx.Module):
             free = max(count - len(number), 1)
             if not turn:
                 first = noise = np.sqrt(np.sum(np.square(_values(turn_residuals, begin, data))) / (3 * free))
-            # in standard deviations, as the prior of the delay is
+            # in standard deviations, the same unit as the prior of the delay
             data["weight"] = data["weight"] / max(noise, _EXACT)
             fit = solve(turn_residuals, begin, data, priors=Gaussian("delay", -lag[3], DELAY))
             found, last = fit.model, noise
@@ -185,7 +196,7 @@ class Gyroscope(eqx.Module):
             if turn and abs(float(found["delay"])) < _SETTLED and abs(noise - last) < 0.01 * last:
                 break
         matrix = spread_of(fit)
-        # each segment's field was estimated too
+        # the field of each segment was estimated too
         left = np.asarray(fit.degrees_of_freedom)
         matrix = matrix * left / max(left - 3 * len(number), 1)
         names = [name.partition("[")[0] for name in fit.names]
@@ -201,9 +212,9 @@ class Headings(eqx.Module):
 
     Attributes
     ----------
-    headings : (n,) rad, NaN where there is none.
-    accel : (n, 3) specific force, for the tilt; without it all readings are level.
-    declination : taken off the headings, rad; 0 if they are magnetic.
+    headings : (n,) headings in rad, NaN where unknown.
+    accel : (n, 3) specific force, which gives the tilt; without it all readings count as level.
+    declination : subtracted from the headings, rad; 0 if they are magnetic.
 
     Examples
     --------
@@ -232,7 +243,7 @@ class Headings(eqx.Module):
         def away(base: np.ndarray) -> float:
             return float(np.sqrt(np.sum(np.square(_values(heading_residuals, {"rho": np.zeros(3)}, data | {"base": base}))) / len(y)))
 
-        # far from the truth the headings have other minima: the 24 ways to exchange axes are tried
+        # far from the truth the headings have other minima, so the 24 ways to exchange axes are tried
         base = np.eye(3) if away(np.eye(3)) < _FAR else min(permutations(), key=away)
         rotation, _, matrix, fits = _turned(heading_residuals, {}, data | {"base": base})
         spread = np.array([away(base), np.sqrt(np.sum(np.square(fits[0].residuals)) / len(y))])
@@ -246,29 +257,29 @@ Aid = Accelerometer | Gyroscope | Headings
 def align(m: Any, model: MagModel, aid: Any) -> Alignment:
     r"""Rotation of a calibrated magnetometer against an accelerometer, a gyroscope, or known headings.
 
-    With the corrected field y = C^{-1}(m - b) and the other sensor's axes turned by Q:
+    With the corrected field y = C^{-1}(m - b), and Q the rotation from the axes of the other sensor:
 
-    - `Accelerometer`, at rest: the field makes one angle with the vertical, :math:`y_i^T Q f_i / (|y_i||f_i|) = -\sin I`;
-    - `Gyroscope`: the field stands still while the sensor turns, :math:`\dot y = -(Q\omega) \times y`, integrated over segments of
-      2 rad, with a constant bias of the rates;
+    - `Accelerometer`, at rest: the angle between field and vertical is constant, :math:`y_i^T Q f_i / (|y_i||f_i|) = -\sin I`;
+    - `Gyroscope`: the field is constant in space while the sensor turns, :math:`\dot y = -(Q\omega) \times y`, integrated over segments
+      of 2 rad, with a constant bias of the rates;
     - `Headings`: :math:`\psi(Q^T y_i, f_i) = \psi_i`, for poses that are level or have an accelerometer.
 
     Parameters
     ----------
     m : (n, 3) readings; rows with NaN are not used.
-    model : `MagModel` of a fit of the same readings, or of others.
+    model : `MagModel` of a fit, to these or to other readings.
     aid : `Accelerometer`, `Gyroscope` or `Headings`, one row for each reading.
 
     Returns
     -------
     Alignment
-        With a verdict: "refused" where the poses do not determine the rotation, such as level ones that leave the turn about
-        the vertical open.
+        The rotation with its verdict. It is "refused" if the poses do not determine the rotation, such as level poses, which do not
+        determine the rotation about the vertical.
 
     Raises
     ------
     DataError
-        If shapes do not match, or too few readings are left.
+        If the shapes do not match, or too few readings are left.
 
     Examples
     --------
@@ -305,7 +316,7 @@ def _values(function: Callable, parameters: dict[str, Any], data: Any) -> jax.Ar
 def _turned(
     function: Callable, start: dict[str, Any], data: Any, free: Any = None
 ) -> tuple[np.ndarray, dict[str, Any], np.ndarray, list[Fit]]:
-    """Rotation, other parameters, covariance of the rotation, and two fits: the second from the solution, about which that is a turn."""
+    """Rotation, other parameters, covariance of the rotation, and two fits. The second starts at the solution, so its vector is small."""
     start, fits = {"rho": np.zeros(3), **start}, []
     for _ in range(2):
         fits.append(solve(function, start, data, free=free))
@@ -316,7 +327,7 @@ def _turned(
 
 
 def spread_of(fit: Fit) -> np.ndarray:
-    """Covariance of the parameters: of white residuals, or where they are not, from fits without parts of the log."""
+    """Covariance of the parameters, for white residuals; otherwise from fits without parts of the log."""
     matrix, counted = np.asarray(covariance(fit, scaled=True)), np.asarray(fit.counted)
     jacobian, residuals = np.asarray(fit.jacobian)[counted], np.asarray(fit.residuals)[counted]
     if not np.isfinite(matrix).all() or not np.std(residuals) > _EXACT or is_white(jacobian, residuals):
@@ -328,7 +339,7 @@ def spread_of(fit: Fit) -> np.ndarray:
 
 
 def still(accel: np.ndarray) -> np.ndarray:
-    """Readings whose specific force has the size of gravity: the median, so that its unit does not matter."""
+    """Readings whose specific force is close to gravity; its size is taken from the median, so that any unit will do."""
     size = np.linalg.norm(accel, axis=1)
     there = np.isfinite(size) & (size > 0)
     usual = np.median(size[there]) if there.any() else np.inf

@@ -1,4 +1,4 @@
-"""Hard iron, soft iron and rotation together, from norms and a second sensor."""
+"""Hard iron, soft iron and rotation together, from field magnitudes and a second sensor."""
 
 import contextlib
 import dataclasses
@@ -27,9 +27,9 @@ from ._residuals import CENTRE, DELAY, EXTRA, TURN, JointPoses, JointTurns, join
 from ._turning import SEGMENT, array, attitudes_in_segments, centred, like, permutations
 
 _ROUNDS, _SETTLED = 6, 3e-3
-_LEAST = 1e-11  # of a standard deviation, in scaled units: exact data have none
+_LEAST = 1e-11  # smallest standard deviation in scaled units, for exact data
 _PRECISE, _STEPS = 1e-5, 64
-_NO_DIGIT = 1e-10  # singular value below which a combination of parameters takes nothing from the residuals
+_NO_DIGIT = 1e-10  # singular value below which a combination of parameters does not reduce the residuals
 _FEWEST = 13
 _DIAGONAL, _FLAT = [0, 3, 5], 1e-3
 _PER_DIRECTION = 32
@@ -37,8 +37,8 @@ _DIPS = np.deg2rad(5.0)
 
 
 def checked_joint(method: str, model: str, aid: Any, loss: Any, field_error: Any) -> None:
-    """Options that `joint` needs, and those that it has no part in."""
-    if not isinstance(aid, Accelerometer | Gyroscope):
+    """Refuse options that `joint` lacks or does not support."""
+    if not isinstance(aid, Accelerometer | Gyroscope) or not getattr(aid, "turns", True):
         raise DataError("A joint fit needs an `aid`, Accelerometer or Gyroscope; known headings are aligned to after the fit.")
     out = {
         f"is one of maximum likelihood: leave out method={method!r}, or joint": method != "ml",
@@ -52,7 +52,7 @@ def checked_joint(method: str, model: str, aid: Any, loss: Any, field_error: Any
 
 
 class Solution(eqx.Module):
-    """Parameters with rotation at zero, what the fit says of them, and the standard deviations it stands on."""
+    """Parameters with the rotation at zero, the fit, and the standard deviations that it uses."""
 
     parameters: np.ndarray
     base: np.ndarray
@@ -66,7 +66,7 @@ class Solution(eqx.Module):
     priors: Any
 
     def jacobian(self, u: np.ndarray) -> np.ndarray:
-        """Derivative of the residuals for other readings: a fit that may not move, by the program that is compiled already."""
+        """Derivative of the residuals for other readings: a fit with all parameters held, which reuses the compiled program."""
         held = (self.parameters, self.parameters)
         data = eqx.tree_at(lambda d: d.u, self.data, u)
         return np.asarray(_attempt(self.function, self.parameters, data, held, self.priors).jacobian)
@@ -90,7 +90,7 @@ def _attempt(function: Callable, start: AnyArray, data: Any, bounds: Any, priors
 
 
 class Pairs(eqx.Module):
-    """What the second sensor said, on the rows that are fitted: of all rows at first, as rates are integrated before any is left out."""
+    """Data of the second sensor beside the fitted rows. Rates are kept for all rows, because they are integrated before any is omitted."""
 
     rows: np.ndarray
     force: Any = None
@@ -103,7 +103,7 @@ class Pairs(eqx.Module):
     def of(m: np.ndarray, rows: np.ndarray, aid: Accelerometer | Gyroscope) -> "Pairs":
         if isinstance(aid, Gyroscope):
             gyro = like(aid.gyro, m, "rates")
-            # white noise of the rates, from their second differences; motion that is as fast counts as noise
+            # estimate white noise of the rates from their second differences; equally fast motion counts as noise
             second = np.diff(gyro, 2, axis=0)
             second = np.abs(second[np.isfinite(second).all(axis=1)])
             noise = 1.4826 * float(np.median(second)) / np.sqrt(6) if len(second) else 0.0
@@ -118,7 +118,7 @@ class Pairs(eqx.Module):
         return joint_turn_residuals if self.force is None else joint_pose_residuals
 
     def data(self, u: np.ndarray, parameters: np.ndarray, base: np.ndarray, sigma: np.ndarray, noise2: float, bias: np.ndarray) -> Any:
-        """Everything that the residuals stand on but do not vary with the parameters, padded."""
+        """All inputs of the residuals that do not vary with the parameters, padded."""
         n, common = len(u), (sigma, np.float64(noise2), base)
         first = (filled(u, u[:1]), filled(np.ones(n)))
         if self.force is not None:
@@ -136,8 +136,8 @@ class Pairs(eqx.Module):
         np.add.at(total, place, metric)
         total[len(number) :] = np.eye(3)
         normal = (u - parameters[CENTRE]) @ (upper.T @ upper)
-        # noise of the rates adds up to a random walk, whose slowest part in n steps, the mean taken off, has n^2/pi^2 their variance;
-        # all of it has n/6, and cannot be more than what is left along the surface
+        # Noise of the rates adds up to a random walk. Over n steps its slowest part, with the mean subtracted, has n^2/pi^2 times the
+        # variance of a step, and the whole walk n/6. It cannot exceed the residual along the surface.
         steps = np.maximum(np.bincount(segment_of_all[segment_of_all >= 0], minlength=1)[np.maximum(segment, 0)], 1)
         radius = radius_of(upper.T @ upper)
         walk = np.minimum((self.step * radius / sigma[1]) ** 2, 6 / steps)
@@ -161,7 +161,7 @@ def _nearest(rotation: np.ndarray) -> np.ndarray:
 
 
 def _solved(u, pairs: Pairs, begin, base, noise: float, dip: float | None) -> Solution:
-    """Fit and standard deviations by turns."""
+    """Fit and standard deviations in turn."""
     accel = pairs.force is not None
     bias, sigma = np.zeros(4), np.full(2, max(noise, _LEAST))
     extra = np.zeros(4)
@@ -173,7 +173,7 @@ def _solved(u, pairs: Pairs, begin, base, noise: float, dip: float | None) -> So
     low, high = np.full(len(parameters), -np.inf), np.full(len(parameters), np.inf)
     if dip is not None and accel:
         low[EXTRA] = high[EXTRA] = extra
-    # a sign of U would mirror the field
+    # a change of sign in U would mirror the field
     low[_DIAGONAL] = _FLAT * np.abs(parameters[_DIAGONAL])
     for turn in range(_ROUNDS):
         radius = radius_of(_upper(parameters).T @ _upper(parameters))
@@ -199,7 +199,7 @@ def _upper(parameters: np.ndarray) -> np.ndarray:
 
 
 def _sizes(fit: Fit, data: Any, parameters, base, sigma, accel: bool) -> np.ndarray:
-    """Standard deviations of both kinds of residual, each by its own degrees of freedom: its number less what the fit took from it."""
+    """Standard deviations of both kinds of residual, each with its degrees of freedom: number of residuals minus fitted parameters."""
     residuals, n = np.array(fit.residuals), len(data.u)
     weight = np.repeat(data.paired, 1 if accel else 2)
     residuals[n:] /= np.where(weight > 0, weight, 1.0)
@@ -213,7 +213,7 @@ def _sizes(fit: Fit, data: Any, parameters, base, sigma, accel: bool) -> np.ndar
     first = max(sigma[0] * np.sqrt(ratio[0]), _LEAST)
     if not accel:
         return np.array([first, max(sigma[1] * np.sqrt(ratio[1]), _LEAST)])
-    # what the noise of the readings does not explain is that of the force
+    # the noise of the force explains what the noise of the readings does not
     by_reading, by_force = shares(data, parameters, base)
     there, r = data.paired > 0, residuals[n:]
     before = sigma[0] ** 2 * by_reading + sigma[1] ** 2 * by_force
@@ -225,7 +225,7 @@ def _sizes(fit: Fit, data: Any, parameters, base, sigma, accel: bool) -> np.ndar
 def jointly(
     after: MagFit, m: Any, aid: Accelerometer | Gyroscope, *, limits: tuple[float, float] = LIMITS, rows: np.ndarray | None = None
 ) -> MagFit:
-    """The fit of norms and second sensor, from that of one after the other; of some `rows`, or of all that a long log needs."""
+    """Fit magnitudes and second sensor together, starting from separate fits; with some `rows`, or as many as a long log needs."""
     m = array(m, "readings")
     there = np.flatnonzero(np.isfinite(m).all(axis=1))
     whole = m[there]
@@ -240,7 +240,7 @@ def jointly(
     base = _upper(begin) @ np.asarray(after.model.soft_iron) * after.field / frame.scale  # type: ignore[union-attr]
     begins = [(begin, base)]
     if after.verdict != "good":
-        # a rotation found with an ellipsoid that ran off is no start: also a sphere, with the axes merely exchanged
+        # a rotation found with a diverged ellipsoid is a poor start: also start from a sphere with axes only exchanged
         with contextlib.suppress(NotEllipsoid):
             begins.append((parameters_of("symmetric", *algebraic(u, "sphere")), _nearest(base)))
     tries = [_solved(u, pairs, *begin, after.noise / frame.scale, dip) for begin in begins]
@@ -248,7 +248,7 @@ def jointly(
 
 
 def _spread(found: Solution, u: np.ndarray) -> float:
-    """What `Alignment.spread` has: of the dip, or of an axis of the unit field while the sensor turns, rad."""
+    """`Alignment.spread` after the fit, in rad: the scatter of the dip, or of an axis of the unit field while the sensor turns."""
     data, there = found.data, found.data.paired[: len(u)] > 0
     y = unit((u - found.parameters[CENTRE]) @ found.matrix.T)[there]
     if isinstance(data, JointPoses):
@@ -259,7 +259,7 @@ def _spread(found: Solution, u: np.ndarray) -> float:
 
 
 def _order(found: Solution) -> tuple[bool, float]:
-    """Worth of a solution among those from several starts: -log of the likelihood, of lengths among the readings."""
+    """Sorting key of solutions from several starts: whether one failed, then -log of its likelihood as lengths among the readings."""
     data = found.data
     pairs = data.paired > 0
     along = 2 * np.sum(pairs) * np.log(found.sigma[1])
@@ -307,23 +307,23 @@ def _result(after: MagFit, found: Solution, frame: Frame, u, whole, limits, rate
 
 @host_float64
 def aligned(found: MagFit, m: Any, aid: Any, *, joint: bool = False) -> MagFit:
-    """A fit with the rotation that another sensor shows, where that sensor has readings of its own.
+    """Add the rotation that another sensor shows to a fit; its readings may differ from the fitted ones.
 
     Parameters
     ----------
-    found : a fit with a model, of these readings or of some of them.
+    found : a fit with a model, to these readings or to some of them.
     m : (n, 3) readings; rows with NaN are left out.
     aid : `Accelerometer`, `Gyroscope` or `Headings`, one row for each reading.
-    joint : fit these readings anew, norms and other sensor together, as `fit` with `joint` does; `found` is where it starts.
+    joint : fit magnitudes and other sensor together, as `fit` does with `joint`, starting from `found`.
 
     Returns
     -------
-    The fit, its `alignment`, the model with the rotation in it, and the rotation's uncertainty in `heading_error`.
+    The fit with its `alignment`. Its model includes the rotation, and its `heading_error` the uncertainty of the rotation.
 
     Raises
     ------
     DataError
-        As `align` does, and for a fit without a model.
+        As for `align`, and for a fit without a model.
 
     Examples
     --------
@@ -336,7 +336,7 @@ def aligned(found: MagFit, m: Any, aid: Any, *, joint: bool = False) -> MagFit:
 
     References
     ----------
-    The rotation is that of `align`; the heading error adds its variance to that of the norms.
+    The rotation comes from `align`; the heading error adds its variance to that of the fit of magnitudes.
     """
     if found.model is None:
         raise DataError(f"The fit has no model to turn: {found.reason}")
@@ -355,7 +355,7 @@ def aligned(found: MagFit, m: Any, aid: Any, *, joint: bool = False) -> MagFit:
 
 
 def with_rotation(result: MagFit, alignment: Alignment, field: Any, limits: tuple[float, float] = LIMITS) -> MagFit:
-    """The fit with the rotation in its soft iron and in its heading error; a rotation that is not determined stays out."""
+    """The fit with the rotation in its soft iron and in its heading error; a rotation that is not determined is not applied."""
     warnings = list(result.warnings)
     if alignment.verdict == "refused":
         verdict = "weak" if result.verdict == "good" else result.verdict

@@ -1,4 +1,4 @@
-"""What a joint fit knows: covariance of ellipsoid and rotation together, heading error, what stays open, verdict."""
+"""Results of a joint fit: covariance of ellipsoid and rotation together, heading error, undetermined parameters, verdict."""
 
 from typing import Any
 
@@ -15,11 +15,11 @@ from .._result import UNEVEN, Reasons, expected
 from ._residuals import CENTRE, TURN, JointPoses
 
 _ALL = (*WORDS, "rotation about x", "rotation about y", "rotation about z")
-_OPEN = 1e-8  # smallest singular value, of the largest
+_OPEN = 1e-8  # share of the largest singular value below which a direction is not determined
 _BY_NOISE = 0.5
 _EXACT = 1e-9
 _ILL = 1000.0
-_LITTLE, _MORE = 0.005, 1.2  # of the field, and of the scatter across the surface: rates that do not fit
+_LITTLE, _MORE = 0.005, 1.2  # share of the field, and ratio to the scatter across the surface: above both, the rates do not fit
 _MUCH, _FOURFOLD = 0.05, 4.0
 _ASKEW = np.deg2rad(2.0)
 
@@ -35,7 +35,7 @@ def _natural(found: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     form = (relative + np.swapaxes(relative, 1, 2))[:, *ENTRIES].T
     centre = np.zeros((3, len(changes)))
     centre[:, CENTRE] = matrix
-    # the symmetric root turned: W = Q'S, so that dQ' = (dW - Q'dS) S^-1
+    # W is the rotated symmetric root: W = Q'S, so that dQ' = (dW - Q'dS) S^-1
     shape = matrix.T @ matrix
     by_shape = changes.transpose(0, 2, 1) @ matrix + matrix.T @ changes
     roots = np.einsum("pe,eij->pij", by_shape[:, *ENTRIES], root_slopes(shape))
@@ -45,7 +45,7 @@ def _natural(found: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _covariance(found: Any) -> tuple[np.ndarray, bool]:
-    """Covariance, and whether it is one: where the data leave something open, large along that."""
+    """Covariance, and whether it is valid; if the data leave a combination of parameters undetermined, it is large along that."""
     held = np.asarray(found.fit.at_bound)
     rows = np.concatenate([triangle(np.asarray(found.fit.jacobian)), np.asarray(found.fit.prior_jacobian)])
     known = information(rows, held=held, tolerance=_OPEN)
@@ -55,10 +55,10 @@ def _covariance(found: Any) -> tuple[np.ndarray, bool]:
 
 
 def _serial(found: Any, covariance: np.ndarray) -> tuple[np.ndarray, int]:
-    """Covariance from fits without parts of the log and their number, where the residuals are not white; else that given, and zero."""
+    """Covariance from fits without parts of the log, and their number, if the residuals are not white; else the given one and zero."""
     free, n = ~np.asarray(found.fit.at_bound), len(found.data.u)
     residuals, jacobian = np.asarray(found.fit.residuals), np.asarray(found.fit.jacobian)[:, free]
-    # all residuals of a reading stand together
+    # put all residuals of a reading next to each other
     order = np.argsort(np.concatenate([np.arange(n), np.repeat(np.arange(n), (len(residuals) - n) // n)]), kind="stable")
     there = order[np.asarray(found.fit.counted)[order]]
     residuals, jacobian = residuals[there], jacobian[there]
@@ -72,7 +72,7 @@ def _serial(found: Any, covariance: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def _by_noise(found: Any, ways: np.ndarray) -> np.ndarray:
-    """Share of what the data tell along each way that noise alone gives: what as much noise again adds to it."""
+    """Share of the information along each direction that noise alone creates: how much an equal amount of extra noise adds to it."""
     extra = found.sigma[0] * np.random.default_rng(0).normal(size=np.shape(found.data.u))
     steps = ways / np.abs(ways).max(axis=1, keepdims=True)
     told = [np.sum((found.jacobian(found.data.u + sign * extra) @ steps.T) ** 2, axis=0) for sign in (0.0, 1.0, -1.0)]
@@ -80,14 +80,14 @@ def _by_noise(found: Any, ways: np.ndarray) -> np.ndarray:
 
 
 def _words(ways: np.ndarray) -> str:
-    """The parameters in which some directions lie, in words."""
+    """The parameters that make up the given directions, in words."""
     shares = np.max(np.abs(ways) / np.abs(ways).max(axis=1, keepdims=True), axis=0)
     chosen = [word for word, share in zip(_ALL, shares, strict=True) if share > 0.5]
     return ", ".join(chosen)
 
 
 def shares(data: JointPoses, parameters: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Variance of the products per variance of a reading, and of the force's direction."""
+    """Variance of the products per variance of a reading, and per variance of the force's direction."""
     upper = upper_and_centre(parameters[:9], basis_of("symmetric"))[0]
     y = unit((data.u - parameters[CENTRE]) @ upper.T)
     force = data.force @ base.T
@@ -98,10 +98,10 @@ def shares(data: JointPoses, parameters: np.ndarray, base: np.ndarray) -> tuple[
 
 
 def _condition(found: Any, natural: np.ndarray) -> float:
-    """Condition number on the unit sphere, both kinds of residual as lengths of one size: that of the attitudes, whatever the noise."""
+    """Condition number on the unit sphere, with both kinds of residual as lengths of one size, so that it depends on the attitudes only."""
     jacobian, data, n = np.asarray(found.fit.jacobian), found.data, len(found.data.u)
     along = data.sigma[1]
-    if isinstance(data, JointPoses):  # of a field of norm one
+    if isinstance(data, JointPoses):  # for a field of magnitude one
         by_reading, by_force = shares(data, found.parameters, found.base)
         along = np.sqrt(np.mean(data.sigma[0] ** 2 * by_reading + along**2 * by_force))
     heard = np.repeat(data.paired, (len(jacobian) - n) // n)
@@ -117,7 +117,7 @@ def _condition(found: Any, natural: np.ndarray) -> float:
 def judged(
     found: Any, spread: float, level: tuple[float, np.ndarray], limits: tuple[float, float], outliers: int
 ) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
-    """Covariance of the parameters and of the rotation; predicted heading error, condition, and verdict with its sentences.
+    """Covariances of parameters and rotation; predicted heading error, condition, and verdict with its sentences.
 
     level : dip, and the axis of the second sensor that points down at level.
     """
@@ -128,7 +128,7 @@ def judged(
     rates = hasattr(found.data, "attitude")
     sensor, cure = ("rates", "turn about a second axis") if rates else ("specific force", "tilt the sensor about two axes")
     reasons = Reasons([], [])
-    # the parameters that change with each direction, whatever the others do
+    # the parameters that change with each direction if all others adapt
     ways = (covariance @ natural.T @ vectors / np.maximum(values, 1e-300)).T
     by_noise = _by_noise(found, ways) if known and np.isfinite(ways).all() else np.zeros(12)
 

@@ -1,8 +1,8 @@
-"""Residuals of what a second sensor says, traced: about the rotation alone, and about rotation and ellipsoid together.
+"""Residuals of a second sensor, traced: for the rotation alone, and for rotation and ellipsoid together.
 
-In the joint fit, noise of a reading across the surface is in the distance, noise along it in the second sensor's residual: to first order
-they are independent. Both are lengths among the readings. Angles of the corrected field would be smaller on a larger ellipsoid, and the
-fit would drift there.
+In the joint fit, noise of a reading across the surface enters the distance, and noise along it the second sensor's residual: to first
+order they are independent. Both are lengths in the space of the readings. Angles of the corrected field would be smaller on a larger
+ellipsoid, and the fit would drift towards one.
 """
 
 import equinox as eqx
@@ -15,7 +15,7 @@ from .._ellipsoid._distance import mean_curvature, signed_distance
 from .._ellipsoid._kinds import basis_of, upper_and_centre
 from .._field import heading
 
-#: U by rows, centre, rotation vector; then the bias of the rates and the delay, or the sine
+#: slices of the parameters: U by rows, centre, rotation vector; then the bias of the rates and the delay, or the sine
 CENTRE, TURN, EXTRA, DELAY = slice(6, 9), slice(9, 12), slice(12, None), 15
 
 
@@ -25,26 +25,26 @@ def turn(rho: Array) -> Array:
 
 
 def dip_residuals(parameters: dict[str, Array], data: dict[str, Array]) -> Array:
-    """Products y'Qf less s: in a uniform field at rest the angle between field and vertical is the same in all poses."""
+    """Products y'Qf minus s: in a uniform field at rest, the angle between field and vertical is the same in all poses."""
     force = data["f"] @ (data["base"] @ turn(parameters["rho"])).T
     return data["weight"] * (jnp.sum(data["y"] * force, axis=1) - parameters["s"])
 
 
 def heading_residuals(parameters: dict[str, Array], data: dict[str, Array]) -> Array:
-    """Heading of the turned field less the known one, in rad, within half a turn."""
+    """Heading of the rotated field minus the known one, in rad, within half a turn."""
     found = heading(data["y"] @ (data["base"] @ turn(parameters["rho"])), data["f"])
     off = jnp.where(jnp.isfinite(found), found - data["angle"], 0.0)
     return data["weight"] * jnp.arctan2(jnp.sin(off), jnp.cos(off))
 
 
 def _turned_back(body: Array, bias: Array, attitude: Array, slope: Array) -> tuple[Array, Array]:
-    """Vectors with bias and delay (4,) taken off the attitude, to first order: in the axes of the reading, and of its segment's first."""
+    """Vectors after correcting the attitude for bias and delay (4,), to first order: in axes of the reading, and of its segment's first."""
     body = body - jnp.cross(jnp.einsum("nij,j->ni", slope, bias), body)
     return body, jnp.einsum("nij,nj->ni", attitude, body)
 
 
 def turn_residuals(parameters: dict[str, Array], data: dict[str, Array]) -> Array:
-    """Field in the axes of each segment's first reading, less its mean, the least-squares estimate: it stands still as the sensor turns."""
+    """Field in the axes of each segment's first reading, minus its mean: the field is constant there while the sensor turns."""
     member, weight, y = data["member"], data["weight"], data["y"] @ (data["base"] @ turn(parameters["rho"]))
     lag = jnp.concatenate([parameters["bias"], parameters["delay"][None]])
     still = weight[:, None] * _turned_back(y, lag, data["attitude"], data["slope"])[1]
@@ -54,10 +54,10 @@ def turn_residuals(parameters: dict[str, Array], data: dict[str, Array]) -> Arra
 
 
 class Joint(eqx.Module):
-    """Scaled readings of the magnetometer, with the data of a second sensor beside them.
+    """Scaled readings of the magnetometer, beside the data of a second sensor.
 
-    u : (n, 3). weight, paired : (n,), zero for padding, and for readings without its data. sigma : (2,) of a reading across the
-    surface, and of what the sensor says. noise2 : as in `Readings`. base : (3, 3) rotation to start from.
+    u : (n, 3) readings. weight, paired : (n,), zero for padding, and for readings without data of the second sensor. sigma : (2,) standard
+    deviations of a reading across the surface, and of the second sensor. noise2 : as in `Readings`. base : (3, 3) rotation to start from.
     """
 
     u: Any
@@ -69,11 +69,12 @@ class Joint(eqx.Module):
 
 
 class JointTurns(Joint):
-    """Beside attitudes from rates: sigma is that along the surface; paired is below one where the noise of the rates adds up.
+    """Readings beside attitudes from rates.
 
-    member : (n,) segment of a reading. attitude, slope : (n, 3, 3) and (n, 3, 4), of `attitudes_in_segments`.
-    tangent : (n, 3, 2) along the surface. metric, inverse : (n, 3, 3) and (segments, 3, 3), weights with which a segment's field is
-    averaged, and the inverse of their sum.
+    sigma[1] is the standard deviation along the surface; `paired` is below one where the noise of the rates adds up.
+
+    member : (n,) segment of a reading. attitude, slope : (n, 3, 3) and (n, 3, 4), from `attitudes_in_segments`. tangent : (n, 3, 2) along
+    the surface. metric, inverse : (n, 3, 3) and (segments, 3, 3): weights of the mean field of a segment, and the inverse of their sum.
     """
 
     member: Any
@@ -85,13 +86,13 @@ class JointTurns(Joint):
 
 
 class JointPoses(Joint):
-    """Beside unit specific forces (n, 3): sigma is that of a direction of the force in rad."""
+    """Readings beside unit specific forces (n, 3); sigma[1] is the standard deviation of a direction of the force in rad."""
 
     force: Any
 
 
 def _on_surface(parameters: Array, data: Any) -> tuple[Array, Array, Array, Array]:
-    """U, directions of the points next to the readings to first order, the normals there, and the weighted distances over their sigma."""
+    """U, directions of the nearest surface points to first order, the normals there, and the weighted distances over their sigma."""
     upper, centre = upper_and_centre(parameters[:9], jnp.asarray(basis_of("symmetric"), dtype=parameters.dtype))
     shape, z = upper.T @ upper, data.u - centre[None, :]
     distance = signed_distance(shape, z)
@@ -107,12 +108,12 @@ def _unit(v: Array) -> Array:
 
 
 def joint_turn_residuals(parameters: Array, data: JointTurns) -> Array:
-    """Distances, and how far the readings lie along the surface from where the field of their segment, turned back, puts them."""
+    """Distances, and offsets of the readings along the surface from the place where their segment's field, rotated back, puts them."""
     upper, unit, _, across = _on_surface(parameters, data)
     rotation = data.base @ turn(parameters[TURN])
     body, still = _turned_back(unit @ rotation, parameters[EXTRA], data.attitude, data.slope)
     total = jax.ops.segment_sum(jnp.einsum("nij,nj->ni", data.metric, still), data.member, num_segments=len(data.inverse))
-    # the least-squares estimate, with weights of the start, whose derivative has no part to first order
+    # the least-squares estimate with the weights of the start; their derivative has no effect to first order
     field = jnp.einsum("sij,sj->si", data.inverse, total)
     off = body - jnp.einsum("nji,nj->ni", data.attitude, field[data.member])
     along = jnp.einsum("nik,ni->nk", data.tangent, off @ rotation.T @ jnp.linalg.inv(upper).T)
@@ -120,7 +121,7 @@ def joint_turn_residuals(parameters: Array, data: JointTurns) -> Array:
 
 
 def joint_pose_residuals(parameters: Array, data: JointPoses) -> Array:
-    """Distances, and products y'f less the sine over their standard deviation, which both sensors' noise gives."""
+    """Distances, and products y'f minus the sine, divided by the standard deviation due to the noise of both sensors."""
     upper, unit, normal, across = _on_surface(parameters, data)
     rotation = data.base @ turn(parameters[TURN])
     force = data.force @ rotation.T
@@ -128,6 +129,6 @@ def joint_pose_residuals(parameters: Array, data: JointPoses) -> Array:
     by_reading = force @ upper
     by_reading = by_reading - jnp.sum(by_reading * normal, axis=1)[:, None] * normal
     variance = data.sigma[0] ** 2 * jnp.sum(by_reading**2, axis=1) + data.sigma[1] ** 2 * (1 - product**2)
-    # a force along the field tells nothing; padding neither
+    # a force along the field gives no information, and neither does padding
     off = jnp.where(variance > 0, product - parameters[12], 0) / jnp.sqrt(jnp.where(variance > 0, variance, 1))
     return jnp.concatenate([across, data.paired * off])

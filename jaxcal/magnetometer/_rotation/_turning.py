@@ -1,4 +1,4 @@
-"""Rotations integrated from rates; and `hard_iron_by_turning`, hard iron from a few turns, without readings in all directions."""
+"""Rotations integrated from rates; and `hard_iron_by_turning`, which needs a few turns only, not readings in all directions."""
 
 from typing import Any
 
@@ -11,8 +11,8 @@ from ..._precision import host_float64
 from ..._types import AnyArray
 from ...fitting import information
 
-SEGMENT = 2.0  # rad travelled in one segment: rates of a slightly wrong scale go astray with the angle
-_LONGEST = 10.0  # s of a segment, for the bias of the rates is only first order in it
+SEGMENT = 2.0  # rad travelled in one segment: the error of rates with a slightly wrong scale grows with the angle
+_LONGEST = 10.0  # longest segment in s, because the bias of the rates enters to first order only
 
 
 def array(values: Any, name: str) -> np.ndarray:
@@ -30,13 +30,13 @@ def like(values: Any, y: np.ndarray, name: str) -> np.ndarray:
 
 
 def permutations() -> np.ndarray:
-    """The 24 rotations that take axes to axes, (24, 3, 3), the unit matrix first."""
+    """The 24 rotations that exchange axes, (24, 3, 3), the identity first."""
     found = scipy.spatial.transform.Rotation.create_group("O").as_matrix().round()
     return found[np.argsort(-np.trace(found, axis1=1, axis2=2), kind="stable")]
 
 
 def delayed(gyro: np.ndarray, samples: float) -> np.ndarray:
-    """Rates so many samples earlier, linear between samples; at the edge of a gap those of the sample itself."""
+    """Rates `samples` samples earlier, with linear interpolation; at the edge of a gap the rate of the sample itself."""
     if samples == 0:
         return gyro
     place = np.arange(len(gyro)) - samples
@@ -47,13 +47,13 @@ def delayed(gyro: np.ndarray, samples: float) -> np.ndarray:
 
 
 def attitudes_in_segments(gyro: np.ndarray, rate: float, most: float, delay: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Attitude of each reading relative to the first of its segment, from rates (n, 3) at the instants of the samples.
+    """Attitude of each reading relative to the first of its segment, from rates (n, 3) at the times of the samples.
 
-    A reading shows the field as it was `delay` seconds before the sample of the rates beside it.
+    A reading shows the field `delay` seconds before the sample of the rates beside it.
 
-    A segment ends where the angle travelled reaches `most` rad, after 10 s, or at a sample that is NaN, which belongs to none. Returned
-    are the number of its segment (n,), -1 for none; the attitude (n, 3, 3) from the body axes of the sample to those of the segment's
-    first; and the derivative (n, 3, 4) of the rotation vector, in the axes of the sample, by a bias of the rates and by the delay.
+    A segment ends when the angle travelled reaches `most` rad, after 10 s, or at a NaN sample, which belongs to no segment. Returns the
+    segment number (n,), -1 for none; the attitude (n, 3, 3), from the body axes of the sample to those of the segment's first sample; and
+    the derivative (n, 3, 4) of the rotation vector, in the axes of the sample, with respect to a bias of the rates and the delay.
     """
     gyro = delayed(gyro, delay * rate)
     n, good = len(gyro), np.asarray(np.isfinite(gyro).all(axis=1))
@@ -67,7 +67,7 @@ def attitudes_in_segments(gyro: np.ndarray, rate: float, most: float, delay: flo
     place = np.arange(n) - start[segment]
     small = scipy.spatial.transform.Rotation.from_rotvec(step).as_matrix() if n > 1 else np.zeros((0, 3, 3))
     attitude, slope = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3))
-    # one step of all segments at a time
+    # take one step in all segments at a time
     order = np.argsort(place, kind="stable")
     for k in np.split(order, np.flatnonzero(np.diff(place[order])) + 1)[1:]:
         attitude[k] = attitude[k - 1] @ small[k - 1]
@@ -77,19 +77,19 @@ def attitudes_in_segments(gyro: np.ndarray, rate: float, most: float, delay: flo
 
 
 def centred(x: np.ndarray, member: np.ndarray) -> np.ndarray:
-    """Rows less the mean of their segment."""
+    """Rows minus the mean of their segment."""
     total, count = np.zeros((member.max() + 1, *x.shape[1:])), np.bincount(member)
     np.add.at(total, member, x)
     return x - (total / count.reshape(-1, *[1] * (x.ndim - 1)))[member]
 
 
 class HardIron(eqx.Module):
-    """Hard iron from turns.
+    """Hard iron from turns, as `hard_iron_by_turning` finds it.
 
     Attributes
     ----------
     hard_iron : (3,) in the unit of the readings.
-    covariance : (3, 3) of it.
+    covariance : (3, 3) covariance of the hard iron.
     noise : standard deviation of one axis of a reading, in its unit.
     used : number of readings that were fitted.
 
@@ -114,10 +114,10 @@ class HardIron(eqx.Module):
 
 @host_float64
 def hard_iron_by_turning(m: Any, gyro: Any, rate: float | int, *, soft_iron: Any = None, fastest: float | int = 0.3) -> HardIron:
-    r"""Hard iron alone, from turns whose rates are known.
+    r"""Hard iron alone, from turns with known rates.
 
-    In a field that stands still :math:`\dot m = -\omega \times (m - b)` for a sensor without soft iron, which is linear in b. Here
-    it is integrated over segments of 2 rad: the readings turned back to the segment's first axes differ by the turned offset only,
+    In a constant field, :math:`\dot m = -\omega \times (m - b)` for a sensor without soft iron, which is linear in b. Here the equation
+    is integrated over segments of 2 rad. After rotation to the first axes of the segment, readings differ by the rotated offset only,
 
     .. math:: R_k C^{-1}(m_k - b) = h \quad\text{for all } k \text{ of a segment.}
 
@@ -126,8 +126,8 @@ def hard_iron_by_turning(m: Any, gyro: Any, rate: float | int, *, soft_iron: Any
     m : (n, 3) readings.
     gyro : (n, 3) rates at the same times, rad/s.
     rate : readings per second.
-    soft_iron : (3, 3) known soft iron; None for none.
-    fastest : segments in which the rate never exceeds this, rad/s, are left out.
+    soft_iron : (3, 3) known soft iron; None means no soft iron.
+    fastest : rate in rad/s that a segment must exceed at least once; other segments are left out.
 
     Returns
     -------
@@ -136,7 +136,7 @@ def hard_iron_by_turning(m: Any, gyro: Any, rate: float | int, *, soft_iron: Any
     Raises
     ------
     DataError
-        If shapes differ, or the turns are about one axis only, which leaves the offset along it open.
+        If the shapes differ, or all turns are about one axis, which does not determine the hard iron along that axis.
 
     Examples
     --------
