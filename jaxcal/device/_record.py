@@ -61,7 +61,7 @@ def recorded(log: Any, gravity: float, reach: float, latitude: float | None = No
     grid = Grid.of(len(accel), rate, reach)
     wide = math.ceil(reach * rate) + 4
     lost = no_accel | (np.convolve(no_gyro, np.ones(2 * wide + 1), mode="same") > 0)
-    broken = np.any(lost[grid.inner], axis=1)
+    broken = np.asarray(np.any(lost[grid.inner], axis=1))
     spin = np.zeros(3) if latitude is None else EARTH_RATE * np.array([np.cos(latitude), 0.0, np.sin(latitude)])
     earth = exponential(spin * grid.steps * grid.step)
     noise = Noise(white_noise(gyro, rate, no_gyro), white_noise(accel, rate, no_accel), 0.01)
