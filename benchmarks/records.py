@@ -164,7 +164,7 @@ def _ratio(y, density):
 
 
 def causes(runs, seed, case=""):
-    print(f"{'record':26s} B present   hint   K present   hint   N covered   width   named   detectable   of them named   (in % of {runs})")
+    print(f"{'record':28s} B present   hint   K present   hint   N covered   width   named   detectable   of them named   (in % of {runs})")
     made = _made(2**16)
     chosen = {name: one for name, one in (made | _plain(2**16)).items() if name.startswith(tuple(case.split(";")))}
     for name, (family, make) in chosen.items():
@@ -180,7 +180,7 @@ def causes(runs, seed, case=""):
         rows, seen = np.array(rows, dtype=float), np.array(ratios) > DETECTABLE
         cells = [100 * value for value in np.mean(rows, axis=0)]
         told = f"{100 * np.mean(seen):9.1f}   {100 * np.mean(rows[seen, 6]):9.1f}" if seen.any() else ""
-        print(f"{name:26s}" + "".join(f"{value:9.1f}" for value in cells) + f"   {told}", flush=True)
+        print(f"{name:28s}" + "".join(f"{value:9.1f}" for value in cells) + f"   {told}", flush=True)
 
 
 def levels(runs, seed):

@@ -304,7 +304,9 @@ def _lowest(observed: Observed, solved: Solved) -> Lowest:
     columns = np.stack([term.ordinates(k, n, observed.dt) for term in solved.columns], axis=1)
     # what a filter takes is nothing at low frequencies, and its negative column must not make a density negative
     theta = np.where([name != FILTER for name in solved.names], solved.fitted.theta, 0.0)
-    return Lowest(columns, columns @ theta * solved.bins.unit)
+    # without any other term the filter is all that is left, and its density vanishes here
+    least = np.finfo(float).eps * np.max(density(solved.fitted.bins.columns, solved.fitted.theta))
+    return Lowest(columns, np.maximum(columns @ theta, least) * solved.bins.unit)
 
 
 def _uneven(y, solved: Solved, lowest: Lowest, dt: float) -> tuple[dict[str, Unevenness], list[Level]]:
