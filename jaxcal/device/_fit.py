@@ -234,7 +234,7 @@ def _result(
         verdict=verdict, reason=reason, warnings=warnings, model=model, names=names, values=values, covariance=covariance,
         interval=np.stack([values - half, values + half], axis=1), degrees_of_freedom=float(told.freedom), undetermined=undetermined,
         verdicts=verdicts, disturbed=disturbed, rests=stretches(rests.windows, record),
-        noise={"gyro": level.gyro, "accel": level.accel, "mag": white * strength}, reach=place.reach, speed=place.speed,
+        noise={"gyro": level.gyro, "accel": level.accel, "mag": float(white * strength)}, reach=place.reach, speed=place.speed,
         disagreement=told.ratio, time=np.append(start, start[-1] + record.time), attitude=found.way.rotation, velocity=found.way.velocity,
         place=found.way.place, residual_inertial=found.rows.inertial, residual_field=rms, gravity=record.gravity, rate=float(log.rate),
         duration=float(log.duration), contribution={kind: part[: len(names)] for kind, part in shares(told.terms, slope).items()},
