@@ -9,7 +9,6 @@ from cyclopts import Parameter
 
 import jaxcal
 
-from .._results import NORMAL95
 from .._units import noise_factor, noise_units, number
 from ._export import FILES, ids_of
 from ._options import CallError, Files, Level, Reading, Running, stem
@@ -98,6 +97,8 @@ def _tables(screen: Screen, found: dict[str, Any]) -> None:
 
 
 def _table(screen: Screen, sensor: str, name: str, axes: dict[str, Any]) -> None:
+    from .._results import NORMAL95  # a command's help must not wait for JAX
+
     unit = noise_units("B", sensor)[0]
     scale = noise_factor("B", sensor, unit)
     rows = []
