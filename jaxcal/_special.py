@@ -12,7 +12,7 @@ import numpy as np
 _MANY = 500.0
 
 
-def chi_square_tail(value: Any, freedom: Any) -> np.ndarray:
+def chi_square_tail(value: Any, freedom: Any) -> np.ndarray | np.float64:
     r"""Probability of a larger chi-square of k degrees of freedom, a whole number from one on, by its finite sum.
 
     .. math:: Q = \sum_{j<k/2} e^{-x} \frac{x^j}{\Gamma(j + 1)},\qquad x = \chi^2/2,
@@ -49,7 +49,7 @@ def _tail(value: float, freedom: float) -> float:
     return min(1.0, (math.erfc(math.sqrt(x)) if k % 2 else 0.0) + math.fsum(terms))
 
 
-def student_quantile(freedom: Any, probability: float) -> np.ndarray:
+def student_quantile(freedom: Any, probability: float) -> np.ndarray | np.float64:
     """Quantile of Student's t for a probability from 0.5 to below one; of the normal law where the degrees of freedom are infinite.
 
     Newton's steps from zero on the cumulative probability, which is concave there, do not overshoot. From five hundred degrees of freedom

@@ -40,6 +40,13 @@ class HandMotion:
     force : (n, 3) specific force at the device's origin in device coordinates, m/s^2.
     resting : (n,) whether the device rests.
     clock : (n, 3) the motion's own clock in s, its pace and the change of its pace; the pace is 0 at rest.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> log, device, motion = jaxcal.device.simulate(30.0, 50.0, seed=1)
+    >>> type(motion).__name__, motion.attitude.shape, motion.force.shape
+    ('HandMotion', (1500, 3, 3), (1500, 3))
     """
 
     time: Float[np.ndarray, " n"]

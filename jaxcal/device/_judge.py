@@ -59,7 +59,7 @@ def known(found: Solution, place: Place, rests: Rests, time: float, wander: dict
     if count > 0 and scipy.special.chdtrc(count, statistic) < _CHANCE:
         apart = leave_out_pieces(hats, scores, prior)
         if np.isfinite(apart).all():
-            return Known(apart + matrix @ prior @ matrix, _PARTS - 1, ratio, seen, terms)
+            return Known(apart + matrix @ prior @ matrix, float(_PARTS - 1), ratio, seen, terms)
     more = np.zeros_like(matrix)
     for sensor, noise in wander.items():
         more = more + _wandering(pushed[sensor], noise, time)

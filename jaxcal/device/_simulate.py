@@ -1,6 +1,6 @@
 """Recordings of a device waved by hand, whose truth is known."""
 
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -73,7 +73,7 @@ def simulate(
     still: float | int = 4.0,
     initial: float | int = 0.0,
     held: bool = False,
-    turns: Literal["free", "one axis", "no tilt"] = "free",
+    turns: str = "free",
     reach: float | int = 0.25,
     pace: float | int = 0.3,
     swing: float | int = 1.0,

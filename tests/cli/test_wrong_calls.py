@@ -83,8 +83,8 @@ diff rest.csv device.json                  | rest.csv is a log, and a calibratio
 diff device.json device.json --significance 5 | expected a probability between 0 and 1, such as 0.01
 noise rest.csv --calibration tumble.csv    | --calibration tumble.csv is a log, and a calibration is asked for
 mag tumble.csv --against gone.json         | gone.json does not exist
-noise rest.csv --field 50                  | --field is an option of jaxcal mag and simulate, not of jaxcal noise
-noise rest.csv --gravity 9.81              | --gravity is an option of jaxcal imu, north and export, not of jaxcal noise
+noise rest.csv --field 50                  | --field is an option of jaxcal mag, device and simulate, not of jaxcal noise
+noise rest.csv --gravity 9.81              | --gravity is an option of jaxcal imu, device, north and export, not of jaxcal noise
 noise rest.csv --kind mdev                 | --kind is an option of jaxcal allan, not of jaxcal noise
 mag tumble.csv --terms QN                  | --terms is an option of jaxcal noise and imu, not of jaxcal mag
 imu rest.csv --angles 0,90                 | --angles is an option of jaxcal north, not of jaxcal imu
