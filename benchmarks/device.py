@@ -1,7 +1,7 @@
 """`jaxcal.device.fit` on recordings by hand whose truth is known: error, bound, coverage and verdict, cell by cell.
 
     python benchmarks/device.py                            all cells, 100 recordings each
-    python benchmarks/device.py --runs 20 --only free brisk
+    python benchmarks/device.py --runs 20 --seed 1000 --only free brisk
     python benchmarks/device.py --show                     the tables of what is there already
     python benchmarks/device.py --time                     seconds and memory of the first and the second call, in one process
 
@@ -97,8 +97,8 @@ def of_fit(found):
     return np.asarray(found.values)[at], np.asarray(found.interval)[at]
 
 
-def run(cell, seed):
-    """The line of one recording."""
+def run(cell, seed, bounded):
+    """The line of one recording, with its bound if that is asked for."""
     log, model, true = jaxcal.device.simulate(seed=seed, **cell.motion)
     truth, line = bound.parameters(model), {}
     if cell.flicker:
@@ -114,7 +114,7 @@ def run(cell, seed):
                  "verdict": found.verdict, "reason": found.reason, "unknown": list(found.undetermined), "disturbed": list(found.disturbed),
                  "warnings": list(found.warnings)}  # fmt: skip
     line["seconds"] = time.perf_counter() - start
-    if cell.known is not None and seed < _BOUNDS:
+    if cell.known is not None and bounded:
         line["bound"] = np.sqrt(np.diag(bound.covariance_of(bound.information(true, model, cell.known), model)))
     if cell.motion.get("initial"):
         line["single"] = _single(log, truth)
@@ -232,6 +232,7 @@ def clock():
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=0, help="of the first recording")
     parser.add_argument("--only", nargs="*", default=list(CELLS), choices=list(CELLS), metavar="CELL")
     parser.add_argument("--out", type=pathlib.Path, default=pathlib.Path("device.jsonl"))
     parser.add_argument("--show", action="store_true")
@@ -242,10 +243,10 @@ def main():
     if not chosen.show:
         done = _lines(chosen.out)
         # recording by recording through all cells, so that a run that is cut has some of each
-        for seed in range(chosen.runs):
+        for seed in range(chosen.seed, chosen.seed + chosen.runs):
             for name in chosen.only:
                 if seed not in done[name]:
-                    line = run(CELLS[name], seed)
+                    line = run(CELLS[name], seed, seed < chosen.seed + _BOUNDS)
                     text = json.dumps({"cell": name, "seed": seed} | {key: _plain(value) for key, value in line.items()})
                     with chosen.out.open("a") as file:
                         file.write(text + "\n")
