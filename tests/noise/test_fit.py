@@ -61,7 +61,9 @@ def test_absent_terms_are_not_detected(runs):
         assert sum(v == "present" for v in found.verdict[term]) <= 4, term
     assert set(found.verdict["N"]) == {"present"}
     assert set(runs["gyro"].verdict["B"]) <= {"present", "hint", "not detected"}
-    assert np.mean([v == "present" for v in runs["gyro"].verdict["B"]]) > 0.5
+    # five minutes show B in 5 of 6 records, and exclude one Gauss-Markov process in its place in half of them
+    assert np.mean([v != "not detected" for v in runs["gyro"].verdict["B"]]) > 0.75
+    assert np.mean([v == "present" for v in runs["gyro"].verdict["B"]]) > 0.4
 
 
 @pytest.mark.long
