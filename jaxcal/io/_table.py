@@ -285,8 +285,7 @@ def _check_turns(
         return
     factor, _ = scale(guesses["gyro"].unit, "gyro")
     slope = turns.slope / factor
-    counted = guesses["gyro"].unit == f"1 {si_unit('gyro')}"  # counts of unknown size
-    if not counted and not 0.2 < abs(slope) < 5.0:
+    if guesses["gyro"].unit != f"1 {si_unit('gyro')}" and not 0.2 < abs(slope) < 5.0:  # one unit a count: its size is not known
         what = "the clock is not in " + clock.unit if clock is not None and not clock.sure else "the unit of gyro or of time is wrong"
         sentence = (
             f"gravity or the field turns {slope:.3g} times as fast as gyro in {guesses['gyro'].unit} says "
