@@ -304,7 +304,7 @@ class AlignmentFit(_Known, Result):
     @property
     def interval(self) -> dict[str, tuple[float, float]]:
         """95 % confidence interval of every determined free parameter, SI (host only)."""
-        reach = dict(zip(self.names, student_quantile(self.freedom, 0.975), strict=True))
+        reach = dict(zip(self.names, np.ravel(student_quantile(self.freedom, 0.975)), strict=True))
         known = {name: value for name, value in self.parameters.items() if value is not None and np.isfinite(self.std[name])}
         return {name: (x - reach[name] * self.std[name], x + reach[name] * self.std[name]) for name, x in known.items()}
 
