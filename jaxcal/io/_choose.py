@@ -28,7 +28,9 @@ _FILES = {
 #: words that suggest a sensor in the name of a column
 _LIKE = re.compile(r"gyr|angular|omega|rotrate|rotation(?!vector)|acc|mag(?:n|_|$|[xyz])|compass", re.IGNORECASE)
 #: words for values that were processed after the sensor
-_FILTERED = re.compile(r"filt(?!er.?off)|lpf|smooth|(?<![a-z])(?:avg|mean|true|ref|est|ekf|kalman|fused)(?![a-z])", re.IGNORECASE)
+_FILTERED = re.compile(
+    r"filt(?!er.?off)|lpf|corrected|compensated|smooth|(?<![a-z])(?:avg|mean|true|ref|est|ekf|kalman|fused)(?![a-z])", re.IGNORECASE
+)
 _CLOCKS = re.compile(r"time|stamp", re.IGNORECASE)
 _NOT_LIKE = re.compile(r"covar|bias|std|status|accura|calib|norm|total|abs|count|clip|temp|image|max|min|magnitude", re.IGNORECASE)
 
@@ -248,13 +250,13 @@ def _by_position(table, columns: Columns, found: Selection) -> None:
     if len(left) not in (3, 6, 9):
         # leave out constant columns, such as the number of a person or a sensor
         left = [i for i in left if np.ptp(table.columns[i]) > 0] if len(table.columns[0]) > 10 else left
+    refuse_mixed(table, {"accel": left[-3:]})
     label = _label(table)
     if label and len(left) == 3:
         found.columns |= {label: left} | ({"time": time} if time else {})
         found.notes.append(f"{label}: columns {left[0]}-{left[-1]}, by the word that stands in every row")
         return
     if len(left) not in (3, 6, 9):
-        refuse_mixed(table, {"accel": left[-3:]})
         rises = f" (column {time[0]} rises, as time does)" if time else ""
         raise DataError(f"{listing(table.names, count)}{rises}: 3, 6 or 9 columns besides time can be told apart, not {len(left)}; {HOW}")
     triples = [left[i : i + 3] for i in range(0, len(left), 3)]

@@ -157,6 +157,8 @@ def _by_size(sensor: str, size: float, seen: str, values: np.ndarray) -> Guess:
                     return Guess(unit, f"{seen}; uncertain, could be cm/s^2", "cm/s^2", False)
                 # whole numbers near 1000 may be counts of 1/1024 g; a single axis does not give a magnitude
                 sure = sure and not (whole and unit == "mg") and values.shape[1] == 3
+                # without rotation, a magnet near a sensor in uT makes a field of this size as well
+                sure = sure and not (unit == "mG" and not seen.startswith("sphere"))
                 return Guess(unit, seen + ("" if sure else "; uncertain"), other, sure)
     raise DataError(undecided(sensor, seen, values, {"accel": "g", "mag": "uT"}[sensor]))
 

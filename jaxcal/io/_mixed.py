@@ -66,15 +66,16 @@ def _codes(values: np.ndarray) -> np.ndarray | None:
 
 
 def _smoother(table, chosen: list[int], code: np.ndarray) -> float:
-    """Ratio of the median step between rows to the median step between rows of one device; the median over the channels."""
+    """Ratio of the typical step between rows to that between rows of one device; the median over the channels."""
     ratios = []
     for i in chosen:
         values = np.asarray(table.columns[i][: len(code)], np.float64)
         own = np.concatenate([np.abs(np.diff(values[code == k])) for k in range(int(code.max()) + 1)])
         all_rows, own = np.abs(np.diff(values)), own[np.isfinite(own)]
         all_rows = all_rows[np.isfinite(all_rows)]
-        if len(own) and len(all_rows) and np.median(own) > 0:
-            ratios.append(float(np.median(all_rows) / np.median(own)))
+        # not the median, because one of two devices may be dead
+        if len(own) and len(all_rows) and (typical := np.quantile(own, 0.75)) > 0:
+            ratios.append(float(np.quantile(all_rows, 0.75) / typical))
     return float(np.median(ratios)) if ratios else 1.0
 
 

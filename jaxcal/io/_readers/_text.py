@@ -31,9 +31,11 @@ _DAY = (
     rf"\d\d?[- ](?i:{'|'.join(MONTHS)})[a-z]{{0,6}}[- ]\d{{4}})"
 )
 #: also minutes and seconds without hours, as spreadsheets save times
-_TIME_OF_DAY = r"(?:\d\d?:\d\d:\d\d(?:[.,:]\d+)?(?:\s*[AaPp][Mm])?|\d\d?:\d\d[.,]\d+)"
+_TIME_OF_DAY = r"(?:\d\d?:\d\d?:\d\d?(?:[.,:]\d+)?(?:\s*[AaPp][Mm])?|\d\d?:\d\d[.,]\d+)"
+#: as ctime of C writes it
+_CTIME = rf"[A-Z][a-z]{{2}} (?i:{'|'.join(MONTHS)}) {{1,2}}\d\d? {_TIME_OF_DAY} \d{{4}}"
 _DATE = re.compile(
-    rf"\[?(?:{_DAY}(?:[T_]|,? +)(?:{_TIME_OF_DAY}|\d\d?-\d\d-\d\d(?:[.,_:-]\d+)?)|\d{{8}}[T_]\d{{6}}(?:[.,]\d+)?)"
+    rf"\[?(?:{_DAY}(?:[T_]|,? +)(?:{_TIME_OF_DAY}|\d\d?-\d\d-\d\d(?:[.,_:-]\d+)?)|{_CTIME}|\d{{8}}[T_]\d{{6}}(?:[.,]\d+)?)"
     r"\s*(?:Z|UTC|[+-]\d\d:?\d\d)?\]?"
 )
 _DAY_ALONE, _CLOCK = re.compile(_DAY), re.compile(rf"\[?{_TIME_OF_DAY}\]?")
