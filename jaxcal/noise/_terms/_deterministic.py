@@ -32,7 +32,7 @@ class Ramp(_NoDensity):
 
     def lagged(self, h: Any, small: Any, large: Any, dt: Any) -> Any:
         """Product of the second differences of two parabolas; a ramp only multiplies the noise of other terms."""
-        return np.full_like(h, dt**2 * small * large / 2.0)
+        return np.zeros_like(h) + dt**2 * small * large / 2.0
 
     def simulate(self, n: int, dt: float, random: np.random.Generator) -> Any:
         """T."""
