@@ -67,7 +67,7 @@ def chi_square_quantile(freedom: int, probability: float) -> float:
     x = k - 2.0 if k > 2 else probability ** (3 - k)
     for _ in range(200):
         density = math.exp((k / 2 - 1) * math.log(x / 2) - x / 2 - math.lgamma(k / 2)) / 2
-        step = (_tail(x, k) - (1 - probability)) / density
+        step = (_tail(x, float(k)) - (1 - probability)) / density
         x += step
         if abs(step) <= 1e-14 * x:
             break

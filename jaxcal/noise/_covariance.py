@@ -54,7 +54,7 @@ def covariance_tensor(samples: int, m: tuple[int, ...], dt: float, terms: tuple[
     small, large = np.sort(np.array(m)[pairs], axis=1).T
     if not closed.all():
         found = [_from_density(samples, a, b, dt, terms) for a, b in zip(small.tolist(), large.tolist(), strict=True)]
-        tensor[:, :, pairs[:, 0], pairs[:, 1]] = np.moveaxis(found, 0, 2)
+        tensor[:, :, pairs[:, 0], pairs[:, 1]] = np.stack(found, axis=2)
     if exact:
         for part in np.array_split(np.arange(len(pairs)), -(-len(pairs) // _TOGETHER)):
             where = np.flatnonzero(closed)[:, None, None], np.flatnonzero(closed)[None, :, None], *pairs[part].T
