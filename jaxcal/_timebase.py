@@ -126,7 +126,7 @@ def _sort(stamps: np.ndarray, source: np.ndarray | None, warnings: list[str]) ->
     backs, period = np.count_nonzero(steps < 0), float(np.median(steps[steps > 0])) if np.any(steps > 0) else np.inf
     far = np.count_nonzero(steps < -5 * period)
     # a late sample is put in its place; a clock that goes far back again and again has no place for it
-    if far > max(10, 0.01 * len(steps)) or (backs > 0.05 * len(steps) and np.median(np.diff(stamps[order])) < 0.6 * period):
+    if far > max(2, 0.005 * len(steps)) or (backs > 0.05 * len(steps) and np.median(np.diff(stamps[order])) < 0.6 * period):
         raise DataError(
             f"the time stamps are not those of a regular recording: they go back {backs} times, by up to {largest:.4g} s, as those of a "
             f"counter that begins again and again, or of several recordings in turn; {ADVICE}"
