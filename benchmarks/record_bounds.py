@@ -4,7 +4,8 @@
 record is known. Less of it is the part that the missing samples hold (T. A. Louis, J. R. Stat. Soc. B 44, 1982): the covariance of the
 complete score given the samples observed, which is half that of the difference between the scores of two records that agree there.
 
-`neyman_pearson`: power of the most powerful test between two densities that are both known; no verdict has more.
+`neyman_pearson`: power of the most powerful test between two densities that are both known; no verdict has more. `ratio_power`: that of
+the likelihood ratio where the coefficients of both are estimated.
 """
 
 import numpy as np
@@ -76,16 +77,23 @@ def relative_bound(information, squares):
     return np.sqrt((with_it + without_it) / 2.0) / (2.0 * squares[there])
 
 
-def nearest(density, columns, count):
-    """The density of some columns, none negative, from which it takes most records to tell another one (in bins of `count` ordinates)."""
+def likeliest(ordinates, columns, count):
+    """-2 log likelihood and density of the likeliest sum of columns, none negative, for means of `count` ordinates.
+
+    For a density in place of ordinates it is the sum of columns from which it takes most records to tell that density.
+    """
 
     def cost(logs):
         s = columns @ np.exp(logs)
-        return np.sum(count * (density / s + np.log(s))), np.exp(logs) * (columns.T @ (count * (1.0 - density / s) / s))
+        return np.sum(count * (ordinates / s + np.log(s))), np.exp(logs) * (columns.T @ (count * (1.0 - ordinates / s) / s))
 
-    starts = [np.log(np.append(density[-1], np.full(columns.shape[1] - 1, level))) for level in (1e-3, 0.1, 10.0, 1000.0)]
-    tried = [scipy.optimize.minimize(cost, start, jac=True, method="L-BFGS-B", bounds=[(-40, 25)] * columns.shape[1]) for start in starts]
-    return columns @ np.exp(min(tried, key=lambda one: one.fun).x)
+    slow = columns.shape[1] - 1
+    level = np.append(np.mean(ordinates[-4:]), np.mean(ordinates[:8]) / columns[:8, 1:].mean(axis=0))
+    starts = [level * np.append(1.0, np.where(np.arange(slow) == faint, 1e-3, 0.5)) for faint in range(-1, slow)]
+    bounds = [(-40.0, 25.0)] * (slow + 1)
+    tried = [scipy.optimize.minimize(cost, np.log(start), jac=True, method="L-BFGS-B", bounds=bounds) for start in starts]
+    best = min(tried, key=lambda one: one.fun)
+    return best.fun, columns @ np.exp(best.x)
 
 
 def neyman_pearson(density, other, count, level, runs=40_000, seed=0):
@@ -93,3 +101,13 @@ def neyman_pearson(density, other, count, level, runs=40_000, seed=0):
     drawn = np.random.default_rng(seed).gamma(count / 2, 2 / count, size=(runs, len(count)))
     likelihood = [drawn * true @ (count * (1.0 / other - 1.0 / density)) for true in (other, density)]
     return float(np.mean(likelihood[1] > np.quantile(likelihood[0], 1.0 - level)))
+
+
+def ratio_power(density, other, own, rivals, count, level, runs=600, seed=0):
+    """The same of the likelihood ratio with coefficients estimated: columns `own` against the likeliest of `rivals`, each of columns."""
+    rng, ratios = np.random.default_rng(seed), []
+    for true in (other, density):
+        drawn = [true * rng.gamma(count / 2, 2 / count) for _ in range(runs)]
+        costs = [min(likeliest(one, columns, count)[0] for columns in rivals) - likeliest(one, own, count)[0] for one in drawn]
+        ratios.append(np.array(costs))
+    return float(np.mean(ratios[1] > np.quantile(ratios[0], 1.0 - level)))

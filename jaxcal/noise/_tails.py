@@ -4,10 +4,10 @@ What a sample adds to the record is its innovation: the sample less its predicti
 
 .. math:: r_t = y_t - \hat y_t,\qquad \hat y = x - \frac{Q x}{Q_{tt}}
 
-with Q the precision of the record. Four laws are fitted to the innovations: a normal one, Student's t, and mixtures of two and of
-three normal ones. The likelihood chooses, by the Bayesian information criterion. Each innovation is then replaced by the normal value of the same
-probability, and the noise is fitted anew, three times. Flicker and random walk stay, since the prediction carries them. The standard
-deviation of the normal values is that of the core for a mixture, and that of the law for Student's t.
+with Q the precision of the record. Four laws are fitted to the innovations: a normal one, Student's t, and mixtures
+of two and of three normal ones. The Bayesian information criterion chooses one. Each innovation is then replaced by the normal value of
+the same probability, and the noise is fitted again, three times. Flicker and random walk stay, since the prediction carries them. The
+standard deviation of the normal values is that of the core for a mixture, and that of the law for Student's t.
 """
 
 import functools
@@ -85,8 +85,8 @@ def _mixture_below(p, x):
 def _mixture_words(p) -> str:
     scales, shares = _mixture(p)
     wide = sorted(zip(scales[1:] / scales[0], shares[1:], strict=True))
-    listed = " and ".join(f"{100 * share:.2g} % of the samples come from a component {scale:.2g} times as wide as the core" for scale, share in wide)
-    return f"{listed}; they are given less weight, and N is that of the core"
+    listed = " and ".join(f"{100 * share:.2g} % from a component {scale:.2g} times as wide" for scale, share in wide)
+    return f"of the samples {listed} as the core; they are given less weight, and N is that of the core"
 
 
 _LAWS = (
@@ -157,7 +157,8 @@ def _likeliest(innovation) -> tuple[_Law, np.ndarray, float]:
             return -float(np.sum(count * law.log_density(p, x)))
 
         start = law.start(scale)
-        found = scipy.optimize.minimize(cost, start, method="L-BFGS-B", bounds=[(None, None), *[(-8.0, 6.0), (-3.0, 6.0)] * 2][: len(start)])
+        bounds = [(None, None), *[(-8.0, 6.0), (-3.0, 6.0)] * 2][: len(start)]
+        found = scipy.optimize.minimize(cost, start, method="L-BFGS-B", bounds=bounds)
         fitted.append((2.0 * found.fun + len(found.x) * np.log(n), law, found.x, cost))
     _, law, p, cost = min(fitted, key=lambda one: one[0])
     steps = _STEP * np.eye(len(p))
@@ -169,7 +170,7 @@ def _likeliest(innovation) -> tuple[_Law, np.ndarray, float]:
 
 
 def _grouped(innovation, scale: float) -> tuple[np.ndarray, np.ndarray]:
-    """Root mean squares and counts of innovations of nearly one size: the laws are symmetric, and the likelihood is a hundred times faster."""
+    """Root mean squares and counts of innovations of nearly one size, which give the likelihood of these symmetric laws much faster."""
     size = np.abs(innovation)
     group = np.unique(np.round(np.arcsinh(size / scale) * _FINE), return_inverse=True)[1]
     count = np.bincount(group)
