@@ -121,6 +121,7 @@ def inspect(sensor: str, names: list[str], values: np.ndarray, rate: float, note
     if constant and sensor != "temperature":
         warnings.append(f"constant in every sample, so nothing can be said about its noise: {', '.join(constant)} {unit}")
     if sensor != "temperature":
+        _repeated(sensor, values[:_LOOK], rate, warnings)
         if len(constant) < len(names):
             values = _without_frozen(sensor, values, rate, warnings)
         for name, column, bottom, top in zip(names, values.T, low, high, strict=True):
@@ -128,6 +129,22 @@ def inspect(sensor: str, names: list[str], values: np.ndarray, rate: float, note
     _resolution(sensor, names, values, notes)
     _transient(sensor, values, rate, notes)
     return values
+
+
+def _repeated(sensor: str, values: np.ndarray, rate: float, warnings: list[str]) -> None:
+    """Report a sensor that is sampled more slowly than the log, so that most samples repeat the one before.
+
+    Noise below the resolution repeats values as well, but then the axes change one by one, and not all together.
+    """
+    changed = values[1:] != values[:-1]
+    some, every = np.count_nonzero(changed.any(axis=1)), np.count_nonzero(changed.all(axis=1))
+    if values.shape[1] < 3 or some < 30 or some > 0.6 * len(changed) or every < 0.7 * some:
+        return
+    warnings.append(
+        f"{sensor}: {100 * (1 - some / len(changed)):.2g} % of the samples repeat the one before in all axes; the sensor gives about "
+        f"{rate * some / len(changed):.3g} values a second: the densities of "
+        "its noise are wrong unless it is read at that rate"
+    )
 
 
 def _without_frozen(sensor: str, values: np.ndarray, rate: float, warnings: list[str]) -> np.ndarray:

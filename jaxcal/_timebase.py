@@ -122,6 +122,13 @@ def _sort(stamps: np.ndarray, source: np.ndarray | None, warnings: list[str]) ->
     late = np.count_nonzero(np.maximum.accumulate(stamps) > stamps)
     warnings.append(f"time stamps out of order: {late} (largest step back {largest:.6g} s); the samples are sorted by time")
     order = np.argsort(stamps, kind="stable")
+    rising = np.diff(stamps)
+    backs, period = np.count_nonzero(rising < 0), np.median(rising[rising > 0])
+    if backs > 0.05 * len(rising) and np.median(np.diff(stamps[order])) < 0.6 * period:
+        raise DataError(
+            f"the time stamps are not those of a regular recording: they go back {backs} times, by up to {largest:.4g} s, as those of a "
+            f"counter that begins again and again, or of several recordings in turn; {ADVICE}"
+        )
     return stamps[order], order if source is None else source[order]
 
 

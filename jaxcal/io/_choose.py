@@ -10,7 +10,7 @@ from . import _guess
 from ._columns import AXES, SENSORS, Columns, listing, resolve
 from ._mixed import refuse_mixed
 from ._names import Name, bracketed, is_counter, plain, unit_of
-from ._profiles import matching
+from ._profiles import ROS2_IMU, matching
 from ._spelling import meanings
 
 HOW = (
@@ -83,6 +83,12 @@ def select(table, columns: Columns) -> Selection:
 
 def _labelled(table) -> list[str]:
     """Names for a table without names, if it has five columns: the word of a sensor, a time, and three axes."""
+    if (
+        len(table.columns) == len(ROS2_IMU)
+        and not any(table.names)
+        and [i for i, one in enumerate(table.columns) if one.dtype.kind == "O"] == [2]
+    ):
+        table.names[:] = ROS2_IMU
     if len(table.columns) == 5 and table.columns[0].dtype.kind == "O":
         words = {str(value).strip() for value in table.columns[0] if value is not None}
         if len(words) == 1:
@@ -248,6 +254,7 @@ def _by_position(table, columns: Columns, found: Selection) -> None:
         found.notes.append(f"{label}: columns {left[0]}-{left[-1]}, by the word that stands in every row")
         return
     if len(left) not in (3, 6, 9):
+        refuse_mixed(table, {"accel": left[-3:]})
         rises = f" (column {time[0]} rises, as time does)" if time else ""
         raise DataError(f"{listing(table.names, count)}{rises}: 3, 6 or 9 columns besides time can be told apart, not {len(left)}; {HOW}")
     triples = [left[i : i + 3] for i in range(0, len(left), 3)]
@@ -255,6 +262,10 @@ def _by_position(table, columns: Columns, found: Selection) -> None:
     if apart:
         shown = ", ".join(map(str, apart[0]))
         raise DataError(f"{listing(table.names, count)}: columns {shown} do not stand side by side as axes do; {HOW}")
+    flat = [[np.ptp(table.columns[i]) == 0 for i in triple] for triple in triples]
+    if any(map(any, flat)) and not all(map(any, flat)) and len(table.columns[0]) > 100:
+        at = next(triple[one.index(True)] for triple, one in zip(triples, flat, strict=True) if any(one))
+        raise DataError(f"{listing(table.names, count)}: column {at} never changes, as no axis of a sensor does; {HOW}")
     kind = file_kind(table.stem) if len(triples) == 1 else None
     try:
         if kind in SENSORS:

@@ -13,8 +13,20 @@ import numpy as np
 from .._errors import DataError
 from ._choose import Selection, increasing
 from ._columns import listing, scale
-from ._names import is_counter
-from ._stamps import DAY, SECONDS, Clock, from_digits, is_fraction, pair, since_midnight, unit_by_step
+from ._names import is_counter, is_other, plain
+from ._stamps import (
+    DAY,
+    SECONDS,
+    Clock,
+    fraction_size,
+    from_date_digits,
+    from_digits,
+    is_fraction,
+    of_day,
+    pair,
+    since_midnight,
+    unit_by_step,
+)
 
 #: sizes of counters of 16, 31 and 32 bits, by which a clock jumps back when its counter wraps
 _WRAPS = (2.0**16, 2.0**31, 2.0**32)
@@ -22,6 +34,8 @@ _STATED = re.compile(
     r"(?:sampl\w*[ _-]*(?:rate|freq\w*)|update[ _-]*rate|output[ _-]*(?:data[ _-]*)?rate|data[ _-]*rate|\bodr|frequency|\bfreq|\bfs|\brate|"
     r"abtastrate|taxa|\bat)\b[\"']?\s*(?:\[?\(?hz\)?\]?)?[\s:=,;\"']*([0-9]+(?:[.,][0-9]+)?)\s*(k?hz)?", re.IGNORECASE,
 )  # fmt: skip
+_LIKE_TIME = re.compile(r"time|stamp|clock|elapsed|epoch|zeit|(?<![a-z])(?:ms|us|ns|sec|seconds|millis|micros)(?![a-z])", re.IGNORECASE)
+_STEPS_OF_TIME = re.compile(r"(?:dt|delta?|deltat|deltatime|timedelta|timediff|timestep|samplingtime|interval)(?:s|ms|us|ns)?")
 _FILE_RATE = re.compile(r"(?<![0-9a-z.])([0-9]+(?:[.p][0-9]+)?)[ _-]?(k?hz)(?![a-z])", re.IGNORECASE)
 
 
@@ -41,17 +55,31 @@ def clock_of(table, found: Selection, units: dict[str, str], rate: float | int |
     wanted = found.columns.get("time")
     if wanted is not None and "time" not in found.guessed:
         return _read(table, wanted, units.get("time") or _named_unit(found, wanted), rate, found, explicit="time" in units)
-    clocks, counters = [], []
+    clocks, counters, faults = [], [], []
     for indices in _candidates(table, found, wanted):
         stated = units.get("time") or _named_unit(found, indices)
         if _counts_rows(table, indices, stated):
             counters += indices
             continue
-        clocks.append(_read(table, indices, stated, rate, found, explicit="time" in units))
+        try:
+            clock = _read(table, indices, stated, rate, found, explicit="time" in units)
+        except DataError as error:
+            faults.append(error)
+            continue
+        if (
+            "time" not in units
+            and len(indices) == 1
+            and _unnamed(table, found, indices[0])
+            and not re.match("starts at|dates|times of day|.*agrees with|.*Julian", clock.reason)
+        ):
+            clock = dataclasses.replace(clock, sure=False, reason=f"it rises as time does, but its name does not say so; {clock.reason}")
+        clocks.append(clock)
     names = [table.names[i] or str(i) for i in counters]
     if counters:
         found.notes.append(f"time: {', '.join(names)} counts rows and is no time")
     if not clocks:
+        if faults:
+            raise faults[0]
         found.columns.pop("time", None)
         return None
     if len(clocks) > 1:
@@ -85,6 +113,8 @@ def _candidates(table, found: Selection, wanted: list[int] | None) -> list[list[
     if table.days and table.clocks:
         day, clock = min(table.days), min(table.clocks)
         sets = [[day, clock], *(one for one in sets if one not in ([day], [clock]))]
+    if parts := of_day(table):
+        sets = [parts, *(one for one in sets if not set(one) & set(parts))]
     if wanted is not None and wanted not in sets:
         sets.insert(0, wanted)
     if sets:
@@ -95,7 +125,20 @@ def _candidates(table, found: Selection, wanted: list[int] | None) -> list[list[
         for i in range(len(table.columns))
         if i not in used and found.names[i] is None and not (any(table.names) and is_counter(table.names[i]))
     ]
-    return [[i] for i in free if table.columns[i].dtype.kind in "iuf" and increasing(table.columns[i])][:1]
+    rising = [i for i in free if table.columns[i].dtype.kind in "iuf" and not is_other(table.names[i]) and increasing(table.columns[i])]
+    return [[i] for i in sorted(rising, key=lambda i: not _LIKE_TIME.search(table.names[i]))][:1]
+
+
+def _unnamed(table, found: Selection, index: int) -> bool:
+    """Whether a column has a name in which nothing speaks of time."""
+    return found.names[index] is None and bool(table.names[index]) and not _LIKE_TIME.search(table.names[index])
+
+
+def _parts(table, indices: list[int]) -> Clock:
+    """Clock from columns of hours, minutes and seconds, and perhaps of a fraction."""
+    sizes = (3600.0, 60.0, 1.0, fraction_size(table.names[indices[-1]]))
+    seconds = sum(size * np.asarray(table.columns[i], np.float64) for i, size in zip(indices, sizes, strict=False))
+    return Clock(indices, since_midnight(np.asarray(seconds)), "time of day", "hours, minutes and seconds in columns of their own")
 
 
 def _varies(table, index: int) -> bool:
@@ -135,6 +178,8 @@ def _read(table, indices: list[int], stated: str | None, rate: float | int | Non
                 f"column {i} ({table.names[i] or 'no name'}) holds text, such as {shown!r}, where numbers are expected; name other columns "
                 "with columns= (--columns)"
             )
+    if len(indices) > 2:
+        return _parts(table, indices)
     if len(indices) == 2:
         part = _named_unit(found, indices[1:])
         return pair(table, indices, columns, SECONDS.get(part or "", 1e-9))
@@ -143,6 +188,8 @@ def _read(table, indices: list[int], stated: str | None, rate: float | int | Non
         return Clock(indices, column, "date", "dates")
     if index in table.clocks:
         return Clock(indices, since_midnight(column), "time of day", "times of day")
+    if not explicit and (dates := from_date_digits(column)) is not None:
+        return Clock(indices, dates, "date", "dates, written as digits")
     if stated is None and rate is None and (digits := from_digits(column)) is not None:
         return Clock(indices, since_midnight(digits), "time of day", "times of day, written as digits")
     if stated == "sampletimefine":
@@ -271,6 +318,16 @@ def check_rate(clock: Clock, stated: tuple[float, str] | None, warnings: list[st
 def no_clock(table, rate_needed: bool, counters: list[str]) -> DataError:
     """Error for a table without a clock and without a rate."""
     counted = f"; {', '.join(counters)} counts rows and is no time" if counters else ""
+    for i, name in enumerate(table.names):
+        column = table.columns[i]
+        if _STEPS_OF_TIME.fullmatch(plain(name)) and column.dtype.kind in "iuf" and (step := float(np.nanmedian(column))) > 0:
+            counted += f"; {name} holds the steps of time, {step:g} in the median: 1 over it, in s, is the rate"
+    words = [i for i, name in enumerate(table.names) if name and table.columns[i].dtype.kind == "O" and _LIKE_TIME.search(name)]
+    for i in words[:1]:
+        shown = next((str(value) for value in table.columns[i] if value is not None), "")
+        counted += (
+            f"; {table.names[i]} holds {shown[:40]!r}, a form of time that is not known: write it as seconds, or as 2024-05-01 12:00:00.010"
+        )
     return DataError(
         f"there is no time column among {listing(table.names, len(table.columns))}{counted}; give the sampling rate with rate= (--rate), "
         "or name the column with columns={'time': ...} (--columns time=...)"

@@ -119,7 +119,7 @@ def resolve(columns: Columns, names: list[str], count: int) -> dict[str, list[in
                 indices += list(range(ends[0], ends[1] + 1)) if len(ends) == 2 else ends
             else:
                 indices.append(_find(column, names, count, quantity))
-        limit = {"time": 2, "temperature": 1}.get(quantity, 3)
+        limit = {"time": 4, "temperature": 1}.get(quantity, 3)
         if not 1 <= len(indices) <= limit or len(set(indices)) != len(indices):
             raise DataError(f"columns=: {quantity} got columns {indices}; give {'1 to 3' if limit == 3 else limit} different ones")
         found[quantity] = indices

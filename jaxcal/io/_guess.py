@@ -153,7 +153,7 @@ def _by_size(sensor: str, size: float, seen: str, values: np.ndarray) -> Guess:
                     return Guess(unit, f"{seen}; {steps[1]}", other)
                 if steps and steps[0] != unit:
                     sure = False
-                if sensor == "accel" and unit == "mg" and sure and 961.0 < size < 990.0:
+                if sensor == "accel" and unit == "mg" and sure and 961.0 < size < 998.0:
                     return Guess(unit, f"{seen}; uncertain, could be cm/s^2", "cm/s^2", False)
                 # whole numbers near 1000 may be counts of 1/1024 g; a single axis does not give a magnitude
                 sure = sure and not (whole and unit == "mg") and values.shape[1] == 3

@@ -30,7 +30,7 @@ def refuse_mixed(table, columns: dict[str, list[int]]) -> None:
             return
         name = plain(table.names[i])
         device, perhaps = bool(_DEVICE.fullmatch(name)), bool(_PERHAPS.fullmatch(name))
-        if column.dtype.kind != "O" and not device and not perhaps:
+        if column.dtype.kind != "O" and not device and not perhaps and table.names[i]:
             continue
         code = _codes(values)
         if code is None:
@@ -41,10 +41,14 @@ def refuse_mixed(table, columns: dict[str, list[int]]) -> None:
             continue
         smooth = _smoother(table, chosen, code)
         # an id may also be a counter that starts again, so the values must confirm it
-        if smooth > 3.0 or (device and (smooth > 0.8 or np.mean(turns) > 0.9)) or (perhaps and kinds <= 8 and smooth > 1.3):
+        if (
+            smooth > 3.0
+            or (device and (smooth > 0.8 or np.mean(turns) > 0.9))
+            or (perhaps and kinds <= 8 and (smooth > 1.3 or (kinds <= 4 and np.mean(turns) > 0.9)))
+        ):
             shown = ", ".join(sorted({f"{value:g}" if isinstance(value, float) else str(value) for value in values.tolist()})[:6])
             raise DataError(
-                f"column {i} ({table.names[i]}) names {kinds} devices or sensors whose rows take turns ({shown}): they are "
+                f"column {i} ({table.names[i] or 'no name'}) names {kinds} devices or sensors whose rows take turns ({shown}): they are "
                 "recordings of their own, mixed in one table; keep the rows of one of them in a file and read that"
             )
 

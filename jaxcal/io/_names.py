@@ -28,12 +28,13 @@ _WORDS = {
         "g|gyr|gyro|gyros|gyroscope|gyroscopes|gyroskop|giroscopio|giroscopo|gyrorotation|gyrorotationrate|gyroscoperotationrate|w|omega|"
         "angularvelocity|angvelocity|angvel|angularvel|angularrate|angrate|anglerate|angularspeed|rate|rates|rotationrate|rotrate|"
         "rotationspeed|turnrate|rateofturn|drehrate|drehgeschwindigkeit|winkelgeschwindigkeit|vitesseangulaire|velocidadangular|"
+        "hoeksnelheid|jiroskop|zyroskop|gyroskooppi|kulmanopeus|predkosckatowa|acsalhz|vinkelhastighet|"
         "velocitaangolare|velocidadeangular|wrss|av|as|wb|gyrounfiltered|deltarate"
     ),
     "accel": (
         "a|ac|acc|acce|accel|accelero|accelerometer|accelerometers|acceleration|accelerations|accelerometeracceleration|f|gf|gforce|fb|"
         "specificforce|sf|totalacceleration|totalacc|accelerationincludinggravity|accelerationwithg|beschleunigung|beschl|"
-        "beschleunigungssensor|beschleunigungmitg|aceleracion|acelerometro|accelerazione|accelerometro|aceleracao|acelerometro|arss|"
+        "beschleunigungssensor|beschleunigungmitg|versnelling|ivme|przyspieszenie|kiihtyvyys|zrychleni|aceleracion|acelerometro|accelerazione|accelerometro|aceleracao|acelerometro|arss|"
         "properacceleration"
     ),
     # this name means opposite things in ROS and phyphox; the values decide whether gravity is included
@@ -58,12 +59,12 @@ _WORDS = {
 _KINDS = {kind: frozenset(words.split("|")) for kind, words in _WORDS.items()}
 _TIME = _words(
     "t time timestamp timestamps stamp ts tstamp clock elapsed elapsedtime timeelapsed datetime utc utctime zeit zeitstempel uhrzeit "
-    "temps tiempo tempo horodatage secondselapsed elapsedseconds timesincestart timesinceboot timefromstart systemtime systime "
-    "sensortime devicetime unixtime unixtimestamp unix epoch epoc epochtime timeintervalsince timestampsince loggingtime gpstow tow "
-    "gpstime rostime hosttime phonetime phonetimestamp localtime rtc chiptime recordtime recordingtime logtime boottime timestampunix "
-    "timeunix samplingtime timestampsample acquisitiontime runtime uptime relativetime reltime abstime absolutetime measurementtime "
-    "timeboot timesincereset timetag gpssow sow timeofday timeofweek monotonictime starttime timestart timesample wallclock "
-    "sensortimestamp loggingtimestamp motiontimestamp imutime imutimestamp timeimu"
+    "temps tiempo tempo horodatage tijd zaman czas aika tid cas offsettime secondselapsed elapsedseconds timesincestart timesinceboot "
+    "timefromstart systemtime systime sensortime devicetime unixtime unixtimestamp unix epoch epoc epochtime timeintervalsince "
+    "timestampsince loggingtime gpstow tow gpstime rostime hosttime phonetime phonetimestamp localtime rtc chiptime recordtime "
+    "recordingtime logtime boottime timestampunix timeunix samplingtime timestampsample acquisitiontime runtime uptime relativetime "
+    "reltime abstime absolutetime measurementtime timeboot timesincereset timetag gpssow sow timeofday timeofweek monotonictime "
+    "starttime timestart timesample wallclock sensortimestamp loggingtimestamp motiontimestamp imutime imutimestamp timeimu"
 )
 _TIME_UNITS = {
     "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sekunden": "s", "ms": "ms", "msec": "ms", "msecs": "ms",
@@ -77,7 +78,7 @@ _COUNTER = re.compile(
     r"|index|idx|unnamed|i|n|id|no|nr|num|number|row|rows|rownumber|line|seq|sequence|frame|frames|framenumber|frameid|counter|count|cnt|"
     r"packet|packets|packetcounter|packetnumber|packetnum|packetid|packetcount|sample|samples|samplenumber|sampleno|sampleid|sampleidx|"
     r"sampleindex|samplecount|samplecounter|nsamples|nsample|loopiteration|iteration|iter|record|recordnumber|point|punkt|zeile|step|"
-    r"datapoint|msgcount|loggingsample|measurement|messung|tick|ticks|zahler|nummer|lfd|lfdnr|headerseq|serial|entry|event"
+    r"datapoint|msgcount|tickno|loggingsample|measurement|messung|tick|ticks|zahler|nummer|lfd|lfdnr|headerseq|serial|entry|event"
 )
 #: words for the origin of a column, not its quantity
 _ORIGINS = _words(
@@ -174,6 +175,12 @@ def is_counter(name: str) -> bool:
     if not words and any(letter.isalpha() and not letter.isascii() for letter in name):
         return False  # an unknown word in another script
     return bool(_COUNTER.fullmatch("".join(words)))
+
+
+def is_other(name: str) -> bool:
+    """Whether a word of a name denotes an attitude or a motion, which may rise for a while as time does."""
+    words = {word for words in _cut(name[:_LONGEST]) for word in words if len(word) > 1}
+    return not words.isdisjoint(_KINDS["attitude"] | _KINDS["motion"])
 
 
 @functools.lru_cache(4096)

@@ -106,6 +106,10 @@ PROFILES = (
         ((rf"w_rs_s_{_XYZ} .*", "gyro", "rad/s"), (rf"a_rs_s_{_XYZ} .*", "accel", "m/s^2"), (r"timestamp \[ns\]", "time", "ns")),
     ),
     Profile(
+        "Kalibr", ("timestamp", "omega_x", "alpha_x"),
+        ((rf"omega_{_XYZ}", "gyro", "rad/s"), (rf"alpha_{_XYZ}", "accel", "m/s^2"), ("timestamp", "time", None)),
+    ),
+    Profile(
         "OpenVINS or EuRoC ground truth", (r"time.*", "p_?x", "bwx", "bax"),
         ((r"[pqvb].*", "motion", None), (r"time.*", "time", "ns")),
     ),
@@ -153,6 +157,14 @@ OXTS = tuple(
     )
     for word in words.split()
 )
+
+
+#: names of the 40 columns of `ros2 topic echo --csv` for sensor_msgs/Imu, which has no header
+ROS2_IMU = (
+    "stamp_sec", "stamp_nanosec", "frame_id", *(f"orientation_{k}" for k in "xyzw"), *(f"orientation_covariance_{k}" for k in range(9)),
+    *(f"angular_velocity_{k}" for k in "xyz"), *(f"angular_velocity_covariance_{k}" for k in range(9)),
+    *(f"linear_acceleration_{k}" for k in "xyz"), *(f"linear_acceleration_covariance_{k}" for k in range(9)),
+)  # fmt: skip
 
 
 def matching(names: list[str], preamble: str, file: str) -> tuple[Profile | None, dict[int, Name]]:

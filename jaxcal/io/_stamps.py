@@ -1,6 +1,7 @@
 """Time stamps in one or two columns: unit from size and step, seconds with a separate fraction, times written as digits."""
 
 import dataclasses
+import re
 
 import numpy as np
 
@@ -88,6 +89,55 @@ def pair(table, indices: list[int], columns: list[np.ndarray], size: float) -> C
     return Clock(indices, (whole - first) + fraction * size, f"s + {small}", f"s and {small}", "s", True, int(first) * 10**9)
 
 
+def of_day(table) -> list[int] | None:
+    """Columns of the hour, the minute and the second, and of a fraction of it if there is one; None if a table has no such columns."""
+    words = [re.sub(r"^(?:time|utc|gps|rtc|clock)(?=.)|[^a-z]", "", name.lower()) for name in table.names]
+    found = []
+    for names, top in (
+        (("h", "hh", "hr", "hour", "hours"), 24),
+        (("m", "mm", "min", "minute", "minutes"), 60),
+        (("s", "ss", "sec", "second", "seconds"), 60),
+    ):
+        fits = [
+            i for i, word in enumerate(words) if word in names and table.columns[i].dtype.kind in "iuf" and _within(table.columns[i], top)
+        ]
+        if len(fits) != 1:
+            return None
+        found.append(fits[0])
+    if (
+        np.ptp(table.columns[found[2]]) == 0
+        or np.any(np.asarray(table.columns[found[0]]) % 1)
+        or np.any(np.asarray(table.columns[found[1]]) % 1)
+    ):
+        return None
+    fraction = [
+        i
+        for i, word in enumerate(words)
+        if fraction_size(table.names[i]) and word and is_fraction(table, found[2], i, fraction_size(table.names[i]))
+    ]
+    return [*found, *fraction[:1]]
+
+
+def fraction_size(name: str) -> float:
+    """Size in s of the unit that a name ends with, ms, us or ns; 0 for other names."""
+    word = re.sub(
+        r"[^a-z]",
+        "",
+        name.lower()
+        .replace("milli", "m")
+        .replace("micro", "u")
+        .replace("nano", "n")
+        .replace("econds", "")
+        .replace("econd", "")
+        .replace("sec", "s"),
+    )
+    return next((size for unit, size in SECONDS.items() if unit != "s" and word.endswith(unit)), 0.0)
+
+
+def _within(column: np.ndarray, top: int) -> bool:
+    return bool(np.isfinite(column).all() and column.min() >= 0 and column.max() < top)
+
+
 def since_midnight(clock: np.ndarray) -> np.ndarray:
     """Unwrap times of day in s, which restart at midnight, or after an hour if the hours are missing."""
     turn = DAY if np.nanmax(clock) >= 3600 else 3600.0
@@ -130,6 +180,31 @@ def from_digits(column: np.ndarray) -> np.ndarray | None:
             out = np.full(len(column), np.nan)
             out[np.isfinite(column)] = clock
             return out
+    return None
+
+
+def from_date_digits(column: np.ndarray) -> np.ndarray | None:
+    """Convert dates written as digits YYYYMMDDHHMMSS, perhaps with a fraction of a second, to dates; None for other numbers."""
+    if column.dtype.kind not in "iuf" or len(column) < 3 or not np.isfinite(column).all():
+        return None
+    for size in (1, 1000, 1_000_000):
+        if not 19e12 * size < column.min() <= column.max() < 21e12 * size:
+            continue
+        seconds, fraction = np.divmod(column, size if column.dtype.kind in "iu" else float(size))
+        whole = seconds.astype(np.int64)
+        ns = np.round((fraction / size + (seconds - whole)) * 1e9).astype(np.int64)
+        year, month, day, hour, minute, second = (whole // 10**k % 100 if k < 10 else whole // 10**k for k in (10, 8, 6, 4, 2, 0))
+        if (month < 1).any() or (month > 12).any() or (day < 1).any() or (day > 31).any():
+            return None
+        if (hour > 23).any() or (minute > 59).any() or (second > 59).any():
+            return None
+        months = ((year - 1970) * 12 + month - 1).astype("datetime64[M]")
+        days = months.astype("datetime64[D]") + (day - 1)
+        return (
+            days.astype("datetime64[ns]")
+            + (hour * 3600 + minute * 60 + second) * np.timedelta64(10**9, "ns")
+            + ns.astype("timedelta64[ns]")
+        )
     return None
 
 

@@ -1,4 +1,4 @@
-"""Noise model, simulation and fit."""
+"""Noise of a sensor at rest: a model of it, simulated records, and its coefficients fitted to a record."""
 
 from typing import TYPE_CHECKING
 

@@ -36,7 +36,7 @@ def read_csv(path: pathlib.Path) -> Table:
     require("polars", "reading tables", "csv")
     text = open_text(path)
     layout = sniff(text.head)
-    warnings: list[str] = []
+    warnings: list[str] = [text.mended] if text.mended else []
     columns = gather(text, layout, warnings)
     last = _cut_last(text, layout, columns)
     if last:
@@ -268,7 +268,10 @@ def _expected(text: Text, block: Block, rows: int) -> int:
 
 def _dates(column: Any) -> np.ndarray:
     """Convert dates with times to datetime64[ns], to UTC if they have a time zone."""
-    text = _months(column.str.strip_chars())
+    text = _months(column.str.strip_chars(" \t[]")).str.replace(
+        r"^(\d{4})(\d\d)(\d\d)[T_](\d\d)(\d\d)(\d\d)", "${1}-${2}-${3}T${4}:${5}:${6}"
+    )
+    text = text.str.replace(r"([T_ ])(\d\d?)-(\d\d)-(\d\d)(?:[.,_:-](\d+))?", "${1}${2}:${3}:${4}.${5}")
     parts = text.str.extract_groups(r"^([\d./-]+)(?:[T_]|,? +)([\d.,:]+\s*(?:[AaPp][Mm])?)").struct.unnest()
     day, clock = _days(parts.to_series(0)), _clocks(parts.to_series(1))
     whole = np.isfinite(clock)
@@ -303,7 +306,7 @@ def _days(column: Any) -> np.ndarray:
 def _clocks(column: Any) -> np.ndarray:
     """Convert times of day to s."""
     # minutes and seconds without hours get hour 0
-    text = column.str.strip_chars().str.replace(r"^(\d\d?:\d\d[.,])", "0:$1")
+    text = column.str.strip_chars(" \t[]").str.replace(r"^(\d\d?:\d\d[.,])", "0:$1")
     fields = text.str.extract_groups(r"^(\d\d?):(\d\d?):(\d\d)(?:[.,:](\d+))?\s*([AaPp])?").struct.unnest()
     hours, minutes, seconds, fraction = (fields.to_series(k).cast(float, strict=False).to_numpy() for k in range(4))
     digits = fields.to_series(3).str.len_chars().fill_null(0).to_numpy()

@@ -1,8 +1,10 @@
 """Read JSON: lists of numbers, lists of records, or arrays by name."""
 
+import contextlib
+import datetime
 import json
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,8 +26,9 @@ def read_json(path: pathlib.Path) -> Table:
     if path.stat().st_size > _LARGEST:
         raise DataError(f"the file has {path.stat().st_size} bytes, and JSON is read up to {_LARGEST}; write the readings as CSV")
     try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=_once)
-        columns = _arrays(content) or _columns(_records(content, {}))
+        content = _parsed(path.read_text(encoding="utf-8-sig"))
+        table = _described(content)
+        columns, rate = table or (_arrays(content) or _columns(_records(content, {})), None)
     except DataError:
         raise
     except RecursionError:
@@ -39,7 +42,31 @@ def read_json(path: pathlib.Path) -> Table:
     except OverflowError:
         raise DataError("it holds a number that is too large for a reading") from None
     whole = {i for i, column in enumerate(values) if np.all(np.isfinite(column)) and not np.any(column % 1)}
-    return Table(values, [name for name, _ in columns], whole, stem=path.stem)
+    return Table(values, [name for name, _ in columns], whole, rate=rate, stem=path.stem)
+
+
+def _parsed(text: str) -> Any:
+    """The content of a file, which may also hold one record in each line."""
+    try:
+        return json.loads(text, object_pairs_hook=_once)
+    except ValueError as error:
+        lines = [line for line in text.split("\n") if line.strip()]
+        if len(lines) < 2 or not all(line.lstrip().startswith("{") and line.rstrip().endswith("}") for line in lines):
+            raise error
+        return [json.loads(line, object_pairs_hook=_once) for line in lines]
+
+
+def _described(content: Any) -> tuple[list[tuple[str, Sequence[float | int]]], float | None] | None:
+    """Columns and rate of a recording of Edge Impulse: rows of values, names and units of the sensors, and the interval; or None."""
+    inside = content.get("payload", content) if isinstance(content, dict) else None
+    if not isinstance(inside, dict) or not _rows(inside.get("values")) or not isinstance(inside.get("sensors"), list):
+        return None
+    rows, sensors, interval = inside["values"], inside["sensors"], inside.get("interval_ms")
+    if len(sensors) != len(rows[0]) or not all(isinstance(one, dict) and isinstance(one.get("name"), str) for one in sensors):
+        return None
+    names = [f"{one['name']} [{one['units']}]" if isinstance(one.get("units"), str) else one["name"] for one in sensors]
+    rate = 1000.0 / interval if _number(interval) and 1e-3 < interval < 1e6 else None
+    return list(zip(names, zip(*rows, strict=True), strict=True)), rate
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -86,13 +113,25 @@ def _records(node: Any, around: dict[str, float | int]) -> list[dict[str, float 
     if isinstance(node, list):
         return [record for one in node if isinstance(one, dict) for record in _records(one, around)]
     here = dict(around)
-    for name, value in node.items():
+    for name, value in _flat(node):
         if _number(value):
             here[name] = value
         elif _vector(value):
             here |= dict(zip(_named(name, len(value)), value, strict=True))
     inner = [_records(value, here) for value in node.values() if isinstance(value, list) and value and isinstance(value[0], dict)]
     return max(inner, key=len) if inner else [here]
+
+
+def _flat(node: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Values of a record by name, those of a record inside it after its name; numbers and dates in quotes are numbers."""
+    for name, value in node.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{before}{name}_")
+        elif isinstance(value, str):
+            with contextlib.suppress(ValueError, OverflowError):
+                yield before + name, datetime.datetime.fromisoformat(value).timestamp() if ":" in value else float(value)
+        else:
+            yield before + name, value
 
 
 def _columns(records: list[dict[str, float | int]]) -> list[tuple[str, Sequence[float | int]]]:

@@ -1,4 +1,4 @@
-"""Convert lines with a label for every number (``ax: 0.01 ay: 0.02``), or lines after a time and an arrow, to a table.
+"""Convert lines with a label for every number (``ax: 0.01 ay: 0.02``), with lists, or after a time and an arrow, to a table.
 
 The result is one line of names, and lines of comma-separated numbers. A line of another form is unchanged, so that the reader of the table
 counts it as a fault.
@@ -9,20 +9,30 @@ import itertools
 import re
 from collections.abc import Callable
 
+from ..._errors import DataError
 from .._names import AXES
 
 _LOOK, _SHARE = 60, 0.8
 #: a label with its number; a time at the beginning of a line, in brackets or with the arrow of a serial monitor
-_PAIR = re.compile(r"[A-Za-z\]\)]\s*[:=]\s*[-+]?\.?\d")
+_PAIR = re.compile(r"[A-Za-z\]\)][\"']?\s*[:=]\s*[-+]?\.?\d")
 _TIME = re.compile(r"\s*\[?((?:\d{4}-\d\d-\d\d[ T])?\d\d:\d\d:\d\d[.,]\d+)\]?\s*(->)?\s*")
-_NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w:]|\.\d)")
+#: the beginning of a line of the log of ESP-IDF, with the time in ms
+_ESP = re.compile(r"\s*[EWIDV] \((\d+)\) [\w.-]+:\s*")
+#: numbers in brackets, as Python writes a list
+_LIST = re.compile(r"\"?[\[(]\s*([-+]?\.?\d[^\[\]()\"]*?)\s*[\])]\"?")
+#: the text before the first number of a line
+_WORD = re.compile(r"\s*([^\d\s]\D{0,40}?)[-+]?\.?\d")
+_SENSOR = re.compile(r"imu|gyr|acc|mag", re.IGNORECASE)
+_NUMBER = re.compile(r"(?<![\w.^])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w:]|\.\d)")
 
 
 def relabelled(text: str) -> Callable[[str], str] | None:
     """Return a function that converts such text to a table; None for text of another form."""
     lines = [line for line in text.split("\n", _LOOK + 1)[: _LOOK + 1] if line.strip()][:_LOOK]
+    if (header := _listed(lines)) is not None:
+        return lambda text: "\n".join([*header, *(_LIST.sub(_spread, line) for line in text.split("\n")[bool(header) :])])
     arrows = sum(bool((match := _TIME.match(line)) and match[2]) for line in lines)
-    pairs = sum(len(_PAIR.findall(_TIME.sub("", line, 1))) > 1 for line in lines)
+    pairs = sum(len(_PAIR.findall(_ESP.sub("", _TIME.sub("", line, 1), 1))) > 1 for line in lines)
     if len(lines) < 5 or max(arrows, pairs) < _SHARE * len(lines):
         return None
     forms = collections.Counter(_taken_apart(line)[0] for line in lines)
@@ -30,6 +40,8 @@ def relabelled(text: str) -> Callable[[str], str] | None:
     if count < _SHARE * len(lines) or len(form) < 2:
         return None
     names = _names(form)
+    if form[0] == "\0" and any(map(_ESP.match, lines)):
+        names[0] = "time_ms"
     timed = form[0] == "\0"
 
     def table(text: str) -> str:
@@ -46,9 +58,53 @@ def relabelled(text: str) -> Callable[[str], str] | None:
     return table
 
 
+def _listed(lines: list[str]) -> list[str] | None:
+    """The header for lines with lists of numbers in brackets, such as ``0.1,"[1.0, 2.0, 3.0]"``, or none; None for other lines."""
+    lists = [[len(one.split(",")) for one in _LIST.findall(line)] for line in lines]
+    if len(lines) < 5 or max(lists[1], default=0) < 2 or sum(one == lists[1] for one in lists) < _SHARE * len(lines):
+        return None
+    names = [field.strip().strip('"') for field in lines[0].split(",")]
+    fields = _LIST.sub("\0", lines[1]).split(",")
+    if lists[0] or len(names) != len(fields):
+        return []
+    widths = iter(lists[1])
+    spread = [(name, next(widths) if "\0" in field else 1) for name, field in zip(names, fields, strict=True)]
+    return [",".join(f"{name}_{AXES[k] if width == 3 else k}" if width > 1 else name for name, width in spread for k in range(width))]
+
+
+def _spread(match: re.Match[str]) -> str:
+    return ",".join(part.strip() for part in match[1].split(","))
+
+
+def refuse_kinds(lines: list[str]) -> None:
+    """Refuse lines that are not one sample each: printed arrays, and lines of several kinds in turn with a word before the numbers."""
+    lines = [line for line in lines if line.strip()]
+    if len(lines) > 4 and "[[" in lines[0] and sum(line.strip()[0] == "[" for line in lines) > _SHARE * len(lines):
+        raise DataError("the lines stand in brackets, as print() writes an array of Python: save the array with numpy.savetxt or as .npy")
+    found = [(match[1], line) for line in lines if (match := _WORD.match(line)) and re.search("[A-Za-z]", match[1])]
+    kinds = collections.Counter(kind for kind, _ in found)
+    turns = sum(one != other for (one, _), (other, _) in itertools.pairwise(found))
+    if len(found) < max(20, 0.6 * len(lines)) or not 2 <= len(kinds) <= 20 or turns < 0.4 * len(found):
+        return
+    # a label before every sample, such as that of an activity, is no kind of line
+    sensors = [kind for kind, _ in kinds.most_common() if _SENSOR.search(kind)]
+    widths = {len(re.split("[,;\t ]+", line)) for _, line in found}
+    if len(widths) == 1 and not sensors and not all(kind.rstrip().endswith((":", "=")) for kind in kinds):
+        return
+    kind = sensors[0] if sensors else kinds.most_common(1)[0][0]
+    word = re.sub(r"([\\/.*$^\[\]])", r"\\\1", kind)
+    labelled = len(_PAIR.findall(next(line for one, line in found if one == kind))) > 1
+    command = f"grep '{word}' LOG > one.txt" if labelled else f"sed -n 's/^ *{word}//p' LOG > one.txt"
+    shown = ", ".join(repr(kind.strip(" ,;:=\t")) for kind, _ in kinds.most_common(6))
+    raise DataError(
+        f"lines of several kinds take turns ({shown}), and a sample is spread over them; keep those of one sensor, as with `{command}`, "
+        "and read that"
+    )
+
+
 def _taken_apart(line: str) -> tuple[tuple[str, ...], list[str]]:
     """Split a line into the texts between its numbers, and the numbers; a time at its beginning is the first number."""
-    match = _TIME.match(line)
+    match = _TIME.match(line) or _ESP.match(line)
     first = [match[1].replace(",", ".")] if match else []
     rest = line[match.end() :] if match else line
     words, end = [], 0
@@ -72,7 +128,7 @@ def _names(form: tuple[str, ...]) -> list[str]:
             label = f"{group}_{AXES[place]}" if group and place < 3 else ""
             if place == 1 and names and group:
                 names[-1] = re.sub(re.escape(group), f"{group}_x", names[-1], count=1)
-        elif label.lower() in AXES and group:
+        elif label.lower() in AXES and group and group.lower() not in AXES:
             label, place = f"{re.sub(r'[ _]?[xyzXYZ]$', '', group)}_{label}", 0
         else:
             group, place = label, 0

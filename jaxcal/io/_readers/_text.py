@@ -16,7 +16,7 @@ from ..._errors import DataError
 from .._columns import SENSORS
 from .._names import OTHER_SCRIPTS, parse_name, unit_of
 from ._bounds import check_declared
-from ._labelled import relabelled
+from ._labelled import refuse_kinds, relabelled
 
 _HEAD = 1 << 18
 #: with blocks of 4 MiB, two threads read as fast as they parse and need little memory
@@ -32,12 +32,18 @@ _DAY = (
 )
 #: also minutes and seconds without hours, as spreadsheets save times
 _TIME_OF_DAY = r"(?:\d\d?:\d\d:\d\d(?:[.,:]\d+)?(?:\s*[AaPp][Mm])?|\d\d?:\d\d[.,]\d+)"
-_DATE = re.compile(rf"{_DAY}(?:[T_]|,? +){_TIME_OF_DAY}\s*(?:Z|UTC|[+-]\d\d:?\d\d)?")
-_DAY_ALONE, _CLOCK = re.compile(_DAY), re.compile(_TIME_OF_DAY)
+_DATE = re.compile(
+    rf"\[?(?:{_DAY}(?:[T_]|,? +)(?:{_TIME_OF_DAY}|\d\d?-\d\d-\d\d(?:[.,_:-]\d+)?)|\d{{8}}[T_]\d{{6}}(?:[.,]\d+)?)"
+    r"\s*(?:Z|UTC|[+-]\d\d:?\d\d)?\]?"
+)
+_DAY_ALONE, _CLOCK = re.compile(_DAY), re.compile(rf"\[?{_TIME_OF_DAY}\]?")
 _ANY = re.compile("|".join(f"(?:{form.pattern})" for form in (_NUMBER, _COMMA_NUMBER, _DATE, _DAY_ALONE, _CLOCK)), re.IGNORECASE)
 #: kinds of text columns that are converted to time stamps
 STAMPS = ("date", "day", "clock")
 _LOOK = 500
+#: blocks of zero bytes, which a memory card leaves where nothing was written before the power went
+_HOLE = re.compile(rb"\0{8,}")
+_HOLES = "blocks of zero bytes are left out: the logger reserved them and did not write there; a row beside one may be lost"
 _CONTROL = bytes([*range(9), *range(14, 32)])
 #: largest number of fields, and of characters, in a line of a log
 WIDEST, _LONGEST_LINE = 5000, 1 << 20
@@ -52,6 +58,7 @@ class Text:
     first: bytes  # the bytes of the head, as in the blocks
     content: bytes | None
     packed: bool
+    mended: str = ""  # warning on what was removed
 
     def start(self, lines: int) -> int:
         """Byte offset of the line after the first `lines` lines."""
@@ -110,7 +117,12 @@ def open_text(path: pathlib.Path) -> Text:
     with _gzip_faults(), gzip.open(path) if packed else path.open("rb") as file:
         first = file.read(_HEAD)
         whole = not file.read(1)
-    encoding = _encoding(first)
+    holes = _HOLE.search(first) is not None and b"\0" not in _HOLE.sub(b"", first)
+    encoding = _encoding(_HOLE.sub(b"\n", first) if holes else first)
+    if holes:
+        content = _HOLE.sub(b"\n", b"".join(_unpacked(path, 0)) if packed else path.read_bytes())
+        content = content.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n").encode()
+        return Text(path, content[:_HEAD].decode("utf-8", errors="replace"), content[:_HEAD], content, packed, _HOLES)
     text = first.decode(encoding, errors="replace")
     if not whole:
         _refuse_wide(text.split("\n"))
@@ -206,6 +218,7 @@ def sniff(text: str) -> Layout:
     lines = text.split("\n", _LOOK)[:_LOOK]
     lines = [part for line in lines for part in line.rstrip("\r").split("\r")][:_LOOK]
     _refuse_wide(lines)
+    refuse_kinds(lines)
     best: tuple[str, int, dict[int, list[str]]] | None = None
     ended = [line.rstrip() for line in lines if line.strip()]
     ended = len(ended) > 2 and sum(line.endswith(";") and line.count(";") == 1 and "," in line for line in ended) > 0.9 * len(ended)
@@ -223,7 +236,10 @@ def sniff(text: str) -> Layout:
             break
     if best is None:
         shown = next((line.strip() for line in lines if line.strip()), "")
-        raise DataError(f"there are no rows of numbers; the first line is {shown[:80]!r}")
+        hexadecimal = (
+            "; numbers such as 0x1F are hexadecimal: write them as signed decimal ones" if re.search(r"\b0x[\da-fA-F]", text) else ""
+        )
+        raise DataError(f"there are no rows of numbers; the first line is {shown[:80]!r}{hexadecimal}")
     delimiter, width, found = best
     first, data = min(found), list(found.values())
     stated = ""
