@@ -1,17 +1,17 @@
 r"""Spectra that pass for flicker and a random walk: another exponent, and Gauss-Markov processes.
 
-The fit takes B and K for the slow noise of a record. Before they are called present, others are tried in their place: a density
-:math:`c^2 (2\pi f)^{-\alpha}`, one Gauss-Markov process, and two; and one process beside B and K. All are fitted to the same ordinates.
-What counts is twice the gain in log likelihood over B and K. An alternative is admitted where it reaches a level that about one
-record in 300 of Q, N, B and K alone reaches (`benchmarks/records.py --only alternatives`). Its terms are then fitted beside B and
-K, which are judged by what they explain beyond it.
+B and K describe the slow noise of a record. Before the fit calls them present, it tries other models in their place: a density
+:math:`c^2 (2\pi f)^{-\alpha}`, and one, two or three Gauss-Markov processes; and one process beside B and K. It fits all models to the
+same ordinates, and compares twice their gains in log likelihood over B and K. A model is admitted where its gain reaches a level that
+about one record in 300 of Q, N, B and K alone reaches (`benchmarks/records.py --only alternatives`). The fit then has its terms beside
+B and K, which are judged by what they explain beyond it.
 
-An alternative that is not admitted may still be as likely as B and K. Then N has an interval that holds for both models, and a term
-that the alternative does without is a hint at most:
+A model that is not admitted may still be nearly as likely as B and K. The interval of N then holds for both models, and a term that
+the other model does without is a hint at most:
 
-- K, unless it explains more than flicker of any exponent does. The exponents of measured flicker lie near one, so the gain of an
-  exponent :math:`\alpha` is reduced by :math:`((\alpha - 1)/\sigma)^2`, with :math:`\sigma = 0.15`, the logarithm of a normal prior.
-- B, where one Gauss-Markov process explains more than B and K do, or two explain much more.
+- K, unless B and K explain more than flicker of any exponent from 0.8 to 1.2 does without K. The level is that of the likelihood ratio
+  at which flicker of exponent 1.2 makes 3 % of records show K. No verdict can find more random walks (`--only power`).
+- B, where one Gauss-Markov process explains more than B and K do, or several explain much more.
 """
 
 import functools
@@ -31,18 +31,22 @@ _ALIKE = 0.1  # exponents nearer than this to 1 are flicker
 _EXPONENTS = np.arange(3, 19) / 10.0
 _OTHER = np.abs(_EXPONENTS - 1.0) > _ALIKE / 2.0
 _LAWS: tuple[tuple[Term, ...], ...] = tuple((PowerLaw(exponent=float(value)),) for value in _EXPONENTS)
-_SPREAD = 0.15  # standard deviation of the exponents of measured flicker about 1
+#: positions of exponents of flicker among these, and twice the log likelihood that K must gain over flicker of such an exponent
+_FLICKER, _WANDERS = slice(5, 10), 4.25
 _TIMES = 14  # correlation times that are tried, from ten samples to a quarter of the record
 _HALVINGS = 4  # of the step between neighbours, around the best of them
 _WORTH = 3.0  # score of one more term below which the search is short: alternatives that are admitted have twice that and more
+_THIRD = 2.0  # gain in log likelihood below which a third process is not looked for
 _SLOW = 5.41  # twice the gain of B and K over none below which there is nothing to replace
 _OWN = 1e-9  # part of a term's squares that the terms of the fit must leave for it to be another term
 _TINY = np.finfo(float).tiny ** 0.5
 #: family -> shape parameters and coefficients beyond those of B and K, twice the gain in log likelihood that admits it, and that
-#: from which B, or K beside a power law, is a hint at most
+#: from which B is a hint at most
 _FAMILIES = {
-    "power law": (0, 9.0, -PRESENT), "one process": (0, 8.0, 1.0), "two processes": (2, 13.0, 8.0), "process beside": (2, 13.0, np.inf),
+    "power law": (0, 9.0, np.nan), "one process": (0, 8.0, 2.0), "two processes": (2, 13.0, 8.0), "three processes": (4, 17.0, 12.0),
+    "process beside": (2, 13.0, np.nan),
 }  # fmt: skip
+_PROCESSES = ("one process", "two processes", "three processes")
 _PARAMETER = 2.0  # what one parameter more must gain for a family to be preferred to another
 
 
@@ -65,9 +69,9 @@ class Alternative(NamedTuple):
 
 
 class Alternatives(NamedTuple):
-    """The best of each family that was tried, the likeliest family first; `flicker` is flicker of an exponent of its own alone.
+    """The best model of each family that was tried, the likeliest family first.
 
-    The gain of `flicker` is reduced by the prior of its exponent.
+    `flicker` is flicker of the likeliest exponent near 1, without K.
     """
 
     listed: tuple[Alternative, ...] = ()
@@ -88,9 +92,10 @@ class Alternatives(NamedTuple):
         model, found = self.admitted, {}
         if model is not None and model.family != "process beside":
             return {}  # B and K are judged by what they explain beyond it
-        judged = [("B", one) for one in self.listed if one.family in ("one process", "two processes")]
-        for term, one in [("K", self.flicker), *judged] if self.flicker else judged:
-            if one.net > model.net - PRESENT if model else one.gain > _FAMILIES[one.family][2]:
+        judged = [("B", one, _FAMILIES[one.family][2]) for one in self.listed if one.family in _PROCESSES]
+        judged += [("K", self.flicker, -_WANDERS)] if self.flicker else []
+        for term, one, level in judged:
+            if one.net > model.net - PRESENT if model else one.gain > level:
                 found.setdefault(term, one)
         return found
 
@@ -117,7 +122,8 @@ def find_alternatives(fitted: Fitted, terms: tuple[Term, ...], dt: float, durati
     slopes, lags = PowerLaw(exponent=_EXPONENTS[:, None]).psd(f, dt), GaussMarkov(time=np.array(times)[:, None]).psd(f, dt)
     costs = search.costs(_LAWS, slopes[:, :, None])
     gains = np.array([search.gain(cost) for cost in costs])
-    flicker = Alternative("power law", *_near_one(gains))
+    near = range(len(gains))[_FLICKER]
+    flicker = max((Alternative("power law", _LAWS[i], float(gains[i])) for i in near), key=lambda one: one.gain)
     index = int(np.flatnonzero(_OTHER)[np.argmin(costs[_OTHER])])
     law, process = (_LAWS[index], float(costs[index])), search.best(ones, lags[:, :, None])
     found = {"power law": law, "one process": process}
@@ -128,25 +134,14 @@ def find_alternatives(fitted: Fitted, terms: tuple[Term, ...], dt: float, durati
         found = {
             "power law": search.refined(law, 0.1),
             "one process": search.refined(process, step),
-            "two processes": search.refined(search.best(pairs), step),
+            "two processes": (two := search.refined(search.best(pairs), step)),
             "process beside": search.best(ones, lags[:, :, None], beside=True),
         }
+        three = search.best([(*two[0], _process(time, "markov3")) for time in times])
+        if two[1] - three[1] > _THIRD * fitted.inflation:
+            found["three processes"] = search.refined(three, step)
     listed = [Alternative(family, best, search.gain(cost)) for family, (best, cost) in found.items()]
     return Alternatives(tuple(sorted(listed, key=lambda one: -(one.net + 1e3 * one.admitted))), flicker)
-
-
-def _near_one(gains: AnyArray) -> tuple[tuple[Term, ...], float]:
-    """The likeliest exponent of flicker under its prior, from the gains at all exponents, and its gain less that of the prior."""
-    gains = gains - ((_EXPONENTS - 1.0) / _SPREAD) ** 2
-    index = int(np.clip(np.argmax(gains), 1, len(gains) - 2))
-    near = gains[index - 1 : index + 2]
-    before, best, after = np.where(np.isfinite(near), near, 0.0)
-    bend = 2.0 * best - before - after  # of the parabola through the three
-    if not np.all(np.isfinite(near)) or bend <= 0.0:
-        return _LAWS[index], float(near[1])
-    at = float(np.clip((after - before) / (2.0 * bend), -1.0, 1.0))
-    exponent = float(_EXPONENTS[index] + at * (_EXPONENTS[1] - _EXPONENTS[0]))
-    return (PowerLaw(exponent=exponent),), float(best + at * (after - before) / 4.0)
 
 
 def _score(fitted: Fitted, densities: AnyArray) -> float:

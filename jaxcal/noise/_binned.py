@@ -138,7 +138,7 @@ def log_likelihood(y: Any, rate: Any) -> LogLikelihood:
     if is_traced(y) or not np.isnan(y).any():
         bins = bins_of(y, dt, terms)
     else:
-        from ._whittle import observed_bins
+        from ._solve import observed_bins
 
         bins = observed_bins(y, dt, terms)
     columns = {term: bins.columns[:, i] for i, term in enumerate(_TERMS)}

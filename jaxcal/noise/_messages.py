@@ -182,8 +182,9 @@ def _described(one: Alternative, fit: NoiseFit | None = None) -> str:
         each = [f"{term.time:.2g} s" for term in one.terms]  # type: ignore[attr-defined]
     else:
         each = [f"{time:.2g} s (standard deviation {float(strength) * np.sqrt(time / 2.0):.3g})" for strength, time in fit.noise.markov]
-    many = "two Gauss-Markov processes of correlation times" if len(each) > 1 else "one Gauss-Markov process of correlation time"
-    return f"{many} {' and '.join(each)}"
+    if len(each) == 1:
+        return f"one Gauss-Markov process of correlation time {each[0]}"
+    return f"{'two' if len(each) == 2 else 'three'} Gauss-Markov processes of correlation times {', '.join(each[:-1])} and {each[-1]}"
 
 
 def of_markov(fit: NoiseFit) -> str:

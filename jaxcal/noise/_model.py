@@ -299,7 +299,7 @@ def noise_of(terms: Iterable[Term], values: Iterable[Any], sinusoid: Iterable[tu
     """Make a noise model of the given terms and their coefficients."""
     found: dict[str, Any] = {"sinusoid": tuple(sinusoid)}
     for term, value in zip(terms, values, strict=True):
-        if isinstance(term, GaussMarkov) and term.name in ("markov", "markov2"):
+        if isinstance(term, GaussMarkov) and term.name in ("markov", "markov2", "markov3"):
             found["markov"] = (*found.get("markov", ()), (value, term.time))
         elif isinstance(term, Sinusoid):
             found["sinusoid"] = (*found["sinusoid"], (value, term.frequency))
