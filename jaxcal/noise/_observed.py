@@ -125,7 +125,7 @@ class Observed:
             lost = lost + np.einsum("ki,ij,kj->k", weighted, inverse, weighted)
         remainder = spectrum[:, 0] - design @ self.factors if design.shape[1] else spectrum[:, 0]
         squares = remainder**2
-        if not np.sum(squares) > _NOTHING**2 * (self._given[:, 0] @ self._given[:, 0]):
+        if not np.sum(squares) > _NOTHING**2 * np.sum(self._given[:, 0] ** 2):
             raise DataError(
                 "the record is a step, a ramp or another smooth change to within rounding: there is no noise to characterise. Check that "
                 "the log holds what the sensor sent"
