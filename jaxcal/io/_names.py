@@ -59,7 +59,7 @@ _WORDS = {
 _KINDS = {kind: frozenset(words.split("|")) for kind, words in _WORDS.items()}
 _TIME = _words(
     "t time timestamp timestamps stamp ts tstamp clock elapsed elapsedtime timeelapsed datetime utc utctime zeit zeitstempel uhrzeit "
-    "temps tiempo tempo horodatage tijd zaman czas aika tid cas offsettime secondselapsed elapsedseconds timesincestart timesinceboot "
+    "temps tiempo tempo horodatage tijd zaman czas aika tid cas offsettime gpst secondselapsed elapsedseconds timesincestart timesinceboot "
     "timefromstart systemtime systime sensortime devicetime unixtime unixtimestamp unix epoch epoc epochtime timeintervalsince "
     "timestampsince loggingtime gpstow tow gpstime rostime hosttime phonetime phonetimestamp localtime rtc chiptime recordtime "
     "recordingtime logtime boottime timestampunix timeunix samplingtime timestampsample acquisitiontime runtime uptime relativetime "

@@ -73,6 +73,8 @@ READ = {
     "a clock whose name says so only in part": (
         "tickNo,offsetTime,ax,ay,az\n" + rows([f"{4000000 + 90000 * i},{t}" for i, t in enumerate(SECONDS)])
     ),
+    "bursts of a radio": "t_ms,ax,ay,az\n" + rows([f"{1000 * TIME[i - i % 5] + i % 5:.0f}" for i in range(N)]),
+    "seconds of the GPS week": "GPST,ax,ay,az\n" + rows([f"{390884.27 + t:.2f}" for t in TIME]),
     "corrected values": "time,AccelCorrectedX,AccelCorrectedY,AccelCorrectedZ\n" + rows(SECONDS),
 }  # fmt: skip
 
@@ -115,6 +117,18 @@ REFUSED = {
     "a button between light and temperature": ("".join(
         f"{m},{a[0]},{a[1]},{a[2]},{300 + i % 7},0,27.{i % 10}\n" for i, (m, a) in enumerate(zip(SECONDS, ACCEL, strict=True))),
         "never changes"),
+    "a sensor in each row": ("time,sensor,x,y,z\n" + "".join(
+        f"{t},acc,{a[0]},{a[1]},{a[2]}\n{t}1,gyr,{w[0]},{w[1]},{w[2]}\n" for t, a, w in zip(SECONDS, ACCEL, GYRO, strict=True)),
+        "take turns"),
+    "rows that hold one sensor each": ("time,ax,ay,az,gx,gy,gz\n" + "".join(
+        f"{t},{a[0]},{a[1]},{a[2]},,,\n{t}4,,,,{w[0]},{w[1]},{w[2]}\n" for t, a, w in zip(SECONDS, ACCEL, GYRO, strict=True)),
+        "no row holds both gyro and accel"),
+    "a header with too few names": (
+        "time,ax,ay,az,gx,gy,gz\n" + "".join(f"{t},{t},7,{a[0]},{a[1]},{a[2]},1,{a[0]}\n" for t, a in zip(SECONDS, ACCEL, strict=True)),
+        "the line above the rows has 7 names, and the rows have 8 fields"),
+    "counts without names": (
+        "".join(",".join(str(round(v)) for v in [*(16384 * a), *w]) + "\n" for a, w in zip(ACCEL, 1e5 * GYRO, strict=True)),
+        "but the first has it in counts of 6.10352e-05 g"),
     "a time in words": ("time,ax,ay,az\n" + rows(["noon"] * N), "time holds 'noon', a form of time that is not known"),
 }  # fmt: skip
 
@@ -125,6 +139,16 @@ def test_a_habit_is_refused_with_what_to_do(which, tmp_path):
     (tmp_path / "log.csv").write_text(text)
     with pytest.raises(DataError, match=said):
         read(tmp_path / "log.csv", quiet=True)
+
+
+def test_one_sensor_of_several_in_turn_can_be_named(tmp_path):
+    (tmp_path / "log.csv").write_text(REFUSED["rows that hold one sensor each"][0])
+    log = read(tmp_path / "log.csv", columns="time=time,accel=ax,ay,az", units="accel=g", quiet=True)
+    assert log.rate == pytest.approx(RATE, rel=1e-3)
+    np.testing.assert_allclose(log.accel, ACCEL * G, atol=1e-6)
+    (tmp_path / "log.csv").write_text(REFUSED["a sensor in each row"][0])
+    log = read(tmp_path / "log.csv", columns="time=0,accel=2:4", units="accel=g", quiet=True)
+    assert any("take turns" in warning for warning in log.warnings)
 
 
 def test_a_rising_column_whose_name_does_not_speak_of_time_is_a_guess(tmp_path):
