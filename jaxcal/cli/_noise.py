@@ -114,7 +114,7 @@ def characterise(
 
             everywhere = {name: pooled(each, confidence) for name, each in recordings.items() if len(each) == len(also) + 1}
             screen.line()
-            screen.line(f"{len(also) + 1} recordings, each of which counts alike: geometric mean, and where the next recording lies")
+            screen.line(f"{len(also) + 1} recordings: geometric mean of each coefficient, and where that of the next recording lies")
             noise_tables(screen, everywhere, of="interval of the next recording")
         screen.sentences("Record length at which a term is known to 10 %, worst axis", longer_record(fits))
         screen.sentences("Record length that would decide on a term not detected", decides(fits))
