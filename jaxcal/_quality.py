@@ -141,8 +141,8 @@ def _repeated(sensor: str, values: np.ndarray, rate: float, warnings: list[str])
     if values.shape[1] < 3 or some < 30 or some > 0.6 * len(changed) or every < 0.7 * some:
         return
     warnings.append(
-        f"{sensor}: {100 * (1 - some / len(changed)):.2g} % of the samples repeat the one before in all axes; the sensor gives about "
-        f"{rate * some / len(changed):.3g} values a second: the densities of "
+        f"{sensor}: {100 * (1 - (some + 1) / len(values)):.2g} % of the samples repeat the one before in all axes; the sensor gives about "
+        f"{rate * (some + 1) / len(values):.3g} values a second: the densities of "
         "its noise are wrong unless it is read at that rate"
     )
 

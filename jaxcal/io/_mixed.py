@@ -53,6 +53,26 @@ def refuse_mixed(table, columns: dict[str, list[int]]) -> None:
             )
 
 
+def own_rows(
+    raw: dict[str, list[np.ndarray]], time: np.ndarray | None, problems: list[str]
+) -> tuple[dict[str, list[np.ndarray]], np.ndarray | None]:
+    """Leave out rows of other sensors, in which all chosen ones are empty; report sensors that no row holds together."""
+    held = {name: np.any([np.isfinite(column) for column in raw[name]], axis=0) for name in SENSORS if name in raw}
+    shares = {name: float(rows.mean()) for name, rows in held.items()}
+    if not held or min(shares.values()) > 0.8:
+        return raw, time
+    names = [name for name, share in shares.items() if share > 0.1]
+    if len(names) > 1 and not np.any(held[names[0]] & held[names[1]]):
+        problems.append(
+            f"no row holds both {names[0]} and {names[1]}: the rows of several sensors take turns; read them one by one, as with "
+            f"columns={{'{names[0]}': [...]}} (--columns {names[0]}=...)"
+        )
+    rows = np.any(list(held.values()), axis=0)
+    if time is None or not rows.any() or rows.mean() > 0.8:
+        return raw, time
+    return {name: [column[rows] for column in columns] for name, columns in raw.items()}, time[rows]
+
+
 def _codes(values: np.ndarray) -> np.ndarray | None:
     """Replace the values of a column by indices of its distinct values; None if there are too many."""
     if values.dtype.kind == "O":
@@ -66,15 +86,16 @@ def _codes(values: np.ndarray) -> np.ndarray | None:
 
 
 def _smoother(table, chosen: list[int], code: np.ndarray) -> float:
-    """Ratio of the median step between rows to the median step between rows of one device; the median over the channels."""
+    """Ratio of the typical step between rows to that between rows of one device; the median over the channels."""
     ratios = []
     for i in chosen:
         values = np.asarray(table.columns[i][: len(code)], np.float64)
         own = np.concatenate([np.abs(np.diff(values[code == k])) for k in range(int(code.max()) + 1)])
         all_rows, own = np.abs(np.diff(values)), own[np.isfinite(own)]
         all_rows = all_rows[np.isfinite(all_rows)]
-        if len(own) and len(all_rows) and np.median(own) > 0:
-            ratios.append(float(np.median(all_rows) / np.median(own)))
+        # not the median, because one of two devices may be dead
+        if len(own) and len(all_rows) and (typical := np.quantile(own, 0.75)) > 0:
+            ratios.append(float(np.quantile(all_rows, 0.75) / typical))
     return float(np.median(ratios)) if ratios else 1.0
 
 

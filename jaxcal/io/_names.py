@@ -59,7 +59,7 @@ _WORDS = {
 _KINDS = {kind: frozenset(words.split("|")) for kind, words in _WORDS.items()}
 _TIME = _words(
     "t time timestamp timestamps stamp ts tstamp clock elapsed elapsedtime timeelapsed datetime utc utctime zeit zeitstempel uhrzeit "
-    "temps tiempo tempo horodatage tijd zaman czas aika tid cas offsettime secondselapsed elapsedseconds timesincestart timesinceboot "
+    "temps tiempo tempo horodatage tijd zaman czas aika tid cas offsettime gpst secondselapsed elapsedseconds timesincestart timesinceboot "
     "timefromstart systemtime systime sensortime devicetime unixtime unixtimestamp unix epoch epoc epochtime timeintervalsince "
     "timestampsince loggingtime gpstow tow gpstime rostime hosttime phonetime phonetimestamp localtime rtc chiptime recordtime "
     "recordingtime logtime boottime timestampunix timeunix samplingtime timestampsample acquisitiontime runtime uptime relativetime "
@@ -84,6 +84,7 @@ _COUNTER = re.compile(
 _ORIGINS = _words(
     "imu field header msg data sensor sensors raw cal uncal calib uncalib calibrated uncalibrated value values val axis axe achse "
     "asse adc body attr "
+    "corrected compensated "
     "smooth in of the device phone input reading readings meas measured signal comp component channel ch ln wr low noise wide range "
     "mpu icm lsm bmi bno xsens mems filt filtered lpf avg"
 )
@@ -112,6 +113,17 @@ RELATIVE = re.compile(r"a\.?u\.?|arb(?:itrary)?\.?(?: units?)?|normali[sz]ed|loc
 COUNTS = re.compile(r"lsb|counts?|adc|digits?", re.IGNORECASE)
 
 
+#: words for units -> the unit
+_LONG_UNITS = tuple(
+    (re.compile(pattern, re.IGNORECASE), plain)
+    for pattern, plain in {
+        r"\*\*": "^", r"\u00ba": "\u00b0", r"\bmet(?:er|re)s?\b": "m", r"\bmilli[ -]?deg(?:ree)?s?\b": "mdeg",
+        r"\bdegrees?\b": "deg", r"\bradians?\b": "rad", r"\bseconds?\b": "s", r" *\bsquared\b": "^2", r"^g['\u2019]s$": "g",
+        r"(?:micro|\bu)[ -]?teslas?": "uT", r"nano[ -]?teslas?": "nT", r"(?<=tesla)s": "",
+    }.items()
+)  # fmt: skip
+
+
 @dataclasses.dataclass(frozen=True)
 class Name:
     """Meaning of a column name.
@@ -135,7 +147,10 @@ def bracketed(name: str) -> str | None:
 
 def unit_of(text: str, quantity: str) -> str | None:
     """Parse a unit in a header, with exponents such as ``rad s^-1`` and ``m s-2``; None if it is unknown."""
-    text = re.sub(r"\((\w+\^?\d?)\)", r"\1", text.strip()).rstrip("* ")
+    text = re.sub(r"\((\w+\^?\d?)\)", r"\1", re.sub("^(?i:in|units?:?) +", "", text.strip())).rstrip("* ")
+    if quantity != "time":
+        for pattern, plain in _LONG_UNITS:
+            text = pattern.sub(plain, text)
     if quantity == "mag" and text in ("g", "mg"):
         return {"g": "G", "mg": "mG"}[text]
     # superscripts and the degree sign, also after a wrong decoding

@@ -158,7 +158,7 @@ def is_fraction(table, whole: int, part: int, size: float) -> bool:
         steps = np.diff(seconds.astype(np.float64))
     else:
         return False
-    return bool(falls.any() and np.mean(steps[falls] == 1.0) > 0.9 and np.mean(steps[~falls] == 0.0) > 0.9)
+    return bool(falls.any() and np.mean((steps[falls] == 1.0) | (steps[falls] == -59.0)) > 0.9 and np.mean(steps[~falls] == 0.0) > 0.9)
 
 
 def from_digits(column: np.ndarray) -> np.ndarray | None:

@@ -183,7 +183,7 @@ def fit_curve(curve: Curve, used, cut, full: bool, heard: Response, two_sided, o
 
     # the intervals carry no derivative
     curve, fitted, spread = jax.lax.stop_gradient((curve, fitted, spread)) if xp is jnp else (curve, fitted, spread)
-    # Q is tested without the tail, which has the same slope and either sign, so that Q beside it would have no upper limit
+    # Q is tested without the tail: the tail has the same slope and may have either sign, so together with it Q would have no upper limit
     own = np.eye(p, p + 1, dtype=bool)
     admitted = xp.where(reported[:, None], lanes.free[0][None, :], own | xp.append(reported, False)[None, :])
 

@@ -41,6 +41,7 @@ _DIRECT = 24  # ranges of lags up to this length are summed term by term
 _EDGES = np.pi * np.geomspace(1e-12, 1.0, 1201)
 _MIDDLE, _WIDTH = (_EDGES[1:] + _EDGES[:-1]) / 2.0, np.diff(_EDGES)
 _PARTS, _STEPS = 64, 1 << 13
+_TOGETHER = 512  # pairs of cluster sizes: a few hundred thousand lags
 
 
 @functools.lru_cache(maxsize=64)
@@ -53,13 +54,16 @@ def covariance_tensor(samples: int, m: tuple[int, ...], dt: float, terms: tuple[
     tensor = np.zeros((len(terms), len(terms), clusters, clusters))
     closed = np.array([term.lagged(np.zeros(1), 1, 1, dt) is not None for term in terms])
     exact = tuple(term for term, known in zip(terms, closed, strict=True) if known)
-    for i, j in itertools.combinations_with_replacement(range(clusters), 2):
-        small, large = sorted((m[i], m[j]))
-        if not closed.all():
-            tensor[:, :, i, j] = _from_density(samples, small, large, dt, terms)
-        if exact:
-            tensor[(*np.ix_(closed, closed), i, j)] = _pair(samples, small, large, dt, exact)
-        tensor[:, :, j, i] = tensor[:, :, i, j]
+    pairs = np.array([(i, j) for i in range(clusters) for j in range(i + 1)])
+    small, large = np.sort(np.array(m)[pairs], axis=1).T
+    if not closed.all():
+        found = [_from_density(samples, a, b, dt, terms) for a, b in zip(small.tolist(), large.tolist(), strict=True)]
+        tensor[:, :, pairs[:, 0], pairs[:, 1]] = np.stack(found, axis=2)
+    if exact:
+        for part in np.array_split(np.arange(len(pairs)), -(-len(pairs) // _TOGETHER)):
+            where = np.flatnonzero(closed)[:, None, None], np.flatnonzero(closed)[None, :, None], *pairs[part].T
+            tensor[where] = _closed(samples, small[part], large[part], dt, exact)
+    tensor[:, :, pairs[:, 1], pairs[:, 0]] = tensor[:, :, pairs[:, 0], pairs[:, 1]]
     tensor.flags.writeable = False
     return tensor
 
@@ -122,12 +126,23 @@ def allan_covariance(noise: Noise, samples: int, m: Any, dt: float) -> Float[Any
     return xp.einsum("i,ijab,j->ab", theta, tensor, theta)
 
 
-def _pair(samples: int, small: int, large: int, dt: float, terms: tuple[Term, ...]) -> np.ndarray:
+def _closed(samples: int, small: np.ndarray, large: np.ndarray, dt: float, terms: tuple[Term, ...]) -> np.ndarray:
+    """(p, p, pairs) of terms with a closed form, at pairs of cluster sizes.
+
+    The lag at which the two differences have one centre is a place of symmetry, so only the lags from there on are visited.
+    """
     first, second = samples - 2 * small + 1, samples - 2 * large + 1
-    knots = np.unique([a * small - b * large for a in range(3) for b in range(3)])
-    h, weight = _nodes(knots, -first + 1, second - 1, first, second)
-    weight = weight * np.maximum(np.minimum(first, second - h) - np.maximum(0, -h), 0.0)
-    return 2.0 / (first * second) * _sums(np.array([term.lagged(h, small, large, dt) for term in terms]), weight, terms)
+    lags, weight, begin = _nodes(small, large, second)
+    pair = np.repeat(np.arange(len(small)), np.diff(begin, append=len(lags)))
+    m, other = small[pair].astype(float), large[pair].astype(float)
+    weight = weight * np.maximum(np.minimum(first[pair], second[pair] - lags) - np.maximum(0.0, -lags), 0.0)
+    weight = np.where(lags == m - other, weight, 2.0 * weight)
+    lagged, scale = [np.asarray(term.lagged(lags, m, other, dt)) for term in terms], 2.0 / (first * second)
+    found = np.zeros((len(terms), len(terms), len(small)))
+    for i, j in itertools.combinations_with_replacement(range(len(terms)), 2):
+        if not (isinstance(terms[i], Ramp) and isinstance(terms[j], Ramp)):
+            found[i, j] = found[j, i] = scale * np.add.reduceat(lagged[i] * lagged[j] * weight, begin)
+    return found
 
 
 def _sums(lagged, weight, terms: tuple[Term, ...]) -> np.ndarray:
@@ -182,35 +197,51 @@ def _kernel(small: int, large: int) -> np.ndarray:
     return np.where(small * width < 0.1, np.sin(small * angle / 2.0) ** 4 * late, both)
 
 
-def _nodes(knots, low: int, high: int, first: int, second: int):
-    """Lags and weights for the sum over low .. high of any function that is smooth between the knots."""
-    cuts = np.unique(np.clip(np.concatenate([knots, [low, high + 1, 0, second - first]]), low, high + 1))
-    cuts = np.unique(np.concatenate([cuts, np.clip(cuts + 1, low, high + 1)]))  # a knot is a range of its own, as it belongs to both sides
-    edges = [(a, _graded(int(b - a))) for a, b in itertools.pairwise(cuts)]
-    start = np.concatenate([a + edge[:-1] for a, edge in edges])
-    length = np.concatenate([np.diff(edge) for _, edge in edges])
-    rules = [(start[length == size], *_sum_rule(int(size))) for size in np.unique(length)]
-    lags = np.concatenate([(here[:, None] + x[None, :]).ravel() for here, x, _ in rules])
-    return lags, np.concatenate([np.tile(w, len(here)) for here, _, w in rules])
+def _nodes(small: np.ndarray, large: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lags from the centre on and weights that sum any summand smooth between the knots, pair after pair, and where each pair begins."""
+    starts, steps, counts = [], [], []
+    for m, other, number in zip(small.tolist(), large.tolist(), second.tolist(), strict=True):
+        low, end = m - other, number
+        knots = {a * m - b * other for a in range(3) for b in range(3)} | {0}
+        cuts = sorted({min(max(cut + more, low), end) for cut in knots for more in (0, 1)} | {end})  # a knot belongs to both sides
+        edges = [a + edge for a, b in itertools.pairwise(cuts) for edge in _graded(b - a)]
+        starts += edges
+        steps += [b - a for a, b in itertools.pairwise([*edges, end])]
+        counts.append(len(edges))
+    start, length = np.array(starts, dtype=float), np.array(steps)
+    sizes, kind = np.unique(length, return_inverse=True)
+    nodes, weights, each = _sum_rules(sizes)
+    number = each[kind]
+    place = np.arange(number.sum()) - np.repeat(np.cumsum(number) - number, number)
+    rule = np.repeat(kind, number)
+    owner = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    begin = (np.cumsum(number) - number)[owner]
+    return np.repeat(start, number) + nodes[rule, place], weights[rule, place], begin
 
 
-def _graded(length: int) -> np.ndarray:
-    """Edges from 0 to length; the distance between edges doubles from both ends towards the middle."""
+def _graded(length: int) -> list[int]:
+    """Where the steps from 0 to length begin; they double from both ends."""
     steps, half = [0], length // 2
     size = _DIRECT
     while steps[-1] + size < half:
         steps.append(steps[-1] + size)
         size = steps[-1]
-    return np.unique(np.concatenate([steps, length - np.array(steps)]))
+    return [*steps, *(length - step for step in steps[:0:-1])]
 
 
-@functools.lru_cache(maxsize=4096)
-def _sum_rule(length: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes x and weights w with sum_{k<length} f(k) = sum w f(x), exact for polynomials of degree 2 _NODES - 1 (Golub and Welsch)."""
-    if length <= _DIRECT:
-        return np.arange(float(length)), np.ones(length)
-    k = np.arange(1.0, _NODES)  # coefficients of the recurrence of the discrete Chebyshev polynomials follow
-    off = 0.5 * length * np.sqrt((1.0 - (k / length) ** 2) / (4.0 - 1.0 / k**2))
-    matrix = np.diag(off, 1) + np.diag(off, -1)
-    values, vectors = np.linalg.eigh(matrix)
-    return values + (length - 1) / 2.0, length * vectors[0] ** 2
+def _sum_rules(sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """For each length nodes x and weights w with sum_{k<length} f(k) = sum w f(x), and their number: Golub and Welsch.
+
+    Exact for polynomials of degree 2 _NODES - 1; short stretches are summed as they are.
+    """
+    nodes = np.tile(np.arange(float(_DIRECT)), (len(sizes), 1))
+    weights, number, long = np.ones_like(nodes), np.minimum(sizes, _DIRECT), sizes > _DIRECT
+    if long.any():
+        length, k = sizes[long, None].astype(float), np.arange(1.0, _NODES)  # of the recurrence of the discrete Chebyshev polynomials
+        matrix = np.zeros((len(length), _NODES, _NODES))
+        row = np.arange(_NODES - 1)
+        matrix[:, row + 1, row] = matrix[:, row, row + 1] = 0.5 * length * np.sqrt((1.0 - (k / length) ** 2) / (4.0 - 1.0 / k**2))
+        values, vectors = np.linalg.eigh(matrix)
+        nodes[long, :_NODES], weights[long, :_NODES] = values + (length - 1) / 2.0, length * vectors[:, 0] ** 2
+        number = np.where(long, _NODES, number)
+    return nodes, weights, number

@@ -268,9 +268,10 @@ def _expected(text: Text, block: Block, rows: int) -> int:
 
 def _dates(column: Any) -> np.ndarray:
     """Convert dates with times to datetime64[ns], to UTC if they have a time zone."""
-    text = _months(column.str.strip_chars(" \t[]")).str.replace(
-        r"^(\d{4})(\d\d)(\d\d)[T_](\d\d)(\d\d)(\d\d)", "${1}-${2}-${3}T${4}:${5}:${6}"
+    text = column.str.strip_chars(" \t[]").str.replace(
+        r"^[A-Z][a-z]{2} ([A-Z][a-z]{2}) +(\d\d?) ([\d:.,]+) (\d{4})$", "${2}-${1}-${4} ${3}"
     )
+    text = _months(text).str.replace(r"^(\d{4})(\d\d)(\d\d)[T_](\d\d)(\d\d)(\d\d)", "${1}-${2}-${3}T${4}:${5}:${6}")
     text = text.str.replace(r"([T_ ])(\d\d?)-(\d\d)-(\d\d)(?:[.,_:-](\d+))?", "${1}${2}:${3}:${4}.${5}")
     parts = text.str.extract_groups(r"^([\d./-]+)(?:[T_]|,? +)([\d.,:]+\s*(?:[AaPp][Mm])?)").struct.unnest()
     day, clock = _days(parts.to_series(0)), _clocks(parts.to_series(1))
@@ -307,12 +308,28 @@ def _clocks(column: Any) -> np.ndarray:
     """Convert times of day to s."""
     # minutes and seconds without hours get hour 0
     text = column.str.strip_chars(" \t[]").str.replace(r"^(\d\d?:\d\d[.,])", "0:$1")
-    fields = text.str.extract_groups(r"^(\d\d?):(\d\d?):(\d\d)(?:[.,:](\d+))?\s*([AaPp])?").struct.unnest()
+    fields = text.str.extract_groups(r"^(\d\d?):(\d\d?):(\d\d?)(?:[.,:](\d+))?\s*([AaPp])?").struct.unnest()
     hours, minutes, seconds, fraction = (fields.to_series(k).cast(float, strict=False).to_numpy() for k in range(4))
-    digits = fields.to_series(3).str.len_chars().fill_null(0).to_numpy()
+    digits = _digits(fields.to_series(3))
     half = fields.to_series(4).str.to_lowercase().fill_null("").to_numpy()
     hours = np.where(half == "", hours, hours % 12 + 12.0 * (half == "p"))
     return hours * 3600 + minutes * 60 + seconds + np.where(digits > 0, np.nan_to_num(fraction) / 10.0**digits, 0.0)
+
+
+def _digits(fraction: Any) -> np.ndarray:
+    """Number of digits of the fractions of a second, or that of the unit if they are counts of ms or us without leading zeros.
+
+    Of decimals, every tenth begins with a zero; if trailing zeros are left out, none ends with one.
+    """
+    digits = fraction.str.len_chars().fill_null(0).to_numpy()
+    most = int(digits.max(initial=0))
+    counts = most and digits[digits > 0].min() < most and not fraction.str.contains(r"^0\d").any() and fraction.str.contains(r"\d0$").any()
+    if counts and most not in (3, 6, 9):
+        raise DataError(
+            "no fraction of a second in the times begins with a zero: these are counts without leading zeros, and their unit is not clear; "
+            "write the times with all digits, as in 12:00:00.010"
+        )
+    return np.where(digits > 0, most, 0) if counts else digits
 
 
 _STAMPS = {"date": _dates, "day": _days, "clock": _clocks}

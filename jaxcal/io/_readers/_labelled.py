@@ -20,6 +20,9 @@ _TIME = re.compile(r"\s*\[?((?:\d{4}-\d\d-\d\d[ T])?\d\d:\d\d:\d\d[.,]\d+)\]?\s*
 _ESP = re.compile(r"\s*[EWIDV] \((\d+)\) [\w.-]+:\s*")
 #: numbers in brackets, as Python writes a list
 _LIST = re.compile(r"\"?[\[(]\s*([-+]?\.?\d[^\[\]()\"]*?)\s*[\])]\"?")
+#: a field of a message as `rostopic echo` prints it, and fields that tell such messages
+_FIELD = re.compile(r"( *)(\w+): *(\S*)\s*$")
+_MESSAGE = re.compile(r"^ *(?:angular_velocity|linear_acceleration|magnetic_field):", re.MULTILINE)
 #: the text before the first number of a line
 _WORD = re.compile(r"\s*([^\d\s]\D{0,40}?)[-+]?\.?\d")
 _SENSOR = re.compile(r"imu|gyr|acc|mag", re.IGNORECASE)
@@ -29,6 +32,8 @@ _NUMBER = re.compile(r"(?<![\w.^])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\
 def relabelled(text: str) -> Callable[[str], str] | None:
     """Return a function that converts such text to a table; None for text of another form."""
     lines = [line for line in text.split("\n", _LOOK + 1)[: _LOOK + 1] if line.strip()][:_LOOK]
+    if sum(line.strip() == "---" for line in text.split("\n", 2000)[:2000]) > 1 and _MESSAGE.search(text[:20_000]):
+        return _echoed
     if (header := _listed(lines)) is not None:
         return lambda text: "\n".join([*header, *(_LIST.sub(_spread, line) for line in text.split("\n")[bool(header) :])])
     arrows = sum(bool((match := _TIME.match(line)) and match[2]) for line in lines)
@@ -56,6 +61,26 @@ def relabelled(text: str) -> Callable[[str], str] | None:
         return "\n".join(out)
 
     return table
+
+
+def _echoed(text: str) -> str:
+    """A table of the numbers in messages that ``rostopic echo`` or ``ros2 topic echo`` printed, with their paths as names."""
+    rows: list[dict[str, str]] = []
+    for message in re.split(r"^---\s*$", text, flags=re.MULTILINE):
+        row: dict[str, str] = {}
+        path: list[tuple[int, str]] = []
+        for line in message.split("\n"):
+            match = _FIELD.match(line)
+            if not match:
+                continue
+            path = [one for one in path if one[0] < len(match[1])] + [(len(match[1]), match[2])]
+            if _NUMBER.fullmatch(match[3]):
+                row[".".join(name for _, name in path)] = match[3]
+        if row:
+            rows.append(row)
+    names = list(rows[0]) if rows else []
+    # the last message may be cut off
+    return "\n".join([",".join(names), *(",".join(row.get(name, "") for name in names) for row in rows if len(row) == len(names))]) + "\n"
 
 
 def _listed(lines: list[str]) -> list[str] | None:

@@ -1,5 +1,6 @@
 """Access to the bytes of a text table (plain, gzipped or in another encoding), and detection of its layout from its beginning."""
 
+import collections
 import contextlib
 import csv
 import dataclasses
@@ -31,9 +32,11 @@ _DAY = (
     rf"\d\d?[- ](?i:{'|'.join(MONTHS)})[a-z]{{0,6}}[- ]\d{{4}})"
 )
 #: also minutes and seconds without hours, as spreadsheets save times
-_TIME_OF_DAY = r"(?:\d\d?:\d\d:\d\d(?:[.,:]\d+)?(?:\s*[AaPp][Mm])?|\d\d?:\d\d[.,]\d+)"
+_TIME_OF_DAY = r"(?:\d\d?:\d\d?:\d\d?(?:[.,:]\d+)?(?:\s*[AaPp][Mm])?|\d\d?:\d\d[.,]\d+)"
+#: as ctime of C writes it
+_CTIME = rf"[A-Z][a-z]{{2}} (?i:{'|'.join(MONTHS)}) {{1,2}}\d\d? {_TIME_OF_DAY} \d{{4}}"
 _DATE = re.compile(
-    rf"\[?(?:{_DAY}(?:[T_]|,? +)(?:{_TIME_OF_DAY}|\d\d?-\d\d-\d\d(?:[.,_:-]\d+)?)|\d{{8}}[T_]\d{{6}}(?:[.,]\d+)?)"
+    rf"\[?(?:{_DAY}(?:[T_]|,? +)(?:{_TIME_OF_DAY}|\d\d?-\d\d-\d\d(?:[.,_:-]\d+)?)|{_CTIME}|\d{{8}}[T_]\d{{6}}(?:[.,]\d+)?)"
     r"\s*(?:Z|UTC|[+-]\d\d:?\d\d)?\]?"
 )
 _DAY_ALONE, _CLOCK = re.compile(_DAY), re.compile(rf"\[?{_TIME_OF_DAY}\]?")
@@ -226,12 +229,13 @@ def sniff(text: str) -> Layout:
         known = {i: line.rstrip("; ") if ended else line for i, line in enumerate(lines) if line.strip() and not _is_comment(line)}
         rows = {i: split(line, mark) for i, line in known.items()}
         rows_of_numbers = {i: row for i, row in rows.items() if _is_data(row)}
-        widths = [_effective(row) for row in rows_of_numbers.values()]
+        width_of = _width_of(list(rows_of_numbers.values()))
+        widths = [width_of(row) for row in rows_of_numbers.values()]
         if not widths:
             continue
         width = max(set(widths), key=widths.count)
         if best is None or width > 1 or best[1] == 1:
-            best = mark, width, {i: row for i, row in rows_of_numbers.items() if _effective(row) == width}
+            best = mark, width, {i: row for i, row in rows_of_numbers.items() if width_of(row) == width}
         if width > 1 and widths.count(width) > 0.5 * len(rows):
             break
     if best is None:
@@ -286,6 +290,13 @@ def split(line: str, delimiter: str) -> list[str]:
 
 def _is_comment(line: str) -> bool:
     return line.lstrip().startswith(COMMENTS)
+
+
+def _width_of(rows: list[list[str]]) -> Callable[[list[str]], int]:
+    """Function that counts the fields of a row. The last one counts although it is empty, if other rows of the usual length fill it."""
+    usual = collections.Counter(map(len, rows)).most_common(1)[0][0] if rows else 0
+    filled = any(row[-1].strip() for row in rows if len(row) == usual)
+    return lambda row: usual if filled and len(row) == usual else _effective(row)
 
 
 def _effective(row: list[str]) -> int:

@@ -102,8 +102,8 @@ class Term(eqx.Module):
 
         .. math:: \frac{1}{2mm'} \sum_{a,b=0}^{2} w_a w_b\, G(h + b m' - a m),\quad w = (1, -2, 1)
 
-        with G the generalised covariance of phase, m = `small` and m' = `large` the cluster sizes, and h the lags, which need not be
-        whole numbers.
+        with G the generalised covariance of phase, m = `small` and m' = `large` the cluster sizes and h the lags, whole or not: numbers, or
+        arrays of one shape.
         """
         return None
 

@@ -31,8 +31,8 @@ class Ramp(_NoDensity):
         return tau**2 / 2.0
 
     def lagged(self, h: Any, small: Any, large: Any, dt: Any) -> Any:
-        """Product of the second differences of two parabolas. In a covariance it occurs only multiplied by the noise of other terms."""
-        return np.full_like(h, dt**2 * small * large / 2.0)
+        """Product of the second differences of two parabolas; a ramp only multiplies the noise of other terms."""
+        return np.zeros_like(h) + dt**2 * small * large / 2.0
 
     def simulate(self, n: int, dt: float, random: np.random.Generator) -> Any:
         """The time in s since the first sample."""

@@ -120,15 +120,15 @@ def _inner(x, m):
     Far from zero the difference would lose its digits, so a series from the derivatives of its asymptotic form 4 x^2 ln x - ln x + 1/6
     replaces it. Linear terms of the result do not matter, because the outer second difference removes them.
     """
-    x = np.abs(np.asarray(x, dtype=float))
+    x, m = np.broadcast_arrays(np.abs(np.asarray(x, dtype=float)), m)
     far = x > 32 * m + 64
     out = np.empty_like(x)
-    z = x[far]
-    r = (m / z) ** 2
+    z, step = x[far], m[far]
+    r = (step / z) ** 2
     series = 4.0 * np.log(z) + 6.0 - r * (1 / 3 + r * (1 / 15 + r / 42)) + (0.5 + 0.25 * r) / z**2
-    out[far] = 2.0 * m**2 * series
-    near = x[~far]
-    out[~far] = _phase(near - m) - 2.0 * _phase(near) + _phase(near + m)
+    out[far] = 2.0 * step**2 * series
+    near, step = x[~far], m[~far]
+    out[~far] = _phase(near - step) - 2.0 * _phase(near) + _phase(near + step)
     return out / (8.0 * np.pi)
 
 
