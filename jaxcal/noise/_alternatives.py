@@ -43,9 +43,9 @@ _SLOW = 5.41  # twice the gain in log likelihood of B and K below which the reco
 _OWN = 1e-9  # share of a term's squares, not explained by the terms of the fit, below which it is no further term
 _TINY = np.finfo(float).tiny ** 0.5
 #: family -> number of parameters beyond those of B and K, twice the gain in log likelihood above which the family is admitted, and
-#: that above which B is a hint at most
+#: that above which B is a hint at most; three processes count for two parameters more, because their sum can look like flicker
 _FAMILIES = {
-    "power law": (0, 9.0, np.nan), "one process": (0, 8.0, 2.0), "two processes": (2, 13.0, 8.0), "three processes": (4, 17.0, 12.0),
+    "power law": (0, 9.0, np.nan), "one process": (0, 8.0, 2.0), "two processes": (2, 13.0, 8.0), "three processes": (6, 17.0, 12.0),
     "process beside": (2, 13.0, np.nan),
 }  # fmt: skip
 _PROCESSES = ("one process", "two processes", "three processes")

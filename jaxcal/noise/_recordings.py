@@ -48,6 +48,16 @@ class RecordingsFit(Result):
     confidence: float = eqx.field(static=True)
 
     @property
+    def terms(self) -> tuple[str, ...]:
+        """Names of the terms."""
+        return tuple(self.verdict)
+
+    @property
+    def upper_limit(self) -> dict[str, float]:
+        """Term -> high end of its interval."""
+        return {term: high for term, (_, high) in self.interval.items()}
+
+    @property
     def reason(self) -> str:
         """Number of recordings, and the terms that are present in all of them."""
         shown = [term for term, verdict in self.verdict.items() if verdict == "present"]
@@ -116,6 +126,11 @@ def fit_recordings(
             fits.append(fit(record, rate, terms=terms, confidence=confidence, band=band, robust=robust))
         except DataError as error:
             raise DataError(f"recording {i}: {error}") from error
+    return pooled(fits, confidence)
+
+
+def pooled(fits: Sequence[NoiseFit], confidence: float) -> RecordingsFit:
+    """Pool the fits of one channel in several recordings, as `fit_recordings` does."""
     first, values = fits[0], {}
     interval: dict[str, tuple[float, float]] = {}
     between, verdict = {}, {}
