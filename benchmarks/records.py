@@ -1,13 +1,14 @@
 """Noise of records that do not follow the model: missing samples, and other causes that look like slow noise.
 
-    python benchmarks/records.py [--only gaps,causes,tails,doubling,recordings,degenerate,levels,alternatives] [--case exponent]
-        [--runs 20] [--seed 1]
+    python benchmarks/records.py [--only gaps,causes,power,tails,doubling,recordings,degenerate,levels,alternatives]
+        [--case exponent] [--runs 20] [--seed 1]
 
 gaps: case A (2^17 samples at 100 Hz; N 0.25 deg/sqrt(h), B 7.6 deg/h, K 1.8 deg/h/sqrt(s)) with missing samples; rmse in % of N, B, K,
-share of 95 % intervals that hold the truth, share of records in which K is present, and CPU seconds of a fit.
+bound of the observed record, share of 95 % intervals that hold the truth, share of records in which K is present, CPU seconds of a fit.
 causes: white noise (2^16 samples) with a step, a sinusoid, a warm-up, noise of another exponent or two Gauss-Markov processes; how often
 B and K are present or a hint, N is covered, how wide its interval is, and how often the cause is named: in all records, and in those
 whose likelihood ratio of the true density over Q, N, B and K exceeds the level of 1 %. Then noise of the model, where B and K are there.
+power: share of such records in which a verdict can find K, or B, at most, if 3 % of the records of another spectrum may show it.
 tails, doubling, recordings, degenerate: heavy tails, a level that doubles, several recordings of a device, and records that are hardly any.
 alternatives: gain in likelihood of each family of other spectra, for records with noise of the model; this sets the levels of
 `jaxcal.noise._alternatives`.
@@ -27,6 +28,7 @@ from functools import partial
 
 import jax
 import numpy as np
+import record_bounds
 import scipy.fft
 import scipy.optimize
 
@@ -37,8 +39,10 @@ from jaxcal.noise import _causes
 from jaxcal.noise._alternatives import find_alternatives
 from jaxcal.noise._model import checked_terms
 from jaxcal.noise._ordinates import Bins, layout
+from jaxcal.noise._result import PRESENT
 from jaxcal.noise._spectral import fit_bins, groups_of
 from jaxcal.noise._terms import Filter
+from jaxcal.spectrum._average import log_groups
 
 DEG = np.pi / 180
 RATE = 100.0
@@ -56,6 +60,11 @@ def columns(n):
     return np.stack([np.ones(n - 1), dt / s * (1 - 2 / (np.pi**2 * k)), dt**2 / s**2], axis=1)
 
 
+def _quantised(n):
+    """The same, per squared coefficient Q over the sampling interval."""
+    return 4 * np.sin(np.pi * np.arange(1, n) / (2 * n)) ** 2
+
+
 def drawn(density, rng):
     """A record whose ordinates have this density."""
     ordinates = np.sqrt(density * RATE) * rng.standard_normal(len(density))
@@ -71,10 +80,17 @@ def lost(y, share, length, rng):
     return y
 
 
+def _lost_samples(n, share, length, rng):
+    return np.isnan(lost(np.zeros(n), share, length, rng))
+
+
 def gaps(runs, seed, case=""):
     n = 2**17
     density = columns(n) @ CASE_A**2
-    print(f"{'missing':20s} {'rmse N':>8s} {'B':>6s} {'K':>6s}   inside N, B, K   K present   CPU s")
+    # Q is fitted, and is zero
+    columns_all, squares = np.column_stack([columns(n), _quantised(n)]), np.append(CASE_A**2, 0.0)
+    complete = record_bounds.complete_information(columns_all, squares)
+    print(f"{'missing':20s} {'rmse N':>8s} {'B':>6s} {'K':>6s}   {'bound N':>8s} {'B':>6s} {'K':>6s}   inside N, B, K   K present   CPU s")
     for name, (share, length) in GAPS.items():
         if not name.startswith(tuple(case.split(";"))):
             continue
@@ -88,10 +104,14 @@ def gaps(runs, seed, case=""):
             errors.append([float(getattr(found.noise, term)) / truth - 1 for term, truth in zip("NBK", CASE_A, strict=True)])
             inside.append([found.interval[term][0] <= truth <= found.interval[term][1] for term, truth in zip("NBK", CASE_A, strict=True)])
             present.append(found.verdict["K"] == "present")
+        masks = partial(_lost_samples, n, share, length)
+        gone = record_bounds.information_lost(columns_all, squares, masks, 100 if share else 0, 1 / RATE, seed)
+        bound = 100 * record_bounds.relative_bound(complete - gone.sum(axis=0) / max(len(gone), 1), squares)
         rmse, held = 100 * np.sqrt(np.mean(np.square(errors), axis=0)), 100 * np.mean(inside, axis=0)
-        cells = " ".join(f"{value:4.0f}" for value in held)
+        cells = " ".join(f"{value:5.1f}" for value in held)
         print(
-            f"{name:20s} {rmse[0]:8.2f} {rmse[1]:6.1f} {rmse[2]:6.1f}   {cells}   {100 * np.mean(present):9.0f}   {np.median(spent):5.2f}",
+            f"{name:20s} {rmse[0]:8.2f} {rmse[1]:6.1f} {rmse[2]:6.1f}   {bound[0]:8.2f} {bound[1]:6.1f} {bound[2]:6.1f}   {cells}   "
+            f"{100 * np.mean(present):9.1f}   {np.median(spent):5.2f}",
             flush=True,
         )
 
@@ -108,15 +128,22 @@ SPECTRA = {
 DETECTABLE = 6.63  # likelihood ratio of the true density over Q, N, B and K that one in a hundred exceeds, for one parameter more
 
 
+def _law(n, exponent):
+    """Density of the ordinates of noise of an exponent, 1 at 1 Hz."""
+    return (2 * np.sin(np.pi * np.arange(1, n) / (2 * n)) * RATE / (2 * np.pi)) ** -exponent
+
+
+def _process(n, correlation_time):
+    """Density of the ordinates of a Gauss-Markov process of this correlation time in s, 1 at low frequencies."""
+    a = np.exp(-1 / (RATE * correlation_time))
+    return (1 - a) ** 2 / (1 + a * a - 2 * a * np.cos(np.pi * np.arange(1, n) / n))
+
+
 def _density(name, n):
     """Density of the ordinates of one of SPECTRA beside white noise of density 1."""
     _, processes, law = SPECTRA[name]
-    angle = np.pi * np.arange(1, n) / n
-    density = np.ones(n - 1) if law is None else 1 + (law[1] / (2 * np.sin(angle / 2) * RATE / (2 * np.pi))) ** law[0]
-    for level, correlation_time in processes:
-        a = np.exp(-1 / (RATE * correlation_time))
-        density = density + level * (1 - a) ** 2 / (1 + a * a - 2 * a * np.cos(angle))
-    return density
+    density = 1.0 + sum(level * _process(n, time) for level, time in processes)
+    return density if law is None else density + law[1] ** law[0] * _law(n, law[0])
 
 
 def _made(n):
@@ -150,8 +177,7 @@ def _ratio(y, density):
     ordinates = scipy.fft.dct(y, norm="ortho")[1:] ** 2 / RATE
     edges = np.unique(np.geomspace(1, n, 400).astype(int))[:-1] - 1
     count = np.diff(np.append(edges, n - 1))
-    quantised = 4 * np.sin(np.pi * np.arange(1, n) / (2 * n)) ** 2
-    given = (np.column_stack([columns(n), quantised]), ordinates, density)
+    given = (np.column_stack([columns(n), _quantised(n)]), ordinates, density)
     shapes, mean, true = (np.add.reduceat(x, edges, axis=0).T / count for x in given)
 
     def cost(logs):
@@ -181,6 +207,34 @@ def causes(runs, seed, case=""):
         cells = [100 * value for value in np.mean(rows, axis=0)]
         told = f"{100 * np.mean(seen):9.1f}   {100 * np.mean(rows[seen, 6]):9.1f}" if seen.any() else ""
         print(f"{name:28s}" + "".join(f"{value:9.1f}" for value in cells) + f"   {told}", flush=True)
+
+
+def power(runs, seed):
+    n, level = 2**16, 0.03
+    times = [correlation_times for _, correlation_times, _ in SPECTRA.values() if correlation_times]
+    print(f"power in %, of {runs} records where coefficients are estimated; exponent 1 taken for granted: power, and falsely present")
+    print(f"{'record':16s} term {'against the nearest':28s}      known  estimated   exp. 1 K    falsely")
+    models = {"case A": CASE_A / CASE_A[0]} | {"N, B, K": (1, 0.3, 0.1), "N, K": (1, 0, 0.1), "N, B": (1, 0.3, 0)}
+    for name, samples in (("case A", n), ("case A", 2 * n), ("N, B, K", n), ("N, K", n), ("N, B", n)):
+        starts, count = log_groups(samples - 1, keep_tail=True)
+        rivals = {"exponent 1.2": [_law(samples, 1.2)]} if name != "N, B" else {
+            f"processes of {a:g} and {b:g} s": [_process(samples, a), _process(samples, b)] for (_, a), (_, b) in times
+        }  # fmt: skip
+        means = np.add.reduceat(columns(samples), starts) / count[:, None]
+        density = means @ np.square(np.array(models[name], dtype=float))
+        for rival, shapes in rivals.items():
+            others = np.add.reduceat(np.column_stack([np.ones(samples - 1), *shapes]), starts) / count[:, None]
+            other = record_bounds.likeliest(density, others, count)[1]
+            known = record_bounds.neyman_pearson(density, other, count, level, seed=seed)
+            flicker = means[:, :2]  # without K, the exponent may also be 1
+            alone = [others, flicker] if name != "N, B" else [others]
+            null, found = (record_bounds.ratios(one, means, alone, count, runs, seed + i) for i, one in enumerate((other, density)))
+            shares = [known, np.mean(found > np.quantile(null, 1.0 - level))]
+            if name != "N, B":
+                shares += [np.mean(record_bounds.ratios(one, means, [flicker], count, runs, seed) > PRESENT) for one in (density, other)]
+            where = f"{name}, 2^{samples.bit_length() - 1}"
+            cells = "".join(f"{100 * share:11.1f}" for share in shares)
+            print(f"{where:16s} {'B' if name == 'N, B' else 'K':4s} {rival:28s}{cells}", flush=True)
 
 
 def levels(runs, seed):
@@ -333,6 +387,6 @@ if __name__ == "__main__":
     options = parser.parse_args()
     tables = {"gaps": partial(gaps, case=options.case), "causes": partial(causes, case=options.case), "levels": levels}
     tables |= {"alternatives": host_float64(alternatives), "tails": tails, "doubling": doubling, "recordings": recordings}
-    tables["degenerate"] = degenerate
+    tables |= {"degenerate": degenerate, "power": power}
     for table in options.only.split(","):
         tables[table](options.runs, options.seed)

@@ -90,10 +90,23 @@ def _joined(arrays: list[Any], fixed: _Fixed) -> Any:
     return jax.tree.unflatten(fixed.structure, [next(following) if leaf is None else leaf for leaf in fixed.leaves])
 
 
-def filter_jit(function: Callable[..., Any]) -> Any:
+def stored_jit(function: Callable[..., Any], *, compiler_options: dict[str, Any], **options: Any) -> Any:
+    """`jax.jit`, except in commands, which look for the program in their store.
+
+    Examples
+    --------
+    >>> from jaxcal._compile import stored_jit
+    >>> print(stored_jit(lambda x: 2 * x, compiler_options={})(3.0))
+    6.0
+    """
+    return filter_jit(function, compiler_options, jax.jit(function, compiler_options=compiler_options, **options))
+
+
+def filter_jit(function: Callable[..., Any], further: dict[str, Any] | None = None, direct: Callable[..., Any] | None = None) -> Any:
     """`equinox.filter_jit` with the faster compiler options, and with less overhead, for small programs that are called often.
 
     Arrays at any depth of the arguments are data. All other values are compiled into the program, and a new value compiles it again.
+    `further` are options of the compiler; `direct` is called instead where no programs are stored.
 
     Examples
     --------
@@ -107,15 +120,21 @@ def filter_jit(function: Callable[..., Any]) -> Any:
         return _split(function(*args, **kwargs))
 
     run.__name__ = run.__qualname__ = function.__name__  # profiles and messages of the compiler show this name
-    plain, quick = jax.jit(run), jax.jit(run, compiler_options=_QUICK)
+    plain, quick = jax.jit(run), jax.jit(run, compiler_options=_QUICK | (further or {}))
+
+    def lower(arrays: list[Any], fixed: _Fixed) -> Any:
+        return (quick if _known() else plain).lower(arrays, fixed)
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
+        if direct is not None and not _stores:
+            return direct(*args, **kwargs)
         arrays, fixed = _split((args, kwargs))
-        if is_traced(arrays) or not _known():
+        if is_traced(arrays):
             return _joined(*plain(arrays, fixed))
-        found = _stores[0].run(call, quick.lower, arrays, fixed, functools.partial(_joined, fixed=fixed)) if _stores else None
-        return _joined(*(quick(arrays, fixed) if found is None else found))
+        kept = _stores and jax.default_backend() == "cpu"
+        found = _stores[0].run(call, lower, arrays, fixed, functools.partial(_joined, fixed=fixed)) if kept else None
+        return _joined(*((quick if _known() else plain)(arrays, fixed) if found is None else found))
 
     return call
 

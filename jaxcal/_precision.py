@@ -35,7 +35,7 @@ if hasattr(os, "register_at_fork"):
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-#: the latest state of JAX that was seen without a trace: comparing it takes half a microsecond, making a constant 30
+#: the latest state of JAX that was seen without a trace: comparing it takes half a microsecond, placing a constant 30
 _untraced: Any = None
 
 
@@ -48,7 +48,7 @@ def is_traced(*trees: Any) -> bool:
     here = get_opaque_trace_state()
     if here == _untraced:
         return False
-    traced = isinstance(jax.lax.full((), 0.0), Tracer)
+    traced = isinstance(jax.device_put(np.float32(0)), Tracer)
     if not traced:
         _untraced = here
     return traced

@@ -1,9 +1,27 @@
 """Everything known about one device."""
 
-from ._calibration import Calibration as Calibration
-from ._difference import PartDifference as PartDifference, difference as difference
-from ._find import find as find
-from ._noise import DeviceNoise as DeviceNoise, SensorNoise as SensorNoise
-from ._parts import Covariance as Covariance, Imu as Imu, Interval as Interval, Part as Part
-from ._provenance import provenance as provenance
-from ._thermal import Powers as Powers, Thermal as Thermal, polynomials as polynomials
+from typing import TYPE_CHECKING
+
+from .._lazy import on_first_use
+
+if TYPE_CHECKING:
+    from ._calibration import Calibration as Calibration
+    from ._difference import PartDifference as PartDifference, difference as difference
+    from ._find import find as find
+    from ._noise import DeviceNoise as DeviceNoise, SensorNoise as SensorNoise
+    from ._parts import Covariance as Covariance, Imu as Imu, Interval as Interval, Part as Part
+    from ._provenance import provenance as provenance
+    from ._thermal import Powers as Powers, Thermal as Thermal, polynomials as polynomials
+
+__getattr__, __dir__ = on_first_use(
+    __name__,
+    {
+        "_calibration": "Calibration",
+        "_difference": "PartDifference difference",
+        "_find": "find",
+        "_noise": "DeviceNoise SensorNoise",
+        "_parts": "Covariance Imu Interval Part",
+        "_provenance": "provenance",
+        "_thermal": "Powers Thermal polynomials",
+    },
+)

@@ -13,7 +13,7 @@ from .._errors import DataError
 from .._types import AnyArray
 from .._units import si_unit
 from ..device import DeviceFit
-from ..imu import ImuFit, RateTest, Triad
+from ..imu import ImuFit, Nonlinear, RateTest, Triad
 from ..magnetometer import MagFit, MagModel
 from ._codec import check_finite, checked_unit, document_of, numbers, required, structured, wrong
 
@@ -21,6 +21,8 @@ M = TypeVar("M", bound=eqx.Module)
 _CONDITION = 1e10
 _SHAPES = {"matrix": (3, 3), "bias": (3,), "g_sensitivity": (3, 3), "soft_iron": (3, 3), "hard_iron": (3,)}
 SENSORS = ("accel", "gyro")
+#: files name the classes of models; those of jaxcal must be known before a file is read
+KNOWN = (Triad, Nonlinear, MagModel)
 
 
 class Covariance(eqx.Module):

@@ -1,5 +1,6 @@
 """The `jaxcal` command: thin commands around the library, without numerics."""
 
+import atexit
 import gc
 import sys
 
@@ -30,8 +31,11 @@ def main(argv: list[str] | None = None) -> int:
             raise
         print('The jaxcal command needs two small packages more; install them with: pip install "jaxcal[cli]"', file=sys.stderr)
         return 2
-    # imports and traced programs keep a million objects alive; frequent garbage collection would take a tenth of the time of a command
+    # imports and traced programs keep a million objects alive; frequent garbage collection would take a tenth of the time of a command,
+    # and the last collection, when the interpreter ends, as long again
     before = gc.get_threshold()
+    atexit.unregister(gc.freeze)
+    atexit.register(gc.freeze)
     gc.set_threshold(200_000, 50, 100)
     try:
         return run(sys.argv[1:] if argv is None else argv)

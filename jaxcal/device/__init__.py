@@ -4,8 +4,24 @@ A recording determines far more than its sensors do one by one. Gravity and the 
 gyroscope says how both turn in the frame of the device, and a hand stays in its place. `fit` writes all of this into one likelihood.
 """
 
-from ._fit import fit as fit
-from ._hand import HandMotion as HandMotion
-from ._model import DeviceModel as DeviceModel
-from ._result import DeviceFit as DeviceFit
-from ._simulate import random_device as random_device, simulate as simulate
+from typing import TYPE_CHECKING
+
+from .._lazy import on_first_use
+
+if TYPE_CHECKING:
+    from ._fit import fit as fit
+    from ._hand import HandMotion as HandMotion
+    from ._model import DeviceModel as DeviceModel
+    from ._result import DeviceFit as DeviceFit
+    from ._simulate import random_device as random_device, simulate as simulate
+
+__getattr__, __dir__ = on_first_use(
+    __name__,
+    {
+        "_fit": "fit",
+        "_hand": "HandMotion",
+        "_model": "DeviceModel",
+        "_result": "DeviceFit",
+        "_simulate": "random_device simulate",
+    },
+)

@@ -8,7 +8,8 @@ from the solution. This is exact for a model that is linear there, and needs no 
 import itertools
 
 import numpy as np
-import scipy  # loads its parts when they are first used
+
+from .._special import chi_square_quantile, chi_square_tail, f_tail
 
 #: number of parts of a log; on real logs the errors were right with six, but too small with ten or twenty
 BLOCKS = 6
@@ -71,7 +72,7 @@ def look_white(jacobian: np.ndarray, span: np.ndarray | None, residuals: np.ndar
     power = np.abs(np.fft.rfft(residuals, 2 * n)) ** 2
     correlation = np.fft.irfft(power)[: len(lags) + 1]
     statistic = n * (n + 2) * np.sum((correlation[lags] / correlation[0]) ** 2 / (n - lags))
-    if scipy.special.chdtrc(len(lags), statistic) < _CHANCE:
+    if chi_square_tail(statistic, len(lags)) < _CHANCE:
         return False
     parts = min(BLOCKS, n // (2 * free))
     if parts < 2:
@@ -86,7 +87,7 @@ def look_white(jacobian: np.ndarray, span: np.ndarray | None, residuals: np.ndar
     if used <= free or used >= n:
         return True
     ratio = (np.sum(residuals**2) - left) / (used - free) / (left / (n - used))
-    return bool(scipy.special.fdtrc(used - free, n - used, ratio) >= _CHANCE)
+    return bool(f_tail(ratio, used - free, n - used) >= _CHANCE)
 
 
 def leave_out(jacobian: np.ndarray, residuals: np.ndarray, known: np.ndarray | None = None) -> np.ndarray:
@@ -158,6 +159,6 @@ def correlation_time(residuals: np.ndarray) -> float:
     return float(max(1 + 2 * np.sum(values[1 : np.argmax(lost) if lost.any() else len(values)]), 1.0))
 
 
-def doubt(freedom: float | int) -> float:
+def doubt(freedom: int) -> float:
     """Factor by which standard deviations from so many degrees of freedom are too small in the worst five per cent of cases, at least."""
-    return float(np.sqrt(freedom / (2 * scipy.special.gammaincinv(freedom / 2, 0.05))))
+    return float(np.sqrt(freedom / chi_square_quantile(freedom, 0.05)))

@@ -13,6 +13,7 @@ import scipy  # loads its parts when they are first used
 
 from .._compile import filter_jit
 from .._errors import DataError
+from .._special import chi_square_tail
 from .._types import Array
 from ..fitting import AbstractLoss, Fit, covariance, leverage, solve
 from ._estimate import framed, placed, sandwich, solved
@@ -27,7 +28,7 @@ _FIRST_TURN = 0.02  # rad: assumed error of a turn, until the residuals show it
 ROUNDS = 3
 _DRIFT_LEVEL = 0.01
 _CLIP = 2.5
-_KEPT = float(scipy.special.chdtr(3, _CLIP**2) + _CLIP**2 * scipy.special.chdtrc(1, _CLIP**2))
+_KEPT = float(1.0 - chi_square_tail(_CLIP**2, 3) + _CLIP**2 * chi_square_tail(_CLIP**2, 1))
 _SCALES = 80
 _STEPS = 64
 _RADIANS = {"rad/s": 1.0, "deg/s": np.pi / 180}

@@ -9,7 +9,6 @@ import equinox as eqx
 import jax
 import numpy as np
 import scipy  # loads its parts when they are first used
-import scipy.special
 
 from ..fitting import Fit, covariance, leverage
 from . import _fits, _recording

@@ -1,36 +1,61 @@
 """Magnetometers: hard and soft iron from readings in many attitudes, heading, coverage."""
 
-from ._check import Check as Check, check as check
-from ._design._coverage import Coverage as Coverage, coverage as coverage
-from ._ellipsoid._residuals import residuals as residuals
-from ._field import body_field as body_field, earth_field as earth_field, heading as heading, scenario as scenario
-from ._fit import fit as fit
-from ._guide import Guide as Guide, guide as guide, heading_change as heading_change
-from ._model import MagModel as MagModel
-from ._onboard import Admission as Admission, MomentFit as MomentFit, Moments as Moments
-from ._result import MagFit as MagFit
-from ._rotation._align import (
-    Accelerometer as Accelerometer,
-    Alignment as Alignment,
-    Gyroscope as Gyroscope,
-    Headings as Headings,
-    align as align,
-)
-from ._rotation._joint import aligned as aligned
-from ._rotation._turning import HardIron as HardIron, hard_iron_by_turning as hard_iron_by_turning
-from ._uncertainty import (
-    Plan as Plan,
-    bootstrap as bootstrap,
-    heading_uncertainty as heading_uncertainty,
-    plan as plan,
-    predict as predict,
-)
-from ._vehicle import (
-    AttitudeFit as AttitudeFit,
-    CurrentTerms as CurrentTerms,
-    fit_attitudes as fit_attitudes,
-    fit_current as fit_current,
-    fit_offset as fit_offset,
-    fit_several as fit_several,
-    motor_terms as motor_terms,
+from typing import TYPE_CHECKING
+
+from .._lazy import on_first_use
+
+if TYPE_CHECKING:
+    from ._check import Check as Check, check as check
+    from ._design._coverage import Coverage as Coverage, coverage as coverage
+    from ._ellipsoid._residuals import residuals as residuals
+    from ._field import body_field as body_field, earth_field as earth_field, heading as heading, scenario as scenario
+    from ._fit import fit as fit
+    from ._guide import Guide as Guide, guide as guide, heading_change as heading_change
+    from ._model import MagModel as MagModel
+    from ._onboard import Admission as Admission, MomentFit as MomentFit, Moments as Moments
+    from ._result import MagFit as MagFit
+    from ._rotation._align import (
+        Accelerometer as Accelerometer,
+        Alignment as Alignment,
+        Gyroscope as Gyroscope,
+        Headings as Headings,
+        align as align,
+    )
+    from ._rotation._joint import aligned as aligned
+    from ._rotation._turning import HardIron as HardIron, hard_iron_by_turning as hard_iron_by_turning
+    from ._uncertainty import (
+        Plan as Plan,
+        bootstrap as bootstrap,
+        heading_uncertainty as heading_uncertainty,
+        plan as plan,
+        predict as predict,
+    )
+    from ._vehicle import (
+        AttitudeFit as AttitudeFit,
+        CurrentTerms as CurrentTerms,
+        fit_attitudes as fit_attitudes,
+        fit_current as fit_current,
+        fit_offset as fit_offset,
+        fit_several as fit_several,
+        motor_terms as motor_terms,
+    )
+
+__getattr__, __dir__ = on_first_use(
+    __name__,
+    {
+        "_check": "Check check",
+        "_design._coverage": "Coverage coverage",
+        "_ellipsoid._residuals": "residuals",
+        "_field": "body_field earth_field heading scenario",
+        "_fit": "fit",
+        "_guide": "Guide guide heading_change",
+        "_model": "MagModel",
+        "_onboard": "Admission MomentFit Moments",
+        "_result": "MagFit",
+        "_rotation._align": "Accelerometer Alignment Gyroscope Headings align",
+        "_rotation._joint": "aligned",
+        "_rotation._turning": "HardIron hard_iron_by_turning",
+        "_uncertainty": "Plan bootstrap heading_uncertainty plan predict",
+        "_vehicle": "AttitudeFit CurrentTerms fit_attitudes fit_current fit_offset fit_several motor_terms",
+    },
 )

@@ -1,11 +1,12 @@
 """`MagModel`: converts a true field to readings, and readings to fields."""
 
+from types import ModuleType
+
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from .._precision import host_float64, is_traced
+from .._precision import array_module, host_float64
 from .._types import Any, AnyArray
 
 
@@ -46,15 +47,14 @@ class MagModel(eqx.Module):
     @host_float64
     def measure(self, h: Any) -> AnyArray:
         """Readings C h + b in the true fields `h` (3,) or (n, 3), in the unit of the hard iron."""
-        h, matrix, offset = _same_dtype(h, self.soft_iron, self.hard_iron)
-        product = jnp.einsum("ij,...j->...i", matrix, h)
-        return product + jnp.broadcast_to(offset, product.shape)
+        xp, (h, matrix, offset) = _same_dtype(h, self.soft_iron, self.hard_iron)
+        return h @ matrix.T + xp.broadcast_to(offset, h.shape)
 
     @host_float64
     def correct(self, m: Any) -> AnyArray:
         """Fields C^-1 (m - b) that belong to the readings `m` (3,) or (n, 3), in the same unit, because C has no unit."""
-        m, matrix, offset = _same_dtype(m, self.soft_iron, self.hard_iron)
-        return jnp.einsum("ij,...j->...i", jnp.linalg.inv(matrix), m - jnp.broadcast_to(offset, m.shape))
+        xp, (m, matrix, offset) = _same_dtype(m, self.soft_iron, self.hard_iron)
+        return (m - xp.broadcast_to(offset, m.shape)) @ xp.linalg.inv(matrix).T
 
     def then(self, second: "MagModel") -> "MagModel":
         """One model that combines this calibration with a `second` one, made from readings that this one had corrected.
@@ -70,12 +70,12 @@ class MagModel(eqx.Module):
         >>> print(both.correct(m), second.correct(first.correct(m)))
         [1. 2. 1.] [1. 2. 1.]
         """
-        first, other, start, shift = _same_dtype(self.soft_iron, second.soft_iron, self.hard_iron, second.hard_iron)
-        kind = np.asarray if not is_traced(self, second) else jnp.asarray
-        return MagModel(kind(first @ other), kind(start + first @ shift))
+        _, (first, other, start, shift) = _same_dtype(self.soft_iron, second.soft_iron, self.hard_iron, second.hard_iron)
+        return MagModel(first @ other, start + first @ shift)
 
 
-def _same_dtype(*values: Any) -> list[jax.Array]:
-    """The values as arrays of the widest floating type among them."""
+def _same_dtype(*values: Any) -> tuple[ModuleType, list[Any]]:
+    """`numpy`, or `jax.numpy` if something is traced; and the values as its arrays, of the widest floating type among them."""
+    xp = array_module(values)
     kind = np.result_type(*(value.dtype if hasattr(value, "dtype") else np.dtype(float) for value in values), np.float32)
-    return [jnp.asarray(value, dtype=jax.dtypes.canonicalize_dtype(kind)) for value in values]
+    return xp, [xp.asarray(value, dtype=kind if xp is np else jax.dtypes.canonicalize_dtype(kind)) for value in values]

@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
-import scipy  # loads its parts when they are first used
 
 from .._results import Result, Row
+from .._special import student_quantile
 from .._types import AnyArray
 from .._units import STRONGEST_FIELD
 from ..fitting._serial import BLOCKS, doubt
@@ -151,7 +151,7 @@ class MagFit(Result):
     def _quantile(self) -> float:
         """Half of a 95 % interval in standard deviations, by Student's t."""
         freedom = self.blocks - 1 if self.blocks else max(self.used - len(self.names), 1)
-        return float(scipy.special.stdtrit(freedom, 0.975))
+        return float(student_quantile(freedom, 0.975))
 
     _figure = ("sphere", True)
 

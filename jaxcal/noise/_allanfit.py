@@ -1,16 +1,16 @@
-r"""Fit of the noise terms to an Allan variance curve, with intervals: `fit_curve` on the host and in a trace, the band on the host.
+r"""Fit the noise terms to an Allan variance curve, with intervals (`fit_curve`); and choose the band (`choose_band`, host only).
 
-The test for an absent term is corrected for the skewness of the curve: the variances at long cluster times have few degrees of
-freedom, and with them the statistic that shows K a long tail. Taken for a normal variable it passes the 1 % threshold in 3 % of
-records without K. The statistic is linear in the variances, z = w'(v - A theta), and these are quadratic in the record, so its
-cumulants follow from the density S of the fitted noise and the frequency response h = sum_m w_m H_m of what it measures,
+The test for an absent term is corrected for the skewness of the curve. The variances at long cluster times have few degrees of freedom,
+so that the test statistic for K has a long tail. Treated as a normal variable, it would pass the 1 % threshold in 3 % of records without
+K. The statistic is linear in the variances, z = w'(v - A theta), and the variances are quadratic in the record. Its cumulants therefore
+follow from the density S of the fitted noise and the frequency response h = sum_m w_m H_m of the statistic,
 
 .. math:: \kappa_2 = 2 \sum_k (S_k h_k)^2, \qquad \kappa_3 = 8 \sum_k (S_k h_k)^3,
           \qquad H_m(f) = \frac{2 \sin^4 \pi f m dt}{m^2 \sin^2 \pi f dt}
 
-over the frequencies k/(2T). That leaves out the ends of the record, where the exact covariance gives the larger variance
-w'Cw: as if there were fewer independent parts, so that the skewness grows with the root of their ratio. A gamma law of this
-skewness is carried over to the normal one by its cube root.
+over the frequencies k/(2T). These sums neglect the ends of the record, and the exact covariance gives a larger variance w'Cw. This has
+the same effect as fewer independent parts, so the skewness is multiplied by the square root of the ratio of the two variances. The
+statistic is then taken to follow a gamma law of this skewness, which the cube root converts to a normal law.
 
 Sources: spectral kernel, D. W. Allan, Proc. IEEE 54, 1966; cumulants of quadratic forms, A. M. Mathai and S. B. Provost,
 Quadratic Forms in Random Variables, 1992; cube root, E. B. Wilson and M. M. Hilferty, Proc. Nat. Acad. Sci. 17, 1931.
@@ -28,17 +28,18 @@ from ._lanes import inverse, namespace
 from ._limits import Limits, chance, find_limits
 from ._terms import Term
 
-#: misfit of the deviation that does not count against a model, and the chances of a worse chi-square at which a band is refused and
-#: below which the intervals are widened to the scatter seen; octaves left out beyond the first cluster time at which the model passes
+#: relative misfit of the deviation that is allowed; chance of a worse chi-square below which a band is refused; chance below which the
+#: intervals are widened to the observed scatter; octaves left out beyond the first cluster time at which the model passes
 _TOLERANCE, _REFUSED, _WIDENED, _MARGIN = 0.0025, 0.001, 0.01, 1.0
-#: change of the modelled variance at which the fit under a held coefficient has settled, and its most steps
+#: change of the modelled variance at which a fit with one coefficient held stops, and its largest number of steps
 _SETTLED, _MOST = 1e-3, 15
-#: lowest frequencies kept apart, and bins of the others; a statistic with more skewness has less than one degree of freedom
+#: number of lowest frequencies that are bins of their own; bins per decade of the others; largest skewness, that of about one degree
+#: of freedom
 _SINGLE, _PER_DECADE, _LARGEST = 64, 40, 3.0
 
 
 class Response(NamedTuple):
-    """Bins of frequency: how many frequencies they hold, the kernels of the cluster sizes, densities per squared coefficient."""
+    """Bins of frequency: number of frequencies in each, kernels of the cluster sizes, and densities per squared coefficient."""
 
     number: Float[AnyArray, " bins"]
     kernel: Float[AnyArray, "clusters bins"]
@@ -52,17 +53,17 @@ def response(samples: int, m, dt: float, terms: tuple[Term, ...]) -> Response:
     number, middle = np.diff(edges), (edges[:-1] + edges[1:] - 1) / 2.0
     half = np.pi * middle / (2.0 * samples)
     angle, width = half * m[:, None], np.maximum(number - 1, 0) / (2.0 * samples) * m[:, None]
-    # sin^4 averaged over the bin, which spans many of its periods at high frequency
+    # sin^4 is averaged over the bin, because a bin at high frequency spans many periods
     fourth = 0.375 - np.cos(2.0 * angle) / 2.0 * np.sinc(width) + np.cos(4.0 * angle) / 8.0 * np.sinc(2.0 * width)
-    kernel = 2.0 * fourth / (m[:, None] * np.sin(half)) ** 2 / (samples * dt)  # a sum over frequencies is the variance then
+    kernel = 2.0 * fourth / (m[:, None] * np.sin(half)) ** 2 / (samples * dt)  # scaled so that a sum over frequencies is the variance
     frequency = middle / (2.0 * samples * dt)
-    with jax.ensure_compile_time_eval():  # they do not depend on the record
+    with jax.ensure_compile_time_eval():  # the densities do not depend on the record
         columns = [np.asarray(term.psd(frequency, dt)) for term in terms]
     return Response(number, kernel, np.stack(columns, axis=1))
 
 
 def skewness(curve: Curve, used, heard: Response, at, index: int) -> Any:
-    """Skewness of the statistic that shows coefficient `index`, for the noise of coefficients `at`."""
+    """Skewness of the test statistic of coefficient `index`, for noise with the coefficients `at`."""
     xp = namespace(curve, used, heard, at)
     matrix, scale = correlation(curve, used, at)
     rows = xp.where(used[:, None], curve.columns, 0.0) / scale[:, None]
@@ -80,7 +81,7 @@ def skewness(curve: Curve, used, heard: Response, at, index: int) -> Any:
 
 
 def as_normal(rise, skew):
-    """The rise that a statistic without skewness would have at the same chance."""
+    """Convert a rise of the chi-square to that of a statistic without skewness that has the same chance."""
     xp = namespace(rise, skew)
     z = xp.sqrt(xp.maximum(rise, 0.0))
     skew = xp.clip(skew, 0.0, _LARGEST)
@@ -91,24 +92,24 @@ def as_normal(rise, skew):
 
 
 def alone(curve: Curve, used, cut) -> Lane:
-    """One fit to the cluster sizes used: of all terms, or where short ones are cut of the tail in place of its term."""
+    """The lane of one fit to the cluster sizes used, with all terms free; if short ones are cut off, the tail replaces Q."""
     xp = namespace(curve, used, cut)
     free = xp.append(~(cut & (curve.short > 0)), cut)
     return Lane(used[None], free[None], xp.zeros((1, len(free)), dtype=curve.v.dtype), free[None])
 
 
 def freedom(used, theta) -> Any:
-    """Degrees of freedom of the chi-square."""
+    """Degrees of freedom of the chi-square: cluster sizes used, minus coefficients that are not zero."""
     xp = namespace(used, theta)
     return (xp.sum(used, axis=-1) - xp.sum(theta != 0.0, axis=-1)).astype(theta.dtype)
 
 
 def choose_band(curve: Curve, octave, used, full: bool) -> tuple[AnyArray, bool, bool, Any]:
-    """Cluster sizes used, whether short ones were cut off, whether the model holds, and the estimate where none were (host only).
+    """Choose the band: cluster sizes used, whether short ones are cut off, whether the model holds, and the estimate if none are cut.
 
-    Filters and output averaging in a sensor spoil short cluster times, so these are left out one by one until the chi-square of the
-    rest, with a misfit of 0.25 % of the deviation allowed, is no worse than one in a thousand; then an octave more, for there the
-    model only just holds. Where none passes, that which comes nearest is taken.
+    Filters and output averaging in a sensor spoil short cluster times. These are left out one by one until the chance of a worse
+    chi-square of the others, with a misfit of 0.25 % of the deviation allowed, reaches one in a thousand. Another octave is then left
+    out, because the model only just holds there. If no band passes, the one with the highest chance is used. Host only.
     """
 
     def chances(lanes: Lane):
@@ -119,7 +120,7 @@ def choose_band(curve: Curve, octave, used, full: bool) -> tuple[AnyArray, bool,
 
     (whole,), estimated = chances(alone(curve, used, np.asarray(False)))
     ranked = np.sort(octave[used])
-    last = max(len(ranked) - len(curve.short) - 5, 0)  # the latest start that leaves enough to fit
+    last = max(len(ranked) - len(curve.short) - 5, 0)  # last start that leaves enough cluster sizes to fit
     if whole >= _REFUSED or not last:
         return used, False, bool(whole >= _REFUSED), estimated
     tried = [alone(curve, used & (octave >= start), np.asarray(True)) for start in ranked[1 : last + 1]]
@@ -134,8 +135,9 @@ def choose_band(curve: Curve, octave, used, full: bool) -> tuple[AnyArray, bool,
 class Fitted(NamedTuple):
     """A fit of the curve: squared coefficients of the terms, their covariance and limits, and the chance of a worse chi-square.
 
-    `inflation` is the variance factor on the covariance and on every level, above 1 where the curve scatters more than the noise
-    model says; `step` the last change of the weights; `modelled` the variance of the fitted terms, and `edf` its degrees of freedom.
+    inflation : factor on the covariance and on the levels of the limits, above 1 if the curve scatters more than the noise model allows.
+    step : last change of the modelled variance in the iteration. modelled : Allan variance of the fitted terms. edf : its degrees of
+    freedom.
     """
 
     theta: AnyArray
@@ -149,9 +151,9 @@ class Fitted(NamedTuple):
 
 
 def covariance_of(curve: Curve, lanes: Lane, theta, full: bool) -> Any:
-    """Covariance of the estimate of the first lane: (A' C^-1 A)^-1, or the sandwich G (A' D C D A) G, D = 1/diag C, G = (A' D A)^-1.
+    """Covariance of the first lane's coefficients: (A' C^-1 A)^-1 if `full`, else the sandwich G (A' D C D A) G.
 
-    The sandwich allows for cluster sizes that are far from independent.
+    In the sandwich D = 1/diag C and G = (A' D A)^-1. It allows for the strong correlation between cluster sizes.
     """
     xp = namespace(curve, lanes, theta)
     rows = xp.where(lanes.free[0][None, :], whitened(curve, lanes.used[0], theta, full)[0], 0.0)
@@ -164,11 +166,11 @@ def covariance_of(curve: Curve, lanes: Lane, theta, full: bool) -> Any:
 
 
 def fit_curve(curve: Curve, used, cut, full: bool, heard: Response, two_sided, one_sided, estimated: Any = None) -> Fitted:
-    r"""Fit the cluster sizes `used`, with what they make of each frequency, `heard`, for the test of absent terms.
+    r"""Fit the cluster sizes `used`. `heard` is their frequency response, which the test for absent terms needs.
 
-    What a filter of white noise, or a line of the spectrum, leaves at cluster times well above its own is N^2/tau + c/tau^2 with c
-    of either sign. So with a band whose short cluster times are `cut` off a tail of that slope is fitted beside the terms; it takes
-    the place of that which only short cluster times show (Q), which is then not estimated.
+    At cluster times well above its own time constant, a filter turns white noise into N^2/tau + c/tau^2 with c of either sign, and a
+    spectral line has the same effect. If short cluster times are `cut` off, a tail of that slope is therefore fitted with the other
+    terms. It replaces the term that only short cluster times show (Q), which is then not estimated.
     """
     xp = namespace(curve, used, cut)
     p = len(curve.short)
@@ -181,7 +183,7 @@ def fit_curve(curve: Curve, used, cut, full: bool, heard: Response, two_sided, o
 
     # the intervals carry no derivative
     curve, fitted, spread = jax.lax.stop_gradient((curve, fitted, spread)) if xp is jnp else (curve, fitted, spread)
-    # the term that the tail replaces is tested without it, for it has its slope and no sign and would leave it without a limit
+    # Q is tested without the tail: the tail has the same slope and may have either sign, so together with it Q would have no upper limit
     own = np.eye(p, p + 1, dtype=bool)
     admitted = xp.where(reported[:, None], lanes.free[0][None, :], own | xp.append(reported, False)[None, :])
 
@@ -196,17 +198,17 @@ def fit_curve(curve: Curve, used, cut, full: bool, heard: Response, two_sided, o
     inflation = xp.where(goodness < _WIDENED, xp.maximum(least.least[p] / number, 1.0), 1.0)
 
     def ratio(index, value, state):
-        """Rise of the chi-square when a coefficient is held, C taken at the fit so restricted, and that fit."""
+        """Rise of the chi-square when a coefficient is held, with C at the restricted fit; and the coefficients of that fit."""
         here, held = own[index], xp.where(own[index], value[:, None], 0.0)
         restricted = lanes_of(admitted[index] & ~here, held, admitted[index])
         found = settle(curve, restricted, xp.where(here, held, state), full, _SETTLED, _MOST)
         return xp.maximum(found.held - found.least, 0.0), found.theta
 
-    # the fit under a held coefficient begins afresh: from the unrestricted one, whose C is far too small at cluster times where
-    # the coefficient held at zero had been, the iteration swings between two ends
+    # the fit with a coefficient held at zero starts from its own first guess. Started from the unrestricted fit it would oscillate
+    # between two solutions, because C is then far too small at the cluster times that this coefficient explained
     absent = lanes_of(admitted & ~own, xp.zeros((p, p + 1), dtype=curve.v.dtype))
     begun = settle(curve, absent, absent.held, False, GUESSED).theta
-    # the search starts where the chi-square is least, near theta but for generalised least squares not at it
+    # the search starts at the minimum of the chi-square, which for generalised least squares is near theta but not equal to it
     reach = xp.sqrt(xp.where(reported, xp.diagonal(spread)[:p], spread[p, p]))
     middle = xp.diagonal(least.best[:p, :p])
     ends, without = find_limits(ratio, middle, reach, begun, two_sided * inflation, one_sided * inflation)

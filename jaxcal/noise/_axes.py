@@ -1,4 +1,4 @@
-"""`correlation`: how much of the white noise the axes of a sensor have in common."""
+"""`correlation`: correlation of the white noise between the axes of a sensor."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
@@ -13,22 +13,62 @@ from .._precision import host_float64
 from .._quality import checked_confidence, checked_rate, checked_record
 from .._results import Row, Unjudged
 from .._types import Float
+from ._discrete import StateSpace
 from ._model import Noise
 
-_FEWEST = 100.0  # ordinates' worth of information below which nothing is said
-_LARGEST = 30.0  # ordinate over its expectation above which it is that of a line or a step: noise has one in 2e7
-_MATTERS, _SURE = 0.05, 0.999  # correlation that a log's fit speaks of, and the level of the interval that must lie beyond it
+_FEWEST = 100.0  # information, in ordinates of pure white noise, below which no correlation is computed
+_LARGEST = 30.0  # ratio of an ordinate to its expectation that only a line or a step exceeds: one in 2e7 ordinates of noise does
+_MATTERS, _SURE = 0.05, 0.999  # correlation worth a note on a log; level of the interval that must lie beyond it
 
 
-class Correlation(Unjudged):
-    """Covariance of the random walk coefficients N of several axes.
+class JointStateSpace(eqx.Module):
+    r"""Noise y of several axes, sampled at `rate`, as one linear Gaussian state-space model.
+
+    .. math:: x_{t+1} = F x_t + w_t,\quad \mathrm{Cov}\,w = P,\qquad y_t = H x_t + v_t,\quad \mathrm{Cov}\,v = R
+
+    The states of the axes follow one another, and are independent. R contains the correlation of the white noise of the axes.
 
     Attributes
     ----------
-    covariance : (axes, axes) in unit^2/Hz: N^2 on the diagonal, correlation times both N elsewhere.
+    transition : (states, states) F.
+    process : (states, states) P, per step.
+    output : (axes, states) H.
+    white : (axes, axes) R, covariance of the white noise of a sample of all axes.
+    initial : (states, states) covariance of the states at the first sample.
+    names : names of the states, in order: axis and state.
+    rate : sampling rate in Hz.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> y = np.random.default_rng(0).standard_normal((5000, 2))
+    >>> models = [jaxcal.noise.Noise(N=1.0, K=0.1)] * 2
+    >>> found = jaxcal.noise.correlation(y, 1.0, models)
+    >>> joint = found.state_space([jaxcal.noise.discrete(model, 1.0) for model in models])
+    >>> joint.names, joint.white.shape
+    (('0 walk', '1 walk'), (2, 2))
+    """
+
+    transition: Float[np.ndarray, "states states"]
+    process: Float[np.ndarray, "states states"]
+    output: Float[np.ndarray, "axes states"]
+    white: Float[np.ndarray, "axes axes"]
+    initial: Float[np.ndarray, "states states"]
+    rate: float
+    names: tuple[str, ...] = eqx.field(static=True)
+
+
+class Correlation(Unjudged):
+    """Covariance and correlation of the white noise N of several axes.
+
+    Attributes
+    ----------
+    covariance : (axes, axes) in unit^2/Hz: N^2 on the diagonal, elsewhere the correlation times N of both axes.
     correlation : (axes, axes) of the white noise, -1 to 1.
     interval : (axes, axes, 2) limits of the correlation at level `confidence`.
-    warnings : sentences; they name the axes whose noise is correlated beyond chance.
+    warnings : sentences that name the axes whose noise is correlated by more than chance explains, and the samples used if some are
+        missing.
     confidence : level of the intervals.
 
     Examples
@@ -48,10 +88,10 @@ class Correlation(Unjudged):
     warnings: tuple[str, ...] = eqx.field(static=True, default=())
 
     def measurement(self, rate: float) -> Float[np.ndarray, "axes axes"]:
-        r"""Covariance of the white noise of one sample of all axes, :math:`C \cdot rate`.
+        r"""Covariance of the white noise of one sample of all axes, :math:`C \cdot rate`, where C is `covariance`.
 
-        A filter takes it in place of the diagonal of `StateSpace.white` of the axes; the states of `noise.discrete` stay those of
-        each axis.
+        Use it in a filter as the covariance of the measurement noise, instead of a diagonal matrix of the `StateSpace.white` of the axes.
+        The states from `noise.discrete` remain separate for each axis.
 
         Parameters
         ----------
@@ -72,6 +112,51 @@ class Correlation(Unjudged):
         """
         return self.covariance * checked_rate(rate)
 
+    def state_space(self, models: Sequence[StateSpace]) -> JointStateSpace:
+        r"""State-space model of all axes: the models of the axes with correlated white noise.
+
+        .. math:: R_{ij} = \rho_{ij} \sqrt{r_i r_j}
+
+        where r is `StateSpace.white` of an axis and :math:`\rho` is `correlation`.
+
+        Parameters
+        ----------
+        models : one model for each axis, from `noise.discrete` at one rate.
+
+        Returns
+        -------
+        JointStateSpace
+
+        Raises
+        ------
+        DataError
+            If the number of models differs from the number of axes, or the models have different rates.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import jaxcal
+        >>> y = np.random.default_rng(0).standard_normal((20_000, 2))
+        >>> found = jaxcal.noise.correlation(y, 100.0, [jaxcal.noise.Noise(N=0.1)] * 2)
+        >>> joint = found.state_space([jaxcal.noise.discrete(jaxcal.noise.Noise(N=0.1), 100.0)] * 2)
+        >>> bool(np.allclose(joint.white, found.measurement(100.0)))
+        True
+        """
+        rates = sorted({model.rate for model in models})
+        if len(models) != len(self.correlation) or len(rates) != 1:
+            listed = ", ".join(f"{rate:g}" for rate in rates)
+            raise DataError(
+                f"one state-space model for each of {len(self.correlation)} axes, all of one rate: got {len(models)} at {listed or 'no'} Hz"
+            )
+        root = np.sqrt([model.white for model in models])
+        blocks = (
+            np.asarray(scipy.linalg.block_diag(*(getattr(model, name) for model in models)))
+            for name in ("transition", "process", "output", "initial")
+        )
+        transition, process, output, initial = blocks
+        names = tuple(f"{i} {name}" for i, model in enumerate(models) for name in model.names)
+        return JointStateSpace(transition, process, output, self.correlation * np.outer(root, root), initial, rates[0], names)
+
     def _rows(self) -> list[Row]:
         pairs = combinations(range(len(self.correlation)), 2)
         low, high = self.interval[..., 0], self.interval[..., 1]
@@ -80,23 +165,23 @@ class Correlation(Unjudged):
 
 @host_float64
 def correlation(y: Any, rate: Any, fits: Sequence[Any], *, confidence: float = 0.95) -> Correlation:
-    r"""Correlation of the white noise of several axes, as a common supply or clock leaves it.
+    r"""Correlation of the white noise of several axes, such as a common supply or clock causes.
 
-    Every axis has its noise model, whose density is S. With the orthonormal DCT-II ordinates c of both axes and the share
-    :math:`g_k = N_i N_j / \sqrt{S_{i,k} S_{j,k}}` of white noise in them,
+    S is the density of the fitted noise model of an axis. With the orthonormal DCT-II ordinates c of two axes and the share
+    :math:`g_k = N_i N_j / \sqrt{S_{i,k} S_{j,k}}` of white noise in them, the correlation and its interval are
 
     .. math:: \rho = \frac{s_{ij}}{\sqrt{s_{ii} s_{jj}}},\qquad
         s_{ij} = \sum_k g_k \frac{dt\, c_{i,k} c_{j,k}}{\sqrt{S_{i,k} S_{j,k}}},\qquad
         \operatorname{artanh} \rho \pm \frac{z}{\sqrt{\sum_k g_k^2}} .
 
-    The expectation of the other noise, :math:`\sum_k g_k (1 - g_k)`, is taken off :math:`s_{ii}`. Ordinates of more than 30 times their
-    expectation in one of the axes, which lines and steps leave, take no part.
+    The expected contribution of other noise, :math:`\sum_k g_k (1 - g_k)`, is subtracted from :math:`s_{ii}`. Ordinates above 30 times
+    their expectation in any axis come from lines or steps and are left out.
 
     Parameters
     ----------
-    y : (n, axes) samples in rad/s, m/s^2 or T; rows with NaN are left out, and the longest stretch without any is used.
+    y : (n, axes) samples in rad/s, m/s^2 or T. Only the longest stretch of rows without NaN is used.
     rate : sampling rate in Hz.
-    fits : `NoiseFit` or `Noise` of each axis, as `fit(y[:, i], rate)` gives it. Every axis needs N above zero.
+    fits : `NoiseFit` or `Noise` of each axis, such as `fit(y[:, i], rate)` returns. Every axis needs N above zero.
     confidence : level of the intervals.
 
     Returns
@@ -106,7 +191,7 @@ def correlation(y: Any, rate: Any, fits: Sequence[Any], *, confidence: float = 0
     Raises
     ------
     DataError
-        If the number of models is not that of the axes, an axis has no N, or white noise is too little of the record.
+        If there is not one model for each axis, an axis has no N, or the record holds too little white noise.
 
     Examples
     --------
@@ -144,7 +229,7 @@ def correlation(y: Any, rate: Any, fits: Sequence[Any], *, confidence: float = 0
     white, share = ordinates / root / np.sqrt(rate), strength[:, None] / root
     share = np.where(np.all(white**2 < _LARGEST, axis=0), share, 0.0)
     weight = share[:, None] * share[None]
-    # each axis with itself, less its other noise: the scatter that both sums share cancels, and so does a level that is a little off
+    # sum for each axis alone, minus its other noise: scatter common to both sums cancels, and so does a small error of the fitted level
     own = np.sum(share**2 * (white**2 - 1.0 + share**2), axis=1)
     rho = np.einsum("ijk,ik,jk->ij", weight, white, white) / np.sqrt(np.outer(own, own))
     np.fill_diagonal(rho, 1.0)
@@ -164,12 +249,12 @@ def correlation(y: Any, rate: Any, fits: Sequence[Any], *, confidence: float = 0
 
 
 def sentences_of_axes(y: Any, rate: float, fits: Mapping[str, Any]) -> dict[str, str]:
-    """Channel -> a sentence on the later channel of a sensor with whose white noise its own is correlated; `y` is (n, channels)."""
+    """Sentences on correlated white noise: channel -> the later channels with which it is correlated; `y` is (n, channels)."""
     names = list(fits)
     try:
         found = correlation(y, rate, list(fits.values()), confidence=_SURE)
     except DataError:
-        return {}  # no white noise, or gaps everywhere: nothing can be said
+        return {}  # without white noise, or with gaps everywhere, the correlation is unknown
     said: dict[str, str] = {}
     for i, j in combinations(range(len(names)), 2):
         low, high = found.interval[i, j]

@@ -1,4 +1,4 @@
-"""`LogLikelihood`: what a record says of a noise model, in bins; and `log_likelihood`, which makes it."""
+"""`LogLikelihood`: log-likelihood of any noise model, given a record reduced to bins; and `log_likelihood`, which makes it."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ from ._model import Noise
 from ._ordinates import bins_of
 from ._terms import BUILT_IN
 
-_TERMS = ("Q", "N", "B", "K")  # whose ordinates are exact; that of others is the density
+_TERMS = ("Q", "N", "B", "K")  # terms with exact expected ordinates; for other terms the density replaces them
 
 
 class LogLikelihood(eqx.Module):
@@ -25,17 +25,18 @@ class LogLikelihood(eqx.Module):
 
     .. math:: \ell = -\frac12 \sum_b \nu_b\,\Big[\ln S_b + \frac{P_b}{S_b}\Big]
 
-    The record is reduced to some hundred bins, so that a call costs microseconds under `jax.jit` and well below a millisecond on
-    the host. It can be differentiated with respect to every coefficient of the model. It is a tree of arrays: `jax.vmap` takes a
-    stack of them, and a sampler can carry it. The ramp and sinusoids of a model play no part.
+    The record is reduced to a few hundred bins at most, so that a call takes microseconds under `jax.jit` and well below a millisecond
+    on the host. The result can be differentiated with respect to every coefficient of the model. The object is a tree of arrays, so
+    that you can `jax.vmap` over a stack of them or pass one to a sampler. The ramp and the sinusoids of a model are ignored.
 
     Attributes
     ----------
     frequency : (bins,) mean frequency in Hz.
-    density : (bins,) mean ordinate P_b, two-sided, the unit of the record squared per Hz.
-    weight : (bins,) number of ordinates nu_b; 0 where left out.
-    columns : term -> (bins,) what S_b has for a squared coefficient of one. Other terms enter with their density.
-    base : (bins,) density beside that of the model, such as what a filter of the sensor takes.
+    density : (bins,) mean ordinate P_b, two-sided, in the unit of the record squared per Hz.
+    weight : (bins,) number of ordinates nu_b; 0 for bins that are left out.
+    columns : term -> (bins,) contribution of the term to S_b for a squared coefficient of one. Terms without a column contribute their
+        density.
+    base : (bins,) density that is added to that of the model, such as the effect of a filter in the sensor.
     dt : sampling interval in s.
 
     Examples
@@ -67,11 +68,11 @@ class LogLikelihood(eqx.Module):
         return _log_likelihood(np, *arrays, coefficients, columns)
 
     def expected(self, noise: Noise) -> Any:
-        """S_b, (bins,), the mean ordinates that the model expects."""
+        """Mean ordinates S_b, (bins,), that the model expects."""
         return _expected(self.base, *self._parts(noise))
 
     def _parts(self, noise: Noise) -> tuple[list[Any], list[Any]]:
-        """Coefficients of the random parts of a model, and their columns."""
+        """Coefficients and columns of the random parts of a model."""
         parts = [part for part in noise.parts if part[0] not in ("R", "sinusoid")]
         columns = [self.columns[name] if name in self.columns else term.psd(self.frequency, self.dt) for name, _, term in parts]
         return [coefficient for _, coefficient, _ in parts], columns
@@ -87,27 +88,28 @@ def _log_likelihood(xp: Any, base: Any, density: Any, weight: Any, coefficients:
     return -0.5 * xp.sum(weight * (xp.log(s) + density / s))
 
 
-#: in a trace too one operation, so that a derivative outside of jit costs one call
+#: compiled as one operation, so that a derivative outside of jit needs a single call
 _compiled = jax.jit(partial(_log_likelihood, jnp))
 
 
 @host_float64
 def log_likelihood(y: Any, rate: Any) -> LogLikelihood:
-    """The Whittle log-likelihood of a record, as a function of a noise model.
+    """Whittle log-likelihood of a record, as a function of a noise model. Use it for your own optimiser or sampler.
 
-    A record with gaps enters with what was observed: its ordinates are those expected given the observed samples, each weighted with
-    the share of it that was seen, under the model that `fit` finds. The record is taken as it is; `NoiseFit.log_likelihood` is that
-    of a fit, which leaves out lines, steps and high frequencies that a filter takes.
+    If the record has gaps, its ordinates are estimated from the observed samples under the noise model that `fit` finds, and each is
+    weighted with the share of it that was observed. Nothing is removed from the record. `NoiseFit.log_likelihood`, in contrast, leaves
+    out what the fit left out: lines, steps, and high frequencies that a filter attenuates.
 
     Parameters
     ----------
-    y : (n,) record in rad/s, m/s^2 or T. NaN marks a gap (not where y is traced). May be traced, and differentiated.
+    y : (n,) record in rad/s, m/s^2 or T. NaN marks a gap, except in a traced y, which must have no gaps. y can be differentiated.
     rate : sampling rate in Hz.
 
     Returns
     -------
     LogLikelihood
-        Call it with a `Noise`. A difference of 1.92 in favour of one of two models that differ in one coefficient is one of 95 %.
+        Call it with a `Noise`. If two models differ in one coefficient only, a difference of 1.92 in log-likelihood is significant at
+        95 %.
 
     Raises
     ------
@@ -136,7 +138,7 @@ def log_likelihood(y: Any, rate: Any) -> LogLikelihood:
     if is_traced(y) or not np.isnan(y).any():
         bins = bins_of(y, dt, terms)
     else:
-        from ._whittle import observed_bins
+        from ._solve import observed_bins
 
         bins = observed_bins(y, dt, terms)
     columns = {term: bins.columns[:, i] for i, term in enumerate(_TERMS)}
@@ -144,7 +146,7 @@ def log_likelihood(y: Any, rate: Any) -> LogLikelihood:
 
 
 def likelihood_of(spectrum: Any, noise: Noise, dt: float) -> LogLikelihood:
-    """That of the bins that a fit used: lines and causes are out, and what a filter takes is in `base`."""
+    """Log-likelihood of the bins that a fit used. Lines and causes are left out, and `base` holds the effect of a filter."""
     used = np.asarray(spectrum.used) & (np.asarray(spectrum.edf) > 0)
     columns = {name: np.where(used, np.asarray(column), 0.0) for name, column in spectrum.columns.items()}
     nothing = np.zeros(len(used))

@@ -1,4 +1,4 @@
-"""What is wrong with a record before any model: spikes, and steps coarser than the noise."""
+"""Checks of a record that need no noise model: constant values, spikes, steps, and a resolution coarser than the noise."""
 
 from typing import NamedTuple
 
@@ -6,15 +6,15 @@ import numpy as np
 
 from .._errors import DataError
 
-_SPIKE = 10.0  # robust standard deviations of one sample's departure from its neighbours that make it a spike
-_MOST_SPIKES = 1e-3  # share of the samples above which they are the noise's own tail
-_SAMPLE = 20_000
-_LEVELS = 2_000
-_SMALLEST, _LARGEST = 1e-100, 1e100  # ranges of values between which squares keep their digits
+_SPIKE = 10.0  # robust standard deviations above which a difference between two samples is a spike or a step
+_MOST_SPIKES = 1e-3  # share of samples above which spikes are taken as heavy tails of the noise
+_SAMPLE = 20_000  # samples from which the resolution is found
+_LEVELS = 2_000  # most different values of a record whose resolution can be found
+_SMALLEST, _LARGEST = 1e-100, 1e100  # smallest and largest range of a record whose squares keep their digits
 
 
 def refuse_extremes(y) -> None:
-    """Refuse records that are constant, or whose squares leave the range of numbers; y is (n,) or (n, channels)."""
+    """Raise a `DataError` if a channel is constant or its squares leave the range of numbers; y is (n,) or (n, channels)."""
     for i, x in enumerate(y.reshape(len(y), -1).T):
         known = x[~np.isnan(x)]
         span = float(np.ptp(known)) if len(known) else 1.0
@@ -31,7 +31,11 @@ def refuse_extremes(y) -> None:
 
 
 class Jumps(NamedTuple):
-    """The record without spikes, how many there were, whether they are too many to be errors, and still there; starts of new levels."""
+    """Spikes and steps of a record.
+
+    y : record without spikes. spikes : their number. heavy : whether they are too many to be errors; they are then left in y. steps :
+    samples at which a new level starts.
+    """
 
     y: np.ndarray
     spikes: int = 0
@@ -40,11 +44,11 @@ class Jumps(NamedTuple):
 
 
 def find_jumps(y) -> Jumps:
-    """Spikes, set to the mean of their neighbours, and steps, which are left as they are.
+    """Replace spikes by the mean of their neighbours, and find steps, which stay in the record.
 
-    A difference between samples stands out if it exceeds 10 robust standard deviations of all differences. A sample between two
-    of them of opposite signs is a spike; any other is a step. Where more than one sample in a thousand is a spike, nothing is
-    changed: that noise has heavy tails.
+    A difference between neighbouring samples is large if it exceeds 10 robust standard deviations of all differences. A sample between
+    two large differences of opposite signs is a spike; every other large difference is a step. If more than one sample in a thousand is
+    a spike, the noise has heavy tails and nothing is changed.
     """
     difference = np.diff(y)
     finite = difference[np.isfinite(difference)]
@@ -63,7 +67,7 @@ def find_jumps(y) -> Jumps:
 
 
 def resolution(y) -> tuple[float, float]:
-    """Smallest step between values, 0 where they form no grid, and the standard deviation of white noise in the record."""
+    """Resolution of a record, 0 if its values form no grid, and the standard deviation of its white noise."""
     y = y[: _SAMPLE + 1]
     y = y[np.isfinite(y)]
     values = np.unique(y)
@@ -78,7 +82,7 @@ def resolution(y) -> tuple[float, float]:
 
 
 def sentences_of_checks(jumps: Jumps, step: float, white: float, dt: float, n_squared: float) -> list[str]:
-    """Warnings that follow."""
+    """Warnings about steps, spikes and resolution. `n_squared` is N^2 of the fit."""
     said, spikes, steps = [], jumps.spikes, list(jumps.steps)
     if steps:
         many = f"{len(steps)} steps" if len(steps) > 1 else "a step"

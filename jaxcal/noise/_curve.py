@@ -1,15 +1,16 @@
-r"""An Allan variance curve and least squares on it with weights that depend on the coefficients sought; host and trace.
+r"""An Allan variance curve, and its least-squares fit with weights that depend on the coefficients; on the host and in a trace.
 
-The exact Allan variances of the terms are the columns of A, so that E v = A theta with theta the squared coefficients, and the
-covariance of v is C(theta) = sum_ij theta_i theta_j T_ij (`covariance_tensor`). A step solves with the weights at the coefficients
-of the step before,
+The exact Allan variances of the terms are the columns of A, so that E v = A theta with theta the squared coefficients. The covariance
+of v is C(theta) = sum_ij theta_i theta_j T_ij (`covariance_tensor`). Each step takes the weights at the coefficients of the step
+before and solves
 
 .. math:: \theta \leftarrow \arg\min_{\theta \ge 0} (v - A\theta)'\,W(\theta)\,(v - A\theta)
 
 with W = C^-1 (method "gls", `full`) or the inverse of its diagonal, 2 (A theta)^2 / edf ("edf" and "wavelet").
 
-The last column is that of a tail, -1/tau^2: what a filter leaves at cluster times well above its own. It has the shape of Q with
-either sign, so Q and the tail are never free together; a tail of the sign of Q scatters as Q does.
+The last column belongs to a tail, -1/tau^2, which describes the effect of a filter at cluster times well above its own time constant.
+Its coefficient may have either sign. The tail has the shape of Q, so the two are never fitted together. A tail with the sign of Q
+scatters as Q does.
 """
 
 from typing import Any, NamedTuple
@@ -25,17 +26,17 @@ from ._covariance import covariance_tensor
 from ._lanes import filled, namespace, run
 from ._terms import Term
 
-#: relative change of the modelled variance at which the weights have settled, for the fit and for a first guess, and the most steps
+#: relative change of the modelled variance at which the iteration stops, for the fit and for a first guess; largest number of steps
 SETTLED, GUESSED, MOST = 1e-7, 1e-2, 40
-#: the compiled program takes multiples of so many cluster sizes and terms
+#: the numbers of cluster sizes and of terms are padded to multiples of these, so that few programs are compiled
 _ROWS, _TERMS = 32, 4
 
 
 class Curve(NamedTuple):
-    """An Allan variance curve with what its fit needs: a plain tuple, for the loops of the host read it thousands of times.
+    """An Allan variance curve with all that its fit needs. It is a plain tuple, because loops on the host read it thousands of times.
 
-    v : (clusters,) measured variances. columns : (clusters, p + 1), A and the tail. tensor : (p, p, clusters, clusters), T, larger
-    where gaps leave fewer differences. short : (p,) 1 for the term whose shape the tail has, else 0.
+    v : (clusters,) measured variances. columns : (clusters, p + 1), A and the tail. tensor : (p, p, clusters, clusters), T, increased
+    where gaps leave fewer differences. short : (p,) 1 for the term that has the shape of the tail (Q), else 0.
     """
 
     v: AnyArray
@@ -44,7 +45,7 @@ class Curve(NamedTuple):
     short: AnyArray
 
     def noise(self, theta) -> Any:
-        """(p,) squared coefficients of the terms that scatter, the tail taken as what it looks like."""
+        """(p,) squared coefficients that determine the scatter; a tail with the sign of Q counts as Q."""
         return theta[:-1] + self.short * namespace(self.v, theta).maximum(-theta[-1], 0.0)
 
     def covariance(self, theta) -> Any:
@@ -55,9 +56,10 @@ class Curve(NamedTuple):
 
 
 class Lane(NamedTuple):
-    """A fit to the clusters `used`: `free` coefficients, the values `held` of the others, and those free in the fit beside it.
+    """One of several fits: which clusters are `used`, which coefficients are `free`, and the values at which the others are `held`.
 
-    (clusters,), then (p + 1,) each; several fits have a first axis more.
+    `wider` marks the coefficients that are free in a second fit, for comparison. Shapes: `used` (clusters,), the others (p + 1,);
+    several fits together have one more axis in front.
     """
 
     used: Any
@@ -67,9 +69,10 @@ class Lane(NamedTuple):
 
 
 class Settled(NamedTuple):
-    """The fixed point `theta` of a lane, with the last change of the modelled variance, and chi-squares with C at that point.
+    """The fixed point `theta` of a lane, the last change of the modelled variance, and two chi-squares, both with C at that point.
 
-    `held` is the least one of the free coefficients; `best` are the coefficients of `wider` of the least one, `least`.
+    `held` is the smallest chi-square over the free coefficients. `least` is the smallest one over the coefficients of `wider`, reached
+    at `best`.
     """
 
     theta: AnyArray
@@ -79,17 +82,17 @@ class Settled(NamedTuple):
     least: Any
 
 
-#: axes of a `Curve` and of several `Lane`: rows, which are clusters, terms, columns, lanes
+#: axes of the fields of a `Curve` and of several `Lane`: r for rows (clusters), t for terms, c for columns, l for lanes
 _AXES, _LANES = ("r", "rc", "ttrr", "t"), ("lr", "lc", "lc", "lc")
 
 
 def curve_of(curve: Deviation, samples: int, terms: tuple[Term, ...], variance, inside) -> tuple[Curve, Any, Any]:
-    """Allan variances with columns and covariance tensor, divided by the largest one; which of those `inside` are used; and that one."""
+    """The curve in units of its largest variance, with columns and covariance tensor; which clusters `inside` are used; and that unit."""
     xp, used = namespace(variance), inside & (variance > 0.0)
     dt, dtype = 1.0 / curve.rate, variance.dtype
-    # squares of small coefficients would leave the range of float32
+    # in SI units the squares of small coefficients would leave the range of float32
     unit = xp.max(xp.where(used, variance, 0.0))
-    with jax.ensure_compile_time_eval():  # neither depends on the record
+    with jax.ensure_compile_time_eval():  # columns and tensor do not depend on the record
         found = [np.asarray(term.avar(curve.tau, dt)) for term in terms]
         tensor = covariance_tensor(samples, tuple(int(m) for m in curve.m), dt, terms)
     short = np.array([term.name == "Q" for term in terms])
@@ -100,25 +103,31 @@ def curve_of(curve: Deviation, samples: int, terms: tuple[Term, ...], variance, 
 
 
 def correlation(curve: Curve, used, theta, extra: Any = 0.0) -> tuple[Any, Any]:
-    """Correlation matrix and standard deviations of v with C at theta, plus independent variances `extra`; unused ones apart."""
+    """Correlation matrix and standard deviations of v, with C at theta plus independent variances `extra`.
+
+    Clusters that are not used are independent of all others, with unit variance.
+    """
     xp = namespace(curve.v, used, theta)
     identity = np.eye(len(curve.v), dtype=curve.v.dtype)
     c = xp.where(used[:, None] & used[None, :], curve.covariance(theta) + xp.diag(extra * xp.ones_like(curve.v)), identity)
     scale = xp.sqrt(xp.diagonal(c))
     scale = xp.where(scale > 0.0, scale, 1.0)
-    # smallest eigenvalues are about 1e-3; the addition keeps them above zero in any precision
+    # the smallest eigenvalues are about 1e-3; the addition keeps them above zero in any precision
     return c / scale[:, None] / scale[None, :] + max(1e-8, 64 * float(np.finfo(c.dtype).eps)) * identity, scale
 
 
 def whiten(matrix, rows) -> Any:
-    """L^-1 rows with L L' = matrix."""
+    """L^-1 rows, where L L' = matrix is the Cholesky factorisation."""
     if namespace(matrix, rows) is np:
         return np.linalg.solve(np.linalg.cholesky(matrix), rows)
     return jax.scipy.linalg.solve_triangular(jnp.linalg.cholesky(matrix), rows, lower=True)
 
 
 def whitened(curve: Curve, used, theta, full: Any, extra: Any = 0.0) -> tuple[Any, Any]:
-    """A and v of unit covariance with C (its diagonal unless `full`) at theta: (clusters, p + 1) and (clusters,)."""
+    """A and v, scaled so that v has unit covariance if its covariance is C (its diagonal unless `full`) at theta.
+
+    Returns arrays of shape (clusters, p + 1) and (clusters,).
+    """
     xp = namespace(curve.v, used, theta)
     rows = xp.where(used[:, None], xp.concatenate([curve.columns, curve.v[:, None]], axis=1), 0.0)
 
@@ -128,7 +137,7 @@ def whitened(curve: Curve, used, theta, full: Any, extra: Any = 0.0) -> tuple[An
 
     def one_by_one():
         variance = xp.diagonal(curve.covariance(theta))
-        # without coefficients relative errors are taken as equal
+        # while all coefficients are zero, all clusters get the same relative error
         return rows / xp.sqrt(xp.where(variance > 0.0, variance, curve.v**2))[:, None]
 
     rows = (wholly() if full else one_by_one()) if isinstance(full, bool) else jax.lax.cond(full, wholly, one_by_one)
@@ -136,19 +145,19 @@ def whitened(curve: Curve, used, theta, full: Any, extra: Any = 0.0) -> tuple[An
 
 
 def differences(theta, data):
-    """Residuals of whitened columns and variances."""
+    """Residuals of the whitened least-squares problem."""
     return data["rows"] @ theta - data["target"]
 
 
 def _lower(theta) -> np.ndarray:
-    """Bounds: the tail alone may have either sign."""
+    """Lower bounds of the coefficients: only the tail may be negative."""
     return np.append(np.zeros(theta.size - 1), -np.inf).astype(theta.dtype)
 
 
 def least_squares(white: tuple[Any, Any], free, held, start) -> tuple[Any, Any]:
-    """Coefficients of least chi-square of whitened columns and variances, none but the tail negative, and that chi-square."""
+    """Coefficients with the smallest chi-square, and that chi-square. Only the tail may be negative."""
     rows, target = white
-    # a coefficient that is not free has no column, and must lie on a bound
+    # a coefficient that is not free has a column of zeros, and must lie on a bound
     lower = jnp.where(free, _lower(start), 0.0)
     data = {"rows": jnp.where(free[None, :], rows, 0.0), "target": target - rows @ held}
     found = solve(differences, jnp.where(free, start, 0.0), data, bounds=(lower, np.inf))
@@ -156,10 +165,10 @@ def least_squares(white: tuple[Any, Any], free, held, start) -> tuple[Any, Any]:
 
 
 def _settle(shared, lane) -> Settled:
-    """The fixed point of one lane, and the chi-squares about it: in one loop, which holds one problem of least squares to be compiled.
+    """Find the fixed point of one lane and then its two chi-squares, all in one loop, so that least squares is compiled only once.
 
-    Left alone the steps may swing, or go on at two thirds of the length before. Each is lengthened or shortened by what the last
-    two tell (Irons and Tuck, Int. J. Numer. Meth. Eng. 1, 1969): a dozen steps do where halving every step took forty.
+    Plain steps may oscillate, or shrink to only two thirds from one to the next. The length of each step is therefore chosen from the
+    last two steps (Irons and Tuck, Int. J. Numer. Meth. Eng. 1, 1969). This needs a dozen steps where halving every step took forty.
     """
     (curve, full, enough, most, extra), ((used, free, held, wider), start) = shared, lane
 
@@ -175,7 +184,7 @@ def _settle(shared, lane) -> Settled:
         following = length * (before @ bend) / jnp.where(turn > 0.0, turn, 1.0)
         following = jnp.where((k > 1) & (following > 0.0), jnp.clip(following, 0.3, 4.0), 1.0)
         size = jnp.max(jnp.abs(departure))
-        # the last step is a whole one: what goes to zero is zero
+        # the last step has full length, so that coefficients that tend to zero become exactly zero
         further = jnp.where(size > enough, jnp.maximum(theta + following * (new - theta), _lower(theta)), new)
         found = Settled(
             theta=jnp.where(moving, further, theta),
@@ -192,13 +201,13 @@ def _settle(shared, lane) -> Settled:
 
 
 def settle(curve: Curve, lanes: Lane, start, full: bool, enough: float = SETTLED, most: int = MOST, extra: Any = 0.0) -> Settled:
-    """Iterate every lane until a step changes the modelled variance by no more than `enough` of it, `most` steps; from `start`.
+    """Iterate every lane from `start` until a step changes the modelled variance by at most the fraction `enough`, or `most` steps.
 
-    `extra` are independent variances that the chi-squares allow for besides.
+    The chi-squares also allow for independent variances `extra`.
     """
     if namespace(curve, lanes, start) is jnp:
         return run(_settle, (curve, full, enough, most, extra), (lanes, start), None)
-    # filled up, at the end with cluster sizes that are not used and at the start with terms that are not free
+    # pad with unused cluster sizes at the end, and with terms that are not free at the start
     n, p = len(curve.v), len(curve.short)
     rows, terms = -(-n // _ROWS) * _ROWS, -(-p // _TERMS) * _TERMS
     size = {"r": rows, "t": terms, "c": terms + 1, "l": len(start)}
@@ -215,10 +224,10 @@ def settle(curve: Curve, lanes: Lane, start, full: bool, enough: float = SETTLED
 
 
 def estimate(curve: Curve, lanes: Lane, full: bool) -> tuple[Any, Any]:
-    """The fixed point from nothing, `full` weights by way of independent ones, and its last change; differentiable in a trace.
+    """Find the fixed point from a start at zero, and return it with its last change; differentiable in a trace.
 
-    The iteration carries no derivative. One Newton step for theta = step(theta) from its end does, that of the implicit
-    function theorem.
+    With `full` weights a first guess with independent ones comes before. The iteration carries no derivative. One Newton step for
+    theta = step(theta) at its end provides the derivative, by the implicit function theorem.
     """
     traced = namespace(curve, lanes) is jnp
     still, start = (jax.lax.stop_gradient((curve, lanes)), jnp.zeros_like(lanes.held)) if traced else ((curve, lanes), lanes.held)
@@ -237,8 +246,8 @@ def _with_derivative(curve: Curve, lane: Lane, theta, full: bool) -> Any:
 
     new = step(theta)
     slope = jax.lax.stop_gradient(jax.jacfwd(step)(theta))
-    size = jnp.max(jnp.abs(curve.columns), axis=0)  # in units of these the coefficients are of similar size
+    size = jnp.max(jnp.abs(curve.columns), axis=0)  # scales that make the coefficients similar in size
     apart = jnp.eye(len(theta), dtype=theta.dtype) - slope * size[:, None] / size[None, :]
     move = jnp.linalg.solve(apart, (new - theta) * size) / size
-    # the value is the fixed point's, whatever the Newton step
+    # the Newton step contributes its derivative only; the value remains that of the fixed point
     return theta + move - jax.lax.stop_gradient(move)

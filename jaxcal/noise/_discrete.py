@@ -1,4 +1,4 @@
-"""`discrete`: a noise model as a linear Gaussian state-space model at a sampling rate, for Kalman filters."""
+"""`discrete`: convert a noise model to a linear Gaussian state-space model at a sampling rate, for Kalman filters."""
 
 import collections
 import dataclasses
@@ -16,15 +16,15 @@ from .._types import Any, Float
 from ._model import Noise, checked_sampling, noise_of
 from ._terms import GaussMarkov, Term
 
-#: lowest frequency of the default band, one cycle per hour, and the error of the density that the default chain may have
+#: lowest frequency of the default band, one cycle per hour, and the largest error of the density that the default chain may have
 _LOWEST = 1.0 / 3600.0
 _ERROR = 0.1
 _MOST_STATES = 32
-#: order of the terms among the states; terms of one's own come last
+#: order of the terms in the state vector; terms of the user's own come last
 _ORDER = {name: i for i, name in enumerate(("K", "B", "markov", "Q", "N", "R", "sinusoid"))} | {"flicker": 1}
-#: frequencies per decade at which a chain is fitted, and how many times as many at which its error is found
+#: frequencies per decade at which a chain is fitted, and the multiple of that number at which its error is determined
 _PER_DECADE, _CLOSER = 24, 4
-#: lowest and highest corner frequency that are tried, over the lower and over the upper end of the band
+#: lowest and highest corner frequencies to try, relative to the lower and to the upper end of the band
 _LOW_CORNER = np.geomspace(0.2, 6.0, 12)
 _HIGH_CORNER = np.geomspace(0.15, 5.0, 12)
 
@@ -34,8 +34,8 @@ class StateSpace(eqx.Module):
 
     .. math:: x_{t+1} = F x_t + w_t,\quad \mathrm{Cov}\,w = P,\qquad y_t = H x_t + v_t,\quad \mathrm{Var}\,v = r
 
-    A filter that estimates a rate or a specific force takes P and r for its noise, and adds H x to its model of the reading. Every
-    value is exact at this rate; nothing is left to be multiplied by the sampling interval. The states by name, with dt = 1/rate:
+    A filter that estimates a rate or a specific force uses P and r as its noise covariances, and adds H x to its model of the reading.
+    All values are per sample at this rate: do not multiply them by the sampling interval. The states by name, with dt = 1/rate:
 
     ================  ==============================  ============================  =============  =====================
     state             transition                      variance per step             output         variance at the start
@@ -43,28 +43,29 @@ class StateSpace(eqx.Module):
     (N: no state)                                     r = N^2 rate
     walk (K)          1                               K^2 dt                        1              0
     flicker i (B)     a = exp(-dt/Tc)                 qc^2 Tc/2 (1 - a^2)           1              qc^2 Tc/2
-    markov i          the same, for the processes that the model itself has
+    markov i          the same, for the Gauss-Markov processes of the noise model
     next, last (Q)    last becomes next               Q^2 for next, 0 for last      rate, -rate    Q^2
     ramp, slope (R)   ramp grows by dt times slope    0                             1, 0           0, R^2
     cos i, sin i      rotation by 2 pi f0 dt          0                             1, 0           A^2/2
     ================  ==============================  ============================  =============  =====================
 
-    Walk, flicker, markov, ramp and sinusoid states are in the unit of y (rad/s, m/s^2), slope in that unit per second, the
-    states of Q in rad (m/s): they are the rounding errors of the integrated output after and before the sample.
+    Walk, flicker, markov, ramp and sinusoid states are in the unit of y (rad/s, m/s^2), and slope in that unit per second. The states of
+    Q are in rad (m/s): they are the rounding errors of the integrated output after and before the sample.
 
     Attributes
     ----------
-    transition : (states, states) F.
-    process : (states, states) P, per step.
-    output : (states,) H.
-    white : r, variance of the white noise of a sample; 0 where the model has no N.
+    transition : (states, states) transition matrix F of one step.
+    process : (states, states) covariance P of the process noise of one step.
+    output : (states,) output vector H.
+    white : r, variance of the white noise of a sample; 0 if the model has no N.
     initial : (states, states) covariance of the states at the first sample.
     names : names of the states, in order.
     rate : sampling rate in Hz.
-    noise : the same model as a `Noise`, in which the chain of Gauss-Markov processes stands for B.
-    chain : ((qc, Tc), ...) of the flicker states, as in `Noise.markov`; empty without B.
-    band : (low, high) frequencies in Hz between which the chain follows flicker; None without B, as the next three.
-    clusters : (shortest, longest) cluster times in s that this band serves: 0.5/high and 0.1/low.
+    noise : the same model as a `Noise`, in which the chain of Gauss-Markov processes replaces B.
+    chain : ((qc, Tc), ...) of the flicker states, as in `Noise.markov`; empty if no term needs a chain. Besides B, terms of your own
+        without an exact state-space form need one.
+    band : (low, high) frequencies in Hz between which the chain follows flicker. This and the next three are None without a chain.
+    clusters : (shortest, longest) cluster times in s that this band covers: 0.5/high and 0.1/low.
     psd_error : largest relative error of the density of the chain in `band`.
     deviation_error : largest relative error of the Allan deviation of the chain in `clusters`.
 
@@ -91,7 +92,7 @@ class StateSpace(eqx.Module):
     names: tuple[str, ...] = eqx.field(static=True)
 
     def avar(self, tau: Any) -> Any:
-        """Allan variance of y at cluster time tau in s (multiples of 1/rate), as `Noise.avar` with `dt`.
+        """Allan variance of y at cluster time tau in s (multiples of 1/rate), computed by `Noise.avar` with `dt`.
 
         Examples
         --------
@@ -103,7 +104,7 @@ class StateSpace(eqx.Module):
         return self.noise.avar(tau, dt=1.0 / self.rate)
 
     def psd(self, f: Any) -> Any:
-        """Two-sided power spectral density of y at frequency f in Hz, as `Noise.psd` with `dt`.
+        """Two-sided power spectral density of y at frequency f in Hz, computed by `Noise.psd` with `dt`.
 
         Examples
         --------
@@ -116,36 +117,37 @@ class StateSpace(eqx.Module):
 
 
 def discrete(noise: Any, rate: Any, *, states: Any = None, band: Any = None) -> StateSpace:
-    r"""Noise as a state-space model at a sampling rate: the process and measurement noise of a Kalman filter.
+    r"""Convert noise to a state-space model at a sampling rate: the process and measurement noise of a Kalman filter.
 
-    Every term but flicker is exact. Flicker has no finite state: between the frequencies of `band` a sum of first-order
-    Gauss-Markov processes stands for it,
+    Every term except flicker is exact. Flicker has no state-space form with finitely many states. A sum of first-order Gauss-Markov
+    processes, called the chain, approximates it between the frequencies of `band`,
 
     .. math:: \frac{B^2}{2\pi f} \approx \sum_i \frac{(q_i T_i)^2}{1 + (2\pi f T_i)^2},
 
-    both sides in their exact form for samples. The corner frequencies 1/(2 pi Tc) are equally spaced in the logarithm, the
-    strengths follow from non-negative least squares of the relative error, and of several ranges of corners the one with the
-    smallest largest error is taken. Above the band the chain falls as 1/f^2, below it is level: its variance is finite.
+    with both sides in their exact form for samples. The corner frequencies 1/(2 pi Tc) are equally spaced in the logarithm. The
+    strengths follow from non-negative least squares of the relative error. Several ranges of corner frequencies are tried, and the one
+    with the smallest maximum error is kept. Above the band the density of the chain falls as 1/f^2, below the band it is constant, so
+    the variance of the chain is finite.
 
     Parameters
     ----------
-    noise : `Noise` of one channel. Without B, `states` and `band` have no bearing.
+    noise : `Noise` of one channel. `states` and `band` are ignored if it has neither B nor terms of your own.
     rate : rate in Hz at which the filter takes samples.
-    states : number of Gauss-Markov processes for B; None for the fewest whose density is within 10 % in the band (5 % in the
-        deviation). About one per decade of the band does that; with 1.5 per decade it is 4 % or less.
-    band : (low, high) frequencies in Hz, at least a decade apart; None for one cycle per hour to half the rate (or to the
-        cut-off). For cluster times from t1 to t2 take 0.1/t2 to 0.5/t1.
+    states : number of Gauss-Markov processes for B. None takes the fewest whose density is within 10 % of flicker in the band (5 % in
+        the deviation), which is about one per decade of the band; 1.5 per decade bring the error to 4 % or less.
+    band : (low, high) frequencies in Hz, at least a decade apart. None takes one cycle per hour to half the rate (or to the cut-off).
+        To cover cluster times from t1 to t2, give 0.1/t2 to 0.5/t1.
 
     Returns
     -------
     StateSpace
-        Matrices, with the band and the error of the chain.
+        Matrices of the model, with the band and the errors of the chain.
 
     Raises
     ------
     DataError
-        If the noise is of several channels, a coefficient is negative or not finite, or the rate, the number of states or the
-        band is out of range.
+        If the noise has several channels, a coefficient is negative or not finite, or the rate, the number of states or the band is
+        out of range.
 
     Examples
     --------
@@ -178,7 +180,7 @@ def discrete(noise: Any, rate: Any, *, states: Any = None, band: Any = None) -> 
             chains += [(coefficient * strength, time) for strength, time in unit]
             label = "flicker" if name == "B" else name
             blocks += [(label, strength, GaussMarkov(time=time).states(1.0 / rate)) for strength, time in chains[-len(unit) :]]
-            # of several chains the larger errors
+            # if there are several chains, report the largest errors
             quality |= {key: max(quality[key] or 0.0, value) if key.endswith("error") else value for key, value in errors.items()}
     held = [(coefficient, block) for _, coefficient, block in blocks if block.names]
     exact = tuple(part for part in noise.further if part[1].states(1.0 / rate) is not None)
@@ -201,7 +203,7 @@ def discrete(noise: Any, rate: Any, *, states: Any = None, band: Any = None) -> 
 
 
 def _numbered(blocks: list[tuple[str, tuple[str, ...]]]) -> tuple[str, ...]:
-    """Names of the states, with a number where there may be several of a kind."""
+    """Names of the states, numbered if there can be several of the same kind."""
     count: collections.Counter[str] = collections.Counter()
     found = []
     for label, names in blocks:
@@ -213,7 +215,7 @@ def _numbered(blocks: list[tuple[str, tuple[str, ...]]]) -> tuple[str, ...]:
 
 
 def _chain(term: Term, rate: float, band: tuple[float, float], states: int | None):
-    """The chain for a term of coefficient one, and its band, the cluster times it serves and its errors in both."""
+    """The chain for a term of coefficient one, with its band, the cluster times that the band covers, and the errors in both."""
     tried = (_unit_chain(term, band, rate, number) for number in (range(1, _MOST_STATES + 1) if states is None else (states,)))
     unit, error = next((found for found in tried if found[1] <= _ERROR or states is not None), ((), math.inf))
     if not unit:
@@ -229,14 +231,14 @@ def _chain(term: Term, rate: float, band: tuple[float, float], states: int | Non
 
 @functools.lru_cache(maxsize=64)
 def _unit_chain(term: Term, band: tuple[float, float], rate: float, states: int) -> tuple[tuple[tuple[float, float], ...], float]:
-    """((qc, Tc), ...) for B = 1, and the largest relative error of its density in the band."""
+    """((qc, Tc), ...) of the chain for a coefficient of one, and the largest relative error of its density in the band."""
     low, high = band
     number = math.ceil(_PER_DECADE * _CLOSER * math.log10(high / low)) + 1
     f = np.geomspace(low, high, number)
     f[-1] = high
     corner = [np.geomspace(low * a, max(high * b, low * a), states) for a in _LOW_CORNER for b in _HIGH_CORNER]
     correlation = 1.0 / (2.0 * math.pi * np.array(corner))
-    # density of a Gauss-Markov process of unit strength over that of the term, both of samples
+    # ratio of two densities of samples: a Gauss-Markov process of unit strength, and the term
     wanted = np.asarray(term.psd(f, 1.0 / rate))[:, None, None]
     relative = GaussMarkov(time=correlation).psd(f[:, None, None], 1.0 / rate) / wanted
     best = (), math.inf
@@ -245,7 +247,7 @@ def _unit_chain(term: Term, band: tuple[float, float], rate: float, states: int)
         scale = np.max(columns, axis=0)
         found = scipy.optimize.nnls(columns[::_CLOSER] / scale, np.ones(len(f[::_CLOSER])))[0] / scale
         reached = columns @ found
-        middle = (np.max(reached) + np.min(reached)) / 2.0  # dividing by it makes both errors equal
+        middle = (np.max(reached) + np.min(reached)) / 2.0  # division by it makes the largest errors up and down equal
         if np.max(reached) / middle - 1.0 < best[1]:
             strengths = np.sqrt(found / middle).tolist()
             unit = tuple((strength, time) for strength, time in zip(strengths, times.tolist(), strict=True) if strength > 0.0)

@@ -1,14 +1,14 @@
-r"""Methods "unweighted", "log" and "slope": one Allan deviation curve in, coefficients without uncertainty out.
+r"""Methods "unweighted", "log" and "slope", which fit an Allan deviation curve without uncertainty.
 
-They are for comparison, and for readers of older work. With ad the Allan deviation and v its square, over cluster sizes:
+They serve for comparison with older work. With ad the Allan deviation, v its square, and sums over cluster sizes:
 
 - unweighted: :math:`\min_{\theta \ge 0} \sum (v - A\theta)^2`.
 - log: :math:`\min_{\theta \ge 0} \sum (\ln A\theta - \ln v)^2`.
-- slope: tangents of slope -1, -1/2, +1/2 and +1 (Q, N, K and R) where the curve comes nearest to these slopes, read at
-  tau = sqrt 3, 1, 3 and sqrt 2 s; B is the minimum over 0.664 (thesis, section 5.4.4; IEEE Std 952-1997, annex C).
+- slope: tangents of slope -1, -1/2, +1/2 and +1 (Q, N, K and R), drawn where the slope of the curve is nearest to theirs and read at
+  tau = sqrt 3, 1, 3 and sqrt 2 s. B is the minimum of ad divided by 0.664 (thesis, section 5.4.4; IEEE Std 952-1997, annex C).
 
-No error propagation is true for these, so intervals, limits, verdicts and significances are empty, and so is the covariance
-(no rows). `goodness` is the chance of a worse chi-square about the fitted curve.
+No valid error propagation exists for these methods. Intervals, limits, verdicts, significances and the covariance are therefore empty.
+`goodness` is the chance of a worse chi-square about the fitted curve.
 """
 
 import math
@@ -40,14 +40,15 @@ _SHORTCOMINGS = {
     "where B is absent",
 }
 
-#: slope in log-log, reading time in s, most (least) local slope at which the term counts as seen
+#: term -> slope in log-log, time in s at which its tangent is read, and the local slope that the curve must go below (rising: above)
+#: for the term to be reported
 _TANGENTS = {"Q": (-1.0, math.sqrt(3.0), -0.75), "N": (-0.5, 1.0, math.inf), "K": (0.5, 3.0, 0.25), "R": (1.0, math.sqrt(2.0), 0.75)}
 
 
 def fit_plainly(
     curve: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float, *, method: str
 ) -> NoiseFit:
-    """Fit the cluster sizes `inside`; arguments as of `fit_jointly`, of which `automatic` has no meaning here."""
+    """Fit the cluster sizes `inside`. The arguments are those of `fit_jointly`; `automatic` is ignored."""
     xp, traced = namespace(curve.deviation), is_traced(curve.deviation)
     data, used, unit = curve_of(curve, samples, terms, curve.deviation**2, inside)
     if method == "slope":
@@ -68,7 +69,7 @@ def fit_plainly(
 
 
 def _weighted(data: Curve, used, weight):
-    """Coefficients of least squares with the weights given."""
+    """Squared coefficients by least squares with the given weights."""
     xp, columns = namespace(data), data.columns[:, :-1]
     root = xp.sqrt(xp.where(used, weight, 0.0))
     rows = {"rows": columns * root[:, None], "target": data.v * root}
@@ -77,11 +78,11 @@ def _weighted(data: Curve, used, weight):
 
 
 def _logarithmic(data: Curve, used, traced: bool):
-    """Coefficients of least squares of the logarithms."""
+    """Squared coefficients by least squares on the logarithms."""
     still = jax.lax.stop_gradient(data) if traced else data
     xp, columns = namespace(data), data.columns[:, :-1]
     touching = xp.min(xp.where(used[:, None], still.v[:, None] / columns, np.inf), axis=0)
-    # off the bounds, by a hundredth of what each term could be at most; in units of that
+    # in units of the largest possible value of each coefficient; the start is a hundredth of it away from the bounds
     start = _weighted(still, used, 1.0 / still.v**2) / touching + 0.01
     found = solve(_log_residuals, start, {"columns": columns * touching[None, :], "v": data.v, "used": used}, bounds=(0.0, np.inf))
     if not traced and not bool(found.usable):
@@ -91,18 +92,18 @@ def _logarithmic(data: Curve, used, traced: bool):
 
 def _log_residuals(theta, data):
     fitted = data["columns"] @ theta
-    positive = fitted > 0.0  # both branches stay finite, so that gradients do
+    positive = fitted > 0.0  # both branches must stay finite for the gradients to be finite
     ratio = jnp.where(positive, fitted, 1.0) / data["v"]
     return jnp.where(data["used"], jnp.where(positive, jnp.log(ratio), -100.0), 0.0)
 
 
 def _tangents(curve: Deviation, terms: tuple[Term, ...], use):
-    """Squared coefficients from tangents and minimum of the curve."""
+    """Squared coefficients from the tangents and the minimum of the curve."""
     xp = namespace(curve.deviation)
     tau, ad = curve.tau[use], curve.deviation[use]
     step = np.diff(np.log(tau))
     chord = (xp.log(ad[1:]) - xp.log(ad[:-1])) / step
-    # central, of second order for uneven steps, and one-sided at the ends
+    # central differences of second order for uneven steps, one-sided at the ends
     inner = (step[1:] * chord[:-1] + step[:-1] * chord[1:]) / (step[1:] + step[:-1])
     slope = xp.concatenate([chord[:1], inner, chord[-1:]])
     index, lowest = np.arange(len(tau)), xp.argmin(ad)

@@ -1,11 +1,11 @@
-r"""Fits of an Allan deviation curve with uncertainty: one `Deviation` in, one `NoiseFit` out; and the second opinion on a spectrum.
+r"""Methods "gls", "edf" and "wavelet", which fit an Allan deviation curve with uncertainty; and the second opinion on a spectrum.
 
 - gls: generalised least squares with the covariance of the whole curve, min (v - A theta)' C(theta)^-1 (v - A theta).
-- edf: independent variances 2 (A theta)^2 / edf, with a sandwich covariance.
-- wavelet: the Haar wavelet variance at dyadic scales, as the generalised method of wavelet moments fits it,
-  nu^2(2m) = sigma^2(m dt) / 2, with weights 1/Var(nu^2) and a sandwich covariance (S. Guerrier, J. Skaloud, Y. Stebler and M.-P.
-  Victoria-Feser, J. Am. Stat. Assoc. 108, 2013; the identity: D. B. Percival and P. Guttorp, in Wavelets in Geophysics, 1994).
-  Halving every variance and every column moves neither the coefficients nor their covariance, so it is edf on other cluster sizes.
+- edf: least squares with independent variances 2 (A theta)^2 / edf, and a sandwich covariance of the coefficients.
+- wavelet: the generalised method of wavelet moments, which fits the Haar wavelet variance nu^2(2m) = sigma^2(m dt) / 2 at dyadic
+  scales with weights 1/Var(nu^2) and a sandwich covariance (S. Guerrier, J. Skaloud, Y. Stebler and M.-P. Victoria-Feser, J. Am.
+  Stat. Assoc. 108, 2013; the identity: D. B. Percival and P. Guttorp, in Wavelets in Geophysics, 1994). To halve every variance and
+  every column changes neither the coefficients nor their covariance, so this method is edf on other cluster sizes.
 """
 
 import dataclasses
@@ -23,16 +23,16 @@ from ._model import Noise, noise_of
 from ._result import NoiseFit, assemble, with_edf
 from ._terms import Term
 
-_LEFT = 0.1  # share of the Allan variance that must be left when lines are taken from it
+_LEFT = 0.1  # a cluster time is used if at least this share of its Allan variance remains when lines and processes are subtracted
 
 
 def fit_jointly(
     deviation: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float, *, method: str
 ) -> NoiseFit:
-    """Fit the overlapped Allan deviation of one channel of `samples`.
+    """Fit the overlapped Allan deviation of one channel that has `samples` samples.
 
-    Of the cluster sizes `inside`, (clusters,), short ones at which the model does not hold are left out if this is `automatic` and
-    the record is not traced.
+    `inside`, (clusters,), marks the cluster sizes that may be used. If `automatic` and not in a trace, short cluster sizes at which the
+    model does not hold are left out.
     """
     xp, full = namespace(deviation.deviation), method == "gls"
     curve, used, unit = curve_of(deviation, samples, terms, deviation.deviation**2, inside)
@@ -62,9 +62,10 @@ def fit_jointly(
 
 
 def with_second_opinion(found: NoiseFit, samples: int) -> NoiseFit:
-    """The fit with the coefficients that generalised least squares finds on the same band, and a warning where they disagree.
+    """Add a second opinion to a fit: the coefficients by generalised least squares in the same band, with a warning if they disagree.
 
-    Lines and Gauss-Markov processes are taken from the curve first. In a band that was cut, a tail of slope -1 takes the place of Q.
+    Lines and Gauss-Markov processes are subtracted from the curve first. If short cluster times are cut off, a tail of slope -1
+    replaces Q.
     """
     curve, names = found.deviation, tuple(term for term in found.terms if term != "markov")
     terms = tuple(found.noise.part(name)[2] for name in names)

@@ -1,7 +1,8 @@
-"""Fits side by side: lanes of one compiled program on the host, one after another in a trace.
+"""Solve many small problems of the same shape: as lanes of one compiled program on the host, one after another in a trace.
 
-Attempts, bands, correlation times and profiles are small problems of one shape. On the host a batch of them is filled up to a fixed
-number, so that one compilation serves every fit; the loops around are NumPy. In a trace the same functions run in `jax.numpy`.
+Such problems are the fits from several starts, in several bands, for several correlation times, and along likelihood profiles. On the
+host they are padded to batches of a fixed size, so that one compilation serves every fit; the loops around them are NumPy. In a trace
+the same functions run in `jax.numpy`.
 """
 
 from collections.abc import Callable
@@ -20,13 +21,13 @@ _LANES = 16
 
 
 def namespace(*trees: Any) -> ModuleType:
-    """`jax.numpy` where a leaf is traced, otherwise `numpy`: cheaper than `array_module`, which also asks for a trace in progress."""
+    """`jax.numpy` if a leaf is traced, otherwise `numpy`. Cheaper than `array_module`, which also detects a trace in progress."""
     return jnp if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees)) else np
 
 
 @filter_jit
 def _first(one: Callable[..., Any], shared: Any, lanes: Any, count: Any, found: Any) -> Any:
-    """The first `count` of the lanes, put into `found`; the others cost nothing."""
+    """Solve the first `count` lanes and store the results in `found`; padded lanes cost nothing."""
 
     def body(k, found):
         new = one(shared, jax.tree.map(lambda leaf: leaf[k], lanes))
@@ -36,7 +37,7 @@ def _first(one: Callable[..., Any], shared: Any, lanes: Any, count: Any, found: 
 
 
 def filled(array: Any, *shape: int, at: Any = 0, value: Any = 0) -> np.ndarray:
-    """The array at the index `at` (0 for its start) of one of this shape, which holds `value` elsewhere; ten times as fast as `np.pad`."""
+    """Pad an array to `shape` with `value`; its first element goes to the index `at`. Ten times as fast as `np.pad`."""
     found = np.full(shape, value, dtype=array.dtype)
     where = at if isinstance(at, tuple) else (at,) * array.ndim
     found[tuple(slice(first, first + size) for first, size in zip(where, array.shape, strict=True))] = array
@@ -44,10 +45,10 @@ def filled(array: Any, *shape: int, at: Any = 0, value: Any = 0) -> np.ndarray:
 
 
 def run(one: Callable[..., Any], shared: Any, lanes: Any, like: Any) -> Any:
-    """`one(shared, lane)` of every lane; lanes are the first axis of `lanes` and of the result, whose lanes look `like` this."""
+    """Compute `one(shared, lane)` for every lane. Lanes are the first axis of `lanes` and of the result; `like` is one lane of a result."""
     if namespace(shared, lanes) is jnp:
-        # one at a time: a branch on data would become a choice between both under vmap, with the derivatives of both, and
-        # batches of LAPACK calls in one program have hung on CPUs
+        # one at a time: under vmap a branch on data would evaluate both sides and their derivatives, and programs with batches of
+        # LAPACK calls have hung on CPUs
         return jax.lax.map(partial(one, shared), lanes)
     total, parts = len(jax.tree.leaves(lanes)[0]), []
     none = jax.tree.map(lambda leaf: np.zeros((_LANES, *np.shape(leaf)), np.result_type(leaf)), like)
@@ -60,7 +61,7 @@ def run(one: Callable[..., Any], shared: Any, lanes: Any, like: Any) -> Any:
 
 
 def inverse(matrix: Any) -> Any:
-    """Inverse of a positive semidefinite (p, p) matrix whose rows differ by many powers of ten; rows of zeros stay zero."""
+    """Inverse of a positive semidefinite (p, p) matrix whose rows may differ by many powers of ten; rows of zeros stay zero."""
     xp = namespace(matrix)
     diagonal = xp.diagonal(matrix)
     there = diagonal > 0.0

@@ -1,6 +1,7 @@
 r"""Whittle likelihood of binned ordinates, on the host and in a trace.
 
-Ordinates are nearly independent and exponential about the model's density S = X theta, theta the squared coefficients, so
+Ordinates are nearly independent. Each, divided by the model's density S = X theta with theta the squared coefficients, follows a
+chi-square law of one degree of freedom, so that the negative log-likelihood is
 
 .. math:: \mathrm{NLL}(\theta) = \frac12\sum_b \nu_b\,[\ln S_b + P_b/S_b]
 
@@ -9,7 +10,7 @@ minimised as half the sum of squares of the deviance residuals of a gamma law,
 
 .. math:: r_b = \sqrt{\nu_b}\,\mathrm{sign}(\rho_b - 1)\sqrt{\rho_b - 1 - \ln\rho_b},\qquad \rho = P/S
 
-which is the negative log-likelihood less that of S = P. The information is the expected one.
+which equals the negative log-likelihood minus its value at S = P. The Fisher information is the expected one.
 """
 
 from typing import Any, NamedTuple
@@ -22,15 +23,15 @@ from ..fitting import solve
 from ._lanes import filled, namespace, run
 from ._ordinates import Bins
 
-_FAINT = 0.01  # share of its even part with which a column begins in one of the starts
-#: rows of the compiled program, which hold the bins of 7 million samples, and coefficients; larger problems take multiples
+_FAINT = 0.01  # in several starts one column begins with this fraction of an equal share
+#: rows and coefficients of the compiled program; the rows hold the bins of 7 million samples. Larger problems take multiples of both
 _ROWS, _WIDTH = 256, 6
-#: step to go, in standard errors, at which a search for coefficients ends, and one for a likelihood, whose error is the square of it
+#: remaining step, in standard errors, at which a search ends: for coefficients, and for a likelihood, whose error is the step squared
 FINE, ROUGH = 1.5e-8, 1e-3
 
 
 class Minima(NamedTuple):
-    """Per lane: coefficients (lanes, p), half the sum of squares at the minimum, and whether the solver ended at one."""
+    """Per lane: coefficients (lanes, p), half the sum of squares at the minimum, and whether the solver converged to a minimum."""
 
     theta: AnyArray
     cost: Any
@@ -38,10 +39,10 @@ class Minima(NamedTuple):
 
 
 def _deviance(ratio: Array) -> Array:
-    """sign(z) sqrt(z - ln(1 + z)), z = ratio - 1."""
+    """sign(z) sqrt(z - ln(1 + z)) with z = ratio - 1."""
     z = ratio - 1.0
     small = jnp.abs(z) < 1e-2
-    # double where: the root has no derivative at zero, where the series takes over
+    # two `where`: near zero, where the root has no derivative, the series replaces it, and the gradient must not see the root
     far = jnp.where(small, 1.0, z)
     near = jnp.where(small, z, 0.0)
     series = 1.0 - near * (2 / 3 - near * (1 / 2 - near * (2 / 5 - near * (1 / 3 - near * (2 / 7 - near / 4)))))
@@ -64,11 +65,12 @@ def _minimum(shared: Any, lane: tuple[dict[str, Array], Array, Array]) -> Minima
 
 
 def minimise(columns: Any, target: Any, weight: Any, start: Any, *, base: Any = 0.0, rtol: float = FINE) -> Minima:
-    """The minimum of every lane over coefficients that are not negative; differentiable in all but `start`, (lanes, p).
+    """Minimise every lane over non-negative coefficients; differentiable with respect to all arguments except `start`, (lanes, p).
 
-    `columns`, (rows, p) or (lanes, rows, p), are the model per coefficient; one with negative values is that of a nuisance, which may
-    have either sign. Rows of `target`, `weight` and `base`, with or without lanes, take no part where the weight is zero. The model
-    must be positive at the start. A search ends at a step to go of `rtol` standard errors.
+    `columns`, (rows, p) or (lanes, rows, p), are the model per unit of each coefficient. A column with negative values belongs to a
+    nuisance parameter, whose coefficient may have either sign. `target`, `weight` and `base` have one entry per row, with or without
+    lanes; rows of zero weight are ignored. The model must be positive at the start. A search ends when the remaining step is below
+    `rtol` standard errors.
     """
     xp = namespace(columns, target, weight, start, base)
     lanes, p = start.shape
@@ -89,19 +91,19 @@ def minimise(columns: Any, target: Any, weight: Any, start: Any, *, base: Any = 
 
 
 def density(columns: Any, theta: Any) -> Any:
-    """S, positive everywhere."""
+    """Density S of the model, kept above zero."""
     s = columns @ theta
     return namespace(s).maximum(s, np.finfo(s.dtype).tiny ** 0.5)
 
 
 def information(bins: Bins, theta: Any) -> Any:
-    """Expected (Fisher) information of the squared coefficients, F = 1/2 sum nu X X' / S^2."""
+    """Expected Fisher information of the squared coefficients, F = 1/2 sum nu X X' / S^2."""
     rows = bins.columns * (namespace(bins, theta).sqrt(0.5 * bins.weight) / density(bins.columns, theta))[:, None]
     return rows.T @ rows
 
 
 def flat_start(bins: Bins) -> Any:
-    """Initial guess: every column carries the same share of the ordinates; zero for a column of zeros or of negative sign."""
+    """Initial guess: every column explains an equal share of the ordinates; zero for columns without a positive value."""
     xp = namespace(bins)
     positive = (bins.weight > 0)[:, None] & (bins.columns > 0)
     count = xp.sum(positive, axis=0).astype(bins.density.dtype)
@@ -113,7 +115,10 @@ def flat_start(bins: Bins) -> Any:
 
 
 def several_starts(bins: Bins) -> Any:
-    """(1 + p, p) initial guesses: all columns alike, and each that is there in turn faint, for the likelihood has local minima."""
+    """(1 + p, p) initial guesses, needed because the likelihood has local minima: equal shares, then each column in turn made faint.
+
+    On the host, columns whose initial guess is zero are not made faint, so that there are fewer guesses.
+    """
     p, flat = bins.columns.shape[1], flat_start(bins)
     several = np.concatenate([np.ones((1, p)), 1.0 - (1.0 - _FAINT) * np.eye(p)]).astype(bins.density.dtype)
     return flat[None, :] * (several if namespace(bins) is jnp else several[np.append(True, flat > 0.0)])

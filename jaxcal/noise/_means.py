@@ -1,4 +1,4 @@
-"""`mean_covariance`: the covariance of means over stretches of one record."""
+"""`mean_covariance`: covariance of the means over several stretches of one record."""
 
 from typing import Any
 
@@ -18,30 +18,30 @@ def mean_covariance(noise: Noise, start: Any, dwell: Any, weight: Any = None) ->
 
     .. math:: \mathrm{Cov} = \frac{G(a+A-b-B) - G(a+A-b) - G(a-b-B) + G(a-b)}{A B}
 
-    up to a constant that all of them share. Flicker and a random walk leave that constant open: their mean over all time is infinite or
-    depends on when the record began. It is fixed by the common mean: what wanders (all terms but Q and N) is counted from the mean over
-    all stretches, weighed by their lengths. A sensor's bias is then its mean over the measured time. Where an estimate has a free bias,
-    it does not depend on this choice.
+    up to a constant that is common to all pairs. Flicker and a random walk do not determine this constant, because their mean over all
+    time is infinite or depends on when the record began. The function chooses it so that the wandering terms (all terms except Q and N)
+    are measured from their mean over all stretches, weighted by length. The bias of a sensor is then its mean over the measured time. An
+    estimate with a free bias does not depend on this choice.
 
     Parameters
     ----------
-    noise : model of one channel. A ramp R adds nothing, because it is not random.
-    start : (n,) beginning of each stretch, s. The stretches do not overlap.
+    noise : noise model of one channel. A ramp R contributes nothing, because it is not random.
+    start : (n,) beginning of each stretch, s. The stretches must not overlap.
     dwell : (n,) length of each stretch, s.
-    weight : (n,) share of each stretch in the common mean; by default its length. Zero leaves a stretch out of it.
+    weight : (n,) weight of each stretch in the common mean; its length by default. Zero excludes a stretch from the mean.
 
     Returns
     -------
-    (n, n), in the unit of B squared. It can be differentiated with respect to the coefficients, times and lengths.
+    (n, n) array in the unit of B squared. It can be differentiated with respect to the coefficients, times and lengths.
 
     Raises
     ------
     DataError
-        If the noise has several channels, or start and dwell are not of one length.
+        If the noise has several channels, or start and dwell differ in length.
 
     Examples
     --------
-    Two means over 100 s, 1000 s apart, of flicker: their difference does not shrink with longer means.
+    Standard deviation of the difference between two means of flicker over 100 s that begin 1000 s apart:
 
     >>> import numpy as np
     >>> from jaxcal.noise import Noise, mean_covariance

@@ -1,4 +1,4 @@
-"""What a fit tells its reader: octaves left out, warnings and notes."""
+"""Messages of a fit: octaves that it leaves out, warnings and notes."""
 
 from collections.abc import Mapping, Sequence
 
@@ -8,13 +8,13 @@ from ..allan import Deviation
 from ._alternatives import Alternative, Alternatives
 from ._causes import Cause
 from ._model import Noise
-from ._result import PRESENT, NoiseFit
+from ._result import NoiseFit
 from ._stationarity import PARTS, Level, Unevenness
 from ._terms import PowerLaw
 
-#: standard errors above which a record follows a line in time, where R is asked for
+#: slope in standard errors above which a line in time is removed from the record, if R is among the terms
 RAMP = 3.0
-#: family of a cause -> what it is, and what to do
+#: family of a cause -> its name in a sentence, and advice
 _CAUSES = {
     "step": ("a step of {size} at {at:.4g} s", "find what moved or switched, and record without it"),
     "ramp": ("a straight line of {size} over the record", "add R to the terms, or wait until the sensor has settled"),
@@ -25,16 +25,16 @@ _CAUSES = {
     "sinusoid": ("a sinusoid of {size} at about {at:.3g} Hz", "look for a periodic cause such as a heater or an air conditioner"),
     "temperature": ("the temperature, {size} per degree,", "correct the bias for temperature first"),
 }
-#: twice the log likelihood within which flicker and one Gauss-Markov process are alike
+#: difference in twice the log-likelihood below which flicker and one Gauss-Markov process describe a record equally well
 _ALIKE = 2.0
-#: net gain of another model that one record in a hundred of B and K reaches
+#: net gain that another model reaches in one of a hundred records of B and K
 _CHANCE = 6.63
-#: standard deviations by which two estimates may be apart
+#: difference of two estimates, in standard deviations, above which a warning is given
 _APART = 3.0
 
 
 def of_octaves(curve: Deviation, used, modelled, automatic: bool) -> tuple[str, ...]:
-    """One sentence for each octave of cluster time that the fit leaves out, with how far the curve is from the model there."""
+    """One sentence for each octave of cluster time that the fit leaves out, with the largest ratio of the curve to the model there."""
     octave = np.floor(np.log2(curve.m)).astype(int)
     ratio = curve.deviation / np.where(modelled > 0.0, modelled, 1.0)
     reason = "the model does not hold there" if automatic else "outside of the band asked for"
@@ -48,7 +48,7 @@ def of_octaves(curve: Deviation, used, modelled, automatic: bool) -> tuple[str, 
 
 
 def of_model(fit: NoiseFit, what: str, holds: bool, where: str, how: str, inflation: float, cut: bool, limit: str = "") -> list[str]:
-    """Warnings where the model does not describe the spectrum or the curve, and about terms that a band so `cut` does not show."""
+    """Warnings if the model does not describe the spectrum or curve, and about terms that cannot be seen if the band was `cut`."""
     said, shortest = [], f"{float(fit.band[0]):.3g} s"
     if not holds:
         said.append(
@@ -68,7 +68,7 @@ def of_model(fit: NoiseFit, what: str, holds: bool, where: str, how: str, inflat
 
 
 def of_curve(curve: Deviation, change: float) -> list[str]:
-    """Warnings about the fit of a curve; `change` is the last one of the weights."""
+    """Warnings about the fit of a curve; `change` is the last change of the weights."""
     said = []
     if change > 1e-4:
         said.append(f"the weights of the fit have not settled (last change {change:.1g}); fit fewer terms or another band")
@@ -99,7 +99,7 @@ def of_record(y, dt: float, lines: list[tuple[float, float]]) -> list[str]:
 
 
 def of_causes(causes: Sequence[Cause], factors, covariance) -> list[str]:
-    """Warnings about causes beside noise that were taken out; `factors` and their `covariance` are those of all columns of all causes."""
+    """Warnings about causes other than noise that were removed. `factors` and `covariance` belong to all columns of all causes."""
     said, first = [], 0
     for cause in causes:
         size, error = factors[first], float(np.sqrt(covariance[first, first]))
@@ -119,7 +119,7 @@ def of_causes(causes: Sequence[Cause], factors, covariance) -> list[str]:
 
 
 def events_of_causes(causes: Sequence[Cause]) -> list[tuple[float, float, str]]:
-    """Where in time causes beside noise act: (start, stop, word), in s; nothing of those that act throughout the record."""
+    """(start in s, stop in s, word) for causes other than noise that act at a certain time, and not throughout the record."""
     found = []
     for cause in causes:
         if cause.family == "step":
@@ -132,7 +132,7 @@ def events_of_causes(causes: Sequence[Cause]) -> list[tuple[float, float, str]]:
 def events_of_parts(
     levels: Sequence[Level], uneven: dict[str, Unevenness], duration: float, dt: float
 ) -> list[tuple[float, float, str]]:  # fmt: skip
-    """The parts of a record that differ: (start, stop, words), in s."""
+    """(start in s, stop in s, words) for parts of a record whose noise differs from that of the others."""
     found = [(part.start * dt, part.stop * dt, f"N times {part.ratio:.3g}") for part in levels]
     for what, terms in (("slow wandering", "BK"), ("white noise", "N")):
         if told := [uneven[term] for term in terms if term in uneven]:
@@ -142,7 +142,7 @@ def events_of_parts(
 
 
 def of_alternatives(found: Alternatives, doubts: Mapping[str, Alternative], fit: NoiseFit) -> tuple[list[str], tuple[str, ...]]:
-    """Warnings and notes on what explains the slow noise as well as B and K do, or better."""
+    """Warnings and notes about other models that explain the slow noise as well as B and K, or better."""
     said, notes = [], []
     if found.admitted:
         one, others = found.admitted, found.listed[1:]
@@ -161,10 +161,9 @@ def of_alternatives(found: Alternatives, doubts: Mapping[str, Alternative], fit:
             "much that B and K are excluded: the interval of N holds for both"
         )
     if one := doubts.get("K"):
-        notes.append(
-            f"K is a hint at most: {_described(one)} without K explains the record nearly as well (K would have to gain {PRESENT} in twice "
-            f"the log likelihood, and gains {-one.gain:.1f})"
-        )
+        behind = (found.admitted.net if found.admitted else 0.0) - one.net
+        than = f"twice its log likelihood is {abs(behind):.1f} {'lower' if behind > 0.0 else 'higher'}"
+        notes.append(f"K is a hint at most: {_described(one)} without K explains the record nearly as well ({than})")
     if one := doubts.get("B"):
         notes.append(f"B is a hint at most: B or {_described(one)}, this record cannot tell them apart")
     if not found.admitted and "B" not in doubts and fit.verdict.get("B") == "present":
@@ -175,26 +174,27 @@ def of_alternatives(found: Alternatives, doubts: Mapping[str, Alternative], fit:
 
 
 def _described(one: Alternative, fit: NoiseFit | None = None) -> str:
-    """What an alternative is; with its strength, where the model of a fit has it."""
+    """Describe an alternative in words; with its strength, if a fit is given whose model contains it."""
     if isinstance(one.terms[0], PowerLaw):
         return f"noise of exponent {one.terms[0].exponent:.2g} (flicker has 1, a random walk 2)"
     if fit is None:
         each = [f"{term.time:.2g} s" for term in one.terms]  # type: ignore[attr-defined]
     else:
         each = [f"{time:.2g} s (standard deviation {float(strength) * np.sqrt(time / 2.0):.3g})" for strength, time in fit.noise.markov]
-    many = "two Gauss-Markov processes of correlation times" if len(each) > 1 else "one Gauss-Markov process of correlation time"
-    return f"{many} {' and '.join(each)}"
+    if len(each) == 1:
+        return f"one Gauss-Markov process of correlation time {each[0]}"
+    return f"{'two' if len(each) == 2 else 'three'} Gauss-Markov processes of correlation times {', '.join(each[:-1])} and {each[-1]}"
 
 
 def of_markov(fit: NoiseFit) -> str:
-    """A note on the process that was fitted."""
+    """A note about the Gauss-Markov process that was fitted."""
     ((strength, time),) = fit.noise.markov
     sigma = float(np.asarray(strength)) * np.sqrt(time / 2.0)
     return f"Gauss-Markov process of correlation time {time:.2g} s: {fit.verdict['markov']}, standard deviation {sigma:.3g} (SI units)"
 
 
 def of_unevenness(uneven: dict[str, Unevenness], duration: float) -> list[str]:
-    """Warnings where the evidence for a coefficient comes from some parts of the record more than from others."""
+    """Warnings if the evidence for a coefficient comes mainly from some parts of the record."""
     said = []
     for what, terms in (("slow wandering", "BK"), ("white noise", "N")):
         found = {term: uneven[term] for term in terms if term in uneven}
@@ -211,7 +211,7 @@ def of_unevenness(uneven: dict[str, Unevenness], duration: float) -> list[str]:
 
 
 def of_levels(levels: Sequence[Level], n: float, dt: float) -> list[str]:
-    """A warning about white noise of several levels; `n` is that of the whole record."""
+    """A warning if the white noise has several levels; `n` is the coefficient N of the whole record."""
     if not levels:
         return []
     each = ", ".join(
@@ -221,10 +221,10 @@ def of_levels(levels: Sequence[Level], n: float, dt: float) -> list[str]:
 
 
 def of_difference(fit: NoiseFit, other: Noise, errors: dict[str, float]) -> list[str]:
-    """Warnings where generalised least squares sees a term differently; `errors` are those of its squared coefficients there.
+    """Warnings if generalised least squares gives a different coefficient; `errors` are standard errors of its squared coefficients.
 
-    Two efficient estimators of one record differ by less than their standard deviations. The difference of the squared
-    coefficients is compared with the larger of the two; terms that the fit does not detect or did not estimate are left out.
+    Two efficient estimates from one record should differ by less than their standard deviations. The difference of the squared
+    coefficients is compared with the larger of the two. Terms that the fit does not detect or did not estimate are skipped.
     """
     said = []
     for term, error in errors.items():

@@ -13,14 +13,14 @@ from .._precision import array_module, host_float64
 from .._types import Any
 from ._terms import BUILT_IN, Flicker, GaussMarkov, Sinusoid, Term
 
-#: the terms that a coefficient of its own describes, in the order of every table
+#: letters of the built-in terms, in the order of every table
 TERMS = tuple(BUILT_IN)
-#: the order in which they are drawn, so that a seed gives the same record in every version
+#: order in which their samples are drawn; it never changes, so that a seed gives the same record in every version
 _DRAWN = ("Q", "N", "K", "B", "R")
 
 
 def _number(value: Any) -> Any:
-    """A list over channels as an array."""
+    """Convert a list over channels to an array; leave other values as they are."""
     return np.asarray(value, dtype=float) if isinstance(value, list) else value
 
 
@@ -29,19 +29,22 @@ def _pairs(pairs: Any) -> tuple[tuple[Any, Any], ...]:
 
 
 class Noise(eqx.Module):
-    r"""Independent noise terms of a rate or specific-force channel: SI units, two-sided densities.
+    r"""Noise model of a gyroscope, accelerometer or magnetometer channel: a sum of independent terms.
+
+    Coefficients are in SI units and belong to two-sided densities. Units below are for a gyroscope, those of an accelerometer in
+    brackets.
 
     Attributes
     ----------
-    Q : quantisation noise, rad (accelerometer: m/s).
-    N : angle or velocity random walk, rad/sqrt(s) (m/s/sqrt(s)). A data-sheet density is one-sided: sqrt(2) N.
+    Q : quantisation noise, rad (m/s).
+    N : angle or velocity random walk, rad/sqrt(s) (m/s/sqrt(s)). The noise density in a data sheet is one-sided and equals sqrt(2) N.
     B : bias instability (flicker), rad/s (m/s^2). The flat part of the Allan deviation is 0.664 B.
     K : rate random walk, rad/s/sqrt(s) (m/s^2/sqrt(s)).
     R : ramp, rad/s^2 (m/s^3).
-    markov : ((qc, Tc), ...) first-order Gauss-Markov processes; qc as K, correlation time Tc in s.
-    sinusoid : ((A, f0), ...) sinusoids of amplitude A (as B) and frequency f0 in Hz, random phase.
-    cutoff : frequency in Hz above which flicker B has no density; inf, the default, for none. Samples do not feel a cut-off at
-        half the sampling rate or above.
+    markov : ((qc, Tc), ...) first-order Gauss-Markov processes; qc in the unit of K, correlation time Tc in s.
+    sinusoid : ((A, f0), ...) sinusoids of random phase; amplitude A in the unit of B, frequency f0 in Hz.
+    cutoff : frequency in Hz above which flicker B has no density; inf, the default, means no cut-off. A cut-off at or above half the
+        sampling rate does not change the samples.
     further : ((coefficient, term), ...) terms of your own, see `Term`.
 
     Each coefficient is a number, or an array over channels.
@@ -73,7 +76,7 @@ class Noise(eqx.Module):
 
     @property
     def parts(self) -> list[tuple[str, Any, Term]]:
-        """(name, coefficient, term) of everything that the model consists of, letters with a coefficient of zero included.
+        """(name, coefficient, term) of every part of the model, including letters whose coefficient is zero.
 
         Examples
         --------
@@ -90,7 +93,7 @@ class Noise(eqx.Module):
         ]
 
     def coefficient(self, name: str) -> Any:
-        """The coefficient of a term by its name: a letter, "markov" (the first process), or that of a term of your own.
+        """Coefficient of the term with this name: a letter, "markov" (the first process), or the name of a term of your own.
 
         Examples
         --------
@@ -101,7 +104,7 @@ class Noise(eqx.Module):
         return self.part(name)[1]
 
     def only(self, name: str, value: Any = None) -> "Noise":
-        """The model with one of its terms alone, with another coefficient if one is given.
+        """The model reduced to one of its terms; `value`, if given, replaces the coefficient.
 
         Examples
         --------
@@ -113,7 +116,7 @@ class Noise(eqx.Module):
         return noise_of([term], [coefficient if value is None else value])
 
     def part(self, name: str) -> tuple[str, Any, Term]:
-        """The entry of `parts` of a name; of several the first.
+        """The entry of `parts` with this name; the first one if there are several.
 
         Examples
         --------
@@ -130,21 +133,21 @@ class Noise(eqx.Module):
     def avar(self, tau: Any, dt: Any = None) -> Any:
         r"""Allan variance at cluster time tau.
 
-        Continuous, for cluster times much longer than the sampling interval,
+        Without `dt`, the continuous form, which holds for cluster times much longer than the sampling interval:
 
         .. math:: \sigma^2(\tau) = \frac{3Q^2}{\tau^2} + \frac{N^2}{\tau} + \frac{2\ln 2}{\pi}B^2 + \frac{K^2\tau}{3}
                   + \frac{R^2\tau^2}{2} + \ldots
 
-        With `dt`, the exact expectation of the Allan variance of samples taken every dt seconds: at tau = dt flicker is 1.44
-        times, a random walk 1.5 times the continuous value.
+        With `dt`, the exact expectation of the Allan variance of samples taken every dt seconds. At tau = dt it is 1.44 times the
+        continuous value for flicker, and 1.5 times for a random walk.
 
         Flicker with a cut-off frequency contributes, with :math:`u = \pi f_c \tau`,
 
         .. math:: \frac{2B^2}{\pi}\Big[\ln 2 - \frac{\sin^3 u}{2u^2}(\sin u + 4u\cos u) + \mathrm{Ci}(2u) - \mathrm{Ci}(4u)\Big]
                   = \frac{2B^2}{\pi}\int_0^u \frac{\sin^4 v}{v^3}\,dv,
 
-        which rises as :math:`\pi B^2 f_c^2\tau^2` far below 1/fc. With `dt` the density that is cut is that of the samples (see
-        `psd`); it is integrated numerically, to rounding.
+        which rises as :math:`\pi B^2 f_c^2\tau^2` for cluster times far below 1/fc. With `dt` the cut-off applies to the density of
+        the samples (see `psd`), which is integrated numerically to machine precision.
 
         Parameters
         ----------
@@ -169,12 +172,13 @@ class Noise(eqx.Module):
 
     @host_float64
     def psd(self, f: Any, dt: Any = None) -> Any:
-        r"""Two-sided power spectral density at frequency f; sinusoids are lines and not part of it, nor is the ramp.
+        r"""Two-sided power spectral density at frequency f, without sinusoids, which are lines, and without the ramp.
 
         .. math:: S(f) = Q^2 (2\pi f)^2 dt + N^2 + \frac{B^2}{2\pi f} + \frac{K^2}{(2\pi f)^2} + \ldots
 
-        Continuous, quantisation noise has no density of its own (it needs the sampling interval); with `dt` the exact density
-        of the samples, in which 2 pi f becomes (2/dt) sin(pi f dt). Flicker ends at `cutoff` in both.
+        Without `dt`, the density of the continuous signal. It leaves Q out, because quantisation noise depends on the sampling
+        interval. With `dt`, the exact density of the samples, in which 2 pi f becomes (2/dt) sin(pi f dt). Flicker ends at `cutoff`
+        in both.
 
         Parameters
         ----------
@@ -200,14 +204,15 @@ class Noise(eqx.Module):
     def simulate(self, n: Any, rate: Any, *, seed: Any, resolution: Any = None) -> Any:
         r"""Samples of this noise, exact in distribution.
 
-        Two kinds are an approximation, flicker with a cut-off below half the rate and terms of your own: their density is drawn on
-        frequencies eight times as close as those of the record, which keeps the Allan variance to a few parts in a thousand.
+        Two kinds of noise are approximate: flicker with a cut-off below half the rate, and terms of your own without a `simulate` of
+        their own. These are drawn from their density at frequencies eight times as close as those of the record, which keeps the
+        Allan variance to a few parts in a thousand.
 
         With a `resolution` the samples are rounded to its multiples, as by an analogue-to-digital converter of that step. Where
         white noise dithers them, with a standard deviation of a step or more, the rounding error is white and uncorrelated with
-        the signal: it adds to N, as :math:`N^2 + \mathrm{LSB}^2 dt/12` (at half a step the sum is 2 % less). It is not the
-        quantisation noise Q, which belongs to sensors that round the *integral* of the rate. With noise well below half a
-        step the output sticks to a few values, and no such model holds.
+        the signal. It adds to N, as :math:`N^2 + \mathrm{LSB}^2 dt/12` (at half a step the sum is 2 % less). It is not the
+        quantisation noise Q, which belongs to sensors that round the *integral* of the rate. If the noise is well below half a
+        step, the output sticks to a few values and neither model describes it.
 
         Parameters
         ----------
@@ -252,7 +257,7 @@ class Noise(eqx.Module):
         return x if step is None else np.round(x / step) * step
 
     def check(self) -> None:
-        """Raise a `DataError` unless every coefficient is finite and not negative, and the cut-off positive.
+        """Raise a `DataError` unless every coefficient is finite and not negative, and the cut-off is positive.
 
         Examples
         --------
@@ -267,7 +272,7 @@ class Noise(eqx.Module):
             raise DataError(f"cutoff must be positive, in Hz, or inf for flicker without one; got {self.cutoff!r}")
 
     def channel(self, index: int) -> "Noise":
-        """The noise of one channel, where coefficients are arrays over channels."""
+        """The noise of one channel, if coefficients are arrays over channels."""
         return jax.tree.map(lambda value: value if np.ndim(value) == 0 else value[index], self)
 
     def _sum(self, kind: str, x, dt):
@@ -291,10 +296,10 @@ class Noise(eqx.Module):
 
 
 def noise_of(terms: Iterable[Term], values: Iterable[Any], sinusoid: Iterable[tuple[Any, Any]] = ()) -> Noise:
-    """Noise of the given terms alone, with their coefficients."""
+    """Make a noise model of the given terms and their coefficients."""
     found: dict[str, Any] = {"sinusoid": tuple(sinusoid)}
     for term, value in zip(terms, values, strict=True):
-        if isinstance(term, GaussMarkov) and term.name in ("markov", "markov2"):
+        if isinstance(term, GaussMarkov) and term.name in ("markov", "markov2", "markov3"):
             found["markov"] = (*found.get("markov", ()), (value, term.time))
         elif isinstance(term, Sinusoid):
             found["sinusoid"] = (*found["sinusoid"], (value, term.frequency))
@@ -306,7 +311,7 @@ def noise_of(terms: Iterable[Term], values: Iterable[Any], sinusoid: Iterable[tu
 
 
 def checked_terms(terms: Any) -> tuple[Term, ...]:
-    """Letters and `Term` objects as objects: each once, shape parameters as plain numbers."""
+    """Convert letters to `Term` objects; check that no term occurs twice and that shape parameters are plain numbers."""
     letters = BUILT_IN | {"markov": GaussMarkov()}
     found: tuple[Any, ...] = tuple(letters.get(term, term) if isinstance(term, str) else term for term in terms)
     right = [isinstance(term, Term) and isinstance(term, type(BUILT_IN.get(term.name, term))) for term in found]
@@ -318,7 +323,7 @@ def checked_terms(terms: Any) -> tuple[Term, ...]:
 
 
 def checked_sampling(n: Any, rate: Any) -> tuple[int, float]:
-    """The number of samples and the sampling interval, once these are in order."""
+    """Check the number of samples and the rate; return the number and the sampling interval in s."""
     if not (isinstance(n, (int, np.integer)) and n >= 1):
         raise DataError(f"n must be a positive whole number of samples; got {n!r}")
     if not (isinstance(rate, (int, float, np.number)) and 0.0 < float(rate) < math.inf):
@@ -327,7 +332,7 @@ def checked_sampling(n: Any, rate: Any) -> tuple[int, float]:
 
 
 def _checked_resolution(resolution: Any, channels: int) -> np.ndarray:
-    """The step of the output, once it is in order."""
+    """Check the step of the output, or one step for each channel, and return it as an array."""
     try:
         step = np.asarray(resolution, dtype=float)
     except (TypeError, ValueError):

@@ -1,14 +1,14 @@
-r"""DCT-II ordinates of a record in bins, and what each squared coefficient contributes to them.
+r"""DCT-II ordinates of a record, averaged in bins, and the contribution of each squared coefficient to them.
 
 With y the orthonormal DCT-II of n samples, P_k = dt y_k^2 estimates the two-sided density at f_k = k/(2T), k = 1 .. n-1. The mean
-drops out, nothing leaks, and the ordinates are nearly independent. For a process with (generalised) autocovariance g,
+does not enter, there is almost no leakage, and the ordinates are nearly independent. For a process with (generalised) autocovariance g,
 
 .. math:: E\,P_k = dt\Big\{g_0 + \frac2n\sum_{h=1}^{n-1} g_h\Big[(n-h)\cos\frac{\pi k h}{n}
           - \frac{\sin(\pi k h/n)}{\sin(\pi k/n)}\Big]\Big\}
 
-which for a random walk is K^2 dt^2/s_k^2 exactly, s_k = 2 sin(pi k/2n), and for flicker B^2 dt/s_k (1 - 2/(pi^2 k)) nearly.
-Everything is linear in the squared coefficients, so bins of ordinates, and bins of several gap-free stretches, obey the same
-relation exactly: density and columns are averaged alike.
+With s_k = 2 sin(pi k/2n) this is exactly K^2 dt^2/s_k^2 for a random walk, and nearly B^2 dt/s_k (1 - 2/(pi^2 k)) for flicker. The
+expectation is linear in the squared coefficients. If density and columns are averaged in the same way, over bins or over several
+gap-free stretches, the averages therefore obey the same relation exactly.
 """
 
 import functools
@@ -26,19 +26,21 @@ from .._types import Any, AnyArray, Bool
 from ..spectrum._average import log_groups
 from ._terms import Term
 
-_SHORTEST = 16  # gap-free samples that a stretch needs to take part
-#: of lines: neighbours to either side; chance of a false one in the whole spectrum, and in one bin beside a line; passes
+_SHORTEST = 16  # samples of the shortest gap-free stretch that is used
+#: search for lines: farthest neighbour on either side; chance of a false line in the whole spectrum; chance of a false bin next to a
+#: line; number of passes
 _REACH, _CHANCE, _SIDE, _PASSES = 9, 0.01, 1e-4, 4
-#: widest line in bins, with skirts; a wider run is a resonance, or a first fit that is wrong there, unless it exceeds so many times
-#: the level; and neighbours on each side that make a level
+#: widest line in bins, including its skirts; ratio to the level above which a wider run is a line all the same, and not a resonance or
+#: an error of the first fit; least number of neighbours on each side from which a level is computed
 _WIDEST, _TOWERING, _FEWEST = 8, 3.0, 4
 
 
 class Bins(NamedTuple):
     """Ordinates averaged in bins of frequency.
 
-    density : mean ordinate, the unit of B squared per Hz, divided by `unit`. weight : number of ordinates, their degrees of freedom; 0
-    where left out. columns : (bins, p) expected mean ordinate per squared coefficient. frequency : mean frequency in Hz.
+    density : mean ordinate divided by `unit`, which is in the unit of B squared per Hz. weight : number of ordinates, which are the
+    degrees of freedom; 0 for bins that are left out. columns : (bins, p) expected mean ordinate per squared coefficient. frequency :
+    mean frequency in Hz.
     """
 
     density: AnyArray
@@ -53,7 +55,7 @@ def layout(n: int, dt: float, terms: tuple[Term, ...]) -> tuple[np.ndarray, np.n
     """First ordinate, count, columns (bins, p) and mean frequency of the bins of a gap-free stretch of n samples."""
     starts, count = log_groups(n - 1, keep_tail=True)
     count = count.astype(float)
-    with jax.ensure_compile_time_eval():  # they do not depend on the record
+    with jax.ensure_compile_time_eval():  # the columns do not depend on the record
         expected = [np.asarray(term.ordinates(np.arange(1, n), n, dt)) for term in terms]
     columns = np.stack([np.add.reduceat(values, starts) / count for values in expected], axis=1)
     frequency = np.add.reduceat(np.arange(1.0, n), starts) / count / (2.0 * n * dt)
@@ -63,19 +65,19 @@ def layout(n: int, dt: float, terms: tuple[Term, ...]) -> tuple[np.ndarray, np.n
 
 
 def stretches(y) -> list[slice]:
-    """The gap-free stretches of a record that are long enough to take part, longest first."""
+    """The gap-free stretches of a record that are long enough to be used, longest first."""
     edges = np.flatnonzero(np.diff(np.concatenate([[True], np.isnan(y), [True]]).astype(np.int8)))
     found = [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= _SHORTEST]
     return sorted(found, key=lambda part: part.start - part.stop)
 
 
 def bins_of(y, dt: float, terms: tuple[Term, ...]) -> Bins:
-    """Bins of a record (n,): of its one stretch, or of all gap-free stretches, each with a basis of its own; a column for each term.
+    """Bins of a record (n,), with a column for each term. Each gap-free stretch is transformed separately, and their bins are averaged.
 
     Raises
     ------
     DataError
-        If no stretch of 16 samples is free of gaps, NaN.
+        If no stretch of 16 samples is free of gaps (NaN).
     """
     if is_traced(y):
         n = y.shape[0]
@@ -104,7 +106,7 @@ def bins_of(y, dt: float, terms: tuple[Term, ...]) -> Bins:
 
 
 def _merged(parts):
-    """Bins of several stretches on the grid of the first: averages weighted by the number of ordinates."""
+    """Average the bins of several stretches on the grid of the first, weighted by the number of ordinates."""
     grid = parts[0][3]
     where = np.searchsorted(np.sqrt(grid[1:] * grid[:-1]), np.concatenate([part[3] for part in parts]))
     weight = np.concatenate([part[1] for part in parts])
@@ -118,13 +120,13 @@ def _merged(parts):
 
 
 def find_lines(bins: Bins, model) -> Bool[np.ndarray, " bins"]:
-    """Bins that a line occupies.
+    """Find the bins that spectral lines occupy.
 
-    The ordinates are divided by a first fit, `model`, which is smooth even where it is wrong. A bin of nu ordinates has nu P/S
-    distributed as chi-square of nu degrees of freedom; S is the geometric mean of the medians of the neighbours on either side,
-    and twice its own uncertainty. A bin counts if its chance is below 1 % shared by all bins; its neighbours count below 1e-4.
-    Several passes, since a line raises the level beside it; then one more bin on each side, for the skirts. A low rise that more
-    than eight bins share is not a line.
+    The ordinates P are divided by a first fit, `model`, which is smooth even where it is wrong. In a bin of nu ordinates, nu P/S follows
+    a chi-square law of nu degrees of freedom. The level S is the geometric mean of the medians of the neighbours on either side, raised
+    by twice its uncertainty. A bin is part of a line if the chance of its value is below 1 %, divided by the number of bins; a neighbour
+    of such a bin, if its chance is below 1e-4. The search runs in several passes, because a line raises the level next to it. At the
+    end one more bin on each side is added for the skirts. A low rise over more than eight bins is not a line.
     """
     weight, density = np.asarray(bins.weight), np.asarray(bins.density / model)
     used = weight > 0
@@ -136,13 +138,13 @@ def find_lines(bins: Bins, model) -> Bool[np.ndarray, " bins"]:
     index = np.clip(index, 0, len(weight) - 1)
     for _ in range(_PASSES):
         there = inside & (used & ~taken)[index]
-        # the median of chi-square over nu, Wilson and Hilferty; a median of k values is uncertain by 1.25 sd/sqrt(k)
+        # median of chi-square over nu by Wilson and Hilferty; the standard error of a median of k values is 1.25 sd/sqrt(k)
         middle = (1.0 - 2.0 / (9.0 * np.maximum(weight, 1.0))) ** 3
         values = np.where(there, (density / middle)[index], np.nan)
         sides = [there & (offsets < 0)[None, :], there & (offsets > 0)[None, :]]
         known = used & np.all([side.sum(axis=1) >= _FEWEST for side in sides], axis=0)
         level = np.ones(len(weight))
-        # the geometric mean of the two sides does not see a slope
+        # a slope of the spectrum cancels in the geometric mean of the two sides
         level[known] = np.sqrt(np.prod([np.nanmedian(np.where(side, values, np.nan)[known], axis=1) for side in sides], axis=0))
         share = np.where(there, weight[index], 0.0).sum(axis=1)
         level *= 1.0 + 2.0 * 1.25 * np.sqrt(2.0 / np.maximum(share, 1.0))
@@ -152,7 +154,7 @@ def find_lines(bins: Bins, model) -> Bool[np.ndarray, " bins"]:
         if not (new & ~taken).any():
             break
         taken |= new
-    # the skirts of a line are too low to be told one by one
+    # the skirts of a line are too low to be detected one by one
     taken = used & (np.convolve(taken, [1, 1, 1], mode="same") > 0)
     for a, b in _runs(taken):
         taken[a:b] &= b - a <= _WIDEST or np.max(density[a:b] / level[a:b]) > _TOWERING
@@ -160,15 +162,15 @@ def find_lines(bins: Bins, model) -> Bool[np.ndarray, " bins"]:
 
 
 def _runs(taken) -> list[tuple[int, int]]:
-    """First bin, and that after the last, of each run."""
+    """(first bin, bin after the last) of each run of bins."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(taken, dtype=np.int8), [0]])))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def amplitudes(bins: Bins, taken, model, duration: float) -> list[tuple[float, float]]:
-    """(amplitude, frequency in Hz) of each run of taken bins above the `model` of all bins, strongest first; weights untouched.
+    """(amplitude, frequency in Hz) of the line in each run of taken bins, strongest first.
 
-    A^2/2 is the power above the model in a record of `duration` in s.
+    An amplitude A has the power A^2/2 above the `model` of all bins, in a record of `duration` s. The bins must have their full weights.
     """
     lines = []
     for a, b in _runs(taken):

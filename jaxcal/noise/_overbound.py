@@ -1,4 +1,4 @@
-"""`overbound`: coefficients whose Allan deviation lies at or above the upper limit of the measured one."""
+"""`overbound`: conservative coefficients, whose Allan deviation lies at or above the upper limit of the measured one."""
 
 import dataclasses
 
@@ -15,24 +15,24 @@ from ._result import NoiseFit, stacked_noises
 def overbound(fit: NoiseFit) -> Noise:
     """Conservative coefficients of a fitted record: their Allan deviation is nowhere below the upper limit of the measured one.
 
-    `overbound_curve` with the terms of the fit, on the cluster times that the fit used and the upper limits found there
-    (`fit.deviation.upper`). At any one of these cluster times the true deviation exceeds the bound with a chance of
-    about (1 - confidence)/2 at most. Beyond the longest of them, about a quarter of the record, the bound extrapolates and promises
-    nothing.
+    Calls `overbound_curve` with the terms of the fit, its cluster times, and the upper limits at these (`fit.deviation.upper`). At any
+    single one of the cluster times the true deviation exceeds the bound with a probability of at most about (1 - confidence)/2. Beyond
+    the longest cluster time, about a quarter of the record, the bound is an extrapolation without any guarantee.
 
     Parameters
     ----------
-    fit : `NoiseFit` of one channel or of several.
+    fit : `NoiseFit` of one or several channels.
 
     Returns
     -------
     Noise
-        SI coefficients, arrays over channels where the fit has several. Some may be zero: another term covers for them.
+        Coefficients in SI units, arrays over channels if the fit has several. A coefficient is zero if other terms already reach the
+        limits without it.
 
     Raises
     ------
     DataError
-        If the fit is traced (`jit`, `grad`), or has an upper limit that is not finite.
+        If the fit is traced (`jit`, `grad`), or an upper limit is not finite.
 
     Examples
     --------
@@ -56,29 +56,29 @@ def overbound(fit: NoiseFit) -> Noise:
 
 @host_float64
 def overbound_curve(tau: Any, upper: Any, *, terms: Any = ("Q", "N", "B", "K"), dt: Any = None, beside: Noise | None = None) -> Noise:
-    r"""Least coefficients whose Allan deviation is at or above given limits at every cluster time.
+    r"""Smallest coefficients whose Allan deviation is at or above given limits at every cluster time.
 
-    With :math:`v_i` the squares of the limits, theta the squared coefficients, A the Allan variances per squared coefficient and
-    g the Allan variance of the noise given beside them,
+    Of all coefficients that stay above the limits, the function finds those with the smallest mean excess of the variance, relative to
+    the limit. With :math:`v_i` the squares of the limits, theta the squared coefficients, A the Allan variances per squared coefficient
+    and g the Allan variance of the noise in `beside`, it solves
 
-    .. math:: \min_\theta \sum_i \frac{(A\theta)_i}{v_i} \quad\text{subject to}\quad A\theta + g \ge v,\;\theta \ge 0:
+    .. math:: \min_\theta \sum_i \frac{(A\theta)_i}{v_i} \quad\text{subject to}\quad A\theta + g \ge v,\;\theta \ge 0.
 
-    of all coefficients that stay above the limits, those with the smallest mean excess of the variance, in per cent of the
-    limit, over the cluster times given. A linear programme, so that the minimum is global; it touches the limits at as many
-    cluster times as it has positive coefficients. Cluster times that are evenly spaced in the logarithm weigh every octave alike.
+    This is a linear programme, so the minimum is global. The result touches the limits at as many cluster times as it has positive
+    coefficients. Give cluster times that are evenly spaced in the logarithm to weight every octave equally.
 
     Parameters
     ----------
     tau : (clusters,) cluster times in s.
     upper : (clusters,) upper limits of the Allan deviation, in the unit of B.
-    terms : which of "Q", "N", "B", "K", "R", and of `Term` objects of your own, may take part.
+    terms : terms that the result may contain: letters among "Q", "N", "B", "K", "R", and `Term` objects of your own.
     dt : sampling interval in s, for the exact Allan variance of samples; None for the continuous form.
-    beside : `Noise` whose Gauss-Markov processes and sinusoids are part of the result as they are.
+    beside : `Noise` whose Gauss-Markov processes and sinusoids become part of the result unchanged.
 
     Returns
     -------
     Noise
-        SI coefficients; those of other terms are zero.
+        Coefficients in SI units; those of all other terms are zero.
 
     Raises
     ------
@@ -89,8 +89,8 @@ def overbound_curve(tau: Any, upper: Any, *, terms: Any = ("Q", "N", "B", "K"), 
 
     Examples
     --------
-    Above white noise of 1 rad/sqrt(s) the least white noise is that itself, and the least flicker touches it at the shortest
-    cluster time:
+    Limits that follow white noise of 1 rad/sqrt(s) need exactly that white noise. Flicker alone would have to reach the limit at the
+    shortest cluster time:
 
     >>> import numpy as np
     >>> from jaxcal.noise import overbound_curve
@@ -100,8 +100,8 @@ def overbound_curve(tau: Any, upper: Any, *, terms: Any = ("Q", "N", "B", "K"), 
 
     References
     ----------
-    Bounds on noise with uncertain coefficients for filters: Langel, García Crespillo and Joerger, Navigation 68, 2021,
-    259-276. The linear programme is ours.
+    Noise bounds for filters when coefficients are uncertain: Langel, García Crespillo and Joerger, Navigation 68, 2021, 259-276. The
+    linear programme is ours.
     """
     if is_traced(tau, upper):
         raise DataError("overbound_curve solves a linear programme on the host; call it outside of jit, vmap and grad")
@@ -128,12 +128,12 @@ def overbound_curve(tau: Any, upper: Any, *, terms: Any = ("Q", "N", "B", "K"), 
 
 
 def _least(columns, needed) -> Float[np.ndarray, " p"]:
-    """Theta of least mean of `columns` theta, with `columns` theta >= `needed` and theta >= 0."""
+    """Theta that minimises the mean of `columns` theta, subject to `columns` theta >= `needed` and theta >= 0."""
     open_rows = needed > 0.0
     if not open_rows.any():
         return np.zeros(columns.shape[1])
-    # a thousandth of a limit is asked for at the least where anything is, and each column is taken by its largest value: the
-    # columns span many powers of ten, more than the solver keeps
+    # the columns span more powers of ten than the solver can resolve: each one is scaled by its largest value, and a positive need
+    # counts as at least a thousandth of the limit
     needs = columns[open_rows] / np.maximum(needed[open_rows], 1e-3)[:, None]
     scale = np.max(needs, axis=0)
     needs, theta, cost = needs / scale, np.ones(1), np.mean(columns, axis=0) / scale
@@ -142,5 +142,5 @@ def _least(columns, needed) -> Float[np.ndarray, " p"]:
         if not found.success:
             raise FitError(found.message)
         theta = np.maximum(found.x, 0.0)
-    # what the solver allows below the limits is taken back
+    # the solver's tolerance leaves the result slightly below a limit: scale it up until it reaches all of them
     return theta * (1.0 + 1e-12) / np.min(needs @ theta) / scale

@@ -1,4 +1,4 @@
-"""`NoiseFit`: noise coefficients with their uncertainty; and how every estimator makes one from squared coefficients."""
+"""`NoiseFit`: noise coefficients with their uncertainty, and the function that every estimator uses to make one."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -23,18 +23,20 @@ from ._terms import Term
 
 
 class FittedSpectrum(eqx.Module):
-    """The ordinates that a likelihood was fitted to, averaged in bins of frequency, beside the density that the model expects there.
+    """The spectrum that method "whittle" was fitted to, averaged in bins of frequency, and the fitted model in the same bins.
 
-    Lines of the spectrum and causes such as a step are taken out of `density`; missing samples are estimated.
+    Bins that a spectral line occupies are left out. Causes such as a step are removed from the record first, and its missing samples
+    are estimated.
 
     Attributes
     ----------
     frequency : (bins,) mean frequency in Hz.
-    density : (bins,) mean ordinate: two-sided density, the unit of the record squared per Hz.
-    model : (bins,) mean of the fitted density over the same ordinates, same unit.
-    edf : (bins,) number of ordinates, which are the degrees of freedom: edf * density / model is chi-square where the model holds.
+    density : (bins,) mean measured ordinate, a two-sided density, in the unit of the record squared per Hz.
+    model : (bins,) density that the fitted model expects in the bin, in the same unit.
+    edf : (bins,) number of ordinates in the bin, which are its degrees of freedom: where the model holds, edf * density / model
+        follows a chi-square law.
     used : (bins,) True where the fit used the bin.
-    columns : term -> (bins,) what `model` has for a squared coefficient of one.
+    columns : term -> (bins,) contribution of the term to `model` for a squared coefficient of one.
 
     Examples
     --------
@@ -54,46 +56,47 @@ class FittedSpectrum(eqx.Module):
 
 
 class NoiseFit(Result):
-    """Noise coefficients of one channel, or of several, with what is known about them.
+    """Fitted noise coefficients of one or several channels, with their uncertainty.
 
-    For a record of several channels every entry is per channel, channels last; verdicts, sentences and flags are then tuples
-    with one entry per channel. `channel(i)` gives one of them.
+    For a record of several channels every array has the channels as its last axis, and verdicts and sentences are tuples with one
+    entry per channel. `channel(i)` gives the fit of one channel.
 
     Attributes
     ----------
-    noise : fitted `Noise`, SI units. Where another spectrum explains the slow noise better than B and K, its Gauss-Markov processes
-        (`noise.markov`) or its power law (`noise.further`) are part of it, and a warning names them.
-    terms : names of the fitted terms, in the order of `covariance`. A Gauss-Markov process is not among them: it is
-        `noise.markov`, and has an entry "markov" in the tables below.
-    interval : term -> (low, high) at level `confidence`, in the unit of the coefficient; low is 0 where zero cannot be excluded.
+    noise : fitted `Noise`, in SI units. If Gauss-Markov processes or another power law explain the slow noise better than B and K
+        alone, the model also has these terms (in `noise.markov` or `noise.further`), and a warning names them.
+    terms : names of the fitted terms, in the order of `covariance`. The process of the letter "markov" is not among them, but has an
+        entry "markov" in the tables below. Terms that the fit added by itself are only in `noise`.
+    interval : term -> (low, high) at level `confidence`, in the unit of the coefficient. The low end is 0 if zero cannot be excluded.
     upper_limit : term -> one-sided upper limit at level `confidence`.
-    verdict : term -> "present", "hint" or "not detected". A term that other noise explains nearly as well is a hint, with a note. Empty
-        where there is none: for the methods without uncertainty, and for a record under jit, vmap or grad, whose numbers are not known
-        there; judge `significance` yourself, or fit outside of the trace.
-    significance : term -> drop of the chi-square when the term is admitted: by chance above 2.71 in 5 % and above 5.41 in 1 %.
-        Methods gls, edf and wavelet correct it for the skewness of an Allan variance at long cluster times.
-    covariance : (terms, terms) covariance of the *squared* coefficients, which may lie at zero; channels last. Those of B and K
-        are skewed in short records: a coefficient that comes out low has too small an error. The intervals allow for it.
-    goodness : chance of a worse chi-square in the band used, were the model true.
-    longer_record : term -> record length in s at which the coefficient would be known to 10 % (inf where it is at zero).
+    verdict : term -> "present", "hint" or "not detected". A term is only a hint, with a note, if other noise explains the record
+        nearly as well. Empty for the methods without uncertainty, and under jit, vmap or grad, where no number is known yet:
+        compare `significance` with its thresholds yourself, or fit outside of the transformation.
+    significance : term -> fall of the chi-square when the term is added. Without the term it exceeds 2.71 in 5 % and 5.41 in 1 % of
+        records. Methods gls, edf and wavelet correct it for the skewness of the Allan variance at long cluster times.
+    covariance : (terms, terms) covariance of the *squared* coefficients, channels last. In short records the estimates of B and K are
+        skewed, and one that comes out low also has too small an error here. The intervals allow for this skewness.
+    goodness : probability of a worse chi-square in the band if the model were true.
+    longer_record : term -> record length in s that would give the coefficient to 10 %; inf for a coefficient of zero.
     band : (shortest, longest) cluster time in s that the fit uses.
-    left_out : one sentence for each octave of cluster time left out because the model does not hold there.
-    warnings : sentences.
-    deviation : the `Deviation` that was fitted, all cluster sizes; inside the band its edf and limits are those of the fitted
-        model, outside those of the noise type identified there. None where a record is traced.
-    used : (clusters,) True where a cluster size is in the band; channels last.
+    left_out : one sentence for each octave of cluster time that the fit does not use.
+    warnings : sentences about the record or the fit that you should act on.
+    deviation : the `Deviation` of the record at all cluster sizes. Inside the band its edf and limits follow from the fitted model,
+        outside from the noise type identified there. None if method "whittle" fitted a traced record.
+    used : (clusters,) True for cluster sizes inside the band; channels last. None where `deviation` is None.
     duration : record length in s.
-    confidence : level of interval and upper limit.
-    method : name of the estimator.
-        For "unweighted", "log" and "slope", which have no uncertainty, the tables are empty and `covariance` is (0, 0).
-    decides : term -> record length in s that would decide whether a coefficient at its upper limit is there: it would be called
-        present in 95 % of such records. Empty for estimators other than "whittle".
+    confidence : level of the intervals and upper limits.
+    method : name of the estimator. Methods "unweighted", "log" and "slope" give no uncertainty: the tables are empty and `covariance`
+        is (0, 0).
+    decides : term -> record length in s that would show whether the term is present with a coefficient as large as its upper limit:
+        the term would be called present in 95 % of such records. Empty for methods other than "whittle".
     notes : sentences that ask for no action.
-    other : second opinion, the coefficients by method "gls"; None for other methods than "whittle".
-    conservative : coefficients that bound the curve from above, where asked for.
-    spectrum : `FittedSpectrum`, what method "whittle" was fitted to; None for other methods, and where a record is traced.
-    sensor : "gyro", "accel" or "mag" where `characterise` fitted a log; numbers are then printed in the units of data sheets.
-    events : (start in s, stop in s, words) for each step, warm-up or part of the record that a warning speaks of, in order of time.
+    other : coefficients by method "gls" in the same band, as a second opinion on method "whittle". None for other methods, and if
+        too few cluster times are left.
+    conservative : coefficients whose Allan deviation bounds the measured one from above, if they were asked for.
+    spectrum : `FittedSpectrum` that method "whittle" was fitted to; None for other methods, and for a traced record.
+    sensor : "gyro", "accel" or "mag" if `characterise` fitted a log. The coefficients are then printed in the units of data sheets.
+    events : (start in s, stop in s, description) for each step, warm-up or part of the record that a warning names, in order of time.
 
     Examples
     --------
@@ -131,7 +134,7 @@ class NoiseFit(Result):
 
     @property
     def log_likelihood(self) -> LogLikelihood:
-        """The likelihood of the record as it was fitted, for one channel by method "whittle".
+        """Log-likelihood of any noise model, given the part of the record that was fitted: one channel, method "whittle".
 
         Examples
         --------
@@ -146,7 +149,7 @@ class NoiseFit(Result):
 
     @property
     def reason(self) -> str:
-        """The verdicts in a sentence (host only)."""
+        """The verdicts on all terms in one sentence (not available in a trace)."""
         terms: dict[str, list[str]] = {}
         for term, verdict in self.verdict.items():
             terms.setdefault(verdict if isinstance(verdict, str) else " / ".join(verdict), []).append(term)
@@ -167,14 +170,14 @@ class NoiseFit(Result):
         return rows
 
     def _unit(self, term: str) -> tuple[str, float]:
-        """Unit in which a coefficient is printed and its SI value: that of data sheets where the sensor is known."""
+        """Unit in which a coefficient is printed, and the size of that unit in SI; units of data sheets if the sensor is known."""
         if not self.sensor:
             return UNITS.get(term, "SI"), 1.0
         unit = noise_units(term, self.sensor)[0]
         return unit, noise_factor(term, self.sensor, unit)
 
     def channel(self, index: int) -> "NoiseFit":
-        """The fit of one channel of a record with several.
+        """The fit of one channel of a record that has several.
 
         Examples
         --------
@@ -190,7 +193,7 @@ class NoiseFit(Result):
 
 
 def without_terms(fit: NoiseFit, names: Sequence[str], tables: bool) -> NoiseFit:
-    """The fit without some terms in `terms` and `covariance`, and in its tables if asked; its noise model keeps them."""
+    """Remove terms from `terms` and `covariance`, and with `tables` also from the tables; the noise model keeps them."""
     kept = [i for i, name in enumerate(fit.terms) if name not in names]
     entries = ("interval", "upper_limit", "verdict", "significance", "longer_record", "decides") if tables else ()
     return dataclasses.replace(
@@ -201,7 +204,7 @@ def without_terms(fit: NoiseFit, names: Sequence[str], tables: bool) -> NoiseFit
     )
 
 
-#: of the coefficients, where "unit" is that of the readings
+#: units of the coefficients; "unit" stands for the unit of the readings
 UNITS = {"Q": "unit s", "N": "unit sqrt(s)", "B": "unit", "K": "unit/sqrt(s)", "R": "unit/s"}
 _NUMBERS = ("interval", "upper_limit", "significance", "covariance", "goodness", "longer_record", "band", "used", "decides")
 _SENTENCES = ("left_out", "warnings", "notes", "spectrum", "events")
@@ -209,7 +212,7 @@ _NOISES = ("noise", "other", "conservative")
 
 
 def stacked(fits: list[NoiseFit]) -> NoiseFit:
-    """The fits of the channels of one record as one result, channels last."""
+    """Join the fits of the channels of one record into one result, channels last."""
     first, curves = fits[0], [fit.deviation for fit in fits]
     names = ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped", "bias")
     return dataclasses.replace(
@@ -223,10 +226,10 @@ def stacked(fits: list[NoiseFit]) -> NoiseFit:
 
 
 def stacked_noises(found: list[Any]) -> Any:
-    """Noise of the channels of one record as one model, channels last; None where a channel has none."""
+    """Join the noise models of the channels of one record into one, channels last; None if any of them is None."""
     if any(noise is None for noise in found):
         return None
-    # a channel with fewer lines or processes than another has some of no amplitude
+    # channels with fewer lines or processes than others get additional ones of zero amplitude, so that all have the same structure
     for name in ("sinusoid", "markov"):
         lists = [getattr(noise, name) for noise in found]
         lists = [(*one, *((0.0, 1.0),) * (max(map(len, lists)) - len(one))) for one in lists]
@@ -238,7 +241,7 @@ def stacked_noises(found: list[Any]) -> Any:
 
 
 def _joined(trees: list[Any], name: str = "") -> Any:
-    """The trees, or what they have by a name, as one with channels last."""
+    """Stack the trees, or one attribute of each, into one tree with channels last."""
     trees = [getattr(tree, name) for tree in trees] if name else trees
     xp = jnp if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(trees)) else np
 
@@ -248,9 +251,8 @@ def _joined(trees: list[Any], name: str = "") -> Any:
     return map_ordered(stack, *trees)
 
 
-#: rises of the objective above which a term is hinted at, and is present: 5 % and 1 % by chance, for a coefficient that
-#: cannot be negative (S. G. Self and K.-Y. Liang, J. Am. Stat. Assoc. 82, 1987)
-#: significance above which a term is a hint, and present
+#: significance above which a term is a hint, and above which it is present. Without the term, 5 % and 1 % of records exceed these,
+#: because a coefficient cannot be negative (S. G. Self and K.-Y. Liang, J. Am. Stat. Assoc. 82, 1987)
 HINT, PRESENT = 2.71, 5.41
 
 
@@ -267,9 +269,9 @@ def assemble(
     left_out=(),
     **others,
 ) -> NoiseFit:
-    """`NoiseFit` of squared coefficients in the order of `terms`, their covariance and limits, all in SI; and its other fields.
+    """Make a `NoiseFit` from squared coefficients in the order of `terms`, their covariance and their limits, all in SI units.
 
-    Without limits the coefficients are all that is known.
+    Without limits (None) the tables stay empty. `others` are further fields of the result.
     """
     traced = is_traced(theta)
     xp = jnp if traced else np
@@ -301,7 +303,7 @@ def assemble(
 
 
 def with_edf(curve: Deviation, used, edf) -> Deviation:
-    """The deviation with the edf of the fitted model, and the limits that follow, where `used`."""
+    """The deviation with the edf of the fitted model at the cluster sizes `used`, and with the limits that follow from them."""
     edf = np.where(used, np.maximum(edf, 1.0), curve.edf)
     low, high = interval_factors(edf, curve.confidence)
     return dataclasses.replace(curve, edf=edf, lower=curve.deviation * low, upper=curve.deviation * high)

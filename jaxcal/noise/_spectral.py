@@ -1,7 +1,7 @@
-r"""Fit of binned ordinates in the band where the model holds, with intervals.
+r"""Fit the noise terms to binned ordinates, in the band where the model holds, and compute intervals.
 
-`attempt`, `deviance`, `fit_whole` and `uncertainty` map bins to coefficients, covariance and limits, on the host and in a trace;
-`fit_bins` decides on the host which bins take part.
+`attempt`, `deviance`, `fit_whole` and `uncertainty` compute coefficients, covariance and limits from bins, on the host and in a trace.
+`fit_bins` chooses the bins to use, on the host only.
 """
 
 from typing import NamedTuple
@@ -18,20 +18,21 @@ from ._ordinates import Bins
 from ._terms import Filter
 
 FILTER = Filter.name
-#: groups of bins whose mean ratio to the model is tested: the first ordinates, then log-spaced
+#: the goodness of fit compares means over groups of bins with the model: ordinates at which the first groups begin, and the number of
+#: groups, of which the later ones are evenly spaced in the logarithm
 _FIRST, _GROUPS = (0, 4, 12, 24, 48), 40
-#: misfit of the density that does not count against a model, and the chances of a worse deviance at which a band is refused and
-#: below which the intervals are widened to the scatter seen; in units of that of the model, above which it is said not to hold
+#: relative misfit of the density that is allowed; chance of a worse deviance below which a band is refused; chance below which the
+#: intervals are widened to the observed scatter; ratio of that scatter to the expected one above which the model does not hold
 _TOLERANCE, _REFUSED, _WIDENED, _TOO_WIDE = 0.01, 0.001, 0.01, 4.0
-#: upper ends of the band that are tried, half an octave apart; half octaves below its end against which a band is tested; by how
-#: many octaves more the first that passes comes down; bins beyond the number of terms that a band needs
+#: number of upper ends of the band to try, half an octave apart; half octaves below its end with which each band is compared; octaves
+#: by which the first band that passes is shortened further; bins that a band needs in addition to the number of terms
 _ENDS, _OCTAVES, _MARGIN, _FEWEST = 24, 6, 1.0, 20
-#: standard errors at which 95 % of records show a coefficient that 1 % show by chance
+#: size of a coefficient in standard errors at which 95 % of records pass the threshold that 1 % pass by chance
 _DECIDED = 2.326 + 1.645
 
 
 class Attempt(NamedTuple):
-    """A fit of the bins as they are: its `Minima`, its deviance, also with the tolerated misfit allowed, and degrees of freedom."""
+    """A fit of all given bins: fields of `Minima`, deviance, deviance `allowed` with the tolerated misfit, and degrees of freedom."""
 
     theta: AnyArray
     cost: Any
@@ -42,11 +43,11 @@ class Attempt(NamedTuple):
 
 
 class Fitted(NamedTuple):
-    """The best fit of `bins`, which have weight only in the band: coefficients in units of `Bins.unit`, cost, whether it settled.
+    """The best fit of `bins`, which have zero weight outside the band: coefficients in units of `Bins.unit`, cost, whether it converged.
 
     cut : whether high frequencies were left out. holds : whether the model holds in the band. goodness : chance of a worse deviance.
-    inflation : variance factor, the deviance over its degrees of freedom where that is needed, else 1. plain, alone : the bins of the
-    band with the terms' columns alone, without `FILTER`, by which Q is judged, and their fit.
+    inflation : factor on the variances, the deviance over its degrees of freedom where the scatter is too large, else 1. plain, alone :
+    the bins of the band without the column `FILTER`, and their fit; the limits of Q come from these.
     """
 
     theta: AnyArray
@@ -62,13 +63,13 @@ class Fitted(NamedTuple):
 
 
 def groups_of(weight, ordinates: int) -> Int[np.ndarray, " bins"]:
-    """Group of each bin for the goodness of fit."""
+    """The group to which each bin belongs in the test of the goodness of fit."""
     edges = np.append(_FIRST[1:], np.geomspace(_FIRST[-1], max(ordinates, _FIRST[-1] + 1), _GROUPS - len(_FIRST) + 1)[1:-1])
     return np.searchsorted(edges, np.cumsum(weight) - 0.5 * np.asarray(weight))
 
 
 def attempt(bins: Bins, group: AnyArray) -> Attempt:
-    """The least of the minima reached from several starts, and how well it describes the bins; `group` from `groups_of`."""
+    """Fit from several starting points, keep the lowest minimum, and compute its deviance; `group` comes from `groups_of`."""
     xp = namespace(bins)
     tried = minimise(bins.columns, bins.density, bins.weight, several_starts(jax.lax.stop_gradient(bins) if xp is jnp else bins))
     best = xp.argmin(tried.cost)
@@ -78,21 +79,24 @@ def attempt(bins: Bins, group: AnyArray) -> Attempt:
 
 
 def deviance(bins: Bins, theta, group, tolerance) -> tuple[Any, Any]:
-    """Deviance of the groups' mean ratios to the model, and its degrees of freedom; a relative misfit of `tolerance` is allowed."""
+    """Deviance of the ratio of measurement to model, averaged in groups, and its degrees of freedom.
+
+    A relative misfit of `tolerance` in each group is allowed.
+    """
     xp = namespace(bins, theta)
     member = (np.arange(_GROUPS + 2)[:, None] == np.asarray(group)[None, :]).astype(bins.density.dtype)
     count = member @ bins.weight
     there = count > 0
     count = xp.where(there, count, 1.0)
     ratio = xp.where(there, member @ (bins.weight * bins.density / density(bins.columns, theta)) / count, 1.0)
-    ratio = xp.maximum(ratio, np.finfo(bins.density.dtype).tiny ** 0.5)  # a record without noise has ordinates of zero
+    ratio = xp.maximum(ratio, np.finfo(bins.density.dtype).tiny ** 0.5)  # the ordinates of a record without noise are zero
     informed = 2.0 / (2.0 / count + tolerance**2)
     total = xp.sum(xp.where(there, informed * (ratio - 1.0 - xp.log(ratio)), 0.0))
     return total, xp.maximum((xp.sum(there) - xp.sum(theta != 0)).astype(total.dtype), 1.0)
 
 
 def without(bins: Bins, terms: tuple[str, ...], term: str) -> Bins:
-    """The bins with the column of a term zero, whose coefficient then is."""
+    """The bins without a term: its column is set to zero, and its coefficient is then zero in a fit."""
     keep = np.array([name != term for name in terms])
     return bins._replace(columns=bins.columns * keep.astype(bins.columns.dtype)[None, :])
 
@@ -102,7 +106,7 @@ def _upto(bins: Bins, end) -> Bins:
 
 
 def _search(bins: Bins, group, terms: tuple[str, ...]) -> float:
-    """Upper end of the band in Hz (host only)."""
+    """Find the upper end of the band in Hz (host only)."""
     used = bins.frequency[bins.weight > 0]
     ends = used.max() * 2.0 ** (-0.5 * np.arange(_ENDS))
     enough = np.sum(used[None, :] <= ends[:, None] * (1 + 1e-6), axis=1) >= len(terms) + _FEWEST
@@ -111,7 +115,7 @@ def _search(bins: Bins, group, terms: tuple[str, ...]) -> float:
     found = minimise(bins.columns, bins.density, weights, starts, rtol=ROUGH).theta
     tested = [deviance(part, theta, group, _TOLERANCE) for part, theta in zip(parts, found, strict=True)]
     total, freedom = (np.array(values) for values in zip(*tested, strict=True))
-    # what the upper octaves of each band add to the deviance, against the groups that they add
+    # how much the upper octaves of each band add to the deviance, compared with the number of groups that they add
     more, added = total[:, None] - total[None, :], freedom[:, None] - freedom[None, :]
     distance = np.arange(_ENDS)[None, :] - np.arange(_ENDS)[:, None]
     tested = (distance > 0) & (distance <= _OCTAVES) & enough[None, :] & (added > 0)
@@ -126,13 +130,15 @@ def _search(bins: Bins, group, terms: tuple[str, ...]) -> float:
 
 
 def fit_bins(bins: Bins, group, automatic: bool, terms: tuple[str, ...], first: Attempt | None = None) -> Fitted:
-    """Fit in the widest band from low frequency up in which the model holds; in all of it unless `automatic` (host only).
+    """Fit the widest band, from the lowest frequency up, in which the model holds; all bins unless `automatic` (host only).
 
-    A filter or a resonance of the sensor spoils high frequencies: the upper end comes down by half octaves until the deviance
-    is no worse than one in a thousand, or what the band's upper three octaves add to it is not; then by an octave more, for
-    there the model only just holds. In a band so cut the column `FILTER` takes what a low-pass leaves of white noise below its
-    corner, N^2 (1 - c f^2) with c of either sign, so that N is not biased by it; it has the shape of Q and takes its place. A
-    misfit of 1 % of the density (0.5 % of the deviation) is allowed. `first` is the attempt on all bins without `FILTER`, if known.
+    A filter or a resonance of the sensor spoils high frequencies. The upper end is therefore lowered by half octaves until the chance
+    of a worse deviance reaches one in a thousand, either for the whole band or for the part that its upper three octaves add. It is
+    then lowered by another octave, because the model only just holds at that end.
+
+    Below its corner a low-pass filter turns white noise into N^2 (1 - c f^2) with c of either sign. In a band whose high frequencies are
+    cut off, the column `FILTER` describes this, so that it does not bias N. The column has the shape of Q and replaces it. A misfit of
+    1 % of the density (0.5 % of the deviation) is allowed. `first` is the attempt on all bins without `FILTER`, if it is known already.
     """
     plain = without(bins, terms, FILTER)
     found = alone = first or attempt(plain, group)
@@ -147,7 +153,7 @@ def fit_bins(bins: Bins, group, automatic: bool, terms: tuple[str, ...], first: 
 
 
 def fit_whole(bins: Bins, group) -> Fitted:
-    """Fit of all bins, differentiable with respect to the ordinates."""
+    """Fit all bins; the result can be differentiated with respect to the ordinates."""
     found = attempt(bins, group)
     return _judged(found, bins, found, bins, jnp.asarray(False))
 
@@ -162,12 +168,14 @@ def _judged(found: Attempt, bins: Bins, alone: Attempt, plain: Bins, cut) -> Fit
 def uncertainty(
     fitted: Fitted, widened: AnyArray, two_sided, one_sided, terms: tuple[str, ...], only: tuple[str, ...] | None = None
 ) -> tuple[AnyArray, Limits, AnyArray]:
-    """Covariance of the squared coefficients (inverse Fisher information), profile-likelihood limits, and by which factor the
-    record must be longer to decide whether a coefficient at its upper limit is there: to tell it from zero in 95 % of records,
-    and call it present without it in 1 %. Limits and factors are those of the terms, without `FILTER`, or of some of them `only`.
+    """Covariance of the squared coefficients (inverse Fisher information), profile-likelihood limits, and factors of record length.
 
-    Every variance is `widened`, (p,), beside what the misfit of the spectrum makes of it.
-    In a cut band the limits of Q are found without the filter, whose shape it has and by which it is replaced elsewhere.
+    The factor of a term says how much longer a record must be to show a coefficient as large as its upper limit: to call the term
+    present in 95 % of such records, and in only 1 % of records without it. Limits and factors are computed for all terms except
+    `FILTER`, or for those named in `only`.
+
+    Every variance is multiplied by `widened`, (p,), in addition to the inflation for a misfit of the spectrum. If high frequencies are
+    cut off, the limits of Q are found without the filter, which has the same shape and replaces Q in the fit.
     """
     xp = namespace(fitted)
     covariance = inverse(information(fitted.bins, fitted.theta))
@@ -183,9 +191,9 @@ def uncertainty(
         index, value = own[lane], value[:, None]
         here, without_filter = named[index], short[index]
         seen = xp.where(without_filter[:, None, None], plain.columns, bins.columns)
-        # the filter's column is negative: starting without it keeps the density positive when another term goes
+        # the column of the filter is negative: a start without it keeps the density positive when another coefficient is lowered
         first = xp.where(here, value, xp.where(terms_alone, state, 0.0))
-        # with the only term held at zero there would be no density to begin with: the others begin at their standard errors
+        # if the only positive term is held at zero, the density would be zero at the start: the others start at their standard errors
         dark = xp.any((bins.weight > 0)[None, :] & (xp.sum(seen * first[:, None, :], axis=-1) <= 0.0), axis=1)[:, None]
         first = xp.where(dark & ~here & terms_alone, xp.maximum(state, reach[None, :]), first)
         base = xp.sum(xp.where(here[:, None, :], seen, 0.0), axis=-1) * value

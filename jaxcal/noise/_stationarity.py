@@ -1,17 +1,19 @@
-r"""What moves a record as a whole: a line in time, its temperature; and whether its noise is as strong in every part.
+r"""Does a record follow a regressor such as time or temperature, and is its noise equally strong in every part?
 
-A regressor with DCT-II d_k, in a record with y_k, both times sqrt(dt), is followed by weighted least squares on the lowest ordinates,
+A regressor is tested by weighted least squares on the lowest ordinates. With d_k the DCT-II of the regressor and y_k that of the
+record, both multiplied by sqrt(dt), its coefficient and the standard error are
 
 .. math:: r = \frac{\sum d_k y_k/S_k}{\sum d_k^2/S_k},\qquad \mathrm{se}(r) = \Big(\sum d_k^2/S_k\Big)^{-1/2}
 
-The likelihood takes the noise as stationary. What speaks for coefficient theta_j is, up to a constant, the energy
+The likelihood assumes that the noise is stationary. The evidence of the record for coefficient theta_j is, up to a constant, the energy
 
 .. math:: \sum_k \frac{X_{jk}}{S_k^2} P_k = \sum_t u_t^2,\qquad u = \mathrm{DCT}^{-1}\Big(y_k \sqrt{dt\,X_{jk}}\,/\,S_k\Big)
 
-and the right-hand side says when it came. Over eight equal parts its spread, divided by what a stationary Gaussian record of
-the same density has on average, is 1; a warm-up, a draught or a knock makes it larger, and with it the variance of the estimate by
-the same factor, for then fewer independent parts speak for the coefficient than the information counts. The law of the spread is found
-by drawing, for its parts are few and far from normal. B and K share their evidence: where either is uneven, both are widened, each by
+and the sum on the right shows how this energy is distributed over time. The record is divided into eight equal parts. The spread of
+their energies is divided by its mean for stationary Gaussian records of the same density, which gives about 1 for a stationary record.
+A warm-up, a draught or a knock makes it larger. It also raises the variance of the estimate by the same factor, because the coefficient
+then rests on fewer independent parts than the Fisher information assumes. The law of the spread is found by simulation, because eight
+energies are few and far from normal. B and K rest on the same evidence: if either is uneven, the intervals of both are widened, each by
 its own factor.
 """
 
@@ -22,23 +24,23 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-ORDINATES, _FOLLOWED = 512, 48  # most that are looked at, and of these for a regressor
-_FEWEST = 32
-_ENOUGH = 0.95  # of the information on the coefficient
+ORDINATES, _FOLLOWED = 512, 48  # largest number of ordinates that are used at all, and for a regressor
+_FEWEST = 32  # fewest ordinates that are used for a coefficient
+_ENOUGH = 0.95  # share of the information on a coefficient that the ordinates used must hold
 PARTS = 8
 _DRAWS = 999
-_FIRST, _RARE = 99, 4  # of a spread that 1 % exceed, more than 4 of the first 99 do so once in 300 records
+_FIRST, _RARE = 99, 4  # a spread that 1 % of draws exceed is exceeded by more than 4 of the first 99 draws once in 300 records only
 _CHANCE = 0.01
 _BLOCKS = 4096
-#: blocks of a record in which levels of white noise are looked for, the fewest samples of one, and the most levels
+#: search for levels of white noise: number of blocks in a record, fewest samples in a block, and most levels
 _CUTS, _SHORTEST, _MOST_LEVELS = 256, 16, 6
-#: likelihood ratio at which a record is cut, far above the 20 that chance reaches among so many blocks; logarithm of the ratio of N^2
-#: below which two levels are one; blocks that one level has at least
+#: likelihood ratio above which a record is cut, far above the 20 that chance reaches among so many blocks; logarithm of the ratio of N^2
+#: below which two levels count as equal; fewest blocks in a level
 _CUT, _ALIKE, _FEWEST_CUTS = 30.0, 0.4, 4
 
 
 class Unevenness(NamedTuple):
-    """Spread over the parts relative to a stationary record, the chance of a larger one, and the share of the strongest part."""
+    """Spread of the energy over the parts relative to a stationary record, chance of a larger spread, strongest part, and its share."""
 
     factor: float
     chance: float
@@ -47,27 +49,27 @@ class Unevenness(NamedTuple):
 
     @property
     def told(self) -> bool:
-        """Whether it is too large for chance."""
+        """Whether the spread is too large to be explained by chance."""
         return self.chance < _CHANCE
 
 
 @functools.lru_cache(maxsize=4)
 def _draws(ordinates: int) -> np.ndarray:
-    """Normal draws, (draws, ordinates); the same for every record, so that a fit repeats exactly."""
+    """Normal draws, (draws, ordinates). They are the same for every record, so that a fit can be repeated exactly."""
     return np.random.default_rng(20260101).standard_normal((_DRAWS, ordinates), dtype=np.float32)
 
 
 def _ordinates(x, dt: float) -> np.ndarray:
-    """DCT-II times sqrt(dt), from means over blocks, which keep the lowest ordinates."""
+    """Lowest DCT-II ordinates times sqrt(dt), computed from means over blocks of samples."""
     size = max(len(x) // _BLOCKS, 1)
     x = x[: len(x) // size * size].reshape(-1, size).mean(axis=1)
     return np.sqrt(size * dt) * np.asarray(scipy.fft.dct(x - x.mean(), norm="ortho"))[1:]
 
 
 def follows(y, regressor, density, dt: float) -> tuple[float, float]:
-    """Coefficient of a regressor in a gap-free record (n,) and its standard error; (0, inf) for a regressor that does not move.
+    """Coefficient of a regressor in a gap-free record (n,) and its standard error; (0, inf) for a constant regressor.
 
-    `density` is that of the noise at the first ordinates.
+    `density` is the density of the noise at the first ordinates.
     """
     y, d = _ordinates(y, dt)[:_FOLLOWED], _ordinates(regressor, dt)[:_FOLLOWED]
     count = min(len(density), len(y))
@@ -78,15 +80,15 @@ def follows(y, regressor, density, dt: float) -> tuple[float, float]:
 
 
 def _energies(u) -> np.ndarray:
-    """(..., parts) energy of a signal in equal parts over their mean."""
+    """(..., parts) energy of a signal in each of several equal parts, divided by the mean over the parts."""
     energy = np.sum(u[..., : u.shape[-1] // PARTS * PARTS].reshape(*u.shape[:-1], PARTS, -1) ** 2, axis=-1)
     return energy / np.maximum(energy.mean(axis=-1, keepdims=True), np.finfo(energy.dtype).tiny)
 
 
 def unevenness(y, column, density, dt: float) -> Unevenness:
-    """How unevenly the energy that speaks for a coefficient is spread over eight parts of a gap-free record (n,).
+    """How unevenly the evidence for a coefficient is distributed over the eight parts of a gap-free record (n,).
 
-    `column` and `density` are the expected first ordinates per squared coefficient, and in all, as fitted.
+    `column` are the expected first ordinates per squared coefficient, `density` those of the whole fitted model.
     """
     ordinates = _ordinates(y, dt)
     count = min(len(density), len(ordinates))
@@ -96,7 +98,7 @@ def unevenness(y, column, density, dt: float) -> Unevenness:
     share = np.sqrt(share[:count] / share[:count].max())
 
     def spread(whitened):
-        # u^2 has twice the bandwidth of u
+        # u is padded to twice as many samples, because u^2 has twice the bandwidth of u
         u = np.asarray(scipy.fft.idct(np.pad(share.astype(whitened.dtype) * whitened, [(0, 0), (1, count - 1)]), norm="ortho"))
         energy = _energies(u)
         return np.sum((energy - 1.0) ** 2, axis=1), energy
@@ -104,14 +106,14 @@ def unevenness(y, column, density, dt: float) -> Unevenness:
     (found,), (energy,) = spread((ordinates[:count] / np.sqrt(density[:count]))[None, :])
     drawn = _draws(count)
     by_chance = spread(drawn[:_FIRST])[0]
-    if np.sum(by_chance >= found) <= _RARE:  # few of the first: all are needed to tell how few
+    if np.sum(by_chance >= found) <= _RARE:  # the spread may be significant: only all draws give its chance
         by_chance = np.concatenate([by_chance, spread(drawn[_FIRST:])[0]])
     chance = (1.0 + np.sum(by_chance >= found)) / (1.0 + len(by_chance))
     return Unevenness(float(found / by_chance.mean()), float(chance), int(np.argmax(energy)), float(energy.max() / PARTS))
 
 
 class Level(NamedTuple):
-    """White noise of one part of a record: first and last sample, N over that of the whole record, and its relative standard error."""
+    """White noise in one part of a record, samples `start` to `stop`: N relative to the whole record, and its relative standard error."""
 
     start: int
     stop: int
@@ -120,10 +122,10 @@ class Level(NamedTuple):
 
 
 def levels_of_white(y, share, density, dt: float) -> list[Level]:
-    """Parts of a gap-free record (n,) whose white noise differs in strength, in order of time; one part where it does not.
+    """Parts of a gap-free record (n,) whose white noise differs in strength, in order of time; one part if it is the same everywhere.
 
-    The energy that speaks for N is summed in blocks. The record is cut where two levels describe the blocks better than one does, by a
-    likelihood ratio in units of the scatter of neighbouring blocks, and each part again.
+    The energy that is evidence for N is averaged in blocks. The record is cut where two levels describe the blocks better than one, by a
+    likelihood ratio that allows for the observed scatter between neighbouring blocks. Each part is then cut in the same way.
     """
     u = _white_part(y, share, density, dt)
     size = max(len(u) // _CUTS, _SHORTEST)
@@ -131,7 +133,7 @@ def levels_of_white(y, share, density, dt: float) -> list[Level]:
     if len(energy) < 4 or not np.all(energy > 0.0):
         return [Level(0, len(y), 1.0, 0.0)]
     freedom = size * np.sum(share) ** 2 / (len(u) * np.sum(share**2))
-    seen = 1.4826 * np.median(np.abs(np.diff(np.log(energy))))  # of a difference of logarithms, whose variance is 4 over the freedom
+    seen = 1.4826 * np.median(np.abs(np.diff(np.log(energy))))  # a difference of two logarithms has the variance 4 / freedom
     freedom = min(freedom, 4.0 / seen**2)
     total, edges = np.concatenate([[0.0], np.cumsum(energy)]), [0, len(energy)]
 
@@ -161,15 +163,15 @@ def levels_of_white(y, share, density, dt: float) -> list[Level]:
 
 
 def _white_part(y, share, density, dt: float):
-    """The signal whose energy speaks for N. `share` is that of N in the fitted density at the first ordinates, 0 where one is left out."""
+    """The signal whose energy is the evidence for N. `share` is that of N in the fitted density at the first ordinates, 0 if left out."""
     ordinates = np.asarray(scipy.fft.dct(y - y.mean(), norm="ortho"))[1 : len(density) + 1]
     return np.asarray(scipy.fft.idct(np.concatenate([[0.0], ordinates * np.sqrt(dt * share / density)]), norm="ortho"))
 
 
 def unevenness_of_level(y, share, density, dt: float) -> Unevenness:
-    """The same for N, for which nearly every ordinate speaks: so many that the law of its parts is the normal one."""
+    """`unevenness` for N. Nearly every ordinate is evidence for N, so many that the energies of the parts follow a normal law."""
     energy = _energies(_white_part(y, share, density, dt))
-    stationary = 2.0 * PARTS * np.sum(share**2) / np.sum(share) ** 2  # variance of one part
+    stationary = 2.0 * PARTS * np.sum(share**2) / np.sum(share) ** 2  # variance of one part of a stationary record
     total = np.sum((energy - 1.0) ** 2) / stationary
     chance = float(scipy.special.chdtrc(PARTS - 1, total))
     return Unevenness(total / (PARTS - 1), chance, int(np.argmax(energy)), float(energy.max() / PARTS))

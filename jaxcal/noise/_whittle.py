@@ -8,176 +8,225 @@ import numpy as np
 from .._errors import DataError, FitError
 from .._types import AnyArray
 from ..allan import Deviation, deviation
-from ..spectrum._average import log_groups
 from . import _messages, _rivals as rivals
-from ._alternatives import Alternatives, find_alternatives, likeliest_time, widening
-from ._causes import find_causes
+from ._alternatives import Alternative, Alternatives, likeliest_time, widening
+from ._causes import Cause, find_causes
 from ._covariance import covariance_tensor
 from ._likelihood import density
 from ._limits import Limits, levels_of
 from ._observed import Observed
-from ._ordinates import Bins, amplitudes, bins_of, find_lines
+from ._ordinates import amplitudes, bins_of
 from ._result import FittedSpectrum, NoiseFit, assemble, with_edf, without_terms
-from ._spectral import FILTER, Fitted, attempt, fit_bins, fit_whole, groups_of, uncertainty, without
-from ._stationarity import ORDINATES, Level, Unevenness, follows, levels_of_white, unevenness, unevenness_of_level
+from ._solve import Lowest, Solved, inside, lowest_of, solve, solve_alternatives, spectrum_of
+from ._spectral import FILTER, fit_whole, groups_of, uncertainty
+from ._stationarity import Level, Unevenness, follows, levels_of_white, unevenness, unevenness_of_level
 from ._tails import Tails, tamed
-from ._terms import Filter, GaussMarkov, Ramp, Term
+from ._terms import GaussMarkov, Ramp, Term
 
-_SHORTEST = 256  # samples of a record in parts of which coefficients are compared
-_ROUNDS, _SETTLED = 30, 2e-3  # of the likelihood of observed samples, and the relative change of the density that ends them
-_ROUGH, _MANY = 2, 100.0  # first rounds, which trust no model above groups of so many ordinates
-_MENDED = 0.5  # share of the misfit in the whole band that others than B and K must explain to be tried there
-#: likelihood ratio above which what stands in place of B and K is not chance: records of the model reached 15 at most
+_SHORTEST = 256  # number of samples from which the fit compares coefficients in parts of a record
+#: likelihood ratio above which a model in place of B and K is no chance: in records of noise of B and K it reached 15 at most
 _SURE = 30.0
-_FAST = ("Q", "N", FILTER)  # terms that are known from frequencies at which nothing passes for them
+_FAST = ("Q", "N", FILTER)  # terms that high frequencies determine, at which nothing else looks like them
 
 
-class Solved(NamedTuple):
-    """A record's bins, which of them lines occupy, and the fit; `columns` are the terms of its columns."""
+class Parts(NamedTuple):
+    """The terms asked for: all, those of a fixed shape, ramps, and Gauss-Markov processes without a correlation time."""
 
-    bins: Bins
-    taken: AnyArray
-    fitted: Fitted
-    columns: tuple[Term, ...]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the columns."""
-        return tuple(term.name for term in self.columns)
-
-    @property
-    def end(self) -> float:
-        """Highest frequency of the band in Hz, infinite where the band was not cut."""
-        bins = self.fitted.bins
-        return float(np.max(np.where(bins.weight > 0, bins.frequency, 0.0))) if bool(self.fitted.cut) else np.inf
-
-    def share(self, term: str, n: int, dt: float):
-        """Share of a term in the density at the ordinates of the longest stretch, of n samples, up to the end of the band, 0 in lines.
-
-        And the density.
-        """
-        bins, index = self.fitted.bins, self.names.index(term)
-        count = log_groups(n - 1, keep_tail=True)[1]  # the bins are those of the longest stretch
-        there = bins.frequency <= min(self.end, 0.5 / dt)
-        model = bins.columns[there] @ self.fitted.theta
-        part = np.where(bins.weight[there] > 0, bins.columns[0, index] * self.fitted.theta[index] / model, 0.0)
-        return np.repeat(part, count[there]), np.repeat(model * self.bins.unit, count[there])
+    asked: tuple[Term, ...]
+    base: tuple[Term, ...]
+    ramps: tuple[Term, ...]
+    sought: tuple[Term, ...]
 
 
-class Lowest(NamedTuple):
-    """The first ordinates of a record per squared coefficient, and in all."""
+class Described(NamedTuple):
+    """A record under a model of its noise.
 
-    columns: AnyArray
-    density: AnyArray
+    observed : its likelihood, with the causes as regressors. solved : the fit. terms : those asked for, and `extra`, those that the fit
+    added. lowest : the first ordinates under the fit. line : slope of the record and its standard error. causes : what changes the mean.
+    """
+
+    observed: Observed
+    solved: Solved
+    terms: tuple[Term, ...]
+    extra: tuple[Term, ...]
+    lowest: Lowest
+    line: tuple[float, float]
+    causes: tuple[Cause, ...]
+
+
+class Judged(NamedTuple):
+    """Covariance and limits of squared coefficients, length factors that decide on them, doubtful terms, and what is uneven in time."""
+
+    covariance: AnyArray
+    limits: Limits
+    decides: AnyArray
+    doubts: dict[str, Alternative]
+    uneven: dict[str, Unevenness]
+    levels: list[Level]
 
 
 def fit_record(
     y, curve: Deviation, terms: tuple[Term, ...], band: tuple[float, float] | None, confidence: float, temperature=None, robust=False
 ) -> NoiseFit:
-    """Fit one channel, (n,) with NaN for gaps, by its likelihood; its overlapped Allan deviation `curve` serves the plot.
+    """Fit one channel by the likelihood of its samples.
 
-    Where there are gaps, or causes beside noise are taken out, the curve is formed anew of the record filled and without them. A
-    Gauss-Markov process without correlation time is given that of the highest likelihood. `band` are cluster times in s, None to find
-    them. `temperature`, (n,), is one of the causes. A `robust` fit is that of the core of the noise.
+    Parameters
+    ----------
+    y : (n,) samples; NaN marks a gap.
+    curve : overlapped Allan deviation for the plot. It is computed again if samples are missing, or causes or tails are taken out.
+    terms : the terms asked for. A Gauss-Markov process without a correlation time gets the likeliest one.
+    band : cluster times in s to fit; None to find them.
+    confidence : level of the limits.
+    temperature : (n,) readings; one of the possible causes of slow changes.
+    robust : whether the white noise may have heavy tails, and N is that of its core.
     """
-    dt, n = 1.0 / curve.rate, len(y)
-    asked = tuple(term.name for term in terms)
+    parts, dt = _parts(terms), 1.0 / curve.rate
+    tails = tamed(y, dt, lambda x: spectrum_of(solve(Observed(x, dt), parts.base, band))) if robust else Tails(y, "", 1.0)
+    plain = _without_causes(tails.y, dt, parts, band, temperature)
+    model, found = _with_process(plain, parts, band) if parts.sought else _with_alternatives(plain, parts, band)
+    if not (np.all(np.isfinite(model.solved.fitted.theta)) and np.isfinite(model.solved.fitted.cost)):
+        raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
+    judged = _judged(plain, model, found, parts, tails.factor, band, confidence)
+    if tails.law or not model.observed.complete:
+        curve = deviation(model.observed.drawn, curve.rate, m=curve.m, confidence=confidence)
+    fit = _assembled(curve, plain, model, judged, parts, band, confidence)
+    return _with_messages(fit, model, judged, found, parts, tails, band)
+
+
+def _parts(terms: tuple[Term, ...]) -> Parts:
     ramps, sought = (tuple(term for term in terms if kind(term)) for kind in (_is_ramp, _is_sought))
     base = tuple(term for term in terms if term not in (*ramps, *sought))
     if not base or len(sought) > 1:
         raise DataError(
-            f"terms {asked!r}: a ramp, and one Gauss-Markov process without correlation time, are fitted beside other terms; add N"
+            f"terms {tuple(term.name for term in terms)!r}: a ramp, and one Gauss-Markov process without correlation time, are fitted "
+            "beside other terms; add N"
         )
-    tails = tamed(y, dt, lambda x: _spectrum(_solve(Observed(x, dt), base, band))) if robust else Tails(y, "", 1.0)
-    y = tails.y
-    t, observed, causes = np.arange(n) * dt, Observed(y, dt), ()
-    solved = _solve(observed, base, band)
-    lowest = _lowest(observed, solved)
+    return Parts(terms, base, ramps, sought)
+
+
+def _without_causes(y, dt: float, parts: Parts, band, temperature) -> Described:
+    """The record under the terms of a fixed shape, after a ramp and causes beside noise are taken out."""
+    t, observed, causes = np.arange(len(y)) * dt, Observed(y, dt), ()
+    solved = solve(observed, parts.base, band)
+    lowest = lowest_of(observed, solved)
     line = slope, error = follows(observed.drawn, t, lowest.density, dt)
-    if ramps and abs(slope) > _messages.RAMP * error:
+    if parts.ramps and abs(slope) > _messages.RAMP * error:
         y = y - slope * t
-    elif not sought:
+    elif not parts.sought:
         slow = [name not in _FAST for name in solved.names]
-        causes = find_causes(
-            observed.drawn, lowest.columns, solved.fitted.theta * solved.bins.unit, slow, dt, _temperature_at(temperature, t)
-        )
-    if causes or ramps:
+        theta = solved.fitted.theta * solved.bins.unit
+        causes = find_causes(observed.drawn, lowest.columns, theta, slow, dt, _temperature_at(temperature, t))
+    if causes or parts.ramps:
         columns = [cause.columns(t) for cause in causes]
         observed = Observed(y, dt, np.concatenate(columns, axis=1) if columns else None)
-        solved = _solve(observed, base, band)
-        lowest = _lowest(observed, solved)
-    # its spectrum is close enough for the degrees of freedom of the curve
-    plain, found, extra = solved, Alternatives(), ()
-    if sought:
-        extra = (GaussMarkov(time=likeliest_time(solved.fitted, dt, n * dt), name=sought[0].name),)
-        terms = tuple(extra[0] if term in sought else term for term in terms)
-        solved = _solve(observed, (*base, *extra), band)
-    else:
-        found, solved = _with_alternatives(observed, solved, base, band)
-        extra = tuple(term for term in solved.columns if term not in (*base, *plain.columns))
-        terms = (*terms, *extra)
-    if extra:
-        lowest = _lowest(observed, solved)
-    if not (np.all(np.isfinite(solved.fitted.theta)) and np.isfinite(solved.fitted.cost)):
-        raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
-    names = solved.names
-    uneven, levels = _uneven(observed.drawn, solved, lowest, dt)
+        solved = solve(observed, parts.base, band)
+        lowest = lowest_of(observed, solved)
+    return Described(observed, solved, parts.asked, (), lowest, line, causes)
+
+
+def _with_process(plain: Described, parts: Parts, band) -> tuple[Described, Alternatives]:
+    """The record with the Gauss-Markov process asked for, at its likeliest correlation time; and no alternatives."""
+    dt, (sought,) = plain.observed.dt, parts.sought
+    process = GaussMarkov(time=likeliest_time(plain.solved.fitted, dt, len(plain.observed.y) * dt), name=sought.name)
+    solved = solve(plain.observed, (*parts.base, process), band)
+    terms = tuple(process if term is sought else term for term in parts.asked)
+    return plain._replace(solved=solved, terms=terms, extra=(process,), lowest=lowest_of(plain.observed, solved)), Alternatives()
+
+
+def _with_alternatives(plain: Described, parts: Parts, band) -> tuple[Described, Alternatives]:
+    """The record with other models of its slow noise beside B and K, if one is admitted; and all that were tried."""
+    found, solved = solve_alternatives(plain.observed, plain.solved, parts.base, band)
+    extra = tuple(term for term in solved.columns if term not in (*parts.base, *plain.solved.columns))
+    lowest = lowest_of(plain.observed, solved) if extra else plain.lowest
+    return plain._replace(solved=solved, terms=(*parts.asked, *extra), extra=extra, lowest=lowest), found
+
+
+def _judged(
+    plain: Described, model: Described, found: Alternatives, parts: Parts, factor: float, band, confidence: float
+) -> Judged:  # fmt: skip
+    """Uncertainty of the coefficients under the model, and under others that the record does not exclude.
+
+    The variance of N grows by the `factor` of heavy tails.
+    """
+    solved, dt, level = model.solved, model.observed.dt, levels_of(confidence)
+    names, unit = solved.names, solved.bins.unit
+    uneven, levels = _uneven(model.observed.drawn, solved, model.lowest, dt)
     widened = np.array([max(uneven[name].factor, 1.0) if name in uneven else 1.0 for name in names])
     if levels:  # the mean of N^2 is known as well as its parts are
-        parts, squares = np.array([part.stop - part.start for part in levels]), np.array([part.ratio**2 for part in levels])
-        widened[names.index("N")] = np.average(squares**2, weights=parts) / np.average(squares, weights=parts) ** 2
-    widened = widened * np.array([tails.factor if name == "N" else 1.0 for name in names])
-    if extra and not sought:
-        widened = widened * widening(solved.fitted, solved.columns, extra, dt)
-    covariance, limits, factor = uncertainty(solved.fitted, widened, *levels_of(confidence), names)
-    if extra and found.admitted and found.admitted.gain < _SURE:
-        other = uncertainty(plain.fitted, np.ones(len(plain.names)), *levels_of(confidence), plain.names, ("B", "K"))[1]
-        limits = rivals.widest(limits, names, other.scaled(float(plain.bins.unit / solved.bins.unit)), ("B", "K"))
-    rest = tuple(term for term in base if term.name not in ("B", "K"))
-    if "N" in asked and (rival := rivals.competing(found, confidence)):
-        other = _solve(observed, (*rest, *rival.terms), band)
-        wide, unit = widening(other.fitted, other.columns, rival.terms, dt), float(other.bins.unit / solved.bins.unit)
-        limits = rivals.over_models(limits, names, other.fitted, other.names, wide, unit, found, confidence)
+        size, squares = np.array([part.stop - part.start for part in levels]), np.array([part.ratio**2 for part in levels])
+        widened[names.index("N")] = np.average(squares**2, weights=size) / np.average(squares, weights=size) ** 2
+    widened = widened * np.array([factor if name == "N" else 1.0 for name in names])
+    if model.extra and not parts.sought:
+        widened = widened * widening(solved.fitted, solved.columns, model.extra, dt)
+    covariance, limits, decides = uncertainty(solved.fitted, widened, *level, names)
+    if model.extra and found.admitted and found.admitted.gain < _SURE:
+        other = uncertainty(plain.solved.fitted, np.ones(len(plain.solved.names)), *level, plain.solved.names, ("B", "K"))[1]
+        limits = rivals.widest(limits, names, other.scaled(float(plain.solved.bins.unit / unit)), ("B", "K"))
+    if "N" in names and (rival := rivals.competing(found, confidence)):
+        rest = tuple(term for term in parts.base if term.name not in ("B", "K"))
+        other = solve(model.observed, (*rest, *rival.terms), band)
+        wide = widening(other.fitted, other.columns, rival.terms, dt)
+        limits = rivals.over_models(limits, names, other.fitted, other.names, wide, float(other.bins.unit / unit), found, confidence)
     limits, doubts = rivals.doubted(limits, names, found.doubts())
-    lines = amplitudes(solved.bins, solved.taken, density(solved.bins.columns, solved.fitted.theta), n * dt)
-    lines = [found for found in lines if found[1] <= solved.end]
-    if tails.law or not observed.complete:
-        curve = deviation(observed.drawn, curve.rate, m=curve.m, confidence=confidence)
+    return Judged(covariance, limits, decides, doubts, uneven, levels)
+
+
+def _assembled(curve: Deviation, plain: Described, model: Described, judged: Judged, parts: Parts, band, confidence: float) -> NoiseFit:
+    """The result without its warnings."""
+    solved, n = model.solved, len(model.observed.y)
+    duration, names = n * model.observed.dt, solved.names
     used = _used(curve, solved, band)
     fit = assemble(
-        *_squares(solved, covariance, limits, terms, line, confidence), terms, curve, n * dt, sinusoid=lines, used=used,
-        decides={name: float(factor[names.index(name)]) * n * dt for name in asked if name in names}, confidence=confidence,
-        goodness=float(solved.fitted.goodness), method="whittle", band=(float(curve.tau[used].min()), float(curve.tau[used].max())),
+        *_squares(solved, judged.covariance, judged.limits, model.terms, model.line, confidence), model.terms, curve, duration,
+        sinusoid=_lines(model), used=used, confidence=confidence, method="whittle",
+        decides={term.name: float(judged.decides[names.index(term.name)]) * duration for term in parts.asked if term.name in names},
+        goodness=float(solved.fitted.goodness), band=(float(curve.tau[used].min()), float(curve.tau[used].max())),
     )  # fmt: skip
-    fit = dataclasses.replace(fit, verdict=fit.verdict | dict.fromkeys(doubts, "hint"))
-    left_out = _messages.of_octaves(curve, used, np.sqrt(np.asarray(fit.noise.avar(curve.tau, dt=dt))), band is None)
-    inflation = float(solved.fitted.inflation)
-    told, notes = _messages.of_alternatives(found, doubts, fit)
+    # the spectrum of the plain model is close enough for the degrees of freedom of the curve
+    curve = with_edf(curve, used, _model_edf(curve, plain.solved, n))
+    verdict = fit.verdict | dict.fromkeys(judged.doubts, "hint")
+    return dataclasses.replace(fit, verdict=verdict, deviation=curve, spectrum=_fitted_spectrum(solved))
+
+
+def _with_messages(
+    fit: NoiseFit, model: Described, judged: Judged, found: Alternatives, parts: Parts, tails: Tails, band
+) -> NoiseFit:  # fmt: skip
+    """The result with warnings, notes and events, and without the terms that were not asked for."""
+    observed, fitted, curve = model.observed, model.solved.fitted, fit.deviation
+    dt, inflation = observed.dt, float(fitted.inflation)
+    duration = len(observed.y) * dt
+    left_out = _messages.of_octaves(curve, fit.used, np.sqrt(np.asarray(fit.noise.avar(curve.tau, dt=dt))), band is None)
+    told, notes = _messages.of_alternatives(found, judged.doubts, fit)
     where, how = "any band" if band is None else "the band asked for", f"the spectrum scatters {inflation:.1f} times as much as it may"
     unsettled = "the search for the largest likelihood did not converge; fit fewer terms or another band"
     warnings = (
         *curve.warnings,
-        *_messages.of_model(fit, "spectrum", bool(solved.fitted.holds), where, how, inflation, bool(solved.fitted.cut)),
-        *(() if bool(solved.fitted.settled) else (unsettled,)),
+        *_messages.of_model(fit, "spectrum", bool(fitted.holds), where, how, inflation, bool(fitted.cut)),
+        *(() if bool(fitted.settled) else (unsettled,)),
         *([f"the record has heavy tails: {tails.law}"] if tails.law else ()),
-        *_messages.of_record(y, dt, lines),
-        *_messages.of_causes(causes, observed.factors, observed.covariance),
+        *_messages.of_record(observed.y, dt, _lines(model)),
+        *_messages.of_causes(model.causes, observed.factors, observed.covariance),
         *told,
-        *_messages.of_levels(levels, float(np.asarray(fit.noise.coefficient("N"))) if levels else 0.0, dt),
-        *_messages.of_unevenness(uneven, n * dt),
+        *_messages.of_levels(judged.levels, float(np.asarray(fit.noise.coefficient("N"))) if judged.levels else 0.0, dt),
+        *_messages.of_unevenness(judged.uneven, duration),
     )
-    if "markov" in asked:
-        notes = (*notes, _messages.of_markov(fit))
-    curve = with_edf(curve, used, _model_edf(curve, plain, n))
-    events = (*_messages.events_of_causes(causes), *_messages.events_of_parts(levels, uneven, n * dt, dt))
-    fit = dataclasses.replace(
-        fit, deviation=curve, left_out=left_out, warnings=warnings, notes=notes, spectrum=_fitted_spectrum(solved), events=events
+    notes = (*notes, _messages.of_markov(fit)) if any(term.name == "markov" for term in parts.asked) else notes
+    events = (*_messages.events_of_causes(model.causes), *_messages.events_of_parts(judged.levels, judged.uneven, duration, dt))
+    fit = dataclasses.replace(fit, left_out=left_out, warnings=warnings, notes=notes, events=events)
+    return without_terms(fit, [term.name for term in model.extra], tables=not parts.sought)
+
+
+def _lines(model: Described) -> list[tuple[float, float]]:
+    """(amplitude, frequency in Hz) of the spectral lines in the band."""
+    solved = model.solved
+    lines = amplitudes(
+        solved.bins, solved.taken, density(solved.bins.columns, solved.fitted.theta), len(model.observed.y) * model.observed.dt
     )
-    return without_terms(fit, [term.name for term in extra], tables=not sought)
+    return [line for line in lines if line[1] <= solved.end]
 
 
 def _fitted_spectrum(solved: Solved) -> FittedSpectrum:
-    """The bins of a record that hold an ordinate, beside the model; those that lines occupy are left out."""
+    """Bins of the record and the model there. Bins without an ordinate and those of spectral lines are left out."""
     bins = solved.bins
     kept = (bins.weight > 0) & (bins.density > 0) & ~solved.taken
     model = density(solved.fitted.bins.columns, solved.fitted.theta)
@@ -190,10 +239,10 @@ def _fitted_spectrum(solved: Solved) -> FittedSpectrum:
 
 
 def fit_traced(y, rate: float, terms: tuple[Term, ...], band: tuple[float, float] | None, confidence: float) -> NoiseFit:
-    """The same for a traced record: no checks, no choice of the band, no lines; differentiable."""
+    """Fit a traced record as it is, without checks, a choice of the band or spectral lines; the result can be differentiated."""
     if any(_is_ramp(term) or _is_sought(term) for term in terms):
         raise DataError("a traced record is fitted without R and markov; these are found by a search, which cannot be traced")
-    bins, duration = _inside(bins_of(y, 1.0 / rate, terms), band), y.shape[0] / rate
+    bins, duration = inside(bins_of(y, 1.0 / rate, terms), band), y.shape[0] / rate
     fitted = fit_whole(bins, groups_of(bins.weight, y.shape[0] - 1))
     covariance, limits, _ = uncertainty(fitted, np.ones(len(terms)), *levels_of(confidence), tuple(term.name for term in terms))
     return assemble(
@@ -202,115 +251,24 @@ def fit_traced(y, rate: float, terms: tuple[Term, ...], band: tuple[float, float
     )  # fmt: skip
 
 
-def _inside(bins: Bins, band) -> Bins:
-    """The bins with weight only in the band: cluster time tau stands for the frequency 1/(2 tau)."""
-    if band is None:
-        return bins
-    within = (bins.frequency >= 0.5 / band[1] * (1 - 1e-9)) & (bins.frequency <= 0.5 / band[0] * (1 + 1e-9))
-    return bins._replace(weight=bins.weight * within)
-
-
 def _is_ramp(term: Term) -> bool:
     return isinstance(term, Ramp)
 
 
 def _is_sought(term: Term) -> bool:
-    """Whether it is a Gauss-Markov process whose correlation time is looked for."""
+    """Whether the term is a Gauss-Markov process without a correlation time."""
     return isinstance(term, GaussMarkov) and term.time is None
 
 
 def _temperature_at(temperature, t):
-    """Times -> (times, 1) temperature less its mean; None where it is not known or does not move."""
+    """Function of times that returns (times, 1) temperatures less their mean; None if the temperature is unknown or constant."""
     if temperature is None or not np.all(np.isfinite(temperature)) or not np.ptp(temperature) > 0.0:
         return None
     return lambda when: np.interp(when, t, temperature - np.mean(temperature))[:, None]
 
 
-def _solve(observed: Observed, columns: tuple[Term, ...], band) -> Solved:
-    """Fit what was observed: once where it is complete, else until the density that fills the gaps is the one that is fitted."""
-    columns, level = (*columns, Filter()), np.ones(1)
-    solved = _solved(observed.bins(columns), columns, band, band is None and observed.complete)
-    for k in range(0 if observed.complete else _ROUNDS):
-        before, level = level, _level(solved, k < _ROUGH)
-        if k > _ROUGH and np.max(np.abs(np.log(level / before))) < _SETTLED:
-            break
-        solved = _solved(observed.bins(columns, level), columns, band, band is None and k + 1 >= _ROUGH)
-    return solved
-
-
-def _with_alternatives(observed: Observed, solved: Solved, base: tuple[Term, ...], band) -> tuple[Alternatives, Solved]:
-    """What else explains the slow noise, and the fit with it beside B and K where it is admitted.
-
-    Where high frequencies were left out, because B and K do not describe them, others may describe the whole band.
-    """
-    dt, duration = observed.dt, len(observed.y) * observed.dt
-    if bool(solved.fitted.cut):
-        clear = solved.bins._replace(weight=np.where(solved.taken, 0.0, solved.bins.weight))
-        whole = fit_bins(clear, groups_of(clear.weight, int(np.sum(clear.weight))), False, solved.names)
-        found = find_alternatives(whole, solved.columns, dt, duration)
-        excess = whole.alone.deviance - whole.alone.freedom
-        if found.admitted and found.admitted.gain * whole.inflation > _MENDED * excess:
-            wider = _solve(observed, (*base, *found.admitted.terms), band)
-            if not bool(wider.fitted.cut):
-                return found, wider
-    found = find_alternatives(solved.fitted, solved.columns, dt, duration)
-    return found, _solve(observed, (*base, *found.admitted.terms), band) if found.admitted else solved
-
-
-def observed_bins(y, dt: float, terms: tuple[Term, ...]) -> Bins:
-    """Bins of a record with gaps under the model of these terms that fits it, a column for each term."""
-    bins = _solve(Observed(y, dt), terms, None).bins
-    return bins._replace(columns=bins.columns[:, : len(terms)])
-
-
-def _spectrum(solved: Solved):
-    """Frequencies in Hz and the density there."""
-    return solved.bins.frequency, _level(solved, False)
-
-
-def _level(solved: Solved, rough: bool):
-    """Density at the bins: that of the model where it was fitted, and of the ordinates themselves in lines and outside of the band.
-
-    While gaps are filled for the first time the model may fit badly, and it is scaled to the ordinates in groups of many.
-    """
-    bins, model = solved.bins, density(solved.fitted.bins.columns, solved.fitted.theta)
-    if rough:
-        group = groups_of(bins.weight, int(bins.weight.sum()))
-        count, total = (np.bincount(group, bins.weight * values) for values in (np.ones(len(model)), bins.density / model))
-        model = model * np.where(count > _MANY, total / np.maximum(count, 1.0), 1.0)[group]
-    own = (solved.fitted.bins.weight == 0.0) & (bins.weight > 0.0) & (bins.density > 0.0)
-    return np.where(own, bins.density, model) * bins.unit
-
-
-def _solved(whole: Bins, columns: tuple[Term, ...], band, automatic: bool) -> Solved:
-    bins = _inside(whole, band)
-    count = int(np.sum(bins.weight > 0))
-    if count <= len(columns):
-        raise DataError(
-            f"{count} frequency bins are left for {len(columns)} terms; record longer without gaps, widen band=, or ask for fewer terms"
-        )
-    names = tuple(term.name for term in columns)
-    group = groups_of(whole.weight, int(np.sum(whole.weight)))
-    plain = without(bins, names, FILTER)
-    first = attempt(plain, group)
-    taken = find_lines(bins, density(plain.columns, first.theta))
-    clear = bins._replace(weight=np.where(taken, 0.0, bins.weight))
-    return Solved(bins, taken, fit_bins(clear, group, automatic, names, None if taken.any() else first), columns)
-
-
-def _lowest(observed: Observed, solved: Solved) -> Lowest:
-    n = len(observed.y)
-    k = np.arange(1, min(ORDINATES, n - 1) + 1)
-    columns = np.stack([term.ordinates(k, n, observed.dt) for term in solved.columns], axis=1)
-    # what a filter takes is nothing at low frequencies, and its negative column must not make a density negative
-    theta = np.where([name != FILTER for name in solved.names], solved.fitted.theta, 0.0)
-    # without any other term the filter is all that is left, and its density vanishes here
-    least = np.finfo(float).eps * np.max(density(solved.fitted.bins.columns, solved.fitted.theta))
-    return Lowest(columns, np.maximum(columns @ theta, least) * solved.bins.unit)
-
-
 def _uneven(y, solved: Solved, lowest: Lowest, dt: float) -> tuple[dict[str, Unevenness], list[Level]]:
-    """How uneven in time B, K and N are, where any is; and the parts of the record, where N differs between some."""
+    """How B, K and N change during the record, if one does; and the parts of the record with their N, if N changes."""
     if len(y) < _SHORTEST:
         return {}, []
     names = solved.names
@@ -326,9 +284,9 @@ def _uneven(y, solved: Solved, lowest: Lowest, dt: float) -> tuple[dict[str, Une
 
 
 def _squares(solved: Solved, covariance, limits: Limits, terms: tuple[Term, ...], line: tuple[float, float], confidence: float):
-    """Squared coefficients in SI in the order of the terms asked for, their covariance and limits.
+    """Squared coefficients in SI units in the order of `terms`, their covariance and limits.
 
-    The ramp is among them, from the `line` (slope, error); Q is not estimated where its octaves are left out.
+    The ramp comes from the `line`, (slope, error). Q is zero if the band leaves out the octaves that determine it.
     """
     asked = [term.name for term in terms]
     p, names, unit = len(asked), solved.names, float(solved.bins.unit)
@@ -340,7 +298,7 @@ def _squares(solved: Solved, covariance, limits: Limits, terms: tuple[Term, ...]
     if "R" in asked:
         i, (slope, error) = asked.index("R"), line
         squares[i], spread[i, i] = slope**2, (2.0 * slope * error) ** 2
-        # a straight line is linear in the record: the slope is normal
+        # the slope is a linear function of the record, and therefore normal
         away, (both, one) = abs(slope), (np.sqrt(level) * error for level in levels_of(confidence))
         ends[:, i] = max(away - both, 0.0) ** 2, (away + both) ** 2, (away + one) ** 2, (slope / error) ** 2
     if "Q" in asked and bool(solved.fitted.cut):
@@ -350,7 +308,7 @@ def _squares(solved: Solved, covariance, limits: Limits, terms: tuple[Term, ...]
 
 
 def _used(curve: Deviation, solved: Solved, band) -> np.ndarray:
-    """Cluster sizes that the band stands for; at least the longest."""
+    """Whether each cluster size lies in the band; the longest one always does if no other does."""
     used = np.asarray(curve.tau) >= (0.5 / solved.end) * (1 - 1e-9)
     if band is not None:
         used &= (curve.tau >= band[0] * (1 - 1e-9)) & (curve.tau <= band[1] * (1 + 1e-9))
@@ -360,7 +318,7 @@ def _used(curve: Deviation, solved: Solved, band) -> np.ndarray:
 
 
 def _model_edf(curve: Deviation, solved: Solved, n: int):
-    """Degrees of freedom of the curve under the fitted terms."""
+    """Degrees of freedom of the Allan variance under the fitted terms."""
     fitted = [(float(value * solved.bins.unit), term) for value, term in zip(solved.fitted.theta, solved.columns, strict=True)]
     squares, terms = zip(*((value, term) for value, term in fitted if term.name != FILTER), strict=True)
     dt = 1.0 / curve.rate

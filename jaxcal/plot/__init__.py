@@ -1,15 +1,34 @@
 """Figures by matplotlib's object interface; they open no window and change no global setting."""
 
-from ._allan import allan as allan
-from ._dynamic import dynamic as dynamic
-from ._imu import imu as imu
-from ._magnetometer import (
-    coverage as coverage,
-    heading_error as heading_error,
-    residual as residual,
-    sphere as sphere,
+from typing import TYPE_CHECKING
+
+from .._lazy import on_first_use
+
+if TYPE_CHECKING:
+    from ._allan import allan as allan
+    from ._dynamic import dynamic as dynamic
+    from ._imu import imu as imu
+    from ._magnetometer import (
+        coverage as coverage,
+        heading_error as heading_error,
+        residual as residual,
+        sphere as sphere,
+    )
+    from ._north import north as north
+    from ._spectrum import spectrum as spectrum
+    from ._style import TERM_COLORS as TERM_COLORS, save as save
+    from ._temperature import temperature as temperature
+
+__getattr__, __dir__ = on_first_use(
+    __name__,
+    {
+        "_allan": "allan",
+        "_dynamic": "dynamic",
+        "_imu": "imu",
+        "_magnetometer": "coverage heading_error residual sphere",
+        "_north": "north",
+        "_spectrum": "spectrum",
+        "_style": "TERM_COLORS save",
+        "_temperature": "temperature",
+    },
 )
-from ._north import north as north
-from ._spectrum import spectrum as spectrum
-from ._style import TERM_COLORS as TERM_COLORS, save as save
-from ._temperature import temperature as temperature

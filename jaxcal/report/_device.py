@@ -10,7 +10,7 @@ from .._results import plain
 from .._units import STANDARD_GRAVITY
 from ..device import DeviceFit
 from ._charts import Chart, Curve, charts
-from ._html import Markup, definitions, join, numbers, provenance, recording, scroll, section, table, tag, warnings_of
+from ._html import Markup, definitions, estimate, join, numbers, provenance, recording, scroll, section, table, tag, warnings_of
 
 _MOST = 300  # largest number of points of a curve
 _ROWS = 100  # largest number of rows of the table behind the figures
@@ -107,14 +107,8 @@ def _verdicts(found: DeviceFit) -> Markup:
 
 
 def _cell(known: dict[str, tuple[float, float, float]], name: str, size: float = 1.0) -> Markup:
-    """Cell with a value and its interval, rounded to the second digit of the interval's half-width."""
-    value, low, high = (part / size for part in known.get(name, (0.0, 0.0, 0.0)))
-    if not np.isfinite(low):
-        return tag("span", "not determined", class_="small")
-    if not high > low:
-        return join((f"{value:g} ", tag("span", "(fixed)", class_="small")))
-    digits = max(1 - int(np.floor(np.log10((high - low) / 2))), 0)
-    return join((f"{value:.{digits}f} ", tag("span", f"{low:.{digits}f} to {high:.{digits}f}", class_="small exact")))
+    """Cell with a value and its interval; a parameter that the model does not have is zero."""
+    return estimate(*(part / size for part in known.get(name, (0.0, 0.0, 0.0))))
 
 
 def _tables(found: DeviceFit) -> list[Markup]:

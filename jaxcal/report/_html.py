@@ -2,6 +2,7 @@
 
 import datetime
 import html
+import math
 import re
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -92,6 +93,30 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[Any]], caption: str | 
 def scroll(content: Markup, label: str, class_: str = "scroll") -> Markup:
     """Put content that may be wider than a phone into a region that scrolls separately and takes the focus."""
     return tag("div", content, class_=class_, tabindex="0", role="region", aria_label=label)
+
+
+def estimate(value: float, low: float, high: float, fixed: str = "fixed") -> Markup:
+    """A value and its interval, rounded to the second digit of the half width; `fixed` is the word for an interval of no width.
+
+    Examples
+    --------
+    >>> import re
+    >>> from jaxcal.report._html import estimate
+    >>> re.sub("<[^>]*>", "", estimate(1.0123456, 1.01111, 1.01358))
+    '1.0123 1.0111 to 1.0136'
+    """
+    if not math.isfinite(high - low):
+        return tag("span", "not determined", class_="small")
+    if not high > low:
+        return join((tag("span", f"{value:g}", class_="number"), " ", tag("span", f"({fixed})", class_="small")))
+    digits = 1 - math.floor(math.log10((high - low) / 2))
+    if digits > 7:
+        top = math.floor(math.log10(max(abs(value), abs(low), abs(high))))
+        shown = [f"{one:.{max(digits + top, 1)}e}" for one in (value, low, high)]
+    else:
+        shown = [f"{one:.{max(digits, 0)}f}" for one in (value, low, high)]
+    middle, first, last = (tag("span", one.replace("-", "\u2212"), class_="number") for one in shown)
+    return join((middle, " ", tag("span", first, " to ", last, class_="small exact")))
 
 
 def numbers(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Markup:

@@ -11,7 +11,7 @@ from .._results import plain
 from .._units import STANDARD_GRAVITY
 from ..imu import ImuFit
 from ._charts import Chart, Curve, charts
-from ._html import Markup, join, numbers, provenance, recording, scroll, section, table, tag, warnings_of
+from ._html import Markup, estimate, join, numbers, provenance, recording, scroll, section, table, tag, warnings_of
 
 _SENSORS = (("Accelerometer", 0, "m/s²"), ("Gyroscope", 12, "rad/s"))
 
@@ -98,14 +98,8 @@ def _numbers(found: ImuFit) -> list[Markup]:
 
 
 def _table(found: ImuFit, caption: str, columns: tuple[str, ...], entries: Callable[[int], Iterable[int]]) -> Markup:
-    rows = [(axis, *(_cell(found, k) for k in entries(i))) for i, axis in enumerate("xyz")]
+    rows = [(axis, *(estimate(found.values[k], *found.interval[k]) for k in entries(i))) for i, axis in enumerate("xyz")]
     return scroll(table(("", *columns), rows, f"{caption}, with intervals of 95 %", "matrix"), caption)
-
-
-def _cell(found: ImuFit, k: int) -> Markup:
-    low, high = found.interval[k]
-    known = tag("span", f"{low:.6g} to {high:.6g}", class_="small exact") if high > low else tag("span", "(fixed)", class_="small")
-    return join((f"{found.values[k]:.6g} ", known))
 
 
 def _residuals(found: ImuFit) -> list[Chart]:

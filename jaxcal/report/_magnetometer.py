@@ -71,13 +71,12 @@ def _verdict(found: MagFit) -> Markup:
     if found.model is not None:
         scale, unit = pictures.unit_of(found)
         model, hard = found.model, zip(np.asarray(found.model.hard_iron) / scale, found.hard_iron_error / scale, strict=True)
-        rows = [(f"hard iron ({unit})", *(f"{b:.5g} ± {s:.2g}" if np.isfinite(s) else f"{b:.5g}, open" for b, s in hard))]
+        rows = [(f"hard iron ({unit})", *(_with_error(*both) for both in hard))]
         for axis, *both in zip("xyz", np.asarray(model.soft_iron), found.soft_iron_error, strict=True):
-            cells = (f"{c:.5f} ± {s:.1g}" if np.isfinite(s) else f"{c:.5f}, open" for c, s in zip(*both, strict=True))
-            rows.append((f"soft iron, {axis}", *cells))
+            rows.append((f"soft iron, {axis}", *(_with_error(*one) for one in zip(*both, strict=True))))
         for row in found._rows()[12:-2]:  # further fields of a model, in the units of the readings
             rows.append((row.name, f"{row.value:.5g}", f"{row.low:.5g} to {row.high:.5g}" if row.high > row.low else "", ""))
-        parts.append(scroll(table(("", "x", "y", "z"), rows), "Calibration"))
+        parts.append(scroll(table(("", "x", "y", "z"), rows, class_="matrix"), "Calibration"))
         level, tilted = np.rad2deg(found.heading_error)
         cover = found.coverage
         facts = {
@@ -94,6 +93,16 @@ def _verdict(found: MagFit) -> Markup:
             facts["Check"] = found.check.reason
         parts.append(definitions(facts.items()))
     return section("Verdict", "verdict", *parts)
+
+
+def _with_error(value: float, error: float) -> str:
+    """A value and its standard error, both to the second digit of the error."""
+    if not np.isfinite(error):
+        return f"{value:.5g}, open"
+    if not error > 0:
+        return f"{value:g} (fixed)"
+    digits = max(1 - int(np.floor(np.log10(error))), 0)
+    return f"{value:.{digits}f}\u00a0±\u00a0{error:.{digits}f}"
 
 
 def _pictures(found: MagFit, m: np.ndarray | None) -> Markup:

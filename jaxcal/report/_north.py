@@ -132,7 +132,8 @@ def _found(result: AlignmentFit) -> Markup:
         else:
             digits = max(0, 1 - math.floor(math.log10(half))) if half > 0 else 6
             shown = value / size
-            cells = (f"{shown:.{digits}f} {unit}", f"{shown - half:.{digits}f} to {shown + half:.{digits}f}")
+            texts = (f"{shown:.{digits}f} {unit}", f"{shown - half:.{digits}f} to {shown + half:.{digits}f}")
+            cells = tuple(text.replace("-", "\u2212") for text in texts)  # unlike a hyphen, this minus stays on the line of its number
         badge = tag("span", "prior", class_="badge hint") if bool(np.asarray(result.prior_only)[result.names.index(name)]) else Markup("")
         rows.append((join((tag("b", name), " ", badge, tag("span", _MEANING.get(name, ""), class_="small"))), *cells))
     found = table(("", "value", "95 % interval"), rows, class_="terms")

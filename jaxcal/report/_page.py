@@ -74,6 +74,7 @@ figure { margin: 1rem 0; }
 .scroll { overflow-x: auto; }
 .scroll svg { display: block; fill: var(--ink); width: 100%; min-width: 34rem; height: auto; }
 .scroll .exact { display: block; white-space: nowrap; }
+.number { white-space: nowrap; }
 .numbers { max-height: 26rem; overflow: auto; }
 .numbers table { font-size: .85rem; white-space: nowrap; }
 .numbers td, .numbers th { padding: .2rem .8rem .2rem 0; }
@@ -105,10 +106,12 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
 :focus-visible { outline: 2px solid var(--series-0); outline-offset: 2px; }
 @media (max-width: 36rem) {
   th, td { padding: .4rem .3rem; font-size: .875rem; }
-  :is(.terms, .matrix) { min-width: 0; }
+  :is(.terms, .matrix) { display: block; min-width: 0; width: 100%; }
+  :is(.terms, .matrix) :is(tbody, caption) { display: block; }
   .scroll .exact { white-space: normal; }
   :is(.terms, .matrix) thead { display: none; }
   :is(.terms, .matrix) tr { display: grid; grid-template-columns: repeat(auto-fit, minmax(5.6rem, 1fr)); padding: .4rem 0; }
+  .scroll .matrix tr { grid-template-columns: repeat(auto-fit, minmax(9rem, 1fr)); }
   :is(.terms, .matrix) tr { border-bottom: 1px solid var(--line); }
   :is(.terms, .matrix) tbody th { grid-column: 1 / -1; width: auto; border: 0; padding: .1rem 0; }
   :is(.terms, .matrix) th:first-child { width: auto; }

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from ..._compile import stored_jit
 from ..._types import Array, Float, Int
 from ._phase import BLOCK
 
@@ -122,7 +123,7 @@ def block_sums(
     return jnp.sum(squares, axis=1), valid
 
 
-@functools.partial(jax.jit, static_argnames=("order", "strided"), compiler_options=_WIDE)
+@functools.partial(stored_jit, static_argnames=("order", "strided"), compiler_options=_WIDE)
 def cached_sums(
     parts: Parts,
     m: Int[Array, " rows"],

@@ -1,12 +1,13 @@
 """Bias of the total statistics and of Theo1: their expectation over that of the plain variance, by noise type.
 
-Each of them is a mean of squares of differences that are blind to a line. So, for a noise type, its expectation follows from
-the generalised covariance of phase alone (C. A. Greenhall, "The generalized autocovariance: a tool for clock statistics", TMO
-Progress Report 42-137, 1999). The factors of mtotdev, htotdev and theo1 here are these expectations, at every cluster size. Printed
-tables hold their limits for large m, or fits to simulations: htotdev 0.995, 0.851, 0.771, 0.717, 0.679 (NIST SP 1065), which is
-the limit to the last digit; mtotdev 0.94, 0.83, 0.73, 0.70, 0.69 (Stable32), where the limit is 0.995, 0.851, 0.771, 0.717,
+Each of them is a mean of squares of differences that a line in the phase does not affect. For a given noise type, its expectation
+therefore follows from the generalised covariance of phase (C. A. Greenhall, "The generalized autocovariance: a tool for clock
+statistics", TMO Progress Report 42-137, 1999). The factors of mtotdev, htotdev and theo1 here are these expectations, at every cluster
+size. Printed tables hold their limits for large m, or fits to simulations: htotdev 0.995, 0.851, 0.771, 0.717, 0.679 (NIST SP 1065),
+which is the limit to the last digit; mtotdev 0.94, 0.83, 0.73, 0.70, 0.69 (Stable32), where the limit is 0.995, 0.851, 0.771, 0.717,
 0.679; theo1 within 3 %, for phase noise 15 %. totdev: D. A. Howe and C. A. Greenhall, "Total variance: a progress report on a new
-frequency stability characterization", PTTI 1997; the white phase factor is derived, the flicker phase factor fitted to the expectation.
+frequency stability characterization", PTTI 1997; the white phase factor is derived, the flicker phase factor fitted to the
+expectation.
 """
 
 import functools

@@ -9,8 +9,8 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # loads its parts when they are first used
 
+from ..._special import f_tail
 from ...fitting import leave_out
 from ...fitting._information import symmetric_inverse
 from ...fitting._serial import BLOCKS, correlation_time, look_white, span_of, tamed
@@ -116,7 +116,7 @@ def _evidence(span: np.ndarray, columns: np.ndarray, residuals: np.ndarray, wort
     variance = bread @ (scores.T @ scores) @ bread * _PARTS / (_PARTS - 1)
     statistic = coefficients @ symmetric_inverse(variance) @ coefficients
     ratio = (_PARTS - count) / (count * (_PARTS - 1)) * statistic  # Hotelling's T^2 as an F statistic
-    if not scipy.special.fdtrc(count, _PARTS - count, ratio) < _CHANCE:
+    if not f_tail(ratio, count, _PARTS - count) < _CHANCE:
         return -np.inf
     return gain
 

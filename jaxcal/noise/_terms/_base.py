@@ -1,4 +1,4 @@
-"""`Term`: one kind of noise, known by the density of its samples."""
+"""`Term`: one kind of noise, defined by the density of its samples; and `Block`, its state-space form."""
 
 import abc
 from typing import Any
@@ -11,14 +11,16 @@ from . import _numeric
 
 
 class Block(eqx.Module):
-    """State-space form of a term for a coefficient of one; variances grow with the square of the coefficient.
+    """State-space form of a term for a coefficient of one. All its covariances scale with the square of the coefficient.
 
     Attributes
     ----------
     names : names of the states.
-    transition, process, initial : (states, states) matrices F, P per step, and the covariance at the first sample.
-    output : (states,) H.
-    white : variance of white noise added to every sample.
+    transition : (states, states) transition matrix F of one step.
+    process : (states, states) covariance P of the process noise of one step.
+    initial : (states, states) covariance of the states at the first sample.
+    output : (states,) H, which turns the states into the sample.
+    white : variance of the white noise added to every sample.
 
     Examples
     --------
@@ -38,20 +40,20 @@ class Block(eqx.Module):
 
 
 class Term(eqx.Module):
-    r"""A kind of noise, described by the density of its samples for a coefficient of one.
+    r"""A kind of noise, described by the density of its samples for a coefficient of one. Subclass it to add your own.
 
-    A subclass must have `name`, which labels the term in every table, and `psd`. Its other floating fields are parameters of the
-    shape of the density, such as an exponent or a correlation time; a fit holds them. The terms of a noise model are independent, so
-    that a coefficient c contributes :math:`c^2 S(f)` to the density of the samples.
+    A subclass must have `name`, which labels the term in every table, and `psd`. Its other floating-point fields are parameters that
+    shape the density, such as an exponent or a correlation time; a fit keeps them fixed. The terms of a noise model are independent,
+    so that a coefficient c contributes :math:`c^2 S(f)` to the density of the samples.
 
     Everything else follows from the density by numerical integration: the Allan variance, the expected DCT-II ordinates, the
     covariance across cluster times, samples, and a state-space form. A subclass may override any of these with a closed form, as
-    Q, N, B, K, R, `GaussMarkov` and sinusoids do. At low frequencies a density must rise more slowly than f^-3, for the Allan
-    variance is infinite otherwise. Samples drawn from a density that rises as 1/f or faster start at about zero.
+    Q, N, B, K, R, `GaussMarkov` and sinusoids do. Towards low frequencies a density must rise more slowly than f^-3, because the
+    Allan variance is infinite otherwise. Samples drawn from a density that rises as 1/f or faster start at about zero.
 
     Examples
     --------
-    A density that falls as a power of the frequency, and its Allan variance for the power of a random walk:
+    A density that falls as a power of the frequency. With exponent 2 it has the Allan variance of a random walk:
 
     >>> from typing import ClassVar
     >>> import numpy as np
@@ -66,7 +68,7 @@ class Term(eqx.Module):
     >>> f"{walk.avar(300.0, dt=1.0):.2f} {jaxcal.noise.Noise(K=1.0).avar(300.0):.2f}"
     '100.00 100.00'
 
-    A fit takes the term beside letters:
+    A fit accepts the term together with letters:
 
     >>> record = jaxcal.noise.Noise(N=1.0, further=((0.1, PowerLaw(1.5)),)).simulate(4096, rate=1.0, seed=0)
     >>> found = jaxcal.noise.fit(record, rate=1.0, terms=("N", PowerLaw(1.5)))
@@ -84,7 +86,7 @@ class Term(eqx.Module):
     def psd(self, f: Any, dt: Any = None) -> Any:
         """Two-sided density at frequency f (Hz, above 0) of samples taken every dt seconds, for a coefficient of one.
 
-        With dt = None, that of the continuous signal. A density that does not depend on dt is taken as it is in both cases.
+        With dt = None, the density of the continuous signal. A term of your own may ignore dt.
         """
 
     def avar(self, tau: Any, dt: Any = None) -> Any:
@@ -92,15 +94,16 @@ class Term(eqx.Module):
         return _numeric.allan_variance(self.psd, tau, dt)
 
     def ordinates(self, k: Any, n: int, dt: float) -> Float[np.ndarray, " ordinates"]:
-        """Expected DCT-II ordinates k = 1 .. n-1 of n samples, for a coefficient of one."""
+        """Expected DCT-II ordinates of n samples at the given k, from 1 to n-1, for a coefficient of one."""
         return _numeric.ordinates(self.psd, k, n, dt)
 
     def lagged(self, h: Any, small: Any, large: Any, dt: Any) -> Any:
-        r"""Covariance of two second differences of phase for a coefficient of one, or None: the density then gives it.
+        r"""Covariance of two second differences of phase for a coefficient of one. None means: compute it from the density.
 
         .. math:: \frac{1}{2mm'} \sum_{a,b=0}^{2} w_a w_b\, G(h + b m' - a m),\quad w = (1, -2, 1)
 
-        with G the generalised covariance of phase, m = `small` and m' = `large` the cluster sizes and h the lags, whole or not.
+        with G the generalised covariance of phase, m = `small` and m' = `large` the cluster sizes and h the lags, whole or not: numbers, or
+        arrays of one shape.
         """
         return None
 
@@ -109,7 +112,7 @@ class Term(eqx.Module):
 
         .. math:: G(h) = \int S(f)\,\frac{\cos 2\pi f h - 1 + \ldots}{(2\pi f)^2}\,df
 
-        up to a constant and a multiple of h^2, which the covariance of differences between means does not contain.
+        up to a constant and a multiple of h^2. Neither affects the covariance of differences between means.
         """
         return _numeric.integral(self.psd, h)
 
@@ -118,5 +121,5 @@ class Term(eqx.Module):
         return _numeric.simulate(self.psd, n, dt, random)
 
     def states(self, dt: float) -> Block | None:
-        """Exact state-space form at a sampling interval, or None: first-order Gauss-Markov processes then stand for the term."""
+        """Exact state-space form at a sampling interval. None means: approximate the term by first-order Gauss-Markov processes."""
         return None

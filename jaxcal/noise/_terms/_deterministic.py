@@ -1,4 +1,4 @@
-"""R, a ramp, and a spectral line: what is not random but for its size or phase, and has no density."""
+"""The ramp R and sinusoids: terms without a density, random only in their slope or phase."""
 
 import math
 from typing import Any, ClassVar
@@ -13,16 +13,16 @@ class _NoDensity(Term):
     """A term that contributes nothing to the density."""
 
     def psd(self, f: Any, dt: Any = None) -> Any:
-        """Nothing."""
+        """Zero."""
         return array_module(f, dt).zeros_like(f)
 
     def integral(self, h: Any) -> Any:
-        """Nothing."""
+        """Zero."""
         return array_module(h).zeros_like(h)
 
 
 class Ramp(_NoDensity):
-    """A straight line in time, of no density."""
+    """A straight line in time, which has no density."""
 
     name: ClassVar[str] = "R"
 
@@ -32,14 +32,14 @@ class Ramp(_NoDensity):
 
     def lagged(self, h: Any, small: Any, large: Any, dt: Any) -> Any:
         """Product of the second differences of two parabolas; a ramp only multiplies the noise of other terms."""
-        return np.full_like(h, dt**2 * small * large / 2.0)
+        return np.zeros_like(h) + dt**2 * small * large / 2.0
 
     def simulate(self, n: int, dt: float, random: np.random.Generator) -> Any:
-        """T."""
+        """The time in s since the first sample."""
         return dt * np.arange(n)
 
     def states(self, dt: float) -> Block | None:
-        """The line and its slope, which varies from record to record."""
+        """Two states: the value of the line, and its slope, which differs from record to record."""
         return Block(
             names=("ramp", "slope"), transition=[[1.0, dt], [0.0, 1.0]], process=np.zeros((2, 2)), output=[1.0, 0.0],
             initial=[[0.0, 0.0], [0.0, 1.0]],
@@ -47,7 +47,7 @@ class Ramp(_NoDensity):
 
 
 class Sinusoid(_NoDensity):
-    """A sinusoid of random phase; a line, and so not part of the density.
+    """A sinusoid of random phase. Its spectrum is a line, which is not part of the density.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Sinusoid(_NoDensity):
     name: ClassVar[str] = "sinusoid"
 
     def avar(self, tau: Any, dt: Any = None) -> Any:
-        """[sin^2(a)/a]^2, a = pi f0 tau; for samples sin^4(a)/(m sin(a/m))^2."""
+        """[sin^2(a)/a]^2 with a = pi f0 tau; for samples sin^4(a)/(m sin(a/m))^2 with m = tau/dt."""
         xp = array_module(tau, dt, self)
         angle = math.pi * self.frequency * tau
         if dt is None:
@@ -72,11 +72,11 @@ class Sinusoid(_NoDensity):
         return array_module(h, self).cos(omega * h) / (2.0 * omega**2)
 
     def simulate(self, n: int, dt: float, random: np.random.Generator) -> Any:
-        """Of random phase."""
+        """A sinusoid of random phase."""
         return np.sin(2.0 * math.pi * self.frequency * dt * np.arange(n) + random.uniform(0.0, 2.0 * math.pi))
 
     def states(self, dt: float) -> Block | None:
-        """A rotation by 2 pi f0 dt in a step."""
+        """Two states, which rotate by 2 pi f0 dt in each step."""
         c, s = (function(2.0 * math.pi * self.frequency * dt) for function in (math.cos, math.sin))
         return Block(
             names=("cos", "sin"), transition=[[c, s], [-s, c]], process=np.zeros((2, 2)), output=[1.0, 0.0], initial=0.5 * np.eye(2)

@@ -1,14 +1,14 @@
-r"""B: bias instability (flicker), with or without a frequency above which it has no density.
+r"""B: bias instability (flicker), with or without a cut-off frequency above which the density is zero.
 
-Samples have the exact Allan variance
+The exact Allan variance of samples is
 
 .. math:: \sigma^2(m\,dt) = \frac{3 G(0) - 4 G(m) + G(2m)}{m^2},\qquad
           G = \frac{1}{4\pi}[(4h^2-1)\,H(h) - 3h^2],\quad H(h) = \sum_{j\le h} \frac{1}{2j-1}
 
 where G is the generalised covariance of phase, whose second difference is the semivariogram of IEEE 952 flicker sampled at dt.
 
-Flicker whose density ends at a cut-off frequency has no G of that form. Its Allan variance is the integral over the density,
-with :math:`x = \pi f\,dt`, X at the cut-off or half the rate, and :math:`u = mX`:
+Flicker with a cut-off frequency has no G of that form. Its Allan variance is the integral over the density, with
+:math:`x = \pi f\,dt`, X the value of x at the cut-off or at half the rate, and :math:`u = mX`:
 
 .. math:: \sigma^2(m\,dt) = \frac{2}{\pi m^2}\int_0^X \frac{\sin^4 mx}{\sin^3 x}\,dx
           \;\to\; \frac{2}{\pi}\int_0^u \frac{\sin^4 v}{v^3}\,dv \quad (dt \to 0).
@@ -29,21 +29,21 @@ from . import _numeric
 from ._base import Term
 from ._power_law import angular, outer_difference
 
-#: the u up to which flicker with a cut-off is integrated from zero (its integrand has no cancellation there); beyond it, what
-#: lies above the cut-off is taken from the whole. Nodes and weights on (0, 1) and for exp(-y): both good to 1e-14 there
+#: flicker with a cut-off is integrated from zero up to this u, where the integrand has no cancellation. Beyond it, the integral above
+#: the cut-off is subtracted from the value without a cut-off. Nodes and weights on (0, 1) and for exp(-y): both are good to 1e-14 there
 _NEAR = 12.0
 _UNIT = tuple(0.5 * (part + shift) for part, shift in zip(np.polynomial.legendre.leggauss(32), (1.0, 0.0), strict=True))
 _DECAY = np.polynomial.laguerre.laggauss(8)
-_EXACT = 1 << 16  # records up to this length have their ordinates from the sum over lags, longer ones by its scaling
-_SCALED = 4096
+_EXACT = 1 << 16  # longest record whose ordinates are computed from the sum over lags; longer ones reuse its first ordinates, scaled
+_SCALED = 4096  # number of ordinates that a longer record reuses
 
 
 class Flicker(Term):
-    """Bias instability, density 1/(2 pi f); for samples 2 pi f becomes (2/dt) sin(pi f dt).
+    """Bias instability with the density 1/(2 pi f); for samples 2 pi f becomes (2/dt) sin(pi f dt).
 
     Attributes
     ----------
-    cutoff : frequency in Hz above which there is no density; inf for none.
+    cutoff : frequency in Hz above which the density is zero; inf for no cut-off.
     """
 
     cutoff: Any = math.inf
@@ -55,19 +55,19 @@ class Flicker(Term):
         return not isinstance(self.cutoff, jax.core.Tracer) and bool(np.all(np.isposinf(self.cutoff)))
 
     def psd(self, f: Any, dt: Any = None) -> Any:
-        """1/omega, up to the cut-off."""
+        """1/omega up to the cut-off, zero above it."""
         density = 1.0 / angular(f, dt)
         return density if self.whole else array_module(f, dt, self).where(f <= self.cutoff, density, 0.0)
 
     def avar(self, tau: Any, dt: Any = None) -> Any:
-        """2 ln 2/pi; for samples by the digamma function; with a cut-off by integration."""
+        """2 ln 2/pi. For samples it is computed by the digamma function, with a cut-off by integration."""
         xp = array_module(tau, dt, self)
         flat = xp.full_like(tau, 2.0 * math.log(2.0) / math.pi) if dt is None else _sampled(tau / dt)
         cutoff = self.cutoff if np.ndim(self.cutoff) else xp.broadcast_to(self.cutoff, xp.shape(flat))
         return flat if self.whole else _cut(tau, dt, cutoff, flat)
 
     def ordinates(self, k: Any, n: int, dt: float) -> Any:
-        """dt/s (1 - 2/(pi^2 k)) nearly; short records, and the first ordinates of long ones, from the sum over lags."""
+        """Nearly dt/s (1 - 2/(pi^2 k)). Short records, and the first ordinates of long ones, are computed from the sum over lags."""
         k = np.asarray(k)
         table = _ratio(min(n, _EXACT))
         ratio = 1.0 - 2.0 / (np.pi**2 * k.astype(float))
@@ -76,12 +76,12 @@ class Flicker(Term):
         return dt / (2.0 * np.sin(np.pi * k / n / 2.0)) * ratio
 
     def lagged(self, h: Any, small: Any, large: Any, dt: Any) -> Any:
-        """From the generalised covariance (4 x^2 - 1) psi(|x| + 1/2)/(8 pi), but for polynomials up to the third degree."""
+        """From the generalised covariance (4 x^2 - 1) psi(|x| + 1/2)/(8 pi), which omits polynomials up to the third degree."""
         return outer_difference(lambda x: _inner(x, small), h, small, large) if self.whole else None
 
     def integral(self, h: Any) -> Any:
-        """h^2 ln|h|/(2 pi); with a cut-off from the density."""
-        # a cut-off that is traced counts as none: means over many times its inverse do not feel it
+        """h^2 ln|h|/(2 pi); with a cut-off, computed from the density."""
+        # a traced cut-off is ignored: it has no effect on means over times much longer than its inverse
         if not self.whole and not isinstance(self.cutoff, jax.core.Tracer):
             return super().integral(h)
         xp = array_module(h)
@@ -89,14 +89,14 @@ class Flicker(Term):
         return h**2 * xp.log(xp.where(size > 0.0, size, 1.0)) / (2.0 * math.pi)
 
     def simulate(self, n: int, dt: float, random: np.random.Generator) -> Any:
-        """Running sum of increments: drawn by circulant embedding, which is exact here, or with a cut-off bin by bin of their density."""
+        """Running sum of increments, drawn by circulant embedding, which is exact, or with a cut-off bin by bin from their density."""
         edge = math.pi * dt * float(self.cutoff)
         if edge < math.pi / 2.0:
             return np.cumsum(_numeric.from_bins(*_numeric.cut_bins(n, edge), n, random))
-        half = 1 << (n - 1).bit_length()  # a quick length for the transform; any from n on is exact
+        half = 1 << (n - 1).bit_length()  # a fast length for the transform; any length of at least n is exact
         h = np.arange(half + 1, dtype=float)
         row = -(4.0 / math.pi) / (4.0 * h**2 - 1.0)  # the autocovariance of the increments
-        eigenvalues = np.maximum(np.fft.rfft(np.concatenate([row, row[-2:0:-1]])).real, 0.0)  # rounding only
+        eigenvalues = np.maximum(np.fft.rfft(np.concatenate([row, row[-2:0:-1]])).real, 0.0)  # only rounding is negative
         length = 2 * half
         z = random.standard_normal(half + 1) + 1j * random.standard_normal(half + 1)
         z[[0, -1]] = z[[0, -1]].real * math.sqrt(2.0)
@@ -105,7 +105,7 @@ class Flicker(Term):
 
 @functools.lru_cache(maxsize=8)
 def _ratio(n: int) -> np.ndarray:
-    """Expected ordinates k = 1 .. n-1 times s/dt, from the sum over lags."""
+    """Expected ordinates k = 1 .. n-1, multiplied by s/dt, from the sum over lags."""
     h = np.arange(n, dtype=float)
     g = np.concatenate([[0.0], -(2.0 / np.pi) * np.cumsum(1.0 / (2.0 * h[1:] - 1.0))])
     cosine = np.fft.rfft(g * (n - h), 2 * n)[1:n].real
@@ -115,18 +115,20 @@ def _ratio(n: int) -> np.ndarray:
 
 
 def _inner(x, m):
-    """Second difference with step m of the covariance of phase. Far from zero it is formed from derivatives of
-    4 x^2 ln x - ln x + 1/6, for it would cancel; the outer second difference removes what is left of the polynomials.
+    """Second difference of the covariance of phase with step m.
+
+    Far from zero the difference would lose its digits, so a series from the derivatives of its asymptotic form 4 x^2 ln x - ln x + 1/6
+    replaces it. Linear terms of the result do not matter, because the outer second difference removes them.
     """
-    x = np.abs(np.asarray(x, dtype=float))
+    x, m = np.broadcast_arrays(np.abs(np.asarray(x, dtype=float)), m)
     far = x > 32 * m + 64
     out = np.empty_like(x)
-    z = x[far]
-    r = (m / z) ** 2
+    z, step = x[far], m[far]
+    r = (step / z) ** 2
     series = 4.0 * np.log(z) + 6.0 - r * (1 / 3 + r * (1 / 15 + r / 42)) + (0.5 + 0.25 * r) / z**2
-    out[far] = 2.0 * m**2 * series
-    near = x[~far]
-    out[~far] = _phase(near - m) - 2.0 * _phase(near) + _phase(near + m)
+    out[far] = 2.0 * step**2 * series
+    near, step = x[~far], m[~far]
+    out[~far] = _phase(near - step) - 2.0 * _phase(near) + _phase(near + step)
     return out / (8.0 * np.pi)
 
 
@@ -136,7 +138,7 @@ def _phase(x):
 
 
 def _sampled(m):
-    """[(16 m^2 - 1) H(2m) - (16 m^2 - 4) H(m)] / (4 pi m^2), with H by the digamma function."""
+    """Allan variance of samples, [(16 m^2 - 1) H(2m) - (16 m^2 - 4) H(m)] / (4 pi m^2), with H by the digamma function."""
     digamma = scipy.special.digamma if array_module(m) is np else jax.scipy.special.digamma
     constant = np.euler_gamma / 2.0 + math.log(2.0)
     low, high = (digamma(j * m + 0.5) / 2.0 for j in (1.0, 2.0))
@@ -145,9 +147,9 @@ def _sampled(m):
 
 @jax.jit
 def _cut(tau, dt, cutoff, whole):
-    """Flicker up to the cut-off; `whole` is that without one. Cluster times are multiples of dt."""
+    """Allan variance of flicker with a cut-off; `whole` is the one without. Cluster times are multiples of dt."""
     cut = jnp.isfinite(cutoff)
-    cutoff = jnp.where(cut, cutoff, 1.0)  # every branch stays finite, so that gradients do
+    cutoff = jnp.where(cut, cutoff, 1.0)  # every branch must stay finite for the gradients to be finite
     if dt is None:
         u, x = math.pi * cutoff * tau, None
     else:
@@ -160,7 +162,7 @@ def _cut(tau, dt, cutoff, whole):
 
 
 def _below(u, x):
-    """(2/pi) int_0^u sin^4 v / v^3 [y / sin y]^3 dv, y = v x / u the angle of a sample; the bracket is 1 in the continuous form."""
+    """(2/pi) int_0^u sin^4 v / v^3 [y / sin y]^3 dv with y = v x / u, the angle of a sample; the bracket is 1 in the continuous form."""
     node, weight = (jnp.asarray(part, u.dtype).reshape((1,) * u.ndim + (-1,)) for part in _UNIT)
     v = u[..., None] * node
     bend = 1.0 if x is None else jnp.sinc(x[..., None] * node / math.pi) ** -3
@@ -168,10 +170,10 @@ def _below(u, x):
 
 
 def _above(u, x):
-    """The same integral from u to infinity (pi m/2 for samples): sin^4 v is 3/8 - cos(2v)/2 + cos(4v)/8.
+    """The integral of `_below` from u to infinity (to pi m/2 for samples), with sin^4 v = 3/8 - cos(2v)/2 + cos(4v)/8.
 
-    The oscillating parts are moved to v = u + i y/k, where they decay as exp(-y). The upper end of samples adds nothing:
-    there the moved integral is imaginary.
+    The path of the oscillating parts is moved to v = u + i y/k, where they decay as exp(-y). For samples the upper end contributes
+    nothing, because the integral along the moved path is imaginary there.
     """
     node, weight = (jnp.asarray(part, u.dtype).reshape((1,) * u.ndim + (-1,)) for part in _DECAY)
     if x is None:
@@ -182,10 +184,10 @@ def _above(u, x):
         v, y = u[..., None], node / k
         if x is None:
             real, imaginary = v, y
-        else:  # sin(s (v + i y)) / s, s the step of the angle
+        else:  # sin(s (v + i y)) / s, where s is the step of the angle
             s = x[..., None] / v
             real, imaginary = jnp.sin(x[..., None]) * jnp.cosh(s * y) / s, jnp.cos(x[..., None]) * jnp.sinh(s * y) / s
-        size = weight / k / (real**2 + imaginary**2) ** 3  # of the inverse cube
+        size = weight / k / (real**2 + imaginary**2) ** 3  # for the inverse cube of the complex number
         cosine = jnp.sum(size * real * (real**2 - 3.0 * imaginary**2), axis=-1)
         sine = jnp.sum(size * imaginary * (imaginary**2 - 3.0 * real**2), axis=-1)
         total = total - amplitude * (jnp.sin(k * u) * cosine + jnp.cos(k * u) * sine)

@@ -10,23 +10,24 @@ from ..._precision import array_module
 from ._base import Block, Term
 from ._power_law import RandomWalk, angular
 
-#: tau/Tc below which the closed form loses its digits to cancellation and that of a random walk is exact to 1e-5
+#: tau/Tc below which the closed form loses its digits to cancellation; that of a random walk, exact to 1e-5 there, replaces it
 _SHORT = 2e-5
-#: |h|/Tc below which six terms of the series are exact
+#: |h|/Tc below which six terms of the series are exact to rounding
 _SERIES = 0.03
 
 
 class GaussMarkov(Term):
-    r"""First-order Gauss-Markov process: white noise of coefficient one through a lag of correlation time Tc.
+    r"""First-order Gauss-Markov process: white noise of coefficient one, filtered by a first-order lag of correlation time Tc.
 
     .. math:: S(f) = \frac{T_c^2}{1 + (2\pi f T_c)^2}
 
-    Well below Tc it is a random walk of the coefficient K = 1, far above Tc white noise of N = Tc; its variance is Tc/2.
+    For times well below Tc it behaves as a random walk with K = 1, for times far above Tc as white noise with N = Tc. Its variance
+    is Tc/2.
 
     Attributes
     ----------
-    time : correlation time Tc in s; None lets a fit of method "whittle" look for it, as the letter "markov" does.
-    name : label; give names where a fit has several processes.
+    time : correlation time Tc in s. With None, method "whittle" estimates it, as for the letter "markov".
+    name : label; give each process its own name if a fit has several.
 
     Examples
     --------
@@ -39,7 +40,7 @@ class GaussMarkov(Term):
     name: str = eqx.field(static=True, default="markov")
 
     def psd(self, f: Any, dt: Any = None) -> Any:
-        """Tc^2/(1 + (omega Tc)^2); for samples Tc/2 (1 - a^2) dt/(1 + a^2 - 2 a cos(2 pi f dt)), a = exp(-dt/Tc)."""
+        """Tc^2/(1 + (omega Tc)^2); for samples Tc/2 (1 - a^2) dt/(1 + a^2 - 2 a cos(2 pi f dt)) with a = exp(-dt/Tc)."""
         omega = angular(f, dt)
         if dt is None:
             return self.time**2 / (1.0 + (omega * self.time) ** 2)
@@ -51,18 +52,18 @@ class GaussMarkov(Term):
         xp, correlation = array_module(tau, dt, self), self.time
         x = tau / correlation
         short = x < _SHORT
-        x = xp.where(short, 1.0, x)  # both branches stay finite, so that gradients do
+        x = xp.where(short, 1.0, x)  # both branches must stay finite for the gradients to be finite
         if dt is None:
             u = -xp.expm1(-x)
             full = correlation / x * (1.0 - u * (2.0 + u) / (2.0 * x))
         else:
             m = tau / dt
-            e, q = -xp.expm1(-dt / correlation), -xp.expm1(-x)  # 1 - a and 1 - a^m without losing digits
+            e, q = -xp.expm1(-dt / correlation), -xp.expm1(-x)  # 1 - a and 1 - a^m without loss of digits
             full = correlation / 2.0 * (m * e * (2.0 - e) - (1.0 - e) * q * (2.0 + q)) / (m * e) ** 2
         return xp.where(short, RandomWalk().avar(tau, dt), full)
 
     def ordinates(self, k: Any, n: int, dt: float) -> Any:
-        """From the sum over lags of a geometric series: z^h with z = exp(-dt/Tc + i pi k/n)."""
+        """From the sum over lags, which is a geometric series in z = exp(-dt/Tc + i pi k/n)."""
         a = np.pi * np.asarray(k) / n
         z = np.exp(-dt / self.time + 1j * a)
         last = np.exp(-n * dt / self.time) * (1.0 - 2.0 * (np.asarray(k) % 2))  # z^n
@@ -71,7 +72,7 @@ class GaussMarkov(Term):
         return self.time / 2.0 * dt * (1.0 + 2.0 / n * (cosine - sine / np.sin(a)))
 
     def integral(self, h: Any) -> Any:
-        """-Tc^3/2 (exp(-x) - 1 + x), x = |h|/Tc; by its series where that would cancel."""
+        """-Tc^3/2 (exp(-x) - 1 + x) with x = |h|/Tc. For small x a series avoids the loss of digits."""
         xp = array_module(h, self)
         x = xp.abs(h) / self.time
         near = x < _SERIES
@@ -80,15 +81,15 @@ class GaussMarkov(Term):
         return -(self.time**3) / 2.0 * xp.where(near, series, xp.expm1(-large) + large)
 
     def simulate(self, n: int, dt: float, random: np.random.Generator) -> Any:
-        """A first-order recursion from its stationary law."""
-        from scipy.signal import lfilter  # slow to import, seldom needed
+        """First-order recursion whose first sample has the stationary variance."""
+        from scipy.signal import lfilter  # imported here because it is slow to import and seldom needed
 
         z = random.standard_normal(n)
         z[1:] *= math.sqrt(-math.expm1(-2.0 * dt / self.time))
         return math.sqrt(self.time / 2.0) * np.asarray(lfilter([1.0], [1.0, -math.exp(-dt / self.time)], z))
 
     def states(self, dt: float) -> Block | None:
-        """The process itself, stationary from the first sample."""
+        """One state, the process itself, stationary from the first sample."""
         variance = self.time / 2.0
         return Block(
             names=(self.name,), transition=[[math.exp(-dt / self.time)]], process=[[-variance * math.expm1(-2.0 * dt / self.time)]],

@@ -1,20 +1,20 @@
-r"""What follows from the density of a term by numerical integration, over the angle :math:`\omega = 2\pi f dt` of a sample.
+r"""Numerical integration of a term's density over the angle :math:`\omega = 2\pi f dt` of a sample, for terms without closed forms.
 
-The density S enters at the nodes of Gauss-Legendre panels that are spaced in the logarithm of the angle, down to where nothing is
-left for a density that rises more slowly than f^-3. A factor cos(p omega) is integrated exactly against the polynomial of each panel
-(Filon's rule, with spherical Bessel functions), so that the cost does not depend on the length of a record. With
-s = 2 sin(omega/2),
+The density S is evaluated at the nodes of Gauss-Legendre panels that are evenly spaced in the logarithm of the angle. They reach down
+to angles that contribute nothing if the density rises more slowly than f^-3. A factor cos(p omega) is integrated exactly against the
+polynomial of each panel (Filon's rule, with spherical Bessel functions), so that the cost does not depend on the length of a record.
+With s = 2 sin(omega/2),
 
 .. math:: \sigma^2(m\,dt) = \frac{8}{\pi m^2 dt}\int_0^\pi S\,\frac{\sin^4(m\omega/2)}{s^2}\,d\omega
 
-is the Allan variance, and the expected DCT-II ordinate k of n samples, with theta = pi k/n and F = s^2 S,
+is the Allan variance. The expected DCT-II ordinate k of n samples is, with theta = pi k/n and F = s^2 S,
 
 .. math:: S(\theta) + \frac{2}{\pi n}\cos^2\frac\theta2 \int_0^\pi \Big\{{\sin^2\atop\cos^2}\Big\}\frac{n\omega}{2}\;
           \frac{F(\omega) - F(\theta) - F'(\theta)(\cos\omega - \cos\theta)}{(\cos\omega - \cos\theta)^2}\,d\omega
 
-(sine for even, cosine for odd k; F' with respect to the cosine). The second part is what leaks from other frequencies: it is the
-spectrum of the truncated basis function, from which the random walk (F constant) and white noise (F linear in the cosine), which do
-not leak, are taken first.
+(sine for even, cosine for odd k; F' is the derivative with respect to the cosine). The second part is leakage from other frequencies.
+It is an integral over the spectrum of the truncated basis function. A random walk (F constant) and white noise (F linear in the
+cosine) do not leak and are subtracted before the integration.
 """
 
 import functools
@@ -28,23 +28,23 @@ import scipy  # loads its parts when they are first used
 from ..._errors import DataError
 
 _NODES = 8
-#: edges of the panels over pi: four to the octave, then one to four octaves where a density is a power law
+#: edges of the panels: four panels per octave, and one per four octaves at the low end, where a density is a power law
 _EDGES = np.concatenate([2.0 ** np.arange(-84.0, -44.0, 4.0), 2.0 ** np.arange(-44.0, 0.1, 0.25)]) * np.pi
 _UNIT, _WEIGHT = np.polynomial.legendre.leggauss(_NODES)
 _CENTRE, _HALF = (_EDGES[1:] + _EDGES[:-1]) / 2.0, np.diff(_EDGES) / 2.0
-#: angles of the nodes, and weights of a plain integral over 0 .. pi
+#: angles of the nodes, and weights of an integral over 0 .. pi without a cosine
 ANGLE = (_CENTRE[:, None] + _HALF[:, None] * _UNIT).ravel()
 _PLAIN = (_HALF[:, None] * _WEIGHT).ravel()
 _STEP = 2.0 * np.sin(ANGLE / 2.0)
-#: m omega up to which the kernel of the Allan variance is smooth within a panel; samples per cluster of a continuous signal
+#: m omega up to which the kernel of the Allan variance is smooth within a panel; samples per cluster that stand for a continuous signal
 _SMOOTH, _CONTINUOUS = 4.0, 4096.0
-_SINGLE, _PER_DECADE = 64, 96  # ordinates whose leakage is computed one by one, and how many of the others
-#: bins of a density that is drawn: per bin of the record, at least so many in all, and the most there may be
+_SINGLE, _PER_DECADE = 64, 96  # first ordinates whose leakage is computed one by one; how many per decade of the others
+#: bins when samples are drawn from a density: number per bin of the record, least number in all, and most
 _FINER, _FEWEST, _MOST = 8, 256, 2**28
 
 
 def _cosine(p):
-    """(p, nodes) weights of the integrals of S cos(p omega)."""
+    """(p, nodes) weights that integrate S cos(p omega), a row for each p."""
     order = np.arange(_NODES)
     legendre = (order + 0.5)[:, None] * np.polynomial.legendre.legvander(_UNIT, _NODES - 1).T * _WEIGHT
     bessel = scipy.special.spherical_jn(order, np.multiply.outer(p, _HALF)[..., None])
@@ -54,7 +54,7 @@ def _cosine(p):
 
 @functools.lru_cache(maxsize=32)
 def _allan_weights(sizes: tuple[float, ...]) -> np.ndarray:
-    """(nodes, sizes) weights of S in the Allan variance at cluster sizes, times dt."""
+    """(nodes, sizes) weights of S in the Allan variance at the cluster sizes, multiplied by dt."""
     m = np.array(sizes)[:, None]
     smooth = np.repeat(m * _EDGES[None, 1:] < _SMOOTH, _NODES, axis=1)
     oscillating = (3.0 * _PLAIN - 4.0 * _cosine(m[:, 0]) + _cosine(2.0 * m[:, 0])) / 8.0
@@ -62,7 +62,7 @@ def _allan_weights(sizes: tuple[float, ...]) -> np.ndarray:
 
 
 def allan_variance(psd, tau, dt):
-    """Allan variance of a density at cluster times; without dt that of samples so close that it is that of the signal."""
+    """Allan variance of a density at cluster times; without dt, that of samples close enough to stand for the continuous signal."""
     if isinstance(tau, jax.core.Tracer) or isinstance(dt, jax.core.Tracer):
         raise DataError("the Allan variance of a term without closed form needs cluster times that are not traced; give them as an array")
     tau = np.asarray(tau, dtype=float)
@@ -73,7 +73,10 @@ def allan_variance(psd, tau, dt):
 
 
 def integral(psd, h):
-    """`Term.integral` of a density: up to the angle of the longest lag less the first terms of the series, beyond it the cosine alone."""
+    """`Term.integral` of a density.
+
+    Below one over the longest lag, the first terms of the cosine series are subtracted; above it the cosine is integrated alone.
+    """
     if isinstance(h, jax.core.Tracer):
         raise DataError("the covariance of means of a term without closed form needs times that are not traced; give them as an array")
     size = np.abs(np.asarray(h, dtype=float))
@@ -92,7 +95,7 @@ def integral(psd, h):
 
 
 def ordinates(psd, k, n: int, dt: float) -> np.ndarray:
-    """Expected DCT-II ordinates of a density."""
+    """`Term.ordinates` of a density: its level, corrected for leakage that is computed at some ordinates and interpolated between them."""
     k = np.asarray(k)
     angle = np.pi * k / n
     level = _at(psd, angle, dt)
@@ -111,13 +114,13 @@ def ordinates(psd, k, n: int, dt: float) -> np.ndarray:
 
 
 def _at(psd, angle, dt) -> np.ndarray:
-    """The density at angles; their number is filled up to a power of two, for `jax.numpy` to compile few programs."""
+    """The density at angles, padded to a power of two of them so that `jax.numpy` compiles few programs."""
     pad = (1 << (len(angle) - 1).bit_length()) - len(angle)
     return np.asarray(psd(np.pad(angle, (0, pad), mode="edge") / (2.0 * np.pi * dt), dt))[: len(angle)]
 
 
 def simulate(psd, n: int, dt: float, random: np.random.Generator) -> np.ndarray:
-    """Samples of a density, drawn bin by bin: themselves where their variance is finite, else the running sum of their increments."""
+    """Samples of a density, drawn bin by bin. If their variance is infinite, their increments are drawn and summed instead."""
     length: int = scipy.fft.next_fast_len(max(_FINER * n, 2 * _FEWEST), real=True)  # type: ignore[assignment]
     width = 2.0 * np.pi / length
     edges = np.append(0.0, np.append(np.arange(0.5, (length - 1) // 2), length / 2.0)) * width
@@ -131,24 +134,25 @@ def simulate(psd, n: int, dt: float, random: np.random.Generator) -> np.ndarray:
     if sums:
         level, full, rise = level * 4.0 * np.sin(angle / 2.0) ** 2, full * edges[1] ** 2, rise + 2.0
     variance = (level @ weights) * (high - low)[:, 0] / (2.0 * np.pi * dt)
-    variance[0] = full * edges[1] / (1.0 + rise) / (np.pi * dt)  # a power law around zero
+    variance[0] = full * edges[1] / (1.0 + rise) / (np.pi * dt)  # the density is taken as a power law around zero
     x = from_bins(length, variance, n, random)
     return np.cumsum(x) if sums else x
 
 
 def from_bins(length: int, variance, n: int, random: np.random.Generator) -> np.ndarray:
-    """Samples from the variance in each bin k = 0, 1, ... of a transform of `length` values: sinusoids of random phase and amplitude."""
+    """Samples as a sum of sinusoids of random phase and amplitude; `variance` is that of bins k = 0, 1, ... of a transform of `length`."""
     z = random.standard_normal(len(variance)) + 1j * random.standard_normal(len(variance))
     z[0] = z[0].real * math.sqrt(2.0)
-    # the transform divides by the length and joins every bin but the first with its mirror image
+    # the transform divides by the length, and adds its mirror image to every bin except the first
     share = np.concatenate([variance[:1], 0.5 * variance[1:]])
     return np.fft.irfft(np.sqrt(share / 2.0) * length * z, length)[:n]
 
 
 def cut_bins(n: int, edge: float) -> tuple[int, np.ndarray]:
-    """Length of the transform, and variance in its bins of the increments of flicker of unit B that ends at pi f dt = `edge`.
+    """Length of the transform, and variance in each of its bins, for the increments of flicker of unit B with a cut-off.
 
-    The increments have the density (4/pi) sin x, x = pi f dt, up to the edge, which rules out a circulant embedding.
+    The increments have the density (4/pi) sin x with x = pi f dt up to the cut-off, x = `edge`. A density that ends abruptly rules out
+    circulant embedding.
     """
     wanted = 2 * max(_FINER * n // 2, math.ceil(0.5 * math.pi * _FEWEST / edge))
     if wanted > _MOST:
@@ -157,7 +161,7 @@ def cut_bins(n: int, edge: float) -> tuple[int, np.ndarray]:
             f"{_MOST}; simulate fewer samples, or a higher cut-off"
         )
     length: int = scipy.fft.next_fast_len(wanted, real=True)  # type: ignore[assignment]
-    width = math.pi / length  # of a bin, in x
+    width = math.pi / length  # width of a bin in x
     bins = np.arange(min(math.floor(edge / width + 0.5), (length - 1) // 2) + 1)
     low, high = np.maximum(bins - 0.5, 0.0) * width, (bins + 0.5) * width
     high[-1] = edge

@@ -1,4 +1,4 @@
-"""Q, N and K: terms whose density is a power of the frequency, and what a filter takes from white noise."""
+"""Terms whose density is a power of the frequency (Q, N, K and any other exponent), and the effect of a filter on white noise."""
 
 import math
 from typing import Any, ClassVar
@@ -11,23 +11,23 @@ from ._base import Block, Term
 
 
 def angular(f, dt=None):
-    """2 pi f, which for samples is (2/dt) sin(pi f dt)."""
+    """2 pi f; for samples (2/dt) sin(pi f dt)."""
     return 2.0 * math.pi * f if dt is None else 2.0 / dt * array_module(f, dt).sin(math.pi * f * dt)
 
 
 def outer_difference(inner, h, small, large):
-    """`Term.lagged` from the second difference with step `small` of the generalised covariance of phase, a function of the lag."""
+    """`Term.lagged` from `inner`, the second difference of the generalised covariance of phase with step `small`, a function of the lag."""
     centre = h - small
     return (inner(centre) - 2.0 * inner(centre + large) + inner(centre + 2 * large)) / (2.0 * small * large)
 
 
 class Quantisation(Term):
-    """Quantisation noise, the derivative of white noise: density dt omega^2, omega = (2/dt) sin(pi f dt). It needs dt."""
+    """Quantisation noise, the derivative of white noise: density dt omega^2 with omega = (2/dt) sin(pi f dt). It needs dt."""
 
     name: ClassVar[str] = "Q"
 
     def psd(self, f: Any, dt: Any = None) -> Any:
-        """Dt omega^2; nothing without dt."""
+        """Density dt omega^2; zero without dt."""
         return array_module(f, dt).zeros_like(f) if dt is None else dt * angular(f, dt) ** 2
 
     def avar(self, tau: Any, dt: Any = None) -> Any:
@@ -35,16 +35,16 @@ class Quantisation(Term):
         return 3.0 / tau**2
 
     def ordinates(self, k: Any, n: int, dt: float) -> Any:
-        """(s^2 + (4/n) cos^2(a/2))/dt, a = pi k/n: the second part leaks from high frequencies."""
+        """(s^2 + (4/n) cos^2(a/2))/dt with a = pi k/n; the second part is leakage from high frequencies."""
         half = np.pi * np.asarray(k) / n / 2.0
         return ((2.0 * np.sin(half)) ** 2 + 4.0 / n * np.cos(half) ** 2) / dt
 
     def lagged(self, h: Any, small: Any, large: Any, dt: Any) -> Any:
-        """From G = 1/dt^2 at lag 0: lives where a cluster ends on another's end."""
+        """From G = 1/dt^2 at lag 0 and zero elsewhere: not zero only where the ends of two clusters coincide."""
         return outer_difference(lambda x: (np.abs(x) == small) - 2.0 * (x == 0.0), h, small, large) / dt**2
 
     def integral(self, h: Any) -> Any:
-        """One at lag 0: the integral has independent errors."""
+        """One at lag 0 and zero elsewhere, because the errors of the integral are independent."""
         xp = array_module(h)
         return xp.where(h == 0.0, 1.0, 0.0)
 
@@ -53,7 +53,7 @@ class Quantisation(Term):
         return np.diff(random.standard_normal(n + 1)) / dt
 
     def states(self, dt: float) -> Block | None:
-        """The rounding errors of the integrated output after and before the sample."""
+        """Two states: the rounding errors of the integrated output after and before the sample."""
         return Block(
             names=("next", "last"), transition=[[0.0, 0.0], [1.0, 0.0]], process=[[1.0, 0.0], [0.0, 0.0]],
             output=[1.0 / dt, -1.0 / dt], initial=np.eye(2),
@@ -70,7 +70,7 @@ class PowerLaw(Term):
     Attributes
     ----------
     exponent : alpha, below 3.
-    name : label; give names where a model has several.
+    name : label; give each term its own name if a model has several.
 
     Examples
     --------
@@ -88,17 +88,17 @@ class PowerLaw(Term):
 
 
 class Filter(Quantisation):
-    """What a low-pass takes from white noise well below its corner: exactly -1 times Q, so that never both are in a solution."""
+    """White noise that a low-pass filter removes well below its corner. It is -1 times Q, so a fit never contains both."""
 
     name: ClassVar[str] = "filter"
 
     def ordinates(self, k: Any, n: int, dt: float) -> Any:
-        """-1 times that of Q."""
+        """-1 times the ordinates of Q."""
         return -super().ordinates(k, n, dt)
 
 
 class White(Term):
-    """Angle or velocity random walk, density 1."""
+    """Angle or velocity random walk: white noise of density 1."""
 
     name: ClassVar[str] = "N"
 
@@ -115,7 +115,7 @@ class White(Term):
         return np.ones(len(k))
 
     def lagged(self, h: Any, small: Any, large: Any, dt: Any) -> Any:
-        """From G = -|h|/(2 dt): the second difference of -|x|/2 with step m is -max(m - |x|, 0)."""
+        """From G = -|h|/(2 dt), because the second difference of -|x|/2 with step m is -max(m - |x|, 0)."""
         return outer_difference(lambda x: -np.maximum(small - np.abs(x), 0.0), h, small, large) / dt
 
     def integral(self, h: Any) -> Any:
@@ -127,12 +127,12 @@ class White(Term):
         return random.standard_normal(n) / math.sqrt(dt)
 
     def states(self, dt: float) -> Block | None:
-        """No state: white noise of variance 1/dt."""
+        """No state, only white noise of variance 1/dt."""
         return Block(white=1.0 / dt)
 
 
 class RandomWalk(Term):
-    """Rate random walk, density 1/(2 pi f)^2; for samples 2 pi f becomes (2/dt) sin(pi f dt)."""
+    """Rate random walk with the density 1/(2 pi f)^2; for samples 2 pi f becomes (2/dt) sin(pi f dt)."""
 
     name: ClassVar[str] = "K"
 
@@ -141,11 +141,11 @@ class RandomWalk(Term):
         return 1.0 / angular(f, dt) ** 2
 
     def avar(self, tau: Any, dt: Any = None) -> Any:
-        """tau/3, for samples times 1 + 1/(2 m^2)."""
+        """tau/3; for samples multiplied by 1 + 1/(2 m^2) with m = tau/dt."""
         return tau / 3.0 if dt is None else tau / 3.0 * (1.0 + 0.5 / (tau / dt) ** 2)
 
     def ordinates(self, k: Any, n: int, dt: float) -> Any:
-        """dt^2/s^2, exactly."""
+        """dt^2/s^2, which is exact."""
         return (dt / (2.0 * np.sin(np.pi * np.asarray(k) / n / 2.0))) ** 2
 
     def lagged(self, h: Any, small: Any, large: Any, dt: Any) -> Any:
@@ -167,5 +167,5 @@ class RandomWalk(Term):
         return math.sqrt(dt) * np.cumsum(random.standard_normal(n))
 
     def states(self, dt: float) -> Block | None:
-        """One state, from zero."""
+        """One state, which starts at zero."""
         return Block(names=("walk",), transition=[[1.0]], process=[[dt]], output=[1.0], initial=[[0.0]])

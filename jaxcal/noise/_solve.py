@@ -1,0 +1,150 @@
+"""A record's bins and their fit, and the search for other models of its slow noise."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .._errors import DataError
+from .._types import AnyArray
+from ..spectrum._average import log_groups
+from ._alternatives import Alternatives, find_alternatives
+from ._likelihood import density
+from ._observed import Observed
+from ._ordinates import Bins, find_lines
+from ._spectral import FILTER, Fitted, attempt, fit_bins, groups_of, without
+from ._stationarity import ORDINATES
+from ._terms import Filter, Term
+
+_ROUNDS, _SETTLED = 30, 2e-3  # most rounds of filling gaps, and the relative change of the density at which they end
+_ROUGH, _MANY = 2, 100.0  # number of rounds in which groups of more ordinates than this scale the model
+_MENDED = 0.5  # share of the misfit in the whole band that a model must explain to be fitted there
+
+
+class Solved(NamedTuple):
+    """Bins of a record, whether a spectral line is in each, their fit, and the terms of the fit, one for each column of the bins."""
+
+    bins: Bins
+    taken: AnyArray
+    fitted: Fitted
+    columns: tuple[Term, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return tuple(term.name for term in self.columns)
+
+    @property
+    def end(self) -> float:
+        """Highest frequency of the band in Hz; infinite if the fit uses all frequencies."""
+        bins = self.fitted.bins
+        return float(np.max(np.where(bins.weight > 0, bins.frequency, 0.0))) if bool(self.fitted.cut) else np.inf
+
+    def share(self, term: str, n: int, dt: float):
+        """Share of a term in the density, and the density, at each ordinate of the longest stretch up to the end of the band.
+
+        The stretch has n samples. The share is 0 in spectral lines.
+        """
+        bins, index = self.fitted.bins, self.names.index(term)
+        count = log_groups(n - 1, keep_tail=True)[1]  # the bins are those of the longest stretch
+        there = bins.frequency <= min(self.end, 0.5 / dt)
+        model = bins.columns[there] @ self.fitted.theta
+        part = np.where(bins.weight[there] > 0, bins.columns[0, index] * self.fitted.theta[index] / model, 0.0)
+        return np.repeat(part, count[there]), np.repeat(model * self.bins.unit, count[there])
+
+
+class Lowest(NamedTuple):
+    """Density of the first ordinates of a record: (ordinates, p) per squared coefficient, and (ordinates,) of the fit."""
+
+    columns: AnyArray
+    density: AnyArray
+
+
+def solve(observed: Observed, columns: tuple[Term, ...], band) -> Solved:
+    """Fit the samples observed. If some are missing, the fit is repeated until the density that fills the gaps no longer changes."""
+    columns, level = (*columns, Filter()), np.ones(1)
+    solved = _solved(observed.bins(columns), columns, band, band is None and observed.complete)
+    for k in range(0 if observed.complete else _ROUNDS):
+        before, level = level, _level(solved, k < _ROUGH)
+        if k > _ROUGH and np.max(np.abs(np.log(level / before))) < _SETTLED:
+            break
+        solved = _solved(observed.bins(columns, level), columns, band, band is None and k + 1 >= _ROUGH)
+    return solved
+
+
+def solve_alternatives(observed: Observed, solved: Solved, base: tuple[Term, ...], band) -> tuple[Alternatives, Solved]:
+    """Other models of the slow noise, and the fit with the admitted one, if any.
+
+    If the fit left out high frequencies because B and K do not describe them, other models are first tried in the whole band.
+    """
+    dt, duration = observed.dt, len(observed.y) * observed.dt
+    if bool(solved.fitted.cut):
+        clear = solved.bins._replace(weight=np.where(solved.taken, 0.0, solved.bins.weight))
+        whole = fit_bins(clear, groups_of(clear.weight, int(np.sum(clear.weight))), False, solved.names)
+        found = find_alternatives(whole, solved.columns, dt, duration)
+        excess = whole.alone.deviance - whole.alone.freedom
+        if found.admitted and found.admitted.gain * whole.inflation > _MENDED * excess:
+            wider = solve(observed, (*base, *found.admitted.terms), band)
+            if not bool(wider.fitted.cut):
+                return found, wider
+    found = find_alternatives(solved.fitted, solved.columns, dt, duration)
+    return found, solve(observed, (*base, *found.admitted.terms), band) if found.admitted else solved
+
+
+def observed_bins(y, dt: float, terms: tuple[Term, ...]) -> Bins:
+    """Bins of a record with gaps, with a column for each term; the fitted model of these terms fills the gaps."""
+    bins = solve(Observed(y, dt), terms, None).bins
+    return bins._replace(columns=bins.columns[:, : len(terms)])
+
+
+def spectrum_of(solved: Solved):
+    """Frequencies of the bins in Hz, and the fitted density there."""
+    return solved.bins.frequency, _level(solved, False)
+
+
+def _level(solved: Solved, rough: bool):
+    """Density at the bins: that of the model in the band, and the ordinates themselves in spectral lines and outside of the band.
+
+    In the first, `rough` rounds of filling gaps, the model may fit badly. It is then scaled to the ordinates in large groups.
+    """
+    bins, model = solved.bins, density(solved.fitted.bins.columns, solved.fitted.theta)
+    if rough:
+        group = groups_of(bins.weight, int(bins.weight.sum()))
+        count, total = (np.bincount(group, bins.weight * values) for values in (np.ones(len(model)), bins.density / model))
+        model = model * np.where(count > _MANY, total / np.maximum(count, 1.0), 1.0)[group]
+    own = (solved.fitted.bins.weight == 0.0) & (bins.weight > 0.0) & (bins.density > 0.0)
+    return np.where(own, bins.density, model) * bins.unit
+
+
+def _solved(whole: Bins, columns: tuple[Term, ...], band, automatic: bool) -> Solved:
+    bins = inside(whole, band)
+    count = int(np.sum(bins.weight > 0))
+    if count <= len(columns):
+        raise DataError(
+            f"{count} frequency bins are left for {len(columns)} terms; record longer without gaps, widen band=, or ask for fewer terms"
+        )
+    names = tuple(term.name for term in columns)
+    group = groups_of(whole.weight, int(np.sum(whole.weight)))
+    plain = without(bins, names, FILTER)
+    first = attempt(plain, group)
+    taken = find_lines(bins, density(plain.columns, first.theta))
+    clear = bins._replace(weight=np.where(taken, 0.0, bins.weight))
+    return Solved(bins, taken, fit_bins(clear, group, automatic, names, None if taken.any() else first), columns)
+
+
+def lowest_of(observed: Observed, solved: Solved) -> Lowest:
+    n = len(observed.y)
+    k = np.arange(1, min(ORDINATES, n - 1) + 1)
+    columns = np.stack([term.ordinates(k, n, observed.dt) for term in solved.columns], axis=1)
+    # a filter acts at high frequencies only, and its negative column must not make the density negative here
+    theta = np.where([name != FILTER for name in solved.names], solved.fitted.theta, 0.0)
+    # if every other coefficient is zero, the density vanishes here
+    least = np.finfo(float).eps * np.max(density(solved.fitted.bins.columns, solved.fitted.theta))
+    return Lowest(columns, np.maximum(columns @ theta, least) * solved.bins.unit)
+
+
+def inside(bins: Bins, band) -> Bins:
+    """The bins with a weight of zero outside of the band; cluster time tau corresponds to the frequency 1/(2 tau)."""
+    if band is None:
+        return bins
+    within = (bins.frequency >= 0.5 / band[1] * (1 - 1e-9)) & (bins.frequency <= 0.5 / band[0] * (1 + 1e-9))
+    return bins._replace(weight=bins.weight * within)
