@@ -192,10 +192,18 @@ def is_counter(name: str) -> bool:
     return bool(_COUNTER.fullmatch("".join(words)))
 
 
+#: words of places, commands and surroundings, whose values may rise for a while
+_RISES = _words(
+    "lat latitude lon lng long longitude alt altitude elevation height depth range distance dist odometer odo declination inclination dip "
+    "pressure baro temp temperature humidity battery voltage volt throttle rudder elevator aileron rc pwm motor servo "
+    "wheel encoder steering label class activity subject user trial"
+)
+
+
 def is_other(name: str) -> bool:
-    """Whether a word of a name denotes an attitude or a motion, which may rise for a while as time does."""
+    """Whether a word of a name denotes an attitude, a motion, a place or so, which may rise for a while as time does."""
     words = {word for words in _cut(name[:_LONGEST]) for word in words if len(word) > 1}
-    return not words.isdisjoint(_KINDS["attitude"] | _KINDS["motion"])
+    return not words.isdisjoint(_KINDS["attitude"] | _KINDS["motion"] | _RISES)
 
 
 @functools.lru_cache(4096)

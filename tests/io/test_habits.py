@@ -46,6 +46,10 @@ READ = {
     "hours and seconds with decimals": stamped(
         lambda m: f"2023,{m.hour},{m.minute},{m.second + m.microsecond / 1e6}", "Year,Hour,Min,Sec,ax,ay,az\n"
     ),
+    "a table in Markdown": "| t (s) | ax | ay | az |\n|---|---|---|---|\n"
+    + "".join(f"| {line.replace(',', ' | ')} |\n" for line in rows(SECONDS).split()),
+    "a table between double pipes": "||  t_ms  ||  ax  ||  ay  ||  az  ||\n"
+    + "".join(f"||  {line.replace(',', '  ||  ')}  ||  \n" for line in rows([f"{1000 * t:.0f}" for t in TIME]).split()),
     "blocks of zero bytes": "time_ms,ax,ay,az\n" + rows([f"{1000 * t:.0f}" for t in TIME]) + "\0" * 600,
     "records in lines": "".join(
         json.dumps({"t": t, "accel": dict(zip("xyz", row, strict=True))}) + "\n"
@@ -96,8 +100,11 @@ def turns(*kinds):
 REFUSED = {
     "a sensor in three lines": (turns("Accel X: {0} Y: {1} Z: {2}\n", "Temp: {0}\n"), "lines of several kinds .*grep 'Accel X: ' LOG"),
     "messages of a flight log": (turns("IMU, {0}, {1}, {2}\n", "ATT, {0}, {1}\n"), r"sed -n 's/\^ \*IMU, //p' LOG"),
+    "a time above each sample": (
+        "".join(f"12:00:{int(t):02d}\n{a[0]} {a[1]} {a[2]}\n" for t, a in zip(TIME, ACCEL, strict=True)), "paste -d ' ' - - < LOG"),
     "printed arrays": ("".join(f"[[{a[0]} {a[1]} {a[2]}]\n [{a[0]} {a[1]} {a[2]}]]\n" for a in ACCEL), "numpy.savetxt"),
     "hexadecimal counts": ("ax,ay,az\n" + "0x1F,0x3FF,0x4000\n" * N, "hexadecimal"),
+    "a program": ("import smbus\nread(0x68, 0x3b)\n" * N, "no rows of numbers; the first line is 'import smbus'$"),
     "an id of two devices": ("id,t_ms,ax,ay,az\n" + "".join(
         f"{k},{20 * i + k},{(1 - 2 * k) * a[0]:.4f},{a[1]:.4f},{a[2]:.4f}\n" for i, a in enumerate(ACCEL) for k in (0, 1)), "take turns"),
     "types of rows as numbers": ("".join(
@@ -106,6 +113,8 @@ REFUSED = {
         "take turns"),
     "one of two devices dead": (turns("IMU,0x69,0,0,0\n", "IMU,0x68,{0},{1},{2}\n"), "take turns"),
     "an attitude that rises": ("attitude.yaw,ax,ay,az\n" + rows(SECONDS), "no time column"),
+    "a latitude that rises": ("Geodetic Latitude,mx,my,mz\n" + rows(SECONDS, values=31.7 * ACCEL), "no time column"),
+    "a sum that rises": ("energy,ax,ay,az\n" + rows([f"{0.001 * i**2 + i / 50:.4f}" for i in range(N)]), "no time column"),
     "steps of time": ("dt,ax,ay,az\n" + rows(["0.02"] * N), "dt holds the steps of time, 0.02 in the median"),
     "a counter of microseconds that wraps within a few samples": (
         "time_us,ax,ay,az\n" + rows([str(20000 * i % 65536) for i in range(N)]), "not those of a regular recording: they go back"),
@@ -155,6 +164,13 @@ def test_a_rising_column_whose_name_does_not_speak_of_time_is_a_guess(tmp_path):
     (tmp_path / "log.csv").write_text("foo,ax,ay,az\n" + rows(SECONDS))
     log = read(tmp_path / "log.csv", quiet=True)
     assert any("a guess" in warning and "its name does not say so" in warning for warning in log.warnings)
+
+
+def test_a_column_speaks_of_time_by_its_unit(tmp_path):
+    (tmp_path / "log.csv").write_text("X [ms],ax,ay,az\n" + rows([str(1000 * i) for i in range(N)]))
+    log = read(tmp_path / "log.csv", quiet=True)
+    assert log.rate == pytest.approx(1.0)
+    assert not any("name does not say so" in warning for warning in log.warnings)
 
 
 def test_columns_of_hours_can_be_named(tmp_path):

@@ -240,9 +240,8 @@ def sniff(text: str) -> Layout:
             break
     if best is None:
         shown = next((line.strip() for line in lines if line.strip()), "")
-        hexadecimal = (
-            "; numbers such as 0x1F are hexadecimal: write them as signed decimal ones" if re.search(r"\b0x[\da-fA-F]", text) else ""
-        )
+        counts = any(re.fullmatch(r"[^a-zA-Z]*(?:[,;\s]*-?0x[\da-fA-F]+)+[,;\s]*", line.strip()) for line in lines[:100] if len(line) < 500)
+        hexadecimal = "; numbers such as 0x1F are hexadecimal: write them as signed decimal ones" if counts else ""
         raise DataError(f"there are no rows of numbers; the first line is {shown[:80]!r}{hexadecimal}")
     delimiter, width, found = best
     first, data = min(found), list(found.values())
