@@ -105,7 +105,7 @@ def gaps(runs, seed, case=""):
             inside.append([found.interval[term][0] <= truth <= found.interval[term][1] for term, truth in zip("NBK", CASE_A, strict=True)])
             present.append(found.verdict["K"] == "present")
         masks = partial(_lost_samples, n, share, length)
-        gone = record_bounds.information_lost(columns_all, squares, masks, 100 if share else 0, 1 / RATE, seed)
+        gone = record_bounds.information_lost(columns_all, squares, masks, 400 if share else 0, 1 / RATE, seed)
         bound = 100 * record_bounds.relative_bound(complete - gone.sum(axis=0) / max(len(gone), 1), squares)
         rmse, held = 100 * np.sqrt(np.mean(np.square(errors), axis=0)), 100 * np.mean(inside, axis=0)
         cells = " ".join(f"{value:5.1f}" for value in held)
