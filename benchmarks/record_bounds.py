@@ -4,8 +4,8 @@
 record is known. Less of it is the part that the missing samples hold (T. A. Louis, J. R. Stat. Soc. B 44, 1982): the covariance of the
 complete score given the samples observed, which is half that of the difference between the scores of two records that agree there.
 
-`neyman_pearson`: power of the most powerful test between two densities that are both known; no verdict has more. `ratio_power`: that of
-the likelihood ratio where the coefficients of both are estimated.
+`neyman_pearson`: power of the most powerful test between two densities that are both known; no verdict has more. `ratios`: likelihood
+ratios where the coefficients of both are estimated.
 """
 
 import numpy as np
@@ -103,11 +103,10 @@ def neyman_pearson(density, other, count, level, runs=40_000, seed=0):
     return float(np.mean(likelihood[1] > np.quantile(likelihood[0], 1.0 - level)))
 
 
-def ratio_power(density, other, own, rivals, count, level, runs=600, seed=0):
-    """The same of the likelihood ratio with coefficients estimated: columns `own` against the likeliest of `rivals`, each of columns."""
-    rng, ratios = np.random.default_rng(seed), []
-    for true in (other, density):
-        drawn = [true * rng.gamma(count / 2, 2 / count) for _ in range(runs)]
-        costs = [min(likeliest(one, columns, count)[0] for columns in rivals) - likeliest(one, own, count)[0] for one in drawn]
-        ratios.append(np.array(costs))
-    return float(np.mean(ratios[1] > np.quantile(ratios[0], 1.0 - level)))
+def ratios(density, own, rivals, count, runs, seed=0):
+    """(runs,) twice the log likelihood of the likeliest sum of columns `own` over that of the likeliest rival, for records of a density."""
+    rng, found = np.random.default_rng(seed), []
+    for _ in range(runs):
+        drawn = density * rng.gamma(count / 2, 2 / count)
+        found.append(min(likeliest(drawn, columns, count)[0] for columns in rivals) - likeliest(drawn, own, count)[0])
+    return np.array(found)

@@ -39,6 +39,7 @@ from jaxcal.noise import _causes
 from jaxcal.noise._alternatives import find_alternatives
 from jaxcal.noise._model import checked_terms
 from jaxcal.noise._ordinates import Bins, layout
+from jaxcal.noise._result import PRESENT
 from jaxcal.noise._spectral import fit_bins, groups_of
 from jaxcal.noise._terms import Filter
 from jaxcal.spectrum._average import log_groups
@@ -104,7 +105,7 @@ def gaps(runs, seed, case=""):
             inside.append([found.interval[term][0] <= truth <= found.interval[term][1] for term, truth in zip("NBK", CASE_A, strict=True)])
             present.append(found.verdict["K"] == "present")
         masks = partial(_lost_samples, n, share, length)
-        gone = record_bounds.information_lost(columns_all, squares, masks, 100 if share else 0, 1 / RATE, seed)
+        gone = record_bounds.information_lost(columns_all, squares, masks, 400 if share else 0, 1 / RATE, seed)
         bound = 100 * record_bounds.relative_bound(complete - gone.sum(axis=0) / max(len(gone), 1), squares)
         rmse, held = 100 * np.sqrt(np.mean(np.square(errors), axis=0)), 100 * np.mean(inside, axis=0)
         cells = " ".join(f"{value:5.1f}" for value in held)
@@ -211,7 +212,8 @@ def causes(runs, seed, case=""):
 def power(runs, seed):
     n, level = 2**16, 0.03
     times = [correlation_times for _, correlation_times, _ in SPECTRA.values() if correlation_times]
-    print(f"{'record':16s} term against the nearest record of     known   estimated   (power in %; {runs} records where estimated)")
+    print(f"power in %, of {runs} records where coefficients are estimated; exponent 1 taken for granted: power, and falsely present")
+    print(f"{'record':16s} term {'against the nearest':28s}      known  estimated   exp. 1 K    falsely")
     models = {"case A": CASE_A / CASE_A[0]} | {"N, B, K": (1, 0.3, 0.1), "N, K": (1, 0, 0.1), "N, B": (1, 0.3, 0)}
     for name, samples in (("case A", n), ("case A", 2 * n), ("N, B, K", n), ("N, K", n), ("N, B", n)):
         starts, count = log_groups(samples - 1, keep_tail=True)
@@ -224,10 +226,15 @@ def power(runs, seed):
             others = np.add.reduceat(np.column_stack([np.ones(samples - 1), *shapes]), starts) / count[:, None]
             other = record_bounds.likeliest(density, others, count)[1]
             known = record_bounds.neyman_pearson(density, other, count, level, seed=seed)
-            alone = [others, means[:, :2]] if name != "N, B" else [others]  # without K there may be flicker of exponent 1 as well
-            estimated = record_bounds.ratio_power(density, other, means, alone, count, level, runs, seed)
+            flicker = means[:, :2]  # without K, the exponent may also be 1
+            alone = [others, flicker] if name != "N, B" else [others]
+            null, found = (record_bounds.ratios(one, means, alone, count, runs, seed + i) for i, one in enumerate((other, density)))
+            shares = [known, np.mean(found > np.quantile(null, 1.0 - level))]
+            if name != "N, B":
+                shares += [np.mean(record_bounds.ratios(one, means, [flicker], count, runs, seed) > PRESENT) for one in (density, other)]
             where = f"{name}, 2^{samples.bit_length() - 1}"
-            print(f"{where:16s} {'B' if name == 'N, B' else 'K':4s} {rival:34s}{100 * known:6.1f}{100 * estimated:12.1f}", flush=True)
+            cells = "".join(f"{100 * share:11.1f}" for share in shares)
+            print(f"{where:16s} {'B' if name == 'N, B' else 'K':4s} {rival:28s}{cells}", flush=True)
 
 
 def levels(runs, seed):

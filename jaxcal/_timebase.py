@@ -72,7 +72,8 @@ def place(stamps: np.ndarray, rate: float | None, equal: Callable[[np.ndarray, n
     if not kept.any():
         raise DataError(f"no two of the {len(stamps)} time stamps follow each other without a gap; {ADVICE}")
     estimate = len(kept) / float(kept.sum())
-    rises = np.flatnonzero(steps > 0) + 1 if not even else np.zeros(0, np.int64)
+    waits = np.flatnonzero(steps > _GAP * period) if not even else np.zeros(0, np.int64)
+    rises = (waits if len(waits) > 3 or even else np.flatnonzero(steps > 0)) + 1
     if len(rises) > 3:
         # fewer samples may share the first and the last of repeated stamps, so leave these out
         inner = steps[rises[0] : rises[-1]][regular[rises[0] : rises[-1]]]
@@ -180,7 +181,19 @@ def _period_of_lossy(stamps: np.ndarray, steps: np.ndarray) -> float | None:
     period = float(np.mean(steps[steps <= _GAP * shortest]))
     ratio = steps / period if period > 0 else np.zeros(1)
     whole = (np.abs(ratio - np.round(ratio)) < 0.2) & (ratio > 0.5)
-    return period if np.mean(whole) > 0.98 and _clock_deviation(stamps, 512) > 0.75 * period else None
+    lossy = np.mean(whole) > 0.98 and _clock_deviation(stamps, 512) > 0.75 * period and not _in_bursts(steps, period)
+    return period if lossy else None
+
+
+def _in_bursts(steps: np.ndarray, period: float) -> bool:
+    """Whether samples come in bursts: long waits, each in proportion to the number of samples before it; lost samples have no such law."""
+    waits = np.flatnonzero(steps > _GAP * period)
+    if len(waits) < 8 or steps.sum() < 1.5 * period * len(steps):
+        return False
+    counts = np.diff(waits)
+    lasted = np.diff(np.concatenate([[0.0], np.cumsum(steps)])[waits + 1])
+    rest = lasted - counts * (lasted.sum() / counts.sum())
+    return bool(np.std(rest) < 0.25 * np.mean(lasted))
 
 
 def _refuse_irregular(stamps: np.ndarray, steps: np.ndarray, period: float) -> None:

@@ -11,11 +11,11 @@ import jaxcal
 
 from ._apply import corrected
 from ._export import FILES
-from ._options import CallError, Files, Level, Log, Reading, Running, must_be_calibration, stem
+from ._options import CallError, Files, Level, Log, Reading, Running, must_be_calibration, must_exist, read_log, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report, tried
 from ._screen import Screen
 from ._tables import decides, left_out, longer_record, noise_tables
-from ._work import carry_out
+from ._work import carry_out, check_suited
 
 #: format of --export -> default name of the file
 _EXPORTS = {name: FILES[name] for name in ("kalibr", "openvins", "vins", "orbslam3", "gtsam", "ros", "csv")}
@@ -52,6 +52,12 @@ def noise(
         Path | None,
         Parameter(help="Calibration of the device as JSON, from another recording: the log is corrected with it before the fit."),
     ] = None,
+    also: Annotated[
+        tuple[Path, ...] | None,
+        Parameter(
+            name="--also", help="Another recording of the same device. Repeatable: adds a table with intervals for the next recording."
+        ),
+    ] = None,
     reading: Reading = Reading(),
     writing: Writing = Writing(),
     running: Running = Running(),
@@ -63,27 +69,53 @@ def noise(
     --terms, R ramp. Each has an interval, or an upper limit if not detected.
     """
     must_be_calibration(calibration, option="--calibration")
-    characterise(log, terms, confidence, band, reading, writing, running, method=method, calibration=calibration, robust=robust)
+    must_exist(*also or (), option="--also")
+    characterise(
+        log, terms, confidence, band, reading, writing, running, method=method, calibration=calibration, robust=robust, also=also or ()
+    )  # fmt: skip
 
 
 def characterise(
     path: Path, terms: str, confidence: float, band: tuple[float, float] | None, reading: Reading, writing: Writing, running: Running,
     truth: dict[str, Any] | None = None, method: str = "whittle", calibration: Path | None = None, robust: bool = False,
+    also: tuple[Path, ...] = (),
 ) -> dict[str, Any]:  # fmt: skip
-    """Read, fit, write and print; return the fits. For a simulated log, `truth` (sensor -> `Noise`) is compared with them."""
+    """Read, fit, write and print; return the fits.
+
+    For a simulated log, `truth` (sensor -> `Noise`) is compared with them. The recordings `also` are fitted too, for a table of all.
+    """
     chosen = tuple(terms.replace(",", "").upper())
     if not chosen or set(chosen) - set("QNBKRM") or len(set(chosen)) != len(chosen):
         raise CallError(f"--terms {terms}: expected letters of QNBKRM, each once, such as QNBK")
     if band is not None and not 0.0 < band[0] < band[1]:
         raise CallError(f"--band {band[0]:g} {band[1]:g}: expected the shortest and the longest cluster time in s, the shortest first")
 
+    change = None if calibration is None else partial(corrected, calibration)
+    options = {"terms": terms, "confidence": confidence, "band": band, "method": method, "robust": robust, "calibration": calibration}
+    recordings: dict[str, list[Any]] = {}  # channel -> its fit in each recording
+
     def compute(log: Any, move: Any) -> dict[str, Any]:
-        fit = jaxcal.noise.characterise
         names = tuple("markov" if term == "M" else term for term in chosen)
-        return fit(log, method=method, terms=names, confidence=confidence, band=band, robust=robust, progress=move)
+        fit = partial(jaxcal.noise.characterise, method=method, terms=names, confidence=confidence, band=band, robust=robust, progress=move)
+        found = fit(log)
+        recordings.update({name: [one] for name, one in found.items()})
+        for other in also:
+            log = read_log(other, reading, "noise")
+            log = log if change is None else change(log)
+            check_suited("jaxcal noise", log, other, options)
+            for name, one in fit(log).items():
+                recordings.setdefault(name, []).append(one)
+        return found
 
     def show(screen: Screen, fits: dict[str, Any]) -> None:
         noise_tables(screen, fits, truth)
+        if also:
+            from ..noise._recordings import pooled
+
+            everywhere = {name: pooled(each, confidence) for name, each in recordings.items() if len(each) == len(also) + 1}
+            screen.line()
+            screen.line(f"{len(also) + 1} recordings: geometric mean of each coefficient, and where that of the next recording lies")
+            noise_tables(screen, everywhere, of="interval of the next recording")
         screen.sentences("Record length at which a term is known to 10 %, worst axis", longer_record(fits))
         screen.sentences("Record length that would decide on a term not detected", decides(fits))
         screen.sentences("Left out of the fit", left_out(fits))
@@ -97,8 +129,7 @@ def characterise(
     ]  # fmt: skip
     done = carry_out(
         path, reading, running, outputs(writing, files, f"{stem(path)}-noise", formats=_EXPORTS, export=export), compute,
-        show=show, change=None if calibration is None else partial(corrected, calibration), command="jaxcal noise",
-        options={"terms": terms, "confidence": confidence, "band": band, "method": method, "robust": robust, "calibration": calibration},
+        show=show, change=change, command="jaxcal noise", options=options,
     )  # fmt: skip
     done.tell_by_channel()
     return done.found

@@ -18,7 +18,7 @@ def by_sensor(found: Mapping[str, Any]) -> Iterator[tuple[str, str, dict[str, An
             yield sensor, name, axes
 
 
-def noise_tables(screen: Screen, fits: Mapping[str, Any], truth: Mapping[str, Any] | None = None) -> None:
+def noise_tables(screen: Screen, fits: Mapping[str, Any], truth: Mapping[str, Any] | None = None, of: str = "interval") -> None:
     """Print one table for every sensor: one row per axis, and in each cell the coefficient with its interval below.
 
     Parameters
@@ -26,12 +26,13 @@ def noise_tables(screen: Screen, fits: Mapping[str, Any], truth: Mapping[str, An
     screen : where to print.
     fits : channel -> `NoiseFit`.
     truth : sensor -> simulated `Noise`; adds a row, and marks the intervals that do not contain it.
+    of : name of the interval in the title.
     """
     for sensor, name, axes in by_sensor(fits):
-        _sensor_table(screen, sensor, name, axes, None if truth is None else truth[sensor])
+        _sensor_table(screen, sensor, name, axes, None if truth is None else truth[sensor], of)
 
 
-def _sensor_table(screen: Screen, sensor: str, name: str, axes: dict[str, Any], truth: Any) -> None:
+def _sensor_table(screen: Screen, sensor: str, name: str, axes: dict[str, Any], truth: Any, of: str) -> None:
     first = next(iter(axes.values()))
     columns = {term: _column(sensor, term, axes) for term in first.terms}
     rows = []
@@ -40,7 +41,7 @@ def _sensor_table(screen: Screen, sensor: str, name: str, axes: dict[str, Any], 
     for channel, fit in axes.items():
         cells = [_cell(fit, term, scale, truth) for term, (_, scale) in columns.items()]
         rows.append([channel.removeprefix(f"{sensor}_"), *cells])
-    title = f"{name}: coefficient, {100 * first.confidence:g} % interval below"
+    title = f"{name}: coefficient, {100 * first.confidence:g} % {of} below"
     screen.table(title, ["", *(f"{term}\n{unit}" for term, (unit, _) in columns.items())], rows)
 
 

@@ -9,7 +9,7 @@ from .._errors import DataError
 from . import _guess
 from ._columns import AXES, SENSORS, Columns, listing, resolve
 from ._mixed import refuse_mixed
-from ._names import Name, bracketed, is_counter, plain, unit_of
+from ._names import Name, bracketed, is_counter, parse, plain, unit_of
 from ._profiles import ROS2_IMU, matching
 from ._spelling import meanings
 
@@ -80,6 +80,11 @@ def select(table, columns: Columns) -> Selection:
     if not set(explicit) - {"time"}:
         refuse_mixed(table, found.columns)
         _tell_unused(table, found)
+    else:
+        try:
+            refuse_mixed(table, found.columns)
+        except DataError as error:  # the columns were named, so that this is no more than a warning
+            found.warnings.append(str(error))
     return found
 
 
@@ -232,8 +237,24 @@ def _refuse_or_position(table, columns: Columns, found: Selection) -> None:
             "--units accel=m/s^2)"
         )
     if any(names) and not all(name.isdecimal() for name in names if name):
+        refuse_mixed(table, {"accel": _bare_axes(table, found)})
         raise DataError(f"the columns {listing(names, count)} do not say which sensor they hold; {HOW}")
-    _by_position(table, columns, found)
+    unlike = _unlike_header(table)
+    try:
+        _by_position(table, columns, found)
+    except DataError as error:
+        raise DataError(f"{error}{'; or mend the header: ' * bool(unlike)}{unlike}") from None
+    if unlike:
+        found.warnings.append(f"the header is not used: {unlike}")
+
+
+def _unlike_header(table) -> str:
+    """Sentence on a line above the rows that has names, but another number of them than the rows have fields; or nothing."""
+    above = [line for line in table.preamble.split("\n") if line.strip()]
+    names = max((above[-1].split(mark) for mark in ",;\t"), key=len) if above else []
+    if len(names) < 3 or len(names) == len(table.columns) or sum(parse(name) is not None for name in names) < len(names) / 2:
+        return ""
+    return f"the line above the rows has {len(names)} names, and the rows have {len(table.columns)} fields"
 
 
 def _by_position(table, columns: Columns, found: Selection) -> None:

@@ -34,7 +34,10 @@ _STATED = re.compile(
     r"(?:sampl\w*[ _-]*(?:rate|freq\w*)|update[ _-]*rate|output[ _-]*(?:data[ _-]*)?rate|data[ _-]*rate|\bodr|frequency|\bfreq|\bfs|\brate|"
     r"abtastrate|taxa|\bat)\b[\"']?\s*(?:\[?\(?hz\)?\]?)?[\s:=,;\"']*([0-9]+(?:[.,][0-9]+)?)\s*(k?hz)?", re.IGNORECASE,
 )  # fmt: skip
-_LIKE_TIME = re.compile(r"time|stamp|clock|elapsed|epoch|zeit|(?<![a-z])(?:ms|us|ns|sec|seconds|millis|micros)(?![a-z])", re.IGNORECASE)
+_LIKE_TIME = re.compile(
+    r"time(?!te?r)|stamp|clock|elapsed|epoch|zeit|(?<![a-z])(?:ms|us|ns|sec|seconds|millis|micros)(?![a-z])", re.IGNORECASE
+)
+_IN_BRACKETS = re.compile(r"[\[(]\s*(min|s|ms|us|ns)\s*[\])]$")
 _STEPS_OF_TIME = re.compile(r"(?:dt|delta?|deltat|deltatime|timedelta|timediff|timestep|samplingtime|interval)(?:s|ms|us|ns)?")
 _FILE_RATE = re.compile(r"(?<![0-9a-z.])([0-9]+(?:[.p][0-9]+)?)[ _-]?(k?hz)(?![a-z])", re.IGNORECASE)
 
@@ -54,10 +57,10 @@ def clock_of(table, found: Selection, units: dict[str, str], rate: float | int |
     """The clock of a table, or None if it has none."""
     wanted = found.columns.get("time")
     if wanted is not None and "time" not in found.guessed:
-        return _read(table, wanted, units.get("time") or _named_unit(found, wanted), rate, found, explicit="time" in units)
+        return _read(table, wanted, units.get("time") or _named_unit(table, found, wanted), rate, found, explicit="time" in units)
     clocks, counters, faults = [], [], []
     for indices in _candidates(table, found, wanted):
-        stated = units.get("time") or _named_unit(found, indices)
+        stated = units.get("time") or _named_unit(table, found, indices)
         if _counts_rows(table, indices, stated):
             counters += indices
             continue
@@ -125,13 +128,22 @@ def _candidates(table, found: Selection, wanted: list[int] | None) -> list[list[
         for i in range(len(table.columns))
         if i not in used and found.names[i] is None and not (any(table.names) and is_counter(table.names[i]))
     ]
-    rising = [i for i in free if table.columns[i].dtype.kind in "iuf" and not is_other(table.names[i]) and increasing(table.columns[i])]
-    return [[i] for i in sorted(rising, key=lambda i: not _LIKE_TIME.search(table.names[i]))][:1]
+    free = [i for i in free if table.columns[i].dtype.kind in "iuf" and increasing(table.columns[i])]
+    speaking = [i for i in free if not _unnamed(table, found, i)]
+    silent = [i for i in free if i not in speaking and not is_other(table.names[i]) and _even(table.columns[i])]
+    return [[i] for i in [*speaking, *silent]][:1]
+
+
+def _even(values) -> bool:
+    """Whether most steps of a column are alike, as those of a clock are."""
+    low, middle, high = np.percentile(np.diff(np.asarray(values[:100_000], np.float64)), [25, 50, 75])
+    return bool(high - low <= 0.5 * middle)
 
 
 def _unnamed(table, found: Selection, index: int) -> bool:
     """Whether a column has a name in which nothing speaks of time."""
-    return found.names[index] is None and bool(table.names[index]) and not _LIKE_TIME.search(table.names[index])
+    name = table.names[index]
+    return found.names[index] is None and bool(name) and not _LIKE_TIME.search(name) and not _IN_BRACKETS.search(name.strip())
 
 
 def _parts(table, indices: list[int]) -> Clock:
@@ -148,8 +160,10 @@ def _varies(table, index: int) -> bool:
     return column.dtype.kind in "iuf" and bool(np.isfinite(column).any())
 
 
-def _named_unit(found: Selection, indices: list[int]) -> str | None:
-    one = found.names[indices[0]]
+def _named_unit(table, found: Selection, indices: list[int]) -> str | None:
+    one, written = found.names[indices[0]], _IN_BRACKETS.search((table.names[indices[0]] or "").strip())
+    if one is None and written and len(indices) == 1:  # a name that speaks of time by its unit alone, as X [s]
+        return written[1]
     return one.unit if one is not None and one.kind == "time" else None
 
 
@@ -181,7 +195,7 @@ def _read(table, indices: list[int], stated: str | None, rate: float | int | Non
     if len(indices) > 2:
         return _parts(table, indices)
     if len(indices) == 2:
-        part = _named_unit(found, indices[1:])
+        part = _named_unit(table, found, indices[1:])
         return pair(table, indices, columns, SECONDS.get(part or "", 1e-9))
     (column,), (index,) = columns, indices
     if column.dtype.kind == "M":

@@ -282,11 +282,15 @@ def roles(triples: list[np.ndarray]) -> list[str]:
     """
     if len(triples) == 1:
         if all_integer(triples[0]) and not (_gravity_like(triples[0]) or _field_like(triples[0])):
-            raise DataError("three columns of whole numbers, which look like raw counts, do not say of which sensor")
+            hint = counts_hint("accel", triples[0])
+            like = f" (of an accelerometer, if one is {hint}: --columns accel=... --units accel='{hint}')" if hint else ""
+            raise DataError(f"three columns of whole numbers, which look like raw counts{like}, do not say of which sensor")
         return ["accel" if _gravity_like(triples[0]) else "mag" if _field_like(triples[0]) else "gyro"]
     likeness = [_gravity_like(triple) for triple in triples]
     if not any(likeness):
-        raise DataError("neither triple of columns has the norm of gravity in m/s^2, g or mg")
+        hints = [(k, hint) for k, triple in enumerate(triples) if all_integer(triple) and (hint := counts_hint("accel", triple))]
+        like = f", but the {('first', 'second', 'third')[hints[0][0]]} has it in counts of {hints[0][1]}" if hints else ""
+        raise DataError(f"neither triple of columns has the norm of gravity in m/s^2, g or mg{like}")
     # if two triples may be gravity, choose the one with the steadier magnitude
     force = min((k for k, like in enumerate(likeness) if like), key=lambda k: spread(triples[k]))
     rest = [k for k in range(len(triples)) if k != force]

@@ -53,6 +53,26 @@ def refuse_mixed(table, columns: dict[str, list[int]]) -> None:
             )
 
 
+def own_rows(
+    raw: dict[str, list[np.ndarray]], time: np.ndarray | None, problems: list[str]
+) -> tuple[dict[str, list[np.ndarray]], np.ndarray | None]:
+    """Leave out rows of other sensors, in which all chosen ones are empty; report sensors that no row holds together."""
+    held = {name: np.any([np.isfinite(column) for column in raw[name]], axis=0) for name in SENSORS if name in raw}
+    shares = {name: float(rows.mean()) for name, rows in held.items()}
+    if not held or min(shares.values()) > 0.8:
+        return raw, time
+    names = [name for name, share in shares.items() if share > 0.1]
+    if len(names) > 1 and not np.any(held[names[0]] & held[names[1]]):
+        problems.append(
+            f"no row holds both {names[0]} and {names[1]}: the rows of several sensors take turns; read them one by one, as with "
+            f"columns={{'{names[0]}': [...]}} (--columns {names[0]}=...)"
+        )
+    rows = np.any(list(held.values()), axis=0)
+    if time is None or not rows.any() or rows.mean() > 0.8:
+        return raw, time
+    return {name: [column[rows] for column in columns] for name, columns in raw.items()}, time[rows]
+
+
 def _codes(values: np.ndarray) -> np.ndarray | None:
     """Replace the values of a column by indices of its distinct values; None if there are too many."""
     if values.dtype.kind == "O":

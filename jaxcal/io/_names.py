@@ -59,7 +59,7 @@ _WORDS = {
 _KINDS = {kind: frozenset(words.split("|")) for kind, words in _WORDS.items()}
 _TIME = _words(
     "t time timestamp timestamps stamp ts tstamp clock elapsed elapsedtime timeelapsed datetime utc utctime zeit zeitstempel uhrzeit "
-    "temps tiempo tempo horodatage tijd zaman czas aika tid cas offsettime secondselapsed elapsedseconds timesincestart timesinceboot "
+    "temps tiempo tempo horodatage tijd zaman czas aika tid cas offsettime gpst secondselapsed elapsedseconds timesincestart timesinceboot "
     "timefromstart systemtime systime sensortime devicetime unixtime unixtimestamp unix epoch epoc epochtime timeintervalsince "
     "timestampsince loggingtime gpstow tow gpstime rostime hosttime phonetime phonetimestamp localtime rtc chiptime recordtime "
     "recordingtime logtime boottime timestampunix timeunix samplingtime timestampsample acquisitiontime runtime uptime relativetime "
@@ -192,10 +192,18 @@ def is_counter(name: str) -> bool:
     return bool(_COUNTER.fullmatch("".join(words)))
 
 
+#: words of places, commands and surroundings, whose values may rise for a while
+_RISES = _words(
+    "lat latitude lon lng long longitude alt altitude elevation height depth range distance dist odometer odo declination inclination dip "
+    "pressure baro temp temperature humidity battery voltage volt throttle rudder elevator aileron rc pwm motor servo "
+    "wheel encoder steering label class activity subject user trial"
+)
+
+
 def is_other(name: str) -> bool:
-    """Whether a word of a name denotes an attitude or a motion, which may rise for a while as time does."""
+    """Whether a word of a name denotes an attitude, a motion, a place or so, which may rise for a while as time does."""
     words = {word for words in _cut(name[:_LONGEST]) for word in words if len(word) > 1}
-    return not words.isdisjoint(_KINDS["attitude"] | _KINDS["motion"])
+    return not words.isdisjoint(_KINDS["attitude"] | _KINDS["motion"] | _RISES)
 
 
 @functools.lru_cache(4096)

@@ -14,7 +14,7 @@ from ._choose import HOW, select
 from ._clock import check_rate, clock_of, label_of, no_clock, refuse_restarts, stated_rate
 from ._columns import SENSORS, Columns, listing, scale
 from ._evidence import Turning, turning
-from ._mixed import own_clocks
+from ._mixed import own_clocks, own_rows
 from ._names import COUNTS, RELATIVE, bracketed
 from ._saved import Saved
 from ._stamps import Clock
@@ -96,12 +96,12 @@ def interpret(
     clock = _clock(table, found, columns, units, rate if rate is not None else stated and stated[0], problems)
     signals = Signals(None, {}, notes=found.notes, warnings=[*table.warnings, *found.warnings], rate=rate)
     _set_time(table, found, columns, clock, stated, signals, problems)
-    raw = {name: [_numbers(table, i) for i in found.columns[name]] for name in (*SENSORS, "temperature") if name in found.columns}
-    if missing is not None:
-        raw = {name: [_without(column, missing) for column in values] for name, values in raw.items()}
+    names = [name for name in (*SENSORS, "temperature") if name in found.columns]
+    raw = {name: [_without(_numbers(table, i), missing) for i in found.columns[name]] for name in names}
     period = clock.period if clock is not None else 1.0 / signals.rate if signals.rate else None
     if clock is not None and "time" in found.guessed and (apart := own_clocks(table, found, clock)):
         problems.append(apart)
+    raw, signals.time = own_rows(raw, signals.time, problems)
     guesses = _units(table, found, raw, units, period, clock, signals, problems)
     if problems:
         raise DataError("; and ".join(problems))
@@ -317,9 +317,9 @@ def _numbers(table: Table, index: int, kinds: str = "iufb") -> np.ndarray:
     )
 
 
-def _without(column: np.ndarray, missing: float | int) -> np.ndarray:
-    """Replace the number that marks a missing value by NaN."""
-    found = column == missing
+def _without(column: np.ndarray, missing: float | int | None) -> np.ndarray:
+    """Replace the number that marks a missing value, if there is one, by NaN."""
+    found = column == missing if missing is not None else np.zeros(0, bool)
     return np.where(found, np.nan, column) if found.any() else column
 
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from .._lazy import on_first_use
 
 if TYPE_CHECKING:
-    from ._axes import Correlation as Correlation, correlation as correlation
+    from ._axes import Correlation as Correlation, JointStateSpace as JointStateSpace, correlation as correlation
     from ._binned import LogLikelihood as LogLikelihood, log_likelihood as log_likelihood
     from ._covariance import allan_covariance as allan_covariance
     from ._discrete import StateSpace as StateSpace, discrete as discrete
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __getattr__, __dir__ = on_first_use(
     __name__,
     {
-        "_axes": "Correlation correlation",
+        "_axes": "Correlation JointStateSpace correlation",
         "_binned": "LogLikelihood log_likelihood",
         "_covariance": "allan_covariance",
         "_discrete": "StateSpace discrete",

@@ -9,9 +9,10 @@ B and K, which are judged by what they explain beyond it.
 A model that is not admitted may still be nearly as likely as B and K. The interval of N then holds for both models, and a term that
 the other model does without is a hint at most:
 
-- K, unless B and K explain more than flicker of any exponent from 0.8 to 1.2 does without K. The level is that of the likelihood ratio
-  at which flicker of exponent 1.2 makes 3 % of records show K. No verdict can find more random walks (`--only power`).
-- B, where one Gauss-Markov process explains more than B and K do, or several explain much more.
+- K, unless B and K explain the record better than flicker of any exponent from 0.8 to 1.2 does without K. The level of this likelihood
+  ratio is set so that 3 % of records with flicker of exponent 1.2 show K. At that rate no verdict finds many more random walks
+  (`benchmarks/records.py --only power`).
+- B, where one Gauss-Markov process explains the record better than B and K do, or several explain it much better.
 """
 
 import functools
@@ -27,27 +28,28 @@ from ._result import PRESENT
 from ._spectral import Fitted
 from ._terms import BUILT_IN, Filter, GaussMarkov, PowerLaw, Term
 
-_ALIKE = 0.1  # exponents nearer than this to 1 are flicker
-_EXPONENTS = np.arange(3, 19) / 10.0
+_ALIKE = 0.1  # least difference from 1 of an exponent that is not that of flicker
+_EXPONENTS = np.arange(3, 19) / 10.0  # exponents that are tried
 _OTHER = np.abs(_EXPONENTS - 1.0) > _ALIKE / 2.0
+_FLICKER = slice(5, 10)  # exponents 0.8 to 1.2
 _LAWS: tuple[tuple[Term, ...], ...] = tuple((PowerLaw(exponent=float(value)),) for value in _EXPONENTS)
-#: positions of exponents of flicker among these, and twice the log likelihood that K must gain over flicker of such an exponent
-_FLICKER, _WANDERS = slice(5, 10), 4.25
-_TIMES = 14  # correlation times that are tried, from ten samples to a quarter of the record
-_HALVINGS = 4  # of the step between neighbours, around the best of them
-_WORTH = 3.0  # score of one more term below which the search is short: alternatives that are admitted have twice that and more
-_THIRD = 2.0  # gain in log likelihood below which a third process is not looked for
-_SLOW = 5.41  # twice the gain of B and K over none below which there is nothing to replace
-_OWN = 1e-9  # part of a term's squares that the terms of the fit must leave for it to be another term
+#: twice the log likelihood that B and K must gain over flicker of such an exponent alone for K to be present
+_WANDERS = 4.25
+_TIMES = 14  # number of correlation times that are tried, from ten samples to a quarter of the record
+_HALVINGS = 4  # how often the step between neighbouring correlation times or exponents is halved around the best one
+_WORTH = 3.0  # score of one more term below which the search is short; admitted models reach at least twice this score
+_THIRD = 2.0  # gain in log likelihood from a third process below which its correlation time is not refined
+_SLOW = 5.41  # twice the gain in log likelihood of B and K below which the record has no slow noise to explain
+_OWN = 1e-9  # share of a term's squares, not explained by the terms of the fit, below which it is no further term
 _TINY = np.finfo(float).tiny ** 0.5
-#: family -> shape parameters and coefficients beyond those of B and K, twice the gain in log likelihood that admits it, and that
-#: from which B is a hint at most
+#: family -> number of parameters beyond those of B and K, twice the gain in log likelihood above which the family is admitted, and
+#: that above which B is a hint at most; three processes count for two parameters more, because their sum can look like flicker
 _FAMILIES = {
-    "power law": (0, 9.0, np.nan), "one process": (0, 8.0, 2.0), "two processes": (2, 13.0, 8.0), "three processes": (4, 17.0, 12.0),
+    "power law": (0, 9.0, np.nan), "one process": (0, 8.0, 2.0), "two processes": (2, 13.0, 8.0), "three processes": (6, 17.0, 12.0),
     "process beside": (2, 13.0, np.nan),
 }  # fmt: skip
 _PROCESSES = ("one process", "two processes", "three processes")
-_PARAMETER = 2.0  # what one parameter more must gain for a family to be preferred to another
+_PARAMETER = 2.0  # twice the gain in log likelihood that each further parameter of a family must bring
 
 
 class Alternative(NamedTuple):
@@ -59,12 +61,12 @@ class Alternative(NamedTuple):
 
     @property
     def admitted(self) -> bool:
-        """Whether the gain is too large for chance."""
+        """Whether the gain is larger than chance explains."""
         return self.gain > _FAMILIES[self.family][1]
 
     @property
     def net(self) -> float:
-        """The gain less what its further parameters gain by chance."""
+        """The gain less the cost of the further parameters, so that families can be compared."""
         return self.gain - _PARAMETER * _FAMILIES[self.family][0]
 
 
@@ -79,16 +81,16 @@ class Alternatives(NamedTuple):
 
     @property
     def admitted(self) -> Alternative | None:
-        """The alternative that joins the model."""
+        """The alternative that becomes part of the model; None if none is admitted."""
         return self.listed[0] if self.listed and self.listed[0].admitted else None
 
     @property
     def rival(self) -> Alternative | None:
-        """The likeliest of those that do without B and K."""
+        """The likeliest alternative without B and K."""
         return max((one for one in self.listed if one.family != "process beside"), key=lambda one: one.net, default=None)
 
     def doubts(self) -> dict[str, Alternative]:
-        """Term -> what explains the record nearly as well without it, so that the term is a hint at most."""
+        """Terms that are a hint at most, each with the alternative that explains the record nearly as well without it."""
         model, found = self.admitted, {}
         if model is not None and model.family != "process beside":
             return {}  # B and K are judged by what they explain beyond it
@@ -101,7 +103,7 @@ class Alternatives(NamedTuple):
 
 
 def find_alternatives(fitted: Fitted, terms: tuple[Term, ...], dt: float, duration: float) -> Alternatives:
-    """The best of each family; none where B and K are not there, or terms of the user's own are.
+    """The best alternative of each family; none if the fit has neither B nor K, or has terms that the user defined.
 
     Parameters
     ----------
@@ -117,7 +119,7 @@ def find_alternatives(fitted: Fitted, terms: tuple[Term, ...], dt: float, durati
         return Alternatives()
     times, step = _times(dt, duration)
     ones: list[tuple[Term, ...]] = [(one,) for one in _processes(dt, duration)]
-    # all choices at once: the term of each alone takes a hundred times as long
+    # densities of all choices at once: one by one they take a hundred times as long
     f = fitted.bins.frequency
     slopes, lags = PowerLaw(exponent=_EXPONENTS[:, None]).psd(f, dt), GaussMarkov(time=np.array(times)[:, None]).psd(f, dt)
     costs = search.costs(_LAWS, slopes[:, :, None])
@@ -145,9 +147,10 @@ def find_alternatives(fitted: Fitted, terms: tuple[Term, ...], dt: float, durati
 
 
 def _score(fitted: Fitted, densities: AnyArray) -> float:
-    """Score statistic of the best of some densities, (terms, bins), beside the fit: its likelihood ratio if its coefficient is small.
+    """Largest score statistic of one more term beside the fit, for terms of some densities, (terms, bins).
 
-    C. R. Rao, Proc. Camb. Phil. Soc. 44, 1948. It needs the fit without the term alone, and costs a hundredth of a search.
+    For a small coefficient this is the likelihood ratio of the term (C. R. Rao, Proc. Camb. Phil. Soc. 44, 1948). It needs no fit with the
+    term, and takes a hundredth of the time of a search.
     """
     bins, present = fitted.bins, fitted.theta > 0.0
     model = np.maximum(bins.columns @ fitted.theta, _TINY)
@@ -162,14 +165,14 @@ def _score(fitted: Fitted, densities: AnyArray) -> float:
 
 
 def likeliest_time(fitted: Fitted, dt: float, duration: float) -> float:
-    """Correlation time in s of the Gauss-Markov process beside the fitted terms that has the highest likelihood."""
+    """Correlation time in s at which a Gauss-Markov process beside the fitted terms has the highest likelihood."""
     search = _Search(fitted, np.zeros(len(fitted.theta), dtype=bool), dt)
     ((process,), _) = search.best([(one,) for one in _processes(dt, duration)], beside=True)
     return float(getattr(process, "time"))  # noqa: B009
 
 
 def widening(fitted: Fitted, terms: tuple[Term, ...], extra: tuple[Term, ...], dt: float) -> AnyArray:
-    """By how much the variance of each coefficient grows because the shapes of the `extra` terms were estimated too."""
+    """Factor by which the variance of each coefficient grows because the shapes of the `extra` terms are estimated too."""
     theta, step, bins = fitted.theta, 1e-4, fitted.bins
     names = [term.name for term in terms]
     size = [theta[names.index(term.name)] / (2.0 * step) for term in extra]
@@ -185,14 +188,14 @@ def widening(fitted: Fitted, terms: tuple[Term, ...], extra: tuple[Term, ...], d
 
 
 def _times(dt: float, duration: float) -> tuple[list[float], float]:
-    """Correlation times in s, and the logarithm of the ratio of neighbours."""
+    """Correlation times in s that are tried, and the logarithm of the ratio of neighbouring ones."""
     times = np.geomspace(10.0 * dt, max(duration / 4.0, 20.0 * dt), _TIMES)
     return times.tolist(), float(np.log(times[1] / times[0]))
 
 
 @functools.lru_cache(maxsize=64)
 def _processes(dt: float, duration: float) -> tuple[Term, ...]:
-    """One process for each correlation time: records of one length share them."""
+    """One process for each correlation time that is tried. Records of one length share the result."""
     return tuple(_process(time) for time in _times(dt, duration)[0])
 
 
@@ -201,7 +204,7 @@ def _process(time: float, name: str = "markov") -> GaussMarkov:
 
 
 def _moved(term: Term, by: float) -> Term:
-    """The term with an exponent or the logarithm of its correlation time moved."""
+    """The term with its exponent, or the logarithm of its correlation time, changed `by` some amount."""
     if isinstance(term, PowerLaw):
         return PowerLaw(exponent=1.0 + np.sign(term.exponent - 1.0) * max(abs(term.exponent + by - 1.0), _ALIKE))
     assert isinstance(term, GaussMarkov)
@@ -209,36 +212,36 @@ def _moved(term: Term, by: float) -> Term:
 
 
 class _Search:
-    """Fits with other terms in place of the slow ones, or beside them."""
+    """Fits with other terms in place of the slow terms, or beside them."""
 
     def __init__(self, fitted: Fitted, slow: AnyArray, dt: float):
         self._fitted, self._slow, self._dt = fitted, slow, dt
         bins, theta = fitted.bins, fitted.theta
         model = np.maximum(bins.columns @ theta, _TINY)
-        # without slow terms a process may be anywhere: it begins at the level of the ordinates
+        # if the fit has no slow terms, the search for a process starts at the level of the ordinates
         self._level = np.maximum(bins.columns[:, slow] @ theta[slow] if slow.any() else bins.density, _TINY)
         self._share = bins.weight * np.minimum(self._level / model, 1.0) ** 2
 
     def gain(self, cost: float) -> float:
-        """Twice the gain in log likelihood over the fit, in units of its variance factor; none where the search found no minimum."""
+        """Twice the gain in log likelihood over the fit, over the fit's variance factor; minus infinity if the search found no minimum."""
         if not (np.isfinite(self._fitted.cost) and np.isfinite(cost)):
             return -np.inf
         return float(2.0 * (self._fitted.cost - cost) / self._fitted.inflation)
 
     def without(self) -> float:
-        """Cost without the slow terms."""
+        """Cost of the fit without the slow terms."""
         kept, bins = ~self._slow, self._fitted.bins
         start = np.where(self._fitted.theta[kept] > 0.0, self._fitted.theta[kept], 0.0)
         start = np.maximum(start, np.where(bins.columns[:, kept].min(axis=0) >= 0.0, _TINY, 0.0))
         return float(minimise(bins.columns[:, kept], bins.density, bins.weight, start[None, :], rtol=ROUGH).cost[0])
 
     def costs(self, candidates: Sequence[tuple[Term, ...]], extra: AnyArray | None = None, *, beside: bool = False) -> AnyArray:
-        """Cost with each candidate; `extra`, (candidates, bins, terms), are the densities of the terms, if known."""
+        """Cost of the fit with each candidate; `extra`, (candidates, bins, terms), are the densities of its terms, if known."""
         bins, lanes = self._fitted.bins, len(candidates)
         if extra is None:
             extra = np.stack([np.stack([np.asarray(term.psd(bins.frequency, self._dt)) for term in one], axis=1) for one in candidates])
         kept = np.ones_like(self._slow) if beside else ~self._slow
-        # each term begins at the level of the slow ones where it is the strongest of its candidate
+        # each term starts at the level of the slow terms in the bins in which it is the strongest term of its candidate
         strength = extra / extra.max(axis=1, keepdims=True)
         own = self._share[:, None] * (strength / np.maximum(strength.sum(axis=2, keepdims=True), _TINY)) ** 4
         level = np.sum(own * (np.log(self._level)[:, None] - np.log(extra)), axis=1) / np.maximum(np.sum(own, axis=1), _TINY)
@@ -249,13 +252,13 @@ class _Search:
     def best(
         self, candidates: Sequence[tuple[Term, ...]], extra: AnyArray | None = None, *, beside: bool = False
     ) -> tuple[tuple[Term, ...], float]:
-        """The candidate of the least cost, and that cost."""
+        """The candidate of the lowest cost, and this cost."""
         costs = self.costs(candidates, extra, beside=beside)
         index = int(np.argmin(costs))
         return candidates[index], float(costs[index])
 
     def refined(self, found: tuple[tuple[Term, ...], float], step: float) -> tuple[tuple[Term, ...], float]:
-        """The candidate with its shape parameters moved by less than a step, to where the cost is least."""
+        """The candidate of the lowest cost with shape parameters within a step of those `found`, and this cost."""
         for _ in range(_HALVINGS):
             step *= 0.5
             terms = found[0]

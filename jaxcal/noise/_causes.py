@@ -1,14 +1,14 @@
-r"""Causes that pass for slow noise: a step, a ramp, a warm-up, a slow sinusoid, the temperature.
+r"""Causes that look like slow noise: a step, a ramp, a warm-up, a slow sinusoid, the temperature.
 
-They are changes of the mean, and regressors of the likelihood. Each family is searched at the lowest ordinates of the record by
-its likelihood ratio at a fixed density of the noise,
+They change the mean of a record, and enter the likelihood as regressors. The search of each family uses the lowest ordinates of the
+record and the likelihood ratio at a fixed density of the noise,
 
 .. math:: \lambda = \frac{(\sum x_k y_k/S_k)^2}{\sum x_k^2/S_k}
 
-once under the fitted density, where B and K may already have taken the cause for noise, and once under that of N and Q alone,
-where they have not. The noise is then fitted anew beside the best of each family. What counts is the likelihood ratio of the two
-fits, in which B and K may take what they can. A cause is admitted where fewer than one record in 300 of noise alone reaches its ratio
-in the search of its family. The levels were found from simulated records of N, of N and B, and of N, B and K (`benchmarks/records.py`).
+once under the fitted density, in which B and K may already describe the cause as noise, and once under the density of N and Q alone.
+The noise is then fitted again beside the best choice of each family. The likelihood ratio of the fits with and without the cause
+decides, because B and K are fitted in both. A cause is admitted if fewer than one in 300 records of noise alone reaches its ratio in the
+search of its family. The levels come from simulated records of N, of N and B, and of N, B and K (`benchmarks/records.py`).
 """
 
 import functools
@@ -21,23 +21,23 @@ import scipy  # loads its parts when they are first used
 from ..spectrum._average import log_groups
 from ._likelihood import minimise
 
-_BLOCKS = 4096  # means over blocks keep the lowest ordinates
-_ORDINATES = 512
-_MARGIN = 48  # parts of a record in which a step has to last
+_BLOCKS = 4096  # number of block means of a record, which have the same lowest ordinates as the record
+_ORDINATES = 512  # number of ordinates that the search uses
+_MARGIN = 48  # a step must have at least this share of the record, one in 48, on either side
 _TIMES = 2.0 ** -np.arange(1, 7)  # time constants of a warm-up over the length of the record
 _CYCLES = np.arange(0.5, 10.01, 0.25)
-_WITHIN, _HALVINGS = ("warm-up", "sinusoid"), 5  # families whose place is refined, and how often the step is halved
+_WITHIN, _HALVINGS = ("warm-up", "sinusoid"), 5  # families whose time constant or frequency is refined, and number of halved steps
 _ROUNDS = 3  # of the regression and the fit of the noise
-_RECORDED = 12.0  # likelihood ratio by which what was not recorded must be better than what was
-_HOPELESS = 8.0  # likelihood ratio that further rounds do not bring
-_MOST = 4
-_STRONGEST = 1e6  # ratio of the start of a coefficient to the least that matters
+_RECORDED = 12.0  # likelihood ratio by which any other cause must be better than the recorded temperature
+_HOPELESS = 8.0  # distance to the wanted likelihood ratio that further rounds never gain
+_MOST = 4  # number of causes of one record
+_STRONGEST = 1e6  # ratio of a coefficient to the smallest value from which its fit starts
 #: likelihood ratio that one in 300 records of noise alone reaches in the search of a family
 LEVELS = {"step": 24.0, "ramp": 14.0, "warm-up": 15.0, "sinusoid": 24.0, "temperature": 12.0}
 
 
 class Cause(NamedTuple):
-    """One cause: its family, where it was found (s, time constant in s, or Hz), its likelihood ratio, and its columns."""
+    """One cause: its family, its place (time in s, time constant in s, or frequency in Hz), likelihood ratio, and regressors."""
 
     family: str
     at: float
@@ -46,7 +46,7 @@ class Cause(NamedTuple):
 
 
 class _Low(NamedTuple):
-    """The lowest ordinates of a record, times at the middles of its blocks, and the factor of an orthonormal DCT-II of the blocks."""
+    """The lowest ordinates of a record, the times at the middles of its blocks, and factors that turn a DCT-II of block means into them."""
 
     record: np.ndarray
     times: np.ndarray
@@ -61,7 +61,7 @@ def _lowest(y, most: int, dt: float) -> _Low:
     size = max(len(y) // _BLOCKS, 1)
     count = len(y) // size
     k = np.arange(1, min(_ORDINATES, most, max(count // 4, 8)) + 1)
-    # a mean over a block attenuates
+    # a mean over a block attenuates the ordinates
     attenuated = np.sin(np.pi * k / (2 * count)) / (size * np.sin(np.pi * k / (2 * count * size)))
     low = _Low(np.empty(0), (np.arange(count) + 0.5) * size * dt, np.sqrt(size * dt) / attenuated)
     return low._replace(record=low.transform(y[: count * size].reshape(count, size).mean(axis=1)))
@@ -88,7 +88,7 @@ def _wave(frequency: float, t):
 
 
 def _steps(low: _Low, density) -> tuple[float, float]:
-    """Best likelihood ratio of a step, and its time: scores by one sum, variances by one transform."""
+    """Largest likelihood ratio of a step, and its time. Two transforms give the scores and variances of all steps."""
     count, kept = len(low.times), len(density)
     # ordinate k of a step at block j is -sin(pi k j / count) times this
     amplitude = low.factor * np.sqrt(0.5 / count) / np.sin(np.pi * np.arange(1, kept + 1) / (2 * count))
@@ -103,7 +103,7 @@ def _steps(low: _Low, density) -> tuple[float, float]:
 
 @functools.lru_cache(maxsize=16)
 def _shapes(count: int, spacing: float, kept: int, factor: bytes) -> dict[str, tuple[list[tuple[float, Any]], np.ndarray]]:
-    """Family -> its choices (where, columns), and their ordinates (choices, ordinates, columns): many records of one length share them."""
+    """Family -> its choices (place, regressors), and their ordinates (choices, ordinates, columns). Records of one length share them."""
     low = _Low(np.empty(0), (np.arange(count) + 0.5) * spacing, np.frombuffer(factor))
     duration = _duration(low)
     choices: dict[str, list[tuple[float, Any]]] = {
@@ -115,7 +115,7 @@ def _shapes(count: int, spacing: float, kept: int, factor: bytes) -> dict[str, t
 
 
 def _refined(low: _Low, density, family: str, at: float, made):
-    """A warm-up's time constant or a sinusoid's frequency between the choices that were tried, by halving the step to its neighbours."""
+    """Refine the time constant of a warm-up or the frequency of a sinusoid by halving the distance to its neighbours."""
     if family not in _WITHIN:
         return at, made
     columns, step = (_decay, np.log(2.0)) if family == "warm-up" else (_wave, np.log1p(_CYCLES[0] / 2.0 / max(at * _duration(low), 0.5)))
@@ -128,7 +128,7 @@ def _refined(low: _Low, density, family: str, at: float, made):
 
 
 def _best(low: _Low, density, choices: list[tuple[float, Any]], x) -> tuple[float, float, Any]:
-    """The choice of the largest likelihood ratio, x being the ordinates of all, (choices, ordinates, columns)."""
+    """The choice with the largest likelihood ratio; `x` are the ordinates of all choices, (choices, ordinates, columns)."""
     weighted = x / density[:, None]
     score = np.einsum("k,ckq->cq", low.record, weighted)
     ratio = np.einsum("cq,cqr,cr->c", score, np.linalg.pinv(np.swapaxes(x, 1, 2) @ weighted, hermitian=True), score)
@@ -147,15 +147,15 @@ def _candidates(low: _Low, density, temperature) -> dict[str, tuple[float, float
 
 
 def find_causes(y, columns, theta, slow, dt: float, temperature: Callable[[np.ndarray], np.ndarray] | None = None) -> tuple[Cause, ...]:
-    """The causes that explain a record better than its slow noise alone does, in the order in which they were admitted.
+    """The causes that explain a record better than slow noise alone does, in the order in which they were admitted.
 
     Parameters
     ----------
     y : (n,) record without gaps.
-    columns, theta : (ordinates, p) expected first ordinates per squared coefficient, and (p,) squared coefficients as fitted.
-    slow : (p,) which of them are fitted anew beside a cause; the others are known from higher frequencies.
+    columns, theta : (ordinates, p) expected first ordinates per squared coefficient, and (p,) fitted squared coefficients.
+    slow : (p,) whether a coefficient is fitted again beside a cause; higher frequencies determine the others.
     dt : sampling interval in s.
-    temperature : times in s -> (times, 1) temperature, where it is known.
+    temperature : function of times in s that returns (times, 1) temperatures; None if they are unknown.
     """
     low = _lowest(y, len(columns), dt)
     kept = len(low.record)
@@ -190,7 +190,7 @@ def find_causes(y, columns, theta, slow, dt: float, temperature: Callable[[np.nd
 
 
 def _residual(record, held, density):
-    """The record less its regression on columns at a density."""
+    """The record less its regression on the columns in `held`, weighted by a density."""
     if not held:
         return record
     x = np.concatenate(held, axis=1) / np.sqrt(density)[:, None]
@@ -198,7 +198,7 @@ def _residual(record, held, density):
 
 
 def _refitted(low: _Low, designs, columns, base, begun, wanted: Any = -np.inf):
-    """Slow coefficients beside each design, (designs, p), and -2 log likelihood there; roughly where none comes near what is `wanted`."""
+    """Slow coefficients beside each design, (designs, p), and -2 log likelihood; only roughly if it comes nowhere near that `wanted`."""
     starts, count = log_groups(len(low.record), keep_tail=True)
     count = count.astype(float)
     means = [np.add.reduceat(values, starts, axis=0) / count.reshape(-1, *(1,) * (values.ndim - 1)) for values in (columns, base)]
@@ -210,7 +210,7 @@ def _refitted(low: _Low, designs, columns, base, begun, wanted: Any = -np.inf):
             rest = _residual(low.record, [design] if design.shape[1] else [], base + columns @ theta[i])
             target[i] = np.add.reduceat(rest**2, starts) / count
         if p:
-            # each start: what the fit of the whole record found, and none of each term, since the likelihood has local minima
+            # the likelihood has local maxima: one start is the fit of the whole record, the other has little of every term
             flat = np.median(target / means[1], axis=1)[:, None] * (means[1] / means[0].T).min(axis=1)[None, :]
             begin = np.concatenate([theta, np.maximum(flat, theta / _STRONGEST)])
             found = minimise(means[0], np.tile(target, (2, 1)), count, begin, base=means[1])

@@ -23,9 +23,9 @@ from ._result import NoiseFit, stacked
 from ._terms import GaussMarkov, Term
 from ._whittle import fit_record, fit_traced
 
-#: cluster sizes of the fit of a curve, which is so strongly correlated that more would add nothing
+#: number of cluster sizes of a curve; neighbouring values are so strongly correlated that more would add no information
 _CLUSTERS = 25
-_MOST_EVENTS = 20  # steps that are named one by one
+_MOST_EVENTS = 20  # largest number of steps among the events
 #: name -> function of (curve, samples, terms, inside, automatic, confidence)
 CURVES = {method: partial(fit_jointly, method=method) for method in ("gls", "edf", "wavelet")} | {
     method: partial(fit_plainly, method=method) for method in ("unweighted", "log", "slope")
@@ -54,13 +54,13 @@ def fit(
     which reaches the information that the record holds. Intervals are those of the profile likelihood. The other methods fit
     the overlapped Allan variance sigma^2(tau) = 3Q^2/tau^2 + N^2/tau + (2 ln2/pi)B^2 + K^2 tau/3 + R^2 tau^2/2.
 
-    High frequencies (short cluster times) at which the model does not hold, because of a filter, averaging or a resonance in the
-    sensor, are left out and named; what a filter leaves below is fitted as a nuisance, and Q, which has its shape, is then not
-    estimated. Spectral lines are taken out, and become sinusoids of the model. Where the record scatters more than the model
-    allows, the intervals are widened, with a warning. A step, a ramp, a warm-up or a slow sinusoid is fitted together with the noise and
-    named. Another exponent, or Gauss-Markov processes, join the model where they explain the slow noise better than B and K. Where
-    they explain it about as well, B or K is a hint at most, which a note says, and the interval of N holds for both models.
-    Single outlying samples are set to the mean of their neighbours, and counted.
+    The fit leaves out high frequencies (short cluster times) at which the model does not hold because of a filter, averaging or a
+    resonance in the sensor, and names them. The effect of a filter below these frequencies is then fitted in place of Q, which has the
+    same shape. Spectral lines become sinusoids of the model. If the record scatters more than the model allows, the intervals are wider,
+    with a warning. A step, a ramp, a warm-up or a slow sinusoid is fitted together with the noise, and named. Noise of another exponent, or
+    Gauss-Markov processes, become part of the model if they explain the slow noise better than B and K. If they explain it about as
+    well, B or K is a hint at most, with a note, and the interval of N holds for both models. Single outlying samples are replaced by
+    the mean of their neighbours, and counted.
 
     Parameters
     ----------
@@ -68,19 +68,19 @@ def fit(
     rate : sampling rate in Hz.
     method : "whittle"; or, on the Allan variance, "gls" (full covariance across tau), "edf" (weights from the degrees of
         freedom), "wavelet" (Haar, powers of two); or for comparison only, without uncertainty, "unweighted", "log", "slope".
-    terms : which of "Q", "N", "B", "K", "R" to fit, and `Term` objects of your own, whose shape parameters are held; with "whittle"
-        also "markov", one first-order Gauss-Markov process whose correlation time is looked for.
+    terms : which of "Q", "N", "B", "K", "R" to fit, and `Term` objects of your own, whose shape parameters stay fixed. With "whittle"
+        also "markov", one first-order Gauss-Markov process, whose correlation time is estimated.
     confidence : level of the intervals and upper limits.
     band : (shortest, longest) cluster time in s to fit, instead of the band found; for "whittle" frequencies 1/(2 tau).
     conservative : also give coefficients whose Allan deviation is nowhere below the upper limit of the measured one, `overbound`.
-    robust : for noise with heavy tails, with "whittle". The likelihood chooses between normal noise, Student's t, and a core with a
-        wider component. N is the standard deviation of Student's t, or that of the core; a warning names the law.
+    robust : whether the white noise may have heavy tails, with "whittle". The likelihood chooses between normal noise, Student's t, and a
+        normal core with one or two wider components. N is the standard deviation of Student's t or of the core; a warning names the law.
 
     Returns
     -------
     NoiseFit
-        Coefficients in SI units, per channel where y has channels. The coefficients and `covariance` can be differentiated
-        with respect to y; intervals carry no derivative. A traced record is fitted as it is: nothing is checked or left out.
+        Coefficients in SI units, for each channel if y has channels. The coefficients and `covariance` can be differentiated
+        with respect to y; intervals have no derivative. A traced record is fitted as it is: nothing is checked or left out.
 
     Raises
     ------
@@ -139,8 +139,7 @@ def _fit(y, rate, method, terms, confidence, band, conservative=False, robust=Fa
             jumps = [found._replace(y=x, spikes=0, heavy=False, steps=()) for found, x in zip(jumps, y.T if many else (y,), strict=True)]
         if any(found.spikes and not found.heavy for found in jumps):
             y = np.stack([found.y for found in jumps], axis=1).reshape(y.shape)
-    # the noise type serves the plot outside of the band
-    # the likelihood fills gaps with noise of its model, and forms the curve of such a record
+    # the likelihood later fills gaps with noise of its model, and computes the curve again; straight lines serve until then
     filled = y if traced or method != "whittle" else without_gaps(y)
     curve = deviation(filled, rate, m=m, confidence=confidence, alpha=0 if traced else None)
     inside = _inside(curve.tau, band, terms)

@@ -1,4 +1,4 @@
-"""Intervals and limits by inversion of a test: where a likelihood ratio, with one coefficient held, reaches a level."""
+"""Intervals and limits by inversion of a likelihood-ratio test: the values of one coefficient at which the ratio reaches a level."""
 
 import functools
 from collections.abc import Callable
@@ -12,10 +12,9 @@ import scipy  # loads its parts when they are first used
 from .._types import AnyArray, Float
 from ._lanes import namespace
 
-_SEARCH = 12
-_FAR = 8.0
-#: distance from the level, in units of the root of the likelihood ratio, at which a search has ended
-_CLOSE = 3e-4
+_SEARCH = 12  # number of steps of a search
+_FAR = 8.0  # times the level at which values of a search are capped
+_CLOSE = 3e-4  # relative distance from the level, in the root of the likelihood ratio, at which a search ends
 
 
 class Limits(NamedTuple):
@@ -33,24 +32,30 @@ class Limits(NamedTuple):
 
 @functools.cache
 def levels_of(confidence: float) -> tuple[float, float]:
-    """Likelihood ratios at the ends of an interval and at a one-sided upper limit."""
+    """Likelihood ratio at the ends of a two-sided interval, and at a one-sided upper limit."""
     return 2.0 * float(scipy.special.gammaincinv(0.5, confidence)), float(scipy.special.ndtri(confidence)) ** 2
 
 
 def chance(rise, freedom) -> Any:
-    """Chance of a larger chi-square."""
+    """Probability of a larger chi-square."""
     tail = scipy.special.gammaincc if namespace(rise, freedom) is np else jax.scipy.special.gammaincc
     return tail(freedom / 2.0, rise / 2.0)
 
 
 def find_limits(ratio: Callable[[Any, Any, Any], tuple[Any, Any]], theta, reach, start, two_sided, one_sided) -> tuple[Limits, Any]:
-    """Where the likelihood ratio reaches the levels `two_sided` (both ends) and `one_sided` (upper limit), and the states at zero.
+    """Squared coefficients at which the likelihood ratio reaches a level, and the states at zero.
 
-    The square root of the ratio is nearly linear in the coefficient itself, so its crossing is found by false position (N. Anderson
-    and A. Bjoerck, BIT 13, 1973) on these; all searches run together. A low end is 0 where zero cannot be excluded; an end that is
-    not found within 2^11 times `reach` is infinite. `theta` and `reach`, (p,), are the squared coefficients at the optimum and their
-    standard errors; `ratio` maps (index, squared coefficient, state), one of each per lane, to the ratio at the best values of all
-    others, and the next state, first `start`, (p, ...). Levels are for all terms or one each.
+    The square root of the ratio is nearly linear in the coefficient itself. False position on these two (N. Anderson and A. Bjoerck,
+    BIT 13, 1973) therefore finds the crossing in few steps; all searches run together. A low end is 0 if zero cannot be excluded. An end
+    that is not found within 2^11 times `reach` is infinite.
+
+    Parameters
+    ----------
+    ratio : maps (index, squared coefficient, state), one of each per lane, to the ratio at the best values of all other coefficients,
+        and to the next state.
+    theta, reach : (p,) squared coefficients at the optimum, and their standard errors.
+    start : (p, ...) first states.
+    two_sided, one_sided : levels of the ratio at both ends and at the upper limit; one for all terms, or one for each.
     """
     xp = namespace(theta, reach, start, two_sided, one_sided)
     p = theta.shape[0]
@@ -62,11 +67,11 @@ def find_limits(ratio: Callable[[Any, Any, Any], tuple[Any, Any]], theta, reach,
     def body(state):
         (a, ga), (b, gb), found, last, active, values, states, zero, k = state
         slope = xp.where(found, gb - ga, 1.0)
-        # the first guess is a little beyond the end of a normal interval; downwards it follows the test of zero
+        # the first guess is a little beyond the end of a normal interval; downwards zero is tested before it
         inward, outward = (xp.sqrt(xp.maximum(best + sign * 1.1 * level * reach * 2.0**k, 0.0)) for sign in (-0.5, 1.0))
         u = xp.where(found, (a * gb - b * ga) / xp.where(slope > 0, slope, 1.0), xp.where(below, 0.0, outward))
         u = xp.where(below & (k == 1) & (inward > 0.0), inward, u)
-        if xp is np:  # on the host only the searches that go on
+        if xp is np:  # on the host, only searches that have not ended cost time
             values, states = values.copy(), states.copy()
             values[active], states[active] = ratio(lane[active], u[active] ** 2, states[active])
         else:
@@ -74,10 +79,10 @@ def find_limits(ratio: Callable[[Any, Any, Any], tuple[Any, Any]], theta, reach,
             values, states = xp.where(active, new[0], values), xp.where(active[:, None], new[1], states)
         first = k == 0
         zero = (xp.where(first, values[:p], zero[0]), xp.where(first, states[:p], zero[1]))
-        # capped, for false position would creep up from a value far away
+        # capped, because false position moves too slowly from a value that is far away
         g = xp.minimum(xp.sqrt(xp.maximum(values, 0.0)) - level, _FAR * level)
         inside = g <= 0
-        # a side that stays twice counts less, so that both ends close in
+        # a side that stays for two steps gets less weight, so that both ends close in
         halved_a = xp.where(found & ~inside & (last == 1), _less(g, gb, xp) * ga, ga)
         halved_b = xp.where(found & inside & (last == -1), _less(g, ga, xp) * gb, gb)
         a, ga = xp.where(active & inside, u, a), xp.where(active & inside, g, xp.where(active, halved_a, ga))
@@ -92,7 +97,7 @@ def find_limits(ratio: Callable[[Any, Any, Any], tuple[Any, Any]], theta, reach,
         found, active = found | hit, active & ~done & ~hit
         return (a, ga), (b, gb), found, last, active, values, states, zero, k + 1
 
-    # every leaf keeps its type in the loop of a trace
+    # in a traced loop every leaf must keep its type
     none, no, states = xp.zeros_like(best), xp.zeros(3 * p, dtype=bool), start[lane]
     state = (xp.sqrt(best), -level), (none, none), no, xp.zeros(3 * p, dtype=np.int32), ~no, none, states
     state = (*state, (none[:p], xp.zeros_like(start)), xp.zeros((), dtype=theta.dtype))
@@ -112,6 +117,6 @@ def find_limits(ratio: Callable[[Any, Any, Any], tuple[Any, Any]], theta, reach,
 
 
 def _less(new, old, xp) -> Any:
-    """Weight of the end that stays, from the values at the other end before and now."""
+    """Weight of the end that stays, from the previous and the present value at the other end."""
     weight = 1.0 - new / xp.where(old == 0.0, 1.0, old)
     return xp.where((weight > 0.0) & (old != 0.0), weight, 0.5)

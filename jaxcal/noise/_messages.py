@@ -8,7 +8,7 @@ from ..allan import Deviation
 from ._alternatives import Alternative, Alternatives
 from ._causes import Cause
 from ._model import Noise
-from ._result import PRESENT, NoiseFit
+from ._result import NoiseFit
 from ._stationarity import PARTS, Level, Unevenness
 from ._terms import PowerLaw
 
@@ -161,10 +161,9 @@ def of_alternatives(found: Alternatives, doubts: Mapping[str, Alternative], fit:
             "much that B and K are excluded: the interval of N holds for both"
         )
     if one := doubts.get("K"):
-        notes.append(
-            f"K is a hint at most: {_described(one)} without K explains the record nearly as well (K would have to gain {PRESENT} in twice "
-            f"the log likelihood, and gains {-one.gain:.1f})"
-        )
+        behind = (found.admitted.net if found.admitted else 0.0) - one.net
+        than = f"twice its log likelihood is {abs(behind):.1f} {'lower' if behind > 0.0 else 'higher'}"
+        notes.append(f"K is a hint at most: {_described(one)} without K explains the record nearly as well ({than})")
     if one := doubts.get("B"):
         notes.append(f"B is a hint at most: B or {_described(one)}, this record cannot tell them apart")
     if not found.admitted and "B" not in doubts and fit.verdict.get("B") == "present":

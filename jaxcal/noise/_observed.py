@@ -1,16 +1,16 @@
-r"""The likelihood of the samples that were observed: gaps, doubtful samples, and a mean with regressors.
+r"""The likelihood of the observed samples of a record with gaps, doubtful samples and regressors in the mean.
 
-Under the DCT-Whittle model a complete record x is normal with precision Q = D' diag(dt / S_k) D, D the orthonormal DCT-II, its
-mean left free. Observed are y = x + X b + u: u has no variance where a sample is trusted, an infinite one where it is missing, and
-one of its own where it is doubtful. Let z be the expectation of x given y at the generalised least squares estimate of b, and
+Under the DCT-Whittle model a complete record x is normal with precision Q = D' diag(dt / S_k) D, where D is the orthonormal DCT-II and
+the mean is free. The observations are y = x + X b + u. The variance of u is zero for a trusted sample, infinite for a missing one, and
+finite for a doubtful one. Let z be the expectation of x given y at the generalised least squares estimate of b, and
 
 .. math:: \rho_k = 1 - \frac{\mathrm{Var}[(Dx)_k \mid y]}{S_k/dt} - h_k
 
-with h_k the leverage of ordinate k in the regression. The score of the restricted likelihood of y is then that of a complete
-record with ordinates P_k = dt (Dz)_k^2 / rho_k of weight rho_k. So `Observed.bins` gives bins that everything else treats as
-those of a complete record. They depend on the density S, which is renewed with each fit until nothing changes: this is the EM
-algorithm, whose maximum is that of the likelihood of the observed samples (A. P. Dempster, N. M. Laird and D. B. Rubin, J. R.
-Stat. Soc. B 39, 1977). The weights put the information of each ordinate, with what it shares with others, in its own row.
+with h_k the leverage of ordinate k in the regression. The score of the restricted likelihood of y is then the score of a complete
+record with ordinates P_k = dt (Dz)_k^2 / rho_k of weight rho_k. `Observed.bins` therefore returns bins that the rest of the package
+treats like those of a complete record. They depend on the density S, so fits and bins are computed in turn until S no longer changes.
+This is the EM algorithm, which finds the maximum of the likelihood of the observed samples (A. P. Dempster, N. M. Laird and D. B. Rubin,
+J. R. Stat. Soc. B 39, 1977). The weights count the information of each ordinate, shared information included, in its own row.
 """
 
 import dataclasses
@@ -22,14 +22,14 @@ from .._errors import DataError
 from ._ordinates import Bins, layout
 from ._terms import Term
 
-_SEED = 20_211  # of the draws that estimate the conditional variance: the same record always gives the same numbers
-_DRAWN = 2**19  # samples in all draws together, at least: short records take more draws
+_SEED = 20_211  # seed of the draws that estimate the conditional variance, so that a record always gives the same numbers
+_DRAWN = 2**19  # least number of samples in all draws together, so that short records have more draws
 _MOST_DRAWS = 32
-_EXACT, _ROUGH = 1e-4, 1e-2  # relative residual of the conjugate gradients: for the expectation, and for draws
+_EXACT, _ROUGH = 1e-4, 1e-2  # relative residual at which conjugate gradients end: for the expectation, and for draws
 _ITERATIONS = 60
-_LEAST = 0.02  # share of the information of an ordinate below which it takes no part
-_FEWEST = 16  # samples
-_NOTHING = 1e-6  # share of a record below which nothing but rounding is left of it
+_LEAST = 0.02  # share of information left in an ordinate below which the ordinate is not used
+_FEWEST = 16  # least number of samples
+_NOTHING = 1e-6  # share of the record below which its remainder is only rounding
 
 
 def _dct(x):
@@ -42,22 +42,22 @@ def _idct(x):
 
 @dataclasses.dataclass
 class Observed:
-    """A record as it was observed.
+    """The observed samples of a record.
 
     Parameters
     ----------
     y : (n,) samples; NaN marks a missing one.
     dt : sampling interval in s.
-    regressors : (n, p) what the mean may contain beside a constant.
-    doubt : (n,) variance of each sample beside the model's, 0 for one that is trusted; None for no doubt.
+    regressors : (n, p) functions of time that the mean may contain beside a constant.
+    doubt : (n,) variance of each sample in addition to that of the model, 0 for a trusted sample; None for no doubt.
 
     Attributes
     ----------
-    complete : whether every sample is there and trusted, and the mean has no regressors: the bins then depend on nothing.
-    filled : (n,) expectation of the record given what was observed, from the last call of `bins`; the regressors are taken out.
-    drawn : (n,) the same with one draw of what is not known, so that it scatters like a complete record.
-    factors, covariance : estimate of the regressors' factors b, and their covariance, from the last call of `bins`.
-    misfit : the quadratic form z' Q z of the last call.
+    complete : whether every sample is observed and trusted, and there are no regressors. The bins then do not depend on a density.
+    filled : (n,) expectation of the record without the regressors, given the observations, from the last call of `bins`.
+    drawn : (n,) the same, with a random draw in place of the expectation of unknown samples, so that it scatters like a complete record.
+    factors, covariance : estimate of the factors b of the regressors, and its covariance, from the last call of `bins`.
+    misfit : the quadratic form z' Q z of the last call of `bins`.
     """
 
     y: np.ndarray
@@ -75,7 +75,7 @@ class Observed:
         self._open = np.flatnonzero(variance > 0.0)
         self._trust = 1.0 / variance[self._open]
         columns = np.zeros((n, 0)) if self.regressors is None else np.asarray(self.regressors, dtype=float)
-        # regressors are observed where the record is
+        # the regressors have the gaps of the record
         self._given = np.concatenate([y[:, None], columns], axis=1)
         self._given[missing] = 0.0
         self._given -= self._given.sum(axis=0) / (n - missing.sum())
@@ -99,8 +99,8 @@ class Observed:
         Parameters
         ----------
         terms : the term of each column of the bins.
-        density : (bins,) density at the bins of an earlier call, in the unit of the record squared per Hz; None where none is
-            known yet: missing samples then lie on straight lines.
+        density : (bins,) density at the bins of an earlier call, in the unit of the record squared per Hz. None if none is known yet;
+            straight lines then fill the gaps.
         """
         n, dt = len(self.y), self.dt
         starts, count, columns, frequency = layout(n, dt, terms)
@@ -150,12 +150,12 @@ class Observed:
         return _dct(self.drawn - self.drawn.mean())[1:] if self._spectrum is None else self._spectrum
 
     def _expected(self, level):
-        """Expectation of the record and of the regressors given the density, and the conditional variance over it, (n - 1,)."""
+        """Expectation of the record and of the regressors, and the conditional variance of each ordinate over its density, (n - 1,)."""
         n, lost = len(self.y), np.zeros(len(self.y) - 1)
         if not len(self._open):
             return self._given, lost
         precision = np.concatenate([[0.0], self.dt / level])
-        # between trusted neighbours a random walk and white noise have sines for eigenvectors: the inverse is nearly this
+        # in a gap between trusted samples, the eigenvectors of a random walk and of white noise are sines: this is nearly the inverse
         at, n = np.arange(1, n), len(self.y)
         sines = {
             length: 1.0 / (self.dt / np.interp(np.arange(1, length + 1) * n / (length + 1.0), at, level) + trust[:, None])
@@ -176,7 +176,7 @@ class Observed:
         return z, lost
 
     def _solve(self, b, precision, sines, start, tolerance):
-        """(Q + T)^-1 b over the open samples by conjugate gradients, preconditioned with sines in each run of them."""
+        """(Q + T)^-1 b over the samples that are not trusted, by conjugate gradients with a preconditioner of sines in each gap."""
         full = np.zeros(len(self.y))
 
         def product(v):
@@ -208,7 +208,7 @@ class Observed:
 
 
 def _runs_of(index) -> dict[int, np.ndarray]:
-    """Length -> (runs, length) positions in `index` of its runs of consecutive numbers."""
+    """Length -> (runs, length) positions in `index` of all runs of consecutive numbers of this length."""
     if not len(index):
         return {}
     edges = np.concatenate([[0], np.flatnonzero(np.diff(index) > 1) + 1, [len(index)]])
@@ -217,7 +217,7 @@ def _runs_of(index) -> dict[int, np.ndarray]:
 
 
 def without_gaps(y: np.ndarray) -> np.ndarray:
-    """(n,) or (n, channels) with straight lines through the gaps of each channel."""
+    """The record, (n,) or (n, channels), with straight lines in the gaps of each channel."""
     filled = np.array(y, dtype=float)
     for column in filled.reshape(len(filled), -1).T:
         missing = np.isnan(column)

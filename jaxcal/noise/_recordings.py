@@ -1,4 +1,4 @@
-"""`fit_recordings`: coefficients of one device from several recordings, with an interval for the next recording."""
+"""`fit_recordings`: noise coefficients of one device from several recordings, with an interval for the next recording."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -20,12 +20,12 @@ class RecordingsFit(Result):
 
     Attributes
     ----------
-    noise : `Noise` of the device: the geometric mean over the recordings; 0 for a term that is not present in all of them.
-    interval : term -> (low, high) that holds the coefficient of the next recording at level `confidence`. For a term that is not
-        present in all recordings, from 0 to the largest upper limit of a recording.
-    between : term -> standard deviation of the logarithm of the coefficient between recordings, beyond what their own errors explain;
+    noise : `Noise` of the device: geometric means over the recordings. A term that is not present in all recordings has 0.
+    interval : term -> (low, high) that contains the coefficient of the next recording at level `confidence`. For a term that is not
+        present in all recordings, it reaches from 0 to the largest upper limit of a recording.
+    between : term -> standard deviation between recordings of the logarithm of the coefficient, without the errors of the recordings;
         0.1 is 10 %. NaN for a term that is not present in all recordings.
-    verdict : term -> "present" where every recording shows it, "hint" where one does, else "not detected".
+    verdict : term -> "present" if every recording shows it, "hint" if at least one does, otherwise "not detected".
     fits : `NoiseFit` of each recording.
     warnings : sentences.
     confidence : level of the intervals.
@@ -48,8 +48,18 @@ class RecordingsFit(Result):
     confidence: float = eqx.field(static=True)
 
     @property
+    def terms(self) -> tuple[str, ...]:
+        """Names of the terms."""
+        return tuple(self.verdict)
+
+    @property
+    def upper_limit(self) -> dict[str, float]:
+        """Term -> high end of its interval."""
+        return {term: high for term, (_, high) in self.interval.items()}
+
+    @property
     def reason(self) -> str:
-        """How many recordings there are, and the terms that all of them show."""
+        """Number of recordings, and the terms that are present in all of them."""
         shown = [term for term, verdict in self.verdict.items() if verdict == "present"]
         return f"{len(self.fits)} recordings; {', '.join(shown) or 'no term'} in all of them"
 
@@ -67,15 +77,15 @@ def fit_recordings(
     band: Any = None,
     robust: bool = False,
 ) -> RecordingsFit:
-    r"""Noise coefficients of one device from several recordings, with intervals that hold the next recording.
+    r"""Noise coefficients of one device from several recordings, with intervals for the next recording.
 
-    Recordings of one device differ by more than their own errors. The logarithms l of a coefficient are taken as normal about that of
-    the device. With k recordings of mean m and standard deviation s, the next one lies at the stated level within
+    Recordings of one device differ by more than their own errors. The model takes the logarithms of a coefficient as normally distributed
+    about the value of the device. If k recordings have mean logarithm m and standard deviation s, the next one lies within
 
     .. math:: m \pm t_{k-1}\, s\,\sqrt{1 + 1/k}
 
-    with t the quantile of Student's law. s is not taken below what the errors of the recordings explain. This interval is wide for two
-    or three recordings: little is known of the scatter then.
+    at the stated level, with t the quantile of Student's law. s is at least as large as the errors of the recordings. The interval is
+    wide for two or three recordings, because they say little of the scatter.
 
     Parameters
     ----------
@@ -116,6 +126,11 @@ def fit_recordings(
             fits.append(fit(record, rate, terms=terms, confidence=confidence, band=band, robust=robust))
         except DataError as error:
             raise DataError(f"recording {i}: {error}") from error
+    return pooled(fits, confidence)
+
+
+def pooled(fits: Sequence[NoiseFit], confidence: float) -> RecordingsFit:
+    """Pool the fits of one channel in several recordings, as `fit_recordings` does."""
     first, values = fits[0], {}
     interval: dict[str, tuple[float, float]] = {}
     between, verdict = {}, {}

@@ -1,4 +1,4 @@
-"""Limits and verdicts that hold for every model of the slow noise that the record does not exclude."""
+"""Limits and verdicts that hold for all models of the slow noise that are nearly as likely as the fitted one."""
 
 from .._types import AnyArray
 from ._alternatives import Alternative, Alternatives
@@ -6,17 +6,17 @@ from ._limits import Limits, levels_of
 from ._result import PRESENT
 from ._spectral import FILTER, Fitted, uncertainty
 
-_LEAST = 1e-2  # likelihood ratio at which limits are found at least
+_LEAST = 1e-2  # smallest likelihood ratio at which limits are computed
 
 
 def competing(found: Alternatives, confidence: float) -> Alternative | None:
-    """The likeliest model without B and K, where the likelihood does not exclude it."""
+    """The likeliest model without B and K, unless the likelihood excludes it at this level."""
     rival, (level, _) = found.rival, levels_of(confidence)
     return rival if rival is not None and rival.net > _own(found) - level else None
 
 
 def widest(limits: Limits, names: tuple[str, ...], other: Limits, terms: tuple[str, ...]) -> Limits:
-    """Limits of some terms that reach to those of another fit, which has limits of these terms alone."""
+    """Limits that, for some terms, also contain the limits of another fit, which has no others."""
     low, high, upper = limits.low.copy(), limits.high.copy(), limits.upper.copy()
     for j, name in enumerate([name for name in names if name in terms]):
         i = _row(names, name)
@@ -28,14 +28,14 @@ def over_models(
     limits: Limits, names: tuple[str, ...], fitted: Fitted, others: tuple[str, ...], widened: AnyArray, unit: float, found: Alternatives,
     confidence: float,
 ) -> Limits:  # fmt: skip
-    """Limits of N that reach to where the likelihood of the rival has fallen as far below the larger maximum.
+    """Limits of which those of N also hold under the rival: values at which its likelihood is close enough to the larger maximum.
 
     Parameters
     ----------
     limits, names : those of the fit, and the names of its columns.
-    fitted, others, widened : the fit of the rival, the names of its columns, and by how much their variances are widened.
-    unit : unit of the rival's squared coefficients in that of the fit's.
-    found : the alternatives, for the gains of both.
+    fitted, others, widened : the fit of the rival, the names of its columns, and the factors by which their variances grow.
+    unit : unit of the rival's squared coefficients over the unit of the fit's.
+    found : the alternatives, with the gains in likelihood of both models.
     confidence : level of the limits.
     """
     assert found.rival is not None
@@ -45,7 +45,7 @@ def over_models(
 
 
 def doubted(limits: Limits, names: tuple[str, ...], doubts: dict[str, Alternative]) -> tuple[Limits, dict[str, Alternative]]:
-    """Limits in which a term may be zero that a model without it makes doubtful; and the doubts of terms that would be present."""
+    """Limits in which every doubtful term may be zero, and the doubts of those terms that would otherwise be present."""
     there = {name: one for name, one in doubts.items() if name in names and limits.significance[_row(names, name)] > PRESENT}
     low = limits.low.copy()
     low[[_row(names, name) for name in there]] = 0.0
@@ -53,10 +53,10 @@ def doubted(limits: Limits, names: tuple[str, ...], doubts: dict[str, Alternativ
 
 
 def _own(found: Alternatives) -> float:
-    """Net gain of the model that is fitted over B and K alone."""
+    """Net gain of the fitted model over B and K alone."""
     return found.admitted.net if found.admitted else 0.0
 
 
 def _row(names: tuple[str, ...], name: str) -> int:
-    """Where a term stands in limits, which have none of the filter."""
+    """Position of a term in the limits, which leave out the filter."""
     return [one for one in names if one != FILTER].index(name)

@@ -1,6 +1,6 @@
-r"""Heavy tails: a record whose white noise is made normal, its core or its variance found by maximum likelihood.
+r"""Heavy tails: the law of the white noise by maximum likelihood, and a record in which this noise is normal.
 
-What a sample adds to the record is its innovation: the sample less its prediction from all others under the fitted spectrum,
+The innovation of a sample is the difference between the sample and its prediction from all others under the fitted spectrum,
 
 .. math:: r_t = y_t - \hat y_t,\qquad \hat y = x - \frac{Q x}{Q_{tt}}
 
@@ -19,16 +19,16 @@ import scipy  # loads its parts when they are first used
 
 from .._types import AnyArray
 
-_ROUNDS = 3
-_CLIP = 3.0  # robust standard deviations at which the first record is clipped
-_BLOCK = 64  # samples of a running median
+_ROUNDS = 3  # number of fits of the spectrum
+_CLIP = 3.0  # robust standard deviations at which the record is clipped before the first fit
+_BLOCK = 64  # number of samples of a running median
 _FINE = 500.0  # groups of innovations per standard deviation, and per factor e beyond it
-_FURTHER = 0.5  # standard error of the core's logarithm for a law that is not known, over how far the third component moved it
-_STEP = 1e-3  # of the second differences of a log likelihood
+_FURTHER = 0.5  # error of the core for an unknown law, as a share of the change that the third component of a mixture made
+_STEP = 1e-3  # step of the second differences of a log likelihood
 
 
 class Tails(NamedTuple):
-    """A record made normal, the law of its white noise in words, and the factor by which the variance of N^2 is that of normal noise."""
+    """A record with normal white noise, the law of its own in words, and the variance of N^2 over that for normal noise."""
 
     y: np.ndarray
     law: str
@@ -36,7 +36,7 @@ class Tails(NamedTuple):
 
 
 class _Law(NamedTuple):
-    """A law of innovations: start of its parameters for a scale, log density, and probability of a value below one that is negative.
+    """A law of innovations: first parameters for a scale, log density, probability of a value below a negative one, and words.
 
     The first parameter is the logarithm of the scale of the normal values.
     """
@@ -52,7 +52,7 @@ def _normal(x, scale):
 
 
 def _student(p):
-    """Scale and degrees of freedom, more than two, from the standard deviation."""
+    """Scale and degrees of freedom, which exceed two; the first parameter is the logarithm of the standard deviation."""
     freedom = 2.0 + np.exp(p[1])
     return np.exp(p[0]) * np.sqrt((freedom - 2.0) / freedom), freedom
 
@@ -107,7 +107,7 @@ _LAWS = (
 def tamed(y, dt: float, spectrum: Callable[[np.ndarray], tuple[AnyArray, AnyArray]]) -> Tails:
     """The record (n,), NaN where a sample is missing, with normal white noise.
 
-    `spectrum` fits a record, and gives frequencies in Hz and the density there.
+    `spectrum` fits a record, and returns frequencies in Hz and the density there.
     """
     there = ~np.isnan(y)
     clean = _clipped(y, there)
@@ -126,7 +126,7 @@ def tamed(y, dt: float, spectrum: Callable[[np.ndarray], tuple[AnyArray, AnyArra
 
 
 def _clipped(y, there):
-    """The record with values far from a running median brought nearer, and lines through its gaps."""
+    """The record with values clipped that are far from a running median, and straight lines in its gaps."""
     at = np.arange(len(y))
     filled = np.interp(at, at[there], y[there])
     count = max(len(y) // _BLOCK, 1)
@@ -138,7 +138,7 @@ def _clipped(y, there):
 
 
 def _predicted(x, dt: float, frequency, density):
-    """(n,) each sample from all others."""
+    """(n,) predictions of each sample from all others."""
     at = np.arange(1, len(x)) / (2.0 * len(x) * dt)
     precision = dt * np.exp(-np.interp(np.log(at), np.log(frequency), np.log(density)))
     ordinates = np.asarray(scipy.fft.dct(x, norm="ortho"))
@@ -147,7 +147,7 @@ def _predicted(x, dt: float, frequency, density):
 
 
 def _likeliest(innovation) -> tuple[_Law, np.ndarray, float]:
-    """Law, its parameters, and the variance of the squared scale relative to that of normal noise."""
+    """The likeliest law, its parameters, and the variance of its squared scale over that for normal noise."""
     n, scale = len(innovation), 1.4826 * float(np.median(np.abs(innovation)))
     x, count = _grouped(innovation, scale)
     fitted = []

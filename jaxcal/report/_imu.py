@@ -61,7 +61,8 @@ def page(found: ImuFit, log: Log | None, version: str) -> tuple[str, str, Markup
         tables.append(_table(found, caption, ("x", "y", "z"), lambda i: range(24 + 3 * i, 27 + 3 * i)))
     if further := found.names[33:]:
         caption = "Further terms (readings per power of SI units), with intervals of 95 %"
-        tables.append(scroll(table(("", "value"), [(name, _cell(found, i)) for i, name in enumerate(further, 33)], caption), caption))
+        rows = [(name, estimate(found.values[i], *found.interval[i])) for i, name in enumerate(further, 33)]
+        tables.append(scroll(table(("", "value"), rows, caption), caption))
     figure = charts(_residuals(found))
     held = []
     if np.isfinite(found.held_out[0]):

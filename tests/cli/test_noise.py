@@ -35,6 +35,17 @@ def test_without_options_everything_goes_into_a_folder(call, folder, log):
     assert (folder / "imu-noise" / "report.html").read_text().startswith("<!DOCTYPE html>")
 
 
+def test_several_recordings_of_one_device_have_a_table_with_the_interval_of_the_next(call, folder):
+    for i in range(3):
+        save(folder / f"{i}.csv", table(seed=i))
+    found = call("noise", "0.csv", "--also", "1.csv", "--also", "2.csv", "--json", "first.json")
+    assert (found.status, found.err) == (0, "")
+    alone, all_three = found.out.split("3 recordings")
+    assert "95 % interval below" in alone
+    assert "95 % interval of the next recording below" in all_three
+    assert call("noise", "0.csv", "--also", "none.csv").status == 2
+
+
 def test_a_picture_is_drawn_where_it_is_asked_for(call, folder, log):
     assert call("noise", "imu.csv", "--plot", "allan.png").status == 0
     assert (folder / "allan.png").read_bytes().startswith(b"\x89PNG")

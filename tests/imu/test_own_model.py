@@ -123,6 +123,8 @@ def test_a_recording_is_fitted_drawn_stored_and_applied(recorded, found, tmp_pat
     assert np.all(found.interval[33:, 0] < found.interval[33:, 1])
     assert "accel.square[2]" in found.summary()
     assert len(jaxcal.plot.imu(found)) == 3
+    jaxcal.report.write(found, tmp_path / "report.html")
+    assert "accel.square[2]" in (tmp_path / "report.html").read_text(encoding="utf-8")
     value, covariance = found.propagate(lambda accel, gyro: accel.square)
     np.testing.assert_allclose(value, found.accel.square, rtol=1e-12)
     np.testing.assert_allclose(covariance, found.covariance[33:, 33:], rtol=1e-9)

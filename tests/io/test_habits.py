@@ -46,6 +46,10 @@ READ = {
     "hours and seconds with decimals": stamped(
         lambda m: f"2023,{m.hour},{m.minute},{m.second + m.microsecond / 1e6}", "Year,Hour,Min,Sec,ax,ay,az\n"
     ),
+    "a table in Markdown": "| t (s) | ax | ay | az |\n|---|---|---|---|\n"
+    + "".join(f"| {line.replace(',', ' | ')} |\n" for line in rows(SECONDS).split()),
+    "a table between double pipes": "||  t_ms  ||  ax  ||  ay  ||  az  ||\n"
+    + "".join(f"||  {line.replace(',', '  ||  ')}  ||  \n" for line in rows([f"{1000 * t:.0f}" for t in TIME]).split()),
     "blocks of zero bytes": "time_ms,ax,ay,az\n" + rows([f"{1000 * t:.0f}" for t in TIME]) + "\0" * 600,
     "records in lines": "".join(
         json.dumps({"t": t, "accel": dict(zip("xyz", row, strict=True))}) + "\n"
@@ -73,6 +77,8 @@ READ = {
     "a clock whose name says so only in part": (
         "tickNo,offsetTime,ax,ay,az\n" + rows([f"{4000000 + 90000 * i},{t}" for i, t in enumerate(SECONDS)])
     ),
+    "bursts of a radio": "t_ms,ax,ay,az\n" + rows([f"{1000 * TIME[i - i % 5] + i % 5:.0f}" for i in range(N)]),
+    "seconds of the GPS week": "GPST,ax,ay,az\n" + rows([f"{390884.27 + t:.2f}" for t in TIME]),
     "corrected values": "time,AccelCorrectedX,AccelCorrectedY,AccelCorrectedZ\n" + rows(SECONDS),
 }  # fmt: skip
 
@@ -94,8 +100,11 @@ def turns(*kinds):
 REFUSED = {
     "a sensor in three lines": (turns("Accel X: {0} Y: {1} Z: {2}\n", "Temp: {0}\n"), "lines of several kinds .*grep 'Accel X: ' LOG"),
     "messages of a flight log": (turns("IMU, {0}, {1}, {2}\n", "ATT, {0}, {1}\n"), r"sed -n 's/\^ \*IMU, //p' LOG"),
+    "a time above each sample": (
+        "".join(f"12:00:{int(t):02d}\n{a[0]} {a[1]} {a[2]}\n" for t, a in zip(TIME, ACCEL, strict=True)), "paste -d ' ' - - < LOG"),
     "printed arrays": ("".join(f"[[{a[0]} {a[1]} {a[2]}]\n [{a[0]} {a[1]} {a[2]}]]\n" for a in ACCEL), "numpy.savetxt"),
     "hexadecimal counts": ("ax,ay,az\n" + "0x1F,0x3FF,0x4000\n" * N, "hexadecimal"),
+    "a program": ("import smbus\nread(0x68, 0x3b)\n" * N, "no rows of numbers; the first line is 'import smbus'$"),
     "an id of two devices": ("id,t_ms,ax,ay,az\n" + "".join(
         f"{k},{20 * i + k},{(1 - 2 * k) * a[0]:.4f},{a[1]:.4f},{a[2]:.4f}\n" for i, a in enumerate(ACCEL) for k in (0, 1)), "take turns"),
     "types of rows as numbers": ("".join(
@@ -104,6 +113,8 @@ REFUSED = {
         "take turns"),
     "one of two devices dead": (turns("IMU,0x69,0,0,0\n", "IMU,0x68,{0},{1},{2}\n"), "take turns"),
     "an attitude that rises": ("attitude.yaw,ax,ay,az\n" + rows(SECONDS), "no time column"),
+    "a latitude that rises": ("Geodetic Latitude,mx,my,mz\n" + rows(SECONDS, values=31.7 * ACCEL), "no time column"),
+    "a sum that rises": ("energy,ax,ay,az\n" + rows([f"{0.001 * i**2 + i / 50:.4f}" for i in range(N)]), "no time column"),
     "steps of time": ("dt,ax,ay,az\n" + rows(["0.02"] * N), "dt holds the steps of time, 0.02 in the median"),
     "a counter of microseconds that wraps within a few samples": (
         "time_us,ax,ay,az\n" + rows([str(20000 * i % 65536) for i in range(N)]), "not those of a regular recording: they go back"),
@@ -115,6 +126,18 @@ REFUSED = {
     "a button between light and temperature": ("".join(
         f"{m},{a[0]},{a[1]},{a[2]},{300 + i % 7},0,27.{i % 10}\n" for i, (m, a) in enumerate(zip(SECONDS, ACCEL, strict=True))),
         "never changes"),
+    "a sensor in each row": ("time,sensor,x,y,z\n" + "".join(
+        f"{t},acc,{a[0]},{a[1]},{a[2]}\n{t}1,gyr,{w[0]},{w[1]},{w[2]}\n" for t, a, w in zip(SECONDS, ACCEL, GYRO, strict=True)),
+        "take turns"),
+    "rows that hold one sensor each": ("time,ax,ay,az,gx,gy,gz\n" + "".join(
+        f"{t},{a[0]},{a[1]},{a[2]},,,\n{t}4,,,,{w[0]},{w[1]},{w[2]}\n" for t, a, w in zip(SECONDS, ACCEL, GYRO, strict=True)),
+        "no row holds both gyro and accel"),
+    "a header with too few names": (
+        "time,ax,ay,az,gx,gy,gz\n" + "".join(f"{t},{t},7,{a[0]},{a[1]},{a[2]},1,{a[0]}\n" for t, a in zip(SECONDS, ACCEL, strict=True)),
+        "the line above the rows has 7 names, and the rows have 8 fields"),
+    "counts without names": (
+        "".join(",".join(str(round(v)) for v in [*(16384 * a), *w]) + "\n" for a, w in zip(ACCEL, 1e5 * GYRO, strict=True)),
+        "but the first has it in counts of 6.10352e-05 g"),
     "a time in words": ("time,ax,ay,az\n" + rows(["noon"] * N), "time holds 'noon', a form of time that is not known"),
 }  # fmt: skip
 
@@ -127,10 +150,27 @@ def test_a_habit_is_refused_with_what_to_do(which, tmp_path):
         read(tmp_path / "log.csv", quiet=True)
 
 
+def test_one_sensor_of_several_in_turn_can_be_named(tmp_path):
+    (tmp_path / "log.csv").write_text(REFUSED["rows that hold one sensor each"][0])
+    log = read(tmp_path / "log.csv", columns="time=time,accel=ax,ay,az", units="accel=g", quiet=True)
+    assert log.rate == pytest.approx(RATE, rel=1e-3)
+    np.testing.assert_allclose(log.accel, ACCEL * G, atol=1e-6)
+    (tmp_path / "log.csv").write_text(REFUSED["a sensor in each row"][0])
+    log = read(tmp_path / "log.csv", columns="time=0,accel=2:4", units="accel=g", quiet=True)
+    assert any("take turns" in warning for warning in log.warnings)
+
+
 def test_a_rising_column_whose_name_does_not_speak_of_time_is_a_guess(tmp_path):
     (tmp_path / "log.csv").write_text("foo,ax,ay,az\n" + rows(SECONDS))
     log = read(tmp_path / "log.csv", quiet=True)
     assert any("a guess" in warning and "its name does not say so" in warning for warning in log.warnings)
+
+
+def test_a_column_speaks_of_time_by_its_unit(tmp_path):
+    (tmp_path / "log.csv").write_text("X [ms],ax,ay,az\n" + rows([str(1000 * i) for i in range(N)]))
+    log = read(tmp_path / "log.csv", quiet=True)
+    assert log.rate == pytest.approx(1.0)
+    assert not any("name does not say so" in warning for warning in log.warnings)
 
 
 def test_columns_of_hours_can_be_named(tmp_path):

@@ -104,13 +104,20 @@ class Faults:
             first = self.found.get(j, Seen(0, seen.number + lines, seen.shown))
             self.found[j] = first._replace(count=first.count + seen.count)
 
+    def _joined(self, count: int, mark: str) -> str:
+        """How to join the lines of a sample that is spread evenly over two to four of them."""
+        lines = round(self.rows / max(self.rows - count, 1))
+        if not 2 <= lines <= 4 or abs(self.rows - lines * (self.rows - count)) > _TOLERATED * self.rows:
+            return ""
+        return f"; if {lines} lines make one sample, join them, as with `paste -d '{mark}'{' -' * lines} < LOG > OTHER`"
+
     def judged(self, layout: Layout) -> list[str]:
         """One warning for each fault; an error if it affects more than 1 % of the rows."""
         said, rows = [], self.rows
         for j, (count, number, shown) in sorted(self.found.items()):
             if j == _WIDTH:
                 sentence = f"{count} of {rows} rows do not have {layout.width} fields; the first is line {number}: {shown[:80]!r}"
-                outcome, mend = "left out", "remove these lines"
+                outcome, mend = "left out", "remove these lines" + self._joined(count, layout.delimiter)
             else:
                 name = f"column {j}" + (f" ({layout.names[j]})" if layout.names[j] else "")
                 sentence = f"{name} holds text instead of a number in {count} of {rows} rows; the first is {shown!r} in line {number}"

@@ -65,7 +65,7 @@ def _described(content: Any) -> tuple[list[tuple[str, Sequence[float | int]]], f
     if len(sensors) != len(rows[0]) or not all(isinstance(one, dict) and isinstance(one.get("name"), str) for one in sensors):
         return None
     names = [f"{one['name']} [{one['units']}]" if isinstance(one.get("units"), str) else one["name"] for one in sensors]
-    rate = 1000.0 / interval if _number(interval) and 1e-3 < interval < 1e6 else None
+    rate = 1000.0 / interval if isinstance(interval, int | float) and 1e-3 < interval < 1e6 else None
     return list(zip(names, zip(*rows, strict=True), strict=True)), rate
 
 

@@ -1,5 +1,6 @@
 """Access to the bytes of a text table (plain, gzipped or in another encoding), and detection of its layout from its beginning."""
 
+import collections
 import contextlib
 import csv
 import dataclasses
@@ -228,19 +229,19 @@ def sniff(text: str) -> Layout:
         known = {i: line.rstrip("; ") if ended else line for i, line in enumerate(lines) if line.strip() and not _is_comment(line)}
         rows = {i: split(line, mark) for i, line in known.items()}
         rows_of_numbers = {i: row for i, row in rows.items() if _is_data(row)}
-        widths = [_effective(row) for row in rows_of_numbers.values()]
+        width_of = _width_of(list(rows_of_numbers.values()))
+        widths = [width_of(row) for row in rows_of_numbers.values()]
         if not widths:
             continue
         width = max(set(widths), key=widths.count)
         if best is None or width > 1 or best[1] == 1:
-            best = mark, width, {i: row for i, row in rows_of_numbers.items() if _effective(row) == width}
+            best = mark, width, {i: row for i, row in rows_of_numbers.items() if width_of(row) == width}
         if width > 1 and widths.count(width) > 0.5 * len(rows):
             break
     if best is None:
         shown = next((line.strip() for line in lines if line.strip()), "")
-        hexadecimal = (
-            "; numbers such as 0x1F are hexadecimal: write them as signed decimal ones" if re.search(r"\b0x[\da-fA-F]", text) else ""
-        )
+        counts = any(re.fullmatch(r"[^a-zA-Z]*(?:[,;\s]*-?0x[\da-fA-F]+)+[,;\s]*", line.strip()) for line in lines[:100] if len(line) < 500)
+        hexadecimal = "; numbers such as 0x1F are hexadecimal: write them as signed decimal ones" if counts else ""
         raise DataError(f"there are no rows of numbers; the first line is {shown[:80]!r}{hexadecimal}")
     delimiter, width, found = best
     first, data = min(found), list(found.values())
@@ -288,6 +289,13 @@ def split(line: str, delimiter: str) -> list[str]:
 
 def _is_comment(line: str) -> bool:
     return line.lstrip().startswith(COMMENTS)
+
+
+def _width_of(rows: list[list[str]]) -> Callable[[list[str]], int]:
+    """Function that counts the fields of a row. The last one counts although it is empty, if other rows of the usual length fill it."""
+    usual = collections.Counter(map(len, rows)).most_common(1)[0][0] if rows else 0
+    filled = any(row[-1].strip() for row in rows if len(row) == usual)
+    return lambda row: usual if filled and len(row) == usual else _effective(row)
 
 
 def _effective(row: list[str]) -> int:
