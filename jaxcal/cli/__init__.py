@@ -2,6 +2,7 @@
 
 import atexit
 import gc
+import os
 import sys
 
 
@@ -24,6 +25,9 @@ def main(argv: list[str] | None = None) -> int:
     >>> main(["noise", "missing.csv"])
     2
     """
+    # the other threads of OpenBLAS wait in a loop: they give nothing to matrices of this size, and can take several times the work itself
+    if "numpy" not in sys.modules and "OMP_NUM_THREADS" not in os.environ:
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         from ._app import run
     except ModuleNotFoundError as missing:

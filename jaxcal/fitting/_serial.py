@@ -5,6 +5,7 @@ time. The parts overlap: they are windows of a sixth of the log, spaced by a qua
 from the solution. This is exact for a model that is linear there, and needs no compilation.
 """
 
+import functools
 import itertools
 
 import numpy as np
@@ -159,6 +160,7 @@ def correlation_time(residuals: np.ndarray) -> float:
     return float(max(1 + 2 * np.sum(values[1 : np.argmax(lost) if lost.any() else len(values)]), 1.0))
 
 
+@functools.cache
 def doubt(freedom: int) -> float:
     """Factor by which standard deviations from so many degrees of freedom are too small in the worst five per cent of cases, at least."""
     return float(np.sqrt(freedom / chi_square_quantile(freedom, 0.05)))

@@ -51,7 +51,8 @@ def find_jumps(y) -> Jumps:
     a spike, the noise has heavy tails and nothing is changed.
     """
     difference = np.diff(y)
-    finite = difference[np.isfinite(difference)]
+    known = np.isfinite(difference)
+    finite = difference if known.all() else difference[known]
     spread = 1.4826 * float(np.median(np.abs(finite[:: max(len(finite) // 20_000, 1)]))) if len(finite) >= 8 else 0.0
     large = np.abs(difference) > _SPIKE * spread
     if not spread > 0.0 or not large.any():
@@ -70,7 +71,8 @@ def resolution(y) -> tuple[float, float]:
     """Resolution of a record, 0 if its values form no grid, and the standard deviation of its white noise."""
     y = y[: _SAMPLE + 1]
     y = y[np.isfinite(y)]
-    values = np.unique(y)
+    values = np.unique(y[: 2 * _LEVELS])
+    values = values if len(values) > _LEVELS else np.unique(y)
     white = float(np.std(np.diff(y))) / np.sqrt(2.0)
     if not 2 <= len(values) <= _LEVELS:
         return 0.0, white

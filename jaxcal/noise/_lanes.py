@@ -44,20 +44,32 @@ def filled(array: Any, *shape: int, at: Any = 0, value: Any = 0) -> np.ndarray:
     return found
 
 
-def run(one: Callable[..., Any], shared: Any, lanes: Any, like: Any) -> Any:
-    """Compute `one(shared, lane)` for every lane. Lanes are the first axis of `lanes` and of the result; `like` is one lane of a result."""
+def whole(count: int) -> int:
+    """Number of lanes of the calls of the compiled program that compute so many."""
+    return -(-count // _LANES) * _LANES
+
+
+def run(one: Callable[..., Any], shared: Any, lanes: Any, like: Any, count: int | None = None) -> Any:
+    """Compute `one(shared, lane)` for every lane, or for the first `count` of them.
+
+    Lanes are the first axis of `lanes` and of the result; `like` is one lane of a result. Arrays with `whole` lanes are not copied.
+    """
     if namespace(shared, lanes) is jnp:
         # one at a time: under vmap a branch on data would evaluate both sides and their derivatives, and programs with batches of
         # LAPACK calls have hung on CPUs
         return jax.lax.map(partial(one, shared), lanes)
-    total, parts = len(jax.tree.leaves(lanes)[0]), []
+    total, parts = len(jax.tree.leaves(lanes)[0]) if count is None else count, []
     none = jax.tree.map(lambda leaf: np.zeros((_LANES, *np.shape(leaf)), np.result_type(leaf)), like)
     for k in range(0, total, _LANES):
-        count = min(total - k, _LANES)
-        part = jax.tree.map(lambda leaf: filled(leaf[k : k + count], _LANES, *leaf.shape[1:]), lanes)  # noqa: B023
-        found = _first(one, shared, part, np.asarray(count), none)
-        parts.append(jax.tree.map(lambda leaf: np.asarray(leaf)[:count], found))  # noqa: B023
+        some = min(total - k, _LANES)
+        part = jax.tree.map(lambda leaf: _part(leaf[k : k + _LANES]), lanes)  # noqa: B023
+        found = _first(one, shared, part, np.asarray(some), none)
+        parts.append(jax.tree.map(lambda leaf: np.asarray(leaf)[:some], found))  # noqa: B023
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+
+
+def _part(leaf: Any) -> Any:
+    return leaf if len(leaf) == _LANES else filled(leaf, _LANES, *leaf.shape[1:])
 
 
 def inverse(matrix: Any) -> Any:

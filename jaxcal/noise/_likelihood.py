@@ -20,12 +20,13 @@ import numpy as np
 
 from .._types import AnyArray, Array
 from ..fitting import solve
-from ._lanes import filled, namespace, run
+from ._lanes import filled, namespace, run, whole
 from ._ordinates import Bins
 
 _FAINT = 0.01  # in several starts one column begins with this fraction of an equal share
-#: rows and coefficients of the compiled program; the rows hold the bins of 7 million samples. Larger problems take multiples of both
-_ROWS, _WIDTH = 256, 6
+#: rows of the compiled program, which hold the bins of 190 thousand and of 7 million samples; coefficients. Larger problems take
+#: multiples of the last
+_ROWS, _WIDTH = (192, 256), 6
 #: remaining step, in standard errors, at which a search ends: for coefficients, and for a likelihood, whose error is the step squared
 FINE, ROUGH = 1.5e-8, 1e-3
 
@@ -49,18 +50,16 @@ def _deviance(ratio: Array) -> Array:
     return jnp.where(small, near * jnp.sqrt(series / 2.0), jnp.sign(far) * jnp.sqrt(far - jnp.log1p(far)))
 
 
-def _model(theta: Array, data: dict[str, Array]) -> Array:
-    return data["columns"] @ theta + data["base"]
-
-
-def _deviances(theta: Array, data: dict[str, Array]) -> Array:
-    model = _model(theta, data)
+def _deviances(theta: Array, data: tuple[Array, Array]) -> Array:
+    columns, (root, target, base) = data
+    model = columns @ theta + base
     tiny = jnp.finfo(model.dtype).tiny ** 0.5
-    return data["root"] * _deviance(jnp.maximum(data["target"], tiny) / jnp.maximum(model, tiny))
+    return root * _deviance(jnp.maximum(target, tiny) / jnp.maximum(model, tiny))
 
 
-def _minimum(shared: Any, lane: tuple[dict[str, Array], Array, Array]) -> Minima:
-    fit = solve(_deviances, lane[1], lane[0], bounds=(lane[2], np.inf), rtol=shared)
+def _minimum(shared: Any, lane: tuple[Array, Array, Array, Array]) -> Minima:
+    columns, others, start, lower = lane
+    fit = solve(_deviances, start, (columns, others), bounds=(lower, np.inf), rtol=shared)
     return Minima(fit.parameters, fit.cost, fit.usable)
 
 
@@ -77,16 +76,19 @@ def minimise(columns: Any, target: Any, weight: Any, start: Any, *, base: Any = 
     root = xp.sqrt(weight * xp.ones_like(target))
     used = root > 0
     lower = xp.where(xp.any(columns < 0, axis=tuple(range(columns.ndim - 1))), -np.inf, 0.0)
-    data = {"columns": xp.where(used[..., None], columns, 0.0), "base": xp.where(used, base, 1.0), "target": xp.where(used, target, 1.0)}
-    data = {name: xp.broadcast_to(each, (lanes, *each.shape[-1 - (name == "columns") :])) for name, each in (data | {"root": root}).items()}
+    columns = xp.where(used[..., None], columns, 0.0)
+    others = xp.stack(xp.broadcast_arrays(root, xp.where(used, target, 1.0), xp.where(used, base, 1.0)), axis=-2)
+    columns, others = (xp.broadcast_to(each, (lanes, *each.shape[-2:])) for each in (columns, others))
     lower = xp.broadcast_to(lower.astype(root.dtype), (lanes, p))
     if xp is jnp:
-        return run(_minimum, rtol, (data, start, lower), None)
-    tall, wide = (-(-size // unit) * unit for size, unit in ((root.shape[-1], _ROWS), (p, _WIDTH)))
-    ones = ("base", "target")
-    data = {name: filled(each, lanes, tall, *(wide,) * (name == "columns"), value=name in ones) for name, each in data.items()}
-    lane = data, filled(start, lanes, wide), filled(lower, lanes, wide)
-    found = run(_minimum, np.asarray(rtol), lane, Minima(lane[1][0], 0.0, False))
+        return run(_minimum, rtol, (columns, others, start, lower), None)
+    rows, wide = root.shape[-1], -(-p // _WIDTH) * _WIDTH
+    tall = _ROWS[0] if rows <= _ROWS[0] else -(-rows // _ROWS[1]) * _ROWS[1]
+    full = whole(lanes)
+    others = filled(others, full, 3, tall)
+    others[:, 1:, rows:] = 1.0
+    lane = filled(columns, full, tall, wide), others, filled(start, full, wide), filled(lower, full, wide)
+    found = run(_minimum, np.asarray(rtol), lane, Minima(lane[2][0], 0.0, False), lanes)
     return found._replace(theta=found.theta[:, :p])
 
 

@@ -80,6 +80,8 @@ class Observed:
         self._given[missing] = 0.0
         self._given -= self._given.sum(axis=0) / (n - missing.sum())
         self._given[missing] = 0.0
+        self._spectrum: np.ndarray | None = None
+        self._whole: Bins | None = None
         runs = _runs_of(self._open)
         self._runs = {length: (where, self._trust[where].mean(axis=1)) for length, where in runs.items()}
         self._rng = np.random.default_rng(_SEED)
@@ -102,8 +104,10 @@ class Observed:
         """
         n, dt = len(self.y), self.dt
         starts, count, columns, frequency = layout(n, dt, terms)
+        if self._whole is not None:
+            return self._whole._replace(columns=columns)
         if density is None:
-            level, lost = np.ones(n - 1), np.zeros(n - 1)
+            level, lost = np.ones(1), np.zeros(1)
             z = self._given if not len(self._open) else without_gaps(np.where(np.isnan(self.y)[:, None], np.nan, self._given))
         else:
             at = np.arange(1, n) / (2.0 * n * dt)
@@ -120,21 +124,30 @@ class Observed:
             self.covariance = inverse / np.outer(scale, scale)
             lost = lost + np.einsum("ki,ij,kj->k", weighted, inverse, weighted)
         remainder = spectrum[:, 0] - design @ self.factors if design.shape[1] else spectrum[:, 0]
-        if not np.sum(remainder**2) > _NOTHING**2 * np.sum(self._given[:, 0] ** 2):
+        squares = remainder**2
+        if not np.sum(squares) > _NOTHING**2 * np.sum(self._given[:, 0] ** 2):
             raise DataError(
                 "the record is a step, a ramp or another smooth change to within rounding: there is no noise to characterise. Check that "
                 "the log holds what the sensor sent"
             )
         self.filled = z[:, 0] - z[:, 1:] @ self.factors if design.shape[1] else z[:, 0]
-        self.drawn = self.filled.copy()
+        self.drawn, self._spectrum = self.filled.copy(), remainder
         if self._draws and density is not None:
             self.drawn[self._open] += self._before[0]
-        self.misfit = float(np.sum(precision * remainder**2))
-        share = np.clip(1.0 - np.add.reduceat(lost, starts) / count, 0.0, 1.0)
+            self._spectrum = None
+        self.misfit = float(np.sum(precision * squares))
+        share = np.clip(1.0 - np.add.reduceat(lost, starts) / count, 0.0, 1.0) if len(lost) > 1 else np.ones(len(count))
         weight = np.where(share < _LEAST, 0.0, count * share)
-        ordinates = np.add.reduceat(dt * remainder**2, starts) / count / np.maximum(share, _LEAST)
+        ordinates = dt * np.add.reduceat(squares, starts) / count / np.maximum(share, _LEAST)
         unit = np.exp(np.sum(weight * np.log(np.maximum(ordinates, np.finfo(float).tiny))) / max(np.sum(weight), 1.0))
-        return Bins(ordinates / unit, weight, columns, frequency, unit)
+        found = Bins(ordinates / unit, weight, columns, frequency, unit)
+        if self.complete:  # nothing but the columns will differ
+            self._whole = found
+        return found
+
+    def spectrum(self) -> np.ndarray:
+        """Ordinates (n - 1,) of `drawn` by the orthonormal DCT-II, without that of the mean."""
+        return _dct(self.drawn - self.drawn.mean())[1:] if self._spectrum is None else self._spectrum
 
     def _expected(self, level):
         """Expectation of the record and of the regressors, and the conditional variance of each ordinate over its density, (n - 1,)."""

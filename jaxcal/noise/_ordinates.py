@@ -119,6 +119,12 @@ def _merged(parts):
     return mean(0)[:, 0], count, mean(2), mean(3)[:, 0]
 
 
+def _median(values, count) -> np.ndarray:
+    """Median of the `count` smallest of each row; `numpy.nanmedian` takes ten times as long for so few."""
+    values, row = np.sort(values, axis=1), np.arange(len(values))
+    return 0.5 * (values[row, (count - 1) // 2] + values[row, count // 2])
+
+
 def find_lines(bins: Bins, model) -> Bool[np.ndarray, " bins"]:
     """Find the bins that spectral lines occupy.
 
@@ -145,7 +151,7 @@ def find_lines(bins: Bins, model) -> Bool[np.ndarray, " bins"]:
         known = used & np.all([side.sum(axis=1) >= _FEWEST for side in sides], axis=0)
         level = np.ones(len(weight))
         # a slope of the spectrum cancels in the geometric mean of the two sides
-        level[known] = np.sqrt(np.prod([np.nanmedian(np.where(side, values, np.nan)[known], axis=1) for side in sides], axis=0))
+        level[known] = np.sqrt(np.prod([_median(np.where(side, values, np.inf)[known], side[known].sum(axis=1)) for side in sides], axis=0))
         share = np.where(there, weight[index], 0.0).sum(axis=1)
         level *= 1.0 + 2.0 * 1.25 * np.sqrt(2.0 / np.maximum(share, 1.0))
         chance = scipy.special.gammaincc(weight / 2.0, weight * density / level / 2.0)

@@ -24,6 +24,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._special import chi_square_tail
+
 ORDINATES, _FOLLOWED = 512, 48  # largest number of ordinates that are used at all, and for a regressor
 _FEWEST = 32  # fewest ordinates that are used for a coefficient
 _ENOUGH = 0.95  # share of the information on a coefficient that the ordinates used must hold
@@ -121,17 +123,18 @@ class Level(NamedTuple):
     error: float
 
 
-def levels_of_white(y, share, density, dt: float) -> list[Level]:
-    """Parts of a gap-free record (n,) whose white noise differs in strength, in order of time; one part if it is the same everywhere.
+def levels_of_white(spectrum, share, density, dt: float) -> list[Level]:
+    """Parts of a gap-free record whose white noise differs in strength, in order of time; one part if it is the same everywhere.
 
+    `spectrum`, (n - 1,), are all ordinates of the record but the mean, by the orthonormal DCT-II.
     The energy that is evidence for N is averaged in blocks. The record is cut where two levels describe the blocks better than one, by a
     likelihood ratio that allows for the observed scatter between neighbouring blocks. Each part is then cut in the same way.
     """
-    u = _white_part(y, share, density, dt)
+    u, samples = _white_part(spectrum, share, density, dt), len(spectrum) + 1
     size = max(len(u) // _CUTS, _SHORTEST)
     energy = np.mean(u[: len(u) // size * size].reshape(-1, size) ** 2, axis=1)
     if len(energy) < 4 or not np.all(energy > 0.0):
-        return [Level(0, len(y), 1.0, 0.0)]
+        return [Level(0, samples, 1.0, 0.0)]
     freedom = size * np.sum(share) ** 2 / (len(u) * np.sum(share**2))
     seen = 1.4826 * np.median(np.abs(np.diff(np.log(energy))))  # a difference of two logarithms has the variance 4 / freedom
     freedom = min(freedom, 4.0 / seen**2)
@@ -153,25 +156,28 @@ def levels_of_white(y, share, density, dt: float) -> list[Level]:
         edges = sorted({*edges, *found})
     means = np.array([(total[b] - total[a]) / (b - a) for a, b in itertools.pairwise(edges)])
     if len(edges) > _MOST_LEVELS + 1 or np.any(np.abs(np.diff(np.log(means))) < _ALIKE):
-        return [Level(0, len(y), 1.0, 0.0)]
+        return [Level(0, samples, 1.0, 0.0)]
     ratios = np.sqrt(means / energy.mean())
-    ends = [edge * size for edge in edges[:-1]] + [len(y)]
+    ends = [edge * size for edge in edges[:-1]] + [samples]
     return [
         Level(start, stop, float(ratio), float(np.sqrt(0.5 / (freedom * (b - a)))))
         for start, stop, ratio, (a, b) in zip(ends, ends[1:], ratios, itertools.pairwise(edges), strict=False)
     ]
 
 
-def _white_part(y, share, density, dt: float):
+def _white_part(spectrum, share, density, dt: float):
     """The signal whose energy is the evidence for N. `share` is that of N in the fitted density at the first ordinates, 0 if left out."""
-    ordinates = np.asarray(scipy.fft.dct(y - y.mean(), norm="ortho"))[1 : len(density) + 1]
-    return np.asarray(scipy.fft.idct(np.concatenate([[0.0], ordinates * np.sqrt(dt * share / density)]), norm="ortho"))
+    weighted = spectrum[: len(density)] * np.sqrt(dt * share / density)
+    return np.asarray(scipy.fft.idct(np.concatenate([[0.0], weighted]), norm="ortho"))
 
 
-def unevenness_of_level(y, share, density, dt: float) -> Unevenness:
-    """`unevenness` for N. Nearly every ordinate is evidence for N, so many that the energies of the parts follow a normal law."""
-    energy = _energies(_white_part(y, share, density, dt))
+def unevenness_of_level(spectrum, share, density, dt: float) -> Unevenness:
+    """`unevenness` for N, from the ordinates (n - 1,) of the record by the orthonormal DCT-II.
+
+    Nearly every ordinate is evidence for N, so many that the energies of the parts follow a normal law.
+    """
+    energy = _energies(_white_part(spectrum, share, density, dt))
     stationary = 2.0 * PARTS * np.sum(share**2) / np.sum(share) ** 2  # variance of one part of a stationary record
     total = np.sum((energy - 1.0) ** 2) / stationary
-    chance = float(scipy.special.chdtrc(PARTS - 1, total))
+    chance = float(chi_square_tail(total, PARTS - 1))
     return Unevenness(total / (PARTS - 1), chance, int(np.argmax(energy)), float(energy.max() / PARTS))

@@ -150,7 +150,7 @@ def _judged(
     """
     solved, dt, level = model.solved, model.observed.dt, levels_of(confidence)
     names, unit = solved.names, solved.bins.unit
-    uneven, levels = _uneven(model.observed.drawn, solved, model.lowest, dt)
+    uneven, levels = _uneven(model.observed, solved, model.lowest)
     widened = np.array([max(uneven[name].factor, 1.0) if name in uneven else 1.0 for name in names])
     if levels:  # the mean of N^2 is known as well as its parts are
         size, squares = np.array([part.stop - part.start for part in levels]), np.array([part.ratio**2 for part in levels])
@@ -267,16 +267,17 @@ def _temperature_at(temperature, t):
     return lambda when: np.interp(when, t, temperature - np.mean(temperature))[:, None]
 
 
-def _uneven(y, solved: Solved, lowest: Lowest, dt: float) -> tuple[dict[str, Unevenness], list[Level]]:
+def _uneven(observed: Observed, solved: Solved, lowest: Lowest) -> tuple[dict[str, Unevenness], list[Level]]:
     """How B, K and N change during the record, if one does; and the parts of the record with their N, if N changes."""
+    y, dt = observed.drawn, observed.dt
     if len(y) < _SHORTEST:
         return {}, []
     names = solved.names
     found = {term: unevenness(y, lowest.columns[:, names.index(term)], lowest.density, dt) for term in ("B", "K") if term in names}
     found = found if any(term.told for term in found.values()) else {}
     share, level = solved.share("N", len(y), dt) if "N" in names else (np.zeros(1), np.ones(1))
-    if np.any(share > 0.0) and (white := unevenness_of_level(y, share, level, dt)).told:
-        levels = levels_of_white(y, share, level, dt)
+    if np.any(share > 0.0) and (white := unevenness_of_level(observed.spectrum(), share, level, dt)).told:
+        levels = levels_of_white(observed.spectrum(), share, level, dt)
         if len(levels) > 1:
             return found, levels
         found["N"] = white

@@ -8,14 +8,16 @@ from typing import Any
 import numpy as np
 
 from .._files import write_atomically
-from ..plot._style import MUTED, SERIES, new_figure, number_label, style_axes, unit_label
+from ..plot._style import number_label, unit_label
+from ._charts import Chart, Curve, charts
 from ._html import Markup, definitions, each, join, scroll, section, table, tag
-from ._page import page, picture
+from ._page import page
 from ._population import populations
 
-_ROWS = 36  # largest number of coefficients in the figure
+_ROWS = 36  # largest number of coefficients with a row of points
 _PANELS = 8  # largest number of trends that are drawn
 _LISTED = 50  # largest number of logs, sentences or outliers in a list
+_LINEAR, _HALF = 5.0, 80.0  # distance up to which a row of points is linear, and half its width
 _MEANING = (
     (
         "robust standard deviation",
@@ -90,19 +92,21 @@ def _spread(fleet: dict[str, Any]) -> Markup:
     shown = {name: one for name, one in fleet["spread"].items() if one["count"]}
     if not shown:
         return Markup("")
-    drawn = dict(sorted(shown.items(), key=lambda item: -len(item[1]["outliers"]))[:_ROWS])  # prefer those with outliers
-    drawn = {name: one for name, one in shown.items() if name in drawn}
-    title = "Distance of every log from the median"
-    caption = "Each point is a log, in robust standard deviations of its coefficient; orange: outliers. Linear up to 5, then logarithmic."
+    drawn = set(sorted(shown, key=lambda name: -len(shown[name]["outliers"]))[:_ROWS])  # prefer those with outliers
+    scores = np.abs([score for name in drawn for score in shown[name]["scores"]])
+    reach = max(_LINEAR + 1.0, 1.3 * float(np.max(scores, initial=0.0, where=np.isfinite(scores))))
+    caption = (
+        f"Each point is a log: its distance from the median, in robust standard deviations, linear up to {_LINEAR:g} and then logarithmic "
+        f"up to {reach:.3g} at the ends. Orange points are outliers, beyond the dashed limit."
+    )
     if len(drawn) < len(shown):
-        caption += f" {len(drawn)} of {len(shown)} coefficients; the table has all."
-    figure = picture(_spread_figure(drawn), "fleet-spread", title, caption, caption)
-    columns = ("Coefficient", "Unit", "Logs", "Median", "5 %", "95 %", "Robust s.d.", "Own error", "Outliers")
+        caption += f" {len(drawn)} of {len(shown)} coefficients have points."
+    columns = ("Coefficient", "Distance of every log", "Unit", "Logs", "Median", "5 %", "95 %", "Robust s.d.", "Own error", "Outliers")
     rows = [
-        (name, unit_label(one["unit"]), one["count"], *(_shown(one[key]) for key in ("median", "low", "high", "sigma", "own")),
-         len(one["outliers"])) for name, one in shown.items()
+        (name, _strip(one, reach) if name in drawn else "", unit_label(one["unit"]), one["count"],
+         *(_shown(one[key]) for key in ("median", "low", "high", "sigma", "own")), len(one["outliers"])) for name, one in shown.items()
     ]  # fmt: skip
-    return section("Spread", "spread", figure, scroll(table(columns, rows), "Spread of every coefficient", "numbers"))
+    return section("Spread", "spread", tag("p", caption), scroll(table(columns, rows), "Spread of every coefficient", "numbers"))
 
 
 def _shown(value: float) -> str:
@@ -131,9 +135,7 @@ def _trends(fleet: dict[str, Any]) -> Markup:
     if not found:
         return section("Trends", "trends", tag("p", "None."))
     found.sort(key=lambda item: item[2]["p"])
-    title = "Coefficients that go with the order or the date of the logs"
-    about = "Value of the coefficient of every log, orange where it is an outlier."
-    figure = picture(_trend_figure(found[:_PANELS]), "fleet-trends", title, about)
+    figure = charts([_trend_chart(f"fleet-trend-{number}", fleet["names"], *item) for number, item in enumerate(found[:_PANELS])])
     return section("Trends", "trends", tag("ul", each("li", (trend["reason"] for _, _, trend in found[:_LISTED]))), figure)
 
 
@@ -147,41 +149,41 @@ def _warnings(fleet: dict[str, Any]) -> Markup:
     return section("Warnings", "warnings", tag("ul", *items) if items else tag("p", "None."))
 
 
-def _spread_figure(spread: dict[str, dict[str, Any]]) -> Any:
-    """A row of points for each coefficient."""
-    ax = new_figure(0.27 * len(spread) + 0.9).subplots()
-    rng = np.random.default_rng(0)  # small random heights, so that the points of a row do not overlap
-    for row, one in enumerate(spread.values()):
-        score = np.array(one["scores"], dtype=float)
-        odd = np.abs(score) > one["limit"]
-        height = row + 0.28 * rng.uniform(-1.0, 1.0, len(score))
-        ax.plot(score[~odd], height[~odd], "o", markersize=3.0, color=SERIES[0], alpha=0.45, markeredgewidth=0)
-        ax.plot(score[odd], height[odd], "o", markersize=4.5, color=SERIES[1], markeredgewidth=0)
-    scores = np.abs([s for one in spread.values() for s in one["scores"]])
-    reach = max(6.0, 1.3 * float(np.nanmax(scores, initial=0.0)))
-    ax.set_xscale("symlog", linthresh=5.0, linscale=1.0)
-    ax.set_xlim(-reach, reach)
-    ticks = [t for t in (1, 2, 3, 4, 5, *(d * 10.0**p for p in range(1, 18) for d in ((1, 2, 5) if reach < 300 else (1,)))) if t <= reach]
-    ax.set_xticks([-t for t in reversed(ticks)] + [0.0, *ticks], minor=False)
-    ax.set_xticks([], minor=True)
-    ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}".replace("-", "\u2212"))
-    ax.set_yticks(range(len(spread)), [name.replace("$", r"\$") for name in spread])
-    ax.set_ylim(len(spread) - 0.5, -0.5)
-    ax.axvline(0.0, color=MUTED, linewidth=0.8, zorder=0)
-    style_axes(ax, "Distance from the median (robust standard deviations)", "", 9.0)
-    return ax
+def _strip(one: dict[str, Any], reach: float) -> Markup:
+    """A row of points, one for each log, in a cell of the table: linear up to `_LINEAR`, then logarithmic up to `reach`."""
+    score = np.array(one["scores"], dtype=float)
+    odd, known = np.abs(score) > one["limit"], np.isfinite(score)
+
+    def across(values: Any) -> np.ndarray:
+        size = np.abs(values) / _LINEAR
+        return _HALF * (1.0 + 0.98 * np.sign(values) * _bent(size) / _bent(reach / _LINEAR))
+
+    height = np.random.default_rng(0).uniform(3.0, 15.0, len(score))  # so that the points do not overlap
+    limits = [limit for limit in (-one["limit"], 0.0, one["limit"]) if abs(limit) <= reach]
+    lines = [tag("path", d=f"M{at:.1f} 0V18", class_="grid" if at == _HALF else "grid thin dashed") for at in across(np.array(limits))]
+    for there, look in ((known & ~odd, "dots small faint c0"), (known & odd, "dots c1")):
+        points = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in zip(across(score[there]), height[there], strict=True))
+        lines.append(tag("path", d=points, class_=look))
+    label = f"{int(known.sum())} logs, {int(odd.sum())} outliers"
+    return tag("svg", *lines, viewBox=f"0 0 {2 * _HALF} 18", role="img", aria_label=label, class_="strip drawn")
 
 
-def _trend_figure(found: list[tuple[str, dict[str, Any], dict[str, Any]]]) -> Any:
-    """A panel for each trend, over the order or the date of the logs."""
-    panels = new_figure(1.7 * len(found) + 0.4).subplots(len(found), 1, squeeze=False)[:, 0]
-    for ax, (name, one, trend) in zip(panels, found, strict=True):
-        values = np.array(one["values"], dtype=float)
-        odd = np.abs(np.array(one["scores"], dtype=float)) > one["limit"]
-        at = np.array(trend["at"], dtype=float)
-        ax.plot(at[~odd], values[~odd], "o", markersize=3.5, color=SERIES[0], alpha=0.7, markeredgewidth=0)
-        ax.plot(at[odd], values[odd], "o", markersize=4.5, color=SERIES[1], markeredgewidth=0)
-        label = f"{name}\n{unit_label(one['unit'])}".replace("$", r"\$").strip()
-        style_axes(ax, f"{trend['along']}{' (days after the first)' if trend['along'] == 'date' else ''}", label, 9.0)
-        ax.ticklabel_format(axis="y", style="sci", scilimits=(-3, 4), useMathText=True)
-    return panels[0]
+def _bent(size: Any) -> Any:
+    """The size up to one, then one more than its logarithm."""
+    return np.where(size <= 1.0, size, 1.0 + np.log10(np.maximum(size, 1.0)))
+
+
+def _trend_chart(prefix: str, logs: list[str], name: str, one: dict[str, Any], trend: dict[str, Any]) -> Chart:
+    """The values of a coefficient over the order or the date of the logs."""
+    values, at = np.array(one["values"], dtype=float), np.array(trend["at"], dtype=float)
+    odd = np.abs(np.array(one["scores"], dtype=float)) > one["limit"]
+    known = np.isfinite(values) & np.isfinite(at)
+    parts = {"logs": known & ~odd, "outliers": known & odd}
+    curves = [
+        Curve(what, "dots", at[there], values[there], color=color, label=what, words=[logs[i] for i in np.flatnonzero(there)])
+        for color, (what, there) in enumerate(parts.items())
+        if there.any()
+    ]
+    along = f"{trend['along']}{' (days after the first)' if trend['along'] == 'date' else ''}"
+    about = f"{trend['reason']}."
+    return Chart(prefix, name, about, along, name, [(unit_label(one["unit"]), 1.0)], curves)

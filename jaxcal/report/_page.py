@@ -1,4 +1,4 @@
-"""The frame of a page: head, style and script, without external resources; and figures in the colours of the page.
+"""The frame of a page: head, style and script, without external resources.
 
 A page with interactive curves includes uPlot, and `explore.js` or `charts.js`. A content security policy lists the hashes of the scripts,
 so that no other script can run, and nothing can be loaded or sent.
@@ -6,22 +6,14 @@ so that no other script can run, and nothing can be loaded or sent.
 
 import base64
 import hashlib
-import io
 import pathlib
 import re
 from collections.abc import Iterable
-from typing import Any
 
-from ..plot._style import GRID, INK, MUTED, SERIES, SHADE
-from ._html import Markup, definitions, join, scroll, tag
+from ._html import Markup, definitions, join, tag
 
 _ASSETS = pathlib.Path(__file__).parent / "_assets"
 _LIBRARY = "uPlot 1.6.32 (MIT License, Copyright (c) 2022 Leon Sorokin)"
-
-#: colour of a figure -> colour variable of the page
-_COLORS = {INK: "ink", MUTED: "muted", GRID: "grid", SHADE: "shade", **{color: f"series-{i}" for i, color in enumerate(SERIES)}}
-#: default colours of frames, ticks and the walls of a 3D plot; black text gets the colour of the page
-_COLORS |= {"#ffffff": "paper", "#000000": "ink", "#b0b0b0": "grid", **dict.fromkeys(("#f2f2f2", "#e6e6e6", "#ececec"), "shade")}
 
 _LIGHT = """
   color-scheme: light;
@@ -93,6 +85,7 @@ dd { margin: 0; }
 .ink { --c: var(--ink); } .shade { --c: var(--shade); }
 .drawn path { fill: none; stroke: var(--c); stroke-linejoin: round; stroke-width: 2; }
 .drawn text { font-size: 12px; }
+.scroll svg.strip { width: 12rem; min-width: 12rem; height: 1.35rem; }
 .drawn .scroll svg { min-width: 0; max-width: 42rem; }
 .drawn .grid { stroke: var(--grid); stroke-width: 1; } .drawn .frame { stroke: var(--muted); stroke-width: 1; }
 .drawn .dots { stroke-width: 5.5; stroke-linecap: round; } .drawn .faint { stroke-opacity: .45; }
@@ -186,40 +179,3 @@ def _asset(name: str) -> str:
 def _hash(text: str) -> str:
     """Source expression of an inline script or style for the policy."""
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")
-
-
-def picture(axes: Any, prefix: str, title: str, about: str, caption: str | None = None) -> Markup:
-    """The figure of `axes`; `about` is its description for screen readers."""
-    svg = scroll(_inline(axes, prefix, title, about), title)
-    return tag("figure", svg, *(() if caption is None else (tag("figcaption", caption),)))
-
-
-def _inline(axes: Any, prefix: str, title: str, description: str) -> Markup:
-    """Convert the figure of `axes` to SVG with the colour variables of the page and ids that begin with `prefix`."""
-    import matplotlib
-
-    buffer = io.BytesIO()
-    # matplotlib has only global settings for the form of text and ids; `rc_context` restores them immediately
-    with matplotlib.rc_context({"svg.hashsalt": prefix, "svg.fonttype": "path"}):
-        axes.figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
-    text = buffer.getvalue().decode("utf-8")
-    text = text[text.index("<svg") :]
-    text = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", text, flags=re.DOTALL)
-    body = text[text.index(">") + 1 : text.rindex("</svg>")]
-    for color, name in _COLORS.items():
-        body = re.sub(color, f"var(--{name})", body, flags=re.IGNORECASE)
-    body = re.sub(r'(\bid="|xlink:href="#|url\(#)', lambda found: f"{found[1]}{prefix}-", body).replace("xlink:href", "href")
-    # the policy of the page forbids inline styles, so convert them to attributes
-    body = re.sub(r"<style[^>]*>.*?</style>", "", body, flags=re.DOTALL)
-    body = re.sub(r' style="([^"]*)"', lambda found: _attributes(found[1]), body)
-    body = re.sub(r"\s*\n\s*", " ", body)
-    view = re.search(r'viewBox="([^"]+)"', text)
-    assert view is not None
-    named = tag("title", title, id=f"{prefix}-title") + tag("desc", description, id=f"{prefix}-desc")
-    labels = f'role="img" aria-labelledby="{prefix}-title" aria-describedby="{prefix}-desc"'
-    return Markup(f'<svg viewBox="{view[1]}" stroke-linejoin="round" stroke-linecap="butt" {labels}>{named}{body}</svg>')
-
-
-def _attributes(style: str) -> str:
-    pairs = (pair.partition(":") for pair in style.split(";") if pair.strip())
-    return "".join(f' {name.strip()}="{value.strip()}"' for name, _, value in pairs)

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from ..plot._style import MUTED, SERIES, new_figure, number_label, style_axes
+from ..plot._style import number_label
+from ._charts import Chart, Curve, charts
 from ._html import Markup, each, scroll, section, table, tag
-from ._page import picture
 
 _DRAWN = 60  # largest number of recordings in a panel
 _LISTED = 200  # largest number of rows in the table of recordings
@@ -40,8 +40,7 @@ def _one(name: str, found: Any) -> Markup:
     return tag(
         "div", tag("h3", name), scroll(table(columns, rows), f"Population of {name}", "numbers"),
         tag("h4", "Odd units"), tag("p", head), tag("ul", each("li", odd)) if odd else tag("p", "None."),
-        picture(_figure(found), f"population-{name}", f"Raw and pooled values of {name}", "Each log alone in grey, pooled in blue."),
-        _recordings(name, found),
+        _figure(name, found), _recordings(name, found),
     )  # fmt: skip
 
 
@@ -66,22 +65,19 @@ def _shown(value: float) -> str:
     return f"\u2212{number_label(-value)}" if value < 0 else number_label(value)
 
 
-def _figure(found: Any) -> Any:
-    """A panel for each parameter: the value of each log beside its pooled value."""
-    terms = found.terms[:_PANELS]
-    panels = new_figure(1.8 * len(terms) + 0.4).subplots(len(terms), 1, squeeze=False)[:, 0]
+def _figure(name: str, found: Any) -> Markup:
+    """A chart for each parameter: the value of each log alone, and its pooled value."""
     count = min(len(found.recordings), _DRAWN)
-    at = np.arange(count)
-    for j, (ax, term) in enumerate(zip(panels, terms, strict=True)):
-        for shift, color, value, limits in (
-            (-0.15, MUTED, found.raw, found.raw_interval),
-            (0.15, SERIES[0], found.pooled, found.pooled_interval),
-        ):
-            low, high = np.where(np.isfinite(limits[:count, j]), limits[:count, j], np.nan).T
-            ax.vlines(at + shift, low, high, color=color, linewidth=1.0)
-            ax.plot(at + shift, value[:count, j], "o", markersize=3.0, color=color, markeredgewidth=0)
-        odd = [i for i in at if (found.recordings[i], term) in found.outliers]
-        ax.plot(np.array(odd) + 0.15, found.pooled[odd, j], "o", markersize=4.5, color=SERIES[1], markeredgewidth=0)
-        ax.axhline(found.median[j], color=MUTED, linewidth=0.8, zorder=0)
-        style_axes(ax, "log", term, 9.0)
-    return panels[0]
+    at, made = np.arange(count), []
+    for j, term in enumerate(found.terms[:_PANELS]):
+        words = [f"{device}{' (odd)' * ((device, term) in found.outliers)}" for device in found.recordings[:count]]
+        curves = [
+            Curve(what, "dots", at + shift, value[:count, j], *limits[:count, j].T, color=color, label=what, words=words)
+            for what, shift, color, value, limits in (
+                ("alone", -0.15, 1, found.raw, found.raw_interval), ("pooled", 0.15, 0, found.pooled, found.pooled_interval)
+            )
+        ]  # fmt: skip
+        middle = Curve("middle device", "line", [-0.5, count - 0.5], [found.median[j]] * 2, color=2, label="middle")
+        about = "The value of each log alone, and pooled with all others, with intervals."
+        made.append(Chart(f"population-{name}-{j}", f"{term} of each log", about, "log", term, [("", 1.0)], [*curves, middle]))
+    return charts(made)

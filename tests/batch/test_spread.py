@@ -136,6 +136,6 @@ def test_the_page_shows_spread_outliers_trends_and_failures(tmp_path):
                      "bad&lt;b&gt;.csv", "unit7&lt;i&gt;.npz", "bias = 77"):  # fmt: skip
             assert text in page
         assert "<b>.csv" not in page
-        assert page.count("<svg") == 2
+        assert page.count("<svg") == 2 + 1  # a row of points for each coefficient, and the trend
         run(logs / "bad<b>.csv", judged, executor=pool, out=tmp_path / "none")
     assert "No log was answered" in (tmp_path / "none" / "overview.html").read_text()

@@ -1,10 +1,12 @@
 """Choose how to compute the sums of a record: block by block, from correlations, or strided."""
 
+import functools
 import itertools
 import os
 from collections.abc import Callable
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ..._errors import DataError
@@ -62,9 +64,15 @@ def sums_in_cache(theta, sizes, number, kind: Kind) -> Callable[[], np.ndarray]:
     with jax.enable_x64(True):  # thread-local
         # a compiled function reads an aligned array in place, and `device_put` would take longer than the call
         phase = running_sum_of_phase(theta) if kind.modified else (theta,)
-        clusters = np.int64(len(sizes))
-        sums = cached_sums(phase, *filled(sizes, number, MANY), clusters, order=kind.difference, strided=not kind.overlapped)
+        sums = cached_sums(phase, *_placed(sizes.tobytes(), number.tobytes()), order=kind.difference, strided=not kind.overlapped)
     return lambda: np.asarray(sums)[: len(sizes)]
+
+
+@functools.lru_cache(maxsize=64)
+def _placed(sizes: bytes, number: bytes) -> tuple[jax.Array, ...]:
+    """Cluster sizes, numbers of differences and how many there are, as the program takes them; records of one length share them."""
+    m, count = (np.frombuffer(held, np.int64) for held in (sizes, number))
+    return tuple(jnp.asarray(array) for array in (*filled(m, count, MANY), np.int64(len(m))))
 
 
 def _by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: int, run) -> tuple[np.ndarray, np.ndarray]:
