@@ -124,6 +124,7 @@ SPECTRA = {
     "exponent 1.2, corner 1 Hz": ("noise of exponent", (), (1.2, 1.0)),
     "processes of 0.5 and 30 s": ("Gauss-Markov process", ((5, 0.5), (200, 30.0)), None),
     "processes of 1 and 20 s": ("Gauss-Markov process", ((1, 1.0), (1, 20.0)), None),
+    "process of 25 s, like N, B": ("Gauss-Markov process", ((7.2, 25.0),), None),
 }
 DETECTABLE = 6.63  # likelihood ratio of the true density over Q, N, B and K that one in a hundred exceeds, for one parameter more
 
@@ -211,7 +212,7 @@ def causes(runs, seed, case=""):
 
 def power(runs, seed):
     n, level = 2**16, 0.03
-    times = [correlation_times for _, correlation_times, _ in SPECTRA.values() if correlation_times]
+    times = [correlation_times for _, correlation_times, _ in SPECTRA.values() if len(correlation_times) == 2]
     print(f"power in %, of {runs} records where coefficients are estimated; exponent 1 taken for granted: power, and falsely present")
     print(f"{'record':16s} term {'against the nearest':28s}      known  estimated   exp. 1 K    falsely")
     models = {"case A": CASE_A / CASE_A[0]} | {"N, B, K": (1, 0.3, 0.1), "N, K": (1, 0, 0.1), "N, B": (1, 0.3, 0)}
