@@ -82,7 +82,7 @@ def _verdict(fleet: dict[str, Any]) -> Markup:
     if trends:
         lines.append(f"{len(trends)} trend{'s' * (len(trends) != 1)}; the first: {trends[0]}.")
     elif spread:
-        lines.append("No coefficient goes with the order or the date of the logs, as far as can be told.")
+        lines.append("No coefficient shows a trend with the order or the date of the logs.")
     if fleet["failed"]:
         lines.append(f"{len(fleet['failed'])} log{'s' * (len(fleet['failed']) != 1)} could not be answered; the reasons are below.")
     return section("Verdict", "verdict", tag("ul", each("li", lines)))

@@ -25,23 +25,27 @@ def populations(found: dict[str, Any]) -> Markup:
 
 
 def _one(name: str, found: Any) -> Markup:
-    unit = "standard deviation of the logarithm: 0.2 is 20 %" if found.logarithm else "standard deviation"
     rows = []
     for i, term in enumerate(found.terms):
-        rows.append((term, "middle device", *map(_shown, (found.median[i], *found.median_interval[i]))))
+        rows.append((f"{term}, middle device", *_with_interval(found.median[i], found.median_interval[i])))
         for level, value, limits in zip(found.levels, found.components[:, i], found.components_interval[:, i], strict=True):
-            rows.append((term, f"between, level {level}", *map(_shown, (value, *limits))))
+            rows.append((f"{term}, standard deviation of level {level}", *_with_interval(value, limits)))
         for label, value, limits in zip(found.covariates, found.effect[:, i], found.effect_interval[:, i], strict=True):
-            rows.append((term, f"effect of {label}", *map(_shown, (value, *limits))))
-    columns = ("Parameter", f"What ({unit})", "Value", "Low", "High")
+            rows.append((f"{term}, effect of {label}", *_with_interval(value, limits)))
+    columns = ("", "Value", f"{100 * found.confidence:g} % interval")
+    caption = "Standard deviations and effects are those of the logarithm: 0.2 means 20 %." if found.logarithm else None
     odd = [f"{device} in {term}: a usual device is as far from the middle in {100 * _chance(found, device, term):.2g} % of cases"
            for device, term in found.outliers]  # fmt: skip
     head = f"{100 * found.false_alarm:g} % of usual devices are named in each parameter."
     return tag(
-        "div", tag("h3", name), scroll(table(columns, rows), f"Population of {name}", "numbers"),
+        "div", tag("h3", name), scroll(table(columns, rows, caption), f"Population of {name}"),
         tag("h4", "Odd units"), tag("p", head), tag("ul", each("li", odd)) if odd else tag("p", "None."),
         _figure(name, found), _recordings(name, found),
     )  # fmt: skip
+
+
+def _with_interval(value: Any, limits: Any) -> tuple[str, str]:
+    return _shown(value), f"{_shown(limits[0])} to {_shown(limits[1])}"
 
 
 def _chance(found: Any, device: Any, term: str) -> float:

@@ -36,7 +36,7 @@ def test_a_run_is_pooled_from_its_results(fleet):
     assert one.seen[0, 0] == pytest.approx(np.log(float(fit.noise.N)), abs=1e-3)
     page, kept = (fleet.out / "overview.html").read_text(), json.loads((fleet.out / "population.json").read_text())
     assert kept["gyro_x"]["pooled"][0] == pytest.approx([float(one.pooled[0, 0])])
-    for words in ("Population", "Raw and pooled values", "Odd units", "between, level device", "effect of temperature"):
+    for words in ("Population", "Raw and pooled values", "Odd units", "standard deviation of level device", "effect of temperature"):
         assert words in page
 
 
