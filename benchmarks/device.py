@@ -24,6 +24,7 @@ import time
 
 import _device_bound as bound
 import numpy as np
+import scipy.signal
 
 import jaxcal
 
@@ -39,12 +40,16 @@ def _ar1(deviation):
 
 @dataclasses.dataclass(frozen=True)
 class Cell:
-    """Options of `simulate`, what the bound knows (None: no bound), options of `fit`, and flicker (accel, gyro) that is added."""
+    """Options of `simulate`, what the bound knows (None: no bound), options of `fit`, and flicker (accel, gyro) that is added.
+
+    `wander` are Gauss-Markov errors that are added: sensor -> (deviation, s), of the magnetometer as a part of the field.
+    """
 
     motion: dict
     known: bound.Setting | None = None
     options: dict = dataclasses.field(default_factory=dict)
     flicker: tuple | None = None
+    wander: dict = dataclasses.field(default_factory=dict)
 
 
 _COLOURED = {"accel_noise": _ar1(NOISE_ACCEL * 10), "gyro_noise": _ar1(NOISE_GYRO * 10), "mag_noise": _ar1(0.005 * 50e-6)}
@@ -52,14 +57,19 @@ _COLOURED = {"accel_noise": _ar1(NOISE_ACCEL * 10), "gyro_noise": _ar1(NOISE_GYR
 _FLICKER = (50e-6 * 9.80665, np.deg2rad(10 / 3600))
 _TOLD = {"noise": {"accel": {"N": NOISE_ACCEL, "B": _FLICKER[0]}, "gyro": {"N": NOISE_GYRO, "B": _FLICKER[1]}}}
 _DAY = 86400.0  # s, within which the bias is the mean of the flicker
+#: as sensors without temperature control and rooms with iron have them
+_REAL = {"accel": (1e-3 * 9.80665, 2.0), "gyro": (np.deg2rad(0.02), 1.0), "mag": (0.005, 5.0)}
 CELLS = {
     "free": Cell({}, bound.Setting()),
     "brisk": Cell({"swing": 2.0}, bound.Setting()),
     "24 rests": Cell({"rests": 24, "initial": 10.0, "still": 4.0}, bound.Setting()),
     "8 rests": Cell({"rests": 8}, bound.Setting()),
     "8 rests in the hand": Cell({"rests": 8, "held": True}),
+    "arm 0.15 m": Cell({"arm": (0.1, -0.1, 0.05), "reach": 0.1}, bound.Setting(reach=0.1)),
     "AR(1)": Cell(_COLOURED),
     "AR(1), 8 rests": Cell(_COLOURED | {"rests": 8}),
+    "wandering errors": Cell({}, wander=_REAL),
+    "wandering errors, 8 rests": Cell({"rests": 8}, wander=_REAL),
     "flicker": Cell({}, options=_TOLD, flicker=_FLICKER),
     "flicker, 8 rests": Cell({"rests": 8}, options=_TOLD, flicker=_FLICKER),
     "gradient 10 %/m": Cell({"gradient": 0.1}),
@@ -68,6 +78,7 @@ CELLS = {
     "iron for 15 s": Cell({"iron": (60.0, 75.0, 0.3)}),
     "reach 1.5 m": Cell({"reach": 1.5}),
     "travel 5 m": Cell({"travel": 5.0}),
+    "8 rests, lever and g-sensitivity": Cell({"rests": 8}, options={"lever": True, "g_sensitivity": True}),
     "one axis": Cell({"turns": "one axis"}),
     "no tilt": Cell({"turns": "no tilt"}),
 }
@@ -103,6 +114,8 @@ def run(cell, seed, bounded):
     truth, line = bound.parameters(model), {}
     if cell.flicker:
         log = _with_flicker(log, cell.flicker, seed)
+    if cell.wander:
+        log = _with_wander(log, cell.wander, float(model.field), seed)
     start = time.perf_counter()
     try:
         found = jaxcal.device.fit(log, **cell.options)
@@ -130,6 +143,18 @@ def _with_flicker(log, sizes, seed):
     waves = np.concatenate([np.cos(angle), np.sin(angle)], axis=1) * np.sqrt(np.tile(2 * width / (2 * np.pi * middle), 2))
     added = [size * waves @ rng.normal(size=(600, 3)) for size in sizes]
     return jaxcal.Log(None, accel=log.accel + added[0], gyro=log.gyro + added[1], mag=log.mag, rate=log.rate)
+
+
+def _with_wander(log, sizes, field, seed):
+    """The log with Gauss-Markov errors of each axis."""
+    rng, readings = np.random.default_rng([seed, 31]), {}
+    for sensor, (size, seconds) in sizes.items():
+        keep = np.exp(-1 / (log.rate * seconds))
+        steps = rng.normal(size=(len(log.time), 3))
+        steps[0] /= np.sqrt(1 - keep**2)
+        error = size * np.sqrt(1 - keep**2) * scipy.signal.lfilter([1.0], [1.0, -keep], steps, axis=0)
+        readings[sensor] = getattr(log, sensor) + error * (field if sensor == "mag" else 1.0)
+    return jaxcal.Log(None, **readings, rate=log.rate)
 
 
 def _inside(truth, interval):

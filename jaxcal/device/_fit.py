@@ -9,13 +9,14 @@ from .._errors import DataError
 from .._log import as_log
 from .._precision import host_float64
 from .._units import STANDARD_GRAVITY
-from ..fitting._serial import correlation_time
 from ..imu import windowed_variance
 from ..imu._fits import coefficients
 from ..magnetometer import MagModel
 from ..noise import Noise as SlowNoise
 from ._contribution import shares
-from ._judge import known, lacks, stretches, unseen
+from ._gradient import gradients
+from ._judge import NUISANCE, known, lacks, stretches, unseen
+from ._levels import grown
 from ._model import DeviceModel
 from ._normal import HARD, IRON, logarithm
 from ._record import recorded
@@ -25,8 +26,8 @@ from ._start import started, undisturbed
 from ._verdict import judged, sensor_of
 from ._windows import NAMES, model_of, template, vector_of
 
-_ROUNDS, _MOST = 3, 8
-_FEW = 12  # steps where the motion leaves parameters open
+_ROUNDS, _MOST, _BLIND = 3, 8, 5  # fits, at least and at most; at most where the motion leaves parameters open
+_FEW = 10  # steps where the motion leaves parameters open
 _SAME = 0.1  # change of a window's weight
 _HELD = ("accel.g_sensitivity", "field")
 _BELOW = ("accel.matrix[1,0]", "accel.matrix[2,0]", "accel.matrix[2,1]")
@@ -36,12 +37,13 @@ _LITTLE = 1e-2  # weight of a window that counts for nothing, whose residuals ar
 #: m/s^2 and rad/s: scatter of a hand that holds still, and the rate that it does not exceed
 _STILL_FORCE, _STILL_RATE = 0.35, 0.06
 _SLOWEST = 1e-4  # m/s
+_CALM, _MARGIN_WINDOWS = 1.1, 4  # of what is largest inside a rest; windows by which a rest is longer than its second of calm shows
 
 
 @host_float64
 def fit(
     log: Any, *, gravity: float | int = STANDARD_GRAVITY, field: float | int | None = None, latitude: float | int | None = None,
-    g_sensitivity: bool = False, lever: bool = False, noise: Any = None,
+    g_sensitivity: bool = False, lever: bool = False, noise: Any = None, derivatives: Any = (),
 ) -> DeviceFit:  # fmt: skip
     r"""Accelerometer, gyroscope and magnetometer of a device, with the delays between them, from one recording by hand.
 
@@ -51,7 +53,9 @@ def fit(
     .. math:: R_{k+1} = R_k\,\Delta R_k,\quad v_{k+1} = v_k + R_k\,\Delta v_k - g t,\quad
               p_{k+1} = p_k + v_k t + R_k\,\Delta p_k - \tfrac12 g t^2,\quad y_m = C R^T h + b_m.
 
-    The place is a Matern process, whose size and speed are found from the recording. Rests are found and used where there are any.
+    The device turns about a point at a distance that is fitted. The place of that point is a Matern process, whose size and speed are
+    found from the recording. Rests are found and used where there are any. The noise of a sensor is white at first. Where the fit leaves
+    more than white noise would, over 0.2 to 13 s, in motion or at rest, it is raised to that.
 
     Parameters
     ----------
@@ -64,7 +68,9 @@ def fit(
     noise : {"gyro": noise, "accel": noise}, each a `jaxcal.noise.Noise` or {"N": ..., "B": ..., "K": ...} in SI; or what
         `jaxcal.noise.characterise` returns, or a `Calibration` with noise. Flicker and random walk then count in the errors of the biases,
         as those of a mean over a day: one recording cannot show them by itself. None takes white noise from the fast differences of the
-        readings, and no slow noise.
+        readings, and no slow noise beside what shows within 13 s.
+
+    derivatives : names of parameters, as in `DeviceFit.names`, whose derivatives by every reading are wanted.
 
     Returns
     -------
@@ -74,7 +80,7 @@ def fit(
     Raises
     ------
     DataError
-        If a sensor is missing, the recording is shorter than 20 s, or an option is out of range.
+        If `derivatives` names no fitted parameter, a sensor is missing, the recording is shorter than 20 s, or an option is out of range.
 
     Examples
     --------
@@ -106,31 +112,34 @@ def fit(
     held = (*_HELD, *(() if g_sensitivity else ("gyro.g_sensitivity",)), *(() if lever else ("lever",)))
     free = np.array([i for i, name in enumerate(NAMES) if name.partition("[")[0] not in held and name not in _BELOW])
     found, place, rests, level = _rounds(record, vector, way, free, level)
-    return _result(log, record, found, place, rests, level, strength, None if field is None else float(field), slow)
+    return _result(log, record, found, place, rests, level, strength, None if field is None else float(field), slow, tuple(derivatives))
 
 
 def _rounds(record: Record, vector: Any, way: Any, free: Any, level: Noise) -> tuple[Solution, Place, Rests, Noise]:
-    """Fits, between which the noise of the field, the hand's reach and speed, and the weights of disturbed windows are found."""
-    centre = vector.copy()
+    """Fits, between which the noise of every sensor, the hand's reach and speed, and the weights of disturbed windows are found."""
+    centre, white = vector.copy(), level
     counts = undisturbed(record, vector)
     place, rests, settled = Place(0.3, 0.4), _rests(record, vector), False
     # what the motion does not show is known before the fit: there the least squares have a flat valley, along which to go is no use
     first = solved(record, vector, way, free, level, place, counts, 2, rests, centre)
     vector, way, blind = first.vector, first.way, bool(unseen(first).any())
-    for turn in range(2 if blind else _MOST):
+    fewest = 2 if blind else _BLIND
+    for turn in range(_MOST):
         found = solved(record, vector, way, free, level, place, counts, _FEW if blind else STEPS, rests, centre)
-        vector, way = found.vector, found.way
-        if settled and turn >= _ROUNDS - 1:
+        vector, way, blind = found.vector, found.way, bool(unseen(found).any())
+        if (settled and turn >= _ROUNDS - 1) or (blind and turn >= fewest - 1) or turn == _MOST - 1:
             break
         # the size of what is left of the field, by windows, of which a few may be disturbed
         power, number = _power(found.field, found.kept)
         some = found.kept.any(axis=1)
-        size = level.mag * np.sqrt(power)
-        white = float(np.sqrt(np.median(size[some] ** 2) / _median(3 * float(np.median(number[some])))))
-        level = Noise(level.gyro, level.accel, white * np.sqrt(_alike(found)))
-        far = size / white
+        size = found.noise.mag * np.sqrt(power)
+        white = Noise(white.gyro, white.accel, float(np.sqrt(np.median(size[some] ** 2) / _median(3 * float(np.median(number[some]))))))
+        grew = grown(found, place, rests, record.time, white)
+        far = size / white.mag
         new = np.where(far > _GONE, _LITTLE, np.minimum(1.0, _FAR / np.maximum(far, 1e-9)))
-        settled, counts = bool(np.max(np.abs(new - counts)) < _SAME), new
+        change = [np.max(np.abs(np.log(getattr(grew, name) / getattr(level, name)))) for name in ("gyro", "accel", "mag")]
+        settled = bool(np.max(np.abs(new - counts)) < _SAME and max(change) < _SAME)
+        level, counts = grew, new
         spread = found.chain.variances(np.linalg.inv(found.eliminated.information), found.eliminated.carried)
         place, rests = _hand(found, np.diagonal(spread, axis1=1, axis2=2), rests, record, level)
     return found, place, rests, level  # type: ignore[possibly-unbound]
@@ -140,12 +149,6 @@ def _power(field: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     """(K,) mean square of the field that is left in each window, and how many readings it has."""
     number = kept.sum(axis=1)
     return np.sum(np.where(kept[..., None], field, 0.0) ** 2, axis=(1, 2)) / (3 * np.maximum(number, 1)), number
-
-
-def _alike(found: Solution) -> float:
-    """Readings of the magnetometer that are as good as one: what its room adds to the field changes slowly, and is not white."""
-    usual = found.kept & (found.counts > 0.5)[:, None]
-    return max(float(np.mean([correlation_time(axis) for axis in found.field[usual].T])), 1.0)
 
 
 def _median(freedom: float) -> float:
@@ -165,7 +168,7 @@ def _hand(found: Solution, spread: np.ndarray, rests: Rests, record: Record, lev
     slow = np.mean(way.velocity[ends] ** 2 + spread[ends, 3:6])
     back = np.swapaxes(way.rotation[:-1], 1, 2) @ way.rotation[1:]
     turned = np.mean(logarithm(back[rests.windows]) ** 2)
-    least = 0.2 * level.gyro * np.sqrt(record.time)
+    least = 0.2 * np.min(level.gyro) * np.sqrt(record.time)
     return place, Rests(rests.windows, max(float(np.sqrt(slow)), _SLOWEST), max(float(np.sqrt(turned)), float(least)))
 
 
@@ -173,33 +176,57 @@ def _rests(record: Record, vector: np.ndarray) -> Rests:
     """Windows in which the specific force hardly changes and the device hardly turns, for a second at least."""
     size = 2 * max(round(0.5 / record.grid.step), 2) + 1
     bias = vector[[NAMES.index(f"gyro.bias[{i}]") for i in range(3)]]
-    rate = np.stack([np.convolve(x, np.ones(size) / size, mode="same") for x in (record.gyro - bias).T], axis=1)
+    rate_of = record.gyro - bias
+    rate = np.stack([np.convolve(x, np.ones(size) / size, mode="same") for x in rate_of.T], axis=1)
     calm = np.zeros(len(record.gyro), dtype=bool)
     half = size // 2
     shaken, turned = windowed_variance(record.accel, size), windowed_variance(record.gyro, size)
     calm[half : half + len(shaken)] = (shaken < _STILL_FORCE**2) & (turned < _STILL_RATE**2)
     calm &= np.linalg.norm(rate, axis=1) < _STILL_RATE
-    return Rests(calm[record.grid.inner].all(axis=1) & ~record.broken)
+    still = calm[record.grid.inner].all(axis=1)
+    if not still.any():
+        return Rests(still)
+    # the second over which the scatter is taken ends before the rest does: go on while single windows are as calm as those inside
+    force, turns = record.accel[record.grid.inner], rate_of[record.grid.inner]
+    own = [np.ptp(force, axis=1).max(axis=1), np.linalg.norm(turns.mean(axis=1), axis=1), np.ptp(turns, axis=1).max(axis=1)]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
+    for first, stop in zip(edges[::2], edges[1::2], strict=True):
+        usual = [_CALM * np.max(size[first:stop]) for size in own]
+        for at, way in ((first - 1, -1), (stop, 1)):
+            for k in range(at, at + way * _MARGIN_WINDOWS, way):
+                if not 0 <= k < len(still) or any(size[k] > most for size, most in zip(own, usual, strict=True)):
+                    break
+                still[k] = True
+    return Rests(still & ~record.broken)
 
 
 def _result(
     log: Any, record: Record, found: Solution, place: Place, rests: Rests, level: Noise, strength: float, field: float | None,
-    slow: dict[str, SlowNoise],
+    slow: dict[str, SlowNoise], derivatives: tuple[str, ...],
 ) -> DeviceFit:  # fmt: skip
     told = known(found, place, rests, record.time, slow)
     fitted = tuple(np.array(NAMES)[found.free].tolist())
     sensors, slope = gauged(found.vector, found.free, fitted, strength, field)
-    covariance = slope @ told.covariance @ slope.T
+    asked = np.array([*(name.partition("[")[0] not in NUISANCE for name in fitted), True])
     # a parameter is seen where all are that its value stands on
     blind = np.abs(slope) @ ~told.seen > 0
-    names, values = (*fitted, "field"), np.append(found.vector[found.free], 0.0)
+    names = tuple(name for name, own in zip((*fitted, "field"), asked, strict=True) if own)
+    values, blind, slope = np.append(found.vector[found.free], 0.0)[asked], blind[asked], slope[asked]
+    covariance = slope @ told.covariance @ slope.T
+    if wrong := [name for name in derivatives if name not in names]:
+        raise DataError(f"derivatives={wrong}: no such parameter was fitted; expected some of {', '.join(names)}")
+    wanted = [slope[names.index(name)] for name in derivatives]
+    derived = gradients(found, record, told.jacobian, np.array(wanted), strength) if wanted else []
+    if any(lost and sensor_of(name) == "accel" for name, lost in zip(names, blind, strict=True)):
+        # the delays are those against the accelerometer: without its tilts, a delay and an error of its axes look alike
+        blind |= np.array([name.endswith("_delay") for name in names])
     if not found.converged:
         # along a flat valley the errors at one place of it say nothing: no parameter of a sensor that is open has a number
         open_ = {sensor_of(name) for name, lost in zip(names, blind, strict=True) if lost}
         blind |= np.array([sensor_of(name) in open_ for name in names])
     plain = vector_of(template())
     vector = found.vector.copy()
-    lost = found.free[blind[:-1]]
+    lost = [NAMES.index(name) for name, gone in zip(names[:-1], blind, strict=False) if gone]
     vector[lost] = plain[lost]
     model = model_of(vector)
     soft, offset = (np.isin(np.arange(first, first + size), lost) for first, size in ((IRON, 9), (HARD, 3)))
@@ -207,7 +234,7 @@ def _result(
     hard = np.where(offset, 0.0, sensors["hard_iron"])
     model = DeviceModel(
         model.accel, model.gyro, MagModel(iron, hard), float(sensors["field"]), float(model.dip),
-        float(model.gyro_delay), float(model.mag_delay), np.asarray(model.lever),
+        float(model.gyro_delay), float(model.mag_delay), np.asarray(model.lever), np.asarray(model.arm),
     )  # fmt: skip
     values[[names.index(f"magnetometer.soft_iron[{i},{j}]") for i in range(3) for j in range(3)]] = sensors["soft_iron"].ravel()
     values[[names.index(f"magnetometer.hard_iron[{i}]") for i in range(3)]] = sensors["hard_iron"]
@@ -217,10 +244,11 @@ def _result(
     values = np.where(blind, np.nan, values)
     covariance = np.where(blind[:, None] | blind[None], np.where(np.eye(len(blind), dtype=bool), np.inf, 0.0), covariance)
     half = scipy.special.stdtrit(told.freedom, 0.975) * np.sqrt(np.diag(covariance))
-    missing = lacks(found, record, level.mag, told.ratio)
+    missing = lacks(found, record, told.ratio)
     number = np.maximum(found.kept.sum(axis=1), 1)[:, None]
-    rms = np.sqrt(np.sum(found.field**2, axis=1) / number) * level.mag * strength
-    white = level.mag * float(np.sqrt(np.median(_power(found.field, found.kept)[0])))
+    mag = np.reshape(found.noise.mag, (-1, 1))
+    rms = np.sqrt(np.sum(found.field**2, axis=1) / number) * mag * strength
+    white = float(np.median(mag[:, 0] * np.sqrt(_power(found.field, found.kept)[0])))
     disturbed = stretches(found.kept.any(axis=1) & (found.counts < 0.5), record)
     undetermined = tuple(name for name, lost in zip(names, blind, strict=True) if lost)
     facts = {
@@ -234,8 +262,12 @@ def _result(
         verdict=verdict, reason=reason, warnings=warnings, model=model, names=names, values=values, covariance=covariance,
         interval=np.stack([values - half, values + half], axis=1), degrees_of_freedom=float(told.freedom), undetermined=undetermined,
         verdicts=verdicts, disturbed=disturbed, rests=stretches(rests.windows, record),
-        noise={"gyro": level.gyro, "accel": level.accel, "mag": float(white * strength)}, reach=place.reach, speed=place.speed,
-        disagreement=told.ratio, time=np.append(start, start[-1] + record.time), attitude=found.way.rotation, velocity=found.way.velocity,
-        place=found.way.place, residual_inertial=found.rows.inertial, residual_field=rms, gravity=record.gravity, rate=float(log.rate),
+        noise={"gyro": float(np.median(level.gyro)), "accel": float(np.median(level.accel)), "mag": float(white * strength)},
+        reach=place.reach, speed=place.speed,
+        disagreement=told.ratio, held_out=told.held_out,
+        derivatives=dict(zip(derivatives, derived, strict=True)), time=np.append(start, start[-1] + record.time),
+        attitude=found.way.rotation, velocity=found.way.velocity, place=found.way.place,
+        residual_inertial=found.rows.inertial, residual_field=rms,
+        gravity=record.gravity, rate=float(log.rate),
         duration=float(log.duration), contribution={kind: part[: len(names)] for kind, part in shares(told.terms, slope).items()},
     )  # fmt: skip

@@ -141,16 +141,17 @@ class Hand:
     swing : rad/s, root mean square rate about each axis of "free".
     tremor : m, root mean square displacement along each axis.
     held : whether the tremor goes on in the rests.
+    arm : (3,) m, place of the device from the point about which the hand turns it, in the axes of the device.
     travel : m to the north, walked smoothly from the first third of the recording to the second. duration : s.
     gravity : m/s^2.
     """
 
     def __init__(
         self, rng: np.random.Generator, pauses: Pauses, *, turns: str, reach: float, pace: float, swing: float, tremor: float, held: bool,
-        travel: float, duration: float, gravity: float,
+        arm: np.ndarray, travel: float, duration: float, gravity: float,
     ):  # fmt: skip
         self.pauses, self.reach, self.tremor, self.held, self.gravity = pauses, reach, tremor, held, gravity
-        self.travel, self.duration = travel, duration
+        self.arm, self.travel, self.duration = arm, travel, duration
         # one draw of each kind for every motion, so that options which do not concern it leave the rest as it is
         axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
         start = rng.normal(size=4)
@@ -198,6 +199,10 @@ class Hand:
             rate, spin = (np.einsum("nji,nj->ni", one, vector) for vector in (rate, spin))
             spin = spin - fast[:, None] * np.cross(axis, rate) + faster[:, None] * axis
             rate = rate + fast[:, None] * axis
+        swept = np.cross(rate, self.arm)
+        whirled = np.cross(spin, self.arm) + np.cross(rate, swept)
+        for vector, own in ((place, np.broadcast_to(self.arm, place.shape)), (velocity, swept), (acceleration, whirled)):
+            vector += np.einsum("nij,nj->ni", attitude, own)
         force = np.einsum("nji,nj->ni", attitude, acceleration + np.array([0.0, 0.0, self.gravity]))
         return HandMotion(
             time, attitude, rate, spin, place, velocity, acceleration, force, resting, np.stack([clock, clock_pace, clock_change], axis=1)

@@ -19,6 +19,7 @@ _CHANCE = 0.003  # of taking white noise for correlated
 _UNSEEN = 0.2  # of the standard deviation beforehand: what is known no better was not determined
 _LOOSE, _DEPENDS = 5.0, 1.2  # with a prior so many times as wide, an error grows by this where it stands on the prior
 _LINES, _DAY = 200, 86400.0  # of a bias that wanders; s
+NUISANCE = ("arm",)  # parameters of the recording, of which nobody asks whether it shows them
 _LACK = 1e-3  # level of the tests for terms that the model lacks
 
 
@@ -31,6 +32,8 @@ class Known:
     ratio: float
     seen: np.ndarray  # (p,) parameters that the recording determines
     terms: dict[str, np.ndarray]  # kind of motion -> (p, p) its part of the covariance
+    jacobian: np.ndarray  # (K, rows, p) of all windows, with the way's derivative
+    held_out: dict[str, float]  # sensor -> what is left of parts that were left out, in its noise
 
 
 def known(found: Solution, place: Place, rests: Rests, time: float, wander: dict[str, Noise]) -> Known:
@@ -39,13 +42,14 @@ def known(found: Solution, place: Place, rests: Rests, time: float, wander: dict
     The score of a part is that of its residuals with the way at its best, so that it has the information of the part as its covariance
     where noise is as the model says. `wander` is the slow noise of a sensor's bias, where it is given: it adds to the errors.
     """
-    normal, score, pushed = _by_window(found, place, rests, time)
+    normal, score, pushed, rows = _by_window(found, place, rests, time)
     hats, scores = _pieces(normal), _pieces(score)
     whole = found.eliminated.information
     prior = np.diag(SIZES[found.free] ** -2.0)
     terms = terms_of(normal, kinds_of(found, rests), prior)
     matrix = np.linalg.inv(whole)
     seen = ~unseen(found)
+    held_out = _predicted(found, normal, score, prior, *rows)
     # do sixths of the recording want parameters of their own?
     sixth = hats.reshape(_PARTS, -1, *hats.shape[1:]).sum(axis=1), scores.reshape(_PARTS, -1, hats.shape[1]).sum(axis=1)
     scale = SIZES[found.free]
@@ -59,11 +63,31 @@ def known(found: Solution, place: Place, rests: Rests, time: float, wander: dict
     if count > 0 and scipy.special.chdtrc(count, statistic) < _CHANCE:
         apart = leave_out_pieces(hats, scores, prior)
         if np.isfinite(apart).all():
-            return Known(apart + matrix @ prior @ matrix, float(_PARTS - 1), ratio, seen, terms)
+            return Known(apart + matrix @ prior @ matrix, float(_PARTS - 1), ratio, seen, terms, rows[0], held_out)
     more = np.zeros_like(matrix)
     for sensor, noise in wander.items():
         more = more + _wandering(pushed[sensor], noise, time)
-    return Known(matrix * max(ratio, 1.0) + matrix @ more @ matrix, np.inf, ratio, seen, terms)
+    return Known(matrix * max(ratio, 1.0) + matrix @ more @ matrix, np.inf, ratio, seen, terms, rows[0], held_out)
+
+
+def _predicted(
+    found: Solution, normal: np.ndarray, score: np.ndarray, prior: np.ndarray, jacobian: np.ndarray, residual: np.ndarray
+) -> dict[str, float]:
+    """Rms of what each sensor leaves in sixths whose parameters come from the other five, in its noise; the way stays at its best.
+
+    The parameters of the others are one step from those of all. NaN where the others do not determine them.
+    """
+    whole, total, left = normal.sum(axis=0) + prior, score.sum(axis=0), residual.copy()
+    edges = np.round(np.arange(_PARTS + 1) * len(normal) / _PARTS).astype(int)
+    scale = SIZES[found.free]
+    for a, b in itertools.pairwise(edges):
+        rest = whole - normal[a:b].sum(axis=0)
+        if np.linalg.eigvalsh(rest * np.outer(scale, scale))[0] < _UNSEEN**-2 / 2:
+            return dict.fromkeys(("gyro", "accel", "magnetometer"), float("nan"))
+        left[a:b] -= jacobian[a:b] @ np.linalg.solve(rest, total - score[a:b].sum(axis=0))
+    number = {"gyro": 3 * len(left), "accel": 3 * len(left), "magnetometer": 3 * max(found.kept.sum(), 1)}
+    columns = {"gyro": slice(0, 3), "accel": slice(3, 6), "magnetometer": slice(9, 9 + found.rows.field[0].size)}
+    return {name: float(np.sqrt(np.sum(left[:, own] ** 2) / number[name])) for name, own in columns.items()}
 
 
 def _wandering(pushed: np.ndarray, noise: Noise, time: float) -> np.ndarray:
@@ -86,7 +110,8 @@ def unseen(found: Solution) -> np.ndarray:
     sizes, whole = SIZES[found.free], found.eliminated.information
     scaled = whole * np.outer(sizes, sizes)
     error, loose = (np.sqrt(np.diag(np.linalg.inv(scaled - share * np.eye(len(sizes))))) for share in (0.0, 1 - _LOOSE**-2))
-    return (error >= _UNSEEN) | ~(loose <= _DEPENDS * error)
+    asked = np.array([NAMES[i].partition("[")[0] not in NUISANCE for i in found.free])
+    return asked & ((error >= _UNSEEN) | ~(loose <= _DEPENDS * error))
 
 
 def _pieces(values: np.ndarray) -> np.ndarray:
@@ -95,8 +120,10 @@ def _pieces(values: np.ndarray) -> np.ndarray:
     return np.array([values[a:b].sum(axis=0) for a, b in itertools.pairwise(edges)])
 
 
-def _by_window(found: Solution, place: Place, rests: Rests, time: float) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """J'J (K, p, p) and J'r (K, p) of all windows, with the derivative of the way in J; what a bias there adds to J'r (K, p, 3)."""
+def _by_window(
+    found: Solution, place: Place, rests: Rests, time: float
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """J'J (K, p, p) and J'r (K, p) of all windows, what a bias there adds to J'r (K, p, 3), and J and r. J holds the way's derivative."""
     free, carried, rows = found.free, -found.eliminated.carried, found.rows
     size, count = len(NAMES), len(rows.inertial)
     first, second = carried[:-1], carried[1:]
@@ -132,7 +159,7 @@ def _by_window(found: Solution, place: Place, rests: Rests, time: float) -> tupl
         own = slice(first, first + 3)
         alone = np.concatenate([by[:, :, own], rows.field_by[..., own].reshape(count, -1, 3)], axis=1)
         pushed[sensor] = np.swapaxes(j[:, : alone.shape[1]], 1, 2) @ alone
-    return normal, score, pushed
+    return normal, score, pushed, (j, r)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -144,13 +171,13 @@ class Lack:
     size: float
 
 
-def lacks(found: Solution, record: Record, mag: float, ratio: float) -> list[Lack]:
+def lacks(found: Solution, record: Record, ratio: float) -> list[Lack]:
     """Terms of the field that the model lacks, each by a test of its score with everything else fitted beside it."""
     model, w = found.model, record.windows(found.vector, found.back)
     moved = inertial(model, w)
     turn = found.way.rotation[:-1, None] @ moved.to_reading
     at = np.asarray(model.magnetometer.soft_iron) @ np.swapaxes(turn, 2, 3)
-    weight = found.weight / mag
+    weight = found.weight / np.reshape(found.noise.mag, (-1, 1))
     steps = record.grid.steps
     part = (np.arange(steps) + 0.5) / steps
     place = found.way.place[:-1, None] * (1 - part[:, None]) + found.way.place[1:, None] * part[:, None]

@@ -30,6 +30,8 @@ class DeviceModel(eqx.Module):
     dip : angle of the Earth's field below the horizontal, rad.
     gyro_delay, mag_delay : s by which the stream is later than that of the accelerometer, d_g and d_m; positive where it is late.
     lever : (2, 3) places of the accelerometer's sensing elements y and z, from that of x, in the frame of the device, m.
+    arm : (3,) place of the device from the point about which the hand turned it, in the frame of the device, m. It belongs to the
+        recording: no sensor reads it.
 
     Examples
     --------
@@ -51,6 +53,7 @@ class DeviceModel(eqx.Module):
     gyro_delay: Any = 0.0
     mag_delay: Any = 0.0
     lever: Any = eqx.field(default_factory=lambda: np.zeros((2, 3)))
+    arm: Any = eqx.field(default_factory=lambda: np.zeros(3))
 
     @property
     def world_field(self) -> AnyArray:

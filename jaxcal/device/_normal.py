@@ -8,7 +8,7 @@ from ..fitting import Chain
 from ._model import DeviceModel
 from ._windows import NAMES, Windows
 
-ACCEL, ACCEL_BIAS, GYRO, GYRO_BIAS, SENSITIVITY, IRON, HARD, LEVER = 0, 9, 21, 30, 33, 42, 51, 58
+ACCEL, ACCEL_BIAS, GYRO, GYRO_BIAS, SENSITIVITY, IRON, HARD, LEVER, ARM = 0, 9, 21, 30, 33, 42, 51, 58, 64
 #: unknowns of a link: rotation, velocity, place, and an acceleration that no sensor feels at an instant
 LINK = 12
 DIP, GYRO_DELAY, MAG_DELAY = (NAMES.index(name) for name in ("dip", "gyro_delay", "mag_delay"))
@@ -59,8 +59,10 @@ class Inertial:
     turned_by: np.ndarray  # (K, 3, q) derivative of the rotation, over the columns TURNING
     reading_by: np.ndarray  # (K, m, 3, q)
     reading_late: np.ndarray  # (K, m, 3) derivative by the magnetometer's delay
-    speed_by: np.ndarray  # (K, 3, 64) derivatives by all parameters
+    speed_by: np.ndarray  # (K, 3, p) derivatives by all parameters
     place_by: np.ndarray
+    swept: np.ndarray  # (K, 2, 3) velocity of the device against the point of its turns, at the beginning and at the end, in its axes
+    swept_by: np.ndarray  # (K, 2, 3, q)
 
 
 def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: bool = False) -> Inertial:
@@ -139,8 +141,10 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
         for axis in (1, 2):
             place_of = slice(LEVER + 3 * (axis - 1), LEVER + 3 * axis)
             force_by[..., place_of] = -np.einsum("wi,kia,kic->kwac", weights, rotation[..., axis], bent[..., axis, :], optimize=True)
+    arm, ends = np.asarray(model.arm), [0, -1]
     return Inertial(
-        rotation, speed, place, rate, to_reading, turn_by[:, -1], reading_by, reading_late, force_by[:, 0], force_by[:, 1]
+        rotation, speed, place, rate, to_reading, turn_by[:, -1], reading_by, reading_late, force_by[:, 0], force_by[:, 1],
+        np.cross(rate[:, ends], arm), -skew(arm) @ rate_by[:, ends],
     )  # fmt: skip
 
 
@@ -154,14 +158,14 @@ def _left(v: np.ndarray) -> np.ndarray:
 class Rows:
     """Residuals in standard deviations and their derivatives.
 
-    The columns of `inertial_by` are the 64 parameters, then the nine changes at the beginning and the nine at the end; those of
+    The columns of `inertial_by` are the p parameters, then the nine changes at the beginning and the nine at the end; those of
     `field_by` are the parameters and the rotation at the beginning.
     """
 
     inertial: np.ndarray  # (K, 9)
     field: np.ndarray  # (K, m, 3)
-    inertial_by: np.ndarray  # (K, 9, 82)
-    field_by: np.ndarray  # (K, m, 3, 67)
+    inertial_by: np.ndarray  # (K, 9, p + 18)
+    field_by: np.ndarray  # (K, m, 3, p + 3)
 
 
 def left_over(
@@ -175,6 +179,10 @@ def left_over(
     turned = logarithm(np.swapaxes(rotation, 1, 2) @ (back @ earth @ turn[1:]))
     speed = np.einsum("kab,kb->ka", back, np.diff(velocity, axis=0) + time * down)
     moved = np.einsum("kab,kb->ka", back, np.diff(place, axis=0) - time * velocity[:-1] + time**2 / 2 * down)
+    # the states are those of the point about which the hand turns the device
+    relative, arm = back @ turn[1:], np.asarray(model.arm)
+    speed += np.einsum("kab,kb->ka", relative, found.swept[:, 1]) - found.swept[:, 0]
+    moved += relative @ arm - arm - time * found.swept[:, 0]
     inner = np.einsum("kab,b->ka", back, np.asarray(model.world_field))
     seen = np.einsum("kiba,kb->kia", found.to_reading, inner)
     field = seen @ np.asarray(model.magnetometer.soft_iron).T + model.magnetometer.hard_iron - w.field
@@ -205,11 +213,18 @@ def rows(
     bend = np.eye(3) + skew(residual[:, :3]) / 2
     by[:, :3, columns] = -bend @ relative @ found.turned_by
     by[:, :3, size : size + 3], by[:, :3, size + 9 : size + 12] = -bend @ relative, bend
-    speed, moved = residual[:, 3:6] + found.speed, residual[:, 6:] + found.place
+    swept, arm, apart = found.swept, np.asarray(model.arm), back @ turn[1:]
+    speed = residual[:, 3:6] + found.speed + swept[:, 0]
+    moved = residual[:, 6:] + found.place + arm + time * swept[:, 0]
     by[:, 3:6, :size], by[:, 6:, :size] = -found.speed_by, -found.place_by
     by[:, 3:6, size : size + 3], by[:, 6:, size : size + 3] = skew(speed), skew(moved)
     by[:, 3:6, size + 3 : size + 6], by[:, 3:6, size + 12 : size + 15] = -back, back
     by[:, 6:, size + 3 : size + 6], by[:, 6:, size + 6 : size + 9], by[:, 6:, size + 15 :] = -time * back, -back, back
+    by[:, 3:6, columns] += apart @ found.swept_by[:, 1] - found.swept_by[:, 0]
+    by[:, 6:, columns] -= time * found.swept_by[:, 0]
+    by[:, 3:6, ARM : ARM + 3] = apart @ skew(found.rate[:, -1]) - skew(found.rate[:, 0])
+    by[:, 6:, ARM : ARM + 3] = apart - np.eye(3) - time * skew(found.rate[:, 0])
+    by[:, 3:6, size + 9 : size + 12], by[:, 6:, size + 9 : size + 12] = -apart @ skew(swept[:, 1]), -apart @ skew(arm)
 
     iron = np.asarray(model.magnetometer.soft_iron)
     world = np.asarray(model.world_field)

@@ -14,7 +14,7 @@ from ._windows import Grid
 
 _SHORT = 2  # samples that are interpolated where they are missing
 _ORDER = 6  # of the differences that show the noise: motion below an eighth of the rate leaves them alone
-_HELD = 0.3  # share of equal neighbours from which on a sensor repeats its last reading
+_FAST, _HELD = 0.8, 0.05  # share of slower samples; share of equal neighbours from which on a sensor repeats its last reading
 
 
 def _filled(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -32,11 +32,16 @@ def _filled(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.where(lost[:, None], usual, filled), lost
 
 
-def _changed(m: np.ndarray) -> np.ndarray:
-    """(n,) readings of a magnetometer that are there and new: a slow one repeats its last reading in many logs."""
+def _changed(m: np.ndarray, gyro: np.ndarray) -> np.ndarray:
+    """(n,) readings of a magnetometer that are there and new: a slow one repeats its last reading in many logs.
+
+    A sensor with coarse steps repeats readings by itself while it hardly turns, so the fastest turns decide.
+    """
     there = np.isfinite(m).all(axis=1)
-    same = np.concatenate([[False], np.all(m[1:] == m[:-1], axis=1)])
-    return np.asarray(there & ~same if np.mean(same[there]) > _HELD else there)
+    same = np.concatenate([[False], np.all(m[1:] == m[:-1], axis=1)]) & there
+    rate = np.linalg.norm(gyro, axis=1)
+    fast = there & (rate >= np.quantile(rate, _FAST))
+    return np.asarray(there & ~same if np.mean(same[fast]) > _HELD else there)
 
 
 def white_noise(y: np.ndarray, rate: float, lost: np.ndarray) -> float:
@@ -56,7 +61,7 @@ def recorded(log: Any, gravity: float, reach: float, latitude: float | None = No
     accel, no_accel = _filled(np.asarray(log.accel, dtype=float))
     gyro, no_gyro = _filled(np.asarray(log.gyro, dtype=float))
     mag = np.asarray(log.mag, dtype=float)
-    there = _changed(mag)
+    there = _changed(mag, gyro)
     rate = float(log.rate)
     grid = Grid.of(len(accel), rate, reach)
     wide = math.ceil(reach * rate) + 4

@@ -31,8 +31,14 @@ class DeviceFit(Result):
     verdicts : sensor ("accel", "gyro", "magnetometer") -> "good", "weak" or "refused".
     disturbed : (start, stop) in s of stretches whose field the fit left out, or trusted less than half.
     rests : (start, stop) in s of the rests that were found.
-    noise : densities of "gyro" (rad/sqrt(s)) and "accel" (m/s/sqrt(s)), and the standard deviation of a reading of "mag", T.
+    noise : densities of "gyro" (rad/sqrt(s)) and "accel" (m/s/sqrt(s)) that the fit took for the usual window, and the standard deviation
+        of what is left of a reading of "mag", T.
     reach, speed : standard deviations of the hand's place (m) and velocity (m/s).
+    held_out : sensor -> rms of what it leaves in each sixth of the recording with parameters from the other five, in its noise. At most
+        about 1 where the others predict a sixth within the noise; NaN where they do not determine the parameters.
+    derivatives : name of a parameter -> sensor ("accel", "gyro", "mag") -> (n, 3) derivative of its value by every reading, for the
+        parameters that `fit` was asked for. Noise, weights, and the hand's reach and speed count as given. They are
+        right to some per cent.
     disagreement : variance with which sixths of the recording disagree, over that which their noise explains.
     time : (k,) s of the ends of the windows.
     attitude : (k, 3, 3) rotation from the device to the world; velocity, place : (k, 3), m/s and m, at these times.
@@ -71,6 +77,8 @@ class DeviceFit(Result):
     reach: float
     speed: float
     disagreement: float
+    held_out: dict[str, float]
+    derivatives: dict[str, dict[str, AnyArray]]
     time: AnyArray
     attitude: AnyArray
     velocity: AnyArray
@@ -90,7 +98,8 @@ class DeviceFit(Result):
     def _rows(self) -> list[Row]:
         units = [_UNITS.get(name.partition("[")[0], "") for name in self.names]
         rows = zip(self.names, self.values, self.interval, units, strict=True)
-        return [Row(name, value, low, high, unit) for name, value, (low, high), unit in rows if np.isfinite(value)]
+        known = [Row(name, value, low, high, unit) for name, value, (low, high), unit in rows if np.isfinite(value)]
+        return known + [Row(f"held_out.{sensor}", value) for sensor, value in self.held_out.items() if np.isfinite(value)]
 
 
 def gauged(

@@ -78,6 +78,7 @@ def simulate(
     pace: float | int = 0.3,
     swing: float | int = 1.0,
     tremor: float | int = 5e-5,
+    arm: Any = (0.0, 0.0, 0.0),
     travel: float | int = 0.0,
     model: DeviceModel | None = None,
     accel_noise: Any = None,
@@ -106,6 +107,7 @@ def simulate(
     reach : m, standard deviation of the place along each axis. pace : Hz, corner frequency of the place.
     swing : rad/s, root mean square rate about each axis of "free".
     tremor : m, root mean square displacement between 8 and 12 Hz along each axis; the angle is that of an arm of 0.1 m.
+    arm : (3,) m, place of the device from the point about which the hand turns it, in the axes of the device. That point has the `reach`.
     travel : m that the hand is carried north, in the second third of the recording.
     model : the device; None for `random_device` with this seed.
     accel_noise, gyro_noise : white noise in m/s/sqrt(s) and rad/sqrt(s), or a `jaxcal.noise.Noise`; None for 120 ug/sqrt(Hz) and
@@ -162,7 +164,7 @@ def simulate(
     pauses = _pauses(numbers["path"], float(duration), int(rests), float(still), float(initial), 1 - DRIFT if held else 1.0)
     hand = Hand(
         numbers["path"], pauses, turns=turns, reach=float(reach), pace=float(pace), swing=float(swing), tremor=float(tremor), held=held,
-        travel=float(travel), duration=float(duration), gravity=float(gravity),
+        arm=_arm(arm), travel=float(travel), duration=float(duration), gravity=float(gravity),
     )  # fmt: skip
     time = np.arange(count) / float(rate)
     true = hand.at(time)
@@ -199,6 +201,13 @@ def simulate(
     for sensor, own in given.items():
         readings[sensor] = readings[sensor] + _noise(own, count, float(rate), noise, sensor)
     return Log(None, **readings, rate=float(rate), provenance={"simulated": True, "seed": seed}), device, true
+
+
+def _arm(arm: Any) -> np.ndarray:
+    vector = np.asarray(arm, dtype=float)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise DataError(f"arm={arm}: expected three finite lengths in m")
+    return vector
 
 
 def _noise(own: Any, count: int, rate: float, rng: np.random.Generator, sensor: str) -> np.ndarray:

@@ -16,22 +16,23 @@ REACH = 0.05
 _NEAR = 0.75  # steps
 STEPS = 25
 _SETTLED = 1e-4  # of the cost that a step promises to take away, in halves of squared standard deviations
+_SLOW, _FURTHEST = 0.5, 30.0  # ratio of a step to the one before it; factor
 #: standard deviation that an error of each kind has before anything is recorded; far wider than what a recording leaves
 _SIZES = {
     "accel.matrix": 0.1, "accel.bias": 1.0, "accel.g_sensitivity": 1.0, "gyro.matrix": 0.1, "gyro.bias": 0.1, "gyro.g_sensitivity": 1e-3,
     "magnetometer.soft_iron": 0.5, "magnetometer.hard_iron": 2.0, "field": 1.0, "dip": 1.0, "gyro_delay": 0.03, "mag_delay": 0.03,
-    "lever": 0.1,
+    "lever": 0.1, "arm": 0.3,
 }  # fmt: skip
 SIZES = np.array([_SIZES[name.partition("[")[0]] for name in NAMES])
 
 
 @dataclasses.dataclass(frozen=True)
 class Noise:
-    """Noise of a recording: densities of gyroscope and accelerometer, and the magnetometer's standard deviation per reading."""
+    """Noise of a recording, of all windows or (K,): densities of gyroscope and accelerometer, the magnetometer's deviation per reading."""
 
-    gyro: float
-    accel: float
-    mag: float
+    gyro: Any
+    accel: Any
+    mag: Any
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,7 +111,7 @@ def whitened(found: Inertial, noise: Noise, time: float, broken: np.ndarray) -> 
     down -= np.swapaxes(down, 1, 2)
     down = -down
     eye, square = np.eye(3), -(down @ down)  # a turn moves the specific force
-    g, a = noise.gyro**2, noise.accel**2
+    g, a = (np.broadcast_to(level, count)[:, None, None] ** 2 for level in (noise.gyro, noise.accel))
     matrix = np.zeros((count, 9, 9))
     matrix[:, :3, :3] = g * time * eye
     matrix[:, 3:6, 3:6] = a * time * eye + g * time**3 / 3 * square
@@ -193,6 +194,7 @@ class Solution:
     counts: np.ndarray  # (K,) by which the residuals of the field in each window are multiplied
     back: int
     kept: np.ndarray  # (K, m) readings of the magnetometer that are used
+    noise: Noise
 
     @property
     def weight(self) -> np.ndarray:
@@ -263,7 +265,7 @@ def solved(
         model, w = model_of(vector), record.windows(vector, back)
         found = inertial(model, w, **options)
         whiten, weight = whitened(found, noise, record.time, record.broken), counts[:, None] * record.kept(back)
-        made = rows(way.states, w, found, model, whiten, weight / noise.mag, record.gravity, record.earth)
+        made = rows(way.states, w, found, model, whiten, weight / np.reshape(noise.mag, (-1, 1)), record.gravity, record.earth)
         prior, more = place.rows(way, record.time, rests.moving)
         if rests.windows.any():
             still, other = rests.rows(way, place)
@@ -279,11 +281,16 @@ def solved(
         return dataclasses.replace(chain, corner=chain.corner + np.diag(sizes**-2.0), score=chain.score + off)
 
     chain = equations(vector, made, more)
-    done, taken = False, 0
+    done, taken, before = False, 0, None
     for taken in range(1, steps + 1):  # noqa: B007
-        known = chain.eliminated()
+        known, stretch = chain.eliminated(), 1.0
         while True:
             move = -np.linalg.solve(known.information + damping * np.diag(sizes**-2.0), known.score)
+            if stretch and before is not None:
+                # where steps shrink slowly, the rest of their series is taken at once
+                shrinks = float(before @ known.information @ move) / float(before @ known.information @ before)
+                stretch = min(1 / (1 - shrinks), _FURTHEST) if _SLOW < shrinks < 1 else 1.0
+                move = stretch * move
             promised = -0.5 * float(move @ known.score) - 0.5 * float(np.sum(chain.link_score * known.links(np.zeros(len(free)))))
             trial = vector.copy()
             trial[free] += move
@@ -293,7 +300,11 @@ def solved(
             found = at(trial, there, back)
             if found[0] <= cost * (1 + 1e-9) + 1e-6 or damping > 1e12:
                 break
-            damping = max(10 * damping, 1.0)
+            if stretch > 1:
+                stretch = 0.0
+            else:
+                damping = max(10 * damping, 1.0)
+        before = None if stretch > 1 or damping else move
         done = abs(promised) < _SETTLED
         vector, way, (cost, made, more) = trial, there, found
         if (moved := record.back(vector, back)) != back:
@@ -302,4 +313,4 @@ def solved(
         chain = equations(vector, made, more)
         if done:
             break
-    return Solution(vector, way, cost, made, chain, taken, done, chain.eliminated(), free, counts, back, record.kept(back))
+    return Solution(vector, way, cost, made, chain, taken, done, chain.eliminated(), free, counts, back, record.kept(back), noise)

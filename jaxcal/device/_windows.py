@@ -127,7 +127,7 @@ def model_of(vector: Any) -> DeviceModel:
     part = lambda first, *shape: vector[first : first + math.prod(shape)].reshape(shape)  # noqa: E731
     return DeviceModel(
         Triad(part(0, 3, 3), part(9, 3), part(12, 3, 3)), Triad(part(21, 3, 3), part(30, 3), part(33, 3, 3)),
-        MagModel(part(42, 3, 3), part(51, 3)), vector[54], vector[55], vector[56], vector[57], part(58, 2, 3),
+        MagModel(part(42, 3, 3), part(51, 3)), vector[54], vector[55], vector[56], vector[57], part(58, 2, 3), part(64, 3),
     )  # fmt: skip
 
 

@@ -53,6 +53,16 @@ class Chain:
         inner = np.einsum("kna,knb->ab", self.border, solved, optimize=True)
         return Eliminated(self.corner - inner[:, :-1], self.score - inner[:, -1], solved[..., :-1], solved[..., -1])
 
+    def steps(self, link_scores: np.ndarray, scores: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Steps (K, n, m) of the links and (p, m) of the parameters for m other scores, (K, n, m) and (p, m)."""
+        count, size, width = self.border.shape
+        sides = np.concatenate([self.border, link_scores], axis=2).reshape(count * size, -1)
+        solved = scipy.linalg.solveh_banded(_banded(self.links, self.ties), sides, lower=True, overwrite_ab=True, check_finite=False)
+        solved = solved.reshape(count, size, -1)
+        inner = np.einsum("kna,knb->ab", self.border, solved, optimize=True)
+        step = -np.linalg.solve(self.corner - inner[:, :width], scores - inner[:, width:])
+        return -solved[..., width:] - solved[..., :width] @ step, step
+
     def variances(self, covariance: np.ndarray, carried: np.ndarray) -> np.ndarray:
         """(K, n, n) covariances of the links, from that of the parameters and `Eliminated.carried`."""
         count = len(self.links)

@@ -12,15 +12,16 @@ from ..device import DeviceFit
 from ._charts import Chart, Curve, charts
 from ._html import Markup, definitions, estimate, join, numbers, provenance, recording, scroll, section, table, tag, warnings_of
 
-_MOST = 300  # largest number of points of a curve
+_MOST = 140  # largest number of points of a curve
 _ROWS = 100  # largest number of rows of the table behind the figures
 _DEGREE = np.pi / 180
 _MEANING = (
     ("Frame", "The axes are those of the accelerometer: its x axis, and its y axis in their plane. The matrices of gyroscope and "
      "magnetometer contain their rotation to these axes."),
     ("Delay", "How much later than the accelerometer a sensor reports; negative where it is earlier."),
-    ("Residual", "What a sensor read less what the calibrated device would have read on the way that fits all sensors best. Noise "
-     "scatters about zero with the same width everywhere. A stretch that leaves zero was disturbed, or the model is too simple there."),
+    ("Residual", "The difference between what a sensor read and what the calibrated device would have read on the way that fits all "
+     "sensors best. Noise scatters about zero with the same width everywhere. A stretch that leaves zero was disturbed, or the model "
+     "is too simple there."),
     ("Contribution", "The share of the rests, of the slower and of the faster half of the motion in what is known of a parameter. "
      "The shares of a parameter add up to 100 %."),
 )  # fmt: skip
@@ -160,8 +161,8 @@ def _way(found: DeviceFit) -> list[Chart]:
 
     return [
         Chart("device-up", "Direction up", f"Along the axes of the device: 1 where the axis points up, -1 where it points down.{note}",
-              "Time (s)", "Part of each axis", (("", 1.0),), lines(up, "xyz"), marks),
-        Chart("device-north", "Direction of magnetic north", f"Along the axes of the device.{note}", "Time (s)", "Part of each axis",
+              "Time (s)", "Component", (("", 1.0),), lines(up, "xyz"), marks),
+        Chart("device-north", "Direction of magnetic north", f"Along the axes of the device.{note}", "Time (s)", "Component",
               (("", 1.0),), lines(north, "xyz"), marks),
         Chart("device-place", "Place", f"From its mean, as far as the accelerometer and the bound on the place show it.{note}", "Time (s)",
               "Place", (("m", 1.0), ("cm", 0.01)), lines(place, ("north", "west", "up")), marks),
@@ -182,13 +183,14 @@ def _residuals(found: DeviceFit) -> list[Chart]:
     note = "; dotted: ends of disturbed stretches." if marks else "."
     left = np.asarray(found.residual_inertial)
     return [
-        Chart("device-gyro", "Gyroscope", f"{said}: turn less that of the attitude{note}",
+        Chart("device-gyro", "Gyroscope", f"{said}: difference between the turn of the gyroscope and that of the attitude{note}",
               "Time (s)", "Turn left, in its noise", (("", 1.0),), _lines(found, left[:, :3]), marks),
-        Chart("device-accel", "Accelerometer", f"{said}: change of velocity less that of the way. The hand may move, so that this is "
-              f"small; what the accelerometer errs by shows in the place{note}", "Time (s)", "Velocity left, in its noise", (("", 1.0),),
-              _lines(found, left[:, 3:6]), marks),
-        Chart("device-mag", "Magnetometer", f"{said}: root mean square of the field less that of the attitude{note}", "Time (s)",
-              "Field left", ((unit, size), ("% of the field", percent)), _lines(found, found.residual_field), marks),
+        Chart("device-accel", "Accelerometer", f"{said}: difference between the change of velocity that it reads and that of the way. "
+              f"The hand may move, so this is small; errors of the accelerometer show in the place{note}", "Time (s)",
+              "Velocity left, in its noise", (("", 1.0),), _lines(found, left[:, 3:6]), marks),
+        Chart("device-mag", "Magnetometer", f"{said}: root mean square difference between the field that it reads and that of the "
+              f"attitude{note}", "Time (s)", "Field left", ((unit, size), ("% of the field", percent)),
+              _lines(found, found.residual_field), marks),
     ]  # fmt: skip
 
 

@@ -4,9 +4,10 @@ import functools
 
 import numpy as np
 import pytest
+import scipy.signal
 
 import jaxcal
-from jaxcal.device import fit, simulate
+from jaxcal.device import _fit, _solve, fit, simulate
 
 
 def leaf(model, name):
@@ -42,6 +43,10 @@ def test_free_motion_determines_all_sensors_within_their_errors():
     assert not found.undetermined
     assert_covered(z)
     assert 0.1 < found.reach < 0.5
+    # parts of the recording predict each other
+    assert found.held_out["magnetometer"] == pytest.approx(1.0, abs=0.12)
+    assert max(found.held_out.values()) < 1.1
+    assert "held_out.gyro" in found.summary()
     # the attitude agrees with the truth
     index = np.round(found.time * 50).astype(int)
     away = np.einsum("kji,kjl->kil", motion.attitude[index], found.attitude)
@@ -60,6 +65,73 @@ def test_rests_make_the_accelerometer_several_times_better():
         inside |= (log.time > start) & (log.time < stop)
     assert np.mean(motion.resting[inside]) > 0.98
     assert np.mean(inside[motion.resting]) > 0.5
+
+
+def test_derivatives_by_the_readings_are_those_of_fits_to_other_readings(monkeypatch):
+    log = simulate(30.0, 25.0, seed=11, tremor=0.0)[0]
+    names = ("accel.bias[0]", "gyro.matrix[1,1]", "magnetometer.hard_iron[2]", "gyro_delay")
+    rounds, kept = _fit._rounds, {}
+
+    def once(record, vector, way, free, level):
+        """The same noise, weights, reach and speed for all readings, as the derivatives take them, and fits to the last digit."""
+        if not kept:
+            kept["of"] = rounds(record, vector, way, free, level)
+            kept["centre"] = vector
+        found, place, rests, level = kept["of"]
+        with monkeypatch.context() as patch:
+            patch.setattr(_solve, "_SETTLED", 1e-13)
+            again = _solve.solved(
+                record, found.vector, found.way, free, found.noise, place, found.counts, rests=rests, centre=kept["centre"]
+            )
+        return again, place, rests, level
+
+    monkeypatch.setattr(_fit, "_rounds", once)
+    found = fit(log, derivatives=names)
+    rng = np.random.default_rng(2)
+    for sensor, size in (("accel", 1e-4), ("gyro", 1e-6), ("mag", 1e-9)):
+        wave = size * np.sin(2 * np.pi * rng.uniform(0.02, 0.2, 3) * log.time[:, None] + rng.uniform(0, 6, 3))
+        ends = [
+            fit(jaxcal.Log(None, **{one: getattr(log, one) + sign * wave * (one == sensor) for one in ("accel", "gyro", "mag")}, rate=25.0))
+            for sign in (1, -1)
+        ]
+        for name in names:
+            i = found.names.index(name)
+            expected = (ends[0].values[i] - ends[1].values[i]) / 2
+            # the implicit derivative leaves out terms in the residuals, which reach 8 % here
+            assert np.sum(found.derivatives[name][sensor] * wave) == pytest.approx(expected, rel=0.1)
+    # an offset of a sensor is its bias
+    assert found.derivatives["accel.bias[0]"]["accel"].sum(axis=0) == pytest.approx([1.0, 0.0, 0.0], abs=0.02)
+    with pytest.raises(jaxcal.DataError, match="no such parameter"):
+        fit(log, derivatives=["bias"])
+
+
+def test_turns_about_the_wrist_are_no_error_of_the_accelerometer():
+    arm = np.array([0.1, -0.1, 0.05])
+    log, true, _ = simulate(60.0, 50.0, seed=11, reach=0.1, arm=arm)
+    found = fit(log)
+    assert_covered(errors(found, true))
+    np.testing.assert_allclose(found.model.arm, arm, atol=0.03)
+
+
+def test_errors_that_are_not_white_make_the_intervals_wider():
+    log, true, _ = simulate(60.0, 50.0, seed=11)
+    rng = np.random.default_rng(5)
+
+    def wandering(size, seconds):
+        keep = np.exp(-1 / (50.0 * seconds))
+        steps = size * np.sqrt(1 - keep**2) * rng.normal(size=(len(log.time), 3))
+        return scipy.signal.lfilter([1.0], [1.0, -keep], steps, axis=0)
+
+    bent = jaxcal.Log(
+        None, accel=log.accel + wandering(0.02, 2.0), gyro=log.gyro + wandering(np.deg2rad(0.05), 1.0),
+        mag=log.mag + wandering(0.005 * float(true.field), 2.0), rate=50.0,
+    )  # fmt: skip
+    found, plain = fit(bent), free()[-1]
+    assert_covered(errors(found, true))
+    matrix = [i for i, name in enumerate(found.names) if ".matrix" in name]
+    assert np.mean(found.standard_error[matrix]) > 1.3 * np.mean(plain.standard_error[matrix])
+    # what the sensors err by is not taken for a hand that goes away
+    assert found.reach < 0.6
 
 
 def test_turns_about_one_axis_leave_parameters_without_numbers():

@@ -123,6 +123,15 @@ def test_what_the_model_does_not_hold_changes_the_magnetometer_alone():
     assert 10.0 <= log.time[touched].min() < log.time[touched].max() <= 15.0 + 0.03
 
 
+def test_an_arm_swings_the_device_about_the_point_of_its_turns():
+    arm = np.array([0.1, -0.2, 0.05])
+    rest, _, own = simulate(10.0, 200.0, seed=8, arm=arm, tremor=0.0)
+    _, _, point = simulate(10.0, 200.0, seed=8, tremor=0.0)
+    np.testing.assert_allclose(own.position - point.position, own.attitude @ arm, atol=1e-12)
+    for derivative, value in ((own.velocity, own.position), (own.acceleration, own.velocity)):
+        assert np.abs(np.gradient(value, rest.time, axis=0) - derivative)[2:-2].max() < 5e-3
+
+
 def test_the_rate_of_the_earth_is_added_about_its_axis():
     log, device, true = simulate(10.0, seed=8, latitude=np.deg2rad(50.0), **SILENT)
     still, _, _ = simulate(10.0, seed=8, **SILENT)
@@ -160,6 +169,7 @@ def test_the_seeds_draw_device_and_motion_apart_from_the_noise():
         ({"accel_noise": -1.0}, "accel_noise"),
         ({"iron": (3.0, 2.0, 0.1)}, "iron"),
         ({"soft_mount": 0.0}, "soft_mount"),
+        ({"arm": (0.1, 0.2)}, "three finite lengths"),
     ],
 )
 def test_bad_input_is_named(options, named):

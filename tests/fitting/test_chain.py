@@ -37,3 +37,8 @@ def test_a_chain_is_solved_as_one_matrix_is():
     np.testing.assert_allclose(np.linalg.inv(found.information), inverse[n:, n:], rtol=1e-9)
     variances = chain.variances(inverse[n:, n:], found.carried)
     np.testing.assert_allclose(variances, np.array([inverse[a, a] for a in at]), rtol=1e-8)
+    # steps for other right-hand sides
+    link_scores, scores = rng.normal(size=(count, size, 2)), rng.normal(size=(width, 2))
+    links, steps = chain.steps(link_scores, scores)
+    expected = -np.linalg.solve(normal, np.concatenate([link_scores.reshape(n, 2), scores]))
+    np.testing.assert_allclose(np.concatenate([links.reshape(n, 2), steps]), expected, rtol=1e-8)

@@ -1,0 +1,101 @@
+"""How large the errors of each sensor are over longer times than a reading, from what a fit leaves."""
+
+import numpy as np
+
+from ._solve import LINK, SIZES, Noise, Place, Rests, Solution
+from ._windows import NAMES
+
+_DRAWS = 16
+_LENGTHS = (1, 2, 4, 8, 16, 32, 64)  # windows
+_FEW = 10
+_SURE, _MARGIN = 1.0, 2.5  # degrees of freedom of a ratio of one before anything is seen; standard deviations
+
+
+def null(found: Solution, place: Place, rests: Rests, time: float) -> tuple[np.ndarray, np.ndarray]:
+    """What a fit leaves of white noise: residuals (K, 9, draws) of the inertial rows, and sums (K, 3, draws) of those of the field.
+
+    The fit is linear near its solution, so noise that is drawn for every row and fitted shows how much of it the unknowns take up.
+    """
+    rng = np.random.default_rng(0)
+    free, rows, size = found.free, found.rows, len(NAMES)
+    count, width = len(rows.inertial), len(found.free)
+    draw = lambda *shape: rng.normal(size=(*shape, _DRAWS))  # noqa: E731
+    ends = np.zeros((count + 1, LINK, _DRAWS))
+    own = rows.inertial_by[:, :, np.append(free, np.arange(size, size + 18))]
+    noise = draw(count, 9)
+    push = np.swapaxes(own, 1, 2) @ noise
+    ends[:-1, :9] += push[:, width : width + 9]
+    ends[1:, :9] += push[:, width + 9 :]
+    score = push[:, :width].sum(axis=0)
+    field_by = rows.field_by[..., np.append(free, np.arange(size, size + 3))].reshape(count, -1, width + 3)
+    seen = draw(count, field_by.shape[1]) * np.repeat(found.kept, 3, axis=1)[..., None]
+    push = np.swapaxes(field_by, 1, 2) @ seen
+    ends[:-1, :3] += push[:, width:]
+    score += push[:, :width].sum(axis=0)
+    step, inverse, begin = place.transition(time)
+    root, first = np.linalg.cholesky(inverse), np.linalg.cholesky(begin)
+    at = np.array([[3, 6, 9], [4, 7, 10], [5, 8, 11]])
+    pace = rests.moving[:, None, None, None]
+    moved = np.einsum("ab,kxbd->kxad", root, draw(count, 3, 3) * pace)
+    ends[1:, at] += moved
+    ends[:-1, at] -= np.einsum("ba,kxbd->kxad", step, moved)
+    ends[0, at] += np.einsum("ab,xbd->xad", first, draw(3, 3))
+    if rests.windows.any():
+        still = np.concatenate([np.full(3, 1 / rests.speed), np.full(3, place.reach / (3 * place.speed**2))])
+        ends[:, [3, 4, 5, 9, 10, 11]] += still[:, None] * draw(count + 1, 6) * rests.ends[:, None, None]
+        back = np.swapaxes(found.way.rotation[:-1], 1, 2) @ found.way.rotation[1:]
+        turned = draw(count, 3) * rests.windows[:, None, None] / rests.turn
+        ends[1:, :3] += turned
+        ends[:-1, :3] -= back @ turned
+    score += draw(width) / SIZES[free][:, None]
+    links, steps = found.chain.steps(ends, score)
+    steps_all = np.broadcast_to(steps, (count, *steps.shape))
+    left = noise + own @ np.concatenate([steps_all, links[:-1, :9], links[1:, :9]], axis=1)
+    field = seen + field_by @ np.concatenate([steps_all, links[:-1, :3]], axis=1)
+    return left, field.reshape(count, -1, 3, _DRAWS).sum(axis=1)
+
+
+def powers(values: np.ndarray, which: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """(2, lengths, ...) mean squares of sums over windows: in the axes of the device, and in those of the world."""
+    values = values * which.reshape(-1, *np.ones(values.ndim - 1, dtype=int))
+    out = []
+    for own in (values, np.einsum("kab,kb...->ka...", turn, values)):
+        total = np.concatenate([np.zeros((1, *own.shape[1:])), np.cumsum(own, axis=0)])
+        out.append([np.mean((total[n:] - total[:-n]) ** 2, axis=(0, 1)) for n in _LENGTHS])
+    return np.array(out)
+
+
+def grown(found: Solution, place: Place, rests: Rests, time: float, white: Noise) -> Noise:
+    """Levels at which the residuals are as large as noise of these levels would leave them; white noise at least.
+
+    A sensor errs in more ways than white noise: by its filter, by what it is not linear in, by a bias that wanders, and a field by what
+    stands in the room. All that counts as noise as large as it is over the times over which the fit compares the sensors. A device at
+    rest and one in motion have levels of their own.
+    """
+    left, field = null(found, place, rests, time)
+    inertial = found.rows.inertial
+    count = len(inertial)
+    sensors = {
+        "gyro": (inertial[:, :3], left[:, :3]), "accel": (inertial[:, 3:6], left[:, 3:6]), "mag": (found.rows.field.sum(axis=1), field),
+    }  # fmt: skip
+    levels = {}
+    for name, (seen, drawn) in sensors.items():
+        now, least = (np.array(np.broadcast_to(getattr(noise, name), count), dtype=float) for noise in (found.noise, white))
+        for which in (rests.windows, ~rests.windows):
+            if which.sum() >= _FEW:
+                factor = _excess(seen, drawn, which, found.way.rotation[:-1])
+                # falls are halved: where two sensors can explain the same residuals, the levels would swing
+                now[which] = np.maximum(least[which], now[which] * factor ** (0.5 if factor > 1 else 0.25))
+        levels[name] = now
+    return Noise(**levels)
+
+
+def _excess(seen: np.ndarray, left: np.ndarray, which: np.ndarray, turn: np.ndarray) -> float:
+    """Power that is left over what noise of the present level leaves: of windows, or of several in a row where that is clearly more."""
+    own, drawn = powers(seen, which, turn), powers(left, which, turn)
+    mean, spread = drawn.mean(axis=-1), drawn.std(axis=-1)
+    sure = 2 * (mean / spread) ** 2
+    ratio = (own / mean * sure + _SURE) / (sure + _SURE)
+    clear = ratio > 1 + _MARGIN * spread / mean
+    # a size from a few degrees of freedom may be too small by chance: the variance of Student's t
+    return float(max(ratio[0, 0], np.max(np.where(clear, ratio * (1 + 2 / sure), 0.0))))

@@ -1,0 +1,43 @@
+"""`jaxcal.device.fit` on logs of others (`JAXCAL_REFERENCE`): halves beside each other, and beside the magnetometer alone."""
+
+import numpy as np
+import pytest
+
+import jaxcal
+
+GRAVITY = 9.8127  # m/s^2 in Berlin
+#: rms over a group of what two halves differ by, in the errors that they predict; the bias of the gyroscope drifts in this log, see docs
+GROUPS = ("accel.matrix", "accel.bias", "gyro.matrix", "magnetometer.soft_iron", "magnetometer.hard_iron", "dip", "gyro_delay", "mag_delay")
+
+
+@pytest.fixture(scope="module")
+def broad(reference):
+    """A recording by hand of the BROAD data set, 207 s at 286 Hz with five rests."""
+    path = reference / "data" / "logs" / "broad_05_slow_rotation_B.hdf5"
+    if not path.exists():
+        pytest.skip(f"no log at {path}")
+    return jaxcal.read(path)
+
+
+@pytest.mark.long
+def test_halves_of_a_real_log_agree(broad):
+    first, second = (jaxcal.device.fit(broad.select(a, a + 103.6), gravity=GRAVITY) for a in (0.0, 103.6))
+    error = np.sqrt(np.square(first.standard_error) + np.square(second.standard_error))
+    apart = (first.values - second.values) / error
+    for group in GROUPS:
+        own = [z for z, name in zip(apart, first.names, strict=True) if name.startswith(group) and np.isfinite(z)]
+        assert not own or np.sqrt(np.mean(np.square(own))) < 1.5, group
+
+
+@pytest.mark.long
+def test_a_real_log_agrees_with_its_magnetometer_alone_and_with_the_cameras(broad):
+    found, alone = jaxcal.device.fit(broad, gravity=GRAVITY), jaxcal.magnetometer.fit(broad.mag)
+    at = [found.names.index(f"magnetometer.hard_iron[{i}]") for i in range(3)]
+    error = np.hypot(found.standard_error[at], np.sqrt(np.diag(alone.covariance)[-3:]))
+    assert np.abs((found.values[at] - alone.model.hard_iron) / error).max() < 2
+    # the hand stayed within 0.2 m, as cameras saw it
+    assert found.reach < 0.3
+    # their attitudes and gravity give this bias of the accelerometer, to about 0.02 m/s^2
+    at = [found.names.index(f"accel.bias[{i}]") for i in range(3)]
+    inside = (found.interval[at, 0] - 0.02 < [-0.005, 0.005, -0.027]) & (found.interval[at, 1] + 0.02 > [-0.005, 0.005, -0.027])
+    assert inside.all()
