@@ -109,7 +109,8 @@ def _verdicts(found: DeviceFit) -> Markup:
 
 def _cell(known: dict[str, tuple[float, float, float]], name: str, size: float = 1.0) -> Markup:
     """Cell with a value and its interval; a parameter that the model does not have is zero."""
-    return estimate(*(part / size for part in known.get(name, (0.0, 0.0, 0.0))))
+    value, low, high = known.get(name, (0.0, 0.0, 0.0))
+    return estimate(value / size, low / size, high / size)
 
 
 def _tables(found: DeviceFit) -> list[Markup]:
