@@ -83,7 +83,7 @@ def f_tail(ratio: Any, above: Any, below: Any) -> np.ndarray | np.float64:
     --------
     >>> from jaxcal._special import f_tail
     >>> print(f_tail(4.0, 2, 10).round(4))
-    0.0533
+    0.0529
 
     References
     ----------
