@@ -44,7 +44,7 @@ class Triad(eqx.Module):
     For another sensor model, write a subclass with its own fields, `measure` and `correct`. `estimate` and `multi_position` fit all its
     floating-point fields. This example adds a quadratic term:
 
-    >>> class Quadratic(jaxcal.imu.Triad):
+    >>> class SquareTriad(jaxcal.imu.Triad):
     ...     square: np.ndarray = eqx.field(default_factory=lambda: np.zeros(3))
     ...     def measure(self, x, accel=None):
     ...         return super().measure(x, accel) + self.square * x**2
@@ -53,7 +53,7 @@ class Triad(eqx.Module):
     ...         for _ in range(5):  # a fixed point: the term is small
     ...             x = super().correct(y - self.square * x**2, accel)
     ...         return x
-    >>> sensor = Quadratic(np.eye(3), np.zeros(3), square=np.array([1e-4, 0.0, 2e-4]))
+    >>> sensor = SquareTriad(np.eye(3), np.zeros(3), square=np.array([1e-4, 0.0, 2e-4]))
     >>> print(sensor.correct(sensor.measure(np.array([3.0, 0.0, 9.0]))).round(6))
     [3. 0. 9.]
 

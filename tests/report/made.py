@@ -84,7 +84,8 @@ def joint():
         disturbed=((30.5, 35.5),), rests=((18.0, 22.0),), noise={"gyro": 1e-4, "accel": 1e-3, "mag": 2e-7}, reach=0.25, speed=0.3,
         disagreement=1.1, time=true.time[ends], attitude=true.attitude[ends], velocity=true.velocity[ends], place=true.position[ends],
         residual_inertial=rng.normal(size=(count, 9)), residual_field=1e-7 * np.abs(rng.normal(size=(count, 3))), gravity=9.80665,
-        rate=100.0, duration=40.0, contribution={kind: np.full(len(names), part) for kind, part in share.items()},
+        rate=100.0, duration=40.0, held_out=dict.fromkeys(("accel", "gyro", "mag"), 1.1), derivatives={},
+        contribution={kind: np.full(len(names), part) for kind, part in share.items()},
     )  # fmt: skip
     return found, log
 
