@@ -42,7 +42,7 @@ def _lagrange(x: float) -> np.ndarray:
     return np.linalg.inv(np.vander(_TAPS - x, increasing=True)).T
 
 
-def _filtered(y: np.ndarray, weights: np.ndarray, index: np.ndarray) -> np.ndarray:
+def _filtered(y: AnyArray, weights: AnyArray, index: np.ndarray) -> AnyArray:
     """Sums of the samples about each index, with weights for the taps."""
     return sum(weight * y[index + tap] for weight, tap in zip(weights, _TAPS, strict=True))  # type: ignore[return-value]
 
