@@ -30,3 +30,9 @@ def on_first_use(package: str, homes: dict[str, str]) -> tuple[Callable[[str], A
         return sorted({*(name for name in vars(sys.modules[package]) if name.startswith("__")), *home})
 
     return __getattr__, __dir__
+
+
+def install(package: str, homes: dict[str, str]) -> None:
+    """Give a package the `__getattr__` and `__dir__` of `on_first_use`; assigned in it by name, they would be public and without a type."""
+    get, names = on_first_use(package, homes)
+    vars(sys.modules[package]).update(__getattr__=get, __dir__=names)

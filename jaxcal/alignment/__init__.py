@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from .._lazy import on_first_use
+from .._lazy import install
 
 if TYPE_CHECKING:
     from ._azimuth import AZIMUTH_METHODS as AZIMUTH_METHODS, Azimuth as Azimuth, azimuth as azimuth
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     )
     from ._tablelog import TableLog as TableLog, from_log as from_log
 
-__getattr__, __dir__ = on_first_use(
+install(
     __name__,
     {
         "_azimuth": "AZIMUTH_METHODS Azimuth azimuth",

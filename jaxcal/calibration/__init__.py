@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from .._lazy import on_first_use
+from .._lazy import install
 
 if TYPE_CHECKING:
     from ._calibration import Calibration as Calibration
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ._provenance import provenance as provenance
     from ._thermal import Powers as Powers, Thermal as Thermal, polynomials as polynomials
 
-__getattr__, __dir__ = on_first_use(
+install(
     __name__,
     {
         "_calibration": "Calibration",

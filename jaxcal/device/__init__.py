@@ -6,7 +6,7 @@ gyroscope says how both turn in the frame of the device, and a hand stays in its
 
 from typing import TYPE_CHECKING
 
-from .._lazy import on_first_use
+from .._lazy import install
 
 if TYPE_CHECKING:
     from ._fit import fit as fit
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ._result import DeviceFit as DeviceFit
     from ._simulate import random_device as random_device, simulate as simulate
 
-__getattr__, __dir__ = on_first_use(
+install(
     __name__,
     {
         "_fit": "fit",

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from .._lazy import on_first_use
+from .._lazy import install
 
 if TYPE_CHECKING:
     from ._conversions import ArduPilot as ArduPilot, ImuTk as ImuTk, Kalibr as Kalibr, OpenVins as OpenVins, Px4 as Px4
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
         simulate_positions as simulate_positions,
     )
 
-__getattr__, __dir__ = on_first_use(
+install(
     __name__,
     {
         "_conversions": "ArduPilot ImuTk Kalibr OpenVins Px4",

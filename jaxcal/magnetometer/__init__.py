@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from .._lazy import on_first_use
+from .._lazy import install
 
 if TYPE_CHECKING:
     from ._check import Check as Check, check as check
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
         motor_terms as motor_terms,
     )
 
-__getattr__, __dir__ = on_first_use(
+install(
     __name__,
     {
         "_check": "Check check",

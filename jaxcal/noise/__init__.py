@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from .._lazy import on_first_use
+from .._lazy import install
 
 if TYPE_CHECKING:
     from ._axes import Correlation as Correlation, JointStateSpace as JointStateSpace, correlation as correlation
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ._result import FittedSpectrum as FittedSpectrum, NoiseFit as NoiseFit
     from ._terms import Block as Block, GaussMarkov as GaussMarkov, PowerLaw as PowerLaw, Term as Term
 
-__getattr__, __dir__ = on_first_use(
+install(
     __name__,
     {
         "_axes": "Correlation JointStateSpace correlation",

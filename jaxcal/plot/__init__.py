@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from .._lazy import on_first_use
+from .._lazy import install
 
 if TYPE_CHECKING:
     from ._allan import allan as allan
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ._style import TERM_COLORS as TERM_COLORS, save as save
     from ._temperature import temperature as temperature
 
-__getattr__, __dir__ = on_first_use(
+install(
     __name__,
     {
         "_allan": "allan",

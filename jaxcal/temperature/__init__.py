@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from .._lazy import on_first_use
+from .._lazy import install
 
 if TYPE_CHECKING:
     from ._curves import AbstractCurve as AbstractCurve, Chebyshev as Chebyshev, Piecewise as Piecewise, Steps as Steps
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ._result import Candidate as Candidate, Step as Step, TemperatureFit as TemperatureFit
     from ._simulate import Simulated as Simulated, reference_bias as reference_bias, simulate as simulate
 
-__getattr__, __dir__ = on_first_use(
+install(
     __name__,
     {
         "_curves": "AbstractCurve Chebyshev Piecewise Steps",
