@@ -21,7 +21,7 @@ PARTS = ["jaxcal", *(f"jaxcal.{module.name}" for module in pkgutil.iter_modules(
 def public(part):
     """Classes and functions that a package exports."""
     module = importlib.import_module(part)
-    names = [name for name in vars(module) if not name.startswith("_")] if part != "jaxcal" else ["Calibration", "Log", "read"]
+    names = [name for name in dir(module) if not name.startswith("_")] if part != "jaxcal" else ["Calibration", "Log", "read"]
     found = {name: getattr(module, name) for name in names}
     return {name: one for name, one in found.items() if inspect.isclass(one) or inspect.isroutine(one)}
 
