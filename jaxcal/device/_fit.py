@@ -19,7 +19,7 @@ from ._judge import NUISANCE, known, lacks, stretches, unseen
 from ._levels import grown
 from ._model import DeviceModel
 from ._normal import HARD, IRON, logarithm
-from ._record import recorded
+from ._record import recorded, unfilled
 from ._result import DeviceFit, gauged
 from ._solve import REACH, STEPS, Noise, Place, Record, Rests, Solution, solved
 from ._start import started, undisturbed
@@ -70,7 +70,8 @@ def fit(
         as those of a mean over a day: one recording cannot show them by itself. None takes white noise from the fast differences of the
         readings, and no slow noise beside what shows within 13 s.
 
-    derivatives : names of parameters, as in `DeviceFit.names`, whose derivatives by every reading are wanted.
+    derivatives : names of parameters, as in `DeviceFit.names`, whose derivatives by every reading are wanted. They are those of the least
+        squares with the noise levels, weights, rests, and the hand's reach and speed that were found, see `DeviceFit`.
 
     Returns
     -------
@@ -81,6 +82,8 @@ def fit(
     ------
     DataError
         If `derivatives` names no fitted parameter, a sensor is missing, the recording is shorter than 20 s, or an option is out of range.
+    FitError
+        If the recording determines too little to compute the derivatives.
 
     Examples
     --------
@@ -216,7 +219,8 @@ def _result(
     if wrong := [name for name in derivatives if name not in names]:
         raise DataError(f"derivatives={wrong}: no such parameter was fitted; expected some of {', '.join(names)}")
     wanted = [slope[names.index(name)] for name in derivatives]
-    derived = gradients(found, record, told.jacobian, np.array(wanted), strength) if wanted else []
+    derived = gradients(found, record, place, rests, np.array(wanted), strength) if wanted else []
+    derived = [{name: unfilled(by, np.asarray(getattr(log, name), dtype=float)) for name, by in own.items()} for own in derived]
     if any(lost and sensor_of(name) == "accel" for name, lost in zip(names, blind, strict=True)):
         # the delays are those against the accelerometer: without its tilts, a delay and an error of its axes look alike
         blind |= np.array([name.endswith("_delay") for name in names])

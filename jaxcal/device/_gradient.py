@@ -1,78 +1,234 @@
 """Derivatives of fitted parameters by the readings: the implicit function theorem at the solution."""
 
+import math
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._errors import FitError
 from .._types import AnyArray
-from ._normal import inertial
-from ._solve import Record, Solution, whitened
-from ._windows import Windows, windows
+from ..fitting import Chain
+from ._normal import LINK, inertial, skew
+from ._solve import SIZES, Place, Record, Rests, Solution, spread_of, whitened
+from ._windows import GYRO_DELAY, MAG_DELAY, NAMES, TAPS, integral_weights, lagrange, model_of
+
+_EXACT = 1e-8  # size of the last step of the refinement, relative to the first
+_MOST = 60  # steps of the refinement
+#: [a, b, c]: the matrix of the cross product with the unit vector a
+_CROSS = skew(np.eye(3))
+#: parameters (p,) and links (K + 1, LINK)
+Unknowns = tuple[Any, Any]
 
 
-def gradients(found: Solution, record: Record, jacobian: np.ndarray, slope: np.ndarray, strength: float) -> list[dict[str, AnyArray]]:
+def gradients(
+    found: Solution, record: Record, place: Place, rests: Rests, slope: np.ndarray, strength: float
+) -> list[dict[str, AnyArray]]:  # fmt: skip
     """For each row of `slope` (q, p), which are functions of the free parameters: sensor -> (n, 3) its derivative by the readings.
 
-    The parameters solve J'r = 0, where J holds the way's derivative. So a change dr of the residuals moves them by -(J'J)^-1 J' dr.
-    Terms in the size of the residuals are left out, as Gauss and Newton do; they were 0.1 to 8 % in a short
-    recording. Noise, weights, and the hand's reach and speed stay as they were found.
+    The unknowns z (free parameters and way) solve g(z, y) = J'P r + (priors) = 0, where r are the residuals of the readings y, J is their
+    derivative by z, and P is the inverse of their covariance. So dz = -H^-1 (dg/dy) dy with H = dg/dz, in which the second derivatives of
+    the residuals and the dependence of P on z count. A row s of `slope` has the derivative -(dg/dy)'x, where H'x = s. The normal equations
+    of Gauss and Newton are near to H: with them, a few steps of iterative refinement solve this system.
+
+    Held as they were found: noise levels, weights of the windows, rests, the hand's reach and speed, and the centre of the wide prior.
     """
-    model, back = found.model, found.back
-    whiten = whitened(inertial(model, record.windows(found.vector, back)), found.noise, record.time, record.broken)
+    filters, free, way = _filters(record, found), found.free, found.way
+    readings = {"accel": record.accel, "gyro": record.gyro, "mag": record.mag}
+    fed = {name: own.of(readings[own.sensor]) for name, own in filters.items()}
     weight = found.weight / np.reshape(found.noise.mag, (-1, 1))
-    turn = found.way.rotation
-    delays = float(model.gyro_delay), float(model.mag_delay)
-    rotation, tilted = jnp.asarray(turn[:-1]), jnp.asarray(np.swapaxes(turn[:-1], 1, 2) @ turn[1:])
+    whiten = whitened(inertial(found.model, record.windows(found.vector, found.back)), found.noise, record.time, record.broken)
+    step, known, begin = place.transition(record.time)
+    pace = np.repeat([1 / rests.speed, place.reach / (3 * place.speed**2)], 3) * rests.ends[:, None]
+    level = [np.broadcast_to(noise, len(whiten)) * ~record.broken for noise in (found.noise.gyro, found.noise.accel)]
+    fixed = {
+        "vector": found.vector, "free": free, "way": (way.rotation, way.velocity, way.place, way.acceleration), "earth": record.earth,
+        "gravity": record.gravity, "step": record.grid.step, "late": filters["field_turn"].length, "noise": level, "prior": (step, known, begin),
+        "moving": rests.moving[:, None, None], "still": pace, "turn": rests.windows[:, None] / rests.turn, "size": SIZES[free],
+    }  # fmt: skip
+    # P r of windows and fields
+    left = np.swapaxes(whiten, 1, 2) @ found.rows.inertial[..., None], weight[..., None] * found.rows.field
+    there = np.zeros(len(free)), np.zeros((len(way.velocity), LINK))
 
-    def left(accel: Any, gyro: Any, mag: Any) -> tuple[Any, Any]:
-        made = windows(record.grid, accel, gyro, mag, *delays, back)
-        return jax.vmap(lambda w, r, both: _window(w, r, both, model))(made, rotation, tilted)
+    def products(x: Unknowns) -> tuple[Unknowns, dict[str, Any]]:
+        """H'x and (dg/dy)'x, the latter by what the filters make of the readings."""
+        own = [np.broadcast_to(x[0], (len(whiten), len(free))), x[1][:-1, :9], x[1][1:, :9]]
+        columns = np.append(free, np.arange(len(NAMES), len(NAMES) + 18))
+        felt = found.rows.inertial_by[..., columns] @ np.concatenate(own, axis=1)[..., None]
+        columns = columns[: len(free) + 3]
+        seen = np.einsum("kiap,kp->kia", found.rows.field_by[..., columns], np.concatenate([own[0], own[1][:, :3]], axis=1))
+        along = (np.swapaxes(whiten, 1, 2) @ felt)[..., 0], weight[..., None] * seen
+        with jax.numpy_rank_promotion("allow"):  # the formulas broadcast as those in NumPy do, whatever the caller's configuration
+            return jax.tree.map(np.asarray, _by(there, fed, x, (left[0][..., 0], left[1]), along, fixed))
 
-    readings = [jnp.asarray(x) for x in (record.accel, record.gyro, record.mag)]
-    _, back_of = jax.vjp(left, *readings)
-    back_of = jax.jit(back_of)
     out: list[dict[str, AnyArray]] = []
-    inverse = np.linalg.inv(found.eliminated.information)
-    size = {"accel": 1.0, "gyro": 1.0, "mag": 1 / strength}
     for row in slope:
-        felt = -jacobian[:, : 9 + 3 * weight.shape[1]] @ (inverse @ row)
-        field = felt[:, 9:].reshape(*weight.shape, 3) * weight[..., None]
-        by = back_of((jnp.asarray(np.einsum("kab,ka->kb", whiten, felt[:, :9])), jnp.asarray(field)))
-        out.append({name: np.asarray(value) * size[name] for name, value in zip(size, by, strict=True)})
+        x = _refined(found.chain, lambda x: products(x)[0], row)
+        by = products(x)[1]
+        total: dict[str, Any] = {name: np.zeros_like(y) for name, y in readings.items()}
+        for name, own in filters.items():
+            total[own.sensor] -= own.back(by[name], len(total[own.sensor]))
+        out.append({name: value / (strength if name == "mag" else 1.0) for name, value in total.items()})
     return out
 
 
-def _window(w: Windows, begin: Any, tilted: Any, model: Any) -> tuple[Any, Any]:
-    """Residuals of one window, up to terms that no reading enters: rotation, velocity and place (9,), and field (m, 3)."""
-    gyro, accel = jnp.linalg.inv(jnp.asarray(model.gyro.matrix)), jnp.linalg.inv(jnp.asarray(model.accel.matrix))
-    bias, arm, h = jnp.asarray(model.gyro.bias)[None], jnp.asarray(model.arm), w.step
-    steps = w.turn.shape[0]
-    rate, force = (w.rate - bias) @ gyro.T, (w.force - jnp.asarray(model.accel.bias)[None]) @ accel.T
-    small = (w.turn - h * bias) @ gyro.T + h**2 / 12 * jnp.cross(rate[:-1], rate[1:])
-    turns = [jnp.eye(3)]
-    by = jax.vmap(_turn)(small)
-    for i in range(steps):
-        turns.append(turns[-1] @ by[i])
-    rotation = jnp.stack(turns)
-    pushed = jnp.einsum("iab,ib->ia", rotation, force)
-    half = jnp.full(steps + 1, 1.0).at[jnp.array([0, steps])].set(0.5) * h
-    twice = h**2 * (steps - jnp.arange(steps + 1.0)).at[0].set((2 * steps - 1) / 4).at[steps].set(0.25)
-    time = steps * h
-    swept = jnp.cross(rate[0], arm), jnp.cross(rate[-1], arm)
-    over = rotation[-1].T @ tilted
-    turned = jnp.stack([over[2, 1] - over[1, 2], over[0, 2] - over[2, 0], over[1, 0] - over[0, 1]]) / 2
-    speed = tilted @ swept[1] - swept[0] - half @ pushed
-    place = -time * swept[0] - twice @ pushed
-    part = (w.field_turn - w.field_time[:, None] * bias) @ gyro.T
-    to_reading = jnp.einsum("iab,ibc->iac", rotation[:-1], jax.vmap(_turn)(part))
-    seen = jnp.einsum("iba,b->ia", to_reading, begin.T @ jnp.asarray(model.world_field))
-    return jnp.concatenate([turned, speed, place]), seen @ jnp.asarray(model.magnetometer.soft_iron).T - w.field
+def _refined(chain: Chain, transposed: Callable[[Unknowns], Unknowns], row: np.ndarray) -> Unknowns:
+    """Solve H'x = (row, 0), with the normal equations in place of H in every step."""
+    x, first, size = (np.zeros(len(row)), np.zeros_like(chain.link_score)), 0.0, 0.0
+    left: Unknowns = row, np.zeros_like(chain.link_score)
+    for _ in range(_MOST):
+        links, steps = chain.steps(-left[1][..., None], -left[0][:, None])
+        step = steps[:, 0], links[..., 0]
+        x = x[0] + step[0], x[1] + step[1]
+        size = math.sqrt(max(step[0] @ left[0] + np.sum(step[1] * left[1]), 0.0))
+        first = max(first, size)
+        if size <= _EXACT * first:
+            return x
+        product = transposed(x)
+        left = row - product[0], -product[1]
+    raise FitError(
+        f"The derivatives by the readings were not found in {_MOST} steps (the last had {size / first:.1g} of the size of the largest): the "
+        "recording determines too little. Record longer and turn the device through all attitudes, or fit without `derivatives`."
+    )
+
+
+class _Filter:
+    """Sums of weighted samples of a sensor about each sample of the windows, or about each but the last."""
+
+    def __init__(self, record: Record, sensor: str, weights: np.ndarray, shift: int, last: bool = True, length: float = 0.0):
+        self.sensor, self.weights, self.length = sensor, weights, length
+        self.index = record.grid.inner[:, : None if last else -1] + shift + (TAPS[0] if len(weights) > 1 else 0)
+
+    def of(self, y: np.ndarray) -> np.ndarray:
+        return sum(weight * y[self.index + i] for i, weight in enumerate(self.weights))  # type: ignore[return-value]
+
+    def back(self, by: np.ndarray, count: int) -> np.ndarray:
+        """Derivative by the readings (count, 3), from that by the sums."""
+        at, out = np.zeros((count, 3)), np.zeros((count, 3))
+        np.add.at(at, self.index, by)
+        for i, weight in enumerate(self.weights):
+            out[i:] += weight * at[: count - i]
+        return out
+
+
+def _filters(record: Record, found: Solution) -> dict[str, _Filter]:
+    """What `windows` makes of the readings, with the derivatives of the rate by time that second derivatives by the delays need."""
+    h = record.grid.step
+    late, early = found.vector[GYRO_DELAY] / h, -found.vector[MAG_DELAY] / h
+    shift = math.floor(late)
+    x = late - shift
+    end = x + early - found.back
+    over = int(end >= 1)
+    rate = [math.factorial(n) * lagrange(x)[:, n] / h**n for n in range(4)]
+    field = [math.factorial(n) * lagrange(end - over)[:, n] / h**n for n in range(2)]
+
+    def two(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        return h * (np.append(first, 0.0) + np.append(0.0, second))
+
+    start, stop = (1.0, end - 1) if over else (end, 0.0)
+    out = {name: _Filter(record, "gyro", rate[n], shift) for n, name in enumerate(("rate", "slope", "curve", "third"))}
+    out |= {name: _Filter(record, "gyro", field[n], shift + over, False) for n, name in enumerate(("field_rate", "field_slope"))}
+    out["turn"] = _Filter(record, "gyro", two(integral_weights(x, 1.0), integral_weights(0.0, x)), shift, False)
+    weights = two(integral_weights(x, start), integral_weights(0.0, stop))
+    out["field_turn"] = _Filter(record, "gyro", weights, shift, False, h * (end - x))
+    out["force"] = _Filter(record, "accel", np.ones(1), 0)
+    out["field"] = _Filter(record, "mag", np.ones(1), -found.back, False)
+    return out
+
+
+@jax.jit
+def _by(change: Unknowns, fed: dict[str, Any], x: Unknowns, left: tuple, along: tuple, fixed: dict[str, Any]) -> tuple:
+    """Derivatives of x'g by the unknowns and by what is fed in.
+
+    With v = P r and u = P J x, both held, x'g = x'J'P r has the derivative of u'r + v'J x - u'P^-1 v.
+    """
+
+    def total(change: Unknowns, fed: dict[str, Any]) -> Any:
+        own, by = jax.jvp(lambda c: _residuals(c, fed, fixed), (change,), (x,))
+        (inertial, field, spread, wander, first, still, turned), (_, known, begin) = own, fixed["prior"]
+        value = jnp.sum(along[0] * inertial) + jnp.sum(left[0] * by[0]) + jnp.sum(along[1] * field) + jnp.sum(left[1] * by[1])
+        value -= jnp.sum(along[0] * (spread @ left[0][..., None])[..., 0])
+        value += jnp.sum(by[3] * (known @ wander) * fixed["moving"]) + jnp.sum(by[4] * (begin @ first))
+        return value + jnp.sum(by[5] * still) + jnp.sum(by[6] * turned) + jnp.sum(x[0] * change[0] / fixed["size"] ** 2)
+
+    return jax.grad(total, argnums=(0, 1))(change, fed)
+
+
+def _residuals(change: Unknowns, fed: dict[str, Any], fixed: dict[str, Any]) -> tuple[Any, ...]:
+    """Residuals of windows and fields, covariance of the former, and differences from the priors of the way."""
+    moved = jnp.zeros(len(NAMES)).at[fixed["free"]].add(change[0])
+    model, links = model_of(fixed["vector"] + moved), change[1]
+    rotation = fixed["way"][0] @ _turn(links[:, :3])
+    velocity, place, pull = (now + links[:, 3 * i : 3 * i + 3] for i, now in enumerate(fixed["way"][1:], start=1))
+    # readings at other delays, to second order
+    late, step = moved[GYRO_DELAY], fixed["step"]
+    both = late - moved[MAG_DELAY]
+    again = fed["rate"] + late * fed["slope"] + late**2 / 2 * fed["curve"]
+    slope = fed["slope"] + late * fed["curve"] + late**2 / 2 * fed["third"]
+    turn = fed["turn"] + late * jnp.diff(fed["rate"], axis=1) + late**2 / 2 * jnp.diff(fed["slope"], axis=1)
+    part = fed["field_turn"] + both * fed["field_rate"] + both**2 / 2 * fed["field_slope"]
+    part = part - late * fed["rate"][:, :-1] - late**2 / 2 * fed["slope"][:, :-1]
+
+    gyro, accel = jnp.linalg.inv(model.gyro.matrix), jnp.linalg.inv(model.accel.matrix)
+    bias, arm, (count, steps) = model.gyro.bias, model.arm, turn.shape[:2]
+    rate, force = (again - bias) @ gyro.T, (fed["force"] - model.accel.bias) @ accel.T
+    whirl = _skew(rate)
+    bent = _skew(slope @ gyro.T) + whirl @ whirl
+    swing = [jnp.zeros((count, steps + 1)), *(bent[:, :, axis] @ model.lever[axis - 1] for axis in (1, 2))]
+    force = force - jnp.stack(swing, axis=2)
+    pressed = force @ model.gyro.g_sensitivity.T
+    rate = rate - pressed @ gyro.T
+    small = (turn - step * (bias + (pressed[:, 1:] + pressed[:, :-1]) / 2)) @ gyro.T
+    small = small + step**2 / 12 * _times(_skew(rate[:, :-1]), rate[:, 1:])
+    begin = jnp.broadcast_to(jnp.eye(3), (count, 3, 3))
+    _, later = jax.lax.scan(lambda r, by: (r @ by, r @ by), begin, jnp.swapaxes(_turn(small), 0, 1))
+    whole = jnp.concatenate([begin[:, None], jnp.swapaxes(later, 0, 1)], axis=1)
+    pushed = jnp.einsum("kiab,kib->kia", whole, force)
+    half = jnp.full(steps + 1, step).at[jnp.array([0, steps])].set(step / 2)
+    twice = step**2 * (steps - jnp.arange(steps + 1.0)).at[0].set((2 * steps - 1) / 4).at[steps].set(0.25)
+    time, down = steps * step, jnp.array([0.0, 0.0, 1.0]) * fixed["gravity"]
+    back, end = jnp.swapaxes(rotation[:-1], 1, 2), jnp.swapaxes(whole[:, -1], 1, 2)
+    swept, relative, pushes = (_skew(rate[:, 0]) @ arm, _skew(rate[:, -1]) @ arm), back @ rotation[1:], half @ pushed
+    speed = _times(back, jnp.diff(velocity, axis=0) + time * down) + _times(relative, swept[1]) - swept[0] - pushes
+    went = _times(back, jnp.diff(place, axis=0) - time * velocity[:-1] + time**2 / 2 * down)
+    went = went + relative @ arm - arm - time * swept[0] - twice @ pushed
+    inertial = jnp.concatenate([_angles(end @ back @ fixed["earth"] @ rotation[1:]), speed, went], axis=1)
+    part = (part - (fixed["late"] - moved[MAG_DELAY]) * (bias + pressed[:, :-1])) @ gyro.T
+    seen = jnp.einsum("kiba,kb->kia", whole[:, :-1] @ _turn(part), back @ model.world_field)
+    field = seen @ model.magnetometer.soft_iron.T + model.magnetometer.hard_iron - fed["field"]
+
+    x = jnp.stack([velocity, place, pull], axis=1)
+    still = fixed["still"] * jnp.concatenate([velocity, pull], axis=1)
+    spread = spread_of(pushes / time, end, *fixed["noise"], time)
+    return inertial, field, spread, x[1:] - fixed["prior"][0] @ x[:-1], x[0], still, fixed["turn"] * _angles(relative)
+
+
+def _times(matrix: Any, vector: Any) -> Any:
+    """Products of matrices with vectors."""
+    return (matrix @ vector[..., None])[..., 0]
+
+
+def _skew(v: Any) -> Any:
+    """Matrices of the cross product with v."""
+    return (v @ _CROSS.reshape(3, 9)).reshape(*v.shape, 3)
 
 
 def _turn(v: Any) -> Any:
-    """Rotation by a small vector, to fourth order."""
-    cross = jnp.cross(jnp.eye(3), v[None] * jnp.ones((3, 1)))
+    """Rotation matrices of vectors below 1 rad: a series, which has derivatives at zero, of an eighth, and that to the eighth power."""
+    cross = _skew(v / 8)
     square = cross @ cross
-    return jnp.eye(3) + cross + square / 2 + square @ cross / 6 + square @ square / 24
+    turn = jnp.eye(3) + cross + square / 2 + square @ (cross / 6 + square / 24)
+    for _ in range(3):
+        turn = turn @ turn
+    return turn
+
+
+def _angles(r: Any) -> Any:
+    """Rotation vectors of matrices that turn by less than 20 degrees, by the series of the arc sine."""
+    half = r.reshape(*r.shape[:-2], 9) @ _CROSS.reshape(3, 9).T / 2
+    square, factor = jnp.sum(half * half, axis=-1, keepdims=True), 1.0
+    for n in range(4, 0, -1):
+        factor = 1 + square * (2 * n - 1) ** 2 / (2 * n * (2 * n + 1)) * factor
+    return factor * half

@@ -164,7 +164,7 @@ def _by_window(
 
 @dataclasses.dataclass(frozen=True)
 class Lack:
-    """A term that the magnetometer asks for, with the size that it has."""
+    """A term that the model lacks, with the level of its test and the size that it has."""
 
     name: str
     level: float
@@ -172,7 +172,7 @@ class Lack:
 
 
 def lacks(found: Solution, record: Record, ratio: float) -> list[Lack]:
-    """Terms of the field that the model lacks, each by a test of its score with everything else fitted beside it."""
+    """Terms of the field, and a drift of the gyroscope's bias, that the model lacks: tests of scores, with all parameters beside them."""
     model, w = found.model, record.windows(found.vector, found.back)
     moved = inertial(model, w)
     turn = found.way.rotation[:-1, None] @ moved.to_reading
@@ -201,33 +201,43 @@ def lacks(found: Solution, record: Record, ratio: float) -> list[Lack]:
     def turned(by: np.ndarray) -> np.ndarray:
         return iron @ -skew(seen) @ (by[..., None] * np.eye(3))
 
+    rows, own = found.rows, slice(GYRO_BIAS, GYRO_BIAS + 3)
+    along = (np.arange(len(turn)) - (len(turn) - 1) / 2) / len(turn)
+    drift = rows.field_by[..., own] * along[:, None, None, None], rows.inertial_by[..., own] * along[:, None, None]
+    none = np.zeros((len(turn), 9, 1))
     tests = []
     for name, columns, unit in (
         ("gradient", gradient, lambda c: float(np.linalg.norm([c[0], c[1], -c[0] - c[1], *(np.sqrt(2) * c[2:])]))),
         ("mount", np.concatenate([turned(spin), turned(body)], axis=-1), lambda c: float(np.hypot(
             np.linalg.norm(c[:3]) * np.sqrt(np.mean(spin**2)), np.linalg.norm(c[3:]) * np.sqrt(np.mean(body**2))))),
+        ("drift", None, lambda c: float(np.linalg.norm(c))),
     ):  # fmt: skip
-        score, information = _asked(found, columns * weight[..., None, None])
+        field, inner = drift if columns is None else (columns * weight[..., None, None], none.repeat(columns.shape[-1], axis=2))
+        score, information = _asked(found, field, inner)
         statistic = float(score @ np.linalg.solve(information, score)) / max(ratio, 1.0)
         level = float(scipy.special.chdtrc(len(score), statistic))
         tests.append(Lack(name, level, unit(-np.linalg.solve(information, score))))
     return [test for test in tests if test.level < _LACK]
 
 
-def _asked(found: Solution, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Score and information of further columns (K, m, 3, q) of the field's rows, with parameters and way eliminated."""
+def _asked(found: Solution, field: np.ndarray, inner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Score and information of further columns of the rows, (K, m, 3, q) and (K, 9, q), with parameters and way eliminated."""
     chain, free, rows = found.chain, found.free, found.rows
-    size, count = len(NAMES), len(columns)
-    flat = columns.reshape(count, -1, columns.shape[-1])
+    size, count = len(NAMES), len(field)
+    flat = field.reshape(count, -1, field.shape[-1])
     own = rows.field_by[..., free].reshape(count, -1, len(free))
     here = rows.field_by[..., size:].reshape(count, -1, 3)
+    by = np.swapaxes(rows.inertial_by, 1, 2) @ inner
     border = np.zeros((*chain.border.shape[:2], flat.shape[-1]))
     border[:-1, :3] = np.swapaxes(here, 1, 2) @ flat
-    between = np.einsum("krp,krq->pq", own, flat, optimize=True)
-    corner = np.einsum("krp,krq->pq", flat, flat, optimize=True)
+    border[:-1, :9] += by[:, size : size + 9]
+    border[1:, :9] += by[:, size + 9 :]
+    between = np.einsum("krp,krq->pq", own, flat, optimize=True) + by[:, free].sum(axis=0)
+    corner = np.einsum("krp,krq->pq", flat, flat, optimize=True) + np.einsum("krp,krq->pq", inner, inner, optimize=True)
+    push = np.einsum("krq,kr->q", flat, rows.field.reshape(count, -1)) + np.einsum("krq,kr->q", inner, rows.inertial)
     more = Chain(
         chain.links, chain.ties, np.concatenate([chain.border, border], axis=2), np.block([[chain.corner, between], [between.T, corner]]),
-        chain.link_score, np.append(chain.score, np.einsum("krq,kr->q", flat, rows.field.reshape(count, -1))),
+        chain.link_score, np.append(chain.score, push),
     )  # fmt: skip
     whole = more.eliminated()
     p = len(free)

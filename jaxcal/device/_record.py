@@ -13,6 +13,7 @@ from ._solve import Noise, Record
 from ._windows import Grid
 
 _SHORT = 2  # samples that are interpolated where they are missing
+_NEAR = 16  # readings on each side on which an interpolated one depends: a spline's weights fall by 0.27 from one to the next
 _ORDER = 6  # of the differences that show the noise: motion below an eighth of the rate leaves them alone
 _FAST, _HELD = 0.8, 0.05  # share of slower samples; share of equal neighbours from which on a sensor repeats its last reading
 
@@ -30,6 +31,17 @@ def _filled(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         lost[start:stop] = stop - start > _SHORT
     usual = np.median(y[index], axis=0)
     return np.where(lost[:, None], usual, filled), lost
+
+
+def unfilled(by: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Derivative (n, 3) by the readings that exist, from that by the readings after `_filled`."""
+    there, (_, lost) = np.isfinite(y).all(axis=1), _filled(y)
+    index, out = np.flatnonzero(there), np.where(there[:, None], by, 0.0)
+    for i in np.flatnonzero(~there & ~lost):
+        at = np.searchsorted(index, i)
+        near = index[max(at - _NEAR, 0) : at + _NEAR]
+        out[near] += np.outer(scipy.interpolate.CubicSpline(near, np.eye(len(near)))(i), by[i])
+    return out
 
 
 def _changed(m: np.ndarray, gyro: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._precision import array_module
 from ..fitting import Chain, Eliminated
 from ._model import DeviceModel
 from ._normal import GYRO_DELAY, LINK, MAG_DELAY, Inertial, Rows, chain_of, exponential, inertial, logarithm, rows
@@ -102,26 +103,27 @@ def added(chain: Chain, other: Chain) -> Chain:
     )
 
 
+def spread_of(mean: Any, end: Any, gyro: Any, accel: Any, time: float) -> Any:
+    """(K, 9, 9) covariances of the inertial residuals by white noise of densities (K,), from a window's mean specific force and the
+    rotation back from its end."""
+    xp = array_module(mean, end)
+    down = -xp.cross(xp.eye(3), mean[:, None])
+    eye, square, up = xp.eye(3), -(down @ down), xp.swapaxes(down, 1, 2)  # a turn moves the specific force
+    g, a = (level[:, None, None] ** 2 for level in (gyro, accel))
+    speed, place = g * time**2 / 2 * end @ up, g * time**3 / 6 * end @ up
+    both = a * time**2 / 2 * eye + g * time**4 / 8 * square
+    rows = (
+        (g * time * eye, speed, place),
+        (xp.swapaxes(speed, 1, 2), a * time * eye + g * time**3 / 3 * square, both),
+        (xp.swapaxes(place, 1, 2), xp.swapaxes(both, 1, 2), a * time**3 / 3 * eye + g * time**5 / 20 * square),
+    )
+    return xp.concatenate([xp.concatenate(row, axis=2) for row in rows], axis=1)
+
+
 def whitened(found: Inertial, noise: Noise, time: float, broken: np.ndarray) -> np.ndarray:
     """(K, 9, 9) matrices that make the inertial residuals of every window white, by white noise of the rates and the specific force."""
-    count = len(found.speed)
-    mean = found.speed / time
-    down = np.zeros((count, 3, 3))
-    down[:, 0, 1], down[:, 0, 2], down[:, 1, 2] = -mean[:, 2], mean[:, 1], -mean[:, 0]
-    down -= np.swapaxes(down, 1, 2)
-    down = -down
-    eye, square = np.eye(3), -(down @ down)  # a turn moves the specific force
-    g, a = (np.broadcast_to(level, count)[:, None, None] ** 2 for level in (noise.gyro, noise.accel))
-    matrix = np.zeros((count, 9, 9))
-    matrix[:, :3, :3] = g * time * eye
-    matrix[:, 3:6, 3:6] = a * time * eye + g * time**3 / 3 * square
-    matrix[:, 6:, 6:] = a * time**3 / 3 * eye + g * time**5 / 20 * square
-    matrix[:, 3:6, 6:] = a * time**2 / 2 * eye + g * time**4 / 8 * square
-    end = np.swapaxes(found.rotation[:, -1], 1, 2)
-    matrix[:, :3, 3:6] = g * time**2 / 2 * end @ np.swapaxes(down, 1, 2)
-    matrix[:, :3, 6:] = g * time**3 / 6 * end @ np.swapaxes(down, 1, 2)
-    lower = np.swapaxes(np.triu(np.ones((9, 9)), 1) * matrix, 1, 2)
-    matrix = np.triu(np.ones((9, 9))) * matrix + lower
+    gyro, accel = (np.broadcast_to(level, len(found.speed)) for level in (noise.gyro, noise.accel))
+    matrix = spread_of(found.speed / time, np.swapaxes(found.rotation[:, -1], 1, 2), gyro, accel, time)
     matrix[broken] = np.diag(np.repeat([1.0, 10.0, 1.0], 3) ** 2)
     return np.linalg.inv(np.linalg.cholesky(matrix))
 

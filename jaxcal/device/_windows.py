@@ -15,7 +15,7 @@ from ..magnetometer import MagModel
 from ._model import DeviceModel
 
 #: offsets of the samples that an interpolation takes, from the one before
-_TAPS = np.arange(-3, 5)
+TAPS = np.arange(-3, 5)
 _EDGE = 8  # samples at both ends, which the interpolation needs
 WINDOW = 0.2  # s
 
@@ -37,31 +37,35 @@ class Windows(eqx.Module):
     step: AnyArray  # (K,) h
 
 
-def _lagrange(x: float) -> np.ndarray:
+def lagrange(x: float) -> np.ndarray:
     """(8, 8) coefficients of the polynomials that are one at one tap and zero at the others, in powers of the distance from `x`."""
-    return np.linalg.inv(np.vander(_TAPS - x, increasing=True)).T
+    return np.linalg.inv(np.vander(TAPS - x, increasing=True)).T
 
 
 def _filtered(y: AnyArray, weights: AnyArray, index: np.ndarray) -> AnyArray:
     """Sums of the samples about each index, with weights for the taps."""
-    return sum(weight * y[index + tap] for weight, tap in zip(weights, _TAPS, strict=True))  # type: ignore[return-value]
+    return sum(weight * y[index + tap] for weight, tap in zip(weights, TAPS, strict=True))  # type: ignore[return-value]
 
 
 def value_at(y: Any, x: float, index: np.ndarray) -> Any:
     """Readings at index + x, 0 <= x < 1."""
-    return _filtered(y, _lagrange(x)[:, 0], index)
+    return _filtered(y, lagrange(x)[:, 0], index)
 
 
 def slope_at(y: Any, x: float, index: np.ndarray) -> Any:
     """Derivative there, per sample."""
-    return _filtered(y, _lagrange(x)[:, 1], index)
+    return _filtered(y, lagrange(x)[:, 1], index)
 
 
 def integral(y: Any, low: float, high: float, index: np.ndarray) -> Any:
     """Integral from index + low to index + high, in samples."""
-    power = np.arange(1, len(_TAPS) + 1)
-    weights = _lagrange(0.0) @ ((high**power - low**power) / power)
-    return _filtered(y, weights, index)
+    return _filtered(y, integral_weights(low, high), index)
+
+
+def integral_weights(low: float, high: float) -> np.ndarray:
+    """(8,) weights of the taps in the integral."""
+    power = np.arange(1, len(TAPS) + 1)
+    return lagrange(0.0) @ ((high**power - low**power) / power)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -68,27 +68,34 @@ def test_rests_make_the_accelerometer_several_times_better():
 
 
 def test_derivatives_by_the_readings_are_those_of_fits_to_other_readings(monkeypatch):
-    log = simulate(30.0, 25.0, seed=11, tremor=0.0)[0]
-    names = ("accel.bias[0]", "gyro.matrix[1,1]", "magnetometer.hard_iron[2]", "gyro_delay")
-    rounds, kept = _fit._rounds, {}
+    log = simulate(40.0, 25.0, seed=11, tremor=0.0, rests=4, still=2.0)[0]
+    names = ("accel.bias[0]", "gyro.matrix[1,1]", "magnetometer.soft_iron[0,1]", "magnetometer.hard_iron[2]", "field", "gyro_delay")
+    started, rounds, kept = _fit.started, _fit._rounds, {}
+
+    def begun(record, mag):
+        """The same start for all readings, and the same unit of the field."""
+        if not kept:
+            kept["start"] = started(record, mag)
+        else:
+            record.mag = record.mag / kept["start"][2]
+        return kept["start"]
 
     def once(record, vector, way, free, level):
-        """The same noise, weights, reach and speed for all readings, as the derivatives take them, and fits to the last digit."""
-        if not kept:
+        """The same noise, weights, rests, reach and speed for all readings, as the derivatives take them, and fits to the last digit."""
+        if "of" not in kept:
             kept["of"] = rounds(record, vector, way, free, level)
-            kept["centre"] = vector
         found, place, rests, level = kept["of"]
         with monkeypatch.context() as patch:
-            patch.setattr(_solve, "_SETTLED", 1e-13)
-            again = _solve.solved(
-                record, found.vector, found.way, free, found.noise, place, found.counts, rests=rests, centre=kept["centre"]
-            )
+            patch.setattr(_solve, "_SETTLED", 1e-18)
+            again = _solve.solved(record, found.vector, found.way, free, found.noise, place, found.counts, 40, rests, kept["start"][0])
         return again, place, rests, level
 
+    monkeypatch.setattr(_fit, "started", begun)
     monkeypatch.setattr(_fit, "_rounds", once)
     found = fit(log, derivatives=names)
+    assert found.rests
     rng = np.random.default_rng(2)
-    for sensor, size in (("accel", 1e-4), ("gyro", 1e-6), ("mag", 1e-9)):
+    for sensor, size in (("accel", 1e-3), ("gyro", 3e-5), ("mag", 3e-8)):
         wave = size * np.sin(2 * np.pi * rng.uniform(0.02, 0.2, 3) * log.time[:, None] + rng.uniform(0, 6, 3))
         ends = [
             fit(jaxcal.Log(None, **{one: getattr(log, one) + sign * wave * (one == sensor) for one in ("accel", "gyro", "mag")}, rate=25.0))
@@ -97,10 +104,9 @@ def test_derivatives_by_the_readings_are_those_of_fits_to_other_readings(monkeyp
         for name in names:
             i = found.names.index(name)
             expected = (ends[0].values[i] - ends[1].values[i]) / 2
-            # the implicit derivative leaves out terms in the residuals, which reach 8 % here
-            assert np.sum(found.derivatives[name][sensor] * wave) == pytest.approx(expected, rel=0.1)
+            assert np.sum(found.derivatives[name][sensor] * wave) == pytest.approx(expected, rel=1e-4), (sensor, name)
     # an offset of a sensor is its bias
-    assert found.derivatives["accel.bias[0]"]["accel"].sum(axis=0) == pytest.approx([1.0, 0.0, 0.0], abs=0.02)
+    assert found.derivatives["accel.bias[0]"]["accel"].sum(axis=0) == pytest.approx([1.0, 0.0, 0.0], abs=1e-3)
     with pytest.raises(jaxcal.DataError, match="no such parameter"):
         fit(log, derivatives=["bias"])
 
