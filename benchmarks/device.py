@@ -129,8 +129,8 @@ def run(cell, seed, bounded):
     line["seconds"] = time.perf_counter() - start
     if cell.known is not None and bounded:
         line["bound"] = np.sqrt(np.diag(bound.covariance_of(bound.information(true, model, cell.known), model)))
-    if cell.motion.get("initial"):
-        line["single"] = _single(log, truth)
+    if cell.motion.get("rests"):
+        line |= _single(log, truth)
     return line
 
 
@@ -162,20 +162,30 @@ def _inside(truth, interval):
 
 
 def _single(log, truth):
-    """Errors of the fits to single sensors, in the same places; NaN where they have none."""
+    """Errors of the fits to single sensors, one after the other as a user would call them, in the same places; NaN where they have none.
+
+    The frame is that of `device.fit`: `multi_position` makes the accelerometer's matrix upper triangular too, and the magnetometer gets its
+    rotation from the rates that `multi_position` corrects.
+    """
     error = np.full(37, np.nan)
     alone = jaxcal.imu.multi_position(log, gravity=9.80665)
     if alone.accel is not None:
         matrix = np.asarray(alone.accel.matrix)
         error[:6] = [matrix[i] for i in bound.UPPER] - truth[:6]
         error[6:9] = alone.accel.bias - truth[6:9]
+    aid = None
     if alone.gyro is not None:
         error[9:18] = np.ravel(alone.gyro.matrix) - truth[9:18]
         error[18:21] = alone.gyro.bias - truth[18:21]
-    iron = jaxcal.magnetometer.fit(log.mag).model
-    if iron is not None:
-        error[30:33] = np.asarray(iron.hard_iron) - truth[30:33]
-    return error
+        force = None if alone.accel is None else alone.accel.correct(log.accel)
+        aid = jaxcal.magnetometer.Gyroscope(np.asarray(alone.gyro.correct(log.gyro, force)), log.rate)
+    found = jaxcal.magnetometer.fit(log.mag, aid=aid)
+    if found.model is not None:
+        error[30:33] = np.asarray(found.model.hard_iron) - truth[30:33]
+        if aid is not None:
+            iron = np.asarray(found.model.soft_iron)
+            error[21:30] = np.ravel(iron / np.cbrt(np.linalg.det(iron))) - truth[21:30]
+    return {"single": error, "alone": f"imu {alone.verdict}, magnetometer {found.verdict}"}
 
 
 def _plain(value):
@@ -222,6 +232,9 @@ def show(path):
         unknown = collections.Counter(word for line in lines for word in line.get("unknown", ()))
         if unknown:
             print("  without number: " + ", ".join(f"{word} ({count})" for word, count in unknown.most_common()))
+        alone = collections.Counter(line["alone"] for line in lines if "alone" in line)
+        if alone:
+            print("  single sensors: " + "; ".join(f"{word} ({count})" for word, count in alone.items()))
         error, inside, limit, single = (_column(lines, word) for word in ("error", "inside", "bound", "single"))
         if not len(error):
             continue

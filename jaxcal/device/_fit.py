@@ -31,7 +31,7 @@ _FEW = 10  # steps where the motion leaves parameters open
 _SAME = 0.1  # change of a window's weight
 _HELD = ("accel.g_sensitivity", "field")
 _BELOW = ("accel.matrix[1,0]", "accel.matrix[2,0]", "accel.matrix[2,1]")
-_LEAST = 20.0  # s of recording
+_LEAST, _READINGS = 20.0, 100  # s of recording; readings of the magnetometer
 _FAR, _GONE = 1.5, 4.0  # rms of a window's field, in standard deviations, from which it counts less, and not at all
 _LITTLE = 1e-2  # weight of a window that counts for nothing, whose residuals are still seen
 #: m/s^2 and rad/s: scatter of a hand that holds still, and the rate that it does not exceed
@@ -104,6 +104,10 @@ def fit(
     if log.duration < _LEAST:
         raise DataError(f"The recording lasts {log.duration:.3g} s; {_LEAST:g} s are needed, and three minutes are advised.")
     record, level, mag = recorded(log, float(gravity), REACH, None if latitude is None else float(latitude))
+    if (span := record.time * float(np.sum(~record.broken))) < _LEAST:
+        raise DataError(f"Accelerometer and gyroscope have readings without gaps for {span:.3g} s in all; {_LEAST:g} s are needed.")
+    if (number := int(record.there.sum())) < _READINGS:
+        raise DataError(f"The magnetometer has {number} readings; {_READINGS} are needed, and several per second are advised.")
     slow: dict[str, SlowNoise] = {}
     if noise is not None:
         white = {}

@@ -45,8 +45,9 @@ def gradients(
     level = [np.broadcast_to(noise, len(whiten)) * ~record.broken for noise in (found.noise.gyro, found.noise.accel)]
     fixed = {
         "vector": found.vector, "free": free, "way": (way.rotation, way.velocity, way.place, way.acceleration), "earth": record.earth,
-        "gravity": record.gravity, "step": record.grid.step, "late": filters["field_turn"].length, "noise": level, "prior": (step, known, begin),
-        "moving": rests.moving[:, None, None], "still": pace, "turn": rests.windows[:, None] / rests.turn, "size": SIZES[free],
+        "gravity": record.gravity, "step": record.grid.step, "late": filters["field_turn"].length, "noise": level,
+        "prior": (step, known, begin), "moving": rests.moving[:, None, None], "still": pace,
+        "turn": rests.windows[:, None] / rests.turn, "size": SIZES[free],
     }  # fmt: skip
     # P r of windows and fields
     left = np.swapaxes(whiten, 1, 2) @ found.rows.inertial[..., None], weight[..., None] * found.rows.field
@@ -89,8 +90,8 @@ def _refined(chain: Chain, transposed: Callable[[Unknowns], Unknowns], row: np.n
         product = transposed(x)
         left = row - product[0], -product[1]
     raise FitError(
-        f"The derivatives by the readings were not found in {_MOST} steps (the last had {size / first:.1g} of the size of the largest): the "
-        "recording determines too little. Record longer and turn the device through all attitudes, or fit without `derivatives`."
+        f"The derivatives by the readings were not found in {_MOST} steps (the last has {size / first:.1g} of the size of the largest): "
+        "the recording determines too little. Record longer and turn the device through all attitudes, or fit without `derivatives`."
     )
 
 

@@ -53,7 +53,7 @@ def _changed(m: np.ndarray, gyro: np.ndarray) -> np.ndarray:
     same = np.concatenate([[False], np.all(m[1:] == m[:-1], axis=1)]) & there
     rate = np.linalg.norm(gyro, axis=1)
     fast = there & (rate >= np.quantile(rate, _FAST))
-    return np.asarray(there & ~same if np.mean(same[fast]) > _HELD else there)
+    return np.asarray(there & ~same if fast.any() and np.mean(same[fast]) > _HELD else there)
 
 
 def white_noise(y: np.ndarray, rate: float, lost: np.ndarray) -> float:

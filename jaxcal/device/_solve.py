@@ -105,7 +105,8 @@ def added(chain: Chain, other: Chain) -> Chain:
 
 def spread_of(mean: Any, end: Any, gyro: Any, accel: Any, time: float) -> Any:
     """(K, 9, 9) covariances of the inertial residuals by white noise of densities (K,), from a window's mean specific force and the
-    rotation back from its end."""
+    rotation back from its end.
+    """
     xp = array_module(mean, end)
     down = -xp.cross(xp.eye(3), mean[:, None])
     eye, square, up = xp.eye(3), -(down @ down), xp.swapaxes(down, 1, 2)  # a turn moves the specific force

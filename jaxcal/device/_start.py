@@ -100,7 +100,8 @@ def followed(record: Record, vector: np.ndarray) -> tuple[Way, float]:
     world, up = np.asarray(DeviceModel(model.accel, model.gyro, model.magnetometer, 1.0, dip).world_field), np.array([0.0, 0.0, 1.0])
     step = seen.rotation[:, -1]
     gain = np.where(some, record.time / _FIELD, 0.0), record.time / _FORCE
-    first = max(round(_FIRST / record.time), 1)
+    # as many windows with readings of the magnetometer, which may begin late
+    first = int(np.flatnonzero(some)[: max(round(_FIRST / record.time), 1)][-1]) + 1
     turn = _triad(_gathered(step, force, first), _gathered(step, field, first), dip)
     total = len(step)
     turns = np.empty((total + 1, 3, 3))

@@ -65,8 +65,9 @@ def judged(facts: dict[str, Any]) -> tuple[str, str, tuple[str, ...], dict[str, 
     for lack in facts["lacks"]:
         if lack.name == "drift":
             warnings.append(
-                f"The gyroscope's bias drifted by {np.rad2deg(lack.size) * 3600:.2g} deg/h along the recording (p = {max(lack.level, 1e-300):.1g}): "
-                "the bias and its error are those of the mean over the recording. Let the device warm up before you record."
+                f"The gyroscope's bias drifted by {np.rad2deg(lack.size) * 3600:.2g} deg/h along the recording "
+                f"(p = {max(lack.level, 1e-300):.1g}): the bias and its error are those of the mean over the recording. Let the device "
+                "warm up before you record."
             )
             continue
         verdicts["magnetometer"] = "refused" if verdicts["magnetometer"] == "refused" else "weak"

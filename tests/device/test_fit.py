@@ -193,6 +193,7 @@ def test_missing_samples_and_a_slow_magnetometer_cost_little():
     log, true, _, found = free()
     accel, gyro, mag = (np.array(x) for x in (log.accel, log.gyro, log.mag))
     mag[np.arange(len(mag)) % 5 != 0] = np.nan
+    mag[:250] = np.nan  # the magnetometer begins late
     accel[700:701], gyro[900:940] = np.nan, np.nan
     part = fit(jaxcal.Log(None, accel=accel, gyro=gyro, mag=mag, rate=50.0))
     assert_covered(errors(part, true))
@@ -205,5 +206,10 @@ def test_wrong_calls_say_what_is_expected():
         fit(log, gravity=1.0)
     with pytest.raises(jaxcal.DataError, match="20 s are needed"):
         fit(log.select(0, 10))
+    rare, gone = (np.where(np.arange(len(log.time))[:, None] > least, np.nan, value) for least, value in ((50, log.mag), (600, log.gyro)))
+    with pytest.raises(jaxcal.DataError, match="51 readings; 100 are needed"):
+        fit(jaxcal.Log(None, accel=log.accel, gyro=log.gyro, mag=rare, rate=50.0))
+    with pytest.raises(jaxcal.DataError, match="without gaps for 11"):
+        fit(jaxcal.Log(None, accel=log.accel, gyro=gone, mag=log.mag, rate=50.0))
     with pytest.raises(jaxcal.DataError, match="no mag"):
         fit(jaxcal.Log(None, accel=log.accel, gyro=log.gyro, rate=50.0))
