@@ -149,9 +149,10 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
 
 
 def _left(v: np.ndarray) -> np.ndarray:
-    """Left Jacobian of a small rotation vector."""
-    cross = skew(v)
-    return np.eye(3) + cross / 2 + cross @ cross / 6
+    """Left Jacobian of a rotation vector below 1 rad, by its series."""
+    cross, square = skew(v), np.sum(v * v, axis=-1)[..., None, None]
+    one, two = 1 - square / 12 * (1 - square / 30), 1 - square / 20 * (1 - square / 42)
+    return np.eye(3) + one / 2 * cross + two / 6 * (cross @ cross)
 
 
 @dataclasses.dataclass
