@@ -18,7 +18,7 @@ from ._gradient import gradients
 from ._judge import NUISANCE, known, lacks, stretches, unseen
 from ._levels import grown
 from ._model import DeviceModel
-from ._normal import HARD, IRON, logarithm
+from ._normal import GYRO, HARD, IRON, logarithm
 from ._record import recorded, unfilled
 from ._result import DeviceFit, gauged
 from ._solve import REACH, STEPS, Noise, Place, Record, Rests, Solution, solved
@@ -115,11 +115,13 @@ def fit(
             white[sensor], flicker, walk = coefficients(noise, sensor)
             slow[sensor] = SlowNoise(B=flicker, K=walk)
         level = Noise(white["gyro"] or level.gyro, white["accel"] or level.accel, level.mag)
-    vector, way, strength = started(record, mag)
+    vector, way, strength, axes = started(record, mag)
     held = (*_HELD, *(() if g_sensitivity else ("gyro.g_sensitivity",)), *(() if lever else ("lever",)))
     free = np.array([i for i, name in enumerate(NAMES) if name.partition("[")[0] not in held and name not in _BELOW])
     found, place, rests, level = _rounds(record, vector, way, free, level)
-    return _result(log, record, found, place, rests, level, strength, None if field is None else float(field), slow, tuple(derivatives))
+    return _result(
+        log, record, found, place, rests, level, strength, axes, None if field is None else float(field), slow, tuple(derivatives)
+    )
 
 
 def _rounds(record: Record, vector: Any, way: Any, free: Any, level: Noise) -> tuple[Solution, Place, Rests, Noise]:
@@ -208,8 +210,9 @@ def _rests(record: Record, vector: np.ndarray) -> Rests:
 
 
 def _result(
-    log: Any, record: Record, found: Solution, place: Place, rests: Rests, level: Noise, strength: float, field: float | None,
-    slow: dict[str, SlowNoise], derivatives: tuple[str, ...],
+    log: Any, record: Record, found: Solution, place: Place, rests: Rests, level: Noise, strength: float, axes: tuple[Any, Any],
+    field: float | None,
+        slow: dict[str, SlowNoise], derivatives: tuple[str, ...],
 ) -> DeviceFit:  # fmt: skip
     told = known(found, place, rests, record.time, slow)
     fitted = tuple(np.array(NAMES)[found.free].tolist())
@@ -233,12 +236,13 @@ def _result(
         open_ = {sensor_of(name) for name, lost in zip(names, blind, strict=True) if lost}
         blind |= np.array([sensor_of(name) in open_ for name in names])
     plain = vector_of(template())
+    plain[GYRO : GYRO + 9] = axes[0].ravel()
     vector = found.vector.copy()
     lost = [NAMES.index(name) for name, gone in zip(names[:-1], blind, strict=False) if gone]
     vector[lost] = plain[lost]
     model = model_of(vector)
     soft, offset = (np.isin(np.arange(first, first + size), lost) for first, size in ((IRON, 9), (HARD, 3)))
-    iron = np.where(soft.reshape(3, 3), np.eye(3), sensors["soft_iron"])
+    iron = np.where(soft.reshape(3, 3), axes[1], sensors["soft_iron"])
     hard = np.where(offset, 0.0, sensors["hard_iron"])
     model = DeviceModel(
         model.accel, model.gyro, MagModel(iron, hard), float(sensors["field"]), float(model.dip),
@@ -263,6 +267,7 @@ def _result(
         "names": names, "values": values, "covariance": covariance, "undetermined": undetermined, "disturbed": disturbed,
         "reach": place.reach, "place": found.way.place, "disagreement": told.ratio, "converged": found.converged, "field": model.field,
         "model": model, "lacks": missing, "duration": float(log.duration), "freedom": told.freedom, "strength": strength,
+        "axes": axes,
     }  # fmt: skip
     verdict, reason, warnings, verdicts = judged(facts)
     start = record.grid.first * record.grid.step

@@ -5,8 +5,9 @@ import scipy  # loads its parts when they are first used
 
 from .. import magnetometer
 from .._errors import DataError, FitError
+from ._axes import axes_of
 from ._model import DeviceModel
-from ._normal import DIP, GYRO_BIAS, HARD, IRON, MAG_DELAY, exponential, inertial
+from ._normal import DIP, GYRO, GYRO_BIAS, HARD, IRON, MAG_DELAY, exponential, inertial
 from ._solve import Record, Way
 from ._windows import model_of, template, vector_of
 
@@ -18,19 +19,29 @@ _STRANGE = 6.0  # robust standard deviations of the norm
 _FIRST = 2.0  # s whose mean gives the first attitude
 
 
-def started(record: Record, mag: np.ndarray) -> tuple[np.ndarray, Way, float]:
-    """Parameters, the way, and the strength of the field in the unit of `mag`, by which the record's is divided from here on."""
+def started(record: Record, mag: np.ndarray) -> tuple[np.ndarray, Way, float, tuple[np.ndarray, np.ndarray]]:
+    """Parameters, the way, the strength of the field in the unit of `mag`, by which the record's is divided from here on, and axes.
+
+    The axes (3, 3) of gyroscope and magnetometer turn vectors from those of the accelerometer; see `axes_of`.
+    """
     vector = vector_of(template())
-    iron, hard, strength = _ellipsoid(record, mag, vector) or _turned(record, mag)
+    gyro = axes_of(record.accel, record.gyro, 1 / record.grid.step, ("gyroscope", "accelerometer")).T
+    vector[GYRO : GYRO + 9] = gyro.ravel()
+    rates, axes = record.gyro @ gyro, np.eye(3)
+    if ellipsoid := _ellipsoid(record, mag, vector, rates):
+        *ellipsoid, axes = ellipsoid
+    iron, hard, strength = ellipsoid or _turned(record, mag, rates)
     vector[IRON : IRON + 9], vector[HARD : HARD + 3] = iron.ravel(), hard / strength
     record.mag = record.mag / strength
     way, dip = followed(record, vector)
     vector[DIP] = dip
-    return vector, way, strength
+    return vector, way, strength, (gyro, axes)
 
 
-def _ellipsoid(record: Record, mag: np.ndarray, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
-    """Soft iron, hard iron and strength by the norms; rotation, bias and delay by the rates. None where the norms show no ellipsoid."""
+def _ellipsoid(
+    record: Record, mag: np.ndarray, vector: np.ndarray, rates: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float, np.ndarray] | None:
+    """Soft iron, hard iron, strength and axes by the norms; rotation, bias and delay by the rates. None where they show no ellipsoid."""
     there, rate = record.there, 1 / record.grid.step
     extent = np.linalg.svd(np.cov(mag[there].T), compute_uv=False)
     if extent[-1] < _PLANE**2 * extent[0]:
@@ -44,18 +55,22 @@ def _ellipsoid(record: Record, mag: np.ndarray, vector: np.ndarray) -> tuple[np.
     sizes = np.linalg.svd(np.asarray(found.model.soft_iron), compute_uv=False)
     if not sizes[0] < _FLAT * sizes[-1]:
         return None
-    readings = np.where(there[:, None], mag, np.nan)
-    turned = magnetometer.align(readings, found.model, magnetometer.Gyroscope(record.gyro, rate))
-    vector[GYRO_BIAS : GYRO_BIAS + 3] = turned.bias
+    readings, index = np.where(there[:, None], mag, np.nan), np.flatnonzero(there)
+    fields = np.asarray(found.model.correct(mag[index]))
+    fields = np.stack([np.interp(np.arange(len(mag)), index, x) for x in fields.T], axis=1)
+    axes = axes_of(fields, rates, rate, ("gyroscope", "magnetometer"))
+    model = magnetometer.MagModel(np.asarray(found.model.soft_iron) @ axes, np.asarray(found.model.hard_iron))
+    turned = magnetometer.align(readings, model, magnetometer.Gyroscope(rates, rate))
+    vector[GYRO_BIAS : GYRO_BIAS + 3] = vector[GYRO : GYRO + 9].reshape(3, 3) @ turned.bias
     vector[MAG_DELAY] = np.clip(turned.delay, -0.045, 0.045) if np.isfinite(turned.delay) else 0.0
-    return np.asarray(turned.model.soft_iron), np.asarray(turned.model.hard_iron), float(found.field)
+    return np.asarray(turned.model.soft_iron), np.asarray(turned.model.hard_iron), float(found.field), axes
 
 
-def _turned(record: Record, mag: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+def _turned(record: Record, mag: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """The same from readings that the rates turn about the hard iron: what no turn moves stays at the mean reading."""
     index = np.flatnonzero(record.there)
     index = index[:: max(round(0.1 / record.grid.step), 1)]
-    total = np.cumsum(np.concatenate([np.zeros((1, 3)), record.gyro[1:] + record.gyro[:-1]]), axis=0) * record.grid.step / 2
+    total = np.cumsum(np.concatenate([np.zeros((1, 3)), rates[1:] + rates[:-1]]), axis=0) * record.grid.step / 2
     back = exponential(-np.diff(total[index], axis=0))
     mean = mag[index].mean(axis=0)
     y = mag[index] - mean

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from .._units import STANDARD_GRAVITY
+from ._axes import named
 
 #: largest standard errors of a good sensor: of its matrix (1 or rad), and of its bias in SI; of the hard iron as a part of the field
 _GOOD = {"accel": (5e-3, 5e-3 * STANDARD_GRAVITY), "gyro": (5e-3, np.deg2rad(0.02)), "magnetometer": (1e-2, 5e-3)}
@@ -54,6 +55,12 @@ def judged(facts: dict[str, Any]) -> tuple[str, str, tuple[str, ...], dict[str, 
         elif verdicts[sensor] == "weak":
             sentences.append(
                 f"The {title} is known to {100 * worst[0]:.2g} % and {_bias(sensor, worst[1])} only: record longer, and {_MOTIONS[sensor]}."
+            )
+    for sensor, axes in zip(("gyro", "magnetometer"), facts["axes"], strict=True):
+        if not np.array_equal(axes, np.eye(3)):
+            warnings.append(
+                f"The axes of the {_TITLES[sensor]} are not those of the accelerometer: {named(axes)}. The calibration contains this "
+                "rotation."
             )
     away = np.linalg.norm(facts["place"] - facts["place"].mean(axis=0), axis=1).max()
     if away > _WIDE:

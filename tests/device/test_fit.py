@@ -111,6 +111,20 @@ def test_derivatives_by_the_readings_are_those_of_fits_to_other_readings(monkeyp
         fit(log, derivatives=["bias"])
 
 
+def test_sensors_may_be_mounted_in_different_directions():
+    log = simulate(40.0, 25.0, seed=3, rests=4, still=2.0)[0]
+    gyro, mag = np.diag([-1.0, -1.0, 1.0]), np.eye(3)[[1, 2, 0]]
+    found, turned = fit(log), fit(jaxcal.Log(None, accel=log.accel, gyro=log.gyro @ gyro, mag=log.mag @ mag.T, rate=25.0))
+    assert not turned.undetermined
+    assert "-x, -y, z" in turned.warnings[0]
+    assert "y, z, x" in turned.warnings[1]
+    error = found.standard_error[found.names.index("gyro.matrix[0,1]")]
+    np.testing.assert_allclose(turned.model.gyro.matrix, gyro @ found.model.gyro.matrix, atol=0.1 * error)
+    np.testing.assert_allclose(turned.model.magnetometer.soft_iron, mag @ found.model.magnetometer.soft_iron, atol=0.1 * error)
+    with pytest.raises(jaxcal.DataError, match="mirrored"):
+        fit(jaxcal.Log(None, accel=log.accel, gyro=-log.gyro, mag=log.mag, rate=25.0))
+
+
 def test_turns_about_the_wrist_are_no_error_of_the_accelerometer():
     arm = np.array([0.1, -0.1, 0.05])
     log, true, _ = simulate(60.0, 50.0, seed=11, reach=0.1, arm=arm)

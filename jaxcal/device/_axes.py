@@ -1,0 +1,44 @@
+"""Which axes of one sensor are which of another: the start of a fit whose sensors are mounted in different directions."""
+
+import itertools
+
+import numpy as np
+
+from .._errors import DataError
+
+_SMOOTH, _THIN = 0.3, 0.1  # s
+_CLEAR, _LEAST = 0.5, 0.6  # cost of the best axes over that of equal ones, and over that of vectors that stay
+
+
+def axes_of(vectors: np.ndarray, rates: np.ndarray, rate: float, names: tuple[str, str]) -> np.ndarray:
+    """(3, 3) matrix Q of signs and permutations for which Q `rates` are rates about the axes of the `vectors`.
+
+    Vectors that are constant in the world, such as gravity and the field, change by v' = -(Q w) x v. The identity, unless another matrix
+    explains the changes far better.
+    """
+    size = max(round(_SMOOTH * rate), 1)
+    v, w = (np.stack([np.convolve(x, np.ones(size) / size, mode="valid") for x in y.T], axis=1) for y in (vectors, rates))
+    some = slice(None, None, max(round(_THIN * rate), 1))
+    change = np.gradient(v, axis=0)[some] * rate
+    v, w = v[some], (w - np.median(w, axis=0))[some]
+    matrices = [
+        np.eye(3)[list(order)] * sign for order in itertools.permutations(range(3)) for sign in itertools.product((1.0, -1.0), repeat=3)
+    ]
+    # the identity comes first
+    cost = np.array([np.sum((change + np.cross(w @ matrix.T, v)) ** 2) for matrix in matrices])
+    best = int(np.argmin(cost))
+    if not cost[best] < min(_CLEAR * cost[0], _LEAST * np.sum(change**2)):
+        return matrices[0]
+    if np.linalg.det(matrices[best]) < 0:
+        raise DataError(
+            f"The axes of the {names[0]} are mirrored against those of the {names[1]}: {named(matrices[best])}. Give each sensor "
+            "right-handed axes: change the sign of one axis, or exchange two, with columns= or in the log."
+        )
+    return matrices[best]
+
+
+def named(matrix: np.ndarray) -> str:
+    """Such a matrix in words."""
+    order = np.argmax(np.abs(matrix), axis=1)
+    words = ["-"[: int(matrix[row, column] < 0)] + "xyz"[column] for row, column in enumerate(order)]
+    return f"x, y, z of the first are {', '.join(words)} of the second"
