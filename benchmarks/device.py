@@ -42,7 +42,8 @@ def _ar1(deviation):
 class Cell:
     """Options of `simulate`, what the bound knows (None: no bound), options of `fit`, and flicker (accel, gyro) that is added.
 
-    `drift` is by how much the gyroscope's bias changes along the recording, in a random direction, rad/s. `wander` are Gauss-Markov errors that are added: sensor -> (deviation, s), of the magnetometer as a part of the field.
+    `drift` is by how much the gyroscope's bias changes along the recording, in a random direction, rad/s.
+    `wander` are Gauss-Markov errors that are added: sensor -> (deviation, s), of the magnetometer as a part of the field.
     """
 
     motion: dict

@@ -50,16 +50,18 @@ def judged(facts: dict[str, Any]) -> tuple[str, str, tuple[str, ...], dict[str, 
         verdicts[sensor] = "refused" if lost else "good" if worst[0] <= matrix and worst[1] <= bias else "weak"
         title = _TITLES[sensor]
         if lost:
-            sentences.append(f"The motion does not show {_grouped(lost)} of the {title}: {_MOTIONS[sensor]}.")
+            what = "any parameter" if not own else _grouped(lost)
+            sentences.append(f"The motion does not show {what} of the {title}: {_MOTIONS[sensor]}.")
         elif verdicts[sensor] == "weak":
             sentences.append(
-                f"The {title} is known to {100 * worst[0]:.2g} % and {_bias(sensor, worst[1])} only: record longer, and {_MOTIONS[sensor]}."
+                f"Standard errors of the {title} reach {100 * worst[0]:.2g} % (matrix) and {_bias(sensor, worst[1])} (bias): record "
+                f"longer, and {_MOTIONS[sensor]}."
             )
     away = np.linalg.norm(facts["place"] - facts["place"].mean(axis=0), axis=1).max()
     if away > _WIDE:
         warnings.append(
-            f"The hand went {away:.2g} m from its middle. The accelerometer's errors count on a hand that stays in its place: stand still, "
-            "and move the arm alone."
+            f"The device went {away:.2g} m away from its mean position. The errors of the accelerometer assume that it stays within "
+            "an arm's reach: stand still and move only the arm."
         )
         verdicts["accel"] = "refused" if verdicts["accel"] == "refused" else "weak"
     for lack in facts["lacks"]:
@@ -73,8 +75,8 @@ def judged(facts: dict[str, Any]) -> tuple[str, str, tuple[str, ...], dict[str, 
         verdicts["magnetometer"] = "refused" if verdicts["magnetometer"] == "refused" else "weak"
         if lack.name == "gradient":
             warnings.append(
-                f"The field varies with the place, by {100 * lack.size:.2g} % per metre (p = {max(lack.level, 1e-300):.1g}): go away from "
-                "iron, or move the device less."
+                f"The field varies with the place, by {100 * lack.size:.2g} % per metre (p = {max(lack.level, 1e-300):.1g}): record "
+                "farther from iron, or move the device less."
             )
         else:
             warnings.append(
@@ -84,17 +86,17 @@ def judged(facts: dict[str, Any]) -> tuple[str, str, tuple[str, ...], dict[str, 
     if facts["disturbed"]:
         spans = ", ".join(f"{a:.1f} to {b:.1f} s" for a, b in facts["disturbed"][:6])
         more = f" and {len(facts['disturbed']) - 6} more" if len(facts["disturbed"]) > 6 else ""
-        warnings.append(f"The field was disturbed from {spans}{more}; the fit counts these stretches less, or not at all.")
+        warnings.append(f"The field was disturbed from {spans}{more}; the fit gives these stretches little or no weight.")
         if sum(b - a for a, b in facts["disturbed"]) > 0.2 * facts["duration"]:
             verdicts["magnetometer"] = "refused" if verdicts["magnetometer"] == "refused" else "weak"
     if np.isfinite(facts["freedom"]):
         warnings.append(
-            f"Parts of the recording disagree {np.sqrt(facts['disagreement']):.2g} times as much as white noise explains: the errors are "
-            "those of fits without parts of it."
+            f"Parts of the recording disagree {np.sqrt(facts['disagreement']):.2g} times as much as noise explains: the errors come from "
+            "fits that leave out one part after another."
         )
     if not (facts["converged"] or facts["undetermined"]):
         verdicts = dict.fromkeys(verdicts, "refused")
-        sentences.insert(0, "The fit did not converge.")
+        sentences.insert(0, "The fit did not converge, so its numbers are not reliable: record again, far from iron.")
     order = ("good", "weak", "refused")
     verdict = max(verdicts.values(), key=order.index)
     good = [_TITLES[sensor] for sensor, word in verdicts.items() if word == "good"]
