@@ -1,4 +1,4 @@
-"""Verdicts on a device, in words."""
+"""Verdict, reason and warnings of a device fit."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from .._units import STANDARD_GRAVITY
 
-#: largest standard errors of a good sensor: of its matrix (1 or rad), and of its bias in SI; of the hard iron as a part of the field
+#: largest standard errors of a good sensor: of its matrix (1 or rad), and of its bias in SI (hard iron: as a fraction of the field)
 _GOOD = {"accel": (5e-3, 5e-3 * STANDARD_GRAVITY), "gyro": (5e-3, np.deg2rad(0.02)), "magnetometer": (1e-2, 5e-3)}
 _MOTIONS = {
     "accel": "tilt the device through all attitudes, and rest it in several",
@@ -14,18 +14,18 @@ _MOTIONS = {
     "magnetometer": "turn it about all three of its axes, through all attitudes",
 }
 _TITLES = {"accel": "accelerometer", "gyro": "gyroscope", "magnetometer": "magnetometer"}
-_WIDE = 1.5  # m from the middle: a hand with a reach of 0.25 m along each axis goes to 1.1 m in three minutes
+_WIDE = 1.5  # m from the mean position: a hand with a reach of 0.25 m along each axis goes 1.1 m away in three minutes
 _DELAY = 2e-3  # s
 
 
 def sensor_of(name: str) -> str:
-    """Sensor that a parameter belongs to, with the delay of its stream; the field and its dip are the magnetometer's."""
+    """Sensor to which a parameter belongs. Field, dip and the second delay belong to the magnetometer."""
     first = name.partition(".")[0]
     return {"gyro_delay": "gyro", "lever": "accel"}.get(first.partition("[")[0], first if first in _GOOD else "magnetometer")
 
 
 def _grouped(names: list[str]) -> str:
-    """Names with the entries of each field together: gyro.matrix[0,0 0,1]."""
+    """Names, with the entries of each matrix or vector joined: gyro.matrix[0,0 0,1]."""
     fields: dict[str, list[str]] = {}
     for name in names:
         field, _, entry = name.partition("[")
