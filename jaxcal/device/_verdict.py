@@ -15,7 +15,6 @@ _MOTIONS = {
 }
 _TITLES = {"accel": "accelerometer", "gyro": "gyroscope", "magnetometer": "magnetometer"}
 _WIDE = 1.5  # m from the mean position: a hand with a reach of 0.25 m along each axis goes 1.1 m away in three minutes
-_DELAY = 2e-3  # s
 
 
 def sensor_of(name: str) -> str:
