@@ -8,6 +8,7 @@ import scipy  # loads its parts when they are first used
 from .._errors import DataError
 from .._log import as_log
 from .._precision import host_float64
+from .._types import AnyArray
 from .._units import STANDARD_GRAVITY
 from ..imu import windowed_variance
 from ..imu._fits import coefficients
@@ -226,8 +227,9 @@ def _result(
     if wrong := [name for name in derivatives if name not in names]:
         raise DataError(f"derivatives={wrong}: no such parameter was fitted; expected some of {', '.join(names)}")
     wanted = [slope[names.index(name)] for name in derivatives]
-    derived = gradients(found, record, place, rests, np.array(wanted), strength) if wanted else []
-    derived = [{name: unfilled(by, np.asarray(getattr(log, name), dtype=float)) for name, by in own.items()} for own in derived]
+    derived: list[dict[str, AnyArray]] = []
+    for own in gradients(found, record, place, rests, np.array(wanted), strength) if wanted else ():
+        derived.append({name: unfilled(by, np.asarray(getattr(log, name), dtype=float)) for name, by in own.items()})
     if any(lost and sensor_of(name) == "accel" for name, lost in zip(names, blind, strict=True)):
         # delays are relative to the accelerometer: if the device hardly tilts, a delay looks like an error of the accelerometer's axes
         blind |= np.array([name.endswith("_delay") for name in names])

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import FitError
-from .._types import AnyArray
 from ..fitting import Chain
 from ._normal import LINK, inertial, skew
 from ._solve import SIZES, Place, Record, Rests, Solution, spread_of, whitened
@@ -25,7 +24,7 @@ Unknowns = tuple[Any, Any]
 
 def gradients(
     found: Solution, record: Record, place: Place, rests: Rests, slope: np.ndarray, strength: float
-) -> list[dict[str, AnyArray]]:  # fmt: skip
+) -> list[dict[str, np.ndarray]]:  # fmt: skip
     """Sensor -> (n, 3) derivatives by the readings, for each row of `slope` (q, p), the derivative of a value by the free parameters.
 
     The unknowns z (free parameters and trajectory) solve g(z, y) = J'P r + (priors) = 0, where r are the residuals of the readings y, J is
@@ -64,7 +63,7 @@ def gradients(
         with jax.numpy_rank_promotion("allow"):  # the formulas broadcast as those in NumPy do, whatever the caller's configuration
             return jax.tree.map(np.asarray, _by(there, fed, x, (left[0][..., 0], left[1]), along, fixed))
 
-    out: list[dict[str, AnyArray]] = []
+    out: list[dict[str, np.ndarray]] = []
     for row in slope:
         x = _refined(found.chain, lambda x: products(x)[0], row)
         by = products(x)[1]
@@ -202,7 +201,8 @@ def _residuals(change: Unknowns, fed: dict[str, Any], fixed: dict[str, Any]) -> 
 
     x = jnp.stack([velocity, place, pull], axis=1)
     still = fixed["still"] * jnp.concatenate([velocity, pull], axis=1)
-    spread = spread_of(pushes / time, end, *fixed["noise"], time)
+    gyro_level, accel_level = fixed["noise"]
+    spread = spread_of(pushes / time, end, gyro_level, accel_level, time)
     return inertial, field, spread, x[1:] - fixed["prior"][0] @ x[:-1], x[0], still, fixed["turn"] * _angles(relative)
 
 

@@ -36,7 +36,7 @@ def _filled(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def unfilled(by: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Derivative (n, 3) by the readings that exist, from the derivative by the result of `_filled`."""
-    there, (_, lost) = np.isfinite(y).all(axis=1), _filled(y)
+    there, lost = np.asarray(np.isfinite(y).all(axis=1)), _filled(y)[1]
     index, out = np.flatnonzero(there), np.where(there[:, None], by, 0.0)
     for i in np.flatnonzero(~there & ~lost):
         at = np.searchsorted(index, i)
