@@ -42,6 +42,7 @@ def _ar1(deviation):
 class Cell:
     """Options of `simulate`, what the bound knows (None: no bound), options of `fit`, and flicker (accel, gyro) that is added.
 
+    `drift` is by how much the gyroscope's bias changes along the recording, in a random direction, rad/s.
     `wander` are Gauss-Markov errors that are added: sensor -> (deviation, s), of the magnetometer as a part of the field.
     """
 
@@ -49,6 +50,7 @@ class Cell:
     known: bound.Setting | None = None
     options: dict = dataclasses.field(default_factory=dict)
     flicker: tuple | None = None
+    drift: float = 0.0
     wander: dict = dataclasses.field(default_factory=dict)
 
 
@@ -72,6 +74,7 @@ CELLS = {
     "wandering errors, 8 rests": Cell({"rests": 8}, wander=_REAL),
     "flicker": Cell({}, options=_TOLD, flicker=_FLICKER),
     "flicker, 8 rests": Cell({"rests": 8}, options=_TOLD, flicker=_FLICKER),
+    "drift of 60 deg/h, 8 rests": Cell({"rests": 8}, drift=np.deg2rad(60 / 3600)),
     "gradient 10 %/m": Cell({"gradient": 0.1}),
     "gradient 30 %/m": Cell({"gradient": 0.3}),
     "soft mount 4 Hz": Cell({"soft_mount": 4.0}),
@@ -114,6 +117,10 @@ def run(cell, seed, bounded):
     truth, line = bound.parameters(model), {}
     if cell.flicker:
         log = _with_flicker(log, cell.flicker, seed)
+    if cell.drift:
+        way = np.random.default_rng([seed, 32]).normal(size=3)
+        ramp = np.linspace(-0.5, 0.5, len(log.time))[:, None] * cell.drift * way / np.linalg.norm(way)
+        log = jaxcal.Log(None, accel=log.accel, gyro=log.gyro + ramp, mag=log.mag, rate=log.rate)
     if cell.wander:
         log = _with_wander(log, cell.wander, float(model.field), seed)
     start = time.perf_counter()

@@ -42,16 +42,22 @@ def device(
     gravity: Annotated[
         Gravity | None, Parameter(help="Gravity at the place, in m/s^2; else from --latitude and --height, else standard gravity.")
     ] = None,
-    latitude: Annotated[Latitude | None, Parameter(help="Latitude of the place, in degrees: gravity, and the Earth's rate.")] = None,
+    latitude: Annotated[Latitude | None, Parameter(help="Latitude of the place, in degrees: gives gravity and the Earth's rate.")] = None,
     height: Annotated[
         float, checked("--height", lambda height: -500 <= height <= 9000, "m above sea level, -500 to 9000", "Height of the place in m.")
     ] = 0.0,
     field: Annotated[
-        float | None, checked("--field", lambda norm: 20 <= norm <= 70, "uT, 20 to 70 on Earth", "Norm of Earth's field there, in uT.")
+        float | None,
+        checked(
+            "--field",
+            lambda norm: 20 <= norm <= 70,
+            "uT, 20 to 70 on Earth",
+            "Magnitude of the Earth's field at the place, in uT; without it, the corrected readings keep their mean size.",
+        ),
     ] = None,
     name: Annotated[str | None, Parameter(help="Name of the device, kept in the calibration.")] = None,
     g_sensitivity: Annotated[bool, Parameter(help="Fit the gyroscope's sensitivity to acceleration.")] = False,
-    lever: Annotated[bool, Parameter(help="Fit the places of the accelerometer's sensing elements.")] = False,
+    lever: Annotated[bool, Parameter(help="Fit the positions of the accelerometer's sensing elements.")] = False,
     reading: Reading = Reading(),
     writing: DeviceWriting = DeviceWriting(),
     running: Running = Running(),
@@ -94,7 +100,7 @@ def device(
             latitude=None if latitude is None else math.radians(latitude),
         )  # fmt: skip
         if all(word == "refused" for word in found.verdicts.values()):
-            raise jaxcal.DataError(found.reason)
+            raise jaxcal.DataError(" ".join(["the calibration is refused, and nothing was written.", found.reason, *found.warnings]))
         return found
 
     done = carry_out(log, reading, running, plan, compute, show=_tables, command="jaxcal device", options=options)

@@ -182,17 +182,17 @@ def simulate_device(
     duration: Annotated[float, Parameter(help="Length of the log in s.")] = 180.0,
     rests: Annotated[int, Parameter(help="Number of rests of 4 s in it.")] = 0,
     initial: Annotated[float, Parameter(help="Length of a rest at its beginning in s.")] = 0.0,
-    held: Annotated[bool, Parameter(help="A hand holds the device in the rests; without, it lies on a table.")] = False,
+    held: Annotated[bool, Parameter(help="A hand holds the device in the rests; without it, the device lies on a table.")] = False,
     turns: Annotated[
         Literal["free", "one-axis", "no-tilt"],
         Parameter(help="free, through all attitudes; one-axis, about one axis of the device; no-tilt, about the vertical."),
     ] = "free",
-    reach: Annotated[float, Parameter(help="Standard deviation of the place along each axis in m.")] = 0.25,
+    reach: Annotated[float, Parameter(help="Standard deviation of the position along each axis in m.")] = 0.25,
     gyro: Annotated[str | None, Parameter(help="Noise of each gyroscope axis, as for simulate noise.")] = None,
     accel: Annotated[str | None, Parameter(help="Noise of each accelerometer axis.")] = None,
-    gradient: Annotated[float, Parameter(help="Change of the field in a metre, as a part of the field.")] = 0.0,
+    gradient: Annotated[float, Parameter(help="Change of the field per metre, as a fraction of the field.")] = 0.0,
     soft_mount: Annotated[
-        float | None, Parameter(help="Natural frequency in Hz of a mount in which the magnetometer turns; rigid without.")
+        float | None, Parameter(help="Natural frequency in Hz of a mount in which the magnetometer turns; without it, the mount is rigid.")
     ] = None,
     running: Running = Running(),
 ) -> None:

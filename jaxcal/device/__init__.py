@@ -1,7 +1,7 @@
 """One device: accelerometer, gyroscope and magnetometer calibrated together, from one recording by hand.
 
-A recording determines far more than its sensors do one by one. Gravity and the field of the Earth are constants of the world: the
-gyroscope says how both turn in the frame of the device, and a hand stays in its place. `fit` writes all of this into one likelihood.
+Fitted together, the sensors determine more than each of them alone. Gravity and the Earth's field are constant in the world, the gyroscope
+shows how both rotate in the frame of the device, and a hand stays within reach. `fit` uses all of this in one likelihood.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Which axes of one sensor are which of another: the start of a fit whose sensors are mounted in different directions."""
+"""Find which axes of one sensor correspond to those of another, for sensors that are mounted in different directions."""
 
 import itertools
 
@@ -6,15 +6,16 @@ import numpy as np
 
 from .._errors import DataError
 
-_SMOOTH, _THIN = 0.3, 0.1  # s
-_CLEAR, _LEAST = 0.5, 0.6  # cost of the best axes over that of equal ones, and over that of vectors that stay
+_SMOOTH, _THIN = 0.3, 0.1  # s, mean of readings, and step between those that are used
+#: largest cost of other axes, over the cost of equal axes, and over that of vectors that do not rotate
+_CLEAR, _LEAST = 0.5, 0.6
 
 
 def axes_of(vectors: np.ndarray, rates: np.ndarray, rate: float, names: tuple[str, str]) -> np.ndarray:
-    """(3, 3) matrix Q of signs and permutations for which Q `rates` are rates about the axes of the `vectors`.
+    """(3, 3) matrix Q, a permutation of axes with signs, that rotates `rates` to the axes of the `vectors`.
 
-    Vectors that are constant in the world, such as gravity and the field, change by v' = -(Q w) x v. The identity, unless another matrix
-    explains the changes far better.
+    A vector v that is constant in the world, such as gravity or the field, changes by v' = -(Q w) x v at the rate w. Q is the identity
+    unless another matrix explains the changes far better.
     """
     size = max(round(_SMOOTH * rate), 1)
     v, w = (np.stack([np.convolve(x, np.ones(size) / size, mode="valid") for x in y.T], axis=1) for y in (vectors, rates))
@@ -31,14 +32,14 @@ def axes_of(vectors: np.ndarray, rates: np.ndarray, rate: float, names: tuple[st
         return matrices[0]
     if np.linalg.det(matrices[best]) < 0:
         raise DataError(
-            f"The axes of the {names[0]} are mirrored against those of the {names[1]}: {named(matrices[best])}. Give each sensor "
-            "right-handed axes: change the sign of one axis, or exchange two, with columns= or in the log."
+            f"The axes of the {names[0]} are mirrored against those of the {names[1]}: {named(matrices[best])}. Every sensor needs "
+            "right-handed axes, and rates are positive counterclockwise: change the signs or the order of its axes."
         )
     return matrices[best]
 
 
 def named(matrix: np.ndarray) -> str:
-    """Such a matrix in words."""
+    """Such a matrix in words, for messages."""
     order = np.argmax(np.abs(matrix), axis=1)
     words = ["-"[: int(matrix[row, column] < 0)] + "xyz"[column] for row, column in enumerate(order)]
     return f"x, y, z of the first are {', '.join(words)} of the second"

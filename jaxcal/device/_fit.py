@@ -1,4 +1,4 @@
-"""`fit`: all sensors of a device from one recording by hand."""
+"""`fit`: calibrate all sensors of a device from one recording by hand."""
 
 from typing import Any
 
@@ -8,6 +8,7 @@ import scipy  # loads its parts when they are first used
 from .._errors import DataError
 from .._log import as_log
 from .._precision import host_float64
+from .._types import AnyArray
 from .._units import STANDARD_GRAVITY
 from ..imu import windowed_variance
 from ..imu._fits import coefficients
@@ -26,18 +27,19 @@ from ._start import started, undisturbed
 from ._verdict import judged, sensor_of
 from ._windows import NAMES, model_of, template, vector_of
 
-_ROUNDS, _MOST, _BLIND = 3, 8, 5  # fits, at least and at most; at most where the motion leaves parameters open
-_FEW = 10  # steps where the motion leaves parameters open
-_SAME = 0.1  # change of a window's weight
+_ROUNDS, _MOST, _BLIND = 3, 8, 5  # rounds of fits: at least, at most, and at most where the motion does not determine all parameters
+_FEW = 10  # steps of a fit where the motion does not determine all parameters
+_SAME = 0.1  # the rounds end when weights, and logarithms of noise levels, change by less
 _HELD = ("accel.g_sensitivity", "field")
 _BELOW = ("accel.matrix[1,0]", "accel.matrix[2,0]", "accel.matrix[2,1]")
-_LEAST, _READINGS = 20.0, 100  # s of recording; readings of the magnetometer
-_FAR, _GONE = 1.5, 4.0  # rms of a window's field, in standard deviations, from which it counts less, and not at all
-_LITTLE = 1e-2  # weight of a window that counts for nothing, whose residuals are still seen
-#: m/s^2 and rad/s: scatter of a hand that holds still, and the rate that it does not exceed
+_LEAST, _READINGS = 20.0, 100  # shortest recording, s; fewest readings of the magnetometer
+_FAR, _GONE = 1.5, 4.0  # rms field residual of a window in standard deviations: above the first it gets less weight, above the second none
+_LITTLE = 1e-2  # weight of a window that is left out: not zero, so that its residuals are still computed
+#: m/s^2 and rad/s: at rest, readings scatter by less, and the mean rate is below the second number
 _STILL_FORCE, _STILL_RATE = 0.35, 0.06
-_SLOWEST = 1e-4  # m/s
-_CALM, _MARGIN_WINDOWS = 1.1, 4  # of what is largest inside a rest; windows by which a rest is longer than its second of calm shows
+_SLOWEST = 1e-4  # m/s, smallest standard deviation of the velocity at rest
+#: how much more than inside the rest a window at its edge may scatter; number of windows by which a rest may grow at each edge
+_CALM, _MARGIN_WINDOWS = 1.1, 4
 
 
 @host_float64
@@ -45,45 +47,47 @@ def fit(
     log: Any, *, gravity: float | int = STANDARD_GRAVITY, field: float | int | None = None, latitude: float | int | None = None,
     g_sensitivity: bool = False, lever: bool = False, noise: Any = None, derivatives: Any = (),
 ) -> DeviceFit:  # fmt: skip
-    r"""Accelerometer, gyroscope and magnetometer of a device, with the delays between them, from one recording by hand.
+    r"""Calibrate accelerometer, gyroscope and magnetometer, and the delays between them, from one recording by hand.
 
-    One likelihood holds all readings. Between the ends of windows of 0.2 s the corrected rates and forces are integrated; attitude,
-    velocity and place at these ends are unknowns beside the parameters,
+    One likelihood contains all readings. The fit integrates the corrected rates and forces over windows of 0.2 s. Attitude R, velocity v
+    and position p at the ends of the windows are unknowns, as are the parameters:
 
     .. math:: R_{k+1} = R_k\,\Delta R_k,\quad v_{k+1} = v_k + R_k\,\Delta v_k - g t,\quad
               p_{k+1} = p_k + v_k t + R_k\,\Delta p_k - \tfrac12 g t^2,\quad y_m = C R^T h + b_m.
 
-    The device turns about a point at a distance that is fitted. The place of that point is a Matern process, whose size and speed are
-    found from the recording. Rests are found and used where there are any. The noise of a sensor is white at first. Where the fit leaves
-    more than white noise would, over 0.2 to 13 s, in motion or at rest, it is raised to that.
+    Here t is the length of a window, g gravity, h the field, C the soft iron and b_m the hard iron. The device rotates about a point, such
+    as the wrist; the fit estimates its distance. The position of that point is a Matern process, whose size and speed come from the
+    recording. The fit detects rests and uses them. It begins with white noise. If the residuals of a sensor, summed over 0.2 to 13 s, in
+    motion or at rest, are larger than white noise explains, the fit raises the noise level of that sensor to explain them.
 
     Parameters
     ----------
-    log : `jaxcal.Log`, or what `jaxcal.read` takes, with all three sensors: three minutes in which a hand turns the device through all
-        attitudes, within its reach, far from iron. Rests make the accelerometer ten times better.
-    gravity : m/s^2 at the place, see `jaxcal.imu.gravity`.
-    field : strength of the Earth's field in the unit of the readings, where the size of the soft iron is wanted too.
-    latitude : rad, to account for the Earth's rate; None leaves it out.
-    g_sensitivity, lever : whether to fit the gyroscope's sensitivity to specific force, and the places of the accelerometer's elements.
+    log : `jaxcal.Log`, or what `jaxcal.read` takes, with all three sensors. Record three minutes in which a hand rotates the device through
+        all attitudes, within arm's reach and far from iron. Rests make the errors of the accelerometer ten times smaller.
+    gravity : local gravity, m/s^2; see `jaxcal.imu.gravity`.
+    field : magnitude of the Earth's field in the unit of the readings. With it, the soft iron includes the scale of the magnetometer;
+        without it, the soft iron has determinant 1.
+    latitude : rad, to account for the Earth's rate; None ignores this rate.
+    g_sensitivity, lever : whether to fit the gyroscope's sensitivity to specific force, and the positions of the accelerometer's elements.
     noise : {"gyro": noise, "accel": noise}, each a `jaxcal.noise.Noise` or {"N": ..., "B": ..., "K": ...} in SI; or what
-        `jaxcal.noise.characterise` returns, or a `Calibration` with noise. Flicker and random walk then count in the errors of the biases,
-        as those of a mean over a day: one recording cannot show them by itself. None takes white noise from the fast differences of the
-        readings, and no slow noise beside what shows within 13 s.
-
-    derivatives : names of parameters, as in `DeviceFit.names`, whose derivatives by every reading are wanted. They are those of the least
-        squares with the noise levels, weights, rests, and the hand's reach and speed that were found, see `DeviceFit`.
+        `jaxcal.noise.characterise` returns, or a `Calibration` with noise. The errors of the biases then include flicker and random walk,
+        and the bias is the mean over a day; a single recording cannot show this noise. With None, white noise comes from the fast
+        differences of the readings, slower noise only from residuals over up to 13 s, and the bias is the mean over the recording.
+    derivatives : names of parameters, as in `DeviceFit.names`, for which to compute the derivatives by every reading. They hold noise
+        levels, weights, rests, and reach and speed of the hand constant; see `DeviceFit`.
 
     Returns
     -------
     DeviceFit
-        With verdicts for each sensor. Parameters that the motion does not show are named and have no value.
+        It includes a verdict for each sensor. Parameters that the motion does not determine are listed and have no value.
 
     Raises
     ------
     DataError
-        If `derivatives` names no fitted parameter, a sensor is missing, the recording is shorter than 20 s, or an option is out of range.
+        If a name in `derivatives` is not a fitted parameter, a sensor is missing, the recording is shorter than 20 s, or an option is out
+        of range.
     FitError
-        If the recording determines too little to compute the derivatives.
+        If the recording determines the parameters too weakly to compute the derivatives.
 
     Examples
     --------
@@ -95,7 +99,7 @@ def fit(
 
     References
     ----------
-    Preintegration: C. Forster et al., IEEE Trans. Robotics 33 (2017) 1. The place as a Gauss-Markov process: S. Sarkka and A. Solin,
+    Preintegration: C. Forster et al., IEEE Trans. Robotics 33 (2017) 1. The position as a Gauss-Markov process: S. Sarkka and A. Solin,
     Applied Stochastic Differential Equations, 2019, section 12.3.
     """
     log = as_log(log)
@@ -125,11 +129,11 @@ def fit(
 
 
 def _rounds(record: Record, vector: Any, way: Any, free: Any, level: Noise) -> tuple[Solution, Place, Rests, Noise]:
-    """Fits, between which the noise of every sensor, the hand's reach and speed, and the weights of disturbed windows are found."""
+    """Fit repeatedly. Between fits, update the noise levels, the weights of disturbed windows, and the reach and speed of the hand."""
     centre, white = vector.copy(), level
     counts = undisturbed(record, vector)
     place, rests, settled = Place(0.3, 0.4), _rests(record, vector), False
-    # what the motion does not show is known before the fit: there the least squares have a flat valley, along which to go is no use
+    # two steps show which parameters the motion does not determine. In their directions the cost is flat, so more steps are useless
     first = solved(record, vector, way, free, level, place, counts, 2, rests, centre)
     vector, way, blind = first.vector, first.way, bool(unseen(first).any())
     fewest = 2 if blind else _BLIND
@@ -138,7 +142,7 @@ def _rounds(record: Record, vector: Any, way: Any, free: Any, level: Noise) -> t
         vector, way, blind = found.vector, found.way, bool(unseen(found).any())
         if (settled and turn >= _ROUNDS - 1) or (blind and turn >= fewest - 1) or turn == _MOST - 1:
             break
-        # the size of what is left of the field, by windows, of which a few may be disturbed
+        # rms field residual of each window; the median over windows ignores the few that may be disturbed
         power, number = _power(found.field, found.kept)
         some = found.kept.any(axis=1)
         size = found.noise.mag * np.sqrt(power)
@@ -155,18 +159,18 @@ def _rounds(record: Record, vector: Any, way: Any, free: Any, level: Noise) -> t
 
 
 def _power(field: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(K,) mean square of the field that is left in each window, and how many readings it has."""
+    """(K,) mean square of the field residuals in each window, and its number of readings."""
     number = kept.sum(axis=1)
     return np.sum(np.where(kept[..., None], field, 0.0) ** 2, axis=(1, 2)) / (3 * np.maximum(number, 1)), number
 
 
 def _median(freedom: float) -> float:
-    """Median of a chi-square over its degrees of freedom."""
+    """Median of a chi-square variable, divided by its degrees of freedom."""
     return float(scipy.special.chdtri(freedom, 0.5) / freedom)
 
 
 def _hand(found: Solution, spread: np.ndarray, rests: Rests, record: Record, level: Noise) -> tuple[Place, Rests]:
-    """Reach and speed of the hand in motion and in its rests: what was found, with the variance of what was found."""
+    """Reach and speed of the hand in motion and at rest: mean squares of the estimates, plus their variances."""
     ends, way = rests.ends, found.way
     moving = ~ends
     reach = np.mean(way.place[moving] ** 2 + spread[moving, 6:9])
@@ -182,7 +186,7 @@ def _hand(found: Solution, spread: np.ndarray, rests: Rests, record: Record, lev
 
 
 def _rests(record: Record, vector: np.ndarray) -> Rests:
-    """Windows in which the specific force hardly changes and the device hardly turns, for a second at least."""
+    """Windows in which the specific force hardly changes and the device hardly rotates, for at least a second."""
     size = 2 * max(round(0.5 / record.grid.step), 2) + 1
     bias = vector[[NAMES.index(f"gyro.bias[{i}]") for i in range(3)]]
     rate_of = record.gyro - bias
@@ -195,7 +199,7 @@ def _rests(record: Record, vector: np.ndarray) -> Rests:
     still = calm[record.grid.inner].all(axis=1)
     if not still.any():
         return Rests(still)
-    # the second over which the scatter is taken ends before the rest does: go on while single windows are as calm as those inside
+    # the scatter is computed over a second, which must fit into the rest: extend the rest while single windows are as calm as inside
     force, turns = record.accel[record.grid.inner], rate_of[record.grid.inner]
     own = [np.ptp(force, axis=1).max(axis=1), np.linalg.norm(turns.mean(axis=1), axis=1), np.ptp(turns, axis=1).max(axis=1)]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
@@ -218,7 +222,7 @@ def _result(
     fitted = tuple(np.array(NAMES)[found.free].tolist())
     sensors, slope = gauged(found.vector, found.free, fitted, strength, field)
     asked = np.array([*(name.partition("[")[0] not in NUISANCE for name in fitted), True])
-    # a parameter is seen where all are that its value stands on
+    # a reported parameter is determined only if all free parameters that enter its value are
     blind = np.abs(slope) @ ~told.seen > 0
     names = tuple(name for name, own in zip((*fitted, "field"), asked, strict=True) if own)
     values, blind, slope = np.append(found.vector[found.free], 0.0)[asked], blind[asked], slope[asked]
@@ -226,13 +230,14 @@ def _result(
     if wrong := [name for name in derivatives if name not in names]:
         raise DataError(f"derivatives={wrong}: no such parameter was fitted; expected some of {', '.join(names)}")
     wanted = [slope[names.index(name)] for name in derivatives]
-    derived = gradients(found, record, place, rests, np.array(wanted), strength) if wanted else []
-    derived = [{name: unfilled(by, np.asarray(getattr(log, name), dtype=float)) for name, by in own.items()} for own in derived]
+    derived: list[dict[str, AnyArray]] = []
+    for own in gradients(found, record, place, rests, np.array(wanted), strength) if wanted else ():
+        derived.append({name: unfilled(by, np.asarray(getattr(log, name), dtype=float)) for name, by in own.items()})
     if any(lost and sensor_of(name) == "accel" for name, lost in zip(names, blind, strict=True)):
-        # the delays are those against the accelerometer: without its tilts, a delay and an error of its axes look alike
+        # delays are relative to the accelerometer: if the device hardly tilts, a delay looks like an error of the accelerometer's axes
         blind |= np.array([name.endswith("_delay") for name in names])
     if not found.converged:
-        # along a flat valley the errors at one place of it say nothing: no parameter of a sensor that is open has a number
+        # where the cost is flat, the errors at the last step mean nothing: a sensor with an undetermined parameter gets no numbers
         open_ = {sensor_of(name) for name, lost in zip(names, blind, strict=True) if lost}
         blind |= np.array([sensor_of(name) in open_ for name in names])
     plain = vector_of(template())

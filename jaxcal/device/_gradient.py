@@ -1,4 +1,4 @@
-"""Derivatives of fitted parameters by the readings: the implicit function theorem at the solution."""
+"""Derivatives of fitted parameters by the readings, from the implicit function theorem at the solution."""
 
 import math
 from collections.abc import Callable
@@ -9,13 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import FitError
-from .._types import AnyArray
 from ..fitting import Chain
 from ._normal import LINK, inertial, skew
 from ._solve import SIZES, Place, Record, Rests, Solution, spread_of, whitened
 from ._windows import GYRO_DELAY, MAG_DELAY, NAMES, TAPS, integral_weights, lagrange, model_of
 
-_EXACT = 1e-8  # size of the last step of the refinement, relative to the first
+_EXACT = 1e-8  # the refinement ends with a step of this size relative to the largest
 _MOST = 60  # steps of the refinement
 #: [a, b, c]: the matrix of the cross product with the unit vector a
 _CROSS = skew(np.eye(3))
@@ -25,15 +24,15 @@ Unknowns = tuple[Any, Any]
 
 def gradients(
     found: Solution, record: Record, place: Place, rests: Rests, slope: np.ndarray, strength: float
-) -> list[dict[str, AnyArray]]:  # fmt: skip
-    """For each row of `slope` (q, p), which are functions of the free parameters: sensor -> (n, 3) its derivative by the readings.
+) -> list[dict[str, np.ndarray]]:  # fmt: skip
+    """Sensor -> (n, 3) derivatives by the readings, for each row of `slope` (q, p), the derivative of a value by the free parameters.
 
-    The unknowns z (free parameters and way) solve g(z, y) = J'P r + (priors) = 0, where r are the residuals of the readings y, J is their
-    derivative by z, and P is the inverse of their covariance. So dz = -H^-1 (dg/dy) dy with H = dg/dz, in which the second derivatives of
-    the residuals and the dependence of P on z count. A row s of `slope` has the derivative -(dg/dy)'x, where H'x = s. The normal equations
-    of Gauss and Newton are near to H: with them, a few steps of iterative refinement solve this system.
+    The unknowns z (free parameters and trajectory) solve g(z, y) = J'P r + (priors) = 0, where r are the residuals of the readings y, J is
+    their derivative by z, and P is the inverse of their covariance. So dz = -H^-1 (dg/dy) dy with H = dg/dz. H includes the second
+    derivatives of the residuals and the dependence of P on z. The derivative for a row s of `slope` is -(dg/dy)'x, where H'x = s. The
+    Gauss-Newton matrix of the fit is close to H, so a few steps of iterative refinement with it solve this system.
 
-    Held as they were found: noise levels, weights of the windows, rests, the hand's reach and speed, and the centre of the wide prior.
+    Constant: noise levels, weights of the windows, rests, reach and speed of the hand, and the centre of the wide prior.
     """
     filters, free, way = _filters(record, found), found.free, found.way
     readings = {"accel": record.accel, "gyro": record.gyro, "mag": record.mag}
@@ -49,12 +48,12 @@ def gradients(
         "prior": (step, known, begin), "moving": rests.moving[:, None, None], "still": pace,
         "turn": rests.windows[:, None] / rests.turn, "size": SIZES[free],
     }  # fmt: skip
-    # P r of windows and fields
+    # P r of the inertial and of the magnetometer's residuals
     left = np.swapaxes(whiten, 1, 2) @ found.rows.inertial[..., None], weight[..., None] * found.rows.field
     there = np.zeros(len(free)), np.zeros((len(way.velocity), LINK))
 
     def products(x: Unknowns) -> tuple[Unknowns, dict[str, Any]]:
-        """H'x and (dg/dy)'x, the latter by what the filters make of the readings."""
+        """H'x, and (dg/dy)'x with the outputs of the filters in place of the readings y."""
         own = [np.broadcast_to(x[0], (len(whiten), len(free))), x[1][:-1, :9], x[1][1:, :9]]
         columns = np.append(free, np.arange(len(NAMES), len(NAMES) + 18))
         felt = found.rows.inertial_by[..., columns] @ np.concatenate(own, axis=1)[..., None]
@@ -64,7 +63,7 @@ def gradients(
         with jax.numpy_rank_promotion("allow"):  # the formulas broadcast as those in NumPy do, whatever the caller's configuration
             return jax.tree.map(np.asarray, _by(there, fed, x, (left[0][..., 0], left[1]), along, fixed))
 
-    out: list[dict[str, AnyArray]] = []
+    out: list[dict[str, np.ndarray]] = []
     for row in slope:
         x = _refined(found.chain, lambda x: products(x)[0], row)
         by = products(x)[1]
@@ -76,7 +75,7 @@ def gradients(
 
 
 def _refined(chain: Chain, transposed: Callable[[Unknowns], Unknowns], row: np.ndarray) -> Unknowns:
-    """Solve H'x = (row, 0), with the normal equations in place of H in every step."""
+    """Solve H'x = (row, 0) by iterative refinement with the Gauss-Newton matrix."""
     x, first, size = (np.zeros(len(row)), np.zeros_like(chain.link_score)), 0.0, 0.0
     left: Unknowns = row, np.zeros_like(chain.link_score)
     for _ in range(_MOST):
@@ -96,7 +95,7 @@ def _refined(chain: Chain, transposed: Callable[[Unknowns], Unknowns], row: np.n
 
 
 class _Filter:
-    """Sums of weighted samples of a sensor about each sample of the windows, or about each but the last."""
+    """A filter that is evaluated at each sample of every window, or at each but the last one."""
 
     def __init__(self, record: Record, sensor: str, weights: np.ndarray, shift: int, last: bool = True, length: float = 0.0):
         self.sensor, self.weights, self.length = sensor, weights, length
@@ -106,7 +105,7 @@ class _Filter:
         return sum(weight * y[self.index + i] for i, weight in enumerate(self.weights))  # type: ignore[return-value]
 
     def back(self, by: np.ndarray, count: int) -> np.ndarray:
-        """Derivative by the readings (count, 3), from that by the sums."""
+        """Derivative by the readings (count, 3), from the derivative by the outputs."""
         at, out = np.zeros((count, 3)), np.zeros((count, 3))
         np.add.at(at, self.index, by)
         for i, weight in enumerate(self.weights):
@@ -115,7 +114,7 @@ class _Filter:
 
 
 def _filters(record: Record, found: Solution) -> dict[str, _Filter]:
-    """What `windows` makes of the readings, with the derivatives of the rate by time that second derivatives by the delays need."""
+    """The filters that `windows` applies, and time derivatives of the rate, which second derivatives by the delays need."""
     h = record.grid.step
     late, early = found.vector[GYRO_DELAY] / h, -found.vector[MAG_DELAY] / h
     shift = math.floor(late)
@@ -141,9 +140,9 @@ def _filters(record: Record, found: Solution) -> dict[str, _Filter]:
 
 @jax.jit
 def _by(change: Unknowns, fed: dict[str, Any], x: Unknowns, left: tuple, along: tuple, fixed: dict[str, Any]) -> tuple:
-    """Derivatives of x'g by the unknowns and by what is fed in.
+    """Derivatives of x'g by the unknowns, and by the outputs of the filters.
 
-    With v = P r and u = P J x, both held, x'g = x'J'P r has the derivative of u'r + v'J x - u'P^-1 v.
+    x'g = x'J'P r has the same derivative as u'r + v'J x - u'P^-1 v, in which v = P r and u = P J x are constant.
     """
 
     def total(change: Unknowns, fed: dict[str, Any]) -> Any:
@@ -158,7 +157,7 @@ def _by(change: Unknowns, fed: dict[str, Any], x: Unknowns, left: tuple, along: 
 
 
 def _residuals(change: Unknowns, fed: dict[str, Any], fixed: dict[str, Any]) -> tuple[Any, ...]:
-    """Residuals of windows and fields, covariance of the former, and differences from the priors of the way."""
+    """Inertial and field residuals, the covariance of the former, and differences of the trajectory from its priors."""
     moved = jnp.zeros(len(NAMES)).at[fixed["free"]].add(change[0])
     model, links = model_of(fixed["vector"] + moved), change[1]
     rotation = fixed["way"][0] @ _turn(links[:, :3])
@@ -202,7 +201,8 @@ def _residuals(change: Unknowns, fed: dict[str, Any], fixed: dict[str, Any]) -> 
 
     x = jnp.stack([velocity, place, pull], axis=1)
     still = fixed["still"] * jnp.concatenate([velocity, pull], axis=1)
-    spread = spread_of(pushes / time, end, *fixed["noise"], time)
+    gyro_level, accel_level = fixed["noise"]
+    spread = spread_of(pushes / time, end, gyro_level, accel_level, time)
     return inertial, field, spread, x[1:] - fixed["prior"][0] @ x[:-1], x[0], still, fixed["turn"] * _angles(relative)
 
 
@@ -217,7 +217,7 @@ def _skew(v: Any) -> Any:
 
 
 def _turn(v: Any) -> Any:
-    """Rotation matrices of vectors below 1 rad: a series, which has derivatives at zero, of an eighth, and that to the eighth power."""
+    """Rotation matrices of vectors below 1 rad: the eighth power of the series for an eighth, which has derivatives at zero."""
     cross = _skew(v / 8)
     square = cross @ cross
     turn = jnp.eye(3) + cross + square / 2 + square @ (cross / 6 + square / 24)
@@ -227,7 +227,7 @@ def _turn(v: Any) -> Any:
 
 
 def _angles(r: Any) -> Any:
-    """Rotation vectors of matrices that turn by less than 20 degrees, by the series of the arc sine."""
+    """Rotation vectors of rotations by less than 20 degrees, from the series of the arc sine."""
     half = r.reshape(*r.shape[:-2], 9) @ _CROSS.reshape(3, 9).T / 2
     square, factor = jnp.sum(half * half, axis=-1, keepdims=True), 1.0
     for n in range(4, 0, -1):

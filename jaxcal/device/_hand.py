@@ -1,8 +1,8 @@
-"""Motion of a device in a hand, as closed formulas of time: attitude, place, and their derivatives.
+"""Motion of a device in a hand, as closed formulas of time: attitude, position, and their derivatives.
 
-The place and the angles are sums of sinusoids, and the attitude is a product of turns about fixed axes. Their derivatives
-are written down, not computed from differences, and nothing is integrated. A simulator that integrates as an estimator does
-would hide the errors that both make.
+Position and angles are sums of sinusoids, and the attitude is a product of rotations about fixed axes. All derivatives are
+closed formulas; nothing is integrated numerically. A simulator that integrates as the estimator does would hide the errors
+that both make.
 
 A rest slows the motion's own clock: the motion at the time t is that of the clock's reading c(t), and c'(t) falls smoothly
 from 1 to 0 and rises again. So a rest is exact, wherever the motion happens to be.
@@ -13,17 +13,17 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float
 
-#: the sinusoids of one signal, and their highest frequency in corner frequencies
+#: number of sinusoids in one signal, and their highest frequency in units of the corner frequency
 _LINES, _HIGHEST = 160, 20.0
-#: samples for which the sinusoids are held at once
+#: number of samples for which the sinusoids are computed at once
 _CHUNK = 8192
-#: s in which the motion stops and starts
+#: time in which the motion stops or starts, s
 _EASE = 0.6
-#: rad: spread of each turn's angle, which covers all attitudes
+#: standard deviation of the angle of each rotation, rad; large enough to cover all attitudes
 _SPREAD = 2.0
 #: Hz: band of the tremor of a hand; m: distance from the wrist to the device
 _TREMOR, _WRIST = (8.0, 12.0), 0.1
-#: pace of the motion that is left while a hand holds the device still
+#: pace of the motion, relative to free motion, while a hand holds the device still
 DRIFT = 0.005
 
 
@@ -39,7 +39,7 @@ class HandMotion:
     position, velocity, acceleration : (n, 3) of the device's origin in world coordinates, m, m/s and m/s^2.
     force : (n, 3) specific force at the device's origin in device coordinates, m/s^2.
     resting : (n,) whether the device rests.
-    clock : (n, 3) the motion's own clock in s, its pace and the change of its pace; the pace is 0 at rest.
+    clock : (n, 3) the motion's own clock in s, and its first and second derivative by time; the first is 0 at rest.
 
     Examples
     --------
@@ -71,7 +71,7 @@ class Waves:
     def __init__(self, rng: np.random.Generator, corner: float, signals: int):
         edges = corner * ((1 + _HIGHEST) ** (np.arange(_LINES + 1) / _LINES) - 1)
         frequency = edges[:-1] + rng.uniform(size=_LINES) * np.diff(edges)
-        # normalised by the whole density, so that the corner means what it says
+        # normalised by the density over all frequencies, so that `corner` is the corner frequency of the Matern process
         power = np.diff(edges) / corner * (1 + (frequency / corner) ** 2) ** -3 * 16 / (3 * np.pi)
         self.omega = 2 * np.pi * frequency
         self.cosine, self.sine = rng.normal(size=(2, _LINES, signals)) * np.sqrt(power)[:, None]
@@ -107,19 +107,19 @@ def _sinusoids(omega: np.ndarray, cosine: np.ndarray, sine: np.ndarray, time: np
 
 
 class Pauses:
-    """The rests of a recording: by how much the motion is slowed at each time."""
+    """The rests of a recording: how much they slow the motion at each time."""
 
     def __init__(self, starts: np.ndarray, ends: np.ndarray, depth: float):
         self.starts, self.ends, self.depth = starts, ends, depth
 
     def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """The clock, its first and second derivative, then what the pauses leave (1 in motion, 0 at rest) and whether it is 0."""
+        """Clock; a factor (1 in motion, 0 at rest), its first and second derivative; and whether the device rests."""
         clock, pace, change, resting = time.copy(), np.ones(len(time)), np.zeros(len(time)), np.zeros(len(time), bool)
         curvature = np.zeros(len(time))
         for start, end in zip(self.starts, self.ends, strict=True):
             for edge, sign in ((start - _EASE, 1.0), (end, -1.0)):
                 u = np.clip((time - edge) / _EASE, 0, 1)
-                # the step u^3 (10 - 15 u + 6 u^2): its integral, which goes on linearly after it, itself, and its derivatives
+                # integral of the smooth step u^3 (10 - 15 u + 6 u^2), which grows linearly after the step; then step and derivatives
                 whole = _EASE * u**4 * (2.5 - 3 * u + u**2) + np.maximum(time - edge - _EASE, 0)
                 clock -= self.depth * sign * whole
                 pace -= sign * u**3 * (10 - 15 * u + 6 * u**2)
@@ -130,19 +130,19 @@ class Pauses:
 
 
 class Hand:
-    """One motion, for any times.
+    """One motion, which can be evaluated at any times.
 
     Parameters
     ----------
-    rng : draws the motion.
-    pauses : its rests.
+    rng : random numbers that determine the motion.
+    pauses : rests of the motion.
     turns : "free", "one axis" or "no tilt".
-    reach : m, standard deviation of each coordinate. pace : Hz, corner frequency of the place.
+    reach : m, standard deviation of each coordinate. pace : Hz, corner frequency of the position.
     swing : rad/s, root mean square rate about each axis of "free".
     tremor : m, root mean square displacement along each axis.
-    held : whether the tremor goes on in the rests.
-    arm : (3,) m, place of the device from the point about which the hand turns it, in the axes of the device.
-    travel : m to the north, walked smoothly from the first third of the recording to the second. duration : s.
+    held : whether the tremor continues in the rests.
+    arm : (3,) m, position of the device relative to the point about which the hand rotates it, in device axes.
+    travel : m to the north, walked smoothly during the second third of the recording. duration : s.
     gravity : m/s^2.
     """
 
@@ -152,7 +152,7 @@ class Hand:
     ):  # fmt: skip
         self.pauses, self.reach, self.tremor, self.held, self.gravity = pauses, reach, tremor, held, gravity
         self.arm, self.travel, self.duration = arm, travel, duration
-        # one draw of each kind for every motion, so that options which do not concern it leave the rest as it is
+        # always draw all random numbers, so that an option changes only the part of the motion that it concerns
         axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
         start = rng.normal(size=4)
         self.place = Waves(rng, pace, 3)
@@ -174,7 +174,7 @@ class Hand:
         angle, speed, growth = _slowed(self.turn.at(clock), clock_pace, clock_change)
         shake, shake_1, shake_2 = self.shake.at(time)
         if not self.held:
-            # the table stills the tremor, with the same smooth steps
+            # on a table the tremor stops, with the same smooth steps
             p, c, k = pace[:, None], change[:, None], curvature[:, None]
             shake, shake_1, shake_2 = p * shake, p * shake_1 + c * shake, p * shake_2 + 2 * c * shake_1 + k * shake
         place, velocity, acceleration = (
@@ -195,7 +195,7 @@ class Hand:
         for axis, turned, fast, faster in turns:
             one = _about(axis, turned)
             attitude = attitude @ one
-            # the rate so far, in the coordinates after this turn, which turn about the axis at the rate `fast`
+            # express the rate so far in the axes after this rotation, which rotate about `axis` at the rate `fast`
             rate, spin = (np.einsum("nji,nj->ni", one, vector) for vector in (rate, spin))
             spin = spin - fast[:, None] * np.cross(axis, rate) + faster[:, None] * axis
             rate = rate + fast[:, None] * axis
@@ -212,7 +212,7 @@ class Hand:
 def _slowed(
     signal: tuple[np.ndarray, np.ndarray, np.ndarray], pace: np.ndarray, change: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A signal of the clock and its derivatives by time, by the chain rule."""
+    """A signal of the clock, with its derivatives by time from the chain rule."""
     value, first, second = signal
     return value, first * pace[:, None], second * pace[:, None] ** 2 + first * change[:, None]
 

@@ -1,4 +1,4 @@
-"""What is known about the parameters of a device: errors that hold where noise is correlated, what was not seen, what the model lacks."""
+"""Uncertainty of the parameters of a device: errors with correlated noise, undetermined parameters, and terms that the model lacks."""
 
 import dataclasses
 import itertools
@@ -14,33 +14,33 @@ from ._normal import ACCEL_BIAS, GYRO_BIAS, inertial, skew
 from ._solve import SIZES, Place, Record, Rests, Solution
 from ._windows import NAMES
 
-_PIECES, _PARTS = 24, 6
-_CHANCE = 0.003  # of taking white noise for correlated
-_UNSEEN = 0.2  # of the standard deviation beforehand: what is known no better was not determined
-_LOOSE, _DEPENDS = 5.0, 1.2  # with a prior so many times as wide, an error grows by this where it stands on the prior
-_LINES, _DAY = 200, 86400.0  # of a bias that wanders; s
-NUISANCE = ("arm",)  # parameters of the recording, of which nobody asks whether it shows them
+_PIECES, _PARTS = 24, 6  # pieces of the recording for leave-out errors; parts for the test of agreement
+_CHANCE = 0.003  # probability of calling white noise correlated
+_UNSEEN = 0.2  # error over prior standard deviation from which a parameter is not determined
+_LOOSE, _DEPENDS = 5.0, 1.2  # if a prior wider by the first factor raises an error by the second, the error depends on the prior
+_LINES, _DAY = 200, 86400.0  # spectral lines of a bias that wanders, and their longest period, s
+NUISANCE = ("arm",)  # parameters of the motion, not of the device: they are not reported
 _LACK = 1e-3  # level of the tests for terms that the model lacks
 
 
 @dataclasses.dataclass(frozen=True)
 class Known:
-    """Covariance of the free parameters, degrees of freedom of its size, and by how much parts of the recording disagree."""
+    """Covariance of the free parameters, degrees of freedom of its scale, and disagreement between parts of the recording."""
 
     covariance: np.ndarray
     freedom: float
     ratio: float
-    seen: np.ndarray  # (p,) parameters that the recording determines
-    terms: dict[str, np.ndarray]  # kind of motion -> (p, p) its part of the covariance
-    jacobian: np.ndarray  # (K, rows, p) of all windows, with the way's derivative
-    held_out: dict[str, float]  # sensor -> what is left of parts that were left out, in its noise
+    seen: np.ndarray  # (p,) whether the recording determines a parameter
+    terms: dict[str, np.ndarray]  # kind of motion -> (p, p) its part of the covariance, see `terms_of`
+    jacobian: np.ndarray  # (K, rows, p) of all windows, with the trajectory eliminated
+    held_out: dict[str, float]  # sensor -> rms residual of parts that were left out, in its noise
 
 
 def known(found: Solution, place: Place, rests: Rests, time: float, wander: dict[str, Noise]) -> Known:
-    """Errors from the information where parts of the recording agree, and else from fits without parts of it.
+    """Errors: from the information if parts of the recording agree, otherwise from fits that leave out parts.
 
-    The score of a part is that of its residuals with the way at its best, so that it has the information of the part as its covariance
-    where noise is as the model says. `wander` is the slow noise of a sensor's bias, where it is given: it adds to the errors.
+    The score of a part comes from its residuals at the best trajectory. If the noise is as the model assumes, its covariance is the
+    information of the part. `wander` is the slow noise of the biases, if the caller gives it; it adds to the errors.
     """
     normal, score, pushed, rows = _by_window(found, place, rests, time)
     hats, scores = _pieces(normal), _pieces(score)
@@ -50,7 +50,7 @@ def known(found: Solution, place: Place, rests: Rests, time: float, wander: dict
     matrix = np.linalg.inv(whole)
     seen = ~unseen(found)
     held_out = _predicted(found, normal, score, prior, *rows)
-    # do sixths of the recording want parameters of their own?
+    # test whether sixths of the recording need parameters of their own
     sixth = hats.reshape(_PARTS, -1, *hats.shape[1:]).sum(axis=1), scores.reshape(_PARTS, -1, hats.shape[1]).sum(axis=1)
     scale = SIZES[found.free]
     statistic, count = 0.0, -int(seen.sum())
@@ -73,9 +73,10 @@ def known(found: Solution, place: Place, rests: Rests, time: float, wander: dict
 def _predicted(
     found: Solution, normal: np.ndarray, score: np.ndarray, prior: np.ndarray, jacobian: np.ndarray, residual: np.ndarray
 ) -> dict[str, float]:
-    """Rms of what each sensor leaves in sixths whose parameters come from the other five, in its noise; the way stays at its best.
+    """Rms residual of each sensor, in its noise, in sixths of the recording, each with parameters from the other five.
 
-    The parameters of the others are one step from those of all. NaN where the others do not determine them.
+    These parameters are one Gauss-Newton step from those of the whole recording, and the trajectory follows. NaN if the other five do
+    not determine the parameters.
     """
     whole, total, left = normal.sum(axis=0) + prior, score.sum(axis=0), residual.copy()
     edges = np.round(np.arange(_PARTS + 1) * len(normal) / _PARTS).astype(int)
@@ -91,9 +92,9 @@ def _predicted(
 
 
 def _wandering(pushed: np.ndarray, noise: Noise, time: float) -> np.ndarray:
-    """(p, p) variance of the score by a bias that wanders: `pushed` (K, p, 3) is by how much one in a window changes it.
+    """(p, p) variance of the score from a wandering bias. `pushed` (K, p, 3) is the change of the score by a bias in one window.
 
-    Flicker has no mean of its own: the bias that is wanted is the mean over a day, within which a calibration is used.
+    Flicker has no long-term mean, so the parameter is defined as the mean over a day, the time within which a calibration is used.
     """
     count = len(pushed)
     edges = np.geomspace(1 / _DAY, 1 / (2 * time), _LINES + 1)
@@ -106,7 +107,7 @@ def _wandering(pushed: np.ndarray, noise: Noise, time: float) -> np.ndarray:
 
 
 def unseen(found: Solution) -> np.ndarray:
-    """(p,) free parameters that hang on what was known before the recording: little is added to it, or what is depends on it."""
+    """(p,) whether a free parameter is not determined: its error is near to that of the prior, or depends on the prior."""
     sizes, whole = SIZES[found.free], found.eliminated.information
     scaled = whole * np.outer(sizes, sizes)
     error, loose = (np.sqrt(np.diag(np.linalg.inv(scaled - share * np.eye(len(sizes))))) for share in (0.0, 1 - _LOOSE**-2))
@@ -115,7 +116,7 @@ def unseen(found: Solution) -> np.ndarray:
 
 
 def _pieces(values: np.ndarray) -> np.ndarray:
-    """Sums (24, ...) over parts of the recording."""
+    """Sums (24, ...) over pieces of the recording."""
     edges = np.round(np.arange(_PIECES + 1) * len(values) / _PIECES).astype(int)
     return np.array([values[a:b].sum(axis=0) for a, b in itertools.pairwise(edges)])
 
@@ -123,7 +124,7 @@ def _pieces(values: np.ndarray) -> np.ndarray:
 def _by_window(
     found: Solution, place: Place, rests: Rests, time: float
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """J'J (K, p, p) and J'r (K, p) of all windows, what a bias there adds to J'r (K, p, 3), and J and r. J holds the way's derivative."""
+    """J'J (K, p, p) and J'r (K, p) of all windows, derivatives of J'r by biases in them, and (J, r). J has the trajectory eliminated."""
     free, carried, rows = found.free, -found.eliminated.carried, found.rows
     size, count = len(NAMES), len(rows.inertial)
     first, second = carried[:-1], carried[1:]
@@ -164,7 +165,7 @@ def _by_window(
 
 @dataclasses.dataclass(frozen=True)
 class Lack:
-    """A term that the model lacks, with the level of its test and the size that it has."""
+    """A term that the model lacks, with the level of its test and its estimated size."""
 
     name: str
     level: float
@@ -172,7 +173,10 @@ class Lack:
 
 
 def lacks(found: Solution, record: Record, ratio: float) -> list[Lack]:
-    """Terms of the field, and a drift of the gyroscope's bias, that the model lacks: tests of scores, with all parameters beside them."""
+    """Terms that the model lacks: a field gradient, a loose magnetometer, and a drift of the gyroscope's bias. These are score tests.
+
+    Each test lets all parameters and the trajectory vary together with the term. It changes no estimate.
+    """
     model, w = found.model, record.windows(found.vector, found.back)
     moved = inertial(model, w)
     turn = found.way.rotation[:-1, None] @ moved.to_reading
@@ -221,7 +225,7 @@ def lacks(found: Solution, record: Record, ratio: float) -> list[Lack]:
 
 
 def _asked(found: Solution, field: np.ndarray, inner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Score and information of further columns of the rows, (K, m, 3, q) and (K, 9, q), with parameters and way eliminated."""
+    """Score and information of further columns of the rows, (K, m, 3, q) and (K, 9, q), with parameters and trajectory eliminated."""
     chain, free, rows = found.chain, found.free, found.rows
     size, count = len(NAMES), len(field)
     flat = field.reshape(count, -1, field.shape[-1])
@@ -247,7 +251,7 @@ def _asked(found: Solution, field: np.ndarray, inner: np.ndarray) -> tuple[np.nd
 
 
 def stretches(flags: np.ndarray, record: Record) -> tuple[tuple[float, float], ...]:
-    """Times (start, stop) in s of the windows that are flagged, neighbours joined."""
+    """Times (start, stop) in s of flagged windows; neighbouring windows are joined."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     begin = record.grid.first * record.grid.step
     return tuple(

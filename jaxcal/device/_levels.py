@@ -1,4 +1,4 @@
-"""How large the errors of each sensor are over longer times than a reading, from what a fit leaves."""
+"""Noise levels of each sensor over times longer than a reading, from the residuals of a fit."""
 
 import numpy as np
 
@@ -8,13 +8,15 @@ from ._windows import NAMES
 _DRAWS = 16
 _LENGTHS = (1, 2, 4, 8, 16, 32, 64)  # windows
 _FEW = 10
-_SURE, _MARGIN = 1.0, 2.5  # degrees of freedom of a ratio of one before anything is seen; standard deviations
+#: weight of the prior ratio of 1, in degrees of freedom; standard deviations by which a ratio must exceed 1 to count
+_SURE, _MARGIN = 1.0, 2.5
 
 
 def null(found: Solution, place: Place, rests: Rests, time: float) -> tuple[np.ndarray, np.ndarray]:
-    """What a fit leaves of white noise: residuals (K, 9, draws) of the inertial rows, and sums (K, 3, draws) of those of the field.
+    """Residuals of fits to simulated white noise: (K, 9, draws) of the inertial rows, and sums (K, 3, draws) of those of the field.
 
-    The fit is linear near its solution, so noise that is drawn for every row and fitted shows how much of it the unknowns take up.
+    Near its solution the fit is linear. So the function draws white noise for every row and solves the normal equations for it. The
+    residuals show how much of the noise the unknowns absorb.
     """
     rng = np.random.default_rng(0)
     free, rows, size = found.free, found.rows, len(NAMES)
@@ -56,7 +58,7 @@ def null(found: Solution, place: Place, rests: Rests, time: float) -> tuple[np.n
 
 
 def powers(values: np.ndarray, which: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """(2, lengths, ...) mean squares of sums over windows: in the axes of the device, and in those of the world."""
+    """(2, lengths, ...) mean squares of sums over consecutive windows: in the axes of the device, then in those of the world."""
     values = values * which.reshape(-1, *np.ones(values.ndim - 1, dtype=int))
     out = []
     for own in (values, np.einsum("kab,kb...->ka...", turn, values)):
@@ -66,11 +68,11 @@ def powers(values: np.ndarray, which: np.ndarray, turn: np.ndarray) -> np.ndarra
 
 
 def grown(found: Solution, place: Place, rests: Rests, time: float, white: Noise) -> Noise:
-    """Levels at which the residuals are as large as noise of these levels would leave them; white noise at least.
+    """Noise levels that explain the size of the residuals, at least those of the white noise.
 
-    A sensor errs in more ways than white noise: by its filter, by what it is not linear in, by a bias that wanders, and a field by what
-    stands in the room. All that counts as noise as large as it is over the times over which the fit compares the sensors. A device at
-    rest and one in motion have levels of their own.
+    Sensors have errors beside white noise: from their filters, from nonlinearity, from biases that wander, and from iron in the room.
+    The fit treats all of them as noise, with the size that they have over the times over which it compares the sensors. Rest and motion
+    have separate levels.
     """
     left, field = null(found, place, rests, time)
     inertial = found.rows.inertial
@@ -84,18 +86,18 @@ def grown(found: Solution, place: Place, rests: Rests, time: float, white: Noise
         for which in (rests.windows, ~rests.windows):
             if which.sum() >= _FEW:
                 factor = _excess(seen, drawn, which, found.way.rotation[:-1])
-                # falls are halved: where two sensors can explain the same residuals, the levels would swing
+                # levels fall more slowly than they rise: where two sensors can explain the same residuals, the levels would oscillate
                 now[which] = np.maximum(least[which], now[which] * factor ** (0.5 if factor > 1 else 0.25))
         levels[name] = now
     return Noise(**levels)
 
 
 def _excess(seen: np.ndarray, left: np.ndarray, which: np.ndarray, turn: np.ndarray) -> float:
-    """Power that is left over what noise of the present level leaves: of windows, or of several in a row where that is clearly more."""
+    """Power of the residuals over that of noise with the present level: of single windows, or of several in a row if clearly larger."""
     own, drawn = powers(seen, which, turn), powers(left, which, turn)
     mean, spread = drawn.mean(axis=-1), drawn.std(axis=-1)
     sure = 2 * (mean / spread) ** 2
     ratio = (own / mean * sure + _SURE) / (sure + _SURE)
     clear = ratio > 1 + _MARGIN * spread / mean
-    # a size from a few degrees of freedom may be too small by chance: the variance of Student's t
+    # a variance from few degrees of freedom may be too small by chance: use that of Student's t
     return float(max(ratio[0, 0], np.max(np.where(clear, ratio * (1 + 2 / sure), 0.0))))

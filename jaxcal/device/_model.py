@@ -1,4 +1,4 @@
-"""`DeviceModel`: what the sensors of one device read, in one frame and on one clock."""
+"""`DeviceModel`: readings of the sensors of one device, in one frame and on one clock."""
 
 from typing import Any
 
@@ -14,12 +14,12 @@ from ..magnetometer import MagModel
 class DeviceModel(eqx.Module):
     r"""Accelerometer, gyroscope and magnetometer of one device.
 
-    In the frame of the device, with the specific force f, the angular rate w and the field h at a time t,
+    With the specific force f, the angular rate w and the field h in the frame of the device, at the time t:
 
     .. math:: y_a(t) = M_a f(t) + b_a,\quad y_g(t + d_g) = M_g w(t) + b_g + G f(t),\quad y_m(t + d_m) = C h(t) + b_m.
 
     The frame is that of the accelerometer: M_a is upper triangular (`convention="upper"` of `jaxcal.imu`). The matrices of the other two
-    are full, so that they hold the rotations to that frame. The world has z up and x along magnetic north, and so y to the west.
+    sensors are full, because they include the rotations to that frame. World axes: x to magnetic north, y to the west, z up.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Residuals of all windows with their derivatives in closed form (host, NumPy), so that nothing is compiled."""
+"""Residuals of all windows and their derivatives in closed form (host, NumPy: nothing needs compilation)."""
 
 import dataclasses
 
@@ -9,7 +9,7 @@ from ._model import DeviceModel
 from ._windows import NAMES, Windows
 
 ACCEL, ACCEL_BIAS, GYRO, GYRO_BIAS, SENSITIVITY, IRON, HARD, LEVER, ARM = 0, 9, 21, 30, 33, 42, 51, 58, 64
-#: unknowns of a link: rotation, velocity, place, and an acceleration that no sensor feels at an instant
+#: unknowns of a link: rotation, velocity, position, and the acceleration of the Matern process, which no residual of a sensor contains
 LINK = 12
 DIP, GYRO_DELAY, MAG_DELAY = (NAMES.index(name) for name in ("dip", "gyro_delay", "mag_delay"))
 #: columns of the gyroscope's parameters: matrix, bias, sensitivity, delay
@@ -32,7 +32,7 @@ def exponential(v: np.ndarray) -> np.ndarray:
 
 
 def logarithm(r: np.ndarray) -> np.ndarray:
-    """Rotation vectors of matrices that turn by less than 180 degrees."""
+    """Rotation vectors of rotations by less than 180 degrees."""
     twice = np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], axis=-1)
     sine = np.linalg.norm(twice, axis=-1, keepdims=True) / 2
     angle = np.arctan2(sine, (np.trace(r, axis1=-2, axis2=-1)[..., None] - 1) / 2)
@@ -40,33 +40,34 @@ def logarithm(r: np.ndarray) -> np.ndarray:
 
 
 def _cross(a: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """A x each column: (..., 3) and (..., 3, q)."""
+    """Cross product of `a` (..., 3) with each column of `columns` (..., 3, q)."""
     return skew(a) @ columns
 
 
 @dataclasses.dataclass
 class Inertial:
-    """What the inertial sensors say of every window, with derivatives by all parameters where they are wanted.
+    """Integrals of the inertial readings over every window, with their derivatives by the parameters.
 
-    Rotations and impulses are in the frame of the device at the beginning. A derivative of a rotation is a turn about the axes there.
+    Rotations and integrals are in the frame of the device at the beginning of the window. A derivative of a rotation is a rotation vector
+    in this frame.
     """
 
-    rotation: np.ndarray  # (K, m + 1, 3, 3) from the beginning to each sample
+    rotation: np.ndarray  # (K, m + 1, 3, 3) attitude at each sample relative to the beginning
     speed: np.ndarray  # (K, 3) integral of the specific force
     place: np.ndarray  # (K, 3) its second integral
     rate: np.ndarray  # (K, m + 1, 3)
-    to_reading: np.ndarray  # (K, m, 3, 3) from the beginning to each reading of the magnetometer
+    to_reading: np.ndarray  # (K, m, 3, 3) attitude at each reading of the magnetometer relative to the beginning
     turned_by: np.ndarray  # (K, 3, q) derivative of the rotation, over the columns TURNING
     reading_by: np.ndarray  # (K, m, 3, q)
     reading_late: np.ndarray  # (K, m, 3) derivative by the magnetometer's delay
     speed_by: np.ndarray  # (K, 3, p) derivatives by all parameters
     place_by: np.ndarray
-    swept: np.ndarray  # (K, 2, 3) velocity of the device against the point of its turns, at the beginning and at the end, in its axes
+    swept: np.ndarray  # (K, 2, 3) velocity relative to the centre of rotation, at the beginning and at the end, in device axes
     swept_by: np.ndarray  # (K, 2, 3, q)
 
 
 def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: bool = False) -> Inertial:
-    """Integrate all windows. Derivatives by the sensitivity to g, and by lever arms, are zero unless they are wanted."""
+    """Integrate all windows. Derivatives by the g-sensitivity and by lever arms are zero unless the options ask for them."""
     h, (count, steps) = float(w.step[0]), w.field_time.shape
     gyro, accel = np.linalg.inv(model.gyro.matrix), np.linalg.inv(model.accel.matrix)
     arms, g = np.asarray(model.lever), np.asarray(model.gyro.g_sensitivity)
@@ -92,13 +93,13 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
     pushed = np.einsum("kiab,kib->kia", rotation, force)
     half = np.full(steps + 1, h)
     half[[0, -1]] = h / 2
-    # the sum of trapezia of the sum of trapezia
+    # weights of the double integral: the trapezoidal rule applied twice
     left = steps - np.arange(steps + 1)
     twice = h**2 * left.astype(float)
     twice[0], twice[-1] = h**2 * (2 * steps - 1) / 4, h**2 / 4
     speed, place = np.einsum("i,kia->ka", half, pushed), np.einsum("i,kia->ka", twice, pushed)
 
-    # derivatives of rate and of the turn of each step, by the columns TURNING
+    # derivatives of the rate and of the rotation in each step, by the columns TURNING
     many = len(TURNING) if sensitivity else 13
     rate_by, raw_by = np.zeros((count, steps + 1, 3, many)), np.zeros((count, steps, 3, many))
     for a in range(3):
@@ -159,8 +160,8 @@ def _left(v: np.ndarray) -> np.ndarray:
 class Rows:
     """Residuals in standard deviations and their derivatives.
 
-    The columns of `inertial_by` are the p parameters, then the nine changes at the beginning and the nine at the end; those of
-    `field_by` are the parameters and the rotation at the beginning.
+    The columns of `inertial_by` are the p parameters, then rotation, velocity and position at the beginning and at the end of the window.
+    The columns of `field_by` are the parameters and the rotation at the beginning.
     """
 
     inertial: np.ndarray  # (K, 9)
@@ -172,7 +173,7 @@ class Rows:
 def left_over(
     states: tuple, w: Windows, found: Inertial, model: DeviceModel, gravity: float, earth: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Inertial residuals (K, 9) and those of the field (K, m, 3), in their units."""
+    """Inertial residuals (K, 9) and field residuals (K, m, 3), in their own units."""
     turn, velocity, place = states
     back, h = np.swapaxes(turn[:-1], 1, 2), float(w.step[0])
     time, down = h * found.to_reading.shape[1], np.array([0.0, 0.0, gravity])
@@ -180,7 +181,7 @@ def left_over(
     turned = logarithm(np.swapaxes(rotation, 1, 2) @ (back @ earth @ turn[1:]))
     speed = np.einsum("kab,kb->ka", back, np.diff(velocity, axis=0) + time * down)
     moved = np.einsum("kab,kb->ka", back, np.diff(place, axis=0) - time * velocity[:-1] + time**2 / 2 * down)
-    # the states are those of the point about which the hand turns the device
+    # the states are those of the point about which the hand rotates the device
     relative, arm = back @ turn[1:], np.asarray(model.arm)
     speed += np.einsum("kab,kb->ka", relative, found.swept[:, 1]) - found.swept[:, 0]
     moved += relative @ arm - arm - time * found.swept[:, 0]
@@ -200,7 +201,7 @@ def rows(
     gravity: float,
     earth: np.ndarray,
 ) -> Rows:
-    """Whitened rows: `whiten` (K, 9, 9) of the inertial part, `weight` (K, m) of every reading of the magnetometer."""
+    """Rows of the least squares: `whiten` (K, 9, 9) multiplies the inertial part, `weight` (K, m) each reading of the magnetometer."""
     turn = states[0]
     count, steps = weight.shape
     back, h, size = np.swapaxes(turn[:-1], 1, 2), float(w.step[0]), len(NAMES)
@@ -210,7 +211,7 @@ def rows(
     many = found.turned_by.shape[-1]
     columns = TURNING[np.append(np.arange(many - 1), len(TURNING) - 1)]
     relative = np.swapaxes(back @ earth @ turn[1:], 1, 2)
-    # a turn at the beginning, about the axes there, is one at the end, about the axes there
+    # carry rotations from the device axes at the beginning to those at the end
     bend = np.eye(3) + skew(residual[:, :3]) / 2
     by[:, :3, columns] = -bend @ relative @ found.turned_by
     by[:, :3, size : size + 3], by[:, :3, size + 9 : size + 12] = -bend @ relative, bend
@@ -249,7 +250,7 @@ def rows(
 
 
 def chain_of(found: Rows, free: np.ndarray) -> Chain:
-    """Normal equations of the free parameters and of the states at the K + 1 ends."""
+    """Normal equations of the free parameters and of the states at the K + 1 ends of windows."""
     count, size = len(found.inertial), len(NAMES)
     width = len(free)
     links, ties = np.zeros((count + 1, LINK, LINK)), np.zeros((count, LINK, LINK))
@@ -265,7 +266,7 @@ def chain_of(found: Rows, free: np.ndarray) -> Chain:
     score[:-1, :9] = push[:, first]
     score[1:, :9] += push[:, second]
     corner, right = normal[:, :width, :width].sum(axis=0), push[:, :width].sum(axis=0)
-    # the magnetometer's rows see some parameters alone
+    # the magnetometer's rows depend on some of the parameters only
     seen = np.flatnonzero(np.any(found.field_by[..., free] != 0, axis=(0, 1, 2)))
     f = found.field_by[..., np.append(free[seen], np.arange(size, size + 3))].reshape(count, -1, len(seen) + 3)
     normal = np.swapaxes(f, 1, 2) @ f

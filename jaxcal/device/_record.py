@@ -1,4 +1,4 @@
-"""From a log to what the estimator works on: readings without gaps, where they are missing, and the noise that they show."""
+"""Prepare a log for the estimator: readings with gaps filled, which of them are missing, and their noise."""
 
 import math
 from typing import Any
@@ -12,14 +12,15 @@ from ._normal import exponential
 from ._solve import Noise, Record
 from ._windows import Grid
 
-_SHORT = 2  # samples that are interpolated where they are missing
+_SHORT = 2  # longest gap, in samples, that is interpolated
 _NEAR = 16  # readings on each side on which an interpolated one depends: a spline's weights fall by 0.27 from one to the next
-_ORDER = 6  # of the differences that show the noise: motion below an eighth of the rate leaves them alone
-_FAST, _HELD = 0.8, 0.05  # share of slower samples; share of equal neighbours from which on a sensor repeats its last reading
+_ORDER = 6  # order of the differences that show the noise: motion slower than an eighth of the rate hardly changes them
+#: share of samples that are slower than the fast ones; share of equal neighbours from which a sensor repeats its last reading
+_FAST, _HELD = 0.8, 0.05
 
 
 def _filled(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Readings with short gaps interpolated, and (n,) where a longer one is."""
+    """Readings with short gaps interpolated, and (n,) whether a sample lies in a longer gap."""
     there = np.isfinite(y).all(axis=1)
     if there.all():
         return y, np.zeros(len(y), dtype=bool)
@@ -34,8 +35,8 @@ def _filled(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def unfilled(by: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Derivative (n, 3) by the readings that exist, from that by the readings after `_filled`."""
-    there, (_, lost) = np.isfinite(y).all(axis=1), _filled(y)
+    """Derivative (n, 3) by the readings that exist, from the derivative by the result of `_filled`."""
+    there, lost = np.asarray(np.isfinite(y).all(axis=1)), _filled(y)[1]
     index, out = np.flatnonzero(there), np.where(there[:, None], by, 0.0)
     for i in np.flatnonzero(~there & ~lost):
         at = np.searchsorted(index, i)
@@ -45,9 +46,9 @@ def unfilled(by: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _changed(m: np.ndarray, gyro: np.ndarray) -> np.ndarray:
-    """(n,) readings of a magnetometer that are there and new: a slow one repeats its last reading in many logs.
+    """(n,) whether a reading of the magnetometer exists and is new: in many logs a slow magnetometer repeats its last reading.
 
-    A sensor with coarse steps repeats readings by itself while it hardly turns, so the fastest turns decide.
+    A sensor with coarse resolution also repeats readings while it hardly rotates, so the test uses the fastest rotations only.
     """
     there = np.isfinite(m).all(axis=1)
     same = np.concatenate([[False], np.all(m[1:] == m[:-1], axis=1)]) & there
@@ -57,15 +58,15 @@ def _changed(m: np.ndarray, gyro: np.ndarray) -> np.ndarray:
 
 
 def white_noise(y: np.ndarray, rate: float, lost: np.ndarray) -> float:
-    """Density of the white noise of three axes, from differences that motion hardly reaches."""
+    """Density of the white noise of three axes, from high-order differences, which motion hardly changes."""
     high = np.diff(y, _ORDER, axis=0)
     reach = np.convolve(lost, np.ones(_ORDER + 1), mode="valid") == 0
-    # a median, which knocks and stretches with vibration do not move
+    # the median ignores knocks and stretches with vibration
     return float(np.sqrt(np.median(high[reach] ** 2) / 0.454936 / math.comb(2 * _ORDER, _ORDER) / rate))
 
 
 def recorded(log: Any, gravity: float, reach: float, latitude: float | None = None) -> tuple[Record, Noise, np.ndarray]:
-    """The record, the noise of its inertial sensors, and the readings of the magnetometer in their unit."""
+    """The record, the noise of its inertial sensors, and the readings of the magnetometer in their own unit."""
     for name in ("accel", "gyro", "mag"):
         value = getattr(log, name, None)
         if value is None or np.shape(value)[1:] != (3,):

@@ -1,4 +1,4 @@
-"""`DeviceFit`: a device from one recording, with what is known about it."""
+"""`DeviceFit`: the calibration of a device from one recording, with its uncertainty."""
 
 from typing import Any
 
@@ -16,40 +16,40 @@ _UNITS = {
 
 
 class DeviceFit(Result):
-    """A device from one recording by hand.
+    """A device calibrated from one recording by hand.
 
     Attributes
     ----------
-    model : `DeviceModel`. A parameter that the recording does not determine has its value without errors
-        there, and stands in `undetermined`.
-    names : names of the p parameters that were fitted, by their path in the model.
-    values : (p,) their values; NaN, and None in a file, for those that the recording does not determine.
-    covariance : (p, p) of the values, infinite for those.
-    interval : (p, 2) limits of the intervals of 95 %.
-    degrees_of_freedom : of the size of the covariance; infinite where parts of the recording agree as their noise says.
+    model : `DeviceModel`. A parameter that the recording does not determine has the value of a sensor without errors, and is listed in
+        `undetermined`.
+    names : names of the p fitted parameters, by their path in the model.
+    values : (p,) their values; NaN, and None in a file, if the recording does not determine the parameter.
+    covariance : (p, p) covariance of the values, with infinite variance of a parameter that is not determined.
+    interval : (p, 2) limits of the 95 % intervals. Without `noise`, the interval of a bias is for its mean over the recording.
+    degrees_of_freedom : of the scale of the covariance; infinite if parts of the recording agree within the noise.
     undetermined : names of the parameters that the recording does not determine.
     verdicts : sensor ("accel", "gyro", "magnetometer") -> "good", "weak" or "refused".
-    disturbed : (start, stop) in s of stretches whose field the fit left out, or trusted less than half.
-    rests : (start, stop) in s of the rests that were found.
-    noise : densities of "gyro" (rad/sqrt(s)) and "accel" (m/s/sqrt(s)) that the fit took for the usual window, and the standard deviation
-        of what is left of a reading of "mag", T.
-    reach, speed : standard deviations of the hand's place (m) and velocity (m/s).
-    held_out : sensor -> rms of what it leaves in each sixth of the recording with parameters from the other five, in its noise. At most
-        about 1 where the others predict a sixth within the noise; NaN where they do not determine the parameters.
-    derivatives : name of a parameter -> sensor ("accel", "gyro", "mag") -> (n, 3) derivative of its value by every reading, for the
-        parameters that `fit` was asked for; zero for a missing reading. They are exact (to 1e-4; with `lever` to about 1e-2) for the
-        least squares with the noise levels, weights of windows, rests, and the hand's reach and speed that were found. A fit to other
-        readings finds these anew, which moved the parameters by less than 0.03 standard errors in simulations.
-    disagreement : variance with which sixths of the recording disagree, over that which their noise explains.
+    disturbed : (start, stop) in s of stretches whose magnetic field the fit left out, or gave less than half of its weight.
+    rests : (start, stop) in s of the detected rests.
+    noise : densities of "gyro" (rad/sqrt(s)) and "accel" (m/s/sqrt(s)), medians over the windows, and the standard deviation of the
+        residuals of "mag", T.
+    reach, speed : standard deviations of the hand's position (m) and velocity (m/s).
+    held_out : sensor -> rms residual in units of its noise, when the parameters for each sixth of the recording come from the other five.
+        About 1 or less if the others predict a sixth within the noise; NaN if they do not determine the parameters.
+    derivatives : name of a parameter -> sensor ("accel", "gyro", "mag") -> (n, 3) derivative of its value by every reading, for the names
+        given to `fit`; zero for a missing reading. They hold noise levels, weights of windows, rests, and reach and speed of the hand
+        constant. For this least-squares problem they are exact to 1e-4 (with `lever` to about 1e-2). A fit to other readings also updates
+        what is constant here; in simulations this moved the parameters by less than 0.03 standard errors.
+    disagreement : variance between sixths of the recording, divided by the variance that the noise explains.
     time : (k,) s of the ends of the windows.
-    attitude : (k, 3, 3) rotation from the device to the world; velocity, place : (k, 3), m/s and m, at these times.
-    residual_inertial : (k - 1, 9) what rotation, velocity and place of each window leave, in standard deviations.
-    residual_field : (k - 1, 3) rms of each axis of the field that is left in each window, T.
+    attitude : (k, 3, 3) rotation from the device to the world; velocity, place : (k, 3) velocity and position, m/s and m, at these times.
+    residual_inertial : (k - 1, 9) residuals of rotation, velocity and position of each window, in standard deviations.
+    residual_field : (k - 1, 3) rms field residual of each axis in each window, T.
     gravity, rate, duration : m/s^2, Hz, s.
-    contribution : kind of motion ("rests", "slow turns", "fast turns") -> (p,) its share in what is known of each parameter. The shares
+    contribution : kind of motion ("rests", "slow turns", "fast turns") -> (p,) its share in the information on each parameter. The shares
         of a parameter add up to one.
-    verdict : "good", "weak" or "refused", that of the worst sensor.
-    reason : a sentence or more. warnings : sentences.
+    verdict : "good", "weak" or "refused": the verdict on the worst sensor.
+    reason : one or more sentences that explain the verdict. warnings : sentences.
 
     Examples
     --------
@@ -93,7 +93,7 @@ class DeviceFit(Result):
 
     @property
     def standard_error(self) -> np.ndarray:
-        """(p,) roots of the diagonal of the covariance."""
+        """(p,) standard errors: square roots of the diagonal of the covariance."""
         return np.sqrt(np.diag(self.covariance))
 
     def _rows(self) -> list[Row]:
@@ -106,9 +106,9 @@ class DeviceFit(Result):
 def gauged(
     vector: np.ndarray, free: np.ndarray, names: tuple[str, ...], strength: float, field: float | None
 ) -> tuple[dict[str, Any], np.ndarray]:
-    """Iron, hard iron and field in the unit of the readings, and the derivative (p + 1, p) of (parameters, field) by the free ones.
+    """Soft iron, hard iron and field in the unit of the readings, and derivative (p + 1, p) of (parameters, field) by the free parameters.
 
-    Within the fit the field has the strength one, and readings are divided by `strength`. Outside of it det C = 1, or the field is given.
+    Within the fit the field has magnitude 1, and readings are divided by `strength`. In the result det C = 1, or the field is given.
     """
     iron = vector[42:51].reshape(3, 3)
     root = np.cbrt(np.linalg.det(iron)) if field is None else field / strength

@@ -1,4 +1,4 @@
-"""Recordings of a device waved by hand, whose truth is known."""
+"""Simulated recordings of a device that a hand waves, with known truth."""
 
 from typing import Any
 
@@ -17,26 +17,26 @@ from ._model import DeviceModel
 
 #: white noise of a MEMS accelerometer (120 ug/sqrt(Hz)) and gyroscope (0.007 deg/s/sqrt(Hz)): m/s/sqrt(s) and rad/sqrt(s)
 NOISE = {"accel": 120e-6 * STANDARD_GRAVITY, "gyro": np.deg2rad(0.007)}
-#: standard deviation of a reading of the magnetometer, per field
+#: standard deviation of a reading of the magnetometer, as a fraction of the field
 _MAG_NOISE = 0.005
 _TURNS = ("free", "one axis", "no tilt")
-#: s of motion before and after each rest, at least
+#: shortest motion before and after each rest, s
 _BETWEEN = 1.5
 
 
 def random_device(seed: Any, *, field: float = 50e-6) -> DeviceModel:
-    """A consumer's MEMS device: scale errors of 1 %, misalignment of half a degree, and biases as such parts have them.
+    """Draw a consumer MEMS device: scale errors of 1 %, misalignments of half a degree, and typical biases.
 
     Parameters
     ----------
-    seed : of the device, or a generator of NumPy.
-    field : strength of the Earth's field, T.
+    seed : seed of the device, or a NumPy generator.
+    field : magnitude of the Earth's field, T.
 
     Returns
     -------
     DeviceModel
-        With accelerometer biases of 30 mg, gyroscope biases of 1 deg/s, soft iron of 5 %, a hard iron of half the field, and
-        delays of up to 20 ms. All are standard deviations but the delays. The determinant of the soft iron is 1.
+        Standard deviations: accelerometer bias 30 mg, gyroscope bias 1 deg/s, soft iron 5 %. The hard iron is half the field in a random
+        direction. Delays are uniform within 20 ms. The determinant of the soft iron is 1.
 
     Examples
     --------
@@ -91,41 +91,42 @@ def simulate(
     latitude: float | int | None = None,
     motion: int | None = None,
 ) -> tuple[Log, DeviceModel, HandMotion]:
-    """A recording of a device that a hand waves within its reach.
+    """Simulate a recording of a device that a hand waves within its reach.
 
-    Place and angles are Gaussian signals whose density falls as (1 + (f / corner)^2)^-3, as that of a Matern process of order 5/2.
-    They are sums of sinusoids, and rates and accelerations are their derivatives in closed form: nothing is integrated. Each sensor
-    reads the motion at its own time, the stamp less its delay.
+    Position and angles are Gaussian signals with spectral density (1 + (f / corner)^2)^-3, like a Matern process of order 5/2. They are
+    sums of sinusoids; rates and accelerations are their derivatives in closed form, so nothing is integrated numerically. Each sensor
+    reads the motion at its own time: the time stamp minus its delay.
 
     Parameters
     ----------
     duration : s. rate : Hz, of all sensors.
-    seed : of the device, the motion and the noise.
+    seed : seed of the device, the motion and the noise.
     rests : number of rests within the recording. still : length of each, s. initial : length of a rest at its beginning, s; 0 for none.
-    held : whether a hand holds the device in its rests, with tremor and a slow drift; on a table it lies exactly still.
+    held : whether a hand holds the device in the rests, with tremor and slow drift. Otherwise it lies exactly still on a table.
     turns : "free", through all attitudes; "one axis", about an axis fixed in the device; "no tilt", about the vertical, device level.
-    reach : m, standard deviation of the place along each axis. pace : Hz, corner frequency of the place.
+    reach : m, standard deviation of the position along each axis. pace : Hz, corner frequency of the position.
     swing : rad/s, root mean square rate about each axis of "free".
-    tremor : m, root mean square displacement between 8 and 12 Hz along each axis; the angle is that of an arm of 0.1 m.
-    arm : (3,) m, place of the device from the point about which the hand turns it, in the axes of the device. That point has the `reach`.
-    travel : m that the hand is carried north, in the second third of the recording.
+    tremor : m, root mean square displacement between 8 and 12 Hz along each axis. The angles of the tremor are this over 0.1 m.
+    arm : (3,) m, position of the device relative to the point about which the hand rotates it, in device axes. This point has the `reach`.
+    travel : m, distance that the hand travels north during the second third of the recording.
     model : the device; None for `random_device` with this seed.
     accel_noise, gyro_noise : white noise in m/s/sqrt(s) and rad/sqrt(s), or a `jaxcal.noise.Noise`; None for 120 ug/sqrt(Hz) and
         0.007 deg/s/sqrt(Hz), both two-sided as `Noise.N`.
     mag_noise : standard deviation of a reading in the unit of the field, or a `jaxcal.noise.Noise`; None for 0.5 % of the field.
-    gradient : change of the field per metre, as a part of the field (Frobenius norm of its gradient); without curl and divergence.
-    iron : (start, end, strength): a stretch beside iron, in s, and its largest field, as a part of the field.
-    soft_mount : Hz, natural frequency of the magnetometer's mount, which turns against the device as this accelerates; None for rigid.
+    gradient : change of the field per metre, as a fraction of the field (Frobenius norm of the gradient), without curl or divergence.
+    iron : (start, end, strength): times in s between which the device is beside iron, and the largest field of the iron, as a fraction of
+        the Earth's field.
+    soft_mount : Hz, natural frequency of a mount in which the magnetometer rotates under angular acceleration; None for rigid.
     gravity : m/s^2.
-    latitude : rad, to add the Earth's rate; None for none.
-    motion : seed of device and motion where many noises of one motion are wanted; None for `seed`.
+    latitude : rad, to add the Earth's rate; None adds none.
+    motion : seed of device and motion only, to simulate one motion with different noise; None uses `seed`.
 
     Returns
     -------
     log : Log
         Readings of the three sensors, in rad/s, m/s^2 and the unit of the model's field (T).
     model : DeviceModel
-        The device: the truth.
+        The true device.
     motion : HandMotion
         The true motion at the stamps.
 
@@ -185,7 +186,7 @@ def simulate(
         outside = outside + _bump(turned.time, *iron) * np.linalg.norm(field) * beside / np.linalg.norm(beside)
     inside = np.einsum("nji,nj->ni", turned.attitude, outside)
     if soft_mount is not None:
-        # a torsion spring far above the motion's frequencies: the mount lags by the angular acceleration over its stiffness
+        # a torsion spring far stiffer than the motion is fast: the mount lags by angular acceleration over squared natural frequency
         inside = np.einsum("nij,nj->ni", turned_by(turned.angular_acceleration / (2 * np.pi * float(soft_mount)) ** 2), inside)
     iron_model = device.magnetometer
     readings["mag"] = inside @ np.asarray(iron_model.soft_iron).T + np.asarray(iron_model.hard_iron)
@@ -194,7 +195,7 @@ def simulate(
     given = {
         "accel": NOISE["accel"] if accel_noise is None else accel_noise,
         "gyro": NOISE["gyro"] if gyro_noise is None else gyro_noise,
-        # a standard deviation at this rate as a density
+        # density that gives this standard deviation at this rate
         "mag": mag_noise if isinstance(mag_noise, Noise)
         else (_MAG_NOISE * np.linalg.norm(field) if mag_noise is None else float(mag_noise)) / np.sqrt(float(rate)),
     }  # fmt: skip
@@ -219,7 +220,7 @@ def _noise(own: Any, count: int, rate: float, rng: np.random.Generator, sensor: 
 
 
 def _at_elements(true: HandMotion, lever: np.ndarray) -> np.ndarray:
-    """(n, 3) specific force, that of y and z at the places of their sensing elements."""
+    """(n, 3) specific force, of y and z at the positions of their sensing elements."""
     force = true.force.copy()
     for axis, arm in enumerate(lever, start=1):
         if arm.any():
@@ -229,7 +230,7 @@ def _at_elements(true: HandMotion, lever: np.ndarray) -> np.ndarray:
 
 
 def _gradient(rng: np.random.Generator) -> np.ndarray:
-    """A symmetric matrix without trace, of Frobenius norm 1: a static field in air has neither curl nor divergence."""
+    """A symmetric matrix with trace 0 and Frobenius norm 1: a static field in air has neither curl nor divergence."""
     matrix = rng.normal(size=(3, 3))
     matrix = matrix + matrix.T
     matrix -= np.trace(matrix) / 3 * np.eye(3)
@@ -237,7 +238,7 @@ def _gradient(rng: np.random.Generator) -> np.ndarray:
 
 
 def _bump(time: np.ndarray, start: float, end: float, strength: float) -> np.ndarray:
-    """(n, 1) a field that comes and goes smoothly between two times."""
+    """(n, 1) strength of a field that rises and falls smoothly between two times."""
     if not (end > start and np.isfinite([start, end, strength]).all()):
         raise DataError(f"iron=({start}, {end}, {strength}): expected a start, a later end in s, and a strength as a part of the field")
     u = np.clip((time - start) / (end - start), 0, 1)
@@ -245,7 +246,7 @@ def _bump(time: np.ndarray, start: float, end: float, strength: float) -> np.nda
 
 
 def _pauses(rng: np.random.Generator, duration: float, rests: int, still: float, initial: float, depth: float) -> Pauses:
-    """Rests spread over the recording, off from equal steps at random."""
+    """Rests spread over the recording at equal steps, with random offsets."""
     share = (duration - initial) / max(rests, 1)
     spare = share - still - _BETWEEN
     if initial > duration or (rests and spare < 0):

@@ -1,4 +1,4 @@
-"""The estimator: Gauss and Newton over the parameters and the way of the device (host)."""
+"""The estimator: Gauss-Newton steps for the parameters and the trajectory of the device (host)."""
 
 import dataclasses
 from typing import Any
@@ -12,13 +12,13 @@ from ._model import DeviceModel
 from ._normal import GYRO_DELAY, LINK, MAG_DELAY, Inertial, Rows, chain_of, exponential, inertial, logarithm, rows
 from ._windows import NAMES, Grid, Windows, model_of, steps_back, windows
 
-#: s, the largest delay
+#: largest delay, s
 REACH = 0.05
-_NEAR = 0.75  # steps
-STEPS = 25
-_SETTLED = 1e-4  # of the cost that a step promises to take away, in halves of squared standard deviations
-_SLOW, _FURTHEST = 0.5, 30.0  # ratio of a step to the one before it; factor
-#: standard deviation that an error of each kind has before anything is recorded; far wider than what a recording leaves
+_NEAR = 0.75  # steps by which a delay may leave its sampling interval before the interval is changed
+STEPS = 25  # of a fit, at most
+_SETTLED = 1e-4  # the fit has converged when a step is expected to lower the cost (half the sum of squares) by less
+_SLOW, _FURTHEST = 0.5, 30.0  # ratio of successive steps above which a step is lengthened; largest factor
+#: prior standard deviation of each kind of parameter, far wider than the errors after a recording
 _SIZES = {
     "accel.matrix": 0.1, "accel.bias": 1.0, "accel.g_sensitivity": 1.0, "gyro.matrix": 0.1, "gyro.bias": 0.1, "gyro.g_sensitivity": 1e-3,
     "magnetometer.soft_iron": 0.5, "magnetometer.hard_iron": 2.0, "field": 1.0, "dip": 1.0, "gyro_delay": 0.03, "mag_delay": 0.03,
@@ -29,7 +29,7 @@ SIZES = np.array([_SIZES[name.partition("[")[0]] for name in NAMES])
 
 @dataclasses.dataclass(frozen=True)
 class Noise:
-    """Noise of a recording, of all windows or (K,): densities of gyroscope and accelerometer, the magnetometer's deviation per reading."""
+    """Noise levels, one number or one per window (K,): densities of gyroscope and accelerometer, deviation of a magnetometer reading."""
 
     gyro: Any
     accel: Any
@@ -38,23 +38,23 @@ class Noise:
 
 @dataclasses.dataclass(frozen=True)
 class Place:
-    """Where the hand stays: standard deviations of place (m) and velocity (m/s) along each axis.
+    """Prior of the hand's position: standard deviations of position (m) and velocity (m/s) along each axis.
 
-    The place is a Matern process of order 5/2, with the density (a^2 + w^2)^-3 and a^2 = 3 (speed / reach)^2. It is Markov together with
-    its velocity and acceleration.
+    The position is a Matern process of order 5/2, with spectral density in proportion to (a^2 + w^2)^-3 and a^2 = 3 (speed / reach)^2.
+    Position, velocity and acceleration together are a Markov process.
     """
 
     reach: float
     speed: float
 
     def transition(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Transition of (velocity, place, acceleration) over a time, and the inverse covariances of what it leaves and of the first."""
+        """Transition of (velocity, position, acceleration), and inverse covariances of its process noise and of the first state."""
         a = np.sqrt(3) * self.speed / self.reach
         drift = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [-3 * a**2, -(a**3), -3 * a]])
         step = scipy.linalg.expm(drift * time)
         v = self.speed**2
         whole = np.array([[v, 0.0, 0.0], [0.0, self.reach**2, -v], [0.0, -v, self.reach**2 * a**4]])
-        # what is left is tiny for short times: as an integral it keeps its digits, as a difference it would not
+        # process noise over short times is tiny: computed as an integral it keeps its digits, as a difference it would lose them
         nodes, weights = np.polynomial.legendre.leggauss(12)
         drive = [scipy.linalg.expm(drift * time * (1 - x) / 2)[:, 2] for x in nodes]
         left = 16 / 3 * self.reach**2 * a**5 * time / 2 * sum(
@@ -63,7 +63,7 @@ class Place:
         return step, np.linalg.inv(left), np.linalg.inv(whole)
 
     def strained(self, way: Any, time: float, moving: np.ndarray) -> "Place":
-        """The same reach, with a speed at which the way changes between windows as much as it does: a real hand is jerkier than others."""
+        """The same reach, with the speed raised until the process explains the changes between windows: some hands move less smoothly."""
         x, place = np.stack([way.velocity, way.place, way.acceleration], axis=1), self
         for _ in range(12):
             step, known, _ = place.transition(time)
@@ -74,7 +74,7 @@ class Place:
         return place
 
     def rows(self, way: Any, time: float, moving: np.ndarray) -> tuple[float, Chain]:
-        """Half a sum of squares, and the part of the normal equations; only of windows in which the device is `moving`."""
+        """Half the sum of squares, and its part of the normal equations, of the windows in which the device is `moving`."""
         step, known, first = self.transition(time)
         x = np.stack([way.velocity, way.place, way.acceleration], axis=1)  # (K + 1, 3, axes)
         left = x[1:] - step @ x[:-1]
@@ -97,19 +97,20 @@ class Place:
 
 
 def added(chain: Chain, other: Chain) -> Chain:
-    """Normal equations with those of a prior on the links."""
+    """Sum of normal equations and those of a prior on the links."""
     return dataclasses.replace(
         chain, links=chain.links + other.links, ties=chain.ties + other.ties, link_score=chain.link_score + other.link_score
     )
 
 
 def spread_of(mean: Any, end: Any, gyro: Any, accel: Any, time: float) -> Any:
-    """(K, 9, 9) covariances of the inertial residuals by white noise of densities (K,), from a window's mean specific force and the
-    rotation back from its end.
+    """(K, 9, 9) covariances of the inertial residuals for white noise with densities (K,).
+
+    They depend on the mean specific force of a window (K, 3), and on the rotation from its end back to its beginning (K, 3, 3).
     """
     xp = array_module(mean, end)
     down = -xp.cross(xp.eye(3), mean[:, None])
-    eye, square, up = xp.eye(3), -(down @ down), xp.swapaxes(down, 1, 2)  # a turn moves the specific force
+    eye, square, up = xp.eye(3), -(down @ down), xp.swapaxes(down, 1, 2)  # an error of attitude rotates the specific force
     g, a = (level[:, None, None] ** 2 for level in (gyro, accel))
     speed, place = g * time**2 / 2 * end @ up, g * time**3 / 6 * end @ up
     both = a * time**2 / 2 * eye + g * time**4 / 8 * square
@@ -122,7 +123,7 @@ def spread_of(mean: Any, end: Any, gyro: Any, accel: Any, time: float) -> Any:
 
 
 def whitened(found: Inertial, noise: Noise, time: float, broken: np.ndarray) -> np.ndarray:
-    """(K, 9, 9) matrices that make the inertial residuals of every window white, by white noise of the rates and the specific force."""
+    """(K, 9, 9) matrices that whiten the inertial residuals, for white noise of gyroscope and accelerometer."""
     gyro, accel = (np.broadcast_to(level, len(found.speed)) for level in (noise.gyro, noise.accel))
     matrix = spread_of(found.speed / time, np.swapaxes(found.rotation[:, -1], 1, 2), gyro, accel, time)
     matrix[broken] = np.diag(np.repeat([1.0, 10.0, 1.0], 3) ** 2)
@@ -131,7 +132,7 @@ def whitened(found: Inertial, noise: Noise, time: float, broken: np.ndarray) -> 
 
 @dataclasses.dataclass
 class Way:
-    """Attitude (K + 1, 3, 3), velocity, place and acceleration (K + 1, 3) at the ends of the windows, in the world."""
+    """Trajectory: attitude (K + 1, 3, 3), velocity, position and acceleration (K + 1, 3) at the ends of the windows, in world axes."""
 
     rotation: np.ndarray
     velocity: np.ndarray
@@ -140,27 +141,27 @@ class Way:
 
     @property
     def states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What the sensors feel."""
+        """The states that the residuals of the sensors contain."""
         return self.rotation, self.velocity, self.place
 
     def moved(self, step: np.ndarray) -> "Way":
-        """After a step (K + 1, LINK)."""
+        """The trajectory after a step (K + 1, LINK)."""
         rotation = self.rotation @ exponential(step[:, :3])
         return Way(rotation, self.velocity + step[:, 3:6], self.place + step[:, 6:9], self.acceleration + step[:, 9:])
 
 
 @dataclasses.dataclass
 class Record:
-    """Readings (n, 3) without gaps, magnetometer in units of the field, with what is known to be missing."""
+    """Readings (n, 3) with gaps filled, and which of them are missing. The magnetometer is in units of the field."""
 
     accel: np.ndarray
     gyro: np.ndarray
     mag: np.ndarray
-    there: np.ndarray  # (n,) readings of the magnetometer that exist
+    there: np.ndarray  # (n,) whether a reading of the magnetometer exists
     broken: np.ndarray  # (K,) windows in which inertial samples are missing
     grid: Grid
     gravity: float
-    earth: np.ndarray  # (3, 3) turn of the Earth in a window
+    earth: np.ndarray  # (3, 3) rotation of the Earth in a window
 
     @property
     def time(self) -> float:
@@ -168,22 +169,22 @@ class Record:
         return self.grid.steps * self.grid.step
 
     def back(self, vector: np.ndarray, now: int | None = None) -> int:
-        """`steps_back` for a delay; where it is near to the one of `now`, that one, for the cost then has no steps."""
+        """`steps_back` for these parameters. It stays at `now` while the delay is near, so that the cost does not jump between steps."""
         part = -float(vector[MAG_DELAY]) / self.grid.step
         return now if now is not None and now - _NEAR < part < now + 1 + _NEAR else steps_back(self.grid, float(vector[MAG_DELAY]))
 
     def kept(self, back: int) -> np.ndarray:
-        """(K, m) readings of the magnetometer that are there, in windows whose rates are."""
+        """(K, m) whether a reading of the magnetometer exists, in a window without missing inertial samples."""
         return self.there[self.grid.inner[:, :-1] - back] & ~self.broken[:, None]
 
     def windows(self, vector: np.ndarray, back: int) -> Windows:
-        """The windows, for the delays of these parameters."""
+        """The windows, interpolated for the delays in these parameters."""
         return windows(self.grid, self.accel, self.gyro, self.mag, float(vector[GYRO_DELAY]), float(vector[MAG_DELAY]), back)
 
 
 @dataclasses.dataclass
 class Solution:
-    """Parameters, the way, and what was computed there."""
+    """Parameters and trajectory at the end of a fit, with residuals and normal equations there."""
 
     vector: np.ndarray
     way: Way
@@ -194,9 +195,9 @@ class Solution:
     converged: bool
     eliminated: Eliminated
     free: np.ndarray
-    counts: np.ndarray  # (K,) by which the residuals of the field in each window are multiplied
+    counts: np.ndarray  # (K,) weights of the field residuals of each window
     back: int
-    kept: np.ndarray  # (K, m) readings of the magnetometer that are used
+    kept: np.ndarray  # (K, m) whether a reading of the magnetometer is used
     noise: Noise
 
     @property
@@ -205,7 +206,7 @@ class Solution:
 
     @property
     def field(self) -> np.ndarray:
-        """(K, m, 3) residuals of the field in standard deviations, before they are weighed; zero where there is no reading."""
+        """(K, m, 3) field residuals in standard deviations, without the weights; zero where there is no reading."""
         return self.rows.field / self.counts[:, None, None]
 
     @property
@@ -215,7 +216,7 @@ class Solution:
 
 @dataclasses.dataclass(frozen=True)
 class Rests:
-    """Where the device rests: windows (K,), and how far it does: standard deviations of velocity (m/s) and of a window's turn (rad)."""
+    """Rests: windows (K,), and standard deviations of the velocity (m/s) and of a window's rotation (rad) in them."""
 
     windows: np.ndarray
     speed: float = 2e-3
@@ -231,10 +232,10 @@ class Rests:
         return np.concatenate([self.windows, [False]]) | np.concatenate([[False], self.windows])
 
     def rows(self, way: Way, place: Place) -> tuple[float, Chain]:
-        """Half a sum of squares, and the part of the normal equations."""
+        """Half the sum of squares, and its part of the normal equations."""
         count, ends = len(way.velocity), self.ends
         links, ties, score = np.zeros((count, LINK, LINK)), np.zeros((count - 1, LINK, LINK)), np.zeros((count, LINK))
-        # within a rest the place is no Matern process; the acceleration after it begins anew
+        # within a rest the position is not a Matern process; the acceleration after it starts from its stationary distribution
         weight = np.concatenate([np.full(3, self.speed**-2), np.full(3, (3 * place.speed**2 / place.reach) ** -2)])
         at = np.array([3, 4, 5, 9, 10, 11])
         x = np.concatenate([way.velocity, way.acceleration], axis=1) * ends[:, None]
@@ -256,7 +257,7 @@ def solved(
     record: Record, vector: np.ndarray, way: Way, free: np.ndarray, noise: Noise, place: Place, counts: np.ndarray, steps: int = STEPS,
     rests: Rests | None = None, centre: np.ndarray | None = None,
 ) -> Solution:  # fmt: skip
-    """Least squares from a start. `counts` (K,) multiplies the residuals of the magnetometer, in standard deviations."""
+    """Least squares from a start. `counts` (K,) are weights of the magnetometer's residuals, `centre` is the centre of the prior."""
     rests = Rests(np.zeros(len(record.grid.first), dtype=bool)) if rests is None else rests
     centre = vector if centre is None else centre
     wanted = [name.partition("[")[0] for name in np.array(NAMES)[free]]
@@ -290,7 +291,7 @@ def solved(
         while True:
             move = -np.linalg.solve(known.information + damping * np.diag(sizes**-2.0), known.score)
             if stretch and before is not None:
-                # where steps shrink slowly, the rest of their series is taken at once
+                # steps that shrink slowly form a geometric series: take the sum of the remaining series in one step
                 shrinks = float(before @ known.information @ move) / float(before @ known.information @ before)
                 stretch = min(1 / (1 - shrinks), _FURTHEST) if _SLOW < shrinks < 1 else 1.0
                 move = stretch * move

@@ -1,4 +1,4 @@
-"""Where the fit begins: the single-sensor estimators, and an attitude that follows all three sensors."""
+"""Start of the fit: parameters from the single-sensor estimators, and an attitude from a filter over all three sensors."""
 
 import numpy as np
 import scipy  # loads its parts when they are first used
@@ -11,26 +11,24 @@ from ._normal import DIP, GYRO, GYRO_BIAS, HARD, IRON, MAG_DELAY, exponential, i
 from ._solve import Record, Way
 from ._windows import model_of, template, vector_of
 
-_FIELD, _FORCE = 1.0, 10.0  # s, time constants with which the attitude follows field and specific force
-_FLAT = 4.0  # ratio of the axes of an ellipsoid that is none
-_PLANE = 0.15  # thickness of readings that lie in a plane, of their width
-_SLOW = 0.02  # of the largest eigenvalue
-_STRANGE = 6.0  # robust standard deviations of the norm
-_FIRST = 2.0  # s whose mean gives the first attitude
+_FIELD, _FORCE = 1.0, 10.0  # s, time constants of the corrections of the attitude by field and specific force
+_FLAT = 4.0  # ratio of axes from which a fitted ellipsoid is not used
+_PLANE = 0.15  # thickness over width of readings below which they lie in a plane
+_SLOW = 0.02  # eigenvalues below this part of the largest count little
+_STRANGE = 6.0  # robust standard deviations of the field magnitude from which a window is disturbed
+_FIRST = 2.0  # s of readings that give the first attitude
 
 
 def started(record: Record, mag: np.ndarray) -> tuple[np.ndarray, Way, float, tuple[np.ndarray, np.ndarray]]:
-    """Parameters, the way, the strength of the field in the unit of `mag`, by which the record's is divided from here on, and axes.
+    """Parameters, trajectory, strength of the field in the unit of `mag`, and axes. The record's magnetometer is divided by the strength.
 
-    The axes (3, 3) of gyroscope and magnetometer turn vectors from those of the accelerometer; see `axes_of`.
+    The axes are matrices (3, 3) that rotate vectors from accelerometer axes to those of gyroscope and magnetometer; see `axes_of`.
     """
     vector = vector_of(template())
     gyro = axes_of(record.accel, record.gyro, 1 / record.grid.step, ("gyroscope", "accelerometer")).T
     vector[GYRO : GYRO + 9] = gyro.ravel()
-    rates, axes = record.gyro @ gyro, np.eye(3)
-    if ellipsoid := _ellipsoid(record, mag, vector, rates):
-        *ellipsoid, axes = ellipsoid
-    iron, hard, strength = ellipsoid or _turned(record, mag, rates)
+    rates = record.gyro @ gyro
+    iron, hard, strength, axes = _ellipsoid(record, mag, vector, rates) or (*_turned(record, mag, rates), np.eye(3))
     vector[IRON : IRON + 9], vector[HARD : HARD + 3] = iron.ravel(), hard / strength
     record.mag = record.mag / strength
     way, dip = followed(record, vector)
@@ -41,7 +39,7 @@ def started(record: Record, mag: np.ndarray) -> tuple[np.ndarray, Way, float, tu
 def _ellipsoid(
     record: Record, mag: np.ndarray, vector: np.ndarray, rates: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float, np.ndarray] | None:
-    """Soft iron, hard iron, strength and axes by the norms; rotation, bias and delay by the rates. None where they show no ellipsoid."""
+    """Soft iron, hard iron, strength and axes; rotation, bias and delay come from the rates. None without an ellipsoid."""
     there, rate = record.there, 1 / record.grid.step
     extent = np.linalg.svd(np.cov(mag[there].T), compute_uv=False)
     if extent[-1] < _PLANE**2 * extent[0]:
@@ -67,7 +65,7 @@ def _ellipsoid(
 
 
 def _turned(record: Record, mag: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """The same from readings that the rates turn about the hard iron: what no turn moves stays at the mean reading."""
+    """The same from the rotation of the readings about the hard iron. Along directions without rotation, it stays at the mean reading."""
     index = np.flatnonzero(record.there)
     index = index[:: max(round(0.1 / record.grid.step), 1)]
     total = np.cumsum(np.concatenate([np.zeros((1, 3)), rates[1:] + rates[:-1]]), axis=0) * record.grid.step / 2
@@ -77,7 +75,7 @@ def _turned(record: Record, mag: np.ndarray, rates: np.ndarray) -> tuple[np.ndar
     rows = np.eye(3) - back
     left = y[1:] - np.einsum("kab,kb->ka", back, y[:-1])
     normal = np.einsum("kba,kbc->ac", rows, rows)
-    # directions that hardly move are left alone
+    # directions in which the readings hardly change keep the mean
     values, vectors = np.linalg.eigh(normal)
     gain = values / (values**2 + (_SLOW * values[-1]) ** 2)
     centre = vectors @ (gain * (vectors.T @ np.einsum("kba,kb->a", rows, left)))
@@ -88,7 +86,7 @@ def _turned(record: Record, mag: np.ndarray, rates: np.ndarray) -> tuple[np.ndar
 
 
 def undisturbed(record: Record, vector: np.ndarray) -> np.ndarray:
-    """(K,) weights of the windows, less where the norm of the field differs from the usual one."""
+    """(K,) weights of the windows, small where the field magnitude differs from its median."""
     model = model_of(vector)
     fields = (record.mag - model.magnetometer.hard_iron) @ np.linalg.inv(model.magnetometer.soft_iron).T
     norm = np.linalg.norm(fields, axis=1)[record.grid.inner[:, :-1]]
@@ -101,7 +99,7 @@ def undisturbed(record: Record, vector: np.ndarray) -> np.ndarray:
 
 
 def followed(record: Record, vector: np.ndarray) -> tuple[Way, float]:
-    """Attitude by the gyroscope, drawn to the field and slowly to the vertical, forwards and then backwards; and the dip."""
+    """Trajectory and dip: rates integrated forwards and then backwards, corrected towards field and, slowly, towards the vertical."""
     back = record.back(vector)
     model, w = model_of(vector), record.windows(vector, back)
     seen = inertial(model, w)
@@ -115,7 +113,7 @@ def followed(record: Record, vector: np.ndarray) -> tuple[Way, float]:
     world, up = np.asarray(DeviceModel(model.accel, model.gyro, model.magnetometer, 1.0, dip).world_field), np.array([0.0, 0.0, 1.0])
     step = seen.rotation[:, -1]
     gain = np.where(some, record.time / _FIELD, 0.0), record.time / _FORCE
-    # as many windows with readings of the magnetometer, which may begin late
+    # count windows with readings of the magnetometer only, because it may begin late
     first = int(np.flatnonzero(some)[: max(round(_FIRST / record.time), 1)][-1]) + 1
     turn = _triad(_gathered(step, force, first), _gathered(step, field, first), dip)
     total = len(step)
@@ -137,7 +135,7 @@ def followed(record: Record, vector: np.ndarray) -> tuple[Way, float]:
 
 
 def _gathered(step: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """Sum of the first vectors, in the frame of the first."""
+    """Sum of the first vectors, rotated to the frame of the first window."""
     turn, total = np.eye(3), np.zeros(3)
     for k in range(min(count, len(values))):
         total += turn @ values[k]
@@ -146,7 +144,7 @@ def _gathered(step: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
 
 
 def _triad(force: np.ndarray, field: np.ndarray, dip: float) -> np.ndarray:
-    """Attitude in which one vector points up and the other north and down."""
+    """Attitude for which `force` points up and `field` lies in the plane of north and down."""
     up = force / np.linalg.norm(force)
     west = np.cross(up, field)
     west /= max(np.linalg.norm(west), 1e-12)

@@ -1,4 +1,4 @@
-"""Verdicts on a device, in words."""
+"""Verdict, reason and warnings of a device fit."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ import numpy as np
 from .._units import STANDARD_GRAVITY
 from ._axes import named
 
-#: largest standard errors of a good sensor: of its matrix (1 or rad), and of its bias in SI; of the hard iron as a part of the field
+#: largest standard errors of a good sensor: of its matrix (1 or rad), and of its bias in SI (hard iron: as a fraction of the field)
 _GOOD = {"accel": (5e-3, 5e-3 * STANDARD_GRAVITY), "gyro": (5e-3, np.deg2rad(0.02)), "magnetometer": (1e-2, 5e-3)}
 _MOTIONS = {
     "accel": "tilt the device through all attitudes, and rest it in several",
@@ -15,18 +15,17 @@ _MOTIONS = {
     "magnetometer": "turn it about all three of its axes, through all attitudes",
 }
 _TITLES = {"accel": "accelerometer", "gyro": "gyroscope", "magnetometer": "magnetometer"}
-_WIDE = 1.5  # m from the middle: a hand with a reach of 0.25 m along each axis goes to 1.1 m in three minutes
-_DELAY = 2e-3  # s
+_WIDE = 1.5  # m from the mean position: a hand with a reach of 0.25 m along each axis goes 1.1 m away in three minutes
 
 
 def sensor_of(name: str) -> str:
-    """Sensor that a parameter belongs to, with the delay of its stream; the field and its dip are the magnetometer's."""
+    """Sensor to which a parameter belongs. Field, dip and the second delay belong to the magnetometer."""
     first = name.partition(".")[0]
     return {"gyro_delay": "gyro", "lever": "accel"}.get(first.partition("[")[0], first if first in _GOOD else "magnetometer")
 
 
 def _grouped(names: list[str]) -> str:
-    """Names with the entries of each field together: gyro.matrix[0,0 0,1]."""
+    """Names, with the entries of each matrix or vector joined: gyro.matrix[0,0 0,1]."""
     fields: dict[str, list[str]] = {}
     for name in names:
         field, _, entry = name.partition("[")
@@ -51,10 +50,12 @@ def judged(facts: dict[str, Any]) -> tuple[str, str, tuple[str, ...], dict[str, 
         verdicts[sensor] = "refused" if lost else "good" if worst[0] <= matrix and worst[1] <= bias else "weak"
         title = _TITLES[sensor]
         if lost:
-            sentences.append(f"The motion does not show {_grouped(lost)} of the {title}: {_MOTIONS[sensor]}.")
+            what = "any parameter" if not own else _grouped(lost)
+            sentences.append(f"The motion does not show {what} of the {title}: {_MOTIONS[sensor]}.")
         elif verdicts[sensor] == "weak":
             sentences.append(
-                f"The {title} is known to {100 * worst[0]:.2g} % and {_bias(sensor, worst[1])} only: record longer, and {_MOTIONS[sensor]}."
+                f"Standard errors of the {title} reach {100 * worst[0]:.2g} % (matrix) and {_bias(sensor, worst[1])} (bias): record "
+                f"longer, and {_MOTIONS[sensor]}."
             )
     for sensor, axes in zip(("gyro", "magnetometer"), facts["axes"], strict=True):
         if not np.array_equal(axes, np.eye(3)):
@@ -65,8 +66,8 @@ def judged(facts: dict[str, Any]) -> tuple[str, str, tuple[str, ...], dict[str, 
     away = np.linalg.norm(facts["place"] - facts["place"].mean(axis=0), axis=1).max()
     if away > _WIDE:
         warnings.append(
-            f"The hand went {away:.2g} m from its middle. The accelerometer's errors count on a hand that stays in its place: stand still, "
-            "and move the arm alone."
+            f"The device went {away:.2g} m away from its mean position. The errors of the accelerometer assume that it stays within "
+            "an arm's reach: stand still and move only the arm."
         )
         verdicts["accel"] = "refused" if verdicts["accel"] == "refused" else "weak"
     for lack in facts["lacks"]:
@@ -80,8 +81,8 @@ def judged(facts: dict[str, Any]) -> tuple[str, str, tuple[str, ...], dict[str, 
         verdicts["magnetometer"] = "refused" if verdicts["magnetometer"] == "refused" else "weak"
         if lack.name == "gradient":
             warnings.append(
-                f"The field varies with the place, by {100 * lack.size:.2g} % per metre (p = {max(lack.level, 1e-300):.1g}): go away from "
-                "iron, or move the device less."
+                f"The field varies with the place, by {100 * lack.size:.2g} % per metre (p = {max(lack.level, 1e-300):.1g}): record "
+                "farther from iron, or move the device less."
             )
         else:
             warnings.append(
@@ -91,17 +92,17 @@ def judged(facts: dict[str, Any]) -> tuple[str, str, tuple[str, ...], dict[str, 
     if facts["disturbed"]:
         spans = ", ".join(f"{a:.1f} to {b:.1f} s" for a, b in facts["disturbed"][:6])
         more = f" and {len(facts['disturbed']) - 6} more" if len(facts["disturbed"]) > 6 else ""
-        warnings.append(f"The field was disturbed from {spans}{more}; the fit counts these stretches less, or not at all.")
+        warnings.append(f"The field was disturbed from {spans}{more}; the fit gives these stretches little or no weight.")
         if sum(b - a for a, b in facts["disturbed"]) > 0.2 * facts["duration"]:
             verdicts["magnetometer"] = "refused" if verdicts["magnetometer"] == "refused" else "weak"
     if np.isfinite(facts["freedom"]):
         warnings.append(
-            f"Parts of the recording disagree {np.sqrt(facts['disagreement']):.2g} times as much as white noise explains: the errors are "
-            "those of fits without parts of it."
+            f"Parts of the recording disagree {np.sqrt(facts['disagreement']):.2g} times as much as noise explains: the errors come from "
+            "fits that leave out one part after another."
         )
     if not (facts["converged"] or facts["undetermined"]):
         verdicts = dict.fromkeys(verdicts, "refused")
-        sentences.insert(0, "The fit did not converge.")
+        sentences.insert(0, "The fit did not converge, so its numbers are not reliable: record again, far from iron.")
     order = ("good", "weak", "refused")
     verdict = max(verdicts.values(), key=order.index)
     good = [_TITLES[sensor] for sensor, word in verdicts.items() if word == "good"]

@@ -1,4 +1,4 @@
-"""A recording in windows: what the sensors did between two instants at which the attitude and the place are unknowns."""
+"""A recording in windows: the readings between two instants at which attitude and position are unknowns."""
 
 import dataclasses
 import math
@@ -14,16 +14,17 @@ from ..imu import Triad
 from ..magnetometer import MagModel
 from ._model import DeviceModel
 
-#: offsets of the samples that an interpolation takes, from the one before
+#: offsets of the samples that an interpolation uses, from the sample before the point
 TAPS = np.arange(-3, 5)
-_EDGE = 8  # samples at both ends, which the interpolation needs
-WINDOW = 0.2  # s
+_EDGE = 8  # samples at both ends of the recording that only the interpolation uses
+WINDOW = 0.2  # s, length of a window
 
 
 class Windows(eqx.Module):
-    """K windows of m steps each, of h seconds. Readings are raw.
+    """K windows of m steps of h seconds each. Readings are raw.
 
-    The gyroscope's are taken where its clock shows the instants of the accelerometer, and all derivatives by delays are held with them.
+    Rates are interpolated to the instants of the accelerometer's samples, for the delay of the gyroscope. The fields also contain the
+    derivatives by the delays.
     """
 
     force: AnyArray  # (K, m + 1, 3) accelerometer
@@ -38,12 +39,12 @@ class Windows(eqx.Module):
 
 
 def lagrange(x: float) -> np.ndarray:
-    """(8, 8) coefficients of the polynomials that are one at one tap and zero at the others, in powers of the distance from `x`."""
+    """(8, 8) coefficients of the Lagrange polynomials (one at a tap, zero at the others), in powers of the distance from `x`."""
     return np.linalg.inv(np.vander(TAPS - x, increasing=True)).T
 
 
 def _filtered(y: AnyArray, weights: AnyArray, index: np.ndarray) -> AnyArray:
-    """Sums of the samples about each index, with weights for the taps."""
+    """Weighted sums of the samples at the taps about each index."""
     return sum(weight * y[index + tap] for weight, tap in zip(weights, TAPS, strict=True))  # type: ignore[return-value]
 
 
@@ -53,7 +54,7 @@ def value_at(y: Any, x: float, index: np.ndarray) -> Any:
 
 
 def slope_at(y: Any, x: float, index: np.ndarray) -> Any:
-    """Derivative there, per sample."""
+    """Derivative at index + x, per sample."""
     return _filtered(y, lagrange(x)[:, 1], index)
 
 
@@ -70,7 +71,7 @@ def integral_weights(low: float, high: float) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True)
 class Grid:
-    """Where the windows lie: first sample of each, samples to a window, and the step in s."""
+    """Position of the windows: first sample of each, steps per window, and length of a step in s."""
 
     first: np.ndarray
     steps: int
@@ -78,7 +79,7 @@ class Grid:
 
     @staticmethod
     def of(samples: int, rate: float, reach: float) -> "Grid":
-        """All windows that lie far enough from the ends of a recording for delays up to `reach` seconds."""
+        """All windows far enough from the ends of a recording for delays up to `reach` seconds."""
         steps = max(round(WINDOW * rate), 2)
         edge = _EDGE + math.ceil(reach * rate)
         count = (samples - 2 * edge) // steps
@@ -86,18 +87,18 @@ class Grid:
 
     @property
     def inner(self) -> np.ndarray:
-        """(K, m + 1) samples of each window."""
+        """(K, m + 1) indices of the samples of each window."""
         return self.first[:, None] + np.arange(self.steps + 1)
 
 
 def windows(grid: Grid, accel: Any, gyro: Any, mag: Any, gyro_delay: float, mag_delay: float, back: int | None = None) -> Windows:
-    """Windows of raw readings (n, 3) on one grid, for these delays in s; `back` as `steps_back` gives it, or near to that."""
+    """Windows of raw readings (n, 3) on one grid, for these delays in s. `back` is the result of `steps_back`, or near to it."""
     whole, h = grid.inner, grid.step
     late = gyro_delay / h
     shift = math.floor(late)
     x, index = late - shift, whole + shift
     turn = integral(gyro, x, 1.0, index[:, :-1]) + integral(gyro, 0.0, x, index[:, 1:])
-    # the reading j is the field at j - d: within the step that begins at i
+    # reading j of the magnetometer shows the field at j - d, which lies within the step that begins at i = j + back
     early = -mag_delay / h
     back = steps_back(grid, mag_delay) if back is None else back
     part = early - back
@@ -117,7 +118,7 @@ def windows(grid: Grid, accel: Any, gyro: Any, mag: Any, gyro_delay: float, mag_
 
 
 def steps_back(grid: Grid, mag_delay: float) -> int:
-    """Steps from a reading of the magnetometer to the step in which the field was as it reads."""
+    """Number of steps between a reading of the magnetometer and the step in which the field had this value."""
     return math.floor(-mag_delay / grid.step)
 
 

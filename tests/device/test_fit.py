@@ -125,6 +125,16 @@ def test_sensors_may_be_mounted_in_different_directions():
         fit(jaxcal.Log(None, accel=log.accel, gyro=-log.gyro, mag=log.mag, rate=25.0))
 
 
+def test_a_drift_of_the_gyroscope_is_named_and_the_bias_is_its_mean():
+    log, true, _ = simulate(60.0, 50.0, seed=11, rests=8, still=3.0)
+    ramp = np.linspace(-0.5, 0.5, len(log.time))[:, None] * np.deg2rad([0.08, 0.0, 0.06])
+    found = fit(jaxcal.Log(None, accel=log.accel, gyro=log.gyro + ramp, mag=log.mag, rate=50.0))
+    size = [float(text.partition("drifted by ")[2].split()[0]) for text in found.warnings if "drifted" in text]
+    assert size == [pytest.approx(360, rel=0.3)]  # 0.1 deg/s, with a standard error of 40 deg/h
+    assert_covered(errors(found, true))
+    assert not any("drifted" in text for text in free()[-1].warnings)
+
+
 def test_turns_about_the_wrist_are_no_error_of_the_accelerometer():
     arm = np.array([0.1, -0.1, 0.05])
     log, true, _ = simulate(60.0, 50.0, seed=11, reach=0.1, arm=arm)
