@@ -401,6 +401,8 @@ def main():
     parser.add_argument("--folder", type=pathlib.Path)
     arguments = parser.parse_args()
     arguments.kill_logs = min(arguments.kill_logs, arguments.logs)
+    if arguments.folder:
+        arguments.folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=arguments.folder, prefix="fleet-") as folder:
         folder = pathlib.Path(folder)
         os.environ["XDG_CACHE_HOME"] = str(folder / "cache")

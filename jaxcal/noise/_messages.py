@@ -201,11 +201,13 @@ def of_unevenness(uneven: dict[str, Unevenness], duration: float) -> list[str]:
         if not found:
             continue
         worst = min(found.values(), key=lambda one: one.chance)
-        wider = " and ".join(f"{term} {np.sqrt(max(one.factor, 1.0)):.1f} times" for term, one in found.items())
+        factors = {term: f"{np.sqrt(max(one.factor, 1.0)):.1f}" for term, one in found.items()}
+        wider = " and ".join(f"of {term} {factor} times" for term, factor in factors.items() if factor != "1.0")
+        wider = f"this makes the intervals {wider} as wide" if wider else "the intervals grow by less than 5 % for it"
         start, stop = (duration * edge / PARTS for edge in (worst.part, worst.part + 1))
         said.append(
             f"the {what} is uneven in time (chance {worst.chance:.1g}): {100 * worst.share:.3g} % of it falls between {start:.4g} and "
-            f"{stop:.4g} s, an eighth of the record; the intervals of {wider} wider for it; look there for a knock, a draught or warming up"
+            f"{stop:.4g} s, an eighth of the record; {wider}; look there for a knock, a draught or warming up"
         )
     return said
 
