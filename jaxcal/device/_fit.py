@@ -215,8 +215,7 @@ def _rests(record: Record, vector: np.ndarray) -> Rests:
 
 def _result(
     log: Any, record: Record, found: Solution, place: Place, rests: Rests, level: Noise, strength: float, axes: tuple[Any, Any],
-    field: float | None,
-        slow: dict[str, SlowNoise], derivatives: tuple[str, ...],
+    field: float | None, slow: dict[str, SlowNoise], derivatives: tuple[str, ...],
 ) -> DeviceFit:  # fmt: skip
     told = known(found, place, rests, record.time, slow)
     fitted = tuple(np.array(NAMES)[found.free].tolist())
