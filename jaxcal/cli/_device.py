@@ -11,7 +11,8 @@ from cyclopts import Parameter
 import jaxcal
 
 from .._units import STANDARD_GRAVITY, number
-from ._options import CallError, Gravity, Latitude, Log, Reading, Running, checked, stem
+from ._noise_file import read_noise
+from ._options import CallError, Gravity, Latitude, Log, Reading, Running, checked, must_exist, stem
 from ._outputs import File, outputs, save_json, save_report
 from ._screen import Screen
 from ._work import carry_out
@@ -55,6 +56,9 @@ def device(
             "Magnitude of the Earth's field at the place, in uT; without it, the corrected readings keep their mean size.",
         ),
     ] = None,
+    noise: Annotated[
+        Path | None, Parameter(help="Noise of the sensors: noise.json of jaxcal noise, or a calibration. Else the log gives the noise.")
+    ] = None,
     name: Annotated[str | None, Parameter(help="Name of the device, kept in the calibration.")] = None,
     g_sensitivity: Annotated[bool, Parameter(help="Fit the gyroscope's sensitivity to acceleration.")] = False,
     lever: Annotated[bool, Parameter(help="Fit the positions of the accelerometer's sensing elements.")] = False,
@@ -69,7 +73,9 @@ def device(
     rests make the accelerometer's result ten times more accurate.
     """
     options = {"gravity": gravity, "latitude": latitude, "height": height, "field": field, "name": name, "lever": lever}
-    options |= {"g_sensitivity": g_sensitivity}
+    options |= {"g_sensitivity": g_sensitivity, "noise": noise and str(noise)}
+    must_exist(noise)
+    known = None if noise is None else read_noise(noise)
     notes: list[str] = []
 
     def calibration(place: Path, found: Any, data: Any) -> Sequence[str] | None:
@@ -97,7 +103,7 @@ def device(
             )
         found = jaxcal.device.fit(
             data, gravity=size, field=None if field is None else 1e-6 * field, g_sensitivity=g_sensitivity, lever=lever,
-            latitude=None if latitude is None else math.radians(latitude),
+            latitude=None if latitude is None else math.radians(latitude), noise=known,
         )  # fmt: skip
         if all(word == "refused" for word in found.verdicts.values()):
             raise jaxcal.DataError(" ".join(["the calibration is refused, and nothing was written.", found.reason, *found.warnings]))
