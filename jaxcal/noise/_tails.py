@@ -4,10 +4,11 @@ The innovation of a sample is the difference between the sample and its predicti
 
 .. math:: r_t = y_t - \hat y_t,\qquad \hat y = x - \frac{Q x}{Q_{tt}}
 
-with Q the precision of the record. Four laws are fitted to the innovations: a normal one, Student's t, and mixtures
-of two and of three normal ones. The Bayesian information criterion chooses one. Each innovation is then replaced by the normal value of
-the same probability, and the noise is fitted again, three times. Flicker and random walk stay, since the prediction carries them. The
-standard deviation of the normal values is that of the core for a mixture, and that of the law for Student's t.
+with Q the precision of the record. Five laws are fitted to the innovations: a normal one, Student's t, a normal one with uniform bursts
+in a share of the samples, and mixtures of two and of three normal ones. The Bayesian information criterion chooses one. Each innovation
+is then replaced by the normal value of the same probability, and the noise is fitted again, three times. Flicker and random walk stay,
+since the prediction carries them. The standard deviation of the normal values is that of the core for bursts and mixtures, and that of the
+law for Student's t.
 """
 
 import functools
@@ -68,6 +69,35 @@ def _student_below(p, x):
     return scipy.special.stdtr(freedom, x / scale)
 
 
+def _bursts(p):
+    """Scale of the core, and share and half width of the uniform bursts that are added to it."""
+    scale = np.exp(p[0])
+    return scale, 1.0 / (1.0 + np.exp(-p[1])), scale * (1.0 + np.exp(p[2]))
+
+
+def _bursts_density(p, x):
+    scale, share, width = _bursts(p)
+    above, below = (scipy.special.log_ndtr((sign * width - np.abs(x)) / scale) for sign in (1.0, -1.0))
+    burst = above + np.log1p(-np.exp(below - above)) - np.log(2.0 * width)
+    return np.logaddexp(np.log(1.0 - share) + _normal(x, scale), np.log(share) + burst)
+
+
+def _bursts_below(p, x):
+    scale, share, width = _bursts(p)
+    # the integral of the normal probability is t Phi(t) + phi(t)
+    upper, lower = (t * scipy.special.ndtr(t) + np.exp(_normal(t, 1.0)) for t in ((x + width) / scale, (x - width) / scale))
+    burst = np.maximum(upper - lower, np.finfo(float).tiny) * scale / (2.0 * width)
+    return (1.0 - share) * scipy.special.ndtr(x / scale) + share * burst
+
+
+def _bursts_words(p) -> str:
+    scale, share, width = _bursts(p)
+    return (
+        f"{100 * share:.2g} % of the samples hold bursts spread evenly up to {width / scale:.2g} times the standard deviation of the core; "
+        "they are given less weight, and N is that of the core"
+    )
+
+
 def _mixture(p):
     """Scales of the components, the core first, and their shares; `p` has two parameters for each component beside the core."""
     share = np.exp(np.append(0.0, p[1::2]))
@@ -99,6 +129,7 @@ _LAWS = (
             f"Student's t with {_student(p)[1]:.2g} degrees of freedom fits its white noise, and N is the standard deviation of that law"
         ),
     ),
+    _Law(lambda s: np.array([np.log(s), -2.5, 2.0]), _bursts_density, _bursts_below, _bursts_words),
     _Law(lambda s: np.array([np.log(s), -2.5, 1.5]), _mixture_density, _mixture_below, _mixture_words),
     _Law(lambda s: np.array([np.log(s), -3.0, 0.0, -3.0, 2.5]), _mixture_density, _mixture_below, _mixture_words),
 )

@@ -8,15 +8,15 @@ import jaxcal
 RATE, SAMPLES, RUNS = 100.0, 2**14, 8
 
 
-def _bursts(random):
-    return random.binomial(1, 0.09, SAMPLES) * random.laplace(0.0, 15.0, SAMPLES)
-
-
 LAWS = {
     "contaminated": (1.0, lambda random: random.standard_normal(SAMPLES) * np.where(random.random(SAMPLES) < 0.09, 12.0, 1.0)),
     "another contamination": (
         1.0,
         lambda random: random.standard_normal(SAMPLES) + (random.random(SAMPLES) < 0.09) * random.laplace(0, 15, SAMPLES),
+    ),
+    "uniform bursts": (
+        1.0,
+        lambda random: random.standard_normal(SAMPLES) + (random.random(SAMPLES) < 0.09) * random.uniform(-10, 10, SAMPLES),
     ),
     "Student": (3.0**0.5, lambda random: random.standard_t(3, SAMPLES)),
     "normal": (1.0, lambda random: random.standard_normal(SAMPLES)),
