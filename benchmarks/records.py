@@ -283,6 +283,7 @@ def tails(runs, seed):
         "normal": (1.0, lambda r: r.standard_normal(n)),
         "9 % of 12 standard deviations": (1.0, lambda r: r.standard_normal(n) * np.where(r.random(n) < 0.09, 12.0, 1.0)),
         "9 % of Laplace bursts": (1.0, lambda r: r.standard_normal(n) + (r.random(n) < 0.09) * r.laplace(0, 15, n)),
+        "9 % of uniform bursts": (1.0, lambda r: r.standard_normal(n) + (r.random(n) < 0.09) * r.uniform(-10, 10, n)),
         "Student, 3 degrees of freedom": (3.0**0.5, lambda r: r.standard_t(3, n)),
     }
     print(f"{'law':30s}   mean error of N   largest, %   N covered   tails named   (in % of {runs})")

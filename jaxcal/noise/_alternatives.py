@@ -6,6 +6,12 @@ same ordinates, and compares twice their gains in log likelihood over B and K. A
 about one record in 300 of Q, N, B and K alone reaches (`benchmarks/records.py --only alternatives`). The fit then has its terms beside
 B and K, which are judged by what they explain beyond it.
 
+The root of a gain scatters with a standard deviation of one, and even the loss of one sample in a hundred changes it by 0.1. A record
+near the level must not jump between two models for that. The result is therefore a mean of the fits with and without the model. The
+share of the model grows evenly with the root of its gain, from 0 a little below the level to 1 above it. This is nearly the mean over the
+decisions for records that scatter like the given one (P. Buehlmann and B. Yu, Ann. Statist. 30, 2002; B. Efron, J. Am. Stat. Assoc. 109,
+2014). If several models are about as likely, they divide the share by their likelihoods.
+
 A model that is not admitted may still be nearly as likely as B and K. The interval of N then holds for both models, and a term that
 the other model does without is a hint at most:
 
@@ -24,8 +30,9 @@ import numpy as np
 from .._types import AnyArray
 from ._lanes import inverse
 from ._likelihood import ROUGH, information, minimise
+from ._model import PROCESSES
 from ._result import PRESENT
-from ._spectral import Fitted
+from ._spectral import Fitted, inflation_of
 from ._terms import BUILT_IN, Filter, GaussMarkov, PowerLaw, Term
 
 _ALIKE = 0.1  # least difference from 1 of an exponent that is not that of flicker
@@ -42,6 +49,10 @@ _THIRD = 2.0  # gain in log likelihood from a third process below which its corr
 _SLOW = 5.41  # twice the gain in log likelihood of B and K below which the record has no slow noise to explain
 _OWN = 1e-9  # share of a term's squares, not explained by the terms of the fit, below which it is no further term
 _TINY = np.finfo(float).tiny ** 0.5
+#: differences between the root of a gain and the root of its level between which the share of the model in the result grows from 0 to 1;
+#: the share at the level; likelihood, over that of the likeliest model, that counts as zero
+_BLUR = (0.5, 2.0)
+_ADMITTED, _FAR = _BLUR[0] / sum(_BLUR), float(np.exp(-1.5))
 #: family -> number of parameters beyond those of B and K, twice the gain in log likelihood above which the family is admitted, and
 #: that above which B is a hint at most; three processes count for two parameters more, because their sum can look like flicker
 _FAMILIES = {
@@ -53,36 +64,52 @@ _PARAMETER = 2.0  # twice the gain in log likelihood that each further parameter
 
 
 class Alternative(NamedTuple):
-    """A family, its terms, and twice the gain in log likelihood over B and K."""
+    """A family, its terms, and twice the gain in log likelihood over B and K.
+
+    `gain` is divided by the factor by which the spectrum scatters more than the better of the two models allows, `explained` is not.
+    """
 
     family: str
     terms: tuple[Term, ...]
     gain: float
+    explained: float
 
     @property
-    def admitted(self) -> bool:
-        """Whether the gain is larger than chance explains."""
-        return self.gain > _FAMILIES[self.family][1]
+    def weight(self) -> float:
+        """Share of the model in the result, from 0 to 1."""
+        root, level = np.sqrt([max(self.gain, 0.0), _FAMILIES[self.family][1]])
+        return float(np.clip((root - level + _BLUR[0]) / sum(_BLUR), 0.0, 1.0))
 
     @property
     def net(self) -> float:
         """The gain less the cost of the further parameters, so that families can be compared."""
         return self.gain - _PARAMETER * _FAMILIES[self.family][0]
 
+    def numbered(self, before: int) -> tuple[Term, ...]:
+        """The terms, with names of their own beside other Gauss-Markov processes of which there are so many `before`."""
+        names = PROCESSES[before : before + len(self.terms)]
+        return tuple(
+            GaussMarkov(term.time, name) if isinstance(term, GaussMarkov) else term for term, name in zip(self.terms, names, strict=True)
+        )
+
 
 class Alternatives(NamedTuple):
-    """The best model of each family that was tried, the likeliest family first.
+    """The best model of each family that was tried: the admitted one first, then the likeliest.
 
-    `flicker` is flicker of the likeliest exponent near 1, without K.
+    `flicker` is flicker of the likeliest exponent near 1, without K. `shares` are those alternatives that have a share in the result, the
+    admitted one first; B and K alone have what is left of one. `admitted` is the one of the largest share, if one gains more than chance
+    explains.
     """
 
     listed: tuple[Alternative, ...] = ()
     flicker: Alternative | None = None
+    admitted: Alternative | None = None
+    shares: tuple[tuple[Alternative, float], ...] = ()
 
     @property
-    def admitted(self) -> Alternative | None:
-        """The alternative that becomes part of the model; None if none is admitted."""
-        return self.listed[0] if self.listed and self.listed[0].admitted else None
+    def undecided(self) -> bool:
+        """Whether several models have a share in the result."""
+        return bool(self.shares) and not (len(self.shares) == 1 and self.shares[0][1] == 1.0)
 
     @property
     def rival(self) -> Alternative | None:
@@ -115,7 +142,7 @@ def find_alternatives(fitted: Fitted, terms: tuple[Term, ...], dt: float, durati
     if not np.any(fitted.theta[slow] > 0.0) or any(term.name not in (*BUILT_IN, Filter.name) for term in terms):
         return Alternatives()
     search = _Search(fitted, slow, dt)
-    if search.gain(search.without()) > -_SLOW:
+    if search.alternative("none", (), search.without()).gain > -_SLOW:
         return Alternatives()
     times, step = _times(dt, duration)
     ones: list[tuple[Term, ...]] = [(one,) for one in _processes(dt, duration)]
@@ -123,9 +150,8 @@ def find_alternatives(fitted: Fitted, terms: tuple[Term, ...], dt: float, durati
     f = fitted.bins.frequency
     slopes, lags = PowerLaw(exponent=_EXPONENTS[:, None]).psd(f, dt), GaussMarkov(time=np.array(times)[:, None]).psd(f, dt)
     costs = search.costs(_LAWS, slopes[:, :, None])
-    gains = np.array([search.gain(cost) for cost in costs])
-    near = range(len(gains))[_FLICKER]
-    flicker = max((Alternative("power law", _LAWS[i], float(gains[i])) for i in near), key=lambda one: one.gain)
+    nearest = _FLICKER.start + int(np.argmin(costs[_FLICKER]))
+    flicker = search.alternative("power law", _LAWS[nearest], float(costs[nearest]))
     index = int(np.flatnonzero(_OTHER)[np.argmin(costs[_OTHER])])
     law, process = (_LAWS[index], float(costs[index])), search.best(ones, lags[:, :, None])
     found = {"power law": law, "one process": process}
@@ -140,10 +166,28 @@ def find_alternatives(fitted: Fitted, terms: tuple[Term, ...], dt: float, durati
             "process beside": search.best(ones, lags[:, :, None], beside=True),
         }
         three = search.best([(*two[0], _process(time, "markov3")) for time in times])
-        if two[1] - three[1] > _THIRD * fitted.inflation:
+        if two[1] - three[1] > _THIRD:
             found["three processes"] = search.refined(three, step)
-    listed = [Alternative(family, best, search.gain(cost)) for family, (best, cost) in found.items()]
-    return Alternatives(tuple(sorted(listed, key=lambda one: -(one.net + 1e3 * one.admitted))), flicker)
+    listed = sorted((search.alternative(family, *one) for family, one in found.items()), key=lambda one: -one.net)
+    shares = _shares(listed)
+    admitted = shares[0][0] if sum(share for _, share in shares) > _ADMITTED else None
+    return Alternatives(tuple(sorted(listed, key=lambda one: one is not admitted)), flicker, admitted, shares)
+
+
+def _shares(listed: list[Alternative]) -> tuple[tuple[Alternative, float], ...]:
+    """Alternatives with a share in the result, the largest first.
+
+    Together they have the largest of their weights, divided in proportion to their likelihoods. A likelihood that is far from the
+    largest counts as zero. Every share changes continuously with the gains.
+    """
+    near = [one for one in listed if one.weight > 0.0]
+    if not near:
+        return ()
+    best = max(one.net for one in near)
+    parts = np.array([one.weight * max(np.exp(0.5 * (one.net - best)) - _FAR, 0.0) for one in near])
+    shares = max(one.weight for one in near) * parts / parts.sum()
+    found = [(one, float(share)) for one, share in zip(near, shares, strict=True) if share > 0.0]
+    return tuple(sorted(found, key=lambda each: -each[1]))
 
 
 def _score(fitted: Fitted, densities: AnyArray) -> float:
@@ -161,7 +205,7 @@ def _score(fitted: Fitted, densities: AnyArray) -> float:
     rest = extra - held @ np.linalg.lstsq(held, extra, rcond=None)[0]
     information = np.sum(rest**2, axis=0)
     slope = rest.T @ (root * (bins.density / model - 1.0))
-    return float(np.max(np.where(information > _OWN, slope**2 / np.maximum(information, _OWN), 0.0)) / fitted.inflation)
+    return float(np.max(np.where(information > _OWN, slope**2 / np.maximum(information, _OWN), 0.0)))
 
 
 def likeliest_time(fitted: Fitted, dt: float, duration: float) -> float:
@@ -222,11 +266,14 @@ class _Search:
         self._level = np.maximum(bins.columns[:, slow] @ theta[slow] if slow.any() else bins.density, _TINY)
         self._share = bins.weight * np.minimum(self._level / model, 1.0) ** 2
 
-    def gain(self, cost: float) -> float:
-        """Twice the gain in log likelihood over the fit, over the fit's variance factor; minus infinity if the search found no minimum."""
+    def alternative(self, family: str, terms: tuple[Term, ...], cost: float) -> Alternative:
+        """The alternative of this cost; its gains are minus infinity if the search found no minimum."""
         if not (np.isfinite(self._fitted.cost) and np.isfinite(cost)):
-            return -np.inf
-        return float(2.0 * (self._fitted.cost - cost) / self._fitted.inflation)
+            return Alternative(family, terms, -np.inf, -np.inf)
+        explained = 2.0 * float(self._fitted.cost - cost)
+        # as in an F test, the variance factor is that of the better model: what the other model explains is no scatter
+        rest = max(float(self._fitted.deviance) - max(explained, 0.0), 0.0)
+        return Alternative(family, terms, explained / float(inflation_of(rest, self._fitted.freedom)[1]), explained)
 
     def without(self) -> float:
         """Cost of the fit without the slow terms."""

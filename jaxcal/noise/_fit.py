@@ -59,7 +59,8 @@ def fit(
     same shape. Spectral lines become sinusoids of the model. If the record scatters more than the model allows, the intervals are wider,
     with a warning. A step, a ramp, a warm-up or a slow sinusoid is fitted together with the noise, and named. Noise of another exponent, or
     Gauss-Markov processes, become part of the model if they explain the slow noise better than B and K. If they explain it about as
-    well, B or K is a hint at most, with a note, and the interval of N holds for both models. Single outlying samples are replaced by
+    well, B or K is a hint at most, with a note, and the interval of N holds for both models. If the record does not decide between the
+    models, coefficients and intervals are means over them, with a warning or a note. Single outlying samples are replaced by
     the mean of their neighbours, and counted.
 
     Parameters
@@ -74,7 +75,8 @@ def fit(
     band : (shortest, longest) cluster time in s to fit, instead of the band found; for "whittle" frequencies 1/(2 tau).
     conservative : also give coefficients whose Allan deviation is nowhere below the upper limit of the measured one, `overbound`.
     robust : whether the white noise may have heavy tails, with "whittle". The likelihood chooses between normal noise, Student's t, and a
-        normal core with one or two wider components. N is the standard deviation of Student's t or of the core; a warning names the law.
+        normal core with uniform bursts or with one or two wider components. N is the standard deviation of Student's t or of the core; a
+        warning names the law.
 
     Returns
     -------

@@ -29,6 +29,8 @@ _CAUSES = {
 _ALIKE = 2.0
 #: net gain that another model reaches in one of a hundred records of B and K
 _CHANCE = 6.63
+_DEPARTS = 0.01  # chance of a worse misfit below which a warning says how much wider the intervals are
+_TOLD = 0.01  # share of a model in the result above which it is listed
 #: difference of two estimates, in standard deviations, above which a warning is given
 _APART = 3.0
 
@@ -55,7 +57,7 @@ def of_model(fit: NoiseFit, what: str, holds: bool, where: str, how: str, inflat
             f"the noise model does not hold in {where} ({how}): the coefficients describe the {what} roughly, and the intervals are not "
             "to be relied on; look at the plot for vibration, temperature drift or steps"
         )
-    elif inflation > 1.0:
+    elif inflation > 1.0 and float(fit.goodness) < _DEPARTS:
         said.append(
             f"the {what} departs from the model slightly, but by more than its noise allows (chance {float(fit.goodness):.1g}): the "
             f"intervals are widened {np.sqrt(inflation):.1f} times"
@@ -146,19 +148,25 @@ def of_alternatives(found: Alternatives, doubts: Mapping[str, Alternative], fit:
     said, notes = [], []
     if found.admitted:
         one, others = found.admitted, found.listed[1:]
-        what, where = _described(one, fit), "beside" if one.family == "process beside" else "in place of"
+        what, where = _described(one, fit, dict(found.shares)[one]), "beside" if one.family == "process beside" else "in place of"
         alike = [other for other in others if other.net > one.net - 2.0 * _ALIKE]
-        named = [f"{_described(other)}{' beside B and K' * (other.family == 'process beside')}" for other in alike]
+        named = [f"{_described(other)}{_beside(other)}" for other in alike]
         other = f"; {', or '.join(named)}, explains it nearly as well, and this record cannot tell which it is" if alike else ""
         said.append(
             f"{what} {where} B and K explain{'s' if len(one.terms) == 1 else ''} the spectrum better than these alone (likelihood "
-            f"ratio {one.gain:.1f}): the model has it now, and B and K stand for what remains{other}"
+            f"ratio {one.gain:.1f}): the model has it now, and B and K stand for what remains{other}{_shared(found)}"
         )
     elif found.rival is not None and found.rival.net > _CHANCE:
         one = found.rival
         said.append(
             f"{_described(one)} in place of B and K would explain the spectrum better (likelihood ratio {one.gain:.1f}), but not by so "
             "much that B and K are excluded: the interval of N holds for both"
+        )
+    if not found.admitted and found.shares:
+        one = found.shares[0][0]
+        notes.append(
+            f"{_described(one)}{_beside(one) or ' in place of B and K'} may explain the spectrum better, or its gain may be chance "
+            f"(likelihood ratio {one.gain:.1f}){_shared(found)}"
         )
     if one := doubts.get("K"):
         behind = (found.admitted.net if found.admitted else 0.0) - one.net
@@ -173,14 +181,29 @@ def of_alternatives(found: Alternatives, doubts: Mapping[str, Alternative], fit:
     return said, tuple(notes)
 
 
-def _described(one: Alternative, fit: NoiseFit | None = None) -> str:
-    """Describe an alternative in words; with its strength, if a fit is given whose model contains it."""
+def _beside(one: Alternative) -> str:
+    return " beside B and K" * (one.family == "process beside")
+
+
+def _shared(found: Alternatives) -> str:
+    """The shares of the models of which the coefficients are means, if there are several."""
+    if not found.undecided:
+        return ""
+    shares, rest = found.shares, 1.0 - sum(share for _, share in found.shares)
+    each = [f"{100 * share:.0f} % with {_described(one)}" for one, share in shares if share > _TOLD]
+    each += [f"{100 * rest:.0f} % with B and K alone"] * (rest > _TOLD)
+    return f". The record does not decide, so coefficients and intervals are means: {', '.join(each)}"
+
+
+def _described(one: Alternative, fit: NoiseFit | None = None, share: float = 1.0) -> str:
+    """Describe an alternative in words; with its strength, if a fit is given whose model contains a `share` of it."""
     if isinstance(one.terms[0], PowerLaw):
         return f"noise of exponent {one.terms[0].exponent:.2g} (flicker has 1, a random walk 2)"
     if fit is None:
         each = [f"{term.time:.2g} s" for term in one.terms]  # type: ignore[attr-defined]
     else:
-        each = [f"{time:.2g} s (standard deviation {float(strength) * np.sqrt(time / 2.0):.3g})" for strength, time in fit.noise.markov]
+        own = fit.noise.markov[: len(one.terms)]
+        each = [f"{time:.2g} s (standard deviation {float(strength) * np.sqrt(time / 2.0 / share):.3g})" for strength, time in own]
     if len(each) == 1:
         return f"one Gauss-Markov process of correlation time {each[0]}"
     return f"{'two' if len(each) == 2 else 'three'} Gauss-Markov processes of correlation times {', '.join(each[:-1])} and {each[-1]}"

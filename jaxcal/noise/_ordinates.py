@@ -22,7 +22,7 @@ import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import is_traced
-from .._types import Any, AnyArray, Bool
+from .._types import Any, AnyArray, Float
 from ..spectrum._average import log_groups
 from ._terms import Term
 
@@ -33,6 +33,10 @@ _REACH, _CHANCE, _SIDE, _PASSES = 9, 0.01, 1e-4, 4
 #: widest line in bins, including its skirts; ratio to the level above which a wider run is a line all the same, and not a resonance or
 #: an error of the first fit; least number of neighbours on each side from which a level is computed
 _WIDEST, _TOWERING, _FEWEST = 8, 3.0, 4
+#: standard deviations below and above the limit of a line between which the share of a bin that is a line grows from 0 to 1; largest
+#: chance of a bin that is looked at; the share at the limit
+_BLUR, _NEAR = (0.6, 1.4), 0.01
+LINE = _BLUR[0] / sum(_BLUR)
 
 
 class Bins(NamedTuple):
@@ -125,19 +129,23 @@ def _median(values, count) -> np.ndarray:
     return 0.5 * (values[row, (count - 1) // 2] + values[row, count // 2])
 
 
-def find_lines(bins: Bins, model) -> Bool[np.ndarray, " bins"]:
-    """Find the bins that spectral lines occupy.
+def find_lines(bins: Bins, model) -> Float[np.ndarray, " bins"]:
+    """Find the bins that spectral lines occupy: the share of each bin that is a line, 1 in a line and 0 elsewhere.
 
     The ordinates P are divided by a first fit, `model`, which is smooth even where it is wrong. In a bin of nu ordinates, nu P/S follows
     a chi-square law of nu degrees of freedom. The level S is the geometric mean of the medians of the neighbours on either side, raised
     by twice its uncertainty. A bin is part of a line if the chance of its value is below 1 %, divided by the number of bins; a neighbour
     of such a bin, if its chance is below 1e-4. The search runs in several passes, because a line raises the level next to it. At the
     end one more bin on each side is added for the skirts. A low rise over more than eight bins is not a line.
+
+    A bin whose chance is close to the limit has a share between 0 and 1, so that a small change of the record changes the fit little. From
+    the share `LINE` on the bin is reported as a line. The share grows evenly with the normal value of the same chance, like a weight that
+    falls to zero gradually in a robust fit (F. R. Hampel, J. Am. Stat. Assoc. 69, 1974).
     """
     weight, density = np.asarray(bins.weight), np.asarray(bins.density / model)
     used = weight > 0
     number = int(used.sum())
-    taken = np.zeros(len(weight), dtype=bool)
+    taken, share = np.zeros(len(weight), dtype=bool), np.zeros(len(weight))
     offsets = np.array([k for k in range(-_REACH, _REACH + 1) if abs(k) > 1])
     index = np.arange(len(weight))[:, None] + offsets[None, :]
     inside = (index >= 0) & (index < len(weight))
@@ -152,19 +160,28 @@ def find_lines(bins: Bins, model) -> Bool[np.ndarray, " bins"]:
         level = np.ones(len(weight))
         # a slope of the spectrum cancels in the geometric mean of the two sides
         level[known] = np.sqrt(np.prod([_median(np.where(side, values, np.inf)[known], side[known].sum(axis=1)) for side in sides], axis=0))
-        share = np.where(there, weight[index], 0.0).sum(axis=1)
-        level *= 1.0 + 2.0 * 1.25 * np.sqrt(2.0 / np.maximum(share, 1.0))
+        ordinates = np.where(there, weight[index], 0.0).sum(axis=1)
+        level *= 1.0 + 2.0 * 1.25 * np.sqrt(2.0 / np.maximum(ordinates, 1.0))
         chance = scipy.special.gammaincc(weight / 2.0, weight * density / level / 2.0)
         beside = np.convolve(taken, [1, 1, 1], mode="same") > 0
-        new = known & (chance < np.where(beside, _SIDE, _CHANCE / max(number, 1)))
+        limit = np.where(beside, _SIDE, _CHANCE / max(number, 1))
+        new = known & (chance < limit)
+        near = known & (chance < _NEAR)
+        apart = scipy.special.ndtri(limit[near]) - scipy.special.ndtri(np.maximum(chance[near], np.finfo(float).tiny))
+        share[near] = np.maximum(share[near], np.clip((apart + _BLUR[0]) / sum(_BLUR), 0.0, 1.0))
         if not (new & ~taken).any():
             break
         taken |= new
     # the skirts of a line are too low to be detected one by one
-    taken = used & (np.convolve(taken, [1, 1, 1], mode="same") > 0)
-    for a, b in _runs(taken):
-        taken[a:b] &= b - a <= _WIDEST or np.max(density[a:b] / level[a:b]) > _TOWERING
-    return taken
+    share = np.where(used, np.max([share, *_beside(share)], axis=0), 0.0)
+    for a, b in _runs(share >= LINE):
+        share[a:b] *= b - a <= _WIDEST or np.max(density[a:b] / level[a:b]) > _TOWERING
+    return share
+
+
+def _beside(values) -> list[np.ndarray]:
+    """The value of the next bin on either side."""
+    return [np.append(0.0, values[:-1]), np.append(values[1:], 0.0)]
 
 
 def _runs(taken) -> list[tuple[int, int]]:

@@ -10,7 +10,7 @@ from ..spectrum._average import log_groups
 from ._alternatives import Alternatives, find_alternatives
 from ._likelihood import density
 from ._observed import Observed
-from ._ordinates import Bins, find_lines
+from ._ordinates import LINE, Bins, find_lines
 from ._spectral import FILTER, Fitted, attempt, fit_bins, groups_of, without
 from ._stationarity import ORDINATES
 from ._terms import Filter, Term
@@ -21,12 +21,29 @@ _MENDED = 0.5  # share of the misfit in the whole band that a model must explain
 
 
 class Solved(NamedTuple):
-    """Bins of a record, whether a spectral line is in each, their fit, and the terms of the fit, one for each column of the bins."""
+    """Bins of a record, the share of each that is a spectral line, their fit, and its terms, one for each column of the bins."""
 
     bins: Bins
-    taken: AnyArray
+    lines: AnyArray
     fitted: Fitted
     columns: tuple[Term, ...]
+
+    @property
+    def taken(self) -> AnyArray:
+        """Whether each bin is reported as a spectral line."""
+        return self.lines >= LINE
+
+    def with_columns(self, others: list[tuple[Term, "Solved"]]) -> "Solved":
+        """The same bins with the columns of terms of other fits before the last column, the filter; their coefficients are zero."""
+        added = [solved.bins.columns[:, [solved.columns.index(term)]] for term, solved in others]
+
+        def wider(bins: Bins) -> Bins:
+            return bins._replace(columns=np.concatenate([bins.columns[:, :-1], *added, bins.columns[:, -1:]], axis=1))
+
+        theta = np.concatenate([self.fitted.theta[:-1], np.zeros(len(added)), self.fitted.theta[-1:]])
+        fitted = self.fitted._replace(bins=wider(self.fitted.bins), theta=theta)
+        terms = (*self.columns[:-1], *(term for term, _ in others), self.columns[-1])
+        return Solved(wider(self.bins), self.lines, fitted, terms)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -71,23 +88,23 @@ def solve(observed: Observed, columns: tuple[Term, ...], band) -> Solved:
     return solved
 
 
-def solve_alternatives(observed: Observed, solved: Solved, base: tuple[Term, ...], band) -> tuple[Alternatives, Solved]:
-    """Other models of the slow noise, and the fit with the admitted one, if any.
+def solve_alternatives(observed: Observed, solved: Solved, base: tuple[Term, ...], band) -> tuple[Alternatives, Solved, Solved]:
+    """Other models of the slow noise, the fit with the admitted one, if any, and the fit without it in the same band.
 
     If the fit left out high frequencies because B and K do not describe them, other models are first tried in the whole band.
     """
     dt, duration = observed.dt, len(observed.y) * observed.dt
     if bool(solved.fitted.cut):
-        clear = solved.bins._replace(weight=np.where(solved.taken, 0.0, solved.bins.weight))
+        clear = solved.bins._replace(weight=solved.bins.weight * (1.0 - solved.lines))
         whole = fit_bins(clear, groups_of(clear.weight, int(np.sum(clear.weight))), False, solved.names)
         found = find_alternatives(whole, solved.columns, dt, duration)
         excess = whole.alone.deviance - whole.alone.freedom
-        if found.admitted and found.admitted.gain * whole.inflation > _MENDED * excess:
+        if found.admitted and found.admitted.explained > _MENDED * excess:
             wider = solve(observed, (*base, *found.admitted.terms), band)
             if not bool(wider.fitted.cut):
-                return found, wider
+                return found, wider, solved._replace(fitted=whole)
     found = find_alternatives(solved.fitted, solved.columns, dt, duration)
-    return found, solve(observed, (*base, *found.admitted.terms), band) if found.admitted else solved
+    return found, solve(observed, (*base, *found.admitted.terms), band) if found.admitted else solved, solved
 
 
 def observed_bins(y, dt: float, terms: tuple[Term, ...]) -> Bins:
@@ -126,9 +143,9 @@ def _solved(whole: Bins, columns: tuple[Term, ...], band, automatic: bool) -> So
     group = groups_of(whole.weight, int(np.sum(whole.weight)))
     plain = without(bins, names, FILTER)
     first = attempt(plain, group)
-    taken = find_lines(bins, density(plain.columns, first.theta))
-    clear = bins._replace(weight=np.where(taken, 0.0, bins.weight))
-    return Solved(bins, taken, fit_bins(clear, group, automatic, names, None if taken.any() else first), columns)
+    lines = find_lines(bins, density(plain.columns, first.theta))
+    clear = bins._replace(weight=bins.weight * (1.0 - lines))
+    return Solved(bins, lines, fit_bins(clear, group, automatic, names, None if lines.any() else first), columns)
 
 
 def lowest_of(observed: Observed, solved: Solved) -> Lowest:

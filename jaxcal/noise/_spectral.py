@@ -21,14 +21,15 @@ FILTER = Filter.name
 #: the goodness of fit compares means over groups of bins with the model: ordinates at which the first groups begin, and the number of
 #: groups, of which the later ones are evenly spaced in the logarithm
 _FIRST, _GROUPS = (0, 4, 12, 24, 48), 40
-#: relative misfit of the density that is allowed; chance of a worse deviance below which a band is refused; chance below which the
-#: intervals are widened to the observed scatter; ratio of that scatter to the expected one above which the model does not hold
-_TOLERANCE, _REFUSED, _WIDENED, _TOO_WIDE = 0.01, 0.001, 0.01, 4.0
+#: relative misfit of the density that is allowed; chance of a worse deviance below which a band is refused; chances between which the
+#: variances grow gradually to the observed scatter; ratio of that scatter to the expected one above which the model does not hold
+_TOLERANCE, _REFUSED, _WIDENED, _TOO_WIDE = 0.01, 0.001, (0.05, 0.01), 4.0
 #: number of upper ends of the band to try, half an octave apart; half octaves below its end with which each band is compared; octaves
 #: by which the first band that passes is shortened further; bins that a band needs in addition to the number of terms
 _ENDS, _OCTAVES, _MARGIN, _FEWEST = 24, 6, 1.0, 20
 #: size of a coefficient in standard errors at which 95 % of records pass the threshold that 1 % pass by chance
 _DECIDED = 2.326 + 1.645
+_TINY = np.finfo(float).tiny
 
 
 class Attempt(NamedTuple):
@@ -45,9 +46,9 @@ class Attempt(NamedTuple):
 class Fitted(NamedTuple):
     """The best fit of `bins`, which have zero weight outside the band: coefficients in units of `Bins.unit`, cost, whether it converged.
 
-    cut : whether high frequencies were left out. holds : whether the model holds in the band. goodness : chance of a worse deviance.
-    inflation : factor on the variances, the deviance over its degrees of freedom where the scatter is too large, else 1. plain, alone :
-    the bins of the band without the column `FILTER`, and their fit; the limits of Q come from these.
+    cut : whether high frequencies were left out. holds : whether the model holds in the band. deviance, freedom : misfit of the spectrum,
+    and its degrees of freedom. goodness, inflation : chance of a worse deviance, and factor on the variances, `inflation_of`. plain,
+    alone : the bins of the band without the column `FILTER`, and their fit; the limits of Q come from these.
     """
 
     theta: AnyArray
@@ -56,6 +57,8 @@ class Fitted(NamedTuple):
     bins: Bins
     cut: Any
     holds: Any
+    deviance: Any
+    freedom: Any
     goodness: Any
     inflation: Any
     plain: Bins
@@ -159,10 +162,19 @@ def fit_whole(bins: Bins, group) -> Fitted:
 
 
 def _judged(found: Attempt, bins: Bins, alone: Attempt, plain: Bins, cut) -> Fitted:
-    goodness = chance(found.deviance, found.freedom)
-    xp, scatter = namespace(found), found.deviance / found.freedom
-    inflation = xp.where(goodness < _WIDENED, xp.maximum(scatter, 1.0), 1.0)
-    return Fitted(*found[:3], bins, cut, inflation <= _TOO_WIDE, goodness, inflation, plain, alone)
+    goodness, inflation = inflation_of(found.deviance, found.freedom)
+    return Fitted(*found[:3], bins, cut, inflation <= _TOO_WIDE, found.deviance, found.freedom, goodness, inflation, plain, alone)
+
+
+def inflation_of(deviance, freedom) -> tuple[Any, Any]:
+    """Chance of a worse deviance, and factor on the variances: 1 if the deviance may be chance, else deviance over degrees of freedom.
+
+    The factor is continuous, so that a small change of the record cannot change intervals and likelihood ratios by a large factor.
+    """
+    xp, likely = namespace(deviance, freedom), chance(deviance, freedom)
+    none, full = np.log(_WIDENED)
+    share = xp.clip((xp.log(xp.maximum(likely, _TINY)) - none) / (full - none), 0.0, 1.0)
+    return likely, 1.0 + share * xp.maximum(deviance / freedom - 1.0, 0.0)
 
 
 def uncertainty(

@@ -26,6 +26,7 @@ from ._terms import GaussMarkov, Ramp, Term
 _SHORTEST = 256  # number of samples from which the fit compares coefficients in parts of a record
 #: likelihood ratio above which a model in place of B and K is no chance: in records of noise of B and K it reached 15 at most
 _SURE = 30.0
+_NO_SHARE = 1e-9  # share of a model that is only rounding
 _FAST = ("Q", "N", FILTER)  # terms that high frequencies determine, at which nothing else looks like them
 
 
@@ -65,6 +66,15 @@ class Judged(NamedTuple):
     levels: list[Level]
 
 
+class Tried(NamedTuple):
+    """A model that has a share in the result; `alternative` is None for B and K alone."""
+
+    alternative: Alternative | None
+    share: float
+    model: Described
+    judged: Judged
+
+
 def fit_record(
     y, curve: Deviation, terms: tuple[Term, ...], band: tuple[float, float] | None, confidence: float, temperature=None, robust=False
 ) -> NoiseFit:
@@ -83,10 +93,14 @@ def fit_record(
     parts, dt = _parts(terms), 1.0 / curve.rate
     tails = tamed(y, dt, lambda x: spectrum_of(solve(Observed(x, dt), parts.base, band))) if robust else Tails(y, "", 1.0)
     plain = _without_causes(tails.y, dt, parts, band, temperature)
-    model, found = _with_process(plain, parts, band) if parts.sought else _with_alternatives(plain, parts, band)
+    plain, model, found = _with_process(plain, parts, band) if parts.sought else _with_alternatives(plain, parts, band)
     if not (np.all(np.isfinite(model.solved.fitted.theta)) and np.isfinite(model.solved.fitted.cost)):
         raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
     judged = _judged(plain, model, found, parts, tails.factor, band, confidence)
+    doubts = rivals.doubted(judged.limits, model.solved.names, found.doubts())
+    if found.undecided:
+        model, judged, found = _averaged(plain, model, judged, found, parts, tails.factor, band, confidence)
+    judged = judged._replace(limits=rivals.reaching_zero(judged.limits, model.solved.names, doubts), doubts=doubts)
     if tails.law or not model.observed.complete:
         curve = deviation(model.observed.drawn, curve.rate, m=curve.m, confidence=confidence)
     fit = _assembled(curve, plain, model, judged, parts, band, confidence)
@@ -124,21 +138,26 @@ def _without_causes(y, dt: float, parts: Parts, band, temperature) -> Described:
     return Described(observed, solved, parts.asked, (), lowest, line, causes)
 
 
-def _with_process(plain: Described, parts: Parts, band) -> tuple[Described, Alternatives]:
-    """The record with the Gauss-Markov process asked for, at its likeliest correlation time; and no alternatives."""
+def _with_process(plain: Described, parts: Parts, band) -> tuple[Described, Described, Alternatives]:
+    """The record without and with the Gauss-Markov process asked for, at its likeliest correlation time; and no alternatives."""
     dt, (sought,) = plain.observed.dt, parts.sought
     process = GaussMarkov(time=likeliest_time(plain.solved.fitted, dt, len(plain.observed.y) * dt), name=sought.name)
     solved = solve(plain.observed, (*parts.base, process), band)
     terms = tuple(process if term is sought else term for term in parts.asked)
-    return plain._replace(solved=solved, terms=terms, extra=(process,), lowest=lowest_of(plain.observed, solved)), Alternatives()
+    return plain, plain._replace(solved=solved, terms=terms, extra=(process,), lowest=lowest_of(plain.observed, solved)), Alternatives()
 
 
-def _with_alternatives(plain: Described, parts: Parts, band) -> tuple[Described, Alternatives]:
-    """The record with other models of its slow noise beside B and K, if one is admitted; and all that were tried."""
-    found, solved = solve_alternatives(plain.observed, plain.solved, parts.base, band)
+def _with_alternatives(plain: Described, parts: Parts, band) -> tuple[Described, Described, Alternatives]:
+    """The record without and with another model of its slow noise beside B and K, if one is admitted; and all that were tried."""
+    found, solved, alone = solve_alternatives(plain.observed, plain.solved, parts.base, band)
+    return plain._replace(solved=alone), _extended(plain, solved, parts), found
+
+
+def _extended(plain: Described, solved: Solved, parts: Parts) -> Described:
+    """The record under a fit that may have terms beside those asked for."""
     extra = tuple(term for term in solved.columns if term not in (*parts.base, *plain.solved.columns))
     lowest = lowest_of(plain.observed, solved) if extra else plain.lowest
-    return plain._replace(solved=solved, terms=(*parts.asked, *extra), extra=extra, lowest=lowest), found
+    return plain._replace(solved=solved, terms=(*parts.asked, *extra), extra=extra, lowest=lowest)
 
 
 def _judged(
@@ -167,8 +186,49 @@ def _judged(
         other = solve(model.observed, (*rest, *rival.terms), band)
         wide = widening(other.fitted, other.columns, rival.terms, dt)
         limits = rivals.over_models(limits, names, other.fitted, other.names, wide, float(other.bins.unit / unit), found, confidence)
-    limits, doubts = rivals.doubted(limits, names, found.doubts())
-    return Judged(covariance, limits, decides, doubts, uneven, levels)
+    return Judged(covariance, limits, decides, {}, uneven, levels)
+
+
+def _averaged(
+    plain: Described, model: Described, judged: Judged, found: Alternatives, parts: Parts, factor: float, band, confidence: float
+) -> tuple[Described, Judged, Alternatives]:  # fmt: skip
+    """The mean of all models that the record does not decide between, its uncertainty, and the shares that the models have."""
+    tried: list[Tried] = []
+    for one, share in found.shares:
+        if one is found.admitted:
+            tried.append(Tried(one, share, model, judged))
+            continue
+        terms = one.numbered(sum(len(each.model.extra) for each in tried))
+        with_it = _extended(plain, solve(plain.observed, (*parts.base, *terms), band), parts)
+        tried.append(Tried(one, share, with_it, _judged(plain, with_it, found._replace(admitted=one), parts, factor, band, confidence)))
+    rest = 1.0 - sum(share for _, share in found.shares)
+    if rest > _NO_SHARE:
+        alone = _judged(plain, plain, found._replace(admitted=None), parts, factor, band, confidence) if found.admitted else judged
+        tried.append(Tried(None, rest, plain, alone))
+    # fits that explain different frequencies have no mean
+    tried = [each for each in tried if bool(each.model.solved.fitted.cut) == bool(model.solved.fitted.cut)]
+    total = sum(each.share for each in tried)
+    tried = sorted((each._replace(share=each.share / total) for each in tried), key=lambda each: -each.share)
+    found = found._replace(shares=tuple((each.alternative, each.share) for each in tried if each.alternative))
+    if len(tried) == 1:
+        return model, judged, found
+    solved = tried[0].model.solved.with_columns([(term, each.model.solved) for each in tried[1:] for term in each.model.extra])
+    estimates = []
+    for each in tried:
+        own = each.model.solved
+        one = rivals.Estimate(own.fitted.theta, each.judged.covariance, each.judged.limits)
+        estimates.append(
+            one.among([solved.names.index(name) for name in own.names], len(solved.names), float(own.bins.unit / solved.bins.unit))
+        )
+    mean = rivals.mean_of(estimates, np.array([each.share for each in tried]), *levels_of(confidence))
+    solved, extra = (
+        solved._replace(fitted=solved.fitted._replace(theta=mean.theta)),
+        tuple(term for each in tried for term in each.model.extra),
+    )
+    decides = np.zeros(len(solved.names) - 1)
+    decides[[solved.names.index(name) for name in model.solved.names[:-1]]] = judged.decides
+    model = model._replace(solved=solved, terms=(*parts.asked, *extra), extra=extra)
+    return model, judged._replace(covariance=mean.covariance, limits=mean.limits, decides=decides), found
 
 
 def _assembled(curve: Deviation, plain: Described, model: Described, judged: Judged, parts: Parts, band, confidence: float) -> NoiseFit:
