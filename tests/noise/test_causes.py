@@ -102,15 +102,18 @@ def test_a_record_that_does_not_decide_does_not_jump_between_models(case):
 
 @pytest.mark.long
 def test_means_over_models_cover_and_do_not_jump():
-    covered = false = jumps = 0
+    covered = false = 0
+    changes = []
     for seed in range(100, 140):
         apart, found = moved(drawn(TWO, seed), seed)
         covered += found.interval["N"][0] <= 1.0 <= found.interval["N"][1]
         false += [found.verdict[term] for term in "BK"].count("present")
-        jumps += apart.max() > 0.35  # the lost samples themselves move each coefficient by about 0.1
+        changes.append(apart)
     assert covered >= 35  # of 40 intervals of 95 %; fewer have a probability of 1.4 %
     assert false <= 3  # of 80 verdicts, each of which may be false with a probability of 1 %
-    assert jumps == 0
+    # the lost samples themselves move each coefficient by about 0.1, and the largest of 120 changes by three times that
+    assert np.sqrt(np.mean(np.square(changes))) < 0.15
+    assert np.max(changes) < 0.5
 
 
 @pytest.mark.long
