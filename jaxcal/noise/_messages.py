@@ -152,21 +152,22 @@ def of_alternatives(found: Alternatives, doubts: Mapping[str, Alternative], fit:
         alike = [other for other in others if other.net > one.net - 2.0 * _ALIKE]
         named = [f"{_described(other)}{_beside(other)}" for other in alike]
         other = f"; {', or '.join(named)}, explains it nearly as well, and this record cannot tell which it is" if alike else ""
+        kept = "" if found.undecided else ": the model has it now, and B and K stand for what remains"
         said.append(
             f"{what} {where} B and K explain{'s' if len(one.terms) == 1 else ''} the spectrum better than these alone (likelihood "
-            f"ratio {one.gain:.1f}): the model has it now, and B and K stand for what remains{other}{_shared(found)}"
+            f"ratio {one.gain:.1f}){kept}{other}{_shared(found, one)}"
         )
     elif found.rival is not None and found.rival.net > _CHANCE:
         one = found.rival
         said.append(
             f"{_described(one)} in place of B and K would explain the spectrum better (likelihood ratio {one.gain:.1f}), but not by so "
-            "much that B and K are excluded: the interval of N holds for both"
+            f"much that B and K are excluded: the interval of N holds for both{_shared(found, one)}"
         )
-    if not found.admitted and found.shares:
+    elif found.shares:
         one = found.shares[0][0]
         notes.append(
             f"{_described(one)}{_beside(one) or ' in place of B and K'} may explain the spectrum better, or its gain may be chance "
-            f"(likelihood ratio {one.gain:.1f}){_shared(found)}"
+            f"(likelihood ratio {one.gain:.1f}){_shared(found, one)}"
         )
     if one := doubts.get("K"):
         behind = (found.admitted.net if found.admitted else 0.0) - one.net
@@ -185,14 +186,15 @@ def _beside(one: Alternative) -> str:
     return " beside B and K" * (one.family == "process beside")
 
 
-def _shared(found: Alternatives) -> str:
-    """The shares of the models of which the coefficients are means, if there are several."""
+def _shared(found: Alternatives, named: Alternative) -> str:
+    """The shares of the models of which the coefficients are means, if there are several; the sentence before names one of them."""
     if not found.undecided:
         return ""
     shares, rest = found.shares, 1.0 - sum(share for _, share in found.shares)
-    each = [f"{100 * share:.0f} % with {_described(one)}" for one, share in shares if share > _TOLD]
+    again = "it" if len(named.terms) == 1 else "them"
+    each = [f"{100 * share:.0f} % with {again if one is named else _described(one)}" for one, share in shares if share > _TOLD]
     each += [f"{100 * rest:.0f} % with B and K alone"] * (rest > _TOLD)
-    return f". The record does not decide, so coefficients and intervals are means: {', '.join(each)}"
+    return f". The record does not decide, so coefficients and intervals are means of the fits: {', '.join(each)}"
 
 
 def _described(one: Alternative, fit: NoiseFit | None = None, share: float = 1.0) -> str:
