@@ -103,7 +103,7 @@ def added(chain: Chain, other: Chain) -> Chain:
     )
 
 
-def spread_of(mean: Any, end: Any, gyro: Any, accel: Any, time: float) -> Any:
+def spread_of(mean: Any, end: Any, gyro: Any, accel: Any, time: Any) -> Any:
     """(K, 9, 9) covariances of the inertial residuals for white noise with densities (K,).
 
     They depend on the mean specific force of a window (K, 3), and on the rotation from its end back to its beginning (K, 3, 3).
