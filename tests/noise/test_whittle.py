@@ -20,13 +20,14 @@ TERMS = ("Q", "N", "B", "K")
 CASE_A = Noise(N=0.25 / 60 * D, B=7.6 / 3600 * D, K=1.8 / 3600 * D)
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(3, marks=pytest.mark.long)])
+@pytest.mark.parametrize("seed", [0, pytest.param(7, marks=pytest.mark.long)])
 def test_minimum_and_limits_equal_those_of_a_general_minimiser(seed):
     """L-BFGS-B from many starts finds no higher likelihood, and the profile likelihood has the expected level at the interval ends."""
     y = dataclasses.replace(CASE_A, Q=0.4 / 3600 * D).simulate(1 << 13, RATE, seed=seed)
     fit = jaxcal.noise.fit(y, RATE)
     assert not fit.left_out
     assert not fit.warnings
+    assert fit.goodness > 0.05  # otherwise the intervals are wider than the profile
     scale = np.array([max(float(getattr(fit.noise, term)), 1e-3 * CASE_A.N) for term in TERMS])
 
     likelihood = jaxcal.noise.log_likelihood(y, RATE)
