@@ -32,14 +32,14 @@ def axes_of(vectors: np.ndarray, rates: np.ndarray, rate: float, names: tuple[st
         return matrices[0]
     if np.linalg.det(matrices[best]) < 0:
         raise DataError(
-            f"The axes of the {names[0]} are mirrored against those of the {names[1]}: {named(matrices[best])}. Every sensor needs "
-            "right-handed axes, and rates are positive counterclockwise: change the signs or the order of its axes."
+            f"The axes of the {names[0]} are mirrored against those of the {names[1]}: {named(matrices[best].T, names[1])}. Every sensor "
+            "needs right-handed axes, and rates are positive counterclockwise: change the signs or the order of its axes."
         )
     return matrices[best]
 
 
-def named(matrix: np.ndarray) -> str:
-    """Such a matrix in words, for messages."""
+def named(matrix: np.ndarray, other: str) -> str:
+    """A matrix that rotates vectors from the axes of the `other` sensor to those of a sensor, in words, for messages."""
     order = np.argmax(np.abs(matrix), axis=1)
     words = ["-"[: int(matrix[row, column] < 0)] + "xyz"[column] for row, column in enumerate(order)]
-    return f"x, y, z of the first are {', '.join(words)} of the second"
+    return f"its x, y, z are {', '.join(words)} of the {other}"

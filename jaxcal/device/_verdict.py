@@ -60,8 +60,8 @@ def judged(facts: dict[str, Any]) -> tuple[str, str, tuple[str, ...], dict[str, 
     for sensor, axes in zip(("gyro", "magnetometer"), facts["axes"], strict=True):
         if not np.array_equal(axes, np.eye(3)):
             warnings.append(
-                f"The axes of the {_TITLES[sensor]} are not those of the accelerometer: {named(axes)}. The calibration contains this "
-                "rotation."
+                f"The axes of the {_TITLES[sensor]} are not those of the accelerometer: {named(axes, 'accelerometer')}. The "
+                "calibration contains this rotation."
             )
     away = np.linalg.norm(facts["place"] - facts["place"].mean(axis=0), axis=1).max()
     if away > _WIDE:

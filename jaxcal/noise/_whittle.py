@@ -221,10 +221,8 @@ def _averaged(
             one.among([solved.names.index(name) for name in own.names], len(solved.names), float(own.bins.unit / solved.bins.unit))
         )
     mean = rivals.mean_of(estimates, np.array([each.share for each in tried]), *levels_of(confidence))
-    solved, extra = (
-        solved._replace(fitted=solved.fitted._replace(theta=mean.theta)),
-        tuple(term for each in tried for term in each.model.extra),
-    )
+    solved = solved._replace(fitted=solved.fitted._replace(theta=mean.theta))
+    extra = tuple(term for each in tried for term in each.model.extra)
     decides = np.zeros(len(solved.names) - 1)
     decides[[solved.names.index(name) for name in model.solved.names[:-1]]] = judged.decides
     model = model._replace(solved=solved, terms=(*parts.asked, *extra), extra=extra)
