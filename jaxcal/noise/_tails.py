@@ -21,6 +21,7 @@ import scipy  # loads its parts when they are first used
 from .._types import AnyArray
 
 _ROUNDS = 3  # number of fits of the spectrum
+_FARTHEST = 1e6  # distance in standard deviations of the core beyond which bursts have the density of this distance
 _CLIP = 3.0  # robust standard deviations at which the record is clipped before the first fit
 _BLOCK = 64  # number of samples of a running median
 _FINE = 500.0  # groups of innovations per standard deviation, and per factor e beyond it
@@ -77,7 +78,9 @@ def _bursts(p):
 
 def _bursts_density(p, x):
     scale, share, width = _bursts(p)
-    above, below = (scipy.special.log_ndtr((sign * width - np.abs(x)) / scale) for sign in (1.0, -1.0))
+    # a search may try scales so small that both probabilities round to the same number
+    far = np.minimum(np.abs(x) / scale, _FARTHEST)
+    above, below = (scipy.special.log_ndtr(sign * width / scale - far) for sign in (1.0, -1.0))
     burst = above + np.log1p(-np.exp(below - above)) - np.log(2.0 * width)
     return np.logaddexp(np.log(1.0 - share) + _normal(x, scale), np.log(share) + burst)
 
