@@ -67,7 +67,8 @@ def test_rests_make_the_accelerometer_several_times_better():
     assert np.mean(inside[motion.resting]) > 0.5
 
 
-def test_derivatives_by_the_readings_are_those_of_fits_to_other_readings(monkeypatch):
+@pytest.mark.parametrize("lever", [False, True])
+def test_derivatives_by_the_readings_are_those_of_fits_to_other_readings(monkeypatch, lever):
     log = simulate(40.0, 25.0, seed=11, tremor=0.0, rests=4, still=2.0)[0]
     names = ("accel.bias[0]", "gyro.matrix[1,1]", "magnetometer.soft_iron[0,1]", "magnetometer.hard_iron[2]", "field", "gyro_delay")
     started, rounds, kept = _fit.started, _fit._rounds, {}
@@ -92,13 +93,14 @@ def test_derivatives_by_the_readings_are_those_of_fits_to_other_readings(monkeyp
 
     monkeypatch.setattr(_fit, "started", begun)
     monkeypatch.setattr(_fit, "_rounds", once)
-    found = fit(log, derivatives=names)
+    names = (*names, *(["lever[0,0]"] if lever else []))
+    found = fit(log, lever=lever, derivatives=names)
     assert found.rests
-    rng = np.random.default_rng(2)
+    rng, readings = np.random.default_rng(2), ("accel", "gyro", "mag")
     for sensor, size in (("accel", 1e-3), ("gyro", 3e-5), ("mag", 3e-8)):
         wave = size * np.sin(2 * np.pi * rng.uniform(0.02, 0.2, 3) * log.time[:, None] + rng.uniform(0, 6, 3))
         ends = [
-            fit(jaxcal.Log(None, **{one: getattr(log, one) + sign * wave * (one == sensor) for one in ("accel", "gyro", "mag")}, rate=25.0))
+            fit(jaxcal.Log(None, **{one: getattr(log, one) + sign * wave * (one == sensor) for one in readings}, rate=25.0), lever=lever)
             for sign in (1, -1)
         ]
         for name in names:
