@@ -17,7 +17,7 @@ from ..noise import Noise as SlowNoise
 from ._contribution import shares
 from ._gradient import gradients
 from ._judge import NUISANCE, known, lacks, stretches, unseen
-from ._levels import grown
+from ._levels import Levels
 from ._model import DeviceModel
 from ._normal import GYRO, HARD, IRON, logarithm
 from ._record import recorded, unfilled
@@ -29,7 +29,7 @@ from ._windows import NAMES, model_of, template, vector_of
 
 _ROUNDS, _MOST, _BLIND = 3, 8, 5  # rounds of fits: at least, at most, and at most where the motion does not determine all parameters
 _FEW = 10  # steps of a fit where the motion does not determine all parameters
-_SAME = 0.1  # the rounds end when weights, and logarithms of noise levels, change by less
+_SAME = 0.05  # the rounds end when weights, and logarithms of noise levels, change by less
 _HELD = ("accel.g_sensitivity", "field")
 _BELOW = ("accel.matrix[1,0]", "accel.matrix[2,0]", "accel.matrix[2,1]")
 _LEAST, _READINGS = 20.0, 100  # shortest recording, s; fewest readings of the magnetometer
@@ -130,7 +130,7 @@ def fit(
 
 def _rounds(record: Record, vector: Any, way: Any, free: Any, level: Noise) -> tuple[Solution, Place, Rests, Noise]:
     """Fit repeatedly. Between fits, update the noise levels, the weights of disturbed windows, and the reach and speed of the hand."""
-    centre, white = vector.copy(), level
+    centre, white, levels = vector.copy(), level, Levels()
     counts = undisturbed(record, vector)
     place, rests, settled = Place(0.3, 0.4), _rests(record, vector), False
     # two steps show which parameters the motion does not determine. In their directions the cost is flat, so more steps are useless
@@ -147,11 +147,10 @@ def _rounds(record: Record, vector: Any, way: Any, free: Any, level: Noise) -> t
         some = found.kept.any(axis=1)
         size = found.noise.mag * np.sqrt(power)
         white = Noise(white.gyro, white.accel, float(np.sqrt(np.median(size[some] ** 2) / _median(3 * float(np.median(number[some]))))))
-        grew = grown(found, place, rests, record.time, white)
+        grew, change = levels.next(found, place, rests, record.time, white)
         far = size / white.mag
         new = np.where(far > _GONE, _LITTLE, np.minimum(1.0, _FAR / np.maximum(far, 1e-9)))
-        change = [np.max(np.abs(np.log(getattr(grew, name) / getattr(level, name)))) for name in ("gyro", "accel", "mag")]
-        settled = bool(np.max(np.abs(new - counts)) < _SAME and max(change) < _SAME)
+        settled = bool(np.max(np.abs(new - counts)) < _SAME and change < _SAME)
         level, counts = grew, new
         spread = found.chain.variances(np.linalg.inv(found.eliminated.information), found.eliminated.carried)
         place, rests = _hand(found, np.diagonal(spread, axis1=1, axis2=2), rests, record, level)

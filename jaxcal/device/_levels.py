@@ -7,8 +7,10 @@ from ._windows import NAMES
 
 _DRAWS = 16
 _LENGTHS = (1, 2, 4, 8, 16, 32, 64)  # windows
+_SHORT = 3  # number of lengths whose power always counts: it is well known, and noise may be correlated within a window
 _FEW = 10
-#: weight of the prior ratio of 1, in degrees of freedom; standard deviations by which a ratio must exceed 1 to count
+_PACE = (0.25, 4.0)  # shares of a change, least and most
+#: weight of the prior ratio of 1, in degrees of freedom; standard deviations by which a ratio must exceed those of few windows to count
 _SURE, _MARGIN = 1.0, 2.5
 
 
@@ -67,37 +69,60 @@ def powers(values: np.ndarray, which: np.ndarray, turn: np.ndarray) -> np.ndarra
     return np.array(out)
 
 
-def grown(found: Solution, place: Place, rests: Rests, time: float, white: Noise) -> Noise:
+class Levels:
     """Noise levels that explain the size of the residuals, at least those of the white noise.
 
     Sensors have errors beside white noise: from their filters, from nonlinearity, from biases that wander, and from iron in the room.
     The fit treats all of them as noise, with the size that they have over the times over which it compares the sensors. Rest and motion
     have separate levels.
     """
-    left, field = null(found, place, rests, time)
-    inertial = found.rows.inertial
-    count = len(inertial)
-    sensors = {
-        "gyro": (inertial[:, :3], left[:, :3]), "accel": (inertial[:, 3:6], left[:, 3:6]), "mag": (found.rows.field.sum(axis=1), field),
-    }  # fmt: skip
-    levels = {}
-    for name, (seen, drawn) in sensors.items():
-        now, least = (np.array(np.broadcast_to(getattr(noise, name), count), dtype=float) for noise in (found.noise, white))
-        for which in (rests.windows, ~rests.windows):
-            if which.sum() >= _FEW:
-                factor = _excess(seen, drawn, which, found.way.rotation[:-1])
-                # levels fall more slowly than they rise: where two sensors can explain the same residuals, the levels would oscillate
-                now[which] = np.maximum(least[which], now[which] * factor ** (0.5 if factor > 1 else 0.25))
-        levels[name] = now
-    return Noise(**levels)
+
+    def __init__(self) -> None:
+        #: (sensor, rest or motion) -> logarithm of the level before, and the change that its residuals asked for
+        self._before: dict[tuple[str, int], tuple[float, float]] = {}
+
+    def next(self, found: Solution, place: Place, rests: Rests, time: float, white: Noise) -> tuple[Noise, float]:
+        """The levels for the next fit, and the largest change, of a logarithm, that the residuals ask for."""
+        left, field = null(found, place, rests, time)
+        inertial = found.rows.inertial
+        count = len(inertial)
+        sensors = {
+            "gyro": (inertial[:, :3], left[:, :3]), "accel": (inertial[:, 3:6], left[:, 3:6]),
+            "mag": (found.rows.field.sum(axis=1), field),
+        }  # fmt: skip
+        levels, most = {}, 0.0
+        for name, (seen, drawn) in sensors.items():
+            now, least = (np.array(np.broadcast_to(getattr(noise, name), count), dtype=float) for noise in (found.noise, white))
+            for part, which in enumerate((rests.windows, ~rests.windows)):
+                if which.sum() >= _FEW:
+                    at, least_at = np.log(now[which][0]), np.log(least[which][0])
+                    excess, sure = _excess(seen, drawn, which, found.way.rotation[:-1])
+                    if at <= least_at and not sure:  # white noise explains the residuals: the estimate would only scatter about it
+                        excess = 1.0
+                    asked = max(0.5 * np.log(excess), least_at - at)
+                    now[which] = np.exp(max(at + self._pace((name, part), at, asked) * asked, least_at))
+                    most = max(most, abs(asked))
+            levels[name] = now
+        return Noise(**levels), most
+
+    def _pace(self, key: tuple[str, int], at: float, asked: float) -> float:
+        """Share of the change to make, from the secant: two sensors can explain the same residuals, so that plain changes oscillate."""
+        before, self._before[key] = self._before.get(key), (at, asked)
+        if before is None or before[0] == at or (slope := (asked - before[1]) / (at - before[0])) >= 0:
+            return 1.0
+        return float(np.clip(-1 / slope, *_PACE))
 
 
-def _excess(seen: np.ndarray, left: np.ndarray, which: np.ndarray, turn: np.ndarray) -> float:
-    """Power of the residuals over that of noise with the present level: of single windows, or of several in a row if clearly larger."""
+def _excess(seen: np.ndarray, left: np.ndarray, which: np.ndarray, turn: np.ndarray) -> tuple[float, bool]:
+    """Power of the residuals over that of noise with the present level, and whether it is clearly larger.
+
+    The power is that of a few windows in a row, or of many if that is clearly larger.
+    """
     own, drawn = powers(seen, which, turn), powers(left, which, turn)
     mean, spread = drawn.mean(axis=-1), drawn.std(axis=-1)
-    sure = 2 * (mean / spread) ** 2
-    ratio = (own / mean * sure + _SURE) / (sure + _SURE)
-    clear = ratio > 1 + _MARGIN * spread / mean
+    degrees = 2 * (mean / spread) ** 2
+    ratio = (own / mean * degrees + _SURE) / (degrees + _SURE)
+    short, margin = np.max(ratio[0, :_SHORT]), np.exp(_MARGIN * spread / mean)
     # a variance from few degrees of freedom may be too small by chance: use that of Student's t
-    return float(max(ratio[0, 0], np.max(np.where(clear, ratio * (1 + 2 / sure), 0.0))))
+    many = np.max(np.where(ratio > short * margin, ratio * (1 + 2 / degrees), 0.0))
+    return float(max(short, many)), bool(np.any(ratio > margin))

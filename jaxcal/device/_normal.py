@@ -66,6 +66,20 @@ class Inertial:
     swept_by: np.ndarray  # (K, 2, 3, q)
 
 
+def _swung_by(w: Windows, gyro: np.ndarray, arms: np.ndarray, rate: np.ndarray, rate_by: np.ndarray) -> np.ndarray:
+    """(K, m + 1, 3, q) derivatives, over the columns TURNING, of the accelerations of the elements relative to that of x."""
+    spin, out = w.slope @ gyro.T, np.zeros_like(rate_by)
+    spin_by = np.zeros_like(rate_by)
+    for a in range(3):
+        for b in range(3):
+            spin_by[..., 3 * a + b] = -gyro[:, a] * spin[..., b, None]
+    spin_by[..., -1] = w.curve @ gyro.T
+    for axis, arm in enumerate(arms, start=1):
+        swing = _cross(np.cross(rate, arm), rate_by) + _cross(rate, skew(arm) @ rate_by) + skew(arm) @ spin_by
+        out[..., axis, :] = -swing[..., axis, :]
+    return out
+
+
 def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: bool = False) -> Inertial:
     """Integrate all windows. Derivatives by the g-sensitivity and by lever arms are zero unless the options ask for them."""
     h, (count, steps) = float(w.step[0]), w.field_time.shape
@@ -142,6 +156,8 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
         for axis in (1, 2):
             place_of = slice(LEVER + 3 * (axis - 1), LEVER + 3 * axis)
             force_by[..., place_of] = -np.einsum("wi,kia,kic->kwac", weights, rotation[..., axis], bent[..., axis, :], optimize=True)
+        whirled = np.einsum("wi,kiax,kixq->kwaq", weights, rotation, _swung_by(w, gyro, arms, rate, rate_by), optimize=True)
+        force_by[..., TURNING[some]] -= whirled
     arm, ends = np.asarray(model.arm), [0, -1]
     return Inertial(
         rotation, speed, place, rate, to_reading, turn_by[:, -1], reading_by, reading_late, force_by[:, 0], force_by[:, 1],

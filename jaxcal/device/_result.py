@@ -38,7 +38,7 @@ class DeviceFit(Result):
         About 1 or less if the others predict a sixth within the noise; NaN if they do not determine the parameters.
     derivatives : name of a parameter -> sensor ("accel", "gyro", "mag") -> (n, 3) derivative of its value by every reading, for the names
         given to `fit`; zero for a missing reading. They hold noise levels, weights of windows, rests, and reach and speed of the hand
-        constant. For this least-squares problem they are exact to 1e-4 (with `lever` to about 4e-2). A fit to other readings also updates
+        constant. For this least-squares problem they are exact to 1e-4. A fit to other readings also updates
         what is constant here; in simulations this moved the parameters by less than 0.03 standard errors.
     disagreement : variance between sixths of the recording, divided by the variance that the noise explains.
     time : (k,) s of the ends of the windows.

@@ -30,6 +30,7 @@ class Windows(eqx.Module):
     force: AnyArray  # (K, m + 1, 3) accelerometer
     rate: AnyArray  # (K, m + 1, 3) gyroscope
     slope: AnyArray  # (K, m + 1, 3) its derivative
+    curve: AnyArray  # (K, m + 1, 3) its second derivative
     turn: AnyArray  # (K, m, 3) its integral over each step
     field: AnyArray  # (K, m, 3) magnetometer, one reading for each step, at a fixed part of it
     field_turn: AnyArray  # (K, m, 3) gyroscope from the beginning of the step to the reading, integrated
@@ -53,9 +54,9 @@ def value_at(y: Any, x: float, index: np.ndarray) -> Any:
     return _filtered(y, lagrange(x)[:, 0], index)
 
 
-def slope_at(y: Any, x: float, index: np.ndarray) -> Any:
-    """Derivative at index + x, per sample."""
-    return _filtered(y, lagrange(x)[:, 1], index)
+def derivative_at(y: Any, x: float, index: np.ndarray, order: int) -> Any:
+    """First or higher derivative at index + x, per sample."""
+    return _filtered(y, math.factorial(order) * lagrange(x)[:, order], index)
 
 
 def integral(y: Any, low: float, high: float, index: np.ndarray) -> Any:
@@ -112,8 +113,8 @@ def windows(grid: Grid, accel: Any, gyro: Any, mag: Any, gyro_delay: float, mag_
         rate = value_at(gyro, x + part - 1, first + 1)
     shape = whole[:, :-1].shape
     return Windows(
-        accel[whole], value_at(gyro, x, index), slope_at(gyro, x, index) / h, h * turn, mag[readings], h * to_reading, rate,
-        np.full(shape, part * h), np.full(shape[:1], h),
+        accel[whole], value_at(gyro, x, index), derivative_at(gyro, x, index, 1) / h, derivative_at(gyro, x, index, 2) / h**2, h * turn,
+        mag[readings], h * to_reading, rate, np.full(shape, part * h), np.full(shape[:1], h),
     )  # fmt: skip
 
 

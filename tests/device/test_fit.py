@@ -67,7 +67,8 @@ def test_rests_make_the_accelerometer_several_times_better():
     assert np.mean(inside[motion.resting]) > 0.5
 
 
-def test_derivatives_by_the_readings_are_those_of_fits_to_other_readings(monkeypatch):
+@pytest.mark.parametrize("lever", [False, True])
+def test_derivatives_by_the_readings_are_those_of_fits_to_other_readings(monkeypatch, lever):
     log = simulate(40.0, 25.0, seed=11, tremor=0.0, rests=4, still=2.0)[0]
     names = ("accel.bias[0]", "gyro.matrix[1,1]", "magnetometer.soft_iron[0,1]", "magnetometer.hard_iron[2]", "field", "gyro_delay")
     started, rounds, kept = _fit.started, _fit._rounds, {}
@@ -92,13 +93,14 @@ def test_derivatives_by_the_readings_are_those_of_fits_to_other_readings(monkeyp
 
     monkeypatch.setattr(_fit, "started", begun)
     monkeypatch.setattr(_fit, "_rounds", once)
-    found = fit(log, derivatives=names)
+    names = (*names, *(["lever[0,0]"] if lever else []))
+    found = fit(log, lever=lever, derivatives=names)
     assert found.rests
-    rng = np.random.default_rng(2)
+    rng, readings = np.random.default_rng(2), ("accel", "gyro", "mag")
     for sensor, size in (("accel", 1e-3), ("gyro", 3e-5), ("mag", 3e-8)):
         wave = size * np.sin(2 * np.pi * rng.uniform(0.02, 0.2, 3) * log.time[:, None] + rng.uniform(0, 6, 3))
         ends = [
-            fit(jaxcal.Log(None, **{one: getattr(log, one) + sign * wave * (one == sensor) for one in ("accel", "gyro", "mag")}, rate=25.0))
+            fit(jaxcal.Log(None, **{one: getattr(log, one) + sign * wave * (one == sensor) for one in readings}, rate=25.0), lever=lever)
             for sign in (1, -1)
         ]
         for name in names:
@@ -143,25 +145,39 @@ def test_turns_about_the_wrist_are_no_error_of_the_accelerometer():
     np.testing.assert_allclose(found.model.arm, arm, atol=0.03)
 
 
-def test_errors_that_are_not_white_make_the_intervals_wider():
-    log, true, _ = simulate(60.0, 50.0, seed=11)
+def bent(log, true):
+    """The log with errors of all sensors that wander."""
     rng = np.random.default_rng(5)
 
     def wandering(size, seconds):
-        keep = np.exp(-1 / (50.0 * seconds))
+        keep = np.exp(-1 / (log.rate * seconds))
         steps = size * np.sqrt(1 - keep**2) * rng.normal(size=(len(log.time), 3))
         return scipy.signal.lfilter([1.0], [1.0, -keep], steps, axis=0)
 
-    bent = jaxcal.Log(
+    return jaxcal.Log(
         None, accel=log.accel + wandering(0.02, 2.0), gyro=log.gyro + wandering(np.deg2rad(0.05), 1.0),
-        mag=log.mag + wandering(0.005 * float(true.field), 2.0), rate=50.0,
+        mag=log.mag + wandering(0.005 * float(true.field), 2.0), rate=log.rate,
     )  # fmt: skip
-    found, plain = fit(bent), free()[-1]
+
+
+def test_errors_that_are_not_white_make_the_intervals_wider():
+    log, true, _ = simulate(60.0, 50.0, seed=11)
+    found, plain = fit(bent(log, true)), free()[-1]
     assert_covered(errors(found, true))
     matrix = [i for i, name in enumerate(found.names) if ".matrix" in name]
     assert np.mean(found.standard_error[matrix]) > 1.3 * np.mean(plain.standard_error[matrix])
     # what the sensors err by is not taken for a hand that goes away
     assert found.reach < 0.6
+
+
+def test_noise_levels_settle(monkeypatch):
+    log, true, _ = simulate(40.0, 25.0, seed=11, rests=4, still=2.0)
+    log, widths = bent(log, true), []
+    # another round of fits would find the same errors
+    for rounds in (_fit._MOST, _fit._MOST + 1):
+        monkeypatch.setattr(_fit, "_MOST", rounds)
+        widths.append(fit(log).standard_error)
+    np.testing.assert_allclose(widths[1], widths[0], rtol=0.1)
 
 
 def test_turns_about_one_axis_leave_parameters_without_numbers():
