@@ -312,9 +312,7 @@ def _gap_rule(gone, statistic: Kind, data: str, xp):
 
 def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: int, alpha, robust: bool) -> _Measured:
     """The sums, counts and noise types of a record on the host."""
-    order = np.argsort(sizes, kind="stable")
-    ascending, back = sizes[order], np.argsort(order, kind="stable")
-    number = statistic.count(samples, ascending)
+    ascending, back, number = _arranged(sizes.tobytes(), samples, statistic)
     channels = columns.shape[1]
     if samples < IN_CACHE and len(sizes) <= MANY and not robust and data == "rate":
         length, sums = padded_length(samples if statistic.modified else IN_CACHE - 1), []
@@ -356,6 +354,14 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
             found = list(over(lambda index: channel(index, within), range(channels)))
     total, count, noise = (np.stack(values, axis=1)[back] for values in zip(*found, strict=True))
     return lambda: total, count, noise
+
+
+@functools.lru_cache(maxsize=64)
+def _arranged(held: bytes, samples: int, statistic: Kind) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Ascending cluster sizes, their places in the given order, and their numbers of differences; records of one length share them."""
+    sizes = np.frombuffer(held, np.int64)
+    order = np.argsort(sizes, kind="stable")
+    return sizes[order], np.argsort(order, kind="stable"), statistic.count(samples, sizes[order])
 
 
 def _prepare(column, name: str, statistic: Kind, rate: float, data: str, samples: int, parts: int, run):

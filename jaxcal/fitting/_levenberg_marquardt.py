@@ -88,13 +88,13 @@ def held_at(y: Array, gradient: Array, lower: Array, upper: Array) -> Array:
 
 
 def linear_problem(jacobian: Array, residual: Array, y: Array, lower: Array, upper: Array) -> Linear:
-    """Scale the columns, and form J'J and J'r in full precision, because accelerators would round the products to ten bits."""
-    column = jnp.linalg.norm(jacobian, axis=0)
+    """Form J'J, J'r and r'r as one product, in full precision, because accelerators would round it to ten bits; then scale the columns."""
+    rows, p = jnp.concatenate([jacobian, residual[:, None]], axis=1), y.size
+    product = jnp.matmul(rows.T, rows, precision=jax.lax.Precision.HIGHEST)
+    column = jnp.sqrt(jnp.diagonal(product)[:p])
     column = jnp.where(column > 0, column, 1)
-    scaled = jacobian / column[None, :]
-    product = lambda a, b: jnp.matmul(a, b, precision=jax.lax.Precision.HIGHEST)  # noqa: E731
-    gradient = product(scaled.T, residual)
-    return Linear(y, product(scaled.T, scaled), gradient, column, held_at(y, gradient, lower, upper), residual @ residual)
+    gram, gradient = product[:p, :p] / column[:, None] / column[None, :], product[:p, p] / column
+    return Linear(y, gram, gradient, column, held_at(y, gradient, lower, upper), product[p, p])
 
 
 class State(eqx.Module):

@@ -19,7 +19,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from ..spectrum._average import log_groups
-from ._likelihood import minimise
+from ._likelihood import ROUGH, minimise
 
 _BLOCKS = 4096  # number of block means of a record, which have the same lowest ordinates as the record
 _ORDINATES = 512  # number of ordinates that the search uses
@@ -31,6 +31,7 @@ _ROUNDS = 3  # of the regression and the fit of the noise
 _RECORDED = 12.0  # likelihood ratio by which any other cause must be better than the recorded temperature
 _HOPELESS = 8.0  # distance to the wanted likelihood ratio that further rounds never gain
 _MOST = 4  # number of causes of one record
+_LOST = 1e-15  # share of the largest variance at which a combination of regressors is rounding
 _STRONGEST = 1e6  # ratio of a coefficient to the smallest value from which its fit starts
 #: likelihood ratio that one in 300 records of noise alone reaches in the search of a family
 LEVELS = {"step": 24.0, "ramp": 14.0, "warm-up": 15.0, "sinusoid": 24.0, "temperature": 12.0}
@@ -119,30 +120,37 @@ def _refined(low: _Low, density, family: str, at: float, made):
     if family not in _WITHIN:
         return at, made
     columns, step = (_decay, np.log(2.0)) if family == "warm-up" else (_wave, np.log1p(_CYCLES[0] / 2.0 / max(at * _duration(low), 0.5)))
+    x = low.transform(made(low.times))
     for _ in range(_HALVINGS):
         step /= 2.0
-        near = [float(at * np.exp(move)) for move in (-step, 0.0, step)]
-        listed = [(place, functools.partial(columns, place)) for place in near]
-        _, at, made = _best(low, density, listed, np.stack([low.transform(one(low.times)) for _, one in listed]))
+        near = [(place, functools.partial(columns, place)) for place in (float(at * np.exp(-step)), float(at * np.exp(step)))]
+        shapes = np.stack([x, *(low.transform(one(low.times)) for _, one in near)])
+        _, best = _best(low, density, shapes)
+        (at, made), x = [(at, made), *near][best], shapes[best]
     return at, made
 
 
-def _best(low: _Low, density, choices: list[tuple[float, Any]], x) -> tuple[float, float, Any]:
-    """The choice with the largest likelihood ratio; `x` are the ordinates of all choices, (choices, ordinates, columns)."""
+def _best(low: _Low, density, x) -> tuple[float, int]:
+    """The largest likelihood ratio, and its choice; `x` are the ordinates of all choices, (choices, ordinates, columns)."""
     weighted = x / density[:, None]
     score = np.einsum("k,ckq->cq", low.record, weighted)
-    ratio = np.einsum("cq,cqr,cr->c", score, np.linalg.pinv(np.swapaxes(x, 1, 2) @ weighted, hermitian=True), score)
+    values, vectors = np.linalg.eigh(np.swapaxes(x, 1, 2) @ weighted)
+    kept = values > _LOST * values[:, -1:]  # a pseudo-inverse: the temperature may be constant
+    along = np.einsum("cq,cqr->cr", score, vectors)
+    ratio = np.sum(np.where(kept, along**2 / np.where(kept, values, 1.0), 0.0), axis=1)
     best = int(np.argmax(ratio))
-    return float(ratio[best]), *choices[best]
+    return float(ratio[best]), best
 
 
 def _candidates(low: _Low, density, temperature) -> dict[str, tuple[float, float, Any]]:
     ratio, start = _steps(low, density)
     shapes = _shapes(len(low.times), float(2.0 * low.times[0]), len(low.factor), low.factor.tobytes())
     found = {"step": (ratio, start, functools.partial(_step, start))}
-    found |= {family: _best(low, density, *held) for family, held in shapes.items()}
+    for family, (choices, x) in shapes.items():
+        ratio, best = _best(low, density, x)
+        found[family] = (ratio, *choices[best])
     if temperature is not None:
-        found["temperature"] = _best(low, density, [(0.0, temperature)], low.transform(temperature(low.times))[None])
+        found["temperature"] = (_best(low, density, low.transform(temperature(low.times))[None])[0], 0.0, temperature)
     return found
 
 
@@ -213,7 +221,7 @@ def _refitted(low: _Low, designs, columns, base, begun, wanted: Any = -np.inf):
             # the likelihood has local maxima: one start is the fit of the whole record, the other has little of every term
             flat = np.median(target / means[1], axis=1)[:, None] * (means[1] / means[0].T).min(axis=1)[None, :]
             begin = np.concatenate([theta, np.maximum(flat, theta / _STRONGEST)])
-            found = minimise(means[0], np.tile(target, (2, 1)), count, begin, base=means[1])
+            found = minimise(means[0], np.tile(target, (2, 1)), count, begin, base=means[1], rtol=ROUGH)
             costs = found.cost.reshape(2, -1)
             theta = found.theta.reshape(2, len(designs), p)[np.argmin(costs, axis=0), np.arange(len(designs))]
         s = means[1] + theta @ means[0].T

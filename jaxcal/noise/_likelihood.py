@@ -15,12 +15,13 @@ which equals the negative log-likelihood minus its value at S = P. The Fisher in
 
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .._types import AnyArray, Array
 from ..fitting import solve
-from ._lanes import filled, namespace, run, whole
+from ._lanes import namespace, run, whole
 from ._ordinates import Bins
 
 _FAINT = 0.01  # in several starts one column begins with this fraction of an equal share
@@ -39,7 +40,7 @@ class Minima(NamedTuple):
     settled: Any
 
 
-def _deviance(ratio: Array) -> Array:
+def _root(ratio: Array) -> Array:
     """sign(z) sqrt(z - ln(1 + z)) with z = ratio - 1."""
     z = ratio - 1.0
     small = jnp.abs(z) < 1e-2
@@ -48,6 +49,18 @@ def _deviance(ratio: Array) -> Array:
     near = jnp.where(small, z, 0.0)
     series = 1.0 - near * (2 / 3 - near * (1 / 2 - near * (2 / 5 - near * (1 / 3 - near * (2 / 7 - near / 4)))))
     return jnp.where(small, near * jnp.sqrt(series / 2.0), jnp.sign(far) * jnp.sqrt(far - jnp.log1p(far)))
+
+
+@jax.custom_jvp
+def _deviance(ratio: Array) -> Array:
+    """`_root`, whose slope is computed once, and not once for each coefficient."""
+    return _root(ratio)
+
+
+@_deviance.defjvp
+def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    value, slope = jax.jvp(_root, primals, (jnp.ones_like(primals[0]),))
+    return value, slope * tangents[0]
 
 
 def _deviances(theta: Array, data: tuple[Array, Array]) -> Array:
@@ -77,17 +90,19 @@ def minimise(columns: Any, target: Any, weight: Any, start: Any, *, base: Any = 
     used = root > 0
     lower = xp.where(xp.any(columns < 0, axis=tuple(range(columns.ndim - 1))), -np.inf, 0.0)
     columns = xp.where(used[..., None], columns, 0.0)
-    others = xp.stack(xp.broadcast_arrays(root, xp.where(used, target, 1.0), xp.where(used, base, 1.0)), axis=-2)
-    columns, others = (xp.broadcast_to(each, (lanes, *each.shape[-2:])) for each in (columns, others))
-    lower = xp.broadcast_to(lower.astype(root.dtype), (lanes, p))
+    others = root, xp.where(used, target, 1.0), xp.where(used, base, 1.0)
     if xp is jnp:
+        others = xp.stack(xp.broadcast_arrays(*others), axis=-2)
+        columns, others = (xp.broadcast_to(each, (lanes, *each.shape[-2:])) for each in (columns, others))
+        lower = xp.broadcast_to(lower.astype(root.dtype), (lanes, p))
         return run(_minimum, rtol, (columns, others, start, lower), None)
-    rows, wide = root.shape[-1], -(-p // _WIDTH) * _WIDTH
+    rows, full, wide = root.shape[-1], whole(lanes), -(-p // _WIDTH) * _WIDTH
     tall = _ROWS[0] if rows <= _ROWS[0] else -(-rows // _ROWS[1]) * _ROWS[1]
-    full = whole(lanes)
-    others = filled(others, full, 3, tall)
-    others[:, 1:, rows:] = 1.0
-    lane = filled(columns, full, tall, wide), others, filled(start, full, wide), filled(lower, full, wide)
+    lane = np.zeros((full, tall, wide)), np.zeros((full, 3, tall)), np.zeros((full, wide)), np.zeros((full, wide))
+    lane[0][:lanes, :rows, :p], lane[2][:lanes, :p], lane[3][:lanes, :p] = columns, start, lower
+    lane[1][:, 1:, rows:] = 1.0
+    for i, each in enumerate(others):
+        lane[1][:lanes, i, :rows] = each
     found = run(_minimum, np.asarray(rtol), lane, Minima(lane[2][0], 0.0, False), lanes)
     return found._replace(theta=found.theta[:, :p])
 

@@ -105,7 +105,7 @@ class Noise(eqx.Module):
         >>> Noise(N=2.0).coefficient("N")
         2.0
         """
-        return self.part(name)[1]
+        return getattr(self, name) if name in _DRAWN else self.part(name)[1]
 
     def only(self, name: str, value: Any = None) -> "Noise":
         """The model reduced to one of its terms; `value`, if given, replaces the coefficient.

@@ -4,6 +4,7 @@ r"""Fit the noise terms to binned ordinates, in the band where the model holds, 
 `fit_bins` chooses the bins to use, on the host only.
 """
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -74,7 +75,12 @@ def groups_of(weight, ordinates: int) -> Int[np.ndarray, " bins"]:
 def attempt(bins: Bins, group: AnyArray) -> Attempt:
     """Fit from several starting points, keep the lowest minimum, and compute its deviance; `group` comes from `groups_of`."""
     xp = namespace(bins)
-    tried = minimise(bins.columns, bins.density, bins.weight, several_starts(jax.lax.stop_gradient(bins) if xp is jnp else bins))
+    search = functools.partial(minimise, bins.columns, bins.density, bins.weight)
+    if xp is jnp:
+        tried = search(several_starts(jax.lax.stop_gradient(bins)))
+    else:  # only the lowest minimum needs many steps
+        tried = search(several_starts(bins), rtol=ROUGH)
+        tried = search(tried.theta[[np.argmin(tried.cost)]])
     best = xp.argmin(tried.cost)
     theta, cost, settled = (leaf[best] for leaf in tried)
     (strict, freedom), (allowed, _) = (deviance(bins, theta, group, tolerance) for tolerance in (0.0, _TOLERANCE))

@@ -8,13 +8,13 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..._compile import stored_jit
+from ..._compile import one_kernel, stored_jit
 from ..._types import Array, Float, Int
 from ._phase import BLOCK
 
 _ENDS = 64  # number of sums of a lane that are added one after another
 _LANE = 4096  # points per vector operation; BLOCK // _LANE of them are unrolled
-_SHORT_LANE, _UNROLLED = 2112, 4  # the same for a record that stays in the cache; lanes a power of two apart would share cache lines
+_SHORT_LANE = 528  # the same for a record that stays in the cache, two of them unrolled
 _WIDE: dict[str, bool | str] = {"xla_cpu_prefer_vector_width": "512"}  # a quarter faster on cores with such vectors
 
 Parts = tuple[Float[Array, " padded"], ...]
@@ -124,6 +124,7 @@ def block_sums(
 
 
 @functools.partial(stored_jit, static_argnames=("order", "strided"), compiler_options=_WIDE)
+@one_kernel
 def cached_sums(
     parts: Parts,
     m: Int[Array, " rows"],
@@ -142,29 +143,26 @@ def cached_sums(
     def cluster(row, sums):
         size, number = m[row], count[row]
 
-        def differences(start):
+        def lane(start, limit=None):
+            """Squares over one lane; `limit` cuts it at the end of the record."""
+
             def take(array, shift):
                 if strided:
                     return array[(start + jnp.arange(_SHORT_LANE) + shift) * size]
                 return lax.dynamic_slice(array, (start + shift * size,), (_SHORT_LANE,))
 
-            return difference_of(parts, take, order)
+            d = difference_of(parts, take, order)
+            if limit is not None:
+                d = jnp.where(start + jnp.arange(_SHORT_LANE) < limit, d, 0.0)
+            return d * d
 
-        def summed(start, lanes):
-            pieces = [differences(start + q * _SHORT_LANE) for q in range(lanes)]
-            return functools.reduce(operator.add, [d * d for d in pieces])
+        def pair(start, limit=None):
+            return lane(start, limit) + lane(start + _SHORT_LANE, limit)
 
-        block = _UNROLLED * _SHORT_LANE
-        blocks, last = number // block, number // _SHORT_LANE * _SHORT_LANE
-
-        def rest(lanes):
-            """The squares beyond the whole blocks: this many lanes, and the lane in which the record ends."""
-            d = jnp.where(last + jnp.arange(_SHORT_LANE) < number, differences(last), 0.0)
-            return d * d + summed(blocks * block, lanes) if lanes else d * d
-
-        total = lax.switch((last - blocks * block) // _SHORT_LANE, [functools.partial(rest, lanes) for lanes in range(_UNROLLED)])
-        total = lax.fori_loop(0, blocks, lambda i, total: total + summed(i * block, _UNROLLED), total)
-        while len(total) > _ENDS:  # in pairs, because in a plain sum each addition waits for the one before
+        width = 2 * _SHORT_LANE
+        pairs = number // width
+        total = lax.fori_loop(0, pairs, lambda i, total: total + pair(i * width), pair(pairs * width, number))
+        while len(total) > _ENDS:  # in halves, because in a plain sum each addition waits for the one before
             total = total[: len(total) // 2] + total[len(total) // 2 :]
         return sums.at[row].set(jnp.sum(total))
 

@@ -127,4 +127,4 @@ def aligned(length: int, dtype=np.float64) -> np.ndarray:
     """Uninitialised array whose address is aligned for JAX, so that JAX can use it without a copy."""
     item = np.dtype(dtype).itemsize
     raw = np.empty(length + 64 // item, dtype)
-    return raw[(-raw.ctypes.data // item) % (64 // item) :][:length]
+    return raw[(-raw.__array_interface__["data"][0] // item) % (64 // item) :][:length]

@@ -61,10 +61,9 @@ def sums_in_cache(theta, sizes, number, kind: Kind) -> Callable[[], np.ndarray]:
 
     One compiled program serves every length and every number of cluster sizes, because both are data. theta is the padded phase.
     """
-    with jax.enable_x64(True):  # thread-local
-        # a compiled function reads an aligned array in place, and `device_put` would take longer than the call
-        phase = running_sum_of_phase(theta) if kind.modified else (theta,)
-        sums = cached_sums(phase, *_placed(sizes.tobytes(), number.tobytes()), order=kind.difference, strided=not kind.overlapped)
+    # a compiled function reads an aligned array in place, and `device_put` would take longer than the call
+    phase = running_sum_of_phase(theta) if kind.modified else (theta,)
+    sums = cached_sums(phase, *_placed(sizes.tobytes(), number.tobytes()), order=kind.difference, strided=not kind.overlapped)
     return lambda: np.asarray(sums)[: len(sizes)]
 
 

@@ -45,6 +45,12 @@ def _boundaries(terms, order: int, xp: ModuleType) -> list:
     return [xp.sqrt(least * most) for least, most in itertools.pairwise(expected)]
 
 
+@functools.lru_cache(maxsize=256)
+def _known_boundaries(terms: bytes, order: int) -> list:
+    """`_boundaries` of a record at hand; records of one length share them."""
+    return _boundaries(np.frombuffer(terms), order, np)
+
+
 def _phase_boundary(m: np.ndarray) -> np.ndarray:
     """R(n) between white phase (1/n) and flicker phase noise (3.37/(1.04 + 3 ln pi n), both variances at full bandwidth)."""
     return np.sqrt(3.37 / (1.04 + 3.0 * np.log(np.pi * m)) / m)
@@ -121,7 +127,8 @@ def bounds_of_ratios(averages, weight, series: Segments, m, kind: Kind, samples:
     allan = one_less.sums(change**2) / (2.0 * pairs)
     some = some & (allan > 0)
     b1 = spread / xp.where(allan > 0, allan, 1.0)
-    white, flicker, walk, *reddest = _boundaries(terms, kind.order, xp)
+    boundaries = _known_boundaries(terms.tobytes(), kind.order) if xp is np else _boundaries(terms, kind.order, xp)
+    white, flicker, walk, *reddest = boundaries
     phase = some & (b1 <= white)
     low = xp.where(b1 > walk, -2.0, xp.where(b1 > flicker, -1.0, 0.0))
     high = low
