@@ -7,10 +7,11 @@ from ._windows import NAMES
 
 _DRAWS = 16
 _LENGTHS = (1, 2, 4, 8, 16, 32, 64)  # windows
-_SHORT = 3  # number of lengths whose power always counts: it is well known, and noise may be correlated within a window
+#: number of lengths whose power always counts. Many sums determine it. One length is too few: noise may be correlated within a window
+_SHORT = 3
 _FEW = 10
-_PACE = (0.25, 4.0)  # shares of a change, least and most
-#: weight of the prior ratio of 1, in degrees of freedom; standard deviations by which a ratio must exceed those of few windows to count
+_PACE = (0.25, 4.0)  # smallest and largest factor on the change that the residuals ask for
+#: weight of the prior ratio of 1, in degrees of freedom; standard deviations by which a ratio must be larger over many windows than few
 _SURE, _MARGIN = 1.0, 2.5
 
 
@@ -97,7 +98,7 @@ class Levels:
                 if which.sum() >= _FEW:
                     at, least_at = np.log(now[which][0]), np.log(least[which][0])
                     excess, sure = _excess(seen, drawn, which, found.way.rotation[:-1])
-                    if at <= least_at and not sure:  # white noise explains the residuals: the estimate would only scatter about it
+                    if at <= least_at and not sure:  # white noise explains the residuals, so an estimate would only add scatter
                         excess = 1.0
                     asked = max(0.5 * np.log(excess), least_at - at)
                     now[which] = np.exp(max(at + self._pace((name, part), at, asked) * asked, least_at))
@@ -106,7 +107,7 @@ class Levels:
         return Noise(**levels), most
 
     def _pace(self, key: tuple[str, int], at: float, asked: float) -> float:
-        """Share of the change to make, from the secant: two sensors can explain the same residuals, so that plain changes oscillate."""
+        """Factor on the asked change, from the secant: with 1, levels of two sensors that explain the same residuals would oscillate."""
         before, self._before[key] = self._before.get(key), (at, asked)
         if before is None or before[0] == at or (slope := (asked - before[1]) / (at - before[0])) >= 0:
             return 1.0
@@ -116,7 +117,7 @@ class Levels:
 def _excess(seen: np.ndarray, left: np.ndarray, which: np.ndarray, turn: np.ndarray) -> tuple[float, bool]:
     """Power of the residuals over that of noise with the present level, and whether it is clearly larger.
 
-    The power is that of a few windows in a row, or of many if that is clearly larger.
+    The power is that of sums over a few windows in a row, or over many if that is clearly larger.
     """
     own, drawn = powers(seen, which, turn), powers(left, which, turn)
     mean, spread = drawn.mean(axis=-1), drawn.std(axis=-1)
