@@ -20,7 +20,7 @@ from ._judge import NUISANCE, known, lacks, stretches, unseen
 from ._levels import Levels
 from ._model import DeviceModel
 from ._normal import GYRO, HARD, IRON, logarithm
-from ._record import recorded, unfilled
+from ._record import recorded, slow_noise, unfilled
 from ._result import DeviceFit, gauged
 from ._solve import REACH, STEPS, Noise, Place, Record, Rests, Solution, solved
 from ._start import started, undisturbed
@@ -57,8 +57,10 @@ def fit(
 
     Here t is the length of a window, g gravity, h the field, C the soft iron and b_m the hard iron. The device rotates about a point, such
     as the wrist; the fit estimates its distance. The position of that point is a Matern process, whose size and speed come from the
-    recording. The fit detects rests and uses them. It begins with white noise. If the residuals of a sensor, summed over 0.2 to 13 s, in
-    motion or at rest, are larger than white noise explains, the fit raises the noise level of that sensor to explain them.
+    recording. The fit detects rests and uses them. It begins with the noise of the fast differences of the readings. In motion the hand
+    hides the noise of the accelerometer, so there its level is also at least that of its spectrum above 15 Hz, continued to 5 Hz. If the
+    residuals of a sensor, summed over 0.2 to 13 s, in motion or at rest, are larger than the noise explains, the fit raises the noise level
+    of that sensor to explain them.
 
     Parameters
     ----------
@@ -71,8 +73,8 @@ def fit(
     g_sensitivity, lever : whether to fit the gyroscope's sensitivity to specific force, and the positions of the accelerometer's elements.
     noise : {"gyro": noise, "accel": noise}, each a `jaxcal.noise.Noise` or {"N": ..., "B": ..., "K": ...} in SI; or what
         `jaxcal.noise.characterise` returns, or a `Calibration` with noise. The errors of the biases then include flicker and random walk,
-        and the bias is the mean over a day; a single recording cannot show this noise. With None, white noise comes from the fast
-        differences of the readings, slower noise only from residuals over up to 13 s, and the bias is the mean over the recording.
+        and the bias is the mean over a day; a single recording cannot show this noise. With None, noise comes from the recording itself,
+        over times of up to 13 s, and the bias is the mean over the recording.
     derivatives : names of parameters, as in `DeviceFit.names`, for which to compute the derivatives by every reading. They hold noise
         levels, weights, rests, and reach and speed of the hand constant; see `DeviceFit`.
 
@@ -113,26 +115,31 @@ def fit(
     if (number := int(record.there.sum())) < _READINGS:
         raise DataError(f"The magnetometer has {number} readings; {_READINGS} are needed, and several per second are advised.")
     slow: dict[str, SlowNoise] = {}
+    moved = slow_noise(record.accel, float(log.rate), level.accel)
     if noise is not None:
         white = {}
         for sensor in ("gyro", "accel"):
             white[sensor], flicker, walk = coefficients(noise, sensor)
             slow[sensor] = SlowNoise(B=flicker, K=walk)
-        level = Noise(white["gyro"] or level.gyro, white["accel"] or level.accel, level.mag)
+        level, moved = Noise(white["gyro"] or level.gyro, white["accel"] or level.accel, level.mag), white["accel"] or moved
     vector, way, strength, axes = started(record, mag)
     held = (*_HELD, *(() if g_sensitivity else ("gyro.g_sensitivity",)), *(() if lever else ("lever",)))
     free = np.array([i for i, name in enumerate(NAMES) if name.partition("[")[0] not in held and name not in _BELOW])
-    found, place, rests, level = _rounds(record, vector, way, free, level)
+    found, place, rests, level = _rounds(record, vector, way, free, level, moved)
     return _result(
         log, record, found, place, rests, level, strength, axes, None if field is None else float(field), slow, tuple(derivatives)
     )
 
 
-def _rounds(record: Record, vector: Any, way: Any, free: Any, level: Noise) -> tuple[Solution, Place, Rests, Noise]:
-    """Fit repeatedly. Between fits, update the noise levels, the weights of disturbed windows, and the reach and speed of the hand."""
+def _rounds(record: Record, vector: Any, way: Any, free: Any, level: Noise, moved: float) -> tuple[Solution, Place, Rests, Noise]:
+    """Fit repeatedly. Between fits, update the noise levels, the weights of disturbed windows, and the reach and speed of the hand.
+
+    In motion, the noise level of the accelerometer is at least `moved`: the hand hides this noise from the fit.
+    """
+    place, rests, settled = Place(0.3, 0.4), _rests(record, vector), False
+    level = Noise(level.gyro, np.where(rests.windows, level.accel, moved), level.mag)
     centre, white, levels = vector.copy(), level, Levels()
     counts = undisturbed(record, vector)
-    place, rests, settled = Place(0.3, 0.4), _rests(record, vector), False
     # two steps show which parameters the motion does not determine. In their directions the cost is flat, so more steps are useless
     first = solved(record, vector, way, free, level, place, counts, 2, rests, centre)
     vector, way, blind = first.vector, first.way, bool(unseen(first).any())

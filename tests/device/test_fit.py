@@ -81,10 +81,10 @@ def test_derivatives_by_the_readings_are_those_of_fits_to_other_readings(monkeyp
             record.mag = record.mag / kept["start"][2]
         return kept["start"]
 
-    def once(record, vector, way, free, level):
+    def once(record, vector, way, free, level, moved):
         """The same noise, weights, rests, reach and speed for all readings, as the derivatives take them, and fits to the last digit."""
         if "of" not in kept:
-            kept["of"] = rounds(record, vector, way, free, level)
+            kept["of"] = rounds(record, vector, way, free, level, moved)
         found, place, rests, level = kept["of"]
         with monkeypatch.context() as patch:
             patch.setattr(_solve, "_SETTLED", 1e-18)
@@ -170,6 +170,21 @@ def test_errors_that_are_not_white_make_the_intervals_wider():
     assert found.reach < 0.6
 
 
+def test_noise_of_the_accelerometer_that_the_hand_hides_is_seen_above_its_band():
+    # AR(1): at low frequencies the density is (1 + keep) / (1 - keep) = 5.7 times that of samples with this deviation, at the
+    # highest frequency less by the same factor. White noise behind a filter is that of the filter's band
+    deviation, keep, rng = 0.02, 0.7, np.random.default_rng(1)
+    log, *_ = simulate(60.0, 100.0, seed=11, accel_noise=0.0)
+    white = rng.normal(size=(len(log.time) + 500, 3))
+    cases = {
+        "white": (white, 1.0, 0.05), "AR(1)": (scipy.signal.lfilter([np.sqrt(1 - keep**2)], [1.0, -keep], white, axis=0), 2.38, 0.4),
+        "filter": (scipy.signal.lfilter(*scipy.signal.butter(2, 20.0, fs=100.0), white, axis=0), 1.0, 1.0),
+    }  # fmt: skip
+    for name, (noise, level, within) in cases.items():
+        found = fit(jaxcal.Log(None, accel=log.accel + deviation * noise[500:], gyro=log.gyro, mag=log.mag, rate=log.rate))
+        assert found.noise["accel"] / (deviation / np.sqrt(log.rate)) == pytest.approx(level, rel=within), name
+
+
 def test_noise_levels_settle(monkeypatch):
     log, true, _ = simulate(40.0, 25.0, seed=11, rests=4, still=2.0)
     log, widths = bent(log, true), []
@@ -253,3 +268,5 @@ def test_wrong_calls_say_what_is_expected():
         fit(jaxcal.Log(None, accel=log.accel, gyro=gone, mag=log.mag, rate=50.0))
     with pytest.raises(jaxcal.DataError, match="no mag"):
         fit(jaxcal.Log(None, accel=log.accel, gyro=log.gyro, rate=50.0))
+    with pytest.raises(jaxcal.DataError, match="accel never change"):
+        fit(jaxcal.Log(None, accel=np.tile([0.0, 0.0, 9.8], (len(log.time), 1)), gyro=log.gyro, mag=log.mag, rate=50.0))
