@@ -19,8 +19,9 @@ from ._gradient import gradients
 from ._judge import NUISANCE, known, lacks, stretches, unseen
 from ._levels import Levels
 from ._model import DeviceModel
+from ._noise_floor import Floor
 from ._normal import GYRO, HARD, IRON, logarithm
-from ._record import recorded, slow_noise, unfilled
+from ._record import recorded, unfilled
 from ._result import DeviceFit, gauged
 from ._solve import REACH, STEPS, Noise, Place, Record, Rests, Solution, solved
 from ._start import started, undisturbed
@@ -32,6 +33,7 @@ _FEW = 10  # steps of a fit where the motion does not determine all parameters
 _SAME = 0.05  # the rounds end when weights, and logarithms of noise levels, change by less
 _HELD = ("accel.g_sensitivity", "field")
 _BELOW = ("accel.matrix[1,0]", "accel.matrix[2,0]", "accel.matrix[2,1]")
+_FIELD_NOISE = 0.01  # of a reading, as a part of the field, in the first fit
 _LEAST, _READINGS = 20.0, 100  # shortest recording, s; fewest readings of the magnetometer
 _FAR, _GONE = 1.5, 4.0  # rms field residual of a window in standard deviations: above the first it gets less weight, above the second none
 _LITTLE = 1e-2  # weight of a window that is left out: not zero, so that its residuals are still computed
@@ -109,35 +111,32 @@ def fit(
         raise DataError(f"gravity={gravity:g} m/s^2 is not that of a place on Earth; expected 9.76 to 9.84")
     if log.duration < _LEAST:
         raise DataError(f"The recording lasts {log.duration:.3g} s; {_LEAST:g} s are needed, and three minutes are advised.")
-    record, level, mag = recorded(log, float(gravity), REACH, None if latitude is None else float(latitude))
+    record, (gyro, accel), mag = recorded(log, float(gravity), REACH, None if latitude is None else float(latitude))
     if (span := record.time * float(np.sum(~record.broken))) < _LEAST:
         raise DataError(f"Accelerometer and gyroscope have readings without gaps for {span:.3g} s in all; {_LEAST:g} s are needed.")
     if (number := int(record.there.sum())) < _READINGS:
         raise DataError(f"The magnetometer has {number} readings; {_READINGS} are needed, and several per second are advised.")
     slow: dict[str, SlowNoise] = {}
-    moved = slow_noise(record.accel, float(log.rate), level.accel)
     if noise is not None:
         white = {}
         for sensor in ("gyro", "accel"):
             white[sensor], flicker, walk = coefficients(noise, sensor)
             slow[sensor] = SlowNoise(B=flicker, K=walk)
-        level, moved = Noise(white["gyro"] or level.gyro, white["accel"] or level.accel, level.mag), white["accel"] or moved
+        gyro, accel = (Floor(white[name], white[name]) if white[name] else floor for name, floor in (("gyro", gyro), ("accel", accel)))
     vector, way, strength, axes = started(record, mag)
     held = (*_HELD, *(() if g_sensitivity else ("gyro.g_sensitivity",)), *(() if lever else ("lever",)))
     free = np.array([i for i, name in enumerate(NAMES) if name.partition("[")[0] not in held and name not in _BELOW])
-    found, place, rests, level = _rounds(record, vector, way, free, level, moved)
+    found, place, rests, level = _rounds(record, vector, way, free, gyro, accel)
     return _result(
         log, record, found, place, rests, level, strength, axes, None if field is None else float(field), slow, tuple(derivatives)
     )
 
 
-def _rounds(record: Record, vector: Any, way: Any, free: Any, level: Noise, moved: float) -> tuple[Solution, Place, Rests, Noise]:
-    """Fit repeatedly. Between fits, update the noise levels, the weights of disturbed windows, and the reach and speed of the hand.
-
-    In motion, the noise level of the accelerometer is at least `moved`: the hand hides this noise from the fit.
-    """
+def _rounds(record: Record, vector: Any, way: Any, free: Any, gyro: Floor, accel: Floor) -> tuple[Solution, Place, Rests, Noise]:
+    """Fit repeatedly. Between fits, update the noise levels, the weights of disturbed windows, and the reach and speed of the hand."""
     place, rests, settled = Place(0.3, 0.4), _rests(record, vector), False
-    level = Noise(level.gyro, np.where(rests.windows, level.accel, moved), level.mag)
+    # in motion the hand hides the noise of the accelerometer from the fit
+    level = Noise(gyro.fast, np.where(rests.windows, accel.fast, accel.slow), _FIELD_NOISE)
     centre, white, levels = vector.copy(), level, Levels()
     counts = undisturbed(record, vector)
     # two steps show which parameters the motion does not determine. In their directions the cost is flat, so more steps are useless

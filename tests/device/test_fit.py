@@ -81,10 +81,11 @@ def test_derivatives_by_the_readings_are_those_of_fits_to_other_readings(monkeyp
             record.mag = record.mag / kept["start"][2]
         return kept["start"]
 
-    def once(record, vector, way, free, level, moved):
+    def once(*given):
         """The same noise, weights, rests, reach and speed for all readings, as the derivatives take them, and fits to the last digit."""
         if "of" not in kept:
-            kept["of"] = rounds(record, vector, way, free, level, moved)
+            kept["of"] = rounds(*given)
+        record, _, _, free, *_ = given
         found, place, rests, level = kept["of"]
         with monkeypatch.context() as patch:
             patch.setattr(_solve, "_SETTLED", 1e-18)
@@ -183,6 +184,19 @@ def test_noise_of_the_accelerometer_that_the_hand_hides_is_seen_above_its_band()
     for name, (noise, level, within) in cases.items():
         found = fit(jaxcal.Log(None, accel=log.accel + deviation * noise[500:], gyro=log.gyro, mag=log.mag, rate=log.rate))
         assert found.noise["accel"] / (deviation / np.sqrt(log.rate)) == pytest.approx(level, rel=within), name
+
+
+@pytest.mark.parametrize(("rate", "most"), [(50.0, 1.2), (500.0, 3.0)])
+def test_noise_is_found_at_other_rates(rate, most):
+    # at 50 Hz the tremor of the hand is a large part of the readings. At 500 Hz the filter of the sensor is far below half the rate,
+    # where the noise is a fortieth of that in its band; a steep filter makes the result too large
+    log, *_ = simulate(60.0, rate, seed=11)
+    white = np.random.default_rng(2).normal(size=(len(log.time) + 1000, 3))
+    filtered = scipy.signal.lfilter(*scipy.signal.butter(2, 20.0, fs=rate), white, axis=0) if rate > 100 else white
+    noise = 2e-3 * np.sqrt(rate) * filtered[1000:]
+    found = fit(jaxcal.Log(None, accel=log.accel + noise, gyro=log.gyro, mag=log.mag, rate=rate))
+    assert 0.8 < found.noise["accel"] / np.hypot(2e-3, 120e-6 * 9.80665) < most
+    assert found.noise["gyro"] == pytest.approx(np.deg2rad(0.007), rel=0.1)
 
 
 def test_noise_levels_settle(monkeypatch):

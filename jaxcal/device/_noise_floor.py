@@ -1,0 +1,78 @@
+"""Noise of inertial sensors from the frequencies at which a hand hardly moves."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ._windows import WINDOW
+
+_TREMOR = 15.0  # Hz; hands hardly move above it
+_TOP = 0.96  # of half the rate: at the last frequencies the spectrum of real numbers has another distribution
+_SEGMENT, _DIFFERENCES = 1.28, 4  # s, length of a segment; order of the differences that keep low frequencies from leaking
+_SEGMENTS, _FREQUENCIES = 8, 5  # fewest of a spectrum
+_ORDER = 6  # of the differences that show noise where there is no such spectrum; motion below an eighth of the rate hardly changes them
+_CORNERS, _REWEIGHTED = 24, 10  # corner frequencies that are tried; rounds of least squares with renewed weights
+_COLOURED = 30.0  # likelihood ratio from which noise is not white
+
+
+class Floor(NamedTuple):
+    """Densities of the noise: at the highest frequencies, and at the rate of the windows. They are equal if the noise is white."""
+
+    fast: float
+    slow: float
+
+
+def noise_floor(y: np.ndarray, rate: float, lost: np.ndarray) -> Floor:
+    """Noise of readings (n, 3), of which some are `lost`. It is at least that of rounding, which a device at rest may not show.
+
+    Filters, and processes within a sensor, make noise that is stronger at low frequencies, where motion hides it. So the spectrum above
+    the band of a hand is described as white noise and a Gauss-Markov process, whose corner frequency is at least that of the windows.
+    This bounds what a steep filter adds to the result: it is at most four times too large. A process with a steeper spectrum has no bound.
+    """
+    changes = np.abs(np.diff(y, axis=0))
+    least = float(np.min(changes[changes > 0])) ** 2 / 12 / rate
+    length = round(_SEGMENT * rate)
+    frequency = rate * np.arange(length // 2 + 1) / length
+    band = (frequency >= _TREMOR) & (frequency < _TOP * rate / 2)
+    whole = ~_parts(lost[_DIFFERENCES:], length).any(axis=-1)
+    if band.sum() < _FREQUENCIES or whole.sum() < _SEGMENTS:
+        high = np.diff(y, _ORDER, axis=0)
+        there = np.convolve(lost, np.ones(_ORDER + 1), mode="valid") == 0
+        white = np.median(high[there] ** 2) / 0.454936 / math.comb(2 * _ORDER, _ORDER) / rate
+        return Floor(*2 * [float(np.sqrt(max(white, least)))])
+    window = np.hanning(length + 2)[1:-1]
+    high = _parts(np.diff(y, _DIFFERENCES, axis=0), length)[whole] * window
+    power = np.abs(np.fft.rfft(high, axis=-1)[..., band]) ** 2 / np.sum(window**2) / rate
+    angle = 2 * np.pi * frequency[band] / rate
+    # the median ignores knocks and stretches with vibration
+    seen = np.median(power, axis=0).mean(axis=0) / np.log(2) / (2 * np.sin(angle / 2)) ** (2 * _DIFFERENCES)
+    seen = np.maximum(seen, least)
+    slow, gain = _low_frequencies(seen, angle, rate)
+    if gain * power.shape[0] * power.shape[1] < _COLOURED:
+        return Floor(*2 * [float(np.sqrt(seen.mean()))])
+    return Floor(float(np.sqrt(seen[len(seen) // 2 :].mean())), float(np.sqrt(slow)))
+
+
+def _parts(y: np.ndarray, length: int) -> np.ndarray:
+    """Segments of this length, which overlap by half, along a new last axis."""
+    return np.lib.stride_tricks.sliding_window_view(y, length, axis=0)[:: length // 2]
+
+
+def _low_frequencies(seen: np.ndarray, angle: np.ndarray, rate: float) -> tuple[float, float]:
+    """Power at low frequencies, by iteratively reweighted least squares, and the gain in likelihood over white noise."""
+    keep = np.exp(-2 * np.pi * np.geomspace(1 / WINDOW, rate / 2, _CORNERS) / rate)[:, None]
+    shape = (1 - keep) ** 2 / (1 + keep**2 - 2 * keep * np.cos(angle))
+    parts = np.stack([np.ones_like(shape), shape], axis=1)  # (corners, 2, frequencies)
+    sizes = np.full((_CORNERS, 2), seen.mean())
+    for _ in range(_REWEIGHTED):
+        weighted = parts / np.einsum("cp,cpf->cf", sizes, parts)[:, None] ** 2
+        normal, right = weighted @ np.swapaxes(parts, 1, 2), weighted @ seen
+        sizes = np.linalg.solve(normal, right[..., None])[..., 0]
+        # a negative part is zero, and the other part is fitted alone
+        alone = right / np.diagonal(normal, axis1=1, axis2=2)
+        sizes = np.where(sizes[:, ::-1] < 0, alone, np.maximum(sizes, 0.0))
+    coloured, white = (seen / model for model in (np.einsum("cp,cpf->cf", sizes, parts), seen.mean()))
+    misfit = np.sum(coloured - 1 - np.log(coloured), axis=-1)
+    best = int(np.argmin(misfit))
+    return float(sizes[best].sum()), float(np.sum(white - 1 - np.log(white)) - misfit[best])
