@@ -9,6 +9,7 @@ import scipy  # loads its parts when they are first used
 
 from ..._errors import DataError
 from ..._precision import host_float64
+from ..._results import made
 from ..._types import AnyArray
 
 _POLE, _RING = 1.37046, 0.74776  # latitudes that bound the 100 regions of equal area
@@ -155,7 +156,8 @@ def covered(m: Any) -> Coverage:
         bin_of, square = cosine.argmax(axis=1), 2 - 2 * float(cosine.max(axis=0).min())
     else:
         bin_of, square = bins(directions), float(np.max(scipy.spatial.KDTree(directions).query(sphere_grid())[0])) ** 2
-    return Coverage(
+    return made(
+        Coverage,
         counts=counts,
         gaps=float(np.sum(_GAPS[np.minimum(counts, 3)])),
         variance=float(100 * norm.std() / norm.mean()),
