@@ -9,7 +9,7 @@ import os
 import statistics
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -26,6 +26,9 @@ _WIDTH = 100  # characters per line of text
 _FEW = 12  # number of rows in a `repr`
 #: attributes that `summary` lists below the verdict, with their unit
 _FACTS = {"method": "", "kind": "", "convention": "", "rate": " Hz", "duration": " s", "used": " readings"}
+
+
+T = TypeVar("T")
 
 
 class Row(NamedTuple):
@@ -262,12 +265,20 @@ def channel_of(result: Any, name: str, index: int, axes: int = 2) -> Any:
     return jax.tree.map(lambda leaf: leaf[..., index] if leaf.ndim == axes else leaf, result)
 
 
-def replaced(module: Any, **fields: Any) -> Any:
-    """A frozen module with new values in some of its fields, made without its `__init__`."""
-    new = object.__new__(type(module))
-    for field in dataclasses.fields(module):
-        object.__setattr__(new, field.name, fields.get(field.name, getattr(module, field.name)))
+def made(kind: type[T], /, **fields: Any) -> T:
+    """A frozen module with these fields, made without its `__init__`, which takes five times as long."""
+    new: Any = object.__new__(kind)
+    missing: list[Any] = [field for field in dataclasses.fields(new) if field.name not in fields]
+    defaults = {field.name: field.default if field.default is not dataclasses.MISSING else field.default_factory() for field in missing}
+    for name, value in (fields | defaults).items():
+        object.__setattr__(new, name, value)
     return new
+
+
+def replaced(module: T, /, **fields: Any) -> T:
+    """A frozen module with new values in some of its fields, made without its `__init__`."""
+    values: Any = module
+    return made(type(module), **({field.name: getattr(module, field.name) for field in dataclasses.fields(values)} | fields))
 
 
 def by_channel(sentences: Mapping[str, Any]) -> list[str]:

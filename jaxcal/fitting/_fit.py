@@ -12,6 +12,7 @@ import numpy as np
 from .._compile import filter_jit
 from .._errors import FitError
 from .._precision import array_module, is_traced
+from .._results import made
 from .._types import Array
 from ._loss_and_prior import AbstractLoss, AbstractPrior
 from ._problem import LeastSquaresSolver, Problem, check, common_dtype, define, to_floats
@@ -131,7 +132,7 @@ def run(problem: Problem) -> Fit:
     found = _run(problem)
     model = found.pop("model")
     found = to_numpy(found)
-    fit = Fit(model=model, names=problem.names, robust=problem.loss is not None, problem=problem, **found)
+    fit = made(Fit, model=model, names=problem.names, robust=problem.loss is not None, problem=problem, **found)
     xp, known = array_module(fit.parameters), known_of(fit)
     if problem.priors:
         fit = dataclasses.replace(fit, effective=fit.effective - xp.sum(known.leverage(fit.prior_jacobian)))

@@ -5,6 +5,7 @@ import jax
 import numpy as np
 
 from .._precision import array_module
+from .._results import made
 from .._types import AnyArray, Value
 
 
@@ -139,7 +140,8 @@ def information(
     _, s, vectors = xp.linalg.svd(triangle)
     floor = 10 * p * xp.finfo(s.dtype).eps if tolerance is None else tolerance
     vectors = vectors if xp is np else jax.lax.stop_gradient(vectors)
-    return Information(xp.where(s > floor, s, 0), vectors, triangle, column, fixed, names)
+    values = xp.where(s > floor, s, 0)
+    return made(Information, singular_values=values, vectors=vectors, triangle=triangle, column=column, held=fixed, names=names)
 
 
 def symmetric_inverse(matrix: AnyArray) -> np.ndarray:

@@ -14,12 +14,33 @@ from ._problem import Problem
 
 
 class Rows(eqx.Module):
-    """Residuals of data (n,) and priors (m,), and their Jacobians (n, p) and (m, p)."""
+    """Jacobian and residuals of the `count` data and of the priors beside each other, (n + m, p + 1).
 
-    residuals: Array
-    jacobian: Array
-    prior: Array
-    prior_jacobian: Array
+    They are one array because XLA would compute the Jacobian twice for an iteration: for the normal equations and for the best point.
+    """
+
+    table: Array
+    count: int = eqx.field(static=True)
+
+    @property
+    def residuals(self) -> Array:
+        """(n,) of the data."""
+        return self.table[: self.count, -1]
+
+    @property
+    def jacobian(self) -> Array:
+        """(n, p) of the data."""
+        return self.table[: self.count, :-1]
+
+    @property
+    def prior(self) -> Array:
+        """(m,) residuals of the priors."""
+        return self.table[self.count :, -1]
+
+    @property
+    def prior_jacobian(self) -> Array:
+        """(m, p) of the priors."""
+        return self.table[self.count :, :-1]
 
 
 class Found(eqx.Module):
@@ -35,9 +56,10 @@ class Found(eqx.Module):
 @eqx.filter_jit
 def linearised(problem: Problem, x: Array) -> Rows:
     """Residuals and their Jacobian."""
-    (r, prior), push = jax.linearize(problem.residual, x)
-    jacobian, prior_jacobian = jax.vmap(push, out_axes=1)(jnp.eye(x.size, dtype=x.dtype))
-    return Rows(r, jacobian, prior, prior_jacobian)
+    parts, push = jax.linearize(problem.residual, x)
+    slopes = jax.vmap(push, out_axes=1)(jnp.eye(x.size, dtype=x.dtype))
+    table = [jnp.concatenate([slope, r[:, None]], axis=1) for slope, r in zip(slopes, parts, strict=True)]
+    return Rows(jnp.concatenate(table), parts[0].size)
 
 
 def lossy(problem: Problem, r: Array) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ import numpy as np
 from .._errors import DataError
 from .._log import field_readings
 from .._precision import host_float64, is_traced
+from .._results import made
 from ..fitting import AbstractLoss
 from ._design._coverage import covered, sphere_grid
 from ._design._heading_error import heading_departure, heading_error, heading_range, information, needed
@@ -232,10 +233,10 @@ def fit(
     if len(used) + full.sum() < len(whole):
         warnings.append(f"{len(used)} of {len(whole)} readings were fitted, evenly from all directions; residuals and outliers are of all.")
     warnings += sentences(said, costs, limits[0], error_with_terms(said, found, dip))
-    result = MagFit(
-        verdict=verdict, reason=reason, method=method, inclination=dip, condition=known.condition, kind=found.kind, penalty=found.penalty,
-        field_error=field_error, names=NAMES if plane is None else PLANAR_NAMES, causes=costs, blocks=said.blocks, **told,
-        down=np.array([0.0, 0.0, 1.0]) if down is None else down, heading_range=span,
+    result = made(
+        MagFit, verdict=verdict, reason=reason, method=method, inclination=dip, condition=known.condition, kind=found.kind,
+        penalty=found.penalty, field_error=field_error, names=NAMES if plane is None else PLANAR_NAMES, causes=costs, blocks=said.blocks,
+        down=np.array([0.0, 0.0, 1.0]) if down is None else down, heading_range=span, **told,
         **_of_all(found, frame, whole, told, norm, warnings),
     )  # fmt: skip
     if turn is None:

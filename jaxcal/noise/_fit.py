@@ -1,6 +1,5 @@
 """`fit`: noise coefficients of a record, and `characterise`: of every channel of a log."""
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from functools import partial
 
@@ -10,6 +9,7 @@ from .._errors import DataError
 from .._log import as_log
 from .._precision import host_float64, is_traced
 from .._quality import checked_rate, refuse_other_than_samples
+from .._results import replaced
 from .._types import Any
 from ..allan import deviation
 from ._axes import sentences_of_axes
@@ -156,9 +156,9 @@ def _fit(y, rate, method, terms, confidence, band, conservative=False, robust=Fa
         said = sentences_of_checks(jump, *resolution(y[:, i] if many else y), 1.0 / curve.rate, white)
         at = [sample / curve.rate for sample in jump.steps[:_MOST_EVENTS]]
         events = tuple(sorted([*((time, time, "step") for time in at), *fits[i].events]))
-        fits[i] = dataclasses.replace(fits[i], warnings=(*said, *fits[i].warnings), events=events)
+        fits[i] = replaced(fits[i], warnings=(*said, *fits[i].warnings), events=events)
     if conservative:
-        fits = [dataclasses.replace(found, conservative=overbound(found)) for found in fits]
+        fits = [replaced(found, conservative=overbound(found)) for found in fits]
     return stacked(fits) if many else fits[0]
 
 
@@ -214,14 +214,14 @@ def characterise(
         report(done, len(channels), name)
         try:
             found = _fit(values, log.rate, method, terms, confidence, band, conservative, robust, temperature)
-            fits[name] = dataclasses.replace(found, sensor=name.partition("_")[0])
+            fits[name] = replaced(found, sensor=name.partition("_")[0])
         except DataError as error:
             raise DataError(f"{name}: {error}") from error
     for sensor in {name.partition("_")[0] for name in fits}:
         axes = {name: fit for name, fit in fits.items() if fit.sensor == sensor}
         if len(axes) > 1:
             for name, sentence in sentences_of_axes(np.stack([channels[name] for name in axes], axis=1), log.rate, axes).items():
-                fits[name] = dataclasses.replace(fits[name], notes=(*fits[name].notes, sentence))
+                fits[name] = replaced(fits[name], notes=(*fits[name].notes, sentence))
     report(len(channels), len(channels), "")
     return fits
 

@@ -8,11 +8,10 @@ r"""Methods "gls", "edf" and "wavelet", which fit an Allan deviation curve with 
   every column changes neither the coefficients nor their covariance, so this method is edf on other cluster sizes.
 """
 
-import dataclasses
-
 import numpy as np
 
 from .._errors import FitError
+from .._results import replaced
 from ..allan import Deviation
 from . import _messages
 from ._allanfit import alone, choose_band, covariance_of, fit_curve, response
@@ -58,7 +57,7 @@ def fit_jointly(
         *_messages.of_curve(deviation, float(found.step)),
     )
     left_out = _messages.of_octaves(deviation, used, np.sqrt(found.modelled * unit), automatic)
-    return dataclasses.replace(fit, deviation=with_edf(deviation, used, found.edf), left_out=left_out, warnings=warnings)
+    return replaced(fit, deviation=with_edf(deviation, used, found.edf), left_out=left_out, warnings=warnings)
 
 
 def with_second_opinion(found: NoiseFit, samples: int) -> NoiseFit:
@@ -77,11 +76,11 @@ def with_second_opinion(found: NoiseFit, samples: int) -> NoiseFit:
     kept = found.used & (variance > _LEFT * curve.deviation**2)
     if kept.sum() <= len(terms) + 1:
         note = "no second opinion: too few cluster times are left in the band, or lines make up most of the Allan variance"
-        return dataclasses.replace(found, notes=(*found.notes, note))
+        return replaced(found, notes=(*found.notes, note))
     data, kept, unit = curve_of(curve, samples, terms, variance, kept)
     lanes = alone(data, kept, np.asarray(not found.used[0]))
     (theta,), _ = estimate(data, lanes, full=True)
     errors = np.sqrt(np.diagonal(covariance_of(data, lanes, theta, True))) * unit
     other = noise_of(terms, np.sqrt(theta[: len(terms)] * unit).tolist())
     said = _messages.of_difference(found, other, dict(zip(names, errors, strict=False)))
-    return dataclasses.replace(found, other=other, warnings=(*found.warnings, *said))
+    return replaced(found, other=other, warnings=(*found.warnings, *said))

@@ -11,7 +11,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import is_traced, map_ordered
-from .._results import Result, Row
+from .._results import Result, Row, replaced
 from .._types import AnyArray
 from .._units import noise_factor, noise_units
 from ..allan import Deviation
@@ -196,7 +196,7 @@ def without_terms(fit: NoiseFit, names: Sequence[str], tables: bool) -> NoiseFit
     """Remove terms from `terms` and `covariance`, and with `tables` also from the tables; the noise model keeps them."""
     kept = [i for i, name in enumerate(fit.terms) if name not in names]
     entries = ("interval", "upper_limit", "verdict", "significance", "longer_record", "decides") if tables else ()
-    return dataclasses.replace(
+    return replaced(
         fit,
         terms=tuple(fit.terms[i] for i in kept),
         covariance=fit.covariance[np.ix_(kept, kept)],
@@ -306,4 +306,4 @@ def with_edf(curve: Deviation, used, edf) -> Deviation:
     """The deviation with the edf of the fitted model at the cluster sizes `used`, and with the limits that follow from them."""
     edf = np.where(used, np.maximum(edf, 1.0), curve.edf)
     low, high = interval_factors(edf, curve.confidence)
-    return dataclasses.replace(curve, edf=edf, lower=curve.deviation * low, upper=curve.deviation * high)
+    return replaced(curve, edf=edf, lower=curve.deviation * low, upper=curve.deviation * high)

@@ -1,11 +1,11 @@
 """Method "whittle": one channel in, one `NoiseFit` out."""
 
-import dataclasses
 from typing import NamedTuple
 
 import numpy as np
 
 from .._errors import DataError, FitError
+from .._results import replaced
 from .._types import AnyArray
 from ..allan import Deviation, deviation
 from . import _messages, _rivals as rivals
@@ -243,7 +243,7 @@ def _assembled(curve: Deviation, plain: Described, model: Described, judged: Jud
     # the spectrum of the plain model is close enough for the degrees of freedom of the curve
     curve = with_edf(curve, used, _model_edf(curve, plain.solved, n))
     verdict = fit.verdict | dict.fromkeys(judged.doubts, "hint")
-    return dataclasses.replace(fit, verdict=verdict, deviation=curve, spectrum=_fitted_spectrum(solved))
+    return replaced(fit, verdict=verdict, deviation=curve, spectrum=_fitted_spectrum(solved))
 
 
 def _with_messages(
@@ -270,7 +270,7 @@ def _with_messages(
     )
     notes = (*notes, _messages.of_markov(fit)) if any(term.name == "markov" for term in parts.asked) else notes
     events = (*_messages.events_of_causes(model.causes), *_messages.events_of_parts(judged.levels, judged.uneven, duration, dt))
-    fit = dataclasses.replace(fit, left_out=left_out, warnings=warnings, notes=notes, events=events)
+    fit = replaced(fit, left_out=left_out, warnings=warnings, notes=notes, events=events)
     return without_terms(fit, [term.name for term in model.extra], tables=not parts.sought)
 
 

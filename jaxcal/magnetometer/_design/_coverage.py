@@ -9,6 +9,7 @@ import scipy  # loads its parts when they are first used
 
 from ..._errors import DataError
 from ..._precision import host_float64
+from ..._results import made
 from ..._types import AnyArray
 
 _POLE, _RING = 1.37046, 0.74776  # latitudes that bound the 100 regions of equal area
@@ -16,6 +17,7 @@ _HIGH, _LOW = 1.05911, 0.37388  # latitudes of the regions' centres
 _GRID = 500
 _GAPS = np.array([1.0, 0.2, 0.01, 0.0])  # weight of a region with 0, 1, 2, or more readings
 _MANY = 2000  # number of readings above which a tree finds neighbours faster than all products
+_BLOCK = 128
 
 
 class Coverage(eqx.Module):
@@ -58,10 +60,18 @@ def sphere_grid(count: int = _GRID) -> np.ndarray:
     return grid
 
 
+def _cosines(directions: np.ndarray) -> np.ndarray:
+    """Products of unit vectors with the grid points, by blocks: BLAS would start threads, which wait while other work keeps a core busy."""
+    found = np.empty((len(directions), _GRID))
+    for i in range(0, len(found), _BLOCK):
+        np.matmul(directions[i : i + _BLOCK], sphere_grid().T, out=found[i : i + _BLOCK])
+    return found
+
+
 def bins(directions: np.ndarray) -> np.ndarray:
     """Index of the nearest of the 500 grid points for each unit vector."""
     if len(directions) <= _MANY:
-        return (directions @ sphere_grid().T).argmax(axis=1)
+        return _cosines(directions).argmax(axis=1)
     return np.asarray(_tree().query(directions)[1])
 
 
@@ -142,11 +152,12 @@ def covered(m: Any) -> Coverage:
     filled = counts > 0
     offset = (sums[filled] / counts[filled, None] - middles()[filled] * norm.mean()).mean(axis=0)
     if len(m) <= _MANY:
-        cosine = directions @ sphere_grid().T
+        cosine = _cosines(directions)
         bin_of, square = cosine.argmax(axis=1), 2 - 2 * float(cosine.max(axis=0).min())
     else:
         bin_of, square = bins(directions), float(np.max(scipy.spatial.KDTree(directions).query(sphere_grid())[0])) ** 2
-    return Coverage(
+    return made(
+        Coverage,
         counts=counts,
         gaps=float(np.sum(_GAPS[np.minimum(counts, 3)])),
         variance=float(100 * norm.std() / norm.mean()),

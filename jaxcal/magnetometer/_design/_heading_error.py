@@ -130,6 +130,12 @@ def _moments_about(inclination: float, down: tuple[float, ...] | None) -> np.nda
     return np.array(found)
 
 
+@functools.lru_cache(maxsize=64)
+def _moments_at(dips: tuple[float, ...], axes: tuple[tuple[float, ...], ...]) -> np.ndarray:
+    """`_moments` at level for every dip and axis, (dips axes, 12, 12)."""
+    return np.array([_moments_about(float(dip), axis)[0] for dip in dips for axis in axes])
+
+
 def _spread_of_change(shape: Any, covariance: Any) -> Any:
     """Covariance of (D, d), (12, 12), from that of the shape's entries and the centre: D = dS S^-1 and d = -S db with the root S."""
     xp = array_module(shape)
@@ -161,9 +167,9 @@ def heading_range(shape: AnyArray, covariance: AnyArray, dip: float | None, down
     if not np.isfinite(covariance).all():
         return np.full(2, np.inf)
     dips, axes = _DIPS if dip is None else (dip,), np.eye(3) if down is None else [down]
-    spread = _spread_of_change(shape, covariance)
-    errors = np.sqrt([max(np.sum(_moments(angle, axis)[0] * spread), 0.0) for angle in dips for axis in axes])
-    return np.array([errors.min(), errors.max()])
+    moments = _moments_at(dips, tuple(tuple(axis) for axis in np.asarray(axes).tolist()))
+    squares = np.maximum((moments * _spread_of_change(shape, covariance)).sum(axis=(1, 2)), 0.0)
+    return np.sqrt(np.array([squares.min(), squares.max()]))
 
 
 def heading_departure(first: Found, second: Found, inclination: float) -> np.ndarray:

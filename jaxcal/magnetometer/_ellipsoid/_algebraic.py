@@ -193,6 +193,7 @@ def axes(u: np.ndarray, vectors: np.ndarray | None = None) -> tuple[np.ndarray, 
     return (vectors / radii**2) @ vectors.T, centre
 
 
+_ROUNDING = float(np.finfo(float).eps)  # of an eigenvalue of Psi: closer to zero, false position would only follow rounding
 _LARGEST = 0.6  # noise, in units of the readings' rms radius, above which a fit is meaningless
 #: exponents (x, y, z) of the ten monomials, of their 100 products, and of the 35 moments, which all occur among the products
 _EXPONENTS = ((2, 0, 0), (1, 1, 0), (0, 2, 0), (1, 0, 1), (0, 1, 1), (0, 0, 2), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0))
@@ -248,7 +249,7 @@ def _crossing(function: Callable[[float], float], low: float, high: float) -> fl
     for _ in range(100):
         before, x = x, low + (high - low) * above / (above - below)
         value = function(x)
-        if value == 0 or abs(x - before) <= 1e-15 * x:
+        if abs(value) <= _ROUNDING or abs(x - before) <= 1e-15 * x:
             break
         # halve the height of an end that stays twice, so that the next line does not reach there again
         if value > 0:

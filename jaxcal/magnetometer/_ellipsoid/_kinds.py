@@ -27,7 +27,7 @@ _MOVES = {
     "ellipse": ((0, 5), (1,), (3,), (6,), (7,)),
 }
 #: positions of (U_11, U_12, U_13, U_22, U_23, U_33, b) among the nine entries of U and the centre
-_PLACE = (0, 1, 2, 4, 5, 8, 9, 10, 11)
+PLACE = np.array([0, 1, 2, 4, 5, 8, 9, 10, 11])
 
 
 @functools.cache
@@ -35,7 +35,7 @@ def basis_of(kind: str) -> np.ndarray:
     """Matrix (12, 9) from the parameters of a kind, padded with zeros, to the entries of U and the centre."""
     basis = np.zeros((12, 9))
     for column, rows in enumerate(_MOVES[kind]):
-        basis[[_PLACE[row] for row in rows], column] = 1.0
+        basis[[PLACE[row] for row in rows], column] = 1.0
     basis.flags.writeable = False
     return basis
 
@@ -64,7 +64,7 @@ def parameters_of(kind: str, shape: Any, centre: Any) -> Any:
     else:
         upper = xp.linalg.cholesky(shape).T
     full = xp.concatenate([upper.ravel(), centre])
-    first = np.array([_PLACE[rows[0]] for rows in _MOVES[kind]])
+    first = np.array([PLACE[rows[0]] for rows in _MOVES[kind]])
     return xp.concatenate([full[first], xp.zeros(9 - len(first))])
 
 

@@ -10,6 +10,7 @@ is a power w of Jeffreys' prior in these natural parameters,
 D. Firth, Biometrika 80 (1993) 27, has w = 1; G. Heinze and M. Schemper, Stat. Med. 21 (2002) 2409, use it where fits diverge.
 """
 
+import dataclasses
 from types import ModuleType
 
 import equinox as eqx
@@ -45,7 +46,10 @@ class Size(eqx.Module):
     error: float
 
 
-class Penalty(eqx.Module):
+# each fit makes one of these and one of `Readings`, and an Equinox module takes five times as long to make
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class Penalty:
     """The penalty for one kind of model, and the prior of its size.
 
     basis : (9, 9) columns of `BASES`, padded with zeros; idle : (9,) one for the padding.
@@ -104,7 +108,9 @@ def half_log_det(upper: Any, z: Any, weight: Any, basis: Any, idle: Any, xp: Mod
     return xp.linalg.slogdet(matrix)[1] / 2, slope.T @ z, slope @ upper
 
 
-class Readings(eqx.Module):
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class Readings:
     """Scaled readings (n, 3), weight (n,), zero for padding, scale of a residual, noise variance for the curvature term, `basis_of`."""
 
     u: Any

@@ -11,7 +11,7 @@ from ...fitting import AbstractLoss
 from ...fitting._information import symmetric_inverse
 from .._design._coverage import bins
 from ._algebraic import NotEllipsoid, away, robust_start, start
-from ._kinds import COUNT, basis_of, shape_and_centre
+from ._kinds import COUNT, PLACE, basis_of, shape_and_centre
 from ._orthogonal import described, flat
 from ._residuals import Readings, orthogonal
 from ._shape import Found, directions_of, root, unit
@@ -55,7 +55,7 @@ def _nearest(full: Found, kind: str) -> np.ndarray | None:
         return None
     free = COUNT[kind]
     whiten = symmetric_inverse(full.covariance)
-    basis = np.delete(basis_of(kind), (3, 6, 7), axis=0)[:, :free]
+    basis = basis_of(kind)[PLACE, :free]
     begin = np.zeros(9)
     begin[:free] = symmetric_inverse(basis.T @ whiten @ basis) @ (basis.T @ whiten @ full.parameters)
     return begin if (begin[: COUNT[kind] - 3] > 0).all() else None
