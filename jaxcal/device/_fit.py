@@ -59,10 +59,9 @@ def fit(
 
     Here t is the length of a window, g gravity, h the field, C the soft iron and b_m the hard iron. The device rotates about a point, such
     as the wrist; the fit estimates its distance. The position of that point is a Matern process, whose size and speed come from the
-    recording. The fit detects rests and uses them. It begins with the noise of the fast differences of the readings. In motion the hand
-    hides the noise of the accelerometer, so there its level is also at least that of its spectrum above 15 Hz, continued to 5 Hz. If the
-    residuals of a sensor, summed over 0.2 to 13 s, in motion or at rest, are larger than the noise explains, the fit raises the noise level
-    of that sensor to explain them.
+    recording. The fit detects rests and uses them. It begins with the noise above 15 Hz, where hands hardly move; for an accelerometer in
+    motion it continues this spectrum to 5 Hz. If the residuals of a sensor, summed over 0.2 to 13 s, in motion or at rest, are larger than
+    this noise explains, the fit raises the noise level of that sensor to explain them.
 
     Parameters
     ----------
