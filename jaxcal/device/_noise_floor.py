@@ -28,7 +28,7 @@ def noise_floor(y: np.ndarray, rate: float, lost: np.ndarray) -> Floor:
 
     Filters, and processes within a sensor, make noise that is stronger at low frequencies, where motion hides it. So the spectrum above
     the band of a hand is described as white noise and a Gauss-Markov process, whose corner frequency is at least that of the windows.
-    This bounds what a steep filter adds to the result: it is at most four times too large. A process with a steeper spectrum has no bound.
+    A steep filter has another shape: with Butterworth filters of order 2 and 4 at 10 to 42 Hz the result was 0.3 to 3.8 times the density.
     """
     changes = np.abs(np.diff(y, axis=0))
     least = float(np.min(changes[changes > 0])) ** 2 / 12 / rate
