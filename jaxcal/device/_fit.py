@@ -274,8 +274,8 @@ def _result(
     facts = {
         "names": names, "values": values, "covariance": covariance, "undetermined": undetermined, "disturbed": disturbed,
         "reach": place.reach, "place": found.way.place, "disagreement": told.ratio, "converged": found.converged, "field": model.field,
-        "model": model, "lacks": missing, "duration": float(log.duration), "freedom": told.freedom, "strength": strength,
-        "axes": axes,
+        "model": model, "lacks": missing, "duration": float(log.duration), "freedom": told.freedom, "strength": strength, "axes": axes,
+        "rate": float(log.rate),
     }  # fmt: skip
     verdict, reason, warnings, verdicts = judged(facts)
     start = record.grid.first * record.grid.step

@@ -15,6 +15,7 @@ _MOTIONS = {
     "magnetometer": "turn it about all three of its axes, through all attitudes",
 }
 _TITLES = {"accel": "accelerometer", "gyro": "gyroscope", "magnetometer": "magnetometer"}
+_SLOW = 40.0  # Hz; below it, the noise of the readings includes the tremor of the hand
 _WIDE = 1.5  # m from the mean position: a hand with a reach of 0.25 m along each axis goes 1.1 m away in three minutes
 
 
@@ -63,6 +64,11 @@ def judged(facts: dict[str, Any]) -> tuple[str, str, tuple[str, ...], dict[str, 
                 f"The axes of the {_TITLES[sensor]} are not those of the accelerometer: {named(axes, 'accelerometer')}. The "
                 "calibration contains this rotation."
             )
+    if facts["rate"] < _SLOW:
+        warnings.append(
+            f"At {facts['rate']:.3g} Hz, the noise of the readings cannot be told from the tremor of the hand, so the intervals are too "
+            "wide: record at 50 Hz or more."
+        )
     away = np.linalg.norm(facts["place"] - facts["place"].mean(axis=0), axis=1).max()
     if away > _WIDE:
         warnings.append(

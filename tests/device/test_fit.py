@@ -213,6 +213,7 @@ def test_turns_about_one_axis_leave_parameters_without_numbers():
     found = fit(simulate(40.0, 25.0, seed=3, turns="one axis")[0])
     assert found.verdict == "refused"
     assert "turn it about all three" in found.reason
+    assert any(word.startswith("At 25 Hz, the noise of the readings") for word in found.warnings)
     lost = [found.names.index(name) for name in found.undetermined]
     assert set(found.undetermined) >= {"gyro.matrix[0,0]", "magnetometer.soft_iron[0,0]"}
     assert np.isnan(found.values[lost]).all()
