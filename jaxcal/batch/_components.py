@@ -17,6 +17,7 @@ from .._types import AnyArray, Groups
 _DRAWS = 20_000  # number of draws for the generalised intervals
 _SEED = 24  # seed of the draws: the same study always gives the same numbers
 _POOL = 0.25  # p value above which an interaction counts as repeatability: the rule of the AIAG manual
+_ROUNDING = 1e-13  # scatter of repeated measurements, relative to the largest, that rounding alone can make
 _LARGEST = 4_000_000  # largest number of values times groups
 _OPEN = 3.0  # ratio of a component's upper limit to the scatter of the whole study above which the study is weak
 _CATEGORIES = 1.41  # distinct categories: 1.41 times the standard deviation of parts over that of the gauge
@@ -264,6 +265,7 @@ def _table(values: np.ndarray, columns: dict[str, np.ndarray]) -> tuple[np.ndarr
     n = len(values)
     if n * max(int(group.max()) + 1 for group in columns.values()) > _LARGEST:
         raise DataError(f"{n} values are too many: values times groups of a level may be {_LARGEST}; use jaxcal.batch.population")
+    centred = values - values.mean()
     basis = np.full((n, 1), n**-0.5)
     members = [np.eye(group.max() + 1)[group] for group in columns.values()]
     squares, freedom, expected = [], [], []
@@ -273,15 +275,17 @@ def _table(values: np.ndarray, columns: dict[str, np.ndarray]) -> tuple[np.ndarr
         new = left[:, size > 1e-8 * max(size.max(), 1.0)]
         if not new.shape[1]:
             raise DataError(f"level {name!r} cannot be told from those before it; leave it out")
-        squares.append(float(np.sum((new.T @ values) ** 2)))
+        squares.append(float(np.sum((new.T @ centred) ** 2)))
         freedom.append(new.shape[1])
         expected.append([float(np.sum((new.T @ one) ** 2)) / new.shape[1] for one in members] + [1.0])
         basis = np.concatenate([basis, new], axis=1)
     left_over = n - basis.shape[1]
     if left_over < 1:
         raise DataError(f"{n} values for as many groups: none is left for the repeatability; measure each group twice")
-    squares.append(max(float(values @ values - np.sum((basis.T @ values) ** 2)), 0.0))
-    if not squares[-1] > 1e-20 * float(values @ values):
+    # the residuals themselves: a difference of two large sums of squares would be rounding where measurements hardly scatter
+    rest = centred - basis @ (basis.T @ centred)
+    squares.append(float(rest @ rest))
+    if not squares[-1] > n * (_ROUNDING * float(np.max(np.abs(values)))) ** 2:
         raise DataError("repeated measurements are equal to rounding: record with a finer resolution")
     return np.array(squares), np.array([*freedom, left_over], dtype=float), np.array([*expected, [0.0] * len(members) + [1.0]])
 

@@ -92,6 +92,19 @@ def test_gauge_studies_find_their_components_and_intervals_hold(deviations):
     assert np.mean(held, axis=0)[~there].min(initial=1.0) > 0.93
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_rounding_is_not_a_result(seed):
+    rng = np.random.default_rng(seed)
+    part, operator, again = (index.ravel() for index in np.indices((7, 3, 2)))
+    exact = 10.0 ** rng.uniform(-6, 6) * (rng.normal() + rng.normal(size=7)[part] + rng.normal(size=3)[operator])
+    with pytest.raises(DataError, match="equal to rounding"):
+        gauge(exact, part, operator)
+    # a thousandth of a millionth of the value is measured with full precision, whatever the mean
+    noise = rng.normal(size=42)
+    study = components(9.81 + 1e-9 * noise, {"part": part, "recording": again})
+    np.testing.assert_allclose(study.mean_square, 1e-18 * components(noise, {"part": part, "recording": again}).mean_square, rtol=1e-5)
+
+
 def test_messages():
     part, operator = np.repeat(np.arange(4), 3), np.tile(np.arange(3), 4)
     with pytest.raises(DataError, match="none is left for the repeatability; measure each group twice"):
