@@ -1,15 +1,20 @@
 """Checks of a record that need no noise model: constant values, spikes, steps, and a resolution coarser than the noise."""
 
+import itertools
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
 from .._errors import DataError
+from ._model import BUILT_IN
+from ._terms import GaussMarkov, Term
 
 _SPIKE = 10.0  # robust standard deviations above which a difference between two samples is a spike or a step
 _MOST_SPIKES = 1e-3  # share of samples above which spikes are taken as heavy tails of the noise
 _SAMPLE = 20_000  # samples from which the resolution is found
 _LEVELS = 2_000  # most different values of a record whose resolution can be found
+_ALIKE, _FREQUENCIES = 1e-6, 64  # relative difference of two densities that no record shows; number of frequencies compared
 _SMALLEST, _LARGEST = 1e-100, 1e100  # smallest and largest range of a record whose squares keep their digits
 
 
@@ -27,6 +32,20 @@ def refuse_extremes(y) -> None:
         if not _SMALLEST < span < _LARGEST and np.isfinite(span):
             raise DataError(
                 f"{where} spans {span:.3g}: its squares leave the range of numbers. Give it in SI units (rad/s, m/s^2, T), or rescale it"
+            )
+
+
+def refuse_alike(terms: tuple[Term, ...], samples: int, dt: float) -> None:
+    """Raise a `DataError` if the densities of two terms have the same shape at all frequencies of a record of so many samples."""
+    if all(term.name in BUILT_IN for term in terms):
+        return
+    f = np.geomspace(0.5 / (samples * dt), 0.5 / dt, _FREQUENCIES)
+    with jax.ensure_compile_time_eval():
+        shapes = {term.name: np.asarray(term.psd(f, dt)) for term in terms if not (isinstance(term, GaussMarkov) and term.time is None)}
+    for (one, a), (other, b) in itertools.combinations(shapes.items(), 2):
+        if np.all(a > 0.0) and np.all(b > 0.0) and np.ptp(np.log(a / b)) < _ALIKE:
+            raise DataError(
+                f"the terms {one} and {other} have densities of the same shape in this record, so it cannot tell them apart; leave one out"
             )
 
 

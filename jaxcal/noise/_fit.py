@@ -13,7 +13,7 @@ from .._results import replaced
 from .._types import Any
 from ..allan import deviation
 from ._axes import sentences_of_axes
-from ._checks import find_jumps, refuse_extremes, resolution, sentences_of_checks
+from ._checks import find_jumps, refuse_alike, refuse_extremes, resolution, sentences_of_checks
 from ._display import fit_plainly
 from ._joint import fit_jointly, with_second_opinion
 from ._model import checked_terms
@@ -121,12 +121,12 @@ def _fit(y, rate, method, terms, confidence, band, conservative=False, robust=Fa
         raise DataError(f'a robust fit needs method "whittle"; got method {method!r}')
     if not 0.0 < confidence < 1.0:
         raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)")
-    traced = is_traced(y)
+    traced, rate = is_traced(y), checked_rate(rate)
     y = y if traced else np.asarray(y)
     samples, many = y.shape[0] if y.ndim else 0, y.ndim == 2
     m, jumps = clusters(method, samples, terms), []
+    refuse_alike(terms, samples, 1.0 / rate)
     if traced:
-        rate = checked_rate(rate)
         if robust:
             raise DataError("heavy tails are found by a search on the host; ask for robust=True outside of jit, vmap and grad")
         if conservative:

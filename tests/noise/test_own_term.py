@@ -190,6 +190,7 @@ def test_state_space_of_a_term():
     [
         (("N", LAW, PowerLaw(2.0)), "distinct names"),
         (("N", PowerLaw(np.array([1.0, 2.0]))), "must be numbers"),
+        (("N", PowerLaw(0.0)), "N and P have densities of the same shape"),
     ],
 )
 def test_messages(terms, words):
