@@ -12,9 +12,8 @@ from ..._compile import one_kernel, stored_jit
 from ..._types import Array, Float, Int
 from ._phase import BLOCK
 
-_ENDS = 64  # number of sums of a lane that are added one after another
 _LANE = 4096  # points per vector operation; BLOCK // _LANE of them are unrolled
-_SHORT_LANE = 528  # the same for a record that stays in the cache, two of them unrolled
+_SHORT_LANE, _SUMS = 512, 16  # the same for a record that stays in the cache, two of them unrolled; sums for each of its cluster sizes
 _WIDE: dict[str, bool | str] = {"xla_cpu_prefer_vector_width": "512"}  # a quarter faster on cores with such vectors
 
 Parts = tuple[Float[Array, " padded"], ...]
@@ -126,47 +125,49 @@ def block_sums(
 @functools.partial(stored_jit, static_argnames=("order", "strided"), compiler_options=_WIDE)
 @one_kernel
 def cached_sums(
-    parts: Parts,
-    m: Int[Array, " rows"],
-    count: Int[Array, " rows"],
-    clusters: Int[Array, ""],
-    *,
-    order: int,
-    strided: bool,
-) -> Float[Array, " rows"]:
-    """`block_sums` for a record without gaps that stays in the cache as a whole, at the first `clusters` of the cluster sizes.
+    parts: Parts, m: Int[Array, " rows"], count: Int[Array, " rows"], *, order: int, strided: bool
+) -> Float[Array, " rows"]:  # fmt: skip
+    """`block_sums` for a record without gaps that stays in the second-level cache as a whole.
 
-    The record is read once for each cluster size. This needs a single row of sums, where one row for every cluster size would not stay in
-    the cache. The number of cluster sizes is data too: rows beyond it cost nothing.
+    Blocks are short, so that their starting points stay in the first-level cache for all cluster sizes. The squares of a block are added
+    in halves to 16 sums per cluster size, because in a plain sum each addition waits for the one before. The number of cluster sizes is
+    data too: rows with a count of 0 cost nothing.
     """
+    width = 2 * _SHORT_LANE
 
-    def cluster(row, sums):
-        size, number = m[row], count[row]
+    def block(index, sums):
+        start = index * width
 
-        def lane(start, limit=None):
-            """Squares over one lane; `limit` cuts it at the end of the record."""
-
+        def squares(at, size, limit):
             def take(array, shift):
                 if strided:
-                    return array[(start + jnp.arange(_SHORT_LANE) + shift) * size]
-                return lax.dynamic_slice(array, (start + shift * size,), (_SHORT_LANE,))
+                    return array[(at + jnp.arange(_SHORT_LANE) + shift) * size]
+                return lax.dynamic_slice(array, (at + shift * size,), (_SHORT_LANE,))
 
             d = difference_of(parts, take, order)
             if limit is not None:
-                d = jnp.where(start + jnp.arange(_SHORT_LANE) < limit, d, 0.0)
+                d = jnp.where(at + jnp.arange(_SHORT_LANE) < limit, d, 0.0)
             return d * d
 
-        def pair(start, limit=None):
-            return lane(start, limit) + lane(start + _SHORT_LANE, limit)
+        def row(j, sums, limit=None):
+            total = squares(start, m[j], limit) + squares(start + _SHORT_LANE, m[j], limit)
+            old = lax.dynamic_slice(sums, (j, 0), (1, _SUMS))
+            return lax.dynamic_update_slice(sums, old + _halved(total, _SUMS)[None], (j, 0))
 
-        width = 2 * _SHORT_LANE
-        pairs = number // width
-        total = lax.fori_loop(0, pairs, lambda i, total: total + pair(i * width), pair(pairs * width, number))
-        while len(total) > _ENDS:  # in halves, because in a plain sum each addition waits for the one before
-            total = total[: len(total) // 2] + total[len(total) // 2 :]
-        return sums.at[row].set(jnp.sum(total))
+        full, begun = jnp.sum(start + width <= count), jnp.sum(start < count)
+        sums = lax.fori_loop(0, full, row, sums)
+        return lax.fori_loop(full, begun, lambda j, sums: row(j, sums, count[j]), sums)
 
-    return lax.fori_loop(0, clusters, cluster, jnp.zeros(m.shape, parts[0].dtype))
+    blocks = (count[0] + width - 1) // width
+    return _halved(lax.fori_loop(0, blocks, block, jnp.zeros((len(m), _SUMS), parts[0].dtype)), 1)[:, 0]
+
+
+def _halved(values, length: int):
+    """Sums of the last axis in halves, until only `length` are left."""
+    while values.shape[-1] > length:
+        half = values.shape[-1] // 2
+        values = values[..., :half] + values[..., half:]
+    return values
 
 
 @functools.partial(jax.jit, static_argnames=("less", "order", "strided", "rule"))
