@@ -120,6 +120,7 @@ def _run(problem: Problem) -> dict[str, Any]:
         "prior_jacobian": rows.prior_jacobian,
         "at_bound": found.held,
         "steps": found.steps,
+        "flat": found.flat,
         "effective": jnp.sum(~found.held, dtype=r.dtype),
     }
 

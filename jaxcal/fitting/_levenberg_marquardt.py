@@ -1,4 +1,4 @@
-"""The default solver: Levenberg-Marquardt on scaled normal equations, with bounds by projection.
+"""The default solver: Levenberg-Marquardt on scaled normal equations, with bounds.
 
 It is an optimistix solver with its own step, for two reasons. `optimistix.least_squares` has no bounds. And this step evaluates the
 residuals only once, together with their Jacobian, so that the compiled loop contains them once.
@@ -18,6 +18,8 @@ from .._types import Array
 _FIRST_DAMPING = 1e-2
 #: Shares of the predicted decrease: above the first a step is accepted, above the second the next step is longer.
 _ACCEPTED, _GOOD = 0.01, 0.75
+#: Rounding of the cost in units of the machine precision.
+_ROUNDING = 16
 _SHORTER, _LONGER = 0.25, 3.5
 
 
@@ -36,13 +38,27 @@ class Linear(eqx.Module):
 
     def steps(self, damping: Array) -> tuple[Array, Array]:
         """Gauss-Newton steps of the scaled parameters: damped (one damping value per parameter), and undamped."""
-        p, dtype = self.gradient.size, self.gram.dtype
-        free = ~self.held
+        damped, newton = self._solved(jnp.stack([damping, jnp.zeros_like(damping)]), ~self.held, -self.gradient)
+        return damped, newton
+
+    def _solved(self, damping: Array, free: Array, side: Array) -> Array:
+        """Solutions of the normal equations of the `free` parameters, one for each row of damping values; zero for the others."""
+        p, dtype = side.size, side.dtype
         matrix = jnp.where(free[:, None] & free[None, :], self.gram, jnp.eye(p, dtype=dtype))
         # The floor keeps the pivots positive if columns are dependent or zero.
-        floor = jnp.maximum(jnp.stack([damping, jnp.zeros_like(damping)]), 10 * p * jnp.finfo(dtype).eps)
-        damped, newton = _eliminated(matrix[None] + floor[:, :, None] * jnp.eye(p, dtype=dtype)[None], jnp.where(free, -self.gradient, 0))
-        return damped, newton
+        floor = jnp.maximum(damping, 10 * p * jnp.finfo(dtype).eps)
+        return _eliminated(matrix[None] + floor[:, :, None] * jnp.eye(p, dtype=dtype)[None], jnp.where(free, side, 0))
+
+    def trial(self, damped: Array, damping: Array, lower: Array, upper: Array) -> Array:
+        """The point at the end of a damped step. Parameters that would cross a bound stop there, and the step of the others allows for it.
+
+        Without this, the others would make up for a change that does not take place.
+        """
+        aim = self.y + damped / self.column
+        stopped = (aim < lower) | (aim > upper)
+        way = jnp.where(stopped, (jnp.clip(aim, lower, upper) - self.y) * self.column, 0)
+        (rest,) = self._solved(damping[None], ~self.held & ~stopped, -self.gradient - self.gram @ way)
+        return jnp.clip(self.y + (way + rest) / self.column, lower, upper)
 
     def predicted(self, y: Array) -> Array:
         """Change of the cost from here to `y`, predicted by the linearised residuals."""
@@ -87,10 +103,13 @@ def held_at(y: Array, gradient: Array, lower: Array, upper: Array) -> Array:
     return ((y <= lower) & (gradient >= 0)) | ((y >= upper) & (gradient <= 0))
 
 
-def linear_problem(jacobian: Array, residual: Array, y: Array, lower: Array, upper: Array) -> Linear:
-    """Form J'J, J'r and r'r as one product, in full precision, because accelerators would round it to ten bits; then scale the columns."""
-    rows, p = jnp.concatenate([jacobian, residual[:, None]], axis=1), y.size
-    product = jnp.matmul(rows.T, rows, precision=jax.lax.Precision.HIGHEST)
+def linear_problem(table: Array, y: Array, lower: Array, upper: Array) -> Linear:
+    """The normal equations of a table, (p + 1, n), of the Jacobian's columns as rows, and of the residuals as the last row.
+
+    J'J, J'r and r'r are one product, in full precision, because accelerators would round it to ten bits. Then the columns are scaled.
+    """
+    p = y.size
+    product = jnp.matmul(table, table.T, precision=jax.lax.Precision.HIGHEST)
     column = jnp.sqrt(jnp.diagonal(product)[:p])
     column = jnp.where(column > 0, column, 1)
     gram, gradient = product[:p, :p] / column[:, None] / column[None, :], product[:p, p] / column
@@ -110,11 +129,11 @@ class State(eqx.Module):
 
 
 class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
-    """Levenberg-Marquardt on scaled normal equations, with bounds by projection.
+    """Levenberg-Marquardt on scaled normal equations. Parameters stop at their bounds.
 
-    The function must return residuals and (their Jacobian, anything to keep of the best point). From a good start the solver is
-    Gauss-Newton. Dependent columns cannot make it fail, and the units of the parameters do not matter. It ends when the remaining step is
-    `rtol` of the statistical uncertainty, or no longer changes the parameters.
+    The function must return residuals and (the table for `linear_problem`, anything to keep of the best point). From a good start the
+    solver is Gauss-Newton. Dependent columns cannot make it fail, and the units of the parameters do not matter. It ends when the
+    remaining step is `rtol` of the statistical uncertainty, or no longer changes the parameters.
     """
 
     rtol: float | Array
@@ -130,18 +149,22 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         return State(linear, seen, y, y, jnp.zeros_like(y), zero + 1, jnp.array(True))
 
     def step(self, fn, y, args, options, state, tags):
-        residual, (jacobian, seen) = fn(state.trial, args)
-        here = linear_problem(jacobian, residual, state.trial, self.lower, self.upper)
+        _, (table, seen) = fn(state.trial, args)
+        here = linear_problem(table, state.trial, self.lower, self.upper)
         change, predicted = (here.total - state.linear.total) / 2, state.linear.predicted(state.trial)
-        accept = state.first | (change <= _ACCEPTED * predicted)
+        # So near the solution that the cost only changes by rounding, the linearised residuals are right, and the cost cannot judge them.
+        rounding = _ROUNDING * jnp.finfo(y.dtype).eps
+        near = (state.linear.offset(state.newton) <= rounding) & (change <= rounding * state.linear.total)
+        accept = state.first | (change <= _ACCEPTED * predicted) | near
         good = ~state.first & (predicted < 0) & (change < _GOOD * predicted)
         size = state.size * jnp.where(accept, jnp.where(good, _LONGER, 1.0), _SHORTER).astype(y.dtype)
         linear, seen = jax.tree.map(lambda new, old: jnp.where(accept, new, old), (here, seen), (state.linear, state.seen))
         # Damp a parameter by its longest column so far (More, 1978); otherwise it could diverge where it has no effect.
         longest = jnp.where(accept, jnp.maximum(state.longest, here.column), state.longest)
-        way, newton = linear.steps(_FIRST_DAMPING / size * (longest / linear.column) ** 2)
-        trial = jnp.clip(linear.y + way / linear.column, self.lower, self.upper)
-        return linear.y, State(linear, seen, trial, newton, longest, size, jnp.array(False)), (jacobian, seen)
+        damping = _FIRST_DAMPING / size * (longest / linear.column) ** 2
+        damped, newton = linear.steps(damping)
+        trial = linear.trial(damped, damping, self.lower, self.upper)
+        return linear.y, State(linear, seen, trial, newton, longest, size, jnp.array(False)), (table, seen)
 
     def terminate(self, fn, y, args, options, state, tags):
         linear = state.linear

@@ -60,6 +60,7 @@ class Fit(eqx.Module, Generic[M]):
     prior_residuals, prior_jacobian : (m,) residuals of the priors, and (m, p) their derivative; empty without priors.
     at_bound : (p,) True where a bound holds the parameter.
     steps : number of evaluations of the residuals.
+    flat : whether the cost has no slope left at the solution. `outcome` and `usable` also tell whether the data determine every parameter.
     effective : number of parameters that the data determine: the free ones minus the part that the priors determine (sum of the leverage).
     names : one name per free parameter.
     robust : whether a loss was used.
@@ -86,6 +87,7 @@ class Fit(eqx.Module, Generic[M]):
     prior_jacobian: AnyArray
     at_bound: AnyArray
     steps: AnyArray
+    flat: Value | np.bool_
     effective: Value
     names: tuple[str, ...] = eqx.field(static=True)
     robust: bool = eqx.field(static=True)

@@ -48,7 +48,7 @@ def _root(ratio: Array) -> Array:
     far = jnp.where(small, 1.0, z)
     near = jnp.where(small, z, 0.0)
     series = 1.0 - near * (2 / 3 - near * (1 / 2 - near * (2 / 5 - near * (1 / 3 - near * (2 / 7 - near / 4)))))
-    return jnp.where(small, near * jnp.sqrt(series / 2.0), jnp.sign(far) * jnp.sqrt(far - jnp.log1p(far)))
+    return jnp.where(small, near * jnp.sqrt(series / 2.0), jnp.sign(far) * jnp.sqrt(far - jnp.log(1.0 + far)))
 
 
 @jax.custom_jvp
@@ -73,7 +73,7 @@ def _deviances(theta: Array, data: tuple[Array, Array]) -> Array:
 def _minimum(shared: Any, lane: tuple[Array, Array, Array, Array]) -> Minima:
     columns, others, start, lower = lane
     fit = solve(_deviances, start, (columns, others), bounds=(lower, np.inf), rtol=shared)
-    return Minima(fit.parameters, fit.cost, fit.usable)
+    return Minima(fit.parameters, fit.cost, fit.flat)
 
 
 def minimise(columns: Any, target: Any, weight: Any, start: Any, *, base: Any = 0.0, rtol: float = FINE) -> Minima:

@@ -29,7 +29,9 @@ def test_noise(truth):
     np.testing.assert_array_equal(fit.parameters == 0, exact == 0)
     np.testing.assert_array_equal(fit.at_bound, exact == 0)
     assert (fit.outcome == Outcome.at_bound) == (exact == 0).any()
-    assert fit.steps < 15
+    assert fit.steps < 10
+    many = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(p.noise_data(truth, seed) for seed in range(60)))
+    assert solve_many(p.noise, p.Coefficients(1.0, 1.0, 1.0, 1.0), many, batched=(False, True), bounds=(0.0, np.inf)).steps.max() < 12
 
     def white(avar):
         return solve(p.noise, p.Coefficients(1.0, 1.0, 1.0, 1.0), {**data, "avar": avar}, bounds=(0.0, np.inf)).model.N2
