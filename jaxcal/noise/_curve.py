@@ -223,15 +223,17 @@ def settle(curve: Curve, lanes: Lane, start, full: bool, enough: float = SETTLED
     return found._replace(theta=found.theta[:, terms - p :], best=found.best[:, terms - p :])
 
 
-def estimate(curve: Curve, lanes: Lane, full: bool) -> tuple[Any, Any]:
+def estimate(curve: Curve, lanes: Lane, full: bool, near: Any = None) -> tuple[Any, Any]:
     """Find the fixed point from a start at zero, and return it with its last change; differentiable in a trace.
 
-    With `full` weights a first guess with independent ones comes before. The iteration carries no derivative. One Newton step for
-    theta = step(theta) at its end provides the derivative, by the implicit function theorem.
+    With `full` weights a first guess with independent ones comes before, unless a start `near` the solution is known. The iteration
+    carries no derivative. One Newton step for theta = step(theta) at its end provides the derivative, by the implicit function theorem.
     """
     traced = namespace(curve, lanes) is jnp
     still, start = (jax.lax.stop_gradient((curve, lanes)), jnp.zeros_like(lanes.held)) if traced else ((curve, lanes), lanes.held)
-    if full:
+    if near is not None:
+        start = near
+    elif full:
         start = settle(*still, start, False, GUESSED).theta
     found = settle(*still, start, full)
     if not traced:

@@ -79,7 +79,8 @@ def with_second_opinion(found: NoiseFit, samples: int) -> NoiseFit:
         return replaced(found, notes=(*found.notes, note))
     data, kept, unit = curve_of(curve, samples, terms, variance, kept)
     lanes = alone(data, kept, np.asarray(not found.used[0]))
-    (theta,), _ = estimate(data, lanes, full=True)
+    squares = np.array([float(found.noise.part(name)[1]) ** 2 for name in names]) / unit
+    (theta,), _ = estimate(data, lanes, True, np.where(lanes.free, np.append(squares, 0.0), 0.0))
     errors = np.sqrt(np.diagonal(covariance_of(data, lanes, theta, True))) * unit
     other = noise_of(terms, np.sqrt(theta[: len(terms)] * unit).tolist())
     said = _messages.of_difference(found, other, dict(zip(names, errors, strict=False)))

@@ -14,7 +14,7 @@ from ._lanes import namespace
 
 _SEARCH = 12  # number of steps of a search
 _FAR = 8.0  # times the level at which values of a search are capped
-_CLOSE = 3e-4  # relative distance from the level, in the root of the likelihood ratio, at which a search ends
+_CLOSE = 3e-3  # relative distance from the level, in the root of the likelihood ratio, from which one last secant reaches it
 
 
 class Limits(NamedTuple):
@@ -65,7 +65,7 @@ def find_limits(ratio: Callable[[Any, Any, Any], tuple[Any, Any]], theta, reach,
     best, reach = theta[lane], xp.maximum(reach, np.finfo(theta.dtype).tiny ** 0.5)[lane]
 
     def body(state):
-        (a, ga), (b, gb), found, last, active, values, states, zero, k = state
+        (a, ga), (b, gb), (c, gc), found, last, active, values, states, zero, k = state
         slope = xp.where(found, gb - ga, 1.0)
         # the first guess is a little beyond the end of a normal interval; downwards zero is tested before it
         inward, outward = (xp.sqrt(xp.maximum(best + sign * 1.1 * level * reach * 2.0**k, 0.0)) for sign in (-0.5, 1.0))
@@ -93,23 +93,27 @@ def find_limits(ratio: Callable[[Any, Any, Any], tuple[Any, Any]], theta, reach,
         b, gb = xp.where(done, 0.0, b), xp.where(done, 1.0, gb)
         last = xp.where(active, xp.where(inside, np.int32(-1), np.int32(1)), last)
         hit = active & ~done & (xp.abs(g) <= _CLOSE * level)
-        b, ga, gb = xp.where(hit, u, b), xp.where(hit, 0.0, ga), xp.where(hit, 0.0, gb)
+        # so near to the level, the error of a secant through the last two values is a small part of the distance
+        rise = xp.where(g == gc, 1.0, g - gc)
+        b = xp.where(hit, xp.maximum(u - g * (u - c) / rise, 0.0), b)
+        ga, gb = xp.where(hit, 0.0, ga), xp.where(hit, 0.0, gb)
         found, active = found | hit, active & ~done & ~hit
-        return (a, ga), (b, gb), found, last, active, values, states, zero, k + 1
+        return (a, ga), (b, gb), (u, g), found, last, active, values, states, zero, k + 1
 
     # in a traced loop every leaf must keep its type
     none, no, states = xp.zeros_like(best), xp.zeros(3 * p, dtype=bool), start[lane]
-    state = (xp.sqrt(best), -level), (none, none), no, xp.zeros(3 * p, dtype=np.int32), ~no, none, states
+    begun = xp.sqrt(best), -level
+    state = begun, (none, none), begun, no, xp.zeros(3 * p, dtype=np.int32), ~no, none, states
     state = (*state, (none[:p], xp.zeros_like(start)), xp.zeros((), dtype=theta.dtype))
 
     def going(state):
-        return xp.any(state[4]) & (state[-1] < _SEARCH)
+        return xp.any(state[5]) & (state[-1] < _SEARCH)
 
     if xp is jnp:
         state = jax.lax.while_loop(going, body, state)
     while xp is np and going(state):
         state = body(state)
-    (a, ga), (b, gb), found, _, _, _, _, zero, _ = state
+    (a, ga), (b, gb), _, found, _, _, _, _, zero, _ = state
     width = xp.where(gb > ga, gb - ga, 1.0)
     end = xp.where(gb > ga, (a * gb - b * ga) / width, b)
     ends = xp.where(found, end**2, np.inf)

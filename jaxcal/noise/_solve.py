@@ -76,15 +76,18 @@ class Lowest(NamedTuple):
     density: AnyArray
 
 
-def solve(observed: Observed, columns: tuple[Term, ...], band) -> Solved:
-    """Fit the samples observed. If some are missing, the fit is repeated until the density that fills the gaps no longer changes."""
+def solve(observed: Observed, columns: tuple[Term, ...], band, lines: AnyArray | None = None) -> Solved:
+    """Fit the samples observed. If some are missing, the fit is repeated until the density that fills the gaps no longer changes.
+
+    `lines` are the spectral lines of an earlier fit of the record; they are found first if none is given.
+    """
     columns, level = (*columns, Filter()), np.ones(1)
-    solved = _solved(observed.bins(columns), columns, band, band is None and observed.complete)
+    solved = _solved(observed.bins(columns), columns, band, band is None and observed.complete, lines)
     for k in range(0 if observed.complete else _ROUNDS):
         before, level = level, _level(solved, k < _ROUGH)
         if k > _ROUGH and np.max(np.abs(np.log(level / before))) < _SETTLED:
             break
-        solved = _solved(observed.bins(columns, level), columns, band, band is None and k + 1 >= _ROUGH)
+        solved = _solved(observed.bins(columns, level), columns, band, band is None and k + 1 >= _ROUGH, lines)
     return solved
 
 
@@ -100,11 +103,11 @@ def solve_alternatives(observed: Observed, solved: Solved, base: tuple[Term, ...
         found = find_alternatives(whole, solved.columns, dt, duration)
         excess = whole.alone.deviance - whole.alone.freedom
         if found.admitted and found.admitted.explained > _MENDED * excess:
-            wider = solve(observed, (*base, *found.admitted.terms), band)
+            wider = solve(observed, (*base, *found.admitted.terms), band, solved.lines)
             if not bool(wider.fitted.cut):
                 return found, wider, solved._replace(fitted=whole)
     found = find_alternatives(solved.fitted, solved.columns, dt, duration)
-    return found, solve(observed, (*base, *found.admitted.terms), band) if found.admitted else solved, solved
+    return found, solve(observed, (*base, *found.admitted.terms), band, solved.lines) if found.admitted else solved, solved
 
 
 def observed_bins(y, dt: float, terms: tuple[Term, ...]) -> Bins:
@@ -132,7 +135,7 @@ def _level(solved: Solved, rough: bool):
     return np.where(own, bins.density, model) * bins.unit
 
 
-def _solved(whole: Bins, columns: tuple[Term, ...], band, automatic: bool) -> Solved:
+def _solved(whole: Bins, columns: tuple[Term, ...], band, automatic: bool, lines: AnyArray | None) -> Solved:
     bins = inside(whole, band)
     count = int(np.sum(bins.weight > 0))
     if count <= len(columns):
@@ -141,9 +144,11 @@ def _solved(whole: Bins, columns: tuple[Term, ...], band, automatic: bool) -> So
         )
     names = tuple(term.name for term in columns)
     group = groups_of(whole.weight, int(np.sum(whole.weight)))
-    plain = without(bins, names, FILTER)
-    first = attempt(plain, group)
-    lines = find_lines(bins, density(plain.columns, first.theta))
+    first = None
+    if lines is None:
+        plain = without(bins, names, FILTER)
+        first = attempt(plain, group)
+        lines = find_lines(bins, density(plain.columns, first.theta))
     clear = bins._replace(weight=bins.weight * (1.0 - lines))
     return Solved(bins, lines, fit_bins(clear, group, automatic, names, None if lines.any() else first), columns)
 

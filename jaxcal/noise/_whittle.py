@@ -183,7 +183,7 @@ def _judged(
         limits = rivals.widest(limits, names, other.scaled(float(plain.solved.bins.unit / unit)), ("B", "K"))
     if "N" in names and (rival := rivals.competing(found, confidence)):
         rest = tuple(term for term in parts.base if term.name not in ("B", "K"))
-        other = solve(model.observed, (*rest, *rival.terms), band)
+        other = solve(model.observed, (*rest, *rival.terms), band, solved.lines)
         wide = widening(other.fitted, other.columns, rival.terms, dt)
         limits = rivals.over_models(limits, names, other.fitted, other.names, wide, float(other.bins.unit / unit), found, confidence)
     return Judged(covariance, limits, decides, {}, uneven, levels)
@@ -199,7 +199,7 @@ def _averaged(
             tried.append(Tried(one, share, model, judged))
             continue
         terms = one.numbered(sum(len(each.model.extra) for each in tried))
-        with_it = _extended(plain, solve(plain.observed, (*parts.base, *terms), band), parts)
+        with_it = _extended(plain, solve(plain.observed, (*parts.base, *terms), band, plain.solved.lines), parts)
         tried.append(Tried(one, share, with_it, _judged(plain, with_it, found._replace(admitted=one), parts, factor, band, confidence)))
     rest = 1.0 - sum(share for _, share in found.shares)
     if rest > _NO_SHARE:
