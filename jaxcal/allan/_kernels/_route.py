@@ -70,7 +70,8 @@ def sums_in_cache(theta, sizes, number, kind: Kind) -> Callable[[], np.ndarray]:
 @functools.lru_cache(maxsize=64)
 def _placed(sizes: bytes, number: bytes) -> tuple[jax.Array, ...]:
     """Cluster sizes and numbers of differences, as the program takes them; records of one length share them."""
-    return tuple(jnp.asarray(array) for array in filled(*(np.frombuffer(held, np.int64) for held in (sizes, number)), MANY))
+    m, count = (np.frombuffer(held, np.int64) for held in (sizes, number))
+    return tuple(jnp.asarray(array) for array in filled(m, count, MANY))
 
 
 def _by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: int, run) -> tuple[np.ndarray, np.ndarray]:
