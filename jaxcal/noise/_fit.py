@@ -87,7 +87,8 @@ def fit(
     Raises
     ------
     DataError
-        If the record is constant, too short for the terms, or not finite (NaN apart), or an option is unknown.
+        If the record is constant, too short for the terms, or not finite (NaN apart), if two terms have densities of the same shape, or
+        if an option is unknown.
     FitError
         If the fit did not give finite coefficients.
 
