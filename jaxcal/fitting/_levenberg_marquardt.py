@@ -18,9 +18,9 @@ from .._types import Array
 _FIRST_DAMPING = 1e-2
 #: Shares of the predicted decrease: above the first a step is accepted, above the second the next step is longer.
 _ACCEPTED, _GOOD = 0.01, 0.75
-#: Rounding of the cost in units of the machine precision.
-_ROUNDING = 16
 _SHORTER, _LONGER = 0.25, 3.5
+#: Relative rounding error of the cost, in units of the machine precision.
+_ROUNDING = 16
 
 
 class Linear(eqx.Module):

@@ -99,7 +99,7 @@ def test_rounding_is_not_a_result(seed):
     exact = 10.0 ** rng.uniform(-6, 6) * (rng.normal() + rng.normal(size=7)[part] + rng.normal(size=3)[operator])
     with pytest.raises(DataError, match="equal to rounding"):
         gauge(exact, part, operator)
-    # a thousandth of a millionth of the value is measured with full precision, whatever the mean
+    # a scatter of 1e-10 of the mean keeps its digits
     noise = rng.normal(size=42)
     study = components(9.81 + 1e-9 * noise, {"part": part, "recording": again})
     np.testing.assert_allclose(study.mean_square, 1e-18 * components(noise, {"part": part, "recording": again}).mean_square, rtol=1e-5)

@@ -127,7 +127,7 @@ def block_sums(
 def cached_sums(
     parts: Parts, m: Int[Array, " rows"], count: Int[Array, " rows"], *, order: int, strided: bool
 ) -> Float[Array, " rows"]:  # fmt: skip
-    """`block_sums` for a record without gaps that stays in the second-level cache as a whole.
+    """`block_sums` for a record without gaps that stays in the second-level cache as a whole; `m` is ascending, `count` descending.
 
     Blocks are short, so that their starting points stay in the first-level cache for all cluster sizes. The squares of a block are added
     in halves to 16 sums per cluster size, because in a plain sum each addition waits for the one before. The number of cluster sizes is
