@@ -172,7 +172,8 @@ def information(true, model, setting):
         covariance = transition @ covariance @ transition.T + driven
         columns = transition @ columns
         if not still[k]:
-            columns[:3, :COUNT] += dt * (rate[k] + rate[k + 1]) / 2
+            # both rates in the axes at the end of the step: in others, a rotation that gyroscope and magnetometer share would turn the attitude
+            columns[:3, :COUNT] += dt * (turned[k] @ rate[k] + rate[k + 1]) / 2
     raise AssertionError
 
 
@@ -208,7 +209,7 @@ def dense(true, model, setting):
             out[k, 3:] = theta[21:30].reshape(3, 3) @ (shifted.T @ outside) + theta[30:33]
             if k < n - 1:
                 step = true.attitude[k].T @ true.attitude[k + 1]
-                depart = step.T @ depart @ step @ rotation((change[k] + change[k + 1]) / 2 * dt + errors[k])
+                depart = step.T @ depart @ step @ rotation((step.T @ change[k] + change[k + 1]) / 2 * dt + errors[k])
         return out.ravel()
 
     scale = np.cbrt(np.linalg.det(np.asarray(model.magnetometer.soft_iron)))
@@ -239,6 +240,24 @@ def dense(true, model, setting):
     cover += np.diag(np.tile(np.repeat([setting.accel**2 / dt, (setting.mag * float(model.field)) ** 2], 3), n))
     jacobian = np.concatenate([by_theta, by_tilt], axis=1)[3:]
     return jacobian.T @ np.linalg.solve(cover[3:, 3:], jacobian)
+
+
+def shared(true, model, setting):
+    """(4,) information on rotations and a delay that gyroscope and magnetometer share, as a part of that on each sensor's own.
+
+    Only the accelerometer can show what they share, so without it this is the error of the numerical integration.
+    """
+    total = information(true, model, dataclasses.replace(setting, accel=1e6))
+    begin = slice(COUNT, None)
+    total = total[:COUNT, :COUNT] - total[:COUNT, begin] @ np.linalg.solve(total[begin, begin], total[begin, :COUNT])
+    turns = np.zeros((2, 4, COUNT))
+    for axis in range(3):
+        turn = skew(np.eye(3)[axis])
+        turns[0, axis, PARTS["gyro matrix"]] = np.ravel(model.gyro.matrix @ turn)
+        turns[1, axis, PARTS["soft iron"]] = np.ravel(model.magnetometer.soft_iron @ turn)
+    turns[0, 3, 34] = turns[1, 3, 35] = 1.0
+    both, alone = (np.einsum("ip,pq,iq->i", v, total, v) for v in (turns.sum(axis=0), turns[0]))
+    return both / alone
 
 
 def cut(true, model, setting):
@@ -339,6 +358,8 @@ if __name__ == "__main__":
     ours, whole = information(path, device, Setting()), dense(path, device, Setting())
     unit = 1 / np.sqrt(np.diag(whole))
     print(f"filter against one dense matrix, 80 samples: {np.abs((ours - whole) * unit[:, None] * unit).max():.1e} of the information")
+    _, device, path = jaxcal.device.simulate(seed=1, swing=2.0)
+    print(f"without accelerometer, on what the other sensors share: {shared(path, device, Setting()).max():.1e} of the information on one's own")
     _, device, path = jaxcal.device.simulate(90.0, 20.0, seed=3, tremor=0.0)
     known = information(path, device, dataclasses.replace(Setting(), gyro=1e-7))[:9, :9]
     ratio = np.sqrt(np.diag(np.linalg.inv(known))) / cut(path, device, Setting())

@@ -8,9 +8,9 @@
 Every recording is one line of the file --out (JSON), written as it comes. Recordings that are in the file already are not fitted again,
 so that an interrupted run goes on. The bound is that of `_device_bound.py`, which knows the noise, the rests and the spectrum of the place.
 
-The table of a cell has, for each group of parameters, the root mean square error, the root mean square bound of the first 25 recordings
-(2 s each; it differs by a tenth between recordings), the ratio of both, the error that the fit predicts, the share of 95 % intervals that
-hold the truth with its own interval of 95 % over recordings, and the errors of the fits to single sensors where there are rests.
+The table of a cell has, for each group of parameters, the root mean square error, the root mean square bound (2 s for each recording), the
+ratio of both, the error that the fit predicts, the share of 95 % intervals that hold the truth with its own interval of 95 % over
+recordings, and the errors of the fits to single sensors where there are rests.
 """
 
 import argparse
@@ -29,7 +29,6 @@ import scipy.signal
 import jaxcal
 
 NOISE_ACCEL, NOISE_GYRO, RATE = 120e-6 * 9.80665, np.deg2rad(0.007), 100.0
-_BOUNDS = 25  # recordings of a cell whose bound is computed
 #: AR(1) of the samples' usual deviation: coefficient 0.7, for all three sensors
 _TAU = -1 / RATE / np.log(0.7)
 
@@ -111,8 +110,8 @@ def of_fit(found):
     return np.asarray(found.values)[at], np.asarray(found.interval)[at]
 
 
-def run(cell, seed, bounded):
-    """The line of one recording, with its bound if that is asked for."""
+def run(cell, seed):
+    """The line of one recording."""
     log, model, true = jaxcal.device.simulate(seed=seed, **cell.motion)
     truth, line = bound.parameters(model), {}
     if cell.flicker:
@@ -134,7 +133,7 @@ def run(cell, seed, bounded):
                  "verdict": found.verdict, "reason": found.reason, "unknown": list(found.undetermined), "disturbed": list(found.disturbed),
                  "warnings": list(found.warnings)}  # fmt: skip
     line["seconds"] = time.perf_counter() - start
-    if cell.known is not None and bounded:
+    if cell.known is not None:
         line["bound"] = np.sqrt(np.diag(bound.covariance_of(bound.information(true, model, cell.known), model)))
     if cell.motion.get("rests"):
         line |= _single(log, truth)
@@ -291,7 +290,7 @@ def main():
         for seed in range(chosen.seed, chosen.seed + chosen.runs):
             for name in chosen.only:
                 if seed not in done[name]:
-                    line = run(CELLS[name], seed, seed < chosen.seed + _BOUNDS)
+                    line = run(CELLS[name], seed)
                     text = json.dumps({"cell": name, "seed": seed} | {key: _plain(value) for key, value in line.items()})
                     with chosen.out.open("a") as file:
                         file.write(text + "\n")
