@@ -172,7 +172,7 @@ def information(true, model, setting):
         covariance = transition @ covariance @ transition.T + driven
         columns = transition @ columns
         if not still[k]:
-            # both rates in the axes at the end of the step: in others, a rotation that gyroscope and magnetometer share would turn the attitude
+            # both rates in the axes at the end of the step: in others, a rotation that both sensors share would turn the device
             columns[:3, :COUNT] += dt * (turned[k] @ rate[k] + rate[k + 1]) / 2
     raise AssertionError
 
@@ -359,7 +359,8 @@ if __name__ == "__main__":
     unit = 1 / np.sqrt(np.diag(whole))
     print(f"filter against one dense matrix, 80 samples: {np.abs((ours - whole) * unit[:, None] * unit).max():.1e} of the information")
     _, device, path = jaxcal.device.simulate(seed=1, swing=2.0)
-    print(f"without accelerometer, on what the other sensors share: {shared(path, device, Setting()).max():.1e} of the information on one's own")
+    part = shared(path, device, Setting()).max()
+    print(f"without accelerometer, on what the other sensors share: {part:.1e} of the information on one's own")
     _, device, path = jaxcal.device.simulate(90.0, 20.0, seed=3, tremor=0.0)
     known = information(path, device, dataclasses.replace(Setting(), gyro=1e-7))[:9, :9]
     ratio = np.sqrt(np.diag(np.linalg.inv(known))) / cut(path, device, Setting())
