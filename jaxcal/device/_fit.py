@@ -40,6 +40,7 @@ _LITTLE = 1e-2  # weight of a window that is left out: not zero, so that its res
 #: m/s^2 and rad/s: at rest, readings scatter by less, and the mean rate is below the second number
 _STILL_FORCE, _STILL_RATE = 0.35, 0.06
 _SLOWEST = 1e-4  # m/s, smallest standard deviation of the velocity at rest
+_SHOWN = 0.1  # smallest part of the variance of the velocity at rest that is taken as seen by the sensors
 #: how much more than inside the rest a window at its edge may scatter; number of windows by which a rest may grow at each edge
 _CALM, _MARGIN_WINDOWS = 1.1, 4
 
@@ -61,7 +62,8 @@ def fit(
     as the wrist; the fit estimates its distance. The position of that point is a Matern process, whose size and speed come from the
     recording. The fit detects rests and uses them. It begins with the noise above 15 Hz, where hands hardly move; for an accelerometer in
     motion it continues this spectrum to 5 Hz. If the residuals of a sensor, summed over 0.2 to 13 s, in motion or at rest, are larger than
-    this noise explains, the fit raises the noise level of that sensor to explain them.
+    this noise explains, the fit raises the noise level of that sensor to explain them. Where the spectrum of the residuals, as white noise
+    and a Gauss-Markov process of 0.4 to 13 s, is above this level at low frequencies, the difference adds to the intervals.
 
     Parameters
     ----------
@@ -75,7 +77,7 @@ def fit(
     noise : {"gyro": noise, "accel": noise}, each a `jaxcal.noise.Noise` or {"N": ..., "B": ..., "K": ...} in SI; or what
         `jaxcal.noise.characterise` returns, or a `Calibration` with noise. The errors of the biases then include flicker and random walk,
         and the bias is the mean over a day; a single recording cannot show this noise. With None, noise comes from the recording itself,
-        over times of up to 13 s, and the bias is the mean over the recording.
+        and the bias is the mean over the recording.
     derivatives : names of parameters, as in `DeviceFit.names`, for which to compute the derivatives by every reading. They hold noise
         levels, weights, rests, and reach and speed of the hand constant; see `DeviceFit`.
 
@@ -174,7 +176,11 @@ def _median(freedom: float) -> float:
 
 
 def _hand(found: Solution, spread: np.ndarray, rests: Rests, record: Record, level: Noise) -> tuple[Place, Rests]:
-    """Reach and speed of the hand in motion and at rest: mean squares of the estimates, plus their variances."""
+    """Reach and speed of the hand in motion: mean squares of the estimates, plus their variances. Speed and turn at rest.
+
+    The variance of the velocity at rest is its mean square over the part of it that the readings show (D. MacKay, Neural Computation 4,
+    1992, 415).
+    """
     ends, way = rests.ends, found.way
     moving = ~ends
     reach = np.mean(way.place[moving] ** 2 + spread[moving, 6:9])
@@ -182,7 +188,9 @@ def _hand(found: Solution, spread: np.ndarray, rests: Rests, record: Record, lev
     place = Place(float(np.sqrt(reach)), float(np.sqrt(speed))).strained(way, record.time, rests.moving)
     if not ends.any():
         return place, rests
-    slow = np.mean(way.velocity[ends] ** 2 + spread[ends, 3:6])
+    # a table stands still: the sum of mean square and variance would approach zero slowly
+    shown = 1 - np.mean(spread[ends, 3:6]) / rests.speed**2
+    slow = np.mean(way.velocity[ends] ** 2) / max(shown, _SHOWN)
     back = np.swapaxes(way.rotation[:-1], 1, 2) @ way.rotation[1:]
     turned = np.mean(logarithm(back[rests.windows]) ** 2)
     least = 0.2 * np.min(level.gyro) * np.sqrt(record.time)

@@ -10,7 +10,8 @@ from ..fitting import Chain
 from ..fitting._serial import leave_out_pieces
 from ..noise import Noise
 from ._contribution import kinds_of, terms_of
-from ._normal import ACCEL_BIAS, GYRO_BIAS, inertial, skew
+from ._normal import ACCEL_BIAS, GYRO_BIAS, HARD, inertial, skew
+from ._slow import slow_noise
 from ._solve import SIZES, Place, Record, Rests, Solution
 from ._windows import NAMES
 
@@ -40,7 +41,8 @@ def known(found: Solution, place: Place, rests: Rests, time: float, wander: dict
     """Errors: from the information if parts of the recording agree, otherwise from fits that leave out parts.
 
     The score of a part comes from its residuals at the best trajectory. If the noise is as the model assumes, its covariance is the
-    information of the part. `wander` is the slow noise of the biases, if the caller gives it; it adds to the errors.
+    information of the part. The slow noise of the residuals adds to the errors, and so does `wander`, that of the biases, if the caller
+    gives it.
     """
     normal, score, pushed, rows = _by_window(found, place, rests, time)
     hats, scores = _pieces(normal), _pieces(score)
@@ -64,7 +66,7 @@ def known(found: Solution, place: Place, rests: Rests, time: float, wander: dict
         apart = leave_out_pieces(hats, scores, prior)
         if np.isfinite(apart).all():
             return Known(apart + matrix @ prior @ matrix, float(_PARTS - 1), ratio, seen, terms, rows[0], held_out)
-    more = np.zeros_like(matrix)
+    more = slow_noise(found, place, rests, time, pushed)
     for sensor, noise in wander.items():
         more = more + _wandering(pushed[sensor], noise, time)
     return Known(matrix * max(ratio, 1.0) + matrix @ more @ matrix, np.inf, ratio, seen, terms, rows[0], held_out)
@@ -156,7 +158,7 @@ def _by_window(
     normal[0] += np.einsum("xap,ab,xbq->pq", start, begin, start)
     score[0] += np.einsum("xap,ab,bx->p", start, begin, x[0])
     pushed = {}
-    for sensor, first in (("accel", ACCEL_BIAS), ("gyro", GYRO_BIAS)):
+    for sensor, first in (("accel", ACCEL_BIAS), ("gyro", GYRO_BIAS), ("mag", HARD)):
         own = slice(first, first + 3)
         alone = np.concatenate([by[:, :, own], rows.field_by[..., own].reshape(count, -1, 3)], axis=1)
         pushed[sensor] = np.swapaxes(j[:, : alone.shape[1]], 1, 2) @ alone

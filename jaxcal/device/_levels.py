@@ -60,6 +60,15 @@ def null(found: Solution, place: Place, rests: Rests, time: float) -> tuple[np.n
     return left, field.reshape(count, -1, 3, _DRAWS).sum(axis=1)
 
 
+def residuals(found: Solution, place: Place, rests: Rests, time: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Sensor -> residuals (K, 3) of the windows, and those of fits to white noise (K, 3, draws): see `null`."""
+    left, field = null(found, place, rests, time)
+    inertial = found.rows.inertial
+    return {
+        "gyro": (inertial[:, :3], left[:, :3]), "accel": (inertial[:, 3:6], left[:, 3:6]), "mag": (found.rows.field.sum(axis=1), field),
+    }  # fmt: skip
+
+
 def powers(values: np.ndarray, which: np.ndarray, turn: np.ndarray) -> np.ndarray:
     """(2, lengths, ...) mean squares of sums over consecutive windows: in the axes of the device, then in those of the world."""
     values = values * which.reshape(-1, *np.ones(values.ndim - 1, dtype=int))
@@ -84,15 +93,8 @@ class Levels:
 
     def next(self, found: Solution, place: Place, rests: Rests, time: float, white: Noise) -> tuple[Noise, float]:
         """The levels for the next fit, and the largest change, of a logarithm, that the residuals ask for."""
-        left, field = null(found, place, rests, time)
-        inertial = found.rows.inertial
-        count = len(inertial)
-        sensors = {
-            "gyro": (inertial[:, :3], left[:, :3]), "accel": (inertial[:, 3:6], left[:, 3:6]),
-            "mag": (found.rows.field.sum(axis=1), field),
-        }  # fmt: skip
-        levels, most = {}, 0.0
-        for name, (seen, drawn) in sensors.items():
+        levels, most, count = {}, 0.0, len(rests.windows)
+        for name, (seen, drawn) in residuals(found, place, rests, time).items():
             now, least = (np.array(np.broadcast_to(getattr(noise, name), count), dtype=float) for noise in (found.noise, white))
             for part, which in enumerate((rests.windows, ~rests.windows)):
                 if which.sum() >= _FEW:

@@ -48,10 +48,12 @@ def noise_floor(y: np.ndarray, rate: float, lost: np.ndarray) -> Floor:
     # the median ignores knocks and stretches with vibration
     seen = np.median(power, axis=0).mean(axis=0) / np.log(2) / (2 * np.sin(angle / 2)) ** (2 * _DIFFERENCES)
     seen = np.maximum(seen, least)
-    slow, gain = _low_frequencies(seen, angle, rate)
-    if gain * power.shape[0] * power.shape[1] < _COLOURED:
+    keep = np.exp(-2 * np.pi * np.geomspace(1 / WINDOW, rate / 2, _CORNERS) / rate)[:, None]
+    shapes = (1 - keep) ** 2 / (1 + keep**2 - 2 * keep * np.cos(angle))
+    white, slow, _, gain = white_and_markov(seen, shapes, 2 * power.shape[0] * power.shape[1])
+    if gain < _COLOURED:
         return Floor(*2 * [float(np.sqrt(seen.mean()))])
-    return Floor(float(np.sqrt(seen[len(seen) // 2 :].mean())), float(np.sqrt(slow)))
+    return Floor(float(np.sqrt(seen[len(seen) // 2 :].mean())), float(np.sqrt(white + slow)))
 
 
 def _parts(y: np.ndarray, length: int) -> np.ndarray:
@@ -59,20 +61,30 @@ def _parts(y: np.ndarray, length: int) -> np.ndarray:
     return np.lib.stride_tricks.sliding_window_view(y, length, axis=0)[:: length // 2]
 
 
-def _low_frequencies(seen: np.ndarray, angle: np.ndarray, rate: float) -> tuple[float, float]:
-    """Power at low frequencies, by iteratively reweighted least squares, and the gain in likelihood over white noise."""
-    keep = np.exp(-2 * np.pi * np.geomspace(1 / WINDOW, rate / 2, _CORNERS) / rate)[:, None]
-    shape = (1 - keep) ** 2 / (1 + keep**2 - 2 * keep * np.cos(angle))
-    parts = np.stack([np.ones_like(shape), shape], axis=1)  # (corners, 2, frequencies)
-    sizes = np.full((_CORNERS, 2), seen.mean())
+def white_and_markov(seen: np.ndarray, shapes: np.ndarray, freedom: np.ndarray | float) -> tuple[float, float, int, float]:
+    """Powers of white noise and of a Gauss-Markov process that explain a spectrum, by iteratively reweighted least squares.
+
+    Parameters
+    ----------
+    seen : (f,) spectrum. freedom : (f,) degrees of freedom of each value, or one number.
+    shapes : (c, f) spectra of the processes from which to choose; the power of a process is that at frequency zero.
+
+    Returns
+    -------
+    Both powers, the index of the process, and the gain in log-likelihood over white noise alone.
+    """
+    freedom = np.broadcast_to(freedom, seen.shape)
+    alone = float(np.average(seen, weights=freedom))
+    parts = np.stack([np.ones_like(shapes), shapes], axis=1)  # (c, 2, f)
+    sizes = np.full((len(shapes), 2), alone)
     for _ in range(_REWEIGHTED):
-        weighted = parts / np.einsum("cp,cpf->cf", sizes, parts)[:, None] ** 2
+        weighted = freedom * parts / np.einsum("cp,cpf->cf", sizes, parts)[:, None] ** 2
         normal, right = weighted @ np.swapaxes(parts, 1, 2), weighted @ seen
         sizes = np.linalg.solve(normal, right[..., None])[..., 0]
         # a negative part is zero, and the other part is fitted alone
-        alone = right / np.diagonal(normal, axis1=1, axis2=2)
-        sizes = np.where(sizes[:, ::-1] < 0, alone, np.maximum(sizes, 0.0))
-    coloured, white = (seen / model for model in (np.einsum("cp,cpf->cf", sizes, parts), seen.mean()))
-    misfit = np.sum(coloured - 1 - np.log(coloured), axis=-1)
+        single = right / np.diagonal(normal, axis1=1, axis2=2)
+        sizes = np.where(sizes[:, ::-1] < 0, single, np.maximum(sizes, 0.0))
+    coloured, white = (seen / model for model in (np.einsum("cp,cpf->cf", sizes, parts), alone))
+    misfit = 0.5 * np.sum(freedom * (coloured - 1 - np.log(coloured)), axis=-1)
     best = int(np.argmin(misfit))
-    return float(sizes[best].sum()), float(np.sum(white - 1 - np.log(white)) - misfit[best])
+    return *sizes[best].tolist(), best, float(0.5 * np.sum(freedom * (white - 1 - np.log(white))) - misfit[best])

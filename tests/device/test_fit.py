@@ -171,6 +171,21 @@ def test_errors_that_are_not_white_make_the_intervals_wider():
     assert found.reach < 0.6
 
 
+@pytest.mark.long
+def test_intervals_hold_with_a_magnetometer_that_wanders_for_seconds():
+    inside = []
+    for seed in range(24):
+        log, true, _ = simulate(120.0, 50.0, seed=100 + seed)
+        keep, rng = np.exp(-1 / (50.0 * 5.0)), np.random.default_rng(seed)
+        steps = 0.005 * float(true.field) * np.sqrt(1 - keep**2) * rng.normal(size=(len(log.time) + 2000, 3))
+        error = scipy.signal.lfilter([1.0], [1.0, -keep], steps, axis=0)[2000:]
+        found = fit(jaxcal.Log(None, accel=log.accel, gyro=log.gyro, mag=log.mag + error, rate=log.rate))
+        hard = [i for i, name in enumerate(found.names) if "hard_iron" in name]
+        truth = np.asarray(true.magnetometer.hard_iron)
+        inside.append((found.interval[hard, 0] < truth) & (truth < found.interval[hard, 1]))
+    assert np.mean(inside) > 0.88  # 72 intervals of 95 %
+
+
 def test_noise_of_the_accelerometer_that_the_hand_hides_is_seen_above_its_band():
     # AR(1): at low frequencies the density is (1 + keep) / (1 - keep) = 5.7 times that of samples with this deviation, at the
     # highest frequency less by the same factor. White noise behind a filter is that of the filter's band
