@@ -172,7 +172,8 @@ def information(true, model, setting):
         covariance = transition @ covariance @ transition.T + driven
         columns = transition @ columns
         if not still[k]:
-            # both rates in the axes at the end of the step: in others, a rotation that both sensors share would turn the device
+            # both rates are in the axes at the end of the step. Otherwise a rotation that gyroscope and magnetometer share would turn
+            # the attitude, and the bound would know this rotation without the accelerometer
             columns[:3, :COUNT] += dt * (turned[k] @ rate[k] + rate[k + 1]) / 2
     raise AssertionError
 

@@ -62,8 +62,9 @@ def fit(
     as the wrist; the fit estimates its distance. The position of that point is a Matern process, whose size and speed come from the
     recording. The fit detects rests and uses them. It begins with the noise above 15 Hz, where hands hardly move; for an accelerometer in
     motion it continues this spectrum to 5 Hz. If the residuals of a sensor, summed over 0.2 to 13 s, in motion or at rest, are larger than
-    this noise explains, the fit raises the noise level of that sensor to explain them. Where the spectrum of the residuals, as white noise
-    and a Gauss-Markov process of 0.4 to 13 s, is above this level at low frequencies, the difference adds to the intervals.
+    this noise explains, the fit raises the noise level of that sensor to explain them. At low frequencies the noise may be stronger
+    than this level. So the fit describes the spectrum of the residuals as white noise and a Gauss-Markov process with a time constant of
+    0.4 to 13 s. The power above the level adds to the intervals.
 
     Parameters
     ----------
@@ -178,8 +179,8 @@ def _median(freedom: float) -> float:
 def _hand(found: Solution, spread: np.ndarray, rests: Rests, record: Record, level: Noise) -> tuple[Place, Rests]:
     """Reach and speed of the hand in motion: mean squares of the estimates, plus their variances. Speed and turn at rest.
 
-    The variance of the velocity at rest is its mean square over the part of it that the readings show (D. MacKay, Neural Computation 4,
-    1992, 415).
+    The variance of the velocity at rest is the mean square of the estimates, divided by the part of the variance that the readings show
+    (D. MacKay, Neural Computation 4, 1992, 415).
     """
     ends, way = rests.ends, found.way
     moving = ~ends
@@ -188,7 +189,7 @@ def _hand(found: Solution, spread: np.ndarray, rests: Rests, record: Record, lev
     place = Place(float(np.sqrt(reach)), float(np.sqrt(speed))).strained(way, record.time, rests.moving)
     if not ends.any():
         return place, rests
-    # a table stands still: the sum of mean square and variance would approach zero slowly
+    # on a table the true velocity is zero. The mean square plus the variance of the estimate would need many rounds to come near it
     shown = 1 - np.mean(spread[ends, 3:6]) / rests.speed**2
     slow = np.mean(way.velocity[ends] ** 2) / max(shown, _SHOWN)
     back = np.swapaxes(way.rotation[:-1], 1, 2) @ way.rotation[1:]

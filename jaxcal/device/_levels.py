@@ -9,7 +9,8 @@ _DRAWS = 16
 _LENGTHS = (1, 2, 4, 8, 16, 32, 64)  # windows
 #: number of lengths whose power always counts. Many sums determine it. One length is too few: noise may be correlated within a window
 _SHORT = 3
-_FEW = 10
+#: fewest windows at rest, or in motion, whose residuals show a noise level
+FEW = 10
 _PACE = (0.25, 4.0)  # smallest and largest factor on the change that the residuals ask for
 #: weight of the prior ratio of 1, in degrees of freedom; standard deviations by which a ratio must be larger over many windows than few
 _SURE, _MARGIN = 1.0, 2.5
@@ -97,7 +98,7 @@ class Levels:
         for name, (seen, drawn) in residuals(found, place, rests, time).items():
             now, least = (np.array(np.broadcast_to(getattr(noise, name), count), dtype=float) for noise in (found.noise, white))
             for part, which in enumerate((rests.windows, ~rests.windows)):
-                if which.sum() >= _FEW:
+                if which.sum() >= FEW:
                     at, least_at = np.log(now[which][0]), np.log(least[which][0])
                     excess, sure = _excess(seen, drawn, which, found.way.rotation[:-1])
                     if at <= least_at and not sure:  # white noise explains the residuals, so an estimate would only add scatter

@@ -49,8 +49,7 @@ def noise_floor(y: np.ndarray, rate: float, lost: np.ndarray) -> Floor:
     seen = np.median(power, axis=0).mean(axis=0) / np.log(2) / (2 * np.sin(angle / 2)) ** (2 * _DIFFERENCES)
     seen = np.maximum(seen, least)
     keep = np.exp(-2 * np.pi * np.geomspace(1 / WINDOW, rate / 2, _CORNERS) / rate)[:, None]
-    shapes = (1 - keep) ** 2 / (1 + keep**2 - 2 * keep * np.cos(angle))
-    white, slow, _, gain = white_and_markov(seen, shapes, 2 * power.shape[0] * power.shape[1])
+    white, slow, _, gain = white_and_markov(seen, markov_spectrum(keep, angle), 2 * power.shape[0] * power.shape[1])
     if gain < _COLOURED:
         return Floor(*2 * [float(np.sqrt(seen.mean()))])
     return Floor(float(np.sqrt(seen[len(seen) // 2 :].mean())), float(np.sqrt(white + slow)))
@@ -61,13 +60,19 @@ def _parts(y: np.ndarray, length: int) -> np.ndarray:
     return np.lib.stride_tricks.sliding_window_view(y, length, axis=0)[:: length // 2]
 
 
+def markov_spectrum(keep: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Spectrum of a sampled Gauss-Markov process, 1 at frequency zero: `keep` is the correlation over a step, `angle` is in rad per step."""
+    return (1 - keep) ** 2 / (1 + keep**2 - 2 * keep * np.cos(angle))
+
+
 def white_and_markov(seen: np.ndarray, shapes: np.ndarray, freedom: np.ndarray | float) -> tuple[float, float, int, float]:
     """Powers of white noise and of a Gauss-Markov process that explain a spectrum, by iteratively reweighted least squares.
 
     Parameters
     ----------
-    seen : (f,) spectrum. freedom : (f,) degrees of freedom of each value, or one number.
+    seen : (f,) spectrum.
     shapes : (c, f) spectra of the processes from which to choose; the power of a process is that at frequency zero.
+    freedom : (f,) degrees of freedom of each value, or one number.
 
     Returns
     -------

@@ -2,22 +2,24 @@
 
 import numpy as np
 
-from ._levels import residuals
-from ._noise_floor import white_and_markov
+from ._levels import FEW, residuals
+from ._noise_floor import markov_spectrum, white_and_markov
 from ._solve import Place, Rests, Solution
 
 _CORRELATED = (2, 64)  # shortest and longest time constant of the noise, in windows
 _CONSTANTS = 11  # number of time constants
-_CLEAR = 30.0  # gain in log-likelihood from which the residuals show such noise; motion in windows at the edge of a rest gave up to 29
-_FEW = 10  # fewest windows at rest, or in motion
+#: gain in log-likelihood over white noise from which the residuals show such noise. In simulations with white noise, motion in the windows
+#: at the edges of rests gave gains of up to 29
+_CLEAR = 30.0
 
 
 def slow_noise(found: Solution, place: Place, rests: Rests, time: float, pushed: dict[str, np.ndarray]) -> np.ndarray:
-    """(p, p) variance of the score from noise at frequencies at which it is stronger than the noise levels of the fit say.
+    """(p, p) variance of the score from the noise that the levels of the fit do not contain.
 
-    The noise of a sensor is white noise and a Gauss-Markov process. Their powers and the time constant explain the spectrum of the
-    residuals in octaves. The fit absorbs a part of the noise; the residuals of fits to white noise show how large this part is at each
-    frequency. `pushed` (K, p, 3) is the change of the score by a bias of the sensor in one window.
+    The noise of a sensor is described as white noise and a Gauss-Markov process. Their powers and the time constant are those that explain
+    the spectrum of the residuals in octaves. The fit absorbs a part of the noise. Fits to white noise show how large this part is at each
+    frequency. At each frequency, the power above the level of the fit counts. `pushed` (K, p, 3) is the change of the score by a bias of
+    the sensor in one window.
     """
     total = np.zeros(2 * pushed["mag"].shape[1:2])
     number = found.kept.sum() / max(np.count_nonzero(found.kept.any(axis=1)), 1)
@@ -25,15 +27,14 @@ def slow_noise(found: Solution, place: Place, rests: Rests, time: float, pushed:
     for name, (seen, drawn) in residuals(found, place, rests, time).items():
         count = len(seen)
         level = np.broadcast_to(getattr(found.noise, name), count) ** 2 * (time / number if name == "mag" else 1.0)
-        parts = [which for which in (rests.windows, ~rests.windows) if which.sum() >= _FEW]
+        parts = [which for which in (rests.windows, ~rests.windows) if which.sum() >= FEW]
         # rests show the noise of the inertial sensors, which motion hides; the attitude of a rest absorbs that of the magnetometer
         read = parts[-1] if name == "mag" else parts[0]
         ratio, freedom, shapes = _octaves(seen, drawn, read, keep)
         white, slow, best, gain = white_and_markov(level[read][0] * ratio, shapes, freedom)
         if gain < _CLEAR:
             continue
-        angle = np.pi * np.arange(count + 1) / count
-        spectrum = white + slow * (1 - keep[best]) ** 2 / (1 + keep[best] ** 2 - 2 * keep[best] * np.cos(angle))
+        spectrum = white + slow * markov_spectrum(keep[best], np.pi * np.arange(count + 1) / count)
         felt = np.zeros((count + 1, *pushed[name].shape[1:]), dtype=complex)
         for which in parts:
             more = np.sqrt(np.maximum(spectrum - level[which][0], 0.0) / time)
