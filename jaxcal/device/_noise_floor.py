@@ -61,7 +61,7 @@ def _parts(y: np.ndarray, length: int) -> np.ndarray:
 
 
 def markov_spectrum(keep: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Spectrum of a sampled Gauss-Markov process, 1 at frequency zero: `keep` is the correlation over a step, `angle` is in rad per step."""
+    """Spectrum of a Gauss-Markov process, 1 at frequency zero. `keep` is the correlation over a step, `angle` is in rad per step."""
     return (1 - keep) ** 2 / (1 + keep**2 - 2 * keep * np.cos(angle))
 
 
