@@ -65,7 +65,7 @@ def markov_spectrum(keep: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return (1 - keep) ** 2 / (1 + keep**2 - 2 * keep * np.cos(angle))
 
 
-def white_and_markov(seen: np.ndarray, shapes: np.ndarray, freedom: np.ndarray | float) -> tuple[float, float, int, float]:
+def white_and_markov(seen: np.ndarray, shapes: np.ndarray, freedom: np.ndarray | int) -> tuple[float, float, int, float]:
     """Powers of white noise and of a Gauss-Markov process that explain a spectrum, by iteratively reweighted least squares.
 
     Parameters

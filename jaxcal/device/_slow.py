@@ -34,7 +34,7 @@ def slow_noise(found: Solution, place: Place, rests: Rests, time: float, pushed:
         white, slow, best, gain = white_and_markov(level[read][0] * ratio, shapes, freedom)
         if gain < _CLEAR:
             continue
-        spectrum = white + slow * markov_spectrum(keep[best], np.pi * np.arange(count + 1) / count)
+        spectrum = white + slow * markov_spectrum(keep[best : best + 1], np.pi * np.arange(count + 1) / count)
         felt = np.zeros((count + 1, *pushed[name].shape[1:]), dtype=complex)
         for which in parts:
             more = np.sqrt(np.maximum(spectrum - level[which][0], 0.0) / time)
