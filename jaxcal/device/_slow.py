@@ -8,8 +8,8 @@ from ._solve import Place, Rests, Solution
 
 _CORRELATED = (2, 64)  # shortest and longest time constant of the noise, in windows
 _CONSTANTS = 11  # number of time constants
-#: gain in log-likelihood over white noise from which the residuals show such noise. In simulations with white noise, motion in the windows
-#: at the edges of rests gave gains of up to 29
+#: gain in log-likelihood over white noise from which the residuals show such noise. In twelve simulations with white noise and rests, gains
+#: were 3 to 38: the device moves less than the fit allows at rest. A false gain of 33 made the errors 5 % larger
 _CLEAR = 30.0
 
 
