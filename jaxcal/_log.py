@@ -5,7 +5,7 @@ import dataclasses
 import html
 import importlib
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
@@ -13,7 +13,7 @@ import numpy as np
 
 from ._errors import DataError
 from ._quality import all_finite, checked_rate, inspect, mark_missing, shown_unit
-from ._timebase import place, span
+from ._timebase import GAP, Placement, nearest, place, span
 from ._types import AnyArray
 
 #: sensor field -> channel name suffixes
@@ -48,6 +48,8 @@ class Log(eqx.Module):
     mag : (n, 3) magnetic field, T.
     temperature : (n,) degC.
     rate : Hz. With stamps, it is checked against them (0.5 %) and kept; without stamps, it defines the grid.
+    own_time : sensor -> (m,) stamps in s of a sensor that has stamps of its own, by the same clock as `time`. The readings of this sensor
+        are (m, 3). Each goes to the nearest sample of the grid, and `offset` keeps by how much later it was taken.
     notes, warnings : sentences from the reader of the recording, placed before the sentences found here.
     provenance : origin of the recording. `epoch_ns`, the stamp of the first sample, is filled in.
 
@@ -56,6 +58,8 @@ class Log(eqx.Module):
     time : (n,) s from the first sample.
     gyro, accel, mag, temperature : as given, on the grid; None if not recorded.
     rate : Hz.
+    offset : sensor -> (n,) s, by how much later than `time` each reading was taken; NaN where there is none. Only for sensors that have
+        stamps of their own.
     gaps : tuple of `Gap`: stretches in which a sensor is missing.
     notes : tuple of sentences for information: quantisation steps, warm-up, small jitter.
     warnings : tuple of sentences on anything that makes results from these data doubtful.
@@ -78,6 +82,13 @@ class Log(eqx.Module):
     (10.0, 7, 2)
     >>> list(log.channels())
     ['temperature']
+
+    A magnetometer with stamps of its own:
+
+    >>> stamps = np.array([0.03, 0.13, 0.23])
+    >>> log = jaxcal.Log(np.arange(30) / 100, gyro=np.zeros((30, 3)), mag=np.eye(3) * 5e-5, own_time={"mag": stamps + 0.002})
+    >>> np.flatnonzero(np.isfinite(log.mag[:, 0])).tolist(), log.offset["mag"][[3, 13, 23]].round(6).tolist()
+    ([3, 13, 23], [0.002, 0.002, 0.002])
     """
 
     time: AnyArray
@@ -86,6 +97,7 @@ class Log(eqx.Module):
     mag: AnyArray | None
     temperature: AnyArray | None
     rate: float
+    offset: dict[str, AnyArray]
     gaps: tuple[Gap, ...]
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -100,6 +112,7 @@ class Log(eqx.Module):
         temperature: Any = None,
         rate: float | int | None = None,
         *,
+        own_time: Mapping[str, Any] | None = None,
         notes: Iterable[str] = (),
         warnings: Iterable[str] = (),
         provenance: Mapping[str, Any] | None = None,
@@ -108,34 +121,39 @@ class Log(eqx.Module):
         given = {"gyro": gyro, "accel": accel, "mag": mag, "temperature": temperature}
         sensors = {name: _columns(name, values) for name, values in given.items() if values is not None}
         stamps, epoch = _stamps(time)
-        size = _common_length(stamps, sensors)
+        own = _own_stamps(own_time or {}, sensors, epoch)
+        size = _common_length(stamps, {name: values for name, values in sensors.items() if name not in own})
         rate = None if rate is None else checked_rate(rate)
         for name, values in sensors.items():
             sensors[name] = mark_missing(name, _channel_names(name, values), values, warnings)
 
+        apart = {name: sensors.pop(name) for name in own}
+        placed = {name: _placed(name, own[name], apart[name]) for name in own}
         if stamps is None:
             if rate is None:
                 raise DataError("no time stamps: give rate= (Hz), or the time column")
             if size < 2:
                 raise DataError(f"{size} sample: a recording needs at least 2")
+            grid = Placement(None, None, size, rate, 0.0)
         else:
-
-            def equal(i: np.ndarray, j: np.ndarray) -> np.ndarray:
-                return np.all([np.all((v[i] == v[j]) | (np.isnan(v[i]) & np.isnan(v[j])), axis=1) for v in sensors.values()], axis=0)
-
-            grid = place(stamps, rate, equal)
+            grid = place(stamps, rate, _equal(sensors))
             sensors = {name: _on_grid(values, grid) for name, values in sensors.items()}
             rate, size = grid.rate, grid.size
             epoch += round(grid.start * 1e9)
             notes += grid.notes
             warnings += grid.warnings
+        offset = {}
+        for name, own_grid in placed.items():
+            warnings += [f"{name}: {sentence}" for sentence in own_grid.warnings]
+            sensors[name], offset[name] = _at_nearest(name, apart[name], own_grid, grid, notes)
 
         for name, values in sensors.items():
             sensors[name] = inspect(name, _channel_names(name, values), values, rate, notes, warnings)
         self.time = np.arange(size) / rate
         self.gyro, self.accel, self.mag, self.temperature = _fields(sensors).values()
         self.rate = rate
-        self.gaps = _gaps(sensors, rate, warnings)
+        self.offset = offset
+        self.gaps = gaps_of(sensors, offset, rate, warnings)
         self.notes, self.warnings = tuple(notes), tuple(warnings)
         self.provenance = provenance | {"epoch_ns": int(provenance.get("epoch_ns", 0)) + epoch}
 
@@ -194,8 +212,9 @@ class Log(eqx.Module):
             "selected": (offset + first / self.rate, offset + last / self.rate),
             "epoch_ns": self.provenance["epoch_ns"] + round(first / self.rate * 1e9),
         }
-        time, gaps = self.time[: last - first], _gaps(sensors, self.rate, [])
-        return self._replaced(time=time, gaps=gaps, provenance=provenance, **_fields(sensors))
+        later = {name: values[first:last] for name, values in self.offset.items()}
+        time, gaps = self.time[: last - first], gaps_of(sensors, later, self.rate, [])
+        return self._replaced(time=time, offset=later, gaps=gaps, provenance=provenance, **_fields(sensors))
 
     if not TYPE_CHECKING:
         __hash__ = None
@@ -335,7 +354,53 @@ def _common_length(stamps: np.ndarray | None, sensors: dict[str, np.ndarray]) ->
     return next(iter(lengths.values()))
 
 
-def _on_grid(values: np.ndarray, grid: Any) -> np.ndarray:
+def _own_stamps(own_time: Mapping[str, Any], sensors: dict[str, np.ndarray], epoch: int) -> dict[str, np.ndarray]:
+    """Stamps in s of each sensor that has its own, by the clock whose zero is at `epoch` ns."""
+    own = {}
+    for name, time in own_time.items():
+        if name not in sensors:
+            raise DataError(f"own_time has stamps of {name}, and the sensors are {', '.join(sensors)}; give the readings of {name} too")
+        stamps, start = _stamps(time)
+        if stamps is None or stamps.shape != sensors[name].shape[:1]:
+            raise DataError(f"own_time of {name} has shape {np.shape(time)}; expected a stamp for each of its {len(sensors[name])} readings")
+        own[name] = stamps + ((start - epoch) * 1e-9 if start else 0.0)
+    if own and len(own) == len(sensors):
+        raise DataError("own_time has stamps of every sensor; leave out those of the sensor to which `time` belongs")
+    return own
+
+
+def _placed(name: str, stamps: np.ndarray, values: np.ndarray) -> Placement:
+    """Place the stamps of a sensor that has its own."""
+    try:
+        return place(stamps, None, _equal({name: values}))
+    except DataError as error:
+        raise DataError(f"{name}: {error}") from error
+
+
+def _equal(sensors: dict[str, np.ndarray]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Whether all sensors have the same values in rows i as in rows j."""
+
+    def equal(i: np.ndarray, j: np.ndarray) -> np.ndarray:
+        return np.all([np.all((v[i] == v[j]) | (np.isnan(v[i]) & np.isnan(v[j])), axis=1) for v in sensors.values()], axis=0)
+
+    return equal
+
+
+def _at_nearest(name: str, values: np.ndarray, own: Placement, grid: Placement, notes: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Readings at the nearest samples of the grid, NaN elsewhere, and by how much later they were taken; of two in a row the last stays."""
+    row, later = nearest(own, grid)
+    values = values if own.source is None else values[own.source]
+    near = np.flatnonzero(row >= 0)
+    if not len(near):
+        raise DataError(f"no stamp of {name} lies within the time of the log: its stamps are those of another clock")
+    placed, offset = np.full((values.shape[1], grid.size), np.nan).T, np.full(grid.size, np.nan)
+    placed[row[near]], offset[row[near]] = values[near], later[near]
+    if lost := len(row) - len(np.unique(row[near])):
+        notes.append(f"{name}: {lost} of {len(row)} readings have no sample of the log to themselves and are left out")
+    return placed, offset
+
+
+def _on_grid(values: np.ndarray, grid: Placement) -> np.ndarray:
     if grid.source is not None:
         values = values[grid.source]
     if grid.slot is None:
@@ -345,8 +410,11 @@ def _on_grid(values: np.ndarray, grid: Any) -> np.ndarray:
     return placed
 
 
-def _gaps(sensors: dict[str, np.ndarray], rate: float, warnings: list[str]) -> tuple[Gap, ...]:
-    """Stretches in which a sensor is missing; adds a warning on them, and one for each sensor slower than the log."""
+def gaps_of(sensors: dict[str, np.ndarray], offset: Mapping[str, AnyArray], rate: float, warnings: list[str]) -> tuple[Gap, ...]:
+    """Stretches in which a sensor is missing; adds a warning on them, and one for each sensor slower than the log.
+
+    A sensor with stamps of its own is missing between two readings only if these are more than 1.5 times as far apart as usual.
+    """
     absent = {name: np.any(np.isnan(values), axis=1) for name, values in sensors.items() if not all_finite(values)}
     if not absent:
         return ()
@@ -358,7 +426,7 @@ def _gaps(sensors: dict[str, np.ndarray], rate: float, warnings: list[str]) -> t
         if present < _SPARSE:
             warnings.append(f"{name} is present in {100 * present:.3g} % of the samples (about {present * rate:.3g} Hz)")
         else:
-            missing = missing | gone
+            missing = missing | (_far_apart(gone, np.asarray(offset[name]) * rate) if name in offset else gone)
     if not missing.any():
         return ()
     edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(np.int8)))
@@ -370,3 +438,13 @@ def _gaps(sensors: dict[str, np.ndarray], rate: float, warnings: list[str]) -> t
         f"{longest.length:.4g} s at {longest.start:.6g} s"
     )
     return gaps
+
+
+def _far_apart(gone: np.ndarray, later: np.ndarray) -> np.ndarray:
+    """Rows without a reading, between readings that are farther apart than usual; `later` (n,) is `Log.offset` in samples."""
+    there = np.flatnonzero(~gone)
+    if len(there) < 2:
+        return gone
+    at = np.concatenate([[0.0], there + later[there], [len(gone) - 1.0]])
+    apart = np.diff(at)
+    return gone & (apart > GAP * np.median(apart[1:-1]))[np.searchsorted(there, np.arange(len(gone)))]

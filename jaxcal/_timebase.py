@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
+import scipy  # loads its parts when they are first used
 
 from ._errors import DataError
 from ._quality import all_finite
@@ -12,11 +13,14 @@ from ._quality import all_finite
 _WRAPS = (2.0**16, 2.0**31, 2.0**32)
 _TICKS = (1e-9, 1e-6, 1e-3, 1.0)
 #: a step longer than this many periods that later steps do not make up is a gap
-_GAP = 1.5
+GAP = 1.5
 #: largest relative difference between rate= and the stamps
 _RATE_TOLERANCE = 0.005
 #: rms jitter, in periods, above which a warning is given
 _JITTER = 0.02
+
+#: samples in the running median of the stamps' differences from the grid
+_SMOOTH = 101
 
 ADVICE = (
     "check that the right column is read as time (columns={'time': ...}), or leave the stamps out (columns={'time': None}) and give rate="
@@ -32,6 +36,7 @@ class Placement:
     size: int
     rate: float
     start: float
+    stamps: np.ndarray | None = None  # of the samples, sorted and unwrapped
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
@@ -72,7 +77,7 @@ def place(stamps: np.ndarray, rate: float | None, equal: Callable[[np.ndarray, n
     if not kept.any():
         raise DataError(f"no two of the {len(stamps)} time stamps follow each other without a gap; {ADVICE}")
     estimate = len(kept) / float(kept.sum())
-    waits = np.flatnonzero(steps > _GAP * period) if not even else np.zeros(0, np.int64)
+    waits = np.flatnonzero(steps > GAP * period) if not even else np.zeros(0, np.int64)
     rises = (waits if len(waits) > 3 or even else np.flatnonzero(steps > 0)) + 1
     if len(rises) > 3:
         # fewer samples may share the first and the last of repeated stamps, so leave these out
@@ -91,7 +96,33 @@ def place(stamps: np.ndarray, rate: float | None, equal: Callable[[np.ndarray, n
         increments[at] += missing
         slot = np.concatenate([[0], np.cumsum(increments)])
         size = int(slot[-1]) + 1
-    return Placement(source, slot, size, chosen, float(stamps[0]), tuple(notes), tuple(warnings))
+    return Placement(source, slot, size, chosen, float(stamps[0]), stamps, tuple(notes), tuple(warnings))
+
+
+def nearest(own: Placement, grid: Placement) -> tuple[np.ndarray, np.ndarray]:
+    """Row of a grid nearest to each sample on another grid (-1: none), and by how much later than the row the sample is, s."""
+    slot, when, then = _slots(grid), _instants(grid), _instants(own)
+    at = np.interp(then, when, slot)
+    # up to half a step before the first row and after the last one
+    for end, beyond in ((0, then < when[0]), (-1, then > when[-1])):
+        at[beyond] = slot[end] + (then[beyond] - when[end]) * grid.rate
+    row = np.full(len(at), -1)
+    inside = (at > -0.5) & (at < grid.size - 0.5)
+    row[inside] = np.round(at[inside])
+    return row, (at - row) / grid.rate
+
+
+def _slots(grid: Placement) -> np.ndarray:
+    return np.arange(grid.size) if grid.slot is None else grid.slot
+
+
+def _instants(grid: Placement) -> np.ndarray:
+    """When each sample was taken, s, by its clock. Stamps jitter about evenly spaced samples, and a gap shifts them by a part of a step."""
+    slot = _slots(grid)
+    if grid.stamps is None:
+        return slot / grid.rate
+    even = np.polynomial.Polynomial.fit(slot, grid.stamps, 1)(slot)
+    return np.maximum.accumulate(even + scipy.ndimage.median_filter(grid.stamps - even, _SMOOTH, mode="reflect"))
 
 
 def _unwrap(stamps: np.ndarray, warnings: list[str]) -> np.ndarray:
@@ -168,7 +199,7 @@ def _period(stamps: np.ndarray, steps: np.ndarray) -> tuple[float, bool]:
             _refuse_irregular(stamps, steps, typical)
             return typical, False
         median = lossy or median
-    near = (steps > 0.5 * median) & (steps < _GAP * median)
+    near = (steps > 0.5 * median) & (steps < GAP * median)
     if not near.any():
         _refuse_irregular(stamps, steps, typical)
         return typical, False
@@ -178,7 +209,7 @@ def _period(stamps: np.ndarray, steps: np.ndarray) -> tuple[float, bool]:
 def _period_of_lossy(stamps: np.ndarray, steps: np.ndarray) -> float | None:
     """Period if long steps are lost samples: they are whole multiples of the period and, unlike coarse stamps, deviate from any line."""
     shortest = np.quantile(steps, 0.1)
-    period = float(np.mean(steps[steps <= _GAP * shortest]))
+    period = float(np.mean(steps[steps <= GAP * shortest]))
     ratio = steps / period if period > 0 else np.zeros(1)
     whole = (np.abs(ratio - np.round(ratio)) < 0.2) & (ratio > 0.5)
     lossy = np.mean(whole) > 0.98 and _clock_deviation(stamps, 512) > 0.75 * period and not _in_bursts(steps, period)
@@ -187,7 +218,7 @@ def _period_of_lossy(stamps: np.ndarray, steps: np.ndarray) -> float | None:
 
 def _in_bursts(steps: np.ndarray, period: float) -> bool:
     """Whether samples come in bursts: long waits, each in proportion to the number of samples before it; lost samples have no such law."""
-    waits = np.flatnonzero(steps > _GAP * period)
+    waits = np.flatnonzero(steps > GAP * period)
     if len(waits) < 8 or steps.sum() < 1.5 * period * len(steps):
         return False
     counts = np.diff(waits)
@@ -200,7 +231,7 @@ def _refuse_irregular(stamps: np.ndarray, steps: np.ndarray, period: float) -> N
     """Refuse stamps that are no clock. Bursts and coarse stamps stay near an even clock, within about the wait between two bursts."""
     if period == 0.0:
         raise DataError(f"most of the {len(stamps)} time stamps equal their neighbours; {ADVICE}")
-    long = steps[steps > _GAP * period]
+    long = steps[steps > GAP * period]
     wait, burst = (float(np.median(long)), len(steps) // len(long)) if len(long) else (period, 1)
     deviation = _clock_deviation(stamps, max(512, 4 * burst))
     if deviation > 1.5 * wait:
@@ -225,7 +256,7 @@ def _gaps(steps: np.ndarray, period: float, even: bool) -> tuple[np.ndarray, np.
     A long step is a gap only if the lag behind an even clock stays. The short steps around it make up for a late stamp, or for the wait
     between two bursts.
     """
-    long = np.flatnonzero(steps > _GAP * period)
+    long = np.flatnonzero(steps > GAP * period)
     if not len(long):
         return np.zeros(0, np.int64), long
     from scipy.ndimage import maximum_filter1d, minimum_filter1d
@@ -238,7 +269,7 @@ def _gaps(steps: np.ndarray, period: float, even: bool) -> tuple[np.ndarray, np.
     lost = least_after - most_before
     if even:
         # the extremes of 20 jittered stamps are 1.87 sigma out on either side
-        lost += 2 * 1.87 * np.std(steps[(steps > 0.5 * period) & (steps < _GAP * period)]) / np.sqrt(2.0)
+        lost += 2 * 1.87 * np.std(steps[(steps > 0.5 * period) & (steps < GAP * period)]) / np.sqrt(2.0)
         missing = lost
     else:
         missing = least_after - minimum_filter1d(lag, window, mode="nearest", origin=(window - 1) // 2)[long]

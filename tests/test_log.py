@@ -448,3 +448,65 @@ def test_any_stamps_are_a_log_or_a_sentence(steps, values):
     assert np.isfinite(log.rate)
     assert len(log.time) == len(log.gyro)
     assert np.isnan(log.gyro[:, 0]).sum() == sum(gap.samples for gap in log.gaps)
+
+
+def test_sensors_with_stamps_of_their_own_keep_their_times(rng):
+    # two clocks, both stamped late by up to a tenth of a sample, of which one begins later and stops earlier
+    mag_at = 0.5 + np.arange(200) / 23.7
+    late = lambda n: rng.uniform(0, 1e-3, n)  # noqa: E731
+    log = Log(7.0 + stamps() + late(1000), noise(), mag=noise(200), own_time={"mag": 7.0 + mag_at + late(200)})
+    there = np.isfinite(log.mag[:, 0])
+    np.testing.assert_array_equal(log.mag[there], noise(200))
+    np.testing.assert_array_equal(there, np.isfinite(log.offset["mag"]))
+    # the median of the stamps is even; what it is late by is the same for both sensors
+    np.testing.assert_allclose((stamps() + log.offset["mag"])[there], mag_at, atol=2e-4)
+    assert np.nanmax(np.abs(log.offset["mag"])) < 0.51 / RATE
+    part = log.select(2.0, 5.0)
+    np.testing.assert_array_equal(part.offset["mag"], log.offset["mag"][200:500])
+
+
+def test_a_gap_of_half_a_sample_more_does_not_move_the_other_sensors():
+    time = stamps()
+    time[500:] += 0.1245
+    own = np.arange(300) * 0.033
+    log = Log(time, noise(), accel=noise(300), own_time={"accel": own})
+    row = np.flatnonzero(np.isfinite(log.accel[:, 0]))
+    grid = np.concatenate([time[:500], np.full(len(log.time) - 1000, np.nan), time[500:]])
+    there = np.isfinite(grid[row])
+    np.testing.assert_allclose((grid[row] + log.offset["accel"][row])[there], own[: len(row)][there], atol=5e-4)
+
+
+def test_a_sensor_at_another_rate_has_no_gaps_but_where_its_stamps_have(rng):
+    own = np.delete(np.arange(989) / 99 + 0.003, [100, 500, 501, 502])
+    log = Log(stamps(), noise(), accel=noise(len(own)), own_time={"accel": own})
+    assert [gap.samples for gap in log.gaps] == [1, 3]
+    assert [round(gap.start, 1) for gap in log.gaps] == [1.0, 5.0]
+
+
+def test_of_two_readings_at_one_sample_the_later_one_stays():
+    log = Log(stamps(100, 10.0), noise(100), mag=noise(190), own_time={"mag": np.arange(190) / 19.0})
+    assert any("mag: 9" in note and "left out" in note for note in log.notes)
+    assert np.isfinite(log.mag).all()
+
+
+@pytest.mark.parametrize(
+    ("own_time", "message"),
+    [
+        ({"mag": np.arange(20.0)}, "own_time has stamps of mag, and the sensors are gyro, accel"),
+        ({"accel": np.arange(20.0)}, r"own_time of accel has shape \(20,\); expected a stamp for each of its 1000 readings"),
+        ({"gyro": stamps(), "accel": stamps()}, "own_time has stamps of every sensor"),
+        ({"accel": 1e6 + stamps()}, "no stamp of accel lies within the time of the log"),
+        ({"accel": np.zeros(1000)}, "accel: all 1000 time stamps are equal"),
+    ],
+)
+def test_stamps_that_are_not_those_of_the_sensor(own_time, message):
+    with pytest.raises(DataError, match=message):
+        Log(stamps(), noise(), noise(seed=3), own_time=own_time)
+
+
+def test_stamps_of_several_sensors_may_be_dates():
+    start = np.datetime64("2026-03-01T12:00:00", "ns")
+    ns = lambda t: start + (t * 1e9).round().astype("timedelta64[ns]")  # noqa: E731
+    log = Log(ns(stamps()), noise(), mag=noise(300), own_time={"mag": ns(0.032 + np.arange(300) / 40)})
+    assert np.flatnonzero(np.isfinite(log.mag[:, 0]))[:3].tolist() == [3, 6, 8]
+    np.testing.assert_allclose(log.offset["mag"][[3, 6]], [0.002, -0.003], atol=1e-6)

@@ -28,7 +28,7 @@ from ._readers._dataflash import read_ardupilot
 from ._readers._json import read_json
 from ._readers._px4 import read_px4
 from ._readers._ros import read_ros
-from ._saved import SUFFIXES, save
+from ._saved import SUFFIXES, offsets_of, save
 from ._sensors import read_oxts, read_sensors
 from ._table import Choice, Signals, Table, interpret
 
@@ -275,7 +275,8 @@ def finished(
     """Make a log from the content of a file; the choices of columns and units are appended to `choices`."""
     plain = not phase and all(value is None or value == {} for value in options.values())
     if isinstance(found, Table) and found.saved is not None and plain:
-        return found.saved.restore(interpret(found, {"time": None}, _SI, found.saved.rate).sensors, origin)
+        offset = offsets_of(found.names, found.columns)
+        return found.saved.restore(interpret(found, {"time": None}, _SI, found.saved.rate).sensors, offset, origin)
     if isinstance(found, Signals):
         found.rate = options["rate"]
         signals = found
@@ -313,7 +314,10 @@ def _parse(kind: str, sources: list[pathlib.Path], topics: list[str] | None, opt
 def _build(signals: Signals, provenance: dict[str, Any]) -> Log:
     def log(*stated: str) -> Log:
         warnings = [*signals.warnings, *stated]
-        return Log(signals.time, **signals.sensors, rate=signals.rate, notes=signals.notes, warnings=warnings, provenance=provenance)
+        return Log(
+            signals.time, **signals.sensors, rate=signals.rate, own_time=signals.own_time, notes=signals.notes, warnings=warnings,
+            provenance=provenance,
+        )  # fmt: skip
 
     built = log()
     if signals.nominal is None or abs(signals.nominal / built.rate - 1.0) < 0.005:

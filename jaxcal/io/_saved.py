@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import DataError, ExportError
-from .._log import Log
+from .._log import Log, gaps_of
 from .._results import plain
 from .._units import si_unit
 from ._columns import AXES, SENSORS
@@ -20,6 +20,8 @@ SUFFIXES = (".npz", ".parquet")
 #: version of the description
 _SCHEMA = 1
 _LONGEST = 1 << 20
+#: beginning of the names of columns with `Log.offset`; they are the last ones
+_OFFSET = "offset_"
 
 
 def save(log: Log, place: pathlib.Path) -> None:
@@ -41,7 +43,8 @@ def _write(log: Log, place: pathlib.Path) -> None:
     about = json.dumps({"schema": _SCHEMA} | {name: plain(getattr(log, name)) for name in ("rate", "notes", "warnings", "provenance")})
     if place.suffix == ".npz":
         with place.open("wb") as file:
-            np.savez(file, allow_pickle=False, time=log.time, **sensors, jaxcal=np.array(about))
+            own = {_OFFSET + name: values for name, values in log.offset.items()}
+            np.savez(file, allow_pickle=False, time=log.time, **sensors, **own, jaxcal=np.array(about))
         return
     require("polars", "writing Parquet", "parquet")
     import polars as pl
@@ -51,6 +54,7 @@ def _write(log: Log, place: pathlib.Path) -> None:
         for j, channel in enumerate(values.reshape(len(values), -1).T):
             suffix = "" if name == "temperature" else f"_{AXES[j]}"
             columns[f"{name}{suffix} [{si_unit(name)}]"] = np.ascontiguousarray(channel)
+    columns |= {f"{_OFFSET}{name} [s]": values for name, values in log.offset.items()}
     pl.DataFrame(columns).write_parquet(place, metadata={"jaxcal": about})
 
 
@@ -63,13 +67,22 @@ class Saved:
     warnings: tuple[str, ...]
     provenance: dict[str, Any]
 
-    def restore(self, sensors: dict[str, Any], where: dict[str, Any]) -> Log:
+    def restore(self, sensors: dict[str, Any], offset: dict[str, Any], where: dict[str, Any]) -> Log:
         """Restore the log from `sensors` (SI, on the grid) with its original notes and warnings, without adding new ones.
 
         `where` describes the converted file; `provenance` names it in addition to the original file.
         """
-        log = Log(None, **sensors, rate=self.rate)
-        return log._replaced(notes=self.notes, warnings=self.warnings, provenance=self.provenance | {"converted": where})
+        log, provenance = Log(None, **sensors, rate=self.rate), self.provenance | {"converted": where}
+        gaps = gaps_of(log._sensors(), offset, self.rate, [])
+        return log._replaced(offset=offset, gaps=gaps, notes=self.notes, warnings=self.warnings, provenance=provenance)
+
+
+def offsets_of(names: list[str], columns: list[np.ndarray]) -> dict[str, np.ndarray]:
+    """Take the columns with `Log.offset` out of those of a converted log."""
+    offset = {}
+    while names and names[-1].startswith(_OFFSET):
+        offset[names.pop().removeprefix(_OFFSET).removesuffix(" [s]")] = columns.pop().astype(float)
+    return dict(reversed(offset.items()))
 
 
 def parse_saved(text: str) -> Saved:

@@ -58,12 +58,14 @@ class Choice:
 class Signals:
     """Data for a `Log`, and the columns and units from which they come.
 
-    `nominal` is a rate that the file states in addition to time stamps. `choices` are for `jaxcal.io.inspect`; `sources` are sentences on
-    all topics in the file. `imus` are the `topics` of each IMU, if there are several.
+    `own_time` has the stamps of sensors that have their own. `nominal` is a rate that the file states in addition to time stamps.
+    `choices` are for `jaxcal.io.inspect`; `sources` are sentences on all topics in the file. `imus` are the `topics` of each IMU, if there
+    are several.
     """
 
     time: np.ndarray | None
     sensors: dict[str, np.ndarray]
+    own_time: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
     epoch_ns: int = 0
     columns: dict[str, Any] = dataclasses.field(default_factory=dict)
     units: dict[str, str] = dataclasses.field(default_factory=dict)

@@ -20,6 +20,9 @@ def same(a, b):
         if one is not None:
             np.testing.assert_array_equal(one, other)
             assert one.shape == other.shape
+    assert a.offset.keys() == b.offset.keys()
+    for name, values in a.offset.items():
+        np.testing.assert_array_equal(values, b.offset[name])
     assert (a.rate, a.gaps, a.notes, a.warnings) == (b.rate, b.gaps, b.notes, b.warnings)
     assert b.provenance | {"converted": 0} == a.provenance | {"converted": 0}
 

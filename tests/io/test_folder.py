@@ -54,3 +54,27 @@ def test_parts_of_a_recording_are_joined_in_order(storage, make, write_bag, tmp_
     (folder / f"day_1{suffix}").unlink()
     with pytest.raises(DataError, match=rf"the folder holds parts of a recording, but day_1{suffix} is missing"):
         read(folder, quiet=True)
+
+
+def test_sensors_in_files_of_their_own_keep_their_times(tmp_path):
+    rng = np.random.default_rng(3)
+    for name, rate, late, size in (("Gyroscope", 100.0, 0.0, 1.0), ("MagnetometerUncalibrated", 30.0, 0.004, 40.0)):
+        at = late + np.arange(10 * rate) / rate
+        table = np.column_stack([at, size * rng.normal(size=(len(at), 3))])
+        lines = [f"{START + round(row[0] * 1e9)}," + ",".join(f"{v:.6f}" for v in row) for row in table]
+        (tmp_path / f"{name}.csv").write_text("time,seconds_elapsed,z,y,x\n" + "\n".join(lines))
+    log = read(tmp_path, quiet=True)
+    at = (log.time + log.offset["mag"])[np.isfinite(log.mag[:, 0])]
+    np.testing.assert_allclose(at, 0.004 + np.arange(len(at)) / 30, atol=1e-6)
+    assert list(log.offset) == ["mag"]
+
+
+def test_a_topic_with_a_single_message_is_left_out(still, write_bag):
+    stamps = START + np.arange(400) * 10_000_000
+    topics = {
+        "/imu": ("Imu", stamps, np.column_stack([still.gyro, still.accel])),
+        "/mag": ("MagneticField", stamps[100:101], still.mag[100:101]),
+    }
+    log = read(write_bag("ros1", topics), quiet=True)
+    assert log.mag is None
+    assert any("mag of /mag is left out: 1 sample: a recording needs at least 2" in warning for warning in log.warnings)

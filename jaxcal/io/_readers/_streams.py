@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..._errors import DataError
+from ..._timebase import place
 from .._columns import scale
 from .._evidence import turning
 from .._guess import accel_unit, gyro_unit, mag_unit, no_field
@@ -103,8 +104,8 @@ def imus_of(labels: list[str], chosen: list[str]) -> list[str]:
 def join(parts: list[Part], units: dict[str, str], signals: Signals) -> None:
     """Convert all sensors to SI and put them on the time stamps of the sensor with most samples.
 
-    A temperature is interpolated; samples of other sensors go to the nearest time stamp. `units` from the caller override those of the
-    parts. The result is stored in `signals`, with a note on each sensor that had other time stamps.
+    A temperature is interpolated; other sensors keep their own time stamps. `units` from the caller override those of the parts. The
+    result is stored in `signals`, with a note on each sensor that had other time stamps.
     """
     names = [part.name for part in parts]
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -128,8 +129,24 @@ def join(parts: list[Part], units: dict[str, str], signals: Signals) -> None:
             since = (part.stamps[order] - main.stamps[0]) * 1e-9
             signals.sensors[part.name] = np.interp(time, since, values[order, 0])
             signals.notes.append(f"temperature: {part.source}, interpolated onto the stamps of {main.source}")
+        elif why := _unplaced(part.stamps):
+            signals.warnings.append(f"{part.name} of {part.source} is left out: {why}")
         else:
-            signals.sensors[part.name] = _nearest(main, part, values, signals.notes)
+            signals.sensors[part.name] = values
+            signals.own_time[part.name] = (part.stamps - main.stamps[0]) * 1e-9
+            signals.notes.append(
+                f"{part.name}: {part.source}, put on the nearest stamps of {main.source}; log.offset keeps its own times (read it alone "
+                f"with --topics {part.source} for its noise)"
+            )
+
+
+def _unplaced(stamps: np.ndarray) -> str:
+    """Why these stamps (ns) are not those of a recording, or nothing."""
+    try:
+        place((stamps - stamps[0]) * 1e-9, None, lambda i, j: np.zeros(len(i), dtype=bool))
+    except DataError as error:
+        return str(error)
+    return ""
 
 
 def _checked(parts: list[Part], units: dict[str, str], warnings: list[str]) -> list[Part]:
@@ -163,23 +180,3 @@ def _checked(parts: list[Part], units: dict[str, str], warnings: list[str]) -> l
         except DataError as error:
             warnings.append(f"{part.source}: {error}")
     return kept
-
-
-def _nearest(main: Part, part: Part, values: np.ndarray, notes: list[str]) -> np.ndarray:
-    """Put the samples of a slower sensor at the nearest time stamps of the main sensor; NaN in between."""
-    order = np.argsort(main.stamps, kind="stable")
-    stamps = main.stamps[order]
-    if len(stamps) < 2:
-        raise DataError(f"{main.source}: {len(stamps)} sample: a recording needs at least 2")
-    right = np.clip(np.searchsorted(stamps, part.stamps), 1, len(stamps) - 1)
-    nearest = np.where(part.stamps - stamps[right - 1] < stamps[right] - part.stamps, right - 1, right)
-    near = np.abs(stamps[nearest] - part.stamps) <= np.median(np.diff(stamps))
-    nearest = nearest[near]
-    out = np.full((values.shape[1], len(stamps)), np.nan).T
-    out[order[nearest]] = values[near]
-    note = (
-        f"{part.name}: {part.source}, put on the nearest stamps of {main.source} (read it alone with --topics {part.source} for its noise)"
-    )
-    lost = len(part.stamps) - len(np.unique(nearest))
-    notes.append(note + (f"; {lost} samples have no place of their own and are left out" if lost else ""))
-    return out
