@@ -50,8 +50,8 @@ PROFILES = (
     _sensor_logger("AccelerometerUncalibrated", "accel", None, _IPHONE),
     _sensor_logger("TotalAcceleration", "accel", "m/s^2"),
     _sensor_logger("Gravity", "gravity", None),
-    _sensor_logger("Gyroscope(?:Uncalibrated)?", "gyro", "rad/s"),
-    _sensor_logger("Magnetometer(?:Uncalibrated)?", "mag", "uT"),
+    *(_sensor_logger(f"Gyroscope{kind}", "gyro", "rad/s") for kind in ("", "Uncalibrated")),
+    *(_sensor_logger(f"Magnetometer{kind}", "mag", "uT") for kind in ("", "Uncalibrated")),
     Profile(
         "MicroStrain", (rf"{_XYZ} (?:accel|gyro) \[x800[45]\]",),
         ((rf"{_XYZ} accel \[x8004\]", "accel", "g"), (rf"{_XYZ} gyro \[x8005\]", "gyro", "rad/s"), (rf"{_XYZ} mag \[x8006\]", "mag", "G"),
