@@ -244,7 +244,7 @@ def _result(
     wanted = [slope[names.index(name)] for name in derivatives]
     derived: list[dict[str, AnyArray]] = []
     for own in gradients(found, record, place, rests, np.array(wanted), strength) if wanted else ():
-        derived.append({name: unfilled(by, np.asarray(getattr(log, name), dtype=float)) for name, by in own.items()})
+        derived.append({name: unfilled(by, log, name) for name, by in own.items()})
     if any(lost and sensor_of(name) == "accel" for name, lost in zip(names, blind, strict=True)):
         # delays are relative to the accelerometer: if the device hardly tilts, a delay looks like an error of the accelerometer's axes
         blind |= np.array([name.endswith("_delay") for name in names])

@@ -42,9 +42,10 @@ def gradients(
     step, known, begin = place.transition(record.time)
     pace = np.repeat([1 / rests.speed, place.reach / (3 * place.speed**2)], 3) * rests.ends[:, None]
     level = [np.broadcast_to(noise, len(whiten)) * ~record.broken for noise in (found.noise.gyro, found.noise.accel)]
+    later = 0.0 if record.mag_later is None else record.mag_later[record.grid.inner[:, :-1] - found.back][..., None]
     fixed = {
         "vector": found.vector, "free": free, "way": (way.rotation, way.velocity, way.place, way.acceleration), "earth": record.earth,
-        "gravity": record.gravity, "step": record.grid.step, "late": filters["field_turn"].length, "noise": level,
+        "gravity": record.gravity, "step": record.grid.step, "later": later, "late": filters["field_turn"].length + later, "noise": level,
         "prior": (step, known, begin), "moving": rests.moving[:, None, None], "still": pace,
         "turn": rests.windows[:, None] / rests.turn, "size": SIZES[free],
     }  # fmt: skip
@@ -168,7 +169,8 @@ def _residuals(change: Unknowns, fed: dict[str, Any], fixed: dict[str, Any]) -> 
     again = fed["rate"] + late * fed["slope"] + late**2 / 2 * fed["curve"]
     slope = fed["slope"] + late * fed["curve"] + late**2 / 2 * fed["third"]
     turn = fed["turn"] + late * jnp.diff(fed["rate"], axis=1) + late**2 / 2 * jnp.diff(fed["slope"], axis=1)
-    part = fed["field_turn"] + both * fed["field_rate"] + both**2 / 2 * fed["field_slope"]
+    part = both + fixed["later"]
+    part = fed["field_turn"] + part * fed["field_rate"] + part**2 / 2 * fed["field_slope"]
     part = part - late * fed["rate"][:, :-1] - late**2 / 2 * fed["slope"][:, :-1]
 
     gyro, accel = jnp.linalg.inv(model.gyro.matrix), jnp.linalg.inv(model.accel.matrix)

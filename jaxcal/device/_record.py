@@ -1,5 +1,6 @@
 """Prepare a log for the estimator: readings with gaps filled, which of them are missing, and their noise."""
 
+import dataclasses
 import math
 from typing import Any
 
@@ -13,35 +14,58 @@ from ._normal import exponential
 from ._solve import Record
 from ._windows import Grid
 
-_SHORT = 2  # longest gap, in samples, that is interpolated
-_NEAR = 16  # readings on each side on which an interpolated one depends: a spline's weights fall by 0.27 from one to the next
+_SHORT = 2  # longest gap, in readings, that is interpolated
+_CLOSE = 0.2  # smallest distance between two readings, in samples
+_FEWEST = 4  # readings that a spline needs
 #: share of samples that are slower than the fast ones; share of equal neighbours from which a sensor repeats its last reading
 _FAST, _HELD = 0.8, 0.05
 
 
-def _filled(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Readings with short gaps interpolated, and (n,) whether a sample lies in a longer gap."""
-    there = np.isfinite(y).all(axis=1)
-    if there.all():
-        return y, np.zeros(len(y), dtype=bool)
-    index = np.flatnonzero(there)
-    filled = scipy.interpolate.CubicSpline(index, y[index])(np.arange(len(y)))
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], there, [True]]).astype(np.int8)))
-    lost = np.zeros(len(y), dtype=bool)
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        lost[start:stop] = stop - start > _SHORT
-    usual = np.median(y[index], axis=0)
-    return np.where(lost[:, None], usual, filled), lost
+@dataclasses.dataclass(frozen=True)
+class _Sensor:
+    """Readings of a sensor at the samples of the log."""
+
+    filled: np.ndarray  # (n, 3) at the samples
+    lost: np.ndarray  # (n,) whether a sample lies in a gap too long for an interpolation
+    index: np.ndarray  # (m,) samples that have a reading
+    at: np.ndarray  # (m,) when it was taken, in samples
+    own: np.ndarray  # (m, 3) the readings
+
+    @staticmethod
+    def of(log: Any, name: str) -> "_Sensor":
+        """The readings are interpolated in short gaps, and where they were not taken at a sample (`Log.offset`)."""
+        y = np.asarray(getattr(log, name), dtype=float)
+        count, index = len(y), np.flatnonzero(np.isfinite(y).all(axis=1))
+        at, moved = index.astype(float), name in log.offset
+        if moved:
+            at += log.offset[name][index] * log.rate
+            apart = np.append(True, np.diff(at) > _CLOSE)
+            index, at = index[apart], at[apart]
+        if len(index) < _FEWEST:
+            return _Sensor(np.zeros_like(y), np.ones(count, dtype=bool), index, at, y[index])
+        edges, rows = np.concatenate([[-1], index, [count]]), np.arange(count)
+        before, after = edges[np.searchsorted(edges, rows, "right") - 1], edges[np.searchsorted(edges, rows)]
+        lost = after - before > (_SHORT + 1) * np.median(np.diff(index))
+        filled = scipy.interpolate.CubicSpline(at, y[index])(rows) if moved or len(index) < count else y
+        return _Sensor(np.where(lost[:, None], np.median(y[index], axis=0), filled), lost, index, at, y[index])
+
+    def floor(self, rate: float) -> Floor:
+        """The noise. It is that of the readings themselves where most samples are interpolated, because interpolation filters noise."""
+        step = float(np.median(np.diff(self.at)))
+        if np.array_equal(self.at, self.index) and step == 1.0:
+            return noise_floor(self.filled, rate, self.lost)
+        return noise_floor(self.own, rate / step, np.zeros(len(self.own), dtype=bool))
 
 
-def unfilled(by: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Derivative (n, 3) by the readings that exist, from the derivative by the result of `_filled`."""
-    there, lost = np.asarray(np.isfinite(y).all(axis=1)), _filled(y)[1]
-    index, out = np.flatnonzero(there), np.where(there[:, None], by, 0.0)
-    for i in np.flatnonzero(~there & ~lost):
-        at = np.searchsorted(index, i)
-        near = index[max(at - _NEAR, 0) : at + _NEAR]
-        out[near] += np.outer(scipy.interpolate.CubicSpline(near, np.eye(len(near)))(i), by[i])
+def unfilled(by: np.ndarray, log: Any, name: str) -> np.ndarray:
+    """Derivative (n, 3) by the readings that exist, from the derivative by the readings at the samples."""
+    if name == "mag":  # not interpolated
+        return np.where(np.isfinite(log.mag).all(axis=1)[:, None], by, 0.0)
+    sensor, out, rows = _Sensor.of(log, name), np.zeros_like(by), np.arange(len(by))
+    rows = rows[~sensor.lost & (rows >= sensor.at[0]) & (rows <= sensor.at[-1])]
+    knots = np.concatenate([np.full(4, sensor.at[0]), sensor.at[2:-2], np.full(4, sensor.at[-1])])
+    there, here = (scipy.interpolate.BSpline.design_matrix(x, knots, 3) for x in (sensor.at, rows.astype(float)))
+    out[sensor.index] = scipy.sparse.linalg.spsolve(there.T.tocsc(), here.T @ by[rows])
     return out
 
 
@@ -63,8 +87,8 @@ def recorded(log: Any, gravity: float, reach: float, latitude: float | None = No
         value = getattr(log, name, None)
         if value is None or np.shape(value)[1:] != (3,):
             raise DataError(f"The log has no {name} with three axes; a device is fitted from accelerometer, gyroscope and magnetometer.")
-    accel, no_accel = _filled(np.asarray(log.accel, dtype=float))
-    gyro, no_gyro = _filled(np.asarray(log.gyro, dtype=float))
+    sensors = {name: _Sensor.of(log, name) for name in ("gyro", "accel")}
+    (gyro, no_gyro), (accel, no_accel) = ((sensor.filled, sensor.lost) for sensor in sensors.values())
     mag = np.asarray(log.mag, dtype=float)
     there = _changed(mag, gyro)
     rate = float(log.rate)
@@ -77,5 +101,6 @@ def recorded(log: Any, gravity: float, reach: float, latitude: float | None = No
     for name, values in (("gyro", gyro), ("accel", accel)):
         if not np.ptp(values, axis=0).any():
             raise DataError(f"The readings of {name} never change: the sensor is dead, or its column is wrong; see `jaxcal info`.")
-    floors = noise_floor(gyro, rate, no_gyro), noise_floor(accel, rate, no_accel)
-    return Record(accel, gyro, np.where(there[:, None], mag, 0.0), there, broken, grid, gravity, earth), floors, mag
+    floors = sensors["gyro"].floor(rate), sensors["accel"].floor(rate)
+    later = np.where(there, log.offset["mag"], 0.0) if "mag" in log.offset else None
+    return Record(accel, gyro, np.where(there[:, None], mag, 0.0), later, there, broken, grid, gravity, earth), floors, mag

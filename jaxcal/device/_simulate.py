@@ -201,7 +201,11 @@ def simulate(
     }  # fmt: skip
     for sensor, own in given.items():
         readings[sensor] = readings[sensor] + _noise(own, count, float(rate), noise, sensor)
-    return Log(None, **readings, rate=float(rate), provenance={"simulated": True, "seed": seed}), device, true
+    log = Log(
+        None, accel=readings["accel"], gyro=readings["gyro"], mag=readings["mag"], rate=float(rate),
+        provenance={"simulated": True, "seed": seed},
+    )  # fmt: skip
+    return log, device, true
 
 
 def _arm(arm: Any) -> np.ndarray:

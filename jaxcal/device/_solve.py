@@ -157,6 +157,7 @@ class Record:
     accel: np.ndarray
     gyro: np.ndarray
     mag: np.ndarray
+    mag_later: np.ndarray | None  # (n,) s, by how much later than its sample a reading of the magnetometer was taken
     there: np.ndarray  # (n,) whether a reading of the magnetometer exists
     broken: np.ndarray  # (K,) windows in which inertial samples are missing
     grid: Grid
@@ -179,7 +180,8 @@ class Record:
 
     def windows(self, vector: np.ndarray, back: int) -> Windows:
         """The windows, interpolated for the delays in these parameters."""
-        return windows(self.grid, self.accel, self.gyro, self.mag, float(vector[GYRO_DELAY]), float(vector[MAG_DELAY]), back)
+        delays = float(vector[GYRO_DELAY]), float(vector[MAG_DELAY])
+        return windows(self.grid, self.accel, self.gyro, self.mag, *delays, back, self.mag_later)
 
 
 @dataclasses.dataclass

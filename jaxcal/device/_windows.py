@@ -32,7 +32,7 @@ class Windows(eqx.Module):
     slope: AnyArray  # (K, m + 1, 3) its derivative
     curve: AnyArray  # (K, m + 1, 3) its second derivative
     turn: AnyArray  # (K, m, 3) its integral over each step
-    field: AnyArray  # (K, m, 3) magnetometer, one reading for each step, at a fixed part of it
+    field: AnyArray  # (K, m, 3) magnetometer, one reading for each step
     field_turn: AnyArray  # (K, m, 3) gyroscope from the beginning of the step to the reading, integrated
     field_rate: AnyArray  # (K, m, 3) gyroscope at the reading
     field_time: AnyArray  # (K, m) s from the beginning of the step to the reading
@@ -92,8 +92,13 @@ class Grid:
         return self.first[:, None] + np.arange(self.steps + 1)
 
 
-def windows(grid: Grid, accel: Any, gyro: Any, mag: Any, gyro_delay: float, mag_delay: float, back: int | None = None) -> Windows:
-    """Windows of raw readings (n, 3) on one grid, for these delays in s. `back` is the result of `steps_back`, or near to it."""
+def windows(
+    grid: Grid, accel: Any, gyro: Any, mag: Any, gyro_delay: float, mag_delay: float, back: int | None = None, later: Any = None
+) -> Windows:  # fmt: skip
+    """Windows of raw readings (n, 3) on one grid, for these delays in s. `back` is the result of `steps_back`, or near to it.
+
+    `later` (n,) says by how much later than its sample a reading of the magnetometer was taken, s: less than a step.
+    """
     whole, h = grid.inner, grid.step
     late = gyro_delay / h
     shift = math.floor(late)
@@ -106,15 +111,17 @@ def windows(grid: Grid, accel: Any, gyro: Any, mag: Any, gyro_delay: float, mag_
     readings = whole[:, :-1] - back
     first, start = index[:, :-1], x
     if x + part < 1:
-        to_reading = integral(gyro, start, x + part, first)
-        rate = value_at(gyro, x + part, first)
+        to_reading, last = integral(gyro, start, x + part, first), (x + part, first)
     else:
-        to_reading = integral(gyro, start, 1.0, first) + integral(gyro, 0.0, x + part - 1, first + 1)
-        rate = value_at(gyro, x + part - 1, first + 1)
-    shape = whole[:, :-1].shape
+        to_reading, last = integral(gyro, start, 1.0, first) + integral(gyro, 0.0, x + part - 1, first + 1), (x + part - 1, first + 1)
+    rate, to_reading, field_time = value_at(gyro, *last), h * to_reading, np.full(whole[:, :-1].shape, part * h)
+    if later is not None:
+        more = later[readings][..., None]
+        slope = derivative_at(gyro, *last, 1) / h
+        rate, to_reading, field_time = rate + more * slope, to_reading + more * rate + more**2 / 2 * slope, field_time + more[..., 0]
     return Windows(
         accel[whole], value_at(gyro, x, index), derivative_at(gyro, x, index, 1) / h, derivative_at(gyro, x, index, 2) / h**2, h * turn,
-        mag[readings], h * to_reading, rate, np.full(shape, part * h), np.full(shape[:1], h),
+        mag[readings], to_reading, rate, field_time, np.full(len(whole), h),
     )  # fmt: skip
 
 

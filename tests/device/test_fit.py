@@ -67,9 +67,21 @@ def test_rests_make_the_accelerometer_several_times_better():
     assert np.mean(inside[motion.resting]) > 0.5
 
 
-@pytest.mark.parametrize("lever", [False, True])
-def test_derivatives_by_the_readings_are_those_of_fits_to_other_readings(monkeypatch, lever):
-    log = simulate(40.0, 25.0, seed=11, tremor=0.0, rests=4, still=2.0)[0]
+def apart(log, every, change=None):
+    """The log with every n-th reading of each sensor, at times of its own; `change` is added to the readings of a sensor."""
+    kept = {name: slice(first, None, step) for name, (first, step) in every.items()}
+    readings = {name: getattr(log, name)[own] + (0.0 if change is None else change.get(name, np.zeros((len(log.time), 3)))[own])
+                for name, own in kept.items()}  # fmt: skip
+    main = max(kept, key=lambda name: len(readings[name]))
+    own_time = {name: log.time[own] for name, own in kept.items() if name != main}
+    return jaxcal.Log(log.time[kept[main]], **readings, own_time=own_time)
+
+
+@pytest.mark.parametrize(("lever", "own"), [(False, False), (True, False), (False, True)])
+def test_derivatives_by_the_readings_are_those_of_fits_to_other_readings(monkeypatch, lever, own):
+    every = {"gyro": (0, 4), "accel": (1, 5), "mag": (2, 7)} if own else dict.fromkeys(("gyro", "accel", "mag"), (0, 1))
+    fine = simulate(40.0, 100.0 if own else 25.0, seed=11, tremor=0.0, rests=4, still=2.0)[0]
+    log = apart(fine, every)
     names = ("accel.bias[0]", "gyro.matrix[1,1]", "magnetometer.soft_iron[0,1]", "magnetometer.hard_iron[2]", "field", "gyro_delay")
     started, rounds, kept = _fit.started, _fit._rounds, {}
 
@@ -97,17 +109,18 @@ def test_derivatives_by_the_readings_are_those_of_fits_to_other_readings(monkeyp
     names = (*names, *(["lever[0,0]"] if lever else []))
     found = fit(log, lever=lever, derivatives=names)
     assert found.rests
-    rng, readings = np.random.default_rng(2), ("accel", "gyro", "mag")
+    rng = np.random.default_rng(2)
     for sensor, size in (("accel", 1e-3), ("gyro", 3e-5), ("mag", 3e-8)):
-        wave = size * np.sin(2 * np.pi * rng.uniform(0.02, 0.2, 3) * log.time[:, None] + rng.uniform(0, 6, 3))
-        ends = [
-            fit(jaxcal.Log(None, **{one: getattr(log, one) + sign * wave * (one == sensor) for one in readings}, rate=25.0), lever=lever)
-            for sign in (1, -1)
-        ]
+        wave = size * np.sin(2 * np.pi * rng.uniform(0.02, 0.2, 3) * fine.time[:, None] + rng.uniform(0, 6, 3))
+        ends = [fit(apart(fine, every, {sensor: sign * wave}), lever=lever) for sign in (1, -1)]
+        first, step = every[sensor]
+        there = np.isfinite(getattr(log, sensor)).all(axis=1)
+        assert len(wave[first::step]) - there.sum() <= 1  # the last reading may come after the log
         for name in names:
             i = found.names.index(name)
             expected = (ends[0].values[i] - ends[1].values[i]) / 2
-            assert np.sum(found.derivatives[name][sensor] * wave) == pytest.approx(expected, rel=1e-4), (sensor, name)
+            along = np.sum(found.derivatives[name][sensor][there] * wave[first::step][: there.sum()])
+            assert along == pytest.approx(expected, rel=1e-4), (sensor, name)
     # an offset of a sensor is its bias
     assert found.derivatives["accel.bias[0]"]["accel"].sum(axis=0) == pytest.approx([1.0, 0.0, 0.0], abs=1e-3)
     with pytest.raises(jaxcal.DataError, match="no such parameter"):
@@ -283,6 +296,18 @@ def test_missing_samples_and_a_slow_magnetometer_cost_little():
     part = fit(jaxcal.Log(None, accel=accel, gyro=gyro, mag=mag, rate=50.0))
     assert_covered(errors(part, true))
     assert part.standard_error[:9].max() < 1.5 * found.standard_error[:9].max()
+
+
+@pytest.mark.parametrize("every", [{"gyro": (0, 6), "accel": (2, 7), "mag": (3, 13)}, {"gyro": (2, 7), "accel": (0, 6), "mag": (3, 31)}])
+def test_sensors_with_stamps_of_their_own(every):
+    fine, true, _ = simulate(60.0, 360.0, seed=5, swing=2.0)
+    log = apart(fine, every)
+    found = fit(log)
+    assert_covered(errors(found, true))
+    # at the nearest samples alone, readings are up to half a sample away from their time
+    near = fit(jaxcal.Log(None, **{name: getattr(log, name) for name in every}, rate=log.rate))
+    i = found.names.index("magnetometer.hard_iron[2]")
+    assert near.standard_error[i] > 1.4 * found.standard_error[i]
 
 
 def test_wrong_calls_say_what_is_expected():
