@@ -41,6 +41,7 @@ def _ar1(deviation):
 class Cell:
     """Options of `simulate`, what the bound knows (None: no bound), options of `fit`, and flicker (accel, gyro) that is added.
 
+    `clocks` keeps every n-th reading of each sensor, so that each has stamps of its own; `simulate` has the rate before.
     `drift` is by how much the gyroscope's bias changes along the recording, in a random direction, rad/s.
     `wander` are Gauss-Markov errors that are added: sensor -> (deviation, s), of the magnetometer as a part of the field.
     """
@@ -51,8 +52,12 @@ class Cell:
     flicker: tuple | None = None
     drift: float = 0.0
     wander: dict = dataclasses.field(default_factory=dict)
+    clocks: dict = dataclasses.field(default_factory=dict)
 
 
+#: 100, 87.5 and 46.7 Hz, from readings at 700 Hz; every n-th reading of white noise has n times its power density
+_CLOCKS = {"gyro": 7, "accel": 8, "mag": 15}
+_FINE = {"rate": 700.0, "accel_noise": NOISE_ACCEL / np.sqrt(8), "gyro_noise": NOISE_GYRO / np.sqrt(7)}
 _COLOURED = {"accel_noise": _ar1(NOISE_ACCEL * 10), "gyro_noise": _ar1(NOISE_GYRO * 10), "mag_noise": _ar1(0.005 * 50e-6)}
 #: m/s^2 and rad/s: flicker of the biases, which the fit is told
 _FLICKER = (50e-6 * 9.80665, np.deg2rad(10 / 3600))
@@ -71,6 +76,9 @@ CELLS = {
     "AR(1), 8 rests": Cell(_COLOURED | {"rests": 8}),
     "wandering errors": Cell({}, wander=_REAL),
     "wandering errors, 8 rests": Cell({"rests": 8}, wander=_REAL),
+    "clocks of their own": Cell(_FINE, clocks=_CLOCKS),
+    "clocks of their own, brisk": Cell(_FINE | {"swing": 2.0}, clocks=_CLOCKS),
+    "clocks of their own, 8 rests": Cell(_FINE | {"rests": 8}, clocks=_CLOCKS),
     "flicker": Cell({}, options=_TOLD, flicker=_FLICKER),
     "flicker, 8 rests": Cell({"rests": 8}, options=_TOLD, flicker=_FLICKER),
     "drift of 60 deg/h, 8 rests": Cell({"rests": 8}, drift=np.deg2rad(60 / 3600)),
@@ -122,6 +130,8 @@ def run(cell, seed):
         log = jaxcal.Log(None, accel=log.accel, gyro=log.gyro + ramp, mag=log.mag, rate=log.rate)
     if cell.wander:
         log = _with_wander(log, cell.wander, float(model.field), seed)
+    if cell.clocks:
+        log = _with_clocks(log, cell.clocks)
     start = time.perf_counter()
     try:
         found = jaxcal.device.fit(log, **cell.options)
@@ -135,7 +145,7 @@ def run(cell, seed):
     line["seconds"] = time.perf_counter() - start
     if cell.known is not None:
         line["bound"] = np.sqrt(np.diag(bound.covariance_of(bound.information(true, model, cell.known), model)))
-    if cell.motion.get("rests"):
+    if cell.motion.get("rests") and not cell.clocks:
         line |= _single(log, truth)
     return line
 
@@ -161,6 +171,13 @@ def _with_wander(log, sizes, field, seed):
         error = size * np.sqrt(1 - keep**2) * scipy.signal.lfilter([1.0], [1.0, -keep], steps, axis=0)
         readings[sensor] = getattr(log, sensor) + error * (field if sensor == "mag" else 1.0)
     return jaxcal.Log(None, **readings, rate=log.rate)
+
+
+def _with_clocks(log, every):
+    """The log with every n-th reading of each sensor, with the gyroscope's stamps and those of the others."""
+    readings = {name: getattr(log, name)[::n] for name, n in every.items()}
+    stamps = {name: log.time[::n] for name, n in every.items()}
+    return jaxcal.Log(stamps.pop("gyro"), **readings, own_time=stamps)
 
 
 def _inside(truth, interval):

@@ -362,7 +362,7 @@ def _own_stamps(own_time: Mapping[str, Any], sensors: dict[str, np.ndarray], epo
             raise DataError(f"own_time has stamps of {name}, and the sensors are {', '.join(sensors)}; give the readings of {name} too")
         stamps, start = _stamps(time)
         if stamps is None or stamps.shape != sensors[name].shape[:1]:
-            raise DataError(f"own_time of {name} has shape {np.shape(time)}; expected a stamp for each of its {len(sensors[name])} readings")
+            raise DataError(f"own_time of {name} has shape {np.shape(time)}; expected {len(sensors[name])} stamps, one for each reading")
         own[name] = stamps + ((start - epoch) * 1e-9 if start else 0.0)
     if own and len(own) == len(sensors):
         raise DataError("own_time has stamps of every sensor; leave out those of the sensor to which `time` belongs")
