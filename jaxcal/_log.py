@@ -5,15 +5,16 @@ import dataclasses
 import html
 import importlib
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import numpy as np
 
 from ._errors import DataError
+from ._own_time import at_nearest, equal_rows, far_apart, own_stamps, placed_alone, stamps_of
 from ._quality import all_finite, checked_rate, inspect, mark_missing, shown_unit
-from ._timebase import GAP, Placement, nearest, place, span
+from ._timebase import Placement, place, span
 from ._types import AnyArray
 
 #: sensor field -> channel name suffixes
@@ -49,7 +50,7 @@ class Log(eqx.Module):
     temperature : (n,) degC.
     rate : Hz. With stamps, it is checked against them (0.5 %) and kept; without stamps, it defines the grid.
     own_time : sensor -> (m,) stamps in s of a sensor that has stamps of its own, by the same clock as `time`. The readings of this sensor
-        are (m, 3). Each goes to the nearest sample of the grid, and `offset` keeps by how much later it was taken.
+        are (m, 3). Each reading goes to the nearest sample of the grid, and `offset` keeps the difference to its own time.
     notes, warnings : sentences from the reader of the recording, placed before the sentences found here.
     provenance : origin of the recording. `epoch_ns`, the stamp of the first sample, is filled in.
 
@@ -58,8 +59,8 @@ class Log(eqx.Module):
     time : (n,) s from the first sample.
     gyro, accel, mag, temperature : as given, on the grid; None if not recorded.
     rate : Hz.
-    offset : sensor -> (n,) s, by how much later than `time` each reading was taken; NaN where there is none. Only for sensors that have
-        stamps of their own.
+    offset : sensor -> (n,) s. `time` plus `offset` is when the sensor took each reading; NaN where there is no reading. Only for sensors
+        that have stamps of their own.
     gaps : tuple of `Gap`: stretches in which a sensor is missing.
     notes : tuple of sentences for information: quantisation steps, warm-up, small jitter.
     warnings : tuple of sentences on anything that makes results from these data doubtful.
@@ -120,15 +121,15 @@ class Log(eqx.Module):
         notes, warnings, provenance = list(notes), list(warnings), dict(provenance or {})
         given = {"gyro": gyro, "accel": accel, "mag": mag, "temperature": temperature}
         sensors = {name: _columns(name, values) for name, values in given.items() if values is not None}
-        stamps, epoch = _stamps(time)
-        own = _own_stamps(own_time or {}, sensors, epoch)
+        stamps, epoch = stamps_of(time)
+        own = own_stamps(own_time or {}, sensors, epoch)
         size = _common_length(stamps, {name: values for name, values in sensors.items() if name not in own})
         rate = None if rate is None else checked_rate(rate)
         for name, values in sensors.items():
             sensors[name] = mark_missing(name, _channel_names(name, values), values, warnings)
 
         apart = {name: sensors.pop(name) for name in own}
-        placed = {name: _placed(name, own[name], apart[name]) for name in own}
+        placed = {name: placed_alone(name, own[name], apart[name]) for name in own}
         if stamps is None:
             if rate is None:
                 raise DataError("no time stamps: give rate= (Hz), or the time column")
@@ -136,7 +137,7 @@ class Log(eqx.Module):
                 raise DataError(f"{size} sample: a recording needs at least 2")
             grid = Placement(None, None, size, rate, 0.0)
         else:
-            grid = place(stamps, rate, _equal(sensors))
+            grid = place(stamps, rate, equal_rows(sensors))
             sensors = {name: _on_grid(values, grid) for name, values in sensors.items()}
             rate, size = grid.rate, grid.size
             epoch += round(grid.start * 1e9)
@@ -145,7 +146,7 @@ class Log(eqx.Module):
         offset = {}
         for name, own_grid in placed.items():
             warnings += [f"{name}: {sentence}" for sentence in own_grid.warnings]
-            sensors[name], offset[name] = _at_nearest(name, apart[name], own_grid, grid, notes)
+            sensors[name], offset[name] = at_nearest(name, apart[name], own_grid, grid, notes)
 
         for name, values in sensors.items():
             sensors[name] = inspect(name, _channel_names(name, values), values, rate, notes, warnings)
@@ -327,24 +328,6 @@ def _columns(sensor: str, values: Any) -> np.ndarray:
     return array if array.strides[0] == array.itemsize else np.asfortranarray(array)
 
 
-def _stamps(time: Any) -> tuple[np.ndarray | None, int]:
-    """Stamps in s, and the nanoseconds to add to them."""
-    if time is None:
-        return None, 0
-    stamps = np.asarray(time)
-    if stamps.ndim != 1:
-        raise DataError(f"time has shape {stamps.shape}; expected (n,)")
-    if np.issubdtype(stamps.dtype, np.datetime64):
-        ns = stamps.astype("datetime64[ns]")
-        missing = np.isnat(ns)
-        ns = ns.astype(np.int64)
-        epoch = int(ns[~missing][0]) if not missing.all() else 0
-        return np.where(missing, np.nan, (ns - epoch) * 1e-9), epoch
-    if stamps.dtype.kind not in "iuf":
-        raise DataError(f"time holds {stamps.dtype} values; expected seconds as numbers, or datetime64")
-    return stamps.astype(np.float64, copy=False), 0
-
-
 def _common_length(stamps: np.ndarray | None, sensors: dict[str, np.ndarray]) -> int:
     if not sensors:
         raise DataError("a log needs at least one of gyro, accel, mag and temperature")
@@ -352,52 +335,6 @@ def _common_length(stamps: np.ndarray | None, sensors: dict[str, np.ndarray]) ->
     if len(set(lengths.values())) > 1:
         raise DataError("all arrays need one row per sample, but " + ", ".join(f"{name} has {n}" for name, n in lengths.items()))
     return next(iter(lengths.values()))
-
-
-def _own_stamps(own_time: Mapping[str, Any], sensors: dict[str, np.ndarray], epoch: int) -> dict[str, np.ndarray]:
-    """Stamps in s of each sensor that has its own, by the clock whose zero is at `epoch` ns."""
-    own = {}
-    for name, time in own_time.items():
-        if name not in sensors:
-            raise DataError(f"own_time has stamps of {name}, and the sensors are {', '.join(sensors)}; give the readings of {name} too")
-        stamps, start = _stamps(time)
-        if stamps is None or stamps.shape != sensors[name].shape[:1]:
-            raise DataError(f"own_time of {name} has shape {np.shape(time)}; expected {len(sensors[name])} stamps, one for each reading")
-        own[name] = stamps + ((start - epoch) * 1e-9 if start else 0.0)
-    if own and len(own) == len(sensors):
-        raise DataError("own_time has stamps of every sensor; leave out those of the sensor to which `time` belongs")
-    return own
-
-
-def _placed(name: str, stamps: np.ndarray, values: np.ndarray) -> Placement:
-    """Place the stamps of a sensor that has its own."""
-    try:
-        return place(stamps, None, _equal({name: values}))
-    except DataError as error:
-        raise DataError(f"{name}: {error}") from error
-
-
-def _equal(sensors: dict[str, np.ndarray]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Whether all sensors have the same values in rows i as in rows j."""
-
-    def equal(i: np.ndarray, j: np.ndarray) -> np.ndarray:
-        return np.all([np.all((v[i] == v[j]) | (np.isnan(v[i]) & np.isnan(v[j])), axis=1) for v in sensors.values()], axis=0)
-
-    return equal
-
-
-def _at_nearest(name: str, values: np.ndarray, own: Placement, grid: Placement, notes: list[str]) -> tuple[np.ndarray, np.ndarray]:
-    """Readings at the nearest samples of the grid, NaN elsewhere, and by how much later they were taken; of two in a row the last stays."""
-    row, later = nearest(own, grid)
-    values = values if own.source is None else values[own.source]
-    near = np.flatnonzero(row >= 0)
-    if not len(near):
-        raise DataError(f"no stamp of {name} lies within the time of the log: its stamps are those of another clock")
-    placed, offset = np.full((values.shape[1], grid.size), np.nan).T, np.full(grid.size, np.nan)
-    placed[row[near]], offset[row[near]] = values[near], later[near]
-    if lost := len(row) - len(np.unique(row[near])):
-        notes.append(f"{name}: {lost} of {len(row)} readings have no sample of the log to themselves and are left out")
-    return placed, offset
 
 
 def _on_grid(values: np.ndarray, grid: Placement) -> np.ndarray:
@@ -426,7 +363,7 @@ def gaps_of(sensors: dict[str, np.ndarray], offset: Mapping[str, AnyArray], rate
         if present < _SPARSE:
             warnings.append(f"{name} is present in {100 * present:.3g} % of the samples (about {present * rate:.3g} Hz)")
         else:
-            missing = missing | (_far_apart(gone, np.asarray(offset[name]) * rate) if name in offset else gone)
+            missing = missing | (far_apart(gone, np.asarray(offset[name]) * rate) if name in offset else gone)
     if not missing.any():
         return ()
     edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(np.int8)))
@@ -438,13 +375,3 @@ def gaps_of(sensors: dict[str, np.ndarray], offset: Mapping[str, AnyArray], rate
         f"{longest.length:.4g} s at {longest.start:.6g} s"
     )
     return gaps
-
-
-def _far_apart(gone: np.ndarray, later: np.ndarray) -> np.ndarray:
-    """Rows without a reading, between readings that are farther apart than usual; `later` (n,) is `Log.offset` in samples."""
-    there = np.flatnonzero(~gone)
-    if len(there) < 2:
-        return gone
-    at = np.concatenate([[0.0], there + later[there], [len(gone) - 1.0]])
-    apart = np.diff(at)
-    return gone & (apart > GAP * np.median(apart[1:-1]))[np.searchsorted(there, np.arange(len(gone)))]

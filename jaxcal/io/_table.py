@@ -58,9 +58,8 @@ class Choice:
 class Signals:
     """Data for a `Log`, and the columns and units from which they come.
 
-    `own_time` has the stamps of sensors that have their own. `nominal` is a rate that the file states in addition to time stamps.
-    `choices` are for `jaxcal.io.inspect`; `sources` are sentences on all topics in the file. `imus` are the `topics` of each IMU, if there
-    are several.
+    `own_time` has the stamps of sensors with their own; `nominal` is a rate that the file states beside stamps. `choices` are for
+    `jaxcal.io.inspect`, `sources` sentences on all topics, `imus` the `topics` of each IMU if there are several.
     """
 
     time: np.ndarray | None
