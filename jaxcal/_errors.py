@@ -1,8 +1,28 @@
 """Exceptions and warnings. Every message says what was found, what was expected and how to correct it."""
 
+from typing import Any
+
 
 class JaxcalError(ValueError):
-    """Base class of all errors that jaxcal raises on purpose."""
+    """Base class of all errors that jaxcal raises on purpose.
+
+    Parameters
+    ----------
+    message : the sentence, as text or as a `Message` that names options.
+    code : name of the fault, for programs and tests; "" if it has none.
+    """
+
+    def __init__(self, message: Any = "", code: str = ""):
+        super().__init__(message)
+        self.code = code
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+    def spelt(self, reader: str) -> str:
+        """The sentence as a reader of "python" or of the "terminal" types it."""
+        message = self.args[0]
+        return message if isinstance(message, str) else message.spelt(reader)
 
 
 class DataError(JaxcalError):

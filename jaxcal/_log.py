@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import equinox as eqx
 import numpy as np
 
+from ._answer import CAUTION, NOTE, Finding, Kind, table
 from ._errors import DataError
 from ._own_time import at_nearest, equal_rows, far_apart, own_stamps, placed_alone, stamps_of
 from ._quality import all_finite, checked_rate, inspect, mark_missing, shown_unit
@@ -19,6 +20,8 @@ from ._types import AnyArray
 
 #: sensor field -> channel name suffixes
 _AXES = {"gyro": ("_x", "_y", "_z"), "accel": ("_x", "_y", "_z"), "mag": ("_x", "_y", "_z"), "temperature": ("",)}
+_SENSORS = {"gyro": "gyroscope", "accel": "accelerometer", "mag": "magnetometer", "temperature": "temperature"}
+_FINDINGS = table(doubt=Kind(CAUTION, "{text}"), read=Kind(NOTE, "{text}"))
 _THREE = 3
 #: a sensor present in a smaller share of the samples is slow, not full of gaps
 _SPARSE = 0.5
@@ -219,6 +222,27 @@ class Log(eqx.Module):
 
     if not TYPE_CHECKING:
         __hash__ = None
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is to know about the recording, as `Finding`s."""
+        said = [_FINDINGS("doubt", text=text) for text in self.warnings]
+        return tuple(said + [_FINDINGS("read", text=text) for text in self.notes])
+
+    def head(self) -> str:
+        """Sensors, rate and duration in a line.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import jaxcal
+        >>> jaxcal.Log(None, gyro=np.random.default_rng(0).normal(size=(100, 3)), rate=10.0).head()
+        'gyroscope, 10 Hz, 10 s'
+        """
+        names = [_SENSORS[name] for name in self._sensors()]
+        sensors = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+        lost = 100 * sum(gap.samples for gap in self.gaps) / len(self.time)
+        return f"{sensors}, {self.rate:.6g} Hz, {span(self.duration)}" + (f", {lost:.2g} % missing" if self.gaps else "")
 
     def __repr__(self) -> str:
         """The text of `summary`."""

@@ -7,6 +7,7 @@ sqrt(2) larger.
 
 import math
 import re
+from collections.abc import Sequence
 
 from ._errors import UnitError
 
@@ -157,6 +158,69 @@ def _noise_table(term: str, sensor: str) -> dict[str, float]:
     if ("N", sensor) not in _NOISE:
         raise UnitError(f"no noise units of sensor {sensor!r}; sensors are gyro, accel, mag")
     return _NOISE.get((term, sensor), {"SI": 1.0})
+
+
+#: further quantities of results -> {unit: SI value of one unit}; the first unit is the SI unit
+_OTHERS: dict[str, dict[str, float]] = {
+    "angle": {"rad": 1.0, "deg": _DEG, "mrad": 1e-3, "arcmin": _DEG / 60, "arcsec": _DEG / 3600},
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
+    "speed": {"m/s": 1.0, "cm/s": 1e-2},
+    "frequency": {"Hz": 1.0, "mHz": 1e-3},
+    "delay": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
+    "gyro/accel": {"rad/s per m/s^2": 1.0, "deg/s/g": _DEG / STANDARD_GRAVITY, "deg/h/g": _DEG / 3600 / STANDARD_GRAVITY},
+    "ratio": {"": 1.0, "%": 1e-2, "ppm": 1e-6},
+}
+#: quantity -> the unit in which every command, report and fleet shows it; quantities not listed are shown in SI
+_SHOWN = {"gyro": "deg/s", "mag": "uT", "angle": "deg", "delay": "ms", "gyro/accel": "deg/s/g"}
+
+
+def _units_of(name: str) -> dict[str, float]:
+    """Units of a quantity of a result: "gyro", "angle", "N.gyro" for a noise coefficient. Any other text is a unit by itself."""
+    term, _, sensor = name.partition(".")
+    if name in _QUANTITIES:
+        return _QUANTITIES[name][1]
+    if sensor and ("N", sensor) in _NOISE:
+        return _noise_table(term, sensor)
+    return _OTHERS.get(name, {name: 1.0})
+
+
+def si_unit_of(name: str) -> str:
+    """SI unit of a quantity of a result, as text.
+
+    Examples
+    --------
+    >>> from jaxcal._units import si_unit_of
+    >>> si_unit_of("gyro"), si_unit_of("N.accel"), si_unit_of("angle"), si_unit_of("counts")
+    ('rad/s', 'm/s^2/sqrt(Hz)', 'rad', 'counts')
+    """
+    term, _, sensor = name.partition(".")
+    if name in _QUANTITIES:
+        return si_unit(name)
+    if sensor and ("N", sensor) in _NOISE:
+        return noise_units(term, sensor)[-1]
+    return next(iter(_units_of(name)))
+
+
+def shown_in(name: str, wanted: Sequence[str] = ()) -> tuple[str, float]:
+    """Unit in which a quantity of a result is shown, and its SI value: the first wanted unit that fits, or the usual one.
+
+    Examples
+    --------
+    >>> from jaxcal._units import shown_in
+    >>> shown_in("mag"), shown_in("mag", ["mg", "nT"]), shown_in("counts")
+    (('uT', 1e-06), ('nT', 1e-09), ('counts', 1.0))
+    """
+    units = _units_of(name)
+    term, _, sensor = name.partition(".")
+    usual = noise_units(term, sensor)[0] if sensor and ("N", sensor) in _NOISE else _SHOWN.get(name, si_unit_of(name))
+    unit = next((one for one in wanted if one in units), usual)
+    return unit, units[unit]
+
+
+def known_units() -> set[str]:
+    """All units in which a quantity of a result can be shown."""
+    tables = [*(units for _, units in _QUANTITIES.values()), *_NOISE.values(), *_OTHERS.values()]
+    return {unit for table in tables for unit in table if unit}
 
 
 def number(value: float, uncertainty: float) -> str:

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
+from .._units import known_units
 from ._advice import TASKS, not_a_calibration, not_a_log
 
 READING = Group("Reading the log", sort_key=10)
@@ -130,6 +131,16 @@ class Running:
     """How a command runs."""
 
     quiet: Quiet = False
+    verbose: Annotated[bool, Parameter(name=("--verbose", "-v"), help="Print everything: tables of detail, and all findings.")] = False
+    unit: Annotated[
+        tuple[str, ...],
+        checked(
+            "--unit",
+            lambda units: all(one in known_units() for one in units),
+            lambda _: f"units such as {', '.join(sorted(known_units()))}",
+            "Show quantities in this unit, such as deg/h, mg or nT. Repeatable.",
+        ),
+    ] = ()
     seed: Annotated[int, Parameter(help="Seed of what is simulated; estimates use no random numbers.")] = 0
     config: Annotated[
         Path | None, Parameter(help='TOML file with options: a table for each command, as [noise] units = ["gyro=deg/s"].')

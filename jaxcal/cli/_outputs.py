@@ -84,6 +84,9 @@ def save_report(place: Path, results: Any, log: Any) -> None:
 
 def save_json(place: Path, results: Any, log: Any) -> None:
     """Write the JSON document."""
+    if hasattr(results, "findings"):
+        results.save(place, log)
+        return
     write_atomically(place, json_text(jaxcal.report.document(results, log)))
 
 

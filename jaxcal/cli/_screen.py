@@ -25,6 +25,11 @@ class Screen:
         """Print one sentence, wrapped."""
         self._print(text)
 
+    def lines(self, lines: Iterable[str]) -> None:
+        """Print lines as they are."""
+        for line in lines:
+            self._print(line, soft_wrap=True)
+
     def path(self, text: str) -> None:
         """Print a line without breaking it, so that a path in it can be copied."""
         self._print(text, soft_wrap=True)

@@ -5,6 +5,8 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from .._answer import Finding, tables, things_to_know
+from .._errors import DataError
 from ._advice import READING_OPTIONS, as_typed
 from ._cache import keep_compiled
 from ._options import Reading, Running, read_log
@@ -18,8 +20,19 @@ class Done(NamedTuple):
     screen: Screen
     log: Any
     found: Any
-    said: list[str]
+    said: list[Any]
     written: list[Path]
+
+    def end(self, running: Running, findings: Iterable[Finding] = ()) -> None:
+        """Print the last lines of an answer: the three things that matter most, and the files.
+
+        `findings` are those of the command itself; those of the log, of the result and of its files are added here.
+        """
+        more = "-v" + (", or the report" if any(path.name == "report.html" for path in self.written) else "")
+        told = [*self.log.findings, *self.found.findings, *findings, *self.said]
+        self.screen.lines(things_to_know(told, reader="terminal", wanted=running.unit, verbose=running.verbose, more=more))
+        show_written(self.screen, self.written)
+        self.screen.end()
 
     def tell(self, warnings: Iterable[str] = (), notes: Iterable[str] = ()) -> None:
         """Print the last lines: all warnings, the notes, and the files."""
@@ -46,7 +59,7 @@ def date_of(log: Any, path: Path) -> str:
 def carry_out(
     path: Path, reading: Reading, running: Running, plan: Outputs, compute: Callable[[Any, Any], Any], *, doing: str = "fitting",
     show: Callable[[Screen, Any], None] | None = None, change: Callable[[Any], Any] | None = None, command: str = "",
-    options: Mapping[str, Any] | None = None,
+    options: Mapping[str, Any] | None = None, force: bool = False,
 ) -> Done:  # fmt: skip
     """Read the log at `path`, print what was read, compute, print the result, and write the files of `plan`: all of them or none.
 
@@ -58,6 +71,14 @@ def carry_out(
     show : (screen, results) -> None: prints the result, before the files are written, so that the user need not wait for them.
     change : function applied to the log before everything else.
     command, options : stored with the log, if given, so that every file made from it names them and the versions.
+    force : write the files of a refused result too.
+
+    A result with findings prints itself: what was read, the guesses that matter, its verdict, and its tables.
+
+    Raises
+    ------
+    DataError
+        If the result is refused; its lines are printed, and nothing is written.
     """
     screen, (targets, folder) = Screen(running.quiet), plan
     with staged(targets, inputs=[path], folder=folder) as places:
@@ -66,22 +87,37 @@ def carry_out(
             log = log if change is None else change(log)
             check_suited(command, log, path, options or {})
             log = log if options is None or not targets else _signed(path, log, command, reading, options)
-        show_log(screen, log)
+        if show is not None:
+            show_log(screen, log)
         with progress(doing, running.quiet) as move:
             keep_compiled()
             found = compute(log, move)
-        if show is not None:
+        if show is None:
+            _show(screen, path, log, found, running)
+            if found.verdict == "refused" and not force:
+                screen.lines(things_to_know(found.findings, reader="terminal", wanted=running.unit, verbose=running.verbose))
+                raise DataError("the result is refused, and nothing is written; the reason stands above", code="refused")
+        else:
             show(screen, found)
-            screen.flush()
+        screen.flush()
         with progress("writing", running.quiet):
             said = [sentence for target, make in targets.items() for sentence in make(places[target], found, log) or ()]
         written = [target for target, place in places.items() if place.exists()]
     return Done(screen, log, found, said, written)
 
 
+def _show(screen: Screen, path: Path, log: Any, found: Any, running: Running) -> None:
+    """Print what was read, and the first part of the answer."""
+    screen.line(f"{path.name}: {log.head()}")
+    if running.verbose:
+        screen.line(log.summary())
+    told = [*log.findings, *found.findings]
+    screen.lines(["", *tables(found.verdict, found.headline, found.sections(), told, reader="terminal", wanted=running.unit,
+                              verbose=running.verbose)])  # fmt: skip
+
+
 def check_suited(command: str, log: Any, path: Path, options: Mapping[str, Any]) -> None:
     """Refuse a log that does not suit the command, before any fit."""
-    from .._errors import DataError
     from ..io._suited import unsuited
 
     # skip the check for counts, whose size cannot contradict gravity

@@ -7,6 +7,7 @@ well its parameters are known. Every estimator of jaxcal uses this package, and 
 
 from ._chain import Chain as Chain, Eliminated as Eliminated
 from ._covariance import covariance as covariance, intervals as intervals
+from ._estimate import Estimate as Estimate, NamedMatrix as NamedMatrix, mixed as mixed
 from ._fit import solve as solve, solve_many as solve_many
 from ._information import Information as Information, information as information
 from ._loss_and_prior import (

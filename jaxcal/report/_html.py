@@ -1,49 +1,13 @@
 """Write HTML so that no text can become markup; common parts of all pages."""
 
 import datetime
-import html
 import math
 import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from .._answer._html import Markup, each, join, tag
 from .._results import plain
-
-_VOID = ("meta", "br", "hr", "col")
-
-
-class Markup(str):
-    """Text that is already HTML."""
-
-    __slots__ = ()
-
-
-def tag(name: str, /, *content: Any, **attributes: Any) -> Markup:
-    """Make an element; every attribute is escaped, and so is content that is not `Markup`.
-
-    In attribute names a trailing underscore is dropped, and other underscores become hyphens; a value of None omits the attribute.
-
-    Examples
-    --------
-    >>> from jaxcal.report._html import tag
-    >>> tag("p", "a < b", tag("b", "c"), class_="lead")
-    '<p class="lead">a &lt; b<b>c</b></p>'
-    """
-    pairs = ((key.rstrip("_").replace("_", "-"), value) for key, value in attributes.items() if value is not None)
-    start = name + "".join(f' {key}="{html.escape(str(value))}"' for key, value in pairs)
-    if name in _VOID:
-        return Markup(f"<{start}>")
-    return Markup(f"<{start}>{join(content)}</{name}>")
-
-
-def join(content: Any) -> Markup:
-    """Concatenate pieces."""
-    return Markup("".join(piece if isinstance(piece, Markup) else html.escape(str(piece)) for piece in content))
-
-
-def each(name: str, items: Any) -> Markup:
-    """Make an element for every item."""
-    return join(tag(name, item) for item in items)
 
 
 def inside(prefix: str, content: Markup) -> Markup:

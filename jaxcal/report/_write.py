@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from .._errors import DataError
 from .._files import write_atomically
 from .._log import Log
+from ._answer import answer_page
 from ._html import Markup, inside, join, recorded, recording, section, table, tag
 from ._page import page
 
@@ -78,7 +79,7 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | N
     version = importlib.metadata.version("jaxcal")
     if isinstance(results, (list, tuple)):
         title, lead, body = _device(_pairs(results, log), device, version)
-    elif _is(results, "imu", "ImuFit") and results.accel is None:
+    elif not hasattr(results, "findings") and _is(results, "imu", "ImuFit") and results.accel is None:
         raise DataError(f"there is nothing to report: the calibration was refused. {results.reason}")
     else:
         title, lead, body = _content(results, log, version, device)
@@ -142,7 +143,7 @@ def document(results: Any, log: Any = None) -> dict[str, Any]:
     >>> jaxcal.report.document(jaxcal.magnetometer.fit(body_field(scenario("all"), 50e-6)))["verdict"]
     'good'
     """
-    return _kind(results).document(results, log)
+    return results.to_dict(log) if hasattr(results, "findings") else _kind(results).document(results, log)
 
 
 def _is(result: Any, home: str, name: str) -> bool:
@@ -164,7 +165,8 @@ def _content(results: Any, log: Any, version: str, device: str | None) -> tuple[
     """Title, subtitle and sections of a page."""
     if not (log is None or isinstance(log, Log) or _is(results, "alignment", "AlignmentFit")):
         raise DataError(f"log is {type(log).__name__}; give the Log that was read, or leave it out")
-    what, lead, body = _kind(results).page(results, log, version)
+    page_of = answer_page if hasattr(results, "findings") else _kind(results).page
+    what, lead, body = page_of(results, log, version)
     file = log.provenance.get("file") if isinstance(log, Log) else None
     if device is None and file:
         device = pathlib.PurePath(str(file)).name
@@ -197,7 +199,8 @@ def _device(parts: list[tuple[Any, Any]], device: str | None, version: str) -> t
         name = f"part-{number}"
         head = join((tag("h2", title, id=name), tag("p", lead, class_="lead")))
         articles.append(tag("article", head, inside(f"{name}-", body), aria_labelledby=name))
-        for what, verdict, sentence in _kind(results).summary(results):
+        new = hasattr(results, "findings")
+        for what, verdict, sentence in [(title, results.verdict, results.headline)] if new else _kind(results).summary(results):
             badge = tag("span", verdict, class_=f"badge{_BADGES.get(verdict, ' hint')}")
             rows.append((tag("a", what, href=f"#{name}"), badge, sentence))
     verdicts = section("Verdicts", "verdicts", table(("Part", "Verdict", "What was found"), rows, class_="verdicts"))

@@ -1,0 +1,115 @@
+"""Results as text, for the terminal and for `print`: one number a row and axis, and at most three things to know."""
+
+import math
+import textwrap
+from collections.abc import Iterable, Sequence
+
+from .._message import Reader
+from .._units import number, shown_in
+from ._findings import Finding, joined, ordered
+from ._sections import Grid, Number, Section
+
+_WIDTH = 80  # characters of a line of a terminal
+#: findings shown without `-v`: a reader acts on three at most
+_FEW = 3
+_GAP = "   "
+
+
+def cell_text(cell: Number | str | None, wanted: Sequence[str] = ()) -> str:
+    """One number with half of its 95 % interval, in the unit of the reader.
+
+    Examples
+    --------
+    >>> from jaxcal._answer import Number, cell_text
+    >>> cell_text(Number("b", 5e-6, 4e-6, 6e-6, "mag")), cell_text(Number("K", 0.0, high=2e-6, quantity="mag", state="limit"))
+    ('5.0 ± 1.0', '< 2')
+    >>> cell_text(Number("m", 1.0, state="held")), cell_text(Number("d", float("nan"), state="open"))
+    ('1 held', 'open')
+    """
+    if cell is None or isinstance(cell, str):
+        return cell or ""
+    size = shown_in(cell.quantity, wanted)[1]
+    value, half = float(cell.value) / size, float(cell.half) / size
+    if cell.state == "open":
+        said = "open"
+    elif cell.state == "limit":
+        said = f"< {float(cell.high) / size:.2g}"
+    elif cell.state == "held":
+        said = f"{value:.6g} held"
+    elif math.isfinite(half) and half > 0:
+        said = f"{number(value, half)} ± {number(half, half)}"
+    else:
+        said = f"{value:.4g}"
+    return f"{said} {cell.remark}".strip()
+
+
+def row_unit(cells: Iterable[Number | str | None], wanted: Sequence[str] = ()) -> str:
+    """Unit of a row, which its first number gives."""
+    return next((shown_in(cell.quantity, wanted)[0] for cell in cells if isinstance(cell, Number)), "")
+
+
+def grid_lines(grid: Grid, wanted: Sequence[str] = ()) -> list[str]:
+    r"""A table as lines: its title above the labels, a column for the unit, and one column for each axis.
+
+    Examples
+    --------
+    >>> from jaxcal._answer import Number, by_axis, grid_lines
+    >>> bias = [Number(f"gyro.bias[{i}]", x, x - 1e-4, x + 1e-4, "gyro") for i, x in enumerate((0.0, 1e-3, 2e-3))]
+    >>> print("\n".join(grid_lines(by_axis("gyro", "gyroscope", bias))))
+    gyroscope           x                 y                 z
+    bias        deg/s   0.0000 ± 0.0057   0.0573 ± 0.0057   0.1146 ± 0.0057
+    """
+    table = [[grid.title, "", *grid.columns]]
+    table += [[label, row_unit(cells, wanted), *(cell_text(cell, wanted) for cell in cells)] for label, cells in grid.rows]
+    # a title may be wider than all labels; then the unit column gives way
+    widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
+    labels = max((len(row[0]) for row in table[1:]), default=0)
+    if len(grid.title) > labels and not any(grid.columns):
+        widths[0] = labels
+    return [_GAP.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in table]
+
+
+def bullets(sentences: Iterable[str], width: int = _WIDTH) -> list[str]:
+    """A wrapped bullet for each sentence."""
+    return [line for said in sentences for line in textwrap.wrap(said, width, initial_indent=" - ", subsequent_indent="   ",
+                                                                break_long_words=False, break_on_hyphens=False)]  # fmt: skip
+
+
+def tables(
+    verdict: str, headline: str, sections: Iterable[Section], findings: Iterable[Finding], *, reader: Reader = "python",
+    wanted: Sequence[str] = (), verbose: bool = False, width: int = _WIDTH,
+) -> list[str]:  # fmt: skip
+    """The first part of an answer: guesses that matter, the verdict with its one number, and the tables.
+
+    Parameters
+    ----------
+    verdict, headline : of the result; a verdict of "" is left out.
+    sections, findings : of the result, and of its recording.
+    reader, wanted : who reads it, and the units wanted.
+    verbose : show tables of detail too.
+    width : characters a line.
+    """
+    guesses = [one.spelt(reader, wanted) for one in joined(findings) if one.kind.guess and not verbose]
+    head = f"{verdict}: {headline}" if verdict and headline else verdict or headline
+    lines = bullets(guesses, width) + textwrap.wrap(head, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+    for grid in sections:
+        if isinstance(grid, Grid) and grid.rows and (verbose or not grid.detail):
+            lines += ["", *grid_lines(grid, wanted)]
+            lines += textwrap.wrap(grid.note, width, initial_indent="  ", subsequent_indent="  ")
+    return lines
+
+
+def things_to_know(
+    findings: Iterable[Finding], *, reader: Reader = "python", wanted: Sequence[str] = (), verbose: bool = False, width: int = _WIDTH,
+    more: str = "",
+) -> list[str]:  # fmt: skip
+    """The second part of an answer: the three findings that matter most, the worst first; all of them if `verbose`.
+
+    more : where the findings that are left out stand, such as "-v, or the report"; "" to say nothing of them.
+    """
+    told = list(ordered(findings)) if verbose else [one for one in joined(findings) if not one.kind.guess]
+    shown = told if verbose else told[:_FEW]
+    lines = bullets(dict.fromkeys(one.spelt(reader, wanted) for one in shown), width)
+    if more and len(told) > len(shown):
+        lines.append(f"   {len(told) - len(shown)} more: {more}")
+    return ["", *lines] if lines else []

@@ -1,0 +1,77 @@
+"""`Message`: a sentence and the facts in it, spelt for whoever reads it.
+
+A sentence is written once. It names options as `{option.rate}`, which reads `rate=` in Python and `--rate` on the command line. It names
+quantities as facts, which are shown in the units that the reader asked for. No code searches or edits a finished sentence.
+"""
+
+import shlex
+from collections.abc import Sequence
+from typing import Any, Literal
+
+Reader = Literal["python", "terminal"]
+#: options that take `NAME=VALUE`; in Python their value is a dictionary
+_PAIRS = ("columns", "units")
+
+
+class _Option:
+    """One option: `{option.rate}`, or with a value behind a colon: `{option.rate:200}`."""
+
+    def __init__(self, name: str, reader: Reader):
+        self.name, self.reader = name, reader
+
+    def __format__(self, value: str) -> str:
+        if self.reader == "terminal":
+            option = "--" + self.name.replace("_", "-")
+            return option if value in ("", "True") else f"{option} {shlex.quote(value)}"
+        key, equals, rest = value.partition("=")
+        if self.name in _PAIRS and equals:
+            return f"{self.name}={{{key!r}: {rest!r}}}"
+        return f"{self.name}={value if value == '' or _is_python(value) else repr(value)}"
+
+
+class _Options:
+    def __init__(self, reader: Reader):
+        self._reader: Reader = reader
+
+    def __getattr__(self, name: str) -> _Option:
+        return _Option(name, self._reader)
+
+
+def _is_python(text: str) -> bool:
+    """Whether a value reads the same in Python without quotes: a number, a placeholder in capitals, or a constant."""
+    return text in ("True", "False", "None", "...") or text.isupper() or text.replace(".", "").replace("-", "").replace("e", "").isdigit()
+
+
+class Message:
+    """A sentence with facts: a format string, in which `option` is known, and facts with a method `shown` have units.
+
+    Parameters
+    ----------
+    template : the sentence, as a format string.
+    terminal : the sentence for the command line where it differs by more than the spelling of options.
+    facts : what the sentence names.
+
+    Examples
+    --------
+    >>> from jaxcal._message import Message
+    >>> said = Message("{count} rows need {option.rate:200} and {option.units:accel=0.01 g}", count=3)
+    >>> str(said)
+    "3 rows need rate=200 and units={'accel': '0.01 g'}"
+    >>> said.spelt("terminal")
+    "3 rows need --rate 200 and --units 'accel=0.01 g'"
+    """
+
+    def __init__(self, template: str, /, *, terminal: str | None = None, **facts: Any):
+        self.template, self.facts, self._terminal = template, facts, terminal
+
+    def spelt(self, reader: Reader = "python", wanted: Sequence[str] = ()) -> str:
+        """The sentence for a reader, with quantities in the wanted units where they fit."""
+        shown = {name: fact.shown(wanted) if hasattr(fact, "shown") else fact for name, fact in self.facts.items()}
+        template = self._terminal if reader == "terminal" and self._terminal is not None else self.template
+        return template.format(option=_Options(reader), **shown)
+
+    def __str__(self) -> str:
+        return self.spelt()
+
+    def __repr__(self) -> str:
+        return f"Message({self.spelt()!r})"
