@@ -1,5 +1,6 @@
 """Settings of all tests: strict JAX, optional type checks, a common cache of compiled programs, and the folder of reference data."""
 
+import contextlib
 import dataclasses
 import functools
 import gc
@@ -112,6 +113,21 @@ def precision(request):
     """Run the test twice, with JAX in float64 and in its default float32."""
     with jax.enable_x64(request.param == "float64"):
         yield request.param
+
+
+@pytest.fixture(scope="session")
+def refuses():
+    """Context in which an error of jaxcal with this code must be raised; it gives the `pytest.raises` record."""
+
+    @contextlib.contextmanager
+    def expect(code, kind=None):
+        from jaxcal import JaxcalError
+
+        with pytest.raises(kind or JaxcalError) as caught:
+            yield caught
+        assert caught.value.code == code, f"{caught.value.code!r} instead of {code!r}: {caught.value}"
+
+    return expect
 
 
 @pytest.fixture(scope="session")
