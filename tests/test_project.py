@@ -15,7 +15,8 @@ import pytest
 import jaxcal
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
-PARTS = ["jaxcal", *(f"jaxcal.{module.name}" for module in pkgutil.iter_modules(jaxcal.__path__) if module.ispkg and module.name != "cli")]
+PACKAGES = [module.name for module in pkgutil.iter_modules(jaxcal.__path__) if module.ispkg]
+PARTS = ["jaxcal", *(f"jaxcal.{name}" for name in PACKAGES if name != "cli" and not name.startswith("_"))]
 
 
 def public(part):
