@@ -13,9 +13,18 @@ import uuid
 from typing import Any
 
 from ._errors import ExportError
+from ._message import Message
 
 _DAYS = 3 * 86400.0  # s; age after which a left-over file is removed
+_ENDS = 1 << 22  # bytes at each end of a file that are searched for the marks
 _WIDTH = 100  # characters; a longer list with words in it is broken into lines
+#: how jaxcal marks the files that it writes: JSON, comments and pages, pictures, converted logs, and tables of numbers
+_MARKS = re.compile(
+    rb"\"schema\"\s*:\s*\"jaxcal\.|written by jaxcal|Creator.{0,9}jaxcal|<dc:title>jaxcal|Software\0jaxcal|PK.{28}jaxcal\.npy|PAR1.*jaxcal"
+    rb"|^quantity,axis,value,low,high,unit,kind",
+    re.IGNORECASE | re.DOTALL,
+)
+_DIGEST = re.compile(rb"\b[0-9a-f]{64}\b")
 
 
 def shown(path: str | os.PathLike[str]) -> str:
@@ -55,6 +64,55 @@ def write_atomically(path: str | os.PathLike[str], data: str | bytes) -> None:
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise ExportError(f"cannot write {path}: {reason}; make the folder {folder} writable, or give a path in another folder") from error
+
+
+def check_replaceable(path: str | os.PathLike[str], digest: str = "", *, force: bool = False) -> None:
+    """Refuse to replace a file that jaxcal did not write, or that it wrote for another log.
+
+    Every file of jaxcal has a mark: the schema of JSON, a comment or a footer "written by jaxcal", or the metadata of a picture. Most files
+    also contain the SHA-256 of their log. An empty file, and a pipe or device, may always be written.
+
+    Parameters
+    ----------
+    path : the file to write.
+    digest : SHA-256 of the log; "" if it is not known, which skips the second test.
+    force : True allows everything.
+
+    Raises
+    ------
+    ExportError
+        With the code "not_ours" or "other_log".
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import jaxcal
+    >>> from jaxcal._files import check_replaceable
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "imu.yaml")
+    ...     check_replaceable(path)
+    ...     _ = path.write_text("rate: 200" + chr(10))
+    ...     try:
+    ...         check_replaceable(path)
+    ...     except jaxcal.ExportError as error:
+    ...         print(error.code)
+    not_ours
+    """
+    path = pathlib.Path(path)
+    if force or not path.is_file() or not path.stat().st_size:
+        return
+    with path.open("rb") as file:  # the marks stand near the ends, also in a log of gigabytes
+        content = file.read(_ENDS)
+        file.seek(max(file.tell(), path.stat().st_size - _ENDS))
+        content += file.read()
+    if not _MARKS.search(content):
+        raise ExportError(
+            Message("{name} exists, and jaxcal did not write it; {option.force:True} replaces it", name=path), code="not_ours"
+        )
+    logs = set(_DIGEST.findall(content))
+    if digest and logs and digest.encode() not in logs:
+        said = Message("{name} was written for another log; give another name, or {option.force:True} to replace it", name=path)
+        raise ExportError(said, code="other_log")
 
 
 def hidden_name(suffix: str = "") -> str:

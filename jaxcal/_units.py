@@ -12,6 +12,9 @@ from collections.abc import Sequence
 from ._errors import UnitError
 
 STANDARD_GRAVITY = 9.80665
+EARTH_RATE = 7.292115e-5  # rad/s, of the Earth against the stars (WGS 84)
+#: what there is on the surface of the Earth, in SI: gravity from the highest mountain at the equator to the poles, and the magnetic field
+ON_EARTH = {"gravity": (9.76, 9.84), "field": (20e-6, 70e-6)}
 STRONGEST_FIELD = 1e-3  # T: readings of a stronger field are counts, or in another unit
 _DEG = math.pi / 180.0
 
@@ -47,6 +50,19 @@ _SPELLINGS = {
     "c": "degC", "\u00b0c": "degC", "celsius": "degC", "degc": "degC", "k": "K", "kelvin": "K",
     "f": "degF", "\u00b0f": "degF", "degf": "degF", "fahrenheit": "degF",
 }  # fmt: skip
+
+
+def on_earth(quantity: str, value: float | int) -> bool:
+    """Whether a place on the Earth has this "gravity" (m/s^2) or "field" (T).
+
+    Examples
+    --------
+    >>> from jaxcal._units import on_earth
+    >>> on_earth("gravity", 9.81), on_earth("gravity", 1.0), on_earth("field", 4.8e-5)
+    (True, False, True)
+    """
+    low, high = ON_EARTH[quantity]
+    return low <= float(value) <= high
 
 
 def quantities() -> tuple[str, ...]:

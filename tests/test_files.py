@@ -1,11 +1,16 @@
+import contextlib
 import json
 import os
 import threading
 
+import matplotlib.pyplot as plt
+import numpy as np
 import pytest
 
-from jaxcal import ExportError
-from jaxcal._files import json_text, write_atomically
+import jaxcal
+from jaxcal import ExportError, Log
+from jaxcal._files import check_replaceable, json_text, write_atomically
+from jaxcal.io._saved import save
 
 
 def test_text_is_utf8_with_the_line_ends_given(tmp_path):
@@ -136,3 +141,38 @@ def test_json_breaks_long_lists_of_words_and_never_numbers():
 def test_json_refuses_what_json_cannot_say():
     with pytest.raises(ValueError, match="not JSON compliant"):
         json_text({"a": float("nan")})
+
+
+@pytest.mark.parametrize(
+    ("content", "digest", "code"),
+    [
+        ("rate: 200\n", "", "not_ours"),
+        ("import jaxcal\n", "", "not_ours"),
+        ("", "a" * 64, None),
+        ("# kalibr file written by jaxcal 1.0\n", "a" * 64, None),
+        (f"# kalibr file written by jaxcal 1.0\n# recording: a.csv, SHA-256 {'a' * 64}\n", "a" * 64, None),
+        (f"# kalibr file written by jaxcal 1.0\n# recording: a.csv, SHA-256 {'a' * 64}\n", "b" * 64, "other_log"),
+        (json_text({"schema": "jaxcal.MagFit/1", "provenance": {"sha256": "a" * 64}}), "b" * 64, "other_log"),
+        (json_text({"schema": "jaxcal.MagFit/1", "provenance": {"sha256": "a" * 64}}), "", None),
+        (json_text({"schema": "other.MagFit/1"}), "", "not_ours"),
+    ],
+)
+def test_only_files_of_jaxcal_from_the_same_log_are_replaced(tmp_path, refuses, content, digest, code):
+    path = tmp_path / "a.txt"
+    path.write_text(content)
+    with refuses(code, ExportError) if code else contextlib.nullcontext():
+        check_replaceable(path, digest)
+    check_replaceable(path, digest, force=True)
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.svg", "a.pdf", "a.npz", "a.parquet"])
+def test_pictures_and_converted_logs_are_known(tmp_path, refuses, name):
+    log = Log(None, gyro=np.eye(3), rate=10.0)
+    if name.endswith(("npz", "parquet")):
+        save(log, tmp_path / name)
+    else:
+        jaxcal.plot.save(plt.figure(), tmp_path / name)
+    check_replaceable(tmp_path / name)
+    (tmp_path / name).write_bytes((tmp_path / name).read_bytes().replace(b"jaxcal", b"others"))
+    with refuses("not_ours", ExportError):
+        check_replaceable(tmp_path / name)

@@ -6,11 +6,11 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import is_traced
-from .._units import si_unit, units_of
+from .._units import ON_EARTH, si_unit, units_of
 from ._positions import EARTH_RATE, Readings
 
 #: gravity at the surface of the Earth, m/s^2
-GRAVITIES = (9.76, 9.84)
+GRAVITIES = ON_EARTH["gravity"]
 #: largest reading of an accelerometer at rest that bias and scale errors can explain, m/s^2
 _LARGEST = 12.0
 #: largest bias of a gyro, rad/s; largest half difference between positions in multiples of the Earth's rate, without noise

@@ -10,10 +10,10 @@ import numpy as np
 from .._errors import DataError
 from .._precision import array_module, is_traced
 from .._types import AnyArray, Array
+from .._units import EARTH_RATE as EARTH_RATE, on_earth
 from ._noise import as_noise, by_channel, covariance_of
 
-#: rad/s, and m/s^2
-EARTH_RATE = 7.292115e-5
+#: m/s^2
 GRAVITY = 9.80665
 _SAME = 1e-6  # rad: table angles that differ by less count as equal
 
@@ -324,7 +324,7 @@ def harmonics(readings: Readings, sensor: str, mounting: str, unit: Any, offset:
 
 def check_gravity(gravity: Any) -> Any:
     """Refuse gravity that is not in m/s^2 or does not occur on the Earth's surface."""
-    if not is_traced(gravity) and not 9.76 <= float(gravity) <= 9.84:
+    if not is_traced(gravity) and not on_earth("gravity", gravity):
         raise DataError(f"The gravity is {float(gravity):g}; on the Earth it is 9.76 to 9.84 m/s^2. Take {GRAVITY} where it is not known.")
     return gravity
 

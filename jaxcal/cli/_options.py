@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
-from .._units import known_units
+from .._units import ON_EARTH, known_units
 from ._advice import TASKS, not_a_calibration, not_a_log
 
 READING = Group("Reading the log", sort_key=10)
@@ -53,7 +53,7 @@ Level = Annotated[
     float, checked("--confidence", lambda level: 0 < level < 1, "a level between 0 and 1; 0.95 is 95 %", "Level of the intervals.")
 ]
 Latitude = Annotated[float, checked("--latitude", lambda angle: abs(angle) <= 90, "degrees between -90 and 90")]
-GRAVITIES = (9.76, 9.84)  # m/s^2: limits on Earth, from the highest mountain at the equator to the poles
+GRAVITIES = ON_EARTH["gravity"]
 
 
 def _on_earth(value: float) -> str:

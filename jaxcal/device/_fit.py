@@ -9,7 +9,7 @@ from .._errors import DataError
 from .._log import as_log
 from .._precision import host_float64
 from .._types import AnyArray
-from .._units import STANDARD_GRAVITY
+from .._units import STANDARD_GRAVITY, on_earth
 from ..imu import windowed_variance
 from ..imu._fits import coefficients
 from ..magnetometer import MagModel
@@ -109,7 +109,7 @@ def fit(
     Applied Stochastic Differential Equations, 2019, section 12.3.
     """
     log = as_log(log)
-    if not 9.7 < float(gravity) < 9.9:
+    if not on_earth("gravity", gravity):
         raise DataError(f"gravity={gravity:g} m/s^2 is not that of a place on Earth; expected 9.76 to 9.84")
     if log.duration < _LEAST:
         raise DataError(f"The recording lasts {log.duration:.3g} s; {_LEAST:g} s are needed, and three minutes are advised.")

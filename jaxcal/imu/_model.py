@@ -11,10 +11,9 @@ import numpy as np
 from .._errors import DataError
 from .._precision import array_module, host_float64, is_traced
 from .._types import AnyArray, Array
+from .._units import EARTH_RATE as EARTH_RATE
 from ..fitting import names_of
 
-#: rad/s, WGS 84
-EARTH_RATE = 7.292115e-5
 CONVENTIONS = ("upper", "lower", "full")
 _CONDITION = 100.0
 _TRIAD = ("accel.matrix", "accel.bias", "gyro.matrix", "gyro.bias", "gyro.g_sensitivity")

@@ -148,7 +148,8 @@ def save(figure: Any, path: str | os.PathLike[str], *, dpi: float | int = 150) -
     if ending not in known:
         raise ExportError(f"cannot write {path}: {ending or 'no ending'} is not an image format; use one of .{', .'.join(sorted(known))}")
     buffer = io.BytesIO()
-    drawn.savefig(buffer, format=ending, dpi=dpi)
+    mark = {"png": "Software", "svg": "Creator", "pdf": "Creator"}  # the field of metadata by which jaxcal knows its own files
+    drawn.savefig(buffer, format=ending, dpi=dpi, metadata={mark[ending]: "jaxcal"} if ending in mark else None)
     write_atomically(path, buffer.getvalue())
 
 
