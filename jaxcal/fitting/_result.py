@@ -8,6 +8,7 @@ import jax
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._answer import Number, grid_lines, listed
 from .._errors import FitError
 from .._precision import array_module, is_traced
 from .._types import AnyArray, Value
@@ -143,6 +144,20 @@ class Fit(eqx.Module, Generic[M]):
         xp, gammaincc = array_module(self.residuals), (jax.scipy.special if is_traced(self.residuals) else scipy.special).gammaincc
         tail = gammaincc(xp.maximum(self.degrees_of_freedom, 1) / 2, self.chi_square / 2)
         return xp.where(self.degrees_of_freedom > 0, tail, 1)
+
+    def __repr__(self) -> str:
+        """The outcome, and each parameter with half of its 95 % interval if the residuals have a standard deviation of one."""
+        if is_traced(self) or np.ndim(self.parameters) != 1:
+            return eqx.tree_pformat(self)
+        error = np.sqrt(np.diag(known_of(self).covariance))
+        lines = [f"Fit: {self.message} {int(self.count)} residuals, rms {float(np.sqrt(self.chi_square / self.count)):.3g}"]
+        if self.names:
+            numbers = [
+                Number(name, value, value - half, value + half, "", "held" if at else "estimated" if np.isfinite(half) else "open")
+                for name, value, half, at in zip(self.names, self.parameters, 1.96 * error, self.at_bound, strict=True)
+            ]
+            lines += grid_lines(listed("fit", "", [(one.name, one) for one in numbers]))[1:]
+        return "\n".join(lines)
 
     @property
     def message(self) -> str:

@@ -37,6 +37,13 @@ def line_data(seed=0, n=40, clusters=10, shared=0.0, sigma=0.5):
     return {"design": design, "y": design @ [1.0, 2.0] + common + sigma * rng.normal(size=n), "sigma": sigma}
 
 
+def test_a_fit_prints_its_numbers():
+    fit = solve(lambda model, y: (model["mean"] - y) / 2, {"mean": 0.0, "lost": 1.0}, jnp.array([1.0, 5.0, 3.0, 3.0]))
+    first, *rows = repr(fit).splitlines()
+    assert "4 residuals" in first
+    assert [row.split() for row in rows] == [["lost", "open"], ["mean", "3.0", "±", "2.0"]]
+
+
 def test_covariance_of_a_linear_model():
     data = line_data()
     fit = solve(line, np.zeros(2), data).checked()
