@@ -4,8 +4,10 @@ A result lists its numbers once (`Result.sections`) and its doubts once (`Result
 fleet are rendered from these two lists, so nothing can stand in one output and be missing in another.
 """
 
+from typing import TYPE_CHECKING
+
+from .._lazy import install
 from .._message import Message as Message, Reader as Reader
-from ._data import plain as plain
 from ._findings import (
     CAUTION as CAUTION,
     FATAL as FATAL,
@@ -23,7 +25,6 @@ from ._findings import (
     verdict_of as verdict_of,
     worst as worst,
 )
-from ._result import Result as Result, Results as Results
 from ._sections import (
     Curve as Curve,
     Grid as Grid,
@@ -34,3 +35,9 @@ from ._sections import (
     numbers_of as numbers_of,
 )
 from ._text import cell_text as cell_text, grid_lines as grid_lines, tables as tables, things_to_know as things_to_know
+
+if TYPE_CHECKING:
+    from ._data import plain as plain
+    from ._result import Result as Result, Results as Results
+else:  # these load NumPy and JAX, which the help of the command line does not need
+    install(__name__, {"_data": "plain", "_result": "Result Results"})

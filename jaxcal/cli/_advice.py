@@ -75,6 +75,19 @@ def advice(error: Any, argv: Sequence[str], options: dict[str, set[str]]) -> str
     return None
 
 
+def code_of(error: Any) -> str:
+    """Code of an error of the parser, from the name of its class.
+
+    Examples
+    --------
+    >>> from cyclopts import UnknownOptionError
+    >>> from jaxcal.cli._advice import code_of
+    >>> code_of(UnknownOptionError.__new__(UnknownOptionError))
+    'unknown_option'
+    """
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", type(error).__name__.removesuffix("Error")).lower()
+
+
 def _word(error: Any) -> str:
     token = getattr(error, "token", None)
     return str(getattr(token, "keyword", None) or getattr(token, "value", None) or "").partition("=")[0]

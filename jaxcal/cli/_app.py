@@ -7,13 +7,14 @@ import os
 import sys
 import textwrap
 import traceback
+from typing import NamedTuple
 
 import cyclopts
 from cyclopts.config import Toml
 
 import jaxcal
 
-from ._advice import KINDS, advice, as_typed
+from ._advice import KINDS, advice, as_typed, code_of
 from ._apply import apply, convert
 from ._batch import batch
 from ._cache import cache
@@ -53,13 +54,14 @@ def _configuration(app, commands, arguments):
             try:
                 Toml(file, must_exist=True)(app, commands, arguments)
             except FileNotFoundError:
-                raise CallError(f"--config {file}: there is no such file") from None
+                raise CallError(f"--config {file}: there is no such file", "no_config") from None
             except cyclopts.CycloptsError as error:
                 if "TOMLDecodeError" not in str(error):
                     raise
                 fault = str(error).partition(": ")[2].strip()
                 raise CallError(
-                    f'--config {file} is not TOML ({fault}); it holds a table for each command, as [noise] terms = "QNBK"'
+                    f'--config {file} is not TOML ({fault}); it holds a table for each command, as [noise] terms = "QNBK"',
+                    "no_toml",
                 ) from None
 
 
@@ -79,42 +81,65 @@ def _application() -> cyclopts.App:
     return app
 
 
+class Failure(NamedTuple):
+    """Why a command ended without success: exit status, what is printed, and the code of the error."""
+
+    status: int
+    text: str = ""
+    code: str = ""
+
+
 def run(argv: list[str]) -> int:
     """Run the command line `argv` and return its exit status; every expected failure prints one paragraph on standard error."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # do not fail if a terminal lacks a character
+    failure = attempt(argv)
+    if failure is None:
+        return DONE
+    if failure.text:
+        print(textwrap.fill(f"jaxcal: {failure.text}", 80, break_long_words=False, break_on_hyphens=False), file=sys.stderr)
+    return failure.status
+
+
+def attempt(argv: list[str]) -> Failure | None:
+    """Run the command line `argv`; returns why it failed, or None. Tests ask for the code of a failure, and not for its wording."""
     try:
         _application()(argv, exit_on_error=False, print_error=False)
         sys.stdout.flush()
-        return DONE
+        return None
     except cyclopts.CycloptsError as error:
+        if isinstance(error.__cause__, CallError):  # a check of one option, which the parser reports as its own
+            return _wrong_call(error.__cause__, argv)
         said = advice(error, argv, _options()) or str(error).strip()
-        _complain(f"{said} (see: {_help_command(argv)})")
-        return CALL
+        return Failure(CALL, f"{said} (see: {_help_command(argv)})", code_of(error))
     except (CallError, jaxcal.UnitError) as error:
-        _complain(f"{as_typed(str(error).strip(), _options().get(argv[0], set()))} (see: {_help_command(argv)})")
-        return CALL
+        return _wrong_call(error, argv)
     except jaxcal.JaxcalError as error:
-        _complain(as_typed(str(error), _options().get(argv[0], set())))
-        return DATA
+        return Failure(DATA, _spelt(error, argv), error.code)
     except KeyboardInterrupt:
-        _complain("interrupted")
-        return INTERRUPTED
+        return Failure(INTERRUPTED, "interrupted")
     except BrokenPipeError:
         _discard_output()
-        return PIPE_CLOSED
+        return Failure(PIPE_CLOSED)
     except OSError as error:
         if error.errno == errno.EPIPE:
             _discard_output()
-            return PIPE_CLOSED
-        _complain(f"{error.filename or 'a file'}: {(error.strerror or str(error)).lower()}")
-        return CALL
+            return Failure(PIPE_CLOSED)
+        return Failure(CALL, f"{error.filename or 'a file'}: {(error.strerror or str(error)).lower()}", "os")
     except Exception:  # a fault in jaxcal: print the trace, which a bug report needs
         traceback.print_exc()
-        _complain("this is a fault in jaxcal, not in your data or call; please report the lines above at "
-                  "https://github.com/jaxcal/jaxcal/issues")  # fmt: skip
-        return FAULT
+        return Failure(FAULT, "this is a fault in jaxcal, not in your data or call; please report the lines above at "
+                       "https://github.com/jaxcal/jaxcal/issues")  # fmt: skip
+
+
+def _wrong_call(error: jaxcal.JaxcalError, argv: list[str]) -> Failure:
+    return Failure(CALL, f"{_spelt(error, argv)} (see: {_help_command(argv)})", error.code)
+
+
+def _spelt(error: jaxcal.JaxcalError, argv: list[str]) -> str:
+    """The sentence of an error as the terminal spells it."""
+    return as_typed(error.spelt("terminal").strip(), _options().get(argv[0], set()))
 
 
 def _names() -> list[str]:
@@ -130,10 +155,6 @@ def _options() -> dict[str, set[str]]:
         parts = [app[name]] if name != "simulate" else [app[name][command.__name__.removeprefix("simulate_")] for command in _SIMULATE]
         found[name] = {one for part in parts for argument in part.assemble_argument_collection() for one in argument.names if one[0] == "-"}
     return found
-
-
-def _complain(text: str) -> None:
-    print(textwrap.fill(f"jaxcal: {text}", 80, break_long_words=False, break_on_hyphens=False), file=sys.stderr)
 
 
 def _help_command(argv: list[str]) -> str:

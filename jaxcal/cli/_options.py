@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import datetime
+import difflib
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
+from .._errors import JaxcalError
 from .._units import ON_EARTH, known_units
 from ._advice import TASKS, not_a_calibration, not_a_log
 
@@ -21,8 +23,8 @@ _DATES = ("%d.%m.%Y", "%d.%m.%y", "%Y/%m/%d", "%Y.%m.%d", "%d/%m/%Y", "%m/%d/%Y"
           "%b %d, %Y", "%B %d %Y", "%Y-%m-%d %H:%M:%S", "%Y-%m-%dT%H:%M:%S", "%Y-%m-%dT%H:%M:%SZ", "%Y-%j")  # fmt: skip
 
 
-class CallError(Exception):
-    """The command line is wrong whatever the data; exit status 2."""
+class CallError(JaxcalError):
+    """The command line is wrong whatever the data; exit status 2. The code of a wrong value is the name of its option."""
 
 
 def checked(name: str, holds: Callable[[Any], bool], expected: str | Callable[[Any], str], help: str | None = None) -> Parameter:
@@ -30,8 +32,10 @@ def checked(name: str, holds: Callable[[Any], bool], expected: str | Callable[[A
 
     def validate(_: Any, value: Any) -> None:
         if value is not None and not holds(value):
-            text = f"{value:g}" if isinstance(value, float) else value
-            raise CallError(f"{name} {text}: expected {expected if isinstance(expected, str) else expected(value)}".strip())
+            text = f"{value:g}" if isinstance(value, float) else " ".join(value) if isinstance(value, tuple) else value
+            raise CallError(
+                f"{name} {text}: expected {expected if isinstance(expected, str) else expected(value)}".strip(), name.strip("-")
+            )
 
     return Parameter(validator=validate) if help is None else Parameter(validator=validate, help=help)
 
@@ -125,6 +129,13 @@ class Reading:
         return {name: value for name, value in vars(self).items() if value != plain[name]}
 
 
+def _known_unit(units: tuple[str, ...]) -> str:
+    """Expected value of --unit; "gyro=deg/s" is meant for --units, the units of the file."""
+    wrong = next(one for one in units if one not in known_units())
+    near = ", ".join(difflib.get_close_matches(wrong, known_units(), 5, 0.3)) or "deg/h, mg, nT"
+    return f"--units {wrong} for a unit of the file, or a unit to show, such as {near}" if "=" in wrong else f"a unit such as {near}"
+
+
 @Parameter(name="*", group=RUNNING)
 @dataclass(frozen=True, kw_only=True)
 class Running:
@@ -137,7 +148,7 @@ class Running:
         checked(
             "--unit",
             lambda units: all(one in known_units() for one in units),
-            lambda _: f"units such as {', '.join(sorted(known_units()))}",
+            _known_unit,
             "Show quantities in this unit, such as deg/h, mg or nT. Repeatable.",
         ),
     ] = ()
@@ -151,20 +162,20 @@ def must_exist(*paths: Path | None, option: str = "") -> None:
     """Raise a `CallError` for a file that does not exist."""
     for path in paths:
         if path is not None and not path.exists():
-            raise CallError(f"{option} {path}: {path} does not exist" if option else f"{path} does not exist")
+            raise CallError(f"{option} {path}: {path} does not exist" if option else f"{path} does not exist", "not_there")
 
 
 def must_be_log(path: Path, command: str) -> None:
     """Raise a `CallError` with the intended call if the path does not exist, or is a file that jaxcal made."""
     if wrong := not_a_log(path, command):
-        raise CallError(wrong)
+        raise CallError(wrong, "not_a_log")
 
 
 def must_be_calibration(*paths: Path | None, option: str = "") -> None:
     """Raise a `CallError` for files that are not calibrations."""
     for path in paths:
         if path is not None and (wrong := not_a_calibration(path, option)):
-            raise CallError(wrong)
+            raise CallError(wrong, "not_a_calibration")
 
 
 def day(text: str) -> datetime.date:
@@ -184,12 +195,13 @@ def day(text: str) -> datetime.date:
             found.append(datetime.datetime.strptime(text.strip(), form).date())
     days = list(dict.fromkeys(found))
     if len(days) == 1:
-        raise CallError(f"--date {text}: write year, month, day: --date {days[0]}")
+        raise CallError(f"--date {text}: write year, month, day: --date {days[0]}", "date")
     if days:
         raise CallError(
-            f"--date {text} may be {' or '.join(f'{one:%d %B %Y}' for one in days)}; write --date {' or --date '.join(map(str, days))}"
+            f"--date {text} may be {' or '.join(f'{one:%d %B %Y}' for one in days)}; write --date {' or --date '.join(map(str, days))}",
+            "date",
         )
-    raise CallError(f"--date {text} is no day; write year, month, day: --date 2026-05-31")
+    raise CallError(f"--date {text} is no day; write year, month, day: --date 2026-05-31", "date")
 
 
 def in_counts(options: Reading, *sensors: str) -> Reading:
@@ -215,12 +227,12 @@ def reading_options(options: Reading) -> dict[str, Any]:
     from ..io._find import FORMATS
 
     if options.format is not None and options.format not in FORMATS:
-        raise CallError(f"--format {options.format}: expected one of {', '.join(FORMATS)}")
+        raise CallError(f"--format {options.format}: expected one of {', '.join(FORMATS)}", "format")
     parsers = {"columns": parse_columns, "units": parse_units, "topics": parse_topics}
     try:
         named: dict[str, Any] = {name: parse(",".join(words)) for name, parse in parsers.items() if (words := getattr(options, name))}
     except jaxcal.DataError as error:  # not the data: nothing was read yet
-        raise CallError(f"--{error}") from error
+        raise CallError(f"--{error}", error.code) from error
     return named | {name: getattr(options, name) for name in ("format", "rate", "raw", "data", "missing")}
 
 
@@ -236,7 +248,7 @@ def read_log(path: Path, options: Reading, command: str) -> Any:
     """
     must_be_log(path, command)
     if options.start is not None and options.stop is not None and options.start >= options.stop > 0:
-        raise CallError(f"--start {options.start:g} --stop {options.stop:g}: nothing lies between; the start comes first")
+        raise CallError(f"--start {options.start:g} --stop {options.stop:g}: nothing lies between; the start comes first", "start")
     import jaxcal
 
     given = reading_options(options)

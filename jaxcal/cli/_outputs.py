@@ -41,7 +41,7 @@ def outputs(
     for word in getattr(writing, "export", None) or ():
         format, _, file = word.partition("=")
         if formats is None or export is None or format not in formats:
-            raise CallError(f"--export {word}: unknown format {format!r}; expected one of {', '.join(formats or ())}")
+            raise CallError(f"--export {word}: unknown format {format!r}; expected one of {', '.join(formats or ())}", "export")
         asked.append((Path(file) if file else (out or Path()) / formats[format], partial(export, format=format)))
     if not asked and (out or default):
         out = out or Path(default)
@@ -52,7 +52,7 @@ def outputs(
 def distinct(asked: list[tuple[Path, Any]]) -> dict[Path, Any]:
     """Target -> its maker; refused if two targets are the same file."""
     if len({target.resolve() for target, _ in asked}) < len(asked):
-        raise CallError("two outputs have the same file name; give each a name of its own")
+        raise CallError("two outputs have the same file name; give each a name of its own", "same_file")
     return dict(asked)
 
 
@@ -145,9 +145,9 @@ def _check(targets: list[Path], inputs: Iterable[Path]) -> None:
     for target in targets:
         final = target.resolve()
         if final in read:
-            raise CallError(f"{target} is the log that is read; it would be overwritten. Give another name for the output")
+            raise CallError(f"{target} is the log that is read; it would be overwritten. Give another name for the output", "is_input")
         if target.is_dir():
-            raise CallError(f"{target} is a folder; give the name of a file in it")
+            raise CallError(f"{target} is a folder; give the name of a file in it", "is_folder")
 
 
 def _create(folder: Path, cleanup: contextlib.ExitStack) -> None:
@@ -157,7 +157,7 @@ def _create(folder: Path, cleanup: contextlib.ExitStack) -> None:
         try:
             path.mkdir()
         except OSError as error:
-            raise CallError(f"cannot make the folder {path}: {_reason(error)}; give another with --out") from error
+            raise CallError(f"cannot make the folder {path}: {_reason(error)}; give another with --out", "no_folder") from error
         cleanup.callback(_remove_if_empty, path)
 
 
@@ -167,7 +167,7 @@ def _room(parent: Path, cleanup: contextlib.ExitStack) -> Path:
     try:
         room.mkdir(0o700)
     except OSError as error:
-        raise CallError(f"cannot write into {parent}: {_reason(error)}; give a path in another folder") from error
+        raise CallError(f"cannot write into {parent}: {_reason(error)}; give a path in another folder", "not_writable") from error
     cleanup.callback(shutil.rmtree, room, ignore_errors=True)
     return room
 

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxcal.cli import main
+from jaxcal.cli import _app, main
 
 RATE, SAMPLES = 100.0, 8000
 HEADER = "time [s],gyro_x [rad/s],gyro_y [rad/s],gyro_z [rad/s],accel_x [m/s^2],accel_y [m/s^2],accel_z [m/s^2]"
@@ -20,6 +20,8 @@ class Outcome:
     status: int
     out: str
     err: str
+    #: code of the error, which tests ask for instead of its wording
+    code: str = ""
 
     @property
     def reason(self):
@@ -29,13 +31,22 @@ class Outcome:
 
 @pytest.fixture
 def call(monkeypatch, capsys, tmp_path):
-    """Call the command line in an empty working folder; returns the exit status, the output and the errors."""
+    """Call the command line in an empty working folder; returns the exit status, the output, the errors, and the code of the error."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
 
+    codes = []
+
+    def attempt(argv, attempt=_app.attempt):
+        failure = attempt(argv)
+        codes.append(failure.code if failure else "")
+        return failure
+
+    monkeypatch.setattr(_app, "attempt", attempt)
+
     def run(*argv):
         status = main([str(word) for word in argv])
-        return Outcome(status, *capsys.readouterr())
+        return Outcome(status, *capsys.readouterr(), codes.pop())
 
     limit = "jax_persistent_cache_min_compile_time_secs"
     before = jax.config.values[limit]

@@ -89,7 +89,7 @@ noise rest.csv --kind mdev                 | --kind is an option of jaxcal allan
 mag tumble.csv --terms QN                  | --terms is an option of jaxcal noise and imu, not of jaxcal mag
 imu rest.csv --angles 0,90                 | --angles is an option of jaxcal north, not of jaxcal imu
 psd rest.csv --workers 2                   | --workers is an option of jaxcal batch, not of jaxcal psd
-noise rest.csv --unit gyro=deg/s           | has no option --unit; use --units
+noise rest.csv --unit gyro=deg/s           | expected --units gyro=deg/s for a unit of the file
 noise rest.csv --output a                  | has no option --output; use --out
 noise rest.csv -o a                        | has no option -o; use --out
 noise rest.csv --fs 100                    | has no option --fs; use --rate
