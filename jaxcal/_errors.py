@@ -10,19 +10,25 @@ class JaxcalError(ValueError):
     ----------
     message : the sentence, as text or as a `Message` that names options.
     code : name of the fault, for programs and tests; "" if it has none.
+    subject : the channel, log or file in which it was found, which stands before the sentence; "" for none.
     """
 
-    def __init__(self, message: Any = "", code: str = ""):
+    def __init__(self, message: Any = "", code: str = "", subject: str = ""):
         super().__init__(message)
-        self.code = code
+        self.code, self.subject = code, subject
 
     def __str__(self) -> str:
-        return str(self.args[0])
+        return self.spelt("python")
 
     def spelt(self, reader: str) -> str:
         """The sentence as a reader of "python" or of the "terminal" types it."""
         message = self.args[0]
-        return message if isinstance(message, str) else message.spelt(reader)
+        return f"{self.subject}: " * bool(self.subject) + (message.spelt(reader) if hasattr(message, "spelt") else str(message))
+
+    def of(self, subject: str) -> "JaxcalError":
+        """Name the channel, log or file that the error is about."""
+        self.subject = f"{subject}: {self.subject}" if self.subject else subject
+        return self
 
 
 class DataError(JaxcalError):

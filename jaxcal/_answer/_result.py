@@ -28,6 +28,8 @@ class _Said:
 
     #: function of `jaxcal.plot` that draws the result, and whether it needs the readings before the result
     _figure: ClassVar[tuple[str, bool] | None] = None
+    #: class of the results of several channels, for results that come by channel
+    _several: ClassVar[Any] = None
 
     if TYPE_CHECKING:
         findings: tuple[Finding, ...]

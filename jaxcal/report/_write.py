@@ -143,7 +143,15 @@ def document(results: Any, log: Any = None) -> dict[str, Any]:
     >>> jaxcal.report.document(jaxcal.magnetometer.fit(body_field(scenario("all"), 50e-6)))["verdict"]
     'good'
     """
+    results = _as_one(results)
     return results.to_dict(log) if hasattr(results, "findings") else _kind(results).document(results, log)
+
+
+def _as_one(results: Any) -> Any:
+    """A dictionary channel -> result as one result, where these have a common class."""
+    first = next(iter(results.values()), None) if isinstance(results, dict) else None
+    several = getattr(first, "_several", None)
+    return results if several is None else several(results)
 
 
 def _is(result: Any, home: str, name: str) -> bool:
@@ -165,6 +173,7 @@ def _content(results: Any, log: Any, version: str, device: str | None) -> tuple[
     """Title, subtitle and sections of a page."""
     if not (log is None or isinstance(log, Log) or _is(results, "alignment", "AlignmentFit")):
         raise DataError(f"log is {type(log).__name__}; give the Log that was read, or leave it out")
+    results = _as_one(results)
     page_of = answer_page if hasattr(results, "findings") else _kind(results).page
     what, lead, body = page_of(results, log, version)
     file = log.provenance.get("file") if isinstance(log, Log) else None
@@ -191,7 +200,8 @@ def _pairs(results: Any, log: Any) -> list[tuple[Any, Any]]:
 def _device(parts: list[tuple[Any, Any]], device: str | None, version: str) -> tuple[str, str, Markup]:
     """Title, subtitle and body of a page on several results: a table of verdicts, then one part for each result."""
     articles, rows, told = [], [], set()
-    for number, (results, log) in enumerate(parts, start=1):
+    for number, (part, log) in enumerate(parts, start=1):
+        results = _as_one(part)
         title, lead, body = _content(results, log, version, None)
         if isinstance(log, Log) and id(log) in told:  # describe each recording only once
             body = Markup(body.replace(recording(log), ""))
