@@ -12,6 +12,7 @@ import equinox as eqx
 import numpy as np
 
 from ._answer import CAUTION, NOTE, Finding, Kind, table
+from ._arrays import runs
 from ._errors import DataError
 from ._own_time import at_nearest, equal_rows, far_apart, own_stamps, placed_alone, stamps_of
 from ._quality import all_finite, checked_rate, inspect, mark_missing, shown_unit
@@ -390,8 +391,8 @@ def gaps_of(sensors: dict[str, np.ndarray], offset: Mapping[str, AnyArray], rate
             missing = missing | (far_apart(gone, np.asarray(offset[name]) * rate) if name in offset else gone)
     if not missing.any():
         return ()
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(np.int8)))
-    starts, lengths = edges[::2], edges[1::2] - edges[::2]
+    starts, stops = runs(missing)
+    lengths = stops - starts
     gaps = tuple(Gap(start / rate, length / rate, length) for start, length in zip(starts.tolist(), lengths.tolist(), strict=True))
     longest = max(gaps, key=lambda gap: gap.samples)
     warnings.append(

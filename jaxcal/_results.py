@@ -6,10 +6,9 @@ import importlib
 import importlib.metadata
 import math
 import os
-import statistics
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -20,15 +19,10 @@ from ._files import json_text, write_atomically
 from ._precision import is_traced
 from ._units import number
 
-#: half of a 95 % interval in standard deviations
-NORMAL95 = statistics.NormalDist().inv_cdf(0.975)
 _WIDTH = 100  # characters per line of text
 _FEW = 12  # number of rows in a `repr`
 #: attributes that `summary` lists below the verdict, with their unit
 _FACTS = {"method": "", "kind": "", "convention": "", "rate": " Hz", "duration": " s", "used": " readings"}
-
-
-T = TypeVar("T")
 
 
 class Row(NamedTuple):
@@ -256,31 +250,6 @@ def rows_of(curve: Any, field: str, name: Callable[[int], str], unit: str) -> li
     picked = np.unique(np.linspace(0, len(values) - 1, min(len(values), 12)).astype(int)).tolist()
     channels = [""] if values.shape[1] == 1 else [f", channel {k}" for k in range(values.shape[1])]
     return [Row(name(i) + text, values[i, k], low[i, k], high[i, k], unit) for k, text in enumerate(channels) for i in picked]
-
-
-def channel_of(result: Any, name: str, index: int, axes: int = 2) -> Any:
-    """The result for one of several channels, the last axis of `name` and of all other arrays with the same number of axes."""
-    if getattr(result, name).ndim < axes:
-        raise IndexError(f"this {name} is of a single channel; there is nothing to pick")
-    return jax.tree.map(lambda leaf: leaf[..., index] if leaf.ndim == axes else leaf, result)
-
-
-def made(kind: type[T], /, **fields: Any) -> T:
-    """A frozen module with these fields, made without its `__init__`, which takes five times as long."""
-    new: Any = object.__new__(kind)
-    known: list[Any] = list(dataclasses.fields(new))
-    for field in known:
-        value = fields.get(field.name, field.default)
-        object.__setattr__(new, field.name, field.default_factory() if value is dataclasses.MISSING else value)
-    if unknown := fields.keys() - {field.name for field in known}:
-        raise TypeError(f"{kind.__name__} has no field {', '.join(sorted(unknown))}")
-    return new
-
-
-def replaced(module: T, /, **fields: Any) -> T:
-    """A frozen module with new values in some of its fields, made without its `__init__`."""
-    values: Any = module
-    return made(type(module), **({field.name: getattr(module, field.name) for field in dataclasses.fields(values)} | fields))
 
 
 def by_channel(sentences: Mapping[str, Any]) -> list[str]:

@@ -4,10 +4,13 @@ Commands that need no more of SciPy than a p value and an interval answer sooner
 """
 
 import math
+import statistics
 from typing import Any
 
 import numpy as np
 
+#: half of a 95 % interval in standard deviations
+NORMAL95 = statistics.NormalDist().inv_cdf(0.975)
 #: degrees of freedom from which the expansion of Student's quantile about the normal one is exact to 1e-12
 _MANY = 500.0
 

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._arrays import power_of_two
 from .._errors import DataError
 from .._precision import array_module
 from .._types import AnyArray
@@ -282,7 +283,7 @@ def padded(positions: Positions) -> Places:
     """Pad the arrays of positions to a power of two."""
     xp = array_module(positions)
     count = len(positions)
-    more = max(_SMALLEST_PAD, 1 << (count - 1).bit_length()) - count
+    more = power_of_two(count, _SMALLEST_PAD) - count
     pad = lambda value, fill=0.0: xp.concatenate([xp.asarray(value), xp.zeros(more, dtype=value.dtype) + fill])  # noqa: E731
     end = (positions.start + positions.dwell).max()
     axes = np.concatenate([positions.axes, np.broadcast_to(AXES["x"], (more, 3, 3))])

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._arrays import namespace
 from .._errors import DataError
 from .._precision import array_module, is_traced
 from .._types import AnyArray, Array
@@ -107,7 +108,7 @@ class Positions(eqx.Module):
             if angle_std.shape != 2 * angle.shape:
                 angle_std = _per_position(angle_std, angle, "standard deviation of the angles")
         self.angle_std = angle_std
-        xp = jnp if isinstance(self.dwell, jax.Array) else np
+        xp = namespace(self.dwell, concrete=True)
         self.start = xp.cumsum(self.dwell) - self.dwell if start is None else _per_position(start, angle, "start")
         if not is_traced(self.dwell) and not np.all(np.asarray(self.dwell) > 0):
             raise DataError(f"A dwell of {float(np.min(np.asarray(self.dwell))):g} s was given; dwells are positive, in seconds.")
@@ -202,7 +203,7 @@ def _per_position(value: Any, angle: Any, name: str) -> Any:
     value = _floats(value, name)
     if value.shape not in ((), angle.shape):
         raise DataError(f"The {name} has shape {value.shape} for {angle.size} positions; give one number, or one per position.")
-    return (jnp if isinstance(value, jax.Array) else np).broadcast_to(value, angle.shape)
+    return namespace(value, concrete=True).broadcast_to(value, angle.shape)
 
 
 def as_positions(given: Any) -> Positions:

@@ -10,7 +10,7 @@ import numpy as np
 
 from .._compile import filter_jit
 from .._errors import DataError
-from .._precision import host_float64, is_traced
+from .._precision import array_module, host_float64, is_traced
 from .._types import Array
 from ..noise import Noise, mean_covariance
 from ._model import in_one_type, turntable
@@ -240,7 +240,7 @@ def simulate(
     positions = as_positions(positions)
     for name, value in (("rate", table_rate), ("acceleration", table_acceleration)):
         if value is not None:
-            whole = (jnp if is_traced(value) else np).broadcast_to(value, positions.angle.shape)
+            whole = array_module(value).broadcast_to(value, positions.angle.shape)
             positions = eqx.tree_at(lambda p, name=name: getattr(p, name), positions, whole)
     attitude = attitude if is_traced(attitude) else np.asarray(attitude, dtype=float)
     if attitude.shape != (3,):

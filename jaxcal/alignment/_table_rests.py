@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from .._arrays import runs
 from .._errors import DataError
 from ..imu import windowed_variance
 
@@ -48,10 +49,9 @@ def rests_of(
         name: np.stack([np.interp(np.arange(n), np.flatnonzero(there[name]), column[there[name]]) for column in x.T], axis=1)
         for name, x in samples.items()
     }
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
     ends = [
         trimmed
-        for i, j in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+        for i, j in zip(*(edges.tolist() for edges in runs(still)), strict=True)
         if j - i >= max(0.5 * least * rate, size) and (trimmed := _trimmed(samples, recorded, i, j, half, rate, settle)) is not None
     ]
     ends = [(i, j) for i, j in ends if j - i >= least * rate]

@@ -9,10 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .._arrays import power_of_two
 from .._errors import DataError
+from .._frozen import channel_of
 from .._precision import host_float64, is_traced
 from .._quality import checked_confidence, checked_rate, checked_record, refuse_infinite
-from .._results import channel_of
 from .._types import AnyArray, Array, Float, Int
 from ._kernels._difference_sums import difference_of
 from ._kernels._phase import double_add, integrate, padded_length, running_sum_of_phase
@@ -199,7 +200,7 @@ def _one_channel(column, name: str, starts, width: int, sizes, statistic: Kind):
         missing = np.zeros(len(theta), np.int32)
         np.cumsum(gone, out=missing[1 : samples + 1])
     # pad windows and cluster sizes to the bucket, so that neighbouring lengths share one compiled program
-    begin = np.pad(starts, (0, max(1 << (len(starts) - 1).bit_length(), 64) - len(starts)))
+    begin = np.pad(starts, (0, power_of_two(len(starts), 64) - len(starts)))
     fill = (0, -len(sizes) % 16)
     # the differences of a window have their starting points in it, from its first sample on
     m, number = np.pad(sizes, fill, constant_values=1), np.pad(statistic.count(width, sizes), fill)

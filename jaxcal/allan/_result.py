@@ -6,10 +6,11 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from .._results import Row, Unjudged, channel_of, columns_of, rows_of
+from .._arrays import namespace
+from .._frozen import channel_of
+from .._results import Row, Unjudged, columns_of, rows_of
 from .._types import AnyArray
 from ._kinds import Kind
 
@@ -68,7 +69,7 @@ class Deviation(Unjudged):
 
     def __post_init__(self) -> None:
         if self.bias is None:
-            self.bias = (np if isinstance(self.deviation, np.ndarray) else jnp).ones_like(self.deviation)
+            self.bias = namespace(self.deviation, concrete=True).ones_like(self.deviation)
 
     _figure = ("allan", False)
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64
-from .._results import NORMAL95, Result, Row
+from .._results import Result, Row
+from .._special import NORMAL95
 from .._types import AnyArray
 from ._population import Population
 

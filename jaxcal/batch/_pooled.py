@@ -13,7 +13,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._files import json_text, write_atomically
-from .._results import NORMAL95
+from .._special import NORMAL95
 from ..noise import LogLikelihood
 from ._fleet import Entry, Fleet
 from ._leaves import Recording, coarse

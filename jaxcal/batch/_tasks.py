@@ -13,7 +13,8 @@ import numpy as np
 
 from .._errors import DataError, UnitError
 from .._log import Log
-from .._results import NORMAL95, by_channel, plain
+from .._results import by_channel, plain
+from .._special import NORMAL95
 from .._units import STANDARD_GRAVITY, noise_units, si_unit
 from ..io._suited import unsuited
 from ._fleet import Coefficient

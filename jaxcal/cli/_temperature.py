@@ -97,7 +97,7 @@ def _tables(screen: Screen, found: dict[str, Any]) -> None:
 
 
 def _table(screen: Screen, sensor: str, name: str, axes: dict[str, Any]) -> None:
-    from .._results import NORMAL95  # a command's help must not wait for JAX
+    from .._special import NORMAL95  # a command's help must not wait for JAX
 
     unit = noise_units("B", sensor)[0]
     scale = noise_factor("B", sensor, unit)

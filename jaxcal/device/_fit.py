@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._arrays import runs
 from .._errors import DataError
 from .._log import as_log
 from .._precision import host_float64
@@ -215,8 +216,7 @@ def _rests(record: Record, vector: np.ndarray) -> Rests:
     # the scatter is computed over a second, which must fit into the rest: extend the rest while single windows are as calm as inside
     force, turns = record.accel[record.grid.inner], rate_of[record.grid.inner]
     own = [np.ptp(force, axis=1).max(axis=1), np.linalg.norm(turns.mean(axis=1), axis=1), np.ptp(turns, axis=1).max(axis=1)]
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
-    for first, stop in zip(edges[::2], edges[1::2], strict=True):
+    for first, stop in zip(*runs(still), strict=True):
         usual = [_CALM * np.max(size[first:stop]) for size in own]
         for at, way in ((first - 1, -1), (stop, 1)):
             for k in range(at, at + way * _MARGIN_WINDOWS, way):

@@ -8,16 +8,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._arrays import CROSS, skew
 from .._errors import FitError
 from ..fitting import Chain
-from ._normal import LINK, inertial, skew
+from ._normal import LINK, inertial
 from ._solve import SIZES, Place, Record, Rests, Solution, spread_of, whitened
 from ._windows import GYRO_DELAY, MAG_DELAY, NAMES, TAPS, integral_weights, lagrange, model_of
 
 _EXACT = 1e-8  # the refinement ends with a step of this size relative to the largest
 _MOST = 60  # steps of the refinement
-#: [a, b, c]: the matrix of the cross product with the unit vector a
-_CROSS = skew(np.eye(3))
 #: parameters (p,) and links (K + 1, LINK)
 Unknowns = tuple[Any, Any]
 
@@ -176,14 +175,14 @@ def _residuals(change: Unknowns, fed: dict[str, Any], fixed: dict[str, Any]) -> 
     gyro, accel = jnp.linalg.inv(model.gyro.matrix), jnp.linalg.inv(model.accel.matrix)
     bias, arm, (count, steps) = model.gyro.bias, model.arm, turn.shape[:2]
     rate, force = (again - bias) @ gyro.T, (fed["force"] - model.accel.bias) @ accel.T
-    whirl = _skew(rate)
-    bent = _skew(slope @ gyro.T) + whirl @ whirl
+    whirl = skew(rate)
+    bent = skew(slope @ gyro.T) + whirl @ whirl
     swing = [jnp.zeros((count, steps + 1)), *(bent[:, :, axis] @ model.lever[axis - 1] for axis in (1, 2))]
     force = force - jnp.stack(swing, axis=2)
     pressed = force @ model.gyro.g_sensitivity.T
     rate = rate - pressed @ gyro.T
     small = (turn - step * (bias + (pressed[:, 1:] + pressed[:, :-1]) / 2)) @ gyro.T
-    small = small + step**2 / 12 * _times(_skew(rate[:, :-1]), rate[:, 1:])
+    small = small + step**2 / 12 * _times(skew(rate[:, :-1]), rate[:, 1:])
     begin = jnp.broadcast_to(jnp.eye(3), (count, 3, 3))
     _, later = jax.lax.scan(lambda r, by: (r @ by, r @ by), begin, jnp.swapaxes(_turn(small), 0, 1))
     whole = jnp.concatenate([begin[:, None], jnp.swapaxes(later, 0, 1)], axis=1)
@@ -192,7 +191,7 @@ def _residuals(change: Unknowns, fed: dict[str, Any], fixed: dict[str, Any]) -> 
     twice = step**2 * (steps - jnp.arange(steps + 1.0)).at[0].set((2 * steps - 1) / 4).at[steps].set(0.25)
     time, down = steps * step, jnp.array([0.0, 0.0, 1.0]) * fixed["gravity"]
     back, end = jnp.swapaxes(rotation[:-1], 1, 2), jnp.swapaxes(whole[:, -1], 1, 2)
-    swept, relative, pushes = (_skew(rate[:, 0]) @ arm, _skew(rate[:, -1]) @ arm), back @ rotation[1:], half @ pushed
+    swept, relative, pushes = (skew(rate[:, 0]) @ arm, skew(rate[:, -1]) @ arm), back @ rotation[1:], half @ pushed
     speed = _times(back, jnp.diff(velocity, axis=0) + time * down) + _times(relative, swept[1]) - swept[0] - pushes
     went = _times(back, jnp.diff(place, axis=0) - time * velocity[:-1] + time**2 / 2 * down)
     went = went + relative @ arm - arm - time * swept[0] - twice @ pushed
@@ -213,14 +212,9 @@ def _times(matrix: Any, vector: Any) -> Any:
     return (matrix @ vector[..., None])[..., 0]
 
 
-def _skew(v: Any) -> Any:
-    """Matrices of the cross product with v."""
-    return (v @ _CROSS.reshape(3, 9)).reshape(*v.shape, 3)
-
-
 def _turn(v: Any) -> Any:
     """Rotation matrices of vectors below 1 rad: the eighth power of the series for an eighth, which has derivatives at zero."""
-    cross = _skew(v / 8)
+    cross = skew(v / 8)
     square = cross @ cross
     turn = jnp.eye(3) + cross + square / 2 + square @ (cross / 6 + square / 24)
     for _ in range(3):
@@ -230,7 +224,7 @@ def _turn(v: Any) -> Any:
 
 def _angles(r: Any) -> Any:
     """Rotation vectors of rotations by less than 20 degrees, from the series of the arc sine."""
-    half = r.reshape(*r.shape[:-2], 9) @ _CROSS.reshape(3, 9).T / 2
+    half = r.reshape(*r.shape[:-2], 9) @ CROSS.T / 2
     square, factor = jnp.sum(half * half, axis=-1, keepdims=True), 1.0
     for n in range(4, 0, -1):
         factor = 1 + square * (2 * n - 1) ** 2 / (2 * n * (2 * n + 1)) * factor

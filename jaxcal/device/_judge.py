@@ -6,11 +6,12 @@ import itertools
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._arrays import runs, skew
 from ..fitting import Chain
 from ..fitting._serial import leave_out_pieces
 from ..noise import Noise
 from ._contribution import kinds_of, terms_of
-from ._normal import ACCEL_BIAS, GYRO_BIAS, HARD, inertial, skew
+from ._normal import ACCEL_BIAS, GYRO_BIAS, HARD, inertial
 from ._slow import slow_noise
 from ._solve import SIZES, Place, Record, Rests, Solution
 from ._windows import NAMES
@@ -254,8 +255,5 @@ def _asked(found: Solution, field: np.ndarray, inner: np.ndarray) -> tuple[np.nd
 
 def stretches(flags: np.ndarray, record: Record) -> tuple[tuple[float, float], ...]:
     """Times (start, stop) in s of flagged windows; neighbouring windows are joined."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     begin = record.grid.first * record.grid.step
-    return tuple(
-        (round(float(begin[a]), 3), round(float(begin[b - 1] + record.time), 3)) for a, b in zip(edges[::2], edges[1::2], strict=True)
-    )
+    return tuple((round(float(begin[a]), 3), round(float(begin[b - 1] + record.time), 3)) for a, b in zip(*runs(flags), strict=True))

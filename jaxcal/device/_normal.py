@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 
+from .._arrays import skew
 from ..fitting import Chain
 from ._model import DeviceModel
 from ._windows import NAMES, Windows
@@ -14,14 +15,6 @@ LINK = 12
 DIP, GYRO_DELAY, MAG_DELAY = (NAMES.index(name) for name in ("dip", "gyro_delay", "mag_delay"))
 #: columns of the gyroscope's parameters: matrix, bias, sensitivity, delay
 TURNING = np.array([*range(GYRO, GYRO + 9), *range(GYRO_BIAS, GYRO_BIAS + 3), *range(SENSITIVITY, SENSITIVITY + 9), GYRO_DELAY])
-
-
-def skew(v: np.ndarray) -> np.ndarray:
-    """Matrices of the cross product with v."""
-    out = np.zeros((*v.shape, 3))
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
-    return out
 
 
 def exponential(v: np.ndarray) -> np.ndarray:

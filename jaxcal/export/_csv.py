@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import DataError, ExportError
-from .._results import NORMAL95
+from .._special import NORMAL95
 from .._types import AnyArray
 from .._units import noise_units, si_unit
 from ..calibration import Calibration, Covariance, DeviceNoise, Part, Thermal, polynomials

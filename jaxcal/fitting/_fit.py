@@ -11,8 +11,8 @@ import numpy as np
 
 from .._compile import filter_jit
 from .._errors import FitError
+from .._frozen import made
 from .._precision import array_module, is_traced
-from .._results import made
 from .._types import Array
 from ._loss_and_prior import AbstractLoss, AbstractPrior
 from ._problem import LeastSquaresSolver, Problem, check, common_dtype, define, to_floats

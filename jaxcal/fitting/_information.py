@@ -4,8 +4,8 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from .._frozen import made
 from .._precision import array_module
-from .._results import made
 from .._types import AnyArray, Value
 
 

@@ -9,8 +9,8 @@ import jax
 import jax.flatten_util
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 
+from .._arrays import namespace
 from .._errors import FitError
 from .._precision import array_module, is_traced
 from .._types import AnyArray, Array
@@ -40,7 +40,7 @@ def to_floats(tree: Any, dtype: Any) -> Any:
     def cast(leaf: Any) -> Any:
         if not is_float(leaf) or (not isinstance(leaf, float) and leaf.dtype == dtype):
             return leaf
-        return (jnp if isinstance(leaf, jax.Array) else np).asarray(leaf, dtype=dtype)
+        return namespace(leaf, concrete=True).asarray(leaf, dtype=dtype)
 
     return jax.tree.map(cast, tree)
 
@@ -73,7 +73,7 @@ def names_of(model: Any) -> list[str]:
 
 def spread(spec: Any, model: Any, what: str) -> np.ndarray | Array:
     """One value per entry of the floating leaves of a model; `spec` is a number, or a tree like `model` or a prefix of it."""
-    xp = jnp if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(spec)) else np
+    xp = namespace(spec)
 
     def fill(value: Any, part: Any) -> list:
         # a shortcut for equal shapes, because `broadcast_to` would take most of the time

@@ -5,19 +5,11 @@ import functools
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
+from .._arrays import skew
 from .._rotation import conjugate, matrix as rotation_matrix, normalised, product
 from .._types import Any, Array
-
-#: w @ CROSS is the matrix of the cross product, [w] x = w cross x; matrix products compile faster than single components
-CROSS = np.array([[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], dtype=float)
-
-
-def skew(w: Array) -> Array:
-    """Matrices (..., 3, 3) of the cross product with w (..., 3)."""
-    return (w @ jnp.asarray(CROSS, dtype=w.dtype)).reshape(*w.shape, 3)
 
 
 class Step(eqx.Module):

@@ -6,11 +6,11 @@ import equinox as eqx
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._arrays import skew
 from .._errors import DataError
 from .._precision import host_float64
 from .._results import Result, Row
 from .._types import AnyArray
-from ._integrate import CROSS
 from ._model import Imu
 from ._recording import means, recording
 from ._rests import given_rests
@@ -158,7 +158,7 @@ def _products(time: np.ndarray, force: np.ndarray, rate: np.ndarray, up: np.ndar
     slope = np.stack([np.convolve(column, _SLOPE[::-1], "valid") for column in rate.T], axis=1) * (len(time) - 1) / (time[-1] - time[0])
     inside = slice(2, -2)
     w, u = rate[inside], vertical[inside]
-    turning = _skew(slope) + _skew(w) @ _skew(w)  # (n, 3, 3): row i times the lever arm of axis i is its acceleration
+    turning = skew(slope) + skew(w) @ skew(w)  # (n, 3, 3): row i times the lever arm of axis i is its acceleration
     columns = np.zeros((len(w), 3, 10))
     columns[..., 0] = gravity * np.cross(u, w)
     for axis in range(3):
@@ -170,10 +170,5 @@ def _products(time: np.ndarray, force: np.ndarray, rate: np.ndarray, up: np.ndar
 def _turned_by(vector: np.ndarray) -> np.ndarray:
     """Rotation matrices (n, 3, 3) of rotation vectors (n, 3)."""
     angle = np.linalg.norm(vector, axis=1)[:, None, None]
-    cross = _skew(vector)
+    cross = skew(vector)
     return np.eye(3) + np.sinc(angle / np.pi) * cross + np.sinc(angle / (2 * np.pi)) ** 2 / 2 * cross @ cross
-
-
-def _skew(w: np.ndarray) -> np.ndarray:
-    """Matrices (n, 3, 3) of the cross product with w (n, 3)."""
-    return (w @ CROSS).reshape(-1, 3, 3)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .._arrays import power_of_two
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from ..fitting import AbstractLoss, Fit, Huber, leverage
@@ -191,7 +192,7 @@ def _norm_fits(
     Returns a table with one row for each set (both multiples, number of rests, cost, leave-one-out mean square) and the fits. A rest
     contributes its mean or, if `each` is given, its first `each` samples with one residual each, as in imu_tk.
     """
-    slots = _recording.power_of_two(max(len(start) for start, _ in usable.values()) + 1, 32)
+    slots = power_of_two(max(len(start) for start, _ in usable.values()) + 1, 32)
     fits, table = {}, []
     for pair, (start, stop) in usable.items():
         count, rows = len(start), 1 if each is None else each

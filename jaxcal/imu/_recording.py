@@ -7,6 +7,7 @@ import equinox as eqx
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._arrays import power_of_two, runs
 from .._errors import DataError
 from .._log import as_log
 from ._residuals import Poses, Turns, Weighted
@@ -103,8 +104,7 @@ def bridged(readings: np.ndarray, rate: float, longest: float | None = None) -> 
     missing = ~np.all(np.isfinite(readings), axis=1)
     if not missing.any():
         return readings
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(np.int8)))
-    first, last = edges[::2], edges[1::2]
+    first, last = runs(missing)
     short = (last - first <= max((_BRIDGE if longest is None else longest) * rate, 1)) & (first > 0) & (last < len(readings))
     filled, there = readings.copy(), np.flatnonzero(~missing)
     index = np.concatenate([np.arange(i, j) for i, j in zip(first[short], last[short], strict=True)] or [np.zeros(0, dtype=int)])
@@ -171,11 +171,6 @@ def padded(x: np.ndarray, slots: int, fill: float | None = None) -> np.ndarray:
 def norms(accel: np.ndarray, slots: int, gravity: float, sigma: float = 1.0) -> Weighted:
     """Padded data of readings at rest, for a fit of the accelerometer alone to their magnitudes."""
     return Weighted(Poses(padded(accel, slots), padded(np.full(len(accel), sigma), slots, np.inf)), None, gravity)
-
-
-def power_of_two(n: int, least: int = 1) -> int:
-    """Smallest power of two that is at least n, but not below `least`."""
-    return max(1 << max(n - 1, 0).bit_length(), least)
 
 
 def _means(readings: np.ndarray, edges: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from .._arrays import runs
 from .._errors import DataError
 from .._precision import host_float64
 
@@ -95,8 +96,7 @@ def windowed_variance(x: np.ndarray, window: int) -> np.ndarray:
 
 def _runs(still: np.ndarray, half: int, least: int) -> Ends:
     """Start and stop of the runs of still windows with at least `least` samples."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
-    start, stop = edges[::2] + half, edges[1::2] + half
+    start, stop = (edges + half for edges in runs(still))
     kept = stop - start >= least
     return start[kept], stop[kept]
 

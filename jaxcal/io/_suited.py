@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .._arrays import longest_run
 from .._log import Log
 from .._units import STANDARD_GRAVITY, factor, find_unit
 from ._evidence import field_size, median_norm, turning
@@ -157,9 +158,6 @@ def _means(values: np.ndarray, width: int, limit: float) -> tuple[np.ndarray, np
 
 def _longest(still: np.ndarray, seconds: float) -> tuple[float, float] | None:
     """Start and stop in s of the longest run of still blocks, without one block at each end; None if it is short."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
-    if not len(edges):
-        return None
-    start, stop = max(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True), key=lambda ends: ends[1] - ends[0])
+    start, stop = longest_run(still)
     first, last = start + (start > 0), stop - (stop < len(still))
     return (first * seconds, last * seconds) if (last - first) * seconds >= _LONG else None

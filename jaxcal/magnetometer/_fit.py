@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
+from .._frozen import made
 from .._log import field_readings
 from .._precision import host_float64, is_traced
-from .._results import made
 from ..fitting import AbstractLoss
 from ._design._coverage import covered, sphere_grid
 from ._design._heading_error import heading_departure, heading_error, heading_range, information, needed

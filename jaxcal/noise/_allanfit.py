@@ -22,9 +22,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._arrays import namespace
 from .._types import AnyArray, Float
 from ._curve import GUESSED, Curve, Lane, correlation, estimate, settle, whiten, whitened
-from ._lanes import inverse, namespace
+from ._lanes import inverse
 from ._limits import Limits, chance, find_limits
 from ._terms import Term
 

@@ -8,6 +8,7 @@ import equinox as eqx
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._arrays import longest_run
 from .._errors import DataError
 from .._precision import host_float64
 from .._quality import checked_confidence, checked_rate, checked_record
@@ -216,8 +217,7 @@ def correlation(y: Any, rate: Any, fits: Sequence[Any], *, confidence: float = 0
     if np.any(strength <= 0.0):
         raise DataError(f"axis {int(np.argmin(strength))} has no white noise, N = 0: there is nothing to be correlated")
     gone = np.isnan(y).any(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], gone, [True]])))
-    start, stop = max(zip(edges[::2], edges[1::2], strict=True), key=lambda ends: ends[1] - ends[0], default=(0, 0))
+    start, stop = longest_run(~gone)
     said = [f"used: samples {start} .. {stop - 1} of {len(y)}, the longest stretch without gaps"] if gone.any() else []
     part = np.ascontiguousarray(y[start:stop].T)
     n, axes = part.shape[1], len(models)

@@ -19,11 +19,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._arrays import namespace
 from .._types import AnyArray
 from ..allan import Deviation
 from ..fitting import solve
 from ._covariance import covariance_tensor
-from ._lanes import filled, namespace, run
+from ._lanes import filled, run
 from ._terms import Term
 
 #: relative change of the modelled variance at which the iteration stops, for the fit and for a first guess; largest number of steps

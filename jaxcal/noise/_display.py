@@ -17,13 +17,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._arrays import namespace
 from .._errors import DataError, FitError
 from .._precision import is_traced
 from ..allan import Deviation
 from ..fitting import solve
 from ._allanfit import freedom
 from ._curve import Curve, curve_of, differences, whitened
-from ._lanes import namespace
 from ._limits import chance
 from ._messages import of_octaves
 from ._result import NoiseFit, assemble

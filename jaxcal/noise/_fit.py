@@ -6,10 +6,10 @@ from functools import partial
 import numpy as np
 
 from .._errors import DataError
+from .._frozen import replaced
 from .._log import as_log
 from .._precision import host_float64, is_traced
 from .._quality import checked_rate, refuse_other_than_samples
-from .._results import replaced
 from .._types import Any
 from ..allan import deviation
 from ._axes import sentences_of_axes

@@ -10,13 +10,13 @@ r"""Methods "gls", "edf" and "wavelet", which fit an Allan deviation curve with 
 
 import numpy as np
 
+from .._arrays import namespace
 from .._errors import FitError
-from .._results import replaced
+from .._frozen import replaced
 from ..allan import Deviation
 from . import _messages
 from ._allanfit import alone, choose_band, covariance_of, fit_curve, response
 from ._curve import curve_of, estimate
-from ._lanes import namespace
 from ._limits import levels_of
 from ._model import Noise, noise_of
 from ._result import NoiseFit, assemble, with_edf

@@ -7,22 +7,16 @@ the same functions run in `jax.numpy`.
 
 from collections.abc import Callable
 from functools import partial
-from types import ModuleType
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 
+from .._arrays import namespace
 from .._compile import filter_jit
 
 _LANES = 16
-
-
-def namespace(*trees: Any) -> ModuleType:
-    """`jax.numpy` if a leaf is traced, otherwise `numpy`. Cheaper than `array_module`, which also detects a trace in progress."""
-    return jnp if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees)) else np
 
 
 @filter_jit

@@ -19,9 +19,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._arrays import namespace
 from .._types import AnyArray, Array
 from ..fitting import solve
-from ._lanes import namespace, run, whole
+from ._lanes import run, whole
 from ._ordinates import Bins
 
 _FAINT = 0.01  # in several starts one column begins with this fraction of an equal share

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._arrays import namespace
 from .._types import AnyArray, Float
-from ._lanes import namespace
 
 _SEARCH = 12  # number of steps of a search
 _FAR = 8.0  # times the level at which values of a search are capped

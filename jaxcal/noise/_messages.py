@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from .._arrays import runs
 from ..allan import Deviation
 from ._alternatives import Alternative, Alternatives
 from ._causes import Cause
@@ -87,8 +88,8 @@ def of_record(y, dt: float, lines: list[tuple[float, float]]) -> list[str]:
     """Warnings about missing samples and spectral lines."""
     said, missing = [], np.isnan(y)
     if missing.any():
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], missing.astype(np.int8), [0]])))
-        lengths = (edges[1::2] - edges[::2]) * dt
+        starts, stops = runs(missing)
+        lengths = (stops - starts) * dt
         many = f"{len(lengths)} gaps, the longest of {lengths.max():.3g} s" if len(lengths) > 1 else f"a gap of {lengths[0]:.3g} s"
         said.append(
             f"gaps: {100 * missing.mean():.2g} % of the samples are missing, in {many}; the fit uses the likelihood of the samples that "

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._arrays import runs
 from .._errors import DataError
 from .._precision import is_traced
 from .._types import Any, AnyArray, Float
@@ -70,8 +71,7 @@ def layout(n: int, dt: float, terms: tuple[Term, ...]) -> tuple[np.ndarray, np.n
 
 def stretches(y) -> list[slice]:
     """The gap-free stretches of a record that are long enough to be used, longest first."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], np.isnan(y), [True]]).astype(np.int8)))
-    found = [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= _SHORTEST]
+    found = [slice(int(a), int(b)) for a, b in zip(*runs(~np.isnan(y)), strict=True) if b - a >= _SHORTEST]
     return sorted(found, key=lambda part: part.start - part.stop)
 
 
@@ -186,8 +186,7 @@ def _beside(values) -> list[np.ndarray]:
 
 def _runs(taken) -> list[tuple[int, int]]:
     """(first bin, bin after the last) of each run of bins."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(taken, dtype=np.int8), [0]])))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return [(int(a), int(b)) for a, b in zip(*runs(taken), strict=True)]
 
 
 def amplitudes(bins: Bins, taken, model, duration: float) -> list[tuple[float, float]]:

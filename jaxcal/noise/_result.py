@@ -5,13 +5,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._arrays import namespace
 from .._errors import DataError
+from .._frozen import replaced
 from .._precision import is_traced, map_ordered
-from .._results import Result, Row, replaced
+from .._results import Result, Row
 from .._types import AnyArray
 from .._units import noise_factor, noise_units
 from ..allan import Deviation
@@ -243,7 +244,7 @@ def stacked_noises(found: list[Any]) -> Any:
 def _joined(trees: list[Any], name: str = "") -> Any:
     """Stack the trees, or one attribute of each, into one tree with channels last."""
     trees = [getattr(tree, name) for tree in trees] if name else trees
-    xp = jnp if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(trees)) else np
+    xp = namespace(trees, concrete=True)
 
     def stack(*values: Any) -> Any:
         return xp.stack([xp.asarray(value) for value in values], axis=-1) if eqx.is_array_like(values[0]) else values[0]

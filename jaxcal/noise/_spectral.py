@@ -11,8 +11,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._arrays import namespace
 from .._types import Any, AnyArray, Int
-from ._lanes import inverse, namespace
+from ._lanes import inverse
 from ._likelihood import ROUGH, density, flat_start, information, minimise, several_starts
 from ._limits import Limits, chance, find_limits
 from ._ordinates import Bins

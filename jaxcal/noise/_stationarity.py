@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._arrays import power_of_two
 from .._special import chi_square_tail
 
 ORDINATES, _FOLLOWED = 512, 48  # largest number of ordinates that are used at all, and for a regressor
@@ -96,7 +97,7 @@ def unevenness(y, column, density, dt: float) -> Unevenness:
     count = min(len(density), len(ordinates))
     share = column[:count] / density[:count]
     needed = int(np.searchsorted(np.cumsum(share**2), _ENOUGH * np.sum(share**2))) + 1
-    count = min(max(1 << (needed - 1).bit_length(), _FEWEST), count)
+    count = min(power_of_two(needed, _FEWEST), count)
     share = np.sqrt(share[:count] / share[:count].max())
 
     def spread(whitened):

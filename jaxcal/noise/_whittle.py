@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._errors import DataError, FitError
-from .._results import replaced
+from .._frozen import replaced
 from .._types import AnyArray
 from ..allan import Deviation, deviation
 from . import _messages, _rivals as rivals

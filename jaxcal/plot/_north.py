@@ -6,7 +6,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
-from .._results import NORMAL95
+from .._special import NORMAL95
 from ..alignment import AlignmentFit, Positions, Readings
 from ._style import INK, MUTED, SERIES, SHADE, stacked, style_axes
 

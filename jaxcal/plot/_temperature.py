@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._errors import DataError
-from .._results import NORMAL95
+from .._special import NORMAL95
 from ..temperature import TemperatureFit
 from ._channels import Channel, draw_groups
 from ._style import INK, MUTED, SENSORS, SERIES, interval_labels, number_label, place_legend, style_axes

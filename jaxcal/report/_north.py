@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import DataError
-from .._results import NORMAL95
+from .._special import NORMAL95
 from .._units import STANDARD_GRAVITY
 from ..alignment import UNITS, AlignmentFit, Positions, Readings, verdict_name
 from ..plot._north import student_density

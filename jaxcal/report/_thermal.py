@@ -7,7 +7,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._log import Log
-from .._results import NORMAL95
+from .._special import NORMAL95
 from .._units import noise_factor, noise_units, si_unit
 from ..plot._style import SENSORS, display_unit, number_label, unit_label
 from ..temperature import TemperatureFit

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import _quality as quality
+from .._arrays import longest_run
 from .._errors import DataError
 from .._precision import is_traced
 from .._types import Any
@@ -66,9 +67,8 @@ def _refuse_gaps(columns: np.ndarray, column: np.ndarray, name: str, rate: float
     gone = np.isnan(column)
     if gone.all():
         raise DataError(f"{name} holds nothing but NaN; leave it out")
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], np.isnan(columns).any(axis=1), [True]]).astype(np.int8)))
     found = f"{name} has {np.count_nonzero(gone)} missing samples (NaN); a spectrum needs a record without gaps"
-    start, stop = max(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True), key=lambda e: e[1] - e[0], default=(0, 0))
+    start, stop = longest_run(~np.isnan(columns).any(axis=1))
     if stop - start < _FEWEST:
         raise DataError(f"{found}, and the longest stretch without any has {stop - start} samples")
     raise DataError(

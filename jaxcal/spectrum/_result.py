@@ -4,7 +4,8 @@ from typing import Any
 
 import equinox as eqx
 
-from .._results import Row, Unjudged, channel_of, columns_of, rows_of
+from .._frozen import channel_of
+from .._results import Row, Unjudged, columns_of, rows_of
 from .._types import AnyArray
 
 

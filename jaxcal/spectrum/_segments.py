@@ -6,9 +6,9 @@ import equinox as eqx
 import numpy as np
 
 from .._errors import DataError
+from .._frozen import replaced
 from .._precision import is_traced
 from .._quality import checked_rate, checked_whole
-from .._results import replaced
 from .._types import AnyArray
 from ._checks import check_options, checked_segment
 from ._density import spectrum_of

@@ -8,6 +8,7 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
+from .._arrays import namespace
 from .._errors import DataError
 from .._precision import is_traced
 from .._types import AnyArray
@@ -72,7 +73,7 @@ def binned(t: AnyArray, b: AnyArray, width: float = FINE, low: Any = None) -> Bi
 def number(t: AnyArray, width: float, low: Any) -> AnyArray:
     """Index of the bin of each temperature."""
     # a temperature on an edge belongs to the upper bin in spite of rounding
-    xp = jnp if isinstance(t, jax.core.Tracer) else np
+    xp = namespace(t)
     return xp.maximum(xp.floor((t - low) / width + 1e-9), 0).astype(int)
 
 

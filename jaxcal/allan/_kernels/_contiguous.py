@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from ..._arrays import longest_run
 from ..._errors import DataError
 from ..._types import Float, Int
 from .._kinds import Kind
@@ -39,10 +40,7 @@ def _stretch(column, gone, sizes, statistic: Kind, rate: float, data: str, ident
     """One channel of a statistic that needs an unbroken stretch; in a record with gaps, the longest stretch (the first if several)."""
     told = ""
     if gone is not None:
-        edges = np.flatnonzero(np.diff(np.concatenate([[True], gone, [True]])))
-        starts, stops = edges[::2], edges[1::2]
-        longest = np.argmax(stops - starts)
-        a, b = int(starts[longest]), int(stops[longest])
+        a, b = longest_run(~gone)
         told = (
             f"{statistic.name} needs a record without gaps: of {name} the longest stretch, samples {a} .. {b - 1} "
             f"({(b - a) / len(column):.0%} of {len(column)}), was used"

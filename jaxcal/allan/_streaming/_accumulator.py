@@ -12,9 +12,9 @@ import jax
 import numpy as np
 
 from ..._errors import DataError
+from ..._frozen import replaced
 from ..._precision import is_traced
 from ..._quality import checked_confidence, checked_rate, checked_whole
-from ..._results import replaced
 from .._kinds import Kind, find_kind, whole_sizes
 from .._noise_type._b1_ratio import fewest_averages, noise_type_of_ratio
 from .._noise_type._identify import FEWEST, identify, types_for_intervals

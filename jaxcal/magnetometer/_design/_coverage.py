@@ -8,8 +8,8 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from ..._errors import DataError
+from ..._frozen import made
 from ..._precision import host_float64
-from ..._results import made
 from ..._types import AnyArray
 
 _POLE, _RING = 1.37046, 0.74776  # latitudes that bound the 100 regions of equal area

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._arrays import power_of_two
 from ..._precision import array_module, is_traced
 from ..._types import AnyArray
 from .._model import MagModel
@@ -63,7 +64,7 @@ class Found:
 
 def padded_length(count: int) -> int:
     """Power of two to which arrays are padded, so that logs of any length share a compiled program."""
-    return max(_SMALLEST_PAD, 1 << max(count - 1, 0).bit_length())
+    return power_of_two(count, _SMALLEST_PAD)
 
 
 def filled(values: np.ndarray, row: Any = 0.0) -> np.ndarray:

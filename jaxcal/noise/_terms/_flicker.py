@@ -24,6 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from ..._arrays import power_of_two
 from ..._precision import array_module
 from . import _numeric
 from ._base import Term
@@ -93,7 +94,7 @@ class Flicker(Term):
         edge = math.pi * dt * float(self.cutoff)
         if edge < math.pi / 2.0:
             return np.cumsum(_numeric.from_bins(*_numeric.cut_bins(n, edge), n, random))
-        half = 1 << (n - 1).bit_length()  # a fast length for the transform; any length of at least n is exact
+        half = power_of_two(n)  # a fast length for the transform; any length of at least n is exact
         h = np.arange(half + 1, dtype=float)
         row = -(4.0 / math.pi) / (4.0 * h**2 - 1.0)  # the autocovariance of the increments
         eigenvalues = np.maximum(np.fft.rfft(np.concatenate([row, row[-2:0:-1]])).real, 0.0)  # only rounding is negative

@@ -25,6 +25,7 @@ import jax.core
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from ..._arrays import power_of_two
 from ..._errors import DataError
 
 _NODES = 8
@@ -115,7 +116,7 @@ def ordinates(psd, k, n: int, dt: float) -> np.ndarray:
 
 def _at(psd, angle, dt) -> np.ndarray:
     """The density at angles, padded to a power of two of them so that `jax.numpy` compiles few programs."""
-    pad = (1 << (len(angle) - 1).bit_length()) - len(angle)
+    pad = power_of_two(len(angle)) - len(angle)
     return np.asarray(psd(np.pad(angle, (0, pad), mode="edge") / (2.0 * np.pi * dt), dt))[: len(angle)]
 
 
