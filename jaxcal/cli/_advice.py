@@ -23,7 +23,8 @@ _OTHER_NAMES = {
 _OTHER_OPTIONS = {
     "--output": "--out", "-o": "--out", "--outdir": "--out", "--output-dir": "--out", "--save": "--out", "--fs": "--rate",
     "--freq": "--rate", "--frequency": "--rate", "--hz": "--rate", "--sample-rate": "--rate", "--sampling-rate": "--rate",
-    "--lat": "--latitude", "--column": "--columns", "--unit": "--units", "--topic": "--topics", "--html": "--report FILE.html",
+    "--lat": "--latitude", "--column": "--columns", "--device": "--name",
+    "--overwrite": "--force", "--topic": "--topics", "--html": "--report FILE.html",
     "--png": "--plot FILE.png", "--figure": "--plot FILE.png", "--picture": "--plot FILE.png", "--yaml": "--export kalibr",
     "--kalibr": "--export kalibr", "--csv": "--export csv", "--begin": "--start", "--from": "--start", "--end": "--stop",
     "--until": "--stop", "--silent": "--quiet", "-q": "--quiet", "--jobs": "--workers", "-j": "--workers", "--threads": "--workers",
@@ -266,7 +267,7 @@ def not_a_calibration(path: Path, option: str = "") -> str | None:
     if path.is_dir():
         there = path / "calibration.json"
         return f"{head} is a folder; give the calibration in it" + (
-            f": {there}" if there.exists() else ", a file such as calibration.json. jaxcal apply takes the latest one with --device NAME"
+            f": {there}" if there.exists() else ", a file such as calibration.json. jaxcal apply takes the latest one with --name NAME"
         )
     kind = kind_of(path)
     if kind == "result":

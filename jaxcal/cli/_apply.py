@@ -9,7 +9,7 @@ from cyclopts import Parameter
 import jaxcal
 
 from ._advice import kind_of
-from ._options import CallError, Reading, Running, log_file, must_be_calibration, read_log
+from ._options import CallError, Plain, Reading, log_file, must_be_calibration, read_log
 from ._outputs import staged
 from ._readings import column_of
 from ._screen import Screen, progress, show_log, show_written
@@ -18,38 +18,36 @@ from ._work import date_of
 
 
 def apply(
-    calibration: Annotated[
-        Path, Parameter(help="Calibration as JSON, as the other commands write it; or a folder of them, with --device.")
-    ],
+    calibration: Annotated[Path, Parameter(help="Calibration as JSON, as the other commands write it; or a folder of them, with --name.")],
     log: Annotated[Path, Parameter(help="The log of the same device.")],
     /,
     *,
     out: Annotated[Path, log_file(help="File to write: FILE.csv or FILE.npz, in SI units; missing samples stay missing.")],
-    device: Annotated[
+    name: Annotated[
         str | None, Parameter(help="Device whose latest calibration, not younger than the log, is taken from the folder.")
     ] = None,
     currents: Annotated[
         str | None, Parameter(help="Columns of the currents whose fields the calibration has, by the names that jaxcal mag got: I1,I2.")
     ] = None,
     reading: Reading = Reading(),
-    running: Running = Running(),
+    running: Plain = Plain(),
 ) -> None:
     """Correct a log with a calibration: temperature first, then bias, scale factor, misalignment, iron."""
     if kind_of(log) == "calibration" and kind_of(calibration) != "calibration":
         raise CallError(f"the calibration comes first: jaxcal apply {log} {calibration} --out {out}")
-    if calibration.is_dir() != (device is not None):
+    if calibration.is_dir() != (name is not None):
         raise CallError(
-            f"{calibration} is a folder; give the calibration in it, or --device NAME to choose the calibration of a device"
-            if device is None
-            else f"--device goes with a folder of calibrations; {calibration} is none"
+            f"{calibration} is a folder; give the calibration in it, or --name NAME to choose the calibration of a device"
+            if name is None
+            else f"--name goes with a folder of calibrations; {calibration} is none"
         )
-    if device is None:
+    if name is None:
         must_be_calibration(calibration)
 
     def write(recording: Any, place: Path) -> Any:
-        chosen = calibration if device is None else jaxcal.calibration.find(calibration, device, date_of(recording, log))
-        names = [name.strip() for name in currents.split(",")] if currents else []
-        given = {name: column_of(log, reading, name, len(recording.time), None) for name in names}
+        chosen = calibration if name is None else jaxcal.calibration.find(calibration, name, date_of(recording, log))
+        names = [one.strip() for one in currents.split(",")] if currents else []
+        given = {one: column_of(log, reading, one, len(recording.time), None) for one in names}
         found = corrected(chosen, recording, given)
         save_sensors(found, place)
         return found
@@ -63,7 +61,7 @@ def convert(
     /,
     *,
     reading: Reading = Reading(),
-    running: Running = Running(),
+    running: Plain = Plain(),
 ) -> None:
     """Write a log as .npz or Parquet in SI units, so that it can be read quickly and without inference."""
     from ..io._saved import SUFFIXES, save
@@ -81,11 +79,11 @@ def convert(
 
 
 def _rewrite(
-    inputs: list[Path], out: Path, doing: str, write: Callable[[Any, Path], Any], reading: Reading, running: Running, command: str
+    inputs: list[Path], out: Path, doing: str, write: Callable[[Any, Path], Any], reading: Reading, running: Plain, command: str
 ) -> None:
     """Read the first of `inputs`, rewrite it, and print a summary."""
     screen = Screen(running.quiet)
-    with staged([out], inputs=inputs) as places:
+    with staged([out], inputs=inputs, force=running.force) as places:
         with progress(f"reading {inputs[0].name}", running.quiet):
             recording = read_log(inputs[0], reading, command)
         with progress(doing, running.quiet):

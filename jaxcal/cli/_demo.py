@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from ._noise import Writing, characterise
-from ._options import Reading, Running
+from ._options import Reading, Running, Seed, Simulating
 from ._screen import Screen
 from ._simulate import noise_from_text, write_log
 from ._tables import missed
@@ -17,7 +17,7 @@ _BIAS = {"gyro": (5e-3, -3e-3, 1e-3), "accel": (0.08, -0.05, 0.03)}  # rad/s, m/
 _RATE, _DURATION = 100.0, 3600.0
 
 
-def demo(*, out: Path = Path("jaxcal-demo"), running: Running = Running()) -> None:
+def demo(*, out: Path = Path("jaxcal-demo"), seed: Seed = 0, running: Running = Running()) -> None:
     """Simulate an hour of a device at rest, and compare jaxcal noise with the truth.
 
     Parameters
@@ -28,10 +28,11 @@ def demo(*, out: Path = Path("jaxcal-demo"), running: Running = Running()) -> No
     screen = Screen(running.quiet)
     truth = {sensor: noise_from_text(text, sensor) for sensor, text in _DEVICE.items()}
     log = out / "imu.csv"
-    screen.line(f"A simulated device at rest for {_DURATION / 3600:g} h at {_RATE:g} Hz (seed {running.seed}):")
+    screen.line(f"A simulated device at rest for {_DURATION / 3600:g} h at {_RATE:g} Hz (seed {seed}):")
     for sensor, text in _DEVICE.items():
         screen.line(f"  {sensor:6} {text.replace(',', ', ')}")
-    write_log(log, truth, _RATE, _DURATION, running, bias=_BIAS, folder=out)
+    simulating = Simulating(quiet=running.quiet, force=running.force, seed=seed)
+    write_log(log, truth, _RATE, _DURATION, simulating, bias=_BIAS, folder=out)
     screen.line(f"\njaxcal noise {log}")
     fits = characterise(log, "QNBK", 0.95, None, Reading(), Writing(out=out), running, truth=truth)
     misses, total = missed(fits, truth)

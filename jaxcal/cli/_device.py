@@ -12,7 +12,7 @@ import jaxcal
 
 from .._units import STANDARD_GRAVITY, number
 from ._noise_file import read_noise
-from ._options import CallError, Gravity, Latitude, Log, Reading, Running, checked, must_exist, stem
+from ._options import CallError, Field, Gravity, Height, Latitude, Log, Name, Noise, Reading, Running, must_exist, stem
 from ._outputs import File, outputs, save_json, save_report
 from ._screen import Screen
 from ._work import carry_out
@@ -40,26 +40,12 @@ def device(
     log: Log,
     /,
     *,
-    gravity: Annotated[
-        Gravity | None, Parameter(help="Gravity at the place, in m/s^2; else from --latitude and --height, else standard gravity.")
-    ] = None,
-    latitude: Annotated[Latitude | None, Parameter(help="Latitude of the place, in degrees: gives gravity and the Earth's rate.")] = None,
-    height: Annotated[
-        float, checked("--height", lambda height: -500 <= height <= 9000, "m above sea level, -500 to 9000", "Height of the place in m.")
-    ] = 0.0,
-    field: Annotated[
-        float | None,
-        checked(
-            "--field",
-            lambda norm: 20 <= norm <= 70,
-            "uT, 20 to 70 on Earth",
-            "Magnitude of the Earth's field at the place, in uT; without it, the corrected readings keep their mean size.",
-        ),
-    ] = None,
-    noise: Annotated[
-        Path | None, Parameter(help="Noise of the sensors: noise.json of jaxcal noise, or a calibration. Else the log gives the noise.")
-    ] = None,
-    name: Annotated[str | None, Parameter(help="Name of the device, kept in the calibration.")] = None,
+    gravity: Gravity | None = None,
+    latitude: Latitude | None = None,
+    height: Height = 0.0,
+    field: Field | None = None,
+    noise: Noise = None,
+    name: Name = None,
     g_sensitivity: Annotated[bool, Parameter(help="Fit the gyroscope's sensitivity to acceleration.")] = False,
     lever: Annotated[bool, Parameter(help="Fit the positions of the accelerometer's sensing elements.")] = False,
     reading: Reading = Reading(),

@@ -8,7 +8,7 @@ from cyclopts import Parameter
 import jaxcal
 
 from .._files import json_text, write_atomically
-from ._options import Running, checked, must_be_calibration
+from ._options import Plain, checked, must_be_calibration
 from ._outputs import staged
 from ._screen import Screen, show_written
 
@@ -28,7 +28,7 @@ def diff(
         ),
     ] = 0.01,
     json: Annotated[Path | None, Parameter(help="File for the differences, in SI units.")] = None,
-    running: Running = Running(),
+    running: Plain = Plain(),
 ) -> None:
     """Compare two calibrations of one device, with the significance of changes.
 
@@ -37,7 +37,7 @@ def diff(
     """
     must_be_calibration(first, second)
     screen = Screen(running.quiet)
-    with staged([json] if json else [], inputs=[first, second]) as places:
+    with staged([json] if json else [], inputs=[first, second], force=running.force) as places:
         parts = jaxcal.calibration.difference(jaxcal.Calibration.load(first), jaxcal.Calibration.load(second))
         if not parts:
             raise jaxcal.DataError(f"{first} and {second} have no part in common that could be compared")

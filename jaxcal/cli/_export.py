@@ -7,8 +7,8 @@ from cyclopts import Group, Parameter
 
 import jaxcal
 
-from ._options import WRITING, CallError, Running, must_be_calibration
-from ._outputs import distinct, staged
+from ._options import WRITING, CallError, Plain, must_be_calibration
+from ._outputs import distinct, replaceable, staged
 from ._screen import Screen, show_written
 
 Format = Literal["kalibr", "openvins", "vins", "orbslam3", "gtsam", "px4", "ardupilot", "ros", "imu_tk", "motioncal", "c", "csv"]
@@ -46,7 +46,6 @@ def export(
             help="Ids by which px4 or ardupilot finds the sensors: accel=1310988,gyro=1310988,mag=396825 or accel=2753028,compass=97539."
         ),
     ] = None,
-    force: Annotated[bool, Parameter(help="Write a calibration whose verdict is weak or refused too.")] = False,
     axis: Annotated[
         Literal["worst", "rms"], Parameter(group=_NOISE, help="One number for three axes: the worst, or their root mean square.")
     ] = "worst",
@@ -72,7 +71,7 @@ def export(
     ] = False,
     prefix: Annotated[str, Parameter(group=_FORMAT, help="Of the names in c.")] = "JAXCAL_",
     accumulator: Annotated[bool, Parameter(group=_FORMAT, help="With the sums for the next magnetometer calibration in c.")] = False,
-    running: Running = Running(),
+    running: Plain = Plain(),
 ) -> None:
     """Write a calibration in the units, signs and order of another tool.
 
@@ -101,10 +100,12 @@ def export(
     target = out or Path(FILES[to])
     targets = files_of(target, to)
     screen = Screen(running.quiet)
-    with staged(distinct([(path, None) for path in targets.values()]), inputs=calibration) as places:
+    with staged(distinct([(path, None) for path in targets.values()]), inputs=calibration, force=running.force) as places:
         devices = [_with_ids(jaxcal.Calibration.load(path), given, to) for path in calibration]
+        digest = (devices[0].provenance or {}).get("sha256") if len(devices) == 1 else ""
+        replaceable(targets.values(), digest or "", force=running.force)
         place = places[targets[""]] if "" in targets else next(iter(places.values())).with_name(target.name)
-        said = jaxcal.export.write(devices if len(devices) > 1 else devices[0], place, format=to, force=force, **options)
+        said = jaxcal.export.write(devices if len(devices) > 1 else devices[0], place, format=to, force=running.force, **options)
         written = [path for path, there in places.items() if there.exists()]
     screen.sentences("Warnings", said)
     show_written(screen, written)

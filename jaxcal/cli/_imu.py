@@ -14,7 +14,7 @@ import jaxcal
 from .._units import STANDARD_GRAVITY, number
 from ._export import FILES
 from ._noise_file import read_noise
-from ._options import CallError, Files, Gravity, Latitude, Log, Reading, Running, checked, in_counts, must_exist, stem
+from ._options import CallError, Files, Gravity, Height, Latitude, Log, Name, Noise, Reading, Running, in_counts, must_exist, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report
 from ._screen import Screen
 from ._work import carry_out
@@ -40,13 +40,9 @@ def imu(
     log: Log,
     /,
     *,
-    gravity: Annotated[
-        Gravity | None, Parameter(help="Gravity at the place, in m/s^2; else from --latitude and --height, else standard gravity.")
-    ] = None,
-    latitude: Annotated[Latitude | None, Parameter(help="Latitude of the place, in degrees.")] = None,
-    height: Annotated[
-        float, checked("--height", lambda height: -500 <= height <= 9000, "m above sea level, -500 to 9000", "Height of the place in m.")
-    ] = 0.0,
+    gravity: Gravity | None = None,
+    latitude: Latitude | None = None,
+    height: Height = 0.0,
     convention: Annotated[Literal["upper", "lower", "full"], Parameter(help="Frame of the result: upper, lower or full.")] = "upper",
     method: Annotated[
         Literal["joint", "imu_tk", "six_position"],
@@ -58,16 +54,14 @@ def imu(
     regions: Annotated[
         Path | None, Parameter(help="JSON or CSV of labelled regions: faces and turns of a box (x_p, x_a, ..., z_rot), or rests.")
     ] = None,
-    noise: Annotated[
-        Path | None, Parameter(help="Noise of the sensors: noise.json of jaxcal noise, or a calibration. Else the rests give the noise.")
-    ] = None,
+    noise: Noise = None,
     prior: Annotated[
         Path | None, Parameter(help="What is known before: an earlier calibration, or a data sheet as JSON; fewer poses then suffice.")
     ] = None,
     terms: Annotated[
         str, Parameter(help="Further terms: auto for what the log asks for, or names such as accel.quadratic,gyro.cubic.")
     ] = "",
-    device: Annotated[str | None, Parameter(help="Name of the device, kept in the calibration.")] = None,
+    name: Name = None,
     counts: Annotated[bool, Parameter(help="The log holds counts; their scale is found from the data.")] = False,
     without_g_sensitivity: Annotated[bool, Parameter(help="Leave out the gyroscope's sensitivity to acceleration.")] = False,
     earth_rate: Annotated[bool, Parameter(help="Account for the Earth's rate, with --latitude; for tactical units.")] = False,
@@ -88,13 +82,13 @@ def imu(
     options = {
         "gravity": gravity, "latitude": latitude, "height": height, "earth_rate": earth_rate, "convention": convention, "method": method,
         "counts": counts, "initial": initial, "regions": regions and str(regions), "without_g_sensitivity": without_g_sensitivity,
-        "noise": noise and str(noise), "prior": prior and str(prior), "terms": terms, "device": device,
+        "noise": noise and str(noise), "prior": prior and str(prior), "terms": terms, "name": name,
     }  # fmt: skip
     files: list[File] = [
         ("plot", "", figure(lambda plot, found, _: plot.imu(found))), ("report", "report.html", save_report),
-        ("json", "imu.json", save_json), ("calibration", "calibration.json", partial(save_calibration, part="imu", device=device)),
+        ("json", "imu.json", save_json), ("calibration", "calibration.json", partial(save_calibration, part="imu", device=name)),
     ]  # fmt: skip
-    plan = outputs(writing, files, f"{stem(log)}-imu", formats=_EXPORTS, export=partial(save_export, part="imu", device=device))
+    plan = outputs(writing, files, f"{stem(log)}-imu", formats=_EXPORTS, export=partial(save_export, part="imu", device=name))
     notes: list[str] = []
     must_exist(regions, noise, prior)
     asked = tuple(word for word in terms.replace(" ", "").split(",") if word)

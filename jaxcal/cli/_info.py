@@ -9,7 +9,7 @@ from cyclopts import Parameter
 import jaxcal
 
 from .._files import json_text, write_atomically
-from ._options import WRITING, Log, Reading, Running, must_be_log, reading_options
+from ._options import WRITING, Log, Plain, Reading, must_be_log, reading_options
 from ._outputs import staged
 from ._screen import Screen, progress, show_written
 
@@ -22,7 +22,7 @@ class InfoFiles:
     json: Annotated[Path | None, Parameter(help="All of it as JSON.")] = None
 
 
-def info(log: Log, /, *, files: InfoFiles = InfoFiles(), reading: Reading = Reading(), running: Running = Running()) -> None:
+def info(log: Log, /, *, files: InfoFiles = InfoFiles(), reading: Reading = Reading(), running: Plain = Plain()) -> None:
     """Show what is in a log, how it is read and why, and which commands suit it.
 
     Every choice is shown with the options that change it. Try these options
@@ -32,7 +32,7 @@ def info(log: Log, /, *, files: InfoFiles = InfoFiles(), reading: Reading = Read
     must_be_log(log, "info")
     screen = Screen(running.quiet)
     targets = [files.json] if files.json else []
-    with staged(targets, inputs=[log]) as places:
+    with staged(targets, inputs=[log], force=running.force) as places:
         with progress(f"reading {log.name}", running.quiet):
             found = jaxcal.io.inspect(log, **reading_options(reading))
         if files.json:

@@ -16,7 +16,7 @@ from .._units import STRONGEST_FIELD
 from ._apply import save_sensors
 from ._cache import keep_compiled
 from ._export import FILES
-from ._options import CallError, Files, Log, Reading, Running, checked, day, log_file, must_exist, read_log, stem
+from ._options import CallError, Dip, Field, Files, Log, Reading, Running, checked, day, log_file, must_exist, read_log, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report, tried
 from ._screen import Screen
 from ._shots import Shots, ready, shots
@@ -29,21 +29,6 @@ _EXPORTS = {name: FILES[name] for name in ("motioncal", "c", "csv")}
 #: formats that --against reads
 _PARAMETERS = ("ardupilot", "px4", "motioncal", "csv")
 _OTHER = "File for another tool: motioncal, c, csv, or such as c=FILE. Repeatable; jaxcal export writes the other formats."
-_FIELDS = (20.0, 70.0)  # uT, everywhere on Earth
-
-
-def _of_the_earth(norm: float) -> str:
-    """Expected value of --field, with the likely unit of a number that is not in uT."""
-    unit = next(
-        (unit for unit, size in (("nT", 1e-3), ("G", 100.0), ("mG", 0.1), ("T", 1e6)) if _FIELDS[0] <= norm * size <= _FIELDS[1]), ""
-    )
-    size = {"nT": 1e-3, "G": 100.0, "mG": 0.1, "T": 1e6}.get(unit, 1.0)
-    seems = f"; {norm:g} looks like {unit}: --field {norm * size:g}" if unit else ""
-    return f"the norm of the field in uT, which is {_FIELDS[0]:g} to {_FIELDS[1]:g} on Earth{seems}"
-
-
-Norm = Annotated[float, checked("--field", lambda norm: _FIELDS[0] <= norm <= _FIELDS[1], _of_the_earth)]
-Dip = Annotated[float, checked("--inclination", lambda dip: abs(dip) < 90, "degrees between -90 and 90, positive downwards")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +53,7 @@ def mag(
         Literal["auto", "sphere", "diagonal", "symmetric", "planar"],
         Parameter(help="What to fit: sphere (hard iron), diagonal, symmetric (soft iron), or planar for turns about one axis."),
     ] = "auto",
-    field: Annotated[Norm | None, Parameter(help="Norm of Earth's field there, in uT; by default the size of the readings stays.")] = None,
+    field: Field | None = None,
     inclination: Annotated[
         Dip | None,
         Parameter(help="Dip of the field in degrees, for the heading error; else that of --place, or what the accelerometer shows."),
@@ -111,7 +96,6 @@ def mag(
     limit: Annotated[
         float, checked("--limit", lambda limit: 0 < limit < 90, "degrees above 0", "Heading error in degrees at which --next says stop.")
     ] = 1.0,
-    force: Annotated[bool, Parameter(help="Write a refused fit too, to look at.")] = False,
     reading: Reading = Reading(),
     writing: Writing = Writing(),
     running: Running = Running(),
@@ -151,7 +135,7 @@ def mag(
         found = _fit(recording, align, joint, chosen, given)
         _show(screen, found)
         screen.flush()
-        if found.verdict == "refused" and not force:
+        if found.verdict == "refused" and not running.force:
             raise jaxcal.DataError(f"the calibration is refused, and nothing was written (--force writes it). {found.reason}")
         return found
 

@@ -9,9 +9,10 @@ from cyclopts import Group, Parameter
 
 import jaxcal
 
+from .._units import STANDARD_GRAVITY
 from ._cache import keep_compiled
 from ._noise_file import read_noise
-from ._options import WRITING, CallError, Gravity, Latitude, Reading, Running, must_be_log, picture
+from ._options import WRITING, CallError, Gravity, Latitude, Noise, Reading, Running, must_be_log, picture
 from ._outputs import File, figure, outputs, save_json, save_report, staged
 from ._readings import holds_positions, read_readings, read_table_log
 from ._screen import Screen, progress, show_log, show_written
@@ -77,10 +78,7 @@ def north(
     /,
     *,
     latitude: Annotated[Latitude | None, Parameter(help="Latitude in degrees, north positive; without it, it is estimated.")] = None,
-    noise: Annotated[
-        Path | None,
-        Parameter(help="Noise of the sensors: noise.json of jaxcal noise, or a calibration. Else residuals give the noise."),
-    ] = None,
+    noise: Noise = None,
     axis: Annotated[
         Literal["x", "y", "z"], Parameter(help="Axis of --noise that the sensor is; a log with three axes takes all of them.")
     ] = "x",
@@ -96,7 +94,7 @@ def north(
     ] = None,
     hint: Annotated[float | None, Parameter(help="Rough azimuth in degrees, where two fit.")] = None,
     hemisphere: Annotated[Literal["north", "south"] | None, Parameter(help="north or south, for a latitude that is estimated.")] = None,
-    gravity: Annotated[Gravity, Parameter(help="Local gravity in m/s^2.")] = 9.80665,
+    gravity: Gravity | None = None,
     table: TableOptions = TableOptions(),
     reading: Reading = Reading(),
     writing: Writing = Writing(),
@@ -115,7 +113,12 @@ def north(
     ]  # fmt: skip
     plan, _ = outputs(writing, files)
     screen, place = Screen(running.quiet), None if latitude is None else math.radians(latitude)
-    options = {"priors": _priors(prior), "hemisphere": hemisphere, "gravity": gravity, "hint": None if hint is None else math.radians(hint)}
+    options = {
+        "priors": _priors(prior),
+        "hemisphere": hemisphere,
+        "gravity": STANDARD_GRAVITY if gravity is None else gravity,
+        "hint": None if hint is None else math.radians(hint),
+    }
     if free is not None:
         options["free"] = ",".join(free).split(",")
     if azimuth is not None:
@@ -126,7 +129,7 @@ def north(
     must_be_log(readings, "north")
     if readings.is_dir():
         raise CallError(f"{readings} is a folder; jaxcal north takes one file, a table of readings or a raw log")
-    with staged(plan, inputs=[readings]) as places:
+    with staged(plan, inputs=[readings], force=running.force) as places:
         raw = table.angles is not None or table.angle_column is not None or not holds_positions(readings)
         with progress(f"reading {readings.name}", running.quiet):
             given = read_table_log(readings, reading, table.angle_column) if raw else read_readings(readings)

@@ -50,25 +50,59 @@ def log_file(name: str = "--out", help: str = "File to write: FILE.csv or FILE.n
     return checked(name, lambda path: path.suffix in (".csv", ".npz"), "a name that ends in .csv or .npz", help)
 
 
+# One definition of each option that several commands have: its type, unit, help and check.
+
 Quiet = Annotated[bool, Parameter(help="Print nothing but errors.")]
+Seed = Annotated[int, Parameter(help="Seed of what is simulated; the same seed gives the same log.")]
+Config = Annotated[Path | None, Parameter(help='TOML file with options: a table for each command, as [noise] units = ["gyro=deg/s"].')]
 Log = Annotated[Path, Parameter(help="The log: any file that can be read, a folder, or a zip file.")]
 LogFile = Annotated[Path, log_file()]
+Name = Annotated[str | None, Parameter(name="--name", help="Name of the device, kept in the calibration.")]
+Noise = Annotated[
+    Path | None, Parameter(help="Noise of the sensors: noise.json of jaxcal noise, or a calibration. Else the log gives the noise.")
+]
 Level = Annotated[
     float, checked("--confidence", lambda level: 0 < level < 1, "a level between 0 and 1; 0.95 is 95 %", "Level of the intervals.")
 ]
-Latitude = Annotated[float, checked("--latitude", lambda angle: abs(angle) <= 90, "degrees between -90 and 90")]
-GRAVITIES = ON_EARTH["gravity"]
+Latitude = Annotated[
+    float, checked("--latitude", lambda angle: abs(angle) <= 90, "degrees between -90 and 90", "Latitude of the place, in degrees.")
+]
+Height = Annotated[
+    float, checked("--height", lambda height: -500 <= height <= 9000, "m above sea level, -500 to 9000", "Height of the place, in m.")
+]
+Dip = Annotated[
+    float,
+    checked("--inclination", lambda dip: abs(dip) < 90, "degrees between -90 and 90, positive downwards",
+            "Dip of the Earth's field at the place, in degrees, positive downwards."),
+]  # fmt: skip
+#: other units in which these are often given -> size of the unit of the option in them
+_LIKELY = {
+    "gravity": {"g": 1 / 9.80665, "mg": 1e3 / 9.80665, "cm/s^2": 100.0, "ft/s^2": 1 / 0.3048},
+    "field": {"nT": 1e3, "G": 0.01, "mG": 10.0, "T": 1e-6},
+}
 
 
-def _on_earth(value: float) -> str:
-    """Expected value of --gravity, with the likely unit of a number that is not in m/s^2."""
-    likely = {"g": 1.0, "mg": 1e3, "cm/s^2": 980.665, "ft/s^2": 32.174}
-    unit, size = min(likely.items(), key=lambda item: abs(value / item[1] - 1.0))
-    seems = f"; {value:g} looks like {unit}" if abs(value / size - 1.0) < 0.02 else ""
-    return f"m/s^2, and gravity is {GRAVITIES[0]} to {GRAVITIES[1]} on Earth{seems}. --latitude and --height give it"
+def _of_the_earth(option: str, unit: str, size: float, help: str, more: str = "") -> Parameter:
+    """Option for a quantity of the Earth in `unit`, of `size` in SI; the error names the likely unit of a number in another one."""
+    low, high = (limit / size for limit in ON_EARTH[option])
+
+    def expected(value: float) -> str:
+        likely = next((name for name, other in _LIKELY[option].items() if low <= value / other <= high), "")
+        seems = f"; {value:g} looks like {likely}: --{option} {value / _LIKELY[option][likely]:.4g}" if likely else ""
+        return f"{option} in {unit}, which is {low:.4g} to {high:.4g} on Earth{seems}{more}"
+
+    return checked(f"--{option}", lambda value: low <= value <= high, expected, help)
 
 
-Gravity = Annotated[float, checked("--gravity", lambda value: GRAVITIES[0] <= value <= GRAVITIES[1], _on_earth)]
+Gravity = Annotated[
+    float,
+    _of_the_earth("gravity", "m/s^2", 1.0, "Gravity at the place, in m/s^2; else from --latitude and --height, else standard gravity.",
+                  ". --latitude and --height give it"),
+]  # fmt: skip
+Field = Annotated[
+    float,
+    _of_the_earth("field", "uT", 1e-6, "Norm of the Earth's field at the place, in uT; without it, corrected readings keep their size."),
+]
 
 
 @Parameter(name="*", group=WRITING)
@@ -138,24 +172,35 @@ def _known_unit(units: tuple[str, ...]) -> str:
 
 @Parameter(name="*", group=RUNNING)
 @dataclass(frozen=True, kw_only=True)
-class Running:
-    """How a command runs."""
+class Plain:
+    """How a command runs that writes files and has no numbers to show."""
 
     quiet: Quiet = False
+    force: Annotated[
+        bool, Parameter(help="Replace files that jaxcal did not write, or wrote for another log; write a refused result too.")
+    ] = False
+    config: Config = None
+
+
+@Parameter(name="*", group=RUNNING)
+@dataclass(frozen=True, kw_only=True)
+class Simulating(Plain):
+    """How a simulation runs."""
+
+    seed: Seed = 0
+
+
+@Parameter(name="*", group=RUNNING)
+@dataclass(frozen=True, kw_only=True)
+class Running(Plain):
+    """How a command runs that shows numbers."""
+
     verbose: Annotated[bool, Parameter(name=("--verbose", "-v"), help="Print everything: tables of detail, and all findings.")] = False
     unit: Annotated[
         tuple[str, ...],
-        checked(
-            "--unit",
-            lambda units: all(one in known_units() for one in units),
-            _known_unit,
-            "Show quantities in this unit, such as deg/h, mg or nT. Repeatable.",
-        ),
-    ] = ()
-    seed: Annotated[int, Parameter(help="Seed of what is simulated; estimates use no random numbers.")] = 0
-    config: Annotated[
-        Path | None, Parameter(help='TOML file with options: a table for each command, as [noise] units = ["gyro=deg/s"].')
-    ] = None
+        checked("--unit", lambda units: all(one in known_units() for one in units), _known_unit,
+                "Show quantities in this unit, such as deg/h, mg or nT. Repeatable."),
+    ] = ()  # fmt: skip
 
 
 def must_exist(*paths: Path | None, option: str = "") -> None:

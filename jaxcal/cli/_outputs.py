@@ -10,7 +10,7 @@ from typing import Any
 
 import jaxcal
 
-from .._files import clear_hidden, hidden_name, json_text, write_atomically
+from .._files import check_replaceable, clear_hidden, hidden_name, json_text, write_atomically
 from ._options import CallError
 
 #: (place to write to, results, log) -> sentences to print, if any
@@ -102,7 +102,9 @@ def save_export(place: Path, results: Any, log: Any, format: str, *, part: str, 
 
 
 @contextlib.contextmanager
-def staged(targets: Iterable[Path], *, inputs: Iterable[Path] = (), folder: Path | None = None) -> Iterator[dict[Path, Path]]:
+def staged(
+    targets: Iterable[Path], *, inputs: Iterable[Path] = (), folder: Path | None = None, force: bool = False
+) -> Iterator[dict[Path, Path]]:
     """Yield a temporary path for every target; after the block, the files written there are renamed to the targets.
 
     The paths are in a hidden folder next to the target. Entering the block therefore proves that the folder can be written, and after a
@@ -113,14 +115,16 @@ def staged(targets: Iterable[Path], *, inputs: Iterable[Path] = (), folder: Path
     targets : files to write, each once.
     inputs : files that must not be overwritten.
     folder : a folder to create if it is missing; other folders must exist.
+    force : replace files that jaxcal did not write.
 
     Raises
     ------
     CallError
-        If a target is a folder or an input, or its folder is missing or cannot be written.
+        If a target is a folder, an input, or a file that jaxcal did not write, or its folder is missing or cannot be written.
     """
     targets = list(targets)
     _check(targets, inputs)
+    replaceable(targets, force=force)
     with contextlib.ExitStack() as cleanup:
         if folder is not None:
             _create(folder, cleanup)
@@ -138,6 +142,15 @@ def staged(targets: Iterable[Path], *, inputs: Iterable[Path] = (), folder: Path
         for target, place in places.items():
             if place != target and place.exists():
                 os.replace(place, target.resolve())
+
+
+def replaceable(targets: Iterable[Path], digest: str = "", *, force: bool = False) -> None:
+    """Raise a `CallError` for a file that jaxcal did not write, or wrote for a log with another SHA-256, unless `force`."""
+    for target in targets:
+        try:
+            check_replaceable(target, digest, force=force)
+        except jaxcal.ExportError as error:
+            raise CallError(error.args[0], error.code) from None
 
 
 def _check(targets: list[Path], inputs: Iterable[Path]) -> None:

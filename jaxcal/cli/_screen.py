@@ -120,8 +120,12 @@ def show_log(screen: Screen, log: Any) -> None:
 
 
 def show_written(screen: Screen, written: Sequence[Path]) -> None:
-    """Print the files that a command wrote."""
+    """Print the files that a command wrote: one line for each folder, which no terminal breaks."""
+    folders: dict[Path, list[str]] = {}
+    for path in written:
+        folders.setdefault(path.parent, []).append(path.name)
     if written:
         screen.line()
-    for path in written:
-        screen.path(f"wrote {path}")
+    for folder, names in folders.items():
+        several = len(names) > 1 and folder != Path()
+        screen.path(f"wrote {folder}/: {', '.join(names)}" if several else f"wrote {', '.join(str(folder / name) for name in names)}")

@@ -2,6 +2,7 @@
 
 import math
 import re
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -9,12 +10,13 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from .._units import STANDARD_GRAVITY, noise_factor, noise_units, si_unit
-from ._options import CallError, Latitude, LogFile, Running, checked
+from ._options import CallError, Latitude, LogFile, Simulating, checked
 from ._outputs import staged
 from ._screen import Screen, progress, show_written
 
 _TERM = re.compile(r"([QNBKR])\s*=\s*(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*(.*)")
 _DEG = math.pi / 180
+_MARK = "written by jaxcal"  # by which the next run knows that it may replace the file
 _LARGEST = 500_000_000  # samples; more would exceed the memory of most machines
 
 
@@ -25,7 +27,7 @@ def simulate_noise(
     duration: Annotated[float, Parameter(help="Length of the log in s.")] = 3600.0,
     gyro: Annotated[str | None, Parameter(help="Noise of each gyroscope axis.")] = None,
     accel: Annotated[str | None, Parameter(help="Noise of each accelerometer axis.")] = None,
-    running: Running = Running(),
+    running: Simulating = Simulating(),
 ) -> None:
     """Simulate a level sensor at rest: the given noise, and gravity on accel_z.
 
@@ -50,7 +52,7 @@ def simulate_temperature(
     walk: Annotated[float, Parameter(help="Standard deviation of the bias's step from sample to sample in deg/s.")] = 2e-5,
     rate: Annotated[float, Parameter(help="Sampling rate in Hz.")] = 1.0,
     duration: Annotated[float, Parameter(help="Length of the log in s.")] = 5400.0,
-    running: Running = Running(),
+    running: Simulating = Simulating(),
 ) -> None:
     """Simulate a gyroscope at rest whose bias depends on temperature (20 to 45 degC).
 
@@ -91,7 +93,7 @@ def simulate_imu(
     gyro: Annotated[str | None, Parameter(help="Noise of each gyroscope axis, as for simulate noise.")] = None,
     accel: Annotated[str | None, Parameter(help="Noise of each accelerometer axis.")] = None,
     latitude: Annotated[Latitude | None, Parameter(help="Latitude in degrees, to add the Earth's rate and take gravity there.")] = None,
-    running: Running = Running(),
+    running: Simulating = Simulating(),
 ) -> None:
     """Simulate a sensor that is held still in many poses, with turns between them.
 
@@ -136,7 +138,7 @@ def simulate_mag(
         float, Parameter(help="Largest entry of the symmetric matrix that is added to the unit matrix, drawn with the seed.")
     ] = 0.1,
     mounting: Annotated[float, Parameter(help="Angle in degrees by which the magnetometer is turned about its z axis.")] = 0.0,
-    running: Running = Running(),
+    running: Simulating = Simulating(),
 ) -> None:
     """Simulate a magnetometer in many attitudes, with the specific force at rest.
 
@@ -194,7 +196,7 @@ def simulate_device(
     soft_mount: Annotated[
         float | None, Parameter(help="Natural frequency in Hz of a mount in which the magnetometer turns; without it, the mount is rigid.")
     ] = None,
-    running: Running = Running(),
+    running: Simulating = Simulating(),
 ) -> None:
     """Simulate accelerometer, gyroscope and magnetometer, moved by hand.
 
@@ -261,7 +263,7 @@ def simulate_north(
     accel_bias: Annotated[float, Parameter(help="In micro-g.")] = 0.0,
     gyro_scale: Annotated[float, Parameter(help="Scale error in ppm.")] = 0.0,
     accel_scale: Annotated[float, Parameter(help="Scale error in ppm.")] = 0.0,
-    running: Running = Running(),
+    running: Simulating = Simulating(),
 ) -> None:
     """Simulate a table of turntable readings for `jaxcal north`."""
     angles = _numbers("--attitude", attitude)
@@ -269,7 +271,7 @@ def simulate_north(
         raise CallError(f"--attitude {attitude}: expected roll, pitch and azimuth in degrees, such as 1,2,88")
     places = [_position(word.strip()) for word in positions.split(",")]
     noise = noise_from_text(gyro, "gyro"), noise_from_text(accel, "accel")
-    with staged([out]) as rooms:
+    with staged([out], force=running.force) as rooms:
         from ..alignment import Positions, Sensor, simulate
 
         known = Positions([angle * _DEG for _, angle in places], [word for word, _ in places], dwell)
@@ -333,7 +335,7 @@ def _check_size(rate: float, duration: float) -> None:
 
 
 def write_log(
-    out: Path, truth: dict[str, Any], rate: float, duration: float, running: Running,
+    out: Path, truth: dict[str, Any], rate: float, duration: float, running: Simulating,
     bias: dict[str, tuple[float, float, float]] | None = None, folder: Path | None = None,
 ) -> None:  # fmt: skip
     """Simulate three independent axes of every sensor in `truth`, add the biases and gravity on z, and write the log."""
@@ -354,9 +356,9 @@ def write_log(
     _write(out, make, running, folder)
 
 
-def _write(out: Path, make: Callable[[Any], tuple[Any, dict[str, Any]]], running: Running, folder: Path | None = None) -> None:
+def _write(out: Path, make: Callable[[Any], tuple[Any, dict[str, Any]]], running: Simulating, folder: Path | None = None) -> None:
     """Write the log that `make` returns for a random generator: times, and values by sensor."""
-    with staged([out], folder=folder) as places, progress("simulating", running.quiet):
+    with staged([out], folder=folder, force=running.force) as places, progress("simulating", running.quiet):
         import numpy as np
 
         save_log(places[out], *make(np.random.default_rng(running.seed)))
@@ -368,13 +370,17 @@ def save_log(place: Path, time: Any, sensors: dict[str, Any]) -> None:
 
     if place.suffix == ".npz":
         np.savez(place, time=time, **sensors, units="SI")
+        with zipfile.ZipFile(place, "a") as file:
+            file.comment = _MARK.encode()
         return
     names = ["time [s]"]
     for sensor, values in sensors.items():
         axes = [f"_{axis}" for axis in "xyz"[: values.shape[1]]] if values.ndim == 2 else [""]
         names += [f"{sensor}{axis} [{si_unit(sensor)}]" for axis in axes]
     table = np.column_stack([time, *sensors.values()])
-    np.savetxt(place, table, fmt=["%.9f", *["%.9g"] * (len(names) - 1)], delimiter=",", header=",".join(names), comments="")
+    np.savetxt(
+        place, table, fmt=["%.9f", *["%.9g"] * (len(names) - 1)], delimiter=",", header=f"# {_MARK}\n" + ",".join(names), comments=""
+    )
 
 
 def _numbers(option: str, text: str) -> list[float]:

@@ -12,7 +12,7 @@ import jaxcal
 
 from .._files import json_text, write_atomically
 from .._units import number
-from ._options import WRITING, CallError, Latitude, Log, Reading, Running, must_exist, stem
+from ._options import WRITING, CallError, Latitude, Log, Name, Reading, Running, must_exist, stem
 from ._outputs import File, outputs, save_calibration
 from ._screen import Screen
 from ._work import carry_out
@@ -41,9 +41,9 @@ def rate_table(
     *,
     rates: Annotated[str | None, Parameter(help="Rates of the table in deg/s, without sign: 10,50,100.")] = None,
     regions: Annotated[Path | None, Parameter(help="Instead: JSON or CSV of stretches, labelled such as z +100 (deg/s) or rest.")] = None,
-    latitude: Annotated[Latitude | None, Parameter(help="Latitude of the place, in degrees, to take off the Earth's rate.")] = None,
+    latitude: Latitude | None = None,
     servo: Annotated[float, Parameter(help="Standard error of the table's rate, in ppm.")] = 0.0,
-    device: Annotated[str | None, Parameter(help="Name of the device, kept in the calibration.")] = None,
+    name: Name = None,
     reading: Reading = Reading(),
     writing: RateWriting = RateWriting(),
     running: Running = Running(),
@@ -70,7 +70,7 @@ def rate_table(
     def store(place: Path, found: Any, data: Any) -> tuple[str, ...]:
         if found.gyro is None:
             return (f"{place.name} is not written: {found.reason}",)
-        save_calibration(place, found, data, part="imu", device=device)
+        save_calibration(place, found, data, part="imu", device=name)
         return ()
 
     files: list[File] = [("json", "rate_table.json", _save_json), ("calibration", "calibration.json", store)]

@@ -10,7 +10,7 @@ from .._errors import DataError
 from ._advice import READING_OPTIONS, as_typed
 from ._cache import keep_compiled
 from ._options import Reading, Running, read_log
-from ._outputs import Outputs, staged
+from ._outputs import Outputs, replaceable, staged
 from ._screen import Screen, progress, show_log, show_written
 
 
@@ -59,7 +59,7 @@ def date_of(log: Any, path: Path) -> str:
 def carry_out(
     path: Path, reading: Reading, running: Running, plan: Outputs, compute: Callable[[Any, Any], Any], *, doing: str = "fitting",
     show: Callable[[Screen, Any], None] | None = None, change: Callable[[Any], Any] | None = None, command: str = "",
-    options: Mapping[str, Any] | None = None, force: bool = False,
+    options: Mapping[str, Any] | None = None,
 ) -> Done:  # fmt: skip
     """Read the log at `path`, print what was read, compute, print the result, and write the files of `plan`: all of them or none.
 
@@ -71,21 +71,21 @@ def carry_out(
     show : (screen, results) -> None: prints the result, before the files are written, so that the user need not wait for them.
     change : function applied to the log before everything else.
     command, options : stored with the log, if given, so that every file made from it names them and the versions.
-    force : write the files of a refused result too.
 
     A result with findings prints itself: what was read, the guesses that matter, its verdict, and its tables.
 
     Raises
     ------
     DataError
-        If the result is refused; its lines are printed, and nothing is written.
+        If the result is refused, unless --force is given; its lines are printed, and nothing is written.
     """
     screen, (targets, folder) = Screen(running.quiet), plan
-    with staged(targets, inputs=[path], folder=folder) as places:
+    with staged(targets, inputs=[path], folder=folder, force=running.force) as places:
         with progress(f"reading {path.name}", running.quiet):
             log = read_log(path, reading, command.removeprefix("jaxcal "))
             log = log if change is None else change(log)
             check_suited(command, log, path, options or {})
+            replaceable(targets, log.provenance.get("sha256") or "", force=running.force)
             log = log if options is None or not targets else _signed(path, log, command, reading, options)
         if show is not None:
             show_log(screen, log)
@@ -94,7 +94,7 @@ def carry_out(
             found = compute(log, move)
         if show is None:
             _show(screen, path, log, found, running)
-            if found.verdict == "refused" and not force:
+            if found.verdict == "refused" and not running.force:
                 screen.lines(things_to_know(found.findings, reader="terminal", wanted=running.unit, verbose=running.verbose))
                 raise DataError("the result is refused, and nothing is written; the reason stands above", code="refused")
         else:

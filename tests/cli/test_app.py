@@ -16,7 +16,7 @@ from jaxcal.cli import main
 from .conftest import listing
 
 COMMANDS = (("demo",), ("noise",), ("allan",), ("imu",), ("simulate", "noise"), ("simulate", "imu"))
-SHARED = ("--quiet", "--seed", "--config")
+SHARED = ("--quiet", "--force", "--config")
 READING = ("--columns", "--units", "--rate", "--topics", "--format", "--start", "--stop")
 
 

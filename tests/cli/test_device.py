@@ -9,7 +9,7 @@ def test_a_recording_by_hand_becomes_a_calibration(call, folder):
     assert call("simulate", "device", "--out", "log.csv", "--duration", "60", "--rate", "50", "--seed", "11").status == 0
     found = call("device", "log.csv", "--gravity", "9.80665")
     assert found.status == 0
-    for words in ("accelerometer (", "gyroscope (", "magnetometer (", "delay of the gyroscope", "log-device/report.html"):
+    for words in ("accelerometer (", "gyroscope (", "magnetometer (", "delay of the gyroscope", "wrote log-device/: report.html"):
         assert words in found.out
     document = json.loads((folder / "log-device" / "device.json").read_text(encoding="utf-8"))
     assert document["schema"].startswith("jaxcal.")

@@ -35,7 +35,7 @@ def test_every_format_under_its_usual_name(call, folder, device, format):
     assert found.status == 0
     assert sorted(path.name for path in folder.iterdir()) == sorted([*DEFAULTS[format], device])
     for name in DEFAULTS[format]:
-        assert f"wrote {name}" in found.out
+        assert name in found.out.splitlines()[-1]
         assert (folder / name).stat().st_size > 50
 
 

@@ -44,14 +44,14 @@ def test_a_simulated_log_is_calibrated(call, folder):
     # the same with prior knowledge: the noise of the sensors, and the first calibration
     channels = {f"{sensor}_{axis}": {"N": {"value": value}} for sensor, value in MEMS_NOISE.items() for axis in "xyz"}
     (folder / "noise.json").write_text(json.dumps({"schema": "jaxcal.noise/1", "channels": channels}))
-    known = ("--noise", "noise.json", "--prior", "log-imu/calibration.json", "--device", "unit 7", "--calibration", "again.json")
+    known = ("--noise", "noise.json", "--prior", "log-imu/calibration.json", "--name", "unit 7", "--calibration", "again.json")
     assert call("imu", "log.csv", "--gravity", "9.80665", *known, "--quiet").status == 0
     again = jaxcal.Calibration.load(folder / "again.json")
     assert (again.device, again.imu.verdict) == ({"name": "unit 7"}, "good")
     widths = [np.diff([one.imu.accel.interval.low[:9], one.imu.accel.interval.high[:9]], axis=0) for one in (stored, again)]
     assert np.mean(widths[1]) < np.mean(widths[0])
     # and in counts of 16384 per g and 131 per deg/s, without giving the command their size
-    table = np.genfromtxt(folder / "log.csv", delimiter=",", skip_header=1)
+    table = np.genfromtxt(folder / "log.csv", delimiter=",", skip_header=2)
     axes = (folder / "log.csv").read_text().partition("\n")[0].split(",")
     size = np.array([1 / 16384 * 9.80665 if "accel" in name else np.deg2rad(1 / 131) for name in axes[1:]])
     counts = np.column_stack([table[:, 0], np.round(table[:, 1:] / size)])

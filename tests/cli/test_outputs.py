@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from .conftest import listing
+from .conftest import listing, save, table
 
 ALLAN = ("allan", "imu.csv", "--m", "1", "--quiet")
 
@@ -26,16 +26,39 @@ def test_files_appear_together(call, folder, log, monkeypatch):
 def test_a_failure_leaves_nothing_and_keeps_what_was_there(call, folder, log, monkeypatch):
     (folder / "a.json").write_text("before")
     monkeypatch.setattr("jaxcal.plot.save", lambda axes, place: 1 / 0)
-    assert call(*ALLAN, "--json", "a.json", "--plot", "b.png").status == 3
+    assert call(*ALLAN, "--json", "a.json", "--plot", "b.png", "--force").status == 3
     assert listing(folder) == ["a.json", "imu.csv"]
     assert (folder / "a.json").read_text() == "before"
+
+
+def test_a_file_of_the_user_or_of_another_log_is_replaced_only_by_force(call, folder, log):
+    (folder / "mine.json").write_text("[1, 2]")
+    found = call(*ALLAN, "--json", "mine.json")
+    assert (found.status, found.code) == (2, "not_ours")
+    assert "--force" in found.reason
+    assert (folder / "mine.json").read_text() == "[1, 2]"
+    assert call(*ALLAN, "--report", "a.html").status == 0
+    assert call(*ALLAN, "--report", "a.html").status == 0  # the same log once more
+    save(log, table(seed=1))
+    before = (folder / "a.html").read_bytes()
+    found = call(*ALLAN, "--report", "a.html")
+    assert (found.status, found.code) == (2, "other_log")
+    assert (folder / "a.html").read_bytes() == before
+    assert call(*ALLAN, "--report", "a.html", "--force").status == 0
+    assert (folder / "a.html").read_bytes() != before
+
+
+def test_a_simulated_log_may_be_replaced(call, folder):
+    for name in ("a.csv", "a.npz"):
+        for seed in (0, 1):
+            assert call("simulate", "noise", "--gyro", "N=1deg/sqrt(h)", "--duration", 5, "--out", name, "--seed", seed).status == 0
 
 
 def test_a_link_keeps_pointing_at_the_file_that_is_replaced(call, folder, log):
     real, link = folder / "real", folder / "link"
     real.write_text("before")
     link.symlink_to(real)
-    assert call(*ALLAN, "--json", "link").status == 0
+    assert call(*ALLAN, "--json", "link", "--force").status == 0
     assert link.is_symlink()
     assert real.read_text().startswith("{")
 
@@ -51,17 +74,14 @@ def test_a_folder_made_for_nothing_goes_again(call, folder, log, monkeypatch):
 def test_a_folder_that_is_not_there_is_refused(call, folder, log, name):
     (folder / "file").write_text("")
     found = call(*ALLAN, "--json", name)
-    assert found.status == 2
-    assert "cannot write into" in found.reason
-    assert "give a path in another folder" in found.reason
+    assert (found.status, found.code) == (2, "not_writable")
 
 
 def test_a_folder_that_cannot_be_made_is_refused(call, folder, log):
     (folder / "file").write_text("")
     found = call("noise", "imu.csv", "--out", "file/out")
-    assert found.status == 2
-    assert "cannot make the folder file/out: " in found.reason
-    assert "give another with --out" in found.reason
+    assert (found.status, found.code) == (2, "no_folder")
+    assert "file/out" in found.reason
     assert listing(folder) == ["file", "imu.csv"]
 
 
@@ -75,15 +95,14 @@ def test_a_folder_that_may_not_be_written_is_refused(call, log, monkeypatch):
 
     monkeypatch.setattr("pathlib.Path.mkdir", refuse)
     found = call(*ALLAN, "--json", "a")
-    assert found.status == 2
-    assert "permission denied; give a path in another folder" in found.reason
+    assert (found.status, found.code) == (2, "not_writable")
+    assert "permission denied" in found.reason
 
 
 def test_a_folder_is_no_file(call, folder, log):
     (folder / "there").mkdir()
     found = call(*ALLAN, "--json", "there")
-    assert found.status == 2
-    assert "there is a folder; give the name of a file in it" in found.reason
+    assert (found.status, found.code) == (2, "is_folder")
 
 
 def test_what_a_killed_run_left_is_removed_by_the_next(call, folder, log):

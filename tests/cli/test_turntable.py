@@ -21,7 +21,7 @@ def test_a_rate_table(call, folder):
     w = np.concatenate([np.tile(rate, (400, 1)) for rate in rates])
     accel = np.tile([0, 0, 9.81], (len(w), 1)) + 0.01 * rng.normal(size=w.shape)
     save(folder / "sweep.csv", accel, 1.01 * w + 1e-3 * rng.normal(size=w.shape))
-    found = call("rate-table", "sweep.csv", "--rate", "100", "--rates", "50,100", "--device", "unit 7")
+    found = call("rate-table", "sweep.csv", "--rate", "100", "--rates", "50,100", "--name", "unit 7")
     assert (found.status, found.err) == (0, "")
     for text in ("scale factor, with intervals of 95 %", "x nonlinearity", "good: Nonlinearity up to"):
         assert text in found.out
@@ -29,7 +29,7 @@ def test_a_rate_table(call, folder):
     assert stored.imu.gyro.model.matrix.diagonal() == pytest.approx(1.01 * np.ones(3), abs=1e-3)
     assert json.loads((folder / "sweep-rate-table" / "rate_table.json").read_text())["schema"] == "jaxcal.RateTest/1"
     # the calibration is found by the name of the device and the date of the log file
-    assert call("apply", ".", "sweep.csv", "--rate", "100", "--device", "unit 7", "--out", "corrected.csv").status == 0
+    assert call("apply", ".", "sweep.csv", "--rate", "100", "--name", "unit 7", "--out", "corrected.csv").status == 0
     assert call("apply", ".", "sweep.csv", "--rate", "100", "--out", "c.csv").status == 2
     for words, status, reason in (
         ((), 2, "either --rates"),

@@ -101,7 +101,7 @@ cache --clean                              | Did you mean "--clear"?
 noise rest.csv --rate                      | --rate stands without its value
 noise rest.csv --band 1                    | --band 1: a value is missing
 noise rest.csv --rate fast                 | --rate fast: expected a number
-noise rest.csv --seed 1.5x                 | --seed 1.5x: expected a whole number
+demo --seed 1.5x                           | --seed 1.5x: expected a whole number
 noise rest.csv --rate 100Hz                | give the number alone, in the unit of --help: --rate 100
 noise rest.csv --rate 0.1kHz               | --rate 100
 noise rest.csv --confidence 95%            | --confidence 0.95
@@ -146,7 +146,7 @@ psd rest.csv --sided 3                     | Choose from: 2, 1
 mag tumble.csv --field 0.47                | 0.47 looks like G: --field 47
 mag tumble.csv --field 47000               | 47000 looks like nT: --field 47
 mag tumble.csv --field 470                 | 470 looks like mG: --field 47
-mag tumble.csv --field 5                   | the norm of the field in uT, which is 20 to 70 on Earth
+mag tumble.csv --field 5                   | expected field in uT, which is 20 to 70 on Earth
 mag tumble.csv --field -47                 | 20 to 70 on Earth
 mag tumble.csv --inclination 120           | degrees between -90 and 90
 mag tumble.csv --place 39.93 32.86         | --place 39.93 32.86 --date 2026-05-31
@@ -166,7 +166,7 @@ mag tumble.csv --limit 0                   | degrees above 0
 mag tumble.csv --loss hubert               | Did you mean "huber"?
 imu poses.csv --gravity 1                  | 1 looks like g
 imu poses.csv --gravity 980.6              | 980.6 looks like cm/s^2
-imu poses.csv --gravity 9.5                | gravity is 9.76 to 9.84 on Earth. --latitude and --height give it
+imu poses.csv --gravity 9.5                | 9.76 to 9.84 on Earth. --latitude and --height give it
 imu poses.csv --latitude 95                | degrees between -90 and 90
 imu poses.csv --height 20000               | m above sea level, -500 to 9000
 imu poses.csv --earth-rate                 | --earth-rate needs --latitude
