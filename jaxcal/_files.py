@@ -18,10 +18,10 @@ from ._message import Message
 _DAYS = 3 * 86400.0  # s; age after which a left-over file is removed
 _ENDS = 1 << 22  # bytes at each end of a file that are searched for the marks
 _WIDTH = 100  # characters; a longer list with words in it is broken into lines
-#: how jaxcal marks the files that it writes: JSON, comments and pages, pictures, converted logs, and tables of numbers
+#: how jaxcal marks the files that it writes: JSON, comments and pages, pictures, converted logs, tables of numbers, and logs
 _MARKS = re.compile(
     rb"\"schema\"\s*:\s*\"jaxcal\.|written by jaxcal|Creator.{0,9}jaxcal|<dc:title>jaxcal|Software\0jaxcal|PK.{28}jaxcal\.npy|PAR1.*jaxcal"
-    rb"|^quantity,axis,value,low,high,unit,kind",
+    rb"|^quantity,axis,value,low,high,unit,kind|^time \[s\](,(gyro|accel|mag)_[xyz] \[[^],]+\])*(,temperature \[degC\])?\r?\n-?\d+\.\d{9},",
     re.IGNORECASE | re.DOTALL,
 )
 _DIGEST = re.compile(rb"\b[0-9a-f]{64}\b")

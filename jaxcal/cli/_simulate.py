@@ -16,7 +16,6 @@ from ._screen import Screen, progress, show_written
 
 _TERM = re.compile(r"([QNBKR])\s*=\s*(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*(.*)")
 _DEG = math.pi / 180
-_MARK = "written by jaxcal"  # by which the next run knows that it may replace the file
 _LARGEST = 500_000_000  # samples; more would exceed the memory of most machines
 
 
@@ -371,16 +370,14 @@ def save_log(place: Path, time: Any, sensors: dict[str, Any]) -> None:
     if place.suffix == ".npz":
         np.savez(place, time=time, **sensors, units="SI")
         with zipfile.ZipFile(place, "a") as file:
-            file.comment = _MARK.encode()
+            file.comment = b"written by jaxcal"  # by which the next run knows that it may replace the file
         return
     names = ["time [s]"]
     for sensor, values in sensors.items():
         axes = [f"_{axis}" for axis in "xyz"[: values.shape[1]]] if values.ndim == 2 else [""]
         names += [f"{sensor}{axis} [{si_unit(sensor)}]" for axis in axes]
     table = np.column_stack([time, *sensors.values()])
-    np.savetxt(
-        place, table, fmt=["%.9f", *["%.9g"] * (len(names) - 1)], delimiter=",", header=f"# {_MARK}\n" + ",".join(names), comments=""
-    )
+    np.savetxt(place, table, fmt=["%.9f", *["%.9g"] * (len(names) - 1)], delimiter=",", header=",".join(names), comments="")
 
 
 def _numbers(option: str, text: str) -> list[float]:

@@ -30,7 +30,7 @@ def printed(call, log, monkeypatch):
     def run(fits):
         monkeypatch.setattr("jaxcal.noise.characterise", lambda *args, **options: fits)
         monkeypatch.setattr("jaxcal.report.document", lambda *args: {})
-        found = call("noise", "imu.csv", "--json", "a.json")
+        found = call("noise", "imu.csv", "--json", "a.json", "--force")
         assert (found.status, found.err) == (0, "")
         lines = [line.split() for line in found.out.splitlines() if line.strip()]
         start = next(i for i, line in enumerate(lines) if line[1:2] == ["coefficient,"])
