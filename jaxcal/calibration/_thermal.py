@@ -1,5 +1,6 @@
 """Thermal models of a device, one for every channel, and their stored form."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
@@ -144,7 +145,7 @@ def thermal_of(value: Any) -> Thermal | None:
     """
     if value is None:
         return None
-    if isinstance(value, dict) and value and all(isinstance(fit, TemperatureFit) for fit in value.values()):
+    if isinstance(value, Mapping) and value and all(isinstance(fit, TemperatureFit) for fit in value.values()):
         low = max(float(fit.model.low) for fit in value.values())
         high = min(float(fit.model.high) for fit in value.values())
         if not low < high:

@@ -1,5 +1,6 @@
 """`temperature`: bias against temperature, with the thermal model."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -57,7 +58,7 @@ def temperature(result: Any, ax: Any = None) -> Any:
     >>> jaxcal.plot.temperature({"gyro_x": found}).get_ylabel()
     'Change of bias (°/h)'
     """
-    named = result if isinstance(result, dict) else {"": result}
+    named = result if isinstance(result, Mapping) else {"": result}
     for fit in named.values():
         if not isinstance(fit, TemperatureFit):
             raise DataError(f"cannot draw {type(fit).__name__}; expected a TemperatureFit, or a dictionary channel -> these")

@@ -26,7 +26,7 @@ _KINDS = {
     ("alignment", "AlignmentFit"): "_north", ("imu", "ImuFit"): "_imu", ("magnetometer", "MagFit"): "_magnetometer",
     ("device", "DeviceFit"): "_device",
 }  # fmt: skip
-_BY_CHANNEL = {("temperature", "TemperatureFit"): "_thermal", ("allan", "Deviation"): "_curves", ("spectrum", "Spectrum"): "_curves"}
+_BY_CHANNEL = {("allan", "Deviation"): "_curves", ("spectrum", "Spectrum"): "_curves"}
 _TITLES = {"Noise": "Sensor noise", "Alignment": "Alignment on a turntable"}  # if neither device nor file is known
 _BADGES = {"good": " present", "ok": " present", "fitted": " present"}
 
@@ -114,9 +114,6 @@ def document(results: Any, log: Any = None) -> dict[str, Any]:
       (s needed to decide whether the term is present) and `unit`; then `method`, `confidence`, `band` (s), `left_out`, `goodness`,
       `warnings`, `notes`, `markov` (strength, correlation time in s) and `sinusoid` (amplitude, Hz).
     - "jaxcal.allan/1", "jaxcal.psd/1": `provenance`, `notes`, `warnings` and `channels`, each with the fields of its result.
-    - "jaxcal.temperature/1": `provenance`, `notes`, `warnings` and `channels`. Each channel has `kind`, `degree`, `unit`, `minimum`,
-      `maximum`, `lag`, `play`, `rms`, `worst`, `worst_at`, `coefficients` (of the powers of T) with `coefficient_error`, `steps`,
-      `candidates`, `curve` (temperature, bias, low, high at 101 temperatures), `warnings` and `notes`.
     - "jaxcal.imu/1": `verdict`, `reason`, `warnings`, `convention`, `method`, `gravity`, `rate`, `poses`, `turns`, `sensors` (each with
       `matrix`, `bias`, `g_sensitivity`, `intervals`), `residuals`, `held_out`, `condition`, `temperature` and `provenance`.
     - "jaxcal.mag/1", in the units of the readings: `verdict`, `reason`, `method`, `model`, `hard_iron`, `hard_iron_error`, `soft_iron`,

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from ._log import characterise as characterise, thermometer as thermometer
     from ._model import ClampWarning as ClampWarning, ThermalModel as ThermalModel
     from ._record import Bins as Bins, binned as binned
-    from ._result import Candidate as Candidate, Step as Step, TemperatureFit as TemperatureFit
+    from ._result import Candidate as Candidate, Step as Step, TemperatureFit as TemperatureFit, TemperatureFits as TemperatureFits
     from ._simulate import Simulated as Simulated, reference_bias as reference_bias, simulate as simulate
 
 install(
@@ -25,7 +25,7 @@ install(
         "_log": "characterise thermometer",
         "_model": "ClampWarning ThermalModel",
         "_record": "Bins binned",
-        "_result": "Candidate Step TemperatureFit",
+        "_result": "Candidate Step TemperatureFit TemperatureFits",
         "_simulate": "Simulated reference_bias simulate",
     },
 )

@@ -6,21 +6,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._types import AnyArray
+from ..fitting import Estimate
 from ..noise import Noise
 from ._curves import Chebyshev, Steps
 from ._design import Design, Form, part_of, shape_slopes
 from ._model import ThermalModel
 from ._record import FINE, Record, number
 from ._restricted import Averaged, bands
-from ._result import Candidate, Step
-from ._structure import Found, settled, structures, with_jumps
+from ._result import Candidate
+from ._structure import PRICE, Found, settled, structures, with_jumps
 
 _MANY = 2**15  # largest number of samples of all records together; more samples are averaged
 _FEWEST = 16  # least number of samples of a record
 _FILLED, _SHARE = 10, 0.01  # longest gap that is interpolated, in samples and as a share of the record
-_NOTHING = 1e-12  # trailing coefficients below this share of the largest are dropped
-_CLOSE = 12.0  # least difference in -2 log likelihood to distinguish lag from play
-_CHUNK = 2**24  # largest number of array elements in memory at once
 
 
 def design_of(records: list[Record], devices: list[int], *, smooth: bool) -> Design:
@@ -59,7 +57,7 @@ def choose(design: Design, given: Form, searched: tuple[str, ...], thermometer: 
     seen = [one for one in tried if one is tried[0] or one.found.form.rate or _moved(design, one.found.form, given) > thermometer]
     best = min(seen, key=lambda one: one.score)
     alone = {one.name: one.score for one in tried if one.name in ("lag", "play")}
-    unsure = len(alone) == 2 and best.name in alone and abs(alone["lag"] - alone["play"]) < _CLOSE
+    unsure = len(alone) == 2 and best.name in alone and abs(alone["lag"] - alone["play"]) < PRICE
     found = settled(design, best.found.form, best.found.phi)
     found = with_jumps(design, dataclasses.replace(found, chances=best.found.chances))
     return Chosen(found, tuple(Candidate(one.name, one.score - best.score, one is best) for one in tried), unsure)
@@ -78,8 +76,8 @@ class Curve(NamedTuple):
     """
 
     model: ThermalModel
-    steps: tuple[Step, ...]
-    parameters: dict[str, tuple[float, float]]
+    estimate: Estimate
+    chances: tuple[float, ...]
     noise: Noise
     grid: AnyArray
     error: AnyArray
@@ -89,7 +87,7 @@ class Curve(NamedTuple):
     b: AnyArray
 
 
-def curves(design: Design, found: Found, thermometer: float, confidence: float) -> list[Curve]:
+def curves(design: Design, found: Found, thermometer: float, confidence: float, quantities: dict[str, str]) -> list[Curve]:
     """Compute the curve of every device, averaged over the hyperparameters."""
     form = found.form
     slopes = design.slopes(form, design.restricted(form).solved(found.phi).beta)
@@ -106,7 +104,7 @@ def curves(design: Design, found: Found, thermometer: float, confidence: float) 
     steep = _steepness(design, form, linear)
     covariance = covariance + (gain * (steep * thermometer)[:, None] ** 2).T @ gain
     averaged = averaged._replace(beta=linear, covariance=covariance)
-    return [_curve(design, form, averaged, k, found.chances, confidence) for k in range(design.devices)]
+    return [_curve(design, form, averaged, k, found.chances, confidence, quantities) for k in range(design.devices)]
 
 
 def _inside(design: Design, form: Form, step: AnyArray) -> AnyArray:
@@ -127,7 +125,9 @@ def _steepness(design: Design, form: Form, linear: AnyArray) -> AnyArray:
     return total / (2 * step)
 
 
-def _curve(design: Design, form: Form, averaged: Averaged, k: int, chances: tuple[float, ...], confidence: float) -> Curve:
+def _curve(
+    design: Design, form: Form, averaged: Averaged, k: int, chances: tuple[float, ...], confidence: float, quantities: dict[str, str]
+) -> Curve:  # fmt: skip
     linear, covariance = averaged.beta, averaged.covariance
     own, size = design.device == k, len(design.order)
     t = design.filtered(form.lag, form.play)
@@ -146,25 +146,25 @@ def _curve(design: Design, form: Form, averaged: Averaged, k: int, chances: tupl
     series = linear[: design.degree].copy()
     if design.devices > 1:
         series += linear[design.degree * (k + 1) : design.degree * (k + 2)]
-    curve: Any = Chebyshev(_shortened(np.concatenate([[levels.mean()], series])), design.low, design.high)
+    curve: Any = Chebyshev(np.concatenate([[levels.mean()], series]), design.low, design.high)
     order = sorted(mine, key=lambda i: form.jumps[i].centre)
     if order:
         shape = [(heights[i], form.jumps[i].centre, np.exp(form.jumps[i].log_width)) for i in order]
         curve = Steps(curve, *(np.array(values) for values in zip(*shape, strict=True)))
-    error = np.sqrt(np.maximum(np.diag(covariance), 0))
     first, after = size + form.rate, size + form.rate + len(form.jumps)
-    place = {i: after + len(form.free) + 2 * i for i in order}
-    steps = tuple(
-        Step(
-            form.jumps[i].centre, float(np.exp(form.jumps[i].log_width)), float(heights[i]), float(error[place[i]]),
-            float(np.exp(form.jumps[i].log_width) * error[place[i] + 1]), float(error[first + i]), float(chances[i]),
-        )
-        for i in order
-    )  # fmt: skip
+    # name -> value, place in the covariance, and derivative by the parameter there
     names = {"lag": "lag", "play": "play", "slow": "rate_lag"}
-    parameters = {names[name]: (float(getattr(form, name)), float(error[after + i])) for i, name in enumerate(form.free)}
+    known = {names[name]: (float(getattr(form, name)), after + i, 1.0) for i, name in enumerate(form.free)}
     if form.rate:
-        parameters["rate"] = float(linear[size]), float(error[size])
+        known["rate"] = float(linear[size]), size, 1.0
+    for j, i in enumerate(order):
+        jump, place = form.jumps[i], after + len(form.free) + 2 * i
+        width = float(np.exp(jump.log_width))
+        known |= {f"jump.height[{j}]": (float(heights[i]), first + i, 1.0), f"jump.centre[{j}]": (jump.centre, place, 1.0),
+                  f"jump.width[{j}]": (width, place + 1, width)}  # fmt: skip
+    values, where, slopes = (np.array(column) for column in zip(*known.values(), strict=True)) if known else 3 * (np.zeros(0),)
+    block = covariance[np.ix_(where.astype(int), where.astype(int))] * np.outer(slopes, slopes)
+    estimate = Estimate(tuple(known), values, block, quantities=quantities)
     model = ThermalModel(curve, low, high, form.lag, form.play, float(linear[size]) if form.rate else 0.0, form.slow)
     bin_of = number(t[own], FINE, low)
     grid = np.bincount(bin_of, t[own])[np.unique(bin_of)] / np.bincount(bin_of)[np.unique(bin_of)]
@@ -174,7 +174,8 @@ def _curve(design: Design, form: Form, averaged: Averaged, k: int, chances: tupl
     level = (float(np.std(levels, ddof=1) * np.sqrt(1 + 1 / len(levels))), len(levels) - 1) if len(levels) > 1 else (0.0, 0)
     wander = next_variance(np.unique(bin_of, return_inverse=True)[1], design.record[own], design.dt)
     after = averaged.quantile(averaged.theta @ wander + standard**2, confidence)
-    return Curve(model, steps, parameters, averaged.noise, grid, standard, after, level, t[own], b[own])
+    found = tuple(float(chances[i]) for i in order)
+    return Curve(model, estimate, found, averaged.noise, grid, standard, after, level, t[own], b[own])
 
 
 def _rows(design: Design, form: Form, linear: AnyArray, t: AnyArray, k: int) -> AnyArray:
@@ -199,18 +200,13 @@ def next_variance(place: AnyArray, record: AnyArray, dt: float) -> AnyArray:
     n, bins = len(last), int(place.max()) + 1
     after = 0 if several else n
     held = bands((n + after,), dt)
+    densities = held.columns.T[:, held.index]
     share = np.bincount(last, minlength=bins)
     variance = np.zeros((3, bins))
-    for part in np.array_split(np.arange(bins), max(bins * (n + after) // _CHUNK, 1)):
-        gain = np.zeros((n + after, len(part)))
-        gain[after:] = (last[:, None] == part) / np.maximum(share[part], 1)
+    for k in range(bins):  # bin by bin, because all together would need much memory
+        gain = np.zeros(n + after)
+        gain[after:] = (last == k) / max(share[k], 1)
         gain[:n] -= 1 / n
-        variance[:, part] = held.columns.T[:, held.index] @ held.transform(gain) ** 2
+        variance[:, k] = densities @ held.transform(gain) ** 2
     # for bins that the last record does not reach, use the largest variance of the others
     return np.where(share > 0, variance, variance[:, share > 0].max(axis=1, keepdims=True))
-
-
-def _shortened(coefficients: AnyArray) -> AnyArray:
-    """Drop trailing coefficients that are negligible."""
-    tail = np.cumsum(np.abs(coefficients[::-1]))[::-1]
-    return coefficients[: max(int(np.sum(tail > _NOTHING * max(np.abs(coefficients[1:]).max(), 1e-300))), 2)]

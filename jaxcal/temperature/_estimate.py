@@ -6,19 +6,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._answer import Message
 from .._errors import DataError
 from .._precision import array_module, host_float64
 from ..fitting import Fit, solve
 from ._curves import AbstractCurve, Chebyshev, common
 from ._hysteresis import lagged, played, steps_of
-from ._linear import basis, bic, monomial_errors, monomials, table_curve
+from ._linear import basis, bic, powers, table_curve
 from ._model import ThermalModel
 from ._record import COARSE, FINE, Bins, binned, numbers
 from ._result import Candidate, TemperatureFit
 
 #: fields that are not fitted: the scaling range and the nodes of a curve
 _HELD = ("low", "high", "nodes")
-_HIGHEST = 3  # highest degree for a scale factor's polynomial in the automatic choice
 
 
 def residuals(model: Any, data: Bins) -> Any:
@@ -61,19 +61,17 @@ def fitted(curve: AbstractCurve, bins: Bins) -> Fit:
     return solve(residuals, leaves, bins, free=jax.tree_util.tree_map_with_path(free, leaves))
 
 
-def traced(temperature: Any, bias: Any, model: Any, degree: int | None, time: Any, lag: Any, play: Any) -> TemperatureFit:
+def traced(
+    temperature: Any, bias: Any, model: Any, degree: int | None, time: Any, lag: Any, play: Any, quantity: str
+) -> TemperatureFit:  # fmt: skip
     """Traceable fit of a fully specified form, for a record that needs no cleaning."""
-    known = isinstance(model, AbstractCurve) or model in ("polynomial", "table")
+    known = isinstance(model, AbstractCurve) or model == "table" or (model == "polynomial" and degree is not None)
     if not known or isinstance(lag, str) or isinstance(play, str):
-        raise DataError(
-            f"model={model!r} with lag={lag!r} and play={play!r} decides on the host and cannot be traced; give model='polynomial' with a "
-            "degree, 'table' or a curve, and lag and play as numbers"
-        )
-    if model == "polynomial" and degree is None:
-        raise DataError("the degree is chosen on the host, which cannot be traced; give degree=")
+        said = "this model decides on the host and cannot be traced; give {option.model:polynomial} with {option.degree}, "
+        raise DataError(Message(said + "{option.model:table} or a curve, and {option.lag} and {option.play} as numbers"), code="traced")
     t, b = common(jnp, temperature, bias)
     if t.ndim != 1 or t.shape != b.shape:
-        raise DataError(f"temperature has shape {t.shape} and bias {b.shape}; expected both (n,)")
+        raise DataError(f"temperature has shape {t.shape} and bias {b.shape}; expected both (n,)", code="shape")
     # keep NumPy temperatures in NumPy, because the number of bins is then known
     t = t if isinstance(temperature, jax.Array) else np.asarray(temperature, dtype=t.dtype)
     t = played(t if time is None else lagged(t, steps_of(common(jnp, time, t)[0]), lag), play)
@@ -85,7 +83,7 @@ def traced(temperature: Any, bias: Any, model: Any, degree: int | None, time: An
     residual = bins.b - curve.value(bins.t)
     rms = jnp.sqrt(jnp.sum(bins.count * residual**2) / jnp.sum(bins.count))
     kind = model if isinstance(model, str) else type(model).__name__
-    return TemperatureFit(ThermalModel(curve, low, high, lag, play), bins, residual, rms, kind, degree=degree)
+    return TemperatureFit(ThermalModel(curve, low, high, lag, play), bins, residual, rms, kind, quantity, degree)
 
 
 @host_float64
@@ -118,7 +116,7 @@ def scale_factor(temperature: Any, scale: Any, *, error: Any = None, degree: int
     --------
     >>> import jaxcal
     >>> found = jaxcal.temperature.scale_factor([0.0, 20.0, 40.0, 60.0], [1.000, 1.004, 1.008, 1.012], error=1e-5)
-    >>> found.degree, float(found.coefficients[1].round(6))
+    >>> found.degree, round(found.estimate["a2"].value, 6)
     (1, 0.0002)
 
     References
@@ -127,21 +125,22 @@ def scale_factor(temperature: Any, scale: Any, *, error: Any = None, degree: int
     """
     t, s = numbers(temperature, "temperature"), numbers(scale, "scale")
     if len(t) != len(s):
-        raise DataError(f"temperature has {len(t)} values and scale {len(s)}; give one temperature per calibration")
+        raise DataError(f"temperature has {len(t)} values and scale {len(s)}; give one temperature per calibration", code="lengths")
     if not (np.isfinite(t).all() and np.isfinite(s).all()):
-        raise DataError("a temperature or a scale factor is not a number; leave that calibration out")
+        raise DataError("a temperature or a scale factor is not a number; leave that calibration out", code="no_numbers")
     different = len(np.unique(t))
     if different < 3:
-        raise DataError(f"there are {different} different temperatures; calibrate at three or more, over the range of use")
+        said = f"there are {different} different temperatures; calibrate at three or more, over the range of use"
+        raise DataError(said, code="few_temperatures")
     sigma = None if error is None else np.broadcast_to(np.asarray(error, dtype=float), s.shape)
     if sigma is not None and not (np.isfinite(sigma).all() and (sigma > 0).all()):
-        raise DataError("error must be standard errors above 0, one or as many as scale factors")
+        raise DataError("error must be standard errors above 0, one or as many as scale factors", code="error")
     order, low, high = np.argsort(t, kind="stable"), float(t.min()), float(t.max())
     t, s = t[order], s[order]
     weight = np.ones(len(s)) if sigma is None else 1 / sigma[order]
-    most = min(_HIGHEST, different - 2) if degree is None else degree
+    most = min(3, different - 2) if degree is None else degree
     if not 0 <= most <= different - 1 or (sigma is None and most > len(s) - 2):
-        raise DataError(f"degree={degree} needs more than the {len(s)} calibrations given (at {different} temperatures)")
+        raise DataError(f"degree={degree} needs more than the {len(s)} calibrations given (at {different} temperatures)", code="degree")
     design = basis(t, low, high, most) * weight[:, None]
     fits = []
     for one in range(most + 1) if degree is None else [degree]:
@@ -159,7 +158,7 @@ def scale_factor(temperature: Any, scale: Any, *, error: Any = None, degree: int
     worst = int(np.argmax(np.abs(residual)))
     return TemperatureFit(
         ThermalModel(curve, low, high, scale=True), Bins(t, s, np.ones(len(s))), residual, float(np.sqrt(np.mean(residual**2))),
-        kind="polynomial", degree=chosen, coefficients=monomials(curve), coefficient_error=monomial_errors(curve, covariance),
+        kind="polynomial", quantity="ratio", degree=chosen, estimate=powers(curve, covariance, "ratio"),
         worst=float(np.abs(residual[worst])), worst_at=float(t[worst]), grid=grid, thermometer=0.0, confidence=float(confidence),
         error=np.sqrt(np.einsum("ij,jk,ik->i", rows, covariance, rows)),
         candidates=() if degree is not None else tuple(

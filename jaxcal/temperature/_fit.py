@@ -6,23 +6,25 @@ from typing import Any
 import jax
 import numpy as np
 
+from .._answer import Finding, Message, Quantity
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._types import AnyArray
-from ..fitting import Fit
+from .._units import si_unit_of
+from ..fitting import Estimate, Fit
 from ._auto import choose, curves, design_of, next_variance
 from ._curves import AbstractCurve, Chebyshev
 from ._design import Design, Form
 from ._estimate import fitted, traced
-from ._linear import CAP, basis, monomial_errors, monomials, polynomial_curve, table_curve
+from ._findings import FINDINGS
+from ._linear import CAP, basis, polynomial_curve, powers, table_curve
 from ._model import ThermalModel
 from ._record import COARSE, FINE, Bins, Record, binned, number, record
-from ._result import TemperatureFit
+from ._result import TemperatureFit, no_estimate
 from ._structure import settled
 
 MODELS = ("auto", "polynomial", "table")
 _WINDOW = 1.0  # degC: width of the windows for the worst residual
-_STANDS_OUT = 3.0  # the worst window is reported if its rms exceeds that of the other residuals by this factor
 
 
 @host_float64
@@ -36,6 +38,7 @@ def fit(
     lag: Any = None,
     play: Any = None,
     device: Sequence[Any] | None = None,
+    sensor: str = "",
     confidence: float = 0.95,
 ) -> Any:
     r"""Fit the bias of a sensor at rest as a function of its temperature: a smooth curve, jumps, hysteresis and noise.
@@ -53,8 +56,9 @@ def fit(
     ----------
     temperature : (n,) degC, in time order; or a list of such arrays, one for each record (cycle).
     bias : (n,) readings at rest, any unit, or a list of such arrays; rows that are not numbers are left out, with a warning.
-    model : "auto", the model above; "polynomial" of a given degree; "table", means over 0.25 degC with linear interpolation. Or a curve,
-        or a `ThermalModel` with one: the search begins at its numbers, and fits all of them except `low`, `high` and `nodes`.
+    model : "auto", the model above; "polynomial" of a given degree; "table", means over 0.25 degC with linear interpolation. Or your own
+        `AbstractCurve`, as an instance or as a class with defaults, or a `ThermalModel` with one: the search begins at its numbers, and
+        fits all of them except `low`, `high` and `nodes`.
     degree : degree of the polynomial.
     time : (n,) s, or a list of such arrays. With times the record is averaged to seconds, and a lag and a term in dT/dt can be estimated.
     lag : time constant in s with which the sensor follows the thermometer: a number, or "auto" to estimate it. None means "auto" with
@@ -62,6 +66,7 @@ def fit(
     play : half-width in degC of the backlash between thermometer and sensor; a number, "auto" or None, as for `lag`.
     device : with a list of records, the device label of each record; None for one device. Devices share the noise, the lag and the prior
         of their deviations from a common curve; each has its own jumps.
+    sensor : "gyro", "accel" or "mag" for readings in SI, which are then shown with their unit.
     confidence : level of the intervals.
 
     Returns
@@ -89,47 +94,52 @@ def fit(
     The thesis, equation (5.3) and section 7.1 (polynomials); H. D. Patterson and R. Thompson, Biometrika 58 (1971) 545 (restricted
     likelihood); R. B. Davies, Biometrika 64 (1977) 247 (chance of a jump).
     """
+    model = model() if isinstance(model, type) else model
     if isinstance(model, ThermalModel):
         lag, play, model = model.lag if lag is None else lag, model.play if play is None else play, model.curve
+    if sensor not in ("", "gyro", "accel", "mag"):
+        raise DataError(f"sensor={sensor!r}; expected gyro, accel or mag", code="sensor")
+    quantity = f"B.{sensor}" if sensor else ""
     several = isinstance(temperature, (list, tuple)) and len(temperature) > 0 and np.ndim(temperature[0]) == 1
     if not several and is_traced(temperature, bias, time, model, lag, play):
-        return traced(temperature, bias, model, degree, time, 0.0 if lag is None else lag, 0.0 if play is None else play)
+        return traced(temperature, bias, model, degree, time, 0.0 if lag is None else lag, 0.0 if play is None else play, quantity)
     lag, play = _check(model, degree, lag, play, confidence, time)
     records, labels = _records(temperature, bias, time, device, several)
     names = list(dict.fromkeys(labels))
-    if model != "auto" and several:
-        raise DataError(f"model={model!r} is of one record, and {len(records)} were given; join them, or take model='auto'")
-    design = design_of(records, [names.index(label) for label in labels], smooth=isinstance(model, str) and model == "auto")
+    auto = isinstance(model, str) and model == "auto"
+    if not auto and several:
+        raise DataError(Message("{count} records need {option.model:auto}; or join them", count=len(records)), code="one_record")
+    design = design_of(records, [names.index(label) for label in labels], smooth=auto)
     given = Form(lag=0.0 if lag == "auto" else float(lag), play=0.0 if play == "auto" else float(play))
-    if isinstance(model, str) and model == "auto":
-        found = _smooth(design, records, labels, names, given, (lag, play), float(confidence))
+    if auto:
+        found = _smooth(design, records, labels, names, given, (lag, play), float(confidence), quantity)
         return found if device is not None else found[names[0]]
-    return _given(model, degree, design, records[0], given, float(confidence))
+    return _given(model, degree, design, records[0], given, float(confidence), quantity)
 
 
 def _check(model: Any, degree: Any, lag: Any, play: Any, confidence: float, time: Any) -> tuple[Any, Any]:
-    if not isinstance(model, AbstractCurve) and model not in MODELS:
-        raise DataError(f"unknown model {model!r}; expected one of {', '.join(MODELS)}")
-    if degree is not None and (isinstance(model, AbstractCurve) or model != "polynomial"):
-        raise DataError(f"degree={degree} goes with model='polynomial', not with {model!r}")
-    if isinstance(model, str) and model == "polynomial" and degree is None:
-        raise DataError("model='polynomial' needs degree=; model='auto' has as much freedom as the data ask for")
+    own = isinstance(model, AbstractCurve)
+    if not own and model not in MODELS:
+        raise DataError(f"unknown model {model!r}; expected one of {', '.join(MODELS)}, or a curve", code="model")
+    polynomial, auto = not own and model == "polynomial", not own and model == "auto"
+    if polynomial != (degree is not None):
+        said = "{option.model:polynomial} and {option.degree} go together; {option.model:auto} has as much freedom as the data support"
+        raise DataError(Message(said), code="degree")
     if degree is not None and (not isinstance(degree, (int, np.integer)) or isinstance(degree, bool) or not 0 <= degree <= CAP):
-        raise DataError(f"degree={degree!r}; expected a whole number from 0 to {CAP}")
+        raise DataError(Message("{option.degree:{degree}}: expected a whole number from 0 to {cap}", degree=degree, cap=CAP), code="degree")
     if not 0 < confidence < 1:
-        raise DataError(f"confidence={confidence:g}; expected a level between 0 and 1, such as 0.95")
+        said = "{option.confidence:{level:g}}: expected a level between 0 and 1, such as 0.95"
+        raise DataError(Message(said, level=confidence), code="confidence")
     checked = []
     for name, value in (("lag", lag), ("play", play)):
-        if value is None:
-            value = "auto" if isinstance(model, str) and model == "auto" else 0.0
-        number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-        if value != "auto" and not (number and np.isfinite(value) and value >= 0):
-            raise DataError(f'{name}={value!r}; expected "auto", None, or a number from 0')
-        if value == "auto" and not (isinstance(model, str) and model == "auto"):
-            raise DataError(f"{name}='auto' goes with model='auto'; give a number, or fit with model='auto' first and take its {name}")
+        value = ("auto" if auto else 0.0) if value is None else value
+        number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and np.isfinite(value) and value >= 0
+        if not number and not (value == "auto" and auto):
+            said = f"{{option.{name}:{value}}}: expected a number from 0, or auto with {{option.model:auto}}"
+            raise DataError(Message(said), code=name)
         checked.append(value)
     if checked[0] != "auto" and checked[0] > 0 and time is None:
-        raise DataError("a lag needs the times of the samples: give time= (s)")
+        raise DataError(Message("a lag needs the times of the samples: give {option.time}"), code="no_time")
     return checked[0], checked[1]
 
 
@@ -137,23 +147,24 @@ def _records(temperature: Any, bias: Any, time: Any, device: Any, several: bool)
     """The checked records, and the device label of each."""
     if not several:
         if device is not None:
-            raise DataError("device= goes with a list of records; give temperature, bias and time as lists")
+            raise DataError("device= goes with a list of records; give temperature, bias and time as lists", code="device")
         return [record(temperature, bias, time)], [None]
     count = len(temperature)
     for name, values in (("bias", bias), ("time", time), ("device", device)):
         if values is not None and (not isinstance(values, (list, tuple)) or len(values) != count):
-            raise DataError(f"temperature is a list of {count} records; expected {name} to be a list of as many")
+            raise DataError(f"temperature is a list of {count} records; expected {name} to be a list of as many", code=name)
     records = []
     for i in range(count):
         try:
             records.append(record(temperature[i], bias[i], None if time is None else time[i]))
         except DataError as error:
-            raise DataError(f"record {i}: {error}") from error
+            raise error.of(f"record {i}") from None
     return records, [None] * count if device is None else list(device)
 
 
 def _smooth(
-    design: Design, records: list[Record], labels: list[Any], names: list[Any], given: Form, asked: tuple[Any, Any], confidence: float
+    design: Design, records: list[Record], labels: list[Any], names: list[Any], given: Form, asked: tuple[Any, Any], confidence: float,
+    quantity: str,
 ) -> dict[Any, TemperatureFit]:  # fmt: skip
     """Fit every device by the restricted likelihood."""
     timed = all(one.time is not None for one in records)
@@ -163,37 +174,37 @@ def _smooth(
     searched = [*searched, *(["rate"] if timed else [])] if both else []
     thermometer = float(np.median([one.noise for one in records]))
     chosen = choose(design, given, tuple(searched), thermometer)
-    warnings = list(dict.fromkeys(sentence for one in records for sentence in one.warnings if not both or "only" not in sentence))
-    if chosen.unsure:
-        warnings.append(
-            "heating and cooling differ, but the temperature changed too evenly to tell a lag from a play; record ramps of different speed"
-        )
-    elif asked[0] == "auto" and both and not timed:
-        warnings.append("a lag was not looked for, because the times are not known; give time=")
+    common = [FINDINGS("lag_or_play")] if chosen.unsure else []
+    if asked[0] == "auto" and both and not timed:
+        common.append(FINDINGS("untimed"))
+    units = {"rate": f"{si_unit_of(quantity)} s/degC".strip(), "jump.height": quantity, "jump.centre": "degC", "jump.width": "degC",
+             "lag": "time", "rate_lag": "time", "play": "degC"}  # fmt: skip
     found = {}
-    for name, one in zip(names, curves(design, chosen.found, thermometer, confidence), strict=True):
+    for name, one in zip(names, curves(design, chosen.found, thermometer, confidence, units), strict=True):
         bins = binned(one.t, one.b)
         residual = bins.b - np.asarray(one.model.curve.value(bins.t))
         rms, worst, worst_at = _windows(bins, residual)
-        notes = [note for label, given_record in zip(labels, records, strict=True) if label == name for note in given_record.notes]
+        own = [told for label, each in zip(labels, records, strict=True) if label == name for told in each.findings]
+        findings = [told for told in dict.fromkeys(own) if not both or told.code != "one_way"]
         found[name] = TemperatureFit(
-            one.model, bins, residual, rms, "smooth", steps=one.steps, parameters=one.parameters, worst=worst, worst_at=worst_at,
+            one.model, bins, residual, rms, "smooth", quantity, estimate=one.estimate, chances=one.chances, worst=worst, worst_at=worst_at,
             grid=one.grid, error=one.error, next_error=one.next_error, level=one.level, noise=one.noise if timed else None,
-            thermometer=thermometer, candidates=chosen.tried, confidence=confidence, warnings=tuple(warnings),
-            notes=(*notes, _thermometer(one.model.curve, bins, thermometer)),
+            thermometer=thermometer, candidates=chosen.tried, confidence=confidence,
+            findings=(*findings, *common, *_thermometer(one.model.curve, bins, thermometer, rms, quantity)),
         )  # fmt: skip
     return found
 
 
 def _given(
-    model: Any, degree: int | None, design: Design, one: Record, given: Form, confidence: float
+    model: Any, degree: int | None, design: Design, one: Record, given: Form, confidence: float, quantity: str
 ) -> TemperatureFit:  # fmt: skip
     """Fit a given form by least squares over bins; the standard errors use the noise estimated about a smooth curve."""
     t, b = design.filtered(given.lag, given.play), design.b
     low, high = float(t.min()), float(t.max())
-    bins, warnings, own = binned(t, b, low=low), list(one.warnings), None
+    bins, findings, own = binned(t, b, low=low), list(one.findings), None
     if degree is not None and degree >= len(bins.t):
-        raise DataError(f"degree={degree} needs more than the {len(bins.t)} bins of 0.1 degC that the record fills; take a lower one")
+        said = "{option.degree:{degree}} needs more than the {bins} bins of 0.1 degC that the record fills; take a lower one"
+        raise DataError(Message(said, degree=degree, bins=len(bins.t)), code="degree")
     curve: Any
     if isinstance(model, AbstractCurve):
         own, kind = fitted(model, bins).checked(), type(model).__name__
@@ -203,11 +214,8 @@ def _given(
         curve = polynomial_curve(bins, low, high, degree) if degree is not None else table_curve(binned(t, b, COARSE))
     residual = bins.b - np.asarray(curve.value(bins.t))
     rms, worst, worst_at = _windows(bins, residual)
-    if kind == "polynomial" and worst > _STANDS_OUT * _elsewhere(bins, residual, worst_at):
-        warnings.append(
-            f"the polynomial of degree {degree} leaves {worst:.3g} (unit of the bias) in the degree around {worst_at:.1f} degC, "
-            f"{worst / rms:.1f} times its rms: a jump there? model='auto' follows it"
-        )
+    if kind == "polynomial" and worst > 3 * _elsewhere(bins, residual, worst_at):  # beyond chance and the ends of the range
+        findings.append(FINDINGS("jump_missed", cost=worst, worst=Quantity(worst, quantity), at=worst_at, times=worst / rms))
     grid, rows, gain = _gain(curve, own, bins, t, b, degree, low, high)
     found = settled(design, given)
     restricted = design.restricted(found.form)
@@ -219,19 +227,17 @@ def _given(
     samples_free = samples - samples.sum(axis=1, keepdims=True) / len(t)
     covariance = design.bands.spread(samples_free, averaged.weight @ averaged.theta) + (samples * white**2) @ samples.T
     error = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", rows, covariance, rows), 0))
-    further: dict[str, Any] = {"degree": degree}
     if own is not None:
-        spread = np.sqrt(np.diag(covariance))
-        further["parameters"] = dict(zip(own.names, zip(own.parameters.tolist(), spread.tolist(), strict=True), strict=True))
-    elif isinstance(curve, Chebyshev):
-        further |= {"coefficients": monomials(curve), "coefficient_error": monomial_errors(curve, covariance)}
+        estimate = Estimate(own.names, np.asarray(own.parameters), covariance, quantities=dict.fromkeys(own.names, ""))
+    else:
+        estimate = powers(curve, covariance, quantity) if isinstance(curve, Chebyshev) else no_estimate()
     wander = averaged.theta @ next_variance(place, np.zeros(len(t)), design.dt)
     after = averaged.quantile(wander + np.interp(bins.t, grid, error) ** 2, confidence)
     return TemperatureFit(
-        ThermalModel(curve, low, high, given.lag, given.play), bins, residual, rms, kind, **further, worst=worst, worst_at=worst_at,
-        grid=grid, error=error, next_error=np.interp(grid, bins.t, after), noise=None if one.time is None else averaged.noise,
-        thermometer=one.noise, confidence=confidence, warnings=tuple(warnings),
-        notes=(*one.notes, _thermometer(curve, bins, one.noise)),
+        ThermalModel(curve, low, high, given.lag, given.play), bins, residual, rms, kind, quantity, degree, estimate, worst=worst,
+        worst_at=worst_at, grid=grid, error=error, next_error=np.interp(grid, bins.t, after),
+        noise=None if one.time is None else averaged.noise, thermometer=one.noise, confidence=confidence,
+        findings=(*findings, *_thermometer(curve, bins, one.noise, rms, quantity)),
     )  # fmt: skip
 
 
@@ -254,12 +260,13 @@ def steepness(curve: AbstractCurve, t: AnyArray, step: float = 1e-3) -> AnyArray
     return (np.asarray(curve.value(t + step)) - np.asarray(curve.value(t - step))) / (2 * step)
 
 
-def _thermometer(curve: AbstractCurve, bins: Bins, noise: float) -> str:
-    slope = np.abs(steepness(curve, bins.t))
-    return (
-        f"the thermometer's noise of {noise:.2g} degC adds up to {float(np.max(slope)) * noise:.2g} to a corrected reading, at "
-        f"{bins.t[np.argmax(slope)]:.1f} degC"
-    )
+def _thermometer(curve: AbstractCurve, bins: Bins, noise: float, rms: float, quantity: str) -> list[Finding]:
+    """What the thermometer's noise adds to a corrected reading, where that is more than the model leaves."""
+    adds = np.abs(steepness(curve, bins.t)) * noise
+    worst = int(np.argmax(adds))
+    if not adds[worst] > rms:
+        return []
+    return [FINDINGS("thermometer", cost=adds[worst], noise=noise, adds=Quantity(float(adds[worst]), quantity), at=float(bins.t[worst]))]
 
 
 def _windows(bins: Bins, residual: AnyArray) -> tuple[float, float, float]:

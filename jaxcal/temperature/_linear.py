@@ -7,6 +7,8 @@ from numpy.polynomial import chebyshev, polynomial
 
 from .._precision import array_module
 from .._types import AnyArray
+from .._units import si_unit_of
+from ..fitting import Estimate
 from ._curves import Chebyshev, Piecewise
 from ._record import Bins
 
@@ -38,10 +40,13 @@ def monomials(curve: Chebyshev) -> AnyArray:
     return np.pad(total, (0, max(len(curve.coefficients) - len(total), 0)))[: len(curve.coefficients)]
 
 
-def monomial_errors(curve: Chebyshev, covariance: AnyArray) -> AnyArray:
-    """Standard errors of `monomials`, from the covariance of the Chebyshev coefficients."""
+def powers(curve: Chebyshev, covariance: AnyArray, quantity: str) -> Estimate:
+    """`monomials` by the names a1, a2, ..., from the covariance of the Chebyshev coefficients."""
     change = np.stack([monomials(Chebyshev(unit, curve.low, curve.high)) for unit in np.eye(len(covariance))], axis=1)
-    return np.sqrt(np.diag(change @ covariance @ change.T))
+    names = [f"a{i + 1}" for i in range(len(change))]
+    unit = si_unit_of(quantity)
+    units = {name: f"{unit}/degC^{i}" if i else unit for i, name in enumerate(names)}
+    return Estimate(names, monomials(curve), change @ covariance @ change.T, quantities=units)
 
 
 def table_curve(nodes: Bins) -> Piecewise:

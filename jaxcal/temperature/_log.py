@@ -5,18 +5,19 @@ from typing import Any
 
 import numpy as np
 
+from .._answer import Message
 from .._errors import DataError
 from .._log import Log, as_log
 from .._types import AnyArray
 from ._fit import fit
-from ._result import TemperatureFit
+from ._result import TemperatureFits
 
 _SENSORS = ("gyro", "accel", "mag")
 
 
 def characterise(
     log: Any, *, rate: float | None = None, progress: Callable[[int, int, str], None] | None = None, **options: Any
-) -> dict[str, TemperatureFit]:
+) -> TemperatureFits:
     """Fit a thermal model to every gyroscope, accelerometer and magnetometer channel of a log of a sensor at rest.
 
     The sensor must keep its attitude. The "bias" of an accelerometer then includes its component of gravity, that of a magnetometer its
@@ -31,7 +32,7 @@ def characterise(
 
     Returns
     -------
-    dict
+    TemperatureFits
         Channel name (gyro_x .. mag_z) -> `TemperatureFit`.
 
     Raises
@@ -51,17 +52,18 @@ def characterise(
     channels = {name: values for name, values in log.channels().items() if name.partition("_")[0] in _SENSORS}
     temperature = thermometer(log)
     if not channels:
-        raise DataError("the log has no gyroscope, accelerometer or magnetometer channel; name its columns with columns=")
+        raise DataError(Message("the log has no gyroscope, accelerometer or magnetometer; name their columns with {option.columns}"),
+                        code="no_sensor")  # fmt: skip
     report = progress or (lambda done, total, name: None)
     fits = {}
     for done, (name, values) in enumerate(channels.items()):
         report(done, len(channels), name)
         try:
-            fits[name] = fit(temperature, values, time=log.time, **options)
+            fits[name] = fit(temperature, values, time=log.time, sensor=name.partition("_")[0], **options)
         except DataError as error:
-            raise DataError(f"{name}: {error}") from error
+            raise error.of(name) from None
     report(len(channels), len(channels), "")
-    return fits
+    return TemperatureFits(fits)
 
 
 def thermometer(log: Log) -> AnyArray:
@@ -95,7 +97,9 @@ def thermometer(log: Log) -> AnyArray:
     slope of the bias; the average over a second removes most of it.
     """
     if log.temperature is None:
-        raise DataError("the log has no temperature; name its column with columns=temperature=NAME")
+        raise DataError(
+            Message("the log has no temperature; name its column with {option.columns:temperature=NAME}"), code="no_temperature"
+        )
     t = np.asarray(log.temperature, dtype=float)
     known = np.isfinite(t)
     t = np.asarray(np.interp(log.time, log.time[known], t[known]))

@@ -8,16 +8,17 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
+from .._answer import Finding
 from .._arrays import namespace
 from .._errors import DataError
 from .._precision import is_traced
 from .._types import AnyArray
+from ._findings import FINDINGS
 
 FINE, COARSE = 0.1, 0.25  # degC: width of bins for curves and for tables
-_SECOND = 1.0  # s over which readings are averaged
 _WINDOW, _OUTLIER = 21, 6.0  # Hampel filter: window in samples, and limit of outliers in robust standard deviations
+#: least range in degC and number of bins of a record, and samples in a bin without which a jump is not seen
 _LEAST_RANGE, _LEAST_BINS, _LEAST_SAMPLES = 2.0, 10, 3
-_TURN = 0.1  # share of the range by which the temperature must return to end a ramp
 
 
 class Bins(eqx.Module):
@@ -78,14 +79,13 @@ def number(t: AnyArray, width: float, low: Any) -> AnyArray:
 
 
 class Record(eqx.Module):
-    """`t` (degC), `b`, `time` (s, or None) and `ramp` (index of the ramp), all (n,) in time order; warnings and notes of the checks."""
+    """`t` (degC), `b`, `time` (s, or None) and `ramp` (index of the ramp), all (n,) in time order; findings of the checks."""
 
     t: AnyArray
     b: AnyArray
     time: AnyArray | None
     ramp: AnyArray
-    warnings: tuple[str, ...] = eqx.field(static=True)
-    notes: tuple[str, ...] = eqx.field(static=True)
+    findings: tuple[Finding, ...] = eqx.field(static=True)
 
     @property
     def noise(self) -> float:
@@ -97,38 +97,33 @@ class Record(eqx.Module):
 def record(temperature: Any, bias: Any, time: Any) -> Record:
     """Check, average and clean the data; `DataError` if lengths differ, data are too few, or the temperature hardly changes."""
     if is_traced(temperature, bias, time):
-        raise DataError("`fit` decides on the host and cannot be traced; differentiate the model's `curve.value` instead")
+        raise DataError("`fit` decides on the host and cannot be traced; differentiate the model's `curve.value` instead", code="traced")
     t, b = numbers(temperature, "temperature"), numbers(bias, "bias")
     stamps = None if time is None else numbers(time, "time")
     for name, values in (("bias", b), ("time", stamps)):
         if values is not None and len(values) != len(t):
-            raise DataError(
+            said = (
                 f"{name} has {len(values)} samples and temperature {len(t)}; give one temperature per sample (interpolate the thermometer)"
             )
-    if not len(t):
-        raise DataError("the arrays are empty; give the temperatures and the readings of a sensor at rest")
-    warnings, notes = [], []
-    keep = np.isfinite(t) & np.isfinite(b) & (True if stamps is None else np.isfinite(stamps))
-    if not keep.any():
-        raise DataError("there is no sample in which temperature and bias are both numbers; all of one of them are NaN")
-    if not keep.all():
-        lost = len(keep) - np.count_nonzero(keep)
-        warnings.append(f"{lost} of {len(keep)} samples ({100 * lost / len(keep):.2g} %) are not numbers and were left out")
-    t, b, stamps = t[keep], b[keep], None if stamps is None else stamps[keep]
+            raise DataError(said, code="lengths")
+    known = np.isfinite(t) & np.isfinite(b) & (True if stamps is None else np.isfinite(stamps))
+    if not known.any():
+        raise DataError("there is no sample in which temperature and bias are both numbers", code="no_numbers")
+    t, b, stamps = t[known], b[known], None if stamps is None else stamps[known]
     if stamps is not None:
         if (np.diff(stamps) <= 0).any():
-            raise DataError("time must increase from sample to sample; sort the record by its time")
-        t, b, stamps = _averaged(t, b, stamps, notes)
-    t, b, stamps = _cleaned(t, b, stamps, notes)
-    _check(t, stamps, warnings)
+            raise DataError("time must increase from sample to sample; sort the record by its time", code="time_order")
+        t, b, stamps = _averaged(t, b, stamps)
+    good = _usual(t, b)
+    t, b, stamps = t[good], b[good], None if stamps is None else stamps[good]
+    findings = _check(t)
+    missing, outliers = np.count_nonzero(~known), np.count_nonzero(~good)
+    if missing or outliers:
+        findings.append(FINDINGS("left_out", missing=missing, total=len(known), outliers=outliers))
     ramp = ramps(t)
     if len(np.unique(ramp)) == 1:
-        word = "rose" if t[-1] > t[0] else "fell"
-        warnings.append(
-            f"the temperature only {word}, so that an effect of time (warm-up, drift) counts as one of temperature, and hysteresis cannot "
-            "be seen; record a second ramp, or the way back to the first temperature"
-        )
-    return Record(t, b, stamps, ramp, tuple(warnings), tuple(notes))
+        findings.append(FINDINGS("one_way", moved="rose" if t[-1] > t[0] else "fell"))
+    return Record(t, b, stamps, ramp, tuple(findings))
 
 
 def numbers(values: Any, name: str) -> AnyArray:
@@ -136,66 +131,52 @@ def numbers(values: Any, name: str) -> AnyArray:
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise DataError(f"{name} does not hold numbers ({error}); give an array of shape (n,)") from error
+        raise DataError(f"{name} does not hold numbers ({error}); give an array of shape (n,)", code="not_numbers") from error
     if array.ndim != 1:
-        raise DataError(f"{name} has shape {array.shape}; expected (n,): one channel at a time")
+        raise DataError(f"{name} has shape {array.shape}; expected (n,): one channel at a time", code="shape")
     return array
 
 
-def _averaged(t: AnyArray, b: AnyArray, time: AnyArray, notes: list[str]) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """Average a faster record to means over one second."""
-    if len(time) < 3 or np.median(np.diff(time)) > 0.6 * _SECOND:
+def _averaged(t: AnyArray, b: AnyArray, time: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """Average a record of more than one sample a second to means over one second."""
+    if len(time) < 3 or np.median(np.diff(time)) > 0.6:
         return t, b, time
-    second = np.floor((time - time[0]) / _SECOND + 1e-9).astype(np.int64)
+    second = np.floor(time - time[0] + 1e-9).astype(np.int64)
     count = np.bincount(second)
     there = count > 0
-    notes.append(f"averaged from {len(t)} samples to {np.count_nonzero(there)} means over {_SECOND:g} s")
     mean = [np.bincount(second, values)[there] / count[there] for values in (t, b, time)]
     return mean[0], mean[1], mean[2]
 
 
-def _cleaned(t: AnyArray, b: AnyArray, time: AnyArray | None, notes: list[str]) -> tuple[AnyArray, AnyArray, AnyArray | None]:
-    """Remove samples far from the median of their neighbours: F. R. Hampel, J. Am. Stat. Assoc. 69 (1974) 383."""
+def _usual(t: AnyArray, b: AnyArray) -> AnyArray:
+    """False for samples far from the median of their neighbours: F. R. Hampel, J. Am. Stat. Assoc. 69 (1974) 383."""
     good = np.ones(len(t), dtype=bool)
-    if len(t) > _WINDOW:
-        for values in (t, b):
-            window = np.lib.stride_tricks.sliding_window_view(np.pad(values, _WINDOW // 2, mode="edge"), _WINDOW)
-            middle = np.median(window, axis=1)
-            away = np.abs(values - middle)
-            # deviations from the median of each window include the ramp, whose change must not count as an outlier
-            spread = 1.4826 * np.median(np.abs(window - middle[:, None]), axis=1)
-            good &= away <= _OUTLIER * np.maximum(spread, np.median(spread))
-    if not good.all():
-        notes.append(f"{len(good) - np.count_nonzero(good)} outliers were left out")
-    return t[good], b[good], None if time is None else time[good]
+    for values in (t, b) if len(t) > _WINDOW else ():
+        window = np.lib.stride_tricks.sliding_window_view(np.pad(values, _WINDOW // 2, mode="edge"), _WINDOW)
+        middle = np.median(window, axis=1)
+        # deviations from the median of each window include the ramp, whose change must not count as an outlier
+        spread = 1.4826 * np.median(np.abs(window - middle[:, None]), axis=1)
+        good &= np.abs(values - middle) <= _OUTLIER * np.maximum(spread, np.median(spread))
+    return good
 
 
-def _check(t: AnyArray, time: AnyArray | None, warnings: list[str]) -> None:
+def _check(t: AnyArray) -> list[Finding]:
     low, high = float(t.min()), float(t.max())
     if high - low < _LEAST_RANGE:
         what = f"the temperature is constant at {low:.2f} degC" if high == low else f"the temperature covers {low:.2f} to {high:.2f} degC"
-        raise DataError(
-            f"{what}; a thermal model needs at least {_LEAST_RANGE:g} degC. Warm the sensor or cool it while it rests, over the range in "
-            "which it will be used"
-        )
+        further = "Warm the sensor or cool it while it rests, over the range in which it will be used"
+        raise DataError(f"{what}; a thermal model needs at least {_LEAST_RANGE:g} degC. {further}", code="range")
     count = binned(t, t).count
     if len(count) < _LEAST_BINS:
-        raise DataError(
-            f"the samples fill {len(count)} bins of {FINE:g} degC; at least {_LEAST_BINS} are needed: change the temperature more slowly, "
-            "or use scale_factor, which takes a few temperatures"
-        )
+        said = f"the samples fill {len(count)} bins of {FINE:g} degC; at least {_LEAST_BINS} are needed: change the temperature more slowly"
+        raise DataError(f"{said}, or use scale_factor, which takes a few temperatures", code="few_bins")
     held = float(np.median(count))
-    if held < _LEAST_SAMPLES:
-        speed = "" if time is None else f", {60 * np.median(np.abs(np.diff(t) / np.diff(time))):.2g} degC a minute,"
-        warnings.append(
-            f"the temperature changes so quickly{speed} that a bin of {FINE:g} degC holds {held:.2g} samples; {_LEAST_SAMPLES} are needed "
-            "to see a jump: change it more slowly"
-        )
+    return [FINDINGS("quick", bin=FINE, held=held, needed=_LEAST_SAMPLES)] if held < _LEAST_SAMPLES else []
 
 
 def ramps(t: AnyArray) -> AnyArray:
-    """Index of the ramp of each sample; a turning point needs a return by a tenth of the range."""
-    least = max(_TURN * np.ptp(t), 0.5)
+    """Index of the ramp of each sample; a turning point needs a return by a tenth of the range, and by 0.5 degC."""
+    least = max(np.ptp(t) / 10, 0.5)
     turns, up, extreme = [], None, 0
     low = high = 0
     for k, value in enumerate(t.tolist()):

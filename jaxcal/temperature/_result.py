@@ -1,17 +1,25 @@
-"""`TemperatureFit`: a thermal model with its uncertainty and diagnostics."""
+"""`TemperatureFit`: a thermal model with its uncertainty and diagnostics; `TemperatureFits`: those of the channels of a log."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._answer import Curve, Finding, Grid, Number, Result, Results, Section, joined_names
 from .._errors import DataError
 from .._precision import host_float64
-from .._results import Row, Unjudged
 from .._types import AnyArray
+from .._units import shown_in
+from ..fitting import Estimate
 from ._model import ThermalModel
 from ._record import Bins
+
+NORMAL95 = float(scipy.special.ndtri(0.975))  # half of a 95 % interval in standard errors
+_PARTS = ("centre", "width", "height")
+_SENSORS = {"gyro": "gyroscope", "accel": "accelerometer", "mag": "magnetometer"}
+_LABELS = {"height": "jump {}", "centre": "jump {} at", "width": "jump {} width"}
 
 
 class Step(eqx.Module):
@@ -62,7 +70,12 @@ class Candidate(eqx.Module):
     chosen: bool = eqx.field(static=True, default=False)
 
 
-class TemperatureFit(Unjudged):
+def no_estimate() -> Estimate:
+    """The estimate of a curve whose parameters have no errors of their own, such as a table."""
+    return Estimate((), np.zeros(0), np.zeros((0, 0)))
+
+
+class TemperatureFit(Result):
     """Bias of one channel as a function of temperature, with its uncertainty.
 
     `interval_at` gives the interval of the curve, relative to the mean noise of the record. `prediction_at` gives the interval of readings
@@ -72,11 +85,12 @@ class TemperatureFit(Unjudged):
     ----------
     model : `ThermalModel` with `bias_at` and `correct`.
     kind : "smooth", "polynomial", "table", or the class name of your own curve.
+    quantity : what the readings are, for their unit: "B.gyro", "B.accel", "B.mag", "ratio" for a scale factor, "" if unknown.
     degree : degree of a polynomial; None for other models.
-    coefficients, coefficient_error : (degree + 1,) a1, a2, ... of the powers of T in degC, equation (5.3) of the thesis, and their
-        standard errors; None for other models. Above degree 5 they alternate in sign and nearly cancel, so use `model` instead.
-    steps : tuple of `Step`, sorted by temperature.
-    parameters : name -> (value, standard error): parameters of your own curve, or the estimated lag, play and rate.
+    estimate : parameters beside the smooth curve, by name: "lag", "play", "rate", "rate_lag", "jump.height[0]", "jump.centre[0]",
+        "jump.width[0]"; those of your own curve; for a polynomial "a1", "a2", ... of the powers of T in degC, equation (5.3) of the thesis.
+        Above degree 5 these alternate in sign and nearly cancel, so use `model` instead.
+    chances : for each jump, the probability that a record without it shows an equally clear one.
     noise : `jaxcal.noise.Noise` with the N, B and K estimated together with the curve; None if the times are unknown.
     rms, worst, worst_at : rms residual of the means over 0.1 degC over the whole range; the same in the worst window of 1 degC; and the
         centre of this window, degC. `rms` alone hides a misfit at a jump.
@@ -87,7 +101,7 @@ class TemperatureFit(Unjudged):
     thermometer : standard deviation of the thermometer's noise, degC.
     candidates : tuple of `Candidate`, the structures compared by likelihood; empty if there was no choice.
     confidence : level of `interval_at` and `prediction_at`.
-    warnings, notes : sentences.
+    findings : what to know about the fit.
 
     Examples
     --------
@@ -105,11 +119,10 @@ class TemperatureFit(Unjudged):
     residual: AnyArray
     rms: Any
     kind: str = eqx.field(static=True)
+    quantity: str = eqx.field(static=True, default="")
     degree: Any = None
-    coefficients: Any = None
-    coefficient_error: Any = None
-    steps: tuple[Step, ...] = ()
-    parameters: dict[str, tuple[float, float]] = eqx.field(default_factory=dict)
+    estimate: Estimate = eqx.field(default_factory=no_estimate)
+    chances: tuple[float, ...] = ()
     worst: Any = None
     worst_at: Any = None
     grid: Any = None
@@ -120,20 +133,68 @@ class TemperatureFit(Unjudged):
     thermometer: Any = None
     candidates: tuple[Candidate, ...] = ()
     confidence: float = eqx.field(static=True, default=0.95)
-    warnings: tuple[str, ...] = eqx.field(static=True, default=())
-    notes: tuple[str, ...] = eqx.field(static=True, default=())
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
     _figure = ("temperature", False)
 
-    def _rows(self) -> list[Row]:
-        z = scipy.special.ndtri(0.5 + self.confidence / 2)
-        known = () if self.coefficients is None else enumerate(zip(self.coefficients, self.coefficient_error, strict=True), 1)
-        rows = [Row(f"a{i}", value, value - z * error, value + z * error, f"unit/degC^{i - 1}") for i, (value, error) in known]
-        rows += [Row(name, value, value - z * error, value + z * error) for name, (value, error) in self.parameters.items()]
-        for step in self.steps:
-            half = z * step.height_error
-            rows.append(Row(f"jump at {step.centre:.2f} degC", step.height, step.height - half, step.height + half, "unit"))
-        return [*rows, Row("rms residual", self.rms, unit="unit"), Row(f"rms at {self.worst_at:.1f} degC", self.worst, unit="unit")]
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """The jumps, sorted by temperature."""
+        found = []
+        for i, chance in enumerate(self.chances):
+            known: dict[str, float] = {}
+            for part in _PARTS:
+                own = self.estimate.select(f"jump.{part}[{i}]")
+                known |= {part: float(own.values[0]), f"{part}_error": float(own.error[0])}
+            found.append(Step(**known, chance=chance))
+        return tuple(found)
+
+    @property
+    def headline(self) -> str:
+        """The rms error over the range of the model."""
+        return f"{'scale factor' if self.model.scale else 'bias'} over {self.span_text()} to {self.rms_text()} rms"
+
+    def span_text(self) -> str:
+        """The range of the model in words."""
+        return f"{float(self.model.low):.0f} to {float(self.model.high):.0f} degC"
+
+    def rms_text(self) -> str:
+        """The rms residual with its unit."""
+        unit, size = shown_in(self.quantity, ("ppm",))
+        return f"{float(self.rms) / size:.3g} {unit}".strip()
+
+    def sections(self) -> list[Section]:
+        """Errors, jumps and parameters; the curve; the structures that were compared."""
+        rows = tuple((label, (cell,)) for label, cell in self.rows().items())
+        return [Grid("curve", self.kind, ("",), rows), *self.details()]
+
+    def rows(self, prefix: str = "") -> dict[str, Number]:
+        """Numbers by their label."""
+        found = {"rms left": Number("rms", float(self.rms), quantity=self.quantity)}
+        if self.worst is not None:  # a traced fit has neither these nor errors
+            found["worst degree"] = Number("worst", float(self.worst), quantity=self.quantity)
+            found["worst degree at"] = Number("worst_at", float(self.worst_at), quantity="degC")
+            middle = (float(self.model.low) + float(self.model.high)) / 2
+            value, half = float(np.asarray(self.model.curve.value(middle))), NORMAL95 * float(np.interp(middle, self.grid, self.error))
+            found["bias in the middle"] = Number("middle", value, value - half, value + half, self.quantity)
+        change = float(np.ptp(np.asarray(self.model.curve.value(np.asarray(self.bins.t)))))
+        found["change over range"] = Number("change", change, quantity=self.quantity)
+        for one in self.estimate.numbers():
+            name, _, place = one.name.removeprefix("jump.").partition("[")
+            label = _LABELS[name].format(int(place[:-1]) + 1) if one.name.startswith("jump.") else one.name.replace("_", " ")
+            found[label] = one
+        return {label: one._replace(name=prefix + one.name) for label, one in found.items()}
+
+    def details(self, prefix: str = "", title: str = "curve") -> list[Section]:
+        """The curve with its interval at each bin, and the structures that were compared."""
+        t, unit = np.asarray(self.bins.t), self.quantity
+        low, high = self.interval_at(t) if self.grid is not None else 2 * (np.full(len(t), np.nan),)
+        columns = {"temperature": ("degC", t), "mean": (unit, np.asarray(self.bins.b)), "samples": ("", np.asarray(self.bins.count)),
+                   "model": (unit, np.asarray(self.model.curve.value(t))), "low": (unit, low), "high": (unit, high)}  # fmt: skip
+        scores = tuple((one.name, (f"{one.score:.3g}", "chosen" if one.chosen else "")) for one in self.candidates)
+        heads = ("-2 ln likelihood above the best, with the price of parameters", "")
+        tried = [Grid(f"{prefix}candidates", f"{title}: beside the curve", heads, scores, detail=True)] if scores else []
+        return [*tried, Curve(f"{prefix}curve", title, columns)]
 
     @host_float64
     def interval_at(self, temperature: Any) -> tuple[AnyArray, AnyArray]:
@@ -165,10 +226,54 @@ class TemperatureFit(Unjudged):
         True
         """
         if self.next_error is None:
-            raise DataError("a scale factor has no prediction of the next cycle; use interval_at")
+            raise DataError("a scale factor has no prediction of the next cycle; use interval_at", code="no_cycle")
         t = np.clip(np.asarray(temperature, dtype=float), self.model.low, self.model.high)
         value, tail = np.asarray(self.model.curve.value(t)), 0.5 + self.confidence / 2
         half = scipy.special.ndtri(tail) * np.interp(t, self.grid, self.next_error)
         spread, freedom = self.level
         half = np.hypot(half, scipy.special.stdtrit(freedom, tail) * spread) if freedom else half
         return np.asarray(value - half), np.asarray(value + half)
+
+
+class TemperatureFits(Results[TemperatureFit]):
+    """Thermal models of the channels of a log: channel name -> `TemperatureFit`, rendered as one result.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> made = jaxcal.temperature.simulate(jump=0.0)
+    >>> log = jaxcal.Log(made.time, gyro=made.bias, temperature=made.temperature)
+    >>> found = jaxcal.temperature.characterise(log)
+    >>> found.headline
+    'bias over 20 to 45 degC to 3.13 deg/h (gyro) rms'
+    """
+
+    _figure = ("temperature", False)
+
+    @property
+    def headline(self) -> str:
+        """The rms error of the worst axis of each sensor."""
+        worst = {name: max(axes.values(), key=lambda fit: float(fit.rms)) for name, axes in self.by_sensor().items()}
+        said = ", ".join(f"{fit.rms_text()} ({name})" for name, fit in worst.items())
+        return f"bias over {next(iter(worst.values())).span_text()} to {said} rms"
+
+    def by_sensor(self) -> Mapping[str, dict[str, TemperatureFit]]:
+        """Sensor -> axis -> fit; a channel of no known sensor counts as a sensor of its own."""
+        found: dict[str, dict[str, TemperatureFit]] = {}
+        for name, fit in self.items():
+            sensor, _, axis = name.rpartition("_")
+            found.setdefault(sensor if sensor in _SENSORS else name, {})[axis if sensor in _SENSORS else ""] = fit
+        return found
+
+    def sections(self) -> list[Section]:
+        """A table for each sensor, with a column for each axis; curves and compared structures of each channel."""
+        tables: list[Section] = []
+        for sensor, axes in self.by_sensor().items():
+            columns = [fit.rows(f"{sensor}_{axis}.".replace("_.", ".")) for axis, fit in axes.items()]
+            labels = dict.fromkeys(label for column in columns for label in column)
+            rows = tuple((label, tuple(column.get(label) for column in columns)) for label in labels)
+            tables.append(Grid(sensor, _SENSORS.get(sensor, sensor), tuple(axes), rows))
+        return tables + [one for name, fit in self.items() for one in fit.details(f"{name}.", joined_names([name]))]
+
+
+TemperatureFit._several = TemperatureFits
