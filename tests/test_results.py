@@ -30,7 +30,7 @@ WORDS = ("good", "weak", "refused")
 @pytest.mark.parametrize("kind", [Deviation, Spectrum, NoiseFit, MagFit, ImuFit, TemperatureFit, AlignmentFit])
 @pytest.mark.parametrize("name", ["summary", "to_dict", "save"])
 def test_every_result_has_the_same_methods(kind, name):
-    assert getattr(kind, name) is getattr(Deviation, name)
+    assert getattr(kind, name).__module__ in ("jaxcal._results", "jaxcal._answer._result")
 
 
 def test_a_magnetometer_fit_as_text_and_as_a_file(tmp_path):

@@ -91,7 +91,6 @@ def imu(log: Log, **options: Any) -> Answer:
 
 def temperature(log: Log, **options: Any) -> Answer:
     """Fit the thermal model of every channel."""
-    from ..report import document
     from ..temperature import characterise
 
     fits = characterise(log, **options)
@@ -104,7 +103,7 @@ def temperature(log: Log, **options: Any) -> Answer:
         for name, value in (("bias", bias[50]), ("span", np.ptp(bias)), ("rms", fit.rms), ("jump", jump)):
             found[f"{channel}.{name}"] = _coefficient(value, unit=unit)
         found[f"{channel}.lag"] = _coefficient(fit.model.lag, unit="s")
-    return document(fits, log), found, by_channel({channel: fit.warnings for channel, fit in fits.items()})
+    return fits.to_dict(log), found, list(fits.warnings)
 
 
 def allan(log: Log, **options: Any) -> Answer:

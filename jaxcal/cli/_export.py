@@ -118,7 +118,7 @@ def ids_of(text: str | None, sensors: tuple[str, ...]) -> dict[str, int]:
         sensor, _, value = word.partition("=")
         if sensor not in sensors or not (value.isascii() and value.isdigit()):
             expected = ",".join(f"{name}=NUMBER" for name in sensors)
-            raise CallError(f"--ids {text}: expected {expected}, as in the parameter list of the vehicle")
+            raise CallError(f"--ids {text}: expected {expected}, as in the parameter list of the vehicle", "ids")
         found[f"{sensor}_id"] = int(value)
     return found
 

@@ -60,7 +60,7 @@ def simulate_temperature(
     """
     _check_size(rate, duration)
     if min(lag, play, noise, walk) < 0:
-        raise CallError("--lag, --play, --noise and --walk are not negative")
+        raise CallError("--lag, --play, --noise and --walk are not negative", "negative")
 
     def make(random: Any) -> tuple[Any, dict[str, Any]]:
         import numpy as np

@@ -9,12 +9,9 @@ from cyclopts import Parameter
 
 import jaxcal
 
-from .._units import noise_factor, noise_units, number
 from ._export import FILES, ids_of
 from ._options import CallError, Files, Level, Reading, Running, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report
-from ._screen import Screen
-from ._tables import by_sensor
 from ._work import carry_out
 
 #: format of --export -> default name of the file
@@ -54,16 +51,14 @@ def temperature(
     includes jumps of the bias and hysteresis; with a polynomial, a warning
     reports jumps that it does not follow.
     """
-    if degree is None and model == "polynomial":
-        raise CallError("--model polynomial needs --degree; --model auto has as much freedom as the data ask for")
-    if degree is not None and model != "polynomial":
-        raise CallError(f"--degree {degree} goes with --model polynomial")
+    if (degree is None) == (model == "polynomial"):
+        raise CallError("--model polynomial and --degree go together; --model auto has as much freedom as the data support", "degree")
     options: dict[str, Any] = {
         "model": model, "degree": degree, "confidence": confidence, "lag": _amount("lag", lag), "play": _amount("play", play),
     }  # fmt: skip
     ids = ids_of(writing.ids, ("gyro", "accel"))
 
-    def export(place: Path, fits: dict[str, Any], data: Any, format: str) -> list[str]:
+    def export(place: Path, fits: Any, data: Any, format: str) -> list[Any]:
         device = {"name": stem(Path(data.provenance.get("file", "log"))), format: ids}
         return save_export(place, fits, data, format, part="temperature", device=device)
 
@@ -73,10 +68,9 @@ def temperature(
     ]  # fmt: skip
     done = carry_out(
         log, reading, running, outputs(writing, files, f"{stem(log)}-temperature", formats=_EXPORTS, export=export),
-        lambda data, move: jaxcal.temperature.characterise(data, progress=move, **options), show=_tables, command="jaxcal temperature",
-        options=options,
+        lambda data, move: jaxcal.temperature.characterise(data, progress=move, **options), command="jaxcal temperature", options=options,
     )  # fmt: skip
-    done.tell_by_channel()
+    done.end(running)
 
 
 def _amount(name: str, text: str | None) -> Any:
@@ -87,30 +81,5 @@ def _amount(name: str, text: str | None) -> Any:
     except ValueError:
         value = -1.0
     if not 0.0 <= value < float("inf"):
-        raise CallError(f"--{name} {text}: expected auto, or a number from 0")
+        raise CallError(f"--{name} {text}: expected auto, or a number from 0", name)
     return value
-
-
-def _tables(screen: Screen, found: dict[str, Any]) -> None:
-    for sensor, name, axes in by_sensor(found):
-        _table(screen, sensor, name, axes)
-
-
-def _table(screen: Screen, sensor: str, name: str, axes: dict[str, Any]) -> None:
-    from .._special import NORMAL95  # a command's help must not wait for JAX
-
-    unit = noise_units("B", sensor)[0]
-    scale = noise_factor("B", sensor, unit)
-    rows = []
-    for channel, fit in axes.items():
-        model = [fit.kind if fit.degree is None or fit.steps else f"{fit.kind} {fit.degree}"]
-        for step in fit.steps:
-            height = number(step.height / scale, step.height_error / scale)
-            model.append(f"jump {height} at {step.centre:.2f} +- {NORMAL95 * step.centre_error:.2g} degC")
-        model += [f"lag {fit.model.lag:.0f} s"] * (fit.model.lag > 0) + [f"play {fit.model.play:.2f} degC"] * (fit.model.play > 0)
-        if fit.model.rate != 0:
-            model.append(f"{fit.model.rate / scale / 60:.3g} {unit} per degC/min")
-        worst = f"{fit.worst / scale:.3g} at {fit.worst_at:.1f} degC"
-        span = f"{fit.model.low:.1f} to {fit.model.high:.1f}"
-        rows.append([channel.removeprefix(f"{sensor}_"), "\n".join(model), f"{fit.rms / scale:.3g}", worst, span])
-    screen.table(f"{name}: bias against temperature, {unit}", ["", "model", "rms left", "worst degree", "range degC"], rows)

@@ -65,4 +65,4 @@ def _curve(curve: Curve) -> Markup:
     step = max(-(-size // _MOST), 1)
     heads = [f"{name} ({unit})" if unit else name for name, ((unit, _), _) in columns.items()]
     rows = [[f"{float(values[i]) / factor:.4g}" for (_, factor), values in columns.values()] for i in range(0, size, step)]
-    return numbers(curve.title, heads, rows)
+    return numbers(f"Numbers of {curve.title}", heads, rows)

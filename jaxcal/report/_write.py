@@ -148,7 +148,11 @@ def _as_one(results: Any) -> Any:
     """A dictionary channel -> result as one result, where these have a common class."""
     first = next(iter(results.values()), None) if isinstance(results, dict) else None
     several = getattr(first, "_several", None)
-    return results if several is None else several(results)
+    if several is None:
+        return results
+    if other := {type(one).__name__ for one in results.values()} - {type(first).__name__}:
+        raise DataError(f"the channels have results of several kinds, {type(first).__name__} and {', '.join(sorted(other))}", code="kinds")
+    return several(results)
 
 
 def _is(result: Any, home: str, name: str) -> bool:

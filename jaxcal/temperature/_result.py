@@ -10,13 +10,13 @@ import scipy  # loads its parts when they are first used
 from .._answer import Curve, Finding, Grid, Number, Result, Results, Section, joined_names
 from .._errors import DataError
 from .._precision import host_float64
+from .._special import NORMAL95
 from .._types import AnyArray
 from .._units import shown_in
 from ..fitting import Estimate
 from ._model import ThermalModel
 from ._record import Bins
 
-NORMAL95 = float(scipy.special.ndtri(0.975))  # half of a 95 % interval in standard errors
 _PARTS = ("centre", "width", "height")
 _SENSORS = {"gyro": "gyroscope", "accel": "accelerometer", "mag": "magnetometer"}
 _LABELS = {"height": "jump {}", "centre": "jump {} at", "width": "jump {} width"}

@@ -1,5 +1,7 @@
 """`plot.temperature` and the thermal report: curves, texts and units."""
 
+import re
+
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -7,14 +9,14 @@ from matplotlib.figure import Figure
 from jaxcal import DataError
 from jaxcal.plot import temperature
 from jaxcal.report import document, write
-from jaxcal.temperature import fit, scale_factor, simulate
+from jaxcal.temperature import TemperatureFits, fit, scale_factor, simulate
 
 
 @pytest.fixture(scope="module")
 def fits():
     made = simulate(profile="cycle", duration=4500.0, lag=60.0, walk=0.0, seed=1)
-    found = fit(made.temperature, made.bias, time=made.time)
-    return {"gyro_x": found, "gyro_y": found, "accel_z": fit(made.temperature, made.bias, model="polynomial", degree=3)}
+    found = fit(made.temperature, made.bias, time=made.time, sensor="gyro")
+    return {"gyro_x": found, "gyro_y": found, "accel_z": fit(made.temperature, made.bias, model="polynomial", degree=3, sensor="accel")}
 
 
 def key(ax):
@@ -55,19 +57,16 @@ def test_what_cannot_be_drawn_is_refused(fits):
         temperature(fits, Figure().subplots())
 
 
-def test_the_report_says_it_in_words(fits, tmp_path):
+def test_the_report_has_every_number_and_finding(refuses, fits, tmp_path):
+    found = TemperatureFits(fits)
     write(fits, tmp_path / "a.html")
     text = (tmp_path / "a.html").read_text()
     assert "<h1>Bias and temperature</h1>" in text
-    assert "at 24.50 ± 0.0" in text
-    assert "lag 60 s" in text
-    assert "the polynomial of degree 3 leaves" in text
-    for bad in ({}, {"gyro_x": fits["gyro_x"], "gyro_y": 1}, {"wx": fits["gyro_x"]}):
-        with pytest.raises(DataError):
-            write(bad, tmp_path / "b.html")
+    assert set(re.findall('data-number="([^"]*)"', text)) == set(found.numbers)
+    assert set(re.findall('data-code="([^"]*)"', text)) == found.codes >= {"jump_missed"}
+    assert text.count("<svg") == 2
+    with refuses("kinds"):
+        write({"gyro_x": fits["gyro_x"], "gyro_y": 1}, tmp_path / "b.html")
     made = document(fits)
-    channel = made["channels"]["gyro_x"]
-    assert channel["lag"] == pytest.approx(60.0, abs=5)
-    assert len(channel["curve"]["bias"]) == 101
-    assert channel["coefficients"] is None
-    assert len(made["channels"]["accel_z"]["coefficients"]) == 4
+    assert made["numbers"]["gyro_x.lag"]["value"] == pytest.approx(60.0, abs=5)
+    assert {name for name in made["numbers"] if name.startswith("accel_z.a")} == {f"accel_z.a{i}" for i in range(1, 5)}

@@ -30,8 +30,8 @@ def noise():
 def thermal():
     """Thermal fits of two sensors with a jump."""
     made = jaxcal.temperature.simulate(seed=1)
-    found = jaxcal.temperature.fit(made.temperature, made.bias)
-    return {"gyro_x": found, "gyro_y": found, "accel_x": found}, None
+    gyro, accel = (jaxcal.temperature.fit(made.temperature, made.bias, sensor=sensor) for sensor in ("gyro", "accel"))
+    return {"gyro_x": gyro, "gyro_y": gyro, "accel_x": accel}, None
 
 
 def imu():
