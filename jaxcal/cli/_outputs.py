@@ -10,11 +10,16 @@ from typing import Any
 
 import jaxcal
 
+from .._answer import NOTE, Kind, table
 from .._files import check_replaceable, clear_hidden, hidden_name, json_text, write_atomically
 from ._options import CallError
 
+FINDINGS = table(
+    not_written=Kind(NOTE, "{file} is not written: {reason}"),
+    in_file=Kind(NOTE, "{file}: {said}"),
+)
 #: (place to write to, results, log) -> sentences to print, if any
-Maker = Callable[[Path, Any, Any], Sequence[str] | None]
+Maker = Callable[[Path, Any, Any], Sequence[Any] | None]
 #: option and name in the output folder ("" for none), and the maker of the file
 File = tuple[str, str, Maker]
 #: target -> its maker, and the folder to create if it is missing
@@ -59,11 +64,11 @@ def distinct(asked: list[tuple[Path, Any]]) -> dict[Path, Any]:
 def tried(make: Maker, error: type[jaxcal.JaxcalError] = jaxcal.DataError) -> Maker:
     """Wrap a maker, so that `error` gives a sentence on the missing file instead of a failure of the command."""
 
-    def attempt(place: Path, results: Any, log: Any) -> Sequence[str] | None:
+    def attempt(place: Path, results: Any, log: Any) -> Sequence[Any] | None:
         try:
             return make(place, results, log)
         except error as reason:
-            return (f"{place.name} is not written: {reason}",)
+            return (FINDINGS("not_written", file=place.name, reason=reason.spelt("terminal")),)
 
     return attempt
 
@@ -95,10 +100,11 @@ def save_calibration(place: Path, results: Any, log: Any, *, part: str, device: 
     jaxcal.Calibration(**{part: results}, device=device, provenance=log.provenance).save(place)
 
 
-def save_export(place: Path, results: Any, log: Any, format: str, *, part: str, device: Any = None, **options: Any) -> list[str]:
+def save_export(place: Path, results: Any, log: Any, format: str, *, part: str, device: Any = None, **options: Any) -> list[Any]:
     """Write the results as the `part` of a calibration, in the format of another tool."""
     made = jaxcal.Calibration(**{part: results}, device=device, provenance=log.provenance)
-    return [f"{place.name}: {sentence}" for sentence in jaxcal.export.write(made, place, format=format, **options)]
+    said = jaxcal.export.write(made, place, format=format, **options)
+    return [FINDINGS("in_file", file=place.name, said=one) if isinstance(one, str) else one for one in said]
 
 
 @contextlib.contextmanager
