@@ -12,11 +12,11 @@ from ._sections import Grid, Number, Section
 _WIDTH = 80  # characters of a line of a terminal
 #: findings shown without `-v`: a reader acts on three at most
 _FEW = 3
-_GAP = "   "
+_EXACT = 1e-10  # relative half-width below which an interval is rounding, and the value exact
 
 
-def cell_text(cell: Number | str | None, wanted: Sequence[str] = ()) -> str:
-    """One number with half of its 95 % interval, in the unit of the reader.
+def cell_text(cell: Number | str | None, wanted: Sequence[str] = (), digits: int = 2) -> str:
+    """One number with half of its 95 % interval to some digits, in the unit of the reader.
 
     Examples
     --------
@@ -36,8 +36,9 @@ def cell_text(cell: Number | str | None, wanted: Sequence[str] = ()) -> str:
         said = f"< {float(cell.high) / size:.2g}"
     elif cell.state == "held":
         said = f"{value:.6g} held"
-    elif math.isfinite(half) and half > 0:
-        said = f"{number(value, half)} ± {number(half, half)}"
+    elif math.isfinite(half) and half > _EXACT * abs(value):
+        shown = half * 10 ** (2 - digits)
+        said = f"{number(value, shown)} ± {number(half, shown)}"
     else:
         said = f"{value:.4g}"
     return f"{said} {cell.remark}".strip()
@@ -48,25 +49,42 @@ def row_unit(cells: Iterable[Number | str | None], wanted: Sequence[str] = ()) -
     return next((shown_in(cell.quantity, wanted)[0] for cell in cells if isinstance(cell, Number)), "")
 
 
-def grid_lines(grid: Grid, wanted: Sequence[str] = ()) -> list[str]:
+def grid_lines(grid: Grid, wanted: Sequence[str] = (), width: int = _WIDTH) -> list[str]:
     r"""A table as lines: its title above the labels, a column for the unit, and one column for each axis.
+
+    A table that is too wide gets narrower gaps, and then one digit less.
 
     Examples
     --------
     >>> from jaxcal._answer import Number, by_axis, grid_lines
-    >>> bias = [Number(f"gyro.bias[{i}]", x, x - 1e-4, x + 1e-4, "gyro") for i, x in enumerate((0.0, 1e-3, 2e-3))]
+    >>> bias = [Number(f"gyro.bias[{i}]", x, x - 1e-4, x + 1e-4, "gyro") for i, x in enumerate((0.0, -1e-3, 2e-3))]
     >>> print("\n".join(grid_lines(by_axis("gyro", "gyroscope", bias))))
-    gyroscope           x                 y                 z
-    bias        deg/s   0.0000 ± 0.0057   0.0573 ± 0.0057   0.1146 ± 0.0057
+    gyroscope           x                 y                  z
+    bias        deg/s   0.0000 ± 0.0057   -0.0573 ± 0.0057   0.1146 ± 0.0057
     """
-    table = [[grid.title, "", *grid.columns]]
-    table += [[label, row_unit(cells, wanted), *(cell_text(cell, wanted) for cell in cells)] for label, cells in grid.rows]
-    # a title may be wider than all labels; then the unit column gives way
-    widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
-    labels = max((len(row[0]) for row in table[1:]), default=0)
-    if len(grid.title) > labels and not any(grid.columns):
-        widths[0] = labels
-    return [_GAP.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in table]
+    lines: list[str] = []
+    for gap, digits in ((3, 2), (2, 2), (2, 1), (1, 1)):
+        labels = [grid.title, *(label for label, _ in grid.rows)]
+        units = ["", *(row_unit(cells, wanted) for _, cells in grid.rows)]
+        columns = [
+            [name, *_aligned([cell_text(cells[i], wanted, digits) for _, cells in grid.rows])] for i, name in enumerate(grid.columns)
+        ]
+        # a title may be wider than all labels; without headings of columns it runs on above them
+        first = max(map(len, labels if any(grid.columns) else labels[1:]), default=0)
+        widths = [first, *(max(map(len, column)) for column in (units, *columns))]
+        rows = zip(labels, units, *columns, strict=True)
+        space = " " * gap
+        lines = [space.join(cell.ljust(size) for cell, size in zip(row, widths, strict=True) if size).rstrip() for row in rows]
+        if max(map(len, lines)) <= width:
+            break
+    return lines
+
+
+def _aligned(cells: Sequence[str]) -> list[str]:
+    """Cells of a column with the signs ± below one another."""
+    split = [cell.partition(" ± ") for cell in cells]
+    size = max((len(value) for value, sign, _ in split if sign), default=0)
+    return [f"{value.rjust(size)}{sign}{half}" if sign else value for value, sign, half in split]
 
 
 def bullets(sentences: Iterable[str], width: int = _WIDTH) -> list[str]:
@@ -94,7 +112,7 @@ def tables(
     lines = bullets(guesses, width) + textwrap.wrap(head, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
     for grid in sections:
         if isinstance(grid, Grid) and grid.rows and (verbose or not grid.detail):
-            lines += ["", *grid_lines(grid, wanted)]
+            lines += ["", *grid_lines(grid, wanted, width)]
             lines += textwrap.wrap(grid.note, width, initial_indent="  ", subsequent_indent="  ")
     return lines
 
