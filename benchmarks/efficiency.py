@@ -50,7 +50,7 @@ def row(fits, truth):
         else:
             text = f"{'absent':>22}"
         if known:
-            text += f" {100 * np.mean([fit.verdict[term] == 'present' for fit in fits]):5.1f}"
+            text += f" {100 * np.mean([fit.presence[term] == 'present' for fit in fits]):5.1f}"
         cells.append(f"{text:34}")
     return "".join(cells)
 
@@ -87,7 +87,7 @@ def absent(runs):
     truth, n = CASES["B"]
     for method in ("whittle", "gls", "edf", "wavelet"):
         fits = [jaxcal.noise.fit(truth.simulate(n, RATE, seed=seed), RATE, method=method) for seed in range(runs)]
-        found = {term: sum(fit.verdict[term] == "present" for fit in fits) for term in ("Q", "K")}
+        found = {term: sum(fit.presence[term] == "present" for fit in fits) for term in ("Q", "K")}
         said = ", ".join(f"{term} in {count} ({100 * count / runs:.2f} %)" for term, count in found.items())
         print(f"{method:8} calls present: {said} of {runs} records", flush=True)
 

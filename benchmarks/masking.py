@@ -49,5 +49,5 @@ if __name__ == "__main__":
         moved, same, whole = changes(y, rate, options.masks)
         mean = any("The record does not decide" in sentence for sentence in (*whole.warnings, *whole.notes))
         cells = " ".join(f"{value:6.2f}" for value in moved)
-        verdicts = ", ".join(whole.verdict[term] for term in TERMS)
+        verdicts = ", ".join(whole.presence[term] for term in TERMS)
         print(f"{name:8s} {cells} {same:9d} of {options.masks} {'yes' if mean else 'no':>17s}   {verdicts}", flush=True)

@@ -103,7 +103,7 @@ def gaps(runs, seed, case=""):
             spent.append(time.process_time() - start)
             errors.append([float(getattr(found.noise, term)) / truth - 1 for term, truth in zip("NBK", CASE_A, strict=True)])
             inside.append([found.interval[term][0] <= truth <= found.interval[term][1] for term, truth in zip("NBK", CASE_A, strict=True)])
-            present.append(found.verdict["K"] == "present")
+            present.append(found.presence["K"] == "present")
         masks = partial(_lost_samples, n, share, length)
         gone = record_bounds.information_lost(columns_all, squares, masks, 400 if share else 0, 1 / RATE, seed)
         bound = 100 * record_bounds.relative_bound(complete - gone.sum(axis=0) / max(len(gone), 1), squares)
@@ -201,7 +201,7 @@ def causes(runs, seed, case=""):
             found = jaxcal.noise.fit(y, RATE)
             low, high = found.interval["N"]
             named = any(family in sentence if family else "explain" in sentence for sentence in found.warnings)
-            verdicts = [found.verdict[term] == word for term in "BK" for word in ("present", "hint")]
+            verdicts = [found.presence[term] == word for term in "BK" for word in ("present", "hint")]
             rows.append([*verdicts, low <= 1.0 <= high, high - low, named])
             ratios.append(_ratio(y, _density(name, 2**16)) if name in SPECTRA else np.nan)
         rows, seen = np.array(rows, dtype=float), np.array(ratios) > DETECTABLE
@@ -309,7 +309,7 @@ def doubling(runs, seed):
         levels = [float(part.split(" +- ")[0]) * np.sqrt(RATE) for part in said[0].split("N is ")[1].split(" s, ")] if said else []
         error = np.abs(np.array(levels) / [1.0, 2.0] - 1).max() if len(levels) == 2 else np.nan
         rows.append(
-            [found.verdict["N"] == "present", len(levels) == 2, error, found.verdict["B"] == "present", found.verdict["K"] == "present"]
+            [found.presence["N"] == "present", len(levels) == 2, error, found.presence["B"] == "present", found.presence["K"] == "present"]
         )
     present, two, error, b, k = 100 * np.array(rows, dtype=float).T
     print(f"level doubles, {runs} records: N present {present.mean():.1f} %, two levels {two.mean():.1f} %, their largest error "
