@@ -95,9 +95,8 @@ class Correlation(Result):
 
     def sections(self) -> list[Section]:
         """The correlation of each pair of axes."""
-        pairs = combinations(range(len(self.correlation)), 2)
-        cells = [Number(f"correlation[{i},{j}]", *(float(one[i, j]) for one in (self.correlation, *np.moveaxis(self.interval, 2, 0))))
-                 for i, j in pairs]  # fmt: skip
+        limits = [(i, j, *map(float, self.interval[i, j])) for i, j in combinations(range(len(self.correlation)), 2)]
+        cells = [Number(f"correlation[{i},{j}]", float(self.correlation[i, j]), low, high) for i, j, low, high in limits]
         return [listed("correlation", "white noise", ((f"axes {one.name[12]} and {one.name[14]}", one) for one in cells))]
 
     def measurement(self, rate: float) -> Float[np.ndarray, "axes axes"]:

@@ -114,14 +114,14 @@ def of_causes(causes: Sequence[Cause], factors: Any, covariance: Any, unit: str)
         columns = slice(first, first + (2 if cause.family == "sinusoid" else 1))
         size = float(np.hypot.reduce(factors[columns]))
         error = float(np.sqrt(factors[columns] @ covariance[columns, columns] @ factors[columns])) / size if size else np.inf
-        first, known = columns.stop, {"size": Quantity(size, unit), "cost": _SLOW}
+        first, known = columns.stop, Quantity(size, unit)
         if cause.family == "step":
             steps.append((float(cause.at), size, error * size))
         elif cause.family == "warm-up":
             trim = cause.at * max(float(np.log(size / error)), 1.0)
-            found.append(FINDINGS("warm_up", **known, time=float(cause.at), trim=trim))
+            found.append(FINDINGS("warm_up", cost=_SLOW, size=known, time=float(cause.at), trim=trim))
         else:
-            found.append(FINDINGS(cause.family, **known, **({"frequency": float(cause.at)} if cause.family == "sinusoid" else {})))
+            found.append(FINDINGS(cause.family, cost=_SLOW, size=known, frequency=float(cause.at)))
     if steps:
         times, size = ", ".join(f"{at:.4g}" for at, *_ in sorted(steps)), max(size for _, size, _ in steps)
         found.append(FINDINGS("step", cost=_SLOW, times=times, size=Quantity(size, unit), steps=sorted(steps)))

@@ -63,8 +63,9 @@ def floor_of(fit: Any, prefix: str = "") -> tuple[Number, Number]:
     tau, low, high = (float(values[i]) for values in (curve.tau, curve.lower, curve.upper))
     fast = sum(float(fit.noise.only(term).avar(tau, dt=1.0 / curve.rate)) for term in ("Q", "N"))
     seen = low > math.sqrt(fast)
-    found = (float(curve.deviation[i]), low, high, quantity) if seen else (math.nan, math.nan, high, quantity, "limit")
-    return Number(f"{prefix}floor", *found), Number(f"{prefix}floor_at", tau, quantity="time")
+    value, low = (float(curve.deviation[i]), low) if seen else (math.nan, math.nan)
+    found = Number(f"{prefix}floor", value, low, high, quantity, "estimated" if seen else "limit")
+    return found, Number(f"{prefix}floor_at", tau, quantity="time")
 
 
 def headline_of(fits: Mapping[str, Any]) -> str:

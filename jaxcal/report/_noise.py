@@ -1,5 +1,6 @@
 """The noise of the channels: curves, and what the terms mean."""
 
+from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from .._errors import DataError
@@ -73,12 +74,12 @@ def number(value: Any) -> float | None:
     return plain(float(value))
 
 
-def channels_of(results: dict[str, Any]) -> str:
+def channels_of(results: Mapping[str, Any]) -> str:
     """The number of channels in words."""
     return f"{len(results)} channel{'s' * (len(results) != 1)}"
 
 
-def by_sensor(results: dict[str, F]) -> dict[str, dict[str, F]]:
+def by_sensor(results: Mapping[str, F]) -> dict[str, dict[str, F]]:
     """Group results by sensor, in their original order."""
     groups: dict[str, dict[str, F]] = {}
     for name, fit in results.items():
