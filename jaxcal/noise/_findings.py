@@ -116,7 +116,7 @@ def of_causes(causes: Sequence[Cause], factors: Any, covariance: Any, unit: str)
         error = float(np.sqrt(factors[columns] @ covariance[columns, columns] @ factors[columns])) / size if size else np.inf
         first, known = columns.stop, Quantity(size, unit)
         if cause.family == "step":
-            steps.append((float(cause.at), size, error * size))
+            steps.append((float(cause.at), size, error))
         elif cause.family == "warm-up":
             trim = cause.at * max(float(np.log(size / error)), 1.0)
             found.append(FINDINGS("warm_up", cost=_SLOW, size=known, time=float(cause.at), trim=trim))

@@ -175,7 +175,7 @@ def test_noise_has_no_value_where_a_term_is_not_there(tmp_path, pool):
     assert (entry.coefficients["gyro_x.N"].low, entry.coefficients["gyro_x.N"].high) == fit.interval["N"]
     assert fit.presence["K"] == "not detected"
     assert (entry.coefficients["gyro_x.K"].value, entry.coefficients["gyro_x.K"].high) == (None, fit.upper_limit["K"])
-    assert entry.document["result"]["schema"] == "jaxcal.noise/1"
+    assert entry.document["result"]["schema"] == "jaxcal.NoiseFits/1"
 
 
 @pytest.mark.parametrize(
