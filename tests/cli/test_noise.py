@@ -20,9 +20,7 @@ def test_without_options_everything_goes_into_a_folder(call, folder, log):
     found = call("noise", "imu.csv")
     assert (found.status, found.err) == (0, "")
     assert listing(folder) == ["imu-noise", *(f"imu-noise/{name}" for name in FILES), "imu.csv"]
-    assert [line for line in found.out.splitlines() if line.startswith("wrote ")] == [
-        f"wrote imu-noise/{name}" for name in ("report.html", "noise.json", "calibration.json", "imu.yaml")
-    ]
+    assert "wrote imu-noise/: report.html, noise.json, calibration.json, imu.yaml" in found.out.splitlines()
     document = json.loads((folder / "imu-noise" / "noise.json").read_text())
     assert document["schema"] == "jaxcal.NoiseFits/1"
     assert sorted(document["channels"]) == sorted(f"{sensor}_{axis}" for sensor in ("gyro", "accel") for axis in "xyz")
@@ -78,7 +76,7 @@ def test_the_table_is_in_data_sheet_units_with_intervals_and_limits(call, log):
     assert len(lines) <= 40
     start = next(i for i, line in enumerate(lines) if line.startswith("gyroscope "))
     assert lines[start].split() == ["gyroscope", "x", "y", "z"]
-    rows = {line[:1]: re.split(" {3,}", line)[1:] for line in lines[start + 1 : start + 5]}
+    rows = {line[:1]: re.split(" {2,}", line)[-4:] for line in lines[start + 1 : start + 5]}
     assert [row[0] for row in rows.values()] == ["arcsec", "deg/sqrt(h)", "deg/h", "deg/h/sqrt(s)"]
     value, half = (float(word) for word in rows["N"][1].split(" ± "))
     assert value == pytest.approx(1e-3 * 180 / np.pi * 60, rel=0.05)  # 3.44 deg/sqrt(h)
@@ -116,7 +114,7 @@ def test_a_log_of_a_gyroscope_alone_has_no_imu_yaml_and_says_so(call, folder):
     assert found.status == 0
     assert listing(folder / "gyro-noise") == [name for name in FILES if name != "imu.yaml"]
     assert "imu.yaml is not written: the calibration holds no accelerometer noise" in " ".join(found.out.split())
-    assert "wrote gyro-noise/imu.yaml" not in found.out
+    assert found.out.splitlines()[-1] == "wrote gyro-noise/: report.html, noise.json, calibration.json"
 
 
 def test_an_export_that_was_asked_for_and_cannot_be_made_is_status_1(call, folder):
