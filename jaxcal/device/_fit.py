@@ -2,53 +2,40 @@
 
 from typing import Any
 
+import jax
 import numpy as np
-import scipy  # loads its parts when they are first used
 
-from .._arrays import runs
 from .._errors import DataError
 from .._log import as_log
 from .._precision import host_float64
 from .._types import AnyArray
-from .._units import STANDARD_GRAVITY, on_earth
-from ..imu import windowed_variance
+from .._units import STANDARD_GRAVITY, STRONGEST_FIELD, on_earth
+from ..fitting import Estimate
 from ..imu._fits import coefficients
-from ..magnetometer import MagModel
 from ..noise import Noise as SlowNoise
-from ._contribution import shares
+from ._findings import Facts, findings_of, sensor_of
 from ._gradient import gradients
-from ._judge import NUISANCE, known, lacks, stretches, unseen
-from ._levels import Levels
-from ._model import DeviceModel
+from ._judge import Known, known, lacks, shares
+from ._model import AT, NAMES, DeviceModel, field_of, model_of, template, vector_of
 from ._noise_floor import Floor
-from ._normal import GYRO, HARD, IRON, logarithm
 from ._record import recorded, unfilled
-from ._result import DeviceFit, gauged
-from ._solve import REACH, STEPS, Noise, Place, Record, Rests, Solution, solved
-from ._start import started, undisturbed
-from ._verdict import judged, sensor_of
-from ._windows import NAMES, model_of, template, vector_of
+from ._result import DeviceFit
+from ._solve import rounds
+from ._start import Start, axes_in_words, started
+from ._state import Place, Solution, nuisance, stretches
+from ._windows import Record
 
-_ROUNDS, _MOST, _BLIND = 3, 8, 5  # rounds of fits: at least, at most, and at most where the motion does not determine all parameters
-_FEW = 10  # steps of a fit where the motion does not determine all parameters
-_SAME = 0.05  # the rounds end when weights, and logarithms of noise levels, change by less
-_HELD = ("accel.g_sensitivity", "field")
-_BELOW = ("accel.matrix[1,0]", "accel.matrix[2,0]", "accel.matrix[2,1]")
-_FIELD_NOISE = 0.01  # of a reading, as a part of the field, in the first fit
+_BELOW = ("accel.matrix[1,0]", "accel.matrix[2,0]", "accel.matrix[2,1]")  # zero by the convention of the frame
 _LEAST, _READINGS = 20.0, 100  # shortest recording, s; fewest readings of the magnetometer
-_FAR, _GONE = 1.5, 4.0  # rms field residual of a window in standard deviations: above the first it gets less weight, above the second none
-_LITTLE = 1e-2  # weight of a window that is left out: not zero, so that its residuals are still computed
-#: m/s^2 and rad/s: at rest, readings scatter by less, and the mean rate is below the second number
-_STILL_FORCE, _STILL_RATE = 0.35, 0.06
-_SLOWEST = 1e-4  # m/s, smallest standard deviation of the velocity at rest
-_SHOWN = 0.1  # smallest part of the variance of the velocity at rest that is taken as seen by the sensors
-#: how much more than inside the rest a window at its edge may scatter; number of windows by which a rest may grow at each edge
-_CALM, _MARGIN_WINDOWS = 1.1, 4
+_QUANTITIES = {
+    "accel.bias": "accel", "gyro.bias": "gyro", "gyro.g_sensitivity": "gyro/accel", "dip": "angle", "gyro_delay": "delay",
+    "mag_delay": "delay", "lever": "length",
+}  # fmt: skip
 
 
 @host_float64
 def fit(
-    log: Any, *, gravity: float | int = STANDARD_GRAVITY, field: float | int | None = None, latitude: float | int | None = None,
+    log: Any, *, gravity: float | int | None = None, field: float | int | None = None, latitude: float | int | None = None,
     g_sensitivity: bool = False, lever: bool = False, noise: Any = None, derivatives: Any = (),
 ) -> DeviceFit:  # fmt: skip
     r"""Calibrate accelerometer, gyroscope and magnetometer, and the delays between them, from one recording by hand.
@@ -71,7 +58,7 @@ def fit(
     ----------
     log : `jaxcal.Log`, or what `jaxcal.read` takes, with all three sensors. Record three minutes in which a hand rotates the device through
         all attitudes, within arm's reach and far from iron. Rests make the errors of the accelerometer ten times smaller.
-    gravity : local gravity, m/s^2; see `jaxcal.imu.gravity`.
+    gravity : local gravity, m/s^2; see `jaxcal.imu.gravity`. None takes standard gravity, and a finding says so.
     field : magnitude of the Earth's field in the unit of the readings. With it, the soft iron includes the scale of the magnetometer;
         without it, the soft iron has determinant 1.
     latitude : rad, to account for the Earth's rate; None ignores this rate.
@@ -80,13 +67,13 @@ def fit(
         `jaxcal.noise.characterise` returns, or a `Calibration` with noise. The errors of the biases then include flicker and random walk,
         and the bias is the mean over a day; a single recording cannot show this noise. With None, noise comes from the recording itself,
         and the bias is the mean over the recording.
-    derivatives : names of parameters, as in `DeviceFit.names`, for which to compute the derivatives by every reading. They hold noise
+    derivatives : names of parameters, as in `DeviceFit.estimate`, for which to compute the derivatives by every reading. They hold noise
         levels, weights, rests, and reach and speed of the hand constant; see `DeviceFit`.
 
     Returns
     -------
     DeviceFit
-        It includes a verdict for each sensor. Parameters that the motion does not determine are listed and have no value.
+        It includes a verdict for each sensor. Parameters that the motion does not determine are open: they have no value.
 
     Raises
     ------
@@ -109,195 +96,112 @@ def fit(
     Preintegration: C. Forster et al., IEEE Trans. Robotics 33 (2017) 1. The position as a Gauss-Markov process: S. Sarkka and A. Solin,
     Applied Stochastic Differential Equations, 2019, section 12.3.
     """
-    log = as_log(log)
-    if not on_earth("gravity", gravity):
-        raise DataError(f"gravity={gravity:g} m/s^2 is not that of a place on Earth; expected 9.76 to 9.84")
+    log, size = as_log(log), STANDARD_GRAVITY if gravity is None else float(gravity)
+    if not on_earth("gravity", size):
+        raise DataError(f"gravity={size:g} m/s^2 is not that of a place on Earth; expected 9.76 to 9.84", code="gravity")
     if log.duration < _LEAST:
-        raise DataError(f"The recording lasts {log.duration:.3g} s; {_LEAST:g} s are needed, and three minutes are advised.")
-    record, (gyro, accel), mag = recorded(log, float(gravity), REACH, None if latitude is None else float(latitude))
+        raise DataError(f"the recording lasts {log.duration:.3g} s; {_LEAST:g} s are needed, and three minutes are advised", code="short")
+    record, floors, mag = recorded(log, size, None if latitude is None else float(latitude))
     if (span := record.time * float(np.sum(~record.broken))) < _LEAST:
-        raise DataError(f"Accelerometer and gyroscope have readings without gaps for {span:.3g} s in all; {_LEAST:g} s are needed.")
+        raise DataError(f"accelerometer and gyroscope have readings without gaps for {span:.3g} s; {_LEAST:g} s are needed", code="gaps")
     if (number := int(record.there.sum())) < _READINGS:
-        raise DataError(f"The magnetometer has {number} readings; {_READINGS} are needed, and several per second are advised.")
-    slow: dict[str, SlowNoise] = {}
+        raise DataError(f"the magnetometer has {number} readings; {_READINGS} are needed, and several per second are advised", code="few")
+    (gyro, accel), slow = floors, dict[str, SlowNoise]()
     if noise is not None:
-        white = {}
-        for sensor in ("gyro", "accel"):
-            white[sensor], flicker, walk = coefficients(noise, sensor)
-            slow[sensor] = SlowNoise(B=flicker, K=walk)
-        gyro, accel = (Floor(white[name], white[name]) if white[name] else floor for name, floor in (("gyro", gyro), ("accel", accel)))
-    vector, way, strength, axes = started(record, mag)
-    held = (*_HELD, *(() if g_sensitivity else ("gyro.g_sensitivity",)), *(() if lever else ("lever",)))
-    free = np.array([i for i, name in enumerate(NAMES) if name.partition("[")[0] not in held and name not in _BELOW])
-    found, place, rests, level = _rounds(record, vector, way, free, gyro, accel)
-    return _result(
-        log, record, found, place, rests, level, strength, axes, None if field is None else float(field), slow, tuple(derivatives)
-    )
+        (own, *of_gyro), (white, *of_accel) = (coefficients(noise, sensor) for sensor in ("gyro", "accel"))
+        gyro, accel = (Floor(one, one) if one else floor for one, floor in ((own, gyro), (white, accel)))
+        slow = {sensor: SlowNoise(B=one[0], K=one[1]) for sensor, one in (("gyro", of_gyro), ("accel", of_accel))}
+    start = started(record, mag)
+    held = {"accel.g_sensitivity", "field"} | {
+        name for name, fitted in (("gyro.g_sensitivity", g_sensitivity), ("lever", lever)) if not fitted
+    }
+    free = np.array([i for i, name in enumerate(NAMES) if field_of(name) not in held and name not in _BELOW])
+    found, place = rounds(record, start, free, (gyro, accel))
+    told = known(found, record.time, slow)
+    estimate, model, slope = _reported(found, told, start, None if field is None else float(field))
+    return _result(log, record, found, place, told, start, (estimate, model, slope), gravity is None, tuple(derivatives))
 
 
-def _rounds(record: Record, vector: Any, way: Any, free: Any, gyro: Floor, accel: Floor) -> tuple[Solution, Place, Rests, Noise]:
-    """Fit repeatedly. Between fits, update the noise levels, the weights of disturbed windows, and the reach and speed of the hand."""
-    place, rests, settled = Place(0.3, 0.4), _rests(record, vector), False
-    # in motion the hand hides the noise of the accelerometer from the fit
-    level = Noise(gyro.fast, np.where(rests.windows, accel.fast, accel.slow), _FIELD_NOISE)
-    centre, white, levels = vector.copy(), level, Levels()
-    counts = undisturbed(record, vector)
-    # two steps show which parameters the motion does not determine. In their directions the cost is flat, so more steps are useless
-    first = solved(record, vector, way, free, level, place, counts, 2, rests, centre)
-    vector, way, blind = first.vector, first.way, bool(unseen(first).any())
-    fewest = 2 if blind else _BLIND
-    for turn in range(_MOST):
-        found = solved(record, vector, way, free, level, place, counts, _FEW if blind else STEPS, rests, centre)
-        vector, way, blind = found.vector, found.way, bool(unseen(found).any())
-        if (settled and turn >= _ROUNDS - 1) or (blind and turn >= fewest - 1) or turn == _MOST - 1:
-            break
-        # rms field residual of each window; the median over windows ignores the few that may be disturbed
-        power, number = _power(found.field, found.kept)
-        some = found.kept.any(axis=1)
-        size = found.noise.mag * np.sqrt(power)
-        white = Noise(white.gyro, white.accel, float(np.sqrt(np.median(size[some] ** 2) / _median(3 * float(np.median(number[some]))))))
-        grew, change = levels.next(found, place, rests, record.time, white)
-        far = size / white.mag
-        new = np.where(far > _GONE, _LITTLE, np.minimum(1.0, _FAR / np.maximum(far, 1e-9)))
-        settled = bool(np.max(np.abs(new - counts)) < _SAME and change < _SAME)
-        level, counts = grew, new
-        spread = found.chain.variances(np.linalg.inv(found.eliminated.information), found.eliminated.carried)
-        place, rests = _hand(found, np.diagonal(spread, axis1=1, axis2=2), rests, record, level)
-    return found, place, rests, level  # type: ignore[possibly-unbound]
+def _reported(found: Solution, told: Known, start: Start, field: float | None) -> tuple[Estimate, DeviceModel, np.ndarray]:
+    """The estimate in the unit of the readings, the model, and the derivative (p, q) of the parameters by the free ones."""
+    vector, slope = _gauged(found, start.strength, field)
+    fitted = {field_of(NAMES[i]) for i in found.free} | {"field"}
+    shown = [i for i, name in enumerate(NAMES) if field_of(name) in fitted and not nuisance(name)]
+    names, slope = tuple(NAMES[i] for i in shown), slope[shown]
+    # a parameter is determined only if all free parameters that enter its value are
+    open_ = np.abs(slope) @ ~told.seen > 0
+    lost = {sensor_of(name) for name, gone in zip(names, open_, strict=True) if gone}
+    if "accel" in lost:
+        # delays are relative to the accelerometer: if the device hardly tilts, a delay looks like an error of the accelerometer's axes
+        open_ |= np.array([name.endswith("_delay") for name in names])
+        lost |= {"gyro", "magnetometer"}
+    held = ~np.any(slope != 0, axis=1)
+    if not found.converged:
+        # where the cost is flat, the errors at the last step mean nothing: a sensor with an undetermined parameter gets no numbers
+        open_ |= np.array([sensor_of(name) in lost for name in names]) & ~held
+    covariance = slope @ told.covariance @ slope.T
+    covariance = np.where(open_[:, None] | open_, np.where(np.eye(len(open_), dtype=bool), np.inf, 0.0), covariance)
+    unit = "mag" if vector[AT["field"]][0] < STRONGEST_FIELD else "counts"
+    estimate = Estimate(
+        names, np.where(open_, np.nan, vector[shown]), covariance, told.freedom,
+        {name: "open" if gone else "held" for name, gone, fixed in zip(names, open_, held, strict=True) if gone or fixed},
+        _QUANTITIES | {"magnetometer.hard_iron": unit, "field": unit},
+    )  # fmt: skip
+    plain = vector_of(template())
+    plain[AT["gyro.matrix"]], plain[AT["magnetometer.soft_iron"]] = (axes.ravel() for axes in start.axes)
+    gone = [i for i in np.array(shown)[open_] if NAMES[i] != "field"]
+    vector[gone] = plain[gone]
+    model = jax.tree.map(lambda leaf: leaf if np.ndim(leaf) else float(leaf), model_of(vector))
+    return estimate, model, slope
 
 
-def _power(field: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(K,) mean square of the field residuals in each window, and its number of readings."""
-    number = kept.sum(axis=1)
-    return np.sum(np.where(kept[..., None], field, 0.0) ** 2, axis=(1, 2)) / (3 * np.maximum(number, 1)), number
+def _gauged(found: Solution, strength: float, field: float | None) -> tuple[np.ndarray, np.ndarray]:
+    """All parameters in the unit of the readings, and their derivative by the free ones.
 
-
-def _median(freedom: float) -> float:
-    """Median of a chi-square variable, divided by its degrees of freedom."""
-    return float(scipy.special.chdtri(freedom, 0.5) / freedom)
-
-
-def _hand(found: Solution, spread: np.ndarray, rests: Rests, record: Record, level: Noise) -> tuple[Place, Rests]:
-    """Reach and speed of the hand in motion: mean squares of the estimates, plus their variances. Speed and turn at rest.
-
-    The variance of the velocity at rest is the mean square of the estimates, divided by the part of the variance that the readings show
-    (D. MacKay, Neural Computation 4, 1992, 415).
+    Within the fit the field has magnitude 1, and readings are divided by `strength`. In the result det C = 1, or the field is given.
     """
-    ends, way = rests.ends, found.way
-    moving = ~ends
-    reach = np.mean(way.place[moving] ** 2 + spread[moving, 6:9])
-    speed = np.mean(way.velocity[moving] ** 2 + spread[moving, 3:6])
-    place = Place(float(np.sqrt(reach)), float(np.sqrt(speed))).strained(way, record.time, rests.moving)
-    if not ends.any():
-        return place, rests
-    # on a table the true velocity is zero. The mean square plus the variance of the estimate would need many rounds to come near it
-    shown = 1 - np.mean(spread[ends, 3:6]) / rests.speed**2
-    slow = np.mean(way.velocity[ends] ** 2) / max(shown, _SHOWN)
-    back = np.swapaxes(way.rotation[:-1], 1, 2) @ way.rotation[1:]
-    turned = np.mean(logarithm(back[rests.windows]) ** 2)
-    least = 0.2 * np.min(level.gyro) * np.sqrt(record.time)
-    return place, Rests(rests.windows, max(float(np.sqrt(slow)), _SLOWEST), max(float(np.sqrt(turned)), float(least)))
-
-
-def _rests(record: Record, vector: np.ndarray) -> Rests:
-    """Windows in which the specific force hardly changes and the device hardly rotates, for at least a second."""
-    size = 2 * max(round(0.5 / record.grid.step), 2) + 1
-    bias = vector[[NAMES.index(f"gyro.bias[{i}]") for i in range(3)]]
-    rate_of = record.gyro - bias
-    rate = np.stack([np.convolve(x, np.ones(size) / size, mode="same") for x in rate_of.T], axis=1)
-    calm = np.zeros(len(record.gyro), dtype=bool)
-    half = size // 2
-    shaken, turned = windowed_variance(record.accel, size), windowed_variance(record.gyro, size)
-    calm[half : half + len(shaken)] = (shaken < _STILL_FORCE**2) & (turned < _STILL_RATE**2)
-    calm &= np.linalg.norm(rate, axis=1) < _STILL_RATE
-    still = calm[record.grid.inner].all(axis=1)
-    if not still.any():
-        return Rests(still)
-    # the scatter is computed over a second, which must fit into the rest: extend the rest while single windows are as calm as inside
-    force, turns = record.accel[record.grid.inner], rate_of[record.grid.inner]
-    own = [np.ptp(force, axis=1).max(axis=1), np.linalg.norm(turns.mean(axis=1), axis=1), np.ptp(turns, axis=1).max(axis=1)]
-    for first, stop in zip(*runs(still), strict=True):
-        usual = [_CALM * np.max(size[first:stop]) for size in own]
-        for at, way in ((first - 1, -1), (stop, 1)):
-            for k in range(at, at + way * _MARGIN_WINDOWS, way):
-                if not 0 <= k < len(still) or any(size[k] > most for size, most in zip(own, usual, strict=True)):
-                    break
-                still[k] = True
-    return Rests(still & ~record.broken)
+    vector, slope = found.vector.copy(), np.eye(len(NAMES))
+    soft, hard, size = AT["magnetometer.soft_iron"], AT["magnetometer.hard_iron"], AT["field"]
+    iron = vector[soft].reshape(3, 3)
+    root = np.cbrt(np.linalg.det(iron)) if field is None else field / strength
+    slope[soft, soft], slope[hard, hard], slope[size] = np.eye(9) / root, strength * np.eye(3), 0.0
+    if field is None:
+        inverse = np.linalg.inv(iron).T.ravel() / 3
+        slope[soft, soft] -= np.outer(iron.ravel(), inverse) / root
+        slope[size, soft] = strength * root * inverse
+    vector[soft], vector[hard], vector[size] = iron.ravel() / root, strength * vector[hard], strength * root
+    return vector, slope[:, found.free]
 
 
 def _result(
-    log: Any, record: Record, found: Solution, place: Place, rests: Rests, level: Noise, strength: float, axes: tuple[Any, Any],
-    field: float | None, slow: dict[str, SlowNoise], derivatives: tuple[str, ...],
+    log: Any, record: Record, found: Solution, place: Place, told: Known, start: Start, reported: tuple[Estimate, DeviceModel, np.ndarray],
+    assumed: bool, derivatives: tuple[str, ...],
 ) -> DeviceFit:  # fmt: skip
-    told = known(found, place, rests, record.time, slow)
-    fitted = tuple(np.array(NAMES)[found.free].tolist())
-    sensors, slope = gauged(found.vector, found.free, fitted, strength, field)
-    asked = np.array([*(name.partition("[")[0] not in NUISANCE for name in fitted), True])
-    # a reported parameter is determined only if all free parameters that enter its value are
-    blind = np.abs(slope) @ ~told.seen > 0
-    names = tuple(name for name, own in zip((*fitted, "field"), asked, strict=True) if own)
-    values, blind, slope = np.append(found.vector[found.free], 0.0)[asked], blind[asked], slope[asked]
-    covariance = slope @ told.covariance @ slope.T
-    if wrong := [name for name in derivatives if name not in names]:
-        raise DataError(f"derivatives={wrong}: no such parameter was fitted; expected some of {', '.join(names)}")
-    wanted = [slope[names.index(name)] for name in derivatives]
-    derived: list[dict[str, AnyArray]] = []
-    for own in gradients(found, record, place, rests, np.array(wanted), strength) if wanted else ():
-        derived.append({name: unfilled(by, log, name) for name, by in own.items()})
-    if any(lost and sensor_of(name) == "accel" for name, lost in zip(names, blind, strict=True)):
-        # delays are relative to the accelerometer: if the device hardly tilts, a delay looks like an error of the accelerometer's axes
-        blind |= np.array([name.endswith("_delay") for name in names])
-    if not found.converged:
-        # where the cost is flat, the errors at the last step mean nothing: a sensor with an undetermined parameter gets no numbers
-        open_ = {sensor_of(name) for name, lost in zip(names, blind, strict=True) if lost}
-        blind |= np.array([sensor_of(name) in open_ for name in names])
-    plain = vector_of(template())
-    plain[GYRO : GYRO + 9] = axes[0].ravel()
-    vector = found.vector.copy()
-    lost = [NAMES.index(name) for name, gone in zip(names[:-1], blind, strict=False) if gone]
-    vector[lost] = plain[lost]
-    model = model_of(vector)
-    soft, offset = (np.isin(np.arange(first, first + size), lost) for first, size in ((IRON, 9), (HARD, 3)))
-    iron = np.where(soft.reshape(3, 3), axes[1], sensors["soft_iron"])
-    hard = np.where(offset, 0.0, sensors["hard_iron"])
-    model = DeviceModel(
-        model.accel, model.gyro, MagModel(iron, hard), float(sensors["field"]), float(model.dip),
-        float(model.gyro_delay), float(model.mag_delay), np.asarray(model.lever), np.asarray(model.arm),
+    (estimate, model, slope), begin = reported, record.grid.first * record.grid.step
+    fitted = [name for name in estimate.names if estimate.states.get(name) != "held"]
+    if wrong := [name for name in derivatives if name not in fitted]:
+        raise DataError(f"derivatives={wrong}: no such parameter was fitted; expected some of {', '.join(fitted)}", code="derivatives")
+    rows = slope[[estimate.names.index(name) for name in derivatives]]
+    by: list[dict[str, AnyArray]] = [
+        {sensor: unfilled(own, log, sensor) for sensor, own in one.items()}
+        for one in (gradients(found, record, rows, start.strength) if derivatives else ())
+    ]
+    mag = np.reshape(found.noise.mag, (-1, 1)) * start.strength
+    rms = np.sqrt(np.sum(found.field**2, axis=1) / np.maximum(found.kept.sum(axis=1), 1)[:, None]) * mag
+    disturbed = stretches(found.kept.any(axis=1) & (found.counts < 0.5), begin, record.time)
+    facts = Facts(
+        field=model.field, gravity=record.gravity if assumed else None, axes=axes_in_words(start.axes), place=found.way.place,
+        lacks=lacks(found, record, told.ratio), disturbed=sum(stop - first for first, stop in disturbed), duration=float(log.duration),
+        rate=float(log.rate), disagreement=told.ratio if np.isfinite(told.freedom) else None, converged=found.converged,
     )  # fmt: skip
-    values[[names.index(f"magnetometer.soft_iron[{i},{j}]") for i in range(3) for j in range(3)]] = sensors["soft_iron"].ravel()
-    values[[names.index(f"magnetometer.hard_iron[{i}]") for i in range(3)]] = sensors["hard_iron"]
-    values[-1] = sensors["field"]
-    if field is not None:
-        names, values, covariance, blind = names[:-1], values[:-1], covariance[:-1, :-1], blind[:-1]
-    values = np.where(blind, np.nan, values)
-    covariance = np.where(blind[:, None] | blind[None], np.where(np.eye(len(blind), dtype=bool), np.inf, 0.0), covariance)
-    half = scipy.special.stdtrit(told.freedom, 0.975) * np.sqrt(np.diag(covariance))
-    missing = lacks(found, record, told.ratio)
-    number = np.maximum(found.kept.sum(axis=1), 1)[:, None]
-    mag = np.reshape(found.noise.mag, (-1, 1))
-    rms = np.sqrt(np.sum(found.field**2, axis=1) / number) * mag * strength
-    white = float(np.median(mag[:, 0] * np.sqrt(_power(found.field, found.kept)[0])))
-    disturbed = stretches(found.kept.any(axis=1) & (found.counts < 0.5), record)
-    undetermined = tuple(name for name, lost in zip(names, blind, strict=True) if lost)
-    facts = {
-        "names": names, "values": values, "covariance": covariance, "undetermined": undetermined, "disturbed": disturbed,
-        "reach": place.reach, "place": found.way.place, "disagreement": told.ratio, "converged": found.converged, "field": model.field,
-        "model": model, "lacks": missing, "duration": float(log.duration), "freedom": told.freedom, "strength": strength, "axes": axes,
-        "rate": float(log.rate),
-    }  # fmt: skip
-    verdict, reason, warnings, verdicts = judged(facts)
-    start = record.grid.first * record.grid.step
     return DeviceFit(
-        verdict=verdict, reason=reason, warnings=warnings, model=model, names=names, values=values, covariance=covariance,
-        interval=np.stack([values - half, values + half], axis=1), degrees_of_freedom=float(told.freedom), undetermined=undetermined,
-        verdicts=verdicts, disturbed=disturbed, rests=stretches(rests.windows, record),
-        noise={"gyro": float(np.median(level.gyro)), "accel": float(np.median(level.accel)), "mag": float(white * strength)},
-        reach=place.reach, speed=place.speed,
-        disagreement=told.ratio, held_out=told.held_out,
-        derivatives=dict(zip(derivatives, derived, strict=True)), time=np.append(start, start[-1] + record.time),
-        attitude=found.way.rotation, velocity=found.way.velocity, place=found.way.place,
-        residual_inertial=found.rows.inertial, residual_field=rms,
-        gravity=record.gravity, rate=float(log.rate),
-        duration=float(log.duration), contribution={kind: part[: len(names)] for kind, part in shares(told.terms, slope).items()},
+        findings=findings_of(estimate, facts), model=model, estimate=estimate, disturbed=disturbed,
+        rests=stretches(found.rests.windows, begin, record.time),
+        noise={"gyro": float(np.median(found.noise.gyro)), "accel": float(np.median(found.noise.accel)),
+               "mag": float(np.median(mag[:, 0] * np.sqrt(found.field_power)))},
+        reach=place.reach, speed=place.speed, disagreement=told.ratio, held_out=told.held_out,
+        derivatives=dict(zip(derivatives, by, strict=True)), time=np.append(begin, begin[-1] + record.time),
+        attitude=found.way.rotation, velocity=found.way.velocity, place=found.way.place, residual_inertial=found.rows.inertial,
+        residual_field=rms, gravity=record.gravity, rate=float(log.rate), duration=float(log.duration),
+        contribution=shares(told.terms, slope),
     )  # fmt: skip

@@ -11,9 +11,11 @@ import numpy as np
 from .._arrays import CROSS, skew
 from .._errors import FitError
 from ..fitting import Chain
-from ._normal import LINK, inertial
-from ._solve import SIZES, Place, Record, Rests, Solution, spread_of, whitened
-from ._windows import GYRO_DELAY, MAG_DELAY, NAMES, TAPS, integral_weights, lagrange, model_of
+from ._model import NAMES, model_of
+from ._normal import LINK
+from ._solve import spread_of
+from ._state import SIZES, Solution
+from ._windows import GYRO_DELAY, MAG_DELAY, TAPS, Record, integral_weights, lagrange
 
 _EXACT = 1e-8  # the refinement ends with a step of this size relative to the largest
 _MOST = 60  # steps of the refinement
@@ -21,9 +23,7 @@ _MOST = 60  # steps of the refinement
 Unknowns = tuple[Any, Any]
 
 
-def gradients(
-    found: Solution, record: Record, place: Place, rests: Rests, slope: np.ndarray, strength: float
-) -> list[dict[str, np.ndarray]]:  # fmt: skip
+def gradients(found: Solution, record: Record, slope: np.ndarray, strength: float) -> list[dict[str, np.ndarray]]:
     """Sensor -> (n, 3) derivatives by the readings, for each row of `slope` (q, p), the derivative of a value by the free parameters.
 
     The unknowns z (free parameters and trajectory) solve g(z, y) = J'P r + (priors) = 0, where r are the residuals of the readings y, J is
@@ -36,17 +36,14 @@ def gradients(
     filters, free, way = _filters(record, found), found.free, found.way
     readings = {"accel": record.accel, "gyro": record.gyro, "mag": record.mag}
     fed = {name: own.of(readings[own.sensor]) for name, own in filters.items()}
-    weight = found.weight / np.reshape(found.noise.mag, (-1, 1))
-    whiten = whitened(inertial(found.model, record.windows(found.vector, found.back)), found.noise, record.time, record.broken)
-    step, known, begin = place.transition(record.time)
-    pace = np.repeat([1 / rests.speed, place.reach / (3 * place.speed**2)], 3) * rests.ends[:, None]
+    weight, whiten = found.weight, found.whiten
     level = [np.broadcast_to(noise, len(whiten)) * ~record.broken for noise in (found.noise.gyro, found.noise.accel)]
     later = 0.0 if record.mag_later is None else record.mag_later[record.grid.inner[:, :-1] - found.back][..., None]
     fixed = {
-        "vector": found.vector, "free": free, "way": (way.rotation, way.velocity, way.place, way.acceleration), "earth": record.earth,
+        "vector": found.vector, "free": free, "way": (way.rotation, way.velocity, way.place), "earth": record.earth,
         "gravity": record.gravity, "step": record.grid.step, "later": later, "late": filters["field_turn"].length + later, "noise": level,
-        "prior": (step, known, begin), "moving": rests.moving[:, None, None], "still": pace,
-        "turn": rests.windows[:, None] / rests.turn, "size": SIZES[free],
+        "prior": [tuple(tie) for tie in found.prior[:3]],  # those that are linear in the links
+        "turn": found.rests.windows[:, None] / found.rests.turn, "size": SIZES[free],
     }  # fmt: skip
     # P r of the inertial and of the magnetometer's residuals
     left = np.swapaxes(whiten, 1, 2) @ found.rows.inertial[..., None], weight[..., None] * found.rows.field
@@ -147,21 +144,21 @@ def _by(change: Unknowns, fed: dict[str, Any], x: Unknowns, left: tuple, along: 
 
     def total(change: Unknowns, fed: dict[str, Any]) -> Any:
         own, by = jax.jvp(lambda c: _residuals(c, fed, fixed), (change,), (x,))
-        (inertial, field, spread, wander, first, still, turned), (_, known, begin) = own, fixed["prior"]
+        inertial, field, spread, *prior = own
         value = jnp.sum(along[0] * inertial) + jnp.sum(left[0] * by[0]) + jnp.sum(along[1] * field) + jnp.sum(left[1] * by[1])
         value -= jnp.sum(along[0] * (spread @ left[0][..., None])[..., 0])
-        value += jnp.sum(by[3] * (known @ wander) * fixed["moving"]) + jnp.sum(by[4] * (begin @ first))
-        return value + jnp.sum(by[5] * still) + jnp.sum(by[6] * turned) + jnp.sum(x[0] * change[0] / fixed["size"] ** 2)
+        value += sum(jnp.sum(slope * row) for row, slope in zip(prior, by[3:], strict=True))
+        return value + jnp.sum(x[0] * change[0] / fixed["size"] ** 2)
 
     return jax.grad(total, argnums=(0, 1))(change, fed)
 
 
 def _residuals(change: Unknowns, fed: dict[str, Any], fixed: dict[str, Any]) -> tuple[Any, ...]:
-    """Inertial and field residuals, the covariance of the former, and differences of the trajectory from its priors."""
+    """Inertial and field residuals, the covariance of the former, and the residuals of the priors."""
     moved = jnp.zeros(len(NAMES)).at[fixed["free"]].add(change[0])
     model, links = model_of(fixed["vector"] + moved), change[1]
     rotation = fixed["way"][0] @ _turn(links[:, :3])
-    velocity, place, pull = (now + links[:, 3 * i : 3 * i + 3] for i, now in enumerate(fixed["way"][1:], start=1))
+    velocity, place = (now + links[:, 3 * i : 3 * i + 3] for i, now in enumerate(fixed["way"][1:], start=1))
     # readings at other delays, to second order
     late, step = moved[GYRO_DELAY], fixed["step"]
     both = late - moved[MAG_DELAY]
@@ -200,11 +197,12 @@ def _residuals(change: Unknowns, fed: dict[str, Any], fixed: dict[str, Any]) -> 
     seen = jnp.einsum("kiba,kb->kia", whole[:, :-1] @ _turn(part), back @ model.world_field)
     field = seen @ model.magnetometer.soft_iron.T + model.magnetometer.hard_iron - fed["field"]
 
-    x = jnp.stack([velocity, place, pull], axis=1)
-    still = fixed["still"] * jnp.concatenate([velocity, pull], axis=1)
     gyro_level, accel_level = fixed["noise"]
-    spread = spread_of(pushes / time, end, gyro_level, accel_level, time)
-    return inertial, field, spread, x[1:] - fixed["prior"][0] @ x[:-1], x[0], still, fixed["turn"] * _angles(relative)
+    spread = spread_of(pushes / time, end, gyro_level, accel_level, time, jnp)
+    prior = [fixed["turn"] * _angles(relative)]
+    for residual, here, after in fixed["prior"]:
+        prior.append(residual + _times(here, links[: len(here)]) + (0.0 if after is None else _times(after, links[1:])))
+    return inertial, field, spread, *prior
 
 
 def _times(matrix: Any, vector: Any) -> Any:

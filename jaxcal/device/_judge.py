@@ -6,23 +6,22 @@ import itertools
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._arrays import runs, skew
+from .._arrays import skew
+from .._types import AnyArray
 from ..fitting import Chain
 from ..fitting._serial import leave_out_pieces
 from ..noise import Noise
-from ._contribution import kinds_of, terms_of
-from ._normal import ACCEL_BIAS, GYRO_BIAS, HARD, inertial
-from ._slow import slow_noise
-from ._solve import SIZES, Place, Record, Rests, Solution
-from ._windows import NAMES
+from ._levels import slow_noise
+from ._model import AT, NAMES
+from ._normal import logarithm
+from ._state import SIZES, UNSEEN, Solution
+from ._windows import Record
 
 _PIECES, _PARTS = 24, 6  # pieces of the recording for leave-out errors; parts for the test of agreement
 _CHANCE = 0.003  # probability of calling white noise correlated
-_UNSEEN = 0.2  # error over prior standard deviation from which a parameter is not determined
-_LOOSE, _DEPENDS = 5.0, 1.2  # if a prior wider by the first factor raises an error by the second, the error depends on the prior
 _LINES, _DAY = 200, 86400.0  # spectral lines of a bias that wanders, and their longest period, s
-NUISANCE = ("arm",)  # parameters of the motion, not of the device: they are not reported
 _LACK = 1e-3  # level of the tests for terms that the model lacks
+_FEWEST = 0.01  # smallest share of the windows for a kind of motion to be reported
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,20 +37,20 @@ class Known:
     held_out: dict[str, float]  # sensor -> rms residual of parts that were left out, in its noise
 
 
-def known(found: Solution, place: Place, rests: Rests, time: float, wander: dict[str, Noise]) -> Known:
+def known(found: Solution, time: float, wander: dict[str, Noise]) -> Known:
     """Errors: from the information if parts of the recording agree, otherwise from fits that leave out parts.
 
     The score of a part comes from its residuals at the best trajectory. If the noise is as the model assumes, its covariance is the
     information of the part. The slow noise of the residuals adds to the errors, and so does `wander`, that of the biases, if the caller
     gives it.
     """
-    normal, score, pushed, rows = _by_window(found, place, rests, time)
+    normal, score, pushed, rows = _by_window(found)
     hats, scores = _pieces(normal), _pieces(score)
     whole = found.eliminated.information
     prior = np.diag(SIZES[found.free] ** -2.0)
-    terms = terms_of(normal, kinds_of(found, rests), prior)
+    terms = _terms_of(normal, _kinds_of(found), prior)
     matrix = np.linalg.inv(whole)
-    seen = ~unseen(found)
+    seen = ~found.unseen
     held_out = _predicted(found, normal, score, prior, *rows)
     # test whether sixths of the recording need parameters of their own
     sixth = hats.reshape(_PARTS, -1, *hats.shape[1:]).sum(axis=1), scores.reshape(_PARTS, -1, hats.shape[1]).sum(axis=1)
@@ -67,7 +66,7 @@ def known(found: Solution, place: Place, rests: Rests, time: float, wander: dict
         apart = leave_out_pieces(hats, scores, prior)
         if np.isfinite(apart).all():
             return Known(apart + matrix @ prior @ matrix, float(_PARTS - 1), ratio, seen, terms, rows[0], held_out)
-    more = slow_noise(found, place, rests, time, pushed)
+    more = slow_noise(found, time, pushed)
     for sensor, noise in wander.items():
         more = more + _wandering(pushed[sensor], noise, time)
     return Known(matrix * max(ratio, 1.0) + matrix @ more @ matrix, np.inf, ratio, seen, terms, rows[0], held_out)
@@ -86,7 +85,7 @@ def _predicted(
     scale = SIZES[found.free]
     for a, b in itertools.pairwise(edges):
         rest = whole - normal[a:b].sum(axis=0)
-        if np.linalg.eigvalsh(rest * np.outer(scale, scale))[0] < _UNSEEN**-2 / 2:
+        if np.linalg.eigvalsh(rest * np.outer(scale, scale))[0] < UNSEEN**-2 / 2:
             return dict.fromkeys(("gyro", "accel", "magnetometer"), float("nan"))
         left[a:b] -= jacobian[a:b] @ np.linalg.solve(rest, total - score[a:b].sum(axis=0))
     number = {"gyro": 3 * len(left), "accel": 3 * len(left), "magnetometer": 3 * max(found.kept.sum(), 1)}
@@ -109,24 +108,13 @@ def _wandering(pushed: np.ndarray, noise: Noise, time: float) -> np.ndarray:
     return np.einsum("pal,qal->pq", felt, felt, optimize=True)
 
 
-def unseen(found: Solution) -> np.ndarray:
-    """(p,) whether a free parameter is not determined: its error is near to that of the prior, or depends on the prior."""
-    sizes, whole = SIZES[found.free], found.eliminated.information
-    scaled = whole * np.outer(sizes, sizes)
-    error, loose = (np.sqrt(np.diag(np.linalg.inv(scaled - share * np.eye(len(sizes))))) for share in (0.0, 1 - _LOOSE**-2))
-    asked = np.array([NAMES[i].partition("[")[0] not in NUISANCE for i in found.free])
-    return asked & ((error >= _UNSEEN) | ~(loose <= _DEPENDS * error))
-
-
 def _pieces(values: np.ndarray) -> np.ndarray:
     """Sums (24, ...) over pieces of the recording."""
     edges = np.round(np.arange(_PIECES + 1) * len(values) / _PIECES).astype(int)
     return np.array([values[a:b].sum(axis=0) for a, b in itertools.pairwise(edges)])
 
 
-def _by_window(
-    found: Solution, place: Place, rests: Rests, time: float
-) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+def _by_window(found: Solution) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], tuple[np.ndarray, np.ndarray]]:
     """J'J (K, p, p) and J'r (K, p) of all windows, derivatives of J'r by biases in them, and (J, r). J has the trajectory eliminated."""
     free, carried, rows = found.free, -found.eliminated.carried, found.rows
     size, count = len(NAMES), len(rows.inertial)
@@ -134,57 +122,73 @@ def _by_window(
     by = rows.inertial_by
     inertial = by[:, :, free] + by[:, :, size : size + 9] @ first[:, :9] + by[:, :, size + 9 :] @ second[:, :9]
     field = rows.field_by[..., free] + rows.field_by[..., size:] @ first[:, None, :3]
-    step, inverse, begin = place.transition(time)
-    root = np.linalg.cholesky(inverse).T
-    at = np.array([[3, 6, 9], [4, 7, 10], [5, 8, 11]])
-    way = found.way
-    x = np.stack([way.velocity, way.place, way.acceleration], axis=1)
-    left = root @ (x[1:] - step @ x[:-1])  # (K, 3, axes)
-    slope = np.einsum("ab,kxbp->kxap", root, second[:, at] - np.einsum("ab,kxbp->kxap", step, first[:, at]), optimize=True)
-    pace = rests.moving[:, None, None]
-    prior, told = slope.reshape(count, 9, -1) * pace, left.transpose(0, 2, 1).reshape(count, 9, 1) * pace
-    jacobian = [inertial, field.reshape(count, -1, len(free)), prior]
-    residual = [rows.inertial, rows.field.reshape(count, -1), told[..., 0]]
-    if rests.windows.any():
-        back = np.swapaxes(way.rotation[:-1], 1, 2) @ way.rotation[1:]
-        turn = (second[:, :3] - np.swapaxes(back, 1, 2) @ first[:, :3]) / rests.turn * rests.windows[:, None, None]
-        still = first[:, 3:6] / rests.speed * rests.ends[:-1, None, None]
-        angle = np.stack([back[:, 2, 1], back[:, 0, 2], back[:, 1, 0]], axis=1)
-        jacobian += [turn, still]
-        residual += [angle / rests.turn * rests.windows[:, None], way.velocity[:-1] / rests.speed * rests.ends[:-1, None]]
+    jacobian, residual = [inertial, field.reshape(count, -1, len(free))], [rows.inertial, rows.field.reshape(count, -1)]
+    start, *ties = found.prior[1], found.prior[0], *found.prior[2:]
+    for tie in ties:
+        jacobian.append(tie.here[:count] @ first + (0.0 if tie.after is None else tie.after @ second))
+        residual.append(tie.residual[:count])
     j, r = np.concatenate(jacobian, axis=1), np.concatenate(residual, axis=1)
     normal, score = np.swapaxes(j, 1, 2) @ j, np.einsum("kra,kr->ka", j, r)
     # the first state has a prior of its own
-    start = carried[0][at]
-    normal[0] += np.einsum("xap,ab,xbq->pq", start, begin, start)
-    score[0] += np.einsum("xap,ab,bx->p", start, begin, x[0])
+    begin = start.here[0] @ carried[0]
+    normal[0] += begin.T @ begin
+    score[0] += begin.T @ start.residual[0]
     pushed = {}
-    for sensor, first in (("accel", ACCEL_BIAS), ("gyro", GYRO_BIAS), ("mag", HARD)):
-        own = slice(first, first + 3)
-        alone = np.concatenate([by[:, :, own], rows.field_by[..., own].reshape(count, -1, 3)], axis=1)
+    for sensor, field in (("accel", "accel.bias"), ("gyro", "gyro.bias"), ("mag", "magnetometer.hard_iron")):
+        alone = np.concatenate([by[:, :, AT[field]], rows.field_by[..., AT[field]].reshape(count, -1, 3)], axis=1)
         pushed[sensor] = np.swapaxes(j[:, : alone.shape[1]], 1, 2) @ alone
     return normal, score, pushed, (j, r)
 
 
-@dataclasses.dataclass(frozen=True)
-class Lack:
-    """A term that the model lacks, with the level of its test and its estimated size."""
+def _kinds_of(found: Solution) -> dict[str, np.ndarray]:
+    """Kind of motion -> (K,) its windows: rests, and the slower and the faster half of the windows in motion."""
+    turned = np.linalg.norm(logarithm(found.way.turns), axis=1)
+    resting = found.rests.windows
+    moving = ~resting
+    middle = np.median(turned[moving]) if moving.any() else 0.0
+    kinds = {"rests": resting, "slow turns": moving & (turned <= middle), "fast turns": moving & (turned > middle)}
+    return {name: which for name, which in kinds.items() if which.mean() > _FEWEST}
 
-    name: str
-    level: float
-    size: float
+
+def _terms_of(normal: np.ndarray, kinds: dict[str, np.ndarray], prior: np.ndarray) -> dict[str, np.ndarray]:
+    """Part of each kind of motion in the covariance.
+
+    The total information is the sum of the information I_c of each kind and of the prior. With its inverse S, the covariance is the sum
+    of all S I_c S.
+
+    Parameters
+    ----------
+    normal : (K, p, p) information of every window, with the trajectory eliminated.
+    kinds : kind -> (K,) its windows; the kinds do not overlap.
+    prior : (p, p) information of the prior.
+
+    Returns
+    -------
+    Kind -> (p, p) its term of this sum.
+    """
+    inverse = np.linalg.inv(normal.sum(axis=0) + prior)
+    return {name: inverse @ normal[which].sum(axis=0) @ inverse for name, which in kinds.items()}
 
 
-def lacks(found: Solution, record: Record, ratio: float) -> list[Lack]:
-    """Terms that the model lacks: a field gradient, a loose magnetometer, and a drift of the gyroscope's bias. These are score tests.
+def shares(terms: dict[str, np.ndarray], slope: np.ndarray) -> dict[str, AnyArray]:
+    """Kind -> (q,) its share in the information on each parameter; the shares add up to one, and are NaN for a parameter that is held.
+
+    `slope` (q, p) is the derivative of the reported parameters by the fitted ones.
+    """
+    parts = {name: np.einsum("qa,ab,qb->q", slope, term, slope) for name, term in terms.items()}
+    whole = sum(parts.values())
+    return {name: np.divide(part, whole, out=np.full(len(slope), np.nan), where=whole > 0) for name, part in parts.items()}
+
+
+def lacks(found: Solution, record: Record, ratio: float) -> dict[str, float]:
+    """Terms that the model lacks, with their sizes: score tests for a "gradient" of the field (of the field per metre), a "loose"
+    magnetometer (rad rms), and a "drift" of the gyroscope's bias (rad/s along the recording).
 
     Each test lets all parameters and the trajectory vary together with the term. It changes no estimate.
     """
-    model, w = found.model, record.windows(found.vector, found.back)
-    moved = inertial(model, w)
+    model, moved = found.model, found.moved
     turn = found.way.rotation[:-1, None] @ moved.to_reading
     at = np.asarray(model.magnetometer.soft_iron) @ np.swapaxes(turn, 2, 3)
-    weight = found.weight / np.reshape(found.noise.mag, (-1, 1))
     steps = record.grid.steps
     part = (np.arange(steps) + 0.5) / steps
     place = found.way.place[:-1, None] * (1 - part[:, None]) + found.way.place[1:, None] * part[:, None]
@@ -208,23 +212,23 @@ def lacks(found: Solution, record: Record, ratio: float) -> list[Lack]:
     def turned(by: np.ndarray) -> np.ndarray:
         return iron @ -skew(seen) @ (by[..., None] * np.eye(3))
 
-    rows, own = found.rows, slice(GYRO_BIAS, GYRO_BIAS + 3)
+    rows, own = found.rows, AT["gyro.bias"]
     along = (np.arange(len(turn)) - (len(turn) - 1) / 2) / len(turn)
     drift = rows.field_by[..., own] * along[:, None, None, None], rows.inertial_by[..., own] * along[:, None, None]
     none = np.zeros((len(turn), 9, 1))
-    tests = []
+    sizes = {}
     for name, columns, unit in (
         ("gradient", gradient, lambda c: float(np.linalg.norm([c[0], c[1], -c[0] - c[1], *(np.sqrt(2) * c[2:])]))),
-        ("mount", np.concatenate([turned(spin), turned(body)], axis=-1), lambda c: float(np.hypot(
+        ("loose", np.concatenate([turned(spin), turned(body)], axis=-1), lambda c: float(np.hypot(
             np.linalg.norm(c[:3]) * np.sqrt(np.mean(spin**2)), np.linalg.norm(c[3:]) * np.sqrt(np.mean(body**2))))),
         ("drift", None, lambda c: float(np.linalg.norm(c))),
     ):  # fmt: skip
-        field, inner = drift if columns is None else (columns * weight[..., None, None], none.repeat(columns.shape[-1], axis=2))
+        field, inner = drift if columns is None else (columns * found.weight[..., None, None], none.repeat(columns.shape[-1], axis=2))
         score, information = _asked(found, field, inner)
         statistic = float(score @ np.linalg.solve(information, score)) / max(ratio, 1.0)
-        level = float(scipy.special.chdtrc(len(score), statistic))
-        tests.append(Lack(name, level, unit(-np.linalg.solve(information, score))))
-    return [test for test in tests if test.level < _LACK]
+        if scipy.special.chdtrc(len(score), statistic) < _LACK:
+            sizes[name] = unit(-np.linalg.solve(information, score))
+    return sizes
 
 
 def _asked(found: Solution, field: np.ndarray, inner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -251,9 +255,3 @@ def _asked(found: Solution, field: np.ndarray, inner: np.ndarray) -> tuple[np.nd
     gain = np.linalg.solve(whole.information[:p, :p], np.column_stack([whole.information[:p, p:], whole.score[:p]]))
     left = whole.information[p:, p:] - whole.information[p:, :p] @ gain[:, :-1]
     return whole.score[p:] - whole.information[p:, :p] @ gain[:, -1], left
-
-
-def stretches(flags: np.ndarray, record: Record) -> tuple[tuple[float, float], ...]:
-    """Times (start, stop) in s of flagged windows; neighbouring windows are joined."""
-    begin = record.grid.first * record.grid.step
-    return tuple((round(float(begin[a]), 3), round(float(begin[b - 1] + record.time), 3)) for a, b in zip(*runs(flags), strict=True))

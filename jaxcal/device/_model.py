@@ -1,12 +1,14 @@
-"""`DeviceModel`: readings of the sensors of one device, in one frame and on one clock."""
+"""`DeviceModel`: readings of the sensors of one device, in one frame and on one clock; its parameters as a vector."""
 
 from typing import Any
 
 import equinox as eqx
+import jax
 import numpy as np
 
 from .._precision import array_module
 from .._types import AnyArray
+from ..fitting import names_of
 from ..imu import Triad
 from ..magnetometer import MagModel
 
@@ -60,3 +62,35 @@ class DeviceModel(eqx.Module):
         """(3,) field of the Earth in the world: north, west, up; in the unit of the magnetometer's readings."""
         xp = array_module(self.field, self.dip)
         return self.field * xp.stack([xp.cos(self.dip), xp.zeros(()), -xp.sin(self.dip)])
+
+
+def field_of(name: str) -> str:
+    """Field of the model that a parameter belongs to: the name without its entry."""
+    return name.partition("[")[0]
+
+
+def vector_of(model: DeviceModel) -> np.ndarray:
+    """Parameters in the order of `NAMES`."""
+    return np.concatenate([np.ravel(np.asarray(leaf, dtype=float)) for leaf in jax.tree.leaves(model)])
+
+
+def model_of(vector: Any) -> DeviceModel:
+    """The model with these parameters."""
+    return jax.tree.unflatten(_STRUCTURE, [vector[AT[field]].reshape(shape) for field, shape in _SHAPES.items()])
+
+
+def template() -> DeviceModel:
+    """A model without errors."""
+    plain = Triad(np.eye(3), np.zeros(3))
+    return DeviceModel(plain, plain, MagModel(np.eye(3), np.zeros(3)), *(np.asarray(x) for x in (1.0, 0.0, 0.0, 0.0)))
+
+
+#: the parameters by name, in the order of the model's fields
+NAMES = names_of(template())
+#: field -> where its entries stand in a vector of parameters
+AT: dict[str, slice] = {}
+for _i, _name in enumerate(NAMES):
+    _field = field_of(_name)
+    AT[_field] = slice(AT[_field].start if _field in AT else _i, _i + 1)
+_STRUCTURE = jax.tree.structure(template())
+_SHAPES = dict(zip(AT, map(np.shape, jax.tree.leaves(template())), strict=True))

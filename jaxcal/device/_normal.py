@@ -6,15 +6,13 @@ import numpy as np
 
 from .._arrays import skew
 from ..fitting import Chain
-from ._model import DeviceModel
-from ._windows import NAMES, Windows
+from ._model import AT, NAMES, DeviceModel
+from ._windows import MAG_DELAY, Windows
 
-ACCEL, ACCEL_BIAS, GYRO, GYRO_BIAS, SENSITIVITY, IRON, HARD, LEVER, ARM = 0, 9, 21, 30, 33, 42, 51, 58, 64
 #: unknowns of a link: rotation, velocity, position, and the acceleration of the Matern process, which no residual of a sensor contains
 LINK = 12
-DIP, GYRO_DELAY, MAG_DELAY = (NAMES.index(name) for name in ("dip", "gyro_delay", "mag_delay"))
-#: columns of the gyroscope's parameters: matrix, bias, sensitivity, delay
-TURNING = np.array([*range(GYRO, GYRO + 9), *range(GYRO_BIAS, GYRO_BIAS + 3), *range(SENSITIVITY, SENSITIVITY + 9), GYRO_DELAY])
+#: columns of the gyroscope's parameters
+TURNING = np.r_[AT["gyro.matrix"], AT["gyro.bias"], AT["gyro.g_sensitivity"], AT["gyro_delay"]]
 
 
 def exponential(v: np.ndarray) -> np.ndarray:
@@ -143,12 +141,12 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
     force_by[..., TURNING[some]] = np.einsum("kwiab,kibq->kwaq", turning, turn_by, optimize=True)
     carried = rotation @ accel
     weighted = np.einsum("wi,kiab,kic->kwabc", weights, carried, plain_force, optimize=True)
-    force_by[..., ACCEL : ACCEL + 9] = -weighted.reshape(count, 2, 3, 9)
-    force_by[..., ACCEL_BIAS : ACCEL_BIAS + 3] = -np.einsum("wi,kiab->kwab", weights, carried, optimize=True)
+    force_by[..., AT["accel.matrix"]] = -weighted.reshape(count, 2, 3, 9)
+    force_by[..., AT["accel.bias"]] = -np.einsum("wi,kiab->kwab", weights, carried, optimize=True)
     if lever and bent is not None:
         for axis in (1, 2):
-            place_of = slice(LEVER + 3 * (axis - 1), LEVER + 3 * axis)
-            force_by[..., place_of] = -np.einsum("wi,kia,kic->kwac", weights, rotation[..., axis], bent[..., axis, :], optimize=True)
+            own = np.arange(len(NAMES))[AT["lever"]].reshape(2, 3)[axis - 1]
+            force_by[..., own] = -np.einsum("wi,kia,kic->kwac", weights, rotation[..., axis], bent[..., axis, :], optimize=True)
         whirled = np.einsum("wi,kiax,kixq->kwaq", weights, rotation, _swung_by(w, gyro, arms, rate, rate_by), optimize=True)
         force_by[..., TURNING[some]] -= whirled
     arm, ends = np.asarray(model.arm), [0, -1]
@@ -233,8 +231,8 @@ def rows(
     by[:, 6:, size + 3 : size + 6], by[:, 6:, size + 6 : size + 9], by[:, 6:, size + 15 :] = -time * back, -back, back
     by[:, 3:6, columns] += apart @ found.swept_by[:, 1] - found.swept_by[:, 0]
     by[:, 6:, columns] -= time * found.swept_by[:, 0]
-    by[:, 3:6, ARM : ARM + 3] = apart @ skew(found.rate[:, -1]) - skew(found.rate[:, 0])
-    by[:, 6:, ARM : ARM + 3] = apart - np.eye(3) - time * skew(found.rate[:, 0])
+    by[:, 3:6, AT["arm"]] = apart @ skew(found.rate[:, -1]) - skew(found.rate[:, 0])
+    by[:, 6:, AT["arm"]] = apart - np.eye(3) - time * skew(found.rate[:, 0])
     by[:, 3:6, size + 9 : size + 12], by[:, 6:, size + 9 : size + 12] = -apart @ skew(swept[:, 1]), -apart @ skew(arm)
 
     iron = np.asarray(model.magnetometer.soft_iron)
@@ -246,11 +244,10 @@ def rows(
     across = iron @ at @ skew(inner)[:, None]
     field_by[..., columns] = across @ found.reading_by
     field_by[..., MAG_DELAY] = np.einsum("kiab,kib->kia", across, found.reading_late)
-    for a in range(3):
-        field_by[..., a, IRON + 3 * a : IRON + 3 * a + 3] = seen
-        field_by[..., a, HARD + a] = 1
+    field_by[..., AT["magnetometer.soft_iron"]] = np.einsum("ab,kic->kiabc", np.eye(3), seen).reshape(count, steps, 3, 9)
+    field_by[..., AT["magnetometer.hard_iron"]] = np.eye(3)
     lower = float(model.field) * np.array([-np.sin(model.dip), 0.0, -np.cos(model.dip)])
-    field_by[..., DIP] = np.einsum("kiab,kb->kia", iron @ at, np.einsum("kab,b->ka", back, lower))
+    field_by[..., AT["dip"]] = np.einsum("kiab,kb->kia", iron @ at, np.einsum("kab,b->ka", back, lower))[..., None]
     field_by[..., size:] = across
     scale = weight[..., None]
     return Rows(

@@ -11,8 +11,7 @@ from .._errors import DataError
 from ..imu._model import EARTH_RATE
 from ._noise_floor import Floor, noise_floor
 from ._normal import exponential
-from ._solve import Record
-from ._windows import Grid
+from ._windows import REACH, Grid, Record
 
 _SHORT = 2  # longest gap, in readings, that is interpolated
 _CLOSE = 0.2  # smallest distance between two readings, in samples
@@ -81,7 +80,7 @@ def _changed(m: np.ndarray, gyro: np.ndarray) -> np.ndarray:
     return np.asarray(there & ~same if fast.any() and np.mean(same[fast]) > _HELD else there)
 
 
-def recorded(log: Any, gravity: float, reach: float, latitude: float | None = None) -> tuple[Record, tuple[Floor, Floor], np.ndarray]:
+def recorded(log: Any, gravity: float, latitude: float | None = None) -> tuple[Record, tuple[Floor, Floor], np.ndarray]:
     """The record, the noise of gyroscope and accelerometer, and the readings of the magnetometer in their own unit."""
     for name in ("accel", "gyro", "mag"):
         value = getattr(log, name, None)
@@ -92,8 +91,8 @@ def recorded(log: Any, gravity: float, reach: float, latitude: float | None = No
     mag = np.asarray(log.mag, dtype=float)
     there = _changed(mag, gyro)
     rate = float(log.rate)
-    grid = Grid.of(len(accel), rate, reach)
-    wide = math.ceil(reach * rate) + 4
+    grid = Grid.of(len(accel), rate, REACH)
+    wide = math.ceil(REACH * rate) + 4
     lost = no_accel | (np.convolve(no_gyro, np.ones(2 * wide + 1), mode="same") > 0)
     broken = np.asarray(np.any(lost[grid.inner], axis=1))
     spin = np.zeros(3) if latitude is None else EARTH_RATE * np.array([np.cos(latitude), 0.0, np.sin(latitude)])

@@ -1,18 +1,22 @@
 """`DeviceFit`: the calibration of a device from one recording, with its uncertainty."""
 
-from typing import Any
+import math
 
 import equinox as eqx
 import numpy as np
 
-from .._results import Result, Row
+from .._answer import Finding, Grid, Number, Quantity, Result, Section, by_axis, listed, verdict_of
+from .._special import student_quantile
 from .._types import AnyArray
-from ._model import DeviceModel
+from ..fitting import Estimate
+from ._findings import SENSORS
+from ._model import DeviceModel, field_of
 
-_UNITS = {
-    "accel.bias": "m/s^2", "gyro.bias": "rad/s", "gyro.g_sensitivity": "rad/s per m/s^2", "magnetometer.hard_iron": "T", "field": "T",
-    "dip": "rad", "gyro_delay": "s", "mag_delay": "s", "lever": "m",
-}  # fmt: skip
+_TITLES = {"accel": "accelerometer", "gyro": "gyroscope", "magnetometer": "magnetometer"}
+#: parameters of the tables of the sensors
+_PARTS = {"accel": ("accel.*", "lever*"), "gyro": ("gyro.*", "gyro_delay"), "magnetometer": ("magnetometer.*", "field", "dip", "mag_delay")}
+_LABELS = {"gyro_delay": "delay", "mag_delay": "delay", "field": "Earth's field", "dip": "dip of the field"}
+_HEADINGS = 8  # attitudes of a level device over which the error of its heading is averaged
 
 
 class DeviceFit(Result):
@@ -20,15 +24,9 @@ class DeviceFit(Result):
 
     Attributes
     ----------
-    model : `DeviceModel`. A parameter that the recording does not determine has the value of a sensor without errors, and is listed in
-        `undetermined`.
-    names : names of the p fitted parameters, by their path in the model.
-    values : (p,) their values; NaN, and None in a file, if the recording does not determine the parameter.
-    covariance : (p, p) covariance of the values, with infinite variance of a parameter that is not determined.
-    interval : (p, 2) limits of the 95 % intervals. Without `noise`, the interval of a bias is for its mean over the recording.
-    degrees_of_freedom : of the scale of the covariance; infinite if parts of the recording agree within the noise.
-    undetermined : names of the parameters that the recording does not determine.
-    verdicts : sensor ("accel", "gyro", "magnetometer") -> "good", "weak" or "refused".
+    model : `DeviceModel`. A parameter that the recording does not determine has the value of a sensor without errors.
+    estimate : `jaxcal.fitting.Estimate` of the parameters, by their path in the model. A parameter that the recording does not determine is
+        "open", one that a convention or an option fixes is "held". Without `noise`, a bias is the mean over the recording.
     disturbed : (start, stop) in s of stretches whose magnetic field the fit left out, or gave less than half of its weight.
     rests : (start, stop) in s of the detected rests.
     noise : densities of "gyro" (rad/sqrt(s)) and "accel" (m/s/sqrt(s)), medians over the windows, and the standard deviation of the
@@ -47,9 +45,7 @@ class DeviceFit(Result):
     residual_field : (k - 1, 3) rms field residual of each axis in each window, T.
     gravity, rate, duration : m/s^2, Hz, s.
     contribution : kind of motion ("rests", "slow turns", "fast turns") -> (p,) its share in the information on each parameter. The shares
-        of a parameter add up to one.
-    verdict : "good", "weak" or "refused": the verdict on the worst sensor.
-    reason : one or more sentences that explain the verdict. warnings : sentences.
+        of a parameter add up to one; they are NaN for a parameter that is held.
 
     Examples
     --------
@@ -57,21 +53,13 @@ class DeviceFit(Result):
     >>> log, true, _ = jaxcal.device.simulate(60.0, 50.0, seed=1)
     >>> found = jaxcal.device.fit(log)
     >>> error = found.model.gyro.bias - true.gyro.bias
-    >>> bool(abs(error).max() < 5e-4)
-    True
+    >>> bool(abs(error).max() < 5e-4), found.estimate["gyro.bias[0]"].unit, found.verdicts["gyro"]
+    (True, 'rad/s', 'good')
     """
 
-    verdict: str = eqx.field(static=True)
-    reason: str = eqx.field(static=True)
-    warnings: tuple[str, ...] = eqx.field(static=True)
+    findings: tuple[Finding, ...] = eqx.field(static=True)
     model: DeviceModel
-    names: tuple[str, ...] = eqx.field(static=True)
-    values: AnyArray
-    covariance: AnyArray
-    interval: AnyArray
-    degrees_of_freedom: float
-    undetermined: tuple[str, ...] = eqx.field(static=True)
-    verdicts: dict[str, str] = eqx.field(static=True)
+    estimate: Estimate
     disturbed: tuple[tuple[float, float], ...]
     rests: tuple[tuple[float, float], ...]
     noise: dict[str, float]
@@ -92,36 +80,79 @@ class DeviceFit(Result):
     contribution: dict[str, AnyArray]
 
     @property
-    def standard_error(self) -> np.ndarray:
-        """(p,) standard errors: square roots of the diagonal of the covariance."""
-        return np.sqrt(np.diag(self.covariance))
+    def verdicts(self) -> dict[str, str]:
+        """Sensor -> its verdict, the worst finding about it: "good", "weak" or "refused"."""
+        return {sensor: verdict_of([one for one in self.findings if sensor in one.subject]) for sensor in SENSORS}
 
-    def _rows(self) -> list[Row]:
-        units = [_UNITS.get(name.partition("[")[0], "") for name in self.names]
-        rows = zip(self.names, self.values, self.interval, units, strict=True)
-        known = [Row(name, value, low, high, unit) for name, value, (low, high), unit in rows if np.isfinite(value)]
-        return known + [Row(f"held_out.{sensor}", value) for sensor, value in self.held_out.items() if np.isfinite(value)]
+    @property
+    def headline(self) -> str:
+        """How exact the sensors are, at 95 %: accelerometer at 1 g, bias of the gyroscope, and headings of a level device."""
+        errors = _errors(self.estimate, self.model, self.gravity)
+        known = [f"{_TITLES.get(name, name)} to {one.shown():.2g}" for name, one in errors.items() if math.isfinite(one.value)]
+        return ", ".join(known) if known else "no sensor is determined"
+
+    def sections(self) -> list[Section]:
+        """Tables of the sensors; in detail, of noise and motion, and of what each kind of motion contributed."""
+        tables: list[Section] = [
+            by_axis(sensor, _TITLES[sensor], self.estimate.select(*parts).numbers(), _LABELS) for sensor, parts in _PARTS.items()
+        ]
+        unit = self.estimate.quantity("field")
+        facts = [
+            ("noise of the accelerometer", Number("noise.accel", self.noise["accel"], quantity="N.accel")),
+            ("noise of the gyroscope", Number("noise.gyro", self.noise["gyro"], quantity="N.gyro")),
+            ("residuals of the magnetometer, rms", Number("noise.mag", self.noise["mag"], quantity=unit)),
+            ("reach of the hand, rms", Number("reach", self.reach, quantity="length")),
+            ("speed of the hand, rms", Number("speed", self.speed, quantity="speed")),
+            ("disagreement of the sixths, variance", Number("disagreement", self.disagreement)),
+            *((f"{_TITLES[sensor]}, each sixth from the others", Number(f"held_out.{sensor}", value))
+              for sensor, value in self.held_out.items() if math.isfinite(value)),
+        ]  # fmt: skip
+        return [*tables, listed("recording", "noise and motion", facts, detail=True), *self._contributions()]
+
+    def _contributions(self) -> list[Section]:
+        """Share of each kind of motion in the information on each field."""
+        fields = np.array([field_of(name) for name in self.estimate.names])
+        known = np.array([self.estimate.states.get(name) is None for name in self.estimate.names])
+        rows = []
+        for field in dict.fromkeys(fields[known].tolist()):
+            here = known & (fields == field)
+            shares = ((kind, float(np.mean(np.asarray(share)[here]))) for kind, share in self.contribution.items())
+            rows.append((field, tuple(Number(f"contribution.{field}.{kind}", share) for kind, share in shares)))
+        kinds = tuple(self.contribution)
+        return [Grid("contribution", "share of each motion", kinds, tuple(rows), detail=True)] if rows else []
 
 
-def gauged(
-    vector: np.ndarray, free: np.ndarray, names: tuple[str, ...], strength: float, field: float | None
-) -> tuple[dict[str, Any], np.ndarray]:
-    """Soft iron, hard iron and field in the unit of the readings, and derivative (p + 1, p) of (parameters, field) by the free parameters.
+def _errors(estimate: Estimate, model: DeviceModel, gravity: float) -> dict[str, Quantity]:
+    """Half of the 95 % interval: of a corrected reading of 1 g, of the gyroscope's bias, and of the heading of a level device.
 
-    Within the fit the field has magnitude 1, and readings are divided by `strength`. In the result det C = 1, or the field is given.
+    NaN for a sensor with an open parameter.
     """
-    iron = vector[42:51].reshape(3, 3)
-    root = np.cbrt(np.linalg.det(iron)) if field is None else field / strength
-    inverse = np.linalg.inv(iron).T.ravel() / 3
-    where = {name: i for i, name in enumerate(names)}
-    slope = np.zeros((len(free) + 1, len(free)))
-    slope[:-1] = np.eye(len(free))
-    soft = [where[f"magnetometer.soft_iron[{i},{j}]"] for i in range(3) for j in range(3)]
-    hard = [where[f"magnetometer.hard_iron[{i}]"] for i in range(3)]
-    own = np.eye(9) / root
-    if field is None:
-        own -= np.outer(iron.ravel(), inverse) / root
-        slope[-1, soft] = strength * root * inverse
-    slope[np.ix_(soft, soft)] = own
-    slope[hard, hard] = strength
-    return {"soft_iron": iron / root, "hard_iron": strength * vector[51:54], "field": strength * root}, slope
+    names, freedom = estimate.names, float(np.min(estimate.freedom))
+    reach = float(np.ravel(student_quantile(np.array([freedom]), 0.975))[0])
+    held = np.array([estimate.states.get(name) == "held" for name in names])
+    matrix = np.where(held[:, None] | held, 0.0, np.asarray(estimate.matrix))
+    matrix[np.isinf(matrix)] = np.nan
+
+    def half(slopes: list[dict[str, float]], how: str) -> float:
+        rows = np.array([[slope.get(name, 0.0) for name in names] for slope in slopes])
+        used = np.any(rows != 0, axis=0)
+        variance = np.einsum("kp,pq,kq->k", rows[:, used], matrix[np.ix_(used, used)], rows[:, used])
+        return reach * float(np.sqrt(variance.max() if how == "worst" else variance.mean()))
+
+    faces = [{f"accel.matrix[{i},{j}]": sign * gravity, f"accel.bias[{i}]": 1.0} for i in range(3) for j in range(3) for sign in (-1, 1)]
+    turns, up = 2 * np.pi * np.arange(_HEADINGS) / _HEADINGS, np.array([0.0, 0.0, 1.0])
+    iron, level = (np.linalg.inv(np.asarray(one)) for one in (model.magnetometer.soft_iron, model.accel.matrix))
+    across, down = math.cos(model.dip), math.sin(model.dip)
+    slopes = []
+    for north in np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=1):
+        west, h = np.cross(up, north), float(model.field) * (across * north - down * up)
+        # the heading turns with the field across it, and with the tilt of the vertical
+        field, tilt = -west @ iron / (float(model.field) * across), -west @ level / gravity * down / across
+        slope = {f"magnetometer.soft_iron[{i},{j}]": field[i] * h[j] for i in range(3) for j in range(3)}
+        slope |= {f"magnetometer.hard_iron[{i}]": field[i] for i in range(3)} | {f"accel.bias[{i}]": tilt[i] for i in range(3)}
+        slopes.append(slope | {f"accel.matrix[{i},2]": tilt[i] * gravity for i in range(3)})
+    biases = [{f"gyro.bias[{i}]": 1.0} for i in range(3)]
+    return {
+        "accel": Quantity(half(faces, "worst"), "accel"), "gyro": Quantity(half(biases, "worst"), "gyro"),
+        "headings": Quantity(half(slopes, "rms"), "angle"),
+    }  # fmt: skip

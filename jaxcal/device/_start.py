@@ -1,15 +1,17 @@
 """Start of the fit: parameters from the single-sensor estimators, and an attitude from a filter over all three sensors."""
 
+import dataclasses
+import itertools
+
 import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .. import magnetometer
 from .._errors import DataError, FitError
-from ._axes import axes_of
-from ._model import DeviceModel
-from ._normal import DIP, GYRO, GYRO_BIAS, HARD, IRON, MAG_DELAY, exponential, inertial
-from ._solve import Record, Way
-from ._windows import model_of, template, vector_of
+from ._model import AT, DeviceModel, model_of, template, vector_of
+from ._normal import exponential, inertial
+from ._state import Way
+from ._windows import Record
 
 _FIELD, _FORCE = 1.0, 10.0  # s, time constants of the corrections of the attitude by field and specific force
 _FLAT = 4.0  # ratio of axes from which a fitted ellipsoid is not used
@@ -17,23 +19,40 @@ _PLANE = 0.15  # thickness over width of readings below which they lie in a plan
 _SLOW = 0.02  # eigenvalues below this part of the largest count little
 _STRANGE = 6.0  # robust standard deviations of the field magnitude from which a window is disturbed
 _FIRST = 2.0  # s of readings that give the first attitude
+_SMOOTH, _THIN = 0.3, 0.1  # s, mean of readings, and step between those that are used
+#: largest cost of other axes, over the cost of equal axes, and over that of vectors that do not rotate
+_CLEAR, _LEAST = 0.5, 0.6
 
 
-def started(record: Record, mag: np.ndarray) -> tuple[np.ndarray, Way, float, tuple[np.ndarray, np.ndarray]]:
-    """Parameters, trajectory, strength of the field in the unit of `mag`, and axes. The record's magnetometer is divided by the strength.
+@dataclasses.dataclass(frozen=True)
+class Start:
+    """Start of the fit.
 
-    The axes are matrices (3, 3) that rotate vectors from accelerometer axes to those of gyroscope and magnetometer; see `axes_of`.
+    Attributes
+    ----------
+    vector, way : parameters and trajectory.
+    strength : of the field, in the unit of the readings.
+    axes : matrices (3, 3) that rotate vectors from the axes of the accelerometer to those of gyroscope and magnetometer.
     """
+
+    vector: np.ndarray
+    way: Way
+    strength: float
+    axes: tuple[np.ndarray, np.ndarray]
+
+
+def started(record: Record, mag: np.ndarray) -> Start:
+    """Start of the fit to a record, whose magnetometer is divided by the strength of the field."""
     vector = vector_of(template())
     gyro = axes_of(record.accel, record.gyro, 1 / record.grid.step, ("gyroscope", "accelerometer")).T
-    vector[GYRO : GYRO + 9] = gyro.ravel()
+    vector[AT["gyro.matrix"]] = gyro.ravel()
     rates = record.gyro @ gyro
     iron, hard, strength, axes = _ellipsoid(record, mag, vector, rates) or (*_turned(record, mag, rates), np.eye(3))
-    vector[IRON : IRON + 9], vector[HARD : HARD + 3] = iron.ravel(), hard / strength
+    vector[AT["magnetometer.soft_iron"]], vector[AT["magnetometer.hard_iron"]] = iron.ravel(), hard / strength
     record.mag = record.mag / strength
     way, dip = followed(record, vector)
-    vector[DIP] = dip
-    return vector, way, strength, (gyro, axes)
+    vector[AT["dip"]] = dip
+    return Start(vector, way, strength, (gyro, axes))
 
 
 def _ellipsoid(
@@ -59,8 +78,8 @@ def _ellipsoid(
     axes = axes_of(fields, rates, rate, ("gyroscope", "magnetometer"))
     model = magnetometer.MagModel(np.asarray(found.model.soft_iron) @ axes, np.asarray(found.model.hard_iron))
     turned = magnetometer.align(readings, model, magnetometer.Gyroscope(rates, rate))
-    vector[GYRO_BIAS : GYRO_BIAS + 3] = vector[GYRO : GYRO + 9].reshape(3, 3) @ turned.bias
-    vector[MAG_DELAY] = np.clip(turned.delay, -0.045, 0.045) if np.isfinite(turned.delay) else 0.0
+    vector[AT["gyro.bias"]] = vector[AT["gyro.matrix"]].reshape(3, 3) @ turned.bias
+    vector[AT["mag_delay"]] = np.clip(turned.delay, -0.045, 0.045) if np.isfinite(turned.delay) else 0.0
     return np.asarray(turned.model.soft_iron), np.asarray(turned.model.hard_iron), float(found.field), axes
 
 
@@ -149,3 +168,44 @@ def _triad(force: np.ndarray, field: np.ndarray, dip: float) -> np.ndarray:
     west = np.cross(up, field)
     west /= max(np.linalg.norm(west), 1e-12)
     return np.stack([np.cross(west, up), west, up])
+
+
+def axes_of(vectors: np.ndarray, rates: np.ndarray, rate: float, names: tuple[str, str]) -> np.ndarray:
+    """(3, 3) matrix Q, a permutation of axes with signs, that rotates `rates` to the axes of the `vectors`.
+
+    A vector v that is constant in the world, such as gravity or the field, changes by v' = -(Q w) x v at the rate w. Q is the identity
+    unless another matrix explains the changes far better.
+    """
+    size = max(round(_SMOOTH * rate), 1)
+    v, w = (np.stack([np.convolve(x, np.ones(size) / size, mode="valid") for x in y.T], axis=1) for y in (vectors, rates))
+    some = slice(None, None, max(round(_THIN * rate), 1))
+    change = np.gradient(v, axis=0)[some] * rate
+    v, w = v[some], (w - np.median(w, axis=0))[some]
+    matrices = [
+        np.eye(3)[list(order)] * sign for order in itertools.permutations(range(3)) for sign in itertools.product((1.0, -1.0), repeat=3)
+    ]
+    # the identity comes first
+    cost = np.array([np.sum((change + np.cross(w @ matrix.T, v)) ** 2) for matrix in matrices])
+    best = int(np.argmin(cost))
+    if not cost[best] < min(_CLEAR * cost[0], _LEAST * np.sum(change**2)):
+        return matrices[0]
+    if np.linalg.det(matrices[best]) < 0:
+        raise DataError(
+            f"the axes of the {names[0]} are mirrored against those of the {names[1]}: its {named(matrices[best].T)} of the {names[1]}; "
+            "every sensor needs right-handed axes, and rates are positive counterclockwise: change the signs or the order of its axes",
+            code="mirrored",
+        )
+    return matrices[best]
+
+
+def named(matrix: np.ndarray) -> str:
+    """A matrix that rotates vectors from the axes of another sensor to those of a sensor, in words."""
+    order = np.argmax(np.abs(matrix), axis=1)
+    words = ["-"[: int(matrix[row, column] < 0)] + "xyz"[column] for row, column in enumerate(order)]
+    return f"x, y, z are {', '.join(words)}"
+
+
+def axes_in_words(axes: tuple[np.ndarray, np.ndarray]) -> str:
+    """The axes of gyroscope and magnetometer, of `Start.axes`, where they are not those of the accelerometer."""
+    both = zip(("gyroscope", "magnetometer"), axes, strict=True)
+    return "; ".join(f"{sensor} {named(matrix)}" for sensor, matrix in both if not np.array_equal(matrix, np.eye(3)))

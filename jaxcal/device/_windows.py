@@ -5,19 +5,19 @@ import math
 from typing import Any
 
 import equinox as eqx
-import jax
 import numpy as np
 
 from .._types import AnyArray
-from ..fitting import names_of
-from ..imu import Triad
-from ..magnetometer import MagModel
-from ._model import DeviceModel
+from ._model import NAMES
 
 #: offsets of the samples that an interpolation uses, from the sample before the point
 TAPS = np.arange(-3, 5)
 _EDGE = 8  # samples at both ends of the recording that only the interpolation uses
 WINDOW = 0.2  # s, length of a window
+REACH = 0.05  # s, largest delay
+#: steps by which a delay may leave its sampling interval before the interval is changed
+_NEAR = 0.75
+GYRO_DELAY, MAG_DELAY = NAMES.index("gyro_delay"), NAMES.index("mag_delay")
 
 
 class Windows(eqx.Module):
@@ -130,25 +130,36 @@ def steps_back(grid: Grid, mag_delay: float) -> int:
     return math.floor(-mag_delay / grid.step)
 
 
-def vector_of(model: DeviceModel) -> np.ndarray:
-    """Parameters in the order of `names_of`."""
-    return np.concatenate([np.ravel(np.asarray(leaf, dtype=float)) for leaf in jax.tree.leaves(model)])
+@dataclasses.dataclass
+class Record:
+    """Readings (n, 3) with gaps filled, and which of them are missing. The magnetometer is in units of the field."""
 
+    accel: np.ndarray
+    gyro: np.ndarray
+    mag: np.ndarray
+    mag_later: np.ndarray | None  # (n,) s, by how much later than its sample a reading of the magnetometer was taken
+    there: np.ndarray  # (n,) whether a reading of the magnetometer exists
+    broken: np.ndarray  # (K,) windows in which inertial samples are missing
+    grid: Grid
+    gravity: float
+    earth: np.ndarray  # (3, 3) rotation of the Earth in a window
 
-def model_of(vector: Any) -> DeviceModel:
-    """The model with these parameters."""
-    part = lambda first, *shape: vector[first : first + math.prod(shape)].reshape(shape)  # noqa: E731
-    return DeviceModel(
-        Triad(part(0, 3, 3), part(9, 3), part(12, 3, 3)), Triad(part(21, 3, 3), part(30, 3), part(33, 3, 3)),
-        MagModel(part(42, 3, 3), part(51, 3)), vector[54], vector[55], vector[56], vector[57], part(58, 2, 3), part(64, 3),
-    )  # fmt: skip
+    @property
+    def time(self) -> float:
+        """Length of a window, s."""
+        return self.grid.steps * self.grid.step
 
+    def back(self, vector: np.ndarray, now: int | None = None) -> int:
+        """`steps_back` for these parameters. It stays at `now` while the delay is near, so that the cost does not jump between steps."""
+        delay = float(vector[MAG_DELAY])
+        part = -delay / self.grid.step
+        return now if now is not None and now - _NEAR < part < now + 1 + _NEAR else steps_back(self.grid, delay)
 
-def template() -> DeviceModel:
-    """A model without errors."""
-    plain = Triad(np.eye(3), np.zeros(3))
-    return DeviceModel(plain, plain, MagModel(np.eye(3), np.zeros(3)), *(np.asarray(x) for x in (1.0, 0.0, 0.0, 0.0)))
+    def kept(self, back: int) -> np.ndarray:
+        """(K, m) whether a reading of the magnetometer exists, in a window without missing inertial samples."""
+        return self.there[self.grid.inner[:, :-1] - back] & ~self.broken[:, None]
 
-
-NAMES = names_of(template())
-GYRO_DELAY, MAG_DELAY = NAMES.index("gyro_delay"), NAMES.index("mag_delay")
+    def windows(self, vector: np.ndarray, back: int) -> Windows:
+        """The windows, interpolated for the delays in these parameters."""
+        delays = float(vector[GYRO_DELAY]), float(vector[MAG_DELAY])
+        return windows(self.grid, self.accel, self.gyro, self.mag, *delays, back, self.mag_later)

@@ -1,0 +1,111 @@
+"""Everything that `jaxcal.device` says about a result, and when."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .._answer import CAUTION, FATAL, GRAVITY_ASSUMED, NOTE, Finding, Kind, Quantity, table
+from .._units import STANDARD_GRAVITY
+from ..fitting import Estimate
+from ._model import field_of
+
+FINDINGS = table(
+    gravity_assumed=GRAVITY_ASSUMED,
+    other_axes=Kind(NOTE, "Axes against those of the accelerometer: {axes}. The result contains this rotation.", guess=True),
+    undetermined=Kind(
+        FATAL, "The motion leaves parameters without a number (open).",
+        "Turn the device about all three axes, through all attitudes, and let it rest in several.",
+    ),
+    not_converged=Kind(FATAL, "The fit did not converge, so its numbers are not reliable.", "Record again in one place, far from iron."),
+    inaccurate=Kind(
+        CAUTION, "Standard errors are up to {times:.2g} times those of a good calibration.",
+        "Record longer, through all attitudes, with more rests.",
+    ),
+    far=Kind(
+        CAUTION, "The device went {distance:.2g} away from its mean position, farther than an arm reaches.",
+        "Stand still and move only the arm.",
+    ),
+    gradient=Kind(CAUTION, "The field varies with the place, by {percent:.2g} % per metre.", "Record farther from iron."),
+    loose=Kind(CAUTION, "It turns against the other sensors by {angle:.2g} rms as the device accelerates.", "Mount it firmly."),
+    disturbed=Kind(NOTE, "The field was disturbed for {time:.3g} ({percent:.2g} % of the log), which counts little or nothing."),
+    drift=Kind(
+        NOTE, "The bias drifted by {drift:.2g} along the recording; the result is its mean.", "Let the device warm up before you record."
+    ),
+    slow=Kind(NOTE, "At {rate:.3g}, the tremor of the hand counts as noise, and the intervals are too wide.", "Record at 50 Hz or more."),
+    disagree=Kind(
+        NOTE, "Parts of the recording disagree {times:.2g} times as much as noise explains. The intervals allow for this, but not for a "
+        "field that differs between places.",
+    ),
+)  # fmt: skip
+
+#: field -> largest standard error in a good calibration: of a matrix (1 or rad), and of a bias in SI (hard iron: as a part of the field).
+#: A consumer MEMS unit before calibration has ten times as much
+_GOOD = {
+    "accel.matrix": 5e-3, "accel.bias": 5e-3 * STANDARD_GRAVITY, "gyro.matrix": 5e-3, "gyro.bias": np.deg2rad(0.02),
+    "magnetometer.soft_iron": 1e-2, "magnetometer.hard_iron": 5e-3,
+}  # fmt: skip
+SENSORS = ("accel", "gyro", "magnetometer")
+_SLOW = 40.0  # Hz; below it, the noise of the readings includes the tremor of the hand
+_WIDE = 1.5  # m from the mean position: a hand with a reach of 0.25 m along each axis goes 1.1 m away in three minutes
+_DISTURBED = 0.2  # part of the recording from which a disturbed field makes the magnetometer weak
+
+
+def sensor_of(name: str) -> str:
+    """Sensor to which a parameter belongs. Field, dip and the second delay belong to the magnetometer."""
+    first = name.partition(".")[0]
+    return {"gyro_delay": "gyro", "lever": "accel"}.get(field_of(first), first if first in SENSORS else "magnetometer")
+
+
+class Facts(NamedTuple):
+    """What the findings depend on, beside the estimate: see `DeviceFit`, and for the sizes of `lacks` the function of this name."""
+
+    field: float
+    gravity: float | None  # None if it was given
+    axes: str
+    place: np.ndarray
+    lacks: dict[str, float]
+    disturbed: float  # s
+    duration: float
+    rate: float
+    disagreement: float | None  # None if parts of the recording agree
+    converged: bool
+
+
+def findings_of(estimate: Estimate, facts: Facts) -> tuple[Finding, ...]:
+    """The findings of a fit."""
+    found: list[Finding] = []
+    if facts.gravity is not None:
+        found.append(FINDINGS("gravity_assumed", severity=NOTE, gravity=Quantity(facts.gravity, "accel")))
+    if facts.axes:
+        found.append(FINDINGS("other_axes", axes=facts.axes))
+    lost = {sensor_of(name) for name, state in estimate.states.items() if state == "open"}
+    error = dict(zip(estimate.names, estimate.error, strict=True))
+    for sensor in SENSORS:
+        times = max(
+            (size / _GOOD[kind] / (facts.field if kind.endswith("hard_iron") else 1.0)
+             for name, size in error.items() if (kind := field_of(name)) in _GOOD and sensor_of(name) == sensor), default=0.0,
+        )  # fmt: skip
+        if sensor in lost:
+            found.append(FINDINGS("undetermined", sensor))
+        elif times > 1:
+            found.append(FINDINGS("inaccurate", sensor, times, times=times))
+    if facts.rate < _SLOW:
+        found.append(FINDINGS("slow", rate=Quantity(facts.rate, "frequency")))
+    if (away := float(np.linalg.norm(facts.place - facts.place.mean(axis=0), axis=1).max())) > _WIDE:
+        found.append(FINDINGS("far", "accel", away, distance=Quantity(away, "length")))
+    for name, size in facts.lacks.items():
+        subject = "gyro" if name == "drift" else "magnetometer"
+        shown: Any = {
+            "drift": {"drift": Quantity(size, "gyro")}, "gradient": {"percent": 100 * size}, "loose": {"angle": Quantity(size, "angle")}
+        }[name]  # fmt: skip
+        found.append(FINDINGS(name, subject, **shown))
+    if facts.disturbed:
+        share = facts.disturbed / facts.duration
+        severity = CAUTION if share > _DISTURBED else NOTE
+        found.append(FINDINGS("disturbed", "magnetometer", share, severity, time=Quantity(facts.disturbed, "time"), percent=100 * share))
+    if facts.disagreement is not None:
+        times = float(np.sqrt(facts.disagreement))
+        found.append(FINDINGS("disagree", cost=times, times=times))
+    if not facts.converged and not lost:
+        found.append(FINDINGS("not_converged", SENSORS))
+    return tuple(found)
