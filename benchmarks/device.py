@@ -106,7 +106,6 @@ GROUPS = {
 
 def of_fit(found):
     """(37,) values and (37, 2) intervals in the order of `bound.parameters`, NaN for what has no number."""
-    where = {name: i for i, name in enumerate(found.names)}
     square = [(i, j) for i in range(3) for j in range(3)]
     names = [
         *(f"accel.matrix[{i},{j}]" for i, j in bound.UPPER), *(f"accel.bias[{i}]" for i in range(3)),
@@ -114,8 +113,8 @@ def of_fit(found):
         *(f"magnetometer.soft_iron[{i},{j}]" for i, j in square), *(f"magnetometer.hard_iron[{i}]" for i in range(3)),
         "dip", "gyro_delay", "mag_delay", "field",
     ]  # fmt: skip
-    at = [where[name] for name in names]
-    return np.asarray(found.values)[at], np.asarray(found.interval)[at]
+    numbers = [found.estimate[name] for name in names]
+    return np.array([one.value for one in numbers]), np.array([(one.low, one.high) for one in numbers])
 
 
 def run(cell, seed):
@@ -139,8 +138,9 @@ def run(cell, seed):
         line |= {"verdict": "error", "reason": str(error)}
     else:
         values, interval = of_fit(found)
+        unknown = [name for name, state in found.estimate.states.items() if state == "open"]
         line |= {"error": values - truth, "inside": _inside(truth, interval), "width": (interval[:, 1] - interval[:, 0]) / 2,
-                 "verdict": found.verdict, "reason": found.reason, "unknown": list(found.undetermined), "disturbed": list(found.disturbed),
+                 "verdict": found.verdict, "reason": found.reason, "unknown": unknown, "disturbed": list(found.disturbed),
                  "warnings": list(found.warnings)}  # fmt: skip
     line["seconds"] = time.perf_counter() - start
     if cell.known is not None:

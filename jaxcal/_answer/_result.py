@@ -49,6 +49,11 @@ class _Said:
         return verdict_of(self.findings)
 
     @property
+    def usable(self) -> bool:
+        """Whether a part of the result can be used: whether commands write files of it."""
+        return self.verdict != "refused"
+
+    @property
     def reason(self) -> str:
         """The headline, and the findings that make the verdict, in sentences."""
         worst = [str(one) for one in joined(self.findings) if one.severity > NOTE and verdict_of([one]) == self.verdict]

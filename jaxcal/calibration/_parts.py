@@ -233,12 +233,13 @@ def _from_imu_fit(fit: ImuFit) -> Imu:
 
 def _of_device(fit: DeviceFit, sensor: str) -> Part[Any]:
     """A sensor's part of the fit of a whole device."""
-    where = [i for i, name in enumerate(fit.names) if name.startswith(f"{sensor}.")]
-    known = Covariance(tuple(fit.names[i].partition(".")[2] for i in where), np.asarray(fit.covariance)[np.ix_(where, where)])
-    low, high = np.asarray(fit.interval)[where].T
+    fitted = [name for name in fit.estimate.select(f"{sensor}.*").names if name not in fit.estimate.states]
+    known = fit.estimate.select(*fitted).renamed(lambda name: name.partition(".")[2])
+    low, high = known.intervals().T
     short = {"magnetometer": "mag"}.get(sensor, sensor)
     field = float(fit.model.field) if short == "mag" else None
-    part = Part(getattr(fit.model, sensor), si_unit(short), field, known, Interval(low, high), fit.verdicts[sensor], fit.reason)
+    covariance = Covariance(known.names, np.asarray(known.matrix))
+    part = Part(getattr(fit.model, sensor), si_unit(short), field, covariance, Interval(low, high), fit.verdicts[sensor], fit.reason)
     return _part(part, MagModel if short == "mag" else Triad, short, sensor)
 
 

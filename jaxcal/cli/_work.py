@@ -95,7 +95,7 @@ def carry_out(
             found = compute(log, move)
         if show is None:
             _show(screen, path, log, found, running)
-            if found.verdict == "refused" and not running.force:
+            if not found.usable and not running.force:
                 screen.lines(things_to_know(found.findings, reader="terminal", wanted=running.unit, verbose=running.verbose))
                 raise DataError("the result is refused, and nothing is written; the reason stands above", code="refused")
         else:

@@ -11,14 +11,14 @@ from ._model import field_of
 
 FINDINGS = table(
     gravity_assumed=GRAVITY_ASSUMED,
-    other_axes=Kind(NOTE, "Axes against those of the accelerometer: {axes}. The result contains this rotation.", guess=True),
+    other_axes=Kind(NOTE, "In axes of the accelerometer: {axes}.", guess=True),
     undetermined=Kind(
         FATAL, "The motion leaves parameters without a number (open).",
         "Turn the device about all three axes, through all attitudes, and let it rest in several.",
     ),
     not_converged=Kind(FATAL, "The fit did not converge, so its numbers are not reliable.", "Record again in one place, far from iron."),
     inaccurate=Kind(
-        CAUTION, "Standard errors are up to {times:.2g} times those of a good calibration.",
+        CAUTION, "Errors are up to {times:.2g} times those of a good calibration.",
         "Record longer, through all attitudes, with more rests.",
     ),
     far=Kind(
@@ -33,8 +33,7 @@ FINDINGS = table(
     ),
     slow=Kind(NOTE, "At {rate:.3g}, the tremor of the hand counts as noise, and the intervals are too wide.", "Record at 50 Hz or more."),
     disagree=Kind(
-        NOTE, "Parts of the recording disagree {times:.2g} times as much as noise explains. The intervals allow for this, but not for a "
-        "field that differs between places.",
+        NOTE, "Parts of the recording disagree {times:.2g} times as much as noise explains.",
     ),
 )  # fmt: skip
 

@@ -86,8 +86,9 @@ def _refined(chain: Chain, transposed: Callable[[Unknowns], Unknowns], row: np.n
         product = transposed(x)
         left = row - product[0], -product[1]
     raise FitError(
-        f"The derivatives by the readings were not found in {_MOST} steps (the last has {size / first:.1g} of the size of the largest): "
-        "the recording determines too little. Record longer and turn the device through all attitudes, or fit without `derivatives`."
+        f"the derivatives by the readings were not found in {_MOST} steps: the recording determines too little; record longer and turn the "
+        "device through all attitudes, or leave out derivatives=",
+        code="derivatives_not_found",
     )
 
 

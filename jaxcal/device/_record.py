@@ -85,7 +85,10 @@ def recorded(log: Any, gravity: float, latitude: float | None = None) -> tuple[R
     for name in ("accel", "gyro", "mag"):
         value = getattr(log, name, None)
         if value is None or np.shape(value)[1:] != (3,):
-            raise DataError(f"The log has no {name} with three axes; a device is fitted from accelerometer, gyroscope and magnetometer.")
+            raise DataError(
+                f"the log has no {name} with three axes; a device is fitted from accelerometer, gyroscope and magnetometer",
+                code="no_sensor",
+            )
     sensors = {name: _Sensor.of(log, name) for name in ("gyro", "accel")}
     (gyro, no_gyro), (accel, no_accel) = ((sensor.filled, sensor.lost) for sensor in sensors.values())
     mag = np.asarray(log.mag, dtype=float)
@@ -99,7 +102,7 @@ def recorded(log: Any, gravity: float, latitude: float | None = None) -> tuple[R
     earth = exponential(spin * grid.steps * grid.step)
     for name, values in (("gyro", gyro), ("accel", accel)):
         if not np.ptp(values, axis=0).any():
-            raise DataError(f"The readings of {name} never change: the sensor is dead, or its column is wrong; see `jaxcal info`.")
+            raise DataError(f"the readings of {name} never change: the sensor is dead, or its column is wrong", code="dead")
     floors = sensors["gyro"].floor(rate), sensors["accel"].floor(rate)
     later = np.where(there, log.offset["mag"], 0.0) if "mag" in log.offset else None
     return Record(accel, gyro, np.where(there[:, None], mag, 0.0), later, there, broken, grid, gravity, earth), floors, mag

@@ -14,8 +14,8 @@ from ._model import DeviceModel, field_of
 
 _TITLES = {"accel": "accelerometer", "gyro": "gyroscope", "magnetometer": "magnetometer"}
 #: parameters of the tables of the sensors
-_PARTS = {"accel": ("accel.*", "lever*"), "gyro": ("gyro.*", "gyro_delay"), "magnetometer": ("magnetometer.*", "field", "dip", "mag_delay")}
-_LABELS = {"gyro_delay": "delay", "mag_delay": "delay", "field": "Earth's field", "dip": "dip of the field"}
+_PARTS = {"accel": ("accel.*", "lever*"), "gyro": ("gyro.*", "gyro_delay"), "magnetometer": ("magnetometer.*", "field", "mag_delay")}
+_LABELS = {"gyro_delay": "delay", "mag_delay": "delay", "field": "Earth's field"}
 _HEADINGS = 8  # attitudes of a level device over which the error of its heading is averaged
 
 
@@ -85,6 +85,11 @@ class DeviceFit(Result):
         return {sensor: verdict_of([one for one in self.findings if sensor in one.subject]) for sensor in SENSORS}
 
     @property
+    def usable(self) -> bool:
+        """Whether at least one sensor is not refused."""
+        return set(self.verdicts.values()) != {"refused"}
+
+    @property
     def headline(self) -> str:
         """How exact the sensors are, at 95 %: accelerometer at 1 g, bias of the gyroscope, and headings of a level device."""
         errors = _errors(self.estimate, self.model, self.gravity)
@@ -98,6 +103,7 @@ class DeviceFit(Result):
         ]
         unit = self.estimate.quantity("field")
         facts = [
+            ("dip of the field", self.estimate["dip"]),
             ("noise of the accelerometer", Number("noise.accel", self.noise["accel"], quantity="N.accel")),
             ("noise of the gyroscope", Number("noise.gyro", self.noise["gyro"], quantity="N.gyro")),
             ("residuals of the magnetometer, rms", Number("noise.mag", self.noise["mag"], quantity=unit)),

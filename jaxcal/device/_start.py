@@ -100,7 +100,7 @@ def _turned(record: Record, mag: np.ndarray, rates: np.ndarray) -> tuple[np.ndar
     centre = vectors @ (gain * (vectors.T @ np.einsum("kba,kb->a", rows, left)))
     strength = float(np.sqrt(np.mean(np.sum((y - centre) ** 2, axis=1))))
     if not strength > 0:
-        raise DataError("The magnetometer's readings are all alike; turn the device through all attitudes.")
+        raise DataError("the magnetometer's readings are all alike; turn the device through all attitudes", code="dead")
     return np.eye(3), mean + centre, strength
 
 

@@ -24,7 +24,6 @@ _PACKAGE = __name__.partition(".")[0]
 #: kind of result -> module with its `document`, `page` and `summary`; for single results, and for dictionaries channel -> result
 _KINDS = {
     ("alignment", "AlignmentFit"): "_north", ("imu", "ImuFit"): "_imu", ("magnetometer", "MagFit"): "_magnetometer",
-    ("device", "DeviceFit"): "_device",
 }  # fmt: skip
 _BY_CHANNEL = {("allan", "Deviation"): "_curves", ("spectrum", "Spectrum"): "_curves"}
 _TITLES = {"Noise": "Sensor noise", "Alignment": "Alignment on a turntable"}  # if neither device nor file is known
@@ -118,10 +117,6 @@ def document(results: Any, log: Any = None) -> dict[str, Any]:
       `covariance` (`parameters`, `values`),
       `coverage`, `needed`, `outliers`, `readings`, `alignment`, `terms` (of currents: value, error), `check`, `warnings`, `provenance`
       and `notes`.
-    - "jaxcal.device/1": `verdict`, `reason`, `verdicts` (of each sensor), `parameters` (name -> `value`, `low`, `high` at 95 %, or None
-      where the recording does not determine it), `undetermined`, `covariance` (`parameters`, `values`), `noise`, `reach` (m), `speed`
-      (m/s), `disagreement`, `disturbed` and `rests` (start, stop in s), `contribution` (kind of motion -> share in each parameter),
-      `gravity`, `rate`, `duration`, `warnings`, `notes` and `provenance`.
     - "jaxcal.north/1": `verdict`, `reason`, `parameters` (name -> `value`, `std`, `low`, `high` at 95 %, `unit`), `rank`, `unobservable`,
       `undetermined`, `chi_square`, `degrees_of_freedom`, `p_value` and `notes`.
 

@@ -9,6 +9,8 @@ import jaxcal
 from jaxcal import Log
 from jaxcal.alignment import NAMES, AlignmentFit, Positions, Readings, Sensor, Turntable, Verdict, simulate
 from jaxcal.device import DeviceFit
+from jaxcal.device._findings import FINDINGS
+from jaxcal.fitting import Estimate
 from jaxcal.imu import ImuFit, Observability, Triad
 from jaxcal.magnetometer import body_field, scenario
 from jaxcal.noise._findings import FINDINGS
@@ -72,19 +74,19 @@ def joint():
     values |= {name: getattr(model, name) for name in ("dip", "gyro_delay", "mag_delay", "field")}
     names, known = tuple(values), np.array([float(x) for x in values.values()])
     half = np.where(known == 0, 0.0, 1e-3 * np.abs(known))
-    lost = np.array([name == "mag_delay" for name in names])
-    known[lost], half[lost] = np.nan, np.nan
+    states = {name: "held" for name, x in values.items() if x == 0} | {"mag_delay": "open"}
+    quantities = {"accel.bias": "accel", "gyro.bias": "gyro", "magnetometer.hard_iron": "mag", "field": "mag", "dip": "angle",
+                  "gyro_delay": "delay", "mag_delay": "delay"}  # fmt: skip
     rng, ends = np.random.default_rng(3), slice(None, None, 20)
     count = len(true.time[ends]) - 1
     share = {"rests": 0.5, "slow turns": 0.3, "fast turns": 0.2}
+    findings = FINDINGS("undetermined", "magnetometer"), FINDINGS("other_axes", axes=f"gyroscope {EVIL}")
     found = DeviceFit(
-        verdict="weak", reason="The magnetometer was disturbed.", warnings=(f"A warning {EVIL}.",), model=model, names=names, values=known,
-        covariance=np.diag(np.where(lost, np.inf, half**2)), interval=np.stack([known - half, known + half], axis=1),
-        degrees_of_freedom=np.inf, undetermined=("mag_delay",), verdicts={"accel": "good", "gyro": "good", "magnetometer": "weak"},
+        findings=findings, model=model, estimate=Estimate(names, known, np.diag((half / 1.96) ** 2), states=states, quantities=quantities),
         disturbed=((30.5, 35.5),), rests=((18.0, 22.0),), noise={"gyro": 1e-4, "accel": 1e-3, "mag": 2e-7}, reach=0.25, speed=0.3,
         disagreement=1.1, time=true.time[ends], attitude=true.attitude[ends], velocity=true.velocity[ends], place=true.position[ends],
         residual_inertial=rng.normal(size=(count, 9)), residual_field=1e-7 * np.abs(rng.normal(size=(count, 3))), gravity=9.80665,
-        rate=100.0, duration=40.0, held_out=dict.fromkeys(("accel", "gyro", "mag"), 1.1), derivatives={},
+        rate=100.0, duration=40.0, held_out=dict.fromkeys(("accel", "gyro", "magnetometer"), 1.1), derivatives={},
         contribution={kind: np.full(len(names), part) for kind, part in share.items()},
     )  # fmt: skip
     return found, log

@@ -319,12 +319,11 @@ def test_from_a_recording_to_every_file(tmp_path):
 def test_a_device_says_what_it_does_not_determine(tmp_path):
     found, log = made.joint()
     text = Page(written(found, tmp_path / "device.html", log=log)).text
-    for words in ("not determined", "mag_delay", "30.5 to 35.5 s", "18.0 to 22.0 s", "The magnetometer was disturbed."):
+    for words in ("open", "30.5 to 35.5 s", "18.0 to 22.0 s", "The motion leaves parameters without a number", "gyroscope <script>"):
         assert words in text
     told = json.loads(json.dumps(document(found, log), allow_nan=False))
-    assert told["schema"] == "jaxcal.device/1"
-    assert told["parameters"]["mag_delay"] is None
-    assert told["undetermined"] == ["mag_delay"]
-    assert told["parameters"]["dip"]["low"] < found.model.dip < told["parameters"]["dip"]["high"]
-    shares = np.array([told["contribution"][kind] for kind in ("rests", "slow turns", "fast turns")])
-    assert shares.sum(axis=0) == pytest.approx(np.ones(len(found.names)))
+    assert told["schema"] == "jaxcal.DeviceFit/1"
+    assert (told["numbers"]["mag_delay"]["value"], told["numbers"]["mag_delay"]["state"]) == (None, "open")
+    assert told["numbers"]["dip"]["low"] < found.model.dip < told["numbers"]["dip"]["high"]
+    shares = [told["numbers"][f"contribution.gyro.bias.{kind}"]["value"] for kind in ("rests", "slow turns", "fast turns")]
+    assert sum(shares) == pytest.approx(1.0)
