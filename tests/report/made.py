@@ -9,7 +9,7 @@ import jaxcal
 from jaxcal import Log
 from jaxcal.alignment import NAMES, AlignmentFit, Positions, Readings, Sensor, Turntable, Verdict, simulate
 from jaxcal.device import DeviceFit
-from jaxcal.device._findings import FINDINGS
+from jaxcal.device._findings import FINDINGS as DEVICE
 from jaxcal.fitting import Estimate
 from jaxcal.imu import ImuFit, Observability, Triad
 from jaxcal.magnetometer import body_field, scenario
@@ -80,7 +80,7 @@ def joint():
     rng, ends = np.random.default_rng(3), slice(None, None, 20)
     count = len(true.time[ends]) - 1
     share = {"rests": 0.5, "slow turns": 0.3, "fast turns": 0.2}
-    findings = FINDINGS("undetermined", "magnetometer"), FINDINGS("other_axes", axes=f"gyroscope {EVIL}")
+    findings = DEVICE("undetermined", "magnetometer"), DEVICE("other_axes", axes=f"gyroscope {EVIL}")
     found = DeviceFit(
         findings=findings, model=model, estimate=Estimate(names, known, np.diag((half / 1.96) ** 2), states=states, quantities=quantities),
         disturbed=((30.5, 35.5),), rests=((18.0, 22.0),), noise={"gyro": 1e-4, "accel": 1e-3, "mag": 2e-7}, reach=0.25, speed=0.3,
