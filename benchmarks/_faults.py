@@ -15,15 +15,15 @@ DIP = np.deg2rad(57.0)
 COUNT = 600
 _HEADINGS = np.arange(24) * np.pi / 12
 
-#: (case, size) -> the cause that the fit should name
+#: (case, size) -> the finding that the fit should have
 CASES = {
     ("white", 0.005): None, ("white", 0.01): None, ("white", 0.05): None,
-    ("AR(1)", 0.8): "correlated noise", ("AR(1)", 0.9): "correlated noise", ("AR(1)", 0.97): "correlated noise",
-    ("drift", 0.02): "drift", ("drift", 0.05): "drift", ("drift", 0.1): "drift",
-    ("field", 0.02): "place", ("field", 0.05): "place",
-    ("current", 0.05): "current", ("current", 0.1): "current",
-    ("current unrecorded", 0.05): "current or moving part", ("current unrecorded", 0.1): "current or moving part",
-    ("low-pass", 3): "rate of turn", ("quadratic", 0.02): "nonlinearity", ("clipping", 0.02): "clipping",
+    ("AR(1)", 0.8): "correlated", ("AR(1)", 0.9): "correlated", ("AR(1)", 0.97): "correlated",
+    ("drift", 0.02): "follows", ("drift", 0.05): "follows", ("drift", 0.1): "follows",
+    ("field", 0.02): "correlated", ("field", 0.05): "correlated",
+    ("current", 0.05): "follows", ("current", 0.1): "follows",
+    ("current unrecorded", 0.05): "correlated", ("current unrecorded", 0.1): "correlated",
+    ("low-pass", 3): "averaged", ("quadratic", 0.02): "bent", ("clipping", 0.02): "clipped",
 }  # fmt: skip
 
 
@@ -100,8 +100,8 @@ def tried(fit, case, runs, first=0):
         m, conditions = simulate(case, seed)
         found = fit(m, conditions=conditions)
         error = heading_error(found.model)
-        inside = [low < truth < high for (low, high), truth in zip(list(found.interval.values())[6:], HARD, strict=True)]
+        inside = [one.low < truth < one.high for one, truth in zip(found.estimate.select("hard_iron*").numbers(), HARD, strict=True)]
         rows.append(
-            (found.verdict == "good", np.rad2deg(error), error / found.heading_error[0], CASES[case] in found.causes, np.mean(inside))
+            (found.verdict == "good", np.rad2deg(error), error / found.heading_error[0], CASES[case] in found.codes, np.mean(inside))
         )
     return np.array(rows, dtype=float)

@@ -215,7 +215,7 @@ def known(runs):
                 norm = size * np.exp((error or 0.0) * rng.normal())
                 found = fit(m, model="symmetric", field=norm, field_error=error)
                 offsets.append(found.model.hard_iron - MILD.hard_iron)
-                inside.append(np.abs(offsets[-1]) < 1.96 * found.hard_iron_error)
+                inside.append(np.abs(offsets[-1]) < 1.96 * found.estimate.select("hard_iron*").error)
             rms = 100 * np.sqrt(np.mean(np.sum(np.square(offsets), axis=1)))
             cells.append(f"{error if error else 'none'}: {rms:.2f}, {100 * np.mean(inside):.1f} %")
         print(f"{100 * sigma:g} % noise: " + ";  ".join(cells), flush=True)
@@ -297,7 +297,7 @@ def covered(runs):
             found = fit(m + sigma * rng.normal(size=m.shape), model="symmetric")
             matrix = np.linalg.inv(found.model.soft_iron) / found.field
             value = np.r_[(matrix @ matrix)[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]], found.model.hard_iron]
-            inside.append(np.abs(value - truth) < 1.96 * np.sqrt(np.diag(found.covariance)))
+            inside.append(np.abs(value - truth) < 1.96 * np.sqrt(np.diag(found._facts.covariance)))
         share = np.mean(inside, axis=0)
         print(f"{name}, {sigma} uT, {4 * runs} fits: {' '.join(f'{100 * s:.1f}' for s in share)}; mean {100 * share.mean():.1f} %")
 
@@ -350,7 +350,7 @@ def jointly(runs):
             ])  # fmt: skip
             matrix = np.linalg.inv(both[1].model.soft_iron) / both[1].field
             value = np.r_[(matrix.T @ matrix)[pick], both[1].model.hard_iron]
-            inside.append(np.abs(value - truth) < 1.96 * np.sqrt(np.diag(both[1].covariance)))
+            inside.append(np.abs(value - truth) < 1.96 * np.sqrt(np.diag(both[1]._facts.covariance)))
         table = np.array(rows)
         rms = np.sqrt(np.mean(table[..., :3] ** 2, axis=0))
         good = 100 * table[..., 3].mean(axis=0)
@@ -457,7 +457,9 @@ def halves(_):
         one, two = (fit(half, model="symmetric") for half in np.array_split(m, 2))
         off = np.sqrt(np.mean(heading_change(two.model, one.model, one.field, inclination=one.inclination) ** 2))
         told = np.hypot(one.heading_error[0], two.heading_error[0])
-        moved = (one.model.hard_iron - two.model.hard_iron) / np.hypot(one.hard_iron_error, two.hard_iron_error)
+        moved = (one.model.hard_iron - two.model.hard_iron) / np.hypot(
+            one.estimate.select("hard_iron*").error, two.estimate.select("hard_iron*").error
+        )
         ratios.append(off / told)
         standard.append(moved)
         print(f"| {name} | {np.rad2deg(off):.2f} | {np.rad2deg(told):.2f} | {off / told:.2f} | {np.sqrt(np.mean(moved**2)):.2f} |")

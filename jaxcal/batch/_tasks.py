@@ -14,8 +14,7 @@ import numpy as np
 from .._errors import DataError, UnitError
 from .._log import Log
 from .._results import by_channel, plain
-from .._special import NORMAL95
-from .._units import STANDARD_GRAVITY, si_unit
+from .._units import STANDARD_GRAVITY, noise_units, si_unit
 from ..io._suited import unsuited
 from ._fleet import Coefficient
 
@@ -33,40 +32,32 @@ def _coefficient(value: Any, low: Any = math.nan, high: Any = math.nan, unit: st
 def noise(log: Log, **options: Any) -> Answer:
     """Fit the noise coefficients of every channel."""
     from ..noise import characterise
+    from ..report import document
     from ._pooled import held
 
     fits = characterise(log, **options)
-    found = {
-        f"{channel}.{term}": _coefficient(*(one := fits.numbers[f"{channel}.{term}"])[1:4], one.unit)
-        for channel, fit in fits.items() for term in fit.terms
-    }  # fmt: skip
+    found: dict[str, Coefficient] = {}
+    for channel, fit in fits.items():
+        for term in fit.terms:
+            known = (fit.noise.coefficient(term), *fit.interval[term])
+            numbers = (math.nan, math.nan, fit.upper_limit[term]) if fit.verdict[term] == "not detected" else known
+            found[f"{channel}.{term}"] = _coefficient(*numbers, noise_units(term, channel.partition("_")[0])[-1])
     likelihoods = {channel: held(fit.log_likelihood) for channel, fit in fits.items() if fit.spectrum is not None}
-    return fits.to_dict(log) | {"likelihoods": likelihoods}, found, list(fits.warnings)
+    return document(fits, log) | {"likelihoods": likelihoods}, found, by_channel({channel: fit.warnings for channel, fit in fits.items()})
 
 
 def mag(log: Log, **options: Any) -> Answer:
     """Fit hard and soft iron."""
     from ..magnetometer import fit
-    from ..report import document
 
     if log.mag is None or log.mag.shape[1] != 3:
         raise DataError("the log has no magnetometer of three axes; name its columns with columns=")
     result = fit(log.mag[np.isfinite(log.mag).all(axis=1)], **options)
     if result.model is None or result.verdict == "refused":
         raise DataError(f"the calibration is refused. {result.reason}")
-    half = NORMAL95 * np.asarray(result.hard_iron_error)
-    found = {
-        f"hard_iron_{axis}": _coefficient(b, b - s, b + s, "T")
-        for axis, b, s in zip("xyz", np.asarray(result.model.hard_iron), half, strict=True)
-    }
-    matrix, spread = np.asarray(result.model.soft_iron), NORMAL95 * np.asarray(result.soft_iron_error)
-    low, high = matrix - spread, matrix + spread
-    found |= {
-        f"soft_iron_{a}{b}": _coefficient(matrix[i, j], low[i, j], high[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz")
-    }
-    found |= {"field": _coefficient(result.field, unit="T"), "noise": _coefficient(result.noise, unit="T")}
-    found["heading_error"] = _coefficient(result.heading_error[0], unit="rad")
-    return document(result, log), found, list(result.warnings)
+    found = {one.name: _coefficient(one.value, one.low, one.high, one.unit) for one in result.estimate.numbers()}
+    found |= {name: _coefficient(result.numbers[name].value, unit=result.numbers[name].unit) for name in ("noise", "heading_error")}
+    return result.to_dict(log), found, list(result.warnings)
 
 
 def imu(log: Log, **options: Any) -> Answer:

@@ -10,9 +10,9 @@ import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._types import AnyArray
-from .._units import si_unit
 from ..imu import Triad
 from ..magnetometer import MagModel
+from ..magnetometer._iron import HARD, SOFT
 from ._parts import Covariance, Imu, Part
 from ._thermal import Thermal, polynomials
 
@@ -112,13 +112,13 @@ def _magnetometer(new: Part[MagModel] | None, old: Part[MagModel] | None) -> Par
     for part in (old, new):
         _only_plain(part, "the magnetometer", "a composition")
     s, covariance = old.model.soft_iron, None
-    if new.covariance is not None and new.covariance.parameters[6:] == ("b_x", "b_y", "b_z"):
-        # A_raw = S^-T A S^-1 and b_raw = S b + h, with A as its six entries
-        c = np.linalg.inv(s)
-        slope = scipy.linalg.block_diag(entries(c.T @ UNITS @ c).T, s)
-        covariance = Covariance(new.covariance.parameters, slope @ new.covariance.values @ slope.T)
+    names = (*HARD, *SOFT, "field")
+    if new.covariance is not None and (held := new.covariance.of(names)) is not None:
+        # C_raw = S C, by rows, and b_raw = S b + h
+        slope = scipy.linalg.block_diag(s, np.kron(s, np.eye(3)), 1.0)
+        covariance = Covariance(names, slope @ held @ slope.T)
     model = MagModel(s @ new.model.soft_iron, old.model.hard_iron + s @ new.model.hard_iron)
-    return Part(model, si_unit("mag"), new.field, covariance, None, new.verdict, new.verdict_reason, _currents(new, old, s))
+    return Part(model, old.unit, new.field, covariance, None, new.verdict, new.verdict_reason, _currents(new, old, s))
 
 
 def _currents(new: Part[MagModel], old: Part[MagModel], s: AnyArray) -> dict[str, AnyArray] | None:

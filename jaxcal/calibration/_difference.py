@@ -9,9 +9,11 @@ import equinox as eqx
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._errors import DataError
 from .._precision import host_float64
 from .._types import AnyArray
 from .._units import noise_units, si_unit
+from ..magnetometer._iron import HARD, SOFT
 from ._calibration import Calibration
 from ._compose import QUADRIC, UNITS, entries
 from ._parts import Part
@@ -100,10 +102,13 @@ def difference(a: Calibration, b: Calibration) -> tuple[PartDifference, ...]:
         others = b.imu.parts
         found += [_by_leaves(sensor, part, others[sensor], shared) for sensor, part in a.imu.parts.items() if sensor in others]
     if a.magnetometer is not None and b.magnetometer is not None:
-        held = [one.covariance for one in (a.magnetometer, b.magnetometer)]
-        named = all(one is not None and "hard_iron[0]" in one.parameters for one in held)
-        compared = partial(_by_leaves, "magnetometer") if named else _magnetometer
-        found.append(compared(a.magnetometer, b.magnetometer, shared))
+        pair = a.magnetometer, b.magnetometer
+        if pair[0].unit != pair[1].unit:
+            raise DataError(f"one magnetometer is calibrated in {pair[0].unit}, the other in {pair[1].unit}", code="units_differ")
+        # the soft iron of magnitudes has an arbitrary rotation; that of a device, or of a model object, is one in known axes
+        free = any(one.covariance is None or "field" in one.covariance.parameters for one in pair)
+        compared = _magnetometer if free and not any(one.further for one in pair) else partial(_by_leaves, "magnetometer")
+        found.append(compared(*pair, shared))
     if a.noise is not None and b.noise is not None:
         for sensor in ("gyro", "accel", "mag"):
             one, other = getattr(a.noise, sensor), getattr(b.noise, sensor)
@@ -148,16 +153,29 @@ def _magnetometer(a: Part[Any], b: Part[Any], notes: Sequence[str]) -> PartDiffe
         turns.append(turn)
         numbers = part.parameters
         values.append(np.array([*(scale * entries(shape)), *part.model.hard_iron, *(numbers[name] for name in further)]))
-        quadric = _ordered(part, [*(f"A_{_AXES[i]}{_AXES[j]}" for i, j in QUADRIC), "b_x", "b_y", "b_z", *further])
+        held = _ordered(part, [*SOFT, "field", *HARD, *further])
         strength = part.field if part.field else np.nan
-        spreads.append(None if quadric is None or not np.isfinite(strength) else _of_root(quadric, shape / strength, scale * strength))
+        spreads.append(
+            None if held is None or not np.isfinite(strength)
+            else _of_root(_quadric(held, part.model.soft_iron, strength), shape / strength, scale * strength)
+        )  # fmt: skip
     turned = turns[1] @ turns[0].T
     angle = np.degrees(np.arccos(np.clip((np.trace(turned) - 1) / 2, -1.0, 1.0)))
     if angle > 1e-3:
         said.append(f"beside it the axes turned by {angle:.3g} degrees, which the covariances of norms do not know")
     spread, more = _sum(spreads)
-    units = ["1"] * 6 + ["T"] * 3 + [""] * len(further)
+    units = ["1"] * 6 + [a.unit] * 3 + [""] * len(further)
     return _part("magnetometer", names, units, values[0], values[1], spread, (*said, *more))
+
+
+def _quadric(spread: AnyArray, soft: AnyArray, field: float) -> AnyArray:
+    """Covariance of the entries of A = (C C')^-1 / H^2, and of what follows, from that of C by rows, H, and what follows."""
+    a = np.linalg.inv(soft @ soft.T) / field**2
+    change = np.eye(9).reshape(9, 3, 3) @ soft.T
+    by_soft = -(field**2) * a @ (change + np.swapaxes(change, 1, 2)) @ a
+    slope = np.zeros((len(spread) - 4, len(spread)))
+    slope[:6, :9], slope[:6, 9], slope[6:, 10:] = entries(by_soft).T, -2 * entries(a) / field, np.eye(len(spread) - 10)
+    return slope @ spread @ slope.T
 
 
 def _of_root(spread: AnyArray, root: AnyArray, scale: float) -> AnyArray:

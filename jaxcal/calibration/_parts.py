@@ -11,14 +11,18 @@ from jaxtyping import Float
 
 from .._errors import DataError
 from .._types import AnyArray
-from .._units import si_unit
+from .._units import STRONGEST_FIELD, si_unit
 from ..device import DeviceFit
 from ..imu import ImuFit, Nonlinear, RateTest, Triad
 from ..magnetometer import MagFit, MagModel
+from ..magnetometer._iron import HARD, SOFT, iron_slopes
 from ._codec import check_finite, checked_unit, document_of, numbers, required, structured, wrong
 
 M = TypeVar("M", bound=eqx.Module)
 _CONDITION = 1e10
+_UNSCALED = 1e-9  # a determinant of one says that the field was not given, to within rounding
+#: unit of a magnetometer that was calibrated in its own steps
+COUNTS = "counts"
 _SHAPES = {"matrix": (3, 3), "bias": (3,), "g_sensitivity": (3, 3), "soft_iron": (3, 3), "hard_iron": (3,)}
 SENSORS = ("accel", "gyro")
 #: files name the classes of models; those of jaxcal must be known before a file is read
@@ -33,8 +37,8 @@ class Covariance(eqx.Module):
     >>> import numpy as np
     >>> import jaxcal
     >>> found = jaxcal.magnetometer.fit(jaxcal.magnetometer.body_field(jaxcal.magnetometer.scenario("all"), 50e-6))
-    >>> jaxcal.Calibration(magnetometer=found).magnetometer.covariance.parameters[-3:]
-    ('b_x', 'b_y', 'b_z')
+    >>> jaxcal.Calibration(magnetometer=found).magnetometer.covariance.parameters[:3]
+    ('hard_iron[0]', 'hard_iron[1]', 'hard_iron[2]')
     """
 
     parameters: tuple[str, ...]
@@ -56,7 +60,9 @@ class Interval(eqx.Module):
     >>> import numpy as np
     >>> import jaxcal
     >>> found = jaxcal.magnetometer.fit(jaxcal.magnetometer.body_field(jaxcal.magnetometer.scenario("all"), 50e-6))
-    >>> jaxcal.Calibration(magnetometer=found).magnetometer.interval
+    >>> interval = jaxcal.Calibration(magnetometer=found).magnetometer.interval
+    >>> bool((interval.low < interval.high)[:3].all())
+    True
     """
 
     low: Float[np.ndarray, " parameters"]
@@ -69,11 +75,11 @@ class Part(eqx.Module, Generic[M]):
     Attributes
     ----------
     model : a `Triad` or `MagModel`, or a subclass with more fields.
-    unit : SI unit of the readings.
+    unit : SI unit of the readings; for a magnetometer also "counts".
     covariance, interval : of the parameters of the model, or None.
-    field : for a magnetometer, the magnitude of the corrected field in tesla; None if unknown.
+    field : for a magnetometer, the magnitude of the corrected field in its unit; None if unknown.
     verdict, verdict_reason : verdict on the fit, and its reason; None without a fit. For an IMU, `Imu` holds them for both sensors.
-    currents : for a magnetometer, name -> (3,) field in tesla per unit of a current; None if none was fitted.
+    currents : for a magnetometer, name -> (3,) field per unit of a current; None if none was fitted.
 
     Examples
     --------
@@ -134,7 +140,7 @@ class Part(eqx.Module, Generic[M]):
 
     def to_document(self) -> dict[str, Any]:
         """The stored form, in which the fields of the model stand beside the others."""
-        sensor = next(name for name in (*SENSORS, "mag") if si_unit(name) == self.unit)
+        sensor = next((name for name in SENSORS if si_unit(name) == self.unit), "mag")
         fields = document_of(self.model, self.base, sensor)
         if sensor == "accel" and not np.any(fields["g_sensitivity"]):
             del fields["g_sensitivity"]
@@ -191,7 +197,7 @@ def imu_of(value: Any) -> Imu | None:
 
 
 def magnetometer_of(value: Any) -> Part[MagModel] | None:
-    """The magnetometer of a calibration, checked; from a `MagFit` in tesla, a `DeviceFit`, the stored form, a `MagModel`, or a `Part`."""
+    """The magnetometer of a calibration, checked; from a `MagFit`, a `DeviceFit`, the stored form, a `MagModel`, or a `Part`."""
     if isinstance(value, DeviceFit):
         if value.verdicts["magnetometer"] == "refused":
             raise DataError(f"the magnetometer is refused, and is no calibration: {value.reason}")
@@ -199,21 +205,42 @@ def magnetometer_of(value: Any) -> Part[MagModel] | None:
     if isinstance(value, MagFit):
         if value.model is None or value.verdict == "refused":
             raise DataError(f"the magnetometer fit is refused, and is no calibration: {value.reason}")
-        if not 1e-6 < value.field < 1e-3:
-            raise DataError(
-                f"the magnetometer fit has a field of {value.field:.4g}; a calibration holds tesla, in which Earth's is 2e-5 to 7e-5"
-            )
-        covariance = Covariance(tuple(value.names), np.asarray(value.covariance))
-        value = Part(value.model, si_unit("mag"), float(value.field), covariance, None, value.verdict, value.reason, _currents_of(value))
+        value = _of_magnetometer(value)
     part = None if value is None else _part(value, MagModel, "mag", "magnetometer")
     if part is not None and part.field is not None and (np.isinf(part.field) or part.field <= 0):
-        raise wrong(part.field, "the norm of the field in tesla, or None", "magnetometer.field")
+        raise wrong(part.field, "the norm of the field, or None", "magnetometer.field")
     return part
 
 
 def _currents_of(fit: MagFit) -> dict[str, AnyArray] | None:
     """Field per unit of each current that was fitted."""
-    return {name: np.asarray(term)[0] for name, term in fit.terms.items()} or None
+    numbers = fit.estimate.select("currents.*").numbers()
+    names = dict.fromkeys(one.name.removeprefix("currents.").rpartition("[")[0] for one in numbers)
+    return {name: np.array([one.value for one in numbers if one.name.startswith(f"currents.{name}[")]) for name in names} or None
+
+
+def _of_magnetometer(fit: MagFit) -> Part[MagModel]:
+    """The part of a fit of a magnetometer; parameters that the readings leave open have no covariance."""
+    known = [name for name in fit.estimate.names if fit.estimate.states.get(name) != "open" and not name.startswith("currents.")]
+    part = fit.estimate.select(*known)
+    covariance, limits = None, None
+    if np.isfinite(np.asarray(part.matrix)).all():
+        covariance, limits = Covariance(part.names, np.asarray(part.matrix)), Interval(*part.intervals().T)
+    unit = si_unit("mag") if fit.field < STRONGEST_FIELD else COUNTS
+    return Part(fit.model, unit, float(fit.field), covariance, limits, fit.verdict, fit.reason, _currents_of(fit))  # type: ignore[arg-type]
+
+
+def _of_iron(part: Part[Any]) -> Part[Any]:
+    """The part with a covariance of hard and soft iron: files of earlier versions hold one of the ellipsoid's entries and centre."""
+    known = part.covariance
+    if known is None or known.parameters[0] not in ("A_xx", "A_11"):
+        return part
+    if known.parameters[0] == "A_11" or part.field is None:
+        return dataclasses.replace(part, covariance=None)
+    soft, further = np.asarray(part.model.soft_iron), known.parameters[9:]
+    slopes = iron_slopes(soft, part.field, given=abs(abs(np.linalg.det(soft)) - 1) > _UNSCALED)
+    slopes = np.block([[slopes, np.zeros((13, len(further)))], [np.zeros((len(further), 9)), np.eye(len(further))]])
+    return dataclasses.replace(part, covariance=Covariance((*HARD, *SOFT, "field", *further), slopes @ known.values @ slopes.T))
 
 
 def _from_imu_fit(fit: ImuFit) -> Imu:
@@ -257,7 +284,9 @@ def _part(value: Any, base: type, sensor: str, path: str) -> Part[Any]:
     if isinstance(value, base):
         value = Part(value, si_unit(sensor))
     if not isinstance(value, Part):
-        checked_unit(value, si_unit(sensor), path)
+        in_counts = sensor == "mag" and isinstance(value, dict) and value.get("unit") == COUNTS
+        unit = COUNTS if in_counts else si_unit(sensor)
+        checked_unit(value, unit, path)
         needed = {"accel": ("covariance",), "gyro": ("g_sensitivity", "covariance"), "mag": ("field", "covariance")}[sensor]
         known_shapes = {name: numbers(value[name], shape, f"{path}.{name}") for name, shape in _SHAPES.items() if name in value}
         model = structured(value | known_shapes, base, path)
@@ -267,7 +296,7 @@ def _part(value: Any, base: type, sensor: str, path: str) -> Part[Any]:
         rest = {name: structured(value.get(name), kind | None, f"{path}.{name}") for name, kind in known.items()}
         fields = structured(value.get("currents"), dict[str, Any] | None, f"{path}.currents") if sensor == "mag" else None
         currents: dict[str, AnyArray] = {name: numbers(field, (3,), f"{path}.currents.{name}") for name, field in (fields or {}).items()}
-        value = Part(model, si_unit(sensor), **rest, currents=currents or None)
+        value = Part(model, unit, **rest, currents=currents or None)
     arrays = {}
     for name, number in _leaves(document_of(value.model, base, path)):
         check_finite(np.asarray(number, dtype=float), f"{path}.{name}")
@@ -284,7 +313,7 @@ def _part(value: Any, base: type, sensor: str, path: str) -> Part[Any]:
             raise DataError(
                 f"{place}.values has {' rows and '.join(map(str, shape))} columns; expected {size} of each, as {place}.parameters names"
             )
-    return value
+    return _of_iron(value) if sensor == "mag" else value
 
 
 def _leaves(fields: dict[str, Any], path: str = "") -> list[tuple[str, Any]]:

@@ -51,8 +51,7 @@ def export(
     ] = "worst",
     inflate: Annotated[float, Parameter(group=_NOISE, help="Factor on the noise.")] = 1.0,
     density: Annotated[
-        str | None,
-        Parameter(group=_NOISE, help="What to write where no N was found, in place of its limit: gyro=VALUE,accel=VALUE in SI."),
+        str | None, Parameter(group=_NOISE, help="What to write where no N was found: upper_limit, or gyro=VALUE,accel=VALUE in SI units.")
     ] = None,
     random_walk: Annotated[str | None, Parameter(group=_NOISE, help="The same for K.")] = None,
     rate: Annotated[float | None, Parameter(group=_NOISE, help="True sampling rate in Hz; by default that of the log.")] = None,
@@ -136,7 +135,7 @@ def _with_ids(calibration: Any, ids: dict[str, int], tool: str) -> Any:
 
 def _values(name: str, text: str | None) -> Any:
     if text is None or text == "upper_limit":
-        return "upper_limit"
+        return text
     try:
         if "=" not in text:
             return float(text)

@@ -12,12 +12,12 @@ from cyclopts import Parameter
 
 import jaxcal
 
-from .._units import STRONGEST_FIELD
+from .._answer import things_to_know
 from ._apply import save_sensors
 from ._cache import keep_compiled
 from ._export import FILES
 from ._options import CallError, Dip, Field, Files, Log, Reading, Running, checked, day, log_file, must_exist, read_log, stem
-from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report, tried
+from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report
 from ._screen import Screen
 from ._shots import Shots, ready, shots
 from ._work import carry_out
@@ -35,7 +35,7 @@ _OTHER = "File for another tool: motioncal, c, csv, or such as c=FILE. Repeatabl
 class Writing(Files):
     """Where results go. By default all except the corrected log go into the folder LOG-mag."""
 
-    json: Annotated[Path | None, Parameter(help="Calibration, uncertainty and verdict as JSON, in SI units.")] = None
+    json: Annotated[Path | None, Parameter(help="Numbers, findings and fields of the result as JSON, in SI units.")] = None
     calibration: Annotated[Path | None, Parameter(help="Calibration of the device as JSON, for jaxcal.Calibration.load.")] = None
     corrected: Annotated[Path | None, log_file("--corrected", "Corrected log: FILE.csv or FILE.npz.")] = None
     export: Annotated[tuple[str, ...] | None, Parameter(name="--export", help=_OTHER)] = None
@@ -45,10 +45,6 @@ def mag(
     log: Log,
     /,
     *,
-    method: Annotated[
-        Literal["ml", "consistent", "algebraic", "li_griffiths", "constrained", "radial", "axes", "minmax"],
-        Parameter(help="How to fit; ml is the maximum likelihood, the others are for comparison."),
-    ] = "ml",
     model: Annotated[
         Literal["auto", "sphere", "diagonal", "symmetric", "planar"],
         Parameter(help="What to fit: sphere (hard iron), diagonal, symmetric (soft iron), or planar for turns about one axis."),
@@ -58,15 +54,11 @@ def mag(
         Dip | None,
         Parameter(help="Dip of the field in degrees, for the heading error; else that of --place, or what the accelerometer shows."),
     ] = None,
-    field_error: Annotated[
-        float | None, Parameter(help="Relative standard deviation of that norm in the log's unit, such as 0.02: the fit then uses it.")
-    ] = None,
     place: Annotated[
         tuple[float, float] | None, Parameter(help="Latitude and longitude in degrees: field and dip by the World Magnetic Model.")
     ] = None,
     date: Annotated[str | None, Parameter(help="Day of the log for --place, as 2026-05-31.")] = None,
     loss: Annotated[Literal["none", "huber", "cauchy", "tukey"], Parameter(help="Robust loss for logs with outliers.")] = "none",
-    penalty: Annotated[float, Parameter(help="Weight of what keeps fits of few readings from running off; 0 for none.")] = 0.5,
     align: Annotated[
         Literal["none", "accel", "gyro"],
         Parameter(help="Find the rotation that norms cannot see, from poses at rest (accel) or from rates (gyro)."),
@@ -102,55 +94,53 @@ def mag(
 ) -> None:
     """Calibrate a magnetometer (hard and soft iron) from a log in all attitudes.
 
-    The result has uncertainties, the expected heading error, the directions
-    that are missing, and a verdict. A refused fit ends with status 1.
+    The result has the matrix and the offset that correct a reading, the
+    expected heading error and a verdict. A refused fit ends with status 1.
     """
-    if joint and (align == "none" or method != "ml" or model not in ("auto", "symmetric") or loss != "none"):
-        raise CallError("--joint goes with --align accel or gyro, and with the full soft iron by --method ml without --loss")
+    if joint and (align == "none" or model not in ("auto", "symmetric") or loss != "none"):
+        raise CallError("--joint goes with --align accel or gyro, and with the full soft iron without --loss", "joint_options")
     if headings is not None and (align != "none" or joint):
-        raise CallError("--headings gives the rotation itself: leave out --align and --joint")
+        raise CallError("--headings gives the rotation itself: leave out --align and --joint", "headings_alone")
     if currents is not None and model == "planar":
-        raise CallError("--currents goes with fits of norms in all attitudes: leave out --model planar")
+        raise CallError("--currents goes with fits of magnitudes in all attitudes: leave out --model planar", "currents_in_plane")
     must_exist(against, option="--against")
     if next:
         _advise(log, reading, running, limit, inclination)
         return
-    present = None if against is None else _present(against)
+    present, fields = None if against is None else _present(against), {}
     options = {
-        "method": method, "model": model, "field": field, "inclination": inclination, "place": place, "date": date, "loss": loss,
-        "penalty": penalty, "align": align, "field_error": field_error, "joint": joint, "headings": headings, "currents": currents,
-        "check": check,
+        "model": model, "field": field, "inclination": inclination, "place": place, "date": date, "loss": loss, "align": align,
+        "joint": joint, "headings": headings, "currents": currents, "check": check,
     }  # fmt: skip
     chosen = {
-        "method": method, "model": model, "field": _earth(field, place, date), "field_error": field_error, "penalty": penalty,
-        "inclination": None if inclination is None else math.radians(inclination), "loss": None if loss == "none" else loss,
+        "model": model, "field": _earth(field, place, date), "loss": None if loss == "none" else loss,
+        "inclination": None if inclination is None else math.radians(inclination),
     }  # fmt: skip
-    screen, fields = Screen(running.quiet), {}
 
     def compute(recording: Any, _: Any) -> Any:
         if recording.mag is None or recording.mag.shape[1] != 3:
-            raise jaxcal.DataError(_NO_MAG)
+            raise jaxcal.DataError(_NO_MAG, code="no_mag")
         given = shots(log, reading, recording, headings, currents, check)
         fields.update(given.currents)
         found = _fit(recording, align, joint, chosen, given)
-        _show(screen, found)
-        screen.flush()
-        if found.verdict == "refused" and not running.force:
-            raise jaxcal.DataError(f"the calibration is refused, and nothing was written (--force writes it). {found.reason}")
-        return found
+        return found if present is None or found.model is None else _compared(against, present, found)
 
     files: list[File] = [
-        ("plot", "", figure(_sphere)), ("report", "report.html", save_report),
-        ("json", "mag.json", save_json), ("calibration", "calibration.json", tried(partial(save_calibration, part="magnetometer"))),
-        ("corrected", "", partial(_corrected, fields)),
+        ("plot", "", figure(_sphere)), ("report", "report.html", save_report), ("json", "mag.json", save_json),
+        ("calibration", "calibration.json", partial(save_calibration, part="magnetometer")), ("corrected", "", partial(_corrected, fields)),
     ]  # fmt: skip
     default = "" if writing.corrected else f"{stem(log)}-mag"
     plan = outputs(writing, files, default, formats=_EXPORTS, export=partial(save_export, part="magnetometer"))
     reading, said = ready(log, reading, align == "gyro")
-    done = carry_out(log, reading, running, plan, compute, command="jaxcal mag", options=options)
-    if present is not None and done.found.model is not None:
-        _compare(done.screen, against, present, done.found)
-    done.tell(done.found.warnings, said)
+    change = partial(_noted, said)
+    carry_out(log, reading, running, plan, compute, change=change, command="jaxcal mag", options=options).end(running)
+
+
+def _noted(said: list[str], log: Any) -> Any:
+    """The log with notes on how the command read it."""
+    import equinox as eqx
+
+    return eqx.tree_at(lambda one: one.notes, log, (*log.notes, *said))
 
 
 def _advise(path: Path, reading: Reading, running: Running, limit: float, inclination: float | None) -> None:
@@ -160,14 +150,14 @@ def _advise(path: Path, reading: Reading, running: Running, limit: float, inclin
     reading, _ = ready(path, reading, False)
     log = read_log(path, reading, "mag")
     if log.mag is None or log.mag.shape[1] != 3:
-        raise jaxcal.DataError(_NO_MAG)
+        raise jaxcal.DataError(_NO_MAG, code="no_mag")
     keep_compiled()
     dip = None if inclination is None else math.radians(inclination)
     found = jaxcal.magnetometer.guide(log.mag[np.isfinite(log.mag).all(axis=1)], limit=math.radians(limit), inclination=dip)
     screen = Screen(running.quiet)
     screen.line(found.reason)
     if found.fit is not None:
-        screen.sentences("Warnings", found.fit.warnings)
+        screen.lines(things_to_know(found.fit.findings, reader="terminal", wanted=running.unit, verbose=running.verbose))
 
 
 def _present(path: Path) -> Any:
@@ -185,23 +175,21 @@ def _present(path: Path) -> Any:
     raise CallError(f"--against {path}: expected a calibration as JSON, or a file of {', '.join(_PARAMETERS)} with a magnetometer")
 
 
-def _compare(screen: Screen, path: Path | None, present: Any, found: Any) -> None:
-    """Print by how much the new calibration changes headings and hard iron."""
+def _compared(path: Path | None, present: Any, found: Any) -> Any:
+    """The fit, with a finding on how much it changes headings and hard iron."""
     import numpy as np
+
+    from .._answer import Quantity
+    from ..magnetometer._findings import FINDINGS
+    from ..magnetometer._iron import quantity_of
 
     down = np.asarray(found.down) if found.alignment is None else np.asarray(found.alignment.rotation).T @ found.down
     turns = jaxcal.magnetometer.heading_change(present, found.model, float(found.field), inclination=float(found.inclination), down=down)
-    turns = np.rad2deg(turns)
-    rms, moved = np.sqrt(np.mean(turns**2)), np.linalg.norm(np.asarray(found.model.hard_iron) - np.asarray(present.hard_iron)) / _MICRO
-    known = np.rad2deg(found.heading_error[0])
-    said = "more than the new one is uncertain by" if rms > 2 * known else "no more than the new one is uncertain by"
-    screen.sentences(
-        f"Against {path}",
-        [
-            f"level headings turn by {rms:.2g} deg rms, {np.abs(turns).max():.2g} deg at most: {said} ({known:.2g} deg)",
-            f"the hard iron moves by {moved:.3g} uT",
-        ],
-    )
+    rms, moved = np.sqrt(np.mean(turns**2)), np.linalg.norm(np.asarray(found.model.hard_iron) - np.asarray(present.hard_iron))
+    facts: dict[str, Any] = {"rms": Quantity(float(rms), "angle"), "most": Quantity(float(np.abs(turns).max()), "angle"),
+             "moved": Quantity(float(moved), quantity_of(found.field))}  # fmt: skip
+    code = "changed" if rms > 2 * found.heading_error[0] else "unchanged"
+    return dataclasses.replace(found, findings=(*found.findings, FINDINGS(code, cost=rms, file=str(path), **facts)))
 
 
 def _earth(field: float | None, place: tuple[float, float] | None, date: str | None) -> Any:
@@ -227,6 +215,7 @@ def _fit(log: Any, align: str, joint: bool, options: dict[str, Any], given: Shot
     if align != "none" and getattr(log, align) is None:
         raise jaxcal.DataError(f"--align {align}: the log has no {align}; name its columns with --columns {align}=...")
     from ..magnetometer import Accelerometer, Gyroscope, Headings, aligned, fit_current
+    from ..magnetometer._result import finished
 
     up = log.accel if given.up is None else given.up
     there = np.isfinite(log.mag).all(axis=1)
@@ -259,7 +248,7 @@ def _fit(log: Any, align: str, joint: bool, options: dict[str, Any], given: Shot
     if tried_on.any() and found.plane is None:
         known = None if given.headings is None else given.headings[tried_on]
         seen = jaxcal.magnetometer.check(found, mag[tried_on], accel=None if up is None else up[tried_on], headings=known)
-        found = dataclasses.replace(found, check=seen)
+        found = finished(found, check=seen)
     return found
 
 
@@ -268,56 +257,6 @@ def _conditions(temperature: Any) -> dict[str, Any]:
     import numpy as np
 
     return {"temperature": np.ravel(temperature)} if np.isfinite(temperature).all() and temperature.size == len(temperature) else {}
-
-
-def _show(screen: Screen, found: Any) -> None:
-    import numpy as np
-
-    screen.line()
-    screen.line(f"{found.verdict}: {found.reason}")
-    if found.model is None:
-        return
-    size, unit = (_MICRO, "uT") if found.field < STRONGEST_FIELD else (1.0, "counts")
-    hard, spread = np.asarray(found.model.hard_iron) / size, found.hard_iron_error / size
-    rows = [
-        [f"hard iron ({unit})", *(f"{b:.4f} +- {s:.2g}" if np.isfinite(s) else f"{b:.4f} open" for b, s in zip(hard, spread, strict=True))],
-        *(
-            [f"soft iron, {axis}", *(f"{c:.5f} +- {s:.1g}" if np.isfinite(s) else f"{c:.5f} open" for c, s in zip(*both, strict=True))]
-            for axis, *both in zip("xyz", np.asarray(found.model.soft_iron), found.soft_iron_error, strict=True)
-        ),
-        *(
-            [f"{name} ({unit} per unit)", *(f"{k:.4g} +- {s:.2g}" for k, s in zip(value / size, error / size, strict=True))]
-            for name, (value, error) in found.terms.items()
-        ),
-    ]  # fmt: skip
-    screen.table(f"magnetometer, model {found.kind}", ["", "x", "y", "z"], rows)
-    level, tilted = np.rad2deg(found.heading_error)
-    facts = [
-        f"heading error to expect: {level:.2g} deg rms" + (f", {tilted:.2g} deg at 20 deg of tilt" if np.isfinite(tilted) else ""),
-        f"field {found.field / size:.5g} {unit}, noise of a reading {found.noise / size:.3g} {unit} an axis",
-        f"{len(found.residual)} readings, {len(found.outliers)} of them outliers; {100 * found.coverage.occupied:.0f} % of 500 directions "
-        f"seen, largest gap {np.rad2deg(found.coverage.largest_gap):.0f} deg",
-    ]
-    if len(found.needed) and found.verdict != "good":
-        ways = "; ".join("(" + ", ".join(f"{x:+.1f}" for x in way) + ")" for way in np.asarray(found.needed))
-        facts.append(f"further readings would help most where the field points along {ways} in sensor axes")
-    screen.sentences("Known", facts)
-    if found.check is not None:
-        _show_check(screen, found.check)
-
-
-def _show_check(screen: Screen, seen: Any) -> None:
-    """Print the result of the check on the held-out readings, and the residuals by heading."""
-    import numpy as np
-
-    screen.sentences(f"Check: {seen.verdict}", [seen.reason])
-    if len(seen.table):
-        degrees = np.rad2deg(seen.table[:, [0, 2, 3]])
-        rows = [
-            [f"{of:.0f}", f"{count:.0f}", *(f"{x:+.2f}" if np.isfinite(x) else "" for x in (mean, scatter)), f"{100 * norm:.2f}"]
-            for (of, mean, scatter), count, norm in zip(degrees, seen.table[:, 1], seen.table[:, 4], strict=True)
-        ]
-        screen.table("residuals by heading", ["heading\ndeg", "readings", "mean error\ndeg", "scatter\ndeg", "norm\n%"], rows)
 
 
 def _sphere(plot: Any, found: Any, log: Any) -> Any:

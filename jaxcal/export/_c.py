@@ -9,6 +9,7 @@ from .._types import AnyArray
 from ..calibration import Calibration
 from ..imu import Triad
 from ..magnetometer import Moments
+from ..magnetometer._iron import HARD
 from ..magnetometer._onboard import APART, CELLS, MOST
 from ._models import correction, cubics, gyro_bias, triads, unknown_field
 from ._options import Options, Product, number
@@ -166,17 +167,17 @@ def _magnetic(calibration: Calibration, options: Options, warnings: list[str]) -
     if options.accumulator:
         if section.field is None:
             raise ExportError("accumulator=True needs the field's strength as a scale; the calibration has none")
-        lines.append(f"{start}_FIELD = {_number(section.field)}; /* norm of the corrected field, T */")
+        lines.append(f"{start}_FIELD = {_number(section.field)}; /* norm of the corrected field, {section.unit} */")
     return lines
 
 
 def _spread(calibration: Calibration) -> tuple[str, ...]:
     covariance = None if calibration.magnetometer is None else calibration.magnetometer.covariance
-    known = None if covariance is None else covariance.of(("b_x", "b_y", "b_z"))
+    known = None if covariance is None else covariance.of(HARD)
     if known is None:
         return ()
     spread = np.sqrt(np.diag(known))
-    return (f"standard deviation of the magnetometer's bias: {', '.join(f'{s:.2g}' for s in spread)} T",)
+    return (f"standard deviation of the magnetometer's bias: {', '.join(f'{s:.2g}' for s in spread)} {calibration.magnetometer.unit}",)  # type: ignore[union-attr]
 
 
 def _number(value: float) -> str:

@@ -13,6 +13,7 @@ from .._special import NORMAL95
 from .._types import AnyArray
 from .._units import noise_units, si_unit
 from ..calibration import Calibration, Covariance, DeviceNoise, Part, Thermal, polynomials
+from ..calibration._parts import COUNTS
 from ..imu import Triad
 from ..magnetometer import MagModel
 from ._noise import stored_noise
@@ -72,12 +73,11 @@ def _models(calibration: Calibration) -> Iterator[Row]:
     mag = calibration.magnetometer
     if mag is not None:
         errors = _errors(mag.covariance)
-        yield from _rows("mag", "matrix", "1", mag.model.soft_iron)
-        yield from _rows(
-            "mag", "bias", "T", mag.model.hard_iron, {f"bias[{i}]": errors.get(f"b_{axis}", 0.0) for i, axis in enumerate(_AXES)}
-        )
+        own = {name.replace("soft_iron", "matrix").replace("hard_iron", "bias"): error for name, error in errors.items()}
+        yield from _rows("mag", "matrix", "1", mag.model.soft_iron, own)
+        yield from _rows("mag", "bias", mag.unit, mag.model.hard_iron, own)
         if mag.field is not None and np.isfinite(mag.field):
-            yield from _rows("mag", "field", "T", mag.field)
+            yield from _rows("mag", "field", mag.unit, mag.field)
 
 
 def _temperature(section: Thermal | None) -> Iterator[Row]:
@@ -127,7 +127,8 @@ def read_table(text: str, options: dict[str, Any]) -> Calibration:
     if ("mag", "matrix") in found:
         model = MagModel(_values(found, "mag", "matrix", 2), _values(found, "mag", "bias", 1))
         field = found.get(("mag", "field"), {}).get("")
-        mag = Part(model, si_unit("mag"), None if field is None else float(field[0]))
+        unit = COUNTS if any(row[0] == "mag" and row[5] == COUNTS for row in rows) else si_unit("mag")
+        mag = Part(model, unit, None if field is None else float(field[0]))
     return Calibration(noise=_read_noise(found), imu=imu or None, magnetometer=mag, temperature=_read_temperature(found))
 
 

@@ -22,6 +22,7 @@ class Format(eqx.Module):
     mark: str = "#"  # mark of a comment line; "" if the format has no comments
     after: int = 0  # number of lines before the first comment
     many: bool = False  # whether a file can hold several instances of a sensor
+    counts: bool = False  # whether a magnetometer in counts has a place
 
 
 _NOISE = ("axis", "inflate", "density", "random_walk")
@@ -39,8 +40,8 @@ FORMATS: dict[str, Format] = {
     "ros": Format(_ros.ros, _ros.read_ros, ("noise", *_FIELDS), ("flavour", "inflate", "rate")),
     "imu_tk": Format(_imu_tk.imu_tk, _imu_tk.read_imu_tk, ("imu",), mark=""),
     "motioncal": Format(_motioncal.motioncal, _motioncal.read_motioncal, ("magnetometer",), mark=""),
-    "c": Format(header, None, _FIELDS, ("prefix", "accumulator"), mark="//"),
-    "csv": Format(_csv.table, _csv.read_table, ("noise", *_FIELDS), mark=""),
+    "c": Format(header, None, _FIELDS, ("prefix", "accumulator"), mark="//", counts=True),
+    "csv": Format(_csv.table, _csv.read_table, ("noise", *_FIELDS), mark="", counts=True),
 }
 
 

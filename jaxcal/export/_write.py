@@ -10,6 +10,7 @@ from .._errors import ExportError
 from .._files import write_atomically
 from .._units import STANDARD_GRAVITY
 from ..calibration import Calibration
+from ..calibration._parts import COUNTS
 from ._formats import FORMATS, Format, check_options, files_of
 from ._options import Options, comment
 
@@ -22,8 +23,8 @@ def write(
     topic: str = "/imu0",
     axis: str = "worst",
     inflate: float | int = 1.0,
-    density: Any = "upper_limit",
-    random_walk: Any = "upper_limit",
+    density: Any = None,
+    random_walk: Any = None,
     rate: float | int | None = None,
     gravity: float | int = STANDARD_GRAVITY,
     convention: str = "midpoint",
@@ -53,8 +54,8 @@ def write(
     topic : ROS topic of the sensor.
     axis : "worst" uses the largest of the three axes, "rms" their root mean square. A comment in the file lists all three.
     inflate : factor applied to all noise; the file states it.
-    density : value to write if the fit did not find N: "upper_limit", None to refuse, a number (rad/s/sqrt(Hz) or m/s^2/sqrt(Hz)) for
-        the one sensor without N, or {"gyro": ..., "accel": ...}, which also replaces a fitted N. The file states it.
+    density : value to write if the fit did not find N: "upper_limit", a number (rad/s/sqrt(Hz) or m/s^2/sqrt(Hz)) for the one
+        sensor without N, or {"gyro": ..., "accel": ...}, which also replaces a fitted N. The file states it.
     random_walk : the same for K, in rad/s^2/sqrt(Hz) or m/s^3/sqrt(Hz).
     rate : true sampling rate in Hz; the default is that of the log, with a warning.
     gravity : m/s^2, for "vins" and "gtsam".
@@ -130,6 +131,9 @@ def _doubts(calibration: Calibration, kind: Format, force: bool) -> list[str]:
         section = getattr(calibration, name)
         if name not in kind.sections or section is None:
             continue
+        if name == "magnetometer" and section.unit == COUNTS and not kind.counts:
+            taking = " and ".join(other for other, one in FORMATS.items() if one.counts)
+            raise ExportError(f"the magnetometer is calibrated in counts, which only {taking} take", code="counts")
         verdict = section.verdict
         if verdict in ("weak", "refused"):
             reason = f" ({section.verdict_reason})" if section.verdict_reason else ""

@@ -81,12 +81,16 @@ class Information(eqx.Module):
         return ((rows @ self.root) ** 2).sum(axis=1)
 
     @property
+    def weakest(self) -> tuple[str, ...]:
+        """Names of the parameters that make up the combination that the data determine least (host only)."""
+        share = np.abs(np.asarray(self.direction))
+        return tuple(name for name, part in zip(self.names, share, strict=True) if part > 0.3 * share.max())
+
+    @property
     def sentence(self) -> str:
         """A sentence: how many parameters the data determine, and the weakest combination by name (host only)."""
         count = len(self.names) - int(np.sum(self.held))
-        share = np.abs(np.asarray(self.direction))
-        weak = [name for name, part in zip(self.names, share, strict=True) if part > 0.3 * share.max()]
-        weakest, one = ", ".join(weak), len(weak) == 1
+        weakest, one = ", ".join(self.weakest), len(self.weakest) == 1
         if int(self.rank) == count:
             only = f"the least certain is {weakest}" if one else f"the least certain combination is that of {weakest}"
             return f"The data determine all {count} parameters (condition number {float(self.condition):.3g}); {only}."

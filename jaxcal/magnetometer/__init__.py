@@ -22,7 +22,6 @@ if TYPE_CHECKING:
         align as align,
     )
     from ._rotation._joint import aligned as aligned
-    from ._rotation._turning import HardIron as HardIron, hard_iron_by_turning as hard_iron_by_turning
     from ._uncertainty import (
         Plan as Plan,
         bootstrap as bootstrap,
@@ -30,15 +29,7 @@ if TYPE_CHECKING:
         plan as plan,
         predict as predict,
     )
-    from ._vehicle import (
-        AttitudeFit as AttitudeFit,
-        CurrentTerms as CurrentTerms,
-        fit_attitudes as fit_attitudes,
-        fit_current as fit_current,
-        fit_offset as fit_offset,
-        fit_several as fit_several,
-        motor_terms as motor_terms,
-    )
+    from ._vehicle import CurrentTerms as CurrentTerms, fit_current as fit_current
 
 install(
     __name__,
@@ -54,8 +45,7 @@ install(
         "_result": "MagFit",
         "_rotation._align": "Accelerometer Alignment Gyroscope Headings align",
         "_rotation._joint": "aligned",
-        "_rotation._turning": "HardIron hard_iron_by_turning",
         "_uncertainty": "Plan bootstrap heading_uncertainty plan predict",
-        "_vehicle": "AttitudeFit CurrentTerms fit_attitudes fit_current fit_offset fit_several motor_terms",
+        "_vehicle": "CurrentTerms fit_current",
     },
 )

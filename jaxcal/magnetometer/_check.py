@@ -6,13 +6,15 @@ import equinox as eqx
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._answer import Finding, Number, Result, Section, listed
+from .._answer._sections import Grid
 from .._errors import DataError
 from .._precision import host_float64
-from .._results import Result, Row
 from .._types import AnyArray
 from ._design._heading_error import distance_slopes
 from ._ellipsoid._shape import Frame, ellipsoid_of_model, unit
 from ._field import heading
+from ._findings import FINDINGS
 from ._result import MagFit
 from ._rotation._align import still
 from ._rotation._turning import array, like
@@ -35,9 +37,7 @@ class Check(Result):
     count : number of readings.
     table : (k, 5) one row for each known heading, or for each sector of 30 degrees: heading in rad, number of readings, mean heading error
         and its standard deviation in rad, rms of the magnitude error.
-    verdict : "good", or "weak" if an error exceeds the expected one by more than chance (5 %) explains.
-    reason : sentences that explain the verdict.
-    warnings : always empty.
+    findings : one if an error exceeds the expected one by more than chance (5 %) explains.
 
     Examples
     --------
@@ -57,16 +57,34 @@ class Check(Result):
     dip: AnyArray
     count: int
     table: AnyArray
-    verdict: str = eqx.field(static=True)
-    reason: str = eqx.field(static=True)
-    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
-    def _rows(self) -> list[Row]:
+    @property
+    def headline(self) -> str:
+        """The error of the readings held back, and the expected one."""
+        if np.isfinite(self.heading):
+            return f"headings off by {np.rad2deg(self.heading):.2g} deg rms, {np.rad2deg(self.expected_heading):.2g} deg expected"
+        return f"magnitudes off by {100 * self.norm:.2g} % rms, {100 * self.expected_norm:.2g} % expected"
+
+    def sections(self) -> list[Section]:
+        """Errors beside the expected ones, and the errors by heading."""
+        rows = {
+            "readings held back": Number("count", self.count), "their magnitudes are off by": Number("norm", 100 * self.norm, quantity="%"),
+            "expected": Number("expected_norm", 100 * self.expected_norm, quantity="%"),
+            "their headings are off by": Number("heading", self.heading, quantity="angle"),
+            "expected ": Number("expected_heading", self.expected_heading, quantity="angle"),
+        }  # fmt: skip
+        names, quantities = ("readings", "error", "scatter", "norm"), ("ratio", "angle", "angle", "ratio")
+        cells = [
+            (f"at {np.rad2deg(row[0]):.0f} deg", tuple(
+                Number(f"at[{i}].{name}", float(x), quantity=quantity) for name, x, quantity in zip(names, row[1:], quantities, strict=True)
+            ))
+            for i, row in enumerate(np.asarray(self.table))
+        ]  # fmt: skip
+        columns = ("readings", "error (rad)", "scatter (rad)", "magnitude")
         return [
-            Row("norm", 100 * self.norm, unit="%"),
-            Row("norm, expected", 100 * self.expected_norm, unit="%"),
-            Row("heading", np.rad2deg(self.heading), unit="deg"),
-            Row("heading, expected", np.rad2deg(self.expected_heading), unit="deg"),
+            listed("check", "check", [(label, one) for label, one in rows.items() if np.isfinite(one.value)]),
+            Grid("by_heading", "residuals by heading", columns, tuple(cells), detail=True),
         ]
 
 
@@ -111,11 +129,12 @@ def check(found: MagFit, m: Any, *, accel: Any = None, headings: Any = None) -> 
     ----------
     First-order propagation; the limit is the 95 % quantile of the F distribution.
     """
-    if found.model is None or found.plane is not None or len(found.values):
-        raise DataError("A check needs a fit of norms with a model that is not planar.")
+    facts = found._facts
+    if found.model is None or found.plane is not None or facts.own:
+        raise DataError("A check needs a fit of magnitudes with a model that is not planar.", code="no_model")
     m = array(m, "readings")
     if not len(m) or not np.isfinite(m).all():
-        raise DataError(f"A check needs readings that are finite numbers; got {len(m)}.")
+        raise DataError(f"A check needs readings that are finite numbers; got {len(m)}.", code="not_finite")
     y = (m - np.asarray(found.model.hard_iron)) @ np.linalg.inv(np.asarray(found.model.soft_iron)).T
     off = np.linalg.norm(y, axis=1) / found.field - 1
     norm, expected = float(np.sqrt(np.mean(off**2))), _expected_norm(found, m, y)
@@ -133,26 +152,24 @@ def check(found: MagFit, m: Any, *, accel: Any = None, headings: Any = None) -> 
     if headings is not None:
         of = np.asarray(headings, dtype=float)
         if of.shape != (len(m),):
-            raise DataError(f"The headings have shape {of.shape}; give one for each of {len(m)} readings, NaN where none is known.")
+            raise DataError(f"The headings have shape {of.shape}; give one for each of {len(m)} readings, NaN where none is known.",
+                            code="heading_shape")  # fmt: skip
     error = np.angle(np.exp(1j * (measured - of))) if headings is not None else np.full(len(m), np.nan)
     there, rms, told = np.isfinite(error), float("nan"), float("nan")
-    said = [f"The norm of {len(m)} readings is off by {100 * norm:.2g} % rms; {100 * expected:.2g} % are expected."]
     if there.any():
         rms = float(np.sqrt(np.mean(error[there] ** 2)))
         by_calibration = found.heading_error[0 if np.abs(up[there, :2]).max() < _LEVEL else 1]
         told = float(np.hypot(by_calibration, np.sqrt(np.mean((found.noise / found.field / level[there]) ** 2))))
-        said.append(f"Headings are off by {np.rad2deg(rms):.2g} degrees rms; {np.rad2deg(told):.2g} are expected.")
-    freedom = found.blocks - 1 if found.blocks else max(found.used - 9, 1)
+    freedom = facts.blocks - 1 if facts.blocks else max(facts.used - 9, 1)
     most = float(np.sqrt(scipy.special.fdtri(_PARAMETERS, freedom, 0.95)))
     wrong = norm > max(most * expected, _LEAST) or rms > max(most * told, _LEAST)  # the second is false without known headings
-    if wrong:
-        said.append("That is more than chance: the calibration, the readings or the known headings have an error that is not counted.")
-    return Check(norm, expected, rms, told, dip, len(m), _table(of, error, off), "weak" if wrong else "good", " ".join(said))
+    said = (FINDINGS("check", count=len(m)),) if wrong else ()
+    return Check(norm, expected, rms, told, dip, len(m), _table(of, error, off), said)
 
 
 def _expected_norm(found: MagFit, m: np.ndarray, y: np.ndarray) -> float:
     """Rms error of the magnitude over the field that noise and calibration error explain."""
-    known = np.asarray(found.covariance)
+    known = np.asarray(found._facts.covariance)
     if not np.isfinite(known).all():
         return float("inf")
     shape, centre = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)  # type: ignore[arg-type]

@@ -1,38 +1,30 @@
-"""Heading errors due to causes that the residuals follow, sentences that name these causes, and readings at the end of a range."""
+"""Findings about the residuals of a surface, the heading errors of what they follow, and readings at the end of a range."""
 
 from typing import Any
 
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._errors import DataError
-from ._design._heading_error import heading_error
-from ._ellipsoid._causes import ALONE, BENT, DRIFT, FAST, PLACE, SERIAL, Examined
-from ._ellipsoid._kinds import PLANAR, PLANAR_ROWS, basis_of, slopes_of
-from ._ellipsoid._shape import Found
-from ._result import between
+from .._answer import CAUTION, NOTE, Finding
+from ..fitting._serial import BLOCKS, doubt
+from ._design._heading_error import Information, heading_departure, heading_error
+from ._ellipsoid._algebraic import NotEllipsoid, ellipsoid_of, extents, nearest_quadric, sampson
+from ._ellipsoid._causes import BENT, FAST, SERIAL, Examined, step_by
+from ._ellipsoid._kinds import COUNT, PLANAR, PLANAR_ROWS
+from ._ellipsoid._orthogonal import geometric
+from ._ellipsoid._select import LONG, all_distances, thinned
+from ._ellipsoid._shape import Found, Frame, radius_of
+from ._findings import FINDINGS
+from ._surface import NEAR_PLANAR, distinct
 
-_WORTH_SAYING = 0.1  # share of the limit above which a cause is worth a sentence
-_SENTENCES = {
-    DRIFT: "The hard iron drifts along the log, by up to {size:.2g} % of the field about its mean{cost}. "
-    "Let the sensor warm up, keep iron and currents as they are, and record again.",
-    FAST: "The readings fall short where the sensor turns fast, by up to {size:.2g} % of the field{cost}: "
-    "the sensor or the log averages over time. Turn more slowly, or record without the filter.",
-    BENT: "The response of an axis is bent: the residuals follow squares and cubes of the readings, by up to {size:.2g} % of the field"
-    "{cost}. Use a larger range of the sensor, or fit a model with terms for it.",
-    PLACE: "The norm of the field varies along the log, by {size:.2g} % rms{cost}: iron or currents are near. "
-    "Record outdoors, and turn the sensor about one place.",
-    ALONE: "The hard iron changes along one direction, by up to {size:.2g} % of the field{cost}: a current, or a part that moves. "
-    "Keep it constant, or record it and fit it as a term of its own (`fit_current`, or --currents).",
-    SERIAL: "The noise is correlated from reading to reading, {size:.2g} % of the field rms{cost}. "
-    "The errors are those between fits without parts of the log. A longer log, or one farther from iron and currents, makes them smaller.",
-}
-_CONDITION = (
-    "The readings follow {name!r}, by up to {size:.2g} % of the field about the middle of its range{cost}. Record with it constant."
-)
+_WORTH_SAYING = 0.1  # share of the limit below which a cause costs less than the verdict could notice
+_ILL, _SINGULAR = 1000.0, 1e8  # condition numbers: 3 for even coverage; of a thousand, a digit of the noise is a hundred of the error
+_BY_NOISE = 0.5  # share of the information due to noise alone
+_BY_PENALTY, _CONFLICT = 0.5, 3.0  # standard errors: a bias that an interval would miss; 0.3 % by chance
+_FAR_OFF = 1.25  # ratio of mean field and given one: a sensitivity is true to 10 %, so that the unit is wrong
+_BY_BIAS = 1.5  # factor by which an error may exceed the biases that were found
+_EXTREMES = ("minmax", "axes")
 
-
-CLIPPED = "clipping"
 _FEWEST_AT_END = 4
 _NEAR = 20  # number of readings next to the end; their density tells how many may share one value by chance
 _BY_CHANCE = 1e-5
@@ -65,19 +57,15 @@ def at_end(m: np.ndarray) -> np.ndarray:
     return out
 
 
-def checked_conditions(conditions: dict[str, Any], count: int) -> dict[str, np.ndarray]:
-    """Recorded conditions as arrays of one number per reading."""
-    found = {}
-    for name, given in conditions.items():
-        values = np.asarray(given, dtype=float)
-        if values.shape != (count,):
-            raise DataError(f"The condition {name!r} has shape {values.shape}; give one number for each of {count} readings.")
-        if not np.isfinite(values).all():
-            raise DataError(f"The condition {name!r} has values that are not finite; leave those readings out.")
-        if name in _SENTENCES:
-            raise DataError(f"A condition cannot be named {name!r}: that is the name of a cause; give another name.")
-        found[name] = values
-    return found
+def chosen_rows(m: np.ndarray, method: str, per_direction: int | None, loss: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the readings to fit, and flags of saturated ones: without those, and thinned if there are too many."""
+    if method in _EXTREMES:
+        return np.arange(len(m)), np.zeros(len(m), dtype=bool)
+    full = at_end(m)
+    used = np.flatnonzero(~full)
+    if per_direction is not None and len(used) > LONG:
+        used = used[thinned(Frame.of(m[used]).scaled(m[used]), per_direction, loss)]
+    return used, full
 
 
 def cost_of(found: Found, steps: np.ndarray, dip: float) -> float:
@@ -88,46 +76,75 @@ def cost_of(found: Found, steps: np.ndarray, dip: float) -> float:
     return float(heading_error(found.shape, steps[:, rows].T @ steps[:, rows], dip)[0])
 
 
-def costs_of(said: Examined, found: Found, whole: np.ndarray, dip: float) -> dict[str, float]:
-    """Heading error of each cause; for correlated noise, the whole heading error."""
-    return {cause.name: cost_of(found, cause.steps, dip) if len(cause.steps) else float(whole[0]) for cause in said.causes}
+def departure(found: Found, u: np.ndarray, loss: Any, penalty: float, dip: float) -> np.ndarray:
+    """Heading difference to the maximum likelihood fit of the same readings, at level and tilted; infinite if there is none."""
+    try:
+        best = geometric(u, "symmetric" if distinct(u) > COUNT["symmetric"] else found.kind, loss, penalty=penalty)
+    except NotEllipsoid:
+        return np.full(2, np.inf)
+    return heading_departure(found, best, dip)
 
 
-def assumptions(dip: float, no_dip: bool, no_axis: bool, span: np.ndarray, seen: bool) -> str:
-    """A sentence with the assumptions behind the heading error, and its range without them; `seen`: the accelerometer shows the dip."""
-    if seen:
-        told = f" The accelerometer shows a dip of {np.rad2deg(dip):.0f} degrees."
-        return told + assumptions(dip, no_dip, no_axis, span, False)
-    if not (no_dip or no_axis) or not np.isfinite(span).all():
-        return ""
-    taken = [f"a dip of {np.rad2deg(dip):.0f} degrees"] * no_dip + ["the z axis down"] * no_axis
-    others = ["dips up to 75 degrees"] * no_dip + ["other axes down"] * no_axis
-    return f" This assumes {' and '.join(taken)}; with {' and '.join(others)} the error at level is {between(span)}."
+def from_structure(found: Found, u: np.ndarray, told: Information) -> list[Finding]:
+    """Findings that lie in the geometry of the readings, and those about the convergence of the fit."""
+    planar = found.kind in PLANAR
+    if not planar and extents(u - u.mean(axis=0))[-1] < NEAR_PLANAR:
+        return [FINDINGS("near_planar")]
+    if not planar and (other := _other_quadric(found, u)):
+        return [FINDINGS("no_ellipsoid", quadric=other)]
+    if not told.condition <= _SINGULAR or not np.isfinite(found.covariance).all() or told.by_noise > _BY_NOISE:
+        return [FINDINGS("undetermined", what=told.weakest)]
+    said = []
+    if not found.converged:
+        said.append(FINDINGS("not_converged", what=told.weakest))
+    if found.bias > _BY_PENALTY or told.condition > _ILL:
+        said.append(FINDINGS("hardly", what=told.weakest))
+    return said
 
 
-def error_with_terms(said: Examined, found: Found, dip: float) -> float:
-    """Heading error in rad at level if drift and conditions were fitted as terms; the other causes remain."""
-    if said.with_terms is None or found.kind in PLANAR:
-        return np.inf
-    slopes = slopes_of(found.parameters, basis_of(found.kind))
-    steps = [np.zeros((0, 9)), *(cause.steps for cause in said.causes if cause.name in (FAST, BENT, ALONE))]
-    others = np.concatenate(steps)
-    return float(heading_error(found.shape, slopes @ said.with_terms @ slopes.T + others.T @ others, dip)[0])
+def _other_quadric(found: Found, u: np.ndarray) -> str | None:
+    """Which other quadric the readings lie on, if their distances to it are less than half of those to the ellipsoid."""
+    kept = found.weight > 0.5
+    theta = nearest_quadric(u[kept])
+    try:
+        ellipsoid_of(theta)
+    except NotEllipsoid as error:
+        far = np.sqrt(np.mean(found.distance[kept] ** 2))
+        if far > 1e-6 and 2 * np.sqrt(np.mean(sampson(theta, u[kept]) ** 2)) < far:
+            return error.quadric
+    return None
 
 
-def sentences(said: Examined, costs: dict[str, float], limit: float, modelled: float) -> list[str]:
-    """One sentence for each cause of a notable heading error, the strongest first; `modelled` comes from `error_with_terms`."""
-    texts = []
-    for name, _, size in said.causes:
-        if costs[name] >= _WORTH_SAYING * limit:
-            of_all = " in all" if name in (PLACE, SERIAL) else ""
-            cost = f", which costs {np.rad2deg(costs[name]):.2g} degrees of heading rms{of_all}" if np.isfinite(costs[name]) else ""
-            text = _SENTENCES.get(name, _CONDITION).format(name=name, size=100 * size, cost=cost)
-            if name not in (FAST, BENT, PLACE, ALONE, SERIAL) and modelled < 0.5 * costs[name]:
-                of = "time" if name == DRIFT else name
-                text += (
-                    f" Fitted as a term of its own ({of} as the current of `fit_current`, or --currents {of}) it would leave an error of "
-                    f"{np.rad2deg(modelled):.2g} degrees."
-                )
-            texts.append(text)
-    return texts
+def from_field(found: Found, norm: float | None, scale: float, planar: bool) -> list[Finding]:
+    """A finding if the readings have another field than the given one."""
+    mean = scale * float(radius_of(found.shape, planar))
+    if norm is None or (1 / _FAR_OFF <= mean / norm <= _FAR_OFF and not found.conflict > _CONFLICT):
+        return []
+    return [FINDINGS("field_differs", severity=CAUTION if found.conflict > _CONFLICT else NOTE, found=mean, given=norm)]
+
+
+def from_causes(found: Found, u: np.ndarray, said: Examined, saturated: np.ndarray, dip: float, limit: float) -> list[Finding]:
+    """Findings about saturated readings, and about what the residuals follow; their cost is the heading error in rad at level."""
+    findings = []
+    if len(saturated):
+        cost = cost_of(found, step_by(found, u, saturated, all_distances(found, saturated))[None], dip)
+        findings.append(FINDINGS("clipped", cost=cost, count=len(saturated)))
+    for cause in said.causes:
+        code = {FAST: "averaged", BENT: "bent", SERIAL: "correlated"}.get(cause.name, "follows")
+        cost = cost_of(found, cause.steps, dip)
+        if code == "correlated" or cost >= _WORTH_SAYING * limit:
+            what: dict[str, Any] = {"what": cause.name} if code == "follows" else {}
+            findings.append(FINDINGS(code, cost=cost, size=100 * cause.size, **what))
+    return findings
+
+
+def plausible_error(found: Found, said: Examined, level: float, dip: float) -> tuple[float, str]:
+    """How large the heading error in rad at level may be, given how well it is known itself; and the reason in words."""
+    if said.blocks:
+        by, why = doubt(BLOCKS - 1), "parts of the log differ"
+    elif said.causes:
+        by, why = _BY_BIAS, "the readings follow more than the field"
+    else:
+        by, why = doubt(max(len(found.distance) - COUNT[found.kind], 1)), f"{len(found.distance)} readings leave the noise uncertain"
+    moved = by * cost_of(found, said.swing, dip)
+    return (by * level, why) if by * level >= moved else (moved, "the residuals are those of a hard iron that moves")

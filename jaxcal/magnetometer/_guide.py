@@ -112,13 +112,13 @@ def guide(
     if len(m) < _FEWEST:
         return _by_gap(m, choice, f"{len(m)} readings; from {_FEWEST} on an error can be stated", None)
     found = fit(m, model="symmetric", inclination=inclination)
-    if found.model is None or not np.isfinite(found.covariance).all():
+    if found.model is None or not np.isfinite(found._facts.covariance).all():
         return _by_gap(m, choice, "the readings leave the calibration open", found)
     shape, centre = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)
     attitudes, directions = grids(float(found.inclination))[0]
     turn = levelled(found.down)
     slopes = np.einsum("ni,nip->np", across(attitudes, directions) @ turn, change_of(shape, directions @ turn))
-    weight, covariance = slopes.T @ slopes / len(slopes), np.asarray(found.covariance)
+    weight, covariance = slopes.T @ slopes / len(slopes), np.asarray(found._facts.covariance)
     grid = sphere_grid()
     points = grid @ np.linalg.inv(root(shape)) if choice is None else choice - centre
     # project onto the ellipsoid: otherwise candidates whose noise points outwards would be preferred, which biases the fit

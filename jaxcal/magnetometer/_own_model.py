@@ -4,7 +4,6 @@ Field magnitudes do not determine a common rotation. So the soft iron is S Q wit
 the start, which is kept. All other floating leaves are fitted unchanged.
 """
 
-import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any
@@ -16,24 +15,29 @@ import numpy as np
 
 from .._compile import filter_jit
 from .._errors import DataError
+from .._precision import is_traced
 from .._types import Array
 from ..fitting import Fit, covariance, identifiability, is_white, leave_out, solve
 from ..fitting._serial import BLOCKS, doubt
+from ._checked import checked, norm_and_dip
 from ._design._coverage import covered
 from ._design._heading_error import rms_heading
 from ._ellipsoid._algebraic import extents, traced_start
-from ._ellipsoid._causes import SERIAL
 from ._ellipsoid._kinds import basis_of, shape_and_centre
 from ._ellipsoid._orthogonal import CURVED
 from ._ellipsoid._residuals import surface_distances
 from ._ellipsoid._shape import Frame, model_of, radius_of
+from ._findings import FINDINGS
+from ._judge import by_readings, outliers
 from ._model import MagModel
-from ._result import NEAR_PLANAR, NEAR_PLANAR_SENTENCE, NOT_JUDGED, UNEVEN, MagFit, Reasons, expected, outliers, refusal
+from ._result import Facts, MagFit, finished, not_judged, unfitted
+from ._surface import NEAR_PLANAR
 
 _ENTRY = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 _UPPER = np.triu_indices(3)
 _SOFT = [f"soft_iron[{i},{j}]" for i, j in zip(*_UPPER, strict=True)]
-_PRECISE = 1e-8
+_PRECISE = 1e-8  # remaining step, relative to the statistical uncertainty
+_EXACT = 1e-9  # share of the field below which residuals are rounding, not noise
 
 
 class Leaves(eqx.Module):
@@ -81,13 +85,12 @@ def _changes(leaves: Leaves, turn: Array, norm: Any, usual: dict[str, Any], dire
 _changes_compiled = filter_jit(_changes)
 
 
-def changes_of(found: MagFit, directions: np.ndarray) -> np.ndarray:
-    """`_changes` for a finished fit of a model object (host only)."""
-    model: Any = found.model
+def changes_of(model: Any, field: Any, usual: dict[str, Any], directions: np.ndarray) -> np.ndarray:
+    """`_changes` for a fitted model object (host only)."""
     left, _, right = np.linalg.svd(np.asarray(model.soft_iron))
     turn = left @ right
     leaves = Leaves((np.asarray(model.soft_iron) @ turn.T)[_UPPER], eqx.tree_at(lambda m: m.soft_iron, model, None))
-    return np.asarray(_changes_compiled(leaves, turn, found.field, found.usual, directions))
+    return np.asarray(_changes_compiled(leaves, turn, field, usual, directions))
 
 
 def _pure(dip: float, model: MagModel, m: Any, field: Any, conditions: Any) -> tuple[Fit, dict[str, Any]]:
@@ -105,7 +108,7 @@ def _pure(dip: float, model: MagModel, m: Any, field: Any, conditions: Any) -> t
     usual = {name: jnp.median(jnp.asarray(value), axis=0) for name, value in conditions.items()}
     change = functools.partial(_changes, found.model, turn, norm, usual)
     return eqx.tree_at(lambda f: f.problem, found, None), {
-        "model": fitted, "covariance": matrix, "residual": found.residuals, "noise": noise, "field": norm, "values": found.parameters,
+        "model": fitted, "covariance": matrix, "residual": found.residuals, "noise": noise, "field": norm,
         "usual": usual,
         "heading_error": rms_heading(change, matrix, dip),
     }  # fmt: skip
@@ -127,55 +130,52 @@ _compiled = filter_jit(one_by_one)
 
 
 def fit_model(
-    m: Any, model: MagModel, norm: Any, dip: float, conditions: dict[str, Any], limits: tuple[float, float], traced: bool
+    m: Any, model: MagModel, field: Any, inclination: Any, conditions: dict[str, Any], limits: tuple[float, float], others: list[str]
 ) -> MagFit:
-    """`fit` for a model object; `norm` and `dip` describe the field."""
+    """`fit` for a model object, traced or not; `others` names options that were given and that this fit does not have."""
+    if others:
+        raise DataError("A model object is fitted by method='ml', without `loss`, `field_error` and `aid`.", code="model_object_options")
+    traced = is_traced(m, model, field, conditions)
+    if not traced:
+        m, norm, dip = checked(m, "ml", "auto", field, None, inclination, "bic", 0.5, None)
+    else:
+        norm, dip = norm_and_dip(field, inclination)
     conditions = {name: jnp.asarray(value, dtype=float) for name, value in conditions.items()}
     for name, value in conditions.items():
         if value.ndim < 1 or len(value) != len(m):
-            raise DataError(f"The condition {name!r} has shape {value.shape}; give one row for each of {len(m)} readings.")
+            raise DataError(f"The condition {name!r} has shape {value.shape}; give one row for each of {len(m)} readings.",
+                            code="condition_shape")  # fmt: skip
         if not traced and not np.isfinite(value).all():
-            raise DataError(f"The condition {name!r} has values that are not finite; leave those readings out.")
+            raise DataError(f"The condition {name!r} has values that are not finite.", code="condition_not_finite")
     model = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=m.dtype), model)
     count = sum(leaf.size for leaf in jax.tree.leaves(model)) - 3
     if len(m) <= count:
-        raise DataError(f"There are {len(m)} readings; this model has {count} parameters and needs at least {count + 1}.")
+        raise DataError(f"There are {len(m)} readings; this model with {count} parameters needs {count + 1}.", code="few_readings")
     found, told = (one_by_one if traced else _compiled)(_pure, dip, model, jnp.asarray(m), norm, conditions)
-    names = (*_SOFT, *(name.removeprefix("rest.") for name in found.names[6:]))
-    result = dataclasses.replace(
-        refusal("ml", dip, NOT_JUDGED), verdict="not judged", names=names, used=len(m), kind=type(model).__name__, **told
-    )
+    own, kind = (*_SOFT, *(name.removeprefix("rest.") for name in found.names[6:])), type(model).__name__
+    facts = {"own": own, "usual": told.pop("usual"), "used": len(m), "limits": limits}
     if traced:
-        return result
-    result = jax.tree.map(lambda leaf: np.asarray(leaf) if eqx.is_array(leaf) else leaf, result)
-    noise, field = float(result.noise), float(result.field)
-    y = np.asarray(result.model.correct(jnp.asarray(m), **conditions))  # type: ignore[union-attr]
-    back = np.asarray(result.model.measure(jnp.asarray(y), **conditions))  # type: ignore[union-attr]
+        return not_judged("ml", dip, kind, Facts(told.pop("covariance"), **facts), **told)
+    told = jax.tree.map(lambda leaf: np.asarray(leaf) if eqx.is_array(leaf) else leaf, told)
+    matrix, noise, field, fitted = told.pop("covariance"), float(told.pop("noise")), float(told.pop("field")), told["model"]
+    y = np.asarray(fitted.correct(jnp.asarray(m), **conditions))
+    back = np.asarray(fitted.measure(jnp.asarray(y), **conditions))
     if not np.allclose(back, m, rtol=1e-6, atol=1e-6 * np.abs(m).max()):
-        raise DataError(f"`measure` and `correct` of {result.kind} do not undo one another; `correct` must be its inverse.")
-    far = outliers(result.residual / field)
-    identified, reasons, doubtful = identifiability(found), Reasons([], []), 0.0
-    jacobian, left = np.asarray(found.jacobian), np.asarray(found.residuals)
-    if np.isfinite(result.covariance).all() and noise > 1e-9 * field and not is_white(jacobian, left):
+        raise DataError(f"`measure` and `correct` of {kind} do not undo one another; `correct` must be its inverse.", code="no_inverse")
+    far, identified, known = outliers(told["residual"] / field), identifiability(found), []
+    facts |= {"weakest": ", ".join(name.removeprefix("rest.") for name in identified.weakest), "condition": float(identified.condition)}
+    error, jacobian, left = told.pop("heading_error"), np.asarray(found.jacobian), np.asarray(found.residuals)
+    if np.isfinite(matrix).all() and noise > _EXACT * field and not is_white(jacobian, left):
         matrix = leave_out(jacobian, left)
-        error = np.asarray(rms_heading(functools.partial(changes_of, result), matrix, dip))
-        said = (
-            f"The noise is correlated from reading to reading; the errors are those between fits without parts of the log ({BLOCKS} parts)."
-        )
-        result = dataclasses.replace(
-            result, covariance=matrix, heading_error=error, blocks=BLOCKS, causes={SERIAL: float(error[0])}, warnings=(said,)
-        )
-        doubtful = doubt(BLOCKS - 1) * float(error[0])
-    if not bool(found.usable) or not np.isfinite(result.covariance).all():
-        reasons.refused.append(f"The fit has no solution that the readings determine: {found.message} {identified.sentence}")
+        error = np.asarray(rms_heading(functools.partial(changes_of, fitted, field, facts["usual"]), matrix, dip))
+        known.append(FINDINGS("correlated", cost=float(error[0]), size=100 * noise / field))
+        facts |= {"blocks": BLOCKS, "plausible": doubt(BLOCKS - 1) * float(error[0]), "why": "parts of the log differ"}
+    if not bool(found.usable) or not np.isfinite(matrix).all():
+        known.append(FINDINGS("undetermined", what=facts["weakest"] or "the model"))
     elif extents(Frame.of(m).scaled(m))[-1] < NEAR_PLANAR:
-        reasons.refused.append(NEAR_PLANAR_SENTENCE.partition(", or use")[0] + ".")
-    elif not reasons.heading(result.heading_error, limits, f". {identified.sentence}") and doubtful > limits[0]:
-        reasons.weak.append(f"{UNEVEN}: the heading may be wrong by {np.rad2deg(doubtful):.2g} degrees rms.")
-    reasons.scatter(noise / field, "surface of this model")
-    reasons.outliers(len(far), len(m))
-    said = reasons.text(f"The {expected(result.heading_error)}, excluding a rotation common to all readings.")
-    return dataclasses.replace(
-        result, verdict=reasons.verdict, reason=said, coverage=covered(y), outliers=far,
-        condition=float(identified.condition), noise=noise, field=field,
+        known.append(FINDINGS("near_planar"))
+    known += by_readings(noise / field, len(far), len(m))
+    return finished(
+        unfitted("ml", dip), kind=kind, _facts=Facts(matrix, known=tuple(known), **facts), noise=noise, field=field,
+        heading_error=error, coverage=covered(y), outliers=far, **told,
     )  # fmt: skip

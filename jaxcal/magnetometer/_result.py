@@ -1,46 +1,59 @@
-"""`MagFit`: a magnetometer calibration with its uncertainty, and the verdict good, weak or refused with its reasons."""
+"""`MagFit`: a magnetometer calibration with its uncertainty, the heading error to expect, and what to know about it."""
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any, ClassVar
 
 import equinox as eqx
 import numpy as np
 
-from .._results import Result, Row
-from .._special import student_quantile
+from .._answer import Finding, Grid, Number, Result, Section, by_axis, listed
+from .._frozen import made, replaced
 from .._types import AnyArray
-from .._units import STRONGEST_FIELD
-from ..fitting._serial import BLOCKS, doubt
-from ._design._heading_error import Information, heading_error
-from ._ellipsoid._algebraic import NotEllipsoid, ellipsoid_of, extents, nearest_quadric, sampson
-from ._ellipsoid._causes import Examined
-from ._ellipsoid._kinds import COUNT, ENTRIES, NAMES, PLANAR
-from ._ellipsoid._shape import Found, radius_of, soft_iron_slopes
+from ..fitting import Estimate
+from ._design._heading_error import heading_error
+from ._ellipsoid._kinds import ENTRIES
+from ._ellipsoid._shape import ellipsoid_entries
+from ._findings import FINDINGS
+from ._iron import iron, quantity_of
+from ._judge import LIMITS, judge
 from ._model import MagModel
 
-NOT_JUDGED = "The fit was traced: nothing was chosen and nothing is judged. Call `fit` outside of jit, vmap and grad for a verdict."
-#: rms heading error in rad above which a verdict is "weak", and above which it is "refused"
-LIMITS = (np.deg2rad(1.0), np.deg2rad(5.0))
-NEAR_PLANAR = 0.05  # smallest singular value of the centred readings; it is 0.58 for a full sphere
-NEAR_PLANAR_SENTENCE = (
-    "The readings are near-planar: they leave the field across their plane open. Turn about a second axis, or use model='planar'."
-)
-_OUTLIER = 4.0
-_ONE = 1e-9
-#: change of a symmetric matrix with each of its entries xx, xy, xz, yy, yz, zz
-_UPPER = np.zeros((6, 3, 3))
-_UPPER[range(6), *np.triu_indices(3)] = _UPPER[range(6), *np.triu_indices(3)[::-1]] = 1.0
-_MANY_OUTLIERS = 0.01
-_NOISY, _TOO_NOISY = 0.1, 0.2
-_ILL, _SINGULAR = 1000.0, 1e8
-_BY_NOISE = 0.5
-_BY_PENALTY, _CONFLICT = 0.5, 3.0  # standard errors
-UNEVEN = "The residuals are not white, and parts of the log differ"
-_BY_BIAS = 1.5  # factor by which an error may exceed the biases that were found
+NO_ESTIMATE = Estimate((), np.zeros(0), np.zeros((0, 0)))
+_LARGEST = 30.0  # degrees: a larger predicted error only says that the heading is open, because it comes from first derivatives
+
+
+class Facts(eqx.Module):
+    """What the verdict and later computations need besides the results of a `MagFit`.
+
+    covariance : of the shape's entries and the centre in the unit of the readings, (9, 9), in a plane (5, 5), or of the leaves `own` of a
+    model object. known : findings that no later step changes. given : whether the field was given. limits : heading errors in rad above
+    which a fit is weak and refused. plausible, why : how large the heading error in rad may be, and the reason in words. weakest : the
+    parameters that the readings determine least, in words. blocks : parts of the log left out in turn for the covariance; zero for white
+    residuals. used : number of fitted readings. usual : median of each condition of a model object. penalty, field_error : of the fit.
+    span : smallest and largest heading error over unknown dips and axes. terms : name of a current -> (2, 3) field per unit and its
+    standard deviation.
+    """
+
+    covariance: AnyArray
+    used: int = 0
+    given: bool = eqx.field(static=True, default=False)
+    known: tuple[Finding, ...] = eqx.field(static=True, default=())
+    limits: tuple[float, float] = eqx.field(static=True, default=LIMITS)
+    plausible: float = 0.0
+    why: str = eqx.field(static=True, default="")
+    weakest: str = eqx.field(static=True, default="")
+    blocks: int = eqx.field(static=True, default=0)
+    own: tuple[str, ...] = eqx.field(static=True, default=())
+    usual: dict[str, Any] = eqx.field(default_factory=dict)
+    penalty: float = 0.0
+    field_error: float | None = None
+    span: AnyArray = eqx.field(default_factory=lambda: np.full(2, np.nan))
+    terms: dict[str, Any] = eqx.field(default_factory=dict)
+    condition: float = np.nan
 
 
 class MagFit(Result):
-    """Hard and soft iron with their uncertainty, the heading error to expect, and a verdict.
+    """Hard and soft iron with their uncertainty, the heading error to expect, and findings.
 
     Field magnitudes cannot show a rotation common to all readings. Without an `alignment`, `model` has a symmetric soft iron, and
     `heading_error` covers the errors of the hard iron and of the symmetric soft iron only.
@@ -48,45 +61,27 @@ class MagFit(Result):
     Attributes
     ----------
     model : `MagModel`; None if the readings determine none.
-    covariance : (9, 9) of A_xx, A_xy, A_yy, A_xz, A_yz, A_zz and the hard iron, in units of the readings (see `names`); the ellipsoid is
-        (m - b)'A(m - b) = 1. It includes what a smaller model may leave out, and the squared biases from `causes`. It assumes white
-        noise if the residuals are white; otherwise it comes from fits without parts of the log (see `blocks`). In a plane (5, 5).
+    estimate : `jaxcal.fitting.Estimate` of `hard_iron[i]`, `soft_iron[i,j]`, further fields of a model object, `currents.NAME[i]` of
+        `fit_current`, and `field`, in the unit of the readings. It includes what a smaller model may leave out, the biases that the
+        residuals show, and the rotation. Its five degrees of freedom say that the residuals are not white, and that the covariance comes
+        from fits without parts of the log.
     heading_error : (2,) predicted rms error of the heading in rad, at level and at 20 degrees of tilt. It holds for the dip `inclination`,
         readings without noise and a true vertical. For methods other than "ml" and "consistent" it includes their difference from "ml".
+    field : magnitude of the corrected field: as given, or the cube root of the product of the ellipsoid's semi-axes.
+    noise : standard deviation of one axis of a reading, in its unit.
     coverage : `Coverage` of the corrected readings; None without a model.
     residual : (n,) orthogonal distance of each reading to the ellipsoid, in the unit of the readings, positive outside.
-    noise : standard deviation of one axis of a reading, in its unit.
-    verdict : "good", "weak" or "refused"; "not judged" under `jit`, `vmap` and `grad`, where coverage, outliers, `needed` and
-        `condition` are left empty.
-    reason : one or more sentences that explain the verdict.
-    field : magnitude of the corrected field: as given, or the cube root of the product of the ellipsoid's semi-axes.
     outliers : indices of readings more than four robust standard deviations off, or with a weight below 0.33.
-    causes : name -> rms heading error in rad that it adds at level, for each cause that the residuals follow beyond chance, the strongest
-        first: "drift", a name of `conditions`, "rate of turn", "nonlinearity"; then "place", "current or moving part" or "correlated
-        noise" if the remaining residuals are not white. Also "clipping", with readings at the end of the sensor's range.
-    blocks : number of parts of the log that were left out in turn for `covariance`; zero if the residuals are white.
-    used : number of readings that were fitted. Long logs are thinned.
     needed : (3, 3) unit vectors, in the corrected field's axes, in which further readings would help most.
-    condition : condition number of the fit on the unit sphere. 3 for even coverage; above 1000 the readings hardly determine the model.
     inclination : dip of the field used for `heading_error`, rad: as given, from the accelerometer, or 57 degrees.
     down : (3,) axis that points down at level, used for `heading_error`, in the axes of the magnitude fit (before the rotation by
         `alignment`): z, or the mean vertical of an accelerometer if it tilts little.
-    heading_range : (2,) smallest and largest `heading_error` at level, over all unknown assumptions: dips up to 75 degrees, and each axis
-        down. NaN in a plane and for model objects.
-    terms : name of a current -> (2, 3): field per unit of the current, and its standard deviation, in the unit of the readings; from
-        `fit_current`.
-    check : `Check` of readings that were held back from the fit; None otherwise.
-    usual : median of each condition of a model object; `heading_error` holds at these values.
     plane : (3, 3) for a planar fit: two unit vectors in the plane, then its normal. None otherwise.
     alignment : `Alignment` with the given accelerometer, gyroscope or headings; `model` includes its rotation. None otherwise.
-    warnings : sentences.
-    names : names of the parameters of `covariance`.
-    field_error : relative standard deviation with which the given field took part in the fit; None if the field only sets the scale.
-    penalty : weight of the penalty against few directions; zero if the readings alone decided.
-    joint : whether magnitudes and the other sensor were fitted together. `heading_error` then includes the correlation of ellipsoid and
-        rotation.
-    values : values of the parameters in `names`; `parameters` and `interval` give them by name.
-    method, kind : name of the method; "sphere", "diagonal", "symmetric", or in a plane "circle" and "ellipse".
+    check : `Check` of readings that were held back from the fit; None otherwise.
+    method : name of the method; "joint" for a fit together with another sensor.
+    kind : "sphere", "diagonal", "symmetric", in a plane "circle" and "ellipse", or the class of a model object.
+    findings : what to know. The verdict is "not judged" under `jit`, `vmap` and `grad`, where coverage, outliers and `needed` are empty.
 
     Examples
     --------
@@ -97,294 +92,142 @@ class MagFit(Result):
     """
 
     model: MagModel | None
-    covariance: AnyArray
+    estimate: Estimate
     heading_error: AnyArray
-    coverage: Any
-    residual: AnyArray
-    noise: float | AnyArray
     field: float | AnyArray
-    outliers: AnyArray
-    used: int
-    needed: AnyArray
-    condition: float
+    noise: float | AnyArray
+    residual: AnyArray
     inclination: float
-    plane: Any
-    verdict: str = eqx.field(static=True)
-    reason: str = eqx.field(static=True)
-    warnings: tuple[str, ...] = eqx.field(static=True)
-    names: tuple[str, ...] = eqx.field(static=True)
     method: str = eqx.field(static=True)
     kind: str = eqx.field(static=True)
-    alignment: Any = None
-    penalty: float = 0.0
-    field_error: float | None = None
-    joint: bool = eqx.field(static=True, default=False)
-    values: AnyArray = eqx.field(default_factory=lambda: np.zeros(0))
-    causes: dict[str, float] = eqx.field(default_factory=dict)
-    blocks: int = eqx.field(static=True, default=0)
+    _facts: Facts
+    coverage: Any = None
+    outliers: AnyArray = eqx.field(default_factory=lambda: np.zeros(0, dtype=int))
+    needed: AnyArray = eqx.field(default_factory=lambda: np.zeros((0, 3)))
     down: AnyArray = eqx.field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
-    heading_range: AnyArray = eqx.field(default_factory=lambda: np.full(2, np.nan))
-    usual: dict[str, Any] = eqx.field(default_factory=dict)
-    terms: dict[str, Any] = eqx.field(default_factory=dict)
+    plane: Any = None
+    alignment: Any = None
     check: Any = None
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
+
+    _figure: ClassVar = ("sphere", True)
 
     @property
-    def parameters(self) -> dict[str, float]:
-        """Value of each parameter by its name, in the units of the readings."""
-        values = np.asarray(self.values)
-        if self.model is not None and not len(values):
-            basis = np.eye(3) if self.plane is None else np.asarray(self.plane)[:2]
-            matrix = np.linalg.inv(np.asarray(self.model.soft_iron)) @ basis.T / self.field
-            entries = tuple(place[: len(self.names) - len(basis)] for place in ENTRIES)
-            values = np.concatenate([(matrix.T @ matrix)[entries], basis @ np.asarray(self.model.hard_iron)])
-        return dict(zip(self.names, values.tolist(), strict=True)) if len(values) else {}
+    def verdict(self) -> Any:
+        """The worst severity of the findings: "good", "weak" or "refused"; "not judged" for a traced fit."""
+        return "not judged" if "not_judged" in self.codes else super().verdict
 
     @property
-    def interval(self) -> dict[str, tuple[float, float]]:
-        """95 % interval of each parameter by its name: (low, high), by Student's t."""
+    def headline(self) -> str:
+        """The heading error to expect, in degrees."""
         if self.model is None:
-            return {}
-        half = self._quantile * np.sqrt(np.diag(self.covariance))
-        return {name: (value - h, value + h) for (name, value), h in zip(self.parameters.items(), half.tolist(), strict=True)}
+            return "no calibration"
+        level = float(np.rad2deg(self.heading_error[0]))
+        where = "level" if self.plane is None else "in the plane"
+        return f"headings to {level:.2g} deg (rms, {where})" if level < _LARGEST else "the heading stays open"
 
-    @property
-    def _quantile(self) -> float:
-        """Half of a 95 % interval in standard deviations, by Student's t."""
-        freedom = self.blocks - 1 if self.blocks else max(self.used - len(self.names), 1)
-        return float(student_quantile(freedom, 0.975))
-
-    _figure = ("sphere", True)
-
-    def _rows(self) -> list[Row]:
+    def sections(self) -> list[Section]:
+        """Correction of a reading, field and noise; then soft iron, heading error, coverage, rotation and check in detail."""
         if self.model is None:
             return []
-        hard, half = np.asarray(self.model.hard_iron), self._quantile * self.hard_iron_error
-        unit = "T" if self.field < STRONGEST_FIELD else "unit of the readings"
-        rows = [Row(f"hard iron {axis}", b, b - h, b + h, unit) for axis, b, h in zip("xyz", hard, half, strict=True)]
-        soft = np.asarray(self.model.soft_iron)
-        spread = self._quantile * self.soft_iron_error
-        low, high = soft - spread, soft + spread
-        rows += [Row(f"soft iron {a}{b}", soft[i, j], low[i, j], high[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz")]
-        for name, (value, error) in self.terms.items():
-            spread = self._quantile * np.asarray(error)
-            rows += [Row(f"{name} {a}", v, v - h, v + h, "unit") for a, v, h in zip("xyz", np.asarray(value), spread, strict=True)]
-        known = self.interval
-        for field in dataclasses.fields(self.model)[2:]:  # the fields of a subclass, fitted or set
-            values = np.asarray(getattr(self.model, field.name))
-            for entry in np.ndindex(values.shape) if np.issubdtype(values.dtype, np.floating) else ():
-                name = field.name + (f"[{','.join(map(str, entry))}]" if entry else "")
-                rows.append(Row(name, values[entry], *known.get(name, (np.nan, np.nan))))
-        return [*rows, Row("field", self.field, unit=unit), Row("noise of a reading", self.noise, unit=unit)]
+        labels = {name: f"{name}, per unit" for name in self._facts.terms}
+        quantity, numbers = quantity_of(self.field), self.estimate.numbers()
+        soft = [one for one in numbers if one.name.startswith("soft_iron")]
+        hard, rest = ([one for one in numbers if one not in soft and one.name.startswith("hard_iron") == first] for first in (True, False))
+        noise = Number("noise", float(self.noise), quantity=quantity)
+        found: list[Section] = [
+            by_axis("magnetometer", "magnetometer", [*hard, *self._correction(), *rest, noise], labels,
+                    note="Multiply the matrix of the correction by (reading - hard iron)."),
+            by_axis("soft_iron", "soft iron, which the correction undoes", soft, detail=True),
+            listed("heading", "heading error and readings", self._details(), detail=True),
+        ]  # fmt: skip
+        wanted = [Number(f"needed_{i + 1}[{j}]", float(value)) for i, way in enumerate(self.needed) for j, value in enumerate(way)]
+        if wanted:
+            names = {f"needed_{i + 1}": f"direction {i + 1}" for i in range(3)}
+            found.append(by_axis("needed", "where readings help most", wanted, names, detail=True))
+        if self.alignment is not None:
+            found += [_within("alignment", grid)._replace(detail=True) for grid in self.alignment.sections()]
+        return found if self.check is None else [*found, *(_within("check", grid) for grid in self.check.sections())]
 
-    @property
-    def hard_iron_error(self) -> np.ndarray:
-        """(3,) standard deviation of the hard iron, in the unit of the readings; infinite along the normal of a planar fit."""
-        if self.plane is None:
-            return np.sqrt(np.diag(self.covariance)[6:9])
-        if not np.isfinite(self.covariance).all():
-            return np.full(3, np.inf)
-        basis = np.asarray(self.plane)[:2]
-        spread = np.sqrt(np.einsum("ik,ij,jk->k", basis, self.covariance[3:, 3:], basis))
-        return np.where(np.abs(self.plane[2]) > 1e-6, np.inf, spread)
-
-    @property
-    def soft_iron_error(self) -> np.ndarray:
-        """(3, 3) standard deviations of the soft iron, including the rotation by `alignment`; infinite where a plane determines nothing."""
-        if self.model is None or not np.isfinite(self.covariance).all():
-            return np.full((3, 3), np.inf)
-        soft, covariance = np.asarray(self.model.soft_iron), np.asarray(self.covariance)
-        if len(self.values):  # a model object has soft iron S Q, and S is fitted
-            left, _, right = np.linalg.svd(soft)
-            slopes = _UPPER @ (left @ right)
-        else:
-            plane = None if self.plane is None else np.asarray(self.plane)
-            values, size = list(self.parameters.values()), 3 if plane is None else 2
-            shape = np.zeros((size, size))
-            rows, columns = (place[: len(values) - size] for place in ENTRIES)
-            shape[rows, columns] = shape[columns, rows] = values[:-size]
-            given = bool(plane is None and abs(abs(np.linalg.det(soft)) - 1) > _ONE)
-            alone, slopes = soft_iron_slopes(shape, float(self.field), given, plane)
-            slopes = slopes @ np.linalg.inv(alone) @ soft
-        part = covariance[: len(slopes), : len(slopes)]
-        variance = np.einsum("pij,pq,qij->ij", slopes, part, slopes)
-        if self.alignment is not None and self.alignment.verdict != "refused":
-            turned = soft @ np.cross(np.eye(3), np.eye(3)[:, None]).swapaxes(1, 2)
-            variance = variance + np.einsum("pij,pq,qij->ij", turned, np.asarray(self.alignment.covariance), turned)
-        error = np.sqrt(np.maximum(variance, 0.0))
-        return error if self.plane is None else np.where(np.outer(*2 * [np.abs(self.plane[2]) > _ONE]), np.inf, error)
-
-    def _widened(self, by: np.ndarray, limits: tuple[float, float], what: str, more: np.ndarray | None = None) -> "MagFit":
-        """The fit with a further covariance `by` (9, 9), caused by `what`, added to its covariance, heading error and verdict.
-
-        more : the further heading error, if it does not follow from `by`. The range over dips and axes grows in proportion.
-        """
+    def _correction(self) -> list[Number]:
+        """The inverse of the soft iron, which corrects a reading, with intervals: dW = -W dC W."""
         assert self.model is not None
-        values = list(self.parameters.values())
-        shape = np.zeros((3, 3))
-        shape[ENTRIES] = shape[ENTRIES[::-1]] = values[:6]
-        further = np.asarray(heading_error(shape, by, self.inclination, self.down) if more is None else more)
-        error = np.hypot(np.asarray(self.heading_error), further)
-        reasons = Reasons([], [])
-        reasons.heading(error, limits, f"; part of that is by {what}.")
-        verdict = max(self.verdict, reasons.verdict, key=("good", "weak", "refused").index)
-        span = self.heading_range * error[0] / np.asarray(self.heading_error)[0]
-        reason = self.reason.replace(expected(np.asarray(self.heading_error)), expected(error))
-        reason = reason.replace(between(self.heading_range), between(span))
-        if verdict != self.verdict:
-            reason = reasons.text(reason)
-        return dataclasses.replace(
-            self, covariance=self.covariance + by, heading_error=error, heading_range=span, verdict=verdict, reason=reason
-        )
+        matrix = np.linalg.inv(np.asarray(self.model.soft_iron))
+        part = self.estimate.select("soft_iron*")
+        slopes = -np.einsum("ik,lj->ijkl", matrix, matrix).reshape(9, 9)
+        known = np.isfinite(np.asarray(part.matrix)).all()
+        names = [f"correction[{i},{j}]" for i in range(3) for j in range(3)]
+        spread = slopes @ np.asarray(part.matrix) @ slopes.T if known else np.full((9, 9), np.inf)
+        states = {new: part.states[old] for new, old in zip(names, part.names, strict=True) if old in part.states}
+        return Estimate(names, matrix.ravel(), spread, part.freedom, states).numbers()
+
+    def _details(self) -> list[tuple[str, Number]]:
+        facts, cover = self._facts, self.coverage
+        rows = {
+            "at level": Number("heading_error", float(self.heading_error[0]), quantity="angle"),
+            "at 20 deg of tilt": Number("heading_error_tilted", float(self.heading_error[1]), quantity="angle"),
+            "least, over unknown dips and axes": Number("heading_least", float(facts.span[0]), quantity="angle"),
+            "most, over unknown dips and axes": Number("heading_most", float(facts.span[1]), quantity="angle"),
+            "dip of the field": Number("inclination", float(self.inclination), quantity="angle"),
+            "readings": Number("readings", len(self.residual)), "readings fitted": Number("used", facts.used),
+            "outliers": Number("outliers", len(self.outliers)), "condition number": Number("condition", float(facts.condition)),
+            "weight of the penalty": Number("penalty", float(facts.penalty)),
+        }  # fmt: skip
+        if cover is not None:
+            rows["directions seen"] = Number("coverage.occupied", 100 * cover.occupied, quantity="%")
+            rows["largest gap"] = Number("coverage.largest_gap", cover.largest_gap, quantity="angle")
+        return [(label, one) for label, one in rows.items() if np.isfinite(one.value)]
 
 
-def between(span: AnyArray) -> str:
-    """The range of a heading error in rad, as text in degrees."""
-    low, high = np.rad2deg(span)
-    return f"{low:.2g} to {high:.2g} degrees" if high < 30 else f"{low:.2g} to more than 30 degrees" if low < 30 else "more than 30 degrees"
+def _within(name: str, grid: Any) -> Grid:
+    """The table of a part of the fit, with the part's name before those of its numbers."""
+    rows = tuple(
+        (label, tuple(cell._replace(name=f"{name}.{cell.name}") if isinstance(cell, Number) else cell for cell in cells))
+        for label, cells in grid.rows
+    )
+    return grid._replace(rows=rows)
 
 
-def refusal(method: str, dip: float, reason: str) -> MagFit:
+def finished(found: MagFit, **changes: Any) -> MagFit:
+    """The fit with some fields changed, and with the estimate and findings that follow: every path to a `MagFit` ends here."""
+    found = replaced(found, **changes)
+    facts, turn = found._facts, found.alignment
+    if found.model is None:
+        return replaced(found, findings=facts.known)
+    freedom = facts.blocks - 1 if facts.blocks else max(facts.used - len(facts.covariance), 1)
+    rotation = None if turn is None or turn.verdict == "refused" else np.asarray(turn.covariance)
+    estimate = iron(
+        found.model, found.field, facts.covariance, freedom, given=facts.given, plane=found.plane, own=facts.own, rotation=rotation,
+        terms=facts.terms,
+    )  # fmt: skip
+    return replaced(found, estimate=estimate, findings=judge(found, facts))
+
+
+def unfitted(method: str, dip: float, *findings: Finding) -> MagFit:
     """A fit without a model."""
-    return MagFit(
-        model=None, covariance=np.full((9, 9), np.inf), heading_error=np.full(2, np.inf), coverage=None, residual=np.zeros(0), noise=np.inf,
-        field=np.inf, outliers=np.zeros(0, dtype=int), used=0, needed=np.zeros((0, 3)), condition=np.inf, inclination=dip, plane=None,
-        verdict="refused", reason=reason, warnings=(), names=NAMES, method=method, kind="none",
+    return made(
+        MagFit, model=None, estimate=NO_ESTIMATE, heading_error=np.full(2, np.inf), field=np.inf, noise=np.inf, residual=np.zeros(0),
+        inclination=dip, method=method, kind="none", findings=findings, _facts=Facts(np.full((9, 9), np.inf), known=findings),
     )  # fmt: skip
 
 
-def expected(error: Any) -> str:
-    """The expected heading error, in words."""
-    level, tilted = np.rad2deg(error)
-    where = f"at level and {tilted:.2g} at 20 degrees of tilt" if np.isfinite(tilted) else "in the plane"
-    return f"heading error to expect is {level:.2g} degrees rms {where}"
+def not_judged(method: str, dip: float, kind: str, facts: Facts, **told: Any) -> MagFit:
+    """A traced fit."""
+    facts = dataclasses.replace(facts, known=(FINDINGS("not_judged"),))
+    return finished(unfitted(method, dip), kind=kind, _facts=facts, **told)
 
 
-class Reasons(NamedTuple):
-    """Sentences that explain why a fit is refused or weak."""
+def widened(found: MagFit, by: np.ndarray, more: np.ndarray | None = None, **facts: Any) -> MagFit:
+    """The fit with a further covariance `by` (9, 9) of the shape's entries and the centre, and with other `facts`.
 
-    refused: list[str]
-    weak: list[str]
-
-    def add(self, grave: bool | np.bool_, sentence: str) -> None:
-        """Add a sentence that refuses the fit if `grave`, or else makes it weak."""
-        (self.refused if grave else self.weak).append(sentence)
-
-    def heading(self, error: np.ndarray, limits: tuple[float, float], rest: str) -> bool:
-        """Add a sentence and return True if the predicted heading error is too large."""
-        (level, tilted), (least, most) = np.rad2deg(error), np.rad2deg(limits)
-        if not level <= least:
-            large = "by more than 30 degrees" if not level <= 30 else f"by {level:.2g} degrees rms"
-            at = f" at level and {tilted:.2g} at 20 degrees of tilt" if level <= 30 and np.isfinite(tilted) else ""
-            self.add(not level <= most, f"The heading would be wrong {large}{at}{rest}")
-        return not level <= least
-
-    def scatter(self, relative: float, surface: str = "ellipsoid") -> None:
-        """Add a sentence if the noise, relative to the field, is too large."""
-        if relative > _NOISY:
-            grave = relative > _TOO_NOISY
-            far = "; they do not lie on one" if grave else ""
-            self.add(grave, f"The readings scatter by {100 * relative:.0f} % of the field about the best {surface}{far}.")
-
-    def outliers(self, number: int, count: int, cure: str = "leave them out") -> None:
-        """Add a sentence if there are more outliers than chance explains."""
-        if number > max(_MANY_OUTLIERS * count, 2):
-            self.weak.append(f"{number} of {count} readings are outliers; {cure}.")
-
-    @property
-    def verdict(self) -> str:
-        """The verdict that follows from the sentences."""
-        return "refused" if self.refused else "weak" if self.weak else "good"
-
-    def text(self, otherwise: str) -> str:
-        """All sentences, the gravest first, or `otherwise` if there are none."""
-        return " ".join([*self.refused, *self.weak]) or otherwise
-
-
-def outliers(distance: AnyArray, weight: Any = 1.0) -> np.ndarray:
-    """Indices of readings more than four robust standard deviations off, or with a weight below 0.33; distances in scaled units."""
-    size = np.abs(distance)
-    return np.flatnonzero((size > max(_OUTLIER * 1.4826 * np.median(size), 1e-9)) | (np.asarray(weight) < 0.33))
-
-
-def _other_quadric(found: Found, u: np.ndarray) -> str | None:
-    """Which other quadric the readings lie on, if their distances to it are less than half of those to the ellipsoid."""
-    kept = found.weight > 0.5
-    theta = nearest_quadric(u[kept])
-    try:
-        ellipsoid_of(theta)
-    except NotEllipsoid as error:
-        far = np.sqrt(np.mean(found.distance[kept] ** 2))
-        if far > 1e-6 and 2 * np.sqrt(np.mean(sampson(theta, u[kept]) ** 2)) < far:
-            return str(error)
-    return None
-
-
-def _structural(found: Found, u: np.ndarray, told: Information, planar: bool) -> list[str]:
-    """Reasons that lie in the geometry of the readings, for any noise."""
-    if not planar and extents(u - u.mean(axis=0))[-1] < NEAR_PLANAR:
-        return [NEAR_PLANAR_SENTENCE]
-    if not planar and (other := _other_quadric(found, u)):
-        return [f"{other[0].upper()}{other[1:]}, and they lie on it more than twice as close as on any ellipsoid."]
-    if not told.condition <= _SINGULAR or not np.isfinite(found.covariance).all():
-        return [f"The readings do not determine {told.weakest}."]
-    if told.by_noise > _BY_NOISE:
-        return [f"The readings show {told.weakest} through their noise only, and so do not determine it."]
-    return []
-
-
-def judge(
-    found: Found, u: np.ndarray, error: np.ndarray, told: Information, limits: tuple[float, float], loss: Any, notes: list[str],
-    said: Examined, swing: float,
-) -> tuple[str, str]:  # fmt: skip
-    """The verdict, and the sentences that explain it."""
-    planar = found.kind in PLANAR
-    reasons = Reasons(_structural(found, u, told, planar), list(notes))
-    if not reasons.refused:
-        _by_size(found, error, told, limits, reasons, said, swing)
-    far = len(outliers(found.distance, found.weight))
-    if far > 0.4 * len(u):
-        reasons.refused.append(f"{far} of {len(u)} readings are outliers: no majority of the readings agrees.")
-    elif loss is None:
-        reasons.outliers(far, len(u), "use loss='huber' or 'tukey', or leave them out")
-    text = reasons.text(f"The {expected(np.asarray(error))}, excluding a rotation common to all readings.")
-    return reasons.verdict, text + (" It holds for headings in the plane of the readings only." if planar else "")
-
-
-def _by_size(
-    found: Found, error: np.ndarray, told: Information, limits: tuple[float, float], reasons: Reasons, said: Examined, swing: float
-) -> None:
-    """Add the reasons that are a matter of degree: scatter, predicted heading error, condition."""
-    if not found.converged:
-        reasons.refused.append(f"The fit did not converge: {found.message or 'it ran off, as fits of this cost do with partial coverage.'}")
-    reasons.scatter(found.noise / radius_of(found.shape))
-    level, least = np.rad2deg([error[0], limits[0]])
-    if not reasons.heading(error, limits, f"; least certain is {told.weakest}."):
-        _doubtful(found, level, least, reasons, said, swing)
-    if found.conflict > _CONFLICT:
-        reasons.weak.append(
-            f"The field that the readings alone give is {found.conflict:.2g} standard errors from the given one: its unit, the "
-            "sensitivity, or the field error is off."
-        )
-    if found.bias > _BY_PENALTY:
-        size = f"by {found.bias:.2g} standard errors" if found.bias < 100 else "without limit"
-        reasons.weak.append(f"The readings alone leave the ellipsoid open: the penalty on small coverage moved it {size}.")
-    if told.condition > _ILL:
-        reasons.weak.append(f"The readings hardly determine {told.weakest} (condition number {told.condition:.0f}).")
-
-
-def _doubtful(found: Found, level: float, least: float, reasons: Reasons, said: Examined, swing: float) -> None:
-    """Add a reason if the heading error may exceed the limit, given how well the error itself is known."""
-    if said.blocks:
-        by, why = doubt(BLOCKS - 1), UNEVEN
-    elif said.causes:
-        by, why = _BY_BIAS, f"The residuals follow {said.causes[0].name!r}"
-    else:
-        by = doubt(max(len(found.distance) - COUNT[found.kind], 1))
-        why = f"{len(found.distance)} readings leave the noise uncertain by a factor of {by:.2g}"
-    if level * by > least:
-        reasons.weak.append(f"{why}: the heading may be wrong by {level * by:.2g} degrees rms.")
-    elif (moved := by * np.rad2deg(swing)) > least:
-        reasons.weak.append(
-            "The noise is correlated as that of a hard iron that moves would be, by which the heading may be wrong by "
-            f"{moved:.2g} degrees rms."
-        )
+    more : the further heading error, if it does not follow from `by`. The range over dips and axes grows in proportion.
+    """
+    shape, old = np.zeros((3, 3)), np.asarray(found.heading_error)
+    shape[ENTRIES] = shape[ENTRIES[::-1]] = ellipsoid_entries(found.model, found.field)[:6]  # type: ignore[arg-type]
+    further = np.asarray(heading_error(shape, by, found.inclination, found.down) if more is None else more)
+    error = np.hypot(old, further)
+    known = dataclasses.replace(
+        found._facts, covariance=found._facts.covariance + by, span=found._facts.span * error[0] / old[0],
+        plausible=float(np.hypot(found._facts.plausible, further[0])), **facts,
+    )  # fmt: skip
+    return finished(found, heading_error=error, _facts=known)

@@ -6,16 +6,16 @@ from typing import Any
 import numpy as np
 
 from ._design._heading_error import angle, distance_slopes, grids, heading_error, levelled
-from ._ellipsoid._shape import Frame, ellipsoid_of_model
-from ._result import MagFit
+from ._ellipsoid._shape import Frame, ellipsoid_entries, ellipsoid_of_model
+from ._result import MagFit, finished, widened
 from ._rotation._joint import aligned
 
 #: share of the largest variance below which a direction of the terms adds nothing
 _NOTHING = 1e-6
 
 
-def widened_by_terms(found: MagFit, m: np.ndarray, columns: np.ndarray, covariance: np.ndarray, limits: tuple[float, float]) -> MagFit:
-    """The fit of readings (n, 3) without the fields of the currents, widened by the errors (3 c, 3 c) of the terms.
+def widened_by_terms(found: MagFit, m: np.ndarray, columns: np.ndarray, covariance: np.ndarray, terms: dict[str, Any]) -> MagFit:
+    """The fit of readings (n, 3) without the fields of the currents, widened by the errors (3 c, 3 c) of the `terms`.
 
     The hard iron holds at zero current. The heading error holds at the recorded current nearest to zero: a temperature is never zero.
     """
@@ -25,7 +25,7 @@ def widened_by_terms(found: MagFit, m: np.ndarray, columns: np.ndarray, covarian
         there = _by_terms(found, m, columns - nearest)
         shape = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)[0]  # type: ignore[arg-type]
         errors = heading_error(shape, there @ covariance @ there.T, found.inclination, found.down)
-    return found._widened(slopes @ covariance @ slopes.T, limits, "the terms of the currents", errors)
+    return widened(found, slopes @ covariance @ slopes.T, errors, terms=terms)
 
 
 def _by_terms(found: MagFit, m: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -39,7 +39,7 @@ def _by_terms(found: MagFit, m: np.ndarray, columns: np.ndarray) -> np.ndarray:
 
 
 def jointly_with_terms(
-    found: MagFit, m: np.ndarray, columns: np.ndarray, covariance: np.ndarray, aid: Any, limits: tuple[float, float]
+    found: MagFit, m: np.ndarray, columns: np.ndarray, covariance: np.ndarray, aid: Any, terms: dict[str, Any]
 ) -> MagFit:
     """The joint fit of readings (n, 3) without the fields of the currents, widened by the errors of the terms.
 
@@ -49,19 +49,18 @@ def jointly_with_terms(
     values, vectors = np.linalg.eigh(covariance)
     by, turns, errors = np.zeros((9, 9)), np.zeros((3, 3)), np.zeros(2)
     if best.verdict == "refused" or best.alignment.verdict == "refused":
-        return best
+        return finished(best, _facts=dataclasses.replace(best._facts, terms=terms))
     for value, vector in zip(values, vectors.T, strict=True):
         if value > _NOTHING * values[-1]:
             step = np.sqrt(value) * vector.reshape(3, -1)
             moved = aligned(found, m - columns @ step.T, aid, joint=True)
-            change = np.array(list(moved.parameters.values())) - np.array(list(best.parameters.values()))
+            change = ellipsoid_entries(moved.model, moved.field) - ellipsoid_entries(best.model, best.field)  # type: ignore[arg-type]
             between = np.asarray(best.alignment.rotation).T @ np.asarray(moved.alignment.rotation)
             turn = np.array([between[2, 1] - between[1, 2], between[0, 2] - between[2, 0], between[1, 0] - between[0, 1]]) / 2
             by, turns = by + np.outer(change, change), turns + np.outer(turn, turn)
             errors = errors + _departure(best, moved) ** 2
     alignment = dataclasses.replace(best.alignment, covariance=np.asarray(best.alignment.covariance) + turns)
-    best = dataclasses.replace(best, alignment=alignment)
-    return best._widened(by, limits, "the terms of the currents", np.sqrt(errors))
+    return widened(dataclasses.replace(best, alignment=alignment), by, np.sqrt(errors), terms=terms)
 
 
 def _departure(first: MagFit, second: MagFit) -> np.ndarray:

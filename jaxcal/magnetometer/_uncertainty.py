@@ -14,7 +14,7 @@ from .._precision import array_module, host_float64
 from .._types import AnyArray, Array
 from ..fitting import solve_many
 from ._design._heading_error import across, change_of, grids, heading_slopes, levelled, planar_slopes, tilted
-from ._ellipsoid._kinds import ENTRIES, PLANAR, parameters_of, shape_and_centre
+from ._ellipsoid._kinds import PLANAR, parameters_of, shape_and_centre
 from ._ellipsoid._orthogonal import CURVED, bounds_of, padded
 from ._ellipsoid._residuals import Penalty, Readings, Size, distances, natural_rows, orthogonal, penalised
 from ._ellipsoid._shape import Frame, ellipsoid_of_model, radius_of
@@ -41,7 +41,7 @@ def bootstrap(m: Any, found: MagFit, *, replicas: int = 1000, seed: int = 0) -> 
 
     Returns
     -------
-    (replicas, 9) parameters in the order and units of `found.covariance`. Compare it with `np.cov(replicas, rowvar=False)`.
+    (replicas, 12) hard iron and soft iron in the order of `found.estimate`. Compare its covariance with `np.cov(replicas, rowvar=False)`.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def bootstrap(m: Any, found: MagFit, *, replicas: int = 1000, seed: int = 0) -> 
     >>> m = body_field(scenario("all", samples=60), 50.0) + np.random.default_rng(0).normal(size=(60, 3))
     >>> found = jaxcal.magnetometer.fit(m, model="sphere")
     >>> bootstrap(m, found, replicas=20).shape
-    (20, 9)
+    (20, 12)
 
     References
     ----------
@@ -64,11 +64,12 @@ def bootstrap(m: Any, found: MagFit, *, replicas: int = 1000, seed: int = 0) -> 
     """
     m = np.asarray(m, dtype=np.float64)
     if found.model is None or found.kind in PLANAR:
-        raise DataError("The bootstrap needs a fit with a model that is not planar.")
+        raise DataError("The bootstrap needs a fit with a model that is not planar.", code="no_model")
     if m.shape != (len(found.residual), 3):
-        raise DataError(f"The readings have shape {m.shape}, the fit is of ({len(found.residual)}, 3); give the readings that were fitted.")
+        raise DataError(f"The readings have shape {m.shape}, the fit is of ({len(found.residual)}, 3); give the readings that were fitted.",
+                        code="other_readings")  # fmt: skip
     if replicas < 1:
-        raise DataError(f"{replicas} replicas were asked for; at least one is needed.")
+        raise DataError(f"{replicas} replicas were asked for; at least one is needed.", code="no_replicas")
     frame = Frame.of(m)
     data, noise = padded(frame.scaled(m), found.kind), found.noise / frame.scale
     counts = np.random.default_rng(seed).multinomial(len(m), np.full(len(m), 1 / len(m)), size=replicas)
@@ -76,18 +77,21 @@ def bootstrap(m: Any, found: MagFit, *, replicas: int = 1000, seed: int = 0) -> 
     weight[:, : len(m)] = np.sqrt(counts)
     ellipsoid = ellipsoid_of_model(found.model, frame, found.field)
     curved = noise > CURVED * radius_of(ellipsoid[0])
-    size = None if found.field_error is None else Size(float(np.log(found.field / frame.scale)), found.field_error)
-    penalty = Penalty.of(found.kind, noise, found.penalty, size) if found.penalty or size else None
+    facts = found._facts
+    size = None if facts.field_error is None else Size(float(np.log(found.field / frame.scale)), facts.field_error)
+    penalty = Penalty.of(found.kind, noise, facts.penalty, size) if facts.penalty or size else None
     fits = solve_many(
         penalised if penalty else orthogonal if curved else distances, parameters_of(found.kind, *ellipsoid),
         Readings(data.u, weight, 1.0, noise**2 if curved else 0.0, data.basis, penalty),
         batched=(False, Readings(False, True, False, False, False, False)), bounds=bounds_of(found.kind), max_steps=64, rtol=_PRECISE,
     )  # fmt: skip
     if bad := int(np.sum(~np.asarray(fits.usable))):
-        raise DataError(f"{bad} of {replicas} refits did not converge: the readings do not determine the model; see the fit's verdict.")
+        raise DataError(f"{bad} of {replicas} refits did not converge: the readings do not determine the model.", code="not_converged")
     shapes, centres = jax.vmap(shape_and_centre, (0, None))(jnp.asarray(fits.parameters), jnp.asarray(data.basis))
-    shapes, centres = np.asarray(shapes) / frame.scale**2, frame.centre + frame.scale * np.asarray(centres)
-    return np.concatenate([shapes[:, *ENTRIES], centres], axis=1)
+    values, vectors = np.linalg.eigh(np.asarray(shapes))
+    size = found.field / frame.scale if facts.given else np.prod(values, axis=1)[:, None, None] ** (-1 / 6)
+    soft = (vectors / np.sqrt(values)[:, None]) @ np.swapaxes(vectors, 1, 2) / size
+    return np.concatenate([frame.centre + frame.scale * np.asarray(centres), soft.reshape(-1, 9)], axis=1)
 
 
 @host_float64
@@ -126,19 +130,20 @@ def heading_uncertainty(found: MagFit, headings: Any, *, tilt: float | int = 0.0
     V. Renaudin, M. H. Afzal and G. Lachapelle, J. Sensors 2010, 967245, for the model; first-order propagation.
     """
     if found.model is None:
-        raise DataError(f"The fit has no model: {found.reason}")
-    headings = np.atleast_1d(np.asarray(headings, dtype=float))
+        raise DataError(f"The fit has no model: {found.reason}", code="no_model")
+    headings, facts = np.atleast_1d(np.asarray(headings, dtype=float)), found._facts
     shape, _ = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)
     if found.plane is None:
         attitudes = tilted(headings, float(tilt))
         directions, turn = unit_field(attitudes, found.inclination), levelled(found.down)
         sideways = across(attitudes, directions) @ turn
-        change = changes_of(found, directions @ turn) if len(found.values) else change_of(shape, directions @ turn)
+        own = functools.partial(changes_of, found.model, found.field, facts.usual)
+        change = own(directions @ turn) if facts.own else change_of(shape, directions @ turn)
         slopes = np.einsum("ni,nip->np", sideways, change)
     else:
         basis = np.asarray(found.plane)
         slopes = planar_slopes(basis @ shape @ basis.T, headings)
-    variance = np.sum(slopes @ np.asarray(found.covariance) * slopes, axis=1)
+    variance = np.sum(slopes @ np.asarray(facts.covariance) * slopes, axis=1)
     return np.sqrt(variance.reshape(-1, len(headings)).mean(axis=0))
 
 
@@ -219,9 +224,9 @@ def predict(attitudes: Any, noise: float | int, *, inclination: float | int = IN
     """
     attitudes = array_module(attitudes).asarray(attitudes, dtype=float)
     if attitudes.ndim != 2 or attitudes.shape[1] != 3 or len(attitudes) < _FEWEST:
-        raise DataError(f"The attitudes have shape {attitudes.shape}; expected (n, 3) with at least {_FEWEST} rows.")
+        raise DataError(f"The attitudes have shape {attitudes.shape}; expected (n, 3) with at least {_FEWEST} rows.", code="bad_shape")
     if not noise > 0 or not abs(inclination) < np.pi / 2:
-        raise DataError("The noise must be positive, relative to the field, and the inclination within 90 degrees.")
+        raise DataError("The noise must be positive, relative to the field, and the inclination within 90 degrees.", code="bad_value")
     values = [_value(jnp.asarray(attitudes), jnp.asarray(inclination), jnp.asarray(w)) for w in _weights(float(inclination))]
     return noise * jnp.sqrt(jnp.stack(values))
 
@@ -271,9 +276,10 @@ def plan(
     """
     for low, high, name in ((*elevation, "elevation"), (*bank, "bank")):
         if not low <= high:
-            raise DataError(f"The {name} from {low:g} to {high:g} is no interval; give the lowest first.")
+            raise DataError(f"The {name} from {low:g} to {high:g} is no interval; give the lowest first.", code="no_interval")
     if count < _FEWEST or not noise > 0 or not abs(inclination) < np.pi / 2 or not (limit is None or limit > 0):
-        raise DataError(f"A plan needs {_FEWEST} attitudes or more, a positive noise, and an inclination within 90 degrees; got {count}.")
+        raise DataError(f"A plan needs {_FEWEST} attitudes or more, a positive noise, and an inclination within 90 degrees; got {count}.",
+                        code="bad_value")  # fmt: skip
     rng, weight = np.random.default_rng(seed), jnp.asarray(_weights(float(inclination)).mean(axis=0))
     bounds = [(None, None), elevation, bank] * count
 
@@ -289,6 +295,6 @@ def plan(
     best[:, 0] %= 2 * np.pi
     error = predict(best, noise, inclination=inclination)
     if not error.max() < np.pi:
-        raise DataError("The attitudes that are allowed leave the calibration open; allow more elevation or bank.")
+        raise DataError("The attitudes that are allowed leave the calibration open; allow more elevation or bank.", code="undetermined")
     repeats = 1 if limit is None else max(int(np.ceil((error.max() / limit) ** 2)), 1)
     return Plan(best[np.argsort(best[:, 0])], error / np.sqrt(repeats), repeats)

@@ -5,7 +5,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._errors import DataError
+from .._units import shown_in
 from ..magnetometer import MagFit, heading_uncertainty
+from ..magnetometer._iron import quantity_of
 from ._style import INK, SERIES, SHADE, color_bar, new_figure, style_axes
 
 if TYPE_CHECKING:
@@ -49,7 +51,7 @@ def sphere(m: Any, found: Any, axes: Any = None) -> Any:
         raise DataError(f"the readings have shape {m.shape}; expected (n, 3)")
     m = m[np.isfinite(m).all(axis=1)]
     m = m[:: max(len(m) // _MOST, 1)]
-    scale, unit = unit_of(found)
+    unit, scale = shown_in(quantity_of(found.field))
     before, after, radius = m / scale, np.asarray(model.correct(m)) / scale, found.field / scale
     if axes is None:
         figure = new_figure(10.0)
@@ -154,7 +156,7 @@ def residual(m: Any, found: Any, ax: Any = None) -> Any:
     ax = new_figure().subplots() if ax is None else ax
     y = np.asarray(model.correct(m))
     y = y / np.linalg.norm(y, axis=1, keepdims=True)
-    scale, unit = unit_of(found)
+    unit, scale = shown_in(quantity_of(found.field))
     off = np.asarray(found.residual) / scale
     limit = float(np.quantile(np.abs(off), 0.98)) or 1.0
     step = max(len(y) // _MOST, 1)
@@ -191,7 +193,7 @@ def heading_error(found: Any, ax: Any = None) -> Any:
     'heading (°)'
     """
     _checked(found)
-    if not np.isfinite(found.covariance).all():
+    if not np.isfinite(found.heading_error[0]):
         raise DataError("there is nothing to draw: the readings leave the heading open")
     ax = new_figure().subplots() if ax is None else ax
     headings = np.linspace(0, 2 * np.pi, 145)
@@ -219,11 +221,6 @@ def _checked(found: Any) -> Any:
     if found.model is None:
         raise DataError(f"there is nothing to draw: the fit has no model. {found.reason}")
     return found.model
-
-
-def unit_of(found: MagFit) -> tuple[float, str]:
-    """Microtesla if the field is of Earth's size in tesla, else the unit of the readings."""
-    return (1e-6, "µT") if 1e-6 < found.field < 1e-3 else (1.0, "unit of the readings")
 
 
 def region_corners() -> list[np.ndarray]:

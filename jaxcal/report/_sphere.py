@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from .._units import shown_in
 from ..magnetometer import MagFit, heading_uncertainty
-from ..plot._magnetometer import region_corners, unit_of
+from ..magnetometer._iron import quantity_of
+from ..plot._magnetometer import region_corners
 from ._explore import short
 from ._html import Markup, tag
 from ._svg import ASPECT, Axis, Mark, figure, linear_axis
@@ -24,7 +26,7 @@ def sphere(found: MagFit, readings: np.ndarray | None) -> Markup:
     found : a fit with a model.
     readings : (n, 3) the readings that were fitted, in the unit of the fit; None if they are not available.
     """
-    scale, unit = unit_of(found)
+    unit, scale = shown_in(quantity_of(found.field))
     about: dict[str, Any] = {"unit": unit, "missing": _vectors(found.coverage.missing), "needed": _vectors(found.needed), "readings": []}
     if readings is not None:
         pick = np.unique(np.linspace(0, len(readings) - 1, min(len(readings), _MOST)).astype(int))
@@ -39,7 +41,7 @@ def sphere(found: MagFit, readings: np.ndarray | None) -> Markup:
     text = json.dumps(about, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     document = tag("script", Markup(text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")), type="application/json")
     static = [] if readings is None else _planes(found, readings, scale, unit)
-    always = [_map(found), *([_headings(found)] if np.isfinite(found.covariance).all() else [])]
+    always = [_map(found), *([_headings(found)] if np.isfinite(found.heading_error[0]) else [])]
     return tag("div", document, tag("div", *static, class_="static"), *always, class_="sphere")
 
 

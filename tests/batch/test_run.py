@@ -159,8 +159,8 @@ def test_named_tasks_give_what_the_library_gives(tmp_path, pool):
     assert found["gyro_y.oadev(1 s)"].value == pytest.approx(expected.deviation[0, 1], rel=0.02)
     assert found["gyro_y.oadev(10 s)"].unit == "rad/s"
     entry, fit = one("mag", method="consistent"), jaxcal.magnetometer.fit(log.mag, method="consistent")
-    assert entry.coefficients["hard_iron_z"].value == pytest.approx(fit.model.hard_iron[2], rel=1e-9)
-    assert entry.document["result"]["schema"] == "jaxcal.mag/1"
+    assert entry.coefficients["hard_iron[2]"].value == pytest.approx(fit.model.hard_iron[2], rel=1e-9)
+    assert entry.document["result"]["schema"] == "jaxcal.MagFit/1"
     fits = jaxcal.temperature.characterise(jaxcal.Log(log.time, gyro=log.gyro, temperature=log.temperature), model="polynomial", degree=1)
     found = one("temperature", model="polynomial", degree=1).coefficients
     assert found["gyro_x.rms"].value == pytest.approx(fits["gyro_x"].rms, rel=1e-9)
@@ -173,9 +173,9 @@ def test_noise_has_no_value_where_a_term_is_not_there(tmp_path, pool):
     fit = jaxcal.noise.characterise(jaxcal.read(path, quiet=True), terms=("N", "K"))["gyro_x"]
     assert entry.coefficients["gyro_x.N"].value == float(fit.noise.N)
     assert (entry.coefficients["gyro_x.N"].low, entry.coefficients["gyro_x.N"].high) == fit.interval["N"]
-    assert fit.presence["K"] == "not detected"
+    assert fit.verdict["K"] == "not detected"
     assert (entry.coefficients["gyro_x.K"].value, entry.coefficients["gyro_x.K"].high) == (None, fit.upper_limit["K"])
-    assert entry.document["result"]["schema"] == "jaxcal.NoiseFits/1"
+    assert entry.document["result"]["schema"] == "jaxcal.noise/1"
 
 
 @pytest.mark.parametrize(

@@ -60,7 +60,6 @@ M = np.random.default_rng(0).standard_normal((100, 3))
         (["allan", "imu.csv", "--kind"], lambda: jaxcal.allan.deviation(Y, 1.0, kind="nonsense")),
         (["psd", "imu.csv", "--method"], lambda: jaxcal.spectrum.density(Y, 1.0, method="nonsense")),
         (["psd", "imu.csv", "--average"], lambda: jaxcal.spectrum.density(Y, 1.0, average="nonsense")),
-        (["mag", "imu.csv", "--method"], lambda: jaxcal.magnetometer.fit(M, method="nonsense")),
         (["mag", "imu.csv", "--model"], lambda: jaxcal.magnetometer.fit(M, model="nonsense")),
         (["batch", "imu.csv", "--task"], lambda: jaxcal.batch.run(["imu.csv"], "nonsense")),
         (["export", "device.json", "--to"], lambda: jaxcal.export.write(jaxcal.Calibration(), "a", format="nonsense")),

@@ -260,10 +260,7 @@ allan rest.csv --m 0                       | cluster size 0 is outside
 allan rest.csv --m 100000                  | cluster size 100000 is outside
 allan rest.csv --kind mtie --robust        | --robust is for adev, oadev, hdev and ohdev
 allan warm_only.csv                        | neither gyroscope, accelerometer nor magnetometer
-mag tumble.csv --penalty -1                | The penalty is -1
-mag tumble.csv --field 47 --field-error 2  | The field error is 2
 mag tumble.csv --align gyro                | the log has no gyro; name its columns with --columns gyro=...
-mag tumble.csv --method minmax --loss huber | takes no loss
 temperature cold.csv                       | a thermal model needs at least 2 degC
 export device.json --to kalibr             | run jaxcal noise on a log of the sensor at rest
 diff device.json device.json               | have no part in common that could be compared

@@ -52,7 +52,7 @@ def test_spread_between_scenarios_and_true_accuracy(repeated):
 def test_published_hard_irons_are_what_noise_of_a_tenth_of_a_microtesla_gives():
     for name, published in HARD_IRON.items():
         error = fit(cases.paper_readings(name, 0.08, 0), model="symmetric")
-        expected = error.hard_iron_error * 0.08 / error.noise
+        expected = error.estimate.select("hard_iron*").error * 0.08 / error.noise
         assert np.all(np.abs(np.array(published) - cases.PAPER.hard_iron) < 4 * expected)
         # it does not fit noise ten times smaller
         assert np.any(np.abs(np.array(published) - cases.PAPER.hard_iron) > 4 * expected / 10)
@@ -64,7 +64,7 @@ def test_standard_deviation_of_the_hard_iron_by_scenario():
     listed = {"all": (0.10, 0.09, 0.09), "three_turns": (0.45, 0.86, 4.6), "twelve_points": (2.2, 10.8, 20.1)}
     for name, spread in listed.items():
         found = fit(cases.readings(plain, body_field(scenario(name), cases.FIELD, cases.DIP), 0.01, 0), model="symmetric")
-        np.testing.assert_allclose(found.hard_iron_error / found.noise, spread, rtol=0.1)
+        np.testing.assert_allclose(found.estimate.select("hard_iron*").error / found.noise, spread, rtol=0.1)
 
 
 def test_experimental_matrices_are_nearly_volume_preserving():

@@ -21,7 +21,7 @@ def test_sphere_shows_both(found):
     np.testing.assert_allclose(before.get_xydata(), 1e6 * M[:, :2])
     np.testing.assert_allclose(after.get_xydata(), 1e6 * found.model.correct(M)[:, :2])
     assert np.hypot(*circle.get_xydata()[0]) == pytest.approx(1e6 * found.field)
-    assert axes[0].get_xlabel() == "x (µT)"
+    assert axes[0].get_xlabel() == "x (uT)"
     assert axes[3].name == "3d"
     with pytest.raises(DataError, match="the readings have shape"):
         jaxcal.plot.sphere(M[0], found)

@@ -97,7 +97,7 @@ def test_a_refused_calibration_is_a_part_but_no_page_of_its_own(tmp_path):
     assert page.count("Too few poses.") == 2
     empty = fit(np.tile([1.0, 0, 0], (30, 1)))
     assert empty.verdict == "refused"
-    assert empty.reason in written([empty], tmp_path / "b.html").replace("&#x27;", "'")
+    assert "There are 1 distinct readings" in written([empty], tmp_path / "b.html")
 
 
 def test_lists_that_make_no_page(parts, tmp_path):

@@ -18,7 +18,6 @@ from .._design._coverage import bins
 from ._kinds import COUNT, PLANAR, parameters_of
 from ._shape import unit
 
-NOT_ELLIPSOID = "the data do not determine an ellipsoid: the quadric nearest to the readings is a {}"
 _ENOUGH_FOR_ADJUSTED = 30
 _SUBSETS = 200
 _SUBSET = 12  # readings: three more than a symmetric fit needs, so that noise does not decide
@@ -26,7 +25,11 @@ _KEPT, _ROUNDS = 10, 4
 
 
 class NotEllipsoid(FitError):
-    """The fitted quadric is not an ellipsoid."""
+    """The fitted quadric is not an ellipsoid, but the one that is named."""
+
+    def __init__(self, quadric: str):
+        super().__init__(f"the data do not determine an ellipsoid: the quadric nearest to the readings is a {quadric}", "no_ellipsoid")
+        self.quadric = quadric
 
 
 def monomials(u: Any) -> Any:
@@ -76,15 +79,15 @@ def ellipsoid_of(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         try:
             shape, x0 = shape_of(theta)
         except np.linalg.LinAlgError:
-            raise NotEllipsoid(NOT_ELLIPSOID.format("paraboloid or a cylinder")) from None
+            raise NotEllipsoid("paraboloid or a cylinder") from None
     if not (np.isfinite(shape).all() and np.isfinite(x0).all()):
-        raise NotEllipsoid(NOT_ELLIPSOID.format("cone or a cylinder"))
+        raise NotEllipsoid("cone or a cylinder")
     values = np.linalg.eigvalsh(shape)
     if values[0] <= 0:
-        raise NotEllipsoid(NOT_ELLIPSOID.format("hyperboloid" if values[-1] > 0 else "quadric without real points"))
+        raise NotEllipsoid("hyperboloid" if values[-1] > 0 else "quadric without real points")
     # a centre hundreds of data radii away means a paraboloid, to within rounding
     if values[-1] > 1e12 * values[0] or np.linalg.norm(x0) > 1e6:
-        raise NotEllipsoid(NOT_ELLIPSOID.format("paraboloid or a cylinder"))
+        raise NotEllipsoid("paraboloid or a cylinder")
     return shape, x0
 
 
@@ -102,7 +105,7 @@ def _constrained(u: np.ndarray, chosen: tuple[int, ...], rest: tuple[int, ...], 
         if np.isfinite(value) and np.all(np.isfinite(vector)) and size > 1e-12 * (vector @ vector):
             pairs.append((abs(value), vector / np.sqrt(size)))
     if not pairs:
-        raise NotEllipsoid(NOT_ELLIPSOID.format("quadric that the constraint excludes"))
+        raise NotEllipsoid("quadric that the constraint excludes")
     theta = np.zeros(10)
     theta[list(chosen)] = q = min(pairs, key=lambda pair: pair[0])[1]
     theta[list(rest)] = -np.linalg.lstsq(r2, q2.T @ first, rcond=None)[0] @ q
@@ -189,7 +192,7 @@ def axes(u: np.ndarray, vectors: np.ndarray | None = None) -> tuple[np.ndarray, 
     turned = z @ vectors
     radii = np.ptp(turned, axis=0) / 2
     if not radii.min() > 0:
-        raise NotEllipsoid(NOT_ELLIPSOID.format("flat one: the readings do not vary along one axis"))
+        raise NotEllipsoid("flat one: the readings do not vary along one axis")
     return (vectors / radii**2) @ vectors.T, centre
 
 
@@ -237,7 +240,7 @@ def null_of(psi: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         while least(high) > 0:
             low, high = high, 1.69 * high
             if high > _LARGEST**2:
-                raise NotEllipsoid(NOT_ELLIPSOID.format("quadric hidden in noise"))
+                raise NotEllipsoid("quadric hidden in noise")
         s2 = _crossing(least, low, high)
     theta = np.linalg.eigh(psi[0] + s2 * (psi[1] + s2 * psi[2]))[1][:, 0]
     return *ellipsoid_of(theta), float(np.sqrt(s2))
@@ -272,7 +275,7 @@ def start(u: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
             return attempt()
         except NotEllipsoid as error:
             reason = reason or error
-    raise reason or NotEllipsoid(NOT_ELLIPSOID.format("quadric of another kind"))
+    raise reason or NotEllipsoid("quadric of another kind")
 
 
 def traced_start(u: Any, kind: str) -> Any:

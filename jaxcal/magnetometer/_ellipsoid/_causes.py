@@ -19,7 +19,7 @@ from ._residuals import Size
 from ._shape import Found, radius_of, root, unit
 from ._shared import shared
 
-DRIFT, FAST, BENT, PLACE, ALONE, SERIAL = "drift", "rate of turn", "nonlinearity", "place", "current or moving part", "correlated noise"
+DRIFT, FAST, BENT, SERIAL = "time", "rate of turn", "nonlinearity", "correlated noise"
 _PARTS = 20
 _CHANCE = 0.003
 _FEWEST = 80
@@ -40,14 +40,12 @@ class Examined(NamedTuple):
 
     swing : (3, 9) or (0, 9): how far the hard iron may have moved from its mean along each axis, if this is why the residuals are not
         white. Only the verdict uses it.
-    with_terms : covariance of the parameters if the causes that move the hard iron were fitted as terms; None without such causes.
     """
 
     covariance: np.ndarray
     blocks: int
     causes: list[Cause]
     swing: np.ndarray
-    with_terms: np.ndarray | None = None
 
 
 def _rows(found: Found, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -136,7 +134,7 @@ def examined(
     columns = {} if n < _FEWEST else _columns(found, normals, z, whole, rows, conditions)
     columns = {name: weight * part[:, np.abs(part).max(axis=0) > 1e-12 * radius] for name, part in columns.items()}
     causes: list[Cause] = []
-    terms, span = [jacobian], span_of(jacobian)
+    span = span_of(jacobian)
     while columns and len(causes) < _MOST:
         calm = tamed(span, left)
         worth = n / correlation_time(calm)
@@ -152,11 +150,10 @@ def examined(
             moved = np.zeros(9)
             moved[6 : 6 + len(coefficients)] = coefficients
             steps.append(moved)
-            terms.append(part)
         causes.append(Cause(name, np.array(steps), float(np.max(np.abs(part @ coefficients))) / radius))
     if look_white(jacobian, span, left):
         rest = np.sum(left**2) / np.sum((weight[:, 0] * found.distance) ** 2)
-        return Examined(found.covariance * min(rest, 1.0), 0, causes, np.zeros((0, 9)), _with_terms(terms, left, count, True))
+        return Examined(found.covariance * min(rest, 1.0), 0, causes, np.zeros((0, 9)))
     known = np.zeros((count, count))
     if size is not None:  # derivative of the mean semi-axis, for the field that was given
         slope = np.linalg.inv(found.shape) / -6
@@ -167,27 +164,9 @@ def examined(
     if np.isfinite(part).all():
         matrix = np.zeros((9, 9))
         matrix[:count, :count] = part
-    of_norm, alone, swing = shared(left, normals)
+    alone, swing = shared(left, normals)
     # half the range of a uniform distribution is sqrt(3) times its standard deviation
     half = np.sqrt(3.0) * swing * np.eye(9)[6:]
-    if alone is None:
-        rest = Cause(PLACE if of_norm else SERIAL, np.zeros((0, 9)), float(np.std(left)) / radius)
-    else:
-        moved = np.sqrt(3.0) * np.concatenate([np.zeros(6), alone])
-        rest = Cause(ALONE, moved[None], float(np.linalg.norm(moved)) / radius)
-    return Examined(matrix, BLOCKS, [*causes, rest], half, _with_terms(terms, left, count, False))
-
-
-def _with_terms(terms: list[np.ndarray], residuals: np.ndarray, count: int, independent: bool) -> np.ndarray | None:
-    """Covariance (9, 9) of the first parameters if columns of causes are fitted beside them; None without such columns."""
-    rows, matrix = np.concatenate(terms, axis=1), np.zeros((9, 9))
-    if len(terms) == 1:
-        return None
-    if independent:
-        size = np.linalg.norm(rows, axis=0)
-        noise2 = np.sum(residuals**2) / max(len(rows) - rows.shape[1], 1)
-        part = noise2 * symmetric_inverse((rows / size).T @ (rows / size)) / np.outer(size, size)
-    else:
-        part = leave_out(rows, residuals)
-    matrix[:count, :count] = part[:count, :count]
-    return matrix
+    moved = np.zeros((0, 9)) if alone is None else np.sqrt(3.0) * np.concatenate([np.zeros(6), alone])[None]
+    rest = Cause(SERIAL, moved, float(np.std(left)) / radius)
+    return Examined(matrix, BLOCKS, [*causes, rest], half)

@@ -1,6 +1,7 @@
 """Choice of the model, by the Bayesian information criterion or by held-out error; choice of the readings of a long log."""
 
 import contextlib
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -9,12 +10,14 @@ import numpy as np
 from ..._errors import DataError
 from ...fitting import AbstractLoss
 from ...fitting._information import symmetric_inverse
-from .._design._coverage import bins
+from .._design._coverage import bins, covered, sphere_grid
+from .._design._heading_error import needed
+from .._judge import outliers
 from ._algebraic import NotEllipsoid, away, robust_start, start
-from ._kinds import COUNT, PLACE, basis_of, shape_and_centre
+from ._kinds import COUNT, PLACE, PLANAR, basis_of, shape_and_centre
 from ._orthogonal import described, flat
 from ._residuals import Readings, orthogonal
-from ._shape import Found, directions_of, root, unit
+from ._shape import Found, Frame, directions_of, root, unit
 
 _TIE = 2.0
 _LEAST = 1e-28  # smallest mean square of distances, that of exact readings
@@ -45,7 +48,7 @@ def candidates(u: np.ndarray, kinds: tuple[str, ...], loss: AbstractLoss | None,
         except NotEllipsoid as error:
             failure = error
     if not fits:
-        raise failure or NotEllipsoid("the data do not determine an ellipsoid: there are too few readings for any model")
+        raise failure or NotEllipsoid("quadric with more parameters than readings")
     return fits, count or _occupied(next(iter(fits.values())), u)
 
 
@@ -136,3 +139,14 @@ def all_distances(found: Found, u: np.ndarray) -> np.ndarray:
         data = Readings(jnp.asarray(full), jnp.ones(_CHUNK), jnp.asarray(1.0), jnp.asarray(found.noise2), basis)
         parts.append(np.asarray(_distance(jnp.asarray(found.parameters), data))[: len(part)])
     return np.concatenate(parts)
+
+
+def of_all(found: Found, frame: Frame, log: np.ndarray, corrected: np.ndarray, matrix: np.ndarray, used: int) -> tuple[Any, ...]:
+    """Distances and outliers of all scaled readings of a `log`, directions where more would help, and coverage."""
+    distance, far, wanted = found.distance, outliers(found.distance, found.weight), np.zeros((0, 3))
+    if used < len(log):
+        distance = all_distances(found, log)
+        far = outliers(distance)
+    if found.kind not in PLANAR and np.isfinite(matrix).all():
+        wanted = needed(found.shape / frame.scale**2, matrix, sphere_grid())
+    return distance, far, wanted, covered(corrected)

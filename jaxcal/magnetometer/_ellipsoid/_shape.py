@@ -83,16 +83,20 @@ def entries_of(found: Found) -> np.ndarray:
     return np.concatenate([found.shape[ENTRIES], found.centre])
 
 
-def covariance_of(found: Found, frame: Frame, bias: np.ndarray | None = None) -> Any:
-    """Covariance (9, 9) of the shape's entries and the centre, (5, 5) in a plane, plus the squares of scaled biases (k, 9)."""
+def covariance_of(found: Found, frame: Frame, bias: np.ndarray | None = None, own: Any = None) -> Any:
+    """Covariance (9, 9) of the shape's entries and the centre, (5, 5) in a plane, plus the squares of scaled biases (k, 9).
+
+    own : covariance of the parameters in place of that of the fit.
+    """
+    matrix = found.covariance if own is None else own
     xp = array_module(found, frame)
     rows = np.arange(9) if found.kind not in PLANAR else np.array(PLANAR_ROWS)
     size = xp.where(rows < 6, frame.scale**-2, frame.scale)
     slopes = slopes_of(found.parameters, basis_of(found.kind))[rows] * size[:, None]
     off = np.zeros((0, len(rows))) if bias is None else bias[:, rows] * size
     # infinity times zero is NaN, so one undetermined parameter makes the whole covariance infinite
-    known = xp.isfinite(found.covariance).all()
-    return xp.where(known, slopes @ xp.where(known, found.covariance, 0.0) @ slopes.T + off.T @ off, xp.inf)
+    known = xp.isfinite(matrix).all()
+    return xp.where(known, slopes @ xp.where(known, matrix, 0.0) @ slopes.T + off.T @ off, xp.inf)
 
 
 def root(shape: Any) -> Any:
@@ -141,27 +145,6 @@ def roots_of(shape: Any) -> tuple[Any, Any, Any]:
     return (vectors * size) @ vectors.T, (vectors / size) @ vectors.T, vectors @ turned @ vectors.T
 
 
-def soft_iron_slopes(shape: np.ndarray, field: float, given: bool, plane: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Symmetric soft iron C = A^(-1/2) / H, and its derivative with respect to the entries of A, (6, 3, 3), or (3, 3, 3) in a plane.
-
-    given : whether the field H was given; otherwise H is the mean semi-axis, and the determinant of C stays one.
-    """
-    count = 6 if plane is None else 3
-    change = np.zeros((count, 3, 3))
-    rows, columns = (place[:count] for place in ENTRIES)
-    change[range(count), rows, columns] = change[range(count), columns, rows] = 1.0
-    if plane is not None:
-        change = plane.T @ change @ plane
-        shape = plane.T @ np.block([[shape, np.zeros((2, 1))], [np.zeros((1, 2)), np.full((1, 1), 1 / field**2)]]) @ plane
-    inverse = np.linalg.inv(root(shape))
-    roots = np.einsum("pe,eij->pij", change[:, *ENTRIES], root_slopes(shape))
-    soft, slopes = inverse / field, -inverse @ roots @ inverse / field
-    if not given:
-        size = -np.einsum("ij,pji->p", np.linalg.inv(shape), change) / (6 if plane is None else 4)
-        slopes = slopes - size[:, None, None] * soft
-    return soft, slopes
-
-
 def radius_of(shape: Any, planar: bool = False) -> Any:
     """Geometric mean of all semi-axes, or of those in the plane."""
     xp = array_module(shape)
@@ -194,3 +177,9 @@ def ellipsoid_of_model(model: MagModel, frame: Frame, field: Any) -> tuple[np.nd
     """Shape matrix and centre of a model for a field of this magnitude: the inverse of `model_of`, for any rotation in the soft iron."""
     inverse = np.linalg.inv(np.asarray(model.soft_iron)) * frame.scale / field
     return inverse.T @ inverse, (np.asarray(model.hard_iron) - frame.centre) / frame.scale
+
+
+def ellipsoid_entries(model: MagModel, field: Any) -> np.ndarray:
+    """(A_xx, A_xy, A_yy, A_xz, A_yz, A_zz, b) of a model, (9,), in the unit of the readings."""
+    shape, centre = ellipsoid_of_model(model, Frame(np.zeros(3), 1.0), field)
+    return np.concatenate([shape[ENTRIES], centre])

@@ -12,12 +12,10 @@ _ALONE = 4.0  # ratio of the variance along one direction to that across it
 class Shared(NamedTuple):
     """What neighbouring residuals have in common.
 
-    of_norm : whether they agree for all directions, as with a field that varies, rather than as with an offset.
     alone : (3,) standard deviation of an offset along the one direction in which it varies, as with a current; None if there is none.
     swing : standard deviation, along any direction, of an offset that would explain what neighbours share.
     """
 
-    of_norm: bool
     alone: np.ndarray | None
     swing: float
 
@@ -34,7 +32,7 @@ def shared(residuals: np.ndarray, normals: np.ndarray) -> Shared:
     turned = np.concatenate([np.sum(normals[k:] * normals[:-k], axis=1) for k in _CLOSE])
     swing = float(np.sqrt(max(np.sum(turned * near) / max(np.sum(turned**2), 1e-300), 0.0)))
     if norm > offset:
-        return Shared(True, None, swing)
+        return Shared(None, swing)
     pairs = [(i, j) for i in range(3) for j in range(i, 3)]
     columns = [first[:, i] * second[:, j] + (i != j) * first[:, j] * second[:, i] for i, j in pairs]
     entries = np.linalg.lstsq(np.stack([np.ones(len(first)), *columns], axis=1), products, rcond=None)[0][1:]
@@ -43,8 +41,8 @@ def shared(residuals: np.ndarray, normals: np.ndarray) -> Shared:
         matrix[i, j] = matrix[j, i] = value
     values, vectors = np.linalg.eigh(matrix)
     if not values[2] > _ALONE * np.abs(values[:2]).max():
-        return Shared(False, None, swing)
+        return Shared(None, swing)
     along = normals @ vectors[:, 2]
     cosines = np.concatenate([along[k:] * along[:-k] for k in _CLOSE])
     variance = np.sum(cosines * near) / max(np.sum(cosines**2), 1e-300)
-    return Shared(False, vectors[:, 2] * np.sqrt(max(variance, 0.0)), swing)
+    return Shared(vectors[:, 2] * np.sqrt(max(variance, 0.0)), swing)

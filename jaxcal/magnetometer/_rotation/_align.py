@@ -8,12 +8,15 @@ import jax
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from ..._answer import CAUTION, FATAL, Finding, Number, Quantity, Result, Section, listed
 from ..._compile import filter_jit
 from ..._errors import DataError
 from ..._precision import host_float64
+from ..._special import NORMAL95
 from ..._types import AnyArray
 from ...fitting import Fit, Gaussian, covariance, is_white, leave_out, solve
 from .._ellipsoid._shape import filled, unit
+from .._findings import FINDINGS
 from .._model import MagModel
 from ._residuals import dip_residuals, heading_residuals, turn_residuals
 from ._turning import SEGMENT, array, attitudes_in_segments, like, permutations
@@ -26,10 +29,12 @@ _ROUNDS, _SETTLED, _EXACT = 6, 1e-6, 1e-12
 DELAY = 0.05  # s, prior standard deviation of the delay between the sensors
 _OPEN = 0.5  # share of the prior: a delay with a larger error was not determined
 _FAR = np.deg2rad(45.0)
+#: source of a rotation -> its name for readers
+NAMES = {"accel": "accelerometer", "gyro": "gyroscope", "headings": "known headings"}
 _LEVEL = 0.5  # length of the mean unit vertical: one for a sensor at level, zero for one rotated through all attitudes
 
 
-class Alignment(eqx.Module):
+class Alignment(Result):
     """Rotation between a magnetometer and the sensor it was compared with.
 
     Attributes
@@ -44,9 +49,8 @@ class Alignment(eqx.Module):
     bias : (3,) bias of the gyroscope, rad/s; zero with other sensors.
     delay, delay_error : time by which the magnetometer lags the gyroscope in s, and its standard deviation; NaN with other sensors.
     used : number of readings.
-    verdict : "good", "weak" (a standard deviation above 1 degree) or "refused" (above 5 degrees).
-    reason : one or more sentences that explain the verdict.
     source : "accel", "gyro" or "headings".
+    findings : the verdict is "weak" if a standard deviation is above 1 degree, and "refused" above 5 degrees.
 
     Examples
     --------
@@ -69,11 +73,32 @@ class Alignment(eqx.Module):
     spread: AnyArray
     bias: AnyArray
     used: int
-    verdict: str = eqx.field(static=True)
-    reason: str = eqx.field(static=True)
     source: str = eqx.field(static=True)
     delay: float = float("nan")
     delay_error: float = float("nan")
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
+
+    @property
+    def headline(self) -> str:
+        """The angle of the rotation, and how well it is known."""
+        most = float(np.sqrt(np.linalg.eigvalsh(self.covariance)[-1])) if np.isfinite(self.covariance).all() else np.inf
+        if not most < np.pi:
+            return "the rotation stays open"
+        return f"rotated by {np.rad2deg(self.angle):.2g} deg, known to {np.rad2deg(most):.2g} deg"
+
+    def sections(self) -> list[Section]:
+        """Angle, dip, scatter before and after, delay."""
+        off, late = NORMAL95 * self.angle_error, NORMAL95 * self.delay_error
+        rows = {
+            "rotation": Number("angle", self.angle, self.angle - off, self.angle + off, "angle"),
+            "dip of the field": Number("dip", self.dip, quantity="angle"),
+            "scatter before": Number("spread[0]", float(self.spread[0]), quantity="angle"),
+            "scatter after": Number("spread[1]", float(self.spread[1]), quantity="angle"),
+            "delay": Number("delay", self.delay, self.delay - late, self.delay + late, "delay"),
+            "readings": Number("used", self.used),
+        }
+        title = f"rotation against the {NAMES[self.source]}"
+        return [listed("alignment", title, [(label, one) for label, one in rows.items() if np.isfinite(one.value)])]
 
 
 class Accelerometer(eqx.Module):
@@ -103,7 +128,7 @@ class Accelerometer(eqx.Module):
 
     def __check_init__(self) -> None:
         if self.mounting not in ("near", "any"):
-            raise DataError(f"There is no mounting {self.mounting!r}; known are 'near' and 'any'.")
+            raise DataError(f"There is no mounting {self.mounting!r}; known are 'near' and 'any'.", code="no_such_mounting")
 
     def _align(self, y: np.ndarray, model: MagModel) -> "Alignment":
         accel = like(self.accel, y, "specific force")
@@ -168,7 +193,8 @@ class Gyroscope(eqx.Module):
 
     def __check_init__(self) -> None:
         if self.rate is None or not self.rate > 0:
-            raise DataError(f"The rates are integrated: give the readings per second, a positive `rate`; got {self.rate!r}.")
+            raise DataError(f"The rates are integrated: give the readings per second, a positive `rate`; got {self.rate!r}.",
+                            code="no_rate")  # fmt: skip
 
     def _align(self, y: np.ndarray, model: MagModel) -> "Alignment":
         gyro, size = like(self.gyro, y, "rates"), np.sqrt(np.nanmean(np.sum(y**2, axis=1)))
@@ -233,7 +259,8 @@ class Headings(eqx.Module):
         headings = np.asarray(self.headings, dtype=float) - self.declination
         up = np.tile([0.0, 0.0, -9.81], (len(y), 1)) if self.accel is None else like(self.accel, y, "specific force")
         if headings.shape != (len(y),):
-            raise DataError(f"The headings have shape {headings.shape}; give one for each of {len(y)} readings, NaN where none is known.")
+            raise DataError(f"The headings have shape {headings.shape}; give one for each of {len(y)} readings, NaN where none is known.",
+                            code="heading_shape")  # fmt: skip
         kept = np.isfinite(headings) & np.isfinite(up).all(axis=1) & np.isfinite(y).all(axis=1)
         _enough(int(kept.sum()), "known headings")
         y, up, headings = y[kept], up[kept], headings[kept]
@@ -298,14 +325,15 @@ def align(m: Any, model: MagModel, aid: Any) -> Alignment:
     (gyroscope).
     """
     if not isinstance(aid, Aid):
-        raise DataError(f"The aid is {type(aid).__name__}; give Accelerometer(f), Gyroscope(w, rate) or Headings(h).")
+        raise DataError(f"The aid is {type(aid).__name__}; give Accelerometer(f), Gyroscope(w, rate) or Headings(h).",
+                        code="no_such_aid")  # fmt: skip
     m = array(m, "readings")
     return aid._align((m - np.asarray(model.hard_iron)) @ np.linalg.inv(np.asarray(model.soft_iron)).T, model)
 
 
 def _enough(count: int, what: str) -> None:
     if count < _FEWEST:
-        raise DataError(f"{count} {what} are left to align with; at least {_FEWEST} are needed, in attitudes that differ.")
+        raise DataError(f"{count} {what} are left to align with; at least {_FEWEST} are needed.", code="few_readings")
 
 
 @filter_jit
@@ -352,20 +380,19 @@ def alignment_of(model, rotation, base, matrix, spread, used, source, fit, dip=f
     along = rho / angle if angle > 1e-12 else np.full(3, 3**-0.5)
     known = bool(fit.usable) and np.isfinite(matrix).all()
     matrix = matrix if known else np.full((3, 3), np.inf)
-    verdict, reason = "refused", f"The attitudes do not determine the rotation: {fit.message} Tilt the sensor about two axes."
+    said = [] if known else [FINDINGS("rotation_open", sensor=NAMES[source])]
     if known:
         worst, axes = np.linalg.eigh(matrix)
-        most = float(np.sqrt(max(worst[-1], 0.0)))
-        verdict = "good" if most <= LIMITS[0] else "weak" if most <= LIMITS[1] else "refused"
-        degrees, axis = np.rad2deg([angle, most]), "xyz"[int(np.argmax(np.abs(axes[:, -1])))]
-        reason = f"The rotation is {degrees[0]:.2g} degrees; it is least certain about {axis}, by {degrees[1]:.2g} degrees."
+        most, axis = float(np.sqrt(max(worst[-1], 0.0))), "xyz"[int(np.argmax(np.abs(axes[:, -1])))]
+        if not most <= LIMITS[0]:
+            severity = CAUTION if most <= LIMITS[1] else FATAL
+            facts = {"sensor": NAMES[source], "error": Quantity(most, "angle"), "axis": axis}
+            said.append(FINDINGS("rotation_uncertain", severity=severity, cost=most, **facts))
         if delay is not None and delay[1] > _OPEN * DELAY:
-            reason += " The turns do not show the delay between the sensors: vary their rate."
-        elif delay is not None:
-            reason += f" The magnetometer is {1e3 * delay[0]:.2g} ms behind the gyroscope, known to {1e3 * delay[1]:.2g} ms."
+            said.append(FINDINGS("delay_open"))
     return Alignment(
         model=MagModel(np.asarray(model.soft_iron) @ rotation, np.asarray(model.hard_iron)), rotation=rotation, covariance=matrix,
         angle=angle, angle_error=float(np.sqrt(along @ matrix @ along)) if known else np.inf, dip=dip, spread=spread,
-        bias=np.zeros(3) if bias is None else bias, used=used, verdict=verdict, reason=reason, source=source,
+        bias=np.zeros(3) if bias is None else bias, used=used, source=source, findings=tuple(said),
         delay=float("nan") if delay is None else delay[0], delay_error=float("nan") if delay is None else delay[1],
     )  # fmt: skip

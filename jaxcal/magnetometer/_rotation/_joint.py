@@ -10,19 +10,21 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from ..._errors import DataError
+from ..._frozen import replaced
 from ..._precision import host_float64
 from ..._types import AnyArray
 from ...fitting import Fit, Gaussian, information, solve
 from .._design._coverage import covered, sphere_grid
 from .._design._heading_error import heading_error, heading_range, needed, turned_heading_error
 from .._ellipsoid._algebraic import NotEllipsoid, algebraic, triangle
-from .._ellipsoid._kinds import NAMES, basis_of, parameters_of, upper_and_centre
+from .._ellipsoid._kinds import basis_of, parameters_of, upper_and_centre
 from .._ellipsoid._orthogonal import CURVED
 from .._ellipsoid._select import LONG, all_distances, thinned
 from .._ellipsoid._shape import Found, Frame, covariance_of, ellipsoid_of_model, filled, model_of, padded_length, radius_of, root, unit
-from .._result import LIMITS, MagFit, expected, outliers
+from .._judge import dip_differs, outliers
+from .._result import Facts, MagFit, finished
 from ._align import DELAY as PRIOR, Accelerometer, Alignment, Gyroscope, align, alignment_of, still, vertical
-from ._joint_verdict import judged, shares
+from ._joint_errors import examined, shares
 from ._residuals import CENTRE, DELAY, EXTRA, TURN, JointPoses, JointTurns, joint_pose_residuals, joint_turn_residuals
 from ._turning import SEGMENT, array, attitudes_in_segments, centred, like, permutations
 
@@ -33,13 +35,15 @@ _NO_DIGIT = 1e-10  # singular value below which a combination of parameters does
 _FEWEST = 13
 _DIAGONAL, _FLAT = [0, 3, 5], 1e-3
 _PER_DIRECTION = 32
-_DIPS = np.deg2rad(5.0)
+#: findings of the fit of magnitudes that hold for the joint fit too
+_KEPT = ("clipped", "dip_assumed", "dip_differs", "averaged", "bent")
 
 
 def checked_joint(method: str, model: str, aid: Any, loss: Any, field_error: Any) -> None:
     """Refuse options that `joint` lacks or does not support."""
     if not isinstance(aid, Accelerometer | Gyroscope) or not getattr(aid, "turns", True):
-        raise DataError("A joint fit needs an `aid`, Accelerometer or Gyroscope; known headings are aligned to after the fit.")
+        raise DataError("A joint fit needs an `aid`, Accelerometer or Gyroscope; known headings are aligned to after the fit.",
+                        code="joint_needs_aid")  # fmt: skip
     out = {
         f"is one of maximum likelihood: leave out method={method!r}, or joint": method != "ml",
         "takes the size from the readings alone: leave out the field error, or joint": field_error is not None,
@@ -48,7 +52,7 @@ def checked_joint(method: str, model: str, aid: Any, loss: Any, field_error: Any
     }
     for why, wrong in out.items():
         if wrong:
-            raise DataError(f"A joint fit {why}.")
+            raise DataError(f"A joint fit {why}.", code="joint_options")
 
 
 class Solution(eqx.Module):
@@ -222,9 +226,7 @@ def _sizes(fit: Fit, data: Any, parameters, base, sigma, accel: bool) -> np.ndar
     return np.array([first, np.sqrt(max(more, _LEAST**2))])
 
 
-def jointly(
-    after: MagFit, m: Any, aid: Accelerometer | Gyroscope, *, limits: tuple[float, float] = LIMITS, rows: np.ndarray | None = None
-) -> MagFit:
+def jointly(after: MagFit, m: Any, aid: Accelerometer | Gyroscope, *, rows: np.ndarray | None = None) -> MagFit:
     """Fit magnitudes and second sensor together, starting from separate fits; with some `rows`, or as many as a long log needs."""
     m = array(m, "readings")
     there = np.flatnonzero(np.isfinite(m).all(axis=1))
@@ -232,7 +234,8 @@ def jointly(
     if rows is None:
         rows = there[thinned(Frame.of(whole).scaled(whole), _PER_DIRECTION, None)] if len(there) > LONG else there
     if len(rows) < _FEWEST:
-        raise DataError(f"{len(rows)} readings are left for a joint fit; at least {_FEWEST} are needed, in attitudes that differ.")
+        raise DataError(f"{len(rows)} readings are left for a joint fit; at least {_FEWEST} are needed, in attitudes that differ.",
+                        code="few_readings")  # fmt: skip
     pairs, dip = Pairs.of(m, rows, aid), getattr(aid, "dip", None)
     frame = Frame.of(m[rows])
     u = frame.scaled(m[rows])
@@ -244,7 +247,7 @@ def jointly(
         with contextlib.suppress(NotEllipsoid):
             begins.append((parameters_of("symmetric", *algebraic(u, "sphere")), _nearest(base)))
     tries = [_solved(u, pairs, *begin, after.noise / frame.scale, dip) for begin in begins]
-    return _result(after, min(tries, key=_order), frame, u, whole, limits, isinstance(aid, Gyroscope))
+    return _result(after, min(tries, key=_order), frame, u, whole, isinstance(aid, Gyroscope))
 
 
 def _spread(found: Solution, u: np.ndarray) -> float:
@@ -269,10 +272,10 @@ def _order(found: Solution) -> tuple[bool, float]:
     return not bool(found.fit.usable), float(found.count * np.log(found.sigma[0]) + along)
 
 
-def _result(after: MagFit, found: Solution, frame: Frame, u, whole, limits, rates: bool) -> MagFit:
+def _result(after: MagFit, found: Solution, frame: Frame, u, whole, rates: bool) -> MagFit:
     upper, matrix, n = _upper(found.parameters), found.matrix, len(u)
     shape, centre = upper.T @ upper, found.parameters[CENTRE]
-    given = abs(abs(np.linalg.det(after.model.soft_iron)) - 1) > 1e-9 and after.plane is None  # type: ignore[union-attr]
+    given = after._facts.given and after.plane is None
     size = after.field / frame.scale if given else radius_of(shape)
     rotation = root(shape) @ np.linalg.inv(matrix)
     ellipsoid = Found(
@@ -282,7 +285,7 @@ def _result(after: MagFit, found: Solution, frame: Frame, u, whole, limits, rate
     )  # fmt: skip
     left = _spread(found, u)
     level = after.inclination, rotation.T @ after.down
-    joint, turned, told = judged(found, left, level, limits, len(outliers(ellipsoid.distance, ellipsoid.weight)))
+    joint, turned, error, told = examined(found, left, level, len(outliers(ellipsoid.distance, ellipsoid.weight)))
     ellipsoid = dataclasses.replace(ellipsoid, covariance=joint[:9, :9])
     covariance = covariance_of(ellipsoid, frame)
     said = alignment_of(
@@ -297,11 +300,13 @@ def _result(after: MagFit, found: Solution, frame: Frame, u, whole, limits, rate
     wanted = np.zeros((0, 3))
     if np.isfinite(covariance).all():
         wanted = needed(shape / frame.scale**2, covariance, sphere_grid()) @ rotation
-    return dataclasses.replace(
-        after, model=said.model, covariance=covariance, coverage=covered((frame.scaled(whole) - centre) @ matrix.T),
-        residual=ellipsoid.distance * frame.scale, outliers=outliers(ellipsoid.distance, ellipsoid.weight), needed=wanted, used=n,
-        noise=float(found.sigma[0]) * frame.scale, field=size * frame.scale, plane=None, names=NAMES, kind="symmetric", alignment=said,
-        penalty=0.0, field_error=None, joint=True, down=rotation @ level[1], **told,
+    kept = tuple(one for one in after._facts.known if one.code in _KEPT)
+    facts = Facts(covariance, n, given, (*kept, *told.pop("known")), after._facts.limits, span=after._facts.span, **told)
+    return finished(
+        after, model=said.model, coverage=covered((frame.scaled(whole) - centre) @ matrix.T), residual=ellipsoid.distance * frame.scale,
+        outliers=outliers(ellipsoid.distance, ellipsoid.weight), needed=wanted, noise=float(found.sigma[0]) * frame.scale,
+        field=size * frame.scale, plane=None, method="joint", kind="symmetric", alignment=said, down=rotation @ level[1],
+        heading_error=error, _facts=facts,
     )  # fmt: skip
 
 
@@ -339,46 +344,33 @@ def aligned(found: MagFit, m: Any, aid: Any, *, joint: bool = False) -> MagFit:
     The rotation comes from `align`; the heading error adds its variance to that of the fit of magnitudes.
     """
     if found.model is None:
-        raise DataError(f"The fit has no model to turn: {found.reason}")
+        raise DataError(f"The fit has no model to turn: {found.reason}", code="no_model")
     if joint:
         checked_joint(found.method, "auto", aid, None, None)
     turn = align(m, found.model, aid)
     dip, down = vertical(aid, turn)
-    if dip is not None and found.plane is None and np.isfinite(found.covariance).all():
+    matrix = found._facts.covariance
+    if dip is not None and found.plane is None and np.isfinite(matrix).all():
         down = found.down if down is None else down
         shape = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)[0]
-        error, span = heading_error(shape, found.covariance, dip, down), heading_range(shape, found.covariance, dip, down)
-        reason = found.reason.replace(expected(found.heading_error), expected(error))
-        found = dataclasses.replace(found, inclination=dip, down=down, heading_error=error, heading_range=span, reason=reason)
+        error, before = heading_error(shape, matrix, dip, down), found._facts
+        facts = dataclasses.replace(
+            before, known=tuple(one for one in before.known if one.code != "dip_assumed"), span=heading_range(shape, matrix, dip, down),
+            plausible=before.plausible * float(error[0] / found.heading_error[0]),
+        )  # fmt: skip
+        found = replaced(found, inclination=dip, down=down, heading_error=error, _facts=facts)
     after = with_rotation(found, turn, None)
     return jointly(after, m, aid) if joint else after
 
 
-def with_rotation(result: MagFit, alignment: Alignment, field: Any, limits: tuple[float, float] = LIMITS) -> MagFit:
+def with_rotation(result: MagFit, alignment: Alignment, field: Any) -> MagFit:
     """The fit with the rotation in its soft iron and in its heading error; a rotation that is not determined is not applied."""
-    warnings = list(result.warnings)
     if alignment.verdict == "refused":
-        verdict = "weak" if result.verdict == "good" else result.verdict
-        reason = f"{result.reason} The rotation against the other sensor was not found. {alignment.reason}"
-        return dataclasses.replace(result, alignment=alignment, verdict=verdict, reason=reason)
-    if np.ndim(field) == 1 and not abs(alignment.dip - result.inclination) < _DIPS:
-        degrees = np.rad2deg([alignment.dip, result.inclination])
-        if np.isfinite(alignment.dip):
-            warnings.append(
-                f"The dip found is {degrees[0]:.1f} degrees, that of the given field {degrees[1]:.1f}: the specific force points up at "
-                "rest; where it agrees but for the sign, give it negated."
-            )
-    down = alignment.rotation.T @ result.down
-    error = np.hypot(result.heading_error, turned_heading_error(np.asarray(alignment.covariance), result.inclination, down))
-    planar = result.plane is not None
-    if planar:
-        error = result.heading_error
-    reason = result.reason.replace("excluding a rotation common to all readings", "the error of the rotation included")
-    reason = f"{reason.replace(expected(result.heading_error), expected(error))} {alignment.reason}"
-    verdict = alignment.verdict if result.verdict == "good" else result.verdict
-    if verdict == "good" and error[0] > limits[0]:
-        verdict = "weak"
-        reason = f"With the rotation the heading would be wrong by {np.rad2deg(error[0]):.2g} degrees rms. {reason}"
-    return dataclasses.replace(
-        result, model=alignment.model, alignment=alignment, heading_error=error, verdict=verdict, reason=reason, warnings=tuple(warnings)
-    )
+        return finished(result, alignment=alignment)
+    facts, error = result._facts, result.heading_error
+    if np.ndim(field) == 1:
+        facts = dataclasses.replace(facts, known=(*facts.known, *dip_differs(float(alignment.dip), float(result.inclination))))
+    if result.plane is None:
+        down = np.asarray(alignment.rotation).T @ result.down
+        error = np.hypot(error, turned_heading_error(np.asarray(alignment.covariance), result.inclination, down))
+    return finished(result, model=alignment.model, alignment=alignment, heading_error=error, _facts=facts)

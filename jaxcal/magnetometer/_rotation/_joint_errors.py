@@ -1,27 +1,29 @@
-"""Results of a joint fit: covariance of ellipsoid and rotation together, heading error, undetermined parameters, verdict."""
+"""Errors of a joint fit: covariance of ellipsoid and rotation together, heading error, undetermined parameters, findings."""
 
 from typing import Any
 
 import numpy as np
 
+from ..._answer import CAUTION, FATAL, Quantity
 from ...fitting import information, is_white, leave_out
 from ...fitting._serial import BLOCKS, doubt
 from .._design._heading_error import WORDS, rms_heading
 from .._ellipsoid._algebraic import triangle
-from .._ellipsoid._causes import SERIAL
 from .._ellipsoid._kinds import ENTRIES, basis_of, upper_and_centre
 from .._ellipsoid._shape import radius_of, root, root_slopes, unit
-from .._result import UNEVEN, Reasons, expected
+from .._findings import FINDINGS
+from .._judge import by_readings
 from ._residuals import CENTRE, TURN, JointPoses
 
 _ALL = (*WORDS, "rotation about x", "rotation about y", "rotation about z")
 _OPEN = 1e-8  # share of the largest singular value below which a direction is not determined
-_BY_NOISE = 0.5
-_EXACT = 1e-9
-_ILL = 1000.0
+_GONE = 1e-4  # share of the largest variance above which a direction is open too
+_BY_NOISE = 0.5  # share of the information due to noise alone
+_EXACT = 1e-9  # scaled noise below which residuals are rounding
+_ILL = 1000.0  # condition number: a digit of the noise is a hundred of the error
 _LITTLE, _MORE = 0.005, 1.2  # share of the field, and ratio to the scatter across the surface: above both, the rates do not fit
-_MUCH, _FOURFOLD = 0.05, 4.0
-_ASKEW = np.deg2rad(2.0)
+_MUCH, _FOURFOLD = 0.05, 4.0  # share of the field and ratio at which axes or signs are wrong, not times
+_ASKEW = np.deg2rad(2.0)  # error of a vertical that costs twice the limit of a good fit
 
 
 def _natural(found: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -114,73 +116,53 @@ def _condition(found: Any, natural: np.ndarray) -> float:
     return float(values[0] / values[-1])
 
 
-def judged(
-    found: Any, spread: float, level: tuple[float, np.ndarray], limits: tuple[float, float], outliers: int
-) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
-    """Covariances of parameters and rotation; predicted heading error, condition, and verdict with its sentences.
+def examined(
+    found: Any, spread: float, level: tuple[float, np.ndarray], outliers: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    """Covariances of parameters and rotation, predicted heading error, and facts with findings.
 
     level : dip, and the axis of the second sensor that points down at level.
     """
-    covariance, known = _covariance(found)
+    covariance, determined = _covariance(found)
     changes, natural, angles = _natural(found)
     values, vectors = np.linalg.eigh(natural @ covariance @ natural.T)
-    condition = _condition(found, natural) if known else np.inf
-    rates = hasattr(found.data, "attitude")
-    sensor, cure = ("rates", "turn about a second axis") if rates else ("specific force", "tilt the sensor about two axes")
-    reasons = Reasons([], [])
+    rates, blocks, known = hasattr(found.data, "attitude"), 0, []
     # the parameters that change with each direction if all others adapt
     ways = (covariance @ natural.T @ vectors / np.maximum(values, 1e-300)).T
-    by_noise = _by_noise(found, ways) if known and np.isfinite(ways).all() else np.zeros(12)
+    by_noise = _by_noise(found, ways) if determined and np.isfinite(ways).all() else np.zeros(12)
 
     def change(directions: np.ndarray) -> np.ndarray:
         slopes = np.einsum("pij,nj->nip", changes, directions @ np.linalg.inv(found.matrix).T)
         slopes[:, :, CENTRE] -= found.matrix
         return slopes
 
-    blocks = 0
-    if known:
+    condition = _condition(found, natural) if determined else np.inf
+    if determined:
         covariance, blocks = _serial(found, covariance)
-    error = rms_heading(change, covariance, *level) if known else np.full(2, np.inf)
+    error = rms_heading(change, covariance, *level) if determined else np.full(2, np.inf)
     weakest = _words(vectors[:, -1:].T)
-    if not known:
-        gone = values > 1e-4 * values[-1]
-        reasons.refused.append(f"Readings and {sensor} together do not determine {_words(vectors[:, gone].T)}: {cure}.")
-    elif (spoilt := by_noise > _BY_NOISE).any():
-        reasons.refused.append(f"Readings and {sensor} show {_words(vectors[:, spoilt].T)} through their noise only: {cure}.")
-    elif not bool(found.fit.usable):
-        reasons.refused.append(f"The joint fit did not converge; least certain is {weakest}: {cure}.")
     across = found.sigma[0] / radius_of(found.upper.T @ found.upper)
-    if not reasons.refused or across < 1:
-        reasons.scatter(across)
-    if rates:
-        along = spread * np.sqrt(1.5)
-        if along**2 - across**2 > _LITTLE**2 and along > _MORE * across:
-            reasons.add(
-                along > _MUCH and along > _FOURFOLD * across,
-                f"The readings are off by {100 * along:.2g} % of the field from where the rates put them, and scatter by "
-                f"{100 * across:.2g} % about the ellipsoid: look at the times, axes, signs and scale of the rates.",
-            )
-    elif found.sigma[1] > _ASKEW:
-        degrees = np.rad2deg(found.sigma[1])
-        reasons.weak.append(
-            f"The specific force is off by {degrees:.2g} degrees: the sensor moved, or the accelerometer is not calibrated."
-        )
-    if not reasons.refused:
-        worst = np.rad2deg(error[0]) * (doubt(BLOCKS - 1) if blocks else 1.0)
-        if not reasons.heading(error, limits, f"; least certain is {weakest}.") and worst > np.rad2deg(limits[0]):
-            reasons.weak.append(f"{UNEVEN}: the heading may be wrong by {worst:.2g} degrees rms.")
-        if condition > _ILL:
-            reasons.weak.append(f"Readings and {sensor} hardly determine {weakest} (condition number {condition:.3g}).")
-    reasons.outliers(outliers, found.count)
-    turned = angles @ covariance @ angles.T if known else np.full((3, 3), np.inf)
-    covariance = covariance if known else np.full_like(covariance, np.inf)
-    said = f"Norms and {sensor} were fitted together; the {expected(error)}, that of the rotation included."
-    told = {
-        "heading_error": error,
-        "condition": condition,
-        "verdict": reasons.verdict,
-        "reason": reasons.text(said),
-        "blocks": blocks,
-        "causes": {SERIAL: float(error[0])} if blocks else {},
-    }
-    return covariance, turned, told
+    if not determined:
+        known.append(FINDINGS("undetermined", what=_words(vectors[:, values > _GONE * values[-1]].T)))
+    elif (spoilt := by_noise > _BY_NOISE).any():
+        known.append(FINDINGS("undetermined", what=_words(vectors[:, spoilt].T)))
+    elif not bool(found.fit.usable):
+        known.append(FINDINGS("not_converged", what=weakest))
+    elif condition > _ILL:
+        known.append(FINDINGS("hardly", what=weakest))
+    # a surface that diverged has no size to compare the scatter with
+    known += by_readings(across if determined or across < 1 else 0.0, outliers, found.count)
+    along = spread * np.sqrt(1.5)
+    if rates and along**2 - across**2 > _LITTLE**2 and along > _MORE * across:
+        severity = FATAL if along > _MUCH and along > _FOURFOLD * across else CAUTION
+        known.append(FINDINGS("rates_off", severity=severity, cost=along, size=100 * along))
+    elif not rates and found.sigma[1] > _ASKEW:
+        known.append(FINDINGS("force_off", cost=found.sigma[1], angle=Quantity(float(found.sigma[1]), "angle")))
+    if blocks:
+        known.append(FINDINGS("correlated", cost=float(error[0]), size=100 * across))
+    turned = angles @ covariance @ angles.T if determined else np.full((3, 3), np.inf)
+    facts = {
+        "known": tuple(known), "condition": condition, "blocks": blocks, "weakest": weakest,
+        "plausible": float(error[0]) * (doubt(BLOCKS - 1) if blocks else 1.0), "why": "parts of the log differ",
+    }  # fmt: skip
+    return covariance if determined else np.full_like(covariance, np.inf), turned, error, facts

@@ -1,0 +1,94 @@
+"""Checks of the readings and options of a fit."""
+
+from typing import Any
+
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+
+from .._errors import DataError
+from ._ellipsoid._kinds import SOLID
+from ._ellipsoid._orthogonal import loss_of
+from ._field import INCLINATION
+
+METHODS = ("ml", "consistent", "algebraic", "li_griffiths", "constrained", "radial", "axes", "minmax")
+MODELS = ("auto", *SOLID, "planar")
+#: method -> models that it has besides "auto"
+_OF_METHOD = {"ml": MODELS[1:], "radial": SOLID, "minmax": ("diagonal",), "algebraic": SOLID[::-1]}
+_ONE = ("symmetric",)
+_TINY, _HUGE = 1e-100, 1e100  # readings whose fourth powers are no numbers in double precision
+
+
+def checked(m, method, model, field, loss, inclination, choose, penalty, field_error) -> tuple[np.ndarray, float | None, float]:
+    """Readings, magnitude of the field and dip, after a check that each option is known and suits the method."""
+    m = readings_of(m)
+    for given, known, what in ((method, METHODS, "method"), (model, MODELS, "model"), (choose, ("bic", "held_out"), "way to choose")):
+        if given not in known:
+            raise DataError(f"There is no {what} {given!r}; known are {', '.join(map(repr, known))}.", code="no_such_option")
+    allowed = ("auto", *_OF_METHOD.get(method, _ONE))
+    if model not in allowed:
+        raise DataError(f"Method {method!r} has no model {model!r}; it has {', '.join(map(repr, allowed))}. Method 'ml' has all.",
+                        code="no_such_model")  # fmt: skip
+    if loss_of(loss) is not None and method not in ("ml", "radial"):
+        raise DataError(f"Method {method!r} takes no loss; use method='ml' with loss={loss!r}.", code="no_loss")
+    if not (isinstance(penalty, (int, float)) and 0 <= penalty < np.inf):
+        raise DataError(f"The penalty is {penalty!r}; give its weight: 0.5, 1 for Jeffreys' prior, or 0 for none.", code="bad_penalty")
+    norm, dip = norm_and_dip(field, inclination, model)
+    if field_error is not None:
+        if norm is None or method != "ml":
+            raise DataError("A field error needs the `field` that it is of, and method='ml'.", code="field_error_alone")
+        if not (isinstance(field_error, (int, float)) and 0 < field_error < 1):
+            raise DataError(f"The field error is {field_error!r}; give the relative standard deviation of `field`, such as 0.02.",
+                            code="bad_field_error")  # fmt: skip
+    if not abs(dip) < np.pi / 2:
+        raise DataError(f"The inclination is {dip:g} rad; it must lie between -pi/2 and pi/2, where there is a horizontal field.",
+                        code="bad_inclination")  # fmt: skip
+    return m, norm, float(dip)
+
+
+def readings_of(m: Any) -> np.ndarray:
+    """Readings (n, 3) as finite numbers."""
+    try:
+        m = np.asarray(m, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError("The readings are not numbers; give an array of shape (n, 3).", code="not_numbers") from error
+    if m.ndim != 2 or m.shape[1] != 3 or not len(m):
+        raise DataError(f"The readings have shape {m.shape}; expected (n, 3), one row per reading.", code="bad_shape")
+    bad = np.flatnonzero(~np.isfinite(m).all(axis=1))
+    if bad.size:
+        raise DataError(f"{bad.size} readings are not finite, the first in row {bad[0]}; leave them out.", code="not_finite")
+    if np.abs(m).max() > _HUGE or 0 < np.ptp(m) < _TINY:
+        raise DataError("The readings leave the range in which their fourth powers are numbers; give them in tesla or counts.",
+                        code="out_of_range")  # fmt: skip
+    return m
+
+
+def norm_and_dip(field: Any, inclination: Any, model: str = "") -> tuple[Any, Any]:
+    """Magnitude of the field, traced or not, and its dip: as given, from the field vector, or else the dip at Ankara."""
+    if field is not None and model == "planar":
+        raise DataError("Readings in a plane do not show the whole field: leave out `field` with model='planar'.", code="field_in_plane")
+    norm = dip = None
+    if isinstance(field, jax.core.Tracer):
+        norm = jnp.linalg.norm(jnp.atleast_1d(field))
+    elif field is not None:
+        vector = np.asarray(field, dtype=float)
+        norm = float(np.linalg.norm(vector))
+        if vector.shape not in ((), (3,)) or not 0 < norm < np.inf or (vector.ndim == 0 and vector < 0):
+            raise DataError(f"The field is {field!r}; give its norm, or the vector (north, east, down), in the unit of the readings.",
+                            code="bad_field")  # fmt: skip
+        dip = float(np.arctan2(vector[2], np.hypot(vector[0], vector[1]))) if vector.ndim else None
+    return norm, next(angle for angle in (inclination, dip, INCLINATION) if angle is not None)
+
+
+def checked_conditions(conditions: dict[str, Any], count: int) -> dict[str, np.ndarray]:
+    """Recorded conditions as arrays of one number per reading."""
+    found = {}
+    for name, given in conditions.items():
+        values = np.asarray(given, dtype=float)
+        if values.shape != (count,):
+            raise DataError(f"The condition {name!r} has shape {values.shape}; give one number for each of {count} readings.",
+                            code="condition_shape")  # fmt: skip
+        if not np.isfinite(values).all():
+            raise DataError(f"The condition {name!r} has values that are not finite.", code="condition_not_finite")
+        found[name] = values
+    return found

@@ -1,0 +1,91 @@
+"""Everything that a magnetometer calibration has to say: one entry for each finding."""
+
+from .._answer import CAUTION, FATAL, NOTE, Kind, table
+
+FINDINGS = table(
+    # no calibration
+    few=Kind(FATAL, "There are {count} distinct readings; the model {model} needs {least}.", "Turn the sensor through more attitudes."),
+    line=Kind(FATAL, "The readings lie on a line.", "Turn the sensor through all attitudes."),
+    near_planar=Kind(
+        FATAL, "The readings are near-planar: the field across their plane stays open.",
+        "Turn the sensor about a second axis, or give {option.model:planar}.",
+    ),
+    no_ellipsoid=Kind(FATAL, "The readings lie on no ellipsoid: nearest is a {quadric}.", "Turn the sensor through more attitudes."),
+    undetermined=Kind(FATAL, "The readings do not determine {what}.", "Turn the sensor about a second axis, and tilt it further."),
+    not_converged=Kind(FATAL, "The fit did not converge; least certain is {what}.", "Turn the sensor through more attitudes."),
+    # the heading error, or how well it is known
+    heading=Kind(
+        CAUTION, "The heading error is above {limit:.2g}; least certain is {what}.",
+        "Readings help most where the field points along {direction}.",
+    ),
+    uncertain=Kind(CAUTION, "The heading error may exceed {limit:.2g}: {why}.", "Record longer, and through more attitudes."),
+    hardly=Kind(CAUTION, "The readings hardly determine {what}.", "Turn the sensor through more attitudes."),
+    small_model=Kind(
+        CAUTION, "The readings cannot show {what}; the model {model} was fitted, and what it leaves out may be there.",
+        "Turn the sensor through more attitudes.",
+    ),
+    plane=Kind(CAUTION, "The readings were fitted in their plane: headings hold in that plane only."),
+    # readings
+    scatter=Kind(
+        CAUTION, "The readings scatter by {share:.0f} % of the field about the best surface.",
+        "Keep iron, motors and cables away, and check the axes of the log.",
+    ),
+    outliers=Kind(CAUTION, "{count} of {total} readings are outliers.", "Give {option.loss:huber}, or leave them out."),
+    field_differs=Kind(
+        NOTE, "The readings have a mean field of {found:.4g}, the given one is {given:.4g}.",
+        "Check the unit of the readings, and {option.field}.",
+    ),
+    clipped=Kind(
+        NOTE, "{count} readings stand at the end of the range of an axis, and are left out.", "Use a larger range of the sensor."
+    ),
+    # what the residuals follow
+    follows=Kind(
+        NOTE, "The hard iron follows {what}, by up to {size:.2g} % of the field.", "Keep it constant, or fit its field with `fit_current`.",
+        terminal="Keep it constant, or fit its field with {option.currents:{what}}.",
+    ),
+    averaged=Kind(
+        NOTE, "The readings fall short where the sensor turns fast, by up to {size:.2g} % of the field.",
+        "Turn more slowly, or record without the filter.",
+    ),
+    bent=Kind(NOTE, "The response of an axis is bent, by up to {size:.2g} % of the field.", "Use a larger range of the sensor."),
+    correlated=Kind(
+        NOTE, "The residuals are correlated along the log, {size:.2g} % of the field: iron or a current is near.",
+        "Record outdoors, about one place; the errors allow for it.",
+    ),
+    # the rotation against another sensor
+    rotation_open=Kind(
+        FATAL, "The attitudes do not determine the rotation against the {sensor}.", "Tilt the sensor about two axes."
+    ),
+    rotation_uncertain=Kind(
+        CAUTION, "The rotation against the {sensor} is uncertain by {error:.2g} about {axis}.", "Tilt the sensor about two axes."
+    ),
+    delay_open=Kind(NOTE, "The turns do not show the delay between the sensors.", "Turn with a rate that varies."),
+    dip_differs=Kind(
+        CAUTION, "The dip is {found:.1f} by the accelerometer, {given:.1f} by the given field.",
+        "Specific force points up at rest: negate it if the signs differ.",
+    ),
+    force_off=Kind(
+        CAUTION, "The specific force is off by {angle:.2g}: the sensor moved, or the accelerometer is not calibrated.",
+        "Hold the sensor still in each attitude.",
+    ),
+    rates_off=Kind(
+        CAUTION, "Readings lie {size:.2g} % of the field from where the rates put them.", "Check times, axes, signs and unit of the rates."
+    ),
+    # beside the present calibration
+    changed=Kind(
+        NOTE, "Level headings turn by {rms:.2g} rms against {file}, {most:.2g} at most; the hard iron moves by {moved:.3g}.",
+        "Replace that calibration.",
+    ),
+    unchanged=Kind(
+        NOTE, "Level headings turn by {rms:.2g} rms against {file}, no more than the new one is uncertain by.", "Keep that calibration."
+    ),
+    # notes
+    dip_assumed=Kind(
+        NOTE, "The heading error assumes a dip of {dip:.0f}.", "Give {option.inclination}, or record an accelerometer beside."
+    ),
+    not_judged=Kind(NOTE, "The fit was traced: nothing was chosen, and nothing is judged.", "Call `fit` outside of jit, vmap and grad."),
+    check=Kind(
+        CAUTION, "The {count} readings held back are off by more than the fit predicts.",
+        "Look for an error in the calibration, in these readings or in their known headings.",
+    ),
+)  # fmt: skip

@@ -1,0 +1,64 @@
+"""The findings of a calibration, from its numbers: the one place where a fit is judged."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from .._answer import CAUTION, FATAL, Finding, Quantity
+from .._types import AnyArray
+from ._findings import FINDINGS
+
+#: rms heading error in rad above which a fit is weak, and above which it is refused
+LIMITS = (float(np.deg2rad(1.0)), float(np.deg2rad(5.0)))
+_OUTLIER = 4.0  # robust standard deviations: one of 16,000 normal readings
+_MANY, _MOST = 0.05, 0.4  # share of outliers that is more than the tail of a noise, and of which the rest is no majority
+_NOISY, _TOO_NOISY = 0.1, 0.2  # scatter over field: first-order errors become wrong; the readings lie on no surface
+_DIPS = np.deg2rad(5.0)  # by which a given dip and that of an accelerometer may differ: both in error by a few degrees
+
+#: findings beside which a heading error means nothing
+_OPEN = ("not_judged", "undetermined", "near_planar", "no_ellipsoid", "not_converged")
+
+
+def outliers(distance: AnyArray, weight: Any = 1.0) -> np.ndarray:
+    """Indices of readings more than four robust standard deviations off, or with a weight below 0.33; distances in scaled units."""
+    size = np.abs(distance)
+    return np.flatnonzero((size > max(_OUTLIER * 1.4826 * np.median(size), 1e-9)) | (np.asarray(weight) < 0.33))
+
+
+def by_readings(scatter: float, far: int, total: int, robust: bool = False) -> list[Finding]:
+    """Findings about the size of the residuals, relative to the field, and about outliers."""
+    said = []
+    if scatter > _NOISY:
+        said.append(FINDINGS("scatter", severity=FATAL if scatter > _TOO_NOISY else CAUTION, cost=scatter, share=100 * scatter))
+    if far > _MOST * total or (far > max(_MANY * total, 2) and not robust):
+        said.append(FINDINGS("outliers", severity=FATAL if far > _MOST * total else CAUTION, count=far, total=total))
+    return said
+
+
+def judge(found: Any, facts: Any) -> tuple[Finding, ...]:
+    """All findings of a `MagFit` with its `Facts`."""
+    said, turn = list(facts.known), found.alignment
+    if any(one.code in _OPEN for one in said):
+        return tuple(said)
+    level, (least, most) = found.heading_error[0], facts.limits
+    if not level <= least:
+        grave = not level <= most
+        way = "(" + ", ".join(f"{x:+.1f}" for x in found.needed[0]) + ") of the sensor" if len(found.needed) else "directions not yet seen"
+        limit = Quantity(most if grave else least, "angle")
+        said.append(FINDINGS("heading", severity=FATAL if grave else CAUTION, cost=level, limit=limit, what=facts.weakest, direction=way))
+    elif facts.plausible > least:
+        said.append(FINDINGS("uncertain", cost=facts.plausible, limit=Quantity(least, "angle"), why=facts.why))
+    if turn is not None:
+        # the rotation is a part of the answer: without it, hard and symmetric soft iron remain
+        said += [dataclasses.replace(one, severity=min(one.severity, CAUTION)) for one in turn.findings]
+    if found.check is not None:
+        said += found.check.findings
+    return tuple(said)
+
+
+def dip_differs(found: float, given: float) -> list[Finding]:
+    """A finding if the dip by the accelerometer is not that of the given field."""
+    if not abs(found - given) > _DIPS:  # NaN without an accelerometer
+        return []
+    return [FINDINGS("dip_differs", cost=abs(found - given), found=Quantity(found, "angle"), given=Quantity(given, "angle"))]
