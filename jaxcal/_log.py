@@ -242,6 +242,7 @@ class Log(eqx.Module):
         """
         names = [_SENSORS[name] for name in self._sensors()]
         sensors = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+        sensors = str(self.provenance.get("quantity", sensors))  # such as fractional frequencies of a clock
         lost = 100 * sum(gap.samples for gap in self.gaps) / len(self.time)
         return f"{sensors}, {self.rate:.6g} Hz, {span(self.duration)}" + (f", {lost:.2g} % missing" if self.gaps else "")
 

@@ -185,9 +185,13 @@ _OTHERS: dict[str, dict[str, float]] = {
     "delay": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
     "gyro/accel": {"rad/s per m/s^2": 1.0, "deg/s/g": _DEG / STANDARD_GRAVITY, "deg/h/g": _DEG / 3600 / STANDARD_GRAVITY},
     "ratio": {"": 1.0, "%": 1e-2, "ppm": 1e-6},
+    "gyro^2/Hz": {"(rad/s)^2/Hz": 1.0, "(deg/s)^2/Hz": _DEG**2, "(deg/h)^2/Hz": (_DEG / 3600) ** 2},
+    "accel^2/Hz": {"(m/s^2)^2/Hz": 1.0, "mg^2/Hz": (STANDARD_GRAVITY * 1e-3) ** 2, "ug^2/Hz": (STANDARD_GRAVITY * 1e-6) ** 2},
+    "mag^2/Hz": {"T^2/Hz": 1.0, "uT^2/Hz": 1e-12, "nT^2/Hz": 1e-18},
 }
 #: quantity -> the unit in which every command, report and fleet shows it; quantities not listed are shown in SI
-_SHOWN = {"gyro": "deg/s", "mag": "uT", "angle": "deg", "delay": "ms", "gyro/accel": "deg/s/g"}
+_SHOWN = {"gyro": "deg/s", "mag": "uT", "angle": "deg", "delay": "ms", "gyro/accel": "deg/s/g",
+          "gyro^2/Hz": "(deg/h)^2/Hz", "accel^2/Hz": "mg^2/Hz", "mag^2/Hz": "nT^2/Hz"}  # fmt: skip
 
 
 def _units_of(name: str) -> dict[str, float]:

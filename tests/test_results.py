@@ -66,16 +66,17 @@ def test_a_noise_fit_says_its_verdict_on_every_term():
     json.dumps(document, allow_nan=False)
 
 
-def test_curves_are_judged_by_their_warnings_and_thinned():
+def test_a_curve_shows_its_values_at_powers_of_ten_and_its_floor():
     curve = made["made_deviation"](jaxcal.noise.Noise(N=1e-4))
-    assert (curve.verdict, curve.reason) == ("good", "No warnings.")
-    rows = curve.summary().splitlines()[5:-1]
-    assert len(rows) == 12
-    assert rows[0].split()[:4] == ["oadev", "at", "0.005", "s"]
-    curve = made["made_deviation"](jaxcal.noise.Noise(N=1e-4), lower=np.full(38, math.nan), warnings=("Gaps.", "Short."))
-    assert (curve.verdict, curve.reason) == ("weak", "2 warnings.")
-    assert curve.to_dict()["lower"] == [None] * 38
-    assert " to " not in curve.summary()
+    assert (curve.verdict, curve.findings) == ("good", ())
+    (sigma,) = (one for name, one in curve.numbers.items() if name == "oadev(1 s)")
+    assert sigma.value == pytest.approx(1e-4, rel=0.01)
+    assert sigma.low < sigma.value < sigma.high
+    assert curve.numbers["floor"].state == "limit"  # white noise falls to the end
+    unknown = made["made_deviation"](jaxcal.noise.Noise(N=1e-4), lower=np.full(38, math.nan), upper=np.full(38, math.nan))
+    assert unknown.to_dict()["lower"] == [None] * 38
+    assert "±" not in unknown.summary()
+    assert "floor" not in unknown.numbers
 
 
 def test_a_result_prints_values_intervals_and_units():
@@ -121,7 +122,7 @@ def test_data_frames(monkeypatch, library):
     assert list(frame["high"])[1] == pytest.approx(1.1e-4)
     curve = jaxcal.allan.deviation(np.random.default_rng(0).standard_normal((200, 2)), 10.0, m=[1, 2, 5])
     frame = curve.to_dataframe()
-    assert list(frame["channel"]) == [0, 0, 0, 1, 1, 1]
+    assert list(frame["channel"]) == ["0", "0", "0", "1", "1", "1"]
     np.testing.assert_allclose(np.asarray(frame["deviation"]).reshape(2, 3).T, curve.deviation)
     np.testing.assert_allclose(np.asarray(frame["tau"]), np.tile([0.1, 0.2, 0.5], 2))
 

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 import equinox as eqx
+import numpy as np
 
 from .._errors import DataError
 from .._files import json_text, write_atomically
@@ -30,6 +31,8 @@ class _Said:
     _figure: ClassVar[tuple[str, bool] | None] = None
     #: class of the results of several channels, for results that come by channel
     _several: ClassVar[Any] = None
+    #: whether a data frame has a row for each point of its curves, and not for each number
+    _curve: ClassVar[bool] = False
 
     if TYPE_CHECKING:
         findings: tuple[Finding, ...]
@@ -141,7 +144,8 @@ class _Said:
     def to_dataframe(self) -> Any:
         """The numbers as a data frame of polars, or of pandas if polars is not installed.
 
-        A fit has one row per number: name, value, low, high, unit, state. A curve has one row per point.
+        A fit has one row per number: name, value, low, high, unit, state. A curve has one row per point, and a column `channel` if there
+        are several curves.
 
         Raises
         ------
@@ -157,8 +161,12 @@ class _Said:
         [0.01, 0.02]
         """
         sections = self.sections()
-        if not numbers_of(sections) and (curves := [one for one in sections if isinstance(one, Curve)]):
-            return data_frame({name: values for name, (_, values) in curves[0].columns.items()})
+        curves = [one for one in sections if isinstance(one, Curve)]
+        if curves and (self._curve or not numbers_of(sections)):
+            columns = {name: np.concatenate([np.asarray(one.columns[name][1]) for one in curves]) for name in curves[0].columns}
+            sizes = [len(next(iter(one.columns.values()))[1]) for one in curves]
+            channel = {"channel": np.repeat([one.key for one in curves], sizes)} if len(curves) > 1 else {}
+            return data_frame(channel | columns)
         rows = list(flat(sections))
         names = ("name", "value", "low", "high", "unit", "state")
         return data_frame({name: [row[name] for row in rows] for name in names})

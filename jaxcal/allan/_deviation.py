@@ -12,11 +12,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._answer import Finding
 from .._arrays import namespace
 from .._errors import DataError
 from .._precision import host_float64
 from .._quality import checked_confidence, checked_rate, checked_record, refuse_infinite
 from .._types import Any, Int
+from ._findings import FINDINGS, times
 from ._kernels._contiguous import effective_sizes, measure_whole, refuse_traced
 from ._kernels._difference_sums import direct_sums
 from ._kernels._phase import IN_CACHE, aligned, integrate, padded_length, running_sum_of_phase
@@ -80,7 +82,7 @@ def deviation(
     ----------
     y : (n,) or (n, channels) rate samples in any unit (rad/s, m/s^2), or phase in that unit times s. NaN marks a gap: differences that
         touch it are left out and counted. totdev, mtotdev, ttotdev, htotdev and theo1 need a record without gaps: they use the longest
-        stretch without gaps, and a warning reports it. If only some channels contain samples, the others give NaN and a warning.
+        stretch without gaps, and a finding reports it. If only some channels contain samples, the others give NaN and a finding.
     rate : sampling rate in Hz.
     kind : "adev", "oadev" (default), "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "theo1", "theoh",
         "mtie" or "tierms". A traced record (jit, grad, vmap) allows all except mtotdev, ttotdev, htotdev, theo1, theoh and mtie.
@@ -94,7 +96,7 @@ def deviation(
     robust : for adev, oadev, hdev or ohdev, replace the mean of squares by an M-estimate (Tukey's biweight), which resists outliers but
         costs 8 % of the degrees of freedom.
     time : (n,) stamps in s of a record that is not evenly spaced. Each step of the grid of `rate` takes the mean of the samples nearest
-        to it, or becomes a gap if there are none; a warning reports how many. Nothing is interpolated.
+        to it, or becomes a gap if there are none; a finding reports how many. Nothing is interpolated.
 
     Returns
     -------
@@ -136,24 +138,24 @@ def deviation(
     if bias_corrected not in (True, False, "published"):
         raise DataError(f'bias_corrected must be True, False or "published"; got {bias_corrected!r}')
     confidence, y = checked_confidence(confidence), checked_record(y)
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     if robust or time is not None:
         if not isinstance(y, np.ndarray):
             raise DataError("robust= and time= are for a record at hand: they cannot be traced (jit, grad, vmap)")
         refuse_robust(statistic, robust)
-        y, warnings = (y, ()) if time is None else on_grid(y, time, rate)
+        y, findings = (y, ()) if time is None else on_grid(y, time, rate)
     empty = empty_channels(y)
     if empty is not None:
         rest = {"kind": kind, "m": m, "data": data, "confidence": confidence, "alpha": alpha, "bias_corrected": bias_corrected}
-        return _with_empty(deviation(y[:, ~empty], rate, robust=robust, **rest), empty, warnings)
+        return _with_empty(deviation(y[:, ~empty], rate, robust=robust, **rest), empty, findings)
     sizes = cluster_sizes(m, statistic, y.shape[0] - (1 if data == "phase" else 0))
-    options = {"data": data, "bias_corrected": bias_corrected, "robust": robust, "warnings": warnings}
+    options = {"data": data, "bias_corrected": bias_corrected, "robust": robust, "findings": findings}
     return begin(y, rate, statistic, sizes, confidence, alpha, **options)()
 
 
 def begin(
     y, rate: float, statistic: Kind, sizes: Int[np.ndarray, " clusters"], confidence: float, alpha: Any, *, data="rate",
-    bias_corrected: Any = False, robust=False, warnings: tuple[str, ...] = (),
+    bias_corrected: Any = False, robust=False, findings: tuple[Finding, ...] = (),
 ) -> Callable[[], Deviation]:  # fmt: skip
     """Start `deviation` for a checked record at given cluster sizes, and return a function that waits for the result.
 
@@ -168,13 +170,13 @@ def begin(
         names = [f"channel {index}" if columns.shape[1] > 1 else "y" for index in range(columns.shape[1])]
         missing = [None if np.isfinite(np.sum(column)) else _missing(column, name) for column, name in zip(columns.T, names, strict=True)]
         total, count, noise, told = measure_whole(columns, missing, sizes, statistic, rate, data, alpha)
-        warnings, measured = (*warnings, *told), (lambda: total, count, noise)
+        findings, measured = (*findings, *told), (lambda: total, count, noise)
     else:
         measured = _measured(columns, sizes, statistic, rate, data, samples, alpha, robust)
-    return lambda: _finished(y, columns, rate, statistic, sizes, confidence, samples, measured, data, bias_corrected, robust, warnings)
+    return lambda: _finished(y, columns, rate, statistic, sizes, confidence, samples, measured, data, bias_corrected, robust, findings)
 
 
-def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int, measured, data, bias_corrected, robust, warnings):
+def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int, measured, data, bias_corrected, robust, findings):
     """The result from sums, counts and noise types, (clusters, channels). The sums come last, because they may still be computed."""
     sums, count, noise = measured
     xp, kept = namespace(y, concrete=True), slice(None)
@@ -186,9 +188,7 @@ def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int
             raise DataError(f"no cluster size has a difference free of gaps: {lost} of {len(y)} samples are missing")
         if not some.all():
             kept = some
-            lost = [f"{tau:g}" for tau in statistic.tau(sizes[~kept], rate)]
-            lost = ", ".join(lost) if len(lost) <= 20 else f"{lost[0]} ... {lost[-1]} ({len(lost)} cluster sizes)"
-            warnings = (*warnings, f"no difference free of gaps at tau = {lost} s: left out")
+            findings = (*findings, FINDINGS("no_difference", tau=times(statistic.tau(sizes[~kept], rate))))
             count, noise, sizes, expected = count[kept], noise[kept], sizes[kept], expected[kept]
     else:
         count = eqx.error_if(count, xp.any(count == 0), "a cluster size has no difference free of gaps; choose smaller m")
@@ -205,7 +205,7 @@ def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int
     result = xp.sqrt(sums()[kept] * factor)
     alpha = noise.astype(np.int64) if xp is np else noise
     factors, skipped = (edf, low, high), expected - count
-    return assembled(statistic, rate, sizes, result, factors, count, alpha, skipped, bias, confidence, warnings, y.ndim == 1)
+    return assembled(statistic, rate, sizes, result, factors, count, alpha, skipped, bias, confidence, findings, y.ndim == 1)
 
 
 def empty_channels(y):
@@ -216,8 +216,8 @@ def empty_channels(y):
     return empty if empty.any() and not empty.all() else None
 
 
-def _with_empty(found: Deviation, empty, warnings: tuple[str, ...]) -> Deviation:
-    """The result of the channels with samples, extended by NaN and a warning for channels without samples."""
+def _with_empty(found: Deviation, empty, findings: tuple[Finding, ...]) -> Deviation:
+    """The result of the channels with samples, extended by NaN and a finding for channels without samples."""
     values = {"count": 0, "alpha": 0, "skipped": found.count[:, 0] + found.skipped[:, 0], "bias": 1.0}
     arrays = {}
     for name in ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped", "bias"):
@@ -225,8 +225,8 @@ def _with_empty(found: Deviation, empty, warnings: tuple[str, ...]) -> Deviation
         arrays[name] = np.empty((len(array), len(empty)), array.dtype)
         arrays[name][:, ~empty] = array
         arrays[name][:, empty] = np.reshape(values.get(name, np.nan), (-1, 1))
-    said = tuple(f"channel {index} holds nothing but NaN: no deviation" for index in np.flatnonzero(empty))
-    return dataclasses.replace(found, warnings=(*warnings, *said, *found.warnings), **arrays)
+    said = tuple(FINDINGS("empty", f"channel {index}") for index in np.flatnonzero(empty))
+    return dataclasses.replace(found, findings=(*findings, *said, *found.findings), **arrays)
 
 
 def _missing(column, name: str):

@@ -9,12 +9,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .._answer import Curve, Finding, Result, Section
+from .._answer._curves import of_channel
 from .._arrays import power_of_two
 from .._errors import DataError
-from .._frozen import channel_of
+from .._frozen import channel_of, replaced
 from .._precision import host_float64, is_traced
 from .._quality import checked_confidence, checked_rate, checked_record, refuse_infinite
 from .._types import AnyArray, Array, Float, Int
+from ._findings import FINDINGS, times
 from ._kernels._difference_sums import difference_of
 from ._kernels._phase import double_add, integrate, padded_length, running_sum_of_phase
 from ._kinds import Kind, cluster_sizes, find_kind
@@ -26,7 +29,7 @@ _TYPED = 256  # number of windows in which noise types are identified
 _KINDS = ("oadev", "ohdev", "mdev", "tdev")
 
 
-class DynamicDeviation(eqx.Module):
+class DynamicDeviation(Result):
     """A time-domain deviation in windows along the record.
 
     Attributes
@@ -35,7 +38,7 @@ class DynamicDeviation(eqx.Module):
     tau : (clusters,) cluster time in s.
     m : (clusters,) cluster size in samples.
     deviation : (windows, clusters) or (windows, clusters, channels), in the unit of the record (tdev: that unit times s). NaN if gaps
-        leave no difference in a window, and in a channel without samples; `warnings` reports both.
+        leave no difference in a window, and in a channel without samples; `findings` reports both.
     lower, upper : limits of the interval at level `confidence`, same shape and unit.
     edf : equivalent degrees of freedom of the variance, same shape.
     count : number of differences averaged, same shape.
@@ -44,7 +47,7 @@ class DynamicDeviation(eqx.Module):
     rate : sampling rate in Hz.
     window : length of a window in s.
     confidence : level of the intervals.
-    warnings : sentences on results that gaps prevent.
+    findings : on results that gaps prevent.
 
     Examples
     --------
@@ -69,11 +72,31 @@ class DynamicDeviation(eqx.Module):
     rate: float = eqx.field(static=True)
     window: float = eqx.field(static=True)
     confidence: float = eqx.field(static=True)
-    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
+
+    _figure = ("dynamic", False)
+
+    @property
+    def headline(self) -> str:
+        """Statistic, and number and length of the windows."""
+        return f"{self.kind} in {len(self.time)} windows of {self.window:g} s"
+
+    def sections(self) -> list[Section]:
+        """The surface of each channel: one row for each window and cluster time."""
+        many = self.deviation.ndim > 2
+        named = {str(i): self.channel(i) for i in range(self.deviation.shape[2])} if many else {"surface": self}
+        windows, clusters = self.deviation.shape[:2]
+        unit = "unit s" if self.kind == "tdev" else "unit"
+        places = {"time": ("time", np.repeat(self.time, clusters)), "tau": ("time", np.tile(self.tau, windows))}
+        quantities = {"deviation": unit, "lower": unit, "upper": unit, "edf": "ratio", "count": "ratio", "alpha": "ratio"}
+        return [
+            Curve(key, self.kind, places | {name: (unit, np.ravel(getattr(one, name))) for name, unit in quantities.items()})
+            for key, one in named.items()
+        ]
 
     def channel(self, index: int) -> "DynamicDeviation":
         """The same result for one of several channels."""
-        return channel_of(self, "deviation", index, axes=3)
+        return replaced(channel_of(self, "deviation", index, axes=3), findings=of_channel(self.findings, index))
 
 
 @host_float64
@@ -148,20 +171,18 @@ def dynamic(
     alive = ~np.isnan(columns).all(axis=0)
     if not alive.any():
         raise DataError(f"y holds nothing but NaN in {len(y)} samples")
-    warnings = [f"channel {c} holds nothing but NaN: no deviation" for c in np.flatnonzero(~alive)]
+    findings = [FINDINGS("empty", f"channel {c}") for c in np.flatnonzero(~alive)]
     kept = (count > 0).any(axis=(0, 2))
     if not kept.any():
         raise DataError(
             f"no window has a difference free of gaps: {int(np.isnan(columns).any(axis=1).sum())} of {len(y)} samples are missing"
         )
     if not kept.all():
-        lost = ", ".join(f"{size / rate:g}" for size in sizes[~kept])
-        warnings.append(f"no difference free of gaps in any window at tau = {lost} s: left out")
+        findings.append(FINDINGS("no_difference", tau=times(sizes[~kept] / rate)))
         squares, count, noise, sizes = squares[:, kept], count[:, kept], noise[:, kept], sizes[kept]
     empty = count == 0
     if empty[:, :, alive].any():
-        windows = int(empty[:, :, alive].any(axis=(1, 2)).sum())
-        warnings.append(f"gaps leave no difference at some cluster times in {windows} of {len(starts)} windows: NaN there")
+        findings.append(FINDINGS("gaps_in_windows", some=int(empty[:, :, alive].any(axis=(1, 2)).sum()), windows=len(starts)))
     full = statistic.count(width, sizes)[:, None]
     mean = np.where(empty, np.nan, squares / np.maximum(count, 1))
     deviation = np.sqrt(mean * statistic.scale(sizes, rate)[:, None])
@@ -173,7 +194,7 @@ def dynamic(
         arrays = {name: value[:, :, 0] for name, value in arrays.items()}
     return DynamicDeviation(
         time=(starts + width / 2) / rate, tau=sizes / rate, m=sizes, kind=kind, rate=rate, window=width / rate, confidence=confidence,
-        warnings=tuple(warnings), **arrays,
+        findings=tuple(findings), **arrays,
     )  # fmt: skip
 
 

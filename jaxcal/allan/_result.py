@@ -8,14 +8,17 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from .._answer import Curve, Finding, Number, Result, Results, Section
+from .._answer._curves import SENSORS, Labelled, at_decades, by_channel, by_sensor, labelled, of_channel
 from .._arrays import namespace
-from .._frozen import channel_of
-from .._results import Row, Unjudged, columns_of, rows_of
+from .._frozen import channel_of, replaced
 from .._types import AnyArray
+from .._units import si_unit_of
 from ._kinds import Kind
+from ._uncertainty._edf import interval_factors
 
 
-class Deviation(Unjudged):
+class Deviation(Result):
     """A time-domain deviation at several cluster sizes, with chi-square intervals.
 
     The first axis of every array is the cluster size; arrays of a record with channels have a second axis.
@@ -37,7 +40,7 @@ class Deviation(Unjudged):
     rate : sampling rate in Hz.
     confidence : level of the interval.
     skipped : number of differences left out because they touch a gap, same shape as `count`.
-    warnings : sentences on cluster sizes or parts of the record that were left out.
+    findings : on cluster sizes or parts of the record that were left out.
     bias : factor by which the variance was divided (`bias_corrected`), same shape; ones without correction.
 
     Examples
@@ -64,7 +67,7 @@ class Deviation(Unjudged):
     kind: str = eqx.field(static=True)
     rate: float = eqx.field(static=True)
     confidence: float = eqx.field(static=True)
-    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
     bias: AnyArray = None  # type: ignore[assignment]  # ones by default
 
     def __post_init__(self) -> None:
@@ -72,13 +75,20 @@ class Deviation(Unjudged):
             self.bias = namespace(self.deviation, concrete=True).ones_like(self.deviation)
 
     _figure = ("allan", False)
+    _curve = True
 
-    def _columns(self) -> dict[str, Any]:
-        return columns_of(self, ("tau", "m", "deviation", "lower", "upper", "edf", "count", "alpha", "skipped"))
+    @property
+    def headline(self) -> str:
+        """Statistic and range of cluster times."""
+        return f"{self.kind} from {np.min(self.tau):.4g} to {np.max(self.tau):.4g} s"
 
-    def _rows(self) -> list[Row]:
-        name, unit = self.kind, "unit s" if self.unit_of_phase else "unit"
-        return rows_of(self, "deviation", lambda i: f"{name} at {float(self.tau[i]):.4g} s", unit)
+    def sections(self) -> list[Section]:
+        """The deviation at powers of ten of the cluster time and its floor, and the curve."""
+        unit = "unit s" if self.unit_of_phase else "unit"
+        many = self.deviation.ndim > 1
+        named = {str(i): self.channel(i) for i in range(self.deviation.shape[1])} if many else {"": self}
+        tables = by_channel("deviation", self.kind, {name: _numbers(f"{name}." * many, one, unit) for name, one in named.items()})
+        return [*tables, *(_curve_of(name or "curve", one, unit) for name, one in named.items())]
 
     @property
     def unit_of_phase(self) -> bool:
@@ -87,11 +97,83 @@ class Deviation(Unjudged):
 
     def channel(self, index: int) -> "Deviation":
         """The same result for one of several channels."""
-        return channel_of(self, "deviation", index)
+        found = channel_of(self, "deviation", index)
+        return replaced(found, findings=of_channel(self.findings, index))
+
+
+class Deviations(Results[Deviation]):
+    """Deviations of the channels of a log: channel -> `Deviation`. The sensor that a name begins with tells the unit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> y = np.random.default_rng(0).standard_normal((10_000, 2))
+    >>> found = jaxcal.allan.deviation(1e-4 * y, 100.0)
+    >>> print(jaxcal.allan.Deviations({"gyro_x": found.channel(0), "gyro_y": found.channel(1)}))
+    """
+
+    _figure = ("allan", False)
+    _curve = True
+
+    @property
+    def headline(self) -> str:
+        """Statistic, number of channels, and range of cluster times."""
+        first = next(iter(self.values()))
+        return f"{len(self)} channel{'s' * (len(self) != 1)}, {first.headline}"
+
+    def sections(self) -> list[Section]:
+        """For each sensor the deviation at powers of ten of the cluster time and the floor; and the curves."""
+        found: list[Section] = []
+        for sensor, title, names in by_sensor(self):
+            numbers = {axis: _numbers(f"{name}.", self[name], self._quantity(name)) for name, axis in names.items()}
+            found += by_channel(sensor, title, numbers)
+        return [*found, *(_curve_of(name, one, self._quantity(name)) for name, one in self.items())]
+
+    def _quantity(self, name: str) -> str:
+        sensor, phase = name.partition("_")[0], self[name].unit_of_phase
+        if sensor == "clock":
+            return "time" if phase else "ratio"
+        return f"{'Q' if phase else 'B'}.{sensor}" if sensor in SENSORS else "unit s" if phase else "unit"
+
+    def _fields(self) -> dict[str, Any]:
+        found = super()._fields()
+        for name, fields in found["channels"].items():
+            fields["unit"] = si_unit_of(self._quantity(name))
+        return found
+
+
+Deviation._several = Deviations
+
+
+def _numbers(prefix: str, one: Deviation, quantity: str) -> Labelled:
+    """The deviation with its 95 % interval at powers of ten of the cluster time, and the floor of the curve."""
+    order = np.argsort(one.tau, kind="stable")
+    tau, value, low, high = (np.asarray(curve, dtype=float)[order] for curve in (one.tau, one.deviation, one.lower, one.upper))
+    if one.confidence != 0.95:
+        low, high = (value * factor for factor in interval_factors(np.asarray(one.edf)[order], 0.95))
+    decades = at_decades(tau, value, low, high)
+    main, more = labelled({x: Number(f"{prefix}{one.kind}({x:g} s)", v, a, b, quantity) for x, (v, a, b) in decades.items()}, "at {:g} s")
+    if np.isfinite(high).any():
+        # where the upper limit is lowest, so that a poorly known end of the curve is no floor
+        i = int(np.nanargmin(high))
+        # unless the curve rises again, the floor is below all that was measured
+        rises = bool(np.any(low[i + 1 :] > value[i]))
+        main["floor"] = Number(f"{prefix}floor", value[i], low[i], high[i], quantity, "estimated" if rises else "limit")
+        main["floor at"] = Number(f"{prefix}floor_tau", tau[i], quantity="time")
+    return main, more
+
+
+def _curve_of(key: str, one: Deviation, quantity: str) -> Curve:
+    known = {"tau": "time", "deviation": quantity, "lower": quantity, "upper": quantity}
+    names = ("tau", "m", "deviation", "lower", "upper", "edf", "count", "alpha", "skipped")
+    return Curve(
+        key, f"{one.kind} of {key}".removesuffix(" of curve"), {name: (known.get(name, "ratio"), getattr(one, name)) for name in names}
+    )
 
 
 def assembled(
-    kind: Kind, rate: float, m, deviation, factors, count, alpha, skipped, bias, confidence: float, warnings, flat: bool
+    kind: Kind, rate: float, m, deviation, factors, count, alpha, skipped, bias, confidence: float, findings, flat: bool
 ) -> Deviation:
     """The result from arrays (clusters, channels), with a single channel if `flat`; `factors` are edf and factors of the limits.
 
@@ -100,12 +182,12 @@ def assembled(
     edf, low, high = factors
     arrays = (deviation, deviation * low, deviation * high, edf, count, alpha, skipped, bias)
     arrays = [array[:, 0] for array in arrays] if flat else arrays
-    return jax.tree.unflatten(_structure(kind.name, rate, confidence, warnings), [kind.tau(m, rate), m, *arrays])
+    return jax.tree.unflatten(_structure(kind.name, rate, confidence, findings), [kind.tau(m, rate), m, *arrays])
 
 
 @functools.lru_cache(maxsize=256)
-def _structure(kind: str, rate: float, confidence: float, warnings: tuple[str, ...]) -> Any:
+def _structure(kind: str, rate: float, confidence: float, findings: tuple[Finding, ...]) -> Any:
     names = [field.name for field in dataclasses.fields(Deviation) if not field.metadata.get("static")]
     return jax.tree.structure(
-        Deviation(**dict.fromkeys(names, np.zeros(0)), kind=kind, rate=rate, confidence=confidence, warnings=warnings)
+        Deviation(**dict.fromkeys(names, np.zeros(0)), kind=kind, rate=rate, confidence=confidence, findings=findings)
     )

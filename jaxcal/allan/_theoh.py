@@ -36,5 +36,5 @@ def theoh(samples: int, m: Any, plain: Callable[..., Deviation]) -> Deviation:
         values = {name: getattr(found, name) * level for name in ("deviation", "lower", "upper")}
         parts.append(dataclasses.replace(found, **values, bias=found.bias / ratio))
     arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _JOINED}
-    warnings = tuple(dict.fromkeys(sentence for part in parts for sentence in part.warnings))
-    return dataclasses.replace(parts[0], **arrays, kind="theoh", warnings=warnings)
+    findings = tuple(dict.fromkeys(one for part in parts for one in part.findings))
+    return dataclasses.replace(parts[0], **arrays, kind="theoh", findings=findings)

@@ -11,10 +11,12 @@ from typing import Any, TypeVar
 import jax
 import numpy as np
 
+from .._answer import Finding
 from .._errors import DataError
 from .._quality import checked_confidence, checked_rate, checked_record
 from ..allan import Accumulator, Deviation, deviation as _deviation
 from ..allan._deviation import begin
+from ..allan._findings import FINDINGS
 from ..allan._kernels._phase import IN_CACHE, padded_length
 from ..allan._kernels._route import MANY
 from ..allan._kinds import Kind, cluster_sizes, find_kind
@@ -186,10 +188,10 @@ def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, A
     sizes = cluster_sizes(options["m"], statistic, record.samples)
     if isinstance(options["m"], str) and options["m"] == "all":
         raise DataError(f'm="all" needs the whole record in memory: it has {record.samples} samples; raise chunk= to that, or choose "log"')
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     if statistic.modified and isinstance(options["m"], str) and sizes[-1] > exact:
         sizes = sizes[sizes <= exact]
-        warnings = (f"{statistic.name} of a record longer than chunk={chunk} ends at cluster size exact={exact}",)
+        findings = (FINDINGS("ends_early", kind=statistic.name, chunk=chunk, exact=exact),)
 
     def make(start: int) -> Accumulator:
         return Accumulator(rate, channels=record.channels, exact=exact, start=start, **{**options, "m": sizes})
@@ -203,7 +205,7 @@ def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, A
     found = accumulator.result()
     tables = ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped", "bias") if record.channels == 1 and not record.flat else ()
     columns = {name: getattr(found, name)[:, None] for name in tables}
-    return dataclasses.replace(found, warnings=(*warnings, *found.warnings), **columns)
+    return dataclasses.replace(found, findings=(*findings, *found.findings), **columns)
 
 
 def _opened(source: Any, columns: Any) -> Chunks:

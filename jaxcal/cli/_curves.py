@@ -1,7 +1,6 @@
 """`jaxcal allan` and `jaxcal psd`: a curve with intervals for every axis."""
 
-import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -11,20 +10,17 @@ from cyclopts import Parameter
 
 import jaxcal
 
-from .._files import json_text, write_atomically
-from .._units import factor, number, si_unit
+from .._answer import Finding, joined
+from .._files import write_atomically
+from .._message import Message
 from ._options import WRITING, CallError, Level, Log, Reading, Running, picture, stem
-from ._outputs import File, Outputs, figure, outputs, save_report
-from ._screen import Screen
-from ._tables import by_sensor
+from ._outputs import File, Outputs, figure, outputs, save_json, save_report
 from ._work import carry_out
 
 Kind = Literal[
     "adev", "oadev", "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "theo1", "theoh", "mtie", "tierms"
 ]  # fmt: skip
 _GRIDS = ("log", "octave", "decade", "all")
-_DEVIATIONS, _FREQUENCIES = 50, 30  # largest number of rows of a printed table; files have all rows
-_NONE = "neither gyroscope, accelerometer nor magnetometer; name their columns with --columns"
 
 
 @Parameter(name="*", group=WRITING)
@@ -92,7 +88,7 @@ def allan(
         reading = replace(reading, columns=reading.columns or ("gyro=0",), units=("gyro=rad/s", *(reading.units or ())))
         change = _as_clock
 
-    def compute(recording: Any, _: Any) -> dict[str, Any]:
+    def compute(recording: Any, _: Any) -> Any:
         found = {}
         for sensor in ("gyro", "accel", "mag"):
             if (values := getattr(recording, sensor)) is not None:
@@ -100,16 +96,12 @@ def allan(
                 name = "clock" if clock else sensor
                 found |= {f"{name}_{'xyz'[axis]}": result.channel(axis) for axis in range(result.deviation.shape[1])}
         if not found:
-            raise jaxcal.DataError(f"{log} holds {_NONE}")
-        return found
+            raise _nothing()
+        return jaxcal.allan.Deviations(found)
 
-    names = ("tau", "m", "deviation", "lower", "upper", "edf")
-    plan = _outputs(log, writing, "allan", "tau_s", names, ("count", "alpha", "bias"), ("kind", "confidence"), lambda plot: plot.allan)
-    show = partial(_tables, table=_deviations)
-    done = carry_out(
-        log, reading, running, plan, compute, doing="computing", show=show, change=change, command="jaxcal allan", options=options
-    )
-    done.tell([sentence for result in done.found.values() for sentence in result.warnings])
+    plan = _outputs(log, writing, "allan", ("tau", "m", "deviation", "lower", "upper", "edf"), "tau_s", lambda plot: plot.allan)
+    done = carry_out(log, reading, running, plan, compute, doing="computing", change=change, command="jaxcal allan", options=options)
+    done.end(running)
 
 
 def psd(
@@ -140,36 +132,37 @@ def psd(
     """
     mean = None if average == "none" else average
     options: dict[str, Any] = {"method": method, "sided": sided, "average": mean, "keep_tail": keep_tail, "confidence": confidence}
-    refused: dict[str, list[str]] = {}
 
-    def compute(recording: Any, _: Any) -> dict[str, Any]:
-        from .._results import by_channel
-
-        found = {}
+    def compute(recording: Any, _: Any) -> Any:
+        found, refused = {}, []
         for channel, values in recording.channels().items():
             if channel.partition("_")[0] in ("gyro", "accel", "mag"):
                 try:
                     found[channel] = jaxcal.spectrum.density(values, recording.rate, **options)
                 except jaxcal.DataError as error:
-                    refused[channel] = [str(error)]
-        if not found and not refused:
-            raise jaxcal.DataError(f"the log holds {_NONE}")
+                    if not isinstance(error.args[0], Finding):
+                        raise error.of(channel) from error
+                    refused.append(_from_the_start(error.args[0], recording).of(channel))
         if not found:
-            start = recording.provenance.get("selected", (0.0,))[0]
-            offset = f", which count from {start:.6g} s before the part chosen now" if start else ""
-            raise jaxcal.DataError(f"{'; '.join(by_channel(refused))} (on the command line: --start and --stop{offset})")
-        return found
+            raise jaxcal.DataError(joined(refused)[0], code=refused[0].code) if refused else _nothing()
+        return jaxcal.spectrum.Spectra(found, refused)
 
-    names = ("frequency", "count", "density", "lower", "upper", "edf")
-    head = ("method", "sided", "average", "confidence")
-    plan = _outputs(log, writing, "psd", "frequency_hz", names, (), head, lambda plot: plot.spectrum)
-    show = partial(_tables, table=_densities)
-    done = carry_out(log, reading, running, plan, compute, doing="computing", show=show, command="jaxcal psd", options=options)
-    from .._results import by_channel
+    plan = _outputs(
+        log, writing, "psd", ("frequency", "count", "density", "lower", "upper", "edf"), "frequency_hz", lambda plot: plot.spectrum
+    )
+    carry_out(log, reading, running, plan, compute, doing="computing", command="jaxcal psd", options=options).end(running)
 
-    warnings = {channel: [f"left out: {sentence}" for sentence in sentences] for channel, sentences in refused.items()}
-    warnings |= {channel: result.warnings for channel, result in done.found.items()}
-    done.tell(by_channel(warnings))
+
+def _from_the_start(finding: Finding, recording: Any) -> Finding:
+    """The finding with times that count from the start of the file, as the options do, and not from that of the selected part."""
+    since = recording.provenance.get("selected", (0.0,))[0]
+    times = {name: since + finding.facts[name] for name in ("start", "stop") if name in finding.facts}
+    return replace(finding, facts={**finding.facts, **times})
+
+
+def _nothing() -> jaxcal.DataError:
+    message = Message("the log holds neither gyroscope, accelerometer nor magnetometer; name their columns with {option.columns}")
+    return jaxcal.DataError(message, code="no_sensor")
 
 
 def _as_clock(log: Any) -> Any:
@@ -178,11 +171,6 @@ def _as_clock(log: Any) -> Any:
 
     known = {name: value for name, value in log.provenance.items() if name not in ("units", "columns")}
     return eqx.tree_at(lambda one: one.provenance, log, known | {"quantity": "clock"})
-
-
-def _tables(screen: Screen, found: Mapping[str, Any], *, table: Callable[[Screen, str, str, Mapping[str, Any]], None]) -> None:
-    for sensor, name, axes in by_sensor(found):
-        table(screen, sensor, name, axes)
 
 
 def _sizes(text: str) -> Any:
@@ -195,12 +183,11 @@ def _sizes(text: str) -> Any:
 
 
 def _outputs(
-    log: Path, writing: Deviations, what: str, abscissa: str, names: tuple[str, ...], more: tuple[str, ...], head: tuple[str, ...],
-    draw: Callable[[Any], Callable[..., Any]],
-) -> Outputs:  # fmt: skip
-    """Output files: JSON with the arrays `names` and `more` of every channel, a table of `names`, a picture, and a report."""
+    log: Path, writing: Deviations, what: str, names: tuple[str, ...], abscissa: str, draw: Callable[[Any], Callable[..., Any]]
+) -> Outputs:
+    """Output files: JSON, a table with the arrays `names` of every channel, a picture, and a report."""
     files: list[File] = [
-        ("json", "", partial(_json, what=what, names=(*names, *more), head=head)),
+        ("json", "", save_json),
         ("plot", "", figure(lambda plot, found, _: draw(plot)(found))),
         ("report", "", save_report),
     ]
@@ -208,85 +195,9 @@ def _outputs(
     return outputs(writing, files, formats={"csv": f"{stem(log)}-{what}.csv"}, export=partial(_csv, header=header, names=names))
 
 
-def _json(place: Path, found: dict[str, Any], log: Any, *, what: str, names: tuple[str, ...], head: tuple[str, ...]) -> None:
-    first = next(iter(found.values()))
-    channels = {channel: {"unit": unit, **columns} for channel, unit, columns in _columns(found, names)}
-    document = {"schema": f"jaxcal.{what}/1", "version": jaxcal.__version__, **{name: getattr(first, name) for name in head}}
-    write_atomically(place, json_text(document | {"rate": log.rate, "duration": log.duration, "channels": channels}))
-
-
-def _csv(place: Path, found: dict[str, Any], log: Any, format: str, *, header: tuple[str, ...], names: tuple[str, ...]) -> None:
+def _csv(place: Path, found: Any, log: Any, format: str, *, header: tuple[str, ...], names: tuple[str, ...]) -> None:
     lines = [",".join(header)]
-    for channel, unit, columns in _columns(found, names):
-        for row in zip(*columns.values(), strict=True):
-            lines.append(f"{channel},{unit}," + ",".join("" if value is None else str(value) for value in row))
+    for channel, fields in found.to_dict()["channels"].items():
+        for row in zip(*(fields[name] for name in names), strict=True):
+            lines.append(f"{channel},{fields['unit']}," + ",".join("" if value is None else str(value) for value in row))
     write_atomically(place, "\n".join(lines) + "\n")
-
-
-def _columns(found: dict[str, Any], names: tuple[str, ...]) -> Iterator[tuple[str, str, dict[str, list[Any]]]]:
-    """Channel, unit and arrays as lists, with None for undefined numbers (limits of an interval error)."""
-    for channel, result in found.items():
-        sensor = channel.partition("_")[0]
-        if hasattr(result, "density"):
-            unit = f"({si_unit(sensor)})^2/Hz"
-        elif result.unit_of_phase:
-            unit = {"gyro": "rad", "accel": "m/s", "mag": "T s", "clock": "s"}[sensor]
-        else:
-            unit = "1" if sensor == "clock" else si_unit(sensor)
-        yield channel, unit, {name: [None if x != x else x for x in getattr(result, name).tolist()] for name in names}
-
-
-def _deviations(screen: Screen, sensor: str, name: str, axes: Mapping[str, Any]) -> None:
-    import numpy as np
-
-    first = next(iter(axes.values()))
-    if sensor == "clock":
-        scale, unit = 1.0, "s" if first.unit_of_phase else "fractions of the frequency"
-    else:
-        unit = {"gyro": "deg/h", "accel": "ug", "mag": "nT"}[sensor]
-        scale, unit = factor(unit, sensor), unit + " s" * first.unit_of_phase
-    step = -(-len(first.tau) // _DEVIATIONS)
-    rows = []
-    for i in range(0, len(first.tau), step):
-        cells = []
-        for result in axes.values():
-            value, low, high = (curve[i] / scale for curve in (result.deviation, result.lower, result.upper))
-            doubt = 5 * (high - low)  # print only one uncertain digit, because there are many narrow rows
-            limits = "" if np.isnan(low) else f" [{number(low, doubt)}, {number(high, doubt)}]"
-            cells.append(number(value, doubt) + limits)
-        rows.append([f"{first.tau[i]:.4g}", *cells])
-    every = f"; every {step}th of {len(first.tau)} cluster times" if step > 1 else ""
-    known = any(np.isfinite(result.lower).any() for result in axes.values())
-    interval = f"{100 * first.confidence:g} % interval" if known else "no interval known"
-    title = f"{name}: {first.kind} in {unit}, {interval}{every}"
-    screen.table(title, ["tau (s)", *(channel.removeprefix(f"{sensor}_") for channel in axes)], rows)
-
-
-def _densities(screen: Screen, sensor: str, name: str, axes: Mapping[str, Any]) -> None:
-    unit = {"gyro": "deg/h", "accel": "mg", "mag": "nT"}[sensor]
-    first = next(iter(axes.values()))
-    chosen = _rows(first.frequency)
-    scale, power = factor(unit, sensor) ** 2, 0
-    typical = sorted(float(result.density[i]) / scale for result in axes.values() for i in chosen)[len(chosen) * len(axes) // 2]
-    if 0 < typical < 0.01 or typical >= 1e4:
-        power = 3 * math.floor(math.log10(typical) / 3)
-    rows = []
-    for i in chosen:
-        values = [float(result.density[i]) / scale / 10.0**power for result in axes.values()]
-        # the factors are the same for every channel
-        limits = next(((r.lower[i] / r.density[i], r.upper[i] / r.density[i]) for r in axes.values() if r.density[i] > 0), ())
-        rows.append([f"{first.frequency[i]:.4g}", *(f"{v:.3g}" for v in values), " to ".join(number(end, end / 5) for end in limits)])
-    part = f"; {len(chosen)} of {len(first.frequency)} frequencies" if len(chosen) < len(first.frequency) else ""
-    unit = f"{f'1e{power} ' if power else ''}({unit})^2/Hz"
-    title = f"{name}: {'one' if first.sided == 1 else 'two'}-sided density in {unit}{part}"
-    names = [channel.removeprefix(f"{sensor}_") for channel in axes]
-    screen.table(title, ["f (Hz)", *names, f"{100 * first.confidence:g} % interval, times"], rows)
-
-
-def _rows(frequency: Any) -> list[int]:
-    """Indices of the frequencies to print: all, or a subset at equal ratios."""
-    if len(frequency) <= _FREQUENCIES:
-        return list(range(len(frequency)))
-    ratio = float(frequency[-1] / frequency[0])
-    asked = [float(frequency[0]) * ratio ** (i / (_FREQUENCIES - 1)) for i in range(_FREQUENCIES)]
-    return sorted({int(abs(frequency - f).argmin()) for f in asked})

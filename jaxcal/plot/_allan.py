@@ -1,5 +1,6 @@
 """`allan`: deviation against cluster time, with the fitted model."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -100,7 +101,7 @@ def allan(result: Any, ax: Any = None) -> Any:
     >>> ax.get_ylabel()
     'Allan deviation (°/h)'
     """
-    named = result if isinstance(result, dict) else {"": result}
+    named = result if isinstance(result, Mapping) else {"": result}
     return draw_groups([channel for name, item in named.items() for channel in _channels(str(name), item)], ax, _draw)
 
 

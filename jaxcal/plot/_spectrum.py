@@ -1,5 +1,6 @@
 """`spectrum`: power spectral density against frequency, with the noise model."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -96,7 +97,7 @@ def spectrum(result: Any, ax: Any = None, noise: Any = None) -> Any:
     >>> ax.get_ylabel()
     'Two-sided power spectral density, (°/h)²/Hz'
     """
-    named = result if isinstance(result, dict) else {"": result}
+    named = result if isinstance(result, Mapping) else {"": result}
     models = noise if isinstance(noise, dict) else dict.fromkeys(named, noise)
     channels = [channel for name, item in named.items() for channel in _channels(str(name), item, models.get(name))]
     if channels and models and not set(models) & set(named):

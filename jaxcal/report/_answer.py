@@ -1,7 +1,8 @@
 """The page of any result: verdict, tables and findings from the result itself, then the figures of its kind, and where it comes from.
 
-A module for a kind of result (`_MODULES`) has only what no other kind has: `SUBJECT`, `lead(result)`, `figures(result, log)` (a list of
-sections), `known(result)` (facts for the provenance), and `meaning(result)` (terms and explanations). Each but `SUBJECT` may be missing.
+A module for a kind of result (`_MODULES`) has only what no other kind has: `SUBJECT` or `subject(result)`, `lead(result)`,
+`figures(result, log)` (a list of sections), `known(result)` (facts for the provenance), and `meaning(result)` (terms and explanations).
+Each but the subject may be missing.
 """
 
 import importlib
@@ -55,7 +56,7 @@ def answer_page(result: Any, log: Any, version: str) -> tuple[str, str, Markup]:
     meaning = own("meaning", ())
     parts += [section("What it means", "meaning", definitions(meaning))] if meaning else []
     parts.append(provenance({"Made by": f"jaxcal {version}"} | own("known", {}), log))
-    return getattr(module, "SUBJECT", "Result"), own("lead", ""), join(parts)
+    return own("subject", getattr(module, "SUBJECT", "Result")), own("lead", ""), join(parts)
 
 
 def _curve(curve: Curve) -> Markup:

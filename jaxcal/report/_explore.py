@@ -101,12 +101,6 @@ def _unit(sensor: str, unit: str, own: Mapping[str, str], channels: Mapping[str,
     return {"label": unit_label(unit), "scale": noise_factor("B", sensor, unit) if unit else 1.0, "terms": terms}
 
 
-def first_unit(sensor: str) -> tuple[float, str]:
-    """SI value and label of the default unit of the curves."""
-    unit = next(iter(_UNITS[sensor]))
-    return (noise_factor("B", sensor, unit), unit_label(unit)) if unit else (1.0, "1")
-
-
 def _duration(channels: Mapping[str, Any], log: Log | None) -> float:
     return log.duration if log is not None else max((getattr(one, "duration", 0.0) for one in channels.values()), default=0.0)
 

@@ -21,11 +21,10 @@ else:
     Readings = Any  # avoids importing parts of the package that a page does not need
 
 _PACKAGE = __name__.partition(".")[0]
-#: kind of result -> module with its `document`, `page` and `summary`; for single results, and for dictionaries channel -> result
+#: kind of result -> module with its `document`, `page` and `summary`
 _KINDS = {
     ("alignment", "AlignmentFit"): "_north", ("imu", "ImuFit"): "_imu", ("magnetometer", "MagFit"): "_magnetometer",
 }  # fmt: skip
-_BY_CHANNEL = {("allan", "Deviation"): "_curves", ("spectrum", "Spectrum"): "_curves"}
 _TITLES = {"Noise": "Sensor noise", "Alignment": "Alignment on a turntable"}  # if neither device nor file is known
 _BADGES = {"good": " present", "ok": " present", "fitted": " present"}
 
@@ -112,7 +111,6 @@ def document(results: Any, log: Any = None) -> dict[str, Any]:
       every term `value`, `low`, `high`, `upper_limit`, `verdict`, `significance`, `longer_record` (s needed to know it to 10 %), `decides`
       (s needed to decide whether the term is present) and `unit`; then `method`, `confidence`, `band` (s), `left_out`, `goodness`,
       `warnings`, `notes`, `markov` (strength, correlation time in s) and `sinusoid` (amplitude, Hz).
-    - "jaxcal.allan/1", "jaxcal.psd/1": `provenance`, `notes`, `warnings` and `channels`, each with the fields of its result.
     - "jaxcal.imu/1": `verdict`, `reason`, `warnings`, `convention`, `method`, `gravity`, `rate`, `poses`, `turns`, `sensors` (each with
       `matrix`, `bias`, `g_sensitivity`, `intervals`), `residuals`, `held_out`, `condition`, `temperature` and `provenance`.
     - "jaxcal.mag/1", in the units of the readings: `verdict`, `reason`, `method`, `model`, `hard_iron`, `hard_iron_error`, `soft_iron`,
@@ -160,7 +158,7 @@ def _kind(results: Any) -> Any:
     """The module for this kind of result; the module for noise, which refuses unknown results, is the default."""
     many = isinstance(results, dict)
     first = next(iter(results.values()), None) if many else results
-    kinds = _BY_CHANNEL if many else _KINDS
+    kinds = {} if many else _KINDS
     name = next((module for (home, one), module in kinds.items() if _is(first, home, one)), "_noise")
     return importlib.import_module(f".{name}", __package__)
 

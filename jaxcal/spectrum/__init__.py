@@ -2,5 +2,5 @@
 
 from ._cross import CrossSpectrum as CrossSpectrum, cross as cross
 from ._density import density as density
-from ._result import Spectrum as Spectrum
+from ._result import Spectra as Spectra, Spectrum as Spectrum
 from ._segments import Segments as Segments

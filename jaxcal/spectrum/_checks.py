@@ -5,11 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import _quality as quality
+from .._answer import Finding
 from .._arrays import longest_run
 from .._errors import DataError
 from .._precision import is_traced
 from .._types import Any
 from ._average import GROUPS
+from ._findings import FINDINGS
 
 METHODS = ("periodogram", "welch", "dct")
 _FEWEST = 4  # smallest number of samples
@@ -37,13 +39,10 @@ def checked_record(y: Any, rate: float) -> Any:
     columns = y if y.ndim == 2 else y[:, None]
     for index, column in enumerate(columns.T):
         name = "y" if y.ndim == 1 else f"channel {index}"
-        if not quality.all_finite(column):
-            _refuse_gaps(columns, column, name, rate)
-        if column.min() == column.max():
-            raise DataError(
-                f"{name} is constant (every sample equal): it has no spectrum. Check that the sensor was running and that its "
-                "resolution is finer than its noise; leave a dead channel out"
-            )
+        quality.refuse_infinite(column, name, "mend them, or take a stretch without them")
+        found = _unfit(columns, column, rate)
+        if found is not None:
+            raise DataError(found, code=found.code, subject=name)
     return y
 
 
@@ -62,22 +61,14 @@ def checked_segment(segment: Any, overlap: Any, method: str, samples: int) -> tu
     return int(segment), max(int(segment) - int(segment * overlap), 1)
 
 
-def _refuse_gaps(columns: np.ndarray, column: np.ndarray, name: str, rate: float) -> None:
-    quality.refuse_infinite(column, name, "mend them, or take a stretch without them")
+def _unfit(columns: np.ndarray, column: np.ndarray, rate: float) -> Finding | None:
+    """Why a column has no spectrum; None if it has one."""
     gone = np.isnan(column)
     if gone.all():
-        raise DataError(f"{name} holds nothing but NaN; leave it out")
-    found = f"{name} has {np.count_nonzero(gone)} missing samples (NaN); a spectrum needs a record without gaps"
-    start, stop = longest_run(~np.isnan(columns).any(axis=1))
-    if stop - start < _FEWEST:
-        raise DataError(f"{found}, and the longest stretch without any has {stop - start} samples")
-    raise DataError(
-        f"{found}. Take the longest stretch without any, y[{start}:{stop}]; of a log, log.select({_seconds(start, rate)}, "
-        f"{_seconds(stop, rate)})"
-    )
-
-
-def _seconds(index: int, rate: float) -> str:
-    """The time of a sample, with just enough digits to identify it."""
-    texts = (f"{index / rate:.{digits}g}" for digits in range(4, 18))
-    return next((text for text in texts if abs(float(text) * rate - index) < 1e-7), repr(index / rate))
+        return FINDINGS("empty")
+    if gone.any():
+        first, last = longest_run(~np.isnan(columns).any(axis=1))
+        if last - first < _FEWEST:
+            return FINDINGS("scattered", missing=int(gone.sum()), longest=last - first, least=_FEWEST)
+        return FINDINGS("gaps", missing=int(gone.sum()), first=first, last=last, start=first / rate, stop=last / rate)
+    return FINDINGS("constant") if column.min() == column.max() else None

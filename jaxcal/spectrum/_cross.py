@@ -7,16 +7,16 @@ import equinox as eqx
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._answer import Finding, Grid, Number, Result, Section
 from .._errors import DataError
 from .._precision import host_float64
 from .._quality import checked_confidence, checked_rate
-from .._results import Row, Unjudged
 from .._types import AnyArray
 from ._average import GROUPS, average as average_over
 from ._checks import check_options, checked_record
 
 
-class CrossSpectrum(Unjudged):
+class CrossSpectrum(Result):
     """Cross-spectral density and coherence of several channels.
 
     Attributes
@@ -29,7 +29,7 @@ class CrossSpectrum(Unjudged):
     count : (values,) number of ordinates averaged.
     rate : sampling rate in Hz.
     confidence : confidence of `level`.
-    warnings : sentences.
+    findings : none so far.
 
     Examples
     --------
@@ -48,16 +48,22 @@ class CrossSpectrum(Unjudged):
     count: AnyArray
     rate: float = eqx.field(static=True)
     confidence: float = eqx.field(static=True)
-    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
-    def _rows(self) -> list[Row]:
+    @property
+    def headline(self) -> str:
+        """Number of channels, and range of frequencies."""
+        return f"{self.coherence.shape[1]} channels, {self.frequency[0]:.4g} to {self.frequency[-1]:.4g} Hz"
+
+    def sections(self) -> list[Section]:
+        """The largest coherence of each pair of channels, and its frequency."""
         rows, judged = [], np.flatnonzero(self.count > 1)
         for i, j in combinations(range(self.coherence.shape[1]), 2):
             values = self.coherence[judged, i, j]
             top = int(judged[np.argmax(values)]) if len(judged) else 0
-            name = f"largest coherence of channels {i} and {j}, at {self.frequency[top]:.4g} Hz"
-            rows.append(Row(name, self.coherence[top, i, j], np.nan, np.nan, ""))
-        return rows
+            largest = Number(f"coherence[{i},{j}]", float(self.coherence[top, i, j]))
+            rows.append((f"{i} and {j}", (largest, Number(f"frequency[{i},{j}]", float(self.frequency[top]), quantity="frequency"))))
+        return [Grid("coherence", "channels", ("largest coherence", "at (Hz)"), tuple(rows))]
 
 
 @host_float64

@@ -6,12 +6,14 @@ from collections.abc import Callable
 import jax.numpy as jnp
 import numpy as np
 
+from .._answer import Finding
 from .._precision import host_float64
 from .._quality import checked_rate
 from .._types import Any
 from . import _ordinates
 from ._average import GROUPS, Groups, average as average_over
 from ._checks import check_options, checked_record, checked_segment
+from ._findings import FINDINGS
 from ._result import Spectrum
 
 
@@ -124,7 +126,7 @@ def spectrum_of(
     frequency = average_over(np.arange(1.0, ordinates + 1), groups) * (rate / bins)
     return Spectrum(
         frequency=frequency, density=values, lower=lower, upper=upper, count=groups[1] * segments, edf=edf, method=method,
-        sided=int(sided), average=average, rate=rate, confidence=confidence, warnings=_left_out(ordinates, groups, rate / bins),
+        sided=int(sided), average=average, rate=rate, confidence=confidence, findings=_left_out(ordinates, groups, rate / bins),
     )  # fmt: skip
 
 
@@ -136,10 +138,9 @@ def _centred(y: Any) -> tuple[Any, Callable[[np.ndarray], Any]]:
     return columns - jnp.mean(columns, axis=1, keepdims=True), functools.partial(jnp.asarray, dtype=y.dtype)
 
 
-def _left_out(ordinates: int, groups: Groups, spacing: float) -> tuple[str, ...]:
-    """A sentence on ordinates that do not fill a group."""
+def _left_out(ordinates: int, groups: Groups, spacing: float) -> tuple[Finding, ...]:
+    """A finding on ordinates that do not fill a group."""
     first = int(groups[0][-1] + groups[1][-1])
     if first == ordinates:
         return ()
-    lost, lowest = ordinates - first, (first + 1) * spacing
-    return (f"left out: ordinates from {lowest:.6g} Hz, {lost} of {ordinates}, which do not fill a group (keep_tail averages them)",)
+    return (FINDINGS("tail", lowest=(first + 1) * spacing, lost=ordinates - first, ordinates=ordinates),)

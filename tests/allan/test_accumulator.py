@@ -69,7 +69,7 @@ def test_any_chunking_gives_the_deviation_of_the_whole(short_pieces, kind, lengt
     equal = found.alpha == whole.alpha
     np.testing.assert_allclose(found.edf[equal], whole.edf[equal], rtol=1e-12)
     np.testing.assert_allclose(found.upper[equal], whole.upper[equal], rtol=1e-12)
-    assert len(found.warnings) == len(whole.warnings)
+    assert found.codes == whole.codes
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -229,7 +229,7 @@ def test_grids_go_on_as_far_as_the_record():
     found = Accumulator(1.0).update(y).result()
     assert found.m[0] == 1
     assert found.m[-1] == 464
-    assert found.warnings == ()
+    assert found.findings == ()
     assert Accumulator(1.0, kind="mdev").m[-1] <= 65_536
     assert Accumulator(1.0, [8, 2, 8]).update(y).result().m.tolist() == [8, 2, 8]
     same(Accumulator(1.0, [2, 3]).update(y).result(), deviation(y, 1.0, m=[2, 3]))
@@ -239,7 +239,7 @@ def test_a_channel_without_samples_is_said_and_the_others_are_served():
     y = np.random.default_rng(6).standard_normal((500, 3))
     y[:, 1] = np.nan
     found = Accumulator(1.0, [1, 10], channels=3).update(y[:200]).update(y[200:]).result()
-    assert found.warnings == ("channel 1 holds nothing but NaN: no deviation",)
+    assert (found.codes, found.findings[0].subject) == ({"empty"}, ("channel 1",))
     assert np.isnan(found.deviation[:, 1]).all()
     assert np.isnan(found.upper[:, 1]).all()
     assert found.count[:, 1].tolist() == [0, 0]
@@ -330,4 +330,4 @@ def test_messages_about_parts_that_do_not_join():
     far = Accumulator(1.0, [1, 70_000])
     found = far.update(y).merge(far.update(y)).update(np.tile(y, 2000)).result()
     assert found.m.tolist() == [1]
-    assert "parts merged without start=: tau = 70000 s" in found.warnings[0]
+    assert [(one.code, one.facts["tau"]) for one in found.findings] == [("not_followed", "70000")]

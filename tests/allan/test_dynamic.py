@@ -51,7 +51,7 @@ def test_every_window_is_the_deviation_of_its_samples(kind, length, step, seed, 
         np.testing.assert_array_equal(found.alpha[i, there], alone.alpha)
         for name in ("edf", "lower", "upper"):
             np.testing.assert_allclose(getattr(found, name)[i, there], getattr(alone, name), rtol=1e-9)
-    assert bool(found.warnings) == (np.isnan(found.deviation).any() or len(found.m) < len(M))
+    assert bool(found.findings) == (np.isnan(found.deviation).any() or len(found.m) < len(M))
 
 
 def test_a_quiet_window_after_a_loud_one_keeps_its_digits():
@@ -71,7 +71,7 @@ def test_channels_defaults_and_the_record_at_hand():
     assert found.time.tolist() == [50.0, 100.0, 150.0, 200.0, 250.0, 300.0, 350.0]
     assert found.m[-1] == 500
     assert found.window == 100.0
-    assert found.warnings == ("channel 1 holds nothing but NaN: no deviation",)
+    assert (found.codes, found.findings[0].subject) == ({"empty"}, ("channel 1",))
     assert np.isnan(found.deviation[:, :, 1]).all()
     alone = dynamic(y[:, 2], 10.0, window=100.0)
     np.testing.assert_allclose(found.channel(2).deviation, alone.deviation, rtol=1e-12)

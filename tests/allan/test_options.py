@@ -82,14 +82,15 @@ def test_uneven_stamps_are_put_on_the_grid():
     jitter = np.random.default_rng(7).uniform(-0.04, 0.04, 1000)
     found = deviation(y[kept], 10.0, m=[1, 7], time=(stamps + jitter)[kept] - jitter[0])
     np.testing.assert_array_equal(found.deviation, deviation(gaps, 10.0, m=[1, 7]).deviation)
-    assert "996 samples on 1000 steps of 0.1 s: 0 were averaged with others of their step, 4 steps are empty" in found.warnings[0]
+    assert found.findings[0].code == "regridded"
+    assert found.findings[0].facts == {"samples": 996, "steps": 1000, "step": 0.1, "averaged": 0, "empty": 4}
 
 
 def test_samples_of_one_step_are_averaged():
     y, time = np.array([1.0, 3.0, 5.0, 2.0, 7.0]), np.array([0.0, 0.1, 1.0, 2.0, 3.0])
     found = deviation(y, 1.0, m=[1], time=time)
     assert found.deviation.tolist() == deviation(np.array([2.0, 5.0, 2.0, 7.0]), 1.0, m=[1]).deviation.tolist()
-    assert "1 were averaged" in found.warnings[0]
+    assert found.findings[0].facts["averaged"] == 1
 
 
 @pytest.mark.parametrize(
@@ -121,7 +122,8 @@ def test_a_channel_without_samples_leaves_the_others_alone(kind):
     np.testing.assert_array_equal(found.deviation[:, [0, 2]], alone.deviation)
     assert np.isnan(found.deviation[:, 1]).all()
     assert found.count[:, 1].tolist() == [0, 0]
-    assert found.warnings[0] == "channel 1 holds nothing but NaN: no deviation"
+    assert (found.codes, found.findings[0].subject) == ({"empty"}, ("channel 1",))
+    assert (found.channel(0).verdict, found.channel(1).verdict) == ("good", "weak")
 
 
 def test_bias_corrected_takes_one_of_three():

@@ -88,8 +88,8 @@ def test_gaps():
     found, alone = (deviation(v, 1.0, kind="theo1", m=[2, 20, 200]) for v in (y, y[152:]))
     np.testing.assert_allclose(found.deviation, alone.deviation)
     np.testing.assert_allclose(found.edf, alone.edf)
-    assert found.warnings == ("theo1 needs a record without gaps: of y the longest stretch, samples 152 .. 399 (62% of 400), was used",)
-    assert deviation(y, 1.0, kind="theo1", m=[2, 300]).warnings[1] == "no difference free of gaps at tau = 225 s: left out"
+    assert (found.codes, found.findings[0].facts["start"]) == ({"longest_stretch"}, 152)
+    assert deviation(y, 1.0, kind="theo1", m=[2, 300]).findings[1].facts == {"tau": "225"}
     np.testing.assert_array_equal(found.skipped, (401 - found.m) * found.m // 2 - found.count)
 
 

@@ -16,11 +16,16 @@ def test_it_prints_and_writes_nothing_unless_asked(call, folder, log):
     assert listing(folder) == ["imu.csv"]
     lines = found.out.splitlines()
     assert max(map(len, lines)) <= 80
-    start = lines.index("gyroscope: oadev in deg/h, 95 % interval")
-    assert lines[start + 1].split() == ["tau", "(s)", "x", "y", "z"]
-    assert [line.split()[0] for line in lines[start + 2 : start + 5]] == ["0.01", "0.1", "1"]
+    assert len(lines) <= 30
+    head = next(i for i, line in enumerate(lines) if line.startswith("gyroscope"))
+    assert lines[head].split() == ["gyroscope", "x", "y", "z"]
+    row = lines[head + 1].split()
+    assert row[:4] == ["at", "1", "s", "deg/h"]
     # white noise: N / sqrt(tau)
-    assert float(lines[start + 4].split()[1]) == pytest.approx(1e-3 * 180 / np.pi * 3600, rel=0.2)
+    assert float(row[4]) == pytest.approx(1e-3 * 180 / np.pi * 3600, rel=0.2)
+    shown = call("allan", "imu.csv", "--m", "1,10,100", "--unit", "deg/s").out.splitlines()[head + 1].split()
+    assert shown[3] == "deg/s"
+    assert float(shown[4]) == pytest.approx(float(row[4]) / 3600, rel=0.01)
 
 
 @pytest.mark.parametrize(("kind", "unit"), [("oadev", "rad/s"), ("tdev", "rad")])
@@ -29,10 +34,10 @@ def test_files_hold_what_the_library_gives(call, folder, log, kind, unit):
     assert (found.status, found.out, found.err) == (0, "", "")
     assert listing(folder) == ["a.json", "a.svg", "imu-allan.csv", "imu.csv"]
     document = json.loads((folder / "a.json").read_text())
-    assert (document["schema"], document["kind"], document["rate"]) == ("jaxcal.allan/1", kind, 100.0)
+    assert document["schema"] == "jaxcal.Deviations/1"
     expected = jaxcal.allan.deviation(jaxcal.read(log, quiet=True).gyro, 100.0, kind=kind, m="octave")
     channel = document["channels"]["gyro_y"]
-    assert channel["unit"] == unit
+    assert (channel["kind"], channel["rate"], channel["unit"]) == (kind, 100.0, unit)
     assert channel["m"] == expected.m.tolist()
     for name in ("deviation", "lower", "upper", "edf"):
         np.testing.assert_allclose(channel[name], getattr(expected, name)[:, 1])
@@ -47,8 +52,8 @@ def test_files_hold_what_the_library_gives(call, folder, log, kind, unit):
 def test_where_no_interval_is_known_files_hold_none(call, folder, log, kind):
     found = call("allan", "imu.csv", "--kind", kind, "--m", "1,10", "--json", "a.json", "--export", "csv", "--plot", "a.svg")
     assert (found.status, found.err) == (0, "")
-    assert f"gyroscope: {kind} in deg/h s, no interval known" in found.out
-    assert "nan" not in found.out
+    assert kind in found.out
+    assert not any(word in found.out for word in ("nan", "±"))
     channel = json.loads((folder / "a.json").read_text())["channels"]["accel_x"]
     assert (channel["unit"], channel["lower"], channel["upper"], channel["edf"]) == ("m/s", [None, None], [None, None], [None, None])
     assert (folder / "imu-allan.csv").read_text().splitlines()[1].endswith(",,,")
@@ -65,10 +70,9 @@ def test_the_bias_is_taken_off_on_request(call, folder, log):
     np.testing.assert_allclose(channel["bias"], [0.7837, 0.7714], atol=1e-4)  # white noise
 
 
-def test_a_long_table_is_thinned_and_says_so(call, folder):
+def test_a_file_holds_all_cluster_sizes(call, folder):
     save(folder / "short.csv", table(1000))
-    found = call("allan", "short.csv", "--m", "all", "--json", "a.json")
-    assert "every 10th of 500 cluster times" in found.out
+    assert call("allan", "short.csv", "--m", "all", "--json", "a.json").status == 0
     assert len(json.loads((folder / "a.json").read_text())["channels"]["gyro_x"]["m"]) == 500
 
 
@@ -100,11 +104,10 @@ def test_a_clock_has_no_unit(call, folder):
     words = ("allan", "clock.txt", "--clock", "--data", "phase", "--rate", "1", "--m", "1,8", "--json", "clock.json")
     ended = call(*words)
     assert ended.status == 0
-    assert "clock: oadev in fractions of the frequency" in ended.out
-    assert "clock_x  mean" in ended.out
+    assert any(line.startswith("clock ") for line in ended.out.splitlines())
     assert not any(word in ended.out for word in ("gyro", "rad/s"))
     channel = json.loads((folder / "clock.json").read_text())["channels"]["clock_x"]
-    assert channel["unit"] == "1"
+    assert channel["unit"] == ""
     expected = jaxcal.allan.deviation(x, 1.0, m=[1, 8], data="phase")
     np.testing.assert_allclose(channel["deviation"], expected.deviation, rtol=1e-5)  # six digits in the file
     assert call(*words, "--kind", "tdev", "--report", "clock.html").status == 0

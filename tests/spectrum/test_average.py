@@ -33,7 +33,7 @@ def test_a_record_of_65536_samples_has_192_values():
     y = np.random.default_rng(0).standard_normal(65_536)
     found, raw = density(y, 100.0), density(y, 100.0, average=None)
     assert found.frequency.shape == (192,)
-    assert found.warnings == ()
+    assert found.findings == ()
     np.testing.assert_allclose(found.density[:32], raw.density[:32], rtol=1e-14)
     np.testing.assert_allclose(found.density[32], raw.density[32:34].mean(), rtol=1e-13)
     np.testing.assert_allclose(found.density[-1], raw.density[-1024:].mean(), rtol=1e-12)
@@ -69,8 +69,8 @@ def test_a_ragged_tail_is_dropped_and_said_or_kept_with_its_count():
     raw = density(y, 22.0, average=None)
     dropped, kept = density(y, 22.0), density(y, 22.0, keep_tail=True)
     assert len(kept.density) == len(dropped.density) + 1
-    assert dropped.warnings == ("left out: ordinates from 10.9 Hz, 2 of 110, which do not fill a group (keep_tail averages them)",)
-    assert kept.warnings == ()
+    assert (dropped.codes, kept.codes) == ({"tail"}, set())
+    assert dropped.findings[0].facts == {"lowest": pytest.approx(10.9), "lost": 2, "ordinates": 110}
     assert kept.count[-2:].tolist() == [4, 2]
     assert kept.density[-1] == pytest.approx(raw.density[-2:].mean())
     assert kept.frequency[-1] == pytest.approx(raw.frequency[-2:].mean())

@@ -29,7 +29,7 @@ def test_jit_equals_eager(method, average, n):
     assert isinstance(traced, Spectrum)
     for name in ("frequency", "density", "lower", "upper", "count", "edf"):
         np.testing.assert_allclose(getattr(traced, name), getattr(eager, name), rtol=1e-9, atol=1e-14, err_msg=name)
-    assert (traced.method, traced.sided, traced.average, traced.warnings) == (method, 1, average, eager.warnings)
+    assert (traced.method, traced.sided, traced.average, traced.findings) == (method, 1, average, eager.findings)
 
 
 @pytest.mark.parametrize("method", METHODS)

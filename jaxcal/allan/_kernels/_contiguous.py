@@ -8,6 +8,7 @@ import numpy as np
 from ..._arrays import longest_run
 from ..._errors import DataError
 from ..._types import Float, Int
+from .._findings import FINDINGS
 from .._kinds import Kind
 from .._noise_type._identify import identify
 from ._phase import integrate
@@ -16,7 +17,7 @@ from ._total import reflected_record, total_sum, window_sum
 
 
 def measure_whole(columns, missing: list, sizes, statistic: Kind, rate: float, data: str, alpha):
-    """Sums, counts and noise types, (clusters, channels), and a sentence for every channel of which only a part was used.
+    """Sums, counts and noise types, (clusters, channels), and a finding for every channel of which only a part was used.
 
     `columns` holds (points, channels) samples of rate or of phase. `missing` has one entry per channel: where the channel is NaN, or None
     without gaps. `alpha` is the noise type, or None to identify it.
@@ -26,25 +27,22 @@ def measure_whole(columns, missing: list, sizes, statistic: Kind, rate: float, d
     one = _extremes if statistic.family == "range" else _stretch
 
     def channel(index):
-        name = f"channel {index}" if channels > 1 else "y"
-        total, count, noise, told = one(columns[:, index], missing[index], ascending, statistic, rate, data, alpha is None, name)
+        subject = (f"channel {index}",) if channels > 1 else ()
+        total, count, noise, told = one(columns[:, index], missing[index], ascending, statistic, rate, data, alpha is None, subject)
         return total, count, noise if alpha is None else np.full(len(ascending), float(alpha)), told
 
     with ThreadPoolExecutor(min(os.cpu_count() or 1, channels)) as pool:
         *found, told = zip(*(pool.map if channels > 1 else map)(channel, range(channels)), strict=True)
     back = np.argsort(order, kind="stable")
-    return *(np.stack(values, axis=1)[back] for values in found), tuple(sentence for sentence in told if sentence)
+    return *(np.stack(values, axis=1)[back] for values in found), tuple(one for one in told if one)
 
 
-def _stretch(column, gone, sizes, statistic: Kind, rate: float, data: str, identified: bool, name: str):
+def _stretch(column, gone, sizes, statistic: Kind, rate: float, data: str, identified: bool, subject: tuple[str, ...]):
     """One channel of a statistic that needs an unbroken stretch; in a record with gaps, the longest stretch (the first if several)."""
-    told = ""
+    told = None
     if gone is not None:
         a, b = longest_run(~gone)
-        told = (
-            f"{statistic.name} needs a record without gaps: of {name} the longest stretch, samples {a} .. {b - 1} "
-            f"({(b - a) / len(column):.0%} of {len(column)}), was used"
-        )
+        told = FINDINGS("longest_stretch", subject, kind=statistic.name, share=(b - a) / len(column), start=a, stop=b - 1)
         column = column[a:b]
     theta, x = _phase_and_rate(column, rate, data, statistic)
     samples = len(theta) - 1
@@ -86,9 +84,9 @@ def _phase_and_rate(column, rate: float, data: str, statistic: Kind):
     return theta, np.diff(theta) if statistic.order == 3 else theta
 
 
-def _extremes(column, gone, sizes, statistic: Kind, rate: float, data: str, identified: bool, name: str):
+def _extremes(column, gone, sizes, statistic: Kind, rate: float, data: str, identified: bool, subject: tuple[str, ...]):
     """One channel of mtie, over windows without gaps."""
-    del name
+    del subject
     lost = marks = None
     if gone is not None:
         lost = np.concatenate([[0], np.cumsum(gone)])
@@ -98,7 +96,7 @@ def _extremes(column, gone, sizes, statistic: Kind, rate: float, data: str, iden
     theta, _ = _phase_and_rate(column, rate, data, statistic)
     greatest, count = _ranges(theta, sizes, lost, 0 if data == "rate" else 1)
     noise = identify(theta, marks, sizes, statistic.plain, len(theta) - 1, data) if identified else np.zeros(len(sizes))
-    return greatest**2 * count, count, noise, ""
+    return greatest**2 * count, count, noise, None
 
 
 def _ranges(

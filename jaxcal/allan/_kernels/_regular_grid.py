@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from ..._answer import Finding
 from ..._errors import DataError
+from .._findings import FINDINGS
 
 
-def on_grid(y, time, rate: float) -> tuple[np.ndarray, tuple[str, ...]]:
+def on_grid(y, time, rate: float) -> tuple[np.ndarray, tuple[Finding, ...]]:
     """The record in steps of 1/rate: each step is the mean of the samples nearest to it, or NaN if there are none.
 
     Nothing is interpolated: an empty step is a gap, whose differences are left out. `time` holds (n,) ascending stamps in s. For a
@@ -38,8 +40,6 @@ def on_grid(y, time, rate: float) -> tuple[np.ndarray, tuple[str, ...]]:
     filled = len(np.unique(place))
     said = ()
     if filled < len(time) or filled < steps:
-        said = (
-            f"{len(time)} samples on {int(steps)} steps of {1 / rate:g} s: {len(time) - filled} were averaged with others of their step, "
-            f"{int(steps) - filled} steps are empty and count as gaps",
-        )
+        averaged, empty = len(time) - filled, int(steps) - filled
+        said = (FINDINGS("regridded", samples=len(time), steps=int(steps), step=1 / rate, averaged=averaged, empty=empty),)
     return out.reshape(-1, *y.shape[1:]), said

@@ -11,10 +11,12 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from ..._answer import Finding
 from ..._errors import DataError
 from ..._frozen import replaced
 from ..._precision import is_traced
 from ..._quality import checked_confidence, checked_rate, checked_whole
+from .._findings import FINDINGS, times
 from .._kinds import Kind, find_kind, whole_sizes
 from .._noise_type._b1_ratio import fewest_averages, noise_type_of_ratio
 from .._noise_type._identify import FEWEST, identify, types_for_intervals
@@ -218,8 +220,8 @@ class Accumulator(eqx.Module):
         Returns
         -------
         Deviation
-            The cluster sizes that have a difference; `warnings` names given sizes that have none. `count` and `skipped` count the
-            differences used (see `exact`). A channel without any sample is NaN, and `warnings` names it.
+            The cluster sizes that have a difference; a finding names given sizes that have none. `count` and `skipped` count the
+            differences used (see `exact`). A channel without any sample is NaN, and a finding names it.
 
         Raises
         ------
@@ -230,8 +232,8 @@ class Accumulator(eqx.Module):
         --------
         >>> import jaxcal
         >>> acc = jaxcal.allan.Accumulator(1.0, [1, 1000]).update([1.0, 2.0, 4.0, 3.0])
-        >>> acc.result().m.tolist(), acc.result().warnings
-        ([1], ('no difference yet at tau = 1000 s: left out',))
+        >>> acc.result().m.tolist(), acc.result().notes
+        ([1], ('No difference without gaps at tau = 1000 s, which is left out.',))
         """
         plan, taken, statistic = self._plan, self._flushed(), self._plan.kind
         samples, alive = taken.samples, taken.present > 0
@@ -254,15 +256,15 @@ class Accumulator(eqx.Module):
         chosen = where[kept[where]]
         m = plan.m[chosen]
         squares, count, expected, noise = squares[chosen], count[chosen], expected[chosen][:, None], noise[chosen]
-        with np.errstate(invalid="ignore"):  # 0/0 in a channel without samples gives NaN, which a warning reports
+        with np.errstate(invalid="ignore"):  # 0/0 in a channel without samples gives NaN, which a finding reports
             deviation = np.sqrt(squares / count * statistic.scale(m, self.rate)[:, None])
         types = types_for_intervals(noise, m, samples, "rate")
         edf = np.maximum(degrees_of_freedom(m[:, None], types, statistic, samples) * (count / expected), 1.0)
         edf = np.where(alive, edf, np.nan)
-        factors, warnings = (edf, *interval_factors(edf, self.confidence)), tuple(self._sentences(begun, kept, alive))
+        factors, findings = (edf, *interval_factors(edf, self.confidence)), tuple(self._findings(begun, kept, alive))
         skipped, bias, flat = expected - count, np.ones_like(deviation), self.channels == 1
         noise = noise.astype(np.int64)
-        return assembled(statistic, self.rate, m, deviation, factors, count, noise, skipped, bias, self.confidence, warnings, flat)
+        return assembled(statistic, self.rate, m, deviation, factors, count, noise, skipped, bias, self.confidence, findings, flat)
 
     def _checked(self, chunk):
         if is_traced(chunk):
@@ -325,21 +327,15 @@ class Accumulator(eqx.Module):
             found.append(carried)
         return np.stack(found)
 
-    def _sentences(self, begun: np.ndarray, kept: np.ndarray, alive: np.ndarray) -> Iterator[str]:
-        m = self._plan.m
-        dropped = np.isin(m, self._dropped)
-
-        def times(which):
-            return ", ".join(f"{size / self.rate:g}" for size in m[which])
-
-        if (~begun & ~dropped).any() and not self._named:
-            yield f"no difference yet at tau = {times(~begun & ~dropped)} s: left out"
-        if (begun & ~kept).any():
-            yield f"no difference free of gaps at tau = {times(begun & ~kept)} s: left out"
+    def _findings(self, begun: np.ndarray, kept: np.ndarray, alive: np.ndarray) -> Iterator[Finding]:
+        tau, dropped = self._plan.m / self.rate, np.isin(self._plan.m, self._dropped)
+        lost = ~kept & ~dropped & (begun | (not self._named))
+        if lost.any():
+            yield FINDINGS("no_difference", tau=times(tau[lost]))
         if dropped.any() and not self._named:
-            yield f"parts merged without start=: tau = {times(dropped)} s and its starting points are not followed any more"
+            yield FINDINGS("not_followed", tau=times(tau[dropped]))
         for c in np.flatnonzero(~alive):
-            yield f"channel {c} holds nothing but NaN: no deviation"
+            yield FINDINGS("empty", f"channel {c}")
 
 
 def _let_go(source: Any) -> None:

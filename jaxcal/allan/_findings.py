@@ -1,0 +1,27 @@
+"""What the package says about a deviation."""
+
+from .._answer import CAUTION, NOTE, Kind, table
+
+FINDINGS = table(
+    regridded=Kind(
+        NOTE,
+        "{samples} samples on {steps} steps of {step:g} s: {averaged} were averaged with others of their step, {empty} steps are empty and "
+        "count as gaps.",
+    ),
+    longest_stretch=Kind(
+        CAUTION,
+        "{kind} needs a record without gaps: only its longest stretch was used, {share:.0%} of it, samples {start} to {stop}.",
+        "For all of it take {option.kind:oadev}.",
+    ),
+    no_difference=Kind(NOTE, "No difference without gaps at tau = {tau} s, which is left out."),
+    empty=Kind(CAUTION, "Nothing but NaN: no deviation."),
+    not_followed=Kind(NOTE, "Parts were merged without {option.start}: tau = {tau} s cannot be followed any more."),
+    ends_early=Kind(NOTE, "{kind} of a record longer than {option.chunk:{chunk}} ends at cluster size {exact}.", "Raise {option.exact}."),
+    gaps_in_windows=Kind(NOTE, "Gaps leave no difference at some cluster times in {some} of {windows} windows: NaN there."),
+)
+
+
+def times(tau, most: int = 20) -> str:
+    """Cluster times in s for a sentence; the first, the last and the number of many."""
+    words = [f"{each:g}" for each in tau]
+    return ", ".join(words) if len(words) <= most else f"{words[0]} ... {words[-1]} ({len(words)} cluster sizes)"
