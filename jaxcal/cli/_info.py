@@ -1,5 +1,6 @@
 """`jaxcal info`: show what is in a log, and how jaxcal reads it."""
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,6 +12,7 @@ import jaxcal
 from .._files import json_text, write_atomically
 from ._options import WRITING, Log, Plain, Reading, must_be_log, reading_options
 from ._outputs import staged
+from ._readings import holds_positions
 from ._screen import Screen, progress, show_written
 
 
@@ -32,6 +34,10 @@ def info(log: Log, /, *, files: InfoFiles = InfoFiles(), reading: Reading = Read
     must_be_log(log, "info")
     screen = Screen(running.quiet)
     targets = [files.json] if files.json else []
+    if not log.is_dir() and holds_positions(log, sure=True):
+        screen.line(f"{log.name}: a table of readings on a turntable, one row for each position")
+        screen.path(f"Commands that suit, the best first\n  jaxcal north {shlex.quote(str(log))}")
+        return
     with staged(targets, inputs=[log], force=running.force) as places:
         with progress(f"reading {log.name}", running.quiet):
             found = jaxcal.io.inspect(log, **reading_options(reading))
@@ -45,21 +51,25 @@ def info(log: Log, /, *, files: InfoFiles = InfoFiles(), reading: Reading = Read
 
 def _show(screen: Screen, found: Any) -> None:
     size = f", {found.size} bytes" if found.size is not None else ""
-    screen.line(f"{found.file}: {found.format or 'format not known'}{size}")
+    screen.path(f"{found.file}: {found.format or 'format not known'}{size}")
     if found.rate is not None:
         gaps = f"{found.gaps} gaps, {found.missing} samples missing" if found.gaps else "no gaps"
         screen.line(f"{found.samples} samples at {found.rate:.6g} Hz, {found.duration:.6g} s, {gaps}")
-    if found.choices:
-        rows = [[one.quantity, ", ".join(one.columns), one.unit, one.reason if one.certain else f"a guess: {one.reason}", one.option]
-                for one in found.choices]  # fmt: skip
-        screen.table("Read as", ["", "from", "unit", "why", "to change it"], rows)
+    screen.sentences("Read as", [
+        f"{one.quantity}: {', '.join(one.columns)} in {one.unit} ({one.reason if one.certain else f'a guess: {one.reason}'}); {one.option}"
+        for one in found.choices
+    ])  # fmt: skip
     if found.columns:
         rows = [[str(one.number), one.name, one.holds, *("" if value is None else f"{value:.6g}" for value in (one.low, one.high))]
                 for one in found.columns]  # fmt: skip
         screen.table("Columns", ["", "name", "holds", "least", "largest"], rows)
     screen.sentences("Topics", found.sources)
-    screen.sentences("Warnings", found.warnings)
-    screen.sentences("Notes", [note for note in found.notes if "override with" not in note])
-    if found.commands:
-        rows = [[one.command, "yes" if one.suits else "no", one.reason] for one in found.commands]
-        screen.table("Commands", ["", "suits", "why"], rows)
+    screen.sentences("To know", [*found.warnings, *(note for note in found.notes if "override with" not in note)])
+    suited = [one for one in found.commands if one.suits]
+    if suited:
+        screen.line()
+        screen.path("Commands that suit, the best first")
+    for one in suited:
+        screen.path(f"  {one.line}")
+        screen.path(f"      {one.reason}")
+    screen.sentences("Other commands", [f"{one.command}: {one.reason}" for one in found.commands if not one.suits])

@@ -26,8 +26,8 @@ _EXPECTED = "expected a header such as: angle [deg],mounting,dwell [s],accel [m/
 _MOST = 200
 
 
-def holds_positions(path: Path) -> bool:
-    """Whether a file is a table with one row per position rather than a log."""
+def holds_positions(path: Path, sure: bool = False) -> bool:
+    """Whether a file is a table with one row per position rather than a log; if `sure`, its header must say so."""
     if path.suffix.lower() not in (".csv", ".txt", ".tsv", ""):
         return False
     try:
@@ -36,7 +36,7 @@ def holds_positions(path: Path) -> bool:
     except UnicodeDecodeError:
         return False
     names = set() if not lines else {_named(cell)[0] for cell in next(csv.reader(lines[:1]))}
-    return bool({"dwell", "mounting"} & names) or len(lines) <= _MOST
+    return bool({"dwell", "mounting"} & names) or (len(lines) <= _MOST and (not sure or "angle" in names))
 
 
 def _named(cell: str) -> tuple[str | None, str | None]:

@@ -10,10 +10,10 @@ import numpy as np
 
 from .._errors import DataError, JaxcalError
 from .._files import shown
-from .._log import Log
 from .._results import plain
 from ._columns import parse_columns, parse_topics, parse_units
 from ._names import parse
+from ._ranked import Suitability, ranked
 from ._read import finished, named, opened
 from ._table import Choice, Table
 
@@ -37,15 +37,6 @@ class Column:
 
 
 @dataclasses.dataclass(frozen=True)
-class Suitability:
-    """Whether a command suits the log, and why."""
-
-    command: str
-    suits: bool
-    reason: str
-
-
-@dataclasses.dataclass(frozen=True)
 class Inspection:
     r"""Content of a log, and how `jaxcal.read` would read it.
 
@@ -59,7 +50,7 @@ class Inspection:
     samples, rate, duration : number of samples, Hz and s of the uniform grid; None if the log cannot be read.
     gaps, missing : number of gaps, and total number of missing samples.
     notes, warnings : notes and warnings of `jaxcal.read`.
-    commands : for each command, whether it suits the log, and why.
+    commands : every command for a log, those that suit first: whether it suits, why, and the line to type.
 
     Examples
     --------
@@ -112,7 +103,7 @@ class Inspection:
             lines.append(f"column {column.number} ({column.name or 'no name'}): {column.holds}{values}")
         lines += [f"source: {source}" for source in self.sources]
         lines += [f"warning: {warning}" for warning in self.warnings]
-        lines += [f"{'suits' if one.suits else 'does not suit'} {one.command}: {one.reason}" for one in self.commands]
+        lines += [f"{one.line if one.suits else f'not {one.command}'}: {one.reason}" for one in self.commands]
         return "\n".join(lines)
 
     def __repr__(self) -> str:
@@ -191,7 +182,7 @@ def inspect(
     return Inspection(
         file=shown(path), format=origin.get("format"), size=origin.get("size"), columns=tuple(held), sources=sources,
         choices=tuple(choices), refusal=refusal, notes=() if log is None else log.notes, warnings=() if log is None else log.warnings,
-        commands=() if log is None else tuple(_suitable(log)), **known,
+        commands=() if log is None else ranked(log, os.fspath(path)), **known,
     )  # fmt: skip
 
 
@@ -213,73 +204,3 @@ def _columns(table: Table) -> list[Column]:
             low, high = (float(finite.min()), float(finite.max())) if len(finite) else (None, None)
         found.append(Column(number, name, holds, low, high))
     return found
-
-
-def _suitable(log: Log) -> list[Suitability]:
-    """Judge which commands suit a log, by its sensors, its length, and the share of it that is still."""
-    inertial = [name for name in ("gyro", "accel") if getattr(log, name) is not None]
-    still = _still(log)
-    found = []
-    if inertial or log.mag is not None:
-        names = " and ".join(inertial) or "mag"
-        rests = f"{100 * still:.0f} % of it is still" if still is not None else "whether it is still is not known"
-        enough = log.duration >= 60 and (still is None or still > 0.9)
-        found.append(
-            Suitability(
-                "jaxcal noise", enough, f"{names} for {log.duration:.4g} s, and {rests}; it needs a minute or more of a sensor at rest"
-            )
-        )
-    if log.accel is not None and log.accel.shape[1] == 3:
-        poses = _poses(log)
-        found.append(Suitability("jaxcal imu", poses >= 9, f"{poses} different attitudes at rest; it needs nine or more"))
-    if log.mag is not None and log.mag.shape[1] == 3:
-        seen = log.mag[np.isfinite(log.mag).all(axis=1)]
-        sizes = np.linalg.svd(seen - seen.mean(axis=0), compute_uv=False) / np.sqrt(max(len(seen), 1)) if len(seen) > 10 else np.zeros(3)
-        turned = bool(sizes[-1] > 0.1 * np.median(np.linalg.norm(seen, axis=1))) if len(seen) > 10 else False
-        reason = (
-            "the field is seen from all sides" if turned else "the field is seen from few sides; it needs the sensor turned about all axes"
-        )
-        found.append(Suitability("jaxcal mag", turned, reason))
-    if log.temperature is not None:
-        span = float(np.nanmax(log.temperature) - np.nanmin(log.temperature))
-        suits = span >= 5 and bool(inertial)
-        found.append(Suitability("jaxcal temperature", suits, f"the temperature moves by {span:.3g} degC; it needs 5 degC or more"))
-    return found
-
-
-def _blocks(log: Log) -> tuple[np.ndarray, np.ndarray] | None:
-    """Means of the accelerometer over one second each, and whether the sensor was still in it."""
-    if log.accel is None or log.accel.shape[1] != 3:
-        return None
-    width = max(4, round(log.rate))
-    count = len(log.accel) // width
-    if count < 2:
-        return None
-    blocks = np.asarray(log.accel)[: count * width].reshape(count, width, 3)
-    whole = np.isfinite(blocks).all(axis=(1, 2))
-    if not whole.any():
-        return None
-    means, scatter = blocks[whole].mean(axis=1), np.linalg.norm(blocks[whole].std(axis=1), axis=1)
-    quiet = scatter < max(3.0 * float(np.quantile(scatter, 0.1)), 0.05)
-    steps = np.linalg.norm(np.diff(means, axis=0), axis=1)
-    moved = np.concatenate([[False], steps > 0.3]) | np.concatenate([steps > 0.3, [False]])
-    return means, quiet & ~moved
-
-
-def _still(log: Log) -> float | None:
-    blocks = _blocks(log)
-    return None if blocks is None else float(np.mean(blocks[1]))
-
-
-def _poses(log: Log) -> int:
-    """Number of attitudes at rest that differ by 15 degrees or more."""
-    blocks = _blocks(log)
-    if blocks is None:
-        return 0
-    means, still = blocks
-    found: list[np.ndarray] = []
-    for mean in means[still][:20_000]:
-        direction = mean / np.linalg.norm(mean)
-        if len(found) < 50 and all(float(direction @ other) < np.cos(np.radians(15)) for other in found):
-            found.append(direction)
-    return len(found)

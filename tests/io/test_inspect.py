@@ -49,7 +49,8 @@ def test_what_is_refused_is_shown_all_the_same(still, tmp_path):
 
 
 def suits(found):
-    return {one.command: one.suits for one in found.commands}
+    """Names of the commands that suit, in their order."""
+    return [one.command.removeprefix("jaxcal ") for one in found.commands if one.suits]
 
 
 def test_commands_that_suit(tmp_path):
@@ -57,11 +58,27 @@ def test_commands_that_suit(tmp_path):
     time = np.arange(9000) / 100
     still = np.array([0.0, 0.0, G]) + 0.01 * noise.normal(size=(9000, 3))
     np.savez(tmp_path / "rest.npz", time=time, gyro=0.001 * noise.normal(size=(9000, 3)), accel=still, units="SI")
-    assert suits(jaxcal.io.inspect(tmp_path / "rest.npz")) == {"jaxcal noise": True, "jaxcal imu": False}
+    assert suits(jaxcal.io.inspect(tmp_path / "rest.npz")) == ["noise", "allan", "psd"]
     # ten attitudes over the whole sphere, three seconds each
     k = np.arange(10) + 0.5
     down = np.stack([np.sqrt(1 - (1 - k / 5) ** 2) * np.cos(2.4 * k), np.sqrt(1 - (1 - k / 5) ** 2) * np.sin(2.4 * k), 1 - k / 5], axis=1)
     poses = np.repeat(G * down, 300, axis=0) + 0.01 * noise.normal(size=(3000, 3))
     mag = np.repeat(48e-6 * np.roll(down, 1, axis=1), 300, axis=0)
     np.savez(tmp_path / "poses.npz", time=time[:3000], accel=poses, mag=mag, units="SI")
-    assert suits(jaxcal.io.inspect(tmp_path / "poses.npz")) == {"jaxcal noise": False, "jaxcal imu": True, "jaxcal mag": True}
+    assert suits(jaxcal.io.inspect(tmp_path / "poses.npz")) == ["imu", "mag"]
+
+
+def test_motion_by_hand_and_turntables_have_their_commands(tmp_path):
+    made = jaxcal.device.simulate(40.0, 50.0, seed=1)
+    made = made[0] if isinstance(made, tuple) else made
+    np.savez(tmp_path / "hand.npz", time=made.time, gyro=made.gyro, accel=made.accel, mag=made.mag, units="SI")
+    found = jaxcal.io.inspect(tmp_path / "hand.npz")
+    assert suits(found)[:2] == ["device", "mag"]
+    assert found.commands[0].line == f"jaxcal device {tmp_path / 'hand.npz'}"
+    assert len({one.command for one in found.commands}) == 10
+    # rests of 10 s on a level table, and turns of 3 s at 30 deg/s between them
+    noise, rate = np.random.default_rng(0), np.tile(np.repeat([0.0, np.deg2rad(30.0)], [1000, 300]), 4)
+    time, level = np.arange(len(rate)) / 100, np.array([0.0, 0.0, G])
+    gyro = np.outer(rate, [0, 0, 1]) + 1e-3 * noise.normal(size=(len(rate), 3))
+    np.savez(tmp_path / "table.npz", time=time, gyro=gyro, accel=level + 0.01 * noise.normal(size=gyro.shape), units="SI")
+    assert suits(jaxcal.io.inspect(tmp_path / "table.npz"))[0] == "north"
