@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._log import Log
+from .._types import AnyArray
 from ._suited import motion
 
 _MINUTE = 60.0  # s of rest, the least for a noise fit
@@ -146,9 +147,10 @@ def _upright(accel: _Seconds | None) -> bool:
     return bool((along > np.cos(_APART)).all())
 
 
-def _turned(mag: np.ndarray | None) -> bool:
+def _turned(field: AnyArray | None) -> bool:
     """Whether the field comes from all sides."""
-    seen = np.zeros((0, 3)) if mag is None or mag.shape[1] != 3 else mag[np.isfinite(mag).all(axis=1)]
+    mag = np.zeros((0, 3)) if field is None or field.shape[1] != 3 else np.asarray(field)
+    seen = mag[np.isfinite(mag).all(axis=1)]
     if len(seen) < 10:
         return False
     sizes = np.linalg.svd(seen - seen.mean(axis=0), compute_uv=False) / np.sqrt(len(seen))

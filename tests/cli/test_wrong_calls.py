@@ -170,8 +170,8 @@ imu poses.csv --gravity 9.5                | 9.76 to 9.84 on Earth. --latitude a
 imu poses.csv --latitude 95                | degrees between -90 and 90
 imu poses.csv --height 20000               | m above sea level, -500 to 9000
 imu poses.csv --earth-rate                 | --earth-rate needs --latitude
-temperature warm.csv --degree 3            | goes with --model polynomial
-temperature warm.csv --model polynomial    | needs --degree
+temperature warm.csv --degree 3            | go together
+temperature warm.csv --model polynomial    | go together
 temperature warm.csv --lag soon            | expected auto, or a number from 0
 temperature warm.csv --play -1             | expected auto, or a number from 0
 north table.csv --latitude 95              | degrees between -90 and 90
