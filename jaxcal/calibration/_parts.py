@@ -238,7 +238,7 @@ def _of_iron(part: Part[Any]) -> Part[Any]:
     if known.parameters[0] == "A_11" or part.field is None:
         return dataclasses.replace(part, covariance=None)
     soft, further = np.asarray(part.model.soft_iron), known.parameters[9:]
-    slopes = iron_slopes(soft, part.field, given=abs(abs(np.linalg.det(soft)) - 1) > _UNSCALED)
+    slopes = iron_slopes(soft, part.field, given=bool(abs(abs(np.linalg.det(soft)) - 1) > _UNSCALED))
     slopes = np.block([[slopes, np.zeros((13, len(further)))], [np.zeros((len(further), 9)), np.eye(len(further))]])
     return dataclasses.replace(part, covariance=Covariance((*HARD, *SOFT, "field", *further), slopes @ known.values @ slopes.T))
 

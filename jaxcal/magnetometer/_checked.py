@@ -19,10 +19,10 @@ _ONE = ("symmetric",)
 _TINY, _HUGE = 1e-100, 1e100  # readings whose fourth powers are no numbers in double precision
 
 
-def checked(m, method, model, field, loss, inclination, choose, penalty, field_error) -> tuple[np.ndarray, float | None, float]:
+def checked(m, method, model, field, loss, inclination, penalty, field_error) -> tuple[np.ndarray, float | None, float]:
     """Readings, magnitude of the field and dip, after a check that each option is known and suits the method."""
     m = readings_of(m)
-    for given, known, what in ((method, METHODS, "method"), (model, MODELS, "model"), (choose, ("bic", "held_out"), "way to choose")):
+    for given, known, what in ((method, METHODS, "method"), (model, MODELS, "model")):
         if given not in known:
             raise DataError(f"There is no {what} {given!r}; known are {', '.join(map(repr, known))}.", code="no_such_option")
     allowed = ("auto", *_OF_METHOD.get(method, _ONE))

@@ -40,7 +40,6 @@ def fit(
     field_error: float | None = None,
     loss: str | AbstractLoss | None = None,
     inclination: float | None = None,
-    choose: str = "bic",
     limits: tuple[float, float] = LIMITS,
     per_direction: int | None = 32,
     penalty: float = 0.5,
@@ -76,7 +75,6 @@ def fit(
     loss : None, "huber", "cauchy", "tukey" or a loss of `jaxcal.fitting`, for readings with outliers; "ml" and "radial" only.
     inclination : dip of the field in rad, used for `heading_error`. By default it comes from `field` or from an `Accelerometer`; without
         either, 57 degrees are assumed, and the result shows the error for other dips too.
-    choose : "bic" or "held_out": how "auto" compares models.
     limits : rms heading errors in rad above which the verdict is "weak" and "refused".
     per_direction : number of readings to keep in each of 500 directions, for logs of more than 20,000 readings: neighbouring readings
         repeat one another. None fits all readings, which takes 15 s for 100,000.
@@ -131,7 +129,7 @@ def fit(
         others = {"method": method != "ml", "loss": loss is not None, "field_error": field_error is not None, "aid": aid is not None,
                   "conditions": bool(conditions)}  # fmt: skip
         return fit_traced(m, model, field, inclination, [name for name, there in others.items() if there])
-    m, norm, dip = checked(m, method, model, field, loss, inclination, choose, penalty, field_error)
+    m, norm, dip = checked(m, method, model, field, loss, inclination, penalty, field_error)
     if aid is None and force is not None:
         aid = Accelerometer(force, turns=False)
     loss, recorded = loss_of(loss), checked_conditions(conditions or {}, len(m))
@@ -139,7 +137,7 @@ def fit(
         checked_joint(method, model, aid, loss, field_error)
     used, full = chosen_rows(m, method, per_direction, loss)
     try:
-        surface = surface_of(m[used], method, model, choose, loss, penalty, norm, field_error, (dip, limits[0]))
+        surface = surface_of(m[used], method, model, loss, penalty, norm, field_error, (dip, limits[0]))
     except NotEllipsoid as error:
         return unfitted(method, dip, FINDINGS("no_ellipsoid", quadric=error.quadric))
     if surface.refused is not None:

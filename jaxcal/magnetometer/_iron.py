@@ -28,7 +28,7 @@ def quantity_of(field: Any) -> str:
 
 
 def iron(
-    model: MagModel, field: Any, covariance: Any, freedom: float, *, given: bool, plane: Any = None, own: tuple[str, ...] = (),
+    model: MagModel, field: Any, covariance: Any, freedom: float | int, *, given: bool, plane: Any = None, own: tuple[str, ...] = (),
     rotation: Any = None, terms: dict[str, Any] | None = None,
 ) -> Estimate:  # fmt: skip
     """Hard iron, soft iron, further fields of a model, fields of currents, and the field, with their covariance.

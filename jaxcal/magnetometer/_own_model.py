@@ -137,7 +137,7 @@ def fit_model(
         raise DataError("A model object is fitted by method='ml', without `loss`, `field_error` and `aid`.", code="model_object_options")
     traced = is_traced(m, model, field, conditions)
     if not traced:
-        m, norm, dip = checked(m, "ml", "auto", field, None, inclination, "bic", 0.5, None)
+        m, norm, dip = checked(m, "ml", "auto", field, None, inclination, 0.5, None)
     else:
         norm, dip = norm_and_dip(field, inclination)
     conditions = {name: jnp.asarray(value, dtype=float) for name, value in conditions.items()}

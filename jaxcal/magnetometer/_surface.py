@@ -11,7 +11,7 @@ from ._ellipsoid._algebraic import algebraic, axes, consistent, constrained, ext
 from ._ellipsoid._kinds import COUNT, PLANAR, SOLID, parameters_of
 from ._ellipsoid._orthogonal import described, geometric, left_out, refined
 from ._ellipsoid._residuals import Size
-from ._ellipsoid._select import by_bic, by_held_out, candidates
+from ._ellipsoid._select import by_bic, candidates
 from ._ellipsoid._shape import Found, Frame, covariance_of, in_plane
 from ._findings import FINDINGS
 
@@ -52,7 +52,7 @@ class Surface(NamedTuple):
         return u if self.plane is None else in_plane(u, self.plane)
 
 
-def surface_of(m, method, model, choose, loss, penalty, norm, field_error, limit: tuple[float, float]) -> Surface:
+def surface_of(m, method, model, loss, penalty, norm, field_error, limit: tuple[float, float]) -> Surface:
     """The surface through readings (n, 3); `limit`: a dip, and the heading error that a good fit may have there.
 
     Raises
@@ -84,7 +84,7 @@ def surface_of(m, method, model, choose, loss, penalty, norm, field_error, limit
         said = (FINDINGS("plane") if chosen_planar else FINDINGS("plane", severity=NOTE),)
     if kind is None:
         fits, occupied = candidates(u, PLANAR if planar else SOLID, loss, count)
-        chosen = fits[by_held_out(fits, u, loss) if choose == "held_out" and not planar else by_bic(fits, occupied)]
+        chosen = fits[by_bic(fits, occupied)]
         said += _unseen(fits, chosen, frame, *limit)
         unseen = left_out(fits, chosen, u, loss, penalty)[None]
         found = refined(chosen, u, loss, penalty, size)

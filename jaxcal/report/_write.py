@@ -23,7 +23,7 @@ else:
 _PACKAGE = __name__.partition(".")[0]
 #: kind of result -> module with its `document`, `page` and `summary`
 _KINDS = {
-    ("alignment", "AlignmentFit"): "_north", ("imu", "ImuFit"): "_imu", ("magnetometer", "MagFit"): "_magnetometer",
+    ("alignment", "AlignmentFit"): "_north", ("imu", "ImuFit"): "_imu",
 }  # fmt: skip
 _TITLES = {"Noise": "Sensor noise", "Alignment": "Alignment on a turntable"}  # if neither device nor file is known
 _BADGES = {"good": " present", "ok": " present", "fitted": " present"}
@@ -113,11 +113,6 @@ def document(results: Any, log: Any = None) -> dict[str, Any]:
       `warnings`, `notes`, `markov` (strength, correlation time in s) and `sinusoid` (amplitude, Hz).
     - "jaxcal.imu/1": `verdict`, `reason`, `warnings`, `convention`, `method`, `gravity`, `rate`, `poses`, `turns`, `sensors` (each with
       `matrix`, `bias`, `g_sensitivity`, `intervals`), `residuals`, `held_out`, `condition`, `temperature` and `provenance`.
-    - "jaxcal.mag/1", in the units of the readings: `verdict`, `reason`, `method`, `model`, `hard_iron`, `hard_iron_error`, `soft_iron`,
-      `soft_iron_error`, `field`, `noise`, `heading_error` (rad, level and at 20 degrees of tilt), `inclination` (rad),
-      `covariance` (`parameters`, `values`),
-      `coverage`, `needed`, `outliers`, `readings`, `alignment`, `terms` (of currents: value, error), `check`, `warnings`, `provenance`
-      and `notes`.
     - "jaxcal.north/1": `verdict`, `reason`, `parameters` (name -> `value`, `std`, `low`, `high` at 95 %, `unit`), `rank`, `unobservable`,
       `undetermined`, `chi_square`, `degrees_of_freedom`, `p_value` and `notes`.
 

@@ -1,6 +1,5 @@
-"""Choice of the model, by the Bayesian information criterion or by held-out error; choice of the readings of a long log."""
+"""Choice of the model by the Bayesian information criterion; choice of the readings of a long log."""
 
-import contextlib
 from typing import Any
 
 import jax
@@ -15,14 +14,13 @@ from .._design._heading_error import needed
 from .._judge import outliers
 from ._algebraic import NotEllipsoid, away, robust_start, start
 from ._kinds import COUNT, PLACE, PLANAR, basis_of, shape_and_centre
-from ._orthogonal import described, flat
+from ._orthogonal import flat
 from ._residuals import Readings, orthogonal
 from ._shape import Found, Frame, directions_of, root, unit
 
-_TIE = 2.0
+_TIE = 2.0  # a difference of criteria that decides nothing (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995)
 _LEAST = 1e-28  # smallest mean square of distances, that of exact readings
 _HOPELESS = 4.0  # multiple of the deciding margin at which a model is excluded
-_SECTORS = 10
 #: largest number of readings that are all fitted
 LONG = 20_000
 _FIRST = 4000
@@ -82,30 +80,8 @@ def by_bic(fits: dict[str, Found], count: int) -> str:
     for kind, found in fits.items():
         square = np.sum(weight * found.distance**2) / np.sum(weight)
         score[kind] = float(count * np.log(max(square, _LEAST)) + COUNT[kind] * np.log(count))
-    return _smallest(score, _TIE)
-
-
-def by_held_out(fits: dict[str, Found], u: np.ndarray, loss: AbstractLoss | None) -> str:
-    """Kind with the smallest error on sectors of longitude that were held out of the fit."""
-    largest = next(iter(fits.values()))
-    units = directions_of(largest, u)
-    normal = np.linalg.svd(units - units.mean(axis=0), full_matrices=False)[2]
-    x, y, _ = (units @ normal.T).T
-    sector = np.minimum((np.arctan2(y, x) + np.pi) * _SECTORS / (2 * np.pi), _SECTORS - 1).astype(int)
-    score = {}
-    for kind in fits:
-        errors = np.full(len(u), np.inf)
-        for there in (sector == out for out in np.unique(sector)):
-            with contextlib.suppress(NotEllipsoid):
-                if np.sum(~there) > COUNT[kind]:
-                    errors[there] = described(flat(u[~there], kind, loss).parameters, u[there], kind).distance ** 2
-        score[kind] = float(np.mean(errors if loss is None else np.minimum(errors, 16 * largest.noise**2)))
-    return _smallest(score, 0.0)
-
-
-def _smallest(score: dict[str, float], tie: float) -> str:
     least = min(score.values())
-    return min((kind for kind in score if score[kind] <= least + tie), key=lambda kind: COUNT[kind])
+    return min((kind for kind in score if score[kind] <= least + _TIE), key=lambda kind: COUNT[kind])
 
 
 def thinned(u: np.ndarray, per_bin: int, loss: AbstractLoss | None) -> np.ndarray:
