@@ -1,0 +1,153 @@
+"""One answer: what a result says in Python stands in the terminal, in HTML and in JSON, with the same codes and numbers."""
+
+import html
+import json
+import re
+
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal._answer import Grid, Number
+from jaxcal._units import shown_in
+from jaxcal.cli import _work, main
+
+#: command -> how its log is simulated, and its options
+SIMULATED = {
+    "noise": (("noise", "--gyro", "N=0.25deg/sqrt(h),B=8deg/h", "--duration", "300"), ()),
+    "allan": (("noise", "--gyro", "N=0.25deg/sqrt(h)", "--duration", "60"), ()),
+    "psd": (("noise", "--gyro", "N=0.25deg/sqrt(h)", "--duration", "60"), ()),
+    "temperature": (("temperature", "--duration", "3600"), ()),
+    "mag": (("mag", "--samples", "300"), ()),
+    "device": (("device", "--duration", "60", "--rate", "50", "--seed", "11"), ("--gravity", "9.80665")),
+}
+#: real log below the folder of reference data -> command and most lines printed
+REAL = {
+    "adis16405/imu1.npz": ("noise", 40),
+    "logs/vqf_imu_data.npz": ("device", 40),
+    "logs/madgwick_ExampleData.mat": ("mag", 30),
+    "logs/sparkfun_razor.bag": ("mag", 30),
+    "logs/broad_05_slow_rotation_B.hdf5": ("device", 40),
+}
+_LONGEST = 200  # characters of a message without its list
+
+
+class Answer:
+    """All outputs of one run of a command."""
+
+    def __init__(self, folder, capsys, monkeypatch, command, log, options=()):
+        kept = []
+        end = _work.Done.end
+        monkeypatch.setattr(_work.Done, "end", lambda done, running, findings=(): (kept.append(done), end(done, running, findings))[1])
+        monkeypatch.setenv("COLUMNS", "80")
+        (folder / "out").mkdir()
+        files = ("--json", folder / "out" / "a.json", "--report", folder / "out" / "report.html")
+        where = files if command in ("allan", "psd") else ("--out", folder / "out")
+        short = [command, str(log), *map(str, where), *options]
+        self.status = main(short)
+        self.short, self.errors = capsys.readouterr()
+        assert self.status == 0, self.errors
+        main([*short, "-v"])
+        self.long = capsys.readouterr().out
+        self.result, self.log = kept[-1].found, kept[-1].log
+        self.files = {
+            path.name: path.read_text(encoding="utf-8") for path in (folder / "out").iterdir() if path.suffix in (".json", ".html")
+        }
+
+    @property
+    def json(self):
+        return next(one for name, text in self.files.items() if name.endswith(".json") and "findings" in (one := json.loads(text)))
+
+
+def flat(text):
+    """Text on one line, without breaks of lines."""
+    return re.sub(r"\s+", " ", text)
+
+
+def check(answer, most):
+    """The rules of one answer."""
+    findings = [*answer.log.findings, *answer.result.findings]
+    page = flat(html.unescape(re.sub(r"<[^>]+>", "", answer.files["report.html"])))
+    codes = set(re.findall(r'data-code="(\w+)"', answer.files["report.html"]))
+    stored = {one["code"] for one in answer.json["findings"]} | {one["code"] for one in answer.json["log"]["findings"]}
+    # every finding stands in each output, with the same codes
+    assert codes == stored == {one.code for one in findings}
+    for one in findings:
+        said = one.spelt("terminal")
+        assert flat(said) in flat(answer.long), said
+        assert len(one.of().spelt("terminal")) <= _LONGEST or ";" in said or "," in said, said
+        assert not re.search(r"(?<![-\w=])[a-z_]+=(?=[\s.,;)]|$)", one.of().spelt("terminal")), said
+    # every number stands in each output, with its unit
+    numbers = answer.result.numbers
+    assert answer.json["numbers"].keys() == numbers.keys()
+    for name, number in numbers.items():
+        kept = answer.json["numbers"][name]
+        assert kept["unit"] == number.unit
+        assert kept["value"] is None if not np.isfinite(number.value) else kept["value"] == float(number.value), name
+    for grid in answer.result.sections():
+        if isinstance(grid, Grid):
+            for label, cells in grid.rows:
+                unit = next((shown_in(cell.quantity)[0] for cell in cells if isinstance(cell, Number)), "")
+                assert flat(f"{label} {unit}").strip() in flat(answer.long), label
+                assert label in page
+    # the short answer
+    lines = answer.short.splitlines()
+    assert len(lines) <= most, answer.short
+    assert max(map(len, (line for line in lines if "wrote" not in line))) <= 80, answer.short
+    assert answer.result.verdict in answer.short
+    assert flat(answer.result.headline) in flat(answer.short)
+    assert answer.result.headline in page
+    assert len([line for line in lines if line.startswith("wrote ")]) == 1
+    assert len([line for line in lines if line.startswith(" - ")]) <= 3 + len([one for one in findings if one.kind.guess])
+
+
+@pytest.mark.parametrize("command", SIMULATED)
+def test_a_simulated_log_has_one_answer(tmp_path, capsys, monkeypatch, command):
+    simulate, options = SIMULATED[command]
+    log = tmp_path / "log.csv"
+    assert main(["simulate", *simulate, "--out", str(log)]) == 0
+    capsys.readouterr()
+    check(Answer(tmp_path, capsys, monkeypatch, command, log, options), 30 if command == "mag" else 40)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", REAL)
+def test_a_real_log_has_one_answer(tmp_path, capsys, monkeypatch, reference, name):
+    command, most = REAL[name]
+    check(Answer(tmp_path, capsys, monkeypatch, command, reference / "data" / name, ("--force",)), most)
+
+
+def test_one_unit_changes_everywhere(tmp_path, capsys):
+    log = tmp_path / "log.csv"
+    assert main(["simulate", "mag", "--samples", "300", "--out", str(log)]) == 0
+    capsys.readouterr()
+    assert main(["mag", str(log), "--out", str(tmp_path / "out"), "--unit", "nT"]) == 0
+    said = capsys.readouterr().out
+    assert "nT" in said
+    assert "uT" not in said
+
+
+def test_quiet_prints_nothing(tmp_path, capsys):
+    log = tmp_path / "log.csv"
+    assert main(["simulate", "mag", "--samples", "300", "--out", str(log), "--quiet"]) == 0
+    assert main(["mag", str(log), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_log_in_counts_has_a_calibration(tmp_path, capsys):
+    rng = np.random.default_rng(0)
+    ways = rng.normal(size=(400, 3))
+    counts = np.round(2000 * ways / np.linalg.norm(ways, axis=1, keepdims=True) + [120, -80, 40] + rng.normal(size=ways.shape))
+    np.savetxt(tmp_path / "counts.csv", counts, delimiter=",", header="mag_x,mag_y,mag_z", comments="", fmt="%d")
+    assert main(["mag", str(tmp_path / "counts.csv"), "--out", str(tmp_path / "out")]) == 0, capsys.readouterr().err
+    stored = jaxcal.Calibration.load(tmp_path / "out" / "calibration.json")
+    np.testing.assert_allclose(stored.magnetometer.model.hard_iron, [120, -80, 40], atol=1)
+
+
+def test_the_calibration_of_the_demo_exports_to_all_that_need_only_noise(tmp_path, capsys):
+    assert main(["simulate", "noise", "--gyro", "N=0.25deg/sqrt(h)", "--accel", "N=0.05m/s/sqrt(h)", "--duration", "300",
+                 "--out", str(tmp_path / "log.csv")]) == 0  # fmt: skip
+    assert main(["noise", str(tmp_path / "log.csv"), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    for tool in ("kalibr", "openvins", "vins", "orbslam3", "gtsam", "ros", "csv"):
+        call = ["export", str(tmp_path / "out" / "calibration.json"), "--to", tool, "--out", str(tmp_path / f"{tool}.txt")]
+        assert main(call) == 0, (tool, capsys.readouterr().err)
