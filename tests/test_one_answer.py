@@ -26,7 +26,6 @@ REAL = {
     "adis16405/imu1.npz": ("noise", 40),
     "logs/vqf_imu_data.npz": ("device", 40),
     "logs/madgwick_ExampleData.mat": ("mag", 30),
-    "logs/sparkfun_razor.bag": ("mag", 30),
     "logs/broad_05_slow_rotation_B.hdf5": ("device", 40),
 }
 _LONGEST = 200  # characters of a message without its list
