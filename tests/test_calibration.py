@@ -433,7 +433,8 @@ def test_a_field_of_ones_own_in_a_difference(own):
     assert mag.parameters == names
     assert mag.chi_square == pytest.approx(5e-10**2 / 2e-20)
     (mag,) = difference(own, Calibration(magnetometer=MagModel(SOFT, own.magnetometer.model.hard_iron)))
-    assert any("the first is a WarmMagnetometer and the second a MagModel" in note for note in mag.notes)
+    (told,) = [one for one in mag.findings if one.code == "classes"]
+    assert (told.facts["first"], told.facts["second"]) == ("WarmMagnetometer", "MagModel")
 
 
 def test_models_of_ones_own_are_composed_where_that_means_something(own, own_log):

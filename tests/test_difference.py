@@ -4,6 +4,7 @@ import contextlib
 import copy
 import json
 import pathlib
+import re
 from functools import partial
 
 import numpy as np
@@ -159,7 +160,7 @@ def test_significance_is_that_of_chance():
     parts = [drawn_pair(draw, 0.0) for _ in range(200)]
     assert {part.degrees_of_freedom for part in parts} == {9}
     assert kstest([part.probability for part in parts], "uniform").pvalue > 0.01
-    assert not any(part.notes for part in parts)
+    assert not any(part.findings for part in parts)
     found = drawn_pair(draw, 0.05)
     assert found.probability < 1e-4
     assert found.change[11] == pytest.approx(0.05, abs=5 * found.standard_error[11])
@@ -170,9 +171,9 @@ def test_conventions_and_missing_covariances_are_told(golden):
     known = DOCUMENT["imu"]["accel"] | {"covariance": {"parameters": NAMES, "values": np.diag([1e-6] * 3 + [0.0] * 6 + [1e-6] * 3)}}
     a, b = Calibration(imu={"accel": known}), Calibration(imu={"accel": known | {"matrix": np.eye(3)}})
     (part,) = difference(a, b)
-    assert any("a convention fixes differ" in note for note in part.notes)
+    assert [one.code for one in part.findings] == ["conventions"]
     (part,) = difference(a, Calibration(imu={"accel": golden.imu.accel}))
-    assert part.notes == ("the second calibration has no covariance and counts as exact; the significance is too high",)
+    assert [(one.code, one.facts["which"]) for one in part.findings] == [("one_covariance", "second")]
     assert part.chi_square == 0.0
     parts = difference(golden, golden)
     assert [part.name for part in parts] == [
@@ -181,7 +182,19 @@ def test_conventions_and_missing_covariances_are_told(golden):
     ]  # fmt: skip
     assert all(np.isnan(part.probability) and not part.change.any() for part in parts)
     signed = Calibration(imu={"accel": known}, provenance={"sha256": "a"})
-    assert any("from the same recording" in note for note in difference(signed, signed)[0].notes)
+    assert "same_recording" in difference(signed, signed).codes
+
+
+def test_a_calibration_prints_its_numbers_and_a_difference_is_one_result(golden):
+    said = repr(golden)
+    assert "f64" not in said
+    assert re.search(r"hard iron +uT +12.5 +-7.25 +30", said)
+    assert 'data-number="gyro.bias[2]"' in golden._repr_html_()
+    found = difference(golden, golden)
+    assert found.codes == {"no_covariance", "range"}
+    assert found.numbers["gyro.bias[0].first"].unit == "rad/s"
+    assert found.numbers["noise gyro_x.N.first"].quantity == "N.gyro"
+    assert set(found.to_dict()["numbers"]) == set(found.numbers)
 
 
 def test_a_magnetometer_that_changed():

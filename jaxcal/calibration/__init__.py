@@ -6,7 +6,7 @@ from .._lazy import install
 
 if TYPE_CHECKING:
     from ._calibration import Calibration as Calibration
-    from ._difference import PartDifference as PartDifference, difference as difference
+    from ._difference import Difference as Difference, PartDifference as PartDifference, difference as difference
     from ._find import find as find
     from ._noise import DeviceNoise as DeviceNoise, SensorNoise as SensorNoise
     from ._parts import Covariance as Covariance, Imu as Imu, Interval as Interval, Part as Part
@@ -17,7 +17,7 @@ install(
     __name__,
     {
         "_calibration": "Calibration",
-        "_difference": "PartDifference difference",
+        "_difference": "Difference PartDifference difference",
         "_find": "find",
         "_noise": "DeviceNoise SensorNoise",
         "_parts": "Covariance Imu Interval Part",

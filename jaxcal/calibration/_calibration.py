@@ -7,15 +7,19 @@ from typing import Any
 
 import equinox as eqx
 
+from .._answer import tables
+from .._answer._html import answer_html
 from .._errors import DataError
 from .._files import json_text, write_atomically
 from .._log import Log
+from .._precision import is_traced
 from ..magnetometer import MagModel
 from ._codec import SCHEMA, free, from_json, read_document, to_json, wrong
 from ._compose import composed, inverted
 from ._correct import corrected
 from ._noise import DeviceNoise, device_noise
 from ._parts import Imu, Part, imu_of, magnetometer_of
+from ._show import sections_of
 from ._thermal import Thermal, thermal_of
 
 _SECTIONS = ("noise", "imu", "magnetometer", "temperature")
@@ -82,6 +86,18 @@ class Calibration(eqx.Module):
         if provenance is not None and "version" not in provenance:
             provenance["version"] = importlib.metadata.version("jaxcal")
         self.provenance = provenance
+
+    def _title(self) -> str:
+        name = (self.device or {}).get("name")
+        return "Calibration" + (f" of {name}" if name else "")
+
+    def __repr__(self) -> str:
+        """Every number with half of its 95 % interval and its unit."""
+        return eqx.tree_pformat(self) if is_traced(self) else "\n".join(tables("", self._title(), sections_of(self), (), width=100))
+
+    def _repr_html_(self) -> str:
+        """The same as tables, for notebooks."""
+        return answer_html(self._title(), "", sections_of(self), ())
 
     def correct(self, log: Log, *, currents: dict[str, Any] | None = None) -> Log:
         """Correct a log with this calibration, by equations (5.4) and (5.5) of the thesis.

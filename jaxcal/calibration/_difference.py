@@ -1,7 +1,7 @@
 """`difference`: the changes between two calibrations of one device, and whether they exceed their uncertainty."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -9,14 +9,17 @@ import equinox as eqx
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._answer import Finding, Grid, Number, Result, Section
 from .._errors import DataError
 from .._precision import host_float64
+from .._special import NORMAL95
 from .._types import AnyArray
-from .._units import noise_units, si_unit
+from .._units import si_unit_of
 from ..magnetometer._iron import HARD, SOFT
 from ._calibration import Calibration
 from ._compose import QUADRIC, UNITS, entries
-from ._parts import Part
+from ._findings import FINDINGS
+from ._parts import Part, quantities_of
 from ._thermal import Thermal
 
 _RANK = 1e-9  # smallest eigenvalue of the correlations that counts, relative to the largest
@@ -29,12 +32,12 @@ class PartDifference(eqx.Module):
     Attributes
     ----------
     name : "accel", "gyro", "magnetometer", "noise gyro_x" or "temperature gyro".
-    parameters, units : name and unit of each row.
+    parameters, quantities : name of each row, and name of its quantity in the table of units.
     first, second : (p,) values of the two calibrations.
     standard_error : (p,) standard error of second - first; NaN if neither covariance is known, 0 for parameters fixed by a convention.
     chi_square, degrees_of_freedom : for all differences together under both covariances; NaN and 0 without covariances.
     probability : probability of a chi-square at least as large if nothing changed.
-    notes : sentences.
+    findings : what to know about this part.
 
     Examples
     --------
@@ -49,23 +52,82 @@ class PartDifference(eqx.Module):
 
     name: str
     parameters: tuple[str, ...]
-    units: tuple[str, ...]
+    quantities: tuple[str, ...]
     first: AnyArray
     second: AnyArray
     standard_error: AnyArray
     chi_square: float
     degrees_of_freedom: int
     probability: float
-    notes: tuple[str, ...]
+    findings: tuple[Finding, ...] = eqx.field(static=True)
 
     @property
     def change(self) -> AnyArray:
         """(p,) second - first."""
         return self.second - self.first
 
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI unit of each row."""
+        return tuple(si_unit_of(one) for one in self.quantities)
+
+
+class Difference(Result):
+    """Changes from one calibration to another: a sequence of `PartDifference`, rendered as one result.
+
+    Attributes
+    ----------
+    parts : for each part that both calibrations have, its `PartDifference`.
+    significance : probability below which a change counts as one.
+    findings : "changed" for each part that changed, and what to know about the comparison.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> device = jaxcal.Calibration(magnetometer=jaxcal.magnetometer.MagModel(np.eye(3), np.array([1e-6, 0.0, 0.0])))
+    >>> jaxcal.calibration.difference(device, device).headline
+    'no change beyond chance was found in what has a covariance'
+    """
+
+    parts: tuple[PartDifference, ...]
+    significance: float
+    findings: tuple[Finding, ...] = eqx.field(static=True)
+
+    def __iter__(self) -> Iterator[PartDifference]:
+        return iter(self.parts)
+
+    def __len__(self) -> int:
+        return len(self.parts)
+
+    def __getitem__(self, place: int) -> PartDifference:
+        return self.parts[place]
+
+    @property
+    def headline(self) -> str:
+        """The parts that changed."""
+        changed = [name for one in self.findings if one.code == "changed" for name in one.subject]
+        return f"changed: {', '.join(changed)}" if changed else "no change beyond chance was found in what has a covariance"
+
+    def sections(self) -> list[Section]:
+        """A table for each part: both values, and the change with its interval."""
+        return [_grid(part) for part in self.parts]
+
+
+def _grid(part: PartDifference) -> Grid:
+    rows = []
+    for name, quantity, a, b, error in zip(part.parameters, part.quantities, part.first, part.second, part.standard_error, strict=True):
+        half, key, change = NORMAL95 * float(error), f"{part.name}.{name}", float(b - a)
+        state = "held" if error == 0 else "estimated"
+        cells = [Number(f"{key}.{which}", float(x), quantity=quantity) for which, x in (("first", a), ("second", b))]
+        rows.append((name, (*cells, Number(f"{key}.change", change, change - half, change + half, quantity, state))))
+    known = part.degrees_of_freedom > 0
+    note = f"chi-square {part.chi_square:.4g} of {part.degrees_of_freedom}, probability {part.probability:.2g}" if known else ""
+    return Grid(part.name, part.name, ("first", "second", "change"), tuple(rows), note=note)
+
 
 @host_float64
-def difference(a: Calibration, b: Calibration) -> tuple[PartDifference, ...]:
+def difference(a: Calibration, b: Calibration, *, significance: float = 0.01) -> Difference:
     r"""Changes from one calibration to another, part by part, with their significance.
 
     .. math:: \chi^2 = (\theta_b - \theta_a)^T (P_a + P_b)^{+} (\theta_b - \theta_a)
@@ -73,11 +135,12 @@ def difference(a: Calibration, b: Calibration) -> tuple[PartDifference, ...]:
     Parameters
     ----------
     a, b : two calibrations of one device, from different recordings. Only parts that both contain are compared.
+    significance : probability below which a change counts as one.
 
     Returns
     -------
-    One `PartDifference` for each part. A magnetometer is compared by its symmetric correction, with the field of `a` for both, and by
-    its hard iron; noise by the squares of its coefficients; thermal models by their largest difference, without a covariance.
+    Difference, with one `PartDifference` for each part. A magnetometer is compared by its symmetric correction, with the field of `a` for
+    both, and by its hard iron; noise by the squares of its coefficients; thermal models by their largest difference, without a covariance.
 
     Examples
     --------
@@ -116,34 +179,38 @@ def difference(a: Calibration, b: Calibration) -> tuple[PartDifference, ...]:
                 found += [part for i in range(3) if (part := _noise(sensor, i, one, other, shared)) is not None]
     if a.temperature is not None and b.temperature is not None:
         found += [part for sensor in ("gyro", "accel") if (part := _temperature(sensor, a.temperature, b.temperature)) is not None]
-    return tuple(found)
+    said = [one.of(part.name) for part in found for one in part.findings]
+    for part in found:
+        if part.probability < significance:
+            facts = {"chi": part.chi_square, "freedom": part.degrees_of_freedom, "chance": part.probability}
+            said.append(FINDINGS("changed", part.name, part.chi_square, **facts))
+    return Difference(tuple(found), significance, tuple(said))
 
 
-def _by_leaves(sensor: str, a: Part[Any], b: Part[Any], notes: Sequence[str]) -> PartDifference:
+def _by_leaves(sensor: str, a: Part[Any], b: Part[Any], notes: Sequence[Finding]) -> PartDifference:
     """Compare the fields of the models; for a magnetometer, only the fitted ones."""
     held = [part.parameters for part in (a, b)]
     names = [name for name in held[0] if name in held[1] and (sensor == "gyro" or not name.startswith("g_sensitivity"))]
     if sensor == "magnetometer" and a.covariance is not None and b.covariance is not None:
         names = [name for name in names if name in a.covariance.parameters and name in b.covariance.parameters]
-    base = {"matrix": "1", "soft_iron": "1", "bias": a.unit, "hard_iron": a.unit, "g_sensitivity": "rad/s per m/s^2"}
-    units = [base.get(name.partition("[")[0], "") for name in names]
+    units = quantities_of(sensor, a, names)
     first, second = (np.array([values[name] for name in names]) for values in held)
     spread, said = _sum([_ordered(part, names) for part in (a, b)])
     return _part(sensor, names, units, first, second, spread, (*notes, *_unequal(a, b), *said))
 
 
-def _unequal(a: Part[Any], b: Part[Any]) -> list[str]:
-    """A sentence if the two models are of different classes."""
-    kinds = [type(part.model).__name__ for part in (a, b)]
-    return [] if kinds[0] == kinds[1] else [f"the first is a {kinds[0]} and the second a {kinds[1]}; what only one has is not compared"]
+def _unequal(a: Part[Any], b: Part[Any]) -> list[Finding]:
+    """Whether the two models are of different classes."""
+    first, second = (type(part.model).__name__ for part in (a, b))
+    return [] if first == second else [FINDINGS("classes", first=first, second=second)]
 
 
-def _magnetometer(a: Part[Any], b: Part[Any], notes: Sequence[str]) -> PartDifference:
+def _magnetometer(a: Part[Any], b: Part[Any], notes: Sequence[Finding]) -> PartDifference:
     """Compare the root W of the ellipsoid's matrix A = W W, times the field of `a`; dA = W dW + dW W gives the covariance."""
     said = [*notes, *_unequal(a, b)]
     known = all(part.field is not None and np.isfinite(part.field) for part in (a, b))
     if not known:
-        said.append("the field's strength is not known in one of the two, so that its changes count as none")
+        said.append(FINDINGS("no_field"))
     further = [name for name in a.further if name in b.further]
     names = ["correction " + _AXES[i] + _AXES[j] for i, j in QUADRIC] + [f"hard iron {axis}" for axis in _AXES] + further
     values, spreads, turns = [], [], []
@@ -162,9 +229,9 @@ def _magnetometer(a: Part[Any], b: Part[Any], notes: Sequence[str]) -> PartDiffe
     turned = turns[1] @ turns[0].T
     angle = np.degrees(np.arccos(np.clip((np.trace(turned) - 1) / 2, -1.0, 1.0)))
     if angle > 1e-3:
-        said.append(f"beside it the axes turned by {angle:.3g} degrees, which the covariances of norms do not know")
+        said.append(FINDINGS("turned", angle=angle))
     spread, more = _sum(spreads)
-    units = ["1"] * 6 + [a.unit] * 3 + [""] * len(further)
+    units = ["ratio"] * 6 + quantities_of("magnetometer", a, [*HARD, *further])
     return _part("magnetometer", names, units, values[0], values[1], spread, (*said, *more))
 
 
@@ -185,7 +252,7 @@ def _of_root(spread: AnyArray, root: AnyArray, scale: float) -> AnyArray:
     return slope @ spread @ slope.T
 
 
-def _noise(sensor: str, i: int, a: Any, b: Any, notes: Sequence[str]) -> PartDifference | None:
+def _noise(sensor: str, i: int, a: Any, b: Any, notes: Sequence[Finding]) -> PartDifference | None:
     terms = [t for t in "QNBKR" if all(getattr(one, t) is not None and np.isfinite(getattr(one, t)[i]) for one in (a, b))]
     if not terms:
         return None
@@ -195,7 +262,7 @@ def _noise(sensor: str, i: int, a: Any, b: Any, notes: Sequence[str]) -> PartDif
         held = None if one.covariance is None else one.covariance.axis(i)
         squares.append(None if held is None else held.of([f"{term}^2" for term in terms]))
     spread, said = _sum(squares)
-    units = [noise_units(term, sensor)[-1] for term in terms]
+    units = [f"{term}.{sensor}" for term in terms]
     part = _part(f"noise {sensor}_{_AXES[i]}", terms, units, first**2, second**2, spread, (*notes, *said))
     with np.errstate(divide="ignore", invalid="ignore"):
         # first-order error of each coefficient, from that of its square
@@ -215,8 +282,7 @@ def _temperature(sensor: str, a: Thermal, b: Thermal) -> PartDifference | None:
     where = np.argmax(np.abs(curves[1] - curves[0]), axis=1)
     first, second = (curve[np.arange(3), where] for curve in curves)
     names = [f"{sensor}_{axis} at {t[k]:.4g} degC" for axis, k in zip(_AXES, where, strict=True)]
-    note = f"largest departure between {low:g} and {high:g} degC of the change since the middle; no covariance is stored of it"
-    return _part(f"temperature {sensor}", names, [si_unit(sensor)] * 3, first, second, None, (note,))
+    return _part(f"temperature {sensor}", names, [f"B.{sensor}"] * 3, first, second, None, [FINDINGS("range", low=low, high=high)])
 
 
 def _curve(thermal: Thermal, sensor: str, t: AnyArray) -> Any:
@@ -232,18 +298,19 @@ def _ordered(part: Part[Any], names: Sequence[str]) -> AnyArray | None:
     return None if part.covariance is None else part.covariance.of(names)
 
 
-def _sum(spreads: Sequence[AnyArray | None]) -> tuple[AnyArray | None, list[str]]:
+def _sum(spreads: Sequence[AnyArray | None]) -> tuple[AnyArray | None, list[Finding]]:
     known = [spread for spread in spreads if spread is not None]
     if not known:
-        return None, ["neither calibration has a covariance: nothing can be said about significance"]
+        return None, [FINDINGS("no_covariance")]
     missing = [name for name, spread in zip(("first", "second"), spreads, strict=True) if spread is None]
-    said = [f"the {missing[0]} calibration has no covariance and counts as exact; the significance is too high"] if missing else []
+    said = [FINDINGS("one_covariance", which=missing[0])] if missing else []
     return sum(known[1:], start=known[0]), said
 
 
 def _part(
-    name: str, names: Sequence[str], units: Sequence[str], first: AnyArray, second: AnyArray, spread: AnyArray | None, notes: Sequence[str]
-) -> PartDifference:
+    name: str, names: Sequence[str], units: Sequence[str], first: AnyArray, second: AnyArray, spread: AnyArray | None,
+    notes: Sequence[Finding],
+) -> PartDifference:  # fmt: skip
     """Form the chi-square in the space that the covariance spans; parameters that a convention fixes do not count."""
     error, chi, freedom, probability, said = np.full(len(names), np.nan), np.nan, 0, np.nan, list(notes)
     if spread is not None:
@@ -252,7 +319,7 @@ def _part(
         change = (second - first)[free] / error[free]
         fixed = np.abs(second - first)[~free]
         if np.any(fixed > 1e-9 * np.maximum(np.abs(first[~free]), 1.0)):
-            said.append("parameters that a convention fixes differ: the two were fitted with different conventions or options")
+            said.append(FINDINGS("conventions"))
         if free.any():
             size, ways = np.linalg.eigh(spread[np.ix_(free, free)] / np.outer(error[free], error[free]))
             kept = size > _RANK * size[-1]
@@ -260,13 +327,11 @@ def _part(
             chi, freedom = float(np.sum(along[kept] ** 2 / size[kept])), int(kept.sum())
             probability = float(scipy.special.chdtrc(freedom, chi))
             if np.any(np.abs(along[~kept]) > 1e-2):
-                said.append("part of the change is in directions that neither calibration leaves open")
+                said.append(FINDINGS("outside"))
     return PartDifference(name, tuple(names), tuple(units), np.asarray(first), np.asarray(second), error, chi, freedom, probability,
                           tuple(said))  # fmt: skip
 
 
-def _same_recording(a: Calibration, b: Calibration) -> list[str]:
+def _same_recording(a: Calibration, b: Calibration) -> list[Finding]:
     known = [(one.provenance or {}).get("sha256") for one in (a, b)]
-    if known[0] is None or known[0] != known[1]:
-        return []
-    return ["both calibrations come from the same recording, so that their errors are the same: the significance is too low"]
+    return [FINDINGS("same_recording")] if known[0] is not None and known[0] == known[1] else []

@@ -2,7 +2,7 @@
 
 import dataclasses
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Generic, TypeVar
 
 import equinox as eqx
@@ -151,6 +151,13 @@ class Part(eqx.Module, Generic[M]):
         if twice := set(fields) & {"unit", *known}:
             raise DataError(f"the model {type(self.model).__name__} has a field {min(twice)!r}, which the file needs itself; rename it")
         return {"unit": self.unit, **fields, **known}
+
+
+def quantities_of(sensor: str, part: Part[Any], names: Iterable[str]) -> list[str]:
+    """Quantities of parameters of a part, as in the table of units; a field that only a user's class has is a plain number."""
+    own = next((one for one in (*SENSORS, "mag") if si_unit(one) == part.unit), part.unit)
+    known = {"bias": own, "hard_iron": own, "field": own, "g_sensitivity": "gyro/accel"}
+    return [known.get(name.partition("[")[0], "ratio") for name in names]
 
 
 class Imu(eqx.Module):
