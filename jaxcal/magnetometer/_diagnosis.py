@@ -25,9 +25,9 @@ _FAR_OFF = 1.25  # ratio of mean field and given one: a sensitivity is true to 1
 _BY_BIAS = 1.5  # factor by which an error may exceed the biases that were found
 _EXTREMES = ("minmax", "axes")
 
-_FEWEST_AT_END = 4
+_FEWEST_AT_END = 4  # equal largest values: fewer are chance
 _NEAR = 20  # number of readings next to the end; their density tells how many may share one value by chance
-_BY_CHANCE = 1e-5
+_BY_CHANCE = 1e-5  # one false alarm in 16,000 logs of six ends
 _APART = 0.05  # as a share of the log's size: a sensor at rest repeats a value too
 
 

@@ -19,7 +19,7 @@ from ._model import MagModel
 from ._result import MagFit
 
 _FEWEST = 12  # number of readings from which the fit gives the advice; before, the largest gap between directions does
-_PARAMETERS = 9
+_PARAMETERS = 9  # of the symmetric fit
 _LOOKS = 5.0  # the error is checked after every reading, and one lucky check ends the session: they count as this many independent ones
 
 

@@ -14,7 +14,7 @@ from ._ellipsoid._shape import Frame, model_of, radius_of
 from ._model import MagModel
 from ._rotation._turning import array
 
-CELLS, MOST, APART = 96, 32, 0.05
+CELLS, MOST, APART = 96, 32, 0.05  # cells, readings in each, and share of the field between two readings
 
 
 def _finite(m: Any) -> np.ndarray:

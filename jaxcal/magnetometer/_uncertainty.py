@@ -24,8 +24,8 @@ from ._result import MagFit
 
 #: remaining step, relative to the statistical uncertainty, at which a refit is done
 _PRECISE = 1e-4
-_STARTS = 4
-_FEWEST = 10
+_STARTS = 4  # random plans, of which the best is kept
+_FEWEST = 10  # readings: one more than parameters
 
 
 @host_float64

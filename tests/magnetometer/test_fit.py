@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal import DataError
 from jaxcal.magnetometer import bootstrap, fit
 
 from . import cases
@@ -243,35 +242,35 @@ def test_a_small_fit_does_not_claim_its_noise():
 
 
 BAD = [
-    ({"m": np.ones(3)}, "shape"),
-    ({"m": np.ones((5, 2))}, "shape"),
-    ({"m": np.zeros((0, 3))}, "shape"),
-    ({"m": [["a", "b", "c"]]}, "not numbers"),
-    ({"m": np.array([[1.0, np.nan, 2.0], [1, 2, 3]])}, "not finite, the first in row 0"),
-    ({"m": np.full((5, 3), np.inf)}, "not finite"),
-    ({"m": NOISY * 1e200}, "range"),
-    ({"method": "magic"}, "no method 'magic'"),
-    ({"model": "cube"}, "no model 'cube'"),
-    ({"method": "li_griffiths", "model": "sphere"}, "has no model 'sphere'"),
-    ({"method": "radial", "model": "planar"}, "has no model"),
-    ({"loss": "l3"}, "no loss 'l3'"),
-    ({"loss": "huber", "method": "algebraic"}, "takes no loss"),
-    ({"field": -1.0}, "field"),
-    ({"field": np.zeros(3)}, "field"),
-    ({"field": np.ones(2)}, "field"),
-    ({"field": 1.0, "model": "planar"}, "leave out `field`"),
-    ({"inclination": 2.0}, "inclination"),
-    ({"penalty": -0.5}, "penalty is -0.5"),
-    ({"field_error": 0.01}, "needs the `field`"),
-    ({"field_error": 0.01, "field": 1.0, "method": "algebraic"}, "method='ml'"),
-    ({"field_error": 2.0, "field": 1.0}, "field error is 2.0"),
-    ({"penalty": np.nan}, "penalty is nan"),
+    ({"m": np.ones(3)}, "bad_shape"),
+    ({"m": np.ones((5, 2))}, "bad_shape"),
+    ({"m": np.zeros((0, 3))}, "bad_shape"),
+    ({"m": [["a", "b", "c"]]}, "not_numbers"),
+    ({"m": np.array([[1.0, np.nan, 2.0], [1, 2, 3]])}, "not_finite"),
+    ({"m": np.full((5, 3), np.inf)}, "not_finite"),
+    ({"m": NOISY * 1e200}, "out_of_range"),
+    ({"method": "magic"}, "no_such_option"),
+    ({"model": "cube"}, "no_such_option"),
+    ({"method": "li_griffiths", "model": "sphere"}, "no_such_model"),
+    ({"method": "radial", "model": "planar"}, "no_such_model"),
+    ({"loss": "l3"}, "no_such_loss"),
+    ({"loss": "huber", "method": "algebraic"}, "no_loss"),
+    ({"field": -1.0}, "bad_field"),
+    ({"field": np.zeros(3)}, "bad_field"),
+    ({"field": np.ones(2)}, "bad_field"),
+    ({"field": 1.0, "model": "planar"}, "field_in_plane"),
+    ({"inclination": 2.0}, "bad_inclination"),
+    ({"penalty": -0.5}, "bad_penalty"),
+    ({"field_error": 0.01}, "field_error_alone"),
+    ({"field_error": 0.01, "field": 1.0, "method": "algebraic"}, "field_error_alone"),
+    ({"field_error": 2.0, "field": 1.0}, "bad_field_error"),
+    ({"penalty": np.nan}, "bad_penalty"),
 ]
 
 
-@pytest.mark.parametrize(("options", "words"), BAD)
-def test_bad_input_is_an_error_that_says_so(options, words):
-    with pytest.raises(DataError, match=words):
+@pytest.mark.parametrize(("options", "code"), BAD)
+def test_bad_input_is_an_error_that_says_so(options, code, refuses):
+    with refuses(code):
         fit(**{"m": NOISY, **options})
 
 
@@ -285,12 +284,12 @@ def test_logs_of_any_length_share_a_program():
     assert "/jax/core/compile/backend_compile_duration" not in compiled
 
 
-def test_bootstrap_refuses_what_it_cannot_do():
+def test_bootstrap_refuses_what_it_cannot_do(refuses):
     found = fit(NOISY)
-    with pytest.raises(DataError, match="readings that were fitted"):
+    with refuses("other_readings"):
         bootstrap(NOISY[:10], found)
-    with pytest.raises(DataError, match="at least one"):
+    with refuses("no_replicas"):
         bootstrap(NOISY, found, replicas=0)
-    with pytest.raises(DataError, match="not planar"):
+    with refuses("no_model"):
         bootstrap(circle()[0], fit(circle()[0]))
     np.testing.assert_array_equal(bootstrap(NOISY, found, replicas=3, seed=5), bootstrap(NOISY, found, replicas=3, seed=5))

@@ -14,10 +14,10 @@ from ..._types import AnyArray
 
 _POLE, _RING = 1.37046, 0.74776  # latitudes that bound the 100 regions of equal area
 _HIGH, _LOW = 1.05911, 0.37388  # latitudes of the regions' centres
-_GRID = 500
+_GRID = 500  # points of the lattice, 9 degrees apart
 _GAPS = np.array([1.0, 0.2, 0.01, 0.0])  # weight of a region with 0, 1, 2, or more readings
 _MANY = 2000  # number of readings above which a tree finds neighbours faster than all products
-_BLOCK = 128
+_BLOCK = 128  # rows that stay in the cache
 
 
 class Coverage(eqx.Module):

@@ -22,8 +22,8 @@ _IN_PLANE = {
     0: "scale along the plane's first axis", 1: "coupling of the plane's axes", 2: "scale along the plane's second axis",
     6: "hard iron along the plane's first axis", 7: "hard iron along the plane's second axis",
 }  # fmt: skip
-_TILT = np.deg2rad(20.0)
-_HEADINGS = np.arange(24) * np.pi / 12
+_TILT = np.deg2rad(20.0)  # of a vehicle that brakes or banks
+_HEADINGS = np.arange(24) * np.pi / 12  # every 15 degrees
 _DIPS = (0.0, np.deg2rad(50.0), np.deg2rad(75.0))  # those on Earth outside the polar regions; negative dips give the same errors
 
 

@@ -18,10 +18,10 @@ from .._design._coverage import bins
 from ._kinds import COUNT, PLANAR, parameters_of
 from ._shape import unit
 
-_ENOUGH_FOR_ADJUSTED = 30
-_SUBSETS = 200
+_ENOUGH_FOR_ADJUSTED = 30  # readings, from which the noise is known to 13 %
+_SUBSETS = 200  # a good one among them for up to 35 % of outliers
 _SUBSET = 12  # readings: three more than a symmetric fit needs, so that noise does not decide
-_KEPT, _ROUNDS = 10, 4
+_KEPT, _ROUNDS = 10, 4  # subsets that are refitted, and how often
 
 
 class NotEllipsoid(FitError):
@@ -48,7 +48,7 @@ def matrix_of(q: Any) -> Any:
     return q[_ENTRY] * _HALF.astype(q.dtype)
 
 
-_BLOCK = 128
+_BLOCK = 128  # rows that stay in the cache
 
 
 def triangle(columns: np.ndarray) -> np.ndarray:

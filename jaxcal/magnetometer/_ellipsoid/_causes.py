@@ -20,9 +20,9 @@ from ._shape import Found, radius_of, root, unit
 from ._shared import shared
 
 DRIFT, FAST, BENT, SERIAL = "time", "rate of turn", "nonlinearity", "correlated noise"
-_PARTS = 20
-_CHANCE = 0.003
-_FEWEST = 80
+_PARTS = 20  # of the log, whose sums judge chance
+_CHANCE = 0.003  # of a false alarm for each cause
+_FEWEST = 80  # readings: four in each part
 _EXACT = 1e-9  # share of the field below which residuals are rounding, not noise
 _MOST = 3  # largest number of causes
 

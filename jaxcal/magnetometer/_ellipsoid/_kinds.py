@@ -10,8 +10,6 @@ from ..._precision import array_module
 #: number of parameters of each kind
 COUNT = {"sphere": 4, "diagonal": 6, "symmetric": 9, "circle": 3, "ellipse": 5}
 SOLID, PLANAR = ("sphere", "diagonal", "symmetric"), ("circle", "ellipse")
-NAMES = ("A_xx", "A_xy", "A_yy", "A_xz", "A_yz", "A_zz", "b_x", "b_y", "b_z")
-PLANAR_NAMES = ("A_11", "A_12", "A_22", "b_1", "b_2")
 #: rows of (A_xx, A_xy, A_yy, A_xz, A_yz, A_zz, b) that exist in a plane
 PLANAR_ROWS = [0, 1, 2, 6, 7]
 #: rows and columns of the six entries of A in that order

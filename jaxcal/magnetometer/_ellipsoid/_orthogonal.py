@@ -22,12 +22,12 @@ from ._shape import Found, entries_of, filled, radius_of
 LOSSES: dict[str, AbstractLoss] = {"huber": Huber(), "cauchy": Cauchy(), "tukey": Tukey()}
 CURVED = 0.02  # noise over radius above which the curvature term matters
 ROUNDS, SETTLED = 3, 3e-3  # number of fits with the curvature term, and the relative change of the noise that ends them
-_ROBUST_ROUNDS = 5
+_ROBUST_ROUNDS = 5  # of scale and fit in turn
 _PRECISE = 1e-8  # remaining step, relative to the statistical uncertainty
 _LOST = 1e-12  # singular value, with columns of unit length, below which the readings do not determine a parameter
 _IDLE = 0.1  # standard errors: a penalty that moves a fit by less is omitted
 _FAR = 1.0  # standard errors: a larger bias suggests that the fit without the penalty diverged
-_SINGULAR = 1e8
+_SINGULAR = 1e8  # condition number at which half of the digits are lost
 
 
 def padded(u: np.ndarray, kind: str, scale: float = 1.0, noise2: float = 0.0, penalty: Penalty | None = None) -> Readings:
@@ -249,4 +249,5 @@ def loss_of(loss: Any) -> AbstractLoss | None:
     if isinstance(loss, str) and loss in LOSSES:
         return LOSSES[loss]
     known = ", ".join(repr(name) for name in LOSSES)
-    raise DataError(f"There is no loss {loss!r}; known are None (least squares), {known}, and the losses of jaxcal.fitting.")
+    raise DataError(f"There is no loss {loss!r}; known are None (least squares), {known}, and the losses of jaxcal.fitting.",
+                    code="no_such_loss")  # fmt: skip

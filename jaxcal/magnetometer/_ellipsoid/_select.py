@@ -23,8 +23,8 @@ _LEAST = 1e-28  # smallest mean square of distances, that of exact readings
 _HOPELESS = 4.0  # multiple of the deciding margin at which a model is excluded
 #: largest number of readings that are all fitted
 LONG = 20_000
-_FIRST = 4000
-_CHUNK = 16_384
+_FIRST = 4000  # readings of the rough fit that sorts by direction
+_CHUNK = 16_384  # readings of one call, so that no length compiles anew
 
 
 def candidates(u: np.ndarray, kinds: tuple[str, ...], loss: AbstractLoss | None, distinct: int) -> tuple[dict[str, Found], int]:

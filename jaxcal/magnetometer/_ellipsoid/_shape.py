@@ -13,7 +13,7 @@ from ..._types import AnyArray
 from .._model import MagModel
 from ._kinds import ENTRIES, PLANAR, PLANAR_ROWS, basis_of, slopes_of
 
-_SMALLEST_PAD = 64
+_SMALLEST_PAD = 64  # rows of the shortest program
 #: change of a symmetric matrix with each of its six entries
 _ENTRY_CHANGE = np.zeros((6, 3, 3))
 _ENTRY_CHANGE[range(6), *ENTRIES] = _ENTRY_CHANGE[range(6), *ENTRIES[::-1]] = 1.0

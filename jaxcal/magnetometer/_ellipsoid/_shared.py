@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 _TURNING = 12  # number of lags at which products of residuals are examined
-_CLOSE = range(3, 7)
+_CLOSE = range(3, 7)  # lags of close neighbours
 _ALONE = 4.0  # ratio of the variance along one direction to that across it
 
 

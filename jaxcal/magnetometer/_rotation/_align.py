@@ -24,11 +24,11 @@ from ._turning import SEGMENT, array, attitudes_in_segments, like, permutations
 _STILL = 0.03  # relative departure of the specific force from its median above which a pose is not at rest
 #: standard deviations in rad above which the verdict is "weak" and "refused"
 LIMITS = (np.deg2rad(1.0), np.deg2rad(5.0))
-_FEWEST = 5
-_ROUNDS, _SETTLED, _EXACT = 6, 1e-6, 1e-12
+_FEWEST = 5  # poses: three angles and the dip need four
+_ROUNDS, _SETTLED, _EXACT = 6, 1e-6, 1e-12  # most rounds, change that ends them (rad or s), noise of exact data
 DELAY = 0.05  # s, prior standard deviation of the delay between the sensors
 _OPEN = 0.5  # share of the prior: a delay with a larger error was not determined
-_FAR = np.deg2rad(45.0)
+_FAR = np.deg2rad(45.0)  # beyond which an exchange of axes is nearer
 #: source of a rotation -> its name for readers
 NAMES = {"accel": "accelerometer", "gyro": "gyroscope", "headings": "known headings"}
 _LEVEL = 0.5  # length of the mean unit vertical: one for a sensor at level, zero for one rotated through all attitudes

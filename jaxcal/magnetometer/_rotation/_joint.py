@@ -28,13 +28,13 @@ from ._joint_errors import examined, shares
 from ._residuals import CENTRE, DELAY, EXTRA, TURN, JointPoses, JointTurns, joint_pose_residuals, joint_turn_residuals
 from ._turning import SEGMENT, array, attitudes_in_segments, centred, like, permutations
 
-_ROUNDS, _SETTLED = 6, 3e-3
+_ROUNDS, _SETTLED = 6, 3e-3  # most rounds, and change of the noise that ends them
 _LEAST = 1e-11  # smallest standard deviation in scaled units, for exact data
-_PRECISE, _STEPS = 1e-5, 64
+_PRECISE, _STEPS = 1e-5, 64  # remaining step in standard errors, and most steps
 _NO_DIGIT = 1e-10  # singular value below which a combination of parameters does not reduce the residuals
-_FEWEST = 13
-_DIAGONAL, _FLAT = [0, 3, 5], 1e-3
-_PER_DIRECTION = 32
+_FEWEST = 13  # readings: one more than parameters
+_DIAGONAL, _FLAT = [0, 3, 5], 1e-3  # of U, which may not change sign: share of its start
+_PER_DIRECTION = 32  # readings kept in each of 500 directions
 #: findings of the fit of magnitudes that hold for the joint fit too
 _KEPT = ("clipped", "dip_assumed", "dip_differs", "averaged", "bent")
 
