@@ -5,5 +5,4 @@ from ._dynamic import DynamicDeviation as DynamicDeviation, dynamic as dynamic
 from ._kinds import cluster_sizes as cluster_sizes
 from ._result import Deviation as Deviation, Deviations as Deviations
 from ._streaming._accumulator import Accumulator as Accumulator
-from ._uncertainty._bias import bias_factors as bias_factors, phase_covariance as phase_covariance
 from ._uncertainty._edf_total import degrees_of_freedom as degrees_of_freedom

@@ -22,7 +22,6 @@ from ._findings import FINDINGS, times
 from ._kernels._contiguous import effective_sizes, measure_whole, refuse_traced
 from ._kernels._difference_sums import direct_sums
 from ._kernels._phase import IN_CACHE, aligned, integrate, padded_length, running_sum_of_phase
-from ._kernels._regular_grid import on_grid
 from ._kernels._robust import efficiency, refuse_robust, robust_squares
 from ._kernels._route import MANY, record_sums, sums_in_cache
 from ._kernels._total import traced_total_sums
@@ -44,7 +43,7 @@ _Measured = tuple[Callable[[], Any], Any, Any]
 @host_float64
 def deviation(
     y: Any, rate: Any, *, kind: str | Kind = "oadev", m: Any = "log", data: str = "rate", confidence: float | int = 0.95, alpha: Any = None,
-    bias_corrected: bool | str = False, robust: bool = False, time: Any = None,
+    bias_corrected: bool = False, robust: bool = False,
 ) -> Deviation:  # fmt: skip
     r"""Allan, modified Allan, time, Hadamard or total deviation, Theo1 or interval error, with noise type and interval.
 
@@ -91,12 +90,9 @@ def deviation(
     confidence : level of the intervals, 0.95 by default.
     alpha : noise type for the degrees of freedom (2 .. -2), to replace the one identified at each cluster size.
     bias_corrected : True divides the variance by its exact bias against mdev, ohdev or oadev, for the noise type at each cluster size.
-        "published" uses the constants in common use, for comparison with published tables (mtotdev 0.94, 0.83, 0.73, 0.70, 0.69 as in
-        Stable32, all others from NIST SP 1065). `bias` of the result reports the factor.
+        `bias` of the result reports the factor.
     robust : for adev, oadev, hdev or ohdev, replace the mean of squares by an M-estimate (Tukey's biweight), which resists outliers but
         costs 8 % of the degrees of freedom.
-    time : (n,) stamps in s of a record that is not evenly spaced. Each step of the grid of `rate` takes the mean of the samples nearest
-        to it, or becomes a gap if there are none; a finding reports how many. Nothing is interpolated.
 
     Returns
     -------
@@ -129,33 +125,28 @@ def deviation(
         y = checked_record(y)
         if not isinstance(y, np.ndarray):
             raise DataError("theoh is computed on the host: it cannot be traced (jit, grad, vmap). Of a traced record take oadev")
-        options = {"data": data, "confidence": confidence, "alpha": alpha, "bias_corrected": bias_corrected, "robust": robust, "time": time}
+        options = {"data": data, "confidence": confidence, "alpha": alpha, "bias_corrected": bias_corrected, "robust": robust}
         plain = functools.partial(deviation, y, rate, **options)
         return theoh(len(y) - (1 if data == "phase" else 0), m, plain)
     statistic, rate = find_kind(kind, "theoh"), checked_rate(rate)
     if data not in ("rate", "phase"):
         raise DataError(f'unknown data {data!r}; expected "rate" (samples of rate or force) or "phase" (their integral)')
-    if bias_corrected not in (True, False, "published"):
-        raise DataError(f'bias_corrected must be True, False or "published"; got {bias_corrected!r}')
     confidence, y = checked_confidence(confidence), checked_record(y)
-    findings: tuple[Finding, ...] = ()
-    if robust or time is not None:
+    if robust:
         if not isinstance(y, np.ndarray):
-            raise DataError("robust= and time= are for a record at hand: they cannot be traced (jit, grad, vmap)")
+            raise DataError("robust=True is for a record at hand, which is not traced (jit, grad, vmap)")
         refuse_robust(statistic, robust)
-        y, findings = (y, ()) if time is None else on_grid(y, time, rate)
     empty = empty_channels(y)
     if empty is not None:
         rest = {"kind": kind, "m": m, "data": data, "confidence": confidence, "alpha": alpha, "bias_corrected": bias_corrected}
-        return _with_empty(deviation(y[:, ~empty], rate, robust=robust, **rest), empty, findings)
+        return _with_empty(deviation(y[:, ~empty], rate, robust=robust, **rest), empty)
     sizes = cluster_sizes(m, statistic, y.shape[0] - (1 if data == "phase" else 0))
-    options = {"data": data, "bias_corrected": bias_corrected, "robust": robust, "findings": findings}
-    return begin(y, rate, statistic, sizes, confidence, alpha, **options)()
+    return begin(y, rate, statistic, sizes, confidence, alpha, data=data, bias_corrected=bias_corrected, robust=robust)()
 
 
 def begin(
     y, rate: float, statistic: Kind, sizes: Int[np.ndarray, " clusters"], confidence: float, alpha: Any, *, data="rate",
-    bias_corrected: Any = False, robust=False, findings: tuple[Finding, ...] = (),
+    bias_corrected: Any = False, robust=False,
 ) -> Callable[[], Deviation]:  # fmt: skip
     """Start `deviation` for a checked record at given cluster sizes, and return a function that waits for the result.
 
@@ -163,6 +154,7 @@ def begin(
     """
     samples = y.shape[0] - (1 if data == "phase" else 0)
     columns = y if y.ndim == 2 else y[:, None]
+    findings: tuple[Finding, ...] = ()
     if not isinstance(y, np.ndarray):
         refuse_traced(statistic)
         measured = _traced(columns, sizes, statistic, rate, data, samples, alpha)
@@ -170,7 +162,7 @@ def begin(
         names = [f"channel {index}" if columns.shape[1] > 1 else "y" for index in range(columns.shape[1])]
         missing = [None if np.isfinite(np.sum(column)) else _missing(column, name) for column, name in zip(columns.T, names, strict=True)]
         total, count, noise, told = measure_whole(columns, missing, sizes, statistic, rate, data, alpha)
-        findings, measured = (*findings, *told), (lambda: total, count, noise)
+        findings, measured = told, (lambda: total, count, noise)
     else:
         measured = _measured(columns, sizes, statistic, rate, data, samples, alpha, robust)
     return lambda: _finished(y, columns, rate, statistic, sizes, confidence, samples, measured, data, bias_corrected, robust, findings)
@@ -198,7 +190,7 @@ def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int
     edf, low, high = _uncertainty(types, count, expected, sizes, statistic, lengths, confidence, efficiency() if robust else 1.0, xp)
     bias = xp.ones(count.shape, dtype=low.dtype)
     if bias_corrected:
-        factors = functools.partial(bias_factors, kind=statistic, samples=lengths, published=bias_corrected == "published")
+        factors = functools.partial(bias_factors, kind=statistic, samples=lengths)
         bias = _by_noise_type(factors, sizes, noise, statistic, xp)
     scale = statistic.scale(sizes, rate)[:, None].astype(low.dtype)
     factor = scale / count / bias
@@ -216,7 +208,7 @@ def empty_channels(y):
     return empty if empty.any() and not empty.all() else None
 
 
-def _with_empty(found: Deviation, empty, findings: tuple[Finding, ...]) -> Deviation:
+def _with_empty(found: Deviation, empty) -> Deviation:
     """The result of the channels with samples, extended by NaN and a finding for channels without samples."""
     values = {"count": 0, "alpha": 0, "skipped": found.count[:, 0] + found.skipped[:, 0], "bias": 1.0}
     arrays = {}
@@ -226,7 +218,7 @@ def _with_empty(found: Deviation, empty, findings: tuple[Finding, ...]) -> Devia
         arrays[name][:, ~empty] = array
         arrays[name][:, empty] = np.reshape(values.get(name, np.nan), (-1, 1))
     said = tuple(FINDINGS("empty", f"channel {index}") for index in np.flatnonzero(empty))
-    return dataclasses.replace(found, findings=(*findings, *said, *found.findings), **arrays)
+    return dataclasses.replace(found, findings=(*said, *found.findings), **arrays)
 
 
 def _missing(column, name: str):

@@ -3,11 +3,6 @@
 from .._answer import CAUTION, NOTE, Kind, table
 
 FINDINGS = table(
-    regridded=Kind(
-        NOTE,
-        "{samples} samples on {steps} steps of {step:g} s: {averaged} were averaged with others of their step, {empty} steps are empty and "
-        "count as gaps.",
-    ),
     longest_stretch=Kind(
         CAUTION,
         "{kind} needs a record without gaps: only its longest stretch was used, {share:.0%} of it, samples {start} to {stop}.",

@@ -119,7 +119,7 @@ def find_kind(name: "str | Kind", *more: str) -> Kind:
 
 
 #: cluster sizes per decade of the "log" grid
-_PER_DECADE = 15
+PER_DECADE = 15
 
 
 def whole_sizes(m: Any) -> Int[np.ndarray, " clusters"]:
@@ -129,6 +129,15 @@ def whole_sizes(m: Any) -> Int[np.ndarray, " clusters"]:
     if sizes.ndim != 1 or sizes.size == 0 or kind not in "iuf" or (kind == "f" and np.any(sizes != np.round(sizes))):
         raise DataError(f"cluster sizes must be a list of whole numbers of samples; got {m!r} (tau in s is m / rate)")
     return sizes.astype(np.int64)
+
+
+def round_sizes(grid: str, largest: int, *more: str) -> Int[np.ndarray, " clusters"]:
+    """Sizes of the grids "octave" and "decade"; the error message lists `more` grids of the caller."""
+    if grid == "octave":
+        return 2 ** np.arange(int(np.log2(largest)) + 1)
+    if grid == "decade":
+        return (10 ** np.arange(int(np.log10(largest)) + 1)[:, None] * np.array([1, 2, 4])).ravel()
+    raise DataError(f"unknown grid of cluster sizes {grid!r}; expected {', '.join(['log', 'octave', 'decade', *more])} or integers")
 
 
 def cluster_sizes(m: Any, kind: str | Kind, samples: int) -> Int[np.ndarray, " clusters"]:
@@ -165,18 +174,14 @@ def cluster_sizes(m: Any, kind: str | Kind, samples: int) -> Int[np.ndarray, " c
         largest = samples // 2 if kind.interval_error else largest  # larger windows are few and nearly the same
         if m == "log":
             decades = np.log10(largest)
-            intervals = int(np.ceil(decades * _PER_DECADE))
+            intervals = int(np.ceil(decades * PER_DECADE))
             powers = np.arange(intervals + 1) * (decades / max(intervals, 1))
             powers[-1] = decades
             sizes = np.rint(np.power(10.0, powers)).astype(np.int64)
-        elif m == "octave":
-            sizes = 2 ** np.arange(int(np.log2(largest)) + 1)
-        elif m == "decade":
-            sizes = (10 ** np.arange(int(np.log10(largest)) + 1)[:, None] * np.array([1, 2, 4])).ravel()
         elif m == "all":
             return np.arange(step, largest + 1, step)
         else:
-            raise DataError(f'unknown grid of cluster sizes {m!r}; expected "log", "octave", "decade", "all" or integers')
+            sizes = round_sizes(m, largest, "all")
         if step == 2:
             sizes = 2 * np.round(sizes / 2).astype(np.int64) if m == "log" else sizes[sizes % 2 == 0]
         # the sizes are ascending; keep each once

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from jaxcal import DataError
-from jaxcal.allan import bias_factors, degrees_of_freedom, deviation, phase_covariance
+from jaxcal.allan import degrees_of_freedom, deviation
+from jaxcal.allan._uncertainty._bias import bias_factors, phase_covariance
 
 
 def double_sum(theta, m):

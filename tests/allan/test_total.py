@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from jaxcal import DataError
-from jaxcal.allan import bias_factors, degrees_of_freedom, deviation, phase_covariance
+from jaxcal.allan import degrees_of_freedom, deviation
+from jaxcal.allan._uncertainty._bias import bias_factors, phase_covariance
 
 TOTAL = ("totdev", "mtotdev", "ttotdev", "htotdev")
 M = [1, 2, 3, 4, 7, 12, 13, 14, 33, 40]

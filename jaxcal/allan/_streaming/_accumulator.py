@@ -17,7 +17,7 @@ from ..._frozen import replaced
 from ..._precision import is_traced
 from ..._quality import checked_confidence, checked_rate, checked_whole
 from .._findings import FINDINGS, times
-from .._kinds import Kind, find_kind, whole_sizes
+from .._kinds import PER_DECADE, Kind, find_kind, round_sizes, whole_sizes
 from .._noise_type._b1_ratio import fewest_averages, noise_type_of_ratio
 from .._noise_type._identify import FEWEST, identify, types_for_intervals
 from .._result import Deviation, assembled
@@ -351,13 +351,9 @@ def _sizes(m, kind: Kind, exact: int) -> np.ndarray:
     largest = exact if kind.modified else _FOLLOWED
     if isinstance(m, str):
         if m == "log":
-            sizes = np.round(10.0 ** (np.arange(0, 15 * np.log10(largest) + 1e-9) / 15)).astype(np.int64)
-        elif m == "octave":
-            sizes = 2 ** np.arange(int(np.log2(largest)) + 1)
-        elif m == "decade":
-            sizes = (10 ** np.arange(int(np.log10(largest)) + 1)[:, None] * np.array([1, 2, 4])).ravel()
+            sizes = np.round(10.0 ** (np.arange(0, PER_DECADE * np.log10(largest) + 1e-9) / PER_DECADE)).astype(np.int64)
         else:
-            raise DataError(f'unknown grid of cluster sizes {m!r}; for a stream "log", "octave", "decade" or integers')
+            sizes = round_sizes(m, largest)
         return np.unique(sizes[sizes <= largest])
     sizes = whole_sizes(m)
     bad = sizes[(sizes < 1) | (sizes > 1 << 52)]

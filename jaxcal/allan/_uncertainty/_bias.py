@@ -19,9 +19,6 @@ from ..._types import Any, Float
 from .._kinds import Kind, find_kind
 
 _TOTAL = {2: 4.0 / 3.0, 1: 4.0 / 3.0, 0: 0.0, -1: -0.481, -2: -0.750}  # totdev: 1 + a tau / T
-_MTOT = {2: 0.94, 1: 0.83, 0: 0.73, -1: 0.70, -2: 0.69}
-_HTOT = {0: 0.995, -1: 0.851, -2: 0.771, -3: 0.717, -4: 0.679}
-_THEO1 = {2: (0.09, 0.74, 0.40), 1: (0.14, 0.82, 0.30), 0: (1.0, 0.0, 0.0), -1: (1.87, -1.05, 0.79), -2: (2.70, -1.53, 0.85)}
 _LIMIT = 64  # cluster size above which the factors of the windows no longer change
 
 
@@ -40,7 +37,7 @@ def phase_covariance(alpha: int, lag: Any) -> Float[np.ndarray, "..."]:
     --------
     The Allan variance of white rate noise halves when the cluster size doubles:
 
-    >>> from jaxcal.allan import phase_covariance
+    >>> from jaxcal.allan._uncertainty._bias import phase_covariance
     >>> allan = [(6 * phase_covariance(0, 0) - 8 * phase_covariance(0, m) + 2 * phase_covariance(0, 2 * m)) / (2 * m**2) for m in (1, 2)]
     >>> float(allan[0] / allan[1])
     2.0
@@ -54,7 +51,7 @@ def phase_covariance(alpha: int, lag: Any) -> Float[np.ndarray, "..."]:
     return np.asarray({0: -t, -1: t**2 * np.log(held), -2: t**3, -3: -(t**4) * np.log(held), -4: -(t**5)}[alpha])
 
 
-def bias_factors(m: Any, alpha: Any, kind: str | Kind, samples: Any, published: bool = False) -> Float[np.ndarray, "..."]:
+def bias_factors(m: Any, alpha: Any, kind: str | Kind, samples: Any) -> Float[np.ndarray, "..."]:
     """Expectation of the variance of a total statistic or Theo1 over that of the plain variance; `deviation` divides by it.
 
     Parameters
@@ -63,11 +60,10 @@ def bias_factors(m: Any, alpha: Any, kind: str | Kind, samples: Any, published: 
     alpha : noise types, broadcast against m.
     kind : name of the statistic, such as "mtotdev"; plain statistics have a factor of one.
     samples : number of rate samples of the record, broadcast against m.
-    published : use the constants of published tables instead of the exact factors.
 
     Examples
     --------
-    >>> from jaxcal.allan import bias_factors
+    >>> from jaxcal.allan._uncertainty._bias import bias_factors
     >>> [round(float(v), 3) for v in bias_factors(100, [0, -1, -2], "htotdev", 10_000)]
     [0.995, 0.851, 0.771]
     """
@@ -79,19 +75,8 @@ def bias_factors(m: Any, alpha: Any, kind: str | Kind, samples: Any, published: 
         return np.where(sizes > 1, 1.0 + slopes * sizes / np.maximum(lengths, 1), 1.0)  # at m = 1 nothing is reflected
     if not kind.contiguous:
         return np.ones(sizes.shape)
-    if published:
-        return _published(sizes, types, kind)
     one = _theo1_factor if kind.family == "theo1" else functools.partial(_window_factor, order=kind.order)
     return np.array([one(int(size), int(noise)) for size, noise in zip(sizes.ravel(), types.ravel(), strict=True)]).reshape(sizes.shape)
-
-
-def _published(sizes, types, kind: Kind) -> Float[np.ndarray, "..."]:
-    """Stable32's factors for mtotdev, and those of NIST SP 1065, which has none for htotdev of phase noise."""
-    if kind.family == "theo1":
-        a, b, c = (np.vectorize(lambda noise, i=i: _THEO1[max(int(noise), -2)][i], otypes=[float])(types) for i in range(3))
-        return 1.0 / (a + b / sizes**c)
-    factors = np.vectorize(lambda noise: (_MTOT if kind.modified else _HTOT).get(int(noise), 1.0), otypes=[float])(types)
-    return np.where((sizes == 1) & (kind.order == 3), 1.0, factors)
 
 
 @functools.lru_cache(maxsize=64)
