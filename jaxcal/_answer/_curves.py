@@ -22,7 +22,7 @@ def at_decades(x: Any, *curves: Any) -> dict[float, list[float]]:
 
     Examples
     --------
-    >>> from jaxcal._answer import at_decades
+    >>> from jaxcal._answer._curves import at_decades
     >>> {x: round(value, 3) for x, (value,) in at_decades([0.5, 2.0, 10.0], [2.0, 0.5, 0.1]).items()}
     {1.0: 1.0, 10.0: 0.1}
     """

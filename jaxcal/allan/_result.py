@@ -50,9 +50,13 @@ class Deviation(Result):
     >>> y = np.random.default_rng(0).standard_normal(1000)
     >>> found = jaxcal.allan.deviation(y, 100.0, m=[1, 10])
     >>> print(found)
-    Deviation: good: No warnings.
-      oadev at 0.01 s  0.974  0.928 to 1.025  unit
-      oadev at 0.1 s   0.317  0.284 to 0.360  unit
+    Deviation: good: oadev from 0.01 to 0.1 s
+    <BLANKLINE>
+    oadev
+    at 0.01 s   unit   0.974 ± 0.048
+    at 0.1 s    unit   0.317 ± 0.038
+    floor       unit   < 0.36
+    floor at    s      0.1
     """
 
     tau: AnyArray
@@ -111,6 +115,13 @@ class Deviations(Results[Deviation]):
     >>> y = np.random.default_rng(0).standard_normal((10_000, 2))
     >>> found = jaxcal.allan.deviation(1e-4 * y, 100.0)
     >>> print(jaxcal.allan.Deviations({"gyro_x": found.channel(0), "gyro_y": found.channel(1)}))
+    Deviations: good: 2 channels, oadev from 0.01 to 50 s
+    <BLANKLINE>
+    gyroscope           x             y
+    at 1 s      deg/h   2.23 ± 0.26   2.02 ± 0.23
+    at 10 s     deg/h   0.63 ± 0.28   0.62 ± 0.28
+    floor       deg/h   < 0.89        < 0.51
+    floor at    s       27.21         31.68
     """
 
     _figure = ("allan", False)

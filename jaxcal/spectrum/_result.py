@@ -93,6 +93,13 @@ class Spectra(Results[Spectrum]):
     >>> y = 1e-4 * np.random.default_rng(0).standard_normal((10_000, 2))
     >>> found = jaxcal.spectrum.density(y, 100.0, keep_tail=True)
     >>> print(jaxcal.spectrum.Spectra({"gyro_x": found.channel(0), "gyro_y": found.channel(1)}))
+    Spectra: good: 2 channels, periodogram, two-sided, 0.01 to 49.33 Hz
+    <BLANKLINE>
+    gyroscope                 x                 y
+    at 1 Hz     deg/sqrt(h)    0.050 ± 0.031     0.034 ± 0.021
+    at 10 Hz    deg/sqrt(h)   0.0339 ± 0.0060   0.0361 ± 0.0064
+    rms         deg/h         20.52             20.57
+      The root of the density, and the rms over all frequencies.
     """
 
     _figure = ("spectrum", False)
