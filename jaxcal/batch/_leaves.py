@@ -107,7 +107,8 @@ def of_noise(recordings: Sequence[Recording], terms: Sequence[str] | None) -> Le
 
 
 def of_estimates(fits: Sequence[Any], terms: Sequence[str] | None, confidence: float) -> Leaves:
-    """`Leaves` of fits with `names`, `values` and `covariance`, as of a magnetometer or an IMU; their parameters are not transformed."""
+    """`Leaves` of fits with an `estimate`, as of a magnetometer or an IMU; their parameters are not transformed."""
+    fits = [getattr(fit, "estimate", fit) for fit in fits]
     for i, fit in enumerate(fits):
         if any(getattr(fit, name, None) is None for name in ("names", "values", "covariance")):
             raise DataError(

@@ -155,8 +155,8 @@ def population(
 
     Parameters
     ----------
-    fits : for each recording a `NoiseFit` of one channel by method "whittle"; or a result with `names`, `values` and `covariance`, such as
-        those of `jaxcal.magnetometer.fit` and `jaxcal.imu.multi_position`.
+    fits : for each recording a `NoiseFit` of one channel by method "whittle"; or a result with an `estimate`, such as those of
+        `jaxcal.magnetometer.fit` and `jaxcal.imu.multi_position`.
     devices : name of the device of each recording; by default each recording is from a different device.
     levels : name of a level -> name of the group of each fit, such as {"recording": ..., "axis": ...}. Groups belong to a device: recording
         1 of two devices means two recordings, and an axis of a device is the same in all of its recordings.

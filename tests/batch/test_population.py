@@ -9,6 +9,8 @@ import scipy.fft
 import jaxcal
 from jaxcal import DataError
 from jaxcal.batch import line, population
+from jaxcal.batch._leaves import of_estimates
+from jaxcal.magnetometer import body_field, fit, scenario
 
 RATE = 100.0
 SAMPLES = 2**14
@@ -205,3 +207,14 @@ def test_messages(one):
         population(fits, devices=list(range(8)) * 2, levels={"axis": [0] * 16})
     with pytest.raises(DataError, match="level 'axis': 16 fits and 2 names"):
         population(fits, levels={"axis": [0, 1]})
+
+
+def test_magnetometers_have_the_parameters_of_their_estimate():
+    rng, h = np.random.default_rng(0), body_field(scenario("all", samples=60), 50e-6)
+    offsets = 1e-5 * rng.normal(size=(4, 3))
+    fits = [fit(h + 1e-7 * rng.normal(size=h.shape) + offset, model="symmetric") for offset in offsets]
+    names = tuple(f"hard_iron[{i}]" for i in range(3))
+    leaves = of_estimates(fits, names, 0.95)
+    assert leaves.names == names
+    np.testing.assert_allclose(leaves.raw, [one.model.hard_iron for one in fits])
+    assert np.mean((leaves.interval[..., 0] < offsets) & (offsets < leaves.interval[..., 1])) > 0.7
