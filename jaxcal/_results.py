@@ -7,7 +7,7 @@ import importlib.metadata
 import math
 import os
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -231,25 +231,6 @@ class Unjudged(Result):
         """The number of warnings, as a sentence."""
         count = len(getattr(self, "warnings"))  # noqa: B009
         return f"{count} warning{'s' * (count != 1)}." if count else "No warnings."
-
-
-def columns_of(curve: Any, names: Sequence[str]) -> dict[str, Any]:
-    """Arrays of a curve as columns of equal length, with a column `channel` if there are several; values for all points are repeated."""
-    first = np.asarray(getattr(curve, "lower"))  # noqa: B009
-    channels = 1 if first.ndim == 1 else first.shape[1]
-    found = {} if channels == 1 else {"channel": np.repeat(np.arange(channels), len(first))}
-    for name in names:
-        values = np.asarray(getattr(curve, name))
-        found[name] = values.T.ravel() if values.ndim == 2 else np.tile(values, channels)
-    return found
-
-
-def rows_of(curve: Any, field: str, name: Callable[[int], str], unit: str) -> list[Row]:
-    """At most twelve rows per channel of a curve with `lower` and `upper`, one channel after the other."""
-    values, low, high = (np.asarray(getattr(curve, key)).reshape(len(curve.lower), -1) for key in (field, "lower", "upper"))
-    picked = np.unique(np.linspace(0, len(values) - 1, min(len(values), 12)).astype(int)).tolist()
-    channels = [""] if values.shape[1] == 1 else [f", channel {k}" for k in range(values.shape[1])]
-    return [Row(name(i) + text, values[i, k], low[i, k], high[i, k], unit) for k, text in enumerate(channels) for i in picked]
 
 
 def by_channel(sentences: Mapping[str, Any]) -> list[str]:
