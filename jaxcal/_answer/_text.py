@@ -81,8 +81,9 @@ def grid_lines(grid: Grid, wanted: Sequence[str] = (), width: int = _WIDTH) -> l
 
 
 def _aligned(cells: Sequence[str]) -> list[str]:
-    """Cells of a column with the signs ± below one another."""
-    split = [cell.partition(" ± ") for cell in cells]
+    """Cells of a column with the signs ± below one another, and values that are held in line with them."""
+    signs = [next((sign for sign in (" ± ", " held") if sign in cell), "") for cell in cells]
+    split = [cell.partition(sign) if sign else (cell, "", "") for cell, sign in zip(cells, signs, strict=True)]
     size = max((len(value) for value, sign, _ in split if sign), default=0)
     return [f"{value.rjust(size)}{sign}{half}" if sign else value for value, sign, half in split]
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from .._answer import Finding, tables, things_to_know
+from .._answer import NOTE, Finding, tables, things_to_know
 from .._errors import DataError
 from ._advice import READING_OPTIONS, as_typed
 from ._cache import keep_compiled
@@ -29,7 +29,9 @@ class Done(NamedTuple):
         `findings` are those of the command itself; those of the log, of the result and of its files are added here.
         """
         more = "-v" + (", or the report" if any(path.name == "report.html" for path in self.written) else "")
-        told = [*self.log.findings, *self.found.findings, *findings, *self.said]
+        # how the log was read asks for no action: it stands in the report, and above the tables where it is a guess that matters
+        read = [one for one in self.log.findings if running.verbose or one.severity > NOTE]
+        told = [*read, *self.found.findings, *findings, *self.said]
         self.screen.lines(things_to_know(told, reader="terminal", wanted=running.unit, verbose=running.verbose, more=more))
         show_written(self.screen, self.written)
         self.screen.end()
