@@ -38,7 +38,7 @@ def study(name, truth, runs, change, first_seed, terms=("Q", "N", "B", "K")):
             value[term].append(float(getattr(found.noise, term)))
             inside[term].append(low <= true <= high)
             below[term].append(true <= found.upper_limit[term])
-            verdict[term].append(found.verdict[term])
+            verdict[term].append(found.presence[term])
     seconds = (time.perf_counter() - start) / runs
     print(f"\n{name}: {runs} records of {_DURATION / 3600:g} h at {_RATE:g} Hz, {seconds:.2f} s each")
     print(f"{'':4}{'bias %':>14}{'scatter %':>16}{'interval holds %':>20}{'below limit %':>17}{'present %':>12}{'hint %':>9}")

@@ -25,14 +25,14 @@ def squares(fit):
 
 def changes(y, rate, masks):
     whole = jaxcal.noise.fit(y, rate)
-    errors = np.sqrt([whole.covariance[whole.terms.index(term), whole.terms.index(term)] for term in TERMS])
+    errors = np.sqrt([whole.covariance[term, term] for term in TERMS])
     moved, same = [], 0
     for seed in range(1, masks + 1):
         masked = y.copy()
         masked[np.random.default_rng(seed).choice(len(y) - 1, len(y) // 100, replace=False)] = np.nan
         part = jaxcal.noise.fit(masked, rate)
         moved.append(np.abs(squares(part) - squares(whole)) / np.where(errors > 0.0, errors, np.inf))
-        same += part.verdict == whole.verdict
+        same += part.presence == whole.presence
     return np.max(moved, axis=0), same, whole
 
 
@@ -47,7 +47,7 @@ if __name__ == "__main__":
         with np.load(FOLDER / f"{recording}.npz") as file:
             y, rate = file["counts"][:, int(channel)] * file["scale"][int(channel)], float(file["fs"])
         moved, same, whole = changes(y, rate, options.masks)
-        mean = any("The record does not decide" in sentence for sentence in (*whole.warnings, *whole.notes))
+        mean = any(one.facts.get("shares") for one in whole.findings)
         cells = " ".join(f"{value:6.2f}" for value in moved)
-        verdicts = ", ".join(whole.verdict[term] for term in TERMS)
+        verdicts = ", ".join(whole.presence[term] for term in TERMS)
         print(f"{name:8s} {cells} {same:9d} of {options.masks} {'yes' if mean else 'no':>17s}   {verdicts}", flush=True)

@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 from jaxcal.allan import Deviation
-from jaxcal.noise import Noise, NoiseFit
+from jaxcal.fitting._estimate import NamedMatrix
+from jaxcal.noise import Noise, NoiseFit, NoiseFits
 
 TERMS = ("Q", "N", "B", "K")
 
@@ -33,24 +34,22 @@ def made_fit(scale=1.0, rate=200.0, **changes):
         "noise": noise,
         "interval": {term: (0.9 * value[term], 1.1 * value[term]) for term in TERMS},
         "upper_limit": {"Q": 1e-9, "N": 1.05e-4 * scale, "B": 4e-6, "K": 2e-6},
-        "verdict": {"Q": "not detected", "N": "present", "B": "hint", "K": "not detected"},
+        "presence": {"Q": "not detected", "N": "present", "B": "hint", "K": "not detected"},
         "significance": dict.fromkeys(TERMS, 1.0),
-        "covariance": np.arange(16.0).reshape(4, 4) * 1e-12,
+        "covariance": NamedMatrix(TERMS, np.arange(16.0).reshape(4, 4) * 1e-12),
         "goodness": 0.5,
         "longer_record": {"Q": math.inf, "N": 1.0, "B": 1e6, "K": math.inf},
         "band": (float(deviation.tau[5]), float(deviation.tau[-5])),
-        "left_out": (),
-        "warnings": (),
         "deviation": deviation,
         "used": (np.arange(len(deviation.tau)) >= 5) & (np.arange(len(deviation.tau)) <= len(deviation.tau) - 5),
         "duration": 3600.0,
         "terms": TERMS,
         "confidence": 0.95,
-        "method": "edf",
+        "method": "gls",
     }
     return NoiseFit(**(fields | changes))
 
 
 def made_results():
     """Fits of a gyroscope and an accelerometer."""
-    return {f"{sensor}_{axis}": made_fit(1.0 + i) for sensor in ("gyro", "accel") for i, axis in enumerate("xyz")}
+    return NoiseFits({f"{sensor}_{axis}": made_fit(1.0 + i) for sensor in ("gyro", "accel") for i, axis in enumerate("xyz")})

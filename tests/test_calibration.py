@@ -82,9 +82,9 @@ def test_fits_round_trip_without_loss(tmp_path):
     np.testing.assert_array_equal(gyro.N, 1e-4 * np.array([1.0, 2.0, math.pi]))
     assert gyro.R is None  # not among the terms
     assert gyro.verdict["B"] == ("hint", "hint", "hint")
-    assert (gyro.method, gyro.confidence) == ("edf", 0.95)
+    assert (gyro.method, gyro.confidence) == ("gls", 0.95)
     assert gyro.covariance.parameters == ("Q^2", "N^2", "B^2", "K^2")
-    np.testing.assert_array_equal(gyro.covariance.values[2], made_fit().covariance)
+    np.testing.assert_array_equal(gyro.covariance.values[2], made_fit().covariance.array)
     np.testing.assert_array_equal(gyro.high["N"], [fits[f"gyro_{axis}"].interval["N"][1] for axis in "xyz"])
     np.testing.assert_array_equal(accel.N, [np.nan, 1e-4, np.nan])  # only y was measured
     assert accel.verdict["K"] == (None, "not detected", None)

@@ -19,6 +19,7 @@ from jaxcal.allan import Deviation
 from jaxcal.imu import ImuFit
 from jaxcal.magnetometer import body_field, scenario
 from jaxcal.noise import NoiseFit
+from jaxcal.noise._findings import FINDINGS
 from jaxcal.spectrum import Spectrum
 from jaxcal.temperature import TemperatureFit
 
@@ -54,12 +55,12 @@ def test_a_magnetometer_fit_as_text_and_as_a_file(tmp_path):
         found.save(tmp_path / "nowhere" / "mag.json")
 
 
-def test_a_noise_fit_says_its_verdict_on_every_term():
-    found = made["made_fit"](warnings=("Short record.",))
-    assert found.reason == "Q, K not detected; N present; B hint"
+def test_a_noise_fit_lists_every_term():
+    found = made["made_fit"](findings=(FINDINGS("unsettled"),))
+    assert (found.verdict, found.headline) == ("weak", "N to 10 %")
     text = found.summary()
-    assert text.splitlines()[6].split() == ["N", "1.00e-04", "9.0e-05", "to", "1.10e-04", "unit", "sqrt(s)", "present"]
-    assert text.endswith("Warning: Short record.")
+    assert ["N", "white", "noise", "unit", "sqrt(s)", "1.00e-04", "±", "1.0e-05"] in [line.split() for line in text.splitlines()]
+    assert "The fit did not converge." in text
     document = found.to_dict()
     assert document["longer_record"]["Q"] is None  # infinite
     assert document["interval"]["N"] == pytest.approx([0.9e-4, 1.1e-4])
@@ -82,13 +83,13 @@ def test_a_curve_shows_its_values_at_powers_of_ten_and_its_floor():
 def test_a_result_prints_values_intervals_and_units():
     found = made["made_fit"](sensor="gyro")
     lines = repr(found).splitlines()
-    assert lines[0].startswith("NoiseFit: Q, K not detected")
-    assert lines[2].split() == ["N", "0.344", "0.309", "to", "0.378", "deg/sqrt(h)", "present"]  # 1e-4 rad/sqrt(s)
+    assert lines[0].startswith("NoiseFit: good: N to 10 %")
+    assert ["N", "angle", "random", "walk", "deg/sqrt(h)", "0.344", "±", "0.034"] in [line.split() for line in lines]  # 1e-4 rad/sqrt(s)
     html = found._repr_html_()
-    assert html.count("<tr>") == 5
-    assert "<td>0.309 to 0.378</td><td>deg/sqrt(h)</td>" in html
-    short = dataclasses.replace(found, warnings=("a < b",))
-    assert "<li>a &lt; b</li>" in short._repr_html_()
+    assert "0.344 ± 0.034" in html
+    assert "0.3094 to 0.3782" in html
+    short = dataclasses.replace(found, findings=(FINDINGS("no_intervals", method="a < b"),))
+    assert "Method a &lt; b gives" in short._repr_html_()
     log = jaxcal.Log(None, gyro=np.eye(3), rate=10.0)
     assert repr(log).startswith("Log: 3 samples at 10 Hz")
     assert log._repr_html_().startswith("<pre>Log: 3 samples")
@@ -117,8 +118,8 @@ def test_data_frames(monkeypatch, library):
         monkeypatch.setitem(sys.modules, "polars", None)
     frame = made["made_fit"]().to_dataframe()
     assert type(frame).__module__.startswith(library)
-    assert list(frame.columns) == ["name", "value", "low", "high", "unit", "remark"]
-    assert list(frame["name"]) == ["Q", "N", "B", "K"]
+    assert list(frame.columns) == ["name", "value", "low", "high", "unit", "state"]
+    assert list(frame["name"])[:6] == ["Q", "N", "B", "K", "floor", "floor_at"]
     assert list(frame["high"])[1] == pytest.approx(1.1e-4)
     curve = jaxcal.allan.deviation(np.random.default_rng(0).standard_normal((200, 2)), 10.0, m=[1, 2, 5])
     frame = curve.to_dataframe()

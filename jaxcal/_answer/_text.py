@@ -1,6 +1,7 @@
 """Results as text, for the terminal and for `print`: one number a row and axis, and at most three things to know."""
 
 import math
+import re
 import textwrap
 from collections.abc import Iterable, Sequence
 
@@ -13,6 +14,7 @@ _WIDTH = 80  # characters of a line of a terminal
 #: findings shown without `-v`: a reader acts on three at most
 _FEW = 3
 _EXACT = 1e-10  # relative half-width below which an interval is rounding, and the value exact
+_WORDS = re.compile(r"(?<=\S)  .*")  # what a label says after two blanks
 
 
 def cell_text(cell: Number | str | None, wanted: Sequence[str] = (), digits: int = 2) -> str:
@@ -22,7 +24,7 @@ def cell_text(cell: Number | str | None, wanted: Sequence[str] = (), digits: int
     --------
     >>> from jaxcal._answer import Number, cell_text
     >>> cell_text(Number("b", 5e-6, 4e-6, 6e-6, "mag")), cell_text(Number("K", 0.0, high=2e-6, quantity="mag", state="limit"))
-    ('5.0 ± 1.0', '< 2')
+    ('5.0 ± 1.0', '< 2.0')
     >>> cell_text(Number("m", 1.0, state="held")), cell_text(Number("d", float("nan"), state="open"))
     ('1 held', 'open')
     """
@@ -33,7 +35,7 @@ def cell_text(cell: Number | str | None, wanted: Sequence[str] = (), digits: int
     if cell.state == "open":
         said = "open"
     elif cell.state == "limit":
-        said = f"< {float(cell.high) / size:.2g}"
+        said = f"< {number(float(cell.high) / size, float(cell.high) / size / 2)}"
     elif cell.state == "held":
         said = f"{value:.6g} held"
     elif math.isfinite(half) and half > _EXACT * abs(value):
@@ -52,7 +54,7 @@ def row_unit(cells: Iterable[Number | str | None], wanted: Sequence[str] = ()) -
 def grid_lines(grid: Grid, wanted: Sequence[str] = (), width: int = _WIDTH) -> list[str]:
     r"""A table as lines: its title above the labels, a column for the unit, and one column for each axis.
 
-    A table that is too wide gets narrower gaps, and then one digit less.
+    A table that is too wide gets narrower gaps, then one digit less; then a label such as "N  angle random walk" loses its words.
 
     Examples
     --------
@@ -63,8 +65,8 @@ def grid_lines(grid: Grid, wanted: Sequence[str] = (), width: int = _WIDTH) -> l
     bias        deg/s   0.0000 ± 0.0057   -0.0573 ± 0.0057   0.1146 ± 0.0057
     """
     lines: list[str] = []
-    for gap, digits in ((3, 2), (2, 2), (2, 1), (1, 1)):
-        labels = [grid.title, *(label for label, _ in grid.rows)]
+    for gap, digits, words in ((3, 2, True), (2, 2, True), (2, 1, True), (2, 2, False), (2, 1, False), (1, 1, False)):
+        labels = [grid.title, *(label if words else _WORDS.sub("", label) for label, _ in grid.rows)]
         units = ["", *(row_unit(cells, wanted) for _, cells in grid.rows)]
         columns = [
             [name, *_aligned([cell_text(cells[i], wanted, digits) for _, cells in grid.rows])] for i, name in enumerate(grid.columns)

@@ -35,7 +35,7 @@ class Recording(NamedTuple):
         """The recording that belongs to a fit."""
         values = {term: float(np.asarray(fit.noise.coefficient(term))) for term in fit.terms}
         limits = {term: (float(fit.interval[term][0]), float(fit.interval[term][1])) for term in fit.terms}
-        seen = {term: values[term] > 0.0 and fit.verdict[term] != "not detected" for term in fit.terms}
+        seen = {term: values[term] > 0.0 and fit.presence[term] != "not detected" for term in fit.terms}
         return cls(fit.log_likelihood, values, limits, seen)
 
 

@@ -135,10 +135,10 @@ def _noise(entries: tuple[Entry, ...]) -> dict[str, list[Recording | None]]:
         result = entry.document["result"]
         likelihoods = result.get("likelihoods") if isinstance(result, dict) else None
         for channel, kept in (likelihoods or {}).items():
-            terms = {name: one for name, one in result["channels"][channel].items() if isinstance(one, dict) and "verdict" in one}
-            value = {name: float(one["value"]) for name, one in terms.items()}
-            limits = {name: (one["low"] or 0.0, np.inf if one["high"] is None else one["high"]) for name, one in terms.items()}
-            seen = {name: one["value"] > 0.0 and one["verdict"] != "not detected" for name, one in terms.items()}
+            one = result["channels"][channel]
+            value = {term: float(size) for term, size in one["coefficients"].items()}
+            limits = {term: (low or 0.0, np.inf if high is None else high) for term, (low, high) in one["interval"].items()}
+            seen = {term: size > 0.0 and one["presence"][term] != "not detected" for term, size in value.items()}
             fields = {name: np.array(kept[name]) for name in _FIELDS}
             columns = {name: np.array(column) for name, column in kept["columns"].items()}
             likelihood = LogLikelihood(**fields, columns=columns, dt=kept["dt"])

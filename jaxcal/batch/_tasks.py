@@ -14,7 +14,7 @@ import numpy as np
 from .._errors import DataError, UnitError
 from .._log import Log
 from .._results import by_channel, plain
-from .._units import STANDARD_GRAVITY, noise_units, si_unit
+from .._units import STANDARD_GRAVITY, si_unit
 from ..io._suited import unsuited
 from ._fleet import Coefficient
 
@@ -32,18 +32,15 @@ def _coefficient(value: Any, low: Any = math.nan, high: Any = math.nan, unit: st
 def noise(log: Log, **options: Any) -> Answer:
     """Fit the noise coefficients of every channel."""
     from ..noise import characterise
-    from ..report import document
     from ._pooled import held
 
     fits = characterise(log, **options)
-    found: dict[str, Coefficient] = {}
-    for channel, fit in fits.items():
-        for term in fit.terms:
-            known = (fit.noise.coefficient(term), *fit.interval[term])
-            numbers = (math.nan, math.nan, fit.upper_limit[term]) if fit.verdict[term] == "not detected" else known
-            found[f"{channel}.{term}"] = _coefficient(*numbers, noise_units(term, channel.partition("_")[0])[-1])
+    found = {
+        f"{channel}.{term}": _coefficient(*(one := fits.numbers[f"{channel}.{term}"])[1:4], one.unit)
+        for channel, fit in fits.items() for term in fit.terms
+    }  # fmt: skip
     likelihoods = {channel: held(fit.log_likelihood) for channel, fit in fits.items() if fit.spectrum is not None}
-    return document(fits, log) | {"likelihoods": likelihoods}, found, by_channel({channel: fit.warnings for channel, fit in fits.items()})
+    return fits.to_dict(log) | {"likelihoods": likelihoods}, found, list(fits.warnings)
 
 
 def mag(log: Log, **options: Any) -> Answer:

@@ -1,6 +1,7 @@
 """Noise of one device: the coefficients of every sensor and, if they were fitted, their uncertainty and verdicts."""
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
@@ -105,7 +106,7 @@ def device_noise(noise: Any) -> DeviceNoise | None:
     """The noise of a device, from the fits of its channels or from the stored form, checked."""
     if noise is None or isinstance(noise, DeviceNoise):
         return noise
-    if isinstance(noise, dict) and noise and all(isinstance(fit, NoiseFit) for fit in noise.values()):
+    if isinstance(noise, Mapping) and noise and all(isinstance(fit, NoiseFit) for fit in noise.values()):
         noise = _stored_form(noise)
     found = structured(noise, DeviceNoise, "noise")
     if not 0 < found.rate < _FASTEST:
@@ -122,7 +123,7 @@ def device_noise(noise: Any) -> DeviceNoise | None:
     return found
 
 
-def _stored_form(fits: dict[str, NoiseFit]) -> dict[str, Any]:
+def _stored_form(fits: Mapping[str, NoiseFit]) -> dict[str, Any]:
     for name in fits:
         if name not in CHANNELS:
             raise DataError(f"noise holds a channel {name!r}; expected the channels of a log: {', '.join(CHANNELS)}")
@@ -142,8 +143,8 @@ def _stored_sensor(sensor: str, axes: list[NoiseFit | None]) -> dict[str, Any]:
     terms, method, confidence = measured[0].terms, measured[0].method, measured[0].confidence
     if any((fit.terms, fit.method, fit.confidence) != (terms, method, confidence) for fit in measured):
         raise DataError(f"the axes of {sensor} were fitted with different terms, methods or confidence; fit them in one call")
-    if not all(fit.verdict for fit in measured):
-        raise DataError(f"method {method!r} gives {sensor} no intervals and no verdicts; fit it with whittle, gls, edf or wavelet")
+    if not all(fit.presence for fit in measured):
+        raise DataError(f"method {method!r} gives {sensor} no intervals and no verdicts; fit it with whittle or gls")
 
     def per_term(value, missing: Any = math.nan) -> dict[str, list]:
         return {term: [missing if fit is None else value(fit, term) for fit in axes] for term in terms}
@@ -155,7 +156,7 @@ def _stored_sensor(sensor: str, axes: list[NoiseFit | None]) -> dict[str, Any]:
     coefficients = per_term(lambda fit, term: float(fit.noise.coefficient(term)))
     own = [term for _, term in measured[0].noise.further if term.name in terms]
     unknown = np.full((len(terms), len(terms)), math.nan)
-    covariances = [unknown if fit is None else fit.covariance for fit in axes]
+    covariances = [unknown if fit is None else fit.covariance.array for fit in axes]
     return {
         "unit": si_unit(sensor),
         **dict.fromkeys(TERMS),
@@ -165,7 +166,7 @@ def _stored_sensor(sensor: str, axes: list[NoiseFit | None]) -> dict[str, Any]:
         "low": per_term(lambda fit, term: float(fit.interval[term][0])),
         "high": per_term(lambda fit, term: float(fit.interval[term][1])),
         "upper_limit": per_term(lambda fit, term: float(fit.upper_limit[term])),
-        "verdict": per_term(lambda fit, term: str(fit.verdict[term]), missing=None),
+        "verdict": per_term(lambda fit, term: str(fit.presence[term]), missing=None),
         "covariance": {"parameters": [f"{term}^2" for term in terms], "values": covariances},
         "markov": pairs("markov"),
         "sinusoid": pairs("sinusoid"),

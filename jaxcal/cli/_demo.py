@@ -6,7 +6,6 @@ from ._noise import Writing, characterise
 from ._options import Reading, Running, Seed, Simulating
 from ._screen import Screen
 from ._simulate import noise_from_text, write_log
-from ._tables import missed
 
 # an inertial unit of the better MEMS class; every term dominates somewhere between 0.01 s and 1,000 s
 _DEVICE = {
@@ -34,7 +33,14 @@ def demo(*, out: Path = Path("jaxcal-demo"), seed: Seed = 0, running: Running = 
     simulating = Simulating(quiet=running.quiet, force=running.force, seed=seed)
     write_log(log, truth, _RATE, _DURATION, simulating, bias=_BIAS, folder=out)
     screen.line(f"\njaxcal noise {log}")
-    fits = characterise(log, "QNBK", 0.95, None, Reading(), Writing(out=out), running, truth=truth)
-    misses, total = missed(fits, truth)
-    screen.line(f"\n{total - misses} of {total} intervals of 95 % hold the truth" + (" (* marks the others)." if misses else "."))
+    done = characterise(log, "QNBK", 0.95, None, Reading(), Writing(out=out), running)
+    missed, total = [], 0
+    for channel, fit in done.found.items():
+        for term, (low, high) in fit.interval.items():
+            total += 1
+            if not low <= truth[channel.partition("_")[0]].coefficient(term) <= high:
+                missed.append(f"{term} of {channel.replace('_', ' ')}")
+    outside = f"; those of {', '.join(missed)} do not" if missed else ""
+    done.screen.lines(["", f"{total - len(missed)} of {total} intervals of 95 % hold the truth{outside}."])
+    done.end(running)
     screen.line("Now your own log, of a sensor at rest for an hour or more: jaxcal noise LOG")

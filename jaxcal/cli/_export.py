@@ -51,7 +51,8 @@ def export(
     ] = "worst",
     inflate: Annotated[float, Parameter(group=_NOISE, help="Factor on the noise.")] = 1.0,
     density: Annotated[
-        str | None, Parameter(group=_NOISE, help="What to write where no N was found: upper_limit, or gyro=VALUE,accel=VALUE in SI units.")
+        str | None,
+        Parameter(group=_NOISE, help="What to write where no N was found, in place of its limit: gyro=VALUE,accel=VALUE in SI."),
     ] = None,
     random_walk: Annotated[str | None, Parameter(group=_NOISE, help="The same for K.")] = None,
     rate: Annotated[float | None, Parameter(group=_NOISE, help="True sampling rate in Hz; by default that of the log.")] = None,
@@ -135,7 +136,7 @@ def _with_ids(calibration: Any, ids: dict[str, int], tool: str) -> Any:
 
 def _values(name: str, text: str | None) -> Any:
     if text is None or text == "upper_limit":
-        return text
+        return "upper_limit"
     try:
         if "=" not in text:
             return float(text)

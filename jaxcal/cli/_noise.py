@@ -13,9 +13,7 @@ from ._apply import corrected
 from ._export import FILES
 from ._options import CallError, Files, Level, Log, Reading, Running, must_be_calibration, must_exist, read_log, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report, tried
-from ._screen import Screen
-from ._tables import decides, left_out, longer_record, noise_tables
-from ._work import carry_out, check_suited
+from ._work import Done, carry_out, check_suited
 
 #: format of --export -> default name of the file
 _EXPORTS = {name: FILES[name] for name in ("kalibr", "openvins", "vins", "orbslam3", "gtsam", "ros", "csv")}
@@ -45,7 +43,7 @@ def noise(
         Parameter(help="Shortest and longest cluster time to use, in s; by default those at which the model holds."),
     ] = None,
     method: Annotated[
-        Literal["whittle", "gls", "edf", "wavelet"], Parameter(help="How to fit: whittle, or on the Allan variance gls, edf or wavelet.")
+        Literal["whittle", "gls"], Parameter(help="How to fit: by the likelihood (whittle), or on the Allan variance (gls).")
     ] = "whittle",
     robust: Annotated[bool, Parameter(help="Noise with heavy tails: fit its core, and name the law of its tails.")] = False,
     calibration: Annotated[
@@ -70,20 +68,17 @@ def noise(
     """
     must_be_calibration(calibration, option="--calibration")
     must_exist(*also or (), option="--also")
-    characterise(
+    done = characterise(
         log, terms, confidence, band, reading, writing, running, method=method, calibration=calibration, robust=robust, also=also or ()
     )  # fmt: skip
+    done.end(running)
 
 
 def characterise(
     path: Path, terms: str, confidence: float, band: tuple[float, float] | None, reading: Reading, writing: Writing, running: Running,
-    truth: dict[str, Any] | None = None, method: str = "whittle", calibration: Path | None = None, robust: bool = False,
-    also: tuple[Path, ...] = (),
-) -> dict[str, Any]:  # fmt: skip
-    """Read, fit, write and print; return the fits.
-
-    For a simulated log, `truth` (sensor -> `Noise`) is compared with them. The recordings `also` are fitted too, for a table of all.
-    """
+    method: str = "whittle", calibration: Path | None = None, robust: bool = False, also: tuple[Path, ...] = (),
+) -> Done:  # fmt: skip
+    """Read, fit, print the tables and write. The recordings `also` are fitted too, for a table of the next recording."""
     chosen = tuple(terms.replace(",", "").upper())
     if not chosen or set(chosen) - set("QNBKRM") or len(set(chosen)) != len(chosen):
         raise CallError(f"--terms {terms}: expected letters of QNBKRM, each once, such as QNBK")
@@ -92,36 +87,20 @@ def characterise(
 
     change = None if calibration is None else partial(corrected, calibration)
     options = {"terms": terms, "confidence": confidence, "band": band, "method": method, "robust": robust, "calibration": calibration}
-    recordings: dict[str, list[Any]] = {}  # channel -> its fit in each recording
+    recordings: list[Any] = []
 
-    def compute(log: Any, move: Any) -> dict[str, Any]:
+    def compute(log: Any, move: Any) -> Any:
         names = tuple("markov" if term == "M" else term for term in chosen)
         fit = partial(jaxcal.noise.characterise, method=method, terms=names, confidence=confidence, band=band, robust=robust, progress=move)
-        found = fit(log)
-        recordings.update({name: [one] for name, one in found.items()})
+        recordings.append(fit(log))
         for other in also:
             log = read_log(other, reading, "noise")
             log = log if change is None else change(log)
             check_suited("jaxcal noise", log, other, options)
-            for name, one in fit(log).items():
-                recordings.setdefault(name, []).append(one)
-        return found
+            recordings.append(fit(log))
+        return recordings[0]
 
-    def show(screen: Screen, fits: dict[str, Any]) -> None:
-        noise_tables(screen, fits, truth)
-        if also:
-            from ..noise._recordings import pooled
-
-            everywhere = {name: pooled(each, confidence) for name, each in recordings.items() if len(each) == len(also) + 1}
-            screen.line()
-            screen.line(f"{len(also) + 1} recordings: geometric mean of each coefficient, and where that of the next recording lies")
-            noise_tables(screen, everywhere, of="interval of the next recording")
-        screen.sentences("Record length at which a term is known to 10 %, worst axis", longer_record(fits))
-        screen.sentences("Record length that would decide on a term not detected", decides(fits))
-        screen.sentences("Left out of the fit", left_out(fits))
-
-    # a filter needs a density and a random walk: if one was not found, write its upper limit, which is safe; file and warning state it
-    export = partial(save_export, part="noise", density="upper_limit", random_walk="upper_limit")
+    export = partial(save_export, part="noise")
     files: list[File] = [
         ("plot", "", figure(lambda plot, fits, _: plot.allan(fits))), ("report", "report.html", save_report),
         ("json", "noise.json", save_json), ("", "calibration.json", partial(save_calibration, part="noise")),
@@ -129,7 +108,11 @@ def characterise(
     ]  # fmt: skip
     done = carry_out(
         path, reading, running, outputs(writing, files, f"{stem(path)}-noise", formats=_EXPORTS, export=export), compute,
-        show=show, change=change, command="jaxcal noise", options=options,
+        change=change, command="jaxcal noise", options=options,
     )  # fmt: skip
-    done.tell_by_channel()
-    return done.found
+    if also:
+        from .._answer import grid_lines
+        from ..noise._recordings import grids_of
+
+        done.screen.lines([line for grid in grids_of(recordings, confidence) for line in ("", *grid_lines(grid, running.unit))])
+    return done

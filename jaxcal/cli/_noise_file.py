@@ -29,10 +29,10 @@ def read_noise(path: Path) -> Any:
         from ..calibration import Calibration
 
         return Calibration.load(path)
-    if schema != "jaxcal.noise/1":
+    if schema not in ("jaxcal.NoiseFits/1", "jaxcal.noise/1"):
         raise DataError(f"{path} has the schema {schema!r}; --noise takes the noise.json of jaxcal noise, or a calibration")
     try:
-        return {name: _noise(channel) for name, channel in document["channels"].items()}
+        return {name: (_noise if "noise" in channel else _earlier)(channel) for name, channel in document["channels"].items()}
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise DataError(f"{path} is damaged ({error}); write it again with jaxcal noise") from error
 
@@ -40,10 +40,17 @@ def read_noise(path: Path) -> Any:
 def _noise(channel: dict[str, Any]) -> Any:
     from ..noise import Noise, PowerLaw
 
+    known = channel["noise"]
+    further = tuple((float(coefficient), PowerLaw(**shape)) for coefficient, shape in known.pop("further"))
+    cutoff = known.pop("cutoff")
+    return Noise(**known, **({} if cutoff is None else {"cutoff": cutoff}), further=further)
+
+
+def _earlier(channel: dict[str, Any]) -> Any:
+    """The noise of a channel in a file with the earlier schema jaxcal.noise/1."""
+    from ..noise import Noise, PowerLaw
+
     letters = {term: float(channel[term]["value"]) for term in "QNBKR" if isinstance(channel.get(term), dict)}
-    further = []
-    for name, shape in channel.get("shapes", {}).items():
-        if shape.get("class") != "PowerLaw":
-            raise DataError(f"the term {name!r} of class {shape.get('class')} is not known here; give the calibration.json instead")
-        further.append((float(channel[name]["value"]), PowerLaw(exponent=float(shape["exponent"]), name=name)))
+    shapes = channel.get("shapes", {}).items()
+    further = [(float(channel[name]["value"]), PowerLaw(exponent=float(shape["exponent"]), name=name)) for name, shape in shapes]
     return Noise(**letters, **{name: tuple(map(tuple, channel.get(name, ()))) for name in ("markov", "sinusoid")}, further=tuple(further))

@@ -85,7 +85,7 @@ def _axes(device: DeviceNoise, sensor: str, quantity: str, options: Options) -> 
     missing = _not_found(noise, term)
     asked: Any = getattr(options, quantity)
     if isinstance(asked, dict):
-        asked = asked.get(sensor)
+        asked = asked.get(sensor, "upper_limit")
     elif is_positive(asked):
         asked = _for_one_sensor(device, asked, sensor, quantity)
     if is_positive(asked):

@@ -37,8 +37,8 @@ class Options(eqx.Module):
     topic: str = "/imu0"
     axis: str = "worst"
     inflate: float | int = 1.0
-    density: Any = None
-    random_walk: Any = None
+    density: Any = "upper_limit"
+    random_walk: Any = "upper_limit"
     rate: Any = None
     gravity: float | int = STANDARD_GRAVITY
     convention: str = "midpoint"

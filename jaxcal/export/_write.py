@@ -23,8 +23,8 @@ def write(
     topic: str = "/imu0",
     axis: str = "worst",
     inflate: float | int = 1.0,
-    density: Any = None,
-    random_walk: Any = None,
+    density: Any = "upper_limit",
+    random_walk: Any = "upper_limit",
     rate: float | int | None = None,
     gravity: float | int = STANDARD_GRAVITY,
     convention: str = "midpoint",
@@ -54,8 +54,8 @@ def write(
     topic : ROS topic of the sensor.
     axis : "worst" uses the largest of the three axes, "rms" their root mean square. A comment in the file lists all three.
     inflate : factor applied to all noise; the file states it.
-    density : value to write if the fit did not find N: "upper_limit", a number (rad/s/sqrt(Hz) or m/s^2/sqrt(Hz)) for the one
-        sensor without N, or {"gyro": ..., "accel": ...}, which also replaces a fitted N. The file states it.
+    density : value to write if the fit did not find N: "upper_limit", None to refuse, a number (rad/s/sqrt(Hz) or m/s^2/sqrt(Hz)) for
+        the one sensor without N, or {"gyro": ..., "accel": ...}, which also replaces a fitted N. The file states it.
     random_walk : the same for K, in rad/s^2/sqrt(Hz) or m/s^3/sqrt(Hz).
     rate : true sampling rate in Hz; the default is that of the log, with a warning.
     gravity : m/s^2, for "vins" and "gtsam".

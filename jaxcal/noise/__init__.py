@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from ._covariance import allan_covariance as allan_covariance
     from ._discrete import StateSpace as StateSpace, discrete as discrete
     from ._fit import characterise as characterise, fit as fit
+    from ._fits import NoiseFits as NoiseFits
     from ._means import mean_covariance as mean_covariance
     from ._model import Noise as Noise
     from ._overbound import overbound as overbound, overbound_curve as overbound_curve
@@ -25,6 +26,7 @@ install(
         "_covariance": "allan_covariance",
         "_discrete": "StateSpace discrete",
         "_fit": "characterise fit",
+        "_fits": "NoiseFits",
         "_means": "mean_covariance",
         "_model": "Noise",
         "_overbound": "overbound overbound_curve",

@@ -105,7 +105,7 @@ def freedom(used, theta) -> Any:
     return (xp.sum(used, axis=-1) - xp.sum(theta != 0.0, axis=-1)).astype(theta.dtype)
 
 
-def choose_band(curve: Curve, octave, used, full: bool) -> tuple[AnyArray, bool, bool, Any]:
+def choose_band(curve: Curve, octave, used) -> tuple[AnyArray, bool, bool, Any]:
     """Choose the band: cluster sizes used, whether short ones are cut off, whether the model holds, and the estimate if none are cut.
 
     Filters and output averaging in a sensor spoil short cluster times. These are left out one by one until the chance of a worse
@@ -114,8 +114,8 @@ def choose_band(curve: Curve, octave, used, full: bool) -> tuple[AnyArray, bool,
     """
 
     def chances(lanes: Lane):
-        theta, change = estimate(curve, lanes, full)
-        chi = settle(curve, lanes, theta, full, most=0, extra=(2.0 * _TOLERANCE * curve.v) ** 2).held
+        theta, change = estimate(curve, lanes)
+        chi = settle(curve, lanes, theta, True, most=0, extra=(2.0 * _TOLERANCE * curve.v) ** 2).held
         found = chance(chi, freedom(lanes.used, theta))
         return np.where(np.isfinite(found), found, -1.0), (theta, change)
 
@@ -151,22 +151,7 @@ class Fitted(NamedTuple):
     edf: AnyArray
 
 
-def covariance_of(curve: Curve, lanes: Lane, theta, full: bool) -> Any:
-    """Covariance of the first lane's coefficients: (A' C^-1 A)^-1 if `full`, else the sandwich G (A' D C D A) G.
-
-    In the sandwich D = 1/diag C and G = (A' D A)^-1. It allows for the strong correlation between cluster sizes.
-    """
-    xp = namespace(curve, lanes, theta)
-    rows = xp.where(lanes.free[0][None, :], whitened(curve, lanes.used[0], theta, full)[0], 0.0)
-    bread = inverse(rows.T @ rows)
-    if full:
-        return bread
-    c = curve.covariance(theta)
-    scale = xp.sqrt(xp.where(lanes.used[0], xp.diagonal(c), 1.0))
-    return bread @ (rows.T @ (c / scale[:, None] / scale[None, :]) @ rows) @ bread
-
-
-def fit_curve(curve: Curve, used, cut, full: bool, heard: Response, two_sided, one_sided, estimated: Any = None) -> Fitted:
+def fit_curve(curve: Curve, used, cut, heard: Response, two_sided, one_sided, estimated: Any = None) -> Fitted:
     r"""Fit the cluster sizes `used`. `heard` is their frequency response, which the test for absent terms needs.
 
     At cluster times well above its own time constant, a filter turns white noise into N^2/tau + c/tau^2 with c of either sign, and a
@@ -176,9 +161,10 @@ def fit_curve(curve: Curve, used, cut, full: bool, heard: Response, two_sided, o
     xp = namespace(curve, used, cut)
     p = len(curve.short)
     lanes = alone(curve, used, cut)
-    fitted, change = (found[0] for found in estimated or estimate(curve, lanes, full))
+    fitted, change = (found[0] for found in estimated or estimate(curve, lanes))
     reported = lanes.free[0, :p]
-    spread = covariance_of(curve, lanes, fitted, full)
+    rows = xp.where(lanes.free[0][None, :], whitened(curve, used, fitted, True)[0], 0.0)
+    spread = inverse(rows.T @ rows)  # (A' C^-1 A)^-1
     theta, covariance = xp.where(reported, fitted[:p], 0.0), spread[:p, :p]
     modelled = curve.columns[:, :p] @ theta
 
@@ -193,7 +179,7 @@ def fit_curve(curve: Curve, used, cut, full: bool, heard: Response, two_sided, o
 
     several = xp.concatenate([admitted, lanes.free])
     again, none = xp.broadcast_to(fitted, several.shape), xp.zeros(several.shape, dtype=curve.v.dtype)
-    least = settle(curve, lanes_of(several, none, several), again, full, most=0)
+    least = settle(curve, lanes_of(several, none, several), again, True, most=0)
     number = freedom(used, fitted)
     goodness = chance(least.least[p], number)
     inflation = xp.where(goodness < _WIDENED, xp.maximum(least.least[p] / number, 1.0), 1.0)
@@ -202,7 +188,7 @@ def fit_curve(curve: Curve, used, cut, full: bool, heard: Response, two_sided, o
         """Rise of the chi-square when a coefficient is held, with C at the restricted fit; and the coefficients of that fit."""
         here, held = own[index], xp.where(own[index], value[:, None], 0.0)
         restricted = lanes_of(admitted[index] & ~here, held, admitted[index])
-        found = settle(curve, restricted, xp.where(here, held, state), full, _SETTLED, _MOST)
+        found = settle(curve, restricted, xp.where(here, held, state), True, _SETTLED, _MOST)
         return xp.maximum(found.held - found.least, 0.0), found.theta
 
     # the fit with a coefficient held at zero starts from its own first guess. Started from the unrestricted fit it would oscillate

@@ -30,8 +30,8 @@ import numpy as np
 from .._types import AnyArray
 from ._lanes import inverse
 from ._likelihood import ROUGH, information, minimise
+from ._limits import PRESENT
 from ._model import PROCESSES
-from ._result import PRESENT
 from ._spectral import Fitted, inflation_of
 from ._terms import BUILT_IN, Filter, GaussMarkov, PowerLaw, Term
 

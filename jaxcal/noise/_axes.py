@@ -8,13 +8,14 @@ import equinox as eqx
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._answer import Finding, Number, Result, Section, listed
 from .._arrays import longest_run
 from .._errors import DataError
 from .._precision import host_float64
 from .._quality import checked_confidence, checked_rate, checked_record
-from .._results import Row, Unjudged
 from .._types import Float
 from ._discrete import StateSpace
+from ._findings import FINDINGS
 from ._model import Noise
 
 _FEWEST = 100.0  # information, in ordinates of pure white noise, below which no correlation is computed
@@ -60,7 +61,7 @@ class JointStateSpace(eqx.Module):
     names: tuple[str, ...] = eqx.field(static=True)
 
 
-class Correlation(Unjudged):
+class Correlation(Result):
     """Covariance and correlation of the white noise N of several axes.
 
     Attributes
@@ -68,8 +69,7 @@ class Correlation(Unjudged):
     covariance : (axes, axes) in unit^2/Hz: N^2 on the diagonal, elsewhere the correlation times N of both axes.
     correlation : (axes, axes) of the white noise, -1 to 1.
     interval : (axes, axes, 2) limits of the correlation at level `confidence`.
-    warnings : sentences that name the axes whose noise is correlated by more than chance explains, and the samples used if some are
-        missing.
+    findings : the axes whose noise is correlated by more than chance explains, and the samples used if some are missing.
     confidence : level of the intervals.
 
     Examples
@@ -79,14 +79,25 @@ class Correlation(Unjudged):
     >>> y = np.random.default_rng(0).standard_normal((5000, 2))
     >>> found = jaxcal.noise.correlation(y, 1.0, [jaxcal.noise.Noise(N=1.0)] * 2)
     >>> print(repr(found).splitlines()[0], found.correlation.shape)
-    Correlation: weak: 1 warning. (2, 2)
+    Correlation: good: white noise correlated by up to ... (2, 2)
     """
 
     covariance: Float[np.ndarray, "axes axes"]
     correlation: Float[np.ndarray, "axes axes"]
     interval: Float[np.ndarray, "axes axes 2"]
     confidence: float = eqx.field(static=True)
-    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
+
+    @property
+    def headline(self) -> str:
+        """The largest correlation."""
+        return f"white noise correlated by up to {np.max(np.abs(np.triu(self.correlation, 1))):.2g}"
+
+    def sections(self) -> list[Section]:
+        """The correlation of each pair of axes."""
+        limits = [(i, j, *map(float, self.interval[i, j])) for i, j in combinations(range(len(self.correlation)), 2)]
+        cells = [Number(f"correlation[{i},{j}]", float(self.correlation[i, j]), low, high) for i, j, low, high in limits]
+        return [listed("correlation", "white noise", ((f"axes {one.name[12]} and {one.name[14]}", one) for one in cells))]
 
     def measurement(self, rate: float) -> Float[np.ndarray, "axes axes"]:
         r"""Covariance of the white noise of one sample of all axes, :math:`C \cdot rate`, where C is `covariance`.
@@ -158,11 +169,6 @@ class Correlation(Unjudged):
         names = tuple(f"{i} {name}" for i, model in enumerate(models) for name in model.names)
         return JointStateSpace(transition, process, output, self.correlation * np.outer(root, root), initial, rates[0], names)
 
-    def _rows(self) -> list[Row]:
-        pairs = combinations(range(len(self.correlation)), 2)
-        low, high = self.interval[..., 0], self.interval[..., 1]
-        return [Row(f"correlation of axes {i} and {j}", self.correlation[i, j], low[i, j], high[i, j], "") for i, j in pairs]
-
 
 @host_float64
 def correlation(y: Any, rate: Any, fits: Sequence[Any], *, confidence: float = 0.95) -> Correlation:
@@ -218,7 +224,7 @@ def correlation(y: Any, rate: Any, fits: Sequence[Any], *, confidence: float = 0
         raise DataError(f"axis {int(np.argmin(strength))} has no white noise, N = 0: there is nothing to be correlated")
     gone = np.isnan(y).any(axis=1)
     start, stop = longest_run(~gone)
-    said = [f"used: samples {start} .. {stop - 1} of {len(y)}, the longest stretch without gaps"] if gone.any() else []
+    said = [FINDINGS("stretch", start=int(start), stop=int(stop))] if gone.any() else []
     part = np.ascontiguousarray(y[start:stop].T)
     n, axes = part.shape[1], len(models)
     if n < _FEWEST:
@@ -242,23 +248,26 @@ def correlation(y: Any, rate: Any, fits: Sequence[Any], *, confidence: float = 0
     interval[np.arange(axes), np.arange(axes)] = 1.0
     for i, j in combinations(range(axes), 2):
         if interval[i, j, 0] > 0.0 or interval[i, j, 1] < 0.0:
-            low, high = interval[i, j]
-            said.append(f"the white noise of axes {i} and {j} is correlated: {rho[i, j]:.2f}, between {low:.2f} and {high:.2f}")
+            said.append(_correlated(f"{i} and {j}", rho[i, j], *interval[i, j]))
     covariance = rho * np.outer(strength, strength)
     return Correlation(covariance, rho, interval, confidence, tuple(said))
 
 
-def sentences_of_axes(y: Any, rate: float, fits: Mapping[str, Any]) -> dict[str, str]:
-    """Sentences on correlated white noise: channel -> the later channels with which it is correlated; `y` is (n, channels)."""
+def findings_of_axes(y: Any, rate: float, fits: Mapping[str, Any]) -> list[Finding]:
+    """The pair of channels whose white noise is correlated most, if it matters; `y` is (n, channels)."""
     names = list(fits)
     try:
         found = correlation(y, rate, list(fits.values()), confidence=_SURE)
     except DataError:
-        return {}  # without white noise, or with gaps everywhere, the correlation is unknown
-    said: dict[str, str] = {}
-    for i, j in combinations(range(len(names)), 2):
-        low, high = found.interval[i, j]
-        if low > _MATTERS or high < -_MATTERS:
-            one = f"is correlated with that of {names[j]}: {found.correlation[i, j]:.2f}, between {low:.2f} and {high:.2f}"
-            said[names[i]] = f"{said[names[i]]}; it {one}" if names[i] in said else f"the white noise {one}"
-    return {name: f"{one} (`noise.correlation` gives the covariance for a filter)" for name, one in said.items()}
+        return []  # without white noise, or with gaps everywhere, the correlation is unknown
+    pairs = [(abs(found.correlation[i, j]), i, j) for i, j in combinations(range(len(names)), 2)]
+    told = [(size, i, j) for size, i, j in pairs if max(found.interval[i, j, 0], -found.interval[i, j, 1]) > _MATTERS]
+    if not told:
+        return []
+    _, i, j = max(told)
+    said = _correlated(" and ".join(names[k].rpartition("_")[2] for k in (i, j)), found.correlation[i, j], *found.interval[i, j])
+    return [said.of(names[0].partition("_")[0])]
+
+
+def _correlated(pair: str, rho: float, low: float, high: float) -> Finding:
+    return FINDINGS("correlated", cost=abs(rho), pair=pair, rho=float(rho), low=float(low), high=float(high))

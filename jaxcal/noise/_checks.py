@@ -1,24 +1,93 @@
 """Checks of a record that need no noise model: constant values, spikes, steps, and a resolution coarser than the noise."""
 
 import itertools
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
+from .._answer import Finding, Quantity
 from .._errors import DataError
-from ._model import BUILT_IN
+from .._precision import is_traced
+from .._quality import checked_rate, refuse_other_than_samples
+from ._findings import FINDINGS
+from ._model import BUILT_IN, checked_terms
 from ._terms import GaussMarkov, Term
 
+METHODS = ("whittle", "gls", "log", "slope")
+#: number of cluster sizes of a curve; neighbouring values are so strongly correlated that more would add no information
+_CLUSTERS = 25
 _SPIKE = 10.0  # robust standard deviations above which a difference between two samples is a spike or a step
 _MOST_SPIKES = 1e-3  # share of samples above which spikes are taken as heavy tails of the noise
+#: white noise in steps of the readings below which rounding hides it (B. Widrow et al., IEEE Trans. Instrum. Meas. 45, 1996); share of
+#: N^2 that rounding must have to be named, 2.5 % of N
+_HIDDEN, _ROUNDED = 0.5, 0.05
 _SAMPLE = 20_000  # samples from which the resolution is found
 _LEVELS = 2_000  # most different values of a record whose resolution can be found
 _ALIKE, _FREQUENCIES = 1e-6, 64  # relative difference of two densities that no record shows; number of frequencies compared
 _SMALLEST, _LARGEST = 1e-100, 1e100  # smallest and largest range of a record whose squares keep their digits
 
 
-def refuse_extremes(y) -> None:
+def checked_call(y: Any, rate: Any, method: str, terms: Any, confidence: float, robust: bool) -> tuple[Any, float, tuple[Term, ...]]:
+    """The record, its rate and the terms, for which the options make sense."""
+    refuse_other_than_samples(y)
+    if method not in METHODS:
+        raise DataError(f"unknown method {method!r}; expected one of {', '.join(METHODS)}", code="unknown_method")
+    terms, rate, traced = checked_terms(terms), checked_rate(rate), is_traced(y)
+    if method != "whittle" and any(isinstance(term, GaussMarkov) and term.time is None for term in terms):
+        raise DataError(
+            f'the correlation time of a Gauss-Markov process is found by method "whittle"; got method {method!r}', "only_whittle"
+        )
+    if robust and (traced or method != "whittle"):
+        raise DataError(
+            'a robust fit is a search on the host by method "whittle"; ask for it outside of jit, vmap and grad', "only_whittle"
+        )
+    if not 0.0 < confidence < 1.0:
+        raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)", code="confidence")
+    y = y if traced else np.asarray(y)
+    _refuse_alike(terms, y.shape[0] if y.ndim else 0, 1.0 / rate)
+    return y, rate, terms
+
+
+def clusters(samples: int, terms: Sequence[Any]) -> np.ndarray:
+    """Cluster sizes for a fit: about 25 log-spaced, from 1 to a quarter of the record."""
+    needed = 4 * (len(terms) + 3)
+    if samples < needed:
+        raise DataError(
+            f"{samples} sample{'s are' if samples != 1 else ' is'} too short a record to fit {len(terms)} noise terms; "
+            f"record at least {needed} samples (an hour or more, for bias instability), or ask for fewer terms", code="too_short",
+        )  # fmt: skip
+    return np.unique(np.round(np.logspace(0.0, np.log10(samples // 4), _CLUSTERS)).astype(np.int64))
+
+
+def inside(tau: np.ndarray, band: Any, terms: Sequence[Any]) -> np.ndarray:
+    """Whether each cluster time lies in the band asked for."""
+    if band is None:
+        return np.ones(len(tau), dtype=bool)
+    try:
+        low, high = (float(edge) for edge in band)
+    except (TypeError, ValueError):
+        raise DataError(f"band must be (shortest, longest) cluster time in s; got {band!r}", code="band") from None
+    within = (tau >= low * (1 - 1e-9)) & (tau <= high * (1 + 1e-9))
+    if within.sum() <= len(terms):
+        raise DataError(
+            f"the band {low:g} s to {high:g} s holds {within.sum()} cluster times, too few for {len(terms)} terms; "
+            f"widen it (the record has {tau[0]:g} s to {tau[-1]:g} s) or ask for fewer terms", code="band",
+        )  # fmt: skip
+    return within
+
+
+def cleaned(y: Any, robust: bool) -> list["Jumps"]:
+    """The channels of a record, without single outliers unless the fit is robust; a traced record as it is."""
+    channels = list(y.T) if y.ndim == 2 else [y]
+    if is_traced(y) or y.dtype.kind not in "fiu" or y.ndim not in (1, 2):
+        return [Jumps(x) for x in channels]
+    _refuse_extremes(y)
+    return [Jumps(x) if robust else find_jumps(x) for x in channels]
+
+
+def _refuse_extremes(y) -> None:
     """Raise a `DataError` if a channel is constant or its squares leave the range of numbers; y is (n,) or (n, channels)."""
     for i, x in enumerate(y.reshape(len(y), -1).T):
         known = x[~np.isnan(x)]
@@ -35,7 +104,7 @@ def refuse_extremes(y) -> None:
             )
 
 
-def refuse_alike(terms: tuple[Term, ...], samples: int, dt: float) -> None:
+def _refuse_alike(terms: tuple[Term, ...], samples: int, dt: float) -> None:
     """Raise a `DataError` if the densities of two terms have the same shape at all frequencies of a record of so many samples."""
     if all(term.name in BUILT_IN for term in terms):
         return
@@ -102,30 +171,18 @@ def resolution(y) -> tuple[float, float]:
     return (least if on_grid.mean() > 0.95 else 0.0), white
 
 
-def sentences_of_checks(jumps: Jumps, step: float, white: float, dt: float, n_squared: float) -> list[str]:
-    """Warnings about steps, spikes and resolution. `n_squared` is N^2 of the fit."""
-    said, spikes, steps = [], jumps.spikes, list(jumps.steps)
-    if steps:
-        many = f"{len(steps)} steps" if len(steps) > 1 else "a step"
-        said.append(
-            f"{many} of more than ten standard deviations of the differences between samples, the first at {steps[0] * dt:.4g} s: K "
-            "takes part of it; leave out what was not at rest"
-        )
+def findings_of_checks(jumps: Jumps, dt: float, n_squared: float, sensor: str) -> list[Finding]:
+    """Steps, outliers and resolution of a record. `n_squared` is N^2 of the fit."""
+    found, many, (step, white) = [], jumps.spikes, resolution(jumps.y)
+    if jumps.steps:
+        found.append(FINDINGS("jumps", cost=1.0, count=len(jumps.steps), at=jumps.steps[0] * dt))
     if jumps.heavy:
-        said.append(
-            f"{spikes} samples stand out from their neighbours by ten standard deviations, too many for single errors: the noise has heavy "
-            "tails, and the interval of N is too narrow; ask for a robust fit"
-        )
-    elif spikes:
-        said.append(
-            f"{spikes} single sample{'s' if spikes > 1 else ''} stood out by ten standard deviations; set to the mean of the neighbours"
-        )
-    if step > 0.0 and white < 0.5 * step:
-        said.append(
-            f"the values come in steps of {step:.3g}, more than twice the noise ({white:.3g}): it is not seen through the rounding, and no "
-            "coefficient of this record is to be relied on; use a finer resolution"
-        )
-    elif step > 0.0 and n_squared > 0.0 and step**2 * dt / 12.0 > 0.05 * n_squared:
-        share = step**2 * dt / 12.0 / n_squared
-        said.append(f"rounding to steps of {step:.3g} makes {100 * min(share, 1.0):.0f} % of N squared; the sensor itself is quieter")
-    return said
+        found.append(FINDINGS("tails", cost=2.0, share=100 * many / len(jumps.y)))
+    elif many:
+        found.append(FINDINGS("spikes", count=many))
+    share = step**2 * dt / 12.0 / n_squared if n_squared > 0.0 else 0.0
+    if white < _HIDDEN * step:
+        found.append(FINDINGS("coarse", cost=step / white if white else np.inf, step=Quantity(step, sensor or "ratio")))
+    elif share > _ROUNDED:
+        found.append(FINDINGS("rounding", cost=share, share=100 * min(share, 1.0)))
+    return found

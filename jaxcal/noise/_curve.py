@@ -6,7 +6,7 @@ before and solves
 
 .. math:: \theta \leftarrow \arg\min_{\theta \ge 0} (v - A\theta)'\,W(\theta)\,(v - A\theta)
 
-with W = C^-1 (method "gls", `full`) or the inverse of its diagonal, 2 (A theta)^2 / edf ("edf" and "wavelet").
+with W = C^-1 (`full`), or for a first guess the inverse of its diagonal, 2 (A theta)^2 / edf.
 
 The last column belongs to a tail, -1/tau^2, which describes the effect of a filter at cluster times well above its own time constant.
 Its coefficient may have either sign. The tail has the shape of Q, so the two are never fitted together. A tail with the sign of Q
@@ -224,28 +224,24 @@ def settle(curve: Curve, lanes: Lane, start, full: bool, enough: float = SETTLED
     return found._replace(theta=found.theta[:, terms - p :], best=found.best[:, terms - p :])
 
 
-def estimate(curve: Curve, lanes: Lane, full: bool, near: Any = None) -> tuple[Any, Any]:
+def estimate(curve: Curve, lanes: Lane) -> tuple[Any, Any]:
     """Find the fixed point from a start at zero, and return it with its last change; differentiable in a trace.
 
-    With `full` weights a first guess with independent ones comes before, unless a start `near` the solution is known. The iteration
-    carries no derivative. One Newton step for theta = step(theta) at its end provides the derivative, by the implicit function theorem.
+    A first guess with independent weights comes before. The iteration carries no derivative. One Newton step for theta = step(theta) at
+    its end provides the derivative, by the implicit function theorem.
     """
     traced = namespace(curve, lanes) is jnp
     still, start = (jax.lax.stop_gradient((curve, lanes)), jnp.zeros_like(lanes.held)) if traced else ((curve, lanes), lanes.held)
-    if near is not None:
-        start = near
-    elif full:
-        start = settle(*still, start, False, GUESSED).theta
-    found = settle(*still, start, full)
+    found = settle(*still, settle(*still, start, False, GUESSED).theta, True)
     if not traced:
         return found.theta, found.change
-    each = [_with_derivative(curve, jax.tree.map(lambda leaf: leaf[k], lanes), found.theta[k], full) for k in range(len(start))]  # noqa: B023
+    each = [_with_derivative(curve, jax.tree.map(lambda leaf: leaf[k], lanes), found.theta[k]) for k in range(len(start))]  # noqa: B023
     return jnp.stack(each), found.change
 
 
-def _with_derivative(curve: Curve, lane: Lane, theta, full: bool) -> Any:
+def _with_derivative(curve: Curve, lane: Lane, theta) -> Any:
     def step(at):
-        return least_squares(whitened(curve, lane.used, at, full), lane.free, lane.held, at)[0]
+        return least_squares(whitened(curve, lane.used, at, True), lane.free, lane.held, at)[0]
 
     new = step(theta)
     slope = jax.lax.stop_gradient(jax.jacfwd(step)(theta))

@@ -1,13 +1,14 @@
-r"""Methods "unweighted", "log" and "slope", which fit an Allan deviation curve without uncertainty.
+r"""Methods "log" and "slope", which fit an Allan deviation curve without uncertainty.
 
-They serve for comparison with older work. With ad the Allan deviation, v its square, and sums over cluster sizes:
+They serve for comparison with older work. With ad the Allan deviation and v its square:
 
-- unweighted: :math:`\min_{\theta \ge 0} \sum (v - A\theta)^2`.
-- log: :math:`\min_{\theta \ge 0} \sum (\ln A\theta - \ln v)^2`.
+- log: :math:`\min_{\theta \ge 0} \sum (\ln A\theta - \ln v)^2` over cluster sizes. All count alike, however well they are known, so
+  that B and K scatter by 30 to 40 % where weights give 11 and 23 %, and absent terms come out positive.
 - slope: tangents of slope -1, -1/2, +1/2 and +1 (Q, N, K and R), drawn where the slope of the curve is nearest to theirs and read at
-  tau = sqrt 3, 1, 3 and sqrt 2 s. B is the minimum of ad divided by 0.664 (thesis, section 5.4.4; IEEE Std 952-1997, annex C).
+  tau = sqrt 3, 1, 3 and sqrt 2 s. B is the minimum of ad divided by 0.664 (thesis, section 5.4.4; IEEE Std 952-1997, annex C). Tangents
+  blame one term for what several add up to: B comes out about 44 % too high on a gyroscope with N, B and K, and where B is absent.
 
-No valid error propagation exists for these methods. Intervals, limits, verdicts, significances and the covariance are therefore empty.
+No valid error propagation exists for these methods. Intervals, limits, significances and the covariance are therefore unknown.
 `goodness` is the chance of a worse chi-square about the fitted curve.
 """
 
@@ -24,21 +25,10 @@ from ..allan import Deviation
 from ..fitting import solve
 from ._allanfit import freedom
 from ._curve import Curve, curve_of, differences, whitened
+from ._findings import FINDINGS
 from ._limits import chance
-from ._messages import of_octaves
 from ._result import NoiseFit, assemble
 from ._terms import Term
-
-_NONE = "for comparison only: {}. This method has no uncertainty, so there are no intervals, limits and verdicts; method='whittle' has them"
-#: root mean square errors for N = 0.25 deg/sqrt(h), B = 7.6 deg/h, K = 1.8 deg/h/sqrt(s), 2^17 samples at 100 Hz
-_SHORTCOMINGS = {
-    "unweighted": "the longest cluster times, which are known worst, decide; B and K scatter by 35 to 45 % where weights give 11 and 23 %, "
-    "and absent terms come out positive",
-    "log": "all cluster times count alike, however well they are known; B and K scatter by 30 to 40 % where weights give 11 and 23 %, "
-    "and absent terms come out positive",
-    "slope": "tangents blame one term for what several add up to; B comes out about 44 % too high on a gyroscope with N, B and K, and "
-    "where B is absent",
-}
 
 #: term -> slope in log-log, time in s at which its tangent is read, and the local slope that the curve must go below (rising: above)
 #: for the term to be reported
@@ -51,20 +41,15 @@ def fit_plainly(
     """Fit the cluster sizes `inside`. The arguments are those of `fit_jointly`; `automatic` is ignored."""
     xp, traced = namespace(curve.deviation), is_traced(curve.deviation)
     data, used, unit = curve_of(curve, samples, terms, curve.deviation**2, inside)
-    if method == "slope":
-        theta = _tangents(curve, terms, inside if traced else used) / unit
-    else:
-        theta = _logarithmic(data, used, traced) if method == "log" else _weighted(data, used, xp.ones_like(data.v))
+    theta = _logarithmic(data, used, traced) if method == "log" else _tangents(curve, terms, inside if traced else used) / unit
     whole = xp.append(theta, 0.0)
     rows, target = whitened(data, used, whole, True)
     goodness = chance(xp.sum((target - rows @ whole) ** 2), freedom(used, whole))
-    said = {}
-    if not traced:
-        said["left_out"] = of_octaves(curve, inside, np.sqrt(data.columns[:, :-1] @ theta * unit), False)
-        said["warnings"] = (*curve.warnings, _NONE.format(_SHORTCOMINGS[method]))
+    unknown = xp.full((len(terms), len(terms)), np.nan, dtype=theta.dtype)
     return assemble(
-        theta * unit, xp.zeros((0, 0)), None, terms, curve, samples / curve.rate, goodness=goodness, used=inside, confidence=confidence,
-        method=method, band=(np.min(curve.tau[inside]), np.max(curve.tau[inside])), **said,
+        theta * unit, unknown, None, terms, curve, samples / curve.rate, goodness=goodness, used=inside, confidence=confidence,
+        method=method, band=(np.min(curve.tau[inside]), np.max(curve.tau[inside])),
+        findings=() if traced else (*getattr(curve, "findings", ()), FINDINGS("no_intervals", method=method)),
     )  # fmt: skip
 
 

@@ -12,6 +12,9 @@ import scipy  # loads its parts when they are first used
 from .._arrays import namespace
 from .._types import AnyArray, Float
 
+#: significance above which a term is a hint, and above which it is present. Without the term, 5 % and 1 % of records exceed these,
+#: because a coefficient cannot be negative (S. G. Self and K.-Y. Liang, J. Am. Stat. Assoc. 82, 1987)
+HINT, PRESENT = 2.71, 5.41
 _SEARCH = 12  # number of steps of a search
 _FAR = 8.0  # times the level at which values of a search are capped
 _CLOSE = 3e-3  # relative distance from the level, in the root of the likelihood ratio, from which one last secant reaches it

@@ -1,17 +1,18 @@
 """`fit_recordings`: noise coefficients of one device from several recordings, with an interval for the next recording."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._answer import Finding, Grid, Result, joined
 from .._errors import DataError
-from .._results import Result, Row
 from ._fit import fit
 from ._model import Noise, noise_of
-from ._result import UNITS, NoiseFit
+from ._result import NoiseFit
+from ._sections import SENSORS, columns_of, headline_of, rows_of
 from ._terms import Term
 
 
@@ -25,9 +26,10 @@ class RecordingsFit(Result):
         present in all recordings, it reaches from 0 to the largest upper limit of a recording.
     between : term -> standard deviation between recordings of the logarithm of the coefficient, without the errors of the recordings;
         0.1 is 10 %. NaN for a term that is not present in all recordings.
-    verdict : term -> "present" if every recording shows it, "hint" if at least one does, otherwise "not detected".
+    presence : term -> "present" if every recording shows it, "hint" if at least one does, otherwise "not detected".
     fits : `NoiseFit` of each recording.
-    warnings : sentences.
+    findings : those of all recordings.
+    sensor : as in `NoiseFit`.
     confidence : level of the intervals.
 
     Examples
@@ -35,22 +37,24 @@ class RecordingsFit(Result):
     >>> import jaxcal
     >>> records = [jaxcal.noise.Noise(N=n).simulate(5000, rate=100.0, seed=i) for i, n in enumerate((0.010, 0.011, 0.009, 0.010))]
     >>> found = jaxcal.noise.fit_recordings(records, rate=100.0)
-    >>> found.verdict["N"], len(found.fits)
+    >>> found.presence["N"], len(found.fits)
     ('present', 4)
     """
 
     noise: Noise
     interval: dict[str, tuple[float, float]]
     between: dict[str, float]
-    verdict: dict[str, str]
+    presence: dict[str, str]
     fits: tuple[NoiseFit, ...]
-    warnings: tuple[str, ...]
     confidence: float = eqx.field(static=True)
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
+    sensor: str = eqx.field(static=True, default="")
+    method: str = eqx.field(static=True, default="whittle")
 
     @property
     def terms(self) -> tuple[str, ...]:
         """Names of the terms."""
-        return tuple(self.verdict)
+        return tuple(self.presence)
 
     @property
     def upper_limit(self) -> dict[str, float]:
@@ -58,14 +62,13 @@ class RecordingsFit(Result):
         return {term: high for term, (_, high) in self.interval.items()}
 
     @property
-    def reason(self) -> str:
-        """Number of recordings, and the terms that are present in all of them."""
-        shown = [term for term, verdict in self.verdict.items() if verdict == "present"]
-        return f"{len(self.fits)} recordings; {', '.join(shown) or 'no term'} in all of them"
+    def headline(self) -> str:
+        """How well N of the next recording is known."""
+        return f"{headline_of({'': self})}, from {len(self.fits)} recordings"
 
-    def _rows(self) -> list[Row]:
-        rows = self.verdict.items()
-        return [Row(term, self.noise.coefficient(term), *self.interval[term], UNITS.get(term, "SI"), verdict) for term, verdict in rows]
+    def sections(self) -> list[Any]:
+        """The coefficients, with the intervals of the next recording."""
+        return [Grid("recordings", f"next of {len(self.fits)} recordings", ("",), tuple(rows_of({"": self}, self.sensor)))]
 
 
 def fit_recordings(
@@ -109,7 +112,7 @@ def fit_recordings(
     >>> records = [jaxcal.noise.Noise(N=n).simulate(5000, rate=100.0, seed=i) for i, n in enumerate((0.010, 0.011, 0.009, 0.010))]
     >>> found = jaxcal.noise.fit_recordings(records, rate=100.0)
     >>> low, high = found.interval["N"]
-    >>> found.verdict["N"], bool(low < 0.0105 < high), round(found.between["N"], 1)
+    >>> found.presence["N"], bool(low < 0.0105 < high), round(found.between["N"], 1)
     ('present', True, 0.1)
 
     References
@@ -133,22 +136,35 @@ def pooled(fits: Sequence[NoiseFit], confidence: float) -> RecordingsFit:
     """Pool the fits of one channel in several recordings, as `fit_recordings` does."""
     first, values = fits[0], {}
     interval: dict[str, tuple[float, float]] = {}
-    between, verdict = {}, {}
+    between, presence = {}, {}
     reach = float(scipy.special.stdtrit(len(fits) - 1, 0.5 + confidence / 2.0)) * np.sqrt(1.0 + 1.0 / len(fits))
-    for i, term in enumerate(first.terms):
-        shown = [one.verdict[term] == "present" for one in fits]
-        verdict[term] = "present" if all(shown) else "hint" if any(shown) else "not detected"
+    for term in first.terms:
+        shown = [one.presence[term] == "present" for one in fits]
+        presence[term] = "present" if all(shown) else "hint" if any(shown) else "not detected"
         if not all(shown):
             values[term], between[term] = 0.0, np.nan
             interval[term] = 0.0, max(float(one.upper_limit[term]) for one in fits)
             continue
         logs = np.log([float(one.noise.coefficient(term)) for one in fits])
-        own = np.mean([one.covariance[i, i] / (4.0 * float(one.noise.coefficient(term)) ** 4) for one in fits])
+        own = np.mean([one.covariance[term, term] / (4.0 * float(one.noise.coefficient(term)) ** 4) for one in fits])
         scatter = np.var(logs, ddof=1)
         width = reach * np.sqrt(max(scatter, own))
         middle = logs.mean()
         values[term], between[term] = float(np.exp(middle)), float(np.sqrt(max(scatter - own, 0.0)))
         interval[term] = float(np.exp(middle - width)), float(np.exp(middle + width))
     parts = [first.noise.part(term)[2] for term in first.terms]
-    said = tuple(f"recording {i}: {sentence}" for i, one in enumerate(fits) for sentence in one.warnings)
-    return RecordingsFit(noise_of(parts, list(values.values())), interval, between, verdict, tuple(fits), said, confidence)
+    said = tuple(joined(finding for one in fits for finding in one.findings))
+    noise = noise_of(parts, list(values.values()))
+    return RecordingsFit(noise, interval, between, presence, tuple(fits), confidence, said, first.sensor)
+
+
+def grids_of(recordings: Sequence[Mapping[str, NoiseFit]], confidence: float) -> list[Grid]:
+    """A table for each sensor with the intervals of the next recording of the channels that all recordings have."""
+    shared = [name for name in recordings[0] if all(name in one for one in recordings)]
+    pools = {name: pooled([one[name] for one in recordings], confidence) for name in shared}
+    found = []
+    for sensor in dict.fromkeys(one.sensor for one in pools.values()):
+        axes = {name: one for name, one in pools.items() if one.sensor == sensor}
+        title = f"{SENSORS.get(sensor, 'noise')}, next of {len(recordings)} recordings"
+        found.append(Grid(f"{sensor}_next", title, columns_of(axes, sensor), tuple(rows_of(axes, sensor))))
+    return found

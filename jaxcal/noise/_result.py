@@ -8,18 +8,19 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .._answer import Finding, Result, Section, plain
 from .._arrays import namespace
 from .._errors import DataError
 from .._frozen import replaced
 from .._precision import is_traced, map_ordered
-from .._results import Result, Row
 from .._types import AnyArray
-from .._units import noise_factor, noise_units
 from ..allan import Deviation
 from ..allan._uncertainty._edf import interval_factors
+from ..fitting._estimate import NamedMatrix
 from ._binned import LogLikelihood, likelihood_of
-from ._limits import Limits
+from ._limits import HINT, PRESENT, Limits
 from ._model import Noise, noise_of
+from ._sections import headline_of, sections_of
 from ._terms import Term
 
 
@@ -59,66 +60,58 @@ class FittedSpectrum(eqx.Module):
 class NoiseFit(Result):
     """Fitted noise coefficients of one or several channels, with their uncertainty.
 
-    For a record of several channels every array has the channels as its last axis, and verdicts and sentences are tuples with one
-    entry per channel. `channel(i)` gives the fit of one channel.
+    For a record of several channels every array has the channels as its last axis, and `presence`, `spectrum` and `events` are tuples
+    with one entry per channel. `channel(i)` gives the fit of one channel.
 
     Attributes
     ----------
     noise : fitted `Noise`, in SI units. If Gauss-Markov processes or another power law explain the slow noise better than B and K
-        alone, the model also has these terms (in `noise.markov` or `noise.further`), and a warning names them.
+        alone, the model also has these terms (in `noise.markov` or `noise.further`), and a finding names them.
     terms : names of the fitted terms, in the order of `covariance`. The process of the letter "markov" is not among them, but has an
         entry "markov" in the tables below. Terms that the fit added by itself are only in `noise`.
     interval : term -> (low, high) at level `confidence`, in the unit of the coefficient. The low end is 0 if zero cannot be excluded.
-    upper_limit : term -> one-sided upper limit at level `confidence`.
-    verdict : term -> "present", "hint" or "not detected". A term is only a hint, with a note, if other noise explains the record
+    upper_limit : term -> one-sided upper limit at level `confidence`. It is shown in place of a term that is not detected.
+    presence : term -> "present", "hint" or "not detected". A term is only a hint, with a finding, if other noise explains the record
         nearly as well. Empty for the methods without uncertainty, and under jit, vmap or grad, where no number is known yet:
         compare `significance` with its thresholds yourself, or fit outside of the transformation.
     significance : term -> fall of the chi-square when the term is added. Without the term it exceeds 2.71 in 5 % and 5.41 in 1 % of
-        records. Methods gls, edf and wavelet correct it for the skewness of the Allan variance at long cluster times.
-    covariance : (terms, terms) covariance of the *squared* coefficients, channels last. In short records the estimates of B and K are
-        skewed, and one that comes out low also has too small an error here. The intervals allow for this skewness.
+        records. Method gls corrects it for the skewness of the Allan variance at long cluster times.
+    covariance : of the *squared* coefficients, by the names of the terms: `covariance["N", "K"]`; channels last. In short records the
+        estimates of B and K are skewed, and one that comes out low also has too small an error here. The intervals allow for this.
     goodness : probability of a worse chi-square in the band if the model were true.
     longer_record : term -> record length in s that would give the coefficient to 10 %; inf for a coefficient of zero.
     band : (shortest, longest) cluster time in s that the fit uses.
-    left_out : one sentence for each octave of cluster time that the fit does not use.
-    warnings : sentences about the record or the fit that you should act on.
     deviation : the `Deviation` of the record at all cluster sizes. Inside the band its edf and limits follow from the fitted model,
         outside from the noise type identified there. None if method "whittle" fitted a traced record.
     used : (clusters,) True for cluster sizes inside the band; channels last. None where `deviation` is None.
     duration : record length in s.
     confidence : level of the intervals and upper limits.
-    method : name of the estimator. Methods "unweighted", "log" and "slope" give no uncertainty: the tables are empty and `covariance`
-        is (0, 0).
+    method : name of the estimator. Methods "log" and "slope" give no uncertainty: the tables are empty and `covariance` is NaN.
     decides : term -> record length in s that would show whether the term is present with a coefficient as large as its upper limit:
         the term would be called present in 95 % of such records. Empty for methods other than "whittle".
-    notes : sentences that ask for no action.
-    other : coefficients by method "gls" in the same band, as a second opinion on method "whittle". None for other methods, and if
-        too few cluster times are left.
-    conservative : coefficients whose Allan deviation bounds the measured one from above, if they were asked for.
     spectrum : `FittedSpectrum` that method "whittle" was fitted to; None for other methods, and for a traced record.
+    events : (start in s, stop in s, description) for each step, warm-up or part of the record that a finding names, in order of time.
+    findings : what to know about the record and the fit; the verdict is the worst severity.
     sensor : "gyro", "accel" or "mag" if `characterise` fitted a log. The coefficients are then printed in the units of data sheets.
-    events : (start in s, stop in s, description) for each step, warm-up or part of the record that a warning names, in order of time.
 
     Examples
     --------
     >>> import jaxcal
     >>> record = jaxcal.noise.Noise(N=1e-3).simulate(5000, rate=100.0, seed=0)
     >>> found = jaxcal.noise.fit(record, rate=100.0)
-    >>> found.verdict["N"], f"{found.noise.N:.1e}", found.terms
+    >>> found.presence["N"], f"{found.noise.N:.1e}", found.terms
     ('present', '9.9e-04', ('Q', 'N', 'B', 'K'))
     """
 
     noise: Noise
     interval: dict[str, tuple[Any, Any]]
     upper_limit: dict[str, Any]
-    verdict: dict[str, Any]
+    presence: dict[str, Any]
     significance: dict[str, Any]
-    covariance: AnyArray
+    covariance: NamedMatrix
     goodness: Any
     longer_record: dict[str, Any]
     band: tuple[Any, Any]
-    left_out: tuple[Any, ...]
-    warnings: tuple[Any, ...]
     deviation: Any
     used: Any
     duration: float
@@ -126,11 +119,9 @@ class NoiseFit(Result):
     confidence: float = eqx.field(static=True)
     method: str = eqx.field(static=True)
     decides: dict[str, Any] = eqx.field(default_factory=dict)
-    notes: tuple[Any, ...] = ()
-    other: Noise | None = None
-    conservative: Noise | None = None
     spectrum: Any = None
     events: tuple[Any, ...] = ()
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
     sensor: str = eqx.field(static=True, default="")
 
     @property
@@ -148,34 +139,31 @@ class NoiseFit(Result):
             raise DataError('a likelihood belongs to one channel that was fitted by method "whittle"; take channel(i) of several')
         return likelihood_of(self.spectrum, self.noise, 1.0 / self.deviation.rate)
 
-    @property
-    def reason(self) -> str:
-        """The verdicts on all terms in one sentence (not available in a trace)."""
-        terms: dict[str, list[str]] = {}
-        for term, verdict in self.verdict.items():
-            terms.setdefault(verdict if isinstance(verdict, str) else " / ".join(verdict), []).append(term)
-        return "; ".join(f"{', '.join(names)} {verdict}" for verdict, names in terms.items()) or f"Method {self.method} gives no verdicts"
-
     _figure = ("allan", False)
 
-    def _rows(self) -> list[Row]:
-        if np.ndim(self.goodness):
-            channels = [self.channel(i)._rows() for i in range(np.size(self.goodness))]
-            return [row._replace(name=f"{row.name}, channel {i}") for i, rows in enumerate(channels) for row in rows]
-        none = (np.nan, np.nan)
-        rows = []
-        for term in self.terms:
-            unit, size = self._unit(term)
-            low, high = self.interval.get(term, none)
-            rows.append(Row(term, self.noise.coefficient(term) / size, low / size, high / size, unit, self.verdict.get(term, "")))
-        return rows
+    @staticmethod
+    def _several(results: Mapping[str, "NoiseFit"]) -> Any:
+        from ._fits import NoiseFits
 
-    def _unit(self, term: str) -> tuple[str, float]:
-        """Unit in which a coefficient is printed, and the size of that unit in SI; units of data sheets if the sensor is known."""
-        if not self.sensor:
-            return UNITS.get(term, "SI"), 1.0
-        unit = noise_units(term, self.sensor)[0]
-        return unit, noise_factor(term, self.sensor, unit)
+        return NoiseFits(results)
+
+    @property
+    def headline(self) -> str:
+        """How well N is known."""
+        return headline_of(self._channels())
+
+    def sections(self) -> list[Section]:
+        """The coefficients with the floor of the curve; then, as details, record lengths, the band, and the curve itself."""
+        return sections_of(self._channels())
+
+    def _channels(self) -> dict[str, "NoiseFit"]:
+        """Name -> fit of each channel; the name of a single channel is empty."""
+        return {f"channel {i}": self.channel(i) for i in range(np.size(self.goodness))} if np.ndim(self.goodness) else {"": self}
+
+    def _fields(self) -> dict[str, Any]:
+        """Fields for JSON: the coefficients by term, and not the spectrum, which the record gives."""
+        found = super()._fields() | {"coefficients": {term: plain(self.noise.coefficient(term)) for term in self.terms}}
+        return {name: value for name, value in found.items() if name not in ("spectrum", "used")}
 
     def channel(self, index: int) -> "NoiseFit":
         """The fit of one channel of a record that has several.
@@ -184,32 +172,30 @@ class NoiseFit(Result):
         --------
         >>> import jaxcal
         >>> noise = jaxcal.noise.Noise(N=[0.01, 0.02]).simulate(2000, rate=100.0, seed=1)
-        >>> jaxcal.noise.fit(noise, rate=100.0).channel(1).verdict["N"]
+        >>> jaxcal.noise.fit(noise, rate=100.0).channel(1).presence["N"]
         'present'
         """
         found = map_ordered(lambda value: value[..., index], {name: getattr(self, name) for name in _NUMBERS})
-        found |= {name: getattr(self, name)[index] for name in _SENTENCES}
-        found |= {name: None if (one := getattr(self, name)) is None else one.channel(index) for name in (*_NOISES, "deviation")}
-        return dataclasses.replace(self, verdict={term: value[index] for term, value in self.verdict.items()}, **found)
+        found |= {name: getattr(self, name)[index] for name in _EACH}
+        found |= {name: None if (one := getattr(self, name)) is None else one.channel(index) for name in ("noise", "deviation")}
+        own = tuple(one.of() for one in self.findings if one.subject == (f"channel {index}",))
+        return replaced(self, presence={term: value[index] for term, value in self.presence.items()}, findings=own, **found)
 
 
 def without_terms(fit: NoiseFit, names: Sequence[str], tables: bool) -> NoiseFit:
     """Remove terms from `terms` and `covariance`, and with `tables` also from the tables; the noise model keeps them."""
     kept = [i for i, name in enumerate(fit.terms) if name not in names]
-    entries = ("interval", "upper_limit", "verdict", "significance", "longer_record", "decides") if tables else ()
+    entries = ("interval", "upper_limit", "presence", "significance", "longer_record", "decides") if tables else ()
     return replaced(
         fit,
         terms=tuple(fit.terms[i] for i in kept),
-        covariance=fit.covariance[np.ix_(kept, kept)],
+        covariance=fit.covariance[[fit.terms[i] for i in kept]],
         **{entry: {name: value for name, value in getattr(fit, entry).items() if name not in names} for entry in entries},
     )
 
 
-#: units of the coefficients; "unit" stands for the unit of the readings
-UNITS = {"Q": "unit s", "N": "unit sqrt(s)", "B": "unit", "K": "unit/sqrt(s)", "R": "unit/s"}
 _NUMBERS = ("interval", "upper_limit", "significance", "covariance", "goodness", "longer_record", "band", "used", "decides")
-_SENTENCES = ("left_out", "warnings", "notes", "spectrum", "events")
-_NOISES = ("noise", "other", "conservative")
+_EACH = ("spectrum", "events")  # fields that are tuples over the channels
 
 
 def stacked(fits: list[NoiseFit]) -> NoiseFit:
@@ -218,18 +204,17 @@ def stacked(fits: list[NoiseFit]) -> NoiseFit:
     names = ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped", "bias")
     return dataclasses.replace(
         first,
+        noise=stacked_noises([fit.noise for fit in fits]),
         deviation=None if curves[0] is None else dataclasses.replace(curves[0], **{name: _joined(curves, name) for name in names}),
-        verdict={term: tuple(fit.verdict[term] for fit in fits) for term in first.verdict},
-        **{name: stacked_noises([getattr(fit, name) for fit in fits]) for name in _NOISES},
+        presence={term: tuple(fit.presence[term] for fit in fits) for term in first.presence},
+        findings=tuple(one.of(f"channel {i}") for i, fit in enumerate(fits) for one in fit.findings),
         **{name: _joined(fits, name) for name in _NUMBERS},
-        **{name: tuple(getattr(fit, name) for fit in fits) for name in _SENTENCES},
+        **{name: tuple(getattr(fit, name) for fit in fits) for name in _EACH},
     )
 
 
-def stacked_noises(found: list[Any]) -> Any:
-    """Join the noise models of the channels of one record into one, channels last; None if any of them is None."""
-    if any(noise is None for noise in found):
-        return None
+def stacked_noises(found: list[Noise]) -> Noise:
+    """Join the noise models of the channels of one record into one, channels last."""
     # channels with fewer lines or processes than others get additional ones of zero amplitude, so that all have the same structure
     for name in ("sinusoid", "markov"):
         lists = [getattr(noise, name) for noise in found]
@@ -252,11 +237,6 @@ def _joined(trees: list[Any], name: str = "") -> Any:
     return map_ordered(stack, *trees)
 
 
-#: significance above which a term is a hint, and above which it is present. Without the term, 5 % and 1 % of records exceed these,
-#: because a coefficient cannot be negative (S. G. Self and K.-Y. Liang, J. Am. Stat. Assoc. 82, 1987)
-HINT, PRESENT = 2.71, 5.41
-
-
 def assemble(
     theta,
     spread,
@@ -266,8 +246,6 @@ def assemble(
     duration: float,
     *,
     sinusoid=(),
-    warnings=(),
-    left_out=(),
     **others,
 ) -> NoiseFit:
     """Make a `NoiseFit` from squared coefficients in the order of `terms`, their covariance and their limits, all in SI units.
@@ -279,25 +257,23 @@ def assemble(
     positive = theta > 0.0
     guarded = xp.where(positive, theta, 1.0)  # keeps the derivative of the root finite where the coefficient is zero
     value = xp.where(positive, xp.sqrt(guarded), 0.0)
-    tables: dict[str, Any] = {name: {} for name in ("interval", "upper_limit", "verdict", "significance", "longer_record")}
+    tables: dict[str, Any] = {name: {} for name in ("interval", "upper_limit", "presence", "significance", "longer_record")}
     if limits is not None:
         relative, rises = xp.sqrt(xp.diagonal(spread)) / (2.0 * guarded), limits.significance
         columns = {
             "interval": list(zip(xp.sqrt(limits.low), xp.sqrt(limits.high), strict=True)),
             "upper_limit": xp.sqrt(limits.upper),
-            "verdict": [] if traced else ["present" if rise > PRESENT else "hint" if rise > HINT else "not detected" for rise in rises],
+            "presence": [] if traced else ["present" if rise > PRESENT else "hint" if rise > HINT else "not detected" for rise in rises],
             "significance": rises,
             "longer_record": xp.where(positive, duration * (relative / 0.1) ** 2, xp.inf),
         }
         tables = {name: dict(zip([term.name for term in terms], values, strict=False)) for name, values in columns.items()}
     return NoiseFit(
         noise=noise_of(terms, list(value), sinusoid),
-        covariance=spread,
+        covariance=NamedMatrix(tuple(term.name for term in terms), spread),
         deviation=curve,
         duration=duration,
         terms=tuple(term.name for term in terms),
-        warnings=warnings,
-        left_out=left_out,
         **tables,
         **others,
     )

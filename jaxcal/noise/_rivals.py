@@ -7,8 +7,7 @@ import numpy as np
 
 from .._types import AnyArray
 from ._alternatives import Alternative, Alternatives
-from ._limits import Limits, levels_of
-from ._result import PRESENT
+from ._limits import PRESENT, Limits, levels_of
 from ._spectral import FILTER, Fitted, uncertainty
 
 _LEAST = 1e-2  # smallest likelihood ratio at which limits are computed

@@ -30,11 +30,12 @@ _STEP = 1e-3  # step of the second differences of a log likelihood
 
 
 class Tails(NamedTuple):
-    """A record with normal white noise, the law of its own in words, and the variance of N^2 over that for normal noise."""
+    """A record with normal white noise, the law of its own in words, the variance of N^2 over that for normal noise, and what N is of."""
 
     y: np.ndarray
     law: str
     factor: float
+    of: str = ""
 
 
 class _Law(NamedTuple):
@@ -95,10 +96,7 @@ def _bursts_below(p, x):
 
 def _bursts_words(p) -> str:
     scale, share, width = _bursts(p)
-    return (
-        f"{100 * share:.2g} % of the samples hold bursts spread evenly up to {width / scale:.2g} times the standard deviation of the core; "
-        "they are given less weight, and N is that of the core"
-    )
+    return f"uniform bursts of up to {width / scale:.2g} times its size in {100 * share:.2g} % of the samples"
 
 
 def _mixture(p):
@@ -118,8 +116,7 @@ def _mixture_below(p, x):
 def _mixture_words(p) -> str:
     scales, shares = _mixture(p)
     wide = sorted(zip(scales[1:] / scales[0], shares[1:], strict=True))
-    listed = " and ".join(f"{100 * share:.2g} % from a component {scale:.2g} times as wide" for scale, share in wide)
-    return f"of the samples {listed} as the core; they are given less weight, and N is that of the core"
+    return " and ".join(f"{100 * share:.2g} % of the samples {scale:.2g} times as wide" for scale, share in wide)
 
 
 _LAWS = (
@@ -128,9 +125,7 @@ _LAWS = (
         lambda s: np.array([np.log(1.3 * s), 0.5]),
         _student_density,
         _student_below,
-        lambda p: (
-            f"Student's t with {_student(p)[1]:.2g} degrees of freedom fits its white noise, and N is the standard deviation of that law"
-        ),
+        lambda p: f"Student's t with {_student(p)[1]:.2g} degrees of freedom",
     ),
     _Law(lambda s: np.array([np.log(s), -2.5, 2.0]), _bursts_density, _bursts_below, _bursts_words),
     _Law(lambda s: np.array([np.log(s), -2.5, 1.5]), _mixture_density, _mixture_below, _mixture_words),
@@ -156,7 +151,7 @@ def tamed(y, dt: float, spectrum: Callable[[np.ndarray], tuple[AnyArray, AnyArra
         clean[there] += normal
     if law is _LAWS[0]:
         return Tails(y, "", 1.0)
-    return Tails(np.where(there, clean, np.nan), law.words(p), factor)
+    return Tails(np.where(there, clean, np.nan), law.words(p), factor, "all samples" if law is _LAWS[1] else "the core")
 
 
 def _clipped(y, there):

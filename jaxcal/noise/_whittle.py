@@ -8,7 +8,7 @@ from .._errors import DataError, FitError
 from .._frozen import replaced
 from .._types import AnyArray
 from ..allan import Deviation, deviation
-from . import _messages, _rivals as rivals
+from . import _findings, _rivals as rivals
 from ._alternatives import Alternative, Alternatives, likeliest_time, widening
 from ._causes import Cause, find_causes
 from ._covariance import covariance_tensor
@@ -23,6 +23,8 @@ from ._stationarity import Level, Unevenness, follows, levels_of_white, unevenne
 from ._tails import Tails, tamed
 from ._terms import GaussMarkov, Ramp, Term
 
+#: slope in standard errors above which a line in time is removed from the record, if R is among the terms
+_RAMP = 3.0
 _SHORTEST = 256  # number of samples from which the fit compares coefficients in parts of a record
 #: likelihood ratio above which a model in place of B and K is no chance: in records of noise of B and K it reached 15 at most
 _SURE = 30.0
@@ -76,8 +78,9 @@ class Tried(NamedTuple):
 
 
 def fit_record(
-    y, curve: Deviation, terms: tuple[Term, ...], band: tuple[float, float] | None, confidence: float, temperature=None, robust=False
-) -> NoiseFit:
+    y, curve: Deviation, terms: tuple[Term, ...], band: tuple[float, float] | None, confidence: float, temperature=None, robust=False,
+    sensor: str = "",
+) -> NoiseFit:  # fmt: skip
     """Fit one channel by the likelihood of its samples.
 
     Parameters
@@ -89,6 +92,7 @@ def fit_record(
     confidence : level of the limits.
     temperature : (n,) readings; one of the possible causes of slow changes.
     robust : whether the white noise may have heavy tails, and N is that of its core.
+    sensor : "gyro", "accel" or "mag" if it is known, for the units of findings.
     """
     parts, dt = _parts(terms), 1.0 / curve.rate
     tails = tamed(y, dt, lambda x: spectrum_of(solve(Observed(x, dt), parts.base, band))) if robust else Tails(y, "", 1.0)
@@ -104,7 +108,7 @@ def fit_record(
     if tails.law or not model.observed.complete:
         curve = deviation(model.observed.drawn, curve.rate, m=curve.m, confidence=confidence)
     fit = _assembled(curve, plain, model, judged, parts, band, confidence)
-    return _with_messages(fit, model, judged, found, parts, tails, band)
+    return _with_findings(fit, model, judged, found, parts, tails, sensor)
 
 
 def _parts(terms: tuple[Term, ...]) -> Parts:
@@ -124,7 +128,7 @@ def _without_causes(y, dt: float, parts: Parts, band, temperature) -> Described:
     solved = solve(observed, parts.base, band)
     lowest = lowest_of(observed, solved)
     line = slope, error = follows(observed.drawn, t, lowest.density, dt)
-    if parts.ramps and abs(slope) > _messages.RAMP * error:
+    if parts.ramps and abs(slope) > _RAMP * error:
         y = y - slope * t
     elif not parts.sought:
         slow = [name not in _FAST for name in solved.names]
@@ -242,35 +246,29 @@ def _assembled(curve: Deviation, plain: Described, model: Described, judged: Jud
     )  # fmt: skip
     # the spectrum of the plain model is close enough for the degrees of freedom of the curve
     curve = with_edf(curve, used, _model_edf(curve, plain.solved, n))
-    verdict = fit.verdict | dict.fromkeys(judged.doubts, "hint")
-    return replaced(fit, verdict=verdict, deviation=curve, spectrum=_fitted_spectrum(solved))
+    presence = fit.presence | dict.fromkeys(judged.doubts, "hint")
+    return replaced(fit, presence=presence, deviation=curve, spectrum=_fitted_spectrum(solved))
 
 
-def _with_messages(
-    fit: NoiseFit, model: Described, judged: Judged, found: Alternatives, parts: Parts, tails: Tails, band
-) -> NoiseFit:  # fmt: skip
-    """The result with warnings, notes and events, and without the terms that were not asked for."""
-    observed, fitted, curve = model.observed, model.solved.fitted, fit.deviation
-    dt, inflation = observed.dt, float(fitted.inflation)
-    duration = len(observed.y) * dt
-    left_out = _messages.of_octaves(curve, fit.used, np.sqrt(np.asarray(fit.noise.avar(curve.tau, dt=dt))), band is None)
-    told, notes = _messages.of_alternatives(found, judged.doubts, fit)
-    where, how = "any band" if band is None else "the band asked for", f"the spectrum scatters {inflation:.1f} times as much as it may"
-    unsettled = "the search for the largest likelihood did not converge; fit fewer terms or another band"
-    warnings = (
-        *curve.warnings,
-        *_messages.of_model(fit, "spectrum", bool(fitted.holds), where, how, inflation, bool(fitted.cut)),
-        *(() if bool(fitted.settled) else (unsettled,)),
-        *([f"the record has heavy tails: {tails.law}"] if tails.law else ()),
-        *_messages.of_record(observed.y, dt, _lines(model)),
-        *_messages.of_causes(model.causes, observed.factors, observed.covariance),
-        *told,
-        *_messages.of_levels(judged.levels, float(np.asarray(fit.noise.coefficient("N"))) if judged.levels else 0.0, dt),
-        *_messages.of_unevenness(judged.uneven, duration),
+def _with_findings(
+    fit: NoiseFit, model: Described, judged: Judged, found: Alternatives, parts: Parts, tails: Tails, sensor: str
+) -> NoiseFit:
+    """The result with findings and events, and without the terms that were not asked for."""
+    observed, fitted = model.observed, model.solved.fitted
+    dt, duration = observed.dt, len(observed.y) * observed.dt
+    shortest = float(fit.band[0]) if bool(fitted.cut) and "Q" in fit.terms else None
+    findings = (
+        *getattr(fit.deviation, "findings", ()),
+        *_findings.of_model(bool(fitted.holds), float(fit.goodness), float(fitted.inflation), shortest),
+        *(() if bool(fitted.settled) else (_findings.FINDINGS("unsettled"),)),
+        *((_findings.FINDINGS("heavy", law=tails.law, of=tails.of),) if tails.law else ()),
+        *_findings.of_record(observed.y, _lines(model)),
+        *_findings.of_causes(model.causes, observed.factors, observed.covariance, sensor or "ratio"),
+        *_findings.of_alternatives(found, judged.doubts.values()),
+        *_findings.of_parts(judged.levels, judged.uneven, duration, dt),
     )
-    notes = (*notes, _messages.of_markov(fit)) if any(term.name == "markov" for term in parts.asked) else notes
-    events = (*_messages.events_of_causes(model.causes), *_messages.events_of_parts(judged.levels, judged.uneven, duration, dt))
-    fit = replaced(fit, left_out=left_out, warnings=warnings, notes=notes, events=events)
+    events = _findings.events_of(model.causes, judged.levels, judged.uneven, duration, dt)
+    fit = replaced(fit, findings=findings, events=events)
     return without_terms(fit, [term.name for term in model.extra], tables=not parts.sought)
 
 

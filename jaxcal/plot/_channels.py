@@ -62,16 +62,16 @@ class ModelledChannel(Channel):
         if noise is None or term not in ([name for name, _, _ in noise.parts] if fit is None else fit.terms):
             return 0.0, "", ""
         scale, unit = display_unit(term, self.sensor)
-        value, verdict = float(noise.coefficient(term)), None if fit is None else fit.verdict.get(term)
-        if fit is None or verdict is None:  # a method without uncertainty
+        value, presence = float(noise.coefficient(term)), None if fit is None else fit.presence.get(term)
+        if fit is None or presence is None:  # a method without uncertainty
             words = f"= {number_label(value / scale)}"
-        elif verdict == "not detected":
+        elif presence == "not detected":
             value = float(fit.upper_limit[term])
             words = f"< {number_label(value / scale, 2)}"
         else:
-            words = "= " if verdict == "present" else "≈ "
+            words = "= " if presence == "present" else "≈ "
             words += interval_labels(value / scale, *(float(end) / scale for end in fit.interval[term]))[0]
-        return value, ":" if verdict == "not detected" else "--", f"{term} {words} {unit}".strip()
+        return value, ":" if presence == "not detected" else "--", f"{term} {words} {unit}".strip()
 
     def term_lines(self, ax: "Axes", terms: Iterable[str], **look: Any) -> list[Any]:
         """Draw a line for every term, dotted at the upper limit of a term that was not detected."""

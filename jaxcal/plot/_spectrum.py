@@ -98,7 +98,7 @@ def spectrum(result: Any, ax: Any = None, noise: Any = None) -> Any:
     'Two-sided power spectral density, (°/h)²/Hz'
     """
     named = result if isinstance(result, Mapping) else {"": result}
-    models = noise if isinstance(noise, dict) else dict.fromkeys(named, noise)
+    models = noise if isinstance(noise, Mapping) else dict.fromkeys(named, noise)
     channels = [channel for name, item in named.items() for channel in _channels(str(name), item, models.get(name))]
     if channels and models and not set(models) & set(named):
         raise DataError(f"noise names none of the channels drawn: it has {', '.join(map(str, noise))}")

@@ -113,7 +113,7 @@ def _channel(name: str, result: Any, log: Log | None, grids: _Grids, level: floa
     if deviation is not None:
         found["allan"] = _allan(deviation, fit, grids)
     if fit is not None and deviation is not None:
-        found["terms"] = {term: _term(fit, term) for term in fit.terms if term in fit.verdict}
+        found["terms"] = {term: _term(fit, term) for term in fit.terms if term in fit.presence}
         found["events"] = [[float(f"{start:.5g}"), float(f"{stop:.5g}"), words] for start, stop, words in fit.events]
         fitted = fit.spectrum if fit.spectrum is not None else _of_record(fit, values, deviation.rate)
         if fitted is not None:
@@ -168,7 +168,7 @@ def _curves(fit: NoiseFit, curve: Any) -> dict[str, Any]:
     """The curve of the whole model and of each term; an undetected term is drawn at its upper limit."""
     terms = {}
     for term in fit.terms:
-        detected = fit.verdict.get(term) != "not detected"
+        detected = fit.presence.get(term) != "not detected"
         value = float(fit.noise.coefficient(term) if detected else fit.upper_limit[term])
         if 0 < value < math.inf:
             terms[term] = [int(detected), short(curve(fit.noise.only(term, value)))]
@@ -179,7 +179,7 @@ def _term(fit: NoiseFit, term: str) -> dict[str, Any]:
     low, high = fit.interval[term]
     values = (fit.noise.coefficient(term), low, high, fit.upper_limit[term])
     named = zip(("value", "low", "high", "limit"), short([float(value) for value in values], 6), strict=True)
-    return {**dict(named), "verdict": str(fit.verdict[term])}
+    return {**dict(named), "verdict": str(fit.presence[term])}
 
 
 def _of_record(fit: NoiseFit, values: Any, rate: float) -> FittedSpectrum | None:

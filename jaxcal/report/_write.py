@@ -107,10 +107,7 @@ def document(results: Any, log: Any = None) -> dict[str, Any]:
     -------
     Dictionary with `schema`, `version`, and further keys by the kind of results:
 
-    - "jaxcal.noise/1": `rate` (Hz), `duration` (s), `provenance`, `notes`, `warnings` (of the log) and `channels`. Each channel has for
-      every term `value`, `low`, `high`, `upper_limit`, `verdict`, `significance`, `longer_record` (s needed to know it to 10 %), `decides`
-      (s needed to decide whether the term is present) and `unit`; then `method`, `confidence`, `band` (s), `left_out`, `goodness`,
-      `warnings`, `notes`, `markov` (strength, correlation time in s) and `sinusoid` (amplitude, Hz).
+    - "jaxcal.NoiseFits/1": as `NoiseFits.to_dict`.
     - "jaxcal.imu/1": `verdict`, `reason`, `warnings`, `convention`, `method`, `gravity`, `rate`, `poses`, `turns`, `sensors` (each with
       `matrix`, `bias`, `g_sensitivity`, `intervals`), `residuals`, `held_out`, `condition`, `temperature` and `provenance`.
     - "jaxcal.north/1": `verdict`, `reason`, `parameters` (name -> `value`, `std`, `low`, `high` at 95 %, `unit`), `rank`, `unobservable`,
@@ -150,11 +147,14 @@ def _is(result: Any, home: str, name: str) -> bool:
 
 
 def _kind(results: Any) -> Any:
-    """The module for this kind of result; the module for noise, which refuses unknown results, is the default."""
+    """The module for this kind of result."""
     many = isinstance(results, dict)
     first = next(iter(results.values()), None) if many else results
     kinds = {} if many else _KINDS
-    name = next((module for (home, one), module in kinds.items() if _is(first, home, one)), "_noise")
+    name = next((module for (home, one), module in kinds.items() if _is(first, home, one)), None)
+    if name is None:
+        found = "an empty dictionary" if results == {} else type(first).__name__
+        raise DataError(f"{found} is no result; give what a fit returns, or a dictionary channel -> fit", code="no_results")
     return importlib.import_module(f".{name}", __package__)
 
 

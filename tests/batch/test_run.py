@@ -173,9 +173,9 @@ def test_noise_has_no_value_where_a_term_is_not_there(tmp_path, pool):
     fit = jaxcal.noise.characterise(jaxcal.read(path, quiet=True), terms=("N", "K"))["gyro_x"]
     assert entry.coefficients["gyro_x.N"].value == float(fit.noise.N)
     assert (entry.coefficients["gyro_x.N"].low, entry.coefficients["gyro_x.N"].high) == fit.interval["N"]
-    assert fit.verdict["K"] == "not detected"
+    assert fit.presence["K"] == "not detected"
     assert (entry.coefficients["gyro_x.K"].value, entry.coefficients["gyro_x.K"].high) == (None, fit.upper_limit["K"])
-    assert entry.document["result"]["schema"] == "jaxcal.noise/1"
+    assert entry.document["result"]["schema"] == "jaxcal.NoiseFits/1"
 
 
 @pytest.mark.parametrize(

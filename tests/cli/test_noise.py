@@ -1,6 +1,7 @@
 """`jaxcal noise`, from a log to its output files."""
 
 import json
+import re
 import subprocess
 import sys
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxcal
+from jaxcal.cli._noise_file import read_noise
 
 from .conftest import HEADER, listing, save, table
 
@@ -18,18 +20,15 @@ def test_without_options_everything_goes_into_a_folder(call, folder, log):
     found = call("noise", "imu.csv")
     assert (found.status, found.err) == (0, "")
     assert listing(folder) == ["imu-noise", *(f"imu-noise/{name}" for name in FILES), "imu.csv"]
-    assert [line for line in found.out.splitlines() if line.startswith("wrote ")] == [
-        f"wrote imu-noise/{name}" for name in ("report.html", "noise.json", "calibration.json", "imu.yaml")
-    ]
+    assert "wrote imu-noise/: report.html, noise.json, calibration.json, imu.yaml" in found.out.splitlines()
     document = json.loads((folder / "imu-noise" / "noise.json").read_text())
-    assert document["schema"] == "jaxcal.noise/1"
-    assert (document["rate"], document["duration"]) == (100.0, 80.0)
+    assert document["schema"] == "jaxcal.NoiseFits/1"
     assert sorted(document["channels"]) == sorted(f"{sensor}_{axis}" for sensor in ("gyro", "accel") for axis in "xyz")
     for name, channel in document["channels"].items():
         truth = 1e-3 if name.startswith("gyro") else 1e-2
-        assert channel["N"]["value"] == pytest.approx(truth, rel=0.05)
-        assert channel["N"]["unit"] == ("rad/sqrt(s)" if name.startswith("gyro") else "m/s^2/sqrt(Hz)")
-        assert channel["K"]["verdict"] == "not detected"
+        assert channel["coefficients"]["N"] == pytest.approx(truth, rel=0.05)
+        assert document["numbers"][f"{name}.N"]["unit"] == ("rad/sqrt(s)" if name.startswith("gyro") else "m/s^2/sqrt(Hz)")
+        assert (channel["presence"]["K"], channel["duration"], channel["deviation"]["rate"]) == ("not detected", 80.0, 100.0)
     kept = jaxcal.Calibration.load(folder / "imu-noise" / "calibration.json")
     assert list(kept.noise.gyro.N) == pytest.approx([1e-3] * 3, rel=0.05)
     assert (folder / "imu-noise" / "report.html").read_text().startswith("<!DOCTYPE html>")
@@ -40,9 +39,8 @@ def test_several_recordings_of_one_device_have_a_table_with_the_interval_of_the_
         save(folder / f"{i}.csv", table(seed=i))
     found = call("noise", "0.csv", "--also", "1.csv", "--also", "2.csv", "--json", "first.json")
     assert (found.status, found.err) == (0, "")
-    alone, all_three = found.out.split("3 recordings")
-    assert "95 % interval below" in alone
-    assert "95 % interval of the next recording below" in all_three
+    assert [line for line in found.out.splitlines() if line.startswith("gyroscope, next of 3 recordings")]
+    assert sum(line.split()[:2] == ["N", "deg/sqrt(h)"] or line.startswith("N  angle") for line in found.out.splitlines()) == 2
     assert call("noise", "0.csv", "--also", "none.csv").status == 2
 
 
@@ -68,27 +66,29 @@ print(status, *(name for name in ("matplotlib", "scipy.stats") if name in sys.mo
     found = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=True)
     lines = found.stdout.splitlines()
     assert lines[-1] == "2"
-    assert "gyroscope: coefficient" in found.stdout[: found.stdout.index("now the report")]
+    assert "gyroscope" in found.stdout[: found.stdout.index("now the report")]
 
 
 def test_the_table_is_in_data_sheet_units_with_intervals_and_limits(call, log):
     lines = call("noise", "imu.csv", "--json", "a.json").out.splitlines()
     assert max(map(len, lines)) <= 80
     assert not [line for line in lines if line != line.rstrip() or "\x1b" in line]
-    start = lines.index("gyroscope: coefficient, 95 % interval below")
-    assert lines[start + 1].split() == ["Q", "N", "B", "K"]
-    assert lines[start + 2].split() == ["arcsec", "deg/sqrt(h)", "deg/h", "deg/h/sqrt(s)"]
-    axis, *cells = lines[start + 3].split("   ")
-    assert axis == "x"
-    value = next(float(cell) for cell in cells if cell.strip() and not cell.strip().startswith("<"))
+    assert len(lines) <= 40
+    start = next(i for i, line in enumerate(lines) if line.startswith("gyroscope "))
+    assert lines[start].split() == ["gyroscope", "x", "y", "z"]
+    rows = {line[:1]: re.split(" {2,}", line)[-4:] for line in lines[start + 1 : start + 5]}
+    assert [row[0] for row in rows.values()] == ["arcsec", "deg/sqrt(h)", "deg/h", "deg/h/sqrt(s)"]
+    value, half = (float(word) for word in rows["N"][1].split(" ± "))
     assert value == pytest.approx(1e-3 * 180 / np.pi * 60, rel=0.05)  # 3.44 deg/sqrt(h)
-    assert " to " in lines[start + 4]
-    assert "not detected" in lines[start + 4]
+    assert half < 0.1 * value
+    assert all(cell.startswith("< ") for cell in rows["K"][1:])
+    assert lines[start + 5].startswith("floor")
 
 
 def test_guesses_are_printed_with_the_option_that_overrides_them(call, log):
-    out = " ".join(call("noise", "imu.csv", "--json", "a.json").out.split())
-    assert "8000 samples at 100 Hz" in out
+    out = " ".join(call("noise", "imu.csv", "--json", "a.json", "-v").out.split())
+    assert "imu.csv: gyroscope and accelerometer, 100 Hz, 1 min 20 s" in out
+    assert "record for N to 10 %" in out
     assert "override with --columns time=0 --units time=" in out
 
 
@@ -103,18 +103,18 @@ def test_an_export_without_a_name_goes_into_the_output_folder(call, folder, log)
 
 
 def test_an_upper_limit_in_place_of_a_random_walk_is_said(call, folder, log):
-    found = call("noise", "imu.csv", "--export", "kalibr")
+    found = call("noise", "imu.csv", "--export", "kalibr", "-v")
     assert "imu.yaml: K was not found on gyro_x, gyro_y, gyro_z: its 95 % upper limit is written" in " ".join(found.out.split())
     assert "upper limit" in (folder / "imu.yaml").read_text()
 
 
 def test_a_log_of_a_gyroscope_alone_has_no_imu_yaml_and_says_so(call, folder):
     save(folder / "gyro.csv", table()[:, :4], header=",".join(HEADER.split(",")[:4]))
-    found = call("noise", "gyro.csv")
+    found = call("noise", "gyro.csv", "-v")
     assert found.status == 0
     assert listing(folder / "gyro-noise") == [name for name in FILES if name != "imu.yaml"]
     assert "imu.yaml is not written: the calibration holds no accelerometer noise" in " ".join(found.out.split())
-    assert "wrote gyro-noise/imu.yaml" not in found.out
+    assert found.out.splitlines()[-1] == "wrote gyro-noise/: report.html, noise.json, calibration.json"
 
 
 def test_an_export_that_was_asked_for_and_cannot_be_made_is_status_1(call, folder):
@@ -134,16 +134,16 @@ def test_units_columns_rate_and_part_of_the_log_are_passed_on(call, folder):
     found = call("noise", "plain.txt", *options, "--start", "10", "--stop", "-10", "--json", "a.json")
     assert found.status == 0, found.err
     document = json.loads((folder / "a.json").read_text())
-    assert (document["rate"], document["duration"]) == (200.0, 20.0)
+    assert (document["channels"]["gyro_x"]["deviation"]["rate"], document["channels"]["gyro_x"]["duration"]) == (200.0, 20.0)
     # white noise: at twice the rate the same samples have a density smaller by sqrt(2)
-    assert document["channels"]["gyro_x"]["N"]["value"] == pytest.approx(1e-3 / np.sqrt(2), rel=0.05)
-    assert document["channels"]["accel_z"]["N"]["value"] == pytest.approx(1e-2 / np.sqrt(2), rel=0.05)
+    assert document["channels"]["gyro_x"]["coefficients"]["N"] == pytest.approx(1e-3 / np.sqrt(2), rel=0.05)
+    assert document["channels"]["accel_z"]["coefficients"]["N"] == pytest.approx(1e-2 / np.sqrt(2), rel=0.05)
 
 
 def test_terms_confidence_and_band_reach_the_fit(call, folder, log):
     assert call("noise", "imu.csv", "--terms", "n,b", "--confidence", "0.9", "--band", "0.1", "5", "--json", "a.json").status == 0
     channel = json.loads((folder / "a.json").read_text())["channels"]["gyro_x"]
-    assert "Q" not in channel
+    assert channel["terms"] == ["N", "B"]
     assert channel["confidence"] == 0.9
     assert channel["band"][0] >= 0.1
     assert channel["band"][1] <= 5.0
@@ -154,7 +154,7 @@ def test_the_command_agrees_with_the_library(call, folder, log):
     fits = jaxcal.noise.characterise(jaxcal.read(log, quiet=True))
     document = json.loads((folder / "a.json").read_text())
     for name, fit in fits.items():
-        assert document["channels"][name]["N"]["value"] == pytest.approx(fit.noise.N, rel=1e-9)
+        assert document["channels"][name]["coefficients"]["N"] == pytest.approx(fit.noise.N, rel=1e-9)
 
 
 def test_a_second_run_replaces_the_files_of_the_first(call, folder, log):
@@ -166,16 +166,41 @@ def test_a_second_run_replaces_the_files_of_the_first(call, folder, log):
 def test_a_gauss_markov_process_on_request(call, folder, log):
     found = call("noise", "imu.csv", "--terms", "QNBKM", "--json", "a.json")
     assert found.status == 0, found.err
-    assert "Gauss-Markov process of correlation time" in " ".join(found.out.split())
+    assert [line for line in found.out.splitlines() if line.startswith("M ")]
     channel = json.loads((folder / "a.json").read_text())["channels"]["gyro_x"]
-    assert len(channel["markov"]) == 1
-    assert channel["K"]["decides"] > 0
+    assert len(channel["noise"]["markov"]) == 1
+    assert channel["decides"]["K"] > 0
 
 
 def test_another_method(call, folder, log):
-    found = call("noise", "imu.csv", "--method", "edf", "--json", "a.json")
+    found = call("noise", "imu.csv", "--method", "gls", "--json", "a.json")
     assert found.status == 0, found.err
-    assert json.loads((folder / "a.json").read_text())["channels"]["gyro_x"]["method"] == "edf"
+    assert json.loads((folder / "a.json").read_text())["channels"]["gyro_x"]["method"] == "gls"
     found = call("noise", "imu.csv", "--method", "slope")
     assert found.status == 2
-    assert 'Choose from: "whittle", "gls", "edf", "wavelet"' in found.reason
+    assert 'Choose from: "whittle", "gls"' in found.reason
+
+
+def test_the_demo_counts_the_intervals_that_hold_the_truth_and_its_calibration_is_exported(call, folder, monkeypatch):
+    monkeypatch.setattr("jaxcal.cli._demo._DURATION", 60.0)
+    found = call("demo")
+    assert found.status == 0
+    held, total = map(int, re.search(r"(\d+) of (\d+) intervals of 95 % hold the truth", found.out).groups())
+    assert total == 24
+    assert held >= 20
+    made = folder / "jaxcal-demo"
+    for tool in ("kalibr", "openvins", "vins", "orbslam3", "gtsam", "ros", "csv"):
+        assert call("export", made / "calibration.json", "--to", tool, "--out", f"made.{tool}").status == 0
+    # the command noise writes the same numbers
+    plain = [line for line in (made / "imu.yaml").read_text().splitlines() if not line.startswith("#")]
+    assert plain == [line for line in (folder / "made.kalibr").read_text().splitlines() if not line.startswith("#")]
+
+
+def test_noise_of_an_earlier_file_is_read(folder):
+    channel = {"N": {"value": 1e-3}, "markov": [[1e-4, 2.0]], "sinusoid": [], "shapes": {}}
+    (folder / "old.json").write_text(json.dumps({"schema": "jaxcal.noise/1", "channels": {"gyro_x": channel}}))
+    assert read_noise(folder / "old.json")["gyro_x"] == jaxcal.noise.Noise(N=1e-3, markov=((1e-4, 2.0),))
+    y = jaxcal.noise.Noise(N=1e-3).simulate(5000, 100.0, seed=0)
+    fits = jaxcal.noise.NoiseFits({"gyro_x": jaxcal.noise.fit(y, 100.0)})
+    fits.save(folder / "new.json")
+    assert pytest.approx(float(fits.gyro_x.noise.N)) == read_noise(folder / "new.json")["gyro_x"].N

@@ -91,19 +91,19 @@ def test_rms_and_inflation(golden, path):
 @pytest.mark.parametrize("sensor", ["gyro", "accel"])
 def test_missing_random_walk_is_an_error_that_names_the_axes(golden, path, sensor):
     with pytest.raises(ExportError, match=rf"no random walk K was found on {sensor}_x, {sensor}_z; fit a longer record.*Bias instability"):
-        write(without_walk(golden, sensor), path)
+        write(without_walk(golden, sensor), path, random_walk=None)
     assert not path.exists()
 
 
 def test_zero_random_walk_without_a_verdict_is_missing_too(golden, path):
     with pytest.raises(ExportError, match="no random walk K was found on gyro_x, gyro_y, gyro_z"):
-        write(with_noise(golden, "gyro", K=np.zeros(3)), path)
+        write(with_noise(golden, "gyro", K=np.zeros(3)), path, random_walk=None)
     with pytest.raises(ExportError, match="no random walk K was found on gyro_x, gyro_y, gyro_z"):
-        write(with_noise(golden, "gyro", K=None), path)
+        write(with_noise(golden, "gyro", K=None), path, random_walk=None)
 
 
 def test_upper_limit_is_written_where_k_was_not_found(golden, path):
-    warnings = write(without_walk(golden, "gyro"), path, random_walk="upper_limit", provenance=False)
+    warnings = write(without_walk(golden, "gyro"), path, provenance=False)
     assert yaml.safe_load(path.read_text())["gyroscope_random_walk"] == 9e-5
     assert "K = 1.0e-05, 3.0e-05, 9.0e-05 (95 % upper limit on gyro_x, gyro_z)" in path.read_text()
     assert "K was not found on gyro_x, gyro_z: its 95 % upper limit is written" in warnings
@@ -159,9 +159,9 @@ def test_missing_noise(path):
 def test_missing_density(golden, path):
     for n, axis in ((np.array([1.0, 0.0, 1.0]), "y"), (np.array([1.0, 1.0, np.nan]), "z")):
         with pytest.raises(ExportError, match=rf'no noise density N was found on gyro_{axis}; .*density="upper_limit" or a value'):
-            write(with_noise(golden, "gyro", N=n), path)
+            write(with_noise(golden, "gyro", N=n), path, density=None)
     with pytest.raises(ExportError, match="no noise density N was found on accel_x, accel_y, accel_z"):
-        write(with_noise(golden, "accel", N=None), path)
+        write(with_noise(golden, "accel", N=None), path, density=None)
 
 
 def test_density_from_its_upper_limit_or_given(golden, path):

@@ -30,7 +30,7 @@ def test_intervals_of_the_correlation_hold_the_truth(walk):
 
 def test_independent_axes_are_seldom_called_correlated():
     random = np.random.default_rng(5)
-    said = [bool(correlation(random.standard_normal((1000, 2)), RATE, [Noise(N=0.1)] * 2).warnings) for _ in range(300)]
+    said = [bool(correlation(random.standard_normal((1000, 2)), RATE, [Noise(N=0.1)] * 2).findings) for _ in range(300)]
     assert np.mean(said) < 0.09  # nominal: 5 %
 
 
@@ -40,12 +40,11 @@ def test_covariance_is_that_of_the_samples_and_serves_a_filter():
     found = correlation(y, RATE, fits)
     np.testing.assert_allclose(found.measurement(RATE), np.cov(y.T), rtol=0.03)
     np.testing.assert_allclose(np.diag(found.covariance), [float(fit.noise.N) ** 2 for fit in fits])
-    assert "axes 0 and 1 is correlated" in found.warnings[0]
-    assert "correlation of axes 0 and 1" in found.summary()
+    assert found.codes == {"correlated"}
+    assert "axes 0 and 1" in found.summary()
     y[50_000] = np.nan
-    assert (
-        "samples 50001 .. 99999" in correlation(y, RATE, fits).warnings[0] or "samples 0 .. 49999" in correlation(y, RATE, fits).warnings[0]
-    )
+    used = next(one.facts for one in correlation(y, RATE, fits).findings if one.code == "stretch")
+    assert (used["start"], used["stop"]) in ((50_001, 100_000), (0, 50_000))
 
 
 def test_the_state_space_model_of_all_axes_has_the_covariance_of_the_samples():
@@ -95,8 +94,6 @@ def test_a_log_with_correlated_axes_says_so_and_a_common_step_and_line_do_not_co
     a, b, c = 1e-3 * random.standard_normal((3, n))
     common = 3e-3 * (np.arange(n) > n / 2) + 1e-3 * np.sin(2 * np.pi * 0.2 * np.arange(n))
     log = jaxcal.Log(None, gyro=np.stack([a + common, 0.6 * a + 0.8 * b, c + common], axis=1), rate=RATE)
-    said = {name: [note for note in fit.notes if "is correlated" in note] for name, fit in jaxcal.noise.characterise(log).items()}
-    assert len(said["gyro_x"]) == 1
-    assert abs(float(said["gyro_x"][0].split("gyro_y: ")[1].split(",")[0]) - 0.6) < 0.04
-    assert "gyro_z" not in said["gyro_x"][0]
-    assert said["gyro_y"] == said["gyro_z"] == []
+    (told,) = [one for one in jaxcal.noise.characterise(log).findings if one.code == "correlated"]
+    assert (told.subject, told.facts["pair"]) == (("gyro",), "x and y")
+    assert abs(told.facts["rho"] - 0.6) < 0.04

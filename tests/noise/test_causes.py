@@ -28,10 +28,10 @@ def drawn(level, seed):
 
 SD = np.sqrt(RATE)
 MEANS = {
-    "a step of": lambda u: 0.5 * SD * (0.2 + 0.6 * u < T),
-    "a warm-up of": lambda u: SD * np.exp(-T / (0.03 + 0.1 * u)),
-    "a sinusoid of": lambda u: 0.15 * SD * np.sin(2 * np.pi * ((1 + 5 * u) * T + u)),
-    "a straight line of": lambda u: (0.5 + u) * SD * T,
+    "step": lambda u: 0.5 * SD * (0.2 + 0.6 * u < T),
+    "warm_up": lambda u: SD * np.exp(-T / (0.03 + 0.1 * u)),
+    "sinusoid": lambda u: 0.15 * SD * np.sin(2 * np.pi * ((1 + 5 * u) * T + u)),
+    "ramp": lambda u: (0.5 + u) * SD * T,
 }
 SPECTRA = {
     "noise of exponent": density(exponent=0.75, corner=3.0),
@@ -46,8 +46,8 @@ def test_what_passes_for_slow_noise_is_named_and_no_b_or_k_is_present(cause):
         y = drawn(SPECTRA.get(cause, 1.0), seed)
         y = y + MEANS[cause](np.random.default_rng([seed, 1]).uniform()) if cause in MEANS else y
         found = jaxcal.noise.fit(y, RATE)
-        named += any(cause in sentence for sentence in found.warnings)
-        false += [found.verdict[term] for term in "BK"].count("present")
+        named += cause in found.codes or any(cause in one.facts.get("model", "") for one in found.findings if one.code == "other_noise")
+        false += [found.presence[term] for term in "BK"].count("present")
         covered += found.interval["N"][0] <= 1.0 <= found.interval["N"][1]
     assert named >= RUNS - 1
     assert false <= 1  # of ten verdicts, each of which is false with a probability of 1 %
@@ -66,12 +66,11 @@ def test_what_another_spectrum_explains_as_well_is_a_hint_that_names_it(term):
     false = hints = covered = 0
     for seed in range(8):
         found = jaxcal.noise.fit(drawn(level, seed), RATE)
-        false += found.verdict[term] == "present"
+        false += found.presence[term] == "present"
         covered += found.interval["N"][0] <= 1.0 <= found.interval["N"][1]
-        if notes := [note for note in found.notes if note.startswith(f"{term} is a hint at most")]:
+        if found.presence[term] == "hint" and found.significance[term] > 5.41:
             hints += 1
-            assert cause in notes[0]
-            assert found.verdict[term] == "hint"
+            assert cause in next(one.facts["model"] for one in found.findings if one.code in ("rival", "other_noise"))
             assert found.interval[term][0] == 0.0
     assert false <= 2  # for records twice as long, 3 % of the verdicts are false
     assert hints >= 2
@@ -97,7 +96,7 @@ def test_a_record_that_does_not_decide_does_not_jump_between_models(case):
     level, seed = UNDECIDED[case]
     apart, whole = moved(drawn(level, seed), seed)
     assert apart.max() < 0.25
-    assert any("The record does not decide" in sentence for sentence in (*whole.warnings, *whole.notes))
+    assert any(one.facts["shares"] for one in whole.findings if one.code in ("rival", "other_noise"))
 
 
 @pytest.mark.long
@@ -107,7 +106,7 @@ def test_means_over_models_cover_and_do_not_jump():
     for seed in range(100, 140):
         apart, found = moved(drawn(TWO, seed), seed)
         covered += found.interval["N"][0] <= 1.0 <= found.interval["N"][1]
-        false += [found.verdict[term] for term in "BK"].count("present")
+        false += [found.presence[term] for term in "BK"].count("present")
         changes.append(apart)
     assert covered >= 35  # of 40 intervals of 95 %; fewer have a probability of 1.4 %
     assert false <= 3  # of 80 verdicts, each of which may be false with a probability of 1 %
@@ -120,8 +119,10 @@ def test_means_over_models_cover_and_do_not_jump():
 def test_noise_of_the_model_alone_has_no_other_cause():
     truth = jaxcal.noise.Noise(N=0.25 / 60, B=7.6 / 3600, K=1.8 / 3600)
     records = np.stack([truth.simulate(SAMPLES, RATE, seed=seed) for seed in range(15)], axis=1)
-    said = [sentence for one in jaxcal.noise.fit(records, RATE).warnings for sentence in one if "explain" in sentence]
-    assert len(said) <= 2  # a cause is named by chance in about 2 % of the records
+    causes = {"step", "ramp", "warm_up", "sinusoid", "other_noise"}
+    assert (
+        sum(one.code in causes for one in jaxcal.noise.fit(records, RATE).findings) <= 2
+    )  # a cause is named by chance in about 2 % of the records
 
 
 @pytest.mark.long
@@ -129,9 +130,8 @@ def test_the_size_of_a_step_has_an_interval_that_holds_it():
     inside = 0
     for seed in range(10):
         y = drawn(1.0, seed) + 3.0 * (T > 0.5)
-        (said,) = [sentence for sentence in jaxcal.noise.fit(y, RATE).warnings if "a step of" in sentence]
-        size, error = (float(word) for word in said.split(" at ")[0].removeprefix("a step of ").split(" +- "))
-        inside += abs(size - 3.0) <= 1.96 * error + 0.02  # printed to three digits
+        ((_, size, error),) = next(one.facts["steps"] for one in jaxcal.noise.fit(y, RATE).findings if one.code == "step")
+        inside += abs(size - 3.0) <= 1.96 * error
     assert inside >= 8
 
 

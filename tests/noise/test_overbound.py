@@ -81,7 +81,7 @@ def fits():
     """The truth, and fits of 40 simulated channels with 65,536 samples."""
     truth = Noise(N=1e-3, B=5e-4, K=1e-4)
     y = np.stack([truth.simulate(2**16, 1.0 / DT, seed=s) for s in range(40)], axis=1)
-    return truth, fit(y, 1.0 / DT, method="edf")
+    return truth, fit(y, 1.0 / DT, method="gls")
 
 
 def test_of_a_fit(fits):
@@ -112,7 +112,7 @@ def test_the_truth_lies_below(fits):
 
 def test_only_the_cluster_times_in_use_and_the_terms_of_the_fit():
     y = Noise(N=1e-3).simulate(20_000, 100.0, seed=1)
-    found = fit(y, 100.0, method="edf", terms=("N", "K"), band=(0.1, 10.0))
+    found = fit(y, 100.0, method="gls", terms=("N", "K"), band=(0.1, 10.0))
     bound = overbound(found)
     assert bound.Q == bound.B == bound.R == 0.0
     inside = found.used

@@ -28,11 +28,11 @@ def test_a_term_that_one_recording_lacks_has_an_upper_limit():
     random = np.random.default_rng(0)
     walk = np.cumsum(0.2 * random.standard_normal(SAMPLES))
     found = jaxcal.noise.fit_recordings([random.standard_normal(SAMPLES), random.standard_normal(SAMPLES) + walk], RATE)
-    assert found.verdict["K"] == "hint"
+    assert found.presence["K"] == "hint"
     assert found.interval["K"][0] == 0.0
     assert found.interval["K"][1] >= 0.2 * RATE**0.5
     assert "recordings" in found.summary()
-    assert found.to_dict()["verdict"]["N"] == "present"
+    assert found.to_dict()["presence"]["N"] == "present"
 
 
 @pytest.mark.parametrize(

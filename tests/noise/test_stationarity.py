@@ -48,11 +48,10 @@ def test_wandering_in_one_part_alone_is_told_and_widens_the_intervals():
     walk[24_500:] = walk[24_499]
     even = jaxcal.noise.fit(truth.simulate(n, 100.0, seed=3), 100.0)
     uneven = jaxcal.noise.fit(steady + walk, 100.0)
-    said = [sentence for sentence in uneven.warnings if "uneven in time" in sentence]
-    assert len(said) == 1
+    (told,) = [one for one in uneven.findings if one.code == "uneven"]
     # the louder part is the third eighth of the record: 163.8 to 245.8 s of 655
-    assert "between 163.8 and 245.8 s" in said[0]
-    assert not any("uneven in time" in sentence for sentence in even.warnings)
+    assert (told.facts["what"], round(told.facts["start"], 1), round(told.facts["stop"], 1)) == ("slow wandering", 163.8, 245.8)
+    assert "uneven" not in even.codes
     widths = [(fit.interval["K"][1] - fit.interval["K"][0]) / float(fit.noise.K) for fit in (even, uneven)]
     assert widths[1] > 1.5 * widths[0]
 
@@ -62,8 +61,10 @@ def test_white_noise_that_grows_is_told():
     y = Noise(N=4e-5, K=4e-6).simulate(n, 100.0, seed=4)
     louder = y + 1e-4 * np.random.default_rng(5).standard_normal(n) * (np.arange(n) > n * 7 // 8)
     plain, found = (jaxcal.noise.fit(record, 100.0) for record in (y, louder))
-    assert not any("white noise is uneven" in sentence for sentence in plain.warnings)
-    assert any("white noise is uneven" in sentence and "between 573.4 and 655.4 s" in sentence for sentence in found.warnings)
+    assert "uneven" not in plain.codes
+    assert [round(one.facts["start"], 1) for one in found.findings if one.code == "uneven" and one.facts["what"] == "white noise"] == [
+        573.4
+    ]
     widths = [fit.interval["N"][1] - fit.interval["N"][0] for fit in (plain, found)]
     assert widths[1] > 1.5 * widths[0]
 
@@ -73,4 +74,4 @@ def test_gaps():
     y[1000:1100] = np.nan
     y[16000:16100] = np.nan
     # no part between two gaps is most of this record, so that there is no message
-    assert not any("uneven" in sentence for sentence in jaxcal.noise.fit(y, 100.0).warnings)
+    assert "uneven" not in jaxcal.noise.fit(y, 100.0).codes

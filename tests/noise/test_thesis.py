@@ -94,10 +94,9 @@ def test_the_joint_fit_recovers_every_coefficient(gyro_x, records):
     fits = [fit(y, RATE) for y in records]
     for found in fits:
         for term in ("N", "B"):
-            i = found.terms.index(term)
             # the covariance is that of squared coefficients
             miss = float(getattr(found.noise, term)) ** 2 - getattr(gyro_x, term) ** 2
-            assert abs(miss) < 3 * np.sqrt(found.covariance[i, i]), (term, miss)
+            assert abs(miss) < 3 * np.sqrt(found.covariance[term, term]), (term, miss)
     # the estimate of K^2 is far from Gaussian; three or more of eight intervals miss in six of a thousand tries
     assert sum(found.interval["K"][0] < gyro_x.K < found.interval["K"][1] for found in fits) >= 6
     error = np.array([float(found.noise.B) for found in fits]) / gyro_x.B - 1

@@ -25,7 +25,7 @@ def test_minimum_and_limits_equal_those_of_a_general_minimiser(seed):
     """L-BFGS-B from many starts finds no higher likelihood, and the profile likelihood has the expected level at the interval ends."""
     y = dataclasses.replace(CASE_A, Q=0.4 / 3600 * D).simulate(1 << 13, RATE, seed=seed)
     fit = jaxcal.noise.fit(y, RATE)
-    assert not fit.left_out
+    assert fit.used.all()
     assert not fit.warnings
     assert fit.goodness > 0.05  # otherwise the intervals are wider than the profile
     scale = np.array([max(float(getattr(fit.noise, term)), 1e-3 * CASE_A.N) for term in TERMS])
@@ -77,7 +77,7 @@ def test_absent_terms_are_seldom_found():
     white = Noise(N=1.0)
     fits = [jaxcal.noise.fit(white.simulate(1 << 14, RATE, seed=seed), RATE) for seed in range(60)]
     for term in ("Q", "B", "K"):
-        assert sum(fit.verdict[term] == "present" for fit in fits) <= 3  # 1 % nominal: P(> 3 of 60) = 0.3 %
+        assert sum(fit.presence[term] == "present" for fit in fits) <= 3  # 1 % nominal: P(> 3 of 60) = 0.3 %
 
 
 @pytest.fixture(scope="module")
@@ -87,17 +87,16 @@ def record():
 
 def departs(fit, term, truth):
     """Departure of a coefficient from the truth in standard errors of the fit."""
-    i = fit.terms.index(term)
     value = float(getattr(fit.noise, term))
-    return abs(value**2 - truth**2) / np.sqrt(float(fit.covariance[i, i]))
+    return abs(value**2 - truth**2) / np.sqrt(float(fit.covariance[term, term]))
 
 
 def test_a_low_pass_is_left_out_and_named(record):
     b, a = scipy.signal.butter(2, 20.0, fs=RATE)
     fit = jaxcal.noise.fit(scipy.signal.lfilter(b, a, record), RATE)
     assert fit.band[0] > 0.03
-    assert fit.left_out
-    assert any("Q was not fitted" in sentence for sentence in fit.warnings)
+    assert not fit.used[0]
+    assert "band" in fit.codes
     for term in "NBK":
         assert departs(fit, term, getattr(CASE_A, term)) < 4
     assert not fit.noise.sinusoid
@@ -109,7 +108,7 @@ def test_a_line_is_taken_out_and_told(record):
     ((amplitude, frequency),) = fit.noise.sinusoid
     assert amplitude / D == pytest.approx(2e-3, rel=0.3)  # noise at the frequency of the line causes a scatter of 10 %
     assert frequency == pytest.approx(0.1, rel=0.04)
-    assert any("line at 0.1" in sentence for sentence in fit.warnings)
+    assert "lines" in fit.codes
     for term in "NBK":
         assert departs(fit, term, getattr(CASE_A, term)) < 4
 
@@ -119,33 +118,32 @@ def test_spikes_are_counted_and_do_no_harm(record):
     where = np.random.default_rng(0).choice(np.arange(5, 1 << 17, 50), 10, replace=False)
     spoilt[where] += 50 * CASE_A.N * np.sqrt(RATE)
     fit, clean = jaxcal.noise.fit(spoilt, RATE), jaxcal.noise.fit(record, RATE)
-    assert any(sentence.startswith("10 single samples stood out") for sentence in fit.warnings)
+    assert next(one for one in fit.findings if one.code == "spikes").facts["count"] == 10
     assert float(fit.noise.N) == pytest.approx(float(clean.noise.N), rel=1e-3)
 
 
 def test_steps_are_told(record):
     y = record.copy()
     y[50_000:] += 20 * CASE_A.N * np.sqrt(RATE)
-    assert any(
-        sentence.startswith("a step of more than ten") and "first at 500 s" in sentence for sentence in jaxcal.noise.fit(y, RATE).warnings
-    )
+    found = {one.code: one.facts for one in jaxcal.noise.fit(y, RATE).findings}["jumps"]
+    assert (found["count"], found["at"]) == (1, 500.0)
     y[80_000:] -= 30 * CASE_A.N * np.sqrt(RATE)
-    assert any(sentence.startswith("2 steps") for sentence in jaxcal.noise.fit(y, RATE).warnings)
-    assert not any("step of more" in sentence for sentence in jaxcal.noise.fit(record, RATE).warnings)
+    assert {one.code: one.facts for one in jaxcal.noise.fit(y, RATE).findings}["jumps"]["count"] == 2
+    assert "jumps" not in jaxcal.noise.fit(record, RATE).codes
 
 
 def test_heavy_tails_are_told():
     y = np.random.default_rng(0).standard_t(1.5, size=30_000)
-    assert any("heavy tails" in sentence for sentence in jaxcal.noise.fit(y, RATE).warnings)
+    assert "tails" in jaxcal.noise.fit(y, RATE).codes
 
 
 def test_coarse_rounding_is_told(record):
     white = CASE_A.N * np.sqrt(RATE)
     step = 6 * white
-    assert any("not seen through the rounding" in s for s in jaxcal.noise.fit(np.round(record / step) * step, RATE).warnings)
+    assert "coarse" in jaxcal.noise.fit(np.round(record / step) * step, RATE).codes
     step = 1.5 * white
     fit = jaxcal.noise.fit(np.round(record / step) * step, RATE)
-    assert any("rounding to steps" in s for s in fit.warnings)
+    assert "rounding" in fit.codes
     # dithered rounding is white: N^2 + step^2 dt / 12
     assert float(fit.noise.N) == pytest.approx(np.sqrt(CASE_A.N**2 + step**2 / RATE / 12), rel=0.01)
 
@@ -153,13 +151,13 @@ def test_coarse_rounding_is_told(record):
 def test_a_ramp_is_told_and_fitted_where_asked(record):
     slope = 0.1 * D / (len(record) / RATE) * 2
     y = record + slope * np.arange(len(record)) / RATE
-    assert any("straight line" in s for s in jaxcal.noise.fit(y, RATE).warnings)
+    assert "ramp" in jaxcal.noise.fit(y, RATE).codes
     fit = jaxcal.noise.fit(y, RATE, terms=("Q", "N", "B", "K", "R"))
-    assert fit.verdict["R"] == "present"
+    assert fit.presence["R"] == "present"
     low, high = fit.interval["R"]
     assert low < slope < high
     assert departs(fit, "B", CASE_A.B) < 4
-    assert not any("straight line" in s for s in fit.warnings)
+    assert "ramp" not in fit.codes
 
 
 @pytest.mark.long
@@ -183,15 +181,15 @@ def test_a_gauss_markov_process_is_told_and_fitted_where_asked():
     sigma, time = 6e-3 * D, 1.0
     strength = sigma * np.sqrt(2 / time)
     y = dataclasses.replace(CASE_A, markov=((strength, time),)).simulate(1 << 17, RATE, seed=2)
-    assert any("Gauss-Markov process" in s and "correlation time" in s for s in jaxcal.noise.fit(y, RATE).warnings)
+    assert "other_noise" in jaxcal.noise.fit(y, RATE).codes
     fit = jaxcal.noise.fit(y, RATE, terms=("Q", "N", "B", "K", "markov"))
     ((found, correlation),) = fit.noise.markov
-    assert fit.verdict["markov"] == "present"
+    assert fit.presence["markov"] == "present"
     assert 0.5 < correlation < 2.0
     assert float(found) * np.sqrt(correlation / 2) == pytest.approx(sigma, rel=0.3)
     assert float(fit.noise.N) == pytest.approx(CASE_A.N, rel=0.02)
     assert fit.terms == TERMS
-    assert any("Gauss-Markov process of correlation time" in sentence and "present" in sentence for sentence in fit.notes)
+    assert fit.numbers["markov_time"].value == correlation
 
 
 def test_gaps_leave_the_coefficients_within_their_intervals(record):
@@ -209,8 +207,8 @@ def test_a_log_that_carries_temperature_is_tested_for_it(record):
     y = record + 5e-4 * temperature
     log = jaxcal.Log(None, gyro=np.stack([y, record, record], axis=1), temperature=temperature, rate=RATE)
     fits = jaxcal.noise.characterise(log)
-    assert any("the temperature, " in s and "per degree, explains" in s for s in fits["gyro_x"].warnings)
-    assert not any("temperature" in s for s in fits["gyro_y"].warnings)
+    assert "temperature" in fits.gyro_x.codes
+    assert "temperature" not in fits.gyro_y.codes
 
 
 def test_jit_vmap_and_derivative():
@@ -287,33 +285,13 @@ def test_messages_of_log_likelihood():
         _ = jaxcal.noise.fit(CASE_A.simulate(1 << 12, RATE, seed=0), RATE, method="gls").log_likelihood
 
 
-@pytest.mark.long
-def test_the_second_opinion_agrees_where_the_model_holds_and_says_so_where_not(record):
-    fits = [jaxcal.noise.fit(CASE_A.simulate(1 << 15, RATE, seed=seed), RATE) for seed in range(40)]
-    # both fits use the same data, so that differences of three standard deviations are rarer than 0.3 % per term
-    assert sum(any("generalised least squares" in sentence for sentence in fit.warnings) for fit in fits) <= 1
-    other = np.array([float(np.asarray(fit.other.N)) for fit in fits])
-    assert abs(other.mean() / CASE_A.N - 1) < 0.005
-    b, a = scipy.signal.butter(2, 20.0, fs=RATE)
-    forced = jaxcal.noise.fit(scipy.signal.lfilter(b, a, record), RATE, band=(0.01, 300.0))
-    assert any("does not hold in the band asked for" in sentence for sentence in forced.warnings)
-
-
-def test_conservative_coefficients_bound_the_curve(record):
-    fit = jaxcal.noise.fit(record, RATE, conservative=True)
-    bound = np.sqrt(np.asarray(fit.conservative.avar(fit.deviation.tau, dt=1 / RATE)))
-    assert (bound >= fit.deviation.upper * (1 - 1e-9)).all()
-    with pytest.raises(jaxcal.DataError, match="outside of jit"):
-        jax.jit(lambda y: jaxcal.noise.fit(y, RATE, conservative=True).noise.N)(jnp.asarray(record[:500]))
-
-
 def test_channels_with_different_lines_stand_side_by_side(record):
     line = 2e-3 * D * np.sin(2 * np.pi * 0.1 * np.arange(1 << 17) / RATE)
     both = jaxcal.noise.fit(np.stack([record, record + line], axis=1), RATE)
     one = jaxcal.noise.fit(record + line, RATE)
     assert float(both.channel(1).noise.sinusoid[0][0]) == pytest.approx(one.noise.sinusoid[0][0])
     assert float(both.channel(0).noise.sinusoid[0][0]) == 0.0
-    assert both.channel(1).warnings == one.warnings
+    assert both.channel(1).findings == one.findings
     assert both.channel(0).interval["B"] == jaxcal.noise.fit(record, RATE).interval["B"]
 
 
@@ -322,7 +300,7 @@ def test_what_would_decide():
     """A record of the stated length decides on an absent K: if K were at its limit, most such records would detect it."""
     absent = dataclasses.replace(CASE_A, K=0.0)
     fit = jaxcal.noise.fit(absent.simulate(1 << 16, RATE, seed=4), RATE)
-    assert fit.verdict["K"] == "not detected"
+    assert fit.presence["K"] == "not detected"
     limit, length = float(fit.upper_limit["K"]), float(fit.decides["K"])
     assert fit.duration * 0.5 < length < fit.duration * 30
     there = dataclasses.replace(absent, K=limit)

@@ -46,7 +46,7 @@ def test_points_are_the_deviation_in_the_unit_of_the_axis():
 def test_terms_follow_their_closed_forms():
     noise = Noise(Q=1e-6, N=1e-4, B=1e-5, K=1e-6)
     names = ("Q", "N", "B", "K")
-    fit = made_fit(noise=noise, verdict=dict.fromkeys(names, "present"), interval={t: (0.0, 2.0 * getattr(noise, t)) for t in names})
+    fit = made_fit(noise=noise, presence=dict.fromkeys(names, "present"), interval={t: (0.0, 2.0 * getattr(noise, t)) for t in names})
     ax = allan({"gyro_x": fit})
     for term, form in {
         "N": lambda t: 1e-4 / np.sqrt(t),

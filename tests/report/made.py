@@ -13,6 +13,7 @@ from jaxcal.device._findings import FINDINGS as DEVICE
 from jaxcal.fitting import Estimate
 from jaxcal.imu import ImuFit, Observability, Triad
 from jaxcal.magnetometer import body_field, scenario
+from jaxcal.noise._findings import FINDINGS
 
 _NOISE = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))
 EVIL = "<script>alert('x')</script>"
@@ -20,9 +21,8 @@ EVIL = "<script>alert('x')</script>"
 
 def noise():
     """Noise results of six channels with warnings, and a log with a long name that has three of them."""
-    results = _NOISE["made_results"]()
-    left_out = ("0.005 to 0.01 s: the model does not hold there",)
-    results["gyro_y"] = _NOISE["made_fit"](2.0, warnings=(f"a warning & {EVIL}",), left_out=left_out)
+    told = (FINDINGS("no_intervals", method=f"a & {EVIL}"),)
+    results = dict(_NOISE["made_results"]()) | {"gyro_y": _NOISE["made_fit"](2.0, findings=told)}
     provenance = {"file": "logs/a_rather_long_name_without_any_blank_2026-05-31T10-00-00.csv", "sha256": "ab" * 32}
     notes = ("gyro: rad/s, assumed; override with --units gyro=deg/s",)
     gyro = np.random.default_rng(0).normal(size=(500, 3))

@@ -181,11 +181,11 @@ def test_switches_of_axes_lines_and_units(noise_page):
         tab.run(CLICK.format(where=".toggle", text=line))
     settled(tab)
     assert 0 < pixels(tab, INK, 0) < with_x
-    cell = "[...document.querySelectorAll('[data-coefficient=\"gyro_x N\"]')].map((one) => one.parentElement.textContent)"
-    assert tab.run(cell)[0].startswith("0.340.31 to 0.38present")
+    cell = "[...document.querySelectorAll('[data-number=\"gyro_x.N\"]')].map((one) => one.textContent)"
+    assert tab.run(cell)[0].startswith("0.344 ± 0.0340.3094 to 0.3782")
     tab.run("(() => { const unit = document.querySelector('.bar select'); unit.value = 2; unit.dispatchEvent(new Event('change')); })()")
-    assert tab.run(cell)[0].startswith("1.0\u00d710⁻⁴9\u00d710⁻⁵ to 1.1\u00d710⁻⁴present")
-    assert tab.run("document.querySelector('[data-unit=\"gyro N\"]').textContent") == "rad/√s"
+    assert tab.run(cell)[0].startswith("1.0\u00d710⁻⁴ ± 1.0\u00d710⁻⁵9\u00d710⁻⁵ to 1.1\u00d710⁻⁴")
+    assert tab.run("document.querySelector('[data-number=\"gyro_x.N\"]').parentElement.querySelector('td.small').textContent") == "rad/√s"
     hover(tab, 0, 0.5)
     settled(tab)
     assert "rad/s" in tab.run(READ)[0]

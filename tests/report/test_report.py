@@ -15,6 +15,7 @@ import pytest
 import jaxcal
 from jaxcal import DataError, ExportError, Log
 from jaxcal.noise import NoiseFit
+from jaxcal.noise._findings import FINDINGS
 from jaxcal.report import document, write
 
 from . import made
@@ -73,10 +74,8 @@ def written(results, path, log=None):
 
 @pytest.fixture(scope="module")
 def text(log, tmp_path_factory):
-    results = made_results()
-    left_out = ("0.005 to 0.01 s: the model does not hold there",)
-    results["gyro_y"] = made_fit(2.0, warnings=(f"a warning & {EVIL}",), left_out=left_out)
-    results[f"gyro_{EVIL}"] = made_fit(3.0, goodness=math.nan)
+    told = (FINDINGS("no_intervals", method=f"a & {EVIL}"),)
+    results = dict(made_results()) | {"gyro_y": made_fit(2.0, findings=told), f"gyro_{EVIL}": made_fit(3.0, goodness=math.nan)}
     return written(results, tmp_path_factory.mktemp("report") / "a.html", log)
 
 
@@ -124,7 +123,7 @@ def test_the_library_is_named_with_its_version_and_licence(text):
 def test_names_and_sentences_of_a_log_stay_text(text, log):
     page = Page(text)
     assert "<script>alert" not in text
-    assert f"a warning & {EVIL}" in page.text
+    assert f"Method a & {EVIL} gives" in page.text
     assert f"3 samples {EVIL}" in page.text
     assert f"gyro_{EVIL}" in page.text
     assert log.notes[0] in page.text
@@ -143,16 +142,12 @@ def test_no_number_is_nan(text):
 def test_verdict_comes_first_and_is_complete(text):
     page = Page(text)
     assert page.text.index("Verdict") < page.text.index("Curves")
-    assert "K (rate random walk): not detected on any axis." in page.text
-    assert "N (velocity random walk): found on every axis." in page.text
-    assert "B (bias instability): a hint on every axis." in page.text
+    assert "weak N to 10 % on every axis" in page.text
     # gyro_x: N = 1e-4 rad/sqrt(s) = 0.34377 deg/sqrt(h), +- 10 %
-    assert "0.34 0.31 to 0.38 present needs 1 s for ±10 %" in page.text
-    assert "< 0.41 not detected" in page.text  # 2e-6 rad/s/sqrt(s) = 0.41253 deg/h/sqrt(s)
-    assert "0.69 0.62 to 0.76 hint needs 12 days for ±10 %" in page.text
-    assert "°/√h" in page.text
-    assert "Read these numbers with 2 warnings" in page.text
-    assert "gyro_y: 1 octave" in page.text
+    assert "N angle random walk deg/sqrt(h) 0.344 ± 0.034 0.3094 to 0.3782" in page.text
+    assert "K rate random walk deg/h/sqrt(s) < 0.41 < 0.41" in page.text  # 2e-6 rad/s/sqrt(s) = 0.41253 deg/h/sqrt(s)
+    assert "0.688 ± 0.069 hint" in page.text
+    assert "no_intervals" in page.values("data-code")
 
 
 def test_figures_say_what_they_show_and_have_their_numbers(text):
@@ -164,7 +159,7 @@ def test_figures_say_what_they_show_and_have_their_numbers(text):
     first = fit.deviation.deviation[0] * 180 / np.pi * 3600
     assert f"{first:.1f}" in page.text
     assert [len(json.loads(data)["channels"]) for data in documents(text)] == [4, 3]
-    assert page.text.count("τ (s)") >= 7
+    assert page.text.count("tau (s)") >= 7
 
 
 def test_figures_take_the_colours_of_the_page(text):
@@ -186,7 +181,7 @@ def test_provenance_and_summary(text, log):
     page = Page(text)
     assert "ab" * 32 in page.text
     assert f"jaxcal {jaxcal.__version__}" in page.text
-    assert "edf, terms Q N B K, 95 % intervals" in page.text
+    assert "gls, terms Q N B K, 95 % intervals" in page.text
     assert " ".join(log.summary().split()) in page.text
     assert "Options units gyro deg/s" in page.text  # options that were not given are omitted
     head = page.text[: page.text.index("Verdict")]
@@ -205,9 +200,7 @@ def test_the_date_of_the_recording_stands_at_the_top_where_it_is_known(tmp_path)
 def test_one_channel_without_a_log(tmp_path):
     page = Page(written({"mag_x": made_fit()}, tmp_path / "a.html"))
     assert "1 channel, 60 min at 200 Hz" in page.text
-    assert "N (white noise): found on x." in page.text
-    assert "Warnings None." in page.text
-    assert "Read these numbers" not in page.text
+    assert "What to know Nothing." in page.text
 
 
 def test_long_tables_are_thinned(tmp_path):
@@ -258,57 +251,50 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("make", [lambda r, path: write(r, path), lambda r, path: document(r)])
-def test_results_that_cannot_be_reported(tmp_path, make):
-    with pytest.raises(DataError, match="there are no results; give the dictionary channel -> NoiseFit"):
+def test_results_that_cannot_be_reported(tmp_path, make, refuses):
+    with refuses("no_results"):
         make({}, tmp_path / "a.html")
-    with pytest.raises(DataError, match="channel 'pressure' has no known sensor; expected names such as gyro_x"):
-        make({"pressure": made_fit()}, tmp_path / "a.html")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_fit_of_several_channels_is_refused(tmp_path):
+def test_fit_of_several_channels_is_refused(tmp_path, refuses):
     pair = jaxcal.noise.Noise(N=np.array([1e-3, 2e-3])).simulate(2000, rate=100.0, seed=1)
-    with pytest.raises(DataError, match=r"the result of gyro_x is not a NoiseFit of one channel; NoiseFit\.channel picks one"):
+    with refuses("several_channels"):
         write({"gyro_x": jaxcal.noise.fit(pair, rate=100.0)}, tmp_path / "a.html")
 
 
-def test_results_without_intervals_are_refused(tmp_path):
+def test_a_calibration_needs_intervals(tmp_path):
     y = jaxcal.noise.Noise(N=1e-3).simulate(2000, rate=100.0, seed=1)
     slope = jaxcal.noise.fit(y, rate=100.0, method="slope")
-    for make in (lambda: write({"gyro_x": slope}, tmp_path / "a.html"), lambda: jaxcal.Calibration(noise={"gyro_x": slope})):
-        with pytest.raises(DataError, match="no intervals and no verdicts"):
-            make()
+    assert "no_intervals" in written({"gyro_x": slope}, tmp_path / "a.html")
+    with pytest.raises(DataError, match="no intervals and no verdicts"):
+        jaxcal.Calibration(noise={"gyro_x": slope})
     labels = jaxcal.plot.allan(slope).get_legend_handles_labels()[1]
     assert any(label.startswith("N = ") for label in labels)
 
 
 def test_noise_document(log):
     made = document(made_results(), log)
-    assert made["schema"] == "jaxcal.noise/1"
-    assert made["version"] == jaxcal.__version__
-    assert made["rate"] == 200.0
-    assert made["duration"] == log.duration
+    assert (made["schema"], made["version"]) == ("jaxcal.NoiseFits/1", jaxcal.__version__)
     assert list(made["channels"]) == ["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z"]
-    gyro, accel = made["channels"]["gyro_y"], made["channels"]["accel_x"]
-    fit = made_fit(2.0)
-    assert gyro["N"] == {
-        "value": 2e-4, "low": fit.interval["N"][0], "high": fit.interval["N"][1], "upper_limit": 2.1e-4, "verdict": "present",
-        "significance": 1.0, "longer_record": 1.0, "decides": None, "unit": "rad/sqrt(s)",
-    }  # fmt: skip
-    assert gyro["K"]["longer_record"] is None
-    assert [accel[term]["unit"] for term in "QNBK"] == ["m/s", "m/s^2/sqrt(Hz)", "m/s^2", "m/s^2/sqrt(s)"]
-    assert (gyro["method"], gyro["confidence"], gyro["goodness"]) == ("edf", 0.95, 0.5)
+    gyro, fit = made["channels"]["gyro_y"], made_fit(2.0)
+    assert gyro["coefficients"]["N"] == 2e-4
+    assert gyro["interval"]["N"] == list(fit.interval["N"])
+    assert (gyro["upper_limit"]["N"], gyro["presence"]["N"], gyro["longer_record"]["K"]) == (2.1e-4, "present", None)
+    assert (gyro["method"], gyro["confidence"], gyro["goodness"], gyro["duration"]) == ("gls", 0.95, 0.5, 3600.0)
     assert gyro["band"] == [fit.band[0], fit.band[1]]
-    assert made["warnings"] == list(log.warnings)
+    assert made["numbers"]["gyro_y.K"] == {"value": None, "low": None, "high": 2e-6, "unit": "rad/s/sqrt(s)", "state": "limit"}
+    assert [made["numbers"][f"accel_x.{term}"]["unit"] for term in "QNBK"] == ["m/s", "m/s^2/sqrt(Hz)", "m/s^2", "m/s^2/sqrt(s)"]
+    assert [one["text"] for one in made["log"]["findings"]] == [str(one) for one in log.findings]
     assert json.loads(json.dumps(made, allow_nan=False)) == made
 
 
 def test_noise_document_without_what_is_not_known():
-    fit = made_fit(goodness=math.nan, upper_limit=dict.fromkeys("QNBK", math.inf), warnings=("short record",))
-    channel = document({"gyro_x": fit})["channels"]["gyro_x"]
-    assert channel["goodness"] is None
-    assert channel["N"]["upper_limit"] is None
-    assert channel["warnings"] == ["short record"]
+    told = (FINDINGS("unsettled"),)
+    found = document({"gyro_x": made_fit(goodness=math.nan, upper_limit=dict.fromkeys("QNBK", math.inf), findings=told)})
+    channel = found["channels"]["gyro_x"]
+    assert (channel["goodness"], channel["upper_limit"]["N"]) == (None, None)
+    assert [(one["code"], one["subject"]) for one in found["findings"]] == [("unsettled", ["gyro_x"])]
 
 
 def test_from_a_recording_to_every_file(tmp_path):
@@ -320,8 +306,8 @@ def test_from_a_recording_to_every_file(tmp_path):
     fits = jaxcal.noise.characterise(log)
     assert all(isinstance(fit, NoiseFit) for fit in fits.values())
     page = Page(written(fits, tmp_path / "a.html", log))
-    assert "K (rate random walk): found on every axis." in page.text
-    assert json.loads(json.dumps(document(fits, log), allow_nan=False))["channels"]["gyro_x"]["K"]["verdict"] == "present"
+    assert "N to" in page.text
+    assert json.loads(json.dumps(document(fits, log), allow_nan=False))["channels"]["gyro_x"]["presence"]["K"] == "present"
     device = jaxcal.Calibration(noise=fits, provenance=log.provenance)
     device.save(tmp_path / "a.json")
     jaxcal.Calibration.load(tmp_path / "a.json").save(tmp_path / "b.json")

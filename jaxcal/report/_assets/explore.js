@@ -89,15 +89,16 @@
       const page = this.root.closest("article, main");
       for (const c of this.channels) for (const [term, found] of Object.entries(c.terms || {})) {
         const [scale, label] = this.unit.terms[term];
-        for (const cell of page.querySelectorAll(`[data-coefficient="${CSS.escape(`${c.name} ${term}`)}"]`)) {
-          if (found.verdict === "not detected") cell.textContent = `< ${number(found.limit / scale, 2)}`;
+        for (const cell of page.querySelectorAll(`[data-number="${CSS.escape(`${c.name}.${term}`)}"]`)) {
+          const shown = cell.querySelector(".number"), exact = cell.querySelector(".exact");
+          if (found.verdict === "not detected") shown.textContent = `< ${number(found.limit / scale, 2)}`;
           else {
             const [value, low, high] = interval(found.value / scale, found.low / scale, found.high / scale);
-            cell.textContent = value;
-            cell.nextElementSibling.textContent = `${low} to ${high}`;
+            shown.textContent = `${value} ± ${number((found.high - found.low) / 2 / scale, 2)}${found.verdict === "hint" ? " hint" : ""}`;
+            if (exact) exact.textContent = `${low} to ${high}`;
           }
+          cell.parentElement.querySelector("td.small").textContent = label;
         }
-        for (const cell of page.querySelectorAll(`[data-unit="${CSS.escape(`${this.root.dataset.sensor} ${term}`)}"]`)) cell.textContent = label;
       }
     }
     draw() { this.views.forEach((view) => view.draw()); }

@@ -1,0 +1,171 @@
+"""Tables and curves of noise fits as data."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from .._answer import Curve, Grid, Number, Section, joined_names
+
+SENSORS = {"gyro": "gyroscope", "accel": "accelerometer", "mag": "magnetometer"}
+#: units where the sensor is not known; "unit" stands for the unit of the readings
+_UNITS = {"Q": "unit s", "N": "unit sqrt(s)", "B": "unit", "K": "unit/sqrt(s)", "R": "unit/s"}
+_NAMES = {
+    "Q": "quantisation",
+    "N": "white noise",
+    "B": "bias instability",
+    "K": "random walk",
+    "R": "ramp",
+    "markov": "Gauss-Markov process",
+}
+_OWN_NAMES = {
+    ("N", "gyro"): "angle random walk", ("K", "gyro"): "rate random walk", ("N", "accel"): "velocity random walk",
+}  # fmt: skip
+_MOST = 6  # columns of a table: two sensors of three axes
+
+
+def name_of(term: str, sensor: str = "") -> str:
+    """Name of a term: "N" of a gyroscope is the angle random walk.
+
+    Examples
+    --------
+    >>> from jaxcal.noise._sections import name_of
+    >>> name_of("N", "gyro"), name_of("K", "mag")
+    ('angle random walk', 'random walk')
+    """
+    return _OWN_NAMES.get((term, sensor), _NAMES.get(term, "a term of your own"))
+
+
+def quantity_of(term: str, sensor: str) -> str:
+    """Quantity of a coefficient in the table of units; if the sensor is not known, its unit in those of the readings."""
+    return f"{'K' if term == 'markov' else term}.{sensor}" if sensor else _UNITS.get("K" if term == "markov" else term, "SI")
+
+
+def number_of(fit: Any, term: str, prefix: str = "") -> Number:
+    """A coefficient with its interval, or its upper limit if the term is not detected. Recordings and fits have the same tables."""
+    value, quantity = float(np.asarray(fit.noise.coefficient(term))), quantity_of(term, fit.sensor)
+    presence = fit.presence.get(term, "")
+    if presence == "not detected":
+        return Number(prefix + term, math.nan, math.nan, float(fit.upper_limit[term]), quantity, "limit")
+    low, high = (float(end) for end in fit.interval.get(term, (math.nan, math.nan)))
+    return Number(prefix + term, value, low, high, quantity, remark="hint" if presence == "hint" else "")
+
+
+def floor_of(fit: Any, prefix: str = "") -> tuple[Number, Number]:
+    """Lowest point of the Allan deviation, and the cluster time at which it lies.
+
+    It is taken where the upper limit is lowest, so that cluster times that hold few parts of the record do not decide. Where Q and N alone
+    would lie within the interval, the record shows no floor, and the upper limit is given.
+    """
+    curve, quantity = fit.deviation, quantity_of("B", fit.sensor)
+    i = int(np.nanargmin(np.where(np.isfinite(curve.upper), curve.upper, np.inf)))
+    tau, low, high = (float(values[i]) for values in (curve.tau, curve.lower, curve.upper))
+    fast = sum(float(fit.noise.only(term).avar(tau, dt=1.0 / curve.rate)) for term in ("Q", "N"))
+    seen = low > math.sqrt(fast)
+    value, low = (float(curve.deviation[i]), low) if seen else (math.nan, math.nan)
+    found = Number(f"{prefix}floor", value, low, high, quantity, "estimated" if seen else "limit")
+    return found, Number(f"{prefix}floor_at", tau, quantity="time")
+
+
+def headline_of(fits: Mapping[str, Any]) -> str:
+    """How well N, or the first term, is known on the worst axis."""
+    first = next(iter(fits.values()))
+    term = "N" if "N" in first.terms else first.terms[0]
+    cells = {name: number_of(fit, term) for name, fit in fits.items()}
+    known = [cell.half / cell.value for cell in cells.values() if cell.state == "estimated" and cell.value > 0.0]
+    absent = [name for name, cell in cells.items() if cell.state == "limit"]
+    if not known or not all(map(math.isfinite, known)):
+        return f"{term} is not detected" if absent else f"method {first.method} gives no intervals"
+    where = " on every axis" if len(fits) > 1 and not absent else ""
+    return f"{term} to {100 * max(known):.2g} %{where}" + f", not detected on {joined_names(absent)}" * bool(absent)
+
+
+def sections_of(fits: Mapping[str, Any]) -> list[Section]:
+    """A table of coefficients for each sensor, then a table of details for each, and the curve of each channel."""
+    groups: dict[str, dict[str, Any]] = {}
+    for name, fit in fits.items():
+        groups.setdefault(fit.sensor, {})[name] = fit
+    return [
+        *(_coefficients(sensor, axes) for sensor, axes in groups.items()),
+        *(_details(sensor, axes) for sensor, axes in groups.items() if next(iter(axes.values())).deviation is not None),
+        *(_curve(name, fit) for name, fit in fits.items() if fit.deviation is not None),
+    ]
+
+
+def rows_of(axes: Mapping[str, Any], sensor: str) -> list[tuple[str, tuple[Number, ...]]]:
+    """A row for each term."""
+    names = dict.fromkeys(term for fit in axes.values() for term in (*fit.terms, *fit.presence))
+    label = {term: f"{'M' if term == 'markov' else term}  {name_of(term, sensor)}" for term in names}
+    return [(label[term], tuple(number_of(fit, term, _prefix(name)) for name, fit in axes.items())) for term in names]
+
+
+def columns_of(axes: Mapping[str, Any], sensor: str) -> tuple[str, ...]:
+    """Heads of the columns: the axes of a sensor."""
+    return tuple(name.removeprefix(f"{sensor}_").removeprefix("channel ") for name in axes)
+
+
+def _prefix(name: str) -> str:
+    return f"{name}." if name else ""
+
+
+def _coefficients(sensor: str, axes: Mapping[str, Any]) -> Grid:
+    rows: list[Any] = rows_of(axes, sensor)
+    fits = list(axes.items())
+    if all(fit.noise.markov and "markov" in fit.presence for _, fit in fits):
+        times = (Number(f"{_prefix(name)}markov_time", float(np.asarray(fit.noise.markov[0][1])), quantity="time") for name, fit in fits)
+        rows.append(("  time  of correlation", tuple(times)))
+    if all(fit.deviation is not None for _, fit in fits):
+        value, at = zip(*(floor_of(fit, _prefix(name)) for name, fit in fits), strict=True)
+        rows += [("floor  of the curve", value), ("  at  cluster time", at)]
+    return Grid(sensor or "noise", SENSORS.get(sensor, "noise"), columns_of(axes, sensor), tuple(rows))
+
+
+def _details(sensor: str, axes: Mapping[str, Any]) -> Grid:
+    """Lengths of record, the band of the fit and its goodness, and by how much the curve differs from the model outside of the band."""
+
+    def row(label: str, key: str, value: Any, quantity: str = "time") -> tuple[str, tuple[Number | None, ...]]:
+        cells = (Number(_prefix(name) + key, float(value(fit)), quantity=quantity) for name, fit in axes.items())
+        return label, tuple(cell if math.isfinite(cell.value) else None for cell in cells)
+
+    rows = [
+        row("fitted from", "band_from", lambda fit: fit.band[0]), row("fitted to", "band_to", lambda fit: fit.band[1]),
+        row("chance of a worse fit", "goodness", lambda fit: fit.goodness, "ratio"),
+    ]  # fmt: skip
+    for term in next(iter(axes.values())).terms:
+        longer = row(f"record for {term} to 10 %", f"{term}.longer_record", lambda fit, t=term: fit.longer_record.get(t, math.inf))
+        # a longer record does not help with Q, because only the shortest cluster times determine it
+        decides = row(
+            f"record to show {term}", f"{term}.decides", lambda fit, t=term: math.inf if t == "Q" else fit.decides.get(t, math.inf)
+        )
+        absent = [fit.presence.get(term) == "not detected" for fit in axes.values()]
+        for (label, known), wanted in ((longer, False), (decides, True)):
+            kept = tuple(cell if no is wanted else None for cell, no in zip(known, absent, strict=True))
+            rows += [(label, kept)] if any(kept) else []
+    ratios = {name: _left_out(fit) for name, fit in axes.items()}
+    for octave in sorted({one for found in ratios.values() for one in found}):
+        cells = tuple(
+            Number(f"{_prefix(name)}left_out[{octave}]", found[octave]) if octave in found else None for name, found in ratios.items()
+        )
+        rate = next(iter(axes.values())).deviation.rate
+        rows.append((f"left out: {2.0**octave / rate:.3g} to {2.0 ** (octave + 1) / rate:.3g} s, curve/model", cells))
+    return Grid(
+        f"{sensor or 'noise'}_fit", f"fit of the {SENSORS.get(sensor, 'noise')}", columns_of(axes, sensor), tuple(rows), detail=True
+    )
+
+
+def _left_out(fit: Any) -> dict[int, float]:
+    """Octave of cluster size that the fit leaves out -> largest ratio of the curve to the model there."""
+    curve = fit.deviation
+    octave, out = np.floor(np.log2(curve.m)).astype(int), ~np.asarray(fit.used)
+    model = np.sqrt(np.asarray(fit.noise.avar(curve.tau, dt=1.0 / curve.rate)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        size = np.abs(np.log(curve.deviation / model))
+    return {int(one): float(np.exp(np.max(size[(octave == one) & out]))) for one in np.unique(octave[out])}
+
+
+def _curve(name: str, fit: Any) -> Curve:
+    curve, unit = fit.deviation, quantity_of("B", fit.sensor)
+    values = {key: (unit, getattr(curve, key)) for key in ("deviation", "lower", "upper")}
+    columns = {"tau": ("time", curve.tau), **values, "edf": ("ratio", curve.edf), "used": ("ratio", np.asarray(fit.used, dtype=float))}
+    return Curve(f"{name or 'noise'}_deviation", f"Allan deviation of {name}".removesuffix(" of "), columns)
