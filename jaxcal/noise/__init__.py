@@ -5,33 +5,31 @@ from typing import TYPE_CHECKING
 from .._lazy import install
 
 if TYPE_CHECKING:
-    from ._axes import Correlation as Correlation, JointStateSpace as JointStateSpace, correlation as correlation
+    from ._axes import Correlation as Correlation, correlation as correlation
     from ._binned import LogLikelihood as LogLikelihood, log_likelihood as log_likelihood
     from ._covariance import allan_covariance as allan_covariance
     from ._discrete import StateSpace as StateSpace, discrete as discrete
     from ._fit import characterise as characterise, fit as fit
-    from ._fits import NoiseFits as NoiseFits
     from ._means import mean_covariance as mean_covariance
     from ._model import Noise as Noise
-    from ._overbound import overbound as overbound, overbound_curve as overbound_curve
+    from ._overbound import overbound as overbound
     from ._recordings import RecordingsFit as RecordingsFit, fit_recordings as fit_recordings
-    from ._result import FittedSpectrum as FittedSpectrum, NoiseFit as NoiseFit
-    from ._terms import Block as Block, GaussMarkov as GaussMarkov, PowerLaw as PowerLaw, Term as Term
+    from ._result import NoiseFit as NoiseFit, NoiseFits as NoiseFits
+    from ._terms import GaussMarkov as GaussMarkov, PowerLaw as PowerLaw, Term as Term
 
 install(
     __name__,
     {
-        "_axes": "Correlation JointStateSpace correlation",
+        "_axes": "Correlation correlation",
         "_binned": "LogLikelihood log_likelihood",
         "_covariance": "allan_covariance",
         "_discrete": "StateSpace discrete",
         "_fit": "characterise fit",
-        "_fits": "NoiseFits",
         "_means": "mean_covariance",
         "_model": "Noise",
-        "_overbound": "overbound overbound_curve",
+        "_overbound": "overbound",
         "_recordings": "RecordingsFit fit_recordings",
-        "_result": "FittedSpectrum NoiseFit",
-        "_terms": "Block GaussMarkov PowerLaw Term",
+        "_result": "NoiseFit NoiseFits",
+        "_terms": "GaussMarkov PowerLaw Term",
     },
 )

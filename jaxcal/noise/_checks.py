@@ -11,6 +11,7 @@ from .._answer import Finding, Quantity
 from .._errors import DataError
 from .._precision import is_traced
 from .._quality import checked_rate, refuse_other_than_samples
+from ..allan import Deviation, deviation
 from ._findings import FINDINGS
 from ._model import BUILT_IN, checked_terms
 from ._terms import GaussMarkov, Term
@@ -29,25 +30,43 @@ _ALIKE, _FREQUENCIES = 1e-6, 64  # relative difference of two densities that no 
 _SMALLEST, _LARGEST = 1e-100, 1e100  # smallest and largest range of a record whose squares keep their digits
 
 
-def checked_call(y: Any, rate: Any, method: str, terms: Any, confidence: float, robust: bool) -> tuple[Any, float, tuple[Term, ...]]:
-    """The record, its rate and the terms, for which the options make sense."""
+class Asked(NamedTuple):
+    """What a fit of a channel is asked for: options of `fit` after checks, the cluster sizes, and which of these the fit may use."""
+
+    rate: float
+    method: str
+    terms: tuple[Term, ...]
+    confidence: float
+    band: Any
+    robust: bool
+    temperature: Any
+    sensor: str
+    m: np.ndarray
+    inside: np.ndarray
+
+    def deviation(self, y: Any) -> Deviation:
+        """The Allan deviation of a channel at the cluster sizes."""
+        return deviation(y, self.rate, m=self.m, confidence=self.confidence, alpha=0 if is_traced(y) else None)
+
+
+def checked_call(
+    y: Any, rate: Any, method: str, terms: Any, confidence: float, band: Any, robust: bool, temperature: Any, sensor: str
+) -> Asked:
+    """What is asked for, refused if the options do not suit each other or the record."""
     refuse_other_than_samples(y)
     if method not in METHODS:
         raise DataError(f"unknown method {method!r}; expected one of {', '.join(METHODS)}", code="unknown_method")
-    terms, rate, traced = checked_terms(terms), checked_rate(rate), is_traced(y)
+    terms, rate = checked_terms(terms), checked_rate(rate)
     if method != "whittle" and any(isinstance(term, GaussMarkov) and term.time is None for term in terms):
-        raise DataError(
-            f'the correlation time of a Gauss-Markov process is found by method "whittle"; got method {method!r}', "only_whittle"
-        )
-    if robust and (traced or method != "whittle"):
-        raise DataError(
-            'a robust fit is a search on the host by method "whittle"; ask for it outside of jit, vmap and grad', "only_whittle"
-        )
+        raise DataError(f'the correlation time of a Gauss-Markov process needs method "whittle"; got {method!r}', code="only_whittle")
+    if robust and (is_traced(y) or method != "whittle"):
+        raise DataError('a robust fit needs method "whittle", and is made outside of jit, vmap and grad', code="only_whittle")
     if not 0.0 < confidence < 1.0:
         raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)", code="confidence")
-    y = y if traced else np.asarray(y)
-    _refuse_alike(terms, y.shape[0] if y.ndim else 0, 1.0 / rate)
-    return y, rate, terms
+    samples = len(y) if np.ndim(y) else 0
+    _refuse_alike(terms, samples, 1.0 / rate)
+    m = clusters(samples, terms)
+    return Asked(rate, method, terms, confidence, band, robust, temperature, sensor, m, inside(m / rate, band, terms))
 
 
 def clusters(samples: int, terms: Sequence[Any]) -> np.ndarray:
@@ -80,6 +99,7 @@ def inside(tau: np.ndarray, band: Any, terms: Sequence[Any]) -> np.ndarray:
 
 def cleaned(y: Any, robust: bool) -> list["Jumps"]:
     """The channels of a record, without single outliers unless the fit is robust; a traced record as it is."""
+    y = y if is_traced(y) else np.asarray(y)
     channels = list(y.T) if y.ndim == 2 else [y]
     if is_traced(y) or y.dtype.kind not in "fiu" or y.ndim not in (1, 2):
         return [Jumps(x) for x in channels]
@@ -171,8 +191,9 @@ def resolution(y) -> tuple[float, float]:
     return (least if on_grid.mean() > 0.95 else 0.0), white
 
 
-def findings_of_checks(jumps: Jumps, dt: float, n_squared: float, sensor: str) -> list[Finding]:
+def findings_of_checks(jumps: Jumps, asked: Asked, n_squared: float) -> list[Finding]:
     """Steps, outliers and resolution of a record. `n_squared` is N^2 of the fit."""
+    dt, sensor = 1.0 / asked.rate, asked.sensor
     found, many, (step, white) = [], jumps.spikes, resolution(jumps.y)
     if jumps.steps:
         found.append(FINDINGS("jumps", cost=1.0, count=len(jumps.steps), at=jumps.steps[0] * dt))

@@ -24,6 +24,7 @@ from .._precision import is_traced
 from ..allan import Deviation
 from ..fitting import solve
 from ._allanfit import freedom
+from ._checks import Asked
 from ._curve import Curve, curve_of, differences, whitened
 from ._findings import FINDINGS
 from ._limits import chance
@@ -35,10 +36,13 @@ from ._terms import Term
 _TANGENTS = {"Q": (-1.0, math.sqrt(3.0), -0.75), "N": (-0.5, 1.0, math.inf), "K": (0.5, 3.0, 0.25), "R": (1.0, math.sqrt(2.0), 0.75)}
 
 
-def fit_plainly(
-    curve: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float, *, method: str
-) -> NoiseFit:
-    """Fit the cluster sizes `inside`. The arguments are those of `fit_jointly`; `automatic` is ignored."""
+def fit_plainly(y, asked: Asked) -> NoiseFit:
+    """Fit the overlapped Allan deviation of one channel without uncertainty."""
+    return fit_deviation(asked.deviation(y), len(y), asked.terms, asked.inside, asked.method, asked.confidence)
+
+
+def fit_deviation(curve: Deviation, samples: int, terms: tuple[Term, ...], inside, method: str, confidence: float) -> NoiseFit:
+    """Fit the cluster sizes `inside` of a curve."""
     xp, traced = namespace(curve.deviation), is_traced(curve.deviation)
     data, used, unit = curve_of(curve, samples, terms, curve.deviation**2, inside)
     theta = _logarithmic(data, used, traced) if method == "log" else _tangents(curve, terms, inside if traced else used) / unit

@@ -9,18 +9,17 @@ from .._frozen import replaced
 from .._log import as_log
 from .._precision import host_float64, is_traced
 from .._types import Any
-from ..allan import deviation
 from ._axes import findings_of_axes
-from ._checks import Jumps, checked_call, cleaned, clusters, findings_of_checks, inside
+from ._checks import Asked, Jumps, checked_call, cleaned, findings_of_checks
 from ._display import fit_plainly
-from ._fits import NoiseFits
 from ._joint import fit_jointly
-from ._observed import without_gaps
-from ._result import NoiseFit, stacked
+from ._result import NoiseFit, NoiseFits, stacked
 from ._terms import Term
-from ._whittle import fit_record, fit_traced
+from ._whittle import fit_channel
 
 _MOST_EVENTS = 20  # largest number of steps among the events
+#: method -> function of a channel and of what was asked
+_METHODS = {"whittle": fit_channel, "gls": fit_jointly, "log": fit_plainly, "slope": fit_plainly}
 
 
 def fit(
@@ -100,29 +99,18 @@ def fit(
 
 @host_float64
 def _fit(y, rate, method, terms, confidence, band, robust=False, temperature=None, sensor="") -> NoiseFit:
-    y, rate, terms = checked_call(y, rate, method, terms, confidence, robust)
-    m = clusters(y.shape[0] if y.ndim else 0, terms)
-    options = (rate, m, method, terms, confidence, band, inside(m / rate, band, terms), robust, temperature, sensor)
-    fits = [_fit_channel(record, *options) for record in cleaned(y, robust)]
-    return stacked(fits) if y.ndim == 2 else fits[0]
+    asked = checked_call(y, rate, method, terms, confidence, band, robust, temperature, sensor)
+    fits = [_fit_channel(record, asked) for record in cleaned(y, robust)]
+    return stacked(fits) if np.ndim(y) == 2 else fits[0]
 
 
-def _fit_channel(record: Jumps, rate, m, method, terms, confidence, band, used, robust, temperature, sensor) -> NoiseFit:
-    """Fit one channel: by its likelihood, or its Allan deviation."""
-    y, traced, whittle = record.y, is_traced(record.y), method == "whittle"
-    if traced and whittle:
-        return fit_traced(y, rate, terms, band, confidence)
-    # the likelihood later fills gaps with noise of its model, and computes the curve again; straight lines serve until then
-    curve = deviation(without_gaps(y) if whittle else y, rate, m=m, confidence=confidence, alpha=0 if traced else None)
-    if whittle:
-        found = fit_record(y, curve, terms, band, confidence, temperature, robust, sensor)
-    else:
-        fit_curve = fit_jointly if method == "gls" else fit_plainly
-        found = fit_curve(curve, len(y), terms, used, band is None, confidence, method=method)
-    if traced:
+def _fit_channel(record: Jumps, asked: Asked) -> NoiseFit:
+    """Fit one channel by its method; what the checks found comes first among the findings."""
+    found = _METHODS[asked.method](record.y, asked)
+    if is_traced(record.y):
         return found
-    findings = findings_of_checks(record, 1.0 / rate, float(np.asarray(found.noise.N)) ** 2, sensor)
-    at = [sample / rate for sample in record.steps[:_MOST_EVENTS]]
+    findings = findings_of_checks(record, asked, float(np.asarray(found.noise.N)) ** 2)
+    at = [sample / asked.rate for sample in record.steps[:_MOST_EVENTS]]
     events = tuple(sorted([*((time, time, "step") for time in at), *found.events]))
     return replaced(found, findings=(*findings, *found.findings), events=events)
 

@@ -7,6 +7,7 @@ from .._errors import FitError
 from .._frozen import replaced
 from ..allan import Deviation
 from ._allanfit import choose_band, fit_curve, response
+from ._checks import Asked
 from ._curve import curve_of
 from ._findings import FINDINGS, of_curve, of_model
 from ._limits import levels_of
@@ -16,14 +17,16 @@ from ._terms import Term
 _SETTLED = 1e-4  # change of the weights in the last step above which the fit has not converged
 
 
-def fit_jointly(
-    deviation: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float, *, method: str
-) -> NoiseFit:
-    """Fit the overlapped Allan deviation of one channel that has `samples` samples.
+def fit_jointly(y, asked: Asked) -> NoiseFit:
+    """Fit the overlapped Allan deviation of one channel.
 
-    `inside`, (clusters,), marks the cluster sizes that may be used. If `automatic` and not in a trace, short cluster sizes at which the
-    model does not hold are left out.
+    Unless a band is asked for, and not in a trace, short cluster sizes at which the model does not hold are left out.
     """
+    return fit_deviation(asked.deviation(y), len(y), asked.terms, asked.inside, asked.band is None, asked.confidence)
+
+
+def fit_deviation(deviation: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
+    """Fit a curve of a channel of so many `samples`; `inside`, (clusters,), marks the cluster sizes that may be used."""
     xp = namespace(deviation.deviation)
     curve, used, unit = curve_of(deviation, samples, terms, deviation.deviation**2, inside)
     cut, holds, estimated = False, True, None
@@ -35,7 +38,7 @@ def fit_jointly(
         raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
     fit = assemble(
         found.theta * unit, found.covariance * unit**2, found.limits.scaled(unit), terms, deviation, samples / deviation.rate,
-        goodness=found.goodness, used=used, confidence=confidence, method=method,
+        goodness=found.goodness, used=used, confidence=confidence, method="gls",
         band=(xp.min(xp.where(used, deviation.tau, np.inf)), xp.max(xp.where(used, deviation.tau, 0.0))),
     )  # fmt: skip
     if xp is not np:

@@ -1,8 +1,8 @@
-r"""The likelihood of the observed samples of a record with gaps, doubtful samples and regressors in the mean.
+r"""The likelihood of the observed samples of a record with gaps and regressors in the mean.
 
 Under the DCT-Whittle model a complete record x is normal with precision Q = D' diag(dt / S_k) D, where D is the orthonormal DCT-II and
-the mean is free. The observations are y = x + X b + u. The variance of u is zero for a trusted sample, infinite for a missing one, and
-finite for a doubtful one. Let z be the expectation of x given y at the generalised least squares estimate of b, and
+the mean is free. The observations are y = x + X b at the samples that are not missing. Let z be the expectation of x given y at the
+generalised least squares estimate of b, and
 
 .. math:: \rho_k = 1 - \frac{\mathrm{Var}[(Dx)_k \mid y]}{S_k/dt} - h_k
 
@@ -49,31 +49,25 @@ class Observed:
     y : (n,) samples; NaN marks a missing one.
     dt : sampling interval in s.
     regressors : (n, p) functions of time that the mean may contain beside a constant.
-    doubt : (n,) variance of each sample in addition to that of the model, 0 for a trusted sample; None for no doubt.
 
     Attributes
     ----------
-    complete : whether every sample is observed and trusted, and there are no regressors. The bins then do not depend on a density.
+    complete : whether every sample is observed, and there are no regressors. The bins then do not depend on a density.
     filled : (n,) expectation of the record without the regressors, given the observations, from the last call of `bins`.
     drawn : (n,) the same, with a random draw in place of the expectation of unknown samples, so that it scatters like a complete record.
     factors, covariance : estimate of the factors b of the regressors, and its covariance, from the last call of `bins`.
-    misfit : the quadratic form z' Q z of the last call of `bins`.
     """
 
     y: np.ndarray
     dt: float
     regressors: np.ndarray | None = None
-    doubt: np.ndarray | None = None
 
     def __post_init__(self):
         y = np.asarray(self.y, dtype=float)
         n, missing = len(y), np.isnan(y)
         if n - missing.sum() < _FEWEST:
             raise DataError(f"{n - int(missing.sum())} of {n} samples are there; a noise model needs {_FEWEST} at least")
-        variance = np.zeros(n) if self.doubt is None else np.array(self.doubt, dtype=float)
-        variance[missing] = np.inf
-        self._open = np.flatnonzero(variance > 0.0)
-        self._trust = 1.0 / variance[self._open]
+        self._open = np.flatnonzero(missing)
         columns = np.zeros((n, 0)) if self.regressors is None else np.asarray(self.regressors, dtype=float)
         # the regressors have the gaps of the record
         self._given = np.concatenate([y[:, None], columns], axis=1)
@@ -82,16 +76,13 @@ class Observed:
         self._given[missing] = 0.0
         self._spectrum: np.ndarray | None = None
         self._whole: Bins | None = None
-        runs = _runs_of(self._open)
-        self._runs = {length: (where, self._trust[where].mean(axis=1)) for length, where in runs.items()}
-        self._rng = np.random.default_rng(_SEED)
+        self._runs = _runs_of(self._open)
         self._draws = 0 if not len(self._open) else min(_MOST_DRAWS, max(2, -(-_DRAWN // n)))
-        self._white = self._rng.standard_normal((self._draws, n))
-        self._doubted = self._rng.standard_normal((self._draws, len(self._open)))
+        self._white = np.random.default_rng(_SEED).standard_normal((self._draws, n))
         self._before: dict[object, np.ndarray] = {}
         self.complete = not len(self._open) and not columns.shape[1]
         self.filled = self.drawn = y if not len(self._open) else without_gaps(y)
-        self.factors, self.covariance, self.misfit = np.zeros(columns.shape[1]), np.zeros((columns.shape[1],) * 2), np.nan
+        self.factors, self.covariance = np.zeros(columns.shape[1]), np.zeros((columns.shape[1],) * 2)
 
     def bins(self, terms: tuple[Term, ...], density: np.ndarray | None = None) -> Bins:
         """Bins of the ordinates.
@@ -135,7 +126,6 @@ class Observed:
         if self._draws and density is not None:
             self.drawn[self._open] += self._before[0]
             self._spectrum = None
-        self.misfit = float(np.sum(precision * squares))
         share = np.clip(1.0 - np.add.reduceat(lost, starts) / count, 0.0, 1.0) if len(lost) > 1 else np.ones(len(count))
         weight = np.where(share < _LEAST, 0.0, count * share)
         ordinates = dt * np.add.reduceat(squares, starts) / count / np.maximum(share, _LEAST)
@@ -155,20 +145,17 @@ class Observed:
         if not len(self._open):
             return self._given, lost
         precision = np.concatenate([[0.0], self.dt / level])
-        # in a gap between trusted samples, the eigenvectors of a random walk and of white noise are sines: this is nearly the inverse
+        # in a gap, the eigenvectors of a random walk and of white noise are sines: this is nearly the inverse
         at, n = np.arange(1, n), len(self.y)
-        sines = {
-            length: 1.0 / (self.dt / np.interp(np.arange(1, length + 1) * n / (length + 1.0), at, level) + trust[:, None])
-            for length, (_, trust) in self._runs.items()
-        }
+        sines = {length: np.interp(np.arange(1, length + 1) * n / (length + 1.0), at, level) / self.dt for length in self._runs}
         known = self._given.copy()
         known[self._open] = 0.0
-        pull = self._given[self._open] * self._trust[:, None] - _idct(precision[:, None] * _dct(known))[self._open]
+        pull = -_idct(precision[:, None] * _dct(known))[self._open]
         z = known
         for i in range(z.shape[1]):
             z[self._open, i] = self._before["y", i] = self._solve(pull[:, i], precision, sines, self._before.get(("y", i)), _EXACT)
-        for i, (white, doubted) in enumerate(zip(self._white, self._doubted, strict=True)):
-            pull = _idct(np.sqrt(precision) * white)[self._open] + np.sqrt(self._trust) * doubted
+        for i, white in enumerate(self._white):
+            pull = _idct(np.sqrt(precision) * white)[self._open]
             self._before[i] = self._solve(pull, precision, sines, self._before.get(i), _ROUGH)
             drawn = np.zeros(n)
             drawn[self._open] = self._before[i]
@@ -176,16 +163,16 @@ class Observed:
         return z, lost
 
     def _solve(self, b, precision, sines, start, tolerance):
-        """(Q + T)^-1 b over the samples that are not trusted, by conjugate gradients with a preconditioner of sines in each gap."""
+        """Q^-1 b over the missing samples, by conjugate gradients with a preconditioner of sines in each gap."""
         full = np.zeros(len(self.y))
 
         def product(v):
             full[self._open] = v
-            return _idct(precision * _dct(full))[self._open] + self._trust * v
+            return _idct(precision * _dct(full))[self._open]
 
         def nearly_inverse(r):
             out = np.empty_like(r)
-            for length, (where, _) in self._runs.items():
+            for length, where in self._runs.items():
                 waves = scipy.fft.dst(r[where], type=1, norm="ortho", axis=-1) * sines[length]
                 out[where] = scipy.fft.idst(waves, type=1, norm="ortho", axis=-1)
             return out

@@ -6,15 +6,17 @@ import numpy as np
 
 from .._errors import DataError, FitError
 from .._frozen import replaced
+from .._precision import is_traced
 from .._types import AnyArray
 from ..allan import Deviation, deviation
 from . import _findings, _rivals as rivals
 from ._alternatives import Alternative, Alternatives, likeliest_time, widening
 from ._causes import Cause, find_causes
+from ._checks import Asked
 from ._covariance import covariance_tensor
 from ._likelihood import density
 from ._limits import Limits, levels_of
-from ._observed import Observed
+from ._observed import Observed, without_gaps
 from ._ordinates import amplitudes, bins_of
 from ._result import FittedSpectrum, NoiseFit, assemble, with_edf, without_terms
 from ._solve import Lowest, Solved, inside, lowest_of, solve, solve_alternatives, spectrum_of
@@ -77,23 +79,15 @@ class Tried(NamedTuple):
     judged: Judged
 
 
-def fit_record(
-    y, curve: Deviation, terms: tuple[Term, ...], band: tuple[float, float] | None, confidence: float, temperature=None, robust=False,
-    sensor: str = "",
-) -> NoiseFit:  # fmt: skip
-    """Fit one channel by the likelihood of its samples.
+def fit_channel(y, asked: Asked) -> NoiseFit:
+    """Fit one channel, (n,) with NaN where a sample is missing, by the likelihood of its samples.
 
-    Parameters
-    ----------
-    y : (n,) samples; NaN marks a gap.
-    curve : overlapped Allan deviation for the plot. It is computed again if samples are missing, or causes or tails are taken out.
-    terms : the terms asked for. A Gauss-Markov process without a correlation time gets the likeliest one.
-    band : cluster times in s to fit; None to find them.
-    confidence : level of the limits.
-    temperature : (n,) readings; one of the possible causes of slow changes.
-    robust : whether the white noise may have heavy tails, and N is that of its core.
-    sensor : "gyro", "accel" or "mag" if it is known, for the units of findings.
+    The curve for the plot is computed again if samples are missing, or causes or tails are taken out: straight lines fill gaps until then.
     """
+    if is_traced(y):
+        return _fit_traced(y, asked)
+    curve = asked.deviation(without_gaps(y))
+    terms, band, confidence, temperature, robust = asked.terms, asked.band, asked.confidence, asked.temperature, asked.robust
     parts, dt = _parts(terms), 1.0 / curve.rate
     tails = tamed(y, dt, lambda x: spectrum_of(solve(Observed(x, dt), parts.base, band))) if robust else Tails(y, "", 1.0)
     plain = _without_causes(tails.y, dt, parts, band, temperature)
@@ -108,7 +102,7 @@ def fit_record(
     if tails.law or not model.observed.complete:
         curve = deviation(model.observed.drawn, curve.rate, m=curve.m, confidence=confidence)
     fit = _assembled(curve, plain, model, judged, parts, band, confidence)
-    return _with_findings(fit, model, judged, found, parts, tails, sensor)
+    return _with_findings(fit, model, judged, found, parts, tails, asked.sensor)
 
 
 def _parts(terms: tuple[Term, ...]) -> Parts:
@@ -294,8 +288,9 @@ def _fitted_spectrum(solved: Solved) -> FittedSpectrum:
     return FittedSpectrum(frequency=frequency, density=level, model=model, edf=edf, used=used, columns=columns)
 
 
-def fit_traced(y, rate: float, terms: tuple[Term, ...], band: tuple[float, float] | None, confidence: float) -> NoiseFit:
+def _fit_traced(y, asked: Asked) -> NoiseFit:
     """Fit a traced record as it is, without checks, a choice of the band or spectral lines; the result can be differentiated."""
+    rate, terms, band, confidence = asked.rate, asked.terms, asked.band, asked.confidence
     if any(_is_ramp(term) or _is_sought(term) for term in terms):
         raise DataError("a traced record is fitted without R and markov; these are found by a search, which cannot be traced")
     bins, duration = inside(bins_of(y, 1.0 / rate, terms), band), y.shape[0] / rate

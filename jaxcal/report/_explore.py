@@ -16,7 +16,8 @@ from .._errors import DataError
 from .._log import Log
 from .._units import noise_factor, noise_units, si_unit
 from ..allan import Deviation
-from ..noise import FittedSpectrum, NoiseFit
+from ..noise import NoiseFit
+from ..noise._result import FittedSpectrum
 from ..plot._allan import KINDS
 from ..plot._style import SENSORS, unit_label
 from ..spectrum import Spectrum, density

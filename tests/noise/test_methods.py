@@ -9,17 +9,15 @@ import numpy as np
 import pytest
 
 from jaxcal.allan import deviation
-from jaxcal.noise import Noise, allan_covariance
+from jaxcal.noise import Noise, _display, _joint, allan_covariance
 from jaxcal.noise._checks import clusters
-from jaxcal.noise._display import fit_plainly
-from jaxcal.noise._joint import fit_jointly
 
 RATE, DT = 100.0, 0.01
 TERMS = ("Q", "N", "B", "K")
 #: thesis table 7.3, gyroscope X, in deg and s
 GYRO = Noise(N=0.25 / 60, B=7.6 / 3600, K=1.8 / 3600)
 WITHOUT = ("log", "slope")
-METHODS = {"gls": fit_jointly, "log": fit_plainly, "slope": fit_plainly}
+METHODS = ("gls", "log", "slope")
 
 
 def objects(terms):
@@ -30,7 +28,13 @@ def fitted(method, y, terms=TERMS, inside=None, **changes):
     """Fit one channel as `jaxcal.noise.fit` does; `changes` replace fields of the deviation."""
     curve = dataclasses.replace(deviation(y, RATE, m=clusters(len(y), terms), alpha=0), **changes)
     chosen = np.ones(len(curve.m), dtype=bool) if inside is None else inside(curve.tau)
-    return METHODS[method](curve, len(y), objects(terms), chosen, inside is None, 0.95, method=method)
+    return fitted_curve(method, curve, len(y), objects(terms), chosen, inside is None)
+
+
+def fitted_curve(method, curve, samples, terms, chosen, automatic):
+    if method == "gls":
+        return _joint.fit_deviation(curve, samples, terms, chosen, automatic, 0.95)
+    return _display.fit_deviation(curve, samples, terms, chosen, method, 0.95)
 
 
 def exact(method, noise, samples=2**15, terms=TERMS):
@@ -143,7 +147,7 @@ def test_slope_equals_a_plain_reading():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("method", list(METHODS))
+@pytest.mark.parametrize("method", METHODS)
 def test_scatter_is_that_of_the_method(runs, method):
     """Root mean square errors of 40 records of 5.5 minutes exceed the expected ones by less than four standard errors (45 %)."""
     bounds = {"gls": (0.8, 21, 55), "log": (7, 55, 80)}
@@ -202,7 +206,7 @@ def test_goodness_without_a_test_of_its_own_tells_good_from_bad():
     assert fitted("gls", y).goodness > 1e-3
 
 
-@pytest.mark.parametrize("method", list(METHODS))
+@pytest.mark.parametrize("method", METHODS)
 def test_band_on_request(method):
     y = GYRO.simulate(2**15, RATE, seed=1)
     found = fitted(method, y, inside=lambda tau: (tau > 0.03) & (tau < 50))
@@ -211,7 +215,7 @@ def test_band_on_request(method):
     np.testing.assert_allclose(found.noise.N, GYRO.N, rtol=0.15)
 
 
-@pytest.mark.parametrize("method", list(METHODS))
+@pytest.mark.parametrize("method", METHODS)
 def test_units_scale(method):
     y = GYRO.simulate(2**14, RATE, seed=1)
     one, other = fitted(method, y), fitted(method, y * 1e-9)
@@ -227,7 +231,7 @@ def coefficient(method, y, term="N"):
     return getattr(fitted(method, y).noise, term)
 
 
-@pytest.mark.parametrize("method", list(METHODS))
+@pytest.mark.parametrize("method", METHODS)
 def test_traced(method):
     """Under jit and vmap, values equal those of the plain call, and derivatives those of finite differences."""
     y = np.stack([GYRO.simulate(600, RATE, seed=s) for s in (8, 9)])
@@ -240,7 +244,7 @@ def test_traced(method):
         np.testing.assert_allclose(gradient[i] @ direction[i], (up - down) / (2 * step), rtol=1e-4)
 
 
-@pytest.mark.parametrize("method", list(METHODS))
+@pytest.mark.parametrize("method", METHODS)
 def test_no_compilation_for_another_length(method, caplog):
     fitted(method, GYRO.simulate(4000, RATE, seed=1))
     with jax.log_compiles(), caplog.at_level("WARNING"):
@@ -249,7 +253,7 @@ def test_no_compilation_for_another_length(method, caplog):
         # compilations of the deviation are tested elsewhere and must not count here
         curve = deviation(GYRO.simulate(samples, RATE, seed=1), RATE, m=sizes, alpha=0)
         caplog.clear()
-        METHODS[method](curve, samples, objects(TERMS), np.ones(len(sizes), dtype=bool), True, 0.95, method=method)
+        fitted_curve(method, curve, samples, objects(TERMS), np.ones(len(sizes), dtype=bool), True)
     assert not [record.message for record in caplog.records if "Finished XLA compilation" in record.message]
 
 
@@ -263,7 +267,7 @@ def test_gaps_are_allowed_for():
         assert ("gaps" in found.codes) == (method == "gls")
 
 
-@pytest.mark.parametrize("method", list(METHODS))
+@pytest.mark.parametrize("method", METHODS)
 def test_a_record_with_few_levels(method):
     """With the output of a coarse converter, one of three cluster sizes has no scatter; the fit is still finite."""
     y = np.zeros(600)

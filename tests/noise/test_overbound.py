@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from jaxcal import DataError, FitError
-from jaxcal.noise import Noise, fit, overbound, overbound_curve
+from jaxcal.noise import Noise, fit, overbound
+from jaxcal.noise._overbound import overbound_curve
 
 DT = 0.01
 TERMS = ("Q", "N", "B", "K")
