@@ -17,9 +17,8 @@ from ..io import read
 from ..io._find import find
 from ..io._read import fingerprint as fingerprint_of
 from ..io._readers._streams import SeveralError
+from ._store import SCHEMA
 from ._tasks import identity, perform, reading_options
-
-SCHEMA = "jaxcal.batch/1"
 
 
 def answer(
@@ -46,10 +45,7 @@ def answer(
         document["log"] |= {"sha256": log.provenance["sha256"], "bytes": log.provenance["size"], "date": _date(log.provenance, before)}
         if start is not None or stop is not None:
             log = log.select(start, stop)
-        result, coefficients, warnings = perform(task, log, options)
-        document |= {"status": "done", "reason": None, "again": False, "warnings": warnings}
-        rows = {name: [one.value, one.low, one.high, one.unit] for name, one in coefficients.items()}
-        document |= {"coefficients": rows, "result": result}
+        document |= {"status": "done", "reason": None, "again": False} | perform(task, log, options)
         text = json_text(document)
     except (KeyboardInterrupt, GeneratorExit):
         raise
@@ -115,10 +111,10 @@ def _failed(document: dict[str, Any], fault: BaseException, path: str) -> dict[s
         known["bytes"], known["sha256"] = fingerprint(path)
     again = not isinstance(fault, JaxcalError) or isinstance(fault, _Changed) or known["sha256"] is None
     reason = str(fault).strip() if isinstance(fault, JaxcalError) else _sentence(fault)
-    document |= {"status": "failed", "reason": reason, "again": again, "warnings": []}
+    document |= {"status": "failed", "reason": reason, "again": again}
     if not isinstance(fault, JaxcalError | OSError | MemoryError):
         document["trace"] = traceback.format_exception(fault)[-12:]
-    return document | {"coefficients": {}, "result": None}
+    return document | {"findings": [], "numbers": {}, "result": None}
 
 
 def _sentence(fault: BaseException) -> str:

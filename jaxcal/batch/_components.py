@@ -8,18 +8,18 @@ import equinox as eqx
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._answer import Finding, Number, Result, Section, listed
 from .._errors import DataError
 from .._precision import host_float64
 from .._quality import checked_confidence
-from .._results import Result, Row
 from .._types import AnyArray, Groups
+from ._findings import FINDINGS
 
 _DRAWS = 20_000  # number of draws for the generalised intervals
 _SEED = 24  # seed of the draws: the same study always gives the same numbers
 _POOL = 0.25  # p value above which an interaction counts as repeatability: the rule of the AIAG manual
 _ROUNDING = 1e-13  # scatter of repeated measurements, relative to the largest, that rounding alone can make
 _LARGEST = 4_000_000  # largest number of values times groups
-_OPEN = 3.0  # ratio of a component's upper limit to the scatter of the whole study above which the study is weak
 _CATEGORIES = 1.41  # distinct categories: 1.41 times the standard deviation of parts over that of the gauge
 
 
@@ -36,7 +36,7 @@ class Components(Result):
     ratios, ratio_interval : (q,) and (q, 2), results of a gauge study, in the order of `ratio_names`; empty for `components`.
     ratio_names : names of the ratios.
     confidence : level of the intervals.
-    warnings : a sentence for each level of too few groups, whose interval goes beyond three times the deviation of all components.
+    findings : "open" for each level of too few groups, whose interval goes beyond three times the deviation of all components.
 
     Examples
     --------
@@ -62,26 +62,24 @@ class Components(Result):
     ratios: AnyArray
     ratio_interval: AnyArray
     confidence: float = eqx.field(static=True)
-    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
     @property
-    def verdict(self) -> str:
-        """The word "good"; "weak" if a component may be larger than three times the scatter of the whole study."""
-        return "weak" if self.warnings else "good"
-
-    @property
-    def reason(self) -> str:
+    def headline(self) -> str:
         """The share of each component in the total variance."""
         shares = 100.0 * np.asarray(self.variance) / max(float(np.sum(self.variance)), np.finfo(float).tiny)
         return "; ".join(f"{name} {share:.1f} % of the variance" for name, share in zip(self.names, shares, strict=True))
 
-    def _rows(self) -> list[Row]:
-        roots, limits = np.sqrt(self.variance), np.sqrt(self.interval)
-        rows = [
-            Row(name, root, ends[0], ends[1], "", "standard deviation") for name, root, ends in zip(self.names, roots, limits, strict=True)
-        ]
-        given = zip(self.ratio_names, self.ratios, self.ratio_interval, strict=True)
-        return rows + [Row(name, value, ends[0], ends[1], "", "") for name, value, ends in given]
+    def sections(self) -> list[Section]:
+        """Standard deviations of the components, and the ratios of a gauge study."""
+        deviations = _numbers(self.names, np.sqrt(self.variance), np.sqrt(self.interval))
+        tables: list[Section] = [listed("deviation", "standard deviation", deviations)]
+        ratios = _numbers(self.ratio_names, self.ratios, self.ratio_interval)
+        return tables + ([listed("ratios", "gauge study", ratios)] if ratios else [])
+
+
+def _numbers(names: tuple[str, ...], values: AnyArray, limits: AnyArray) -> list[tuple[str, Number]]:
+    return [(name, Number(name, float(x), float(a), float(b))) for name, x, (a, b) in zip(names, values, limits, strict=True)]
 
 
 @host_float64
@@ -216,18 +214,15 @@ def _analysed(values: Any, levels: Mapping[str, Any], crossed: tuple[str, ...], 
     total, said = float(np.sqrt(np.sum(variance))), []
     for name, free in zip(names, freedom[:-1], strict=True):
         highest = float(np.sqrt(limits[name][1]))
-        if highest > _OPEN * total > 0.0:
-            said.append(
-                f"the standard deviation of {name} may be {highest:.3g}, {highest / total:.1f} times that of the whole study: "
-                f"{free:.0f} degree{'s' * bool(free > 1)} of freedom tell too little; measure with five or more of them"
-            )
+        if highest > 3.0 * total > 0.0:
+            said.append(FINDINGS("open", cost=highest / total, name=name, highest=highest, times=highest / total, free=free))
     ratio_names, ratios, ratio_limits = _reported(names, variance, np.maximum(drawn, 0.0), ends, study) if study else ((), [], [])
     return Components(
         names=tuple(order), variance=placed(variance, 0.0), interval=np.array([limits[name] for name in order]),
         degrees_of_freedom=placed(freedom, np.nan), mean_square=placed(means, np.nan),
         p_value=placed(tests, np.nan), pooled=tuple(pooled), mean=float(values.mean()),
         ratio_names=ratio_names, ratios=np.array(ratios), ratio_interval=np.array(ratio_limits).reshape(-1, 2), confidence=confidence,
-        warnings=tuple(said),
+        findings=tuple(said),
     )  # fmt: skip
 
 

@@ -31,6 +31,7 @@ class Coefficient:
     value : None if the log has none, as for a term that was not detected.
     low, high : limits of its interval, or None. For a term that was not detected, `high` is the upper limit.
     unit : SI unit, "" if unknown.
+    state : "estimated", "open" (the data do not determine it) or "limit" (only `high` is known).
 
     Examples
     --------
@@ -43,6 +44,7 @@ class Coefficient:
     low: float | None = None
     high: float | None = None
     unit: str = ""
+    state: str = "estimated"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,7 +58,7 @@ class Entry:
     reason : for a failure, a sentence; otherwise None.
     again : whether the reason may be gone the next time.
     coefficients : name -> `Coefficient`.
-    warnings : sentences.
+    findings : what to know about the log and its result, each with "code", "severity", "subject" and "text".
     sha256 : hash of the log; None if it could not be read.
     date : date of the recording (ISO 8601), from its stamps or from the time of its file; None if it could not be read.
     seconds : computing time in s; None if the result was not computed in this run.
@@ -84,7 +86,7 @@ class Entry:
     reason: str | None
     again: bool
     coefficients: dict[str, Coefficient]
-    warnings: tuple[str, ...]
+    findings: tuple[dict[str, Any], ...]
     sha256: str | None
     date: str | None
     seconds: float | None
@@ -97,6 +99,11 @@ class Entry:
     def name(self) -> str:
         """Name of the log as printable text, with the IMU unless it is the first."""
         return shown(self.path) + (f" {self.topics}" if self.topics else "")
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences of the findings on which you should act."""
+        return tuple(one["text"] for one in self.findings if one["severity"] != "note")
 
     @property
     def document(self) -> dict[str, Any]:
@@ -323,3 +330,17 @@ def _along(done: Sequence[Entry]) -> dict[str, np.ndarray]:
     if len(days) and np.all(np.isfinite(days)) and np.ptp(days) > 1 / 1440:
         found["date"] = days - days.min()
     return found
+
+
+def overview(fleet: Fleet, identity: dict[str, Any]) -> dict[str, Any]:
+    """The data of the overview page."""
+    said: dict[str, list[str]] = {}
+    for entry in fleet.done:
+        for sentence in entry.warnings:
+            said.setdefault(sentence, []).append(entry.name)
+    return {
+        "task": identity, "logs": len(fleet), "names": [entry.name for entry in fleet.done],
+        "dates": [entry.date for entry in fleet.done], "failed": [(entry.name, entry.reason) for entry in fleet.failed],
+        "warnings": sorted(said.items(), key=lambda item: -len(item[1])),
+        "spread": {name: dataclasses.asdict(one) for name, one in fleet.spread.items()},
+    }  # fmt: skip

@@ -20,6 +20,7 @@ _FLAT = 1e-3  # precision of a logarithm about which the record has no informati
 _STARTS = 0.05  # share of the median below which a coefficient starts from the median
 _ROUNDS = 15  # number of Fisher scoring steps of a profile
 _TERMS = ("Q", "N", "B", "K")
+_FIELDS = ("frequency", "density", "weight", "base")
 
 
 class Recording(NamedTuple):
@@ -155,6 +156,23 @@ def _coarse(one: Recording, terms: tuple[str, ...]) -> dict[str, Any]:
     rest = [value**2 * held.columns[term] for term, value in one.value.items() if term not in terms]
     base = np.maximum(held.base + sum(rest), 0.0)
     return {"density": held.density, "weight": held.weight, "columns": columns, "base": base}
+
+
+def held(likelihood: LogLikelihood) -> dict[str, Any]:
+    """A likelihood in the form of a result file: wide bins, rounded numbers."""
+    few = coarse(likelihood)
+    fields = {name: _rounded(getattr(few, name)) for name in _FIELDS}
+    return fields | {"columns": {name: _rounded(column) for name, column in few.columns.items()}, "dt": few.dt}
+
+
+def _rounded(values: Any) -> list[float]:
+    return [float(f"{value:.6e}") for value in np.asarray(values)]
+
+
+def released(kept: dict[str, Any]) -> LogLikelihood:
+    """The likelihood from the form of a result file."""
+    fields = {name: np.array(kept[name]) for name in _FIELDS}
+    return LogLikelihood(**fields, columns={name: np.array(column) for name, column in kept["columns"].items()}, dt=kept["dt"])
 
 
 def coarse(held: LogLikelihood) -> LogLikelihood:

@@ -6,11 +6,12 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from .._answer import Finding, Number, Result, Section, listed
 from .._errors import DataError
 from .._precision import host_float64
-from .._results import Result, Row
 from .._special import NORMAL95
 from .._types import AnyArray
+from ._findings import FINDINGS
 from ._population import Population
 
 _FEWEST = 8  # recordings
@@ -32,9 +33,8 @@ class Line(Result):
     drift_chance : (p,) probability that it has a slope as steep.
     change : (p,) number of recordings before the most likely change. change_size : (p,) size of that step, in the unit of `slope`.
     change_chance : (p,) probability that a line without a change has a change point as clear anywhere.
-    findings : sentences on changes that a line without a change shows with a probability below `false_alarm`.
+    findings : "drift" and "change": what a line without a change shows with a probability below `false_alarm`.
     false_alarm : probability, for each parameter, of finding a drift or a change point in a line without a change.
-    warnings : sentences.
 
     Examples
     --------
@@ -43,8 +43,8 @@ class Line(Result):
     >>> sizes = 0.01 * 1.1 ** np.arange(8)
     >>> records = [jaxcal.noise.Noise(N=n).simulate(2000, rate=100.0, seed=i) for i, n in enumerate(sizes)]
     >>> found = jaxcal.batch.population([jaxcal.noise.fit(y, 100.0) for y in records], terms=("N",))
-    >>> jaxcal.batch.line(found, range(8)).findings[0][:8]
-    'N drifts'
+    >>> jaxcal.batch.line(found, range(8)).codes
+    frozenset({'drift'})
     """
 
     terms: tuple[str, ...] = eqx.field(static=True)
@@ -57,26 +57,20 @@ class Line(Result):
     change: AnyArray
     change_size: AnyArray
     change_chance: AnyArray
-    findings: tuple[str, ...] = eqx.field(static=True)
     false_alarm: float = eqx.field(static=True)
-    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+    findings: tuple[Finding, ...] = eqx.field(static=True)
 
     @property
-    def verdict(self) -> str:
-        """The word "changed" if there are findings, otherwise "steady"."""
-        return "changed" if self.findings else "steady"
+    def headline(self) -> str:
+        """The number of parameters that change."""
+        count = len(self.findings)
+        return f"{count} of {len(self.terms)} parameters changed" if count else "no drift and no change point"
 
-    @property
-    def reason(self) -> str:
-        """The findings, as one sentence."""
-        return "; ".join(self.findings) or "no drift and no change point"
-
-    def _rows(self) -> list[Row]:
+    def sections(self) -> list[Section]:
+        """The drift of each parameter over the line."""
         half = NORMAL95 * np.asarray(self.slope_error)
-        return [
-            Row(f"drift of {term}", self.slope[i], self.slope[i] - half[i], self.slope[i] + half[i], "", "over the line")
-            for i, term in enumerate(self.terms)
-        ]
+        pairs = zip(self.terms, np.asarray(self.slope), half, strict=True)
+        return [listed("drift", "drift over the line", [(name, Number(name, x, x - h, x + h)) for name, x, h in pairs])]
 
 
 @host_float64
@@ -110,8 +104,8 @@ def line(found: Population, when: Sequence[Any] | AnyArray, *, false_alarm: floa
     >>> sizes = 0.01 * 1.1 ** np.arange(8)
     >>> records = [jaxcal.noise.Noise(N=n).simulate(2000, rate=100.0, seed=i) for i, n in enumerate(sizes)]
     >>> found = jaxcal.batch.population([jaxcal.noise.fit(y, 100.0) for y in records], terms=("N",))
-    >>> jaxcal.batch.line(found, range(8)).verdict
-    'changed'
+    >>> jaxcal.batch.line(found, range(8)).headline
+    '1 of 1 parameters changed'
 
     References
     ----------
@@ -157,15 +151,15 @@ def line(found: Population, when: Sequence[Any] | AnyArray, *, false_alarm: floa
             column.append(value)
     slope, error, drift, change, size, changed, chance = (np.array(column) for column in columns.values())
     said = []
-    percent = 100.0 if found.logarithm else 1.0
-    unit = " %" if found.logarithm else ""
+    percent, unit = (100.0, " %") if found.logarithm else (1.0, "")
     for i, term in enumerate(found.terms):
-        if chance[i] < false_alarm:
-            if changed[i] < drift[i]:
-                first = found.recordings[order[change[i]]]
-                said.append(f"{term} changes by {percent * size[i]:+.3g}{unit} from {first} on (chance {chance[i]:.1g})")
-            else:
-                said.append(f"{term} drifts by {percent * slope[i]:+.3g}{unit} over the line (chance {drift[i]:.1g})")
+        if not chance[i] < false_alarm:
+            continue
+        if changed[i] < drift[i]:
+            first = found.recordings[order[change[i]]]
+            said.append(FINDINGS("change", term=term, size=percent * size[i], unit=unit, first=first, chance=chance[i]))
+        else:
+            said.append(FINDINGS("drift", term=term, size=percent * slope[i], unit=unit, chance=drift[i]))
     return Line(
         terms=found.terms, order=order, score=away / np.sqrt(variance), slope=slope, slope_error=error, drift_chance=drift, change=change,
         change_size=size, change_chance=changed, chance=chance, findings=tuple(said), false_alarm=false_alarm,

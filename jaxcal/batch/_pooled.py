@@ -14,14 +14,12 @@ import numpy as np
 from .._errors import DataError
 from .._files import json_text, write_atomically
 from .._special import NORMAL95
-from ..noise import LogLikelihood
-from ._fleet import Entry, Fleet
-from ._leaves import Recording, coarse
+from ._findings import FINDINGS
+from ._fleet import Entry, Fleet, overview
+from ._leaves import Recording, released
 from ._population import Population, population
 
-_DIGITS = 7  # significant digits of the numbers of a likelihood in a result
 _WIDTH = 2.0 * NORMAL95  # width of an interval of 95 % in standard deviations
-_FIELDS = ("frequency", "density", "weight", "base")
 
 
 @dataclasses.dataclass
@@ -97,8 +95,8 @@ def pool(
     for sensor in sorted(sensors):
         mine = {name: leaves for name, leaves in parts.items() if name.startswith(f"{sensor}_")}
         found[sensor] = _with_axes(mine, devices, covariates, asked)
-    said = [f"{name} is the same in all logs, and is left out of the covariates" for name in same]
-    found = {name: dataclasses.replace(one, warnings=(*one.warnings, *said)) for name, one in found.items()}
+    said = [FINDINGS("same", name=name) for name in same]
+    found = {name: dataclasses.replace(one, findings=(*one.findings, *said)) for name, one in found.items()}
     if fleet.out is not None:
         _write(fleet, found)
     return found
@@ -117,17 +115,6 @@ def _with_axes(parts: dict[str, list], devices: list, covariates: dict[str, list
     return found if several else dataclasses.replace(found, levels=("device", "axis")[: len(found.levels)])
 
 
-def held(likelihood: LogLikelihood) -> dict[str, Any]:
-    """A likelihood in the form of a result file: wide bins, rounded numbers."""
-    few = coarse(likelihood)
-    fields = {name: _rounded(getattr(few, name)) for name in _FIELDS}
-    return fields | {"columns": {name: _rounded(column) for name, column in few.columns.items()}, "dt": few.dt}
-
-
-def _rounded(values: Any) -> list[float]:
-    return [float(f"{value:.{_DIGITS - 1}e}") for value in np.asarray(values)]
-
-
 def _noise(entries: tuple[Entry, ...]) -> dict[str, list[Recording | None]]:
     """Channel -> the recording of each log; empty if the task was not "noise"."""
     found: dict[str, list[Recording | None]] = {}
@@ -139,10 +126,7 @@ def _noise(entries: tuple[Entry, ...]) -> dict[str, list[Recording | None]]:
             value = {term: float(size) for term, size in one["coefficients"].items()}
             limits = {term: (low or 0.0, np.inf if high is None else high) for term, (low, high) in one["interval"].items()}
             seen = {term: size > 0.0 and one["presence"][term] != "not detected" for term, size in value.items()}
-            fields = {name: np.array(kept[name]) for name in _FIELDS}
-            columns = {name: np.array(column) for name, column in kept["columns"].items()}
-            likelihood = LogLikelihood(**fields, columns=columns, dt=kept["dt"])
-            found.setdefault(channel, [None] * len(entries))[i] = Recording(likelihood, value, limits, seen)
+            found.setdefault(channel, [None] * len(entries))[i] = Recording(released(kept), value, limits, seen)
     return found
 
 
@@ -225,7 +209,6 @@ def _covariates(about: dict[str, list[Any]]) -> tuple[dict[str, list[Any]], list
 
 def _write(fleet: Fleet, found: dict[str, Population]) -> None:
     from ..report._fleet import write_fleet
-    from ._run import overview
 
     assert fleet.out is not None
     write_atomically(fleet.out / "population.json", json_text({name: one.to_dict() for name, one in found.items()}))

@@ -8,13 +8,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._answer import Finding, Grid, Number, Result, Section
 from .._errors import DataError
 from .._precision import host_float64
 from .._quality import checked_confidence
-from .._results import Result, Row
 from .._types import AnyArray, Groups
 from ..fitting._hierarchy import Hierarchy, sample_hierarchy
 from ..noise import NoiseFit
+from ._findings import FINDINGS
 from ._leaves import Leaves, Recording, of_estimates, of_noise
 from ._odd import chances
 
@@ -48,7 +49,7 @@ class Population(Result):
     covariates : names of the covariates; for covariates that are words, one name per class except the first.
     logarithm : whether the model uses logarithms.
     confidence, false_alarm : level of the intervals, and of the outliers.
-    warnings : sentences.
+    findings : what to know; "odd" for each of the outliers.
 
     Examples
     --------
@@ -87,7 +88,7 @@ class Population(Result):
     logarithm: bool = eqx.field(static=True)
     confidence: float = eqx.field(static=True)
     false_alarm: float = eqx.field(static=True)
-    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
     @property
     def spread(self) -> AnyArray:
@@ -110,25 +111,25 @@ class Population(Result):
         return self.components_interval[-1] if len(self.levels) > 1 else np.full((len(self.terms), 2), np.nan)
 
     @property
-    def verdict(self) -> str:
-        """The word "good", or "weak" if there are warnings."""
-        return "weak" if self.warnings else "good"
+    def headline(self) -> str:
+        """The number of devices and recordings, and of devices that stand out."""
+        odd = len({device for device, _ in self.outliers})
+        return f"{len(self.recordings)} recordings of {len(self.devices)} devices, {odd or 'no'} of them odd"
 
-    @property
-    def reason(self) -> str:
-        """The number of devices and recordings, and the devices that stand out."""
-        odd = ", ".join(f"{device} in {term}" for device, term in self.outliers)
-        return f"{len(self.recordings)} recordings of {len(self.devices)} devices; {f'odd: {odd}' if odd else 'no device stands out'}"
+    def sections(self) -> list[Section]:
+        """The middle device, the standard deviations between groups of each level, and the effects of the covariates."""
+        lines: list[tuple[str, str, AnyArray, AnyArray]] = [("middle device", "", self.median, self.median_interval)]
+        levels = zip(self.levels, self.components, self.components_interval, strict=True)
+        lines += [(f"deviation of {level}", f".deviation.{level}", values, limits) for level, values, limits in levels]
+        effects = zip(self.covariates, self.effect, self.effect_interval, strict=True)
+        lines += [(f"effect of {name}", f".effect.{name}", values, limits) for name, values, limits in effects]
 
-    def _rows(self) -> list[Row]:
-        rows, unit = [], "" if self.logarithm else "SI"
-        for i, term in enumerate(self.terms):
-            rows.append(Row(term, self.median[i], self.median_interval[i, 0], self.median_interval[i, 1], "SI", "middle device"))
-            for level, value, limits in zip(self.levels, self.components[:, i], self.components_interval[:, i], strict=True):
-                rows.append(Row(f"{level} of {term}", value, limits[0], limits[1], unit, "standard deviation"))
-            for name, value, limits in zip(self.covariates, self.effect[:, i], self.effect_interval[:, i], strict=True):
-                rows.append(Row(f"{name} on {term}", value, limits[0], limits[1], unit, "effect"))
-        return rows
+        def row(place: str, values: AnyArray, limits: AnyArray) -> tuple[Number, ...]:
+            pairs = zip(self.terms, values, limits, strict=True)
+            return tuple(Number(term + place, float(x), float(low), float(high)) for term, x, (low, high) in pairs)
+
+        note = "Deviations and effects are those of the logarithm: 0.2 means 20 %." if self.logarithm else ""
+        return [Grid("population", "population", self.terms, tuple((line[0], row(*line[1:])) for line in lines), note=note)]
 
 
 @host_float64
@@ -231,7 +232,9 @@ def _summary(
     member = members[0] if members else np.arange(len(names))
     chance = chances(seen - middle, error**2, member, members[1:], usual[0], drawn)
     accepted = float(np.mean(np.asarray(drawn.accepted)))
-    said = () if accepted > _HARDLY else ("the draws hardly moved: the values are not to be trusted",)
+    odd = [(order[i], leaves.names[j], float(chance[i, j])) for i, j in np.argwhere(chance < false_alarm)]
+    said = [FINDINGS("odd", cost=-rare, device=device, term=term, percent=100.0 * rare) for device, term, rare in odd]
+    said += [] if accepted > _HARDLY else [FINDINGS("stuck")]
     return Population(
         terms=leaves.names, median=back(usual[0] * scale), median_interval=back(interval(beta[:, 0] * scale)), levels=titles,
         components=np.median(deviations, axis=0) * scale, components_interval=interval(deviations * scale),
@@ -239,8 +242,8 @@ def _summary(
         pooled=back(np.median(items, axis=0) * scale), pooled_interval=back(interval(items) * scale[:, None]),
         device_values=back(np.median(device, axis=0) * scale), device_interval=back(interval(device) * scale[:, None]),
         seen=seen * scale, seen_error=error * scale, away=(seen - middle) * scale, chance=chance,
-        outliers=tuple((order[i], leaves.names[j]) for i, j in np.argwhere(chance < false_alarm)), devices=order, recordings=names,
-        covariates=labels, logarithm=leaves.logarithm, confidence=confidence, false_alarm=false_alarm, warnings=said,
+        outliers=tuple((device, term) for device, term, _ in odd), devices=order, recordings=names,
+        covariates=labels, logarithm=leaves.logarithm, confidence=confidence, false_alarm=false_alarm, findings=tuple(said),
     )  # fmt: skip
 
 

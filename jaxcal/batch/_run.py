@@ -17,7 +17,7 @@ from typing import Any
 from .._errors import DataError
 from .._files import shown, write_atomically
 from ._answer import answer, fingerprint, lost
-from ._fleet import Coefficient, Entry, Fleet
+from ._fleet import Coefficient, Entry, Fleet, overview
 from ._paths import find_logs
 from ._pool import GivenExecutor, WorkerPool, room
 from ._store import Store, write_manifest, write_summary
@@ -77,7 +77,7 @@ def run(
     Returns
     -------
     Fleet
-        Its entries hold status, reason, coefficients, warnings and the whole result of each log; `spread` compares the logs.
+        Its entries hold status, reason, coefficients, findings and the whole result of each log; `spread` compares the logs.
 
     Raises
     ------
@@ -314,8 +314,8 @@ class _Run:
         log, file = found["log"], None if self.store is None else self.store.file_of(job.path, job.topics)
         return Entry(
             path=job.path, topics=job.topics, status=found["status"], reason=found["reason"], again=bool(found["again"]),
-            coefficients={name: Coefficient(*row) for name, row in dict(found["coefficients"] or {}).items()},
-            warnings=tuple(found["warnings"]), sha256=log["sha256"], date=log["date"] and log["date"][0], seconds=seconds, file=file,
+            coefficients={name: Coefficient(**one) for name, one in found["numbers"].items()},
+            findings=tuple(found["findings"]), sha256=log["sha256"], date=log["date"] and log["date"][0], seconds=seconds, file=file,
             kept=kept, _text=text,
         )  # fmt: skip
 
@@ -338,17 +338,3 @@ class _Run:
 
             write_fleet(overview(fleet, self.identity), fleet.out / "overview.html")
         return fleet
-
-
-def overview(fleet: Fleet, identity: dict[str, Any]) -> dict[str, Any]:
-    """The data of the overview page."""
-    said: dict[str, list[str]] = {}
-    for entry in fleet.done:
-        for sentence in entry.warnings:
-            said.setdefault(sentence, []).append(entry.name)
-    return {
-        "task": identity, "logs": len(fleet), "names": [entry.name for entry in fleet.done],
-        "dates": [entry.date for entry in fleet.done], "failed": [(entry.name, entry.reason) for entry in fleet.failed],
-        "warnings": sorted(said.items(), key=lambda item: -len(item[1])),
-        "spread": {name: dataclasses.asdict(one) for name, one in fleet.spread.items()},
-    }  # fmt: skip

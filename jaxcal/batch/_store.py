@@ -17,9 +17,9 @@ from typing import Any
 
 from .._errors import DataError, ExportError
 from .._files import clear_hidden, json_text, write_atomically
-from ._answer import SCHEMA
 from ._fleet import Coefficient, Entry
 
+SCHEMA = "jaxcal.batch/1"
 _HELD: set[str] = set()  # folders that this process writes to: on some systems a file lock does not separate the threads of one process
 _GUARD = threading.Lock()
 #: the first columns of the table, and their types in Parquet

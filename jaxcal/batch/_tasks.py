@@ -1,5 +1,6 @@
 """The tasks of a run: those with a name, and functions given by the user."""
 
+import dataclasses
 import functools
 import hashlib
 import importlib
@@ -11,36 +12,35 @@ from typing import Any
 
 import numpy as np
 
+from .._answer import Finding, Result, Results, ordered
 from .._errors import DataError, UnitError
 from .._log import Log
 from .._results import by_channel, plain
 from .._units import STANDARD_GRAVITY, si_unit
 from ..io._suited import unsuited
+from ._findings import FINDINGS
 from ._fleet import Coefficient
 
-Answer = tuple[Any, dict[str, Coefficient], list[str]]
+Answer = tuple[Any, dict[str, Coefficient], list[Any]]
 _DECADES = 10.0 ** np.arange(-3, 6)
 _MOST = 400  # largest number of values taken from the result of a user's task
 
 
-def _coefficient(value: Any, low: Any = math.nan, high: Any = math.nan, unit: str = "") -> Coefficient:
-    """A coefficient; numbers that are not finite become None."""
-    known = (plain(float(x)) for x in (value, low, high))
-    return Coefficient(*known, unit=unit)
+def _coefficient(value: Any, low: Any = math.nan, high: Any = math.nan, unit: str = "", state: str = "estimated") -> Coefficient:
+    """A coefficient; numbers that are not finite become None, and so is the value of a limit."""
+    known = (plain(float(x)) for x in (math.nan if state == "limit" else value, low, high))
+    return Coefficient(*known, unit=unit, state=state)
 
 
 def noise(log: Log, **options: Any) -> Answer:
     """Fit the noise coefficients of every channel."""
     from ..noise import characterise
-    from ._pooled import held
+    from ._leaves import held
 
     fits = characterise(log, **options)
-    found = {
-        f"{channel}.{term}": _coefficient(*(one := fits.numbers[f"{channel}.{term}"])[1:4], one.unit)
-        for channel, fit in fits.items() for term in fit.terms
-    }  # fmt: skip
+    document, found, said = answer_of(fits, log)
     likelihoods = {channel: held(fit.log_likelihood) for channel, fit in fits.items() if fit.spectrum is not None}
-    return fits.to_dict(log) | {"likelihoods": likelihoods}, found, list(fits.warnings)
+    return document | {"likelihoods": likelihoods}, found, said
 
 
 def mag(log: Log, **options: Any) -> Answer:
@@ -78,17 +78,7 @@ def temperature(log: Log, **options: Any) -> Answer:
     """Fit the thermal model of every channel."""
     from ..temperature import characterise
 
-    fits = characterise(log, **options)
-    found: dict[str, Coefficient] = {}
-    for channel, fit in fits.items():
-        unit = si_unit(channel.partition("_")[0])
-        middle = np.linspace(float(fit.model.low), float(fit.model.high), 101)
-        bias = np.asarray(fit.model.curve.value(middle))
-        jump = max((abs(step.height) for step in fit.steps), default=math.nan)
-        for name, value in (("bias", bias[50]), ("span", np.ptp(bias)), ("rms", fit.rms), ("jump", jump)):
-            found[f"{channel}.{name}"] = _coefficient(value, unit=unit)
-        found[f"{channel}.lag"] = _coefficient(fit.model.lag, unit="s")
-    return fits.to_dict(log), found, list(fits.warnings)
+    return answer_of(characterise(log, **options), log)
 
 
 def allan(log: Log, **options: Any) -> Answer:
@@ -141,16 +131,37 @@ def check_task(task: Any, options: dict[str, Any]) -> None:
         raise DataError(f"task {task!r} has no option {', '.join(unknown)}; it takes {', '.join(known)}")
 
 
-def perform(task: Any, log: Log, options: dict[str, Any]) -> Answer:
-    """Perform the task: the result as in JSON, coefficients, and warnings."""
+def answer_of(result: Any, log: Log) -> Answer:
+    """The document of a result, all its numbers but those that an option or convention holds, and its findings.
+
+    A new field of a model, a new number or a new finding needs nothing here.
+
+    Raises
+    ------
+    DataError
+        If the result is refused.
+    """
+    if result.verdict == "refused":
+        raise DataError(f"the result is refused. {result.reason}", code="refused")
+    numbers = {name: one for name, one in result.numbers.items() if one.state != "held"}
+    found = {name: _coefficient(one.value, one.low, one.high, one.unit, one.state) for name, one in numbers.items()}
+    return result.to_dict(log), found, list(result.findings)
+
+
+def perform(task: Any, log: Log, options: dict[str, Any]) -> dict[str, Any]:
+    """Perform the task: the result as in JSON, its numbers, and findings."""
     if isinstance(task, str):
         if wrong := unsuited(task, log, str(log.provenance.get("file", "LOG"))):
             raise DataError(wrong)
         document, found, said = TASKS[task][0](log, **options)
     else:
-        document = plain(task(log, **options))
-        found, said = _numbers(document), []
-    return document, found, list(dict.fromkeys([*log.warnings, *said]))
+        result = task(log, **options)
+        document, found, said = answer_of(result, log) if isinstance(result, Result | Results) else (plain(result), {}, [])
+        found = found or _numbers(document)
+    findings = [one if isinstance(one, Finding) else FINDINGS("said", text=one) for one in (*log.findings, *said)]
+    numbers = {name: dataclasses.asdict(one) for name, one in found.items()}
+    kept = [{key: one.to_dict()[key] for key in ("code", "severity", "subject", "text")} for one in ordered(dict.fromkeys(findings))]
+    return {"findings": kept, "numbers": numbers, "result": document}
 
 
 def _numbers(result: Any, name: str = "") -> dict[str, Coefficient]:

@@ -12,6 +12,7 @@ from cyclopts import Parameter
 
 import jaxcal
 
+from .._answer import tables, things_to_know
 from ._cache import keep_compiled
 from ._options import RUNNING, CallError, Quiet, Reading, checked
 from ._screen import Screen, progress, show_written
@@ -176,15 +177,9 @@ def _show(screen: Screen, fleet: Any, pooled: dict[str, Any]) -> None:
         left = f"; {_ROWS} of {len(shown)} coefficients" if len(shown) > _ROWS else ""
         screen.table(f"spread over the logs{left}", ["", "unit", "logs", "median", "5 %", "95 %", "out"], rows)
     for name, found in pooled.items():
-        rows = [
-            [f"{term}, {level}", *(f"{value:.3g}" for value in (found.median[i], found.components[k, i], *found.components_interval[k, i]))]
-            for i, term in enumerate(found.terms)
-            for k, level in enumerate(found.levels)
-        ]
-        screen.table(f"population of {name}", ["", "middle", "spread", "low", "high"], rows[:_ROWS])
-    odd = [f"{name}: {device} in {term}" for name, found in pooled.items() for device, term in found.outliers]
-    screen.sentences("Odd units of the population", _first(odd))
-    screen.sentences("Warnings of the population", _first(list(dict.fromkeys(said for one in pooled.values() for said in one.warnings))))
+        screen.line()
+        screen.lines([f"population of {name}", *tables(found.verdict, found.headline, found.sections(), (), reader="terminal")])
+        screen.lines(things_to_know(found.findings, reader="terminal", more="the overview"))
     outliers = sorted((outlier for one in shown.values() for outlier in one.outliers), key=lambda found: -abs(found.score))
     screen.sentences("Outliers", _first([f"{found.name}: {found.reason}" for found in outliers]))
     screen.sentences("Trends", _first([trend.reason for one in shown.values() for trend in one.trends]))

@@ -4,9 +4,10 @@ from typing import Any
 
 import numpy as np
 
+from .._answer._html import findings_html, grid_html
 from ..plot._style import number_label
 from ._charts import Chart, Curve, charts
-from ._html import Markup, each, scroll, section, table, tag
+from ._html import Markup, scroll, section, table, tag
 
 _DRAWN = 60  # largest number of recordings in a panel
 _LISTED = 200  # largest number of rows in the table of recordings
@@ -25,31 +26,12 @@ def populations(found: dict[str, Any]) -> Markup:
 
 
 def _one(name: str, found: Any) -> Markup:
-    rows = []
-    for i, term in enumerate(found.terms):
-        rows.append((f"{term}, middle device", *_with_interval(found.median[i], found.median_interval[i])))
-        for level, value, limits in zip(found.levels, found.components[:, i], found.components_interval[:, i], strict=True):
-            rows.append((f"{term}, standard deviation of level {level}", *_with_interval(value, limits)))
-        for label, value, limits in zip(found.covariates, found.effect[:, i], found.effect_interval[:, i], strict=True):
-            rows.append((f"{term}, effect of {label}", *_with_interval(value, limits)))
-    columns = ("", "Value", f"{100 * found.confidence:g} % interval")
-    caption = "Standard deviations and effects are those of the logarithm: 0.2 means 20 %." if found.logarithm else None
-    odd = [f"{device} in {term}: a usual device is as far from the middle in {100 * _chance(found, device, term):.2g} % of cases"
-           for device, term in found.outliers]  # fmt: skip
     head = f"{100 * found.false_alarm:g} % of usual devices are named in each parameter."
     return tag(
-        "div", tag("h3", name), scroll(table(columns, rows, caption), f"Population of {name}"),
-        tag("h4", "Odd units"), tag("p", head), tag("ul", each("li", odd)) if odd else tag("p", "None."),
+        "div", tag("h3", name), *(scroll(grid_html(one), f"Population of {name}") for one in found.sections()),
+        tag("h4", "Odd units"), tag("p", head), findings_html(found.findings) or tag("p", "None."),
         _figure(name, found), _recordings(name, found),
     )  # fmt: skip
-
-
-def _with_interval(value: Any, limits: Any) -> tuple[str, str]:
-    return _shown(value), f"{_shown(limits[0])} to {_shown(limits[1])}"
-
-
-def _chance(found: Any, device: Any, term: str) -> float:
-    return float(found.chance[found.devices.index(device), found.terms.index(term)])
 
 
 def _recordings(name: str, found: Any) -> Markup:

@@ -164,7 +164,7 @@ def test_named_tasks_give_what_the_library_gives(tmp_path, pool):
     fits = jaxcal.temperature.characterise(jaxcal.Log(log.time, gyro=log.gyro, temperature=log.temperature), model="polynomial", degree=1)
     found = one("temperature", model="polynomial", degree=1).coefficients
     assert found["gyro_x.rms"].value == pytest.approx(fits["gyro_x"].rms, rel=1e-9)
-    assert found["gyro_x.span"].value == pytest.approx(2e-3, rel=0.1)
+    assert found["gyro_x.change"].value == pytest.approx(2e-3, rel=0.1)
 
 
 def test_noise_has_no_value_where_a_term_is_not_there(tmp_path, pool):
