@@ -50,6 +50,8 @@ def mag(log: Log, **options: Any) -> Answer:
     if log.mag is None or log.mag.shape[1] != 3:
         raise DataError("the log has no magnetometer of three axes; name its columns with columns=")
     result = fit(log.mag[np.isfinite(log.mag).all(axis=1)], **options)
+    if hasattr(result, "findings"):
+        return answer_of(result, log)
     if result.model is None or result.verdict == "refused":
         raise DataError(f"the calibration is refused. {result.reason}")
     found = {one.name: _coefficient(one.value, one.low, one.high, one.unit) for one in result.estimate.numbers()}
@@ -64,6 +66,8 @@ def imu(log: Log, **options: Any) -> Answer:
 
     said = [] if "gravity" in options else [f"gravity was taken as {STANDARD_GRAVITY} m/s^2; give the place's own with gravity="]
     result = multi_position(log, **{"gravity": STANDARD_GRAVITY, **options})
+    if hasattr(result, "findings"):
+        return answer_of(result, log)
     if result.verdict == "refused":
         raise DataError(f"the calibration is refused. {result.reason}")
     found = {
