@@ -49,14 +49,7 @@ def mag(log: Log, **options: Any) -> Answer:
 
     if log.mag is None or log.mag.shape[1] != 3:
         raise DataError("the log has no magnetometer of three axes; name its columns with columns=")
-    result = fit(log.mag[np.isfinite(log.mag).all(axis=1)], **options)
-    if hasattr(result, "findings"):
-        return answer_of(result, log)
-    if result.model is None or result.verdict == "refused":
-        raise DataError(f"the calibration is refused. {result.reason}")
-    found = {one.name: _coefficient(one.value, one.low, one.high, one.unit) for one in result.estimate.numbers()}
-    found |= {name: _coefficient(result.numbers[name].value, unit=result.numbers[name].unit) for name in ("noise", "heading_error")}
-    return result.to_dict(log), found, list(result.warnings)
+    return answer_of(fit(log.mag[np.isfinite(log.mag).all(axis=1)], **options), log)
 
 
 def imu(log: Log, **options: Any) -> Answer:
