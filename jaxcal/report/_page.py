@@ -114,7 +114,9 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
   :is(.terms, .matrix) td::before { content: attr(data-axis); color: var(--muted); margin-right: .3rem; }
   .numbers table { font-size: .8rem; }
   .verdicts thead { display: none; }
-  .verdicts tr { display: grid; grid-template-columns: 1fr auto; border-bottom: 1px solid var(--line); padding: .3rem 0; }
+  .verdicts, .verdicts tbody { display: block; }
+  .verdicts :is(th, td) { overflow-wrap: anywhere; }
+  .verdicts tr { display: grid; grid-template-columns: minmax(0, 1fr) auto; border-bottom: 1px solid var(--line); padding: .3rem 0; }
   .verdicts tbody th, .verdicts td { width: auto; border: 0; padding: .1rem 0; }
   .verdicts th:first-child { width: auto; }
   .verdicts td:last-child { grid-column: 1 / -1; }
