@@ -17,7 +17,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxcal.alignment import NAMES, Positions, Sensor, Verdict, azimuth, crlb, fit, level, plan, simulate
+from jaxcal.alignment import NAMES, Positions, Sensor, azimuth, crlb, fit, level, plan, simulate
+from jaxcal.alignment._findings import OUTCOMES
 
 jax.config.update("jax_enable_x64", True)
 DEG, G, EARTH = np.pi / 180, 9.80665, 7.292115e-5
@@ -79,7 +80,7 @@ def accuracy(_):
         readings = simulate(places, [phi, theta, psi], lat, accel=errors[0], gyro=errors[1])
         for i, known in enumerate((lat, None)):
             found = fit(readings, known, free=NAMES[:11])
-            worst[i] = max(worst[i], *apart(found.values[:3], [phi, theta, psi]))
+            worst[i] = max(worst[i], *apart(found.estimate.values[:3], [phi, theta, psi]))
     print(f"joint fit of 11 parameters {worst[0] / DEG:.1e}, and with the latitude {worst[1] / DEG:.1e} (100 attitudes, x4 + z4)")
 
 
@@ -89,7 +90,7 @@ def _fits(places, attitude, latitude, accel, gyro, runs, seed, **options):
     def one(key):
         readings = simulate(places, jnp.asarray(attitude), latitude, accel=accel, gyro=gyro, seed=key)
         found = fit(readings, latitude, **options)
-        return found.values, found.verdict._value
+        return found.estimate.values, found.outcome
 
     return jax.vmap(one)(jax.random.split(jax.random.key(seed), runs))
 
@@ -121,8 +122,9 @@ def efficiency(runs):
     bound = crlb(at(rows), attitude, 80 * DEG, accel_noise=noise[0], gyro_noise=noise[1], **options).azimuth_std
     values, verdict = (np.asarray(v) for v in _fits(at(rows), attitude, 80 * DEG, *noise, runs, 1, **options))
     error = apart(values[:, 2], attitude[2]) / bound
-    names = {int(item._value): name for name, item in Verdict._name_to_item.items()}
-    said = [f"{names[int(v)]} {np.mean(verdict == v):.1%} ({np.sqrt(np.mean(error[verdict == v] ** 2)):.2f})" for v in np.unique(verdict)]
+    said = [
+        f"{OUTCOMES[int(v)]} {np.mean(verdict == v):.1%} ({np.sqrt(np.mean(error[verdict == v] ** 2)):.2f})" for v in np.unique(verdict)
+    ]
     print(
         f"MEMS, x4, 240 s only, latitude 80: bound {bound / DEG:.3g} degrees; verdict, share of the runs (rmse / bound): {', '.join(said)}"
     )
@@ -156,7 +158,7 @@ def draws(method, attitude, latitude, runs, seed):
         readings = simulate(gyro_at, attitude, latitude, gyro=Sensor(white=ARW), seed=second)
         found = azimuth(readings, jnp.stack([flat.phi, flat.theta]), latitude, method=method, hint=attitude[2])
         # the listed figures include clipped draws: if no root is real, the nearest angle counts
-        return found.psi, found.verdict._value
+        return found.psi, found.answered
 
     return jax.vmap(one)(jax.random.split(jax.random.key(seed), runs))
 
@@ -171,8 +173,7 @@ def methods(runs):
         attitude, lat = np.array(case[:3]) * DEG, case[3] * DEG
         cells = []
         for method, expected in zip(LISTED_METHODS, listed, strict=False):
-            psi, verdict = draws(method, attitude, lat, runs, 5)
-            good = ~np.isin(np.asarray(verdict), NONE)
+            psi, good = map(np.asarray, draws(method, attitude, lat, runs, 5))
             rms = np.sqrt(np.mean(apart(np.asarray(psi)[good], attitude[2]) ** 2)) / DEG
             cells.append(
                 f"{method} {expected:g} {rms:.3g} ({rms / expected:.2f}{'' if good.all() else f', {100 * (1 - good.mean()):.0f} %'})"
@@ -189,15 +190,6 @@ def methods(runs):
             off.append(bound / expected)
         print(f"{case}: " + "; ".join(cells) + "; J3 J4 J6 " + ", ".join(bounds))
     print(f"ratio to the listed value where that is below 1.5 degrees: {min(off):.3f} to {max(off):.3f}")
-
-
-NONE = []
-
-
-def _none():
-    from jaxcal.alignment import NO_NUMBER
-
-    NONE.extend(int(np.asarray(item._value)) for item in NO_NUMBER)
 
 
 def plans(_):
@@ -231,7 +223,7 @@ def speed(_):
         return azimuth(readings, flat, latitude).psi
 
     def joint(key):
-        return fit(simulate(places, attitude, latitude, **noise, seed=key), latitude, free=SEVEN).values[2]
+        return fit(simulate(places, attitude, latitude, **noise, seed=key), latitude, free=SEVEN).estimate.values[2]
 
     print("\n10,000 simulated alignments under vmap")
     for name, one in (("four_point_x and four_point", closed), ("joint fit of 7 parameters, 12 readings", joint)):
@@ -259,7 +251,6 @@ if __name__ == "__main__":
     parser.add_argument("--only", choices=PARTS)
     parser.add_argument("--runs", type=int, default=2000)
     options = parser.parse_args()
-    _none()
     for name, part in PARTS.items():
         if options.only in (None, name):
             part(options.runs)

@@ -33,7 +33,7 @@ def noises(kind):
 
 
 def held(found):
-    return [found.interval[name][0] <= truth <= found.interval[name][1] for name, truth in zip(NAMES, ATTITUDE, strict=True)]
+    return [found.estimate[name].low <= truth <= found.estimate[name].high for name, truth in zip(NAMES, ATTITUDE, strict=True)]
 
 
 def cells(runs):

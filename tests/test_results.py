@@ -155,7 +155,7 @@ def test_an_alignment_says_its_verdict_by_name():
     found = jaxcal.alignment.fit(readings, 0.7, free=("phi", "theta", "psi"))
     document = found.to_dict()
     json.dumps(document, allow_nan=False)
-    assert document["verdict"] == "ok"
-    assert document["reason"] == found.reason
+    assert document["verdict"] == "good"
+    assert document["headline"] == found.headline
     assert document["values"][2] == pytest.approx(0.5, abs=0.05)
     assert "psi" in found.summary()

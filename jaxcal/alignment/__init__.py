@@ -19,16 +19,10 @@ if TYPE_CHECKING:
         tabulate as tabulate,
     )
     from ._noise import Sensor as Sensor, noise_of as noise_of
-    from ._plan import Plan as Plan, best_angle as best_angle, plan as plan
+    from ._plan import Plan as Plan, plan as plan
     from ._positions import Geometry as Geometry, Positions as Positions, Readings as Readings
-    from ._readings import Carousel as Carousel, carousel as carousel, simulate as simulate
-    from ._result import (
-        NO_NUMBER as NO_NUMBER,
-        AlignmentFit as AlignmentFit,
-        Bound as Bound,
-        Verdict as Verdict,
-        verdict_name as verdict_name,
-    )
+    from ._readings import simulate as simulate
+    from ._result import AlignmentFit as AlignmentFit, Bound as Bound
     from ._tablelog import TableLog as TableLog, from_log as from_log
 
 install(
@@ -40,10 +34,10 @@ install(
         "_level": "LEVEL_METHODS Coarse Level coarse level",
         "_model": "NAMES UNITS Table Triads Turntable residuals tabulate",
         "_noise": "Sensor noise_of",
-        "_plan": "Plan best_angle plan",
+        "_plan": "Plan plan",
         "_positions": "Geometry Positions Readings",
-        "_readings": "Carousel carousel simulate",
-        "_result": "NO_NUMBER AlignmentFit Bound Verdict verdict_name",
+        "_readings": "simulate",
+        "_result": "AlignmentFit Bound",
         "_tablelog": "TableLog from_log",
     },
 )

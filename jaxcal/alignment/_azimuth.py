@@ -8,13 +8,15 @@ import jax.numpy as jnp
 import jax.scipy.linalg
 import numpy as np
 
+from .._answer import Finding, Number, Result, Section, cell_text, listed
 from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced
+from .._special import NORMAL95
 from ._closed import Closed, bias_and_scale, four_point, maximum, opposed, quadrature, scale_first, single_reading, triad
+from ._findings import OUTCOMES, decided, findings_of, has_number
 from ._level import Level
 from ._positions import EARTH_RATE, Readings, check_latitude, distance, harmonics, means_at, need, taken, wrap
-from ._result import NO_NUMBER, Verdict, decided, sentence, verdict_name
 
 _QUARTER = np.pi / 2
 _THREE = [("x", 0.0), ("x", _QUARTER), ("x", np.pi)]
@@ -36,7 +38,7 @@ _POLE = np.deg2rad(89.9)
 _SAME_SCALE = 1e-6
 
 
-class Azimuth(eqx.Module):
+class Azimuth(Result):
     """Azimuth of the table's x axis, from north towards east.
 
     Attributes
@@ -47,8 +49,8 @@ class Azimuth(eqx.Module):
     bias : gyro bias, rad/s (it includes MA_2 w_z); None if the method does not give one.
     scale : scale factor S of each root. scale_approx : its linear approximation (equations 66, 71).
     latitude, latitude_std : estimate of "triad", rad. rho : amplitude divided by the Earth's rate, from "maximum".
-    verdict : item of `Verdict`.
     method : name of the method.
+    outcome : number of the outcome, for traced results, which have no findings: 0 if all is well, see `answered`.
 
     Examples
     --------
@@ -59,7 +61,7 @@ class Azimuth(eqx.Module):
     >>> print(found.psi, np.rad2deg(found.roots).round(3))
     None [-40.  40.]
     >>> found.reason
-    'Several roots fit the readings and nothing decides between them: give a compass azimuth as `hint`; no root is chosen.'
+    'no azimuth Several roots fit the readings and nothing decides between them. Give a compass azimuth with hint=.'
     """
 
     psi: Any
@@ -73,13 +75,33 @@ class Azimuth(eqx.Module):
     latitude: Any
     latitude_std: Any
     rho: Any
-    verdict: Any
+    outcome: Any
     method: str = eqx.field(static=True)
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
     @property
-    def reason(self) -> str:
-        """Sentence that explains the verdict for this method (host only)."""
-        return sentence(self.verdict, self.method)
+    def answered(self) -> Any:
+        """Whether there is an azimuth; an array for vectorised results."""
+        return has_number(self.outcome)
+
+    @property
+    def headline(self) -> str:
+        """The azimuth with half of its 95 % interval."""
+        return "no azimuth" if self.psi is None else f"azimuth {cell_text(_angle('psi', self.psi, self.std))} deg"
+
+    def sections(self) -> list[Section]:
+        """The azimuth and all roots."""
+        if np.ndim(self.outcome):  # vectorised
+            return []
+        chosen = [] if self.psi is None else [("azimuth", _angle("psi", self.psi, self.std))]
+        roots = [(f"root {i + 1}", _angle(f"root[{i}]", *pair)) for i, pair in enumerate(zip(self.roots, self.root_std, strict=True))]
+        return [listed("azimuth", f"azimuth by {self.method}", [*chosen, *roots])]
+
+
+def _angle(name: str, value: Any, std: Any) -> Number:
+    """An angle with its interval by the normal distribution."""
+    reach = NORMAL95 * float(std)
+    return Number(name, float(value), float(value) - reach, float(value) + reach, "angle")
 
 
 @host_float64
@@ -118,7 +140,7 @@ def azimuth(
     Returns
     -------
     Azimuth
-        All roots and a verdict. In a traced result the roots are padded (`real` marks the valid ones), and psi is 0 if none is chosen.
+        All roots and findings. In a traced result the roots are padded (`real` marks the valid ones), and psi is 0 if none is chosen.
 
     Raises
     ------
@@ -163,7 +185,8 @@ def _level(level: Any, method: str) -> tuple[Any, Any, Any]:
     if isinstance(level, Level):
         if level.theta is None or (level.phi is None and method != "opposed"):
             raise DataError(
-                f"The level has no {'roll' if level.theta is not None else 'pitch'}: {level.reason} Only 'opposed' needs no roll."
+                f"the level has no {'roll' if level.theta is not None else 'pitch'}: {level.reason} Only 'opposed' needs no roll",
+                code="no_level",
             )
         if level.phi is None:
             return 0.0, level.theta, np.diag([0.0, np.asarray(level.covariance)[1, 1]])
@@ -218,10 +241,10 @@ def _judged(form: Closed, method: str, latitude, hint, accuracy, pole, missing, 
         chosen, undecided = several, several & jnp.any(others & (jnp.abs(by_scale - by_scale[best]) < _SAME_SCALE))
     if form.latitude is not None:
         off = (jnp.abs(form.latitude - latitude) > 4 * form.latitude_std) & (form.latitude_std > 0)
-    verdict = decided(
-        (chosen, Verdict.scale_chosen), (weak[best], Verdict.weak), (off, Verdict.integrity), (ambiguous, Verdict.ambiguous),
-        (merged[best], Verdict.double_root), (found.clipped, Verdict.clipped), (undecided, Verdict.undecided),
-        (found.infeasible, Verdict.infeasible), (found.degenerate, Verdict.degenerate), (pole, Verdict.pole), (missing, Verdict.missing),
+    outcome = decided(
+        (chosen, "scale_chosen"), (weak[best], "weak"), (off, "integrity"), (ambiguous, "ambiguous"),
+        (merged[best], "double_root"), (found.clipped, "clipped"), (undecided, "undecided"),
+        (found.infeasible, "infeasible"), (found.degenerate, "degenerate"), (pole, "pole"), (missing, "missing"),
     )  # fmt: skip
     none = undecided | found.infeasible | found.degenerate | pole | missing
     zero = jnp.zeros((), dtype=dtype)
@@ -229,14 +252,13 @@ def _judged(form: Closed, method: str, latitude, hint, accuracy, pole, missing, 
         psi=jnp.where(none, zero, wrap(roots[best])), std=jnp.where(none, zero, std[best]), roots=jnp.where(real, roots, 0),
         root_std=jnp.where(real, std, 0), real=real & ~pole & ~missing, bias=None if form.bias is None else form.bias * unit,
         scale=None if scale is None else jnp.where(real, scale, 0), scale_approx=form.scale_approx, latitude=form.latitude,
-        latitude_std=form.latitude_std, rho=form.rho, verdict=verdict, method=method,
+        latitude_std=form.latitude_std, rho=form.rho, outcome=outcome, method=method,
     )  # fmt: skip
 
 
 def _trimmed(found: Azimuth) -> Azimuth:
     """Host result: keep only the real roots, and replace undefined numbers by None."""
-    name = verdict_name(found.verdict)
-    none = name in {verdict_name(item) for item in NO_NUMBER}
+    name, none = OUTCOMES[int(found.outcome)], not has_number(int(found.outcome))
     kept = np.asarray(found.real) & (not none or name == "undecided")
     one = lambda value: None if value is None else float(value)  # noqa: E731
     return dataclasses.replace(
@@ -244,4 +266,5 @@ def _trimmed(found: Azimuth) -> Azimuth:
         root_std=np.asarray(found.root_std)[kept], real=np.ones(kept.sum(), dtype=bool), bias=one(found.bias), rho=one(found.rho),
         scale=None if found.scale is None else np.asarray(found.scale)[kept], scale_approx=None if none else one(found.scale_approx),
         latitude=None if none else one(found.latitude), latitude_std=None if none else one(found.latitude_std),
+        findings=findings_of(found.outcome, by=""),
     )  # fmt: skip

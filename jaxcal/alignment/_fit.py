@@ -13,9 +13,10 @@ import numpy as np
 from .._errors import DataError
 from .._precision import array_module, host_float64, is_traced
 from .._special import chi_square_tail
-from ..fitting import Fit, solve
+from ..fitting import Estimate, Fit, solve
 from ..noise import Noise
 from ._closed import WEAK
+from ._findings import FINDINGS, OUTCOMES, decided, findings_of, has_number
 from ._model import (
     ANGLES,
     Table,
@@ -31,7 +32,7 @@ from ._model import (
 from ._noise import check_noise, covariance_of, noise_of
 from ._plausible import check_readings
 from ._positions import GRAVITY, Readings, check_gravity, check_latitude, wrap
-from ._result import AlignmentFit, Verdict, decided, know, sizes_of
+from ._result import QUANTITIES, AlignmentFit, know, sizes_of
 from ._start import check_latitude_free, check_names, free_of, initial_guess, priors_of
 
 #: noise that weights the sensors relative to each other if none is given: 50 micro-g sqrt(s), 0.01 deg/sqrt(h)
@@ -88,7 +89,7 @@ def fit(
     Returns
     -------
     AlignmentFit
-        Covariance, observability, chi-square test and a verdict. A traced result has numbers only, no sentences; you can differentiate
+        Estimate, chi-square test and findings. A traced result has numbers only, no findings; you can differentiate
         it by readings, table angles, latitude, gravity, priors, fixed values and noise.
 
     Raises
@@ -150,8 +151,8 @@ def fit(
         spare = _spare(solved, table, found)
         noise |= {name: Noise(N=noise[name].N * spare[name][1]) for name in unknown}
     estimated = {name: spare[name][0] for name in unknown if spare[name][0] > _FEWEST}
-    found = dataclasses.replace(found, freedom=_freedom(solved, table, found, estimated))
-    return _noted(found, readings, options, bool(twofold), [_SENSORS[name] for name in unknown if name not in estimated])
+    freedom = _freedom(solved, table, found, estimated)
+    return _told(found, freedom, readings, options, bool(twofold), [name for name in unknown if name not in estimated])
 
 
 class _Options(eqx.Module):
@@ -219,21 +220,22 @@ def _described(found: Fit, table: Table, readings: Readings, sizes: Any, other: 
     values, covariance = _in_range(xp, found.parameters - last, known_of.covariance)
     mirror = xp.concatenate([xp.stack([wrap(np.pi - values[0]), values[1], wrap(-values[2])]), values[3:]])
     weak = free[2] & (covariance[2, 2] > WEAK**2)
-    verdict = decided(
-        (weak, Verdict.weak),
-        (o.noise_known & (dof > 0) & (p_value < _MISFIT), Verdict.misfit),
-        (twofold, Verdict.undecided),
-        (xp.any(known_of.lost), Verdict.unobservable),
-        (free[2] & (abs(values[names.index("latitude")]) > _POLE), Verdict.pole),
-        (~(usable & xp.all(xp.isfinite(values))), Verdict.unfinished),
+    outcome = decided(
+        (weak, "weak"),
+        (o.noise_known & (dof > 0) & (p_value < _MISFIT), "misfit"),
+        (twofold, "undecided"),
+        (xp.any(known_of.lost), "unobservable"),
+        (free[2] & (abs(values[names.index("latitude")]) > _POLE), "pole"),
+        (~(usable & xp.all(xp.isfinite(values))), "unfinished"),
     )
     return AlignmentFit(
-        model=with_values(found.model, values), names=names, values=values, covariance=covariance, free=free, rank=known_of.rank,
-        hidden=known_of.hidden, lost=known_of.lost,
+        model=with_values(found.model, values), readings=readings,
+        estimate=Estimate(names, values, covariance, states=dict.fromkeys(set(names) - o.chosen, "held"), quantities=QUANTITIES),
+        rank=known_of.rank, hidden=known_of.hidden, lost=known_of.lost,
         prior_only=free & (table.certainty > 0) & (xp.diagonal(finite) * table.certainty**2 > 0.95**2),
         accel_residual=r[: len(readings.positions)], gyro_residual=r[n : n + len(readings.positions)], chi_square=chi_square,
         degrees_of_freedom=dof, p_value=p_value, other=xp.where(twofold, other, mirror if _mirrored(readings, o) else 0 * other),
-        noise_known=o.noise_known, freedom=xp.full(len(names), xp.inf), verdict=verdict,
+        noise_known=o.noise_known, outcome=outcome,
     )  # fmt: skip
 
 
@@ -285,30 +287,26 @@ def _level(noise: Any, places: Any, here: Any) -> Any:
     return xp.sqrt(xp.where(count > 0, mean, 1.0))
 
 
-def _noted(found: AlignmentFit, readings: Readings, o: _Options, twofold: bool, nominal: list[str]) -> AlignmentFit:
-    """Add the notes to a host result; `nominal` names the sensors whose noise is neither given nor estimated."""
-    notes, dof = [], int(found.degrees_of_freedom)
-    if not o.noise_known:
-        notes.append(
-            "No noise was given: the residuals gave the level of white noise, and there is no test of fit. Intervals allow for the "
-            "uncertainty of that level, but not for a bias that wanders; give noise coefficients for that."
-        )
-    if nominal:
-        notes.append(
-            f"The {' and the '.join(nominal)} readings leave nothing to estimate noise from; their standard deviations are those of a "
-            "nominal sensor (50 micro-g sqrt(s), 0.01 deg/sqrt(h)). Give noise coefficients, or measure more positions."
-        )
-    if dof <= 0:
-        notes.append("There are as many parameters as readings: nothing checks the fit.")
-    if np.any(found.prior_only):
-        notes.append(f"From the prior alone: {', '.join(np.array(found.names)[found.prior_only])}.")
-    mirrored = _mirrored(readings, o)
-    if mirrored and not twofold:
-        notes.append(
-            "Without a z reading the mirrored attitude (180 degrees less roll, minus azimuth) gives the same readings; roll within 90 "
-            "degrees is taken."
-        )
+def _told(found: AlignmentFit, freedom: np.ndarray, readings: Readings, o: _Options, twofold: bool, nominal: list[str]) -> AlignmentFit:
+    """Add findings and states to a host result; `nominal` names the sensors whose noise is neither given nor estimated."""
+    dof, mirrored = int(found.degrees_of_freedom), _mirrored(readings, o)
     tested = o.noise_known and dof > 0
+    findings = list(findings_of(found.outcome, names=", ".join(found.unobservable), p=float(found.p_value)))
+    if not o.noise_known:
+        findings.append(FINDINGS("noise_from_residuals"))
+    if nominal:
+        findings.append(FINDINGS("nominal_noise", nominal))
+    if dof <= 0:
+        findings.append(FINDINGS("unchecked"))
+    if np.any(found.prior_only):
+        findings.append(FINDINGS("prior_alone", names=", ".join(np.array(found.names)[found.prior_only])))
+    if mirrored and not twofold:
+        findings.append(FINDINGS("mirrored"))
+    gone = {*found.undetermined, *(() if has_number(found.outcome) else ("psi",))} & o.chosen
+    gone = o.chosen if OUTCOMES[int(found.outcome)] == "unfinished" else gone
+    states = found.estimate.states | dict.fromkeys(gone, "open")
+    estimate = Estimate(found.names, found.estimate.values, found.covariance, freedom, states, found.estimate.quantities)
     return dataclasses.replace(
-        found, p_value=float(found.p_value) if tested else None, other=found.other if twofold or mirrored else None, notes=tuple(notes)
-    )
+        found, estimate=estimate, p_value=float(found.p_value) if tested else None, other=found.other if twofold or mirrored else None,
+        findings=tuple(findings),
+    )  # fmt: skip

@@ -1,6 +1,7 @@
 """`level`: roll and pitch from an accelerometer on the turntable, by five methods; `coarse`: attitude of a full IMU at rest."""
 
 import dataclasses
+import math
 from typing import Any
 
 import equinox as eqx
@@ -8,13 +9,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._answer import Finding, Number, Result, Section, listed
 from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced
+from .._special import NORMAL95
 from .._types import Array
 from ._closed import WEAK, root_of
+from ._findings import OUTCOMES, decided, findings_of
 from ._positions import EARTH_RATE, GRAVITY, Readings, check_gravity, check_latitude, distance, harmonics, means_at, need, wrap
-from ._result import Verdict, decided, sentence, verdict_name
 
 LEVEL_METHODS = ("four_point_x", "least_squares_x", "four_point_y", "least_squares_y", "bias_and_scale")
 _QUARTER = np.pi / 2
@@ -28,7 +31,7 @@ _POLE = np.deg2rad(89.9)
 _SIGMAS = 4
 
 
-class Level(eqx.Module):
+class Level(Result):
     """Roll and pitch.
 
     Attributes
@@ -39,8 +42,8 @@ class Level(eqx.Module):
     bias : offset of the readings, m/s^2 (it includes MA_2 f_z). scale, scale_approx : scale factor S and its linear approximation
         from the paper's equation (34). Each is None if the method does not give it.
     excess : amount by which a computed sine exceeds 1, in standard deviations; 0 if none does, infinite if the noise is unknown.
-    verdict : item of `Verdict`.
     method : name of the method.
+    outcome : number of the outcome, for traced results, which have no findings: 0 if all is well.
 
     Examples
     --------
@@ -60,8 +63,9 @@ class Level(eqx.Module):
     scale: Any
     scale_approx: Any
     excess: Any
-    verdict: Any
+    outcome: Any
     method: str = eqx.field(static=True)
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
     @property
     def std(self) -> Any:
@@ -69,10 +73,20 @@ class Level(eqx.Module):
         return np.sqrt(np.diag(self.covariance)) if isinstance(self.covariance, np.ndarray) else jnp.sqrt(jnp.diagonal(self.covariance))
 
     @property
-    def reason(self) -> str:
-        """Sentence that explains the verdict for this method (host only)."""
-        by = f" (by {float(self.excess):.2g} standard deviations)" if 0 < float(self.excess) < np.inf else ""
-        return sentence(self.verdict, self.method) + by
+    def headline(self) -> str:
+        """Roll and pitch."""
+        said = [f"{label} {math.degrees(x):.6g} deg" for label, x in (("roll", self.phi), ("pitch", self.theta)) if x is not None]
+        return ", ".join(said) or "no level"
+
+    def sections(self) -> list[Section]:
+        """Roll and pitch with their intervals, and the bias."""
+        if np.ndim(self.outcome):  # vectorised
+            return []
+        both = zip((("phi", "roll", self.phi), ("theta", "pitch", self.theta)), NORMAL95 * np.asarray(self.std), strict=True)
+        rows = [(label, Number(name, x, x - half, x + half, "angle")) for (name, label, x), half in both if x is not None]
+        rows += [] if self.bias is None else [("bias", Number("bias", self.bias, quantity="accel"))]
+        rows += [] if self.scale is None else [("scale factor", Number("scale", self.scale))]
+        return [listed("level", f"level by {self.method}", rows)]
 
 
 @host_float64
@@ -107,7 +121,7 @@ def level(
     Returns
     -------
     Level
-        Both roots, the covariance from the readings' noise, and a verdict. In a traced result phi is 0 if it is not determined.
+        Both roots, the covariance from the readings' noise, and findings. In a traced result phi is 0 if it is not determined.
 
     Raises
     ------
@@ -142,7 +156,8 @@ def level(
 
 def _trimmed(found: Level) -> Level:
     """Host result: replace undefined numbers by None."""
-    name = verdict_name(found.verdict)
+    name = OUTCOMES[int(found.outcome)]
+    by = f" by {float(found.excess):.2g} standard deviations" if np.isfinite(found.excess) else ""
     gone = name in ("degenerate", "missing") or (name == "clipped" and np.cos(float(found.theta)) < _SINGULAR)
     whole = gone and (not np.isfinite(float(found.theta)) or name == "missing" or bool(np.asarray(found.covariance)[1, 1] < 0))
     covariance = np.asarray(found.covariance)
@@ -152,6 +167,7 @@ def _trimmed(found: Level) -> Level:
         phi_roots=np.zeros(0) if gone else np.asarray(found.phi_roots), excess=float(found.excess),
         covariance=np.where(covariance < 0, np.inf, covariance) if whole else covariance,
         scale=None if gone else one(found.scale), scale_approx=None if gone else one(found.scale_approx),
+        findings=findings_of(found.outcome, by=by),
     )  # fmt: skip
 
 
@@ -209,13 +225,13 @@ def _from_plane(sine, product, covariance, bias, determined, down, hint, method)
     rounding = 8 * jnp.finfo(sine.dtype).eps
     excess = jnp.max(jnp.where(over > rounding, jnp.where(variance > 0, over / sigma, jnp.inf), 0))
     # with fewer angles than unknowns even the pitch is unknown; a negative variance marks this case for `_trimmed`
-    unknown = Verdict.degenerate if method.startswith("least") else Verdict.missing
-    verdict = decided(
-        (angle_covariance[0, 0] > WEAK**2, Verdict.weak), (cf < _SINGULAR, Verdict.double_root), (undefined, Verdict.degenerate),
-        (excess > 0, Verdict.clipped), (~determined, unknown),
+    unknown = "degenerate" if method.startswith("least") else "missing"
+    outcome = decided(
+        (angle_covariance[0, 0] > WEAK**2, "weak"), (cf < _SINGULAR, "double_root"), (undefined, "degenerate"),
+        (excess > 0, "clipped"), (~determined, unknown),
     )  # fmt: skip
     angle_covariance = jnp.where(determined, angle_covariance, -jnp.eye(2, dtype=angle_covariance.dtype))
-    return Level(phi, theta, roots, angle_covariance, bias, None, None, excess, verdict, method)
+    return Level(phi, theta, roots, angle_covariance, bias, None, None, excess, outcome, method)
 
 
 def _with_z(readings: Readings, gravity: Array, both: bool) -> Level:
@@ -240,15 +256,15 @@ def _with_z(readings: Readings, gravity: Array, both: bool) -> Level:
     angle_covariance = (slopes * variance[None, :]) @ slopes.T
     alpha = a @ a
     scale = jnp.sqrt(alpha)
-    verdict = decided(
-        (angle_covariance[0, 0] > WEAK**2, Verdict.weak), (jnp.hypot(a[1], a[2]) < _SINGULAR * scale, Verdict.degenerate),
-        (scale < 0.01, Verdict.infeasible), (~jnp.all(present[: 5 if both else 4]), Verdict.missing),
+    outcome = decided(
+        (angle_covariance[0, 0] > WEAK**2, "weak"), (jnp.hypot(a[1], a[2]) < _SINGULAR * scale, "degenerate"),
+        (scale < 0.01, "infeasible"), (~jnp.all(present[: 5 if both else 4]), "missing"),
     )  # fmt: skip
     zero, bias = jnp.zeros_like(scale), (x[0] + x[2]) / 2 * gravity
-    return Level(phi, theta, phi[None], angle_covariance, bias, scale, 1 + (alpha - 1) / 2, zero, verdict, "bias_and_scale")
+    return Level(phi, theta, phi[None], angle_covariance, bias, scale, 1 + (alpha - 1) / 2, zero, outcome, "bias_and_scale")
 
 
-class Coarse(eqx.Module):
+class Coarse(Result):
     """Attitude and latitude of an IMU at rest.
 
     Attributes
@@ -259,7 +275,7 @@ class Coarse(eqx.Module):
     latitude_std : standard deviation of the latitude, rad; None without given errors.
     rate_error, force_error : |w| minus the Earth's rate, rad/s, and |f| minus gravity, m/s^2.
     latitude_error : estimated minus given latitude, rad; None if no latitude was given.
-    verdict : item of `Verdict`.
+    outcome : number of the outcome, for traced results, which have no findings: 0 if all is well.
 
     Examples
     --------
@@ -277,12 +293,23 @@ class Coarse(eqx.Module):
     rate_error: Any
     force_error: Any
     latitude_error: Any
-    verdict: Any
+    outcome: Any
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
     @property
-    def reason(self) -> str:
-        """Sentence that explains the verdict (host only)."""
-        return sentence(self.verdict, "coarse")
+    def headline(self) -> str:
+        """The azimuth."""
+        return "no attitude" if self.attitude is None else f"azimuth {math.degrees(self.attitude[2]):.6g} deg"
+
+    def sections(self) -> list[Section]:
+        """Attitude and latitude."""
+        if np.ndim(self.outcome):  # vectorised
+            return []
+        std = (math.nan,) * 3 if self.attitude_std is None else NORMAL95 * np.asarray(self.attitude_std)
+        known = () if self.attitude is None else zip(("roll", "pitch", "azimuth"), map(float, self.attitude), std, strict=True)
+        rows = [(label, Number(label, x, x - half, x + half, "angle")) for label, x, half in known]
+        rows += [] if self.latitude is None else [("latitude", Number("latitude", float(self.latitude), quantity="angle"))]
+        return [listed("attitude", "attitude at rest", rows)]
 
 
 @host_float64
@@ -350,14 +377,15 @@ def coarse(
         std = jnp.stack([tilt + 0 * cosine, tilt + 0 * cosine, azimuth_std])
         latitude_std = jnp.sqrt(drift**2 + tilt**2)
     off = None if latitude is None else found - latitude
-    verdict = decided(
-        (std is not None and std[2] > WEAK, Verdict.weak),
-        (off is not None and latitude_std is not None and jnp.abs(off) > _SIGMAS * latitude_std, Verdict.integrity),
-        (pole, Verdict.pole), (no_force, Verdict.degenerate),
+    outcome = decided(
+        (std is not None and std[2] > WEAK, "weak"),
+        (off is not None and latitude_std is not None and jnp.abs(off) > _SIGMAS * latitude_std, "integrity"),
+        (pole, "pole"), (no_force, "degenerate"),
     )  # fmt: skip
-    none = not traced and verdict_name(verdict) in ("pole", "degenerate")
+    name = "ok" if traced else OUTCOMES[int(outcome)]
+    none = name in ("pole", "degenerate")
     return Coarse(
-        attitude=None if none else angles, latitude=found if traced or verdict_name(verdict) != "degenerate" else None,
+        attitude=None if none else angles, latitude=found if name != "degenerate" else None,
         attitude_std=None if none else std, latitude_std=latitude_std, rate_error=rate - EARTH_RATE, force_error=force - gravity,
-        latitude_error=off, verdict=verdict,
+        latitude_error=off, outcome=outcome, findings=() if traced else findings_of(outcome),
     )  # fmt: skip

@@ -13,7 +13,7 @@ import scipy  # loads its parts when they are first used
 
 from .._compile import filter_jit
 from .._errors import DataError
-from .._precision import array_module, host_float64, is_traced
+from .._precision import host_float64, is_traced
 from .._types import Array
 from ._bound import given_noise, jacobian_at
 from ._model import NAMES, Places, Table, Turntable, padded, turntable
@@ -52,40 +52,6 @@ class Plan(eqx.Module):
     criterion: float
     gain: float
     pair: float
-
-
-def best_angle(attitude: Any, latitude: Any) -> Any:
-    r"""Compute the table angle at which the reading is most sensitive to the azimuth.
-
-    .. math:: \tau_0 = \mathrm{atan2}(\partial W_y/\partial\psi,\ \partial W_x/\partial\psi)
-
-    Parameters
-    ----------
-    attitude : (roll, pitch, azimuth) of the table, rad.
-    latitude : rad, north positive.
-
-    Returns
-    -------
-    The angle, rad; the best pair of positions is this angle and the opposite one.
-
-    Examples
-    --------
-    For a level table whose x axis points north, the best direction of the sensitive axis is east or west:
-
-    >>> import math
-    >>> import numpy as np
-    >>> import jaxcal
-    >>> round(abs(math.degrees(jaxcal.alignment.best_angle(np.zeros(3), 0.6))), 3)
-    90.0
-
-    References
-    ----------
-    The derivative of the rate in table axes, equations (36) to (38) of the north-finding paper in corrected form.
-    """
-    phi, theta, psi = attitude
-    # the horizontal part of the Earth's rate rotates with the azimuth, so its derivative is its value a quarter turn further
-    slope = table_from_nav(phi, theta, psi + np.pi / 2)[:, 0]
-    return array_module(slope).arctan2(slope[1], slope[0])
 
 
 @host_float64
@@ -169,7 +135,10 @@ def plan(
     certainty = jnp.asarray([float(given.get(name, 0.0)) for name in NAMES])
     models = [turntable(one, float(latitude), IDEAL, IDEAL) for one in attitudes]
     bound = jax.tree.map(lambda *leaves: jnp.asarray(leaves), *models), noise, certainty, jnp.asarray(float(gravity))
-    tau, found = float(best_angle(attitudes[0], float(latitude))), []
+    # the horizontal part of the Earth's rate rotates with the azimuth, so its derivative is its value a quarter turn further
+    phi, theta, psi = attitudes[0]
+    slope, found = table_from_nav(phi, theta, psi + np.pi / 2)[:, 0], []
+    tau = float(np.arctan2(slope[1], slope[0]))  # the angle at which a reading is most sensitive to the azimuth
     for words in lists:
         chosen = free_of(free, priors, Positions(np.zeros(len(words)), words), latitude, (True, True), NAMES)
         free_ones, times = tuple(name in chosen for name in NAMES), (float(total_time), float(minimum_dwell), float(slew))

@@ -4,6 +4,7 @@ import numpy as np
 
 from .._arrays import runs
 from .._errors import DataError
+from .._message import Message
 from ..imu import windowed_variance
 
 #: length of the variance window: s, and least number of samples
@@ -58,8 +59,12 @@ def rests_of(
     if len(ends) < 2:
         what = "never rests" if not ends else "rests once"
         raise DataError(
-            f"The table {what} for {least:g} s or more; a test takes rests on several positions. A table that turns all the time is for "
-            "jaxcal.alignment.carousel; shorter rests need least= (--least)."
+            Message(
+                "the table {what} for {least:g} s or more; a test takes rests on several positions. Shorter rests need {option.least}",
+                what=what,
+                least=least,
+            ),
+            code="few_rests",
         )
     start, stop = np.array(ends).T
     return start, stop

@@ -1,13 +1,16 @@
 """`from_log`: positions, mean readings and their noise from the raw log of a table that moves between rests (host, NumPy)."""
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
 import numpy as np
 
+from .._answer import Finding, Quantity
 from .._errors import DataError
 from .._log import as_log
 from .._precision import host_float64
+from ._findings import FINDINGS
 from ._fit import fit
 from ._model import Triads, Turntable
 from ._noise import mixed, noise_of
@@ -37,7 +40,7 @@ class TableLog(eqx.Module):
     start, stop : (k,) samples of each rest: start <= i < stop.
     angle : (k,) table angle of each rest, rad.
     frame : (3, 3) rotation matrix from the axes of the device to those of the table.
-    notes : sentences.
+    findings : how rests and angles were found; `fit` adds them to its own.
 
     Examples
     --------
@@ -59,12 +62,13 @@ class TableLog(eqx.Module):
     stop: np.ndarray
     angle: np.ndarray
     frame: np.ndarray
-    notes: tuple[str, ...] = eqx.field(static=True)
+    findings: tuple[Finding, ...] = eqx.field(static=True)
 
     def fit(self, latitude: Any = None, **options: Any) -> AlignmentFit:
         """Call `jaxcal.alignment.fit` with the readings, model and free parameters of this log; `options` are passed on."""
         given = {"free": self.free, **options, "priors": self.priors | (options.get("priors") or {})}
-        return fit(self.readings, latitude, model=self.model, **given)
+        found = fit(self.readings, latitude, model=self.model, **given)
+        return dataclasses.replace(found, findings=(*found.findings, *self.findings))
 
 
 @host_float64
@@ -139,7 +143,8 @@ def from_log(
     rate, time = float(log.rate), np.asarray(log.time)
     recorded = None if angle is None else _recorded(angle, len(time))
     start, stop = rests_of(samples, recorded, rate, float(least), float(settle))
-    notes = [f"{len(start)} rests of {(stop - start).min() / rate:.4g} to {(stop - start).max() / rate:.4g} s were found."]
+    least_rest, most_rest = (Quantity(float(x) / rate, "time") for x in ((stop - start).min(), (stop - start).max()))
+    notes = [FINDINGS("rests", count=len(start), least=least_rest, most=most_rest)]
     turns, frame = _moves(samples, start, stop, rate)
     if turns is None or not np.isfinite(turns).all():
         frame = np.eye(3)
@@ -206,7 +211,7 @@ def _moves(samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, 
 
 def _angles(
     samples: dict[str, np.ndarray], recorded: np.ndarray | None, given: Any, turns: np.ndarray | None, start: np.ndarray,
-    stop: np.ndarray, rate: float, scale: float, angle_std: Any, notes: list[str],
+    stop: np.ndarray, rate: float, scale: float, angle_std: Any, notes: list[Finding],
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Table angle of each rest, and the covariance of the angle errors."""
     count = len(start)
@@ -226,10 +231,7 @@ def _angles(
         gyro = samples["gyro"]
         white = max(_white(gyro[i:j], rate).max() for i, j in zip(start, stop, strict=True))
         walk = np.concatenate([[0.0], np.cumsum((start[1:] - stop[:-1]) / rate)]) * white**2
-        notes.append(
-            f"The table's angles come from the gyroscope, with a scale error of {1e6 * scale:.3g} ppm (one standard deviation); give the "
-            "angles, or a column with them, where they are known better."
-        )
+        notes.append(FINDINGS("angles_of_gyro", ppm=1e6 * scale))
         return angle, scale**2 * np.outer(angle, angle) + np.minimum.outer(walk, walk)
     else:
         raise DataError(
@@ -241,9 +243,7 @@ def _angles(
         off = lambda sign: np.abs(np.angle(np.exp(1j * (sign * moved - seen))))  # noqa: E731
         if off(1).max() > np.deg2rad(5.0) and off(-1).max() <= np.deg2rad(5.0):
             angle = -angle
-            notes.append(
-                "The table's angle grows against the rotation about the axis that points down, as the gyroscope shows; its sign was turned."
-            )
+            notes.append(FINDINGS("angle_turned"))
         elif off(1).max() > np.deg2rad(5.0):
             worst = int(np.argmax(off(1)))
             raise DataError(
@@ -268,7 +268,7 @@ def _white(x: np.ndarray, rate: float) -> np.ndarray:
 
 def _gathered(
     samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, time: np.ndarray, rate: float, angle: np.ndarray,
-    spread: np.ndarray, frame: np.ndarray, told: dict[str, Any], notes: list[str],
+    spread: np.ndarray, frame: np.ndarray, told: dict[str, Any], notes: list[Finding],
 ) -> TableLog:  # fmt: skip
     """Collect the means of every rest and axis as readings, with the model, its free parameters and priors."""
     count, words = len(start), ("x", "y", "fixed z") if _three(samples) else ("x",)
@@ -283,9 +283,7 @@ def _gathered(
         told = {name: mixed(one, frame) if isinstance(one, tuple) else one for name, one in told.items()}
         off = np.rad2deg(np.arccos(np.clip(np.abs(frame[2, 2]), 0, 1)))
         if off > 0.5:
-            notes.append(
-                f"The table turns about an axis {off:.3g} degrees off the device's z axis; the readings were turned into its frame."
-            )
+            notes.append(FINDINGS("axis_tilted", tilt=Quantity(float(np.deg2rad(off)), "angle")))
     dwell = np.repeat((stop - start) / rate, len(words))
     rows = np.repeat(np.eye(count), len(words), axis=0)
     covariance = rows @ spread @ rows.T

@@ -9,32 +9,17 @@ from cyclopts import Group, Parameter
 
 import jaxcal
 
+from .._answer import Finding, tables, things_to_know
 from .._units import STANDARD_GRAVITY
 from ._cache import keep_compiled
 from ._noise_file import read_noise
 from ._options import WRITING, CallError, Gravity, Latitude, Noise, Reading, Running, must_be_log, picture
 from ._outputs import File, figure, outputs, save_json, save_report, staged
 from ._readings import holds_positions, read_readings, read_table_log
-from ._screen import Screen, progress, show_log, show_written
+from ._screen import Screen, progress, show_written
 from ._simulate import noises
 
 TABLE = Group("The table", sort_key=5)
-
-#: parameter -> (name, unit, SI value of the unit)
-_DEG = math.pi / 180
-_ROWS = {
-    "phi": ("roll", "deg", _DEG), "theta": ("pitch", "deg", _DEG), "psi": ("azimuth", "deg", _DEG),
-    "b_a": ("accelerometer bias", "ug", 9.80665e-6), "s_a": ("accelerometer scale error", "ppm", 1e-6),
-    "b_g": ("gyro bias", "deg/h", _DEG / 3600), "s_g": ("gyro scale error", "ppm", 1e-6),
-    "ma_a_xy": ("accelerometer misalignment 1", "arcsec", _DEG / 3600), "ma_a_xz": ("accelerometer misalignment 2", "arcsec", _DEG / 3600),
-    "ma_g_xy": ("gyro misalignment 1", "arcsec", _DEG / 3600), "ma_g_xz": ("gyro misalignment 2", "arcsec", _DEG / 3600),
-    "b_a_rate": ("accelerometer drift", "ug/h", 9.80665e-6 / 3600), "b_g_rate": ("gyro drift", "deg/h/h", _DEG / 3600 / 3600),
-    "latitude": ("latitude", "deg", _DEG),
-    **{f"b_a_{axis}": (f"accelerometer bias {axis}", "ug", 9.80665e-6) for axis in "yz"},
-    **{f"b_g_{axis}": (f"gyro bias {axis}", "deg/h", _DEG / 3600) for axis in "yz"},
-    **{f"ma_a_z{axis}": (f"accelerometer z towards {axis}", "arcsec", _DEG / 3600) for axis in "xy"},
-    **{f"ma_g_z{axis}": (f"gyro z towards {axis}", "arcsec", _DEG / 3600) for axis in "xy"},
-}  # fmt: skip
 
 
 @Parameter(name="*", group=WRITING)
@@ -109,7 +94,9 @@ def north(
     rests; their angles come from a column angle, --angles, or the gyroscope.
     """
     files: list[File] = [
-        ("json", "", save_json), ("report", "", save_report), ("plot", "", figure(lambda plot, found, data: plot.north(data, found))),
+        ("json", "", lambda place, found, data: save_json(place, found, data[0])),
+        ("report", "", lambda place, found, data: save_report(place, found, data[0])),
+        ("plot", "", figure(lambda plot, found, data: plot.north(data[1], found))),
     ]  # fmt: skip
     plan, _ = outputs(writing, files)
     screen, place = Screen(running.quiet), None if latitude is None else math.radians(latitude)
@@ -128,7 +115,7 @@ def north(
     source, told = None if noise is None else read_noise(noise), noises(gyro, accel)
     must_be_log(readings, "north")
     if readings.is_dir():
-        raise CallError(f"{readings} is a folder; jaxcal north takes one file, a table of readings or a raw log")
+        raise CallError(f"{readings} is a folder; jaxcal north takes one file, a table of readings or a raw log", "folder")
     with staged(plan, inputs=[readings], force=running.force) as places:
         raw = table.angles is not None or table.angle_column is not None or not holds_positions(readings)
         with progress(f"reading {readings.name}", running.quiet):
@@ -137,25 +124,25 @@ def north(
             keep_compiled()
             make = _from_log if raw else _from_table
             data, found, head, notes = make(given, place, table, source, told, axis, azimuth, options)
-            said = [sentence for target, write in plan.items() for sentence in write(places[target], found, data) or ()]
-    if raw:
-        show_log(screen, given[0])
-    screen.line(f"{readings.name}: {head}")
-    screen.sentences("How it was read", notes)
-    _table(screen, found)
-    chi_square = [] if found.p_value is None else [
-        f"chi-square {float(found.chi_square):.3g} with {int(found.degrees_of_freedom)} degrees of freedom, p = {found.p_value:.2g}."
-    ]  # fmt: skip
-    screen.sentences("Notes", [found.observability, *chi_square, *found.notes])
+        log: Any = given[0] if raw else None
+        known = [*(() if log is None else log.findings), *notes, *found.findings]
+        told_to = {"reader": "terminal", "wanted": running.unit, "verbose": running.verbose}
+        screen.line(f"{readings.name}: {head}")
+        screen.lines(["", *tables(found.verdict, found.headline, found.sections(), known, **told_to)])
+        usable = "psi" not in found.parameters or found.psi is not None
+        if usable or running.force:
+            with progress("writing", running.quiet):
+                known += [one for target, write in plan.items() for one in write(places[target], found, (log, data)) or ()]
+    screen.lines(things_to_know(known, more="-v", **told_to))
+    if not (usable or running.force):
+        raise jaxcal.DataError("there is no azimuth; the reason stands above", code="no_azimuth")
     show_written(screen, list(plan))
-    if found.psi is None:
-        raise jaxcal.DataError(f"no azimuth: {found.reason}")
-    screen.sentences("Warnings", [*said, *([] if bool(found.verdict == jaxcal.alignment.Verdict.ok) else [found.reason])])
+    screen.end()
 
 
 def _from_table(
     given: Any, latitude: Any, table: TableOptions, source: Any, told: dict[str, Any], axis: str, azimuth: Any, options: dict[str, Any]
-) -> tuple[Any, Any, str, list[str]]:
+) -> tuple[Any, Any, str, list[Finding]]:
     """Readings, their fit, a headline, and notes, from a table of readings."""
     from jaxcal.alignment import Positions, Readings, fit, noise_of
 
@@ -172,7 +159,7 @@ def _from_table(
 
 def _from_log(
     given: Any, latitude: Any, table: TableOptions, source: Any, told: dict[str, Any], axis: str, azimuth: Any, options: dict[str, Any]
-) -> tuple[Any, Any, str, list[str]]:
+) -> tuple[Any, Any, str, list[Finding]]:
     """Readings, their fit, a headline, and notes, from a raw log."""
     from jaxcal.alignment import from_log, noise_of
 
@@ -191,7 +178,7 @@ def _from_log(
     angle = ", ".join(f"{math.degrees(x):.4g}" for x in found.angle[:16])
     seconds = float((found.stop - found.start).sum()) / log.rate
     head = f"{len(found.angle)} rests, {seconds:.4g} s in all, at {angle}{' ...' if len(found.angle) > 16 else ''} deg"
-    return found.readings, fitted, head, [*notes, *found.notes]
+    return found.readings, fitted, head, notes
 
 
 def _angles(text: str) -> list[float]:
@@ -215,18 +202,3 @@ def _priors(words: tuple[str, ...] | None) -> dict[str, Any] | None:
             )
         priors[name.strip()] = numbers[0] if len(numbers) == 1 else numbers
     return priors or None
-
-
-def _table(screen: Screen, found: Any) -> None:
-    rows, interval = [], found.interval
-    for name, value in found.parameters.items():
-        label, unit, size = _ROWS.get(name, (name, "SI", 1.0))
-        low, high = interval.get(name, (-math.inf, math.inf))
-        half = (high - low) / 2 / size
-        if value is None or not math.isfinite(half):
-            rows.append([label, "not determined", "", unit])
-            continue
-        digits = max(0, 1 - math.floor(math.log10(half))) if half > 0 else 6
-        value = value / size
-        rows.append([label, f"{value:.{digits}f}", f"{value - half:.{digits}f} to {value + half:.{digits}f}", unit])
-    screen.table("joint least-squares fit", ["", "value", "95 % interval", "unit"], rows)

@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+from .._answer import NOTE, Finding, Kind, table
 from .._errors import DataError
 from .._units import factor, find_unit
 from ._options import CallError, Reading, read_log
@@ -21,6 +22,14 @@ _ANGLES = {"deg": 0.017453292519943295, "rad": 1.0}
 _HEADER = re.compile(r"\s*([A-Za-z_ ]+?)\s*(?:[\[(]\s*(.+?)\s*[\])])?\s*")
 _EXPECTED = "expected a header such as: angle [deg],mounting,dwell [s],accel [m/s^2],gyro [deg/h]"
 
+
+FINDINGS = table(
+    angle_column=Kind(NOTE, "The table's angle is column {column!r}, in {unit}."),
+    angle_unit=Kind(NOTE, "The table's angle is column {column!r}; its name has no unit, and it is taken as deg.", guess=True),
+    unused=Kind(NOTE, "Column {column!r} is not used."),
+    no_unit=Kind(NOTE, "Column {column} has no unit in its header and is taken as {unit}.", guess=True),
+    no_column=Kind(NOTE, "There is no column {column}: {value} is taken at every position.", guess=True),
+)
 
 #: a table with more rows and without dwells and mountings is a log
 _MOST = 200
@@ -46,15 +55,15 @@ def _named(cell: str) -> tuple[str | None, str | None]:
     return next((name for name, words in _NAMES.items() if word in words), None), unit
 
 
-def read_table_log(path: Path, options: Reading, column: str | None) -> tuple[Any, Any, list[str]]:
-    """Read a raw log; return it, the table angle of its samples in rad (None without such a column), and notes."""
+def read_table_log(path: Path, options: Reading, column: str | None) -> tuple[Any, Any, list[Finding]]:
+    """Read a raw log; return it, the table angle of its samples in rad (None without such a column), and findings."""
     log = read_log(path, options, "north")
     cell = _angle_cell(path, column)
     if cell is None:
         return log, None, []
     values = column_of(path, options, cell, len(log.time), "deg")
     unit = _named(cell)[1]
-    return log, values, [f"the table's angle is column {cell!r}, in {unit or 'deg, which its name does not say'}"]
+    return log, values, [FINDINGS("angle_column" if unit else "angle_unit", column=cell, unit=unit)]
 
 
 def column_of(path: Path, options: Reading, cell: str, count: int, unit: str | None) -> Any:
@@ -97,8 +106,8 @@ def _angle_cell(path: Path, column: str | None) -> str | None:
     return next((cell for cell in cells if column in (cell, bare(cell)) or column.lower() == bare(cell)), column)
 
 
-def read_readings(path: Path) -> tuple[dict[str, Any], list[str]]:
-    """Read the columns in SI by name (angle, mounting, dwell, start, accel, gyro), and notes on assumptions.
+def read_readings(path: Path) -> tuple[dict[str, Any], list[Finding]]:
+    """Read the columns in SI by name (angle, mounting, dwell, start, accel, gyro), and findings on assumptions.
 
     Raises
     ------
@@ -118,7 +127,7 @@ def read_readings(path: Path) -> tuple[dict[str, Any], list[str]]:
     for i, cell in enumerate(rows[0]):
         name, unit = _named(cell)
         if name is None:
-            notes.append(f"column {cell.strip()!r} is not used")
+            notes.append(FINDINGS("unused", column=cell.strip()))
         elif name in columns:
             raise DataError(f"{path}: two columns hold the {name}; leave one out")
         else:
@@ -126,31 +135,31 @@ def read_readings(path: Path) -> tuple[dict[str, Any], list[str]]:
     if "angle" not in columns or not {"accel", "gyro"} & set(columns):
         missing = "an angle" if "angle" not in columns else "neither accelerometer nor gyro readings"
         raise DataError(f"{path} has {missing if missing[0] == 'n' else 'no column with ' + missing}; {_EXPECTED}")
-    table: dict[str, Any] = {}
+    read: dict[str, Any] = {}
     for name, (i, scale) in columns.items():
-        table[name] = [_cell(path, rows[0][i], number, row, i, scale, name) for number, row in enumerate(rows[1:], 2)]
-    if not table["angle"]:
+        read[name] = [_cell(path, rows[0][i], number, row, i, scale, name) for number, row in enumerate(rows[1:], 2)]
+    if not read["angle"]:
         raise DataError(f"{path} has a header and no rows; it takes one row per position")
     for name, value in (("mounting", "x"), ("dwell", 1.0)):
-        if name not in table:
-            table[name] = [value] * len(table["angle"])
-            notes.append(f"no column {name}: {value if name == 'mounting' else '1 s'} at every position")
-    return table, notes
+        if name not in read:
+            read[name] = [value] * len(read["angle"])
+            notes.append(FINDINGS("no_column", column=name, value=value if name == "mounting" else "1 s"))
+    return read, notes
 
 
-def _factor(path: Path, name: str, unit: str | None, notes: list[str]) -> float:
+def _factor(path: Path, name: str, unit: str | None, notes: list[Finding]) -> float:
     if name == "mounting":
         return 1.0
     if name == "angle":
         if unit is None:
-            notes.append("angle has no unit in its header and is taken as deg")
+            notes.append(FINDINGS("no_unit", column="angle", unit="deg"))
         if (unit or "deg") not in _ANGLES:
             raise DataError(f"{path}: {unit!r} is not a unit of the angle; use deg or rad")
         return _ANGLES[unit or "deg"]
     quantity = {"dwell": "time", "start": "time"}.get(name, name)
     if unit is None:
         unit = {"time": "s", "accel": "m/s^2", "gyro": "rad/s"}[quantity]
-        notes.append(f"{name} has no unit in its header and is taken as {unit}")
+        notes.append(FINDINGS("no_unit", column=name, unit=unit))
     if find_unit(unit, quantity) is None:
         raise DataError(
             f"{path}: {unit!r} is not a unit of {quantity}; write one in brackets behind the column's name, as in {_EXPECTED[26:]}"

@@ -56,7 +56,7 @@ def north(readings: Any, result: Any, ax: Any = None) -> Any:
             f"cannot draw {type(readings).__name__} and {type(result).__name__}; expected Readings and the AlignmentFit that "
             "jaxcal.alignment.fit made of them"
         )
-    if not np.isfinite(result.values).all():
+    if not np.isfinite(result.estimate.values).all():
         raise DataError("there is nothing to draw: the fit did not converge")
     sensors = [entry for entry in _SENSORS if getattr(readings, entry[0]) is not None]
     axes = stacked(ax, len(sensors) + 1, 2.6 * (len(sensors) + 1), "per sensor and one for the azimuth")
@@ -107,15 +107,15 @@ def _readings(ax: "Axes", readings: Readings, name: str, label: str, scale: floa
 def _azimuth(ax: "Axes", result: AlignmentFit) -> None:
     std = float(np.asarray(result.azimuth_std))
     style_axes(ax, "Azimuth (deg)", "Density (1/deg)")
-    if result.psi is None or not 0 < std < np.inf:
+    psi = result.estimate["psi"]
+    if psi.state != "estimated" or not 0 < std < np.inf:
         ax.text(0.5, 0.5, "The readings give no azimuth.", transform=ax.transAxes, ha="center", va="center", color=MUTED)
         ax.set(xticks=[], yticks=[])
         return
-    centre, sigma = result.psi / _DEG, std / _DEG
-    low, high = (end / _DEG for end in result.interval["psi"])
-    half = (high - low) / 2
+    centre, sigma = psi.value / _DEG, std / _DEG
+    half, freedom = psi.half / _DEG, float(result.estimate.select("psi").freedom[0])
     x = centre + _SPAN / 2 * half * np.linspace(-1, 1, 201)
-    density = student_density((x - centre) / sigma, float(result.freedom[2])) / sigma
+    density = student_density((x - centre) / sigma, freedom) / sigma
     inner = np.abs(x - centre) <= half
     ax.fill_between(x[inner], density[inner], color=SHADE)
     ax.plot(x, density, color=SERIES[0], linewidth=1.2)

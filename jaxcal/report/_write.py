@@ -23,7 +23,7 @@ else:
 _PACKAGE = __name__.partition(".")[0]
 #: kind of result -> module with its `document`, `page` and `summary`
 _KINDS = {
-    ("alignment", "AlignmentFit"): "_north", ("imu", "ImuFit"): "_imu",
+    ("imu", "ImuFit"): "_imu",
 }  # fmt: skip
 _TITLES = {"Noise": "Sensor noise", "Alignment": "Alignment on a turntable"}  # if neither device nor file is known
 _BADGES = {"good": " present", "ok": " present", "fitted": " present"}
@@ -110,8 +110,6 @@ def document(results: Any, log: Any = None) -> dict[str, Any]:
     - "jaxcal.NoiseFits/1": as `NoiseFits.to_dict`.
     - "jaxcal.imu/1": `verdict`, `reason`, `warnings`, `convention`, `method`, `gravity`, `rate`, `poses`, `turns`, `sensors` (each with
       `matrix`, `bias`, `g_sensitivity`, `intervals`), `residuals`, `held_out`, `condition`, `temperature` and `provenance`.
-    - "jaxcal.north/1": `verdict`, `reason`, `parameters` (name -> `value`, `std`, `low`, `high` at 95 %, `unit`), `rank`, `unobservable`,
-      `undetermined`, `chi_square`, `degrees_of_freedom`, `p_value` and `notes`.
 
     Raises
     ------
@@ -160,7 +158,7 @@ def _kind(results: Any) -> Any:
 
 def _content(results: Any, log: Any, version: str, device: str | None) -> tuple[str, str, Markup]:
     """Title, subtitle and sections of a page."""
-    if not (log is None or isinstance(log, Log) or _is(results, "alignment", "AlignmentFit")):
+    if not (log is None or isinstance(log, Log)):
         raise DataError(f"log is {type(log).__name__}; give the Log that was read, or leave it out")
     results = _as_one(results)
     page_of = answer_page if hasattr(results, "findings") else _kind(results).page
@@ -177,7 +175,7 @@ def _pairs(results: Any, log: Any) -> list[tuple[Any, Any]]:
     found = []
     for item in results:
         own = isinstance(item, (list, tuple)) and len(item) == 2
-        result, its = item if own else (item, None if _is(item, "alignment", "AlignmentFit") else log)
+        result, its = item if own else (item, log)
         if isinstance(result, (Log, list, tuple)) or _is(result, "alignment", "Readings"):
             raise DataError(f"{type(result).__name__} is not a result; give a list of results, or of pairs (result, log)")
         found.append((result, its))

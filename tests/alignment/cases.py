@@ -5,6 +5,7 @@ import json
 import numpy as np
 
 from jaxcal.alignment import Positions, Readings, Sensor
+from jaxcal.alignment._findings import OUTCOMES
 
 DEG = np.pi / 180
 ARW, VRW = 0.01 * DEG / 60, 50e-6 * 9.80665
@@ -44,3 +45,10 @@ def random_attitudes(count, seed, latitudes=70.0):
     rng = np.random.default_rng(seed)
     span = np.array([[-80, 80], [-80, 80], [-180, 180], [-latitudes, latitudes]]) * DEG
     return rng.uniform(span[:, 0], span[:, 1], (count, 4))
+
+
+def outcome(found):
+    """Code of the outcome of a method: "ok", or that of a finding."""
+    code = OUTCOMES[int(found.outcome)]
+    assert code == "ok" or code in found.codes
+    return code

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 import scipy.stats
 
-import jaxcal
 from jaxcal import DataError
-from jaxcal.alignment import NAMES, Positions, Readings, Sensor, Turntable, crlb, fit, plan, residuals, simulate, verdict_name
+from jaxcal.alignment import NAMES, Positions, Readings, Sensor, Turntable, crlb, fit, plan, residuals, simulate
 from jaxcal.noise import Noise
 
 from . import cases
-from .cases import ARW, DEG, VRW, apart
+from .cases import ARW, DEG, VRW, apart, outcome
 
 SEVEN = NAMES[:7]
 PAPER, LATITUDE = np.array([50.0, 30.0, 88.0]) * DEG, 35 * DEG
@@ -69,7 +68,7 @@ def test_rules_of_thumb():
         places = Positions(2 * np.pi * np.arange(count) / count, dwell=total / count)
         assert crlb(places, level, LATITUDE, **known).azimuth_std == pytest.approx(unit * np.sqrt(2 / total), rel=1e-9)
     pair = lambda angle: Positions([angle, angle + np.pi], dwell=total / 2)  # noqa: E731
-    best = float(jaxcal.alignment.best_angle(jnp.asarray(level), LATITUDE))
+    best = np.pi / 2 - level[2]  # of a level table: the sensitive axis points east
     assert crlb(pair(best), level, LATITUDE, **known).azimuth_std == pytest.approx(unit / np.sqrt(total), rel=1e-9)
     # table angles that are off by 10 degrees increase the standard deviation by 1.5 %
     off = crlb(pair(best + 10 * DEG), level, LATITUDE, **known).azimuth_std
@@ -107,7 +106,7 @@ def test_the_fit_is_at_the_bound(name):
         readings = simulate(places, PAPER, LATITUDE, **dict(zip(("accel", "gyro"), scaled, strict=True)), seed=key)
         a, w = (jnp.where(measured, values, jnp.nan) for values in (readings.accel, readings.gyro))
         found = fit(Readings(places, a, w, accel_noise=VRW, gyro_noise=ARW), LATITUDE, free=free, priors=priors)
-        return found.values, found.covariance, found.p_value, found.verdict._value
+        return found.estimate.values, found.covariance, found.p_value, found.outcome
 
     values, covariance, p_value, verdict = jax.vmap(one)(jax.random.split(jax.random.key(11), runs))
     kept = list(np.flatnonzero(measured))
@@ -116,7 +115,7 @@ def test_the_fit_is_at_the_bound(name):
     rmse = np.sqrt(np.mean(apart(values[:, 2], PAPER[2]) ** 2))
     # an rmse over 1,000 runs has a standard error of 2.2 %
     assert 0.9 < rmse / bound.azimuth_std < 1.1
-    assert np.all(np.asarray(verdict) == int(jaxcal.alignment.Verdict.ok._value)) or np.mean(np.asarray(p_value) < 1e-3) < 5e-3
+    assert np.all(np.asarray(verdict) == 0) or np.mean(np.asarray(p_value) < 1e-3) < 5e-3
     np.testing.assert_allclose(np.median(covariance[:, 2, 2]) ** 0.5, bound.azimuth_std, rtol=0.02)
     # the normalised squared error of the three angles has a chi-square distribution with three degrees of freedom
     error = np.asarray(values)[:, :3] - PAPER[None, :]
@@ -134,13 +133,11 @@ def readings_at(rows, attitude=PAPER, latitude=LATITUDE, dwell=60.0, **errors):
 
 def test_parameters_that_nothing_determines_are_named_and_have_no_number():
     found = fit(readings_at(X4), LATITUDE, free=SEVEN)
-    assert verdict_name(found.verdict) == "unobservable"
+    assert "unobservable" in found.codes
     assert set(found.unobservable) == {"phi", "theta", "psi", "s_a", "s_g"}
     assert found.psi is None
     assert found.phi is None
     assert np.isinf(found.std["psi"])
-    assert "s_a" in found.reason
-    assert "prior" in found.reason
     assert not np.isnan(found.covariance).any()
     level = fit(readings_at(X4, np.array([0.0, 0.0, 88.0]) * DEG), LATITUDE, free=SEVEN)
     assert level.unobservable == ("s_a",)
@@ -150,17 +147,17 @@ def test_parameters_that_nothing_determines_are_named_and_have_no_number():
 
 def test_a_prior_gives_a_number_and_says_that_it_did():
     found = fit(readings_at(X4), LATITUDE, free=SEVEN, priors=PRIORS)
-    assert verdict_name(found.verdict) == "ok"
+    assert outcome(found) == "ok"
     assert found.undetermined == ()
     assert found.std["s_a"] == pytest.approx(1e-4, rel=1e-3)
-    assert any("prior alone: s_a" in note for note in found.notes)
+    assert next(one.facts["names"] for one in found.findings if one.code == "prior_alone").startswith("s_a")
     assert apart(found.psi, PAPER[2]) < 1e-9
 
 
 def test_the_mirrored_attitude_is_returned_for_readings_of_the_table_alone():
     found = fit(readings_at(X4), LATITUDE)
     np.testing.assert_allclose(found.other[:3], [np.pi - PAPER[0], PAPER[1], -PAPER[2]], atol=1e-9)
-    assert any("mirrored" in note for note in found.notes)
+    assert "mirrored" in found.codes
     again = simulate(found_positions := cases.positions(X4), found.other[:3], LATITUDE)
     np.testing.assert_allclose(again.gyro, simulate(found_positions, PAPER, LATITUDE).gyro, atol=1e-17)
     assert fit(readings_at([*X4, ("z", 0)]), LATITUDE).other is None
@@ -173,7 +170,7 @@ def test_latitude():
     found = fit(readings_at([*X4, ("z", 0)]))
     assert found.latitude == pytest.approx(LATITUDE, abs=1e-9)
     table = fit(readings_at(X4), hemisphere="north")
-    assert table.latitude == pytest.approx(LATITUDE, abs=1e-9) or verdict_name(table.verdict) == "undecided"
+    assert table.latitude == pytest.approx(LATITUDE, abs=1e-9) or "undecided" in table.codes
     for options, word_of in (({"free": (*FIVE, "s_g")}, "s_g"), ({}, "distinct")):
         rows = X4 if options else X4[::2]
         with pytest.raises(DataError, match=word_of):
@@ -185,9 +182,9 @@ def test_two_azimuths_that_fit_are_not_decided_in_silence():
     readings = readings_at(X4[::2], np.array([0.0, 0.0, 40.0]) * DEG)
     options = {"free": ("psi", "b_g"), "start": {"phi": 0.0, "theta": 0.0}}
     found = fit(readings, LATITUDE, **options)
-    assert verdict_name(found.verdict) == "undecided"
+    assert "undecided" in found.codes
     assert found.psi is None
-    both = sorted([found.values[2], found.other[2]])
+    both = sorted([found.estimate.values[2], found.other[2]])
     np.testing.assert_allclose(np.rad2deg(both), [-40, 40], atol=1.1)
     assert fit(readings, LATITUDE, hint=30 * DEG, **options).psi == pytest.approx(40 * DEG, abs=1e-9)
 
@@ -197,7 +194,7 @@ def test_a_misfit_is_told():
     gyro = readings.gyro.copy()
     gyro[1] += 10 * ARW / np.sqrt(60)
     found = fit(Readings(readings.positions, readings.accel, gyro, accel_noise=VRW, gyro_noise=ARW), LATITUDE)
-    assert verdict_name(found.verdict) == "misfit"
+    assert "misfit" in found.codes
     assert found.p_value < 1e-3
 
 
@@ -209,7 +206,7 @@ def test_noise_from_the_residuals():
     # six redundant readings of the gyro determine the noise to 29 %
     assert found.azimuth_std == pytest.approx(fit(made, LATITUDE).azimuth_std, rel=0.6)
     assert found.p_value is None
-    assert "No noise was given" in found.notes[0]
+    assert "noise_from_residuals" in found.codes
 
 
 def test_one_sensor_alone():
@@ -318,7 +315,7 @@ def test_the_azimuth_responds_to_everything_given_as_finite_differences_say():
         held = {"s_g": 1e-4 + change["s_g"], "s_a": 1e-4 + change["s_a"], "ma_g_xy": 1e-4 + change["ma_g_xy"]}
         prior = {"b_a": (1e-3 + change["prior"], 1e-4 + change["deviation"])}
         options = {"free": FIVE, "start": held, "priors": prior, "gravity": 9.80665 + change["gravity"]}
-        return fit(readings, LATITUDE + change["latitude"], **options).values[2]
+        return fit(readings, LATITUDE + change["latitude"], **options).estimate.values[2]
 
     none = jax.tree.map(np.zeros_like, steps)
     slopes = jax.jit(jax.grad(psi))(jax.tree.map(jnp.asarray, none))

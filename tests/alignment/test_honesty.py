@@ -24,7 +24,7 @@ def covered(plan_name, kind, known, runs, seed=5):
     inside, errors = [], []
     for a, w in zip(accel, gyro, strict=True):
         found = fit(Readings(places, a, w, **(noise if known else {})), world.LATITUDE)
-        limits = found.interval
+        limits = {name: (found.estimate[name].low, found.estimate[name].high) for name in ("phi", "theta", "psi")}
         inside.append([limits[name][0] <= truth <= limits[name][1] for name, truth in zip(("phi", "theta", "psi"), ATTITUDE, strict=True)])
         errors.append(found.psi - ATTITUDE[2])
     bound = crlb(places, ATTITUDE, world.LATITUDE, **noise)
@@ -85,16 +85,15 @@ def test_student_quantiles_follow_the_readings_that_are_left_over():
     made = simulate(cases.positions([("x", a) for a in (0, 90, 180, 270)], 60.0), ATTITUDE, world.LATITUDE, accel=Sensor(white=VRW),
                     gyro=Sensor(white=ARW), seed=1)  # fmt: skip
     found = fit(Readings(made.positions, made.accel, made.gyro), world.LATITUDE)
-    freedom = dict(zip(found.names, found.freedom, strict=True))
+    freedom = dict(zip(found.names, found.estimate.freedom, strict=True))
     # of four readings each, the accelerometer determines roll, pitch and bias, the gyro azimuth and bias
     assert freedom["phi"] == pytest.approx(1, rel=1e-3)
     assert freedom["psi"] == pytest.approx(2, rel=1e-3)
-    low, high = found.interval["psi"]
-    assert (high - low) / 2 == pytest.approx(scipy.stats.t.ppf(0.975, 2) * found.std["psi"], rel=1e-3)
-    assert np.all(np.isinf(fit(made, world.LATITUDE).freedom))
+    assert found.estimate["psi"].half == pytest.approx(scipy.stats.t.ppf(0.975, 2) * found.std["psi"], rel=1e-3)
+    assert np.all(np.isinf(fit(made, world.LATITUDE).estimate.freedom))
     one = fit(Readings(made.positions, made.accel, made.gyro, accel_noise=VRW), world.LATITUDE)
-    assert one.freedom[0] > 1e6
-    assert one.freedom[2] == pytest.approx(2, rel=1e-3)
+    assert one.estimate.freedom[0] > 1e6
+    assert one.estimate.freedom[2] == pytest.approx(2, rel=1e-3)
 
 
 def test_errors_of_the_table_angles_widen_the_azimuth():
@@ -120,7 +119,7 @@ def test_errors_of_the_table_angles_widen_the_azimuth():
         clean = [v[:, 0] for v in world.vectors(ATTITUDE, angles + sigma * rng.normal(size=4))]
         noisy = [v + n / np.sqrt(60.0) * rng.normal(size=4) for v, n in zip(clean, (VRW, ARW / 10), strict=True)]
         found = fit(Readings(places, *noisy, **noise), world.LATITUDE)
-        inside.append(found.interval["psi"][0] <= ATTITUDE[2] <= found.interval["psi"][1])
+        inside.append(found.estimate["psi"].low <= ATTITUDE[2] <= found.estimate["psi"].high)
     assert np.mean(inside) > 0.95 - 3 * np.sqrt(0.95 * 0.05 / 30)
 
 

@@ -1,4 +1,4 @@
-"""Noise-free readings reproduce the truth: closed forms at 300 attitudes, joint fit, drift, continuous rotation, full IMU."""
+"""Noise-free readings reproduce the truth: closed forms at 300 attitudes, joint fit, drift, turning table, full IMU."""
 
 import functools
 
@@ -15,7 +15,6 @@ from jaxcal.alignment import (
     Readings,
     Sensor,
     azimuth,
-    carousel,
     coarse,
     fit,
     level,
@@ -159,26 +158,6 @@ def test_sectors_of_a_turning_table(reference):
     # without the sensor errors the fitted offset contains the table rate times the misalignment
     apart_from_it = fit(readings, case["latitude"]).parameters["b_g"]
     assert apart_from_it == pytest.approx(gyro["misalignment"][1] * case["table_rate"] + gyro["bias"], rel=0.01)
-
-
-def test_a_raw_log_of_a_turning_table():
-    rate, truth, latitude, step = 0.2, np.array([0.05, -0.03, 2.0]), 0.7, 0.01
-    time = np.arange(0, 400, step)
-    dense = simulate(
-        Positions(rate * time, dwell=step, rate=rate), truth, latitude, accel=Sensor(bias=1e-3, white=1e-5),
-        gyro=Sensor(bias=1e-7, white=1e-7), lever_arm=0.1,
-    )  # fmt: skip
-    found = carousel(time, np.angle(np.exp(1j * rate * time)), dense.accel, dense.gyro, lever_arm=0.1)
-    assert found.turns == pytest.approx(rate * time[-1] / (2 * np.pi))
-    assert found.rate == pytest.approx(rate, rel=1e-6)
-    best = fit(found.readings, latitude)
-    assert apart(best.psi, truth[2]) < 4 * best.azimuth_std
-    # expected for a uniform turn with white noise: ARW sqrt(2 / T) / (we cos(lat)); about 150 sectors determine the noise
-    assert best.azimuth_std == pytest.approx(1e-7 * np.sqrt(2 / 400) / (7.292115e-5 * np.cos(latitude)), rel=0.3)
-    assert found.wobble["gyro"][2] > 1e-3
-    shaken = carousel(time, rate * time, dense.accel, dense.gyro + 2e-7 * np.cos(2 * rate * time + 1))
-    assert shaken.wobble["gyro"][0] == pytest.approx(2e-7 * np.sin(np.pi / 6) / (np.pi / 6), rel=0.3)
-    assert any("second harmonic" in note for note in shaken.notes)
 
 
 def test_a_full_imu(reference):

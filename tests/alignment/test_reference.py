@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from jaxcal.alignment import Positions, Turntable, azimuth, level, simulate, verdict_name
+from jaxcal.alignment import Positions, Turntable, azimuth, level, simulate
 
 from . import cases
-from .cases import apart, unmatched
+from .cases import apart, outcome, unmatched
 
 EARTH = 7.292115e-5
 
@@ -62,7 +62,7 @@ def test_levels(data, configurations, method):
         # the z reading selects the correct root
         assert apart(found.phi, case["attitude"][0]) <= expected["tol_phi"], case["name"]
         if expected["status"] == "double_root":
-            assert verdict_name(found.verdict) in ("double_root", "clipped"), case["name"]
+            assert outcome(found) in ("double_root", "clipped"), case["name"]
 
 
 def test_level_by_bias_and_scale(data, configurations):
@@ -90,18 +90,18 @@ def _agrees(found, expected, name):
     """Check the status, then every root."""
     status = expected.get("status", "ok")
     if status == "degenerate":
-        assert verdict_name(found.verdict) == "degenerate", name
+        assert "degenerate" in found.codes, name
         assert found.psi is None, name
         assert found.roots.size == 0, name
         return
     if status == "infeasible":
-        assert verdict_name(found.verdict) == "infeasible", name
+        assert "infeasible" in found.codes, name
         return
     assert unmatched(expected["roots"], found.roots) <= expected["tol"], name
     # every root found must be an expected one
     assert unmatched(found.roots, expected["roots"]) <= max(expected["tol"], 2e-6 if status == "double_root" else 0), name
     if status == "double_root":
-        assert verdict_name(found.verdict) in ("double_root", "clipped", "undecided"), name
+        assert outcome(found) in ("double_root", "clipped", "undecided"), name
 
 
 @pytest.mark.parametrize("method", ["opposed", "quadrature", "maximum"])
@@ -126,7 +126,7 @@ def test_azimuths_by_four_points(data, configurations):
         expected = case["expected"]["azimuth"]["four_point"]
         found = _azimuth(data, case, "four_point")
         if expected["status"] == "degenerate":
-            assert (verdict_name(found.verdict), found.psi) == ("degenerate", None)
+            assert (outcome(found), found.psi) == ("degenerate", None)
         else:
             assert apart(found.psi, expected["psi"]) <= expected["tol"], case["name"]
         if (real := case["expected_real"]["four_point"]) is not None:
@@ -143,7 +143,7 @@ def test_azimuths_with_bias_and_scale(data, configurations, method):
         if expected["status"] != "ok":
             continue
         if expected["psi"] is None:
-            assert (verdict_name(found.verdict), found.psi) == ("undecided", None), case["name"]
+            assert (outcome(found), found.psi) == ("undecided", None), case["name"]
         else:
             assert apart(found.psi, expected["psi"]) <= expected["tol"], case["name"]
         for root, scale in zip(expected["roots"], expected["scale"], strict=True):
@@ -156,7 +156,7 @@ def test_azimuths_with_bias_and_scale(data, configurations, method):
             positive = expected["positive_roots"]
             assert np.sum(found.scale > 0) == len(positive), case["name"]
             if len(positive) == 2 and expected["psi"] is not None:
-                assert verdict_name(found.verdict) in ("scale_chosen", "weak", "double_root"), case["name"]
+                assert outcome(found) in ("scale_chosen", "weak", "double_root"), case["name"]
 
 
 def test_azimuth_by_triad(data, configurations):

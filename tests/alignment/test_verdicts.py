@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from jaxcal import DataError
-from jaxcal.alignment import AZIMUTH_METHODS, LEVEL_METHODS, Positions, Readings, Sensor, azimuth, coarse, level, simulate, verdict_name
+from jaxcal.alignment import AZIMUTH_METHODS, LEVEL_METHODS, Positions, Readings, Sensor, azimuth, coarse, level, simulate
 
-from .cases import ARW, DEG, VRW, apart
+from .cases import ARW, DEG, VRW, apart, outcome
 
 EVERY = Positions(np.array([0, 90, 180, 270, 60, 120, 0, 90, 180, 270, 0]) * DEG, ["x"] * 6 + ["y"] * 4 + ["z"], dwell=60.0)
 X4 = Positions(np.array([0, 90, 180, 270]) * DEG, dwell=60.0)
@@ -37,9 +37,8 @@ def north(method, phi, theta, psi, latitude, **options):
 )  # fmt: skip
 def test_geometry(case, method, expected):
     found = north(method, *case)
-    assert verdict_name(found.verdict) in expected.split()
-    assert found.reason.endswith((".", "."))
-    if verdict_name(found.verdict) in ("degenerate", "undecided", "infeasible"):
+    assert outcome(found) in expected.split()
+    if outcome(found) in ("degenerate", "undecided", "infeasible"):
         assert found.psi is None
         assert found.std is None
 
@@ -48,7 +47,7 @@ def test_geometry(case, method, expected):
 @pytest.mark.parametrize("latitude", [90.0, -90.0, 89.95])
 def test_poles(method, latitude):
     found = north(method, 5, 3, 40, latitude)
-    assert verdict_name(found.verdict) == "pole"
+    assert "pole" in found.codes
     assert found.psi is None
     assert found.roots.size == 0
 
@@ -57,79 +56,78 @@ def test_the_level_table_has_no_maximum_whatever_the_noise():
     for seed in range(20):
         readings = at(0, 0, 37, 35, gyro=Sensor(white=10 * ARW), seed=seed)
         found = azimuth(readings, [0.0, 0.0], 35 * DEG, method="maximum")
-        assert (verdict_name(found.verdict), found.psi) == ("degenerate", None)
+        assert (outcome(found), found.psi) == ("degenerate", None)
 
 
 def test_roots_closer_than_the_hint():
     # the paper's attitude at a table angle of 120 degrees has roots at 71.4 and 88 degrees
     found = north("single_reading", 50, 30, 88, 35, angle=120 * DEG, hint=85 * DEG)
-    assert verdict_name(found.verdict) == "ambiguous"
+    assert "ambiguous" in found.codes
     assert found.psi == pytest.approx(88 * DEG, abs=1e-9)
     np.testing.assert_allclose(np.rad2deg(found.roots), [71.37179, 88.0], atol=1e-5)
-    assert verdict_name(north("single_reading", 50, 30, 88, 35, angle=120 * DEG, hint=85 * DEG, hint_accuracy=2 * DEG).verdict) == "ok"
+    assert outcome(north("single_reading", 50, 30, 88, 35, angle=120 * DEG, hint=85 * DEG, hint_accuracy=2 * DEG)) == "ok"
 
 
 def test_arc_cosines_that_exceed_one():
     readings = at(2, 3, 0, 35, places=X4)
     large = Readings(X4, gyro=readings.gyro * 1.01)
     found = azimuth(large, np.array([2, 3]) * DEG, 35 * DEG, method="opposed")
-    assert (verdict_name(found.verdict), found.psi, found.std) == ("infeasible", None, None)
+    assert (outcome(found), found.psi, found.std) == ("infeasible", None, None)
     # an excess within five standard deviations of the readings gives the double root with the verdict "clipped"
     noisy = Readings(X4, gyro=readings.gyro * 1.01, gyro_noise=100 * ARW)
     found = azimuth(noisy, np.array([2, 3]) * DEG, 35 * DEG, method="opposed")
-    assert verdict_name(found.verdict) == "clipped"
+    assert "clipped" in found.codes
     assert found.psi == pytest.approx(0, abs=1e-12)
     assert np.isfinite(found.std)
     raised = Readings(EVERY, gyro=at(50, 30, 88, 35).gyro * 1.1)
-    assert verdict_name(azimuth(raised, np.array([50, 30]) * DEG, 35 * DEG, method="maximum").verdict) == "infeasible"
+    assert outcome(azimuth(raised, np.array([50, 30]) * DEG, 35 * DEG, method="maximum")) == "infeasible"
 
 
 def test_negative_scale():
     readings = at(50, 30, 88, 35)
     found = azimuth(Readings(EVERY, gyro=-readings.gyro), np.array([1, 2]) * DEG, 35 * DEG, method="scale_first")
-    assert verdict_name(found.verdict) in ("infeasible", "ok", "scale_chosen", "weak")
+    assert outcome(found) in ("infeasible", "ok", "scale_chosen", "weak")
     assert found.psi is None or np.all(found.scale[apart(found.roots, found.psi) < 1e-9] > 0)
 
 
 def test_a_wrong_latitude_is_told_by_triad_and_coarse():
     readings = at(5, 3, 40, 35, gyro=Sensor(white=ARW), accel=Sensor(white=VRW))
     flat = level(readings, method="bias_and_scale")
-    assert verdict_name(azimuth(readings, flat, 35 * DEG, method="triad").verdict) == "ok"
-    assert verdict_name(azimuth(readings, flat, 37 * DEG, method="triad").verdict) == "integrity"
+    assert outcome(azimuth(readings, flat, 35 * DEG, method="triad")) == "ok"
+    assert outcome(azimuth(readings, flat, 37 * DEG, method="triad")) == "integrity"
     w, f = 7.292115e-5 * np.array([0.6, 0.0, -0.8]), np.array([0.0, 0.0, -9.80665])
     known = {"gyro_error": 1e-8, "accel_error": 1e-3}
-    assert verdict_name(coarse(w, f, latitude=np.arcsin(0.8), **known).verdict) == "ok"
-    assert verdict_name(coarse(w, f, latitude=np.arcsin(0.8) + 0.01, **known).verdict) == "integrity"
+    assert outcome(coarse(w, f, latitude=np.arcsin(0.8), **known)) == "ok"
+    assert outcome(coarse(w, f, latitude=np.arcsin(0.8) + 0.01, **known)) == "integrity"
 
 
 def test_a_full_imu_at_the_pole_and_without_gravity():
     down = np.array([0.0, 0.0, -9.80665])
     found = coarse(np.array([0.0, 0.0, -7.292115e-5]), down)
-    assert (verdict_name(found.verdict), found.attitude) == ("pole", None)
+    assert (outcome(found), found.attitude) == ("pole", None)
     assert found.latitude == pytest.approx(np.pi / 2)
-    assert verdict_name(coarse(np.zeros(3), down).verdict) == "pole"
+    assert outcome(coarse(np.zeros(3), down)) == "pole"
     found = coarse(np.array([5e-5, 0.0, 0.0]), np.zeros(3))
-    assert (verdict_name(found.verdict), found.attitude) == ("degenerate", None)
+    assert (outcome(found), found.attitude) == ("degenerate", None)
 
 
 @pytest.mark.parametrize("method", ["four_point_x", "least_squares_x", "four_point_y", "least_squares_y"])
 def test_levels(method):
     found = level(at(10, 90, 0, 35), method=method)
-    assert (verdict_name(found.verdict), found.phi) == ("degenerate", None)
+    assert (outcome(found), found.phi) == ("degenerate", None)
     assert found.theta == pytest.approx(np.pi / 2, abs=1e-7)
     found = level(at(90, 20, 0, 35), method=method)
-    assert verdict_name(found.verdict) in ("double_root", "clipped")
+    assert outcome(found) in ("double_root", "clipped")
     readings = at(10, 80, 0, 35)
     found = level(Readings(EVERY, readings.accel * 1.05, accel_noise=VRW), method=method)
-    assert verdict_name(found.verdict) == "clipped"
+    assert "clipped" in found.codes
     assert found.excess > 100
-    assert "standard deviations" in found.reason
     assert not np.isnan([found.phi if found.phi is not None else 0, found.theta, *found.phi_roots, *found.covariance.ravel()]).any()
 
 
 def test_level_by_bias_and_scale_straight_up():
     found = level(at(10, 90, 0, 35), method="bias_and_scale")
-    assert (verdict_name(found.verdict), found.phi) == ("degenerate", None)
+    assert (outcome(found), found.phi) == ("degenerate", None)
     assert found.theta == pytest.approx(np.pi / 2, abs=1e-7)
 
 
@@ -139,8 +137,7 @@ def test_too_few_angles(method):
     two = Positions(np.array([0, 90]) * DEG, mounting)
     readings = simulate(two, np.array([3, 4, 5]) * DEG, 35 * DEG)
     found = level(readings, method=method)
-    assert (verdict_name(found.verdict), found.phi, found.theta) == ("degenerate", None, None)
-    assert "third angle" in found.reason
+    assert (outcome(found), found.phi, found.theta) == ("degenerate", None, None)
     # two angles suffice without the offset
     assert level(readings, method=method, offset=False).phi == pytest.approx(3 * DEG, abs=1e-12)
     if method[-1] == "x":
@@ -174,7 +171,7 @@ def test_constant_readings():
     dead = Readings(EVERY, np.zeros(11), np.zeros(11), accel_noise=VRW, gyro_noise=ARW)
     for method in AZIMUTH_METHODS:
         found = azimuth(dead, np.array([10.0, 20.0]) * DEG, 35 * DEG, method=method)
-        assert found.psi is None or verdict_name(found.verdict) != "ok" or method in ("four_point", "opposed"), method
+        assert found.psi is None or outcome(found) != "ok" or method in ("four_point", "opposed"), method
         assert not np.isnan(found.roots).any()
 
 

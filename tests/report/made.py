@@ -7,7 +7,9 @@ import numpy as np
 
 import jaxcal
 from jaxcal import Log
-from jaxcal.alignment import NAMES, AlignmentFit, Positions, Readings, Sensor, Turntable, Verdict, simulate
+from jaxcal.alignment import NAMES, AlignmentFit, Positions, Readings, Sensor, Turntable, simulate
+from jaxcal.alignment._findings import FINDINGS as NORTH
+from jaxcal.alignment._result import QUANTITIES
 from jaxcal.device import DeviceFit
 from jaxcal.device._findings import FINDINGS as DEVICE
 from jaxcal.fitting import Estimate
@@ -103,14 +105,14 @@ def north():
     free = np.isin(np.arange(14), [0, 1, 2, 3, 4, 5])
     size = np.array([3.6e-5, 3.6e-5, 3.5e-2, 2.5e-4, 1e-3, 1.5e-6, *np.zeros(8)])
     values = np.array([*angles, 3e-4, 2e-4, -1.2e-6, *np.zeros(7), latitude])
+    states = {name: "held" for name, own in zip(NAMES, free, strict=True) if not own}
     fit = AlignmentFit(
-        model=Turntable(*values), names=NAMES, covariance=np.diag(size**2), free=free, rank=6,
-        hidden=np.zeros(14, bool), lost=np.zeros(14, bool), values=values,
+        model=Turntable(*values), readings=readings,
+        estimate=Estimate(NAMES, values, np.diag(size**2), states=states, quantities=QUANTITIES), rank=6, hidden=np.zeros(14, bool), lost=np.zeros(14, bool),
         prior_only=np.arange(14) == 4, accel_residual=np.linspace(-1, 1, 6), gyro_residual=np.linspace(1, -1, 6), chi_square=3.1,
-        degrees_of_freedom=5, p_value=0.68, freedom=np.full(14, np.inf), other=None, noise_known=True, verdict=Verdict.ok,
-        notes=(f"A note {EVIL}.",),
+        degrees_of_freedom=5, p_value=0.68, other=None, noise_known=True, findings=(NORTH("prior_alone", names=EVIL),),
     )  # fmt: skip
-    return fit, readings
+    return fit, None
 
 
 def allan():

@@ -1,0 +1,92 @@
+"""Everything that `jaxcal.alignment` says about a result."""
+
+from typing import Any
+
+from .._answer import CAUTION, FATAL, NOTE, Finding, Kind, table
+from .._precision import array_module, is_traced
+
+FINDINGS = table(
+    # the answer of a method: the first of them that holds
+    undecided=Kind(FATAL, "Several roots fit the readings and nothing decides between them.", "Give a compass azimuth with {option.hint}."),
+    scale_chosen=Kind(NOTE, "Two roots have a positive scale factor; the one with the scale factor nearest 1 is chosen."),
+    ambiguous=Kind(CAUTION, "The next root is closer to the chosen one than the hint is accurate; the choice may be wrong."),
+    clipped=Kind(
+        CAUTION, "The sine or cosine asked for exceeds 1{by}, as noise, a wrong gravity or a scale error can make it; the nearest angle is "
+        "given.",
+    ),
+    double_root=Kind(
+        CAUTION, "Two roots merge here: noise moves the angle by its square root.", "Measure at the two angles a quarter turn further, too."
+    ),
+    weak=Kind(CAUTION, "The geometry hardly determines the angle: its error exceeds 10 degrees, or it magnifies errors 50 times."),
+    misfit=Kind(
+        CAUTION, "The residuals are larger than the noise explains (p = {p:.1g}): the table moved, a misalignment was left out, or the "
+        "noise is wrong.",
+    ),
+    unobservable=Kind(
+        CAUTION, "The readings do not determine {names}.",
+        "Give {option.priors} for one of them, hold one fixed, or measure at more angles or with mountings z and -z.",
+        terminal="Give {option.prior} for one of them, hold one, or measure at more angles or with mountings z and -z.",
+    ),
+    unfinished=Kind(FATAL, "The fit did not converge.", "Start nearer to the truth, or free fewer parameters."),
+    integrity=Kind(
+        CAUTION, "The latitude found differs from the given one by over four standard deviations: a bias, or a wrong level or latitude."
+    ),
+    infeasible=Kind(FATAL, "No angle fits the readings: a bias or scale error, a wrong latitude or a wrong level."),
+    degenerate=Kind(
+        FATAL, "The readings hold no information on the angle in this geometry.",
+        "Measure at three distinct table angles or more, or remount the sensor along z and use jaxcal.alignment.fit.",
+    ),
+    pole=Kind(FATAL, "The latitude is within 0.1 degrees of a pole, where the Earth's rate has no horizontal part."),
+    missing=Kind(FATAL, "A position that the method needs was not measured."),
+    # the joint fit
+    noise_from_residuals=Kind(
+        NOTE, "No noise was given: the residuals gave a level of white noise. The intervals do not allow for a bias that wanders.",
+        "Give {option.noise}.", terminal="Give {option.noise}, {option.gyro} or {option.accel}.",
+    ),
+    nominal_noise=Kind(
+        NOTE, "Nothing is left to estimate the noise from: it is that of a nominal sensor (50 micro-g sqrt(s), 0.01 deg/sqrt(h)).",
+        "Give {option.noise}, or measure at more angles.",
+    ),
+    unchecked=Kind(NOTE, "There are as many parameters as readings: nothing checks the fit."),
+    prior_alone=Kind(NOTE, "From the prior alone: {names}."),
+    mirrored=Kind(
+        NOTE, "Without a z reading, 180 degrees less roll and minus the azimuth give the same readings; the smaller roll is taken.",
+    ),
+    # the raw log of a table
+    rests=Kind(NOTE, "{count} rests of {least:.4g} to {most:.4g} were found."),
+    angles_of_gyro=Kind(
+        NOTE, "The table's angles come from the gyroscope, with a scale error of {ppm:.3g} ppm.", "Give {option.angles}, if they are known "
+        "better.", guess=True,
+    ),
+    angle_turned=Kind(
+        NOTE, "The table's angle grows against the rotation about the axis that points down; its sign was turned.", guess=True
+    ),
+    axis_tilted=Kind(NOTE, "The table turns about an axis {tilt:.3g} off the device's z axis; the readings were turned into its frame."),
+)  # fmt: skip
+
+#: the answer of a method as a number that JAX can trace: its place here; the last of them come without a number
+OUTCOMES = (
+    "ok", "scale_chosen", "ambiguous", "clipped", "double_root", "weak", "misfit", "unobservable", "integrity",
+    "unfinished", "undecided", "infeasible", "degenerate", "pole", "missing",
+)  # fmt: skip
+_FIRST_WITHOUT = OUTCOMES.index("unfinished")
+
+
+def decided(*cases: tuple[Any, str]) -> Any:
+    """Number of the last outcome whose condition is true, or of "ok"; conditions may be traced."""
+    found: Any = 0
+    for condition, code in cases:
+        number = OUTCOMES.index(code)
+        found = array_module(condition).where(condition, number, found) if is_traced(condition) else number if bool(condition) else found
+    return found
+
+
+def has_number(outcome: Any) -> Any:
+    """Whether there is an answer, for outcomes of any shape."""
+    return outcome < _FIRST_WITHOUT
+
+
+def findings_of(outcome: Any, subject: tuple[str, ...] = (), **facts: Any) -> tuple[Finding, ...]:
+    """The finding of an outcome, none for "ok" (host only)."""
+    code = OUTCOMES[int(outcome)]
+    return () if code == "ok" else (FINDINGS(code, subject, **facts),)
