@@ -150,12 +150,12 @@ def test_results_draw_themselves():
         pair.plot()
 
 
-def test_an_alignment_says_its_verdict_by_name():
+def test_an_alignment_has_one_schema():
     readings = jaxcal.alignment.simulate(Positions(np.deg2rad([0.0, 90.0, 180.0, 270.0]), ["x"] * 4, 60.0), (0.01, 0.02, 0.5), 0.7)
     found = jaxcal.alignment.fit(readings, 0.7, free=("phi", "theta", "psi"))
     document = found.to_dict()
     json.dumps(document, allow_nan=False)
     assert document["verdict"] == "good"
     assert document["headline"] == found.headline
-    assert document["values"][2] == pytest.approx(0.5, abs=0.05)
+    assert document["numbers"]["psi"]["value"] == pytest.approx(0.5, abs=0.05)
     assert "psi" in found.summary()
