@@ -158,4 +158,4 @@ def test_an_alignment_has_one_schema():
     assert document["verdict"] == "good"
     assert document["headline"] == found.headline
     assert document["numbers"]["psi"]["value"] == pytest.approx(0.5, abs=0.05)
-    assert "psi" in found.summary()
+    assert "azimuth" in found.summary()
