@@ -21,6 +21,7 @@ from ._findings import (
     Table as Table,
     joined as joined,
     joined_names as joined_names,
+    merged as merged,
     ordered as ordered,
     table as table,
     verdict_of as verdict_of,

@@ -195,6 +195,22 @@ def joined(findings: Iterable[Finding]) -> list[Finding]:
     return [group[0].of(*sorted({name for one in group for name in one.subject})) for group in groups.values()]
 
 
+def merged(findings: Iterable[Finding]) -> list[Finding]:
+    """All findings, the worst first; those that differ only in their channel are one, about all these channels.
+
+    Examples
+    --------
+    >>> from jaxcal._answer import CAUTION, Kind, merged, table
+    >>> findings = table(step=Kind(CAUTION, "a step of {size:g} m/s^2"))
+    >>> [str(one) for one in merged([findings("step", f"accel_{axis}", size=size) for axis, size in zip("xyz", (1, 1, 2))])]
+    ['accel x, y: a step of 1 m/s^2', 'accel z: a step of 2 m/s^2']
+    """
+    groups: dict[tuple[Any, ...], list[Finding]] = {}
+    for one in ordered(findings):
+        groups.setdefault((one.code, one.severity, str(one.of())), []).append(one)
+    return [group[0].of(*dict.fromkeys(name for one in group for name in one.subject)) for group in groups.values()]
+
+
 def joined_names(names: Iterable[str]) -> str:
     """Names of channels for readers: axes of a sensor together.
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from .._units import shown_in
-from ._findings import NOTE, Finding, joined
+from ._findings import NOTE, Finding, merged
 from ._sections import Grid, Number, Section
 from ._text import cell_text, row_unit
 
@@ -82,7 +82,7 @@ def findings_html(findings: Iterable[Finding], wanted: Sequence[str] = ()) -> Ma
     """Findings as a list, the worst first; those that ask for action are marked."""
     items = [
         tag("li", one.spelt("python", wanted), class_="caution" if one.severity > NOTE else "note", data_code=one.code)
-        for one in joined(findings)
+        for one in merged(findings)
     ]
     return tag("ul", *items, class_="findings") if items else Markup("")
 

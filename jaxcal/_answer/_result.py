@@ -16,7 +16,7 @@ from .._errors import DataError
 from .._files import json_text, write_atomically
 from .._precision import is_traced
 from ._data import data_frame, plain
-from ._findings import CAUTION, NOTE, Finding, joined, ordered, verdict_of
+from ._findings import CAUTION, NOTE, Finding, joined, merged, ordered, verdict_of
 from ._html import answer_html
 from ._sections import Curve, Number, Section, flat, numbers_of
 from ._text import tables, things_to_know
@@ -129,7 +129,7 @@ class _Said:
         """
         head = {
             "schema": f"jaxcal.{type(self).__name__}/1", "version": importlib.metadata.version("jaxcal"), "verdict": self.verdict,
-            "headline": self.headline, "findings": [one.to_dict() for one in joined(self.findings)],
+            "headline": self.headline, "findings": [one.to_dict() for one in merged(self.findings)],
             "numbers": {name: one.to_dict() for name, one in self.numbers.items()},
         }  # fmt: skip
         about = None if log is None else {"findings": [one.to_dict() for one in log.findings], "provenance": log.provenance}

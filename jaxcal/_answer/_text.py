@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from .._message import Reader
 from .._units import number, shown_in
-from ._findings import Finding, joined, ordered
+from ._findings import Finding, joined, merged
 from ._sections import Grid, Number, Section
 
 _WIDTH = 80  # characters of a line of a terminal
@@ -128,7 +128,7 @@ def things_to_know(
 
     more : where the findings that are left out stand, such as "-v, or the report"; "" to say nothing of them.
     """
-    told = list(ordered(findings)) if verbose else [one for one in joined(findings) if not one.kind.guess]
+    told = merged(findings) if verbose else [one for one in joined(findings) if not one.kind.guess]
     shown = told if verbose else told[:_FEW]
     lines = bullets(dict.fromkeys(one.spelt(reader, wanted) for one in shown), width)
     if more and len(told) > len(shown):
