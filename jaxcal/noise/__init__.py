@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ._overbound import overbound as overbound
     from ._recordings import RecordingsFit as RecordingsFit, fit_recordings as fit_recordings
     from ._result import NoiseFit as NoiseFit, NoiseFits as NoiseFits
-    from ._terms import GaussMarkov as GaussMarkov, PowerLaw as PowerLaw, Term as Term
+    from ._terms import Block as Block, GaussMarkov as GaussMarkov, PowerLaw as PowerLaw, Term as Term
 
 install(
     __name__,
@@ -30,6 +30,6 @@ install(
         "_overbound": "overbound",
         "_recordings": "RecordingsFit fit_recordings",
         "_result": "NoiseFit NoiseFits",
-        "_terms": "GaussMarkov PowerLaw Term",
+        "_terms": "Block GaussMarkov PowerLaw Term",
     },
 )

@@ -93,7 +93,7 @@ def overbound_curve(tau: Any, upper: Any, *, terms: Any = ("Q", "N", "B", "K"), 
     shortest cluster time:
 
     >>> import numpy as np
-    >>> from jaxcal.noise import overbound_curve
+    >>> from jaxcal.noise._overbound import overbound_curve
     >>> tau = np.array([1.0, 10.0, 100.0])
     >>> f"{overbound_curve(tau, tau**-0.5, terms=('N', 'B')).N:.3f} {overbound_curve(tau, tau**-0.5, terms=('B',)).B:.3f}"
     '1.000 1.505'

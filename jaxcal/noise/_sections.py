@@ -22,7 +22,6 @@ _NAMES = {
 _OWN_NAMES = {
     ("N", "gyro"): "angle random walk", ("K", "gyro"): "rate random walk", ("N", "accel"): "velocity random walk",
 }  # fmt: skip
-_MOST = 6  # columns of a table: two sensors of three axes
 
 
 def name_of(term: str, sensor: str = "") -> str:
