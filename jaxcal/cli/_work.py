@@ -44,13 +44,6 @@ class Done(NamedTuple):
         show_written(self.screen, self.written)
         self.screen.end()
 
-    def tell_by_channel(self) -> None:
-        """Print the last lines for results by channel, with the warnings and notes of the channels."""
-        from .._results import by_channel
-
-        warnings, notes = (by_channel({name: getattr(one, what) for name, one in self.found.items()}) for what in ("warnings", "notes"))
-        self.tell(warnings, notes)
-
 
 def date_of(log: Any, path: Path) -> str:
     """Time when a log was recorded (UTC): from its time stamps, or else the modification time of its file."""
