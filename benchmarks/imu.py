@@ -19,7 +19,7 @@ import jax
 import numpy as np
 
 import jaxcal
-from jaxcal.imu import MEMS_NOISE, ImuTk, Triad, multi_position
+from jaxcal.imu import MEMS_NOISE, Triad, multi_position
 from jaxcal.imu._fits import gyro_fit
 from jaxcal.imu._recording import padded, recording, sampled_turns
 
@@ -71,14 +71,14 @@ def xsens(_):
     print("costs: " + ", ".join(f"{k:.0f}: {cost:.6f} ({n:.0f})" for k, n, cost, *_ in found["imu_tk"].thresholds))
     theirs, ours = found["imu_tk"], found["joint"]
     for name, triad in (("accelerometer", theirs.accel), ("gyroscope", theirs.gyro)):
-        form = ImuTk.of(triad)
-        print(name, "scale", form.scale, "bias", form.bias, "misalignment", form.misalignment[~np.eye(3, dtype=bool)])
-    inside = (ours.interval[:, 0] <= theirs.values) & (theirs.values <= ours.interval[:, 1])
-    free = ours.standard_error > 0
+        form = np.linalg.inv(triad.matrix)
+        print(name, "scale", np.diag(form), "bias", triad.bias, "misalignment", (form / np.diag(form))[~np.eye(3, dtype=bool)])
+    inside = (ours.estimate.intervals()[:, 0] <= theirs.estimate.values) & (theirs.estimate.values <= ours.estimate.intervals()[:, 1])
+    free = ours.estimate.error > 0
     print(f"of imu_tk's parameters, inside the joint fit's intervals: accelerometer {(inside & free)[:12].sum()} of {free[:12].sum()}, "
           f"gyroscope's matrix {inside[12:21].sum()} of 9")  # fmt: skip
     other = found["joint, no G"]
-    inside = (other.interval[:, 0] <= theirs.values) & (theirs.values <= other.interval[:, 1])
+    inside = (other.estimate.intervals()[:, 0] <= theirs.estimate.values) & (theirs.estimate.values <= other.estimate.intervals()[:, 1])
     print(f"the same without g-sensitivity: accelerometer {(inside & free)[:12].sum()} of {free[:12].sum()}, gyroscope's matrix "
           f"{inside[12:21].sum()} of 9")  # fmt: skip
     gyroscope(log, stamps, theirs)
@@ -101,12 +101,13 @@ def coverage(runs):
                 start = time.perf_counter()
         spent = (time.perf_counter() - start) / max(runs - 1, 1)
         free, bound = cases.bound(fits[0])
-        errors = np.array([fit.values for fit in fits])[:, free] - truth[free]
-        inside = np.mean([(f.interval[free, 0] <= truth[free]) & (truth[free] <= f.interval[free, 1]) for f in fits])
-        robust = np.mean([np.abs(f.values - truth)[free] < 2.05 * np.sqrt(np.diag(f.robust_covariance)[free]) for f in fits])
+        errors = np.array([fit.estimate.values for fit in fits])[:, free] - truth[free]
+        inside = np.mean(
+            [(f.estimate.intervals()[free, 0] <= truth[free]) & (truth[free] <= f.estimate.intervals()[free, 1]) for f in fits]
+        )
         ratio = np.sqrt(np.mean(errors**2, axis=0) / np.diag(bound))
         print(
-            f"{name}: {runs} fits, intervals hold {100 * inside:.1f} % (sandwich {100 * robust:.1f} %); rmse over the bound "
+            f"{name}: {runs} fits, intervals hold {100 * inside:.1f} %; rmse over the bound "
             f"{np.sqrt(np.mean(ratio**2)):.3f} (root mean square of {len(free)} parameters), from {ratio.min():.2f} to "
             f"{ratio.max():.2f}; {spent:.2f} s a fit"
         )

@@ -28,16 +28,16 @@ def run(case, runs, **options):
         found = jaxcal.imu.multi_position(jaxcal.Log(stamps, accel=accel, gyro=gyro), gravity=world.GRAVITY, held_out=False, **options)
         good += found.verdict == "good"
         if found.verdict != "good":
-            reasons[f"{found.verdict}: {found.reason.split('. ')[0]}"[:110]] += 1
+            reasons[f"{found.verdict}: {', '.join(sorted(found.codes))}"] += 1
         if found.accel is None:
             continue
-        error = found.values - truth
+        error = found.estimate.values - truth
         errors.append(error)
         for group, part in world.GROUPS.items():
-            known = found.standard_error[part] > 0
-            low, high = found.interval[part][known].T
+            known = found.estimate.error[part] > 0
+            low, high = found.estimate.intervals()[part][known].T
             inside[group].append(np.mean((low <= truth[part][known]) & (truth[part][known] <= high)))
-            ratios[group].append(np.sqrt(np.mean((error[part][known] / found.standard_error[part][known]) ** 2)))
+            ratios[group].append(np.sqrt(np.mean((error[part][known] / found.estimate.error[part][known]) ** 2)))
     return good, inside, ratios, np.array(errors), reasons
 
 

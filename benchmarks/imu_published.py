@@ -82,7 +82,10 @@ if __name__ == "__main__":
             print(f"  the same method, {title}: {scale.round(3)} +- {error.round(3)} %")
             print(f"    left after a turn {rms:.2f} mrad rms, at most {left.max():.1f}; shortest rest {length.min()} samples")
         ours = jaxcal.imu.multi_position(jaxcal.Log(None, accel=accel, gyro=gyro, rate=100.0), gravity=GRAVITY)
-        scale, error = 100 * (np.diag(ours.gyro.matrix) - 1), 100 * ours.standard_error[[12, 16, 20]]
+        scale, error = (
+            100 * (np.diag(ours.gyro.matrix) - 1),
+            100 * ours.estimate.select("gyro.matrix[0,0]", "gyro.matrix[1,1]", "gyro.matrix[2,2]").error,
+        )
         rms = 1e3 * np.sqrt(np.mean(ours.residual_turn**2))
         print(f"  jaxcal: {scale.round(3)} +- {error.round(3)} %")
         print(f"    left after a turn {rms:.2f} mrad rms, held out {1e3 * ours.held_out[1]:.2f} a component")

@@ -16,7 +16,7 @@ from .._answer import Finding, Result, Results, ordered
 from .._errors import DataError, UnitError
 from .._log import Log
 from .._results import by_channel, plain
-from .._units import STANDARD_GRAVITY, si_unit
+from .._units import si_unit
 from ..io._suited import unsuited
 from ._findings import FINDINGS
 from ._fleet import Coefficient
@@ -55,20 +55,8 @@ def mag(log: Log, **options: Any) -> Answer:
 def imu(log: Log, **options: Any) -> Answer:
     """Calibrate both triads from still poses and the turns between them."""
     from ..imu import multi_position
-    from ..report import document
 
-    said = [] if "gravity" in options else [f"gravity was taken as {STANDARD_GRAVITY} m/s^2; give the place's own with gravity="]
-    result = multi_position(log, **{"gravity": STANDARD_GRAVITY, **options})
-    if hasattr(result, "findings"):
-        return answer_of(result, log)
-    if result.verdict == "refused":
-        raise DataError(f"the calibration is refused. {result.reason}")
-    found = {
-        name: _coefficient(value, low, high)
-        for name, value, (low, high) in zip(result.names, np.asarray(result.values), np.asarray(result.interval), strict=True)
-        if high > low  # otherwise the convention fixes it
-    }
-    return document(result, log), found, [*said, *result.warnings]
+    return answer_of(multi_position(log, **options), log)
 
 
 def temperature(log: Log, **options: Any) -> Answer:

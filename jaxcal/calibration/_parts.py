@@ -13,6 +13,7 @@ from .._errors import DataError
 from .._types import AnyArray
 from .._units import STRONGEST_FIELD, si_unit
 from ..device import DeviceFit
+from ..fitting import Estimate
 from ..imu import ImuFit, Nonlinear, RateTest, Triad
 from ..magnetometer import MagFit, MagModel
 from ..magnetometer._iron import HARD, SOFT, iron_slopes
@@ -252,17 +253,20 @@ def _of_iron(part: Part[Any]) -> Part[Any]:
 
 def _from_imu_fit(fit: ImuFit) -> Imu:
     if fit.verdict == "refused" or fit.accel is None:
-        raise DataError(f"the calibration was refused and cannot be stored: {fit.reason}")
+        raise DataError(f"the calibration was refused and cannot be stored: {fit.reason}", code="refused")
     parts = {}
     for sensor, triad in (("accel", fit.accel), ("gyro", fit.gyro)):
         if triad is not None:
-            where = [i for i, name in enumerate(fit.names) if name.startswith(f"{sensor}.")]
-            values = np.asarray(fit.covariance)[np.ix_(where, where)]
-            names = tuple(fit.names[i].removeprefix(f"{sensor}.") for i in where)
-            low, high = np.asarray(fit.interval)[where].T
-            covariance = Covariance(names, values) if np.isfinite(values).all() else None
-            parts[sensor] = _part(Part(triad, si_unit(sensor), None, covariance, Interval(low, high)), Triad, sensor, f"imu.{sensor}")
+            known = _uncertainty(fit.estimate.select(f"{sensor}.*").renamed(lambda name: name.partition(".")[2]))
+            parts[sensor] = _part(Part(triad, si_unit(sensor), None, *known), Triad, sensor, f"imu.{sensor}")
     return Imu(**parts, verdict=fit.verdict, verdict_reason=fit.reason)
+
+
+def _uncertainty(estimate: Estimate) -> tuple[Covariance | None, Interval]:
+    """Covariance, if the estimate has one, and intervals."""
+    low, high = estimate.intervals().T
+    values = np.asarray(estimate.matrix)
+    return Covariance(estimate.names, values) if np.isfinite(values).all() else None, Interval(low, high)
 
 
 def _of_device(fit: DeviceFit, sensor: str) -> Part[Any]:
@@ -280,10 +284,8 @@ def _of_device(fit: DeviceFit, sensor: str) -> Part[Any]:
 def _from_rate_test(test: RateTest) -> Imu:
     if test.fit is None:
         raise DataError(f"the rate test gives no gyroscope: {test.reason}")
-    low, high = np.asarray(test.fit.interval).T
-    known = Covariance(test.fit.names, np.asarray(test.fit.covariance)), Interval(low, high)
-    return Imu(gyro=_part(Part(test.fit.triad, si_unit("gyro"), None, *known), Triad, "gyro", "imu.gyro"), verdict=test.verdict,
-               verdict_reason=test.reason)  # fmt: skip
+    part = Part(test.fit.triad, si_unit("gyro"), None, *_uncertainty(test.fit.estimate))
+    return Imu(gyro=_part(part, Triad, "gyro", "imu.gyro"), verdict=test.verdict, verdict_reason=test.reason)
 
 
 def _part(value: Any, base: type, sensor: str, path: str) -> Part[Any]:

@@ -1,5 +1,6 @@
 """`jaxcal imu`: calibrate both triads from a log of still poses and the turns between them."""
 
+import dataclasses
 import json
 import math
 from dataclasses import dataclass
@@ -11,15 +12,12 @@ from cyclopts import Parameter
 
 import jaxcal
 
-from .._units import STANDARD_GRAVITY, number
 from ._export import FILES
 from ._noise_file import read_noise
 from ._options import CallError, Files, Gravity, Height, Latitude, Log, Name, Noise, Reading, Running, in_counts, must_exist, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report
-from ._screen import Screen
 from ._work import carry_out
 
-_AXES = "xyz"
 _TURNS = 14  # least number of turns to estimate a delay
 _LATE = 1e-3  # s; a longer delay is reported
 #: format of --export -> default name of the file
@@ -89,15 +87,16 @@ def imu(
         ("json", "imu.json", save_json), ("calibration", "calibration.json", partial(save_calibration, part="imu", device=name)),
     ]  # fmt: skip
     plan = outputs(writing, files, f"{stem(log)}-imu", formats=_EXPORTS, export=partial(save_export, part="imu", device=name))
-    notes: list[str] = []
     must_exist(regions, noise, prior)
     asked = tuple(word for word in terms.replace(" ", "").split(",") if word)
     known = ({} if noise is None else {"noise": read_noise(noise)}) | ({} if prior is None else {"prior": _prior(prior)})
     known |= {} if not asked else {"terms": "auto" if asked == ("auto",) else asked}
+    place = None if latitude is None else math.radians(latitude)
 
     def compute(data: Any, _: Any) -> Any:
         from ..imu._session import rests_among  # imported here, so that the help of a command need not wait for JAX
 
+        here = float(jaxcal.imu.gravity(place, height)) if gravity is None and place is not None else gravity
         labelled = jaxcal.imu.read_regions(regions, data.rate) if regions is not None else None
         if method == "six_position" and labelled is None:
             labelled = jaxcal.imu.faces(data)
@@ -108,27 +107,28 @@ def imu(
             if counts or method == "imu_tk" or convention != "upper" or earth_rate or without_g_sensitivity or initial is not None or known:
                 words = "--counts, --convention, --earth-rate, --initial, --without-g-sensitivity, --noise, --prior and --terms"
                 raise CallError(f"faces of a box take none of {words}")
-            return jaxcal.imu.ferraris(data, labelled, gravity=_gravity(gravity, latitude, height, notes))
+            return jaxcal.imu.ferraris(data, labelled, gravity=here)
         found = jaxcal.imu.multi_position(
-            data, gravity=_gravity(gravity, latitude, height, notes), convention=convention, method=method, raw=counts, rests=rests,
-            g_sensitivity=not without_g_sensitivity, initial=initial,
-            latitude=math.radians(latitude) if earth_rate and latitude is not None else None, **known,
+            data, gravity=here, convention=convention, method=method, raw=counts, rests=rests, g_sensitivity=not without_g_sensitivity,
+            initial=initial, latitude=place if earth_rate else None, **known,
         )  # fmt: skip
-        if found.verdict == "refused":
-            raise jaxcal.DataError(found.reason)
-        if found.method == "joint" and found.gyro is not None and len(found.residual_turn) >= _TURNS:
-            moved = jaxcal.imu.motion(data, found)
-            if moved.delay_interval[0] > _LATE or moved.delay_interval[1] < -_LATE:
-                notes.append(f"{moved.reason} The calibration does not depend on it; a filter that uses both sensors does.")
+        return _with_delay(found, data)
+
+    carry_out(log, reading, running, plan, compute, command="jaxcal imu", options=options).end(running)
+
+
+def _with_delay(found: Any, data: Any) -> Any:
+    """The result with a finding on the delay between the sensors, if the turns show one."""
+    if found.verdict == "refused" or found.method != "joint" or len(found.residual_turn) < _TURNS:
         return found
+    delay = jaxcal.imu.motion(data, found).estimate["delay"]
+    if max(delay.low, -delay.high) < _LATE:
+        return found
+    from .._answer import Quantity
+    from ..imu._findings import FINDINGS
 
-    def show(screen: Screen, found: Any) -> None:
-        _tables(screen, found, counts)
-        screen.line()
-        screen.line(f"{found.verdict}: {found.reason}")
-
-    done = carry_out(log, reading, running, plan, compute, show=show, command="jaxcal imu", options=options)
-    done.tell([*notes, *done.found.warnings])
+    late = FINDINGS("delay", "gyro", delay=Quantity(delay.value, "delay"), half=Quantity(delay.half, "delay"))
+    return dataclasses.replace(found, findings=(*found.findings, late))
 
 
 def _prior(path: Path) -> Any:
@@ -138,43 +138,3 @@ def _prior(path: Path) -> Any:
     except (UnicodeDecodeError, ValueError) as error:
         raise jaxcal.DataError(f"{path} is no JSON; --prior takes a calibration, or a data sheet") from error
     return jaxcal.Calibration.load(path) if isinstance(document, dict) and "schema" in document else document
-
-
-def _gravity(gravity: float | None, latitude: float | None, height: float, notes: list[str]) -> float:
-    if gravity is not None:
-        return gravity
-    if latitude is not None:
-        return float(jaxcal.imu.gravity(math.radians(latitude), height))
-    notes.append(
-        f"Gravity was taken as {STANDARD_GRAVITY} m/s^2; it differs by up to 0.3 % between places, and the accelerometer's scale with it. "
-        "Give --latitude and --height, or --gravity."
-    )
-    return STANDARD_GRAVITY
-
-
-def _tables(screen: Screen, found: Any, counts: bool) -> None:
-    """Print matrix, bias and further parameters of every axis with 95 % intervals."""
-    for sensor, name, first in (("accel", "accelerometer", 0), ("gyro", "gyroscope", 12)):
-        if getattr(found, sensor) is None:
-            continue
-        unit = "counts" if counts else {"accel": "m/s^2", "gyro": "rad/s"}[sensor]
-        places = [[first + 3 * i, first + 3 * i + 1, first + 3 * i + 2, first + 9 + i] for i in range(3)]
-        rows = [[axis, *(_cell(found, place) for place in row)] for axis, row in zip(_AXES, places, strict=True)]
-        screen.table(f"{name}: 95 % interval below", ["", "matrix x", "matrix y", "matrix z", f"bias\n{unit}"], rows)
-    if found.gyro is not None and found.gyro.g_sensitivity.any():
-        rows = [[axis, *(_cell(found, 24 + 3 * i + j) for j in range(3))] for i, axis in enumerate(_AXES)]
-        unit = "counts per m/s^2" if counts else "rad/s per m/s^2"
-        screen.table(f"gyroscope, sensitivity to specific force ({unit})", ["", "x", "y", "z"], rows)
-    if further := range(33, len(found.names)):
-        rows = [[found.names[i], *_cell(found, i).split("\n")] for i in further]
-        screen.table("further terms, reading per power of SI units", ["", "value", "interval of 95 %"], rows)
-
-
-def _cell(found: Any, i: int) -> str:
-    value, (low, high) = float(found.values[i]), (float(limit) for limit in found.interval[i])
-    half = (high - low) / 2
-    if not half > 0:
-        return f"{value:.4g}\nfixed"
-    if 0 < max(abs(value), half) < 1e-3:
-        return f"{value:.3g}\n{low:.3g} to {high:.3g}"
-    return f"{number(value, half)}\n{number(low, half)} to {number(high, half)}"

@@ -10,11 +10,8 @@ from cyclopts import Parameter
 
 import jaxcal
 
-from .._files import json_text, write_atomically
-from .._units import number
 from ._options import WRITING, CallError, Latitude, Log, Name, Reading, Running, must_exist, stem
-from ._outputs import File, outputs, save_calibration
-from ._screen import Screen
+from ._outputs import File, outputs, save_calibration, save_json
 from ._work import carry_out
 
 
@@ -67,19 +64,18 @@ def rate_table(
         angle = None if latitude is None else math.radians(latitude)
         return jaxcal.imu.rate_test(data, known, regions=labelled, latitude=angle, servo=servo * 1e-6)
 
-    def store(place: Path, found: Any, data: Any) -> tuple[str, ...]:
-        if found.gyro is None:
-            return (f"{place.name} is not written: {found.reason}",)
-        save_calibration(place, found, data, part="imu", device=name)
-        return ()
-
-    files: list[File] = [("json", "rate_table.json", _save_json), ("calibration", "calibration.json", store)]
+    files: list[File] = [
+        ("json", "rate_table.json", save_json), ("calibration", "calibration.json", partial(_save_gyro, device=name)),
+    ]  # fmt: skip
     options = {"rates": rates, "regions": regions and str(regions), "latitude": latitude, "servo": servo}
-    done = carry_out(
-        log, reading, running, outputs(writing, files, f"{stem(log)}-rate-table"), compute, show=_show_rates, command="jaxcal rate-table",
-        options=options,
-    )  # fmt: skip
-    done.tell(done.found.warnings)
+    plan = outputs(writing, files, f"{stem(log)}-rate-table")
+    carry_out(log, reading, running, plan, compute, command="jaxcal rate-table", options=options).end(running)
+
+
+def _save_gyro(place: Path, found: Any, data: Any, device: str | None) -> None:
+    """Write the calibration, unless an axis was not turned both ways, as a finding says."""
+    if found.gyro is not None:
+        save_calibration(place, found, data, part="imu", device=device)
 
 
 def vibration(
@@ -96,37 +92,9 @@ def vibration(
     Record the sensor in one attitude: with the shaker at rest, at one or more
     levels, and at rest again.
     """
-    files: list[File] = [("json", "vibration.json", _save_json)]
+    plan = outputs(writing, [("json", "vibration.json", save_json)], f"{stem(log)}-vibration")
     done = carry_out(
-        log, reading, running, outputs(writing, files, f"{stem(log)}-vibration"),
-        lambda data, _: jaxcal.imu.vibration_rectification(data, window=window), show=partial(_show, "bias for mean square vibration"),
+        log, reading, running, plan, lambda data, _: jaxcal.imu.vibration_rectification(data, window=window),
         command="jaxcal vibration", options={"window": window},
     )  # fmt: skip
-    done.tell(done.found.warnings)
-
-
-def _save_json(place: Path, found: Any, log: Any) -> None:
-    write_atomically(place, json_text(found.to_dict() | {"provenance": log.provenance}))
-
-
-def _show(title: str, screen: Screen, found: Any) -> None:
-    rows = []
-    for row in found._rows():
-        half = (row.high - row.low) / 2
-        between = f"{number(row.low, half)} to {number(row.high, half)}" if half > 0 else ""
-        rows.append([row.name, number(row.value, half), between, row.unit, row.remark])
-    screen.table(f"{title}, with intervals of 95 %", ["", "value", "interval", "unit", ""], rows)
-    screen.line()
-    screen.line(f"{found.verdict}: {found.reason}")
-
-
-def _show_rates(screen: Screen, found: Any) -> None:
-    if found.fit is not None:
-        triad = found.fit.triad
-        rows = [
-            [axis, *(f"{x:.6g}" for x in triad.matrix[i]), f"{triad.bias[i]:.4g}", *(f"{x:.3g}" for x in triad.g_sensitivity[i])]
-            for i, axis in enumerate("xyz")
-        ]
-        header = ["", "matrix x", "matrix y", "matrix z", "bias\nrad/s", "g-sens. x\nrad/s per m/s^2", "g-sens. y", "g-sens. z"]
-        screen.table("gyroscope", header, rows)
-    _show("scale factor", screen, found)
+    done.end(running)

@@ -1,6 +1,6 @@
 """`estimate`: fit both triads and their covariance to poses and turns, as a pure function."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -11,7 +11,7 @@ from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import array_module, host_float64
 from .._types import AnyArray
-from ..fitting import AbstractLoss, AbstractPrior, Fit, covariance, solve
+from ..fitting import AbstractLoss, AbstractPrior, Estimate, Fit, covariance, solve
 from ._model import CONVENTIONS, Imu, Triad, entries, freed, in_convention, replaced, values
 from ._residuals import Poses, Turns, Weighted, arrays, residuals, reweighted
 
@@ -19,43 +19,32 @@ from ._residuals import Poses, Turns, Weighted, arrays, residuals, reweighted
 RTOL = 1e-4
 
 
-class Estimate(eqx.Module):
+class PoseFit(eqx.Module):
     """Sensors fitted to poses and turns.
 
     Attributes
     ----------
     model : `Imu` with the fitted sensors.
-    covariance : (p, p) covariance of the parameters in `names`, in units of the readings per SI; zero for parameters that the convention
-        or an option fixes, infinite if the data do not determine every parameter.
+    estimate : `jaxcal.fitting.Estimate` of the parameters of both sensors, in units of the readings per SI; the covariance is infinite if
+        the data do not determine every parameter.
     fit : `jaxcal.fitting.Fit`, in the frame of the fit.
     data : the `Weighted` data of the fit.
-    names : names of the parameters of both sensors; the fields of `Triad` come first, those of a subclass follow.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from jaxcal.imu import Poses, estimate, simulate_positions
+    >>> from jaxcal.imu import Poses, estimate
     >>> up = np.random.default_rng(0).normal(size=(18, 3))
-    >>> found = estimate(Poses(simulate_positions(up=up, sigma=2e-3), np.full(18, 2e-3)), gravity=9.81)
-    >>> found.names[:2], found.values.shape
-    (('accel.matrix[0,0]', 'accel.matrix[0,1]'), (12,))
+    >>> up = 9.81 * up / np.linalg.norm(up, axis=1, keepdims=True)
+    >>> found = estimate(Poses(1.01 * up, np.full(18, 2e-3)), gravity=9.81)
+    >>> found.estimate.names[:2], round(float(found.model.accel.matrix[0, 0]), 4)
+    (('accel.matrix[0,0]', 'accel.matrix[0,1]'), 1.01)
     """
 
     model: Imu
-    covariance: AnyArray
+    estimate: Estimate
     fit: Fit[Any]
     data: Weighted
-    names: tuple[str, ...] = eqx.field(static=True)
-
-    @property
-    def values(self) -> AnyArray:
-        """(p,) parameters in the order of `names`."""
-        return values(self.model)
-
-    @property
-    def standard_error(self) -> AnyArray:
-        """(p,) standard errors: square roots of the diagonal of the covariance."""
-        return array_module(self.covariance).sqrt(array_module(self.covariance).diagonal(self.covariance))
 
 
 @host_float64
@@ -70,7 +59,7 @@ def estimate(
     g_sensitivity: bool = True,
     latitude: Any = None,
     loss: AbstractLoss | None = None,
-) -> Estimate:
+) -> PoseFit:
     r"""Fit accelerometer and gyroscope to the means of still poses and the samples of the turns between them.
 
     The fit minimises the sum of squares of `residuals`, or their loss. The covariance is :math:`s^2 (J^T J)^{-1}` with the reduced
@@ -95,7 +84,7 @@ def estimate(
 
     Returns
     -------
-    Estimate
+    PoseFit
 
     Raises
     ------
@@ -107,10 +96,13 @@ def estimate(
     Eighteen poses of an accelerometer, with noise of 2 mm/s^2:
 
     >>> import numpy as np
-    >>> from jaxcal.imu import Poses, estimate, simulate_positions
-    >>> up = np.random.default_rng(0).normal(size=(18, 3))
-    >>> found = estimate(Poses(simulate_positions(up=up, sigma=2e-3), np.full(18, 2e-3)), gravity=9.81)
-    >>> print(found.model.accel.bias.round(2), bool(np.all(found.standard_error[9:] < 3e-3)))
+    >>> from jaxcal.imu import MEMS, Poses, estimate
+    >>> rng = np.random.default_rng(0)
+    >>> up = rng.normal(size=(18, 3))
+    >>> force = 9.81 * up / np.linalg.norm(up, axis=1, keepdims=True)
+    >>> readings = MEMS.accel.measure(force) + 2e-3 * rng.normal(size=(18, 3))
+    >>> found = estimate(Poses(readings, np.full(18, 2e-3)), gravity=9.81)
+    >>> print(found.model.accel.bias.round(2), bool(np.all(found.estimate.select("accel.bias*").error < 3e-3)))
     [ 0.12 -0.08  0.2 ] True
 
     References
@@ -137,11 +129,23 @@ def solved(
     return solve(residuals, start, data, free=free, loss=loss, rtol=rtol, priors=priors)
 
 
-def described(fit: Fit[Any], data: Weighted, convention: str) -> Estimate:
-    """Convert a fit to an `Estimate` in the frame of a convention."""
+def described(fit: Fit[Any], data: Weighted, convention: str) -> PoseFit:
+    """Convert a fit to a `PoseFit` in the frame of a convention."""
     names = entries(fit.model)[0]
     found, (matrix,) = framed(fit.model, convention, placed(fit.names, covariance(fit, scaled=True), names))
-    return Estimate(found, matrix, eqx.tree_at(lambda f: f.problem, fit, None, is_leaf=lambda x: x is None), data, names)
+    made = Estimate(names, values(found), matrix, np.inf, states_of(names, fit.names, convention if fit.model.plain else "upper"))
+    return PoseFit(found, made, eqx.tree_at(lambda f: f.problem, fit, None, is_leaf=lambda x: x is None), data)
+
+
+def states_of(names: Iterable[str], fitted: Iterable[str], convention: str) -> dict[str, str]:
+    """State of the parameters that were not fitted; `convention` is the frame into which the fit was turned from "upper"."""
+    fixed = set(names) - set(fitted)
+    aside = {f"accel.matrix[{i},{j}]": f"accel.matrix[{j},{i}]" for i in range(3) for j in range(3)}
+    if convention == "lower":  # the other triangle
+        fixed = {aside.get(name, name) for name in fixed}
+    if convention == "full":  # a symmetric matrix, of which no entry is zero unless the model is diagonal
+        fixed = {name for name in fixed if aside.get(name, name) in fixed}
+    return dict.fromkeys(fixed, "held")
 
 
 def started(model: Any, gyro: bool, north: bool) -> Imu:
@@ -157,13 +161,6 @@ def placed(fitted: tuple[str, ...], matrix: AnyArray, names: tuple[str, ...]) ->
     xp = array_module(matrix)
     place = np.array([fitted.index(name) if name in fitted else len(fitted) for name in names])
     return xp.pad(xp.asarray(matrix), ((0, 1), (0, 1)))[place][:, place]
-
-
-def sandwich(fit: Fit[Any], blocks: np.ndarray) -> np.ndarray:
-    """Sandwich covariance over blocks of residuals (host); infinite if the blocks are too few or the parameters not determined."""
-    if len(np.unique(blocks[np.asarray(fit.counted)])) <= len(fit.names) or not bool(fit.usable):
-        return np.full((len(fit.names),) * 2, np.inf)
-    return np.asarray(covariance(fit, "sandwich", blocks=blocks))
 
 
 @filter_jit

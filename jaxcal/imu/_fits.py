@@ -11,27 +11,29 @@ import jax.numpy as jnp
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._answer import Finding
 from .._compile import filter_jit
 from .._errors import DataError
 from .._special import chi_square_tail
 from .._types import Array
-from ..fitting import AbstractLoss, Fit, covariance, leverage, solve
-from ._estimate import framed, placed, sandwich, solved
+from .._units import factor
+from ..fitting import AbstractLoss, Estimate, Fit, covariance, leverage, solve
+from ._estimate import framed, placed, solved, states_of
+from ._findings import FINDINGS
 from ._integrate import attitude
-from ._model import Imu, Triad, entries, freed, inverse
+from ._model import FITTED_LEVEL, Imu, Triad, entries, freed, inverse, values
+from ._observability import observability
 from ._prior import Prior, complete
 from ._recording import Recording, Rests, means, norms, padded, sampled_turns
 from ._residuals import Pieces, Turns, Weighted, arrays, pieces, reweighted
-from ._result import ImuFit, finished, observability
+from ._result import ImuFit, judged, quantities
 
 _FIRST_TURN = 0.02  # rad: assumed error of a turn, until the residuals show it
 ROUNDS = 3
-_DRIFT_LEVEL = 0.01
 _CLIP = 2.5
 _KEPT = float(1.0 - chi_square_tail(_CLIP**2, 3) + _CLIP**2 * chi_square_tail(_CLIP**2, 1))
 _SCALES = 80
 _STEPS = 64
-_RADIANS = {"rad/s": 1.0, "deg/s": np.pi / 180}
 
 
 class Options(eqx.Module):
@@ -91,7 +93,7 @@ def coefficients(noise: Any, sensor: str) -> tuple[float, float, float]:
     held = part(noise, "noise") if part(noise, "noise") is not None else noise
     axes = [one for axis in "xyz" if (one := part(held, f"{sensor}_{axis}")) is not None]
     if not (held is None or isinstance(held, Mapping) or hasattr(held, sensor)):
-        raise DataError('noise must be {"accel": ..., "gyro": ...} with a Noise, or a dictionary of N and B, for each sensor')
+        raise DataError('noise must be {"accel": ..., "gyro": ...} with a Noise, or a dictionary of N and B, for each sensor', code="noise")
     sizes = []
     for term in ("N", "B", "K"):
         # the fit of an axis has the coefficients in its attribute `noise`
@@ -99,7 +101,7 @@ def coefficients(noise: Any, sensor: str) -> tuple[float, float, float]:
         values = np.array([np.max(np.nan_to_num(np.asarray(value, dtype=float))) for value in found if value is not None])
         sizes.append(float(values.max(initial=0.0)))
         if not (np.isfinite(sizes[-1]) and np.all(values >= 0)):
-            raise DataError(f"noise of {sensor}: {term} is {found!r}; expected a number that is not negative")
+            raise DataError(f"noise of {sensor}: {term} is {found!r}; expected a number that is not negative", code="noise")
     return sizes[0], sizes[1], sizes[2]
 
 
@@ -141,23 +143,17 @@ def scanned_scale(bias: np.ndarray, vertical: np.ndarray, turns: Turns) -> float
     return float(grid[np.argmin(turn_costs(grid[:, None, None] * np.eye(3), bias, vertical, turns))])
 
 
-def explanation(bias: np.ndarray, vertical: np.ndarray, turns: Turns, scale: float) -> str | None:
-    """Sentence on another unit or order of the gyroscope's axes, if one fits the turns at least ten times better; else None."""
+def causes(bias: np.ndarray, vertical: np.ndarray, turns: Turns, scale: float) -> list[Finding]:
+    """Another unit or order of the gyroscope's axes, if one fits the turns at least ten times better."""
     swaps = np.round(scipy.spatial.transform.Rotation.create_group("O").as_matrix())  # the 24 rotations that map axes to axes
-    tried = [(unit, factor, turn) for unit, factor in _RADIANS.items() for turn in swaps]
-    matrices = np.array([scale * factor * turn for _, factor, turn in tried])
-    costs = turn_costs(matrices, bias, vertical, turns)
-    here = turn_costs(scale * np.eye(3)[None], bias, vertical, turns)[0]
+    tried = [(unit, factor(unit, "gyro"), turn) for unit in ("rad/s", "deg/s") for turn in swaps]
+    costs = turn_costs(np.array([scale * size * turn for _, size, turn in tried]), bias, vertical, turns)
     unit, _, turn = tried[int(np.argmin(costs))]
-    if not costs.min() < 0.1 * here:
-        return None
+    if not costs.min() < 0.1 * turn_costs(scale * np.eye(3)[None], bias, vertical, turns)[0]:
+        return []
     rows = ["".join(f"{'+' if s > 0 else '-'}{a}" for s, a in zip(row, "xyz", strict=True) if s) for row in turn]
-    said = []
-    if unit != "rad/s":
-        said.append(f"are in {unit} (read the log with units gyro={unit})")
-    if not np.array_equal(turn, np.eye(3)):
-        said.append(f"have other axes than the accelerometer (x, y, z should be {', '.join(rows)} of the gyroscope)")
-    return f"The turns fit if the gyroscope's readings {' and '.join(said)}."
+    found = [FINDINGS("gyro_unit", "gyro", unit=unit)] if unit != "rad/s" else []
+    return found if np.array_equal(turn, np.eye(3)) else [*found, FINDINGS("gyro_axes", "gyro", axes=", ".join(rows))]
 
 
 class Joint(eqx.Module):
@@ -175,7 +171,7 @@ def rest_start(rests: Rests, force: np.ndarray, with_force: bool, earth: np.ndar
     beta, more = np.linalg.lstsq(x, y)[:2]
     less = np.linalg.lstsq(np.concatenate([x, rests.time[:, None]], axis=1), y)[1].sum()
     freedom = 3 * (len(x) - x.shape[1] - 1)
-    drifts = freedom > 6 and less > 0 and scipy.special.fdtrc(3, freedom, (more.sum() - less) / 3 / (less / freedom)) < _DRIFT_LEVEL
+    drifts = freedom > 6 and less > 0 and scipy.special.fdtrc(3, freedom, (more.sum() - less) / 3 / (less / freedom)) < FITTED_LEVEL
     return beta[0], beta[1:].T if with_force else np.zeros((3, 3)), bool(drifts)
 
 
@@ -327,25 +323,23 @@ def tedaldi(record: Recording, base: ImuFit, fit: Fit, options: Options, each: i
         base = dataclasses.replace(base, held_out=_held_out(record, still.start, each, slots, fit.model, gyro.model.gyro, turns, options))
 
     model = Imu(fit.model.accel, gyro.model.gyro)
-    names = entries(model)[0]
-    by_sample = np.concatenate([np.repeat(np.arange(count), each), np.full((slots - count) * each, -1)])
-    plain, robust = np.zeros((33, 33)), np.zeros((33, 33))
-    for part, clusters in ((fit, by_sample), (gyro, np.repeat(np.arange(slots - 1), 3))):
+    names, plain = entries(model)[0], np.zeros(())
+    for part in (fit, gyro):
         plain = plain + np.asarray(placed(part.names, covariance(part, scaled=True), names))
-        robust = robust + placed(part.names, sandwich(part, clusters), names)
-    model, (plain, robust) = framed(model, options.convention, plain, robust)
-    model, plain, robust = jax.tree.map(np.asarray, (model, plain, robust))
+    model, (plain,) = framed(model, options.convention, plain)
+    model, plain = jax.tree.map(np.asarray, (model, plain))
     turned = np.asarray(gyro.residuals).reshape(-1, 3)[valid]
     left = 2 * len(turned) - 9
     variance = 2 * np.array([float(fit.cost) / (count * each - 9), float(gyro.cost) / max(left, 1), np.nan])
+    freedom = [count - 9.0 if name.startswith("accel") else left for name in names]
+    states = states_of(names, (*fit.names, *gyro.names), options.convention)
     result = dataclasses.replace(
-        base, accel=model.accel, gyro=model.gyro, covariance=plain, robust_covariance=robust,
-        degrees_of_freedom=np.repeat([count - 9.0, left], [12, 21]),
+        base, accel=model.accel, gyro=model.gyro, estimate=Estimate(names, values(model), plain, freedom, states, quantities(raw)),
         residual_norm=np.asarray(fit.residuals)[: count * each].reshape(count, each).mean(axis=1),
         residual_turn=np.linalg.norm(turned, axis=1), sigma=np.sqrt(variance), cost=np.array([fit.cost, gyro.cost], dtype=float),
         observability=observability(vertical, not options.misalignment),
     )  # fmt: skip
-    return finished(result, gyro, options, list(base.warnings), partial(explanation, bias, up, turns, scale))
+    return judged(result, gyro, options, (), partial(causes, bias, up, turns, scale))
 
 
 def _verticals(fit: Fit, reading: np.ndarray) -> np.ndarray:

@@ -111,18 +111,6 @@ def attitude(matrix: Array, column: Array, dt: Array, integrator: str = "closed_
     Returns
     -------
     (s, 3, 3)
-
-    Examples
-    --------
-    A quarter of a turn about z in one second:
-
-    >>> import jax.numpy as jnp
-    >>> from jaxcal.imu import attitude
-    >>> rate = jnp.tile(jnp.array([0.0, 0.0, jnp.pi / 2]), (1, 101, 1))
-    >>> print(jnp.round(attitude(jnp.eye(3), rate, jnp.full((1, 100), 0.01))[0], 3) + 0.0)
-    [[ 0. -1.  0.]
-     [ 1.  0.  0.]
-     [ 0.  0.  1.]]
     """
     steps = jnp.moveaxis(_steps(matrix, column, dt, integrator).rotation, 1, 0)
     # backwards from the last step, like the derivative below, so that both round alike

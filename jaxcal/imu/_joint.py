@@ -1,7 +1,7 @@
 """The joint fit of a recording (host): it chooses one of several sets of rests, fits it, and makes the result."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -10,27 +10,26 @@ import jax
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from ..fitting import Fit, covariance, leverage
+from .._answer import FATAL, Finding, Quantity
+from ..fitting import Estimate, Fit, covariance, leverage
 from . import _fits, _recording
-from ._estimate import described, framed, placed, sandwich, solved
+from ._estimate import described, framed, placed, solved
+from ._findings import FINDINGS
 from ._fits import Joint, Options
 from ._lack import lacks
-from ._model import EARTH_RATE, Imu, Triad, freed
+from ._model import EARTH_RATE, FITTED_LEVEL, Imu, Triad, freed
 from ._nonlinear import Nonlinear
+from ._observability import ONE_ATTITUDE, Observability, observability
 from ._prior import known_of
 from ._recording import Recording, Rests, padded
 from ._residuals import Turns, Weighted, pieces
 from ._rests import Ends, Multiples
-from ._result import SINGULAR, ImuFit, Observability, finished, observability, spread_of
+from ._result import ImuFit, judged, quantities
 
 #: poses in excess of the number of parameters that are needed to compare prediction errors
 _SPARE = 3
-#: spread of the poses in degrees below which they are one attitude, so that turns cannot determine the accelerometer either
-_ONE_ATTITUDE = 5.0
 #: ratio of the noise of two rests above which motion of the hand is the cause
 _UNEVEN = 10.0
-#: significance level of the test for sensitivity of the gyroscope to specific force
-_SENSITIVE = 0.01
 
 
 def count_of(free: Any) -> int:
@@ -48,15 +47,14 @@ class Begun(eqx.Module):
     turns: Turns | None
     scale: float
     seen: Observability
-    notes: tuple[str, ...] = eqx.field(static=True)
+    notes: tuple[Finding, ...] = eqx.field(static=True)
 
 
 class Refusal(eqx.Module):
-    """Reason why a set of rests cannot be fitted."""
+    """Why a set of rests cannot be fitted."""
 
-    reason: str = eqx.field(static=True)
+    findings: tuple[Finding, ...] = eqx.field(static=True)
     seen: Observability | None = None
-    notes: tuple[str, ...] = eqx.field(static=True, default=())
 
 
 class Job(eqx.Module):
@@ -110,10 +108,10 @@ class Job(eqx.Module):
         clipped = _recording.stuck(record.accel, *ends)
         start, stop = (part[~clipped] for part in ends)
         if clipped.any():
-            notes.append(f"{clipped.sum()} poses were left out: an axis of the accelerometer is at the end of its range (saturated).")
-        if len(start) < self.needed:
-            why = f"{len(start)} of {len(clipped)} still intervals are left, {self.needed} are needed"
-            return Refusal(f"{why}: an axis of the accelerometer saturates.")
+            saturated = FINDINGS("saturated", "accel", lost=int(clipped.sum()), count=len(clipped))
+            if len(start) < self.needed:
+                return Refusal((dataclasses.replace(saturated, severity=FATAL),))
+            notes.append(saturated)
         rests = _recording.rests_of(record, start, stop)
         data = _recording.norms(rests.accel, rests.slots, options.gravity)
         if clipped.any():
@@ -125,9 +123,9 @@ class Job(eqx.Module):
         seen = observability(vertical, not options.misalignment)
         # with a gyroscope the joint fit judges this later: six faces and the turns between them determine the misalignment. Poses of one
         # attitude determine nothing, and the joint fit would take all its steps to find that
-        one = record.gyro is None or spread_of(vertical) < _ONE_ATTITUDE
-        if not seen.condition <= SINGULAR and one and not known_of(options.prior):
-            return Refusal(seen.sentence, seen)
+        one = record.gyro is None or seen.spread < ONE_ATTITUDE
+        if not seen.determined and one and not known_of(options.prior):
+            return Refusal((seen.finding,), seen)
         accel = jax.tree.map(np.asarray, fit.model.accel)
         if record.gyro is None:
             return Begun(rests, fit, vertical, Imu(accel), None, 1.0, seen, tuple(notes))
@@ -136,13 +134,12 @@ class Job(eqx.Module):
         bad = np.zeros(len(valid), dtype=bool)
         bad[: len(start) - 1] = [over[i:j].any() for i, j in zip(stop[:-1] - 1, start[1:], strict=True)]
         if lost := len(start) - 1 - int(valid.sum()):
-            notes.append(f"{lost} turns were left out: more samples are missing in them than can be interpolated.")
+            notes.append(FINDINGS("turn_gaps", lost=lost))
         if bad.any():
-            notes.append(f"{bad.sum()} turns were left out: the gyroscope saturates in them. Turn more slowly.")
+            notes.append(FINDINGS("turns_saturated", "gyro", lost=int(bad.sum())))
             turns = dataclasses.replace(turns, sigma=np.where(bad, np.inf, turns.sigma))
         if (kept := int(np.isfinite(turns.sigma).sum())) < 6:
-            why = " ".join(notes) or "There are too few poses."
-            return Refusal(f"{kept} turns are left, 6 are needed for a gyroscope. {why}", seen)
+            return Refusal((FINDINGS("few_turns_left", "gyro", kept=kept), *notes), seen)
         force = size[:, None] * vertical
         bias, cross, drift = _fits.rest_start(rests, force, options.g_sensitivity, np.zeros(3))
         if near is not None:
@@ -153,8 +150,6 @@ class Job(eqx.Module):
             earth = EARTH_RATE * np.sin(options.latitude) * vertical / scale
             bias, cross, drift = _fits.rest_start(rests, force, options.g_sensitivity, earth)
         moving = np.zeros(3) if drift else None
-        if drift:
-            notes.append("The gyroscope's bias drifts during the record (F test, 1 %); a linear drift is part of the fit. Let it warm up.")
         if near is not None:
             return Begun(rests, fit, vertical, dataclasses.replace(near[0], drift=moving), turns, scale, seen, tuple(notes))
         matrix = np.eye(3) / scale if self.raw else self.model.gyro.matrix
@@ -172,9 +167,10 @@ class Job(eqx.Module):
     def result(self, base: ImuFit, begun: Begun | Refusal, joint: Joint | None, held_out: bool) -> ImuFit:
         """The calibration from the chosen set of rests; `joint` is its first fit."""
         options = self.options
-        notes, base = [*base.warnings, *begun.notes], dataclasses.replace(base, observability=begun.seen)
+        base = dataclasses.replace(base, observability=begun.seen)
         if isinstance(begun, Refusal):
-            return dataclasses.replace(base, reason=begun.reason)
+            return dataclasses.replace(base, findings=(*base.findings, *begun.findings))
+        notes = list(begun.notes)
         rests, count = begun.rests, len(begun.rests.accel)
         if joint is None:
             data = _recording.norms(rests.accel, rests.slots, options.gravity)
@@ -187,17 +183,17 @@ class Job(eqx.Module):
                 begun.fit.model, data, options.convention, options.misalignment, loss=options.loss, rtol=None, priors=options.priors
             )
             sizes = np.array([np.sqrt(np.mean(known + extra)), np.nan, np.nan])
-            return _result(base, Joint(fit, data, pieces(fit.model, data), sizes), rests, self.needed, options, notes, lambda: None)
+            return self.made(base, Joint(fit, data, pieces(fit.model, data), sizes), rests, notes, list)
         turns: Any = begun.turns
         start = dataclasses.replace(begun.start, accel=joint.fit.model.accel, gyro=joint.fit.model.gyro)
         found = self.joint(dataclasses.replace(begun, start=start), True, _fits.ROUNDS - 1)
         found, options, shift = self.without_sensitivity(found, rests, notes)
         if held_out:
             base = dataclasses.replace(base, held_out=_fits.held_out(found, options))
-        explain = partial(_fits.explanation, np.asarray(begun.start.gyro.bias), padded(begun.vertical, rests.slots), turns, begun.scale)
-        return _result(base, found, rests, self.needed, options, notes, explain, shift)
+        causes = partial(_fits.causes, np.asarray(begun.start.gyro.bias), padded(begun.vertical, rests.slots), turns, begun.scale)
+        return self.made(base, found, rests, notes, causes, shift)
 
-    def without_sensitivity(self, joint: Joint, rests: Rests, notes: list[str]) -> tuple[Joint, Options, np.ndarray | None]:
+    def without_sensitivity(self, joint: Joint, rests: Rests, notes: list[Finding]) -> tuple[Joint, Options, np.ndarray | None]:
         """Drop the g-sensitivity of the gyroscope if neither the F test nor the leave-one-out error of the turns supports it.
 
         Rates at rest in a hand hardly determine the g-sensitivity, and fitting it would absorb errors of the turns. The third result
@@ -212,7 +208,7 @@ class Job(eqx.Module):
         value, inner = np.asarray(fit.parameters)[where], matrix[np.ix_(where, where)]
         ratio = value @ np.linalg.solve(inner, value) / len(value)
         level = float(scipy.special.fdtrc(len(value), max(3 * (len(rests.accel) - 4), 1), ratio))
-        if not level > _SENSITIVE:
+        if not level > FITTED_LEVEL:
             return joint, options, None
         options = dataclasses.replace(options, held=1e-3 * np.sqrt(np.diag(inner)))
         start = eqx.tree_at(lambda m: m.gyro.g_sensitivity, fit.model, np.zeros((3, 3)))
@@ -220,11 +216,59 @@ class Job(eqx.Module):
         less = _fits.joint_fit(start, joint.data, rests, options, self.needed, True, 1)
         if not (bool(less.fit.usable) and _fits.left_out(less)[0] < _fits.left_out(joint)[0]):
             return joint, self.options, None
-        notes.append(f"The log shows no sensitivity of the gyroscope to specific force (p = {level:.2g}), and the fit leaves it out.")
+        notes.append(FINDINGS("no_g_sensitivity", "gyro", level=level))
         step = np.asarray(fit.parameters) - np.asarray(less.fit.parameters)
         lost = np.outer(step, step)
         lost[np.ix_(where, where)] += inner
         return less, options, lost
+
+    def made(
+        self, base: ImuFit, joint: Joint, rests: Rests, notes: list[Finding], causes: Callable[[], Sequence[Finding]],
+        lost: np.ndarray | None = None,
+    ) -> ImuFit:  # fmt: skip
+        """Make and judge the result of a fit, with or without a gyroscope; `lost` widens the covariance."""
+        fit, found, slots, count, options = joint.fit, joint.found, rests.slots, len(rests.accel), self.options
+        weight, gyro, drift = np.asarray(fit.weights), fit.model.gyro, np.zeros(3)
+        turned, rest, pairs, own = np.zeros((0, 3)), np.zeros((0, 3)), np.ones((0, 2)), 0
+        if gyro is not None and joint.data.turns is not None:
+            valid = np.isfinite(joint.data.turns.sigma)
+            turned, pairs = found.turned[valid], weight[slots : 3 * slots - 2].reshape(-1, 2)[valid]
+            rest = found.rest[:count] @ np.linalg.inv(gyro.matrix).T
+            own = count_of(freed(Imu(None, gyro), options.convention, g_sensitivity=False)) - 3
+            drift = drift if fit.model.drift is None else np.linalg.solve(gyro.matrix, fit.model.drift)
+        made = described(fit, joint.data, options.convention)
+        still = 3 * (count - 1 - 3 * options.g_sensitivity) if len(turned) else 0
+        own_norms = float(np.sum(np.asarray(leverage(fit))[:slots]))  # less than the number of parameters: turns contribute, too
+        by_field = {"accel": count - own_norms, "gyro": 2 * len(turned) - own, "gyro.bias": still, "gyro.g_sensitivity": still}
+        names = made.estimate.names
+        freedom = [max(by_field.get(name.partition("[")[0], by_field[name.partition(".")[0]]), 1.0) for name in names]
+        # with a prior the covariance is not rescaled by the residuals, because that would rescale the prior, too
+        own_size = _own_sizes(fit, names, rests) if options.prior is None else np.ones(len(names))
+        matrix = np.asarray(made.estimate.matrix) * own_size[:, None] * own_size[None, :]
+        missing = lacks(joint, rests) if _known_kind(fit.model) and bool(fit.usable) else []
+        for shift in [np.outer(lack.shift, lack.shift) for lack in missing] + ([] if lost is None else [lost]):
+            matrix = matrix + np.asarray(framed(fit.model, options.convention, placed(fit.names, shift, names))[1][0])
+        model, values = jax.tree.map(np.asarray, (made.model, made.estimate.values))
+        result = dataclasses.replace(
+            base, accel=model.accel, gyro=model.gyro, residual_norm=found.norm[:count], residual_turn=np.linalg.norm(turned, axis=1),
+            estimate=Estimate(names, values, matrix, freedom, made.estimate.states, quantities(self.raw)), residual_rest=rest,
+            sigma=joint.sigma, drift=drift, asked=tuple(dict.fromkeys(lack.term for lack in missing if lack.term is not None)),
+            down_weighted=(np.flatnonzero(weight[:count] < 0.5), np.flatnonzero(np.min(pairs, axis=1, initial=1) < 0.5)),
+            cost=0.5 * np.array([np.sum(found.norm[:count] ** 2), np.sum(turned**2) if len(turned) else np.nan]),
+        )  # fmt: skip
+        for code, change, unit in (
+            ("gyro_drift", drift * self.record.time[-1], "gyro"),
+            ("accel_drift", np.ptp(rests.time) * _force(fit.model, fit.model.accel_drift), "accel"),
+            ("accel_warm_up", _force(fit.model, fit.model.accel_warm_up), "accel"),
+        ):  # fmt: skip
+            if np.any(change):
+                notes.append(FINDINGS(code, unit, size=Quantity(float(np.abs(change).max()), unit)))
+        return judged(result, fit, options, notes, causes, [lack.finding for lack in missing])
+
+
+def _force(model: Imu, readings: Any) -> np.ndarray:
+    """A change of the accelerometer's readings in m/s^2; zero for None."""
+    return np.zeros(3) if readings is None else np.linalg.solve(np.asarray(model.accel.matrix), np.asarray(readings))
 
 
 def _known_kind(model: Imu) -> bool:
@@ -249,55 +293,3 @@ def _own_sizes(fit: Fit, names: tuple[str, ...], rests: Rests) -> np.ndarray:
     ratio = np.where(freedom < 1, 1.0, np.maximum(ratio, np.array([0.0, 0.0, float(uneven) / float(np.sqrt(np.asarray(fit.variance)))])))
     place = [0 if name.startswith("accel") else 2 if name.startswith(("gyro.bias", "gyro.g_sens")) else 1 for name in names]
     return ratio[place]
-
-
-def _result(
-    base: ImuFit,
-    joint: Joint,
-    rests: Rests,
-    needed: int,
-    options: Options,
-    notes: list[str],
-    explain: Callable[[], str | None],
-    lost: np.ndarray | None = None,
-) -> ImuFit:
-    """Make and judge the result of a fit, with or without a gyroscope."""
-    fit, found, slots, count = joint.fit, joint.found, rests.slots, len(rests.accel)
-    blocks = np.concatenate([np.arange(slots), np.repeat(slots + np.arange(slots - 1), 2), np.repeat(np.arange(slots), 3), [-1, -1]])
-    weight, gyro, drift = np.asarray(fit.weights), fit.model.gyro, np.zeros(3)
-    turned, rest, pairs, own = np.zeros((0, 3)), np.zeros((0, 3)), np.ones((0, 2)), 0
-    if gyro is not None and joint.data.turns is not None:
-        valid = np.isfinite(joint.data.turns.sigma)
-        turned, pairs = found.turned[valid], weight[slots : 3 * slots - 2].reshape(-1, 2)[valid]
-        rest = found.rest[:count] @ np.linalg.inv(gyro.matrix).T
-        own = count_of(freed(Imu(None, gyro), options.convention, g_sensitivity=False)) - 3
-        drift = drift if fit.model.drift is None else np.linalg.solve(gyro.matrix, fit.model.drift)
-    made = described(fit, joint.data, options.convention)
-    robust = framed(fit.model, options.convention, placed(fit.names, sandwich(fit, blocks[: len(weight)]), made.names))[1][0]
-    model = jax.tree.map(np.asarray, made.model)
-    result = dataclasses.replace(
-        base, accel=model.accel, gyro=model.gyro, residual_norm=found.norm[:count], residual_turn=np.linalg.norm(turned, axis=1),
-        residual_rest=rest, sigma=joint.sigma, drift=drift,
-        down_weighted=(np.flatnonzero(weight[:count] < 0.5), np.flatnonzero(np.min(pairs, axis=1, initial=1) < 0.5)),
-        cost=0.5 * np.array([np.sum(found.norm[:count] ** 2), np.sum(turned**2) if len(turned) else np.nan]),
-    )  # fmt: skip
-    if fit.model.accel_drift is not None:
-        size = np.abs(np.asarray(fit.model.accel_drift)).max() * np.ptp(rests.time)
-        notes = [*notes, f"The accelerometer's bias drifts by {size:.2g} over the recording, in readings; the bias is that of its middle."]
-    if fit.model.accel_warm_up is not None:
-        size = np.abs(np.asarray(fit.model.accel_warm_up)).max()
-        notes = [*notes, f"The accelerometer's bias warms up by {size:.2g} during the recording, in readings; the bias is the settled one."]
-    still = 3 * (count - 1 - 3 * options.g_sensitivity) if len(turned) else 0
-    own_norms = float(np.sum(np.asarray(leverage(fit))[:slots]))  # less than the number of parameters: turns contribute, too
-    by_field = {"accel": count - own_norms, "gyro": 2 * len(turned) - own, "gyro.bias": still, "gyro.g_sensitivity": still}
-    freedom = np.array([by_field.get(name.split("[")[0], by_field[name.split(".")[0]]) for name in result.names], dtype=float)
-    # with a prior the covariance is not rescaled by the residuals, because that would rescale the prior, too
-    own_size = _own_sizes(fit, made.names, rests) if options.prior is None else np.ones(len(made.names))
-    plain = np.asarray(made.covariance) * own_size[:, None] * own_size[None, :]
-    missing = lacks(joint, rests) if _known_kind(fit.model) and bool(fit.usable) else []
-    for shift in [np.outer(lack.shift, lack.shift) for lack in missing] + ([] if lost is None else [lost]):
-        plain = plain + np.asarray(framed(fit.model, options.convention, placed(fit.names, shift, made.names))[1][0])
-    plain, robust = (np.asarray(placed(made.names, np.asarray(matrix), result.names)) for matrix in (plain, robust))
-    asked = tuple(dict.fromkeys(lack.term for lack in missing if lack.term is not None))
-    result = dataclasses.replace(result, covariance=plain, robust_covariance=robust, degrees_of_freedom=freedom, asked=asked)
-    return finished(result, fit, options, notes, explain, [lack.sentence for lack in missing])

@@ -1,6 +1,7 @@
 """Lack of fit (host): named terms that the sensor model lacks, and their effect on the parameters."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -8,33 +9,34 @@ import jax
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._answer import Finding, Quantity
 from .._units import STANDARD_GRAVITY
+from ._findings import FINDINGS
 from ._fits import Joint
+from ._model import LEVEL
 from ._recording import Rests
 from ._residuals import pieces
 
-_LEVEL = 1e-3  # level of each F test; with eight tests, one in 125 recordings without such a term gives a false alarm
 _LEAST = 3  # least degrees of freedom to judge a term
 _ENOUGH = 8  # least degrees of freedom of the magnitudes to judge a term of the accelerometer without the turns
 _TWICE = 2.0  # smaller excess scatter of the magnitudes is ignored: flicker noise alone can cause it
 _ALIKE = 1.5  # terms whose sums of squares differ by less cannot be told apart
 _APART = 0.05  # least share of a term's effect, in length, that the parameters must be unable to reproduce
-_SENSORS = {"accel": "accelerometer", "gyro": "gyroscope"}
-#: term -> name in `jaxcal.imu.TERMS`
-_NAMES = {"a quadratic term": "quadratic", "a cubic term": "cubic", "an asymmetry of sign": "asymmetry", "a linear drift": "drift",
-          "a drift of a warm-up": "warm_up", "a term of the squared specific force": "g_squared"}  # fmt: skip
+#: term -> how a sentence names it
+_WORDS = {"quadratic": "a quadratic term", "cubic": "a cubic term", "asymmetry": "an asymmetry of sign", "drift": "a linear drift",
+          "warm_up": "a drift of a warm-up", "g_squared": ""}  # fmt: skip
 _NUDGE = 1e-3  # step of the finite difference, relative to the full term
 
 
 class Lack(eqx.Module):
     """A term that the model lacks.
 
-    shift : (p,) change of the fit's parameters that the term would cause. sentence : description for the user.
+    shift : (p,) change of the fit's parameters that the term would cause. finding : what to say about it.
     term : name by which the term can be added, or None.
     """
 
     shift: np.ndarray
-    sentence: str = eqx.field(static=True)
+    finding: Finding = eqx.field(static=True)
     term: str | None = eqx.field(static=True, default=None)
 
 
@@ -49,57 +51,57 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
     rows, slope = root * np.asarray(fit.residuals), root[:, None] * np.asarray(fit.jacobian)
     found = []
 
-    def judged(part: slice, own: np.ndarray, terms: dict[str, np.ndarray], size: Any, what: str, sensor: str) -> None:
+    def judged(
+        part: slice, own: np.ndarray, terms: dict[str, np.ndarray], sensor: str, said: Callable[[str, np.ndarray, str], Finding]
+    ) -> None:
         """Test the terms (n, q) on one kind of residual, together with the parameters `own` that these residuals determine."""
         here = np.any(slope[part] != 0, axis=1)
         best = _best(rows[part][here], slope[part][here][:, own], {name: (root[part, None] * x)[here] for name, x in terms.items()})
-        if best is None:
-            return
-        name, also, change, coefficient, level = best
-        shift = np.zeros(len(names))
-        shift[own] = change
-        kind = f"{name} {size(name, coefficient)}" + (f" (or {' or '.join(also)}, which these data cannot tell from it)" if also else "")
-        term = None if "drift" in name and joint.data.turns is None else f"{sensor}.{_NAMES[name]}"
-        add = (" Let the sensor warm up." if "drift" in name else "") + (f" Add it by its name, {term}." if term else "")
-        told = f"The {what} ask for {kind} of the {_SENSORS[sensor]}, which the model lacks (p = {max(level, 1e-300):.1g})"
-        found.append(Lack(shift, f"{told}; the intervals count what it would change.{add}", term))
+        if best is not None:
+            name, also, change, coefficient = best
+            shift = np.zeros(len(names))
+            shift[own] = change
+            drift = joint.data.turns is None and name in ("drift", "warm_up")
+            words = " or ".join(_WORDS[one] for one in (name, *also))
+            found.append(Lack(shift, said(name, np.abs(coefficient), words), None if drift else f"{sensor}.{name}"))
 
     # the magnitude is gravity, not the measured one, because the error of the measured one is the residual itself
-    force = joint.found.vertical * float(joint.data.gravity)
-    duration = max(float(np.ptp(rests.time)), 1e-9)
+    force, at_1g = joint.found.vertical * float(joint.data.gravity), Quantity(STANDARD_GRAVITY, "accel")
 
-    def norm_size(name: str, coefficient: np.ndarray) -> str:
-        if "drift" in name:
-            return f"of {1e3 * np.abs(coefficient).max() / STANDARD_GRAVITY:.2g} mg over the recording"
-        return f"of {1e3 * np.abs(coefficient).max() / STANDARD_GRAVITY:.2g} mg at 1 g"
+    def of_norms(name: str, coefficient: np.ndarray, words: str) -> Finding:
+        code, size = "lack_drift" if name in ("drift", "warm_up") else "lack_accel", Quantity(float(coefficient.max()), "accel")
+        return FINDINGS(code, "accel", cost=size.value, what=what, term=words, size=size, at=at_1g)
 
     norms, own = slice(0, slots), np.char.startswith(names, "accel")
     left = int(np.sum(np.any(slope[norms] != 0, axis=1)) - np.linalg.matrix_rank(slope[norms][:, own])) - 3
-    shapes = _shapes(force, rests, duration)
+    shapes = _shapes(force, rests, max(float(np.ptp(rests.time)), 1e-9))
     terms, what = _norm_terms(joint, shapes), "poses"
     if left < _ENOUGH and joint.data.turns is not None:
         # few poses: use the turns as well, because an error of a vertical also appears in the turns before and after it
         norms, own = slice(0, 3 * slots - 2), own | np.char.startswith(names, "gyro.matrix")
         terms = {name: np.concatenate([x, _between(joint, shapes[name])]) for name, x in terms.items()}
         what = "poses and turns"
-    judged(norms, own, terms, norm_size, what, "accel")
+    judged(norms, own, terms, "accel", of_norms)
     if joint.data.turns is None:
         return found or _scattered(joint, rests, len(rests.accel) - int(np.sum(own)), left)
-    fast = float(np.quantile(np.abs(joint.data.turns.gyro - np.asarray(fit.model.gyro.bias)) / _scale(fit.model.gyro), 0.999))
-    judged(
-        slice(slots, 3 * slots - 2), np.char.startswith(names, "gyro.matrix"), _turn_terms(joint, fast),
-        lambda name, coefficient: f"of {100 * np.abs(coefficient).max():.2g} % of the rate at {np.rad2deg(fast):.3g} deg/s",
-        "turns", "gyro",
-    )  # fmt: skip
+    scale = np.abs(np.diag(np.asarray(fit.model.gyro.matrix)))
+    fast = float(np.quantile(np.abs(joint.data.turns.gyro - np.asarray(fit.model.gyro.bias)) / scale, 0.999))
+
+    def of_turns(name: str, coefficient: np.ndarray, words: str) -> Finding:
+        size = fast * float(coefficient.max())
+        return FINDINGS("lack_gyro", "gyro", cost=size, term=words, size=Quantity(size, "gyro"), at=Quantity(fast, "gyro"))
+
+    judged(slice(slots, 3 * slots - 2), np.char.startswith(names, "gyro.matrix"), _turn_terms(joint, fast), "gyro", of_turns)
     # the axes of the rates at rest are independent, so each is tested separately
+    still = ~(np.char.startswith(names, "accel") | np.char.startswith(names, "gyro.matrix"))
     for axis in range(3):
         squared = force[:, axis] ** 2 / STANDARD_GRAVITY**2 / np.asarray(joint.data.poses.gyro_sigma)[:, axis]
-        judged(
-            slice(3 * slots - 2 + axis, 6 * slots - 2, 3), ~(np.char.startswith(names, "accel") | np.char.startswith(names, "gyro.matrix")),
-            {"a term of the squared specific force": squared[:, None]},
-            lambda name, coefficient: f"of {np.rad2deg(np.abs(coefficient / _scale(fit.model.gyro)).max()):.2g} deg/s at 1 g",
-            "still rates", "gyro",
-        )  # fmt: skip
+
+        def of_rests(name: str, coefficient: np.ndarray, words: str, axis: int = axis) -> Finding:
+            size = float(np.max(coefficient / scale))
+            return FINDINGS("lack_g_squared", f"gyro_{'xyz'[axis]}", cost=size, size=Quantity(size, "gyro"), at=at_1g)
+
+        judged(slice(3 * slots - 2 + axis, 6 * slots - 2, 3), still, {"g_squared": squared[:, None]}, "gyro", of_rests)
     return found
 
 
@@ -111,17 +113,9 @@ def _scattered(joint: Joint, rests: Rests, freedom: int, left: int) -> list[Lack
     known = rests.norm_variance(joint.found.vertical[:count] @ np.linalg.inv(np.asarray(joint.fit.model.accel.matrix)))
     square = float(np.sum(joint.found.norm[:count] ** 2 / known))
     ratio = np.sqrt(square / freedom)
-    if ratio < _TWICE or scipy.special.chdtrc(freedom, square) > _LEVEL:
+    if ratio < _TWICE or scipy.special.chdtrc(freedom, square) > LEVEL:
         return []
-    said = (
-        f"The norms scatter {ratio:.2g} times as much as the noise inside the rests explains: the sensor drifts, moves or is not linear. "
-        f"{count} poses cannot tell which; hold it in 18 to 24."
-    )
-    return [Lack(np.zeros(len(joint.fit.names)), said)]
-
-
-def _scale(triad: Any) -> np.ndarray:
-    return np.abs(np.diag(np.asarray(triad.matrix)))
+    return [Lack(np.zeros(len(joint.fit.names)), FINDINGS("scatter_unexplained", "accel", ratio=ratio, poses=count))]
 
 
 def _shapes(force: np.ndarray, rests: Rests, duration: float) -> dict[str, np.ndarray]:
@@ -131,8 +125,7 @@ def _shapes(force: np.ndarray, rests: Rests, duration: float) -> dict[str, np.nd
     time[:count, 0] = (rests.time - rests.time.min()) / duration
     size, one = np.abs(force) / g, np.ones((1, 3))
     return {
-        "a quadratic term": size**2, "a cubic term": force / g * size**2, "an asymmetry of sign": size, "a linear drift": time * one,
-        "a drift of a warm-up": np.exp(-4 * time) * one,
+        "quadratic": size**2, "cubic": force / g * size**2, "asymmetry": size, "drift": time * one, "warm_up": np.exp(-4 * time) * one,
     }  # fmt: skip
 
 
@@ -159,7 +152,7 @@ def _turn_terms(joint: Joint, fast: float) -> dict[str, np.ndarray]:
     rate = (turns.gyro - gyro.bias) / scale / fast
     slots = len(turns.sigma) + 1
     terms = {}
-    for name, part in (("a cubic term", rate**3), ("an asymmetry of sign", np.abs(rate)), ("a quadratic term", rate**2)):
+    for name, part in (("cubic", rate**3), ("asymmetry", np.abs(rate)), ("quadratic", rate**2)):
         columns = []
         for axis in range(3):
             nudged = turns.gyro.copy()
@@ -171,8 +164,8 @@ def _turn_terms(joint: Joint, fast: float) -> dict[str, np.ndarray]:
     return terms
 
 
-def _best(r: np.ndarray, own: np.ndarray, terms: dict[str, np.ndarray]) -> tuple[str, list[str], np.ndarray, np.ndarray, float] | None:
-    """The term with the smallest remaining residuals; equally good terms, the parameter change, the coefficients, the F test's level."""
+def _best(r: np.ndarray, own: np.ndarray, terms: dict[str, np.ndarray]) -> tuple[str, list[str], np.ndarray, np.ndarray] | None:
+    """The significant term with the smallest remaining residuals; equally good terms, the parameter change, the coefficients."""
     count = next(iter(terms.values())).shape[1]
     freedom = len(r) - np.linalg.matrix_rank(own) - count
     if freedom < _LEAST:
@@ -188,10 +181,10 @@ def _best(r: np.ndarray, own: np.ndarray, terms: dict[str, np.ndarray]) -> tuple
     ratio = (np.sum(plain**2) - np.sum(left**2)) / count / max(np.sum(left**2) / freedom, 1e-300)
     level = float(scipy.special.fdtrc(count, freedom, ratio))
     # the term must also improve the leave-one-out prediction
-    if level >= _LEVEL or _predicted(left, np.concatenate([own, terms[name]], axis=1)) >= _predicted(plain, own):
+    if level >= LEVEL or _predicted(left, np.concatenate([own, terms[name]], axis=1)) >= _predicted(plain, own):
         return None
     also = [key for key, (other, _) in tried.items() if key != name and np.sum(other**2) < _ALIKE * np.sum(left**2)]
-    return name, also, solution[:-count], solution[-count:], level
+    return name, also, solution[:-count], solution[-count:]
 
 
 def _left(r: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,13 +4,13 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-import scipy  # loads its parts when they are first used
 
+from .._answer import Finding, Quantity, Result, Section, by_axis
 from .._arrays import skew
 from .._errors import DataError
 from .._precision import host_float64
-from .._results import Result, Row
-from .._types import AnyArray
+from ..fitting import Estimate
+from ._findings import FINDINGS
 from ._model import Imu
 from ._recording import means, recording
 from ._rests import given_rests
@@ -26,14 +26,12 @@ class Motion(Result):
     Attributes
     ----------
     delay : delay of the gyroscope relative to the accelerometer, s; positive if the gyroscope is later.
-    delay_interval : (2,) limits of the 95 % confidence interval.
     lever_arm : (3, 3) m: row i is the position of accelerometer axis i relative to the centre of the turns. Differences between rows are
         the distances between the axes.
-    lever_arm_interval : (3, 3, 2) limits of the 95 % confidence intervals.
+    estimate : `jaxcal.fitting.Estimate` of "delay" and "lever_arm[i,j]".
     turns : number of turns.
     residual : rms of the remaining specific force, m/s^2: linear acceleration of the hand.
-    verdict : "good", or "weak" if the half-width of the delay's interval is one sample period or more.
-    reason : one or more sentences that explain the verdict. warnings : further sentences.
+    findings : what to know about the estimate; the worst one gives the `verdict`.
 
     Examples
     --------
@@ -46,23 +44,29 @@ class Motion(Result):
     (17, (3, 3))
     """
 
-    delay: float
-    delay_interval: AnyArray
-    lever_arm: AnyArray
-    lever_arm_interval: AnyArray
+    estimate: Estimate
     turns: int
     residual: float
-    verdict: str = eqx.field(static=True)
-    reason: str = eqx.field(static=True)
-    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
-    def _rows(self) -> list[Row]:
-        low, high = self.delay_interval
-        rows = [Row("delay of the gyroscope", self.delay, low, high, "s")]
-        for i, j in np.ndindex(3, 3):
-            low, high = self.lever_arm_interval[i, j]
-            rows.append(Row(f"arm of axis {'xyz'[i]} along {'xyz'[j]}", self.lever_arm[i, j], low, high, "m"))
-        return rows
+    @property
+    def delay(self) -> float:
+        """Delay of the gyroscope relative to the accelerometer, s."""
+        return float(self.estimate["delay"].value)
+
+    @property
+    def lever_arm(self) -> np.ndarray:
+        """(3, 3) positions of the accelerometer's axes, m."""
+        return np.asarray(self.estimate.select("lever_arm*").values).reshape(3, 3)
+
+    @property
+    def headline(self) -> str:
+        """The delay, with half of its 95 % interval."""
+        return f"gyroscope {1e3 * self.delay:.2g} ± {1e3 * self.estimate['delay'].half:.2g} ms later than the accelerometer"
+
+    def sections(self) -> list[Section]:
+        """The delay, and the lever arm of each axis of the accelerometer."""
+        return [by_axis("motion", "delay and lever arms", self.estimate.numbers(), {"delay": "delay of the gyroscope"})]
 
 
 @host_float64
@@ -112,9 +116,9 @@ def motion(log: Any, found: ImuFit | Imu, *, gravity: float | int | None = None,
             rests = np.stack([found.still.start, found.still.stop], axis=1)
         found = Imu(found.accel, found.gyro)
     if found.accel is None or found.gyro is None:
-        raise DataError("There is no calibrated gyroscope; delay and lever arms need both sensors.")
+        raise DataError("There is no calibrated gyroscope; delay and lever arms need both sensors.", code="no_gyro")
     if gravity is None or rests is None:
-        raise DataError("Give gravity= and rests=, or the ImuFit of the log, which has both.")
+        raise DataError("Give gravity= and rests=, or the ImuFit of the log, which has both.", code="no_rests")
     record, size = recording(log, None), float(gravity)
     start, stop = given_rests(rests, len(record.time))
     readings = np.asarray(record.bridged)
@@ -135,17 +139,12 @@ def motion(log: Any, found: ImuFit | Imu, *, gravity: float | int | None = None,
     whole = np.linalg.solve(inner.sum(axis=0), right.sum(axis=0))
     without = np.linalg.solve(inner.sum(axis=0) - inner, (right.sum(axis=0) - right)[..., None])[..., 0]
     error = np.sqrt((count - 1) / count * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
-    half = scipy.special.stdtrit(count - 1, 0.975) * error
-    interval = np.stack([whole - half, whole + half], axis=1)
+    names = ("delay", *(f"lever_arm[{i},{j}]" for i in range(3) for j in range(3)))
+    estimate = Estimate(names, whole, np.diag(error**2), count - 1, None, {"delay": "delay", "lever_arm": "length"})
     left = square.sum() - whole @ right.sum(axis=0)
-    sure = half[0] < 1 / record.rate
-    text = f"The gyroscope is {1e3 * whole[0]:.2g} ms later than the accelerometer, to {1e3 * half[0]:.2g} ms"
-    if not interval[0, 0] > 0 and not interval[0, 1] < 0:
-        text = f"Gyroscope and accelerometer are not apart in time by more than {1e3 * np.abs(interval[0]).max():.2g} ms"
-    return Motion(
-        float(whole[0]), interval[0], whole[1:].reshape(3, 3), interval[1:].reshape(3, 3, 2), count,
-        float(np.sqrt(max(left, 0.0) / number.sum())), "good" if sure else "weak", f"{text}.",
-    )  # fmt: skip
+    half = estimate["delay"].half
+    findings = () if half < 1 / record.rate else (FINDINGS("delay_unsure", cost=half, half=Quantity(half, "delay")),)
+    return Motion(estimate, count, float(np.sqrt(max(left, 0.0) / number.sum())), findings)
 
 
 def _products(time: np.ndarray, force: np.ndarray, rate: np.ndarray, up: np.ndarray, gravity: float) -> tuple[Any, ...]:

@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from .._answer import Finding, Quantity
 from .._arrays import power_of_two
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from ..fitting import AbstractLoss, Fit, Huber, leverage
 from . import _fits, _recording
 from ._estimate import solved, started
+from ._findings import FINDINGS
 from ._fits import Options
 from ._joint import Job, count_of
 from ._known import checked_gravity
@@ -21,7 +23,7 @@ from ._nonlinear import with_terms
 from ._prior import known_of, prior_of
 from ._recording import Recording
 from ._rests import Ends, Multiples, StillIntervals, Windows, given_rests
-from ._result import ImuFit
+from ._result import ImuFit, assumed_gravity
 
 METHODS = ("joint", "imu_tk")
 MODELS = ("full", "diagonal")
@@ -35,7 +37,7 @@ _TYPICAL = 0.01  # m/s^2: assumed error of a magnitude, to weight a prior before
 def multi_position(
     log: Any,
     *,
-    gravity: float | int,
+    gravity: float | int | None = None,
     convention: str = "upper",
     method: str = "joint",
     model: Any = "full",
@@ -70,7 +72,7 @@ def multi_position(
     log : `jaxcal.Log` with 18 to 50 poses of 3 s or more: six faces, twelve edges and some corners, with turns of 45 to 180 degrees
         between them. Begin with a rest of 30 s, which shows the gyroscope's bias. Missing samples shorten a rest; in a turn, short gaps
         are interpolated.
-    gravity : local gravity, m/s^2; see `jaxcal.imu.gravity`.
+    gravity : local gravity, m/s^2; see `jaxcal.imu.gravity`. None takes standard gravity, which may be wrong by 0.3 %, as a finding says.
     convention : frame of the result, "upper", "lower" or "full" (see `turned_to`); all describe the same calibration.
     method : "joint", or "imu_tk" for the two-step fit of that program, with its thresholds, weights and fixed bias.
     model : "full" (9 accelerometer parameters) or "diagonal" (scale and bias only, 6 poses suffice). Or a model of your own, from which
@@ -89,8 +91,9 @@ def multi_position(
     time : (n,) time stamps in s, to use instead of the log's even grid.
     rests : (k, 2) first sample of each rest, and the sample after its last one, if you know them; None detects them.
     held_out : whether to fit twice more, each time without half of the poses and turns, to compute `held_out` of the result.
-    terms : names of further terms from `jaxcal.imu.TERMS`, such as ["accel.quadratic"]. "auto" adds each term for which both the F test
-        and the held-out residuals give evidence.
+    terms : names of further terms, such as ["accel.quadratic"]: accel or gyro with quadratic, cubic or asymmetry (see `Nonlinear`),
+        "gyro.g_squared", "accel.drift", "accel.warm_up". "auto" adds each term for which both the F test and the held-out residuals give
+        evidence.
     prior : earlier knowledge of the device. Either a data sheet as standard deviations, {"accel": {"scale": 0.03, "misalignment": 0.01,
         "bias": 0.6}, "gyro": {"scale": 0.03, "misalignment": 0.01, "bias": 0.3, "g_sensitivity": 2e-4}} (relative, rad, SI); or an earlier
         `ImuFit` or `Calibration`, whose parameters except the biases are used with their covariance. Fewer poses then suffice.
@@ -125,36 +128,30 @@ def multi_position(
             "held_out": held_out, "prior": prior,
         }  # fmt: skip
         return _with_asked(multi_position(log, **told, threshold=threshold, rests=rests), partial(multi_position, log, **told))
+    gravity, assumed = assumed_gravity(gravity)
     options = _checked(log, gravity, convention, method, model, g_sensitivity, loss, latitude, noise, raw, terms, prior)
     record = _recording.recording(log, time)
-    empty = ImuFit(
-        rate=record.rate, gravity=options.gravity, temperature=record.temperature, verdict="refused", reason="", convention=convention,
-        method=method,
-    )  # fmt: skip
+    base = ImuFit(record.rate, options.gravity, record.temperature, convention, method, assumed)
     if not raw and (wrong := _recording.wrong_units(record.accel, options.gravity)):
-        return dataclasses.replace(empty, reason=wrong)
+        return _with_finding(base, wrong)
     if method == "imu_tk":
         if record.gyro is None:
             raise DataError("method='imu_tk' needs a gyroscope; leave it out for an accelerometer alone")
         if model != "full" or latitude is not None or noise is not None:
-            raise DataError("method='imu_tk' has none of model, latitude and noise; leave them out, or take method='joint'")
+            raise DataError("method='imu_tk' has none of model, latitude and noise; leave them out, or take method='joint'", code="imu_tk")
     start = started(None if isinstance(model, str) else model, record.gyro is not None, latitude is not None)
     start = with_terms(start, (terms,) if isinstance(terms, str) else terms)
     needed = max(count_of(freed(Imu(start.accel), convention, options.misalignment)) - known_of(options.prior), _FEWEST)
     windows = Windows(record.accel, record.gyro if method == "joint" else None, record.rate, window, initial, least)
     tried = windows.tried(threshold, method == "joint") if rests is None else {(np.inf, np.inf): given_rests(rests, len(record.time))}
-    base = dataclasses.replace(empty, still=windows.intervals(np.inf, chosen=threshold))
+    base = dataclasses.replace(base, still=windows.intervals(np.inf, chosen=threshold))
     if moved := windows.moved():
-        return dataclasses.replace(base, reason=moved)
+        return _with_finding(base, moved)
     usable = {pair: ends for pair, ends in tried.items() if len(ends[0]) >= needed}
     if not usable:
-        most = max(len(ends[0]) for ends in tried.values())
-        name = model if isinstance(model, str) else type(start.accel).__name__
-        reason = (
-            f"There are {most} still intervals; the {name} model needs {needed} at least, 18 to 24 are advised: hold it still for "
-            f"{max(2.0, 2 * float(least)):g} s on each face and edge, and some corners."
-        )
-        return dataclasses.replace(base, reason=reason)
+        most, name = max(len(ends[0]) for ends in tried.values()), model if isinstance(model, str) else type(start.accel).__name__
+        rest = Quantity(max(2.0, 2 * float(least)), "time")
+        return _with_finding(base, FINDINGS("few_rests", count=most, model=name, needed=needed, least=rest))
     if method == "imu_tk":
         # a rest may lack up to half a window
         assert record.gyro is not None
@@ -178,10 +175,11 @@ def _with_asked(found: ImuFit, again: Callable[..., ImuFit]) -> ImuFit:
         terms = (*terms, *found.asked)
         rests = np.stack([found.still.start, found.still.stop], axis=1)
         found = again(rests=rests, terms=terms)
-    if terms:
-        said = f"The log asked for {', '.join(terms)}, which the model now has."
-        found = dataclasses.replace(found, warnings=(*found.warnings, said))
-    return found
+    return dataclasses.replace(found, findings=(*found.findings, FINDINGS("terms_added", terms=", ".join(terms)))) if terms else found
+
+
+def _with_finding(base: ImuFit, new: Finding) -> ImuFit:
+    return dataclasses.replace(base, findings=(*base.findings, new))
 
 
 def _norm_fits(
@@ -225,11 +223,7 @@ def _cheapest(table: np.ndarray, usable: dict[Multiples, Ends], base: ImuFit, wi
     pair = list(usable)[cheapest]
     result = _with(base, windows.intervals(pair[1], chosen=pair[0]), usable[pair], table, np.full(len(table), np.nan))
     if table[cheapest, 4] > 1.2 * table[least, 4]:
-        said = (
-            f"The smallest total cost is at {table[cheapest, 0]:g} times the variance at rest, where poses left out fit worse than at "
-            f"{table[least, 0]:g} times: a total cost favours fewer intervals."
-        )
-        result = dataclasses.replace(result, warnings=(*result.warnings, said))
+        result = _with_finding(result, FINDINGS("cheapest", chosen=table[cheapest, 0], better=table[least, 0]))
     return pair, result
 
 
@@ -238,22 +232,27 @@ def _checked(log, gravity, convention, method, model, g_sensitivity, loss, latit
         raise DataError("`multi_position` decides on the host and cannot be traced; take `imu.estimate`, which can.")
     for name, value, known in (("convention", convention, CONVENTIONS), ("method", method, METHODS)):
         if value not in known:
-            raise DataError(f"There is no {name} {value!r}; known are {', '.join(map(repr, known))}.")
+            raise DataError(f"There is no {name} {value!r}; known are {', '.join(map(repr, known))}.", code="option")
     if not (model in MODELS if isinstance(model, str) else isinstance(model, (Triad, Imu))):
-        raise DataError(f"There is no model {model!r}; known are 'full' and 'diagonal', or give a Triad or an Imu.")
+        raise DataError(f"There is no model {model!r}; known are 'full' and 'diagonal', or give a Triad or an Imu.", code="option")
     if convention == "full" and not (isinstance(model, str) or Imu(model).plain):
-        raise DataError("A subclass of Triad cannot be turned into the frame 'full'; take convention='upper' or 'lower'.")
+        raise DataError(
+            "A subclass of Triad cannot be turned into the frame 'full'; take convention='upper' or 'lower'.", code="full_of_own_model"
+        )
     if not isinstance(loss, AbstractLoss | None):
-        raise DataError(f"There is no loss {loss!r}; give one of jaxcal.fitting, such as Huber(), or None.")
+        raise DataError(f"There is no loss {loss!r}; give one of jaxcal.fitting, such as Huber(), or None.", code="option")
     if latitude is not None and not abs(float(latitude)) <= np.pi / 2:
-        raise DataError(f"latitude={latitude:g} rad lies beyond a pole; degrees must be multiplied by pi/180")
+        raise DataError(f"latitude={latitude:g} rad lies beyond a pole; degrees must be multiplied by pi/180", code="latitude")
     known = prior_of(prior)
     if known is not None and (method != "joint" or (raw and isinstance(prior, Mapping))):
         raise DataError(
-            "A prior goes with method='joint', and a data sheet with readings in SI units; leave out prior=, or method= or raw=."
+            "A prior goes with method='joint', and a data sheet with readings in SI units; leave out prior=, or method= or raw=.",
+            code="prior",
         )
     if len(terms) and (method != "joint" or convention == "full"):
-        raise DataError("Further terms go with method='joint' and convention='upper' or 'lower'; leave out terms=, or the others.")
+        raise DataError(
+            "Further terms go with method='joint' and convention='upper' or 'lower'; leave out terms=, or the others.", code="term"
+        )
     return Options(
         checked_gravity(gravity), convention, method, bool(g_sensitivity), model != "diagonal", loss, _fits.coefficients(noise, "accel"),
         _fits.coefficients(noise, "gyro"), None if latitude is None else float(latitude), known,

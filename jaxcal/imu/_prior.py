@@ -9,14 +9,14 @@ import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._types import Array
-from ..fitting import AbstractPrior, Fit, identifiability
+from ..fitting import AbstractPrior, Estimate, Fit, identifiability
 from ._estimate import turned
-from ._model import Imu, Triad
+from ._model import Imu, Triad, entries, values
 
 _SHEET = {"accel": ("scale", "misalignment", "bias"), "gyro": ("scale", "misalignment", "bias", "g_sensitivity")}
 _FIELDS = ("matrix", "bias", "g_sensitivity")
-_SIZE = 21
-CONFLICT = 1e-3  # level of the test whether prior and data contradict each other
+_PARTS = {"accel": _FIELDS[:2], "gyro": _FIELDS}  # fields that are parameters
+_SIZE = sum({"matrix": 9, "bias": 3, "g_sensitivity": 9}[name] for name in _FIELDS)
 _FLAT = 1e-12  # eigenvalues below this share of the largest are rounding errors
 
 
@@ -72,45 +72,38 @@ def prior_of(source: Any) -> Prior | None:
             continue
         covariance = _covariance(held, part, sensor)
         if covariance is None:
-            raise DataError(f"The earlier calibration has no covariance of {sensor}; calibrate again, or give a data sheet as prior.")
+            raise DataError(
+                f"The earlier calibration has no covariance of {sensor}; calibrate again, or give a data sheet as prior.", code="prior"
+            )
         models[sensor], known[sensor] = Triad(*(np.asarray(getattr(model, name)) for name in _FIELDS)), covariance
     if "accel" not in models:
-        raise DataError(f"prior is a {type(source).__name__}; expected a data sheet (a dictionary), an ImuFit or a Calibration with imu")
+        raise DataError(
+            f"prior is a {type(source).__name__}; expected a data sheet (a dictionary), an ImuFit or a Calibration with imu", code="prior"
+        )
     imu = Imu(models["accel"], models.get("gyro"))
-    size = 33 if "gyro" in known else 12
-    matrix = np.zeros((size, size))
-    matrix[:12, :12] = known["accel"]
-    if "gyro" in known:
-        matrix[12:, 12:] = known["gyro"]
+    matrix = scipy.linalg.block_diag(*known.values())
     if np.any(np.tril(np.asarray(imu.accel.matrix), -1)):
         imu, (matrix,) = turned(imu, "upper", matrix)
-    return Prior(
-        *(
-            _known(getattr(imu, sensor), np.asarray(matrix)[part, part])
-            for sensor, part in (("accel", slice(0, 12)), ("gyro", slice(12, 33)))
-        )
-    )
+    whole = Estimate(entries(imu)[0], values(imu), np.asarray(matrix))
+    return Prior(**{sensor: _known(getattr(imu, sensor), whole.select(f"{sensor}.*")) for sensor in known})
 
 
 def _covariance(held: Any, part: Any, sensor: str) -> np.ndarray | None:
-    """Covariance, (21, 21) or (12, 12) for an accelerometer, from a fit or from a part of a calibration; None if it has none."""
-    count = 12 if sensor == "accel" else 21
-    if hasattr(held, "degrees_of_freedom"):
-        first = 0 if sensor == "accel" else 12
-        whole = np.asarray(held.covariance)[first : first + count, first : first + count]
-        return whole if np.isfinite(whole).all() else None
+    """Covariance of a sensor's parameters from a fit or from a part of a calibration; None if it has none."""
+    names = [f"{name}[{','.join(map(str, i))}]" for name in _PARTS[sensor] for i in np.ndindex((3,) if name == "bias" else (3, 3))]
+    if hasattr(held, "estimate"):
+        matrix = held.estimate.covariance[[f"{sensor}.{name}" for name in names]].array
+        return matrix if np.isfinite(matrix).all() else None
     stored = getattr(part, "covariance", None)
-    return None if stored is None or len(stored.values) < count else np.asarray(stored.values)[:count, :count]
+    return None if stored is None else stored.of(names)
 
 
-def _known(triad: Triad | None, covariance: np.ndarray) -> Any:
+def _known(triad: Triad, known: Estimate) -> Any:
     """Mean and root of a sensor's parameters except the bias."""
-    if triad is None:
-        return None
-    error = np.sqrt(np.diag(covariance))
+    error = known.error
     # leave out the biases, and the fixed parameters, whose error is zero
-    taken = np.flatnonzero((error > 0) & ~np.isin(np.arange(len(covariance)), (9, 10, 11)))
-    scaled = covariance[np.ix_(taken, taken)] / np.outer(error[taken], error[taken])
+    taken = np.array([i for i, name in enumerate(known.names) if error[i] > 0 and ".bias" not in name])
+    scaled = np.asarray(known.matrix)[np.ix_(taken, taken)] / np.outer(error[taken], error[taken])
     values, vectors = np.linalg.eigh(scaled)
     kept = values > _FLAT * values[-1]
     root = np.zeros((_SIZE, _SIZE))
@@ -122,10 +115,10 @@ def _of_sheet(sheet: Mapping[str, Any]) -> Prior:
     found: dict[str, Any] = {}
     for sensor, given in sheet.items():
         if sensor not in _SHEET or not isinstance(given, Mapping) or set(given) - set(_SHEET[sensor]):
-            raise DataError(f"prior has {sensor!r}: {given!r}; expected accel and gyro with {', '.join(_SHEET['gyro'])}")
+            raise DataError(f"prior has {sensor!r}: {given!r}; expected accel and gyro with {', '.join(_SHEET['gyro'])}", code="prior")
         sizes = {name: float(value) for name, value in given.items()}
         if not all(np.isfinite(size) and size > 0 for size in sizes.values()):
-            raise DataError(f"prior of {sensor} has {sizes}; expected standard deviations above zero, in SI units")
+            raise DataError(f"prior of {sensor} has {sizes}; expected standard deviations above zero, in SI units", code="prior")
         aside = np.ones((3, 3), dtype=bool) if sensor == "gyro" else np.triu(np.ones((3, 3), dtype=bool))
         scale = np.where(np.eye(3, dtype=bool), 1 / sizes.get("scale", np.inf), aside / sizes.get("misalignment", np.inf))
         bias, cross = (np.full(count, 1 / sizes.get(name, np.inf)) for count, name in ((3, "bias"), (9, "g_sensitivity")))

@@ -1,20 +1,22 @@
-"""`rate_test`: calibrate a gyroscope from the raw log of a rate table; `scale_figures`: deviations from a straight line, in ppm."""
+"""`rate_test`: calibrate a gyroscope from the raw log of a rate table."""
 
 import re
 from typing import Any
 
 import equinox as eqx
 import numpy as np
-import scipy  # loads its parts when they are first used
 
+from .._answer import Finding, Grid, Message, Quantity, Result, Section, by_axis
 from .._errors import DataError
 from .._precision import host_float64
-from .._results import Result, Row
 from .._types import AnyArray
+from ._findings import FINDINGS
 from ._known import TriadFit, rate_table
 from ._model import Triad
 from ._recording import means
 from ._rests import static_intervals
+from ._result import LABELS
+from ._scale import ScaleFigures, figure_numbers, scale_figures
 from ._session import Region, listed
 
 _AXES = "xyz"
@@ -22,148 +24,8 @@ _AXES = "xyz"
 _MULTIPLES = (4, 10, 30, 100, 300, 1000)
 _TOLERANCE = 0.2  # relative error that an uncalibrated rate may have
 _PIECES = 8
-_LEAST_REPEATS = 6  # with at least so many degrees of freedom, the scatter of repeated rates replaces `sigma`
 _COLLINEAR = 1e-2
 _LABEL = re.compile(r"([xyz])[ _]*([+-]?\d+(?:\.\d+)?)|(rest|still|pose|static)[ _-]?\d*", re.IGNORECASE)
-_PPM = 1e6
-
-
-class ScaleFigures(eqx.Module):
-    """Deviations of one axis from a straight line, in ppm; NaN for a figure that the inputs cannot show.
-
-    Attributes
-    ----------
-    scale, offset : least-squares line: reading per input, and reading at zero input.
-    nonlinearity : largest deviation of the mean at any input from the line, relative to the output at the largest input.
-    nonlinearity_noise : nonlinearity that noise alone exceeds in one of twenty tests.
-    asymmetry : scale for positive inputs minus that for negative inputs, relative to their mean.
-    asymmetry_interval : (2,) limits of the 95 % confidence interval.
-    repeatability : standard deviation of the reading when an input is set again, relative to the output at the largest input.
-    hysteresis : largest difference at one input between approach from below and from above, relative to the output at the largest input.
-    hysteresis_noise : hysteresis that noise alone exceeds in one of twenty tests.
-    residual : (m,) reading minus the line, relative to the output at the largest input, ppm.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from jaxcal.imu import scale_figures
-    >>> rate = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
-    >>> found = scale_figures(rate, 1.01 * rate + 1e-4 * rate**3, sigma=1e-6)
-    >>> round(float(found.scale), 3), round(float(found.nonlinearity))
-    (1.01, 119)
-    """
-
-    scale: float
-    offset: float
-    nonlinearity: float
-    nonlinearity_noise: float
-    asymmetry: float
-    asymmetry_interval: AnyArray
-    repeatability: float
-    hysteresis: float
-    hysteresis_noise: float
-    residual: AnyArray
-
-
-def _reach(freedom: float, number: int) -> float:
-    """Size that the largest of `number` independent deviations exceeds with a probability of 5 %."""
-    return float(scipy.special.stdtrit(freedom, 0.5 + 0.95 ** (1 / max(number, 1)) / 2))
-
-
-@host_float64
-def scale_figures(inputs: Any, readings: Any, sigma: Any = None) -> ScaleFigures:
-    r"""Compute nonlinearity, asymmetry, repeatability and hysteresis of one axis, in ppm.
-
-    .. math:: y_i = K\,x_i + y_0 + r_i,\qquad \text{nonlinearity} = \frac{\max_x|\bar r(x)|}{K\max|x|},\qquad
-              \text{asymmetry} = \frac{2 (K_+ - K_-)}{K_+ + K_-}
-
-    Parameters
-    ----------
-    inputs : (m,) rates or specific forces, in the order in which they were set, because hysteresis depends on the order. Repeated inputs
-        show the repeatability.
-    readings : (m,) mean readings.
-    sigma : standard deviation of a mean reading, one or (m,); used if few inputs were repeated (less than 6 repetitions).
-
-    Returns
-    -------
-    ScaleFigures
-
-    Raises
-    ------
-    DataError
-        If there are fewer than three different inputs, or neither repeated inputs nor `sigma` to give the noise.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from jaxcal.imu import scale_figures
-    >>> rate = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
-    >>> found = scale_figures(rate, 1.01 * rate + 1e-4 * rate**3, sigma=1e-6)
-    >>> print(round(found.nonlinearity), round(found.asymmetry))
-    119 0
-
-    References
-    ----------
-    IEEE Std 952-1997 and Std 1431-2004 (scale factor tests), Std 1293-1998, and Std 528 for the words.
-    """
-    x, y = (np.asarray(part, dtype=float) for part in (inputs, readings))
-    if x.ndim != 1 or x.shape != y.shape or not (np.isfinite(x).all() and np.isfinite(y).all()):
-        raise DataError(f"inputs have shape {x.shape}, readings {y.shape}; expected finite numbers, (m,) both")
-    levels, which, number = np.unique(x, return_inverse=True, return_counts=True)
-    if len(levels) < 3:
-        raise DataError(f"the inputs have {len(levels)} different values; a straight line is tested with three or more")
-    mean = np.bincount(which, y) / number
-    repeats = int(np.sum(number - 1))
-    between = np.sum((y - mean[which]) ** 2)
-    if sigma is None and repeats < 1:
-        raise DataError("no input was set twice; give sigma=, the standard deviation of a mean reading, or repeat some inputs")
-    spread = np.sqrt(between / repeats) if repeats else np.nan
-    error, freedom = float(spread), float(repeats)
-    if sigma is not None and repeats < _LEAST_REPEATS:
-        error, freedom = float(np.sqrt(np.mean(np.square(sigma)))), np.inf
-    columns = np.stack([x, np.ones_like(x)], axis=1)
-    inner = np.linalg.inv(columns.T @ columns)
-    scale, offset = inner @ columns.T @ y
-    left, full = y - columns @ np.array([scale, offset]), scale * np.abs(x).max()
-    level = np.stack([levels, np.ones_like(levels)], axis=1)
-    open_ = error * np.sqrt(np.maximum(1 / number - np.einsum("ij,jk,ik->i", level, inner, level), 0))
-    curved = np.abs(np.bincount(which, left) / number)
-    asymmetry, interval = _asymmetry(x, y, error, freedom)
-    hysteresis, least = _hysteresis(x, left, which, error, freedom)
-    over = _PPM / abs(full)
-    noise = _reach(freedom, len(levels) - 2) * float(open_.max())
-    return ScaleFigures(
-        float(scale), float(offset), float(curved.max() * over), noise * over, asymmetry, interval, float(spread * over),
-        hysteresis * over, least * over, left * over,
-    )  # fmt: skip
-
-
-def _asymmetry(x: np.ndarray, y: np.ndarray, error: float, freedom: float) -> tuple[float, np.ndarray]:
-    """Asymmetry in ppm with its interval; NaN if the inputs do not determine a scale for each sign and an offset."""
-    columns = np.stack([np.maximum(x, 0), np.minimum(x, 0), np.ones_like(x)], axis=1)
-    if np.linalg.matrix_rank(columns) < 3:
-        return np.nan, np.full(2, np.nan)
-    inner = np.linalg.inv(columns.T @ columns)
-    up, down, _ = inner @ columns.T @ y
-    apart = np.array([1.0, -1.0, 0.0])
-    half = scipy.special.stdtrit(freedom, 0.975) * error * np.sqrt(apart @ inner @ apart)
-    over = 2 * _PPM / (up + down)
-    value = (up - down) * over
-    return float(value), value + abs(half * over) * np.array([-1.0, 1.0])
-
-
-def _hysteresis(x: np.ndarray, left: np.ndarray, which: np.ndarray, error: float, freedom: float) -> tuple[float, float]:
-    """Largest difference between inputs reached from below and from above, and the largest difference that noise would give."""
-    step = np.concatenate([[0.0], np.diff(x)])
-    found = []
-    for level in range(which.max() + 1):
-        up, down = (left[(which == level) & side] for side in (step > 0, step < 0))
-        if len(up) and len(down):
-            found.append((abs(up.mean() - down.mean()), error * np.sqrt(1 / len(up) + 1 / len(down))))
-    if not found:
-        return np.nan, np.nan
-    size, noise = np.array(found).T
-    return float(size.max()), float(_reach(freedom, len(found)) * noise.max())
 
 
 class RateTest(Result):
@@ -176,8 +38,7 @@ class RateTest(Result):
     start, stop : (m,) samples of the stretches of constant rate; axis : (m,) index of the rotation axis, -1 at rest.
     rates : (m, 3) rates of the table, rad/s. readings : (m, 3) mean readings. sigma : (m, 3) their standard deviation from the noise
         within a stretch.
-    verdict : "good", or "weak" if an axis is missing or no rate was repeated.
-    reason : sentences that explain the verdict. warnings : further sentences.
+    findings : what to know about the test; the worst one gives the `verdict`.
 
     Examples
     --------
@@ -199,33 +60,36 @@ class RateTest(Result):
     rates: AnyArray
     readings: AnyArray
     sigma: AnyArray
-    verdict: str = eqx.field(static=True)
-    reason: str = eqx.field(static=True)
-    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
     @property
     def gyro(self) -> Triad | None:
         """The gyroscope; None unless every axis was turned both ways."""
         return None if self.fit is None else self.fit.triad
 
-    def _rows(self) -> list[Row]:
-        rows = []
-        for axis, one in self.figures.items():
-            low, high = one.asymmetry_interval
-            rows += [
-                Row(f"{axis} scale", one.scale),
-                Row(f"{axis} nonlinearity", one.nonlinearity, unit="ppm", remark=f"noise alone: up to {one.nonlinearity_noise:.2g}"),
-                Row(f"{axis} asymmetry", one.asymmetry, low, high, "ppm"),
-                Row(f"{axis} repeatability", one.repeatability, unit="ppm"),
-                Row(f"{axis} hysteresis", one.hysteresis, unit="ppm", remark=f"noise alone: up to {one.hysteresis_noise:.2g}"),
-            ]
-        return [row for row in rows if np.isfinite(row.value)]
+    @property
+    def headline(self) -> str:
+        """The uncertainty of the scale factors, and the largest nonlinearity."""
+        worst = max(self.figures, key=lambda axis: self.figures[axis].nonlinearity)
+        said = f"{self.figures[worst].headline} about {worst}"
+        return said if self.fit is None else f"{self.fit.headline}, {said}"
+
+    def sections(self) -> list[Section]:
+        """The parameters of the triad, and the figures of each axis."""
+        found: list[Section] = []
+        if self.fit is not None:
+            found.append(by_axis("gyro", "gyroscope", self.fit.estimate.numbers("gyro."), LABELS))
+        cells = {axis: figure_numbers(one, f"{axis}.") for axis, one in self.figures.items()}
+        labels = dict.fromkeys(label for axis in cells.values() for label in axis)
+        rows = tuple((label.rstrip(), tuple(one.get(label) for one in cells.values())) for label in labels)
+        return [*found, Grid("figures", "scale factor", tuple(self.figures), rows)]
 
 
 @host_float64
 def rate_test(
-    log: Any, rates: Any = None, *, regions: Any = None, latitude: float | None = None, servo: float = 0.0, raw: bool = False
-) -> RateTest:
+    log: Any, rates: Any = None, *, regions: Any = None, latitude: float | None = None, servo: float = 0.0, raw: bool = False,
+    model: Triad | None = None,
+) -> RateTest:  # fmt: skip
     r"""Calibrate a gyroscope from the raw log of a rate table: the triad, and figures in ppm for each axis.
 
     The function finds the stretches of constant rate, fits their means as `rate_table` does, and describes each axis by `scale_figures`.
@@ -240,6 +104,7 @@ def rate_test(
     latitude : rad, to subtract the Earth's rate; this needs the accelerometer.
     servo : relative standard deviation of the table's rate.
     raw : True if the gyroscope is in counts; the largest rate then gives the scale.
+    model : a model of your own, a subclass of `Triad` from which the fit starts; every floating-point field is fitted.
 
     Returns
     -------
@@ -270,18 +135,18 @@ def rate_test(
     if gyro is None or gyro.ndim != 2 or gyro.shape[1] != 3:
         raise DataError("The log has no gyroscope with three axes, which a rate table calibrates.")
     if (rates is None) == (regions is None):
-        raise DataError("give either rates=, those that the table was set to, or regions=, a rate for every stretch")
+        raise DataError(Message("give either {option.rates}, to which the table was set, or {option.regions}"), code="rates_or_regions")
     if regions is not None:
         start, stop, set_to = _labelled(listed(regions), len(gyro))
     else:
-        found = static_intervals(gyro, log.rate, multiples=_MULTIPLES)
-        start, stop = _apart(gyro, found.start, found.stop)
+        still = static_intervals(gyro, log.rate, multiples=_MULTIPLES)
+        start, stop = _apart(gyro, still.start, still.stop)
         set_to = _assigned(means(gyro, start, stop), rates, raw)
     readings = means(gyro, start, stop)
     pieces = np.stack([means(gyro, *_cut(start, stop, k)) for k in range(_PIECES)])
     sigma = np.std(pieces, axis=0, ddof=1) / np.sqrt(_PIECES)
     axis = np.where(np.any(set_to != 0, axis=1), np.argmax(np.abs(set_to), axis=1), -1)
-    notes: list[str] = []
+    found: list[Finding] = []
     figures = {}
     for i, name in enumerate(_AXES):
         turned = np.flatnonzero(axis == i)
@@ -297,18 +162,12 @@ def rate_test(
     if not figures:
         raise DataError("No axis was turned at two rates or more besides rest; set the table to several rates of both signs.")
     missing = [name for i, name in enumerate(_AXES) if not {1.0, -1.0} <= set(np.sign(set_to[axis == i, i]))]
-    fit = None if missing else _fitted(log, start, stop, readings, set_to, latitude, servo, notes)
-    weak = [f"Axis {', '.join(missing)} was not turned in both directions, so that there is no matrix."] if missing else []
+    fit = None if missing else _fitted(log, start, stop, readings, set_to, latitude, servo, model, found)
+    if missing:
+        found.append(FINDINGS("one_way", tuple(f"gyro_{axis}" for axis in missing), axes=", ".join(missing)))
     if all(np.isnan(one.repeatability) for one in figures.values()):
-        weak.append("No rate was set twice: intervals know only the noise inside a stretch. Set some rates again.")
-    worst = max(figures, key=lambda name: figures[name].nonlinearity)
-    one = figures[worst]
-    text = f"Nonlinearity up to {one.nonlinearity:.3g} ppm of the largest output, about {worst}"
-    text = f"{text}; noise alone gives up to {one.nonlinearity_noise:.2g}."
-    return RateTest(
-        fit, figures, start, stop, axis, set_to, readings, sigma, "weak" if weak else "good", " ".join([*weak, text]),
-        (*notes, *(fit.warnings if fit is not None else ())),
-    )  # fmt: skip
+        found.append(FINDINGS("no_repeats"))
+    return RateTest(fit, figures, start, stop, axis, set_to, readings, sigma, (*found, *(() if fit is None else fit.findings)))
 
 
 def _cut(start: np.ndarray, stop: np.ndarray, piece: int) -> tuple[np.ndarray, np.ndarray]:
@@ -322,7 +181,7 @@ def _apart(gyro: np.ndarray, start: np.ndarray, stop: np.ndarray) -> tuple[np.nd
     least = np.array([np.nanstd(gyro[i:j], axis=0).min() for i, j in zip(start, stop, strict=True)])
     kept = (stop - start >= 2 * _PIECES) & (least > 0)
     if not kept.any():
-        raise DataError("No stretch of constant rate is found; hold every rate for 3 s or more, or give regions=")
+        raise DataError("No stretch of constant rate is found; hold every rate for 3 s or more", code="no_stretch")
     return start[kept], stop[kept]
 
 
@@ -347,8 +206,14 @@ def _assigned(readings: np.ndarray, rates: Any, raw: bool) -> np.ndarray:
     if wrong.any():
         k = int(np.argmax(wrong))
         raise DataError(
-            f"a stretch reads {abs(size[k]):.4g} rad/s about {_AXES[axis[k]]}, which is none of the rates {known.round(4).tolist()} rad/s. "
-            "Check rates=, in rad/s, and the unit of the gyroscope"
+            Message(
+                "a stretch reads {size:.4g} about {axis}, which is none of the rates, up to {largest:.4g}. Check {option.rates} and the "
+                "unit of the gyroscope",
+                size=Quantity(abs(size[k]), "gyro"),
+                axis=_AXES[axis[k]],
+                largest=Quantity(known[-1], "gyro"),
+            ),
+            code="no_such_rate",
         )
     set_to = np.zeros((len(axis), 3))
     set_to[np.arange(len(axis)), axis] = np.sign(size) * nearest
@@ -361,7 +226,7 @@ def _labelled(regions: list[Region], samples: int) -> tuple[np.ndarray, np.ndarr
     for label, first, last in sorted(regions, key=lambda region: region[1]):
         match = _LABEL.fullmatch(label.strip())
         if match is None:
-            raise DataError(f"The label {label!r} is no rate; expected an axis and a rate in deg/s, such as z +100, or rest")
+            raise DataError(f"The label {label!r} is no rate; expected an axis and a rate in deg/s, such as z +100, or rest", code="label")
         if not 0 <= first < last <= samples or last - first < 2 * _PIECES:
             raise DataError(
                 f"The region {label} goes from sample {first} to {last}; expected {2 * _PIECES} or more of the {samples} samples"
@@ -374,7 +239,7 @@ def _labelled(regions: list[Region], samples: int) -> tuple[np.ndarray, np.ndarr
 
 def _fitted(
     log: Any, start: np.ndarray, stop: np.ndarray, readings: np.ndarray, set_to: np.ndarray, latitude: float | None, servo: float,
-    notes: list[str],
+    model: Triad | None, found: list[Finding],
 ) -> TriadFit:  # fmt: skip
     """Fit the triad, with g-sensitivity if the accelerometer was in enough positions."""
     force = None if log.accel is None else means(np.asarray(log.accel, dtype=float), start, stop)
@@ -383,7 +248,9 @@ def _fitted(
         size = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), compute_uv=False)
         if size[-1] < _COLLINEAR * size[0]:
             force = None
-            notes.append("The faces up do not tell a g-sensitivity from the bias; turn with each of the six faces up to have one.")
+            found.append(FINDINGS("faces", "gyro"))
     if force is None and latitude is not None:
-        raise DataError("latitude= needs the accelerometer with each of the six faces up, which tells where up is")
-    return rate_table(readings, set_to, force, latitude=latitude, servo=servo)
+        raise DataError(
+            Message("{option.latitude} needs the accelerometer with each of the six faces up, which shows where up is"), code="no_up"
+        )
+    return rate_table(readings, set_to, force, latitude=latitude, servo=servo, model=model)

@@ -7,13 +7,16 @@ import equinox as eqx
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._answer import Finding
 from .._arrays import power_of_two, runs
 from .._errors import DataError
 from .._log import as_log
+from .._units import units_of
+from ._findings import FINDINGS
+from ._model import LEVEL
 from ._residuals import Poses, Turns, Weighted
 
 _RUN = 3  # consecutive samples at the end of the range that count as saturation
-_UNITS = {"g": 9.80665, "mg": 9.80665e-3, "ft/s^2": 0.3048}
 #: s; longest gap that is interpolated: the rate of a turn by hand hardly changes in this time
 _BRIDGE = 0.1
 #: steps of every turn, the same in all recordings so that they share one compiled fit. A turn of 5 s has steps of 20 ms; doubling the
@@ -22,7 +25,6 @@ _STEPS = 252
 #: s; length of the parts of a rest whose means count as independent; means of shorter parts would be correlated by hand tremor
 _PIECE = 0.25
 _MOST_PIECES = 64
-_UNLIKE = 1e-3  # significance level at which a rest gets its own noise instead of the common one
 #: s; in longer rests, the integrated noise of the gyroscope exceeds the motion of the hand
 _LONGEST = 10.0
 
@@ -48,20 +50,23 @@ def recording(log: Any, time: Any) -> Recording:
     log = as_log(log)
     accel = log.accel
     if accel is None:
-        raise DataError("The log has no accelerometer, on which this calibration rests.")
+        raise DataError("The log has no accelerometer, on which this calibration rests.", code="no_accel")
     accel = np.ascontiguousarray(np.asarray(accel, dtype=float))
     gyro = None if log.gyro is None else np.ascontiguousarray(np.asarray(log.gyro, dtype=float))
     for name, values in (("accelerometer", accel), ("gyroscope", gyro)):
         if values is not None and (values.ndim != 2 or values.shape[1] != 3):
-            raise DataError(f"The {name} has {1 if values.ndim == 1 else values.shape[1]} axes; this calibration needs all three.")
+            raise DataError(
+                f"The {name} has {1 if values.ndim == 1 else values.shape[1]} axes; this calibration needs all three.", code="axes"
+            )
     stamps = np.asarray(log.time if time is None else time, dtype=float)
     if stamps.shape != (len(accel),):
-        raise DataError(f"time has shape {stamps.shape}; the log has {len(accel)} samples")
+        raise DataError(f"time has shape {stamps.shape}; the log has {len(accel)} samples", code="time")
     steps = np.diff(stamps)
     if not np.all(steps > 0):
         bad = int(np.flatnonzero(~(steps > 0))[0])
         raise DataError(
-            f"time does not grow at sample {bad + 1}: {stamps[bad]:.6f} s is followed by {stamps[bad + 1]:.6f} s; sort the samples"
+            f"time does not grow at sample {bad + 1}: {stamps[bad]:.6f} s is followed by {stamps[bad + 1]:.6f} s; sort the samples",
+            code="time",
         )
     temperature = float("nan") if log.temperature is None else float(np.nanmean(log.temperature))
     both = None if gyro is None else np.concatenate([bridged(x, float(log.rate)) for x in (gyro, accel)], axis=1)
@@ -87,16 +92,14 @@ def stuck(x: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
     return np.array([np.any(np.all(at_end[i:j], axis=0)) for i, j in zip(start, stop, strict=True)], dtype=bool)
 
 
-def wrong_units(accel: np.ndarray, gravity: float) -> str | None:
-    """Sentence that says why the readings cannot be in m/s^2, or None if they can."""
+def wrong_units(accel: np.ndarray, gravity: float) -> Finding | None:
+    """The finding that the readings cannot be in m/s^2, or None if they can."""
     size = float(np.nanmedian(np.linalg.norm(accel, axis=1)))
     if 0.5 * gravity <= size <= 2 * gravity:
         return None
-    text = f"The accelerometer reads {size:.3g} at rest, where {gravity:.4g} m/s^2 is expected"
-    for unit, factor in _UNITS.items():
-        if 0.8 < size * factor / gravity < 1.25:
-            return f"{text}: the readings look like {unit}. Read the log with units accel={unit}."
-    return f"{text}. Give the unit of the log (units accel=...), or raw=True for counts."
+    off = {unit: abs(np.log(size * factor / gravity)) for unit, factor in units_of("accel").items()}
+    unit, facts = min(off, key=lambda name: off[name]), dict[str, Any](size=size, gravity=gravity)
+    return FINDINGS("unit", "accel", unit=unit, **facts) if off[unit] < np.log(1.25) else FINDINGS("unit_unknown", "accel", **facts)
 
 
 def bridged(readings: np.ndarray, rate: float, longest: float | None = None) -> np.ndarray:
@@ -158,7 +161,7 @@ class Rests(eqx.Module):
         """Pool the noise over all rests, because one rest is too short to estimate it; a significantly different rest keeps its own."""
         freedom, density = self.pieces - 1, variance * self.duration
         common = np.median(density / (2 * scipy.special.gammaincinv(freedom / 2, 0.5)) * freedom)
-        low, high = (common * 2 * scipy.special.gammaincinv(freedom / 2, part) / freedom for part in (_UNLIKE, 1 - _UNLIKE))
+        low, high = (common * 2 * scipy.special.gammaincinv(freedom / 2, part) / freedom for part in (LEVEL, 1 - LEVEL))
         return np.where((density > high) | (density < low), density, common) / self.duration
 
 

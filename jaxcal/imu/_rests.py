@@ -6,9 +6,11 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from .._answer import Finding, Message
 from .._arrays import runs
 from .._errors import DataError
 from .._precision import host_float64
+from ._findings import FINDINGS
 
 MULTIPLES = tuple(range(2, 11))
 #: for the joint fit, whose turns show whether a rest with some drift of the hand improves the result
@@ -66,13 +68,6 @@ def windowed_variance(x: np.ndarray, window: int) -> np.ndarray:
 
     Missing samples (NaN rows) are ignored; a window has an infinite variance if half of its samples or more are missing. The function
     uses running sums over blocks of a few windows, each minus its own mean, so that large counts with a small variance keep their digits.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from jaxcal.imu import windowed_variance
-    >>> print(windowed_variance(np.array([[0.0, 0, 0], [2, 0, 0], [4, 0, 0]]), 3))
-    [4.]
     """
     count = len(x) - window + 1
     size = _BLOCK * window
@@ -172,26 +167,30 @@ def given_rests(rests: Any, samples: int) -> Ends:
     """Check the rests given by the caller, and sort them."""
     ends = np.asarray(rests)
     if ends.ndim != 2 or ends.shape[1] != 2:
-        raise DataError(f"rests has shape {ends.shape}; expected (k, 2): the first sample of each rest, and the one after its last")
+        raise DataError(
+            f"rests has shape {ends.shape}; expected (k, 2): the first sample of each rest, and the one after its last", code="rests"
+        )
     ends = ends[np.argsort(ends[:, 0])].astype(int)
     bad = (ends[:, 1] - ends[:, 0] < 10) | (ends[:, 0] < 0) | (ends[:, 1] > samples)
     bad[1:] |= ends[1:, 0] < ends[:-1, 1] + 2
     if bad.any():
         first, last = ends[np.argmax(bad)]
-        raise DataError(f"the rest from sample {first} to {last} is outside of the log, shorter than 10 samples, or meets another")
+        raise DataError(
+            f"the rest from sample {first} to {last} is outside of the log, shorter than 10 samples, or meets another", code="rests"
+        )
     return ends[:, 0], ends[:, 1]
 
 
 def _positive(name: str, value: Any) -> float:
     if not (value > 0 and not np.isnan(value)):
-        raise DataError(f"{name}={value!r} must be positive")
+        raise DataError(f"{name}={value!r} must be positive", code="not_positive")
     return float(value)
 
 
 def _triads(name: str, readings: Any) -> np.ndarray:
     x = np.asarray(readings, dtype=np.float64)
     if x.ndim != 2 or x.shape[1] != 3:
-        raise DataError(f"{name} has shape {x.shape}; expected (n, 3)")
+        raise DataError(f"{name} has shape {x.shape}; expected (n, 3)", code="axes")
     return x
 
 
@@ -202,15 +201,16 @@ class Windows:
         x, y = _triads("accel", accel), None if gyro is None else _triads("gyro", gyro)
         for name, value in (("rate", rate), ("window", window), ("least", least), ("initial", initial)):
             if value is not None and not (np.isfinite(value) and value > 0):
-                raise DataError(f"{name}={value!r} must be positive")
+                raise DataError(f"{name}={value!r} must be positive", code="not_positive")
         self.half = max(round(float(window) * float(rate) / 2), 1)
         size = 2 * self.half + 1
         if len(x) < 2 * size:
-            raise DataError(f"{len(x)} samples are less than two windows of {size}; record longer, or give a shorter window=")
+            raise DataError(f"{len(x)} samples are less than two windows of {size}; record longer", code="too_short")
         if y is not None and len(y) != len(x):
-            raise DataError(f"gyro has {len(y)} samples, accel {len(x)}; give one for each")
+            raise DataError(f"gyro has {len(y)} samples, accel {len(x)}; give one for each", code="lengths")
         if initial is not None and round(float(initial) * float(rate)) >= len(x):
-            raise DataError(f"the record lasts {len(x) / rate:.3g} s, the initial rest should last {initial:g} s; give initial=")
+            said = Message("the record lasts {duration:.3g} s; give a shorter rest with {option.initial}", duration=len(x) / rate)
+            raise DataError(said, code="initial_too_long")
         self.shortest, self.initial, self.rate = max(round(float(least) * float(rate)), 2), initial, float(rate)
         self.variance, self.reference = self._referred(x, size, "accelerometer")
         self.gyro_variance, self.gyro_reference = (None, np.nan) if y is None else self._referred(y, size, "gyroscope")
@@ -227,7 +227,8 @@ class Windows:
         if not reference > 0:
             where = "during the initial rest" if self.initial is not None else "in every window that has samples"
             raise DataError(
-                f"the {name} is constant {where}: its noise is below its resolution, or it repeats one sample. Log it at full resolution."
+                f"the {name} is constant {where}: its noise is below its resolution, or it repeats one sample. Log it at full resolution.",
+                code="constant",
             )
         return variance, reference
 
@@ -261,15 +262,10 @@ class Windows:
                 seen.add(key)
         return found
 
-    def moved(self) -> str | None:
-        """Sentence that says why the initial period is not still, or None; only if its length was given."""
+    def moved(self) -> Finding | None:
+        """The finding that the initial rest is not still, or None; only if its length was given."""
         if self.initial is None:
             return None
         quiet = float(np.quantile(self.variance[np.isfinite(self.variance)], _QUANTILE))
         ratio = self.reference / quiet if quiet > 0 else np.inf
-        if ratio <= _MOVED:
-            return None
-        return (
-            f"The initial period is not still: its variance is {ratio:.3g} times that of the stillest windows. Leave out initial=, or give "
-            "the length of the rest."
-        )
+        return FINDINGS("not_still", ratio=ratio) if ratio > _MOVED else None

@@ -1,148 +1,51 @@
-"""`ImuFit`, the result of a calibration; `observability`, how well still poses determine an accelerometer; the verdict."""
+"""`ImuFit`, the result of a calibration, and the findings that judge it."""
 
 import dataclasses
-import itertools
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, ClassVar
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-import scipy  # loads its parts when they are first used
 
-from .._precision import host_float64
-from .._results import Result, Row
+from .._answer import CAUTION, FATAL, Curve, Finding, Number, Quantity, Result, Section, by_axis, listed
 from .._types import AnyArray
-from ..fitting import Fit, Outcome, identifiability
-from ._model import Imu, Triad, entries, replaced, values
-from ._prior import CONFLICT, conflict
+from .._units import STANDARD_GRAVITY
+from ..fitting import Estimate, Fit, Outcome, identifiability
+from ._findings import FINDINGS
+from ._model import LEVEL, Imu, Triad
+from ._observability import Observability
+from ._prior import conflict
 from ._rests import StillIntervals
 
-PLACES = np.array([p for p in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(p)])
-_UP = PLACES / np.linalg.norm(PLACES, axis=1, keepdims=True)
-_WORDS = (
-    "scale along x", "scale along y", "scale along z", "misalignment of x and y", "misalignment of x and z", "misalignment of y and z",
-    "bias along x", "bias along y", "bias along z",
-)  # fmt: skip
-_DIAGONAL = [0, 1, 2, 6, 7, 8]
-#: limits of the condition number (18 evenly spread poses have 3 to 4): above them poses are missing, the result is uncertain, or singular
-_ENOUGH, _ILL, SINGULAR = 12.0, 60.0, 300.0
-_NEAR = np.cos(np.deg2rad(25.0))
-_ALIKE = 20.0  # degrees
-_FEW_POSES, _FEW_TURNS = 12, 10
-_TURN = np.deg2rad(5.0)
 #: relative standard error above which a matrix counts as unknown, and above which the verdict is weak
 UNKNOWN, POOR = 0.1, 0.01
+#: gravity on Earth differs by this share between the equator and the poles (WGS 84: 9.780 to 9.832 m/s^2)
+GRAVITY_RANGE = 0.003
+#: poses and turns of the protocol of 18 to 24 attitudes, of which a third may fail
+_FEW_POSES, _FEW_TURNS = 12, 10
+#: rad; a vertical farther off after a turn has another cause than scale factors of some per cent
+_TURN = np.deg2rad(5.0)
+#: rad; the Earth turns by this angle in the 7 s from pose to pose
 _ROTATION = np.deg2rad(0.03)
-_UNITS = {"matrix": "1", "g_sensitivity": "rad/s per m/s^2"}
+_SENSORS = {"accel": "accelerometer", "gyro": "gyroscope"}
+LABELS = {"g_sensitivity": "g-sensitivity", "g_squared": "g squared"}
 
 
-class Observability(eqx.Module):
-    """How well the attitudes of the still poses determine the accelerometer.
-
-    Attributes
-    ----------
-    condition : ratio of the largest to the smallest singular value of the Jacobian, for parameter errors of equal size.
-    missing : (m, 3) directions in body axes that should point up in further poses, the most useful first.
-    sentence : which parameters the poses determine, and which poses are missing.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import jaxcal
-    >>> found = jaxcal.imu.observability(np.concatenate([np.eye(3), -np.eye(3)]))
-    >>> found.condition, found.sentence[:52]
-    (inf, 'The 6 poses do not determine misalignment of x and y')
-    """
-
-    condition: float
-    missing: AnyArray
-    sentence: str = eqx.field(static=True)
+def quantities(counts: bool = False) -> dict[str, str]:
+    """Quantity of each field of the sensors, for readings in SI or in counts."""
+    known = {"accel": "m/s^2", "gyro": "rad/s"}
+    if counts:
+        found = {f"{sensor}.matrix": f"counts per {unit}" for sensor, unit in known.items()}
+        return found | dict.fromkeys(("accel.bias", "gyro.bias"), "counts") | {"gyro.g_sensitivity": "counts per m/s^2"}
+    found = {"accel.bias": "accel", "gyro.bias": "gyro", "gyro.g_sensitivity": "gyro/accel", "gyro.g_squared": "rad/s per (m/s^2)^2"}
+    for sensor, unit in known.items():
+        found |= {f"{sensor}.quadratic": f"1/({unit})", f"{sensor}.cubic": f"1/({unit})^2"}
+    return found
 
 
-def _rows_of(up: np.ndarray) -> np.ndarray:
-    """Derivative of |f|/g with respect to a symmetric change E of the correction and a change c of the bias: u'Eu + u'c."""
-    x, y, z = up.T
-    return np.stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z, x, y, z], axis=1)
-
-
-def _condition(information: np.ndarray) -> tuple[float, np.ndarray]:
-    """Condition number of the Jacobian, and the share of each parameter in the least determined directions."""
-    values, vectors = np.linalg.eigh(information)
-    least = max(float(values[0]), 0.0)
-    weak = values <= max(values[-1] / SINGULAR**2, 1.5 * least)
-    condition = float(np.sqrt(values[-1] / least)) if least > 1e-12 * values[-1] else np.inf
-    return condition, np.sqrt(np.sum(vectors[:, weak] ** 2, axis=1))
-
-
-def _name(direction: np.ndarray) -> str:
-    """Name a direction by the nearest face, edge or corner of the case."""
-    place = PLACES[np.argmax(_UP @ direction)]
-    axes = [f"{'+' if sign > 0 else '-'}{axis}" for sign, axis in zip(place, "xyz", strict=True) if sign]
-    return " and ".join([", ".join(axes[:-1]), axes[-1]] if len(axes) > 1 else axes) + " up"
-
-
-def observability(up: np.ndarray, diagonal: bool = False) -> Observability:
-    """Check how well the attitudes of still poses determine an accelerometer, before or after you record them.
-
-    Parameters
-    ----------
-    up : (k, 3) unit vectors, the upward direction in body axes of each pose.
-    diagonal : True for a model without misalignment: three scales and three biases.
-
-    Returns
-    -------
-    Observability
-        Condition number, missing directions, and a sentence.
-
-    Examples
-    --------
-    The six faces determine scale and bias, but not misalignment:
-
-    >>> import numpy as np
-    >>> import jaxcal
-    >>> faces = np.concatenate([np.eye(3), -np.eye(3)])
-    >>> jaxcal.imu.observability(faces).condition
-    inf
-    >>> jaxcal.imu.observability(faces, diagonal=True).sentence[:33]
-    'The 6 poses determine every param'
-
-    References
-    ----------
-    The singular values of the Jacobian of the magnitude residuals of D. Tedaldi, A. Pretto and E. Menegatti, ICRA 2014, equation (10),
-    for parameter errors of equal size.
-    """
-    chosen = _DIAGONAL if diagonal else list(range(9))
-    told = _rows_of(up)[:, chosen]
-    information = told.T @ told / len(up)
-    condition, share = _condition(information)
-    words = ", ".join(_WORDS[chosen[i]] for i in range(len(chosen)) if share[i] > 0.5 * share.max())
-    if condition <= _ENOUGH:
-        return Observability(condition, np.zeros((0, 3)), f"The {len(up)} poses determine every parameter; least certain: {words}.")
-    extra = _rows_of(_UP)[:, chosen] / len(up)
-    free = np.all(_UP @ up.T < _NEAR, axis=1)
-    picked: list[np.ndarray] = []
-    grown = information + 1e-6 * np.eye(len(chosen))
-    while free.any() and len(picked) < 9 and _condition(grown)[0] > _ENOUGH / 2:
-        # choose the pose that increases the information most; it counts as if it were held three times
-        gain = np.array([np.linalg.slogdet(grown + 3 * len(up) * np.outer(row, row))[1] for row in extra])
-        best = int(np.argmax(np.where(free, gain, -np.inf)))
-        picked.append(_UP[best])
-        grown = grown + 3 * len(up) * np.outer(extra[best], extra[best])
-        free &= _UP @ _UP[best] < _NEAR
-    if (apart := spread_of(up)) < _ALIKE:
-        words = f"the accelerometer: they are all alike, within {max(apart, 1):.0f} degrees of one attitude"
-    degree = "do not determine" if condition > SINGULAR else "hardly determine" if condition > _ILL else "leave uncertain"
-    advice = "; ".join(_name(direction) for direction in picked)
-    sentence = f"The {len(up)} poses {degree} {words} (condition number {condition:.3g})."
-    return Observability(condition, np.array(picked).reshape(-1, 3), sentence + (f" Add poses with {advice}." if picked else ""))
-
-
-def spread_of(up: np.ndarray) -> float:
-    """Largest angle between a pose's vertical and the mean of all, in degrees."""
-    middle = up.mean(axis=0)
-    return float(np.rad2deg(np.arccos(np.clip(np.min(up @ middle) / max(np.linalg.norm(middle), 1e-12), -1, 1))))
+def nothing() -> Estimate:
+    """An estimate without parameters."""
+    return Estimate((), np.zeros(0), np.zeros((0, 0)))
 
 
 def _unknown(*shape: int, fill: float = np.nan) -> Any:
@@ -154,13 +57,12 @@ class ImuFit(Result):
 
     Attributes
     ----------
+    findings : what to know about the calibration; the worst one gives the `verdict`.
     accel, gyro : `Triad`s, or the subclasses that were fitted, in the frame of `convention`; None if the recording does not determine
         the sensor, or has no gyroscope.
-    covariance : (p, p) covariance of the parameters in `names`, in units of the readings per SI; zero for parameters that the convention
-        or an option fixes. Poses and turns count as independent; errors common to all samples of a still interval are included.
-    interval : (p, 2) limits of the 95 % confidence intervals.
-    robust_covariance : (p, p) sandwich covariance with poses and turns as clusters; it also holds if their errors differ in size.
-    degrees_of_freedom : (p,) degrees of freedom of each parameter's standard error.
+    estimate : `jaxcal.fitting.Estimate` of the parameters, such as "accel.matrix[0,1]", "gyro.bias[2]", "gyro.g_sensitivity[0,0]" and the
+        fields of subclasses, in units of the readings per SI; "held" if the convention or an option fixes a parameter. Poses and turns
+        count as independent; errors common to all samples of a still interval are included.
     residual_norm : (k,) gravity minus the magnitude of the corrected specific force of each pose, m/s^2.
     residual_turn : (s,) angle after each turn between the vertical predicted by the gyroscope and that of the accelerometer, rad.
     residual_rest : (k, 3) rates at rest minus the model, rad/s.
@@ -177,9 +79,6 @@ class ImuFit(Result):
     asked : names of terms that the log supports and the model lacks; pass them as `terms`.
     rate : Hz. gravity : m/s^2.
     temperature : mean of the recording, degC; NaN if it was not recorded.
-    verdict : "good", "weak" or "refused".
-    reason : one or more sentences that explain the verdict.
-    warnings : further sentences.
     convention, method : the options of the fit.
 
     Examples
@@ -187,24 +86,19 @@ class ImuFit(Result):
     >>> import jaxcal
     >>> log = jaxcal.imu.simulate(poses=4, rate=50, still=3, turn=2, seed=0)
     >>> found = jaxcal.imu.multi_position(log, gravity=9.81)
-    >>> found.verdict, found.reason[:28]
-    ('refused', 'There are 4 still intervals;')
+    >>> found.verdict, sorted(found.codes)
+    ('refused', ['few_rests'])
     """
 
     rate: float
     gravity: float
     temperature: float
-    verdict: str = eqx.field(static=True)
-    reason: str = eqx.field(static=True)
     convention: str = eqx.field(static=True)
     method: str = eqx.field(static=True)
-    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
     accel: Triad | None = None
     gyro: Triad | None = None
-    covariance: AnyArray = _unknown(33, 33, fill=np.inf)
-    interval: AnyArray = _unknown(33, 2)
-    robust_covariance: AnyArray = _unknown(33, 33, fill=np.inf)
-    degrees_of_freedom: AnyArray = _unknown(33, fill=0.0)
+    estimate: Estimate = eqx.field(default_factory=nothing)
     residual_norm: AnyArray = _unknown(0)
     residual_turn: AnyArray = _unknown(0)
     residual_rest: AnyArray = _unknown(0, 3)
@@ -218,127 +112,116 @@ class ImuFit(Result):
     drift: AnyArray = _unknown(3, fill=0.0)
     asked: tuple[str, ...] = eqx.field(static=True, default=())
 
+    _figure: ClassVar[tuple[str, bool] | None] = ("imu", False)
+
     @property
     def model(self) -> Imu:
-        """Both sensors; a missing sensor is a `Triad` of NaN."""
-        return self._both(np.nan)
-
-    def _both(self, missing: float) -> Imu:
-        """Both sensors; a missing one is the unit triad multiplied by `missing`."""
-        unit = Triad(missing * np.eye(3), missing * np.zeros(3), missing * np.zeros((3, 3)))
-        return Imu(*(unit if sensor is None else sensor for sensor in (self.accel, self.gyro)))
+        """Both sensors."""
+        return Imu(self.accel, self.gyro)
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the p parameters: the 33 of both triads, then those of subclasses of `Triad`."""
-        return entries(self.model)[0]
+    def headline(self) -> str:
+        """How well the scale factors are known: half of the 95 % interval, or the uncertainty of an assumed gravity."""
+        known = {sensor: scale_error(self.estimate, f"{sensor}.") for sensor in _SENSORS if getattr(self, sensor) is not None}
+        if self.verdict == "refused" or not known:
+            return ""
+        said = {sensor: f"{_SENSORS[sensor]} scale to {parts_of(error)}" for sensor, error in known.items()}
+        if "gravity_assumed" in self.codes and known["accel"] < GRAVITY_RANGE:
+            said["accel"] = f"accelerometer scale to {parts_of(GRAVITY_RANGE)}, since gravity is assumed"
+        return ", ".join(said.values())
 
-    @property
-    def values(self) -> np.ndarray:
-        """(p,) parameters in the order of `names`; NaN for a missing sensor."""
-        return values(self.model)
-
-    _figure = ("imu", False)
-
-    def _rows(self) -> list[Row]:
-        fields = [name.split("[")[0].split(".") for name in self.names]
-        units = [_UNITS.get(field[1], ("m/s^2" if field[0] == "accel" else "rad/s") if field[1] == "bias" else "") for field in fields]
-        rows = zip(self.names, self.values, self.interval, units, strict=True)
-        return [Row(name, value, low, high, unit) for name, value, (low, high), unit in rows if np.isfinite(value)]
-
-    @property
-    def standard_error(self) -> np.ndarray:
-        """(p,) standard errors: square roots of the diagonal of the covariance."""
-        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-
-    @host_float64
-    def propagate(self, function: Any) -> tuple[AnyArray, AnyArray]:
-        """Value and covariance of a function of both triads, to first order.
-
-        Parameters
-        ----------
-        function : takes (accel, gyro), the two sensors, and returns an array; JAX traces it.
-
-        Returns
-        -------
-        The value of the function, and the covariance of its entries in the order of `ravel`.
-        """
-        model = self._both(1.0)
-
-        def of(x: AnyArray) -> AnyArray:
-            moved = replaced(model, x)
-            return function(moved.accel, moved.gyro)
-
-        value, slope = jax.jit(lambda x: (of(x), jax.jacfwd(lambda x: jnp.ravel(of(x)))(x)))(values(model))
-        return value, np.asarray(slope) @ self.covariance @ np.asarray(slope).T
+    def sections(self) -> list[Section]:
+        """The parameters of each sensor, the sizes of the residuals, and the residuals of poses and turns."""
+        found: list[Section] = [
+            by_axis(sensor, title, part.numbers(), LABELS)
+            for sensor, title in _SENSORS.items() if (part := self.estimate.select(f"{sensor}.*")).names
+        ]  # fmt: skip
+        kinds = (("magnitude at rest", "norm", "accel"), ("angle after a turn", "turn", "angle"), ("rate at rest", "rest", "gyro"))
+        sizes = [(label, Number(f"sigma.{name}", float(size), quantity=quantity))
+                 for (label, name, quantity), size in zip(kinds, self.sigma, strict=True) if np.isfinite(size)]  # fmt: skip
+        sizes += [(f"{label}, left out of the fit", Number(f"held_out.{name}", float(size), quantity=quantity))
+                  for (label, name, quantity), size in zip(kinds, self.held_out, strict=False) if np.isfinite(size)]  # fmt: skip
+        found.append(listed("sizes", "standard deviation of one residual", sizes, detail=True))
+        if len(self.residual_norm):
+            poses: Mapping[str, Any] = {"pose": ("", np.arange(1, len(self.residual_norm) + 1)), "norm": ("accel", self.residual_norm)}
+            rests = np.asarray(self.residual_rest).T if len(self.residual_rest) else ()
+            found.append(
+                Curve(
+                    "poses",
+                    "the poses",
+                    {**poses, **{f"rate {axis}": ("gyro", x) for axis, x in zip("xyz", rests, strict=False)}},
+                )
+            )
+        if len(self.residual_turn):
+            turns = {"turn": ("", np.arange(1, len(self.residual_turn) + 1)), "angle": ("angle", self.residual_turn)}
+            found.append(Curve("turns", "the turns", turns))
+        return found
 
 
-def finished(
-    result: ImuFit, fit: Fit, options: Any, notes: list[str], explain: Callable[[], str | None], missing: Sequence[str] = ()
-) -> ImuFit:
-    """Add the 95 % intervals (Student's t) and the verdict with the sentences that explain it, the most serious first.
+def assumed_gravity(gravity: Any) -> tuple[float, tuple[Finding, ...]]:
+    """Gravity in m/s^2, and a finding if it was not given."""
+    if gravity is not None:
+        return gravity, ()
+    return STANDARD_GRAVITY, (FINDINGS("gravity_assumed", cost=GRAVITY_RANGE, gravity=Quantity(STANDARD_GRAVITY, "accel")),)
 
-    `explain` returns a unit or an order of axes that would repair a refused fit, or None; `missing` are sentences on terms that the
-    model lacks.
+
+def judged(
+    result: ImuFit, fit: Fit, options: Any, notes: Iterable[Finding], causes: Callable[[], Sequence[Finding]],
+    missing: Iterable[Finding] = (),
+) -> ImuFit:  # fmt: skip
+    """Add the findings on a fit.
+
+    `causes` finds a unit or an order of axes that would repair a refused fit; `missing` are terms that the model lacks.
     """
-    half = scipy.special.stdtrit(np.maximum(result.degrees_of_freedom, 1), 0.975) * result.standard_error
-    interval = np.stack([result.values - half, result.values + half], axis=1)
     seen: Any = result.observability
     gyro, poses, turns = result.gyro is not None, len(result.residual_norm), len(result.residual_turn)
-    force = relative_error(result, 0)
-    rate = relative_error(result, 12) if gyro else 0.0
+    errors = {sensor: matrix_error(result.estimate, sensor) for sensor in (("accel", "gyro") if gyro else ("accel",))}
     rms = float(np.sqrt(np.mean(result.residual_turn**2))) if turns else 0.0
-    refused, weak = [], list(missing)
+    found: list[Finding] = []
     if not bool(fit.usable) and fit.outcome != Outcome.unidentifiable:
-        refused.append(f"The fit failed: {fit.message}")
+        found.append(FINDINGS("failed", why=fit.message))
     if rms > _TURN:
-        refused.append(
-            f"After a turn the gyroscope's vertical is {np.rad2deg(rms):.1f} degrees (rms) off the accelerometer's: wrong axes or unit."
-        )
-    if gyro and not refused and not rate <= UNKNOWN:
-        refused.append(
-            "The turns do not determine the gyroscope: turn by 45 to 180 degrees about several horizontal axes. A rotation about "
-            "the vertical tells nothing."
-        )
-    if fit.outcome == Outcome.unidentifiable and not refused and (seen.condition <= SINGULAR or options.prior is not None):
-        refused.append(identifiability(fit).sentence)
-    elif not force <= UNKNOWN:
-        refused.append(seen.sentence)
-    apart = 1.0 if options.prior is None else conflict(fit)
-    if apart < CONFLICT:
-        weak.append(f"The prior contradicts the recording (p = {apart:.1g}): the device has changed, or the prior is another's.")
-    if poses < _FEW_POSES and options.misalignment and options.prior is None:
-        weak.append(f"There are {poses} poses, 18 to 24 are advised.")
-    if seen.condition > _ILL and options.prior is None and not gyro:
-        weak.append(seen.sentence)
-    if gyro and turns < _FEW_TURNS and options.prior is None:
-        weak.append(f"There are {turns} turns, 10 or more are advised.")
-    if gyro and POOR < rate <= UNKNOWN:
-        weak.append(f"The gyroscope's matrix is known to {100 * rate:.2g} % only; add turns of 45 to 180 degrees about other axes.")
-    if POOR < force <= UNKNOWN:
-        weak.append(f"The accelerometer's matrix is known to {100 * force:.2g} % only. {seen.sentence}")
+        found.append(FINDINGS("turns_disagree", angle=Quantity(rms, "angle")))
+    if gyro and not found and not errors["gyro"] <= UNKNOWN:
+        found.append(FINDINGS("gyro_open"))
+    if fit.outcome == Outcome.unidentifiable and not found and (seen.determined or options.prior is not None):
+        found.append(FINDINGS("parameters_open", what=identifiability(fit).sentence))
+    elif not errors["accel"] <= UNKNOWN:
+        found.append(dataclasses.replace(seen.finding, severity=FATAL))
+    found += causes() if found else ()
+    if options.prior is None:
+        if poses < _FEW_POSES and options.misalignment:
+            found.append(FINDINGS("few_poses", poses=poses))
+        elif gyro and turns < _FEW_TURNS:
+            found.append(FINDINGS("few_turns", turns=turns))
+    elif (level := conflict(fit)) < LEVEL:
+        found.append(FINDINGS("prior_conflict", level=level))
+    found += [FINDINGS("poor", sensor, cost=error, error=parts_of(error)) for sensor, error in errors.items() if POOR < error <= UNKNOWN]
+    if POOR < errors["accel"] <= UNKNOWN:
+        found.append(dataclasses.replace(seen.finding, severity=CAUTION))
     for kind, which, count in zip(("poses", "turns"), result.down_weighted, (poses, turns), strict=True):
         if len(which) > max(2, 0.2 * count):
-            weak.append(f"{len(which)} of {count} {kind} do not agree with the others: the sensor moved, or was bumped.")
+            found.append(FINDINGS(f"disagree_{kind}", cost=len(which) / count, count=len(which), total=count))
     if result.sigma[0] > 0.02 * options.gravity:
-        weak.append(f"The norms scatter by {result.sigma[0]:.2g} m/s^2: the sensor moved while it should rest, or is not linear.")
+        found.append(FINDINGS("scatter", "accel", sigma=Quantity(float(result.sigma[0]), "accel")))
     if gyro and options.latitude is None and 0 < rms < _ROTATION:
-        notes.append("The turns agree so well that the Earth's rate matters: give the `latitude` (--earth-rate --latitude).")
-    verdict, sentences = "refused" if refused else "weak" if weak else "good", [*refused, *weak]
-    if refused and (why := explain()):
-        sentences.append(why)
-    if verdict == "good":
-        second = f", gyroscope {parts_of(rate)}" if gyro else ""
-        sentences = [f"Standard errors: accelerometer {parts_of(force)}{second} in scale and misalignment."]
-    return dataclasses.replace(result, interval=interval, verdict=verdict, reason=" ".join(sentences), warnings=tuple(notes))
+        found.append(FINDINGS("earth_rate"))
+    return dataclasses.replace(result, findings=(*result.findings, *found, *missing, *notes))
 
 
-def relative_error(result: ImuFit, first: int) -> float:
-    """Largest standard error of the entries of a matrix relative to its scale; `first` is the index of the matrix in `names`."""
-    errors, matrix = (x[first : first + 9].reshape(3, 3) for x in (result.standard_error, result.values))
-    return float(np.max(errors / np.abs(np.diag(matrix))[:, None]))
+def matrix_error(estimate: Estimate, sensor: str) -> float:
+    """Largest standard error of the entries of a sensor's matrix, relative to the scale of the axis."""
+    part = estimate.select(f"{sensor}.matrix*")
+    matrix = np.asarray(part.values).reshape(3, 3)
+    return float(np.max(part.error.reshape(3, 3) / np.abs(np.diag(matrix))[:, None]))
+
+
+def scale_error(estimate: Estimate, sensor: str = "") -> float:
+    """Half of the widest 95 % interval of the scale factors, relative to them; names begin with `sensor`."""
+    scales = [estimate[f"{sensor}matrix[{i},{i}]"] for i in range(3)]
+    return max(one.half / abs(one.value) for one in scales)
 
 
 def parts_of(value: float) -> str:
     """Format a ratio in % or ppm."""
-    return f"{100 * value:.2g} %" if value >= 1e-4 else f"{1e6 * value:.2g} ppm"
+    return f"{100 * value:.2g} %" if value >= 1e-3 else f"{float(f'{1e6 * value:.2g}'):g} ppm"

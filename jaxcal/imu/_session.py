@@ -12,21 +12,24 @@ from typing import Any
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._answer import CAUTION, FATAL, Quantity
 from .._errors import DataError
 from .._log import Log
 from .._precision import host_float64
+from ..fitting import Estimate
+from ._findings import FINDINGS
 from ._known import checked_gravity, six_position
-from ._model import Triad
+from ._model import Imu, Triad, entries, values
+from ._observability import NEAR
 from ._recording import Recording, means, recording, rests_of
 from ._rests import static_intervals
-from ._result import POOR, UNKNOWN, ImuFit, parts_of, relative_error
+from ._result import POOR, UNKNOWN, ImuFit, assumed_gravity, matrix_error, quantities
 
 _LABEL = re.compile(r"([xyz])[ _-]?(p|up|a|down|rot|turn)", re.IGNORECASE)
 _KINDS = {"p": 1, "up": 1, "a": -1, "down": -1, "rot": 0, "turn": 0}
 _REST = re.compile(r"(rest|still|pose|static)[ _-]?\d*", re.IGNORECASE)
 _SENSORS = ("accel", "gyro")
-_SAME_RATE = 0.01
-_FACE = float(np.cos(np.deg2rad(25.0)))
+_SAME_RATE = 0.01  # relative difference of rates of one device: clocks agree to 1e-4, rates from few samples less
 _EXPECTED = (
     "expected x_p, x_a, y_p, y_a, z_p, z_a for an axis up or down, and x_rot, y_rot, z_rot for a turn about it; or rest for each rest"
 )
@@ -68,13 +71,13 @@ def read_regions(path: Any, rate: float) -> list[Region]:
     """
     path = Path(path)
     if not path.exists():
-        raise DataError(f"{path} does not exist; give a file of labelled regions")
+        raise DataError(f"{path} does not exist; give a file of labelled regions", code="no_file")
     text = path.read_text(encoding="utf-8-sig")
     if text.lstrip().startswith(("{", "[")):
         try:
             content = json.loads(text)
         except json.JSONDecodeError as error:
-            raise DataError(f"{path} is no JSON: {error}") from error
+            raise DataError(f"{path} is no JSON: {error}", code="not_json") from error
         return listed(content, str(path))
     rows = list(csv.DictReader(text.splitlines()))
     columns = {re.sub(r"\W.*", "", str(name).strip().lower()): str(name) for name in (rows[0] if rows else {})}
@@ -82,12 +85,14 @@ def read_regions(path: Any, rate: float) -> list[Region]:
     if found["label"] is not None and found["start"] is None and found["stop"] is None:
         return _runs([str(row[found["label"]] or "").strip() for row in rows], str(path))
     if None in found.values():
-        raise DataError(f"{path} lacks the column {next(key for key, name in found.items() if name is None)}; expected label,start,stop")
+        raise DataError(
+            f"{path} lacks the column {next(key for key, name in found.items() if name is None)}; expected label,start,stop", code="column"
+        )
     factor = rate if "[s]" in str(found["start"]) else 1.0
     try:
         return listed([(row[found["label"]], *(factor * float(row[found[end]]) for end in ("start", "stop"))) for row in rows], str(path))
     except (TypeError, ValueError) as error:
-        raise DataError(f"{path}: {error}; expected numbers as start and stop of every region") from error
+        raise DataError(f"{path}: {error}; expected numbers as start and stop of every region", code="region") from error
 
 
 def _runs(labels: list[str], where: str) -> list[Region]:
@@ -123,12 +128,13 @@ def joined(logs: Mapping[str, Any]) -> tuple[Log, list[Region]]:
     (200, [('x_p', 0, 100), ('x_a', 100, 200)])
     """
     if not logs:
-        raise DataError("there is no log; expected a mapping from labels to logs")
+        raise DataError("there is no log; expected a mapping from labels to logs", code="no_logs")
     parts, first = list(logs.values()), next(iter(logs.values()))
     for label, log in logs.items():
         if abs(log.rate / first.rate - 1) > _SAME_RATE or any((getattr(log, x) is None) != (getattr(first, x) is None) for x in _SENSORS):
             raise DataError(
-                f"the log {label} has another rate or other sensors than {next(iter(logs))}; a session has one device at one rate"
+                f"the log {label} has another rate or other sensors than {next(iter(logs))}; a session has one device at one rate",
+                code="unlike",
             )
     ends = np.cumsum([0, *(len(log.time) for log in parts)]).tolist()
     sensors: dict[str, Any] = {x: np.concatenate([getattr(log, x) for log in parts]) for x in _SENSORS if getattr(first, x) is not None}
@@ -148,9 +154,9 @@ def listed(regions: Any, where: str = "regions") -> list[Region]:
             start, stop = (ends["start"], ends.get("end", ends.get("stop"))) if isinstance(ends, Mapping) else ends
             found.append((str(label), round(float(start)), round(float(stop))))
         except (TypeError, ValueError, KeyError) as error:
-            raise DataError(f"{where}: {region!r} is no region; expected (label, start, stop) in samples") from error
+            raise DataError(f"{where}: {region!r} is no region; expected (label, start, stop) in samples", code="region") from error
     if not found:
-        raise DataError(f"{where} holds no region; {_EXPECTED}")
+        raise DataError(f"{where} holds no region; {_EXPECTED}", code="region")
     return found
 
 
@@ -186,7 +192,7 @@ def faces(log: Any) -> list[Region]:
     reading = means(record.accel, still.start, still.stop)
     axis = np.argmax(np.abs(reading), axis=1)
     size = reading[np.arange(len(axis)), axis]
-    near = np.abs(size) > _FACE * np.linalg.norm(reading, axis=1)
+    near = np.abs(size) > NEAR * np.linalg.norm(reading, axis=1)
     found = [
         (f"{'xyz'[i]}_{'p' if up > 0 else 'a'}", int(start), int(stop))
         for i, up, start, stop in zip(axis[near], size[near], still.start[near], still.stop[near], strict=True)
@@ -194,7 +200,8 @@ def faces(log: Any) -> list[Region]:
     if missing := sorted({f"{i}_{kind}" for i in "xyz" for kind in "pa"} - {label for label, _, _ in found}):
         raise DataError(
             f"The log has no rest on the face {', '.join(missing)} (p up, a down) among {len(still)} rests; lay the block on each of its "
-            "six faces for 3 s or more"
+            "six faces for 3 s or more",
+            code="missing",
         )
     return found
 
@@ -206,7 +213,7 @@ def rests_among(regions: Any) -> list[tuple[int, int]] | None:
 
 
 @host_float64
-def ferraris(log: Any, regions: Any, *, gravity: float | int, angle: float = 2 * np.pi) -> ImuFit:
+def ferraris(log: Any, regions: Any, *, gravity: float | int | None = None, angle: float = 2 * np.pi) -> ImuFit:
     r"""Calibrate accelerometer and gyroscope from a Ferraris session: a box at rest on six faces, and one turn about each axis.
 
     Without turns this is the six-position test of the accelerometer, and the result has no gyroscope.
@@ -225,7 +232,7 @@ def ferraris(log: Any, regions: Any, *, gravity: float | int, angle: float = 2 *
     log : `jaxcal.Log` with accelerometer and gyroscope.
     regions : list of (label, start, stop) in samples, `stop` excluded; or a mapping from label to (start, stop). The labels are x_p, y_p,
         z_p for an axis up, x_a, y_a, z_a for an axis down, and x_rot, y_rot, z_rot for the turns. `read_regions` reads them from a file.
-    gravity : local gravity, m/s^2.
+    gravity : local gravity, m/s^2. None takes standard gravity, which may be wrong by 0.3 %, as a finding says.
     angle : angle of each turn, rad.
 
     Returns
@@ -257,10 +264,11 @@ def ferraris(log: Any, regions: Any, *, gravity: float | int, angle: float = 2 *
     ----------
     F. Ferraris, U. Grimaldi and M. Parvis, Sensors and Materials 7 (1995) 311.
     """
+    gravity, assumed = assumed_gravity(gravity)
     record, size = recording(log, None), checked_gravity(gravity)
     sides, turns = _sorted(listed(regions), len(record.time))
     if turns and record.gyro is None:
-        raise DataError("The log has no gyroscope, which the turns are for; leave out their regions.")
+        raise DataError("The log has no gyroscope, which the turns are for; leave out their regions.", code="no_gyro")
     up = np.array([sign * np.eye(3)[axis] for axis, sign, _, _ in sides])
     start, stop = (np.array([side[i] for side in sides]) for i in (2, 3))
     rests, force = rests_of(record, start, stop), size * up
@@ -268,39 +276,44 @@ def ferraris(log: Any, regions: Any, *, gravity: float | int, angle: float = 2 *
         if not sign * reading[axis] > 0.5 * size:
             side = "up" if sign > 0 else "down"
             raise DataError(
-                f"Samples {i} to {j} are labelled {'xyz'[axis]} {side}, but read {reading.round(2).tolist()} m/s^2. Check label and unit."
+                f"Samples {i} to {j} are labelled {'xyz'[axis]} {side}, but read {reading.round(2).tolist()} m/s^2. Check label and unit.",
+                code="label",
             )
     accel = six_position(rests.accel, size, up=up)
-    tilt, alone = float(accel.sigma[0]) / size, _covariance(np.asarray(accel.covariance))
+    tilt, known = float(accel.sigma[0]) / size, accel.estimate.renamed("accel.{}".format)
     found = ImuFit(
-        rate=record.rate, gravity=size, temperature=record.temperature, verdict="good", reason="", convention="box",
-        method="ferraris" if turns else "six_position", accel=accel.triad, covariance=alone, robust_covariance=alone,
-        residual_norm=size - np.linalg.norm(accel.triad.correct(rests.accel), axis=1), warnings=tuple(accel.warnings),
-        sigma=np.array([accel.sigma[0], np.nan, np.nan]), degrees_of_freedom=np.full(33, 3.0 * accel.degrees_of_freedom),
+        record.rate, size, record.temperature, "box", "ferraris" if turns else "six_position", (*assumed, *accel.findings),
+        accel=accel.triad, estimate=known, sigma=np.array([accel.sigma[0], np.nan, np.nan]),
+        residual_norm=size - np.linalg.norm(accel.triad.correct(rests.accel), axis=1),
     )  # fmt: skip
     if not turns:
-        return _judged(found, tilt, 0)
+        return _judged(found, tilt)
     columns = np.concatenate([np.ones((len(up), 1)), force], axis=1)
     beta = np.linalg.lstsq(columns, rests.gyro)[0]
     left = rests.gyro - columns @ beta
     freedom = 3 * (len(up) - 4)
-    inner = np.linalg.inv(columns.T @ columns)
-    still = inner * np.sum(left**2) / freedom
+    still = np.linalg.inv(columns.T @ columns) * np.sum(left**2) / freedom
     corrected = np.asarray(accel.triad.correct(np.nan_to_num(np.asarray(record.bridged)[:, 3:])))
     sums, seen = _turned(record, corrected, turns, beta, angle)
     matrix = np.stack([np.mean(sums[seen == axis], axis=0) for axis in range(3)], axis=1) / angle
     error = sums - angle * matrix.T[seen]
     gyro = Triad(matrix, beta[0], beta[1:].T)
-    covariance = _covariance(
-        np.asarray(accel.covariance), still, _turn_variance(record, corrected, turns, still, rests, tilt, matrix, angle, seen)
-    )
+    variance = _turn_variance(record, corrected, turns, still, rests, tilt, matrix, angle, seen)
+    names = entries(Imu(None, gyro))[0]
+    # the matrix is hardly correlated with bias and g-sensitivity, whose errors are equal for the three axes: (axis, column of `still`)
+    covariance = scipy.linalg.block_diag(accel.estimate.matrix, np.diag(variance.ravel()), np.zeros((12, 12)))
+    place = {name: i for i, name in enumerate((*known.names, *names))}
+    for axis in range(3):
+        rows = [place[f"gyro.bias[{axis}]"], *(place[f"gyro.g_sensitivity[{axis},{i}]"] for i in range(3))]
+        covariance[np.ix_(rows, rows)] = still
+    values_ = np.concatenate([known.values, values(Imu(None, gyro))])
+    degrees = np.concatenate([known.freedom, np.full(len(names), float(freedom))])
     result = dataclasses.replace(
-        found, gyro=gyro, covariance=covariance, robust_covariance=covariance, residual_turn=np.linalg.norm(error, axis=1),
-        degrees_of_freedom=np.repeat([3.0 * accel.degrees_of_freedom, float(freedom)], [12, 21]),
-        residual_rest=left @ np.linalg.inv(matrix).T,
+        found, gyro=gyro, estimate=Estimate(tuple(place), values_, covariance, degrees, None, quantities()),
+        residual_turn=np.linalg.norm(error, axis=1), residual_rest=left @ np.linalg.inv(matrix).T,
         sigma=np.array([accel.sigma[0], np.sqrt(2) * tilt, np.sqrt(np.sum(left**2) / freedom)]),
     )  # fmt: skip
-    return _judged(result, tilt, len(turns))
+    return _judged(result, tilt)
 
 
 def _sorted(regions: list[Region], samples: int) -> tuple[list[Any], list[Any]]:
@@ -309,17 +322,17 @@ def _sorted(regions: list[Region], samples: int) -> tuple[list[Any], list[Any]]:
     for label, start, stop in regions:
         match = _LABEL.fullmatch(label.strip())
         if match is None:
-            raise DataError(f"The label {label!r} says nothing of an axis; {_EXPECTED}")
+            raise DataError(f"The label {label!r} says nothing of an axis; {_EXPECTED}", code="label")
         if not 0 <= start < stop <= samples:
-            raise DataError(f"The region {label} goes from sample {start} to {stop}; the log has the samples 0 to {samples}")
+            raise DataError(f"The region {label} goes from sample {start} to {stop}; the log has the samples 0 to {samples}", code="region")
         if stop - start < 10:
-            raise DataError(f"The region {label} has {stop - start} samples; expected a second or more")
+            raise DataError(f"The region {label} has {stop - start} samples; expected a second or more", code="region")
         found.append(("xyz".index(match[1].lower()), _KINDS[match[2].lower()], start, stop))
     there = {region[:2] for region in found}
     kinds = ((1, "p"), (-1, "a"), (0, "rot")) if any(sign == 0 for _, sign in there) else ((1, "p"), (-1, "a"))
     missing = [f"{'xyz'[axis]}_{word}" for axis in range(3) for sign, word in kinds if (axis, sign) not in there]
     if missing:
-        raise DataError(f"The session lacks {', '.join(missing)}; it takes six faces and, for the gyroscope, three turns")
+        raise DataError(f"The session lacks {', '.join(missing)}; it takes six faces and, for the gyroscope, three turns", code="missing")
     return [region for region in found if region[1]], [region for region in found if not region[1]]
 
 
@@ -336,7 +349,8 @@ def _turned(record: Recording, force: np.ndarray, turns: list[Any], beta: np.nda
         if np.argmax(np.abs(total)) != axis or not 0.7 < abs(total[axis]) / angle < 1.4:
             raise DataError(
                 f"Samples {i} to {j} are labelled a turn about {'xyz'[axis]} by {np.rad2deg(angle):.4g} degrees, but the gyroscope turned "
-                f"by {np.rad2deg(total).round(1).tolist()} degrees about x, y, z. Check the label, the ends of the region and the unit."
+                f"by {np.rad2deg(total).round(1).tolist()} degrees about x, y, z. Check the label, the ends of the region and the unit.",
+                code="label",
             )
         sums.append(np.sign(total[axis]) * total)
     return np.array(sums), np.array([turn[0] for turn in turns])
@@ -358,31 +372,13 @@ def _turn_variance(
     return variance / np.bincount(seen, minlength=3) ** 2
 
 
-def _covariance(accel: np.ndarray, still: np.ndarray | None = None, matrix: np.ndarray | None = None) -> np.ndarray:
-    """(33, 33) covariance of both triads, without correlation between the gyroscope's matrix and its bias, which is negligible."""
-    covariance = np.zeros((33, 33))
-    covariance[:12, :12] = accel
-    if still is None or matrix is None:
-        return covariance
-    covariance[np.arange(12, 21), np.arange(12, 21)] = matrix.ravel()
-    for axis in range(3):
-        place = np.array([21 + axis, *range(24 + 3 * axis, 27 + 3 * axis)])
-        covariance[np.ix_(place, place)] = still
-    return covariance
-
-
-def _judged(result: ImuFit, tilt: float, turns: int) -> ImuFit:
-    """Add intervals and verdict to the result."""
-    half = scipy.special.stdtrit(result.degrees_of_freedom, 0.975) * result.standard_error
-    interval = np.stack([result.values - half, result.values + half], axis=1)
-    force, rate = relative_error(result, 0), relative_error(result, 12) if turns else 0.0
-    notes = list(result.warnings)
-    if turns == 3:
-        notes.append("Each turn was made once: an error of its angle goes into the gyroscope's scale. Repeat the turns to see it.")
-    worst = max(force, rate)
-    verdict = "good" if worst <= POOR else "weak" if worst <= UNKNOWN else "refused"
-    second = f", gyroscope {parts_of(rate)}" if turns else ""
-    reason = f"Standard errors: accelerometer {parts_of(force)}{second} in scale and misalignment."
-    if verdict != "good":
-        reason = f"The faces disagree by {np.rad2deg(tilt):.2g} degrees: the box was not square or did not lie flat. {reason}"
-    return dataclasses.replace(result, interval=interval, verdict=verdict, reason=reason, warnings=tuple(notes))
+def _judged(result: ImuFit, tilt: float) -> ImuFit:
+    """Add the findings to the result."""
+    worst = max(matrix_error(result.estimate, sensor) for sensor in _SENSORS if getattr(result, sensor) is not None)
+    found = []
+    if worst > POOR:
+        severity = FATAL if worst > UNKNOWN else CAUTION
+        found.append(FINDINGS("box", severity=severity, tilt=Quantity(tilt, "angle")))
+    if len(result.residual_turn) == 3:
+        found.append(FINDINGS("turned_once", "gyro"))
+    return dataclasses.replace(result, findings=(*result.findings, *found))

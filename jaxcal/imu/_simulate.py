@@ -8,10 +8,9 @@ import scipy  # loads its parts when they are first used
 from .._errors import DataError
 from .._log import Log
 from .._precision import host_float64
-from .._types import AnyArray
-from ._known import SIX, checked_gravity
+from ._known import checked_gravity
 from ._model import EARTH_RATE, Imu, Triad
-from ._result import PLACES
+from ._observability import PLACES
 
 #: a typical MEMS unit, and its white noise in m/s/sqrt(s) and rad/sqrt(s)
 MEMS = Imu(
@@ -35,13 +34,6 @@ def attitudes(poses: int = 24, seed: Any = 0) -> np.ndarray:
     Returns
     -------
     (poses, 3) unit vectors, the upward direction in body axes.
-
-    Examples
-    --------
-    >>> import jaxcal
-    >>> up = jaxcal.imu.attitudes(18)
-    >>> jaxcal.imu.observability(up).condition < 12
-    True
     """
     rng = np.random.default_rng(seed)
     places = PLACES[np.argsort(np.abs(PLACES).sum(axis=1), kind="stable")]
@@ -152,47 +144,3 @@ def simulate(
         if saturation is not None:
             readings[i] = np.clip(readings[i], -saturation[i], saturation[i])
     return Log(None, gyro=readings[1], accel=readings[0], rate=float(rate), provenance={"simulated": True, "seed": seed})
-
-
-@host_float64
-def simulate_positions(
-    triad: Triad = MEMS.accel,
-    gravity: float | int = 9.81,
-    *,
-    up: Any = None,
-    sigma: float = 0.0,
-    levelling: float = 0.0,
-    tilt: float = 0.0,
-    seed: int = 0,
-) -> AnyArray:
-    """Simulate mean readings of an accelerometer in static positions with attitude errors.
-
-    Parameters
-    ----------
-    triad : the accelerometer. gravity : m/s^2.
-    up : (k, 3) nominal upward directions in body axes; None for the six of `six_position`.
-    sigma : standard deviation of a mean reading.
-    levelling : standard deviation of the levelling error about each axis, rad, independent in each position.
-    tilt : standard deviation about each axis of a rotation common to all positions, rad.
-    seed : seed of all random errors.
-
-    Returns
-    -------
-    (k, 3) readings.
-
-    Examples
-    --------
-    >>> from jaxcal.imu import simulate_positions
-    >>> simulate_positions().shape
-    (6, 3)
-    """
-    rng = np.random.default_rng(seed)
-    directions = SIX if up is None else np.asarray(up, dtype=float)
-    directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    errors = levelling * rng.normal(size=directions.shape)
-    turned = scipy.spatial.transform.Rotation.from_rotvec(tilt * rng.normal(size=3)).apply(
-        scipy.spatial.transform.Rotation.from_rotvec(errors).apply(directions)
-    )
-    # NumPy instead of `Triad.measure`, because simulations call this hundreds of times
-    readings = float(gravity) * turned @ np.asarray(triad.matrix).T + np.asarray(triad.bias)
-    return readings + sigma * rng.normal(size=directions.shape)

@@ -42,9 +42,11 @@ def imu(result: Any, ax: Any = None) -> Any:
     ['Norm less gravity (mm/s²)']
     """
     if not isinstance(result, ImuFit):
-        raise DataError(f"cannot draw {type(result).__name__}; expected an ImuFit, as jaxcal.imu.multi_position returns it")
+        raise DataError(
+            f"cannot draw {type(result).__name__}; expected an ImuFit, as jaxcal.imu.multi_position returns it", code="not_a_result"
+        )
     if result.accel is None:
-        raise DataError(f"there is nothing to draw: the calibration was refused. {result.reason}")
+        raise DataError(f"there is nothing to draw: the calibration was refused. {result.reason}", code="refused")
     shown = [("Pose", "Norm less gravity (mm/s²)", -1e3 * np.asarray(result.residual_norm), 1e3 * float(result.sigma[0]))]
     if result.gyro is not None:
         shown.append(("Turn", "Angle after the turn (deg)", np.rad2deg(result.residual_turn), np.rad2deg(np.sqrt(2) * result.sigma[1])))

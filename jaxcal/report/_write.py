@@ -23,7 +23,6 @@ else:
 _PACKAGE = __name__.partition(".")[0]
 #: kind of result -> module with its `document`, `page` and `summary`
 _KINDS = {
-    ("imu", "ImuFit"): "_imu",
 }  # fmt: skip
 _TITLES = {"Noise": "Sensor noise", "Alignment": "Alignment on a turntable"}  # if neither device nor file is known
 _BADGES = {"good": " present", "ok": " present", "fitted": " present"}
@@ -77,8 +76,8 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | N
     version = importlib.metadata.version("jaxcal")
     if isinstance(results, (list, tuple)):
         title, lead, body = _device(_pairs(results, log), device, version)
-    elif not hasattr(results, "findings") and _is(results, "imu", "ImuFit") and results.accel is None:
-        raise DataError(f"there is nothing to report: the calibration was refused. {results.reason}")
+    elif _is(results, "imu", "ImuFit") and results.accel is None:
+        raise DataError(f"there is nothing to report: the calibration was refused. {results.reason}", code="refused")
     else:
         title, lead, body = _content(results, log, version, device)
     first = log if log is not None or not isinstance(results, (list, tuple)) else _pairs(results, log)[0][1]
@@ -107,9 +106,7 @@ def document(results: Any, log: Any = None) -> dict[str, Any]:
     -------
     Dictionary with `schema`, `version`, and further keys by the kind of results:
 
-    - "jaxcal.NoiseFits/1": as `NoiseFits.to_dict`.
-    - "jaxcal.imu/1": `verdict`, `reason`, `warnings`, `convention`, `method`, `gravity`, `rate`, `poses`, `turns`, `sensors` (each with
-      `matrix`, `bias`, `g_sensitivity`, `intervals`), `residuals`, `held_out`, `condition`, `temperature` and `provenance`.
+    - "jaxcal.NoiseFits/1": as `NoiseFits.to_dict`; and so of the other kinds.
 
     Raises
     ------

@@ -214,13 +214,13 @@ def test_a_fleet_of_multi_position_recordings(tmp_path, pool):
         np.savez(tmp_path / f"unit{i}.npz", time=log.time, gyro=log.gyro, accel=log.accel)
     fleet = run(tmp_path, "imu", executor=pool, workers=1, options={"gravity": cases.GRAVITY, "held_out": False})
     assert [entry.status for entry in fleet] == ["done", "failed", "done"]
-    assert "the full model needs 9 at least" in fleet.failed[0].reason
+    assert "There are 6 still intervals" in fleet.failed[0].reason
     sensors = [f"{sensor}.{part}" for sensor, part in (("accel", "matrix"), ("accel", "bias"), ("gyro", "matrix"), ("gyro", "bias"))]
     names = [f"{sensor}[{k}]" for sensor in sensors for k in (["0", "1", "2"] if "bias" in sensor else INDICES)]
     truth = dict(zip([*names, *(f"gyro.g_sensitivity[{k}]" for k in INDICES)], cases.turned_truth(), strict=True))
     for entry in fleet.done:
         assert set(truth) - set(entry.coefficients) == {"accel.matrix[1,0]", "accel.matrix[2,0]", "accel.matrix[2,1]"}  # fixed at zero
-        inside = [one.low <= truth[name] <= one.high for name, one in entry.coefficients.items()]
+        inside = [one.low <= truth[name] <= one.high for name, one in entry.coefficients.items() if name in truth]
         assert sum(inside) >= 25  # of 30 intervals of 95 %; fewer have a probability of 0.3 %
     alone = multi_position(jaxcal.read(fleet.done[0].path, quiet=True), gravity=cases.GRAVITY, held_out=False)
     assert [fleet.done[0].coefficients[name].value for name in names[-3:]] == alone.gyro.bias.tolist()

@@ -3,7 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jaxcal.imu import MEMS, MEMS_NOISE as NOISE, ImuTk, attitudes, simulate
+from jaxcal.imu import MEMS, MEMS_NOISE as NOISE, simulate
+from jaxcal.imu._simulate import attitudes
 
 ACCEL, GYRO = MEMS.accel, MEMS.gyro
 
@@ -39,8 +40,23 @@ def turned_truth(accel=ACCEL, gyro=GYRO):
 
 def imu_tk_of(triad):
     """Misalignment, scale and bias of a triad in the form of imu_tk."""
-    found = ImuTk.of(triad)
-    return found.misalignment, found.scale, found.bias
+    correction = np.linalg.inv(triad.matrix)
+    return correction / np.diag(correction), np.diag(correction), triad.bias
+
+
+def inside(found, truth):
+    """Whether each 95 % interval of an estimate contains the truth, in the order of the parameters."""
+    low, high = found.estimate.intervals().T
+    return (low <= truth) & (truth <= high)
+
+
+def positions(triad=ACCEL, gravity=GRAVITY, *, up=None, sigma=0.0, levelling=0.0, tilt=0.0, seed=0):
+    """Mean readings of an accelerometer in static positions: errors of the level of each, a tilt of all, and noise."""
+    rng = np.random.default_rng(seed)
+    directions = np.kron(np.eye(3), np.array([[1.0], [-1.0]])) if up is None else np.asarray(up)
+    errors = levelling * rng.normal(size=directions.shape)
+    turned = Rotation.from_rotvec(tilt * rng.normal(size=3)).apply(Rotation.from_rotvec(errors).apply(directions))
+    return gravity * turned @ triad.matrix.T + triad.bias + sigma * rng.normal(size=directions.shape)
 
 
 def _integrated(rate, dt):

@@ -36,10 +36,10 @@ def scale(gravity, latitude, poses, turns):
 def test_both_sensors_from_poses_and_turns(data):
     _, found = scale(jnp.asarray(cases.GRAVITY), jnp.asarray(LATITUDE), *jax.tree.map(jnp.asarray, data))
     assert bool(found.fit.usable)
-    error = np.abs(np.asarray(found.values) - cases.turned_truth())
-    free = np.asarray(found.standard_error) > 0
+    error = np.abs(np.asarray(found.estimate.values) - cases.turned_truth())
+    free = np.asarray(found.estimate.error) > 0
     assert free.sum() == 30
-    assert np.all(error[free] <= 5 * np.asarray(found.standard_error)[free])
+    assert np.all(error[free] <= 5 * np.asarray(found.estimate.error)[free])
     np.testing.assert_allclose(error[~free], 0, atol=1e-12)
 
 

@@ -7,13 +7,17 @@ import numpy as np
 
 import jaxcal
 from jaxcal import Log
+from jaxcal._answer import NOTE
 from jaxcal.alignment import NAMES, AlignmentFit, Positions, Readings, Sensor, Turntable, simulate
 from jaxcal.alignment._findings import FINDINGS as NORTH
 from jaxcal.alignment._result import QUANTITIES
 from jaxcal.device import DeviceFit
 from jaxcal.device._findings import FINDINGS as DEVICE
 from jaxcal.fitting import Estimate
-from jaxcal.imu import ImuFit, Observability, Triad
+from jaxcal.imu import Imu, ImuFit, Observability, Triad
+from jaxcal.imu._findings import FINDINGS as IMU
+from jaxcal.imu._model import entries
+from jaxcal.imu._result import quantities
 from jaxcal.magnetometer import body_field, scenario
 from jaxcal.noise._findings import FINDINGS
 
@@ -43,16 +47,16 @@ def imu():
     rng = np.random.default_rng(1)
     gyro = Triad(np.eye(3) + 0.01 * rng.normal(size=(3, 3)), 0.01 * rng.normal(size=3), 1e-5 * rng.normal(size=(3, 3)))
     accel = Triad(np.triu(gyro.matrix), 10 * gyro.bias)
-    values = np.concatenate([np.ravel(part) for part in (accel.matrix, accel.bias, gyro.matrix, gyro.bias, gyro.g_sensitivity)])
-    half = np.where(values == 0, 0.0, 0.01 * np.abs(values))
+    names, values = entries(Imu(accel, gyro))[0], np.concatenate([np.ravel(part) for part in (
+        accel.matrix, accel.bias, gyro.matrix, gyro.bias, gyro.g_sensitivity)])  # fmt: skip
+    states = {name: "held" for name, value in zip(names, values, strict=True) if value == 0}
     found = ImuFit(
-        accel=accel, gyro=gyro, covariance=np.diag(half**2), interval=np.stack([values - half, values + half], axis=1),
-        robust_covariance=np.diag(half**2), degrees_of_freedom=np.full(33, 30.0), residual_norm=1e-3 * rng.normal(size=20),
-        residual_turn=np.abs(1e-3 * rng.normal(size=19)), residual_rest=1e-4 * rng.normal(size=(20, 3)), sigma=np.array([1e-3, 1e-3, 1e-4]),
-        down_weighted=(np.array([3]), np.array([5, 6])), cost=np.ones(2), held_out=np.array([1.1e-3, 1.2e-3]), still=None,
-        thresholds=np.zeros((0, 4)), observability=Observability(2.0, np.zeros((0, 3)), "The 20 poses determine every parameter."),
-        drift=np.zeros(3), rate=100.0, gravity=9.81, temperature=np.nan, verdict="good", reason="Standard errors: 52 ppm.", warnings=(),
-        convention="upper", method="joint",
+        accel=accel, gyro=gyro, estimate=Estimate(names, values, np.diag((0.005 * values) ** 2), 30.0, states, quantities()),
+        residual_norm=1e-3 * rng.normal(size=20), residual_turn=np.abs(1e-3 * rng.normal(size=19)),
+        residual_rest=1e-4 * rng.normal(size=(20, 3)), sigma=np.array([1e-3, 1e-3, 1e-4]),
+        down_weighted=(np.array([3]), np.array([5, 6])), held_out=np.array([1.1e-3, 1.2e-3]),
+        observability=Observability(20, 2.0, ("bias along x",), np.zeros((0, 3)), 1.5), rate=100.0, gravity=9.81, temperature=np.nan,
+        findings=(IMU("gyro_axes", "gyro", severity=NOTE, axes=EVIL),), convention="upper", method="joint",
     )  # fmt: skip
     steady = np.tile([0, 0, 9.81], (200, 1))
     return found, Log(None, accel=steady, gyro=0 * steady, rate=100.0)

@@ -1,0 +1,93 @@
+"""Everything that `jaxcal.imu` says about a result."""
+
+from .._answer import CAUTION, FATAL, GRAVITY_ASSUMED, NOTE, Kind, table
+
+_ADD = "Add it with {option.terms:auto}."
+
+FINDINGS = table(
+    gravity_assumed=GRAVITY_ASSUMED,
+    # the recording
+    unit=Kind(
+        FATAL, "The accelerometer reads {size:.3g} at rest, where {gravity:.4g} m/s^2 is expected: its readings look like {unit}.",
+        "Give {option.units:accel={unit}}."
+    ),
+    unit_unknown=Kind(
+        FATAL, "The accelerometer reads {size:.3g} at rest, where {gravity:.4g} m/s^2 is expected.",
+        "Give its unit with {option.units:accel=UNIT}, or {option.raw:True} for counts.",
+        terminal="Give its unit with {option.units:accel=UNIT}, or --counts."
+    ),
+    not_still=Kind(
+        FATAL, "The rest at the beginning is not still: its variance is {ratio:.3g} times that of the stillest windows.",
+        "Leave out {option.initial}, or give the length of the rest."
+    ),
+    few_rests=Kind(
+        FATAL, "There are {count} still intervals; the {model} model needs {needed}, and 18 to 24 are advised.",
+        "Hold the sensor still for {least:.2g} on each face and edge, and on some corners."
+    ),
+    saturated=Kind(NOTE, "An axis is at the end of its range in {lost} of {count} still intervals, which were left out."),
+    turn_gaps=Kind(NOTE, "{lost} turns were left out: more samples are missing in them than can be interpolated."),
+    turns_saturated=Kind(NOTE, "{lost} turns were left out: the gyroscope is at the end of its range in them.", "Turn more slowly."),
+    few_turns_left=Kind(FATAL, "{kept} turns are left; a gyroscope needs 6."),
+    # what poses and turns determine
+    attitudes_enough=Kind(NOTE, "The {poses} poses determine every parameter; least certain: {what}."),
+    attitudes=Kind(CAUTION, "The {poses} poses {degree} {what} (condition number {condition:.3g}).", "Add poses with {missing}."),
+    attitudes_alike=Kind(FATAL, "The {poses} poses are all alike, within {spread:.2g} of one attitude.", "Add poses with {missing}."),
+    gyro_open=Kind(
+        FATAL, "The turns do not determine the gyroscope.",
+        "Turn by 45 to 180 degrees about several horizontal axes; a turn about the vertical tells nothing."
+    ),
+    parameters_open=Kind(FATAL, "{what}"),
+    poor=Kind(CAUTION, "The matrix is known to {error} only.", "Add poses, with turns of 45 to 180 degrees about other axes between them."),
+    few_poses=Kind(CAUTION, "There are {poses} poses; 18 to 24 are advised."),
+    few_turns=Kind(CAUTION, "There are {turns} turns; 10 or more are advised."),
+    # the fit
+    failed=Kind(FATAL, "The fit failed: {why}"),
+    turns_disagree=Kind(FATAL, "After a turn, the verticals of gyroscope and accelerometer differ by {angle:.1f} rms: wrong axes or unit."),
+    gyro_unit=Kind(FATAL, "The turns fit if the gyroscope is in {unit}.", "Give {option.units:gyro={unit}}."),
+    gyro_axes=Kind(FATAL, "The turns fit if x, y, z of the device are {axes} of the gyroscope.", "Exchange or negate its columns."),
+    prior_conflict=Kind(CAUTION, "The prior contradicts the recording (p = {level:.1g}): the device has changed, or it is another one."),
+    disagree_poses=Kind(CAUTION, "{count} of {total} poses do not agree with the others: the sensor moved, or was bumped."),
+    disagree_turns=Kind(CAUTION, "{count} of {total} turns do not agree with the others: the sensor was bumped, or turned too fast."),
+    scatter=Kind(CAUTION, "The magnitudes scatter by {sigma:.2g}: the sensor moved while it should rest, or is not linear."),
+    scatter_unexplained=Kind(
+        CAUTION, "The magnitudes scatter {ratio:.2g} times as much as the noise inside the rests: by a drift, a motion or a nonlinearity.",
+        "Hold the sensor still in 18 to 24 attitudes, which show the cause."
+    ),
+    lack_accel=Kind(CAUTION, "The {what} ask for {term} of {size:.2g} at {at:.3g}, which the intervals include.", _ADD),
+    lack_drift=Kind(
+        CAUTION, "The {what} ask for {term} of {size:.2g} over the recording, which the intervals include.",
+        "Let the sensor warm up first, or add the drift with {option.terms:auto}."
+    ),
+    lack_gyro=Kind(CAUTION, "The turns ask for {term} of {size:.2g} at {at:.3g}, which the intervals include.", _ADD),
+    lack_g_squared=Kind(
+        CAUTION, "The rates at rest ask for a term in the squared specific force of {size:.2g} at {at:.3g}, which the"
+        " intervals include.", _ADD
+    ),
+    terms_added=Kind(NOTE, "The log asked for {terms}, which the model now has."),
+    gyro_drift=Kind(NOTE, "The gyroscope's bias drifts by {size:.2g} over the recording; a linear drift is part of the fit."),
+    accel_drift=Kind(NOTE, "The accelerometer's bias drifts by {size:.2g} over the recording; the bias is that of the middle."),
+    accel_warm_up=Kind(NOTE, "The accelerometer's bias warms up by {size:.2g} during the recording; the bias is the settled one."),
+    no_g_sensitivity=Kind(NOTE, "The log shows no sensitivity to specific force (p = {level:.2g}), and the fit leaves it out."),
+    earth_rate=Kind(
+        NOTE, "The turns agree so well that the Earth's rate matters.", "Give {option.latitude}.",
+        terminal="Give --earth-rate {option.latitude}."
+    ),
+    delay=Kind(NOTE, "The gyroscope is {delay:.2g} later than the accelerometer, to {half:.2g}; a filter of both must know it."),
+    cheapest=Kind(NOTE, "The total cost is smallest at {chosen:g} times the variance at rest, but {better:g} times predicts poses better."),
+    # sessions, positions, tables and shakers
+    box=Kind(CAUTION, "The faces disagree by {tilt:.2g}: the box was not square or did not lie flat."),
+    turned_once=Kind(NOTE, "Each turn was made once, so an error of its angle is an error of the scale.", "Repeat the turns to see it."),
+    sigma_too_small=Kind(
+        CAUTION, "The readings scatter by {ratio:.2g} times the noise given, by levelling, repeatability or the model.",
+        "Leave out {option.sigma}, else the intervals are too narrow."
+    ),
+    axes_exchanged=Kind(
+        CAUTION, "The axes of the sensor are not those of the positions: some are exchanged.", "Check the order of the readings."
+    ),
+    fast=Kind(CAUTION, "The largest rate is {rate:.3g} rad/s.", "Multiply rates in deg/s by pi/180."),
+    one_way=Kind(CAUTION, "The axes {axes} were not turned in both directions, so there is no matrix."),
+    no_repeats=Kind(CAUTION, "No rate was set twice, so the intervals know only the noise inside a stretch.", "Set some rates again."),
+    faces=Kind(NOTE, "The faces up do not separate a g-sensitivity from the bias.", "Turn with each of the six faces up to measure it."),
+    no_shift=Kind(CAUTION, "The vibration shifts no axis by more than its interval.", "Shake harder or longer."),
+    delay_unsure=Kind(CAUTION, "The delay is known to {half:.2g} only, more than a sample.", "Turn faster, and more often."),
+)  # fmt: skip
