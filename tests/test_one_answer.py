@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal._answer import Grid, Number
+from jaxcal._answer import Grid, Number, merged
 from jaxcal._units import shown_in
 from jaxcal.cli import _work, main
 
@@ -71,7 +71,7 @@ def check(answer, most):
     stored = {one["code"] for one in answer.json["findings"]} | {one["code"] for one in answer.json["log"]["findings"]}
     # every finding stands in each output, with the same codes
     assert codes == stored == {one.code for one in findings}
-    for one in findings:
+    for one in merged(findings):
         said = one.spelt("terminal")
         assert flat(said) in flat(answer.long), said
         assert len(one.of().spelt("terminal")) <= _LONGEST or ";" in said or "," in said, said
@@ -87,8 +87,10 @@ def check(answer, most):
         if isinstance(grid, Grid):
             for label, cells in grid.rows:
                 unit = next((shown_in(cell.quantity)[0] for cell in cells if isinstance(cell, Number)), "")
-                assert flat(f"{label} {unit}").strip() in flat(answer.long), label
-                assert label in page
+                # a table that would be too wide leaves out the words behind a letter
+                known = {flat(f"{words} {unit}").strip() for words in (label, label.partition("  ")[0])}
+                assert any(words in flat(answer.long) for words in known), label
+                assert flat(label) in page
     # the short answer
     lines = answer.short.splitlines()
     assert len(lines) <= most, answer.short

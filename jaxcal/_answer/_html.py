@@ -70,7 +70,9 @@ def grid_html(grid: Grid, wanted: Sequence[str] = ()) -> Markup:
 
 
 def _cell(cell: Number | str | None, wanted: Sequence[str]) -> Markup:
-    said = tag("span", cell_text(cell, wanted), class_="number")
+    remark = cell.remark if isinstance(cell, Number) else ""
+    said = tag("span", cell_text(cell._replace(remark="") if isinstance(cell, Number) else cell, wanted), class_="number")
+    said = join((said, " ", tag("span", remark, class_="small"))) if remark else said
     if not isinstance(cell, Number) or cell.state != "estimated" or not math.isfinite(cell.half) or not cell.half > 0:
         return said
     size = shown_in(cell.quantity, wanted)[1]

@@ -1,7 +1,6 @@
 """Results as text, for the terminal and for `print`: one number a row and axis, and at most three things to know."""
 
 import math
-import re
 import textwrap
 from collections.abc import Iterable, Sequence
 
@@ -14,7 +13,6 @@ _WIDTH = 80  # characters of a line of a terminal
 #: findings shown without `-v`: a reader acts on three at most
 _FEW = 3
 _EXACT = 1e-10  # relative half-width below which an interval is rounding, and the value exact
-_WORDS = re.compile(r"(?<=\S)  .*")  # what a label says after two blanks
 
 
 def cell_text(cell: Number | str | None, wanted: Sequence[str] = (), digits: int = 2) -> str:
@@ -66,7 +64,7 @@ def grid_lines(grid: Grid, wanted: Sequence[str] = (), width: int = _WIDTH) -> l
     """
     lines: list[str] = []
     for gap, digits, words in ((3, 2, True), (2, 2, True), (2, 1, True), (2, 2, False), (2, 1, False), (1, 1, False)):
-        labels = [grid.title, *(label if words else _WORDS.sub("", label) for label, _ in grid.rows)]
+        labels = [grid.title, *(label if words else label.partition("  ")[0] for label, _ in grid.rows)]
         units = ["", *(row_unit(cells, wanted) for _, cells in grid.rows)]
         columns = [
             [name, *_aligned([cell_text(cells[i], wanted, digits) for _, cells in grid.rows])] for i, name in enumerate(grid.columns)

@@ -10,6 +10,7 @@ import pytest
 from jaxcal import DataError, Log
 from jaxcal.imu._findings import FINDINGS
 from jaxcal.magnetometer import fit
+from jaxcal.noise import NoiseFits
 from jaxcal.report import write
 from jaxcal.report._html import inside, tag
 from jaxcal.temperature import TemperatureFits
@@ -44,13 +45,12 @@ def test_every_id_is_there_once_and_every_reference_finds_it(text):
 def test_verdicts_come_first_and_lead_to_their_parts(text, parts):
     head = text[text.index("<h2") : text.index("<article")]
     table = [re.sub("<[^>]*>", "", cell) for cell in re.findall(r"<t[hd].*?</t[hd]>", head)[3:]]
-    assert table[0::3] == [
-        "Noise, gyroscope", "Noise, accelerometer", "Bias and temperature", "Calibration", "Alignment on a turntable",
-    ]  # fmt: skip
-    assert table[1::3] == ["warnings", "fitted", "weak", "good", "good"]
-    assert "N (angle random walk): found on every axis." in table[2]
-    assert table[8] == TemperatureFits(parts[1][0]).headline
-    assert re.findall('href="#(part-[0-9])"', head) == ["part-1", "part-1", "part-2", "part-3", "part-4"]
+    titles = ["Noise", "Bias and temperature", "Calibration", "Alignment on a turntable"]
+    assert [title.partition(" of ")[0] for title in table[0::3]] == titles
+    found = [NoiseFits(parts[0][0]), TemperatureFits(parts[1][0]), parts[2][0], parts[3][0]]
+    assert table[1::3] == [one.verdict for one in found]
+    assert table[2::3] == [one.headline for one in found]
+    assert re.findall('href="#(part-[0-9])"', head) == ["part-1", "part-2", "part-3", "part-4"]
 
 
 def test_headings_go_down_one_level_at_a_time(text):
@@ -79,7 +79,7 @@ def test_every_figure_has_its_numbers(text, parts):
     assert text.count("<svg") == 2 + 3 + 2 + 3 + 3
     tables = re.findall(r"<caption>((?:Numbers|Every)[^<]*)", text)
     assert [name.partition(":")[0] for name in tables] == [
-        *(f"Numbers of {sensor}_{axis}" for sensor in ("gyro", "accel") for axis in "xyz"),
+        *(f"Numbers of Allan deviation of {sensor}_{axis}" for sensor in ("gyro", "accel") for axis in "xyz"),
         *(f"Numbers of {channel}" for channel in ("gyro x", "gyro y", "accel x")), "Numbers of the poses", "Numbers of the turns",
         "Every reading",
     ]  # fmt: skip
