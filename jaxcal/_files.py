@@ -50,11 +50,15 @@ def write_atomically(path: str | os.PathLike[str], data: str | bytes) -> None:
     path = pathlib.Path(path)
     folder = path.parent
     if not folder.exists():
-        raise ExportError(f"cannot write {path}: the folder {folder} does not exist; create it, or give a path in another folder")
+        raise ExportError(
+            f"cannot write {path}: the folder {folder} does not exist; create it, or give a path in another folder", code="not_written"
+        )
     if not folder.is_dir():
-        raise ExportError(f"cannot write {path}: {folder} is a file, not a folder; give a path in a folder")
+        raise ExportError(f"cannot write {path}: {folder} is a file, not a folder; give a path in a folder", code="not_written")
     if path.is_dir():
-        raise ExportError(f"cannot write {path}: it is a folder; give the path of a file in it, such as {path / 'result'}")
+        raise ExportError(
+            f"cannot write {path}: it is a folder; give the path of a file in it, such as {path / 'result'}", code="not_written"
+        )
     content = data.encode("utf-8", "backslashreplace") if isinstance(data, str) else data  # names of files need not be text
     try:
         if path.exists() and not path.is_file():
@@ -63,7 +67,9 @@ def write_atomically(path: str | os.PathLike[str], data: str | bytes) -> None:
             _replace(path.resolve(), content)  # a link keeps pointing to the file that is replaced
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
-        raise ExportError(f"cannot write {path}: {reason}; make the folder {folder} writable, or give a path in another folder") from error
+        raise ExportError(
+            f"cannot write {path}: {reason}; make the folder {folder} writable, or give a path in another folder", code="not_written"
+        ) from error
 
 
 def check_replaceable(path: str | os.PathLike[str], digest: str = "", *, force: bool = False) -> None:

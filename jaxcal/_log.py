@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any
 import equinox as eqx
 import numpy as np
 
-from ._answer import CAUTION, NOTE, Finding, Kind, table
+from ._answer import NOTE, Finding
 from ._arrays import runs
 from ._errors import DataError
+from ._log_findings import LOG
+from ._message import Message
 from ._own_time import at_nearest, equal_rows, far_apart, own_stamps, placed_alone, stamps_of
 from ._quality import all_finite, checked_rate, inspect, mark_missing, shown_unit
 from ._timebase import Placement, place, span
@@ -22,7 +24,6 @@ from ._types import AnyArray
 #: sensor field -> channel name suffixes
 _AXES = {"gyro": ("_x", "_y", "_z"), "accel": ("_x", "_y", "_z"), "mag": ("_x", "_y", "_z"), "temperature": ("",)}
 _SENSORS = {"gyro": "gyroscope", "accel": "accelerometer", "mag": "magnetometer", "temperature": "temperature"}
-_FINDINGS = table(doubt=Kind(CAUTION, "{text}"), read=Kind(NOTE, "{text}"))
 _THREE = 3
 #: a sensor present in a smaller share of the samples is slow, not full of gaps
 _SPARSE = 0.5
@@ -43,7 +44,7 @@ class Log(eqx.Module):
     The stamps are sorted, and their steps compared with the sampling period. Samples that repeat both a stamp and its values are dropped,
     a wrapped counter is unwrapped, and stamps in bursts or of low resolution are spaced evenly. A step longer than 1.5 periods that later
     steps do not make up becomes a gap of NaN rows. The rate is the number of steps divided by their length, without gaps. Infinite values,
-    and the repeats of a frozen sensor (more than 50 equal vectors), become NaN. `warnings` reports each repair in one sentence.
+    and the repeats of a frozen sensor (more than 50 equal vectors), become NaN. `findings` reports each repair.
 
     Parameters
     ----------
@@ -55,7 +56,7 @@ class Log(eqx.Module):
     rate : Hz. With stamps, it is checked against them (0.5 %) and kept; without stamps, it defines the grid.
     own_time : sensor -> (m,) stamps in s of a sensor that has stamps of its own, by the same clock as `time`. The readings of this sensor
         are (m, 3). Each reading goes to the nearest sample of the grid, and `offset` keeps the difference to its own time.
-    notes, warnings : sentences from the reader of the recording, placed before the sentences found here.
+    findings : what the reader of the recording found; it comes before what is found here.
     provenance : origin of the recording. `epoch_ns`, the stamp of the first sample, is filled in.
 
     Attributes
@@ -66,8 +67,8 @@ class Log(eqx.Module):
     offset : sensor -> (n,) s. `time` plus `offset` is when the sensor took each reading; NaN where there is no reading. Only for sensors
         that have stamps of their own.
     gaps : tuple of `Gap`: stretches in which a sensor is missing.
-    notes : tuple of sentences for information: quantisation steps, warm-up, small jitter.
-    warnings : tuple of sentences on anything that makes results from these data doubtful.
+    findings : tuple of `Finding`: how the recording was read, what was repaired, and what makes results from it doubtful.
+    notes, warnings : the findings as sentences: those for information only (quantisation steps, warm-up, gaps), and the others.
     provenance : dict.
 
     Raises
@@ -104,8 +105,7 @@ class Log(eqx.Module):
     rate: float
     offset: dict[str, AnyArray]
     gaps: tuple[Gap, ...]
-    notes: tuple[str, ...]
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
     provenance: dict[str, Any]
 
     def __init__(
@@ -118,11 +118,10 @@ class Log(eqx.Module):
         rate: float | int | None = None,
         *,
         own_time: Mapping[str, Any] | None = None,
-        notes: Iterable[str] = (),
-        warnings: Iterable[str] = (),
+        findings: Iterable[Finding] = (),
         provenance: Mapping[str, Any] | None = None,
     ):
-        notes, warnings, provenance = list(notes), list(warnings), dict(provenance or {})
+        found, provenance = list(findings), dict(provenance or {})
         given = {"gyro": gyro, "accel": accel, "mag": mag, "temperature": temperature}
         sensors = {name: _columns(name, values) for name, values in given.items() if values is not None}
         stamps, epoch = stamps_of(time)
@@ -130,36 +129,35 @@ class Log(eqx.Module):
         size = _common_length(stamps, {name: values for name, values in sensors.items() if name not in own})
         rate = None if rate is None else checked_rate(rate)
         for name, values in sensors.items():
-            sensors[name] = mark_missing(name, _channel_names(name, values), values, warnings)
+            sensors[name] = mark_missing(name, _channel_names(name, values), values, found)
 
         apart = {name: sensors.pop(name) for name in own}
         placed = {name: placed_alone(name, own[name], apart[name]) for name in own}
         if stamps is None:
             if rate is None:
-                raise DataError("no time stamps: give rate= (Hz), or the time column")
+                raise DataError(Message("no time stamps: give {option.rate:HZ}, or the time column"), code="no_rate")
             if size < 2:
-                raise DataError(f"{size} sample: a recording needs at least 2")
+                raise DataError(f"{size} sample: a recording needs at least 2", code="too_short")
             grid = Placement(None, None, size, rate, 0.0)
         else:
             grid = place(stamps, rate, equal_rows(sensors))
             sensors = {name: _on_grid(values, grid) for name, values in sensors.items()}
             rate, size = grid.rate, grid.size
             epoch += round(grid.start * 1e9)
-            notes += grid.notes
-            warnings += grid.warnings
+            found += grid.findings
         offset = {}
         for name, own_grid in placed.items():
-            warnings += [f"{name}: {sentence}" for sentence in own_grid.warnings]
-            sensors[name], offset[name] = at_nearest(name, apart[name], own_grid, grid, notes)
+            found += [one.of(name) for one in own_grid.findings if one.severity > NOTE]
+            sensors[name], offset[name] = at_nearest(name, apart[name], own_grid, grid, found)
 
         for name, values in sensors.items():
-            sensors[name] = inspect(name, _channel_names(name, values), values, rate, notes, warnings)
+            sensors[name] = inspect(name, _channel_names(name, values), values, rate, found)
         self.time = np.arange(size) / rate
         self.gyro, self.accel, self.mag, self.temperature = _fields(sensors).values()
         self.rate = rate
         self.offset = offset
-        self.gaps = gaps_of(sensors, offset, rate, warnings)
-        self.notes, self.warnings = tuple(notes), tuple(warnings)
+        self.gaps = gaps_of(sensors, offset, rate, found)
+        self.findings = tuple(found)
         self.provenance = provenance | {"epoch_ns": int(provenance.get("epoch_ns", 0)) + epoch}
 
     @property
@@ -184,7 +182,7 @@ class Log(eqx.Module):
         Returns
         -------
         Log
-            With its own time from 0 and its own gaps. `notes` and `warnings` are those of the whole recording, and
+            With its own time from 0 and its own gaps. `findings` are those of the whole recording, and
             `provenance["selected"]` gives the selected part in s.
 
         Raises
@@ -205,10 +203,8 @@ class Log(eqx.Module):
         # a bound at a sample means that sample, in spite of rounding errors of its time
         first, last = (int(np.clip(np.ceil(bound * self.rate - 1e-6), 0, len(self.time))) for bound in bounds)
         if last - first < 2:
-            raise DataError(
-                f"from {bounds[0]:g} s to {bounds[1]:g} s there are {max(last - first, 0)} samples; the recording is {self.duration:.6g} s "
-                f"long at {self.rate:.6g} Hz. Choose another start and stop"
-            )
+            held = f"there are {max(last - first, 0)} samples; the recording is {self.duration:.6g} s long at {self.rate:.6g} Hz"
+            raise DataError(f"from {bounds[0]:g} s to {bounds[1]:g} s {held}. Choose another start and stop", code="empty_part")
         sensors = {name: values[first:last] for name, values in self._sensors().items()}
         for name, values in sensors.items():
             mark_missing(name, _channel_names(name, values), values, [])
@@ -225,10 +221,19 @@ class Log(eqx.Module):
         __hash__ = None
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What is to know about the recording, as `Finding`s."""
-        said = [_FINDINGS("doubt", text=text) for text in self.warnings]
-        return tuple(said + [_FINDINGS("read", text=text) for text in self.notes])
+    def notes(self) -> tuple[str, ...]:
+        """The findings for information only, as sentences."""
+        return tuple(str(one) for one in self.findings if one.severity == NOTE)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings that make results from these data doubtful, as sentences."""
+        return tuple(str(one) for one in self.findings if one.severity > NOTE)
+
+    @property
+    def codes(self) -> tuple[str, ...]:
+        """The codes of the findings, each once."""
+        return tuple(dict.fromkeys(one.code for one in self.findings))
 
     def head(self) -> str:
         """Sensors, rate and duration in a line.
@@ -319,7 +324,7 @@ def field_readings(source: Any) -> tuple[Any, Any]:
         return source, None
     log = as_log(source)
     if log.mag is None or log.mag.shape[1] != _THREE:
-        raise DataError("the log has no magnetometer of three axes; name its columns with jaxcal.read(..., columns={'mag': [...]})")
+        raise DataError(Message("the log has no magnetometer of three axes; name its columns with {option.columns:mag=...}"), code="no_mag")
     there = np.isfinite(log.mag).all(axis=1)
     force = log.accel if log.accel is not None and log.accel.shape[1] == _THREE else None
     return log.mag[there], None if force is None else force[there]
@@ -344,22 +349,23 @@ def _columns(sensor: str, values: Any) -> np.ndarray:
         array = np.asarray(values)
         array = array.astype(np.float64, copy=False) if array.dtype.kind in "iufb" else np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise DataError(f"{sensor} does not hold numbers ({error}); give an array of shape (n, {axes})") from error
+        raise DataError(f"{sensor} does not hold numbers ({error}); give an array of shape (n, {axes})", code="shape") from error
     if array.ndim == 1:
         array = array[:, None]
     if array.ndim != 2 or not 1 <= array.shape[1] <= axes:
         wanted = "(n,)" if axes == 1 else "(n, 3)"
         hint = "; time is the first axis: transpose it" if array.ndim == 2 and array.shape[0] <= axes else ""
-        raise DataError(f"{sensor} has shape {np.shape(values)}; expected {wanted}{hint}")
+        raise DataError(f"{sensor} has shape {np.shape(values)}; expected {wanted}{hint}", code="shape")
     return array if array.strides[0] == array.itemsize else np.asfortranarray(array)
 
 
 def _common_length(stamps: np.ndarray | None, sensors: dict[str, np.ndarray]) -> int:
     if not sensors:
-        raise DataError("a log needs at least one of gyro, accel, mag and temperature")
+        raise DataError("a log needs at least one of gyro, accel, mag and temperature", code="no_sensor")
     lengths = {name: len(values) for name, values in sensors.items()} | ({} if stamps is None else {"time": len(stamps)})
     if len(set(lengths.values())) > 1:
-        raise DataError("all arrays need one row per sample, but " + ", ".join(f"{name} has {n}" for name, n in lengths.items()))
+        held = ", ".join(f"{name} has {n}" for name, n in lengths.items())
+        raise DataError(f"all arrays need one row per sample, but {held}", code="lengths")
     return next(iter(lengths.values()))
 
 
@@ -373,8 +379,8 @@ def _on_grid(values: np.ndarray, grid: Placement) -> np.ndarray:
     return placed
 
 
-def gaps_of(sensors: dict[str, np.ndarray], offset: Mapping[str, AnyArray], rate: float, warnings: list[str]) -> tuple[Gap, ...]:
-    """Stretches in which a sensor is missing; adds a warning on them, and one for each sensor slower than the log.
+def gaps_of(sensors: dict[str, np.ndarray], offset: Mapping[str, AnyArray], rate: float, found: list[Finding]) -> tuple[Gap, ...]:
+    """Stretches in which a sensor is missing; adds a finding on them, and one for each sensor slower than the log.
 
     A sensor with stamps of its own is missing between two readings only if these are more than 1.5 times as far apart as usual.
     """
@@ -387,7 +393,7 @@ def gaps_of(sensors: dict[str, np.ndarray], offset: Mapping[str, AnyArray], rate
     for name, gone in absent.items():
         present = (len(gone) - np.count_nonzero(gone)) / rows if rows else 0.0
         if present < _SPARSE:
-            warnings.append(f"{name} is present in {100 * present:.3g} % of the samples (about {present * rate:.3g} Hz)")
+            found.append(LOG("sparse", name, percent=100 * present, rate=present * rate))
         else:
             missing = missing | (far_apart(gone, np.asarray(offset[name]) * rate) if name in offset else gone)
     if not missing.any():
@@ -396,8 +402,6 @@ def gaps_of(sensors: dict[str, np.ndarray], offset: Mapping[str, AnyArray], rate
     lengths = stops - starts
     gaps = tuple(Gap(start / rate, length / rate, length) for start, length in zip(starts.tolist(), lengths.tolist(), strict=True))
     longest = max(gaps, key=lambda gap: gap.samples)
-    warnings.append(
-        f"missing samples: {lengths.sum()} of {len(missing)}, in {len(gaps)} gap{'s' * (len(gaps) > 1)}, the longest "
-        f"{longest.length:.4g} s at {longest.start:.6g} s"
-    )
+    facts = {"count": int(lengths.sum()), "total": len(missing), "gaps": len(gaps), "longest": longest.length, "at": longest.start}
+    found.append(LOG("gaps", **facts))
     return gaps

@@ -11,6 +11,8 @@ from typing import Any, Literal
 Reader = Literal["python", "terminal"]
 #: options that take `NAME=VALUE`; in Python their value is a dictionary
 _PAIRS = ("columns", "units")
+#: values of the command line that are no text in Python
+_CONSTANTS = {"...": "...", "none": "None"}
 
 
 class _Option:
@@ -24,8 +26,8 @@ class _Option:
             option = "--" + self.name.replace("_", "-")
             return option if value in ("", "True") else f"{option} {shlex.quote(value)}"
         key, equals, rest = value.partition("=")
-        if self.name in _PAIRS and equals:
-            return f"{self.name}={{{key!r}: {rest!r}}}"
+        if self.name in _PAIRS and equals and "," not in value:
+            return f"{self.name}={{{key!r}: {_CONSTANTS.get(rest, repr(rest))}}}"
         return f"{self.name}={value if value == '' or _is_python(value) else repr(value)}"
 
 
@@ -42,6 +44,25 @@ def _is_python(text: str) -> bool:
     return text in ("True", "False", "None", "...") or text.isupper() or text.replace(".", "").replace("-", "").replace("e", "").isdigit()
 
 
+def _told(fact: Any, reader: Reader, wanted: Sequence[str]) -> Any:
+    """A fact for a format string: a quantity in its unit, a message or an error as its reader types it, anything else as it is."""
+    if hasattr(fact, "shown"):
+        return fact.shown(wanted)
+    return fact.spelt(reader) if hasattr(fact, "spelt") else fact
+
+
+def joined_messages(parts: Sequence[Any], between: str = "; ") -> "Message":
+    """Several messages, errors or texts as one message.
+
+    Examples
+    --------
+    >>> from jaxcal._message import Message, joined_messages
+    >>> joined_messages([Message("give {option.rate:100}"), "or stamps"], ", ").spelt("terminal")
+    'give --rate 100, or stamps'
+    """
+    return Message(between.join(f"{{part{i}}}" for i in range(len(parts))), **{f"part{i}": part for i, part in enumerate(parts)})
+
+
 class Message:
     """A sentence with facts: a format string, in which `option` is known, and facts with a method `shown` have units.
 
@@ -49,7 +70,7 @@ class Message:
     ----------
     template : the sentence, as a format string.
     terminal : the sentence for the command line where it differs by more than the spelling of options.
-    facts : what the sentence names.
+    facts : what the sentence names; another message or an error stands in it as its reader types it.
 
     Examples
     --------
@@ -66,7 +87,7 @@ class Message:
 
     def spelt(self, reader: Reader = "python", wanted: Sequence[str] = ()) -> str:
         """The sentence for a reader, with quantities in the wanted units where they fit."""
-        shown = {name: fact.shown(wanted) if hasattr(fact, "shown") else fact for name, fact in self.facts.items()}
+        shown = {name: _told(fact, reader, wanted) for name, fact in self.facts.items()}
         template = self._terminal if reader == "terminal" and self._terminal is not None else self.template
         return template.format(option=_Options(reader), **shown)
 

@@ -5,7 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from ._answer import Finding
 from ._errors import DataError
+from ._log_findings import LOG
+from ._message import Message
 from ._timebase import GAP, Placement, nearest, place
 
 
@@ -15,7 +18,7 @@ def stamps_of(time: Any) -> tuple[np.ndarray | None, int]:
         return None, 0
     stamps = np.asarray(time)
     if stamps.ndim != 1:
-        raise DataError(f"time has shape {stamps.shape}; expected (n,)")
+        raise DataError(f"time has shape {stamps.shape}; expected (n,)", code="shape")
     if np.issubdtype(stamps.dtype, np.datetime64):
         ns = stamps.astype("datetime64[ns]")
         missing = np.isnat(ns)
@@ -23,22 +26,31 @@ def stamps_of(time: Any) -> tuple[np.ndarray | None, int]:
         epoch = int(ns[~missing][0]) if not missing.all() else 0
         return np.where(missing, np.nan, (ns - epoch) * 1e-9), epoch
     if stamps.dtype.kind not in "iuf":
-        raise DataError(f"time holds {stamps.dtype} values; expected seconds as numbers, or datetime64")
+        raise DataError(f"time holds {stamps.dtype} values; expected seconds as numbers, or datetime64", code="stamps")
     return stamps.astype(np.float64, copy=False), 0
 
 
 def own_stamps(own_time: Mapping[str, Any], sensors: dict[str, np.ndarray], epoch: int) -> dict[str, np.ndarray]:
     """Stamps in s of each sensor that has its own, by the clock whose zero is at `epoch` ns."""
+
+    def wrong(why: str) -> DataError:
+        return DataError(f"own_time {why}", code="own_time")
+
     own = {}
     for name, time in own_time.items():
         if name not in sensors:
-            raise DataError(f"own_time has stamps of {name}, and the sensors are {', '.join(sensors)}; give the readings of {name} too")
+            raise DataError(
+                f"own_time has stamps of {name}, and the sensors are {', '.join(sensors)}; give the readings of {name} too", code="own_time"
+            )
         stamps, start = stamps_of(time)
         if stamps is None or stamps.shape != sensors[name].shape[:1]:
-            raise DataError(f"own_time of {name} has shape {np.shape(time)}; expected {len(sensors[name])} stamps, one for each reading")
+            raise DataError(
+                f"own_time of {name} has shape {np.shape(time)}; expected {len(sensors[name])} stamps, one for each reading",
+                code="own_time",
+            )
         own[name] = stamps + ((start - epoch) * 1e-9 if start else 0.0)
     if own and len(own) == len(sensors):
-        raise DataError("own_time has stamps of every sensor; leave out those of the sensor to which `time` belongs")
+        raise wrong("has stamps of every sensor; leave out those of the sensor to which `time` belongs")
     return own
 
 
@@ -47,7 +59,7 @@ def placed_alone(name: str, stamps: np.ndarray, values: np.ndarray) -> Placement
     try:
         return place(stamps, None, equal_rows({name: values}))
     except DataError as error:
-        raise DataError(f"{name}: {error}") from error
+        raise DataError(Message("{name}: {error}", name=name, error=error), error.code) from error
 
 
 def equal_rows(sensors: dict[str, np.ndarray]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
@@ -59,7 +71,7 @@ def equal_rows(sensors: dict[str, np.ndarray]) -> Callable[[np.ndarray, np.ndarr
     return equal
 
 
-def at_nearest(name: str, values: np.ndarray, own: Placement, grid: Placement, notes: list[str]) -> tuple[np.ndarray, np.ndarray]:
+def at_nearest(name: str, values: np.ndarray, own: Placement, grid: Placement, found: list[Finding]) -> tuple[np.ndarray, np.ndarray]:
     """Readings at the nearest samples of the grid, NaN elsewhere, and their `Log.offset`.
 
     If two readings have the same nearest sample, the later one stays.
@@ -68,11 +80,11 @@ def at_nearest(name: str, values: np.ndarray, own: Placement, grid: Placement, n
     values = values if own.source is None else values[own.source]
     near = np.flatnonzero(row >= 0)
     if not len(near):
-        raise DataError(f"no stamp of {name} lies within the time of the log: its stamps are those of another clock")
+        raise DataError(f"no stamp of {name} lies within the time of the log: its stamps are those of another clock", code="other_clock")
     placed, offset = np.full((values.shape[1], grid.size), np.nan).T, np.full(grid.size, np.nan)
     placed[row[near]], offset[row[near]] = values[near], later[near]
     if lost := len(row) - len(np.unique(row[near])):
-        notes.append(f"{name}: {lost} of {len(row)} readings have no sample of the log to themselves and are left out")
+        found.append(LOG("crowded", name, count=lost, total=len(row)))
     return placed, offset
 
 

@@ -6,7 +6,10 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from ._answer import Finding
 from ._errors import DataError
+from ._log_findings import LOG
+from ._message import Message
 from ._precision import is_traced
 from ._units import STRONGEST_FIELD, si_unit
 
@@ -25,23 +28,23 @@ def checked_rate(rate: Any) -> float:
     try:
         value = float(rate)
     except (TypeError, ValueError):
-        raise DataError(f"rate must be a number in Hz; got {rate!r}") from None
+        raise DataError(f"rate must be a number in Hz; got {rate!r}", code="rate") from None
     if not (np.isfinite(value) and value > 0):
-        raise DataError(f"rate must be positive and finite, in Hz; got {value!r}")
+        raise DataError(f"rate must be positive and finite, in Hz; got {value!r}", code="rate")
     return value
 
 
 def checked_confidence(confidence: Any) -> Any:
     """The level of an interval, checked."""
     if not 0.0 < confidence < 1.0:
-        raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)")
+        raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)", code="confidence")
     return confidence
 
 
 def checked_whole(name: str, value: Any, least: int) -> int:
     """An option that is a count, checked."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise DataError(f"{name} must be a whole number, at least {least}; got {value!r}")
+        raise DataError(f"{name} must be a whole number, at least {least}; got {value!r}", code="whole")
     return int(value)
 
 
@@ -49,18 +52,20 @@ def refuse_infinite(column: np.ndarray, name: str, cure: str = "replace them by 
     """Refuse infinite samples, which are neither values nor gaps."""
     infinite = np.flatnonzero(np.isinf(column))
     if len(infinite):
-        raise DataError(f"{name} has {len(infinite)} infinite values, the first at sample {infinite[0]}; {cure}")
+        raise DataError(f"{name} has {len(infinite)} infinite values, the first at sample {infinite[0]}; {cure}", code="record")
 
 
 def refuse_other_than_samples(y: Any) -> None:
     """Refuse objects that only contain samples (the name of a file, a log, a dictionary, a dataset), and tell what to give instead."""
     how = "give one sensor and its rate, such as log.gyro and log.rate; jaxcal.noise.characterise takes a whole log"
     if isinstance(y, str | os.PathLike):
-        raise DataError(f"y is the name of a file; read it with log = jaxcal.read({os.fspath(y)!r}), and {how}")
+        raise DataError(f"y is the name of a file; read it with log = jaxcal.read({os.fspath(y)!r}), and {how}", code="record")
     if hasattr(y, "channels") and hasattr(y, "gyro"):
-        raise DataError(f"y is a Log; {how}")
+        raise DataError(f"y is a Log; {how}", code="record")
     if isinstance(y, dict) or hasattr(y, "data_vars"):
-        raise DataError(f"y is a {type(y).__name__} of several arrays; give one of them, (n,) or (n, channels), and its rate")
+        raise DataError(
+            f"y is a {type(y).__name__} of several arrays; give one of them, (n,) or (n, channels), and its rate", code="record"
+        )
 
 
 def checked_record(y: Any) -> Any:
@@ -69,11 +74,13 @@ def checked_record(y: Any) -> Any:
     traced = is_traced(y)
     y = jnp.asarray(y) if traced else np.asarray(y)
     if not traced and y.dtype.kind not in "fiu":
-        raise DataError(f"y must hold real numbers; got dtype {y.dtype}")
+        raise DataError(f"y must hold real numbers; got dtype {y.dtype}", code="record")
     if y.ndim not in (1, 2) or 0 in y.shape:
-        raise DataError(f"y must be (n,) or (n, channels), time first, and not empty; got shape {y.shape}")
+        raise DataError(f"y must be (n,) or (n, channels), time first, and not empty; got shape {y.shape}", code="record")
     if not traced and y.ndim == 2 and y.shape[1] > 16 * y.shape[0]:
-        raise DataError(f"y has {y.shape[1]} channels of {y.shape[0]} samples; time is the first axis, so transpose it (y.T)")
+        raise DataError(
+            f"y has {y.shape[1]} channels of {y.shape[0]} samples; time is the first axis, so transpose it (y.T)", code="record"
+        )
     return y if traced else y.astype(np.float64, copy=False)
 
 
@@ -83,19 +90,18 @@ def all_finite(values: np.ndarray) -> bool:
         return bool(np.isfinite(values.sum()) or np.isfinite(values).all())
 
 
-def mark_missing(sensor: str, names: list[str], values: np.ndarray, warnings: list[str]) -> np.ndarray:
+def mark_missing(sensor: str, names: list[str], values: np.ndarray, found: list[Finding]) -> np.ndarray:
     """Turn infinite values into missing ones (NaN), and refuse a channel without any finite value."""
     if all_finite(values):
         return values
     infinite = np.isinf(values)
     if infinite.any():
-        warnings.append(f"{sensor}: infinite values, treated as missing: {np.count_nonzero(infinite)}")
+        found.append(LOG("infinite", sensor, count=np.count_nonzero(infinite)))
         values = np.where(infinite, np.nan, values)
     empty = [name for name, column in zip(names, values.T, strict=True) if np.isnan(column).all()]
     if empty:
-        raise DataError(
-            f"{', '.join(empty)}: no finite value in {len(values)} samples; check the column, or leave the sensor out with columns="
-        )
+        said = "{names}: no finite value in {count} samples; check the column, or leave the sensor out with {option.columns}"
+        raise DataError(Message(said, names=", ".join(empty), count=len(values)), code="no_values")
     return values
 
 
@@ -113,25 +119,26 @@ def shown_unit(quantity: str, values: np.ndarray) -> str:
     return "counts" if np.fmax.reduce(np.abs(values), axis=None, initial=0.0) > most else si_unit(quantity)
 
 
-def inspect(sensor: str, names: list[str], values: np.ndarray, rate: float, notes: list[str], warnings: list[str]) -> np.ndarray:
-    """Examine the values (n, channels) of one sensor on the grid, add sentences, and return the values with frozen stretches as NaN."""
+def inspect(sensor: str, names: list[str], values: np.ndarray, rate: float, found: list[Finding]) -> np.ndarray:
+    """Examine the values (n, channels) of one sensor on the grid, add findings, and return the values with frozen stretches as NaN."""
     unit = shown_unit(sensor, values)
     low, high = np.fmin.reduce(values, axis=0), np.fmax.reduce(values, axis=0)
-    constant = [f"{name} ({value:.6g})" for name, value, top in zip(names, low, high, strict=True) if value == top]
-    if constant and sensor != "temperature":
-        warnings.append(f"constant in every sample, so nothing can be said about its noise: {', '.join(constant)} {unit}")
     if sensor != "temperature":
-        _repeated(sensor, values[:_LOOK], rate, warnings)
+        constant = [(name, float(value)) for name, value, top in zip(names, low, high, strict=True) if value == top]
+        if constant:
+            shown = ", ".join(f"{value:.6g}" for _, value in constant)
+            found.append(LOG("constant", (name for name, _ in constant), values=shown, unit=unit))
+        _repeated(sensor, values[:_LOOK], rate, found)
         if len(constant) < len(names):
-            values = _without_frozen(sensor, values, rate, warnings)
+            values = _without_frozen(sensor, values, rate, found)
         for name, column, bottom, top in zip(names, values.T, low, high, strict=True):
-            _clipping(name, column, float(bottom), float(top), unit, warnings)
-    _resolution(sensor, names, values, notes)
-    _transient(sensor, values, rate, notes)
+            _clipping(name, column, float(bottom), float(top), unit, found)
+    _resolution(names, values, unit, found)
+    _transient(sensor, values, rate, unit, found)
     return values
 
 
-def _repeated(sensor: str, values: np.ndarray, rate: float, warnings: list[str]) -> None:
+def _repeated(sensor: str, values: np.ndarray, rate: float, found: list[Finding]) -> None:
     """Report a sensor that is sampled more slowly than the log, so that most samples repeat the one before.
 
     Noise below the resolution repeats values as well, but then the axes change one by one, and not all together.
@@ -140,14 +147,11 @@ def _repeated(sensor: str, values: np.ndarray, rate: float, warnings: list[str])
     some, every = np.count_nonzero(changed.any(axis=1)), np.count_nonzero(changed.all(axis=1))
     if values.shape[1] < 3 or some < 30 or some > 0.6 * len(changed) or every < 0.7 * some:
         return
-    warnings.append(
-        f"{sensor}: {100 * (1 - (some + 1) / len(values)):.2g} % of the samples repeat the one before in all axes; the sensor gives about "
-        f"{rate * (some + 1) / len(values):.3g} values a second: the densities of "
-        "its noise are wrong unless it is read at that rate"
-    )
+    share = (some + 1) / len(values)
+    found.append(LOG("repeats", sensor, percent=100 * (1 - share), rate=rate * share))
 
 
-def _without_frozen(sensor: str, values: np.ndarray, rate: float, warnings: list[str]) -> np.ndarray:
+def _without_frozen(sensor: str, values: np.ndarray, rate: float, found: list[Finding]) -> np.ndarray:
     # a run of more than 50 contains two neighbouring samples of every 25th
     coarse = values[:: _FROZEN // 2]
     if not (coarse[1:] == coarse[:-1]).all(axis=1).any():
@@ -162,23 +166,18 @@ def _without_frozen(sensor: str, values: np.ndarray, rate: float, warnings: list
     lost = int(np.sum(stop - start))
     if len(start) > 3 and lost > 0.2 * len(values):
         distinct = len(values) - np.count_nonzero(repeats)
-        warnings.append(
-            f"{sensor}: {100 * lost / len(values):.2g} % of the samples stand in runs of more than {_FROZEN} equal ones; it changes only "
-            f"{distinct * rate / len(values):.3g} times a second: sampled more slowly than the log, or too coarse to show its noise"
-        )
+        found.append(LOG("slow", sensor, percent=100 * lost / len(values), run=_FROZEN, rate=distinct * rate / len(values)))
         return values
     longest = np.argmax(stop - start)
-    warnings.append(
-        f"{sensor} is frozen: {len(start)} runs of more than {_FROZEN} equal samples, the longest {(stop - start)[longest] / rate:.3g} s "
-        f"at {start[longest] / rate:.6g} s; the repeats ({lost} samples) are treated as missing"
-    )
+    length, at = float((stop - start)[longest] / rate), float(start[longest] / rate)
+    found.append(LOG("frozen", sensor, count=len(start), run=_FROZEN, length=length, at=at, samples=lost))
     values = values.copy()
     for first, last in zip(start, stop, strict=True):
         values[first + 1 : last + 1] = np.nan
     return values
 
 
-def _clipping(name: str, column: np.ndarray, low: float, high: float, unit: str, warnings: list[str]) -> None:
+def _clipping(name: str, column: np.ndarray, low: float, high: float, unit: str, found: list[Finding]) -> None:
     """Report clipping: many samples stand at the extreme value, more than three times as many as at the next value."""
     for extreme in (low, high):
         at = np.count_nonzero(column == extreme)
@@ -188,11 +187,11 @@ def _clipping(name: str, column: np.ndarray, low: float, high: float, unit: str,
         neighbour = others.min() if extreme == low else others.max()
         # a coarse sensor at rest has few levels, and any of them may be frequent
         if abs(neighbour - extreme) < 0.05 * (high - low) and at > 3 * np.count_nonzero(column == neighbour):
-            warnings.append(f"{name} is clipped: {at} samples stand at the extreme value {extreme:.6g} {unit}")
+            found.append(LOG("clipped", name, count=at, value=extreme, unit=unit))
 
 
-def _resolution(sensor: str, names: list[str], values: np.ndarray, notes: list[str]) -> None:
-    found = []
+def _resolution(names: list[str], values: np.ndarray, unit: str, found: list[Finding]) -> None:
+    alike: dict[str, list[str]] = {}
     for name, column in zip(names, values[:_LOOK].T, strict=True):
         column = column[np.isfinite(column)]
         steps = np.abs(np.diff(column))
@@ -205,14 +204,11 @@ def _resolution(sensor: str, names: list[str], values: np.ndarray, notes: list[s
         counts = steps / smallest
         # multiples of one step, so few that this is no accident
         if np.abs(counts - np.round(counts)).max() < 0.01:
-            found.append((name, f"{smallest:.4g}"))
-    if found:
-        same = len({step for _, step in found}) == 1 and len(found) == len(names)
-        text = found[0][1] if same else ", ".join(f"{name} {step}" for name, step in found)
-        notes.append(f"{sensor}: values come in steps of {text} {shown_unit(sensor, values)}")
+            alike[f"{smallest:.4g}"] = [*alike.get(f"{smallest:.4g}", []), name]
+    found += [LOG("steps", of, step=float(step), unit=unit) for step, of in alike.items()]
 
 
-def _transient(sensor: str, values: np.ndarray, rate: float, notes: list[str]) -> None:
+def _transient(sensor: str, values: np.ndarray, rate: float, unit: str, found: list[Finding]) -> None:
     block = round(_WARM_UP * rate)
     if block < 1 or len(values) < 10 * block:
         return
@@ -230,8 +226,4 @@ def _transient(sensor: str, values: np.ndarray, rate: float, notes: list[str]) -
     scatter = 1.4826 * np.median(np.abs(means[1:] - settled), axis=0)
     moved = np.abs(means[0] - settled)
     if np.any((moved > 6 * scatter) & (scatter > 0)):
-        shift = moved[np.argmax(moved)]
-        notes.append(
-            f"{sensor}: the mean of the first {_WARM_UP:g} s is off the rest by {shift:.3g} {shown_unit(sensor, values)} (warm-up?); "
-            f"log.select({_WARM_UP:g}, None) leaves them out"
-        )
+        found.append(LOG("warm_up", sensor, length=_WARM_UP, shift=float(moved.max()), unit=unit))

@@ -1,12 +1,16 @@
-"""Place recorded time stamps on a uniform grid, and report every repair in a sentence."""
+"""Place recorded time stamps on a uniform grid, and report every repair as a finding."""
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from ._answer import CAUTION, NOTE, Finding
 from ._errors import DataError
+from ._log_findings import LOG
+from ._message import Message
 from ._quality import all_finite
 
 #: ranges (ticks) at which counters wrap, and lengths (s) of their ticks
@@ -22,8 +26,9 @@ _JITTER = 0.02
 #: samples in the running median of the stamps' differences from the grid
 _SMOOTH = 101
 
-ADVICE = (
-    "check that the right column is read as time (columns={'time': ...}), or leave the stamps out (columns={'time': None}) and give rate="
+ADVICE = Message(
+    "check that the right column is read as time ({option.columns:time=...}), or leave the stamps out ({option.columns:time=none}) and "
+    "give {option.rate}"
 )
 
 
@@ -37,8 +42,7 @@ class Placement:
     rate: float
     start: float
     stamps: np.ndarray | None = None  # of the samples, sorted and unwrapped
-    notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
 
 def place(stamps: np.ndarray, rate: float | None, equal: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Placement:
@@ -47,26 +51,27 @@ def place(stamps: np.ndarray, rate: float | None, equal: Callable[[np.ndarray, n
     `rate` is checked against the stamps, and kept if it agrees. ``equal(i, j)`` tells for which pairs of rows all sensors have the
     same values.
     """
-    warnings: list[str] = []
+    found: list[Finding] = []
     source = None
     if not all_finite(stamps):
         source = np.flatnonzero(np.isfinite(stamps))
-        warnings.append(f"samples without a time stamp, left out: {len(stamps) - len(source)}")
+        found.append(LOG("no_stamp", count=len(stamps) - len(source)))
         stamps = stamps[source]
     if len(stamps) < 2:
         count = f"{len(stamps)} sample{'s' * (len(stamps) != 1)}"
-        raise DataError(f"{count}: a recording needs at least 2; check the file, or the columns that are read")
+        raise DataError(f"{count}: a recording needs at least 2; check the file, or the columns that are read", code="too_short")
     mean_step = (float(stamps.max()) - float(stamps.min())) / (len(stamps) - 1)
     if mean_step and not 1e-9 < mean_step < 1e9:
-        raise DataError(f"the time stamps are {mean_step:.3g} s apart on average; give their unit with units={{'time': ...}}, or {ADVICE}")
+        said = "the time stamps are {step:.3g} s apart on average; give their unit with {option.units:time=...}, or {advice}"
+        raise DataError(Message(said, step=mean_step, advice=ADVICE), code="time_unit")
     steps = np.diff(stamps)
     if steps.min() <= 0:
         if steps.min() < 0:
-            stamps = _unwrap(stamps, warnings)
-            stamps, source = _sort(stamps, source, warnings)
+            stamps = _unwrap(stamps, found)
+            stamps, source = _sort(stamps, source, found)
         if stamps[-1] == stamps[0]:
-            raise DataError(f"all {len(stamps)} time stamps are equal ({stamps[0]:g} s); {ADVICE}")
-        stamps, source = _drop_duplicates(stamps, source, equal, warnings)
+            raise _no_clock("all {count} time stamps are equal ({value:g} s)", "equal_stamps", count=len(stamps), value=float(stamps[0]))
+        stamps, source = _drop_duplicates(stamps, source, equal, found)
         steps = np.diff(stamps)
 
     period, even = _period(stamps, steps)
@@ -75,7 +80,7 @@ def place(stamps: np.ndarray, rate: float | None, equal: Callable[[np.ndarray, n
     regular[at] = False
     kept = steps if not len(at) else steps[regular]
     if not kept.any():
-        raise DataError(f"no two of the {len(stamps)} time stamps follow each other without a gap; {ADVICE}")
+        raise _no_clock("no two of the {count} time stamps follow each other without a gap", "only_gaps", count=len(stamps))
     estimate = len(kept) / float(kept.sum())
     waits = np.flatnonzero(steps > GAP * period) if not even else np.zeros(0, np.int64)
     rises = (waits if len(waits) > 3 or even else np.flatnonzero(steps > 0)) + 1
@@ -87,8 +92,8 @@ def place(stamps: np.ndarray, rate: float | None, equal: Callable[[np.ndarray, n
     carried = np.spacing(np.abs(stamps[[0, -1]]).max()) / (stamps[-1] - stamps[0])
     estimate = float(f"{estimate:.{int(np.clip(-np.log10(carried), 6, 12))}g}")
     jitter = float(np.sqrt(np.mean((kept - 1.0 / estimate) ** 2)) * estimate)
-    notes = _describe(stamps, steps, estimate, jitter, even, warnings)
-    chosen = _agreed_rate(rate, estimate, notes)
+    _describe(stamps, steps, estimate, jitter, even, found)
+    chosen = _agreed_rate(rate, estimate, found)
 
     slot, size = None, len(stamps)
     if len(at):
@@ -96,7 +101,12 @@ def place(stamps: np.ndarray, rate: float | None, equal: Callable[[np.ndarray, n
         increments[at] += missing
         slot = np.concatenate([[0], np.cumsum(increments)])
         size = int(slot[-1]) + 1
-    return Placement(source, slot, size, chosen, float(stamps[0]), stamps, tuple(notes), tuple(warnings))
+    return Placement(source, slot, size, chosen, float(stamps[0]), stamps, tuple(found))
+
+
+def _no_clock(said: str, code: str, **facts: Any) -> DataError:
+    """Error for stamps that are no clock, with what to do."""
+    return DataError(Message(said + "; {advice}", advice=ADVICE, **facts), code=code)
 
 
 def nearest(own: Placement, grid: Placement) -> tuple[np.ndarray, np.ndarray]:
@@ -125,7 +135,7 @@ def _instants(grid: Placement) -> np.ndarray:
     return np.maximum.accumulate(even + scipy.ndimage.median_filter(grid.stamps - even, _SMOOTH, mode="reflect"))
 
 
-def _unwrap(stamps: np.ndarray, warnings: list[str]) -> np.ndarray:
+def _unwrap(stamps: np.ndarray, found: list[Finding]) -> np.ndarray:
     """Undo the overflow of a 16, 31 or 32 bit counter: a step back that becomes an ordinary step if the counter's range is added."""
     steps = np.diff(stamps)
     back = np.flatnonzero(steps < 0)
@@ -141,32 +151,30 @@ def _unwrap(stamps: np.ndarray, warnings: list[str]) -> np.ndarray:
             if len(wrapped):
                 turns = np.zeros(len(stamps))
                 turns[wrapped + 1] = span
-                times = "once" if len(wrapped) == 1 else f"{len(wrapped)} times"
-                warnings.append(f"the time counter wraps {times}, by 2^{int(np.log2(ticks))} ticks of {tick:g} s; it is unwrapped")
+                found.append(LOG("wraps", count=len(wrapped), bits=int(np.log2(ticks)), tick=tick))
                 return stamps + np.cumsum(turns)
     return stamps
 
 
-def _sort(stamps: np.ndarray, source: np.ndarray | None, warnings: list[str]) -> tuple[np.ndarray, np.ndarray | None]:
+def _sort(stamps: np.ndarray, source: np.ndarray | None, found: list[Finding]) -> tuple[np.ndarray, np.ndarray | None]:
     largest = -np.diff(stamps).min()
     if largest <= 0:
         return stamps, source
     late = np.count_nonzero(np.maximum.accumulate(stamps) > stamps)
-    warnings.append(f"time stamps out of order: {late} (largest step back {largest:.6g} s); the samples are sorted by time")
+    found.append(LOG("unsorted", count=late, back=float(largest)))
     order = np.argsort(stamps, kind="stable")
     steps = np.diff(stamps)
     backs, period = np.count_nonzero(steps < 0), float(np.median(steps[steps > 0])) if np.any(steps > 0) else np.inf
     far = np.count_nonzero(steps < -5 * period)
     # a late sample is put in its place; a clock that goes far back again and again has no place for it
     if far > max(2, 0.005 * len(steps)) or (backs > 0.05 * len(steps) and np.median(np.diff(stamps[order])) < 0.6 * period):
-        raise DataError(
-            f"the time stamps are not those of a regular recording: they go back {backs} times, by up to {largest:.4g} s, as those of a "
-            f"counter that begins again and again, or of several recordings in turn; {ADVICE}"
-        )
+        said = ("the time stamps go back {count} times, by up to {back:.4g} s, as those of a counter that begins again and again, or of "
+                "several recordings in turn")  # fmt: skip
+        raise _no_clock(said, "irregular", count=backs, back=float(largest))
     return stamps[order], order if source is None else source[order]
 
 
-def _drop_duplicates(stamps, source, equal, warnings: list[str]) -> tuple[np.ndarray, np.ndarray | None]:
+def _drop_duplicates(stamps, source, equal, found: list[Finding]) -> tuple[np.ndarray, np.ndarray | None]:
     """Keep one of the samples with equal stamp and equal values; samples with different values are spaced evenly later."""
     same = np.flatnonzero(np.diff(stamps) == 0)
     if not len(same):
@@ -174,14 +182,13 @@ def _drop_duplicates(stamps, source, equal, warnings: list[str]) -> tuple[np.nda
     rows = np.arange(len(stamps)) if source is None else source
     copies = same[equal(rows[same], rows[same + 1])]
     if len(copies):
-        warnings.append(f"samples that repeat both the time stamp and the values of the one before: {len(copies)}; one of each is kept")
-    others = len(same) - len(copies)
-    if others:
-        warnings.append(f"samples that share the time stamp of the one before but not its values: {others}; all are kept and spaced evenly")
+        found.append(LOG("copies", count=len(copies)))
+    if others := len(same) - len(copies):
+        found.append(LOG("same_stamp", count=others))
     keep = np.ones(len(stamps), bool)
     keep[copies + 1] = False
     if len(copies) == len(stamps) - 1:
-        raise DataError(f"the {len(stamps)} samples are copies of one; check the file")
+        raise DataError(f"the {len(stamps)} samples are copies of one; check the file", code="copies")
     return (stamps[keep], rows[keep]) if len(copies) else (stamps, source)
 
 
@@ -230,14 +237,12 @@ def _in_bursts(steps: np.ndarray, period: float) -> bool:
 def _refuse_irregular(stamps: np.ndarray, steps: np.ndarray, period: float) -> None:
     """Refuse stamps that are no clock. Bursts and coarse stamps stay near an even clock, within about the wait between two bursts."""
     if period == 0.0:
-        raise DataError(f"most of the {len(stamps)} time stamps equal their neighbours; {ADVICE}")
+        raise _no_clock("most of the {count} time stamps equal their neighbours", "equal_stamps", count=len(stamps))
     long = steps[steps > GAP * period]
     wait, burst = (float(np.median(long)), len(steps) // len(long)) if len(long) else (period, 1)
     deviation = _clock_deviation(stamps, max(512, 4 * burst))
     if deviation > 1.5 * wait:
-        raise DataError(
-            f"the time stamps are not those of a regular recording: they stray {deviation / period:.3g} steps from an even clock; {ADVICE}"
-        )
+        raise _no_clock("the time stamps stray {steps:.3g} steps from an even clock", "irregular", steps=deviation / period)
 
 
 def _clock_deviation(stamps: np.ndarray, length: int) -> float:
@@ -277,18 +282,18 @@ def _gaps(steps: np.ndarray, period: float, even: bool) -> tuple[np.ndarray, np.
     missing, at = np.maximum(np.round(missing[real] / period), 1.0), long[real]
     n, total = len(steps) + 1, float(missing.sum())
     if total > max(n, 1_000_000, min(10 * n, 20_000_000)):
-        raise DataError(
-            f"the recording of {n} samples has {total:.3g} missing ones ({len(at)} gaps, the longest {span(float(steps[at].max()))}); "
-            "split it at the long gaps and read the parts one by one, or, if the time unit is wrong, give it with units={'time': ...}"
+        said = (
+            "the recording of {n} samples has {total:.3g} missing ones ({gaps} gaps, the longest {longest}); split it at the long gaps, "
+            "or, if the time unit is wrong, give it with {option.units:time=...}"
         )
+        raise DataError(Message(said, n=n, total=total, gaps=len(at), longest=span(float(steps[at].max()))), code="too_many_missing")
     if len(at) > 0.6 * len(steps):
-        raise DataError(f"{len(at)} of {len(steps)} steps in time are gaps: these are not the stamps of a regular recording; {ADVICE}")
+        raise _no_clock("{gaps} of {steps} steps in time are gaps", "irregular", gaps=len(at), steps=len(steps))
     return missing.astype(np.int64), at
 
 
-def _describe(stamps, steps, rate: float, jitter: float, even: bool, warnings: list[str]) -> list[str]:
-    """Notes and warnings on the regularity of the stamps."""
-    notes = []
+def _describe(stamps, steps, rate: float, jitter: float, even: bool, found: list[Finding]) -> None:
+    """Add findings on the regularity of the stamps."""
     single = ""
     if np.spacing(np.float32(np.abs(stamps[-1]))) > 0.01 / rate and all(
         np.array_equal(part.astype(np.float32), part) for part in (stamps[:1000], stamps)
@@ -298,29 +303,25 @@ def _describe(stamps, steps, rate: float, jitter: float, even: bool, warnings: l
         head = steps[:4096] if steps[:4096].any() else steps
         lengths = np.unique(np.round(head * rate, 3)) / rate
         resolution = min(np.diff(lengths).min(initial=np.inf), lengths[lengths > 0].min())
-        cause = f"resolve only {resolution:.3g} s{single}" if len(lengths) < 4 else "come in bursts"
-        warnings.append(f"the time stamps {cause}; the samples are spaced evenly at the mean rate of {rate:.6g} Hz")
-    elif jitter > _JITTER:
-        warnings.append(
-            f"the time stamps jitter by {100 * jitter:.2g} % of a step (rms){single}; the samples are taken as evenly spaced at "
-            f"{rate:.6g} Hz, which is right if the sensor samples by its own clock"
-        )
+        code = "coarse_stamps" if len(lengths) < 4 else "bursts"
+        found.append(LOG(code, rate=rate, resolution=float(resolution), single=single))
     elif jitter > 1e-4:
-        notes.append(f"rate: {rate:.6g} Hz from the stamps, which jitter by {100 * jitter:.2g} % of a step (rms)")
-    return notes
+        severity = CAUTION if jitter > _JITTER else NOTE
+        found.append(LOG("jitter", cost=jitter, severity=severity, percent=100 * jitter, rate=rate, single=single))
 
 
-def _agreed_rate(rate: float | None, estimate: float, notes: list[str]) -> float:
+def _agreed_rate(rate: float | None, estimate: float, found: list[Finding]) -> float:
     if rate is None:
         return estimate
     difference = rate / estimate - 1.0
     if abs(difference) > _RATE_TOLERANCE:
-        raise DataError(
-            f"rate={rate:g} Hz contradicts the time stamps, which say {estimate:.6g} Hz; leave rate= out, correct the time unit "
-            f"(units={{'time': ...}}), or leave the stamps out (columns={{'time': None}})"
+        said = (
+            "a rate of {rate:g} Hz contradicts the time stamps, which say {estimate:.6g} Hz; leave {option.rate} out, correct the time "
+            "unit ({option.units:time=...}), or leave the stamps out ({option.columns:time=none})"
         )
+        raise DataError(Message(said, rate=rate, estimate=estimate), code="rate_contradicts")
     if abs(difference) > 1e-6:
-        notes.append(f"rate: {rate:g} Hz as given; the stamps say {estimate:.6g} Hz")
+        found.append(LOG("rate_given", rate=rate, estimate=estimate))
     return float(rate)
 
 

@@ -111,7 +111,7 @@ def factor(unit: str, quantity: str) -> float:
     found = find_unit(unit, quantity)
     if found is None:
         known = ", ".join(_QUANTITIES[quantity][1])
-        raise UnitError(f"{unit!r} is not a unit of {quantity}; use one of {known}")
+        raise UnitError(f"{unit!r} is not a unit of {quantity}; use one of {known}", code="unit_unknown")
     return _QUANTITIES[quantity][1][found]
 
 
@@ -166,13 +166,13 @@ def noise_factor(term: str, sensor: str, unit: str) -> float:
     """
     table = _noise_table(term, sensor)
     if unit not in table:
-        raise UnitError(f"{unit!r} is not a unit of {term} of a {sensor}; use one of {', '.join(table)}")
+        raise UnitError(f"{unit!r} is not a unit of {term} of a {sensor}; use one of {', '.join(table)}", code="unit_unknown")
     return table[unit]
 
 
 def _noise_table(term: str, sensor: str) -> dict[str, float]:
     if ("N", sensor) not in _NOISE:
-        raise UnitError(f"no noise units of sensor {sensor!r}; sensors are gyro, accel, mag")
+        raise UnitError(f"no noise units of sensor {sensor!r}; sensors are gyro, accel, mag", code="unit_unknown")
     return _NOISE.get((term, sensor), {"SI": 1.0})
 
 

@@ -131,6 +131,27 @@ def refuses():
 
 
 @pytest.fixture(scope="session")
+def doubts():
+    """``doubts(log)``: the codes of all findings that are more than notes, in their order; guesses only on request."""
+
+    def of(found, guesses=False):
+        return [one.code for one in found.findings if one.severity and (guesses or not one.kind.guess)]
+
+    return of
+
+
+@pytest.fixture(scope="session")
+def finding():
+    """``finding(log, code)``: the only finding of this code."""
+
+    def of(found, code):
+        (one,) = [one for one in found.findings if one.code == code]
+        return one
+
+    return of
+
+
+@pytest.fixture(scope="session")
 def reference():
     """Folder with reference numbers and real logs (`JAXCAL_REFERENCE`, default ../shared)."""
     root = pathlib.Path(__file__).resolve().parents[1]

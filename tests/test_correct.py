@@ -47,7 +47,7 @@ def test_the_check_vectors_of_the_golden_calibration(t, accel, gyro):
     np.testing.assert_allclose(found.mag[0], [8.87e-6, 14.9325e-6, -64.5575e-6], atol=1e-11)
     if gyro is not None:
         np.testing.assert_allclose(found.gyro[1], gyro, atol=1e-9)
-    assert any("corrected: gyro, accel, mag" in note for note in found.notes)
+    assert found.findings[-1].subject == ("gyro", "accel", "mag")
     assert found.provenance["corrected_with"] == "golden"
 
 
@@ -70,18 +70,17 @@ def test_a_gyroscope_goes_to_zero_and_gravity_stays(device, log, made):
     kept = both.correct(log)
     assert kept.accel[:, 2].mean() == pytest.approx(9.8, abs=0.01)
     assert kept.accel[near, 2].std() < 0.3 * log.accel[:, 2].std()
-    assert any("its constant part is kept" in note for note in kept.notes)
-    assert any("accel_x is not corrected" in sentence for sentence in kept.warnings)
+    assert {"constant_kept", "no_thermal_model"} <= set(kept.codes)
 
 
 def test_warnings_of_range_jump_and_same_recording(device, log):
-    said = device.correct(log).warnings
-    assert any("gyro_x: the temperature passes a jump of the bias at 24.50 degC" in s or "at 24.5" in s for s in said)
-    assert any("fitted to this very recording" in s for s in said)
+    said = device.correct(log)
+    assert next(one.facts["centre"] for one in said.findings if one.code == "jump") == pytest.approx(24.5, abs=0.01)
+    assert "same_recording" in said.codes
     warm = Log(None, gyro=log.gyro[:100], temperature=np.linspace(44, 50, 100), rate=1.0)
-    said = device.correct(warm).warnings
-    assert any("gyro_y" in s and "outside the range of the model" in s for s in said)
-    assert not any("jump" in s or "recording" in s for s in said)
+    said = device.correct(warm)
+    assert "gyro_y" in [name for one in said.findings if one.code == "outside" for name in one.subject]
+    assert not {"jump", "same_recording"} & set(said.codes)
 
 
 def test_missing_samples_stay_missing(device, log):

@@ -71,7 +71,7 @@ def test_dates_are_stamps(rng):
 # gaps
 
 
-def test_dropouts_become_missing_rows(rng):
+def test_dropouts_become_missing_rows(rng, finding):
     keep = np.ones(1000, bool)
     keep[[200, 500, 501, 502]] = False
     gyro = noise()
@@ -79,7 +79,7 @@ def test_dropouts_become_missing_rows(rng):
     assert [(g.start, g.length, g.samples) for g in log.gaps] == [(2.0, 0.01, 1), (5.0, pytest.approx(0.03), 3)]
     assert np.isnan(log.gyro[~keep]).all()
     np.testing.assert_array_equal(log.gyro[keep], gyro[keep])
-    assert "missing samples: 4 of 1000, in 2 gaps, the longest 0.03 s at 5 s" in log.warnings
+    assert finding(log, "gaps").facts == {"count": 4, "total": 1000, "gaps": 2, "longest": pytest.approx(0.03), "at": pytest.approx(5.0)}
     assert "2 gaps, 4 samples (0.4 %) missing" in log.summary()
 
 
@@ -120,12 +120,12 @@ def test_missing_rows_of_one_sensor_are_gaps():
     assert np.isfinite(log.gyro).all()
 
 
-def test_a_slow_sensor_is_no_gap():
+def test_a_slow_sensor_is_no_gap(finding):
     mag = np.full((1000, 3), np.nan)
     mag[::10] = noise(100)
     log = Log(stamps(), noise(), mag=mag)
     assert log.gaps == ()
-    assert any("mag is present in 10 % of the samples (about 10 Hz)" in w for w in log.warnings)
+    assert finding(log, "sparse").subject == ("mag",)
 
 
 def test_long_pauses_between_batches_are_gaps_even_where_they_fill_most_of_the_time():
@@ -136,59 +136,60 @@ def test_long_pauses_between_batches_are_gaps_even_where_they_fill_most_of_the_t
     assert log.gaps[0].length == pytest.approx(3.5 - 1.024)
 
 
-def test_a_gap_of_years_asks_for_a_split():
+def test_a_gap_of_years_asks_for_a_split(refuses):
     time = stamps()
     time[500:] += 4e8
-    with pytest.raises(DataError, match=r"4e\+10 missing ones \(1 gaps, the longest 12.7 years\); split it at the long gaps"):
+    with refuses("too_many_missing"):
         Log(time, noise())
 
 
 # stamps that can be repaired
 
 
-def test_out_of_order_stamps_are_sorted():
+def test_out_of_order_stamps_are_sorted(finding, doubts):
     order = np.arange(1000)
     order[[400, 401, 402]] = [402, 400, 401]
     gyro = noise()
     log = Log(stamps()[order], gyro[order])
     np.testing.assert_array_equal(log.gyro, gyro)
-    assert log.warnings == ("time stamps out of order: 2 (largest step back 0.02 s); the samples are sorted by time",)
+    assert doubts(log) == ["unsorted"]
+    assert finding(log, "unsorted").facts["back"] == pytest.approx(0.02)
 
 
-def test_repeated_samples_are_kept_once():
+def test_repeated_samples_are_kept_once(finding):
     gyro = noise()
     twice = np.sort(np.r_[np.arange(1000), 100, 700])
     log = Log(stamps()[twice], gyro[twice])
     np.testing.assert_array_equal(log.gyro, gyro)
-    assert "repeat both the time stamp and the values of the one before: 2; one of each is kept" in log.warnings[0]
+    assert finding(log, "copies").facts["count"] == 2
 
 
-def test_samples_that_share_a_stamp_are_spaced():
+def test_samples_that_share_a_stamp_are_spaced(finding):
     time = stamps()
     time[500] = time[499]
     gyro = noise()
     log = Log(time, gyro)
     np.testing.assert_array_equal(log.gyro, gyro)
-    assert "share the time stamp of the one before but not its values: 1; all are kept and spaced evenly" in log.warnings[0]
+    assert finding(log, "same_stamp").facts["count"] == 1
 
 
 @pytest.mark.parametrize(("tick", "bits"), [(1e-6, 32), (1e-6, 31), (1e-3, 16)])
-def test_a_wrapped_counter_is_unwrapped(tick, bits):
+def test_a_wrapped_counter_is_unwrapped(tick, bits, finding):
     span = 2.0**bits * tick
     time = np.mod(span - 2.0 + stamps(), span)
     log = Log(time, noise())
     assert (len(log.time), log.gaps) == (1000, ())
     assert log.rate == pytest.approx(RATE, rel=1e-9)
-    assert log.warnings == (f"the time counter wraps once, by 2^{bits} ticks of {tick:g} s; it is unwrapped",)
+    assert finding(log, "wraps").facts == {"count": 1, "bits": bits, "tick": tick}
 
 
-def test_stamps_in_bursts_are_spaced_evenly(rng):
+def test_stamps_in_bursts_are_spaced_evenly(rng, doubts):
     time = np.repeat(np.arange(100) * 0.1 + rng.normal(scale=2e-3, size=100), 10) + np.tile(np.arange(10) * 1e-5, 100)
     gyro = noise()
     log = Log(time, gyro)
     np.testing.assert_array_equal(log.gyro, gyro)
     assert log.rate == pytest.approx(RATE, rel=0.01)
-    assert "come in bursts; the samples are spaced evenly" in log.warnings[0]
+    assert doubts(log)[0] == "bursts"
 
 
 def test_a_late_batch_is_no_gap():
@@ -198,61 +199,63 @@ def test_a_late_batch_is_no_gap():
     assert (len(log.time), log.gaps) == (1000, ())
 
 
-def test_single_precision_stamps_are_rebuilt():
+def test_single_precision_stamps_are_rebuilt(finding):
     time = (1.3e5 + stamps(rate=200.0)).astype(np.float32)
     assert np.unique(np.diff(time)).size < 4
     log = Log(time, noise())
     assert (len(log.time), log.gaps) == (1000, ())
     assert log.rate == pytest.approx(200.0, rel=2e-3)
-    assert any("resolve only 0.00781 s (they are single precision)" in w for w in log.warnings)
+    assert finding(log, "coarse_stamps").facts["resolution"] == pytest.approx(0.0078125, rel=1e-3)
+    assert "single precision" in finding(log, "coarse_stamps").facts["single"]
 
 
-def test_coarse_stamps_are_rebuilt():
+def test_coarse_stamps_are_rebuilt(finding):
     log = Log(np.floor(np.arange(1000) * 2.5) * 1e-3, noise())
     assert (len(log.time), log.gaps) == (1000, ())
     assert log.rate == pytest.approx(400.0, rel=1e-3)
-    assert "resolve only 0.001 s" in log.warnings[0]
+    assert finding(log, "coarse_stamps").facts["resolution"] == pytest.approx(0.001)
 
 
-def test_five_percent_jitter_works_and_is_told(rng):
+def test_five_percent_jitter_works_and_is_told(rng, finding, doubts):
     gyro = noise(20_000)
     log = Log(stamps(20_000) + rng.normal(scale=0.05 / np.sqrt(2) / RATE, size=20_000), gyro)
     np.testing.assert_array_equal(log.gyro, gyro)
     assert log.rate == pytest.approx(RATE, rel=1e-4)
-    assert "jitter by 5 % of a step (rms)" in log.warnings[0]
+    assert finding(log, "jitter").facts["percent"] == pytest.approx(5, rel=0.1)
+    assert doubts(log) == ["jitter"]
 
 
-def test_small_jitter_is_a_note(rng):
+def test_small_jitter_is_a_note(rng, finding, doubts):
     log = Log(stamps() + rng.normal(scale=0.005 / RATE, size=1000), noise())
-    assert log.warnings == ()
-    assert "jitter by 0.7" in log.notes[0]
+    assert doubts(log) == []
+    assert finding(log, "jitter").facts["percent"] == pytest.approx(0.7, abs=0.1)
 
 
-def test_samples_without_a_stamp_are_left_out():
+def test_samples_without_a_stamp_are_left_out(finding):
     time = stamps()
     time[10] = np.nan
     log = Log(time, noise())
-    assert log.warnings[0] == "samples without a time stamp, left out: 1"
+    assert finding(log, "no_stamp").facts["count"] == 1
     assert np.isnan(log.gyro[10]).all()
 
 
 # a rate given together with stamps
 
 
-def test_a_given_rate_within_half_a_percent_is_kept():
+def test_a_given_rate_within_half_a_percent_is_kept(finding):
     log = Log(stamps(), noise(), rate=100.4)
     assert log.rate == 100.4
-    assert log.notes == ("rate: 100.4 Hz as given; the stamps say 100 Hz",)
+    assert finding(log, "rate_given").facts == {"rate": 100.4, "estimate": 100.0}
 
 
-def test_a_given_rate_that_contradicts_the_stamps_is_refused():
-    with pytest.raises(DataError, match=r"rate=200 Hz contradicts the time stamps, which say 100 Hz; leave rate= out"):
+def test_a_given_rate_that_contradicts_the_stamps_is_refused(refuses):
+    with refuses("rate_contradicts"):
         Log(stamps(), noise(), rate=200)
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])
-def test_a_rate_is_a_positive_number(rate):
-    with pytest.raises(DataError, match="rate must be positive and finite, in Hz; got"):
+def test_a_rate_is_a_positive_number(rate, refuses):
+    with refuses("rate"):
         Log(None, noise(), rate=rate)
 
 
@@ -262,73 +265,74 @@ def test_a_rate_is_a_positive_number(rate):
 @pytest.mark.parametrize(
     ("time", "said"),
     [
-        (np.zeros(50), r"all 50 time stamps are equal \(0 s\)"),
-        (np.random.default_rng(0).normal(size=500), "not those of a regular recording"),
-        (np.cumsum(np.random.default_rng(0).exponential(size=2000)), "not those of a regular recording"),
-        (np.full(50, np.nan), "0 samples: a recording needs at least 2"),
-        (np.array([0.0, 1e308, -1e308, 1e308]), "the time stamps are inf s apart on average; give their unit"),
-        (np.array([0.0, 1e-320, 2e-320]), "the time stamps are 1e-320 s apart on average"),
+        (np.zeros(50), "equal_stamps"),
+        (np.random.default_rng(0).normal(size=500), "irregular"),
+        (np.cumsum(np.random.default_rng(0).exponential(size=2000)), "irregular"),
+        (np.full(50, np.nan), "too_short"),
+        (np.array([0.0, 1e308, -1e308, 1e308]), "time_unit"),
+        (np.array([0.0, 1e-320, 2e-320]), "time_unit"),
     ],
 )
-def test_stamps_of_no_recording_are_refused(time, said):
-    with pytest.raises(DataError, match=said):
+def test_stamps_of_no_recording_are_refused(time, said, refuses):
+    with refuses(said):
         Log(time, noise(len(time)))
 
 
-def test_copies_of_one_sample_are_refused():
-    with pytest.raises(DataError, match="all 3 time stamps are equal"):
+def test_copies_of_one_sample_are_refused(refuses):
+    with refuses("equal_stamps"):
         Log(np.zeros(3), np.ones((3, 3)))
 
 
 @pytest.mark.parametrize("time", [None, [0.0]])
-def test_one_sample_is_refused(time):
-    with pytest.raises(DataError, match="1 sample: a recording needs at least 2"):
+def test_one_sample_is_refused(time, refuses):
+    with refuses("too_short"):
         Log(time, np.ones((1, 3)), rate=1.0)
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ({"time": None}, "at least one of gyro, accel, mag and temperature"),
-        ({"time": None, "gyro": noise()}, r"no time stamps: give rate= \(Hz\)"),
-        ({"time": stamps(), "gyro": noise(999)}, "gyro has 999, time has 1000"),
-        ({"time": stamps(3), "gyro": np.ones((3, 1000))}, r"gyro has shape \(3, 1000\); expected \(n, 3\); time is the first axis"),
-        ({"time": stamps(), "temperature": np.ones((1000, 2))}, r"temperature has shape \(1000, 2\); expected \(n,\)"),
-        ({"time": np.ones((10, 2)), "gyro": noise(10)}, r"time has shape \(10, 2\)"),
-        ({"time": ["a", "b"], "gyro": noise(2)}, "expected seconds as numbers"),
-        ({"time": stamps(2), "gyro": [["a"] * 3] * 2}, r"gyro does not hold numbers"),
+        ({"time": None}, "no_sensor"),
+        ({"time": None, "gyro": noise()}, "no_rate"),
+        ({"time": stamps(), "gyro": noise(999)}, "lengths"),
+        ({"time": stamps(3), "gyro": np.ones((3, 1000))}, "shape"),
+        ({"time": stamps(), "temperature": np.ones((1000, 2))}, "shape"),
+        ({"time": np.ones((10, 2)), "gyro": noise(10)}, "shape"),
+        ({"time": ["a", "b"], "gyro": noise(2)}, "stamps"),
+        ({"time": stamps(2), "gyro": [["a"] * 3] * 2}, "shape"),
     ],
 )
-def test_arrays_that_do_not_fit_are_refused(arguments, said):
-    with pytest.raises(DataError, match=said):
+def test_arrays_that_do_not_fit_are_refused(arguments, said, refuses):
+    with refuses(said):
         Log(**arguments)
 
 
 # values
 
 
-def test_infinite_values_are_missing_and_counted():
+def test_infinite_values_are_missing_and_counted(finding):
     gyro = noise()
     gyro[5, 1], gyro[9, 2] = np.inf, -np.inf
     log = Log(stamps(), gyro)
-    assert log.warnings[0] == "gyro: infinite values, treated as missing: 2"
+    assert finding(log, "infinite").facts["count"] == 2
     assert np.isnan(log.gyro[5, 1])
     assert [g.samples for g in log.gaps] == [1, 1]
     assert np.isinf(gyro[5, 1]), "the caller's array is left alone"
 
 
-def test_a_channel_of_nothing_is_named():
+def test_a_channel_of_nothing_is_named(refuses):
     accel = noise()
     accel[:, 2] = np.nan
-    with pytest.raises(DataError, match="accel_z: no finite value in 1000 samples"):
+    with refuses("no_values"):
         Log(stamps(), noise(), accel)
 
 
-def test_a_frozen_stretch_is_missing():
+def test_a_frozen_stretch_is_missing(finding):
     gyro = noise()
     gyro[400:480] = gyro[400]
     log = Log(stamps(), gyro)
-    assert "gyro is frozen: 1 runs of more than 50 equal samples, the longest 0.79 s at 4 s" in log.warnings[0]
+    facts = finding(log, "frozen").facts
+    assert (facts["count"], facts["length"], facts["at"]) == (1, pytest.approx(0.79), pytest.approx(4.0))
     assert [(g.start, g.samples) for g in log.gaps] == [(4.01, 79)]
     assert np.isfinite(log.gyro[400]).all()
 
@@ -341,24 +345,24 @@ def test_frozen_is_more_than_fifty_wherever_it_starts(equal, frozen, start):
     assert bool(Log(stamps(), gyro).gaps) == frozen
 
 
-def test_a_constant_log_is_said_to_be_constant():
+def test_a_constant_log_is_said_to_be_constant(finding, doubts):
     log = Log(stamps(), np.ones((1000, 3)))
-    assert log.warnings == ("constant in every sample, so nothing can be said about its noise: gyro_x (1), gyro_y (1), gyro_z (1) rad/s",)
+    assert doubts(log) == ["constant"]
+    assert finding(log, "constant").subject == ("gyro_x", "gyro_y", "gyro_z")
     assert log.gaps == ()
 
 
-def test_a_constant_channel_is_named():
+def test_a_constant_channel_is_named(finding):
     gyro = noise()
     gyro[:, 1] = 0.0
-    assert "gyro_y (0) rad/s" in Log(stamps(), gyro).warnings[0]
+    assert finding(Log(stamps(), gyro), "constant").subject == ("gyro_y",)
 
 
-def test_a_held_sensor_is_slow_not_frozen():
+def test_a_held_sensor_is_slow_not_frozen(finding):
     mag = np.repeat(noise(20), 100, axis=0)
     log = Log(stamps(2000, 1000.0), noise(2000), mag=mag)
     assert np.isfinite(log.mag).all()
-    assert "mag: 99 % of the samples" in log.warnings[0]
-    assert "changes only 10 times a second" in log.warnings[0]
+    assert finding(log, "slow").facts["rate"] == pytest.approx(10, rel=0.1)
 
 
 def test_clipping_is_counted():
@@ -367,9 +371,8 @@ def test_clipping_is_counted():
     accel[:, 0] = np.clip(accel[:, 0], -39.2, 39.2)
     log = Log(stamps(5000), accel=accel)
     top, bottom = np.sum(accel[:, 0] == 39.2), np.sum(accel[:, 0] == -39.2)
-    assert f"accel_x is clipped: {bottom} samples stand at the extreme value -39.2 m/s^2" in log.warnings
-    assert f"accel_x is clipped: {top} samples stand at the extreme value 39.2 m/s^2" in log.warnings
-    assert len(log.warnings) == 2
+    clipped = [(*one.subject, one.facts["count"], one.facts["value"]) for one in log.findings if one.severity]
+    assert clipped == [("accel_x", bottom, -39.2), ("accel_x", top, 39.2)]
 
 
 def test_a_coarse_sensor_at_rest_is_not_clipped():
@@ -377,20 +380,20 @@ def test_a_coarse_sensor_at_rest_is_not_clipped():
     assert log.warnings == ()
 
 
-def test_the_quantisation_step_is_noted():
+def test_the_quantisation_step_is_noted(finding):
     log = Log(stamps(), np.round(noise() / 0.01) * 0.01 * np.pi / 180, accel=noise(seed=5))
-    assert log.notes == ("gyro: values come in steps of 0.0001745 rad/s",)
+    assert finding(log, "steps").facts == {"step": 0.0001745, "unit": "rad/s"}
 
 
-def test_warm_up_is_noted_not_removed():
+def test_warm_up_is_noted_not_removed(finding):
     time = stamps(9000, 10.0)
     gyro = 0.01 * noise(9000)
     gyro[:300] += 0.02
     log = Log(time, gyro)
-    assert "the mean of the first 60 s is off the rest by" in log.notes[0]
-    assert "log.select(60, None)" in log.notes[0]
+    assert str(finding(log, "warm_up")).endswith("log.select(60, None) leaves them out.")
+    assert finding(log, "warm_up").spelt("terminal").endswith("--start 60 leaves them out.")
     assert len(log.time) == 9000
-    assert not any("first 60 s" in note for note in Log(time, 0.01 * noise(9000)).notes)
+    assert "warm_up" not in Log(time, 0.01 * noise(9000)).codes
 
 
 # parts of a log
@@ -411,9 +414,9 @@ def test_a_part_has_its_own_time_and_gaps():
     assert log.select(-1.0).duration == 1.0
 
 
-def test_an_empty_part_is_refused():
+def test_an_empty_part_is_refused(refuses):
     log = Log(stamps(), noise())
-    with pytest.raises(DataError, match="from 20 s to 30 s there are 0 samples; the recording is 10 s long at 100 Hz"):
+    with refuses("empty_part"):
         log.select(20, 30)
 
 
@@ -483,24 +486,24 @@ def test_a_sensor_at_another_rate_has_no_gaps_but_where_its_stamps_have(rng):
     assert [round(gap.start, 1) for gap in log.gaps] == [1.0, 5.0]
 
 
-def test_of_two_readings_at_one_sample_the_later_one_stays():
+def test_of_two_readings_at_one_sample_the_later_one_stays(finding):
     log = Log(stamps(100, 10.0), noise(100), mag=noise(190), own_time={"mag": np.arange(190) / 19.0})
-    assert any("mag: 9" in note and "left out" in note for note in log.notes)
+    assert finding(log, "crowded").subject == ("mag",)
     assert np.isfinite(log.mag).all()
 
 
 @pytest.mark.parametrize(
     ("own_time", "message"),
     [
-        ({"mag": np.arange(20.0)}, "own_time has stamps of mag, and the sensors are gyro, accel"),
-        ({"accel": np.arange(20.0)}, r"own_time of accel has shape \(20,\); expected 1000 stamps, one for each reading"),
-        ({"gyro": stamps(), "accel": stamps()}, "own_time has stamps of every sensor"),
-        ({"accel": 1e6 + stamps()}, "no stamp of accel lies within the time of the log"),
-        ({"accel": np.zeros(1000)}, "accel: all 1000 time stamps are equal"),
+        ({"mag": np.arange(20.0)}, "own_time"),
+        ({"accel": np.arange(20.0)}, "own_time"),
+        ({"gyro": stamps(), "accel": stamps()}, "own_time"),
+        ({"accel": 1e6 + stamps()}, "other_clock"),
+        ({"accel": np.zeros(1000)}, "equal_stamps"),
     ],
 )
-def test_stamps_that_are_not_those_of_the_sensor(own_time, message):
-    with pytest.raises(DataError, match=message):
+def test_stamps_that_are_not_those_of_the_sensor(own_time, message, refuses):
+    with refuses(message):
         Log(stamps(), noise(), noise(seed=3), own_time=own_time)
 
 

@@ -182,6 +182,8 @@ def ordered(findings: Iterable[Finding]) -> list[Finding]:
 def joined(findings: Iterable[Finding]) -> list[Finding]:
     """One finding for each code, the worst first, about all channels that have it; facts and cost are those of the worst one.
 
+    Guesses are not joined, because each has its own facts.
+
     Examples
     --------
     >>> from jaxcal._answer import CAUTION, Kind, joined, table
@@ -189,9 +191,9 @@ def joined(findings: Iterable[Finding]) -> list[Finding]:
     >>> [str(one) for one in joined([findings("step", "accel_x", 1, size=0.1), findings("step", "accel_z", 2, size=0.2)])]
     ['accel x, z: a step of 0.2 m/s^2']
     """
-    groups: dict[str, list[Finding]] = {}
+    groups: dict[Any, list[Finding]] = {}
     for one in ordered(findings):
-        groups.setdefault(one.code, []).append(one)
+        groups.setdefault((one.code, one.subject if one.kind.guess else ()), []).append(one)
     return [group[0].of(*sorted({name for one in group for name in one.subject})) for group in groups.values()]
 
 

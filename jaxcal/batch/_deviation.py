@@ -13,6 +13,7 @@ import numpy as np
 
 from .._answer import Finding
 from .._errors import DataError
+from .._message import Message
 from .._quality import checked_confidence, checked_rate, checked_record
 from ..allan import Accumulator, Deviation, deviation as _deviation
 from ..allan._deviation import begin
@@ -95,7 +96,9 @@ def deviation(
         try:
             return _one(_opened(source, columns), rate, int(chunk), exact, options, _shared(executor, workers, source, columns))
         except DataError as error:
-            raise DataError(f"{source}: {error}" if isinstance(source, str | os.PathLike) else str(error)) from error
+            if isinstance(source, str | os.PathLike):
+                error.args = (Message("{source}: {error}", source=source, error=error.args[0]),)
+            raise
     if executor is not None:
         raise DataError("executor= shares one record among workers; a list of logs is shared among threads (workers=)")
     rates = list(rate) if isinstance(rate, Sequence | np.ndarray) and not isinstance(rate, str) else [rate] * len(source)

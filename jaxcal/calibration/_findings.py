@@ -1,4 +1,4 @@
-"""Everything that a comparison of calibrations has to say: one entry for each finding."""
+"""Everything that a comparison of calibrations has to say, and a calibration about a log that it corrected."""
 
 from .._answer import CAUTION, NOTE, Kind, table
 
@@ -16,3 +16,19 @@ FINDINGS = table(
     turned=Kind(NOTE, "The axes turned by {angle:.3g} deg too, which the covariances of magnitudes do not know."),
     range=Kind(NOTE, "Largest difference between {low:g} and {high:g} degC of the change since the middle; it has no covariance."),
 )
+
+CORRECTED = table(
+    corrected=Kind(NOTE, "Corrected with the calibration."),
+    currents_taken=Kind(NOTE, "The fields of the currents {names} are taken off."),
+    constant_kept=Kind(NOTE, "Brought to {reference:g} degC; the constant part of the bias is kept."),
+    currents_missing=Kind(CAUTION, "The field of the currents {names} is still in the readings: they were not given.",
+                          "Give them as `currents`.", terminal="Name their columns with {option.currents}."),
+    not_three_axes=Kind(CAUTION, "No three axes in the log; matrix and bias are not corrected."),
+    g_sensitivity=Kind(CAUTION, "The g-sensitivity is not corrected: the log has no accelerometer with three axes."),
+    no_thermal_model=Kind(CAUTION, "Not corrected for temperature; the calibration has no model of it."),
+    outside=Kind(CAUTION, "{percent:.3g} % of the temperatures ({least:.2f} to {most:.2f} degC) lie outside the model's {low:.2f} to "
+                 "{high:.2f} degC; the value at its end is used.", "Calibrate over a wider range."),
+    jump=Kind(CAUTION, "The temperature passes a jump of the bias at {centre:.2f} degC; what is left of it looks like a rate random walk."),
+    same_recording=Kind(CAUTION, "The thermal model was fitted to this very recording and takes slow noise with it: K comes out too small.",
+                        "Correct another recording, at a steady temperature."),
+)  # fmt: skip

@@ -39,8 +39,8 @@ def provenance(log: Log, command: str, options: Mapping[str, Any] | None = None,
     ('a.csv', 'given', {'band': [1.0, 9.0]})
     """
     held = _said(log.provenance)
-    # sentences of the readers of flight logs about corrections that the device made before it logged
-    applied = [sentence for sentence in log.warnings if "already calibrated" in sentence or "already corrected" in sentence]
+    # what the readers of flight logs say about corrections that the device made before it logged
+    applied = [str(one) for one in log.findings if one.code == "applied"]
     if applied and "applied" not in held:
         held["applied"] = applied
     epoch = log.provenance.get("epoch_ns")

@@ -119,9 +119,9 @@ def header(calibration: Calibration, options: Options) -> Product:
     if calibration.magnetometer is not None:
         found["mag"] = _magnetic(calibration, options, warnings)
     elif options.accumulator:
-        raise ExportError("accumulator=True is for the magnetometer, and the calibration holds none")
+        raise ExportError("accumulator=True is for the magnetometer, and the calibration holds none", code="no_part")
     if not any(found.values()):
-        raise ExportError("a C header needs an imu, magnetometer or temperature section; this calibration has none")
+        raise ExportError("a C header needs an imu, magnetometer or temperature section; this calibration has none", code="no_part")
     head = ["/* Sensor calibration written by jaxcal. SI units, sensor frame.", *(_HEAD[name] for name, lines in found.items() if lines)]
     ranges = []
     if any(powers is not None for powers in thermal.values()):
@@ -166,7 +166,7 @@ def _magnetic(calibration: Calibration, options: Options, warnings: list[str]) -
     unknown_field(calibration, warnings)
     if options.accumulator:
         if section.field is None:
-            raise ExportError("accumulator=True needs the field's strength as a scale; the calibration has none")
+            raise ExportError("accumulator=True needs the field's strength as a scale; the calibration has none", code="no_part")
         lines.append(f"{start}_FIELD = {_number(section.field)}; /* norm of the corrected field, {section.unit} */")
     return lines
 

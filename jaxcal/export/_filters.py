@@ -144,12 +144,15 @@ def read_vins(text: str, options: dict[str, Any]) -> Calibration:
     if "acc_n" not in document and ("Acc" in document or "Gyr" in document):
         raise DataError(
             "this is a result of imu_utils, whose acc_w and gyr_w are the lowest point of the Allan curve and no random walk; characterise "
-            "the log itself (jaxcal noise)"
+            "the log itself (jaxcal noise)",
+            code="unreadable",
         )
     rate = stated(text, r"Discrete values for ([-+.eE\d]+) Hz", options, "the values")
     convention = options["convention"] or ("per_sample" if "plain per-sample standard deviations N*sqrt(rate)." in text else "midpoint")
     if convention not in ("midpoint", "per_sample"):
-        raise DataError(f'convention={convention!r}: expected "midpoint" (N sqrt(2 rate)) or "per_sample" (N sqrt(rate))')
+        raise DataError(
+            f'convention={convention!r}: expected "midpoint" (N sqrt(2 rate)) or "per_sample" (N sqrt(rate))', code="unreadable"
+        )
     scales = {"density": np.sqrt(2 * rate if convention == "midpoint" else rate), "random_walk": np.sqrt(rate)}
     return Calibration(noise={**_read_noise(document, _VINS, scales), "rate": float(rate)})
 
@@ -206,7 +209,7 @@ def gtsam(calibration: Calibration, options: Options) -> Product:
 def _topic(options: Options) -> str:
     """The topic, in quotes if YAML could misread it."""
     if not _TOPIC.fullmatch(options.topic):
-        raise ExportError(f'topic={options.topic!r}: expected the name of a ROS topic, such as "/imu0"')
+        raise ExportError(f'topic={options.topic!r}: expected the name of a ROS topic, such as "/imu0"', code="option")
     return options.topic if options.topic.startswith("/") else f'"{options.topic}"'
 
 
@@ -251,7 +254,7 @@ def _exact_rotation(turn: AnyArray) -> AnyArray:
     u, _, v = np.linalg.svd(turn)
     near = u @ v
     if np.linalg.det(near) < 0 or np.abs(near - turn).max() > 1e-4:
-        raise DataError("R_IMUtoACC or R_IMUtoGYRO is no rotation")
+        raise DataError("R_IMUtoACC or R_IMUtoGYRO is no rotation", code="unreadable")
     steps = np.stack([np.cross(np.eye(3)[k], near, axisb=0, axisc=0).ravel() for k in range(3)], axis=1)
     size = np.abs(turn.ravel())
     unit = 10.0 ** (np.ceil(np.log10(np.maximum(size, 1e-13))) - _DIGITS)  # value of the ninth digit

@@ -57,14 +57,16 @@ def _instances(
     for instance, calibration in enumerate(calibrations, options.instance):
         found = rows_of(calibration, instance, options, warnings)
         if not found:
-            raise ExportError(f"the calibration holds no imu, magnetometer or temperature, of which {tool}'s parameters could be made")
+            raise ExportError(
+                f"the calibration holds no imu, magnetometer or temperature, of which {tool}'s parameters could be made", code="no_part"
+            )
         rows |= found
     return sorted(rows.items()), tuple(warnings)
 
 
 def _px4_rows(calibration: Calibration, i: int, options: Options, warnings: list[str]) -> Rows:
     if i >= _PX4_MOST:
-        raise ExportError(f"PX4 has instances 0 to {_PX4_MOST - 1} of a sensor; instance {i} is one too many")
+        raise ExportError(f"PX4 has instances 0 to {_PX4_MOST - 1} of a sensor; instance {i} is one too many", code="instance")
     rows: Rows = {}
     parts = triads(calibration)
     if "accel" in parts:
@@ -122,7 +124,7 @@ def _ardupilot_rows(calibration: Calibration, instance: int, options: Options, w
     i, parts, section = instance + 1, triads(calibration), calibration.temperature
     names = _ardupilot_names(i)
     if i > _IMUS:
-        raise ExportError(f"ArduPilot has instances 1 to {_IMUS} of an IMU; instance {i} is one too many")
+        raise ExportError(f"ArduPilot has instances 1 to {_IMUS} of an IMU; instance {i} is one too many", code="instance")
     if i > 3 and (parts or section):
         warnings.append(f"instance {i} exists in recent firmware alone: compare the names with those of the vehicle")
     rows: Rows = {}
@@ -148,7 +150,8 @@ def _ardupilot_rows(calibration: Calibration, instance: int, options: Options, w
         if high - low < _LEAST_RANGE:
             raise ExportError(
                 f"the thermal model covers {low:.2f} to {high:.2f} degC; ArduPilot needs at least {_LEAST_RANGE:g} degC: calibrate over a "
-                "wider range"
+                "wider range",
+                code="narrow",
             )
         # write CALTEMP: the firmware clips its default of -300 degC to TMIN, which would shift the bias
         start = names["thermal"]
@@ -179,7 +182,7 @@ def _where_it_holds(section: Thermal | None, thermal: dict[str, AnyArray | None]
 def _compass(calibration: Calibration, names: dict[str, str], i: int, warnings: list[str]) -> Rows:
     mag: Any = calibration.magnetometer
     if i > _COMPASSES:
-        raise ExportError(f"ArduPilot has calibrations of compasses 1 to {_COMPASSES}; compass {i} is one too many")
+        raise ExportError(f"ArduPilot has calibrations of compasses 1 to {_COMPASSES}; compass {i} is one too many", code="instance")
     shape = symmetric(calibration, "COMPASS_ORIENT" if i == 1 else f"COMPASS_ORIENT{i}", warnings)
     rest = upper_of(shape)
     if min(shape.diagonal()) < 0.2 or max(shape.diagonal()) > 5 or max(map(abs, rest)) >= 1:
@@ -198,11 +201,14 @@ def _device_id(calibration: Calibration, tool: str, name: str) -> int:
     value = ids.get(name) if isinstance(ids, dict) else None
     if not isinstance(value, int) or isinstance(value, bool) or not 0 < value < 2**31:
         raise ExportError(
-            f"the {name} of the sensor is not known, and the flight controller finds its parameters by it; give it as "
-            f'Calibration(device={{"name": ..., "{tool}": {{"{name}": ID}}}}), with the number that the parameter list of the vehicle shows'
+            f"the {name} of the sensor is not known, and the flight controller finds its parameters by it; give it "
+            f'as Calibration(device={{"name": ..., "{tool}": {{"{name}": ID}}}}), as the vehicle lists it',
+            code="no_id",
         )
     if tool == "ardupilot" and value >= _LARGEST_ID:
-        raise ExportError(f"ardupilot.{name} is {value}; ids of ArduPilot stay below {_LARGEST_ID}, for parameters travel as float32")
+        raise ExportError(
+            f"ardupilot.{name} is {value}; ids of ArduPilot stay below {_LARGEST_ID}, for parameters travel as float32", code="no_part"
+        )
     return value
 
 
@@ -217,7 +223,8 @@ def read_px4(text: str, options: dict[str, Any]) -> Calibration:
         row = line.split("\t")
         if len(row) != 5:
             raise DataError(
-                f"the line {' '.join(row)!r:.80} has {len(row)} fields; expected vehicle, component, name, value and type by tabs"
+                f"the line {' '.join(row)!r:.80} has {len(row)} fields; expected vehicle, component, name, value and type by tabs",
+                code="no_part",
             )
         values[row[2].strip()] = finite(row[3], row[2])
     i = options["instance"]
@@ -255,7 +262,7 @@ def read_ardupilot(text: str, options: dict[str, Any]) -> Calibration:
     for line in _lines(text):
         parts = [part for part in re.split(r"[ ,\t]+", line.strip()) if part]
         if len(parts) != 2:
-            raise DataError(f"the line {line!r:.80} has {len(parts)} items; expected a name and a value")
+            raise DataError(f"the line {line!r:.80} has {len(parts)} items; expected a name and a value", code="no_part")
         values[parts[0]] = finite(parts[1], parts[0])
     names = _ardupilot_names(options["instance"] + 1)
     imu: dict[str, Triad] = {}
@@ -313,7 +320,7 @@ def _lines(text: str) -> list[str]:
 
 def _triad(scale: AnyArray, bias: AnyArray) -> Triad:
     if not np.all(scale):
-        raise DataError("a scale factor of the accelerometer is 0")
+        raise DataError("a scale factor of the accelerometer is 0", code="no_part")
     return Triad(np.diag(1 / scale), bias)
 
 
@@ -321,7 +328,7 @@ def _calibration(
     tool: str, i: int, imu: dict[str, Triad], mag: MagModel | None, thermal: Thermal | None, ids: dict[str, float | None]
 ) -> Calibration:
     if not imu and mag is None and thermal is None:
-        raise DataError(f"the file has no calibration of instance {i} of any sensor")
+        raise DataError(f"the file has no calibration of instance {i} of any sensor", code="no_part")
     known = {name: int(value) for name, value in ids.items() if value is not None and value == int(value) and value > 0}
     return Calibration(imu=imu or None, magnetometer=mag, temperature=thermal, device={tool: known} if known else None)
 
@@ -332,5 +339,5 @@ def _three(values: dict[str, float], pattern: str) -> AnyArray:
 
 def _of(values: dict[str, float], name: str) -> float:
     if name not in values:
-        raise DataError(f"{name} is missing, though others of its group are there")
+        raise DataError(f"{name} is missing, though others of its group are there", code="no_part")
     return values[name]

@@ -48,12 +48,12 @@ FORMATS: dict[str, Format] = {
 def check_options(name: str, options: Options) -> Format:
     """Return the format of that name; raise an error if it is unknown or does not use one of the given options."""
     if name not in FORMATS:
-        raise ExportError(f"unknown format {name!r}; expected one of {', '.join(FORMATS)}")
+        raise ExportError(f"unknown format {name!r}; expected one of {', '.join(FORMATS)}", code="format")
     kind = FORMATS[name]
     for option in options.chosen():
         if option not in (*kind.options, *_ALWAYS):
             known = [other for other, one in FORMATS.items() if option in one.options]
-            raise ExportError(f"{option}={getattr(options, option)!r} means nothing to {name}; it is for {', '.join(known)}")
+            raise ExportError(f"{option}={getattr(options, option)!r} means nothing to {name}; it is for {', '.join(known)}", code="option")
     return kind
 
 

@@ -22,7 +22,7 @@ def imu_tk(calibration: Calibration, options: Options) -> Product:
     """Make one text for each sensor in the calibration."""
     parts = triads(calibration)
     if not parts:
-        raise ExportError("the calibration holds no imu, of which imu_tk's files could be made")
+        raise ExportError("the calibration holds no imu, of which imu_tk's files could be made", code="no_part")
     warnings = dropped_g_sensitivity(calibration)
     return Product({SUFFIXES[name]: _text(part) for name, part in parts.items()}, tuple(warnings))
 
@@ -33,7 +33,7 @@ def read_imu_tk(texts: dict[str, str], options: dict[str, Any]) -> Calibration:
     for sensor, text in texts.items():
         words = text.split()
         if len(words) != _NUMBERS:
-            raise DataError(f"the file of the {sensor} has {len(words)} numbers; expected {_NUMBERS}: T, K and B")
+            raise DataError(f"the file of the {sensor} has {len(words)} numbers; expected {_NUMBERS}: T, K and B", code="no_part")
         values = np.array([finite(word, f"a number of the {sensor}") for word in words])
         matrix = inverse(values[:9].reshape(3, 3) @ values[9:18].reshape(3, 3))
         imu[sensor] = Triad(matrix, values[18:])
@@ -45,7 +45,9 @@ def _text(part: Triad) -> str:
     full = np.linalg.inv(part.matrix)
     scale = np.diag(full)
     if not np.all(scale):
-        raise ExportError("an axis has no scale factor of its own, so that imu_tk's T and K cannot be told apart; look at the mounting")
+        raise ExportError(
+            "an axis has no scale factor of its own, so that imu_tk's T and K cannot be told apart; look at the mounting", code="no_part"
+        )
     return "".join(_block(rows) for rows in (np.round(full / scale, _DECIMALS), np.diag(scale), part.bias[:, None]))
 
 

@@ -24,7 +24,7 @@ def correction(matrix: AnyArray) -> AnyArray:
     try:
         return rounded(np.linalg.inv(matrix))
     except np.linalg.LinAlgError:
-        raise ExportError("a matrix of the calibration has no inverse; calibrate again") from None
+        raise ExportError("a matrix of the calibration has no inverse; calibrate again", code="no_part") from None
 
 
 def inverse(matrix: AnyArray) -> AnyArray:
@@ -32,7 +32,7 @@ def inverse(matrix: AnyArray) -> AnyArray:
     try:
         return np.linalg.inv(matrix)
     except np.linalg.LinAlgError:
-        raise DataError("a matrix of the file has no inverse") from None
+        raise DataError("a matrix of the file has no inverse", code="no_part") from None
 
 
 def rounded(values: AnyArray) -> AnyArray:
@@ -48,7 +48,10 @@ def rounded(values: AnyArray) -> AnyArray:
 def factored(matrix: AnyArray, shape: str) -> tuple[AnyArray, AnyArray]:
     """Factor `matrix` into a triangular matrix with positive diagonal and a rotation; `shape` is "lower" or "upper"."""
     if not np.linalg.det(matrix) > 0:
-        raise ExportError("a matrix of the calibration mirrors the axes, which no rotation can hold; exchange or negate an axis of the log")
+        raise ExportError(
+            "a matrix of the calibration mirrors the axes, which no rotation can hold; exchange or negate an axis of the log",
+            code="no_part",
+        )
     if shape == "lower":
         q, r = np.linalg.qr(matrix.T)
         triangle, turn = r.T, q.T
@@ -87,7 +90,9 @@ def symmetric(calibration: Calibration, mounting: str, warnings: list[str]) -> A
     mag: Any = calibration.magnetometer
     full = correction(mag.model.soft_iron)
     if np.linalg.det(full) < 0:
-        raise ExportError("the soft iron mirrors the axes, which a symmetric matrix cannot hold; exchange or negate an axis of the log")
+        raise ExportError(
+            "the soft iron mirrors the axes, which a symmetric matrix cannot hold; exchange or negate an axis of the log", code="no_part"
+        )
     turn, shape = scipy.linalg.polar(full)
     lost = angle(turn)
     if lost > 1e-3:

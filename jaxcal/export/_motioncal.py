@@ -22,7 +22,7 @@ def motioncal(calibration: Calibration, options: Options) -> Product:
     """Write the hard iron in uT and the inverse of the soft iron, scaled to unit determinant."""
     mag = calibration.magnetometer
     if mag is None:
-        raise ExportError("the calibration holds no magnetometer, for which alone MotionCal has a place")
+        raise ExportError("the calibration holds no magnetometer, for which alone MotionCal has a place", code="no_part")
     warnings: list[str] = []
     shape = symmetric(calibration, "the mounting of the sensor", warnings)
     determinant = float(np.linalg.det(shape))
@@ -43,13 +43,15 @@ def motioncal(calibration: Calibration, options: Options) -> Product:
 def read_motioncal(data: bytes, options: dict[str, Any]) -> Calibration:
     """Read a packet of 68 bytes, or of 52 bytes from older programs, which does not state the field's strength."""
     if data[:2] != _SIGNATURE or len(data) not in (52, 68):
-        raise DataError(f"the file has {len(data)} bytes and begins with {data[:2].hex(' ')}; expected 68 or 52 that begin with 75 54")
+        raise DataError(
+            f"the file has {len(data)} bytes and begins with {data[:2].hex(' ')}; expected 68 or 52 that begin with 75 54", code="no_part"
+        )
     sent, found = struct.unpack("<H", data[-2:])[0], _checksum(data[:-2])
     if sent != found:
-        raise DataError(f"the checksum of the packet is {sent:04x}, and its bytes give {found:04x}; receive it again")
+        raise DataError(f"the checksum of the packet is {sent:04x}, and its bytes give {found:04x}; receive it again", code="no_part")
     values = np.array(struct.unpack(f"<{(len(data) - 4) // 4}f", data[2:-2]), dtype=np.float64)
     if not np.isfinite(values).all():
-        raise DataError("the packet holds numbers that are not finite")
+        raise DataError("the packet holds numbers that are not finite", code="no_part")
     if len(data) == 52:
         hard, correction, field = values[:3], values[3:].reshape(3, 3), None
     else:

@@ -48,7 +48,8 @@ def noise_of(calibration: Calibration) -> DeviceNoise:
     """Noise of the device; refused if the calibration has none."""
     if calibration.noise is None:
         raise ExportError(
-            "the calibration holds no noise; run jaxcal noise on a log of the sensor at rest, whose calibration.json holds it"
+            "the calibration holds no noise; run jaxcal noise on a log of the sensor at rest, whose calibration.json holds it",
+            code="no_noise",
         )
     return calibration.noise
 
@@ -75,7 +76,9 @@ def rate_of(noise: DeviceNoise, calibration: Calibration, options: Options, why:
 def _measured(noise: DeviceNoise, sensor: str) -> SensorNoise:
     found = getattr(noise, sensor)
     if found is None:
-        raise ExportError(f"the calibration holds no {SENSORS[sensor]} noise; characterise a static log that has {sensor} readings")
+        raise ExportError(
+            f"the calibration holds no {SENSORS[sensor]} noise; characterise a static log that has {sensor} readings", code="no_noise"
+        )
     return found
 
 
@@ -99,12 +102,13 @@ def _axes(device: DeviceNoise, sensor: str, quantity: str, options: Options) -> 
         flicker = "" if term == "N" else ". Bias instability B is not a random walk and is not written as one"
         raise ExportError(
             f'no {name} {term} was found on {names}; fit a longer record, or give {quantity}="upper_limit" or a value in '
-            f"{UNITS[quantity][sensor]}{flicker}"
+            f"{UNITS[quantity][sensor]}{flicker}",
+            code="not_detected",
         )
     limits = (noise.upper_limit or {}).get(term, np.full(3, np.nan))
     values[missing] = limits[missing]
     if not np.all(np.isfinite(values) & (values > 0)):
-        raise ExportError(f"no upper limit of {term} is known on {names}; give a value, {quantity}={{{sensor!r}: ...}}")
+        raise ExportError(f"no upper limit of {term} is known on {names}; give a value, {quantity}={{{sensor!r}: ...}}", code="no_limit")
     limit = f"{100 * noise.confidence:g} % upper limit" if noise.confidence else "upper limit"
     return values, f" ({limit} on {names})", [f"{term} was not found on {names}: its {limit} is written"]
 
@@ -124,7 +128,7 @@ def _for_one_sensor(device: DeviceNoise, value: float | int, sensor: str, quanti
     lacking = [other for other in SENSORS if _not_found(_measured(device, other), term)]
     if len(lacking) != 1:
         state = f"both sensors lack a {name}" if lacking else f"both sensors have a {name} of their own"
-        raise ExportError(f'{quantity}={value!r}: {state}; say for which it is, as {{"gyro": ...}} or {{"accel": ...}}')
+        raise ExportError(f'{quantity}={value!r}: {state}; say for which it is, as {{"gyro": ...}} or {{"accel": ...}}', code="ambiguous")
     return value if lacking == [sensor] else None
 
 

@@ -62,16 +62,17 @@ class Options(eqx.Module):
             asked = getattr(self, quantity)
             for sensor, value in (asked if isinstance(asked, dict) else dict.fromkeys(SENSORS, asked)).items():
                 if sensor not in SENSORS:
-                    raise ExportError(f"{quantity} names {sensor!r}; expected {' or '.join(SENSORS)}")
+                    raise ExportError(f"{quantity} names {sensor!r}; expected {' or '.join(SENSORS)}", code="option")
                 if value not in (None, "upper_limit") and not is_positive(value):
                     raise ExportError(
                         f'{quantity}={value!r}: expected "upper_limit", a number above 0, or one of these for each sensor as '
-                        '{"gyro": ..., "accel": ...}'
+                        '{"gyro": ..., "accel": ...}',
+                        code="option",
                     )
 
     def _check(self, name: str, right: bool, expected: str) -> None:
         if not right:
-            raise ExportError(f"{name}={getattr(self, name)!r}: expected {expected}")
+            raise ExportError(f"{name}={getattr(self, name)!r}: expected {expected}", code="option")
 
     def chosen(self) -> list[str]:
         """Names of the options that differ from their defaults."""
@@ -101,7 +102,9 @@ def plain(value: float | int, digits: int = 9) -> str:
     if isinstance(value, int):
         return str(value)
     if not (math.isfinite(value) and abs(value) < _LARGEST):
-        raise ExportError(f"{value} cannot be written: the tool reads it as a 32-bit number; look at the calibration it comes from")
+        raise ExportError(
+            f"{value} cannot be written: the tool reads it as a 32-bit number; look at the calibration it comes from", code="too_large"
+        )
     return f"{value + 0.0:.{digits}g}"
 
 
@@ -136,5 +139,5 @@ def finite(text: str, what: str) -> float:
     except ValueError:
         value = math.nan
     if not abs(value) < LARGEST_READ:
-        raise DataError(f"{what} is {text!r:.80}; expected a number")
+        raise DataError(f"{what} is {text!r:.80}; expected a number", code="unreadable")
     return value

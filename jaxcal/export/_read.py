@@ -57,17 +57,17 @@ def read(
     reader = FORMATS[format].read if format in FORMATS else None
     if reader is None:
         readable = ", ".join(name for name, one in FORMATS.items() if one.read is not None)
-        raise DataError(f"format={format!r} cannot be read back; expected one of {readable}")
+        raise DataError(f"format={format!r} cannot be read back; expected one of {readable}", code="format")
     if rate is not None and not is_positive(rate):
-        raise DataError(f"rate={rate!r}: expected a number of Hz above 0")
+        raise DataError(f"rate={rate!r}: expected a number of Hz above 0", code="option")
     if not is_instance(instance):
-        raise DataError(f"instance={instance!r}: expected {INSTANCE}")
+        raise DataError(f"instance={instance!r}: expected {INSTANCE}", code="option")
     path = pathlib.Path(path)
     try:
         content = {"imu_tk": _imu_tk_texts, "motioncal": _bytes}.get(format, _text)(path)
         return reader(content, {"rate": rate, "convention": convention, "instance": instance})
     except DataError as error:
-        raise DataError(f"{path}: {error}") from error
+        raise DataError(f"{path}: {error}", code="unreadable") from error
 
 
 def _imu_tk_texts(path: pathlib.Path) -> dict[str, str]:
@@ -77,7 +77,7 @@ def _imu_tk_texts(path: pathlib.Path) -> dict[str, str]:
     files = files_of(path, "imu_tk")
     found = {sensor: _text(files[suffix]) for sensor, suffix in SUFFIXES.items() if files[suffix].is_file()}
     if not found:
-        raise DataError(f"neither {' nor '.join(str(file) for file in files.values())} is there")
+        raise DataError(f"neither {' nor '.join(str(file) for file in files.values())} is there", code="unreadable")
     return found
 
 
@@ -85,13 +85,13 @@ def _text(path: pathlib.Path) -> str:
     try:
         return _bytes(path).decode()
     except UnicodeDecodeError as error:
-        raise DataError("the file is no text") from error
+        raise DataError("the file is no text", code="unreadable") from error
 
 
 def _bytes(path: pathlib.Path) -> bytes:
     try:
         if path.stat().st_size > _LARGEST:
-            raise DataError("the file is far larger than any calibration")
+            raise DataError("the file is far larger than any calibration", code="unreadable")
         return path.read_bytes()
     except OSError as error:
-        raise DataError(f"cannot be read: {(error.strerror or str(error)).lower()}") from error
+        raise DataError(f"cannot be read: {(error.strerror or str(error)).lower()}", code="unreadable") from error

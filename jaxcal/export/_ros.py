@@ -44,7 +44,7 @@ def _ros2(calibration: Calibration, options: Options) -> tuple[list[str], list[s
         lines += [f"mag_matrix: {listed(correction(mag.model.soft_iron))}", f"mag_bias: {listed(mag.model.hard_iron)}   # T"]
     lines += _covariances(calibration, options, warnings)
     if not lines:
-        raise ExportError("the calibration holds no imu, magnetometer or noise, of which parameters could be made")
+        raise ExportError("the calibration holds no imu, magnetometer or noise, of which parameters could be made", code="no_part")
     return ["/**:", "  ros__parameters:", *(f"    {line}" for line in lines)], warnings
 
 
@@ -98,7 +98,7 @@ def _before_bias(calibration: Calibration, why: str) -> tuple[AnyArray, AnyArray
     """Matrix of the accelerometer's correction, and the bias to subtract after the matrix."""
     accel = triads(calibration).get("accel")
     if accel is None:
-        raise ExportError(f"the calibration holds no accelerometer{why}")
+        raise ExportError(f"the calibration holds no accelerometer{why}", code="no_part")
     matrix = correction(accel.matrix)
     return matrix, matrix @ accel.bias
 
@@ -106,7 +106,7 @@ def _before_bias(calibration: Calibration, why: str) -> tuple[AnyArray, AnyArray
 def _madgwick(calibration: Calibration, options: Options) -> tuple[list[str], list[str]]:
     mag = calibration.magnetometer
     if mag is None:
-        raise ExportError("the calibration holds no magnetometer, for which alone imu_filter_madgwick has a place")
+        raise ExportError("the calibration holds no magnetometer, for which alone imu_filter_madgwick has a place", code="no_part")
     lost = np.linalg.norm(correction(mag.model.soft_iron) - np.eye(3), 2)
     warnings = [f"magnetometer: soft iron not written, for there is no place for it: {lost:.4g}"] if lost > 0 else []
     lines = [f"mag_bias_{axis}: {number(float(value))}   # T" for axis, value in zip("xyz", mag.model.hard_iron, strict=True)]
@@ -134,7 +134,9 @@ def read_ros(text: str, options: dict[str, Any]) -> Calibration:
     if "mag_bias_x" in document:
         return Calibration(magnetometer=MagModel(np.eye(3), np.array([numbers_of(document, f"mag_bias_{axis}") for axis in "xyz"])))
     if "/**" not in document:
-        raise DataError("the file has none of the keys SM, dlio, mag_bias_x and /**, by which a calibration for ROS is known")
+        raise DataError(
+            "the file has none of the keys SM, dlio, mag_bias_x and /**, by which a calibration for ROS is known", code="no_part"
+        )
     found = mapping(document, "/**", "ros__parameters")
 
     def held(name: str) -> tuple[AnyArray, AnyArray]:

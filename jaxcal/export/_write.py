@@ -117,10 +117,10 @@ def write(
 def _devices(calibration: Any, kind: Format, format: str) -> list[Calibration]:
     devices = [calibration] if isinstance(calibration, Calibration) else list(calibration)
     if not devices or not all(isinstance(device, Calibration) for device in devices):
-        raise ExportError("expected a Calibration, or a list of them")
+        raise ExportError("expected a Calibration, or a list of them", code="not_a_calibration")
     if len(devices) > 1 and not kind.many:
         several = [name for name, one in FORMATS.items() if one.many]
-        raise ExportError(f"{format} holds one device, not {len(devices)}; several go into {' and '.join(several)}")
+        raise ExportError(f"{format} holds one device, not {len(devices)}; several go into {' and '.join(several)}", code="several")
     return devices
 
 
@@ -139,7 +139,7 @@ def _doubts(calibration: Calibration, kind: Format, force: bool) -> list[str]:
             reason = f" ({section.verdict_reason})" if section.verdict_reason else ""
             sentence = f"the verdict on the {name} calibration is {verdict!r}{reason}"
             if not force:
-                raise ExportError(f"{sentence}; force=True (--force) writes it all the same")
+                raise ExportError(f"{sentence}; force=True (--force) writes it all the same", code="several")
             said.append(f"{sentence}, and it was forced")
     applied = (calibration.provenance or {}).get("applied")
     if applied and set(kind.sections) & {"imu", "magnetometer", "temperature"}:

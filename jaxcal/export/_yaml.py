@@ -19,21 +19,23 @@ def parse(text: str) -> dict[str, Any]:
     try:
         import yaml
     except ImportError as error:
-        raise DataError('reading YAML needs PyYAML; install it with pip install "jaxcal[yaml]"') from error
+        raise DataError('reading YAML needs PyYAML; install it with pip install "jaxcal[yaml]"', code="not_installed") from error
     if len(text) > _LARGEST:
-        raise DataError(f"the file has {len(text)} characters; a configuration has some thousands")
+        raise DataError(f"the file has {len(text)} characters; a configuration has some thousands", code="unreadable")
 
     class Loader(yaml.SafeLoader):
         def construct_mapping(self, node, deep=False):
             keys = [self.construct_object(key, deep=True) for key, _ in node.value]
             for (key, _), name in zip(node.value, keys, strict=True):
                 if not isinstance(name, str) or keys.count(name) > 1:
-                    raise DataError(f"line {key.start_mark.line + 1}: {name!r} is no name, or stands there twice")
+                    raise DataError(f"line {key.start_mark.line + 1}: {name!r} is no name, or stands there twice", code="unreadable")
             return super().construct_mapping(node, deep)
 
         def compose_node(self, parent, index):
             if self.check_event(yaml.AliasEvent):
-                raise DataError(f"line {self.peek_event().start_mark.line + 1}: references have no place in a calibration")
+                raise DataError(
+                    f"line {self.peek_event().start_mark.line + 1}: references have no place in a calibration", code="unreadable"
+                )
             return super().compose_node(parent, index)
 
     Loader.add_multi_constructor("tag:yaml.org,2002:opencv", lambda loader, _, node: loader.construct_mapping(node, deep=True))
@@ -41,13 +43,13 @@ def parse(text: str) -> dict[str, Any]:
         # OpenCV's directive is not YAML
         found = yaml.load("\n".join("" if line.startswith("%YAML") else line for line in text.splitlines()), Loader)
     except yaml.YAMLError as error:
-        raise DataError(f"the file is not YAML: {' '.join(str(error).split())}") from error
+        raise DataError(f"the file is not YAML: {' '.join(str(error).split())}", code="unreadable") from error
     except (RecursionError, ValueError) as error:  # too deeply nested lists; an invalid date or number
         if isinstance(error, DataError):
             raise
-        raise DataError(f"the file is no configuration: {error}") from error
+        raise DataError(f"the file is no configuration: {error}", code="unreadable") from error
     if not isinstance(found, dict):
-        raise DataError("the file holds no keys")
+        raise DataError("the file holds no keys", code="unreadable")
     return found
 
 
@@ -56,7 +58,7 @@ def mapping(found: dict[str, Any], *keys: str) -> dict[str, Any]:
     for key in keys:
         value = found.get(key)
         if not isinstance(value, dict):
-            raise DataError(f"{key} is {'missing' if value is None else 'no mapping'}; expected keys below it")
+            raise DataError(f"{key} is {'missing' if value is None else 'no mapping'}; expected keys below it", code="unreadable")
         found = value
     return found
 
@@ -73,14 +75,14 @@ def numbers_of(found: dict[str, Any], key: str, *shape: int) -> AnyArray:
         values = np.array([])
     if len(values) != size or not np.all(np.abs(values) < LARGEST_READ):
         expected = f"{size} numbers" if size > 1 else "a number"
-        raise DataError(f"{key} is {'missing' if value is None else repr(value)[:80]}; expected {expected}")
+        raise DataError(f"{key} is {'missing' if value is None else repr(value)[:80]}; expected {expected}", code="unreadable")
     return values.reshape(shape)
 
 
 def read_rate(found: dict[str, Any], key: str, options: dict[str, Any]) -> float:
     """The rate given by the user, or else the rate at a key."""
     if options["rate"] is None and key not in found:
-        raise DataError(f"the file does not say the rate; {_AGAIN}")
+        raise DataError(f"the file does not say the rate; {_AGAIN}", code="unreadable")
     return float(options["rate"] or numbers_of(found, key))
 
 
@@ -92,5 +94,5 @@ def stated(text: str, pattern: str, options: dict[str, Any], what: str) -> float
     except ValueError:
         value = 0.0
     if not 0 < value < np.inf:
-        raise DataError(f"{what} are per sample, and the file does not say of which rate; {_AGAIN}")
+        raise DataError(f"{what} are per sample, and the file does not say of which rate; {_AGAIN}", code="unreadable")
     return value

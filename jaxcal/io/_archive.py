@@ -26,7 +26,7 @@ def zip_kind(path: pathlib.Path) -> str:
     except (zipfile.BadZipFile, NotImplementedError, OSError, UnicodeError, ValueError):
         return "npz"  # a damaged file, which its reader will report
     if book:
-        raise DataError(book)
+        raise DataError(book, code="not_a_log")
     return "npz" if not names or all(name.endswith(".npy") for name in names) or path.suffix.lower() == ".npz" else "zip"
 
 
@@ -51,10 +51,11 @@ def unpacked(path: pathlib.Path) -> Iterator[pathlib.Path]:
         members = [one for one in archive.infolist() if not one.is_dir() and _wanted(one.filename)]
         if len(members) > _MOST:
             raise DataError(
-                f"the zip file holds {len(members)} files, more than the {_MOST} that are looked at; unpack it and give one log"
+                f"the zip file holds {len(members)} files, more than the {_MOST} that are looked at; unpack it and give one log",
+                code="not_a_log",
             )
         if any(one.flag_bits & 1 for one in members):
-            raise DataError("the zip file is encrypted; unpack it with its password and give the log in it")
+            raise DataError("the zip file is encrypted; unpack it with its password and give the log in it", code="not_a_log")
         check_declared(sum(one.file_size for one in members), size, "the zip file")
         room = allowed(size)
         for member in members:
@@ -67,7 +68,7 @@ def unpacked(path: pathlib.Path) -> Iterator[pathlib.Path]:
                     check_declared(0 if room >= 0 else allowed(size) + 1, size, "the zip file")
                     target.write(piece)
         if not members:
-            raise DataError("the zip file holds no file; unpack it, and look")
+            raise DataError("the zip file holds no file; unpack it, and look", code="not_a_log")
         yield folder
 
 

@@ -2,21 +2,22 @@
 
 import dataclasses
 import re
+from typing import Any
 
 import numpy as np
 
+from .._answer import Finding
 from .._errors import DataError
+from .._message import Message, joined_messages
 from . import _guess
 from ._columns import AXES, SENSORS, Columns, listing, resolve
+from ._findings import READ
 from ._mixed import refuse_mixed
 from ._names import Name, bracketed, is_counter, parse, plain, unit_of
 from ._profiles import ROS2_IMU, matching
 from ._spelling import meanings
 
-HOW = (
-    "say which is which, by number or name, with columns={'time': 0, 'gyro': [1, 2, 3], 'accel': [4, 5, 6]} "
-    "(--columns time=0,gyro=1:3,accel=4:6)"
-)
+HOW = Message("say which is which, by number or name, with {option.columns:time=0,gyro=1:3,accel=4:6}")
 _FILES = {
     "linear": r"linear|useracc|free_?acc|without_?g|ohne_?g",
     "gravity": r"gravity",
@@ -37,7 +38,10 @@ _NOT_LIKE = re.compile(r"covar|bias|std|status|accura|calib|norm|total|abs|count
 
 @dataclasses.dataclass
 class Selection:
-    """Columns by quantity, units from the names, and how the choice was made; `names` are the meanings of all columns."""
+    """Columns by quantity, units from the names, and how the choice was made; `names` are the meanings of all columns.
+
+    `why` gives, for a sensor that its name did not tell, what did; `counters` are the names of columns that count rows.
+    """
 
     columns: dict[str, list[int]]
     units: dict[str, str]
@@ -45,8 +49,9 @@ class Selection:
     guessed: set[str]
     profile: str = ""
     gravity_free: list[int] = dataclasses.field(default_factory=list)  # columns of acceleration without gravity
-    notes: list[str] = dataclasses.field(default_factory=list)
-    warnings: list[str] = dataclasses.field(default_factory=list)
+    why: dict[str, str] = dataclasses.field(default_factory=dict)
+    counters: list[str] = dataclasses.field(default_factory=list)
+    findings: list[Finding] = dataclasses.field(default_factory=list)
 
 
 def select(table, columns: Columns) -> Selection:
@@ -58,7 +63,7 @@ def select(table, columns: Columns) -> Selection:
     read = meanings(table, shared, known)
     found = Selection({}, {}, read, set(), profile.name if profile else "")
     if profile:
-        found.notes.append(f"device: the columns are those of {profile.name}" + (f"; {profile.sign}" if profile.sign else ""))
+        found.findings.append(READ("device", name=profile.name, sign=profile.sign and f"; {profile.sign}"))
     if any(names) or known:
         _by_name(table, columns, found)
         _by_file(table, columns, found)
@@ -84,7 +89,7 @@ def select(table, columns: Columns) -> Selection:
         try:
             refuse_mixed(table, found.columns)
         except DataError as error:  # the columns were named, so that this is no more than a warning
-            found.warnings.append(str(error))
+            found.findings.append(READ("mixed", why=error))
     return found
 
 
@@ -152,24 +157,19 @@ def _by_name(table, columns: Columns, found: Selection) -> None:
                 axes = other | axes
         present = [axis for axis in AXES if axis in axes]
         if present != list(AXES[: len(present)]):
-            raise DataError(
-                f"only the axes {', '.join(present)} of {sensor} are recognised in the columns {listing(table.names, len(table.names))}; "
-                f"name them with columns={{'{sensor}': [...]}} (--columns {sensor}=...)"
-            )
+            said = "only the axes {axes} of {sensor} are recognised in the columns {listed}; name them with {option.columns:{sensor}=...}"
+            listed = listing(table.names, len(table.names))
+            raise DataError(Message(said, axes=", ".join(present), sensor=sensor, listed=listed), code="axes")
         found.columns[sensor] = [axes[axis] for axis in present]
         unit = next((one.unit for i in found.columns[sensor] if (one := found.names[i]) and one.unit), None)
         if unit:
             found.units[sensor] = unit
         others = [axes for other, axes in groups.items() if other != key and len(axes) == 3]
         if whole and others:
-            shown = "; ".join(",".join(table.names[axes[axis]] for axis in AXES) for axes in others[:4])
+            shown = [",".join(table.names[axes[axis]] for axis in AXES) for axes in others[:4]]
             names = ",".join(table.names[i] for i in found.columns[sensor])
-            first = ",".join(table.names[others[0][axis]] for axis in AXES)
-            sentence = (
-                f"{sensor}: the table holds {len(others) + 1} of them; {names} is read, and not {shown}: read another with "
-                f"columns={{'{sensor}': [...]}} (--columns {sensor}={first})"
-            )
-            found.warnings.append(sentence)
+            facts: dict[str, Any] = {"names": names, "others": "; ".join(shown), "quantity": sensor, "first": shown[0]}
+            found.findings.append(READ("several_columns", (sensor,), 0.0, None, **facts))
     found.gravity_free = [i for i, one in enumerate(found.names) if one is not None and one.kind == "linear" and _present(table, i)]
     temperatures = [i for i, one in enumerate(found.names) if one is not None and one.kind == "temperature" and _present(table, i)]
     if temperatures and "temperature" not in columns:
@@ -204,9 +204,7 @@ def _by_file(table, columns: Columns, found: Selection) -> None:
         unit = unit_of(inside, kind) if inside else None
         if unit:
             found.units[kind] = unit
-        found.notes.append(
-            f"{kind}: the columns {', '.join(table.names[i] for i in axes)} are those of the {kind}, as the name of the file says"
-        )
+        found.why[kind] = "by the file's name"
 
 
 def _bare_axes(table, found: Selection) -> list[int]:
@@ -228,24 +226,27 @@ def _bare_axes(table, found: Selection) -> list[int]:
 def _refuse_or_position(table, columns: Columns, found: Selection) -> None:
     names, count = table.names, len(table.columns)
     if found.gravity_free:
-        shown = ", ".join(names[i] for i in found.gravity_free[:3])
-        raise DataError(
-            f"{shown} hold acceleration from which gravity was removed (linear or free acceleration): there is no specific force in "
-            "it, and "
-            "no other sensor is in the table. Record the accelerometer itself; to read these values all the same, name them with "
-            f"columns={{'accel': [...]}} (--columns accel={':'.join(map(str, (found.gravity_free[0], found.gravity_free[-1])))} "
-            "--units accel=m/s^2)"
+        said = (
+            "{names} hold acceleration from which gravity was removed (linear or free acceleration), which is no specific force, and no "
+            "other sensor is in the table; to read these values all the same: {option.columns:accel={a}:{b}} {option.units:accel=m/s^2}"
         )
+        shown, (a, b) = ", ".join(names[i] for i in found.gravity_free[:3]), (found.gravity_free[0], found.gravity_free[-1])
+        raise DataError(Message(said, names=shown, a=a, b=b), code="gravity_free")
     if any(names) and not all(name.isdecimal() for name in names if name):
         refuse_mixed(table, {"accel": _bare_axes(table, found)})
-        raise DataError(f"the columns {listing(names, count)} do not say which sensor they hold; {HOW}")
+        raise _unclear(f"the columns {listing(names, count)} do not say which sensor they hold")
     unlike = _unlike_header(table)
     try:
         _by_position(table, columns, found)
     except DataError as error:
-        raise DataError(f"{error}{'; or mend the header: ' * bool(unlike)}{unlike}") from None
+        raise DataError(joined_messages([error, f"or mend the header: {unlike}"]) if unlike else error.args[0], error.code) from None
     if unlike:
-        found.warnings.append(f"the header is not used: {unlike}")
+        found.findings.append(READ("header_unused", why=unlike))
+
+
+def _unclear(why: Any, code: str = "columns_unclear") -> DataError:
+    """Error for columns that do not show which sensor they hold."""
+    return DataError(joined_messages([why, HOW]), code)
 
 
 def _unlike_header(table) -> str:
@@ -275,20 +276,20 @@ def _by_position(table, columns: Columns, found: Selection) -> None:
     label = _label(table)
     if label and len(left) == 3:
         found.columns |= {label: left} | ({"time": time} if time else {})
-        found.notes.append(f"{label}: columns {left[0]}-{left[-1]}, by the word that stands in every row")
+        found.why[label] = "by the word that stands in every row"
         return
     if len(left) not in (3, 6, 9):
         rises = f" (column {time[0]} rises, as time does)" if time else ""
-        raise DataError(f"{listing(table.names, count)}{rises}: 3, 6 or 9 columns besides time can be told apart, not {len(left)}; {HOW}")
+        raise _unclear(f"{listing(table.names, count)}{rises}: 3, 6 or 9 columns besides time can be told apart, not {len(left)}")
     triples = [left[i : i + 3] for i in range(0, len(left), 3)]
     apart = [triple for triple in triples if triple[2] - triple[0] != 2]
     if apart:
         shown = ", ".join(map(str, apart[0]))
-        raise DataError(f"{listing(table.names, count)}: columns {shown} do not stand side by side as axes do; {HOW}")
+        raise _unclear(f"{listing(table.names, count)}: columns {shown} do not stand side by side as axes do")
     flat = [[np.ptp(table.columns[i]) == 0 for i in triple] for triple in triples]
     if any(map(any, flat)) and not all(map(any, flat)) and len(table.columns[0]) > 100:
         at = next(triple[one.index(True)] for triple, one in zip(triples, flat, strict=True) if any(one))
-        raise DataError(f"{listing(table.names, count)}: column {at} never changes, as no axis of a sensor does; {HOW}")
+        raise _unclear(f"{listing(table.names, count)}: column {at} never changes, as no axis of a sensor does")
     kind = file_kind(table.stem) if len(triples) == 1 else None
     try:
         if kind in SENSORS:
@@ -296,9 +297,9 @@ def _by_position(table, columns: Columns, found: Selection) -> None:
         else:
             roles = _guess.roles([np.column_stack([table.columns[i] for i in triple]).astype(np.float64) for triple in triples])
             which = ", ".join(f"{role} is {triple[0]}-{triple[-1]}" for role, triple in zip(roles, triples, strict=True))
-            found.warnings.append(f"a guess from the size of the values, since the columns have no names: {which}; if it is wrong, {HOW}")
+            found.findings.append(READ("roles", which=which))
     except DataError as error:
-        raise DataError(f"{error}; {HOW}") from None
+        raise _unclear(error, error.code) from None
     found.columns |= ({"time": time} if time else {}) | dict(zip(roles, triples, strict=True))
 
 
@@ -313,10 +314,9 @@ def _label(table) -> str | None:
             return kinds.pop()
         if 1 < len(words) < 50 and kinds & set(SENSORS):
             raise DataError(
-                f"column {i} names a sensor in every row ({', '.join(sorted(words)[:6])}): the rows of several sensors are mixed; "
-                "split the file "
-                "by that column and read the parts"
-            )
+                f"column {i} names a sensor in every row ({', '.join(sorted(words)[:6])}): the rows of several sensors are mixed; split "
+                "the file by that column and read the parts", code="mixed",
+            )  # fmt: skip
     return None
 
 
@@ -336,15 +336,10 @@ def _tell_unused(table, found: Selection) -> None:
         if i not in used and found.names[i] is None and _LIKE.search(name) and not (_NOT_LIKE.search(name) or is_counter(name))
         and _present(table, i) and not _CLOCKS.search(name)
     ]  # fmt: skip
+    shown = ", ".join(f"{i} ({table.names[i]})" for i in strange[:9]) + (" ..." if len(strange) > 9 else "")
     if strange and not set(found.columns) & set(SENSORS):
-        shown = ", ".join(f"{i} ({table.names[i]})" for i in strange[:9]) + (" ..." if len(strange) > 9 else "")
-        raise DataError(f"the columns {shown} look like those of a sensor, but which axis of which is not understood; {HOW}")
+        raise _unclear(f"the columns {shown} look like those of a sensor, but which axis of which is not understood")
     if strange:
-        shown = ", ".join(f"{i} ({table.names[i]})" for i in strange[:9]) + (" ..." if len(strange) > 9 else "")
-        found.warnings.append(
-            f"not read, although the names look like those of a sensor: columns {shown}; if they are one, name them with columns= "
-            "(--columns)"
-        )
+        found.findings.append(READ("strange", columns=shown))
     if found.gravity_free and "accel" not in found.columns:
-        shown = ", ".join(table.names[i] for i in found.gravity_free[:3])
-        found.warnings.append(f"{shown}: acceleration without gravity is no specific force, and is not read")
+        found.findings.append(READ("gravity_free", "accel", columns=", ".join(table.names[i] for i in found.gravity_free[:3])))

@@ -68,19 +68,21 @@ def open_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
         return _text_chunks(path, columns)
     if kind in ("ulog", "dataflash", "rosbag1", "rosbag2"):
         return _message_chunks(path, kind, sources, columns)
-    raise DataError(f"this is {kind}, which is not read in chunks; convert it once with `jaxcal convert LOG LOG.npz`")
+    raise DataError(f"this is {kind}, which is not read in chunks; convert it once with `jaxcal convert LOG LOG.npz`", code="chunks")
 
 
 def array_chunks(array: np.ndarray, columns: Sequence[Any] | None) -> Chunks:
     """The record in an array, which may be memory-mapped."""
     if array.ndim not in (1, 2) or array.dtype.kind not in "iuf":
-        raise DataError(f"the array has shape {array.shape} and type {array.dtype}; expected numbers of shape (n,) or (n, channels)")
+        raise DataError(
+            f"the array has shape {array.shape} and type {array.dtype}; expected numbers of shape (n,) or (n, channels)", code="chunks"
+        )
     width = 1 if array.ndim == 1 else array.shape[1]
     if columns is None:
         return Chunks(len(array), width, array.ndim == 1, lambda start, stop: array[start:stop].reshape(-1, width))
     chosen = np.atleast_1d(np.asarray(columns))
     if chosen.dtype.kind not in "iu" or chosen.size == 0 or np.any((chosen < 0) | (chosen >= width)):
-        raise DataError(f"columns={columns!r}: the array has columns 0 .. {width - 1}; choose among these numbers")
+        raise DataError(f"columns={columns!r}: the array has columns 0 .. {width - 1}; choose among these numbers", code="chunks")
     return Chunks(len(array), len(chosen), array.ndim == 1, lambda start, stop: array[start:stop].reshape(-1, width)[:, chosen])
 
 
@@ -91,7 +93,7 @@ def _joined(arrays: dict[str, Any], columns: Sequence[Any] | None) -> Chunks:
     chosen = [usable[name] for name in names]
     if len({len(array) for array in chosen}) > 1:
         lengths = ", ".join(f"{name} {array.shape}" for name, array in zip(names, chosen, strict=True))
-        raise DataError(f"the arrays have different lengths ({lengths}); name those of one length with columns=")
+        raise DataError(f"the arrays have different lengths ({lengths}); name those of one length with columns=", code="chunks")
 
     def read(start: int, stop: int) -> np.ndarray:
         return np.concatenate([np.asarray(array[start:stop], np.float64).reshape(stop - start, -1) for array in chosen], axis=1)
@@ -108,7 +110,9 @@ def _named(usable: list[str], columns: Sequence[Any] | None, what: str) -> list[
         names = [columns] if isinstance(columns, str) else [str(name) for name in columns]
     wrong = [name for name in names if name not in usable]
     if wrong or not names:
-        raise DataError(f"columns {', '.join(wrong) or 'for a record'}: not in the file; {what} {', '.join(usable) or 'none'}")
+        raise DataError(
+            f"columns {', '.join(wrong) or 'for a record'}: not in the file; {what} {', '.join(usable) or 'none'}", code="chunks"
+        )
     return names
 
 
@@ -119,13 +123,15 @@ def _mapped(path: pathlib.Path) -> dict[str, np.ndarray]:
     with zipfile.ZipFile(path) as archive, path.open("rb") as file:
         for member in archive.infolist():
             if member.compress_type != zipfile.ZIP_STORED:
-                raise DataError("the arrays are compressed, so that they cannot be read in chunks; save them with numpy.savez")
+                raise DataError(
+                    "the arrays are compressed, so that they cannot be read in chunks; save them with numpy.savez", code="chunks"
+                )
             file.seek(member.header_offset + 26)
             lengths = file.read(4)
             file.seek(member.header_offset + 30 + int.from_bytes(lengths[:2], "little") + int.from_bytes(lengths[2:], "little"))
             read_header = _HEADERS.get(np.lib.format.read_magic(file))
             if read_header is None:
-                raise DataError(f"{member.filename} has a layout of NumPy's that is not known here; save it again")
+                raise DataError(f"{member.filename} has a layout of NumPy's that is not known here; save it again", code="chunks")
             shape, fortran, dtype = read_header(file)
             if dtype.kind in "iuf" and file.tell() + math.prod(shape) * dtype.itemsize <= size:
                 order = "F" if fortran else "C"
@@ -169,18 +175,22 @@ def _text_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
     require("polars", "reading tables", "csv")
     text = open_text(path)
     if text.packed or text.content is not None:
-        raise DataError("text that is packed, or not UTF-8, is not read in chunks; convert it once with `jaxcal convert LOG LOG.npz`")
+        raise DataError(
+            "text that is packed, or not UTF-8, is not read in chunks; convert it once with `jaxcal convert LOG LOG.npz`", code="chunks"
+        )
     layout = sniff(text.head)
     numeric = [j for j, kind in enumerate(layout.kinds) if kind in ("int", "long", "float")]
     if columns is None and not any(layout.names):
-        raise DataError(f"the table has {listing(layout.names, layout.width)}; choose those of the record by number with columns=")
+        raise DataError(
+            f"the table has {listing(layout.names, layout.width)}; choose those of the record by number with columns=", code="chunks"
+        )
     if columns is None:
         chosen = [j for j in numeric if (parse_name(layout.names[j]) or ("",))[0] != "time" and layout.names[j].lower() not in _TIME]
     else:
         given = [columns] if isinstance(columns, str | int) else list(columns)
         chosen = [layout.names.index(name) if name in layout.names else name if isinstance(name, int) else -1 for name in given]
     if not chosen or any(j not in numeric for j in chosen):
-        raise DataError(f"columns={columns!r}: choose among those that hold numbers, {listing(layout.names, layout.width)}")
+        raise DataError(f"columns={columns!r}: choose among those that hold numbers, {listing(layout.names, layout.width)}", code="chunks")
     places, rows = row_edges(text, layout)
 
     def read(start: int, stop: int) -> np.ndarray:
@@ -196,7 +206,7 @@ def _message_chunks(path: pathlib.Path, kind: str, sources: list[pathlib.Path], 
     """One topic of a log of messages on a uniform grid; missing samples are NaN."""
     given = [columns] if isinstance(columns, str) else [str(one) for one in columns or ()]
     if len(given) > 1:
-        raise DataError(f"columns={columns!r}: topics have stamps of their own; name one of them")
+        raise DataError(f"columns={columns!r}: topics have stamps of their own; name one of them", code="chunks")
     wanted = given[0] if given else None
     if kind == "ulog":
         rows = px4_rows(path, wanted)
@@ -205,7 +215,7 @@ def _message_chunks(path: pathlib.Path, kind: str, sources: list[pathlib.Path], 
     else:
         rows = ros_rows(sources, 1 if kind == "rosbag1" else 2, wanted)
     if rows.count < 2:
-        raise DataError(f"{rows.count} sample{'s' * (rows.count != 1)}: a record needs at least 2")
+        raise DataError(f"{rows.count} sample{'s' * (rows.count != 1)}: a record needs at least 2", code="chunks")
     starts, slots, period = _segments(rows)
     _check_units(rows, period)
     samples, channels = rows.count + int(slots[-1] - starts[-1]), sum(rows.sensors.values())
@@ -237,7 +247,9 @@ def _segments(rows: Rows) -> tuple[np.ndarray, np.ndarray, float]:
     steps, block = np.diff(rows.stamps(0, min(rows.count, _BLOCK))), _BLOCK
     rising = steps[steps > 0]
     if not len(rising):
-        raise DataError("the time stamps never rise; convert the log once with `jaxcal convert LOG LOG.npz`, which says more")
+        raise DataError(
+            "the time stamps never rise; convert the log once with `jaxcal convert LOG LOG.npz`, which says more", code="chunks"
+        )
     period, total, kept = float(np.median(rising)), 0.0, 0
     at, missing, before = [np.zeros(1, np.int64)], [np.zeros(1, np.int64)], None
     for first in range(0, rows.count, block):
@@ -247,7 +259,8 @@ def _segments(rows: Rows) -> tuple[np.ndarray, np.ndarray, float]:
         if np.any(steps <= 0):
             raise DataError(
                 f"{np.count_nonzero(steps <= 0)} time stamps do not rise; convert the log once with `jaxcal convert LOG LOG.npz`, "
-                "which mends it"
+                "which mends it",
+                code="chunks",
             )
         long = np.flatnonzero(steps > _GAP * period)
         at.append(first + long + (first == 0))
@@ -255,7 +268,7 @@ def _segments(rows: Rows) -> tuple[np.ndarray, np.ndarray, float]:
         total, kept = total + float(steps.sum() - steps[long].sum()), kept + len(steps) - len(long)
     starts, lost = np.concatenate(at), np.concatenate(missing)
     if lost.sum() > 10 * rows.count + 1_000_000:
-        raise DataError(f"the log of {rows.count} samples has {lost.sum()} missing ones; split it at the long gaps")
+        raise DataError(f"the log of {rows.count} samples has {lost.sum()} missing ones; split it at the long gaps", code="chunks")
     return starts, starts + np.cumsum(lost), total / max(kept, 1)
 
 

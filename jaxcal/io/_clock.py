@@ -10,9 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from .._answer import Finding
 from .._errors import DataError
+from .._message import Message
 from ._choose import Selection, increasing
 from ._columns import listing, scale
+from ._findings import READ
 from ._names import is_counter, is_other, plain
 from ._stamps import (
     DAY,
@@ -39,12 +42,13 @@ _LIKE_TIME = re.compile(
 )
 _IN_BRACKETS = re.compile(r"[\[(]\s*(min|s|ms|us|ns)\s*[\])]$")
 _STEPS_OF_TIME = re.compile(r"(?:dt|delta?|deltat|deltatime|timedelta|timediff|timestep|samplingtime|interval)(?:s|ms|us|ns)?")
+OF_NAME = "the name of the file states"
 _FILE_RATE = re.compile(r"(?<![0-9a-z.])([0-9]+(?:[.p][0-9]+)?)[ _-]?(k?hz)(?![a-z])", re.IGNORECASE)
 
 
 def stated_rate(preamble: str, stem: str) -> tuple[float, str] | None:
     """The sampling rate stated in the text above a table, or else in the file name, with its source; or None."""
-    for text, pattern, source in ((preamble, _STATED, "the header states"), (stem, _FILE_RATE, "the name of the file states")):
+    for text, pattern, source in ((preamble, _STATED, "the header states"), (stem, _FILE_RATE, OF_NAME)):
         found = [one for one in pattern.findall(text) if one[1] or not re.search(r"\bat\W+" + re.escape(one[0]), text, re.IGNORECASE)]
         values = {float(number.replace(",", ".").replace("p", ".")) * (1e3 if unit.lower() == "khz" else 1.0) for number, unit in found}
         values = {value for value in values if 0.01 <= value <= 1e6}
@@ -77,9 +81,9 @@ def clock_of(table, found: Selection, units: dict[str, str], rate: float | int |
         ):
             clock = dataclasses.replace(clock, sure=False, reason=f"it rises as time does, but its name does not say so; {clock.reason}")
         clocks.append(clock)
-    names = [table.names[i] or str(i) for i in counters]
+    found.counters = [table.names[i] or str(i) for i in counters]
     if counters:
-        found.notes.append(f"time: {', '.join(names)} counts rows and is no time")
+        found.findings.append(READ("counts_rows", columns=", ".join(found.counters)))
     if not clocks:
         if faults:
             raise faults[0]
@@ -188,10 +192,8 @@ def _read(table, indices: list[int], stated: str | None, rate: float | int | Non
     for i, column in zip(indices, columns, strict=True):
         if column.dtype.kind not in "iufbM":
             shown = next((str(value) for value in column if value is not None), "")
-            raise DataError(
-                f"column {i} ({table.names[i] or 'no name'}) holds text, such as {shown!r}, where numbers are expected; name other columns "
-                "with columns= (--columns)"
-            )
+            said = "column {i} ({name}) holds text, such as {shown!r}, where numbers are expected; name others with {option.columns}"
+            raise DataError(Message(said, i=i, name=table.names[i] or "no name", shown=shown), code="text")
     if len(indices) > 2:
         return _parts(table, indices)
     if len(indices) == 2:
@@ -251,16 +253,14 @@ def _compare(table, best: Clock, other: Clock, found: Selection) -> Clock:
     if best.sure and other.sure:
         for power in (-9, -6, -4, -3, 3, 4, 6, 9):
             if abs(ratio * 10.0**power - 1.0) < 0.05:
-                raise DataError(
-                    f"the clocks {shown[0]} ({best.unit}) and {shown[1]} ({other.unit}) differ by a factor of "
-                    f"{10.0 ** abs(power):g}: one of the "
-                    "units is wrong; name the clock and its unit with columns={'time': ...} and units={'time': ...} (--columns time=... "
-                    "--units time=...)"
+                said = (
+                    "the clocks {one} ({unit}) and {two} ({other}) differ by a factor of {factor:g}: one of the units is wrong; name the "
+                    "clock and its unit with {option.columns:time=...} and {option.units:time=...}"
                 )
-        found.warnings.append(
-            f"time: {shown[0]} is read; {shown[1]} disagrees by {100 * abs(1 / ratio - 1):.2g} % in rate: read it with --columns "
-            f"time={','.join(map(str, other.columns))} to compare"
-        )
+                facts = {"one": shown[0], "unit": best.unit, "two": shown[1], "other": other.unit, "factor": 10.0 ** abs(power)}
+                raise DataError(Message(said, **facts), code="clocks_contradict")
+        percent, column = 100 * abs(1 / ratio - 1), ",".join(map(str, other.columns))
+        found.findings.append(READ("clocks_differ", chosen=shown[0], other=shown[1], percent=percent, column=column))
     return best
 
 
@@ -289,47 +289,44 @@ def refuse_restarts(clock: Clock) -> None:
     if restarts:
         rows = ", ".join(str(row + 1) for row in restarts[:6]) + (" ..." if len(restarts) > 6 else "")
         raise DataError(
-            f"time begins again {len(restarts)} time{'s' * (len(restarts) > 1)}, at row{'s' * (len(restarts) > 1)} {rows} (it jumps "
-            "back by "
-            f"{float(drops.max()):.4g} s): there are several recordings, or copies of one, one below the other; keep the rows of "
-            "one of them, such "
-            f"as the first {restarts[0]}"
-        )
+            f"time begins again {len(restarts)} time{'s' * (len(restarts) > 1)}, at row{'s' * (len(restarts) > 1)} {rows} (it jumps back "
+            f"by {float(drops.max()):.4g} s): there are several recordings, or copies of one, one below the other; keep the rows of one of "
+            f"them, such as the first {restarts[0]}", code="several_recordings",
+        )  # fmt: skip
 
 
-def check_rate(clock: Clock, stated: tuple[float, str] | None, warnings: list[str], names: str) -> None:
+def check_rate(clock: Clock, stated: tuple[float, str] | None, found: list[Finding], names: str) -> None:
     """Compare a clock with a rate stated elsewhere, and with plausible rates."""
     rate = 1.0 / clock.period if clock.period else np.nan
     if not np.isfinite(rate):
         return
     if rate > 20_000 and clock.unit in SECONDS and clock.unit != "ns":
-        raise DataError(
-            f"the clock {names} in {clock.unit} ({clock.reason or 'as given'}) would be {rate:.4g} Hz, which no recording has: its unit is "
-            f"wrong; give it with units={{'time': '{clock.other}'}} (--units time={clock.other}), or the rate with rate= and "
-            "columns={'time': None}"
+        said = (
+            "the clock {names} in {unit} ({why}) would be {rate:.4g} Hz, which no recording has: its unit is wrong; give it with "
+            "{option.units:time={other}}, or the rate with {option.rate} and {option.columns:time=none}"
         )
+        facts = {"names": names, "unit": clock.unit, "why": clock.reason or "as given", "rate": rate, "other": clock.other}
+        raise DataError(Message(said, **facts), code="time_unit")
     mean = 1.0 / clock.mean if clock.mean else rate
     if stated is not None and min(abs(rate / stated[0] - 1), abs(mean / stated[0] - 1)) > 0.1:
         for power in (-6, -4, -3, -1, 1, 3, 4, 6):
             if abs(rate / stated[0] * 10.0**power - 1) < 0.1:
-                raise DataError(
-                    f"{stated[1]} {stated[0]:g} Hz, but the clock {names} in {clock.unit} gives {rate:.4g} Hz: the unit of time is "
-                    "wrong, or "
-                    "this is no clock; give the unit with units={'time': ...} (--units time=...), or leave the stamps out with "
-                    "columns={'time': None} (--columns time=none) and rate= (--rate)"
+                said = (
+                    "{source} {stated:g} Hz, but the clock {names} in {unit} gives {rate:.4g} Hz: the unit of time is wrong, or this is no "
+                    "clock; give the unit with {option.units:time=...}, or leave the stamps out with {option.columns:time=none} and "
+                    "{option.rate}"
                 )
-        if stated[1] != "the file states":  # in this case `_build` in `_read` adds the warning
-            warnings.append(f"{stated[1]} {stated[0]:g} Hz, but the stamps say {rate:.5g} Hz, which is used")
+                facts = {"source": stated[1], "stated": stated[0], "names": names, "unit": clock.unit, "rate": rate}
+                raise DataError(Message(said, **facts), code="time_unit")
+        if stated[1] != "the file states":  # in this case `_build` in `_read` adds the finding
+            found.append(READ("rate_differs", source=stated[1], stated=stated[0], rate=rate))
     if clock.unit == "s" and stated is None and clock.period == 1.0 and clock.seconds[0] in (0.0, 1.0):
-        warnings.append(f"the clock {names} rises by 1 in every row: one sample a second, or a counter; if it counts rows, give --rate")
+        found.append(READ("seconds_or_rows", clock=names))
     if rate < 0.5 and clock.unit != "date" and stated is None:
-        warnings.append(
-            f"the clock {names} in {clock.unit} gives one sample every {clock.period:.4g} s; if that is wrong, give the unit with "
-            "--units time=..."
-        )
+        found.append(READ("slow_clock", clock=names, unit=clock.unit, step=clock.period))
 
 
-def no_clock(table, rate_needed: bool, counters: list[str]) -> DataError:
+def no_clock(table, counters: list[str]) -> DataError:
     """Error for a table without a clock and without a rate."""
     counted = f"; {', '.join(counters)} counts rows and is no time" if counters else ""
     for i, name in enumerate(table.names):
@@ -342,10 +339,11 @@ def no_clock(table, rate_needed: bool, counters: list[str]) -> DataError:
         counted += (
             f"; {table.names[i]} holds {shown[:40]!r}, a form of time that is not known: write it as seconds, or as 2024-05-01 12:00:00.010"
         )
-    return DataError(
-        f"there is no time column among {listing(table.names, len(table.columns))}{counted}; give the sampling rate with rate= (--rate), "
-        "or name the column with columns={'time': ...} (--columns time=...)"
+    said = (
+        "there is no time column among {listed}{counted}; give the sampling rate with {option.rate:HZ}, or name the column with "
+        "{option.columns:time=...}"
     )
+    return DataError(Message(said, listed=listing(table.names, len(table.columns)), counted=counted), code="no_rate")
 
 
 def label_of(table: Any, indices: list[int]) -> str:

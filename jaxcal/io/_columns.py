@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from .._errors import DataError, UnitError
+from .._message import Message
 from .._units import factor, find_unit, quantities, si_unit, to_si
 
 SENSORS = ("gyro", "accel", "mag")
@@ -12,6 +13,11 @@ AXES = "xyz"
 
 #: quantity -> its columns (by number or name), or None to leave it out
 Columns = dict[str, list[int | str] | None]
+
+
+def wrong(name: str, why: str) -> DataError:
+    """Error for a wrong value of the option `name`, which is also its code."""
+    return DataError(Message(f"{{option.{name}}}: {{why}}", why=why), code=name)
 
 
 def parse_columns(given: Mapping[str, Any] | str | None) -> Columns:
@@ -26,20 +32,20 @@ def parse_columns(given: Mapping[str, Any] | str | None) -> Columns:
     found: Columns = {}
     axes: dict[str, dict[str, int | str]] = {}
     for name, value in _pairs(given, "columns").items():
-        values = None if value is None or value == "none" else [_column(v) for v in (value if isinstance(value, list | tuple) else [value])]
+        values = None if value in (None, "none", "None") else [_column(v) for v in (value if isinstance(value, list | tuple) else [value])]
         sensor, _, axis = name.rpartition("_")
         if sensor in SENSORS and axis in AXES:
             if values is None or len(values) != 1:
-                raise DataError(f"columns=: {name} is one column, but got {value!r}")
+                raise wrong("columns", f"{name} is one column, but got {value!r}")
             axes.setdefault(sensor, {})[axis] = values[0]
         elif name in quantities():
             found[name] = values
         else:
-            raise DataError(f"columns=: unknown quantity {name!r}; use {', '.join(quantities())}, or one axis as in gyro_x")
+            raise wrong("columns", f"unknown quantity {name!r}; use {', '.join(quantities())}, or one axis as in gyro_x")
     for sensor, columns in axes.items():
         wanted = AXES[: len(columns)]
         if set(columns) != set(wanted):
-            raise DataError(f"columns=: {sensor} has only {', '.join(sorted(columns))}; give x, or x and y, or all three axes")
+            raise wrong("columns", f"{sensor} has only {', '.join(sorted(columns))}; give x, or x and y, or all three axes")
         found[sensor] = [columns[axis] for axis in wanted]
     return found
 
@@ -49,7 +55,7 @@ def parse_units(given: Mapping[str, Any] | str | None) -> dict[str, str]:
     found = {}
     for name, value in _pairs(given, "units").items():
         if name not in quantities():
-            raise DataError(f"units=: unknown quantity {name!r}; use {', '.join(quantities())}")
+            raise wrong("units", f"unknown quantity {name!r}; use {', '.join(quantities())}")
         found[name] = f"{value:.17g} {si_unit(name)}" if isinstance(value, int | float) else str(value).strip()
         scale(found[name], name)
     return found
@@ -61,7 +67,7 @@ def parse_topics(given: Any) -> list[str] | None:
         return None
     topics = [t.strip() for t in given.split(",")] if isinstance(given, str) else [str(t) for t in given]
     if not all(topics):
-        raise DataError(f"topics={given!r} holds an empty name")
+        raise wrong("topics", f"{given!r} holds an empty name")
     return topics
 
 
@@ -72,20 +78,21 @@ def scale(unit: str, quantity: str) -> tuple[float, float]:
     if match and find_unit(unit, quantity) is None:
         number, rest = float(match[1]), match[2] or si_unit(quantity)
     if number == 0.0:
-        raise UnitError(f"units=: {unit!r} makes every value of {quantity} zero")
+        raise UnitError(Message("{option.units}: {unit!r} makes every value of {name} zero", unit=unit, name=quantity), code="units")
     try:
         return number * factor(rest, quantity), float(to_si(0.0, rest, quantity))
     except UnitError as error:
-        raise UnitError(f"units=: {error}; raw counts need their size, as in units={{'{quantity}': '0.05 {si_unit(quantity)}'}}") from None
+        said = "{option.units}: {error}; raw counts need their size, as in {option.units:{quantity}=0.05 {si}}"
+        raise UnitError(Message(said, error=error, quantity=quantity, si=si_unit(quantity)), code="units") from None
 
 
 def _pairs(given: Mapping[str, Any] | str | None, option: str) -> dict[str, Any]:
     if given is None:
         return {}
-    if isinstance(given, Mapping):
-        return dict(given)
+    if isinstance(given, Mapping):  # "1,2" in a dictionary means the same as in a string
+        return {name: value.split(",") if option == "columns" and _is_list(value) else value for name, value in given.items()}
     if not isinstance(given, str):
-        raise DataError(f"{option}= takes a dict or a string such as 'gyro=...', not {type(given).__name__}")
+        raise wrong(option, f"expected a dictionary or a string such as 'gyro=...', not {type(given).__name__}")
     found: dict[str, Any] = {}
     last = ""
     for part in given.split(","):
@@ -96,13 +103,18 @@ def _pairs(given: Mapping[str, Any] | str | None, option: str) -> dict[str, Any]
         elif last and option == "columns":  # a list: gyro=1,2,3
             found[last] = [*(found[last] if isinstance(found[last], list) else [found[last]]), part.strip()]
         else:
-            raise DataError(f"{option}={given!r}: {part!r} is not of the form quantity=value")
+            raise wrong(option, f"{part!r} in {given!r} is not of the form quantity=value")
     return found
+
+
+def _is_list(value: Any) -> bool:
+    """Whether a text is a list of column numbers, such as "1,2"."""
+    return isinstance(value, str) and re.fullmatch(r"\d+(?:,\d+)+", value) is not None
 
 
 def _column(value: Any) -> int | str:
     if isinstance(value, bool) or not isinstance(value, int | str):
-        raise DataError(f"columns=: {value!r} is neither the number of a column (from 0) nor its name")
+        raise wrong("columns", f"{value!r} is neither the number of a column (from 0) nor its name")
     return int(value) if isinstance(value, str) and value.isdecimal() else value
 
 
@@ -121,7 +133,7 @@ def resolve(columns: Columns, names: list[str], count: int) -> dict[str, list[in
                 indices.append(_find(column, names, count, quantity))
         limit = {"time": 4, "temperature": 1}.get(quantity, 3)
         if not 1 <= len(indices) <= limit or len(set(indices)) != len(indices):
-            raise DataError(f"columns=: {quantity} got columns {indices}; give {'1 to 3' if limit == 3 else limit} different ones")
+            raise wrong("columns", f"{quantity} got columns {indices}; give {'1 to 3' if limit == 3 else limit} different ones")
         found[quantity] = indices
     return found
 
@@ -129,13 +141,13 @@ def resolve(columns: Columns, names: list[str], count: int) -> dict[str, list[in
 def _find(column: int | str, names: list[str], count: int, quantity: str) -> int:
     if isinstance(column, int):
         if not -count <= column < count:
-            raise DataError(f"columns=: {quantity} wants column {column}; there are {listing(names, count)}")
+            raise wrong("columns", f"{quantity} wants column {column}; there are {listing(names, count)}")
         return column % count
     for form in (str, str.lower, _plain):
         forms = [form(name) for name in names]
         if form(column) in forms:
             return forms.index(form(column))
-    raise DataError(f"columns=: there is no column {column!r} for {quantity}; there are {listing(names, count)}")
+    raise wrong("columns", f"there is no column {column!r} for {quantity}; there are {listing(names, count)}")
 
 
 def _plain(name: str) -> str:

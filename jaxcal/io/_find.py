@@ -54,7 +54,7 @@ def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
     refused = ""
     for i, file in enumerate(sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))):
         if i == _MOST:
-            raise DataError(f"the folder holds more than {_MOST} files; give one log")
+            raise DataError(f"the folder holds more than {_MOST} files; give one log", code="not_a_log")
         try:
             kind = detect(file)
         except DataError as error:
@@ -67,9 +67,11 @@ def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
         if kind != "csv" or file.name.lower().endswith(_TEXT):
             logs[file] = kind
     if not logs and refused:
-        raise DataError(refused)
+        raise DataError(refused, code="not_a_log")
     if not logs:
-        raise DataError(f"the folder holds no readable log and no ROS 2 recording (metadata.yaml){_below(path)}; give a log file")
+        raise DataError(
+            f"the folder holds no readable log and no ROS 2 recording (metadata.yaml){_below(path)}; give a log file", code="not_a_log"
+        )
     files, kinds = list(logs), set(logs.values())
     if len(files) == 1:
         return kinds.pop(), files
@@ -79,7 +81,7 @@ def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
         return "sensors", sensors
     more = f" and {len(files) - _SHOWN} more" if len(files) > _SHOWN else ""
     shown = ", ".join(file.name for file in files[:_SHOWN]) + more
-    raise DataError(f"the folder holds {len(files)} logs, each a recording of its own: {shown}; give one of them")
+    raise DataError(f"the folder holds {len(files)} logs, each a recording of its own: {shown}; give one of them", code="several_logs")
 
 
 def sensor_files(files: list[pathlib.Path]) -> list[pathlib.Path]:
@@ -123,42 +125,50 @@ def _parts(files: list[pathlib.Path]) -> list[pathlib.Path]:
     stems = {(match[1], file.suffix) if match else (file.name, "") for file, match in matches.items()}
     if len(stems) > 1 or len(found) < len(files):
         mend = " run `ros2 bag reindex` on it, or" if files[0].suffix != ".bag" else ""
-        raise DataError(f"the folder holds {len(files)} parts of a recording but no metadata.yaml;{mend} give one part")
+        raise DataError(
+            f"the folder holds {len(files)} parts of a recording but no metadata.yaml;{mend} give one part", code="part_missing"
+        )
     missing = sorted(set(range(max(found) + 1)) - set(found))
     if missing:
         name = f"{next(iter(stems))[0]}_{missing[0]}{files[0].suffix}"
-        raise DataError(f"the folder holds parts of a recording, but {name} is missing; put it there, or give one part")
+        raise DataError(
+            f"the folder holds parts of a recording, but {name} is missing; put it there, or give one part", code="part_missing"
+        )
     return [found[number] for number in sorted(found)]
 
 
 def detect(path: pathlib.Path) -> str:
     """Detect the format of a file from its first bytes."""
     if not path.exists():
-        raise DataError("there is no such file; check the path")
+        raise DataError("there is no such file; check the path", code="no_file")
     if not path.is_file():
-        raise DataError("this is not a regular file; save the data in one and give its path")
+        raise DataError("this is not a regular file; save the data in one and give its path", code="not_a_log")
     with path.open("rb") as file:
         head = file.read(_USER_BLOCKS[-1] + len(_HDF5))
     if not head:
-        raise DataError("the file is empty")
+        raise DataError("the file is empty", code="empty")
     if head.startswith(_LFS):
         size = re.search(rb"size (\d{1,18})", head)
         held = f" of {int(size[1])} bytes" if size else ""
-        raise DataError(f"this is a Git LFS pointer, not the recording{held} that it stands for: run `git lfs pull` in the repository")
+        raise DataError(
+            f"this is a Git LFS pointer, not the recording{held} that it stands for: run `git lfs pull` in the repository", code="not_a_log"
+        )
     suffix = path.suffix.lower()
     _refuse_others(head)
     for magic, kind in _MAGIC.items():
         if head.startswith(magic):
             wanted = {_SQLITE: ".db3", _MCAP: ".mcap"}.get(magic, path.suffix)
             if path.suffix != wanted:
-                raise DataError(f"this is a ROS 2 recording, but its name does not end in {wanted}; rename it")
+                raise DataError(f"this is a ROS 2 recording, but its name does not end in {wanted}; rename it", code="not_a_log")
             return zip_kind(path) if kind == "zip" else kind
     if any(head.startswith(_HDF5, place) for place in _USER_BLOCKS):
         return "hdf5"
     if suffix == ".mat" and _is_mat4(head):
         return "mat"
     if suffix in (".npz", ".npy", ".parquet", ".mcap", ".db3", ".bag", ".ulg", ".mat", ".h5", ".hdf5"):
-        raise DataError(f"the name ends in {path.suffix}, but the file does not begin as such a file does; it is damaged, or misnamed")
+        raise DataError(
+            f"the name ends in {path.suffix}, but the file does not begin as such a file does; it is damaged, or misnamed", code="not_a_log"
+        )
     return "json" if suffix == ".json" or _JSON.match(head) else "csv"
 
 
@@ -166,9 +176,11 @@ def _refuse_others(head: bytes) -> None:
     """Refuse a file that is not a log, and say what it is."""
     for marks, what, advice in _OTHERS:
         if head.startswith(marks):
-            raise DataError(f"this is {what}: {advice}, and read that")
+            raise DataError(f"this is {what}: {advice}, and read that", code="not_a_log")
     if _PAGE.match(head):
-        raise DataError("this is a page of the web or XML, not the log itself: download the file as it is (on GitHub: Raw)")
+        raise DataError(
+            "this is a page of the web or XML, not the log itself: download the file as it is (on GitHub: Raw)", code="not_a_log"
+        )
 
 
 def _is_mat4(head: bytes) -> bool:

@@ -30,7 +30,7 @@ def table_of(source: Any) -> Table:
         return table_of_arrays({str(name): np.array(values) for name, values in source.items()})
     if isinstance(source, list | tuple) or hasattr(source, "__array__"):
         return arrays_of_columns(np.array(source))
-    raise DataError(f"a recording cannot be made of {kind} objects; expected {_TAKEN}")
+    raise DataError(f"a recording cannot be made of {kind} objects; expected {_TAKEN}", code="not_a_recording")
 
 
 def _of_pandas(frame: Any) -> dict[str, Any]:
@@ -52,7 +52,7 @@ def _of_xarray(dataset: Any) -> dict[str, Any]:
     """Coordinates and variables along one dimension: `time`, or else the first dimension of the first variable."""
     first = next(iter(dataset.data_vars.values()), None)
     if first is None or not first.dims:
-        raise DataError("the dataset has no variable with a dimension; it takes variables such as gyro along time")
+        raise DataError("the dataset has no variable with a dimension; it takes variables such as gyro along time", code="not_a_recording")
     along = "time" if "time" in dataset.dims else first.dims[0]
     found = {str(along): dataset.coords[along].to_numpy()} if along in dataset.coords else {}
     for name, variable in dataset.data_vars.items():

@@ -4,10 +4,12 @@ If the values contradict the stated unit, it is an error. A unit without evidenc
 """
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
 from .._errors import DataError
+from .._message import Message, joined_messages
 from .._units import STANDARD_GRAVITY, factor, find_unit, to_si
 from ._evidence import (
     Turning,
@@ -45,6 +47,20 @@ _CELSIUS = (-80.0, 200.0)
 _FASTEST = 8000.0
 
 
+class UnitDoubtError(DataError):
+    """Error on the unit of a sensor: `why` it is wrong or unknown, and what to do."""
+
+    def __init__(self, why: Any, remedy: Message | str = "", code: str = "unit", **facts: Any):
+        said = Message(remedy, **facts) if isinstance(remedy, str) else remedy
+        super().__init__(joined_messages([why, said]) if remedy else why, code)
+        self.why = why
+
+
+def _give(sensor: str, unit: str) -> Message:
+    """The advice to give the unit of a sensor."""
+    return Message("give the unit that is right, with {option.units:{sensor}={unit}}", sensor=sensor, unit=unit)
+
+
 @dataclasses.dataclass(frozen=True)
 class Guess:
     """A unit, the reason for it, the unit to suggest if it is wrong, and whether there is evidence besides plausibility."""
@@ -66,7 +82,7 @@ def accel_unit(values: np.ndarray, stated: str | None, where: str, period: float
     if stated is None:
         stays = gravity_stays(values, period) if whole else np.nan
         if whole and stays < 0.45:
-            raise DataError(_gravity_free("", values, seen, stays))
+            raise _gravity_free("", seen, stays)
         return _by_size("accel", norm, seen, values)
     size = factor_of(stated, "accel")
     if not whole or size is None or not norm:
@@ -77,31 +93,24 @@ def accel_unit(values: np.ndarray, stated: str | None, where: str, period: float
         return Guess(stated, f"{where}; {seen}", stated)
     better = [unit for unit, (one, _) in _SIZES["accel"].items() if unit != stated and 0.8 < norm / one < 1.25 and stays > 0.6]
     if better:
-        raise DataError(
-            f"the unit of accel is stated as {stated} ({where}), but its {seen} is that of gravity in {better[0]}: give the unit that is "
-            f"right, with units={{'accel': '{better[0]}'}} (--units accel={better[0]})"
-        )
+        raise UnitDoubtError(f"the unit of accel is stated as {stated} ({where}), but its {seen} is that of gravity in {better[0]}",
+                             _give("accel", better[0]), "unit_contradicts")  # fmt: skip
     if force < _FORCE[0] or stays < 0.45:
-        raise DataError(_gravity_free(stated, values, seen, stays))
-    raise DataError(
-        f"the unit of accel is stated as {stated} ({where}), but its {seen} would be {force:.3g} times gravity, and it is that of "
-        "gravity in "
-        f"no unit: its scale, or its bytes, are wrong; correct the file, or give the size of one count, as in "
-        f"units={{'accel': '{1 / norm:.4g} g'}} (--units accel='{1 / norm:.4g} g')"
-    )
+        raise _gravity_free(stated, seen, stays)
+    raise UnitDoubtError(
+        f"the unit of accel is stated as {stated} ({where}), but its {seen} would be {force:.3g} times gravity, and that in no unit: its "
+        "scale, or its bytes, are wrong",
+        "correct the file, or give the size of one count, as in {option.units:accel={size:.4g} g}", "unit_contradicts", size=1 / norm,
+    )  # fmt: skip
 
 
-def _gravity_free(stated: str, values: np.ndarray, seen: str, stays: float) -> str:
-    unit = stated or "m/s^2"
-    why = f"{seen}{' ' + stated if stated else ''}" + (
-        f", of which {100 * stays:.0f} % is left after averaging" if np.isfinite(stays) else ""
-    )
-    return (
-        f"gravity is missing from accel ({why}): this is linear acceleration, from which gravity was removed, and no specific "
-        "force. Record the "
-        "accelerometer itself (with g); if the values are right and the unit is not, give it with "
-        f"units={{'accel': '{unit}'}} (--units accel={unit}), which switches this check off"
-    )
+def _gravity_free(stated: str, seen: str, stays: float) -> UnitDoubtError:
+    left = f", of which {100 * stays:.0f} % is left after averaging" if np.isfinite(stays) else ""
+    return UnitDoubtError(
+        f"gravity is missing from accel ({seen}{' ' + stated if stated else ''}{left}): this is linear acceleration, and no specific force",
+        "record the accelerometer itself (with g); {option.units:accel={unit}} reads it all the same", "gravity_free",
+        unit=stated or "m/s^2",
+    )  # fmt: skip
 
 
 def mag_unit(values: np.ndarray, stated: str | None, where: str) -> Guess:
@@ -123,12 +132,11 @@ def mag_unit(values: np.ndarray, stated: str | None, where: str) -> Guess:
         return Guess(stated, f"{where}; {seen}", stated)
     better = [unit for unit, (one, _) in _SIZES["mag"].items() if unit != stated and 22 <= radius / one <= 67]
     advice = better[0] if better else f"{4e-5 / radius:.3g} T"
-    raise DataError(
-        f"the unit of mag is stated as {stated} ({where}), but its {seen} would be {field:.3g} uT, and the Earth's field is 22 to 67 uT"
-        + (f": it is that in {better[0]}" if better else ": the values may be normalised, or counts")
-        + f"; give the unit that is right, with units={{'mag': '{advice}'}} (--units mag='{advice}'), or leave mag out with "
-        "columns= (--columns)"
-    )
+    like = f"it is that in {better[0]}" if better else "the values may be normalised, or counts"
+    raise UnitDoubtError(
+        f"the unit of mag is stated as {stated} ({where}), but its {seen} would be {field:.3g} uT, and the Earth's field is 22 to 67 uT: "
+        f"{like}", _give("mag", advice), "unit_contradicts",
+    )  # fmt: skip
 
 
 def no_field(values: np.ndarray) -> str | None:
@@ -160,7 +168,7 @@ def _by_size(sensor: str, size: float, seen: str, values: np.ndarray) -> Guess:
                 # without rotation, a magnet near a sensor in uT makes a field of this size as well
                 sure = sure and not (unit == "mG" and not seen.startswith("sphere"))
                 return Guess(unit, seen + ("" if sure else "; uncertain"), other, sure)
-    raise DataError(undecided(sensor, seen, values, {"accel": "g", "mag": "uT"}[sensor]))
+    raise undecided(sensor, seen, values, {"accel": "g", "mag": "uT"}[sensor])
 
 
 def gyro_unit(values: np.ndarray, stated: str | None, where: str, turns: Turning | None) -> Guess:
@@ -171,18 +179,19 @@ def gyro_unit(values: np.ndarray, stated: str | None, where: str, turns: Turning
         _contradict_gyro(values, stated, where, steps, turns, largest)
         return Guess(stated, where + (f"; {steps[1]}" if steps and steps[0] == stated else ""), stated)
     if all_integer(values):
-        raise DataError(undecided("gyro", "all values are whole numbers", values, "deg/s"))
+        raise undecided("gyro", "all values are whole numbers", values, "deg/s")
     other = {"rad/s": "deg/s", "deg/s": "rad/s"}
     if like := keeps_length(values):
-        raise DataError(
-            f"{like}, as gravity does and a rate does not: these columns hold an accelerometer; name them with columns={{'accel': ...}} "
-            "(--columns accel=...), or give the unit of a gyroscope all the same, as in units={'gyro': 'deg/s'} (--units gyro=deg/s)"
+        raise UnitDoubtError(
+            f"{like}, as gravity does and a rate does not: these columns hold an accelerometer",
+            "name them with {option.columns:accel=...}, or read them all the same with {option.units:gyro=deg/s}",
+            "accel_as_gyro",
         )
     if largest > _FASTEST:
-        raise DataError(
-            f"the unit of gyro cannot be told: it reaches {largest:.4g}, and no common sensor does so in deg/s; it may be in mdeg/s, or "
-            "counts: give the unit, or the size of one, as in units={'gyro': 'mdeg/s'} (--units gyro=mdeg/s)"
-        )
+        raise UnitDoubtError(
+            f"the unit of gyro cannot be told: it reaches {largest:.4g}, and no common sensor does so in deg/s",
+            "give the unit, or the size of one count, as in {option.units:gyro=mdeg/s}", "unit_unknown",
+        )  # fmt: skip
     if steps:
         return Guess(steps[0], steps[1], other[steps[0]])
     if turns is not None and turns.unit:
@@ -242,10 +251,7 @@ def _contradict_gyro(values, stated: str, where: str, steps, turns: Turning | No
     elif stated == "deg/s" and largest > _FASTEST:
         says, right = f"it reaches {largest:.5g} deg/s, which no common sensor does: these may be raw counts", f"{1 / 16.4:.5g} deg/s"
     if says:
-        raise DataError(
-            f"the unit of gyro is stated as {stated} ({where}), but {says}; give the unit that is right, with "
-            f"units={{'gyro': '{right}'}} (--units gyro='{right}')"
-        )
+        raise UnitDoubtError(f"the unit of gyro is stated as {stated} ({where}), but {says}", _give("gyro", right), "unit_contradicts")
 
 
 def temperature_unit(values: np.ndarray, stated: str | None, where: str) -> Guess:
@@ -256,7 +262,7 @@ def temperature_unit(values: np.ndarray, stated: str | None, where: str) -> Gues
         found = find_unit(stated, "temperature")
         if found and not low <= float(to_si(median, found, "temperature")) <= high:
             said = f"the unit of temperature is stated as {stated} ({where}), but its median {median:.4g} is none that a sensor has"
-            raise DataError(f"{said}; give the unit that is right with units={{'temperature': ...}} (--units temperature=...)")
+            raise UnitDoubtError(said, _give("temperature", "..."), "unit_contradicts")
         return Guess(stated, where, stated)
     if low <= median <= high:
         # 75 is a common room temperature in degF, but rare for a device in degC
@@ -264,10 +270,8 @@ def temperature_unit(values: np.ndarray, stated: str | None, where: str) -> Gues
         return Guess("degC", f"median {median:.4g}" + ("" if sure else "; uncertain, could be degF"), "K" if sure else "degF", sure)
     if low + 273.15 <= median <= high + 273.15:
         return Guess("K", f"median {median:.4g}", "degC")
-    raise DataError(
-        f"the unit of temperature cannot be told (median {median:.4g}): these may be raw counts; give the size of one, as in "
-        "units={'temperature': '0.01 degC'} (--units temperature='0.01 degC')"
-    )
+    raise UnitDoubtError(f"the unit of temperature cannot be told (median {median:.4g}): these may be raw counts",
+                         "give the size of one, as in {option.units:temperature=0.01 degC}", "unit_unknown")  # fmt: skip
 
 
 def factor_of(unit: str, sensor: str) -> float | None:
@@ -283,14 +287,15 @@ def roles(triples: list[np.ndarray]) -> list[str]:
     if len(triples) == 1:
         if all_integer(triples[0]) and not (_gravity_like(triples[0]) or _field_like(triples[0])):
             hint = counts_hint("accel", triples[0])
-            like = f" (of an accelerometer, if one is {hint}: --columns accel=... --units accel='{hint}')" if hint else ""
-            raise DataError(f"three columns of whole numbers, which look like raw counts{like}, do not say of which sensor")
+            like = " (of an accelerometer, if one is {hint}: {option.columns:accel=...} {option.units:accel={hint}})" if hint else ""
+            said = f"three columns of whole numbers, which look like raw counts{like}, do not say of which sensor"
+            raise DataError(Message(said, hint=hint), code="counts")
         return ["accel" if _gravity_like(triples[0]) else "mag" if _field_like(triples[0]) else "gyro"]
     likeness = [_gravity_like(triple) for triple in triples]
     if not any(likeness):
         hints = [(k, hint) for k, triple in enumerate(triples) if all_integer(triple) and (hint := counts_hint("accel", triple))]
         like = f", but the {('first', 'second', 'third')[hints[0][0]]} has it in counts of {hints[0][1]}" if hints else ""
-        raise DataError(f"neither triple of columns has the norm of gravity in m/s^2, g or mg{like}")
+        raise DataError(f"neither triple of columns has the norm of gravity in m/s^2, g or mg{like}", code="no_gravity")
     # if two triples may be gravity, choose the one with the steadier magnitude
     force = min((k for k, like in enumerate(likeness) if like), key=lambda k: spread(triples[k]))
     rest = [k for k in range(len(triples)) if k != force]
@@ -301,7 +306,7 @@ def roles(triples: list[np.ndarray]) -> list[str]:
         if len(fields) == 2 and 3 * spread(triples[min(rest, key=lambda k: spread(triples[k]))]) < max(spread(triples[k]) for k in rest):
             fields = [min(rest, key=lambda k: spread(triples[k]))]  # the magnitude of a field is steadier than that of rates
         if len(fields) != 1:
-            raise DataError("of the two triples besides the accelerometer's, not one alone is like the Earth's field")
+            raise DataError("of the two triples besides the accelerometer's, not one alone is like the Earth's field", code="no_field")
         found = {k: "mag" if k in fields else "gyro" for k in rest}
     return [("accel" if k == force else found[k]) for k in range(len(triples))]
 
@@ -315,14 +320,12 @@ def _field_like(values: np.ndarray) -> bool:
     return any(22 <= radius / one <= 67 for one, _ in _SIZES["mag"].values()) and spread(values) < 0.9
 
 
-def undecided(sensor: str, seen: str, values: np.ndarray, example: str) -> str:
-    """Error sentence for values without any evidence of their unit."""
+def undecided(sensor: str, seen: str, values: np.ndarray, example: str) -> UnitDoubtError:
+    """Error for values without any evidence of their unit."""
+    why, remedy, unit = f"the unit of {sensor} cannot be told ({seen})", "give it with {option.units:{sensor}={unit}}", example
     if all_integer(values):
         hint = counts_hint(sensor, values)
-        size = hint or f"0.01 {example}"
-        like = f", and their norm is that of gravity if one count is {hint}" if hint else ""
-        return (
-            f"the unit of {sensor} cannot be told ({seen}): these look like raw counts{like}; give the size of one, as in "
-            f"units={{'{sensor}': '{size}'}} (--units {sensor}='{size}')"
-        )
-    return f"the unit of {sensor} cannot be told ({seen}); give it with units={{'{sensor}': '{example}'}} (--units {sensor}={example})"
+        unit = hint or f"0.01 {example}"
+        why += ": these look like raw counts" + (f", and their norm is that of gravity if one count is {hint}" if hint else "")
+        remedy = "give the size of one, as in {option.units:{sensor}={unit}}"
+    return UnitDoubtError(why, remedy, "unit_unknown", sensor=sensor, unit=unit)

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from .._errors import DataError, JaxcalError
+from .._answer import Finding, plain
+from .._errors import JaxcalError
 from .._files import shown
-from .._results import plain
 from ._columns import parse_columns, parse_topics, parse_units
 from ._names import parse
 from ._ranked import Suitability, ranked
-from ._read import finished, named, opened
+from ._read import check_data, finished, named, opened
 from ._table import Choice, Table
 
 _MOST = 60
@@ -46,10 +46,10 @@ class Inspection:
     columns : columns of a table.
     sources : topics or records of a recording of messages, with their counts and rates.
     choices : for every quantity the columns, unit, reason, whether there is evidence, and the options that change the choice.
-    refusal : why the log cannot be read with these options; None if it can.
+    error : the error of reading the log with these options; None if it can be read. `refusal` is its sentence.
     samples, rate, duration : number of samples, Hz and s of the uniform grid; None if the log cannot be read.
     gaps, missing : number of gaps, and total number of missing samples.
-    notes, warnings : notes and warnings of `jaxcal.read`.
+    findings : what `jaxcal.read` says about the log: `Log.findings`.
     commands : every command for a log, those that suit first: whether it suits, why, and the line to type.
 
     Examples
@@ -70,19 +70,24 @@ class Inspection:
     columns: tuple[Column, ...]
     sources: tuple[str, ...]
     choices: tuple[Choice, ...]
-    refusal: str | None
+    error: JaxcalError | None
     samples: int | None
     rate: float | None
     duration: float | None
     gaps: int | None
     missing: int | None
-    notes: tuple[str, ...]
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
     commands: tuple[Suitability, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """Return all fields as a dictionary for JSON."""
-        return {"schema": "jaxcal.info/1"} | plain(dataclasses.asdict(self))
+        held = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name != "error"}
+        return {"schema": "jaxcal.info/1"} | plain(held | {"refusal": self.refusal})
+
+    @property
+    def refusal(self) -> str | None:
+        """Why the log cannot be read with these options; None if it can."""
+        return None if self.error is None else str(self.error)
 
     def summary(self) -> str:
         """Return all fields as lines of text."""
@@ -102,7 +107,7 @@ class Inspection:
             values = "" if column.low is None else f", {column.low:.6g} to {column.high:.6g}"
             lines.append(f"column {column.number} ({column.name or 'no name'}): {column.holds}{values}")
         lines += [f"source: {source}" for source in self.sources]
-        lines += [f"warning: {warning}" for warning in self.warnings]
+        lines += [f"{'warning' if one.severity else 'note'}: {one}" for one in self.findings]
         lines += [f"{one.line if one.suits else f'not {one.command}'}: {one.reason}" for one in self.commands]
         return "\n".join(lines)
 
@@ -157,15 +162,14 @@ def inspect(
     (50.0, 'accel', 'g')
     """
     path = pathlib.Path(path)
-    if data not in ("rate", "phase"):
-        raise DataError(f'data={data!r}: expected "rate" or "phase"')
+    check_data(data)
     options = {"columns": parse_columns(columns), "units": parse_units(units), "rate": rate, "missing": missing}
     wanted = parse_topics(topics)
     held: list[Column] = []
     sources: tuple[str, ...] = ()
     origin: dict[str, Any] = {}
     choices: list[Choice] = []
-    log, refusal = None, None
+    log, refused = None, None
     try:
         with named(path), opened(path, format, options, wanted, raw) as (found, origin):
             if isinstance(found, Table):
@@ -174,14 +178,14 @@ def inspect(
                 sources = tuple(found.sources)
             log = finished(found, origin, options, data == "phase", choices)
     except JaxcalError as error:
-        refusal = str(error)
+        refused = error
     known: dict[str, Any] = dict.fromkeys(("samples", "rate", "duration", "gaps", "missing"))
     if log is not None:
         lost = sum(gap.samples for gap in log.gaps)
         known = {"samples": len(log.time), "rate": log.rate, "duration": log.duration, "gaps": len(log.gaps), "missing": lost}
     return Inspection(
         file=shown(path), format=origin.get("format"), size=origin.get("size"), columns=tuple(held), sources=sources,
-        choices=tuple(choices), refusal=refusal, notes=() if log is None else log.notes, warnings=() if log is None else log.warnings,
+        choices=tuple(choices), error=refused, findings=() if log is None else log.findings,
         commands=() if log is None else ranked(log, os.fspath(path)), **known,
     )  # fmt: skip
 

@@ -1,10 +1,12 @@
 """Refuse tables with more than one recording: alternating rows of several devices, or sensors with different clocks."""
 
 import re
+from typing import Any
 
 import numpy as np
 
 from .._errors import DataError
+from .._message import Message
 from ._columns import SENSORS
 from ._names import plain
 
@@ -49,12 +51,12 @@ def refuse_mixed(table, columns: dict[str, list[int]]) -> None:
             shown = ", ".join(sorted({f"{value:g}" if isinstance(value, float) else str(value) for value in values.tolist()})[:6])
             raise DataError(
                 f"column {i} ({table.names[i] or 'no name'}) names {kinds} devices or sensors whose rows take turns ({shown}): they are "
-                "recordings of their own, mixed in one table; keep the rows of one of them in a file and read that"
-            )
+                "recordings of their own, mixed in one table; keep the rows of one of them in a file and read that", code="mixed",
+            )  # fmt: skip
 
 
 def own_rows(
-    raw: dict[str, list[np.ndarray]], time: np.ndarray | None, problems: list[str]
+    raw: dict[str, list[np.ndarray]], time: np.ndarray | None, problems: list[Any]
 ) -> tuple[dict[str, list[np.ndarray]], np.ndarray | None]:
     """Leave out rows of other sensors, in which all chosen ones are empty; report sensors that no row holds together."""
     held = {name: np.any([np.isfinite(column) for column in raw[name]], axis=0) for name in SENSORS if name in raw}
@@ -63,10 +65,11 @@ def own_rows(
         return raw, time
     names = [name for name, share in shares.items() if share > 0.1]
     if len(names) > 1 and not np.any(held[names[0]] & held[names[1]]):
-        problems.append(
-            f"no row holds both {names[0]} and {names[1]}: the rows of several sensors take turns; read them one by one, as with "
-            f"columns={{'{names[0]}': [...]}} (--columns {names[0]}=...)"
+        said = (
+            "no row holds both {one} and {two}: the rows of several sensors take turns; read them one by one, as with "
+            "{option.columns:{one}=...}"
         )
+        problems.append(Message(said, one=names[0], two=names[1]))
     rows = np.any(list(held.values()), axis=0)
     if time is None or not rows.any() or rows.mean() > 0.8:
         return raw, time
@@ -99,8 +102,8 @@ def _smoother(table, chosen: list[int], code: np.ndarray) -> float:
     return float(np.median(ratios)) if ratios else 1.0
 
 
-def own_clocks(table, found, clock) -> str | None:
-    """Sentence on sensors with their own, different clocks, whose samples do not belong into one row; or None."""
+def own_clocks(table, found, clock) -> Message | None:
+    """Message on sensors with their own, different clocks, whose samples do not belong into one row; or None."""
     if clock is None or len(clock.columns) > 1:
         return None
     base = clock.columns[0]
@@ -113,16 +116,15 @@ def own_clocks(table, found, clock) -> str | None:
         if column.dtype.kind not in "iufM" or (column.dtype.kind == "M") != (table.columns[base].dtype.kind == "M"):
             continue
         if not _same(column, table.columns[base]):
-            said.append(f"{name} by {table.names[own]}")
+            said.append((name, table.names[own]))
     if not said:
         return None
-    example = said[0].partition(" by ")
-    return (
-        f"the sensors of the table have clocks of their own, which differ ({', '.join(said)}; the others by {table.names[base]}): what "
-        "stands in one row was not sampled together; read them one by one, as with "
-        f"columns={{'time': '{example[2]}', '{example[0]}': [...]}} "
-        f"(--columns time={example[2]},{example[0]}=...)"
+    text = (
+        "the sensors of the table have clocks of their own, which differ ({clocks}; the others by {base}): what stands in one row was not "
+        "sampled together; read them one by one, as with {option.columns:time={clock},{name}=...}"
     )
+    clocks = ", ".join(f"{name} by {own}" for name, own in said)
+    return Message(text, clocks=clocks, base=table.names[base], clock=said[0][1], name=said[0][0])
 
 
 def _clock_of_sensor(table, found, name: str) -> int | None:

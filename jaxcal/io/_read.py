@@ -13,13 +13,16 @@ from typing import Any
 
 import numpy as np
 
+from .._answer import Finding
 from .._errors import DataError, ExportError, JaxcalError
 from .._files import clear_hidden, hidden_name, shown
 from .._log import Log
+from .._message import Message
 from .._units import si_unit
 from ._archive import unpacked
-from ._columns import SENSORS, parse_columns, parse_topics, parse_units
+from ._columns import SENSORS, parse_columns, parse_topics, parse_units, wrong
 from ._find import FORMATS, find
+from ._findings import READ
 from ._frames import table_of
 from ._phase import differentiate
 from ._readers._arrays import read_hdf5, read_mat, read_npy, read_npz, read_parquet
@@ -74,7 +77,7 @@ def read(
     The content of a file shows its format: text tables (any delimiter, with or without header, plain or gzipped), JSON, NumPy .npy and
     .npz, Parquet, MATLAB files, HDF5, ROS 1 bags, ROS 2 recordings (sqlite3 or MCAP), PX4 ULog and ArduPilot DataFlash. jaxcal infers
     what the file does not state: columns from their names (or from their values if they have no names), the unit of time from the
-    size of the steps, units of sensors from gravity, the Earth's field and the size of the rates. `Log.notes` has one sentence for
+    size of the steps, units of sensors from gravity, the Earth's field and the size of the rates. `Log.findings` has one entry for
     every inference, with its reason and the option that overrides it.
 
     Parameters
@@ -96,12 +99,12 @@ def read(
     data : "rate", or "phase" if the file has the time integral of the measured quantities: angles and velocities, or the phase
         in files of Stable32. jaxcal then uses differences between samples divided by the sampling period; `units` are those of the rate.
     missing : number that marks a missing value in a table (0 in files of Stable32, -999 in others).
-    quiet : do not print notes and warnings on stderr.
+    quiet : do not print the findings on stderr.
 
     Returns
     -------
     Log
-        `notes` report what was inferred, `warnings` what was repaired, `provenance` the file (name, size, sha256), the format, and
+        `findings` report what was inferred and what was repaired, `provenance` the file (name, size, sha256), the format, and
         the columns and units used. For a log with several IMUs, `provenance["imus"]` lists the `topics` of each.
 
     Raises
@@ -122,21 +125,19 @@ def read(
     ...     log = jaxcal.read(path, quiet=True)
     >>> log.rate, len(log.time), round(float(log.accel[0, 2]), 4)
     (100.0, 500, 9.7086)
-    >>> print(log.notes[0])
-    time: column 0 (time_s), s (from the name); override with --columns time=0 --units time=ms
+    >>> print(log.findings[0])
+    time: column 0 (time_s), s (from the name). If that is wrong: columns={'time': '0'} units={'time': 'ms'}.
     """
     if not isinstance(path, str | os.PathLike):
         return _in_memory(path, format or topics or raw, columns, units, rate, data, missing)
     path = pathlib.Path(path)
     with named(path):
-        if data not in ("rate", "phase"):
-            raise DataError(f'data={data!r}: expected "rate" or "phase"')
+        check_data(data)
         options = {"columns": parse_columns(columns), "units": parse_units(units), "rate": rate, "missing": missing}
         log = _read(path, format, options, parse_topics(topics), raw, data == "phase")
     if not quiet:
-        for word, sentences in (("note", log.notes), ("warning", log.warnings)):
-            for sentence in sentences:
-                print(f"{word}: {sentence}", file=sys.stderr)
+        for one in log.findings:
+            print(f"{'warning' if one.severity else 'note'}: {one}", file=sys.stderr)
     return log
 
 
@@ -156,7 +157,7 @@ def convert(
 ) -> Log:
     r"""Read a log once and write it as .npz or Parquet, which jaxcal reads many times faster than bags and text.
 
-    The file has values in SI on the uniform grid, with missing samples as NaN, and all notes and warnings. `read` returns the same `Log`
+    The file has values in SI on the uniform grid, with missing samples as NaN, and all findings. `read` returns the same `Log`
     from it without any inference, with the `provenance` of the original file.
 
     Parameters
@@ -191,9 +192,9 @@ def convert(
     """
     out = pathlib.Path(out)
     if out.suffix not in SUFFIXES:
-        raise ExportError(f"{out.name}: expected a name that ends in {' or '.join(SUFFIXES)}")
+        raise ExportError(f"{out.name}: expected a name that ends in {' or '.join(SUFFIXES)}", code="suffix")
     if out.exists() and out.resolve() == pathlib.Path(path).resolve():
-        raise ExportError(f"{out.name} is the log that is read; it would be overwritten: give another name")
+        raise ExportError(f"{out.name} is the log that is read; it would be overwritten: give another name", code="same_file")
     log = read(
         path, format=format, columns=columns, units=units, rate=rate, topics=topics, raw=raw, data=data, missing=missing, quiet=quiet
     )
@@ -203,10 +204,16 @@ def convert(
         save(log, place)
         os.replace(place, out)
     except OSError as error:
-        raise ExportError(f"{out}: {(error.strerror or str(error)).lower()}; give a name in another folder") from error
+        raise ExportError(f"{out}: {(error.strerror or str(error)).lower()}; give a name in another folder", code="not_written") from error
     finally:
         place.unlink(missing_ok=True)
     return log
+
+
+def check_data(data: str) -> None:
+    """Refuse another value of `data` than "rate" and "phase"."""
+    if data not in ("rate", "phase"):
+        raise wrong("data", f'{data!r}; expected "rate" or "phase"')
 
 
 def _in_memory(source: Any, other: Any, columns: Any, units: Any, rate: Any, data: str, missing: Any) -> Log:
@@ -214,10 +221,11 @@ def _in_memory(source: Any, other: Any, columns: Any, units: Any, rate: Any, dat
     options = {"columns": parse_columns(columns), "units": parse_units(units), "rate": rate, "missing": missing}
     if isinstance(source, Log):
         if other or data != "rate" or any(value is not None and value != {} for value in options.values()):
-            raise DataError("this is a Log already, whose columns and units are chosen; leave the other options out")
+            raise DataError("this is a Log already, whose columns and units are chosen; leave the other options out", code="is_log")
         return source
-    if other or data not in ("rate", "phase"):
-        raise DataError('format=, topics= and raw= belong to files, and data= is "rate" or "phase"; leave them out')
+    if other:
+        raise DataError("format=, topics= and raw= belong to files; leave them out", code="of_files")
+    check_data(data)
     return finished(table_of(source), {"file": f"a {type(source).__name__} in memory", "format": "memory"}, options, data == "phase")
 
 
@@ -235,7 +243,7 @@ def opened(
 ) -> Iterator[tuple[Table | Signals, dict[str, Any]]]:
     """Content of a file, before columns and units are chosen, and its provenance; a zip file stays unpacked inside the `with` block."""
     if format is not None and format not in FORMATS:
-        raise DataError(f"format={format!r} is unknown; use one of {', '.join(FORMATS)}")
+        raise wrong("format", f"{format!r} is unknown; use one of {', '.join(FORMATS)}")
     with _faults("a recording"):
         kind, sources = find(path)
     kind = format or kind
@@ -245,14 +253,11 @@ def opened(
             inside = {"inside": inner["file"]} if inner["file"] != folder.name else {}
             yield found, inner | {"file": shown(path), "size": size, "sha256": sha256} | inside
         return
-    if kind in (*_TABLES, "sensors") and topics:
-        raise DataError(f"this is {_NAMES[kind]}, and topics= belongs to ROS recordings; choose with columns= (--columns)")
-    if kind not in _TABLES and kind not in (*_TREES, "sensors") and options["columns"]:
-        raise DataError(f"this is {_NAMES[kind]}, and columns= belongs to tables; choose with topics= (--topics)")
-    if options["missing"] is not None and kind not in (*_TABLES, "sensors"):
-        raise DataError(f"this is {_NAMES[kind]}, and missing= (--missing) belongs to tables; leave it out")
-    if raw and kind not in _LOGS:
-        raise DataError(f"this is {_NAMES[kind]}, and raw=True (--raw) belongs to logs of flight controllers; leave it out")
+    tables = (*_TABLES, "sensors")
+    _belongs("topics", bool(topics) and kind in tables, kind, "to recordings of messages; choose with {option.columns}")
+    _belongs("columns", bool(options["columns"]) and kind not in (*tables, *_TREES), kind, "to tables; choose with {option.topics}")
+    _belongs("missing", options["missing"] is not None and kind not in tables, kind, "to tables; leave it out")
+    _belongs("raw", raw and kind not in _LOGS, kind, "to logs of flight controllers; leave it out")
     with _faults(_NAMES[kind]):
         if all(source.is_file() and source.stat().st_size < _SMALL for source in sources):
             size, sha256 = fingerprint(sources)
@@ -267,6 +272,12 @@ def opened(
         found,
         {"file": shown(sources[0] if len(sources) == 1 and path.is_dir() else path), "size": size, "sha256": sha256, "format": kind},
     )
+
+
+def _belongs(option: str, wrong: bool, kind: str, where: str) -> None:
+    """Refuse an option that does not belong to the format."""
+    if wrong:
+        raise DataError(Message(f"this is {_NAMES[kind]}, and {{option.{option}}} belongs {where}"), code=option)
 
 
 def finished(
@@ -312,17 +323,16 @@ def _parse(kind: str, sources: list[pathlib.Path], topics: list[str] | None, opt
 
 
 def _build(signals: Signals, provenance: dict[str, Any]) -> Log:
-    def log(*stated: str) -> Log:
-        warnings = [*signals.warnings, *stated]
+    def log(*stated: Finding) -> Log:
         return Log(
-            signals.time, **signals.sensors, rate=signals.rate, own_time=signals.own_time, notes=signals.notes, warnings=warnings,
+            signals.time, **signals.sensors, rate=signals.rate, own_time=signals.own_time, findings=[*signals.findings, *stated],
             provenance=provenance,
         )  # fmt: skip
 
     built = log()
     if signals.nominal is None or abs(signals.nominal / built.rate - 1.0) < 0.005:
         return built
-    return log(f"the file states a rate of {signals.nominal:g} Hz, but its stamps say {built.rate:.6g} Hz, which is used")
+    return log(READ("rate_differs", source="The file states", stated=signals.nominal, rate=built.rate))
 
 
 def fingerprint(sources: list[pathlib.Path]) -> tuple[int, str]:
@@ -345,9 +355,8 @@ def named(path: pathlib.Path) -> Iterator[None]:
     try:
         yield
     except JaxcalError as error:
-        named = type(error)(f"{shown(path)}: {error}")
-        named.__dict__.update(error.__dict__)
-        raise named from error.__cause__
+        error.args = (Message("{file}: {error}", file=shown(path), error=error.args[0]),)
+        raise
 
 
 @contextlib.contextmanager
@@ -358,18 +367,21 @@ def _faults(kind: str) -> Iterator[None]:
     except JaxcalError:
         raise
     except PermissionError as error:
-        raise DataError("no permission to read it; change its mode, or copy it to where you may read") from error
+        raise DataError("no permission to read it; change its mode, or copy it to where you may read", code="permission") from error
     except MemoryError as error:
         raise DataError(
-            f"reading it as {kind} asks for more memory than there is; it is damaged, or too long to be read in one piece"
+            f"reading it as {kind} asks for more memory than there is; it is damaged, or too long to be read in one piece", code="too_large"
         ) from error
     except BaseException as error:
         # a panic inside polars is not an Exception; keyboard interrupts and exits pass through
         if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
             raise
         if "allow_pickle" in str(error) or "Python objects" in str(error):
-            raise DataError("it holds Python objects (a pickle), which are not loaded from files; save arrays of numbers alone") from error
+            raise DataError(
+                "it holds Python objects (a pickle), which are not loaded from files; save arrays of numbers alone", code="pickle"
+            ) from error
         said = str(getattr(error, "strerror", None) or error).strip().splitlines() or [type(error).__name__]
         raise DataError(
-            f"it cannot be read as {kind} ({type(error).__name__}: {said[0]}); it may be cut off or damaged: copy it again"
+            f"it cannot be read as {kind} ({type(error).__name__}: {said[0]}); it may be cut off or damaged: copy it again",
+            code="unreadable",
         ) from error

@@ -1,5 +1,6 @@
 """Logs in jaxcal's own layout of .npz or Parquet: SI values on the grid with a description, from which the same log can be restored."""
 
+import contextlib
 import dataclasses
 import json
 import math
@@ -8,18 +9,22 @@ from typing import Any
 
 import numpy as np
 
+from .._answer import CAUTION, NOTE, Finding, Kind, Severity, table
 from .._errors import DataError, ExportError
 from .._log import Log, gaps_of
+from .._log_findings import LOG
 from .._results import plain
 from .._units import si_unit
 from ._columns import AXES, SENSORS
+from ._findings import READ
 from ._readers._bounds import require
 
 #: suffixes that are written
 SUFFIXES = (".npz", ".parquet")
 #: version of the description
-_SCHEMA = 1
+_SCHEMA = 2
 _LONGEST = 1 << 20
+_EARLIER = table(earlier=Kind(NOTE, "{text}"))
 #: beginning of the names of columns with `Log.offset`; they are the last ones
 _OFFSET = "offset_"
 
@@ -34,13 +39,14 @@ def save(log: Log, place: pathlib.Path) -> None:
             raise
         reason = getattr(error, "strerror", None) or str(error)
         raise ExportError(
-            f"cannot write a file {place.suffix} into {place.parent}: {reason.lower()}; give a name in another folder"
+            f"cannot write a file {place.suffix} into {place.parent}: {reason.lower()}; give a name in another folder", code="not_written"
         ) from error
 
 
 def _write(log: Log, place: pathlib.Path) -> None:
     sensors = {name: value for name in (*SENSORS, "temperature") if (value := getattr(log, name)) is not None}
-    about = json.dumps({"schema": _SCHEMA} | {name: plain(getattr(log, name)) for name in ("rate", "notes", "warnings", "provenance")})
+    held = {"rate": log.rate, "findings": [_kept(one) for one in log.findings], "provenance": plain(log.provenance)}
+    about = json.dumps({"schema": _SCHEMA} | held)
     if place.suffix == ".npz":
         with place.open("wb") as file:
             own = {_OFFSET + name: values for name, values in log.offset.items()}
@@ -63,18 +69,17 @@ class Saved:
     """The description of a converted log."""
 
     rate: float
-    notes: tuple[str, ...]
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
     provenance: dict[str, Any]
 
     def restore(self, sensors: dict[str, Any], offset: dict[str, Any], where: dict[str, Any]) -> Log:
-        """Restore the log from `sensors` (SI, on the grid) with its original notes and warnings, without adding new ones.
+        """Restore the log from `sensors` (SI, on the grid) with its original findings, without adding new ones.
 
         `where` describes the converted file; `provenance` names it in addition to the original file.
         """
         log, provenance = Log(None, **sensors, rate=self.rate), self.provenance | {"converted": where}
         gaps = gaps_of(log._sensors(), offset, self.rate, [])
-        return log._replaced(offset=offset, gaps=gaps, notes=self.notes, warnings=self.warnings, provenance=provenance)
+        return log._replaced(offset=offset, gaps=gaps, findings=self.findings, provenance=provenance)
 
 
 def offsets_of(names: list[str], columns: list[np.ndarray]) -> dict[str, np.ndarray]:
@@ -87,23 +92,62 @@ def offsets_of(names: list[str], columns: list[np.ndarray]) -> dict[str, np.ndar
 
 def parse_saved(text: str) -> Saved:
     """Parse and check the description written by `save`."""
-    schema, rate, notes, warnings, provenance = map(_parsed(text).get, ("schema", "rate", "notes", "warnings", "provenance"))
+    about = _parsed(text)
+    schema, rate, provenance = map(about.get, ("schema", "rate", "provenance"))
+    findings = _findings(about)
     if isinstance(schema, int) and schema > _SCHEMA:
-        raise DataError("it was written by a later version of jaxcal; update jaxcal, or convert the log again")
+        raise DataError("it was written by a later version of jaxcal; update jaxcal, or convert the log again", code="later_version")
     whole = (
-        schema == _SCHEMA
-        and all(isinstance(words, list) and all(isinstance(word, str) for word in words) for words in (notes, warnings))
+        schema in (1, _SCHEMA)
+        and findings is not None
         and isinstance(rate, float | int)
         and not isinstance(rate, bool)
         and 0 < rate < math.inf
         and isinstance(provenance, dict)
         and type(provenance.get("epoch_ns")) is int
     )
-    if not whole:
-        raise DataError("it was written by jaxcal convert, but its description is damaged: convert the log again")
+    if not whole or findings is None:
+        raise DataError("it was written by jaxcal convert, but its description is damaged: convert the log again", code="damaged")
     if isinstance(provenance.get("selected"), list):
         provenance["selected"] = tuple(provenance["selected"])
-    return Saved(float(rate), tuple(notes), tuple(warnings), provenance)
+    return Saved(float(rate), findings, provenance)
+
+
+def _kept(one: Finding) -> dict[str, Any]:
+    """A finding in a form from which `_findings` makes it again."""
+    facts = {name: fact if isinstance(fact, str | int | float | bool) else str(fact) for name, fact in plain(dict(one.facts)).items()}
+    return {
+        "code": one.code,
+        "severity": int(one.severity),
+        "subject": list(one.subject),
+        "cost": one.cost,
+        "facts": facts,
+        "text": str(one),
+    }
+
+
+def _findings(about: dict[str, Any]) -> tuple[Finding, ...] | None:
+    """The findings of a saved log; those of an earlier version are sentences. None if they are damaged."""
+    if about.get("schema") == 1:
+        texts = [(severity, about.get(name)) for severity, name in ((NOTE, "notes"), (CAUTION, "warnings"))]
+        if not all(isinstance(words, list) and all(isinstance(word, str) for word in words) for _, words in texts):
+            return None
+        return tuple(_EARLIER("earlier", severity=severity, text=word) for severity, words in texts for word in words or ())
+    try:
+        return tuple(_again(one) for one in about["findings"])
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError):
+        return None
+
+
+def _again(one: dict[str, Any]) -> Finding:
+    facts, subject, severity = dict(one["facts"]), [str(name) for name in one["subject"]], Severity(one["severity"])
+    known = next((table for table in (READ, LOG) if one["code"] in table), None)
+    found = None if known is None else known(one["code"], subject, one["cost"], severity, **facts)
+    # a later version may say something else about the same facts, or need others
+    with contextlib.suppress(KeyError, TypeError, ValueError):
+        if found and str(found) == one["text"]:
+            return found
+    return _EARLIER("earlier", cost=one["cost"], severity=severity, text=str(one["text"]))
 
 
 def _parsed(text: str) -> Any:

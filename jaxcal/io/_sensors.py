@@ -2,10 +2,13 @@
 
 import pathlib
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from .._errors import DataError
+from .._message import Message, joined_messages
+from ._findings import READ
 from ._profiles import OXTS
 from ._readers._streams import Part, join
 from ._table import Signals, Table
@@ -17,33 +20,33 @@ def read_sensors(files: list[pathlib.Path], read: Callable[[pathlib.Path], Signa
     """Join the sensors of all files on the time stamps of the fastest sensor; unusable files are left out with a warning."""
     parts: list[Part] = []
     signals = Signals(None, {})
-    refused: list[str] = []
+    refused: list[tuple[str, Any]] = []
     for file in sorted(files, key=lambda one: (len(one.name), one.name)):  # Accelerometer before AccelerometerUncalibrated
         try:
             one = read(file)
         except DataError as error:
-            refused.append(f"{file.name}: {error}")
+            refused.append((file.name, error))
             continue
-        signals.notes += [f"{file.name}: {note}" for note in one.notes]
-        signals.warnings += [f"{file.name}: {warning}" for warning in one.warnings]
+        # what is said about the clock or the rows of a file is about this file
+        signals.findings += [finding.of(*(finding.subject or (file.name,))) for finding in one.findings]
         if one.time is None:
-            refused.append(f"{file.name}: it has no time column, so that its samples have no place beside those of other sensors")
+            refused.append((file.name, "it has no time column, so that its samples have no place beside those of other sensors"))
             continue
         for name, values in one.sensors.items():
             if name in {part.name for part in parts}:
-                signals.notes.append(f"{name}: {file.name} is not read, since another file holds {name}")
+                signals.findings.append(READ("not_read", what=f"{name} of {file.name}, since another file holds it"))
                 continue
             # the values are already in SI
             parts.append(Part(name, file.name, _stamps(one), values, {"gyro": "rad/s", "accel": "m/s^2", "mag": "T"}.get(name, "degC")))
             signals.units[name] = one.units[name]
             signals.columns[name] = [file.name, *one.columns[name]]
     if not parts:
-        raise DataError("; ".join(refused))
-    signals.warnings += [f"not read: {sentence}" for sentence in refused]
+        raise DataError(joined_messages([Message("{file}: {why}", file=file, why=why) for file, why in refused]), code="no_sensor")
+    signals.findings += [READ("file_not_read", file=file, why=why) for file, why in refused]
     stated = dict(signals.units)
     join(parts, {}, signals)
     signals.units |= stated
-    signals.notes.append(f"recording: {len({part.source for part in parts})} files, one for each sensor")
+    signals.findings.append(READ("joined", count=len({part.source for part in parts}), which="one for each sensor"))
     return signals
 
 
@@ -54,7 +57,7 @@ def _stamps(one: Signals) -> np.ndarray:
     if time.dtype.kind == "M":
         return time.astype("datetime64[ns]").astype(np.int64)
     if not np.isfinite(time).all():
-        raise DataError("some rows have no time stamp; leave them out of the file")
+        raise DataError("some rows have no time stamp; leave them out of the file", code="folder")
     whole = np.floor(time)
     return whole.astype(np.int64) * 10**9 + np.round((time - whole) * 1e9).astype(np.int64) + one.epoch_ns
 
@@ -63,16 +66,18 @@ def read_oxts(folder: pathlib.Path) -> Table:
     """Read a KITTI oxts folder: for each sample a file of 30 numbers, and a line in timestamps.txt."""
     files = sorted(file for file in (folder / "data").iterdir() if file.suffix == ".txt")
     if not 2 <= len(files) <= _MOST:
-        raise DataError(f"data/ holds {len(files)} files, where one for each sample is expected (2 to {_MOST})")
+        raise DataError(f"data/ holds {len(files)} files, where one for each sample is expected (2 to {_MOST})", code="folder")
     stamps = (folder / "timestamps.txt").read_text("ascii", "replace").split("\n")
     stamps = [line.strip() for line in stamps if line.strip()]
     if len(stamps) != len(files):
-        raise DataError(f"timestamps.txt has {len(stamps)} lines for {len(files)} files in data/; copy the folder again")
+        raise DataError(f"timestamps.txt has {len(stamps)} lines for {len(files)} files in data/; copy the folder again", code="folder")
     rows = np.full((len(files), len(OXTS)), np.nan)
     for row, file in zip(rows, files, strict=True):
         words = file.read_bytes()[:4096].split()
         if len(words) != len(OXTS):
-            raise DataError(f"data/{file.name} has {len(words)} numbers, and an oxts file {len(OXTS)}; copy the folder again")
+            raise DataError(
+                f"data/{file.name} has {len(words)} numbers, and an oxts file {len(OXTS)}; copy the folder again", code="folder"
+            )
         row[:] = [float(word) for word in words]
     time = np.array([np.datetime64(stamp.replace(" ", "T")[:29], "ns") for stamp in stamps])
     return Table([time, *rows.T], ["timestamp", *OXTS], stem="oxts")

@@ -6,6 +6,7 @@ import re
 import numpy as np
 
 from .._errors import DataError
+from .._message import Message
 
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 #: limits of plausible times since 1970, by unit
@@ -78,10 +79,11 @@ def pair(table, indices: list[int], columns: list[np.ndarray], size: float) -> C
     known = np.isfinite(whole) & np.isfinite(fraction) if "M" not in (columns[0].dtype.kind, columns[1].dtype.kind) else np.zeros(1, bool)
     if not known.any() or fraction[known].min() < 0 or fraction[known].max() * size >= 1.0:
         shown = f"columns {indices[0]} and {indices[1]} ({', '.join(table.names[i] for i in indices)})"
-        raise DataError(
-            f"{shown} are not seconds and nanoseconds: the second must stay within 0 and {1 / size:.9g}; "
-            "name one time column with columns={'time': ...} (--columns time=...)"
+        said = (
+            "{shown} are not seconds and nanoseconds: the second must stay within 0 and {most:.9g}; name one time column with "
+            "{option.columns:time=...}"
         )
+        raise DataError(Message(said, shown=shown, most=1 / size), code="two_columns")
     if indices[0] in table.clocks:
         return Clock(indices, since_midnight(whole + fraction * size), "time of day", "times of day and a fraction of seconds")
     first = whole[known][0]
@@ -213,7 +215,8 @@ def unit_by_step(stamps: np.ndarray, integer: bool, rate: float | int | None) ->
     steps = np.diff(stamps)
     steps = steps[(steps > 0) & np.isfinite(steps)]
     if not len(steps):
-        raise DataError("the time column never rises; name another one with columns={'time': ...} (--columns time=...), or give rate=")
+        said = "the time column never rises; name another one with {option.columns:time=...}, or give {option.rate:HZ}"
+        raise DataError(Message(said), code="never_rises")
     step = float(np.median(steps))
     seen = f"median step {step:.3g}, {'integer' if integer else 'decimal'}"
     start = float(stamps[np.isfinite(stamps)][0])

@@ -6,14 +6,17 @@ from typing import Any
 
 import numpy as np
 
+from .._answer import Finding
 from .._errors import DataError
+from .._message import Message, joined_messages
 from .._quality import all_finite
 from .._units import si_unit
 from . import _guess
 from ._choose import HOW, select
-from ._clock import check_rate, clock_of, label_of, no_clock, refuse_restarts, stated_rate
+from ._clock import OF_NAME, check_rate, clock_of, label_of, no_clock, refuse_restarts, stated_rate
 from ._columns import SENSORS, Columns, listing, scale
 from ._evidence import Turning, turning
+from ._findings import READ
 from ._mixed import own_clocks, own_rows
 from ._names import COUNTS, RELATIVE, bracketed
 from ._saved import Saved
@@ -33,8 +36,7 @@ class Table:
     names: list[str]
     integer: set[int] = dataclasses.field(default_factory=set)
     rate: float | int | None = None
-    notes: list[str] = dataclasses.field(default_factory=list)
-    warnings: list[str] = dataclasses.field(default_factory=list)
+    findings: list[Finding] = dataclasses.field(default_factory=list)
     saved: Saved | None = None
     clocks: set[int] = dataclasses.field(default_factory=set)
     days: set[int] = dataclasses.field(default_factory=set)
@@ -44,14 +46,17 @@ class Table:
 
 @dataclasses.dataclass(frozen=True)
 class Choice:
-    """How one quantity is read: columns (or topics), unit, reason, whether there is evidence, and the options that change it."""
+    """How one quantity is read: columns (or topics), unit, reason, whether there is evidence, and the options that change it.
+
+    `option` spells the options for Python; `option.spelt("terminal")` for the command line.
+    """
 
     quantity: str
     columns: tuple[str, ...]
     unit: str
     reason: str
     certain: bool
-    option: str
+    option: Message
 
 
 @dataclasses.dataclass
@@ -68,8 +73,7 @@ class Signals:
     epoch_ns: int = 0
     columns: dict[str, Any] = dataclasses.field(default_factory=dict)
     units: dict[str, str] = dataclasses.field(default_factory=dict)
-    notes: list[str] = dataclasses.field(default_factory=list)
-    warnings: list[str] = dataclasses.field(default_factory=list)
+    findings: list[Finding] = dataclasses.field(default_factory=list)
     rate: float | int | None = None
     nominal: float | None = None
     choices: list[Choice] = dataclasses.field(default_factory=list)
@@ -88,14 +92,14 @@ def interpret(
     """
     listed = listing(table.names, len(table.columns))
     if not table.columns or not len(table.columns[0]):
-        raise DataError(f"there are no rows of numbers (columns: {listed})")
+        raise DataError(f"there are no rows of numbers (columns: {listed})", code="no_rows")
     found = select(table, columns)
     if not set(found.columns) - {"time"}:
-        raise DataError(f"no sensor among the columns {listed}; {HOW}")
-    problems: list[str] = []
+        raise DataError(Message("no sensor among the columns {listed}; {how}", listed=listed, how=HOW), code="no_sensor")
+    problems: list[Any] = []
     stated = (float(table.rate), "the file states") if table.rate else stated_rate(table.preamble, table.stem)
     clock = _clock(table, found, columns, units, rate if rate is not None else stated and stated[0], problems)
-    signals = Signals(None, {}, notes=found.notes, warnings=[*table.warnings, *found.warnings], rate=rate)
+    signals = Signals(None, {}, findings=[*table.findings, *found.findings], rate=rate)
     _set_time(table, found, columns, clock, stated, signals, problems)
     names = [name for name in (*SENSORS, "temperature") if name in found.columns]
     raw = {name: [_without(_numbers(table, i), missing) for i in found.columns[name]] for name in names}
@@ -105,19 +109,13 @@ def interpret(
     raw, signals.time = own_rows(raw, signals.time, problems)
     guesses = _units(table, found, raw, units, period, clock, signals, problems)
     if problems:
-        raise DataError("; and ".join(problems))
+        raise problems[0] if len(problems) == 1 and isinstance(problems[0], DataError) else _all_of(problems)
     signals.columns = {name: indices for name, indices in found.columns.items() if name == "time" or name in guesses}
     scales = {name: scale(guess.unit, name) for name, guess in guesses.items()}
     for name, guess in guesses.items():
         signals.units[name] = guess.unit
-        option = f"--columns {name}={_spelled(found.columns[name], ':', ',')} --units {name}={guess.other or guess.unit}"
-        shown = tuple(table.names[i] or f"column {i}" for i in found.columns[name])
-        signals.choices.append(Choice(name, shown, guess.unit, guess.reason or "as given", guess.sure, option))
-        if not guess.sure:
-            signals.warnings.append(f"a guess, which nothing in the file supports: {_note(name, found.columns[name], table.names, guess)}")
-        elif name in found.guessed or guess.reason:
-            signals.notes.append(_note(name, found.columns[name], table.names, guess))
-    signals.notes += table.notes
+        reason = "; ".join(why for why in (found.why.get(name), guess.reason) if why)
+        _tell(table, name, found.columns[name], guess.unit, reason, guess.other, guess.sure, name in found.guessed, signals)
     taken = [i for indices in signals.columns.values() for i in indices]
     # a table of which most columns are used is converted in place, to save memory
     own = len(set(taken)) == len(taken) > len(table.columns) / 2
@@ -128,25 +126,51 @@ def interpret(
             table.columns[i] = table.columns[i][:0]
     unused = [name or str(i) for i, name in enumerate(table.names) if i not in taken]
     if unused and found.guessed:
-        signals.notes.append(f"columns not used: {', '.join(unused[:12])}{' ...' if len(unused) > 12 else ''}")
+        shown = f"{', '.join(unused[:12])}{' ...' if len(unused) > 12 else ''}"
+        signals.findings.append(READ("not_read", what=f"column{'s' * (len(unused) > 1)} {shown}"))
     return signals
 
 
+def _all_of(problems: list[Any]) -> DataError:
+    """One error with everything that is missing or contradictory."""
+    return DataError(joined_messages(problems, "; and "), next((code for one in problems if (code := getattr(one, "code", ""))), "unclear"))
+
+
+def _tell(
+    table: Table, name: str, indices: list[int], unit: str, reason: str, other: str, sure: bool, guessed: bool, signals: Signals
+) -> None:  # fmt: skip
+    """Record how a quantity is read, and say so unless the user has chosen columns and unit."""
+    numbers = _spelled(indices, ":", ",")
+    option = Message("{option.columns:{name}={numbers}} {option.units:{name}={other}}", name=name, numbers=numbers, other=other or unit)
+    shown = tuple(table.names[i] or f"column {i}" for i in indices)
+    signals.choices.append(Choice(name, shown, unit, reason or "as given", sure, option))
+    if guessed or reason:
+        known = [table.names[i] for i in indices if table.names[i]]
+        where = f"column{'s' * (len(indices) > 1)} {_spelled(indices, '-', ', ')}" + (f" ({', '.join(known)})" if known else "")
+        facts: dict[str, Any] = {
+            "where": where,
+            "unit": "dates" if unit == "date" else unit,
+            "why": f" ({reason})" if reason and reason != "dates" else "",
+        }
+        code = "read_as" if sure else "assumed"
+        signals.findings.append(READ(code, name, **facts, quantity=name, columns=numbers, other=other or unit))
+
+
 def _clock(
-    table: Table, found: Any, columns: Columns, units: dict[str, str], rate: float | int | None, problems: list[str]
+    table: Table, found: Any, columns: Columns, units: dict[str, str], rate: float | int | None, problems: list[Any]
 ) -> Clock | None:
     if "time" in columns and columns["time"] is None:
         return None
     try:
         return clock_of(table, found, units, rate)
     except DataError as error:
-        problems.append(str(error))
+        problems.append(error)
         return None
 
 
 def _set_time(
     table: Table, found: Any, columns: Columns, clock: Clock | None, stated: tuple[float, str] | None, signals: Signals,
-    problems: list[str],
+    problems: list[Any],
 ) -> None:  # fmt: skip
     """Set the time stamps, or else the rate."""
     if clock is None:
@@ -154,42 +178,21 @@ def _set_time(
             _place_by_counter(table, found, float(signals.rate or (stated or (0.0,))[0]), signals)
         if signals.rate is None and stated is not None:
             signals.rate = stated[0]
-            signals.notes.append(f"rate: {stated[0]:g} Hz, as {stated[1]}; override with --rate")
-            if "name" in stated[1]:
-                signals.warnings.append(f"there is no time column; the rate of {stated[0]:g} Hz is that of the file's name")
+            signals.findings.append(READ("rate_of_name" if stated[1] == OF_NAME else "rate_stated", rate=stated[0], source=stated[1]))
         elif signals.rate is None and not problems:
             counters = [table.names[i] for i, one in enumerate(found.names) if one is not None and one.kind == "counter" and table.names[i]]
-            counters += [note.partition(": ")[2].partition(" counts rows")[0] for note in found.notes if "counts rows" in note]
-            problems.append(str(no_clock(table, True, list(dict.fromkeys(counters))[:3])))
+            problems.append(no_clock(table, list(dict.fromkeys([*counters, *found.counters]))[:3]))
         return
     label = label_of(table, clock.columns)
     try:
         refuse_restarts(clock)
         if signals.rate is None and clock.reason:
-            check_rate(clock, stated, signals.warnings, label)
+            check_rate(clock, stated, signals.findings, label)
     except DataError as error:
-        problems.append(str(error))
+        problems.append(error)
     signals.time, signals.epoch_ns, signals.units["time"] = clock.time, clock.epoch_ns, clock.unit
     signals.nominal = float(table.rate) if table.rate else None
-    shown = tuple(table.names[i] or f"column {i}" for i in clock.columns)
-    option = f"--columns time={_spelled(clock.columns, ':', ',')} --units time={clock.other}"
-    signals.choices.append(Choice("time", shown, clock.unit, clock.reason or "as given", clock.sure, option))
-    if not clock.reason and "time" not in found.guessed:
-        return
-    where = f"column{'s' * (len(clock.columns) > 1)} {_label(clock.columns, table.names)}"
-    unit = "dates" if clock.unit == "date" else clock.unit
-    why = f" ({clock.reason})" if clock.reason and clock.reason != "dates" else ""
-    option = "" if clock.unit == "date" else f" --units time={clock.other}"
-    if clock.unit.startswith("s + "):
-        note = f"time: {where}, {clock.reason}; override with --columns time=0 --units time=s"
-    elif clock.unit == "date":
-        note = f"time: {where}, {unit}{why}; override with --columns time=0"
-    else:
-        note = f"time: {where}, {unit}{why}; override with --columns time={_spelled(clock.columns, ':', ',')}{option}"
-    if clock.sure:
-        signals.notes.insert(0, note)
-    else:
-        signals.warnings.append(f"a guess, which nothing in the file supports: {note}")
+    _tell(table, "time", clock.columns, clock.unit, clock.reason, clock.other, clock.sure, "time" in found.guessed, signals)
 
 
 def _place_by_counter(table: Table, found: Any, rate: float, signals: Signals) -> None:
@@ -202,16 +205,14 @@ def _place_by_counter(table: Table, found: Any, rate: float, signals: Signals) -
         lost = steps > 1
         if np.isfinite(counts).all() and np.all(steps >= 1) and np.any(lost) and np.mean(steps == 1) > 0.95 and not np.any(counts % 1):
             signals.time = (counts - counts[0]) / rate
-            signals.warnings.append(
-                f"{table.names[i]} counts the samples and skips {int((steps[lost] - 1).sum())} of them in {np.count_nonzero(lost)} places: "
-                "these are missing"
-            )
+            facts = {"count": int((steps[lost] - 1).sum()), "places": np.count_nonzero(lost)}
+            signals.findings.append(READ("skips", counter=table.names[i], **facts))
             return
 
 
 def _units(
     table: Table, found: Any, raw: dict[str, Any], units: dict[str, str], period: float | None, clock: Clock | None, signals: Signals,
-    problems: list[str],
+    problems: list[Any],
 ) -> dict[str, _guess.Guess]:  # fmt: skip
     """Find the unit of every sensor; a magnetometer without a field, or a sensor without a unit, is left out with a warning."""
     guesses: dict[str, _guess.Guess] = {}
@@ -220,12 +221,11 @@ def _units(
         values[name] = _stack(raw[name])
         why = _guess.no_field(values[name]) if name == "mag" and name in found.guessed and "mag" not in units else None
         if why and len(set(raw) - {"temperature"}) > 1:
-            signals.warnings.append(f"mag is left out: {why}; read it with columns={{'mag': ...}} and units={{'mag': ...}} all the same")
+            signals.findings.append(READ("left_out", name, why=why, quantity=name))
             del raw[name], values[name]
         elif why:
-            problems.append(
-                f"mag: {why}; there is no other sensor in the table. Give its unit with units={{'mag': ...}} (--units mag=...) to read it"
-            )
+            said = "mag: {why}; there is no other sensor in the table. {option.units:mag=...} reads it all the same"
+            problems.append(Message(said, why=why))
     turns = _turns(values, period)
     for name in raw:
         first = table.names[found.columns[name][0]]
@@ -234,16 +234,16 @@ def _units(
         try:
             if stated is None:
                 _refuse_unknown_unit(name, first)
-            guesses[name] = _unit(name, values[name], stated, where, period, turns, name in units, signals.warnings)
+            guesses[name] = _unit(name, values[name], stated, where, period, turns, name in units, signals.findings)
         except DataError as error:
             if name in found.guessed and len(raw) > 1 and ((name == "mag" and stated is None) or name == "temperature"):
                 # leave it out: the other sensors can be used without a field or temperature
-                signals.warnings.append(f"{name} is left out: {error}")
+                signals.findings.append(READ("left_out", name, why=getattr(error, "why", error), quantity=name))
             else:
-                problems.append(str(error))
+                problems.append(error)
     for name in set(raw) - set(guesses):
         raw.pop(name)
-    _check_turns(guesses, turns, clock, signals.warnings, problems)
+    _check_turns(guesses, turns, clock, signals.findings, problems)
     return guesses
 
 
@@ -257,7 +257,7 @@ def _turns(values: dict[str, np.ndarray], period: float | None) -> Turning | Non
 
 def _unit(
     name: str, values: np.ndarray, stated: str | None, where: str, period: float | None, turns: Turning | None, given: bool,
-    warnings: list[str],
+    findings: list[Finding],
 ) -> _guess.Guess:  # fmt: skip
     if not np.isfinite(values).all(axis=1).any():
         # `Log` refuses a sensor without values, and names it
@@ -273,13 +273,12 @@ def _unit(
     try:
         judge(stated)
     except DataError as error:  # a unit given by the caller overrides the evidence in the values
-        said = str(error).partition("; give the unit")[0].partition(": give the unit")[0].partition(". Record")[0]
-        warnings.append(f"{name} is read in {stated}, as given, although {said.replace(' (as given)', '')}")
+        findings.append(READ("against_values", name, unit=stated, where=where, why=getattr(error, "why", error)))
     return _guess.Guess(stated or "", "", "")
 
 
 def _check_turns(
-    guesses: dict[str, _guess.Guess], turns: Turning | None, clock: Clock | None, warnings: list[str], problems: list[str]
+    guesses: dict[str, _guess.Guess], turns: Turning | None, clock: Clock | None, findings: list[Finding], problems: list[Any]
 ) -> None:
     """Check that rates and time stamps together agree with the observed rotation of gravity or of the field."""
     if turns is None or "gyro" not in guesses or abs(turns.correlation) < 0.6:
@@ -288,34 +287,24 @@ def _check_turns(
     slope = turns.slope / factor
     if guesses["gyro"].unit != f"1 {si_unit('gyro')}" and not 0.2 < abs(slope) < 5.0:  # one unit a count: its size is not known
         what = "the clock is not in " + clock.unit if clock is not None and not clock.sure else "the unit of gyro or of time is wrong"
-        sentence = (
-            f"gravity or the field turns {slope:.3g} times as fast as gyro in {guesses['gyro'].unit} says "
-            f"(r = {abs(turns.correlation):.2f}): {what}"
-        )
+        found = READ("turns_differ", "gyro", ratio=slope, r=abs(turns.correlation), what=what)
         if guesses["gyro"].reason and (guesses["gyro"].reason != "as given"):
-            problems.append(f"{sentence}; give them with units={{'gyro': ..., 'time': ...}} (--units gyro=...,time=...), or rate= (--rate)")
+            said = "{found} Give them with {option.units:gyro=...,time=...}, or {option.rate:HZ}"
+            problems.append(Message(said, found=found))
         else:
-            warnings.append(sentence)
+            findings.append(found)
     elif slope < 0:
-        warnings.append(
-            "the gyroscope turns against gravity or the field (their axes, or a sign, differ): what uses both sensors together is wrong "
-            "until the columns of one are put in order, with its sign, as in units={'gyro': '-1 deg/s'}"
-        )
+        findings.append(READ("turns_against", "gyro"))
 
 
 def _numbers(table: Table, index: int, kinds: str = "iufb") -> np.ndarray:
     column = table.columns[index]
     if column.dtype.kind in kinds and index not in table.clocks:
         return column
-    held = (
-        "dates"
-        if column.dtype.kind == "M" or index in table.clocks
-        else f"text, such as {next((str(v) for v in column if v is not None), '')!r}"
-    )
-    raise DataError(
-        f"column {index} ({table.names[index] or 'no name'}) holds {held}, where numbers are expected; name other columns with "
-        "columns= (--columns)"
-    )
+    dates = column.dtype.kind == "M" or index in table.clocks
+    held = "dates" if dates else f"text, such as {next((str(v) for v in column if v is not None), '')!r}"
+    said = "column {index} ({name}) holds {held}, where numbers are expected; name other columns with {option.columns}"
+    raise DataError(Message(said, index=index, name=table.names[index] or "no name", held=held), code="text")
 
 
 def _without(column: np.ndarray, missing: float | int | None) -> np.ndarray:
@@ -368,34 +357,19 @@ def _refuse_unknown_unit(name: str, header: str) -> None:
     match = re.search(r"\[([^\]]*[A-Za-z][^\]]*)\]", header)
     inside = bracketed(header) or ""
     if name == "mag" and (RELATIVE.fullmatch(inside) or header.lower().endswith(("_flux", " a.u.", "_au"))):
-        raise DataError(
-            f"the header {header!r} says that mag is relative to some field, without a unit; give the size of one, as in "
-            "units={'mag': '50 uT'} (--units mag='50 uT')"
-        )
+        said = "the header {header!r} says that mag is relative to some field; give the size of one, as in {option.units:mag=50 uT}"
+        raise DataError(Message(said, header=header), code="unit_unknown")
     if COUNTS.fullmatch(inside):
         match = re.search(r"(.+)", inside)
     if match:
-        raise DataError(
-            f"the header {header!r} gives {match[1]!r}, which is no unit of {name} that is known; give the unit, or the size of one count, "
-            f"as in units={{'{name}': '0.01 {si_unit(name)}'}} (--units {name}='0.01 {si_unit(name)}')"
+        said = (
+            "the header {header!r} gives {unit!r}, which is no unit of {name} that is known; give the unit, or the size of one count, as "
+            "in {option.units:{name}=0.01 {si}}"
         )
+        raise DataError(Message(said, header=header, unit=match[1], name=name, si=si_unit(name)), code="unit_unknown")
 
 
 def _spelled(indices: list[int], to: str, between: str) -> str:
     """Spell consecutive numbers as a range, other numbers one by one."""
     run = len(indices) > 1 and indices == list(range(indices[0], indices[-1] + 1))
     return f"{indices[0]}{to}{indices[-1]}" if run else between.join(map(str, indices))
-
-
-def _label(indices: list[int], names: list[str]) -> str:
-    known = [names[i] for i in indices if names[i]]
-    return _spelled(indices, "-", ", ") + (f" ({', '.join(known)})" if known else "")
-
-
-def _note(name: str, indices: list[int], names: list[str], guess: _guess.Guess) -> str:
-    why = f" ({guess.reason})" if guess.reason else ""
-    where = f"column{'s' * (len(indices) > 1)} {_label(indices, names)}"
-    other = guess.other or guess.unit
-    quoted = f"'{other}'" if " " in other else other
-    options = f"--columns {name}={_spelled(indices, ':', ',')} --units {name}={quoted}"
-    return f"{name}: {where}, {guess.unit}{why}; override with {options}"

@@ -84,15 +84,15 @@ def test_a_jump_is_smeared_out_and_said(fitted, tmp_path):
     assert 0.03 < np.sqrt(np.mean(np.rad2deg(cubic - fitted["gyro_x"].model.curve.value(t)) ** 2)) < 0.07
 
 
-def test_what_cannot_be_written_is_refused(golden, fitted, tmp_path):
+def test_what_cannot_be_written_is_refused(golden, fitted, tmp_path, refuses):
     path = tmp_path / "a"
     for format in ("px4", "ardupilot"):
-        with pytest.raises(ExportError, match=f"accel_id of the sensor is not known.*{format}"):
+        with refuses("no_id", ExportError):
             write(Calibration(imu=golden.imu), path, format=format)
-        with pytest.raises(ExportError, match="holds no imu, magnetometer or temperature"):
+        with refuses("no_part", ExportError):
             write(Calibration(noise=golden.noise), path, format=format)
     narrow = {**DOCUMENT["temperature"], "minimum": 31.0, "maximum": 38.0}
-    with pytest.raises(ExportError, match=r"31\.00 to 38\.00 degC; ArduPilot needs at least 10"):
+    with refuses("narrow", ExportError):
         write(Calibration(temperature=narrow), path, format="ardupilot")
     assert not path.exists()
     said = write(Calibration(temperature=narrow, device={"px4": {"accel_id": 1, "gyro_id": 2}}), path, format="px4")

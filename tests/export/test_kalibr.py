@@ -89,16 +89,16 @@ def test_rms_and_inflation(golden, path):
 
 
 @pytest.mark.parametrize("sensor", ["gyro", "accel"])
-def test_missing_random_walk_is_an_error_that_names_the_axes(golden, path, sensor):
-    with pytest.raises(ExportError, match=rf"no random walk K was found on {sensor}_x, {sensor}_z; fit a longer record.*Bias instability"):
+def test_missing_random_walk_is_an_error_that_names_the_axes(golden, path, sensor, refuses):
+    with refuses("not_detected", ExportError):
         write(without_walk(golden, sensor), path, random_walk=None)
     assert not path.exists()
 
 
-def test_zero_random_walk_without_a_verdict_is_missing_too(golden, path):
-    with pytest.raises(ExportError, match="no random walk K was found on gyro_x, gyro_y, gyro_z"):
+def test_zero_random_walk_without_a_verdict_is_missing_too(golden, path, refuses):
+    with refuses("not_detected", ExportError):
         write(with_noise(golden, "gyro", K=np.zeros(3)), path, random_walk=None)
-    with pytest.raises(ExportError, match="no random walk K was found on gyro_x, gyro_y, gyro_z"):
+    with refuses("not_detected", ExportError):
         write(with_noise(golden, "gyro", K=None), path, random_walk=None)
 
 
@@ -110,10 +110,10 @@ def test_upper_limit_is_written_where_k_was_not_found(golden, path):
     assert yaml.safe_load(path.read_text())["accelerometer_random_walk"] == 3.2e-5  # this value was found and is kept
 
 
-def test_upper_limit_that_is_not_known(golden, path):
-    with pytest.raises(ExportError, match=r"no upper limit of K is known on gyro_x, gyro_z; give a value"):
+def test_upper_limit_that_is_not_known(golden, path, refuses):
+    with refuses("no_limit", ExportError):
         write(without_walk(golden, "gyro", limit=(1.0, 1.0, math.inf)), path, random_walk="upper_limit")
-    with pytest.raises(ExportError, match=r"no upper limit of K is known on gyro_x"):
+    with refuses("no_limit", ExportError):
         write(with_noise(golden, "gyro", K=None), path, random_walk="upper_limit")
 
 
@@ -125,11 +125,11 @@ def test_number_is_for_the_sensor_that_lacks_a_random_walk(golden, path):
     assert "the random walk of the gyroscope is the value given: 7e-06 rad/s^2/sqrt(Hz)" in warnings
 
 
-def test_number_for_two_sensors_is_refused(golden, path):
+def test_number_for_two_sensors_is_refused(golden, path, refuses):
     neither = without_walk(without_walk(golden, "gyro"), "accel")
-    with pytest.raises(ExportError, match="both sensors lack a random walk; say for which it is"):
+    with refuses("ambiguous", ExportError):
         write(neither, path, random_walk=7e-6)
-    with pytest.raises(ExportError, match="both sensors have a random walk of their own"):
+    with refuses("ambiguous", ExportError):
         write(golden, path, random_walk=7e-6)
     write(neither, path, random_walk={"gyro": 7e-6, "accel": "upper_limit"})
     found = yaml.safe_load(path.read_text())
@@ -143,24 +143,23 @@ def test_a_named_value_replaces_a_random_walk_that_was_found(golden, path):
 
 
 @pytest.mark.parametrize("sensor", ["gyro", "accel"])
-def test_missing_sensor(golden, path, sensor):
+def test_missing_sensor(golden, path, sensor, refuses):
     other = {"gyro": "accel", "accel": "gyro"}[sensor]
     half = Calibration(noise=type(golden.noise)(rate=200.0, **{other: getattr(golden.noise, other)}))
-    name = {"gyro": "gyroscope", "accel": "accelerometer"}[sensor]
-    with pytest.raises(ExportError, match=f"holds no {name} noise; characterise a static log that has {sensor} readings"):
+    with refuses("no_noise", ExportError):
         write(half, path)
 
 
-def test_missing_noise(path):
-    with pytest.raises(ExportError, match=r"the calibration holds no noise; run jaxcal noise"):
+def test_missing_noise(path, refuses):
+    with refuses("no_noise", ExportError):
         write(Calibration(), path)
 
 
-def test_missing_density(golden, path):
-    for n, axis in ((np.array([1.0, 0.0, 1.0]), "y"), (np.array([1.0, 1.0, np.nan]), "z")):
-        with pytest.raises(ExportError, match=rf'no noise density N was found on gyro_{axis}; .*density="upper_limit" or a value'):
+def test_missing_density(golden, path, refuses):
+    for n in (np.array([1.0, 0.0, 1.0]), np.array([1.0, 1.0, np.nan])):
+        with refuses("not_detected", ExportError):
             write(with_noise(golden, "gyro", N=n), path, density=None)
-    with pytest.raises(ExportError, match="no noise density N was found on accel_x, accel_y, accel_z"):
+    with refuses("not_detected", ExportError):
         write(with_noise(golden, "accel", N=None), path, density=None)
 
 
@@ -186,22 +185,22 @@ def test_terms_that_are_there_and_not_written_are_mentioned(golden, path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"format": "latex"}, "unknown format 'latex'; expected one of kalibr"),
-        ({"axis": "best"}, r"axis='best': expected \"worst\""),
-        ({"inflate": 0.0}, r"inflate=0\.0: expected a number above 0"),
-        ({"inflate": math.nan}, "inflate=nan: expected a number above 0"),
-        ({"random_walk": -1.0}, r"random_walk=-1\.0: expected \"upper_limit\", a number above 0"),
-        ({"random_walk": True}, "random_walk=True: expected"),
-        ({"random_walk": "limit"}, "random_walk='limit': expected"),
-        ({"random_walk": {"gyroscope": 1.0}}, "random_walk names 'gyroscope'; expected gyro or accel"),
-        ({"topic": "/imu0\nevil: 1"}, r"topic='/imu0\\nevil: 1': expected the name of a ROS topic"),
-        ({"density": 0}, "density=0: expected"),
-        ({"density": {"mag": 1.0}}, "density names 'mag'; expected gyro or accel"),
-        ({"topic": ""}, "topic='': expected the name of a ROS topic"),
+        ({"format": "latex"}, "format"),
+        ({"axis": "best"}, "option"),
+        ({"inflate": 0.0}, "option"),
+        ({"inflate": math.nan}, "option"),
+        ({"random_walk": -1.0}, "option"),
+        ({"random_walk": True}, "option"),
+        ({"random_walk": "limit"}, "option"),
+        ({"random_walk": {"gyroscope": 1.0}}, "option"),
+        ({"topic": "/imu0\nevil: 1"}, "option"),
+        ({"density": 0}, "option"),
+        ({"density": {"mag": 1.0}}, "option"),
+        ({"topic": ""}, "option"),
     ],
 )
-def test_wrong_options(golden, path, options, message):
-    with pytest.raises(ExportError, match=message):
+def test_wrong_options(golden, path, options, message, refuses):
+    with refuses(message, ExportError):
         write(golden, path, **options)
     assert not path.exists()
 
@@ -212,14 +211,14 @@ def test_topics_reach_the_reader(golden, path, topic):
     assert yaml.safe_load(path.read_text())["rostopic"] == topic
 
 
-def test_a_failed_write_leaves_the_old_file(golden, path, monkeypatch):
+def test_a_failed_write_leaves_the_old_file(golden, path, monkeypatch, refuses):
     path.write_text("old")
 
     def fail(*args):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.fsync", fail)
-    with pytest.raises(ExportError, match="no space left on device"):
+    with refuses("not_written", ExportError):
         write(golden, path)
     assert path.read_text() == "old"
 

@@ -128,7 +128,7 @@ def test_values_are_those_that_were_printed(golden, tmp_path):
     assert read(tmp_path / "a", format="px4").device == {"px4": {"accel_id": 7, "gyro_id": 8, "mag_id": 9}}
 
 
-def test_several_instances_in_one_file(golden, tmp_path):
+def test_several_instances_in_one_file(golden, tmp_path, refuses):
     devices = [made(1), made(2)]
     for format in ("px4", "ardupilot"):
         write(devices, tmp_path / "a", format=format)
@@ -138,7 +138,7 @@ def test_several_instances_in_one_file(golden, tmp_path):
             reach = found.temperature.reference - 27.5
             assert reach == 0
             np.testing.assert_allclose(found.temperature.powers("accel"), device.temperature.powers("accel"), rtol=1e-6)
-    with pytest.raises(JaxcalError, match="kalibr holds one device, not 2"):
+    with refuses("several"):
         write(devices, tmp_path / "a", format="kalibr")
     lines = (tmp_path / "a").read_text()
     for name in (
@@ -190,12 +190,12 @@ def test_the_result_of_kalibr(tmp_path):
     assert found.noise.gyro.N[0] == 0.02
 
 
-def test_what_imu_utils_writes_is_no_random_walk(tmp_path):
+def test_what_imu_utils_writes_is_no_random_walk(tmp_path, refuses):
     (tmp_path / "a.yaml").write_text('%YAML:1.0\n---\ntype: IMU\nname: a\nGyr:\n   unit: " rad/s"\n   avg-axis:\n      gyr_n: 1.0e-3\n')
-    with pytest.raises(DataError, match="imu_utils, whose acc_w and gyr_w are the lowest point"):
+    with refuses("unreadable"):
         read(tmp_path / "a.yaml", format="vins")
     (tmp_path / "b.yaml").write_text("acc_n: 0.1\ngyr_n: 0.01\nacc_w: 0.001\ngyr_w: 0.0001\n")
-    with pytest.raises(DataError, match="does not say of which rate"):
+    with refuses("unreadable"):
         read(tmp_path / "b.yaml", format="vins")
     found = read(tmp_path / "b.yaml", format="vins", rate=200, convention="per_sample").noise
     assert found.accel.N[0] == pytest.approx(0.1 / np.sqrt(200))
@@ -232,7 +232,7 @@ def checksum(data):
     return sum(bit << k for k, bit in enumerate(bits[-16:]))
 
 
-def test_packets_of_motioncal(golden, tmp_path):
+def test_packets_of_motioncal(golden, tmp_path, refuses):
     packet = bytes.fromhex((GOLDEN / "motioncal.hex").read_text())
     (tmp_path / "a").write_bytes(packet)
     found = read(tmp_path / "a", format="motioncal").magnetometer
@@ -247,18 +247,18 @@ def test_packets_of_motioncal(golden, tmp_path):
     assert older.field is None
     for i in range(len(packet)):
         (tmp_path / "c").write_bytes(packet[:i] + bytes([packet[i] ^ 1]) + packet[i + 1 :])
-        with pytest.raises(DataError, match=r"checksum|begin with 75 54"):
+        with refuses("unreadable"):
             read(tmp_path / "c", format="motioncal")
 
 
-def test_yaml_of_opencv_and_numbers_without_a_point(tmp_path):
+def test_yaml_of_opencv_and_numbers_without_a_point(tmp_path, refuses):
     lines = "IMU.NoiseGyro: 1e-3\nIMU.NoiseAcc: 2.0e-3\nIMU.GyroWalk: 3e-5\nIMU.AccWalk: 4\nIMU.Frequency: 200\n"
     matrix = "IMU.T_b_c1: !!opencv-matrix\n   rows: 4\n   dt: f\n   data: [1.0, 0.0,\n      0.0]\n"
     (tmp_path / "a.yaml").write_text(f"%YAML:1.0\n---\n{matrix}{lines}")
     noise = read(tmp_path / "a.yaml", format="orbslam3").noise
     assert (noise.gyro.N[0], noise.accel.N[1], noise.gyro.K[2], noise.accel.K[0], noise.rate) == (1e-3, 2e-3, 3e-5, 4.0, 200.0)
     (tmp_path / "a.yaml").write_text("IMU.NoiseGyro: 1\n" + lines)
-    with pytest.raises(DataError, match=r"line 1: 'IMU.NoiseGyro' is no name, or stands there twice"):
+    with refuses("unreadable"):
         read(tmp_path / "a.yaml", format="orbslam3")
 
 
@@ -321,17 +321,17 @@ def test_damage_never_gets_through(golden, tmp_path, format):
     assert refused > 15
 
 
-def test_what_cannot_be_read(tmp_path):
+def test_what_cannot_be_read(tmp_path, refuses):
     for format in ("gtsam", "c", "json"):
-        with pytest.raises(DataError, match="cannot be read back; expected one of kalibr"):
+        with refuses("format"):
             read(tmp_path / "a", format=format)
-    with pytest.raises(DataError, match="no such file"):
+    with refuses("unreadable"):
         read(tmp_path / "a", format="kalibr")
-    with pytest.raises(DataError, match="is there"):
+    with refuses("unreadable"):
         read(tmp_path / "a", format="imu_tk")
     (tmp_path / "a").write_bytes(b"\xff\xfe")
-    with pytest.raises(DataError, match="is no text"):
+    with refuses("unreadable"):
         read(tmp_path / "a", format="px4")
     for options in ({"rate": -1}, {"instance": 7}):
-        with pytest.raises(DataError, match=r"rate=-1|instance=7"):
+        with refuses("option"):
             read(tmp_path / "a", format="px4", **options)

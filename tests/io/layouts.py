@@ -295,21 +295,21 @@ def judge(path, truth):
         log = jaxcal.read(path, quiet=True)
     except jaxcal.JaxcalError as error:
         return ("refused" if "refuse" in truth else "asked"), str(error)
-    warned = " ".join(sentence for sentence in log.warnings if "guess" in sentence or "although" in sentence or "file's name" in sentence)
+    warned = {name for one in log.findings if one.kind.guess or one.code == "against_values" for name in (*one.subject, one.code)}
     if "refuse" in truth:
         return "wrong", f"read, though it should not be ({truth['refuse']}; {truth['tricks']})"
     if abs(log.rate / truth["rate"] - 1) > truth.get("tolerance", 0.005):
-        return ("loud" if "time: " in warned or "name" in warned else "wrong"), f"rate {log.rate:.5g}, not {truth['rate']:g}"
+        return ("loud" if warned & {"time", "rate_of_name"} else "wrong"), f"rate {log.rate:.5g}, not {truth['rate']:g}"
     for sensor in ("gyro", "accel", "mag"):
         found, true = getattr(log, sensor), truth.get(sensor)
         if (found is None) != (true is None):
-            said = any(sensor in sentence for sentence in log.warnings)
+            said = any(one.severity and sensor in (*one.subject, one.facts.get("quantity")) for one in log.findings)
             return ("loud" if said else "wrong"), f"{sensor} is {'missing' if found is None else 'invented'}"
         if true is not None:
             there = np.isfinite(found).all(axis=1)
             scale = np.abs(true).max()
             if len(found) < len(true) or np.abs(found[there][: len(true)] - true[: there.sum()]).max() > 1e-3 * scale:
-                return ("loud" if f" {sensor}: " in warned else "wrong"), f"{sensor} is wrong by {np.abs(found[there]).max() / scale:.4g}"
+                return ("loud" if sensor in warned else "wrong"), f"{sensor} is wrong by {np.abs(found[there]).max() / scale:.4g}"
     return "right", ""
 
 

@@ -48,10 +48,10 @@ def wrongs(log, entry):
         if getattr(log, sensor) is None:
             found.append(f"no {sensor}")
         elif known["unit"] is None:
-            if not any(sensor in sentence and "guess" in sentence for sentence in log.warnings):
+            if not any(one.code == "assumed" and sensor in one.subject for one in log.findings):
                 found.append(f"{sensor} in {log.provenance['units'][sensor]} without a warning that this is a guess")
         elif log.provenance["units"][sensor] != known["unit"]:
-            guessed = any(sentence.startswith("a guess") and f" {sensor}: " in sentence for sentence in log.warnings)
+            guessed = any(one.code == "assumed" and sensor in one.subject for one in log.findings)
             found.append(f"{sensor} in {log.provenance['units'][sensor]} instead of {known['unit']}{', said to be a guess' * guessed}")
     for sensor in ("gyro", "accel", "mag"):
         if sensor not in entry["channels"] and getattr(log, sensor) is not None and entry["expect"] == "refuse":
@@ -72,7 +72,7 @@ def judge(entry):
     try:
         log = jaxcal.read(path, quiet=True)
     except jaxcal.JaxcalError as error:
-        said = str(error)
+        said = error.spelt("terminal")
         if entry["expect"] == "read":
             return "asked" if entry["options_allowed"] and "--" in said else "unhelpful", said
         missing = [group for group in SAID[entry["file"]] if not any(word in said.lower() for word in group)]

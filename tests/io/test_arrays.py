@@ -4,7 +4,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from jaxcal import DataError, read
+from jaxcal import read
 
 DEG, G = np.pi / 180.0, 9.80665
 
@@ -35,9 +35,9 @@ def test_a_structured_array_has_names(still, tmp_path):
         (np.array([["a", "b"]] * 3), "expected numbers"),
     ],
 )
-def test_arrays_that_are_no_table(values, said, tmp_path):
+def test_arrays_that_are_no_table(values, said, tmp_path, refuses):
     np.save(tmp_path / "log.npy", values)
-    with pytest.raises(DataError, match=said):
+    with refuses("shape"):
         read(tmp_path / "log.npy", quiet=True)
 
 
@@ -68,7 +68,7 @@ def test_stamps_win_over_a_stated_rate(still, tmp_path):
     np.savez(tmp_path / "log.npz", fs=104.0, time=still.time, gyro=still.gyro, accel=still.accel)
     log = read(tmp_path / "log.npz", quiet=True)
     check(log, still)
-    assert log.warnings[-1] == "the file states a rate of 104 Hz, but its stamps say 100 Hz, which is used"
+    assert "rate_differs" in log.codes
 
 
 def test_dates_in_arrays(still, tmp_path):
@@ -80,12 +80,12 @@ def test_dates_in_arrays(still, tmp_path):
 def test_arrays_of_other_lengths_are_told(still, tmp_path):
     np.savez(tmp_path / "log.npz", time=still.time, gyro=still.gyro, accel=still.accel, scale=np.ones(6))
     log = read(tmp_path / "log.npz", quiet=True)
-    assert "arrays not used, since their shape is not that of 400 samples: scale (6,)" in log.notes
+    assert "not_read" in log.codes
 
 
-def test_arrays_without_a_log_are_listed(tmp_path):
+def test_arrays_without_a_log_are_listed(tmp_path, refuses):
     np.savez(tmp_path / "log.npz", counts=np.ones((100, 2, 3)), scale=2.0)
-    with pytest.raises(DataError, match=r"'counts': \(100, 2, 3\).*use the keys time, gyro, accel, mag, temperature"):
+    with refuses("shape"):
         read(tmp_path / "log.npz", quiet=True)
 
 
@@ -97,11 +97,11 @@ class Trap:
 
 
 @pytest.mark.parametrize("suffix", ["npy", "npz"])
-def test_pickled_objects_are_never_loaded(suffix, tmp_path, capsys):
+def test_pickled_objects_are_never_loaded(suffix, tmp_path, capsys, refuses):
     objects = np.array([Trap(), Trap()], dtype=object)
     path = tmp_path / f"log.{suffix}"
     np.save(path, objects) if suffix == "npy" else np.savez(path, gyro=objects)
-    with pytest.raises(DataError, match=r"it holds Python objects \(a pickle\), which are not loaded"):
+    with refuses("pickle"):
         read(path, quiet=True)
     assert "the pickle ran" not in capsys.readouterr().out
 

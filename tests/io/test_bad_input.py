@@ -78,7 +78,7 @@ def test_infinite_values_are_missing(still, tmp_path):
     lines[7] = lines[7].rsplit(",", 1)[0] + ",inf"
     (tmp_path / "log.csv").write_text(HEADER + "\n".join(lines))
     log = read(tmp_path / "log.csv", quiet=True)
-    assert "accel: infinite values, treated as missing: 1" in log.warnings
+    assert "infinite" in log.codes
     assert [g.samples for g in log.gaps] == [1]
 
 
@@ -91,7 +91,7 @@ def test_equal_stamps(still, fails):
 def test_random_stamps(still, fails):
     stamps = np.random.default_rng(0).normal(size=400)
     lines = [f"{v:.6f}" + line[line.index(",") :] for v, line in zip(stamps, body(still).splitlines(), strict=True)]
-    assert "the time stamps are not those of a regular recording" in fails(HEADER + "\n".join(lines))
+    assert "of a counter that begins again and again" in fails(HEADER + "\n".join(lines))
 
 
 def test_a_gap_of_years(still, fails):
@@ -104,7 +104,7 @@ def test_a_gap_of_years(still, fails):
 def test_no_time_and_no_rate(still, fails):
     message = fails("\n".join(line.split(",", 1)[1] for line in (HEADER + body(still)).splitlines()))
     assert "there is no time column among 0 (gyro_x), 1 (gyro_y)" in message
-    assert "rate= (--rate)" in message
+    assert "rate=HZ" in message
     assert "columns={'time': ...}" in message
 
 
@@ -235,14 +235,14 @@ def test_beginnings_without_a_log_behind_them(content, said, fails):
 
 def test_options_of_the_other_kind(still, fails):
     message = fails(HEADER + body(still), topics="/imu")
-    assert message == "log.csv: this is a text table, and topics= belongs to ROS recordings; choose with columns= (--columns)"
-    assert "format='xml' is unknown; use one of csv, npy" in fails(HEADER, format="xml")
+    assert message == "log.csv: this is a text table, and topics= belongs to recordings of messages; choose with columns="
+    assert "format=: 'xml' is unknown; use one of csv, npy" in fails(HEADER, format="xml")
 
 
-def test_columns_do_not_choose_in_ros_recordings(still, write_bag):
+def test_columns_do_not_choose_in_ros_recordings(still, write_bag, refuses):
     stamps = (np.arange(400) + 1) * 10_000_000
     path = write_bag("ros1", {"/imu": ("Imu", stamps, np.column_stack([still.gyro, still.accel]))})
-    with pytest.raises(DataError, match=r"record.bag: this is a ROS 1 bag, and columns= belongs to tables; choose with topics="):
+    with refuses("columns"):
         read(path, columns="gyro=1:3", quiet=True)
 
 

@@ -29,16 +29,16 @@ def arrays(still):
     }
 
 
-def test_npz(still, tmp_path):
+def test_npz(still, tmp_path, refuses):
     path = tmp_path / "log.npz"
     np.savez(path, **arrays(still), rate=100.0)
     same(path, None, np.column_stack([still.gyro, still.accel.astype(np.float32), still.temperature]))
     same(path, ["gyro"], still.gyro)
     same(path, "temperature", still.temperature)
-    with pytest.raises(DataError, match=r"columns mag: not in the file; arrays of numbers are time, gyro, accel, temperature"):
+    with refuses("chunks"):
         found(path, "mag")
     np.savez_compressed(path, **arrays(still))
-    with pytest.raises(DataError, match="the arrays are compressed"):
+    with refuses("chunks"):
         found(path)
 
 
@@ -48,30 +48,30 @@ def test_a_converted_log(still, tmp_path):
     same(tmp_path / "out.npz", ["gyro"], log.gyro)
 
 
-def test_hdf5(still, tmp_path):
+def test_hdf5(still, tmp_path, refuses):
     h5py = pytest.importorskip("h5py")
     with h5py.File(tmp_path / "log.h5", "w") as file:
         for name, value in arrays(still).items():
             file[f"imu/{name}"] = value
         file["other"] = np.zeros(7)
     same(tmp_path / "log.h5", ["imu/gyro"], still.gyro)
-    with pytest.raises(DataError, match=r"the arrays have different lengths \(imu/accel \(400, 3\), .*other \(7,\)\)"):
+    with refuses("chunks"):
         found(tmp_path / "log.h5")
 
 
-def test_parquet(still, tmp_path):
+def test_parquet(still, tmp_path, refuses):
     pl = pytest.importorskip("polars")
     path = tmp_path / "log.parquet"
     pl.DataFrame({"time": still.time, "gx": still.gyro[:, 0], "gy": still.gyro[:, 1], "note": ["a"] * 400}).write_parquet(path)
     same(path, None, still.gyro[:, :2])
     same(path, "gy", still.gyro[:, 1])
-    with pytest.raises(DataError, match=r"columns note: not in the file; those that hold numbers are time, gx, gy"):
+    with refuses("chunks"):
         found(path, ["note"])
 
 
-def test_other_logs_are_converted_first(tmp_path):
+def test_other_logs_are_converted_first(tmp_path, refuses):
     (tmp_path / "log.mat").write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + bytes(40))
-    with pytest.raises(DataError, match=r"this is mat, which is not read in chunks; convert it once with `jaxcal convert LOG LOG.npz`"):
+    with refuses("chunks"):
         found(tmp_path / "log.mat")
 
 
@@ -105,21 +105,21 @@ def test_a_log_of_messages_has_gaps_where_its_stamps_leave_samples_out(kind, sti
         jaxcal.batch.deviation(path, 120.0, m=[1], columns=topic)
 
 
-def test_of_several_topics_one_is_asked_for(still, tmp_path):
+def test_of_several_topics_one_is_asked_for(still, tmp_path, refuses):
     path = tmp_path / "log.ulg"
     stamps = 7_000_000 + 10_000 * np.arange(400)
     path.write_bytes(flightlogs.ulog_with_imu(stamps, still.gyro, still.accel).content)
-    with pytest.raises(DataError, match=r"there are sensor_accel:0, sensor_gyro:0, each with stamps of its own; name one of them"):
+    with refuses("several"):
         found(path)
     path.write_bytes(flightlogs.ulog_with_imu(stamps[::-1], still.gyro, still.accel).content)
-    with pytest.raises(DataError, match="time stamps never rise"):
+    with refuses("chunks"):
         found(path, "sensor_gyro")
     path.write_bytes(flightlogs.ulog_with_imu(stamps, still.gyro, still.accel / 9.80665).content)
-    with pytest.raises(DataError, match="gravity in g"):
+    with refuses("unit_contradicts"):
         found(path, "sensor_accel")
 
 
-def test_text(still, tmp_path, blocks_of):
+def test_text(still, tmp_path, blocks_of, refuses):
     blocks_of(1500)
     names = "time [s],gyro_x,gyro_y,gyro_z,note"
     rows = [f"{t!r},{x!r},{y!r},{z!r},a" for t, (x, y, z) in zip(still.time.tolist(), still.gyro.tolist(), strict=True)]
@@ -129,21 +129,21 @@ def test_text(still, tmp_path, blocks_of):
         same(path, None, still.gyro, length)
     same(path, "gyro_y", still.gyro[:, 1])
     same(path, [3, 1], still.gyro[:, [2, 0]])
-    with pytest.raises(DataError, match=r"choose among those that hold numbers, 0 \(time \[s\]\), 1 \(gyro_x\)"):
+    with refuses("chunks"):
         found(path, ["note"])
 
 
-def test_text_in_which_something_is_wrong_is_not_read_in_chunks(tmp_path, blocks_of):
+def test_text_in_which_something_is_wrong_is_not_read_in_chunks(tmp_path, blocks_of, refuses):
     blocks_of(300)
     path = tmp_path / "log.csv"
     lines = ["time,gx", *(f"{i / 10},{i % 7}" for i in range(500))]
     lines[321] += ",9,9"
     path.write_text("\n".join(lines))
-    with pytest.raises(DataError, match=r"1 of \d+ rows do not have 2 fields; the first is line 322: '32.0,5,9,9'; convert it once"):
+    with refuses("rows_left_out"):
         found(path)
     path.write_text("\n".join(lines[1:]))
-    with pytest.raises(DataError, match=r"2 columns without names, numbered from 0; choose those of the record by number"):
+    with refuses("chunks"):
         found(path)
     path.write_bytes(gzip.compress(path.read_bytes()))
-    with pytest.raises(DataError, match="text that is packed, or not UTF-8, is not read in chunks; convert it once"):
+    with refuses("chunks"):
         found(path)

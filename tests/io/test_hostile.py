@@ -22,13 +22,13 @@ def rows(n, digits=4):
 
 @pytest.mark.parametrize("mark", [",", ";", "\t", " "])
 @pytest.mark.parametrize("above", ["", HEADER])
-def test_a_line_of_many_thousand_fields_is_no_log(mark, above, tmp_path):
+def test_a_line_of_many_thousand_fields_is_no_log(mark, above, tmp_path, refuses):
     (tmp_path / "log.csv").write_text(above + (f"1.0{mark}" * 200_000)[:-1] + "\n")
-    with pytest.raises(DataError, match=r"line \d has \d+ fields, and a log at most 5000 columns: .* transposed"):
+    with refuses("too_wide"):
         read(tmp_path / "log.csv", quiet=True)
 
 
-def test_bombs_are_not_unpacked(tmp_path):
+def test_bombs_are_not_unpacked(tmp_path, refuses):
     with gzip.open(tmp_path / "log.csv.gz", "wb") as file:
         file.write(HEADER.encode())
         for _ in range(160):
@@ -37,7 +37,7 @@ def test_bombs_are_not_unpacked(tmp_path):
     with zipfile.ZipFile(tmp_path / "log.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("log.csv", b"0,0,0,0\n" * 20_000_000)
     for name in ("log.csv.gz", "log.npz", "log.zip"):
-        with pytest.raises(DataError, match="packed beyond what a log can be"):
+        with refuses("too_large"):
             read(tmp_path / name, quiet=True)
 
 
@@ -49,7 +49,7 @@ def test_a_last_number_that_may_be_cut_off_is_no_number(end, kept, tmp_path):
     log = read(tmp_path / "log.csv", quiet=True)
     assert (len(log.time) == 100 and np.isfinite(log.gyro[-1]).all()) == kept
     if not kept and end != "-":
-        assert any("does not end with a line feed: its last row" in sentence for sentence in log.warnings)
+        assert "last_row" in log.codes
 
 
 @pytest.mark.parametrize("end", ["371", "58"])
@@ -59,24 +59,24 @@ def test_a_last_whole_number_that_is_short_is_left_out(end, tmp_path):
     assert len(read(tmp_path / "log.csv", quiet=True).time) == (61 if end == "371" else 60)
 
 
-def test_recordings_one_below_the_other_are_not_one(tmp_path):
+def test_recordings_one_below_the_other_are_not_one(tmp_path, refuses):
     (tmp_path / "log.csv").write_text(HEADER + 2 * rows(120))
-    with pytest.raises(DataError, match=r"time begins again 1 time, at row 121 .*keep the rows of one of them, such as the first 120"):
+    with refuses("several_recordings"):
         read(tmp_path / "log.csv", quiet=True)
 
 
-def test_a_pointer_of_git_lfs_is_named(tmp_path):
+def test_a_pointer_of_git_lfs_is_named(tmp_path, refuses):
     (tmp_path / "log.mcap").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 990\n")
-    with pytest.raises(DataError, match=r"this is a Git LFS pointer, not the recording of 990 bytes .* `git lfs pull`"):
+    with refuses("not_a_log"):
         read(tmp_path / "log.mcap", quiet=True)
 
 
-def test_a_workbook_is_named_with_its_sheets(tmp_path):
+def test_a_workbook_is_named_with_its_sheets(tmp_path, refuses):
     with zipfile.ZipFile(tmp_path / "log.xlsx", "w") as archive:
         archive.writestr(
             "xl/workbook.xml", '<workbook><sheets><sheet name="imu" sheetId="1"/><sheet name="gps" sheetId="2"/></sheets></workbook>'
         )
-    with pytest.raises(DataError, match=r"a workbook \(XLSX\) with the sheets imu, gps, which is not read: save the sheet .* as CSV"):
+    with refuses("not_a_log"):
         read(tmp_path / "log.xlsx", quiet=True)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxcal import DataError, UnitError, read
+from jaxcal import UnitError, read
 
 HEADER = "Time (s),wx,wy,wz,Acc X,Acc Y,Acc Z"
 
@@ -52,8 +52,8 @@ def test_columns(given, found, path):
         ({"time": 1.5}, "1.5 is neither the number of a column"),
     ],
 )
-def test_columns_that_make_no_sense(given, said, path):
-    with pytest.raises(DataError, match=said):
+def test_columns_that_make_no_sense(given, said, path, refuses):
+    with refuses("columns"):
         read(path, columns=given, quiet=True)
 
 
@@ -84,17 +84,17 @@ def test_a_unit_with_an_offset(path, still):
         ({"gyro": "0 deg/s"}, "makes every value of gyro zero"),
     ],
 )
-def test_units_that_make_no_sense(given, said, path):
-    with pytest.raises(UnitError, match=said):
+def test_units_that_make_no_sense(given, said, path, refuses):
+    with refuses("units", UnitError):
         read(path, units=given, quiet=True)
 
 
 @pytest.mark.parametrize(("given", "said"), [({"rate": "Hz"}, "unknown quantity 'rate'"), ("deg/s", "is not of the form quantity=value")])
-def test_units_of_nothing(given, said, path):
-    with pytest.raises(DataError, match=said):
+def test_units_of_nothing(given, said, path, refuses):
+    with refuses("units"):
         read(path, units=given, quiet=True)
 
 
-def test_an_empty_topic(path):
-    with pytest.raises(DataError, match="topics='/a,' holds an empty name"):
+def test_an_empty_topic(path, refuses):
+    with refuses("topics"):
         read(path, topics="/a,", quiet=True)

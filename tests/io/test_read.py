@@ -21,9 +21,8 @@ def test_notes_and_warnings_go_to_stderr(path, capsys):
     log = read(path)
     out, err = capsys.readouterr()
     assert out == ""
-    assert err.splitlines() == [f"note: {s}" for s in log.notes] + [f"warning: {s}" for s in log.warnings]
-    assert log.notes
-    assert log.warnings
+    assert err.splitlines() == [f"{'warning' if one.severity else 'note'}: {one}" for one in log.findings]
+    assert {one.severity for one in log.findings} == {0, 1}
     read(path, quiet=True)
     assert capsys.readouterr() == ("", "")
 
@@ -66,5 +65,5 @@ def test_the_static_recording_of_an_adis16405(reference):
     # the scale is from the data sheet of the sensor
     np.testing.assert_allclose(log.gyro, counts[:, :3] * np.radians(0.05), rtol=1e-12)
     np.testing.assert_allclose(log.accel, counts[:, 3:] * 3.33e-3 * 9.80665, rtol=1e-12)
-    assert "gyro: values come in steps of 0.0008727 rad/s" in log.notes
-    assert "accel: values come in steps of 0.03266 m/s^2" in log.notes
+    steps = {one.subject[0]: one.facts["step"] for one in log.findings if one.code == "steps"}
+    assert steps == {"gyro_x": 0.0008727, "accel_x": 0.03266}

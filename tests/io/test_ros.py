@@ -64,7 +64,7 @@ def test_field_and_temperature_come_on_topics_of_their_own(storage, still, write
     assert np.isnan(np.delete(log.mag, np.arange(0, 400, 10), axis=0)).all()
     np.testing.assert_allclose(log.temperature, 20.0 + np.arange(400) / 100, rtol=1e-12)
     assert log.gaps == ()
-    assert any("mag is present in 10 % of the samples (about 10 Hz)" in w for w in log.warnings)
+    assert "sparse" in log.codes
     alone = read(write_bag(storage, topics, name="again"), topics="/imu/mag", quiet=True)
     np.testing.assert_array_equal(alone.mag, still.mag[:40])
     assert (alone.rate, alone.gyro) == (10.0, None)
@@ -87,34 +87,34 @@ def test_stamps_out_of_order_keep_their_samples(still, write_bag):
 # choice of topics
 
 
-def test_several_topics_of_a_type_are_listed(still, write_bag):
+def test_several_topics_of_a_type_are_listed(still, write_bag, refuses):
     path = write_bag("mcap", {"/a/imu": ("Imu", ns(), imu(still)), "/b/imu": ("Imu", ns(200), imu(still)[:200])})
-    listed = r"/a/imu \(Imu, 400 messages, 100 Hz\); /b/imu \(Imu, 200 messages, 49.87 Hz\)"
-    with pytest.raises(DataError, match=rf"several topics of type Imu: name those to read with topics= \(--topics\): {listed}"):
+    with refuses("several") as caught:
         read(path, quiet=True)
+    assert "/a/imu (Imu, 400 messages, 100 Hz); /b/imu (Imu, 200 messages, 49.87 Hz)" in str(caught.value)
     assert len(read(path, topics=["/b/imu"], quiet=True).time) == 200
-    with pytest.raises(DataError, match=r"topics=: /c not among /a/imu"):
+    with refuses("topics"):
         read(path, topics="/c", quiet=True)
-    with pytest.raises(DataError, match=r"accel and gyro in more than one of the topics: /a/imu \(gyro\)"):
+    with refuses("several"):
         read(path, topics="/a/imu,/b/imu", quiet=True)
 
 
-def test_the_raw_topic_is_preferred(still, write_bag):
+def test_the_raw_topic_is_preferred(still, write_bag, finding):
     path = write_bag("sqlite3", {"/imu/data": ("Imu", ns(), 2 * imu(still)), "/imu/data_raw": ("Imu", ns(), imu(still))})
     log = read(path, quiet=True)
     np.testing.assert_array_equal(log.gyro, still.gyro)
-    assert log.notes[0] == "topic: /imu/data_raw, the raw one of /imu/data, /imu/data_raw; override with --topics"
+    assert finding(log, "topics").facts == {"chosen": "/imu/data_raw", "others": "/imu/data"}
 
 
 @pytest.mark.parametrize("storage", STORAGES)
-def test_gyro_and_accel_on_two_topics_are_joined_on_request(storage, still, write_bag):
+def test_gyro_and_accel_on_two_topics_are_joined_on_request(storage, still, write_bag, refuses):
     zero = np.zeros((400, 3))
     topics = {
         "/camera/gyro/sample": ("Imu", ns(), np.column_stack([still.gyro, zero])),
         "/camera/accel/sample": ("Imu", ns(200, 50.0), np.column_stack([zero, still.accel])[:200]),
     }
     path = write_bag(storage, topics)
-    with pytest.raises(DataError, match="several topics of type Imu"):
+    with refuses("several"):
         read(path, quiet=True)
     log = read(path, topics=list(topics), quiet=True)
     np.testing.assert_array_equal(log.gyro, still.gyro)
@@ -122,16 +122,16 @@ def test_gyro_and_accel_on_two_topics_are_joined_on_request(storage, still, writ
     assert read(path, topics="/camera/accel/sample", quiet=True).rate == 50.0
 
 
-def test_a_measurement_marked_as_absent_is_left_out(still, write_bag):
+def test_a_measurement_marked_as_absent_is_left_out(still, write_bag, finding):
     log = read(write_bag("ros1", {"/imu": ("Imu", ns(), imu(still))}, covariance=(-1.0, 0.0)), quiet=True)
     assert log.gyro is None
-    assert "gyro: marked as not provided in /imu, so left out" in log.notes
+    assert finding(log, "not_read").subject == ("gyro",)
     with pytest.raises(DataError, match="/imu: no measurement in them"):
         read(write_bag("ros1", {"/imu": ("Imu", ns(), imu(still))}, covariance=(-1.0, -1.0), name="none"), quiet=True)
 
 
-def test_a_recording_of_other_topics_lists_them(write_bag):
-    with pytest.raises(DataError, match=r"no topic of type sensor_msgs Imu, .*; the topics are: /chatter \(std_msgs/msg/String\)"):
+def test_a_recording_of_other_topics_lists_them(write_bag, refuses):
+    with refuses("no_sensor"):
         read(write_bag("mcap", {"/chatter": ("String", ns(3), np.zeros(3))}), quiet=True)
 
 
@@ -143,12 +143,13 @@ def test_a_recording_of_other_topics_lists_them(write_bag):
     [
         ("/imu/data", (0.0, 0.0, 0.0, 1.0), "its name"),
         ("/imu/filtered", (0.0,) * 4, "its name"),
-        ("/imu", (0.1, 0.0, 0.0, 0.99), "the attitude it carries"),
+        ("/imu", (0.1, 0.0, 0.0, 0.99), "the attitude that it carries"),
     ],
 )
-def test_a_filtered_topic_is_warned_about(topic, attitude, why, still, write_bag):
+def test_a_filtered_topic_is_warned_about(topic, attitude, why, still, write_bag, finding, doubts):
     log = read(write_bag("mcap", {topic: ("Imu", ns(), imu(still))}, attitude=attitude), quiet=True)
-    assert log.warnings == (f"{topic} has probably passed a filter ({why}): noise found from it is too small; record the raw topic",)
+    assert doubts(log) == ["filtered"]
+    assert why in finding(log, "filtered").facts["what"]
 
 
 def test_the_identity_attitude_is_no_filter(still, write_bag):
@@ -156,33 +157,33 @@ def test_the_identity_attitude_is_no_filter(still, write_bag):
 
 
 @pytest.mark.parametrize(("name", "unit", "size"), [("accel", "g", G), ("gyro", "deg/s", 1e-4), ("mag", "uT", 1e-6), ("mag", "G", 1e-4)])
-def test_values_in_another_unit_are_warned_about_and_can_be_mended(name, unit, size, still, write_bag):
+def test_values_in_another_unit_are_warned_about_and_can_be_mended(name, unit, size, still, write_bag, finding):
     values = {"gyro": still.gyro, "accel": still.accel, "mag": still.mag}
     values[name] = values[name] / size
     topics = {"/imu": ("Imu", ns(), np.column_stack([values["gyro"], values["accel"]])), "/mag": ("MagneticField", ns(), values["mag"])}
     path = write_bag("mcap", topics)
     log = read(path, quiet=True)
-    assert [w for w in log.warnings if f"the unit of {name} is stated as" in w and f"units={{'{name}': '{unit}'}}" in w]
+    assert finding(log, "against_values").facts["unit"] != unit
     mended = read(path, units={name: unit}, quiet=True)
-    assert not [w for w in mended.warnings if f"the unit of {name} is stated" in w]
+    assert "against_values" not in mended.codes
     if name != "gyro":
         np.testing.assert_allclose(getattr(mended, name), getattr(still, name), rtol=1e-12)
 
 
-def test_directions_are_no_field(still, write_bag):
+def test_directions_are_no_field(still, write_bag, finding):
     length = np.linalg.norm(still.mag, axis=1, keepdims=True)
     turned = np.roll(still.mag / length, 1, axis=1) * np.where(np.arange(400) < 200, 1, -1)[:, None]
     log = read(write_bag("mcap", {"/imu": ("Imu", ns(), imu(still)), "/mag": ("MagneticField", ns(), 1e-4 * turned)}), quiet=True)
     assert log.mag is None
-    assert [w for w in log.warnings if w.startswith("mag of /mag is left out: every vector has the length 0.0001: it is normalised")]
+    assert finding(log, "left_out").subject == ("/mag",)
 
 
 @pytest.mark.parametrize("storage", STORAGES)
 @pytest.mark.parametrize("stamp", [0, 5_000_000_000])
-def test_constant_header_stamps_give_way_to_the_times_of_reception(storage, stamp, still, write_bag):
+def test_constant_header_stamps_give_way_to_the_times_of_reception(storage, stamp, still, write_bag, doubts):
     log = read(write_bag(storage, {"/imu": ("Imu", np.full(400, stamp), imu(still))}, received=ns()), quiet=True)
     assert (log.rate, log.provenance["epoch_ns"]) == (100.0, START)
-    assert log.warnings[0] == "/imu: the header stamps are all the same; the times of reception are used, which jitter more"
+    assert doubts(log)[0] == "reception"
 
 
 def test_a_dropout_is_a_gap(still, write_bag):
@@ -216,10 +217,10 @@ def test_a_recording_cut_off_is_an_error(storage, share, still, write_bag):
         "rosbag2_bagfile_information: {version: 99}\n",
     ],
 )
-def test_a_damaged_description_is_an_error(text, still, write_bag):
+def test_a_damaged_description_is_an_error(text, still, write_bag, refuses):
     path = write_bag("mcap", {"/imu": ("Imu", ns(), imu(still))})
     (path / "metadata.yaml").write_text(text)
-    with pytest.raises(DataError, match=r"^record: .*cannot be read"):
+    with refuses("damaged"):
         read(path, quiet=True)
 
 
@@ -230,8 +231,8 @@ def test_a_damaged_description_is_an_error(text, still, write_bag):
         (lambda content: bytes(content)[:200], "200 bytes, too few for its type"),
     ],
 )
-def test_a_message_of_the_wrong_length_is_an_error(change, said, still, write_bag):
-    with pytest.raises(DataError, match=rf"/imu: a message has {said}; the recording is damaged, or the type"):
+def test_a_message_of_the_wrong_length_is_an_error(change, said, still, write_bag, refuses):
+    with refuses("damaged"):
         read(write_bag("mcap", {"/imu": ("Imu", ns(), imu(still))}, change=change), quiet=True)
 
 

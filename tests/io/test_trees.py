@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from jaxcal import DataError, read
+from jaxcal import read
 
 h5py = pytest.importorskip("h5py")
 
@@ -35,26 +35,26 @@ def test_matlab(options, way, still, tmp_path):
     assert log.provenance["format"] == "mat"
 
 
-def test_a_matrix_is_a_table(still, tmp_path):
+def test_a_matrix_is_a_table(still, tmp_path, refuses):
     scipy.io.savemat(tmp_path / "log.mat", {"data": np.column_stack([still.time, still.gyro, still.accel]), "fs": 100.0})
     log = read(tmp_path / "log.mat", quiet=True)
     np.testing.assert_array_equal(log.accel, still.accel)
     scipy.io.savemat(tmp_path / "odd.mat", {"data": np.column_stack([still.time, still.gyro, still.accel[:, 0]])})
-    with pytest.raises(DataError, match="3, 6 or 9 columns besides time can be told apart, not 4"):
+    with refuses("columns_unclear"):
         read(tmp_path / "odd.mat", quiet=True)
     assert read(tmp_path / "odd.mat", columns="time=0,gyro=1:3", quiet=True).rate == 100.0
 
 
 @pytest.mark.parametrize("content", [{"name": "text"}, {"cells": np.array([1, "a"], dtype=object)}])
-def test_matlab_without_numbers(content, tmp_path):
+def test_matlab_without_numbers(content, tmp_path, refuses):
     scipy.io.savemat(tmp_path / "log.mat", content)
-    with pytest.raises(DataError, match=r"log.mat: no variable with numbers in it .*; save time, gyro, accel"):
+    with refuses("no_sensor"):
         read(tmp_path / "log.mat", quiet=True)
 
 
-def test_matlab_bombs_are_refused(tmp_path):
+def test_matlab_bombs_are_refused(tmp_path, refuses):
     scipy.io.savemat(tmp_path / "log.mat", {"gyro": np.zeros((5_000_000, 3))}, do_compression=True)
-    with pytest.raises(DataError, match="packed beyond what a log can be"):
+    with refuses("too_large"):
         read(tmp_path / "log.mat", quiet=True)
 
 
@@ -78,15 +78,15 @@ def test_units_of_hdf5_are_attributes(still, tmp_path):
     assert (log.rate, log.provenance["units"]) == (100.0, {"time": "ms", "gyro": "deg/s"})
 
 
-def test_groups_need_a_choice(still, tmp_path):
+def test_groups_need_a_choice(still, tmp_path, refuses):
     with h5py.File(tmp_path / "log.h5", "w") as file:
         file["time"] = still.time
         for k in (0, 1):
             file[f"imu{k}/gyro"] = still.gyro * (k + 1)
-    with pytest.raises(DataError, match=r"several groups hold sensors: name one with topics= \(--topics\): /imu0, /imu1"):
+    with refuses("several"):
         read(tmp_path / "log.h5", quiet=True)
     np.testing.assert_array_equal(read(tmp_path / "log.h5", topics="/imu1", quiet=True).gyro, 2 * still.gyro)
-    with pytest.raises(DataError, match="topics=: imu2: give one of the groups /imu0, /imu1"):
+    with refuses("topics"):
         read(tmp_path / "log.h5", topics="imu2", quiet=True)
 
 
@@ -114,15 +114,15 @@ def test_matlab_73(still, tmp_path):
     assert log.provenance["format"] == "hdf5"
 
 
-def test_a_matlab_table_is_named(tmp_path):
+def test_a_matlab_table_is_named(tmp_path, refuses):
     with h5py.File(tmp_path / "log.mat", "w") as file:
         file["T"] = np.zeros((1, 6), "u4")
         file["T"].attrs["MATLAB_class"] = np.bytes_("timetable")
-    with pytest.raises(DataError, match=r"no data set with numbers .* T is a MATLAB timetable; save it as a struct of arrays"):
+    with refuses("no_sensor"):
         read(tmp_path / "log.mat", quiet=True)
 
 
-def test_hdf5_opens_no_other_file(still, tmp_path):
+def test_hdf5_opens_no_other_file(still, tmp_path, refuses):
     with h5py.File(tmp_path / "secret.h5", "w") as file:
         file["gyro"] = still.gyro
     (tmp_path / "secret.raw").write_bytes(still.gyro.tobytes())
@@ -134,12 +134,12 @@ def test_hdf5_opens_no_other_file(still, tmp_path):
         virtual[:] = h5py.VirtualSource(str(tmp_path / "secret.h5"), "gyro", (400, 3))
         file.create_virtual_dataset("mag", virtual)
         file["loop"] = file["/"]
-    with pytest.raises(DataError, match=r"no sensor among the columns|do not say which sensor"):
+    with refuses("columns_unclear"):
         read(tmp_path / "log.h5", quiet=True)
 
 
-def test_an_array_of_terabytes_that_was_never_written(tmp_path):
+def test_an_array_of_terabytes_that_was_never_written(tmp_path, refuses):
     with h5py.File(tmp_path / "log.h5", "w") as file:
         file.create_dataset("gyro", (10**12, 3), "f8", chunks=(1000, 3))
-    with pytest.raises(DataError, match="is said to hold 24000000000000 bytes in a file of"):
+    with refuses("too_large"):
         read(tmp_path / "log.h5", quiet=True)

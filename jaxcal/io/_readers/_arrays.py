@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 
 from ..._errors import DataError
+from ..._message import Message, joined_messages
 from ..._units import si_unit
-from .._columns import AXES, SENSORS
+from .._columns import AXES, SENSORS, wrong
+from .._findings import READ
 from .._names import parse_name, unit_of
 from .._saved import parse_saved
 from .._table import Table
@@ -44,9 +46,11 @@ def arrays_of_columns(array: np.ndarray) -> Table:
     if array.ndim == 1:
         array = array[:, None]
     if array.ndim != 2 or array.dtype.kind not in "iufb":
-        raise DataError(f"the array has shape {array.shape} and type {array.dtype}; expected numbers of shape (samples, columns)")
+        raise DataError(
+            f"the array has shape {array.shape} and type {array.dtype}; expected numbers of shape (samples, columns)", code="shape"
+        )
     if array.shape[0] < array.shape[1]:
-        raise DataError(f"the array has shape {array.shape}; time is the first axis: transpose it before saving")
+        raise DataError(f"the array has shape {array.shape}; time is the first axis: transpose it before saving", code="shape")
     return _table(list(array.T), [""] * array.shape[1])
 
 
@@ -103,11 +107,13 @@ def table_of_arrays(arrays: dict[str, np.ndarray]) -> Table:
             left_out.append(f"{name} {array.shape}")
     if not columns or n < 1:
         shapes = {name: array.shape for name, array in arrays.items()}
-        raise DataError(f"no arrays of shape (n,) or (n, 3) of one length: {shapes}; use the keys time, gyro, accel, mag, temperature")
+        raise DataError(
+            f"no arrays of shape (n,) or (n, 3) of one length: {shapes}; use the keys time, gyro, accel, mag, temperature", code="shape"
+        )
     table = _table(columns, names)
     table.rate = rate
     if left_out:
-        table.notes.append(f"arrays not used, since their shape is not that of {n} samples: {', '.join(left_out)}")
+        table.findings.append(READ("not_read", what=f"arrays whose shape is not that of {n} samples: {', '.join(left_out)}"))
     return table
 
 
@@ -131,7 +137,8 @@ def read_mat(path: pathlib.Path, topics: list[str] | None) -> Table:
     if not about["names"] and about["opaque"]:
         raise DataError(
             "it holds MATLAB objects (table, timetable), whose layout is not public; save arrays, or a struct of them "
-            "(S = table2struct(T, 'ToScalar', true); save log.mat -struct S)"
+            "(S = table2struct(T, 'ToScalar', true); save log.mat -struct S)",
+            code="no_sensor",
         )
     return _table_of_tree(about, arrays, topics, "variable")
 
@@ -149,12 +156,15 @@ def _check_mat(path: pathlib.Path) -> None:
             kind, length = struct.unpack(order + "II", tag)
             start = file.tell()
             if start + length > size:
-                raise DataError(f"it ends within a variable, {start + length - size} bytes early; it is cut off or damaged: copy it again")
+                raise DataError(
+                    f"it ends within a variable, {start + length - size} bytes early; it is cut off or damaged: copy it again",
+                    code="damaged",
+                )
             if kind == _COMPRESSED:
                 try:
                     inner = zlib.decompressobj().decompress(file.read(min(length, 512)), 8)
                 except zlib.error as error:
-                    raise DataError(f"a variable cannot be unpacked ({error}); it is damaged: copy it again") from error
+                    raise DataError(f"a variable cannot be unpacked ({error}); it is damaged: copy it again", code="damaged") from error
                 total += struct.unpack(order + "II", inner)[1] if len(inner) == 8 else 0
                 check_declared(total, size, "a variable")
             file.seek(start + length)
@@ -168,7 +178,9 @@ def read_hdf5(path: pathlib.Path, topics: list[str] | None) -> Table:
     require("h5py", "reading HDF5 and MATLAB 7.3", "hdf5")
     about, arrays = _in_sandbox("hdf5", path, "the file")
     if "most" in about:
-        raise DataError(f"the file holds more than {about['most']} data sets; it is damaged, or no log: save the log's arrays alone")
+        raise DataError(
+            f"the file holds more than {about['most']} data sets; it is damaged, or no log: save the log's arrays alone", code="shape"
+        )
     left_out = [
         f"{name} is a MATLAB {kind or 'object'}; save it as a struct of arrays (table2struct(T, 'ToScalar', true))"
         for name, kind in about["opaque"]
@@ -185,13 +197,13 @@ def read_hdf5(path: pathlib.Path, topics: list[str] | None) -> Table:
         table = _table_of_tree(about, arrays, topics, "data set")
     except DataError as error:
         if left_out and not isinstance(error, SeveralError):
-            raise DataError(f"{error}; not read: {'; '.join(left_out)}") from None
+            raise DataError(joined_messages([error, f"not read: {'; '.join(left_out)}"]), error.code) from None
         raise
-    table.notes += left_out
+    table.findings += [READ("not_read", what=what) for what in left_out]
     rates = {float(value) for name, value in attributes.items() if not isinstance(value, str) and _is_rate(posixpath.basename(name))}
     if table.rate is None and len(rates) == 1 and next(iter(rates)) > 0:
         table.rate = rates.pop()
-        table.notes.append(f"rate: {table.rate:g} Hz, as an attribute of the file states")
+        table.findings.append(READ("rate_stated", rate=table.rate, source="an attribute of the file states"))
     table.preamble = prose[:20_000]
     return table
 
@@ -220,21 +232,23 @@ def _table_of_tree(about: dict[str, Any], arrays: list[np.ndarray], topics: list
         shown = [f"{path} {array.shape} {array.dtype}" for path, array in zip(about["names"][:12], arrays, strict=False)]
         raise DataError(
             f"no {kind} with numbers in it (there is {', '.join(shown) or 'nothing'}); save time, gyro, accel, mag, temperature as plain "
-            "arrays"
+            "arrays",
+            code="no_sensor",
         )
     with_sensors = [name for name, group in groups.items() if _has_sensor(group)]
     if topics is not None:
         wanted = [topic.strip("/") for topic in topics]
         unknown = [topic for topic in wanted if topic not in groups]
         if unknown or len(wanted) > 1:
-            raise DataError(f"topics=: {', '.join(unknown or wanted)}: give one of the groups {_listed(with_sensors or list(groups))}")
+            raise wrong("topics", f"{', '.join(unknown or wanted)}: give one of the groups {_listed(with_sensors or list(groups))}")
         return _group_table(_inherited(groups, wanted[0]))
     if len(with_sensors) == 1:
         return _group_table(_inherited(groups, with_sensors[0]))
     names = [name for group in groups.values() for name in group]
     twice = {name for name in names if names.count(name) > 1}
     if twice and with_sensors:
-        raise SeveralError(f"several groups hold sensors: name one with topics= (--topics): {_listed(with_sensors)}", sorted(with_sensors))
+        said = Message("several groups hold sensors: name one with {option.topics}: {groups}", groups=_listed(with_sensors))
+        raise SeveralError(said, sorted(with_sensors))
     return _group_table({name: array for group in groups.values() for name, array in group.items() if name not in twice})
 
 

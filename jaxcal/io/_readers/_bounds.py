@@ -29,11 +29,12 @@ def check_declared(declared: int, size: int, what: str) -> None:
     if declared > allowed(size):
         raise DataError(
             f"{what} is said to hold {declared} bytes in a file of {size}; it is damaged, or packed beyond what a log can be: "
-            "copy it again, or save it without compression"
+            "copy it again, or save it without compression",
+            code="too_large",
         )
 
 
 def require(library: str, purpose: str, extra: str) -> None:
     """Refuse if a library is not installed, and name the extra of the package that installs it."""
     if importlib.util.find_spec(library) is None:
-        raise DataError(f'{purpose} needs {library}: pip install "jaxcal[{extra}]"')
+        raise DataError(f'{purpose} needs {library}: pip install "jaxcal[{extra}]"', code="not_installed")

@@ -16,7 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..._answer import Finding
 from ..._errors import DataError
+from ..._message import Message
+from .._findings import READ
 from .._table import Table
 from ._bounds import require
 from ._text import MISSING, MONTHS, STAMPS, Layout, Text, open_text, sniff, split
@@ -36,30 +39,27 @@ def read_csv(path: pathlib.Path) -> Table:
     require("polars", "reading tables", "csv")
     text = open_text(path)
     layout = sniff(text.head)
-    warnings: list[str] = [text.mended] if text.mended else []
-    columns = gather(text, layout, warnings)
-    last = _cut_last(text, layout, columns)
-    if last:
+    found = [READ("holes")] if text.holes else []
+    columns = gather(text, layout, found)
+    if _cut_last(text, layout, columns):
         columns = [column[:-1] for column in columns]
-        warnings.append(last)
+        found.append(READ("last_row"))
     of = {kind: {j for j, each in enumerate(layout.kinds) if each == kind} for kind in ("clock", "day")}
     integer = {j for j, kind in enumerate(layout.kinds) if kind in ("int", "long")}
     stem = path.name.removesuffix(".gz").rpartition(".")[0] or path.name
-    return Table(columns, layout.names, integer, warnings=warnings, clocks=of["clock"], days=of["day"], preamble=layout.preamble, stem=stem)
+    return Table(columns, layout.names, integer, findings=found, clocks=of["clock"], days=of["day"], preamble=layout.preamble, stem=stem)
 
 
-def _cut_last(text: Text, layout: Layout, columns: list[np.ndarray]) -> str | None:
-    """Warning that the last row may be cut off within a number (no line end, and a shorter last field than other rows), or None."""
+def _cut_last(text: Text, layout: Layout, columns: list[np.ndarray]) -> bool:
+    """Whether the last row may be cut off within a number: no line end, and a shorter last field than other rows."""
     tail = text.tail()
     if tail is None or tail.endswith(("\n", "\r")) or not len(columns[0]) or layout.kinds[-1] not in ("int", "long", "float"):
-        return None
+        return False
     rows = [line for line in tail.splitlines()[1 if len(tail) > 60_000 else 0 :] if line.strip()]
     if len(rows) < 3 or len(split(rows[-1], layout.delimiter)) != layout.width:
-        return None  # a row with too few fields is left out in any case
+        return False  # a row with too few fields is left out in any case
     fields = [split(row, layout.delimiter)[-1].strip().replace(",", ".") for row in rows[-1000:]]
-    if _is_whole(fields[-1], [field for field in fields[:-1] if field not in MISSING]):
-        return None
-    return f"the file does not end with a line feed: its last row ({rows[-1][:60]!r}) may be cut off within a number, and is left out"
+    return not _is_whole(fields[-1], [field for field in fields[:-1] if field not in MISSING])
 
 
 def _is_whole(field: str, others: list[str]) -> bool:
@@ -111,20 +111,20 @@ class Faults:
             return ""
         return f"; if {lines} lines make one sample, join them, as with `paste -d '{mark}'{' -' * lines} < LOG > OTHER`"
 
-    def judged(self, layout: Layout) -> list[str]:
-        """One warning for each fault; an error if it affects more than 1 % of the rows."""
+    def judged(self, layout: Layout) -> list[Finding]:
+        """One finding for each fault; an error if it affects more than 1 % of the rows."""
         said, rows = [], self.rows
         for j, (count, number, shown) in sorted(self.found.items()):
+            facts = {"count": count, "rows": rows, "line": number, "shown": shown[:60]}
             if j == _WIDTH:
-                sentence = f"{count} of {rows} rows do not have {layout.width} fields; the first is line {number}: {shown[:80]!r}"
-                outcome, mend = "left out", "remove these lines" + self._joined(count, layout.delimiter)
+                one = READ("rows_left_out", width=layout.width, **facts)
+                mend = "remove these lines" + self._joined(count, layout.delimiter)
             else:
-                name = f"column {j}" + (f" ({layout.names[j]})" if layout.names[j] else "")
-                sentence = f"{name} holds text instead of a number in {count} of {rows} rows; the first is {shown!r} in line {number}"
-                outcome, mend = "treated as missing", "leave the column out with columns= (--columns)"
+                one = READ("text_missing", column=f"column {j}" + (f" ({layout.names[j]})" if layout.names[j] else ""), **facts)
+                mend = Message("leave the column out with {option.columns}")
             if count > max(1, _TOLERATED * rows):
-                raise DataError(f"{sentence}; mend the file, or {mend}")
-            said.append(f"{sentence}; they are {outcome}")
+                raise DataError(Message("too many faults. {found} Mend the file, or {mend}", found=one, mend=mend), code=one.code)
+            said.append(one)
             rows -= count if j == _WIDTH else 0
         return said
 
@@ -157,7 +157,7 @@ def row_edges(text: Text, layout: Layout) -> tuple[list[int], np.ndarray]:
             faults = Faults()
             faults.add(block.faults, lines.before(index))
             said = faults.judged(layout)
-            raise DataError(f"{said[0].rpartition(';')[0]}; convert it once with `jaxcal convert LOG LOG.npz`, which mends it and says so")
+            raise DataError(f"{said[0]} Convert it once with `jaxcal convert LOG LOG.npz`, which mends it and says so", code=said[0].code)
     return edges, np.cumsum(counts)
 
 
@@ -230,7 +230,7 @@ def _fits(pl: Any, frame: Any, layout: Layout, text: bytes) -> bool:
     return nulls == frame.height and fields and b'"' not in text
 
 
-def gather(text: Text, layout: Layout, warnings: list[str]) -> list[np.ndarray]:
+def gather(text: Text, layout: Layout, found: list[Finding]) -> list[np.ndarray]:
     """Read all rows into columns; the columns of numbers are the rows of one array."""
     places = {j: i for i, j in enumerate(j for j, kind in enumerate(layout.kinds) if kind in ("int", "float"))}
     others: dict[int, list[np.ndarray]] = {j: [] for j in range(layout.width) if j not in places}
@@ -249,7 +249,7 @@ def gather(text: Text, layout: Layout, warnings: list[str]) -> list[np.ndarray]:
                 others[j].append(column)
         faults.add(block.faults, lines.before(index) if block.faults.found else 0)
         rows = end
-    warnings.extend(faults.judged(layout))
+    found.extend(faults.judged(layout))
     return [numbers[places[j], :rows] if j in places else np.concatenate(others[j] or [[]]) for j in range(layout.width)]
 
 
@@ -334,8 +334,8 @@ def _digits(fraction: Any) -> np.ndarray:
     if counts and most not in (3, 6, 9):
         raise DataError(
             "no fraction of a second in the times begins with a zero: these are counts without leading zeros, and their unit is not clear; "
-            "write the times with all digits, as in 12:00:00.010"
-        )
+            "write the times with all digits, as in 12:00:00.010", code="fractions",
+        )  # fmt: skip
     return np.where(digits > 0, most, 0) if counts else digits
 
 

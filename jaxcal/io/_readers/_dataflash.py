@@ -12,8 +12,10 @@ import re
 import numpy as np
 
 from ..._errors import DataError
+from ..._message import Message
 from ..._units import find_unit
 from .._columns import scale
+from .._findings import READ
 from .._table import Signals
 from ._streams import Part, Rows, first_of, gather, imus_of, join, named, one_of
 from ._undo import undo_ardupilot, undo_compass
@@ -56,7 +58,7 @@ class DataFlash:
             data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         self.formats = _formats(data)
         if not self.formats:
-            raise DataError("the log describes no records (no FMT); it is damaged, or not a DataFlash log: copy it again")
+            raise DataError("the log describes no records (no FMT); it is damaged, or not a DataFlash log: copy it again", code="damaged")
         lengths = np.zeros(256, np.int64)
         lengths[_FMT] = _FMT_LENGTH
         for form in self.formats.values():
@@ -82,10 +84,10 @@ def read_ardupilot(path: pathlib.Path, topics: list[str] | None, units: dict[str
     streams = _streams(log)
     if not streams:
         held = ", ".join(sorted(name for name in log.formats if log.holds(name))) or "none"
-        raise DataError(f"no records of a sensor (IMU, ACC, GYR, ISBH, MAG) in it; the records are: {held}")
+        raise DataError(f"no records of a sensor (IMU, ACC, GYR, ISBH, MAG) in it; the records are: {held}", code="no_sensor")
     signals = Signals(None, {})
     if log.skipped:
-        signals.warnings.append(f"the file is damaged or cut off: {log.skipped} bytes belong to no record and are left out")
+        signals.findings.append(READ("damaged", what=f"{log.skipped} bytes belong to no record and are left out"))
     present = "; ".join(f"{label} ({len(rows)} {'batches' if label.startswith('ISB') else 'records'})" for label, rows in streams.items())
     signals.sources = present.split("; ")
     chosen = _choose({label: len(rows) for label, rows in streams.items()}, topics, present, signals)
@@ -95,7 +97,7 @@ def read_ardupilot(path: pathlib.Path, topics: list[str] | None, units: dict[str
         parts += [_batches(log, label, signals)] if label.startswith("ISB") else _records(log, label, streams[label], raw, signals)
     dropped = int(log.rows("DSF")["Dp"].max()) if log.holds("DSF", "Dp") else 0
     if dropped:
-        signals.warnings.append(f"the logger dropped {dropped} records (DSF); samples lost there are gaps")
+        signals.findings.append(READ("dropped", what=f"{dropped} records (DSF)"))
     join(_together(parts), units, signals)
     signals.columns = {"topics": chosen}
     return signals
@@ -161,9 +163,9 @@ def _choose(samples: dict[str, int], topics: list[str] | None, present: str, sig
     rates = sorted(groups & {"ACC", "GYR"})
     chosen = [*(batches or rates or sorted(groups & {"IMU"})), *sorted(groups & {"MAG"})]
     if groups - set(chosen):
-        signals.notes.append(f"records: {', '.join(chosen)}; not read: {', '.join(sorted(groups - set(chosen)))}; override with --topics")
+        signals.findings.append(READ("topics", chosen=", ".join(chosen), others=", ".join(sorted(groups - set(chosen)))))
     of = {group: [label for label in labels if label.partition(":")[0] == group] for group in chosen}
-    return [label for group in chosen for label in first_of(of[group], samples, signals.warnings)]
+    return [label for group in chosen for label in first_of(of[group], samples, signals.findings)]
 
 
 def _records(log: DataFlash, label: str, rows: np.ndarray, raw: bool, signals: Signals) -> list[Part]:
@@ -187,18 +189,20 @@ def _records(log: DataFlash, label: str, rows: np.ndarray, raw: bool, signals: S
     if group == "IMU" and "T" in names:
         parts.append(Part("temperature", label, stamps, _values(log, form, rows, ["T"], "degC", "temperature")[0], "degC"))
     if raw:
-        signals.notes.append(f"{label}: the calibration that ArduPilot applied is undone with the log's parameters (raw)")
-    undo = "" if raw else "; undo the calibration with raw=True (--raw)"
+        signals.findings.append(READ("undone", label, who="ArduPilot"))
+    elif group in ("IMU", "MAG"):
+        signals.findings.append(READ("applied", label, who="ArduPilot"))
+    else:
+        signals.findings.append(READ("unstated", label))
     if group == "IMU":
-        signals.warnings.append(
-            f"{label} is {'' if raw else 'calibrated and '}filtered, and logged far below the sensor's rate: noise found from it is wrong; "
-            f"log batches for noise (INS_LOG_BAT_MASK){undo}"
-        )
-    elif group == "MAG" and not raw:
-        signals.warnings.append(f"{label} is already corrected by ArduPilot: a calibration found from it comes on top{undo}")
-    elif not raw:
-        signals.warnings.append(f"{label}: the log does not say whether these are calibrated or filtered")
+        what = "The readings passed a filter and are logged far below the sensor's rate"
+        signals.findings.append(READ("filtered", label, what=what, better="batches (INS_LOG_BAT_MASK)"))
     return parts
+
+
+def _lacks(why: str) -> DataError:
+    """Error for records without the fields that are needed."""
+    return DataError(Message("{why}; choose other records with {option.topics}", why=why), code="fields")
 
 
 def _stamps(rows: np.ndarray, label: str) -> np.ndarray:
@@ -206,7 +210,7 @@ def _stamps(rows: np.ndarray, label: str) -> np.ndarray:
     names = rows.dtype.names or ()
     stamp = "SampleUS" if "SampleUS" in names and rows["SampleUS"].any() else next((one for one in _CLOCKS if one in names), "TimeUS")
     if stamp not in names or rows[stamp].dtype.kind not in "iu":
-        raise DataError(f"{label} has no field {stamp} with whole numbers (it has {', '.join(names)}); choose other records with --topics")
+        raise _lacks(f"{label} has no field {stamp} with whole numbers (it has {', '.join(names)})")
     return rows[stamp].astype(np.int64) * _CLOCKS.get(stamp, 1000)
 
 
@@ -215,9 +219,7 @@ def _values(log: DataFlash, form: str, rows: np.ndarray, fields: list[str], unit
     letters = log.formats[form].letters
     wrong = [field for field in fields if field not in letters or rows[field].dtype.kind not in "iuf" or rows[field].ndim > 1]
     if wrong:
-        raise DataError(
-            f"{form} has no numbers in {', '.join(wrong)} (its fields are {', '.join(letters)}); choose other records with --topics"
-        )
+        raise _lacks(f"{form} has no numbers in {', '.join(wrong)} (its fields are {', '.join(letters)})")
     values = np.stack([rows[field].astype(np.float64) for field in fields], axis=1)
     stated, factor = _stated(log, form, fields[0], quantity)
     if stated is not None:
@@ -249,7 +251,7 @@ def _batches(log: DataFlash, label: str, signals: Signals) -> Part:
     group, _, number = label.partition(":")
     kind, name, unit = _BATCHES[group]
     if not log.holds("ISBD", "N", "seqno", "x", "y", "z"):
-        raise DataError("ISBD lacks N, seqno, x, y or z; choose other records with topics= (--topics)")
+        raise _lacks("ISBD lacks N, seqno, x, y or z")
     everything, data = log.rows("ISBH"), log.rows("ISBD")
     # the 16-bit batch numbers repeat, so a record belongs to the last header before it
     before = np.searchsorted(log.formats["ISBH"].offsets, log.formats["ISBD"].offsets) - 1
@@ -272,12 +274,8 @@ def _batches(log: DataFlash, label: str, signals: Signals) -> Part:
         stamps.append(int(head["SampleUS"]) * 1000 + np.round(np.clip(order[keep] * (1e9 / rate), 0, 1e17)).astype(np.int64))
         values.append(block[keep] / float(head["mul"]))
     if not stamps:
-        raise DataError(f"{label}: the batches hold no samples; choose other records with topics= (--topics)")
-    signals.notes.append(
-        f"{name}: {label}, {len(stamps)} batches at {float(everything['smp_rate'][mine[0]]):.6g} Hz, raw, with gaps between them"
-    )
-    if cut:
-        signals.warnings.append(f"{label}: {cut} batches are not complete")
+        raise _lacks(f"{label}: the batches hold no samples")
+    signals.findings.append(READ("batches", label, count=len(stamps), rate=float(everything["smp_rate"][mine[0]]), cut=cut))
     return Part(name, label, np.concatenate(stamps), np.concatenate(values), unit)
 
 

@@ -24,7 +24,9 @@ def read_json(path: pathlib.Path) -> Table:
     then each record also gets the numbers of the records around it. A vector of three numbers becomes three columns, name_x to name_z.
     """
     if path.stat().st_size > _LARGEST:
-        raise DataError(f"the file has {path.stat().st_size} bytes, and JSON is read up to {_LARGEST}; write the readings as CSV")
+        raise DataError(
+            f"the file has {path.stat().st_size} bytes, and JSON is read up to {_LARGEST}; write the readings as CSV", code="json"
+        )
     try:
         content = _parsed(path.read_text(encoding="utf-8-sig"))
         table = _described(content)
@@ -32,15 +34,15 @@ def read_json(path: pathlib.Path) -> Table:
     except DataError:
         raise
     except RecursionError:
-        raise DataError(f"the lists are nested too deep; {_EXPECTED}") from None
+        raise DataError(f"the lists are nested too deep; {_EXPECTED}", code="json") from None
     except ValueError as error:
-        raise DataError(f"this is no JSON: {error}") from None
+        raise DataError(f"this is no JSON: {error}", code="json") from None
     if not columns:
-        raise DataError(f"this is JSON, but there are no readings in it; {_EXPECTED}")
+        raise DataError(f"this is JSON, but there are no readings in it; {_EXPECTED}", code="json")
     try:
         values = [np.array(column, dtype=float) for _, column in columns]
     except OverflowError:
-        raise DataError("it holds a number that is too large for a reading") from None
+        raise DataError("it holds a number that is too large for a reading", code="json") from None
     whole = {i for i, column in enumerate(values) if np.all(np.isfinite(column)) and not np.any(column % 1)}
     return Table(values, [name for name, _ in columns], whole, rate=rate, stem=path.stem)
 
@@ -72,7 +74,7 @@ def _described(content: Any) -> tuple[list[tuple[str, Sequence[float | int]]], f
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
-        raise DataError("an object has the same key twice; give each value a name of its own")
+        raise DataError("an object has the same key twice; give each value a name of its own", code="json")
     return found
 
 

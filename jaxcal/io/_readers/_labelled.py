@@ -114,7 +114,10 @@ def refuse_kinds(lines: list[str]) -> None:
     """Refuse lines that are not one sample each: printed arrays, and lines of several kinds in turn with a word before the numbers."""
     lines = [line for line in lines if line.strip()]
     if len(lines) > 4 and "[[" in lines[0] and sum(line.strip()[0] == "[" for line in lines) > _SHARE * len(lines):
-        raise DataError("the lines stand in brackets, as print() writes an array of Python: save the array with numpy.savetxt or as .npy")
+        raise DataError(
+            "the lines stand in brackets, as print() writes an array of Python: save the array with numpy.savetxt or as .npy",
+            code="printed",
+        )
     found = [(match[1], line) for line in lines if (match := _WORD.match(line)) and re.search("[A-Za-z]", match[1])]
     kinds = collections.Counter(kind for kind, _ in found)
     turns = sum(one != other for (one, _), (other, _) in itertools.pairwise(found))
@@ -132,7 +135,8 @@ def refuse_kinds(lines: list[str]) -> None:
     shown = ", ".join(repr(kind.strip(" ,;:=\t")) for kind, _ in kinds.most_common(6))
     raise DataError(
         f"lines of several kinds take turns ({shown}), and a sample is spread over them; keep those of one sensor, as with `{command}`, "
-        "and read that"
+        "and read that",
+        code="several_kinds",
     )
 
 

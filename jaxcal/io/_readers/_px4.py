@@ -6,8 +6,11 @@ import pathlib
 
 import numpy as np
 
+from ..._answer import Finding
 from ..._errors import DataError
+from ..._message import Message
 from .._columns import scale
+from .._findings import READ
 from .._table import Signals
 from ._streams import Part, Rows, first_of, imus_of, join, named, one_of
 from ._ulog import Topic, ULog
@@ -31,8 +34,11 @@ def read_px4(path: pathlib.Path, topics: list[str] | None, units: dict[str, str]
     log = ULog(path, frozenset(_ALL) | frozenset(_HELPERS))
     found = {topic.label: topic for topic in log.topics if topic.name in _ALL}
     if not found:
-        raise DataError(f"no sensor topic ({', '.join(_ALL)}) with data in it; the topics are: {', '.join(sorted(log.others)) or 'none'}")
-    signals = Signals(None, {}, warnings=log.warnings)
+        raise DataError(
+            f"no sensor topic ({', '.join(_ALL)}) with data in it; the topics are: {', '.join(sorted(log.others)) or 'none'}",
+            code="no_sensor",
+        )
+    signals = Signals(None, {}, findings=log.findings)
     present = "; ".join(f"{label}{_device(log, topic)} ({len(topic.offsets)} rows{_rate(log, topic)})" for label, topic in found.items())
     signals.sources = present.split("; ")
     samples = {label: _samples(log, topic) for label, topic in found.items()}
@@ -40,12 +46,10 @@ def read_px4(path: pathlib.Path, topics: list[str] | None, units: dict[str, str]
     signals.imus = imus_of(list(found), labels if topics is None else [])
     chosen = [found[label] for label in labels]
     parts = [part for topic in chosen for part in _parts(log, topic, raw, signals)]
-    _one_temperature(log, parts, signals.notes)
+    _one_temperature(log, parts)
     if log.dropouts:
-        signals.warnings.append(
-            f"the logger dropped data {len(log.dropouts)} times, {sum(log.dropouts) / 1000:g} s in all, the longest "
-            f"{max(log.dropouts) / 1000:g} s; samples lost there are gaps"
-        )
+        total, longest = sum(log.dropouts) / 1000, max(log.dropouts) / 1000
+        signals.findings.append(READ("dropped", what=f"data {len(log.dropouts)} times, {total:g} s in all, the longest {longest:g} s"))
     join(parts, units, signals)
     signals.columns = {"topics": labels}
     return signals
@@ -87,14 +91,13 @@ def _choose(samples: dict[str, int], topics: list[str] | None, present: str, sig
         family = next((one for one in families if best and max(most(one, sensor) for sensor in sensors) >= _FEW * best), {})
         for name in [name for name, held in family.items() if set(held) & set(sensors) and name not in map(_name, chosen)]:
             labels = [label for label in samples if _name(label) == name]
-            chosen += first_of(labels, samples, signals.warnings)
+            chosen += first_of(labels, samples, signals.findings)
     chosen = list(dict.fromkeys(chosen))
     unread = sorted({_name(label) for label in samples} - {_name(label) for label in chosen})
     if unread:
         few = [f"{name} ({most({name: _ALL[name]}, _ALL[name][0])} samples)" for name in unread if name in _RAW | _FIFO]
-        signals.notes.append(f"topics: {', '.join(chosen)}; not read: {', '.join(unread)}; override with --topics")
-        if few and any(_name(label) in _USED for label in chosen):
-            signals.warnings.append(f"{', '.join(few)} is logged too seldom to be read; {', '.join(chosen)} is read in its place")
+        seldom = f"; {', '.join(few)} is logged too seldom" if few and any(_name(label) in _USED for label in chosen) else ""
+        signals.findings.append(READ("topics", chosen=", ".join(chosen), others=", ".join(unread) + seldom))
     return chosen
 
 
@@ -136,16 +139,16 @@ def _parts(log: ULog, topic: Topic, raw: bool, signals: Signals) -> list[Part]:
     rows = _rows(log, topic, [*fields, "timestamp"], ["timestamp_sample", "temperature", "device_id", "clip_counter", "calibration_count"])
     devices = np.unique(rows["device_id"]).tolist() if "device_id" in rows else []
     if len(devices) > 1:
-        signals.warnings.append(f"{topic.label}: the readings come from more than one device ({_device(log, topic).strip()})")
+        signals.findings.append(READ("several_devices", topic.label, devices=_device(log, topic).strip()))
     if topic.name == "vehicle_magnetometer":
-        rows = _longest(rows, "calibration_count", topic, signals.warnings)
-    stamps, values = _stamps(rows, topic, signals.notes), _wide(rows, fields)
+        rows = _longest(rows, "calibration_count", topic, signals.findings)
+    stamps, values = _stamps(rows, topic, signals.findings), _wide(rows, fields)
     if topic.name == "vehicle_magnetometer":
         values = _calibrated(log, topic, name, values, devices, raw, signals)
     elif "clip_counter" in rows:
         clipped = np.count_nonzero(rows["clip_counter"].reshape(len(stamps), -1).any(axis=1))
         if clipped:
-            signals.warnings.append(f"{topic.label}: the sensor clipped in {clipped} rows (clip_counter)")
+            signals.findings.append(READ("sensor_clipped", topic.label, count=clipped))
     parts = [Part(name, topic.label, stamps, values, _UNITS[name])]
     if "temperature" in rows and np.isfinite(rows["temperature"]).any() and name != "mag":
         parts.append(Part("temperature", topic.label, stamps, rows["temperature"].astype(np.float64)[:, None], "degC"))
@@ -158,7 +161,7 @@ def _combined(log: ULog, topic: Topic, raw: bool, signals: Signals) -> list[Part
         ["accelerometer_timestamp_relative", "accel_calibration_count", "gyro_calibration_count"],
     )  # fmt: skip
     for count in ("accel_calibration_count", "gyro_calibration_count"):
-        rows = _longest(rows, count, topic, signals.warnings)
+        rows = _longest(rows, count, topic, signals.findings)
     stamps = rows["timestamp"].astype(np.int64) * 1000
     accel, later = _wide(rows, ["accelerometer_m_s2"]), stamps
     if "accelerometer_timestamp_relative" in rows:
@@ -167,16 +170,15 @@ def _combined(log: ULog, topic: Topic, raw: bool, signals: Signals) -> list[Part
         accel[invalid] = np.nan
         later = stamps + np.where(invalid, 0, relative) * 1000
         if invalid.any():
-            signals.notes.append(f"accel: {np.count_nonzero(invalid)} rows are marked invalid in {topic.label} and are missing")
+            signals.findings.append(READ("not_read", "accel", what=f"{np.count_nonzero(invalid)} rows that are marked invalid"))
     selected = next((other for other in log.topics if other.name == "sensor_selection"), None)
     parts = []
     for name, at, values in (("gyro", stamps, _wide(rows, ["gyro_rad"])), ("accel", later, accel)):
         values = _calibrated(log, topic, name, values, _ids(log, selected, f"{name}_device_id"), raw, signals)
         if np.isfinite(values).any():
             parts.append(Part(name, topic.label, at, values, _UNITS[name]))
-    signals.warnings.append(
-        f"{topic.label} holds averages over an interval: white noise found from it is too small; record sensor_gyro and sensor_accel"
-    )
+    what = "The readings are averages over an interval"
+    signals.findings.append(READ("filtered", topic.label, what=what, better="sensor_gyro and sensor_accel"))
     return parts
 
 
@@ -195,28 +197,33 @@ def _fifo(log: ULog, topic: Topic) -> list[Part]:
     scale = np.repeat(rows["scale"].astype(np.float64), samples)
     name = _ALL[topic.name][0]
     if not len(each):
-        raise DataError(f"{topic.label} holds no samples; name other topics with topics= (--topics)")
+        raise _lacks(f"{topic.label} holds no samples")
     return [Part(name, topic.label, each, counts * scale[:, None], _UNITS[name])]
 
 
 def _rows(log: ULog, topic: Topic, needed: list[str], optional: list[str]) -> dict[str, np.ndarray]:
     missing = [name for name in needed if name not in topic.fields]
     if missing:
-        raise DataError(f"{topic.label} lacks {', '.join(missing)} (it has {', '.join(topic.fields)}); choose with --topics")
+        raise _lacks(f"{topic.label} lacks {', '.join(missing)} (it has {', '.join(topic.fields)})")
     rows = log.rows(topic, needed + optional)
     text = [name for name, column in rows.items() if column.dtype.kind not in "iuf"]
     if text:
-        raise DataError(f"{topic.label}: {', '.join(text)} holds no numbers; the file is damaged: copy it again")
+        raise DataError(f"{topic.label}: {', '.join(text)} holds no numbers; the file is damaged: copy it again", code="damaged")
     return rows
 
 
-def _stamps(rows: dict[str, np.ndarray], topic: Topic, notes: list[str]) -> np.ndarray:
+def _lacks(why: str) -> DataError:
+    """Error for a topic without the fields that are needed."""
+    return DataError(Message("{why}; choose other topics with {option.topics}", why=why), code="fields")
+
+
+def _stamps(rows: dict[str, np.ndarray], topic: Topic, findings: list[Finding]) -> np.ndarray:
     """Times of the samples, ns since boot."""
     if "timestamp_sample" in rows and rows["timestamp_sample"].any():
         return rows["timestamp_sample"].astype(np.int64) * 1000
     if "timestamp" not in rows:
-        raise DataError(f"{topic.label} has no time stamps")
-    notes.append(f"{topic.label}: no timestamp_sample, so the times of logging are used")
+        raise _lacks(f"{topic.label} has no time stamps")
+    findings.append(READ("logging_times", topic.label))
     return rows["timestamp"].astype(np.int64) * 1000
 
 
@@ -227,39 +234,31 @@ def _wide(rows: dict[str, np.ndarray], fields: list[str]) -> np.ndarray:
     return values
 
 
-def _longest(rows: dict[str, np.ndarray], field: str, topic: Topic, warnings: list[str]) -> dict[str, np.ndarray]:
+def _longest(rows: dict[str, np.ndarray], field: str, topic: Topic, findings: list[Finding]) -> dict[str, np.ndarray]:
     """Keep the rows with the most frequent calibration."""
     if field not in rows:
         return rows
     counts = collections.Counter(rows[field].tolist())
     most, number = counts.most_common(1)[0]
     if len(counts) > 1:
-        warnings.append(
-            f"{topic.label}: the calibration changed {len(counts) - 1} times while the log ran ({field}); only the {number} of "
-            f"{counts.total()} rows with {most} are read"
-        )
+        findings.append(READ("recalibrated", topic.label, count=len(counts) - 1, read=number, total=counts.total()))
     kept = np.asarray(rows[field] == most)
     return {name: column[kept] for name, column in rows.items()}
 
 
 def _calibrated(log: ULog, topic: Topic, name: str, values: np.ndarray, devices: list[int], raw: bool, signals: Signals) -> np.ndarray:
     if raw:
-        signals.notes.append(f"{name}: the calibration in {topic.label} is undone with the log's CAL_ parameters (raw)")
+        signals.findings.append(READ("undone", name, who="PX4"))
         return undo_px4(name, values, devices[0] if len(devices) == 1 else None, log.parameters, log.changed)
-    signals.warnings.append(
-        f"{name}: {topic.label} is already calibrated by PX4 (bias, scale and rotation applied): a calibration found from it comes on top; "
-        "record the raw topics, or undo it with raw=True (--raw)"
-    )
+    signals.findings.append(READ("applied", name, who="PX4"))
     return values
 
 
-def _one_temperature(log: ULog, parts: list[Part], notes: list[str]) -> None:
+def _one_temperature(log: ULog, parts: list[Part]) -> None:
     """Keep one temperature: that of the gyroscope, whose bias depends on it most, or else that of the status topic."""
     found = sorted((part for part in parts if part.name == "temperature"), key=lambda part: not part.source.startswith("sensor_gyro"))
     for part in found[1:]:
         parts.remove(part)
-    if len(found) > 1:
-        notes.append(f"temperature: that of {found[0].source}")
     status = [topic for topic in log.topics if topic.name == "vehicle_imu_status"]
     if not found and len(status) == 1 and any(part.source.startswith("sensor_combined") for part in parts):
         rows = log.rows(status[0], ["timestamp", "temperature_gyro"])

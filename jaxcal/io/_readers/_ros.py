@@ -15,7 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from ..._answer import Finding
 from ..._errors import DataError
+from ..._message import Message
+from .._columns import wrong
+from .._findings import READ
 from .._table import Signals
 from ._bounds import require
 from ._streams import Part, Rows, SeveralError, join, one_of
@@ -54,15 +58,15 @@ def read_ros(paths: list[pathlib.Path], version: int, topics: list[str] | None, 
         present = "; ".join(listed)
         if not found:
             others = ", ".join(sorted({f"{c.topic} ({c.msgtype})" for r in readers for c in r.connections})) or "none"
-            raise DataError(f"no topic of type sensor_msgs Imu, MagneticField or Temperature; the topics are: {others}")
+            raise DataError(f"no topic of type sensor_msgs Imu, MagneticField or Temperature; the topics are: {others}", code="no_sensor")
         signals.sources = listed
-        chosen = _choose(found, topics, present, signals.notes)
-        streams = [_stream(readers, topic, version, signals.warnings) for topic in chosen]
+        chosen = _choose(found, topics, present, signals.findings)
+        streams = [_stream(readers, topic, version, signals.findings) for topic in chosen]
     if len(paths) > 1:
-        signals.notes.append(f"recording: {len(paths)} parts joined, {paths[0].name} to {paths[-1].name}")
+        signals.findings.append(READ("joined", count=len(paths), which=f"{paths[0].name} to {paths[-1].name}"))
     streams = [stream for stream in streams if len(stream.stamps)]
     if not streams:
-        raise DataError(f"there are no messages on {', '.join(chosen)}; the topics are: {present}")
+        raise DataError(f"there are no messages on {', '.join(chosen)}; the topics are: {present}", code="no_rows")
     join(_parts(streams, units, signals), units, signals)
     signals.columns = {"topics": chosen}
     return signals
@@ -75,14 +79,14 @@ def ros_rows(paths: list[pathlib.Path], version: int, wanted: str | None) -> Row
     kinds = {c.topic: c.msgtype for reader in readers for c in reader.connections if c.msgtype in _TYPES}
     topics = [topic for topic in sorted(kinds) if not kinds[topic].endswith("Temperature")]
     if wanted is not None and wanted not in topics:
-        raise DataError(f"columns=: {wanted} not among {', '.join(topics)}")
+        raise wrong("columns", f"{wanted} not among {', '.join(topics)}")
     topic = wanted or one_of(topics, None)
     numbers = _TYPES[kinds[topic]]
     count = sum(reader.topics[topic].msgcount for reader in readers if topic in reader.topics)
     head = next(_messages(readers, topic, numbers, version), (np.zeros(0, np.int64), np.zeros((0, numbers))))
     found = _sensors(Stream(topic, kinds[topic], *head), Signals(None, {})) if len(head[0]) else {}
     if not found:
-        raise DataError(f"{topic} holds no measurement; name another topic with columns=")
+        raise wrong("columns", f"{topic} holds no measurement; name another topic")
     places = {"mag": slice(0, 3)} | {name: place for name, (place, _) in _IMU.items()}
     cursor = _Cursor(lambda: _messages(readers, topic, numbers, version), stack)
 
@@ -107,7 +111,9 @@ class _Cursor:
         while end < last:
             block = next(self._blocks, None)
             if block is None:
-                raise DataError("the recording ends before the number of messages that its index lists; run `rosbag reindex` on a copy")
+                raise DataError(
+                    "the recording ends before the number of messages that its index lists; run `rosbag reindex` on a copy", code="damaged"
+                )
             end += len(block[0])
             if end <= first:
                 self._at, self._held = end, []
@@ -139,7 +145,8 @@ def _open(path: pathlib.Path, version: int) -> Iterator[Any]:
     except (rosbag1.ReaderError, rosbag2.ReaderError) as error:
         mend = "rosbag reindex" if version == 1 else "ros2 bag reindex"
         raise DataError(
-            f"the recording cannot be read ({error}): it may be cut off or damaged; run `{mend}` on a copy, or copy it again"
+            f"the recording cannot be read ({error}): it may be cut off or damaged; run `{mend}` on a copy, or copy it again",
+            code="damaged",
         ) from error
 
 
@@ -167,27 +174,26 @@ def _check_database(path: pathlib.Path) -> None:
         with contextlib.closing(sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
             odd = database.execute("select name from sqlite_master where type not in ('table', 'index') limit 1").fetchone()
         if odd:
-            raise DataError(f"the database holds {odd[0]!r}, which is no table; it is no ROS 2 recording, or was changed")
+            raise DataError(f"the database holds {odd[0]!r}, which is no table; it is no ROS 2 recording, or was changed", code="damaged")
 
 
-def _choose(found: list[Any], topics: list[str] | None, present: str, notes: list[str]) -> list[str]:
+def _choose(found: list[Any], topics: list[str] | None, present: str, findings: list[Finding]) -> list[str]:
     """Topics to read: those in `topics`, or the only topic (or only raw topic) of each type."""
     if topics is not None:
         unknown = [topic for topic in topics if topic not in {c.topic for c in found}]
         if unknown:
-            raise DataError(f"topics=: {', '.join(unknown)} not among {present}")
+            raise wrong("topics", f"{', '.join(unknown)} not among {present}")
         return list(dict.fromkeys(topics))
     chosen = []
     for kind in _TYPES:
         names = sorted({c.topic for c in found if c.msgtype == kind})
         raw = [name for name in names if "raw" in name.lower()] if len(names) > 1 else names
         if len(raw) != min(len(names), 1):
-            raise SeveralError(
-                f"several topics of type {kind.split('/')[-1]}: name those to read with topics= (--topics): {present}", _imus(found)
-            )
+            said = "several topics of type {kind}: name those to read with {option.topics}: {present}"
+            raise SeveralError(Message(said, kind=kind.split("/")[-1], present=present), _imus(found))
         chosen += raw
         if len(names) > 1:
-            notes.append(f"topic: {raw[0]}, the raw one of {', '.join(names)}; override with --topics")
+            findings.append(READ("topics", chosen=raw[0], others=", ".join(name for name in names if name != raw[0])))
     return chosen
 
 
@@ -203,7 +209,7 @@ def _imus(found: list[Any]) -> list[str]:
     ]  # fmt: skip
 
 
-def _stream(readers: list[Any], topic: str, version: int, warnings: list[str]) -> Stream:
+def _stream(readers: list[Any], topic: str, version: int, findings: list[Finding]) -> Stream:
     """Decode all messages of one topic, some thousand at a time."""
     connections = [[c for c in reader.connections if c.topic == topic and c.msgtype in _TYPES] for reader in readers]
     kind = next(c.msgtype for found in connections for c in found)
@@ -225,9 +231,9 @@ def _stream(readers: list[Any], topic: str, version: int, warnings: list[str]) -
     header, block = np.concatenate(headers), np.concatenate(values)
     expected = sum(connection.msgcount for own in connections for connection in own)
     if len(header) and len(header) != expected:
-        warnings.append(f"{topic}: the recording's index lists {expected} messages, but {len(header)} are there; it may be cut off")
+        findings.append(READ("damaged", topic, what=f"the index lists {expected} messages, but {len(header)} are there"))
     if len(header) > 1 and np.all(header == header[0]):
-        warnings.append(f"{topic}: the header stamps are all the same; the times of reception are used, which jitter more")
+        findings.append(READ("reception", topic))
         header = np.concatenate(received)
     return Stream(topic, kind, header, block)
 
@@ -242,13 +248,13 @@ def _decode(raws: list[bytes], numbers: int, version: int, topic: str) -> tuple[
         block = np.frombuffer(b"".join([raws[i] for i in which]), np.uint8).reshape(len(which), length)
         order = ">" if version == 2 and length > 1 and block[0, 1] == 0 else "<"
         if length < 16 + 8 * numbers:
-            raise DataError(f"{topic}: a message has {length} bytes, too few for its type; {_ODD}")
+            raise DataError(f"{topic}: a message has {length} bytes, too few for its type; {_ODD}", code="damaged")
         head = np.ascontiguousarray(block[:, 4:16]).view(f"{order}u4")
         start = 16 + int(head[0, 2])
         if version == 2:
             start = 4 + -(-(start - 4) // 8) * 8
         if not start + 8 * numbers <= length < start + 8 * numbers + 8:
-            raise DataError(f"{topic}: a message has {length} bytes, {start + 8 * numbers} expected; {_ODD}")
+            raise DataError(f"{topic}: a message has {length} bytes, {start + 8 * numbers} expected; {_ODD}", code="damaged")
         stamps[which] = head[:, 0].astype(np.int64) * 10**9 + head[:, 1]
         values[which] = np.ascontiguousarray(block[:, start : start + 8 * numbers]).view(f"{order}f8")
     return stamps, values
@@ -261,7 +267,10 @@ def _parts(streams: list[Stream], units: dict[str, str], signals: Signals) -> li
         for name, values in _sensors(stream, signals).items():
             parts.append(Part(name, stream.topic, stream.stamps, values, _UNITS[name]))
     if not parts:
-        raise DataError(f"{', '.join(stream.topic for stream in streams)}: no measurement in them ({'; '.join(signals.notes)})")
+        raise DataError(
+            f"{', '.join(stream.topic for stream in streams)}: no measurement in them ({' '.join(map(str, signals.findings))})",
+            code="no_rows",
+        )
     return parts
 
 
@@ -273,17 +282,15 @@ def _sensors(stream: Stream, signals: Signals) -> dict[str, np.ndarray]:
     filtered = stream.topic.rstrip("/").split("/")[-1] in ("data", "filtered")
     attitude = stream.values[:, :3].any() and stream.values[0, 4] != -1
     if filtered or attitude:
-        why = "its name" if filtered else "the attitude it carries"
-        signals.warnings.append(
-            f"{stream.topic} has probably passed a filter ({why}): noise found from it is too small; record the raw topic"
-        )
+        what = f"The readings passed a filter, by {'its name' if filtered else 'the attitude that it carries'}"
+        signals.findings.append(READ("filtered", stream.topic, what=what, better="the raw topic"))
     found = {}
     for name, (place, covariance) in _IMU.items():
         values = stream.values[:, place]
         # drivers with one topic per sensor leave the other sensor at zero
         if stream.values[0, covariance] == -1 or not values.any():
             why = "marked as not provided" if stream.values[0, covariance] == -1 else "zero throughout"
-            signals.notes.append(f"{name}: {why} in {stream.topic}, so left out")
+            signals.findings.append(READ("not_read", name, what=f"{stream.topic}, {why}"))
         else:
             found[name] = values
     return found

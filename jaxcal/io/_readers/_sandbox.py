@@ -244,7 +244,7 @@ class Sandbox:
                 late = time.monotonic() - began >= seconds
                 said = f"it took more than {seconds:.0f} s" if late else f"the library that reads it broke down{self._last_words()}"
                 self.stop()
-                raise DataError(f"{said}; it is damaged: copy it again") from None
+                raise DataError(f"{said}; it is damaged: copy it again", code="damaged") from None
             except BaseException:
                 self.stop()  # part of an answer is left in the pipe
                 raise
@@ -254,7 +254,7 @@ class Sandbox:
             if about["error"] == "MemoryError":
                 raise MemoryError(about["said"])
             said = (about["said"].strip().splitlines() or ["no message"])[0]
-            raise DataError(f"it cannot be read ({about['error']}: {said}); it may be cut off or damaged: copy it again")
+            raise DataError(f"it cannot be read ({about['error']}: {said}); it may be cut off or damaged: copy it again", code="damaged")
         return about, arrays
 
     def _running(self) -> Any:

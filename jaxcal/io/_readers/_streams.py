@@ -2,13 +2,17 @@
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
+from ..._answer import Finding
 from ..._errors import DataError
+from ..._message import Message
 from ..._timebase import place
-from .._columns import scale
+from .._columns import scale, wrong
 from .._evidence import turning
+from .._findings import READ
 from .._guess import accel_unit, gyro_unit, mag_unit, no_field
 from .._table import Choice, Signals
 
@@ -56,32 +60,33 @@ def named(labels: list[str], wanted: str, present: str) -> str:
     """The single label, such as IMU:0, that `wanted` names in full or without its number; `present` lists all labels for messages."""
     matching = [label for label in labels if wanted in (label, label.partition(":")[0])]
     if not matching:
-        raise DataError(f"topics=: {wanted} not among {present}")
+        raise wrong("topics", f"{wanted} not among {present}")
     if len(matching) > 1:
-        raise DataError(
-            f"{wanted} comes from {len(matching)} sensors: name those to read with topics= (--topics), such as {matching[0]}: {present}"
-        )
+        said = "{wanted} comes from {count} sensors: name those to read, as in {option.topics:{first}}: {present}"
+        raise DataError(Message(said, wanted=wanted, count=len(matching), first=matching[0], present=present), code="several")
     return matching[0]
 
 
 def one_of(labels: list[str], wanted: str | None) -> str:
     """The label named by `wanted`, or the only label."""
     if not labels:
-        raise DataError("there is no sensor in it that can be read in chunks; convert it once with `jaxcal convert LOG LOG.npz`")
+        raise DataError(
+            "there is no sensor in it that can be read in chunks; convert it once with `jaxcal convert LOG LOG.npz`", code="no_sensor"
+        )
     if wanted is not None:
         return named(labels, wanted, ", ".join(labels))
     if len(labels) > 1:
-        raise DataError(f"there are {', '.join(labels)}, each with stamps of its own; name one of them with columns=")
+        raise DataError(f"there are {', '.join(labels)}, each with stamps of its own; name one of them with columns=", code="several")
     return labels[0]
 
 
-def first_of(labels: list[str], samples: dict[str, int], warnings: list[str]) -> list[str]:
-    """Of several sensors of one kind, choose the first with at least 80 % of the largest number of samples; warn about the others."""
+def first_of(labels: list[str], samples: dict[str, int], findings: list[Finding]) -> list[str]:
+    """Of several sensors of one kind, choose the first with at least 80 % of the largest number of samples, and name the others."""
     if len(labels) > 1:
         most = max(samples[label] for label in labels)
         taken = next(label for label in labels if samples[label] >= 0.8 * most)
         others = ", ".join(label for label in labels if label != taken)
-        warnings.append(f"{taken} is read, the first of {len(labels)} sensors of its kind; {others}: read another with topics= (--topics)")
+        findings.append(READ("several_sensors", chosen=taken, count=len(labels), others=others))
         return [taken]
     return labels
 
@@ -89,8 +94,8 @@ def first_of(labels: list[str], samples: dict[str, int], warnings: list[str]) ->
 class SeveralError(DataError):
     """Error for several sensors of one kind without an order of preference; `imus` are the `topics` of each IMU."""
 
-    def __init__(self, message: str, imus: list[str] | None = None):
-        super().__init__(message)
+    def __init__(self, message: Any, imus: list[str] | None = None):
+        super().__init__(message, "several")
         self.imus = imus or []
 
 
@@ -111,15 +116,17 @@ def join(parts: list[Part], units: dict[str, str], signals: Signals) -> None:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         where = ", ".join(f"{part.source} ({part.name})" for part in parts if part.name in twice)
-        raise DataError(f"{' and '.join(twice)} in more than one of the topics: {where}; read them one by one with topics= (--topics)")
-    parts = _checked(parts, units, signals.warnings)
+        said = "{what} in more than one of the topics: {where}; read them one by one with {option.topics}"
+        raise DataError(Message(said, what=" and ".join(twice), where=where), code="several")
+    parts = _checked(parts, units, signals.findings)
     main = max([part for part in parts if part.name != "temperature"] or parts, key=lambda part: len(part.stamps))
     signals.epoch_ns = int(main.stamps[0])
     time = signals.time = (main.stamps - main.stamps[0]) * 1e-9
     for part in parts:
         unit = signals.units[part.name] = units.get(part.name) or part.unit
         why = "as given" if part.name in units else "as the format prescribes"
-        signals.choices.append(Choice(part.name, (part.source,), unit, why, True, f"--topics {part.source} --units {part.name}={unit}"))
+        option = Message("{option.topics:{source}} {option.units:{name}={unit}}", source=part.source, name=part.name, unit=unit)
+        signals.choices.append(Choice(part.name, (part.source,), unit, why, True, option))
         factor, offset = scale(unit, part.name)
         values = np.asfortranarray(part.values) * factor + offset
         if part.stamps is main.stamps or np.array_equal(part.stamps, main.stamps):
@@ -128,28 +135,25 @@ def join(parts: list[Part], units: dict[str, str], signals: Signals) -> None:
             order = np.argsort(part.stamps, kind="stable")
             since = (part.stamps[order] - main.stamps[0]) * 1e-9
             signals.sensors[part.name] = np.interp(time, since, values[order, 0])
-            signals.notes.append(f"temperature: {part.source}, interpolated onto the stamps of {main.source}")
+            signals.findings.append(READ("temperature", source=part.source, main=main.source))
         elif why := _unplaced(part.stamps):
-            signals.warnings.append(f"{part.name} of {part.source} is left out: {why}")
+            signals.findings.append(READ("left_out", part.source, why=why, quantity=part.name))
         else:
             signals.sensors[part.name] = values
             signals.own_time[part.name] = (part.stamps - main.stamps[0]) * 1e-9
-            signals.notes.append(
-                f"{part.name}: {part.source}, put on the nearest stamps of {main.source}; log.offset keeps its own times (read it alone "
-                f"with --topics {part.source} for its noise)"
-            )
+            signals.findings.append(READ("own_stamps", part.name, source=part.source, main=main.source))
 
 
-def _unplaced(stamps: np.ndarray) -> str:
+def _unplaced(stamps: np.ndarray) -> Any:
     """Why these stamps (ns) are not those of a recording, or nothing."""
     try:
         place((stamps - stamps[0]) * 1e-9, None, lambda i, j: np.zeros(len(i), dtype=bool))
     except DataError as error:
-        return str(error)
+        return error
     return ""
 
 
-def _checked(parts: list[Part], units: dict[str, str], warnings: list[str]) -> list[Part]:
+def _checked(parts: list[Part], units: dict[str, str], findings: list[Finding]) -> list[Part]:
     """Check the values of the parts: leave out a magnetometer without a field, and warn about values that contradict their unit."""
     kept = []
     of = {part.name: part for part in parts}
@@ -160,7 +164,7 @@ def _checked(parts: list[Part], units: dict[str, str], warnings: list[str]) -> l
             continue
         why = no_field(part.values) if part.name == "mag" else None
         if why and len(parts) > 1:
-            warnings.append(f"mag of {part.source} is left out: {why}; read it all the same with units={{'mag': ...}} (--units mag=...)")
+            findings.append(READ("left_out", part.source, why=why, quantity="mag"))
             continue
         kept.append(part)
         period = float(np.median(np.diff(part.stamps))) * 1e-9
@@ -176,7 +180,9 @@ def _checked(parts: list[Part], units: dict[str, str], warnings: list[str]) -> l
             elif part.name == "mag":
                 mag_unit(part.values, stated, f"the unit of {part.source}")
             elif np.median(part.values) > 200 and stated == "degC":
-                raise DataError(f"temperature of {part.source} looks like K; if so, read it with --units temperature=K")
+                raise DataError("it looks like K")
         except DataError as error:
-            warnings.append(f"{part.source}: {error}")
+            findings.append(
+                READ("against_values", part.source, unit=stated, where="as its format states", why=getattr(error, "why", error))
+            )
     return kept

@@ -46,7 +46,6 @@ STAMPS = ("date", "day", "clock")
 _LOOK = 500
 #: blocks of zero bytes, which a memory card leaves where nothing was written before the power went
 _HOLE = re.compile(rb"\0{8,}")
-_HOLES = "blocks of zero bytes are left out: the logger reserved them and did not write there; a row beside one may be lost"
 _CONTROL = bytes([*range(9), *range(14, 32)])
 #: largest number of fields, and of characters, in a line of a log
 WIDEST, _LONGEST_LINE = 5000, 1 << 20
@@ -61,7 +60,7 @@ class Text:
     first: bytes  # the bytes of the head, as in the blocks
     content: bytes | None
     packed: bool
-    mended: str = ""  # warning on what was removed
+    holes: bool = False  # whether blocks of zero bytes were removed
 
     def start(self, lines: int) -> int:
         """Byte offset of the line after the first `lines` lines."""
@@ -125,13 +124,13 @@ def open_text(path: pathlib.Path) -> Text:
     if holes:
         content = _HOLE.sub(b"\n", b"".join(_unpacked(path, 0)) if packed else path.read_bytes())
         content = content.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n").encode()
-        return Text(path, content[:_HEAD].decode("utf-8", errors="replace"), content[:_HEAD], content, packed, _HOLES)
+        return Text(path, content[:_HEAD].decode("utf-8", errors="replace"), content[:_HEAD], content, packed, True)
     text = first.decode(encoding, errors="replace")
     if not whole:
         _refuse_wide(text.split("\n"))
         text = text[: text.rfind("\n") + 1] or text
     if not text.strip():
-        raise DataError("the file is empty")
+        raise DataError("the file is empty", code="empty")
     content = None
     table = relabelled(text)
     # polars needs UTF-8 and lines that end with \n
@@ -163,7 +162,7 @@ def _gzip_faults() -> Iterator[None]:
         yield
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise DataError(
-            f"the gzip file is damaged or cut off ({error}); copy it again, or save what `zcat` still gives as a plain file"
+            f"the gzip file is damaged or cut off ({error}); copy it again, or save what `zcat` still gives as a plain file", code="damaged"
         ) from error
 
 
@@ -172,7 +171,7 @@ def _encoding(head: bytes) -> str:
         return "utf-16"
     control = len(head[:4096]) - len(head[:4096].translate(None, _CONTROL))
     if b"\0" in head or control > 0.01 * len(head[:4096]):
-        raise DataError("this is neither text nor a format that is known by its first bytes; convert it to CSV or NPZ")
+        raise DataError("this is neither text nor a format that is known by its first bytes; convert it to CSV or NPZ", code="not_a_log")
     try:
         head.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -242,7 +241,7 @@ def sniff(text: str) -> Layout:
         shown = next((line.strip() for line in lines if line.strip()), "")
         counts = any(re.fullmatch(r"[^a-zA-Z]*(?:[,;\s]*-?0x[\da-fA-F]+)+[,;\s]*", line.strip()) for line in lines[:100] if len(line) < 500)
         hexadecimal = "; numbers such as 0x1F are hexadecimal: write them as signed decimal ones" if counts else ""
-        raise DataError(f"there are no rows of numbers; the first line is {shown[:80]!r}{hexadecimal}")
+        raise DataError(f"there are no rows of numbers; the first line is {shown[:80]!r}{hexadecimal}", code="no_rows")
     delimiter, width, found = best
     first, data = min(found), list(found.values())
     stated = ""
@@ -274,7 +273,8 @@ def _refuse_wide(lines: list[str]) -> None:
             what = f"{fields} fields" if fields > WIDEST else f"{len(line)} characters"
             raise DataError(
                 f"line {number} has {what}, and a log at most {WIDEST} columns: this is no table of samples, or it is transposed; "
-                "write one sample a line, or save the arrays as .npz"
+                "write one sample a line, or save the arrays as .npz",
+                code="too_wide",
             )
 
 

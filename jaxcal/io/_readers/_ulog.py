@@ -16,7 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from ..._answer import Finding
 from ..._errors import DataError
+from .._findings import READ
 from ._streams import gather
 
 _MAGIC = b"ULog\x01\x12\x35"
@@ -64,12 +66,12 @@ class ULog:
         with path.open("rb") as file:
             data = self._data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         if len(data) < 16 or data[: len(_MAGIC)] != _MAGIC:
-            raise DataError("the header of the ULog is cut off; copy the file again")
+            raise DataError("the header of the ULog is cut off; copy the file again", code="damaged")
         self.parameters: dict[str, float] = {}
         self.changed: set[str] = set()
         self.others: set[str] = set()
         self.dropouts: list[int] = []
-        self.warnings: list[str] = []
+        self.findings: list[Finding] = []
         self._wanted, self._formats, self._stops = wanted, dict[str, str](), list[int]()
         # offsets of the rows by topic and instance; the same lists by subscription number
         self._rows: dict[tuple[str, int], array.array] = {}
@@ -82,7 +84,7 @@ class ULog:
         self._content = np.frombuffer(data, np.uint8)
         self.topics = [topic for key, place in sorted(self._rows.items()) if len((topic := self._topic(*key, place)).offsets)]
         if self._skipped:
-            self.warnings.append(f"the file is damaged: {self._skipped} bytes are no messages and are left out")
+            self.findings.append(READ("damaged", what=f"{self._skipped} bytes are no messages and are left out"))
 
     def rows(self, topic: Topic, fields: list[str]) -> dict[str, np.ndarray]:
         """Columns of a topic by name; missing columns are left out."""
@@ -100,7 +102,8 @@ class ULog:
             # the padding at the end of a row is optional
             whole[start : start + _PIECE] = (size >= dtype.itemsize) & (size <= dtype.itemsize + padding)
         if not whole.all():
-            self.warnings.append(f"{name}:{instance}: {np.count_nonzero(~whole)} rows have the wrong length and are left out")
+            what = f"{np.count_nonzero(~whole)} rows have the wrong length and are left out"
+            self.findings.append(READ("damaged", f"{name}:{instance}", what=what))
             offsets = offsets[whole]
         offsets += 5
         return Topic(name, instance, dtype, offsets)
@@ -153,7 +156,7 @@ class ULog:
             self.dropouts.append(body[0] | body[1] << 8)
         elif kind == 66 and len(body) >= 40:  # B, flags
             if any(body[9:16]) or body[8] & ~1:
-                raise DataError("this ULog uses features that are not known here; convert it with `ulog2csv` of pyulog")
+                raise DataError("this ULog uses features that are not known here; convert it with `ulog2csv` of pyulog", code="damaged")
             if body[8] & 1:
                 self._stops = sorted({stop for stop in struct.unpack("<3Q", body[16:40]) if 16 < stop < len(self._data)})
 
@@ -175,12 +178,12 @@ def layout(name: str, formats: dict[str, str]) -> tuple[np.dtype, int]:
 
     def add(name: str, prefix: str, depth: int) -> None:
         if name not in formats or depth > 8 or next(visits) > _MOST:
-            raise DataError(f"the ULog does not say what {name} holds; it is damaged: copy it again")
+            raise DataError(f"the ULog does not say what {name} holds; it is damaged: copy it again", code="damaged")
         for word in formats[name].split(";"):
             match = _FIELD.fullmatch(word.strip())
             if match is None:
                 if word.strip():
-                    raise DataError(f"the ULog's description of {name} is damaged ({word[:40]!r}): copy the file again")
+                    raise DataError(f"the ULog's description of {name} is damaged ({word[:40]!r}): copy the file again", code="damaged")
                 continue
             kind, count, field = match[1], int(match[2] or 0), prefix + match[3]
             if kind in _TYPES:
@@ -189,15 +192,17 @@ def layout(name: str, formats: dict[str, str]) -> tuple[np.dtype, int]:
                 for k in range(max(count, 1)):
                     add(kind, f"{field}[{k}]." if count else f"{field}.", depth + 1)
             if len(fields) > _MOST:
-                raise DataError(f"the ULog gives {name} more than {_MOST} fields; it is damaged: copy it again")
+                raise DataError(f"the ULog gives {name} more than {_MOST} fields; it is damaged: copy it again", code="damaged")
 
     add(name, "", 0)
     names = [field[0] for field in fields]
     if len(set(names)) < len(names) or not fields:
-        raise DataError(f"the ULog's description of {name} is damaged (fields {', '.join(names[:8])}): copy the file again")
+        raise DataError(f"the ULog's description of {name} is damaged (fields {', '.join(names[:8])}): copy the file again", code="damaged")
     sizes = [np.dtype(field[1]).itemsize * (field[2][0] if len(field) > 2 else 1) for field in fields]
     if sum(sizes) > _LONGEST:
-        raise DataError(f"the ULog gives {name} rows of {sum(sizes)} bytes, more than a message holds; it is damaged: copy it again")
+        raise DataError(
+            f"the ULog gives {name} rows of {sum(sizes)} bytes, more than a message holds; it is damaged: copy it again", code="damaged"
+        )
     padding = 0
     while len(fields) > 1 and fields[-1][0].startswith("_padding"):
         fields.pop()

@@ -5,8 +5,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..._errors import DataError
+from ..._message import Message
 
-_WITHOUT = "; read it without raw=True (--raw), or record the raw topics"
+
+def _cannot(why: str) -> DataError:
+    """Error for a calibration that cannot be undone."""
+    return DataError(Message("{option.raw:True}: {why}; read it without, or record the raw topics", why=why), code="raw")
 
 
 def undo_px4(name: str, values: np.ndarray, device: int | None, parameters: Mapping[str, float], changed: set[str]) -> np.ndarray:
@@ -20,16 +24,14 @@ def undo_px4(name: str, values: np.ndarray, device: int | None, parameters: Mapp
     if device is None and len(slots) == 1:
         device = next(iter(slots))
     if device not in slots:
-        raise DataError(f"raw=True: the log holds no {group}n_ID for {name} (device {device}; there are {sorted(slots)}){_WITHOUT}")
+        raise _cannot(f"the log holds no {group}n_ID for {name} (device {device}; there are {sorted(slots)})")
     prefix = slots[device]
     if parameters.get(thermal, 0):
-        raise DataError(
-            f"raw=True: the thermal compensation of {name} was on ({thermal}), and its temperature is not in the topic{_WITHOUT}"
-        )
+        raise _cannot(f"the thermal compensation of {name} was on ({thermal}), and its temperature is not in the topic")
     odd = [*(f"SENS_BOARD_{axis}_OFF" for axis in "XYZ"), *(f"{prefix}{axis}COMP" for axis in "XYZ")]
     odd = [key for key in odd if parameters.get(key, 0)]
     if odd:
-        raise DataError(f"raw=True: {', '.join(odd)} cannot be undone{_WITHOUT}")
+        raise _cannot(f"{', '.join(odd)} cannot be undone")
     _constant([key for key in changed if key.startswith((prefix, "SENS_BOARD"))])
     own = parameters.get(f"{prefix}ROT", -1)
     values = values @ _rotation(int(own if own >= 0 else parameters.get("SENS_BOARD_ROT", 0)))
@@ -47,7 +49,7 @@ def undo_ardupilot(name: str, values: np.ndarray, instance: int, parameters: Map
     _complete(needed, parameters)
     _constant([key for key in changed if key in needed or key == "AHRS_ORIENTATION"])
     if parameters.get(f"INS_TCAL{instance + 1}_ENABLE", 0) == 1:
-        raise DataError(f"raw=True: the thermal compensation was on (INS_TCAL{instance + 1}_ENABLE){_WITHOUT}")
+        raise _cannot(f"the thermal compensation was on (INS_TCAL{instance + 1}_ENABLE)")
     values = values @ _rotation(int(parameters.get("AHRS_ORIENTATION", 0)))
     if name == "accel":
         values = values / _vector(parameters, f"{base}SCAL_{{}}", 1.0)
@@ -75,18 +77,18 @@ def _number(instance: int) -> str:
 def _complete(names: list[str], parameters: Mapping[str, float]) -> None:
     missing = [name for name in names if name not in parameters]
     if missing:
-        raise DataError(f"raw=True: the log does not hold {', '.join(missing)}{_WITHOUT}")
+        raise _cannot(f"the log does not hold {', '.join(missing)}")
 
 
 def _constant(changed: list[str]) -> None:
     if changed:
-        raise DataError(f"raw=True: {', '.join(sorted(changed))} changed while the log ran{_WITHOUT}")
+        raise _cannot(f"{', '.join(sorted(changed))} changed while the log ran")
 
 
 def _vector(parameters: Mapping[str, float], name: str, default: float) -> np.ndarray:
     vector = np.array([parameters.get(name.format(axis), default) for axis in "XYZ"])
     if default and not (np.isfinite(vector).all() and vector.all()):
-        raise DataError(f"raw=True: {name.format('*')} is {vector.tolist()}, by which nothing can be divided{_WITHOUT}")
+        raise _cannot(f"{name.format('*')} is {vector.tolist()}, by which nothing can be divided")
     return vector
 
 
@@ -95,13 +97,13 @@ def _symmetric(parameters: Mapping[str, float], diagonal: str, other: str) -> np
     x, y, z = (parameters.get(other.format(axis), 0.0) for axis in "XYZ")
     matrix += np.array([[0.0, x, y], [x, 0.0, z], [y, z, 0.0]])
     if matrix.any() and not (np.isfinite(matrix).all() and abs(np.linalg.det(matrix)) > 1e-6):
-        raise DataError(f"raw=True: {diagonal.format('*')} and {other.format('*')} hold a matrix that has no inverse{_WITHOUT}")
+        raise _cannot(f"{diagonal.format('*')} and {other.format('*')} hold a matrix that has no inverse")
     return matrix
 
 
 def _rotation(number: int) -> np.ndarray:
     """Matrix R in ``body = R sensor`` for rotations 0 to 7, yaw by multiples of 45 degrees, the same in both flight controllers."""
     if not 0 <= number <= 7:
-        raise DataError(f"raw=True: the board is mounted by rotation {number}; only turns about z (0 to 7) are undone{_WITHOUT}")
+        raise _cannot(f"the board is mounted by rotation {number}; only turns about z (0 to 7) are undone")
     cosine, sine = np.cos(number * np.pi / 4), np.sin(number * np.pi / 4)
     return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])

@@ -1,0 +1,32 @@
+"""Everything that a log says about its stamps and values: a table of findings, `LOG`."""
+
+from ._answer import CAUTION, NOTE, Kind, table
+
+LOG = table(
+    # the stamps
+    no_stamp=Kind(CAUTION, "{count} samples have no time stamp and are left out."),
+    wraps=Kind(NOTE, "The time counter wraps {count} times, by 2^{bits} ticks of {tick:g} s; it is unwrapped."),
+    unsorted=Kind(CAUTION, "{count} time stamps are out of order (largest step back {back:.6g} s); the samples are sorted by time."),
+    copies=Kind(NOTE, "{count} samples repeat the stamp and the values of the one before; one of each is kept."),
+    same_stamp=Kind(CAUTION, "{count} samples share the stamp of the one before, but not its values; they are spaced evenly."),
+    coarse_stamps=Kind(CAUTION, "The time stamps resolve only {resolution:.3g} s{single}; the samples are spaced evenly at {rate:.6g} Hz."),
+    bursts=Kind(CAUTION, "The time stamps come in bursts; the samples are spaced evenly at {rate:.6g} Hz."),
+    jitter=Kind(NOTE, "The time stamps jitter by {percent:.2g} % of a step (rms){single}; the samples are spaced evenly at {rate:.6g} Hz."),
+    rate_given=Kind(NOTE, "The rate is {rate:g} Hz as given; the stamps say {estimate:.6g} Hz."),
+    crowded=Kind(NOTE, "{count} of {total} readings have no sample of the log to themselves and are left out."),
+    # the values
+    infinite=Kind(CAUTION, "{count} infinite values are treated as missing."),
+    constant=Kind(CAUTION, "Constant in every sample ({values} {unit}), so nothing can be said about its noise."),
+    repeats=Kind(CAUTION, "{percent:.2g} % of the samples repeat the one before in all axes: the sensor gives about {rate:.3g} values a "
+                 "second, and the densities of its noise are wrong.", "Record it at that rate."),
+    slow=Kind(CAUTION, "{percent:.2g} % of the samples stand in runs of more than {run} equal ones: sampled more slowly than the log "
+              "({rate:.3g} values a second), or too coarse to show its noise."),
+    frozen=Kind(CAUTION, "Frozen in {count} runs of more than {run} equal samples, the longest {length:.3g} s at {at:.6g} s; these "
+                "{samples} samples are missing."),
+    clipped=Kind(CAUTION, "Clipped: {count} samples stand at the extreme value {value:.6g} {unit}."),
+    steps=Kind(NOTE, "The values come in steps of {step:.4g} {unit}."),
+    warm_up=Kind(NOTE, "The mean of the first {length:g} s is off the rest by {shift:.3g} {unit} (warm-up?).",
+                 "log.select({length:g}, None) leaves them out.", terminal="{option.start:{length:g}} leaves them out."),
+    sparse=Kind(NOTE, "Present in {percent:.3g} % of the samples (about {rate:.3g} Hz)."),
+    gaps=Kind(NOTE, "{count} of {total} samples are missing, in {gaps} gaps, the longest {longest:.4g} s at {at:.6g} s."),
+)  # fmt: skip
