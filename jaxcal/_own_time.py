@@ -8,7 +8,6 @@ import numpy as np
 from ._answer import Finding
 from ._errors import DataError
 from ._log_findings import LOG
-from ._message import Message
 from ._timebase import GAP, Placement, nearest, place
 
 
@@ -59,7 +58,7 @@ def placed_alone(name: str, stamps: np.ndarray, values: np.ndarray) -> Placement
     try:
         return place(stamps, None, equal_rows({name: values}))
     except DataError as error:
-        raise DataError(Message("{name}: {error}", name=name, error=error), error.code) from error
+        raise error.of(name) from error
 
 
 def equal_rows(sensors: dict[str, np.ndarray]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:

@@ -13,7 +13,6 @@ import numpy as np
 
 from .._answer import Finding
 from .._errors import DataError
-from .._message import Message
 from .._quality import checked_confidence, checked_rate, checked_record
 from ..allan import Accumulator, Deviation, deviation as _deviation
 from ..allan._deviation import begin
@@ -97,7 +96,7 @@ def deviation(
             return _one(_opened(source, columns), rate, int(chunk), exact, options, _shared(executor, workers, source, columns))
         except DataError as error:
             if isinstance(source, str | os.PathLike):
-                error.args = (Message("{source}: {error}", source=source, error=error.args[0]),)
+                raise error.of(os.fspath(source)) from error
             raise
     if executor is not None:
         raise DataError("executor= shares one record among workers; a list of logs is shared among threads (workers=)")

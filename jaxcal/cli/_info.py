@@ -45,8 +45,8 @@ def info(log: Log, /, *, files: InfoFiles = InfoFiles(), reading: Reading = Read
             write_atomically(places[files.json], json_text(found.to_dict()))
     _show(screen, found)
     show_written(screen, targets)
-    if found.refusal:
-        raise jaxcal.DataError(found.refusal)
+    if found.error is not None:
+        raise found.error
 
 
 def _show(screen: Screen, found: Any) -> None:
@@ -56,15 +56,17 @@ def _show(screen: Screen, found: Any) -> None:
         gaps = f"{found.gaps} gaps, {found.missing} samples missing" if found.gaps else "no gaps"
         screen.line(f"{found.samples} samples at {found.rate:.6g} Hz, {found.duration:.6g} s, {gaps}")
     screen.sentences("Read as", [
-        f"{one.quantity}: {', '.join(one.columns)} in {one.unit} ({one.reason if one.certain else f'a guess: {one.reason}'}); {one.option}"
-        for one in found.choices
+        f"{one.quantity}: {', '.join(one.columns)} in {one.unit} ({one.reason if one.certain else f'a guess: {one.reason}'}); "
+        + one.option.spelt("terminal") for one in found.choices
     ])  # fmt: skip
     if found.columns:
         rows = [[str(one.number), one.name, one.holds, *("" if value is None else f"{value:.6g}" for value in (one.low, one.high))]
                 for one in found.columns]  # fmt: skip
         screen.table("Columns", ["", "name", "holds", "least", "largest"], rows)
     screen.sentences("Topics", found.sources)
-    screen.sentences("To know", [*found.warnings, *(note for note in found.notes if "override with" not in note)])
+    # how each quantity is read stands above
+    said = [one for one in found.findings if one.code not in ("read_as", "assumed")]
+    screen.sentences("To know", [one.spelt("terminal") for one in sorted(said, key=lambda one: -one.severity)])
     suited = [one for one in found.commands if one.suits]
     if suited:
         screen.line()

@@ -355,8 +355,7 @@ def named(path: pathlib.Path) -> Iterator[None]:
     try:
         yield
     except JaxcalError as error:
-        error.args = (Message("{file}: {error}", file=shown(path), error=error.args[0]),)
-        raise
+        raise error.of(shown(path)) from error.__cause__
 
 
 @contextlib.contextmanager

@@ -122,12 +122,12 @@ def duplicated(rows):
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (gap, "missing samples: 300"),
-        (few_nan, "missing samples"),
+        (gap, "300 of 6000 samples are missing"),
+        (few_nan, "samples are missing"),
         (few_inf, "inf"),
         (jitter, "jitter"),
         (disordered, "order"),
-        (duplicated, "stamp"),
+        (duplicated, "repeat the stamp"),
     ],
     ids=lambda value: value.__name__ if callable(value) else "",
 )
@@ -135,8 +135,7 @@ def test_mended_with_a_warning(call, folder, spoil, words):
     save(folder / "rough.csv", spoil(table(6000)))
     found = call("noise", "rough.csv", "--json", "a.json")
     assert found.status == 0, found.err
-    warnings = " ".join(found.out.split()).partition("Warnings ")[2]
-    assert words in warnings
+    assert words in " ".join(found.out.split())
     channels = json.loads((folder / "a.json").read_text())["channels"]
     assert channels["gyro_y"]["N"]["value"] == pytest.approx(1e-3, rel=0.1)
 
@@ -147,9 +146,7 @@ def test_text_in_a_number_column_counts_as_missing_while_it_is_rare(call, folder
     (folder / "text.csv").write_text("\n".join(lines))
     found = call("noise", "text.csv", "--json", "a.json")
     assert found.status == 0, found.err
-    warnings = " ".join(found.out.split()).partition("Warnings ")[2]
-    assert "text" in warnings
-    assert "missing samples: 1" in warnings
+    assert "holds text in 1 of" in " ".join(found.out.split())
 
 
 def test_text_all_over_a_number_column_is_refused(call, folder, log):

@@ -241,7 +241,7 @@ noise missing.csv                          | gyro_x
 noise nothing.csv                          | nothing.csv
 noise nameless.csv                         | --columns
 noise odd_unit.csv                         | which is no unit of gyro that is known
-noise counts.csv                           | --units gyro=
+noise counts.csv                           | --units 'gyro=
 noise oops.csv                             | oops
 noise short.csv                            | too short
 noise huge.csv                             | huge.csv

@@ -7,7 +7,7 @@ import numpy as np
 
 import jaxcal
 from jaxcal import Log
-from jaxcal._answer import NOTE
+from jaxcal._answer import CAUTION, NOTE, Kind, table
 from jaxcal.alignment import NAMES, AlignmentFit, Positions, Readings, Sensor, Turntable, simulate
 from jaxcal.alignment._findings import FINDINGS as NORTH
 from jaxcal.alignment._result import QUANTITIES
@@ -30,9 +30,10 @@ def noise():
     told = (FINDINGS("no_intervals", method=f"a & {EVIL}"),)
     results = dict(_NOISE["made_results"]()) | {"gyro_y": _NOISE["made_fit"](2.0, findings=told)}
     provenance = {"file": "logs/a_rather_long_name_without_any_blank_2026-05-31T10-00-00.csv", "sha256": "ab" * 32}
-    notes = ("gyro: rad/s, assumed; override with --units gyro=deg/s",)
+    said = table(read=Kind(NOTE, "{text}"), doubt=Kind(CAUTION, "{text}"))
+    findings = [said("read", text="gyro: rad/s, assumed"), said("doubt", text=f"3 samples {EVIL}")]
     gyro = np.random.default_rng(0).normal(size=(500, 3))
-    return results, Log(None, gyro=gyro, rate=200.0, notes=notes, warnings=(f"3 samples {EVIL}",), provenance=provenance)
+    return results, Log(None, gyro=gyro, rate=200.0, findings=findings, provenance=provenance)
 
 
 def thermal():

@@ -14,6 +14,7 @@ import pytest
 
 import jaxcal
 from jaxcal import DataError, ExportError, Log
+from jaxcal._answer import CAUTION, NOTE, Kind, table
 from jaxcal.noise import NoiseFit
 from jaxcal.noise._findings import FINDINGS
 from jaxcal.report import document, write
@@ -62,9 +63,10 @@ class Page(html.parser.HTMLParser):
 @pytest.fixture(scope="module")
 def log():
     rng = np.random.default_rng(0)
-    notes = ("gyro: rad/s, assumed; override with --units gyro=deg/s",)
+    said = table(read=Kind(NOTE, "{text}"), doubt=Kind(CAUTION, "{text}"))
+    findings = [said("read", text="gyro: rad/s, assumed"), said("doubt", text=f"3 samples {EVIL}")]
     provenance = {"file": f"logs/{EVIL.replace('/', '')}.csv", "sha256": "ab" * 32, "options": {"units": {"gyro": "deg/s"}, "band": None}}
-    return Log(None, gyro=rng.normal(size=(500, 3)), rate=200.0, notes=notes, warnings=(f"3 samples {EVIL}",), provenance=provenance)
+    return Log(None, gyro=rng.normal(size=(500, 3)), rate=200.0, findings=findings, provenance=provenance)
 
 
 def written(results, path, log=None):
