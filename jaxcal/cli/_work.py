@@ -39,7 +39,8 @@ class Done(NamedTuple):
     def tell(self, warnings: Iterable[str] = (), notes: Iterable[str] = ()) -> None:
         """Print the last lines: all warnings, the notes, and the files."""
         said = [text if isinstance(text, str) else text.spelt("terminal") for text in self.said]
-        self.screen.sentences("Warnings", [as_typed(text, READING_OPTIONS) for text in (*self.log.warnings, *warnings, *said)])
+        read = [one.spelt("terminal") for one in self.log.findings if one.severity > NOTE]
+        self.screen.sentences("Warnings", [*read, *(as_typed(text, READING_OPTIONS) for text in (*warnings, *said))])
         self.screen.sentences("Notes", [as_typed(text, READING_OPTIONS) for text in notes])
         show_written(self.screen, self.written)
         self.screen.end()

@@ -89,7 +89,7 @@ def test_guesses_are_printed_with_the_option_that_overrides_them(call, log):
     out = " ".join(call("noise", "imu.csv", "--json", "a.json", "-v").out.split())
     assert "imu.csv: gyroscope and accelerometer, 100 Hz, 1 min 20 s" in out
     assert "record for N to 10 %" in out
-    assert "override with --columns time=0 --units time=" in out
+    assert "If that is wrong: --columns time=0 --units time=" in out
 
 
 def test_with_an_output_option_only_that_is_written(call, folder, log):
