@@ -17,7 +17,7 @@ from ._apply import save_sensors
 from ._cache import keep_compiled
 from ._export import FILES
 from ._options import CallError, Dip, Field, Files, Log, Reading, Running, checked, day, log_file, must_exist, read_log, stem
-from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report
+from ._outputs import FINDINGS, File, figure, outputs, save_calibration, save_export, save_json, save_report
 from ._screen import Screen
 from ._shots import Shots, ready, shots
 from ._work import carry_out
@@ -138,9 +138,7 @@ def mag(
 
 def _noted(said: list[str], log: Any) -> Any:
     """The log with notes on how the command read it."""
-    import equinox as eqx
-
-    return eqx.tree_at(lambda one: one.notes, log, (*log.notes, *said))
+    return log._replaced(findings=(*log.findings, *(FINDINGS("read_so", said=one) for one in said)))
 
 
 def _advise(path: Path, reading: Reading, running: Running, limit: float, inclination: float | None) -> None:
@@ -180,7 +178,7 @@ def _compared(path: Path | None, present: Any, found: Any) -> Any:
     import numpy as np
 
     from .._answer import Quantity
-    from ..magnetometer._findings import FINDINGS
+    from ..magnetometer._findings import FINDINGS as OF_MAG
     from ..magnetometer._iron import quantity_of
 
     down = np.asarray(found.down) if found.alignment is None else np.asarray(found.alignment.rotation).T @ found.down
@@ -189,7 +187,7 @@ def _compared(path: Path | None, present: Any, found: Any) -> Any:
     facts: dict[str, Any] = {"rms": Quantity(float(rms), "angle"), "most": Quantity(float(np.abs(turns).max()), "angle"),
              "moved": Quantity(float(moved), quantity_of(found.field))}  # fmt: skip
     code = "changed" if rms > 2 * found.heading_error[0] else "unchanged"
-    return dataclasses.replace(found, findings=(*found.findings, FINDINGS(code, cost=rms, file=str(path), **facts)))
+    return dataclasses.replace(found, findings=(*found.findings, OF_MAG(code, cost=rms, file=str(path), **facts)))
 
 
 def _earth(field: float | None, place: tuple[float, float] | None, date: str | None) -> Any:

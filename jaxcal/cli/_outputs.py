@@ -15,6 +15,7 @@ from .._files import check_replaceable, clear_hidden, hidden_name, json_text, wr
 from ._options import CallError
 
 FINDINGS = table(
+    read_so=Kind(NOTE, "{said}"),
     not_written=Kind(NOTE, "{file} is not written: {reason}"),
     in_file=Kind(NOTE, "{file}: {said}"),
 )
