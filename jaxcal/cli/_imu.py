@@ -127,7 +127,8 @@ def _with_delay(found: Any, data: Any) -> Any:
     from .._answer import Quantity
     from ..imu._findings import FINDINGS
 
-    late = FINDINGS("delay", "gyro", delay=Quantity(delay.value, "delay"), half=Quantity(delay.half, "delay"))
+    side, size = "later" if delay.value > 0 else "earlier", Quantity(abs(delay.value), "delay")
+    late = FINDINGS("delay", delay=size, side=side, half=Quantity(delay.half, "delay"))
     return dataclasses.replace(found, findings=(*found.findings, late))
 
 

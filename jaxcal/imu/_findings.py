@@ -67,12 +67,12 @@ FINDINGS = table(
     gyro_drift=Kind(NOTE, "The gyroscope's bias drifts by {size:.2g} over the recording; a linear drift is part of the fit."),
     accel_drift=Kind(NOTE, "The accelerometer's bias drifts by {size:.2g} over the recording; the bias is that of the middle."),
     accel_warm_up=Kind(NOTE, "The accelerometer's bias warms up by {size:.2g} during the recording; the bias is the settled one."),
-    no_g_sensitivity=Kind(NOTE, "The log shows no sensitivity to specific force (p = {level:.2g}), and the fit leaves it out."),
+    no_g_sensitivity=Kind(NOTE, "The gyroscope shows no sensitivity to specific force (p = {level:.2g}), and the fit leaves it out."),
     earth_rate=Kind(
         NOTE, "The turns agree so well that the Earth's rate matters.", "Give {option.latitude}.",
         terminal="Give --earth-rate {option.latitude}."
     ),
-    delay=Kind(NOTE, "The gyroscope is {delay:.2g} later than the accelerometer, to {half:.2g}; a filter of both must know it."),
+    delay=Kind(NOTE, "The gyroscope is {delay:.2g} {side} than the accelerometer, to {half:.2g}; a filter of both must know it."),
     cheapest=Kind(NOTE, "The total cost is smallest at {chosen:g} times the variance at rest, but {better:g} times predicts poses better."),
     # sessions, positions, tables and shakers
     box=Kind(CAUTION, "The faces disagree by {tilt:.2g}: the box was not square or did not lie flat."),

@@ -216,7 +216,7 @@ class Job(eqx.Module):
         less = _fits.joint_fit(start, joint.data, rests, options, self.needed, True, 1)
         if not (bool(less.fit.usable) and _fits.left_out(less)[0] < _fits.left_out(joint)[0]):
             return joint, self.options, None
-        notes.append(FINDINGS("no_g_sensitivity", "gyro", level=level))
+        notes.append(FINDINGS("no_g_sensitivity", level=level))
         step = np.asarray(fit.parameters) - np.asarray(less.fit.parameters)
         lost = np.outer(step, step)
         lost[np.ix_(where, where)] += inner
