@@ -11,11 +11,10 @@ if TYPE_CHECKING:
     from ._motion import Motion as Motion, motion as motion
     from ._multi import multi_position as multi_position
     from ._nonlinear import Nonlinear as Nonlinear
-    from ._observability import Observability as Observability, observability as observability
+    from ._observability import observability as observability
     from ._rate_test import RateTest as RateTest, rate_test as rate_test
     from ._rectification import Rectification as Rectification, vibration_rectification as vibration_rectification
     from ._residuals import Poses as Poses, Turns as Turns, Weighted as Weighted, residuals as residuals, weighted as weighted
-    from ._rests import StillIntervals as StillIntervals, static_intervals as static_intervals
     from ._result import ImuFit as ImuFit
     from ._scale import ScaleFigures as ScaleFigures, scale_figures as scale_figures
     from ._session import faces as faces, ferraris as ferraris, joined as joined, read_regions as read_regions
@@ -30,11 +29,10 @@ install(
         "_motion": "Motion motion",
         "_multi": "multi_position",
         "_nonlinear": "Nonlinear",
-        "_observability": "Observability observability",
+        "_observability": "observability",
         "_rate_test": "RateTest rate_test",
         "_rectification": "Rectification vibration_rectification",
         "_residuals": "Poses Turns Weighted residuals weighted",
-        "_rests": "StillIntervals static_intervals",
         "_result": "ImuFit",
         "_scale": "ScaleFigures scale_figures",
         "_session": "faces ferraris joined read_regions",

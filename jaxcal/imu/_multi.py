@@ -29,7 +29,7 @@ METHODS = ("joint", "imu_tk")
 MODELS = ("full", "diagonal")
 _HUBER = Huber()
 _FEWEST = 4  # poses that a fit needs even with a prior
-_MOST_TERMS = 3
+_MOST_TERMS = 3  # one each for poses, turns and rates at rest
 _TYPICAL = 0.01  # m/s^2: assumed error of a magnitude, to weight a prior before the residuals show their size
 
 

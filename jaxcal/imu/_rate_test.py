@@ -23,8 +23,8 @@ _AXES = "xyz"
 #: multiples of the variance at rest that are tried; the motor of a table shakes more at higher rates
 _MULTIPLES = (4, 10, 30, 100, 300, 1000)
 _TOLERANCE = 0.2  # relative error that an uncalibrated rate may have
-_PIECES = 8
-_COLLINEAR = 1e-2
+_PIECES = 8  # parts of a stretch, whose scatter gives the noise of its mean with 7 degrees of freedom
+_COLLINEAR = 1e-2  # least singular value of rates, bias and forces, of unit length: below, errors grow a hundredfold
 _LABEL = re.compile(r"([xyz])[ _]*([+-]?\d+(?:\.\d+)?)|(rest|still|pose|static)[ _-]?\d*", re.IGNORECASE)
 
 

@@ -24,7 +24,7 @@ _BRIDGE = 0.1
 _STEPS = 252
 #: s; length of the parts of a rest whose means count as independent; means of shorter parts would be correlated by hand tremor
 _PIECE = 0.25
-_MOST_PIECES = 64
+_MOST_PIECES = 64  # more degrees of freedom add nothing
 #: s; in longer rests, the integrated noise of the gyroscope exceeds the motion of the hand
 _LONGEST = 10.0
 

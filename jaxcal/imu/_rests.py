@@ -19,7 +19,7 @@ _WIDER = (2, 3, 4, 6, 10, 20, 40, 100)
 #: vertical; `multi_position` finds out which of these bounds gives the best rests.
 GYRO_MULTIPLES = (100.0, 300.0, 1000.0, np.inf)
 _BLOCK = 4  # windows in a block of the running sums
-_QUANTILE = 0.05
+_QUANTILE = 0.05  # of the windows are at rest even in a log without a rest at its beginning
 _MOVED = 20.0  # largest ratio of the variance of the initial rest to that of the stillest windows
 
 #: start and stop of still intervals, (k,) samples each: start <= i < stop
@@ -43,7 +43,7 @@ class StillIntervals(eqx.Module):
     Examples
     --------
     >>> import numpy as np
-    >>> from jaxcal.imu import static_intervals
+    >>> from jaxcal.imu._rests import static_intervals
     >>> y = np.random.default_rng(0).normal(size=(8000, 3)) * 0.01
     >>> y[5000:6000] += 5 * np.sin(np.arange(1000) / 20)[:, None]
     >>> found = static_intervals(y, 100.0)
@@ -148,7 +148,7 @@ def static_intervals(
     Examples
     --------
     >>> import numpy as np
-    >>> from jaxcal.imu import static_intervals
+    >>> from jaxcal.imu._rests import static_intervals
     >>> y = np.random.default_rng(0).normal(size=(8000, 3)) * 0.01
     >>> y[5000:6000] += 5 * np.sin(np.arange(1000) / 20)[:, None]
     >>> found = static_intervals(y, 100.0)

@@ -12,7 +12,6 @@ from .._precision import host_float64
 from .._types import AnyArray
 
 _LEAST_REPEATS = 6  # with at least so many degrees of freedom, the scatter of repeated rates replaces `sigma`
-_PPM = 1e6  # ppm of one
 
 
 class ScaleFigures(Result):
@@ -55,7 +54,7 @@ class ScaleFigures(Result):
     @property
     def headline(self) -> str:
         """The nonlinearity, beside that of noise alone."""
-        return f"nonlinearity {self.nonlinearity:.3g} ppm of the largest output (noise alone: up to {self.nonlinearity_noise:.2g})"
+        return f"nonlinearity {self.nonlinearity:.3g} ppm of the largest output (noise alone: up to {self.nonlinearity_noise:.0f})"
 
     def sections(self) -> list[Section]:
         """The figures."""
@@ -141,7 +140,7 @@ def scale_figures(inputs: Any, readings: Any, sigma: Any = None) -> ScaleFigures
     curved = np.abs(np.bincount(which, left) / number)
     asymmetry, interval = _asymmetry(x, y, error, freedom)
     hysteresis, least = _hysteresis(x, left, which, error, freedom)
-    over = _PPM / abs(full)
+    over = 1e6 / abs(full)  # ppm
     noise = _reach(freedom, len(levels) - 2) * float(open_.max())
     return ScaleFigures(
         float(scale), float(offset), float(curved.max() * over), noise * over, asymmetry, interval, float(spread * over),
@@ -158,7 +157,7 @@ def _asymmetry(x: np.ndarray, y: np.ndarray, error: float, freedom: float) -> tu
     up, down, _ = inner @ columns.T @ y
     apart = np.array([1.0, -1.0, 0.0])
     half = scipy.special.stdtrit(freedom, 0.975) * error * np.sqrt(apart @ inner @ apart)
-    over = 2 * _PPM / (up + down)
+    over = 2e6 / (up + down)  # ppm
     value = (up - down) * over
     return float(value), value + abs(half * over) * np.array([-1.0, 1.0])
 

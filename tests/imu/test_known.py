@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal.imu import MEMS, Triad, gravity, observability, rate_table, six_position, static_intervals
-from jaxcal.imu._rests import windowed_variance
+from jaxcal.imu import MEMS, Triad, gravity, observability, rate_table, six_position
+from jaxcal.imu._rests import static_intervals, windowed_variance
 
 from .cases import inside, positions
 

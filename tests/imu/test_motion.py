@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal.imu import Imu, Triad, motion, static_intervals
+from jaxcal.imu import Imu, Triad, motion
+from jaxcal.imu._rests import static_intervals
 
 from . import cases, world
 

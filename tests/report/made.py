@@ -14,9 +14,10 @@ from jaxcal.alignment._result import QUANTITIES
 from jaxcal.device import DeviceFit
 from jaxcal.device._findings import FINDINGS as DEVICE
 from jaxcal.fitting import Estimate
-from jaxcal.imu import Imu, ImuFit, Observability, Triad
+from jaxcal.imu import Imu, ImuFit, Triad
 from jaxcal.imu._findings import FINDINGS as IMU
 from jaxcal.imu._model import entries
+from jaxcal.imu._observability import Observability
 from jaxcal.imu._result import quantities
 from jaxcal.magnetometer import body_field, scenario
 from jaxcal.noise._findings import FINDINGS
