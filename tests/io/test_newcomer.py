@@ -17,7 +17,7 @@ def test_one_command_makes_the_report(make, write_bag, tmp_path, capsys, monkeyp
     monkeypatch.chdir(tmp_path)
     assert main(["noise", str(bag), "--report", "report.html"]) == 0
     out = capsys.readouterr().out
-    assert "8000 samples at 100 Hz, 1 min 20 s, no gaps" in out
+    assert "gyroscope and accelerometer, 100 Hz, 1 min 20 s" in out
     assert "wrote report.html" in out
     page = (tmp_path / "report.html").read_text()
     assert page.startswith("<!DOCTYPE html>")
