@@ -18,7 +18,7 @@ from ._log_findings import LOG
 from ._message import Message
 from ._own_time import at_nearest, equal_rows, far_apart, own_stamps, placed_alone, stamps_of
 from ._quality import all_finite, checked_rate, inspect, mark_missing, shown_unit
-from ._timebase import Placement, place, span
+from ._timebase import Placement, counted, place, span
 from ._types import AnyArray
 
 #: sensor field -> channel name suffixes
@@ -133,18 +133,11 @@ class Log(eqx.Module):
 
         apart = {name: sensors.pop(name) for name in own}
         placed = {name: placed_alone(name, own[name], apart[name]) for name in own}
-        if stamps is None:
-            if rate is None:
-                raise DataError(Message("no time stamps: give {option.rate:HZ}, or the time column"), code="no_rate")
-            if size < 2:
-                raise DataError(f"{size} sample: a recording needs at least 2", code="too_short")
-            grid = Placement(None, None, size, rate, 0.0)
-        else:
-            grid = place(stamps, rate, equal_rows(sensors))
-            sensors = {name: _on_grid(values, grid) for name, values in sensors.items()}
-            rate, size = grid.rate, grid.size
-            epoch += round(grid.start * 1e9)
-            found += grid.findings
+        grid = counted(size, rate) if stamps is None else place(stamps, rate, equal_rows(sensors))
+        sensors = {name: _on_grid(values, grid) for name, values in sensors.items()}
+        rate, size = grid.rate, grid.size
+        epoch += round(grid.start * 1e9)
+        found += grid.findings
         offset = {}
         for name, own_grid in placed.items():
             found += [one.of(name) for one in own_grid.findings if one.severity > NOTE]
@@ -317,10 +310,8 @@ def field_readings(source: Any) -> tuple[Any, Any]:
 
     Also the specific force at the same times, if the log has it.
     """
-    named = (
-        isinstance(source, Log | str | os.PathLike | dict) or hasattr(source, "data_vars") or np.ndim(getattr(source, "columns", 0)) == 1
-    )
-    if not named or len(getattr(source, "columns", ())) == _THREE:
+    tabular = hasattr(source, "data_vars") or np.ndim(getattr(source, "columns", 0)) == 1
+    if not (tabular or isinstance(source, Log | str | os.PathLike | dict)) or len(getattr(source, "columns", ())) == _THREE:
         return source, None
     log = as_log(source)
     if log.mag is None or log.mag.shape[1] != _THREE:

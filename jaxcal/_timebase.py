@@ -45,6 +45,15 @@ class Placement:
     findings: tuple[Finding, ...] = ()
 
 
+def counted(size: int, rate: float | None) -> Placement:
+    """Place samples without stamps one after the other, at a given rate."""
+    if rate is None:
+        raise DataError(Message("no time stamps: give {option.rate:HZ}, or the time column"), code="no_rate")
+    if size < 2:
+        raise DataError(f"{size} sample: a recording needs at least 2", code="too_short")
+    return Placement(None, None, size, rate, 0.0)
+
+
 def place(stamps: np.ndarray, rate: float | None, equal: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Placement:
     """Place samples with the given stamps (s, in any order) on a uniform grid.
 
