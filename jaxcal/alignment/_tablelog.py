@@ -9,6 +9,7 @@ import numpy as np
 from .._answer import Finding, Quantity
 from .._errors import DataError
 from .._log import as_log
+from .._message import Message
 from .._precision import host_float64
 from ._findings import FINDINGS
 from ._fit import fit
@@ -139,7 +140,7 @@ def from_log(
     if not samples:
         raise DataError("The log has neither accelerometer nor gyroscope; give a log with at least one of them.")
     if any(x.shape[1] == 2 for x in samples.values()):
-        raise DataError("A sensor of the log has two axes; a table log takes one or three. Choose them with columns= (--columns).")
+        raise DataError(Message("A sensor of the log has two axes; a table log takes one or three. Choose them with {option.columns}."))
     rate, time = float(log.rate), np.asarray(log.time)
     recorded = None if angle is None else _recorded(angle, len(time))
     start, stop = rests_of(samples, recorded, rate, float(least), float(settle))
@@ -235,8 +236,12 @@ def _angles(
         return angle, scale**2 * np.outer(angle, angle) + np.minimum.outer(walk, walk)
     else:
         raise DataError(
-            f"Nothing tells the table's angle on its {count} rests of {_lengths(start, stop, rate)} s: the log has no column with it, and "
-            "no gyroscope with three axes without gaps. Give the angles of the rests in order (angles=, --angles 0,90,180,270)."
+            Message(
+                "Nothing tells the table's angle on its {count} rests of {lengths} s: the log has no column with it, and no gyroscope with "
+                "three axes without gaps. Give the angles of the rests in order with {option.angles}.",
+                count=count,
+                lengths=_lengths(start, stop, rate),
+            )
         )
     if turns is not None and np.isfinite(turns).all():
         moved, seen = np.diff(angle), turns

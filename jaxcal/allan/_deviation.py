@@ -134,7 +134,7 @@ def deviation(
     confidence, y = checked_confidence(confidence), checked_record(y)
     if robust:
         if not isinstance(y, np.ndarray):
-            raise DataError("robust=True is for a record at hand, which is not traced (jit, grad, vmap)")
+            raise DataError("robust is for a record at hand, which is not traced (jit, grad, vmap)")
         refuse_robust(statistic, robust)
     empty = empty_channels(y)
     if empty is not None:

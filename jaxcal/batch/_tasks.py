@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from .._answer import Finding, Result, Results, ordered
+from .._answer import Finding, Result, Results, ordered, plain
 from .._errors import DataError, UnitError
 from .._log import Log
-from .._results import by_channel, plain
+from .._message import Message
 from .._units import si_unit
 from ..io._suited import unsuited
 from ._findings import FINDINGS
@@ -48,7 +48,7 @@ def mag(log: Log, **options: Any) -> Answer:
     from ..magnetometer import fit
 
     if log.mag is None or log.mag.shape[1] != 3:
-        raise DataError("the log has no magnetometer of three axes; name its columns with columns=")
+        raise DataError(Message("the log has no magnetometer of three axes; name its columns with {option.columns}"))
     return answer_of(fit(log.mag[np.isfinite(log.mag).all(axis=1)], **options), log)
 
 
@@ -72,13 +72,15 @@ def allan(log: Log, **options: Any) -> Answer:
 
     document: dict[str, Any] = {"kind": options.get("kind", "oadev"), "rate": log.rate, "duration": log.duration, "channels": {}}
     found: dict[str, Coefficient] = {}
-    said: dict[str, tuple[str, ...]] = {}
+    said: list[Finding] = []
+    sensors = 0
     for sensor in ("gyro", "accel", "mag"):
         values = getattr(log, sensor)
         if values is None:
             continue
         result = deviation(values.reshape(len(values), -1), log.rate, **options)
-        said[sensor] = result.warnings
+        said += result.findings
+        sensors += 1
         for axis in range(result.deviation.shape[1]):
             one, channel = result.channel(axis), f"{sensor}_{'xyz'[axis]}"
             names = ("tau", "m", "deviation", "lower", "upper", "edf", "count", "alpha")
@@ -88,9 +90,11 @@ def allan(log: Log, **options: Any) -> Answer:
                 with np.errstate(divide="ignore"):
                     at = [np.exp(np.interp(np.log(tau), np.log(one.tau), np.log(curve))) for curve in curves]
                 found[f"{channel}.{result.kind}({tau:g} s)"] = _coefficient(*at, unit="" if result.unit_of_phase else si_unit(sensor))
-    if not said:
-        raise DataError("the log holds neither gyroscope, accelerometer nor magnetometer; name their columns with columns=")
-    return document, found, by_channel(said)
+    if not sensors:
+        raise DataError(
+            Message("the log holds neither gyroscope, accelerometer nor magnetometer; name their columns with {option.columns}")
+        )
+    return document, found, said
 
 
 #: name of a task -> its function, and the function whose options it takes
@@ -137,7 +141,7 @@ def perform(task: Any, log: Log, options: dict[str, Any]) -> dict[str, Any]:
     """Perform the task: the result as in JSON, its numbers, and findings."""
     if isinstance(task, str):
         if wrong := unsuited(task, log, str(log.provenance.get("file", "LOG"))):
-            raise DataError(wrong)
+            raise DataError(wrong, code="unsuited")
         document, found, said = TASKS[task][0](log, **options)
     else:
         result = task(log, **options)

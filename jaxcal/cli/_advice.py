@@ -182,25 +182,6 @@ def _missing(error: Any, command: str, argv: Sequence[str]) -> str | None:
     return f"jaxcal {command} needs {name.replace('_', ' ')}: {usage}"
 
 
-def as_typed(text: str, options: set[str]) -> str:
-    """Rewrite a message of the library, which names options in Python syntax, in the syntax of the command line.
-
-    Examples
-    --------
-    >>> from jaxcal.cli._advice import as_typed
-    >>> as_typed("give it with units={'accel': '0.01 g'}, or with loss='huber'", {"--units", "--loss"})
-    "give it with --units accel='0.01 g', or with --loss huber"
-    """
-    text = re.sub(r"\b\w+=(?:\{[^}]*\}|\[[^\]]*\]|'[^']*'|True|[\w.]*) \((--[^()]+)\)", r"\1", text)
-    for option in options:
-        name = re.escape(option[2:].replace("-", "_"))
-        if len(name) > 2:
-            text = re.sub(rf"(?<![\w.,=])(?:--)?{name}=\{{'(\w+)': '?([\w./^]+|\.\.\.)'?\}}", rf"{option} \1=\2", text)
-            text = re.sub(rf"(?<![\w.,=])(?:--)?{name}=\{{'(\w+)': '([^']*)'\}}", rf"{option} \1='\2'", text)
-            text = re.sub(rf"(?<![\w.,=])(?:--)?{name}=(?:'([^']*)'|True\b|None\b)?(?![{{\[(])", rf"{option} \1", text)
-    return re.sub(r"(--[\w-]+) (?=[\s:;,.)]|$)", r"\1", text)
-
-
 # the files
 
 

@@ -14,7 +14,7 @@ from cyclopts.config import Toml
 
 import jaxcal
 
-from ._advice import KINDS, advice, as_typed, code_of
+from ._advice import KINDS, advice, code_of
 from ._apply import apply, convert
 from ._batch import batch
 from ._cache import cache
@@ -139,7 +139,7 @@ def _wrong_call(error: jaxcal.JaxcalError, argv: list[str]) -> Failure:
 
 def _spelt(error: jaxcal.JaxcalError, argv: list[str]) -> str:
     """The sentence of an error as the terminal spells it."""
-    return as_typed(error.spelt("terminal").strip(), _options().get(argv[0], set()))
+    return error.spelt("terminal").strip()
 
 
 def _names() -> list[str]:

@@ -11,7 +11,7 @@ from typing import Any
 import jaxcal
 
 from .._answer import NOTE, Kind, table
-from .._files import check_replaceable, clear_hidden, hidden_name, json_text, write_atomically
+from .._files import check_replaceable, clear_hidden, hidden_name
 from ._options import CallError
 
 FINDINGS = table(
@@ -90,10 +90,7 @@ def save_report(place: Path, results: Any, log: Any) -> None:
 
 def save_json(place: Path, results: Any, log: Any) -> None:
     """Write the JSON document."""
-    if hasattr(results, "findings"):
-        results.save(place, log)
-        return
-    write_atomically(place, json_text(jaxcal.report.document(results, log)))
+    results.save(place, log)
 
 
 def save_calibration(place: Path, results: Any, log: Any, *, part: str, device: str | None = None) -> None:

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 
 from .._answer import NOTE, Finding, tables, things_to_know
 from .._errors import DataError
-from ._advice import READING_OPTIONS, as_typed
+from .._message import Message
 from ._cache import keep_compiled
 from ._options import Reading, Running, read_log
 from ._outputs import Outputs, replaceable, staged
-from ._screen import Screen, progress, show_log, show_written
+from ._screen import Screen, progress, show_written
 
 
 class Done(NamedTuple):
@@ -36,15 +36,6 @@ class Done(NamedTuple):
         show_written(self.screen, self.written)
         self.screen.end()
 
-    def tell(self, warnings: Iterable[str] = (), notes: Iterable[str] = ()) -> None:
-        """Print the last lines: all warnings, the notes, and the files."""
-        said = [text if isinstance(text, str) else text.spelt("terminal") for text in self.said]
-        read = [one.spelt("terminal") for one in self.log.findings if one.severity > NOTE]
-        self.screen.sentences("Warnings", [*read, *(as_typed(text, READING_OPTIONS) for text in (*warnings, *said))])
-        self.screen.sentences("Notes", [as_typed(text, READING_OPTIONS) for text in notes])
-        show_written(self.screen, self.written)
-        self.screen.end()
-
 
 def date_of(log: Any, path: Path) -> str:
     """Time when a log was recorded (UTC): from its time stamps, or else the modification time of its file."""
@@ -55,7 +46,7 @@ def date_of(log: Any, path: Path) -> str:
 
 def carry_out(
     path: Path, reading: Reading, running: Running, plan: Outputs, compute: Callable[[Any, Any], Any], *, doing: str = "fitting",
-    show: Callable[[Screen, Any], None] | None = None, change: Callable[[Any], Any] | None = None, command: str = "",
+    change: Callable[[Any], Any] | None = None, command: str = "",
     options: Mapping[str, Any] | None = None,
 ) -> Done:  # fmt: skip
     """Read the log at `path`, print what was read, compute, print the result, and write the files of `plan`: all of them or none.
@@ -65,11 +56,11 @@ def carry_out(
     path, reading, running, plan : the log, the options of the command, and its `outputs`.
     compute : (log, function that updates the progress bar) -> results, which are passed to the makers of the files.
     doing : word for the progress bar.
-    show : (screen, results) -> None: prints the result, before the files are written, so that the user need not wait for them.
     change : function applied to the log before everything else.
     command, options : stored with the log, if given, so that every file made from it names them and the versions.
 
-    A result with findings prints itself: what was read, the guesses that matter, its verdict, and its tables.
+    What was read, the guesses that matter, the verdict and the tables are printed before the files are written, so that the user need not
+    wait for them.
 
     Raises
     ------
@@ -84,18 +75,13 @@ def carry_out(
             check_suited(command, log, path, options or {})
             replaceable(targets, log.provenance.get("sha256") or "", force=running.force)
             log = log if options is None or not targets else _signed(path, log, command, reading, options)
-        if show is not None:
-            show_log(screen, log)
         with progress(doing, running.quiet) as move:
             keep_compiled()
             found = compute(log, move)
-        if show is None:
-            _show(screen, path, log, found, running)
-            if not found.usable and not running.force:
-                screen.lines(things_to_know(found.findings, reader="terminal", wanted=running.unit, verbose=running.verbose))
-                raise DataError("the result is refused, and nothing is written; the reason stands above", code="refused")
-        else:
-            show(screen, found)
+        _show(screen, path, log, found, running)
+        if not found.usable and not running.force:
+            screen.lines(things_to_know(found.findings, reader="terminal", wanted=running.unit, verbose=running.verbose))
+            raise DataError("the result is refused, and nothing is written; the reason stands above", code="refused")
         screen.flush()
         with progress("writing", running.quiet):
             said = [sentence for target, make in targets.items() for sentence in make(places[target], found, log) or ()]
@@ -119,7 +105,7 @@ def check_suited(command: str, log: Any, path: Path, options: Mapping[str, Any])
 
     # skip the check for counts, whose size cannot contradict gravity
     if not options.get("raw") and (wrong := unsuited(command.removeprefix("jaxcal "), log, str(path))):
-        raise DataError(f"{path.name}: {wrong}")
+        raise DataError(Message("{name}: {why}", name=path.name, why=wrong), code="unsuited")
 
 
 def _signed(path: Path, log: Any, command: str, reading: Reading, options: Mapping[str, Any]) -> Any:

@@ -70,7 +70,9 @@ def rate_of(noise: DeviceNoise, calibration: Calibration, options: Options, why:
         return float(options.rate), []
     if (calibration.provenance or {}).get("rate") == "given":
         return noise.rate, []
-    return noise.rate, [f"the rate {number(noise.rate)} Hz is that of the log, estimated from its stamps; {why}: give rate= if you know it"]
+    return noise.rate, [
+        f"the rate {number(noise.rate)} Hz is that of the log, estimated from its stamps; {why}: give the rate if you know it"
+    ]
 
 
 def _measured(noise: DeviceNoise, sensor: str) -> SensorNoise:

@@ -8,6 +8,7 @@ from typing import Any
 
 from .._errors import ExportError
 from .._files import write_atomically
+from .._message import Message
 from .._units import STANDARD_GRAVITY
 from ..calibration import Calibration
 from ..calibration._parts import COUNTS
@@ -139,7 +140,7 @@ def _doubts(calibration: Calibration, kind: Format, force: bool) -> list[str]:
             reason = f" ({section.verdict_reason})" if section.verdict_reason else ""
             sentence = f"the verdict on the {name} calibration is {verdict!r}{reason}"
             if not force:
-                raise ExportError(f"{sentence}; force=True (--force) writes it all the same", code="several")
+                raise ExportError(Message("{sentence}; {option.force:True} writes it all the same", sentence=sentence), code="several")
             said.append(f"{sentence}, and it was forced")
     applied = (calibration.provenance or {}).get("applied")
     if applied and set(kind.sections) & {"imu", "magnetometer", "temperature"}:

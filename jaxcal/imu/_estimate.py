@@ -113,7 +113,7 @@ def estimate(
         raise DataError(f"There is no convention {convention!r}; known are {', '.join(map(repr, CONVENTIONS))}.")
     start = started(model, turns is not None, latitude is not None)
     if convention == "full" and not start.plain:
-        raise DataError("A subclass of Triad cannot be turned into the frame 'full'; take convention='upper' or 'lower'.")
+        raise DataError("A subclass of Triad cannot be turned into the frame 'full'; take the convention 'upper' or 'lower'.")
     start, data = arrays((start, Weighted(poses, turns, gravity, latitude)))
     data = reweighted(start, data)
     # iterate to full convergence (rtol=None), so that differences of two estimates agree with the derivatives

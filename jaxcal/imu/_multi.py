@@ -10,6 +10,7 @@ import numpy as np
 from .._answer import Finding, Quantity
 from .._arrays import power_of_two
 from .._errors import DataError
+from .._message import Message
 from .._precision import host_float64, is_traced
 from ..fitting import AbstractLoss, Fit, Huber, leverage
 from . import _fits, _recording
@@ -136,9 +137,12 @@ def multi_position(
         return _with_finding(base, wrong)
     if method == "imu_tk":
         if record.gyro is None:
-            raise DataError("method='imu_tk' needs a gyroscope; leave it out for an accelerometer alone")
+            raise DataError(Message("{option.method:imu_tk} needs a gyroscope; leave it out for an accelerometer alone"))
         if model != "full" or latitude is not None or noise is not None:
-            raise DataError("method='imu_tk' has none of model, latitude and noise; leave them out, or take method='joint'", code="imu_tk")
+            raise DataError(
+                Message("{option.method:imu_tk} has none of model, latitude and noise; leave them out, or take {option.method:joint}"),
+                code="imu_tk",
+            )
     start = started(None if isinstance(model, str) else model, record.gyro is not None, latitude is not None)
     start = with_terms(start, (terms,) if isinstance(terms, str) else terms)
     needed = max(count_of(freed(Imu(start.accel), convention, options.misalignment)) - known_of(options.prior), _FEWEST)
@@ -237,7 +241,7 @@ def _checked(log, gravity, convention, method, model, g_sensitivity, loss, latit
         raise DataError(f"There is no model {model!r}; known are 'full' and 'diagonal', or give a Triad or an Imu.", code="option")
     if convention == "full" and not (isinstance(model, str) or Imu(model).plain):
         raise DataError(
-            "A subclass of Triad cannot be turned into the frame 'full'; take convention='upper' or 'lower'.", code="full_of_own_model"
+            "A subclass of Triad cannot be turned into the frame 'full'; take the convention 'upper' or 'lower'.", code="full_of_own_model"
         )
     if not isinstance(loss, AbstractLoss | None):
         raise DataError(f"There is no loss {loss!r}; give one of jaxcal.fitting, such as Huber(), or None.", code="option")
@@ -246,12 +250,13 @@ def _checked(log, gravity, convention, method, model, g_sensitivity, loss, latit
     known = prior_of(prior)
     if known is not None and (method != "joint" or (raw and isinstance(prior, Mapping))):
         raise DataError(
-            "A prior goes with method='joint', and a data sheet with readings in SI units; leave out prior=, or method= or raw=.",
+            Message("A prior goes with {option.method:joint}, and a data sheet with readings in SI units; leave out one of them."),
             code="prior",
         )
     if len(terms) and (method != "joint" or convention == "full"):
         raise DataError(
-            "Further terms go with method='joint' and convention='upper' or 'lower'; leave out terms=, or the others.", code="term"
+            Message("{option.terms} goes with {option.method:joint} and the convention upper or lower; leave it out."),
+            code="term",
         )
     return Options(
         checked_gravity(gravity), convention, method, bool(g_sensitivity), model != "diagonal", loss, _fits.coefficients(noise, "accel"),

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import DataError
+from .._message import Message
 from ._columns import listing
 from ._find import find
 from ._guess import accel_unit, gyro_unit, mag_unit
@@ -93,7 +94,10 @@ def _joined(arrays: dict[str, Any], columns: Sequence[Any] | None) -> Chunks:
     chosen = [usable[name] for name in names]
     if len({len(array) for array in chosen}) > 1:
         lengths = ", ".join(f"{name} {array.shape}" for name, array in zip(names, chosen, strict=True))
-        raise DataError(f"the arrays have different lengths ({lengths}); name those of one length with columns=", code="chunks")
+        raise DataError(
+            Message("the arrays have different lengths ({lengths}); name those of one length with {option.columns}", lengths=lengths),
+            code="chunks",
+        )
 
     def read(start: int, stop: int) -> np.ndarray:
         return np.concatenate([np.asarray(array[start:stop], np.float64).reshape(stop - start, -1) for array in chosen], axis=1)
@@ -182,7 +186,11 @@ def _text_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
     numeric = [j for j, kind in enumerate(layout.kinds) if kind in ("int", "long", "float")]
     if columns is None and not any(layout.names):
         raise DataError(
-            f"the table has {listing(layout.names, layout.width)}; choose those of the record by number with columns=", code="chunks"
+            Message(
+                "the table has {names}; choose those of the record by number with {option.columns}",
+                names=listing(layout.names, layout.width),
+            ),
+            code="chunks",
         )
     if columns is None:
         chosen = [j for j in numeric if (parse_name(layout.names[j]) or ("",))[0] != "time" and layout.names[j].lower() not in _TIME]

@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from .._answer import CAUTION, NOTE, Finding, Kind, Severity, table
+from .._answer import CAUTION, NOTE, Finding, Kind, Severity, plain, table
 from .._errors import DataError, ExportError
 from .._log import Log, gaps_of
 from .._log_findings import LOG
-from .._results import plain
 from .._units import si_unit
 from ._columns import AXES, SENSORS
 from ._findings import READ

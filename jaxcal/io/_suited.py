@@ -10,6 +10,7 @@ import numpy as np
 
 from .._arrays import longest_run
 from .._log import Log
+from .._message import Message
 from .._units import STANDARD_GRAVITY, factor, find_unit
 from ._evidence import field_size, median_norm, turning
 
@@ -33,7 +34,7 @@ class Motion:
     still: tuple[float, float] | None
 
 
-def unsuited(command: str, log: Log, name: str = "LOG") -> str | None:
+def unsuited(command: str, log: Log, name: str = "LOG") -> str | Message | None:
     """Sentence that says why a log does not suit a command, with the right command lines; None if it suits.
 
     Parameters
@@ -73,7 +74,7 @@ def _moving(command: str, found: Motion, name: str) -> str:
     return f"{text}. jaxcal info {name} says which commands suit this log: jaxcal imu for poses held by hand, jaxcal mag for a tumble"
 
 
-def wrong_units(log: Log) -> str | None:
+def wrong_units(log: Log) -> str | Message | None:
     """Sentence on a unit that contradicts gravity or the Earth's field, or None."""
     units = log.provenance.get("units", {})
     for sensor, likely, expected in (
@@ -96,7 +97,7 @@ def wrong_units(log: Log) -> str | None:
     return _wrong_rate(log)
 
 
-def _wrong_rate(log: Log) -> str | None:
+def _wrong_rate(log: Log) -> Message | None:
     """Sentence on a gyroscope unit that contradicts the observed rotation of gravity or the field, or None."""
     unit = find_unit(str(log.provenance.get("units", {}).get("gyro", "")), "gyro")
     if log.gyro is None or unit not in ("rad/s", "deg/s"):
@@ -106,10 +107,10 @@ def _wrong_rate(log: Log) -> str | None:
         if found is not None and abs(found.correlation) > 0.7:
             for right, ratio in (("deg/s", np.pi / 180.0), ("rad/s", 180.0 / np.pi)):
                 if right != unit and 0.5 < abs(found.slope) / ratio < 2.0:
-                    return (
-                        f"in {unit} the gyroscope states {1 / abs(found.slope):.3g} times the turns that gravity or the field make: "
-                        f"the unit is {right}. Give --units gyro={right}"
-                    )
+                    return Message(
+                        "in {unit} the gyroscope states {ratio:.3g} times the turns that gravity or the field make: the unit is {right}. "
+                        "Give {option.units:gyro={right}}", unit=unit, ratio=1 / abs(found.slope), right=right,
+                    )  # fmt: skip
     return None
 
 

@@ -30,13 +30,13 @@ def checked(m, method, model, field, loss, inclination, penalty, field_error) ->
         raise DataError(f"Method {method!r} has no model {model!r}; it has {', '.join(map(repr, allowed))}. Method 'ml' has all.",
                         code="no_such_model")  # fmt: skip
     if loss_of(loss) is not None and method not in ("ml", "radial"):
-        raise DataError(f"Method {method!r} takes no loss; use method='ml' with loss={loss!r}.", code="no_loss")
+        raise DataError(f"Method {method!r} takes no loss; use the method 'ml' with it.", code="no_loss")
     if not (isinstance(penalty, (int, float)) and 0 <= penalty < np.inf):
         raise DataError(f"The penalty is {penalty!r}; give its weight: 0.5, 1 for Jeffreys' prior, or 0 for none.", code="bad_penalty")
     norm, dip = norm_and_dip(field, inclination, model)
     if field_error is not None:
         if norm is None or method != "ml":
-            raise DataError("A field error needs the `field` that it is of, and method='ml'.", code="field_error_alone")
+            raise DataError("A field error needs the `field` that it is of, and the method 'ml'.", code="field_error_alone")
         if not (isinstance(field_error, (int, float)) and 0 < field_error < 1):
             raise DataError(f"The field error is {field_error!r}; give the relative standard deviation of `field`, such as 0.02.",
                             code="bad_field_error")  # fmt: skip
@@ -66,7 +66,7 @@ def readings_of(m: Any) -> np.ndarray:
 def norm_and_dip(field: Any, inclination: Any, model: str = "") -> tuple[Any, Any]:
     """Magnitude of the field, traced or not, and its dip: as given, from the field vector, or else the dip at Ankara."""
     if field is not None and model == "planar":
-        raise DataError("Readings in a plane do not show the whole field: leave out `field` with model='planar'.", code="field_in_plane")
+        raise DataError("Readings in a plane do not show the whole field: a planar fit takes no field.", code="field_in_plane")
     norm = dip = None
     if isinstance(field, jax.core.Tracer):
         norm = jnp.linalg.norm(jnp.atleast_1d(field))

@@ -124,7 +124,7 @@ def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
     columns = _columns_of(np.column_stack(list(current.values())) if isinstance(current, dict) else current, len(m))
     names = names or [f"current {i + 1}" for i in range(columns.shape[1])]
     if options.get("model") == "planar":
-        raise DataError("Currents are fitted to norms in all attitudes: leave out model='planar'.", code="currents_in_plane")
+        raise DataError("Currents are fitted to norms in all attitudes: leave out the model 'planar'.", code="currents_in_plane")
     joint, aid = options.pop("joint", False), options.pop("aid", None)
     if joint:
         checked_joint(options.get("method", "ml"), options.get("model", "auto"), aid, options.get("loss"), options.get("field_error"))

@@ -7,6 +7,7 @@ import numpy as np
 from .._errors import DataError
 from .._frozen import replaced
 from .._log import as_log
+from .._message import Message
 from .._precision import host_float64, is_traced
 from .._types import Any
 from ._axes import findings_of_axes
@@ -159,7 +160,7 @@ def characterise(
     channels = log.channels()
     temperature = channels.pop("temperature", None)
     if not channels:
-        raise DataError("the log has no gyroscope, accelerometer or magnetometer channel; name its columns with columns=")
+        raise DataError(Message("the log has no gyroscope, accelerometer or magnetometer channel; name its columns with {option.columns}"))
     report = progress or (lambda done, total, name: None)
     fits = {}
     for done, (name, values) in enumerate(channels.items()):

@@ -5,6 +5,7 @@ import numpy as np
 from .._arrays import namespace
 from .._errors import FitError
 from .._frozen import replaced
+from .._message import Message
 from ..allan import Deviation
 from ._allanfit import choose_band, fit_curve, response
 from ._checks import Asked
@@ -35,7 +36,7 @@ def fit_deviation(deviation: Deviation, samples: int, terms: tuple[Term, ...], i
     heard = response(samples, deviation.m.astype(float), 1.0 / deviation.rate, terms)
     found = fit_curve(curve, used, np.asarray(cut), heard, *levels_of(confidence), estimated)
     if xp is np and not np.all(np.isfinite(found.theta)):
-        raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
+        raise FitError(Message("the fit gave no finite coefficients; give fewer {option.terms} or another {option.band}"))
     fit = assemble(
         found.theta * unit, found.covariance * unit**2, found.limits.scaled(unit), terms, deviation, samples / deviation.rate,
         goodness=found.goodness, used=used, confidence=confidence, method="gls",

@@ -140,7 +140,7 @@ def _solved(whole: Bins, columns: tuple[Term, ...], band, automatic: bool, lines
     count = int(np.sum(bins.weight > 0))
     if count <= len(columns):
         raise DataError(
-            f"{count} frequency bins are left for {len(columns)} terms; record longer without gaps, widen band=, or ask for fewer terms"
+            f"{count} frequency bins are left for {len(columns)} terms; record longer without gaps, widen the band, or ask for fewer terms"
         )
     names = tuple(term.name for term in columns)
     group = groups_of(whole.weight, int(np.sum(whole.weight)))

@@ -6,6 +6,7 @@ import numpy as np
 
 from .._errors import DataError, FitError
 from .._frozen import replaced
+from .._message import Message
 from .._precision import is_traced
 from .._types import AnyArray
 from ..allan import Deviation, deviation
@@ -93,7 +94,7 @@ def fit_channel(y, asked: Asked) -> NoiseFit:
     plain = _without_causes(tails.y, dt, parts, band, temperature)
     plain, model, found = _with_process(plain, parts, band) if parts.sought else _with_alternatives(plain, parts, band)
     if not (np.all(np.isfinite(model.solved.fitted.theta)) and np.isfinite(model.solved.fitted.cost)):
-        raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
+        raise FitError(Message("the fit gave no finite coefficients; give fewer {option.terms} or another {option.band}"))
     judged = _judged(plain, model, found, parts, tails.factor, band, confidence)
     doubts = rivals.doubted(judged.limits, model.solved.names, found.doubts())
     if found.undecided:

@@ -1,3 +1,3 @@
 """Write results as one HTML page or as a JSON document."""
 
-from ._write import document as document, write as write
+from ._write import write as write

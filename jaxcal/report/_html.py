@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from .._answer import plain
 from .._answer._html import Markup, each, join, tag
-from .._results import plain
 
 
 def inside(prefix: str, content: Markup) -> Markup:

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
+from .._answer import plain
 from .._errors import DataError
 from .._log import Log
-from .._results import plain
 from .._units import noise_units
 from ..noise import NoiseFits
 from ..noise._sections import SENSORS, name_of

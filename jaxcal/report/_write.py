@@ -1,17 +1,15 @@
-"""`write`: write results as one HTML page; `document`: convert results to a dictionary for JSON."""
+"""`write`: write results as one HTML page."""
 
 import datetime
-import importlib
 import importlib.metadata
 import os
 import pathlib
-import sys
 from typing import TYPE_CHECKING, Any
 
 from .._errors import DataError
 from .._files import write_atomically
 from .._log import Log
-from ._answer import answer_page
+from ._answer import answer_page, badge
 from ._html import Markup, inside, join, recorded, recording, section, table, tag
 from ._page import page
 
@@ -20,12 +18,7 @@ if TYPE_CHECKING:
 else:
     Readings = Any  # avoids importing parts of the package that a page does not need
 
-_PACKAGE = __name__.partition(".")[0]
-#: kind of result -> module with its `document`, `page` and `summary`
-_KINDS = {
-}  # fmt: skip
 _TITLES = {"Noise": "Sensor noise", "Alignment": "Alignment on a turntable"}  # if neither device nor file is known
-_BADGES = {"good": " present", "ok": " present", "fitted": " present"}
 
 
 def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | None = None, device: str | None = None) -> None:
@@ -47,7 +40,7 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | N
     Raises
     ------
     DataError
-        If there are no results, a calibration was refused, or `log` has the wrong type.
+        If there are no results, or `log` has the wrong type.
     ExportError
         If the file cannot be written.
 
@@ -76,8 +69,6 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | N
     version = importlib.metadata.version("jaxcal")
     if isinstance(results, (list, tuple)):
         title, lead, body = _device(_pairs(results, log), device, version)
-    elif _is(results, "imu", "ImuFit") and results.accel is None:
-        raise DataError(f"there is nothing to report: the calibration was refused. {results.reason}", code="refused")
     else:
         title, lead, body = _content(results, log, version, device)
     first = log if log is not None or not isinstance(results, (list, tuple)) else _pairs(results, log)[0][1]
@@ -94,72 +85,25 @@ def _facts(log: Any, device: str | None, version: str) -> list[tuple[str, str]]:
     return [(name, str(value)) for name, value in known.items() if value]
 
 
-def document(results: Any, log: Any = None) -> dict[str, Any]:
-    """Convert results to a dictionary for JSON, in SI units and degC. Infinite and unknown values are None.
-
-    Parameters
-    ----------
-    results : one result, as for `write`.
-    log : the recording, for its provenance, notes and warnings; not used for a turntable.
-
-    Returns
-    -------
-    Dictionary with `schema`, `version`, and further keys by the kind of results:
-
-    - "jaxcal.NoiseFits/1": as `NoiseFits.to_dict`; and so of the other kinds.
-
-    Raises
-    ------
-    DataError
-        If there are no results, or a channel has no known sensor.
-
-    Examples
-    --------
-    >>> import jaxcal
-    >>> from jaxcal.magnetometer import body_field, scenario
-    >>> jaxcal.report.document(jaxcal.magnetometer.fit(body_field(scenario("all"), 50e-6)))["verdict"]
-    'good'
-    """
-    results = _as_one(results)
-    return results.to_dict(log) if hasattr(results, "findings") else _kind(results).document(results, log)
-
-
 def _as_one(results: Any) -> Any:
     """A dictionary channel -> result as one result, where these have a common class."""
     first = next(iter(results.values()), None) if isinstance(results, dict) else None
     several = getattr(first, "_several", None)
     if several is None:
-        return results
+        if hasattr(results, "findings"):
+            return results
+        found = "an empty dictionary" if results == {} else type(results if first is None else first).__name__
+        raise DataError(f"{found} is no result; give what a fit returns, or a dictionary channel -> fit", code="no_results")
     if other := {type(one).__name__ for one in results.values()} - {type(first).__name__}:
         raise DataError(f"the channels have results of several kinds, {type(first).__name__} and {', '.join(sorted(other))}", code="kinds")
     return several(results)
-
-
-def _is(result: Any, home: str, name: str) -> bool:
-    """Whether a result is of a class of jaxcal, without importing its module: without an import there can be no such result."""
-    module = sys.modules.get(f"{_PACKAGE}.{home}")
-    return module is not None and isinstance(result, getattr(module, name))
-
-
-def _kind(results: Any) -> Any:
-    """The module for this kind of result."""
-    many = isinstance(results, dict)
-    first = next(iter(results.values()), None) if many else results
-    kinds = {} if many else _KINDS
-    name = next((module for (home, one), module in kinds.items() if _is(first, home, one)), None)
-    if name is None:
-        found = "an empty dictionary" if results == {} else type(first).__name__
-        raise DataError(f"{found} is no result; give what a fit returns, or a dictionary channel -> fit", code="no_results")
-    return importlib.import_module(f".{name}", __package__)
 
 
 def _content(results: Any, log: Any, version: str, device: str | None) -> tuple[str, str, Markup]:
     """Title, subtitle and sections of a page."""
     if not (log is None or isinstance(log, Log)):
         raise DataError(f"log is {type(log).__name__}; give the Log that was read, or leave it out")
-    results = _as_one(results)
-    page_of = answer_page if hasattr(results, "findings") else _kind(results).page
-    what, lead, body = page_of(results, log, version)
+    what, lead, body = answer_page(_as_one(results), log, version)
     file = log.provenance.get("file") if isinstance(log, Log) else None
     if device is None and file:
         device = pathlib.PurePath(str(file)).name
@@ -173,7 +117,7 @@ def _pairs(results: Any, log: Any) -> list[tuple[Any, Any]]:
     for item in results:
         own = isinstance(item, (list, tuple)) and len(item) == 2
         result, its = item if own else (item, log)
-        if isinstance(result, (Log, list, tuple)) or _is(result, "alignment", "Readings"):
+        if isinstance(result, (Log, list, tuple)) or type(result).__name__ == "Readings":
             raise DataError(f"{type(result).__name__} is not a result; give a list of results, or of pairs (result, log)")
         found.append((result, its))
     if not found:
@@ -193,9 +137,6 @@ def _device(parts: list[tuple[Any, Any]], device: str | None, version: str) -> t
         name = f"part-{number}"
         head = join((tag("h2", title, id=name), tag("p", lead, class_="lead")))
         articles.append(tag("article", head, inside(f"{name}-", body), aria_labelledby=name))
-        new = hasattr(results, "findings")
-        for what, verdict, sentence in [(title, results.verdict, results.headline)] if new else _kind(results).summary(results):
-            badge = tag("span", verdict, class_=f"badge{_BADGES.get(verdict, ' hint')}")
-            rows.append((tag("a", what, href=f"#{name}"), badge, sentence))
+        rows.append((tag("a", title, href=f"#{name}"), badge(results.verdict), results.headline))
     verdicts = section("Verdicts", "verdicts", table(("Part", "Verdict", "What was found"), rows, class_="verdicts"))
     return device or "Device", f"{len(parts)} result{'s' * (len(parts) != 1)}", join((verdicts, *articles))

@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+import jaxcal
+
 from .conftest import listing, save, table
 
 ALLAN = ("allan", "imu.csv", "--m", "1", "--quiet")
@@ -64,8 +66,7 @@ def test_a_link_keeps_pointing_at_the_file_that_is_replaced(call, folder, log):
 
 
 def test_a_folder_made_for_nothing_goes_again(call, folder, log, monkeypatch):
-    monkeypatch.setattr("jaxcal.noise.characterise", lambda *args, **options: {})
-    monkeypatch.setattr("jaxcal.report.document", lambda *args: {})
+    monkeypatch.setattr("jaxcal.noise.characterise", lambda *args, **options: jaxcal.noise.NoiseFits({}))
     assert call("noise", "imu.csv", "--json", "a.json", "--out", "deep/er").status == 0
     assert listing(folder) == ["a.json", "imu.csv"]
 

@@ -123,7 +123,7 @@ def test_it_is_saved_loaded_and_applied_to_a_log(found, tmp_path):
     fixed = again.correct(log)
     np.testing.assert_allclose(fixed.mag, found.model.correct(log.mag, warmth), rtol=0, atol=1e-12 * FIELD)
     np.testing.assert_array_equal(fixed.gyro, log.gyro)
-    assert fixed.notes[-1] == "corrected: mag"
+    assert fixed.findings[-1].subject == ("mag",)
     # with twelve parameters from 200 readings of 0.2 uT each, the field has an error of about 0.05 uT
     assert cases.rms(fixed.mag - field) < 0.1e-6
     without = dataclasses.replace(found.model, per_kelvin=np.zeros(3))

@@ -135,7 +135,7 @@ def test_saved_reported_and_drawn(two, tmp_path):
     saved = json.loads((tmp_path / "fit.json").read_text())
     assert saved["interval"]["P"] == pytest.approx(fit.interval["P"])
     channels = {"gyro_x": fit, "gyro_y": two[1]}
-    document = jaxcal.report.document(channels)
+    document = jaxcal.noise.NoiseFits(channels).to_dict()
     assert document["channels"]["gyro_x"]["coefficients"]["P"] == pytest.approx(fit.noise.coefficient("P"))
     assert document["channels"]["gyro_x"]["noise"]["further"] == [[pytest.approx(fit.noise.coefficient("P")), {"exponent": 1.5}]]
     labels = [line.get_label() for line in jaxcal.plot.allan({"gyro_x": fit}).get_lines()]

@@ -15,9 +15,9 @@ import pytest
 import jaxcal
 from jaxcal import DataError, ExportError, Log
 from jaxcal._answer import CAUTION, NOTE, Kind, table
-from jaxcal.noise import NoiseFit
+from jaxcal.noise import NoiseFit, NoiseFits
 from jaxcal.noise._findings import FINDINGS
-from jaxcal.report import document, write
+from jaxcal.report import write
 
 from . import made
 
@@ -220,7 +220,7 @@ def test_curves_without_a_model(tmp_path):
     assert f" {format(np.rad2deg(curves['gyro_y'].deviation[3]) * 3600, '.4g')} " in page.text
     (data,) = map(json.loads, documents(text))
     assert [sorted(channel) for channel in data["channels"]] == [["allan", "axis", "name", "signal"]] * 2
-    assert document(curves, log)["channels"]["gyro_x"]["kind"] == "oadev"
+    assert jaxcal.allan.Deviations(curves).to_dict(log)["channels"]["gyro_x"]["kind"] == "oadev"
     mtie = jaxcal.allan.deviation(log.gyro[:, 0], log.rate, kind="mtie", data="phase")
     assert "Maximum time interval error" in Page(written({"clock_x": mtie}, tmp_path / "b.html")).text
 
@@ -252,10 +252,9 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
     assert (tmp_path / "a.html").read_text() == "old"
 
 
-@pytest.mark.parametrize("make", [lambda r, path: write(r, path), lambda r, path: document(r)])
-def test_results_that_cannot_be_reported(tmp_path, make, refuses):
+def test_results_that_cannot_be_reported(tmp_path, refuses):
     with refuses("no_results"):
-        make({}, tmp_path / "a.html")
+        write({}, tmp_path / "a.html")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -276,7 +275,7 @@ def test_a_calibration_needs_intervals(tmp_path):
 
 
 def test_noise_document(log):
-    made = document(made_results(), log)
+    made = NoiseFits(made_results()).to_dict(log)
     assert (made["schema"], made["version"]) == ("jaxcal.NoiseFits/1", jaxcal.__version__)
     assert list(made["channels"]) == ["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z"]
     gyro, fit = made["channels"]["gyro_y"], made_fit(2.0)
@@ -293,7 +292,7 @@ def test_noise_document(log):
 
 def test_noise_document_without_what_is_not_known():
     told = (FINDINGS("unsettled"),)
-    found = document({"gyro_x": made_fit(goodness=math.nan, upper_limit=dict.fromkeys("QNBK", math.inf), findings=told)})
+    found = NoiseFits({"gyro_x": made_fit(goodness=math.nan, upper_limit=dict.fromkeys("QNBK", math.inf), findings=told)}).to_dict()
     channel = found["channels"]["gyro_x"]
     assert (channel["goodness"], channel["upper_limit"]["N"]) == (None, None)
     assert [(one["code"], one["subject"]) for one in found["findings"]] == [("unsettled", ["gyro_x"])]
@@ -309,7 +308,7 @@ def test_from_a_recording_to_every_file(tmp_path):
     assert all(isinstance(fit, NoiseFit) for fit in fits.values())
     page = Page(written(fits, tmp_path / "a.html", log))
     assert "N to" in page.text
-    assert json.loads(json.dumps(document(fits, log), allow_nan=False))["channels"]["gyro_x"]["presence"]["K"] == "present"
+    assert json.loads(json.dumps(fits.to_dict(log), allow_nan=False))["channels"]["gyro_x"]["presence"]["K"] == "present"
     device = jaxcal.Calibration(noise=fits, provenance=log.provenance)
     device.save(tmp_path / "a.json")
     jaxcal.Calibration.load(tmp_path / "a.json").save(tmp_path / "b.json")
@@ -323,7 +322,7 @@ def test_a_device_says_what_it_does_not_determine(tmp_path):
     text = Page(written(found, tmp_path / "device.html", log=log)).text
     for words in ("open", "30.5 to 35.5 s", "18.0 to 22.0 s", "The motion leaves parameters without a number", "gyroscope <script>"):
         assert words in text
-    told = json.loads(json.dumps(document(found, log), allow_nan=False))
+    told = json.loads(json.dumps(found.to_dict(log), allow_nan=False))
     assert told["schema"] == "jaxcal.DeviceFit/1"
     assert (told["numbers"]["mag_delay"]["value"], told["numbers"]["mag_delay"]["state"]) == (None, "open")
     assert told["numbers"]["dip"]["low"] < found.model.dip < told["numbers"]["dip"]["high"]

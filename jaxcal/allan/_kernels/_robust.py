@@ -17,6 +17,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from ..._errors import DataError
+from ..._message import Message
 from ..._types import Float, Int
 from .._kinds import Kind
 
@@ -62,7 +63,10 @@ def refuse_robust(kind: Kind, robust: bool) -> None:
     """Raise a clear error for a statistic without a robust form."""
     if robust and (kind.modified or kind.family != "difference" or kind.interval_error):
         raise DataError(
-            f"robust=True is for adev, oadev, hdev and ohdev; got {kind.name}, whose terms mix outliers with all else before squaring"
+            Message(
+                "{option.robust:True} is for adev, oadev, hdev and ohdev; got {kind}, whose terms mix outliers with all else before squaring",
+                kind=kind.name,
+            )
         )
 
 
@@ -101,4 +105,4 @@ def _square_of_scale(d: Float[np.ndarray, " differences"]) -> float:
         s2 *= float(np.exp(np.clip(step, -1.0, 1.0)))
         if abs(step) < _ENOUGH:
             return s2
-    raise DataError("the robust scale has not settled: the differences have no one scale; look at the record, or leave robust=False")
+    raise DataError("the robust scale has not settled: the differences have no one scale; look at the record, or leave out robust")

@@ -76,7 +76,10 @@ def one_of(labels: list[str], wanted: str | None) -> str:
     if wanted is not None:
         return named(labels, wanted, ", ".join(labels))
     if len(labels) > 1:
-        raise DataError(f"there are {', '.join(labels)}, each with stamps of its own; name one of them with columns=", code="several")
+        raise DataError(
+            Message("there are {names}, each with stamps of its own; name one of them with {option.columns}", names=", ".join(labels)),
+            code="several",
+        )
     return labels[0]
 
 

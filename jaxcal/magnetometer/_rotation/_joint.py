@@ -45,10 +45,10 @@ def checked_joint(method: str, model: str, aid: Any, loss: Any, field_error: Any
         raise DataError("A joint fit needs an `aid`, Accelerometer or Gyroscope; known headings are aligned to after the fit.",
                         code="joint_needs_aid")  # fmt: skip
     out = {
-        f"is one of maximum likelihood: leave out method={method!r}, or joint": method != "ml",
+        f"is one of maximum likelihood: leave out the method {method!r}, or joint": method != "ml",
         "takes the size from the readings alone: leave out the field error, or joint": field_error is not None,
-        f"has no robust loss: leave out loss={loss!r}, or joint; take away the outliers of a fit without joint": loss is not None,
-        f"has the full soft iron: leave out model={model!r}, or joint": model not in ("auto", "symmetric"),
+        "has no robust loss: leave out the loss, or joint; take away the outliers of a fit without joint": loss is not None,
+        f"has the full soft iron: leave out the model {model!r}, or joint": model not in ("auto", "symmetric"),
     }
     for why, wrong in out.items():
         if wrong:
