@@ -64,7 +64,7 @@ def refuse_robust(kind: Kind, robust: bool) -> None:
     if robust and (kind.modified or kind.family != "difference" or kind.interval_error):
         raise DataError(
             Message(
-                "{option.robust:True} is for adev, oadev, hdev and ohdev; got {kind}, whose terms mix outliers with all else before squaring",
+                "{option.robust:True} is for adev, oadev, hdev and ohdev; got {kind}, whose terms mix outliers with all else",
                 kind=kind.name,
             )
         )
