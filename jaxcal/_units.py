@@ -132,7 +132,7 @@ _NOISE: dict[tuple[str, str], dict[str, float]] = {
         "rad/s/sqrt(s)": 1.0,
     },
     ("R", "gyro"): {"deg/h^2": _DEG / 3600**2, "deg/h/s": _DEG / 3600, "rad/s^2": 1.0},
-    ("Q", "accel"): {"m/s": 1.0},
+    ("Q", "accel"): {"um/s": 1e-6, "m/s": 1.0},
     ("N", "accel"): {
         "m/s/sqrt(h)": 1 / 60, "ug/sqrt(Hz)": STANDARD_GRAVITY * 1e-6, "mg/sqrt(Hz)": STANDARD_GRAVITY * 1e-3, "m/s/sqrt(s)": 1.0,
         "m/s^2/sqrt(Hz)": 1.0,

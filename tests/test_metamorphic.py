@@ -134,7 +134,7 @@ def alike(found, before, factors, rtol):
 def test_noise(fitted):
     """The fit depends on the record only through its spectrum or its Allan variance."""
     made, options, before = fitted
-    assert before.verdict == {"N": "present", "K": "present"}
+    assert before.presence == {"N": "present", "K": "present"}
     # coefficients scale with the unit and do not depend on the sign
     alike(noise.fit(1e-3 * made, rate=RATE, **options), before, {"N": 1e-3, "K": 1e-3}, 1e-5)
     alike(noise.fit(-made, rate=RATE, **options), before, {"N": 1.0, "K": 1.0}, 1e-6)
@@ -215,7 +215,7 @@ def test_magnetometer(ball, method):
 def test_magnetometer_readings_twice_are_half_the_variance(ball):
     """If every reading is repeated, the formula halves the covariance; noise is per reading, and 9 degrees of freedom are used once."""
     once, twice = (magnetometer.fit(m, model="symmetric") for m in (ball, np.concatenate([ball, ball])))
-    close(np.sqrt(np.diag(twice.covariance) / np.diag(once.covariance)), np.sqrt(0.5), 0.02)
+    close(twice.estimate.error / once.estimate.error, np.sqrt(0.5), 0.02)
 
 
 # --- Accelerometers and gyroscopes

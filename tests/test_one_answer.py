@@ -88,7 +88,7 @@ def check(answer, most):
             for label, cells in grid.rows:
                 unit = next((shown_in(cell.quantity)[0] for cell in cells if isinstance(cell, Number)), "")
                 # a table that would be too wide leaves out the words behind a letter
-                known = {flat(f"{words} {unit}").strip() for words in (label, label.partition("  ")[0])}
+                known = {flat(f"{words} {unit}").strip() for words in (label, label.strip().partition("  ")[0])}
                 assert any(words in flat(answer.long) for words in known), label
                 assert flat(label) in page
     # the short answer

@@ -64,7 +64,7 @@ def grid_lines(grid: Grid, wanted: Sequence[str] = (), width: int = _WIDTH) -> l
     """
     lines: list[str] = []
     for gap, digits, words in ((3, 2, True), (2, 2, True), (2, 1, True), (2, 2, False), (2, 1, False), (1, 1, False)):
-        labels = [grid.title, *(label if words else label.partition("  ")[0] for label, _ in grid.rows)]
+        labels = [grid.title, *(label if words else label.strip().partition("  ")[0] for label, _ in grid.rows)]
         units = ["", *(row_unit(cells, wanted) for _, cells in grid.rows)]
         columns = [
             [name, *_aligned([cell_text(cells[i], wanted, digits) for _, cells in grid.rows])] for i, name in enumerate(grid.columns)

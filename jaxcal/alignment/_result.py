@@ -154,8 +154,8 @@ class AlignmentFit(_Known, Result):
     >>> gyro, accel = Sensor(bias=5e-8, white=1e-8), Sensor(bias=1e-3, white=1e-6)
     >>> readings = simulate(np.deg2rad([0.0, 90.0, 180.0, 270.0]), np.deg2rad([2.0, -1.0, 40.0]), 0.6, accel=accel, gyro=gyro)
     >>> found = fit(readings, 0.6)
-    >>> found.headline, found.unobservable
-    ('azimuth 39.999 ± 0.013 deg', ())
+    >>> found.verdict, found.unobservable
+    ('good', ())
     """
 
     model: Turntable

@@ -46,7 +46,7 @@ def test_a_jump_is_found_stored_and_taken_off_another_recording(call, folder, ra
     noise = call("noise", "again.csv", "--calibration", "ramp-temperature/calibration.json", "--json", "n.json", "--terms", "NK")
     assert noise.status == 0
     assert "passes a jump of the bias" in " ".join(noise.out.split())
-    n = json.loads((folder / "n.json").read_text())["channels"]["gyro_z"]["N"]["value"]
+    n = json.loads((folder / "n.json").read_text())["numbers"]["gyro_z.N"]["value"]
     assert n == pytest.approx(np.deg2rad(4e-3), rel=0.1)
 
 
