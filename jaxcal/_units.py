@@ -249,7 +249,7 @@ def number(value: float, uncertainty: float) -> str:
     Examples
     --------
     >>> from jaxcal._units import number
-    >>> number(0.250131, 0.0004), number(7.6123, 1.5), number(1234.5, 300.0), number(0.0, 0.5), number(2.5e-6, 1e-8)
+    >>> number(0.250131, 0.0004), number(7.6123, 1.5), number(1234.5, 300.0), number(-0.001, 0.5), number(2.5e-6, 1e-8)
     ('0.25013', '7.6', '1234', '0.00', '2.500e-06')
     """
     if not (math.isfinite(value) and math.isfinite(uncertainty) and uncertainty > 0):
@@ -257,4 +257,5 @@ def number(value: float, uncertainty: float) -> str:
     decimals = max(0, 1 - math.floor(math.log10(uncertainty)))
     if decimals > 5 and abs(value) < 1e-3:
         return f"{value:.{max(0, math.floor(math.log10(max(abs(value), uncertainty))) + decimals)}e}"
-    return f"{value:.{min(decimals, 9)}f}"
+    # adding zero turns a negative zero into zero
+    return f"{round(value, min(decimals, 9)) + 0.0:.{min(decimals, 9)}f}"

@@ -30,7 +30,7 @@ def cell_text(cell: Number | str | None, wanted: Sequence[str] = (), digits: int
         return cell or ""
     size = shown_in(cell.quantity, wanted)[1]
     value, half = float(cell.value) / size, float(cell.half) / size
-    if cell.state == "open":
+    if cell.state == "open" or (cell.state == "limit" and not math.isfinite(cell.high)):
         said = "open"
     elif cell.state == "limit":
         said = f"< {number(float(cell.high) / size, float(cell.high) / size / 2)}"

@@ -60,11 +60,11 @@ FINDINGS = table(
     ),
     rival=Kind(NOTE, "The slow noise may be {model} in place of B and K{shares}; intervals and hints allow for it."),
     uneven=Kind(
-        CAUTION, "The {what} is uneven: {share:.0f} % of it falls between {start:.4g} and {stop:.4g} s; intervals are {factor:.2g} times "
+        CAUTION, "The {what} is uneven: {share:.0f} % of it falls between {start:.6g} and {stop:.6g} s; intervals are {factor:.2g} times "
         "as wide for it.", "Look there for a knock or a draught.",
     ),
     level=Kind(
-        CAUTION, "The white noise changes: N is {least:.2g} to {most:.2g} times the value given, largest from {start:.4g} to {stop:.4g} s.",
+        CAUTION, "The white noise changes: N is {least:.2g} to {most:.2g} times the value given, largest from {start:.6g} to {stop:.6g} s.",
         _LEAVE_OUT, terminal=_WITH_OPTIONS,
     ),
 )  # fmt: skip

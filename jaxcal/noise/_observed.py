@@ -162,6 +162,8 @@ class Observed:
             lost += _dct(drawn)[1:] ** 2 * precision[1:] / self._draws
         return z, lost
 
+    # a record that is a ramp to within rounding has precisions beyond the range of floats; it is refused after the fit
+    @np.errstate(over="ignore", invalid="ignore")
     def _solve(self, b, precision, sines, start, tolerance):
         """Q^-1 b over the missing samples, by conjugate gradients with a preconditioner of sines in each gap."""
         full = np.zeros(len(self.y))

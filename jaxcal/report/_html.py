@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from .._answer import plain
-from .._answer._html import Markup, each, join, tag
+from .._answer._html import Markup, join, tag
 
 
 def inside(prefix: str, content: Markup) -> Markup:
@@ -93,19 +93,12 @@ def numbers_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[An
     return scroll(table(columns, rows, title), title, "scroll numbers")
 
 
-def warnings_of(log: Any, said: Iterable[str]) -> Markup:
-    """Warnings of the log, then those of the result."""
-    lines = [*(() if log is None else log.warnings), *said]
-    return section("Warnings", "warnings", tag("ul", each("li", lines or ["None."])))
-
-
 def recording(log: Any) -> Markup:
-    """Summary of the log, and the inferences made to read it."""
+    """Summary of the log; what was inferred to read it stands among the findings."""
     if log is None:
         return Markup("")
-    notes = [tag("h3", "How it was read"), tag("ul", each("li", log.notes))] if log.notes else []
     summary = tag("pre", log.summary(), tabindex="0", role="region", aria_label="Summary of the recording")
-    return section("Recording", "recording", summary, *notes)
+    return section("Recording", "recording", summary)
 
 
 def provenance(known: dict[str, Any], log: Any) -> Markup:

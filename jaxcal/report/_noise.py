@@ -54,13 +54,6 @@ def meaning(fits: NoiseFits) -> list[tuple[str, Any]]:
     return items
 
 
-def about_log(log: Log | None) -> dict[str, Any]:
-    """Entries of a document on the recording."""
-    if log is None:
-        return {"provenance": None, "notes": [], "warnings": []}
-    return {"provenance": plain(log.provenance), "notes": list(log.notes), "warnings": list(log.warnings)}
-
-
 def sensor_of(channel: str) -> str:
     """Sensor of a channel: gyro_x -> gyro."""
     sensor = channel.partition("_")[0]

@@ -46,6 +46,7 @@ ul { padding-left: 1.25rem; }
 li { margin: .25rem 0; }
 a { color: var(--series-0); }
 .lead { color: var(--muted); font-size: 1.05rem; }
+.grid { margin-bottom: 1.25rem; }
 .small, caption, figcaption { color: var(--muted); font-size: .875rem; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 caption { text-align: left; padding: .25rem 0; caption-side: bottom; max-width: calc(100vw - 2rem); }
