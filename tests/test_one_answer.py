@@ -19,14 +19,22 @@ SIMULATED = {
     "psd": (("noise", "--gyro", "N=0.25deg/sqrt(h)", "--duration", "60"), ()),
     "temperature": (("temperature", "--duration", "3600"), ()),
     "mag": (("mag", "--samples", "300"), ()),
+    "imu": (("imu", "--rate", "50", "--poses", "20"), ()),
     "device": (("device", "--duration", "60", "--rate", "50", "--seed", "11"), ("--gravity", "9.80665")),
 }
-#: real log below the folder of reference data -> command and most lines printed
+#: real log below the folder of reference data -> command, most lines printed, and options
 REAL = {
-    "adis16405/imu1.npz": ("noise", 40),
+    "adis16405/imu1.csv.gz": ("noise", 40),
+    "logs/mpu6050_pico_imu_data.csv": ("noise", 40),
     "logs/vqf_imu_data.npz": ("device", 40),
-    "logs/madgwick_ExampleData.mat": ("mag", 30),
     "logs/broad_05_slow_rotation_B.hdf5": ("device", 40),
+    "logs/madgwick_ExampleData.mat": ("mag", 30),
+    "magnetometer/sunsided/hmc5883l_compass.mat": ("mag", 30),
+    "magnetometer/jremington/mag3_raw.csv": ("mag", 30),
+    "magnetometer/furbrain/SAP6_BB.json": ("mag", 30),
+    "magnetometer/betaflight/high-inclination-outdoor-applied_tumble.json": ("mag", 30),
+    "imu/mikoff/imu1.log": ("imu", 40, "--rate", "100"),
+    "imu/imucal/example_ferraris_session.csv": ("imu", 40, "--rate", "204.8"),
 }
 _LONGEST = 200  # characters of a message without its list
 
@@ -114,8 +122,8 @@ def test_a_simulated_log_has_one_answer(tmp_path, capsys, monkeypatch, command):
 @pytest.mark.long
 @pytest.mark.parametrize("name", REAL)
 def test_a_real_log_has_one_answer(tmp_path, capsys, monkeypatch, reference, name):
-    command, most = REAL[name]
-    check(Answer(tmp_path, capsys, monkeypatch, command, reference / "data" / name, ("--force",)), most)
+    command, most, *options = REAL[name]
+    check(Answer(tmp_path, capsys, monkeypatch, command, reference / "data" / name, ("--force", *options)), most)
 
 
 def test_one_unit_changes_everywhere(tmp_path, capsys):

@@ -188,7 +188,7 @@ def joined(findings: Iterable[Finding]) -> list[Finding]:
     --------
     >>> from jaxcal._answer import CAUTION, Kind, joined, table
     >>> findings = table(step=Kind(CAUTION, "a step of {size:g} m/s^2"))
-    >>> [str(one) for one in joined([findings("step", "accel_x", 1, size=0.1), findings("step", "accel_z", 2, size=0.2)])]
+    >>> [str(one) for one in joined([findings("step", "accel_x", 1.0, size=0.1), findings("step", "accel_z", 2.0, size=0.2)])]
     ['accel x, z: a step of 0.2 m/s^2']
     """
     groups: dict[Any, list[Finding]] = {}

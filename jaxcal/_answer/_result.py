@@ -225,7 +225,7 @@ class _Said:
             what = "the readings that were fitted" if wanted else "nothing else"
             raise DataError(f"a {name} is drawn by {call}, with {what}", code="figure_needs_readings")
         # load `plot` only now, because it depends on this module
-        draw = getattr(importlib.import_module(".plot", __package__.partition(".")[0]), function)
+        draw = getattr(importlib.import_module(f"{__name__.partition('.')[0]}.plot"), function)
         return draw(*readings, self, ax)
 
 

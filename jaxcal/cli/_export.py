@@ -7,6 +7,7 @@ from cyclopts import Group, Parameter
 
 import jaxcal
 
+from .._message import Message
 from ._options import WRITING, CallError, Plain, must_be_calibration
 from ._outputs import distinct, replaceable, staged
 from ._screen import Screen, show_written
@@ -95,7 +96,7 @@ def export(
     try:
         check_options(to, Options(**options))
     except jaxcal.ExportError as error:  # not the calibration: nothing was read yet
-        raise CallError(f"--to {to}: {error}") from error
+        raise CallError(Message("--to {to}: {error}", to=to, error=error), code=error.code) from error
     if len(calibration) > 1 and not FORMATS[to].many:
         raise CallError(f"--to {to} takes one calibration")
     target = out or Path(FILES[to])

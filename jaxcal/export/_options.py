@@ -8,6 +8,7 @@ import equinox as eqx
 import numpy as np
 
 from .._errors import DataError, ExportError
+from .._message import Message
 from .._units import STANDARD_GRAVITY
 
 #: a filter's name for a noise term -> sensor -> SI unit
@@ -72,7 +73,8 @@ class Options(eqx.Module):
 
     def _check(self, name: str, right: bool, expected: str) -> None:
         if not right:
-            raise ExportError(f"{name}={getattr(self, name)!r}: expected {expected}", code="option")
+            template = f"{{option.{name}:{{value}}}}: expected {{expected}}"
+            raise ExportError(Message(template, value=str(getattr(self, name)), expected=expected), code="option")
 
     def chosen(self) -> list[str]:
         """Names of the options that differ from their defaults."""

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from .._answer._html import each
 from .._files import write_atomically
 from ..plot._style import number_label, unit_label
 from ._charts import Chart, Curve, charts
-from ._html import Markup, definitions, each, join, scroll, section, table, tag
+from ._html import Markup, definitions, join, scroll, section, table, tag
 from ._page import page
 from ._population import populations
 
