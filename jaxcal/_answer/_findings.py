@@ -96,6 +96,7 @@ class Finding:
     facts : name -> number, text or `Quantity`, as the sentence names them.
     cost : by how much it matters beside findings of the same severity, in the unit of the result; larger is worse.
     kind : entry of the table.
+    similar : other channels with a finding of this code, whose facts differ; only `joined` sets it.
 
     Examples
     --------
@@ -114,13 +115,15 @@ class Finding:
     facts: Mapping[str, Any]
     cost: float
     kind: Kind
+    similar: tuple[str, ...] = ()
 
     def spelt(self, reader: Reader = "python", wanted: Sequence[str] = ()) -> str:
         """Subject, sentence and remedy for a reader, with quantities in the wanted units."""
         said = [Message(self.kind.sentence, **self.facts).spelt(reader, wanted)]
         if self.kind.remedy:
             said.append(Message(self.kind.remedy, terminal=self.kind.terminal, **self.facts).spelt(reader, wanted))
-        about = f"{joined_names(self.subject)}: " if self.subject else ""
+        others = f" (similar: {joined_names(self.similar)})" if self.similar else ""
+        about = f"{joined_names(self.subject)}{others}: " if self.subject else ""
         return about + " ".join(said)
 
     def of(self, *subject: str) -> "Finding":
@@ -180,7 +183,7 @@ def ordered(findings: Iterable[Finding]) -> list[Finding]:
 
 
 def joined(findings: Iterable[Finding]) -> list[Finding]:
-    """One finding for each code, the worst first, about all channels that have it; facts and cost are those of the worst one.
+    """One finding for each code, the worst first. Times and sizes are those of its own channels; the others are named as similar.
 
     Guesses are not joined, because each has its own facts.
 
@@ -189,12 +192,17 @@ def joined(findings: Iterable[Finding]) -> list[Finding]:
     >>> from jaxcal._answer import CAUTION, Kind, joined, table
     >>> findings = table(step=Kind(CAUTION, "a step of {size:g} m/s^2"))
     >>> [str(one) for one in joined([findings("step", "accel_x", 1.0, size=0.1), findings("step", "accel_z", 2.0, size=0.2)])]
-    ['accel x, z: a step of 0.2 m/s^2']
+    ['accel z (similar: accel x): a step of 0.2 m/s^2']
     """
     groups: dict[Any, list[Finding]] = {}
     for one in ordered(findings):
         groups.setdefault((one.code, one.subject if one.kind.guess else ()), []).append(one)
-    return [group[0].of(*sorted({name for one in group for name in one.subject})) for group in groups.values()]
+    found = []
+    for group in groups.values():
+        own = {name for one in group if str(one.of()) == str(group[0].of()) for name in one.subject}
+        others = {name for one in group for name in one.subject} - own
+        found.append(dataclasses.replace(group[0], subject=tuple(sorted(own)), similar=tuple(sorted(others))))
+    return found
 
 
 def merged(findings: Iterable[Finding]) -> list[Finding]:
