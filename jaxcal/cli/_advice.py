@@ -65,6 +65,8 @@ def advice(error: Any, argv: Sequence[str], options: dict[str, set[str]]) -> str
         return f"jaxcal simulate takes what to simulate: {kinds}. For example: {_USAGE['simulate']}"
     if name == "UnknownCommandError" or (command and command not in options):
         return _unknown_command(command, options)
+    if name == "UnknownOptionError" and command == "export" and (format := format_of(argv)):
+        return _not_of_format(_word(error), format)
     if name == "UnknownOptionError" and getattr(error.token, "source", "cli") == "cli":  # not from the file of --config
         return _unknown_option(_word(error), command, options)
     if name == "UnusedCliTokensError":
@@ -117,6 +119,24 @@ def _unknown_option(word: str, command: str, options: dict[str, set[str]]) -> st
         many = f"jaxcal {owners[0]}" if len(owners) == 1 else "jaxcal " + ", ".join(owners[:-1]) + f" and {owners[-1]}"
         return f"{word} is an option of {many}, not of jaxcal {command}; leave it out, or use that command"
     return f"jaxcal {command} has no option {word}; jaxcal {command} --help lists those it has"
+
+
+def _not_of_format(word: str, format: str) -> str:
+    from ..export._formats import FORMATS
+
+    option = word.removeprefix("--").replace("-", "_")
+    known = [name for name, one in FORMATS.items() if option in one.options]
+    own = ", ".join(f"--{name.replace('_', '-')}" for name in FORMATS[format].options) or "none"
+    return f"jaxcal export --to {format} has no option {word}" + (f", which is for {', '.join(known)}" if known else f"; it has {own}")
+
+
+def format_of(argv: Sequence[str]) -> str:
+    """The format that a command line of `jaxcal export` names with --to; "" for none."""
+    from ..export._formats import FORMATS
+
+    words = [*argv, ""]
+    named = [words[i + 1] if word == "--to" else word.removeprefix("--to=") for i, word in enumerate(argv) if word.split("=")[0] == "--to"]
+    return next((name for name in named if name in FORMATS), "")
 
 
 def _too_much(words: list[str], command: str, argv: Sequence[str]) -> str | None:

@@ -14,7 +14,7 @@ from cyclopts.config import Toml
 
 import jaxcal
 
-from ._advice import KINDS, advice, code_of
+from ._advice import KINDS, advice, code_of, format_of
 from ._apply import apply, convert
 from ._batch import batch
 from ._cache import cache
@@ -22,7 +22,7 @@ from ._curves import allan, psd
 from ._demo import demo
 from ._device import device
 from ._diff import diff
-from ._export import export
+from ._export import export_to
 from ._imu import imu
 from ._info import info
 from ._mag import mag
@@ -34,7 +34,8 @@ from ._temperature import temperature
 from ._turntable import rate_table, vibration
 
 _COMMANDS = (
-    demo, info, noise, allan, psd, temperature, imu, rate_table, vibration, mag, device, north, apply, convert, export, diff, batch, cache,
+    demo, info, noise, allan, psd, temperature, imu, rate_table, vibration, mag, device, north, apply, convert, export_to(""), diff, batch,
+    cache,
 )  # fmt: skip
 _SIMULATE = (simulate_noise, simulate_temperature, simulate_imu, simulate_mag, simulate_device, simulate_north)
 DONE, DATA, CALL, FAULT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 130, 141
@@ -66,14 +67,15 @@ def _configuration(app, commands, arguments):
 
 
 @functools.cache
-def _application() -> cyclopts.App:
+def _application(format: str = "") -> cyclopts.App:
+    """The application; `jaxcal export` has the options of this format."""
     app = cyclopts.App(
         name="jaxcal", help=_HELP, help_format="plaintext", version=lambda: jaxcal.__version__, version_flags=["--version"],
         config=_configuration, default_parameter=cyclopts.Parameter(negative=()), result_action="return_value",
         suppress_keyboard_interrupt=False,
     )  # fmt: skip
     for command in _COMMANDS:
-        app.command(command)
+        app.command(export_to(format) if command.__name__ == "export" else command)
     simulate = cyclopts.App(name="simulate", help="Logs of simulated devices, whose truth is known.", help_format="plaintext")
     for command in _SIMULATE:
         simulate.command(command, name=command.__name__.removeprefix("simulate_"))
@@ -105,7 +107,7 @@ def run(argv: list[str]) -> int:
 def attempt(argv: list[str]) -> Failure | None:
     """Run the command line `argv`; returns why it failed, or None. Tests ask for the code of a failure, and not for its wording."""
     try:
-        _application()(argv, exit_on_error=False, print_error=False)
+        _application(format_of(argv))(argv, exit_on_error=False, print_error=False)
         sys.stdout.flush()
         return None
     except cyclopts.CycloptsError as error:

@@ -17,7 +17,6 @@ from ._options import CallError
 FINDINGS = table(
     read_so=Kind(NOTE, "{said}"),
     not_written=Kind(NOTE, "{file} is not written: {reason}"),
-    in_file=Kind(NOTE, "{file}: {said}"),
 )
 #: (place to write to, results, log) -> sentences to print, if any
 Maker = Callable[[Path, Any, Any], Sequence[Any] | None]
@@ -101,8 +100,7 @@ def save_calibration(place: Path, results: Any, log: Any, *, part: str, device: 
 def save_export(place: Path, results: Any, log: Any, format: str, *, part: str, device: Any = None, **options: Any) -> list[Any]:
     """Write the results as the `part` of a calibration, in the format of another tool."""
     made = jaxcal.Calibration(**{part: results}, device=device, provenance=log.provenance)
-    said = jaxcal.export.write(made, place, format=format, **options)
-    return [FINDINGS("in_file", file=place.name, said=one) if isinstance(one, str) else one for one in said]
+    return [one.of(place.name, *one.subject) for one in jaxcal.export.write(made, place, format=format, force=True, **options)]
 
 
 @contextlib.contextmanager

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from .._answer import Finding
 from .._errors import ExportError
 from .._types import AnyArray
 from ..calibration import Calibration
@@ -11,8 +12,9 @@ from ..imu import Triad
 from ..magnetometer import Moments
 from ..magnetometer._iron import HARD
 from ..magnetometer._onboard import APART, CELLS, MOST
+from ._findings import FINDINGS
 from ._models import correction, cubics, gyro_bias, triads, unknown_field
-from ._options import Options, Product, number
+from ._options import Product, number
 
 _APPLY = """static inline void %sapply(const float m[3][3], const float b[3], const float y[3], float x[3]) {
   for (int i = 0; i < 3; ++i)
@@ -110,14 +112,14 @@ _THERMAL = """ * bias is at %sTEMPERATURE_REFERENCE_C; add coeff[0]*d + coeff[1]
  * d = temperature - reference, temperature clipped to the valid range."""
 
 
-def header(calibration: Calibration, options: Options) -> Product:
+def write_c(calibration: Calibration, options: Any) -> Product:
     """Write the constants of every sensor in the calibration, and the function that applies them."""
-    warnings: list[str] = []
+    said: list[Finding] = []
     parts, p = triads(calibration), options.prefix
-    thermal = {sensor: cubics(calibration, sensor, None, warnings) for sensor in ("accel", "gyro")}
-    found = {sensor: _inertial(calibration, sensor, parts.get(sensor), powers, p, warnings) for sensor, powers in thermal.items()}
+    thermal = {sensor: cubics(calibration, sensor, None, said) for sensor in ("accel", "gyro")}
+    found = {sensor: _inertial(calibration, sensor, parts.get(sensor), powers, p, said) for sensor, powers in thermal.items()}
     if calibration.magnetometer is not None:
-        found["mag"] = _magnetic(calibration, options, warnings)
+        found["mag"] = _magnetic(calibration, options, said)
     elif options.accumulator:
         raise ExportError("accumulator=True is for the magnetometer, and the calibration holds none", code="no_part")
     if not any(found.values()):
@@ -135,11 +137,11 @@ def header(calibration: Calibration, options: Options) -> Product:
         exponents = Moments(np.zeros(3), 1.0).exponents
         rows = ["    " + " ".join(f"{{{a}, {b}, {c}}}," for a, b, c in exponents[i : i + 7]) + "\n" for i in range(0, len(exponents), 7)]
         text += _MOMENTS % ("".join(rows), MOST, APART, CELLS, MOST, APART, APART)
-    return Product(text + "\n#endif\n", tuple(warnings), _spread(calibration))
+    return Product(text + "\n#endif\n", said, _spread(calibration))
 
 
 def _inertial(
-    calibration: Calibration, sensor: str, part: Triad | None, powers: AnyArray | None, prefix: str, warnings: list[str]
+    calibration: Calibration, sensor: str, part: Triad | None, powers: AnyArray | None, prefix: str, said: list[Finding]
 ) -> list[str]:
     if part is None:
         bias = gyro_bias(calibration) if sensor == "gyro" else None
@@ -147,7 +149,7 @@ def _inertial(
             return []
         if bias is None:
             bias = np.zeros(3)
-            warnings.append(f"{sensor}: no bias is known to go with the thermal model; zero is written")
+            said.append(FINDINGS("placeholder", sensor, what="bias for the thermal model", value="zero"))
         part = Triad(np.eye(3), bias)
     start = f"static const float {prefix}{sensor.upper()}"
     lines = [f"{start}_MATRIX[3][3] = {_table(correction(part.matrix))};", f"{start}_BIAS[3] = {_row(part.bias)};"]
@@ -159,11 +161,11 @@ def _inertial(
     return lines
 
 
-def _magnetic(calibration: Calibration, options: Options, warnings: list[str]) -> list[str]:
+def _magnetic(calibration: Calibration, options: Any, said: list[Finding]) -> list[str]:
     section: Any = calibration.magnetometer
     start, model = f"static const float {options.prefix}MAG", section.model
     lines = [f"{start}_MATRIX[3][3] = {_table(correction(model.soft_iron))};", f"{start}_BIAS[3] = {_row(model.hard_iron)};"]
-    unknown_field(calibration, warnings)
+    unknown_field(calibration, said)
     if options.accumulator:
         if section.field is None:
             raise ExportError("accumulator=True needs the field's strength as a scale; the calibration has none", code="no_part")

@@ -16,8 +16,9 @@ from ..calibration import Calibration, Covariance, DeviceNoise, Part, Thermal, p
 from ..calibration._parts import COUNTS
 from ..imu import Triad
 from ..magnetometer import MagModel
+from ._findings import FINDINGS
 from ._noise import stored_noise
-from ._options import UNITS, Options, Product, finite, number
+from ._options import UNITS, Product, finite, number
 
 _HEADER = "quantity,axis,value,low,high,unit,kind"
 #: noise term -> its name in the column `kind`
@@ -30,21 +31,17 @@ Row = tuple[str, str, float, float, float, str, str]
 Cells = dict[tuple[str, str], dict[str, AnyArray]]
 
 
-def table(calibration: Calibration, options: Options) -> Product:
+def write_csv(calibration: Calibration, options: Any) -> Product:
     """Write the forward models, as in the JSON file; low and high are the limits of the confidence interval if it is known."""
     rows = [*_noise(calibration.noise), *_models(calibration), *_temperature(calibration.temperature)]
     if not rows:
         raise ExportError("the calibration holds no numbers", code="no_part")
-    warnings = []
-    if calibration.temperature is not None and "channels" in calibration.temperature.to_document():
-        warnings.append("thermal models with jumps, splines or hysteresis have no place in a table; the JSON file holds them")
-    if calibration.device:
-        warnings.append("the name and ids of the device are not in the table")
+    only_json = calibration.temperature is not None and "channels" in calibration.temperature.to_document()
     lines = [_HEADER]
     for quantity, axis, value, low, high, unit, kind in rows:
         limits = ",".join("" if np.isnan(limit) else number(limit) for limit in (low, high))
         lines.append(f"{quantity},{axis},{number(value)},{limits},{unit},{kind}")
-    return Product("\n".join(lines) + "\n", tuple(warnings))
+    return Product("\n".join(lines) + "\n", [FINDINGS("models_left_out")] if only_json else [])
 
 
 def _noise(noise: DeviceNoise | None) -> Iterator[Row]:
@@ -57,7 +54,7 @@ def _noise(noise: DeviceNoise | None) -> Iterator[Row]:
         if values is None:
             continue
         low, high = ((limits or {}).get(term, np.full(3, np.nan)) for limits in (held.low, held.high))
-        unit = UNITS.get(kind, {}).get(sensor, noise_units(term, sensor)[-1])
+        unit = UNITS.get(term, {}).get(sensor, noise_units(term, sensor)[-1])
         for i in np.flatnonzero(np.isfinite(values)):
             least, most = (float(limit) if np.isfinite(limit) else np.nan for limit in (low[i], high[i]))
             yield (sensor, _AXES[i], float(values[i]), least, most, unit, kind)
@@ -107,7 +104,7 @@ def _errors(covariance: Covariance | None) -> dict[str, float]:
     return dict(zip(covariance.parameters, np.sqrt(np.maximum(np.diag(covariance.values), 0.0)).tolist(), strict=True))
 
 
-def read_table(text: str, options: dict[str, Any]) -> Calibration:
+def read_csv(text: str, options: dict[str, Any]) -> Calibration:
     """Read the table of `write`: forward models and noise, without covariances and the limits of matrices."""
     rows = list(csv.reader(io.StringIO(text)))
     if not rows or ",".join(rows[0]) != _HEADER:

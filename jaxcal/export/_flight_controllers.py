@@ -11,18 +11,23 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import polynomial
 
+from .._answer import Finding
 from .._errors import DataError, ExportError
+from .._message import Message
 from .._types import AnyArray
+from .._units import factor
 from ..calibration import Calibration, Thermal, polynomials
 from ..imu import Triad
 from ..magnetometer import MagModel
+from ._findings import FINDINGS
 from ._models import cubics, diagonal, dropped_of_gyro, gyro_bias, inverse, symmetric, symmetric_of, triads, upper_of
-from ._options import Options, Product, finite, plain
+from ._options import Product, finite, plain
 
 _AXES = "XYZ"
-_GAUSS, _MILLIGAUSS = 1e-4, 1e-7  # T
-_MILLIONTH = 1e-6
-_PX4_MOST, _IMUS, _COMPASSES = 4, 5, 3
+_GAUSS, _MILLIGAUSS = (factor(unit, "mag") for unit in ("G", "mG"))
+_MILLIONTH = 1e-6  # of the unit of a thermal coefficient
+#: instances of a sensor that the firmware has
+_PX4, _IMUS, _COMPASSES = 4, 5, 3
 _REFERENCE = 35.0  # degC: the firmware of ArduPilot expands every polynomial about this temperature
 _LEAST_RANGE = 10.0  # degC
 _LARGEST_ID = 2**24  # limit of ids in ArduPilot, because parameters are transmitted as float32
@@ -30,64 +35,63 @@ _PX4_FACTS = ("units: accelerometer m/s^2, gyroscope rad/s, magnetometer gauss; 
 _ARDUPILOT_FACTS = (
     "units: accelerometer m/s^2, gyroscope rad/s, compass milligauss; thermal terms 1e-6 of these per degC, degC^2, degC^3",
 )
-_NO_BIAS = "accelerometer: no bias is known to go with the thermal model; calibrate on the vehicle after loading this"
 Rows = dict[str, float | int]
 
 
-def px4(calibrations: Sequence[Calibration], options: Options) -> Product:
+def write_px4(calibrations: Sequence[Calibration], options: Any) -> Product:
     """Write one instance of each sensor for every calibration, beginning with `options.instance`."""
-    rows, warnings = _instances("PX4", _px4_rows, calibrations, options)
+    rows, found = _instances("PX4", _px4_rows, calibrations, options)
     lines = [f"1\t1\t{name}\t{plain(value)}\t{6 if isinstance(value, int) else 9}" for name, value in rows]
     head = ("# Sensor calibration written by jaxcal", "#", "# Vehicle-Id Component-Id Name Value Type")
-    return Product("\n".join((*head, *lines)) + "\n", warnings, _PX4_FACTS)
+    return Product("\n".join((*head, *lines)) + "\n", found, _PX4_FACTS)
 
 
-def ardupilot(calibrations: Sequence[Calibration], options: Options) -> Product:
+def write_ardupilot(calibrations: Sequence[Calibration], options: Any) -> Product:
     """Write one instance of each sensor for every calibration, beginning with `options.instance`; ArduPilot counts from 1."""
-    rows, warnings = _instances("ArduPilot", _ardupilot_rows, calibrations, options)
+    rows, found = _instances("ArduPilot", _ardupilot_rows, calibrations, options)
     lines = [f"{name},{plain(value)}" for name, value in rows]
-    return Product("\n".join(("# Sensor calibration written by jaxcal", *lines)) + "\n", warnings, _ARDUPILOT_FACTS)
+    return Product("\n".join(("# Sensor calibration written by jaxcal", *lines)) + "\n", found, _ARDUPILOT_FACTS)
 
 
 def _instances(
-    tool: str, rows_of: Callable[..., Rows], calibrations: Sequence[Calibration], options: Options
-) -> tuple[list[tuple[str, float | int]], tuple[str, ...]]:
+    tool: str, rows_of: Callable[..., Rows], calibrations: Sequence[Calibration], options: Any
+) -> tuple[list[tuple[str, float | int]], list[Finding]]:
     rows: Rows = {}
-    warnings: list[str] = []
+    said: list[Finding] = []
     for instance, calibration in enumerate(calibrations, options.instance):
-        found = rows_of(calibration, instance, options, warnings)
+        found = rows_of(calibration, instance, options, said)
         if not found:
             raise ExportError(
                 f"the calibration holds no imu, magnetometer or temperature, of which {tool}'s parameters could be made", code="no_part"
             )
         rows |= found
-    return sorted(rows.items()), tuple(warnings)
+    return sorted(rows.items()), said
 
 
-def _px4_rows(calibration: Calibration, i: int, options: Options, warnings: list[str]) -> Rows:
-    if i >= _PX4_MOST:
-        raise ExportError(f"PX4 has instances 0 to {_PX4_MOST - 1} of a sensor; instance {i} is one too many", code="instance")
+def _px4_rows(calibration: Calibration, i: int, options: Any, said: list[Finding]) -> Rows:
+    if i >= _PX4:
+        raise ExportError(f"PX4 has instances 0 to {_PX4 - 1} of a sensor; instance {i} is one too many", code="instance")
     rows: Rows = {}
     parts = triads(calibration)
     if "accel" in parts:
-        scale, bias = diagonal(calibration, warnings), parts["accel"].bias
+        scale, bias = diagonal(calibration, said), parts["accel"].bias
         if min(scale) < 0.1 or max(scale) > 3:
-            warnings.append("accelerometer: scale factor outside 0.1 to 3, which the firmware does not take; were the readings in m/s^2?")
+            said.append(FINDINGS("out_of_range", "accel", what="scale factor, outside 0.1 to 3"))
         rows[f"CAL_ACC{i}_ID"] = _device_id(calibration, "px4", "accel_id")
         rows |= _named(f"CAL_ACC{i}_{{}}OFF", bias) | _named(f"CAL_ACC{i}_{{}}SCALE", scale)
     bias = gyro_bias(calibration)
     if bias is not None:
         rows[f"CAL_GYRO{i}_ID"] = _device_id(calibration, "px4", "gyro_id")
         rows |= _named(f"CAL_GYRO{i}_{{}}OFF", bias)
-        warnings += dropped_of_gyro(calibration)
+        said += dropped_of_gyro(calibration)
     if calibration.magnetometer is not None:
-        shape = symmetric(calibration, f"CAL_MAG{i}_ROT", warnings)
+        shape = symmetric(calibration, f"CAL_MAG{i}_ROT", said)
         rows[f"CAL_MAG{i}_ID"] = _device_id(calibration, "px4", "mag_id")
         rows |= _named(f"CAL_MAG{i}_{{}}OFF", calibration.magnetometer.model.hard_iron / _GAUSS)
         rows |= _named(f"CAL_MAG{i}_{{}}SCALE", shape.diagonal()) | _named(f"CAL_MAG{i}_{{}}ODIAG", upper_of(shape))
     section: Any = calibration.temperature
     for sensor, letter in (("accel", "A"), ("gyro", "G")):
-        powers = cubics(calibration, sensor, None, warnings)
+        powers = cubics(calibration, sensor, None, said)
         if powers is None:
             continue
         # keep the constant in CAL_*OFF, so that switching off the thermal model does not change the bias at the reference
@@ -98,9 +102,9 @@ def _px4_rows(calibration: Calibration, i: int, options: Options, warnings: list
         }  # fmt: skip
         rows |= {f"{start}_X{k}_{axis}": float(value) for axis in range(3) for k, value in enumerate((0.0, *powers[axis]))}
         if sensor == "accel" and "accel" not in parts:
-            warnings.append(_NO_BIAS)
+            said.append(FINDINGS("no_bias", "accel"))
     if any(name.startswith("TC_") for name in rows):
-        warnings.append("TC_A_ENABLE and TC_G_ENABLE are read at the start of the vehicle: restart it after loading this")
+        said.append(FINDINGS("restart"))
     return rows
 
 
@@ -120,31 +124,31 @@ def _ardupilot_names(i: int) -> dict[str, str]:
     }  # fmt: skip
 
 
-def _ardupilot_rows(calibration: Calibration, instance: int, options: Options, warnings: list[str]) -> Rows:
+def _ardupilot_rows(calibration: Calibration, instance: int, options: Any, said: list[Finding]) -> Rows:
     i, parts, section = instance + 1, triads(calibration), calibration.temperature
     names = _ardupilot_names(i)
     if i > _IMUS:
         raise ExportError(f"ArduPilot has instances 1 to {_IMUS} of an IMU; instance {i} is one too many", code="instance")
     if i > 3 and (parts or section):
-        warnings.append(f"instance {i} exists in recent firmware alone: compare the names with those of the vehicle")
+        said.append(FINDINGS("recent_firmware", instance=i))
     rows: Rows = {}
-    thermal = {letter: cubics(calibration, sensor, _REFERENCE, warnings) for letter, sensor in (("ACC", "accel"), ("GYR", "gyro"))}
+    thermal = {letter: cubics(calibration, sensor, _REFERENCE, said) for letter, sensor in (("ACC", "accel"), ("GYR", "gyro"))}
     holds, moved = _where_it_holds(section, thermal)
     if "accel" in parts:
-        scale, bias = diagonal(calibration, warnings), parts["accel"].bias + moved["ACC"]
+        scale, bias = diagonal(calibration, said), parts["accel"].bias + moved["ACC"]
         if max(abs(bias)) > 3.5 or min(scale) < 0.8 or max(scale) > 1.2:
-            warnings.append("accelerometer: bias above 3.5 m/s^2 or scale factor outside 0.8 to 1.2, which the firmware does not take")
+            said.append(FINDINGS("out_of_range", "accel", what="bias above 3.5 m/s^2, or scale factor outside 0.8 to 1.2"))
         rows[names["accel_id"]] = _device_id(calibration, "ardupilot", "accel_id")
         rows |= _named(names["accel_offset"], bias) | _named(names["accel_scale"], scale)
     if "gyro" in parts:
-        warnings += dropped_of_gyro(calibration)
+        said += dropped_of_gyro(calibration)
         if options.gyro_bias:
-            warnings.append("gyroscope: the bias is learned anew at every start unless INS_GYR_CAL is 0")
+            said.append(FINDINGS("relearnt", "gyro"))
             rows |= _named(names["gyro_offset"], parts["gyro"].bias + moved["GYR"])
         else:
-            warnings.append("gyroscope: bias not written, for the firmware learns it at every start")
+            said.append(FINDINGS("estimated_by_tool", "gyro", tool="the firmware"))
     if calibration.magnetometer is not None:
-        rows |= _compass(calibration, names, i, warnings)
+        rows |= _compass(calibration, names, i, said)
     if section is not None and any(powers is not None for powers in thermal.values()):
         low, high = section.minimum, section.maximum
         if high - low < _LEAST_RANGE:
@@ -162,7 +166,7 @@ def _ardupilot_rows(calibration: Calibration, instance: int, options: Options, w
             for k, values in enumerate(np.zeros((3, 3)) if powers is None else powers.T / _MILLIONTH, 1):
                 rows |= _named(f"{start}{letter}{k}_{{}}", values)
         if thermal["ACC"] is not None and "accel" not in parts:
-            warnings.append(_NO_BIAS)
+            said.append(FINDINGS("no_bias", "accel"))
     return rows
 
 
@@ -179,16 +183,16 @@ def _where_it_holds(section: Thermal | None, thermal: dict[str, AnyArray | None]
     return holds, moved
 
 
-def _compass(calibration: Calibration, names: dict[str, str], i: int, warnings: list[str]) -> Rows:
+def _compass(calibration: Calibration, names: dict[str, str], i: int, said: list[Finding]) -> Rows:
     mag: Any = calibration.magnetometer
     if i > _COMPASSES:
         raise ExportError(f"ArduPilot has calibrations of compasses 1 to {_COMPASSES}; compass {i} is one too many", code="instance")
-    shape = symmetric(calibration, "COMPASS_ORIENT" if i == 1 else f"COMPASS_ORIENT{i}", warnings)
+    shape = symmetric(calibration, "COMPASS_ORIENT" if i == 1 else f"COMPASS_ORIENT{i}", said)
     rest = upper_of(shape)
     if min(shape.diagonal()) < 0.2 or max(shape.diagonal()) > 5 or max(map(abs, rest)) >= 1:
-        warnings.append("compass: diagonal outside 0.2 to 5 or off-diagonal of 1 and more, which the firmware does not take")
+        said.append(FINDINGS("out_of_range", "mag", what="diagonal outside 0.2 to 5, or off-diagonal of 1 and more"))
     if "COMPASS_MOT" in str((calibration.provenance or {}).get("applied", "")):
-        warnings.append("compass: the log had motor compensation on; firmware before per-motor compensation adds it inside the matrix")
+        said.append(FINDINGS("motor_compensation", "mag"))
     rows: Rows = {names["compass_id"]: _device_id(calibration, "ardupilot", "compass_id"), names["compass_scale"]: 1}
     # the firmware adds the offset to the reading
     rows |= _named(names["compass_offset"], -mag.model.hard_iron / _MILLIGAUSS)
@@ -201,8 +205,12 @@ def _device_id(calibration: Calibration, tool: str, name: str) -> int:
     value = ids.get(name) if isinstance(ids, dict) else None
     if not isinstance(value, int) or isinstance(value, bool) or not 0 < value < 2**31:
         raise ExportError(
-            f"the {name} of the sensor is not known, and the flight controller finds its parameters by it; give it "
-            f'as Calibration(device={{"name": ..., "{tool}": {{"{name}": ID}}}}), as the vehicle lists it',
+            Message(
+                "the {name} of the sensor, by which the flight controller finds its parameters, is not known; give it as the vehicle lists "
+                "it: {how}",
+                name=name,
+                how=Message(f'Calibration(device={{{{"{tool}": {{{{"{name}": ID}}}}}}}})', terminal=f"--ids {name.removesuffix('_id')}=ID"),
+            ),
             code="no_id",
         )
     if tool == "ardupilot" and value >= _LARGEST_ID:

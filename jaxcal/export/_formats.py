@@ -1,67 +1,143 @@
-"""The table of formats: writer, reader, contents, options and file names."""
+"""The table of formats: sections of a calibration that each uses, its options, and the name of its file.
 
-import pathlib
-from collections.abc import Callable
+It loads no other module of this package, so that the help of the command line is quick.
+"""
 
-import equinox as eqx
+import importlib
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 from .._errors import ExportError
-from ..calibration import Calibration
-from . import _csv, _filters, _flight_controllers, _imu_tk, _motioncal, _ros
-from ._c import header
-from ._options import Options, Product
+from .._message import Message
+from .._units import STANDARD_GRAVITY
+
+SENSORS = {"gyro": "gyroscope", "accel": "accelerometer"}
+#: sensor -> end of the name of its file
+IMU_TK = {"accel": "_acc", "gyro": "_gyro"}
 
 
-class Format(eqx.Module):
-    """One format."""
+def is_positive(value: Any) -> bool:
+    """Whether a value is a finite number above 0."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value) and value > 0
 
-    make: Callable[..., Product]  # takes (calibration, options), or (list of calibrations, options) if `many`
-    read: Callable[..., Calibration] | None  # takes (content of a file, options)
-    sections: tuple[str, ...]  # sections of the calibration that the format uses
-    options: tuple[str, ...] = ()  # options that the format uses
-    mark: str = "#"  # mark of a comment line; "" if the format has no comments
-    after: int = 0  # number of lines before the first comment
+
+def is_instance(value: Any) -> bool:
+    """Whether a value can be the number of a sensor on its vehicle."""
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+
+
+def is_walk(value: Any) -> bool:
+    """Whether a value says what to write for K that was not found."""
+    if isinstance(value, Mapping):
+        return bool(value) and set(value) <= set(SENSORS) and all(map(is_positive, value.values()))
+    return value is None or value == "upper_limit"
+
+
+def is_name(value: Any) -> bool:
+    """Whether a value can begin the names of a C program."""
+    return isinstance(value, str) and value.isascii() and value.isidentifier()
+
+
+def is_topic(value: Any) -> bool:
+    """Whether a value can be the name of a ROS topic; such a name needs no escape in YAML between quotes."""
+    return is_name(str(value).removeprefix("~").removeprefix("/").replace("/", "_"))
+
+
+class Option(NamedTuple):
+    """An option of some formats: default, whether a value is right or the values that are, what is expected, and help."""
+
+    default: Any
+    right: Callable[[Any], bool] | tuple[str, ...]
+    expected: str
+    help: str
+
+
+OPTIONS = {
+    "axis": Option("worst", ("worst", "rms"), "", "One number for three axes: the largest (worst), or their root mean square (rms)."),
+    "inflate": Option(1.0, is_positive, "a number above 0", "Factor on the noise; the file states it."),
+    "random_walk": Option(
+        "upper_limit", is_walk, 'a number above 0 for a sensor, as {"gyro": 2e-6}, or "upper_limit", or None to refuse',
+        "K in place of that of the fit, in SI: gyro=2e-6,accel=3e-5. Else, where no K was found, its upper limit.",
+    ),
+    "rate": Option(None, lambda rate: rate is None or is_positive(rate), "Hz above 0", "True sampling rate in Hz; else that of the log."),
+    "topic": Option("/imu0", is_topic, 'a name such as "/imu0"', "ROS topic of the sensor."),
+    "gravity": Option(STANDARD_GRAVITY, is_positive, "m/s^2 above 0", "Local gravity in m/s^2."),
+    "convention": Option(
+        "midpoint", ("midpoint", "per_sample"), "", "Meaning of the noise: N sqrt(2 rate) (midpoint), or N sqrt(rate) (per_sample)."
+    ),
+    "frame": Option("up", ("up", "down"), "", "Direction of the z axis."),
+    "instance": Option(0, is_instance, "0 for the first", "Number of the sensors on the vehicle, from 0."),
+    "gyro_bias": Option(False, lambda value: isinstance(value, bool), "True or False",
+                        "Also the bias of the gyroscope, which the firmware learns at every start."),
+    "prefix": Option("JAXCAL_", is_name, "the beginning of a name in C", "Prefix of the names in the header."),
+    "accumulator": Option(False, lambda value: isinstance(value, bool), "True or False",
+                          "Also the sums for the next magnetometer calibration, on board."),
+}  # fmt: skip
+
+
+class Format(NamedTuple):
+    """One format. Its module has `write_NAME(calibration, options)`, with a list of calibrations if `many`, and perhaps `read_NAME`."""
+
+    file: str  # usual name
+    module: str
+    sections: tuple[str, ...]  # sections of the calibration that it uses
+    options: tuple[str, ...] = ()
+    mark: str = "#"  # of a comment line; "" if the format has no comments
+    head: str = ""  # line that stands before the first comment
     many: bool = False  # whether a file can hold several instances of a sensor
     counts: bool = False  # whether a magnetometer in counts has a place
+    readable: bool = True
+
+    def function(self, name: str) -> Callable[..., Any]:
+        """The writer or reader."""
+        return getattr(importlib.import_module(f".{self.module}", __package__), name)
 
 
-_NOISE = ("axis", "inflate", "density", "random_walk")
-#: options that every format accepts, so that callers can pass them to all formats
-_ALWAYS = ("density", "random_walk")
-_FIELDS = ("imu", "magnetometer", "temperature")
-FORMATS: dict[str, Format] = {
-    "kalibr": Format(_filters.kalibr, _filters.read_kalibr, ("noise",), (*_NOISE, "topic", "rate")),
-    "openvins": Format(_filters.openvins, _filters.read_openvins, ("noise", "imu"), (*_NOISE, "topic", "rate", "model"), after=1),
-    "vins": Format(_filters.vins, _filters.read_vins, ("noise",), (*_NOISE, "topic", "rate", "gravity", "convention")),
-    "orbslam3": Format(_filters.orbslam3, _filters.read_orbslam3, ("noise",), (*_NOISE, "rate")),
-    "gtsam": Format(_filters.gtsam, None, ("noise",), (*_NOISE[1:], "gravity", "frame")),
-    "px4": Format(_flight_controllers.px4, _flight_controllers.read_px4, _FIELDS, ("instance",), many=True),
-    "ardupilot": Format(_flight_controllers.ardupilot, _flight_controllers.read_ardupilot, _FIELDS, ("instance", "gyro_bias"), many=True),
-    "ros": Format(_ros.ros, _ros.read_ros, ("noise", *_FIELDS), ("flavour", "inflate", "rate")),
-    "imu_tk": Format(_imu_tk.imu_tk, _imu_tk.read_imu_tk, ("imu",), mark=""),
-    "motioncal": Format(_motioncal.motioncal, _motioncal.read_motioncal, ("magnetometer",), mark=""),
-    "c": Format(header, None, _FIELDS, ("prefix", "accumulator"), mark="//", counts=True),
-    "csv": Format(_csv.table, _csv.read_table, ("noise", *_FIELDS), mark="", counts=True),
+_NOISE = ("axis", "inflate", "random_walk", "rate")
+_PARTS = ("imu", "magnetometer")
+_FIELDS = (*_PARTS, "temperature")
+FORMATS = {
+    "kalibr": Format("imu.yaml", "_filters", ("noise",), (*_NOISE, "topic")),
+    "openvins": Format("kalibr_imu_chain.yaml", "_filters", ("noise", "imu"), (*_NOISE, "topic"), head="%YAML:1.0\n"),
+    "vins": Format("vins.yaml", "_filters", ("noise",), (*_NOISE, "topic", "gravity", "convention")),
+    "orbslam3": Format("orbslam3.yaml", "_filters", ("noise",), _NOISE),
+    "gtsam": Format("gtsam_imu.py", "_filters", ("noise",), ("inflate", "random_walk", "gravity", "frame"), readable=False),
+    "px4": Format("px4.params", "_flight_controllers", _FIELDS, ("instance",), many=True),
+    "ardupilot": Format("ardupilot.param", "_flight_controllers", _FIELDS, ("instance", "gyro_bias"), many=True),
+    "ros": Format("calibration.yaml", "_ros", ("noise", *_PARTS), ("inflate", "rate")),
+    "imu_tk": Format("imu.calib", "_imu_tk", ("imu",), mark=""),
+    "motioncal": Format("motioncal.bin", "_motioncal", ("magnetometer",), mark=""),
+    "c": Format("calibration.h", "_c", _FIELDS, ("prefix", "accumulator"), mark="//", counts=True, readable=False),
+    "csv": Format("calibration.csv", "_csv", ("noise", *_FIELDS), mark="", counts=True),
 }
 
 
-def check_options(name: str, options: Options) -> Format:
-    """Return the format of that name; raise an error if it is unknown or does not use one of the given options."""
+def checked_options(name: str, given: Mapping[str, Any]) -> SimpleNamespace:
+    """The options of a format, with defaults; an error if the format is unknown, or has no such option or value."""
     if name not in FORMATS:
         raise ExportError(f"unknown format {name!r}; expected one of {', '.join(FORMATS)}", code="format")
-    kind = FORMATS[name]
-    for option in options.chosen():
-        if option not in (*kind.options, *_ALWAYS):
-            known = [other for other, one in FORMATS.items() if option in one.options]
-            raise ExportError(f"{option}={getattr(options, option)!r} means nothing to {name}; it is for {', '.join(known)}", code="option")
-    return kind
+    own = FORMATS[name].options
+    for key, value in given.items():
+        if key not in own:
+            known = [other for other, one in FORMATS.items() if key in one.options]
+            has = f"it is for {', '.join(known)}" if known else f"its options are {', '.join(own)}" if own else "it has no options"
+            raise ExportError(Message(f"{{option.{key}}} means nothing to {{name}}; {{has}}", name=name, has=has), code="no_such_option")
+        right = OPTIONS[key].right
+        if not (value in right if isinstance(right, tuple) else right(value)):
+            expected = " or ".join(right) if isinstance(right, tuple) else OPTIONS[key].expected
+            said = Message(f"{{option.{key}:{{value}}}}: expected {{expected}}", value=str(value), expected=expected)
+            raise ExportError(said, code="option")
+    return SimpleNamespace(**{key: given.get(key, OPTIONS[key].default) for key in own})
 
 
-def files_of(path: pathlib.Path, name: str) -> dict[str, pathlib.Path]:
+def files_of(path: Path, name: str) -> dict[str, Path]:
     """Suffix of the name -> file, for all files that a format may write at `path`; for most formats {"": path}."""
     if name != "imu_tk":
         return {"": path}
     stem = path.stem if path.suffix == ".calib" else path.name
-    for suffix in _imu_tk.SUFFIXES.values():
+    for suffix in IMU_TK.values():
         stem = stem.removesuffix(suffix)
-    return {suffix: path.with_name(f"{stem}{suffix}.calib") for suffix in _imu_tk.SUFFIXES.values()}
+    return {suffix: path.with_name(f"{stem}{suffix}.calib") for suffix in IMU_TK.values()}

@@ -8,23 +8,19 @@ from .._errors import DataError, ExportError
 from .._types import AnyArray
 from ..calibration import Calibration
 from ..imu import Triad
+from ._formats import IMU_TK
 from ._models import correction, dropped_g_sensitivity, inverse, triads
-from ._options import Options, Product, finite, plain
+from ._options import Product, finite, plain
 
-_DIGITS = 12
-_DECIMALS = 13  # decimals of T, whose diagonal is 1; further decimals are rounding errors
-_NUMBERS = 21  # numbers in T, K and B
-#: sensor -> end of its file's name
-SUFFIXES = {"accel": "_acc", "gyro": "_gyro"}
+_DIGITS = 12  # of a number; T, whose diagonal is 1, has one decimal more
 
 
-def imu_tk(calibration: Calibration, options: Options) -> Product:
+def write_imu_tk(calibration: Calibration, options: Any) -> Product:
     """Make one text for each sensor in the calibration."""
     parts = triads(calibration)
     if not parts:
         raise ExportError("the calibration holds no imu, of which imu_tk's files could be made", code="no_part")
-    warnings = dropped_g_sensitivity(calibration)
-    return Product({SUFFIXES[name]: _text(part) for name, part in parts.items()}, tuple(warnings))
+    return Product({IMU_TK[name]: _text(part) for name, part in parts.items()}, dropped_g_sensitivity(calibration))
 
 
 def read_imu_tk(texts: dict[str, str], options: dict[str, Any]) -> Calibration:
@@ -32,8 +28,8 @@ def read_imu_tk(texts: dict[str, str], options: dict[str, Any]) -> Calibration:
     imu = {}
     for sensor, text in texts.items():
         words = text.split()
-        if len(words) != _NUMBERS:
-            raise DataError(f"the file of the {sensor} has {len(words)} numbers; expected {_NUMBERS}: T, K and B", code="no_part")
+        if len(words) != 21:
+            raise DataError(f"the file of the {sensor} has {len(words)} numbers; expected {21}: T, K and B", code="no_part")
         values = np.array([finite(word, f"a number of the {sensor}") for word in words])
         matrix = inverse(values[:9].reshape(3, 3) @ values[9:18].reshape(3, 3))
         imu[sensor] = Triad(matrix, values[18:])
@@ -48,7 +44,7 @@ def _text(part: Triad) -> str:
         raise ExportError(
             "an axis has no scale factor of its own, so that imu_tk's T and K cannot be told apart; look at the mounting", code="no_part"
         )
-    return "".join(_block(rows) for rows in (np.round(full / scale, _DECIMALS), np.diag(scale), part.bias[:, None]))
+    return "".join(_block(rows) for rows in (np.round(full / scale, _DIGITS + 1), np.diag(scale), part.bias[:, None]))
 
 
 def _block(rows: AnyArray) -> str:

@@ -1,21 +1,21 @@
-"""Models in the forms of other tools, with warnings on what is lost: triangular, symmetric or diagonal matrices; thermal cubics."""
+"""Models in the forms of other tools, with findings on what is lost: triangular, symmetric or diagonal matrices; thermal cubics."""
 
 from typing import Any
 
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._answer import Finding
 from .._errors import DataError, ExportError
 from .._types import AnyArray
 from .._units import STANDARD_GRAVITY, si_unit
 from ..calibration import Calibration
 from ..calibration._thermal import AXES, cubic
 from ..imu import Triad
-from ._options import SENSORS
+from ._findings import FINDINGS
 
 _DECIMALS = 14  # decimals relative to the largest entry; further ones are rounding errors of the inverse
 _DEGREE = 3
-_NARROW = 10.0  # degC
 _ROUNDING = 1e-13  # share of the largest term; smaller terms are rounding errors from the change of the reference
 
 
@@ -45,21 +45,16 @@ def rounded(values: AnyArray) -> AnyArray:
     return np.round(values / unit, _DECIMALS) * unit + 0.0
 
 
-def factored(matrix: AnyArray, shape: str) -> tuple[AnyArray, AnyArray]:
-    """Factor `matrix` into a triangular matrix with positive diagonal and a rotation; `shape` is "lower" or "upper"."""
+def factored(matrix: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """Factor `matrix` into a lower triangular matrix with positive diagonal and a rotation."""
     if not np.linalg.det(matrix) > 0:
         raise ExportError(
             "a matrix of the calibration mirrors the axes, which no rotation can hold; exchange or negate an axis of the log",
             code="no_part",
         )
-    if shape == "lower":
-        q, r = np.linalg.qr(matrix.T)
-        triangle, turn = r.T, q.T
-    else:
-        q, r = np.linalg.qr(matrix[::-1].T)
-        triangle, turn = r.T[::-1, ::-1], q.T[::-1]
-    sign = np.sign(np.diag(triangle))
-    return rounded(triangle * sign), rounded(turn * sign[:, None])
+    q, r = np.linalg.qr(matrix.T)
+    sign = np.sign(np.diag(r))
+    return rounded(r.T * sign), rounded(q.T * sign[:, None])
 
 
 def angle(turn: AnyArray) -> float:
@@ -73,19 +68,17 @@ def triads(calibration: Calibration) -> dict[str, Triad]:
     return {} if calibration.imu is None else {name: part.model for name, part in calibration.imu.parts.items()}
 
 
-def diagonal(calibration: Calibration, warnings: list[str]) -> AnyArray:
-    """(3,) scale factors of the accelerometer's correction; the misalignment is lost, with a warning."""
+def diagonal(calibration: Calibration, found: list[Finding]) -> AnyArray:
+    """(3,) scale factors of the accelerometer's correction; the misalignment is lost, with a finding."""
     full = correction(triads(calibration)["accel"].matrix)
     scale = np.diag(full)
     lost = np.linalg.norm(full - np.diag(scale), 2)
     if lost > 0:
-        warnings.append(
-            f"accelerometer: misalignment not written, for it has no place: {lost:.4g} ({lost * STANDARD_GRAVITY:.4g} m/s^2 at 1 g)"
-        )
+        found.append(FINDINGS("matrix_left_out", "accel", what="misalignment", lost=lost))
     return scale
 
 
-def symmetric(calibration: Calibration, mounting: str, warnings: list[str]) -> AnyArray:
+def symmetric(calibration: Calibration, place: str, found: list[Finding]) -> AnyArray:
     """Correction of the magnetometer as a symmetric matrix (3, 3): P of the polar decomposition A = U P; the rotation U is lost."""
     mag: Any = calibration.magnetometer
     full = correction(mag.model.soft_iron)
@@ -96,8 +89,8 @@ def symmetric(calibration: Calibration, mounting: str, warnings: list[str]) -> A
     turn, shape = scipy.linalg.polar(full)
     lost = angle(turn)
     if lost > 1e-3:
-        warnings.append(f"magnetometer: a rotation of {lost:.3g} degrees not written; {mounting} could hold it")
-    unknown_field(calibration, warnings)
+        found.append(FINDINGS("rotation_left_out", "mag", lost=lost, place=place))
+    unknown_field(calibration, found)
     return rounded((shape + shape.T) / 2)
 
 
@@ -112,35 +105,31 @@ def symmetric_of(diagonal: AnyArray, upper: AnyArray) -> AnyArray:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def unknown_field(calibration: Calibration, warnings: list[str]) -> None:
-    """Warn if the scale of the magnetometer is arbitrary."""
+def unknown_field(calibration: Calibration, found: list[Finding]) -> None:
+    """Add a finding if the scale of the magnetometer is arbitrary."""
     mag: Any = calibration.magnetometer
     asked = (calibration.provenance or {}).get("options")
     guessed = isinstance(asked, dict) and "field" in asked and asked["field"] is None and asked.get("place") is None
     if mag.field is None or not np.isfinite(mag.field) or guessed:
-        warnings.append("magnetometer: the field's strength was not known, so that the overall scale is arbitrary")
+        found.append(FINDINGS("scale_unknown", "mag"))
 
 
-def dropped_of_gyro(calibration: Calibration) -> list[str]:
-    """Warnings on the gyroscope parameters that are lost if only its bias is written."""
+def dropped_of_gyro(calibration: Calibration) -> list[Finding]:
+    """Findings on the gyroscope parameters that are lost if only its bias is written."""
     gyro = triads(calibration).get("gyro")
     if gyro is None:
         return []
     lost = np.linalg.norm(correction(gyro.matrix) - np.eye(3), 2)
-    said = [f"gyroscope: scale factors and misalignment not written, for there is no place for them: {lost:.4g}"] if lost > 0 else []
+    said = [FINDINGS("matrix_left_out", "gyro", what="scale factors and misalignment", lost=lost)] if lost > 0 else []
     return said + dropped_g_sensitivity(calibration)
 
 
-def dropped_g_sensitivity(calibration: Calibration) -> list[str]:
-    """Warning on the loss of the gyroscope's g-sensitivity."""
+def dropped_g_sensitivity(calibration: Calibration) -> list[Finding]:
+    """Finding on the loss of the gyroscope's g-sensitivity."""
     gyro = triads(calibration).get("gyro")
     if gyro is None or not np.any(gyro.g_sensitivity):
         return []
-    size = np.linalg.norm(gyro.g_sensitivity, 2)
-    return [
-        f"gyroscope: g-sensitivity not written, for there is no place for it: {size:.4g} rad/s per m/s^2 "
-        f"({size * STANDARD_GRAVITY:.4g} rad/s at 1 g)"
-    ]
+    return [FINDINGS("g_sensitivity_left_out", "gyro", lost=np.linalg.norm(gyro.g_sensitivity, 2) * STANDARD_GRAVITY)]
 
 
 def gyro_bias(calibration: Calibration) -> AnyArray | None:
@@ -153,10 +142,10 @@ def gyro_bias(calibration: Calibration) -> AnyArray | None:
     return np.array([section.constant(f"gyro_{axis}") for axis in AXES])
 
 
-def cubics(calibration: Calibration, sensor: str, reference: float | None, warnings: list[str]) -> AnyArray | None:
+def cubics(calibration: Calibration, sensor: str, reference: float | None, said: list[Finding]) -> AnyArray | None:
     """Thermal model of a sensor as a cubic: (3, 3) coefficients of d, d^2, d^3 for each axis, or None without a thermal model.
 
-    d = T - `reference`; `reference` None uses that of the model. Warnings report what the cubic loses.
+    d = T - `reference`; `reference` None uses that of the model. Findings report what the cubic loses.
     """
     section = calibration.temperature
     if section is None:
@@ -166,26 +155,17 @@ def cubics(calibration: Calibration, sensor: str, reference: float | None, warni
     if found is None:
         return None
     coefficients, _, lost = found
-    name, models = SENSORS[sensor], section.of(sensor)
+    models = section.of(sensor)
     for axis, departure in zip(AXES, lost, strict=True):
         if departure > 0:
             jumps = ", ".join(f"{centre:.2f}" for centre in getattr(models[axis].curve, "centre", ()))
-            what = f"; the jump at {jumps} degC is smeared out" if jumps else ""
-            warnings.append(
-                f"{name} {axis}: the cubic that the format knows departs from the model by up to {departure:.3g} {si_unit(sensor)}{what}"
-            )
+            what = f"; it smears out the jump at {jumps} degC" if jumps else ""
+            said.append(FINDINGS("cubic_departs", f"{sensor}_{axis}", departure=departure, unit=si_unit(sensor), jumps=what))
         if axis in models and (models[axis].lag > 0 or models[axis].play > 0 or models[axis].rate != 0):
-            warnings.append(
-                f"{name} {axis}: lag, play and rate of change not written, for there is no place for them; heating and cooling will differ"
-            )
-    width = section.maximum - section.minimum
-    if width < _NARROW:
-        warnings.append(f"{name}: the thermal model covers {width:.3g} degC; outside it the flight controller keeps the value at the end")
+            said.append(FINDINGS("hysteresis_left_out", f"{sensor}_{axis}"))
     if not section.minimum <= section.reference <= section.maximum:
-        warnings.append(
-            f"{name}: {section.reference:g} degC, at which the bias holds, is outside the thermal model ({section.minimum:g} to "
-            f"{section.maximum:g} degC)"
-        )
+        limits = {name: getattr(section, name) for name in ("reference", "minimum", "maximum")}
+        said.append(FINDINGS("reference_outside", sensor, **limits))
     reach = np.abs(np.array([section.minimum, section.maximum]) - about).max() ** np.arange(1, _DEGREE + 1)
     share = np.abs(coefficients) * reach
     return np.where(share > _ROUNDING * share.max(initial=0.0), coefficients, 0.0)

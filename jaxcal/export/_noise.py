@@ -1,42 +1,43 @@
-"""Combine the noise of three axes to the single density and random walk that most filters use."""
+"""Combine the noise of three axes to the single density (N) and random walk (K) that most filters use."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
-import equinox as eqx
 import numpy as np
 
+from .._answer import Finding
 from .._errors import ExportError
+from .._message import Message
 from .._types import AnyArray
 from .._units import si_unit
 from ..calibration import Calibration, DeviceNoise, SensorNoise
-from ._options import SENSORS, UNITS, Options, is_positive, number, numbers
+from ._findings import FINDINGS
+from ._formats import SENSORS
+from ._options import UNITS, number, numbers
 
-#: a filter's name -> term of the noise model, and its name in messages
-_QUANTITIES = {"density": ("N", "noise density"), "random_walk": ("K", "random walk")}
-_DROPPED = {"Q": "quantisation", "B": "bias instability", "R": "ramp", "markov": "Gauss-Markov", "sinusoid": "sinusoid"}
+_LEFT_OUT = {"Q": "quantisation Q", "B": "bias instability B", "R": "ramp R", "markov": "Gauss-Markov", "sinusoid": "sinusoid"}
 
 
-class Isotropic(eqx.Module):
-    """Noise for most filters: one density (N) and one random walk (K) for each sensor, SI per sqrt(Hz), after `inflate`."""
+class Isotropic(NamedTuple):
+    """Noise for most filters: one N and one K for each sensor, SI per sqrt(Hz), after `inflate`."""
 
-    values: dict[tuple[str, str], float]  # (quantity, sensor) -> number
+    values: dict[tuple[str, str], float]  # (term, sensor) -> number
     rate: float
-    facts: tuple[str, ...]  # origin of the values; the accelerometer comes first, also in the warnings
-    warnings: tuple[str, ...]
+    facts: tuple[str, ...]  # origin of the values; the accelerometer comes first
+    findings: list[Finding]
 
 
-def isotropic(calibration: Calibration, options: Options, why: str) -> Isotropic:
-    """Density and random walk of both sensors, and the rate; refused if one is unknown. `why` says what depends on the rate."""
+def isotropic(calibration: Calibration, options: Any, use: str) -> Isotropic:
+    """N and K of both sensors, and the rate; refused if one is unknown. `use` says what depends on the rate."""
     noise = noise_of(calibration)
     combine = np.max if options.axis == "worst" else lambda values: np.sqrt(np.mean(values**2))
-    values, facts, warnings = {}, [], []
-    for sensor, name in SENSORS.items():
+    values, facts, found = {}, [], []
+    for sensor in ("accel", "gyro"):
         n, k, how, said = per_axis(noise, sensor, options)
-        values |= {("density", sensor): float(combine(n)), ("random_walk", sensor): float(combine(k))}
-        facts = [f"{name}: {options.axis} axis; {how}", *facts]
-        warnings = [*said, *warnings]
-    rate, said = rate_of(noise, calibration, options, why)
-    return Isotropic(values, rate, tuple(facts), (*warnings, *said))
+        values |= {("N", sensor): float(combine(n)), ("K", sensor): float(combine(k))}
+        facts.append(f"{SENSORS[sensor]}: {options.axis} axis; {how}")
+        found += said
+    rate, said = rate_of(noise, calibration, options, use)
+    return Isotropic(values, rate, tuple(facts), [*found, *said])
 
 
 def stored_noise(sensor: str, **terms: Any) -> dict[str, Any]:
@@ -54,94 +55,63 @@ def noise_of(calibration: Calibration) -> DeviceNoise:
     return calibration.noise
 
 
-def per_axis(noise: DeviceNoise, sensor: str, options: Options) -> tuple[AnyArray, AnyArray, str, tuple[str, ...]]:
-    """N and K of the three axes of a sensor after `inflate`, their origin, and warnings."""
-    n, n_source, n_warnings = _axes(noise, sensor, "density", options)
-    k, k_source, k_warnings = _axes(noise, sensor, "random_walk", options)
+def per_axis(device: DeviceNoise, sensor: str, options: Any) -> tuple[AnyArray, AnyArray, str, list[Finding]]:
+    """N and K of the three axes of a sensor after `inflate`, their origin, and findings."""
+    noise = getattr(device, sensor)
+    if noise is None:
+        raise ExportError(f"the calibration holds no noise of the {SENSORS[sensor]}; its log had none", code="no_noise")
+    n, n_source, n_said = _or_limit(noise, sensor, "N", "upper_limit")
+    k, k_source, k_said = _or_limit(noise, sensor, "K", options.random_walk)
     about = f"per axis N = {numbers(n)}{n_source}; K = {numbers(k)}{k_source}"
     about += f"; multiplied by {number(options.inflate)}" if options.inflate != 1 else ""
-    warnings = (*n_warnings, *k_warnings, *_dropped(_measured(noise, sensor), sensor))
-    return n * options.inflate, k * options.inflate, about, warnings
+    return n * options.inflate, k * options.inflate, about, [*n_said, *k_said, *_left_out(noise, sensor)]
 
 
-def rate_of(noise: DeviceNoise, calibration: Calibration, options: Options, why: str) -> tuple[float, list[str]]:
-    """Sampling rate to write in Hz, with a warning if it was only estimated; `why` says what depends on it."""
+def rate_of(noise: DeviceNoise, calibration: Calibration, options: Any, use: str) -> tuple[float, list[Finding]]:
+    """Sampling rate to write in Hz, with a finding if it was only estimated; `use` says what depends on it."""
     if options.rate is not None:
         return float(options.rate), []
     if (calibration.provenance or {}).get("rate") == "given":
         return noise.rate, []
-    return noise.rate, [
-        f"the rate {number(noise.rate)} Hz is that of the log, estimated from its stamps; {why}: give the rate if you know it"
-    ]
+    return noise.rate, [FINDINGS("rate_estimated", rate=noise.rate, use=use)]
 
 
-def _measured(noise: DeviceNoise, sensor: str) -> SensorNoise:
-    found = getattr(noise, sensor)
-    if found is None:
-        raise ExportError(
-            f"the calibration holds no {SENSORS[sensor]} noise; characterise a static log that has {sensor} readings", code="no_noise"
-        )
-    return found
-
-
-def _axes(device: DeviceNoise, sensor: str, quantity: str, options: Options) -> tuple[np.ndarray, str, list[str]]:
-    """N or K of the three axes, its origin if it is not the fit, and warnings."""
-    noise, (term, name) = _measured(device, sensor), _QUANTITIES[quantity]
-    missing = _not_found(noise, term)
-    asked: Any = getattr(options, quantity)
-    if isinstance(asked, dict):
-        asked = asked.get(sensor, "upper_limit")
-    elif is_positive(asked):
-        asked = _for_one_sensor(device, asked, sensor, quantity)
-    if is_positive(asked):
-        warning = f"the {name} of the {SENSORS[sensor]} is the value given: {asked:g} {UNITS[quantity][sensor]}"
-        return np.full(3, float(asked)), " (given, not measured)", [warning]
+def _or_limit(noise: SensorNoise, sensor: str, term: str, asked: Any) -> tuple[np.ndarray, str, list[Finding]]:
+    """N or K of the three axes, or its upper limit where it was not found; its origin if it is not the fit, and findings."""
+    if isinstance(asked, dict) and sensor in asked:
+        value = float(asked[sensor])
+        return np.full(3, value), " (given, not measured)", [FINDINGS("given", sensor, value=value, unit=UNITS[term][sensor])]
     values = np.full(3, np.nan) if getattr(noise, term) is None else np.array(getattr(noise, term))
+    verdict = (noise.verdict or {}).get(term, ("present",) * 3)
+    missing = [i for i in range(3) if verdict[i] != "present" or not values[i] > 0]
     if not missing:
         return values, "", []
-    names = ", ".join(f"{sensor}_{'xyz'[i]}" for i in missing)
+    channels = [f"{sensor}_{'xyz'[i]}" for i in missing]
+    names = ", ".join(channels)
     if asked is None:
-        flicker = "" if term == "N" else ". Bias instability B is not a random walk and is not written as one"
         raise ExportError(
-            f'no {name} {term} was found on {names}; fit a longer record, or give {quantity}="upper_limit" or a value in '
-            f"{UNITS[quantity][sensor]}{flicker}",
+            Message('no {term} was found on {names}; fit a longer record, or give {option.random_walk} "upper_limit" or a number',
+                    term=term, names=names),
             code="not_detected",
-        )
+        )  # fmt: skip
     limits = (noise.upper_limit or {}).get(term, np.full(3, np.nan))
     values[missing] = limits[missing]
     if not np.all(np.isfinite(values) & (values > 0)):
-        raise ExportError(f"no upper limit of {term} is known on {names}; give a value, {quantity}={{{sensor!r}: ...}}", code="no_limit")
+        raise ExportError(
+            Message("no upper limit of {term} is known on {names}; give {option.random_walk}", term=term, names=names), code="no_limit"
+        )
     limit = f"{100 * noise.confidence:g} % upper limit" if noise.confidence else "upper limit"
-    return values, f" ({limit} on {names})", [f"{term} was not found on {names}: its {limit} is written"]
+    return values, f" ({limit} on {names})", [FINDINGS("limit_written", channels, term=term, limit=limit)]
 
 
-def _not_found(noise: SensorNoise, term: str) -> list[int]:
-    """Axes on which a term is zero, unknown, or not certain."""
-    values = getattr(noise, term)
-    if values is None:
-        return [0, 1, 2]
-    verdict = (noise.verdict or {}).get(term, ("present",) * 3)
-    return [i for i in range(3) if verdict[i] != "present" or not values[i] > 0]
-
-
-def _for_one_sensor(device: DeviceNoise, value: float | int, sensor: str, quantity: str) -> float | int | None:
-    """Return a single number for the one sensor without this quantity, else None; refuse it if the sensor is ambiguous."""
-    term, name = _QUANTITIES[quantity]
-    lacking = [other for other in SENSORS if _not_found(_measured(device, other), term)]
-    if len(lacking) != 1:
-        state = f"both sensors lack a {name}" if lacking else f"both sensors have a {name} of their own"
-        raise ExportError(f'{quantity}={value!r}: {state}; say for which it is, as {{"gyro": ...}} or {{"accel": ...}}', code="ambiguous")
-    return value if lacking == [sensor] else None
-
-
-def _dropped(noise: SensorNoise, sensor: str) -> list[str]:
+def _left_out(noise: SensorNoise, sensor: str) -> list[Finding]:
     found = []
-    for name, words in _DROPPED.items():
+    for name, words in _LEFT_OUT.items():
         values = getattr(noise, name)
         verdict = (noise.verdict or {}).get(name, ("present",) * 3)
-        known = () if values is None or name in ("markov", "sinusoid") else zip(values, verdict, strict=True)
-        if any(v > 0 and kind != "not detected" for v, kind in known) or (values is not None and len(name) > 1):
-            found.append(f"{words} {name}" if len(name) == 1 else words)
-    if not found:
-        return []
-    return [f"{SENSORS[sensor]}: {', '.join(found)} not written, for there is no place for it; a larger inflate can cover it"]
+        if name in ("markov", "sinusoid"):
+            present = values is not None
+        else:
+            present = values is not None and any(v > 0 and kind != "not detected" for v, kind in zip(values, verdict, strict=True))
+        found += [words] if present else []
+    return [FINDINGS("terms_left_out", sensor, terms=", ".join(found))] if found else []

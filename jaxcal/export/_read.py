@@ -5,11 +5,9 @@ import pathlib
 
 from .._errors import DataError
 from ..calibration import Calibration
-from ._formats import FORMATS, files_of
-from ._imu_tk import SUFFIXES
-from ._options import INSTANCE, is_instance, is_positive
+from ._formats import FORMATS, IMU_TK, OPTIONS, files_of
 
-_LARGEST = 16 * 2**20  # bytes
+_LARGEST = 16 * 2**20  # bytes; calibrations have some thousands
 
 
 def read(
@@ -28,7 +26,7 @@ def read(
     ----------
     path : the file; for "imu_tk" the name given to `write`, or one of its two files.
     format : "kalibr" (`imu.yaml`, or Kalibr's calibration result with matrices), "openvins", "vins", "orbslam3", "px4", "ardupilot",
-        "ros" (all flavours), "imu_tk", "motioncal" (68 or 52 bytes) or "csv".
+        "ros", "imu_tk", "motioncal" or "csv".
     rate : sampling rate in Hz; replaces that of the file, and is required if the file does not state it.
     convention : "midpoint" or "per_sample", for "vins"; the default is that stated in the file, else "midpoint".
     instance : index of the sensors on the vehicle, from 0, for "px4" and "ardupilot".
@@ -50,32 +48,32 @@ def read(
     >>> mag = {"unit": "T", "soft_iron": [[1.1, 0, 0], [0, 1, 0], [0, 0, 1]], "hard_iron": [1e-5, 0, 0], "field": 5e-5, "covariance": None}
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = pathlib.Path(folder, "a.csv")
-    ...     warnings = jaxcal.export.write(jaxcal.Calibration(magnetometer=mag), path, format="csv")
+    ...     findings = jaxcal.export.write(jaxcal.Calibration(magnetometer=mag), path, format="csv")
     ...     print(jaxcal.export.read(path, format="csv").magnetometer.model.hard_iron)
     [1.e-05 0.e+00 0.e+00]
     """
-    reader = FORMATS[format].read if format in FORMATS else None
-    if reader is None:
-        readable = ", ".join(name for name, one in FORMATS.items() if one.read is not None)
+    if format not in FORMATS or not FORMATS[format].readable:
+        readable = ", ".join(name for name, one in FORMATS.items() if one.readable)
         raise DataError(f"format={format!r} cannot be read back; expected one of {readable}", code="format")
-    if rate is not None and not is_positive(rate):
-        raise DataError(f"rate={rate!r}: expected a number of Hz above 0", code="option")
-    if not is_instance(instance):
-        raise DataError(f"instance={instance!r}: expected {INSTANCE}", code="option")
+    given = {"rate": rate, "convention": convention, "instance": instance}
+    for name, value in given.items():
+        right = OPTIONS[name].right
+        if value is not None and not (value in right if isinstance(right, tuple) else right(value)):
+            raise DataError(f"{name}={value!r}: expected {OPTIONS[name].expected or ' or '.join(map(str, right))}", code="option")
     path = pathlib.Path(path)
     try:
         content = {"imu_tk": _imu_tk_texts, "motioncal": _bytes}.get(format, _text)(path)
-        return reader(content, {"rate": rate, "convention": convention, "instance": instance})
+        return FORMATS[format].function(f"read_{format}")(content, given)
     except DataError as error:
         raise DataError(f"{path}: {error}", code="unreadable") from error
 
 
 def _imu_tk_texts(path: pathlib.Path) -> dict[str, str]:
-    for sensor, suffix in SUFFIXES.items():
+    for sensor, suffix in IMU_TK.items():
         if path.stem.endswith(suffix) and path.is_file():
             return {sensor: _text(path)}
     files = files_of(path, "imu_tk")
-    found = {sensor: _text(files[suffix]) for sensor, suffix in SUFFIXES.items() if files[suffix].is_file()}
+    found = {sensor: _text(files[suffix]) for sensor, suffix in IMU_TK.items() if files[suffix].is_file()}
     if not found:
         raise DataError(f"neither {' nor '.join(str(file) for file in files.values())} is there", code="unreadable")
     return found

@@ -3,17 +3,18 @@
 import importlib.metadata
 import os
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
+from .._answer import Finding
 from .._errors import ExportError
-from .._files import write_atomically
+from .._files import check_replaceable, write_atomically
 from .._message import Message
-from .._units import STANDARD_GRAVITY
 from ..calibration import Calibration
 from ..calibration._parts import COUNTS
-from ._formats import FORMATS, Format, check_options, files_of
-from ._options import Options, comment
+from ._findings import FINDINGS
+from ._formats import FORMATS, Format, checked_options, files_of
+from ._options import comment
 
 
 def write(
@@ -21,66 +22,48 @@ def write(
     path: str | os.PathLike[str],
     *,
     format: str = "kalibr",
-    topic: str = "/imu0",
-    axis: str = "worst",
-    inflate: float | int = 1.0,
-    density: Any = "upper_limit",
-    random_walk: Any = "upper_limit",
-    rate: float | int | None = None,
-    gravity: float | int = STANDARD_GRAVITY,
-    convention: str = "midpoint",
-    model: str = "kalibr",
-    frame: str = "up",
-    flavour: str = "ros2",
-    instance: int = 0,
-    gyro_bias: bool = False,
-    prefix: str = "JAXCAL_",
-    accumulator: bool = False,
     force: bool = False,
     provenance: bool = True,
-) -> tuple[str, ...]:
+    **options: Any,
+) -> tuple[Finding, ...]:
     """Write a calibration as a file that another tool reads.
 
-    Noise N is written as the noise density and K as the random walk; bias instability B is never written as a random walk. If a tool
-    uses one number for three axes, `axis` says how to combine them.
+    Noise N is written as the noise density and K as the random walk; bias instability B is never written as a random walk.
 
     Parameters
     ----------
     calibration : the `Calibration` to write; for "px4" and "ardupilot" also a list of them, one for each instance of the sensors.
-    path : file to write; an existing file is replaced atomically. "imu_tk" writes two files: NAME_acc.calib and NAME_gyro.calib.
+    path : file to write, in one step. "imu_tk" writes two files: NAME_acc.calib and NAME_gyro.calib.
     format : "kalibr" (`imu.yaml`), "openvins" (`kalibr_imu_chain.yaml`, with its matrices), "vins" (lines for VINS-Mono and
         VINS-Fusion), "orbslam3" (lines), "gtsam" (Python), "px4" (`.params`), "ardupilot" (`.param`), "ros" (YAML), "imu_tk"
         (`.calib`), "motioncal" (68 bytes), "c" (C99 header), "csv" (one row per number). Most formats state the units beside the numbers
         or in comments.
-    topic : ROS topic of the sensor.
-    axis : "worst" uses the largest of the three axes, "rms" their root mean square. A comment in the file lists all three.
-    inflate : factor applied to all noise; the file states it.
-    density : value to write if the fit did not find N: "upper_limit", None to refuse, a number (rad/s/sqrt(Hz) or m/s^2/sqrt(Hz)) for
-        the one sensor without N, or {"gyro": ..., "accel": ...}, which also replaces a fitted N. The file states it.
-    random_walk : the same for K, in rad/s^2/sqrt(Hz) or m/s^3/sqrt(Hz).
-    rate : true sampling rate in Hz; the default is that of the log, with a warning.
-    gravity : m/s^2, for "vins" and "gtsam".
-    convention : for "vins", "midpoint" writes N sqrt(2 rate), "per_sample" writes N sqrt(rate); the file states the other value, too.
-    model : for "openvins", "kalibr" (lower triangles) or "rpng" (upper triangles).
-    frame : for "gtsam", "up" or "down", the direction of the z axis.
-    flavour : for "ros", "ros2", "imu_calib", "dlio" or "madgwick".
-    instance : index of the sensors on the vehicle, from 0.
-    gyro_bias : for "ardupilot", whether to write the gyroscope's bias, which the firmware estimates again at every start.
-    prefix : prefix of the names in the C header.
-    accumulator : whether the C header includes the accumulator for the next magnetometer calibration; see `Moments` and `Admission`.
-    force : True also writes a calibration whose verdict is "weak" or "refused".
+    force : True also replaces a file that jaxcal did not write, or wrote for another log, and writes a calibration whose verdict is "weak"
+        or "refused".
     provenance : whether to begin with comments on origin, units and omissions. imu_tk, motioncal and csv have no comments.
+    options : those of the format:
+
+        - kalibr, openvins, vins, orbslam3: `axis` ("worst" of the three axes, or "rms", their root mean square; a comment lists all three),
+          `inflate` (factor on all noise), `random_walk` (where no K was found: "upper_limit", None to refuse, or a number for a sensor, as
+          {"gyro": 2e-6}, in rad/s^2/sqrt(Hz) or m/s^3/sqrt(Hz), which also replaces a fitted K), `rate` (true sampling rate in Hz; else
+          that of the log). Except orbslam3: `topic` (ROS topic).
+        - vins: `gravity` (m/s^2), `convention` ("midpoint" writes N sqrt(2 rate), "per_sample" N sqrt(rate); the file states the other).
+        - gtsam: `inflate`, `random_walk`, `gravity`, `frame` ("up" or "down", the direction of the z axis).
+        - px4, ardupilot: `instance` (index of the sensors on the vehicle, from 0). ardupilot: `gyro_bias` (True also writes the bias of the
+          gyroscope, which the firmware estimates again at every start).
+        - ros: `inflate`, `rate`.
+        - c: `prefix` (of the names), `accumulator` (True adds the sums for the next magnetometer calibration; see `Moments`).
 
     Returns
     -------
-    tuple of str
-        Sentences on what the file omits, and on values that do not come from the fit.
+    tuple of Finding
+        What the file omits, and values that do not come from the fit.
 
     Raises
     ------
     ExportError
         If the calibration lacks something that the format needs, its verdict is "weak" or "refused" without `force`, an option is
-        wrong or not used by the format, or the file cannot be written.
+        wrong ("option") or not used by the format ("no_such_option"), or the file cannot be written or replaced.
 
     Examples
     --------
@@ -91,28 +74,32 @@ def write(
     >>> device = jaxcal.Calibration(noise={"rate": 200.0, "gyro": gyro, "accel": accel})
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = pathlib.Path(folder, "imu.yaml")
-    ...     warnings = jaxcal.export.write(device, path, provenance=False)
+    ...     findings = jaxcal.export.write(device, path, provenance=False)
     ...     print(path.read_text().splitlines()[-1])
     update_rate: 200.0   # Hz
     """
-    options = Options(
-        topic=topic, axis=axis, inflate=inflate, density=density, random_walk=random_walk, rate=rate, gravity=gravity,
-        convention=convention, model=model, frame=frame, flavour=flavour, instance=instance, gyro_bias=gyro_bias, prefix=prefix,
-        accumulator=accumulator,
-    )  # fmt: skip
-    kind = check_options(format, options)
+    chosen = checked_options(format, options)
+    kind = FORMATS[format]
     devices = _devices(calibration, kind, format)
-    warnings = [sentence for device in devices for sentence in (*_doubts(device, kind, force), *_left_out(device, kind, format))]
-    made = kind.make(devices if kind.many else devices[0], options)
-    warnings = tuple(dict.fromkeys([*warnings, *made.warnings]))
+    found = [one for device in devices for one in (*_doubts(device, kind, force), *_left_out(device, kind, format))]
+    made = kind.function(f"write_{format}")(devices if kind.many else devices[0], chosen)
+    found = tuple(dict.fromkeys([*found, *made.findings]))
     files = files_of(pathlib.Path(path), format)
-    for suffix, content in (made.content if isinstance(made.content, dict) else {"": made.content}).items():
-        if provenance and kind.mark:
-            lines = [comment(line, kind.mark) + "\n" for line in (*_origin(devices, format), *made.facts, *warnings)]
-            existing = content.splitlines(keepends=True)
-            content = "".join((*existing[: kind.after], *lines, *existing[kind.after :]))
+    contents = made.content if isinstance(made.content, dict) else {"": made.content}
+    digest = (devices[0].provenance or {}).get("sha256", "") if len(devices) == 1 else ""
+    if provenance and kind.mark:
+        lines = [comment(line, kind.mark) + "\n" for line in (*_origin(devices, format), *made.facts, *map(str, found))]
+        contents = {suffix: "".join((kind.head, *lines, text.removeprefix(kind.head))) for suffix, text in contents.items()}
+    for suffix, content in contents.items():
+        check_replaceable(files[suffix], digest, force=force or _holds(files[suffix], content))
+    for suffix, content in contents.items():
         write_atomically(files[suffix], content)
-    return warnings
+    return found
+
+
+def _holds(path: pathlib.Path, content: str | bytes) -> bool:
+    """Whether a file has this content already: a cell of a notebook that is run again loses nothing, also without `provenance`."""
+    return path.is_file() and path.read_bytes() == (content if isinstance(content, bytes) else content.encode())
 
 
 def _devices(calibration: Any, kind: Format, format: str) -> list[Calibration]:
@@ -125,9 +112,8 @@ def _devices(calibration: Any, kind: Format, format: str) -> list[Calibration]:
     return devices
 
 
-def _doubts(calibration: Calibration, kind: Format, force: bool) -> list[str]:
-    """Warnings on the calibration itself, which apply to every format."""
-    said = []
+def _doubts(calibration: Calibration, kind: Format, force: bool) -> Iterator[Finding]:
+    """What is wrong with the calibration itself, for every format."""
     for name in ("imu", "magnetometer"):
         section = getattr(calibration, name)
         if name not in kind.sections or section is None:
@@ -135,40 +121,31 @@ def _doubts(calibration: Calibration, kind: Format, force: bool) -> list[str]:
         if name == "magnetometer" and section.unit == COUNTS and not kind.counts:
             taking = " and ".join(other for other, one in FORMATS.items() if one.counts)
             raise ExportError(f"the magnetometer is calibrated in counts, which only {taking} take", code="counts")
-        verdict = section.verdict
-        if verdict in ("weak", "refused"):
-            reason = f" ({section.verdict_reason})" if section.verdict_reason else ""
-            sentence = f"the verdict on the {name} calibration is {verdict!r}{reason}"
+        if section.verdict in ("weak", "refused"):
+            facts = {"part": name, "verdict": section.verdict, "reason": section.verdict_reason or ""}
             if not force:
-                raise ExportError(Message("{sentence}; {option.force:True} writes it all the same", sentence=sentence), code="several")
-            said.append(f"{sentence}, and it was forced")
+                said = "the calibration of the {part} is {verdict} ({reason}); {option.force:True} writes it all the same"
+                raise ExportError(Message(said, **facts), code="doubtful")
+            yield FINDINGS("forced", **facts)
     applied = (calibration.provenance or {}).get("applied")
     if applied and set(kind.sections) & {"imu", "magnetometer", "temperature"}:
-        held = ", ".join(applied) if isinstance(applied, (list, dict)) else str(applied)
-        said.append(
-            f"the readings behind this calibration had the device's own corrections in them already ({held}): it would be applied twice "
-            "beside them; compose it with the device's present calibration first (Calibration.compose)"
-        )
-    return said
+        yield FINDINGS("applied_twice", applied=", ".join(applied) if isinstance(applied, (list, dict)) else str(applied))
 
 
-def _left_out(calibration: Calibration, kind: Format, format: str) -> list[str]:
-    """Warnings on sections and parameters that the format cannot represent."""
-    held = [name for name in ("noise", "imu", "magnetometer", "temperature") if getattr(calibration, name) is not None]
-    left = [name for name in held if name not in kind.sections]
-    said = []
+def _left_out(calibration: Calibration, kind: Format, format: str) -> Iterator[Finding]:
+    """Sections and parameters that the format cannot represent."""
+    left = [name for name in ("imu", "magnetometer", "temperature") if getattr(calibration, name) is not None and name not in kind.sections]
     if left:
-        mend = "" if left == ["noise"] else ": correct the data with this calibration before the tool gets them (jaxcal apply)"
-        said.append(f"not written, for {format} has no place for it: {', '.join(left)}{mend}")
+        yield FINDINGS("sections_left_out", tool=format, sections=", ".join(left))
     parts = {} if calibration.imu is None or "imu" in left else calibration.imu.parts
     if calibration.magnetometer is not None and "magnetometer" not in left:
-        parts = {**parts, "magnetometer": calibration.magnetometer}
+        parts = {**parts, "mag": calibration.magnetometer}
     for sensor, part in parts.items():
         if type(part.model) is not part.base:
             fields = dict.fromkeys(name.partition("[")[0] for name in part.further)
-            what = ", ".join(fields) or "the formula"
-            said.append(f"not written, for {format} has no place for it: {what} of the {sensor} ({type(part.model).__name__})")
-    return said
+            yield FINDINGS(
+                "fields_left_out", sensor, tool=format, fields=", ".join(fields) or "the formula", model=type(part.model).__name__
+            )
 
 
 def _origin(devices: Sequence[Calibration], format: str) -> list[str]:

@@ -10,33 +10,18 @@ from .._errors import DataError
 from .._types import AnyArray
 from ._options import LARGEST_READ
 
-_LARGEST = 2**20  # characters
 _AGAIN = "give rate= (Hz), the rate of the sensor"
 
 
 def parse(text: str) -> dict[str, Any]:
-    """Parse a text to a mapping. Duplicate keys are refused; OpenCV's directive and tags are ignored."""
+    """Parse a text to a mapping. OpenCV's directive and tags are ignored."""
     try:
         import yaml
     except ImportError as error:
         raise DataError('reading YAML needs PyYAML; install it with pip install "jaxcal[yaml]"', code="not_installed") from error
-    if len(text) > _LARGEST:
-        raise DataError(f"the file has {len(text)} characters; a configuration has some thousands", code="unreadable")
 
     class Loader(yaml.SafeLoader):
-        def construct_mapping(self, node, deep=False):
-            keys = [self.construct_object(key, deep=True) for key, _ in node.value]
-            for (key, _), name in zip(node.value, keys, strict=True):
-                if not isinstance(name, str) or keys.count(name) > 1:
-                    raise DataError(f"line {key.start_mark.line + 1}: {name!r} is no name, or stands there twice", code="unreadable")
-            return super().construct_mapping(node, deep)
-
-        def compose_node(self, parent, index):
-            if self.check_event(yaml.AliasEvent):
-                raise DataError(
-                    f"line {self.peek_event().start_mark.line + 1}: references have no place in a calibration", code="unreadable"
-                )
-            return super().compose_node(parent, index)
+        """Takes the tag of OpenCV's matrices."""
 
     Loader.add_multi_constructor("tag:yaml.org,2002:opencv", lambda loader, _, node: loader.construct_mapping(node, deep=True))
     try:
@@ -45,8 +30,6 @@ def parse(text: str) -> dict[str, Any]:
     except yaml.YAMLError as error:
         raise DataError(f"the file is not YAML: {' '.join(str(error).split())}", code="unreadable") from error
     except (RecursionError, ValueError) as error:  # too deeply nested lists; an invalid date or number
-        if isinstance(error, DataError):
-            raise
         raise DataError(f"the file is no configuration: {error}", code="unreadable") from error
     if not isinstance(found, dict):
         raise DataError("the file holds no keys", code="unreadable")

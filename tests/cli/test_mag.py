@@ -112,7 +112,7 @@ def test_exports_hold_what_the_calibration_says(simulated, folder):
     call, _ = simulated
     found = call("mag", "tumble.csv", "--calibration", "device.json", "--export", "c", "--export", "csv=mag.csv", "--export", "motioncal")
     assert found.status == 0
-    assert "field's strength was not known" in " ".join(found.out.split())
+    assert "strength of the field was not known" in " ".join(found.out.split())
     hard = jaxcal.Calibration.load(folder / "device.json").magnetometer.model.hard_iron
     for name, given in (("mag.csv", "csv"), ("motioncal.bin", "motioncal")):
         read = jaxcal.export.read(folder / name, format=given).magnetometer

@@ -56,7 +56,8 @@ def test_files_for_flight_controllers(call, folder, ramp):
     assert "TC_G0_X3_2" in (folder / "px4.params").read_text()
     refused = call("temperature", ramp, *options)
     assert refused.status == 1
-    assert "gyro_id of the sensor is not known" in refused.reason
+    assert refused.code == "no_id"
+    assert "--ids gyro=ID" in refused.reason
 
 
 @pytest.mark.parametrize(

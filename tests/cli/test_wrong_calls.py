@@ -75,16 +75,16 @@ convert rest.csv tumble.csv                | tumble.csv: expected a name that en
 export rest.csv --to kalibr                | rest.csv is a log, and a calibration is asked for
 export noise.json --to kalibr              | the calibration is the file calibration.json
 export device.json --to excel              | Choose from: "kalibr", "openvins"
-export device.json --to kalibr --ids accel=1 | only px4 and ardupilot find sensors by ids
+export device.json --to kalibr --ids accel=1 | --to kalibr has no option --ids; it has --axis
 export device.json --to px4 --ids accel=x  | expected accel=NUMBER,gyro=NUMBER,mag=NUMBER
-export device.json --to kalibr --density lots | expected upper_limit, a number, or gyro=VALUE,accel=VALUE
+export device.json --to gtsam --rate 100     | --to gtsam has no option --rate, which is for kalibr
 export device.json device.json --to kalibr | --to kalibr takes one calibration
 diff rest.csv device.json                  | rest.csv is a log, and a calibration is asked for
 diff device.json device.json --significance 5 | expected a probability between 0 and 1, such as 0.01
 noise rest.csv --calibration tumble.csv    | --calibration tumble.csv is a log, and a calibration is asked for
 mag tumble.csv --against gone.json         | gone.json does not exist
 noise rest.csv --field 50                  | --field is an option of jaxcal mag, device and simulate, not of jaxcal noise
-noise rest.csv --gravity 9.81              | --gravity is an option of jaxcal imu, device, north and export, not of jaxcal noise
+noise rest.csv --gravity 9.81              | --gravity is an option of jaxcal imu, device and north, not of jaxcal noise
 noise rest.csv --kind mdev                 | --kind is an option of jaxcal allan, not of jaxcal noise
 mag tumble.csv --terms QN                  | --terms is an option of jaxcal noise and imu, not of jaxcal mag
 imu rest.csv --angles 0,90                 | --angles is an option of jaxcal north, not of jaxcal imu

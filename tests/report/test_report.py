@@ -313,8 +313,8 @@ def test_from_a_recording_to_every_file(tmp_path):
     device.save(tmp_path / "a.json")
     jaxcal.Calibration.load(tmp_path / "a.json").save(tmp_path / "b.json")
     assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
-    warnings = jaxcal.export.write(device, tmp_path / "imu.yaml", random_walk="upper_limit")
-    assert any(warning.startswith("K was not found on accel_x") for warning in warnings)
+    found = jaxcal.export.write(device, tmp_path / "imu.yaml", random_walk="upper_limit")
+    assert [one.subject[0] for one in found if one.code == "limit_written"] == ["accel_x"]
 
 
 def test_a_device_says_what_it_does_not_determine(tmp_path):
