@@ -1,7 +1,6 @@
 """`Log`: one recording in SI units on a uniform time grid."""
 
 import copy
-import dataclasses
 import html
 import importlib
 import os
@@ -12,30 +11,23 @@ import equinox as eqx
 import numpy as np
 
 from ._answer import NOTE, Finding
-from ._arrays import runs
 from ._errors import DataError
-from ._log_findings import LOG
 from ._message import Message
-from ._own_time import at_nearest, equal_rows, far_apart, own_stamps, placed_alone, stamps_of
-from ._quality import all_finite, checked_rate, inspect, mark_missing, shown_unit
-from ._timebase import Placement, counted, place, span
+from ._own_time import at_nearest, common_length, equal_rows, on_grid, own_stamps, placed_alone, stamps_of
+from ._quality import checked_rate, mark_missing, shown_unit
+from ._timebase import counted, place, span
 from ._types import AnyArray
+from ._units import si_unit
+from .evidence._find import find, set_aside
+from .evidence._findings import seen_in
+from .evidence._gaps import Gap, gaps_of
+from .evidence._stretch import Stretch
+from .evidence._values import masked, of_values
 
 #: sensor field -> channel name suffixes
 _AXES = {"gyro": ("_x", "_y", "_z"), "accel": ("_x", "_y", "_z"), "mag": ("_x", "_y", "_z"), "temperature": ("",)}
 _SENSORS = {"gyro": "gyroscope", "accel": "accelerometer", "mag": "magnetometer", "temperature": "temperature"}
 _THREE = 3
-#: a sensor present in a smaller share of the samples is slow, not full of gaps
-_SPARSE = 0.5
-
-
-@dataclasses.dataclass(frozen=True)
-class Gap:
-    """A stretch of missing samples: `start` (s, of the first missing sample), `length` (s), number of lost `samples`."""
-
-    start: float
-    length: float
-    samples: int
 
 
 class Log(eqx.Module):
@@ -44,7 +36,7 @@ class Log(eqx.Module):
     The stamps are sorted, and their steps compared with the sampling period. Samples that repeat both a stamp and its values are dropped,
     a wrapped counter is unwrapped, and stamps in bursts or of low resolution are spaced evenly. A step longer than 1.5 periods that later
     steps do not make up becomes a gap of NaN rows. The rate is the number of steps divided by their length, without gaps. Infinite values,
-    and the repeats of a frozen sensor (more than 50 equal vectors), become NaN. `findings` reports each repair.
+    and a frozen sensor (50 repeats or more), become NaN. `findings` reports each repair.
 
     Parameters
     ----------
@@ -126,7 +118,7 @@ class Log(eqx.Module):
         sensors = {name: _columns(name, values) for name, values in given.items() if values is not None}
         stamps, epoch = stamps_of(time)
         own = own_stamps(own_time or {}, sensors, epoch)
-        size = _common_length(stamps, {name: values for name, values in sensors.items() if name not in own})
+        size = common_length(stamps, {name: values for name, values in sensors.items() if name not in own})
         rate = None if rate is None else checked_rate(rate)
         for name, values in sensors.items():
             sensors[name] = mark_missing(name, _channel_names(name, values), values, found)
@@ -134,7 +126,7 @@ class Log(eqx.Module):
         apart = {name: sensors.pop(name) for name in own}
         placed = {name: placed_alone(name, own[name], apart[name]) for name in own}
         grid = counted(size, rate) if stamps is None else place(stamps, rate, equal_rows(sensors))
-        sensors = {name: _on_grid(values, grid) for name, values in sensors.items()}
+        sensors = {name: on_grid(values, grid) for name, values in sensors.items()}
         rate, size = grid.rate, grid.size
         epoch += round(grid.start * 1e9)
         found += grid.findings
@@ -144,7 +136,12 @@ class Log(eqx.Module):
             sensors[name], offset[name] = at_nearest(name, apart[name], own_grid, grid, found)
 
         for name, values in sensors.items():
-            sensors[name] = inspect(name, _channel_names(name, values), values, rate, found)
+            unit = shown_unit(name, values)
+            seen = of_values(name, values, rate, unit)
+            found += seen_in(name, _channel_names(name, values), values, rate, unit, seen)
+            for stuck in (one for one in seen if one.kind == "stuck"):
+                values = np.where(masked(stuck, values, rate), np.nan, values)
+            sensors[name] = values
         self.time = np.arange(size) / rate
         self.gyro, self.accel, self.mag, self.temperature = _fields(sensors).values()
         self.rate = rate
@@ -228,6 +225,53 @@ class Log(eqx.Module):
         """The codes of the findings, each once."""
         return tuple(dict.fromkeys(one.code for one in self.findings))
 
+    @property
+    def evidence(self) -> tuple[Stretch, ...]:
+        """What in the recording is not the sensor under test, in the order of time; see `jaxcal.evidence`. Found at first use.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import jaxcal
+        >>> gyro = np.random.default_rng(0).normal(size=(20_000, 3)) * 1e-3
+        >>> gyro[5_000:5_100] += 0.05 * np.sin(np.linspace(0, np.pi, 100))[:, None]
+        >>> log = jaxcal.Log(None, gyro=gyro, rate=100.0)
+        >>> [(one.kind, one.sensor, round(one.start)) for one in log.evidence]
+        [('knock', 'gyro', 50)]
+        """
+        if (known := vars(self).get("_evidence")) is None:
+            gaps = [Stretch("gap", "", (), gap.start, gap.start + gap.length, samples=gap.samples) for gap in self.gaps]
+            known = tuple(sorted([*gaps, *find(self._sensors(), self.rate)], key=lambda one: one.start))
+            object.__setattr__(self, "_evidence", known)
+        return known
+
+    def usable(self, sensor: str, still: bool = False, keep: Iterable[str] = ()) -> np.ndarray:
+        """Readings of a sensor, with NaN where they are no measurement.
+
+        Parameters
+        ----------
+        sensor : "gyro", "accel", "mag" or "temperature".
+        still : whether the sensor should be at rest: knocks, movement and steps are set aside too.
+        keep : kinds of `Stretch` that stay, such as ("knock", "clipped").
+
+        Returns
+        -------
+        (n, axes) or (n,) array
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import jaxcal
+        >>> mag = np.repeat(np.random.default_rng(0).normal(size=(50, 3)), 4, axis=0) * 1e-5
+        >>> log = jaxcal.Log(None, mag=mag, rate=40.0)
+        >>> int(np.isfinite(log.usable("mag")).all(axis=1).sum())
+        50
+        """
+        values = self._sensors()[sensor]
+        found = self.evidence if still else of_values(sensor, values, self.rate, si_unit(sensor))
+        out = set_aside(sensor, values, self.rate, found, still, keep)
+        return out[:, 0] if sensor == "temperature" else out
+
     def head(self) -> str:
         """Sensors, rate and duration in a line.
 
@@ -284,6 +328,7 @@ class Log(eqx.Module):
     def _replaced(self, **changes: Any) -> "Log":
         """A copy with other fields, without any check."""
         log = copy.copy(self)
+        vars(log).pop("_evidence", None)
         for name, value in changes.items():
             object.__setattr__(log, name, value)
         return log
@@ -348,51 +393,3 @@ def _columns(sensor: str, values: Any) -> np.ndarray:
         hint = "; time is the first axis: transpose it" if array.ndim == 2 and array.shape[0] <= axes else ""
         raise DataError(f"{sensor} has shape {np.shape(values)}; expected {wanted}{hint}", code="shape")
     return array if array.strides[0] == array.itemsize else np.asfortranarray(array)
-
-
-def _common_length(stamps: np.ndarray | None, sensors: dict[str, np.ndarray]) -> int:
-    if not sensors:
-        raise DataError("a log needs at least one of gyro, accel, mag and temperature", code="no_sensor")
-    lengths = {name: len(values) for name, values in sensors.items()} | ({} if stamps is None else {"time": len(stamps)})
-    if len(set(lengths.values())) > 1:
-        held = ", ".join(f"{name} has {n}" for name, n in lengths.items())
-        raise DataError(f"all arrays need one row per sample, but {held}", code="lengths")
-    return next(iter(lengths.values()))
-
-
-def _on_grid(values: np.ndarray, grid: Placement) -> np.ndarray:
-    if grid.source is not None:
-        values = values[grid.source]
-    if grid.slot is None:
-        return values
-    placed = np.full((values.shape[1], grid.size), np.nan).T
-    placed[grid.slot] = values
-    return placed
-
-
-def gaps_of(sensors: dict[str, np.ndarray], offset: Mapping[str, AnyArray], rate: float, found: list[Finding]) -> tuple[Gap, ...]:
-    """Stretches in which a sensor is missing; adds a finding on them, and one for each sensor slower than the log.
-
-    A sensor with stamps of its own is missing between two readings only if these are more than 1.5 times as far apart as usual.
-    """
-    absent = {name: np.any(np.isnan(values), axis=1) for name, values in sensors.items() if not all_finite(values)}
-    if not absent:
-        return ()
-    lost = np.logical_and.reduce(list(absent.values())) if len(absent) == len(sensors) else np.zeros(len(next(iter(absent.values()))), bool)
-    rows = len(lost) - np.count_nonzero(lost)
-    missing = lost
-    for name, gone in absent.items():
-        present = (len(gone) - np.count_nonzero(gone)) / rows if rows else 0.0
-        if present < _SPARSE:
-            found.append(LOG("sparse", name, percent=100 * present, rate=present * rate))
-        else:
-            missing = missing | (far_apart(gone, np.asarray(offset[name]) * rate) if name in offset else gone)
-    if not missing.any():
-        return ()
-    starts, stops = runs(missing)
-    lengths = stops - starts
-    gaps = tuple(Gap(start / rate, length / rate, length) for start, length in zip(starts.tolist(), lengths.tolist(), strict=True))
-    longest = max(gaps, key=lambda gap: gap.samples)
-    facts = {"count": int(lengths.sum()), "total": len(missing), "gaps": len(gaps), "longest": longest.length, "at": longest.start}
-    found.append(LOG("gaps", **facts))
-    return gaps

@@ -17,12 +17,11 @@ LOG = table(
     # the values
     infinite=Kind(CAUTION, "{count} infinite values are treated as missing."),
     constant=Kind(CAUTION, "Constant in every sample ({values} {unit}), so nothing can be said about its noise."),
-    repeats=Kind(CAUTION, "{percent:.2g} % of the samples repeat the one before in all axes: the sensor gives about {rate:.3g} values a "
-                 "second, and the densities of its noise are wrong.", "Record it at that rate."),
-    slow=Kind(CAUTION, "{percent:.2g} % of the samples stand in runs of more than {run} equal ones: sampled more slowly than the log "
-              "({rate:.3g} values a second), or too coarse to show its noise."),
-    frozen=Kind(CAUTION, "Frozen in {count} runs of more than {run} equal samples, the longest {length:.3g} s at {at:.6g} s; these "
+    repeats=Kind(NOTE, "{percent:.2g} % of the samples repeat the one before in all axes and do not count: the sensor gives about "
+                 "{rate:.3g} values a second, or packets were repeated."),
+    frozen=Kind(CAUTION, "Frozen in {count} runs of {run} repeats or more, the longest {length:.3g} s at {at:.6g} s; these "
                 "{samples} samples are missing."),
+    zeroed=Kind(CAUTION, "{count} samples are exactly zero and do not count: a dead band of the firmware, or lost readings."),
     clipped=Kind(CAUTION, "Clipped: {count} samples stand at the extreme value {value:.6g} {unit}."),
     steps=Kind(NOTE, "The values come in steps of {step:.4g} {unit}."),
     warm_up=Kind(NOTE, "The mean of the first {length:g} s is off the rest by {shift:.3g} {unit} (warm-up?).",

@@ -1,4 +1,4 @@
-"""Sensors with time stamps of their own: where their readings go on the grid of a log."""
+"""Where the readings of each sensor go on the grid of a log, by time stamps of their own or by those of the log."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -95,3 +95,25 @@ def far_apart(gone: np.ndarray, later: np.ndarray) -> np.ndarray:
     at = np.concatenate([[0.0], there + later[there], [len(gone) - 1.0]])
     apart = np.diff(at)
     return gone & (apart > GAP * np.median(apart[1:-1]))[np.searchsorted(there, np.arange(len(gone)))]
+
+
+def common_length(stamps: np.ndarray | None, sensors: dict[str, np.ndarray]) -> int:
+    """Number of rows that stamps and sensors have in common."""
+    if not sensors:
+        raise DataError("a log needs at least one of gyro, accel, mag and temperature", code="no_sensor")
+    lengths = {name: len(values) for name, values in sensors.items()} | ({} if stamps is None else {"time": len(stamps)})
+    if len(set(lengths.values())) > 1:
+        held = ", ".join(f"{name} has {n}" for name, n in lengths.items())
+        raise DataError(f"all arrays need one row per sample, but {held}", code="lengths")
+    return next(iter(lengths.values()))
+
+
+def on_grid(values: np.ndarray, grid: Placement) -> np.ndarray:
+    """Values at their places on a grid, NaN elsewhere."""
+    if grid.source is not None:
+        values = values[grid.source]
+    if grid.slot is None:
+        return values
+    placed = np.full((values.shape[1], grid.size), np.nan).T
+    placed[grid.slot] = values
+    return placed

@@ -362,7 +362,7 @@ def test_a_held_sensor_is_slow_not_frozen(finding):
     mag = np.repeat(noise(20), 100, axis=0)
     log = Log(stamps(2000, 1000.0), noise(2000), mag=mag)
     assert np.isfinite(log.mag).all()
-    assert finding(log, "slow").facts["rate"] == pytest.approx(10, rel=0.1)
+    assert finding(log, "repeats").facts["rate"] == pytest.approx(10, rel=0.1)
 
 
 def test_clipping_is_counted():

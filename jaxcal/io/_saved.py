@@ -11,9 +11,10 @@ import numpy as np
 
 from .._answer import CAUTION, NOTE, Finding, Kind, Severity, plain, table
 from .._errors import DataError, ExportError
-from .._log import Log, gaps_of
+from .._log import Log
 from .._log_findings import LOG
 from .._units import si_unit
+from ..evidence._gaps import gaps_of
 from ._columns import AXES, SENSORS
 from ._findings import READ
 from ._readers._bounds import require

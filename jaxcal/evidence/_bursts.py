@@ -1,0 +1,230 @@
+r"""Find stretches of a record that are no noise of a sensor at rest: knocks, movement, steps of the mean, single outliers.
+
+At lags of h = 1, 2, 4 ... samples, finest first, a look compares the means of h samples after and before an instant,
+
+.. math:: d(t) = \frac1h\sum_{i=t}^{t+h-1} x_i - \frac1h\sum_{i=t-h}^{t-1} x_i,\qquad z(t) = \sum_{axes} (d/s)^2
+
+with s the robust spread of d at this lag. So K and B, which spread the looks at long lags, raise s there and are no event. What is found
+leaves the record before the next lag, and the levels before and after it are joined where they differ.
+"""
+
+from typing import Any
+
+import numpy as np
+import scipy  # loads its parts when they are first used
+
+from .._arrays import runs
+from ._values import resolution
+
+#: overlapping looks are few independent ones: the tail of a block's energy is that much longer than the normal one of its cube root
+_HEAVIER = 1.25
+#: s: the longest lag; what takes longer is movement, which shorter lags find
+LONGEST = 5.0
+#: independent pairs of means that a record must hold at a lag, so that their spread is known to 10 %
+_PAIRS = 32
+#: chance of a false event in a record of noise: half for single looks, half for the energy of blocks of looks
+CHANCE = 0.01
+#: looks in a block, and blocks in the running median of their energies: slow changes of the noise are no event
+_BLOCK, _RUNNING = 64, 65
+#: a block whose mean square is this many times that of the quietest quarter moves; levels of noise differ less
+_GROSS = 16.0
+#: samples from which a spread is found to 1 %
+_SAMPLE = 20_000
+#: single outliers at one lag above which they are tails of the noise
+_TAILS = 10
+#: quantiles of |d| -> those of a normal law: the larger of the two spreads counts, so that tails and coarse values are no events
+_SPREADS = {0.5: 0.6745, 0.9: 1.6449}
+
+
+def bursts(values: Any, rate: float) -> list[tuple[int, int]]:
+    """Stretches that are no noise of a sensor at rest: knocks, movement, steps of the mean, outliers, and runs of stuck readings.
+
+    Parameters
+    ----------
+    values : (n,) or (n, axes) readings of one sensor, whose axes are looked at together; NaN where missing.
+    rate : Hz.
+
+    Returns
+    -------
+    list of (first, last)
+        Ranges of samples to set aside, `last` not included, in order and disjoint. At most 1 % of records of noise alone have one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.evidence import bursts
+    >>> y = np.random.default_rng(0).normal(size=(20_000, 3))
+    >>> bursts(y, 100.0)
+    []
+    >>> y[5_000:5_100, 0] += 12 * np.sin(np.linspace(0, np.pi, 100))
+    >>> [(first, last)] = bursts(y, 100.0)
+    >>> 4_950 < first < 5_020, 5_080 < last < 5_150
+    (True, True)
+    """
+    record = _Record(values, rate)
+    out = np.zeros(record.size, bool)
+    out[record.index] = stuck(record.columns)
+    record.drop(out)
+    h = 1
+    while h <= record.longest:
+        new = record.events(h)
+        if new.any():
+            out |= new
+            out = _filled(out, record.longest)
+            record.drop(out)
+        h *= 2
+    out &= record.present  # a gap inside is part of a stretch, one beside it is not
+    starts, stops = runs(_filled(out, 1, record.present))
+    return list(zip(starts.tolist(), stops.tolist(), strict=True))
+
+
+class _Record:
+    """The readings that are still in, as one column for each axis without gaps, and the rows of the record that they come from."""
+
+    def __init__(self, values: Any, rate: float):
+        values = np.asarray(values, dtype=float)
+        values = values.reshape(len(values), -1)
+        known = np.isfinite(values)
+        alive = [i for i in range(values.shape[1]) if known[:, i].any() and np.nanmin(values[:, i]) < np.nanmax(values[:, i])]
+        self.size = len(values)
+        self.present = known[:, alive].all(axis=1) if alive else np.zeros(self.size, bool)
+        self.index = np.flatnonzero(self.present)
+        self.columns = [values[self.index, i] for i in alive]
+        self.columns = [column - np.median(column[:: len(column) // _SAMPLE + 1]) for column in self.columns if len(column)]
+        self.lsb = np.array([resolution(column) for column in self.columns])
+        self.longest = min(round(LONGEST * rate * len(self.index) / max(self.size, 1)), len(self.index) // (2 * _PAIRS))
+        self._sum()
+        self.lags = max(self.longest, 1).bit_length()
+        self.slow = self._spread(self.looks(self.longest, 1 + self.longest // 4), 1.0) if self.longest else np.ones(0)
+
+    def _sum(self) -> None:
+        self.sums = [np.concatenate([[0.0], np.cumsum(column)]) for column in self.columns]
+
+    def looks(self, h: int, step: int) -> list[np.ndarray]:
+        """The looks d of each axis at every `step` samples, the first at sample h."""
+        return [(c[2 * h :: step] - 2.0 * c[h : len(c) - h : step] + c[: len(c) - 2 * h : step]) / h for c in self.sums]
+
+    def _spread(self, looks: list[np.ndarray], h: float, still: np.ndarray | None = None) -> np.ndarray:
+        """Robust spread of the looks of each axis, with the resolution of its mean."""
+        found = []
+        for d, lsb in zip(looks, self.lsb, strict=True):
+            d = d if still is None else d[still]
+            size = np.abs(d[:: len(d) // _SAMPLE + 1])
+            found.append(max(np.quantile(size, at) / normal for at, normal in _SPREADS.items()) + lsb / np.sqrt(h))
+        return np.array(found)
+
+    def events(self, h: int) -> np.ndarray:
+        """(size,) whether a reading belongs to an event at lag h."""
+        out = np.zeros(self.size, bool)
+        step = max(h // 4, 1)
+        looks = self.looks(h, step)
+        count = len(looks[0]) if looks else 0
+        if count < 2 * _PAIRS:
+            return out
+        flags = np.zeros(count, bool)
+        blocks = count // _BLOCK
+        energies = [np.einsum("ij,ij->i", part, part) / _BLOCK for d in looks for part in [d[: blocks * _BLOCK].reshape(blocks, _BLOCK)]]
+        gross = np.zeros(blocks, bool)
+        for energy, lsb in zip(energies, self.lsb, strict=True):
+            gross |= energy > _GROSS * (np.quantile(energy, 0.25) + lsb**2)
+        still = None
+        if gross.any() and gross.mean() < 0.75:
+            flags[: blocks * _BLOCK] = np.repeat(gross, _BLOCK)
+            still = ~flags
+        spread = self._spread(looks, h, still)
+        if not spread.all():
+            return out
+        z = np.zeros(count)
+        for d, s in zip(looks, spread, strict=True):
+            d *= 1.0 / s
+            d *= d
+            z += d
+        axes, pairs = len(looks), len(self.index) / h
+        found = z > _limit(axes, pairs, 0.5 * CHANCE / count / self.lags)
+        starts, stops = runs(found)
+        single = stops - starts <= 2 * h // step
+        if np.count_nonzero(single) > _TAILS:
+            for start, stop in zip(starts[single], stops[single], strict=True):
+                found[start:stop] = False
+        flags |= found
+        if blocks >= _RUNNING:
+            total = np.cbrt(z[: blocks * _BLOCK].reshape(blocks, _BLOCK).mean(axis=1))
+            over = total - scipy.ndimage.median_filter(total, _RUNNING, mode="nearest")
+            scatter = 1.4826 * np.median(np.abs(over))
+            loud = over > _HEAVIER * scatter * -scipy.special.stdtrit(0.37 * blocks, 0.5 * CHANCE / blocks / self.lags)
+            flags[: blocks * _BLOCK] |= np.repeat(loud, _BLOCK)
+        starts, stops = runs(flags)
+        grown = h // 2 + 2
+        first = np.maximum(h + starts * step - grown, 0)
+        last = np.minimum(h + (stops - 1) * step + grown, len(self.index) - 1)
+        for a, b in zip(self.index[first], self.index[last], strict=True):
+            out[a : b + 1] = True
+        return out
+
+    def drop(self, out: np.ndarray) -> None:
+        """Take the rows of events out, and join the levels before and after."""
+        kept = ~out[self.index]
+        if kept.all():
+            return
+        self.columns = [column[kept] for column in self.columns]
+        self.index = self.index[kept]
+        self._sum()
+        self._level()
+
+    def _level(self) -> None:
+        """Take out steps of the mean between parts of the record that are as long as the longest lag; shorter parts are events."""
+        h = self.longest
+        joints = np.flatnonzero(np.diff(self.index) > 1) + 1
+        apart = np.diff(np.concatenate([[0], joints, [len(self.index)]]))
+        joints = joints[(apart[1:] >= h) & (apart[:-1] >= h)]
+        if not len(joints) or not self.slow.all():
+            return
+        shift = np.array([(c[joints + h] - 2.0 * c[joints] + c[joints - h]) / h for c in self.sums])
+        real = np.sum((shift / self.slow[:, None]) ** 2, axis=0) > _limit(len(self.columns), 2 * _PAIRS, CHANCE / len(joints))
+        if not real.any():
+            return
+        for column, moved in zip(self.columns, shift, strict=True):
+            step = np.zeros(len(column))
+            step[joints[real]] = moved[real]
+            column -= np.cumsum(step)
+        self._sum()
+
+
+def _limit(axes: int, pairs: float, chance: float) -> float:
+    """What z exceeds by chance: F beside the spread, which is known from so many pairs of means with the efficiency of a median."""
+    return float(axes * scipy.special.fdtri(axes, 0.37 * pairs, 1.0 - chance))
+
+
+def _filled(out: np.ndarray, longest: int, present: np.ndarray | None = None) -> np.ndarray:
+    """Fill what lies between two stretches and is shorter than both together and than the longest lag: the top of a knock."""
+    starts, stops = runs(out)
+    if len(starts) < 2:
+        return out
+    length = stops - starts
+    between = starts[1:] - stops[:-1]
+    if present is None:
+        close = between < np.minimum(length[1:] + length[:-1], longest)
+    else:  # fill gaps without readings
+        there = np.concatenate([[0], np.cumsum(present)])
+        close = there[starts[1:]] == there[stops[:-1]]
+    out = out.copy()
+    for a, b in zip(stops[:-1][close], starts[1:][close], strict=True):
+        out[a:b] = True
+    return out
+
+
+def stuck(columns: list[np.ndarray]) -> np.ndarray:
+    """(n,) whether a reading stands in a run of equal ones of an axis, longer than chance makes in one of 10,000 records."""
+    n = len(columns[0]) if columns else 0
+    out = np.zeros(n, bool)
+    for column in columns:
+        equal = column[1:] == column[:-1]
+        share = float(np.mean(equal)) if n > 1 else 0.0
+        if not 0.0 < 1.5 * share < 1.0:
+            continue
+        longest = max(np.log(1e-4 / n) / np.log(1.5 * share), 8.0)
+        starts, stops = runs(equal)
+        for a, b in zip(starts, stops, strict=True):
+            if b - a >= longest:
+                out[a : b + 1] = True
+    return out

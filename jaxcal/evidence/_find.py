@@ -1,0 +1,78 @@
+"""The evidence of a recording: what is not the sensor under test, found once for every estimator."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from .._units import si_unit
+from ._bursts import LONGEST, bursts
+from ._stretch import NO_READING, NOT_STILL, Stretch
+from ._values import masked, of_values
+
+#: share of a stretch's size that the level must shift by for a step rather than a knock
+_STEP = 0.5
+#: standard deviations that noise reaches in the length of a stretch
+_REACH = 4.0
+
+
+def find(sensors: Mapping[str, Any], rate: float) -> tuple[Stretch, ...]:
+    """Everything in a recording that is not the sensor under test, in the order of time.
+
+    Parameters
+    ----------
+    sensors : "gyro", "accel", "mag" or "temperature" -> readings (n, axes) or (n,), in SI; NaN where missing.
+    rate : Hz.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.evidence import find
+    >>> gyro = np.random.default_rng(0).normal(size=(20_000, 3)) * 1e-3
+    >>> gyro[5_000:5_100] += 0.05 * np.sin(np.linspace(0, np.pi, 100))[:, None]
+    >>> [(one.kind, one.sensor, round(one.start)) for one in find({"gyro": gyro}, 100.0)]
+    [('knock', 'gyro', 50)]
+    """
+    found: list[Stretch] = []
+    for sensor, given in sensors.items():
+        values = np.asarray(given, dtype=float).reshape(len(given), -1)
+        seen = of_values(sensor, values, rate, si_unit(sensor))
+        found += [*seen, *events(sensor, set_aside(sensor, values, rate, seen), rate)]
+    return tuple(sorted(found, key=lambda one: one.start))
+
+
+def events(sensor: str, values: np.ndarray, rate: float) -> list[Stretch]:
+    """Knocks, movement and steps of one sensor (n, axes) at rest; none of a thermometer, which may change at any time."""
+    if sensor == "temperature":
+        return []
+    return [_named(sensor, values, rate, first, last) for first, last in bursts(values, rate)]
+
+
+def _named(sensor: str, values: np.ndarray, rate: float, first: int, last: int) -> Stretch:
+    """A burst with its kind and size."""
+    width = round(LONGEST * rate)
+    sides = [values[max(first - width, 0) : first], values[last : last + width]]
+    before, after = (np.median(side[np.isfinite(side).all(axis=1)], axis=0) if len(side) else None for side in sides)
+    level = np.stack([one for one in (before, after) if one is not None and np.isfinite(one).all()] or [np.nanmedian(values, axis=0)])
+    noise = np.nanstd(np.concatenate(sides), axis=0)
+    # the distance from what lies between the levels on both sides, beyond what the noise reaches
+    inside = values[first:last]
+    away = np.fmax.reduce(np.fmax(inside - level.max(axis=0), level.min(axis=0) - inside), axis=0, initial=0.0) - _REACH * noise
+    shift = np.ptp(level, axis=0)
+    axes = np.flatnonzero(np.maximum(away, shift - noise * (2 / width) ** 0.5 * _REACH) > 0.0)
+    size, moved = float(np.fmax.reduce(away, initial=0.0)), float(shift.max())
+    kind = "moving" if last - first > width else "step" if moved > _STEP * size else "knock"
+    of = tuple(axes.tolist()) or tuple(range(values.shape[1]))
+    return Stretch(kind, sensor, of, first / rate, last / rate, max(size, moved), si_unit(sensor), last - first)
+
+
+def set_aside(
+    sensor: str, values: np.ndarray, rate: float, found: Iterable[Stretch], still: bool = False, keep: Iterable[str] = ()
+) -> np.ndarray:
+    """The readings (n, axes) with NaN where they are no measurement, or, with `still`, not of a sensor at rest."""
+    kinds = {*NO_READING, *(NOT_STILL if still else ())} - set(keep)
+    out = values
+    for one in found:
+        if one.kind in kinds and one.sensor == sensor:
+            out = np.where(masked(one, values, rate), np.nan, out)
+    return out

@@ -1,0 +1,213 @@
+"""Readings that are no measurement: repeated, stuck, cut by a dead band or by the range. And values in steps, and a warm-up."""
+
+from typing import Any
+
+import numpy as np
+
+from .._arrays import runs
+from ._stretch import Stretch
+
+#: repeats in a row that are a stuck sensor rather than a slow one or a repeated packet
+STUCK = 50
+#: so many long runs of repeats, in that share of the samples, are a slow sensor
+_FEWEST, _SLOW = 3, 0.2
+#: samples in which the step of the values is looked for
+_LOOK = 100_000
+#: share of the ends of repeats at which all axes change, relative to other rows: 1 for repeated readings, near 0 for equal coarse ones
+_ALL_CHANGE = 0.7
+#: samples at the end of the range that are no accident, and nonzero values just outside of a dead band that show its edge
+_FEW = 10
+_WARM_UP = 60.0  # s: length of the parts whose means are compared
+#: robust standard deviations: parts are few, at least ten, and their differences vary
+_MOVED = 10.0
+
+
+def held(values: Any) -> np.ndarray:
+    """(n,) whether a row repeats the one before in all axes because no new reading came, and not because the values are coarse.
+
+    When a reading is repeated, all axes stay, and at its end all axes change. Coarse values change one by one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.evidence._values import held
+    >>> y = np.random.default_rng(0).normal(size=(100, 3))
+    >>> np.flatnonzero(held(np.repeat(y, 3, axis=0)))[:4].tolist(), int(held(np.round(y)).sum())
+    ([1, 2, 4, 5], 0)
+    """
+    values = np.asarray(values)
+    out = np.zeros(len(values), bool)
+    alive = [column for column in values.T if np.fmin.reduce(column) < np.fmax.reduce(column)]
+    if len(alive) < 2:
+        return out
+    equal = [column[1:] == column[:-1] for column in alive]
+    repeats, changed = np.logical_and.reduce(equal), ~np.logical_or.reduce(equal)
+    count = np.count_nonzero(repeats)
+    if count < 3:
+        return out
+    # of the rows with a new reading, the share in which an axis is equal by chance, and all of them
+    fresh, partly = len(repeats) - count, np.array([np.count_nonzero(one) - count for one in equal])
+    chance = 0.0
+    for _ in range(20):
+        chance = (fresh + chance) * float(np.prod((partly + chance) / max(fresh + chance, 1.0)))
+    starts, stops = runs(repeats)
+    ends = np.concatenate([starts[starts > 0] - 1, stops[stops < len(repeats)]])
+    usual = np.count_nonzero(changed) / max(fresh, 1)
+    if count < 2 * chance + 3 or not usual > 0.0 or np.mean(changed[ends]) < _ALL_CHANGE * usual:
+        return out
+    out[1:] = repeats
+    # a long run among short ones counts only if it begins and ends with new readings: else a coarse sensor lies still
+    before = np.concatenate([[True], changed])[starts]
+    after = np.concatenate([changed, [True]])[stops]
+    for start, stop in zip(*(ends[(stops - starts >= STUCK) & ~(before & after)] for ends in (starts, stops)), strict=True):
+        out[start + 1 : stop + 1] = False
+    return out
+
+
+def of_values(sensor: str, values: np.ndarray, rate: float, unit: str) -> list[Stretch]:
+    """What is seen in the readings (n, axes) of a sensor themselves, at rest or not."""
+    found: list[Stretch] = []
+    if sensor != "temperature":
+        starts, stops = runs(held(values))
+        lengths = stops - starts
+        long = lengths >= STUCK
+        long &= np.count_nonzero(long) <= _FEWEST or lengths[long].sum() < _SLOW * len(values)
+        axes = tuple(range(values.shape[1]))
+        for first, last in zip(starts[long].tolist(), stops[long].tolist(), strict=True):
+            found.append(Stretch("stuck", sensor, axes, first / rate, last / rate, samples=last - first))
+        if not long.all():
+            first, last, count = starts[~long][0], stops[~long][-1], lengths[~long].sum()
+            found.append(Stretch("held", sensor, axes, float(first / rate), float(last / rate), samples=int(count)))
+        for axis, column in enumerate(values.T):
+            found += _zeroed(sensor, axis, column, rate, unit) if sensor == "gyro" else []
+            found += _clipped(sensor, axis, column, rate, unit)
+        found += _lost(sensor, values, rate)
+    return [*found, *_coarse(sensor, values, rate, unit), *_warm_up(sensor, values, rate, unit)]
+
+
+def masked(one: Stretch, values: np.ndarray, rate: float) -> np.ndarray:
+    """(n, axes) which readings of a sensor belong to a stretch."""
+    out = np.zeros(values.shape, bool)
+    part = slice(round(one.start * rate), round(one.stop * rate))
+    axes = list(one.axes)
+    if one.kind == "held":
+        out[part] = held(values)[part, None]
+    elif one.kind in ("zeroed", "clipped"):
+        out[part, axes] = values[part, axes] == (one.size if one.kind == "clipped" else 0.0)
+    else:
+        out[part, axes] = True
+    return out
+
+
+def _between(at: np.ndarray, rate: float) -> tuple[float, float]:
+    return float(at[0] / rate), float((at[-1] + 1) / rate)
+
+
+def _zeroed(sensor: str, axis: int, column: np.ndarray, rate: float, unit: str) -> list[Stretch]:
+    """Exact zeros inside of a hole in the values: a dead band. Its size is the smallest other value."""
+    at = np.flatnonzero(column == 0.0)
+    if len(at) < _FEW or len(at) == len(column):
+        return []
+    sizes = np.abs(column[np.isfinite(column) & (column != 0.0)])
+    if len(sizes) < _FEW:
+        return []
+    smallest = float(sizes.min())
+    near = np.unique(sizes[sizes <= 2.0 * smallest])
+    # without a dead band, there are as many values up to the smallest as between it and its double
+    if len(near) < _FEW or np.median(np.diff(near)) * 3.0 > smallest:
+        return []
+    return [Stretch("zeroed", sensor, (axis,), *_between(at, rate), smallest, unit, len(at))]
+
+
+def _lost(sensor: str, values: np.ndarray, rate: float) -> list[Stretch]:
+    """Rows of exact zeros, far from all other readings: readings that were lost."""
+    if sensor == "gyro" or values.shape[1] < 3:
+        return []
+    zero = (values == 0.0).all(axis=1)
+    if not zero.any() or zero.all():
+        return []
+    sizes = np.sqrt(np.einsum("ij,ij->i", values, values))[~zero]
+    smallest = np.fmin.reduce(sizes, initial=np.inf)
+    if not smallest > 0.5 * np.nanmedian(sizes):  # gravity and the field of the Earth have no zeros
+        return []
+    at = np.flatnonzero(zero)
+    return [Stretch("zeroed", sensor, (0, 1, 2), *_between(at, rate), samples=len(at))]
+
+
+def _clipped(sensor: str, axis: int, column: np.ndarray, rate: float, unit: str) -> list[Stretch]:
+    """Many samples at an extreme value, more than three times as many as at the next one, that are reached and left by movement."""
+    low, high = np.fmin.reduce(column), np.fmax.reduce(column)
+    found = []
+    for extreme in (low, high) if low < high else ():
+        at = np.flatnonzero(column == extreme)
+        if len(at) < _FEW:
+            continue
+        others = column[(column != extreme) & np.isfinite(column)]
+        neighbour = others.min() if extreme == low else others.max()
+        starts, stops = runs(column == extreme)
+        ends = np.concatenate([column[starts[starts > 0] - 1], column[stops[stops < len(column)]]])
+        ends = np.abs(ends[np.isfinite(ends)] - extreme)
+        # a coarse sensor at rest has few levels, any of them may be frequent, and it changes by one of them
+        if (
+            abs(neighbour - extreme) < 0.05 * (high - low)
+            and len(at) > 3 * np.count_nonzero(column == neighbour)
+            and (len(ends) and np.median(ends) > 2.0 * resolution(column))
+        ):
+            found.append(Stretch("clipped", sensor, (axis,), *_between(at, rate), float(extreme), unit, len(at)))
+    return found
+
+
+def _coarse(sensor: str, values: np.ndarray, rate: float, unit: str) -> list[Stretch]:
+    """Axes whose values come in steps of the same size."""
+    alike: dict[str, list[int]] = {}
+    for axis, column in enumerate(values[:_LOOK].T):
+        if step := resolution(column):
+            alike.setdefault(f"{step:.4g}", []).append(axis)
+    return [Stretch("coarse", sensor, tuple(axes), 0.0, len(values) / rate, float(step), unit) for step, axes in alike.items()]
+
+
+def resolution(column: np.ndarray) -> float:
+    """Step of the values, if their differences are so few multiples of one that this is no accident; otherwise 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.evidence._values import resolution
+    >>> y = np.random.default_rng(0).normal(size=1000)
+    >>> resolution(y), round(resolution(0.25 * np.round(4 * y)), 3)
+    (0.0, 0.25)
+    """
+    column = column[np.isfinite(column)]
+    steps = np.abs(np.diff(column[:_LOOK]))
+    steps = steps[steps > 0]
+    if len(steps) < _FEW:
+        return 0.0
+    smallest = float(steps.min())
+    if steps.max() > 1e5 * smallest:  # the digits of a float look like steps
+        return 0.0
+    counts = steps / smallest
+    return smallest if np.abs(counts - np.round(counts)).max() < 0.01 else 0.0
+
+
+def _warm_up(sensor: str, values: np.ndarray, rate: float, unit: str) -> list[Stretch]:
+    """The mean of the first minute differs from the second by more than later ones do."""
+    block = round(_WARM_UP * rate)
+    count = len(values) // block if block else 0
+    if count < 10:
+        return []
+    blocks = values[: count * block].reshape(count, block, values.shape[1])
+    means = blocks.mean(axis=1)
+    if np.isnan(means).any():
+        present = np.isfinite(blocks)
+        means = np.where(present, blocks, 0.0).sum(axis=1) / np.maximum(present.sum(axis=1), 1)
+        means = means[present.any(axis=1).all(axis=1)]
+    if len(means) < 10:
+        return []
+    steps = np.diff(means, axis=0)
+    scatter = 1.4826 * np.median(np.abs(steps[1:] - np.median(steps[1:], axis=0)), axis=0)
+    settled = np.median(means[1:], axis=0)
+    moved = np.abs(means[0] - settled)
+    axes = np.flatnonzero((np.abs(steps[0]) > _MOVED * scatter) & (scatter > 0))
+    if not len(axes):
+        return []
+    return [Stretch("warm_up", sensor, tuple(axes.tolist()), 0.0, _WARM_UP, float(moved[axes].max()), unit)]
