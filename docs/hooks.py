@@ -25,6 +25,7 @@ PARTS = {
     "jaxcal.temperature": ("Temperature", None),
     "jaxcal.imu": ("Accelerometer and gyroscope", None),
     "jaxcal.magnetometer": ("Magnetometer", None),
+    "jaxcal.evidence": ("Evidence: what in a log is not the sensor", None),
     "jaxcal.device": ("A whole device", None),
     "jaxcal.alignment": ("Alignment", None),
     "jaxcal.calibration": ("Calibration of a device", None),
