@@ -20,6 +20,7 @@ from ..allan._findings import FINDINGS
 from ..allan._kernels._phase import IN_CACHE, padded_length
 from ..allan._kernels._route import MANY
 from ..allan._kinds import Kind, cluster_sizes, find_kind
+from ..allan._stretch import rounded
 from ..io._chunks import Chunks, array_chunks, open_chunks
 
 #: largest relative difference between rate= and the time stamps
@@ -190,6 +191,7 @@ def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, A
     sizes = cluster_sizes(options["m"], statistic, record.samples)
     if isinstance(options["m"], str) and options["m"] == "all":
         raise DataError(f'm="all" needs the whole record in memory: it has {record.samples} samples; raise chunk= to that, or choose "log"')
+    sizes = np.unique(rounded(sizes, statistic, exact)) if isinstance(options["m"], str) else sizes
     findings: tuple[Finding, ...] = ()
     if statistic.modified and isinstance(options["m"], str) and sizes[-1] > exact:
         sizes = sizes[sizes <= exact]

@@ -40,7 +40,7 @@ def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable
     parts, theta, marks, missing, rule, less = prepared
 
     def direct(chosen):
-        return _by_blocks(parts, missing, sizes[chosen], number[chosen], less, kind, rule, workers, run)
+        return by_blocks(parts, missing, sizes[chosen], number[chosen], less, kind, rule, workers, run)
 
     everything = np.arange(len(sizes))
     if len(sizes) <= MANY:
@@ -74,7 +74,7 @@ def _placed(sizes: bytes, number: bytes) -> tuple[jax.Array, ...]:
     return tuple(jnp.asarray(array) for array in filled(m, count, MANY))
 
 
-def _by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: int, run) -> tuple[np.ndarray, np.ndarray]:
+def by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: int, run) -> tuple[np.ndarray, np.ndarray]:
     """The block kernel over stretches of equal work in threads, and over at most 1,024 cluster sizes at a time."""
     cost = float(number.sum())
     if len(sizes) > MANY and cost > _MOST:

@@ -11,23 +11,22 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from ..._answer import Finding
-from ..._errors import DataError
-from ..._frozen import replaced
-from ..._precision import is_traced
-from ..._quality import checked_confidence, checked_rate, checked_whole
-from .._findings import FINDINGS, times
-from .._kinds import PER_DECADE, Kind, find_kind, round_sizes, whole_sizes
-from .._noise_type._b1_ratio import fewest_averages, noise_type_of_ratio
-from .._noise_type._identify import FEWEST, identify, types_for_intervals
-from .._result import Deviation, assembled
-from .._uncertainty._edf import degrees_of_freedom, interval_factors
-from . import _phase_stream
-from ._phase_stream import Plan, Stretch, lengthened, make_plan, new_stretch, side_by_side
+from .._answer import Finding
+from .._errors import DataError
+from .._frozen import replaced
+from .._precision import is_traced
+from .._quality import checked_confidence, checked_rate, checked_whole
+from . import _stretch
+from ._findings import FINDINGS, times
+from ._kinds import PER_DECADE, Kind, find_kind, round_sizes, whole_sizes
+from ._noise_type._b1_ratio import fewest_averages, noise_type_of_ratio
+from ._noise_type._identify import FEWEST, identify, types_for_intervals
+from ._result import Deviation, assembled
+from ._stretch import Points, Stretch, lengthened, new_stretch, reach_of, rounded, side_by_side, strides
+from ._uncertainty._edf import degrees_of_freedom, interval_factors
 
 _KINDS = ("adev", "oadev", "mdev", "tdev", "hdev", "ohdev")
 _FOLLOWED = 10**10  # largest cluster size of a named grid
-_SMALLER = 1 << 17  # samples processed at a time if no cluster size uses every starting point
 
 
 class Accumulator(eqx.Module):
@@ -42,10 +41,11 @@ class Accumulator(eqx.Module):
 
     **What is exact.** Up to the cluster size `exact`, the result equals `jaxcal.allan.deviation` of the whole record, to rounding: it
     contains every overlapping difference, also across the borders of chunks and of merged parts. For larger clusters, the differences of
-    oadev and ohdev start at every s-th sample only, where s is the largest power of two up to m/128. The phase is then kept at so few
-    points that any cluster size costs 10 kB. The variance of the result rises by less than 0.1 % for white noise, flicker and random
-    walk of the rate (by less than 1 % if the record is hardly longer than one difference). White noise of phase would lose
-    more, by up to s; it has no weight at such cluster sizes. adev and hdev are exact everywhere.
+    oadev and ohdev start at every s-th sample only, where s is the largest divisor of m up to m/128. The phase is then kept at so few
+    points that a cluster size costs 10 kB; the sizes of the named grids are rounded (by 0.4 % at most) to have such a divisor. The variance
+    of the result rises by less than 0.1 % for white noise, flicker and random walk of the rate (by less than 1 % if the record is hardly
+    longer than one difference). White noise of phase would lose more, by up to s; it has no weight at such cluster sizes. adev and hdev
+    are exact everywhere.
 
     **Digits.** The phase is kept relative to the mean of the latest 1,048,576 samples, which does not affect any difference. So neither the
     length of the stream nor a wandering mean costs digits. Chunks may be float32; they are summed in float64.
@@ -101,7 +101,6 @@ class Accumulator(eqx.Module):
     confidence: float
     alpha: float | int | None
     _named: bool
-    _plan: Plan
     _taken: Stretch
     _waiting: tuple[np.ndarray, ...]
     _dropped: tuple[int, ...]
@@ -111,15 +110,23 @@ class Accumulator(eqx.Module):
         confidence: Any = 0.95, alpha: Any = None,
     ) -> None:  # fmt: skip
         if kind not in _KINDS:
-            raise DataError(f"unknown kind {kind!r} for a stream; expected one of {', '.join(_KINDS)}")
-        statistic = find_kind(kind)
+            raise DataError(f"unknown kind {kind!r} for a stream; expected one of {', '.join(_KINDS)}", code="kind")
         self.rate, self.channels = checked_rate(rate), checked_whole("channels", channels, 1)
         self.exact, place = checked_whole("exact", exact, 1), None if start is None else checked_whole("start", start, 0)
-        sizes = _sizes(m, statistic, self.exact)
-        self.m, self.kind, self.confidence, self.alpha = tuple(sizes.tolist()), kind, float(checked_confidence(confidence)), alpha
+        self.m, self.kind = tuple(_sizes(m, find_kind(kind), self.exact).tolist()), kind
+        self.confidence, self.alpha = float(checked_confidence(confidence)), alpha
         self._named, self._waiting, self._dropped = isinstance(m, str), (), ()
-        self._plan = make_plan(np.unique(sizes), statistic, self.exact)
-        self._taken = new_stretch(self._plan, self.channels, place)
+        self._taken = new_stretch(self._plan, self._stride, self.channels, place)
+
+    @property
+    def _plan(self) -> np.ndarray:
+        """The cluster sizes in ascending order, each once."""
+        return np.unique(self.m)
+
+    @property
+    def _stride(self) -> np.ndarray:
+        """Distance of their starting points."""
+        return strides(self._plan, find_kind(self.kind), self.exact)
 
     @property
     def samples(self) -> int:
@@ -153,15 +160,15 @@ class Accumulator(eqx.Module):
         """
         given, chunk = chunk, self._checked(chunk)
         length = len(chunk) + sum(len(piece) for piece in self._waiting)
-        if length < _phase_stream.PIECE:
+        if length < _stretch.PIECE:
             waiting, last = list(self._waiting), np.array(chunk, dtype=np.float64)
             if np.isinf(last).any():
-                raise DataError("the chunk has infinite values; replace them by NaN to mark a gap")
+                raise DataError("the chunk has infinite values; replace them by NaN to mark a gap", code="infinite")
             # pieces at least halve in length from one to the next, so that short chunks are not copied each time
             while waiting and len(waiting[-1]) <= len(last):
                 last = np.concatenate([waiting.pop(), last])
             return replaced(self, _waiting=(*waiting, last))
-        piece = _phase_stream.PIECE
+        piece = _stretch.PIECE
         edges = np.arange(piece - length + len(chunk), len(chunk) + 1, piece).tolist()
         first, rest = np.concatenate([*self._waiting, chunk[: edges[0]]]), np.array(chunk[edges[-1] :], dtype=np.float64)
         pieces = itertools.chain([first], (chunk[a:b] for a, b in itertools.pairwise(edges)))
@@ -196,22 +203,21 @@ class Accumulator(eqx.Module):
         1000
         """
         if not isinstance(other, Accumulator):
-            raise DataError(f"only an Accumulator can be merged; got {type(other).__name__}")
+            raise DataError(f"only an Accumulator can be merged; got {type(other).__name__}", code="parts")
         for name in ("kind", "rate", "channels", "m", "exact"):
             mine, its = getattr(self, name), getattr(other, name)
             if mine != its:
                 shown = "" if name == "m" else f" ({mine!r} and {its!r})"
-                raise DataError(f"the parts do not join: they differ in {name}{shown}; make both with the same options")
+                raise DataError(f"the parts do not join: they differ in {name}{shown}; make both with the same options", code="parts")
         for which, part in (("first", self), ("second", other)):
             if part.samples == 0:
-                raise DataError(f"the {which} part holds no samples; there is nothing to merge")
+                raise DataError(f"the {which} part holds no samples; there is nothing to merge", code="no_samples")
         border = self._taken.origin + self.samples
         if other._taken.start not in (None, border):
-            raise DataError(f"the parts do not join: the first ends at sample {border}, the second starts at {other._taken.start}")
-        dropped = set(self._dropped) | set(other._dropped)
-        if other._taken.start is None:
-            dropped |= self._astray(other.samples, border)
-        joined = side_by_side(self._plan, self._flushed(), other._flushed())
+            raise DataError(f"the parts do not join: the first ends at sample {border}, the second starts at {other._taken.start}",
+                            code="parts")  # fmt: skip
+        dropped = {*self._dropped, *other._dropped, *(self._astray(other.samples, border) if other._taken.start is None else ())}
+        joined = side_by_side(find_kind(self.kind), self._plan, self._flushed(), other._flushed())
         return replaced(self, _taken=joined, _waiting=(), _dropped=tuple(sorted(dropped)))
 
     def result(self) -> Deviation:
@@ -235,26 +241,28 @@ class Accumulator(eqx.Module):
         >>> acc.result().m.tolist(), acc.result().notes
         ([1], ('No difference without gaps at tau = 1000 s, which is left out.',))
         """
-        plan, taken, statistic = self._plan, self._flushed(), self._plan.kind
+        plan, taken, statistic = self._plan, self._flushed(), find_kind(self.kind)
         samples, alive = taken.samples, taken.present > 0
         if samples == 0:
-            raise DataError("the accumulator holds no samples; give it chunks with acc = acc.update(chunk)")
+            raise DataError("the accumulator holds no samples; give it chunks with acc = acc.update(chunk)", code="no_samples")
         if not alive.any():
-            raise DataError(f"every channel holds nothing but NaN in {samples} samples")
-        squares = np.concatenate([taken.squares, taken.tracks.squares])
-        count = np.concatenate([taken.count, taken.tracks.count])
-        expected = np.concatenate([np.maximum(statistic.count(samples, plan.m[: plan.dense]), 0), taken.tracks.seen])
-        begun = (expected > 0) & ~np.isin(plan.m, self._dropped)
+            raise DataError(f"every channel holds nothing but NaN in {samples} samples", code="no_numbers")
+        stride, levels = self._stride, taken.levels
+        order = np.concatenate([np.flatnonzero(stride == level.stride) for level in levels])  # of the sums of all levels in the plan
+        squares, count = (np.concatenate([getattr(level, name) for level in levels])[np.argsort(order)] for name in ("squares", "count"))
+        points = (taken.origin + samples) // stride + -taken.origin // stride + 1
+        expected = np.maximum(points - reach_of(statistic, plan // stride), 0)
+        begun = (expected > 0) & ~np.isin(plan, self._dropped)
         kept = begun & np.all(count[:, alive] > 0, axis=1)
         if not kept.any():
-            smallest = statistic.difference * int(plan.m[0]) - (1 if statistic.modified else 0)
+            smallest = statistic.difference * int(plan[0]) - (1 if statistic.modified else 0)
             reason = f"{samples} samples, of which {smallest} are needed" if not begun.any() else "every difference touches a gap"
-            raise DataError(f"no cluster size has a difference free of gaps: {reason}")
+            raise DataError(f"no cluster size has a difference free of gaps: {reason}", code="no_difference")
         noise = self._noise_types(taken)
         # in the order in which they were given
-        where = np.searchsorted(plan.m, np.array(self.m))
+        where = np.searchsorted(plan, np.array(self.m))
         chosen = where[kept[where]]
-        m = plan.m[chosen]
+        m = plan[chosen]
         squares, count, expected, noise = squares[chosen], count[chosen], expected[chosen][:, None], noise[chosen]
         with np.errstate(invalid="ignore"):  # 0/0 in a channel without samples gives NaN, which a finding reports
             deviation = np.sqrt(squares / count * statistic.scale(m, self.rate)[:, None])
@@ -268,27 +276,25 @@ class Accumulator(eqx.Module):
 
     def _checked(self, chunk):
         if is_traced(chunk):
-            raise DataError("an Accumulator takes data at hand, not traced values; use jaxcal.allan.deviation inside jit or grad")
+            raise DataError("an Accumulator takes data at hand; use jaxcal.allan.deviation inside jit or grad", code="traced")
         chunk = np.asarray(chunk)
         if chunk.dtype.kind not in "fiu" and chunk.size:
-            raise DataError(f"a chunk must hold real numbers; got dtype {chunk.dtype}")
-        if chunk.ndim not in (1, 2) or chunk.shape[1:] not in ((self.channels,), () if self.channels == 1 else (self.channels,)):
-            wanted = "(n,)" if self.channels == 1 else f"(n, {self.channels})"
-            raise DataError(f"a chunk must be {wanted}, time first; got shape {chunk.shape}")
+            raise DataError(f"a chunk must hold real numbers; got dtype {chunk.dtype}", code="not_numbers")
         if chunk.size == 0:
-            raise DataError("the chunk is empty; leave it out")
-        return chunk[:, None] if chunk.ndim == 1 else chunk
+            raise DataError("the chunk is empty; leave it out", code="empty")
+        columns = chunk[:, None] if chunk.ndim == 1 else chunk
+        if columns.ndim != 2 or columns.shape[1] != self.channels:
+            raise DataError(f"a chunk must be (n, {self.channels}), time first; got shape {chunk.shape}", code="shape")
+        return columns
 
     def _advanced(self, pieces: Iterator[np.ndarray], source: Any = None) -> Stretch:
-        taken = self._taken
+        taken, plan, kind = self._taken, self._plan, find_kind(self.kind)
+        dense = int(np.count_nonzero(self._stride == 1))
         workers = min(os.cpu_count() or 1, 16) if jax.default_backend() == "cpu" else 1
         with ThreadPoolExecutor(workers) as pool:
-            # with strided points only, NumPy picks them out, and its temporary arrays need a smaller part of the cache
-            parts_of = (lambda piece: [piece]) if self._plan.dense else (lambda piece: np.array_split(piece, -(-len(piece) // _SMALLER)))
-            for piece in itertools.chain.from_iterable(map(parts_of, pieces)):
-                busy = workers > 1 and len(piece) * max(self._plan.dense, 1) * self.channels >= _phase_stream.PARALLEL_FROM
-                parts = max(workers // self.channels, 1) if busy else 1
-                taken = lengthened(self._plan, taken, piece, pool.map if busy else map, parts)
+            for piece in pieces:
+                busy = workers > 1 and len(piece) * dense * self.channels >= _stretch.PARALLEL_FROM
+                taken = lengthened(kind, plan, taken, piece, pool.map if busy else map, workers if busy else 1)
                 _let_go(source)
         return taken
 
@@ -297,38 +303,41 @@ class Accumulator(eqx.Module):
 
     def _astray(self, following: int, border: int) -> set[int]:
         """Cluster sizes whose starting points another part does not continue; refuses those that matter."""
-        plan = self._plan
-        astray = plan.m[border % plan.stride != 0]
-        needed = astray[astray * plan.kind.order <= self.samples + following]
+        plan, stride = self._plan, self._stride
+        astray = plan[border % stride != 0]
+        needed = astray[astray * find_kind(self.kind).order <= self.samples + following]
         if len(needed):
             raise DataError(
                 f"the parts do not join: at cluster size {needed[0]} not every sample is a starting point, and those of the second part do "
                 f"not continue those of the first; make the second with Accumulator(..., start={border}), or cut the record "
-                f"at a multiple of {plan.stride[plan.m == needed[0]][0]} samples"
-            )
+                f"at a multiple of {stride[plan == needed[0]][0]} samples", code="parts",
+            )  # fmt: skip
         return {int(size) for size in astray}
 
     def _noise_types(self, taken: Stretch) -> np.ndarray:
         """Noise types at the cluster sizes of the plan, (sizes, channels)."""
         if self.alpha is not None:
-            return np.full((len(self._plan.m), self.channels), float(self.alpha))
-        kind, found, carried = self._plan.kind, [], np.zeros(self.channels)
-        for size, marks in zip(self._plan.m.tolist(), taken.marks, strict=True):
-            averages = len(marks) - 1
-            carried = carried.copy()
-            for c in range(self.channels if averages >= fewest_averages(kind) else 0):
-                phase, lost = marks[:, c], marks[:, self.channels + c].astype(np.int64)
-                gaps = lost if lost[-1] > lost[0] else None
-                if averages < FEWEST:
-                    weight = None if gaps is None else (lost[1:] == lost[:-1]).astype(np.float64)
-                    carried[c] = noise_type_of_ratio(np.diff(phase), weight, size, kind, taken.samples, carried[c])
-                elif np.count_nonzero(lost[1:] == lost[:-1]) >= FEWEST:
-                    carried[c] = identify(phase, gaps, np.ones(1, np.int64), kind, averages, "rate")[0]
+            return np.full((len(self._plan), self.channels), float(self.alpha))
+        found, carried = [], np.zeros(self.channels)
+        for size, marks in zip(self._plan.tolist(), taken.marks, strict=True):
+            carried = np.array([self._noise_type(size, marks, c, taken.samples, carried[c]) for c in range(self.channels)])
             found.append(carried)
         return np.stack(found)
 
+    def _noise_type(self, size: int, marks: Points, c: int, samples: int, carried: float) -> float:
+        kind, averages, phase, lost = find_kind(self.kind), marks.number - 1, marks.phase[c], marks.lost[c]
+        gaps = lost if averages > 0 and lost[-1] > lost[0] else None
+        if averages < fewest_averages(kind):
+            return carried
+        if averages < FEWEST:
+            weight = None if gaps is None else (lost[1:] == lost[:-1]).astype(np.float64)
+            return noise_type_of_ratio(np.diff(phase), weight, size, kind, samples, carried)
+        if np.count_nonzero(lost[1:] == lost[:-1]) >= FEWEST:
+            return identify(phase, gaps, np.ones(1, np.int64), kind, averages, "rate")[0]
+        return carried
+
     def _findings(self, begun: np.ndarray, kept: np.ndarray, alive: np.ndarray) -> Iterator[Finding]:
-        tau, dropped = self._plan.m / self.rate, np.isin(self._plan.m, self._dropped)
+        tau, dropped = self._plan / self.rate, np.isin(self._plan, self._dropped)
         lost = ~kept & ~dropped & (begun | (not self._named))
         if lost.any():
             yield FINDINGS("no_difference", tau=times(tau[lost]))
@@ -354,14 +363,12 @@ def _sizes(m, kind: Kind, exact: int) -> np.ndarray:
             sizes = np.round(10.0 ** (np.arange(0, PER_DECADE * np.log10(largest) + 1e-9) / PER_DECADE)).astype(np.int64)
         else:
             sizes = round_sizes(m, largest)
-        return np.unique(sizes[sizes <= largest])
+        return np.unique(rounded(sizes[sizes <= largest], kind, exact))
     sizes = whole_sizes(m)
     bad = sizes[(sizes < 1) | (sizes > 1 << 52)]
     if bad.size:
-        raise DataError(f"a cluster size must be at least 1 sample; got {bad[0]}")
+        raise DataError(f"a cluster size must be at least 1 sample; got {bad[0]}", code="m")
     if kind.modified and sizes.max() > exact:
-        raise DataError(
-            f"{kind.name} of a stream is kept up to cluster size {exact}; got {sizes.max()}. "
-            "Raise exact=, or use adev, oadev, hdev or ohdev"
-        )
+        said = f"{kind.name} of a stream is kept up to cluster size {exact}; got {sizes.max()}. Raise exact=, or use adev, oadev, hdev or ohdev"
+        raise DataError(said, code="m")
     return sizes

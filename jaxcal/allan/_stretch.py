@@ -1,0 +1,292 @@
+"""Sums of squared differences of a stretch of samples that arrives piece by piece, and the merging of two neighbouring stretches.
+
+Differences of the phase do not depend on a line in it. So the phase is kept relative to the mean of the latest piece, as far back as
+the cluster sizes reach. It stays small and keeps its digits, for any length of the stream and any wandering of its mean.
+
+Cluster sizes that share a stride s form a `Level`. It knows the phase at every s-th sample only, and at these points a cluster of m samples
+spans m/s steps. All levels are alike: what arrives extends their last points, and the differences that end there are summed.
+
+A stretch has two frames. In the first frame the phase is zero at the first sample, and relative to the mean of the first piece: the first
+points are kept in it, for a stretch that comes before. In the second frame the phase is zero at the end, and relative to the mean of the
+latest piece. Where two stretches meet, the differences across their border are formed from the last points of one and the first of the other.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._errors import DataError
+from .._types import AnyArray
+from ._kernels._phase import BLOCK, aligned, running_sum_of_phase
+from ._kernels._route import by_blocks
+from ._kinds import Kind
+
+#: number of samples processed at a time
+PIECE = 1 << 20
+#: number of differences above which a second thread saves more time than it costs
+PARALLEL_FROM = 4_000_000
+#: smallest number of points per cluster between starting points, if not all are used
+PER_CLUSTER = 128
+#: number of averages kept for the noise type, at each cluster size
+AVERAGES = 1 << 13
+
+
+class Points(NamedTuple):
+    """Phase and number of missing samples, both (channels, points), at successive multiples of a stride.
+
+    The samples count from the beginning of the stretch for points at its beginning, and from its end for points at its end.
+    """
+
+    phase: AnyArray
+    lost: AnyArray
+
+    @property
+    def number(self) -> int:
+        return self.phase.shape[1]
+
+    def moved(self, offset: AnyArray, slope: AnyArray, step: AnyArray, lost: AnyArray) -> "Points":
+        """The points in another frame: a line is added to their phase, and `lost` more samples precede them."""
+        return Points(self.phase + offset[:, None] + slope[:, None] * step, self.lost + lost[:, None])
+
+    def followed(self, other: "Points") -> "Points":
+        """These points and further ones in the same frame."""
+        return Points(np.concatenate([self.phase, other.phase], axis=1), np.concatenate([self.lost, other.lost], axis=1))
+
+    def cut(self, where: slice) -> "Points":
+        return Points(self.phase[:, where], self.lost[:, where])
+
+
+class Level(NamedTuple):
+    """Cluster sizes with starting points at every `stride`-th sample: `steps` of points each, ascending; points at both ends; sums."""
+
+    stride: int
+    steps: AnyArray
+    head: Points  # the first points, in the first frame
+    tail: Points  # the last points, in the second frame
+    squares: AnyArray  # (sizes, channels) sums of squared differences
+    count: AnyArray  # (sizes, channels) number of differences that touch no gap
+
+
+class Stretch(eqx.Module):
+    """The stored data of a stretch of samples; channels are the first axis, except in tables by cluster size."""
+
+    start: int | None  # position of its first sample, None if unknown
+    samples: int
+    present: AnyArray  # (channels,) number of samples that are not missing
+    first_mean: AnyArray  # (channels,) means of the first and of the latest piece
+    mean: AnyArray
+    net: AnyArray  # (channels,) phase at the end in the first frame
+    levels: tuple[Level, ...]
+    marks: tuple[Points, ...]  # for each cluster size, points that far apart in the first frame, from which the noise type follows
+
+    @property
+    def origin(self) -> int:
+        """Position of the first sample; 0 if unknown."""
+        return self.start or 0
+
+    @property
+    def lost(self) -> AnyArray:
+        """(channels,) number of missing samples."""
+        return self.samples - self.present
+
+
+def strides(m: AnyArray, kind: Kind, exact: int) -> AnyArray:
+    """Distance of the starting points: 1 up to `exact`, beyond it the largest divisor of m up to m/128; m if clusters do not overlap."""
+    if not kind.overlapped:
+        return m
+    return np.array([1 if size <= exact else _divisor(size, size // PER_CLUSTER) for size in m.tolist()])
+
+
+def rounded(m: AnyArray, kind: Kind, exact: int) -> AnyArray:
+    """Cluster sizes, those beyond `exact` at a multiple of a power of two, so that they share strides."""
+    step = 2 ** np.log2(np.maximum(m // PER_CLUSTER, 1)).astype(np.int64)
+    return np.where((m > exact) & kind.overlapped, m // step * step, m)
+
+
+@functools.cache
+def _divisor(number: int, most: int) -> int:
+    """Largest divisor that does not exceed `most`."""
+    root = np.arange(1, int(number**0.5) + 1)
+    small = root[number % root == 0]
+    both = np.concatenate([small, number // small])
+    return int(both[both <= max(most, 1)].max())
+
+
+def reach_of(kind: Kind, steps: AnyArray) -> AnyArray:
+    """Number of steps from the first to the last point of a difference."""
+    return kind.difference * steps - (1 if kind.modified else 0)
+
+
+def new_stretch(m: AnyArray, stride: AnyArray, channels: int, start: int | None) -> Stretch:
+    """A stretch without samples, for ascending cluster sizes."""
+
+    def begun(step: int) -> Points:
+        there = int((start or 0) % step == 0)  # the point at the border belongs to both stretches
+        return Points(np.zeros((channels, there)), np.zeros((channels, there), np.int64))
+
+    levels = []
+    for step in np.unique(stride).tolist():
+        steps = m[stride == step] // step
+        zero = np.zeros((len(steps), channels))
+        levels.append(Level(step, steps, begun(step), begun(step), zero, zero.astype(np.int64)))
+    zero = np.zeros(channels)
+    return Stretch(start, 0, zero.astype(np.int64), zero, zero, zero, tuple(levels), tuple(begun(size) for size in m.tolist()))
+
+
+def lengthened(kind: Kind, m: AnyArray, old: Stretch, samples: np.ndarray, run: Callable, workers: int) -> Stretch:
+    """The stretch with up to PIECE more samples, (w, channels); `run` maps a function over channels, or over parts of a single one."""
+    width, channels = samples.shape
+    over, within = (run, map) if channels > 1 else (map, run)
+    phase, lost = np.empty((channels, width + 1)), np.zeros((channels, width + 1), np.int32)
+    mean = np.array(list(over(lambda c: _integrated(samples[:, c], phase[c], lost[c], old, c), range(channels))))
+    gone, now, net = lost[:, -1].astype(np.int64), old.origin + old.samples, phase[:, -1]
+    first_mean = np.where(old.present > 0, old.first_mean, mean)
+    tilt, drift = old.mean - mean, mean - first_mean
+
+    def arrived(stride: int) -> tuple[Points, np.ndarray]:
+        """New points at multiples of a stride, and how far they are from the end before."""
+        new = slice(-now % stride or stride, width + 1, stride)
+        return Points(phase[:, new], lost[:, new]), np.arange(new.start, width + 1, stride)
+
+    levels = []
+    for level in old.levels:
+        (new, step), reach = arrived(level.stride), reach_of(kind, level.steps)
+        longest, held = int(reach[-1]), level.tail.number
+        tail = level.tail.moved(0 * tilt, tilt, (now // level.stride - np.arange(held)[::-1]) * level.stride - now, 0 * gone)
+        number = np.clip(held + new.number - reach, 0, new.number)
+        if level.stride == 1:
+            squares, count = _by_kernel(kind, level.steps, number, tail, new, over, within, 1 if channels > 1 else workers)
+        else:
+            squares, count = _by_slices(kind, level.steps, tail.followed(new), held + new.number - number - reach, number)
+        last = new if new.number >= longest else tail.followed(new)
+        last = last.cut(slice(max(last.number - longest, 0), None)).moved(-net, 0 * net, 0, -gone)
+        head = _further(level.head, new, longest, old.net, drift, step, old.lost)
+        levels.append(Level(level.stride, level.steps, head, last, level.squares + squares, level.count + count))
+    marks = list(old.marks)
+    for i in np.flatnonzero(m - now % m <= width).tolist():
+        if marks[i].number <= AVERAGES:
+            new, step = arrived(int(m[i]))
+            marks[i] = _further(marks[i], new, AVERAGES + 1, old.net, drift, step, old.lost)
+    return dataclasses.replace(
+        old, samples=old.samples + width, present=old.present + width - gone, first_mean=first_mean, mean=mean,
+        net=old.net + net + drift * width, levels=tuple(levels), marks=tuple(marks),
+    )  # fmt: skip
+
+
+def _further(head: Points, new: Points, most: int, net: AnyArray, drift: AnyArray, step: AnyArray, lost: AnyArray) -> Points:
+    """First points of a stretch, with new ones as long as there are fewer than `most`."""
+    some = slice(0, max(most - head.number, 0))
+    return head.followed(new.cut(some).moved(net, drift, step[some], lost)) if some.stop else head
+
+
+def _integrated(samples: np.ndarray, phase: np.ndarray, lost: np.ndarray, old: Stretch, c: int) -> float:
+    """Mean of the samples; fills in their phase relative to it, from zero, and the number of missing samples before each point (zeros)."""
+    x = phase[1:]
+    x[:] = samples
+    total = float(np.sum(x))
+    mean = total / len(x)
+    if not np.isfinite(total):
+        infinite = np.flatnonzero(np.isinf(x))
+        if len(infinite):
+            name, where = f"channel {c}" if len(old.mean) > 1 else "the record", old.samples + int(infinite[0])
+            raise DataError(f"{name} has an infinite value at sample {where}; replace it by NaN to mark a gap", code="infinite")
+        missing = np.isnan(x)
+        mean = float(old.mean[c]) if missing.all() else float(np.mean(x[~missing]))
+        x[missing] = mean
+        np.cumsum(missing, out=lost[1:])
+    x -= mean
+    phase[0] = 0.0
+    np.cumsum(x, out=x)
+    return mean
+
+
+def _by_kernel(kind: Kind, m, number, tail: Points, new: Points, over: Callable, within: Callable, workers: int):
+    """Sums and counts over the last `number` differences of each channel, by the block kernel.
+
+    The points are laid out in reverse order of time, so that the kernel finds its starting points at the front.
+    """
+    length = -(-(PIECE + int(reach_of(kind, m[-1])) + BLOCK) // (4 * BLOCK)) * 4 * BLOCK  # few lengths, so that few programs are compiled
+    before = slice(new.number, new.number + tail.number)
+
+    def channel(c: int):
+        with jax.enable_x64(True):  # thread-local
+            buffer, missing, gone = aligned(length), None, int(new.lost[c, -1])  # values beyond the points stay arbitrary
+            buffer[: new.number], buffer[before] = new.phase[c, ::-1], tail.phase[c, ::-1]
+            if gone > tail.lost[c, 0]:
+                counted = np.zeros(length, np.int32)
+                counted[: new.number], counted[before] = gone - new.lost[c, ::-1], gone - tail.lost[c, ::-1]
+                missing = jnp.asarray(counted)
+            theta = jax.device_put(buffer, may_alias=True)
+            parts = running_sum_of_phase(theta) if kind.modified else (theta,)
+            rule = "none" if missing is None else "span"
+            return by_blocks(parts, missing, m, number, np.int64(kind.modified), kind, rule, workers, within)
+
+    if not number.any():
+        return 0.0, 0
+    return (np.stack(found, axis=1) for found in zip(*over(channel, range(len(tail.phase))), strict=True))
+
+
+def _by_slices(kind: Kind, steps, points: Points, first, number) -> tuple[np.ndarray, np.ndarray]:
+    """Sums and counts, (sizes, channels), over the `number` differences from the `first` point on, each (sizes,)."""
+    squares = np.zeros((len(steps), len(points.phase)))
+    count, whole = np.zeros(squares.shape, np.int64), bool((points.lost[:, -1:] == points.lost[:, :1]).all())
+    for i in np.flatnonzero(number > 0):
+        k, a, b, reach = int(steps[i]), int(first[i]), int(first[i] + number[i]), int(reach_of(kind, steps[i]))
+        d = points.phase[:, a : b + reach]
+        if kind.modified:
+            d = np.cumsum(np.pad(d - d.mean(axis=1, keepdims=True), ((0, 0), (1, 0))), axis=1)
+        for _ in range(kind.difference):
+            d = d[:, k:] - d[:, :-k]
+        if whole:
+            squares[i], count[i] = np.einsum("ij,ij->i", d, d), b - a
+        else:
+            valid = points.lost[:, a:b] == points.lost[:, a + reach : b + reach]
+            squares[i], count[i] = np.sum(np.where(valid, d * d, 0.0), axis=1), valid.sum(axis=1)
+    return squares, count
+
+
+def side_by_side(kind: Kind, m: AnyArray, a: Stretch, b: Stretch) -> Stretch:
+    """Merge two neighbouring stretches into one."""
+    border, drift = a.origin + a.samples, b.first_mean - a.first_mean
+    ends = -b.net - (b.first_mean - b.mean) * b.samples  # phase at the border in the second frame of `b`
+    none = np.zeros(len(a.net), np.int64)
+
+    def ahead(stride: int, points: Points, known: bool) -> tuple[Points, np.ndarray]:
+        """First points of `b` beyond the border, and their distances from it; those of an unknown start begin there."""
+        first = -border % stride if known else 0
+        points = points.cut(slice(int(first == 0 and known), None))
+        return points, (first or stride * known) + stride * np.arange(points.number)
+
+    levels = []
+    for one, two in zip(a.levels, b.levels, strict=True):
+        stride, reach, shared = one.stride, reach_of(kind, one.steps), border % one.stride == 0
+        longest = int(reach[-1])
+        new, step = ahead(stride, two.head, True)
+        points = one.tail.followed(new.moved(0 * a.mean, b.first_mean - a.mean, step, none))  # both count from the border
+        # differences that start before the border and end after it
+        first = np.maximum(one.tail.number - reach, 0)
+        number = np.minimum(one.tail.number - shared, points.number - reach) - first
+        squares, count = _by_slices(kind, one.steps, points, first, number)
+        head = _further(one.head, new, longest, a.net, drift, step, a.lost)
+        tail = two.tail
+        if tail.number < longest:
+            before = one.tail.cut(slice(0, one.tail.number - shared))
+            before = before.cut(slice(max(before.number + tail.number - longest, 0), None))
+            ago = ((border - 1) // stride - np.arange(before.number)[::-1]) * stride - border
+            tail = before.moved(ends, a.mean - b.mean, ago, -b.lost).followed(tail)
+        levels.append(Level(stride, one.steps, head, tail, one.squares + two.squares + squares, one.count + two.count + count))
+    marks = []
+    for size, mine, its in zip(m.tolist(), a.marks, b.marks, strict=True):
+        new, step = ahead(size, its, b.start is not None)
+        new = Points(new.phase, new.lost + (b.start is None))  # no average spans the border if the points do not go on evenly
+        marks.append(_further(mine, new, AVERAGES + 1, a.net, drift, step, a.lost))
+    return Stretch(
+        start=0 if a.start is None and b.start is not None else a.start, samples=a.samples + b.samples, present=a.present + b.present,
+        first_mean=a.first_mean, mean=b.mean, net=a.net + b.net + drift * b.samples, levels=tuple(levels), marks=tuple(marks),
+    )  # fmt: skip
