@@ -22,7 +22,6 @@ from ._findings import FINDINGS, times
 from ._kernels._contiguous import effective_sizes, measure_whole, refuse_traced
 from ._kernels._difference_sums import direct_sums
 from ._kernels._phase import IN_CACHE, aligned, integrate, padded_length, running_sum_of_phase
-from ._kernels._robust import efficiency, refuse_robust, robust_squares
 from ._kernels._route import MANY, record_sums, sums_in_cache
 from ._kernels._total import traced_total_sums
 from ._kinds import Kind, cluster_sizes, find_kind
@@ -43,7 +42,7 @@ _Measured = tuple[Callable[[], Any], Any, Any]
 @host_float64
 def deviation(
     y: Any, rate: Any, *, kind: str | Kind = "oadev", m: Any = "log", data: str = "rate", confidence: float | int = 0.95, alpha: Any = None,
-    bias_corrected: bool = False, robust: bool = False,
+    bias_corrected: bool = False,
 ) -> Deviation:  # fmt: skip
     r"""Allan, modified Allan, time, Hadamard or total deviation, Theo1 or interval error, with noise type and interval.
 
@@ -91,8 +90,6 @@ def deviation(
     alpha : noise type for the degrees of freedom (2 .. -2), to replace the one identified at each cluster size.
     bias_corrected : True divides the variance by its exact bias against mdev, ohdev or oadev, for the noise type at each cluster size.
         `bias` of the result reports the factor.
-    robust : for adev, oadev, hdev or ohdev, replace the mean of squares by an M-estimate (Tukey's biweight), which resists outliers but
-        costs 8 % of the degrees of freedom.
 
     Returns
     -------
@@ -125,28 +122,24 @@ def deviation(
         y = checked_record(y)
         if not isinstance(y, np.ndarray):
             raise DataError("theoh is computed on the host: it cannot be traced (jit, grad, vmap). Of a traced record take oadev")
-        options = {"data": data, "confidence": confidence, "alpha": alpha, "bias_corrected": bias_corrected, "robust": robust}
+        options = {"data": data, "confidence": confidence, "alpha": alpha, "bias_corrected": bias_corrected}
         plain = functools.partial(deviation, y, rate, **options)
         return theoh(len(y) - (1 if data == "phase" else 0), m, plain)
     statistic, rate = find_kind(kind, "theoh"), checked_rate(rate)
     if data not in ("rate", "phase"):
         raise DataError(f'unknown data {data!r}; expected "rate" (samples of rate or force) or "phase" (their integral)')
     confidence, y = checked_confidence(confidence), checked_record(y)
-    if robust:
-        if not isinstance(y, np.ndarray):
-            raise DataError("robust is for a record at hand, which is not traced (jit, grad, vmap)")
-        refuse_robust(statistic, robust)
     empty = empty_channels(y)
     if empty is not None:
         rest = {"kind": kind, "m": m, "data": data, "confidence": confidence, "alpha": alpha, "bias_corrected": bias_corrected}
-        return _with_empty(deviation(y[:, ~empty], rate, robust=robust, **rest), empty)
+        return _with_empty(deviation(y[:, ~empty], rate, **rest), empty)
     sizes = cluster_sizes(m, statistic, y.shape[0] - (1 if data == "phase" else 0))
-    return begin(y, rate, statistic, sizes, confidence, alpha, data=data, bias_corrected=bias_corrected, robust=robust)()
+    return begin(y, rate, statistic, sizes, confidence, alpha, data=data, bias_corrected=bias_corrected)()
 
 
 def begin(
     y, rate: float, statistic: Kind, sizes: Int[np.ndarray, " clusters"], confidence: float, alpha: Any, *, data="rate",
-    bias_corrected: Any = False, robust=False,
+    bias_corrected: Any = False,
 ) -> Callable[[], Deviation]:  # fmt: skip
     """Start `deviation` for a checked record at given cluster sizes, and return a function that waits for the result.
 
@@ -164,11 +157,11 @@ def begin(
         total, count, noise, told = measure_whole(columns, missing, sizes, statistic, rate, data, alpha)
         findings, measured = told, (lambda: total, count, noise)
     else:
-        measured = _measured(columns, sizes, statistic, rate, data, samples, alpha, robust)
-    return lambda: _finished(y, columns, rate, statistic, sizes, confidence, samples, measured, data, bias_corrected, robust, findings)
+        measured = _measured(columns, sizes, statistic, rate, data, samples, alpha)
+    return lambda: _finished(y, columns, rate, statistic, sizes, confidence, samples, measured, data, bias_corrected, findings)
 
 
-def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int, measured, data, bias_corrected, robust, findings):
+def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int, measured, data, bias_corrected, findings):
     """The result from sums, counts and noise types, (clusters, channels). The sums come last, because they may still be computed."""
     sums, count, noise = measured
     xp, kept = namespace(y, concrete=True), slice(None)
@@ -177,7 +170,7 @@ def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int
         some = np.all(count > 0, axis=1)
         if not some.any():
             lost = int(np.isnan(columns).any(axis=1).sum())
-            raise DataError(f"no cluster size has a difference free of gaps: {lost} of {len(y)} samples are missing")
+            raise DataError(f"no cluster size has a difference free of gaps: {lost} of {len(y)} samples are missing", code="no_difference")
         if not some.all():
             kept = some
             findings = (*findings, FINDINGS("no_difference", tau=times(statistic.tau(sizes[~kept], rate))))
@@ -187,7 +180,7 @@ def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int
         expected = jnp.asarray(expected, dtype=count.dtype)
     lengths = statistic.length(count, sizes[:, None], samples) if xp is np else samples
     types = types_for_intervals(noise, effective_sizes(sizes, statistic), lengths, data, xp)
-    edf, low, high = _uncertainty(types, count, expected, sizes, statistic, lengths, confidence, efficiency() if robust else 1.0, xp)
+    edf, low, high = _uncertainty(types, count, expected, sizes, statistic, lengths, confidence, xp)
     bias = xp.ones(count.shape, dtype=low.dtype)
     if bias_corrected:
         factors = functools.partial(bias_factors, kind=statistic, samples=lengths)
@@ -239,14 +232,14 @@ def _by_noise_type(function, sizes, noise, statistic: Kind, xp):
     return jnp.take_along_axis(table, jnp.clip(2 - noise, 0, len(types) - 1).astype(jnp.int32), axis=1)
 
 
-def _uncertainty(noise, count, expected, sizes, statistic: Kind, samples, confidence: float, efficiency: float, xp):
+def _uncertainty(noise, count, expected, sizes, statistic: Kind, samples, confidence: float, xp):
     """The edf and the interval factors; in a trace, the factors are read from a table."""
     if statistic.interval_error:
         return (xp.full(count.shape, xp.nan, dtype=noise.dtype),) * 3
-    if xp is np and not statistic.contiguous and efficiency == 1.0 and len(sizes) <= MANY and (count == expected).all():
+    if xp is np and not statistic.contiguous and len(sizes) <= MANY and (count == expected).all():
         return known_uncertainty(sizes, noise, statistic, samples, confidence)
     edf = _by_noise_type(functools.partial(degrees_of_freedom, kind=statistic, samples=samples), sizes, noise, statistic, xp)
-    edf = xp.maximum(edf if statistic.contiguous else edf * (count / expected * efficiency), 1.0)
+    edf = xp.maximum(edf if statistic.contiguous else edf * (count / expected), 1.0)
     if xp is np:
         return edf, *interval_factors(edf, confidence)
     return edf, *tabulated_factors(edf, 2.0 * samples, confidence, jnp)
@@ -303,11 +296,11 @@ def _gap_rule(gone, statistic: Kind, data: str, xp):
     return running, "span", 1 if statistic.modified and data == "rate" else 0
 
 
-def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: int, alpha, robust: bool) -> _Measured:
+def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: int, alpha) -> _Measured:
     """The sums, counts and noise types of a record on the host."""
     ascending, back, number = _arranged(sizes.tobytes(), samples, statistic)
     channels = columns.shape[1]
-    if samples < IN_CACHE and len(sizes) <= MANY and not robust and data == "rate":
+    if samples < IN_CACHE and len(sizes) <= MANY and data == "rate":
         length, sums = padded_length(samples if statistic.modified else IN_CACHE - 1), []
         noise = np.full((len(sizes), channels), np.nan if alpha is None else float(alpha))
         for index, column in enumerate(columns.T):
@@ -330,11 +323,7 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
     def channel(index, run):
         with jax.enable_x64(True):  # thread-local
             prepared = _prepare(columns[:, index], f"channel {index}" if channels > 1 else "y", statistic, rate, data, samples, split, run)
-            if robust:
-                squares, count = robust_squares(prepared[1], prepared[2], ascending, statistic, samples, data)
-                total = squares * count
-            else:
-                total, count = record_sums(prepared, ascending, number, statistic, split, run)
+            total, count = record_sums(prepared, ascending, number, statistic, split, run)
             if alpha is None:
                 return total, count, noise_types(prepared[1], prepared[2], ascending, statistic.plain, samples, data)
             return total, count, np.full(len(ascending), float(alpha))

@@ -50,7 +50,6 @@ def allan(
     confidence: Level = 0.95,
     bias_corrected: bool = False,
     alpha: Literal[-2, -1, 0, 1, 2] | None = None,
-    robust: bool = False,
     clock: bool = False,
     reading: Reading = Reading(),
     writing: Deviations = Deviations(),
@@ -71,14 +70,13 @@ def allan(
     alpha
         Noise type for the intervals, instead of the identified one: 2 white phase, 1 flicker phase, 0 white frequency, -1 flicker
         frequency, -2 random walk of frequency.
-    robust
-        Use an M-estimate that is robust against outliers, for adev, oadev, hdev and ohdev.
     clock
         The log is a column of fractional frequencies, or with --data phase of time errors in s, of clocks or oscillators (one to three
         columns with --columns gyro=0:2): deviations have no unit, tdev is in s.
     """
-    options: dict[str, Any] = {"kind": kind, "m": _sizes(m), "confidence": confidence, "bias_corrected": bias_corrected}
-    options |= {"alpha": alpha, "robust": robust}
+    options: dict[str, Any] = {
+        "kind": kind, "m": _sizes(m), "confidence": confidence, "bias_corrected": bias_corrected, "alpha": alpha,
+    }  # fmt: skip
     asked = dict(options)
 
     change = None

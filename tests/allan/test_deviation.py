@@ -212,3 +212,16 @@ def test_a_single_channel_has_none_to_pick():
     with pytest.raises(IndexError, match="single channel"):
         deviation(np.arange(10.0), 1.0).channel(0)
     assert jaxcal.allan.deviation is deviation
+
+
+@pytest.mark.parametrize("kind", ["oadev", "mtotdev", "mtie"])
+def test_a_channel_without_samples_leaves_the_others_alone(kind):
+    y = np.random.default_rng(8).standard_normal((500, 3))
+    y[:, 1] = np.nan
+    found = deviation(y, 1.0, kind=kind, m=[1, 3])
+    alone = deviation(y[:, [0, 2]], 1.0, kind=kind, m=[1, 3])
+    np.testing.assert_array_equal(found.deviation[:, [0, 2]], alone.deviation)
+    assert np.isnan(found.deviation[:, 1]).all()
+    assert found.count[:, 1].tolist() == [0, 0]
+    assert (found.codes, found.findings[0].subject) == ({"empty"}, ("channel 1",))
+    assert (found.channel(0).verdict, found.channel(1).verdict) == ("good", "weak")

@@ -10,7 +10,6 @@ import pytest
 
 from jaxcal import DataError
 from jaxcal.allan import deviation, dynamic
-from jaxcal.noise import Noise
 
 KINDS = ("oadev", "ohdev", "mdev", "tdev")
 M = [1, 2, 5, 16]
@@ -54,15 +53,6 @@ def test_every_window_is_the_deviation_of_its_samples(kind, length, step, seed, 
     assert bool(found.findings) == (np.isnan(found.deviation).any() or len(found.m) < len(M))
 
 
-def test_a_quiet_window_after_a_loud_one_keeps_its_digits():
-    y = np.random.default_rng(0).standard_normal(5000)
-    y[:2000] *= 1e7
-    found = dynamic(y, 1.0, window=500, step=250, m=[1, 20])
-    alone = deviation(y[2500:3000], 1.0, m=[1, 20])
-    # summation of the phase through the part with large noise loses a factor of 1e7 of the precision of 1e-16
-    np.testing.assert_allclose(found.deviation[10], alone.deviation, rtol=1e-7)
-
-
 def test_channels_defaults_and_the_record_at_hand():
     y = np.random.default_rng(1).standard_normal((4000, 3))
     y[:, 1] = np.nan
@@ -78,17 +68,6 @@ def test_channels_defaults_and_the_record_at_hand():
     np.testing.assert_array_equal(found.channel(2).alpha, alone.alpha)
     with pytest.raises(IndexError, match="single channel"):
         alone.channel(0)
-
-
-def test_more_windows_than_noise_types():
-    """A change of noise type in the middle is found, although types are identified in only 256 of 2,800 windows."""
-    y = np.concatenate([Noise(N=1.0).simulate(15_000, 1.0, seed=1), Noise(K=1.0).simulate(15_000, 1.0, seed=2)])
-    found = dynamic(y, 1.0, window=2000, step=10, m=[1, 10])
-    assert len(found.time) == 2801
-    assert set(found.alpha[:1200].ravel()) == {0}
-    assert set(found.alpha[-1200:].ravel()) == {-2}
-    i = 1234
-    np.testing.assert_allclose(found.deviation[i], deviation(y[10 * i : 10 * i + 2000], 1.0, m=[1, 10]).deviation, rtol=1e-9)
 
 
 def test_intervals_cover_as_often_as_they_say():
@@ -126,10 +105,10 @@ def test_a_constant_has_deviation_zero():
         (np.zeros(100), {"step": 0}, "step must be"),
         (np.zeros(100), {"step": math.nan}, "step must be"),
         (np.zeros(100), {"m": [6]}, "outside 1 .. 5"),
-        (np.zeros(100), {"kind": "adev"}, "no differences in common"),
+        (np.zeros(100), {"kind": "adev"}, "there is no dynamic adev"),
         (np.zeros(100), {"kind": "what"}, "unknown kind"),
         (np.zeros(100), {"confidence": 1.0}, "between 0 and 1"),
-        (np.full(100, np.nan), {}, "nothing but NaN"),
+        (np.full(100, np.nan), {}, "100 of 100 samples are missing"),
         (np.where(np.arange(100) % 2, np.nan, 1.0), {}, "no window has a difference free of gaps: 50 of 100"),
         (np.where(np.arange(100) == 7, np.inf, 1.0), {}, "infinite values, the first at sample 7"),
     ],

@@ -258,7 +258,6 @@ north rest.csv                             | a test takes rests on several posit
 north table.csv --noise rest.csv           | --noise takes the noise.json of jaxcal noise, or a calibration
 allan rest.csv --m 0                       | cluster size 0 is outside
 allan rest.csv --m 100000                  | cluster size 100000 is outside
-allan rest.csv --kind mtie --robust        | --robust is for adev, oadev, hdev and ohdev
 allan warm_only.csv                        | neither gyroscope, accelerometer nor magnetometer
 mag tumble.csv --align gyro                | the log has no gyro; name its columns with --columns gyro=...
 temperature cold.csv                       | a thermal model needs at least 2 degC
