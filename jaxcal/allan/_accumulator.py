@@ -369,6 +369,5 @@ def _sizes(m, kind: Kind, exact: int) -> np.ndarray:
     if bad.size:
         raise DataError(f"a cluster size must be at least 1 sample; got {bad[0]}", code="m")
     if kind.modified and sizes.max() > exact:
-        said = f"{kind.name} of a stream is kept up to cluster size {exact}; got {sizes.max()}. Raise exact=, or use adev, oadev, hdev or ohdev"
-        raise DataError(said, code="m")
+        raise DataError(f"{kind.name} of a stream ends at cluster size {exact}; got {sizes.max()}. Raise exact=, or use oadev", code="m")
     return sizes

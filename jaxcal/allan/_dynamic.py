@@ -184,8 +184,9 @@ def dynamic(
 
 def _begun(samples: np.ndarray, *options: Any) -> Any:
     """A function that waits for the deviation of a window; it returns None if gaps leave no difference."""
+    ready = None if np.isnan(samples).all() else begin(samples, *options, None)
 
-    def wait(ready: Any = None if np.isnan(samples).all() else begin(samples, *options, None)) -> Deviation | None:
+    def wait() -> Deviation | None:
         try:
             return ready and ready()
         except DataError as error:

@@ -8,7 +8,7 @@ spans m/s steps. All levels are alike: what arrives extends their last points, a
 
 A stretch has two frames. In the first frame the phase is zero at the first sample, and relative to the mean of the first piece: the first
 points are kept in it, for a stretch that comes before. In the second frame the phase is zero at the end, and relative to the mean of the
-latest piece. Where two stretches meet, the differences across their border are formed from the last points of one and the first of the other.
+latest piece. Where two stretches meet, the last points of one and the first of the other give the differences across their border.
 """
 
 import dataclasses

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from jaxcal import DataError
-from jaxcal.allan import Accumulator, deviation
-from jaxcal.allan import _stretch
+from jaxcal.allan import Accumulator, _stretch, deviation
 from jaxcal.noise import Noise
 
 KINDS = ("adev", "oadev", "mdev", "tdev", "hdev", "ohdev")
