@@ -28,8 +28,14 @@ CHANCE = 0.01
 _BLOCK, _RUNNING = 64, 65
 #: a block whose mean square is this many times that of the quietest quarter moves; levels of noise differ less
 _GROSS = 16.0
+#: share of a record that may move before movement is no exception any more
+_MOVES = 0.75
+#: of a spread by a median of sizes, relative to one by squares
+_EFFICIENCY = 0.37
 #: samples from which a spread is found to 1 %
 _SAMPLE = 20_000
+#: share of equal neighbours above which the noise is hidden by the step of the values: below, it is at least 0.45 steps
+_HIDDEN = 0.5
 #: single outliers at one lag above which they are tails of the noise
 _TAILS = 10
 #: quantiles of |d| -> those of a normal law: the larger of the two spreads counts, so that tails and coarse values are no events
@@ -91,11 +97,14 @@ class _Record:
         self.index = np.flatnonzero(self.present)
         self.columns = [values[self.index, i] for i in alive]
         self.columns = [column - np.median(column[:: len(column) // _SAMPLE + 1]) for column in self.columns if len(column)]
-        self.lsb = np.array([resolution(column) for column in self.columns])
+        self.steps = [resolution(column) for column in self.columns]
+        # where the step of the values hides the noise, so that most readings equal the one before, nothing smaller is an event
+        equal = [np.mean(column[1:] == column[:-1]) for column in self.columns]
+        self.hidden = [step if share > _HIDDEN else 0.0 for step, share in zip(self.steps, equal, strict=True)]
         self.longest = min(round(LONGEST * rate * len(self.index) / max(self.size, 1)), len(self.index) // (2 * _PAIRS))
         self._sum()
         self.lags = max(self.longest, 1).bit_length()
-        self.slow = self._spread(self.looks(self.longest, 1 + self.longest // 4), 1.0) if self.longest else np.ones(0)
+        self.slow = self._spread(self.looks(self.longest, 1 + self.longest // 4), self.longest) if self.longest else np.ones(0)
 
     def _sum(self) -> None:
         self.sums = [np.concatenate([[0.0], np.cumsum(column)]) for column in self.columns]
@@ -105,12 +114,13 @@ class _Record:
         return [(c[2 * h :: step] - 2.0 * c[h : len(c) - h : step] + c[: len(c) - 2 * h : step]) / h for c in self.sums]
 
     def _spread(self, looks: list[np.ndarray], h: float, still: np.ndarray | None = None) -> np.ndarray:
-        """Robust spread of the looks of each axis, with the resolution of its mean."""
+        """Robust spread of the looks of each axis, which is known to half the step of a mean."""
         found = []
-        for d, lsb in zip(looks, self.lsb, strict=True):
+        for d, step, hidden in zip(looks, self.steps, self.hidden, strict=True):
             d = d if still is None else d[still]
             size = np.abs(d[:: len(d) // _SAMPLE + 1])
-            found.append(max(np.quantile(size, at) / normal for at, normal in _SPREADS.items()) + lsb / np.sqrt(h))
+            spread = max(np.quantile(size, at) / normal for at, normal in _SPREADS.items())
+            found.append(spread + max(0.5 * step / h, hidden / np.sqrt(h)))
         return np.array(found)
 
     def events(self, h: int) -> np.ndarray:
@@ -121,16 +131,7 @@ class _Record:
         count = len(looks[0]) if looks else 0
         if count < 2 * _PAIRS:
             return out
-        flags = np.zeros(count, bool)
-        blocks = count // _BLOCK
-        energies = [np.einsum("ij,ij->i", part, part) / _BLOCK for d in looks for part in [d[: blocks * _BLOCK].reshape(blocks, _BLOCK)]]
-        gross = np.zeros(blocks, bool)
-        for energy, lsb in zip(energies, self.lsb, strict=True):
-            gross |= energy > _GROSS * (np.quantile(energy, 0.25) + lsb**2)
-        still = None
-        if gross.any() and gross.mean() < 0.75:
-            flags[: blocks * _BLOCK] = np.repeat(gross, _BLOCK)
-            still = ~flags
+        still = self._still(looks)
         spread = self._spread(looks, h, still)
         if not spread.all():
             return out
@@ -139,27 +140,31 @@ class _Record:
             d *= 1.0 / s
             d *= d
             z += d
-        axes, pairs = len(looks), len(self.index) / h
-        found = z > _limit(axes, pairs, 0.5 * CHANCE / count / self.lags)
+        chance = 0.5 * CHANCE / self.lags
+        found = z > _limit(len(looks), len(self.index) / h, chance / count)
         starts, stops = runs(found)
         single = stops - starts <= 2 * h // step
         if np.count_nonzero(single) > _TAILS:
             for start, stop in zip(starts[single], stops[single], strict=True):
                 found[start:stop] = False
-        flags |= found
-        if blocks >= _RUNNING:
-            total = np.cbrt(z[: blocks * _BLOCK].reshape(blocks, _BLOCK).mean(axis=1))
-            over = total - scipy.ndimage.median_filter(total, _RUNNING, mode="nearest")
-            scatter = 1.4826 * np.median(np.abs(over))
-            loud = over > _HEAVIER * scatter * -scipy.special.stdtrit(0.37 * blocks, 0.5 * CHANCE / blocks / self.lags)
-            flags[: blocks * _BLOCK] |= np.repeat(loud, _BLOCK)
-        starts, stops = runs(flags)
+        starts, stops = runs(found | ~still | _loud(z, len(looks), chance))
         grown = h // 2 + 2
         first = np.maximum(h + starts * step - grown, 0)
         last = np.minimum(h + (stops - 1) * step + grown, len(self.index) - 1)
         for a, b in zip(self.index[first], self.index[last], strict=True):
             out[a : b + 1] = True
         return out
+
+    def _still(self, looks: list[np.ndarray]) -> np.ndarray:
+        """Looks outside of blocks that move much more than the quietest quarter; all of them if most of the record moves."""
+        gross: Any = False
+        for d, hidden in zip(looks, self.hidden, strict=True):
+            energy = np.einsum("ij,ij->i", _blocks(d), _blocks(d)) / _BLOCK
+            gross |= energy > _GROSS * (np.quantile(energy, 0.25) + hidden**2)
+        still = np.ones(len(looks[0]), bool)
+        if np.mean(gross) < _MOVES:
+            _blocks(still)[gross] = False
+        return still
 
     def drop(self, out: np.ndarray) -> None:
         """Take the rows of events out, and join the levels before and after."""
@@ -190,9 +195,27 @@ class _Record:
         self._sum()
 
 
+def _blocks(values: np.ndarray) -> np.ndarray:
+    """(blocks, looks in a block) a view of the values, without the rest behind the last block."""
+    return values[: len(values) // _BLOCK * _BLOCK].reshape(-1, _BLOCK)
+
+
+def _loud(z: np.ndarray, axes: int, chance: float) -> np.ndarray:
+    """Looks in blocks whose energy exceeds the running median; the cube root of an energy is nearly normal (Wilson and Hilferty, 1931)."""
+    out = np.zeros(len(z), bool)
+    total = np.cbrt(_blocks(z).mean(axis=1))
+    if len(total) < _RUNNING:
+        return out
+    over = total - scipy.ndimage.median_filter(total, _RUNNING, mode="nearest")
+    scatter = 1.4826 * np.median(np.abs(over))
+    limit = -_HEAVIER * scatter * scipy.special.stdtrit(_EFFICIENCY * len(total), chance / len(total))
+    _blocks(out)[(over > limit) & (total > np.cbrt(axes))] = True
+    return out
+
+
 def _limit(axes: int, pairs: float, chance: float) -> float:
-    """What z exceeds by chance: F beside the spread, which is known from so many pairs of means with the efficiency of a median."""
-    return float(axes * scipy.special.fdtri(axes, 0.37 * pairs, 1.0 - chance))
+    """What z exceeds by chance: F, since the spread is found from so many pairs of means."""
+    return float(axes * scipy.special.fdtri(axes, _EFFICIENCY * pairs, 1.0 - chance))
 
 
 def _filled(out: np.ndarray, longest: int, present: np.ndarray | None = None) -> np.ndarray:
@@ -224,7 +247,7 @@ def stuck(columns: list[np.ndarray]) -> np.ndarray:
             continue
         longest = max(np.log(1e-4 / n) / np.log(1.5 * share), 8.0)
         starts, stops = runs(equal)
-        for a, b in zip(starts, stops, strict=True):
-            if b - a >= longest:
-                out[a : b + 1] = True
+        long = stops - starts >= longest
+        for a, b in zip(starts[long], stops[long], strict=True):
+            out[a : b + 1] = True
     return out
