@@ -373,7 +373,6 @@ if __name__ == "__main__":
             "24 rests of 4 s": ({"rests": 24}, Setting()),
             "8 rests of 4 s": ({"rests": 8}, Setting()),
             "swing 2 rad/s": ({"swing": 2.0}, Setting()),
-            "pace 0.6 Hz": ({"pace": 0.6}, Setting(corner=0.6)),
             "reach 0.5 m": ({"reach": 0.5}, Setting(reach=0.5)),
             "reach 0.1 m": ({"reach": 0.1}, Setting(reach=0.1)),
         },

@@ -87,7 +87,6 @@ CELLS = {
     "soft mount 4 Hz": Cell({"soft_mount": 4.0}),
     "iron for 15 s": Cell({"iron": (60.0, 75.0, 0.3)}),
     "reach 1.5 m": Cell({"reach": 1.5}),
-    "travel 5 m": Cell({"travel": 5.0}),
     "8 rests, lever and g-sensitivity": Cell({"rests": 8}, options={"lever": True, "g_sensitivity": True}),
     "one axis": Cell({"turns": "one axis"}),
     "no tilt": Cell({"turns": "no tilt"}),

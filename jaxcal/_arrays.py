@@ -1,4 +1,4 @@
-"""Small pieces of array work that many modules share: runs of flags, lengths of buckets, NumPy or `jax.numpy`, cross products."""
+"""Small pieces of array work that many modules share: runs of flags, lengths of buckets, NumPy or `jax.numpy`."""
 
 from types import ModuleType
 from typing import Any
@@ -7,9 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-
-#: v @ CROSS is the matrix of the cross product, [v] x = v cross x; matrix products compile faster than single components
-CROSS = np.array([[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], dtype=float)
 
 
 def runs(flags: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -47,13 +44,3 @@ def namespace(*trees: Any, concrete: bool = False) -> ModuleType:
     """
     kind = jax.Array if concrete else Tracer
     return jnp if any(isinstance(leaf, kind) for leaf in jax.tree.leaves(trees)) else np
-
-
-def skew(v: Any) -> Any:
-    """Matrices (..., 3, 3) of the cross product with v (..., 3), of NumPy or JAX."""
-    if not isinstance(v, np.ndarray):
-        return (v @ jnp.asarray(CROSS, dtype=v.dtype)).reshape(*v.shape, 3)
-    out = np.zeros((*v.shape, 3))
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
-    return out

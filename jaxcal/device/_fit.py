@@ -8,17 +8,15 @@ import numpy as np
 from .._errors import DataError
 from .._log import as_log
 from .._precision import host_float64
-from .._types import AnyArray
 from .._units import STANDARD_GRAVITY, STRONGEST_FIELD, on_earth
 from ..fitting import Estimate
 from ..imu._fits import coefficients
 from ..noise import Noise as SlowNoise
 from ._findings import Facts, findings_of, sensor_of
-from ._gradient import gradients
-from ._judge import Known, known, lacks, shares
+from ._judge import Known, known, lacks
 from ._model import AT, NAMES, DeviceModel, field_of, model_of, template, vector_of
 from ._noise_floor import Floor
-from ._record import recorded, unfilled
+from ._record import recorded
 from ._result import DeviceFit
 from ._solve import rounds
 from ._start import Start, axes_in_words, started
@@ -36,7 +34,7 @@ _QUANTITIES = {
 @host_float64
 def fit(
     log: Any, *, gravity: float | int | None = None, field: float | int | None = None, latitude: float | int | None = None,
-    g_sensitivity: bool = False, lever: bool = False, noise: Any = None, derivatives: Any = (),
+    g_sensitivity: bool = False, lever: bool = False, noise: Any = None,
 ) -> DeviceFit:  # fmt: skip
     r"""Calibrate accelerometer, gyroscope and magnetometer, and the delays between them, from one recording by hand.
 
@@ -67,8 +65,6 @@ def fit(
         `jaxcal.noise.characterise` returns, or a `Calibration` with noise. The errors of the biases then include flicker and random walk,
         and the bias is the mean over a day; a single recording cannot show this noise. With None, noise comes from the recording itself,
         and the bias is the mean over the recording.
-    derivatives : names of parameters, as in `DeviceFit.estimate`, for which to compute the derivatives by every reading. They hold noise
-        levels, weights, rests, and reach and speed of the hand constant; see `DeviceFit`.
 
     Returns
     -------
@@ -78,10 +74,7 @@ def fit(
     Raises
     ------
     DataError
-        If a name in `derivatives` is not a fitted parameter, a sensor is missing, the recording is shorter than 20 s, or an option is out
-        of range.
-    FitError
-        If the recording determines the parameters too weakly to compute the derivatives.
+        If a sensor is missing, the recording is shorter than 20 s, or an option is out of range.
 
     Examples
     --------
@@ -118,12 +111,12 @@ def fit(
     free = np.array([i for i, name in enumerate(NAMES) if field_of(name) not in held and name not in _BELOW])
     found, place = rounds(record, start, free, (gyro, accel))
     told = known(found, record.time, slow)
-    estimate, model, slope = _reported(found, told, start, None if field is None else float(field))
-    return _result(log, record, found, place, told, start, (estimate, model, slope), gravity is None, tuple(derivatives))
+    estimate, model = _reported(found, told, start, None if field is None else float(field))
+    return _result(log, record, found, place, told, start, estimate, model, gravity is None)
 
 
-def _reported(found: Solution, told: Known, start: Start, field: float | None) -> tuple[Estimate, DeviceModel, np.ndarray]:
-    """The estimate in the unit of the readings, the model, and the derivative (p, q) of the parameters by the free ones."""
+def _reported(found: Solution, told: Known, start: Start, field: float | None) -> tuple[Estimate, DeviceModel]:
+    """The estimate in the unit of the readings, and the model."""
     vector, slope = _gauged(found, start.strength, field)
     fitted = {field_of(NAMES[i]) for i in found.free} | {"field"}
     shown = [i for i, name in enumerate(NAMES) if field_of(name) in fitted and not nuisance(name)]
@@ -152,7 +145,7 @@ def _reported(found: Solution, told: Known, start: Start, field: float | None) -
     gone = [i for i in np.array(shown)[open_] if NAMES[i] != "field"]
     vector[gone] = plain[gone]
     model = jax.tree.map(lambda leaf: leaf if np.ndim(leaf) else float(leaf), model_of(vector))
-    return estimate, model, slope
+    return estimate, model
 
 
 def _gauged(found: Solution, strength: float, field: float | None) -> tuple[np.ndarray, np.ndarray]:
@@ -174,18 +167,10 @@ def _gauged(found: Solution, strength: float, field: float | None) -> tuple[np.n
 
 
 def _result(
-    log: Any, record: Record, found: Solution, place: Place, told: Known, start: Start, reported: tuple[Estimate, DeviceModel, np.ndarray],
-    assumed: bool, derivatives: tuple[str, ...],
+    log: Any, record: Record, found: Solution, place: Place, told: Known, start: Start, estimate: Estimate, model: DeviceModel,
+    assumed: bool,
 ) -> DeviceFit:  # fmt: skip
-    (estimate, model, slope), begin = reported, record.grid.first * record.grid.step
-    fitted = [name for name in estimate.names if estimate.states.get(name) != "held"]
-    if wrong := [name for name in derivatives if name not in fitted]:
-        raise DataError(f"derivatives={wrong}: no such parameter was fitted; expected some of {', '.join(fitted)}", code="derivatives")
-    rows = slope[[estimate.names.index(name) for name in derivatives]]
-    by: list[dict[str, AnyArray]] = [
-        {sensor: unfilled(own, log, sensor) for sensor, own in one.items()}
-        for one in (gradients(found, record, rows, start.strength) if derivatives else ())
-    ]
+    begin = record.grid.first * record.grid.step
     mag = np.reshape(found.noise.mag, (-1, 1)) * start.strength
     rms = np.sqrt(np.sum(found.field**2, axis=1) / np.maximum(found.kept.sum(axis=1), 1)[:, None]) * mag
     disturbed = stretches(found.kept.any(axis=1) & (found.counts < 0.5), begin, record.time)
@@ -200,8 +185,7 @@ def _result(
         noise={"gyro": float(np.median(found.noise.gyro)), "accel": float(np.median(found.noise.accel)),
                "mag": float(np.median(mag[:, 0] * np.sqrt(found.field_power)))},
         reach=place.reach, speed=place.speed, disagreement=told.ratio, held_out=told.held_out,
-        derivatives=dict(zip(derivatives, by, strict=True)), time=np.append(begin, begin[-1] + record.time),
+        time=np.append(begin, begin[-1] + record.time),
         attitude=found.way.rotation, velocity=found.way.velocity, place=found.way.place, residual_inertial=found.rows.inertial,
         residual_field=rms, gravity=record.gravity, rate=float(log.rate), duration=float(log.duration),
-        contribution=shares(told.terms, slope),
     )  # fmt: skip

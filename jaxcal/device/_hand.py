@@ -11,10 +11,13 @@ from 1 to 0 and rises again. So a rest is exact, wherever the motion happens to 
 import dataclasses
 
 import numpy as np
+import scipy  # loads its parts when they are first used
 from jaxtyping import Bool, Float
 
-#: number of sinusoids in one signal, and their highest frequency in units of the corner frequency
-_LINES, _HIGHEST = 160, 20.0
+from .._rotation import from_vector
+
+#: number of sinusoids in one signal, and their highest frequency in units of the corner frequency; Hz: that of the position
+_LINES, _HIGHEST, _PACE = 160, 20.0, 0.3
 #: number of samples for which the sinusoids are computed at once
 _CHUNK = 8192
 #: time in which the motion stops or starts, s
@@ -62,48 +65,42 @@ class HandMotion:
 
 
 class Waves:
-    """Gaussian signals of unit variance with the density of a Matern process of order 5/2, below a highest frequency.
+    """Gaussian signals of unit variance: sums of sinusoids whose cosine and sine coefficients are independent normal variables."""
 
-    The density is in proportion to (1 + (f / corner)^2)^-3. One signal is a sum of sinusoids, whose frequencies are drawn one from
-    each of many bands, narrow at low frequencies, and whose cosine and sine coefficients are independent normal variables.
-    """
+    def __init__(self, rng: np.random.Generator, omega: np.ndarray, power: np.ndarray, signals: int):
+        self.omega = omega
+        self.cosine, self.sine = rng.normal(size=(2, len(omega), signals)) * np.sqrt(power)[:, None]
 
-    def __init__(self, rng: np.random.Generator, corner: float, signals: int):
+    @staticmethod
+    def of_hand(rng: np.random.Generator, corner: float, signals: int) -> "Waves":
+        """Signals with the density of a Matern process of order 5/2, in proportion to (1 + (f / corner)^2)^-3, below a highest frequency.
+
+        The frequencies are drawn one from each of many bands, narrow at low frequencies.
+        """
         edges = corner * ((1 + _HIGHEST) ** (np.arange(_LINES + 1) / _LINES) - 1)
         frequency = edges[:-1] + rng.uniform(size=_LINES) * np.diff(edges)
         # normalised by the density over all frequencies, so that `corner` is the corner frequency of the Matern process
         power = np.diff(edges) / corner * (1 + (frequency / corner) ** 2) ** -3 * 16 / (3 * np.pi)
-        self.omega = 2 * np.pi * frequency
-        self.cosine, self.sine = rng.normal(size=(2, _LINES, signals)) * np.sqrt(power)[:, None]
+        return Waves(rng, 2 * np.pi * frequency, power, signals)
+
+    @staticmethod
+    def of_tremor(rng: np.random.Generator, signals: int) -> "Waves":
+        """Signals in the band of the tremor of a hand."""
+        lines = _LINES // 4
+        omega = 2 * np.pi * (_TREMOR[0] + (_TREMOR[1] - _TREMOR[0]) * (np.arange(lines) + rng.uniform(size=lines)) / lines)
+        return Waves(rng, omega, np.full(lines, 1 / lines), signals)
 
     def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(n, signals) values, first and second derivatives."""
-        return _sinusoids(self.omega, self.cosine, self.sine, time)
-
-
-class Tremor:
-    """Signals of unit variance in the band of the tremor of a hand."""
-
-    def __init__(self, rng: np.random.Generator, signals: int, lines: int = 40):
-        self.omega = 2 * np.pi * (_TREMOR[0] + (_TREMOR[1] - _TREMOR[0]) * (np.arange(lines) + rng.uniform(size=lines)) / lines)
-        self.cosine, self.sine = rng.normal(size=(2, lines, signals)) / np.sqrt(lines)
-
-    def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(n, signals) values, first and second derivatives."""
-        return _sinusoids(self.omega, self.cosine, self.sine, time)
-
-
-def _sinusoids(omega: np.ndarray, cosine: np.ndarray, sine: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sums of cosine cos(omega t) + sine sin(omega t) and their first two derivatives."""
-    w, out = omega[:, None], np.empty((3, len(time), cosine.shape[1]))
-    for start in range(0, len(time), _CHUNK):
-        part = slice(start, start + _CHUNK)
-        angle = time[part, None] * omega
-        c, s = np.cos(angle), np.sin(angle)
-        out[0, part] = c @ cosine + s @ sine
-        out[1, part] = c @ (w * sine) - s @ (w * cosine)
-        out[2, part] = -(c @ (w**2 * cosine) + s @ (w**2 * sine))
-    return out[0], out[1], out[2]
+        w, out = self.omega[:, None], np.empty((3, len(time), self.cosine.shape[1]))
+        for start in range(0, len(time), _CHUNK):
+            part = slice(start, start + _CHUNK)
+            angle = time[part, None] * self.omega
+            c, s = np.cos(angle), np.sin(angle)
+            out[0, part] = c @ self.cosine + s @ self.sine
+            out[1, part] = c @ (w * self.sine) - s @ (w * self.cosine)
+            out[2, part] = -(c @ (w**2 * self.cosine) + s @ (w**2 * self.sine))
+        return out[0], out[1], out[2]
 
 
 class Pauses:
@@ -137,34 +134,33 @@ class Hand:
     rng : random numbers that determine the motion.
     pauses : rests of the motion.
     turns : "free", "one axis" or "no tilt".
-    reach : m, standard deviation of each coordinate. pace : Hz, corner frequency of the position.
+    reach : m, standard deviation of each coordinate.
     swing : rad/s, root mean square rate about each axis of "free".
     tremor : m, root mean square displacement along each axis.
     held : whether the tremor continues in the rests.
     arm : (3,) m, position of the device relative to the point about which the hand rotates it, in device axes.
-    travel : m to the north, walked smoothly during the second third of the recording. duration : s.
     gravity : m/s^2.
     """
 
     def __init__(
-        self, rng: np.random.Generator, pauses: Pauses, *, turns: str, reach: float, pace: float, swing: float, tremor: float, held: bool,
-        arm: np.ndarray, travel: float, duration: float, gravity: float,
+        self, rng: np.random.Generator, pauses: Pauses, *, turns: str, reach: float, swing: float, tremor: float, held: bool,
+        arm: np.ndarray, gravity: float,
     ):  # fmt: skip
         self.pauses, self.reach, self.tremor, self.held, self.gravity = pauses, reach, tremor, held, gravity
-        self.arm, self.travel, self.duration = arm, travel, duration
+        self.arm = arm
         # always draw all random numbers, so that an option changes only the part of the motion that it concerns
         axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
         start = rng.normal(size=4)
-        self.place = Waves(rng, pace, 3)
+        self.place = Waves.of_hand(rng, _PACE, 3)
         # the rate of an angle with this density has the standard deviation spread * 2 pi corner / sqrt(3)
-        self.turn = Waves(rng, swing * np.sqrt(3) / (2 * np.pi * _SPREAD), 3)
-        self.shake = Tremor(rng, 6)
+        self.turn = Waves.of_hand(rng, swing * np.sqrt(3) / (2 * np.pi * _SPREAD), 3)
+        self.shake = Waves.of_tremor(rng, 6)
         self.start = np.eye(3)
         if turns == "no tilt":
             self.axes = np.array([[0.0, 0.0, 1.0]])
         else:
             self.axes = axes.T if turns == "free" else axes.T[:1]
-            self.start = _from_quaternion(start / np.linalg.norm(start))
+            self.start = scipy.spatial.transform.Rotation.from_quat(np.roll(start, -1)).as_matrix()
 
     def at(self, time: np.ndarray) -> HandMotion:
         """The motion at `time` (n,), in s."""
@@ -181,19 +177,13 @@ class Hand:
             self.reach * smooth + self.tremor * fine[:, :3]
             for smooth, fine in ((place, shake), (velocity, shake_1), (acceleration, shake_2))
         )
-        third = self.duration / 3
-        u = np.clip(time / third - 1, 0, 1)
-        place[:, 0] += self.travel * u**3 * (10 - 15 * u + 6 * u**2)
-        velocity[:, 0] += self.travel * 30 * u**2 * (1 - u) ** 2 / third
-        acceleration[:, 0] += self.travel * 60 * u * (1 - u) * (1 - 2 * u) / third**2
-
         attitude = np.broadcast_to(self.start, (len(time), 3, 3))
         rate, spin = np.zeros((2, len(time), 3))
         small = self.tremor / _WRIST
         turns = [(axis, _SPREAD * angle[:, i], _SPREAD * speed[:, i], _SPREAD * growth[:, i]) for i, axis in enumerate(self.axes)]
         turns += [(np.eye(3)[i], small * shake[:, 3 + i], small * shake_1[:, 3 + i], small * shake_2[:, 3 + i]) for i in range(3)]
         for axis, turned, fast, faster in turns:
-            one = _about(axis, turned)
+            one = from_vector(turned[:, None] * axis)
             attitude = attitude @ one
             # express the rate so far in the axes after this rotation, which rotate about `axis` at the rate `fast`
             rate, spin = (np.einsum("nji,nj->ni", one, vector) for vector in (rate, spin))
@@ -215,32 +205,3 @@ def _slowed(
     """A signal of the clock, with its derivatives by time from the chain rule."""
     value, first, second = signal
     return value, first * pace[:, None], second * pace[:, None] ** 2 + first * change[:, None]
-
-
-def _about(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) rotations about a fixed unit axis."""
-    cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
-    s, c = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
-    return np.eye(3) + s * cross + (1 - c) * (cross @ cross)
-
-
-def turned_by(vector: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) rotations by the rotation vectors (n, 3)."""
-    angle = np.linalg.norm(vector, axis=1)
-    unit = vector / np.where(angle > 0, angle, 1.0)[:, None]
-    cross = np.zeros((len(vector), 3, 3))
-    cross[:, [2, 0, 1], [1, 2, 0]] = unit
-    cross -= cross.swapaxes(1, 2)
-    s, c = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
-    return np.eye(3) + s * cross + (1 - c) * (cross @ cross)
-
-
-def _from_quaternion(q: np.ndarray) -> np.ndarray:
-    w, x, y, z = q
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )

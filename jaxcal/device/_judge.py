@@ -6,14 +6,12 @@ import itertools
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._arrays import skew
-from .._types import AnyArray
+from .._rotation import skew
 from ..fitting import Chain
 from ..fitting._serial import leave_out_pieces
 from ..noise import Noise
 from ._levels import slow_noise
 from ._model import AT, NAMES
-from ._normal import logarithm
 from ._state import SIZES, UNSEEN, Solution
 from ._windows import Record
 
@@ -21,7 +19,6 @@ _PIECES, _PARTS = 24, 6  # pieces of the recording for leave-out errors; parts f
 _CHANCE = 0.003  # probability of calling white noise correlated
 _LINES, _DAY = 200, 86400.0  # spectral lines of a bias that wanders, and their longest period, s
 _LACK = 1e-3  # level of the tests for terms that the model lacks
-_FEWEST = 0.01  # smallest share of the windows for a kind of motion to be reported
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,8 +29,6 @@ class Known:
     freedom: float
     ratio: float
     seen: np.ndarray  # (p,) whether the recording determines a parameter
-    terms: dict[str, np.ndarray]  # kind of motion -> (p, p) its part of the covariance, see `terms_of`
-    jacobian: np.ndarray  # (K, rows, p) of all windows, with the trajectory eliminated
     held_out: dict[str, float]  # sensor -> rms residual of parts that were left out, in its noise
 
 
@@ -48,7 +43,6 @@ def known(found: Solution, time: float, wander: dict[str, Noise]) -> Known:
     hats, scores = _pieces(normal), _pieces(score)
     whole = found.eliminated.information
     prior = np.diag(SIZES[found.free] ** -2.0)
-    terms = _terms_of(normal, _kinds_of(found), prior)
     matrix = np.linalg.inv(whole)
     seen = ~found.unseen
     held_out = _predicted(found, normal, score, prior, *rows)
@@ -65,11 +59,11 @@ def known(found: Solution, time: float, wander: dict[str, Noise]) -> Known:
     if count > 0 and scipy.special.chdtrc(count, statistic) < _CHANCE:
         apart = leave_out_pieces(hats, scores, prior)
         if np.isfinite(apart).all():
-            return Known(apart + matrix @ prior @ matrix, float(_PARTS - 1), ratio, seen, terms, rows[0], held_out)
+            return Known(apart + matrix @ prior @ matrix, float(_PARTS - 1), ratio, seen, held_out)
     more = slow_noise(found, time, pushed)
     for sensor, noise in wander.items():
         more = more + _wandering(pushed[sensor], noise, time)
-    return Known(matrix * max(ratio, 1.0) + matrix @ more @ matrix, np.inf, ratio, seen, terms, rows[0], held_out)
+    return Known(matrix * max(ratio, 1.0) + matrix @ more @ matrix, np.inf, ratio, seen, held_out)
 
 
 def _predicted(
@@ -138,46 +132,6 @@ def _by_window(found: Solution) -> tuple[np.ndarray, np.ndarray, dict[str, np.nd
         alone = np.concatenate([by[:, :, AT[field]], rows.field_by[..., AT[field]].reshape(count, -1, 3)], axis=1)
         pushed[sensor] = np.swapaxes(j[:, : alone.shape[1]], 1, 2) @ alone
     return normal, score, pushed, (j, r)
-
-
-def _kinds_of(found: Solution) -> dict[str, np.ndarray]:
-    """Kind of motion -> (K,) its windows: rests, and the slower and the faster half of the windows in motion."""
-    turned = np.linalg.norm(logarithm(found.way.turns), axis=1)
-    resting = found.rests.windows
-    moving = ~resting
-    middle = np.median(turned[moving]) if moving.any() else 0.0
-    kinds = {"rests": resting, "slow turns": moving & (turned <= middle), "fast turns": moving & (turned > middle)}
-    return {name: which for name, which in kinds.items() if which.mean() > _FEWEST}
-
-
-def _terms_of(normal: np.ndarray, kinds: dict[str, np.ndarray], prior: np.ndarray) -> dict[str, np.ndarray]:
-    """Part of each kind of motion in the covariance.
-
-    The total information is the sum of the information I_c of each kind and of the prior. With its inverse S, the covariance is the sum
-    of all S I_c S.
-
-    Parameters
-    ----------
-    normal : (K, p, p) information of every window, with the trajectory eliminated.
-    kinds : kind -> (K,) its windows; the kinds do not overlap.
-    prior : (p, p) information of the prior.
-
-    Returns
-    -------
-    Kind -> (p, p) its term of this sum.
-    """
-    inverse = np.linalg.inv(normal.sum(axis=0) + prior)
-    return {name: inverse @ normal[which].sum(axis=0) @ inverse for name, which in kinds.items()}
-
-
-def shares(terms: dict[str, np.ndarray], slope: np.ndarray) -> dict[str, AnyArray]:
-    """Kind -> (q,) its share in the information on each parameter; the shares add up to one, and are NaN for a parameter that is held.
-
-    `slope` (q, p) is the derivative of the reported parameters by the fitted ones.
-    """
-    parts = {name: np.einsum("qa,ab,qb->q", slope, term, slope) for name, term in terms.items()}
-    whole = sum(parts.values())
-    return {name: np.divide(part, whole, out=np.full(len(slope), np.nan), where=whole > 0) for name, part in parts.items()}
 
 
 def lacks(found: Solution, record: Record, ratio: float) -> dict[str, float]:

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from .._arrays import skew
+from .._rotation import from_vector, left_jacobian, skew, to_vector
 from ..fitting import Chain
 from ._model import AT, NAMES, DeviceModel
 from ._windows import MAG_DELAY, Windows
@@ -13,26 +13,6 @@ from ._windows import MAG_DELAY, Windows
 LINK = 12
 #: columns of the gyroscope's parameters
 TURNING = np.r_[AT["gyro.matrix"], AT["gyro.bias"], AT["gyro.g_sensitivity"], AT["gyro_delay"]]
-
-
-def exponential(v: np.ndarray) -> np.ndarray:
-    """Rotation matrices of rotation vectors."""
-    angle = np.sqrt(np.sum(v * v, axis=-1))[..., None, None]
-    cross = skew(v)
-    return np.eye(3) + np.sinc(angle / np.pi) * cross + np.sinc(angle / (2 * np.pi)) ** 2 / 2 * (cross @ cross)
-
-
-def logarithm(r: np.ndarray) -> np.ndarray:
-    """Rotation vectors of rotations by less than 180 degrees."""
-    twice = np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], axis=-1)
-    sine = np.linalg.norm(twice, axis=-1, keepdims=True) / 2
-    angle = np.arctan2(sine, (np.trace(r, axis1=-2, axis2=-1)[..., None] - 1) / 2)
-    return twice / 2 * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 1)
-
-
-def _cross(a: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Cross product of `a` (..., 3) with each column of `columns` (..., 3, q)."""
-    return skew(a) @ columns
 
 
 @dataclasses.dataclass
@@ -66,7 +46,7 @@ def _swung_by(w: Windows, gyro: np.ndarray, arms: np.ndarray, rate: np.ndarray, 
             spin_by[..., 3 * a + b] = -gyro[:, a] * spin[..., b, None]
     spin_by[..., -1] = w.curve @ gyro.T
     for axis, arm in enumerate(arms, start=1):
-        swing = _cross(np.cross(rate, arm), rate_by) + _cross(rate, skew(arm) @ rate_by) + skew(arm) @ spin_by
+        swing = skew(np.cross(rate, arm)) @ rate_by + skew(rate) @ skew(arm) @ rate_by + skew(arm) @ spin_by
         out[..., axis, :] = -swing[..., axis, :]
     return out
 
@@ -90,7 +70,7 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
     raw = w.turn - h * (model.gyro.bias + (pull[:, 1:] + pull[:, :-1]) / 2)
     plain = raw @ gyro.T
     small = plain + h**2 / 12 * np.cross(rate[:, :-1], rate[:, 1:])
-    by = exponential(small)
+    by = from_vector(small)
     rotation = np.empty((count, steps + 1, 3, 3))
     rotation[:, 0] = np.eye(3)
     for i in range(steps):
@@ -116,9 +96,9 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
                 raw_by[..., 12 + 3 * a + b] = -gyro[:, a] * (h / 2 * (force[:, 1:, b] + force[:, :-1, b]))[..., None]
     rate_by[..., 9:12], raw_by[..., 9:12] = -gyro, -h * gyro
     rate_by[..., -1], raw_by[..., -1] = w.slope @ gyro.T, (w.rate[:, 1:] - w.rate[:, :-1]) @ gyro.T
-    raw_by += h**2 / 12 * (_cross(rate[:, :-1], rate_by[:, 1:]) - _cross(rate[:, 1:], rate_by[:, :-1]))
+    raw_by += h**2 / 12 * (skew(rate[:, :-1]) @ rate_by[:, 1:] - skew(rate[:, 1:]) @ rate_by[:, :-1])
     turn_by = np.zeros((count, steps + 1, 3, many))
-    np.cumsum((rotation[:, :-1] @ _left(small)) @ raw_by, axis=1, out=turn_by[:, 1:])
+    np.cumsum((rotation[:, :-1] @ left_jacobian(small)) @ raw_by, axis=1, out=turn_by[:, 1:])
 
     # readings of the magnetometer
     late = w.field_time[..., None]
@@ -128,8 +108,8 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
         for b in range(3):
             part_by[..., 3 * a + b] = -gyro[:, a] * part[..., b, None]
     part_by[..., -1] = (w.field_rate - w.rate[:, :-1]) @ gyro.T
-    ahead = rotation[:, :-1] @ _left(part)
-    to_reading = rotation[:, :-1] @ exponential(part)
+    ahead = rotation[:, :-1] @ left_jacobian(part)
+    to_reading = rotation[:, :-1] @ from_vector(part)
     reading_by = turn_by[:, :-1] + ahead @ part_by
     reading_late = -np.einsum("kiab,kib->kia", ahead, (w.field_rate - model.gyro.bias - pull[:, :-1]) @ gyro.T)
 
@@ -156,13 +136,6 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
     )  # fmt: skip
 
 
-def _left(v: np.ndarray) -> np.ndarray:
-    """Left Jacobian of a rotation vector below 1 rad, by its series."""
-    cross, square = skew(v), np.sum(v * v, axis=-1)[..., None, None]
-    one, two = 1 - square / 12 * (1 - square / 30), 1 - square / 20 * (1 - square / 42)
-    return np.eye(3) + one / 2 * cross + two / 6 * (cross @ cross)
-
-
 @dataclasses.dataclass
 class Rows:
     """Residuals in standard deviations and their derivatives.
@@ -185,7 +158,7 @@ def left_over(
     back, h = np.swapaxes(turn[:-1], 1, 2), float(w.step[0])
     time, down = h * found.to_reading.shape[1], np.array([0.0, 0.0, gravity])
     rotation = found.rotation[:, -1]
-    turned = logarithm(np.swapaxes(rotation, 1, 2) @ (back @ earth @ turn[1:]))
+    turned = to_vector(np.swapaxes(rotation, 1, 2) @ (back @ earth @ turn[1:]))
     speed = np.einsum("kab,kb->ka", back, np.diff(velocity, axis=0) + time * down)
     moved = np.einsum("kab,kb->ka", back, np.diff(place, axis=0) - time * velocity[:-1] + time**2 / 2 * down)
     # the states are those of the point about which the hand rotates the device

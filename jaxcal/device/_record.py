@@ -8,9 +8,9 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
+from .._rotation import from_vector
 from ..imu._model import EARTH_RATE
 from ._noise_floor import Floor, noise_floor
-from ._normal import exponential
 from ._windows import REACH, Grid, Record
 
 _SHORT = 2  # longest gap, in readings, that is interpolated
@@ -56,18 +56,6 @@ class _Sensor:
         return noise_floor(self.own, rate / step, np.zeros(len(self.own), dtype=bool))
 
 
-def unfilled(by: np.ndarray, log: Any, name: str) -> np.ndarray:
-    """Derivative (n, 3) by the readings that exist, from the derivative by the readings at the samples."""
-    if name == "mag":  # not interpolated
-        return np.where(np.isfinite(log.mag).all(axis=1)[:, None], by, 0.0)
-    sensor, out, rows = _Sensor.of(log, name), np.zeros_like(by), np.arange(len(by))
-    rows = rows[~sensor.lost & (rows >= sensor.at[0]) & (rows <= sensor.at[-1])]
-    knots = np.concatenate([np.full(4, sensor.at[0]), sensor.at[2:-2], np.full(4, sensor.at[-1])])
-    there, here = (scipy.interpolate.BSpline.design_matrix(x, knots, 3) for x in (sensor.at, rows.astype(float)))
-    out[sensor.index] = scipy.sparse.linalg.spsolve(there.T.tocsc(), here.T @ by[rows])
-    return out
-
-
 def _changed(m: np.ndarray, gyro: np.ndarray) -> np.ndarray:
     """(n,) whether a reading of the magnetometer exists and is new: in many logs a slow magnetometer repeats its last reading.
 
@@ -99,7 +87,7 @@ def recorded(log: Any, gravity: float, latitude: float | None = None) -> tuple[R
     lost = no_accel | (np.convolve(no_gyro, np.ones(2 * wide + 1), mode="same") > 0)
     broken = np.asarray(np.any(lost[grid.inner], axis=1))
     spin = np.zeros(3) if latitude is None else EARTH_RATE * np.array([np.cos(latitude), 0.0, np.sin(latitude)])
-    earth = exponential(spin * grid.steps * grid.step)
+    earth = from_vector(spin * grid.steps * grid.step)
     for name, values in (("gyro", gyro), ("accel", accel)):
         if not np.ptp(values, axis=0).any():
             raise DataError(f"the readings of {name} never change: the sensor is dead, or its column is wrong", code="dead")

@@ -5,12 +5,12 @@ import math
 import equinox as eqx
 import numpy as np
 
-from .._answer import Finding, Grid, Number, Quantity, Result, Section, by_axis, listed, verdict_of
+from .._answer import Finding, Number, Quantity, Result, Section, by_axis, listed, verdict_of
 from .._special import student_quantile
 from .._types import AnyArray
 from ..fitting import Estimate
 from ._findings import SENSORS
-from ._model import DeviceModel, field_of
+from ._model import DeviceModel
 
 _TITLES = {"accel": "accelerometer", "gyro": "gyroscope", "magnetometer": "magnetometer"}
 #: parameters of the tables of the sensors
@@ -34,18 +34,12 @@ class DeviceFit(Result):
     reach, speed : standard deviations of the hand's position (m) and velocity (m/s).
     held_out : sensor -> rms residual in units of its noise, when the parameters for each sixth of the recording come from the other five.
         About 1 or less if the others predict a sixth within the noise; NaN if they do not determine the parameters.
-    derivatives : name of a parameter -> sensor ("accel", "gyro", "mag") -> (n, 3) derivative of its value by every reading, for the names
-        given to `fit`; zero for a missing reading. They hold noise levels, weights of windows, rests, and reach and speed of the hand
-        constant. For this least-squares problem they are exact to 1e-4. A fit to other readings also updates
-        what is constant here; in simulations this moved the parameters by less than 0.03 standard errors.
     disagreement : variance between sixths of the recording, divided by the variance that the noise explains.
     time : (k,) s of the ends of the windows.
     attitude : (k, 3, 3) rotation from the device to the world; velocity, place : (k, 3) velocity and position, m/s and m, at these times.
     residual_inertial : (k - 1, 9) residuals of rotation, velocity and position of each window, in standard deviations.
     residual_field : (k - 1, 3) rms field residual of each axis in each window, T.
     gravity, rate, duration : m/s^2, Hz, s.
-    contribution : kind of motion ("rests", "slow turns", "fast turns") -> (p,) its share in the information on each parameter. The shares
-        of a parameter add up to one; they are NaN for a parameter that is held.
 
     Examples
     --------
@@ -67,7 +61,6 @@ class DeviceFit(Result):
     speed: float
     disagreement: float
     held_out: dict[str, float]
-    derivatives: dict[str, dict[str, AnyArray]]
     time: AnyArray
     attitude: AnyArray
     velocity: AnyArray
@@ -77,7 +70,6 @@ class DeviceFit(Result):
     gravity: float
     rate: float
     duration: float
-    contribution: dict[str, AnyArray]
 
     @property
     def verdicts(self) -> dict[str, str]:
@@ -97,7 +89,7 @@ class DeviceFit(Result):
         return ", ".join(known) if known else "no sensor is determined"
 
     def sections(self) -> list[Section]:
-        """Tables of the sensors; in detail, of noise and motion, and of what each kind of motion contributed."""
+        """Tables of the sensors; in detail, of noise and motion."""
         tables: list[Section] = [
             by_axis(sensor, _TITLES[sensor], self.estimate.select(*parts).numbers(), _LABELS) for sensor, parts in _PARTS.items()
         ]
@@ -113,19 +105,7 @@ class DeviceFit(Result):
             *((f"{_TITLES[sensor]}, each sixth from the others", Number(f"held_out.{sensor}", value))
               for sensor, value in self.held_out.items() if math.isfinite(value)),
         ]  # fmt: skip
-        return [*tables, listed("recording", "noise and motion", facts, detail=True), *self._contributions()]
-
-    def _contributions(self) -> list[Section]:
-        """Share of each kind of motion in the information on each field."""
-        fields = np.array([field_of(name) for name in self.estimate.names])
-        known = np.array([self.estimate.states.get(name) is None for name in self.estimate.names])
-        rows = []
-        for field in dict.fromkeys(fields[known].tolist()):
-            here = known & (fields == field)
-            shares = ((kind, float(np.mean(np.asarray(share)[here]))) for kind, share in self.contribution.items())
-            rows.append((field, tuple(Number(f"contribution.{field}.{kind}", share) for kind, share in shares)))
-        kinds = tuple(self.contribution)
-        return [Grid("contribution", "share of each motion", kinds, tuple(rows), detail=True)] if rows else []
+        return [*tables, listed("recording", "noise and motion", facts, detail=True)]
 
 
 def _errors(estimate: Estimate, model: DeviceModel, gravity: float) -> dict[str, Quantity]:

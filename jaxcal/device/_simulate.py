@@ -7,12 +7,13 @@ import numpy as np
 from .._errors import DataError
 from .._log import Log
 from .._precision import host_float64
+from .._rotation import from_vector
 from .._units import STANDARD_GRAVITY
 from ..imu import Triad
 from ..imu._model import EARTH_RATE
 from ..magnetometer import MagModel
 from ..noise import Noise
-from ._hand import DRIFT, Hand, HandMotion, Pauses, turned_by
+from ._hand import DRIFT, Hand, HandMotion, Pauses
 from ._model import DeviceModel
 
 #: white noise of a MEMS accelerometer (120 ug/sqrt(Hz)) and gyroscope (0.007 deg/s/sqrt(Hz)): m/s/sqrt(s) and rad/sqrt(s)
@@ -48,7 +49,7 @@ def random_device(seed: Any, *, field: float = 50e-6) -> DeviceModel:
     accel = np.eye(3) + np.triu(rng.normal(size=(3, 3))) * np.where(np.eye(3), 0.01, 0.009)
     gyro = np.eye(3) + rng.normal(size=(3, 3)) * np.where(np.eye(3), 0.01, 0.009)
     half = 0.05 * rng.normal(size=(3, 3))
-    soft_iron = (np.eye(3) + (half + half.T) / 2) @ turned_by(np.deg2rad(2.0) * rng.normal(size=(1, 3)))[0]
+    soft_iron = (np.eye(3) + (half + half.T) / 2) @ from_vector(np.deg2rad(2.0) * rng.normal(size=3))
     size = np.cbrt(np.linalg.det(soft_iron))
     direction = rng.normal(size=3)
     hard_iron = 0.5 * field * size * direction / np.linalg.norm(direction)
@@ -75,11 +76,9 @@ def simulate(
     held: bool = False,
     turns: str = "free",
     reach: float | int = 0.25,
-    pace: float | int = 0.3,
     swing: float | int = 1.0,
     tremor: float | int = 5e-5,
     arm: Any = (0.0, 0.0, 0.0),
-    travel: float | int = 0.0,
     model: DeviceModel | None = None,
     accel_noise: Any = None,
     gyro_noise: Any = None,
@@ -104,11 +103,10 @@ def simulate(
     rests : number of rests within the recording. still : length of each, s. initial : length of a rest at its beginning, s; 0 for none.
     held : whether a hand holds the device in the rests, with tremor and slow drift. Otherwise it lies exactly still on a table.
     turns : "free", through all attitudes; "one axis", about an axis fixed in the device; "no tilt", about the vertical, device level.
-    reach : m, standard deviation of the position along each axis. pace : Hz, corner frequency of the position.
+    reach : m, standard deviation of the position along each axis.
     swing : rad/s, root mean square rate about each axis of "free".
     tremor : m, root mean square displacement between 8 and 12 Hz along each axis. The angles of the tremor are this over 0.1 m.
     arm : (3,) m, position of the device relative to the point about which the hand rotates it, in device axes. This point has the `reach`.
-    travel : m, distance that the hand travels north during the second third of the recording.
     model : the device; None for `random_device` with this seed.
     accel_noise, gyro_noise : white noise in m/s/sqrt(s) and rad/sqrt(s), or a `jaxcal.noise.Noise`; None for 120 ug/sqrt(Hz) and
         0.007 deg/s/sqrt(Hz), both two-sided as `Noise.N`.
@@ -146,11 +144,11 @@ def simulate(
     ----------
     Hand tremor of 8 to 12 Hz: Elble and Koller, Tremor, 1990.
     """
-    positive = {"duration": duration, "rate": rate, "still": still, "pace": pace, "swing": swing, "gravity": gravity}
+    positive = {"duration": duration, "rate": rate, "still": still, "swing": swing, "gravity": gravity}
     if soft_mount is not None:
         positive["soft_mount"] = soft_mount
     bad = [f"{name}={value}" for name, value in positive.items() if not 0 < value < np.inf]
-    rest = {"initial": initial, "reach": reach, "tremor": tremor, "gradient": gradient, "travel": travel, "rests": rests}
+    rest = {"initial": initial, "reach": reach, "tremor": tremor, "gradient": gradient, "rests": rests}
     bad += [f"{name}={value}" for name, value in rest.items() if not 0 <= value < np.inf]
     if bad:
         raise DataError(f"{', '.join(bad)}: expected {', '.join(positive)} above 0, and {', '.join(rest)} of 0 or more")
@@ -164,8 +162,8 @@ def simulate(
     device = random_device(numbers["device"]) if model is None else model
     pauses = _pauses(numbers["path"], float(duration), int(rests), float(still), float(initial), 1 - DRIFT if held else 1.0)
     hand = Hand(
-        numbers["path"], pauses, turns=turns, reach=float(reach), pace=float(pace), swing=float(swing), tremor=float(tremor), held=held,
-        arm=_arm(arm), travel=float(travel), duration=float(duration), gravity=float(gravity),
+        numbers["path"], pauses, turns=turns, reach=float(reach), swing=float(swing), tremor=float(tremor), held=held,
+        arm=_arm(arm), gravity=float(gravity),
     )  # fmt: skip
     time = np.arange(count) / float(rate)
     true = hand.at(time)
@@ -187,7 +185,7 @@ def simulate(
     inside = np.einsum("nji,nj->ni", turned.attitude, outside)
     if soft_mount is not None:
         # a torsion spring far stiffer than the motion is fast: the mount lags by angular acceleration over squared natural frequency
-        inside = np.einsum("nij,nj->ni", turned_by(turned.angular_acceleration / (2 * np.pi * float(soft_mount)) ** 2), inside)
+        inside = np.einsum("nij,nj->ni", from_vector(turned.angular_acceleration / (2 * np.pi * float(soft_mount)) ** 2), inside)
     iron_model = device.magnetometer
     readings["mag"] = inside @ np.asarray(iron_model.soft_iron).T + np.asarray(iron_model.hard_iron)
 

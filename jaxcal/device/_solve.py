@@ -1,18 +1,18 @@
 """The estimator: rounds of Gauss-Newton fits of the parameters and the trajectory of the device (host)."""
 
 import dataclasses
-import types
 from typing import Any
 
 import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._arrays import runs
+from .._rotation import skew, to_vector
 from ..imu._rests import windowed_variance
 from ._levels import Levels
 from ._model import AT, NAMES, field_of, model_of
 from ._noise_floor import Floor
-from ._normal import Inertial, chain_of, inertial, logarithm, rows
+from ._normal import Inertial, chain_of, inertial, rows
 from ._start import Start, undisturbed
 from ._state import PLACE, SIZES, VELOCITY, Noise, Place, Point, Rests, Solution, Way, hand_prior, with_prior
 from ._windows import GYRO_DELAY, MAG_DELAY, REACH, Record
@@ -86,7 +86,7 @@ def _hand(found: Solution, rests: Rests, time: float, level: Noise) -> tuple[Pla
     # on a table the true velocity is zero. The mean square plus the variance of the estimate would need many rounds to come near it
     shown = 1 - np.mean(spread[ends, VELOCITY]) / rests.speed**2
     slow = np.mean(way.velocity[ends] ** 2) / max(shown, _SHOWN)
-    turned = np.mean(logarithm(way.turns[rests.windows]) ** 2)
+    turned = np.mean(to_vector(way.turns[rests.windows]) ** 2)
     least = 0.2 * np.min(level.gyro) * np.sqrt(time)
     return place, Rests(rests.windows, max(float(np.sqrt(slow)), _SLOWEST), max(float(np.sqrt(turned)), float(least)))
 
@@ -117,28 +117,28 @@ def rests_of(record: Record, vector: np.ndarray) -> Rests:
     return Rests(still & ~record.broken)
 
 
-def spread_of(mean: Any, end: Any, gyro: Any, accel: Any, time: Any, xp: types.ModuleType = np) -> Any:
-    """(K, 9, 9) covariances of the inertial residuals for white noise with densities (K,), by the arrays of `xp`.
+def _spread_of(mean: np.ndarray, end: np.ndarray, gyro: np.ndarray, accel: np.ndarray, time: float) -> np.ndarray:
+    """(K, 9, 9) covariances of the inertial residuals for white noise with densities (K,).
 
     They depend on the mean specific force of a window (K, 3), and on the rotation from its end back to its beginning (K, 3, 3).
     """
-    down = -xp.cross(xp.eye(3), mean[:, None])
-    eye, square, up = xp.eye(3), -(down @ down), xp.swapaxes(down, 1, 2)  # an error of attitude rotates the specific force
+    up, eye = skew(mean), np.eye(3)
+    square = -(up @ up)  # an error of attitude rotates the specific force
     g, a = (level[:, None, None] ** 2 for level in (gyro, accel))
     speed, place = g * time**2 / 2 * end @ up, g * time**3 / 6 * end @ up
     both = a * time**2 / 2 * eye + g * time**4 / 8 * square
     rows = (
         (g * time * eye, speed, place),
-        (xp.swapaxes(speed, 1, 2), a * time * eye + g * time**3 / 3 * square, both),
-        (xp.swapaxes(place, 1, 2), xp.swapaxes(both, 1, 2), a * time**3 / 3 * eye + g * time**5 / 20 * square),
+        (np.swapaxes(speed, 1, 2), a * time * eye + g * time**3 / 3 * square, both),
+        (np.swapaxes(place, 1, 2), np.swapaxes(both, 1, 2), a * time**3 / 3 * eye + g * time**5 / 20 * square),
     )
-    return xp.concatenate([xp.concatenate(row, axis=2) for row in rows], axis=1)
+    return np.concatenate([np.concatenate(row, axis=2) for row in rows], axis=1)
 
 
 def _whitened(found: Inertial, noise: Noise, time: float, broken: np.ndarray) -> np.ndarray:
     """(K, 9, 9) matrices that whiten the inertial residuals, for white noise of gyroscope and accelerometer."""
     gyro, accel = (np.broadcast_to(level, len(found.speed)) for level in (noise.gyro, noise.accel))
-    matrix = spread_of(found.speed / time, np.swapaxes(found.rotation[:, -1], 1, 2), gyro, accel, time)
+    matrix = _spread_of(found.speed / time, np.swapaxes(found.rotation[:, -1], 1, 2), gyro, accel, time)
     matrix[broken] = np.diag(np.repeat([1.0, 10.0, 1.0], 3) ** 2)
     return np.linalg.inv(np.linalg.cholesky(matrix))
 

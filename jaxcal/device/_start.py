@@ -8,8 +8,9 @@ import scipy  # loads its parts when they are first used
 
 from .. import magnetometer
 from .._errors import DataError, FitError
+from .._rotation import from_vector
 from ._model import AT, DeviceModel, model_of, template, vector_of
-from ._normal import exponential, inertial
+from ._normal import inertial
 from ._state import Way
 from ._windows import Record
 
@@ -88,7 +89,7 @@ def _turned(record: Record, mag: np.ndarray, rates: np.ndarray) -> tuple[np.ndar
     index = np.flatnonzero(record.there)
     index = index[:: max(round(0.1 / record.grid.step), 1)]
     total = np.cumsum(np.concatenate([np.zeros((1, 3)), rates[1:] + rates[:-1]]), axis=0) * record.grid.step / 2
-    back = exponential(-np.diff(total[index], axis=0))
+    back = from_vector(-np.diff(total[index], axis=0))
     mean = mag[index].mean(axis=0)
     y = mag[index] - mean
     rows = np.eye(3) - back
@@ -140,7 +141,7 @@ def followed(record: Record, vector: np.ndarray) -> tuple[Way, float]:
 
     def corrected(turn, k):
         wrong = gain[0][k] * np.cross(turn @ field[k], world) + gain[1] * np.cross(turn @ force[k] / record.gravity, up)
-        return exponential(np.clip(wrong, -0.3, 0.3)) @ turn
+        return from_vector(np.clip(wrong, -0.3, 0.3)) @ turn
 
     for k in range(total):
         turn = corrected(turn, k) @ step[k]

@@ -7,9 +7,10 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._arrays import runs
+from .._rotation import from_vector, to_vector
 from ..fitting import Chain, Eliminated
 from ._model import NAMES, DeviceModel, field_of, model_of
-from ._normal import LINK, Inertial, Rows, exponential, logarithm
+from ._normal import LINK, Inertial, Rows
 from ._windows import Windows
 
 #: prior standard deviation of each kind of parameter, far wider than the errors after a recording
@@ -67,7 +68,7 @@ class Way:
 
     def moved(self, step: np.ndarray) -> "Way":
         """The trajectory after a step (K + 1, LINK)."""
-        rotation = self.rotation @ exponential(step[:, TURN])
+        rotation = self.rotation @ from_vector(step[:, TURN])
         return Way(rotation, self.velocity + step[:, VELOCITY], self.place + step[:, PLACE], self.acceleration + step[:, PULL])
 
 
@@ -157,7 +158,7 @@ def hand_prior(way: Way, place: Place, rests: Rests, time: float) -> list[Tie]:
         turn = np.zeros((2, len(back), 3, LINK))
         turn[0, ..., TURN], turn[1, ..., TURN] = -np.swapaxes(back, 1, 2), np.eye(3)
         scale = rests.windows[:, None] / rests.turn
-        ties.append(Tie(logarithm(back) * scale, *(turn * scale[..., None])))
+        ties.append(Tie(to_vector(back) * scale, *(turn * scale[..., None])))
     return ties
 
 

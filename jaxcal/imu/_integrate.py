@@ -7,8 +7,7 @@ import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
-from .._arrays import skew
-from .._rotation import conjugate, matrix as rotation_matrix, normalised, product
+from .._rotation import conjugate, matrix as rotation_matrix, normalised, product, skew
 from .._types import Any, Array
 
 

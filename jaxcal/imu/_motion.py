@@ -6,9 +6,9 @@ import equinox as eqx
 import numpy as np
 
 from .._answer import Finding, Quantity, Result, Section, by_axis
-from .._arrays import skew
 from .._errors import DataError
 from .._precision import host_float64
+from .._rotation import from_vector, skew
 from ..fitting import Estimate
 from ._findings import FINDINGS
 from ._model import Imu
@@ -152,7 +152,7 @@ def _products(time: np.ndarray, force: np.ndarray, rate: np.ndarray, up: np.ndar
     middle = (rate[:-1] + rate[1:]) / 2 * np.diff(time)[:, None]
     vertical = np.empty_like(force)
     vertical[0] = up
-    for k, step in enumerate(_turned_by(-middle)):
+    for k, step in enumerate(from_vector(-middle)):
         vertical[k + 1] = step @ vertical[k]
     slope = np.stack([np.convolve(column, _SLOPE[::-1], "valid") for column in rate.T], axis=1) * (len(time) - 1) / (time[-1] - time[0])
     inside = slice(2, -2)
@@ -164,10 +164,3 @@ def _products(time: np.ndarray, force: np.ndarray, rate: np.ndarray, up: np.ndar
         columns[:, axis, 1 + 3 * axis : 4 + 3 * axis] = turning[:, axis]
     columns, seen = columns.reshape(-1, 10), (force[inside] - gravity * u).reshape(-1)
     return columns.T @ columns, columns.T @ seen, float(seen @ seen), len(seen)
-
-
-def _turned_by(vector: np.ndarray) -> np.ndarray:
-    """Rotation matrices (n, 3, 3) of rotation vectors (n, 3)."""
-    angle = np.linalg.norm(vector, axis=1)[:, None, None]
-    cross = skew(vector)
-    return np.eye(3) + np.sinc(angle / np.pi) * cross + np.sinc(angle / (2 * np.pi)) ** 2 / 2 * cross @ cross

@@ -20,8 +20,6 @@ _MEANING = (
     ("Residual", "The difference between what a sensor read and what the calibrated device would have read on the way that fits all "
      "sensors best. Noise scatters about zero with the same width everywhere. A stretch that leaves zero was disturbed, or the model "
      "is too simple there."),
-    ("Share of each motion", "The share of the rests, of the slower and of the faster half of the motion in what is known of a parameter. "
-     "The shares of a parameter add up to 1."),
 )  # fmt: skip
 
 

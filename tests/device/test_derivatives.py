@@ -4,8 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxcal._rotation import from_vector
 from jaxcal.device._model import AT, NAMES, model_of, template, vector_of
-from jaxcal.device._normal import exponential, inertial, rows
+from jaxcal.device._normal import inertial, rows
 from jaxcal.device._windows import Grid, windows
 
 STEPS, STEP, GRAVITY = 5, 0.04, 9.81
@@ -82,9 +83,9 @@ def test_closed_derivatives_are_those_of_automatic_differentiation():
     late, mag_late = vector[NAMES.index("gyro_delay")], vector[NAMES.index("mag_delay")]
     made, model = windows(grid, accel, gyro, mag, late, mag_late), model_of(vector)
     integrated = inertial(model, made, lever=True)
-    begin = exponential(rng.normal(size=3))
+    begin = from_vector(rng.normal(size=3))
     states = (
-        np.stack([begin, begin @ integrated.rotation[0, -1] @ exponential(1e-3 * rng.normal(size=3))]),
+        np.stack([begin, begin @ integrated.rotation[0, -1] @ from_vector(1e-3 * rng.normal(size=3))]),
         rng.normal(size=(2, 3)), 0.1 * rng.normal(size=(2, 3)),
     )  # fmt: skip
     whiten, weight = np.eye(9)[None], np.ones((1, STEPS))

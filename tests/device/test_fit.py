@@ -7,7 +7,7 @@ import pytest
 import scipy.signal
 
 import jaxcal
-from jaxcal.device import _fit, _solve, fit, simulate
+from jaxcal.device import _solve, fit, simulate
 
 
 def leaf(model, name):
@@ -81,64 +81,13 @@ def test_rests_make_the_accelerometer_several_times_better():
     assert np.mean(inside[motion.resting]) > 0.5
 
 
-def apart(log, every, change=None):
-    """The log with every n-th reading of each sensor, at times of its own; `change` is added to the readings of a sensor."""
+def apart(log, every):
+    """The log with every n-th reading of each sensor, at times of its own."""
     kept = {name: slice(first, None, step) for name, (first, step) in every.items()}
-    readings = {name: getattr(log, name)[own] + (0.0 if change is None else change.get(name, np.zeros((len(log.time), 3)))[own])
-                for name, own in kept.items()}  # fmt: skip
+    readings = {name: getattr(log, name)[own] for name, own in kept.items()}
     main = max(kept, key=lambda name: len(readings[name]))
     own_time = {name: log.time[own] for name, own in kept.items() if name != main}
     return jaxcal.Log(log.time[kept[main]], **readings, own_time=own_time)
-
-
-@pytest.mark.parametrize(("lever", "own"), [(False, False), (True, False), (False, True)])
-def test_derivatives_by_the_readings_are_those_of_fits_to_other_readings(monkeypatch, refuses, lever, own):
-    every = {"gyro": (0, 4), "accel": (1, 5), "mag": (2, 7)} if own else dict.fromkeys(("gyro", "accel", "mag"), (0, 1))
-    fine = simulate(40.0, 100.0 if own else 25.0, seed=11, tremor=0.0, rests=4, still=2.0)[0]
-    log = apart(fine, every)
-    names = ("accel.bias[0]", "gyro.matrix[1,1]", "magnetometer.soft_iron[0,1]", "magnetometer.hard_iron[2]", "field", "gyro_delay")
-    started, rounds, kept = _fit.started, _fit.rounds, {}
-
-    def begun(record, mag):
-        """The same start for all readings, and the same unit of the field."""
-        if not kept:
-            kept["start"] = started(record, mag)
-        else:
-            record.mag = record.mag / kept["start"].strength
-        return kept["start"]
-
-    def once(record, start, free, floors):
-        """The same noise, weights, rests, reach and speed for all readings, as the derivatives take them, and fits to the last digit."""
-        if "of" not in kept:
-            kept["of"] = rounds(record, start, free, floors)
-        found, place = kept["of"]
-        with monkeypatch.context() as patch:
-            patch.setattr(_solve, "_SETTLED", 1e-18)
-            again = _solve.solved(
-                record, found.vector, found.way, free, found.noise, place, found.counts, 40, found.rests, kept["start"].vector
-            )
-        return again, place
-
-    monkeypatch.setattr(_fit, "started", begun)
-    monkeypatch.setattr(_fit, "rounds", once)
-    names = (*names, *(["lever[0,0]"] if lever else []))
-    found = fit(log, lever=lever, derivatives=names)
-    assert found.rests
-    rng = np.random.default_rng(2)
-    for sensor, size in (("accel", 1e-3), ("gyro", 3e-5), ("mag", 3e-8)):
-        wave = size * np.sin(2 * np.pi * rng.uniform(0.02, 0.2, 3) * fine.time[:, None] + rng.uniform(0, 6, 3))
-        ends = [fit(apart(fine, every, {sensor: sign * wave}), lever=lever) for sign in (1, -1)]
-        first, step = every[sensor]
-        there = np.isfinite(getattr(log, sensor)).all(axis=1)
-        assert len(wave[first::step]) - there.sum() <= 1  # the last reading may come after the log
-        for name in names:
-            expected = (ends[0].estimate[name].value - ends[1].estimate[name].value) / 2
-            along = np.sum(found.derivatives[name][sensor][there] * wave[first::step][: there.sum()])
-            assert along == pytest.approx(expected, rel=1e-4), (sensor, name)
-    # an offset of a sensor is its bias
-    assert found.derivatives["accel.bias[0]"]["accel"].sum(axis=0) == pytest.approx([1.0, 0.0, 0.0], abs=1e-3)
-    with refuses("derivatives"):
-        fit(log, derivatives=["bias"])
 
 
 def test_sensors_may_be_mounted_in_different_directions(refuses):

@@ -22,7 +22,6 @@ MOTIONS = {
     "held": {"rests": 2, "still": 1.0, "held": True},
     "one axis": {"turns": "one axis"},
     "no tilt": {"turns": "no tilt"},
-    "travel": {"travel": 4.0},
 }
 
 

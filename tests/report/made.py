@@ -87,15 +87,13 @@ def joint():
                   "gyro_delay": "delay", "mag_delay": "delay"}  # fmt: skip
     rng, ends = np.random.default_rng(3), slice(None, None, 20)
     count = len(true.time[ends]) - 1
-    share = {"rests": 0.5, "slow turns": 0.3, "fast turns": 0.2}
     findings = DEVICE("undetermined", "magnetometer"), DEVICE("other_axes", axes=f"gyroscope {EVIL}")
     found = DeviceFit(
         findings=findings, model=model, estimate=Estimate(names, known, np.diag((half / 1.96) ** 2), states=states, quantities=quantities),
         disturbed=((30.5, 35.5),), rests=((18.0, 22.0),), noise={"gyro": 1e-4, "accel": 1e-3, "mag": 2e-7}, reach=0.25, speed=0.3,
         disagreement=1.1, time=true.time[ends], attitude=true.attitude[ends], velocity=true.velocity[ends], place=true.position[ends],
         residual_inertial=rng.normal(size=(count, 9)), residual_field=1e-7 * np.abs(rng.normal(size=(count, 3))), gravity=9.80665,
-        rate=100.0, duration=40.0, held_out=dict.fromkeys(("accel", "gyro", "magnetometer"), 1.1), derivatives={},
-        contribution={kind: np.full(len(names), part) for kind, part in share.items()},
+        rate=100.0, duration=40.0, held_out=dict.fromkeys(("accel", "gyro", "magnetometer"), 1.1),
     )  # fmt: skip
     return found, log
 
