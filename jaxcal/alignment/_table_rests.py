@@ -5,7 +5,7 @@ import numpy as np
 from .._arrays import runs
 from .._errors import DataError
 from .._message import Message
-from ..imu._rests import windowed_variance
+from .._rests import windowed_variance
 
 #: length of the variance window: s, and least number of samples
 _WINDOW, _SAMPLES = 0.25, 20

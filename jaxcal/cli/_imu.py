@@ -43,12 +43,9 @@ def imu(
     height: Height = 0.0,
     convention: Annotated[Literal["upper", "lower", "full"], Parameter(help="Frame of the result: upper, lower or full.")] = "upper",
     method: Annotated[
-        Literal["joint", "imu_tk", "six_position"],
-        Parameter(
-            help="joint; imu_tk: the two steps of that program; six_position: a squared block on its six faces, accelerometer alone."
-        ),
+        Literal["joint", "six_position"],
+        Parameter(help="joint; six_position: a squared block on its six faces, accelerometer alone."),
     ] = "joint",
-    initial: Annotated[float | None, Parameter(help="Length of a rest at the beginning, in s; else rests are found anywhere.")] = None,
     regions: Annotated[
         Path | None, Parameter(help="JSON or CSV of labelled regions: faces and turns of a box (x_p, x_a, ..., z_rot), or rests.")
     ] = None,
@@ -79,7 +76,7 @@ def imu(
         reading = in_counts(reading, "accel", "gyro")
     options = {
         "gravity": gravity, "latitude": latitude, "height": height, "earth_rate": earth_rate, "convention": convention, "method": method,
-        "counts": counts, "initial": initial, "regions": regions and str(regions), "without_g_sensitivity": without_g_sensitivity,
+        "counts": counts, "regions": regions and str(regions), "without_g_sensitivity": without_g_sensitivity,
         "noise": noise and str(noise), "prior": prior and str(prior), "terms": terms, "name": name,
     }  # fmt: skip
     files: list[File] = [
@@ -104,13 +101,13 @@ def imu(
         if method == "six_position" and rests is not None:
             raise CallError("--method six_position needs regions of faces (x_p, x_a, ...); those of --regions are rests")
         if labelled is not None and rests is None:
-            if counts or method == "imu_tk" or convention != "upper" or earth_rate or without_g_sensitivity or initial is not None or known:
-                words = "--counts, --convention, --earth-rate, --initial, --without-g-sensitivity, --noise, --prior and --terms"
+            if counts or convention != "upper" or earth_rate or without_g_sensitivity or known:
+                words = "--counts, --convention, --earth-rate, --without-g-sensitivity, --noise, --prior and --terms"
                 raise CallError(f"faces of a box take none of {words}")
             return jaxcal.imu.ferraris(data, labelled, gravity=here)
         found = jaxcal.imu.multi_position(
-            data, gravity=here, convention=convention, method=method, raw=counts, rests=rests, g_sensitivity=not without_g_sensitivity,
-            initial=initial, latitude=place if earth_rate else None, **known,
+            data, gravity=here, convention=convention, raw=counts, rests=rests, g_sensitivity=not without_g_sensitivity,
+            latitude=place if earth_rate else None, **known,
         )  # fmt: skip
         return _with_delay(found, data)
 

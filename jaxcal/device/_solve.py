@@ -7,8 +7,8 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._arrays import runs
+from .._rests import windowed_variance
 from .._rotation import skew, to_vector
-from ..imu._rests import windowed_variance
 from ._levels import Levels
 from ._model import AT, NAMES, field_of, model_of
 from ._noise_floor import Floor

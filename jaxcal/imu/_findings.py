@@ -16,13 +16,9 @@ FINDINGS = table(
         "Give its unit with {option.units:accel=UNIT}, or {option.raw:True} for counts.",
         terminal="Give its unit with {option.units:accel=UNIT}, or --counts."
     ),
-    not_still=Kind(
-        FATAL, "The rest at the beginning is not still: its variance is {ratio:.3g} times that of the stillest windows.",
-        "Leave out {option.initial}, or give the length of the rest."
-    ),
     few_rests=Kind(
         FATAL, "There are {count} still intervals; the {model} model needs {needed}, and 18 to 24 are advised.",
-        "Hold the sensor still for {least:.2g} on each face and edge, and on some corners."
+        "Hold the sensor still for 3 s on each face and edge, and on some corners."
     ),
     saturated=Kind(NOTE, "An axis is at the end of its range in {lost} of {count} still intervals, which were left out."),
     turn_gaps=Kind(NOTE, "{lost} turns were left out: more samples are missing in them than can be interpolated."),
@@ -73,7 +69,6 @@ FINDINGS = table(
         terminal="Give --earth-rate {option.latitude}."
     ),
     delay=Kind(NOTE, "The gyroscope is {delay:.2g} {side} than the accelerometer, to {half:.2g}; a filter of both must know it."),
-    cheapest=Kind(NOTE, "The total cost is smallest at {chosen:g} times the variance at rest, but {better:g} times predicts poses better."),
     # sessions, positions, tables and shakers
     box=Kind(CAUTION, "The faces disagree by {tilt:.2g}: the box was not square or did not lie flat."),
     turned_once=Kind(NOTE, "Each turn was made once, so an error of its angle is an error of the scale.", "Repeat the turns to see it."),

@@ -1,8 +1,7 @@
-"""The two fits of a recording (host): the joint fit, in rounds that estimate the sizes of the errors; and imu_tk's two-step fit."""
+"""The joint fit of a recording (host), in rounds that estimate the sizes of the errors."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
@@ -12,21 +11,16 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._answer import Finding
-from .._compile import filter_jit
 from .._errors import DataError
 from .._special import chi_square_tail
-from .._types import Array
 from .._units import factor
-from ..fitting import AbstractLoss, Estimate, Fit, covariance, leverage, solve
-from ._estimate import framed, placed, solved, states_of
+from ..fitting import AbstractLoss, Fit, leverage
+from ._estimate import solved
 from ._findings import FINDINGS
-from ._integrate import attitude
-from ._model import FITTED_LEVEL, Imu, Triad, entries, freed, inverse, values
-from ._observability import observability
+from ._model import FITTED_LEVEL, Imu, Triad
 from ._prior import Prior, complete
-from ._recording import Recording, Rests, means, norms, padded, sampled_turns
-from ._residuals import Pieces, Turns, Weighted, arrays, pieces, reweighted
-from ._result import ImuFit, judged, quantities
+from ._recording import Rests
+from ._residuals import Pieces, Turns, Weighted, pieces, reweighted
 
 _FIRST_TURN = 0.02  # rad: assumed error of a turn, until the residuals show it
 ROUNDS = 3  # of fits: the sizes of the errors then change by less than their own uncertainty
@@ -42,7 +36,6 @@ class Options(eqx.Module):
 
     gravity: float
     convention: str
-    method: str
     g_sensitivity: bool
     misalignment: bool
     loss: AbstractLoss | None
@@ -254,27 +247,15 @@ def left_out(joint: Joint) -> tuple[float, int]:
     return float(np.mean(across[valid] ** 2)), int(valid.sum())
 
 
-def halves(slots: int, outside: Callable[[np.ndarray], Any]) -> np.ndarray:
-    """Held-out rms of the magnitudes and of the components of the turns, by two-fold cross-validation.
-
-    `outside` fits one half of the poses and returns both kinds of residual at the other half, or None.
-    """
-    even = np.arange(slots) % 2 == 0
-    parts = [outside(even), outside(~even)]
-    if any(part is None for part in parts):
-        return np.full(2, np.nan)
-    return np.array([np.sqrt(np.mean(np.concatenate(kind) ** 2)) for kind in zip(*parts, strict=True)])
-
-
 def held_out(joint: Joint, options: Options) -> np.ndarray:
-    """Two-fold cross-validation (`halves`) of a joint fit."""
+    """Held-out rms of the magnitudes and of the components of the turns, by two-fold cross-validation; NaN with too few of them."""
     data, turns = joint.data, joint.data.turns
     assert turns is not None
     known, valid, whiten = np.isfinite(data.poses.sigma), np.isfinite(turns.sigma), np.asarray(data.whiten)
-
-    def outside(inside: np.ndarray) -> Any:
+    even, parts = np.arange(len(known)) % 2 == 0, []
+    for inside in (even, ~even):
         if np.sum(known[inside]) < 9 or np.sum(valid[inside[:-1]]) < 6:
-            return None
+            return np.full(2, np.nan)
         keep = np.repeat(inside[:-1], 2)
         sigma = np.where(inside, data.poses.sigma, np.inf)
         still = np.where(inside[:, None], data.poses.gyro_sigma, np.inf)
@@ -283,89 +264,5 @@ def held_out(joint: Joint, options: Options) -> np.ndarray:
             whiten=np.where(keep[:, None] & keep[None, :], whiten, 0.0),
         )  # fmt: skip
         found = pieces(refitted(joint.fit.model, half, options).model, data)
-        return found.norm[~inside & known], found.turned[~inside[:-1] & valid]
-
-    return halves(len(known), outside)
-
-
-@filter_jit
-def turn_residuals(model: Imu, data: tuple[Turns, Any]) -> Array:
-    """imu_tk's residual R' u_before - u_after, three components for each turn, by Runge-Kutta steps; the verticals u (k, 3) are fixed."""
-    gyro, (turns, vertical) = model.gyro, data
-    matrix = inverse(gyro.matrix)
-    column = jnp.concatenate([turns.gyro, jnp.ones_like(turns.gyro[..., :1])], axis=-1)
-    rotation = attitude(jnp.concatenate([matrix, -(matrix @ gyro.bias)[:, None]], axis=1), column, turns.dt, "runge_kutta")
-    return (jnp.einsum("sji,sj->si", rotation, vertical[:-1]) - vertical[1:]) / turns.sigma[:, None]
-
-
-def gyro_fit(gyro: Triad, turns: Turns, vertical: np.ndarray) -> Fit:
-    """Fit the gyroscope's matrix with fixed bias."""
-    model = Imu(None, gyro)
-    free = eqx.tree_at(lambda m: m.gyro.bias, freed(model, "upper", g_sensitivity=False), np.zeros(3, dtype=bool))
-    return solve(turn_residuals, model, (turns, vertical), free=free)
-
-
-def tedaldi(record: Recording, base: ImuFit, fit: Fit, options: Options, each: int, raw: bool, initial: Any, held_out: bool) -> ImuFit:
-    """imu_tk's second step and the result: fit the turns by Runge-Kutta steps with fixed verticals and bias.
-
-    `fit` is the first step, the accelerometer from the magnitudes of the first `each` samples of every interval.
-    """
-    still: Any = base.still
-    rates: Any = record.gyro
-    count, slots = len(still), len(np.asarray(fit.residuals)) // each
-    vertical = _verticals(fit, means(record.accel, still.start, still.stop))
-    last = still.stop[0] if initial is None else round(float(initial) * record.rate) + 1
-    bias = np.nanmean(rates[:last], axis=0)
-    turns, up = sampled_turns(record, still.start, still.stop, slots), padded(vertical, slots)
-    scale = scanned_scale(bias, up, turns) if raw else 1.0
-    gyro = gyro_fit(Triad(np.eye(3) / scale, bias), turns, up)
-    valid = np.isfinite(turns.sigma)
-    if held_out:
-        base = dataclasses.replace(base, held_out=_held_out(record, still.start, each, slots, fit.model, gyro.model.gyro, turns, options))
-
-    model = Imu(fit.model.accel, gyro.model.gyro)
-    names, plain = entries(model)[0], np.zeros(())
-    for part in (fit, gyro):
-        plain = plain + np.asarray(placed(part.names, covariance(part, scaled=True), names))
-    model, (plain,) = framed(model, options.convention, plain)
-    model, plain = jax.tree.map(np.asarray, (model, plain))
-    turned = np.asarray(gyro.residuals).reshape(-1, 3)[valid]
-    left = 2 * len(turned) - 9
-    variance = 2 * np.array([float(fit.cost) / (count * each - 9), float(gyro.cost) / max(left, 1), np.nan])
-    freedom = [count - 9.0 if name.startswith("accel") else left for name in names]
-    states = states_of(names, (*fit.names, *gyro.names), options.convention)
-    result = dataclasses.replace(
-        base, accel=model.accel, gyro=model.gyro, estimate=Estimate(names, values(model), plain, freedom, states, quantities(raw)),
-        residual_norm=np.asarray(fit.residuals)[: count * each].reshape(count, each).mean(axis=1),
-        residual_turn=np.linalg.norm(turned, axis=1), sigma=np.sqrt(variance), cost=np.array([fit.cost, gyro.cost], dtype=float),
-        observability=observability(vertical, not options.misalignment),
-    )  # fmt: skip
-    return judged(result, gyro, options, (), partial(causes, bias, up, turns, scale))
-
-
-def _verticals(fit: Fit, reading: np.ndarray) -> np.ndarray:
-    """Directions of the corrected mean specific forces."""
-    force = jax.tree.map(np.asarray, fit.model.accel).correct(reading)
-    return force / np.linalg.norm(force, axis=1, keepdims=True)
-
-
-def _held_out(
-    record: Recording, start: np.ndarray, each: int, slots: int, model: Imu, gyro: Triad, turns: Turns, options: Options
-) -> np.ndarray:
-    """Two-fold cross-validation (`halves`) of both steps."""
-    count, valid = len(start), np.isfinite(turns.sigma)
-    data = norms(np.concatenate([record.accel[i : i + each] for i in start]), slots * each, options.gravity)
-    mean = means(record.accel, start, start + each)
-
-    def outside(inside: np.ndarray) -> Any:
-        if inside[:count].sum() < 9:
-            return None
-        sigma = np.where(np.repeat(inside, each), data.poses.sigma, np.inf)
-        fit = solved(model, eqx.tree_at(lambda d: d.poses.sigma, data, sigma), rtol=None)
-        size = np.linalg.norm(jax.tree.map(np.asarray, fit.model.accel).correct(mean), axis=1)
-        up = padded(_verticals(fit, mean), slots)
-        part = eqx.tree_at(lambda t: t.sigma, turns, np.where(inside[:-1], turns.sigma, np.inf))
-        turned = np.asarray(turn_residuals(*arrays((gyro_fit(gyro, part, up).model, (turns, up)))))
-        return (options.gravity - size)[~inside[:count]], turned[~inside[:-1] & valid]
-
-    return halves(slots, outside)
+        parts.append((found.norm[~inside & known], found.turned[~inside[:-1] & valid]))
+    return np.array([np.sqrt(np.mean(np.concatenate(kind) ** 2)) for kind in zip(*parts, strict=True)])

@@ -1,13 +1,11 @@
 """Attitude from sampled angular rate for many segments at once, with exact derivatives at little extra cost."""
 
-import functools
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
-from .._rotation import conjugate, matrix as rotation_matrix, normalised, product, skew
+from .._rotation import skew
 from .._types import Any, Array
 
 
@@ -55,44 +53,13 @@ def closed_form(first: Array, second: Array, dt: Array) -> Step:
     )
 
 
-def _fourth_order(first: Array, second: Array, dt: Array) -> Array:
-    def tail(w: Array) -> Array:
-        return jnp.concatenate([jnp.zeros_like(w[..., :1]), w], axis=-1)
-
-    middle, first, last = tail((first + second) / 2), tail(first), tail(second)
-    one = jnp.zeros_like(first).at[..., 0].set(1)
-    k1 = first / 2
-    k2 = product(one + dt / 2 * k1, middle) / 2
-    k3 = product(one + dt / 2 * k2, middle) / 2
-    k4 = product(one + dt * k3, last) / 2
-    return normalised(one + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
-
-
-def runge_kutta(first: Array, second: Array, dt: Array) -> Step:
-    """Step by the fourth-order Runge-Kutta formula for q' = q w / 2, normalised, as in imu_tk.
-
-    The equation is linear in q, so a step multiplies every q by the same quaternion.
-    """
-    q = _fourth_order(first, second, dt)
-
-    def turned(along: Array) -> Array:
-        tangents = tuple(jnp.broadcast_to(part, x.shape) for part, x in zip(jnp.split(along, [3, 6]), (first, second, dt), strict=True))
-        return 2 * product(conjugate(q), jax.jvp(_fourth_order, (first, second, dt), tangents)[1])[..., 1:]
-
-    slope = jax.vmap(turned, out_axes=-1)(jnp.eye(7, dtype=first.dtype))
-    return Step(rotation_matrix(q), slope[..., :3], slope[..., 3:6], slope[..., 6])
-
-
-INTEGRATORS = {"closed_form": closed_form, "runge_kutta": runge_kutta}
-
-
-def _steps(matrix: Array, column: Array, dt: Array, integrator: str) -> Step:
+def _steps(matrix: Array, column: Array, dt: Array) -> Step:
     rate = column @ matrix.T
-    return INTEGRATORS[integrator](rate[:, :-1], rate[:, 1:], dt[..., None])
+    return closed_form(rate[:, :-1], rate[:, 1:], dt[..., None])
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(3,))
-def attitude(matrix: Array, column: Array, dt: Array, integrator: str = "closed_form") -> Array:
+@jax.custom_jvp
+def attitude(matrix: Array, column: Array, dt: Array) -> Array:
     """Integrate the rate `matrix` @ `column` over segments: the rotation from the last to the first body axes of each segment.
 
     Every gyroscope model that is linear in the readings has this form. A fit needs only the derivative with respect to the matrix, which
@@ -105,21 +72,20 @@ def attitude(matrix: Array, column: Array, dt: Array, integrator: str = "closed_
     Parameters
     ----------
     matrix : (3, c). column : (s, n + 1, c). dt : (s, n) s, zero for padding.
-    integrator : a key of `INTEGRATORS`.
 
     Returns
     -------
     (s, 3, 3)
     """
-    steps = jnp.moveaxis(_steps(matrix, column, dt, integrator).rotation, 1, 0)
+    steps = jnp.moveaxis(_steps(matrix, column, dt).rotation, 1, 0)
     # backwards from the last step, like the derivative below, so that both round alike
     return jax.lax.scan(lambda later, step: (step @ later, None), steps[-1], steps[:-1], reverse=True)[0]
 
 
-def _attitude_jvp(integrator, primals, tangents):
+def _attitude_jvp(primals, tangents):
     matrix, column, dt = primals
     slope, moved, shifted = tangents
-    step = _steps(matrix, column, dt, integrator)
+    step = _steps(matrix, column, dt)
     ordered = jnp.moveaxis(step.rotation, 1, 0)
     identity = jnp.broadcast_to(jnp.eye(3, dtype=matrix.dtype), ordered[0].shape)
     end, later = jax.lax.scan(lambda later, step: (step @ later, later), identity, ordered, reverse=True)

@@ -11,6 +11,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._answer import FATAL, Finding, Quantity
+from .._rests import Ends, Multiples
 from ..fitting import Estimate, Fit, covariance, leverage
 from . import _fits, _recording
 from ._estimate import described, framed, placed, solved
@@ -23,7 +24,6 @@ from ._observability import ONE_ATTITUDE, Observability, observability
 from ._prior import known_of
 from ._recording import Recording, Rests, padded
 from ._residuals import Turns, Weighted, pieces
-from ._rests import Ends, Multiples
 from ._result import ImuFit, judged, quantities
 
 #: poses in excess of the number of parameters that are needed to compare prediction errors
@@ -66,16 +66,18 @@ class Job(eqx.Module):
     options: Options
     raw: bool
 
-    def best(self, table: np.ndarray, usable: dict[Multiples, Ends], fits: dict[Multiples, Fit]) -> tuple[Multiples, np.ndarray, Any]:
-        """Choose a set of rests; return it, the leave-one-out mean squares of the turns (m,), and the start and first fit of the set.
+    def best(
+        self, count: np.ndarray, error: np.ndarray, usable: dict[Multiples, Ends], fits: dict[Multiples, Fit]
+    ) -> tuple[Multiples, Any, Joint | None]:
+        """Choose a set of rests; return it, and the start and first fit of the set.
 
-        The criterion is proportional to the variance of the parameters: leave-one-out mean square over number, of the poses and, with a
-        gyroscope, of the turns. Each comparison of turns needs a joint fit, so for each bound on the gyroscope only the best bound on the
-        accelerometer is tried. The same criterion decides whether turns connect mean attitudes, which avoids the effect of hand motion,
-        or the ends of the rests, which avoids integrating the gyroscope's noise over the rests.
+        The criterion is proportional to the variance of the parameters: leave-one-out mean square over number, of the poses (`error` and
+        `count` of each set) and, with a gyroscope, of the turns. Each comparison of turns needs a joint fit, so for each bound on the
+        gyroscope only the best bound on the accelerometer is tried. The same criterion decides whether turns connect mean attitudes,
+        which avoids the effect of hand motion, or the ends of the rests, which avoids integrating the gyroscope's noise over the rests.
         """
-        pairs, turned, found = list(usable), np.full(len(table), np.nan), []
-        score, near, refused = table[:, 4] / table[:, 2], None, {}
+        pairs, found = list(usable), []
+        score, near, refused = error / count, None, {}
 
         def tried(i: int, whole: bool) -> tuple[float, int, Begun, Joint] | None:
             begun = self.begun(usable[pairs[i]], fits[pairs[i]], whole, near)
@@ -83,24 +85,23 @@ class Job(eqx.Module):
                 refused[i] = begun
                 return None
             joint = self.joint(begun, near is not None, 1 if near is not None else 2)
-            variance, count = _fits.left_out(joint)
-            turned[i] = np.fmin(turned[i], variance)
-            return score[i] * variance / count, i, begun, joint
+            variance, number = _fits.left_out(joint)
+            return score[i] * variance / number, i, begun, joint
 
         # sets with hardly more poses than parameters are left out: their prediction errors look too small
-        enough = table[:, 2] >= min(self.needed + _SPARE, table[:, 2].max())
-        for bound in np.unique(table[enough, 1])[::-1]:
-            here = np.flatnonzero((table[:, 1] == bound) & enough)
+        bounds, enough = np.array(pairs)[:, 1], count >= min(self.needed + _SPARE, count.max())
+        for bound in np.unique(bounds[enough])[::-1]:
+            here = np.flatnonzero((bounds == bound) & enough)
             if (one := tried(int(here[np.argmin(score[here])]), True)) is not None:
                 found.append(one)
                 near = (one[3].fit.model, one[2].scale) if bool(one[3].fit.usable) and near is None else near
         if not found:  # no gyroscope, or every set was refused: report the set with the best magnitudes
             i = min(refused, key=lambda i: score[i])
-            return pairs[i], turned, (refused[i], None)
+            return pairs[i], refused[i], None
         best = min(found, key=lambda entry: entry[0])
         if (other := tried(best[1], False)) is not None and other[0] < best[0]:
             best = other
-        return pairs[best[1]], turned, best[2:]
+        return pairs[best[1]], best[2], best[3]
 
     def begun(self, ends: Ends, fit: Fit, whole: bool, near: tuple[Imu, float] | None) -> Begun | Refusal:
         """Compute means and turns of a set of rests, and the start of its fit: `near` (model and scale of another set) if it is given."""
@@ -254,7 +255,6 @@ class Job(eqx.Module):
             estimate=Estimate(names, values, matrix, freedom, made.estimate.states, quantities(self.raw)), residual_rest=rest,
             sigma=joint.sigma, drift=drift, asked=tuple(dict.fromkeys(lack.term for lack in missing if lack.term is not None)),
             down_weighted=(np.flatnonzero(weight[:count] < 0.5), np.flatnonzero(np.min(pairs, axis=1, initial=1) < 0.5)),
-            cost=0.5 * np.array([np.sum(found.norm[:count] ** 2), np.sum(turned**2) if len(turned) else np.nan]),
         )  # fmt: skip
         for code, change, unit in (
             ("gyro_drift", drift * self.record.time[-1], "gyro"),

@@ -12,8 +12,7 @@ from .._rotation import from_vector, skew
 from ..fitting import Estimate
 from ._findings import FINDINGS
 from ._model import Imu
-from ._recording import means, recording
-from ._rests import given_rests
+from ._recording import given_rests, means, recording
 from ._result import ImuFit
 
 _LEAST = 14  # turns: enough for ten parameters and their errors
@@ -113,13 +112,13 @@ def motion(log: Any, found: ImuFit | Imu, *, gravity: float | int | None = None,
     if isinstance(found, ImuFit):
         gravity = found.gravity if gravity is None else gravity
         if rests is None and found.still is not None:
-            rests = np.stack([found.still.start, found.still.stop], axis=1)
+            rests = found.still.ends
         found = Imu(found.accel, found.gyro)
     if found.accel is None or found.gyro is None:
         raise DataError("There is no calibrated gyroscope; delay and lever arms need both sensors.", code="no_gyro")
     if gravity is None or rests is None:
         raise DataError("Give gravity= and rests=, or the ImuFit of the log, which has both.", code="no_rests")
-    record, size = recording(log, None), float(gravity)
+    record, size = recording(log), float(gravity)
     start, stop = given_rests(rests, len(record.time))
     readings = np.asarray(record.bridged)
     force = np.asarray(found.accel.correct(readings[:, 3:]))

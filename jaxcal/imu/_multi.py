@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from .._answer import Finding, Quantity
+from .._answer import Finding
 from .._arrays import power_of_two
 from .._errors import DataError
 from .._message import Message
 from .._precision import host_float64, is_traced
+from .._rests import Ends, Multiples, StillIntervals, Variances
 from ..fitting import AbstractLoss, Fit, Huber, leverage
 from . import _fits, _recording
 from ._estimate import solved, started
@@ -23,11 +24,8 @@ from ._model import CONVENTIONS, Imu, Triad, freed
 from ._nonlinear import with_terms
 from ._prior import known_of, prior_of
 from ._recording import Recording
-from ._rests import Ends, Multiples, StillIntervals, Windows, given_rests
 from ._result import ImuFit, assumed_gravity
 
-METHODS = ("joint", "imu_tk")
-MODELS = ("full", "diagonal")
 _HUBER = Huber()
 _FEWEST = 4  # poses that a fit needs even with a prior
 _MOST_TERMS = 3  # one each for poses, turns and rates at rest
@@ -40,18 +38,12 @@ def multi_position(
     *,
     gravity: float | int | None = None,
     convention: str = "upper",
-    method: str = "joint",
     model: Any = "full",
     g_sensitivity: bool = True,
     loss: Any = _HUBER,
     latitude: float | None = None,
     noise: Any = None,
     raw: bool = False,
-    threshold: float | int | None = None,
-    initial: float | int | None = None,
-    window: float | int = 1.0,
-    least: float | int = 1.0,
-    time: Any = None,
     rests: Any = None,
     held_out: bool = True,
     terms: Any = (),
@@ -75,7 +67,6 @@ def multi_position(
         are interpolated.
     gravity : local gravity, m/s^2; see `jaxcal.imu.gravity`. None takes standard gravity, which may be wrong by 0.3 %, as a finding says.
     convention : frame of the result, "upper", "lower" or "full" (see `turned_to`); all describe the same calibration.
-    method : "joint", or "imu_tk" for the two-step fit of that program, with its thresholds, weights and fixed bias.
     model : "full" (9 accelerometer parameters) or "diagonal" (scale and bias only, 6 poses suffice). Or a model of your own, from which
         the fit starts: a subclass of `Triad` for the accelerometer, or an `Imu` with both sensors. Every floating-point field is fitted.
     g_sensitivity : whether to fit the gyroscope's sensitivity to specific force.
@@ -84,13 +75,9 @@ def multi_position(
     noise : {"accel": noise, "gyro": noise}, each a `jaxcal.noise.Noise` or {"N": ..., "B": ..., "K": ...} in SI; or the result of
         `jaxcal.noise.characterise`, or a `Calibration` with noise. It weights each rest by its length and by the wander of the bias.
     raw : True if the log holds counts; the fit then estimates the scales. Otherwise the log is in m/s^2 and rad/s.
-    threshold : multiple of the accelerometer's variance at rest below which the sensor counts as still. None compares several multiples,
-        each with several bounds on the gyroscope's variance, and chooses the pair with the smallest expected error on omitted poses
-        and turns.
-    initial : length of a rest at the beginning, s, whose variance is the reference; None uses the stillest 5 % of the recording.
-    window, least : window of the variance and shortest still interval, s.
-    time : (n,) time stamps in s, to use instead of the log's even grid.
-    rests : (k, 2) first sample of each rest, and the sample after its last one, if you know them; None detects them.
+    rests : (k, 2) first sample of each rest, and the sample after its last one, if you know them. None detects them: it compares several
+        multiples of the accelerometer's variance at rest, each with several of the gyroscope's, and chooses the pair with the smallest
+        expected error on omitted poses and turns.
     held_out : whether to fit twice more, each time without half of the poses and turns, to compute `held_out` of the result.
     terms : names of further terms, such as ["accel.quadratic"]: accel or gyro with quadratic, cubic or asymmetry (see `Nonlinear`),
         "gyro.g_squared", "accel.drift", "accel.warm_up". "auto" adds each term for which both the F test and the held-out residuals give
@@ -107,8 +94,7 @@ def multi_position(
     Raises
     ------
     DataError
-        If the log has no accelerometer with three axes, its time stamps do not increase, it is shorter than the initial rest, an option
-        is unknown, or gravity is not in m/s^2.
+        If the log has no accelerometer with three axes, an option is unknown, or gravity is not in m/s^2.
 
     Examples
     --------
@@ -124,52 +110,31 @@ def multi_position(
     """
     if isinstance(terms, str) and terms == "auto":
         told = {
-            "gravity": gravity, "convention": convention, "method": method, "model": model, "g_sensitivity": g_sensitivity, "loss": loss,
-            "latitude": latitude, "noise": noise, "raw": raw, "initial": initial, "window": window, "least": least, "time": time,
-            "held_out": held_out, "prior": prior,
+            "gravity": gravity, "convention": convention, "model": model, "g_sensitivity": g_sensitivity, "loss": loss,
+            "latitude": latitude, "noise": noise, "raw": raw, "held_out": held_out, "prior": prior,
         }  # fmt: skip
-        return _with_asked(multi_position(log, **told, threshold=threshold, rests=rests), partial(multi_position, log, **told))
+        return _with_asked(multi_position(log, **told, rests=rests), partial(multi_position, log, **told))
     gravity, assumed = assumed_gravity(gravity)
-    options = _checked(log, gravity, convention, method, model, g_sensitivity, loss, latitude, noise, raw, terms, prior)
-    record = _recording.recording(log, time)
-    base = ImuFit(record.rate, options.gravity, record.temperature, convention, method, assumed)
+    options = _checked(log, gravity, convention, model, g_sensitivity, loss, latitude, noise, raw, terms, prior)
+    record = _recording.recording(log)
+    base = ImuFit(record.rate, options.gravity, record.temperature, convention, "joint", assumed)
     if not raw and (wrong := _recording.wrong_units(record.accel, options.gravity)):
         return _with_finding(base, wrong)
-    if method == "imu_tk":
-        if record.gyro is None:
-            raise DataError(Message("{option.method:imu_tk} needs a gyroscope; leave it out for an accelerometer alone"))
-        if model != "full" or latitude is not None or noise is not None:
-            raise DataError(
-                Message("{option.method:imu_tk} has none of model, latitude and noise; leave them out, or take {option.method:joint}"),
-                code="imu_tk",
-            )
     start = started(None if isinstance(model, str) else model, record.gyro is not None, latitude is not None)
     start = with_terms(start, (terms,) if isinstance(terms, str) else terms)
     needed = max(count_of(freed(Imu(start.accel), convention, options.misalignment)) - known_of(options.prior), _FEWEST)
-    windows = Windows(record.accel, record.gyro if method == "joint" else None, record.rate, window, initial, least)
-    tried = windows.tried(threshold, method == "joint") if rests is None else {(np.inf, np.inf): given_rests(rests, len(record.time))}
-    base = dataclasses.replace(base, still=windows.intervals(np.inf, chosen=threshold))
-    if moved := windows.moved():
-        return _with_finding(base, moved)
+    if rests is None:
+        tried = Variances(record.accel, record.gyro, record.rate).tried()
+    else:
+        tried = {(np.inf, np.inf): _recording.given_rests(rests, len(record.time))}
     usable = {pair: ends for pair, ends in tried.items() if len(ends[0]) >= needed}
     if not usable:
         most, name = max(len(ends[0]) for ends in tried.values()), model if isinstance(model, str) else type(start.accel).__name__
-        rest = Quantity(max(2.0, 2 * float(least)), "time")
-        return _with_finding(base, FINDINGS("few_rests", count=most, model=name, needed=needed, least=rest))
-    if method == "imu_tk":
-        # a rest may lack up to half a window
-        assert record.gyro is not None
-        filled = [_recording.bridged(x, record.rate, longest) for x, longest in ((record.accel, window / 2), (record.gyro, None))]
-        record = dataclasses.replace(record, accel=filled[0], gyro=filled[1])
-        each = windows.shortest
-        table, fits = _norm_fits(record, usable, start.accel, options, raw, each)
-        pair, base = _cheapest(table, usable, base, windows)
-        return _fits.tedaldi(record, base, fits[pair], options, each, raw, initial, held_out)
-    table, fits = _norm_fits(record, usable, start.accel, options, raw, None)
+        return _with_finding(base, FINDINGS("few_rests", count=most, model=name, needed=needed))
+    count, error, fits = _norm_fits(record, usable, start.accel, options, raw)
     job = Job(record, start, needed, options, raw)
-    pair, turned, (begun, joint) = job.best(table, usable, fits)
-    base = _with(base, windows.intervals(pair[1], chosen=pair[0]), usable[pair], table, turned)
-    return job.result(base, begun, joint, held_out)
+    pair, begun, joint = job.best(count, error, usable, fits)
+    return job.result(dataclasses.replace(base, still=StillIntervals(*usable[pair], *pair)), begun, joint, held_out)
 
 
 def _with_asked(found: ImuFit, again: Callable[..., ImuFit]) -> ImuFit:
@@ -177,8 +142,7 @@ def _with_asked(found: ImuFit, again: Callable[..., ImuFit]) -> ImuFit:
     terms: tuple[str, ...] = ()
     while found.asked and found.still is not None and len(terms) < _MOST_TERMS:
         terms = (*terms, *found.asked)
-        rests = np.stack([found.still.start, found.still.stop], axis=1)
-        found = again(rests=rests, terms=terms)
+        found = again(rests=found.still.ends, terms=terms)
     return dataclasses.replace(found, findings=(*found.findings, FINDINGS("terms_added", terms=", ".join(terms)))) if terms else found
 
 
@@ -187,57 +151,31 @@ def _with_finding(base: ImuFit, new: Finding) -> ImuFit:
 
 
 def _norm_fits(
-    record: Recording, usable: dict[Multiples, Ends], model: Triad, options: Options, raw: bool, each: int | None
-) -> tuple[np.ndarray, dict[Multiples, Fit]]:
-    """Fit the accelerometer to the magnitudes of every set of rests.
-
-    Returns a table with one row for each set (both multiples, number of rests, cost, leave-one-out mean square) and the fits. A rest
-    contributes its mean or, if `each` is given, its first `each` samples with one residual each, as in imu_tk.
-    """
+    record: Recording, usable: dict[Multiples, Ends], model: Triad, options: Options, raw: bool
+) -> tuple[np.ndarray, np.ndarray, dict[Multiples, Fit]]:
+    """Fit the accelerometer to the magnitudes of every set of rests: number of rests, leave-one-out mean square, and fit of each set."""
     slots = power_of_two(max(len(start) for start, _ in usable.values()) + 1, 32)
-    fits, table = {}, []
-    for pair, (start, stop) in usable.items():
-        count, rows = len(start), 1 if each is None else each
-        if each is None:
-            reading = _recording.means(record.accel, start, stop)
-        else:
-            reading = np.concatenate([record.accel[i : i + each] for i in start])
-        begin = _fits.nominal_start(model, reading.reshape(count, rows, 3).mean(axis=1), options.gravity) if raw else model
-        sigma = 1.0 if options.prior is None else _TYPICAL
-        data = _recording.norms(reading, slots * rows, options.gravity, sigma)
+    fits, count, error = {}, [], []
+    sigma = 1.0 if options.prior is None else _TYPICAL
+    for pair, ends in usable.items():
+        reading = _recording.means(record.accel, *ends)
+        begin = _fits.nominal_start(model, reading, options.gravity) if raw else model
+        data = _recording.norms(reading, slots, options.gravity, sigma)
         fit = solved(Imu(begin), data, options.convention, options.misalignment, rtol=None, priors=options.priors)
         # leave-one-out residual of every pose, to first order
         without = sigma * np.asarray(fit.residuals) / (1 - np.minimum(leverage(fit), 1 - 1e-6))
-        rest = without[: count * rows].reshape(count, rows).mean(axis=1)
         fits[pair] = fit
-        table.append((*pair, count, sigma**2 * float(fit.cost), np.mean(rest**2)))
-    return np.array(table), fits
+        count.append(len(reading))
+        error.append(np.mean(without[: len(reading)] ** 2))
+    return np.array(count), np.array(error), fits
 
 
-def _with(base: ImuFit, still: StillIntervals, ends: Ends, table: np.ndarray, turned: np.ndarray) -> ImuFit:
-    """Add the chosen rests and the table of compared sets to the result."""
-    accel, gyro, count, cost, norm = table.T
-    seen = np.stack([accel, count, cost, np.sqrt(norm), gyro, np.sqrt(turned)], axis=1)
-    return dataclasses.replace(base, still=dataclasses.replace(still, start=ends[0], stop=ends[1]), thresholds=seen)
-
-
-def _cheapest(table: np.ndarray, usable: dict[Multiples, Ends], base: ImuFit, windows: Windows) -> tuple[Multiples, ImuFit]:
-    """Choose the set of rests by imu_tk's rule, the smallest total cost; warn where this rule favours too few intervals."""
-    cheapest, least = (int(np.argmin(table[:, column])) for column in (3, 4))
-    pair = list(usable)[cheapest]
-    result = _with(base, windows.intervals(pair[1], chosen=pair[0]), usable[pair], table, np.full(len(table), np.nan))
-    if table[cheapest, 4] > 1.2 * table[least, 4]:
-        result = _with_finding(result, FINDINGS("cheapest", chosen=table[cheapest, 0], better=table[least, 0]))
-    return pair, result
-
-
-def _checked(log, gravity, convention, method, model, g_sensitivity, loss, latitude, noise, raw, terms, prior) -> Options:
+def _checked(log, gravity, convention, model, g_sensitivity, loss, latitude, noise, raw, terms, prior) -> Options:
     if is_traced(getattr(log, "accel", None)):
         raise DataError("`multi_position` decides on the host and cannot be traced; take `imu.estimate`, which can.")
-    for name, value, known in (("convention", convention, CONVENTIONS), ("method", method, METHODS)):
-        if value not in known:
-            raise DataError(f"There is no {name} {value!r}; known are {', '.join(map(repr, known))}.", code="option")
-    if not (model in MODELS if isinstance(model, str) else isinstance(model, (Triad, Imu))):
+    if convention not in CONVENTIONS:
+        raise DataError(f"There is no convention {convention!r}; known are {', '.join(map(repr, CONVENTIONS))}.", code="option")
+    if not (model in ("full", "diagonal") if isinstance(model, str) else isinstance(model, (Triad, Imu))):
         raise DataError(f"There is no model {model!r}; known are 'full' and 'diagonal', or give a Triad or an Imu.", code="option")
     if convention == "full" and not (isinstance(model, str) or Imu(model).plain):
         raise DataError(
@@ -248,17 +186,11 @@ def _checked(log, gravity, convention, method, model, g_sensitivity, loss, latit
     if latitude is not None and not abs(float(latitude)) <= np.pi / 2:
         raise DataError(f"latitude={latitude:g} rad lies beyond a pole; degrees must be multiplied by pi/180", code="latitude")
     known = prior_of(prior)
-    if known is not None and (method != "joint" or (raw and isinstance(prior, Mapping))):
-        raise DataError(
-            Message("A prior goes with {option.method:joint}, and a data sheet with readings in SI units; leave out one of them."),
-            code="prior",
-        )
-    if len(terms) and (method != "joint" or convention == "full"):
-        raise DataError(
-            Message("{option.terms} goes with {option.method:joint} and the convention upper or lower; leave it out."),
-            code="term",
-        )
+    if raw and isinstance(prior, Mapping):
+        raise DataError("A data sheet goes with readings in SI units; leave out one of them.", code="prior")
+    if len(terms) and convention == "full":
+        raise DataError(Message("{option.terms} goes with the convention upper or lower; leave it out."), code="term")
     return Options(
-        checked_gravity(gravity), convention, method, bool(g_sensitivity), model != "diagonal", loss, _fits.coefficients(noise, "accel"),
+        checked_gravity(gravity), convention, bool(g_sensitivity), model != "diagonal", loss, _fits.coefficients(noise, "accel"),
         _fits.coefficients(noise, "gyro"), None if latitude is None else float(latitude), known,
     )  # fmt: skip

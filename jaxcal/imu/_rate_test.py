@@ -9,12 +9,12 @@ import numpy as np
 from .._answer import Finding, Grid, Message, Quantity, Result, Section, by_axis
 from .._errors import DataError
 from .._precision import host_float64
+from .._rests import still_intervals
 from .._types import AnyArray
 from ._findings import FINDINGS
 from ._known import TriadFit, rate_table
 from ._model import Triad
 from ._recording import means
-from ._rests import static_intervals
 from ._result import LABELS
 from ._scale import ScaleFigures, figure_numbers, scale_figures
 from ._session import Region, listed
@@ -139,7 +139,7 @@ def rate_test(
     if regions is not None:
         start, stop, set_to = _labelled(listed(regions), len(gyro))
     else:
-        still = static_intervals(gyro, log.rate, multiples=_MULTIPLES)
+        still = still_intervals(gyro, log.rate, multiples=_MULTIPLES)
         start, stop = _apart(gyro, still.start, still.stop)
         set_to = _assigned(means(gyro, start, stop), rates, raw)
     readings = means(gyro, start, stop)

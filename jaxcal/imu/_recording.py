@@ -11,11 +11,13 @@ from .._answer import Finding
 from .._arrays import power_of_two, runs
 from .._errors import DataError
 from .._log import as_log
+from .._rests import Ends
 from .._units import units_of
 from ._findings import FINDINGS
 from ._model import LEVEL
 from ._residuals import Poses, Turns, Weighted
 
+_SHORTEST = 10  # samples of a rest that is given
 _RUN = 3  # consecutive samples at the end of the range that count as saturation
 #: s; longest gap that is interpolated: the rate of a turn by hand hardly changes in this time
 _BRIDGE = 0.1
@@ -45,8 +47,8 @@ class Recording(eqx.Module):
     over: np.ndarray | None
 
 
-def recording(log: Any, time: Any) -> Recording:
-    """Convert a log to arrays; `time` replaces the log's time stamps unless it is None."""
+def recording(log: Any) -> Recording:
+    """Convert a log to arrays."""
     log = as_log(log)
     accel = log.accel
     if accel is None:
@@ -58,16 +60,7 @@ def recording(log: Any, time: Any) -> Recording:
             raise DataError(
                 f"The {name} has {1 if values.ndim == 1 else values.shape[1]} axes; this calibration needs all three.", code="axes"
             )
-    stamps = np.asarray(log.time if time is None else time, dtype=float)
-    if stamps.shape != (len(accel),):
-        raise DataError(f"time has shape {stamps.shape}; the log has {len(accel)} samples", code="time")
-    steps = np.diff(stamps)
-    if not np.all(steps > 0):
-        bad = int(np.flatnonzero(~(steps > 0))[0])
-        raise DataError(
-            f"time does not grow at sample {bad + 1}: {stamps[bad]:.6f} s is followed by {stamps[bad + 1]:.6f} s; sort the samples",
-            code="time",
-        )
+    stamps = np.asarray(log.time, dtype=float)
     temperature = float("nan") if log.temperature is None else float(np.nanmean(log.temperature))
     both = None if gyro is None else np.concatenate([bridged(x, float(log.rate)) for x in (gyro, accel)], axis=1)
     return Recording(stamps - stamps[0], accel, gyro, float(log.rate), temperature, both, None if gyro is None else pinned(gyro))
@@ -102,13 +95,13 @@ def wrong_units(accel: np.ndarray, gravity: float) -> Finding | None:
     return FINDINGS("unit", "accel", unit=unit, **facts) if off[unit] < np.log(1.25) else FINDINGS("unit_unknown", "accel", **facts)
 
 
-def bridged(readings: np.ndarray, rate: float, longest: float | None = None) -> np.ndarray:
-    """Interpolate gaps up to `longest` seconds; longer gaps stay NaN."""
+def bridged(readings: np.ndarray, rate: float) -> np.ndarray:
+    """Interpolate short gaps; longer gaps stay NaN."""
     missing = ~np.all(np.isfinite(readings), axis=1)
     if not missing.any():
         return readings
     first, last = runs(missing)
-    short = (last - first <= max((_BRIDGE if longest is None else longest) * rate, 1)) & (first > 0) & (last < len(readings))
+    short = (last - first <= max(_BRIDGE * rate, 1)) & (first > 0) & (last < len(readings))
     filled, there = readings.copy(), np.flatnonzero(~missing)
     index = np.concatenate([np.arange(i, j) for i, j in zip(first[short], last[short], strict=True)] or [np.zeros(0, dtype=int)])
     filled[index] = np.stack([np.interp(index, there, column[there]) for column in readings.T], axis=1)
@@ -253,15 +246,20 @@ def _resampled(time: np.ndarray, readings: np.ndarray) -> tuple[np.ndarray, np.n
     return np.stack(sums, axis=1) / total[:, None], np.full(_STEPS, (time[-1] - time[0]) / _STEPS)
 
 
-def sampled_turns(recording: Recording, start: np.ndarray, stop: np.ndarray, slots: int) -> Turns:
-    """Turns with all original samples, as in imu_tk, padded to a power of two."""
-    gyro, accel = recording.gyro, recording.accel
-    assert gyro is not None
-    first, last = stop[:-1] - 1, start[1:]  # samples first <= i < last
-    n = power_of_two(int((last - first).max()) - 1, 64)
-    index = np.minimum(first[:, None] + np.arange(n + 1)[None, :], last[:, None] - 1)
-    index = np.concatenate([index, np.repeat(index[:1, :1], slots - 1 - len(first), axis=0) + np.zeros(n + 1, dtype=int)])
-    good = np.isfinite(np.concatenate([gyro[index], accel[index]], axis=2)).all(axis=(1, 2))
-    sigma = np.where(good & (np.arange(slots - 1) < len(first)), 1.0, np.inf)
-    kept = np.reshape(good, (-1, 1, 1))
-    return Turns(np.where(kept, gyro[index], 0.0), np.where(kept, accel[index], 0.0), np.diff(recording.time[index], axis=1), sigma)
+def given_rests(rests: Any, samples: int) -> Ends:
+    """Check the rests given by the caller, and sort them."""
+    ends = np.asarray(rests)
+    if ends.ndim != 2 or ends.shape[1] != 2:
+        raise DataError(
+            f"rests has shape {ends.shape}; expected (k, 2): the first sample of each rest, and the one after its last", code="rests"
+        )
+    ends = ends[np.argsort(ends[:, 0])].astype(int)
+    bad = (ends[:, 1] - ends[:, 0] < _SHORTEST) | (ends[:, 0] < 0) | (ends[:, 1] > samples)
+    bad[1:] |= ends[1:, 0] < ends[:-1, 1] + 2
+    if bad.any():
+        first, last = ends[np.argmax(bad)]
+        raise DataError(
+            f"the rest from sample {first} to {last} is outside of the log, shorter than {_SHORTEST} samples, or meets another",
+            code="rests",
+        )
+    return ends[:, 0], ends[:, 1]

@@ -8,6 +8,7 @@ import equinox as eqx
 import numpy as np
 
 from .._answer import CAUTION, FATAL, Curve, Finding, Number, Quantity, Result, Section, by_axis, listed
+from .._rests import StillIntervals
 from .._types import AnyArray
 from .._units import STANDARD_GRAVITY
 from ..fitting import Estimate, Fit, Outcome, identifiability
@@ -15,7 +16,6 @@ from ._findings import FINDINGS
 from ._model import LEVEL, Imu, Triad
 from ._observability import Observability
 from ._prior import conflict
-from ._rests import StillIntervals
 
 #: relative standard error above which a matrix counts as unknown, and above which the verdict is weak
 UNKNOWN, POOR = 0.1, 0.01
@@ -68,18 +68,14 @@ class ImuFit(Result):
     residual_rest : (k, 3) rates at rest minus the model, rad/s.
     sigma : (3,) standard deviations of these three residuals for one pose or turn: m/s^2, rad, rad/s.
     down_weighted : two index arrays, the poses and the turns whose weight under the robust loss is below one half.
-    cost : (2,) half the sums of squared residuals, accelerometer (m/s^2)^2 and gyroscope; imu_tk's cost for method="imu_tk".
     held_out : (2,) rms error on poses and turns left out of the fit: magnitude (m/s^2) and components of the turns (rad).
     still : the `StillIntervals` that the fit used.
-    thresholds : (m, 6) one row for each set of rests that was compared: multiple of the accelerometer's variance at rest, number of
-        intervals, total cost of the magnitudes, leave-one-out rms of the magnitudes (m/s^2), multiple of the gyroscope's variance,
-        leave-one-out rms of the components of the turns (rad; NaN if only the magnitudes were compared).
     observability : `Observability`: condition, missing attitudes, sentence.
     drift : (3,) drift of the gyroscope's bias, rad/s per s; zero if the F test finds none.
     asked : names of terms that the log supports and the model lacks; pass them as `terms`.
     rate : Hz. gravity : m/s^2.
     temperature : mean of the recording, degC; NaN if it was not recorded.
-    convention, method : the options of the fit.
+    convention : frame of the result. method : "joint", "ferraris" or "six_position".
 
     Examples
     --------
@@ -104,10 +100,8 @@ class ImuFit(Result):
     residual_rest: AnyArray = _unknown(0, 3)
     sigma: AnyArray = _unknown(3)
     down_weighted: tuple[Any, Any] = (np.zeros(0, dtype=int), np.zeros(0, dtype=int))
-    cost: AnyArray = _unknown(2)
     held_out: AnyArray = _unknown(2)
     still: StillIntervals | None = None
-    thresholds: AnyArray = _unknown(0, 6)
     observability: Observability | None = None
     drift: AnyArray = _unknown(3, fill=0.0)
     asked: tuple[str, ...] = eqx.field(static=True, default=())

@@ -16,13 +16,13 @@ from .._answer import CAUTION, FATAL, Quantity
 from .._errors import DataError
 from .._log import Log
 from .._precision import host_float64
+from .._rests import still_intervals
 from ..fitting import Estimate
 from ._findings import FINDINGS
 from ._known import checked_gravity, six_position
 from ._model import Imu, Triad, entries, values
 from ._observability import NEAR
 from ._recording import Recording, means, recording, rests_of
-from ._rests import static_intervals
 from ._result import POOR, UNKNOWN, ImuFit, assumed_gravity, matrix_error, quantities
 
 _LABEL = re.compile(r"([xyz])[ _-]?(p|up|a|down|rot|turn)", re.IGNORECASE)
@@ -187,8 +187,8 @@ def faces(log: Any) -> list[Region]:
     >>> print(ferraris(log, faces(log), gravity=9.81).verdict)
     good
     """
-    record = recording(log, None)
-    still = static_intervals(record.accel, record.rate, gyro=record.gyro)
+    record = recording(log)
+    still = still_intervals(record.accel, record.rate, record.gyro)
     reading = means(record.accel, still.start, still.stop)
     axis = np.argmax(np.abs(reading), axis=1)
     size = reading[np.arange(len(axis)), axis]
@@ -265,7 +265,7 @@ def ferraris(log: Any, regions: Any, *, gravity: float | int | None = None, angl
     F. Ferraris, U. Grimaldi and M. Parvis, Sensors and Materials 7 (1995) 311.
     """
     gravity, assumed = assumed_gravity(gravity)
-    record, size = recording(log, None), checked_gravity(gravity)
+    record, size = recording(log), checked_gravity(gravity)
     sides, turns = _sorted(listed(regions), len(record.time))
     if turns and record.gyro is None:
         raise DataError("The log has no gyroscope, which the turns are for; leave out their regions.", code="no_gyro")
