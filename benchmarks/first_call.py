@@ -51,7 +51,7 @@ else:
     folder = pathlib.Path(os.environ["JAXCAL_REFERENCE"]) / "data" / "imu_tk"
     accel, gyro = (np.loadtxt(folder / f"xsens_{name}.mat") for name in ("acc", "gyro"))
     log = jaxcal.Log(accel[:, 0], accel=accel[:, 1:], gyro=gyro[:, 1:])
-    call = lambda: multi_position(log, time=accel[:, 0], gravity=9.81744, raw=True, initial=50.0)
+    call = lambda: multi_position(log, gravity=9.81744, raw=True)
 imported = spent() - start
 start = spent()
 call()

@@ -5,8 +5,7 @@
     python benchmarks/imu.py --runs 400         more runs
 
 `xsens` needs the log (xsens_acc.mat, xsens_gyro.mat) in FOLDER/data/imu_tk, where FOLDER is JAXCAL_REFERENCE or ../shared. Times are
-after compilation, which is timed separately. imu_tk itself (C++) takes 0.38 s for its fit of the gyroscope, and the same fit in NumPy
-with finite differences 6.4 s; both were measured on another machine.
+after compilation, which is timed separately.
 """
 
 import argparse
@@ -15,13 +14,11 @@ import pathlib
 import sys
 import time
 
-import jax
 import numpy as np
 
 import jaxcal
-from jaxcal.imu import MEMS_NOISE, Triad, multi_position
-from jaxcal.imu._fits import gyro_fit
-from jaxcal.imu._recording import padded, recording, sampled_turns
+from jaxcal.imu import multi_position
+from jaxcal.imu._simulate import _NOISE
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "imu"))
@@ -39,49 +36,20 @@ def timed(function, repeats=3):
     return found, first, min(times)
 
 
-def gyroscope(log, stamps, found):
-    """Run imu_tk's fit of the gyroscope alone, from a start that is 25 % off."""
-    still, slots = found.still, 64
-    force = np.array([found.accel.correct(log.accel[i:j]).mean(axis=0) for i, j in zip(still.start, still.stop, strict=True)])
-    up = padded(force / np.linalg.norm(force, axis=1, keepdims=True), slots)
-    turns = sampled_turns(recording(log, stamps), still.start, still.stop, slots)
-    begin = Triad(6258 * np.eye(3), found.gyro.bias)
-    with jax.enable_x64(True):
-        fit, first, best = timed(lambda: jax.block_until_ready(gyro_fit(begin, turns, up)))
-    print(f"gyroscope of imu_tk: cost {float(fit.cost):.11f}; {best:.2f} s after compilation, {first:.1f} s with it")
-
-
 def xsens(_):
     folder = pathlib.Path(os.environ.get("JAXCAL_REFERENCE", ROOT.parent / "shared")) / "data" / "imu_tk"
     if not folder.is_dir():
         print(f"no log of imu_tk at {folder}; set JAXCAL_REFERENCE")
         return
     accel, gyro = (np.loadtxt(folder / f"xsens_{name}.mat") for name in ("acc", "gyro"))
-    log, stamps = jaxcal.Log(accel[:, 0], accel=accel[:, 1:], gyro=gyro[:, 1:]), accel[:, 0]
-    options = {"gravity": 9.81744, "raw": True, "initial": 50.0, "time": stamps}
-    found = {}
-    for name, more in (("imu_tk", {"method": "imu_tk"}), ("joint", {}), ("joint, no G", {"g_sensitivity": False})):
-        found[name], first, best = timed(lambda more=more: multi_position(log, **options, **more), 1)
-        one = found[name]
+    log = jaxcal.Log(accel[:, 0], accel=accel[:, 1:], gyro=gyro[:, 1:])
+    for name, more in (("joint", {}), ("joint, no G", {"g_sensitivity": False})):
+        one, first, best = timed(lambda more=more: multi_position(log, gravity=9.81744, raw=True, **more), 1)
         rms = np.rad2deg(np.sqrt(np.mean(one.residual_turn**2)))
         print(
             f"{name:12s} {len(one.still)} poses, left after a turn {rms:.3f} deg rms; held out {one.held_out[0]:.4f} m/s^2, "
             f"{np.rad2deg(one.held_out[1]):.3f} deg a component; {best:.1f} s with the held-out fits, {first:.0f} s with compilation"
         )
-    print("costs: " + ", ".join(f"{k:.0f}: {cost:.6f} ({n:.0f})" for k, n, cost, *_ in found["imu_tk"].thresholds))
-    theirs, ours = found["imu_tk"], found["joint"]
-    for name, triad in (("accelerometer", theirs.accel), ("gyroscope", theirs.gyro)):
-        form = np.linalg.inv(triad.matrix)
-        print(name, "scale", np.diag(form), "bias", triad.bias, "misalignment", (form / np.diag(form))[~np.eye(3, dtype=bool)])
-    inside = (ours.estimate.intervals()[:, 0] <= theirs.estimate.values) & (theirs.estimate.values <= ours.estimate.intervals()[:, 1])
-    free = ours.estimate.error > 0
-    print(f"of imu_tk's parameters, inside the joint fit's intervals: accelerometer {(inside & free)[:12].sum()} of {free[:12].sum()}, "
-          f"gyroscope's matrix {inside[12:21].sum()} of 9")  # fmt: skip
-    other = found["joint, no G"]
-    inside = (other.estimate.intervals()[:, 0] <= theirs.estimate.values) & (theirs.estimate.values <= other.estimate.intervals()[:, 1])
-    print(f"the same without g-sensitivity: accelerometer {(inside & free)[:12].sum()} of {free[:12].sum()}, gyroscope's matrix "
-          f"{inside[12:21].sum()} of 9")  # fmt: skip
-    gyroscope(log, stamps, theirs)
 
 
 def coverage(runs):
@@ -89,7 +57,7 @@ def coverage(runs):
 
     truth = cases.turned_truth()
     for name, options in (
-        ("noise known", {"noise": {sensor: {"N": value} for sensor, value in MEMS_NOISE.items()}}),
+        ("noise known", {"noise": {sensor: {"N": value} for sensor, value in _NOISE.items()}}),
         ("noise not known", {}),
         ("noise not known, no loss", {"loss": None}),
     ):

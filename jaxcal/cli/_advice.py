@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 #: commands that take a log
-LOGS = ("info", "noise", "allan", "psd", "temperature", "imu", "rate-table", "vibration", "mag", "device", "north")
+LOGS = ("info", "noise", "allan", "psd", "temperature", "imu", "rate-table", "mag", "device", "north")
 #: options of every command that reads a log
 READING_OPTIONS = {"--columns", "--units", "--rate", "--topics", "--raw", "--data", "--missing", "--format"}
 #: commands that `jaxcal batch --task` can run

@@ -31,11 +31,10 @@ from ._north import north
 from ._options import CallError
 from ._simulate import simulate_device, simulate_imu, simulate_mag, simulate_noise, simulate_north, simulate_temperature
 from ._temperature import temperature
-from ._turntable import rate_table, vibration
+from ._turntable import rate_table
 
 _COMMANDS = (
-    demo, info, noise, allan, psd, temperature, imu, rate_table, vibration, mag, device, north, apply, convert, export_to(""), diff, batch,
-    cache,
+    demo, info, noise, allan, psd, temperature, imu, rate_table, mag, device, north, apply, convert, export_to(""), diff, batch, cache,
 )  # fmt: skip
 _SIMULATE = (simulate_noise, simulate_temperature, simulate_imu, simulate_mag, simulate_device, simulate_north)
 DONE, DATA, CALL, FAULT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 130, 141

@@ -91,16 +91,14 @@ def imu(
     place = None if latitude is None else math.radians(latitude)
 
     def compute(data: Any, _: Any) -> Any:
-        from ..imu._session import rests_among  # imported here, so that the help of a command need not wait for JAX
+        from ..imu._session import regions_of, rests_among  # imported here, so that the help of a command need not wait for JAX
 
         here = float(jaxcal.imu.gravity(place, height)) if gravity is None and place is not None else gravity
-        labelled = jaxcal.imu.read_regions(regions, data.rate) if regions is not None else None
-        if method == "six_position" and labelled is None:
-            labelled = jaxcal.imu.faces(data)
+        labelled = None if regions is None else regions_of(regions, data.rate)
         rests = None if labelled is None else rests_among(labelled)
         if method == "six_position" and rests is not None:
             raise CallError("--method six_position needs regions of faces (x_p, x_a, ...); those of --regions are rests")
-        if labelled is not None and rests is None:
+        if rests is None and (method == "six_position" or labelled is not None):
             if counts or convention != "upper" or earth_rate or without_g_sensitivity or known:
                 words = "--counts, --convention, --earth-rate, --without-g-sensitivity, --noise, --prior and --terms"
                 raise CallError(f"faces of a box take none of {words}")

@@ -106,11 +106,11 @@ def simulate_imu(
     given = noises(gyro, accel)
 
     def make(_: Any) -> tuple[Any, dict[str, Any]]:
-        from ..imu import MEMS_NOISE, gravity, simulate
+        from ..imu import gravity, simulate
 
         angle = None if latitude is None else math.radians(latitude)
         log = simulate(
-            poses, rate=rate, initial=initial, still=still, turn=turn, noise=MEMS_NOISE | given, seed=running.seed, latitude=angle,
+            poses, rate=rate, initial=initial, still=still, turn=turn, noise=given, seed=running.seed, latitude=angle,
             gravity=STANDARD_GRAVITY if angle is None else float(gravity(angle)),
         )  # fmt: skip
         return log.time, {"gyro": log.gyro, "accel": log.accel}

@@ -1,4 +1,4 @@
-"""`jaxcal rate-table` and `jaxcal vibration`: raw logs of a gyroscope on a rate table, and of both sensors on a shaker."""
+"""`jaxcal rate-table`: calibrate a gyroscope from its raw log on a rate table."""
 
 import math
 from dataclasses import dataclass
@@ -17,18 +17,11 @@ from ._work import carry_out
 
 @Parameter(name="*", group=WRITING)
 @dataclass(frozen=True, kw_only=True)
-class ResultWriting:
+class RateWriting:
     """Where results go. By default all go into a folder named after the log."""
 
     out: Annotated[Path | None, Parameter(help="Folder for the files, made if it is missing.")] = None
     json: Annotated[Path | None, Parameter(help="All figures as JSON, in SI units.")] = None
-
-
-@Parameter(name="*", group=WRITING)
-@dataclass(frozen=True, kw_only=True)
-class RateWriting(ResultWriting):
-    """Where results go, including the calibration of the gyroscope."""
-
     calibration: Annotated[Path | None, Parameter(help="Calibration file, for jaxcal apply and jaxcal export.")] = None
 
 
@@ -60,9 +53,8 @@ def rate_table(
         raise CallError(f"--rates {rates}: expected numbers in deg/s, such as 10,50,100") from None
 
     def compute(data: Any, _: Any) -> Any:
-        labelled = None if regions is None else jaxcal.imu.read_regions(regions, data.rate)
         angle = None if latitude is None else math.radians(latitude)
-        return jaxcal.imu.rate_test(data, known, regions=labelled, latitude=angle, servo=servo * 1e-6)
+        return jaxcal.imu.rate_test(data, known, regions=regions, latitude=angle, servo=servo * 1e-6)
 
     files: list[File] = [
         ("json", "rate_table.json", save_json), ("calibration", "calibration.json", partial(_save_gyro, device=name)),
@@ -76,25 +68,3 @@ def _save_gyro(place: Path, found: Any, data: Any, device: str | None) -> None:
     """Write the calibration, unless an axis was not turned both ways, as a finding says."""
     if found.gyro is not None:
         save_calibration(place, found, data, part="imu", device=device)
-
-
-def vibration(
-    log: Log,
-    /,
-    *,
-    window: Annotated[float, Parameter(help="Length of the windows whose means are compared, in s.")] = 2.0,
-    reading: Reading = Reading(),
-    writing: ResultWriting = ResultWriting(),
-    running: Running = Running(),
-) -> None:
-    """Estimate vibration rectification, the bias caused by vibration, on a shaker.
-
-    Record the sensor in one attitude: with the shaker at rest, at one or more
-    levels, and at rest again.
-    """
-    plan = outputs(writing, [("json", "vibration.json", save_json)], f"{stem(log)}-vibration")
-    done = carry_out(
-        log, reading, running, plan, lambda data, _: jaxcal.imu.vibration_rectification(data, window=window),
-        command="jaxcal vibration", options={"window": window},
-    )  # fmt: skip
-    done.end(running)

@@ -13,12 +13,10 @@ if TYPE_CHECKING:
     from ._nonlinear import Nonlinear as Nonlinear
     from ._observability import observability as observability
     from ._rate_test import RateTest as RateTest, rate_test as rate_test
-    from ._rectification import Rectification as Rectification, vibration_rectification as vibration_rectification
-    from ._residuals import Poses as Poses, Turns as Turns, Weighted as Weighted, residuals as residuals, weighted as weighted
+    from ._residuals import Poses as Poses, Turns as Turns, residuals as residuals, weighted as weighted
     from ._result import ImuFit as ImuFit
-    from ._scale import ScaleFigures as ScaleFigures, scale_figures as scale_figures
-    from ._session import faces as faces, ferraris as ferraris, joined as joined, read_regions as read_regions
-    from ._simulate import MEMS as MEMS, MEMS_NOISE as MEMS_NOISE, simulate as simulate
+    from ._session import ferraris as ferraris
+    from ._simulate import MEMS as MEMS, simulate as simulate
 
 install(
     __name__,
@@ -31,11 +29,9 @@ install(
         "_nonlinear": "Nonlinear",
         "_observability": "observability",
         "_rate_test": "RateTest rate_test",
-        "_rectification": "Rectification vibration_rectification",
-        "_residuals": "Poses Turns Weighted residuals weighted",
+        "_residuals": "Poses Turns residuals weighted",
         "_result": "ImuFit",
-        "_scale": "ScaleFigures scale_figures",
-        "_session": "faces ferraris joined read_regions",
-        "_simulate": "MEMS MEMS_NOISE simulate",
+        "_session": "ferraris",
+        "_simulate": "MEMS simulate",
     },
 )

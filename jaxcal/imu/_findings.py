@@ -17,7 +17,7 @@ FINDINGS = table(
         terminal="Give its unit with {option.units:accel=UNIT}, or --counts."
     ),
     few_rests=Kind(
-        FATAL, "There are {count} still intervals; the {model} model needs {needed}, and 18 to 24 are advised.",
+        FATAL, "There are {count} still intervals; the model needs {needed}, and 18 to 24 are advised.",
         "Hold the sensor still for 3 s on each face and edge, and on some corners."
     ),
     saturated=Kind(NOTE, "An axis is at the end of its range in {lost} of {count} still intervals, which were left out."),
@@ -64,10 +64,6 @@ FINDINGS = table(
     accel_drift=Kind(NOTE, "The accelerometer's bias drifts by {size:.2g} over the recording; the bias is that of the middle."),
     accel_warm_up=Kind(NOTE, "The accelerometer's bias warms up by {size:.2g} during the recording; the bias is the settled one."),
     no_g_sensitivity=Kind(NOTE, "The gyroscope shows no sensitivity to specific force (p = {level:.2g}), and the fit leaves it out."),
-    earth_rate=Kind(
-        NOTE, "The turns agree so well that the Earth's rate matters.", "Give {option.latitude}.",
-        terminal="Give --earth-rate {option.latitude}."
-    ),
     delay=Kind(NOTE, "The gyroscope is {delay:.2g} {side} than the accelerometer, to {half:.2g}; a filter of both must know it."),
     # sessions, positions, tables and shakers
     box=Kind(CAUTION, "The faces disagree by {tilt:.2g}: the box was not square or did not lie flat."),
@@ -83,6 +79,5 @@ FINDINGS = table(
     one_way=Kind(CAUTION, "The axes {axes} were not turned in both directions, so there is no matrix."),
     no_repeats=Kind(CAUTION, "No rate was set twice, so the intervals know only the noise inside a stretch.", "Set some rates again."),
     faces=Kind(NOTE, "The faces up do not separate a g-sensitivity from the bias.", "Turn with each of the six faces up to measure it."),
-    no_shift=Kind(CAUTION, "The vibration shifts no axis by more than its interval.", "Shake harder or longer."),
     delay_unsure=Kind(CAUTION, "The delay is known to {half:.2g} only, more than a sample.", "Turn faster, and more often."),
 )  # fmt: skip

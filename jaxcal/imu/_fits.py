@@ -27,8 +27,9 @@ ROUNDS = 3  # of fits: the sizes of the errors then change by less than their ow
 _CLIP = 2.5  # standard deviations: beyond them a residual counts as this large
 #: mean square of a normal residual clipped there
 _KEPT = float(1.0 - chi_square_tail(_CLIP**2, 3) + _CLIP**2 * chi_square_tail(_CLIP**2, 1))
-_SCALES = 80  # tried scales over two decades: neighbours differ by 6 %, from which the fit converges
-_STEPS = 64  # of constant rate in a turn, enough to tell units and axes apart
+#: tried scales over two decades: neighbours differ by 6 %, from which the fit converges; steps of constant rate in a turn, enough to tell
+#: units and axes apart
+_SCALES, _STEPS = 80, 64
 
 
 class Options(eqx.Module):

@@ -18,8 +18,6 @@ from ._findings import FINDINGS
 from ._model import EARTH_RATE, LEVEL, Triad
 from ._result import LABELS, assumed_gravity, parts_of, quantities, scale_error
 
-#: upward axis of each of the six positions
-SIX = np.kron(np.eye(3), np.array([[1.0], [-1.0]]))
 _FORCE = ("rate about x", "rate about y", "rate about z", "bias", "g-sensitivity along x", "g-sensitivity along y", "g-sensitivity along z")
 _UP = ("specific force along x", "specific force along y", "specific force along z", "bias")
 _RANK = 1e-8  # singular values of columns of unit length below it are zero: inputs repeat to this share
@@ -202,7 +200,7 @@ def six_position(
         said = Message("there are {count} readings, not six: x up, x down, y up, y down, z up, z down. Give {option.up}",
                        count=len(y))  # fmt: skip
         raise DataError(said, code="six")
-    up = _readings_of(SIX if up is None else up, "up")
+    up = _readings_of(np.kron(np.eye(3), [[1.0], [-1.0]]) if up is None else up, "up")
     if up.shape != y.shape:
         raise DataError(f"up has shape {up.shape}, the readings {y.shape}; give one direction for each reading", code="shapes")
     length = np.linalg.norm(up, axis=1, keepdims=True)

@@ -17,14 +17,13 @@ from ._model import LEVEL
 from ._recording import Rests
 from ._residuals import pieces
 
-_LEAST = 3  # least degrees of freedom to judge a term
-_ENOUGH = 8  # least degrees of freedom of the magnitudes to judge a term of the accelerometer without the turns
+#: least degrees of freedom to judge a term; of the magnitudes, to judge a term of the accelerometer without the turns
+_LEAST, _ENOUGH = 3, 8
 _TWICE = 2.0  # smaller excess scatter of the magnitudes is ignored: flicker noise alone can cause it
-_ALIKE = 1.5  # terms whose sums of squares differ by less cannot be told apart
 _APART = 0.05  # least share of a term's effect, in length, that the parameters must be unable to reproduce
 #: term -> how a sentence names it
 _WORDS = {"quadratic": "a quadratic term", "cubic": "a cubic term", "asymmetry": "an asymmetry of sign", "drift": "a linear drift",
-          "warm_up": "a drift of a warm-up", "g_squared": ""}  # fmt: skip
+          "warm_up": "a drift of a warm-up"}  # fmt: skip
 _NUDGE = 1e-3  # step of the finite difference, relative to the full term
 
 
@@ -51,26 +50,23 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
     rows, slope = root * np.asarray(fit.residuals), root[:, None] * np.asarray(fit.jacobian)
     found = []
 
-    def judged(
-        part: slice, own: np.ndarray, terms: dict[str, np.ndarray], sensor: str, said: Callable[[str, np.ndarray, str], Finding]
-    ) -> None:
+    def judged(part: slice, own: np.ndarray, terms: dict[str, np.ndarray], sensor: str, said: Callable[[str, np.ndarray], Finding]) -> None:
         """Test the terms (n, q) on one kind of residual, together with the parameters `own` that these residuals determine."""
         here = np.any(slope[part] != 0, axis=1)
         best = _best(rows[part][here], slope[part][here][:, own], {name: (root[part, None] * x)[here] for name, x in terms.items()})
         if best is not None:
-            name, also, change, coefficient = best
+            name, change, coefficient = best
             shift = np.zeros(len(names))
             shift[own] = change
             drift = joint.data.turns is None and name in ("drift", "warm_up")
-            words = " or ".join(_WORDS[one] for one in (name, *also))
-            found.append(Lack(shift, said(name, np.abs(coefficient), words), None if drift else f"{sensor}.{name}"))
+            found.append(Lack(shift, said(name, np.abs(coefficient)), None if drift else f"{sensor}.{name}"))
 
     # the magnitude is gravity, not the measured one, because the error of the measured one is the residual itself
     force, at_1g = joint.found.vertical * float(joint.data.gravity), Quantity(STANDARD_GRAVITY, "accel")
 
-    def of_norms(name: str, coefficient: np.ndarray, words: str) -> Finding:
+    def of_norms(name: str, coefficient: np.ndarray) -> Finding:
         code, size = "lack_drift" if name in ("drift", "warm_up") else "lack_accel", Quantity(float(coefficient.max()), "accel")
-        return FINDINGS(code, "accel", cost=size.value, what=what, term=words, size=size, at=at_1g)
+        return FINDINGS(code, "accel", cost=size.value, what=what, term=_WORDS[name], size=size, at=at_1g)
 
     norms, own = slice(0, slots), np.char.startswith(names, "accel")
     left = int(np.sum(np.any(slope[norms] != 0, axis=1)) - np.linalg.matrix_rank(slope[norms][:, own])) - 3
@@ -87,9 +83,9 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
     scale = np.abs(np.diag(np.asarray(fit.model.gyro.matrix)))
     fast = float(np.quantile(np.abs(joint.data.turns.gyro - np.asarray(fit.model.gyro.bias)) / scale, 0.999))
 
-    def of_turns(name: str, coefficient: np.ndarray, words: str) -> Finding:
+    def of_turns(name: str, coefficient: np.ndarray) -> Finding:
         size = fast * float(coefficient.max())
-        return FINDINGS("lack_gyro", "gyro", cost=size, term=words, size=Quantity(size, "gyro"), at=Quantity(fast, "gyro"))
+        return FINDINGS("lack_gyro", "gyro", cost=size, term=_WORDS[name], size=Quantity(size, "gyro"), at=Quantity(fast, "gyro"))
 
     judged(slice(slots, 3 * slots - 2), np.char.startswith(names, "gyro.matrix"), _turn_terms(joint, fast), "gyro", of_turns)
     # the axes of the rates at rest are independent, so each is tested separately
@@ -97,7 +93,7 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
     for axis in range(3):
         squared = force[:, axis] ** 2 / STANDARD_GRAVITY**2 / np.asarray(joint.data.poses.gyro_sigma)[:, axis]
 
-        def of_rests(name: str, coefficient: np.ndarray, words: str, axis: int = axis) -> Finding:
+        def of_rests(_: str, coefficient: np.ndarray, axis: int = axis) -> Finding:
             size = float(np.max(coefficient / scale))
             return FINDINGS("lack_g_squared", f"gyro_{'xyz'[axis]}", cost=size, size=Quantity(size, "gyro"), at=at_1g)
 
@@ -164,8 +160,8 @@ def _turn_terms(joint: Joint, fast: float) -> dict[str, np.ndarray]:
     return terms
 
 
-def _best(r: np.ndarray, own: np.ndarray, terms: dict[str, np.ndarray]) -> tuple[str, list[str], np.ndarray, np.ndarray] | None:
-    """The significant term with the smallest remaining residuals; equally good terms, the parameter change, the coefficients."""
+def _best(r: np.ndarray, own: np.ndarray, terms: dict[str, np.ndarray]) -> tuple[str, np.ndarray, np.ndarray] | None:
+    """The significant term with the smallest remaining residuals; the change of the parameters, and the coefficients."""
     count = next(iter(terms.values())).shape[1]
     freedom = len(r) - np.linalg.matrix_rank(own) - count
     if freedom < _LEAST:
@@ -183,8 +179,7 @@ def _best(r: np.ndarray, own: np.ndarray, terms: dict[str, np.ndarray]) -> tuple
     # the term must also improve the leave-one-out prediction
     if level >= LEVEL or _predicted(left, np.concatenate([own, terms[name]], axis=1)) >= _predicted(plain, own):
         return None
-    also = [key for key, (other, _) in tried.items() if key != name and np.sum(other**2) < _ALIKE * np.sum(left**2)]
-    return name, also, solution[:-count], solution[-count:]
+    return name, solution[:-count], solution[-count:]
 
 
 def _left(r: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -15,10 +15,9 @@ from .._units import EARTH_RATE as EARTH_RATE
 from ..fitting import names_of
 
 CONVENTIONS = ("upper", "lower", "full")
-#: level of the tests whose outcome widens intervals or lowers the verdict: one false alarm in a thousand
-LEVEL = 1e-3
-#: level of the tests that decide on a term which is then fitted, and whose false alarm costs little
-FITTED_LEVEL = 0.01
+#: level of the tests whose outcome widens intervals or lowers the verdict: one false alarm in a thousand; level of the tests that decide
+#: on a term which is then fitted, and whose false alarm costs little
+LEVEL, FITTED_LEVEL = 1e-3, 0.01
 #: condition number above which a matrix is no calibration: scale factors of any sensor are within a factor of ten
 _CONDITION = 100.0
 

@@ -1,8 +1,7 @@
 """`multi_position`: calibrate both triads from still poses and the turns between them, without a turntable."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,6 @@ from ._result import ImuFit, assumed_gravity
 
 _HUBER = Huber()
 _FEWEST = 4  # poses that a fit needs even with a prior
-_MOST_TERMS = 3  # one each for poses, turns and rates at rest
 _TYPICAL = 0.01  # m/s^2: assumed error of a magnitude, to weight a prior before the residuals show their size
 
 
@@ -108,42 +106,38 @@ def multi_position(
     ----------
     D. Tedaldi, A. Pretto and E. Menegatti, ICRA 2014 (the protocol and the two costs); the thesis, equations (5.1) to (5.5).
     """
-    if isinstance(terms, str) and terms == "auto":
-        told = {
-            "gravity": gravity, "convention": convention, "model": model, "g_sensitivity": g_sensitivity, "loss": loss,
-            "latitude": latitude, "noise": noise, "raw": raw, "held_out": held_out, "prior": prior,
-        }  # fmt: skip
-        return _with_asked(multi_position(log, **told, rests=rests), partial(multi_position, log, **told))
     gravity, assumed = assumed_gravity(gravity)
+    auto = isinstance(terms, str) and terms == "auto"
+    asked = () if auto else (terms,) if isinstance(terms, str) else tuple(terms)
     options = _checked(log, gravity, convention, model, g_sensitivity, loss, latitude, noise, raw, terms, prior)
     record = _recording.recording(log)
     base = ImuFit(record.rate, options.gravity, record.temperature, convention, "joint", assumed)
     if not raw and (wrong := _recording.wrong_units(record.accel, options.gravity)):
         return _with_finding(base, wrong)
     start = started(None if isinstance(model, str) else model, record.gyro is not None, latitude is not None)
-    start = with_terms(start, (terms,) if isinstance(terms, str) else terms)
-    needed = max(count_of(freed(Imu(start.accel), convention, options.misalignment)) - known_of(options.prior), _FEWEST)
     if rests is None:
         tried = Variances(record.accel, record.gyro, record.rate).tried()
     else:
         tried = {(np.inf, np.inf): _recording.given_rests(rests, len(record.time))}
+    found = _fitted(record, base, with_terms(start, asked), tried, options, raw, held_out)
+    while auto and found.still is not None and (new := [term for term in found.asked if term not in asked]):
+        asked = (*asked, *new)
+        tried = {(np.inf, np.inf): (found.still.start, found.still.stop)}
+        found = _fitted(record, base, with_terms(start, asked), tried, options, raw, held_out)
+    return _with_finding(found, FINDINGS("terms_added", terms=", ".join(asked))) if auto and asked else found
+
+
+def _fitted(
+    record: Recording, base: ImuFit, start: Imu, tried: dict[Multiples, Ends], options: Options, raw: bool, held_out: bool
+) -> ImuFit:
+    """Fit the best of several sets of rests."""
+    needed = max(count_of(freed(Imu(start.accel), options.convention, options.misalignment)) - known_of(options.prior), _FEWEST)
     usable = {pair: ends for pair, ends in tried.items() if len(ends[0]) >= needed}
     if not usable:
-        most, name = max(len(ends[0]) for ends in tried.values()), model if isinstance(model, str) else type(start.accel).__name__
-        return _with_finding(base, FINDINGS("few_rests", count=most, model=name, needed=needed))
+        return _with_finding(base, FINDINGS("few_rests", count=max(len(ends[0]) for ends in tried.values()), needed=needed))
     count, error, fits = _norm_fits(record, usable, start.accel, options, raw)
-    job = Job(record, start, needed, options, raw)
-    pair, begun, joint = job.best(count, error, usable, fits)
+    pair, begun, joint = (job := Job(record, start, needed, options, raw)).best(count, error, usable, fits)
     return job.result(dataclasses.replace(base, still=StillIntervals(*usable[pair], *pair)), begun, joint, held_out)
-
-
-def _with_asked(found: ImuFit, again: Callable[..., ImuFit]) -> ImuFit:
-    """Refit with the further terms that the log supports, until it supports no more (at most `_MOST_TERMS`)."""
-    terms: tuple[str, ...] = ()
-    while found.asked and found.still is not None and len(terms) < _MOST_TERMS:
-        terms = (*terms, *found.asked)
-        found = again(rests=found.still.ends, terms=terms)
-    return dataclasses.replace(found, findings=(*found.findings, FINDINGS("terms_added", terms=", ".join(terms)))) if terms else found
 
 
 def _with_finding(base: ImuFit, new: Finding) -> ImuFit:

@@ -9,9 +9,8 @@ from .._answer import CAUTION, FATAL, Finding, Quantity
 from .._types import AnyArray
 from ._findings import FINDINGS
 
-#: the 26 faces, edges and corners of a case
-PLACES = np.array([p for p in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(p)])
-_UP = PLACES / np.linalg.norm(PLACES, axis=1, keepdims=True)
+#: directions of the 26 faces, edges and corners of a case
+PLACES = np.array([p / np.linalg.norm(p) for p in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(p)])
 _WORDS = (
     "scale along x", "scale along y", "scale along z", "misalignment of x and y", "misalignment of x and z", "misalignment of y and z",
     "bias along x", "bias along y", "bias along z",
@@ -90,7 +89,7 @@ def _condition(information: np.ndarray) -> tuple[float, np.ndarray]:
 
 def _name(direction: np.ndarray) -> str:
     """Name a direction by the nearest face, edge or corner of the case."""
-    place = PLACES[np.argmax(_UP @ direction)]
+    place = PLACES[np.argmax(PLACES @ direction)]
     axes = [f"{'+' if sign > 0 else '-'}{axis}" for sign, axis in zip(place, "xyz", strict=True) if sign]
     return " and ".join([", ".join(axes[:-1]), axes[-1]] if len(axes) > 1 else axes) + " up"
 
@@ -132,16 +131,16 @@ def observability(up: np.ndarray, diagonal: bool = False) -> Observability:
     weakest = tuple(_WORDS[chosen[i]] for i in range(len(chosen)) if share[i] > 0.5 * share.max())
     picked: list[np.ndarray] = []
     if condition > _ENOUGH:
-        extra = _rows_of(_UP)[:, chosen] / len(up)
-        free = np.all(_UP @ up.T < NEAR, axis=1)
+        extra = _rows_of(PLACES)[:, chosen] / len(up)
+        free = np.all(PLACES @ up.T < NEAR, axis=1)
         grown = information + 1e-6 * np.eye(len(chosen))
         while free.any() and len(picked) < 9 and _condition(grown)[0] > _ENOUGH / 2:
             # choose the pose that increases the information most; it counts as if it were held three times
             gain = np.array([np.linalg.slogdet(grown + 3 * len(up) * np.outer(row, row))[1] for row in extra])
             best = int(np.argmax(np.where(free, gain, -np.inf)))
-            picked.append(_UP[best])
+            picked.append(PLACES[best])
             grown = grown + 3 * len(up) * np.outer(extra[best], extra[best])
-            free &= _UP @ _UP[best] < NEAR
+            free &= PLACES @ PLACES[best] < NEAR
     middle = up.mean(axis=0)
     spread = float(np.arccos(np.clip(np.min(up @ middle) / max(np.linalg.norm(middle), 1e-12), -1, 1)))
     return Observability(len(up), condition, weakest, np.array(picked).reshape(-1, 3), spread)

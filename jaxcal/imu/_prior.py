@@ -15,8 +15,6 @@ from ._model import Imu, Triad, entries, values
 
 _SHEET = {"accel": ("scale", "misalignment", "bias"), "gyro": ("scale", "misalignment", "bias", "g_sensitivity")}
 _FIELDS = ("matrix", "bias", "g_sensitivity")
-_PARTS = {"accel": _FIELDS[:2], "gyro": _FIELDS}  # fields that are parameters
-_SIZE = sum({"matrix": 9, "bias": 3, "g_sensitivity": 9}[name] for name in _FIELDS)
 _FLAT = 1e-12  # eigenvalues below this share of the largest are rounding errors
 
 
@@ -90,7 +88,8 @@ def prior_of(source: Any) -> Prior | None:
 
 def _covariance(held: Any, part: Any, sensor: str) -> np.ndarray | None:
     """Covariance of a sensor's parameters from a fit or from a part of a calibration; None if it has none."""
-    names = [f"{name}[{','.join(map(str, i))}]" for name in _PARTS[sensor] for i in np.ndindex((3,) if name == "bias" else (3, 3))]
+    fields = [name for name in _FIELDS if sensor == "gyro" or name != "g_sensitivity"]
+    names = [f"{name}[{','.join(map(str, i))}]" for name in fields for i in np.ndindex((3,) if name == "bias" else (3, 3))]
     if hasattr(held, "estimate"):
         matrix = held.estimate.covariance[[f"{sensor}.{name}" for name in names]].array
         return matrix if np.isfinite(matrix).all() else None
@@ -106,9 +105,15 @@ def _known(triad: Triad, known: Estimate) -> Any:
     scaled = np.asarray(known.matrix)[np.ix_(taken, taken)] / np.outer(error[taken], error[taken])
     values, vectors = np.linalg.eigh(scaled)
     kept = values > _FLAT * values[-1]
-    root = np.zeros((_SIZE, _SIZE))
+    mean = _flat(triad)
+    root = np.zeros((len(mean), len(mean)))
     root[np.ix_(np.arange(kept.sum()), taken)] = (vectors[:, kept] / np.sqrt(values[kept])).T / error[taken]
-    return np.concatenate([np.ravel(getattr(triad, name)) for name in _FIELDS]), root
+    return mean, root
+
+
+def _flat(triad: Triad) -> np.ndarray:
+    """The parameters of a triad as one vector."""
+    return np.concatenate([np.ravel(getattr(triad, name)) for name in _FIELDS])
 
 
 def _of_sheet(sheet: Mapping[str, Any]) -> Prior:
@@ -122,8 +127,7 @@ def _of_sheet(sheet: Mapping[str, Any]) -> Prior:
         aside = np.ones((3, 3), dtype=bool) if sensor == "gyro" else np.triu(np.ones((3, 3), dtype=bool))
         scale = np.where(np.eye(3, dtype=bool), 1 / sizes.get("scale", np.inf), aside / sizes.get("misalignment", np.inf))
         bias, cross = (np.full(count, 1 / sizes.get(name, np.inf)) for count, name in ((3, "bias"), (9, "g_sensitivity")))
-        mean = np.concatenate([np.eye(3).ravel(), np.zeros(12)])
-        found[sensor] = (mean, np.diag(np.concatenate([scale.ravel(), bias, cross])))
+        found[sensor] = (_flat(Triad(np.eye(3), np.zeros(3))), np.diag(np.concatenate([scale.ravel(), bias, cross])))
     return Prior(**found)
 
 
@@ -136,10 +140,11 @@ def complete(prior: Prior | None, held: np.ndarray | None = None) -> Prior:
     """A prior with rows for all parameters of both sensors, zero without knowledge; `held` holds the g-sensitivity near zero."""
     parts = []
     for known in (prior.accel, prior.gyro) if prior is not None else (None, None):
-        mean, root = (np.zeros(_SIZE), np.zeros((_SIZE, _SIZE))) if known is None else known
-        parts.append((mean, np.concatenate([root, np.zeros((9, _SIZE))])))
+        zero = np.zeros_like(_flat(Triad(np.eye(3), np.zeros(3))))
+        mean, root = (zero, np.outer(zero, zero)) if known is None else known
+        parts.append((mean, np.concatenate([root, 0 * root[-9:]])))
     if held is not None:
-        parts[1][1][_SIZE:, 12:] = np.diag(1 / held)
+        parts[1][1][-9:, -9:] = np.diag(1 / held)
     return Prior(*parts)
 
 

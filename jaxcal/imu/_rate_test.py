@@ -17,11 +17,9 @@ from ._model import Triad
 from ._recording import means
 from ._result import LABELS
 from ._scale import ScaleFigures, figure_numbers, scale_figures
-from ._session import Region, listed
+from ._session import Region, regions_of
 
 _AXES = "xyz"
-#: multiples of the variance at rest that are tried; the motor of a table shakes more at higher rates
-_MULTIPLES = (4, 10, 30, 100, 300, 1000)
 _TOLERANCE = 0.2  # relative error that an uncalibrated rate may have
 _PIECES = 8  # parts of a stretch, whose scatter gives the noise of its mean with 7 degrees of freedom
 _COLLINEAR = 1e-2  # least singular value of rates, bias and forces, of unit length: below, errors grow a hundredfold
@@ -100,7 +98,7 @@ def rate_test(
     rates : rates to which the table was set, rad/s, without sign. Axis and sign are taken from the gyroscope itself, so its scale must be
         correct to 20 %.
     regions : instead of `rates`, (label, start, stop) of every stretch, in samples. A label is an axis and a rate in deg/s, such as
-        "z +100", or "rest". `read_regions` reads them from a file.
+        "z +100", or "rest". Or the path of a file, as `ferraris` takes it.
     latitude : rad, to subtract the Earth's rate; this needs the accelerometer.
     servo : relative standard deviation of the table's rate.
     raw : True if the gyroscope is in counts; the largest rate then gives the scale.
@@ -137,9 +135,9 @@ def rate_test(
     if (rates is None) == (regions is None):
         raise DataError(Message("give either {option.rates}, to which the table was set, or {option.regions}"), code="rates_or_regions")
     if regions is not None:
-        start, stop, set_to = _labelled(listed(regions), len(gyro))
+        start, stop, set_to = _labelled(regions_of(regions, log.rate), len(gyro))
     else:
-        still = still_intervals(gyro, log.rate, multiples=_MULTIPLES)
+        still = still_intervals(gyro, log.rate)
         start, stop = _apart(gyro, still.start, still.stop)
         set_to = _assigned(means(gyro, start, stop), rates, raw)
     readings = means(gyro, start, stop)

@@ -17,7 +17,6 @@ from ._findings import FINDINGS
 from ._model import LEVEL
 from ._residuals import Poses, Turns, Weighted
 
-_SHORTEST = 10  # samples of a rest that is given
 _RUN = 3  # consecutive samples at the end of the range that count as saturation
 #: s; longest gap that is interpolated: the rate of a turn by hand hardly changes in this time
 _BRIDGE = 0.1
@@ -26,7 +25,6 @@ _BRIDGE = 0.1
 _STEPS = 252
 #: s; length of the parts of a rest whose means count as independent; means of shorter parts would be correlated by hand tremor
 _PIECE = 0.25
-_MOST_PIECES = 64  # more degrees of freedom add nothing
 #: s; in longer rests, the integrated noise of the gyroscope exceeds the motion of the hand
 _LONGEST = 10.0
 
@@ -191,7 +189,7 @@ def rests_of(recording: Recording, start: np.ndarray, stop: np.ndarray) -> Rests
     middle = (recording.time[start] + recording.time[stop - 1]) / 2 - recording.time[-1] / 2
     there = np.asarray(np.isfinite(recording.accel).all(axis=1))
     duration = np.array([there[i:j].sum() for i, j in zip(start, stop, strict=True)]) / recording.rate
-    count = np.clip(np.floor(duration / _PIECE), 4, _MOST_PIECES).astype(int)
+    count = np.maximum(np.floor(duration / _PIECE), 4).astype(int)
     both = recording.accel if recording.gyro is None else np.concatenate([recording.accel, recording.gyro], axis=1)
     scatter = np.zeros((len(start), 6, 6))
     for k, (i, j, pieces) in enumerate(zip(start, stop, count, strict=True)):
@@ -254,12 +252,11 @@ def given_rests(rests: Any, samples: int) -> Ends:
             f"rests has shape {ends.shape}; expected (k, 2): the first sample of each rest, and the one after its last", code="rests"
         )
     ends = ends[np.argsort(ends[:, 0])].astype(int)
-    bad = (ends[:, 1] - ends[:, 0] < _SHORTEST) | (ends[:, 0] < 0) | (ends[:, 1] > samples)
+    bad = (ends[:, 1] - ends[:, 0] < 10) | (ends[:, 0] < 0) | (ends[:, 1] > samples)
     bad[1:] |= ends[1:, 0] < ends[:-1, 1] + 2
     if bad.any():
         first, last = ends[np.argmax(bad)]
         raise DataError(
-            f"the rest from sample {first} to {last} is outside of the log, shorter than {_SHORTEST} samples, or meets another",
-            code="rests",
+            f"the rest from sample {first} to {last} is outside of the log, shorter than 10 samples, or meets another", code="rests"
         )
     return ends[:, 0], ends[:, 1]

@@ -25,8 +25,6 @@ GRAVITY_RANGE = 0.003
 _FEW_POSES, _FEW_TURNS = 12, 10
 #: rad; a vertical farther off after a turn has another cause than scale factors of some per cent
 _TURN = np.deg2rad(5.0)
-#: rad; the Earth turns by this angle in the 7 s from pose to pose
-_ROTATION = np.deg2rad(0.03)
 _SENSORS = {"accel": "accelerometer", "gyro": "gyroscope"}
 LABELS = {"g_sensitivity": "g-sensitivity", "g_squared": "g squared"}
 
@@ -198,8 +196,6 @@ def judged(
             found.append(FINDINGS(f"disagree_{kind}", cost=len(which) / count, count=len(which), total=count))
     if result.sigma[0] > 0.02 * options.gravity:
         found.append(FINDINGS("scatter", "accel", sigma=Quantity(float(result.sigma[0]), "accel")))
-    if gyro and options.latitude is None and 0 < rms < _ROTATION:
-        found.append(FINDINGS("earth_rate"))
     return dataclasses.replace(result, findings=(*result.findings, *found, *missing, *notes))
 
 

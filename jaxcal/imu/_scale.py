@@ -32,7 +32,7 @@ class ScaleFigures(Result):
     Examples
     --------
     >>> import numpy as np
-    >>> from jaxcal.imu import scale_figures
+    >>> from jaxcal.imu._scale import scale_figures
     >>> rate = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
     >>> found = scale_figures(rate, 1.01 * rate + 1e-4 * rate**3, sigma=1e-6)
     >>> round(float(found.scale), 3), round(float(found.nonlinearity))
@@ -104,7 +104,7 @@ def scale_figures(inputs: Any, readings: Any, sigma: Any = None) -> ScaleFigures
     Examples
     --------
     >>> import numpy as np
-    >>> from jaxcal.imu import scale_figures
+    >>> from jaxcal.imu._scale import scale_figures
     >>> rate = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
     >>> found = scale_figures(rate, 1.01 * rate + 1e-4 * rate**3, sigma=1e-6)
     >>> print(round(found.nonlinearity), round(found.asymmetry))

@@ -1,4 +1,4 @@
-"""`ferraris`: calibrate triads from labelled faces and turns; `faces` detects the faces; `read_regions` reads labels from a file."""
+"""`ferraris`: calibrate triads from the faces of a box and turns about its axes; labels of regions from files."""
 
 import csv
 import dataclasses
@@ -25,8 +25,7 @@ from ._observability import NEAR
 from ._recording import Recording, means, recording, rests_of
 from ._result import POOR, UNKNOWN, ImuFit, assumed_gravity, matrix_error, quantities
 
-_LABEL = re.compile(r"([xyz])[ _-]?(p|up|a|down|rot|turn)", re.IGNORECASE)
-_KINDS = {"p": 1, "up": 1, "a": -1, "down": -1, "rot": 0, "turn": 0}
+_LABEL = re.compile(r"([xyz])[ _-]?(?:(p|up)|(a|down)|rot|turn)", re.IGNORECASE)
 _REST = re.compile(r"(rest|still|pose|static)[ _-]?\d*", re.IGNORECASE)
 _SENSORS = ("accel", "gyro")
 _SAME_RATE = 0.01  # relative difference of rates of one device: clocks agree to 1e-4, rates from few samples less
@@ -39,112 +38,17 @@ _NAMES = {"label": ("label", "name", "region"), "start": ("start", "begin", "fro
 Region = tuple[str, int, int]
 
 
-def read_regions(path: Any, rate: float) -> list[Region]:
-    r"""Read the labelled regions of a recording from a file.
-
-    Parameters
-    ----------
-    path : JSON as imucal writes it, {"x_p": {"start": 540, "end": 1271}, ...}, in samples; or CSV with the columns label, start and stop,
-        in samples, or in s if the header is `start [s]`. The end is not part of a region. A CSV with a label column but without start and
-        stop has one row for each sample, as the log itself has: consecutive rows with the same label form a region; an empty label marks
-        no region.
-    rate : sample rate, Hz.
-
-    Returns
-    -------
-    List of (label, start, stop) in samples.
-
-    Raises
-    ------
-    DataError
-        If the file does not exist or has neither of these forms.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from jaxcal.imu import read_regions
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = pathlib.Path(folder, "regions.csv")
-    ...     _ = path.write_text("label,start [s],stop [s]\nx_p,1.0,4.5\n")
-    ...     read_regions(path, 100.0)
-    [('x_p', 100, 450)]
-    """
-    path = Path(path)
-    if not path.exists():
-        raise DataError(f"{path} does not exist; give a file of labelled regions", code="no_file")
-    text = path.read_text(encoding="utf-8-sig")
-    if text.lstrip().startswith(("{", "[")):
+def regions_of(regions: Any, rate: float) -> list[Region]:
+    """Labelled regions in samples, from a list, a mapping or a file; see `ferraris`."""
+    where = "regions"
+    if isinstance(regions, str | Path):
+        where = str(regions)
         try:
-            content = json.loads(text)
-        except json.JSONDecodeError as error:
-            raise DataError(f"{path} is no JSON: {error}", code="not_json") from error
-        return listed(content, str(path))
-    rows = list(csv.DictReader(text.splitlines()))
-    columns = {re.sub(r"\W.*", "", str(name).strip().lower()): str(name) for name in (rows[0] if rows else {})}
-    found = {key: next((columns[word] for word in words if word in columns), None) for key, words in _NAMES.items()}
-    if found["label"] is not None and found["start"] is None and found["stop"] is None:
-        return _runs([str(row[found["label"]] or "").strip() for row in rows], str(path))
-    if None in found.values():
-        raise DataError(
-            f"{path} lacks the column {next(key for key, name in found.items() if name is None)}; expected label,start,stop", code="column"
-        )
-    factor = rate if "[s]" in str(found["start"]) else 1.0
-    try:
-        return listed([(row[found["label"]], *(factor * float(row[found[end]]) for end in ("start", "stop"))) for row in rows], str(path))
-    except (TypeError, ValueError) as error:
-        raise DataError(f"{path}: {error}; expected numbers as start and stop of every region", code="region") from error
-
-
-def _runs(labels: list[str], where: str) -> list[Region]:
-    """Regions from one label for each row; rows without a label belong to no region."""
-    edges = [0, *(i for i in range(1, len(labels)) if labels[i] != labels[i - 1]), len(labels)]
-    return listed([(labels[i], i, j) for i, j in itertools.pairwise(edges) if j > i and labels[i]], where)
-
-
-def joined(logs: Mapping[str, Any]) -> tuple[Log, list[Region]]:
-    """Join a session that has one log for each region into one log with labelled regions.
-
-    Parameters
-    ----------
-    logs : label -> `jaxcal.Log`, such as {"x_p": log, "x_a": log, ..., "z_rot": log}, all with the same rate and sensors.
-
-    Returns
-    -------
-    The concatenated log, and (label, start, stop) of each part, for `ferraris`.
-
-    Raises
-    ------
-    DataError
-        If there is no log, or if rates or sensors differ.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import jaxcal
-    >>> from jaxcal.imu import joined
-    >>> up, down = (jaxcal.Log(None, accel=sign * np.ones((100, 3)), rate=50.0) for sign in (1, -1))
-    >>> log, regions = joined({"x_p": up, "x_a": down})
-    >>> len(log.time), regions
-    (200, [('x_p', 0, 100), ('x_a', 100, 200)])
-    """
-    if not logs:
-        raise DataError("there is no log; expected a mapping from labels to logs", code="no_logs")
-    parts, first = list(logs.values()), next(iter(logs.values()))
-    for label, log in logs.items():
-        if abs(log.rate / first.rate - 1) > _SAME_RATE or any((getattr(log, x) is None) != (getattr(first, x) is None) for x in _SENSORS):
-            raise DataError(
-                f"the log {label} has another rate or other sensors than {next(iter(logs))}; a session has one device at one rate",
-                code="unlike",
-            )
-    ends = np.cumsum([0, *(len(log.time) for log in parts)]).tolist()
-    sensors: dict[str, Any] = {x: np.concatenate([getattr(log, x) for log in parts]) for x in _SENSORS if getattr(first, x) is not None}
-    return Log(None, **sensors, rate=first.rate), [(label, i, j) for label, (i, j) in zip(logs, itertools.pairwise(ends), strict=True)]
-
-
-def listed(regions: Any, where: str = "regions") -> list[Region]:
-    """Convert a mapping or a list of regions to (label, start, stop)."""
+            regions = _read(Path(regions), rate)
+        except (OSError, KeyError, TypeError, ValueError) as error:
+            raise DataError(f"{where} holds no regions: {error}; expected JSON, or CSV with label,start,stop", code="region") from error
     if isinstance(regions, Mapping):
-        regions = [(label, ends) for label, ends in regions.items()]
+        regions = list(regions.items())
     found = []
     for region in regions if isinstance(regions, Iterable) else ():
         ends: Any
@@ -160,34 +64,41 @@ def listed(regions: Any, where: str = "regions") -> list[Region]:
     return found
 
 
-@host_float64
-def faces(log: Any) -> list[Region]:
-    """Find the rests in which a rectangular block lies on its six faces, and label them for `ferraris`.
+def _read(path: Path, rate: float) -> Any:
+    """Regions of a JSON or CSV file."""
+    text = path.read_text(encoding="utf-8-sig")
+    if text.lstrip().startswith(("{", "[")):
+        return json.loads(text)
+    rows = list(csv.DictReader(text.splitlines()))
+    columns = {re.sub(r"\W.*", "", str(name).strip().lower()): str(name) for name in (rows[0] if rows else {})}
+    named = {key: next((columns[word] for word in words if word in columns), "") for key, words in _NAMES.items()}
+    if not named["start"] and not named["stop"]:
+        # a label for each sample; rows without a label belong to no region
+        labels = [str(row[named["label"]] or "").strip() for row in rows]
+        edges = [0, *(i for i in range(1, len(labels)) if labels[i] != labels[i - 1]), len(labels)]
+        return [(labels[i], i, j) for i, j in itertools.pairwise(edges) if j > i and labels[i]]
+    factor = rate if "[s]" in named["start"] else 1.0
+    return [(row[named["label"]], *(factor * float(row[named[end]]) for end in ("start", "stop"))) for row in rows]
 
-    Parameters
-    ----------
-    log : `jaxcal.Log` with an accelerometer that rests on each face for 2 s or more.
 
-    Returns
-    -------
-    List of (label, start, stop) in samples. Rests more than 25 degrees away from every face are left out.
+def _joined(logs: Mapping[str, Any]) -> tuple[Log, list[Region]]:
+    """One log of logs with one region each, and the regions."""
+    parts, first = list(logs.values()), next(iter(logs.values()), None)
+    for label, log in logs.items():
+        if abs(log.rate / first.rate - 1) > _SAME_RATE or any((getattr(log, x) is None) != (getattr(first, x) is None) for x in _SENSORS):
+            raise DataError(
+                f"the log {label} has another rate or other sensors than {next(iter(logs))}; a session has one device at one rate",
+                code="unlike",
+            )
+    if first is None:
+        raise DataError("there is no log; expected a mapping from labels to logs", code="region")
+    ends = np.cumsum([0, *(len(log.time) for log in parts)]).tolist()
+    sensors: dict[str, Any] = {x: np.concatenate([getattr(log, x) for log in parts]) for x in _SENSORS if getattr(first, x) is not None}
+    return Log(None, **sensors, rate=first.rate), [(label, i, j) for label, (i, j) in zip(logs, itertools.pairwise(ends), strict=True)]
 
-    Raises
-    ------
-    DataError
-        If the log has no accelerometer, or a face is missing.
 
-    Examples
-    --------
-    >>> import jaxcal
-    >>> from jaxcal.imu import faces, ferraris, simulate
-    >>> log = simulate(poses=6, up=[[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], seed=1)
-    >>> [label for label, _, _ in faces(log)]
-    ['x_p', 'x_a', 'y_p', 'y_a', 'z_p', 'z_a']
-    >>> print(ferraris(log, faces(log), gravity=9.81).verdict)
-    good
-    """
-    record = recording(log)
+def _faces(record: Recording) -> list[Region]:
+    """The rests in which a block lies on one of its six faces, with their labels; other rests are left out."""
     still = still_intervals(record.accel, record.rate, record.gyro)
     reading = means(record.accel, still.start, still.stop)
     axis = np.argmax(np.abs(reading), axis=1)
@@ -195,7 +106,7 @@ def faces(log: Any) -> list[Region]:
     near = np.abs(size) > NEAR * np.linalg.norm(reading, axis=1)
     found = [
         (f"{'xyz'[i]}_{'p' if up > 0 else 'a'}", int(start), int(stop))
-        for i, up, start, stop in zip(axis[near], size[near], still.start[near], still.stop[near], strict=True)
+        for i, up, (start, stop) in zip(axis[near], size[near], still.ends[near], strict=True)
     ]
     if missing := sorted({f"{i}_{kind}" for i in "xyz" for kind in "pa"} - {label for label, _, _ in found}):
         raise DataError(
@@ -206,14 +117,13 @@ def faces(log: Any) -> list[Region]:
     return found
 
 
-def rests_among(regions: Any) -> list[tuple[int, int]] | None:
+def rests_among(regions: list[Region]) -> list[tuple[int, int]] | None:
     """Start and stop of the regions if every label names a rest; else None."""
-    known = listed(regions)
-    return [(start, stop) for _, start, stop in known] if all(_REST.fullmatch(label.strip()) for label, _, _ in known) else None
+    return [(start, stop) for _, start, stop in regions] if all(_REST.fullmatch(label.strip()) for label, _, _ in regions) else None
 
 
 @host_float64
-def ferraris(log: Any, regions: Any, *, gravity: float | int | None = None, angle: float = 2 * np.pi) -> ImuFit:
+def ferraris(log: Any, regions: Any = None, *, gravity: float | int | None = None, angle: float = 2 * np.pi) -> ImuFit:
     r"""Calibrate accelerometer and gyroscope from a Ferraris session: a box at rest on six faces, and one turn about each axis.
 
     Without turns this is the six-position test of the accelerometer, and the result has no gyroscope.
@@ -229,9 +139,12 @@ def ferraris(log: Any, regions: Any, *, gravity: float | int | None = None, angl
 
     Parameters
     ----------
-    log : `jaxcal.Log` with accelerometer and gyroscope.
+    log : `jaxcal.Log` with accelerometer and gyroscope; or, for a session of several logs, label -> log of that region.
     regions : list of (label, start, stop) in samples, `stop` excluded; or a mapping from label to (start, stop). The labels are x_p, y_p,
-        z_p for an axis up, x_a, y_a, z_a for an axis down, and x_rot, y_rot, z_rot for the turns. `read_regions` reads them from a file.
+        z_p for an axis up, x_a, y_a, z_a for an axis down, and x_rot, y_rot, z_rot for the turns. Or the path of a file with them: JSON as
+        imucal writes it; CSV with the columns label, start and stop, in samples, or in s if the header is `start [s]`; or CSV with one
+        row for each sample and a column label, empty outside of the regions. None finds the rests on six faces in the log, for the
+        accelerometer alone; rests more than 25 degrees away from every face are left out.
     gravity : local gravity, m/s^2. None takes standard gravity, which may be wrong by 0.3 %, as a finding says.
     angle : angle of each turn, rad.
 
@@ -265,8 +178,10 @@ def ferraris(log: Any, regions: Any, *, gravity: float | int | None = None, angl
     F. Ferraris, U. Grimaldi and M. Parvis, Sensors and Materials 7 (1995) 311.
     """
     gravity, assumed = assumed_gravity(gravity)
+    if isinstance(log, Mapping):
+        log, regions = _joined(log)
     record, size = recording(log), checked_gravity(gravity)
-    sides, turns = _sorted(listed(regions), len(record.time))
+    sides, turns = _sorted(_faces(record) if regions is None else regions_of(regions, record.rate), len(record.time))
     if turns and record.gyro is None:
         raise DataError("The log has no gyroscope, which the turns are for; leave out their regions.", code="no_gyro")
     up = np.array([sign * np.eye(3)[axis] for axis, sign, _, _ in sides])
@@ -327,7 +242,7 @@ def _sorted(regions: list[Region], samples: int) -> tuple[list[Any], list[Any]]:
             raise DataError(f"The region {label} goes from sample {start} to {stop}; the log has the samples 0 to {samples}", code="region")
         if stop - start < 10:
             raise DataError(f"The region {label} has {stop - start} samples; expected a second or more", code="region")
-        found.append(("xyz".index(match[1].lower()), _KINDS[match[2].lower()], start, stop))
+        found.append(("xyz".index(match[1].lower()), bool(match[2]) - bool(match[3]), start, stop))
     there = {region[:2] for region in found}
     kinds = ((1, "p"), (-1, "a"), (0, "rot")) if any(sign == 0 for _, sign in there) else ((1, "p"), (-1, "a"))
     missing = [f"{'xyz'[axis]}_{word}" for axis in range(3) for sign, word in kinds if (axis, sign) not in there]

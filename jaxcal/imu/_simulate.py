@@ -20,7 +20,7 @@ MEMS = Imu(
         np.array([[3e-5, -1e-5, 2e-5], [1e-5, -4e-5, 0.5e-5], [-2e-5, 1e-5, 2e-5]]),
     ),
 )  # fmt: skip
-MEMS_NOISE = {"accel": 1.5e-3, "gyro": 1e-4}
+_NOISE = {"accel": 1.5e-3, "gyro": 1e-4}
 
 
 def attitudes(poses: int = 24, seed: Any = 0) -> np.ndarray:
@@ -36,9 +36,8 @@ def attitudes(poses: int = 24, seed: Any = 0) -> np.ndarray:
     (poses, 3) unit vectors, the upward direction in body axes.
     """
     rng = np.random.default_rng(seed)
-    places = PLACES[np.argsort(np.abs(PLACES).sum(axis=1), kind="stable")]
-    chosen = places[np.arange(poses) % len(places)]
-    chosen = chosen / np.linalg.norm(chosen, axis=1, keepdims=True) + 0.12 * rng.normal(size=(poses, 3))
+    places = PLACES[np.argsort(np.count_nonzero(PLACES, axis=1), kind="stable")]
+    chosen = places[np.arange(poses) % len(places)] + 0.12 * rng.normal(size=(poses, 3))
     return rng.permutation(chosen / np.linalg.norm(chosen, axis=1, keepdims=True))
 
 
@@ -80,8 +79,8 @@ def simulate(
     poses : number of still intervals, including the initial rest.
     rate : Hz. initial, still, turn : length of the initial rest, of the other rests and of the turns, s.
     accel, gyro : `Triad`s of the sensors, or subclasses; the default is `jaxcal.imu.MEMS`.
-    noise : {"accel": N, "gyro": N}, white noise in m/s/sqrt(s) and rad/sqrt(s), or a `jaxcal.noise.Noise` for each; None for that of a
-        typical MEMS unit.
+    noise : {"accel": N, "gyro": N}, white noise in m/s/sqrt(s) and rad/sqrt(s), or a `jaxcal.noise.Noise` for each; a sensor that is not
+        named has that of a typical MEMS unit.
     gravity : m/s^2.
     latitude : rad, to add the Earth's rate; None leaves it out.
     up : (poses, 3) upward directions in body axes; None for faces, edges and corners, each with an error of some degrees.
@@ -136,7 +135,7 @@ def simulate(
     rng = np.random.default_rng([seed, 1])
     readings = [np.asarray(accel.measure(force)), np.asarray(gyro.measure(w, force))]
     for i, sensor in enumerate(("accel", "gyro")):
-        own: Any = (MEMS_NOISE if noise is None else noise).get(sensor, 0.0)
+        own: Any = (noise or {}).get(sensor, _NOISE[sensor])
         if hasattr(own, "simulate"):
             readings[i] = readings[i] + np.stack([own.simulate(len(w), float(rate), seed=rng) for _ in range(3)], axis=1)
         else:

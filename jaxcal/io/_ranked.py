@@ -22,7 +22,6 @@ _SIDES = 0.1  # spread of the field in its least direction, relative to its norm
 _SPAN = 5.0  # degC, the least span for a thermal model
 _TURNING = np.radians(5.0)  # rad/s: a faster second is a turn
 _STEADY = np.radians(1.0)  # rad/s by which a table's rate changes at most from second to second
-_SHAKEN = 5.0  # ratio of the loudest to the quietest tenth of the seconds that shows a shaker
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,8 +102,6 @@ def _judged(log: Log) -> Iterator[tuple[str, bool, str, str]]:
         "rests in one attitude, with turns between" if level else "it needs rests on a level table, with turns between",
         "",
     )
-    shaken = upright and not moves and accel is not None and _loud(accel) > _SHAKEN
-    yield "vibration", shaken, "one attitude, quiet and shaken" if shaken else "no change of vibration in one attitude", ""
     yield "noise", at_rest or bool(part), long, part
     for curve in ("allan", "psd"):
         yield curve, at_rest or bool(part), "the curve alone, as for noise", part
@@ -164,9 +161,3 @@ def _table_rates(gyro: _Seconds | None) -> bool:
     steady = np.abs(np.diff(gyro.mean, axis=0)).max(axis=1) < _STEADY
     rate = gyro.mean[1:][steady]
     return all((np.count_nonzero(side * rate[:, axis] > _TURNING) >= 3) for axis in range(3) for side in (1, -1))
-
-
-def _loud(accel: _Seconds) -> float:
-    """Ratio of the scatter of the loudest tenth of the seconds to the quietest."""
-    low, high = np.quantile(accel.scatter, (0.1, 0.9))
-    return float(high / low) if low > 0 else 0.0

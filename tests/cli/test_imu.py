@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal.imu import MEMS, MEMS_NOISE
+from jaxcal.imu import MEMS
+from jaxcal.imu._simulate import _NOISE
 
 from .conftest import listing
 
@@ -38,7 +39,7 @@ def test_a_simulated_log_is_calibrated(call, folder):
     np.testing.assert_allclose(stored.imu.gyro.model.g_sensitivity, MEMS.gyro.g_sensitivity, atol=1e-4)
     assert stored.imu.accel.covariance.parameters[0] == "matrix[0,0]"
     # the same with prior knowledge: the noise of the sensors, and the first calibration
-    channels = {f"{sensor}_{axis}": {"N": {"value": value}} for sensor, value in MEMS_NOISE.items() for axis in "xyz"}
+    channels = {f"{sensor}_{axis}": {"N": {"value": value}} for sensor, value in _NOISE.items() for axis in "xyz"}
     (folder / "noise.json").write_text(json.dumps({"schema": "jaxcal.noise/1", "channels": channels}))
     known = ("--noise", "noise.json", "--prior", "log-imu/calibration.json", "--name", "unit 7", "--calibration", "again.json")
     assert call("imu", "log.csv", "--gravity", "9.80665", *known, "--quiet").status == 0
@@ -68,7 +69,6 @@ def test_a_simulated_log_is_calibrated(call, folder):
         (["--earth-rate"], 2, "--earth-rate needs --latitude"),
         (["--latitude", "100"], 2, "degrees between -90 and 90"),
         (["--gravity", "1"], 2, "looks like g"),
-        (["--initial", "1000"], 1, "initial_too_long"),
         (["--units", "accel=mg"], 1, "Give --units accel=m/s^2"),
         (["--stop", "40"], 1, "refused"),
     ],

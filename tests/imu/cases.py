@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jaxcal.imu import MEMS, MEMS_NOISE as NOISE, simulate
-from jaxcal.imu._simulate import attitudes
+from jaxcal.imu import MEMS, simulate
+from jaxcal.imu._simulate import _NOISE as NOISE, attitudes
 
 ACCEL, GYRO = MEMS.accel, MEMS.gyro
 
@@ -36,12 +36,6 @@ def turned_truth(accel=ACCEL, gyro=GYRO):
     return np.concatenate(
         [np.ravel(np.linalg.inv(upper)), accel.bias, np.ravel(gyro.matrix @ turn.T), gyro.bias, np.ravel(gyro.g_sensitivity @ turn.T)]
     )
-
-
-def imu_tk_of(triad):
-    """Misalignment, scale and bias of a triad in the form of imu_tk."""
-    correction = np.linalg.inv(triad.matrix)
-    return correction / np.diag(correction), np.diag(correction), triad.bias
 
 
 def inside(found, truth):

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcal.imu import MEMS_NOISE, Poses, Turns, estimate
+from jaxcal.imu import Poses, Turns, estimate
 
 from . import cases
 
@@ -20,9 +20,9 @@ def data():
     turn, (start, stop) = int(cases.TURN * cases.RATE), cases.rests(COUNT).T
     accel, gyro = (np.array([x[i:j].mean(axis=0) for i, j in zip(start, stop, strict=True)]) for x in (log.accel, log.gyro))
     root = np.sqrt((stop - start) / cases.RATE)
-    poses = Poses(accel, MEMS_NOISE["accel"] / root, gyro, np.repeat(MEMS_NOISE["gyro"] / root[:, None], 3, axis=1))
+    poses = Poses(accel, cases.NOISE["accel"] / root, gyro, np.repeat(cases.NOISE["gyro"] / root[:, None], 3, axis=1))
     index = stop[:-1, None] - 1 + np.arange(turn + 2)
-    sigma = np.full(COUNT - 1, MEMS_NOISE["gyro"] * np.sqrt(cases.TURN))
+    sigma = np.full(COUNT - 1, cases.NOISE["gyro"] * np.sqrt(cases.TURN))
     return poses, Turns(log.gyro[index], log.accel[index], np.full((COUNT - 1, turn + 1), 1 / cases.RATE), sigma)
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import jaxcal
+from jaxcal._rests import still_intervals, windowed_variance
 from jaxcal.imu import MEMS, Triad, gravity, observability, rate_table, six_position
-from jaxcal.imu._rests import static_intervals, windowed_variance
 
 from .cases import inside, positions
 
@@ -178,42 +178,33 @@ def test_still_intervals_are_those_that_were_made():
     moves = [(4000, 4300), (5000, 5500), (6000, 6400), (8000, 8300)]
     for i, j in moves:
         x[i:j] += 3 * np.sin(np.arange(j - i) / 15)[:, None]
-    found = static_intervals(x, 100.0)
+    found = still_intervals(x, 100.0)
     assert len(found) == 5
     # a window of 1 s keeps a distance of 0.5 s from motion, to within the few samples that a motion needs to exceed the threshold
     for (stop, start), (i, j) in zip(zip(found.stop[:-1], found.start[1:], strict=True), moves, strict=True):
         assert -5 <= i - 50 - stop <= 5
         assert -5 <= start - (j + 50) <= 5
-    assert found.counts[found.multiple] == 5
-    assert len(static_intervals(x, 100.0, least=12.0)) == 3
-    assert len(static_intervals(x, 100.0, initial=30.0, threshold=3.0)) == 5
+    # coarse values, most of which are constant at rest, have the same rests
+    coarse = still_intervals(0.15 * np.round(x / 0.15), 100.0)
+    assert np.abs(coarse.ends - found.ends).max() <= 12
     # the gyroscope detects a slow turn that the accelerometer does not detect
     gyro = 1e-3 * rng.normal(size=(10_000, 3))
     for i, j in [*moves, (2000, 2200)]:
         gyro[i:j] += 0.1 * np.sin(np.arange(j - i) / 15)[:, None]
-    both = static_intervals(x, 100.0, gyro=gyro)
+    both = still_intervals(x, 100.0, gyro)
     assert len(both) == 6
     assert abs(both.stop[0] - 1950) < 20
     # some missing samples do not end a rest; a long gap does
     x[2400:2430], x[7000:7200:9] = np.nan, np.nan
-    assert len(static_intervals(x, 100.0)) == 5
+    assert len(still_intervals(x, 100.0)) == 5
     x[2400:2480] = np.nan
-    assert len(static_intervals(x, 100.0)) == 6
+    assert len(still_intervals(x, 100.0)) == 6
 
 
-def test_still_intervals_refuse(refuses):
-    x = np.random.default_rng(0).normal(size=(1000, 3))
-    for readings, options, code in (
-        (x, {"initial": 30.0}, "initial_too_long"),
-        (x, {"gyro": x[1:]}, "lengths"),
-        (x, {"threshold": -2.0}, "not_positive"),
-        (x[:100], {}, "too_short"),
-        (np.zeros((5000, 3)), {}, "constant"),
-        (x[:, 0], {}, "axes"),
-        (x, {"rate": -1.0}, "not_positive"),
-    ):
-        with refuses(code):
-            static_intervals(readings, **{"rate": 100.0, **options})
+@pytest.mark.parametrize(("samples", "size", "code"), [(100, 1.0, "too_short"), (5000, 0.0, "constant")])
+def test_what_has_no_still_intervals(samples, size, code, refuses):
+    with refuses(code):
+        still_intervals(size * np.random.default_rng(0).normal(size=(samples, 3)), 100.0)
 
 
 def test_observability_names_what_is_missing():

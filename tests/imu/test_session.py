@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal.imu import Triad, ferraris, joined, multi_position, read_regions
+from jaxcal.imu import Triad, ferraris, multi_position
 
 from . import cases
 
@@ -34,7 +34,7 @@ def test_the_session_of_imucal(reference):
     folder = reference / "data" / "imu" / "imucal"
     expected = json.loads((folder / "imucal_result.json").read_text())
     log = jaxcal.read(folder / "example_ferraris_session.csv", rate=102.4)
-    found = ferraris(log, read_regions(folder / "example_ferraris_session_list.json", log.rate), gravity=9.81)
+    found = ferraris(log, folder / "example_ferraris_session_list.json", gravity=9.81)
     np.testing.assert_allclose(found.accel.matrix, expected["K_a_R_a"], atol=1e-4)
     np.testing.assert_allclose(found.gyro.matrix, expected["K_g_R_g"], atol=1e-4)
     np.testing.assert_allclose(np.rad2deg(found.gyro.g_sensitivity), expected["K_ga"], atol=1e-4)
@@ -67,18 +67,18 @@ def test_intervals_of_a_session_hold_the_truth(tmp_path):
 def test_sessions_that_are_cut_up_or_labelled_row_by_row(tmp_path, refuses):
     log = session(0)
     parts = {label: jaxcal.Log(None, accel=log.accel[i:j], gyro=log.gyro[i:j], rate=100.0) for label, i, j in REGIONS}
-    whole, cut = ferraris(log, REGIONS, gravity=9.81), ferraris(*joined(parts), gravity=9.81)
-    np.testing.assert_allclose(cut.accel.matrix, whole.accel.matrix, atol=1e-12)
-    np.testing.assert_allclose(cut.gyro.matrix, whole.gyro.matrix, atol=1e-12)
+    whole, cut = ferraris(log, REGIONS, gravity=9.81), ferraris(parts, gravity=9.81)
     rows = np.full(5400, "", dtype="<U5")
     for label, i, j in REGIONS:
         rows[i:j] = label
     (tmp_path / "log.csv").write_text("t,label\n" + "\n".join(f"{k},{label}" for k, label in enumerate(rows)))
-    assert read_regions(tmp_path / "log.csv", 100.0) == REGIONS
+    for found in (cut, ferraris(log, tmp_path / "log.csv", gravity=9.81)):
+        np.testing.assert_allclose(found.accel.matrix, whole.accel.matrix, atol=1e-12)
+        np.testing.assert_allclose(found.gyro.matrix, whole.gyro.matrix, atol=1e-12)
     with refuses("unlike"):
-        joined({"x_p": log, "x_a": jaxcal.Log(None, accel=log.accel, rate=100.0)})
-    with refuses("no_logs"):
-        joined({})
+        ferraris({"x_p": log, "x_a": jaxcal.Log(None, accel=log.accel, rate=100.0)})
+    with refuses("region"):
+        ferraris({})
 
 
 def test_labels_that_say_something_else(tmp_path, refuses):
@@ -98,19 +98,18 @@ def test_labels_that_say_something_else(tmp_path, refuses):
             ferraris(log, regions, gravity=9.81)
     with refuses("no_gyro"):
         ferraris(jaxcal.Log(None, accel=log.accel, rate=100.0), REGIONS, gravity=9.81)
-    for text, code in (("{", "not_json"), ("label,from\na,1\n", "column"), ("label,start,stop\na,b,c\n", "region")):
+    for text in ("{", "label,from\na,1\n", "label,start,stop\na,b,c\n"):
         (tmp_path / "regions").write_text(text)
-        with refuses(code):
-            read_regions(tmp_path / "regions", 100.0)
-    with refuses("no_file"):
-        read_regions(tmp_path / "none", 100.0)
+        for path in (tmp_path / "regions", tmp_path / "none"):
+            with refuses("region"):
+                ferraris(log, path)
 
 
 @pytest.mark.long
 def test_rests_that_are_known_are_taken(refuses):
     log = cases.recording(0)
     found = multi_position(log, gravity=cases.GRAVITY, held_out=False)
-    rests = np.stack([found.still.start + 5, found.still.stop - 5], axis=1)[2:]
+    rests = found.still.ends[2:] + np.array([5, -5])
     told = multi_position(log, gravity=cases.GRAVITY, rests=rests[::-1], held_out=False)
     np.testing.assert_array_equal(told.still.start, rests[:, 0])
     assert told.verdict == "good"
