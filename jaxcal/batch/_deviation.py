@@ -23,9 +23,6 @@ from ..allan._kinds import Kind, cluster_sizes, find_kind
 from ..allan._stretch import rounded
 from ..io._chunks import Chunks, array_chunks, open_chunks
 
-#: largest relative difference between rate= and the time stamps
-_RATE_TOLERANCE = 0.005
-
 T = TypeVar("T", bound=Any)
 
 
@@ -42,16 +39,15 @@ def deviation(
 
     Parameters
     ----------
-    source : a path to a .npy, .npz, Parquet, HDF5 or text file, to a PX4 ULog, an ArduPilot DataFlash log or a ROS recording, an array or
-        memory map (n,) or (n, channels), or a list of these, each one a separate record.
+    source : a path to a .npy, .npz, Parquet, HDF5 or text file, an array or memory map (n,) or (n, channels), or a list of these, each one
+        a separate record. Convert other logs first (`jaxcal.io.convert`).
     rate : sampling rate in Hz, one for all logs, or a list with one for each.
     kind : statistic, see `jaxcal.allan.deviation`.
     m : cluster sizes in samples, as in `jaxcal.allan.deviation`; not "all" for a record longer than `chunk`.
     confidence : level of the intervals, 0.95 by default.
     alpha : noise type for the degrees of freedom (2 .. -2), to replace the one identified at each cluster size.
-    columns : channels by number (arrays, .npy, text) or name (Parquet, text), arrays by name (.npz, HDF5), or one topic of a log of
-        messages (``"sensor_gyro:0"``, ``"IMU:0"``, ``"/imu"``); its channels are in SI, with NaN where its stamps skip samples. By
-        default all columns that contain numbers and are not named as a time, or the only topic.
+    columns : channels by number (arrays, .npy, text) or name (Parquet, text), or arrays by name (.npz, HDF5). By default all columns
+        that contain numbers and are not named as a time.
     chunk : number of samples in memory at a time.
     exact : largest cluster size for which every overlapping difference of a longer record is used; mdev and tdev end there.
     workers : threads for those logs of a list that are longer than `chunk`, have several channels, or need a statistic of the whole record;
@@ -182,8 +178,6 @@ def _stretch(empty: Accumulator, source: Any, columns: Any, start: int, stop: in
 
 
 def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, Any], shared: Any = None) -> Deviation:
-    if record.rate is not None and abs(checked_rate(rate) / record.rate - 1.0) > _RATE_TOLERANCE:
-        raise DataError(f"rate={rate:g} Hz contradicts the time stamps, which say {record.rate:.6g} Hz")
     if record.samples <= chunk:
         y = record.read(0, record.samples)
         return _deviation(y[:, 0] if record.flat else y, rate, **options)

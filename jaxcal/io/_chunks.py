@@ -1,8 +1,8 @@
 """Read records in chunks, from files that need not fit into memory.
 
 Uncompressed NumPy .npy and .npz files are memory-mapped; Parquet is read by row groups, HDF5 by slices, plain text tables by blocks of
-lines. For ULog and DataFlash, the offsets of the rows stay in memory (8 bytes each); for ROS recordings, some thousand messages. Their
-time stamps are scanned once, and missing samples become NaN. Other formats must be converted first (`jaxcal.io.convert`).
+lines. Other formats must be converted first (`jaxcal.io.convert`): the sensor messages of a large recording fit into memory, as its images
+are not read.
 """
 
 import dataclasses
@@ -18,18 +18,11 @@ from .._errors import DataError
 from .._message import Message
 from ._columns import listing
 from ._find import find
-from ._guess import accel_unit, gyro_unit, mag_unit
 from ._names import parse_name
 from ._readers._bounds import require
 from ._readers._csv import row_edges, stretch
-from ._readers._dataflash import ardupilot_rows
-from ._readers._px4 import px4_rows
-from ._readers._ros import ros_rows
-from ._readers._streams import Rows
 from ._readers._text import open_text, sniff
 
-#: number of messages examined together, and the step in periods above which samples are missing
-_BLOCK, _GAP = 1 << 16, 1.5
 _TIME = ("time", "timestamp", "stamp", "t")
 _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
@@ -42,7 +35,6 @@ class Chunks:
     channels: int
     flat: bool  # whether the record is one channel of shape (n,)
     read: Callable[[int, int], np.ndarray]
-    rate: float | None = None  # Hz, if time stamps determine it
 
     def of(self, length: int) -> Iterator[np.ndarray]:
         """The record in chunks of `length` samples, the last of which may be shorter."""
@@ -51,12 +43,12 @@ class Chunks:
 
 
 def open_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
-    """Open the record in a .npy, .npz, Parquet or HDF5 file, a text table, a ULog, a DataFlash log or a ROS recording.
+    """Open the record in a .npy, .npz, Parquet or HDF5 file, or in a text table.
 
-    `columns` are channels by number (.npy, text) or name (Parquet, text), arrays by name (.npz, HDF5), or one topic (logs of messages).
-    The default is all numeric columns except times, or the only topic.
+    `columns` are channels by number (.npy, text) or name (Parquet, text), or arrays by name (.npz, HDF5). The default is all numeric
+    columns except times.
     """
-    kind, sources = find(path)
+    kind, _ = find(path)
     if kind == "npy":
         return array_chunks(np.load(path, mmap_mode="r", allow_pickle=False), columns)
     if kind == "parquet":
@@ -67,8 +59,6 @@ def open_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
         return _joined(_datasets(path), columns)
     if kind == "csv":
         return _text_chunks(path, columns)
-    if kind in ("ulog", "dataflash", "rosbag1", "rosbag2"):
-        return _message_chunks(path, kind, sources, columns)
     raise DataError(f"this is {kind}, which is not read in chunks; convert it once with `jaxcal convert LOG LOG.npz`", code="chunks")
 
 
@@ -208,86 +198,3 @@ def _text_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
         return values[start - rows[first] : stop - rows[first]]
 
     return Chunks(int(rows[-1]), len(chosen), isinstance(columns, str | int), read)
-
-
-def _message_chunks(path: pathlib.Path, kind: str, sources: list[pathlib.Path], columns: Sequence[Any] | None) -> Chunks:
-    """One topic of a log of messages on a uniform grid; missing samples are NaN."""
-    given = [columns] if isinstance(columns, str) else [str(one) for one in columns or ()]
-    if len(given) > 1:
-        raise DataError(f"columns={columns!r}: topics have stamps of their own; name one of them", code="chunks")
-    wanted = given[0] if given else None
-    if kind == "ulog":
-        rows = px4_rows(path, wanted)
-    elif kind == "dataflash":
-        rows = ardupilot_rows(path, wanted)
-    else:
-        rows = ros_rows(sources, 1 if kind == "rosbag1" else 2, wanted)
-    if rows.count < 2:
-        raise DataError(f"{rows.count} sample{'s' * (rows.count != 1)}: a record needs at least 2", code="chunks")
-    starts, slots, period = _segments(rows)
-    _check_units(rows, period)
-    samples, channels = rows.count + int(slots[-1] - starts[-1]), sum(rows.sensors.values())
-
-    def read(start: int, stop: int) -> np.ndarray:
-        out = np.full((stop - start, channels), np.nan)
-        # rows of the segments between start and stop
-        first, last = (int(_row_at(starts, slots, rows.count, place)) for place in (start, stop))
-        if last > first:
-            each = np.arange(first, last)
-            segment = np.searchsorted(starts, each, "right") - 1
-            out[each + (slots - starts)[segment] - start] = rows.values(first, last)
-        return out
-
-    return Chunks(samples, channels, False, read, 1e9 / period)
-
-
-def _row_at(starts: np.ndarray, slots: np.ndarray, count: int, place: int) -> int:
-    """The first row at or after a place of the grid."""
-    segment = int(np.searchsorted(slots, place, "right")) - 1
-    if segment < 0:
-        return 0
-    end = starts[segment + 1] if segment + 1 < len(starts) else count
-    return min(int(starts[segment] + place - slots[segment]), int(end))
-
-
-def _segments(rows: Rows) -> tuple[np.ndarray, np.ndarray, float]:
-    """Starts of the stretches without gaps, as rows and as places of the grid; and the period in ns."""
-    steps, block = np.diff(rows.stamps(0, min(rows.count, _BLOCK))), _BLOCK
-    rising = steps[steps > 0]
-    if not len(rising):
-        raise DataError(
-            "the time stamps never rise; convert the log once with `jaxcal convert LOG LOG.npz`, which says more", code="chunks"
-        )
-    period, total, kept = float(np.median(rising)), 0.0, 0
-    at, missing, before = [np.zeros(1, np.int64)], [np.zeros(1, np.int64)], None
-    for first in range(0, rows.count, block):
-        stamps = rows.stamps(first, min(first + block, rows.count))
-        whole = stamps if before is None else np.concatenate([[before], stamps])
-        steps, before = np.diff(whole), int(stamps[-1])
-        if np.any(steps <= 0):
-            raise DataError(
-                f"{np.count_nonzero(steps <= 0)} time stamps do not rise; convert the log once with `jaxcal convert LOG LOG.npz`, "
-                "which mends it",
-                code="chunks",
-            )
-        long = np.flatnonzero(steps > _GAP * period)
-        at.append(first + long + (first == 0))
-        missing.append(np.round(steps[long] / period).astype(np.int64) - 1)
-        total, kept = total + float(steps.sum() - steps[long].sum()), kept + len(steps) - len(long)
-    starts, lost = np.concatenate(at), np.concatenate(missing)
-    if lost.sum() > 10 * rows.count + 1_000_000:
-        raise DataError(f"the log of {rows.count} samples has {lost.sum()} missing ones; split it at the long gaps", code="chunks")
-    return starts, starts + np.cumsum(lost), total / max(kept, 1)
-
-
-def _check_units(rows: Rows, period: float) -> None:
-    """Raise an error if the first samples contradict the unit of the format, because reading in chunks gives no warnings."""
-    head, at = rows.values(0, min(rows.count, 5000)), 0
-    for name, width in rows.sensors.items():
-        values, at = head[:, at : at + width], at + width
-        if name == "gyro":
-            gyro_unit(values, "rad/s", "the unit of the format", None)
-        elif name == "accel":
-            accel_unit(values, "m/s^2", "the unit of the format", period * 1e-9)
-        else:
-            mag_unit(values, "T", "the unit of the format")

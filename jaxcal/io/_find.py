@@ -13,7 +13,7 @@ from ._columns import SENSORS
 from ._names import parse
 
 #: supported formats, as named in `format=`
-FORMATS = ("csv", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "ulog", "dataflash", "zip", "oxts", "json")
+FORMATS = ("csv", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "ulog", "dataflash", "zip", "json")
 
 _SQLITE, _MCAP, _HDF5 = b"SQLite format 3\0", b"\x89MCAP0\r\n", b"\x89HDF\r\n\x1a\n"
 _MAGIC = {
@@ -48,8 +48,6 @@ def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
         return detect(path), [path]
     if (path / "metadata.yaml").is_file():
         return "rosbag2", [path]
-    if (path / "timestamps.txt").is_file() and (path / "data").is_dir():
-        return "oxts", [path]
     logs: dict[pathlib.Path, str] = {}
     refused = ""
     for i, file in enumerate(sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))):

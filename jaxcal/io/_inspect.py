@@ -3,7 +3,6 @@
 import dataclasses
 import os
 import pathlib
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,10 +10,9 @@ import numpy as np
 from .._answer import Finding, plain
 from .._errors import JaxcalError
 from .._files import shown
-from ._columns import parse_columns, parse_topics, parse_units
 from ._names import parse
 from ._ranked import Suitability, ranked
-from ._read import check_data, finished, named, opened
+from ._read import asked, finished, named, opened
 from ._table import Choice, Table
 
 _MOST = 60
@@ -116,25 +114,15 @@ class Inspection:
 
 
 @np.errstate(invalid="ignore", over="ignore", divide="ignore")
-def inspect(
-    path: str | os.PathLike[str],
-    *,
-    format: str | None = None,
-    columns: Mapping[str, Any] | str | None = None,
-    units: Mapping[str, Any] | str | None = None,
-    rate: float | int | None = None,
-    topics: Sequence[str] | str | None = None,
-    raw: bool = False,
-    data: str = "rate",
-    missing: float | int | None = None,
-) -> Inspection:
+def inspect(path: str | os.PathLike[str], **options: Any) -> Inspection:
     r"""Show what is in a log, how and why `jaxcal.read` would read it, and which commands suit it.
 
     A log that cannot be read raises no error: `refusal` gives the reason, and the result still has the columns or topics.
 
     Parameters
     ----------
-    path, format, columns, units, rate, topics, raw, data, missing : see `jaxcal.read`.
+    path : the log.
+    options : those of `jaxcal.read`, except `quiet`.
 
     Returns
     -------
@@ -162,21 +150,19 @@ def inspect(
     (50.0, 'accel', 'g')
     """
     path = pathlib.Path(path)
-    check_data(data)
-    options = {"columns": parse_columns(columns), "units": parse_units(units), "rate": rate, "missing": missing}
-    wanted = parse_topics(topics)
+    given = asked(**options)
     held: list[Column] = []
     sources: tuple[str, ...] = ()
     origin: dict[str, Any] = {}
     choices: list[Choice] = []
     log, refused = None, None
     try:
-        with named(path), opened(path, format, options, wanted, raw) as (found, origin):
+        with named(path), opened(path, given) as (found, origin):
             if isinstance(found, Table):
                 held = _columns(found)
             else:
                 sources = tuple(found.sources)
-            log = finished(found, origin, options, data == "phase", choices)
+            log = finished(found, origin, given, choices)
     except JaxcalError as error:
         refused = error
     known: dict[str, Any] = dict.fromkeys(("samples", "rate", "duration", "gaps", "missing"))

@@ -1,4 +1,4 @@
-"""Refuse tables with more than one recording: alternating rows of several devices, or sensors with different clocks."""
+"""Refuse tables with more than one recording: alternating rows of several devices."""
 
 import re
 from typing import Any
@@ -100,63 +100,3 @@ def _smoother(table, chosen: list[int], code: np.ndarray) -> float:
         if len(own) and len(all_rows) and (typical := np.quantile(own, 0.75)) > 0:
             ratios.append(float(np.quantile(all_rows, 0.75) / typical))
     return float(np.median(ratios)) if ratios else 1.0
-
-
-def own_clocks(table, found, clock) -> Message | None:
-    """Message on sensors with their own, different clocks, whose samples do not belong into one row; or None."""
-    if clock is None or len(clock.columns) > 1:
-        return None
-    base = clock.columns[0]
-    said = []
-    for name in SENSORS:
-        own = _clock_of_sensor(table, found, name)
-        if own is None or own == base:
-            continue
-        column = table.columns[own]
-        if column.dtype.kind not in "iufM" or (column.dtype.kind == "M") != (table.columns[base].dtype.kind == "M"):
-            continue
-        if not _same(column, table.columns[base]):
-            said.append((name, table.names[own]))
-    if not said:
-        return None
-    text = (
-        "the sensors of the table have clocks of their own, which differ ({clocks}; the others by {base}): what stands in one row was not "
-        "sampled together; read them one by one, as with {option.columns:time={clock},{name}=...}"
-    )
-    clocks = ", ".join(f"{name} by {own}" for name, own in said)
-    return Message(text, clocks=clocks, base=table.names[base], clock=said[0][1], name=said[0][0])
-
-
-def _clock_of_sensor(table, found, name: str) -> int | None:
-    """The time column that is named after a sensor, or None."""
-    if name not in found.columns:
-        return None
-    word = {"gyro": "gyr", "accel": "acc", "mag": "mag"}[name]
-    for i, text in enumerate(table.names):
-        low = re.sub(r"[\[(].*?[\])]", "", text).lower()
-        named = re.search(rf"(?<![a-z]){word}", low) or (low.startswith(("time", "t_")) and word in low)
-        if named and re.search(r"time|stamp|(?<![a-z])t(?:s|_us|_ms|_ns)?(?![a-z])", low) and not _is_read(found, i):
-            return i
-    return None
-
-
-def _is_read(found, index: int) -> bool:
-    """Whether a column is read as part of a sensor."""
-    return any(index in found.columns.get(name, ()) for name in SENSORS)
-
-
-def _same(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether two columns of time stamps agree up to a constant and to small differences compared with a step."""
-    if one.dtype.kind == "M":
-        one, other = one.astype(np.int64), other.astype(np.int64)
-    one, other = one.astype(np.float64), other.astype(np.float64)
-    both = np.isfinite(one) & np.isfinite(other)
-    if np.mean(both) < 0.95:
-        return bool(np.mean(np.isfinite(one) == np.isfinite(other)) > 0.95)
-    steps = np.diff(one[both])
-    steps = steps[steps > 0]
-    if not len(steps):
-        return True
-    apart = one[both] - other[both]
-    apart = apart - np.median(apart)
-    return bool(np.quantile(np.abs(apart), 0.95) < 2.0 * np.median(steps))

@@ -4,7 +4,7 @@ A profile defines the quantity and the unit of columns. The values are still che
 a wrong profile is detected.
 
 Sources: the data sheets and manuals of the makers (VMU931 User Guide, Variense 2017: ms since power-up, g, deg/s; VectorNav: gauss, m/s^2,
-rad/s), the formats of the data sets (EuRoC MAV, TUM-VI, BROAD, KITTI, NaveGo), sensor_msgs of ROS (REP 103: SI), and the description of
+rad/s), the formats of the data sets (EuRoC MAV, TUM-VI, BROAD), sensor_msgs of ROS (REP 103: SI), and the description of
 Gyroflow's .gcsv (docs.gyroflow.xyz).
 """
 
@@ -48,7 +48,6 @@ _IPHONE = "an iPhone states acceleration with gravity as -1 g on the axis that p
 PROFILES = (
     _sensor_logger("Accelerometer", "linear", "m/s^2"),
     _sensor_logger("AccelerometerUncalibrated", "accel", None, _IPHONE),
-    _sensor_logger("TotalAcceleration", "accel", "m/s^2"),
     _sensor_logger("Gravity", "gravity", None),
     *(_sensor_logger(f"Gyroscope{kind}", "gyro", "rad/s") for kind in ("", "Uncalibrated")),
     *(_sensor_logger(f"Magnetometer{kind}", "mag", "uT") for kind in ("", "Uncalibrated")),
@@ -87,24 +86,6 @@ PROFILES = (
          (r"magadc\[([012])\].*", "mag", None), (r"time(?: \(us\))?", "time", "us")),
         unit_from=(("accel", r"acc_1G\W+(\d+)", "g", -1),),
     ),
-    Profile("NaveGo", ("fb_?x", "wb_?x"), ((rf"fb_?{_XYZ}", "accel", "m/s^2"), (rf"wb_?{_XYZ}", "gyro", "rad/s"))),
-    Profile(
-        "KITTI oxts", ("oxts_wx",),
-        ((rf"oxts_a{_XYZ}", "accel", "m/s^2"), (rf"oxts_w{_XYZ}", "gyro", "rad/s"), ("timestamp", "time", None)),
-    ),
-    Profile(
-        "x-IMU", ("packet number", rf"gyroscope {_XYZ} \(deg/s\)"),
-        ((rf"gyroscope {_XYZ} \(deg/s\)", "gyro", "deg/s"), (rf"accelerometer {_XYZ} \(g\)", "accel", "g"),
-         (rf"magnetometer {_XYZ} \(g\)", "mag", "G")),
-    ),
-    Profile(
-        "eSense", ("timestamp", rf"gyro_{_XYZ}_deg_per_s"),
-        ((rf"accel_{_XYZ}_g", "accel", "g"), (rf"gyro_{_XYZ}_deg_per_s", "gyro", "deg/s")),
-    ),
-    Profile(
-        "EuRoC or TUM-VI", (r"timestamp \[ns\]", r"w_rs_s_x \[rad s\^-1\]"),
-        ((rf"w_rs_s_{_XYZ} .*", "gyro", "rad/s"), (rf"a_rs_s_{_XYZ} .*", "accel", "m/s^2"), (r"timestamp \[ns\]", "time", "ns")),
-    ),
     Profile(
         "Kalibr", ("timestamp", "omega_x", "alpha_x"),
         ((rf"omega_{_XYZ}", "gyro", "rad/s"), (rf"alpha_{_XYZ}", "accel", "m/s^2"), ("timestamp", "time", None)),
@@ -114,25 +95,14 @@ PROFILES = (
         ((r"[pqvb].*", "motion", None), (r"time.*", "time", "ns")),
     ),
     Profile(
-        "BROAD", (r"imu_gyr(?: \[.*\])?_x", r"imu_acc(?: \[.*\])?_x", r"imu_mag(?: \[.*\])?_x"),
-        ((rf"imu_gyr(?: \[.*\])?_{_XYZ}", "gyro", "rad/s"), (rf"imu_acc(?: \[.*\])?_{_XYZ}", "accel", "m/s^2"),
-         (rf"imu_mag(?: \[.*\])?_{_XYZ}", "mag", "uT")),
-    ),
-    Profile(
-        "phyphox", (r"time \(s\)", r"(?:gyroscope )?x \(rad/s\)|(?:linear )?acceleration x \(m/s\^?2\)|magnetic field x \([^a-z]t\)"),
-        ((rf"(?:gyroscope )?{_XYZ} \(rad/s\)", "gyro", "rad/s"), (rf"acceleration {_XYZ} \(m/s\^?2\)", "accel", "m/s^2"),
-         (rf"linear acceleration {_XYZ} \(m/s\^?2\)", "linear", "m/s^2"), (rf"magnetic field {_XYZ} .*", "mag", "uT"),
-         (r"time \(s\)", "time", "s")),
-    ),
-    Profile(
         "VMU931", ("(?:gyroscope|accelerometer|magnetometer)_time",),
         ((rf"gyroscope_{_XYZ}", "gyro", "deg/s"), (rf"accelerometer_{_XYZ}", "accel", "g"), (rf"magnetometer_{_XYZ}", "mag", "uT"),
          (r"\w+_time", "time", "ms")),
     ),
     Profile(
-        "WitMotion", (r"a(?:cc)?x ?\(g\)", r"(?:w|as)x ?\((?:deg|\W+)/s\)", r"anglex.*"),
-        ((rf"a(?:cc)?{_XYZ} ?\(g\)", "accel", "g"), (rf"(?:w|as){_XYZ} ?\((?:deg|\W+)/s\)", "gyro", "deg/s"),
-         (rf"h{_XYZ} ?\(ut\)", "mag", "uT"), (rf"h{_XYZ}", "mag", None), (r"angle[xyz].*", "attitude", None)),
+        "BROAD", (r"imu_gyr(?: \[.*\])?_x", r"imu_acc(?: \[.*\])?_x", r"imu_mag(?: \[.*\])?_x"),
+        ((rf"imu_gyr(?: \[.*\])?_{_XYZ}", "gyro", "rad/s"), (rf"imu_acc(?: \[.*\])?_{_XYZ}", "accel", "m/s^2"),
+         (rf"imu_mag(?: \[.*\])?_{_XYZ}", "mag", "uT")),
     ),
     Profile(
         "ROS", (r".*angular_velocity[._/]x", r".*(?:header|covariance|frame_id|__time|%time).*"),
@@ -147,17 +117,6 @@ PROFILES = (
                    ("accel", r"ascale,([\d.eE+-]+)", "g", 1)),
     ),
 )  # fmt: skip
-
-#: names of the 30 columns of a KITTI oxts file, which has no header
-OXTS = tuple(
-    "oxts_" + word
-    for words in (
-        "lat lon alt roll pitch yaw vn ve vf vl vu ax ay az af al au wx wy wz wf wl wu",
-        "pos_accuracy vel_accuracy navstat numsats posmode velmode orimode",
-    )
-    for word in words.split()
-)
-
 
 #: names of the 40 columns of `ros2 topic echo --csv` for sensor_msgs/Imu, which has no header
 ROS2_IMU = (

@@ -9,7 +9,7 @@ import os
 import pathlib
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,31 +32,22 @@ from ._readers._json import read_json
 from ._readers._px4 import read_px4
 from ._readers._ros import read_ros
 from ._saved import SUFFIXES, offsets_of, save
-from ._sensors import read_oxts, read_sensors
+from ._sensors import read_sensors
 from ._table import Choice, Signals, Table, interpret
 
 #: readers of tables (columns= chooses), of trees of arrays (topics= names a group), and of logs of messages (topics= chooses)
-_TABLES = {"csv": read_csv, "npy": read_npy, "npz": read_npz, "parquet": read_parquet, "oxts": read_oxts, "json": read_json}
+_TABLES = {"csv": read_csv, "npy": read_npy, "npz": read_npz, "parquet": read_parquet, "json": read_json}
 _TREES = {"mat": read_mat, "hdf5": read_hdf5}
 _LOGS = {"ulog": read_px4, "dataflash": read_ardupilot}
 #: bytes; smaller files are hashed before reading, because a thread would cost more than it saves
 _SMALL = 1 << 20
 _SI = {name: si_unit(name) for name in (*SENSORS, "temperature")}
 _NAMES = {
-    "csv": "a text table",
-    "npy": "a NumPy array",
-    "npz": "NumPy arrays",
-    "parquet": "Parquet",
-    "rosbag1": "a ROS 1 bag",
-    "rosbag2": "a ROS 2 recording",
-    "mat": "a MATLAB file",
-    "hdf5": "HDF5",
-    "ulog": "a PX4 ULog",
-    "dataflash": "an ArduPilot DataFlash log",
-    "sensors": "a folder with a table for each sensor",
-    "oxts": "a KITTI oxts folder",
+    "csv": "a text table", "npy": "a NumPy array", "npz": "NumPy arrays", "parquet": "Parquet", "rosbag1": "a ROS 1 bag",
+    "rosbag2": "a ROS 2 recording", "mat": "a MATLAB file", "hdf5": "HDF5", "ulog": "a PX4 ULog",
+    "dataflash": "an ArduPilot DataFlash log", "sensors": "a folder with a table for each sensor",
     "json": "JSON",
-}
+}  # fmt: skip
 
 
 def read(
@@ -132,29 +123,14 @@ def read(
         return _in_memory(path, format or topics or raw, columns, units, rate, data, missing)
     path = pathlib.Path(path)
     with named(path):
-        check_data(data)
-        options = {"columns": parse_columns(columns), "units": parse_units(units), "rate": rate, "missing": missing}
-        log = _read(path, format, options, parse_topics(topics), raw, data == "phase")
+        log = _read(path, asked(format=format, columns=columns, units=units, rate=rate, topics=topics, raw=raw, data=data, missing=missing))
     if not quiet:
         for one in log.findings:
             print(f"{'warning' if one.severity else 'note'}: {one}", file=sys.stderr)
     return log
 
 
-def convert(
-    path: str | os.PathLike[str],
-    out: str | os.PathLike[str],
-    *,
-    format: str | None = None,
-    columns: Mapping[str, Any] | str | None = None,
-    units: Mapping[str, Any] | str | None = None,
-    rate: float | int | None = None,
-    topics: Sequence[str] | str | None = None,
-    raw: bool = False,
-    data: str = "rate",
-    missing: float | int | None = None,
-    quiet: bool = False,
-) -> Log:
+def convert(path: str | os.PathLike[str], out: str | os.PathLike[str], **options: Any) -> Log:
     r"""Read a log once and write it as .npz or Parquet, which jaxcal reads many times faster than bags and text.
 
     The file has values in SI on the uniform grid, with missing samples as NaN, and all findings. `read` returns the same `Log`
@@ -164,7 +140,7 @@ def convert(
     ----------
     path : log, as for `jaxcal.read`.
     out : file to write, FILE.npz or FILE.parquet (which needs polars); an existing file is replaced.
-    format, columns, units, rate, topics, raw, data, missing, quiet : see `jaxcal.read`.
+    options : those of `jaxcal.read`.
 
     Returns
     -------
@@ -195,9 +171,7 @@ def convert(
         raise ExportError(f"{out.name}: expected a name that ends in {' or '.join(SUFFIXES)}", code="suffix")
     if out.exists() and out.resolve() == pathlib.Path(path).resolve():
         raise ExportError(f"{out.name} is the log that is read; it would be overwritten: give another name", code="same_file")
-    log = read(
-        path, format=format, columns=columns, units=units, rate=rate, topics=topics, raw=raw, data=data, missing=missing, quiet=quiet
-    )
+    log = read(path, **options)
     clear_hidden(out.parent)
     place = out.with_name(hidden_name(out.suffix))
     try:
@@ -210,45 +184,62 @@ def convert(
     return log
 
 
-def check_data(data: str) -> None:
-    """Refuse another value of `data` than "rate" and "phase"."""
+class Asked(NamedTuple):
+    """Options of `read`, parsed; `table` are those of tables."""
+
+    format: str | None
+    table: dict[str, Any]
+    topics: list[str] | None
+    raw: bool
+    phase: bool
+
+
+def asked(
+    *, format: str | None = None, columns: Any = None, units: Any = None, rate: Any = None, topics: Any = None, raw: bool = False,
+    data: str = "rate", missing: Any = None,
+) -> Asked:  # fmt: skip
+    """Parse the options of `read`."""
     if data not in ("rate", "phase"):
         raise wrong("data", f'{data!r}; expected "rate" or "phase"')
+    if format is not None and format not in FORMATS:
+        raise wrong("format", f"{format!r} is unknown; use one of {', '.join(FORMATS)}")
+    table = {"columns": parse_columns(columns), "units": parse_units(units), "rate": rate, "missing": missing}
+    return Asked(format, table, parse_topics(topics), raw, data == "phase")
 
 
 def _in_memory(source: Any, other: Any, columns: Any, units: Any, rate: Any, data: str, missing: Any) -> Log:
     """Make a log from an object in memory."""
-    options = {"columns": parse_columns(columns), "units": parse_units(units), "rate": rate, "missing": missing}
+    given = asked(columns=columns, units=units, rate=rate, data=data, missing=missing)
     if isinstance(source, Log):
-        if other or data != "rate" or any(value is not None and value != {} for value in options.values()):
+        if other or not _plain(given):
             raise DataError("this is a Log already, whose columns and units are chosen; leave the other options out", code="is_log")
         return source
     if other:
         raise DataError("format=, topics= and raw= belong to files; leave them out", code="of_files")
-    check_data(data)
-    return finished(table_of(source), {"file": f"a {type(source).__name__} in memory", "format": "memory"}, options, data == "phase")
+    return finished(table_of(source), {"file": f"a {type(source).__name__} in memory", "format": "memory"}, given)
+
+
+def _plain(given: Asked) -> bool:
+    """Whether no option changes how a table is read."""
+    return not given.phase and all(value is None or value == {} for value in given.table.values())
 
 
 # overflow gives infinity or NaN, which counts as missing
 @np.errstate(invalid="ignore", over="ignore", divide="ignore")
-def _read(path: pathlib.Path, format: str | None, options: dict[str, Any], topics: list[str] | None, raw: bool, phase: bool) -> Log:
-    """Read a log; `options` are the options for tables."""
-    with opened(path, format, options, topics, raw) as (found, origin):
-        return finished(found, origin, options, phase)
+def _read(path: pathlib.Path, given: Asked) -> Log:
+    with opened(path, given) as (found, origin):
+        return finished(found, origin, given)
 
 
 @contextlib.contextmanager
-def opened(
-    path: pathlib.Path, format: str | None, options: dict[str, Any], topics: list[str] | None, raw: bool
-) -> Iterator[tuple[Table | Signals, dict[str, Any]]]:
+def opened(path: pathlib.Path, given: Asked) -> Iterator[tuple[Table | Signals, dict[str, Any]]]:
     """Content of a file, before columns and units are chosen, and its provenance; a zip file stays unpacked inside the `with` block."""
-    if format is not None and format not in FORMATS:
-        raise wrong("format", f"{format!r} is unknown; use one of {', '.join(FORMATS)}")
+    _, options, topics, raw, _ = given
     with _faults("a recording"):
         kind, sources = find(path)
-    kind = format or kind
+    kind = given.format or kind
     if kind == "zip":
-        with _faults("a zip file"), unpacked(path) as folder, opened(folder, None, options, topics, raw) as (found, inner):
+        with _faults("a zip file"), unpacked(path) as folder, opened(folder, given._replace(format=None)) as (found, inner):
             size, sha256 = fingerprint([path])
             inside = {"inside": inner["file"]} if inner["file"] != folder.name else {}
             yield found, inner | {"file": shown(path), "size": size, "sha256": sha256} | inside
@@ -280,19 +271,16 @@ def _belongs(option: str, wrong: bool, kind: str, where: str) -> None:
         raise DataError(Message(f"this is {_NAMES[kind]}, and {{option.{option}}} belongs {where}"), code=option)
 
 
-def finished(
-    found: Table | Signals, origin: dict[str, Any], options: dict[str, Any], phase: bool, choices: list[Choice] | None = None
-) -> Log:
+def finished(found: Table | Signals, origin: dict[str, Any], given: Asked, choices: list[Choice] | None = None) -> Log:
     """Make a log from the content of a file; the choices of columns and units are appended to `choices`."""
-    plain = not phase and all(value is None or value == {} for value in options.values())
-    if isinstance(found, Table) and found.saved is not None and plain:
+    if isinstance(found, Table) and found.saved is not None and _plain(given):
         offset = offsets_of(found.names, found.columns)
         return found.saved.restore(interpret(found, {"time": None}, _SI, found.saved.rate).sensors, offset, origin)
     if isinstance(found, Signals):
-        found.rate = options["rate"]
+        found.rate = given.table["rate"]
         signals = found
     else:
-        signals = interpret(found, **options)
+        signals = interpret(found, **given.table)
     if choices is not None:
         choices += signals.choices
     provenance = origin | {
@@ -300,7 +288,7 @@ def finished(
     }  # fmt: skip
     if len(signals.imus) > 1:
         provenance["imus"] = signals.imus
-    if phase:
+    if given.phase:
         differentiate(signals)
     return _build(signals, provenance)
 

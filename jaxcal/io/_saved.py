@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .._answer import CAUTION, NOTE, Finding, Kind, Severity, plain, table
+from .._answer import NOTE, Finding, Kind, Severity, plain, table
 from .._errors import DataError, ExportError
 from .._log import Log
 from .._log_findings import LOG
@@ -98,7 +98,7 @@ def parse_saved(text: str) -> Saved:
     if isinstance(schema, int) and schema > _SCHEMA:
         raise DataError("it was written by a later version of jaxcal; update jaxcal, or convert the log again", code="later_version")
     whole = (
-        schema in (1, _SCHEMA)
+        schema == _SCHEMA
         and findings is not None
         and isinstance(rate, float | int)
         and not isinstance(rate, bool)
@@ -127,12 +127,7 @@ def _kept(one: Finding) -> dict[str, Any]:
 
 
 def _findings(about: dict[str, Any]) -> tuple[Finding, ...] | None:
-    """The findings of a saved log; those of an earlier version are sentences. None if they are damaged."""
-    if about.get("schema") == 1:
-        texts = [(severity, about.get(name)) for severity, name in ((NOTE, "notes"), (CAUTION, "warnings"))]
-        if not all(isinstance(words, list) and all(isinstance(word, str) for word in words) for _, words in texts):
-            return None
-        return tuple(_EARLIER("earlier", severity=severity, text=word) for severity, words in texts for word in words or ())
+    """The findings of a saved log; None if they are damaged."""
     try:
         return tuple(_again(one) for one in about["findings"])
     except (KeyError, TypeError, ValueError, AttributeError, IndexError):

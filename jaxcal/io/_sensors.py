@@ -1,4 +1,4 @@
-"""Recordings in several files: a table for each sensor, as from phone apps, or a file for each sample, as in KITTI."""
+"""Recordings in several files: a table for each sensor, as from phone apps."""
 
 import pathlib
 from collections.abc import Callable
@@ -9,11 +9,8 @@ import numpy as np
 from .._errors import DataError
 from .._message import Message, joined_messages
 from ._findings import READ
-from ._profiles import OXTS
 from ._readers._streams import Part, join
-from ._table import Signals, Table
-
-_MOST = 200_000
+from ._table import Signals
 
 
 def read_sensors(files: list[pathlib.Path], read: Callable[[pathlib.Path], Signals]) -> Signals:
@@ -60,24 +57,3 @@ def _stamps(one: Signals) -> np.ndarray:
         raise DataError("some rows have no time stamp; leave them out of the file", code="folder")
     whole = np.floor(time)
     return whole.astype(np.int64) * 10**9 + np.round((time - whole) * 1e9).astype(np.int64) + one.epoch_ns
-
-
-def read_oxts(folder: pathlib.Path) -> Table:
-    """Read a KITTI oxts folder: for each sample a file of 30 numbers, and a line in timestamps.txt."""
-    files = sorted(file for file in (folder / "data").iterdir() if file.suffix == ".txt")
-    if not 2 <= len(files) <= _MOST:
-        raise DataError(f"data/ holds {len(files)} files, where one for each sample is expected (2 to {_MOST})", code="folder")
-    stamps = (folder / "timestamps.txt").read_text("ascii", "replace").split("\n")
-    stamps = [line.strip() for line in stamps if line.strip()]
-    if len(stamps) != len(files):
-        raise DataError(f"timestamps.txt has {len(stamps)} lines for {len(files)} files in data/; copy the folder again", code="folder")
-    rows = np.full((len(files), len(OXTS)), np.nan)
-    for row, file in zip(rows, files, strict=True):
-        words = file.read_bytes()[:4096].split()
-        if len(words) != len(OXTS):
-            raise DataError(
-                f"data/{file.name} has {len(words)} numbers, and an oxts file {len(OXTS)}; copy the folder again", code="folder"
-            )
-        row[:] = [float(word) for word in words]
-    time = np.array([np.datetime64(stamp.replace(" ", "T")[:29], "ns") for stamp in stamps])
-    return Table([time, *rows.T], ["timestamp", *OXTS], stem="oxts")

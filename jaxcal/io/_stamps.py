@@ -123,16 +123,9 @@ def of_day(table) -> list[int] | None:
 def fraction_size(name: str) -> float:
     """Size in s of the unit that a name ends with, ms, us or ns; 0 for other names."""
     word = re.sub(
-        r"[^a-z]",
-        "",
-        name.lower()
-        .replace("milli", "m")
-        .replace("micro", "u")
-        .replace("nano", "n")
-        .replace("econds", "")
-        .replace("econd", "")
-        .replace("sec", "s"),
+        r"sec(?:onds?)?|econds?", "s", re.sub(r"milli|micro|nano", lambda match: {"c": "u"}.get(match[0][2], match[0][0]), name.lower())
     )
+    word = re.sub(r"[^a-z]", "", word)
     return next((size for unit, size in SECONDS.items() if unit != "s" and word.endswith(unit)), 0.0)
 
 

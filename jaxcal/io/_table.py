@@ -17,7 +17,7 @@ from ._clock import OF_NAME, check_rate, clock_of, label_of, no_clock, refuse_re
 from ._columns import SENSORS, Columns, listing, scale
 from ._evidence import Turning, turning
 from ._findings import READ
-from ._mixed import own_clocks, own_rows
+from ._mixed import own_rows
 from ._names import COUNTS, RELATIVE, bracketed
 from ._saved import Saved
 from ._stamps import Clock
@@ -104,8 +104,6 @@ def interpret(
     names = [name for name in (*SENSORS, "temperature") if name in found.columns]
     raw = {name: [_without(_numbers(table, i), missing) for i in found.columns[name]] for name in names}
     period = clock.period if clock is not None else 1.0 / signals.rate if signals.rate else None
-    if clock is not None and "time" in found.guessed and (apart := own_clocks(table, found, clock)):
-        problems.append(apart)
     raw, signals.time = own_rows(raw, signals.time, problems)
     guesses = _units(table, found, raw, units, period, clock, signals, problems)
     if problems:

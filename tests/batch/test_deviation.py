@@ -156,7 +156,7 @@ def test_messages(source, options, words):
 def test_messages_about_files(tmp_path):
     text = pathlib.Path(tmp_path, "log.ulg")
     text.write_bytes(b"ULog\x01\x12\x35" + bytes(40))
-    with pytest.raises(DataError, match="there is no sensor in it that can be read in chunks"):
+    with pytest.raises(DataError, match="this is ulog, which is not read in chunks"):
         deviation(text, 1.0)
     path = tmp_path / "log.parquet"
     pl.DataFrame({"time": [0.0, 1.0], "name": ["a", "b"]}).write_parquet(path)

@@ -46,17 +46,10 @@ READ = {
     "hours and seconds with decimals": stamped(
         lambda m: f"2023,{m.hour},{m.minute},{m.second + m.microsecond / 1e6}", "Year,Hour,Min,Sec,ax,ay,az\n"
     ),
-    "a table in Markdown": "| t (s) | ax | ay | az |\n|---|---|---|---|\n"
-    + "".join(f"| {line.replace(',', ' | ')} |\n" for line in rows(SECONDS).split()),
-    "a table between double pipes": "||  t_ms  ||  ax  ||  ay  ||  az  ||\n"
-    + "".join(f"||  {line.replace(',', '  ||  ')}  ||  \n" for line in rows([f"{1000 * t:.0f}" for t in TIME]).split()),
     "blocks of zero bytes": "time_ms,ax,ay,az\n" + rows([f"{1000 * t:.0f}" for t in TIME]) + "\0" * 600,
     "records in lines": "".join(
         json.dumps({"t": t, "accel": dict(zip("xyz", row, strict=True))}) + "\n"
         for t, row in zip(TIME.tolist(), ACCEL.tolist(), strict=True)
-    ),
-    "Edge Impulse": json.dumps(
-        {"payload": {"interval_ms": 20, "sensors": [{"name": f"acc{x}", "units": "g"} for x in "XYZ"], "values": ACCEL.tolist()}}
     ),
     "lists in quotes": "time,accel\n" + "".join(f'{t},"{row}"\n' for t, row in zip(SECONDS, ACCEL.tolist(), strict=True)),
     "ESP-IDF": "".join(
@@ -85,7 +78,7 @@ READ = {
 
 @pytest.mark.parametrize("which", READ)
 def test_a_habit_is_read(which, tmp_path):
-    path = tmp_path / ("log.json" if which == "Edge Impulse" else "log.csv")
+    path = tmp_path / "log.csv"
     path.write_text(READ[which], encoding="utf-8")
     log = read(path, quiet=True)
     assert log.rate == pytest.approx(RATE, rel=2e-3)

@@ -41,7 +41,7 @@ def test_bombs_are_not_unpacked(tmp_path, refuses):
             read(tmp_path / name, quiet=True)
 
 
-@pytest.mark.parametrize(("end", "kept"), [("0.12", False), ("0.1234", True), ("0", False), ("-", False), ("0.123", True)])
+@pytest.mark.parametrize(("end", "kept"), [("0.12", False), ("0.1234", True), ("0", False), ("-", False), ("0.123", False)])
 def test_a_last_number_that_may_be_cut_off_is_no_number(end, kept, tmp_path):
     text = HEADER + rows(100)
     text = text[: text.rindex(",") + 1] + end
@@ -99,21 +99,6 @@ def test_a_zip_file_of_one_log_and_of_one_sensor_in_each_file(still, tmp_path):
     np.testing.assert_allclose(both.gyro, still.gyro, rtol=1e-8)
     np.testing.assert_allclose(both.accel, still.accel, rtol=1e-8)
     assert both.provenance["columns"]["accel"] == ["Accelerometer.csv", 1, 2, 3]
-
-
-def test_a_kitti_folder(tmp_path):
-    noise = np.random.default_rng(0)
-    (tmp_path / "oxts" / "data").mkdir(parents=True)
-    values = noise.normal(size=(40, 30)) * 0.01
-    values[:, 13] += 9.81
-    for i, row in enumerate(values):
-        (tmp_path / "oxts" / "data" / f"{i:010d}.txt").write_text(" ".join(f"{v:.12g}" for v in row))
-    stamps = "".join(f"2011-09-26 13:02:{25 + i // 10}.{i % 10}00000000\n" for i in range(40))
-    (tmp_path / "oxts" / "timestamps.txt").write_text(stamps)
-    log = read(tmp_path / "oxts", quiet=True)
-    assert log.rate == pytest.approx(10.0)
-    np.testing.assert_allclose(log.accel, values[:, 11:14], rtol=1e-11)
-    np.testing.assert_allclose(log.gyro, values[:, 17:20], rtol=1e-11)
 
 
 @pytest.mark.parametrize(

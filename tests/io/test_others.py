@@ -153,13 +153,7 @@ def axes(form):
 
 
 DEVICES = {
-    "EuRoC or TUM-VI": lambda: table(f"#timestamp [ns],{axes('w_RS_S_{} [rad s^-1]')},{axes('a_RS_S_{} [m s^-2]')}", epoch(1e9), W, A),
-    "phyphox": lambda: table('"Time (s)","X (rad/s)","Y (rad/s)","Z (rad/s)"', cells(TIME, "%.9E"), cells(GYRO, "%.9E")),
     "VMU931": lambda: table("", same("gyroscope"), MS, cells(np.round(GYRO / DEG * 16.384) / 16.384, "%.9f"))[1:],
-    "WitMotion": lambda: table(
-        f"Time(s),{axes('a{}(g)')},{axes('w{}(deg/s)')},{axes('Angle{}(deg)')}", moments("%H:%M:%S.%f"), cells(ACCEL / G),
-        cells(GYRO / DEG), same("1"), same("2"), same("3"),
-    ),
     "BROAD": lambda: table(f"{axes('imu_gyr_{}')},{axes('imu_acc_{}')},{axes('imu_mag_{}')},t", W, A, M, cells(TIME)),
     "ROS": lambda: table(
         f"__time,/imu/header/seq,{axes('/imu/angular_velocity/{}')},{axes('/imu/linear_acceleration/{}')}", cells(TIME), MS, W, A
@@ -197,12 +191,6 @@ def taking_turns(head, middle):
 REFUSED = {
     "two devices in turn": ("log.csv", lambda: taking_turns("timestamp,sensor_id,ax,ay,az", "01"), "mixed"),
     "two addresses in turn": ("log.csv", lambda: taking_turns("timestamp,mac,ax,ay,az", ("d4:22", "d4:23")), "mixed"),
-    "clocks that differ": (
-        "log.csv",
-        lambda: table("accelerometer_timestamp,accelerometer_x,accelerometer_y,accelerometer_z,gyroscope_timestamp,gyro_x,gyro_y,gyro_z",
-                      [[str(round(1e9 * (1.6e9 + 2 * t))) for t in TIME]], A, epoch(1e9), W),
-        "unclear",
-    ),
     "gravity under the name of a rate": ("log.csv", lambda: table("time_s,gx,gy,gz", cells(TIME), cells(ACCEL / G)), "accel_as_gyro"),
     "millidegrees without a unit": ("log.csv", lambda: table("time_s,gx,gy,gz", cells(TIME), cells(GYRO / DEG * 1e3)), "unit_unknown"),
     "a relative magnetometer alone": (

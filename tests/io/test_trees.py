@@ -52,12 +52,6 @@ def test_matlab_without_numbers(content, tmp_path, refuses):
         read(tmp_path / "log.mat", quiet=True)
 
 
-def test_matlab_bombs_are_refused(tmp_path, refuses):
-    scipy.io.savemat(tmp_path / "log.mat", {"gyro": np.zeros((5_000_000, 3))}, do_compression=True)
-    with refuses("too_large"):
-        read(tmp_path / "log.mat", quiet=True)
-
-
 @pytest.mark.parametrize("inside", ["", "a/deep/place/"])
 @pytest.mark.parametrize("options", [{}, {"compression": "gzip", "shuffle": True, "chunks": True}])
 def test_hdf5(inside, options, still, tmp_path):

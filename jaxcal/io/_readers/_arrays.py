@@ -3,9 +3,7 @@
 import pathlib
 import posixpath
 import re
-import struct
 import zipfile
-import zlib
 from typing import Any
 
 import numpy as np
@@ -26,8 +24,6 @@ _RATE = {
     "rate", "fs", "samplerate", "samplingrate", "freq", "frequency", "samplingfrequency", "samplefrequency", "sampfreq", "sfreq", "odr",
     "samplingratehz", "fshz", "ratehz", "updaterate", "outputrate", "imurate", "datarate",
 }  # fmt: skip
-_COMPRESSED = 15
-_ORDER = {b"IM": "<", b"MI": ">"}
 _NAMELESS, _WIDEST = "\0", 1000
 
 
@@ -132,7 +128,6 @@ def _table(columns: list[np.ndarray], names: list[str]) -> Table:
 
 def read_mat(path: pathlib.Path, topics: list[str] | None) -> Table:
     """Read the variables, and fields of structs, of a MATLAB file of version 4 to 7; version 7.3 is HDF5."""
-    _check_mat(path)
     about, arrays = _in_sandbox("mat", path, "the file")
     if not about["names"] and about["opaque"]:
         raise DataError(
@@ -141,33 +136,6 @@ def read_mat(path: pathlib.Path, topics: list[str] | None) -> Table:
             code="no_sensor",
         )
     return _table_of_tree(about, arrays, topics, "variable")
-
-
-def _check_mat(path: pathlib.Path) -> None:
-    """Compare the declared (unpacked) sizes of the variables with the size of the file."""
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        head = file.read(128)
-        order = _ORDER.get(head[126:128])
-        if order is None or not head.startswith(b"MATLAB"):
-            return  # version 4 has no compression
-        total = 0
-        while len(tag := file.read(8)) == 8:
-            kind, length = struct.unpack(order + "II", tag)
-            start = file.tell()
-            if start + length > size:
-                raise DataError(
-                    f"it ends within a variable, {start + length - size} bytes early; it is cut off or damaged: copy it again",
-                    code="damaged",
-                )
-            if kind == _COMPRESSED:
-                try:
-                    inner = zlib.decompressobj().decompress(file.read(min(length, 512)), 8)
-                except zlib.error as error:
-                    raise DataError(f"a variable cannot be unpacked ({error}); it is damaged: copy it again", code="damaged") from error
-                total += struct.unpack(order + "II", inner)[1] if len(inner) == 8 else 0
-                check_declared(total, size, "a variable")
-            file.seek(start + length)
 
 
 def read_hdf5(path: pathlib.Path, topics: list[str] | None) -> Table:

@@ -58,28 +58,9 @@ def _cut_last(text: Text, layout: Layout, columns: list[np.ndarray]) -> bool:
     rows = [line for line in tail.splitlines()[1 if len(tail) > 60_000 else 0 :] if line.strip()]
     if len(rows) < 3 or len(split(rows[-1], layout.delimiter)) != layout.width:
         return False  # a row with too few fields is left out in any case
-    fields = [split(row, layout.delimiter)[-1].strip().replace(",", ".") for row in rows[-1000:]]
-    return not _is_whole(fields[-1], [field for field in fields[:-1] if field not in MISSING])
-
-
-def _is_whole(field: str, others: list[str]) -> bool:
-    """Whether a number at the end of a file is as complete as the `others`, so that at most its last digit is lost."""
-    form = re.compile(r"[+-]?(\d*)(?:\.(\d*))?(?:[eE]([+-]?\d+))?")
-    others = [other for other in others if form.fullmatch(other)]  # the header may be among them
-    if field in MISSING or not others:
-        return True
-    forms = [form.fullmatch(other) for other in [*others, field]]
-    if forms[-1] is None:
-        return False
-    exponents = [len(form[3] or "") for form in forms if form]
-    if any(exponents[:-1]):
-        # a truncated exponent changes the number; without exponent, the number must be as long as others without exponent
-        plain = not exponents[-1] and not all(exponents[:-1]) and len(field) >= np.median([*map(len, others)])
-        return bool(plain or exponents[-1] == max(exponents[:-1]))
-    decimals = [len(form[2] or "") for form in forms if form]
-    if max(decimals[:-1]):
-        return bool(decimals[-1] >= max(1, np.median(decimals[:-1]) - 1))
-    return len(field.lstrip("+-")) >= max(len(other.lstrip("+-")) for other in others)
+    fields = [split(row, layout.delimiter)[-1].strip() for row in rows[-1000:]]
+    others = [len(field) for field in fields[:-1] if re.fullmatch(r"[+-]?[\d.,]+(?:[eE][+-]?\d+)?", field)]  # the header may be among them
+    return fields[-1] not in MISSING and len(fields[-1]) < min(others, default=0)
 
 
 class Seen(NamedTuple):
@@ -104,13 +85,6 @@ class Faults:
             first = self.found.get(j, Seen(0, seen.number + lines, seen.shown))
             self.found[j] = first._replace(count=first.count + seen.count)
 
-    def _joined(self, count: int, mark: str) -> str:
-        """How to join the lines of a sample that is spread evenly over two to four of them."""
-        lines = round(self.rows / max(self.rows - count, 1))
-        if not 2 <= lines <= 4 or abs(self.rows - lines * (self.rows - count)) > _TOLERATED * self.rows:
-            return ""
-        return f"; if {lines} lines make one sample, join them, as with `paste -d '{mark}'{' -' * lines} < LOG > OTHER`"
-
     def judged(self, layout: Layout) -> list[Finding]:
         """One finding for each fault; an error if it affects more than 1 % of the rows."""
         said, rows = [], self.rows
@@ -118,7 +92,7 @@ class Faults:
             facts = {"count": count, "rows": rows, "line": number, "shown": shown[:60]}
             if j == _WIDTH:
                 one = READ("rows_left_out", width=layout.width, **facts)
-                mend = "remove these lines" + self._joined(count, layout.delimiter)
+                mend = "remove these lines"
             else:
                 one = READ("text_missing", column=f"column {j}" + (f" ({layout.names[j]})" if layout.names[j] else ""), **facts)
                 mend = Message("leave the column out with {option.columns}")

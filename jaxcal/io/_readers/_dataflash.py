@@ -14,10 +14,9 @@ import numpy as np
 from ..._errors import DataError
 from ..._message import Message
 from ..._units import find_unit
-from .._columns import scale
 from .._findings import READ
 from .._table import Signals
-from ._streams import Part, Rows, first_of, gather, imus_of, join, named, one_of
+from ._streams import Part, first_of, gather, imus_of, join, named
 from ._undo import undo_ardupilot, undo_compass
 
 _HEAD = b"\xa3\x95"
@@ -101,30 +100,6 @@ def read_ardupilot(path: pathlib.Path, topics: list[str] | None, units: dict[str
     join(_together(parts), units, signals)
     signals.columns = {"topics": chosen}
     return signals
-
-
-def ardupilot_rows(path: pathlib.Path, wanted: str | None) -> Rows:
-    """Rows of one sensor, such as ``"IMU:0"``; batches are excluded, because they have gaps."""
-    log = DataFlash(path)
-    places = {label: offsets for label, (_, offsets) in _places(log).items()}
-    label = one_of(list(places), wanted)
-    form, offsets = _places(log)[label]
-    groups = _GROUPS[label.partition(":")[0]]
-
-    def rows(first: int, last: int) -> np.ndarray:
-        return log.rows(form, offsets[first:last])
-
-    def stamps(first: int, last: int) -> np.ndarray:
-        return _stamps(rows(first, last), label)
-
-    def values(first: int, last: int) -> np.ndarray:
-        found, out = rows(first, last), []
-        for name, prefix, unit in groups:
-            numbers, unit = _values(log, form, found, [prefix + axis for axis in "XYZ"], unit, name)
-            out.append(numbers * scale(unit, name)[0])
-        return np.concatenate(out, axis=1)
-
-    return Rows(len(offsets), dict.fromkeys((name for name, *_ in groups), 3), stamps, values)
 
 
 def _places(log: DataFlash) -> dict[str, tuple[str, np.ndarray]]:

@@ -29,8 +29,7 @@ def read_json(path: pathlib.Path) -> Table:
         )
     try:
         content = _parsed(path.read_text(encoding="utf-8-sig"))
-        table = _described(content)
-        columns, rate = table or (_arrays(content) or _columns(_records(content, {})), None)
+        columns = _arrays(content) or _columns(_records(content, {}))
     except DataError:
         raise
     except RecursionError:
@@ -44,7 +43,7 @@ def read_json(path: pathlib.Path) -> Table:
     except OverflowError:
         raise DataError("it holds a number that is too large for a reading", code="json") from None
     whole = {i for i, column in enumerate(values) if np.all(np.isfinite(column)) and not np.any(column % 1)}
-    return Table(values, [name for name, _ in columns], whole, rate=rate, stem=path.stem)
+    return Table(values, [name for name, _ in columns], whole, stem=path.stem)
 
 
 def _parsed(text: str) -> Any:
@@ -56,19 +55,6 @@ def _parsed(text: str) -> Any:
         if len(lines) < 2 or not all(line.lstrip().startswith("{") and line.rstrip().endswith("}") for line in lines):
             raise error
         return [json.loads(line, object_pairs_hook=_once) for line in lines]
-
-
-def _described(content: Any) -> tuple[list[tuple[str, Sequence[float | int]]], float | None] | None:
-    """Columns and rate of a recording of Edge Impulse: rows of values, names and units of the sensors, and the interval; or None."""
-    inside = content.get("payload", content) if isinstance(content, dict) else None
-    if not isinstance(inside, dict) or not _rows(inside.get("values")) or not isinstance(inside.get("sensors"), list):
-        return None
-    rows, sensors, interval = inside["values"], inside["sensors"], inside.get("interval_ms")
-    if len(sensors) != len(rows[0]) or not all(isinstance(one, dict) and isinstance(one.get("name"), str) for one in sensors):
-        return None
-    names = [f"{one['name']} [{one['units']}]" if isinstance(one.get("units"), str) else one["name"] for one in sensors]
-    rate = 1000.0 / interval if isinstance(interval, int | float) and 1e-3 < interval < 1e6 else None
-    return list(zip(names, zip(*rows, strict=True), strict=True)), rate
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -34,8 +34,6 @@ def relabelled(text: str) -> Callable[[str], str] | None:
     lines = [line for line in text.split("\n", _LOOK + 1)[: _LOOK + 1] if line.strip()][:_LOOK]
     if sum(line.strip() == "---" for line in text.split("\n", 2000)[:2000]) > 1 and _MESSAGE.search(text[:20_000]):
         return _echoed
-    if len(lines) > 4 and sum("|" in line and len(_PAIR.findall(line)) < 2 for line in lines) >= _SHARE * len(lines):
-        return lambda text: "\n".join(map(_without_pipes, text.split("\n")))
     if (header := _listed(lines)) is not None:
         return lambda text: "\n".join([*header, *(_LIST.sub(_spread, line) for line in text.split("\n")[bool(header) :])])
     arrows = sum(bool((match := _TIME.match(line)) and match[2]) for line in lines)
@@ -83,13 +81,6 @@ def _echoed(text: str) -> str:
     names = list(rows[0]) if rows else []
     # the last message may be cut off
     return "\n".join([",".join(names), *(",".join(row.get(name, "") for name in names) for row in rows if len(row) == len(names))]) + "\n"
-
-
-def _without_pipes(line: str) -> str:
-    """A row of a table that is drawn with pipes as text separated by semicolons; nothing for a rule."""
-    if "-" in line and set(line) <= set("-+=:| \t\r"):
-        return ""
-    return ";".join(field.strip() for field in re.split(r"\|+", line.strip(" \t\r|")))
 
 
 def _listed(lines: list[str]) -> list[str] | None:

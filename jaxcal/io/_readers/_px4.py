@@ -1,7 +1,6 @@
 """Read PX4 ULog files: choice of topics, and meaning of their fields."""
 
 import collections
-import dataclasses
 import pathlib
 
 import numpy as np
@@ -9,10 +8,9 @@ import numpy as np
 from ..._answer import Finding
 from ..._errors import DataError
 from ..._message import Message
-from .._columns import scale
 from .._findings import READ
 from .._table import Signals
-from ._streams import Part, Rows, first_of, imus_of, join, named, one_of
+from ._streams import Part, first_of, imus_of, join, named
 from ._ulog import Topic, ULog
 from ._undo import undo_px4
 
@@ -53,28 +51,6 @@ def read_px4(path: pathlib.Path, topics: list[str] | None, units: dict[str, str]
     join(parts, units, signals)
     signals.columns = {"topics": labels}
     return signals
-
-
-def px4_rows(path: pathlib.Path, wanted: str | None) -> Rows:
-    """Rows of one topic, such as ``"sensor_gyro:0"``."""
-    log = ULog(path, frozenset(_ALL))
-    found = {topic.label: topic for topic in log.topics if topic.name in _ALL and "fifo" not in topic.name}
-    topic = found[one_of(list(found), wanted)]
-    fields = {"sensor_combined": ["gyro_rad", "accelerometer_m_s2"], "vehicle_magnetometer": ["magnetometer_ga"]}.get(topic.name, [*"xyz"])
-    sensors = dict.fromkeys(_ALL[topic.name], 3)
-    factor = scale(_UNITS["mag"], "mag")[0] if "mag" in sensors else 1.0
-
-    def part(first: int, last: int) -> Topic:
-        return dataclasses.replace(topic, offsets=topic.offsets[first:last])
-
-    def stamps(first: int, last: int) -> np.ndarray:
-        return _stamps(_rows(log, part(first, last), [], ["timestamp", "timestamp_sample"]), topic, [])
-
-    def values(first: int, last: int) -> np.ndarray:
-        rows = _rows(log, part(first, last), fields, [])
-        return np.concatenate([rows[field].reshape(last - first, -1) for field in fields], axis=1) * factor
-
-    return Rows(len(topic.offsets), sensors, stamps, values)
 
 
 def _choose(samples: dict[str, int], topics: list[str] | None, present: str, signals: Signals) -> list[str]:

@@ -10,7 +10,7 @@ import io
 import itertools
 import pathlib
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from .._columns import wrong
 from .._findings import READ
 from .._table import Signals
 from ._bounds import require
-from ._streams import Part, Rows, SeveralError, join, one_of
+from ._streams import Part, SeveralError, join
 
 #: message type -> number of float64 after the header
 _TYPES = {"sensor_msgs/msg/Imu": 37, "sensor_msgs/msg/MagneticField": 12, "sensor_msgs/msg/Temperature": 2}
@@ -70,67 +70,6 @@ def read_ros(paths: list[pathlib.Path], version: int, topics: list[str] | None, 
     join(_parts(streams, units, signals), units, signals)
     signals.columns = {"topics": chosen}
     return signals
-
-
-def ros_rows(paths: list[pathlib.Path], version: int, wanted: str | None) -> Rows:
-    """Rows of one topic, in the order of its messages."""
-    stack = contextlib.ExitStack()
-    readers = [stack.enter_context(_open(path, version)) for path in paths]
-    kinds = {c.topic: c.msgtype for reader in readers for c in reader.connections if c.msgtype in _TYPES}
-    topics = [topic for topic in sorted(kinds) if not kinds[topic].endswith("Temperature")]
-    if wanted is not None and wanted not in topics:
-        raise wrong("columns", f"{wanted} not among {', '.join(topics)}")
-    topic = wanted or one_of(topics, None)
-    numbers = _TYPES[kinds[topic]]
-    count = sum(reader.topics[topic].msgcount for reader in readers if topic in reader.topics)
-    head = next(_messages(readers, topic, numbers, version), (np.zeros(0, np.int64), np.zeros((0, numbers))))
-    found = _sensors(Stream(topic, kinds[topic], *head), Signals(None, {})) if len(head[0]) else {}
-    if not found:
-        raise wrong("columns", f"{topic} holds no measurement; name another topic")
-    places = {"mag": slice(0, 3)} | {name: place for name, (place, _) in _IMU.items()}
-    cursor = _Cursor(lambda: _messages(readers, topic, numbers, version), stack)
-
-    def values(first: int, last: int) -> np.ndarray:
-        block = cursor.take(first, last)[1]
-        return np.concatenate([block[:, places[name]] for name in found], axis=1)
-
-    return Rows(count, dict.fromkeys(found, 3), lambda first, last: cursor.take(first, last)[0], values)
-
-
-class _Cursor:
-    """Random access to messages from an iterator of blocks, which restarts to go back; keeps `files` open."""
-
-    def __init__(self, begin: Callable[[], Iterator[tuple[np.ndarray, np.ndarray]]], files: contextlib.ExitStack):
-        self._begin, self._files = begin, files
-        self._blocks, self._at, self._held = begin(), 0, list[tuple[np.ndarray, np.ndarray]]()
-
-    def take(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
-        if first < self._at:
-            self._blocks, self._at, self._held = self._begin(), 0, []
-        end = self._at + sum(len(stamps) for stamps, _ in self._held)
-        while end < last:
-            block = next(self._blocks, None)
-            if block is None:
-                raise DataError(
-                    "the recording ends before the number of messages that its index lists; run `rosbag reindex` on a copy", code="damaged"
-                )
-            end += len(block[0])
-            if end <= first:
-                self._at, self._held = end, []
-                continue
-            self._held.append(block)
-        stamps, values = (np.concatenate([block[k] for block in self._held]) for k in (0, 1))
-        begin, self._held, self._at = self._at, [(stamps[first - self._at :], values[first - self._at :])], first
-        return stamps[first - begin : last - begin], values[first - begin : last - begin]
-
-
-def _messages(readers: list[Any], topic: str, numbers: int, version: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Header stamps and float64 numbers of the messages of a topic, some thousand at a time."""
-    for reader in readers:
-        own = [c for c in reader.connections if c.topic == topic and c.msgtype in _TYPES]
-        messages: Iterator[Any] = iter(reader.messages(connections=own) if own else ())
-        while raws := [raw for _, _, raw in itertools.islice(messages, _CHUNK)]:
-            yield _decode(raws, numbers, version, topic)
 
 
 @contextlib.contextmanager

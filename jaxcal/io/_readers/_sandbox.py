@@ -14,7 +14,6 @@ import math
 import os
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from typing import Any
@@ -22,7 +21,7 @@ from typing import Any
 import numpy as np
 
 #: time limit: s for a file, and s for each of its bytes; memory limit: bytes beyond those in use, and bytes for each byte of the file
-_SECONDS, _SECONDS_PER_BYTE = 10.0, 1e-6
+_SECONDS, _SECONDS_PER_BYTE = 40.0, 4e-6
 _MEMORY, _MEMORY_PER_BYTE = 3 << 28, 64
 #: largest number of data sets and groups, and MATLAB classes whose layout is not public
 _MOST = 10_000
@@ -194,28 +193,6 @@ def _hdf5(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
 # the side that requests
 
 
-def _watch(process: Any, seconds: float, done: threading.Event) -> None:
-    """End a process that works for longer than `seconds`; on a busy machine, where it has to wait, after four times as long."""
-    before = _worked(process.pid)
-    for k in range(1, 5):
-        if done.wait(seconds):
-            return
-        if before is None or (_worked(process.pid) or before) - before > 0.5 * k * seconds:
-            break
-    if not done.is_set():
-        process.kill()
-
-
-def _worked(number: int) -> float | None:
-    """Processor time of a process in s, or None where the system does not tell."""
-    try:
-        with open(f"/proc/{number}/stat", encoding="utf-8") as file:
-            user, system = file.read().rpartition(")")[2].split()[11:13]
-        return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
-    except (OSError, ValueError):
-        return None
-
-
 class Sandbox:
     """The separate reading process; each process that reads has its own."""
 
@@ -223,7 +200,6 @@ class Sandbox:
         self._lock = threading.Lock()
         self._process: Any = None
         self._owner = 0
-        self._said: Any = None
 
     def read(self, kind: str, path: str, **request: Any) -> tuple[dict[str, Any], list[np.ndarray]]:
         """Read description and arrays of a file; an error if the library refuses the file, takes too long, or crashes."""
@@ -233,8 +209,9 @@ class Sandbox:
             process = self._running()
             began = time.monotonic()
             seconds = _SECONDS + _SECONDS_PER_BYTE * os.path.getsize(path)
-            done = threading.Event()
-            threading.Thread(target=_watch, args=(process, seconds, done), daemon=True).start()
+            timer = threading.Timer(seconds, process.kill)
+            timer.daemon = True
+            timer.start()
             try:
                 process.stdin.write(json.dumps({"kind": kind, "path": os.path.abspath(path)} | request).encode() + b"\n")
                 process.stdin.flush()
@@ -242,14 +219,14 @@ class Sandbox:
                 arrays = [self._array(*form) for form in about.get("arrays", [])]
             except (EOFError, OSError):
                 late = time.monotonic() - began >= seconds
-                said = f"it took more than {seconds:.0f} s" if late else f"the library that reads it broke down{self._last_words()}"
+                said = f"it took more than {seconds:.0f} s" if late else "the library that reads it broke down"
                 self.stop()
                 raise DataError(f"{said}; it is damaged: copy it again", code="damaged") from None
             except BaseException:
                 self.stop()  # part of an answer is left in the pipe
                 raise
             finally:
-                done.set()
+                timer.cancel()
         if "error" in about:
             if about["error"] == "MemoryError":
                 raise MemoryError(about["said"])
@@ -261,10 +238,9 @@ class Sandbox:
         if self._process is not None and (self._owner != os.getpid() or self._process.poll() is not None):
             self.stop()
         if self._process is None:
-            self._said = tempfile.TemporaryFile()  # noqa: SIM115
             # -P: import no module from the working folder or from this folder
             self._process = subprocess.Popen(
-                [sys.executable, "-P", __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._said,
+                [sys.executable, "-P", __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
                 env=os.environ | {"RUST_BACKTRACE": "0"},
             )  # fmt: skip
             self._owner = os.getpid()
@@ -282,12 +258,6 @@ class Sandbox:
             raise EOFError
         return array
 
-    def _last_words(self) -> str:
-        self._said.seek(0, os.SEEK_END)
-        self._said.seek(max(0, self._said.tell() - 2000))
-        lines = [line for line in self._said.read().decode(errors="replace").splitlines() if line.startswith("memory allocation")]
-        return f" ({lines[-1]})" if lines else ""
-
     def stop(self) -> None:
         """End the process, if it is running."""
         process, self._process = self._process, None
@@ -296,7 +266,7 @@ class Sandbox:
         if self._owner == os.getpid():
             process.kill()
             process.wait()
-        for stream in (process.stdin, process.stdout, self._said):
+        for stream in (process.stdin, process.stdout):
             with contextlib.suppress(OSError):
                 stream.close()
 

@@ -1,7 +1,6 @@
 """Shared by readers of message logs: gather records into arrays, and bring sensors with different time stamps onto common ones."""
 
 import dataclasses
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -31,19 +30,6 @@ class Part:
     unit: str
 
 
-@dataclasses.dataclass(frozen=True)
-class Rows:
-    """Rows of one topic that are read on demand: `stamps(first, last)` in ns, `values(first, last)` in SI, (n, channels).
-
-    `sensors` maps the name of each sensor to its number of channels.
-    """
-
-    count: int
-    sensors: dict[str, int]
-    stamps: Callable[[int, int], np.ndarray]
-    values: Callable[[int, int], np.ndarray]
-
-
 def gather(content: np.ndarray, offsets: np.ndarray, dtype: np.dtype) -> np.ndarray:
     """Gather the records at `offsets` (bytes) in `content` (uint8) into a structured array; `dtype` may skip bytes."""
     if not len(offsets):
@@ -65,22 +51,6 @@ def named(labels: list[str], wanted: str, present: str) -> str:
         said = "{wanted} comes from {count} sensors: name those to read, as in {option.topics:{first}}: {present}"
         raise DataError(Message(said, wanted=wanted, count=len(matching), first=matching[0], present=present), code="several")
     return matching[0]
-
-
-def one_of(labels: list[str], wanted: str | None) -> str:
-    """The label named by `wanted`, or the only label."""
-    if not labels:
-        raise DataError(
-            "there is no sensor in it that can be read in chunks; convert it once with `jaxcal convert LOG LOG.npz`", code="no_sensor"
-        )
-    if wanted is not None:
-        return named(labels, wanted, ", ".join(labels))
-    if len(labels) > 1:
-        raise DataError(
-            Message("there are {names}, each with stamps of its own; name one of them with {option.columns}", names=", ".join(labels)),
-            code="several",
-        )
-    return labels[0]
 
 
 def first_of(labels: list[str], samples: dict[str, int], findings: list[Finding]) -> list[str]:
