@@ -17,8 +17,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxcal.alignment import NAMES, Positions, Sensor, azimuth, crlb, fit, level, plan, simulate
+from jaxcal.alignment import Positions, Sensor, azimuth, crlb, fit, level, plan, simulate
 from jaxcal.alignment._findings import OUTCOMES
+from jaxcal.alignment._model import NAMES
 
 jax.config.update("jax_enable_x64", True)
 DEG, G, EARTH = np.pi / 180, 9.80665, 7.292115e-5

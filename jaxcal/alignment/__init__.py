@@ -5,22 +5,14 @@ from typing import TYPE_CHECKING
 from .._lazy import install
 
 if TYPE_CHECKING:
-    from ._azimuth import AZIMUTH_METHODS as AZIMUTH_METHODS, Azimuth as Azimuth, azimuth as azimuth
+    from ._azimuth import Azimuth as Azimuth, azimuth as azimuth
     from ._bound import crlb as crlb
     from ._fit import fit as fit
-    from ._level import LEVEL_METHODS as LEVEL_METHODS, Coarse as Coarse, Level as Level, coarse as coarse, level as level
-    from ._model import (
-        NAMES as NAMES,
-        UNITS as UNITS,
-        Table as Table,
-        Triads as Triads,
-        Turntable as Turntable,
-        residuals as residuals,
-        tabulate as tabulate,
-    )
+    from ._level import Level as Level, level as level
+    from ._model import Turntable as Turntable, residuals as residuals
     from ._noise import Sensor as Sensor, noise_of as noise_of
     from ._plan import Plan as Plan, plan as plan
-    from ._positions import Geometry as Geometry, Positions as Positions, Readings as Readings
+    from ._positions import Positions as Positions, Readings as Readings
     from ._readings import simulate as simulate
     from ._result import AlignmentFit as AlignmentFit, Bound as Bound
     from ._tablelog import TableLog as TableLog, from_log as from_log
@@ -28,14 +20,14 @@ if TYPE_CHECKING:
 install(
     __name__,
     {
-        "_azimuth": "AZIMUTH_METHODS Azimuth azimuth",
+        "_azimuth": "Azimuth azimuth",
         "_bound": "crlb",
         "_fit": "fit",
-        "_level": "LEVEL_METHODS Coarse Level coarse level",
-        "_model": "NAMES UNITS Table Triads Turntable residuals tabulate",
+        "_level": "Level level",
+        "_model": "Turntable residuals",
         "_noise": "Sensor noise_of",
         "_plan": "Plan plan",
-        "_positions": "Geometry Positions Readings",
+        "_positions": "Positions Readings",
         "_readings": "simulate",
         "_result": "AlignmentFit Bound",
         "_tablelog": "TableLog from_log",

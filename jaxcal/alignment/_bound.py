@@ -12,10 +12,11 @@ from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import array_module, host_float64, is_traced
 from .._types import Array
+from ..fitting import Estimate
 from ._model import NAMES, Table, Turntable, in_one_type, residuals, tabulate, turntable, with_angle_errors, with_values
 from ._noise import IDEAL, Sensor, as_noise, by_channel, check_noise
 from ._positions import GRAVITY, Readings, as_positions, check_gravity, check_latitude
-from ._result import Bound, know, sizes_of
+from ._result import QUANTITIES, Bound, know, sizes_of
 from ._start import free_of, priors_of
 
 
@@ -102,7 +103,11 @@ def crlb(
     mask = np.array([name in chosen for name in NAMES])
     jacobian = jacobian_at(model, table)
     known = know(jacobian if is_traced(jacobian) else np.asarray(jacobian), 2 * table.accel.size, mask, sizes_of(NAMES, gravity, positions))
-    return Bound(NAMES, known.covariance, mask, known.rank, known.hidden, known.lost)
+    states = {name: "held" for name in NAMES if name not in chosen}
+    if not is_traced(known.lost):
+        states |= {name: "open" for name, lost in zip(NAMES, known.lost, strict=True) if lost}
+    values = xp.stack([xp.asarray(leaf, dtype=dtype) for leaf in jax.tree.leaves(model)])
+    return Bound(Estimate(NAMES, values, known.covariance, states=states, quantities=QUANTITIES), known.rank, known.hidden, known.lost)
 
 
 @filter_jit

@@ -76,7 +76,7 @@ def fit(
     readings : accelerometer or gyro readings or both, with their noise. Without noise, the residuals give a white-noise level for each
         sensor, the intervals use Student's t with the remaining degrees of freedom, and there is no test of fit.
     latitude : rad, north positive; None estimates it.
-    free : names from `jaxcal.alignment.NAMES`, or fields of `model`. The default is the angles and biases, and the scale errors if there
+    free : names of fields of `model`. The default is the angles and biases, and the scale errors if there
         is a z reading. Parameters with a prior are also free.
     priors : name -> standard deviation about zero, or (mean, standard deviation), SI; angles need the mean.
     start : name -> value, SI: initial value of a free parameter, or fixed value of another one (default zero).

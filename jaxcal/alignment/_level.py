@@ -1,4 +1,4 @@
-"""`level`: roll and pitch from an accelerometer on the turntable, by five methods; `coarse`: attitude of a full IMU at rest."""
+"""`level`: roll and pitch from an accelerometer on the turntable, by five methods."""
 
 import dataclasses
 import math
@@ -17,7 +17,7 @@ from .._special import NORMAL95
 from .._types import Array
 from ._closed import WEAK, root_of
 from ._findings import OUTCOMES, decided, findings_of
-from ._positions import EARTH_RATE, GRAVITY, Readings, check_gravity, check_latitude, distance, harmonics, means_at, need, wrap
+from ._positions import GRAVITY, Readings, check_gravity, distance, harmonics, means_at, need, wrap
 
 LEVEL_METHODS = ("four_point_x", "least_squares_x", "four_point_y", "least_squares_y", "bias_and_scale")
 _QUARTER = np.pi / 2
@@ -27,8 +27,6 @@ _WANTED: dict[str, list[tuple[str, float]]] = {
     "bias_and_scale": [("x", 0.0), ("x", _QUARTER), ("x", np.pi), ("z", 0.0)],
 }
 _SINGULAR = 1e-6
-_POLE = np.deg2rad(89.9)
-_SIGMAS = 4
 
 
 class Level(Result):
@@ -262,130 +260,3 @@ def _with_z(readings: Readings, gravity: Array, both: bool) -> Level:
     )  # fmt: skip
     zero, bias = jnp.zeros_like(scale), (x[0] + x[2]) / 2 * gravity
     return Level(phi, theta, phi[None], angle_covariance, bias, scale, 1 + (alpha - 1) / 2, zero, outcome, "bias_and_scale")
-
-
-class Coarse(Result):
-    """Attitude and latitude of an IMU at rest.
-
-    Attributes
-    ----------
-    attitude : (3,) roll, pitch, azimuth, rad; None without horizontal rate or gravity (traced: zero azimuth).
-    latitude : estimated latitude, rad; None without gravity.
-    attitude_std : (3,) first-order standard deviations for a level IMU that points north, rad; None without given errors.
-    latitude_std : standard deviation of the latitude, rad; None without given errors.
-    rate_error, force_error : |w| minus the Earth's rate, rad/s, and |f| minus gravity, m/s^2.
-    latitude_error : estimated minus given latitude, rad; None if no latitude was given.
-    outcome : number of the outcome, for traced results, which have no findings: 0 if all is well.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from jaxcal.alignment import coarse
-    >>> found = coarse(7.292115e-5 * np.array([0.0, -0.8, -0.6]), np.array([0.0, 0.0, -9.80665]), latitude=0.64)
-    >>> print(np.rad2deg(found.latitude).round(3), np.rad2deg(found.latitude_error).round(3))
-    36.87 0.201
-    """
-
-    attitude: Any
-    latitude: Any
-    attitude_std: Any
-    latitude_std: Any
-    rate_error: Any
-    force_error: Any
-    latitude_error: Any
-    outcome: Any
-    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
-
-    @property
-    def headline(self) -> str:
-        """The azimuth."""
-        return "no attitude" if self.attitude is None else f"azimuth {math.degrees(self.attitude[2]):.6g} deg"
-
-    def sections(self) -> list[Section]:
-        """Attitude and latitude."""
-        if np.ndim(self.outcome):  # vectorised
-            return []
-        std = (math.nan,) * 3 if self.attitude_std is None else NORMAL95 * np.asarray(self.attitude_std)
-        known = () if self.attitude is None else zip(("roll", "pitch", "azimuth"), map(float, self.attitude), std, strict=True)
-        rows = [(label, Number(label, x, x - half, x + half, "angle")) for label, x, half in known]
-        rows += [] if self.latitude is None else [("latitude", Number("latitude", float(self.latitude), quantity="angle"))]
-        return [listed("attitude", "attitude at rest", rows)]
-
-
-@host_float64
-def coarse(
-    gyro_mean: Any, accel_mean: Any, *, latitude: Any = None, gravity: Any = GRAVITY, gyro_error: Any = None, accel_error: Any = None
-) -> Coarse:
-    r"""Compute attitude and latitude from the mean rate and mean specific force of an IMU with three axes at rest.
-
-    .. math:: d = -f/|f|,\quad n = \frac{w - (w\cdot d)\,d}{|w - (w\cdot d)\,d|},\quad e = d \times n,\quad C_{BN} = [n\; e\; d]
-
-    Parameters
-    ----------
-    gyro_mean, accel_mean : (3,) rad/s and m/s^2 in body axes.
-    latitude : rad, if known; the function compares it with the estimate.
-    gravity : m/s^2.
-    gyro_error, accel_error : standard deviation of the mean of one axis, including its bias, rad/s and m/s^2.
-
-    Returns
-    -------
-    Coarse
-
-    Raises
-    ------
-    DataError
-        If a mean is not three finite numbers.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from jaxcal.alignment import coarse
-    >>> level = coarse(7.292115e-5 * np.array([0.0, -0.8, -0.6]), np.array([0.0, 0.0, -9.80665]))
-    >>> print(np.rad2deg(level.attitude).round(3) + 0.0, np.rad2deg(level.latitude).round(3))
-    [ 0.  0. 90.] 36.87
-
-    References
-    ----------
-    P. G. Savage, Strapdown Analytics, 2000, section 6.1 (coarse alignment from two vectors).
-    """
-    w, f = jnp.asarray(gyro_mean), jnp.asarray(accel_mean)
-    traced = is_traced(w, f)
-    for name, v in (("gyro", w), ("accelerometer", f)):
-        if v.shape != (3,):
-            raise DataError(f"The {name} mean has shape {v.shape}; give its three axes.")
-        if not traced and not np.isfinite(np.asarray(v)).all():
-            raise DataError(f"The {name} mean is not finite; average the log of an IMU at rest.")
-    check_gravity(gravity)
-    if latitude is not None:
-        check_latitude(latitude)
-    force, rate = jnp.sqrt(f @ f), jnp.sqrt(w @ w)
-    no_force = force < 0.1 * gravity
-    d = -jnp.where(no_force, jnp.asarray([0.0, 0.0, -1.0], dtype=f.dtype), f) / jnp.where(no_force, 1, force)
-    flat = w - (w @ d) * d
-    some = flat @ flat > 0
-    horizontal = jnp.where(some, jnp.sqrt(jnp.where(some, flat @ flat, 1)), 0)
-    found = jnp.arctan2(-(w @ d), horizontal)
-    pole = (jnp.abs(found) > _POLE) | (rate < 1e-3 * EARTH_RATE)
-    north = jnp.where(pole, jnp.asarray([1.0, 0.0, 0.0], dtype=f.dtype), flat / jnp.where(pole, 1, horizontal))
-    azimuth = jnp.arctan2(jnp.where(pole, 0, jnp.cross(d, north)[0]), north[0])
-    angles = jnp.stack([jnp.arctan2(d[1], d[2]), jnp.arctan2(-d[0], jnp.hypot(d[1], d[2])), azimuth])
-    std = latitude_std = None
-    if gyro_error is not None and accel_error is not None:
-        tilt, drift = accel_error / gravity, gyro_error / EARTH_RATE
-        cosine = jnp.cos(jnp.where(pole, 0, found))
-        azimuth_std = jnp.sqrt((drift / cosine) ** 2 + (jnp.tan(jnp.where(pole, 0, found)) * tilt) ** 2)
-        std = jnp.stack([tilt + 0 * cosine, tilt + 0 * cosine, azimuth_std])
-        latitude_std = jnp.sqrt(drift**2 + tilt**2)
-    off = None if latitude is None else found - latitude
-    outcome = decided(
-        (std is not None and std[2] > WEAK, "weak"),
-        (off is not None and latitude_std is not None and jnp.abs(off) > _SIGMAS * latitude_std, "integrity"),
-        (pole, "pole"), (no_force, "degenerate"),
-    )  # fmt: skip
-    name = "ok" if traced else OUTCOMES[int(outcome)]
-    none = name in ("pole", "degenerate")
-    return Coarse(
-        attitude=None if none else angles, latitude=found if name != "degenerate" else None,
-        attitude_std=None if none else std, latitude_std=latitude_std, rate_error=rate - EARTH_RATE, force_error=force - gravity,
-        latitude_error=off, outcome=outcome, findings=() if traced else findings_of(outcome),
-    )  # fmt: skip

@@ -121,7 +121,8 @@ class Triads(Turntable):
 
     Examples
     --------
-    >>> from jaxcal.alignment import Positions, Triads
+    >>> from jaxcal.alignment import Positions
+    >>> from jaxcal.alignment._model import Triads
     >>> accel, _ = Triads(b_a_y=0.5).measure(Positions([0.0, 0.0, 0.0], ("x", "y", "fixed z")))
     >>> print(accel.round(3) + 0.0)
     [ 0.     0.5   -9.807]
@@ -156,10 +157,6 @@ class Triads(Turntable):
 
 
 NAMES = tuple(field.name for field in dataclasses.fields(Turntable))
-#: parameter -> its unit; additional parameters of a user's subclass are not listed
-UNITS = dict(zip(NAMES, ("rad",) * 3 + ("m/s^2", "", "rad/s", "") + ("rad",) * 4 + ("m/s^3", "rad/s^2", "rad"), strict=True))
-UNITS |= {"b_a_y": "m/s^2", "b_a_z": "m/s^2", "b_g_y": "rad/s", "b_g_z": "rad/s"}
-UNITS |= {f"ma_{sensor}_z{axis}": "rad" for sensor in "ag" for axis in "xy"}
 ANGLES = NAMES[:3]
 
 
@@ -216,7 +213,8 @@ class Table(eqx.Module):
     Examples
     --------
     >>> import numpy as np
-    >>> from jaxcal.alignment import Readings, tabulate
+    >>> from jaxcal.alignment import Readings
+    >>> from jaxcal.alignment._model import tabulate
     >>> table = tabulate(Readings(np.zeros(1), accel=np.array([2e-3]), accel_noise=1e-3))
     >>> print(float(table.accel[0]), float(table.weight_accel[0]), table.measured[1].any())
     0.002 1000.0 False
@@ -306,7 +304,8 @@ def tabulate(readings: Readings, gravity: Any = GRAVITY, noise: Any = None, prio
     Examples
     --------
     >>> import numpy as np
-    >>> from jaxcal.alignment import Readings, Turntable, residuals, tabulate
+    >>> from jaxcal.alignment import Readings, Turntable, residuals
+    >>> from jaxcal.alignment._model import tabulate
     >>> table = tabulate(Readings(np.zeros(1), accel=np.array([2e-3]), accel_noise=1e-3))
     >>> print(residuals(Turntable(), table)[0].round(6))
     -2.0

@@ -1,6 +1,7 @@
 """`plan`: choose table angles and dwells that give the most accurate azimuth."""
 
 import dataclasses
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -11,6 +12,7 @@ import jax.scipy.linalg
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._answer import Finding, Number, Result, Section, listed
 from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced
@@ -26,7 +28,7 @@ _NUDGE = 0.1
 _LEAST = 1e-7  # least share of the time for a position
 
 
-class Plan(eqx.Module):
+class Plan(Result):
     """A measurement plan: table angles and dwells.
 
     Attributes
@@ -34,7 +36,7 @@ class Plan(eqx.Module):
     positions : `Positions` in the order of measurement, with their dwells and starts.
     azimuth_std : (k,) bound of the azimuth's standard deviation for each attitude, rad.
     compared : name -> value of the criterion for other plans with the same total time: uniform turns and the best pair.
-    criterion : minimised value, rad. gain : value of four uniform positions divided by `criterion`.
+    criterion : minimised root of the mean variance over the attitudes, rad. gain : value of four uniform positions divided by `criterion`.
     pair : angle tau0 of the best pair tau0, tau0 + 180 degrees for the first attitude, rad, in [0, pi).
 
     Examples
@@ -52,6 +54,22 @@ class Plan(eqx.Module):
     criterion: float
     gain: float
     pair: float
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
+
+    @property
+    def headline(self) -> str:
+        """The standard deviation of the azimuth."""
+        return f"azimuth to {math.degrees(self.criterion):.3g} deg (1 sigma)"
+
+    def sections(self) -> list[Section]:
+        """The positions, and the value of other plans."""
+        places = zip(np.rad2deg(self.positions.angle), self.positions.mounting, self.positions.dwell, strict=True)
+        rows = [
+            (f"{angle:.2f} deg, {word}", Number(f"dwell[{i}]", float(dwell), quantity="time"))
+            for i, (angle, word, dwell) in enumerate(places)
+        ]
+        others = [(name, Number(name, value, quantity="angle")) for name, value in self.compared.items()]
+        return [listed("plan", "time at each position", rows), listed("others", "azimuth of other plans (1 sigma)", others, detail=True)]
 
 
 @host_float64
@@ -65,7 +83,6 @@ def plan(
     mountings: Any = ("x",) * 6,
     free: Iterable[str] | None = None,
     priors: dict[str, Any] | None = None,
-    criterion: str = "mean",
     minimum_dwell: float = 0.0,
     slew: float = 0.0,
     mirrored: bool = False,
@@ -86,9 +103,8 @@ def plan(
     attitude : (3,) approximate roll, pitch and azimuth, rad; or (k, 3) possible attitudes. The best angles depend on the azimuth, so
         estimate it by a short first measurement, or plan for several azimuths.
     accel_noise, gyro_noise : see `crlb`.
-    mountings : one word per position; or several such lists, of which the best one is used.
+    mountings : one word per position.
     free, priors : see `fit`; by default angles, biases and scale errors are free, with priors of 1e-4 on the scale errors.
-    criterion : "mean" or "largest" variance over the attitudes.
     minimum_dwell : least dwell per position, s. slew : time per move between positions, s.
     mirrored : True to measure the positions forwards and then backwards, which cancels a linear drift of the biases.
     gravity : m/s^2. seed : seed of the starts.
@@ -123,9 +139,6 @@ def plan(
     attitudes = np.atleast_2d(np.asarray(attitude, dtype=float))
     if attitudes.shape[1] != 3 or not np.isfinite(attitudes).all():
         raise DataError(f"The attitudes have shape {attitudes.shape}; give (roll, pitch, azimuth) in rad, one or (k, 3).")
-    if criterion not in ("mean", "largest"):
-        raise DataError(f"There is no criterion {criterion!r}; known are 'mean' and 'largest'.")
-    lists = [mountings] if isinstance(mountings[0], str) and mountings[0] in ("x", "z", "-z", "y") else list(mountings)
     noise = [given_noise(accel_noise, "accelerometer noise"), given_noise(gyro_noise, "gyro noise")]
     # a zero coefficient stays a Python number, so that the compiled program omits its term
     noise = jax.tree.map(lambda value: jnp.asarray(float(value)) if float(value) else 0.0, noise)
@@ -137,20 +150,18 @@ def plan(
     bound = jax.tree.map(lambda *leaves: jnp.asarray(leaves), *models), noise, certainty, jnp.asarray(float(gravity))
     # the horizontal part of the Earth's rate rotates with the azimuth, so its derivative is its value a quarter turn further
     phi, theta, psi = attitudes[0]
-    slope, found = table_from_nav(phi, theta, psi + np.pi / 2)[:, 0], []
+    slope, words = table_from_nav(phi, theta, psi + np.pi / 2)[:, 0], tuple(mountings)
     tau = float(np.arctan2(slope[1], slope[0]))  # the angle at which a reading is most sensitive to the azimuth
-    for words in lists:
-        chosen = free_of(free, priors, Positions(np.zeros(len(words)), words), latitude, (True, True), NAMES)
-        free_ones, times = tuple(name in chosen for name in NAMES), (float(total_time), float(minimum_dwell), float(slew))
-        found.append(_searched(_Design(tuple(words), free_ones, *times, bool(mirrored), criterion == "largest", bound), tau, seed))
-    return min(found, key=lambda one: one.criterion)
+    chosen = free_of(free, priors, Positions(np.zeros(len(words)), words), latitude, (True, True), NAMES)
+    times = float(total_time), float(minimum_dwell), float(slew)
+    return _searched(_Design(words, tuple(name in chosen for name in NAMES), *times, bool(mirrored), bound), tau, seed)
 
 
 class _Design(eqx.Module):
     """The bound of the azimuth as a function of table angles and shares of the time, for one list of mountings.
 
-    words : mountings. free : flags of the estimated parameters. total, minimum, slew : times in s, see `plan`. largest : True for the
-    criterion "largest". bound : further data for the bound: models (k,), noise, certainty of the priors, gravity.
+    words : mountings. free : flags of the estimated parameters. total, minimum, slew : times in s, see `plan`. bound : further data for the
+    bound: models (k,), noise, certainty of the priors, gravity.
     """
 
     words: tuple[str, ...]
@@ -159,7 +170,6 @@ class _Design(eqx.Module):
     minimum: float
     slew: float
     mirrored: bool
-    largest: bool
     bound: Any
 
     @property
@@ -183,7 +193,7 @@ class _Design(eqx.Module):
         order = self.order
         places = padded(Positions(np.zeros(len(order)), tuple(self.words[i] for i in order)))
         dwell = (jnp.asarray(self.least), jnp.asarray(self.time), jnp.asarray(len(order) / len(self.words)), jnp.asarray(self.moves))
-        value, slope = _gradient(jnp.asarray(p), places, jnp.asarray(order), dwell, jnp.asarray(self.largest), self.free, *self.bound)
+        value, slope = _gradient(jnp.asarray(p), places, jnp.asarray(order), dwell, self.free, *self.bound)
         return float(value), np.asarray(slope)
 
     def value(self, angles: np.ndarray, shares: np.ndarray) -> float:
@@ -299,7 +309,7 @@ def _variances(places: Places, count: Any, free: tuple[bool, ...], models: Any, 
 
 
 @filter_jit
-def _gradient(p: Array, places: Places, index: Array, dwell: Any, largest: Array, *others: Any) -> tuple[Array, Array]:
+def _gradient(p: Array, places: Places, index: Array, dwell: Any, *others: Any) -> tuple[Array, Array]:
     """Half the logarithm of the variance, and its gradient by angles and logarithms of shares; `index` is the order of measurement."""
     least, time, halves, moves = dwell
 
@@ -313,6 +323,6 @@ def _gradient(p: Array, places: Places, index: Array, dwell: Any, largest: Array
         )
         moved = dataclasses.replace(places, angle=places.angle.at[: index.size].set(angles[index]), dwell=full, start=start, time=middle)
         variance = _variances(moved, index.size, *others)
-        return 0.5 * jnp.log(jnp.where(largest, jnp.max(variance), jnp.mean(variance)))
+        return 0.5 * jnp.log(jnp.mean(variance))
 
     return jax.value_and_grad(objective)(p)

@@ -227,7 +227,8 @@ class Geometry(eqx.Module):
     Examples
     --------
     >>> import numpy as np
-    >>> from jaxcal.alignment import Readings, tabulate
+    >>> from jaxcal.alignment import Readings
+    >>> from jaxcal.alignment._model import tabulate
     >>> places = tabulate(Readings(np.deg2rad([0.0, 90.0]), gyro=np.zeros(2), gyro_noise=1e-6)).places
     >>> print(places.axes[1, 0].round(6) + 0.0)
     [0. 1. 0.]

@@ -72,42 +72,14 @@ def _informed(matrix: AnyArray, free: np.ndarray) -> Information:
     return information(xp.where(column[None, :] > _RANK * xp.max(column), matrix, 0), held=xp.asarray(~free), tolerance=_RANK)
 
 
-class _Known(eqx.Module):
-    """What can be said from the covariance of the parameters, and from flags of those that the positions determine."""
-
-    def _named(self: Any, flags: Any) -> tuple[str, ...]:
-        return tuple(name for name, flag in zip(self.names, np.asarray(flags), strict=True) if flag)
-
-    @property
-    def std(self: Any) -> dict[str, float]:
-        """Standard deviation of every free parameter; infinite if undetermined (host only)."""
-        size = dict(zip(self.names, np.sqrt(np.diag(np.asarray(self.covariance))), strict=True))
-        return {name: float(size[name]) for name in self._named(self.free)}
-
-    @property
-    def azimuth_std(self: Any) -> Any:
-        """Standard deviation of the azimuth, rad."""
-        return self.covariance[..., 2, 2] ** 0.5
-
-    @property
-    def unobservable(self: Any) -> tuple[str, ...]:
-        """Free parameters that the readings alone do not determine (host only)."""
-        return self._named(self.hidden)
-
-    @property
-    def undetermined(self: Any) -> tuple[str, ...]:
-        """Free parameters that neither the readings nor the priors determine (host only)."""
-        return self._named(self.lost)
-
-
-class Bound(_Known):
+class Bound(Result):
     """Cramer-Rao bound.
 
     Attributes
     ----------
-    names : names of the p parameters: `jaxcal.alignment.NAMES`, and those of a subclass of `Turntable`.
-    covariance : (p, p) in the order of `names`, SI; zero for fixed parameters, infinite for undetermined ones.
-    free : (p,) flags of the estimated parameters. rank : rank of the information in the readings.
+    estimate : `jaxcal.fitting.Estimate` of the parameters by name, SI, at the values for which the bound holds. A fixed parameter is
+        "held", and one that is not determined "open".
+    rank : rank of the information in the readings.
     hidden : (p,) flags of the parameters that the readings do not determine. lost : (p,) flags of those that readings and priors together
         do not determine.
 
@@ -121,24 +93,74 @@ class Bound(_Known):
     (5, ())
     """
 
-    names: tuple[str, ...] = eqx.field(static=True)
-    covariance: Any
-    free: Any
+    estimate: Estimate
     rank: Any
     hidden: Any
     lost: Any
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=(), kw_only=True)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the p parameters: the fields of `Turntable`, and those of a subclass."""
+        return self.estimate.names
+
+    @property
+    def covariance(self) -> Any:
+        """(p, p) covariance; zero for held parameters, infinite variance for undetermined ones."""
+        return self.estimate.matrix
+
+    @property
+    def free(self) -> np.ndarray:
+        """(p,) flags of the estimated parameters."""
+        return np.array([self.estimate.states.get(name) != "held" for name in self.names])
+
+    def _named(self, flags: Any) -> tuple[str, ...]:
+        return tuple(name for name, flag in zip(self.names, np.asarray(flags), strict=True) if flag)
+
+    @property
+    def std(self) -> dict[str, float]:
+        """Standard deviation of every free parameter; infinite if undetermined (host only)."""
+        size = dict(zip(self.names, np.sqrt(np.diag(np.asarray(self.covariance))), strict=True))
+        return {name: float(size[name]) for name in self._named(self.free)}
+
+    @property
+    def azimuth_std(self) -> Any:
+        """Standard deviation of the azimuth, rad."""
+        return self.covariance[..., 2, 2] ** 0.5
+
+    @property
+    def unobservable(self) -> tuple[str, ...]:
+        """Free parameters that the readings alone do not determine (host only)."""
+        return self._named(self.hidden)
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Free parameters that neither the readings nor the priors determine (host only)."""
+        return self._named(self.lost)
+
+    @property
+    def headline(self) -> str:
+        """The azimuth with half of its 95 % interval."""
+        wanted = [self.estimate[name] for name in ("psi", "s_g", "phi", *self.names)]
+        first = next((one for one in wanted if one.state != "held"), wanted[0])
+        label = _LABELS.get(first.name, first.name)
+        return f"{label} {cell_text(first)} {shown_in(first.quantity)[0]}".strip() if first.state == "estimated" else f"no {label}"
+
+    def sections(self) -> list[Section]:
+        """Table of the free parameters."""
+        rows = [(_LABELS.get(one.name, one.name), one) for one in self.estimate.numbers() if one.state != "held"]
+        return [listed("alignment", "joint fit", rows)]
 
 
-class AlignmentFit(_Known, Result):
+class AlignmentFit(Bound):
     """Result of the joint fit of attitude, sensor errors and latitude.
 
     Attributes
     ----------
+    estimate, rank, hidden, lost : see `Bound`; evaluated at the solution. Without given noise, the degrees of freedom of the estimate are
+        those of the residuals.
     model : the fitted model, a `Turntable` or the given subclass.
     readings : the `Readings` that were fitted.
-    estimate : `jaxcal.fitting.Estimate` of the parameters by name, SI. A fixed parameter is "held", and one that is not determined "open".
-        Without given noise, its degrees of freedom are those of the residuals.
-    rank, hidden, lost : see `Bound`; evaluated at the solution.
     prior_only : (p,) flags of the parameters whose standard deviation is that of their prior.
     accel_residual, gyro_residual : (n,) model minus reading in units of the standard deviation (decorrelated if the noise is not white).
     chi_square, degrees_of_freedom, p_value : test of the whitened residuals with the priors; p_value is None without redundancy, or if
@@ -160,10 +182,6 @@ class AlignmentFit(_Known, Result):
 
     model: Turntable
     readings: Readings
-    estimate: Estimate
-    rank: Any
-    hidden: Any
-    lost: Any
     prior_only: Any
     accel_residual: Any
     gyro_residual: Any
@@ -173,24 +191,8 @@ class AlignmentFit(_Known, Result):
     other: Any
     noise_known: bool = eqx.field(static=True)
     outcome: Any = 0
-    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
     _figure = ("north", True)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the p parameters."""
-        return self.estimate.names
-
-    @property
-    def covariance(self) -> Any:
-        """(p, p) covariance; zero for held parameters, infinite variance for undetermined ones."""
-        return self.estimate.matrix
-
-    @property
-    def free(self) -> np.ndarray:
-        """(p,) flags of the estimated parameters."""
-        return np.array([self.estimate.states.get(name) != "held" for name in self.names])
 
     @property
     def answered(self) -> Any:
@@ -226,18 +228,9 @@ class AlignmentFit(_Known, Result):
         """Free parameters by name, SI; None for an undetermined parameter (host only)."""
         return {name: self._value(name) for name in self._named(self.free)}
 
-    @property
-    def headline(self) -> str:
-        """The azimuth with half of its 95 % interval."""
-        wanted = [self.estimate[name] for name in ("psi", "s_g", "phi", *self.names)]
-        first = next((one for one in wanted if one.state != "held"), wanted[0])
-        label = _LABELS.get(first.name, first.name)
-        return f"{label} {cell_text(first)} {shown_in(first.quantity)[0]}".strip() if first.state == "estimated" else f"no {label}"
-
     def sections(self) -> list[Section]:
         """Table of the free parameters; in detail, the test of the fit."""
-        rows = [(_LABELS.get(one.name, one.name), one) for one in self.estimate.numbers() if one.state != "held"]
         test = [("chi-square", Number("chi_square", float(self.chi_square))),
                 ("degrees of freedom", Number("degrees_of_freedom", float(self.degrees_of_freedom)))]  # fmt: skip
         test += [] if self.p_value is None else [("p value", Number("p_value", float(self.p_value)))]
-        return [listed("alignment", "joint fit", rows), listed("test", "test of the fit", test, detail=True)]
+        return [*super().sections(), listed("test", "test of the fit", test, detail=True)]

@@ -27,7 +27,6 @@ from ._kernels._total import traced_total_sums
 from ._kinds import Kind, cluster_sizes, find_kind
 from ._noise_type._identify import identify, noise_types, types_for_intervals
 from ._result import Deviation, assembled
-from ._theoh import theoh
 from ._uncertainty._bias import bias_factors
 from ._uncertainty._edf import interval_factors, known_uncertainty, tabulated_factors
 from ._uncertainty._edf_total import degrees_of_freedom
@@ -44,7 +43,7 @@ def deviation(
     y: Any, rate: Any, *, kind: str | Kind = "oadev", m: Any = "log", data: str = "rate", confidence: float | int = 0.95, alpha: Any = None,
     bias_corrected: bool = False,
 ) -> Deviation:  # fmt: skip
-    r"""Allan, modified Allan, time, Hadamard or total deviation, Theo1 or interval error, with noise type and interval.
+    r"""Allan, modified Allan, time, Hadamard or total deviation, or Theo1, with noise type and interval.
 
     With the phase :math:`\theta_k = \sum_{t<k} (y_t - \bar y)` in units of samples,
 
@@ -61,14 +60,10 @@ def deviation(
     ttotdev  mtotdev times tau/sqrt(3)                                                            1 .. n/3     times s
     htotdev  ohdev of every window of 3 m rate samples, likewise; ohdev itself at m = 1           1 .. n/3     of the record
     theo1    pairs of differences within windows of m, tau = 0.75 m / rate                        even, 2 .. n of the record
-    theoh    oadev up to a tenth of the record, beyond it theo1 at the level of oadev             1 .. n       of the record
-    mtie     largest range of the phase within any window of m + 1 points                         1 .. n       times s
-    tierms   root mean square of theta_{k+m} - theta_k                                            1 .. n       times s
     ======== ==================================================================================== ============ =================
 
     At long cluster times the total statistics and theo1 are more precise than their plain counterparts, but have a bias that depends on
-    the noise type; `bias_corrected` removes it. A constant rate affects mtie and tierms: it is removed from rate samples (as their mean),
-    and kept in phase data.
+    the noise type; `bias_corrected` removes it.
 
     More than 512 cluster sizes, or all (``m="all"``), cost O(n log^2 n) in a record without gaps. FFT correlations then replace the direct
     sums, with a relative error of the variance below 1e-8; cluster sizes where rounding could exceed this are summed directly. With gaps,
@@ -82,8 +77,8 @@ def deviation(
         touch it are left out and counted. totdev, mtotdev, ttotdev, htotdev and theo1 need a record without gaps: they use the longest
         stretch without gaps, and a finding reports it. If only some channels contain samples, the others give NaN and a finding.
     rate : sampling rate in Hz.
-    kind : "adev", "oadev" (default), "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "theo1", "theoh",
-        "mtie" or "tierms". A traced record (jit, grad, vmap) allows all except mtotdev, ttotdev, htotdev, theo1, theoh and mtie.
+    kind : "adev", "oadev" (default), "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev" or "theo1".
+        A traced record (jit, grad, vmap) allows all except mtotdev, ttotdev, htotdev and theo1.
     m : cluster sizes in samples: "log" (default, about 15 per decade), "octave", "decade", "all", or integers.
     data : "rate" (default) or "phase".
     confidence : level of the intervals, 0.95 by default.
@@ -94,8 +89,7 @@ def deviation(
     Returns
     -------
     Deviation
-        tau in s, deviation and its limits in the unit of y, edf, counts and noise types. No interval is known for mtie and tierms:
-        their limits and edf are NaN.
+        tau in s, deviation and its limits in the unit of y, edf, counts and noise types.
 
     Raises
     ------
@@ -116,16 +110,9 @@ def deviation(
     ----------
     W. J. Riley, Handbook of Frequency Stability Analysis, NIST SP 1065, 2008, section 5; IEEE Std 952-1997, annex C;
     intervals: Greenhall and Riley, PTTI 2003; noise type: Riley and Greenhall, EFTF 2004, and with fewer than 30 averages
-    the ratios B1 and R(n) (NIST SP 1065, section 5.5); interval errors: ITU-T G.810.
+    the ratios B1 and R(n) (NIST SP 1065, section 5.5).
     """
-    if kind == "theoh":
-        y = checked_record(y)
-        if not isinstance(y, np.ndarray):
-            raise DataError("theoh is computed on the host: it cannot be traced (jit, grad, vmap). Of a traced record take oadev")
-        options = {"data": data, "confidence": confidence, "alpha": alpha, "bias_corrected": bias_corrected}
-        plain = functools.partial(deviation, y, rate, **options)
-        return theoh(len(y) - (1 if data == "phase" else 0), m, plain)
-    statistic, rate = find_kind(kind, "theoh"), checked_rate(rate)
+    statistic, rate = find_kind(kind), checked_rate(rate)
     if data not in ("rate", "phase"):
         raise DataError(f'unknown data {data!r}; expected "rate" (samples of rate or force) or "phase" (their integral)')
     confidence, y = checked_confidence(confidence), checked_record(y)
@@ -151,7 +138,7 @@ def begin(
     if not isinstance(y, np.ndarray):
         refuse_traced(statistic)
         measured = _traced(columns, sizes, statistic, rate, data, samples, alpha)
-    elif statistic.contiguous or statistic.family == "range":
+    elif statistic.contiguous:
         names = [f"channel {index}" if columns.shape[1] > 1 else "y" for index in range(columns.shape[1])]
         missing = [None if np.isfinite(np.sum(column)) else _missing(column, name) for column, name in zip(columns.T, names, strict=True)]
         total, count, noise, told = measure_whole(columns, missing, sizes, statistic, rate, data, alpha)
@@ -234,8 +221,6 @@ def _by_noise_type(function, sizes, noise, statistic: Kind, xp):
 
 def _uncertainty(noise, count, expected, sizes, statistic: Kind, samples, confidence: float, xp):
     """The edf and the interval factors; in a trace, the factors are read from a table."""
-    if statistic.interval_error:
-        return (xp.full(count.shape, xp.nan, dtype=noise.dtype),) * 3
     if xp is np and not statistic.contiguous and len(sizes) <= MANY and (count == expected).all():
         return known_uncertainty(sizes, noise, statistic, samples, confidence)
     edf = _by_noise_type(functools.partial(degrees_of_freedom, kind=statistic, samples=samples), sizes, noise, statistic, xp)
@@ -256,7 +241,7 @@ def _traced(columns, sizes, statistic: Kind, rate: float, data: str, samples: in
         theta = jnp.cumsum(jnp.where(gone, 0.0, columns - mean[None, :]), axis=0)
         theta = jnp.concatenate([jnp.zeros_like(theta[:1]), theta])
     else:
-        line = jnp.linspace(0.0, 0.0 if statistic.interval_error else 1.0, samples + 1, dtype=columns.dtype)[:, None]
+        line = jnp.linspace(0.0, 1.0, samples + 1, dtype=columns.dtype)[:, None]
         theta = (clean - clean[:1] - line * (clean[-1:] - clean[:1])) * rate
     parts = theta
     if statistic.modified:
@@ -365,7 +350,7 @@ def _prepare(column, name: str, statistic: Kind, rate: float, data: str, samples
             integrate(np.where(gone, np.mean(column[~gone]), column), held, parts, run)
     if data == "phase":
         clean = np.where(gone, 0.0, column) if gone is not None else column
-        np.subtract(clean, clean[0] if statistic.interval_error else np.linspace(clean[0], clean[-1], samples + 1), out=held)
+        np.subtract(clean, np.linspace(clean[0], clean[-1], samples + 1), out=held)
         held *= rate
     theta = jax.device_put(buffer, may_alias=True)
     summed = running_sum_of_phase(theta) if statistic.modified else (theta,)

@@ -13,11 +13,11 @@ class Kind:
     """One statistic: differences of `order` of the phase (or of its running sum, if `modified`), at all points or every m-th.
 
     `family` tells how it is formed: "difference" uses differences of the record itself; "total" uses differences of the record, or of
-    windows of it, reflected about their ends; "theo1" uses pairs of differences within windows; "range" uses the extremes of windows.
+    windows of it, reflected about their ends; "theo1" uses pairs of differences within windows.
     """
 
     name: str
-    order: int  # 1 interval error, 2 Allan, 3 Hadamard: d in the edf formulas
+    order: int  # 2 Allan, 3 Hadamard: d in the edf formulas
     modified: bool  # first averages the phase over m points
     overlapped: bool  # all starting points, not every m-th
     timed: bool = False  # multiplied by tau/sqrt(3)
@@ -31,13 +31,8 @@ class Kind:
     @property
     def plain(self) -> "Kind":
         """The difference statistic that this one estimates, or whose response to noise types is the same."""
-        name = {1: "oadev", 2: "mdev" if self.modified else "oadev", 3: "ohdev"}[self.order]
-        return self if self.family == "difference" and self.order > 1 else _KINDS[name]
-
-    @property
-    def interval_error(self) -> bool:
-        """Whether this is an error of phase (mtie, tierms), for which neither noise type nor interval is defined."""
-        return self.order == 1
+        name = "ohdev" if self.order == 3 else "mdev" if self.modified else "oadev"
+        return _KINDS[name] if self.contiguous else self
 
     @property
     def contiguous(self) -> bool:
@@ -77,8 +72,6 @@ class Kind:
     def scale(self, m: np.ndarray, rate: float) -> np.ndarray:
         """Factor from the mean squared difference to the variance."""
         m = np.asarray(m, dtype=np.float64)
-        if self.interval_error:
-            return np.full_like(m, 1.0 / rate**2)
         if self.family == "theo1":
             return 2.0 / (3.0 * m)
         factor = 1.0 / ((2.0 if self.order == 2 else 6.0) * m**2)
@@ -103,18 +96,16 @@ _KINDS = {
         Kind("ttotdev", order=2, modified=True, overlapped=True, timed=True, family="total"),
         Kind("htotdev", order=3, modified=False, overlapped=True, family="total"),
         Kind("theo1", order=2, modified=False, overlapped=True, family="theo1"),
-        Kind("mtie", order=1, modified=False, overlapped=True, family="range"),
-        Kind("tierms", order=1, modified=False, overlapped=True),
     )
 }
 
 
-def find_kind(name: "str | Kind", *more: str) -> Kind:
-    """The statistic called `name`, or the given one; the error message lists the known names, and `more` names of the caller."""
+def find_kind(name: "str | Kind") -> Kind:
+    """The statistic called `name`, or the given one."""
     if isinstance(name, Kind):
         return name
     if name not in _KINDS:
-        raise DataError(f"unknown kind {name!r}; expected one of {', '.join([*_KINDS, *more])}")
+        raise DataError(f"unknown kind {name!r}; expected one of {', '.join(_KINDS)}", code="kind")
     return _KINDS[name]
 
 
@@ -146,7 +137,7 @@ def cluster_sizes(m: Any, kind: str | Kind, samples: int) -> Int[np.ndarray, " c
     Parameters
     ----------
     m : "log" (about 15 per decade), "octave" (1, 2, 4, ...), "decade" (1, 2, 4, 10, 20, 40, ...), "all", or integers. For theo1 the
-        named grids contain even sizes only; for mtie and tierms they end at half the record.
+        named grids contain even sizes only.
     kind : name of the statistic, such as "oadev".
     samples : number of rate samples.
 
@@ -171,7 +162,6 @@ def cluster_sizes(m: Any, kind: str | Kind, samples: int) -> Int[np.ndarray, " c
             f"{kind.name} needs a record of at least {need} rate samples or {need + 1} phase points; got {samples} or {samples + 1}"
         )
     if isinstance(m, str):
-        largest = samples // 2 if kind.interval_error else largest  # larger windows are few and nearly the same
         if m == "log":
             decades = np.log10(largest)
             intervals = int(np.ceil(decades * PER_DECADE))

@@ -27,11 +27,10 @@ class Deviation(Result):
     ----------
     tau : (clusters,) cluster time in s.
     m : (clusters,) cluster size in samples.
-    deviation : (clusters,) or (clusters, channels), in the unit of the record (tdev, ttotdev, mtie, tierms: that unit times s).
-    lower, upper : limits of the interval at level `confidence`, same shape and unit as `deviation`. NaN for mtie and tierms, whose
-        intervals are unknown: mtie is an extreme, and both depend on the record's mean.
-    edf : equivalent degrees of freedom of the variance, same shape; NaN for mtie and tierms.
-    count : number of differences averaged (windows for mtotdev, ttotdev, htotdev and mtie), same shape; less than the full number
+    deviation : (clusters,) or (clusters, channels), in the unit of the record (tdev, ttotdev: that unit times s).
+    lower, upper : limits of the interval at level `confidence`, same shape and unit as `deviation`.
+    edf : equivalent degrees of freedom of the variance, same shape.
+    count : number of differences averaged (windows for mtotdev, ttotdev and htotdev), same shape; less than the full number
         if gaps were left out.
     alpha : noise type identified at each cluster size (2 white phase or quantisation, 1 flicker phase, 0 white rate, -1 flicker rate, -2
         random walk of rate), same shape. With fewer than 30 averages, edf and limits use the redder of this type and the last one
@@ -97,7 +96,7 @@ class Deviation(Result):
     @property
     def unit_of_phase(self) -> bool:
         """Whether the deviation is in the unit of the record times s."""
-        return self.kind in ("tdev", "ttotdev", "mtie", "tierms")
+        return self.kind in ("tdev", "ttotdev")
 
     def channel(self, index: int) -> "Deviation":
         """The same result for one of several channels."""

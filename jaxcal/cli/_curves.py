@@ -18,7 +18,7 @@ from ._outputs import File, Outputs, figure, outputs, save_json, save_report
 from ._work import carry_out
 
 Kind = Literal[
-    "adev", "oadev", "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "theo1", "theoh", "mtie", "tierms"
+    "adev", "oadev", "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "theo1"
 ]  # fmt: skip
 _GRIDS = ("log", "octave", "decade", "all")
 
@@ -61,8 +61,7 @@ def allan(
     ----------
     kind
         Statistic: Allan (adev, overlapping oadev), modified Allan (mdev), time (tdev), Hadamard (hdev, overlapping ohdev), their
-        total forms (totdev, mtotdev, ttotdev, htotdev), Theo1 (theo1), both (theoh: oadev, and Theo1 beyond a tenth of the log), interval
-        error (largest mtie, rms tierms: no interval known).
+        total forms (totdev, mtotdev, ttotdev, htotdev), Theo1 (theo1).
     m
         Cluster sizes: log (15 per decade), octave, decade, all, or numbers of samples as 1,10,100.
     bias_corrected

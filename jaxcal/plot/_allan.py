@@ -18,7 +18,7 @@ KINDS = {
     "adev": "Allan deviation", "oadev": "Allan deviation", "mdev": "Modified Allan deviation", "tdev": "Time deviation",
     "hdev": "Hadamard deviation", "ohdev": "Hadamard deviation", "totdev": "Total deviation",
     "mtotdev": "Modified total deviation", "ttotdev": "Time total deviation", "htotdev": "Hadamard total deviation",
-    "theo1": "Theo1 deviation", "theoh": "TheoH deviation", "mtie": "Maximum time interval error", "tierms": "RMS time interval error",
+    "theo1": "Theo1 deviation",
 }  # fmt: skip
 _MOST_POINTS = 400  # largest number of cluster sizes drawn; the eye cannot separate more
 _MODELLED = ("adev", "oadev", "totdev")  # statistics whose expectation is the Allan variance of the model
@@ -52,8 +52,7 @@ class _Channel(ModelledChannel):
         ax.fill_between(tau, lower, upper, where=used | alone | (self.model is None), color=color, alpha=0.16, linewidth=0)
         hollow: dict[str, Any] = {"markerfacecolor": "none", "markeredgecolor": color, "markeredgewidth": 0.7, "alpha": 0.7}
         ax.plot(tau[~used], deviation[~used], "o", markersize=3.4, **hollow)
-        interval = "no interval known" if np.isnan(self.deviation.lower).all() else f"{100 * self.deviation.confidence:g} % interval"
-        label = f"measured, {interval}"
+        label = f"measured, {100 * self.deviation.confidence:g} % interval"
         return ax.plot(tau[used], deviation[used], "o", markersize=3.4, color=color, markeredgewidth=0, label=label)[0]
 
     def draw_model(self, ax: "Axes", color: str) -> list[Any]:

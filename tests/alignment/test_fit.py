@@ -9,7 +9,8 @@ import pytest
 import scipy.stats
 
 from jaxcal import DataError
-from jaxcal.alignment import NAMES, Positions, Readings, Sensor, Turntable, crlb, fit, plan, residuals, simulate
+from jaxcal.alignment import Positions, Readings, Sensor, Turntable, crlb, fit, plan, residuals, simulate
+from jaxcal.alignment._model import NAMES
 from jaxcal.noise import Noise
 
 from . import cases

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from jaxcal import DataError
-from jaxcal.alignment import AZIMUTH_METHODS, LEVEL_METHODS, Positions, Readings, Sensor, azimuth, coarse, level, simulate
+from jaxcal.alignment import Positions, Readings, Sensor, azimuth, level, simulate
+from jaxcal.alignment._azimuth import AZIMUTH_METHODS
+from jaxcal.alignment._level import LEVEL_METHODS
 
 from .cases import ARW, DEG, VRW, apart, outcome
 
@@ -90,25 +92,11 @@ def test_negative_scale():
     assert found.psi is None or np.all(found.scale[apart(found.roots, found.psi) < 1e-9] > 0)
 
 
-def test_a_wrong_latitude_is_told_by_triad_and_coarse():
+def test_a_wrong_latitude_is_told_by_triad():
     readings = at(5, 3, 40, 35, gyro=Sensor(white=ARW), accel=Sensor(white=VRW))
     flat = level(readings, method="bias_and_scale")
     assert outcome(azimuth(readings, flat, 35 * DEG, method="triad")) == "ok"
     assert outcome(azimuth(readings, flat, 37 * DEG, method="triad")) == "integrity"
-    w, f = 7.292115e-5 * np.array([0.6, 0.0, -0.8]), np.array([0.0, 0.0, -9.80665])
-    known = {"gyro_error": 1e-8, "accel_error": 1e-3}
-    assert outcome(coarse(w, f, latitude=np.arcsin(0.8), **known)) == "ok"
-    assert outcome(coarse(w, f, latitude=np.arcsin(0.8) + 0.01, **known)) == "integrity"
-
-
-def test_a_full_imu_at_the_pole_and_without_gravity():
-    down = np.array([0.0, 0.0, -9.80665])
-    found = coarse(np.array([0.0, 0.0, -7.292115e-5]), down)
-    assert (outcome(found), found.attitude) == ("pole", None)
-    assert found.latitude == pytest.approx(np.pi / 2)
-    assert outcome(coarse(np.zeros(3), down)) == "pole"
-    found = coarse(np.array([5e-5, 0.0, 0.0]), np.zeros(3))
-    assert (outcome(found), found.attitude) == ("degenerate", None)
 
 
 @pytest.mark.parametrize("method", ["four_point_x", "least_squares_x", "four_point_y", "least_squares_y"])

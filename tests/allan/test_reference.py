@@ -145,22 +145,7 @@ def test_phase_dat_theo1(reference, table):
         steps = np.arange(int(len(phase) / 6 - 3) + 1)
         ratio = np.mean(variance("oadev", 9 + 3 * steps) / variance("theo1", 12 + 4 * steps))
         assert round(float(ratio), 4) == 0.6028
-        both = jaxcal.allan.deviation(phase, 1.0, kind="theoh", m=[1, 100, *m[m > 100]], data="phase", alpha=0)
-        np.testing.assert_allclose(both.deviation[2:], printed[m > 100], rtol=1e-4)
-        np.testing.assert_allclose(both.deviation[:2] ** 2, variance("oadev", [1, 100]), rtol=1e-12)
-        np.testing.assert_allclose(both.tau, [1.0, 100.0, *tau[m > 100]])
-        np.testing.assert_allclose(both.bias[2:], 1.0 / ratio)
     np.testing.assert_allclose(found.deviation * np.sqrt(ratio), printed, rtol=1e-4)
-
-
-@pytest.mark.parametrize("kind", ["mtie", "tierms"])
-def test_phase_dat_interval_errors(reference, kind):
-    folder = reference / "data/phasedat"
-    m, tau, count, printed = _stable32(folder / f"phase_dat_{kind}.txt")
-    found = jaxcal.allan.deviation(_phase_dat(folder), 1.0, kind=kind, m=m.astype(int), data="phase")
-    np.testing.assert_allclose(found.tau, tau)
-    np.testing.assert_array_equal(found.count, count)
-    np.testing.assert_allclose(found.deviation, printed, rtol=1e-4)
 
 
 @pytest.fixture(scope="module")

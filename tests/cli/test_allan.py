@@ -48,17 +48,6 @@ def test_files_hold_what_the_library_gives(call, folder, log, kind, unit):
     assert "<svg" in (folder / "a.svg").read_text()
 
 
-@pytest.mark.parametrize("kind", ["mtie", "tierms"])
-def test_where_no_interval_is_known_files_hold_none(call, folder, log, kind):
-    found = call("allan", "imu.csv", "--kind", kind, "--m", "1,10", "--json", "a.json", "--export", "csv", "--plot", "a.svg")
-    assert (found.status, found.err) == (0, "")
-    assert kind in found.out
-    assert not any(word in found.out for word in ("nan", "±"))
-    channel = json.loads((folder / "a.json").read_text())["channels"]["accel_x"]
-    assert (channel["unit"], channel["lower"], channel["upper"], channel["edf"]) == ("m/s", [None, None], [None, None], [None, None])
-    assert (folder / "imu-allan.csv").read_text().splitlines()[1].endswith(",,,")
-
-
 def test_the_bias_is_taken_off_on_request(call, folder, log):
     for words in ((), ("--bias-corrected",)):
         assert call("allan", "imu.csv", "--kind", "mtotdev", "--m", "4,16", "--json", "a.json", "--quiet", *words).status == 0

@@ -8,8 +8,9 @@ import numpy as np
 import jaxcal
 from jaxcal import Log
 from jaxcal._answer import CAUTION, NOTE, Kind, table
-from jaxcal.alignment import NAMES, AlignmentFit, Positions, Readings, Sensor, Turntable, simulate
+from jaxcal.alignment import AlignmentFit, Positions, Readings, Sensor, Turntable, simulate
 from jaxcal.alignment._findings import FINDINGS as NORTH
+from jaxcal.alignment._model import NAMES
 from jaxcal.alignment._result import QUANTITIES
 from jaxcal.device import DeviceFit
 from jaxcal.device._findings import FINDINGS as DEVICE

@@ -221,8 +221,6 @@ def test_curves_without_a_model(tmp_path):
     (data,) = map(json.loads, documents(text))
     assert [sorted(channel) for channel in data["channels"]] == [["allan", "axis", "name", "signal"]] * 2
     assert jaxcal.allan.Deviations(curves).to_dict(log)["channels"]["gyro_x"]["kind"] == "oadev"
-    mtie = jaxcal.allan.deviation(log.gyro[:, 0], log.rate, kind="mtie", data="phase")
-    assert "Maximum time interval error" in Page(written({"clock_x": mtie}, tmp_path / "b.html")).text
 
 
 def test_lines_of_a_long_spectrum_are_kept(tmp_path):
