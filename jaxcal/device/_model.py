@@ -8,7 +8,7 @@ import numpy as np
 
 from .._precision import array_module
 from .._types import AnyArray
-from ..fitting import names_of
+from ..fitting._problem import names_of
 from ..imu import Triad
 from ..magnetometer import MagModel
 

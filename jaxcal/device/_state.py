@@ -8,7 +8,8 @@ import scipy  # loads its parts when they are first used
 
 from .._arrays import runs
 from .._rotation import from_vector, to_vector
-from ..fitting import Chain, Eliminated
+from ..fitting import Chain
+from ..fitting._chain import Eliminated
 from ._model import NAMES, DeviceModel, field_of, model_of
 from ._normal import LINK, Inertial, Rows
 from ._windows import Windows

@@ -5,9 +5,9 @@ A calibration is a residual problem: a model (any tree of numbers, usually an Eq
 well its parameters are known. Every estimator of jaxcal uses this package, and only this package uses optimistix.
 """
 
-from ._chain import Chain as Chain, Eliminated as Eliminated
+from ._chain import Chain as Chain
 from ._covariance import covariance as covariance, intervals as intervals
-from ._estimate import Estimate as Estimate, NamedMatrix as NamedMatrix, mixed as mixed
+from ._estimate import Estimate as Estimate
 from ._fit import solve as solve, solve_many as solve_many
 from ._information import Information as Information, information as information
 from ._loss_and_prior import (
@@ -16,10 +16,7 @@ from ._loss_and_prior import (
     Cauchy as Cauchy,
     Gaussian as Gaussian,
     Huber as Huber,
-    SoftL1 as SoftL1,
     Tukey as Tukey,
 )
-from ._problem import names_of as names_of
 from ._profile import Interval as Interval, profile_interval as profile_interval
-from ._result import Fit as Fit, Outcome as Outcome, identifiability as identifiability, leverage as leverage
-from ._serial import is_white as is_white, leave_out as leave_out
+from ._result import Fit as Fit, Outcome as Outcome, identifiability as identifiability

@@ -16,18 +16,15 @@ from ._information import Information, information as information_of
 from ._problem import Problem
 from ._result import Fit, Outcome, ended, known_of, to_numpy, weighted_rows
 from ._search import search
+from ._serial import BLOCKS
 
 Kind = Literal["model", "sandwich", "jackknife"]
 
-#: Default number of blocks of a jackknife. On real logs the errors were right with six, but too small with ten or twenty.
-_BLOCKS = 6
 #: Smallest share of a residual that a sandwich counts as unexplained: a block of leverage one leaves no residual to scale.
 _LEAST = 1e-6
 
 
-def covariance(
-    fit: Fit[Any], kind: Kind = "model", *, blocks: int | AnyArray | None = None, scaled: bool = False, information: AnyArray | None = None
-) -> AnyArray:
+def covariance(fit: Fit[Any], kind: Kind = "model", *, blocks: int | AnyArray | None = None, scaled: bool = False) -> AnyArray:
     """Covariance of the parameters of a fit.
 
     With J the Jacobian of the residuals, K that of the priors and B = (J'J + K'K)^-1:
@@ -54,8 +51,6 @@ def covariance(
         default six blocks for "jackknife", and one block per residual for "sandwich".
     scaled
         For "model": multiply by the reduced chi-square. Use it if the standard deviation of the residuals is unknown.
-    information
-        (p, p) information of the data instead of J'J, such as the expected information of a likelihood, in units of the parameters.
 
     Returns
     -------
@@ -76,8 +71,8 @@ def covariance(
     >>> float(covariance(fit, "jackknife", blocks=4)[0, 0].round(6))
     0.666667
     """
-    xp = array_module(fit.residuals, information)
-    known = _bread(fit, information)
+    xp = array_module(fit.residuals)
+    known = _bread(fit)
     root = known.root
     bread = root @ root.T
     prior = fit.prior_jacobian.T @ fit.prior_jacobian
@@ -91,7 +86,7 @@ def covariance(
     elif kind == "jackknife":
         if fit.problem is None:
             raise FitError("A fit out of many does not keep its data; solve it by itself for a jackknife.")
-        labels, count = _labels(fit, _BLOCKS if blocks is None else blocks)
+        labels, count = _labels(fit, BLOCKS if blocks is None else blocks)
         matrix = _refits(fit, fit.problem, labels, count) + bread @ prior @ bread
     else:
         raise FitError(f"There is no covariance of kind {kind!r}; the kinds are 'model', 'sandwich' and 'jackknife'.")
@@ -134,24 +129,18 @@ def intervals(
     if kind == "model":
         freedom = float(fit.degrees_of_freedom) if fit.robust or options.get("scaled") else np.inf
     else:
-        labels, _ = _labels(fit, _BLOCKS if kind == "jackknife" and blocks is None else blocks)
+        labels, _ = _labels(fit, BLOCKS if kind == "jackknife" and blocks is None else blocks)
         freedom = _real(fit, labels) - 1
     reach = scipy.special.stdtrit(freedom, (1 + confidence) / 2) * error
     return np.asarray(fit.parameters)[:, None] + reach[:, None] * np.array([-1.0, 1.0])
 
 
-def _bread(fit: Fit[Any], given: AnyArray | None) -> Information:
+def _bread(fit: Fit[Any]) -> Information:
     """Inverse of the curvature of the cost, with the mean curvature of the loss."""
-    if given is None and not fit.robust:
+    if not fit.robust:
         return known_of(fit)
-    xp = array_module(fit.residuals, given)
-    if given is None:
-        rows = xp.sqrt(xp.abs(fit.mean_curvature)) * fit.jacobian
-    else:  # rows whose product is the information; columns are scaled to unit length, because eigenvalues depend on units
-        size = xp.sqrt(xp.diagonal(given))
-        size = xp.where(size > 0, size, 1)
-        values, vectors = xp.linalg.eigh(given / size[:, None] / size[None, :])
-        rows = (xp.sqrt(xp.maximum(values, 0))[:, None] * vectors.T) * size[None, :]
+    xp = array_module(fit.residuals)
+    rows = xp.sqrt(xp.abs(fit.mean_curvature)) * fit.jacobian
     return information_of(xp.concatenate([rows, fit.prior_jacobian]), held=fit.at_bound)
 
 

@@ -193,28 +193,6 @@ class Estimate(eqx.Module):
         return {"parameters": list(self.names), "covariance": np.asarray(self.matrix).tolist(), "freedom": self.freedom.tolist()}
 
 
-def mixed(estimates: Sequence[Estimate], weights: Sequence[float]) -> Estimate:
-    """The mean of estimates of the same parameters from several models, with the scatter between the models in the covariance.
-
-    J. A. Hoeting, D. Madigan, A. E. Raftery and C. T. Volinsky, Stat. Sci. 14, 1999, equation (6).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from jaxcal.fitting import Estimate, mixed
-    >>> both = [Estimate(("x",), np.array([value]), np.array([[1.0]])) for value in (0.0, 2.0)]
-    >>> found = mixed(both, [0.5, 0.5])
-    >>> float(found.values[0]), float(found.covariance["x", "x"])
-    (1.0, 2.0)
-    """
-    first, share = estimates[0], np.asarray(weights, dtype=float) / np.sum(weights)
-    values = np.stack([np.asarray(one.values) for one in estimates])
-    mean = share @ values
-    away = values - mean
-    matrix = np.einsum("k,kij->ij", share, np.stack([np.asarray(one.matrix) for one in estimates])) + (share * away.T) @ away
-    return Estimate(first.names, mean, matrix, np.min([one.freedom for one in estimates], axis=0), first.states, first.quantities)
-
-
 def _place(names: Sequence[str], name: str) -> int:
     if name not in names:
         raise KeyError(f"no parameter {name!r}; the parameters are {', '.join(names)}")

@@ -15,7 +15,7 @@ from .._frozen import made
 from .._precision import array_module, is_traced
 from .._types import Array
 from ._loss_and_prior import AbstractLoss, AbstractPrior
-from ._problem import LeastSquaresSolver, Problem, check, common_dtype, define, to_floats
+from ._problem import Problem, check, common_dtype, define, to_floats
 from ._result import Fit, M, Outcome, ended, known_of, to_numpy
 from ._search import cost, search
 
@@ -29,7 +29,6 @@ def solve(
     bounds: tuple[Any, Any] | None = None,
     loss: AbstractLoss | None = None,
     priors: AbstractPrior | Sequence[AbstractPrior] = (),
-    solver: LeastSquaresSolver | None = None,
     starts: Any = None,
     max_steps: int = 128,
     rtol: float | Array | None = None,
@@ -58,8 +57,6 @@ def solve(
         Robust loss, such as `Huber()`.
     priors
         Prior knowledge of the parameters: one prior such as `Gaussian("bias[2]", 0.0, 0.01)`, or several.
-    solver
-        Any least-squares solver of optimistix, to replace the default one; without bounds.
     starts
         Tree like `start` with one more leading axis in every leaf: fit from each start and keep the lowest cost.
     max_steps
@@ -88,7 +85,7 @@ def solve(
     ('offset', 'slope') [1. 2.] The fit converged.
     """
     problem = define(
-        residuals, start, data, free=free, bounds=bounds, loss=loss, priors=priors, solver=solver, starts=starts, max_steps=max_steps,
+        residuals, start, data, free=free, bounds=bounds, loss=loss, priors=priors, starts=starts, max_steps=max_steps,
         rtol=rtol,
     )  # fmt: skip
     check(problem)

@@ -73,23 +73,6 @@ class Huber(AbstractLoss):
         return jnp.where(z > 1, 2 / jnp.sqrt(large) - 1 / large, 1)
 
 
-class SoftL1(AbstractLoss):
-    """A smooth version of Huber's loss: rho = 2 (sqrt(1 + z) - 1).
-
-    Examples
-    --------
-    >>> import jax.numpy as jnp
-    >>> from jaxcal.fitting import SoftL1
-    >>> [round(float(weight), 3) for weight in SoftL1(scale=2.0).weight(jnp.array([0.0, 1.0, 3.0]))]
-    [1.0, 0.894, 0.555]
-    """
-
-    scale: float | Array = 1.2871
-
-    def ratio(self, z: Array) -> Array:
-        return 2 / (1 + jnp.sqrt(1 + z))
-
-
 class Cauchy(AbstractLoss):
     """Loss for heavy tails, with weight 1 / (1 + z): rho = ln(1 + z).
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -14,13 +14,6 @@ from .._arrays import namespace
 from .._errors import FitError
 from .._precision import array_module, is_traced
 from .._types import AnyArray, Array
-
-if TYPE_CHECKING:
-    from optimistix import AbstractLeastSquaresSolver
-
-    LeastSquaresSolver: TypeAlias = AbstractLeastSquaresSolver[Any, Any, Any, Any]
-else:  # the import takes a fifth of a second, and only the trace of a fit needs it
-    LeastSquaresSolver = Any
 
 _STATIC = {"static": True}
 
@@ -57,7 +50,7 @@ def names_of(model: Any) -> list[str]:
     Examples
     --------
     >>> import numpy as np
-    >>> from jaxcal.fitting import names_of
+    >>> from jaxcal.fitting._problem import names_of
     >>> names_of({"bias": np.zeros(2), "scale": 1.0})
     ['bias[0]', 'bias[1]']
     """
@@ -117,7 +110,6 @@ class Problem:
     keep: Any
     rtol: Any
     residuals: Callable = dataclasses.field(metadata=_STATIC)
-    solver: LeastSquaresSolver | None = dataclasses.field(metadata=_STATIC)
     free: tuple[int, ...] = dataclasses.field(metadata=_STATIC)
     names: tuple[str, ...] = dataclasses.field(metadata=_STATIC)
     max_steps: int = dataclasses.field(metadata=_STATIC)
@@ -149,9 +141,7 @@ class Problem:
         return jnp.ravel(r) if self.keep is None else jnp.where(self.keep, jnp.ravel(r), 0), prior
 
 
-def define(
-    residuals, start, data, *, free=None, bounds=None, loss=None, priors=(), solver=None, starts=None, max_steps=128, rtol=None
-) -> Problem:
+def define(residuals, start, data, *, free=None, bounds=None, loss=None, priors=(), starts=None, max_steps=128, rtol=None) -> Problem:
     """Convert the arguments of `solve` to one form and dtype."""
     dtype = common_dtype(start, data)
     priors = (priors,) if hasattr(priors, "residuals") else tuple(priors)
@@ -160,8 +150,6 @@ def define(
     index = np.arange(len(names)) if free is None else np.flatnonzero(spread(free, start, "`free`"))
     if not index.size:
         raise FitError("There is nothing to fit: the start has no floating-point number, or `free` holds every one fixed.")
-    if bounds is not None and solver is not None:
-        raise FitError("Bounds need the default solver, but another one was given; leave out `solver` or `bounds`.")
 
     def chosen(spec: Any, what: str) -> AnyArray:
         return spread(spec, start, what)[index].astype(dtype)
@@ -177,7 +165,6 @@ def define(
         priors=priors,
         keep=None,
         residuals=residuals,
-        solver=solver,
         free=tuple(index.tolist()),
         names=tuple(names[i] for i in index),
         max_steps=max_steps,

@@ -207,7 +207,8 @@ def leverage(fit: Fit[Any]) -> AnyArray:
     Examples
     --------
     >>> import jax.numpy as jnp
-    >>> from jaxcal.fitting import leverage, solve
+    >>> from jaxcal.fitting import solve
+    >>> from jaxcal.fitting._result import leverage
     >>> fit = solve(lambda slope, data: slope * data[0] - data[1], 0.0, (jnp.array([1.0, 1.0, 2.0]), jnp.array([1.0, 1.2, 2.1])))
     >>> print(leverage(fit).round(3))
     [0.167 0.167 0.667]

@@ -51,7 +51,7 @@ def is_white(jacobian: np.ndarray, residuals: np.ndarray) -> bool:
     Examples
     --------
     >>> import numpy as np
-    >>> from jaxcal.fitting import is_white
+    >>> from jaxcal.fitting._serial import is_white
     >>> noise = np.random.default_rng(0).normal(size=300)
     >>> is_white(np.ones((300, 1)), noise), is_white(np.ones((300, 1)), np.cumsum(noise))
     (True, False)
@@ -112,7 +112,7 @@ def leave_out(jacobian: np.ndarray, residuals: np.ndarray, known: np.ndarray | N
     Examples
     --------
     >>> import numpy as np
-    >>> from jaxcal.fitting import leave_out
+    >>> from jaxcal.fitting._serial import leave_out
     >>> noise = np.convolve(np.random.default_rng(0).normal(size=619), np.ones(20), mode="valid")
     >>> bool(leave_out(np.ones((600, 1)), noise)[0, 0] > 4 * np.var(noise) / 600)
     True

@@ -14,7 +14,8 @@ from .._answer import Finding
 from .._errors import DataError
 from .._special import chi_square_tail
 from .._units import factor
-from ..fitting import AbstractLoss, Fit, leverage
+from ..fitting import AbstractLoss, Fit
+from ..fitting._result import leverage
 from ._estimate import solved
 from ._findings import FINDINGS
 from ._model import FITTED_LEVEL, Imu, Triad

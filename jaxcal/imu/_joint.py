@@ -12,7 +12,8 @@ import scipy  # loads its parts when they are first used
 
 from .._answer import FATAL, Finding, Quantity
 from .._rests import Ends, Multiples
-from ..fitting import Estimate, Fit, covariance, leverage
+from ..fitting import Estimate, Fit, covariance
+from ..fitting._result import leverage
 from . import _fits, _recording
 from ._estimate import described, framed, placed, solved
 from ._findings import FINDINGS

@@ -12,7 +12,7 @@ from .._errors import DataError
 from .._precision import array_module, host_float64, is_traced
 from .._types import AnyArray, Array
 from .._units import EARTH_RATE as EARTH_RATE
-from ..fitting import names_of
+from ..fitting._problem import names_of
 
 CONVENTIONS = ("upper", "lower", "full")
 #: level of the tests whose outcome widens intervals or lowers the verdict: one false alarm in a thousand; level of the tests that decide

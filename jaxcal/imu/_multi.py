@@ -12,7 +12,8 @@ from .._errors import DataError
 from .._message import Message
 from .._precision import host_float64, is_traced
 from .._rests import Ends, Multiples, StillIntervals, Variances
-from ..fitting import AbstractLoss, Fit, Huber, leverage
+from ..fitting import AbstractLoss, Fit, Huber
+from ..fitting._result import leverage
 from . import _fits, _recording
 from ._estimate import solved, started
 from ._findings import FINDINGS

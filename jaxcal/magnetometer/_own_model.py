@@ -17,8 +17,8 @@ from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import is_traced
 from .._types import Array
-from ..fitting import Fit, covariance, identifiability, is_white, leave_out, solve
-from ..fitting._serial import BLOCKS, doubt
+from ..fitting import Fit, covariance, identifiability, solve
+from ..fitting._serial import BLOCKS, doubt, is_white, leave_out
 from ._checked import checked, norm_and_dip
 from ._design._coverage import covered
 from ._design._heading_error import rms_heading

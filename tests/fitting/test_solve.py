@@ -3,7 +3,6 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 import pytest
 import scipy.optimize
 
@@ -107,15 +106,6 @@ def test_padding_changes_nothing():
     for kind, blocks, padded_blocks in (("sandwich", 12, 12), ("jackknife", 5, 5), ("jackknife", np.arange(60) // 12, np.arange(67) // 12)):
         expected = covariance(fit, kind, blocks=blocks)
         np.testing.assert_allclose(covariance(other, kind, blocks=padded_blocks), expected, rtol=1e-5, atol=1e-6 * expected.max())
-
-
-@pytest.mark.parametrize("solver", [optx.Dogleg(1e-10, 1e-10), optx.LevenbergMarquardt(1e-10, 1e-10)])
-def test_another_solver(solver):
-    data = decay_data()
-    fit = solve(decay, START, data, solver=solver).checked()
-    np.testing.assert_allclose(fit.parameters, solve(decay, START, data).parameters, atol=1e-7)
-    with pytest.raises(FitError, match="Bounds need the default solver"):
-        solve(decay, START, data, solver=solver, bounds=(0.0, np.inf))
 
 
 def test_precision_follows_the_inputs(precision):

@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..._special import f_tail
-from ...fitting import leave_out
 from ...fitting._information import symmetric_inverse
-from ...fitting._serial import BLOCKS, correlation_time, look_white, span_of, tamed
+from ...fitting._serial import BLOCKS, correlation_time, leave_out, look_white, span_of, tamed
 from ._kinds import COUNT, PLANAR, basis_of, slopes_of
 from ._residuals import Size
 from ._shape import Found, radius_of, root, unit

@@ -14,7 +14,8 @@ from ..._errors import DataError
 from ..._precision import host_float64
 from ..._special import NORMAL95
 from ..._types import AnyArray
-from ...fitting import Fit, Gaussian, covariance, is_white, leave_out, solve
+from ...fitting import Fit, Gaussian, covariance, solve
+from ...fitting._serial import is_white, leave_out
 from .._ellipsoid._shape import filled, unit
 from .._findings import FINDINGS
 from .._model import MagModel

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from ..._answer import CAUTION, FATAL, Quantity
-from ...fitting import information, is_white, leave_out
-from ...fitting._serial import BLOCKS, doubt
+from ...fitting import information
+from ...fitting._serial import BLOCKS, doubt, is_white, leave_out
 from .._design._heading_error import WORDS, rms_heading
 from .._ellipsoid._algebraic import triangle
 from .._ellipsoid._kinds import ENTRIES, basis_of, upper_and_centre
