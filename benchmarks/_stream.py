@@ -1,4 +1,4 @@
-"""Streams larger than memory, many logs, and the dynamic deviation: parts of compare.py that hardly need another package.
+"""Streams larger than memory, and many logs: parts of compare.py that hardly need another package.
 
 python benchmarks/_stream.py --longest 1000000000     everything; the longest stream needs 4 GB on disk
 """
@@ -96,19 +96,6 @@ def many_logs(logs=1000):
     print(f"{len(programs)} programs in all in {spent:.1f} s", flush=True)
 
 
-def dynamic(samples=10**6, windows=200):
-    """Compute the surface of a record, with and without compilation."""
-    y = np.random.default_rng(2).standard_normal(samples)
-    window = samples // 20 / RATE
-    step = (samples - samples // 20) // (windows - 1) / RATE
-    for state in ("first call", "second call"):
-        start = time.perf_counter()
-        found = jaxcal.allan.dynamic(y, RATE, window=window, step=step)
-        seconds = time.perf_counter() - start
-        shape = f"{found.deviation.shape[0]} windows, {found.deviation.shape[1]} cluster sizes"
-        print(f"dynamic: {samples} samples, {shape}, {state}: {seconds:.2f} s", flush=True)
-
-
 def main():
     """Run everything, or the requested part."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -120,7 +107,6 @@ def main():
         _stream_of(*options.stream_of)
         return
     stream(options.longest, options.folder)
-    dynamic()
     many_logs()
 
 

@@ -231,7 +231,6 @@ def main():
         "all": lambda: _alltau.all_tau(options.longest),
         "total": _total.total_family,
         "stream": lambda: _stream.stream(options.stream),
-        "dynamic": _stream.dynamic,
         "logs": _stream.many_logs,
         "memory": lambda: memory(options.longest),
         "programs": lambda: compilations_over_lengths(compilations),

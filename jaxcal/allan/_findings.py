@@ -12,7 +12,6 @@ FINDINGS = table(
     empty=Kind(CAUTION, "Nothing but NaN: no deviation."),
     not_followed=Kind(NOTE, "Parts were merged without {option.start}: tau = {tau} s cannot be followed any more."),
     ends_early=Kind(NOTE, "{kind} of a record longer than {option.chunk:{chunk}} ends at cluster size {exact}.", "Raise {option.exact}."),
-    gaps_in_windows=Kind(NOTE, "Gaps leave no difference at some cluster times in {some} of {windows} windows: NaN there."),
 )
 
 

@@ -6,7 +6,6 @@ from .._lazy import install
 
 if TYPE_CHECKING:
     from ._allan import allan as allan
-    from ._dynamic import dynamic as dynamic
     from ._imu import imu as imu
     from ._magnetometer import (
         coverage as coverage,
@@ -23,7 +22,6 @@ install(
     __name__,
     {
         "_allan": "allan",
-        "_dynamic": "dynamic",
         "_imu": "imu",
         "_magnetometer": "coverage heading_error residual sphere",
         "_north": "north",
