@@ -58,7 +58,6 @@ def mag(
         tuple[float, float] | None, Parameter(help="Latitude and longitude in degrees: field and dip by the World Magnetic Model.")
     ] = None,
     date: Annotated[str | None, Parameter(help="Day of the log for --place, as 2026-05-31.")] = None,
-    loss: Annotated[Literal["none", "huber", "cauchy", "tukey"], Parameter(help="Robust loss for logs with outliers.")] = "none",
     align: Annotated[
         Literal["none", "accel", "gyro"],
         Parameter(help="Find the rotation that norms cannot see, from poses at rest (accel) or from rates (gyro)."),
@@ -97,8 +96,8 @@ def mag(
     The result has the matrix and the offset that correct a reading, the
     expected heading error and a verdict. A refused fit ends with status 1.
     """
-    if joint and (align == "none" or model not in ("auto", "symmetric") or loss != "none"):
-        raise CallError("--joint goes with --align accel or gyro, and with the full soft iron without --loss", "joint_options")
+    if joint and (align == "none" or model not in ("auto", "symmetric")):
+        raise CallError("--joint goes with --align accel or gyro, and with the full soft iron", "joint_options")
     if headings is not None and (align != "none" or joint):
         raise CallError("--headings gives the rotation itself: leave out --align and --joint", "headings_alone")
     if currents is not None and model == "planar":
@@ -109,11 +108,11 @@ def mag(
         return
     present, fields = None if against is None else _present(against), {}
     options = {
-        "model": model, "field": field, "inclination": inclination, "place": place, "date": date, "loss": loss, "align": align,
+        "model": model, "field": field, "inclination": inclination, "place": place, "date": date, "align": align,
         "joint": joint, "headings": headings, "currents": currents, "check": check,
     }  # fmt: skip
     chosen = {
-        "model": model, "field": _earth(field, place, date), "loss": None if loss == "none" else loss,
+        "model": model, "field": _earth(field, place, date),
         "inclination": None if inclination is None else math.radians(inclination),
     }  # fmt: skip
 
@@ -181,7 +180,7 @@ def _compared(path: Path | None, present: Any, found: Any) -> Any:
     from ..magnetometer._findings import FINDINGS as OF_MAG
     from ..magnetometer._iron import quantity_of
 
-    down = np.asarray(found.down) if found.alignment is None else np.asarray(found.alignment.rotation).T @ found.down
+    down = found.down if found.down is None or found.alignment is None else np.asarray(found.alignment.rotation).T @ found.down
     turns = jaxcal.magnetometer.heading_change(present, found.model, float(found.field), inclination=float(found.inclination), down=down)
     rms, moved = np.sqrt(np.mean(turns**2)), np.linalg.norm(np.asarray(found.model.hard_iron) - np.asarray(present.hard_iron))
     facts: dict[str, Any] = {"rms": Quantity(float(rms), "angle"), "most": Quantity(float(np.abs(turns).max()), "angle"),

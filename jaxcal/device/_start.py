@@ -65,7 +65,7 @@ def _ellipsoid(
     if extent[-1] < _PLANE**2 * extent[0]:
         return None
     try:
-        found = magnetometer.fit(mag[there], method="ml", model="symmetric", loss="huber")
+        found = magnetometer.fit(mag[there], model="symmetric")
     except FitError:
         return None
     if found.model is None or found.verdict == "refused":

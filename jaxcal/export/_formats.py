@@ -73,8 +73,6 @@ OPTIONS = {
     "gyro_bias": Option(False, lambda value: isinstance(value, bool), "True or False",
                         "Also the bias of the gyroscope, which the firmware learns at every start."),
     "prefix": Option("JAXCAL_", is_name, "the beginning of a name in C", "Prefix of the names in the header."),
-    "accumulator": Option(False, lambda value: isinstance(value, bool), "True or False",
-                          "Also the sums for the next magnetometer calibration, on board."),
 }  # fmt: skip
 
 
@@ -110,7 +108,7 @@ FORMATS = {
     "ros": Format("calibration.yaml", "_ros", ("noise", *_PARTS), ("inflate", "rate")),
     "imu_tk": Format("imu.calib", "_imu_tk", ("imu",), mark=""),
     "motioncal": Format("motioncal.bin", "_motioncal", ("magnetometer",), mark=""),
-    "c": Format("calibration.h", "_c", _FIELDS, ("prefix", "accumulator"), mark="//", counts=True, readable=False),
+    "c": Format("calibration.h", "_c", _FIELDS, ("prefix",), mark="//", counts=True, readable=False),
     "csv": Format("calibration.csv", "_csv", ("noise", *_FIELDS), mark="", counts=True),
 }
 

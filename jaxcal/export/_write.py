@@ -52,7 +52,7 @@ def write(
         - px4, ardupilot: `instance` (index of the sensors on the vehicle, from 0). ardupilot: `gyro_bias` (True also writes the bias of the
           gyroscope, which the firmware estimates again at every start).
         - ros: `inflate`, `rate`.
-        - c: `prefix` (of the names), `accumulator` (True adds the sums for the next magnetometer calibration; see `Moments`).
+        - c: `prefix` (of the names).
 
     Returns
     -------

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from ._fit import fit as fit
     from ._guide import Guide as Guide, guide as guide, heading_change as heading_change
     from ._model import MagModel as MagModel
-    from ._onboard import Admission as Admission, MomentFit as MomentFit, Moments as Moments
     from ._result import MagFit as MagFit
     from ._rotation._align import (
         Accelerometer as Accelerometer,
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
     from ._rotation._joint import aligned as aligned
     from ._uncertainty import (
         Plan as Plan,
-        bootstrap as bootstrap,
         heading_uncertainty as heading_uncertainty,
         plan as plan,
         predict as predict,
@@ -41,11 +39,10 @@ install(
         "_fit": "fit",
         "_guide": "Guide guide heading_change",
         "_model": "MagModel",
-        "_onboard": "Admission MomentFit Moments",
         "_result": "MagFit",
         "_rotation._align": "Accelerometer Alignment Gyroscope Headings align",
         "_rotation._joint": "aligned",
-        "_uncertainty": "Plan bootstrap heading_uncertainty plan predict",
+        "_uncertainty": "Plan heading_uncertainty plan predict",
         "_vehicle": "CurrentTerms fit_current",
     },
 )

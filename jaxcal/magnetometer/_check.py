@@ -11,6 +11,7 @@ from .._answer._sections import Grid
 from .._errors import DataError
 from .._precision import host_float64
 from .._types import AnyArray
+from ..fitting._serial import BLOCKS
 from ._design._heading_error import distance_slopes
 from ._ellipsoid._shape import Frame, ellipsoid_of_model, unit
 from ._field import heading
@@ -160,7 +161,7 @@ def check(found: MagFit, m: Any, *, accel: Any = None, headings: Any = None) -> 
         rms = float(np.sqrt(np.mean(error[there] ** 2)))
         by_calibration = found.heading_error[0 if np.abs(up[there, :2]).max() < _LEVEL else 1]
         told = float(np.hypot(by_calibration, np.sqrt(np.mean((found.noise / found.field / level[there]) ** 2))))
-    freedom = facts.blocks - 1 if facts.blocks else max(facts.used - 9, 1)
+    freedom = BLOCKS - 1 if facts.parts else max(facts.used - 9, 1)
     most = float(np.sqrt(scipy.special.fdtri(_PARAMETERS, freedom, 0.95)))
     wrong = norm > max(most * expected, _LEAST) or rms > max(most * told, _LEAST)  # the second is false without known headings
     said = (FINDINGS("check", count=len(m)),) if wrong else ()

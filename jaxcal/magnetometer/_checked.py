@@ -8,29 +8,21 @@ import numpy as np
 
 from .._errors import DataError
 from ._ellipsoid._kinds import SOLID
-from ._ellipsoid._orthogonal import loss_of
 from ._field import INCLINATION
 
-METHODS = ("ml", "consistent", "algebraic", "li_griffiths", "constrained", "radial", "axes", "minmax")
+METHODS = ("ml", "consistent", "constrained")
 MODELS = ("auto", *SOLID, "planar")
-#: method -> models that it has besides "auto"
-_OF_METHOD = {"ml": MODELS[1:], "radial": SOLID, "minmax": ("diagonal",), "algebraic": SOLID[::-1]}
-_ONE = ("symmetric",)
 _TINY, _HUGE = 1e-100, 1e100  # readings whose fourth powers are no numbers in double precision
 
 
-def checked(m, method, model, field, loss, inclination, penalty, field_error) -> tuple[np.ndarray, float | None, float]:
+def checked(m, method, model, field, inclination, penalty, field_error) -> tuple[np.ndarray, float | None, float]:
     """Readings, magnitude of the field and dip, after a check that each option is known and suits the method."""
     m = readings_of(m)
     for given, known, what in ((method, METHODS, "method"), (model, MODELS, "model")):
         if given not in known:
             raise DataError(f"There is no {what} {given!r}; known are {', '.join(map(repr, known))}.", code="no_such_option")
-    allowed = ("auto", *_OF_METHOD.get(method, _ONE))
-    if model not in allowed:
-        raise DataError(f"Method {method!r} has no model {model!r}; it has {', '.join(map(repr, allowed))}. Method 'ml' has all.",
-                        code="no_such_model")  # fmt: skip
-    if loss_of(loss) is not None and method not in ("ml", "radial"):
-        raise DataError(f"Method {method!r} takes no loss; use the method 'ml' with it.", code="no_loss")
+    if method != "ml" and model not in ("auto", "symmetric"):
+        raise DataError(f"Method {method!r} fits the model 'symmetric' only; method 'ml' has {model!r}.", code="no_such_model")
     if not (isinstance(penalty, (int, float)) and 0 <= penalty < np.inf):
         raise DataError(f"The penalty is {penalty!r}; give its weight: 0.5, 1 for Jeffreys' prior, or 0 for none.", code="bad_penalty")
     norm, dip = norm_and_dip(field, inclination, model)

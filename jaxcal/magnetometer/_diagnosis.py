@@ -6,25 +6,23 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._answer import CAUTION, NOTE, Finding
-from ..fitting._serial import BLOCKS, doubt
 from ._design._heading_error import Information, heading_departure, heading_error
 from ._ellipsoid._algebraic import NotEllipsoid, ellipsoid_of, extents, nearest_quadric, sampson
-from ._ellipsoid._causes import BENT, FAST, SERIAL, Examined, step_by
+from ._ellipsoid._causes import BENT, FAST, Examined
 from ._ellipsoid._kinds import COUNT, PLANAR, PLANAR_ROWS
-from ._ellipsoid._orthogonal import geometric
-from ._ellipsoid._select import LONG, all_distances, thinned
-from ._ellipsoid._shape import Found, Frame, radius_of
+from ._ellipsoid._orthogonal import flat
+from ._ellipsoid._robust import sound
+from ._ellipsoid._select import LONG, thinned
+from ._ellipsoid._shape import NEAR_PLANAR, Found, Frame, radius_of
 from ._findings import FINDINGS
-from ._surface import NEAR_PLANAR, distinct
+from ._surface import distinct
 
-_WORTH_SAYING = 0.1  # share of the limit below which a cause costs less than the verdict could notice
 _ILL, _SINGULAR = 1000.0, 1e8  # condition numbers: 3 for even coverage; of a thousand, a digit of the noise is a hundred of the error
 _BY_NOISE = 0.5  # share of the information due to noise alone
 _BY_PENALTY, _CONFLICT = 0.5, 3.0  # standard errors: a bias that an interval would miss; 0.3 % by chance
 _FAR_OFF = 1.25  # ratio of mean field and given one: a sensitivity is true to 10 %, so that the unit is wrong
-_BY_BIAS = 1.5  # factor by which an error may exceed the biases that were found
-_EXTREMES = ("minmax", "axes")
 
+_HELD = 0.2  # share of readings that repeat the one before, above which the sensor is slower than the log
 _FEWEST_AT_END = 4  # equal largest values: fewer are chance
 _NEAR = 20  # number of readings next to the end; their density tells how many may share one value by chance
 _BY_CHANCE = 1e-5  # one false alarm in 16,000 logs of six ends
@@ -57,29 +55,29 @@ def at_end(m: np.ndarray) -> np.ndarray:
     return out
 
 
-def chosen_rows(m: np.ndarray, method: str, per_direction: int | None, loss: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the readings to fit, and flags of saturated ones: without those, and thinned if there are too many."""
-    if method in _EXTREMES:
-        return np.arange(len(m)), np.zeros(len(m), dtype=bool)
+def chosen_rows(m: np.ndarray, per_direction: int | None) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the readings to fit, and flags of saturated ones: without spikes, repeats and those, and thinned if there are too many."""
     full = at_end(m)
-    used = np.flatnonzero(~full)
+    again = np.concatenate([[False], (m[1:] == m[:-1]).all(axis=1)])
+    used = np.flatnonzero(~full & ~again if np.mean(again) > _HELD else ~full)
+    used = used[sound(m[used])]
     if per_direction is not None and len(used) > LONG:
-        used = used[thinned(Frame.of(m[used]).scaled(m[used]), per_direction, loss)]
+        used = used[thinned(Frame.of(m[used]).scaled(m[used]), per_direction)]
     return used, full
 
 
-def cost_of(found: Found, steps: np.ndarray, dip: float) -> float:
+def cost_of(found: Found, steps: np.ndarray, dip: float, down: Any = None) -> float:
     """The rms heading error in rad at level that biases (k, 9) of a fit cause."""
     if not steps.any():
         return 0.0
     rows = np.array(PLANAR_ROWS) if found.kind in PLANAR else np.arange(9)
-    return float(heading_error(found.shape, steps[:, rows].T @ steps[:, rows], dip)[0])
+    return float(heading_error(found.shape, steps[:, rows].T @ steps[:, rows], dip, down)[0])
 
 
-def departure(found: Found, u: np.ndarray, loss: Any, penalty: float, dip: float) -> np.ndarray:
+def departure(found: Found, u: np.ndarray, dip: float) -> np.ndarray:
     """Heading difference to the maximum likelihood fit of the same readings, at level and tilted; infinite if there is none."""
     try:
-        best = geometric(u, "symmetric" if distinct(u) > COUNT["symmetric"] else found.kind, loss, penalty=penalty)
+        best = flat(u, "symmetric" if distinct(u) > COUNT["symmetric"] else found.kind)
     except NotEllipsoid:
         return np.full(2, np.inf)
     return heading_departure(found, best, dip)
@@ -104,13 +102,12 @@ def from_structure(found: Found, u: np.ndarray, told: Information) -> list[Findi
 
 def _other_quadric(found: Found, u: np.ndarray) -> str | None:
     """Which other quadric the readings lie on, if their distances to it are less than half of those to the ellipsoid."""
-    kept = found.weight > 0.5
-    theta = nearest_quadric(u[kept])
+    theta = nearest_quadric(u)
     try:
         ellipsoid_of(theta)
     except NotEllipsoid as error:
-        far = np.sqrt(np.mean(found.distance[kept] ** 2))
-        if far > 1e-6 and 2 * np.sqrt(np.mean(sampson(theta, u[kept]) ** 2)) < far:
+        far = np.sqrt(np.mean(found.distance**2))
+        if far > 1e-6 and 2 * np.sqrt(np.mean(sampson(theta, u) ** 2)) < far:
             return error.quadric
     return None
 
@@ -123,28 +120,13 @@ def from_field(found: Found, norm: float | None, scale: float, planar: bool) -> 
     return [FINDINGS("field_differs", severity=CAUTION if found.conflict > _CONFLICT else NOTE, found=mean, given=norm)]
 
 
-def from_causes(found: Found, u: np.ndarray, said: Examined, saturated: np.ndarray, dip: float, limit: float) -> list[Finding]:
+def from_causes(found: Found, said: Examined, saturated: int, dip: float, down: Any) -> list[Finding]:
     """Findings about saturated readings, and about what the residuals follow; their cost is the heading error in rad at level."""
-    findings = []
-    if len(saturated):
-        cost = cost_of(found, step_by(found, u, saturated, all_distances(found, saturated))[None], dip)
-        findings.append(FINDINGS("clipped", cost=cost, count=len(saturated)))
+    findings = [FINDINGS("clipped", count=saturated)] if saturated else []
     for cause in said.causes:
-        code = {FAST: "averaged", BENT: "bent", SERIAL: "correlated"}.get(cause.name, "follows")
-        cost = cost_of(found, cause.steps, dip)
-        if code == "correlated" or cost >= _WORTH_SAYING * limit:
-            what: dict[str, Any] = {"what": cause.name} if code == "follows" else {}
-            findings.append(FINDINGS(code, cost=cost, size=100 * cause.size, **what))
+        code = {FAST: "averaged", BENT: "bent"}.get(cause.name, "follows")
+        what: dict[str, Any] = {"what": cause.name} if code == "follows" else {}
+        findings.append(FINDINGS(code, cost=cost_of(found, cause.step[None], dip, down), size=100 * cause.size, **what))
+    if said.parts is not None:
+        findings.append(FINDINGS("correlated", size=100 * found.noise / float(radius_of(found.shape, found.kind in PLANAR))))
     return findings
-
-
-def plausible_error(found: Found, said: Examined, level: float, dip: float) -> tuple[float, str]:
-    """How large the heading error in rad at level may be, given how well it is known itself; and the reason in words."""
-    if said.blocks:
-        by, why = doubt(BLOCKS - 1), "parts of the log differ"
-    elif said.causes:
-        by, why = _BY_BIAS, "the readings follow more than the field"
-    else:
-        by, why = doubt(max(len(found.distance) - COUNT[found.kind], 1)), f"{len(found.distance)} readings leave the noise uncertain"
-    moved = by * cost_of(found, said.swing, dip)
-    return (by * level, why) if by * level >= moved else (moved, "the residuals are those of a hard iron that moves")

@@ -18,7 +18,7 @@ FINDINGS = table(
         CAUTION, "The heading error is above {limit:.2g}; least certain is {what}.",
         "Readings help most where the field points along {direction}.",
     ),
-    uncertain=Kind(CAUTION, "The heading error may exceed {limit:.2g}: {why}.", "Record longer, and through more attitudes."),
+    few_left=Kind(CAUTION, "{count} readings leave the noise, and so the heading error, uncertain.", "Take more readings."),
     hardly=Kind(CAUTION, "The readings hardly determine {what}.", "Turn the sensor through more attitudes."),
     small_model=Kind(
         CAUTION, "The readings cannot show {what}; the model {model} was fitted, and what it leaves out may be there.",
@@ -30,7 +30,7 @@ FINDINGS = table(
         CAUTION, "The readings scatter by {share:.0f} % of the field about the best surface.",
         "Keep iron, motors and cables away, and check the axes of the log.",
     ),
-    outliers=Kind(CAUTION, "{count} of {total} readings are outliers.", "Give {option.loss:huber}, or leave them out."),
+    outliers=Kind(CAUTION, "{count} of {total} readings are outliers.", "Keep iron and motors away, and check the wires."),
     field_differs=Kind(
         NOTE, "The readings have a mean field of {found:.4g}, the given one is {given:.4g}.",
         "Check the unit of the readings, and {option.field}.",
@@ -49,8 +49,7 @@ FINDINGS = table(
     ),
     bent=Kind(NOTE, "The response of an axis is bent, by up to {size:.2g} % of the field.", "Use a larger range of the sensor."),
     correlated=Kind(
-        NOTE, "The residuals are correlated along the log, {size:.2g} % of the field: iron or a current is near.",
-        "Record outdoors, about one place; the errors allow for it.",
+        NOTE, "The residuals, {size:.2g} % of the field, are correlated along the log; the errors allow for it.",
     ),
     # the rotation against another sensor
     rotation_open=Kind(

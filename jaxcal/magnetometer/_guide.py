@@ -116,8 +116,9 @@ def guide(
         return _by_gap(m, choice, "the readings leave the calibration open", found)
     shape, centre = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)
     attitudes, directions = grids(float(found.inclination))[0]
-    turn = levelled(found.down)
-    slopes = np.einsum("ni,nip->np", across(attitudes, directions) @ turn, change_of(shape, directions @ turn))
+    turns = levelled(found.down)
+    sideways, fields = ((x @ turns).reshape(-1, 3) for x in (across(attitudes, directions), directions))
+    slopes = np.einsum("ni,nip->np", sideways, change_of(shape, fields))
     weight, covariance = slopes.T @ slopes / len(slopes), np.asarray(found._facts.covariance)
     grid = sphere_grid()
     points = grid @ np.linalg.inv(root(shape)) if choice is None else choice - centre
@@ -172,7 +173,7 @@ def heading_change(
     Readings that `new` corrects to the level field are corrected with `present`.
     """
     attitudes, directions = grids(float(inclination))[0]
-    turn = levelled(down)
+    turn = levelled(np.array([0.0, 0.0, 1.0]) if down is None else down)[0]
     readings = new.measure(float(field) * directions @ turn)
     by = [angle(attitudes, np.asarray(model.correct(readings)) @ turn.T) for model in (present, new)]
     return np.angle(np.exp(1j * (by[1] - by[0])))

@@ -14,24 +14,30 @@ LIMITS = (float(np.deg2rad(1.0)), float(np.deg2rad(5.0)))
 _OUTLIER = 4.0  # robust standard deviations: one of 16,000 normal readings
 _MANY, _MOST = 0.05, 0.4  # share of outliers that is more than the tail of a noise, and of which the rest is no majority
 _NOISY, _TOO_NOISY = 0.1, 0.2  # scatter over field: first-order errors become wrong; the readings lie on no surface
+_UNKNOWN = 6  # degrees of freedom of the noise, fewer of which leave it uncertain by a third
 _DIPS = np.deg2rad(5.0)  # by which a given dip and that of an accelerometer may differ: both in error by a few degrees
 
 #: findings beside which a heading error means nothing
 _OPEN = ("not_judged", "undetermined", "near_planar", "no_ellipsoid", "not_converged")
 
 
-def outliers(distance: AnyArray, weight: Any = 1.0) -> np.ndarray:
-    """Indices of readings more than four robust standard deviations off, or with a weight below 0.33; distances in scaled units."""
+def outliers(distance: AnyArray) -> np.ndarray:
+    """Indices of readings more than four robust standard deviations off; distances in scaled units."""
     size = np.abs(distance)
-    return np.flatnonzero((size > max(_OUTLIER * 1.4826 * np.median(size), 1e-9)) | (np.asarray(weight) < 0.33))
+    return np.flatnonzero(size > max(_OUTLIER * 1.4826 * np.median(size), 1e-9))
 
 
-def by_readings(scatter: float, far: int, total: int, robust: bool = False) -> list[Finding]:
+def few_left(count: int, free: int) -> list[Finding]:
+    """A finding if a fit of `count` readings with so many `free` parameters does not know its noise."""
+    return [FINDINGS("few_left", count=count)] if count - free < _UNKNOWN else []
+
+
+def by_readings(scatter: float, far: int, total: int) -> list[Finding]:
     """Findings about the size of the residuals, relative to the field, and about outliers."""
     said = []
     if scatter > _NOISY:
         said.append(FINDINGS("scatter", severity=FATAL if scatter > _TOO_NOISY else CAUTION, cost=scatter, share=100 * scatter))
-    if far > _MOST * total or (far > max(_MANY * total, 2) and not robust):
+    if far > max(_MANY * total, 2):
         said.append(FINDINGS("outliers", severity=FATAL if far > _MOST * total else CAUTION, count=far, total=total))
     return said
 
@@ -47,8 +53,6 @@ def judge(found: Any, facts: Any) -> tuple[Finding, ...]:
         way = "(" + ", ".join(f"{x:+.1f}" for x in found.needed[0]) + ") of the sensor" if len(found.needed) else "directions not yet seen"
         limit = Quantity(most if grave else least, "angle")
         said.append(FINDINGS("heading", severity=FATAL if grave else CAUTION, cost=level, limit=limit, what=facts.weakest, direction=way))
-    elif facts.plausible > least:
-        said.append(FINDINGS("uncertain", cost=facts.plausible, limit=Quantity(least, "angle"), why=facts.why))
     if turn is not None:
         # the rotation is a part of the answer: without it, hard and symmetric soft iron remain
         said += [dataclasses.replace(one, severity=min(one.severity, CAUTION)) for one in turn.findings]

@@ -18,7 +18,7 @@ from .._errors import DataError
 from .._precision import is_traced
 from .._types import Array
 from ..fitting import Fit, covariance, identifiability, solve
-from ..fitting._serial import BLOCKS, doubt, is_white, leave_out
+from ..fitting._serial import is_white, leave_out
 from ._checked import checked, norm_and_dip
 from ._design._coverage import covered
 from ._design._heading_error import rms_heading
@@ -26,12 +26,11 @@ from ._ellipsoid._algebraic import extents, traced_start
 from ._ellipsoid._kinds import basis_of, shape_and_centre
 from ._ellipsoid._orthogonal import CURVED
 from ._ellipsoid._residuals import surface_distances
-from ._ellipsoid._shape import Frame, model_of, radius_of
+from ._ellipsoid._shape import NEAR_PLANAR, Frame, model_of, radius_of
 from ._findings import FINDINGS
 from ._judge import by_readings, outliers
 from ._model import MagModel
 from ._result import Facts, MagFit, finished, not_judged, unfitted
-from ._surface import NEAR_PLANAR
 
 _ENTRY = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 _UPPER = np.triu_indices(3)
@@ -134,10 +133,10 @@ def fit_model(
 ) -> MagFit:
     """`fit` for a model object, traced or not; `others` names options that were given and that this fit does not have."""
     if others:
-        raise DataError("A model object is fitted by method='ml', without `loss`, `field_error` and `aid`.", code="model_object_options")
+        raise DataError("A model object is fitted by method='ml', without `field_error` and `aid`.", code="model_object_options")
     traced = is_traced(m, model, field, conditions)
     if not traced:
-        m, norm, dip = checked(m, "ml", "auto", field, None, inclination, 0.5, None)
+        m, norm, dip = checked(m, "ml", "auto", field, inclination, 0.5, None)
     else:
         norm, dip = norm_and_dip(field, inclination)
     conditions = {name: jnp.asarray(value, dtype=float) for name, value in conditions.items()}
@@ -167,9 +166,10 @@ def fit_model(
     error, jacobian, left = told.pop("heading_error"), np.asarray(found.jacobian), np.asarray(found.residuals)
     if np.isfinite(matrix).all() and noise > _EXACT * field and not is_white(jacobian, left):
         matrix = leave_out(jacobian, left)
-        error = np.asarray(rms_heading(functools.partial(changes_of, fitted, field, facts["usual"]), matrix, dip))
-        known.append(FINDINGS("correlated", cost=float(error[0]), size=100 * noise / field))
-        facts |= {"blocks": BLOCKS, "plausible": doubt(BLOCKS - 1) * float(error[0]), "why": "parts of the log differ"}
+        by_parts = np.asarray(rms_heading(functools.partial(changes_of, fitted, field, facts["usual"]), matrix, dip))
+        matrix, error = matrix * max(error[0] / by_parts[0], 1.0) ** 2, by_parts * max(error[0] / by_parts[0], 1.0)
+        known.append(FINDINGS("correlated", size=100 * noise / field))
+        facts["parts"] = True
     if not bool(found.usable) or not np.isfinite(matrix).all():
         known.append(FINDINGS("undetermined", what=facts["weakest"] or "the model"))
     elif extents(Frame.of(m).scaled(m))[-1] < NEAR_PLANAR:

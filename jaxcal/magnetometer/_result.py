@@ -10,6 +10,7 @@ from .._answer import Finding, Grid, Number, Result, Section, by_axis, listed
 from .._frozen import made, replaced
 from .._types import AnyArray
 from ..fitting import Estimate
+from ..fitting._serial import BLOCKS
 from ._design._heading_error import heading_error
 from ._ellipsoid._kinds import ENTRIES
 from ._ellipsoid._shape import ellipsoid_entries
@@ -19,6 +20,7 @@ from ._judge import LIMITS, judge
 from ._model import MagModel
 
 NO_ESTIMATE = Estimate((), np.zeros(0), np.zeros((0, 0)))
+_NINETEEN = 2.1  # actual over stated error that 95.4 % of 800 simulated logs stayed below
 _LARGEST = 30.0  # degrees: a larger predicted error only says that the heading is open, because it comes from first derivatives
 
 
@@ -27,11 +29,9 @@ class Facts(eqx.Module):
 
     covariance : of the shape's entries and the centre in the unit of the readings, (9, 9), in a plane (5, 5), or of the leaves `own` of a
     model object. known : findings that no later step changes. given : whether the field was given. limits : heading errors in rad above
-    which a fit is weak and refused. plausible, why : how large the heading error in rad may be, and the reason in words. weakest : the
-    parameters that the readings determine least, in words. blocks : parts of the log left out in turn for the covariance; zero for white
-    residuals. used : number of fitted readings. usual : median of each condition of a model object. penalty, field_error : of the fit.
-    span : smallest and largest heading error over unknown dips and axes. terms : name of a current -> (2, 3) field per unit and its
-    standard deviation.
+    which a fit is weak and refused. weakest : the parameters that the readings determine least, in words. parts : whether the covariance
+    comes from fits without parts of the log. used : number of fitted readings. usual : median of each condition of a model object.
+    penalty, field_error : of the fit. terms : name of a current -> (2, 3) field per unit and its standard deviation.
     """
 
     covariance: AnyArray
@@ -39,15 +39,12 @@ class Facts(eqx.Module):
     given: bool = eqx.field(static=True, default=False)
     known: tuple[Finding, ...] = eqx.field(static=True, default=())
     limits: tuple[float, float] = eqx.field(static=True, default=LIMITS)
-    plausible: float = 0.0
-    why: str = eqx.field(static=True, default="")
     weakest: str = eqx.field(static=True, default="")
-    blocks: int = eqx.field(static=True, default=0)
+    parts: bool = eqx.field(static=True, default=False)
     own: tuple[str, ...] = eqx.field(static=True, default=())
     usual: dict[str, Any] = eqx.field(default_factory=dict)
     penalty: float = 0.0
     field_error: float | None = None
-    span: AnyArray = eqx.field(default_factory=lambda: np.full(2, np.nan))
     terms: dict[str, Any] = eqx.field(default_factory=dict)
     condition: float = np.nan
 
@@ -66,16 +63,17 @@ class MagFit(Result):
         residuals show, and the rotation. Its five degrees of freedom say that the residuals are not white, and that the covariance comes
         from fits without parts of the log.
     heading_error : (2,) predicted rms error of the heading in rad, at level and at 20 degrees of tilt. It holds for the dip `inclination`,
-        readings without noise and a true vertical. For methods other than "ml" and "consistent" it includes their difference from "ml".
+        readings without noise and a true vertical. For "constrained" it includes the difference from "ml".
     field : magnitude of the corrected field: as given, or the cube root of the product of the ellipsoid's semi-axes.
     noise : standard deviation of one axis of a reading, in its unit.
     coverage : `Coverage` of the corrected readings; None without a model.
     residual : (n,) orthogonal distance of each reading to the ellipsoid, in the unit of the readings, positive outside.
-    outliers : indices of readings more than four robust standard deviations off, or with a weight below 0.33.
+    outliers : indices of readings more than four robust standard deviations off.
     needed : (3, 3) unit vectors, in the corrected field's axes, in which further readings would help most.
     inclination : dip of the field used for `heading_error`, rad: as given, from the accelerometer, or 57 degrees.
     down : (3,) axis that points down at level, used for `heading_error`, in the axes of the magnitude fit (before the rotation by
-        `alignment`): z, or the mean vertical of an accelerometer if it tilts little.
+        `alignment`): the mean vertical of an accelerometer, or the axis about which the sensor turned. None for a sensor turned through
+        all attitudes; the error then is the mean over all axes.
     plane : (3, 3) for a planar fit: two unit vectors in the plane, then its normal. None otherwise.
     alignment : `Alignment` with the given accelerometer, gyroscope or headings; `model` includes its rotation. None otherwise.
     check : `Check` of readings that were held back from the fit; None otherwise.
@@ -104,7 +102,7 @@ class MagFit(Result):
     coverage: Any = None
     outliers: AnyArray = eqx.field(default_factory=lambda: np.zeros(0, dtype=int))
     needed: AnyArray = eqx.field(default_factory=lambda: np.zeros((0, 3)))
-    down: AnyArray = eqx.field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    down: Any = None
     plane: Any = None
     alignment: Any = None
     check: Any = None
@@ -123,8 +121,9 @@ class MagFit(Result):
         if self.model is None:
             return "no calibration"
         level = float(np.rad2deg(self.heading_error[0]))
-        where = "level" if self.plane is None else "in the plane"
-        return f"headings to {level:.2g} deg (rms, {where})" if level < _LARGEST else "the heading stays open"
+        if not level < _LARGEST:
+            return "the heading stays open"
+        return f"heading error {level:.2g} deg; 19 of 20 logs: below {_NINETEEN * level:.2g} deg"
 
     def sections(self) -> list[Section]:
         """Correction of a reading, field and noise; then soft iron, heading error, coverage, rotation and check in detail."""
@@ -166,8 +165,6 @@ class MagFit(Result):
         rows = {
             "at level": Number("heading_error", float(self.heading_error[0]), quantity="angle"),
             "at 20 deg of tilt": Number("heading_error_tilted", float(self.heading_error[1]), quantity="angle"),
-            "least, over unknown dips and axes": Number("heading_least", float(facts.span[0]), quantity="angle"),
-            "most, over unknown dips and axes": Number("heading_most", float(facts.span[1]), quantity="angle"),
             "dip of the field": Number("inclination", float(self.inclination), quantity="angle"),
             "readings": Number("readings", len(self.residual)), "readings fitted": Number("used", facts.used),
             "outliers": Number("outliers", len(self.outliers)), "condition number": Number("condition", float(facts.condition)),
@@ -194,7 +191,7 @@ def finished(found: MagFit, **changes: Any) -> MagFit:
     facts, turn = found._facts, found.alignment
     if found.model is None:
         return replaced(found, findings=facts.known)
-    freedom = facts.blocks - 1 if facts.blocks else max(facts.used - len(facts.covariance), 1)
+    freedom = BLOCKS - 1 if facts.parts else max(facts.used - len(facts.covariance), 1)
     rotation = None if turn is None or turn.verdict == "refused" else np.asarray(turn.covariance)
     estimate = iron(
         found.model, found.field, facts.covariance, freedom, given=facts.given, plane=found.plane, own=facts.own, rotation=rotation,
@@ -220,14 +217,11 @@ def not_judged(method: str, dip: float, kind: str, facts: Facts, **told: Any) ->
 def widened(found: MagFit, by: np.ndarray, more: np.ndarray | None = None, **facts: Any) -> MagFit:
     """The fit with a further covariance `by` (9, 9) of the shape's entries and the centre, and with other `facts`.
 
-    more : the further heading error, if it does not follow from `by`. The range over dips and axes grows in proportion.
+    more : the further heading error, if it does not follow from `by`.
     """
     shape, old = np.zeros((3, 3)), np.asarray(found.heading_error)
     shape[ENTRIES] = shape[ENTRIES[::-1]] = ellipsoid_entries(found.model, found.field)[:6]  # type: ignore[arg-type]
     further = np.asarray(heading_error(shape, by, found.inclination, found.down) if more is None else more)
     error = np.hypot(old, further)
-    known = dataclasses.replace(
-        found._facts, covariance=found._facts.covariance + by, span=found._facts.span * error[0] / old[0],
-        plausible=float(np.hypot(found._facts.plausible, further[0])), **facts,
-    )  # fmt: skip
+    known = dataclasses.replace(found._facts, covariance=found._facts.covariance + by, **facts)
     return finished(found, heading_error=error, _facts=known)

@@ -1,33 +1,24 @@
 """The surface through the readings: its kind, its fit, and what the readings cannot show of it."""
 
-import functools
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from .._answer import NOTE, Finding
 from ._design._heading_error import heading_error
-from ._ellipsoid._algebraic import algebraic, axes, consistent, constrained, extents, li_griffiths, minmax
+from ._ellipsoid._algebraic import consistent, constrained, extents
 from ._ellipsoid._kinds import COUNT, PLANAR, SOLID, parameters_of
-from ._ellipsoid._orthogonal import described, geometric, left_out, refined
+from ._ellipsoid._orthogonal import described, flat, left_out, refined
 from ._ellipsoid._residuals import Size
 from ._ellipsoid._select import by_bic, candidates
-from ._ellipsoid._shape import Found, Frame, covariance_of, in_plane
+from ._ellipsoid._shape import NEAR_PLANAR, Found, Frame, covariance_of, in_plane
 from ._findings import FINDINGS
 
-#: singular values of the centred readings over their size, 0.58 for a full sphere: below these, readings lie on a line or near a plane
-_LINE, NEAR_PLANAR = 0.01, 0.05
+_LINE = 0.01  # singular value of the centred readings over their size, 0.58 for a full sphere, below which they lie on a line
 _FEW = 64  # rows among which distinct ones are counted first: more than any model needs
 _SAME = 1e-12  # spread over size below which readings differ by rounding
-#: method -> model -> algebraic fit
-_DIRECT: dict[str, dict[str, Any]] = {
-    "minmax": {"diagonal": minmax},
-    "axes": {"symmetric": axes},
-    "constrained": {"symmetric": constrained},
-    "li_griffiths": {"symmetric": li_griffiths},
-    "algebraic": {kind: functools.partial(algebraic, kind=kind) for kind in reversed(SOLID)},
-    "consistent": {"symmetric": lambda u: consistent(u)[:2]},
-}
+#: method -> algebraic fit
+_DIRECT = {"constrained": constrained, "consistent": lambda u: consistent(u)[:2]}
 
 
 class Surface(NamedTuple):
@@ -52,7 +43,7 @@ class Surface(NamedTuple):
         return u if self.plane is None else in_plane(u, self.plane)
 
 
-def surface_of(m, method, model, loss, penalty, norm, field_error, limit: tuple[float, float]) -> Surface:
+def surface_of(m, method, model, penalty, norm, field_error, limit: tuple[float, float]) -> Surface:
     """The surface through readings (n, 3); `limit`: a dip, and the heading error that a good fit may have there.
 
     Raises
@@ -72,7 +63,7 @@ def surface_of(m, method, model, loss, penalty, norm, field_error, limit: tuple[
     planar = model == "planar" or chosen_planar
     kind = None if model == "auto" or planar else model
     if kind is None and method != "ml":
-        kind = "symmetric" if method == "radial" else next(iter(_DIRECT[method]))
+        kind = "symmetric"
     least = kind or ("circle" if planar else "sphere")
     if count <= COUNT[least]:
         return Surface(FINDINGS("few", count=count, model="planar" if planar else least, least=COUNT[least] + 1))
@@ -83,15 +74,15 @@ def surface_of(m, method, model, loss, penalty, norm, field_error, limit: tuple[
         u = in_plane(u, plane)
         said = (FINDINGS("plane") if chosen_planar else FINDINGS("plane", severity=NOTE),)
     if kind is None:
-        fits, occupied = candidates(u, PLANAR if planar else SOLID, loss, count)
+        fits, occupied = candidates(u, PLANAR if planar else SOLID, count)
         chosen = fits[by_bic(fits, occupied)]
         said += _unseen(fits, chosen, frame, *limit)
-        unseen = left_out(fits, chosen, u, loss, penalty)[None]
-        found = refined(chosen, u, loss, penalty, size)
-    elif method in ("ml", "radial"):
-        found = geometric(u, kind, loss, "orthogonal" if method == "ml" else "radial", penalty, size)
+        unseen = left_out(fits, chosen, u, penalty)[None]
+        found = refined(chosen, u, penalty, size)
+    elif method == "ml":
+        found = refined(flat(u, kind), u, penalty, size)
     else:
-        found = described(parameters_of(kind, *_DIRECT[method][kind](u)), u, kind)
+        found = described(parameters_of(kind, *_DIRECT[method](u)), u, kind)
     return Surface(None, found, frame, plane, u, size, unseen, said)
 
 

@@ -67,7 +67,7 @@ def _departure(first: MagFit, second: MagFit) -> np.ndarray:
     """Root mean square difference of the headings by two fits, at level and at 20 degrees of tilt."""
     assert first.model is not None
     assert second.model is not None
-    axes, found = levelled(np.asarray(first.alignment.rotation).T @ first.down), []
+    axes, found = levelled(np.array([0, 0, 1.0]) if first.down is None else np.asarray(first.alignment.rotation).T @ first.down)[0], []
     for attitudes, directions in grids(float(first.inclination)):
         readings = first.model.measure(float(first.field) * directions @ axes)
         by = angle(attitudes, np.asarray(second.model.correct(readings)) @ axes.T) - angle(attitudes, directions)

@@ -1,4 +1,4 @@
-"""Uncertainty of a calibration: `bootstrap` and `heading_uncertainty` after a fit; `predict` and `plan` before readings are taken."""
+"""Uncertainty of a calibration: `heading_uncertainty` after a fit; `predict` and `plan` before readings are taken."""
 
 import functools
 from typing import Any
@@ -12,86 +12,15 @@ import scipy  # loads its parts when they are first used
 from .._errors import DataError
 from .._precision import array_module, host_float64
 from .._types import AnyArray, Array
-from ..fitting import solve_many
 from ._design._heading_error import across, change_of, grids, heading_slopes, levelled, planar_slopes, tilted
-from ._ellipsoid._kinds import PLANAR, parameters_of, shape_and_centre
-from ._ellipsoid._orthogonal import CURVED, bounds_of, padded
-from ._ellipsoid._residuals import Penalty, Readings, Size, distances, natural_rows, orthogonal, penalised
-from ._ellipsoid._shape import Frame, ellipsoid_of_model, radius_of
+from ._ellipsoid._residuals import natural_rows
+from ._ellipsoid._shape import Frame, ellipsoid_of_model
 from ._field import INCLINATION, unit_field
 from ._own_model import changes_of
 from ._result import MagFit
 
-#: remaining step, relative to the statistical uncertainty, at which a refit is done
-_PRECISE = 1e-4
 _STARTS = 4  # random plans, of which the best is kept
 _FEWEST = 10  # readings: one more than parameters
-
-
-@host_float64
-def bootstrap(m: Any, found: MagFit, *, replicas: int = 1000, seed: int = 0) -> AnyArray:
-    """Shapes and hard irons refitted by maximum likelihood to readings drawn with replacement, all in one compiled call.
-
-    Parameters
-    ----------
-    m : (n, 3) the readings that were fitted.
-    found : the fit of these readings, with a model that is not planar.
-    replicas : number of refits.
-    seed : seed of the draws.
-
-    Returns
-    -------
-    (replicas, 12) hard iron and soft iron in the order of `found.estimate`. Compare its covariance with `np.cov(replicas, rowvar=False)`.
-
-    Raises
-    ------
-    DataError
-        If the fit has no model, is planar, or was made from other readings.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import jaxcal
-    >>> from jaxcal.magnetometer import body_field, bootstrap, scenario
-    >>> m = body_field(scenario("all", samples=60), 50.0) + np.random.default_rng(0).normal(size=(60, 3))
-    >>> found = jaxcal.magnetometer.fit(m, model="sphere")
-    >>> bootstrap(m, found, replicas=20).shape
-    (20, 12)
-
-    References
-    ----------
-    B. Efron and R. J. Tibshirani, An Introduction to the Bootstrap, 1993, chapter 6.
-    """
-    m = np.asarray(m, dtype=np.float64)
-    if found.model is None or found.kind in PLANAR:
-        raise DataError("The bootstrap needs a fit with a model that is not planar.", code="no_model")
-    if m.shape != (len(found.residual), 3):
-        raise DataError(f"The readings have shape {m.shape}, the fit is of ({len(found.residual)}, 3); give the readings that were fitted.",
-                        code="other_readings")  # fmt: skip
-    if replicas < 1:
-        raise DataError(f"{replicas} replicas were asked for; at least one is needed.", code="no_replicas")
-    frame = Frame.of(m)
-    data, noise = padded(frame.scaled(m), found.kind), found.noise / frame.scale
-    counts = np.random.default_rng(seed).multinomial(len(m), np.full(len(m), 1 / len(m)), size=replicas)
-    weight = np.zeros((replicas, len(data.u)))
-    weight[:, : len(m)] = np.sqrt(counts)
-    ellipsoid = ellipsoid_of_model(found.model, frame, found.field)
-    curved = noise > CURVED * radius_of(ellipsoid[0])
-    facts = found._facts
-    size = None if facts.field_error is None else Size(float(np.log(found.field / frame.scale)), facts.field_error)
-    penalty = Penalty.of(found.kind, noise, facts.penalty, size) if facts.penalty or size else None
-    fits = solve_many(
-        penalised if penalty else orthogonal if curved else distances, parameters_of(found.kind, *ellipsoid),
-        Readings(data.u, weight, 1.0, noise**2 if curved else 0.0, data.basis, penalty),
-        batched=(False, Readings(False, True, False, False, False, False)), bounds=bounds_of(found.kind), max_steps=64, rtol=_PRECISE,
-    )  # fmt: skip
-    if bad := int(np.sum(~np.asarray(fits.usable))):
-        raise DataError(f"{bad} of {replicas} refits did not converge: the readings do not determine the model.", code="not_converged")
-    shapes, centres = jax.vmap(shape_and_centre, (0, None))(jnp.asarray(fits.parameters), jnp.asarray(data.basis))
-    values, vectors = np.linalg.eigh(np.asarray(shapes))
-    size = found.field / frame.scale if facts.given else np.prod(values, axis=1)[:, None, None] ** (-1 / 6)
-    soft = (vectors / np.sqrt(values)[:, None]) @ np.swapaxes(vectors, 1, 2) / size
-    return np.concatenate([frame.centre + frame.scale * np.asarray(centres), soft.reshape(-1, 9)], axis=1)
 
 
 @host_float64
@@ -134,11 +63,10 @@ def heading_uncertainty(found: MagFit, headings: Any, *, tilt: float | int = 0.0
     headings, facts = np.atleast_1d(np.asarray(headings, dtype=float)), found._facts
     shape, _ = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)
     if found.plane is None:
-        attitudes = tilted(headings, float(tilt))
-        directions, turn = unit_field(attitudes, found.inclination), levelled(found.down)
-        sideways = across(attitudes, directions) @ turn
-        own = functools.partial(changes_of, found.model, found.field, facts.usual)
-        change = own(directions @ turn) if facts.own else change_of(shape, directions @ turn)
+        attitudes, turns = tilted(headings, float(tilt)), levelled(found.down)
+        directions = unit_field(attitudes, found.inclination)
+        sideways, fields = ((x @ turns).reshape(-1, 3) for x in (across(attitudes, directions), directions))
+        change = changes_of(found.model, found.field, facts.usual, fields) if facts.own else change_of(shape, fields)
         slopes = np.einsum("ni,nip->np", sideways, change)
     else:
         basis = np.asarray(found.plane)

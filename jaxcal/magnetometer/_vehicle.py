@@ -127,7 +127,7 @@ def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
         raise DataError("Currents are fitted to norms in all attitudes: leave out the model 'planar'.", code="currents_in_plane")
     joint, aid = options.pop("joint", False), options.pop("aid", None)
     if joint:
-        checked_joint(options.get("method", "ml"), options.get("model", "auto"), aid, options.get("loss"), options.get("field_error"))
+        checked_joint(options.get("method", "ml"), options.get("model", "auto"), aid, options.get("field_error"))
     there = np.isfinite(m).all(axis=1)
     kept = there.copy()
     kept[there] = ~at_end(m[there])
@@ -136,8 +136,6 @@ def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
     if not size.all():
         raise DataError("A current is constant: its field cannot be told from hard iron.", code="current_constant")
     first = fit(m, method="consistent")
-    if first.model is None:
-        first = fit(m, model="symmetric", loss="huber")
     if first.model is None:
         raise DataError(f"The readings determine no ellipsoid to begin with. {first.reason}", code="no_ellipsoid")
     frame = Frame.of(m)

@@ -33,7 +33,7 @@ def meaning(found: MagFit) -> tuple[tuple[str, str], ...]:
         ("Correction", "The true field is the matrix of the correction times (reading - hard iron). The soft iron is its inverse."),
         ("Heading error", "The error that noise, coverage and what the residuals follow leave, for readings without noise and a true "
          "vertical. Magnitudes cannot show a rotation common to all readings; without another sensor, that error comes on top."),
-        ("Verdict", "good: below 1° rms; weak: below 5°, or with a doubt that is named; refused: not to be used."),
+        ("Verdict", "good: below 1° rms; weak: below 5°, or where a finding says why; refused: not to be used."),
     )  # fmt: skip
 
 

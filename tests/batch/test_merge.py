@@ -10,7 +10,6 @@ import pytest
 from jaxcal import DataError
 from jaxcal.allan import Accumulator, deviation
 from jaxcal.batch import deviation as deviation_of, reduce
-from jaxcal.magnetometer import Moments
 from jaxcal.spectrum import Segments, density
 
 RATE = 100.0
@@ -91,14 +90,7 @@ def test_accumulators(kind):
         np.testing.assert_array_equal(found.count, whole.count)
 
 
-def test_moments_and_what_cannot_be_merged():
-    rng = np.random.default_rng(0)
-    m = rng.standard_normal((3000, 3)) @ np.diag([1.0, 1.1, 0.9]) + [3.0, -2.0, 1.0]
-    whole = Moments([3.0, -2.0, 1.0], 1.0).update(m)
-    # each worker uses its own centre
-    parts = [Moments(part[0], 1.0).update(part) for part in np.array_split(m, 7)]
-    found = reduce(parts).moved(whole.centre, whole.scale)
-    np.testing.assert_allclose(found.sums, whole.sums, rtol=1e-12, atol=1e-12 * np.abs(whole.sums).max())
+def test_what_cannot_be_merged():
     with pytest.raises(DataError, match="no parts"):
         reduce([])
     with pytest.raises(DataError, match="list cannot be merged"):

@@ -87,8 +87,8 @@ def test_options_reach_the_writer(call, folder, device):
     assert "g_norm: 9.81" in (folder / "vins.yaml").read_text()
     assert call("export", device, "--to", "gtsam", "--frame", "down").status == 0
     assert "MakeSharedD" in (folder / "gtsam_imu.py").read_text()
-    assert call("export", device, "--to", "c", "--prefix", "UNIT_", "--accumulator").status == 0
-    assert "UNIT_MAG_FIELD" in (folder / "calibration.h").read_text()
+    assert call("export", device, "--to", "c", "--prefix", "UNIT_").status == 0
+    assert "UNIT_MAG_MATRIX" in (folder / "calibration.h").read_text()
 
 
 def test_several_devices_and_ids(call, folder, device):

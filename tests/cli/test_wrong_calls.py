@@ -163,7 +163,7 @@ mag tumble.csv --place 39.93 32.86 --date 1875-01-01 | --date 1875-01-01
 mag tumble.csv --place 39.93 32.86 --date 2026-05-31 --field 47 | exclude one another
 mag tumble.csv --joint                     | --joint goes with --align accel or gyro
 mag tumble.csv --limit 0                   | degrees above 0
-mag tumble.csv --loss hubert               | Did you mean "huber"?
+mag tumble.csv --model spere                | Did you mean "sphere"?
 imu poses.csv --gravity 1                  | 1 looks like g
 imu poses.csv --gravity 980.6              | 980.6 looks like cm/s^2
 imu poses.csv --gravity 9.5                | 9.76 to 9.84 on Earth. --latitude and --height give it

@@ -238,11 +238,8 @@ def test_the_vertical_of_the_accelerometer_is_that_of_the_heading_error():
     np.testing.assert_allclose(found[1].heading_error, found[0].heading_error, rtol=1e-3)
     np.testing.assert_allclose(found[1].down, [1.0, 0.0, 0.0], atol=0.05)
     blind = [fit(noisy @ turn.T, model="symmetric") for turn in (np.eye(3), roll)]
-    assert blind[0].heading_error[0] != pytest.approx(blind[1].heading_error[0], rel=0.1)
-    for one in blind:
-        assert "dip_assumed" in one.codes
-        assert one.numbers["heading_least"].value < one.heading_error[0] < one.numbers["heading_most"].value
-    assert blind[0].numbers["heading_most"].value == pytest.approx(blind[1].numbers["heading_most"].value, rel=1e-3)
+    np.testing.assert_allclose(blind[1].heading_error, blind[0].heading_error, rtol=1e-3)
+    assert all("dip_assumed" in one.codes for one in blind)
     assert "dip_assumed" not in found[0].codes
 
 

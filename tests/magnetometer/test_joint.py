@@ -198,7 +198,6 @@ def test_long_logs_are_thinned_after_the_rates_are_integrated():
         ({"aid": Headings(np.ones(50))}, "joint_needs_aid"),
         ({"method": "consistent"}, "joint_options"),
         ({"model": "planar"}, "joint_options"),
-        ({"loss": "huber"}, "joint_options"),
         ({"model": "sphere"}, "joint_options"),
         ({"field": 1.0, "field_error": 0.01}, "joint_options"),
     ],

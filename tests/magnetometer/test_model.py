@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxcal import DataError
-from jaxcal.magnetometer import MagModel, body_field, coverage, fit, heading, scenario
+from jaxcal.magnetometer import MagModel, body_field, coverage, heading, scenario
 
 from . import cases
 
@@ -87,19 +87,6 @@ def test_where_there_is_no_heading_it_says_why():
         assert np.isfinite(heading(np.array([20.0, 0, 40]), np.array([9.81, 0.0, 0.0])))  # nose up
     with pytest.raises(DataError, match="both must be"):
         heading(np.ones(3), np.ones((2, 3)))
-
-
-def test_coverage_of_the_logs_is_the_recorded_one(reference):
-    # MotionCal's figures for Li-Griffiths fits, with corrected positions of the southern sectors
-    for name, delimiter, gaps, variance, wobble in (
-        ("ellipsoid_fit_python/mag_out.txt", None, 14.23, 2.0598, 2.3696),
-        ("jremington/mag3_raw.csv", ",", 7.34, 1.5520, 2.2605),
-    ):
-        m = np.loadtxt(reference / "data" / "magnetometer" / name, delimiter=delimiter)
-        found = fit(m, method="li_griffiths").coverage
-        assert found.gaps == pytest.approx(gaps, abs=0.005)
-        assert found.variance == pytest.approx(variance, abs=5e-5)
-        assert found.wobble == pytest.approx(wobble, abs=5e-5)
 
 
 def test_coverage_of_known_directions():

@@ -5,13 +5,15 @@ import json
 import numpy as np
 import pytest
 
-from jaxcal.magnetometer import bootstrap, fit
+from jaxcal.magnetometer import _diagnosis, fit
 
 LOGS = {"ellipsoid_fit_python/mag_out.txt": None, "jremington/mag3_raw.csv": ","}
 
 
 @pytest.fixture(params=LOGS)
-def log(request, reference):
+def log(request, reference, monkeypatch):
+    # the other programs fit every reading, also the one of mag3 that stands 6.4 standard deviations apart
+    monkeypatch.setattr(_diagnosis, "sound", lambda m: np.ones(len(m), dtype=bool))
     m = np.loadtxt(reference / "data" / "magnetometer" / request.param, delimiter=LOGS[request.param])
     return m, json.loads((reference / "reference" / "magnetometer_fits.json").read_text())["logs"][request.param]
 
@@ -22,17 +24,12 @@ def normalised(found):
     return matrix / np.cbrt(np.linalg.det(matrix))
 
 
-#: method of jaxcal: entry in the reference, which has four decimal places
-SAME = {"minmax": "minmax", "li_griffiths": "Li-Griff py", "algebraic": "Petrov py", "radial": "geo radial", "ml": "ML"}
-
-
-@pytest.mark.parametrize("method", SAME)
-def test_the_same_method_gives_the_printed_digits(log, method):
+def test_the_fit_gives_the_printed_digits(log):
     m, listed = log
-    entry = listed[SAME[method]]
-    found = fit(m, method=method, model="diagonal" if method == "minmax" else "symmetric")
+    entry = listed["ML"]
+    found = fit(m, model="symmetric")
     y = np.linalg.norm(found.model.correct(m), axis=1)
-    if method == "ml" and found.noise > 0.02 * found.field:
+    if found.noise > 0.02 * found.field:
         # noise along the surface increases the mean distance by about sigma^2/R; jaxcal subtracts this, the reference fit does not
         np.testing.assert_allclose(found.model.hard_iron, entry["b"], atol=1e-3)
         assert entry["R"] - found.field == pytest.approx(found.noise**2 / found.field, rel=0.05)
@@ -41,8 +38,7 @@ def test_the_same_method_gives_the_printed_digits(log, method):
     assert found.field == pytest.approx(entry["R"], abs=0.51e-4)
     assert 100 * y.std() / y.mean() == pytest.approx(entry["rel_rms_pct"], abs=0.51e-4)
     np.testing.assert_allclose(normalised(found), entry["A_n"], atol=0.51e-5)
-    if method == "ml":
-        assert np.sqrt(np.mean(found.residual**2)) == pytest.approx(entry["rms_orth"], abs=0.51e-4)
+    assert np.sqrt(np.mean(found.residual**2)) == pytest.approx(entry["rms_orth"], abs=0.51e-4)
 
 
 #: centre and equivalent radius, computed independently for this project
@@ -73,23 +69,3 @@ def test_ml_is_within_its_own_two_sigma_of_the_listed_orthogonal_fit(log):
     else:
         assert found.verdict == "good"
         np.testing.assert_allclose(found.estimate.select("hard_iron*").error, listed, rtol=0.15)
-
-
-def test_bootstrap_agrees_with_the_covariance(log):
-    m, _ = log
-    found = fit(m, model="symmetric")
-    ratio = np.std(bootstrap(m, found, replicas=300), axis=0) / found.estimate.error[:12]
-    # 300 replicas determine a standard deviation to 4 %; readings drawn one by one lose their correlation, which matters for mag3
-    assert np.all(ratio < 1.6)
-    assert "correlated" in found.codes or np.all(ratio > 1 / 1.6)
-
-
-def test_published_calibration_of_mag3(reference):
-    """The reference for `mag3_out.txt` is J. Remington's matrix for a field of 1000, computed by the method of Li and Griffiths."""
-    m = np.loadtxt(reference / "data" / "magnetometer" / "jremington" / "mag3_raw.csv", delimiter=",")
-    found = fit(m, method="li_griffiths", field=1000.0)
-    published = [[0.25060005, 0.02941951, -0.02954944], [0.02941951, 0.31691521, 0.00788726], [-0.02954944, 0.00788726, 0.30592214]]
-    # the scale of that matrix comes from the mean magnitude of the readings and not from the volume of the ellipsoid
-    ratio = np.linalg.inv(found.model.soft_iron) / published
-    np.testing.assert_allclose(ratio, ratio[0, 0], rtol=1e-6)
-    np.testing.assert_allclose(found.model.hard_iron, [9955.151669, -7948.26463057, 8511.80447932], atol=1e-5)

@@ -99,7 +99,7 @@ def test_currents_beside_a_joint_fit():
 
 
 def test_saturated_readings_are_named_and_left_out():
-    off, bare = [], []
+    off = []
     for seed in range(10):
         rng = np.random.default_rng([4, seed])
         m = sphere(rng, 400) @ SOFT.T + HARD + 0.005 * rng.normal(size=(400, 3))
@@ -109,9 +109,7 @@ def test_saturated_readings_are_named_and_left_out():
         assert found.numbers["used"].value == 380
         assert len(found.residual) == 400
         off.append((found.model.hard_iron - HARD)[1] / found.estimate.select("hard_iron*").error[1])
-        bare.append((fit(m, method="minmax").model.hard_iron - HARD)[1])
     assert np.sqrt(np.mean(np.square(off))) < 1.6
-    assert np.mean(bare) > 0.01
 
 
 @pytest.mark.parametrize("step", [0.0, 0.01])

@@ -89,7 +89,7 @@ def test_a_planar_fit_is_that_of_the_host_and_has_its_derivative():
     [
         ({}, "traced_options"),
         ({"field": 1.0, "model": "planar"}, "field_in_plane"),
-        ({"loss": "huber", "model": "sphere"}, "traced_options"),
+        ({"method": "consistent", "model": "sphere"}, "traced_options"),
     ],
 )
 def test_what_the_host_decides_is_not_traced(options, code, refuses):

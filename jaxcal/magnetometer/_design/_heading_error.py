@@ -23,8 +23,8 @@ _IN_PLANE = {
     6: "hard iron along the plane's first axis", 7: "hard iron along the plane's second axis",
 }  # fmt: skip
 _TILT = np.deg2rad(20.0)  # of a vehicle that brakes or banks
+_TURNED = 0.5  # length of the mean unit field: sin(dip) for turns about the vertical, zero for a sensor turned through all attitudes
 _HEADINGS = np.arange(24) * np.pi / 12  # every 15 degrees
-_DIPS = (0.0, np.deg2rad(50.0), np.deg2rad(75.0))  # those on Earth outside the polar regions; negative dips give the same errors
 
 
 def tilted(headings: np.ndarray, tilt: float) -> np.ndarray:
@@ -83,25 +83,38 @@ def planar_slopes(shape: Any, headings: np.ndarray) -> Any:
 
 
 def levelled(down: AnyArray | None) -> np.ndarray:
-    """Rotation (3, 3) for rows of vectors: from axes whose z points down at level to axes whose `down` points down at level."""
-    if down is None:
-        return np.eye(3)
-    z, axis = np.array([0.0, 0.0, 1.0]), np.asarray(down) / np.linalg.norm(down)
-    if axis[2] < -1 + 1e-12:
-        return np.diag([1.0, -1.0, -1.0])
-    both = z + axis
-    return 2 * np.outer(both, both) / (both @ both) - np.eye(3)  # half a turn about the bisector of z and `axis`
+    """Rotations (k, 3, 3) for rows of vectors: from axes whose z points down at level to axes whose `down` points down at level.
+
+    Without `down` there are six, for each axis either way: a number that is averaged over them does not depend on the names of the axes.
+    """
+    z, found = np.array([0.0, 0.0, 1.0]), []
+    for axis in np.concatenate([np.eye(3), -np.eye(3)]) if down is None else np.reshape(np.asarray(down), (1, 3)):
+        both = z + axis / np.linalg.norm(axis)
+        square = both @ both
+        # half a turn about the bisector of z and the axis
+        found.append(2 * np.outer(both, both) / square - np.eye(3) if square > 1e-12 else np.diag([1.0, -1.0, -1.0]))
+    return np.array(found)
+
+
+def down_of(directions: np.ndarray, dip: float) -> np.ndarray | None:
+    """The axis about which a sensor turned, from unit fields (n, 3), or None if it was turned through all attitudes."""
+    mean = directions.mean(axis=0)
+    size = float(np.linalg.norm(mean))
+    return np.copysign(1.0, dip) * mean / size if size > _TURNED else None
 
 
 def rms_heading(change: Callable[[np.ndarray], Any], covariance: Any, inclination: float, down: AnyArray | None = None) -> Any:
     """Root mean square heading error in rad, at level and at 20 degrees of tilt, from the `covariance` (p, p) of the parameters.
 
     change : takes unit fields in body axes (n, 3) to the derivative of the corrected fields with respect to the parameters, (n, 3, p).
-    down : the axis that points down at level; z by default.
+    down : the axis that points down at level; None for the mean over all.
     """
-    both, turn = zip(grids(inclination), grids_across(inclination), strict=True), levelled(down)
+    turns, slopes = levelled(down), []
     xp = array_module(covariance)
-    return _rms([xp.einsum("ni,nip->np", sideways @ turn, change(directions @ turn)) for (_, directions), sideways in both], covariance)
+    for (_, directions), sideways in zip(grids(inclination), grids_across(inclination), strict=True):
+        s, u = ((x @ turns).reshape(-1, 3) for x in (sideways, directions))
+        slopes.append(xp.einsum("ni,nip->np", s, change(u)))
+    return _rms(slopes, covariance)
 
 
 def _rms(slopes: list[Any], covariance: Any) -> Any:
@@ -122,18 +135,12 @@ def _moments(inclination: float, down: AnyArray | None = None) -> np.ndarray:
 
 @functools.lru_cache(maxsize=256)
 def _moments_about(inclination: float, down: tuple[float, ...] | None) -> np.ndarray:
-    turn, found = levelled(None if down is None else np.array(down)), []
+    turns, found = levelled(None if down is None else np.array(down)), []
     for (_, directions), sideways in zip(grids(inclination), grids_across(inclination), strict=True):
-        s, u = sideways @ turn, directions @ turn
+        s, u = ((x @ turns).reshape(-1, 3) for x in (sideways, directions))
         g = np.concatenate([(s[:, :, None] * u[:, None, :]).reshape(-1, 9), s], axis=1)
         found.append(g.T @ g / len(g))
     return np.array(found)
-
-
-@functools.lru_cache(maxsize=64)
-def _moments_at(dips: tuple[float, ...], axes: tuple[tuple[float, ...], ...]) -> np.ndarray:
-    """`_moments` at level for every dip and axis, (dips axes, 12, 12)."""
-    return np.array([_moments_about(float(dip), axis)[0] for dip in dips for axis in axes])
 
 
 def _spread_of_change(shape: Any, covariance: Any) -> Any:
@@ -160,16 +167,6 @@ def heading_error(shape: Any, covariance: Any, inclination: float, down: AnyArra
 def turned_heading_error(covariance: np.ndarray, inclination: float, down: AnyArray | None = None) -> np.ndarray:
     """Predicted rms heading error due to the error of a rotation about the body axes."""
     return rms_heading(lambda directions: np.cross(np.eye(3), directions[:, None]).swapaxes(1, 2), covariance, inclination, down)
-
-
-def heading_range(shape: AnyArray, covariance: AnyArray, dip: float | None, down: AnyArray | None) -> np.ndarray:
-    """Smallest and largest rms heading error at level: over dips up to 75 degrees if the dip is unknown, and over axes if `down` is."""
-    if not np.isfinite(covariance).all():
-        return np.full(2, np.inf)
-    dips, axes = _DIPS if dip is None else (dip,), np.eye(3) if down is None else [down]
-    moments = _moments_at(dips, tuple(tuple(axis) for axis in np.asarray(axes).tolist()))
-    squares = np.maximum((moments * _spread_of_change(shape, covariance)).sum(axis=(1, 2)), 0.0)
-    return np.sqrt(np.array([squares.min(), squares.max()]))
 
 
 def heading_departure(first: Found, second: Found, inclination: float) -> np.ndarray:

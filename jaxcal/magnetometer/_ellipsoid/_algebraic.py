@@ -1,4 +1,4 @@
-"""Ellipsoid fits without iteration, which also start the iterative fits: linear and quadratic constraints, consistent, extremes.
+"""Ellipsoid fits without iteration, which also start the iterative fits: linear and quadratic constraints, consistent.
 
 A quadric is theta = [a..f | p, r, s, k] over the monomials [x^2, xy, y^2, xz, yz, z^2 | x, y, z, 1]. Every fit works on readings
 that are centred and scaled, and eliminates the linear part exactly. Functions run in NumPy on the host unless they say "traced".
@@ -14,14 +14,9 @@ import scipy  # loads its parts when they are first used
 
 from ..._errors import FitError
 from ..._precision import array_module
-from .._design._coverage import bins
-from ._kinds import COUNT, PLANAR, parameters_of
-from ._shape import unit
+from ._kinds import PLANAR, parameters_of
 
 _ENOUGH_FOR_ADJUSTED = 30  # readings, from which the noise is known to 13 %
-_SUBSETS = 200  # a good one among them for up to 35 % of outliers
-_SUBSET = 12  # readings: three more than a symmetric fit needs, so that noise does not decide
-_KEPT, _ROUNDS = 10, 4  # subsets that are refitted, and how often
 
 
 class NotEllipsoid(FitError):
@@ -138,13 +133,6 @@ def algebraic(u: np.ndarray, kind: str = "symmetric") -> tuple[np.ndarray, np.nd
     return ellipse(u) if kind == "ellipse" else ellipsoid_of(linear(u, kind))
 
 
-def li_griffiths(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least squares under 4J - I^2 = 1 (Q. Li and J. G. Griffiths, GMP 2004). Always gives an ellipsoid, biased towards spheres."""
-    constraint = np.diag([-2.0, -1.0, -2.0, -1.0, -1.0, -2.0])
-    constraint[np.ix_((0, 2, 5), (0, 2, 5))] += 1.0
-    return ellipsoid_of(_constrained(u, tuple(range(6)), (6, 7, 8, 9), constraint))
-
-
 #: matrix of the quadratic form 4ac - b^2 in a, b and c
 _DISCRIMINANT = np.array([[0.0, 0.0, 2.0], [0.0, -1.0, 0.0], [2.0, 0.0, 0.0]])
 
@@ -170,30 +158,6 @@ def sampson(theta: np.ndarray, u: np.ndarray) -> np.ndarray:
 def nearest_quadric(u: np.ndarray) -> np.ndarray:
     """Quadric of any kind with unit theta and the smallest algebraic residual."""
     return np.linalg.svd(triangle(monomials(u)))[2][-1]
-
-
-def minmax(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centre and semi-axes along x, y and z from the extremes (thesis 6.1 to 6.4)."""
-    return axes(u, np.eye(3))
-
-
-def axes(u: np.ndarray, vectors: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Rotate to the principal axes, divide by the semi-axes, rotate back (thesis 6.5 to 6.9, which omits the last step).
-
-    The axes are the columns of `vectors`, or the eigenvectors of the covariance; these give the thesis's plane angles if only one plane is
-    tilted. Every direction has the same weight, however many readings it has: otherwise an uneven random distribution alone would turn the
-    axes of 4000 readings by degrees.
-    """
-    centre = (u.max(axis=0) + u.min(axis=0)) / 2
-    z = u - centre
-    if vectors is None:
-        cell = bins(unit(z))
-        vectors = np.linalg.eigh(z.T @ (z / np.bincount(cell)[cell][:, None]))[1]
-    turned = z @ vectors
-    radii = np.ptp(turned, axis=0) / 2
-    if not radii.min() > 0:
-        raise NotEllipsoid("flat one: the readings do not vary along one axis")
-    return (vectors / radii**2) @ vectors.T, centre
 
 
 _ROUNDING = float(np.finfo(float).eps)  # of an eigenvalue of Psi: closer to zero, false position would only follow rounding
@@ -268,7 +232,7 @@ def start(u: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
     attempts = [lambda one=one: algebraic(u, one) for one in kinds]
     if kind == "symmetric":
         exact = [lambda: consistent(u)[:2]] if len(u) >= _ENOUGH_FOR_ADJUSTED else []
-        attempts = [*exact, attempts[0], lambda: li_griffiths(u), attempts[1]]
+        attempts = [*exact, *attempts]
     reason: NotEllipsoid | None = None
     for attempt in attempts:
         try:
@@ -296,32 +260,3 @@ def away(found: tuple[np.ndarray, np.ndarray], u: np.ndarray) -> np.ndarray:
     normal = z @ found[0]
     r = np.sqrt(np.maximum(np.sum(z * normal, axis=1), 1e-12))
     return np.abs((r - 1) * r) / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
-
-
-def robust_start(u: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
-    """Fit of smallest median distance: the best random subsets, refitted to the nearer half (Rousseeuw, Technometrics 41, 1999, 212)."""
-    rng, half = np.random.default_rng(0), (len(u) + COUNT[kind] + 1) // 2
-
-    def attempt(readings):
-        try:
-            found = algebraic(readings, kind)
-        except (NotEllipsoid, np.linalg.LinAlgError):
-            return []
-        return [(float(np.median(away(found, u))), found)]
-
-    def best(tries):
-        return sorted(tries, key=lambda one: one[0])
-
-    tries = [one for _ in range(_SUBSETS) for one in attempt(u[rng.choice(len(u), min(len(u), _SUBSET), replace=False)])]
-    tries = best(tries)[:_KEPT] + attempt(u)
-    for _ in range(_ROUNDS):
-        tries += [new for _, found in tries for new in attempt(u[np.argsort(away(found, u))[:half]])]
-        tries = best(tries)[:_KEPT]
-    if not tries:
-        return start(u, kind)
-    least, found = tries[0]
-    near = u[away(found, u) <= 3 * 1.4826 * max(least, 1e-12)]
-    try:
-        return start(near, kind) if len(near) > 2 * COUNT[kind] else found
-    except NotEllipsoid:
-        return found

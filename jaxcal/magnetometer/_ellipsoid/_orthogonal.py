@@ -1,4 +1,4 @@
-"""Iterative fits of scaled readings with the package's solver: orthogonal and radial, robust, curvature corrected, penalised."""
+"""Iterative fits of scaled readings with the package's solver: orthogonal distances, curvature corrected, penalised."""
 
 import contextlib
 import dataclasses
@@ -10,19 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._compile import filter_jit
-from ..._errors import DataError
 from ..._precision import array_module, is_traced
 from ..._types import AnyArray
-from ...fitting import AbstractLoss, Cauchy, Fit, Huber, Tukey, covariance, identifiability, information, solve
-from ._algebraic import NotEllipsoid, robust_start, start, traced_start, triangle
+from ...fitting import Fit, covariance, identifiability, information, solve
+from ._algebraic import NotEllipsoid, start, traced_start, triangle
 from ._kinds import COUNT, PLANAR, basis_of, parameters_of, shape_and_centre, upper_and_centre
-from ._residuals import Penalty, Readings, Size, half_log_det, orthogonal, penalised, radial
+from ._residuals import Penalty, Readings, Size, half_log_det, orthogonal, penalised
 from ._shape import Found, entries_of, filled, radius_of
 
-LOSSES: dict[str, AbstractLoss] = {"huber": Huber(), "cauchy": Cauchy(), "tukey": Tukey()}
 CURVED = 0.02  # noise over radius above which the curvature term matters
 ROUNDS, SETTLED = 3, 3e-3  # number of fits with the curvature term, and the relative change of the noise that ends them
-_ROBUST_ROUNDS = 5  # of scale and fit in turn
 _PRECISE = 1e-8  # remaining step, relative to the statistical uncertainty
 _LOST = 1e-12  # singular value, with columns of unit length, below which the readings do not determine a parameter
 _IDLE = 0.1  # standard errors: a penalty that moves a fit by less is omitted
@@ -30,9 +27,9 @@ _FAR = 1.0  # standard errors: a larger bias suggests that the fit without the p
 _SINGULAR = 1e8  # condition number at which half of the digits are lost
 
 
-def padded(u: np.ndarray, kind: str, scale: float = 1.0, noise2: float = 0.0, penalty: Penalty | None = None) -> Readings:
+def padded(u: np.ndarray, kind: str, noise2: float = 0.0, penalty: Penalty | None = None) -> Readings:
     """Readings padded to a power of two with zero weights, so that logs of any length share a compiled program."""
-    return Readings(filled(u, u[:1]), filled(np.ones(len(u))), np.float64(scale), np.float64(noise2), basis_of(kind), penalty)
+    return Readings(filled(u, u[:1]), filled(np.ones(len(u))), np.float64(noise2), basis_of(kind), penalty)
 
 
 def bounds_of(kind: str) -> tuple[np.ndarray, np.ndarray]:
@@ -41,45 +38,32 @@ def bounds_of(kind: str) -> tuple[np.ndarray, np.ndarray]:
     return np.where(idle, 0.0, -np.inf), np.where(idle, 0.0, np.inf)
 
 
-def attempt(function: Callable, start: AnyArray, data: Readings, kind: str, loss: AbstractLoss | None = None) -> Fit:
+def attempt(function: Callable, start: AnyArray, data: Readings, kind: str) -> Fit:
     """Best fit from the rows of `start`, without the residuals of penalty and prior: its covariance is that of the readings."""
     begin, starts = (start, None) if start.ndim == 1 else (start[0], start)
-    fit = solve(function, begin, data, loss=loss, bounds=bounds_of(kind), starts=starts, rtol=_PRECISE)
+    fit = solve(function, begin, data, bounds=bounds_of(kind), starts=starts, rtol=_PRECISE)
     if fit.residuals.size == len(data.u):
         return fit
     own = {name: getattr(fit, name)[: len(data.u)] for name in ("residuals", "jacobian", "weights", "curvature")}
     return dataclasses.replace(fit, **own)
 
 
-def flat(u: np.ndarray, kind: str, loss: AbstractLoss | None = None, cost: str = "orthogonal", begin: Any = None) -> Found:
+def flat(u: np.ndarray, kind: str, begin: Any = None) -> Found:
     """The fit without the curvature term. It suffices to compare models, because the radius of each absorbs the mean of that term."""
     if begin is None:
-        begin = parameters_of(kind, *(start if loss is None else robust_start)(u, kind))
-    function = radial if cost == "radial" else orthogonal
-    if loss is None:
-        fit, scale = attempt(function, begin, padded(u, kind), kind), 1.0
-    else:
-        fit, scale = _robust(function, begin, u, kind, loss)
-    if cost == "radial":
-        # J'J of the radial cost is not the information of the readings
-        found = described(np.asarray(fit.parameters), u, kind)
-        return dataclasses.replace(found, converged=bool(fit.usable), weight=np.asarray(fit.weights)[: len(u)])
-    return described_by(fit, scale, len(u), kind)
+        begin = parameters_of(kind, *start(u, kind))
+    return described_by(attempt(orthogonal, begin, padded(u, kind), kind), len(u), kind)
 
 
-def described_by(fit: Fit, scale: float, count: int, kind: str, noise2: Any = 0.0) -> Found:
+def described_by(fit: Fit, count: int, kind: str, noise2: Any = 0.0) -> Found:
     """The ellipsoid that a solution describes; its covariance is infinite if the readings alone do not determine it."""
     traced = is_traced(fit.parameters)
     xp = jnp if traced else np
     parameters, residuals, matrix = (xp.asarray(x) for x in (fit.parameters, fit.residuals, covariance(fit, scaled=True)))
-    if fit.robust:
-        noise = scale * _spread(residuals, count, COUNT[kind])
-    else:
-        noise = scale * xp.sqrt(xp.sum(residuals**2) / max(count - COUNT[kind], 1))
+    noise = xp.sqrt(xp.sum(residuals**2) / max(count - COUNT[kind], 1))
     return Found(
         parameters, *shape_and_centre(parameters, basis_of(kind)), xp.where(xp.isfinite(matrix).all(), matrix, xp.inf), noise,
-        scale * residuals[:count], xp.asarray(fit.weights)[:count], fit.usable if traced else bool(fit.usable), kind,
-        "" if traced or fit.usable else fit.message, noise2,
+        residuals[:count], fit.usable if traced else bool(fit.usable), kind, noise2,
     )  # fmt: skip
 
 
@@ -93,12 +77,12 @@ def curvature_variance(found: Found) -> Any:
 
 def estimate(u: Any, kind: str) -> Found:
     """Maximum likelihood of scaled readings as one pure function: `flat` and the rounds of `refined`, without branches."""
-    basis, weight, one = jnp.asarray(basis_of(kind), dtype=u.dtype), jnp.ones(len(u), dtype=u.dtype), jnp.ones((), u.dtype)
+    basis, weight = jnp.asarray(basis_of(kind), dtype=u.dtype), jnp.ones(len(u), dtype=u.dtype)
 
     def again(carry: tuple, _: None) -> tuple:
         begin, noise2, last, settled = carry
-        fit = attempt(orthogonal, begin, Readings(u, weight, one, noise2, basis), kind)
-        found = described_by(fit, 1.0, len(u), kind, noise2)
+        fit = attempt(orthogonal, begin, Readings(u, weight, noise2, basis), kind)
+        found = described_by(fit, len(u), kind, noise2)
         after = curvature_variance(found)
         settled = settled | (after == 0) | (jnp.abs(found.noise - last) < SETTLED * last)
         return (found.parameters, jnp.where(settled, noise2, after), found.noise, settled), found
@@ -106,25 +90,6 @@ def estimate(u: Any, kind: str) -> Found:
     zero = jnp.zeros((), u.dtype)
     begin = (jax.lax.stop_gradient(traced_start(jax.lax.stop_gradient(u), kind)), zero, zero, jnp.asarray(False))
     return jax.tree.map(lambda x: x[-1], jax.lax.scan(again, begin, None, length=ROUNDS + 1)[1])
-
-
-def _spread(residuals, count: int, free: int) -> float:
-    """Robust standard deviation of the residuals of the readings (not of the padding)."""
-    size = 1.4826 * float(np.median(np.abs(np.asarray(residuals)[:count])))
-    return size * float(np.sqrt(count / max(count - free, 1)))
-
-
-def _robust(function: Callable, begin: np.ndarray, u: np.ndarray, kind: str, loss: AbstractLoss) -> tuple[Fit, float]:
-    """Fit and scale in turn, from a start of high breakdown point; Tukey's loss needs such a start, because it has many minima."""
-    count, free = len(u), COUNT[kind]
-    scale = max(_spread(_linearised(function, begin, padded(u, kind))[0], count, free), 1e-13)
-    for _ in range(_ROBUST_ROUNDS):
-        fit = attempt(function, begin, padded(u, kind, scale), kind, loss)
-        begin, last = np.asarray(fit.parameters), scale
-        scale = max(_spread(fit.residuals, count, free) * scale, 1e-13)
-        if abs(scale - last) < 1e-3 * last:
-            break
-    return fit, last  # type: ignore[possibly-unbound]
 
 
 @filter_jit
@@ -138,35 +103,27 @@ def described(parameters: AnyArray, u: np.ndarray, kind: str) -> Found:
     noise = float(np.sqrt(np.sum(residuals**2) / max(len(u) - COUNT[kind], 1)))
     known = information(triangle(jacobian), held=np.arange(9) >= COUNT[kind], tolerance=_LOST)
     bound = noise**2 * known.covariance if known.rank == COUNT[kind] else np.full((9, 9), np.inf)
-    return Found(parameters, *shape_and_centre(parameters, basis_of(kind)), bound, noise, residuals, np.ones(len(u)), True, kind)
+    return Found(parameters, *shape_and_centre(parameters, basis_of(kind)), bound, noise, residuals, True, kind)
 
 
-def geometric(
-    u: np.ndarray, kind: str, loss: AbstractLoss | None = None, cost: str = "orthogonal", penalty: float = 0.0, size: Size | None = None
-) -> Found:
-    """Least squares of orthogonal (or radial) distances, from the best algebraic start."""
-    found = flat(u, kind, loss, cost)
-    return found if cost == "radial" else refined(found, u, loss, penalty, size)
-
-
-def refined(found: Found, u: np.ndarray, loss: AbstractLoss | None = None, penalty: float = 0.0, size: Size | None = None) -> Found:
+def refined(found: Found, u: np.ndarray, penalty: float = 0.0, size: Size | None = None) -> Found:
     """The fit with the curvature term where noise matters, with the penalty where that matters, and with the known size."""
     bias = _step(found, u, penalty)[1] if penalty else 0.0
     if found.converged and bias < _IDLE:
         penalty = 0.0
     if penalty or size is not None:
-        return _penalised(found, u, loss, penalty, bias, size)
-    scale, last = 1.0 if loss is None else found.noise, np.inf
+        return _penalised(found, u, penalty, bias, size)
+    last = np.inf
     for _ in range(ROUNDS):
         noise2 = float(curvature_variance(found))
         if not noise2 or abs(found.noise - last) < SETTLED * last:
             break
-        fit = attempt(orthogonal, found.parameters, padded(u, found.kind, scale, noise2), found.kind, loss)
-        last, found = found.noise, described_by(fit, scale, len(u), found.kind, noise2)
+        fit = attempt(orthogonal, found.parameters, padded(u, found.kind, noise2), found.kind)
+        last, found = found.noise, described_by(fit, len(u), found.kind, noise2)
     return found
 
 
-def left_out(fits: dict[str, Found], chosen: Found, u: np.ndarray, loss: AbstractLoss | None, penalty: float) -> np.ndarray:
+def left_out(fits: dict[str, Found], chosen: Found, u: np.ndarray, penalty: float) -> np.ndarray:
     """Bias (9,) of the chosen model due to the terms that it leaves out, as far as the largest model shows it.
 
     A lack of evidence for these terms must not make the fit more certain. The step to the largest model is this bias plus noise, and noise
@@ -177,11 +134,10 @@ def left_out(fits: dict[str, Found], chosen: Found, u: np.ndarray, loss: Abstrac
     if not more:
         return np.zeros(9)
     if penalty and not (largest.converged and _step(largest, u, penalty)[1] < _IDLE):
-        largest = refined(largest, u, loss, penalty)
+        largest = refined(largest, u, penalty)
     if not np.isfinite(largest.covariance).all():
         return np.zeros(9)  # the verdict reports that the largest model could not be tried
-    weight = largest.weight
-    gain = float(np.sum(weight * chosen.distance**2) - np.sum(weight * largest.distance**2)) / max(largest.noise, 1e-300) ** 2
+    gain = float(np.sum(chosen.distance**2) - np.sum(largest.distance**2)) / max(largest.noise, 1e-300) ** 2
     return np.sqrt(max(1 - more / max(gain, 1e-300), 0.0)) * (entries_of(largest) - entries_of(chosen))
 
 
@@ -191,24 +147,23 @@ def _step(found: Found, u: np.ndarray, penalty: float) -> tuple[Any, float]:
         return np.zeros(9), np.inf
     upper, centre = upper_and_centre(found.parameters, basis_of(found.kind))
     form = Penalty.of(found.kind, found.noise, penalty)
-    _, by_upper, by_z = half_log_det(upper, u - centre, (found.weight > 0.5).astype(float), form.basis, form.idle)
+    _, by_upper, by_z = half_log_det(upper, u - centre, np.ones(len(u)), form.basis, form.idle)
     slope = basis_of(found.kind).T @ np.concatenate([by_upper.ravel(), -by_z.sum(axis=0)])
     step = penalty * found.covariance @ slope
     return step, float(np.sqrt(max(penalty * slope @ step, 0.0)))
 
 
-def _penalised(found: Found, u: np.ndarray, loss: AbstractLoss | None, penalty: float, bias: float, size: Size | None) -> Found:
+def _penalised(found: Found, u: np.ndarray, penalty: float, bias: float, size: Size | None) -> Found:
     """The fit with penalty and prior; it also starts from a sphere if the fit without them may have diverged."""
     # the noise comes from the fit without penalty and prior, whose degrees of freedom are known
     alone, noise, begin = found, max(found.noise, 1e-12), [found.parameters]
-    scale = 1.0 if loss is None else noise
     if not found.converged or bias > _FAR:
         with contextlib.suppress(NotEllipsoid):  # in that case one start must suffice
-            begin.append(parameters_of(found.kind, *start(u[found.weight > 0.5], "circle" if found.kind in PLANAR else "sphere")))
+            begin.append(parameters_of(found.kind, *start(u, "circle" if found.kind in PLANAR else "sphere")))
     noise2 = float(curvature_variance(found))
-    data = padded(u, found.kind, scale, noise2, Penalty.of(found.kind, noise, penalty, size))
-    fit = attempt(penalised, np.array(begin), data, found.kind, loss)
-    found = described_by(fit, scale, len(u), found.kind, noise2)
+    data = padded(u, found.kind, noise2, Penalty.of(found.kind, noise, penalty, size))
+    fit = attempt(penalised, np.array(begin), data, found.kind)
+    found = described_by(fit, len(u), found.kind, noise2)
     # penalty and prior give a solution even if the readings have none, and the solver does not report that
     known = identifiability(fit).condition < _SINGULAR
     covariance = found.covariance * (noise / max(found.noise, 1e-300)) ** 2 if known else np.full((9, 9), np.inf)
@@ -240,14 +195,3 @@ def _with_size(found: Found, alone: Found, size: Size) -> Found:
         gain = covariance @ slope
         covariance = covariance - np.outer(gain, gain) / (size.error**2 + slope @ gain)
     return dataclasses.replace(found, covariance=covariance, conflict=conflict)
-
-
-def loss_of(loss: Any) -> AbstractLoss | None:
-    """The loss, given by name or as an object."""
-    if loss is None or isinstance(loss, AbstractLoss):
-        return loss
-    if isinstance(loss, str) and loss in LOSSES:
-        return LOSSES[loss]
-    known = ", ".join(repr(name) for name in LOSSES)
-    raise DataError(f"There is no loss {loss!r}; known are None (least squares), {known}, and the losses of jaxcal.fitting.",
-                    code="no_such_loss")  # fmt: skip

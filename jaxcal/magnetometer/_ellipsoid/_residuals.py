@@ -1,6 +1,6 @@
 r"""Residuals of a magnetometer calibration: distances of the readings, and a penalty on ellipsoids of which they cover a corner only.
 
-Distances are orthogonal, in the space of the readings, or radial, in the calibrated space. The information matrix of n directions u is
+Distances are orthogonal, in the space of the readings. The information matrix of n directions u is
 M, the mean of j j' with the natural rows j = (u'Qu - 2c'u)/2 of the changes Q of the shape and c of the centre. Fits of few readings
 diverge to ever larger ellipsoids, on which the readings cover a spot: noise alone can make this lower the squared distances. The penalty
 is a power w of Jeffreys' prior in these natural parameters,
@@ -21,7 +21,7 @@ import numpy as np
 from ..._compile import filter_jit
 from ..._types import Any, Array, Float
 from .._model import MagModel
-from ._distance import corrected_distance, signed_distance
+from ._distance import corrected_distance
 from ._kinds import COUNT, PLANAR_ROWS, shape_and_centre, upper_and_centre
 
 #: matrices from the changes of each kind to the six entries of A and the centre
@@ -111,26 +111,19 @@ def half_log_det(upper: Any, z: Any, weight: Any, basis: Any, idle: Any, xp: Mod
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class Readings:
-    """Scaled readings (n, 3), weight (n,), zero for padding, scale of a residual, noise variance for the curvature term, `basis_of`."""
+    """Scaled readings (n, 3), weight (n,), zero for padding, noise variance for the curvature term, `basis_of`."""
 
     u: Any
     weight: Any
-    scale: Any
     noise2: Any
     basis: Any
     penalty: Any = None
 
 
-def distances(parameters: Array, data: Readings) -> Array:
-    """Weighted orthogonal distances divided by the scale."""
-    shape, centre = shape_and_centre(parameters, data.basis)
-    return data.weight * signed_distance(shape, data.u - centre[None, :]) / data.scale
-
-
 def orthogonal(parameters: Array, data: Readings) -> Array:
-    """`distances` without the mean offset that noise causes along the curved surface: sigma^2 times the mean curvature."""
+    """Weighted orthogonal distances, without the mean offset that noise causes along the curved surface: sigma^2 times the curvature."""
     shape, centre = shape_and_centre(parameters, data.basis)
-    return data.weight * corrected_distance(shape, data.u - centre[None, :], data.noise2) / data.scale
+    return data.weight * corrected_distance(shape, data.u - centre[None, :], data.noise2)
 
 
 def penalised(parameters: Array, data: Readings) -> Array:
@@ -139,14 +132,7 @@ def penalised(parameters: Array, data: Readings) -> Array:
     # the mean semi-axis is the cube root of 1/det U
     off = -jnp.sum(jnp.log(jnp.abs(jnp.diagonal(upper)))) / 3 - data.penalty.size
     last = penalty_residual(upper, data.u - centre[None, :], data.weight, data.penalty)
-    return jnp.concatenate([orthogonal(parameters, data), jnp.stack([data.penalty.strength_of_size * off, last]) / data.scale])
-
-
-def radial(parameters: Array, data: Readings) -> Array:
-    """Weighted |W (m - b)| - 1, divided by the scale; W need not be formed."""
-    shape, centre = shape_and_centre(parameters, data.basis)
-    z = data.u - centre[None, :]
-    return data.weight * (jnp.sqrt(jnp.sum(z * (z @ shape), axis=1)) - 1) / data.scale
+    return jnp.concatenate([orthogonal(parameters, data), jnp.stack([data.penalty.strength_of_size * off, last])])
 
 
 def surface_distances(model: MagModel, m: Any, field: Any, conditions: Any, noise2: Any) -> Array:

@@ -7,12 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._errors import DataError
-from ...fitting import AbstractLoss
 from ...fitting._information import symmetric_inverse
 from .._design._coverage import bins, covered, sphere_grid
 from .._design._heading_error import needed
 from .._judge import outliers
-from ._algebraic import NotEllipsoid, away, robust_start, start
+from ._algebraic import NotEllipsoid, away, start
 from ._kinds import COUNT, PLACE, PLANAR, basis_of, shape_and_centre
 from ._orthogonal import flat
 from ._residuals import Readings, orthogonal
@@ -27,7 +26,7 @@ _FIRST = 4000  # readings of the rough fit that sorts by direction
 _CHUNK = 16_384  # readings of one call, so that no length compiles anew
 
 
-def candidates(u: np.ndarray, kinds: tuple[str, ...], loss: AbstractLoss | None, distinct: int) -> tuple[dict[str, Found], int]:
+def candidates(u: np.ndarray, kinds: tuple[str, ...], distinct: int) -> tuple[dict[str, Found], int]:
     """Fits, without the curvature term, of all kinds that have enough readings and are not clearly excluded, the largest first.
 
     Also the number of bins, of 500, that contain a reading.
@@ -37,12 +36,12 @@ def candidates(u: np.ndarray, kinds: tuple[str, ...], loss: AbstractLoss | None,
         if distinct <= COUNT[kind]:
             continue
         begin = None
-        if loss is None and "symmetric" in fits and (begin := _nearest(fits["symmetric"], kind)) is not None:
+        if "symmetric" in fits and (begin := _nearest(fits["symmetric"], kind)) is not None:
             count = count or _occupied(fits["symmetric"], u)
             if _hopeless(fits["symmetric"], begin, kind, u, count):
                 continue
         try:
-            fits[kind] = flat(u, kind, loss, begin=begin)
+            fits[kind] = flat(u, kind, begin)
         except NotEllipsoid as error:
             failure = error
     if not fits:
@@ -76,21 +75,21 @@ def _hopeless(full: Found, begin: np.ndarray, kind: str, u: np.ndarray, count: i
 
 def by_bic(fits: dict[str, Found], count: int) -> str:
     """Kind with the smallest n ln(mean d^2) + k ln n. n is the number of occupied bins of 500, because neighbours repeat one another."""
-    weight, score = next(iter(fits.values())).weight, {}
+    score = {}
     for kind, found in fits.items():
-        square = np.sum(weight * found.distance**2) / np.sum(weight)
+        square = np.mean(found.distance**2)
         score[kind] = float(count * np.log(max(square, _LEAST)) + COUNT[kind] * np.log(count))
     least = min(score.values())
     return min((kind for kind in score if score[kind] <= least + _TIE), key=lambda kind: COUNT[kind])
 
 
-def thinned(u: np.ndarray, per_bin: int, loss: AbstractLoss | None) -> np.ndarray:
+def thinned(u: np.ndarray, per_bin: int) -> np.ndarray:
     """Indices of at most `per_bin` readings in each of 500 directions, evenly spaced in time, by a rough fit of about 4,000 readings."""
     if per_bin < 1:
         raise DataError(f"{per_bin} readings per direction were asked for; at least one is needed, or None for all.")
     few = u[:: max(len(u) // _FIRST, 1)]
     try:
-        shape, centre = (start if loss is None else robust_start)(few, "symmetric")
+        shape, centre = start(few, "symmetric")
     except NotEllipsoid:
         shape, centre = np.eye(3), few.mean(axis=0)
     cell = bins(unit((u - centre) @ root(shape)))
@@ -112,14 +111,14 @@ def all_distances(found: Found, u: np.ndarray) -> np.ndarray:
     for begin in range(0, len(u), _CHUNK):
         part = u[begin : begin + _CHUNK]
         full = np.concatenate([part, np.repeat(part[:1], _CHUNK - len(part), axis=0)])
-        data = Readings(jnp.asarray(full), jnp.ones(_CHUNK), jnp.asarray(1.0), jnp.asarray(found.noise2), basis)
+        data = Readings(jnp.asarray(full), jnp.ones(_CHUNK), jnp.asarray(found.noise2), basis)
         parts.append(np.asarray(_distance(jnp.asarray(found.parameters), data))[: len(part)])
     return np.concatenate(parts)
 
 
 def of_all(found: Found, frame: Frame, log: np.ndarray, corrected: np.ndarray, matrix: np.ndarray, used: int) -> tuple[Any, ...]:
     """Distances and outliers of all scaled readings of a `log`, directions where more would help, and coverage."""
-    distance, far, wanted = found.distance, outliers(found.distance, found.weight), np.zeros((0, 3))
+    distance, far, wanted = found.distance, outliers(found.distance), np.zeros((0, 3))
     if used < len(log):
         distance = all_distances(found, log)
         far = outliers(distance)

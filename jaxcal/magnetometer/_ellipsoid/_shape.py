@@ -14,6 +14,8 @@ from .._model import MagModel
 from ._kinds import ENTRIES, PLANAR, PLANAR_ROWS, basis_of, slopes_of
 
 _SMALLEST_PAD = 64  # rows of the shortest program
+#: singular value of the centred readings over their size, 0.58 for a full sphere, below which they lie near a plane
+NEAR_PLANAR = 0.05
 #: change of a symmetric matrix with each of its six entries
 _ENTRY_CHANGE = np.zeros((6, 3, 3))
 _ENTRY_CHANGE[range(6), *ENTRIES] = _ENTRY_CHANGE[range(6), *ENTRIES[::-1]] = 1.0
@@ -40,7 +42,7 @@ class Frame:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class Found:
-    """An ellipsoid in scaled readings: shape and centre, (9, 9) covariance of its parameters, noise, distances and weights.
+    """An ellipsoid in scaled readings: shape and centre, (9, 9) covariance of its parameters, noise, and distances.
 
     noise2 : variance for the curvature term, which was subtracted from the distances. penalty : weight of the penalty. bias : shift of the
     fit by the penalty; conflict : distance between the known field and the one that the readings alone give, both in standard errors.
@@ -52,10 +54,8 @@ class Found:
     covariance: AnyArray
     noise: Any
     distance: AnyArray
-    weight: AnyArray
     converged: Any
     kind: str = dataclasses.field(metadata={"static": True})
-    message: str = dataclasses.field(metadata={"static": True}, default="")
     noise2: Any = 0.0
     penalty: Any = 0.0
     bias: Any = 0.0

@@ -15,7 +15,7 @@ from ..._precision import host_float64
 from ..._types import AnyArray
 from ...fitting import Fit, Gaussian, information, solve
 from .._design._coverage import covered, sphere_grid
-from .._design._heading_error import heading_error, heading_range, needed, turned_heading_error
+from .._design._heading_error import heading_error, needed, turned_heading_error
 from .._ellipsoid._algebraic import NotEllipsoid, algebraic, triangle
 from .._ellipsoid._kinds import basis_of, parameters_of, upper_and_centre
 from .._ellipsoid._orthogonal import CURVED
@@ -39,7 +39,7 @@ _PER_DIRECTION = 32  # readings kept in each of 500 directions
 _KEPT = ("clipped", "dip_assumed", "dip_differs", "averaged", "bent")
 
 
-def checked_joint(method: str, model: str, aid: Any, loss: Any, field_error: Any) -> None:
+def checked_joint(method: str, model: str, aid: Any, field_error: Any) -> None:
     """Refuse options that `joint` lacks or does not support."""
     if not isinstance(aid, Accelerometer | Gyroscope) or not getattr(aid, "turns", True):
         raise DataError("A joint fit needs an `aid`, Accelerometer or Gyroscope; known headings are aligned to after the fit.",
@@ -47,7 +47,6 @@ def checked_joint(method: str, model: str, aid: Any, loss: Any, field_error: Any
     out = {
         f"is one of maximum likelihood: leave out the method {method!r}, or joint": method != "ml",
         "takes the size from the readings alone: leave out the field error, or joint": field_error is not None,
-        "has no robust loss: leave out the loss, or joint; take away the outliers of a fit without joint": loss is not None,
         f"has the full soft iron: leave out the model {model!r}, or joint": model not in ("auto", "symmetric"),
     }
     for why, wrong in out.items():
@@ -232,7 +231,7 @@ def jointly(after: MagFit, m: Any, aid: Accelerometer | Gyroscope, *, rows: np.n
     there = np.flatnonzero(np.isfinite(m).all(axis=1))
     whole = m[there]
     if rows is None:
-        rows = there[thinned(Frame.of(whole).scaled(whole), _PER_DIRECTION, None)] if len(there) > LONG else there
+        rows = there[thinned(Frame.of(whole).scaled(whole), _PER_DIRECTION)] if len(there) > LONG else there
     if len(rows) < _FEWEST:
         raise DataError(f"{len(rows)} readings are left for a joint fit; at least {_FEWEST} are needed, in attitudes that differ.",
                         code="few_readings")  # fmt: skip
@@ -280,12 +279,12 @@ def _result(after: MagFit, found: Solution, frame: Frame, u, whole, rates: bool)
     rotation = root(shape) @ np.linalg.inv(matrix)
     ellipsoid = Found(
         found.parameters[:9], shape, centre, np.zeros((9, 9)), float(found.sigma[0]),
-        np.asarray(found.fit.residuals)[:n] * np.asarray(found.data.sigma)[0], np.asarray(found.fit.weights)[:n],
-        bool(found.fit.usable), "symmetric", noise2=found.noise2,
+        np.asarray(found.fit.residuals)[:n] * np.asarray(found.data.sigma)[0], bool(found.fit.usable), "symmetric",
+        noise2=found.noise2,
     )  # fmt: skip
     left = _spread(found, u)
-    level = after.inclination, rotation.T @ after.down
-    joint, turned, error, told = examined(found, left, level, len(outliers(ellipsoid.distance, ellipsoid.weight)))
+    level = after.inclination, None if after.down is None else rotation.T @ after.down
+    joint, turned, error, told = examined(found, left, level, len(outliers(ellipsoid.distance)))
     ellipsoid = dataclasses.replace(ellipsoid, covariance=joint[:9, :9])
     covariance = covariance_of(ellipsoid, frame)
     said = alignment_of(
@@ -296,16 +295,16 @@ def _result(after: MagFit, found: Solution, frame: Frame, u, whole, rates: bool)
     )  # fmt: skip
     if len(whole) > n:
         distance = all_distances(ellipsoid, frame.scaled(whole))
-        ellipsoid = dataclasses.replace(ellipsoid, distance=distance, weight=np.ones(len(whole)))
+        ellipsoid = dataclasses.replace(ellipsoid, distance=distance)
     wanted = np.zeros((0, 3))
     if np.isfinite(covariance).all():
         wanted = needed(shape / frame.scale**2, covariance, sphere_grid()) @ rotation
     kept = tuple(one for one in after._facts.known if one.code in _KEPT)
-    facts = Facts(covariance, n, given, (*kept, *told.pop("known")), after._facts.limits, span=after._facts.span, **told)
+    facts = Facts(covariance, n, given, (*kept, *told.pop("known")), after._facts.limits, **told)
     return finished(
         after, model=said.model, coverage=covered((frame.scaled(whole) - centre) @ matrix.T), residual=ellipsoid.distance * frame.scale,
-        outliers=outliers(ellipsoid.distance, ellipsoid.weight), needed=wanted, noise=float(found.sigma[0]) * frame.scale,
-        field=size * frame.scale, plane=None, method="joint", kind="symmetric", alignment=said, down=rotation @ level[1],
+        outliers=outliers(ellipsoid.distance), needed=wanted, noise=float(found.sigma[0]) * frame.scale,
+        field=size * frame.scale, plane=None, method="joint", kind="symmetric", alignment=said, down=after.down,
         heading_error=error, _facts=facts,
     )  # fmt: skip
 
@@ -346,7 +345,7 @@ def aligned(found: MagFit, m: Any, aid: Any, *, joint: bool = False) -> MagFit:
     if found.model is None:
         raise DataError(f"The fit has no model to turn: {found.reason}", code="no_model")
     if joint:
-        checked_joint(found.method, "auto", aid, None, None)
+        checked_joint(found.method, "auto", aid, None)
     turn = align(m, found.model, aid)
     dip, down = vertical(aid, turn)
     matrix = found._facts.covariance
@@ -355,8 +354,7 @@ def aligned(found: MagFit, m: Any, aid: Any, *, joint: bool = False) -> MagFit:
         shape = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)[0]
         error, before = heading_error(shape, matrix, dip, down), found._facts
         facts = dataclasses.replace(
-            before, known=tuple(one for one in before.known if one.code != "dip_assumed"), span=heading_range(shape, matrix, dip, down),
-            plausible=before.plausible * float(error[0] / found.heading_error[0]),
+            before, known=tuple(one for one in before.known if one.code != "dip_assumed")
         )  # fmt: skip
         found = replaced(found, inclination=dip, down=down, heading_error=error, _facts=facts)
     after = with_rotation(found, turn, None)
@@ -371,6 +369,6 @@ def with_rotation(result: MagFit, alignment: Alignment, field: Any) -> MagFit:
     if np.ndim(field) == 1:
         facts = dataclasses.replace(facts, known=(*facts.known, *dip_differs(float(alignment.dip), float(result.inclination))))
     if result.plane is None:
-        down = np.asarray(alignment.rotation).T @ result.down
+        down = None if result.down is None else np.asarray(alignment.rotation).T @ result.down
         error = np.hypot(error, turned_heading_error(np.asarray(alignment.covariance), result.inclination, down))
     return finished(result, model=alignment.model, alignment=alignment, heading_error=error, _facts=facts)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..._answer import CAUTION, FATAL, Quantity
 from ...fitting import information
-from ...fitting._serial import BLOCKS, doubt, is_white, leave_out
+from ...fitting._serial import BLOCKS, is_white, leave_out
 from .._design._heading_error import WORDS, rms_heading
 from .._ellipsoid._algebraic import triangle
 from .._ellipsoid._kinds import ENTRIES, basis_of, upper_and_centre
@@ -159,10 +159,9 @@ def examined(
     elif not rates and found.sigma[1] > _ASKEW:
         known.append(FINDINGS("force_off", cost=found.sigma[1], angle=Quantity(float(found.sigma[1]), "angle")))
     if blocks:
-        known.append(FINDINGS("correlated", cost=float(error[0]), size=100 * across))
+        known.append(FINDINGS("correlated", size=100 * across))
     turned = angles @ covariance @ angles.T if determined else np.full((3, 3), np.inf)
     facts = {
-        "known": tuple(known), "condition": condition, "blocks": blocks, "weakest": weakest,
-        "plausible": float(error[0]) * (doubt(BLOCKS - 1) if blocks else 1.0), "why": "parts of the log differ",
+        "known": tuple(known), "condition": condition, "parts": blocks > 0, "weakest": weakest,
     }  # fmt: skip
     return covariance if determined else np.full_like(covariance, np.inf), turned, error, facts
