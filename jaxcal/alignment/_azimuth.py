@@ -114,8 +114,6 @@ def azimuth(
     hint: Any = None,
     hint_accuracy: float = np.deg2rad(10.0),
     angle: Any = None,
-    bias: Any = 0.0,
-    scale: Any = 1.0,
 ) -> Azimuth:
     r"""Compute the azimuth of a table at rest from the readings of one gyro, the level and the latitude.
 
@@ -135,7 +133,6 @@ def azimuth(
         "scale_first" (0, 90, 180), "triad" (0, 90, 180 and a z reading), "single_reading" or "maximum".
     hint : rough azimuth, for example from a compass, rad. hint_accuracy : its accuracy, rad.
     angle : table angle of "single_reading", rad; the default is that of the first x reading.
-    bias, scale : known bias (rad/s) and scale factor of the gyro, for "single_reading".
 
     Returns
     -------
@@ -176,7 +173,7 @@ def azimuth(
     dtype = jnp.asarray(readings.gyro).dtype
     phi, theta, covariance = (jnp.asarray(part, dtype=dtype) for part in _level(level, method))
     to = lambda value: None if value is None else jnp.asarray(value, dtype=dtype)  # noqa: E731
-    found = _found(readings, phi, theta, covariance, to(latitude), to(hint), to(hint_accuracy), to(angle), to(bias), to(scale), method)
+    found = _found(readings, phi, theta, covariance, to(latitude), to(hint), to(hint_accuracy), to(angle), method)
     return found if is_traced(found) else _trimmed(found)
 
 
@@ -200,7 +197,7 @@ def _level(level: Any, method: str) -> tuple[Any, Any, Any]:
 
 
 @filter_jit
-def _found(readings, phi, theta, level_covariance, latitude, hint, accuracy, angle, bias, scale, method: str) -> Azimuth:
+def _found(readings, phi, theta, level_covariance, latitude, hint, accuracy, angle, method: str) -> Azimuth:
     unit = EARTH_RATE
     # at a pole the formulas would divide by zero; the verdict reports this case
     pole = jnp.abs(latitude) > _POLE
@@ -213,8 +210,6 @@ def _found(readings, phi, theta, level_covariance, latitude, hint, accuracy, ang
     else:
         w, variance, present = means_at(readings, "gyro", _WANTED[method] or [("x", angle)], unit)
         missing, variance = ~jnp.all(present), jnp.diag(variance)
-    if method == "single_reading":
-        w, variance = (w - bias / unit) / scale, variance / scale**2
     covariance = jax.scipy.linalg.block_diag(variance, level_covariance)
     form = _KERNELS[method](jnp.concatenate([w, phi[None], theta[None]]), covariance, lat, *given)
     return _judged(form, method, latitude, hint, accuracy, pole, missing, unit, phi.dtype)

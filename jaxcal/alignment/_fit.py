@@ -144,8 +144,8 @@ def fit(
     options = _Options(model, names, tuple(name in chosen for name in names), values, set(given), mean, certainty, hint, side, not unknown)
     traced = is_traced(readings, gravity, options)
     for _ in range(_ROUNDS if unknown and not traced else 1):
-        solved, table, other, twofold = _solved(readings, gravity, noise, options)
-        found = _described(solved, table, readings, sizes_of(names, gravity, readings.positions), other, twofold, options)
+        solved, table, twofold = _solved(readings, gravity, noise, options)
+        found = _described(solved, table, readings, sizes_of(names, gravity, readings.positions), twofold, options)
         if traced:
             return found
         spare = _spare(solved, table, found)
@@ -175,13 +175,13 @@ class _Options(eqx.Module):
         return {name for name, free in zip(self.names, self.free, strict=True) if free}
 
 
-def _solved(readings: Readings, gravity: Any, noise: dict[str, Any], o: _Options) -> tuple[Fit, Table, Any, Any]:
-    """Fit; return the fit, its data, a second set of parameters, and whether this second set fits equally well."""
+def _solved(readings: Readings, gravity: Any, noise: dict[str, Any], o: _Options) -> tuple[Fit, Table, Any]:
+    """Fit; return the fit, its data, and whether a second set of parameters fits equally well."""
     table = tabulate(readings, gravity, list(noise.values()))
     xp, dtype, chosen = array_module(table, o), table.accel.dtype, o.chosen
     places = padded(readings.positions)
     level = _level(noise["gyro"], places, table.measured[1])
-    first, second, twofold = initial_guess(table, places.dwell, o.values, o.known, chosen, o.hint, level, o.hemisphere)
+    first, twofold = initial_guess(table, places.dwell, o.values, o.known, chosen, o.hint, level, o.hemisphere)
     # shift the prior of an angle by whole turns to be nearest to the start of the fit
     near = {name: first[name] + wrap(centre - first[name]) if name in ANGLES else centre for name, centre in o.mean.items()}
     prior, certainty = (xp.stack([xp.asarray(given.get(name, 0.0), dtype=dtype) for name in o.names]) for given in (near, o.certainty))
@@ -195,12 +195,11 @@ def _solved(readings: Readings, gravity: Any, noise: dict[str, Any], o: _Options
         table = with_angle_errors(table, guess, readings.positions, gravity, readings.lever_arm)
         found = solve(residuals, guess, table, bounds=bounds, rtol=_SETTLED)
         guess = jax.tree.map(jax.lax.stop_gradient, found.model) if xp is jnp else jax.tree.map(np.asarray, found.model)
-    other = xp.stack([xp.asarray(second[name], dtype=dtype) for name in o.names])
     found = dataclasses.replace(found, problem=None)
-    return found if xp is jnp else jax.tree.map(np.asarray, found), table, other, twofold
+    return found if xp is jnp else jax.tree.map(np.asarray, found), table, twofold
 
 
-def _described(found: Fit, table: Table, readings: Readings, sizes: Any, other: Any, twofold: Any, o: _Options) -> AlignmentFit:
+def _described(found: Fit, table: Table, readings: Readings, sizes: Any, twofold: Any, o: _Options) -> AlignmentFit:
     """Covariance, test of fit and verdict; in NumPy, which needs no compilation, unless the call is traced."""
     xp = array_module(found, table)
     r, jacobian, n, free, names = found.residuals, found.jacobian, table.accel.size, np.array(o.free), o.names
@@ -218,7 +217,6 @@ def _described(found: Fit, table: Table, readings: Readings, sizes: Any, other: 
     last = xp.where(usable, finite @ gradient, 0)
     last = last if xp is np else jax.lax.stop_gradient(last)
     values, covariance = _in_range(xp, found.parameters - last, known_of.covariance)
-    mirror = xp.concatenate([xp.stack([wrap(np.pi - values[0]), values[1], wrap(-values[2])]), values[3:]])
     weak = free[2] & (covariance[2, 2] > WEAK**2)
     outcome = decided(
         (weak, "weak"),
@@ -234,8 +232,7 @@ def _described(found: Fit, table: Table, readings: Readings, sizes: Any, other: 
         rank=known_of.rank, hidden=known_of.hidden, lost=known_of.lost,
         prior_only=free & (table.certainty > 0) & (xp.diagonal(finite) * table.certainty**2 > 0.95**2),
         accel_residual=r[: len(readings.positions)], gyro_residual=r[n : n + len(readings.positions)], chi_square=chi_square,
-        degrees_of_freedom=dof, p_value=p_value, other=xp.where(twofold, other, mirror if _mirrored(readings, o) else 0 * other),
-        noise_known=o.noise_known, outcome=outcome,
+        degrees_of_freedom=dof, p_value=p_value, noise_known=o.noise_known, outcome=outcome,
     )  # fmt: skip
 
 
@@ -307,6 +304,6 @@ def _told(found: AlignmentFit, freedom: np.ndarray, readings: Readings, o: _Opti
     states = found.estimate.states | dict.fromkeys(gone, "open")
     estimate = Estimate(found.names, found.estimate.values, found.covariance, freedom, states, found.estimate.quantities)
     return dataclasses.replace(
-        found, estimate=estimate, p_value=float(found.p_value) if tested else None, other=found.other if twofold or mirrored else None,
+        found, estimate=estimate, p_value=float(found.p_value) if tested else None,
         findings=tuple(findings),
     )  # fmt: skip

@@ -94,7 +94,6 @@ def level(
     method: str = "four_point_x",
     gravity: Any = GRAVITY,
     hint: Any = None,
-    offset: bool = True,
     both_z: bool = False,
 ) -> Level:
     r"""Compute roll and pitch of a table at rest from the readings of one accelerometer.
@@ -112,8 +111,6 @@ def level(
     method : "four_point_x", "least_squares_x", "four_point_y", "least_squares_y" or "bias_and_scale".
     gravity : local gravity, m/s^2.
     hint : rough roll, rad.
-    offset : whether least squares fits the bias. Without it two angles suffice, but a bias then falsifies roll and pitch unless the
-        angles are balanced.
     both_z : whether "bias_and_scale" also uses a reading with mounting "-z", which removes the effect of the misalignment MA_1.
 
     Returns
@@ -148,7 +145,7 @@ def level(
         raise DataError(f"Method {method!r} needs accelerometer readings with mounting {mounting!r}, and there are none.")
     dtype = jnp.asarray(readings.accel).dtype
     hint = None if hint is None else jnp.asarray(hint, dtype=dtype)
-    found = _levelled(readings, method, jnp.asarray(gravity, dtype=dtype), hint, offset, both_z)
+    found = _levelled(readings, method, jnp.asarray(gravity, dtype=dtype), hint, both_z)
     return found if is_traced(found) else _trimmed(found)
 
 
@@ -170,13 +167,13 @@ def _trimmed(found: Level) -> Level:
 
 
 @filter_jit
-def _levelled(readings: Readings, method: str, gravity: Array, hint: Array | None, offset: bool, both_z: bool) -> Level:
+def _levelled(readings: Readings, method: str, gravity: Array, hint: Array | None, both_z: bool) -> Level:
     if method == "bias_and_scale":
         return _with_z(readings, gravity, both_z)
     as_array = lambda rows: jnp.asarray(rows, dtype=jnp.asarray(readings.accel).dtype)  # noqa: E731
     if method.startswith("least"):
-        value, covariance, determined = harmonics(readings, "accel", method[-1], gravity, offset)
-        bias = value[2] * gravity if offset else None
+        value, covariance, determined = harmonics(readings, "accel", method[-1], gravity)
+        bias = value[2] * gravity
         value, covariance = value[:2], covariance[:2, :2]
     else:
         a, variance, present = means_at(readings, "accel", _WANTED[method], gravity)
@@ -188,8 +185,7 @@ def _levelled(readings: Readings, method: str, gravity: Array, hint: Array | Non
     (sine, product), covariance = turn @ value, turn @ covariance @ turn.T
     # -f_z / g from the z readings; 0 without z readings
     (plus, minus), _, (up, over) = means_at(readings, "accel", [("z", 0.0), ("-z", 0.0)], gravity)
-    zero = as_array(0.0) if bias is None else bias / gravity
-    down = jnp.where(up & over, (minus - plus) / 2, jnp.where(up, zero - plus, jnp.where(over, minus - zero, 0)))
+    down = jnp.where(up & over, (minus - plus) / 2, jnp.where(up, bias / gravity - plus, jnp.where(over, minus - bias / gravity, 0)))
     return _from_plane(sine, product, covariance, bias, determined, down, hint, method)
 
 

@@ -14,7 +14,7 @@ from .._precision import array_module
 from .._types import AnyArray
 from ..noise import Noise
 from ._noise import Sensor, covariance_of, weight_of
-from ._positions import AXES, EARTH_RATE, GRAVITY, Geometry, Positions, Readings, geometry, table_from_nav
+from ._positions import EARTH_RATE, GRAVITY, Geometry, Positions, Readings, geometry, table_from_nav
 
 _SMALLEST_PAD = 16
 _TURN = 1e-4  # rad: step of a derivative by the table's angle
@@ -98,12 +98,6 @@ class Turntable(eqx.Module):
         gyro = rate @ xp.stack([xp.asarray(1 + self.s_g), xp.asarray(self.ma_g_xy), xp.asarray(self.ma_g_xz)])
         return accel + self.b_a + self.b_a_rate * places.time, gyro + self.b_g + self.b_g_rate * places.time
 
-    def correct(self, accel: Any, gyro: Any, positions: Any, *, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> tuple[AnyArray, AnyArray]:
-        """Correct readings: subtract the effects of bias, drift, scale error and misalignment at this attitude."""
-        places = geometry(positions, gravity, lever_arm)
-        errors = (own - true[:, 0] for own, true in zip(self.measure(places), self.truth(places), strict=True))
-        return tuple(reading - error for reading, error in zip((accel, gyro), errors, strict=True))  # type: ignore[return-value]
-
 
 class Triads(Turntable):
     r"""A turntable with a full IMU: each axis has its own bias, and the z axes need not be parallel to the table's axis.
@@ -180,20 +174,6 @@ def turntable(attitude: Any, latitude: Any, accel: Sensor, gyro: Sensor) -> Turn
     (a1, a2), (g1, g2) = accel.misalignment, gyro.misalignment
     errors = (accel.bias, accel.scale_error, gyro.bias, gyro.scale_error, a1, a2, g1, g2, accel.bias_rate, gyro.bias_rate)
     return with_values(Turntable(), [*attitude, *errors, latitude])
-
-
-class Places(eqx.Module):
-    """The arrays of `Positions`, padded to a power of two with rows that are never measured."""
-
-    angle: Any
-    axes: Any
-    dwell: Any
-    start: Any
-    time: Any
-    rate: Any
-    acceleration: Any
-    width: Any
-    channel: Any
 
 
 class Table(eqx.Module):
@@ -277,18 +257,14 @@ def residuals(model: Any, data: Any) -> Any:
     return xp.concatenate(parts)
 
 
-def padded(positions: Positions) -> Places:
-    """Pad the arrays of positions to a power of two."""
+def padded(positions: Positions) -> Positions:
+    """Positions up to the next power of two, with copies of the first one, which are never measured."""
+    more = power_of_two(len(positions), _SMALLEST_PAD) - len(positions)
     xp = array_module(positions)
-    count = len(positions)
-    more = power_of_two(count, _SMALLEST_PAD) - count
-    pad = lambda value, fill=0.0: xp.concatenate([xp.asarray(value), xp.zeros(more, dtype=value.dtype) + fill])  # noqa: E731
-    end = (positions.start + positions.dwell).max()
-    axes = np.concatenate([positions.axes, np.broadcast_to(AXES["x"], (more, 3, 3))])
-    return Places(
-        pad(positions.angle), axes, pad(positions.dwell, 1.0), pad(positions.start, end), pad(positions.time),
-        *(pad(getattr(positions, name)) for name in ("rate", "acceleration", "width", "channel")),
-    )  # fmt: skip
+    pad = lambda value: xp.concatenate([xp.asarray(value), xp.repeat(xp.asarray(value)[:1], more)])  # noqa: E731
+    kept = {name: pad(getattr(positions, name)) for name in ("rate", "acceleration", "width")}
+    mounting = positions.mounting + positions.mounting[:1] * more
+    return Positions(pad(positions.angle), mounting, pad(positions.dwell), pad(positions.start), **kept)
 
 
 def tabulate(readings: Readings, gravity: Any = GRAVITY, noise: Any = None, prior: Any = None, certainty: Any = None) -> Table:

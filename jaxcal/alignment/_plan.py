@@ -18,7 +18,7 @@ from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._types import Array
 from ._bound import given_noise, jacobian_at
-from ._model import NAMES, Places, Table, Turntable, padded, turntable
+from ._model import NAMES, Table, Turntable, padded, turntable
 from ._noise import IDEAL, covariance_of, weight_of, white_alone
 from ._positions import AXES, GRAVITY, Positions, check_gravity, check_latitude, geometry, table_from_nav
 from ._start import free_of, priors_of
@@ -289,7 +289,7 @@ def _listed(words: tuple[str, ...], tau: float) -> dict[str, tuple[np.ndarray, n
 
 
 @filter_jit
-def _variances(places: Places, count: Any, free: tuple[bool, ...], models: Any, noise: Any, certainty: Array, gravity: Array) -> Array:
+def _variances(places: Positions, count: Any, free: tuple[bool, ...], models: Any, noise: Any, certainty: Array, gravity: Array) -> Array:
     """(k,) variance of the azimuth for every attitude if the first `count` positions are measured."""
     here, zeros = jnp.arange(places.angle.size) < count, jnp.zeros_like(places.angle)
     weights = [weight_of(covariance_of(one, places, here), here) for one in noise]
@@ -309,7 +309,7 @@ def _variances(places: Places, count: Any, free: tuple[bool, ...], models: Any, 
 
 
 @filter_jit
-def _gradient(p: Array, places: Places, index: Array, dwell: Any, *others: Any) -> tuple[Array, Array]:
+def _gradient(p: Array, places: Positions, index: Array, dwell: Any, *others: Any) -> tuple[Array, Array]:
     """Half the logarithm of the variance, and its gradient by angles and logarithms of shares; `index` is the order of measurement."""
     least, time, halves, moves = dwell
 
@@ -317,11 +317,9 @@ def _gradient(p: Array, places: Places, index: Array, dwell: Any, *others: Any) 
         angles, share = p[: p.size // 2], jax.nn.softmax(p[p.size // 2 :])
         times = (time * (least + (1 - least * share.size) * share) / halves)[index]
         begin = jnp.cumsum(times) - times + moves
-        middle = begin + times / 2 - (begin[-1] + times[-1]) / 2
-        full, start, middle = (
-            leaf.at[: index.size].set(new) for leaf, new in ((places.dwell, times), (places.start, begin), (places.time, middle))
-        )
-        moved = dataclasses.replace(places, angle=places.angle.at[: index.size].set(angles[index]), dwell=full, start=start, time=middle)
+        n = index.size
+        full, start = (leaf.at[:n].set(new).at[n:].set(new[0]) for leaf, new in ((places.dwell, times), (places.start, begin)))
+        moved = dataclasses.replace(places, angle=places.angle.at[:n].set(angles[index]), dwell=full, start=start)
         variance = _variances(moved, index.size, *others)
         return 0.5 * jnp.log(jnp.mean(variance))
 

@@ -314,14 +314,14 @@ def least_squares(rows: AnyArray, values: AnyArray, weight: AnyArray, tolerance:
     return right.T @ (inverse * (left.T @ (weight * values))), (right.T * inverse[None, :] ** 2) @ right, hidden < 1e-6
 
 
-def harmonics(readings: Readings, sensor: str, mounting: str, unit: Any, offset: bool = True) -> tuple[Array, Array, Array]:
+def harmonics(readings: Readings, sensor: str, mounting: str, unit: Any) -> tuple[Array, Array, Array]:
     """Fit A cos tau + B sin tau + C to readings in units of `unit`; return (A, B, C), their covariance, and whether they are determined."""
     values = jnp.asarray(getattr(readings, sensor))
     here = np.array([word == mounting for word in readings.positions.mounting]) & jnp.isfinite(values)
     angle, dwell = (jnp.asarray(part, dtype=values.dtype) for part in (readings.positions.angle, readings.positions.dwell))
-    rows = jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.full_like(angle, float(offset))], axis=1)
+    rows = jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.ones_like(angle)], axis=1)
     value, covariance, known = least_squares(rows, jnp.where(here, values, 0), jnp.sqrt(jnp.where(here, dwell, 0)))
-    return value / unit, _noise(readings, sensor, unit) ** 2 * covariance, jnp.all(known[: 3 if offset else 2])
+    return value / unit, _noise(readings, sensor, unit) ** 2 * covariance, jnp.all(known)
 
 
 def check_gravity(gravity: Any) -> Any:

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.core
 import jax.numpy as jnp
@@ -10,7 +9,7 @@ import numpy as np
 
 from .._compile import filter_jit
 from .._errors import DataError
-from .._precision import array_module, host_float64, is_traced
+from .._precision import host_float64, is_traced
 from .._types import Array
 from ..noise import Noise, mean_covariance
 from ._model import in_one_type, turntable
@@ -38,8 +37,6 @@ def simulate(
     accel: Sensor = IDEAL,
     gyro: Sensor = IDEAL,
     lever_arm: Any = 0.0,
-    table_rate: Any = None,
-    table_acceleration: Any = None,
     gravity: Any = GRAVITY,
     seed: Any = 0,
 ) -> Readings:
@@ -56,7 +53,6 @@ def simulate(
     latitude : rad, north positive.
     accel, gyro : errors and noise of the sensors.
     lever_arm : distance of the sensors from the table's axis along body x, m.
-    table_rate, table_acceleration : rad/s and rad/s^2; the default is those of the positions.
     gravity : m/s^2.
     seed : seed of the noise; under tracing, a key of `jax.random`.
 
@@ -83,10 +79,6 @@ def simulate(
     The north-finding paper's equations (16), (18), (22), (23) and (36) to (39), in corrected form.
     """
     positions = as_positions(positions)
-    for name, value in (("rate", table_rate), ("acceleration", table_acceleration)):
-        if value is not None:
-            whole = array_module(value).broadcast_to(value, positions.angle.shape)
-            positions = eqx.tree_at(lambda p, name=name: getattr(p, name), positions, whole)
     attitude = attitude if is_traced(attitude) else np.asarray(attitude, dtype=float)
     if attitude.shape != (3,):
         raise DataError(f"The attitude has shape {attitude.shape}; give (roll, pitch, azimuth) in rad.")

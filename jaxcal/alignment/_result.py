@@ -165,7 +165,6 @@ class AlignmentFit(Bound):
     accel_residual, gyro_residual : (n,) model minus reading in units of the standard deviation (decorrelated if the noise is not white).
     chi_square, degrees_of_freedom, p_value : test of the whitened residuals with the priors; p_value is None without redundancy, or if
         the noise was estimated from the residuals.
-    other : (p,) a second solution that fits equally well; None if there is none.
     noise_known : True if the noise was given, False if it was estimated from the residuals.
     outcome : number of the outcome, for traced fits, which have no findings: 0 if all is well, see `answered`.
 
@@ -188,7 +187,6 @@ class AlignmentFit(Bound):
     chi_square: Any
     degrees_of_freedom: Any
     p_value: Any
-    other: Any
     noise_known: bool = eqx.field(static=True)
     outcome: Any = 0
 

@@ -87,8 +87,8 @@ def check_latitude_free(free: set[str], priors: dict[str, Any], positions: Posit
 
 def initial_guess(
     table: Table, dwell: AnyArray, given: dict[str, Any], known: set[str], free: set[str], hint: Any, noise: Any, hemisphere: Any
-) -> tuple[dict[str, Any], dict[str, Any], Any]:
-    """Initial values, values at a second minimum, and whether both minima fit equally well.
+) -> tuple[dict[str, Any], Any]:
+    """Initial values, and whether a second minimum fits equally well.
 
     `given` has a value for every parameter; `known` are the names that the caller set. `noise` is the gyro's white noise, which decides
     whether two minima of the search are equally good. `hemisphere` is 1 (north), -1 (south) or 0 (unknown).
@@ -117,19 +117,16 @@ def initial_guess(
         cost = [_preference(xp, *pair, hint, hemisphere) for pair in pairs]
         two = ~turns[2] & (side > 1e-6)
         swap = two & (cost[1] < cost[0])
-        (psi, latitude), (other, other_latitude) = (
-            [xp.where(swap, second, first) for first, second in zip(*pair, strict=True)] for pair in (pairs, pairs[::-1])
-        )
+        psi, latitude = (xp.where(swap, second, first) for first, second in zip(*pairs, strict=True))
         twofold = two & (cost[0] == cost[1])
     else:
-        latitude = other_latitude = given["latitude"]
-        psi, other, tie = _search(xp, phi, theta, latitude, axes, gyro, weight_gyro, column, hint, noise)
+        latitude = given["latitude"]
+        psi, tie = _search(xp, phi, theta, latitude, axes, gyro, weight_gyro, column, hint, noise)
         twofold = tie if "psi" in free and "psi" not in known else xp.zeros_like(tie)
     first = given | {"phi": phi, "theta": theta, "psi": chosen("psi", psi), "latitude": latitude}
-    second = first | {"psi": other, "latitude": other_latitude}
     # the solution does not depend on the start of a free parameter, so only fixed parameters keep their derivative
     still = lambda values: {n: jax.lax.stop_gradient(v) if xp is not np and n in free else v for n, v in values.items()}  # noqa: E731
-    return still(first), still(second), twofold
+    return still(first), twofold
 
 
 def _vector(axes: AnyArray, reading: AnyArray, weight: AnyArray, offsets: AnyArray) -> tuple[AnyArray, AnyArray]:
@@ -151,8 +148,8 @@ def _preference(xp: Any, psi: Any, latitude: Any, hint: Any, hemisphere: Any) ->
     return (0.0 if hint is None else distance(psi, hint)) + xp.where(hemisphere * latitude < 0, 10.0, 0.0)
 
 
-def _search(xp, phi, theta, latitude, axes, gyro, weight, column, hint, noise) -> tuple[Any, Any, Any]:
-    """Azimuth with the lowest misfit of the gyro on a grid, azimuth of the next minimum, and whether both fit equally well."""
+def _search(xp, phi, theta, latitude, axes, gyro, weight, column, hint, noise) -> tuple[Any, Any]:
+    """Azimuth with the lowest misfit of the gyro on a grid, and whether the next minimum fits equally well."""
     grid = xp.arange(_GRID, dtype=gyro.dtype) * (2 * np.pi / _GRID)
     east, north = (table_from_nav(phi, theta, angle)[:, 0] for angle in (np.pi / 2, 0.0))
     vertical = table_from_nav(phi, theta, 0.0)[:, 2] * xp.sin(latitude)
@@ -168,4 +165,4 @@ def _search(xp, phi, theta, latitude, axes, gyro, weight, column, hint, noise) -
     # the true minimum between two grid points can be lower than both; subtract the largest possible difference
     fine = (xp.roll(cost, 1) + xp.roll(cost, -1) - 2 * cost) / 8
     tie = xp.any(valley) & (cost[second] - fine[second] - cost[best] < 9) & (hint is None)
-    return wrap(grid[best]), wrap(grid[second]), tie
+    return wrap(grid[best]), tie

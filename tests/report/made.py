@@ -116,7 +116,7 @@ def north():
         estimate=Estimate(NAMES, values, np.diag(size**2), states=states, quantities=QUANTITIES),
         rank=6, hidden=np.zeros(14, bool), lost=np.zeros(14, bool),
         prior_only=np.arange(14) == 4, accel_residual=np.linspace(-1, 1, 6), gyro_residual=np.linspace(1, -1, 6), chi_square=3.1,
-        degrees_of_freedom=5, p_value=0.68, other=None, noise_known=True, findings=(NORTH("prior_alone", names=EVIL),),
+        degrees_of_freedom=5, p_value=0.68, noise_known=True, findings=(NORTH("prior_alone", names=EVIL),),
     )  # fmt: skip
     return fit, None
 
