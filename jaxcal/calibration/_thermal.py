@@ -156,9 +156,10 @@ def thermal_of(value: Any) -> Thermal | None:
     for name, model in found.channels.items():
         if name not in CHANNELS:
             raise DataError(f"temperature holds a channel {name!r}; expected the channels of a log: {', '.join(CHANNELS)}")
-        if model.scale or type(model) is not ThermalModel:
-            what = "a scale factor" if model.scale else f"a {type(model).__name__}"
-            raise DataError(f"temperature.{name} is {what}; the calibration holds biases as ThermalModel, keep others beside it")
+        if type(model) is not ThermalModel:
+            raise DataError(
+                f"temperature.{name} is a {type(model).__name__}; the calibration holds biases as ThermalModel, keep others beside it"
+            )
         _check_model(model, f"temperature.channels.{name}")
     return found
 

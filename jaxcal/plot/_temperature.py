@@ -66,9 +66,7 @@ def temperature(result: Any, ax: Any = None) -> Any:
 
 
 def _draw(ax: "Axes", channels: list[_Channel], *, own: bool) -> None:
-    scale_factor = any(channel.fit.model.scale for channel in channels)
-    what = "Change of scale factor" if scale_factor else f"Change of bias ({channels[0].unit[1] or 'unit of the record'})"
-    style_axes(ax, "Temperature (°C)", what)
+    style_axes(ax, "Temperature (°C)", f"Change of bias ({channels[0].unit[1] or 'unit of the record'})")
     points, lines = [], []
     for i, channel in enumerate(channels):
         fit, color = channel.fit, SERIES[i % len(SERIES)]

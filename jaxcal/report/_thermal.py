@@ -53,10 +53,9 @@ def _chart(sensor: str, channels: dict[str, TemperatureFit]) -> Chart:
         means = np.asarray(fit.bins.b) - middle
         curves.append(Curve(axis, "dots", np.asarray(fit.bins.t), means, color=i, label=f"{axis}, mean"))
         curves.append(Curve(axis, "line", t, line - middle, low - middle, high - middle, color=i, label=f"{axis}, model"))
-    scaled = any(fit.model.scale for fit in channels.values())
-    known = sensor in SENSORS and not scaled
+    known = sensor in SENSORS
     units = tuple((unit_label(unit), noise_factor("B", sensor, unit)) for unit in noise_units("B", sensor)) if known else (("", 1.0),)
-    title = f"{SENSORS.get(sensor, sensor)}: change of {'scale factor' if scaled else 'bias'} with temperature"
+    title = f"{SENSORS.get(sensor, sensor)}: change of bias with temperature"
     about = "Dots: means over 0.1 °C. Lines: fitted curves with their intervals. Dashed: jumps."
     jumps = [step.centre for fit in channels.values() for step in fit.steps]
     return Chart(f"thermal-{sensor}", title, about, "Temperature (°C)", "Change", units, curves, jumps)

@@ -13,7 +13,6 @@ from ._design import Design, Form, part_of, shape_slopes
 from ._model import ThermalModel
 from ._record import FINE, Record, number
 from ._restricted import Averaged, bands
-from ._result import Candidate
 from ._structure import PRICE, Found, settled, structures, with_jumps
 
 _MANY = 2**15  # largest number of samples of all records together; more samples are averaged
@@ -42,17 +41,16 @@ def design_of(records: list[Record], devices: list[int], *, smooth: bool) -> Des
 
 
 class Chosen(NamedTuple):
-    """The chosen structure, all structures that were compared, and whether lag and play could not be distinguished."""
+    """The chosen structure, and whether lag and play could not be distinguished."""
 
     found: Found
-    tried: tuple[Candidate, ...]
     unsure: bool
 
 
 def choose(design: Design, given: Form, searched: tuple[str, ...], thermometer: float) -> Chosen:
     """Choose the structure with the lowest penalised score; a hysteresis smaller than the thermometer's noise is rejected."""
     if not searched:
-        return Chosen(with_jumps(design, settled(design, given)), (), False)
+        return Chosen(with_jumps(design, settled(design, given)), False)
     tried = structures(design, given, searched)
     seen = [one for one in tried if one is tried[0] or one.found.form.rate or _moved(design, one.found.form, given) > thermometer]
     best = min(seen, key=lambda one: one.score)
@@ -60,7 +58,7 @@ def choose(design: Design, given: Form, searched: tuple[str, ...], thermometer: 
     unsure = len(alone) == 2 and best.name in alone and abs(alone["lag"] - alone["play"]) < PRICE
     found = settled(design, best.found.form, best.found.phi)
     found = with_jumps(design, dataclasses.replace(found, chances=best.found.chances))
-    return Chosen(found, tuple(Candidate(one.name, one.score - best.score, one is best) for one in tried), unsure)
+    return Chosen(found, unsure)
 
 
 def _moved(design: Design, form: Form, given: Form) -> float:

@@ -1,4 +1,4 @@
-"""Fits of a given form: `residuals` and their fit, pure functions that also run under `jit`, `vmap` and `grad`; `scale_factor`."""
+"""Fits of a given form: `residuals` and their fit, pure functions that also run under `jit`, `vmap` and `grad`."""
 
 from typing import Any
 
@@ -8,14 +8,14 @@ import numpy as np
 
 from .._answer import Message
 from .._errors import DataError
-from .._precision import array_module, host_float64
+from .._precision import array_module
 from ..fitting import Fit, solve
 from ._curves import AbstractCurve, Chebyshev, common
 from ._hysteresis import lagged, played, steps_of
-from ._linear import basis, bic, powers, table_curve
+from ._linear import table_curve
 from ._model import ThermalModel
-from ._record import COARSE, FINE, Bins, binned, numbers
-from ._result import Candidate, TemperatureFit
+from ._record import COARSE, FINE, Bins, binned
+from ._result import TemperatureFit
 
 #: fields that are not fitted: the scaling range and the nodes of a curve
 _HELD = ("low", "high", "nodes")
@@ -40,7 +40,8 @@ def residuals(model: Any, data: Bins) -> Any:
     Examples
     --------
     >>> import numpy as np
-    >>> from jaxcal.temperature import Bins, Chebyshev, residuals
+    >>> from jaxcal.temperature import Chebyshev, residuals
+    >>> from jaxcal.temperature._record import Bins
     >>> bins = Bins(np.array([20.0, 40.0]), np.array([1.0, 2.0]), np.array([4.0, 1.0]))
     >>> print(residuals(Chebyshev(np.array([1.5]), 20.0, 40.0), bins))
     [ 1.  -0.5]
@@ -84,84 +85,3 @@ def traced(
     rms = jnp.sqrt(jnp.sum(bins.count * residual**2) / jnp.sum(bins.count))
     kind = model if isinstance(model, str) else type(model).__name__
     return TemperatureFit(ThermalModel(curve, low, high, lag, play), bins, residual, rms, kind, quantity, degree)
-
-
-@host_float64
-def scale_factor(temperature: Any, scale: Any, *, error: Any = None, degree: int | None = None, confidence: float = 0.95) -> TemperatureFit:
-    r"""Fit a scale factor as a function of temperature to calibrations (multi-position, rate table) at a few temperatures.
-
-    .. math:: s(T) = \sum_i q_i C_i(u),\qquad \hat x = y / s(T)
-
-    You can fit the entries of a misalignment matrix in the same way, one at a time.
-
-    Parameters
-    ----------
-    temperature : (n,) degC of each calibration, at least three different temperatures.
-    scale : (n,) scale factors.
-    error : standard errors of the scale factors, one or (n,); None estimates them from the residuals and needs n above degree + 1.
-    degree : degree of the polynomial; None chooses 0 to 3 by BIC, but at most the number of different temperatures minus 2.
-    confidence : level of the intervals.
-
-    Returns
-    -------
-    TemperatureFit
-        Its `model.correct` divides by the scale factor.
-
-    Raises
-    ------
-    DataError
-        If there are too few temperatures for the degree, or a number is not finite.
-
-    Examples
-    --------
-    >>> import jaxcal
-    >>> found = jaxcal.temperature.scale_factor([0.0, 20.0, 40.0, 60.0], [1.000, 1.004, 1.008, 1.012], error=1e-5)
-    >>> found.degree, round(found.estimate["a2"].value, 6)
-    (1, 0.0002)
-
-    References
-    ----------
-    The thesis, section 5.2: scale factor and misalignment depend on temperature as the bias does.
-    """
-    t, s = numbers(temperature, "temperature"), numbers(scale, "scale")
-    if len(t) != len(s):
-        raise DataError(f"temperature has {len(t)} values and scale {len(s)}; give one temperature per calibration", code="lengths")
-    if not (np.isfinite(t).all() and np.isfinite(s).all()):
-        raise DataError("a temperature or a scale factor is not a number; leave that calibration out", code="no_numbers")
-    different = len(np.unique(t))
-    if different < 3:
-        said = f"there are {different} different temperatures; calibrate at three or more, over the range of use"
-        raise DataError(said, code="few_temperatures")
-    sigma = None if error is None else np.broadcast_to(np.asarray(error, dtype=float), s.shape)
-    if sigma is not None and not (np.isfinite(sigma).all() and (sigma > 0).all()):
-        raise DataError("error must be standard errors above 0, one or as many as scale factors", code="error")
-    order, low, high = np.argsort(t, kind="stable"), float(t.min()), float(t.max())
-    t, s = t[order], s[order]
-    weight = np.ones(len(s)) if sigma is None else 1 / sigma[order]
-    most = min(3, different - 2) if degree is None else degree
-    if not 0 <= most <= different - 1 or (sigma is None and most > len(s) - 2):
-        raise DataError(f"degree={degree} needs more than the {len(s)} calibrations given (at {different} temperatures)", code="degree")
-    design = basis(t, low, high, most) * weight[:, None]
-    fits = []
-    for one in range(most + 1) if degree is None else [degree]:
-        q = np.linalg.lstsq(design[:, : one + 1], s * weight, rcond=None)[0]
-        rss = float(np.sum((s * weight - design[:, : one + 1] @ q) ** 2))
-        # with known errors, the sum of squares is minus twice the log likelihood
-        fits.append((bic(rss, len(s), one + 1) if sigma is None else rss + (one + 1) * np.log(len(s)), one, q, rss))
-    _, chosen, q, rss = min(fits, key=lambda found: found[0])
-    curve = Chebyshev(q, low, high)
-    spread = rss / max(len(s) - chosen - 1, 1) if sigma is None else 1.0
-    covariance = spread * np.linalg.inv(design[:, : chosen + 1].T @ design[:, : chosen + 1])
-    grid = np.linspace(low, high, 101)
-    rows = basis(grid, low, high, chosen)
-    residual = s - np.asarray(curve.value(t))
-    worst = int(np.argmax(np.abs(residual)))
-    return TemperatureFit(
-        ThermalModel(curve, low, high, scale=True), Bins(t, s, np.ones(len(s))), residual, float(np.sqrt(np.mean(residual**2))),
-        kind="polynomial", quantity="ratio", degree=chosen, estimate=powers(curve, covariance, "ratio"),
-        worst=float(np.abs(residual[worst])), worst_at=float(t[worst]), grid=grid, thermometer=0.0, confidence=float(confidence),
-        error=np.sqrt(np.einsum("ij,jk,ik->i", rows, covariance, rows)),
-        candidates=() if degree is not None else tuple(
-            Candidate(f"polynomial {one}", value - fits[chosen][0], one == chosen) for value, one, _, _ in fits
-        ),
-    )  # fmt: skip

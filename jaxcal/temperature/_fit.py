@@ -189,7 +189,7 @@ def _smooth(
         found[name] = TemperatureFit(
             one.model, bins, residual, rms, "smooth", quantity, estimate=one.estimate, chances=one.chances, worst=worst, worst_at=worst_at,
             grid=one.grid, error=one.error, next_error=one.next_error, level=one.level, noise=one.noise if timed else None,
-            thermometer=thermometer, candidates=chosen.tried, confidence=confidence,
+            thermometer=thermometer, confidence=confidence,
             findings=(*findings, *common, *_thermometer(one.model.curve, bins, thermometer, rms, quantity)),
         )  # fmt: skip
     return found

@@ -36,7 +36,7 @@ def lagged(temperature: Any, dt: Any, tau: Any, start: Any = None) -> AnyArray:
     Examples
     --------
     >>> import numpy as np
-    >>> from jaxcal.temperature import lagged
+    >>> from jaxcal.temperature._hysteresis import lagged
     >>> print(lagged(np.array([20.0, 30.0, 30.0]), 1.0, 1.0).round(2))
     [20.   26.32 28.65]
     """
@@ -64,7 +64,7 @@ def played(temperature: Any, play: Any, start: Any = None) -> AnyArray:
     Examples
     --------
     >>> import numpy as np
-    >>> from jaxcal.temperature import played
+    >>> from jaxcal.temperature._hysteresis import played
     >>> print(played(np.array([20.0, 21.0, 20.5, 20.0]), 0.4))
     [20.  20.6 20.6 20.4]
     """

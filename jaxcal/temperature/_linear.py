@@ -1,7 +1,5 @@
 """Curves whose fit is linear in the data: polynomial and table."""
 
-import math
-
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
@@ -24,11 +22,6 @@ def polynomial_curve(bins: Bins, low: float, high: float, degree: int) -> Chebys
     """Chebyshev series by weighted least squares."""
     weight = np.sqrt(bins.count)
     return Chebyshev(np.linalg.lstsq(basis(bins.t, low, high, degree) * weight[:, None], bins.b * weight, rcond=None)[0], low, high)
-
-
-def bic(rss: float, n: int, parameters: int) -> float:
-    """Schwarz's criterion, Ann. Stat. 6 (1978) 461, with n bins; samples are correlated and must not be counted."""
-    return n * math.log(max(rss, 1e-300) / n) + parameters * math.log(n)
 
 
 def monomials(curve: Chebyshev) -> AnyArray:

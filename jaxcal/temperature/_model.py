@@ -48,7 +48,6 @@ class ThermalModel(eqx.Module):
     rate : c, bias per rate of change of the temperature, in the unit of the bias per degC/s; 0 for no such term.
     rate_lag : tau', time constant in s of a lag of the rate term; 0 for no lag. :math:`L_{\tau'}(\dot T) = (T - L_{\tau'} T)/\tau'` is
         proportional to the difference from a second thermometer with this lag.
-    scale : True if the curve is a scale factor, by which readings are divided, False for a bias.
 
     Examples
     --------
@@ -72,7 +71,6 @@ class ThermalModel(eqx.Module):
     play: Any = 0.0
     rate: Any = 0.0
     rate_lag: Any = 0.0
-    scale: bool = eqx.field(static=True, default=False)
 
     @host_float64
     def bias_at(self, temperature: Any, rate_of_change: Any = None) -> AnyArray:
@@ -96,13 +94,13 @@ class ThermalModel(eqx.Module):
 
     @host_float64
     def measure(self, x: Any, temperature: Any, *, time: Any = None, rate: Any = None) -> AnyArray:
-        """Compute the readings of a true input, x + b(T), or x s(T) for a scale factor; the inverse of `correct`, with its parameters."""
+        """Compute the readings of a true input, x + b(T); the inverse of `correct`, with its parameters."""
         x, value, _ = self._at(x, temperature, time, rate, None)
-        return x * value if self.scale else x + value
+        return x + value
 
     @host_float64
     def correct(self, y: Any, temperature: Any, *, time: Any = None, rate: Any = None) -> AnyArray:
-        """Correct readings: y - b(T), or y / s(T) for a scale factor.
+        """Correct readings: y - b(T).
 
         Parameters
         ----------
@@ -129,10 +127,10 @@ class ThermalModel(eqx.Module):
         the step before a part is assumed to be its first step; parts of one sample need `rate`.
         """
         y, value, state = self._at(y, temperature, time, rate, state)
-        return (y / value if self.scale else y - value), state
+        return y - value, state
 
     def _at(self, y: Any, temperature: Any, time: Any, rate: Any, state: Any) -> tuple[Any, Any, Any]:
-        """Readings and bias (or scale factor) of every sample, in one dtype, and the state after the last sample."""
+        """Readings and bias of every sample, in one dtype, and the state after the last sample."""
         if np.shape(y) != np.shape(temperature) or np.ndim(temperature) != 1 or not np.size(temperature):
             raise DataError(
                 f"y has shape {np.shape(y)} and temperature {np.shape(temperature)}; expected both (n,), one temperature per reading"

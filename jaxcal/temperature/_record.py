@@ -32,7 +32,7 @@ class Bins(eqx.Module):
     Examples
     --------
     >>> import numpy as np
-    >>> from jaxcal.temperature import binned
+    >>> from jaxcal.temperature._record import binned
     >>> found = binned(np.array([20.0, 20.04, 20.3]), np.array([1.0, 3.0, 5.0]))
     >>> print(found.count, found.b)
     [2. 1.] [2. 5.]
@@ -53,7 +53,7 @@ def binned(t: AnyArray, b: AnyArray, width: float = FINE, low: Any = None) -> Bi
     Examples
     --------
     >>> import numpy as np
-    >>> from jaxcal.temperature import binned
+    >>> from jaxcal.temperature._record import binned
     >>> print(binned(np.array([20.0, 20.04, 20.3]), np.array([1.0, 3.0, 5.0])).b)
     [2. 5.]
     """
@@ -169,7 +169,7 @@ def _check(t: AnyArray) -> list[Finding]:
     count = binned(t, t).count
     if len(count) < _LEAST_BINS:
         said = f"the samples fill {len(count)} bins of {FINE:g} degC; at least {_LEAST_BINS} are needed: change the temperature more slowly"
-        raise DataError(f"{said}, or use scale_factor, which takes a few temperatures", code="few_bins")
+        raise DataError(said, code="few_bins")
     held = float(np.median(count))
     return [FINDINGS("quick", bin=FINE, held=held, needed=_LEAST_SAMPLES)] if held < _LEAST_SAMPLES else []
 

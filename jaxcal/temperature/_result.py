@@ -8,7 +8,6 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._answer import Curve, Finding, Grid, Number, Result, Results, Section, joined_names
-from .._errors import DataError
 from .._precision import host_float64
 from .._special import NORMAL95
 from .._types import AnyArray
@@ -49,27 +48,6 @@ class Step(eqx.Module):
     chance: float
 
 
-class Candidate(eqx.Module):
-    """A model structure that was compared with others.
-
-    Attributes
-    ----------
-    name : "none", "lag", "play", "rate" or a combination; for a scale factor, the polynomial.
-    score : penalised -2 log likelihood (BIC for a scale factor) minus that of the chosen structure.
-    chosen : True for the chosen structure.
-
-    Examples
-    --------
-    >>> from jaxcal.temperature import Candidate
-    >>> Candidate("lag", 3.2).chosen
-    False
-    """
-
-    name: str = eqx.field(static=True)
-    score: float
-    chosen: bool = eqx.field(static=True, default=False)
-
-
 def no_estimate() -> Estimate:
     """The estimate of a curve whose parameters have no errors of their own, such as a table."""
     return Estimate((), np.zeros(0), np.zeros((0, 0)))
@@ -85,7 +63,7 @@ class TemperatureFit(Result):
     ----------
     model : `ThermalModel` with `bias_at` and `correct`.
     kind : "smooth", "polynomial", "table", or the class name of your own curve.
-    quantity : what the readings are, for their unit: "B.gyro", "B.accel", "B.mag", "ratio" for a scale factor, "" if unknown.
+    quantity : what the readings are, for their unit: "B.gyro", "B.accel", "B.mag", "" if unknown.
     degree : degree of a polynomial; None for other models.
     estimate : parameters beside the smooth curve, by name: "lag", "play", "rate", "rate_lag", "jump.height[0]", "jump.centre[0]",
         "jump.width[0]"; those of your own curve; for a polynomial "a1", "a2", ... of the powers of T in degC, equation (5.3) of the thesis.
@@ -99,7 +77,6 @@ class TemperatureFit(Result):
     next_error : (bins,) standard deviation of the mean reading over 0.1 degC in the next cycle about the curve.
     level : (standard deviation of the level of the next cycle, its degrees of freedom), from the levels of several records.
     thermometer : standard deviation of the thermometer's noise, degC.
-    candidates : tuple of `Candidate`, the structures compared by likelihood; empty if there was no choice.
     confidence : level of `interval_at` and `prediction_at`.
     findings : what to know about the fit.
 
@@ -131,7 +108,6 @@ class TemperatureFit(Result):
     level: tuple[float, int] = eqx.field(static=True, default=(0.0, 0))
     noise: Any = None
     thermometer: Any = None
-    candidates: tuple[Candidate, ...] = ()
     confidence: float = eqx.field(static=True, default=0.95)
     findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
@@ -152,7 +128,7 @@ class TemperatureFit(Result):
     @property
     def headline(self) -> str:
         """The rms error over the range of the model."""
-        return f"{'scale factor' if self.model.scale else 'bias'} over {self.span_text()} to {self.rms_text()} rms"
+        return f"bias over {self.span_text()} to {self.rms_text()} rms"
 
     def span_text(self) -> str:
         """The range of the model in words."""
@@ -160,11 +136,11 @@ class TemperatureFit(Result):
 
     def rms_text(self) -> str:
         """The rms residual with its unit."""
-        unit, size = shown_in(self.quantity, ("ppm",))
+        unit, size = shown_in(self.quantity)
         return f"{float(self.rms) / size:.3g} {unit}".strip()
 
     def sections(self) -> list[Section]:
-        """Errors, jumps and parameters; the curve; the structures that were compared."""
+        """Errors, jumps and parameters; the curve."""
         rows = tuple((label, (cell,)) for label, cell in self.rows().items())
         return [Grid("curve", self.kind, ("",), rows), *self.details()]
 
@@ -186,15 +162,12 @@ class TemperatureFit(Result):
         return {label: one._replace(name=prefix + one.name) for label, one in found.items()}
 
     def details(self, prefix: str = "", title: str = "curve") -> list[Section]:
-        """The curve with its interval at each bin, and the structures that were compared."""
+        """The curve with its interval at each bin."""
         t, unit = np.asarray(self.bins.t), self.quantity
         low, high = self.interval_at(t) if self.grid is not None else 2 * (np.full(len(t), np.nan),)
         columns = {"temperature": ("degC", t), "mean": (unit, np.asarray(self.bins.b)), "samples": ("", np.asarray(self.bins.count)),
                    "model": (unit, np.asarray(self.model.curve.value(t))), "low": (unit, low), "high": (unit, high)}  # fmt: skip
-        scores = tuple((one.name, (f"{one.score:.3g}", "chosen" if one.chosen else "")) for one in self.candidates)
-        heads = ("-2 ln likelihood above the best, with the price of parameters", "")
-        tried = [Grid(f"{prefix}candidates", f"{title}: beside the curve", heads, scores, detail=True)] if scores else []
-        return [*tried, Curve(f"{prefix}curve", title, columns)]
+        return [Curve(f"{prefix}curve", title, columns)]
 
     @host_float64
     def interval_at(self, temperature: Any) -> tuple[AnyArray, AnyArray]:
@@ -211,11 +184,6 @@ class TemperatureFit(Result):
         After one record, the next cycle is a repetition without a pause, during which the bias continues to drift with B and K. After
         several records, it is another cycle of the same kind, whose level scatters as their levels do (Student's t).
 
-        Raises
-        ------
-        DataError
-            For a scale factor, which has no next cycle.
-
         Examples
         --------
         >>> import numpy as np
@@ -225,8 +193,6 @@ class TemperatureFit(Result):
         >>> bool(low < jaxcal.temperature.reference_bias(np.array([30.0]), jump=0.0) < high)
         True
         """
-        if self.next_error is None:
-            raise DataError("a scale factor has no prediction of the next cycle; use interval_at", code="no_cycle")
         t = np.clip(np.asarray(temperature, dtype=float), self.model.low, self.model.high)
         value, tail = np.asarray(self.model.curve.value(t)), 0.5 + self.confidence / 2
         half = scipy.special.ndtri(tail) * np.interp(t, self.grid, self.next_error)
@@ -266,7 +232,7 @@ class TemperatureFits(Results[TemperatureFit]):
         return found
 
     def sections(self) -> list[Section]:
-        """A table for each sensor, with a column for each axis; curves and compared structures of each channel."""
+        """A table for each sensor, with a column for each axis; curves of each channel."""
         tables: list[Section] = []
         for sensor, axes in self.by_sensor().items():
             columns = [fit.rows(f"{sensor}_{axis}.".replace("_.", ".")) for axis, fit in axes.items()]

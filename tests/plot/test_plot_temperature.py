@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from jaxcal import DataError
 from jaxcal.plot import temperature
 from jaxcal.report import write
-from jaxcal.temperature import TemperatureFits, fit, scale_factor, simulate
+from jaxcal.temperature import TemperatureFits, fit, simulate
 
 
 @pytest.fixture(scope="module")
@@ -43,9 +43,6 @@ def test_axes_of_the_user_and_single_fits(fits):
     ax = Figure().subplots()
     assert temperature(fits["gyro_x"], ax) is ax
     assert ax.get_ylabel() == "Change of bias (unit of the record)"
-    scale = temperature(scale_factor([0.0, 20.0, 40.0, 60.0], [1.000, 1.004, 1.008, 1.012], error=1e-5))
-    assert scale.get_ylabel() == "Change of scale factor"
-    scale.figure.draw_without_rendering()
 
 
 def test_what_cannot_be_drawn_is_refused(fits):

@@ -14,16 +14,14 @@ from jaxcal.temperature import (
     AbstractCurve,
     Chebyshev,
     Steps,
-    binned,
     characterise,
     fit,
-    lagged,
-    played,
     residuals,
-    scale_factor,
     simulate,
     thermometer,
 )
+from jaxcal.temperature._hysteresis import lagged, played
+from jaxcal.temperature._record import binned
 
 from .cases import smooth_record
 
@@ -192,23 +190,6 @@ def test_a_constant_bias_and_a_quick_ramp_are_no_failure():
     np.testing.assert_allclose(found.model.bias_at(t), 0.5, atol=1e-12)
     assert {"quick", "one_way"} <= found.codes
     assert np.isfinite(found.error).all()
-
-
-def test_scale_factors_at_a_few_temperatures(refuses):
-    t = np.array([-10.0, 10.0, 30.0, 50.0, 70.0])
-    s = 1 + 2e-4 * (t - 25) + 1e-6 * (t - 25) ** 2
-    found = scale_factor(t, s, error=1e-6)
-    assert found.degree == 2
-    np.testing.assert_allclose(found.model.correct(3.0 * s, t), 3.0, atol=1e-12)
-    design = np.vander(t, 3, increasing=True)
-    np.testing.assert_allclose(found.estimate.error, 1e-6 * np.sqrt(np.diag(np.linalg.inv(design.T @ design))), rtol=1e-6)
-    for wrong in (t[:2], np.full(5, 20.0)):
-        with refuses("few_temperatures"):
-            scale_factor(wrong, s[: len(wrong)])
-    with refuses("no_numbers"):
-        scale_factor(t, s * np.nan)
-    with refuses("degree"):
-        scale_factor(t[:3], s[:3], degree=2)
 
 
 def test_a_log_with_a_slow_thermometer(refuses):
