@@ -9,9 +9,9 @@ if TYPE_CHECKING:
     from ._difference import Difference as Difference, PartDifference as PartDifference, difference as difference
     from ._find import find as find
     from ._noise import DeviceNoise as DeviceNoise, SensorNoise as SensorNoise
-    from ._parts import Covariance as Covariance, Imu as Imu, Interval as Interval, Part as Part
+    from ._parts import Imu as Imu, Part as Part
     from ._provenance import provenance as provenance
-    from ._thermal import Powers as Powers, Thermal as Thermal, polynomials as polynomials
+    from ._thermal import Thermal as Thermal, polynomials as polynomials
 
 install(
     __name__,
@@ -20,8 +20,8 @@ install(
         "_difference": "Difference PartDifference difference",
         "_find": "find",
         "_noise": "DeviceNoise SensorNoise",
-        "_parts": "Covariance Imu Interval Part",
+        "_parts": "Imu Part",
         "_provenance": "provenance",
-        "_thermal": "Powers Thermal polynomials",
+        "_thermal": "Thermal polynomials",
     },
 )

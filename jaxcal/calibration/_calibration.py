@@ -14,8 +14,8 @@ from .._files import json_text, write_atomically
 from .._log import Log
 from .._precision import is_traced
 from ..magnetometer import MagModel
-from ._codec import SCHEMA, free, from_json, read_document, to_json, wrong
-from ._compose import composed, inverted
+from ._codec import SCHEMA, free, read_document, to_json, wrong
+from ._compose import composed
 from ._correct import corrected
 from ._noise import DeviceNoise, device_noise
 from ._parts import Imu, Part, imu_of, magnetometer_of
@@ -35,7 +35,7 @@ class Calibration(eqx.Module):
         coefficients. Stored as `DeviceNoise`.
     imu : an `ImuFit`, a `DeviceFit`, {"accel": `Triad`, "gyro": `Triad`}, or the stored form: {"accel": {"unit": "m/s^2", "matrix":
         (3, 3), "bias": (3,), "covariance"}, "gyro": {"unit": "rad/s", "matrix", "bias", "g_sensitivity": (3, 3), "covariance"}}, where
-        y = matrix x + bias + g_sensitivity a. Stored as `Imu`: `imu.gyro.model` is the `Triad`, `imu.gyro.covariance` its uncertainty.
+        y = matrix x + bias + g_sensitivity a. Stored as `Imu`: `imu.gyro.model` is the `Triad`, `imu.gyro.estimate` its uncertainty.
     magnetometer : a `MagFit` of readings in tesla, a `DeviceFit`, a `MagModel`, or the stored form: {"unit": "T", "soft_iron": (3, 3),
         "hard_iron": (3,), "field", "covariance"}, where measured = soft_iron true + hard_iron. Stored as `Part`: `magnetometer.model` is
         the `MagModel`.
@@ -169,24 +169,10 @@ class Calibration(eqx.Module):
         steps = {"first": other.provenance, "then": self.provenance}
         return Calibration(**composed(self, other), device=self.device or other.device, provenance={"composed": steps})
 
-    def inverse(self) -> "Calibration":
-        """The calibration that turns corrected readings back into raw ones.
-
-        Returns
-        -------
-        Calibration without noise and covariances. Composed with this calibration, it changes nothing.
-
-        Raises
-        ------
-        DataError
-            If the thermal model has jumps, splines or hysteresis.
-        """
-        return Calibration(**inverted(self), device=self.device, provenance={"inverse_of": self.provenance})
-
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the calibration as JSON, schema "jaxcal.calibration/1".
 
-        Every number is exact. JSON has no NaN and no infinity: both become null, and `reason` in the same section tells which one it was.
+        Every number is exact. JSON has no NaN and no infinity: both become null, which is read as NaN.
 
         Parameters
         ----------
@@ -220,7 +206,7 @@ class Calibration(eqx.Module):
             provenance = document.get("provenance")
             if isinstance(provenance, dict):
                 provenance.setdefault("version", None)  # keep it unknown: the file was not written by this version
-            sections = {name: from_json(document.get(name)) for name in _SECTIONS}
+            sections = {name: document.get(name) for name in _SECTIONS}
             return cls(**sections, device=document.get("device"), provenance=provenance)
         except DataError as error:
             raise DataError(f"{path}: {error}") from error

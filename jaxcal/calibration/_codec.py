@@ -28,8 +28,7 @@ SCHEMA = f"jaxcal.calibration/{_MAJOR}"
 _LARGEST_FILE = 64 * 2**20  # bytes; a calibration has a few thousand
 #: a larger number means damage; raw counts per SI unit stay far below it
 LARGEST = 1e15
-_LARGEST_INTEGER = 2**63
-_REASONS = {"not known": math.nan, "infinite": math.inf, "minus infinite": -math.inf}
+_LARGEST_INTEGER = 2**63  # of other readers of JSON
 
 
 def read_document(path: pathlib.Path) -> dict[str, Any]:
@@ -37,7 +36,7 @@ def read_document(path: pathlib.Path) -> dict[str, Any]:
     try:
         size = path.stat().st_size
         text = path.read_text(encoding="utf-8") if size <= _LARGEST_FILE else "null"
-        document = json.loads(text, parse_constant=_no_constant, parse_float=_finite, object_pairs_hook=_distinct)
+        document = json.loads(text, parse_constant=_no_constant)
     except OSError as error:
         raise DataError(f"cannot read {path}: {(error.strerror or str(error)).lower()}") from error
     except RecursionError:
@@ -54,22 +53,6 @@ def read_document(path: pathlib.Path) -> dict[str, Any]:
         what = f"schema is {schema!r}, but this version of jaxcal reads {SCHEMA!r}"
         raise DataError(f"{path}: {what}; install the version that wrote the file")
     return document  # type: ignore[return-value]
-
-
-def _finite(word: str) -> float:
-    number = float(word)
-    if math.isinf(number):
-        raise ValueError(f"{word:.40} is larger than any number that is kept")
-    return number
-
-
-def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in found if names.count(name) > 1) if len(names) < 1000 else "a name"
-        raise ValueError(f"the key {twice!r:.80} stands twice in one object, and which of them holds cannot be told")
-    return found
 
 
 def _no_constant(word: str) -> None:
@@ -248,42 +231,16 @@ def check_finite(values: Any, path: str) -> None:
 # numbers that JSON cannot store
 
 
-def to_json(section: Any) -> dict[str, Any]:
-    """A section for JSON: numbers that JSON cannot store become null, and `reason` tells what each of them was."""
-    reason: dict[str, str] = {}
-
-    def walk(value: Any, path: str) -> Any:
-        if hasattr(value, "to_document"):
-            value = value.to_document()
-        elif dataclasses.is_dataclass(value) and not isinstance(value, type):
-            held = ((field, getattr(value, field.name)) for field in dataclasses.fields(value))
-            value = {field.name: item for field, item in held if not (item is None and field.default is None)}
-        if isinstance(value, np.ndarray):
-            value = value.tolist()
-        if isinstance(value, dict):
-            return {key: walk(item, f"{path}.{key}" if path else key) for key, item in value.items()}
-        if isinstance(value, (list, tuple)):
-            return [walk(item, f"{path}[{i}]") for i, item in enumerate(value)]
-        if isinstance(value, float) and not math.isfinite(value):
-            reason[path] = next(word for word, number in _REASONS.items() if np.array_equal(value, number, equal_nan=True))
-            return None
-        return value
-
-    document = walk(section, "")
-    return document | {"reason": reason} if reason else document
-
-
-def from_json(section: Any) -> Any:
-    """A section as it was before `to_json`, with lists in place of arrays."""
-    reason = section.get("reason") if isinstance(section, dict) else None
-    if not isinstance(reason, dict):
-        return section
-
-    def walk(value: Any, path: str) -> Any:
-        if isinstance(value, dict):
-            return {key: walk(item, f"{path}.{key}" if path else key) for key, item in value.items()}
-        if isinstance(value, list):
-            return [walk(item, f"{path}[{i}]") for i, item in enumerate(value)]
-        return _REASONS.get(str(reason[path]), math.nan) if value is None and path in reason else value
-
-    return walk(section, "")
+def to_json(section: Any) -> Any:
+    """A section for JSON: numbers that JSON cannot store become null."""
+    value = section.to_document() if hasattr(section, "to_document") else section
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        held = ((field, getattr(value, field.name)) for field in dataclasses.fields(value))
+        value = {field.name: item for field, item in held if not (item is None and field.default is None)}
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, dict):
+        return {key: to_json(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [to_json(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

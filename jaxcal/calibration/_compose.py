@@ -3,6 +3,7 @@
 Accelerometer and gyroscope form one affine model with six axes, y = M x + b, in which the g-sensitivity is a block of M.
 """
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,11 @@ import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._types import AnyArray
+from ..fitting import Estimate
 from ..imu import Triad
 from ..magnetometer import MagModel
 from ..magnetometer._iron import HARD, SOFT
-from ._parts import Covariance, Imu, Part
+from ._parts import Imu, Part
 from ._thermal import Thermal, polynomials
 
 #: entries of the symmetric matrix of an ellipsoid in the order of the covariance, and the matrix that belongs to each entry
@@ -34,32 +36,13 @@ def composed(new: Any, old: Any) -> dict[str, Any]:
         for sensor, part in (*_parts(old).items(), *_parts(new).items()):
             _only_plain(part, f"imu.{sensor}", "a composition")
         models = _triads(m @ n, b + m @ c)
-        parts = {sensor: Part(models[sensor], part.unit, covariance=_carried(new, old, sensor, m)) for sensor, part in parts.items()}
+        parts = {sensor: Part(models[sensor], part.unit) for sensor, part in parts.items()}
+        known = {sensor: _carried(new, old, sensor, m, part.parameters) for sensor, part in parts.items()}
+        parts = {sensor: dataclasses.replace(part, estimate=known[sensor]) for sensor, part in parts.items()}
     first = new.imu or old.imu
     imu = None if first is None else Imu(parts.get("accel"), parts.get("gyro"), first.verdict, first.verdict_reason)
     magnetometer, thermal = _magnetometer(new.magnetometer, old.magnetometer), _thermal(new.temperature, old.temperature, m)
     return {"imu": imu, "magnetometer": magnetometer, "temperature": thermal, "noise": new.noise or old.noise}
-
-
-def inverted(calibration: Any) -> dict[str, Any]:
-    """Sections of the calibration that turns corrected readings back into raw ones, at every temperature."""
-    held = _parts(calibration)
-    for sensor, part in (*held.items(), ("mag", calibration.magnetometer)):
-        _only_plain(part, sensor, "an inverse")
-    m, b = _affine(calibration)
-    inverse = np.linalg.inv(m)
-    models = _triads(inverse, -inverse @ b)
-    of = {sensor: Part(models[sensor], part.unit) for sensor, part in held.items()}
-    imu = Imu(of.get("accel"), of.get("gyro")) if of else None
-    mag, thermal = calibration.magnetometer, calibration.temperature
-    if mag is not None:
-        a = np.linalg.inv(mag.model.soft_iron)
-        fields = {name: -a @ field for name, field in mag.currents.items()} if mag.currents else None
-        mag = Part(MagModel(a, -a @ mag.model.hard_iron), mag.unit, mag.field, currents=fields)
-    if thermal is not None:
-        found = _mapped(-inverse, _powers_of(thermal, "its inverse"), {})
-        thermal = polynomials(thermal.reference, thermal.minimum, thermal.maximum, **found)
-    return {"imu": imu, "magnetometer": mag, "temperature": thermal, "noise": None}
 
 
 def _parts(calibration: Any) -> dict[str, Part[Triad]]:
@@ -87,23 +70,24 @@ def _only_plain(part: Part[Any] | None, what: str, wish: str) -> None:
         )
 
 
-def _carried(new: Any, old: Any, sensor: str, m: AnyArray) -> Covariance | None:
-    """Covariance of the product: the old numbers were applied and so are exact; all uncertainty is in the new fit."""
+def _carried(new: Any, old: Any, sensor: str, m: AnyArray, values: dict[str, float]) -> Estimate | None:
+    """Estimate of the product, which has these values: the old numbers were applied and so are exact; all uncertainty is in the new fit."""
     if sensor not in _parts(new):
-        return _parts(old)[sensor].covariance
-    covariance, size = _parts(new)[sensor].covariance, 21 if sensor == "gyro" else 12
-    if covariance is None or covariance.values.shape != (size, size):
+        return _parts(old)[sensor].estimate
+    names = [name for name in _parts(new)[sensor].parameters if sensor == "gyro" or "g_sens" not in name]
+    known, size = _parts(new)[sensor].spread(names), len(names)
+    if known is None:
         return None
     own, felt = (m[3:, 3:] if sensor == "gyro" else m[:3, :3]), m[3:, :3]
     slope = scipy.linalg.block_diag(np.kron(own, np.eye(3)), own, np.kron(own, np.eye(3)))[:size, :size]
-    values = slope @ covariance.values @ slope.T
+    matrix = slope @ known @ slope.T
     accel = _parts(new).get("accel")
-    if sensor == "gyro" and np.any(felt) and accel is not None and accel.covariance is not None:
+    if sensor == "gyro" and np.any(felt) and accel is not None and (by_accel := accel.spread(names[:12])) is not None:
         extra = np.zeros((21, 12))
         extra[9:12, 9:12] = felt
         extra[12:, :9] = np.kron(felt, np.eye(3))
-        values = values + extra @ accel.covariance.values @ extra.T
-    return Covariance(covariance.parameters, values)
+        matrix = matrix + extra @ by_accel @ extra.T
+    return Estimate(names, np.array([values[name] for name in names]), matrix)
 
 
 def _magnetometer(new: Part[MagModel] | None, old: Part[MagModel] | None) -> Part[MagModel] | None:
@@ -111,14 +95,14 @@ def _magnetometer(new: Part[MagModel] | None, old: Part[MagModel] | None) -> Par
         return new if old is None else old
     for part in (old, new):
         _only_plain(part, "the magnetometer", "a composition")
-    s, covariance = old.model.soft_iron, None
+    s, known = old.model.soft_iron, None
+    model = MagModel(s @ new.model.soft_iron, old.model.hard_iron + s @ new.model.hard_iron)
     names = (*HARD, *SOFT, "field")
-    if new.covariance is not None and (held := new.covariance.of(names)) is not None:
+    if (held := new.spread(names)) is not None:
         # C_raw = S C, by rows, and b_raw = S b + h
         slope = scipy.linalg.block_diag(s, np.kron(s, np.eye(3)), 1.0)
-        covariance = Covariance(names, slope @ held @ slope.T)
-    model = MagModel(s @ new.model.soft_iron, old.model.hard_iron + s @ new.model.hard_iron)
-    return Part(model, old.unit, new.field, covariance, None, new.verdict, new.verdict_reason, _currents(new, old, s))
+        known = Estimate(names, np.concatenate([model.hard_iron, model.soft_iron.ravel(), [new.field or np.nan]]), slope @ held @ slope.T)
+    return Part(model, old.unit, new.field, known, new.verdict, new.verdict_reason, _currents(new, old, s))
 
 
 def _currents(new: Part[MagModel], old: Part[MagModel], s: AnyArray) -> dict[str, AnyArray] | None:

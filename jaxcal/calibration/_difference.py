@@ -169,7 +169,7 @@ def difference(a: Calibration, b: Calibration, *, significance: float = 0.01) ->
         if pair[0].unit != pair[1].unit:
             raise DataError(f"one magnetometer is calibrated in {pair[0].unit}, the other in {pair[1].unit}", code="units_differ")
         # the soft iron of magnitudes has an arbitrary rotation; that of a device, or of a model object, is one in known axes
-        free = any(one.covariance is None or "field" in one.covariance.parameters for one in pair)
+        free = any(one.estimate is None or "field" in one.estimate for one in pair)
         compared = _magnetometer if free and not any(one.further for one in pair) else partial(_by_leaves, "magnetometer")
         found.append(compared(*pair, shared))
     if a.noise is not None and b.noise is not None:
@@ -191,11 +191,11 @@ def _by_leaves(sensor: str, a: Part[Any], b: Part[Any], notes: Sequence[Finding]
     """Compare the fields of the models; for a magnetometer, only the fitted ones."""
     held = [part.parameters for part in (a, b)]
     names = [name for name in held[0] if name in held[1] and (sensor == "gyro" or not name.startswith("g_sensitivity"))]
-    if sensor == "magnetometer" and a.covariance is not None and b.covariance is not None:
-        names = [name for name in names if name in a.covariance.parameters and name in b.covariance.parameters]
+    if sensor == "magnetometer" and a.estimate is not None and b.estimate is not None:
+        names = [name for name in names if name in a.estimate and name in b.estimate]
     units = quantities_of(sensor, a, names)
     first, second = (np.array([values[name] for name in names]) for values in held)
-    spread, said = _sum([_ordered(part, names) for part in (a, b)])
+    spread, said = _sum([part.spread(names) for part in (a, b)])
     return _part(sensor, names, units, first, second, spread, (*notes, *_unequal(a, b), *said))
 
 
@@ -220,7 +220,7 @@ def _magnetometer(a: Part[Any], b: Part[Any], notes: Sequence[Finding]) -> PartD
         turns.append(turn)
         numbers = part.parameters
         values.append(np.array([*(scale * entries(shape)), *part.model.hard_iron, *(numbers[name] for name in further)]))
-        held = _ordered(part, [*SOFT, "field", *HARD, *further])
+        held = part.spread([*SOFT, "field", *HARD, *further])
         strength = part.field if part.field else np.nan
         spreads.append(
             None if held is None or not np.isfinite(strength)
@@ -259,8 +259,9 @@ def _noise(sensor: str, i: int, a: Any, b: Any, notes: Sequence[Finding]) -> Par
     first, second = (np.array([getattr(one, term)[i] for term in terms]) for one in (a, b))
     squares = []
     for one in (a, b):
-        held = None if one.covariance is None else one.covariance.axis(i)
-        squares.append(None if held is None else held.of([f"{term}^2" for term in terms]))
+        known = None if one.covariance is None or not np.isfinite(one.covariance.values[i]).all() else one.covariance
+        where = [] if known is None else [known.parameters.index(f"{term}^2") for term in terms]
+        squares.append(None if known is None else known.values[i][np.ix_(where, where)])
     spread, said = _sum(squares)
     units = [f"{term}.{sensor}" for term in terms]
     part = _part(f"noise {sensor}_{_AXES[i]}", terms, units, first**2, second**2, spread, (*notes, *said))
@@ -292,10 +293,6 @@ def _curve(thermal: Thermal, sensor: str, t: AnyArray) -> Any:
         return None
     found = np.stack([np.asarray(model.curve.value(np.clip(t, model.low, model.high))) for model in models.values()])
     return found - found[:, [len(t) // 2]]
-
-
-def _ordered(part: Part[Any], names: Sequence[str]) -> AnyArray | None:
-    return None if part.covariance is None else part.covariance.of(names)
 
 
 def _sum(spreads: Sequence[AnyArray | None]) -> tuple[AnyArray | None, list[Finding]]:

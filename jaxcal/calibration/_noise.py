@@ -12,11 +12,9 @@ from .._errors import DataError
 from .._units import si_unit
 from ..noise import NoiseFit, Term
 from ._codec import LARGEST, checked_unit, document_of, structured, wrong
-from ._parts import Covariance
 from ._thermal import AXES, CHANNELS, SENSORS
 
 TERMS = ("Q", "N", "B", "K", "R")
-_FASTEST = 1e12  # Hz
 Axes = Float[np.ndarray, "3"]
 
 
@@ -25,10 +23,6 @@ class NoiseCovariance(eqx.Module):
 
     parameters: tuple[str, ...]
     values: Float[np.ndarray, "3 _ _"]
-
-    def axis(self, i: int) -> Covariance:
-        """The covariance of one axis."""
-        return Covariance(self.parameters, self.values[i])
 
 
 class FurtherTerm(eqx.Module):
@@ -109,7 +103,7 @@ def device_noise(noise: Any) -> DeviceNoise | None:
     if isinstance(noise, Mapping) and noise and all(isinstance(fit, NoiseFit) for fit in noise.values()):
         noise = _stored_form(noise)
     found = structured(noise, DeviceNoise, "noise")
-    if not 0 < found.rate < _FASTEST:
+    if not 0 < found.rate < LARGEST:
         raise wrong(found.rate, "the sampling rate in Hz", "noise.rate")
     for sensor in SENSORS:
         held = getattr(found, sensor)

@@ -10,64 +10,25 @@ import numpy as np
 from jaxtyping import Float
 
 from .._errors import DataError
+from .._special import student_quantile
 from .._types import AnyArray
 from .._units import STRONGEST_FIELD, si_unit
 from ..device import DeviceFit
 from ..fitting import Estimate
 from ..imu import ImuFit, Nonlinear, RateTest, Triad
 from ..magnetometer import MagFit, MagModel
-from ..magnetometer._iron import HARD, SOFT, iron_slopes
 from ._codec import check_finite, checked_unit, document_of, numbers, required, structured, wrong
 
 M = TypeVar("M", bound=eqx.Module)
-_CONDITION = 1e10
-_UNSCALED = 1e-9  # a determinant of one says that the field was not given, to within rounding
+_CONDITION = 1e10  # of a matrix; above it the inverse is rounding errors
+#: degrees of freedom between which those of an interval are interpolated
+_FREEDOMS = np.array([*range(1, 31), 40, 60, 120, 1e6], dtype=float)
 #: unit of a magnetometer that was calibrated in its own steps
 COUNTS = "counts"
 _SHAPES = {"matrix": (3, 3), "bias": (3,), "g_sensitivity": (3, 3), "soft_iron": (3, 3), "hard_iron": (3,)}
 SENSORS = ("accel", "gyro")
 #: files name the classes of models; those of jaxcal must be known before a file is read
 KNOWN = (Triad, Nonlinear, MagModel)
-
-
-class Covariance(eqx.Module):
-    """Covariance of named parameters, in their order.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import jaxcal
-    >>> found = jaxcal.magnetometer.fit(jaxcal.magnetometer.body_field(jaxcal.magnetometer.scenario("all"), 50e-6))
-    >>> jaxcal.Calibration(magnetometer=found).magnetometer.covariance.parameters[:3]
-    ('hard_iron[0]', 'hard_iron[1]', 'hard_iron[2]')
-    """
-
-    parameters: tuple[str, ...]
-    values: Float[np.ndarray, "rows columns"]
-
-    def of(self, names: Any) -> AnyArray | None:
-        """The covariance of the named parameters in the given order; None if one is missing or not finite."""
-        if not np.isfinite(self.values).all() or any(name not in self.parameters for name in names):
-            return None
-        where = [self.parameters.index(name) for name in names]
-        return self.values[np.ix_(where, where)]
-
-
-class Interval(eqx.Module):
-    """Limits of the 95 % intervals of the parameters of a covariance.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import jaxcal
-    >>> found = jaxcal.magnetometer.fit(jaxcal.magnetometer.body_field(jaxcal.magnetometer.scenario("all"), 50e-6))
-    >>> interval = jaxcal.Calibration(magnetometer=found).magnetometer.interval
-    >>> bool((interval.low < interval.high)[:3].all())
-    True
-    """
-
-    low: Float[np.ndarray, " parameters"]
-    high: Float[np.ndarray, " parameters"]
 
 
 class Part(eqx.Module, Generic[M]):
@@ -77,7 +38,7 @@ class Part(eqx.Module, Generic[M]):
     ----------
     model : a `Triad` or `MagModel`, or a subclass with more fields.
     unit : SI unit of the readings; for a magnetometer also "counts".
-    covariance, interval : of the parameters of the model, or None.
+    estimate : the fitted parameters by name ("matrix[0,1]", "bias[2]", "field") with their covariance; None if it is not known.
     field : for a magnetometer, the magnitude of the corrected field in its unit; None if unknown.
     verdict, verdict_reason : verdict on the fit, and its reason; None without a fit. For an IMU, `Imu` holds them for both sensors.
     currents : for a magnetometer, name -> (3,) field per unit of a current; None if none was fitted.
@@ -94,8 +55,7 @@ class Part(eqx.Module, Generic[M]):
     model: M
     unit: str
     field: float | None = None
-    covariance: Covariance | None = None
-    interval: Interval | None = None
+    estimate: Estimate | None = None
     verdict: str | None = None
     verdict_reason: str | None = None
     currents: dict[str, AnyArray] | None = None
@@ -119,6 +79,12 @@ class Part(eqx.Module, Generic[M]):
     def further(self) -> list[str]:
         """Names of the parameters that only a subclass has."""
         return [name for name in self.parameters if name.partition("[")[0] not in _SHAPES]
+
+    def spread(self, names: Iterable[str]) -> AnyArray | None:
+        """Covariance of the named parameters in the given order; None if one is not known."""
+        wanted = list(names)
+        known = self.estimate is not None and all(name in self.estimate for name in wanted)
+        return self.estimate.covariance[wanted].array if known else None  # type: ignore[union-attr]
 
     def correct(self, y: AnyArray, conditions: dict[str, Callable[[], Any]], what: str) -> AnyArray:
         """Readings without the sensor's errors. The model receives those of the `conditions` that its `correct` accepts.
@@ -146,8 +112,8 @@ class Part(eqx.Module, Generic[M]):
         if sensor == "accel" and not np.any(fields["g_sensitivity"]):
             del fields["g_sensitivity"]
         known: dict[str, Any] = {"field": self.field} if sensor == "mag" else {}
-        known["covariance"] = self.covariance
-        known |= {name: getattr(self, name) for name in ("interval", "verdict", "verdict_reason") if getattr(self, name) is not None}
+        known["covariance"] = None if self.estimate is None else _stored(self.estimate)
+        known |= {name: getattr(self, name) for name in ("verdict", "verdict_reason") if getattr(self, name) is not None}
         known |= {"currents": self.currents} if self.currents else {}
         if twice := set(fields) & {"unit", *known}:
             raise DataError(f"the model {type(self.model).__name__} has a field {min(twice)!r}, which the file needs itself; rename it")
@@ -228,27 +194,45 @@ def _currents_of(fit: MagFit) -> dict[str, AnyArray] | None:
 
 
 def _of_magnetometer(fit: MagFit) -> Part[MagModel]:
-    """The part of a fit of a magnetometer; parameters that the readings leave open have no covariance."""
-    known = [name for name in fit.estimate.names if fit.estimate.states.get(name) != "open" and not name.startswith("currents.")]
-    part = fit.estimate.select(*known)
-    covariance, limits = None, None
-    if np.isfinite(np.asarray(part.matrix)).all():
-        covariance, limits = Covariance(part.names, np.asarray(part.matrix)), Interval(*part.intervals().T)
+    """The part of a fit of a magnetometer."""
     unit = si_unit("mag") if fit.field < STRONGEST_FIELD else COUNTS
-    return Part(fit.model, unit, float(fit.field), covariance, limits, fit.verdict, fit.reason, _currents_of(fit))  # type: ignore[arg-type]
+    known = fit.estimate.select(*(name for name in fit.estimate.names if not name.startswith("currents.")))
+    return Part(fit.model, unit, float(fit.field), _fitted(known), fit.verdict, fit.reason, _currents_of(fit))  # type: ignore[arg-type]
 
 
-def _of_iron(part: Part[Any]) -> Part[Any]:
-    """The part with a covariance of hard and soft iron: files of earlier versions hold one of the ellipsoid's entries and centre."""
-    known = part.covariance
-    if known is None or known.parameters[0] not in ("A_xx", "A_11"):
-        return part
-    if known.parameters[0] == "A_11" or part.field is None:
-        return dataclasses.replace(part, covariance=None)
-    soft, further = np.asarray(part.model.soft_iron), known.parameters[9:]
-    slopes = iron_slopes(soft, part.field, given=bool(abs(abs(np.linalg.det(soft)) - 1) > _UNSCALED))
-    slopes = np.block([[slopes, np.zeros((13, len(further)))], [np.zeros((len(further), 9)), np.eye(len(further))]])
-    return dataclasses.replace(part, covariance=Covariance((*HARD, *SOFT, "field", *further), slopes @ known.values @ slopes.T))
+def _fitted(estimate: Estimate) -> Estimate | None:
+    """The parameters that the readings determine; None if their covariance is not known."""
+    known = estimate.select(*(name for name in estimate.names if estimate.states.get(name) != "open"))
+    return known if np.isfinite(np.asarray(known.matrix)).all() else None
+
+
+class _Stored(eqx.Module):
+    """An estimate in a file; its values stand beside it, as fields of the model. Infinite degrees of freedom are left out."""
+
+    parameters: tuple[str, ...]
+    values: Float[np.ndarray, "rows columns"]
+    freedom: Float[np.ndarray, " parameters"] | None = None
+
+
+def _stored(estimate: Estimate) -> _Stored:
+    return _Stored(estimate.names, np.asarray(estimate.matrix), estimate.freedom if np.isfinite(estimate.freedom).all() else None)
+
+
+def _estimate(value: dict[str, Any], held: dict[str, float], path: str) -> Estimate | None:
+    """The estimate of a part in the form of a file, whose parameters have the values `held`."""
+    stored: _Stored | None = structured(value["covariance"], _Stored | None, f"{path}.covariance")
+    if stored is None:
+        return None
+    size, freedom = len(stored.parameters), np.inf if stored.freedom is None else stored.freedom
+    if stored.values.shape != (size, size):
+        shape = " rows and ".join(map(str, stored.values.shape))
+        raise DataError(f"{path}.covariance.values has {shape} columns; expected {size} of each, as its parameters name", code="shape")
+    if isinstance(limits := value.get("interval"), dict):  # files without degrees of freedom have the limits of 95 % intervals
+        with np.errstate(divide="ignore", invalid="ignore"):
+            half = np.subtract(*(np.asarray(limits[name], float) for name in ("high", "low"))) / 2
+            ratio = np.nan_to_num(half / np.sqrt(np.diag(stored.values)))
+        freedom = np.interp(-ratio, -np.ravel(student_quantile(_FREEDOMS, 0.975)), _FREEDOMS)
+    return Estimate(stored.parameters, np.array([held.get(name, np.nan) for name in stored.parameters]), stored.values, freedom)
 
 
 def _from_imu_fit(fit: ImuFit) -> Imu:
@@ -257,34 +241,25 @@ def _from_imu_fit(fit: ImuFit) -> Imu:
     parts = {}
     for sensor, triad in (("accel", fit.accel), ("gyro", fit.gyro)):
         if triad is not None:
-            known = _uncertainty(fit.estimate.select(f"{sensor}.*").renamed(lambda name: name.partition(".")[2]))
-            parts[sensor] = _part(Part(triad, si_unit(sensor), None, *known), Triad, sensor, f"imu.{sensor}")
+            known = _fitted(fit.estimate.select(f"{sensor}.*").renamed(lambda name: name.partition(".")[2]))
+            parts[sensor] = _part(Part(triad, si_unit(sensor), None, known), Triad, sensor, f"imu.{sensor}")
     return Imu(**parts, verdict=fit.verdict, verdict_reason=fit.reason)
-
-
-def _uncertainty(estimate: Estimate) -> tuple[Covariance | None, Interval]:
-    """Covariance, if the estimate has one, and intervals."""
-    low, high = estimate.intervals().T
-    values = np.asarray(estimate.matrix)
-    return Covariance(estimate.names, values) if np.isfinite(values).all() else None, Interval(low, high)
 
 
 def _of_device(fit: DeviceFit, sensor: str) -> Part[Any]:
     """A sensor's part of the fit of a whole device."""
     fitted = [name for name in fit.estimate.select(f"{sensor}.*").names if name not in fit.estimate.states]
     known = fit.estimate.select(*fitted).renamed(lambda name: name.partition(".")[2])
-    low, high = known.intervals().T
     short = {"magnetometer": "mag"}.get(sensor, sensor)
     field = float(fit.model.field) if short == "mag" else None
-    covariance = Covariance(known.names, np.asarray(known.matrix))
-    part = Part(getattr(fit.model, sensor), si_unit(short), field, covariance, Interval(low, high), fit.verdicts[sensor], fit.reason)
+    part = Part(getattr(fit.model, sensor), si_unit(short), field, known, fit.verdicts[sensor], fit.reason)
     return _part(part, MagModel if short == "mag" else Triad, short, sensor)
 
 
 def _from_rate_test(test: RateTest) -> Imu:
     if test.fit is None:
         raise DataError(f"the rate test gives no gyroscope: {test.reason}")
-    part = Part(test.fit.triad, si_unit("gyro"), None, *_uncertainty(test.fit.estimate))
+    part = Part(test.fit.triad, si_unit("gyro"), None, _fitted(test.fit.estimate))
     return Imu(gyro=_part(part, Triad, "gyro", "imu.gyro"), verdict=test.verdict, verdict_reason=test.reason)
 
 
@@ -301,11 +276,13 @@ def _part(value: Any, base: type, sensor: str, path: str) -> Part[Any]:
         model = structured(value | known_shapes, base, path)
         for name in needed:
             required(value, name, path, needed)
-        known = {"covariance": Covariance, "interval": Interval, "field": float, "verdict": str, "verdict_reason": str}
+        known = {"field": float, "verdict": str, "verdict_reason": str}
         rest = {name: structured(value.get(name), kind | None, f"{path}.{name}") for name, kind in known.items()}
         fields = structured(value.get("currents"), dict[str, Any] | None, f"{path}.currents") if sensor == "mag" else None
         currents: dict[str, AnyArray] = {name: numbers(field, (3,), f"{path}.currents.{name}") for name, field in (fields or {}).items()}
-        value = Part(model, unit, **rest, currents=currents or None)
+        made = Part(model, unit, **rest, currents=currents or None)
+        held = made.parameters | ({} if made.field is None else {"field": made.field})
+        value = dataclasses.replace(made, estimate=_estimate(value, held, path))
     arrays = {}
     for name, number in _leaves(document_of(value.model, base, path)):
         check_finite(np.asarray(number, dtype=float), f"{path}.{name}")
@@ -315,14 +292,7 @@ def _part(value: Any, base: type, sensor: str, path: str) -> Part[Any]:
             raise wrong(number, "a matrix that has an inverse", f"{path}.{name}")
     if not all(isinstance(getattr(value.model, name), np.ndarray) for name in arrays):
         value = dataclasses.replace(value, model=dataclasses.replace(value.model, **arrays))
-    if value.covariance is not None:
-        size, shape = len(value.covariance.parameters), value.covariance.values.shape
-        if shape != (size, size):
-            place = f"{path}.covariance"
-            raise DataError(
-                f"{place}.values has {' rows and '.join(map(str, shape))} columns; expected {size} of each, as {place}.parameters names"
-            )
-    return _of_iron(value) if sensor == "mag" else value
+    return value
 
 
 def _leaves(fields: dict[str, Any], path: str = "") -> list[tuple[str, Any]]:

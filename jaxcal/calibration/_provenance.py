@@ -6,8 +6,7 @@ import platform
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
+from .._answer import plain
 from .._log import Log
 
 _PACKAGES = ("jax", "numpy", "scipy")
@@ -38,7 +37,7 @@ def provenance(log: Log, command: str, options: Mapping[str, Any] | None = None,
     >>> found["file"], found["rate"], found["options"]
     ('a.csv', 'given', {'band': [1.0, 9.0]})
     """
-    held = _said(log.provenance)
+    held = plain(log.provenance)
     # what the readers of flight logs say about corrections that the device made before it logged
     applied = [str(one) for one in log.findings if one.code == "applied"]
     if applied and "applied" not in held:
@@ -51,20 +50,7 @@ def provenance(log: Log, command: str, options: Mapping[str, Any] | None = None,
         **held,
         "rate": "given" if rate_given else "estimated",
         "command": command,
-        "options": _said(dict(options or {})),
+        "options": plain(dict(options or {})),
         "version": importlib.metadata.version("jaxcal"),
         "versions": {"python": platform.python_version(), **versions},
     }
-
-
-def _said(value: Any) -> Any:
-    """A value in a form that JSON can store."""
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, Mapping):
-        return {str(key): _said(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_said(item) for item in value]
-    if value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and np.isfinite(value)):
-        return value
-    return str(value)

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 
 from .._answer import Grid, Number, Section, by_axis
-from .._special import NORMAL95
 from ._noise import TERMS, SensorNoise
 from ._parts import Part, quantities_of
 from ._thermal import AXES, SENSORS, Thermal
@@ -26,13 +25,8 @@ def sections_of(calibration: Any) -> list[Section]:
 
 def numbers_of(sensor: str, part: Part[Any]) -> list[Number]:
     """Parameters of a part with their 95 % intervals, where it has them."""
-    values, halves = part.parameters, {}
-    if part.covariance is not None:
-        names = part.covariance.parameters
-        if part.interval is None:
-            halves = dict(zip(names, NORMAL95 * np.sqrt(np.maximum(np.diag(part.covariance.values), 0.0)), strict=True))
-        elif len(part.interval.low) == len(names):
-            halves = dict(zip(names, (part.interval.high - part.interval.low) / 2, strict=True))
+    values, known = part.parameters, part.estimate
+    halves = {} if known is None else dict(zip(known.names, np.diff(known.intervals(), axis=1)[:, 0] / 2, strict=True))
     if part.field is not None:
         values["field"] = float(part.field)
     found = []

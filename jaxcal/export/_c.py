@@ -82,8 +82,7 @@ def _magnetic(calibration: Calibration, options: Any, said: list[Finding]) -> li
 
 
 def _spread(calibration: Calibration) -> tuple[str, ...]:
-    covariance = None if calibration.magnetometer is None else calibration.magnetometer.covariance
-    known = None if covariance is None else covariance.of(HARD)
+    known = None if calibration.magnetometer is None else calibration.magnetometer.spread(HARD)
     if known is None:
         return ()
     spread = np.sqrt(np.diag(known))

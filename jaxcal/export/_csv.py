@@ -12,8 +12,9 @@ from .._errors import DataError, ExportError
 from .._special import NORMAL95
 from .._types import AnyArray
 from .._units import noise_units, si_unit
-from ..calibration import Calibration, Covariance, DeviceNoise, Part, Thermal, polynomials
+from ..calibration import Calibration, DeviceNoise, Part, Thermal, polynomials
 from ..calibration._parts import COUNTS
+from ..fitting import Estimate
 from ..imu import Triad
 from ..magnetometer import MagModel
 from ._findings import FINDINGS
@@ -62,14 +63,14 @@ def _noise(noise: DeviceNoise | None) -> Iterator[Row]:
 
 def _models(calibration: Calibration) -> Iterator[Row]:
     for sensor, part in ({} if calibration.imu is None else calibration.imu.parts).items():
-        errors, model = _errors(part.covariance), part.model
+        errors, model = _errors(part.estimate), part.model
         yield from _rows(sensor, "matrix", "1", model.matrix, errors)
         yield from _rows(sensor, "bias", si_unit(sensor), model.bias, errors)
         if sensor == "gyro":
             yield from _rows(sensor, "g_sensitivity", "(rad/s)/(m/s^2)", model.g_sensitivity, errors)
     mag = calibration.magnetometer
     if mag is not None:
-        errors = _errors(mag.covariance)
+        errors = _errors(mag.estimate)
         own = {name.replace("soft_iron", "matrix").replace("hard_iron", "bias"): error for name, error in errors.items()}
         yield from _rows("mag", "matrix", "1", mag.model.soft_iron, own)
         yield from _rows("mag", "bias", mag.unit, mag.model.hard_iron, own)
@@ -98,10 +99,8 @@ def _rows(quantity: str, kind: str, unit: str, values: Any, errors: dict[str, fl
         yield (quantity, "".join(_AXES[i] for i in index), value, value - half, value + half, unit, kind)
 
 
-def _errors(covariance: Covariance | None) -> dict[str, float]:
-    if covariance is None:
-        return {}
-    return dict(zip(covariance.parameters, np.sqrt(np.maximum(np.diag(covariance.values), 0.0)).tolist(), strict=True))
+def _errors(known: Estimate | None) -> dict[str, float]:
+    return {} if known is None else dict(zip(known.names, known.error.tolist(), strict=True))
 
 
 def read_csv(text: str, options: dict[str, Any]) -> Calibration:

@@ -187,8 +187,8 @@ def write_gtsam(calibration: Calibration, options: Any) -> Product:
         "params.setIntegrationCovariance(1.0e-08 * np.eye(3))  # m^2/s, not from the sensor",
     ]
     parts = {} if calibration.imu is None else calibration.imu.parts
-    held = [parts[sensor].covariance if sensor in parts else None for sensor in ("accel", "gyro")]
-    blocks = [block for one in held if one is not None and (block := one.of([f"bias[{i}]" for i in range(3)])) is not None]
+    held = [parts[sensor].spread(f"bias[{i}]" for i in range(3)) if sensor in parts else None for sensor in ("accel", "gyro")]
+    blocks = [block for block in held if block is not None]
     if len(blocks) == 2:
         lines += [
             "# covariance of the bias estimate, accelerometer first; releases spell the setter differently",

@@ -93,8 +93,7 @@ def _covariance(held: Any, part: Any, sensor: str) -> np.ndarray | None:
     if hasattr(held, "estimate"):
         matrix = held.estimate.covariance[[f"{sensor}.{name}" for name in names]].array
         return matrix if np.isfinite(matrix).all() else None
-    stored = getattr(part, "covariance", None)
-    return None if stored is None else stored.of(names)
+    return part.spread(names) if hasattr(part, "spread") else None
 
 
 def _known(triad: Triad, known: Estimate) -> Any:

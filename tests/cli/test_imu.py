@@ -37,7 +37,7 @@ def test_a_simulated_log_is_calibrated(call, folder):
     stored = jaxcal.Calibration.load(folder / "log-imu" / "calibration.json")
     np.testing.assert_allclose(stored.imu.gyro.model.bias, document["gyro"]["bias"])
     np.testing.assert_allclose(stored.imu.gyro.model.g_sensitivity, MEMS.gyro.g_sensitivity, atol=1e-4)
-    assert stored.imu.accel.covariance.parameters[0] == "matrix[0,0]"
+    assert stored.imu.accel.estimate.names[0] == "matrix[0,0]"
     # the same with prior knowledge: the noise of the sensors, and the first calibration
     channels = {f"{sensor}_{axis}": {"N": {"value": value}} for sensor, value in _NOISE.items() for axis in "xyz"}
     (folder / "noise.json").write_text(json.dumps({"schema": "jaxcal.noise/1", "channels": channels}))
@@ -45,7 +45,7 @@ def test_a_simulated_log_is_calibrated(call, folder):
     assert call("imu", "log.csv", "--gravity", "9.80665", *known, "--quiet").status == 0
     again = jaxcal.Calibration.load(folder / "again.json")
     assert (again.device, again.imu.verdict) == ({"name": "unit 7"}, "good")
-    widths = [np.diff([one.imu.accel.interval.low[:9], one.imu.accel.interval.high[:9]], axis=0) for one in (stored, again)]
+    widths = [np.diff(one.imu.accel.estimate.intervals()[:9]) for one in (stored, again)]
     assert np.mean(widths[1]) < np.mean(widths[0])
     # and in counts of 16384 per g and 131 per deg/s, without giving the command their size
     table = np.genfromtxt(folder / "log.csv", delimiter=",", skip_header=1)

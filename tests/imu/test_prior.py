@@ -23,8 +23,8 @@ def known_to(truth, sigma, rng):
         triad = Triad(numbers[:9].reshape(3, 3), numbers[9:12], numbers[12:].reshape(3, 3) if count == 21 else np.zeros((3, 3)))
         names = [f"matrix[{i},{j}]" for i in range(3) for j in range(3)] + [f"bias[{i}]" for i in range(3)]
         names += [f"g_sensitivity[{i},{j}]" for i in range(3) for j in range(3)] * (count == 21)
-        covariance = jaxcal.calibration.Covariance(tuple(names), np.diag(np.where(truth[first : first + count] != 0, sigma**2, 0.0)))
-        parts[sensor] = jaxcal.calibration.Part(triad, {"accel": "m/s^2", "gyro": "rad/s"}[sensor], covariance=covariance)
+        known = jaxcal.fitting.Estimate(names, numbers, np.diag(np.where(truth[first : first + count] != 0, sigma**2, 0.0)))
+        parts[sensor] = jaxcal.calibration.Part(triad, {"accel": "m/s^2", "gyro": "rad/s"}[sensor], estimate=known)
     return jaxcal.Calibration(imu=parts)
 
 

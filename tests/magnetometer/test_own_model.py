@@ -111,8 +111,8 @@ def test_it_is_saved_loaded_and_applied_to_a_log(found, tmp_path):
     assert isinstance(part.model, Warming)
     for leaf in ("soft_iron", "hard_iron", "per_kelvin"):
         np.testing.assert_array_equal(getattr(part.model, leaf), getattr(found.model, leaf))
-    assert part.covariance.parameters == (*NAMES, "field")
-    np.testing.assert_array_equal(part.covariance.values, found.estimate.matrix)
+    assert part.estimate.names == (*NAMES, "field")
+    np.testing.assert_array_equal(part.estimate.matrix, found.estimate.matrix)
     assert (part.verdict, part.verdict_reason, part.field) == ("good", found.reason, FIELD)
 
     warmth = np.linspace(-5.0, 55.0, 50)
