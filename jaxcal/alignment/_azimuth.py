@@ -159,16 +159,17 @@ def azimuth(
     The north-finding paper's equations (40) to (71), in corrected form.
     """
     if method not in AZIMUTH_METHODS:
-        raise DataError(f"There is no azimuth method {method!r}; known are {', '.join(map(repr, AZIMUTH_METHODS))}.")
+        raise DataError(f"There is no azimuth method {method!r}; known are {', '.join(map(repr, AZIMUTH_METHODS))}.", code="method")
     check_latitude(latitude)
     need(readings, "gyro", _WANTED[method], method)
     if method in ("single_reading", "maximum") and "x" not in readings.positions.mounting:
-        raise DataError(f"Method {method!r} needs gyro readings with mounting 'x', and there are none.")
+        raise DataError(f"Method {method!r} needs gyro readings with mounting 'x', and there are none.", code="no_position")
     if method == "single_reading":
         angle = readings.positions.angle[readings.positions.mounting.index("x")] if angle is None else angle
         if not is_traced(readings, angle) and not np.any(taken(readings, "gyro", "x", float(angle))):
             raise DataError(
-                f"There is no x reading at {np.rad2deg(float(angle)):g} degrees; give the table angle of one as `angle`, in rad."
+                f"There is no x reading at {np.rad2deg(float(angle)):g} degrees; give the table angle of one as `angle`, in rad.",
+                code="no_position",
             )
     dtype = jnp.asarray(readings.gyro).dtype
     phi, theta, covariance = (jnp.asarray(part, dtype=dtype) for part in _level(level, method))
@@ -190,9 +191,9 @@ def _level(level: Any, method: str) -> tuple[Any, Any, Any]:
         return level.phi, level.theta, level.covariance
     pair = jnp.asarray(level)
     if pair.shape != (2,):
-        raise DataError(f"The level has shape {pair.shape}; give a `Level`, or (phi, theta) in rad.")
+        raise DataError(f"The level has shape {pair.shape}; give a `Level`, or (phi, theta) in rad.", code="level")
     if not is_traced(level) and not np.isfinite(np.asarray(pair)).all():
-        raise DataError("The level is not finite; give (phi, theta) in rad.")
+        raise DataError("The level is not finite; give (phi, theta) in rad.", code="level")
     return pair[0], pair[1], jnp.zeros((2, 2), dtype=pair.dtype)
 
 

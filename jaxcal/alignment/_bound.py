@@ -15,7 +15,7 @@ from .._types import Array
 from ..fitting import Estimate
 from ._model import NAMES, Table, Turntable, in_one_type, residuals, tabulate, turntable, with_angle_errors, with_values
 from ._noise import IDEAL, Sensor, as_noise, by_channel, check_noise
-from ._positions import GRAVITY, Readings, as_positions, check_gravity, check_latitude
+from ._positions import GRAVITY, Readings, as_positions, check_gravity, check_latitude, checked_attitude
 from ._result import QUANTITIES, Bound, know, sizes_of
 from ._start import free_of, priors_of
 
@@ -23,7 +23,9 @@ from ._start import free_of, priors_of
 def given_noise(noise: Any, name: str) -> Any:
     """Check the noise of one sensor and convert it to `Noise`."""
     if noise is None:
-        raise DataError(f"There is no {name}; give its white noise, SI, or a `jaxcal.noise.Noise`: without it there is no bound.")
+        raise DataError(
+            f"There is no {name}; give its white noise, SI, or a `jaxcal.noise.Noise`: without it there is no bound.", code="no_noise"
+        )
     found = as_noise(noise, name)
     check_noise(found, name)
     return found
@@ -89,9 +91,7 @@ def crlb(
     noise = [
         by_channel(given_noise(one, f"{name} noise"), positions) for name, one in (("accelerometer", accel_noise), ("gyro", gyro_noise))
     ]
-    attitude = attitude if is_traced(attitude) else np.asarray(attitude, dtype=float)
-    if attitude.shape != (3,):
-        raise DataError(f"The attitude has shape {attitude.shape}; give (roll, pitch, azimuth) in rad.")
+    attitude = checked_attitude(attitude)
     zeros = np.zeros(len(positions))
     table = tabulate(Readings(positions, zeros, zeros, lever_arm=lever_arm), gravity, noise)
     model = turntable(attitude, latitude, accel, gyro)

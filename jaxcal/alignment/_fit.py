@@ -117,9 +117,9 @@ def fit(
         check_latitude(latitude)
     sensors = [name for name in _SENSORS if getattr(readings, name) is not None]
     if not sensors:
-        raise DataError("There are neither accelerometer nor gyro readings; give at least one of them.")
+        raise DataError("There are neither accelerometer nor gyro readings; give at least one of them.", code="no_sensor")
     if hemisphere not in (None, "north", "south"):
-        raise DataError(f"The hemisphere is {hemisphere!r}; expected 'north' or 'south'.")
+        raise DataError(f"The hemisphere is {hemisphere!r}; expected 'north' or 'south'.", code="hemisphere")
     model = Turntable() if model is None else model
     names = names_of(model)
     chosen = free_of(free, priors, readings.positions, latitude, ("accel" in sensors, "gyro" in sensors), names)

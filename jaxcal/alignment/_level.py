@@ -137,12 +137,14 @@ def level(
     The north-finding paper's equations (19) to (34), in corrected form.
     """
     if method not in LEVEL_METHODS:
-        raise DataError(f"There is no levelling method {method!r}; known are {', '.join(map(repr, LEVEL_METHODS))}.")
+        raise DataError(f"There is no levelling method {method!r}; known are {', '.join(map(repr, LEVEL_METHODS))}.", code="method")
     check_gravity(gravity)
     need(readings, "accel", _WANTED.get(method, []) + [("-z", 0.0)] * (both_z and method == "bias_and_scale"), method)
     mounting = "y" if method.endswith("y") else "x"
     if method.startswith("least") and not is_traced(readings) and mounting not in readings.positions.mounting:
-        raise DataError(f"Method {method!r} needs accelerometer readings with mounting {mounting!r}, and there are none.")
+        raise DataError(
+            f"Method {method!r} needs accelerometer readings with mounting {mounting!r}, and there are none.", code="no_position"
+        )
     dtype = jnp.asarray(readings.accel).dtype
     hint = None if hint is None else jnp.asarray(hint, dtype=dtype)
     found = _levelled(readings, method, jnp.asarray(gravity, dtype=dtype), hint, both_z)

@@ -57,7 +57,7 @@ def as_noise(given: Any, name: str) -> Any:
         return given
     if isinstance(given, (tuple, list)):
         if len(given) != 3:
-            raise DataError(f"The {name} holds {len(given)} models; give one, or three for the axes of a triad.")
+            raise DataError(f"The {name} holds {len(given)} models; give one, or three for the axes of a triad.", code="noise")
         return tuple(as_noise(one, name) for one in given)
     if isinstance(given, Sensor):
         return Noise(N=given.white, B=given.flicker, K=given.walk)
@@ -66,7 +66,8 @@ def as_noise(given: Any, name: str) -> Any:
     if hasattr(given, "aval") or (np.ndim(given) == 0 and isinstance(given, (int, float, np.number, np.ndarray))):
         return Noise(N=given)
     raise DataError(
-        f"The {name} is a {type(given).__name__}; give its white noise N (SI), a `jaxcal.noise.Noise`, a `NoiseFit` or a `Sensor`."
+        f"The {name} is a {type(given).__name__}; give its white noise N (SI), a `jaxcal.noise.Noise`, a `NoiseFit` or a `Sensor`.",
+        code="noise",
     )
 
 
@@ -96,7 +97,7 @@ def noise_of(source: Any, axis: str | None = "x") -> dict[str, Any]:
     1e-07
     """
     if axis is not None and axis not in tuple(_AXES):
-        raise DataError(f"There is no axis {axis!r}; give 'x', 'y' or 'z', or None for all three.")
+        raise DataError(f"There is no axis {axis!r}; give 'x', 'y' or 'z', or None for all three.", code="axis")
     held = getattr(source, "noise", source)
     found = {}
     for sensor in _WORDS:
@@ -109,7 +110,8 @@ def noise_of(source: Any, axis: str | None = "x") -> dict[str, Any]:
         which = "all three axes" if axis is None else f"the {axis} axis"
         raise DataError(
             f"The {type(source).__name__} holds no noise of accelerometer or gyro on {which}; give what jaxcal.noise.characterise returns, "
-            "or a Calibration with noise."
+            "or a Calibration with noise.",
+            code="no_noise",
         )
     return {f"{sensor}_noise": one for sensor, one in found.items()}
 
@@ -141,7 +143,9 @@ def check_noise(noise: Any, name: str) -> None:
             continue
         one.check()
         if not float(one.N) > 0:
-            raise DataError(f"The {name} has a white part N of {float(one.N):g}; N is positive, SI: the noise of no reading is zero.")
+            raise DataError(
+                f"The {name} has a white part N of {float(one.N):g}; N is positive, SI: the noise of no reading is zero.", code="noise"
+            )
 
 
 def mixed(noises: tuple[Noise, ...], matrix: np.ndarray) -> tuple[Noise, ...]:

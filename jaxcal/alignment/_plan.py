@@ -20,7 +20,7 @@ from .._types import Array
 from ._bound import given_noise, jacobian_at
 from ._model import NAMES, Table, Turntable, padded, turntable
 from ._noise import IDEAL, covariance_of, weight_of, white_alone
-from ._positions import AXES, GRAVITY, Positions, check_gravity, check_latitude, geometry, table_from_nav
+from ._positions import AXES, GRAVITY, Positions, check_gravity, check_latitude, checked_attitude, geometry, table_from_nav
 from ._start import free_of, priors_of
 
 _STARTS = 4
@@ -135,10 +135,8 @@ def plan(
     check_latitude(latitude)
     check_gravity(gravity)
     if is_traced(total_time, latitude, attitude):
-        raise DataError("`plan` searches on the host and cannot be traced; differentiate `crlb` instead.")
-    attitudes = np.atleast_2d(np.asarray(attitude, dtype=float))
-    if attitudes.shape[1] != 3 or not np.isfinite(attitudes).all():
-        raise DataError(f"The attitudes have shape {attitudes.shape}; give (roll, pitch, azimuth) in rad, one or (k, 3).")
+        raise DataError("`plan` searches on the host and cannot be traced; differentiate `crlb` instead.", code="traced")
+    attitudes = np.stack([checked_attitude(one) for one in np.atleast_2d(attitude)])
     noise = [given_noise(accel_noise, "accelerometer noise"), given_noise(gyro_noise, "gyro noise")]
     # a zero coefficient stays a Python number, so that the compiled program omits its term
     noise = jax.tree.map(lambda value: jnp.asarray(float(value)) if float(value) else 0.0, noise)
@@ -229,13 +227,15 @@ def _searched(design: _Design, tau: float, seed: int) -> Plan:
     if not design.time > max(visits * design.minimum, 0):
         raise DataError(
             f"{design.total:g} s do not hold {visits} dwells of {design.minimum:g} s and {design.total - design.time:g} s of moves; take "
-            "more time or fewer positions."
+            "more time or fewer positions.",
+            code="too_short",
         )
     listed, starts = _listed(design.words, tau), _starts(design.words, seed)
     values = {name: design.value(*pair) for name, pair in listed.items()}
     if not np.isfinite(design.value(*starts[0])):
         raise DataError(
-            "These mountings do not determine every free parameter; add positions (three table angles or more, 'z' for scales), or priors."
+            "These mountings do not determine every free parameter; add positions (three table angles or more, 'z' for scales), or priors.",
+            code="undetermined",
         )
     best, value = starts[0], np.inf
     for angles, shares in [*starts, *listed.values()]:

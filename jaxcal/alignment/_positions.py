@@ -91,13 +91,13 @@ class Positions(eqx.Module):
     ):  # fmt: skip
         angle = _floats(angle, "table angle")
         if angle.ndim != 1 or not angle.size:
-            raise DataError(f"The table angles have shape {angle.shape}; expected (n,), one per position, in rad.")
+            raise DataError(f"The table angles have shape {angle.shape}; expected (n,), one per position, in rad.", code="shape")
         words = (mounting,) * angle.size if isinstance(mounting, str) else tuple(str(word) for word in mounting)
         unknown = sorted(set(words) - set(AXES))
         if unknown:
-            raise DataError(f"There is no mounting {unknown[0]!r}; known are {', '.join(map(repr, AXES))}.")
+            raise DataError(f"There is no mounting {unknown[0]!r}; known are {', '.join(map(repr, AXES))}.", code="mounting")
         if len(words) != angle.size:
-            raise DataError(f"There are {len(words)} mountings for {angle.size} table angles; give one per position.")
+            raise DataError(f"There are {len(words)} mountings for {angle.size} table angles; give one per position.", code="shape")
         self.angle, self.mounting = angle, words
         self.dwell, self.rate, self.acceleration, self.width = (
             _per_position(value, angle, name)
@@ -111,7 +111,9 @@ class Positions(eqx.Module):
         xp = namespace(self.dwell, concrete=True)
         self.start = xp.cumsum(self.dwell) - self.dwell if start is None else _per_position(start, angle, "start")
         if not is_traced(self.dwell) and not np.all(np.asarray(self.dwell) > 0):
-            raise DataError(f"A dwell of {float(np.min(np.asarray(self.dwell))):g} s was given; dwells are positive, in seconds.")
+            raise DataError(
+                f"A dwell of {float(np.min(np.asarray(self.dwell))):g} s was given; dwells are positive, in seconds.", code="dwell"
+            )
 
     def __len__(self) -> int:
         return len(self.mounting)
@@ -169,7 +171,9 @@ class Readings(eqx.Module):
         for name, values in (("accel", accel), ("gyro", gyro)):
             values = None if values is None else _floats(values, f"{name} readings")
             if values is not None and values.shape != (len(self.positions),):
-                raise DataError(f"There are {name} readings of shape {values.shape} for {len(self.positions)} positions; give one each.")
+                raise DataError(
+                    f"There are {name} readings of shape {values.shape} for {len(self.positions)} positions; give one each.", code="shape"
+                )
             setattr(self, name, values)
         self.accel_noise = by_channel(as_noise(accel_noise, "accelerometer noise"), self.positions)
         self.gyro_noise = by_channel(as_noise(gyro_noise, "gyro noise"), self.positions)
@@ -196,13 +200,15 @@ def _floats(values: Any, name: str) -> Any:
     try:
         return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise DataError(f"The {name} given are not numbers: {str(values)[:60]}.") from error
+        raise DataError(f"The {name} given are not numbers: {str(values)[:60]}.", code="not_numbers") from error
 
 
 def _per_position(value: Any, angle: Any, name: str) -> Any:
     value = _floats(value, name)
     if value.shape not in ((), angle.shape):
-        raise DataError(f"The {name} has shape {value.shape} for {angle.size} positions; give one number, or one per position.")
+        raise DataError(
+            f"The {name} has shape {value.shape} for {angle.size} positions; give one number, or one per position.", code="shape"
+        )
     return namespace(value, concrete=True).broadcast_to(value, angle.shape)
 
 
@@ -292,14 +298,15 @@ def need(readings: Readings, sensor: str, wanted: list[tuple[str, float]], metho
     """Refuse readings that lack a position needed by a method; the message names the position (host only)."""
     word = "accelerometer" if sensor == "accel" else "gyro"
     if getattr(readings, sensor) is None:
-        raise DataError(f"There are no {word} readings; method {method!r} needs them.")
+        raise DataError(f"There are no {word} readings; method {method!r} needs them.", code="no_sensor")
     if is_traced(readings):
         return
     missing = [f"{m} at {np.rad2deg(a):g} degrees" for m, a in wanted if not np.any(taken(readings, sensor, m, a))]
     if missing:
         raise DataError(
             f"Method {method!r} needs a {word} reading with mounting {', '.join(missing)}, and there is none; measure there, or use `fit`, "
-            "which takes any positions."
+            "which takes any positions.",
+            code="no_position",
         )
 
 
@@ -327,12 +334,25 @@ def harmonics(readings: Readings, sensor: str, mounting: str, unit: Any) -> tupl
 def check_gravity(gravity: Any) -> Any:
     """Refuse gravity that is not in m/s^2 or does not occur on the Earth's surface."""
     if not is_traced(gravity) and not on_earth("gravity", gravity):
-        raise DataError(f"The gravity is {float(gravity):g}; on the Earth it is 9.76 to 9.84 m/s^2. Take {GRAVITY} where it is not known.")
+        raise DataError(
+            f"The gravity is {float(gravity):g}; on the Earth it is 9.76 to 9.84 m/s^2. Take {GRAVITY} where it is not known.",
+            code="gravity",
+        )
     return gravity
 
 
 def check_latitude(latitude: Any) -> Any:
     """Refuse a latitude beyond a pole, which is probably in degrees."""
     if not is_traced(latitude) and not abs(float(latitude)) <= np.pi / 2 + 1e-9:
-        raise DataError(f"The latitude is {float(latitude):g} rad; it lies between -pi/2 and pi/2 (degrees: numpy.deg2rad).")
+        raise DataError(
+            f"The latitude is {float(latitude):g} rad; it lies between -pi/2 and pi/2 (degrees: numpy.deg2rad).", code="latitude"
+        )
     return latitude
+
+
+def checked_attitude(attitude: Any) -> Any:
+    """Roll, pitch and azimuth (3,), which are finite."""
+    attitude = attitude if is_traced(attitude) else np.asarray(attitude, dtype=float)
+    if attitude.shape != (3,) or not (is_traced(attitude) or np.isfinite(attitude).all()):
+        raise DataError(f"The attitude is {attitude}; give finite (roll, pitch, azimuth) in rad.", code="attitude")
+    return attitude

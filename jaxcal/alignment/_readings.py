@@ -5,16 +5,14 @@ from typing import Any
 import jax
 import jax.core
 import jax.numpy as jnp
-import numpy as np
 
 from .._compile import filter_jit
-from .._errors import DataError
-from .._precision import host_float64, is_traced
+from .._precision import host_float64
 from .._types import Array
 from ..noise import Noise, mean_covariance
 from ._model import in_one_type, turntable
 from ._noise import IDEAL, Sensor, as_noise, white_alone
-from ._positions import GRAVITY, Readings, as_positions, check_latitude
+from ._positions import GRAVITY, Readings, as_positions, check_latitude, checked_attitude
 
 
 @filter_jit
@@ -79,13 +77,8 @@ def simulate(
     The north-finding paper's equations (16), (18), (22), (23) and (36) to (39), in corrected form.
     """
     positions = as_positions(positions)
-    attitude = attitude if is_traced(attitude) else np.asarray(attitude, dtype=float)
-    if attitude.shape != (3,):
-        raise DataError(f"The attitude has shape {attitude.shape}; give (roll, pitch, azimuth) in rad.")
-    if not is_traced(attitude, latitude):
-        if not np.isfinite(attitude).all():
-            raise DataError("The attitude is not finite; give (roll, pitch, azimuth) in rad.")
-        check_latitude(latitude)
+    attitude = checked_attitude(attitude)
+    check_latitude(latitude)
     made = turntable(attitude, latitude, accel, gyro).measure(positions, gravity=gravity, lever_arm=lever_arm)
     dtype = jax.dtypes.canonicalize_dtype(attitude.dtype)
     made = in_one_type(made, dtype)

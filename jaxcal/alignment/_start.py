@@ -35,18 +35,18 @@ def free_of(free: Any, priors: Any, positions: Positions, latitude: Any, sensors
         for (sensor, needed), there in zip(_NEEDED.items(), sensors, strict=True):
             lacking = [name for name in needed if name in names | set(priors)]
             if not there and lacking:
-                raise DataError(f"There are no {sensor} readings, and {', '.join(lacking)} cannot be free without.")
+                raise DataError(f"There are no {sensor} readings, and {', '.join(lacking)} cannot be free without.", code="no_sensor")
     names |= set(priors) | ({"latitude"} if latitude is None else set())
     check_names(sorted(names), "free parameter", known)
     if not names:
-        raise DataError("No parameter is free; name some in `free`.")
+        raise DataError("No parameter is free; name some in `free`.", code="free")
     return names
 
 
 def check_names(names: Any, what: str, known: tuple[str, ...]) -> None:
     unknown = [name for name in names if name not in known]
     if unknown:
-        raise DataError(f"There is no {what} {unknown[0]!r}; known are {', '.join(known)}.")
+        raise DataError(f"There is no {what} {unknown[0]!r}; known are {', '.join(known)}.", code="unknown_name")
 
 
 def priors_of(priors: Any, known: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -59,9 +59,11 @@ def priors_of(priors: Any, known: tuple[str, ...]) -> tuple[dict[str, Any], dict
         both: Any = given if pair else (0.0, given)
         centre, size = both
         if name in _ANGLES and not pair:
-            raise DataError(f"The prior of {name} is {given!r}; an angle's prior needs its mean: (mean, standard deviation) in rad.")
+            raise DataError(
+                f"The prior of {name} is {given!r}; an angle's prior needs its mean: (mean, standard deviation) in rad.", code="prior"
+            )
         if not is_traced(size) and not float(size) > 0:
-            raise DataError(f"The prior of {name} has the standard deviation {float(size):g}; it is positive, in SI units.")
+            raise DataError(f"The prior of {name} has the standard deviation {float(size):g}; it is positive, in SI units.", code="prior")
         mean[name], certainty[name] = centre, 1 / size
     return mean, certainty
 
@@ -76,12 +78,14 @@ def check_latitude_free(free: set[str], priors: dict[str, Any], positions: Posit
         if distinct < _FEW_ANGLES:
             raise DataError(
                 f"The latitude cannot be found from {distinct} distinct table angles; measure at three or more, such as 0, 90 and 180 "
-                "degrees, or give the latitude."
+                "degrees, or give the latitude.",
+                code="latitude_open",
             )
     if "s_g" in free and "s_g" not in priors and in_plane.all():
         raise DataError(
             "The latitude and the gyro's scale error cannot both be found on the table alone; add a reading with mounting 'z', hold s_g, "
-            "give it a prior, or give the latitude."
+            "give it a prior, or give the latitude.",
+            code="latitude_open",
         )
 
 

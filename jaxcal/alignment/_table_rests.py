@@ -30,7 +30,7 @@ def rests_of(
     size = 2 * half + 1
     n = len(next(iter(samples.values())))
     if n < 4 * size:
-        raise DataError(f"The log has {n} samples, less than four windows of {size}; record longer.")
+        raise DataError(f"The log has {n} samples, less than four windows of {size}; record longer.", code="too_short")
     still = np.ones(n, dtype=bool)
     # ignore a sensor that is slower than the log and therefore missing in most samples
     there = {name: np.isfinite(x).all(axis=1) for name, x in samples.items()}

@@ -138,9 +138,11 @@ def from_log(
     for x in samples.values():
         x[~np.isfinite(x).all(axis=1)] = np.nan
     if not samples:
-        raise DataError("The log has neither accelerometer nor gyroscope; give a log with at least one of them.")
+        raise DataError("The log has neither accelerometer nor gyroscope; give a log with at least one of them.", code="no_sensor")
     if any(x.shape[1] == 2 for x in samples.values()):
-        raise DataError(Message("A sensor of the log has two axes; a table log takes one or three. Choose them with {option.columns}."))
+        raise DataError(
+            Message("A sensor of the log has two axes; a table log takes one or three. Choose them with {option.columns}."), code="axes"
+        )
     rate, time = float(log.rate), np.asarray(log.time)
     recorded = None if angle is None else _recorded(angle, len(time))
     start, stop = rests_of(samples, recorded, rate, float(least), float(settle))
@@ -162,10 +164,10 @@ def _recorded(angle: Any, size: int) -> np.ndarray:
     """Table angle of every sample, unwrapped, with gaps interpolated."""
     angle = np.asarray(angle, dtype=float)
     if angle.shape != (size,):
-        raise DataError(f"angle has shape {angle.shape}; the log has {size} samples: give one angle for each.")
+        raise DataError(f"angle has shape {angle.shape}; the log has {size} samples: give one angle for each.", code="angles")
     here = np.isfinite(angle)
     if np.count_nonzero(here) < 2:
-        raise DataError("angle has no finite values; check the column.")
+        raise DataError("angle has no finite values; check the column.", code="angles")
     return np.interp(np.arange(size), np.flatnonzero(here), np.unwrap(angle[here]))
 
 
@@ -195,7 +197,8 @@ def _moves(samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, 
         raise DataError(
             f"The moves turn about different axes: one of {np.rad2deg(size[worst]):.3g} degrees is off the axis of the others by "
             f"{np.rad2deg(aside[worst]):.3g} degrees. jaxcal north takes a table that turns about one axis; correct the log with the "
-            "calibration of the IMU first, or use jaxcal imu."
+            "calibration of the IMU first, or use jaxcal imu.",
+            code="axes_of_moves",
         )
     accel = samples.get("accel")
     if accel is not None and accel.shape[1] == 3:
@@ -224,7 +227,9 @@ def _angles(
         place = np.concatenate([[0], np.cumsum(between / rate > _BUMP)])
         angle = angle[place] if angle.shape == (place[-1] + 1,) else angle
         if angle.shape != (count,):
-            raise DataError(f"{angle.size} angles were given for {count} rests of {_lengths(start, stop, rate)} s; give one for each.")
+            raise DataError(
+                f"{angle.size} angles were given for {count} rests of {_lengths(start, stop, rate)} s; give one for each.", code="angles"
+            )
     elif recorded is not None:
         angle = np.array([np.mean(recorded[i:j]) for i, j in zip(start, stop, strict=True)])
     elif turns is not None and np.isfinite(turns).all():
@@ -241,7 +246,8 @@ def _angles(
                 "three axes without gaps. Give the angles of the rests in order with {option.angles}.",
                 count=count,
                 lengths=_lengths(start, stop, rate),
-            )
+            ),
+            code="no_angles",
         )
     if turns is not None and np.isfinite(turns).all():
         moved, seen = np.diff(angle), turns
@@ -253,7 +259,8 @@ def _angles(
             worst = int(np.argmax(off(1)))
             raise DataError(
                 f"The angles contradict the gyroscope: between rests {worst + 1} and {worst + 2} the table turned by "
-                f"{np.rad2deg(seen[worst]):.4g} degrees, and the angles differ by {np.rad2deg(moved[worst]):.4g}. Check angles and units."
+                f"{np.rad2deg(seen[worst]):.4g} degrees, and the angles differ by {np.rad2deg(moved[worst]):.4g}. Check angles and units.",
+                code="angles",
             )
     sigma = np.broadcast_to(np.asarray(angle_std, dtype=float), (count,))
     return angle, np.diag(sigma**2)

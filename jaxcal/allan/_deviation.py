@@ -114,7 +114,7 @@ def deviation(
     """
     statistic, rate = find_kind(kind), checked_rate(rate)
     if data not in ("rate", "phase"):
-        raise DataError(f'unknown data {data!r}; expected "rate" (samples of rate or force) or "phase" (their integral)')
+        raise DataError(f'unknown data {data!r}; expected "rate" (samples of rate or force) or "phase" (their integral)', code="data")
     confidence, y = checked_confidence(confidence), checked_record(y)
     empty = empty_channels(y)
     if empty is not None:
@@ -206,7 +206,7 @@ def _missing(column, name: str):
     refuse_infinite(column, name)
     gone = np.isnan(column)
     if gone.all():
-        raise DataError(f"{name} holds nothing but NaN; leave it out")
+        raise DataError(f"{name} holds nothing but NaN; leave it out", code="no_numbers")
     return gone
 
 

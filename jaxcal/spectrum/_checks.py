@@ -20,11 +20,13 @@ _FEWEST = 4  # smallest number of samples
 def check_options(method: Any, sided: Any, average: Any, confidence: Any) -> None:
     """Refuse an invalid option."""
     if method not in METHODS:
-        raise DataError(f"unknown method {method!r}; expected one of {', '.join(METHODS)}")
+        raise DataError(f"unknown method {method!r}; expected one of {', '.join(METHODS)}", code="method")
     if sided not in (1, 2):
-        raise DataError(f"sided must be 2 (half of the power at negative frequencies) or 1 (all of it at positive ones); got {sided!r}")
+        raise DataError(
+            f"sided must be 2 (half of the power at negative frequencies) or 1 (all of it at positive ones); got {sided!r}", code="sided"
+        )
     if not (average is None or isinstance(average, str)) or average not in GROUPS:
-        raise DataError(f'unknown average {average!r}; expected "octave", "log" or None')
+        raise DataError(f'unknown average {average!r}; expected "octave", "log" or None', code="average")
     quality.checked_confidence(confidence)
 
 
@@ -32,7 +34,7 @@ def checked_record(y: Any, rate: float) -> Any:
     """Samples (n,) or (n, channels) without gaps; a traced record is checked when it runs."""
     y = quality.checked_record(y)
     if y.shape[0] < _FEWEST:
-        raise DataError(f"a spectrum needs at least {_FEWEST} samples; got {y.shape[0]}")
+        raise DataError(f"a spectrum needs at least {_FEWEST} samples; got {y.shape[0]}", code="too_short")
     if is_traced(y):
         y = y if y.dtype.kind == "f" else y.astype(jnp.result_type(float))
         return eqx.error_if(y, ~jnp.all(jnp.isfinite(y)), "y must be finite: a spectrum needs a record without gaps")
@@ -50,14 +52,17 @@ def checked_segment(segment: Any, overlap: Any, method: str, samples: int) -> tu
     """Length of Welch's segments, and the distance between their starts, in samples."""
     if method != "welch":
         if segment is not None:
-            raise DataError(f'segment belongs to method="welch"; {method} takes the record as a whole')
+            raise DataError(f'segment belongs to method="welch"; {method} takes the record as a whole', code="segment")
         return samples, samples
     if segment is None:
         segment = max(1 << max((samples // 8).bit_length() - 1, 0), min(samples, 16))
     if not isinstance(segment, (int, np.integer)) or not _FEWEST <= segment <= samples:
-        raise DataError(f"segment must be a whole number of samples from {_FEWEST} to {samples}, the length of the record; got {segment!r}")
+        raise DataError(
+            f"segment must be a whole number of samples from {_FEWEST} to {samples}, the length of the record; got {segment!r}",
+            code="segment",
+        )
     if not (isinstance(overlap, (int, float, np.number)) and 0.0 <= overlap < 1.0):
-        raise DataError(f"overlap must be a part of a segment, from 0 to below 1 (0.5 is half); got {overlap!r}")
+        raise DataError(f"overlap must be a part of a segment, from 0 to below 1 (0.5 is half); got {overlap!r}", code="overlap")
     return int(segment), max(int(segment) - int(segment * overlap), 1)
 
 

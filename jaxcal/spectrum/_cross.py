@@ -112,11 +112,11 @@ def cross(y: Any, rate: Any, *, average: Any = "octave", confidence: float = 0.9
     """
     check_options("periodogram", 2, average, confidence)
     if average is None:
-        raise DataError('coherence needs an average over ordinates: average="octave" or "log"')
+        raise DataError('coherence needs an average over ordinates: average="octave" or "log"', code="average")
     rate, confidence = checked_rate(rate), checked_confidence(confidence)
     y = np.asarray(checked_record(y, rate))
     if y.ndim != 2 or y.shape[1] < 2:
-        raise DataError(f"a cross-spectrum is of two channels or more, (n, channels); got the shape {y.shape}")
+        raise DataError(f"a cross-spectrum is of two channels or more, (n, channels); got the shape {y.shape}", code="shape")
     transform = np.asarray(scipy.fft.rfft(y - y.mean(axis=0), axis=0)).T[:, 1:] / np.sqrt(len(y) * rate)
     groups = GROUPS[average](transform.shape[1], keep_tail=False)
     products = transform[:, None] * transform[None].conj()

@@ -88,14 +88,18 @@ class Segments(eqx.Module):
             If the chunk has another number of channels, is empty, or contains values that are not finite.
         """
         if is_traced(chunk):
-            raise DataError("Segments take data at hand, not traced values; use jaxcal.spectrum.density inside jit or grad")
+            raise DataError("Segments take data at hand, not traced values; use jaxcal.spectrum.density inside jit or grad", code="traced")
         x = np.asarray(chunk)
         if x.dtype.kind not in "fiu" or x.ndim not in (1, 2) or (1 if x.ndim == 1 else x.shape[1]) != self.channels or not len(x):
-            raise DataError(f"a chunk must be numbers of shape (n, {self.channels}), time first, n at least 1; got {x.dtype} {x.shape}")
+            raise DataError(
+                f"a chunk must be numbers of shape (n, {self.channels}), time first, n at least 1; got {x.dtype} {x.shape}", code="shape"
+            )
         x = x.reshape(len(x), -1).astype(np.float64)
         if not np.isfinite(x).all():
             where = self.samples + int(np.flatnonzero(~np.isfinite(x).all(axis=1))[0])
-            raise DataError(f"sample {where} is missing or infinite; a spectrum needs a record without gaps: take a stretch without any")
+            raise DataError(
+                f"sample {where} is missing or infinite; a spectrum needs a record without gaps: take a stretch without any", code="gaps"
+            )
         end = self._origin + self.samples
         begun = x[max(self._next - end, 0) :] if self._next > end else np.concatenate([self._tail, x])
         sums, count = self._transformed(begun, None)
@@ -112,19 +116,21 @@ class Segments(eqx.Module):
             If the parts differ in their options, or are not neighbours.
         """
         if not isinstance(other, Segments):
-            raise DataError(f"only Segments can be merged; got {type(other).__name__}")
+            raise DataError(f"only Segments can be merged; got {type(other).__name__}", code="parts")
         for name in ("rate", "segment", "step", "channels"):
             if getattr(self, name) != getattr(other, name):
                 raise DataError(
-                    f"the parts do not join: they differ in {name} ({getattr(self, name)!r} and {getattr(other, name)!r}); make both alike"
+                    f"the parts do not join: they differ in {name} ({getattr(self, name)!r} and {getattr(other, name)!r}); make both alike",
+                    code="parts",
                 )
         border = self._origin + self.samples
         if other.start not in (None, border):
-            raise DataError(f"the parts do not join: the first ends at sample {border}, the second starts at {other.start}")
+            raise DataError(f"the parts do not join: the first ends at sample {border}, the second starts at {other.start}", code="parts")
         if other.start is None and border % self.step:
             raise DataError(
                 f"the parts do not join: the second does not start at a multiple of {self.step} samples, the distance of segments; "
-                f"make it with Segments(..., start={border})"
+                f"make it with Segments(..., start={border})",
+                code="parts",
             )
         bridge = np.concatenate([self._tail, other._head[max(self._next - border, 0) :]])
         across = max(-(-(border - self._next) // self.step), 0)  # number of segments that begin in the first part
@@ -145,10 +151,10 @@ class Segments(eqx.Module):
         """
         check_options("welch", sided, average, confidence)
         if not self.count:
-            raise DataError(f"no segment is complete: {self.samples} samples, of which {self.segment} are needed")
+            raise DataError(f"no segment is complete: {self.samples} samples, of which {self.segment} are needed", code="too_short")
         found = self._sums / self.count
         if (dead := np.flatnonzero(~found.any(axis=1))).size:
-            raise DataError(f"channel {dead[0]} is constant (every sample equal): it has no spectrum; leave it out")
+            raise DataError(f"channel {dead[0]} is constant (every sample equal): it has no spectrum; leave it out", code="constant")
         cut = (self.segment, self.step, self.count)
         return spectrum_of(found, self.rate, "welch", sided, average, confidence, bool(keep_tail), cut, self.channels == 1)
 

@@ -84,7 +84,8 @@ def by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, worker
             why, cure = "a record with gaps has no quick sums", "take its longest stretch without gaps"
         raise DataError(
             f"{kind.name} at {len(sizes)} cluster sizes would take {cost:.1g} differences, and {_MOST:.0g} are the most: {why}; "
-            f'use m="log", or {cure}'
+            f'use m="log", or {cure}',
+            code="too_many",
         )
     found = []
     for first in range(0, len(sizes), _GROUP):
