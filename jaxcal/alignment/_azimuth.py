@@ -168,8 +168,7 @@ def azimuth(
         angle = readings.positions.angle[readings.positions.mounting.index("x")] if angle is None else angle
         if not is_traced(readings, angle) and not np.any(taken(readings, "gyro", "x", float(angle))):
             raise DataError(
-                f"There is no x reading at {np.rad2deg(float(angle)):g} degrees; give the table angle of one as `angle`, in rad.",
-                code="no_position",
+                f"There is no x reading at {np.rad2deg(float(angle)):g} degrees; give the angle of one, in rad.", code="no_position"
             )
     dtype = jnp.asarray(readings.gyro).dtype
     phi, theta, covariance = (jnp.asarray(part, dtype=dtype) for part in _level(level, method))

@@ -23,9 +23,7 @@ from ._start import free_of, priors_of
 def given_noise(noise: Any, name: str) -> Any:
     """Check the noise of one sensor and convert it to `Noise`."""
     if noise is None:
-        raise DataError(
-            f"There is no {name}; give its white noise, SI, or a `jaxcal.noise.Noise`: without it there is no bound.", code="no_noise"
-        )
+        raise DataError(f"There is no {name}; give its white noise in SI, or a Noise.", code="no_noise")
     found = as_noise(noise, name)
     check_noise(found, name)
     return found

@@ -142,9 +142,7 @@ def level(
     need(readings, "accel", _WANTED.get(method, []) + [("-z", 0.0)] * (both_z and method == "bias_and_scale"), method)
     mounting = "y" if method.endswith("y") else "x"
     if method.startswith("least") and not is_traced(readings) and mounting not in readings.positions.mounting:
-        raise DataError(
-            f"Method {method!r} needs accelerometer readings with mounting {mounting!r}, and there are none.", code="no_position"
-        )
+        raise DataError(f"Method {method!r} needs accelerometer readings with mounting {mounting!r}.", code="no_position")
     dtype = jnp.asarray(readings.accel).dtype
     hint = None if hint is None else jnp.asarray(hint, dtype=dtype)
     found = _levelled(readings, method, jnp.asarray(gravity, dtype=dtype), hint, both_z)

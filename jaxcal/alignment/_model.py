@@ -160,9 +160,7 @@ def names_of(model: Any) -> tuple[str, ...]:
     other = [name for name, leaf in found if np.shape(leaf)]
     if not isinstance(model, Turntable) or other:
         what = f"{other[0]} is an array" if other else f"it is {type(model).__name__}"
-        raise DataError(
-            f"A model is a `Turntable` or a subclass with numbers as fields, but {what}; give one field for each number.", code="model"
-        )
+        raise DataError(f"A model is a `Turntable` or a subclass with one field for each number, but {what}.", code="model")
     return tuple(name for name, _ in found)
 
 

@@ -65,10 +65,7 @@ def as_noise(given: Any, name: str) -> Any:
         return inner
     if hasattr(given, "aval") or (np.ndim(given) == 0 and isinstance(given, (int, float, np.number, np.ndarray))):
         return Noise(N=given)
-    raise DataError(
-        f"The {name} is a {type(given).__name__}; give its white noise N (SI), a `jaxcal.noise.Noise`, a `NoiseFit` or a `Sensor`.",
-        code="noise",
-    )
+    raise DataError(f"The {name} is a {type(given).__name__}; give its white noise N (SI), a Noise, a NoiseFit or a Sensor.", code="noise")
 
 
 def noise_of(source: Any, axis: str | None = "x") -> dict[str, Any]:
@@ -109,9 +106,7 @@ def noise_of(source: Any, axis: str | None = "x") -> dict[str, Any]:
     if all(one is None for one in found.values()):
         which = "all three axes" if axis is None else f"the {axis} axis"
         raise DataError(
-            f"The {type(source).__name__} holds no noise of accelerometer or gyro on {which}; give what jaxcal.noise.characterise returns, "
-            "or a Calibration with noise.",
-            code="no_noise",
+            f"The {type(source).__name__} holds no noise on {which}; give the result of jaxcal.noise.characterise.", code="no_noise"
         )
     return {f"{sensor}_noise": one for sensor, one in found.items()}
 
@@ -143,9 +138,7 @@ def check_noise(noise: Any, name: str) -> None:
             continue
         one.check()
         if not float(one.N) > 0:
-            raise DataError(
-                f"The {name} has a white part N of {float(one.N):g}; N is positive, SI: the noise of no reading is zero.", code="noise"
-            )
+            raise DataError(f"The {name} has a white part N of {float(one.N):g}; N is positive, in SI.", code="noise")
 
 
 def mixed(noises: tuple[Noise, ...], matrix: np.ndarray) -> tuple[Noise, ...]:

@@ -233,10 +233,7 @@ def _searched(design: _Design, tau: float, seed: int) -> Plan:
     listed, starts = _listed(design.words, tau), _starts(design.words, seed)
     values = {name: design.value(*pair) for name, pair in listed.items()}
     if not np.isfinite(design.value(*starts[0])):
-        raise DataError(
-            "These mountings do not determine every free parameter; add positions (three table angles or more, 'z' for scales), or priors.",
-            code="undetermined",
-        )
+        raise DataError("These mountings do not determine every free parameter; add positions or priors.", code="undetermined")
     best, value = starts[0], np.inf
     for angles, shares in [*starts, *listed.values()]:
         if not np.isfinite(design.value(angles, shares)):

@@ -111,9 +111,7 @@ class Positions(eqx.Module):
         xp = namespace(self.dwell, concrete=True)
         self.start = xp.cumsum(self.dwell) - self.dwell if start is None else _per_position(start, angle, "start")
         if not is_traced(self.dwell) and not np.all(np.asarray(self.dwell) > 0):
-            raise DataError(
-                f"A dwell of {float(np.min(np.asarray(self.dwell))):g} s was given; dwells are positive, in seconds.", code="dwell"
-            )
+            raise DataError(f"A dwell is {float(np.min(np.asarray(self.dwell))):g} s; dwells are positive.", code="dwell")
 
     def __len__(self) -> int:
         return len(self.mounting)
@@ -172,7 +170,7 @@ class Readings(eqx.Module):
             values = None if values is None else _floats(values, f"{name} readings")
             if values is not None and values.shape != (len(self.positions),):
                 raise DataError(
-                    f"There are {name} readings of shape {values.shape} for {len(self.positions)} positions; give one each.", code="shape"
+                    f"The {name} readings have shape {values.shape}; give one for each of {len(self.positions)} positions.", code="shape"
                 )
             setattr(self, name, values)
         self.accel_noise = by_channel(as_noise(accel_noise, "accelerometer noise"), self.positions)
@@ -206,9 +204,7 @@ def _floats(values: Any, name: str) -> Any:
 def _per_position(value: Any, angle: Any, name: str) -> Any:
     value = _floats(value, name)
     if value.shape not in ((), angle.shape):
-        raise DataError(
-            f"The {name} has shape {value.shape} for {angle.size} positions; give one number, or one per position.", code="shape"
-        )
+        raise DataError(f"The {name} has shape {value.shape}; give one number, or one for each of {angle.size} positions.", code="shape")
     return namespace(value, concrete=True).broadcast_to(value, angle.shape)
 
 
@@ -304,9 +300,7 @@ def need(readings: Readings, sensor: str, wanted: list[tuple[str, float]], metho
     missing = [f"{m} at {np.rad2deg(a):g} degrees" for m, a in wanted if not np.any(taken(readings, sensor, m, a))]
     if missing:
         raise DataError(
-            f"Method {method!r} needs a {word} reading with mounting {', '.join(missing)}, and there is none; measure there, or use `fit`, "
-            "which takes any positions.",
-            code="no_position",
+            f"Method {method!r} needs a {word} reading with mounting {', '.join(missing)}; measure there, or use `fit`.", code="no_position"
         )
 
 
@@ -334,19 +328,14 @@ def harmonics(readings: Readings, sensor: str, mounting: str, unit: Any) -> tupl
 def check_gravity(gravity: Any) -> Any:
     """Refuse gravity that is not in m/s^2 or does not occur on the Earth's surface."""
     if not is_traced(gravity) and not on_earth("gravity", gravity):
-        raise DataError(
-            f"The gravity is {float(gravity):g}; on the Earth it is 9.76 to 9.84 m/s^2. Take {GRAVITY} where it is not known.",
-            code="gravity",
-        )
+        raise DataError(f"The gravity is {float(gravity):g}; on the Earth it is 9.76 to 9.84 m/s^2.", code="gravity")
     return gravity
 
 
 def check_latitude(latitude: Any) -> Any:
     """Refuse a latitude beyond a pole, which is probably in degrees."""
     if not is_traced(latitude) and not abs(float(latitude)) <= np.pi / 2 + 1e-9:
-        raise DataError(
-            f"The latitude is {float(latitude):g} rad; it lies between -pi/2 and pi/2 (degrees: numpy.deg2rad).", code="latitude"
-        )
+        raise DataError(f"The latitude is {float(latitude):g} rad; it lies within pi/2 (degrees: numpy.deg2rad).", code="latitude")
     return latitude
 
 

@@ -59,9 +59,7 @@ def priors_of(priors: Any, known: tuple[str, ...]) -> tuple[dict[str, Any], dict
         both: Any = given if pair else (0.0, given)
         centre, size = both
         if name in _ANGLES and not pair:
-            raise DataError(
-                f"The prior of {name} is {given!r}; an angle's prior needs its mean: (mean, standard deviation) in rad.", code="prior"
-            )
+            raise DataError(f"The prior of {name} is {given!r}; that of an angle needs (mean, standard deviation) in rad.", code="prior")
         if not is_traced(size) and not float(size) > 0:
             raise DataError(f"The prior of {name} has the standard deviation {float(size):g}; it is positive, in SI units.", code="prior")
         mean[name], certainty[name] = centre, 1 / size
@@ -77,15 +75,11 @@ def check_latitude_free(free: set[str], priors: dict[str, Any], positions: Posit
         distinct = len(np.unique(np.round(np.exp(1j * np.asarray(positions.angle)[in_plane]), 6)))
         if distinct < _FEW_ANGLES:
             raise DataError(
-                f"The latitude cannot be found from {distinct} distinct table angles; measure at three or more, such as 0, 90 and 180 "
-                "degrees, or give the latitude.",
-                code="latitude_open",
+                f"The latitude needs three distinct table angles, such as 0, 90 and 180 degrees; got {distinct}.", code="latitude_open"
             )
     if "s_g" in free and "s_g" not in priors and in_plane.all():
         raise DataError(
-            "The latitude and the gyro's scale error cannot both be found on the table alone; add a reading with mounting 'z', hold s_g, "
-            "give it a prior, or give the latitude.",
-            code="latitude_open",
+            "The latitude and s_g cannot both be found; measure with mounting 'z' too, hold s_g or give its prior.", code="latitude_open"
         )
 
 

@@ -140,9 +140,7 @@ def from_log(
     if not samples:
         raise DataError("The log has neither accelerometer nor gyroscope; give a log with at least one of them.", code="no_sensor")
     if any(x.shape[1] == 2 for x in samples.values()):
-        raise DataError(
-            Message("A sensor of the log has two axes; a table log takes one or three. Choose them with {option.columns}."), code="axes"
-        )
+        raise DataError(Message("A sensor of the log has two axes, not one or three. Choose them with {option.columns}."), code="axes")
     rate, time = float(log.rate), np.asarray(log.time)
     recorded = None if angle is None else _recorded(angle, len(time))
     start, stop = rests_of(samples, recorded, rate, float(least), float(settle))
@@ -227,9 +225,7 @@ def _angles(
         place = np.concatenate([[0], np.cumsum(between / rate > _BUMP)])
         angle = angle[place] if angle.shape == (place[-1] + 1,) else angle
         if angle.shape != (count,):
-            raise DataError(
-                f"{angle.size} angles were given for {count} rests of {_lengths(start, stop, rate)} s; give one for each.", code="angles"
-            )
+            raise DataError(f"{angle.size} angles were given for {count} rests of {_lengths(start, stop, rate)} s.", code="angles")
     elif recorded is not None:
         angle = np.array([np.mean(recorded[i:j]) for i, j in zip(start, stop, strict=True)])
     elif turns is not None and np.isfinite(turns).all():

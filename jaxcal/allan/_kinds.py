@@ -128,9 +128,7 @@ def round_sizes(grid: str, largest: int, *more: str) -> Int[np.ndarray, " cluste
         return 2 ** np.arange(int(np.log2(largest)) + 1)
     if grid == "decade":
         return (10 ** np.arange(int(np.log10(largest)) + 1)[:, None] * np.array([1, 2, 4])).ravel()
-    raise DataError(
-        f"unknown grid of cluster sizes {grid!r}; expected {', '.join(['log', 'octave', 'decade', *more])} or integers", code="grid"
-    )
+    raise DataError(f"unknown grid {grid!r}; expected {', '.join(['log', 'octave', 'decade', *more])} or integers", code="grid")
 
 
 def cluster_sizes(m: Any, kind: str | Kind, samples: int) -> Int[np.ndarray, " clusters"]:
@@ -161,8 +159,7 @@ def cluster_sizes(m: Any, kind: str | Kind, samples: int) -> Int[np.ndarray, " c
         need = kind.difference - (1 if kind.modified else 0)
         need = max(need, 2)
         raise DataError(
-            f"{kind.name} needs a record of at least {need} rate samples or {need + 1} phase points; got {samples} or {samples + 1}",
-            code="too_short",
+            f"{kind.name} needs a record of at least {need} rate samples or {need + 1} phase points; got {samples}", code="too_short"
         )
     if isinstance(m, str):
         if m == "log":
@@ -182,10 +179,7 @@ def cluster_sizes(m: Any, kind: str | Kind, samples: int) -> Int[np.ndarray, " c
     sizes = whole_sizes(m)
     if sizes.min() < step or sizes.max() > largest:
         bad = sizes[(sizes < step) | (sizes > largest)]
-        raise DataError(
-            f"cluster size {bad[0]} is outside {step} .. {largest}, the sizes that {kind.name} can have in a record of {samples} samples",
-            code="m",
-        )
+        raise DataError(f"cluster size {bad[0]} is outside {step} .. {largest}, those of {kind.name} for {samples} samples", code="m")
     if step == 2 and (sizes % 2).any():
         odd = sizes[sizes % 2 != 0]
         raise DataError(f"cluster size {odd[0]} is odd; {kind.name} is defined for even sizes: take {odd[0] - 1} or {odd[0] + 1}", code="m")

@@ -22,9 +22,7 @@ def check_options(method: Any, sided: Any, average: Any, confidence: Any) -> Non
     if method not in METHODS:
         raise DataError(f"unknown method {method!r}; expected one of {', '.join(METHODS)}", code="method")
     if sided not in (1, 2):
-        raise DataError(
-            f"sided must be 2 (half of the power at negative frequencies) or 1 (all of it at positive ones); got {sided!r}", code="sided"
-        )
+        raise DataError(f"sided must be 2 (density over both signs of frequency) or 1 (over positive ones); got {sided!r}", code="sided")
     if not (average is None or isinstance(average, str)) or average not in GROUPS:
         raise DataError(f'unknown average {average!r}; expected "octave", "log" or None', code="average")
     quality.checked_confidence(confidence)
@@ -58,8 +56,7 @@ def checked_segment(segment: Any, overlap: Any, method: str, samples: int) -> tu
         segment = max(1 << max((samples // 8).bit_length() - 1, 0), min(samples, 16))
     if not isinstance(segment, (int, np.integer)) or not _FEWEST <= segment <= samples:
         raise DataError(
-            f"segment must be a whole number of samples from {_FEWEST} to {samples}, the length of the record; got {segment!r}",
-            code="segment",
+            f"segment must be a whole number from {_FEWEST} to {samples}, the length of the record; got {segment!r}", code="segment"
         )
     if not (isinstance(overlap, (int, float, np.number)) and 0.0 <= overlap < 1.0):
         raise DataError(f"overlap must be a part of a segment, from 0 to below 1 (0.5 is half); got {overlap!r}", code="overlap")

@@ -91,15 +91,11 @@ class Segments(eqx.Module):
             raise DataError("Segments take data at hand, not traced values; use jaxcal.spectrum.density inside jit or grad", code="traced")
         x = np.asarray(chunk)
         if x.dtype.kind not in "fiu" or x.ndim not in (1, 2) or (1 if x.ndim == 1 else x.shape[1]) != self.channels or not len(x):
-            raise DataError(
-                f"a chunk must be numbers of shape (n, {self.channels}), time first, n at least 1; got {x.dtype} {x.shape}", code="shape"
-            )
+            raise DataError(f"a chunk must be numbers (n, {self.channels}), time first; got {x.dtype} {x.shape}", code="shape")
         x = x.reshape(len(x), -1).astype(np.float64)
         if not np.isfinite(x).all():
             where = self.samples + int(np.flatnonzero(~np.isfinite(x).all(axis=1))[0])
-            raise DataError(
-                f"sample {where} is missing or infinite; a spectrum needs a record without gaps: take a stretch without any", code="gaps"
-            )
+            raise DataError(f"sample {where} is missing or infinite; take a stretch without gaps", code="gaps")
         end = self._origin + self.samples
         begun = x[max(self._next - end, 0) :] if self._next > end else np.concatenate([self._tail, x])
         sums, count = self._transformed(begun, None)
@@ -119,10 +115,7 @@ class Segments(eqx.Module):
             raise DataError(f"only Segments can be merged; got {type(other).__name__}", code="parts")
         for name in ("rate", "segment", "step", "channels"):
             if getattr(self, name) != getattr(other, name):
-                raise DataError(
-                    f"the parts do not join: they differ in {name} ({getattr(self, name)!r} and {getattr(other, name)!r}); make both alike",
-                    code="parts",
-                )
+                raise DataError(f"the parts do not join: {name} is {getattr(self, name)!r} and {getattr(other, name)!r}", code="parts")
         border = self._origin + self.samples
         if other.start not in (None, border):
             raise DataError(f"the parts do not join: the first ends at sample {border}, the second starts at {other.start}", code="parts")
