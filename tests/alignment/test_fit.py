@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from jaxcal import DataError
 from jaxcal.alignment import Positions, Readings, Sensor, Turntable, crlb, fit, plan, residuals, simulate
 from jaxcal.alignment._model import NAMES
 from jaxcal.noise import Noise
@@ -166,14 +165,14 @@ def test_the_mirrored_attitude_is_named_for_readings_of_the_table_alone():
     assert apart(fit(readings_at(X4, upside_down), LATITUDE, start={"phi": 2.3}).psi, -88 * DEG) < 1e-9
 
 
-def test_latitude():
+def test_latitude(refuses):
     found = fit(readings_at([*X4, ("z", 0)]))
     assert found.latitude == pytest.approx(LATITUDE, abs=1e-9)
     table = fit(readings_at(X4), hemisphere="north")
     assert table.latitude == pytest.approx(LATITUDE, abs=1e-9) or "undecided" in table.codes
-    for options, word_of in (({"free": (*FIVE, "s_g")}, "s_g"), ({}, "distinct")):
+    for options in ({"free": (*FIVE, "s_g")}, {}):
         rows = X4 if options else X4[::2]
-        with pytest.raises(DataError, match=word_of):
+        with refuses("latitude_open"):
             fit(readings_at(rows), **options)
 
 
@@ -262,7 +261,7 @@ def test_plan_reaches_the_listed_optima(reference):
         assert again.azimuth_std == pytest.approx(found.criterion, rel=1e-6)
 
 
-def test_plan_with_moves_least_dwells_and_mirrored_order():
+def test_plan_with_moves_least_dwells_and_mirrored_order(refuses):
     common = {"attitude": np.array([1.0, 2.0, 88.0]) * DEG, "accel_noise": VRW, "gyro_noise": ARW}
     found = plan(300.0, LATITUDE, minimum_dwell=10.0, slew=4.0, mirrored=True, **common)
     places = found.positions
@@ -271,19 +270,19 @@ def test_plan_with_moves_least_dwells_and_mirrored_order():
     assert np.min(places.dwell) >= 10.0 - 1e-9
     assert places.start[-1] + places.dwell[-1] == pytest.approx(300.0)
     assert np.sum(places.dwell) == pytest.approx(300.0 - 10 * 4.0)
-    with pytest.raises(DataError, match="do not hold"):
+    with refuses("too_short"):
         plan(50.0, LATITUDE, minimum_dwell=10.0, **common)
 
 
 @pytest.mark.parametrize(
-    ("change", "match"),
+    ("change", "code"),
     [
-        ({"free": ("phi", "yaw")}, "no free parameter 'yaw'"), ({"priors": {"s_a": 0.0}}, "positive"), ({"priors": {"psi": 0.1}}, "mean"),
-        ({"hemisphere": "up"}, "north"), ({"gravity": 1.0}, "gravity"), ({"latitude": 35.0}, "numpy.deg2rad"),
+        ({"free": ("phi", "yaw")}, "unknown_name"), ({"priors": {"s_a": 0.0}}, "prior"), ({"priors": {"psi": 0.1}}, "prior"),
+        ({"hemisphere": "up"}, "hemisphere"), ({"gravity": 1.0}, "gravity"), ({"latitude": 35.0}, "latitude"),
     ],
 )  # fmt: skip
-def test_calls_that_are_wrong_say_what_mends_them(change, match):
-    with pytest.raises(DataError, match=match):
+def test_calls_that_are_wrong_are_refused(refuses, change, code):
+    with refuses(code):
         fit(readings_at(X4), **({"latitude": LATITUDE} | change))
 
 
@@ -335,7 +334,7 @@ class Squared(Turntable):
         return accel + self.k_a * accel**2, gyro
 
 
-def test_a_model_with_one_more_parameter_is_fitted_and_reported():
+def test_a_model_with_one_more_parameter_is_fitted_and_reported(refuses):
     places = cases.positions([("x", a) for a in range(0, 360, 45)] + [("z", 0), ("-z", 0)], 60.0)
     truth = Squared(*PAPER, b_a=1e-3, b_g=5e-8, latitude=LATITUDE, k_a=2e-5)
     free, inside = (*FIVE, "k_a"), []
@@ -352,5 +351,5 @@ def test_a_model_with_one_more_parameter_is_fitted_and_reported():
     assert found.std["k_a"] < 2e-6
     assert "k_a" in found.summary()
     np.testing.assert_allclose(residuals(truth, Readings(places, *clean, accel_noise=VRW, gyro_noise=ARW)), 0, atol=1e-7)
-    with pytest.raises(DataError, match="no free parameter 'k_a'"):
+    with refuses("unknown_name"):
         fit(readings, LATITUDE, free=free)

@@ -116,23 +116,23 @@ def test_a_known_azimuth_calibrates_the_gyro():
     assert got.std["s_g"] < 2e-3
 
 
-def test_logs_that_give_no_positions_say_why(made):
+def test_logs_that_give_no_positions_say_why(refuses, made):
     time, angle, accel, gyro, _, _ = made
     log = jaxcal.Log(time, accel=accel, gyro=gyro)
     single = jaxcal.Log(time, accel=accel[:, :1], gyro=gyro[:, :1])
-    for source, options, match in (
-        (single, {}, "Nothing tells the table's angle on its 4 rests"), (single, {"angles": [0.0, 1.0]}, "2 angles were given for 4 rests"),
-        (log, {"angles": np.array([0, 90, 200, 270]) * DEG}, "contradict the gyroscope"), (log, {"angle": angle[:5]}, "one angle for each"),
-        (log, {"least": 60.0}, "never rests for 60 s"), (jaxcal.Log(None, mag=gyro, rate=20.0), {}, "neither accelerometer nor gyroscope"),
-        (jaxcal.Log(time, accel=accel[:, :2], rate=20.0), {}, "two axes"),
-        (jaxcal.Log(time, accel=accel / 9.80665, gyro=gyro), {}, r"is 0.9999 m/s\^2.*look like g"),
+    for source, options, code in (
+        (single, {}, "no_angles"), (single, {"angles": [0.0, 1.0]}, "angles"),
+        (log, {"angles": np.array([0, 90, 200, 270]) * DEG}, "angles"), (log, {"angle": angle[:5]}, "angles"),
+        (log, {"least": 60.0}, "few_rests"), (jaxcal.Log(None, mag=gyro, rate=20.0), {}, "no_sensor"),
+        (jaxcal.Log(time, accel=accel[:, :2], rate=20.0), {}, "axes"),
+        (jaxcal.Log(time, accel=accel / 9.80665, gyro=gyro), {}, "implausible"),
     ):  # fmt: skip
-        with pytest.raises(DataError, match=match):
+        with refuses(code):
             from_log(source, **options)
     turned = gyro.copy()
     half = len(gyro) // 2
     turned[half:] = turned[half:, [2, 1, 0]]
-    with pytest.raises(DataError, match="different axes"):
+    with refuses("axes_of_moves"):
         from_log(jaxcal.Log(time, gyro=turned))
 
 

@@ -234,7 +234,7 @@ def test_grids_go_on_as_far_as_the_record():
     same(Accumulator(1.0, [2, 3]).update(y).result(), deviation(y, 1.0, m=[2, 3]))
 
 
-def test_a_channel_without_samples_is_said_and_the_others_are_served():
+def test_a_channel_without_samples_is_said_and_the_others_are_served(refuses):
     y = np.random.default_rng(6).standard_normal((500, 3))
     y[:, 1] = np.nan
     found = Accumulator(1.0, [1, 10], channels=3).update(y[:200]).update(y[200:]).result()
@@ -243,7 +243,7 @@ def test_a_channel_without_samples_is_said_and_the_others_are_served():
     assert np.isnan(found.upper[:, 1]).all()
     assert found.count[:, 1].tolist() == [0, 0]
     np.testing.assert_allclose(found.deviation[:, [0, 2]], deviation(y[:, [0, 2]], 1.0, m=[1, 10]).deviation, rtol=1e-12)
-    with pytest.raises(DataError, match="nothing but NaN"):
+    with refuses("no_numbers"):
         Accumulator(1.0).update(np.full(50, np.nan)).result()
 
 
@@ -261,69 +261,69 @@ def test_a_constant_has_deviation_zero():
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "code"),
     [
-        ({"kind": "totdev"}, "unknown kind"),
-        ({"m": "all"}, "unknown grid"),
-        ({"m": [0]}, "at least 1"),
-        ({"m": [1.5]}, "whole numbers"),
-        ({"m": []}, "whole numbers"),
-        ({"kind": "mdev", "m": [70_000]}, "Raise exact="),
-        ({"channels": 0}, "channels must be"),
-        ({"exact": 0.5}, "exact must be"),
-        ({"start": -1}, "start must be"),
-        ({"confidence": 95}, "between 0 and 1"),
-        ({"rate": 0.0}, "rate must be"),
+        ({"kind": "totdev"}, "kind"),
+        ({"m": "all"}, "grid"),
+        ({"m": [0]}, "m"),
+        ({"m": [1.5]}, "m"),
+        ({"m": []}, "m"),
+        ({"kind": "mdev", "m": [70_000]}, "m"),
+        ({"channels": 0}, "whole"),
+        ({"exact": 0.5}, "whole"),
+        ({"start": -1}, "whole"),
+        ({"confidence": 95}, "confidence"),
+        ({"rate": 0.0}, "rate"),
     ],
 )
-def test_messages_about_options(options, words):
-    with pytest.raises(DataError, match=words):
+def test_messages_about_options(refuses, options, code):
+    with refuses(code):
         Accumulator(**({"rate": 1.0} | options))
 
 
-def test_messages_about_chunks():
+def test_messages_about_chunks(refuses):
     acc = Accumulator(1.0, [1, 2], channels=2)
-    for chunk, words in (
-        (np.zeros((0, 2)), "the chunk is empty"),
-        (np.zeros(5), r"must be \(n, 2\)"),
-        (np.zeros((5, 3)), r"must be \(n, 2\)"),
-        (np.array([["a", "b"]]), "real numbers"),
-        (np.array([[1.0, np.inf]]), "infinite values"),
-        (np.full((1 << 20, 2), np.inf), "channel 0 has an infinite value at sample 0"),
+    for chunk, code in (
+        (np.zeros((0, 2)), "empty"),
+        (np.zeros(5), "shape"),
+        (np.zeros((5, 3)), "shape"),
+        (np.array([["a", "b"]]), "not_numbers"),
+        (np.array([[1.0, np.inf]]), "infinite"),
+        (np.full((1 << 20, 2), np.inf), "infinite"),
     ):
-        with pytest.raises(DataError, match=words):
+        with refuses(code):
             acc.update(chunk)
-    with pytest.raises(DataError, match="the chunk is empty"):
+    with refuses("empty"):
         Accumulator(1.0).update([])
-    with pytest.raises(DataError, match="holds no samples"):
+    with refuses("no_samples"):
         acc.result()
-    with pytest.raises(DataError, match="2 are needed"):
+    with refuses("no_difference"):
         Accumulator(1.0, [1]).update([1.0]).result()
-    with pytest.raises(DataError, match="touches a gap"):
+    with refuses("no_difference"):
         Accumulator(1.0, [1]).update([1.0, np.nan, 1.0, np.nan]).result()
-    with pytest.raises(DataError, match="inside jit or grad"):
+    with refuses("traced"):
         jax.jit(lambda y: Accumulator(1.0).update(y).samples)(np.zeros(3))
 
 
-def test_messages_about_parts_that_do_not_join():
+def test_messages_about_parts_that_do_not_join(refuses):
     y = np.random.default_rng(8).standard_normal(100)
     part = Accumulator(1.0, [1, 2]).update(y)
-    for other, words in (
-        (Accumulator(1.0, [1, 3]).update(y), "differ in m"),
-        (Accumulator(2.0, [1, 2]).update(y), r"differ in rate \(1.0 and 2.0\)"),
-        (Accumulator(1.0, [1, 2], kind="adev").update(y), r"differ in kind \('oadev' and 'adev'\)"),
-        (Accumulator(1.0, [1, 2], channels=2).update(np.zeros((5, 2))), "differ in channels"),
-        (Accumulator(1.0, [1, 2], exact=1).update(y), "differ in exact"),
-        (Accumulator(1.0, [1, 2], start=99).update(y), "the first ends at sample 100, the second starts at 99"),
-        (Accumulator(1.0, [1, 2]), "the second part holds no samples"),
-        (part.result(), "only an Accumulator"),
+    for other, code in (
+        (Accumulator(1.0, [1, 3]).update(y), "parts"),
+        (Accumulator(2.0, [1, 2]).update(y), "parts"),
+        (Accumulator(1.0, [1, 2], kind="adev").update(y), "parts"),
+        (Accumulator(1.0, [1, 2], channels=2).update(np.zeros((5, 2))), "parts"),
+        (Accumulator(1.0, [1, 2], exact=1).update(y), "parts"),
+        (Accumulator(1.0, [1, 2], start=99).update(y), "parts"),
+        (Accumulator(1.0, [1, 2]), "no_samples"),
+        (part.result(), "parts"),
     ):
-        with pytest.raises(DataError, match=words):
+        with refuses(code):
             part.merge(other)
-    with pytest.raises(DataError, match="the first part holds no samples"):
+    with refuses("no_samples"):
         Accumulator(1.0, [1, 2]).merge(part)
     odd = Accumulator(1.0, [1, 7], kind="adev")
-    with pytest.raises(DataError, match=r"start=100\), or cut the record at a multiple of 7 samples"):
+    with refuses("parts"):
         odd.update(y).merge(odd.update(y))
     # a cluster size for which both parts are too short is dropped with a message
     far = Accumulator(1.0, [1, 70_000])

@@ -178,33 +178,32 @@ def test_no_setting_of_jax_is_changed_and_precision_does_not_matter(precision):
 
 
 @pytest.mark.parametrize(
-    ("y", "options", "words"),
+    ("y", "options", "code"),
     [
-        ([], {}, "not empty"),
-        ([1.0], {}, "at least 2 rate samples"),
-        ([1.0, math.inf, 2.0], {}, "1 infinite values, the first at sample 1"),
-        ([math.nan] * 5, {}, "nothing but NaN"),
-        (["a", "b"], {}, "real numbers"),
-        (np.zeros((2, 2, 2)), {}, "(n,) or (n, channels)"),
-        (np.zeros((3, 100)), {}, "y.T"),
-        (np.arange(100.0), {"kind": "madev"}, "expected one of adev, oadev"),
-        (np.arange(100.0), {"m": "dense"}, "unknown grid"),
-        (np.arange(100.0), {"m": [0]}, "outside 1 .. 50"),
-        (np.arange(100.0), {"m": [51]}, "outside 1 .. 50"),
-        (np.arange(100.0), {"m": [1.5]}, "whole numbers"),
-        (np.arange(100.0), {"data": "frequency"}, '"rate"'),
-        (np.arange(100.0), {"confidence": 95}, "between 0 and 1"),
+        ([], {}, "record"),
+        ([1.0], {}, "too_short"),
+        ([1.0, math.inf, 2.0], {}, "record"),
+        ([math.nan] * 5, {}, "no_numbers"),
+        (["a", "b"], {}, "record"),
+        (np.zeros((2, 2, 2)), {}, "record"),
+        (np.zeros((3, 100)), {}, "record"),
+        (np.arange(100.0), {"kind": "madev"}, "kind"),
+        (np.arange(100.0), {"m": "dense"}, "grid"),
+        (np.arange(100.0), {"m": [0]}, "m"),
+        (np.arange(100.0), {"m": [51]}, "m"),
+        (np.arange(100.0), {"m": [1.5]}, "m"),
+        (np.arange(100.0), {"data": "frequency"}, "data"),
+        (np.arange(100.0), {"confidence": 95}, "confidence"),
     ],
 )
-def test_messages(y, options, words):
-    with pytest.raises(DataError) as caught:
+def test_messages(refuses, y, options, code):
+    with refuses(code):
         deviation(np.array(y) if not isinstance(y, np.ndarray) else y, 1.0, **options)
-    assert words in str(caught.value)
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, math.nan, math.inf, "fast", None])
-def test_messages_about_the_rate(rate):
-    with pytest.raises(DataError, match="rate must be"):
+def test_messages_about_the_rate(refuses, rate):
+    with refuses("rate"):
         deviation(np.arange(10.0), rate)
 
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from jaxcal import DataError
 from jaxcal.allan import degrees_of_freedom, deviation
 from jaxcal.allan._uncertainty._bias import bias_factors, phase_covariance
 
@@ -71,14 +70,14 @@ def test_grids_are_even():
     assert np.all(np.diff(log) > 0)
 
 
-def test_messages():
+def test_messages(refuses):
     y = phases(100)["white"]
-    with pytest.raises(DataError, match="cluster size 7 is odd; theo1 is defined for even sizes: take 6 or 8"):
+    with refuses("m"):
         deviation(y, 1.0, kind="theo1", m=[10, 7])
     for wrong in (0, 1, 102):
-        with pytest.raises(DataError, match=f"cluster size {wrong} is outside 2 .. 100"):
+        with refuses("m"):
             deviation(y, 1.0, kind="theo1", m=[wrong])
-    with pytest.raises(DataError, match="theo1 needs a record of at least 2 rate samples"):
+    with refuses("too_short"):
         deviation(y[:1], 1.0, kind="theo1")
     assert np.all(deviation(np.full(300, 9.81), 1.0, kind="theo1").deviation < 1e-12)
 

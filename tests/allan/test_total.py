@@ -5,7 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcal import DataError
 from jaxcal.allan import degrees_of_freedom, deviation
 from jaxcal.allan._uncertainty._bias import bias_factors, phase_covariance
 
@@ -100,11 +99,11 @@ def kernels_literal(z, m):
     return float(np.sum(third**2)) / (6 * m)
 
 
-def test_smallest_records():
+def test_smallest_records(refuses):
     for kind, fewest in (("totdev", 2), ("mtotdev", 2), ("ttotdev", 2), ("htotdev", 3)):
         y = np.array([1.0, -1.0, 4.0])[:fewest]
         assert deviation(y, 1.0, kind=kind, m=[1]).deviation[0] == pytest.approx(by_definition(y, 1, kind))
-        with pytest.raises(DataError, match=f"{kind} needs a record of at least {fewest} rate samples"):
+        with refuses("too_short"):
             deviation(y[: fewest - 1], 1.0, kind=kind)
         assert np.all(deviation(np.full(60, 9.81), 1.0, kind=kind).deviation < 1e-12)
 
@@ -127,28 +126,28 @@ def test_the_longest_stretch_without_gaps_is_used_and_named(kind):
     assert not np.any(found.skipped[:, 1])
 
 
-def test_gaps_that_leave_nothing():
+def test_gaps_that_leave_nothing(refuses):
     y = np.where(np.arange(60) % 2 == 0, np.nan, 1.0)
-    with pytest.raises(DataError, match="no cluster size has a difference free of gaps"):
+    with refuses("no_difference"):
         deviation(y, 1.0, kind="mtotdev")
 
 
-def test_messages():
+def test_messages(refuses):
     y = np.random.default_rng(0).standard_normal(100)
     for kind, largest in (("totdev", 50), ("mtotdev", 33), ("ttotdev", 33), ("htotdev", 33)):
         assert deviation(y, 1.0, kind=kind).m[-1] == largest
-        with pytest.raises(DataError, match=f"outside 1 .. {largest}, the sizes that {kind} can have"):
+        with refuses("m"):
             deviation(y, 1.0, kind=kind, m=[largest + 1])
-    with pytest.raises(DataError, match="1 infinite values"):
+    with refuses("record"):
         deviation(np.where(y == y[3], np.inf, y), 1.0, kind="mtotdev")
-    with pytest.raises(DataError, match="nothing but NaN"):
+    with refuses("no_numbers"):
         deviation(np.full(50, np.nan), 1.0, kind="totdev")
 
 
 @pytest.mark.parametrize("kind", ["mtotdev", "ttotdev", "htotdev", "theo1"])
-def test_what_cannot_be_traced_says_so(kind):
+def test_what_cannot_be_traced_says_so(refuses, kind):
     for transform in (jax.jit, jax.vmap, lambda f: jax.grad(lambda y: jnp.sum(f(y)))):
-        with pytest.raises(DataError, match=f"{kind} is computed on the host.*totdev"):
+        with refuses("traced"):
             transform(lambda y: deviation(y, 1.0, kind=kind, m=[2]).deviation)(jnp.ones((4, 50)) if transform is jax.vmap else jnp.ones(50))
 
 
