@@ -1,14 +1,14 @@
 """Pooling over a fleet: errors of the coefficients alone, pooled, and with the true population known; coverage of every interval; odd
-units; the next recording; levels; gauge studies; size.
+units; the next recording; levels; size.
 
-    python benchmarks/population.py [--only errors,odd,next,levels,gauge,size] [--fleets 20]
+    python benchmarks/population.py [--only errors,odd,next,levels,size] [--fleets 20]
 
 errors: 30 devices with N 0.25 deg/sqrt(h), B 7.6 deg/h, K 1.8 deg/h/sqrt(s) at 100 Hz, whose B and K scatter by 20 and 30 % between
 devices (normal logarithms), or by half of that; records of 5.5 and 22 minutes. Three samplers that share no code with jaxcal bound what
 is possible: one knows the population, one knows its spread and must find its middle, and one knows only that the logarithms are normal.
 odd: one device is three spreads away in B; also the power of a test that knows the population. next: how well the first recording of a
-device predicts its second, alone and pooled. levels: devices, recordings and a covariate, from estimates with errors. gauge: 10 parts, 3
-operators, 3 trials. size: time and memory of the hierarchical step for 10,000 devices. Records are drawn ordinate by ordinate, as in
+device predicts its second, alone and pooled. levels: devices, recordings and a covariate, from estimates with errors. size:
+time and memory of the hierarchical step for 10,000 devices. Records are drawn ordinate by ordinate, as in
 records.py.
 """
 
@@ -22,7 +22,7 @@ import scipy.fft
 from records import CASE_A, RATE, columns, drawn
 
 import jaxcal
-from jaxcal.batch import components, gauge, population
+from jaxcal.batch import population
 
 TERMS = ("N", "B", "K")
 
@@ -236,33 +236,6 @@ class Estimate:
     covariance: list
 
 
-def gauges(fleets, file):
-    """Study known components: estimates over truth, and how often the intervals hold."""
-    part, operator, _ = (index.ravel() for index in np.indices((10, 3, 3)))
-    for deviations in ((1.0, 0.25, 0.0, 0.2), (1.0, 0.25, 0.2, 0.2), (0.5, 0.5, 0.5, 0.5)):
-        rng, ratio, held = np.random.default_rng(0), [], []
-        for _ in range(50 * fleets):
-            effects = rng.standard_normal(10)[part], rng.standard_normal(3)[operator], rng.standard_normal((10, 3))[part, operator]
-            values = sum(s * one for s, one in zip(deviations, (*effects, rng.standard_normal(90)), strict=True))
-            found = gauge(values, part, operator)
-            where = [found.names.index(name) for name in ("part", "operator", "part:operator", "repeatability")]
-            ratio.append(found.variance[where])
-            held.append(inside(found.interval[where], np.square(deviations)))
-        truth = np.square(deviations)
-        means = ", ".join(f"{m / t:.3f}" if t else f"{m:.4f} (0)" for m, t in zip(np.mean(ratio, axis=0), truth, strict=True))
-        hold = percent(np.mean(held, axis=0))
-        said(f"gauge studies {deviations}, {50 * fleets}: mean variance over truth {means}; intervals hold {hold} %", file)
-    device, recording, _ = (index.ravel() for index in np.indices((12, 4, 3)))
-    rng, ratio, held = np.random.default_rng(1), [], []
-    for _ in range(50 * fleets):
-        values = rng.standard_normal(12)[device] + 0.5 * rng.standard_normal((12, 4))[device, recording] + 0.3 * rng.standard_normal(144)
-        found = components(values, {"device": device, "recording": recording})
-        ratio.append(found.variance / [1.0, 0.25, 0.09])
-        held.append(inside(found.interval, np.array([1.0, 0.25, 0.09])))
-    means = ", ".join(f"{value:.3f}" for value in np.mean(ratio, axis=0))
-    said(f"nested studies, {50 * fleets}: mean variance over truth {means}; intervals hold {percent(np.mean(held, axis=0))} %", file)
-
-
 def size(_, file):
     rng = np.random.default_rng(0)
     _, _, fits = fleet(int(5.5 * 60 * RATE), (0.2, 0.3), rng, devices=100)
@@ -274,7 +247,7 @@ def size(_, file):
          file)  # fmt: skip
 
 
-TABLES = {"errors": errors, "odd": odd, "next": following, "levels": levels, "gauge": gauges, "size": size}
+TABLES = {"errors": errors, "odd": odd, "next": following, "levels": levels, "size": size}
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._answer import Number
 from .._files import shown
+from .._special import NORMAL95
 
 _FEWEST, _FEWEST_FOR_TRENDS = 5, 8
 _FALSE_ALARM = 0.05  # probability that a fleet of Gaussian coefficients has any outlier, or any trend
@@ -20,31 +22,6 @@ _GAUSS = 1.482602218505602  # standard deviation over median absolute deviation,
 _MEAN_GAUSS = 1.2533141373155003  # standard deviation over mean absolute deviation
 #: coefficients that are sizes, whose scatter is relative
 _SIZES = re.compile(r"\.(?:[QNBKR]|[a-z0-9]+dev\([^)]*\)|theo1\([^)]*\))$")
-
-
-@dataclasses.dataclass(frozen=True)
-class Coefficient:
-    """A number from the result of one log.
-
-    Attributes
-    ----------
-    value : None if the log has none, as for a term that was not detected.
-    low, high : limits of its interval, or None. For a term that was not detected, `high` is the upper limit.
-    unit : SI unit, "" if unknown.
-    state : "estimated", "open" (the data do not determine it) or "limit" (only `high` is known).
-
-    Examples
-    --------
-    >>> from jaxcal.batch import Coefficient
-    >>> Coefficient(0.01, 0.009, 0.011, unit="rad/sqrt(s)").unit
-    'rad/sqrt(s)'
-    """
-
-    value: float | None
-    low: float | None = None
-    high: float | None = None
-    unit: str = ""
-    state: str = "estimated"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,7 +34,7 @@ class Entry:
     status : "done" or "failed".
     reason : for a failure, a sentence; otherwise None.
     again : whether the reason may be gone the next time.
-    coefficients : name -> `Coefficient`.
+    coefficients : name -> value, low and high limit (NaN if there is none), unit and state of the number. A limit has no value.
     findings : what to know about the log and its result, each with "code", "severity", "subject" and "text".
     sha256 : hash of the log; None if it could not be read.
     date : date of the recording (ISO 8601), from its stamps or from the time of its file; None if it could not be read.
@@ -85,7 +62,7 @@ class Entry:
     status: str
     reason: str | None
     again: bool
-    coefficients: dict[str, Coefficient]
+    coefficients: dict[str, Number]
     findings: tuple[dict[str, Any], ...]
     sha256: str | None
     date: str | None
@@ -119,7 +96,7 @@ class Outlier:
 
     Examples
     --------
-    >>> from jaxcal.batch import Outlier
+    >>> from jaxcal.batch._fleet import Outlier
     >>> Outlier("unit7", "unit7.csv", 0.02, 6.1, "unit7: gyro_x.N is twice the median").reason
     'unit7: gyro_x.N is twice the median'
     """
@@ -139,7 +116,7 @@ class Trend:
 
     Examples
     --------
-    >>> from jaxcal.batch import Trend
+    >>> from jaxcal.batch._fleet import Trend
     >>> Trend("serial number", (1.0, 2.0, 3.0), 1e-4, 0.8, 0.002, "gyro_x.N grows with the serial number").along
     'serial number'
     """
@@ -220,7 +197,7 @@ class Fleet:
     ...         np.savez(pathlib.Path(folder, f"unit{i}.npz"), gyro=1e-3 * rng.standard_normal((500, 1)), rate=100.0)
     ...     fleet = jaxcal.batch.run(folder, "allan", executor=pool, options={"m": [1, 10]})
     >>> len(fleet), len(fleet.done), sorted(fleet.spread)[0]
-    (3, 3, 'gyro_x.oadev(0.01 s)')
+    (3, 3, 'gyro_x.floor')
     """
 
     entries: tuple[Entry, ...]
@@ -252,15 +229,15 @@ class Fleet:
         """
         done = self.done
         names = list(dict.fromkeys(name for entry in done for name in entry.coefficients))
-        compared = len({name for entry in done for name, one in entry.coefficients.items() if one.value is not None})
+        compared = len({name for entry in done for name, one in entry.coefficients.items() if np.isfinite(one.value)})
         along = _along(done)
         return {name: _one(name, done, compared, along) for name in names}
 
 
 def _one(name: str, done: Sequence[Entry], number: int, along: dict[str, np.ndarray]) -> Spread:
     rows = [entry.coefficients.get(name) for entry in done]
-    values = np.array([np.nan if row is None or row.value is None else row.value for row in rows])
-    errors = np.array([np.nan if row is None or row.low is None or row.high is None else (row.high - row.low) / 3.92 for row in rows])
+    values = np.array([np.nan if row is None else row.value for row in rows])
+    errors = np.array([np.nan if row is None else row.half / NORMAL95 for row in rows])
     unit = next((row.unit for row in rows if row is not None), "")
     here = np.isfinite(values)
     n = int(here.sum())

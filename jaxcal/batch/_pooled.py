@@ -19,8 +19,6 @@ from ._fleet import Entry, Fleet, overview
 from ._leaves import Recording, released
 from ._population import Population, population
 
-_WIDTH = 2.0 * NORMAL95  # width of an interval of 95 % in standard deviations
-
 
 @dataclasses.dataclass
 class _Estimate:
@@ -133,11 +131,7 @@ def _noise(entries: tuple[Entry, ...]) -> dict[str, list[Recording | None]]:
 def _estimates(entries: tuple[Entry, ...]) -> list[_Estimate]:
     """The coefficients that have intervals in all logs."""
     known = [
-        {
-            name: (one.value, (one.high - one.low) / _WIDTH)
-            for name, one in entry.coefficients.items()
-            if one.value is not None and one.low is not None and one.high is not None and one.high > one.low
-        }
+        {name: (one.value, one.half / NORMAL95) for name, one in entry.coefficients.items() if np.isfinite(one.value) and one.half > 0}
         for entry in entries
     ]
     names = tuple(name for name in known[0] if all(name in each for each in known))

@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import functools
 import json
+import math
 import os
 import pathlib
 import pickle
@@ -14,10 +15,11 @@ from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from typing import Any
 
+from .._answer import Number
 from .._errors import DataError
 from .._files import shown, write_atomically
 from ._answer import answer, fingerprint, lost
-from ._fleet import Coefficient, Entry, Fleet, overview
+from ._fleet import Entry, Fleet, overview
 from ._paths import find_logs
 from ._pool import GivenExecutor, WorkerPool, room
 from ._store import Store, write_manifest, write_summary
@@ -100,7 +102,7 @@ def run(
     ...     _ = pathlib.Path(folder, "bad.npz").write_text("this is no log")
     ...     fleet = jaxcal.batch.run(folder, "allan", executor=pool, options={"m": "octave"})
     >>> [entry.status for entry in fleet], sorted(fleet.done[0].coefficients)[0]
-    (['failed', 'done', 'done', 'done'], 'gyro_x.oadev(0.01 s)')
+    (['failed', 'done', 'done', 'done'], 'gyro_x.floor')
     """
     options, reading = dict(options or {}), dict(reading or {})
     _check(task, options, reading, executor, workers, timeout, memory)
@@ -314,7 +316,7 @@ class _Run:
         log, file = found["log"], None if self.store is None else self.store.file_of(job.path, job.topics)
         return Entry(
             path=job.path, topics=job.topics, status=found["status"], reason=found["reason"], again=bool(found["again"]),
-            coefficients={name: Coefficient(**one) for name, one in found["numbers"].items()},
+            coefficients={name: _number(name, **one) for name, one in found["numbers"].items()},
             findings=tuple(found["findings"]), sha256=log["sha256"], date=log["date"] and log["date"][0], seconds=seconds, file=file,
             kept=kept, _text=text,
         )  # fmt: skip
@@ -338,3 +340,9 @@ class _Run:
 
             write_fleet(overview(fleet, self.identity), fleet.out / "overview.html")
         return fleet
+
+
+def _number(name: str, value: Any, low: Any, high: Any, unit: str, state: Any) -> Number:
+    """A number from the form of a result file, in which None is an unknown one."""
+    known = (math.nan if one is None else one for one in (value, low, high))
+    return Number(name, *known, quantity=unit, state=state)

@@ -6,6 +6,7 @@ import hashlib
 import importlib.metadata
 import io
 import json
+import math
 import os
 import pathlib
 import platform
@@ -15,9 +16,10 @@ import threading
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from .._answer import Number
 from .._errors import DataError, ExportError
 from .._files import clear_hidden, json_text, write_atomically
-from ._fleet import Coefficient, Entry
+from ._fleet import Entry
 
 SCHEMA = "jaxcal.batch/1"
 _HELD: set[str] = set()  # folders that this process writes to: on some systems a file lock does not separate the threads of one process
@@ -124,14 +126,14 @@ def write_summary(folder: pathlib.Path, entries: Sequence[Entry]) -> None:
     """Write `summary.csv`, and with polars `summary.parquet`: one row per log, up to three columns per coefficient."""
     names = list(dict.fromkeys(name for entry in entries for name in entry.coefficients))
     # leave out the columns of intervals that no log has
-    bounded = {name for entry in entries for name, one in entry.coefficients.items() if one.low is not None or one.high is not None}
+    bounded = {name for entry in entries for name, one in entry.coefficients.items() if not (math.isnan(one.low) and math.isnan(one.high))}
     kinds = _FIRST | {column: "Float64" for name in names for column in _columns(name, name in bounded)}
     rows = []
     for entry in entries:
         row = [_text(entry.path), entry.topics, entry.status, entry.reason, entry.date, entry.sha256, entry.seconds, len(entry.warnings)]
         for name in names:
-            one = entry.coefficients.get(name, Coefficient(None))
-            row += [one.value, one.low, one.high] if name in bounded else [one.value]
+            one = entry.coefficients.get(name, Number(name, math.nan))
+            row += [None if math.isnan(x) else x for x in ((one.value, one.low, one.high) if name in bounded else (one.value,))]
         rows.append(row)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

@@ -1,6 +1,5 @@
 """The tasks of a run: those with a name, and functions given by the user."""
 
-import dataclasses
 import functools
 import hashlib
 import importlib
@@ -12,24 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from .._answer import Finding, Result, Results, ordered, plain
+from .._answer import Finding, Number, Result, Results, ordered, plain
 from .._errors import DataError, UnitError
 from .._log import Log
 from .._message import Message
-from .._units import si_unit
 from ..io._suited import unsuited
 from ._findings import FINDINGS
-from ._fleet import Coefficient
 
-Answer = tuple[Any, dict[str, Coefficient], list[Any]]
-_DECADES = 10.0 ** np.arange(-3, 6)
+Answer = tuple[Any, dict[str, Number], list[Any]]
 _MOST = 400  # largest number of values taken from the result of a user's task
-
-
-def _coefficient(value: Any, low: Any = math.nan, high: Any = math.nan, unit: str = "", state: str = "estimated") -> Coefficient:
-    """A coefficient; numbers that are not finite become None, and so is the value of a limit."""
-    known = (plain(float(x)) for x in (math.nan if state == "limit" else value, low, high))
-    return Coefficient(*known, unit=unit, state=state)
 
 
 def noise(log: Log, **options: Any) -> Answer:
@@ -66,35 +56,24 @@ def temperature(log: Log, **options: Any) -> Answer:
     return answer_of(characterise(log, **options), log)
 
 
+def deviations(log: Log, name: str = "", **options: Any) -> Results[Any]:
+    """Deviations of every channel of a log; `name` replaces those of the sensors."""
+    from ..allan import Deviations, deviation
+
+    found = {}
+    for sensor in ("gyro", "accel", "mag"):
+        if (values := getattr(log, sensor)) is not None:
+            result = deviation(values.reshape(len(values), -1), log.rate, **options)
+            found |= {f"{name or sensor}_{'xyz'[axis]}": result.channel(axis) for axis in range(result.deviation.shape[1])}
+    if not found:
+        said = "the log holds neither gyroscope, accelerometer nor magnetometer; name their columns with {option.columns}"
+        raise DataError(Message(said), code="no_sensor")
+    return Deviations(found)
+
+
 def allan(log: Log, **options: Any) -> Answer:
     """Compute the deviation of every channel; a fleet is compared at powers of ten of the cluster time."""
-    from ..allan import deviation
-
-    document: dict[str, Any] = {"kind": options.get("kind", "oadev"), "rate": log.rate, "duration": log.duration, "channels": {}}
-    found: dict[str, Coefficient] = {}
-    said: list[Finding] = []
-    sensors = 0
-    for sensor in ("gyro", "accel", "mag"):
-        values = getattr(log, sensor)
-        if values is None:
-            continue
-        result = deviation(values.reshape(len(values), -1), log.rate, **options)
-        said += result.findings
-        sensors += 1
-        for axis in range(result.deviation.shape[1]):
-            one, channel = result.channel(axis), f"{sensor}_{'xyz'[axis]}"
-            names = ("tau", "m", "deviation", "lower", "upper", "edf", "count", "alpha")
-            document["channels"][channel] = {name: plain(getattr(one, name)) for name in names}
-            curves = [np.asarray(curve) for curve in (one.deviation, one.lower, one.upper)]
-            for tau in _DECADES[(one.tau[0] * (1 - 1e-9) <= _DECADES) & (one.tau[-1] * (1 + 1e-9) >= _DECADES)]:
-                with np.errstate(divide="ignore"):
-                    at = [np.exp(np.interp(np.log(tau), np.log(one.tau), np.log(curve))) for curve in curves]
-                found[f"{channel}.{result.kind}({tau:g} s)"] = _coefficient(*at, unit="" if result.unit_of_phase else si_unit(sensor))
-    if not sensors:
-        raise DataError(
-            Message("the log holds neither gyroscope, accelerometer nor magnetometer; name their columns with {option.columns}")
-        )
-    return document, found, said
+    return answer_of(deviations(log, **options), log)
 
 
 #: name of a task -> its function, and the function whose options it takes
@@ -133,7 +112,8 @@ def answer_of(result: Any, log: Log) -> Answer:
     if result.verdict == "refused":
         raise DataError(f"the result is refused. {result.reason}", code="refused")
     numbers = {name: one for name, one in result.numbers.items() if one.state != "held"}
-    found = {name: _coefficient(one.value, one.low, one.high, one.unit, one.state) for name, one in numbers.items()}
+    # a limit has no value of its own
+    found = {name: one._replace(value=math.nan) if one.state == "limit" else one for name, one in numbers.items()}
     return result.to_dict(log), found, list(result.findings)
 
 
@@ -148,17 +128,16 @@ def perform(task: Any, log: Log, options: dict[str, Any]) -> dict[str, Any]:
         document, found, said = answer_of(result, log) if isinstance(result, Result | Results) else (plain(result), {}, [])
         found = found or _numbers(document)
     findings = [one if isinstance(one, Finding) else FINDINGS("said", text=one) for one in (*log.findings, *said)]
-    numbers = {name: dataclasses.asdict(one) for name, one in found.items()}
     kept = [{key: one.to_dict()[key] for key in ("code", "severity", "subject", "text")} for one in ordered(dict.fromkeys(findings))]
-    return {"findings": kept, "numbers": numbers, "result": document}
+    return {"findings": kept, "numbers": plain({name: one.to_dict() for name, one in found.items()}), "result": document}
 
 
-def _numbers(result: Any, name: str = "") -> dict[str, Coefficient]:
+def _numbers(result: Any, name: str = "") -> dict[str, Number]:
     """The first numbers in the result of a user's task: a.b for nested dictionaries, a[0] for short lists."""
     if isinstance(result, bool) or not isinstance(result, int | float | dict | list):
         return {}
     if isinstance(result, int | float):
-        return {name or "value": _coefficient(result)}
+        return {name or "value": Number(name or "value", float(result), quantity="")}
     if isinstance(result, dict):
         items = [(f"{name}.{key}" if name else str(key), item) for key, item in result.items()]
     else:

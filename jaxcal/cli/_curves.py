@@ -86,15 +86,9 @@ def allan(
         change = _as_clock
 
     def compute(recording: Any, _: Any) -> Any:
-        found = {}
-        for sensor in ("gyro", "accel", "mag"):
-            if (values := getattr(recording, sensor)) is not None:
-                result = jaxcal.allan.deviation(values.reshape(len(values), -1), recording.rate, **asked)
-                name = "clock" if clock else sensor
-                found |= {f"{name}_{'xyz'[axis]}": result.channel(axis) for axis in range(result.deviation.shape[1])}
-        if not found:
-            raise _nothing()
-        return jaxcal.allan.Deviations(found)
+        from ..batch._tasks import deviations
+
+        return deviations(recording, "clock" if clock else "", **asked)
 
     plan = _outputs(log, writing, "allan", ("tau", "m", "deviation", "lower", "upper", "edf"), "tau_s", lambda plot: plot.allan)
     done = carry_out(log, reading, running, plan, compute, doing="computing", change=change, command="jaxcal allan", options=options)

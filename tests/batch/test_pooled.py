@@ -8,7 +8,9 @@ import pytest
 
 import jaxcal
 from jaxcal import DataError
-from jaxcal.batch import Coefficient, Entry, Fleet, pool, run
+from jaxcal._answer import Number
+from jaxcal.batch import Fleet, pool, run
+from jaxcal.batch._fleet import Entry
 
 SIZES = 1e-3 * np.exp(0.2 * np.random.default_rng(0).standard_normal(6))
 
@@ -45,7 +47,7 @@ def test_estimates_of_other_tasks_are_pooled(tmp_path):
     bias = 1e-5 + 2e-6 * rng.standard_normal(10)
     entries = []
     for i, value in enumerate(bias):
-        known = {"hard_iron_x": Coefficient(value, value - 2e-7, value + 2e-7, "T"), "noise": Coefficient(1e-7)}
+        known = {"hard_iron_x": Number("hard_iron_x", value, value - 2e-7, value + 2e-7, "T"), "noise": Number("noise", 1e-7)}
         entries.append(Entry(tmp_path / f"unit{i}.csv", "done", None, False, known, (), "0", None, 1.0, None, _text='{"result": {}}'))
     table = {"log": [f"unit{i}" for i in range(10)], "batch": list("ab" * 5), "place": ["hall"] * 10}
     found = pool(Fleet(tuple(entries)), table=table)["all"]
