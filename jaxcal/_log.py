@@ -14,12 +14,13 @@ from ._answer import NOTE, Finding
 from ._errors import DataError
 from ._message import Message
 from ._own_time import at_nearest, common_length, equal_rows, on_grid, own_stamps, placed_alone, stamps_of
+from ._precision import real_numbers
 from ._quality import checked_rate, mark_missing, shown_unit
 from ._timebase import counted, place, span
 from ._types import AnyArray
 from ._units import si_unit
 from .evidence._find import find, set_aside
-from .evidence._findings import seen_in
+from .evidence._findings import said_of, seen_in
 from .evidence._gaps import Gap, gaps_of
 from .evidence._stretch import Stretch
 from .evidence._values import masked, of_values
@@ -272,6 +273,25 @@ class Log(eqx.Module):
         out = set_aside(sensor, values, self.rate, found, still, keep)
         return out[:, 0] if sensor == "temperature" else out
 
+    def cleaned(self, still: bool = False, keep: Iterable[str] = ()) -> "Log":
+        """The log with the readings of `usable` for all sensors, and a finding that says what was set aside.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import jaxcal
+        >>> gyro = np.random.default_rng(0).normal(size=(20_000, 3)) * 1e-3
+        >>> gyro[5_000:5_100] += 0.05 * np.sin(np.linspace(0, np.pi, 100))[:, None]
+        >>> print(jaxcal.Log(None, gyro=gyro, rate=100.0).cleaned(still=True).head())
+        gyroscope, 100 Hz, 3 min 20 s (0.7 % set aside: something moved at 0:49)
+        """
+        sensors = {name: self.usable(name, still, keep).reshape(len(self.time), -1) for name in self._sensors()}
+        kept = tuple(one for one in self.evidence if one.kind not in keep)
+        said = said_of(kept, len(self.time), self.rate, still)
+        log = self._replaced(**_fields(sensors), findings=(*self.findings, *said))
+        object.__setattr__(log, "_evidence", kept)  # so that it is not searched again, and what was kept stays
+        return log
+
     def head(self) -> str:
         """Sensors, rate and duration in a line.
 
@@ -286,7 +306,10 @@ class Log(eqx.Module):
         sensors = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
         sensors = str(self.provenance.get("quantity", sensors))  # such as fractional frequencies of a clock
         lost = 100 * sum(gap.samples for gap in self.gaps) / len(self.time)
-        return f"{sensors}, {self.rate:.6g} Hz, {span(self.duration)}" + (f", {lost:.2g} % missing" if self.gaps else "")
+        aside = "".join(
+            f" ({one.facts['percent']:.1g} % set aside: {one.facts['what']})" for one in self.findings if one.code == "set_aside"
+        )
+        return f"{sensors}, {self.rate:.6g} Hz, {span(self.duration)}" + (f", {lost:.2g} % missing" if self.gaps else "") + aside
 
     def __repr__(self) -> str:
         """The text of `summary`."""
@@ -381,11 +404,7 @@ def _channel_names(sensor: str, values: np.ndarray) -> list[str]:
 def _columns(sensor: str, values: Any) -> np.ndarray:
     """Values of one sensor as (n, channels) in float64; each channel is contiguous, because channels are examined one by one."""
     axes = len(_AXES[sensor])
-    try:
-        array = np.asarray(values)
-        array = array.astype(np.float64, copy=False) if array.dtype.kind in "iufb" else np.asarray(array, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DataError(f"{sensor} does not hold numbers ({error}); give an array of shape (n, {axes})", code="shape") from error
+    array = real_numbers(values, sensor)
     if array.ndim == 1:
         array = array[:, None]
     if array.ndim != 2 or not 1 <= array.shape[1] <= axes:

@@ -26,6 +26,8 @@ LOG = table(
     steps=Kind(NOTE, "The values come in steps of {step:.4g} {unit}."),
     warm_up=Kind(NOTE, "The mean of the first {length:g} s is off the rest by {shift:.3g} {unit} (warm-up?).",
                  "log.select({length:g}, None) leaves them out.", terminal="{option.start:{length:g}} leaves them out."),
+    set_aside=Kind(NOTE, "{seconds:.3g} s ({percent:.2g} %) are set aside: {what}.",
+                   "{option.keep} keeps them.", terminal="{option.keep:all} keeps them."),
     sparse=Kind(NOTE, "Present in {percent:.3g} % of the samples (about {rate:.3g} Hz)."),
     gaps=Kind(NOTE, "{count} of {total} samples are missing, in {gaps} gaps, the longest {longest:.4g} s at {at:.6g} s."),
 )  # fmt: skip

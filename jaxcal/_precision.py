@@ -33,6 +33,9 @@ class _Fork:
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_Fork.cut)
 
+#: beyond the range of any sensor in any unit, and squares of its ratios overflow
+LARGEST = 1e30
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 #: the latest state of JAX that was seen without a trace: comparing it takes half a microsecond, placing a constant 30
@@ -74,9 +77,37 @@ def map_ordered(function: Callable[..., Any], tree: Any, *rest: Any) -> Any:
     return jax.tree.map(one, tree, *rest, is_leaf=lambda node: type(node) is dict)
 
 
+def real_numbers(values: Any, name: str = "the data") -> np.ndarray:
+    """An array in float64, with NaN where it is masked; refused if it does not hold real numbers of a size that squares can be taken of.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal._precision import real_numbers
+    >>> real_numbers(np.ma.masked_greater([1, 2, 9], 5))
+    array([ 1.,  2., nan])
+    """
+    try:
+        array = np.asanyarray(values)
+    except (TypeError, ValueError) as error:
+        raise DataError(f"{name} must be an array of numbers: {error}", code="not_numbers") from error
+    if array.dtype.kind not in "fiu":
+        raise DataError(f"{name} must hold real numbers; got values of type {array.dtype}", code="not_numbers")
+    masked = np.ma.getmaskarray(array) if isinstance(array, np.ma.MaskedArray) else None
+    array = np.asarray(array).astype(np.float64, copy=False)
+    if masked is not None:
+        array = np.where(masked, np.nan, array)
+    for size in (np.fmax.reduce(array, axis=None, initial=0.0), -np.fmin.reduce(array, axis=None, initial=0.0)):
+        if size > LARGEST and np.any(np.isfinite(array) & (np.abs(array) > LARGEST)):
+            raise DataError(f"{name} hold values beyond {LARGEST:g}, which no sensor gives; check how they were read", code="not_numbers")
+    return array
+
+
 def _to_float64(leaf: Any) -> Any:
-    if isinstance(leaf, np.ndarray) and leaf.dtype == np.float64:  # the usual case; the rest takes ten times as long
-        return leaf
+    if isinstance(leaf, np.ndarray) and leaf.dtype == np.float64 and not isinstance(leaf, np.ma.MaskedArray):
+        return leaf  # the usual case; the rest takes ten times as long
+    if isinstance(leaf, np.ma.MaskedArray):
+        return real_numbers(leaf)
     if isinstance(leaf, (np.ndarray, jax.Array)) and jnp.issubdtype(leaf.dtype, jnp.floating):
         return np.asarray(leaf, dtype=np.float64)
     return leaf
@@ -93,7 +124,8 @@ def host_float64(function: F) -> F:
     differentiable path. If that precision is float32 it warns once (`PrecisionWarning`), because phase is an integral: with a mean
     of 9.81, the float32 Allan deviation at m = 1 is wrong by a factor of tens.
 
-    Otherwise the call enters ``jax.enable_x64(True)`` as the outermost context, converts floating inputs to float64, and
+    Otherwise the data, the first argument, must hold real numbers (`real_numbers`), and masked values become NaN. The call enters
+    ``jax.enable_x64(True)`` as the outermost context, converts floating inputs to float64, and
     converts every JAX array of the result to a NumPy array before leaving. (Outside the context, a float64 JAX array would
     silently become float32.) The context is thread-local: worker threads must enter it themselves.
 
@@ -125,6 +157,10 @@ def host_float64(function: F) -> F:
                     stacklevel=2,
                 )
             return function(*args, **kwargs)
+        # the data come first; flags and names of groups may follow
+        for leaf in jax.tree.leaves(args[:1]):
+            if isinstance(leaf, np.ndarray):
+                real_numbers(leaf)
         with jax.enable_x64(True):
             if any(_to_float64(leaf) is not leaf for leaf in leaves):
                 args, kwargs = map_ordered(_to_float64, (args, kwargs))

@@ -10,7 +10,7 @@ from ._answer import Finding
 from ._errors import DataError
 from ._log_findings import LOG
 from ._message import Message
-from ._precision import is_traced
+from ._precision import LARGEST, is_traced, real_numbers
 from ._units import STRONGEST_FIELD, si_unit
 
 #: SI, beyond the range of any sensor: larger readings are counts
@@ -21,9 +21,9 @@ def checked_rate(rate: Any) -> float:
     """The sampling rate as a positive number, in Hz."""
     try:
         value = float(rate)
-    except (TypeError, ValueError):
-        raise DataError(f"rate must be a number in Hz; got {rate!r}", code="rate") from None
-    if not (np.isfinite(value) and value > 0):
+    except (TypeError, ValueError, OverflowError):
+        raise DataError(f"rate must be a number in Hz; got {rate!r:.40}", code="rate") from None
+    if not 1 / LARGEST < value < LARGEST:
         raise DataError(f"rate must be positive and finite, in Hz; got {value!r}", code="rate")
     return value
 
@@ -66,16 +66,14 @@ def checked_record(y: Any) -> Any:
     """Samples (n,) or (n, channels): a JAX array if traced, otherwise NumPy in float64. The caller must handle NaN and infinity."""
     refuse_other_than_samples(y)
     traced = is_traced(y)
-    y = jnp.asarray(y) if traced else np.asarray(y)
-    if not traced and y.dtype.kind not in "fiu":
-        raise DataError(f"y must hold real numbers; got dtype {y.dtype}", code="record")
+    y = jnp.asarray(y) if traced else real_numbers(y, "y")
     if y.ndim not in (1, 2) or 0 in y.shape:
         raise DataError(f"y must be (n,) or (n, channels), time first, and not empty; got shape {y.shape}", code="record")
     if not traced and y.ndim == 2 and y.shape[1] > 16 * y.shape[0]:
         raise DataError(
             f"y has {y.shape[1]} channels of {y.shape[0]} samples; time is the first axis, so transpose it (y.T)", code="record"
         )
-    return y if traced else y.astype(np.float64, copy=False)
+    return y
 
 
 def all_finite(values: np.ndarray) -> bool:

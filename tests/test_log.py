@@ -299,7 +299,7 @@ def test_one_sample_is_refused(time, refuses):
         ({"time": stamps(), "temperature": np.ones((1000, 2))}, "shape"),
         ({"time": np.ones((10, 2)), "gyro": noise(10)}, "shape"),
         ({"time": ["a", "b"], "gyro": noise(2)}, "stamps"),
-        ({"time": stamps(2), "gyro": [["a"] * 3] * 2}, "shape"),
+        ({"time": stamps(2), "gyro": [["a"] * 3] * 2}, "not_numbers"),
     ],
 )
 def test_arrays_that_do_not_fit_are_refused(arguments, said, refuses):

@@ -6,7 +6,7 @@ import html
 import importlib
 import importlib.metadata
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 import equinox as eqx
@@ -250,6 +250,11 @@ R = TypeVar("R")
 class Results(_Said, Mapping[str, R], Generic[R]):
     """Results of several channels, by the name of the channel: a mapping that is rendered as one result.
 
+    Parameters
+    ----------
+    results : channel -> result.
+    left_out : findings on channels without a result.
+
     Examples
     --------
     >>> from jaxcal._answer import Results
@@ -260,8 +265,9 @@ class Results(_Said, Mapping[str, R], Generic[R]):
     no channel 'gyrox'; did you mean 'gyro_x' or 'gyro_y'?
     """
 
-    def __init__(self, results: Mapping[str, R]):
+    def __init__(self, results: Mapping[str, R], left_out: Iterable[Finding] = ()):
         self._results = dict(results)
+        self._left_out = tuple(left_out)
 
     def __getitem__(self, name: str) -> R:
         if name not in self._results:
@@ -277,8 +283,9 @@ class Results(_Said, Mapping[str, R], Generic[R]):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Findings of all channels, each with its channel as subject."""
-        return tuple(one if one.subject else one.of(name) for name, result in self.items() for one in getattr(result, "findings"))  # noqa: B009
+        """Findings of all channels, each with its channel as subject, and on channels without a result."""
+        found = [one if one.subject else one.of(name) for name, result in self.items() for one in getattr(result, "findings")]  # noqa: B009
+        return (*found, *self._left_out)
 
     def _fields(self) -> dict[str, Any]:
         return {"channels": {name: plain(getattr(result, "_fields")()) for name, result in self.items()}}  # noqa: B009

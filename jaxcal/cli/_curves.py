@@ -82,7 +82,7 @@ def allan(
     if clock:
         # read a column without a unit as rad/s, whose factor is one; the files name what was asked for
         options |= {"clock": True, "columns": reading.columns, "units": reading.units}
-        reading = replace(reading, columns=reading.columns or ("gyro=0",), units=("gyro=rad/s", *(reading.units or ())))
+        reading = replace(reading, keep=("all",), columns=reading.columns or ("gyro=0",), units=("gyro=rad/s", *(reading.units or ())))
         change = _as_clock
 
     def compute(recording: Any, _: Any) -> Any:
@@ -125,9 +125,16 @@ def psd(
     options: dict[str, Any] = {"method": method, "sided": sided, "average": mean, "keep_tail": keep_tail, "confidence": confidence}
 
     def compute(recording: Any, _: Any) -> Any:
+        import numpy as np
+
+        from .._arrays import longest_run
+
         found, refused = {}, []
         for channel, values in recording.channels().items():
             if channel.partition("_")[0] in ("gyro", "accel", "mag"):
+                if "set_aside" in recording.codes:  # a spectrum needs a record without gaps
+                    first, last = longest_run(np.isfinite(values))
+                    values = values[first:last]
                 try:
                     found[channel] = jaxcal.spectrum.density(values, recording.rate, **options)
                 except jaxcal.DataError as error:

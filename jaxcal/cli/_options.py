@@ -116,6 +116,10 @@ class Files:
     plot: Annotated[Path | None, picture()] = None
 
 
+#: command that takes only measurements -> whether of a sensor that should be at rest; the other commands take a log as it is
+SET_ASIDE = {"noise": True, "allan": True, "psd": True, "temperature": False, "mag": False, "imu": False, "device": False}
+
+
 @Parameter(name="*", group=READING)
 @dataclass(frozen=True, kw_only=True)
 class Reading:
@@ -140,6 +144,8 @@ class Reading:
     format
         Format of the file, if its content does not show it: csv, json, npy, npz, parquet, rosbag1, rosbag2, mat, hdf5, ulog, dataflash,
         zip.
+    keep
+        Kind of evidence that is not set aside: knock, moving, step, held, zeroed, stuck, clipped, or all. Repeatable.
     start
         Ignore samples before this time, in s after the first sample.
     stop
@@ -154,6 +160,7 @@ class Reading:
     data: Literal["rate", "phase"] = "rate"
     missing: float | None = None
     format: str | None = None
+    keep: tuple[Literal["knock", "moving", "step", "held", "zeroed", "stuck", "clipped", "all"], ...] = ()
     start: float | None = None
     stop: float | None = None
 
@@ -303,7 +310,8 @@ def read_log(path: Path, options: Reading, command: str) -> Any:
         if not path.is_dir() or command not in TASKS:
             raise
         raise jaxcal.DataError(f"{error}. For all logs of a folder: jaxcal batch {path} --task {command} --out fleet") from error
-    return log if options.start is None and options.stop is None else log.select(options.start, options.stop)
+    log = log if options.start is None and options.stop is None else log.select(options.start, options.stop)
+    return log.cleaned(SET_ASIDE[command], options.keep) if command in SET_ASIDE and "all" not in options.keep else log
 
 
 def stem(path: Path) -> str:

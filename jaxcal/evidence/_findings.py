@@ -1,11 +1,17 @@
 """What a log says about the values of a sensor, as findings."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from .._answer import Finding
+from .._arrays import runs
 from .._log_findings import LOG
-from ._stretch import Stretch
+from ._stretch import NOT_STILL, Stretch
 from ._values import STUCK
+
+#: stretches whose time is said, the longest of all
+_NAMED = 3
 
 
 def seen_in(sensor: str, names: list[str], values: np.ndarray, rate: float, unit: str, stretches: list[Stretch]) -> list[Finding]:
@@ -34,3 +40,32 @@ def seen_in(sensor: str, names: list[str], values: np.ndarray, rate: float, unit
         elif one.kind == "warm_up":
             found.append(LOG("warm_up", sensor, length=one.stop, shift=one.size, unit=unit))
     return found
+
+
+def said_of(stretches: Iterable[Stretch], samples: int, rate: float, still: bool) -> list[Finding]:
+    """A finding on what was set aside as no noise of a sensor at rest: its share, and what happened when."""
+    aside = [one for one in stretches if still and one.kind in NOT_STILL]
+    if not aside:
+        return []
+    out = np.zeros(samples, bool)
+    for one in aside:
+        out[round(one.start * rate) : round(one.stop * rate)] = True
+    starts, stops = runs(out)
+    longest = np.sort(starts[np.argsort(starts - stops, kind="stable")[:_NAMED]])
+    more = f", and {len(starts) - _NAMED} times more" if len(starts) > _NAMED else ""
+    what = f"something moved at {', '.join(clock(at / rate) for at in longest)}{more}"
+    return [LOG("set_aside", seconds=float(out.sum() / rate), percent=100 * float(out.mean()), what=what)]
+
+
+def clock(seconds: float) -> str:
+    """A time from the start as m:ss or h:mm:ss.
+
+    Examples
+    --------
+    >>> from jaxcal.evidence._findings import clock
+    >>> clock(49.9), clock(7054)
+    ('0:49', '1:57:34')
+    """
+    minutes, rest = divmod(int(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"

@@ -1,6 +1,5 @@
 """`Spectrum`: a power spectral density with its uncertainty."""
 
-from collections.abc import Iterable, Mapping
 from typing import Any
 
 import equinox as eqx
@@ -104,15 +103,6 @@ class Spectra(Results[Spectrum]):
 
     _figure = ("spectrum", False)
     _curve = True
-
-    def __init__(self, results: Mapping[str, Spectrum], left_out: Iterable[Finding] = ()):
-        super().__init__(results)
-        self._left_out = tuple(left_out)
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """Findings of all channels, each with its channel as subject, and on channels without a spectrum."""
-        return (*super().findings, *self._left_out)
 
     @property
     def headline(self) -> str:

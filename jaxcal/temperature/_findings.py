@@ -24,6 +24,7 @@ FINDINGS = table(
         "{option.model:auto} follows it.",
     ),
     left_out=Kind(NOTE, "{missing} of {total} samples are not numbers and {outliers} stand out from their neighbours; they are left out."),
+    constant=Kind(CAUTION, "Constant in every sample: the channel is dead, and has no model."),
     untimed=Kind(NOTE, "A lag was not looked for, because the times are not known.", "Give {option.time}."),
     thermometer=Kind(NOTE, "The thermometer's noise of {noise:.2g} degC adds up to {adds:.2g} to a corrected reading, at {at:.1f} degC."),
 )

@@ -9,6 +9,7 @@ from .._answer import Message
 from .._errors import DataError
 from .._log import Log, as_log
 from .._types import AnyArray
+from ._findings import FINDINGS
 from ._fit import fit
 from ._result import TemperatureFits
 
@@ -38,7 +39,8 @@ def characterise(
     Raises
     ------
     DataError
-        If the log has no temperature or no sensor channel, or for the reasons of `fit`; the message then names the channel.
+        If the log has no temperature or no sensor channel, all channels are dead, or for the reasons of `fit`; the message then names
+        the channel. A dead channel beside others is left out, and a finding says so.
 
     Examples
     --------
@@ -55,15 +57,18 @@ def characterise(
         raise DataError(Message("the log has no gyroscope, accelerometer or magnetometer; name their columns with {option.columns}"),
                         code="no_sensor")  # fmt: skip
     report = progress or (lambda done, total, name: None)
-    fits = {}
+    fits, dead = {}, []
     for done, (name, values) in enumerate(channels.items()):
         report(done, len(channels), name)
+        if np.nanmin(values) == np.nanmax(values) and len(dead) < len(channels) - 1:
+            dead.append(FINDINGS("constant", name))
+            continue
         try:
             fits[name] = fit(temperature, values, time=log.time, sensor=name.partition("_")[0], **options)
         except DataError as error:
             raise error.of(name) from None
     report(len(channels), len(channels), "")
-    return TemperatureFits(fits)
+    return TemperatureFits(fits, dead)
 
 
 def thermometer(log: Log) -> AnyArray:

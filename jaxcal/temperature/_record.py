@@ -11,7 +11,7 @@ import numpy as np
 from .._answer import Finding
 from .._arrays import namespace
 from .._errors import DataError
-from .._precision import is_traced
+from .._precision import is_traced, real_numbers
 from .._types import AnyArray
 from ._findings import FINDINGS
 
@@ -128,10 +128,7 @@ def record(temperature: Any, bias: Any, time: Any) -> Record:
 
 def numbers(values: Any, name: str) -> AnyArray:
     """Convert values to a float64 array (n,)."""
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DataError(f"{name} does not hold numbers ({error}); give an array of shape (n,)", code="not_numbers") from error
+    array = real_numbers(values, name)
     if array.ndim != 1:
         raise DataError(f"{name} has shape {array.shape}; expected (n,): one channel at a time", code="shape")
     return array
