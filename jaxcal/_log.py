@@ -3,7 +3,6 @@
 import copy
 import html
 import importlib
-import os
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,6 @@ import numpy as np
 
 from ._answer import NOTE, Finding
 from ._errors import DataError
-from ._message import Message
 from ._own_time import at_nearest, common_length, equal_rows, on_grid, own_stamps, placed_alone, stamps_of
 from ._precision import real_numbers
 from ._quality import checked_rate, mark_missing, shown_unit
@@ -241,8 +239,9 @@ class Log(eqx.Module):
         [('knock', 'gyro', 50)]
         """
         if (known := vars(self).get("_evidence")) is None:
-            gaps = [Stretch("gap", "", (), gap.start, gap.start + gap.length, samples=gap.samples) for gap in self.gaps]
-            known = tuple(sorted([*gaps, *find(self._sensors(), self.rate)], key=lambda one: one.start))
+            raw, keep = vars(self).get("_raw", (None, ()))
+            known = find(self._sensors(), self.rate, self.gaps) if raw is None else raw.evidence
+            known = tuple(one for one in known if one.kind not in keep)
             object.__setattr__(self, "_evidence", known)
         return known
 
@@ -286,10 +285,9 @@ class Log(eqx.Module):
         gyroscope, 100 Hz, 3 min 20 s (0.7 % set aside: something moved at 0:49)
         """
         sensors = {name: self.usable(name, still, keep).reshape(len(self.time), -1) for name in self._sensors()}
-        kept = tuple(one for one in self.evidence if one.kind not in keep)
-        said = said_of(kept, len(self.time), self.rate, still)
+        said = said_of((one for one in self.evidence if one.kind not in keep), len(self.time), self.rate) if still else []
         log = self._replaced(**_fields(sensors), findings=(*self.findings, *said))
-        object.__setattr__(log, "_evidence", kept)  # so that it is not searched again, and what was kept stays
+        object.__setattr__(log, "_raw", (self, tuple(keep)))  # what was found in it stays known, and is not searched again
         return log
 
     def head(self) -> str:
@@ -351,7 +349,8 @@ class Log(eqx.Module):
     def _replaced(self, **changes: Any) -> "Log":
         """A copy with other fields, without any check."""
         log = copy.copy(self)
-        vars(log).pop("_evidence", None)
+        for found in ("_evidence", "_raw"):
+            vars(log).pop(found, None)
         for name, value in changes.items():
             object.__setattr__(log, name, value)
         return log
@@ -371,22 +370,6 @@ def as_log(source: Any, rate: float | int | None = None) -> Log:
         return source
     # the readers depend on the estimators, so load them only if something must be read
     return importlib.import_module(f"{__package__}.io").read(source, rate=rate, quiet=True)
-
-
-def field_readings(source: Any) -> tuple[Any, Any]:
-    """Magnetometer readings (n, 3), from a log or anything else that `jaxcal.read` accepts by name, or an array unchanged.
-
-    Also the specific force at the same times, if the log has it.
-    """
-    tabular = hasattr(source, "data_vars") or np.ndim(getattr(source, "columns", 0)) == 1
-    if not (tabular or isinstance(source, Log | str | os.PathLike | dict)) or len(getattr(source, "columns", ())) == _THREE:
-        return source, None
-    log = as_log(source)
-    if log.mag is None or log.mag.shape[1] != _THREE:
-        raise DataError(Message("the log has no magnetometer of three axes; name its columns with {option.columns:mag=...}"), code="no_mag")
-    there = np.isfinite(log.mag).all(axis=1)
-    force = log.accel if log.accel is not None and log.accel.shape[1] == _THREE else None
-    return log.mag[there], None if force is None else force[there]
 
 
 def _fields(sensors: dict[str, np.ndarray]) -> dict[str, np.ndarray | None]:

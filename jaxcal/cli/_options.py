@@ -311,7 +311,11 @@ def read_log(path: Path, options: Reading, command: str) -> Any:
             raise
         raise jaxcal.DataError(f"{error}. For all logs of a folder: jaxcal batch {path} --task {command} --out fleet") from error
     log = log if options.start is None and options.stop is None else log.select(options.start, options.stop)
-    return log.cleaned(SET_ASIDE[command], options.keep) if command in SET_ASIDE and "all" not in options.keep else log
+    if command not in SET_ASIDE or "all" in options.keep:
+        return log
+    still = SET_ASIDE[command]
+    # estimators of a sensor that moves have their own view of the end of the range
+    return log.cleaned(still, options.keep if still else (*options.keep, "clipped"))
 
 
 def stem(path: Path) -> str:

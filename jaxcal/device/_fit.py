@@ -89,7 +89,7 @@ def fit(
     Preintegration: C. Forster et al., IEEE Trans. Robotics 33 (2017) 1. The position as a Gauss-Markov process: S. Sarkka and A. Solin,
     Applied Stochastic Differential Equations, 2019, section 12.3.
     """
-    log, size = as_log(log), STANDARD_GRAVITY if gravity is None else float(gravity)
+    log, size = as_log(log).cleaned(keep=("clipped",)), STANDARD_GRAVITY if gravity is None else float(gravity)
     if not on_earth("gravity", size):
         raise DataError(f"gravity={size:g} m/s^2 is not that of a place on Earth; expected 9.76 to 9.84", code="gravity")
     if log.duration < _LEAST:

@@ -7,6 +7,7 @@ import numpy as np
 
 from .._units import si_unit
 from ._bursts import LONGEST, bursts
+from ._gaps import Gap
 from ._stretch import NO_READING, NOT_STILL, Stretch
 from ._values import masked, of_values
 
@@ -16,13 +17,14 @@ _STEP = 0.5
 _REACH = 4.0
 
 
-def find(sensors: Mapping[str, Any], rate: float) -> tuple[Stretch, ...]:
+def find(sensors: Mapping[str, Any], rate: float, gaps: Iterable[Gap] = ()) -> tuple[Stretch, ...]:
     """Everything in a recording that is not the sensor under test, in the order of time.
 
     Parameters
     ----------
     sensors : "gyro", "accel", "mag" or "temperature" -> readings (n, axes) or (n,), in SI; NaN where missing.
     rate : Hz.
+    gaps : `Log.gaps`.
 
     Examples
     --------
@@ -33,7 +35,7 @@ def find(sensors: Mapping[str, Any], rate: float) -> tuple[Stretch, ...]:
     >>> [(one.kind, one.sensor, round(one.start)) for one in find({"gyro": gyro}, 100.0)]
     [('knock', 'gyro', 50)]
     """
-    found: list[Stretch] = []
+    found = [Stretch("gap", "", (), gap.start, gap.start + gap.length, samples=gap.samples) for gap in gaps]
     for sensor, given in sensors.items():
         values = np.asarray(given, dtype=float).reshape(len(given), -1)
         seen = of_values(sensor, values, rate, si_unit(sensor))

@@ -42,9 +42,9 @@ def seen_in(sensor: str, names: list[str], values: np.ndarray, rate: float, unit
     return found
 
 
-def said_of(stretches: Iterable[Stretch], samples: int, rate: float, still: bool) -> list[Finding]:
+def said_of(stretches: Iterable[Stretch], samples: int, rate: float) -> list[Finding]:
     """A finding on what was set aside as no noise of a sensor at rest: its share, and what happened when."""
-    aside = [one for one in stretches if still and one.kind in NOT_STILL]
+    aside = [one for one in stretches if one.kind in NOT_STILL]
     if not aside:
         return []
     out = np.zeros(samples, bool)

@@ -47,7 +47,7 @@ class Recording(eqx.Module):
 
 def recording(log: Any) -> Recording:
     """Convert a log to arrays."""
-    log = as_log(log)
+    log = as_log(log).cleaned(keep=("clipped",))  # the end of the range is looked at here
     accel = log.accel
     if accel is None:
         raise DataError("The log has no accelerometer, on which this calibration rests.", code="no_accel")

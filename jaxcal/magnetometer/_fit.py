@@ -6,7 +6,6 @@ import numpy as np
 
 from .._answer import Quantity
 from .._frozen import made
-from .._log import field_readings
 from .._precision import host_float64, is_traced
 from ._checked import checked, checked_conditions
 from ._design._heading_error import down_of, heading_error, information
@@ -23,6 +22,7 @@ from ._own_model import fit_model
 from ._result import NO_ESTIMATE, Facts, MagFit, finished, unfitted
 from ._rotation._align import Accelerometer, align, vertical
 from ._rotation._joint import checked_joint, jointly, with_rotation
+from ._source import field_readings
 from ._surface import surface_of
 from ._traced import fit_traced
 
