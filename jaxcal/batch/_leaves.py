@@ -12,7 +12,8 @@ import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._types import Array
-from ..noise import LogLikelihood, NoiseFit
+from ..noise import NoiseFit
+from ..noise._binned import LogLikelihood
 
 _SINGLE, _PER_DECADE = 16, 12  # bins of one ordinate, and bins per decade beyond; they resolve all differences of smooth densities
 _SEEN = 0.25  # share of the recordings that must show a term for it to be pooled

@@ -38,7 +38,8 @@ def read_noise(path: Path) -> Any:
 
 
 def _noise(channel: dict[str, Any]) -> Any:
-    from ..noise import Noise, PowerLaw
+    from ..noise import Noise
+    from ..noise._terms import PowerLaw
 
     known = channel["noise"]
     further = tuple((float(coefficient), PowerLaw(**shape)) for coefficient, shape in known.pop("further"))
@@ -48,7 +49,8 @@ def _noise(channel: dict[str, Any]) -> Any:
 
 def _earlier(channel: dict[str, Any]) -> Any:
     """The noise of a channel in a file with the earlier schema jaxcal.noise/1."""
-    from ..noise import Noise, PowerLaw
+    from ..noise import Noise
+    from ..noise._terms import PowerLaw
 
     letters = {term: float(channel[term]["value"]) for term in "QNBKR" if isinstance(channel.get(term), dict)}
     shapes = channel.get("shapes", {}).items()

@@ -10,17 +10,17 @@ from .._log import as_log
 from .._message import Message
 from .._precision import host_float64, is_traced
 from .._types import Any
+from ..evidence import bursts
 from ._axes import findings_of_axes
-from ._checks import Asked, Jumps, checked_call, cleaned, findings_of_checks
+from ._checks import channels_of, checked_call, findings_of_checks, naming, without
 from ._display import fit_plainly
 from ._joint import fit_jointly
 from ._result import NoiseFit, NoiseFits, stacked
 from ._terms import Term
-from ._whittle import fit_channel
+from ._whittle import fit_axes
 
-_MOST_EVENTS = 20  # largest number of steps among the events
-#: method -> function of a channel and of what was asked
-_METHODS = {"whittle": fit_channel, "gls": fit_jointly, "log": fit_plainly, "slope": fit_plainly}
+#: method on the Allan variance -> function of a channel and of what was asked
+_METHODS = {"gls": fit_jointly, "log": fit_plainly, "slope": fit_plainly}
 
 
 def fit(
@@ -31,7 +31,6 @@ def fit(
     terms: Sequence[str | Term] = ("Q", "N", "B", "K"),
     confidence: float = 0.95,
     band: Any = None,
-    robust: bool = False,
 ) -> NoiseFit:
     r"""Noise coefficients of a static record, with intervals.
 
@@ -62,9 +61,6 @@ def fit(
         also "markov", one first-order Gauss-Markov process, whose correlation time is estimated.
     confidence : level of the intervals and upper limits.
     band : (shortest, longest) cluster time in s to fit, instead of the band found; for "whittle" frequencies 1/(2 tau).
-    robust : whether the white noise may have heavy tails, with "whittle". The likelihood chooses between normal noise, Student's t, and a
-        normal core with uniform bursts or with one or two wider components. N is the standard deviation of Student's t or of the core; a
-        finding names the law.
 
     Returns
     -------
@@ -95,25 +91,28 @@ def fit(
     freedom). Covariance of the Allan variance: `allan_covariance`. Thresholds for a coefficient at its bound: Self
     and Liang, J. Am. Stat. Assoc. 82, 1987.
     """
-    return _fit(y, rate, method, terms, confidence, band, robust)
-
-
-@host_float64
-def _fit(y, rate, method, terms, confidence, band, robust=False, temperature=None, sensor="") -> NoiseFit:
-    asked = checked_call(y, rate, method, terms, confidence, band, robust, temperature, sensor)
-    fits = [_fit_channel(record, asked) for record in cleaned(y, robust)]
+    fits = _fit(y, rate, method, terms, confidence, band)
     return stacked(fits) if np.ndim(y) == 2 else fits[0]
 
 
-def _fit_channel(record: Jumps, asked: Asked) -> NoiseFit:
-    """Fit one channel by its method; what the checks found comes first among the findings."""
-    found = _METHODS[asked.method](record.y, asked)
-    if is_traced(record.y):
-        return found
-    findings = findings_of_checks(record, asked, float(np.asarray(found.noise.N)) ** 2)
-    at = [sample / asked.rate for sample in record.steps[:_MOST_EVENTS]]
-    events = tuple(sorted([*((time, time, "step") for time in at), *found.events]))
-    return replaced(found, findings=(*findings, *found.findings), events=events)
+@host_float64
+def _fit(y, rate, method, terms, confidence, band, names=(), temperature=None) -> list[NoiseFit]:
+    """A fit of each channel; findings of the checks come first."""
+    names = names or (tuple(f"channel {i}" for i in range(np.shape(y)[1])) if np.ndim(y) == 2 else ("",))
+    asked = checked_call(y, rate, method, terms, confidence, band, temperature, names)
+    records, fits = channels_of(y, names), []
+    aside = [] if is_traced(y) else bursts(np.stack(records, axis=1), asked.rate)
+    records = [without(record, aside) for record in records]
+    if method == "whittle":
+        fits = fit_axes(records, asked, aside)
+    else:
+        for record, name in zip(records, names, strict=True):
+            with naming(name):
+                fits.append(_METHODS[method](record, asked))
+    if is_traced(y):
+        return fits
+    checks = [findings_of_checks(x, asked, float(np.asarray(one.noise.N)) ** 2, aside) for x, one in zip(records, fits, strict=True)]
+    return [replaced(one, findings=(*said, *one.findings)) for said, one in zip(checks, fits, strict=True)]
 
 
 def characterise(
@@ -124,7 +123,6 @@ def characterise(
     terms: Sequence[str | Term] = ("Q", "N", "B", "K"),
     confidence: float | int = 0.95,
     band: Any = None,
-    robust: bool = False,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> NoiseFits:
     """Noise coefficients of every gyroscope, accelerometer and magnetometer channel of a static log.
@@ -135,7 +133,7 @@ def characterise(
     ----------
     log : the `Log`, or anything that `jaxcal.read` takes: a path, a data frame, a dataset, a dictionary of arrays.
     rate : sampling rate in Hz, where what is given has no times.
-    method, terms, confidence, band, robust : as in `fit`.
+    method, terms, confidence, band : as in `fit`.
     progress : called as progress(done, total, channel) before each channel, and once at the end.
 
     Returns
@@ -162,18 +160,17 @@ def characterise(
     if not channels:
         raise DataError(Message("the log has no gyroscope, accelerometer or magnetometer channel; name its columns with {option.columns}"))
     report = progress or (lambda done, total, name: None)
-    fits = {}
-    for done, (name, values) in enumerate(channels.items()):
-        report(done, len(channels), name)
-        try:
-            fits[name] = _fit(values, log.rate, method, terms, confidence, band, robust, temperature, name.partition("_")[0])
-        except DataError as error:
-            raise error.of(name) from None
-    for sensor in {name.partition("_")[0] for name in fits}:
-        axes = {name: fit for name, fit in fits.items() if name.startswith(f"{sensor}_")}
-        if len(axes) > 1:
-            first = next(iter(axes))
-            said = findings_of_axes(np.stack([channels[name] for name in axes], axis=1), log.rate, axes)
-            fits[first] = replaced(fits[first], findings=(*fits[first].findings, *said))
+    sensors: dict[str, list[str]] = {}
+    for name in channels:
+        sensors.setdefault(name.partition("_")[0], []).append(name)
+    fits: dict[str, NoiseFit] = {}
+    for names in sensors.values():
+        report(len(fits), len(channels), names[0])
+        values = np.stack([channels[name] for name in names], axis=1)
+        found = dict(zip(names, _fit(values, log.rate, method, terms, confidence, band, tuple(names), temperature), strict=True))
+        if len(names) > 1:
+            said = findings_of_axes(values, log.rate, found)
+            found[names[0]] = replaced(found[names[0]], findings=(*found[names[0]].findings, *said))
+        fits |= found
     report(len(channels), len(channels), "")
     return NoiseFits(fits)

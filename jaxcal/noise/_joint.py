@@ -47,7 +47,7 @@ def fit_deviation(deviation: Deviation, samples: int, terms: tuple[Term, ...], i
     shortest = float(fit.band[0]) if cut and "Q" in fit.terms else None
     findings = (
         *getattr(deviation, "findings", ()),
-        *of_model(holds, float(found.goodness), float(found.inflation), shortest),
+        *of_model(float(found.inflation) if not holds else 0.0, shortest),
         *((FINDINGS("unsettled"),) if float(found.step) > _SETTLED else ()),
         *of_curve(deviation),
     )

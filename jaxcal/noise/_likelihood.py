@@ -31,6 +31,9 @@ _FAINT = 0.01  # in several starts one column begins with this fraction of an eq
 _ROWS, _WIDTH = (192, 256), 6
 #: remaining step, in standard errors, at which a search ends: for coefficients, and for a likelihood, whose error is the step squared
 FINE, ROUGH = 1.5e-8, 1e-3
+#: scoring: most steps, shortest part of a step, gain in log likelihood at which it ends, share of the diagonal that keeps normal equations
+#: of nearly equal columns solvable, and share of an ordinate below which the density counts as this share
+_STEPS, _SHORTEST, _GAINED, _RIDGE, _DARK = 50, 1e-3, 1e-4, 1e-10, 1e-9
 
 
 class Minima(NamedTuple):
@@ -140,3 +143,69 @@ def several_starts(bins: Bins) -> Any:
     p, flat = bins.columns.shape[1], flat_start(bins)
     several = np.concatenate([np.ones((1, p)), 1.0 - (1.0 - _FAINT) * np.eye(p)]).astype(bins.density.dtype)
     return flat[None, :] * (several if namespace(bins) is jnp else several[np.append(True, flat > 0.0)])
+
+
+def scoring(columns: Any, target: Any, weight: Any, start: Any, base: Any = None) -> tuple[Any, float]:
+    """Non-negative coefficients of highest likelihood for many columns, on the host, and the cost as in `Minima`.
+
+    Each step is a non-negative least squares fit with the weights nu/S^2, whose fixed points are those of the likelihood (Fisher scoring).
+    A column with negative values belongs to a coefficient of either sign. `base` is a density that is always there.
+    """
+    used = weight > 0
+    base = np.zeros(np.sum(used)) if base is None else base[used]
+    x, p, weight = columns[used], np.maximum(target[used], np.finfo(float).tiny ** 0.5), weight[used]
+    scale = np.maximum(np.abs(x).max(axis=0), np.finfo(float).tiny)
+    x, free, theta = x / scale, np.any(x < 0, axis=0), start * scale
+
+    def cost_of(theta: Any) -> tuple[Any, float]:
+        s = np.maximum(x @ theta + base, _DARK * p)
+        ratio = p / s
+        return s, 0.5 * float(np.sum(weight * (ratio - 1.0 - np.log(ratio))))
+
+    s, cost = cost_of(theta)
+    active = (theta > 0) | free
+    for _ in range(_STEPS):
+        root = np.sqrt(weight) / s
+        rows = x * root[:, None]
+        wanted, active = nonnegative(rows.T @ rows, rows.T @ ((p - base) * root), free, active)
+        step = 1.0
+        trial, (s, new) = wanted, cost_of(wanted)
+        while new > cost and step > _SHORTEST:
+            step *= 0.5
+            trial = theta + step * (wanted - theta)
+            s, new = cost_of(trial)
+        if new > cost:
+            break
+        gained, theta, cost = cost - new, trial, new
+        if gained < _GAINED:
+            break
+    return theta / scale, cost
+
+
+def nonnegative(gram: Any, target: Any, free: Any, active: Any) -> tuple[Any, Any]:
+    """Least squares from normal equations with coefficients at or above zero, unless `free`; and which are above zero.
+
+    The active-set method of C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, 1974, from a first active set.
+    """
+    theta, active = np.zeros(len(gram)), active.copy()
+    gram = gram + np.diag(_RIDGE * np.diagonal(gram) + np.finfo(float).tiny)
+    for _ in range(3 * len(gram)):
+        where = np.flatnonzero(active)
+        wanted = np.zeros(len(gram))
+        wanted[where] = np.linalg.solve(gram[np.ix_(where, where)], target[where])
+        below = active & ~free & (wanted <= 0.0)
+        if below.any():
+            # as far as the first coefficient that reaches zero; from zero the step has no length, and the worst one leaves
+            reach = theta[below] / np.where(theta[below] > wanted[below], theta[below] - wanted[below], 1.0)
+            step = float(reach.min())
+            theta = theta + step * (wanted - theta)
+            leaving = np.flatnonzero(below)[reach <= step]
+            active[leaving], theta[leaving] = False, 0.0
+            continue
+        theta = wanted
+        slope = np.where(active, -np.inf, (target - gram @ theta) / np.sqrt(np.diagonal(gram)))
+        best = int(np.argmax(slope))
+        if not slope[best] > _RIDGE * float(np.abs(target).max()):
+            break
+        active[best] = True
+    return np.maximum(theta, np.where(free, -np.inf, 0.0)), active

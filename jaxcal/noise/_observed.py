@@ -18,6 +18,7 @@ import dataclasses
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._arrays import runs
 from .._errors import DataError
 from ._ordinates import Bins, layout
 from ._terms import Term
@@ -30,6 +31,10 @@ _ITERATIONS = 60
 _LEAST = 0.02  # share of information left in an ordinate below which the ordinate is not used
 _FEWEST = 16  # least number of samples
 _NOTHING = 1e-6  # share of the record below which its remainder is only rounding
+#: share of missing samples up to which a draw about the mean of the neighbours fills gaps: it moves no coefficient by a tenth of its error;
+#: neighbours on either side of a gap, beside as many as the gap has samples
+_FEW, _NEIGHBOURS = 0.02, 24
+_REGRESSED = 4096  # lowest ordinates that determine the size of a regressor, which changes slowly
 
 
 def _dct(x):
@@ -65,8 +70,13 @@ class Observed:
     def __post_init__(self):
         y = np.asarray(self.y, dtype=float)
         n, missing = len(y), np.isnan(y)
+        self._there = 1.0 - missing.mean()
         if n - missing.sum() < _FEWEST:
             raise DataError(f"{n - int(missing.sum())} of {n} samples are there; a noise model needs {_FEWEST} at least")
+        if 0.0 < 1.0 - self._there <= _FEW:
+            y, missing = bridged(y), np.zeros(n, dtype=bool)
+        else:
+            self._there = 1.0
         self._open = np.flatnonzero(missing)
         columns = np.zeros((n, 0)) if self.regressors is None else np.asarray(self.regressors, dtype=float)
         # the regressors have the gaps of the record
@@ -80,6 +90,7 @@ class Observed:
         self._draws = 0 if not len(self._open) else min(_MOST_DRAWS, max(2, -(-_DRAWN // n)))
         self._white = np.random.default_rng(_SEED).standard_normal((self._draws, n))
         self._before: dict[object, np.ndarray] = {}
+        self._transformed = None if len(self._open) else _dct(self._given)[1:]
         self.complete = not len(self._open) and not columns.shape[1]
         self.filled = self.drawn = y if not len(self._open) else without_gaps(y)
         self.factors, self.covariance = np.zeros(columns.shape[1]), np.zeros((columns.shape[1],) * 2)
@@ -97,23 +108,28 @@ class Observed:
         starts, count, columns, frequency = layout(n, dt, terms)
         if self._whole is not None:
             return self._whole._replace(columns=columns)
-        if density is None:
-            level, lost = np.ones(1), np.zeros(1)
-            z = self._given if not len(self._open) else without_gaps(np.where(np.isnan(self.y)[:, None], np.nan, self._given))
+        lost, kept = np.zeros(n - 1), min(n - 1, _REGRESSED)
+        if len(self._open):
+            kept = n - 1
+            if density is None:
+                level, z = np.ones(1), without_gaps(np.where(np.isnan(self.y)[:, None], np.nan, self._given))
+            else:
+                level = _at_ordinates(density, frequency, n, kept, dt)
+                z, lost = self._expected(level)
+            spectrum = _dct(z)[1:]
         else:
-            at = np.arange(1, n) / (2.0 * n * dt)
-            level = np.exp(np.interp(np.log(at), np.log(frequency), np.log(density[: len(frequency)])))
-            z, lost = self._expected(level)
-        spectrum = _dct(z)[1:]
+            level = np.ones(1) if density is None else _at_ordinates(density, frequency, n, kept, dt)
+            z, spectrum = self._given, self._transformed
         precision = dt / level
         design = spectrum[:, 1:]
         if design.shape[1]:
-            scale = np.sqrt(np.maximum(np.sum(design**2 * precision[:, None], axis=0), np.finfo(float).tiny))
-            weighted = design * (np.sqrt(precision)[:, None] / scale)
+            x = design[:kept]
+            scale = np.sqrt(np.maximum(np.sum(x**2 * precision[:, None], axis=0), np.finfo(float).tiny))
+            weighted = x * (np.sqrt(precision)[:, None] / scale)
             inverse = np.linalg.pinv(weighted.T @ weighted, rcond=1e-12, hermitian=True)
-            self.factors = inverse @ (weighted.T @ (np.sqrt(precision) * spectrum[:, 0])) / scale
+            self.factors = inverse @ (weighted.T @ (np.sqrt(precision) * spectrum[:kept, 0])) / scale
             self.covariance = inverse / np.outer(scale, scale)
-            lost = lost + np.einsum("ki,ij,kj->k", weighted, inverse, weighted)
+            lost[:kept] += np.einsum("ki,ij,kj->k", weighted, inverse, weighted)
         remainder = spectrum[:, 0] - design @ self.factors if design.shape[1] else spectrum[:, 0]
         squares = remainder**2
         if not np.sum(squares) > _NOTHING**2 * np.sum(self._given[:, 0] ** 2):
@@ -122,12 +138,13 @@ class Observed:
                 "the log holds what the sensor sent"
             )
         self.filled = z[:, 0] - z[:, 1:] @ self.factors if design.shape[1] else z[:, 0]
-        self.drawn, self._spectrum = self.filled.copy(), remainder
+        self.drawn, self._spectrum = self.filled, remainder
         if self._draws and density is not None:
+            self.drawn = self.filled.copy()
             self.drawn[self._open] += self._before[0]
             self._spectrum = None
-        share = np.clip(1.0 - np.add.reduceat(lost, starts) / count, 0.0, 1.0) if len(lost) > 1 else np.ones(len(count))
-        weight = np.where(share < _LEAST, 0.0, count * share)
+        share = np.clip(1.0 - np.add.reduceat(lost, starts) / count, 0.0, 1.0)
+        weight = np.where(share < _LEAST, 0.0, count * share * self._there)
         ordinates = dt * np.add.reduceat(squares, starts) / count / np.maximum(share, _LEAST)
         unit = np.exp(np.sum(weight * np.log(np.maximum(ordinates, np.finfo(float).tiny))) / max(np.sum(weight), 1.0))
         found = Bins(ordinates / unit, weight, columns, frequency, unit)
@@ -194,6 +211,38 @@ class Observed:
             size, last = r @ z, size
             direction = z + size / last * direction
         return v
+
+
+def _at_ordinates(density, frequency, n: int, kept: int, dt: float):
+    """The density at the first ordinates."""
+    at = np.log(np.arange(1, kept + 1) / (2.0 * n * dt))
+    return np.exp(np.interp(at, np.log(frequency), np.log(density[: len(frequency)])))
+
+
+def bridged(y: np.ndarray) -> np.ndarray:
+    """The record (n,) with a draw in its gaps: white noise as strong as beside the gap, about the line between the means on either side."""
+    missing = np.isnan(y)
+    first, last = runs(missing)
+    reach = _NEIGHBOURS + last - first
+    known = np.where(missing, 0.0, y - np.nanmean(y))
+    sums = [np.concatenate([[0.0], np.cumsum(values)]) for values in (~missing, known, known**2)]
+
+    def beside(a, b):
+        a, b = np.clip(a, 0, len(y)), np.clip(b, 0, len(y))
+        count, total, square = (np.maximum(one[b] - one[a], 0.0) for one in sums)
+        mean = total / np.maximum(count, 1.0)
+        return count, mean, square - count * mean**2
+
+    before, after = beside(first - reach, first), beside(last, last + reach)
+    means = [np.where(one[0] > 0, one[1], other[1]) for one, other in ((before, after), (after, before))]
+    spread = np.sqrt(np.maximum(before[2] + after[2], 0.0) / np.maximum(before[0] + after[0] - 2.0, 1.0))
+    which = np.repeat(np.arange(len(first)), last - first)
+    at = np.flatnonzero(missing)
+    part = (at - first[which] + 0.5 + reach[which] / 2.0) / (last - first + reach)[which]
+    filled = y.copy()
+    middle = means[0][which] * (1.0 - part) + means[1][which] * part
+    filled[at] = middle + spread[which] * np.random.default_rng(_SEED).standard_normal(len(at)) + np.nanmean(y)
+    return filled
 
 
 def _runs_of(index) -> dict[int, np.ndarray]:

@@ -78,7 +78,6 @@ def fit_recordings(
     terms: Sequence[str | Term] = ("Q", "N", "B", "K"),
     confidence: float = 0.95,
     band: Any = None,
-    robust: bool = False,
 ) -> RecordingsFit:
     r"""Noise coefficients of one device from several recordings, with intervals for the next recording.
 
@@ -94,7 +93,7 @@ def fit_recordings(
     ----------
     records : two recordings or more, each (n,) samples in rad/s, m/s^2 or T; NaN marks a gap. Lengths may differ.
     rate : sampling rate in Hz of all recordings.
-    terms, band, robust : as in `fit`.
+    terms, band : as in `fit`.
     confidence : level of the intervals.
 
     Returns
@@ -126,7 +125,7 @@ def fit_recordings(
         if np.ndim(record) != 1:
             raise DataError(f"recording {i} has the shape {np.shape(record)}; give one channel, (n,), of each recording")
         try:
-            fits.append(fit(record, rate, terms=terms, confidence=confidence, band=band, robust=robust))
+            fits.append(fit(record, rate, terms=terms, confidence=confidence, band=band))
         except DataError as error:
             raise DataError(f"recording {i}: {error}") from error
     return pooled(fits, confidence)

@@ -87,8 +87,6 @@ class NoiseFit(Result):
     duration : record length in s.
     confidence : level of the intervals and upper limits.
     method : name of the estimator. Methods "log" and "slope" give no uncertainty: the tables are empty and `covariance` is NaN.
-    decides : term -> record length in s that would show whether the term is present with a coefficient as large as its upper limit:
-        the term would be called present in 95 % of such records. Empty for methods other than "whittle".
     spectrum : `FittedSpectrum` that method "whittle" was fitted to; None for other methods, and for a traced record.
     events : (start in s, stop in s, description) for each step, warm-up or part of the record that a finding names, in order of time.
     findings : what to know about the record and the fit; the verdict is the worst severity.
@@ -118,7 +116,6 @@ class NoiseFit(Result):
     terms: tuple[str, ...] = eqx.field(static=True)
     confidence: float = eqx.field(static=True)
     method: str = eqx.field(static=True)
-    decides: dict[str, Any] = eqx.field(default_factory=dict)
     spectrum: Any = None
     events: tuple[Any, ...] = ()
     findings: tuple[Finding, ...] = eqx.field(static=True, default=())
@@ -227,7 +224,7 @@ class NoiseFits(Results[NoiseFit]):
 def without_terms(fit: NoiseFit, names: Sequence[str], tables: bool) -> NoiseFit:
     """Remove terms from `terms` and `covariance`, and with `tables` also from the tables; the noise model keeps them."""
     kept = [i for i, name in enumerate(fit.terms) if name not in names]
-    entries = ("interval", "upper_limit", "presence", "significance", "longer_record", "decides") if tables else ()
+    entries = ("interval", "upper_limit", "presence", "significance", "longer_record") if tables else ()
     return replaced(
         fit,
         terms=tuple(fit.terms[i] for i in kept),
@@ -236,7 +233,7 @@ def without_terms(fit: NoiseFit, names: Sequence[str], tables: bool) -> NoiseFit
     )
 
 
-_NUMBERS = ("interval", "upper_limit", "significance", "covariance", "goodness", "longer_record", "band", "used", "decides")
+_NUMBERS = ("interval", "upper_limit", "significance", "covariance", "goodness", "longer_record", "band", "used")
 _EACH = ("spectrum", "events")  # fields that are tuples over the channels
 
 

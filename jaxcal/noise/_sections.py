@@ -133,14 +133,7 @@ def _details(sensor: str, axes: Mapping[str, Any]) -> Grid:
     ]  # fmt: skip
     for term in next(iter(axes.values())).terms:
         longer = row(f"record for {term} to 10 %", f"{term}.longer_record", lambda fit, t=term: fit.longer_record.get(t, math.inf))
-        # a longer record does not help with Q, because only the shortest cluster times determine it
-        decides = row(
-            f"record to show {term}", f"{term}.decides", lambda fit, t=term: math.inf if t == "Q" else fit.decides.get(t, math.inf)
-        )
-        absent = [fit.presence.get(term) == "not detected" for fit in axes.values()]
-        for (label, known), wanted in ((longer, False), (decides, True)):
-            kept = tuple(cell if no is wanted else None for cell, no in zip(known, absent, strict=True))
-            rows += [(label, kept)] if any(kept) else []
+        rows += [longer] if any(longer[1]) else []
     ratios = {name: _left_out(fit) for name, fit in axes.items()}
     for octave in sorted({one for found in ratios.values() for one in found}):
         cells = tuple(

@@ -1,4 +1,4 @@
-"""A record's bins and their fit, and the search for other models of its slow noise."""
+"""A record's bins and their fit."""
 
 from typing import NamedTuple
 
@@ -6,18 +6,15 @@ import numpy as np
 
 from .._errors import DataError
 from .._types import AnyArray
-from ..spectrum._average import log_groups
-from ._alternatives import Alternatives, find_alternatives
 from ._likelihood import density
 from ._observed import Observed
 from ._ordinates import LINE, Bins, find_lines
 from ._spectral import FILTER, Fitted, attempt, fit_bins, groups_of, without
-from ._stationarity import ORDINATES
 from ._terms import Filter, Term
 
 _ROUNDS, _SETTLED = 30, 2e-3  # most rounds of filling gaps, and the relative change of the density at which they end
 _ROUGH, _MANY = 2, 100.0  # number of rounds in which groups of more ordinates than this scale the model
-_MENDED = 0.5  # share of the misfit in the whole band that a model must explain to be fitted there
+_ORDINATES = 512  # lowest ordinates at which changes of the mean are searched
 
 
 class Solved(NamedTuple):
@@ -33,18 +30,6 @@ class Solved(NamedTuple):
         """Whether each bin is reported as a spectral line."""
         return self.lines >= LINE
 
-    def with_columns(self, others: list[tuple[Term, "Solved"]]) -> "Solved":
-        """The same bins with the columns of terms of other fits before the last column, the filter; their coefficients are zero."""
-        added = [solved.bins.columns[:, [solved.columns.index(term)]] for term, solved in others]
-
-        def wider(bins: Bins) -> Bins:
-            return bins._replace(columns=np.concatenate([bins.columns[:, :-1], *added, bins.columns[:, -1:]], axis=1))
-
-        theta = np.concatenate([self.fitted.theta[:-1], np.zeros(len(added)), self.fitted.theta[-1:]])
-        fitted = self.fitted._replace(bins=wider(self.fitted.bins), theta=theta)
-        terms = (*self.columns[:-1], *(term for term, _ in others), self.columns[-1])
-        return Solved(wider(self.bins), self.lines, fitted, terms)
-
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the columns."""
@@ -55,18 +40,6 @@ class Solved(NamedTuple):
         """Highest frequency of the band in Hz; infinite if the fit uses all frequencies."""
         bins = self.fitted.bins
         return float(np.max(np.where(bins.weight > 0, bins.frequency, 0.0))) if bool(self.fitted.cut) else np.inf
-
-    def share(self, term: str, n: int, dt: float):
-        """Share of a term in the density, and the density, at each ordinate of the longest stretch up to the end of the band.
-
-        The stretch has n samples. The share is 0 in spectral lines.
-        """
-        bins, index = self.fitted.bins, self.names.index(term)
-        count = log_groups(n - 1, keep_tail=True)[1]  # the bins are those of the longest stretch
-        there = bins.frequency <= min(self.end, 0.5 / dt)
-        model = bins.columns[there] @ self.fitted.theta
-        part = np.where(bins.weight[there] > 0, bins.columns[0, index] * self.fitted.theta[index] / model, 0.0)
-        return np.repeat(part, count[there]), np.repeat(model * self.bins.unit, count[there])
 
 
 class Lowest(NamedTuple):
@@ -91,34 +64,10 @@ def solve(observed: Observed, columns: tuple[Term, ...], band, lines: AnyArray |
     return solved
 
 
-def solve_alternatives(observed: Observed, solved: Solved, base: tuple[Term, ...], band) -> tuple[Alternatives, Solved, Solved]:
-    """Other models of the slow noise, the fit with the admitted one, if any, and the fit without it in the same band.
-
-    If the fit left out high frequencies because B and K do not describe them, other models are first tried in the whole band.
-    """
-    dt, duration = observed.dt, len(observed.y) * observed.dt
-    if bool(solved.fitted.cut):
-        clear = solved.bins._replace(weight=solved.bins.weight * (1.0 - solved.lines))
-        whole = fit_bins(clear, groups_of(clear.weight, int(np.sum(clear.weight))), False, solved.names)
-        found = find_alternatives(whole, solved.columns, dt, duration)
-        excess = whole.alone.deviance - whole.alone.freedom
-        if found.admitted and found.admitted.explained > _MENDED * excess:
-            wider = solve(observed, (*base, *found.admitted.terms), band, solved.lines)
-            if not bool(wider.fitted.cut):
-                return found, wider, solved._replace(fitted=whole)
-    found = find_alternatives(solved.fitted, solved.columns, dt, duration)
-    return found, solve(observed, (*base, *found.admitted.terms), band, solved.lines) if found.admitted else solved, solved
-
-
 def observed_bins(y, dt: float, terms: tuple[Term, ...]) -> Bins:
     """Bins of a record with gaps, with a column for each term; the fitted model of these terms fills the gaps."""
     bins = solve(Observed(y, dt), terms, None).bins
     return bins._replace(columns=bins.columns[:, : len(terms)])
-
-
-def spectrum_of(solved: Solved):
-    """Frequencies of the bins in Hz, and the fitted density there."""
-    return solved.bins.frequency, _level(solved, False)
 
 
 def _level(solved: Solved, rough: bool):
@@ -155,7 +104,7 @@ def _solved(whole: Bins, columns: tuple[Term, ...], band, automatic: bool, lines
 
 def lowest_of(observed: Observed, solved: Solved) -> Lowest:
     n = len(observed.y)
-    k = np.arange(1, min(ORDINATES, n - 1) + 1)
+    k = np.arange(1, min(_ORDINATES, n - 1) + 1)
     columns = np.stack([term.ordinates(k, n, observed.dt) for term in solved.columns], axis=1)
     # a filter acts at high frequencies only, and its negative column must not make the density negative here
     theta = np.where([name != FILTER for name in solved.names], solved.fitted.theta, 0.0)

@@ -14,7 +14,7 @@ import numpy as np
 from .._arrays import namespace
 from .._types import Any, AnyArray, Int
 from ._lanes import inverse
-from ._likelihood import ROUGH, density, flat_start, information, minimise, several_starts
+from ._likelihood import ROUGH, density, flat_start, information, minimise, nonnegative, several_starts
 from ._limits import Limits, chance, find_limits
 from ._ordinates import Bins
 from ._terms import Filter
@@ -23,34 +23,27 @@ FILTER = Filter.name
 #: the goodness of fit compares means over groups of bins with the model: ordinates at which the first groups begin, and the number of
 #: groups, of which the later ones are evenly spaced in the logarithm
 _FIRST, _GROUPS = (0, 4, 12, 24, 48), 40
-#: relative misfit of the density that is allowed; chance of a worse deviance below which a band is refused; chances between which the
-#: variances grow gradually to the observed scatter; ratio of that scatter to the expected one above which the model does not hold
-_TOLERANCE, _REFUSED, _WIDENED, _TOO_WIDE = 0.01, 0.001, (0.05, 0.01), 4.0
-#: number of upper ends of the band to try, half an octave apart; half octaves below its end with which each band is compared; octaves
-#: by which the first band that passes is shortened further; bins that a band needs in addition to the number of terms
-_ENDS, _OCTAVES, _MARGIN, _FEWEST = 24, 6, 1.0, 20
-#: size of a coefficient in standard errors at which 95 % of records pass the threshold that 1 % pass by chance
-_DECIDED = 2.326 + 1.645
-_TINY = np.finfo(float).tiny
+#: search for the upper end of the band: relative misfit of the density that is allowed without and with a filter (2 % would end the band of an ADIS16405's
+#: accelerometer at 0.4 Hz instead of 25), chance of a worse misfit below which an end is refused, octaves that are looked at, octaves by
+#: which the end is then lowered, bins that a band needs in addition to the number of terms
+_TOLERANCES, _REFUSED, _OCTAVES, _MARGIN, _FEWEST = (0.01, 0.05), 0.001, 4, 0.5, 20
 
 
 class Attempt(NamedTuple):
-    """A fit of all given bins: fields of `Minima`, deviance, deviance `allowed` with the tolerated misfit, and degrees of freedom."""
+    """A fit of all given bins: fields of `Minima`, deviance and its degrees of freedom."""
 
     theta: AnyArray
     cost: Any
     settled: Any
     deviance: Any
-    allowed: Any
     freedom: Any
 
 
 class Fitted(NamedTuple):
     """The best fit of `bins`, which have zero weight outside the band: coefficients in units of `Bins.unit`, cost, whether it converged.
 
-    cut : whether high frequencies were left out. holds : whether the model holds in the band. deviance, freedom : misfit of the spectrum,
-    and its degrees of freedom. goodness, inflation : chance of a worse deviance, and factor on the variances, `inflation_of`. plain,
-    alone : the bins of the band without the column `FILTER`, and their fit; the limits of Q come from these.
+    cut : whether high frequencies were left out. misfit : deviance of the spectrum over its degrees of freedom. goodness : chance of a worse deviance. plain, alone : the bins of the band without the column `FILTER`, and their fit;
+    the limits of Q come from these.
     """
 
     theta: AnyArray
@@ -58,11 +51,8 @@ class Fitted(NamedTuple):
     settled: Any
     bins: Bins
     cut: Any
-    holds: Any
-    deviance: Any
-    freedom: Any
+    misfit: Any
     goodness: Any
-    inflation: Any
     plain: Bins
     alone: Attempt
 
@@ -84,15 +74,11 @@ def attempt(bins: Bins, group: AnyArray) -> Attempt:
         tried = search(tried.theta[[np.argmin(tried.cost)]])
     best = xp.argmin(tried.cost)
     theta, cost, settled = (leaf[best] for leaf in tried)
-    (strict, freedom), (allowed, _) = (deviance(bins, theta, group, tolerance) for tolerance in (0.0, _TOLERANCE))
-    return Attempt(theta, cost, settled, strict, allowed, freedom)
+    return Attempt(theta, cost, settled, *deviance(bins, theta, group))
 
 
-def deviance(bins: Bins, theta, group, tolerance) -> tuple[Any, Any]:
-    """Deviance of the ratio of measurement to model, averaged in groups, and its degrees of freedom.
-
-    A relative misfit of `tolerance` in each group is allowed.
-    """
+def deviance(bins: Bins, theta, group) -> tuple[Any, Any]:
+    """Deviance of the ratio of measurement to model, averaged in groups, and its degrees of freedom."""
     xp = namespace(bins, theta)
     member = (np.arange(_GROUPS + 2)[:, None] == np.asarray(group)[None, :]).astype(bins.density.dtype)
     count = member @ bins.weight
@@ -100,8 +86,7 @@ def deviance(bins: Bins, theta, group, tolerance) -> tuple[Any, Any]:
     count = xp.where(there, count, 1.0)
     ratio = xp.where(there, member @ (bins.weight * bins.density / density(bins.columns, theta)) / count, 1.0)
     ratio = xp.maximum(ratio, np.finfo(bins.density.dtype).tiny ** 0.5)  # the ordinates of a record without noise are zero
-    informed = 2.0 / (2.0 / count + tolerance**2)
-    total = xp.sum(xp.where(there, informed * (ratio - 1.0 - xp.log(ratio)), 0.0))
+    total = xp.sum(xp.where(there, count * (ratio - 1.0 - xp.log(ratio)), 0.0))
     return total, xp.maximum((xp.sum(there) - xp.sum(theta != 0)).astype(total.dtype), 1.0)
 
 
@@ -115,47 +100,56 @@ def _upto(bins: Bins, end) -> Bins:
     return bins._replace(weight=bins.weight * (bins.frequency <= end * (1 + 1e-6)))
 
 
-def _search(bins: Bins, group, terms: tuple[str, ...]) -> float:
-    """Find the upper end of the band in Hz (host only)."""
-    used = bins.frequency[bins.weight > 0]
-    ends = used.max() * 2.0 ** (-0.5 * np.arange(_ENDS))
-    enough = np.sum(used[None, :] <= ends[:, None] * (1 + 1e-6), axis=1) >= len(terms) + _FEWEST
-    parts = [_upto(bins, end) for end in ends]
-    starts, weights = np.stack([flat_start(part) for part in parts]), np.stack([part.weight for part in parts])
-    found = minimise(bins.columns, bins.density, weights, starts, rtol=ROUGH).theta
-    tested = [deviance(part, theta, group, _TOLERANCE) for part, theta in zip(parts, found, strict=True)]
-    total, freedom = (np.array(values) for values in zip(*tested, strict=True))
-    # how much the upper octaves of each band add to the deviance, compared with the number of groups that they add
-    more, added = total[:, None] - total[None, :], freedom[:, None] - freedom[None, :]
-    distance = np.arange(_ENDS)[None, :] - np.arange(_ENDS)[:, None]
-    tested = (distance > 0) & (distance <= _OCTAVES) & enough[None, :] & (added > 0)
-    likely = chance(np.maximum(more, 0.0), np.maximum(added, 1.0)) >= _REFUSED
-    whole = np.where(enough, chance(total, freedom), -1.0)
-    fits = enough & (np.all(~tested | likely, axis=1) & np.any(tested, axis=1) | (whole >= _REFUSED))
-    index = int(np.argmax(fits)) if fits.any() else int(np.argmax(whole))
-    lower = ends[index] * 2.0**-_MARGIN
-    if index == 0:
-        return float(ends[0])
-    return float(lower if np.sum(used <= lower) >= len(terms) + _FEWEST else ends[index])
+def _search(bins: Bins, count: int) -> tuple[float, bool]:
+    """Find the upper end of the band in Hz, and whether white noise is level up to there (host only).
+
+    It is the highest end below which the spectrum of four octaves is N^2 + c s^2 + b/s + k/s^2, first with c of quantisation noise and to
+    1 %, then with c of either sign and to 5 %, since a filter is rarely of the second order. Means over thirds of octaves are compared,
+    without the third that fits worst.
+    """
+    used = bins.weight > 0
+    frequency, weight = bins.frequency[used], bins.weight[used]
+    third = np.floor(3.0 * np.log2(frequency.max() / frequency) + 1e-9).astype(int)  # counted from the top
+    total = np.bincount(third, weight)
+    there = np.flatnonzero(total)
+    level, at = (np.bincount(third, weight * values[used])[there] / total[there] for values in (bins.density, bins.frequency))
+    s = np.sin(0.5 * np.pi * at / frequency.max())
+    columns = np.stack([np.ones_like(s), s**2, 1.0 / s, 1.0 / s**2], axis=1) / level[:, None]
+    width, ends = 3 * _OCTAVES, frequency.max() * 2.0 ** (-there / 3.0)
+    below = np.cumsum(np.bincount(third)[there][::-1])[::-1]  # bins below the end
+    either = np.array([False, True, False, False])
+    for i in range(len(there) - width + 1):
+        part = slice(i, i + width)
+        for free, tolerance in zip((~either & either, either), _TOLERANCES, strict=True):
+            root = 1.0 / np.sqrt(2.0 / total[there[part]] + tolerance**2)
+            rows = columns[part] * root[:, None]
+            rest = root - rows @ nonnegative(rows.T @ rows, rows.T @ root, free, np.ones(4, dtype=bool))[0]
+            misfit = float(np.sum(rest**2) - np.max(rest**2))
+            if chance(misfit, width - 5.0) >= _REFUSED:
+                lower = ends[i] * 2.0**-_MARGIN
+                enough = i > 0 and np.sum(frequency <= lower) >= count + _FEWEST
+                return float(lower if enough else ends[i]), not free.any()
+        if below[i] < count + _FEWEST:
+            break
+    return float(frequency.max()), True
 
 
 def fit_bins(bins: Bins, group, automatic: bool, terms: tuple[str, ...], first: Attempt | None = None) -> Fitted:
-    """Fit the widest band, from the lowest frequency up, in which the model holds; all bins unless `automatic` (host only).
+    """Fit the widest band, from the lowest frequency up, whose upper end no filter spoils; all bins unless `automatic` (host only).
 
-    A filter or a resonance of the sensor spoils high frequencies. The upper end is therefore lowered by half octaves until the chance
-    of a worse deviance reaches one in a thousand, either for the whole band or for the part that its upper three octaves add. It is
-    then lowered by another octave, because the model only just holds at that end.
+    A filter or a resonance of the sensor spoils high frequencies. The upper end is therefore lowered by thirds of octaves until the four
+    octaves below it are smooth, and then by half an octave, because they only just are.
 
     Below its corner a low-pass filter turns white noise into N^2 (1 - c f^2) with c of either sign. In a band whose high frequencies are
-    cut off, the column `FILTER` describes this, so that it does not bias N. The column has the shape of Q and replaces it. A misfit of
-    1 % of the density (0.5 % of the deviation) is allowed. `first` is the attempt on all bins without `FILTER`, if it is known already.
+    cut off, the column `FILTER` describes this, so that it does not bias N. The column has the shape of Q and replaces it. `first` is the
+    attempt on all bins without `FILTER`, if it is known already.
     """
     plain = without(bins, terms, FILTER)
     found = alone = first or attempt(plain, group)
     inside, cut = plain, False
-    if automatic and chance(found.allowed, found.freedom) < _REFUSED:
-        end = _search(plain, group, terms)
-        cut = end < float(np.max(np.where(bins.weight > 0, bins.frequency, 0.0)))
+    if automatic:
+        end, level = _search(plain, len(terms))
+        cut = not level or end < float(np.max(np.where(bins.weight > 0, bins.frequency, 0.0)))
     if cut:
         plain, inside = _upto(plain, end), _upto(without(bins, terms, "Q"), end)
         found, alone = attempt(inside, group), attempt(plain, group)
@@ -169,39 +163,22 @@ def fit_whole(bins: Bins, group) -> Fitted:
 
 
 def _judged(found: Attempt, bins: Bins, alone: Attempt, plain: Bins, cut) -> Fitted:
-    goodness, inflation = inflation_of(found.deviance, found.freedom)
-    return Fitted(*found[:3], bins, cut, inflation <= _TOO_WIDE, found.deviance, found.freedom, goodness, inflation, plain, alone)
+    goodness = chance(found.deviance, found.freedom)
+    return Fitted(*found[:3], bins, cut, found.deviance / found.freedom, goodness, plain, alone)
 
 
-def inflation_of(deviance, freedom) -> tuple[Any, Any]:
-    """Chance of a worse deviance, and factor on the variances: 1 if the deviance may be chance, else deviance over degrees of freedom.
+def uncertainty(fitted: Fitted, widened: AnyArray, two_sided, one_sided, terms: tuple[str, ...]) -> tuple[AnyArray, Limits]:
+    """Covariance of the squared coefficients (inverse Fisher information), and profile-likelihood limits of all terms except `FILTER`.
 
-    The factor is continuous, so that a small change of the record cannot change intervals and likelihood ratios by a large factor.
-    """
-    xp, likely = namespace(deviance, freedom), chance(deviance, freedom)
-    none, full = np.log(_WIDENED)
-    share = xp.clip((xp.log(xp.maximum(likely, _TINY)) - none) / (full - none), 0.0, 1.0)
-    return likely, 1.0 + share * xp.maximum(deviance / freedom - 1.0, 0.0)
-
-
-def uncertainty(
-    fitted: Fitted, widened: AnyArray, two_sided, one_sided, terms: tuple[str, ...], only: tuple[str, ...] | None = None
-) -> tuple[AnyArray, Limits, AnyArray]:
-    """Covariance of the squared coefficients (inverse Fisher information), profile-likelihood limits, and factors of record length.
-
-    The factor of a term says how much longer a record must be to show a coefficient as large as its upper limit: to call the term
-    present in 95 % of such records, and in only 1 % of records without it. Limits and factors are computed for all terms except
-    `FILTER`, or for those named in `only`.
-
-    Every variance is multiplied by `widened`, (p,), in addition to the inflation for a misfit of the spectrum. If high frequencies are
-    cut off, the limits of Q are found without the filter, which has the same shape and replaces Q in the fit.
+    Every variance is multiplied by `widened`, (p,), and the likelihood ratio of its profile is divided by it. If high frequencies are cut
+    off, the limits of Q are found without the filter, which has the same shape and replaces Q in the fit.
     """
     xp = namespace(fitted)
     covariance = inverse(information(fitted.bins, fitted.theta))
-    scale = fitted.inflation * xp.asarray(widened, dtype=fitted.theta.dtype)
+    scale = xp.asarray(widened, dtype=fitted.theta.dtype)
     fitted = jax.lax.stop_gradient(fitted) if xp is jnp else fitted
     bins, plain, theta, theta_alone, cost_alone = fitted.bins, fitted.plain, fitted.theta, fitted.alone.theta, fitted.alone.cost
-    own = np.flatnonzero([term != FILTER and (only is None or term in only) for term in terms])
+    own = np.flatnonzero([term != FILTER for term in terms])
     named = np.eye(len(terms), dtype=bool)
     terms_alone = np.array([term != FILTER for term in terms])[None, :]
     short = np.array([term == "Q" for term in terms]) & fitted.cut
@@ -227,11 +204,5 @@ def uncertainty(
     begun = xp.maximum(xp.broadcast_to(theta, (len(own), len(terms))), 0.0)
     limits, _ = find_limits(ratio, middle, reach[own], begun, *((level * scale)[own] for level in (two_sided, one_sided)))
 
-    def longer(k, index):
-        at = xp.where(named[index], upper[k], theta)
-        return inverse(information(bins, at))[index, index] * scale[index] * (_DECIDED / upper[k]) ** 2
-
-    upper = xp.maximum(limits.upper, np.finfo(theta.dtype).tiny ** 0.25)
-    decides = xp.stack([longer(k, index) for k, index in enumerate(own)])
     limits = limits._replace(significance=limits.significance / scale[own])
-    return covariance * xp.sqrt(scale[:, None] * scale[None, :]), limits, decides
+    return covariance * xp.sqrt(scale[:, None] * scale[None, :]), limits

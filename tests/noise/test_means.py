@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from jaxcal import DataError
-from jaxcal.noise import GaussMarkov, Noise, PowerLaw, mean_covariance
+from jaxcal.noise import GaussMarkov, Noise, mean_covariance
+from jaxcal.noise._terms import PowerLaw
 
 START, DWELL = np.array([0.0, 31.0, 70.0, 300.0]), np.array([20.0, 30.0, 25.0, 10.0])
 

@@ -74,7 +74,8 @@ class PowerLaw(Term):
 
     Examples
     --------
-    >>> from jaxcal.noise import Noise, PowerLaw
+    >>> from jaxcal.noise import Noise
+    >>> from jaxcal.noise._terms import PowerLaw
     >>> bool(Noise(further=((2.0, PowerLaw(2.0)),)).psd(0.1) == Noise(K=2.0).psd(0.1))
     True
     """

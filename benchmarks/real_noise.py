@@ -1,0 +1,333 @@
+"""Noise of real records: agreement of halves, disturbances, and spectra that are not those of the model.
+
+    python benchmarks/real_noise.py [--only halves,plain,disturbed,slow,lines,spectra,speed] [--runs 20] [--seed 1] [--data ../shared/data]
+
+halves: both halves of static logs of other people, and of their quarters. Ratio of the difference of a coefficient to its stated error (rms,
+share above 2), where the term is present in both halves; the same for the deviation at 1, 10 and 100 s and for the floor.
+plain: case A of records.py (2^17 samples at 100 Hz): rmse, share of 95 % intervals that hold the truth, how often a term is called present;
+then with single terms left out, how often an absent term is called present.
+disturbed: the same records with a knock, a sensor put down or lifted, a step, a fan, lost samples, stuck readings: shift of N, B and K in their
+own standard errors (median, share below 1), and how often N is present.
+slow: N and B with a slow change of the mean that is no noise: how often K is called present without a finding about a change.
+lines: a narrow line that wanders near 0.1 Hz, and a microseism: how often the interval or limit of B holds. A level that wanders by 30 %.
+spectra: another exponent, Gauss-Markov processes: how often N, the deviation at 1, 10 and 100 s and the floor are inside their intervals.
+speed: seconds of a fit.
+
+Records are drawn ordinate by ordinate from a density, without `jaxcal.noise.Noise.simulate`; their expected deviations are computed here.
+"""
+
+import argparse
+import logging
+import pathlib
+import time
+import warnings
+
+import numpy as np
+import scipy.fft
+import scipy.signal
+
+import jaxcal
+
+DEG, RATE, N = np.pi / 180, 100.0, 2**17
+CASE_A = dict(zip("NBK", (0.25 * DEG / 60, 7.6 * DEG / 3600, 1.8 * DEG / 3600), strict=True))
+TIMES = (1.0, 10.0, 100.0)
+
+
+def density(n, N=0.0, B=0.0, K=0.0, exponent=None, corner=0.0, processes=()):
+    """Density of the ordinates of a DCT-II of n samples; `corner` is where a power law equals N, processes are (level over N^2, time)."""
+    k, dt = np.arange(1, n), 1 / RATE
+    s = 2 * np.sin(np.pi * k / (2 * n))
+    total = N**2 + B**2 * dt / s * (1 - 2 / (np.pi**2 * k)) + K**2 * dt**2 / s**2
+    if exponent:
+        total = total + N**2 * (2 * np.pi * dt * corner / s) ** exponent
+    for level, correlation in processes:
+        a = np.exp(-dt / correlation)
+        total = total + N**2 * level * (1 - a) ** 2 / (1 + a * a - 2 * a * np.cos(np.pi * k / n))
+    return total
+
+
+def drawn(level, rng):
+    """A record whose ordinates have this density."""
+    return scipy.fft.idct(np.concatenate([[0.0], np.sqrt(level * RATE) * rng.standard_normal(len(level))]), norm="ortho")
+
+
+def expected_deviation(level, tau):
+    """Allan deviation of a record with this density of its ordinates."""
+    n = len(level) + 1
+    x, m = np.pi * np.arange(1, n) / (2 * n), round(tau * RATE)
+    # twice sin^4(m x) / (m sin x)^2, averaged over ordinates
+    return np.sqrt(np.mean(2 * np.sin(m * x) ** 4 / (m * np.sin(x)) ** 2 * level) * RATE)
+
+
+def error_of(fit, term):
+    """Half of the interval over 1.96, as a standard error."""
+    low, high = fit.interval[term]
+    return (high - low) / 3.92
+
+
+def value_of(fit, term):
+    return float(np.asarray(fit.noise.coefficient(term)))
+
+
+def measured(fit, tau):
+    """Deviation at a cluster time with its limits, from the curve of the fit."""
+    curve = fit.deviation
+    i = int(np.argmin(np.abs(curve.tau / tau - 1.0)))
+    return (float(curve.tau[i]), *(float(np.asarray(one)[i]) for one in (curve.deviation, curve.lower, curve.upper)))
+
+
+def floor(fit):
+    """Lowest point of the curve where its upper limit is lowest."""
+    curve = fit.deviation
+    i = int(np.nanargmin(np.where(np.isfinite(curve.upper), curve.upper, np.inf)))
+    return (float(curve.tau[i]), *(float(np.asarray(one)[i]) for one in (curve.deviation, curve.lower, curve.upper)))
+
+
+def static_logs(folder):
+    """(name, values, rate) of the sensors of logs at rest."""
+    for name in ("imu1", "imu2"):
+        stored = np.load(folder / "adis16405" / f"{name}.npz")
+        values = stored["counts"] * stored["scale"]
+        yield f"{name} gyro", values[:, :3], float(stored["fs"])
+        yield f"{name} accel", values[:, 3:], float(stored["fs"])
+    for name in ("xsens_gyro", "xsens_acc"):
+        values = np.loadtxt(folder / "imu_tk" / f"{name}.mat")[:4800, 1:]
+        yield name, values, 100.0
+    for name in ("mpu6050_pico_imu_data.csv", "road_bike_imu_data.csv", "gyroscope_20180927_100324.csv"):
+        log = jaxcal.read(folder / "logs" / name)
+        for sensor in ("gyro", "accel"):
+            if getattr(log, sensor) is not None:
+                yield f"{name} {sensor}", np.asarray(getattr(log, sensor)), log.rate
+
+
+def halves(runs, seed, folder):
+    found = {key: [] for key in ("N", "B", "K", *TIMES, "floor")}
+    cases = []
+    for name, values, rate in static_logs(folder):
+        cases.append((name, values, rate))
+        if len(values) > 400_000:
+            cases += [(f"{name} {i}", part, rate) for i, part in enumerate(np.array_split(values, 4))]
+    fitted, sentences = 0, 0
+    for name, values, rate in cases:
+        pair = []
+        for part in (values[: len(values) // 2], values[len(values) // 2 :]):
+            fit = jaxcal.noise.fit(part, rate)
+            pair.append([fit.channel(i) for i in range(part.shape[1])])
+            sentences += len(getattr(fit, "findings", getattr(fit, "warnings", ())))
+        for first, second in zip(*pair, strict=True):
+            fitted += 1
+            for term in "NBK":
+                if first.presence[term] == second.presence[term] == "present":
+                    a, b = value_of(first, term), value_of(second, term)
+                    found[term].append((b - a) / np.hypot(error_of(first, term), error_of(second, term)))
+            for key in (*TIMES, "floor"):
+                one, two = (floor(fit) if key == "floor" else measured(fit, key) for fit in (first, second))
+                if key == "floor" or abs(one[0] / key - 1) < 0.05 and key < 0.1 * len(values) / 2 / rate:
+                    errors = [np.log(fit[3] / fit[2]) / 3.92 for fit in (one, two)]
+                    found[key].append(np.log(two[1] / one[1]) / np.hypot(*errors))
+    print(f"{fitted} pairs of halves, {sentences} findings")
+    for key, values in found.items():
+        values = np.array(values)
+        if len(values):
+            print(f"{key!s:6s} n {len(values):3d}   rms {np.sqrt(np.mean(values**2)):5.2f}   above 2: {100 * np.mean(np.abs(values) > 2):4.1f} %", flush=True)
+
+
+def plain(runs, seed, _):
+    level = density(N, **CASE_A)
+    errors, held, present = [], [], []
+    for i in range(runs):
+        fit = jaxcal.noise.fit(drawn(level, np.random.default_rng([seed, i])), RATE)
+        errors.append([value_of(fit, term) / CASE_A[term] - 1 for term in "NBK"])
+        held.append([fit.interval[term][0] <= CASE_A[term] <= fit.interval[term][1] for term in "NBK"])
+        present.append([fit.presence[term] == "present" for term in "NBK"])
+    print("case A  N, B, K: rmse %", *np.round(100 * np.sqrt(np.mean(np.square(errors), axis=0)), 2), " held %", *np.round(100 * np.mean(held, axis=0)),
+          " present %", *np.round(100 * np.mean(present, axis=0)), flush=True)  # fmt: skip
+    for left in ("N", "NB", "NK"):
+        level, false, hints = density(N, **{term: CASE_A[term] for term in left}), [], []
+        for i in range(runs):
+            fit = jaxcal.noise.fit(drawn(level, np.random.default_rng([seed, 1, i])), RATE)
+            false.append([fit.presence[term] == "present" for term in "QNBK" if term not in left])
+            hints.append(any(code in fit.codes for code in CHANGES) if hasattr(fit, "codes") else 0)
+        print(f"only {left:3s} absent terms present %", *np.round(100 * np.mean(false, axis=0), 1), f" change named {100 * np.mean(hints):.1f} %", flush=True)
+
+
+CHANGES = ("step", "ramp", "warm_up", "sinusoid", "temperature", "instead")
+T = np.arange(N) / RATE
+
+
+def _knock(y, size, length, at):
+    i, m = int(at * N), int(length * RATE)
+    y[i : i + m] += size * np.sin(np.pi * np.arange(m) / m)
+    return y
+
+
+def _put_down(y, rng):
+    y += 0.5 * np.exp(-T / 0.8) * np.sin(2 * np.pi * rng.uniform(1, 3) * T)
+    return y
+
+
+def _lifted(y, rng):
+    i, m = N // 3, int(10 * RATE)
+    y[i : i + m] += np.cumsum(rng.standard_normal(m)) * 0.02
+    return y
+
+
+def _lost(y, rng):
+    y[rng.choice(N, N // 100, replace=False)] = np.nan
+    return y
+
+
+def _stuck(y, rng):
+    i = int(rng.uniform(0.2, 0.8) * N)
+    y[i : i + 500] = y[i]
+    return y
+
+
+SD = CASE_A["N"] * np.sqrt(RATE)
+DISTURBED = {
+    "nothing": lambda y, rng: y,
+    "knock 0.03 rad/s, 1 s, middle": lambda y, rng: _knock(y, 0.03, 1.0, 0.5),
+    "knock 0.15 rad/s, 0.2 s, start": lambda y, rng: _knock(y, 0.15, 0.2, 0.0),
+    "knock 0.5 rad/s, 2 s, end": lambda y, rng: _knock(y, 0.5, 2.0, 0.98),
+    "two knocks of 0.1 rad/s": lambda y, rng: _knock(_knock(y, 0.1, 0.5, 0.3), -0.1, 0.5, 0.7),
+    "put down": _put_down,
+    "lifted for 10 s": _lifted,
+    "step of 1 sd": lambda y, rng: y + SD * (T > 0.4 * T[-1]),
+    "step of 3 sd": lambda y, rng: y + 3 * SD * (T > 0.6 * T[-1]),
+    "step of 10 sd": lambda y, rng: y + 10 * SD * (T > 0.3 * T[-1]),
+    "fan at 21.3 Hz": lambda y, rng: y + 0.2 * SD * np.sin(2 * np.pi * 21.3 * T),
+    "1 % lost": _lost,
+    "stuck for 5 s": _stuck,
+}
+
+
+def disturbed(runs, seed, _):
+    level = density(N, **CASE_A)
+    print(f"{'':32s} shift in standard errors, median N, B, K    below 1 %    N present %")
+    for name, change in DISTURBED.items():
+        shifts, present = [], []
+        for i in range(runs):
+            y = drawn(level, np.random.default_rng([seed, i]))
+            base = jaxcal.noise.fit(y, RATE)
+            fit = jaxcal.noise.fit(change(y.copy(), np.random.default_rng([seed, 2, i])), RATE)
+            shifts.append([abs(value_of(fit, t) - value_of(base, t)) / max(error_of(base, t), 1e-30) for t in "NBK"])
+            present.append(fit.presence["N"] == "present")
+        print(f"{name:32s}", *np.round(np.median(shifts, axis=0), 2), "   ", *np.round(100 * np.mean(np.array(shifts) < 1, axis=0)),
+              "   ", round(100 * np.mean(present)), flush=True)  # fmt: skip
+
+
+DEG_H = DEG / 3600
+SLOW = {
+    "60 deg/h with 250 s from the middle": lambda u, rng: 60 * DEG_H * -np.expm1(-np.maximum(u - u[-1] / 2, 0) / 250),
+    "lagged temperature": lambda u, rng: 30 * DEG_H * scipy.signal.lfilter([1 - np.exp(-0.01 / 120)], [1, -np.exp(-0.01 / 120)], _room(u, rng)),
+    "warm-up with two constants": lambda u, rng: 60 * DEG_H * (np.exp(-u / 30) + np.exp(-u / 400)),
+    "air conditioning, sawtooth": lambda u, rng: 15 * DEG_H * scipy.signal.sawtooth(2 * np.pi * (u / 400 + rng.uniform()), 0.3),
+    "creep, log(t)": lambda u, rng: 15 * DEG_H * np.log1p(u / 10),
+    "warm-up of 5 sd": lambda u, rng: 5 * SD * np.exp(-u / 200),
+}
+
+
+def _room(u, rng):
+    """A room whose temperature changes by a degree, once, over some minutes."""
+    start, rise = rng.uniform(0.2, 0.6) * u[-1], rng.uniform(100, 300)
+    return 1.0 / (1.0 + np.exp(-(u - start) / rise))
+
+
+def slow(runs, seed, _):
+    level = density(N, N=CASE_A["N"], B=CASE_A["B"])
+    for name, make in SLOW.items():
+        present = silent = 0
+        for i in range(runs):
+            rng = np.random.default_rng([seed, 3, i])
+            fit = jaxcal.noise.fit(drawn(level, rng) + make(T, rng), RATE)
+            present += fit.presence["K"] == "present"
+            silent += fit.presence["K"] == "present" and not any(code in fit.codes for code in CHANGES)
+        print(f"{name:40s} K present {100 * present / runs:3.0f} %   without a finding {100 * silent / runs:3.0f} %", flush=True)
+
+
+def _narrow(rng, centre, width, size):
+    """A line whose frequency wanders: noise through a resonance."""
+    radius = np.exp(-np.pi * width / RATE)
+    x = scipy.signal.lfilter([1.0], [1.0, -2 * radius * np.cos(2 * np.pi * centre / RATE), radius**2], rng.standard_normal(N))
+    return size * x / np.std(x)
+
+
+LINES = {
+    "line near 0.1 Hz, 0.003 Hz wide": lambda y, rng: y + _narrow(rng, 0.1, 0.003, 3 * CASE_A["B"]),
+    "microseism, 0.2 Hz, 0.05 Hz wide": lambda y, rng: y + _narrow(rng, 0.2, 0.05, 3 * CASE_A["B"]),
+    "level wanders by 30 %": lambda y, rng: y * np.exp(0.3 * np.interp(T, np.linspace(0, T[-1], 12), rng.standard_normal(12))),
+}
+
+
+def lines(runs, seed, _):
+    level = density(N, N=CASE_A["N"], B=CASE_A["B"])
+    for name, make in LINES.items():
+        held = {"N": 0, "B": 0}
+        for i in range(runs):
+            rng = np.random.default_rng([seed, 4, i])
+            fit = jaxcal.noise.fit(make(drawn(level, rng), rng), RATE)
+            truth = dict(CASE_A)
+            if "level" in name:  # what the record holds on average over the law of the level
+                truth["N"] *= np.exp(0.3**2)
+            for term in held:
+                low, high = fit.interval[term]
+                held[term] += (low <= truth[term]) and truth[term] <= max(high, float(fit.upper_limit[term]))
+        print(f"{name:36s} N held {100 * held['N'] / runs:3.0f} %   B held {100 * held['B'] / runs:3.0f} %", flush=True)
+
+
+SPECTRA = {
+    "case A": {"B": CASE_A["B"] / CASE_A["N"], "K": CASE_A["K"] / CASE_A["N"]},
+    "exponent 0.8, corner 0.1 Hz": {"exponent": 0.8, "corner": 0.1},
+    "exponent 0.8, corner 1 Hz": {"exponent": 0.8, "corner": 1.0},
+    "exponent 1.2, corner 0.1 Hz": {"exponent": 1.2, "corner": 0.1},
+    "exponent 1.2, corner 1 Hz": {"exponent": 1.2, "corner": 1.0},
+    "process of 25 s": {"processes": ((7.2, 25.0),)},
+    "processes of 0.5 and 30 s": {"processes": ((5, 0.5), (200, 30.0))},
+    "processes of 1 and 20 s": {"processes": ((1, 1.0), (1, 20.0))},
+}
+
+
+def spectra(runs, seed, _):
+    print(f"{'':30s} N held   sigma({', '.join(f'{tau:g}' for tau in TIMES)} s)   floor    B, K present")
+    for name, shape in SPECTRA.items():
+        level, rows, present = density(N, N=1.0, **shape), [], []
+        truth = [expected_deviation(level, tau) for tau in TIMES]
+        for i in range(runs):
+            fit = jaxcal.noise.fit(drawn(level, np.random.default_rng([seed, 5, i])), RATE)
+            row = [fit.interval["N"][0] <= 1.0 <= fit.interval["N"][1]]
+            for tau, sigma in zip(TIMES, truth, strict=True):
+                at, _, low, high = measured(fit, tau)
+                sigma = sigma if abs(at / tau - 1) < 1e-6 else expected_deviation(level, at)
+                row.append(low <= sigma <= high)
+            at, _, low, high = floor(fit)
+            row.append(low <= expected_deviation(level, at) <= high)
+            rows.append(row)
+            present.append([fit.presence[term] == "present" for term in "BK"])
+        print(f"{name:30s}", *(f"{value:6.0f}" for value in 100 * np.mean(rows, axis=0)), "     ", *np.round(100 * np.mean(present, axis=0)), flush=True)
+
+
+def speed(runs, seed, _):
+    for n in (2**17, 10**6):
+        ys = [drawn(density(n, **CASE_A), np.random.default_rng([seed, 6, i])) for i in range(4)]
+        jaxcal.noise.fit(ys[0], RATE)
+        spent = []
+        for y in ys[1:]:
+            start = time.process_time(), time.perf_counter()
+            jaxcal.noise.fit(y, RATE)
+            spent.append((time.process_time() - start[0], time.perf_counter() - start[1]))
+        print(f"{n} samples: {1e3 * np.median([one[0] for one in spent]):.0f} ms of CPU, {1e3 * np.median([one[1] for one in spent]):.0f} ms", flush=True)
+
+
+if __name__ == "__main__":
+    parts = {"halves": halves, "plain": plain, "disturbed": disturbed, "slow": slow, "lines": lines, "spectra": spectra, "speed": speed}
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", default=",".join(parts))
+    parser.add_argument("--runs", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--data", type=pathlib.Path, default=pathlib.Path(__file__).parents[2] / "shared" / "data")
+    options = parser.parse_args()
+    warnings.simplefilter("ignore")
+    logging.disable()
+    for part in options.only.split(","):
+        print(f"\n{part}")
+        parts[part](options.runs, options.seed, options.data)

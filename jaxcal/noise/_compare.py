@@ -1,0 +1,187 @@
+"""`compare`: which process is the slow noise of a record? Likelihoods of models beside N, and what each means at long times."""
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from .._answer import Finding, Grid, Number, Result, Section
+from .._errors import DataError
+from .._precision import host_float64
+from .._quality import checked_rate, checked_record
+from .._types import AnyArray
+from ._likelihood import scoring
+from ._observed import Observed
+from ._solve import solve
+from ._spectral import FILTER, Fitted
+from ._terms import BUILT_IN, GaussMarkov, PowerLaw, Term
+
+_EXPONENTS = np.arange(0.3, 1.96, 0.1)
+_TIMES = 16  # correlation times that are tried, from ten samples to a quarter of the record
+_HALVINGS = 4  # how often the step between neighbouring times is halved around the best one
+#: name of a rival -> letters of its terms, number of its own Gauss-Markov processes, and whether it has a power law
+_RIVALS: dict[str, tuple[str, int, bool]] = {
+    "white": ("", 0, False), "B": ("B", 0, False), "K": ("K", 0, False), "B and K": ("BK", 0, False), "power law": ("", 0, True),
+    "markov": ("", 1, False), "two markov": ("", 2, False), "B and markov": ("B", 1, False),
+}  # fmt: skip
+
+
+class Comparison(Result):
+    """Models of the slow noise of a record, the likeliest first.
+
+    Attributes
+    ----------
+    names : of the models.
+    gain : (models,) twice the log likelihood beyond that of white noise alone.
+    parameters : (models,) number of fitted parameters beside Q and N.
+    shape : (models,) exponent of a power law, or correlation times in s, in words.
+    later : (models,) Allan deviation that the model predicts at ten times the length of the record, in the unit of the record.
+    findings : none.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> record = jaxcal.noise.Noise(N=1e-3, K=1e-3).simulate(20_000, rate=100.0, seed=0)
+    >>> found = jaxcal.noise.compare(record, 100.0)
+    >>> found.names[0], found.names[-1]
+    ('K', 'white')
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    gain: AnyArray
+    parameters: tuple[int, ...] = eqx.field(static=True)
+    shape: tuple[str, ...] = eqx.field(static=True)
+    later: AnyArray
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
+
+    @property
+    def headline(self) -> str:
+        """The likeliest model, and its distance to the next one."""
+        cost = self.gain - 2.0 * np.array(self.parameters)
+        lead = f", by {cost[0] - cost[1]:.2g} over {self.names[1]}" if len(cost) > 1 else ""
+        return f"the likeliest slow noise is {self.names[0]}{lead} (differences below about 6 decide nothing)"
+
+    def sections(self) -> list[Section]:
+        """One row for each model."""
+        rows = tuple(
+            (
+                f"{name}  {shape}",
+                (Number(f"{name}.gain", float(gain)), Number(f"{name}.parameters", float(count)), Number(f"{name}.later", float(later))),
+            )
+            for name, gain, count, shape, later in zip(self.names, self.gain, self.parameters, self.shape, self.later, strict=True)
+        )
+        columns = ("twice the log likelihood", "parameters", "deviation at 10 times the length")
+        return [Grid("comparison", "slow noise", columns, rows)]
+
+
+@host_float64
+def compare(y: Any, rate: Any, *, rivals: Sequence[str] = tuple(_RIVALS)) -> Comparison:
+    """Compare models of the slow noise of a record by their likelihoods. Q and N are part of each model.
+
+    `fit` gives the coefficients of IEEE Std 952, whichever process made the noise. Use `compare` where a filter must predict beyond the
+    length of the record: models that fit equally well differ there by large factors.
+
+    Parameters
+    ----------
+    y : (n,) record in rad/s, m/s^2 or T. NaN marks a gap.
+    rate : sampling rate in Hz.
+    rivals : models to compare: "white", "B", "K", "B and K", "power law", "markov", "two markov", "B and markov".
+
+    Returns
+    -------
+    Comparison
+        Models in the order of twice the log likelihood less two for each parameter (Akaike's criterion).
+
+    Raises
+    ------
+    DataError
+        If a rival is unknown, or the record is too short.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> record = jaxcal.noise.Noise(N=1e-3, markov=((1e-3, 20.0),)).simulate(50_000, rate=100.0, seed=1)
+    >>> found = jaxcal.noise.compare(record, 100.0, rivals=("white", "B and K", "markov"))
+    >>> found.names[0]
+    'markov'
+
+    References
+    ----------
+    H. Akaike, IEEE Trans. Autom. Control 19, 1974.
+    """
+    rate, y = checked_rate(rate), checked_record(y)
+    if unknown := set(rivals) - set(_RIVALS):
+        raise DataError(f"unknown rivals {', '.join(sorted(unknown))}; expected some of {', '.join(_RIVALS)}", code="unknown_rival")
+    if y.ndim != 1:
+        raise DataError(f"y must be (n,), one channel; got shape {y.shape}")
+    dt = 1.0 / rate
+    solved = solve(Observed(y, dt), tuple(BUILT_IN[term] for term in "QNBK"), None)
+    fitted, names, duration = solved.fitted, solved.names, len(y) * dt
+    base = np.array([name in ("Q", "N", FILTER) for name in names])
+    _, white = _fitted(fitted, base, (), dt)
+    found = []
+    for name in rivals:
+        terms = _likeliest(fitted, base, name, dt, duration)
+        theta, cost = _fitted(fitted, base, terms, dt)
+        own = theta[base.sum() :] * float(solved.bins.unit)
+        fast = theta[: base.sum()] * float(solved.bins.unit)
+        later = float(fast[[one for one, keep in zip(names, base, strict=True) if keep].index("N")]) / (10.0 * duration)
+        later += sum(float(value) * float(term.avar(10.0 * duration)) for value, term in zip(own, terms, strict=True))
+        times = [f"{term.time:.2g}" for term in terms if isinstance(term, GaussMarkov)]
+        shape = f"of {' and '.join(times)} s" if times else ""
+        shape = f"of exponent {terms[0].exponent:.2g}" if terms and isinstance(terms[0], PowerLaw) else shape
+        count = len(terms) + len(times) + isinstance(terms[0] if terms else None, PowerLaw)
+        found.append((2.0 * (white - cost), name, count, shape, np.sqrt(later)))
+    found.sort(key=lambda one: 2.0 * one[2] - one[0])
+    gains, listed, counts, shapes, later = zip(*found, strict=True)
+    return Comparison(listed, np.array(gains), counts, shapes, np.array(later))
+
+
+def _fitted(fitted: Fitted, base: AnyArray, terms: Sequence[Term], dt: float) -> tuple[AnyArray, float]:
+    """Coefficients and cost of a fit of the base terms with others."""
+    bins = fitted.bins
+    own = [bins.columns[:, [i for i, keep in enumerate(base) if keep]], *(np.asarray(term.psd(bins.frequency, dt))[:, None] for term in terms)]
+    level = np.median(bins.density[bins.weight > 0])
+    start = [fitted.theta[base], *(np.atleast_1d(level / np.median(one)) for one in own[1:])]
+    return scoring(np.concatenate(own, axis=1), bins.density, bins.weight, np.concatenate(start))
+
+
+def _likeliest(fitted: Fitted, base: AnyArray, name: str, dt: float, duration: float) -> tuple[Term, ...]:
+    """The terms of a rival, with the likeliest exponent or correlation times."""
+    letters, processes, law = _RIVALS[name]
+    held = tuple(BUILT_IN[letter] for letter in letters)
+    if law:
+        candidates = [(PowerLaw(exponent=float(value)),) for value in _EXPONENTS]
+        return min(candidates, key=lambda terms: _fitted(fitted, base, terms, dt)[1])
+    if not processes:
+        return held
+
+    def cost_of(times: tuple[float, ...]) -> float:
+        return _fitted(fitted, base, (*held, *_processes(times)), dt)[1]
+
+    return (*held, *_processes(_best_times(cost_of, processes, dt, duration)))
+
+
+def _processes(times: Sequence[float]) -> tuple[GaussMarkov, ...]:
+    return tuple(GaussMarkov(time=time, name=f"markov{i}") for i, time in enumerate(times))
+
+
+def _best_times(cost_of: Any, processes: int, dt: float, duration: float) -> tuple[float, ...]:
+    """Correlation times of the lowest cost: the best of a grid, refined by halving its steps."""
+    times = np.geomspace(10.0 * dt, max(duration / 4.0, 20.0 * dt), _TIMES)
+    step = float(np.log(times[1] / times[0]))
+    cost, best = min((cost_of(one), one) for one in combinations(times.tolist(), processes))
+    for _ in range(_HALVINGS):
+        step *= 0.5
+        moved = [(*best[:i], best[i] * float(np.exp(by)), *best[i + 1 :]) for i in range(processes) for by in (-step, step)]
+        cost, best = min((cost, best), *((cost_of(one), one) for one in moved))
+    return best
+
+
+def likeliest_time(fitted: Fitted, dt: float, duration: float) -> float:
+    """Correlation time in s at which a Gauss-Markov process beside the fitted terms has the highest likelihood."""
+    whole = np.ones(len(fitted.theta), dtype=bool)
+    (time,) = _best_times(lambda times: _fitted(fitted, whole, _processes(times), dt)[1], 1, dt, duration)
+    return time

@@ -1,0 +1,45 @@
+r"""Degrees of freedom of a measured Allan variance, from a spectrum.
+
+The overlapped Allan variance of n samples is a weighted sum of the ordinates of the record, whose weights are those of the transfer function,
+:math:`w_k = \sin^4(\pi f_k\tau)/(m\sin \pi f_k dt)^2`. Each ordinate is a chi-square of one degree of freedom, so that
+
+.. math:: \nu = \frac{(\sum_k w_k S_k)^2}{\sum_k (w_k S_k)^2}
+
+times the share (n - 2m + 1)/n of the record that the differences cover. S is any spectrum, that of the rival of a fit, so that an interval
+of the deviation does not rest on the terms of the model.
+"""
+
+import functools
+
+import numpy as np
+
+from .._types import AnyArray
+from ..allan import Deviation
+from ..spectrum._average import log_groups
+from ._ordinates import Bins
+
+
+@functools.lru_cache(maxsize=16)
+def _weights(n: int, sizes: tuple[int, ...]) -> tuple[AnyArray, AnyArray]:
+    """Sums over the ordinates of each bin of w and of w^2, (clusters, bins)."""
+    starts, count = log_groups(n - 1, keep_tail=True)
+    edges = np.append(starts, starts[-1] + count[-1]) + 0.5
+    middle = starts + 0.5 * (count + 1.0)
+    x = np.pi * np.array(sizes)[:, None] * edges[None, :] / (2.0 * n)
+    fourth = 3.0 * x / 8.0 - np.sin(2 * x) / 4.0 + np.sin(4 * x) / 32.0
+    eighth = 35.0 * x / 128.0 - 7.0 * np.sin(2 * x) / 32.0 + 7.0 * np.sin(4 * x) / 128.0 - np.sin(6 * x) / 96.0 + np.sin(8 * x) / 1024.0
+    lower = np.sin(np.pi * middle / (2.0 * n)) ** 2
+    mean4, mean8 = (np.maximum(np.diff(one, axis=1), 0.0) / np.diff(x, axis=1) for one in (fourth, eighth))
+    return mean4 * count / lower, mean8 * count / lower**2
+
+
+def edf_of(curve: Deviation, n: int, bins: Bins, level: AnyArray, theta: AnyArray, widened: AnyArray) -> AnyArray:
+    """Degrees of freedom at each cluster size of a record of n samples whose density in the bins is `level`.
+
+    Each coefficient of a fit, `theta`, says by how much the variance of its share in a deviation is `widened`.
+    """
+    first, second = _weights(n, tuple(int(m) for m in curve.m))
+    total = first @ level
+    edf = total**2 / (second @ level**2) * (n - 2.0 * curve.m + 1.0) / n
+    parts = np.abs(first @ (bins.columns * theta))
+    return edf / np.maximum(parts @ widened / np.maximum(parts.sum(axis=1), np.finfo(float).tiny), 1.0)

@@ -1,0 +1,115 @@
+r"""The rival: the smoothest description of slow noise that needs no name, against which Q, N, B and K are judged.
+
+B and K are the coefficients of IEEE Std 952. The slow noise of a sensor may have another spectrum, and N is then wrong by more than its
+error, because B and K describe a part of the white noise too, or none of it. The rival is
+
+.. math:: S = \frac{Q^2}{dt}s^2 + N^2 + \frac{K^2 dt^2}{s^2} + \sum_i c_i R_i,\qquad c_i \ge 0
+
+with R_i relaxations, first-order Gauss-Markov processes whose corner frequencies are an octave apart and end at an eighth of the band. A
+sum of relaxations follows every falling spectrum of exponent up to two (A. van der Ziel, Physica 16, 1950). The model is linear in its
+coefficients, and the iteration of non-negative least squares with the weights nu/S^2 ends at the maximum of the likelihood.
+
+The interval of N is the hull of both. Where the rival is clearly more likely, corners up to the end of the band take part in it: what lies
+above the highest corner could be N as well as slow noise. B and K are hints at most where the rival is clearly more likely and clearly another spectrum.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .._types import AnyArray
+from ._lanes import inverse
+from ._likelihood import density, information, scoring
+from ._ordinates import Bins
+from ._spectral import Fitted
+from ._terms import BUILT_IN, GaussMarkov
+
+_OCTAVES = 3.0  # octaves below the end of the band at which the highest corner lies; nearer to it, N of every record has a wide interval
+#: twice the gain in log likelihood, and rms logarithm of the ratio of the densities, from which the rival is another spectrum: records of
+#: N, B and K reach both in less than 1 % (`benchmarks/real_noise.py`)
+_GAIN, _APART = 12.0, 0.25
+_HALVINGS = 9  # of the distance in which an end of the interval of N is sought, which leaves 0.2 % of N^2
+_SLOW = ("B", "K")
+
+
+class Rival(NamedTuple):
+    """Density of the rival in the bins of a fit, twice its gain in log likelihood, rms logarithm of its ratio to the model, and limits of its
+    N^2 (low, high, one-sided upper limit) in units of `Bins.unit`, or None without N."""
+
+    density: AnyArray
+    gain: float
+    apart: float
+    white: tuple[float, float, float] | None
+
+    @property
+    def other(self) -> bool:
+        """Whether the record shows another spectrum than that of the model."""
+        return self.gain > _GAIN and self.apart > _APART
+
+
+def rival_of(fitted: Fitted, names: tuple[str, ...], dt: float, duration: float, levels: tuple[float, float]) -> Rival:
+    """Fit the rival to the bins of a fit, whose columns have these names; N is judged at two levels of the likelihood ratio.
+
+    Where the model does not describe the slow noise, relaxations up to the end of the band may take part of N.
+    """
+    bins, used = fitted.bins, fitted.bins.weight > 0
+    kept = np.array([name not in _SLOW for name in names])
+    columns, start = _columns(bins, kept, fitted.theta, dt, duration, _OCTAVES)
+    theta, cost = scoring(columns, bins.density, bins.weight, start)
+    model, own = density(bins.columns, fitted.theta), density(columns, theta)
+    # octaves count alike, however many ordinates they have
+    share = np.gradient(np.log(bins.frequency)) * used
+    apart = float(np.sqrt(np.sum(share * np.log(own / model) ** 2) / np.sum(share)))
+    gain = 2.0 * float(fitted.cost - cost)
+    white = [name for name, keep in zip(names, kept, strict=True) if keep].index("N") if "N" in names else None
+    if white is None:
+        return Rival(own, gain, apart, None)
+    if gain > _GAIN:
+        columns, start = _columns(bins, kept, fitted.theta, dt, duration, 0.0)
+        theta, cost = scoring(columns, bins.density, bins.weight, start)
+        return Rival(own, gain, apart, _profile(columns, bins, theta, white, cost, levels))
+    there = theta != 0.0
+    if not there[white]:
+        return Rival(own, gain, apart, (0.0, 0.0, 0.0))
+    place = int(np.sum(there[:white]))
+    error = np.sqrt(inverse(information(bins._replace(columns=columns[:, there]), theta[there]))[place, place])
+    both, one = np.sqrt(levels) * error
+    return Rival(own, gain, apart, (max(float(theta[white] - both), 0.0), float(theta[white] + both), float(theta[white] + one)))
+
+
+def _columns(
+    bins: Bins, kept: AnyArray, theta: AnyArray, dt: float, duration: float, octaves: float
+) -> tuple[AnyArray, AnyArray]:  # fmt: skip
+    """Columns of the rival, with corners that end so many octaves below the band, and coefficients to start from."""
+    used, frequency = bins.weight > 0, bins.frequency
+    corners = np.exp2(np.arange(np.log2(0.25 / duration), np.log2(frequency[used].max()) - octaves + 1e-9))
+    walk = BUILT_IN["K"].psd(frequency, dt)
+    slow = [walk / walk.max(), *(_relaxation(corner, frequency, dt) for corner in corners)]
+    start = np.concatenate([theta[kept], np.full(len(slow), np.mean(bins.density[used]) / len(slow))])
+    return np.column_stack([bins.columns[:, kept], *slow]), start
+
+
+def _profile(
+    columns: AnyArray, bins: Bins, theta: AnyArray, index: int, cost: float, levels: tuple[float, float]
+) -> tuple[float, float, float]:  # fmt: skip
+    """Values of a coefficient at which twice the rise of the cost reaches the first level on either side, and the second one above."""
+    others, start = np.delete(columns, index, axis=1), np.delete(theta, index)
+
+    def beyond(value: float, level: float) -> bool:
+        return 2.0 * (scoring(others, bins.density, bins.weight, start, columns[:, index] * value)[1] - cost) > level
+
+    def end(sign: float, level: float) -> float:
+        inside, outside = float(theta[index]), float(theta[index] * (1.0 + sign))
+        if not beyond(outside, level):
+            return outside
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (inside + outside)
+            inside, outside = (inside, middle) if beyond(middle, level) else (middle, outside)
+        return outside
+
+    return end(-1.0, levels[0]), end(1.0, levels[0]), end(1.0, levels[1])
+
+
+def _relaxation(corner: float, frequency: AnyArray, dt: float) -> AnyArray:
+    level = GaussMarkov(time=0.5 / (np.pi * corner)).psd(frequency, dt)
+    return np.asarray(level) / np.max(level)
