@@ -2,12 +2,12 @@
 
     python benchmarks/real_noise.py [--only halves,plain,disturbed,slow,lines,spectra,speed] [--runs 20] [--seed 1] [--data ../shared/data]
 
-halves: both halves of static logs of other people, and of their quarters. Ratio of the difference of a coefficient to its stated error (rms,
-share above 2), where the term is present in both halves; the same for the deviation at 1, 10 and 100 s and for the floor.
+halves: both halves of static logs of other people, and of their quarters. Ratio of the difference of a coefficient to its stated error
+(rms, share above 2), where the term is present in both halves; the same for the deviation at 1, 10 and 100 s and for the floor.
 plain: case A of records.py (2^17 samples at 100 Hz): rmse, share of 95 % intervals that hold the truth, how often a term is called present;
 then with single terms left out, how often an absent term is called present.
-disturbed: the same records with a knock, a sensor put down or lifted, a step, a fan, lost samples, stuck readings: shift of N, B and K in their
-own standard errors (median, share below 1), and how often N is present.
+disturbed: the same records with a knock, a sensor put down or lifted, a step, a fan, lost samples, stuck readings: shift of N, B and K in
+their own standard errors (median, share below 1), and how often N is present.
 slow: N and B with a slow change of the mean that is no noise: how often K is called present without a finding about a change.
 lines: a narrow line that wanders near 0.1 Hz, and a microseism: how often the interval or limit of B holds. A level that wanders by 30 %.
 spectra: another exponent, Gauss-Markov processes: how often N, the deviation at 1, 10 and 100 s and the floor are inside their intervals.
@@ -108,7 +108,7 @@ def halves(runs, seed, folder):
         if len(values) > 400_000:
             cases += [(f"{name} {i}", part, rate) for i, part in enumerate(np.array_split(values, 4))]
     fitted, sentences = 0, 0
-    for name, values, rate in cases:
+    for _, values, rate in cases:
         pair = []
         for part in (values[: len(values) // 2], values[len(values) // 2 :]):
             fit = jaxcal.noise.fit(part, rate)
@@ -122,14 +122,15 @@ def halves(runs, seed, folder):
                     found[term].append((b - a) / np.hypot(error_of(first, term), error_of(second, term)))
             for key in (*TIMES, "floor"):
                 one, two = (floor(fit) if key == "floor" else measured(fit, key) for fit in (first, second))
-                if key == "floor" or abs(one[0] / key - 1) < 0.05 and key < 0.1 * len(values) / 2 / rate:
+                if key == "floor" or (abs(one[0] / key - 1) < 0.05 and key < 0.1 * len(values) / 2 / rate):
                     errors = [np.log(fit[3] / fit[2]) / 3.92 for fit in (one, two)]
                     found[key].append(np.log(two[1] / one[1]) / np.hypot(*errors))
     print(f"{fitted} pairs of halves, {sentences} findings")
     for key, values in found.items():
         values = np.array(values)
         if len(values):
-            print(f"{key!s:6s} n {len(values):3d}   rms {np.sqrt(np.mean(values**2)):5.2f}   above 2: {100 * np.mean(np.abs(values) > 2):4.1f} %", flush=True)
+            above = 100 * np.mean(np.abs(values) > 2)
+            print(f"{key!s:6s} n {len(values):3d}   rms {np.sqrt(np.mean(values**2)):5.2f}   above 2: {above:4.1f} %", flush=True)
 
 
 def plain(runs, seed, _):
@@ -140,15 +141,17 @@ def plain(runs, seed, _):
         errors.append([value_of(fit, term) / CASE_A[term] - 1 for term in "NBK"])
         held.append([fit.interval[term][0] <= CASE_A[term] <= fit.interval[term][1] for term in "NBK"])
         present.append([fit.presence[term] == "present" for term in "NBK"])
-    print("case A  N, B, K: rmse %", *np.round(100 * np.sqrt(np.mean(np.square(errors), axis=0)), 2), " held %", *np.round(100 * np.mean(held, axis=0)),
-          " present %", *np.round(100 * np.mean(present, axis=0)), flush=True)  # fmt: skip
+    rmse = np.round(100 * np.sqrt(np.mean(np.square(errors), axis=0)), 2)
+    shares = (np.round(100 * np.mean(rows, axis=0)) for rows in (held, present))
+    print("case A  N, B, K: rmse %, held %, present %:", rmse, *shares, flush=True)
     for left in ("N", "NB", "NK"):
         level, false, hints = density(N, **{term: CASE_A[term] for term in left}), [], []
         for i in range(runs):
             fit = jaxcal.noise.fit(drawn(level, np.random.default_rng([seed, 1, i])), RATE)
             false.append([fit.presence[term] == "present" for term in "QNBK" if term not in left])
             hints.append(any(code in fit.codes for code in CHANGES) if hasattr(fit, "codes") else 0)
-        print(f"only {left:3s} absent terms present %", *np.round(100 * np.mean(false, axis=0), 1), f" change named {100 * np.mean(hints):.1f} %", flush=True)
+        shares = np.round(100 * np.mean(false, axis=0), 1)
+        print(f"only {left:3s} absent terms present %", *shares, f" change named {100 * np.mean(hints):.1f} %", flush=True)
 
 
 CHANGES = ("step", "ramp", "warm_up", "sinusoid", "temperature", "instead")
@@ -192,9 +195,9 @@ DISTURBED = {
     "two knocks of 0.1 rad/s": lambda y, rng: _knock(_knock(y, 0.1, 0.5, 0.3), -0.1, 0.5, 0.7),
     "put down": _put_down,
     "lifted for 10 s": _lifted,
-    "step of 1 sd": lambda y, rng: y + SD * (T > 0.4 * T[-1]),
-    "step of 3 sd": lambda y, rng: y + 3 * SD * (T > 0.6 * T[-1]),
-    "step of 10 sd": lambda y, rng: y + 10 * SD * (T > 0.3 * T[-1]),
+    "step of 1 sd": lambda y, rng: y + SD * (0.4 * T[-1] < T),
+    "step of 3 sd": lambda y, rng: y + 3 * SD * (0.6 * T[-1] < T),
+    "step of 10 sd": lambda y, rng: y + 10 * SD * (0.3 * T[-1] < T),
     "fan at 21.3 Hz": lambda y, rng: y + 0.2 * SD * np.sin(2 * np.pi * 21.3 * T),
     "1 % lost": _lost,
     "stuck for 5 s": _stuck,
@@ -219,12 +222,17 @@ def disturbed(runs, seed, _):
 DEG_H = DEG / 3600
 SLOW = {
     "60 deg/h with 250 s from the middle": lambda u, rng: 60 * DEG_H * -np.expm1(-np.maximum(u - u[-1] / 2, 0) / 250),
-    "lagged temperature": lambda u, rng: 30 * DEG_H * scipy.signal.lfilter([1 - np.exp(-0.01 / 120)], [1, -np.exp(-0.01 / 120)], _room(u, rng)),
+    "lagged temperature": lambda u, rng: 30 * DEG_H * _lagged(_room(u, rng), 120.0),
     "warm-up with two constants": lambda u, rng: 60 * DEG_H * (np.exp(-u / 30) + np.exp(-u / 400)),
     "air conditioning, sawtooth": lambda u, rng: 15 * DEG_H * scipy.signal.sawtooth(2 * np.pi * (u / 400 + rng.uniform()), 0.3),
     "creep, log(t)": lambda u, rng: 15 * DEG_H * np.log1p(u / 10),
     "warm-up of 5 sd": lambda u, rng: 5 * SD * np.exp(-u / 200),
 }
+
+
+def _lagged(x, lag):
+    keep = np.exp(-1 / (RATE * lag))
+    return scipy.signal.lfilter([1 - keep], [1, -keep], x)
 
 
 def _room(u, rng):
@@ -303,7 +311,8 @@ def spectra(runs, seed, _):
             row.append(low <= expected_deviation(level, at) <= high)
             rows.append(row)
             present.append([fit.presence[term] == "present" for term in "BK"])
-        print(f"{name:30s}", *(f"{value:6.0f}" for value in 100 * np.mean(rows, axis=0)), "     ", *np.round(100 * np.mean(present, axis=0)), flush=True)
+        cells = [f"{value:6.0f}" for value in 100 * np.mean(rows, axis=0)]
+        print(f"{name:30s}", *cells, "     ", *np.round(100 * np.mean(present, axis=0)), flush=True)
 
 
 def speed(runs, seed, _):
@@ -315,7 +324,8 @@ def speed(runs, seed, _):
             start = time.process_time(), time.perf_counter()
             jaxcal.noise.fit(y, RATE)
             spent.append((time.process_time() - start[0], time.perf_counter() - start[1]))
-        print(f"{n} samples: {1e3 * np.median([one[0] for one in spent]):.0f} ms of CPU, {1e3 * np.median([one[1] for one in spent]):.0f} ms", flush=True)
+        cpu, wall = 1e3 * np.median(spent, axis=0)
+        print(f"{n} samples: {cpu:.0f} ms of CPU, {wall:.0f} ms", flush=True)
 
 
 if __name__ == "__main__":

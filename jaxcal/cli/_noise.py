@@ -45,7 +45,6 @@ def noise(
     method: Annotated[
         Literal["whittle", "gls"], Parameter(help="How to fit: by the likelihood (whittle), or on the Allan variance (gls).")
     ] = "whittle",
-    robust: Annotated[bool, Parameter(help="Noise with heavy tails: fit its core, and name the law of its tails.")] = False,
     calibration: Annotated[
         Path | None,
         Parameter(help="Calibration of the device as JSON, from another recording: the log is corrected with it before the fit."),
@@ -69,14 +68,14 @@ def noise(
     must_be_calibration(calibration, option="--calibration")
     must_exist(*also or (), option="--also")
     done = characterise(
-        log, terms, confidence, band, reading, writing, running, method=method, calibration=calibration, robust=robust, also=also or ()
+        log, terms, confidence, band, reading, writing, running, method=method, calibration=calibration, also=also or ()
     )  # fmt: skip
     done.end(running)
 
 
 def characterise(
     path: Path, terms: str, confidence: float, band: tuple[float, float] | None, reading: Reading, writing: Writing, running: Running,
-    method: str = "whittle", calibration: Path | None = None, robust: bool = False, also: tuple[Path, ...] = (),
+    method: str = "whittle", calibration: Path | None = None, also: tuple[Path, ...] = (),
 ) -> Done:  # fmt: skip
     """Read, fit, print the tables and write. The recordings `also` are fitted too, for a table of the next recording."""
     chosen = tuple(terms.replace(",", "").upper())
@@ -86,12 +85,12 @@ def characterise(
         raise CallError(f"--band {band[0]:g} {band[1]:g}: expected the shortest and the longest cluster time in s, the shortest first")
 
     change = None if calibration is None else partial(corrected, calibration)
-    options = {"terms": terms, "confidence": confidence, "band": band, "method": method, "robust": robust, "calibration": calibration}
+    options = {"terms": terms, "confidence": confidence, "band": band, "method": method, "calibration": calibration}
     recordings: list[Any] = []
 
     def compute(log: Any, move: Any) -> Any:
         names = tuple("markov" if term == "M" else term for term in chosen)
-        fit = partial(jaxcal.noise.characterise, method=method, terms=names, confidence=confidence, band=band, robust=robust, progress=move)
+        fit = partial(jaxcal.noise.characterise, method=method, terms=names, confidence=confidence, band=band, progress=move)
         recordings.append(fit(log))
         for other in also:
             log = read_log(other, reading, "noise")

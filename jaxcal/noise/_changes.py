@@ -1,7 +1,7 @@
 r"""Changes of the mean that look like slow noise: an event, a ramp, a warm-up, a slow sinusoid, the temperature.
 
-They act on all axes of a sensor, are searched in all of them together, and enter the likelihood as regressors with a size for each axis. The
-search uses the lowest ordinates of the records and the likelihood ratio at a fixed density of the noise,
+They act on all axes of a sensor, are searched in all of them together, and enter the likelihood as regressors with a size for each axis.
+The search uses the lowest ordinates of the records and the likelihood ratio at a fixed density of the noise,
 
 .. math:: \lambda = \sum_\mathrm{axes}\frac{(\sum x_k y_k/S_k)^2}{\sum x_k^2/S_k}
 
@@ -12,7 +12,7 @@ change after another is added, as long as the ratio exceeds a level that at most
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy  # loads its parts when they are first used
@@ -29,7 +29,8 @@ _CYCLES = np.arange(0.5, 10.01, 0.25)  # cycles of a sinusoid in the record
 _LAGS = (0.0, 0.003, 0.01, 0.03, 0.1)  # time constants over the length of the record with which a sensor follows its temperature
 _ROUNDS = 2  # of the regression and the fit of the noise
 _MOST = 3  # changes of one record
-#: likelihood ratio for one axis that one in 300 records of noise alone reaches in the search of a family; a shift has a known place, and 2.6 standard errors suffice
+#: likelihood ratio for one axis that one in 300 records of noise alone reaches in the search of a family; a shift has a known place, and
+#: 2.6 standard errors suffice
 LEVELS = {"shift": 6.8, "step": 18.5, "ramp": 11.0, "warm_up": 16.0, "sinusoid": 20.0, "temperature": 12.0}
 #: twice the log likelihood by which a change without K must be better than K for K to be a hint at most: 5 % of records with K reach it
 _DOUBTED = 14.0
@@ -52,8 +53,9 @@ class Changes(NamedTuple):
 
 
 class Axis(NamedTuple):
-    """One axis for the search: record without gaps, expected first ordinates per squared coefficient (ordinates, p), the coefficients, which
-    of them are fitted again, and which of these is K."""
+    """One axis for the search: record without gaps, expected first ordinates per squared coefficient (ordinates, p), the coefficients,
+    which of them are fitted again, and which of these is K.
+    """
 
     record: AnyArray
     columns: AnyArray

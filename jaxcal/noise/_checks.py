@@ -11,7 +11,7 @@ import numpy as np
 from .._answer import CAUTION, NOTE, Finding, Quantity
 from .._errors import DataError
 from .._precision import is_traced
-from .._quality import checked_rate, refuse_other_than_samples
+from .._quality import checked_rate, refuse_infinite, refuse_other_than_samples
 from ..allan import Deviation, deviation
 from ._findings import FINDINGS
 from ._model import BUILT_IN, checked_terms
@@ -68,20 +68,20 @@ def checked_call(
         raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)", code="confidence")
     samples = len(y) if np.ndim(y) else 0
     _refuse_alike(terms, samples, 1.0 / rate)
-    m = clusters(samples, terms, rate)
+    quoted = np.round(np.array(QUOTED) * rate).astype(np.int64)
+    m = np.union1d(clusters(samples, terms), quoted[(quoted >= 1) & (quoted <= samples // 4)])
     return Asked(rate, method, terms, confidence, band, temperature, names, m, inside(m / rate, band, terms))
 
 
-def clusters(samples: int, terms: Sequence[Any], rate: float) -> np.ndarray:
-    """Cluster sizes for a fit: about 25 log-spaced, from 1 to a quarter of the record, and those of the times of a data sheet."""
+def clusters(samples: int, terms: Sequence[Any]) -> np.ndarray:
+    """Cluster sizes for a fit: about 25 log-spaced, from 1 to a quarter of the record."""
     needed = 4 * (len(terms) + 3)
     if samples < needed:
         raise DataError(
             f"{samples} sample{'s are' if samples != 1 else ' is'} too short a record to fit {len(terms)} noise terms; "
             f"record at least {needed} samples (an hour or more, for bias instability), or ask for fewer terms", code="too_short",
         )  # fmt: skip
-    sizes = np.round(np.append(np.logspace(0.0, np.log10(samples // 4), _CLUSTERS), np.array(QUOTED) * rate)).astype(np.int64)
-    return np.unique(sizes[(sizes >= 1) & (sizes <= samples // 4)])
+    return np.unique(np.round(np.logspace(0.0, np.log10(samples // 4), _CLUSTERS)).astype(np.int64))
 
 
 def inside(tau: np.ndarray, band: Any, terms: Sequence[Any]) -> np.ndarray:
@@ -122,12 +122,13 @@ def channels_of(y: Any, names: tuple[str, ...]) -> list[Any]:
 
 
 def _refuse_extremes(x) -> None:
+    refuse_infinite(x, "the record")
     known = x[~np.isnan(x)]
     span = float(np.ptp(known)) if len(known) else 1.0
     if span == 0.0:
         raise DataError(
-            "the record is constant (every sample equal): there is no noise to characterise. Check that the sensor was running and that its "
-            "resolution is finer than its noise; leave a dead channel out"
+            "the record is constant (every sample equal): there is no noise to characterise. Check that the sensor was running and that "
+            "its resolution is finer than its noise; leave a dead channel out"
         )
     if not _SMALLEST < span < _LARGEST and np.isfinite(span):
         raise DataError(

@@ -6,14 +6,14 @@ Two measures are taken for each coefficient, and the larger one is used, as a fa
 the model its variance is (F^-1 F_o F^-1)_jj. The factor is the mean ratio of the squares to these variances, each averaged over three
 octaves (a sandwich, P. J. Huber, Proc. 5th Berkeley Symp. 1, 1967).
 
-*Blocks of time.* The evidence for a coefficient is, up to a constant, the energy
+*Blocks of time.* The score of a coefficient is, up to a constant, half the energy
 
 .. math:: \sum_k \frac{X_{jk}}{S_k^2} P_k = \sum_t u_t^2,\qquad u = \mathrm{DCT}^{-1}\Big(y_k \sqrt{dt\,X_{jk}}\,/\,S_k\Big)
 
-whose sum over time shows how it is distributed. The energies of 10, 5 and 2 blocks scatter about their mean with a known variance if the
-record is stationary. A draught, or a level that wanders, makes them scatter more, and the error of the coefficient by the same factor.
+whose sum over time shows how it is distributed. The influences F^-1 g of 10, 5 and 2 blocks scatter about their mean, and their variance is
+that of the coefficient, as in a jackknife. A draught, or a level that wanders, makes it larger than the likelihood says.
 
-A factor counts only as far as chance does not explain it.
+A factor counts in full where chance does not explain it.
 """
 
 import functools
@@ -24,12 +24,11 @@ import scipy  # loads its parts when they are first used
 
 from .._types import AnyArray
 from ._lanes import inverse
-from ._likelihood import density
-from ._limits import chance
+from ._likelihood import density, information
 from ._ordinates import Bins
 
 _BLOCKS = (10, 5, 2)  # blocks of the record; fewer ones see slower changes of the level
-_CHANCES = (0.1, 0.02)  # chances of a larger factor between which it grows from one to its full size
+_CHANCES = (0.1, 0.02)  # chances of a larger scatter of stationary noise between which a factor grows from one to its full size
 _ENOUGH = 0.95  # share of the information on a coefficient that the ordinates used must hold
 _FEWEST = 64  # ordinates that are used at least
 _INDEPENDENT = 1.0  # independent energies that a block must hold; with fewer, its energy follows no known law
@@ -48,17 +47,27 @@ def widening(bins: Bins, unit: float, theta: AnyArray, names: tuple[str, ...], s
     model = density(bins.columns, theta)
     loudest: list[tuple[float, float] | None] = [None] * len(names)
     count = _counts(len(spectrum))
-    known: dict[int, tuple[float, tuple[float, float] | None]] = {}
-    for j in np.flatnonzero(theta > 0.0):
-        evidence = np.where(bins.weight > 0, bins.columns[:, j] / model, 0.0)[: len(count)]
-        if not np.all(evidence >= 0.0) or not np.any(evidence > 0.0):
-            continue
-        needed = _needed(evidence, count)
-        if needed not in known or needed < len(spectrum) // 4:  # what needs most ordinates rests on the same ones
-            known[needed] = _of_blocks(spectrum, evidence, model * unit, count, needed)
-        several, part = known[needed]
-        if several > factor[j]:
-            factor[j], loudest[j] = several, part
+    there = np.flatnonzero(theta != 0.0)
+    energies, worth = np.zeros((len(there), _BLOCKS[0])), np.zeros(len(there))
+    for row, j in enumerate(there):
+        evidence = np.where(bins.weight > 0, np.abs(bins.columns[:, j]) / model, 0.0)[: len(count)]
+        if np.any(evidence > 0.0):
+            energies[row], worth[row] = _energies(spectrum, evidence, model * unit, count)
+            energies[row] *= np.sign(bins.columns[-1, j])
+    back = inverse(information(bins._replace(columns=bins.columns[:, there]), theta[there]))
+    own = np.maximum(np.diagonal(back), np.finfo(float).tiny)
+    for blocks in _BLOCKS:
+        influence = back @ energies.reshape(len(there), blocks, -1).sum(axis=2) / 2.0
+        influence -= influence.mean(axis=1, keepdims=True)
+        spread = np.sum(influence**2, axis=1) * blocks / (blocks - 1.0) / own
+        # energies of few chi-squares have long tails, which make their scatter less certain
+        known = worth >= _INDEPENDENT * blocks
+        freedom = (blocks - 1.0) / (1.0 + 6.0 * blocks / np.where(known, worth, 1.0))
+        found = np.where(known, _beyond_chance(spread, freedom), 1.0)
+        for row, j in enumerate(there):
+            if found[row] > factor[j]:
+                part = int(np.argmax(influence[row]))
+                factor[j], loudest[j] = found[row], (part / blocks, (part + 1) / blocks)
     return Widening(factor, loudest)
 
 
@@ -69,10 +78,9 @@ def _counts(ordinates: int) -> AnyArray:
 
 
 def _beyond_chance(factor: AnyArray, freedom: AnyArray) -> AnyArray:
-    """The factor, as far as a chi-square over its degrees of freedom does not explain it; 1 at least."""
-    likely = np.log(np.maximum(chance(factor * freedom, freedom), np.finfo(float).tiny))
-    none, full = np.log(_CHANCES)
-    return 1.0 + np.clip((likely - none) / (full - none), 0.0, 1.0) * np.maximum(factor - 1.0, 0.0)
+    """The factor, as far as chance does not explain it of a chi-square over its degrees of freedom; 1 at least."""
+    none, full = (2.0 * scipy.special.gammainccinv(freedom / 2.0, one) / freedom for one in _CHANCES)
+    return 1.0 + np.clip((factor - none) / (full - none), 0.0, 1.0) * np.maximum(factor - 1.0, 0.0)
 
 
 def _of_octaves(bins: Bins, theta: AnyArray) -> AnyArray:
@@ -109,29 +117,15 @@ def _fast(length: int) -> int:
     return int(scipy.fft.next_fast_len(length, real=True))
 
 
-def _of_blocks(spectrum, evidence, model, count, needed) -> tuple[float, tuple[float, float] | None]:
+def _energies(spectrum: AnyArray, evidence: AnyArray, model: AnyArray, count: AnyArray) -> tuple[AnyArray, float]:
+    """Energy of the score of a coefficient in each of ten blocks, and the number of chi-squares that it is worth."""
+    needed = _needed(evidence, count)
     bins = int(np.searchsorted(np.cumsum(count), needed)) + 1
-    root, level = (np.repeat(values[:bins].astype(np.float32), count[:bins])[:needed] for values in (evidence, model))
-    white = np.sqrt(root / level) * spectrum[:needed].astype(np.float32)
+    size = float(evidence[:bins].max())
+    share, level = (np.repeat(values[:bins].astype(np.float32), count[:bins])[:needed] for values in (evidence / size, model / model.max()))
+    white = np.sqrt(share / np.where(share > 0.0, level, 1.0)) * (spectrum[:needed] / np.sqrt(model.max())).astype(np.float32)
     # u^2 has twice the bandwidth of u
     whole = needed == len(spectrum)
     u = np.asarray(scipy.fft.idct(np.pad(white, (1, 0 if whole else needed - 1)), norm="ortho", overwrite_x=True))
     energy = np.add.reduceat(u * u, np.arange(_BLOCKS[0]) * len(u) // _BLOCKS[0], dtype=float)
-    total = np.sum(root, dtype=float) ** 2 / np.sum(root * root, dtype=float)  # chi-squares that the energy is worth
-    best: tuple[float, tuple[float, float] | None] = 1.0, None
-    for blocks in _BLOCKS:
-        freedom = total / blocks
-        if freedom < _INDEPENDENT:
-            continue
-        parts = energy.reshape(blocks, -1).sum(axis=1)
-        parts = parts / parts.mean()
-        spread = np.sum((parts - 1.0) ** 2) / (blocks - 1) * freedom / 2.0
-        # the cube root of a chi-square is nearly normal
-        normal = np.cbrt(parts) / np.sqrt(2.0 / (9.0 * freedom))
-        scatter = np.sum((normal - normal.mean()) ** 2) / (blocks - 1)
-        beyond = float(_beyond_chance(scatter, blocks - 1.0))
-        found = 1.0 + (beyond - 1.0) / max(scatter - 1.0, np.finfo(float).tiny) * max(spread - 1.0, 0.0) if beyond > 1.0 else 1.0
-        if found > best[0]:
-            loudest = int(np.argmax(parts))
-            best = float(found), (loudest / blocks, (loudest + 1) / blocks)
-    return best
+    return energy * size, float(np.sum(share, dtype=float) ** 2 / np.sum(share * share, dtype=float))

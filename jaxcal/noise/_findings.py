@@ -19,7 +19,7 @@ _WITH_OPTIONS = "Leave that part out with --start or --stop."
 FINDINGS = table(
     # about the samples
     set_aside=Kind(
-        NOTE, "Not at rest for {length:.3g} s ({share:.2g} %), first at {first:.4g} s: knocks, movement, stuck readings, which are left out."
+        NOTE, "Not at rest for {length:.3g} s ({share:.2g} %), from {first:.4g} s on: knocks, movement, stuck readings, left out."
     ),
     coarse=Kind(
         CAUTION, "Readings come in steps of {step:.3g}, over twice the noise: no coefficient is reliable.",
@@ -62,6 +62,7 @@ FINDINGS = table(
         "for it.", "Look there for a knock or a draught.",
     ),
 )  # fmt: skip
+_SHOWN = 0.33  # relative error of the size of a change from which an axis shows it
 _UNEVEN = 2.0  # factor on an interval from which it is worth a sentence
 _TOO_WIDE = 4.0  # ratio of the misfit of the spectrum to its expectation above which the model does not hold
 _SLOW = 0.5  # cost of what concerns B and K alone
@@ -92,13 +93,18 @@ def of_curve(curve: Deviation) -> list[Finding]:
 
 
 def of_changes(changes: Sequence[Change], factors: Any, covariance: Any, unit: str) -> list[Finding]:
-    """Changes of the mean that were fitted; `factors` and `covariance` are of all columns of all changes, in `unit`."""
+    """Changes of the mean that were fitted; `factors` and `covariance` are of all columns of all changes, in `unit`.
+
+    An axis is silent about a change of other axes that it does not show itself.
+    """
     found, steps, first = [], [], 0
     for change in changes:
         columns = slice(first, first + (2 if change.family == "sinusoid" else 1))
         size = float(np.hypot.reduce(factors[columns]))
         error = float(np.sqrt(factors[columns] @ covariance[columns, columns] @ factors[columns])) / size if size else np.inf
         first, known = columns.stop, Quantity(size, unit)
+        if error > _SHOWN * size:
+            continue
         if change.family == "step":
             steps.append((change.at, size, error))
         elif change.family == "warm_up":

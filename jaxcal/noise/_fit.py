@@ -43,13 +43,12 @@ def fit(
     which reaches the information that the record holds. Intervals are those of the profile likelihood. The other methods fit
     the overlapped Allan variance sigma^2(tau) = 3Q^2/tau^2 + N^2/tau + (2 ln2/pi)B^2 + K^2 tau/3 + R^2 tau^2/2.
 
-    The fit leaves out high frequencies (short cluster times) at which the model does not hold because of a filter, averaging or a
-    resonance in the sensor. The effect of a filter below these frequencies is then fitted in place of Q, which has the same shape.
-    Spectral lines become sinusoids of the model. If the record scatters more than the model allows, the intervals are wider. A step, a
-    ramp, a warm-up or a slow sinusoid is fitted together with the noise. Noise of another exponent, or Gauss-Markov processes, become
-    part of the model if they explain the slow noise better than B and K. If they explain it about as well, B or K is a hint at most, and
-    the interval of N holds for both models. If the record does not decide between the models, coefficients and intervals are means over
-    them. Single outlying samples are replaced by the mean of their neighbours. Each of these is among the findings of the result.
+    Knocks, movement and stuck readings are set aside first, in all channels together. The fit leaves out high frequencies (short cluster
+    times) at which a filter or a resonance of the sensor bends the spectrum. The rest of that effect is fitted in place of Q, which has the
+    same shape. Spectral lines become sinusoids of the model. What changes the mean of the channels (at an instant, a ramp, a warm-up, a slow
+    sinusoid, the temperature of a log) is fitted together with the noise. If the noise is uneven in time, or its spectrum departs from the
+    model, the intervals are wider. The interval of N also holds for slow noise of any other falling spectrum; B and K are hints at most if the
+    record clearly has one (`compare` tells which). Each of these is among the findings of the result.
 
     Parameters
     ----------
@@ -134,7 +133,7 @@ def characterise(
     log : the `Log`, or anything that `jaxcal.read` takes: a path, a data frame, a dataset, a dictionary of arrays.
     rate : sampling rate in Hz, where what is given has no times.
     method, terms, confidence, band : as in `fit`.
-    progress : called as progress(done, total, channel) before each channel, and once at the end.
+    progress : called as progress(done, total, channel) before the channels of each sensor, with the first of them, and once at the end.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 r"""Degrees of freedom of a measured Allan variance, from a spectrum.
 
-The overlapped Allan variance of n samples is a weighted sum of the ordinates of the record, whose weights are those of the transfer function,
-:math:`w_k = \sin^4(\pi f_k\tau)/(m\sin \pi f_k dt)^2`. Each ordinate is a chi-square of one degree of freedom, so that
+The overlapped Allan variance of n samples is a weighted sum of the ordinates of the record, whose weights are those of the transfer
+function, :math:`w_k = \sin^4(\pi f_k\tau)/(m\sin \pi f_k dt)^2`. Each ordinate is a chi-square of one degree of freedom, so that
 
 .. math:: \nu = \frac{(\sum_k w_k S_k)^2}{\sum_k (w_k S_k)^2}
 

@@ -31,9 +31,9 @@ _ITERATIONS = 60
 _LEAST = 0.02  # share of information left in an ordinate below which the ordinate is not used
 _FEWEST = 16  # least number of samples
 _NOTHING = 1e-6  # share of the record below which its remainder is only rounding
-#: share of missing samples up to which a draw about the mean of the neighbours fills gaps: it moves no coefficient by a tenth of its error;
-#: neighbours on either side of a gap, beside as many as the gap has samples
-_FEW, _NEIGHBOURS = 0.02, 24
+#: share of missing samples, and gaps over the root of the samples, up to which a draw about the mean of the neighbours fills gaps: it
+#: moves no coefficient by a tenth of its error; neighbours on either side of a gap, beside as many as the gap has samples
+_FEW, _GAPS, _NEIGHBOURS = 0.02, 0.03, 24
 _REGRESSED = 4096  # lowest ordinates that determine the size of a regressor, which changes slowly
 
 
@@ -73,7 +73,7 @@ class Observed:
         self._there = 1.0 - missing.mean()
         if n - missing.sum() < _FEWEST:
             raise DataError(f"{n - int(missing.sum())} of {n} samples are there; a noise model needs {_FEWEST} at least")
-        if 0.0 < 1.0 - self._there <= _FEW:
+        if 0.0 < 1.0 - self._there <= _FEW and len(runs(missing)[0]) <= _GAPS * np.sqrt(n):
             y, missing = bridged(y), np.zeros(n, dtype=bool)
         else:
             self._there = 1.0

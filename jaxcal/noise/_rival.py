@@ -10,7 +10,8 @@ sum of relaxations follows every falling spectrum of exponent up to two (A. van 
 coefficients, and the iteration of non-negative least squares with the weights nu/S^2 ends at the maximum of the likelihood.
 
 The interval of N is the hull of both. Where the rival is clearly more likely, corners up to the end of the band take part in it: what lies
-above the highest corner could be N as well as slow noise. B and K are hints at most where the rival is clearly more likely and clearly another spectrum.
+above the highest corner could be N as well as slow noise. B and K are hints at most where the rival is clearly more likely and clearly
+another spectrum.
 """
 
 from typing import NamedTuple
@@ -33,8 +34,9 @@ _SLOW = ("B", "K")
 
 
 class Rival(NamedTuple):
-    """Density of the rival in the bins of a fit, twice its gain in log likelihood, rms logarithm of its ratio to the model, and limits of its
-    N^2 (low, high, one-sided upper limit) in units of `Bins.unit`, or None without N."""
+    """Density of the rival in the bins of a fit, twice its gain in log likelihood, rms logarithm of its ratio to the model, and limits of
+    its N^2 (low, high, one-sided upper limit) in units of `Bins.unit`, or None without N.
+    """
 
     density: AnyArray
     gain: float

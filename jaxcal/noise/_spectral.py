@@ -14,7 +14,7 @@ import numpy as np
 from .._arrays import namespace
 from .._types import Any, AnyArray, Int
 from ._lanes import inverse
-from ._likelihood import ROUGH, density, flat_start, information, minimise, nonnegative, several_starts
+from ._likelihood import ROUGH, density, information, minimise, nonnegative, several_starts
 from ._limits import Limits, chance, find_limits
 from ._ordinates import Bins
 from ._terms import Filter
@@ -23,10 +23,10 @@ FILTER = Filter.name
 #: the goodness of fit compares means over groups of bins with the model: ordinates at which the first groups begin, and the number of
 #: groups, of which the later ones are evenly spaced in the logarithm
 _FIRST, _GROUPS = (0, 4, 12, 24, 48), 40
-#: search for the upper end of the band: relative misfit of the density that is allowed without and with a filter (2 % would end the band of an ADIS16405's
-#: accelerometer at 0.4 Hz instead of 25), chance of a worse misfit below which an end is refused, octaves that are looked at, octaves by
-#: which the end is then lowered, bins that a band needs in addition to the number of terms
-_TOLERANCES, _REFUSED, _OCTAVES, _MARGIN, _FEWEST = (0.01, 0.05), 0.001, 4, 0.5, 20
+#: search for the upper end of the band: relative misfit of the density that is allowed without and with a filter (with 5 %,
+#: a filter of the second order at 20 Hz makes N 5 % too large), chance of a worse misfit below which an end is refused, octaves that are
+#: looked at, octaves by which the end is then lowered, bins that a band needs in addition to the number of terms
+_TOLERANCES, _REFUSED, _OCTAVES, _MARGIN, _FEWEST = (0.01, 0.03), 0.001, 4, 1.0, 20
 
 
 class Attempt(NamedTuple):
@@ -42,8 +42,8 @@ class Attempt(NamedTuple):
 class Fitted(NamedTuple):
     """The best fit of `bins`, which have zero weight outside the band: coefficients in units of `Bins.unit`, cost, whether it converged.
 
-    cut : whether high frequencies were left out. misfit : deviance of the spectrum over its degrees of freedom. goodness : chance of a worse deviance. plain, alone : the bins of the band without the column `FILTER`, and their fit;
-    the limits of Q come from these.
+    cut : whether high frequencies were left out. misfit : deviance of the spectrum over its degrees of freedom. goodness : chance of a
+    worse deviance. plain, alone : the bins of the band without the column `FILTER`, and their fit; the limits of Q come from these.
     """
 
     theta: AnyArray
@@ -104,7 +104,7 @@ def _search(bins: Bins, count: int) -> tuple[float, bool]:
     """Find the upper end of the band in Hz, and whether white noise is level up to there (host only).
 
     It is the highest end below which the spectrum of four octaves is N^2 + c s^2 + b/s + k/s^2, first with c of quantisation noise and to
-    1 %, then with c of either sign and to 5 %, since a filter is rarely of the second order. Means over thirds of octaves are compared,
+    1 %, then with c of either sign and to 3 %, since a filter is rarely of the second order. Means over thirds of octaves are compared,
     without the third that fits worst.
     """
     used = bins.weight > 0
@@ -138,7 +138,7 @@ def fit_bins(bins: Bins, group, automatic: bool, terms: tuple[str, ...], first: 
     """Fit the widest band, from the lowest frequency up, whose upper end no filter spoils; all bins unless `automatic` (host only).
 
     A filter or a resonance of the sensor spoils high frequencies. The upper end is therefore lowered by thirds of octaves until the four
-    octaves below it are smooth, and then by half an octave, because they only just are.
+    octaves below it are smooth, and then by another octave, because they only just are.
 
     Below its corner a low-pass filter turns white noise into N^2 (1 - c f^2) with c of either sign. In a band whose high frequencies are
     cut off, the column `FILTER` describes this, so that it does not bias N. The column has the shape of Q and replaces it. `first` is the
@@ -147,7 +147,7 @@ def fit_bins(bins: Bins, group, automatic: bool, terms: tuple[str, ...], first: 
     plain = without(bins, terms, FILTER)
     found = alone = first or attempt(plain, group)
     inside, cut = plain, False
-    if automatic:
+    if automatic and chance(found.deviance, found.freedom) < _REFUSED:
         end, level = _search(plain, len(terms))
         cut = not level or end < float(np.max(np.where(bins.weight > 0, bins.frequency, 0.0)))
     if cut:

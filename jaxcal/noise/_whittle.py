@@ -44,8 +44,8 @@ class Parts(NamedTuple):
 class Described(NamedTuple):
     """A record under a model of its noise.
 
-    observed : its likelihood, with changes of the mean as regressors. solved : the fit. terms : those asked for, with the correlation time of
-    a process that was sought. line : slope of the record and its standard error. changes : those of the mean.
+    observed : its likelihood, with changes of the mean as regressors. solved : the fit. terms : those asked for, with the correlation time
+    of a process that was sought. line : slope of the record and its standard error. changes : those of the mean.
     """
 
     observed: Observed

@@ -62,12 +62,13 @@ def test_the_step_of_one_accelerometer_is_told(record, gyro_x):
 @pytest.mark.long
 def test_what_the_sensor_does_is_told(fits):
     for fit in fits:
-        # the internal filter of the sensor attenuates from about 15 Hz on
-        assert 0.03 < fit.band[0] < 0.5
+        # the internal filter of the sensor attenuates from about 15 Hz on, which a term beside N describes
+        assert 0.01 < fit.band[0] < 0.5
         assert "band" in fit.codes
         for term in ("N", "B", "K"):
             assert np.isfinite(fit.interval[term]).all()
     for fit in fits[3:]:
+        assert "set_aside" in fit.codes  # it was knocked
         # the table on which the sensor stood rings
         assert any(abs(frequency - 0.55) < 0.02 for _, frequency in fit.noise.sinusoid)
         assert fit.presence["N"] == "present"
@@ -92,12 +93,3 @@ def apart(record, terms):
 def test_disjoint_halves_agree(record):
     # the sensor was knocked or warmed at 2150 s and several times before; without allowance for this, 5 comparisons fail
     assert apart(record, "NBK") <= 3  # 18 comparisons at 95 %: P(> 3) = 1 %
-
-
-@pytest.mark.long
-def test_steps_are_told(fits):
-    """Means over 20 s show the steps: all accelerometers step at 2150 s, z the most, and x and y were knocked near 7000 s."""
-    for fit, times in zip(fits[3:], ((2150, 7000), (2150, 7000), (2150,)), strict=True):
-        for time in times:
-            assert min(abs(step - time) for step in steps(fit)) < 60.0, (time, steps(fit))
-    assert not any(steps(fit) for fit in fits[:3])

@@ -33,7 +33,7 @@ def finite_or_a_sentence(y):
             fit = jaxcal.noise.fit(y, 100.0)
         except jaxcal.JaxcalError:
             return
-    tables = (fit.interval, fit.upper_limit, fit.significance, fit.longer_record, fit.decides, fit.covariance, fit.goodness, fit.noise)
+    tables = (fit.interval, fit.upper_limit, fit.significance, fit.longer_record, fit.covariance, fit.goodness, fit.noise)
     assert not any(np.isnan(leaf).any() for leaf in jax.tree.leaves(tables))
 
 

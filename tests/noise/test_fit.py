@@ -157,8 +157,11 @@ def test_units_scale_and_channels_do_not_mix():
 
 def test_longer_record_is_about_right():
     """If the record is four times as long, the relative error of N is halved."""
-    short, long = (fit(WHITE.simulate(n, RATE, seed=9), RATE) for n in (2**13, 2**15))
-    np.testing.assert_allclose(short.longer_record["N"], long.longer_record["N"], rtol=0.1)
+    # the width of one interval scatters, because the noise of a short record may be uneven by chance
+    fits = {n: [fit(WHITE.simulate(n, RATE, seed=seed), RATE) for seed in range(9)] for n in (2**13, 2**15)}
+    short, long = (np.median([one.longer_record["N"] for one in found]) for found in fits.values())
+    np.testing.assert_allclose(short, long, rtol=0.1)
+    short = fits[2**13][0]
     assert short.longer_record["N"] < short.duration < 1000.0 < short.longer_record["K"]
 
 
@@ -173,7 +176,7 @@ def test_characterise_names_channels_and_reports_progress():
     steps = []
     found = characterise(log, progress=lambda done, total, name: steps.append((done, total, name)))
     assert list(found) == ["gyro_x", "gyro_y", "gyro_z"]
-    assert steps == [(0, 3, "gyro_x"), (1, 3, "gyro_y"), (2, 3, "gyro_z"), (3, 3, "")]
+    assert steps == [(0, 3, "gyro_x"), (3, 3, "")]
     np.testing.assert_allclose(found["gyro_z"].noise.N, 3e-4, rtol=0.1)
 
 
@@ -195,7 +198,7 @@ def test_characterise_names_the_channel_that_cannot_be_used():
         (np.random.default_rng(0).standard_normal(1000), {"band": (1.0, 1.1)}, "too few for 4 terms"),
         (np.random.default_rng(0).standard_normal(1000), {"band": 3.0}, "(shortest, longest)"),
         (np.array([0.0, np.inf] * 500), {}, "infinite values"),
-        (np.stack([np.arange(100.0) % 7, np.ones(100)], axis=1), {}, "channel 1 is constant"),
+        (np.stack([np.arange(100.0) % 7, np.ones(100)], axis=1), {}, "channel 1: the record is constant"),
     ],
 )
 def test_messages(y, options, words):

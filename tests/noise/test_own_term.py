@@ -90,7 +90,7 @@ def test_intervals_hold_the_truth():
 def test_everything_that_a_letter_has(two):
     fit = two[0]
     assert fit.terms == ("N", "P")
-    for table in (fit.interval, fit.upper_limit, fit.presence, fit.significance, fit.longer_record, fit.decides):
+    for table in (fit.interval, fit.upper_limit, fit.presence, fit.significance, fit.longer_record):
         assert list(table) == ["N", "P"]
     assert fit.covariance.names == ("N", "P")
     assert fit.significance["P"] > 5.41
