@@ -45,10 +45,10 @@ def fit(
 
     Knocks, movement and stuck readings are set aside first, in all channels together. The fit leaves out high frequencies (short cluster
     times) at which a filter or a resonance of the sensor bends the spectrum. The rest of that effect is fitted in place of Q, which has the
-    same shape. Spectral lines become sinusoids of the model. What changes the mean of the channels (at an instant, a ramp, a warm-up, a slow
-    sinusoid, the temperature of a log) is fitted together with the noise. If the noise is uneven in time, or its spectrum departs from the
-    model, the intervals are wider. The interval of N also holds for slow noise of any other falling spectrum; B and K are hints at most if the
-    record clearly has one (`compare` tells which). Each of these is among the findings of the result.
+    same shape. Spectral lines become sinusoids of the model. What changes the mean of the channels (at an instant, a ramp, a warm-up, a
+    slow sinusoid, the temperature of a log) is fitted together with the noise. If the noise is uneven in time, or its spectrum departs from
+    the model, the intervals are wider. The interval of N also holds for slow noise of any other falling spectrum; B and K are hints at most
+    if the record clearly has one (`compare` tells which). Each of these is among the findings of the result.
 
     Parameters
     ----------
