@@ -70,25 +70,6 @@ def test_messages(models, words):
         correlation(mixed(0), RATE, models)
 
 
-def test_coherence_is_that_of_the_mixture_and_of_chance():
-    y = mixed(3, n=2**17)
-    found = jaxcal.spectrum.cross(y, RATE)
-    high = found.count > 200
-    np.testing.assert_allclose(np.mean(found.coherence[high, 0, 1]), 0.09, atol=0.01)
-    np.testing.assert_allclose(np.real(found.density[high, 0, 0]).mean(), 4.0 / RATE, rtol=0.03)
-    alone = jaxcal.spectrum.cross(np.random.default_rng(4).standard_normal((2**17, 2)), RATE)
-    judged = alone.count > 1
-    assert abs(np.mean(alone.coherence[judged, 0, 1] > alone.level[judged]) - 0.05) < 0.05
-    delayed = jaxcal.spectrum.cross(np.stack([y[1:, 0], y[:-1, 0]], axis=1), RATE)
-    high = delayed.count > 200
-    phase = np.angle(delayed.density[high, 0, 1])
-    np.testing.assert_allclose(np.exp(1j * phase), np.exp(2j * np.pi * delayed.frequency[high] / RATE), atol=0.02)
-    with pytest.raises(DataError, match="two channels or more"):
-        jaxcal.spectrum.cross(y[:, 0], RATE)
-    with pytest.raises(DataError, match="needs an average"):
-        jaxcal.spectrum.cross(y, RATE, average=None)
-
-
 def test_a_log_with_correlated_axes_says_so_and_a_common_step_and_line_do_not_count():
     random, n = np.random.default_rng(5), 2**13
     a, b, c = 1e-3 * random.standard_normal((3, n))
