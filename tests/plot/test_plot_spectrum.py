@@ -3,14 +3,12 @@
 import pathlib
 import runpy
 
-import matplotlib
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 from jaxcal import DataError
 from jaxcal.noise import Noise, Term
-from jaxcal.plot import TERM_COLORS, save, spectrum
+from jaxcal.plot import TERM_COLORS, spectrum
 from jaxcal.spectrum import Spectrum, density
 
 made_fit = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))["made_fit"]
@@ -104,32 +102,6 @@ def test_a_term_of_ones_own_on_one_of_two_channels():
     assert {"L = 2.00\u00d710⁻⁴ SI", "N = 0.344 °/√h"} <= set(key(ax))
 
 
-def test_axes_of_one_sensor_share_a_panel_in_colours_of_their_own():
-    fits = {f"gyro_{axis}": made_fit(1.0 + i) for i, axis in enumerate("xyz")}
-    results = {name: found(seed=i) for i, name in enumerate(fits)}
-    ax = drawn(spectrum(results, noise=fits))
-    assert ax.get_legend().get_title().get_text() == "Gyroscope"
-    assert {"x", "y", "z", "N = 0.34 °/√h", "N = 0.69 °/√h", "N = 1.0 °/√h"} <= set(key(ax))
-    points = [line for line in ax.lines if line.get_marker() == "o"]
-    assert len({line.get_color() for line in points}) == 3
-    plain = drawn(spectrum(results))
-    assert key(plain) == ["x", "y", "z"]
-    partly = drawn(spectrum(results, noise={"gyro_y": made_fit()}))
-    assert len(partly.lines) == 4
-
-
-def test_several_sensors_get_a_panel_each_and_given_axes_are_drawn_on():
-    results = {"gyro_x": found(), "accel_x": found(), "accel_y": found(seed=1)}
-    axes = spectrum(results)
-    assert [ax.get_ylabel().split(", ")[1] for ax in axes] == ["(°/h)²/Hz", "mg²/Hz"]
-    given = Figure().subplots(1, 2)
-    assert list(spectrum(results, ax=given)) == list(given)
-    single = Figure().subplots()
-    assert drawn(spectrum(found(), ax=single, noise=Noise(N=1e-4))) is single
-    with pytest.raises(DataError, match="1 axes for 2 sensors"):
-        spectrum(results, ax=single)
-
-
 def test_channels_of_one_spectrum_with_a_model_of_channels():
     result = found(channels=2)
     ax = drawn(spectrum(result, noise=Noise(N=[1e-4, 2e-4])))
@@ -152,29 +124,6 @@ def test_a_raw_spectrum_is_thinned_to_its_extremes():
     assert values.min() == pytest.approx(result.density.min() / DEG_PER_H**2)
     assert ax.get_ylim()[0] > values.min()  # the deepest minima are outside the axes
     assert (f[0], f[-1]) == (result.frequency[0], result.frequency[-1])
-
-
-@pytest.mark.parametrize("own", [True, False])
-def test_nothing_overlaps_and_nothing_leaves_the_figure(own):
-    results = {f"{sensor}_{axis}": found() for sensor in ("gyro", "accel") for axis in "xyz"}
-    axes = np.ravel(
-        spectrum(
-            results, ax=None if own else Figure(figsize=(10, 5), layout="constrained").subplots(1, 2),
-            noise={name: made_fit() for name in results},
-        )
-    )  # fmt: skip
-    figure = axes[0].figure
-    figure.draw_without_rendering()
-    for ax in axes:
-        box = ax.get_legend().get_window_extent()
-        assert figure.bbox.x0 - 1 <= box.x0
-        assert box.x1 <= figure.bbox.x1 + 1
-        assert box.y1 <= figure.bbox.y1 + 1
-        if own:
-            assert box.y0 >= ax.get_window_extent().y1 - 1
-        labels = [label.get_window_extent() for label in (*ax.get_xticklabels(), *ax.get_yticklabels()) if label.get_text()]
-        visible = [b for b in labels if ax.get_window_extent().padded(20).overlaps(b)]
-        assert not any(a.overlaps(b) for i, a in enumerate(visible) for b in visible[:i])
 
 
 def made(frequency, values):
@@ -203,10 +152,3 @@ def test_degenerate_calls():
         spectrum(found(), noise=1e-4)
     with pytest.raises(DataError, match="noise names none of the channels drawn: it has gyro_y"):
         spectrum({"gyro_x": found()}, noise={"gyro_y": Noise(N=1.0)})
-
-
-def test_no_global_setting_is_touched(tmp_path):
-    before = dict(matplotlib.rcParams)
-    save(spectrum(found()), tmp_path / "psd.png")
-    assert dict(matplotlib.rcParams) == before
-    assert (tmp_path / "psd.png").read_bytes().startswith(b"\x89PNG")
