@@ -12,8 +12,8 @@ _WINDOW, _SAMPLES = 0.25, 20
 #: ratio of a window's variance to that at rest above which the sensor moves; normal noise exceeds it in one of 1e12 windows
 _MOVES = 6.0
 _QUANTILE = 0.3
-#: standard deviations beyond which a sample, or the mean over a block, does not belong to a rest; length of a block, s
-_SAMPLE, _BLOCK_MEAN, _BLOCK = 4.5, 5.0, 0.1
+#: standard deviations beyond which the mean over a block does not belong to a rest; length of a block, s
+_BLOCK_MEAN, _BLOCK = 5.0, 0.1
 #: largest share of a rest that may be cut off at its beginning or end because the table still oscillates
 _MOST = 0.25
 #: largest change of the angle of a table at rest, rad
@@ -22,9 +22,7 @@ _STEADY = np.deg2rad(0.01)
 _TURNS = np.deg2rad(0.1)
 
 
-def rests_of(
-    samples: dict[str, np.ndarray], recorded: np.ndarray | None, rate: float, least: float, settle: float
-) -> tuple[np.ndarray, np.ndarray]:
+def rests_of(samples: dict[str, np.ndarray], recorded: np.ndarray | None, rate: float, least: float) -> tuple[np.ndarray, np.ndarray]:
     """First sample of each rest, and the sample after its last one."""
     half = max(round(_WINDOW * rate), _SAMPLES) // 2
     size = 2 * half + 1
@@ -50,11 +48,9 @@ def rests_of(
         name: np.stack([np.interp(np.arange(n), np.flatnonzero(there[name]), column[there[name]]) for column in x.T], axis=1)
         for name, x in samples.items()
     }
-    ends = [
-        trimmed
-        for i, j in zip(*(edges.tolist() for edges in runs(still)), strict=True)
-        if j - i >= max(0.5 * least * rate, size) and (trimmed := _trimmed(samples, recorded, i, j, half, rate, settle)) is not None
-    ]
+    whole, block = np.concatenate(list(samples.values()), axis=1), max(round(_BLOCK * rate), 2)
+    found = zip(*(edges.tolist() for edges in runs(still)), strict=True)
+    ends = [_settled(whole[i:j], i, block) for i, j in found if j - i >= max(0.5 * least * rate, size, 6 * block)]
     ends = [(i, j) for i, j in ends if j - i >= least * rate]
     if len(ends) < 2:
         what = "never rests" if not ends else "rests once"
@@ -89,31 +85,9 @@ def _unmoved(angle: np.ndarray, size: int) -> np.ndarray:
     return change < max(6 * noise, _STEADY)
 
 
-def _trimmed(
-    samples: dict[str, np.ndarray], recorded: np.ndarray | None, first: int, last: int, half: int, rate: float, settle: float
-) -> tuple[int, int] | None:
-    """Refine the ends of a rest: extend it while samples agree with it, then shorten it while the table still oscillates."""
-    x = np.concatenate([*samples.values(), *([] if recorded is None else [recorded[:, None]])], axis=1)
-    middle, scatter = np.mean(x[first:last], axis=0), np.std(x[first:last], axis=0)
-    scatter = np.maximum(scatter, 1e-12 + 1e-9 * np.abs(middle))
-    if recorded is not None:
-        scatter[-1] = max(scatter[-1], _STEADY / _SAMPLE)
-    low, high = max(first - half, 0), min(last + half, len(x))
-    strange = np.any(np.abs(x[low:high] - middle) > _SAMPLE * scatter, axis=1)
-    before, after = np.flatnonzero(strange[: first - low]), np.flatnonzero(strange[last - low :])
-    start = int(low + before[-1] + 1) if len(before) else low
-    stop = int(last + after[0]) if len(after) else high
-    cut = round(settle * rate)
-    # do not cut at the ends of the log, where there was no motion
-    start, stop = start + cut * (start > 0), stop - cut * (stop < len(x))
-    block, most = max(round(_BLOCK * rate), 2), int(_MOST * (last - first))
-    if stop - start < 6 * block:
-        return None
-    return _settled(np.concatenate(list(samples.values()), axis=1)[start:stop], start, block, most)
-
-
-def _settled(x: np.ndarray, start: int, block: int, most: int) -> tuple[int, int]:
-    """Start and stop after removing the blocks at both ends whose means differ from the middle."""
+def _settled(x: np.ndarray, start: int, block: int) -> tuple[int, int]:
+    """Start and stop of a rest without the blocks at its ends whose means differ from the middle, because the table still swings."""
+    most = int(_MOST * len(x))
     inside = x[most : len(x) - most]
     level = np.mean(inside, axis=0)
     means = np.mean(inside[: len(inside) // block * block].reshape(-1, block, x.shape[1]), axis=1)

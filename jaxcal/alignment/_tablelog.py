@@ -83,12 +83,11 @@ def from_log(
     angle_std: Any = 0.0,
     gyro_scale: float | int = 1e-3,
     least: float | int = 5.0,
-    settle: float | int = 0.05,
 ) -> TableLog:
     r"""Find the rests of a turntable in its raw log, and average the readings of each rest.
 
     A rest is a time in which the sensors' variance stays low and the table angle does not change. Its ends are moved inwards until the
-    samples there, and the means over a tenth of a second, agree with the rest. The angle of a rest comes from the log, from the caller,
+    means over a tenth of a second there agree with the rest. The angle of a rest comes from the log, from the caller,
     or from the integral of a gyroscope with three axes over the moves:
 
     .. math:: \alpha_{k+1} = \alpha_k + \int n \cdot (\omega - b)\,dt
@@ -106,7 +105,6 @@ def from_log(
     angle_std : standard deviation of each angle given by the log or the caller, rad.
     gyro_scale : standard deviation of the gyroscope's scale factor, used if the angles come from its integral.
     least : shortest rest, s.
-    settle : additional time to cut off at both ends of a rest, s.
 
     Returns
     -------
@@ -143,7 +141,7 @@ def from_log(
         raise DataError(Message("A sensor of the log has two axes, not one or three. Choose them with {option.columns}."), code="axes")
     rate, time = float(log.rate), np.asarray(log.time)
     recorded = None if angle is None else _recorded(angle, len(time))
-    start, stop = rests_of(samples, recorded, rate, float(least), float(settle))
+    start, stop = rests_of(samples, recorded, rate, float(least))
     least_rest, most_rest = (Quantity(float(x) / rate, "time") for x in ((stop - start).min(), (stop - start).max()))
     notes = [FINDINGS("rests", count=len(start), least=least_rest, most=most_rest)]
     turns, frame = _moves(samples, start, stop, rate)
