@@ -16,14 +16,13 @@ from .._special import NORMAL95
 from ._closed import Closed, bias_and_scale, four_point, maximum, opposed, quadrature, scale_first, single_reading, triad
 from ._findings import OUTCOMES, decided, findings_of, has_number
 from ._level import Level
-from ._positions import EARTH_RATE, Readings, check_latitude, distance, harmonics, means_at, need, taken, wrap
+from ._positions import EARTH_RATE, POLE, QUARTER, SMALL, Readings, check_latitude, distance, harmonics, means_at, need, taken, wrap
 
-_QUARTER = np.pi / 2
-_THREE = [("x", 0.0), ("x", _QUARTER), ("x", np.pi)]
+_THREE = [("x", 0.0), ("x", QUARTER), ("x", np.pi)]
 _WANTED: dict[str, list[tuple[str, float]]] = {
     "opposed": [("x", 0.0), ("x", np.pi)],
-    "quadrature": [("x", _QUARTER), ("x", 3 * _QUARTER)],
-    "four_point": [*_THREE, ("x", 3 * _QUARTER)],
+    "quadrature": [("x", QUARTER), ("x", 3 * QUARTER)],
+    "four_point": [*_THREE, ("x", 3 * QUARTER)],
     "single_reading": [],
     "maximum": [],
     "bias_and_scale": _THREE,
@@ -34,8 +33,6 @@ AZIMUTH_METHODS = tuple(_WANTED)
 _KERNELS = dict(
     zip(AZIMUTH_METHODS, (opposed, quadrature, four_point, single_reading, maximum, bias_and_scale, scale_first, triad), strict=True)
 )
-_POLE = np.deg2rad(89.9)
-_SAME_SCALE = 1e-6
 
 
 class Azimuth(Result):
@@ -200,8 +197,8 @@ def _level(level: Any, method: str) -> tuple[Any, Any, Any]:
 def _found(readings, phi, theta, level_covariance, latitude, hint, accuracy, angle, method: str) -> Azimuth:
     unit = EARTH_RATE
     # at a pole the formulas would divide by zero; the verdict reports this case
-    pole = jnp.abs(latitude) > _POLE
-    lat = jnp.where(pole, _POLE, latitude)
+    pole = jnp.abs(latitude) > POLE
+    lat = jnp.where(pole, POLE, latitude)
     missing = jnp.asarray(False)
     given = (angle,) if method == "single_reading" else ()
     if method == "maximum":
@@ -233,7 +230,7 @@ def _judged(form: Closed, method: str, latitude, hint, accuracy, pole, missing, 
     if hint is not None:
         ambiguous, undecided = several & jnp.any(others & (apart < 2 * accuracy)), off
     elif by_scale is not None:
-        chosen, undecided = several, several & jnp.any(others & (jnp.abs(by_scale - by_scale[best]) < _SAME_SCALE))
+        chosen, undecided = several, several & jnp.any(others & (jnp.abs(by_scale - by_scale[best]) < SMALL))
     if form.latitude is not None:
         off = (jnp.abs(form.latitude - latitude) > 4 * form.latitude_std) & (form.latitude_std > 0)
     outcome = decided(

@@ -8,14 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Any, Array
-from ._positions import wrap
+from ._positions import ROUNDING, SMALL, wrap
 
-WEAK = np.deg2rad(10.0)
-_STEEP = 50.0
-_EMPTY = 1e-9
-_MERGED = 1e-6
-_FLAT = 1e-9
-_LEVEL = 1e-6
+#: standard deviation (rad) and magnification of errors from which on an angle is hardly determined
+WEAK, _STEEP = np.deg2rad(10.0), 50.0
 
 
 class Roots(eqx.Module):
@@ -49,7 +45,7 @@ def arc_cosine(c: Array, r: Array) -> tuple[Array, Array]:
     return jnp.where(inside, angle, jnp.where(c < 0, jnp.asarray(np.pi, dtype=c.dtype), 0)), sine
 
 
-def solve(coefficients: Callable[[Array], Array], x: Array, covariance: Array, empty: float = _EMPTY) -> Roots:
+def solve(coefficients: Callable[[Array], Array], x: Array, covariance: Array, empty: float = ROUNDING) -> Roots:
     """Both roots of a sin(psi) + b cos(psi) = c, where `coefficients` computes (a, b, c) from the data `x` with their `covariance`.
 
     The standard deviation of a root is that of a sin + b cos - c divided by its derivative by psi; it includes the errors of all of `x`.
@@ -71,7 +67,7 @@ def solve(coefficients: Callable[[Array], Array], x: Array, covariance: Array, e
     slope = sine / r
     std = sigma / jnp.maximum(slope, jnp.sqrt(jnp.maximum(sigma, 1e-300)))
     noisy = jnp.trace(covariance) > 0
-    merged = slope < _MERGED
+    merged = slope < SMALL
     weak = jnp.where(noisy, std > WEAK, 1 / jnp.maximum(slope * r, 1e-30) > _STEEP)
     both = jnp.ones(2, dtype=bool)
     return Roots(
@@ -105,7 +101,7 @@ def _trig(x: Array) -> tuple[Array, Array, Array, Array]:
 
 def _flat(x: Array) -> Array:
     """Whether roll or pitch is 90 degrees."""
-    return jnp.min(jnp.abs(jnp.cos(x[-2:]))) < _FLAT
+    return jnp.min(jnp.abs(jnp.cos(x[-2:]))) < ROUNDING
 
 
 def _at(x: Array, rate: Array, lat: Array, tau: Any) -> Array:
@@ -147,7 +143,7 @@ def four_point(x: Array, covariance: Array, lat: Array) -> Closed:
 def _one_root(parts: Any, x: Array, covariance: Array, flat: Array) -> Roots:
     """Azimuth as atan2 of two functions of the readings, with its standard deviation."""
     y = parts(x)
-    empty = flat | (y @ y < _FLAT**2)
+    empty = flat | (y @ y < ROUNDING**2)
     safe = jnp.where(empty, 1, y @ y)
     s, c = jnp.where(empty, 0, y[0]), jnp.where(empty, 1, y[1])
     slopes = jax.jacfwd(parts)(x)
@@ -165,7 +161,7 @@ def maximum(x: Array, covariance: Array, lat: Array, bias: Array, known: Array) 
     x = (cosine, sine, phi, theta) with the fitted harmonics, which are valid if `known`.
     """
     sf, cf, st, _ = _trig(x)
-    level = (jnp.hypot(sf, st * cf) < _LEVEL) | ~known
+    level = (jnp.hypot(sf, st * cf) < SMALL) | ~known
 
     def rate(x: Array, sign: Any) -> Array:
         return sign * root_of(1 - x[0] ** 2 - x[1] ** 2)
@@ -175,7 +171,7 @@ def maximum(x: Array, covariance: Array, lat: Array, bias: Array, known: Array) 
         return jnp.stack([sf, st * cf, (rate(x, sign) + ct * cf * jnp.sin(lat)) / jnp.cos(lat)])
 
     signs = jnp.asarray([-1.0, 1.0], dtype=x.dtype)
-    both = jax.vmap(lambda sign: solve(lambda x: coefficients(x, sign), x, covariance, _LEVEL))(signs)
+    both = jax.vmap(lambda sign: solve(lambda x: coefficients(x, sign), x, covariance, SMALL))(signs)
     rho = root_of(x[0] ** 2 + x[1] ** 2)
     toward = x[:2] / jnp.where(rho > 0, rho, 1)
     sigma = jnp.sqrt(jnp.maximum(toward @ covariance[:2, :2] @ toward, 0))
@@ -240,7 +236,7 @@ def scale_first(x: Array, covariance: Array, lat: Array) -> Closed:
     root = root_of(middle**2 + 4 * leading * last)
     # numerically stable form of both roots, without differences of nearly equal numbers
     half = -(middle + jnp.where(middle < 0, -root, root)) / 2
-    empty = flat | (leading < _FLAT**2)
+    empty = flat | (leading < ROUNDING**2)
     inverse = jnp.stack([half / jnp.where(empty, 1, leading), jnp.where(half == 0, 0, -last / jnp.where(half == 0, 1, half))])
     psi = jnp.arctan2(inverse * p - q, inverse * w1 / ct - tl * tt)
     positive = inverse > 0

@@ -31,20 +31,18 @@ from ._model import (
 )  # fmt: skip
 from ._noise import check_noise, covariance_of, noise_of
 from ._plausible import check_readings
-from ._positions import GRAVITY, Readings, check_gravity, check_latitude, wrap
+from ._positions import GRAVITY, POLE, SMALL, Readings, check_gravity, check_latitude, wrap
 from ._result import QUANTITIES, AlignmentFit, know, sizes_of
 from ._start import check_latitude_free, check_names, free_of, initial_guess, priors_of
 
 #: noise that weights the sensors relative to each other if none is given: 50 micro-g sqrt(s), 0.01 deg/sqrt(h)
 _NOMINAL = {"accel": 50e-6 * GRAVITY, "gyro": np.deg2rad(0.01) / 60}
 _SENSORS = {"accel": "accelerometer", "gyro": "gyro"}
-_POLE = np.deg2rad(89.9)
-_MISFIT = 1e-3
-_ROUNDS = 3
+_MISFIT = 1e-3  # p value below which the noise does not explain the residuals
+_ROUNDS = 3  # of fits: noise and weights then change by less than their uncertainty
 #: least degrees of freedom to estimate the noise level of a sensor
 _FEWEST = 0.5
-#: the fit ends when the remaining step is below this share of the statistical uncertainty
-_SETTLED = 1e-6
+#: remaining step, in statistical uncertainties, at which a fit counts as converged though the solver does not say so
 _DONE = 1e-4
 
 
@@ -193,7 +191,7 @@ def _solved(readings: Readings, gravity: Any, noise: dict[str, Any], o: _Options
     # iterate, because errors of the table angles act through the slope of the readings, which depends on the solution
     for _ in range(1 if readings.positions.angle_std is None else _ROUNDS):
         table = with_angle_errors(table, guess, readings.positions, gravity, readings.lever_arm)
-        found = solve(residuals, guess, table, bounds=bounds, rtol=_SETTLED)
+        found = solve(residuals, guess, table, bounds=bounds, rtol=SMALL)
         guess = jax.tree.map(jax.lax.stop_gradient, found.model) if xp is jnp else jax.tree.map(np.asarray, found.model)
     found = dataclasses.replace(found, problem=None)
     return found if xp is jnp else jax.tree.map(np.asarray, found), table, twofold
@@ -223,7 +221,7 @@ def _described(found: Fit, table: Table, readings: Readings, sizes: Any, twofold
         (o.noise_known & (dof > 0) & (p_value < _MISFIT), "misfit"),
         (twofold, "undecided"),
         (xp.any(known_of.lost), "unobservable"),
-        (free[2] & (abs(values[names.index("latitude")]) > _POLE), "pole"),
+        (free[2] & (abs(values[names.index("latitude")]) > POLE), "pole"),
         (~(usable & xp.all(xp.isfinite(values))), "unfinished"),
     )
     return AlignmentFit(

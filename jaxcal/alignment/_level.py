@@ -17,16 +17,14 @@ from .._special import NORMAL95
 from .._types import Array
 from ._closed import WEAK, root_of
 from ._findings import OUTCOMES, decided, findings_of
-from ._positions import GRAVITY, Readings, check_gravity, distance, harmonics, means_at, need, wrap
+from ._positions import GRAVITY, QUARTER, SMALL, Readings, check_gravity, distance, harmonics, means_at, need, wrap
 
 LEVEL_METHODS = ("four_point_x", "least_squares_x", "four_point_y", "least_squares_y", "bias_and_scale")
-_QUARTER = np.pi / 2
 _WANTED: dict[str, list[tuple[str, float]]] = {
-    "four_point_x": [("x", 0.0), ("x", _QUARTER), ("x", np.pi), ("x", 3 * _QUARTER)],
-    "four_point_y": [("y", 0.0), ("y", _QUARTER), ("y", np.pi), ("y", 3 * _QUARTER)],
-    "bias_and_scale": [("x", 0.0), ("x", _QUARTER), ("x", np.pi), ("z", 0.0)],
+    "four_point_x": [("x", 0.0), ("x", QUARTER), ("x", np.pi), ("x", 3 * QUARTER)],
+    "four_point_y": [("y", 0.0), ("y", QUARTER), ("y", np.pi), ("y", 3 * QUARTER)],
+    "bias_and_scale": [("x", 0.0), ("x", QUARTER), ("x", np.pi), ("z", 0.0)],
 }
-_SINGULAR = 1e-6
 
 
 class Level(Result):
@@ -153,7 +151,7 @@ def _trimmed(found: Level) -> Level:
     """Host result: replace undefined numbers by None."""
     name = OUTCOMES[int(found.outcome)]
     by = f" by {float(found.excess):.2g} standard deviations" if np.isfinite(found.excess) else ""
-    gone = name in ("degenerate", "missing") or (name == "clipped" and np.cos(float(found.theta)) < _SINGULAR)
+    gone = name in ("degenerate", "missing") or (name == "clipped" and np.cos(float(found.theta)) < SMALL)
     whole = gone and (not np.isfinite(float(found.theta)) or name == "missing" or bool(np.asarray(found.covariance)[1, 1] < 0))
     covariance = np.asarray(found.covariance)
     one = lambda value: None if value is None else float(value)  # noqa: E731
@@ -196,7 +194,7 @@ def _from_plane(sine, product, covariance, bias, determined, down, hint, method)
     st = jnp.clip(sine, -1, 1)
     ct = root_of((1 - st) * (1 + st))
     theta = jnp.arctan2(st, ct)
-    undefined = ct < _SINGULAR
+    undefined = ct < SMALL
     ratio = product / jnp.where(undefined, 1, ct)
     over_phi = jnp.where(undefined, -one, jnp.abs(ratio) - 1)
     sf = jnp.clip(ratio, -1, 1)
@@ -207,7 +205,7 @@ def _from_plane(sine, product, covariance, bias, determined, down, hint, method)
     phi = roots[jnp.argmin(far)]
 
     # derivative of the angles by the two sines; a clipped or double root has none, so use that of a point nearby
-    scale = jnp.maximum(ct, _SINGULAR)
+    scale = jnp.maximum(ct, SMALL)
     by = jnp.stack([jnp.stack([sf * st / scale, one]), jnp.stack([one, jnp.zeros_like(one)])])
     raw = by @ covariance @ by.T / jnp.outer(jnp.stack([scale, scale]), jnp.stack([scale, scale]))
     floor = jnp.maximum(cf, jnp.sqrt(jnp.sqrt(jnp.maximum(raw[0, 0], 1e-24))))
@@ -221,7 +219,7 @@ def _from_plane(sine, product, covariance, bias, determined, down, hint, method)
     # with fewer angles than unknowns even the pitch is unknown; a negative variance marks this case for `_trimmed`
     unknown = "degenerate" if method.startswith("least") else "missing"
     outcome = decided(
-        (angle_covariance[0, 0] > WEAK**2, "weak"), (cf < _SINGULAR, "double_root"), (undefined, "degenerate"),
+        (angle_covariance[0, 0] > WEAK**2, "weak"), (cf < SMALL, "double_root"), (undefined, "degenerate"),
         (excess > 0, "clipped"), (~determined, unknown),
     )  # fmt: skip
     angle_covariance = jnp.where(determined, angle_covariance, -jnp.eye(2, dtype=angle_covariance.dtype))
@@ -251,7 +249,7 @@ def _with_z(readings: Readings, gravity: Array, both: bool) -> Level:
     alpha = a @ a
     scale = jnp.sqrt(alpha)
     outcome = decided(
-        (angle_covariance[0, 0] > WEAK**2, "weak"), (jnp.hypot(a[1], a[2]) < _SINGULAR * scale, "degenerate"),
+        (angle_covariance[0, 0] > WEAK**2, "weak"), (jnp.hypot(a[1], a[2]) < SMALL * scale, "degenerate"),
         (scale < 0.01, "infeasible"), (~jnp.all(present[: 5 if both else 4]), "missing"),
     )  # fmt: skip
     zero, bias = jnp.zeros_like(scale), (x[0] + x[2]) / 2 * gravity

@@ -151,7 +151,7 @@ class Triads(Turntable):
 
 
 NAMES = tuple(field.name for field in dataclasses.fields(Turntable))
-ANGLES = NAMES[:3]
+ANGLES = ("phi", "theta", "psi")
 
 
 def names_of(model: Any) -> tuple[str, ...]:

@@ -23,8 +23,7 @@ from ._noise import IDEAL, covariance_of, weight_of, white_alone
 from ._positions import AXES, GRAVITY, Positions, check_gravity, check_latitude, checked_attitude, geometry, table_from_nav
 from ._start import free_of, priors_of
 
-_STARTS = 4
-_NUDGE = 0.1
+_STARTS, _NUDGE = 4, 0.1  # number of starts of the search, and their scatter in rad and in logarithms of shares
 _LEAST = 1e-7  # least share of the time for a position
 
 

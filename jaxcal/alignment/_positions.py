@@ -11,12 +11,14 @@ from .._arrays import namespace
 from .._errors import DataError
 from .._precision import array_module, is_traced
 from .._types import AnyArray, Array
-from .._units import EARTH_RATE as EARTH_RATE, on_earth
+from .._units import EARTH_RATE as EARTH_RATE, STANDARD_GRAVITY, on_earth
 from ._noise import as_noise, by_channel, covariance_of
 
-#: m/s^2
-GRAVITY = 9.80665
-_SAME = 1e-6  # rad: table angles that differ by less count as equal
+GRAVITY = STANDARD_GRAVITY  # m/s^2
+QUARTER = np.pi / 2
+POLE = np.deg2rad(89.9)  # latitude from which on the horizontal part of the Earth's rate counts as zero
+#: what is below it counts as zero, in rad or relative to its scale: rounding of readings and angles, and of a matrix
+SMALL, ROUNDING = 1e-6, 1e-9
 
 #: mounting -> sensitive axis and the two cross axes, in body axes
 AXES: dict[str, np.ndarray] = {
@@ -271,7 +273,7 @@ def taken(readings: Readings, sensor: str, mounting: str, angle: Any) -> Any:
     """(n,) True for the readings of a sensor that were taken at the given mounting and table angle."""
     xp, values = array_module(readings, angle), getattr(readings, sensor)
     apart = xp.asarray(readings.positions.angle, dtype=values.dtype) - angle
-    same = abs(apart - 2 * np.pi * xp.round(apart / (2 * np.pi))) < _SAME
+    same = abs(apart - 2 * np.pi * xp.round(apart / (2 * np.pi))) < SMALL
     return same & np.array([word == mounting for word in readings.positions.mounting]) & xp.isfinite(values)
 
 

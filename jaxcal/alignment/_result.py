@@ -12,9 +12,8 @@ from .._units import shown_in
 from ..fitting import Estimate, Information, information
 from ._findings import has_number
 from ._model import Turntable
-from ._positions import EARTH_RATE, Readings
+from ._positions import EARTH_RATE, ROUNDING, Readings
 
-_RANK = 1e-9  # singular value, relative to the largest, below which a combination of parameters is not determined
 _LABELS = {
     "phi": "roll", "theta": "pitch", "psi": "azimuth", "b_a": "accelerometer bias", "s_a": "accelerometer scale error",
     "b_g": "gyro bias", "s_g": "gyro scale error", "ma_a_xy": "accelerometer misalignment 1", "ma_a_xz": "accelerometer misalignment 2",
@@ -69,7 +68,7 @@ def _informed(matrix: AnyArray, free: np.ndarray) -> Information:
     xp = array_module(matrix)
     matrix = xp.where(free[None, :], matrix, 0)
     column = xp.sqrt(xp.sum(matrix**2, axis=0))
-    return information(xp.where(column[None, :] > _RANK * xp.max(column), matrix, 0), held=xp.asarray(~free), tolerance=_RANK)
+    return information(xp.where(column[None, :] > ROUNDING * xp.max(column), matrix, 0), held=xp.asarray(~free), tolerance=ROUNDING)
 
 
 class Bound(Result):

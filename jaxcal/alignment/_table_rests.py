@@ -9,17 +9,12 @@ from .._rests import windowed_variance
 
 #: length of the variance window: s, and least number of samples
 _WINDOW, _SAMPLES = 0.25, 20
-#: ratio of a window's variance to that at rest above which the sensor moves; normal noise exceeds it in one of 1e12 windows
-_MOVES = 6.0
-_QUANTILE = 0.3
-#: standard deviations beyond which the mean over a block does not belong to a rest; length of a block, s
-_BLOCK_MEAN, _BLOCK = 5.0, 0.1
-#: largest share of a rest that may be cut off at its beginning or end because the table still oscillates
-_MOST = 0.25
-#: largest change of the angle of a table at rest, rad
-_STEADY = np.deg2rad(0.01)
-#: rate above which a table turns, rad/s; a steady, smooth rotation does not show in the variance
-_TURNS = np.deg2rad(0.1)
+#: share of the windows that rest; ratio of a window's variance to theirs above which the sensor moves, by chance in one of 1e12 windows
+_QUANTILE, _MOVES = 0.3, 6.0
+#: standard deviations beyond which the mean over a block does not belong to a rest; length of a block, s; largest share to cut off
+_BLOCK_MEAN, _BLOCK, _MOST = 5.0, 0.1, 0.25
+#: largest change of the angle of a table at rest, rad, and its largest rate, rad/s: a smooth rotation does not show in the variance
+_STEADY, _TURNS = np.deg2rad(0.01), np.deg2rad(0.1)
 
 
 def rests_of(samples: dict[str, np.ndarray], recorded: np.ndarray | None, rate: float, least: float) -> tuple[np.ndarray, np.ndarray]:

@@ -22,10 +22,8 @@ from ._table_rests import rests_of
 
 #: smallest rotation that counts as a move, rad; largest share of a move about another axis
 _NO_MOVE, _ASIDE = np.deg2rad(1.0), 0.05
-#: s; shorter interruptions of a rest are not moves to another position
-_BUMP = 1.2
-#: standard deviation of the angle between the z axes and the axis of the moves, rad
-_SKEW = 5e-3
+_BUMP = 1.2  # s; shorter interruptions of a rest are not moves to another position
+_SKEW = 5e-3  # rad: standard deviation of the angle between the z axes and the axis of the moves
 _AXES = "xyz"
 
 

@@ -15,8 +15,8 @@ from ._record import FINE, Record, number
 from ._restricted import Averaged, bands
 from ._structure import PRICE, Found, settled, structures, with_jumps
 
-_MANY = 2**15  # largest number of samples of all records together; more samples are averaged
-_FEWEST = 16  # least number of samples of a record
+#: least number of samples of a record, and largest of all records together; more samples are averaged
+_FEWEST, _MANY = 16, 2**15
 _FILLED, _SHARE = 10, 0.01  # longest gap that is interpolated, in samples and as a share of the record
 
 

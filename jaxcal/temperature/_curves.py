@@ -14,6 +14,12 @@ from .._types import AnyArray
 _FLAT = 50.0
 
 
+def sigmoid(t: Any, centre: Any, width: Any) -> AnyArray:
+    """Logistic step from 0 to 1."""
+    xp = array_module(t, centre, width)
+    return 1 / (1 + xp.exp(xp.clip((centre - t) / width, -_FLAT, _FLAT)))
+
+
 def common(xp: ModuleType, *values: Any) -> list[Any]:
     """Convert values to arrays of their widest floating-point type, at least float32."""
     kind = np.result_type(*(value.dtype if hasattr(value, "dtype") else np.dtype(float) for value in values), np.float32)
@@ -104,7 +110,7 @@ class Steps(AbstractCurve):
         t, height, centre, width = common(xp, t, self.height, self.centre, self.width)
         total = self.base.value(t)
         for j in range(height.shape[0]):
-            total = total + height[j] / (1 + xp.exp(xp.clip((centre[j] - t) / width[j], -_FLAT, _FLAT)))
+            total = total + height[j] * sigmoid(t, centre[j], width[j])
         return xp.asarray(total)
 
 

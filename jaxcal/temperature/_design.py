@@ -8,13 +8,14 @@ import scipy  # loads its parts when they are first used
 from numpy.polynomial import chebyshev
 
 from .._types import AnyArray
+from ._curves import sigmoid
 from ._hysteresis import felt, lagged, rate_of
+from ._prior import DEGREE
 from ._restricted import Bands, Restricted, bands
 
-DEGREE, DEGREE_OF_MANY = 40, 20  # degree of the Chebyshev series: for one device, and for each of several devices
+_DEGREE_OF_MANY = 20  # degree of the series of each of several devices
 _STEP = {"lag": 0.5, "play": 0.01, "slow": 0.5}  # s, degC, s: steps of central differences
 
-_FLAT = 50.0
 _LOCAL, _LOCAL_RATE = 31.0, 121.0  # s: window for smoothing a thermometer, and its rate of change
 
 
@@ -74,11 +75,6 @@ def part_of(t: AnyArray, b: AnyArray, dt: float, device: int = 0, *, smooth: boo
     return Part(local(_LOCAL) if smooth else t, rate_of(local(_LOCAL_RATE), dt)[0], b, device)
 
 
-def sigmoid(t: AnyArray, centre: Any, width: Any) -> AnyArray:
-    """Logistic step from 0 to 1."""
-    return 1 / (1 + np.exp(np.clip((centre - t) / width, -_FLAT, _FLAT)))
-
-
 class Design:
     """Records on a common time grid, and the columns of the design matrix of a form."""
 
@@ -92,7 +88,7 @@ class Design:
         self.bands: Bands = bands(tuple(len(part.t) for part in parts), dt)
         self.y = self.bands.transform(self.b - self.b.mean())
         self.least = max(1e-12 * float(np.abs(self.b).max()), 1e-150)
-        self.degree = DEGREE if self.devices == 1 else DEGREE_OF_MANY
+        self.degree = DEGREE if self.devices == 1 else _DEGREE_OF_MANY
         low, high = self.t.min(), self.t.max()
         self.low, self.high = float(low), float(high)
         order = np.arange(1, self.degree + 1)

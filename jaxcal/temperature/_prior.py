@@ -18,8 +18,8 @@ from .._types import AnyArray
 
 #: limits of the length in half ranges; shorter lengths need a higher degree, longer ones are all alike
 SHORTEST, LONGEST = 0.1, 3.0
-DEGREE = 40
-_NODES, _LENGTHS = 96, 41
+#: degree of the series, and numbers of nodes and lengths of its table
+DEGREE, _NODES, _LENGTHS = 40, 96, 41
 
 
 def factor(log_length: float, degree: int) -> tuple[AnyArray, AnyArray]:

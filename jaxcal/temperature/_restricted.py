@@ -27,13 +27,13 @@ TERMS = ("N", "B", "K")
 _BANDS_PER_OCTAVE = 8
 #: prior of the length in half ranges: median, and standard deviation of its logarithm
 _LENGTH, _DECAY = 0.7, 1.0
-_FLAT = 0.2  # exponent of a variance in its prior density over the logarithm
+#: exponent of a variance in its prior density over the logarithm; limits of the logarithms of the variances below and above their units
+_FLAT, _DEEP, _HIGH = 0.2, 25.0, 15.0
 #: starts of the search: N^2, B^2, K^2, sigma^2 over their units, and the length
 _STARTS = ((1.0, 0.1, 0.01, 0.1, 0.5), (1.0, 1e-3, 1e-5, 0.01, 1.5))
 #: importance sampling: draws in the two rounds, degrees of freedom, least curvature, least variance
 _DRAWS, _FREEDOM, _FLATTEST, _LEAST = (128, 256), 6, 0.08, 1e-4
 _SEED = 20_260  # the same record always gives the same numbers
-_DEEP, _HIGH = 25.0, 15.0  # limits of the logarithms of the variances below and above their units
 
 
 class Bands(NamedTuple):

@@ -8,6 +8,7 @@ import numpy as np
 from .._errors import DataError
 from .._precision import host_float64
 from .._types import AnyArray
+from ._curves import sigmoid
 from ._hysteresis import felt
 
 _LOW, _HIGH, _JUMP, _WIDTH, _PERIOD = 20.0, 45.0, 24.5, 0.08, 4500.0
@@ -67,7 +68,7 @@ def reference_bias(temperature: Any, jump: float = np.deg2rad(0.3)) -> AnyArray:
     """
     t = np.asarray(temperature, dtype=float)
     x = (t - 32.5) / 12.5
-    return np.deg2rad(0.05 + 0.12 * x - 0.06 * x**2 + 0.04 * x**3) + jump / (1 + np.exp(np.clip((_JUMP - t) / _WIDTH, -50.0, 50.0)))
+    return np.deg2rad(0.05 + 0.12 * x - 0.06 * x**2 + 0.04 * x**3) + jump * sigmoid(t, _JUMP, _WIDTH)
 
 
 @host_float64

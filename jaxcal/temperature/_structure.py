@@ -18,18 +18,18 @@ from .._types import AnyArray
 from ._design import Design, Form, Jump, Part
 from ._restricted import Restricted
 
-CHANCE = 0.003
-MOST = 4  # largest number of jumps of a device
-PRICE = 12.0  # gain in -2 log likelihood required of lag, play or the term in dT/dt; chance gives it in one of 500 records
+#: probability by chance below which a jump is accepted, and largest number of jumps of a device
+CHANCE, MOST = 0.003, 4
+#: gain in -2 log likelihood required of lag, play or the term in dT/dt (by chance in one of 500 records), and of a jump beside its test
+PRICE, PRICE_OF_JUMP = 12.0, 20.0
 _WIDTHS = (0.04, 0.12, 0.36)  # degC: widths of steps in the search
 _NARROW, _WIDE, _PART = 0.01, 0.5, 1 / 40  # degC, degC, share of the range: limits of a jump's width; wider steps belong to the curve
-_EDGE, _GRID = 0.5, 0.05  # degC
-_APART = 3.0  # least distance of two jumps in widths; nearer steps would describe the shape of one jump
+#: degC, degC, widths: distance of a jump from the ends, step of the search, and least distance of two jumps, which are one if nearer
+_EDGE, _GRID, _APART = 0.5, 0.05, 3.0
 _ROUNDS, _STEPS, _HALVINGS = 4, 12, 6
 _COARSE = 2000  # number of samples for the comparison of structures
 #: starts of the searches: s, degC, s
 _STARTS = {"lag": (5.0, 15.0, 40.0, 100.0, 250.0), "play": (0.1, 0.3, 0.7, 1.2), "slow": (30.0, 200.0, 1000.0)}
-PRICE_OF_JUMP = 20.0  # required gain for a jump, in addition to the test in its search
 
 
 @dataclasses.dataclass(frozen=True)
