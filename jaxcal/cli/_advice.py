@@ -39,11 +39,6 @@ _USAGE = {
     "batch": "jaxcal batch logs/ --task noise --out fleet", "north": "jaxcal north table.csv --latitude 39.93",
     "simulate": 'jaxcal simulate noise --gyro "N=0.25deg/sqrt(h)" --out log.csv',
 }  # fmt: skip
-#: unit after a number -> factor to the unit of the option; options are in Hz, s, m, degrees, uT, m/s^2
-_SIZES = {
-    "hz": 1.0, "khz": 1e3, "min": 60.0, "h": 3600.0, "ms": 1e-3, "sec": 1.0, "n": 1.0, "w": -1.0, "e": 1.0, "%": 0.01, "m": 1.0, "km": 1e3,
-    "deg": 1.0, "°": 1.0, "ut": 1.0, "nt": 1e-3, "m/s^2": 1.0, "m/s2": 1.0, "gb": 1.0,
-}  # fmt: skip
 _STDIN = "jaxcal reads files, and not its standard input: save the log first (cat > log.csv), then: jaxcal {} log.csv"
 _LOG_NAME = re.compile(r"\.(csv|tsv|txt|dat|npy|npz|parquet|bag|mcap|db3|mat|h5|hdf5|ulg|bin|log|zip|gz)$", re.IGNORECASE)
 _FIRST = 4096  # bytes
@@ -172,15 +167,8 @@ def _not_a_number(error: Any) -> str | None:
         return None
     if re.fullmatch(r"-?\d+,\d+", text):
         return f"{option} {text}: numbers have a decimal point: {option} {text.replace(',', '.')}"
-    if clock := re.fullmatch(r"(?:(\d+):)?(\d+):(\d+(?:\.\d+)?)", text):
-        seconds = 3600 * int(clock[1] or 0) + 60 * int(clock[2]) + float(clock[3])
-        return f"{option} {text}: times are in seconds: {option} {seconds:g}"
     if found := re.fullmatch(r"(-?\d+(?:\.\d+)?)\s*([A-Za-z%°/].*)", text):
-        value, unit = float(found[1]), found[2].lower()
-        south = option == "--latitude" and unit == "s"
-        factors = _SIZES | {"s": -1.0 if south else 1.0}
-        if unit in factors:
-            return f"{option} {text}: give the number alone, in the unit of --help: {option} {value * factors[unit]:g}"
+        return f"{option} {text}: give the number alone, in the unit of --help, as {found[1]}"
     return f"{option} {text}: expected a {'whole number' if error.target_type is int else 'number'}"
 
 

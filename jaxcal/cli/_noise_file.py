@@ -29,10 +29,10 @@ def read_noise(path: Path) -> Any:
         from ..calibration import Calibration
 
         return Calibration.load(path)
-    if schema not in ("jaxcal.NoiseFits/1", "jaxcal.noise/1"):
+    if schema != "jaxcal.NoiseFits/1":
         raise DataError(f"{path} has the schema {schema!r}; --noise takes the noise.json of jaxcal noise, or a calibration")
     try:
-        return {name: (_noise if "noise" in channel else _earlier)(channel) for name, channel in document["channels"].items()}
+        return {name: _noise(channel) for name, channel in document["channels"].items()}
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise DataError(f"{path} is damaged ({error}); write it again with jaxcal noise") from error
 
@@ -45,14 +45,3 @@ def _noise(channel: dict[str, Any]) -> Any:
     further = tuple((float(coefficient), PowerLaw(**shape)) for coefficient, shape in known.pop("further"))
     cutoff = known.pop("cutoff")
     return Noise(**known, **({} if cutoff is None else {"cutoff": cutoff}), further=further)
-
-
-def _earlier(channel: dict[str, Any]) -> Any:
-    """The noise of a channel in a file with the earlier schema jaxcal.noise/1."""
-    from ..noise import Noise
-    from ..noise._terms import PowerLaw
-
-    letters = {term: float(channel[term]["value"]) for term in "QNBKR" if isinstance(channel.get(term), dict)}
-    shapes = channel.get("shapes", {}).items()
-    further = [(float(channel[name]["value"]), PowerLaw(exponent=float(shape["exponent"]), name=name)) for name, shape in shapes]
-    return Noise(**letters, **{name: tuple(map(tuple, channel.get(name, ()))) for name in ("markov", "sinusoid")}, further=tuple(further))

@@ -1,6 +1,5 @@
 """Options shared by the commands."""
 
-import contextlib
 import dataclasses
 import datetime
 import difflib
@@ -18,9 +17,6 @@ from ._advice import TASKS, not_a_calibration, not_a_log
 READING = Group("Reading the log", sort_key=10)
 WRITING = Group("Output", sort_key=20)
 RUNNING = Group("Running", sort_key=30)
-#: other forms of a date, which are refused with the correct form in the message
-_DATES = ("%d.%m.%Y", "%d.%m.%y", "%Y/%m/%d", "%Y.%m.%d", "%d/%m/%Y", "%m/%d/%Y", "%d-%m-%Y", "%d %B %Y", "%d %b %Y", "%B %d, %Y",
-          "%b %d, %Y", "%B %d %Y", "%Y-%m-%d %H:%M:%S", "%Y-%m-%dT%H:%M:%S", "%Y-%m-%dT%H:%M:%SZ", "%Y-%j")  # fmt: skip
 
 
 class CallError(JaxcalError):
@@ -75,23 +71,14 @@ Dip = Annotated[
     checked("--inclination", lambda dip: abs(dip) < 90, "degrees between -90 and 90, positive downwards",
             "Dip of the Earth's field at the place, in degrees, positive downwards."),
 ]  # fmt: skip
-#: other units in which these are often given -> size of the unit of the option in them
-_LIKELY = {
-    "gravity": {"g": 1 / 9.80665, "mg": 1e3 / 9.80665, "cm/s^2": 100.0, "ft/s^2": 1 / 0.3048},
-    "field": {"nT": 1e3, "G": 0.01, "mG": 10.0, "T": 1e-6},
-}
 
 
 def _of_the_earth(option: str, unit: str, size: float, help: str, more: str = "") -> Parameter:
-    """Option for a quantity of the Earth in `unit`, of `size` in SI; the error names the likely unit of a number in another one."""
+    """Option for a quantity of the Earth in `unit`, of `size` in SI."""
     low, high = (limit / size for limit in ON_EARTH[option])
-
-    def expected(value: float) -> str:
-        likely = next((name for name, other in _LIKELY[option].items() if low <= value / other <= high), "")
-        seems = f"; {value:g} looks like {likely}: --{option} {value / _LIKELY[option][likely]:.4g}" if likely else ""
-        return f"{option} in {unit}, which is {low:.4g} to {high:.4g} on Earth{seems}{more}"
-
-    return checked(f"--{option}", lambda value: low <= value <= high, expected, help)
+    return checked(
+        f"--{option}", lambda value: low <= value <= high, f"{option} in {unit}, which is {low:.4g} to {high:.4g} on Earth{more}", help
+    )
 
 
 Gravity = Annotated[
@@ -231,7 +218,7 @@ def must_be_calibration(*paths: Path | None, option: str = "") -> None:
 
 
 def day(text: str) -> datetime.date:
-    """Parse the day in --date, as year-month-day; for another form, a `CallError` shows the correct form.
+    """Parse the day in --date, as year-month-day.
 
     Examples
     --------
@@ -239,21 +226,10 @@ def day(text: str) -> datetime.date:
     >>> day("2026-05-31")
     datetime.date(2026, 5, 31)
     """
-    with contextlib.suppress(ValueError):
-        return datetime.date.fromisoformat(text)
-    found: list[datetime.date] = []
-    for form in _DATES:
-        with contextlib.suppress(ValueError):
-            found.append(datetime.datetime.strptime(text.strip(), form).date())
-    days = list(dict.fromkeys(found))
-    if len(days) == 1:
-        raise CallError(f"--date {text}: write year, month, day: --date {days[0]}", "date")
-    if days:
-        raise CallError(
-            f"--date {text} may be {' or '.join(f'{one:%d %B %Y}' for one in days)}; write --date {' or --date '.join(map(str, days))}",
-            "date",
-        )
-    raise CallError(f"--date {text} is no day; write year, month, day: --date 2026-05-31", "date")
+    try:
+        return datetime.date.fromisoformat(text.strip())
+    except ValueError:
+        raise CallError(f"--date {text} is no day; write year, month, day: --date 2026-05-31", "date") from None
 
 
 def in_counts(options: Reading, *sensors: str) -> Reading:

@@ -10,13 +10,16 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from .._units import STANDARD_GRAVITY, noise_factor, noise_units, si_unit
-from ._options import CallError, Latitude, LogFile, Simulating, checked
+from ._options import CallError, Field, Latitude, LogFile, Simulating, checked
 from ._outputs import staged
 from ._screen import Screen, progress, show_written
 
 _TERM = re.compile(r"([QNBKR])\s*=\s*(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*(.*)")
 _DEG = math.pi / 180
 _LARGEST = 500_000_000  # samples; more would exceed the memory of most machines
+#: a simulated magnetometer: offset in uT, largest entry of what is added to the unit matrix, and dip of the field in degrees
+_HARD, _SOFT, _DIP = (21.7, 5.2, -10.2), 0.1, 57.0
+_GYRO_BIAS, _ACCEL_BIAS = 0.5, 100.0  # deg/h, micro-g: of simulated sensors on a turntable
 
 
 def simulate_noise(
@@ -44,11 +47,6 @@ def simulate_temperature(
     *,
     out: LogFile,
     jump: Annotated[float, Parameter(help="Height of the jump in deg/s.")] = 0.3,
-    profile: Annotated[Literal["ramp", "cycle"], Parameter(help="ramp, once from 20 to 45 degC; cycle, a sine of 75 minutes.")] = "ramp",
-    lag: Annotated[float, Parameter(help="Seconds by which the sensor follows the temperature.")] = 0.0,
-    play: Annotated[float, Parameter(help="Half-width of the backlash in degC.")] = 0.0,
-    noise: Annotated[float, Parameter(help="Standard deviation of a sample in deg/s.")] = 4e-3,
-    walk: Annotated[float, Parameter(help="Standard deviation of the bias's step from sample to sample in deg/s.")] = 2e-5,
     rate: Annotated[float, Parameter(help="Sampling rate in Hz.")] = 1.0,
     duration: Annotated[float, Parameter(help="Length of the log in s.")] = 5400.0,
     running: Simulating = Simulating(),
@@ -59,21 +57,13 @@ def simulate_temperature(
     downwards, the z axis no jump.
     """
     _check_size(rate, duration)
-    if min(lag, play, noise, walk) < 0:
-        raise CallError("--lag, --play, --noise and --walk are not negative", "negative")
 
     def make(random: Any) -> tuple[Any, dict[str, Any]]:
         import numpy as np
 
         from ..temperature import simulate
 
-        made = [
-            simulate(
-                jump=np.deg2rad(height), profile=profile, lag=lag, play=play, noise=np.deg2rad(noise), walk=np.deg2rad(walk),
-                duration=duration, rate=rate, seed=random,
-            )
-            for height in (jump, -jump, 0.0)
-        ]  # fmt: skip
+        made = [simulate(jump=np.deg2rad(height), duration=duration, rate=rate, seed=random) for height in (jump, -jump, 0.0)]
         # the log has the thermometer of the first axis; the true temperature is the same for all axes
         return made[0].time, {"gyro": np.stack([one.bias for one in made], axis=1), "temperature": made[0].temperature}
 
@@ -88,10 +78,8 @@ def simulate_imu(
     poses: Annotated[int, Parameter(help="Number of poses.")] = 24,
     still: Annotated[float, Parameter(help="Length of each pose in s.")] = 4.0,
     turn: Annotated[float, Parameter(help="Length of each turn in s.")] = 3.0,
-    initial: Annotated[float, Parameter(help="Length of the rest at the beginning in s.")] = 30.0,
     gyro: Annotated[str | None, Parameter(help="Noise of each gyroscope axis, as for simulate noise.")] = None,
     accel: Annotated[str | None, Parameter(help="Noise of each accelerometer axis.")] = None,
-    latitude: Annotated[Latitude | None, Parameter(help="Latitude in degrees, to add the Earth's rate and take gravity there.")] = None,
     running: Simulating = Simulating(),
 ) -> None:
     """Simulate a sensor that is held still in many poses, with turns between them.
@@ -99,20 +87,16 @@ def simulate_imu(
     Scale factors, misalignment, biases and g-sensitivity are those of a
     typical MEMS unit (jaxcal.imu.MEMS).
     """
-    if poses < 2 or not all(0.0 < x < float("inf") for x in (rate, still, turn, initial)):
-        raise CallError("--poses, --rate, --still, --turn, --initial: expected 2 poses or more, and positive numbers")
-    if rate * (initial + poses * (still + turn)) > _LARGEST:
+    if poses < 2 or not all(0.0 < x < float("inf") for x in (rate, still, turn)):
+        raise CallError("--poses, --rate, --still, --turn: expected 2 poses or more, and positive numbers")
+    if rate * poses * (still + turn) > _LARGEST:
         raise CallError(f"--rate {rate:g}: expected a log of at most {_LARGEST} samples")
     given = noises(gyro, accel)
 
     def make(_: Any) -> tuple[Any, dict[str, Any]]:
-        from ..imu import gravity, simulate
+        from ..imu import simulate
 
-        angle = None if latitude is None else math.radians(latitude)
-        log = simulate(
-            poses, rate=rate, initial=initial, still=still, turn=turn, noise=given, seed=running.seed, latitude=angle,
-            gravity=STANDARD_GRAVITY if angle is None else float(gravity(angle)),
-        )  # fmt: skip
+        log = simulate(poses, rate=rate, still=still, turn=turn, noise=given, seed=running.seed, gravity=STANDARD_GRAVITY)
         return log.time, {"gyro": log.gyro, "accel": log.accel}
 
     _write(out, make, running)
@@ -122,20 +106,11 @@ def simulate_imu(
 def simulate_mag(
     *,
     out: LogFile,
-    scenario: Annotated[
-        Literal["all", "three_turns", "twelve_points"],
-        Parameter(help="Attitudes: all, three_turns, or twelve_points, as in the magnetometer paper."),
-    ] = "all",
     samples: Annotated[int | None, Parameter(help="Attitudes of all (360), or headings of each turn.")] = None,
     noise: Annotated[
         float, Parameter(help="Standard deviation of an axis of a reading in uT; the specific force has the same part of gravity.")
     ] = 0.2,
-    field: Annotated[float, Parameter(help="Norm of Earth's field in uT.")] = 47.0,
-    inclination: Annotated[float, Parameter(help="Its dip in degrees.")] = 57.0,
-    hard_iron: Annotated[tuple[float, float, float], Parameter(help="Offset in uT.")] = (21.7, 5.2, -10.2),
-    soft_iron: Annotated[
-        float, Parameter(help="Largest entry of the symmetric matrix that is added to the unit matrix, drawn with the seed.")
-    ] = 0.1,
+    field: Annotated[Field, Parameter(help="Norm of the Earth's field in uT.")] = 47.0,
     mounting: Annotated[float, Parameter(help="Angle in degrees by which the magnetometer is turned about its z axis.")] = 0.0,
     running: Simulating = Simulating(),
 ) -> None:
@@ -144,27 +119,27 @@ def simulate_mag(
     The command prints the true hard iron, and soft iron with mounting, in the
     form of jaxcal mag, for comparison.
     """
-    if not noise >= 0 or not field > 0 or not abs(inclination) < 90 or not 0 <= soft_iron < 0.3:
-        raise CallError("expected --noise of 0 or more, a positive --field, --inclination within 90 degrees, --soft-iron from 0 to 0.3")
+    if not noise >= 0:
+        raise CallError(f"--noise {noise:g}: expected uT of 0 or more", "noise")
     if samples is not None and samples < 1:
         raise CallError(f"--samples {samples}: expected at least one")
 
     def make(random: Any) -> tuple[Any, dict[str, Any]]:
         import numpy as np
 
-        from ..magnetometer import MagModel, body_field, scenario as attitudes_of
+        from ..magnetometer import MagModel, body_field, scenario
 
-        half = random.uniform(-soft_iron, soft_iron, (3, 3))
+        half = random.uniform(-_SOFT, _SOFT, (3, 3))
         angle = np.deg2rad(mounting)
         turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
-        true = MagModel((np.eye(3) + (half + half.T) / 2) @ turn, 1e-6 * np.array(hard_iron))
-        attitudes = attitudes_of(scenario, samples=samples, seed=running.seed)
-        h = np.asarray(body_field(attitudes, 1e-6 * field, np.deg2rad(inclination)))
+        true = MagModel((np.eye(3) + (half + half.T) / 2) @ turn, 1e-6 * np.array(_HARD))
+        attitudes = scenario("all", samples=samples, seed=running.seed)
+        h = np.asarray(body_field(attitudes, 1e-6 * field, np.deg2rad(_DIP)))
         up = -STANDARD_GRAVITY * np.asarray(body_field(attitudes, 1.0, np.pi / 2))
         m = np.asarray(true.measure(h)) + 1e-6 * noise * random.standard_normal(h.shape)
         up = up + STANDARD_GRAVITY * noise / field * random.standard_normal(h.shape)
         size = np.cbrt(np.linalg.det(true.soft_iron))
-        said.append(f"{len(m)} attitudes; hard iron {', '.join(f'{b:g}' for b in hard_iron)} uT; soft iron of determinant one")
+        said.append(f"{len(m)} attitudes; hard iron {', '.join(f'{b:g}' for b in _HARD)} uT; soft iron of determinant one")
         said.extend("  " + "  ".join(f"{c:+.5f}" for c in row) for row in np.asarray(true.soft_iron) / size)
         said.append(f"as jaxcal mag gives it; with --field {field:g} it is {size:.5f} times that")
         return np.arange(len(m)) / 10.0, {"accel": up, "mag": m}
@@ -181,20 +156,13 @@ def simulate_device(
     out: LogFile,
     rate: Annotated[float, Parameter(help="Sampling rate of all sensors in Hz.")] = 100.0,
     duration: Annotated[float, Parameter(help="Length of the log in s.")] = 180.0,
-    rests: Annotated[int, Parameter(help="Number of rests of 4 s in it.")] = 0,
-    initial: Annotated[float, Parameter(help="Length of a rest at its beginning in s.")] = 0.0,
-    held: Annotated[bool, Parameter(help="A hand holds the device in the rests; without it, the device lies on a table.")] = False,
+    rests: Annotated[int, Parameter(help="Number of rests of 4 s on a table.")] = 0,
     turns: Annotated[
         Literal["free", "one-axis", "no-tilt"],
         Parameter(help="free, through all attitudes; one-axis, about one axis of the device; no-tilt, about the vertical."),
     ] = "free",
-    reach: Annotated[float, Parameter(help="Standard deviation of the position along each axis in m.")] = 0.25,
     gyro: Annotated[str | None, Parameter(help="Noise of each gyroscope axis, as for simulate noise.")] = None,
     accel: Annotated[str | None, Parameter(help="Noise of each accelerometer axis.")] = None,
-    gradient: Annotated[float, Parameter(help="Change of the field per metre, as a fraction of the field.")] = 0.0,
-    soft_mount: Annotated[
-        float | None, Parameter(help="Natural frequency in Hz of a mount in which the magnetometer turns; without it, the mount is rigid.")
-    ] = None,
     running: Simulating = Simulating(),
 ) -> None:
     """Simulate accelerometer, gyroscope and magnetometer, moved by hand.
@@ -213,10 +181,7 @@ def simulate_device(
         from ..device import simulate
 
         try:
-            log, model, _ = simulate(
-                duration, rate, seed=running.seed, rests=rests, initial=initial, held=held, turns=kinds[turns], reach=reach,
-                gradient=gradient, soft_mount=soft_mount, **given,
-            )  # fmt: skip
+            log, model, _ = simulate(duration, rate, seed=running.seed, rests=rests, turns=kinds[turns], **given)
         except DataError as error:
             raise CallError(str(error)) from None
         said.extend(_told(model))
@@ -258,13 +223,12 @@ def simulate_north(
     ] = 60.0,
     gyro: Annotated[str, Parameter(help="Noise of the gyro; N, B and K count.")] = "N=0.01deg/sqrt(h)",
     accel: Annotated[str, Parameter(help="Noise of the accelerometer.")] = "N=0.03m/s/sqrt(h)",
-    gyro_bias: Annotated[float, Parameter(help="In deg/h.")] = 0.0,
-    accel_bias: Annotated[float, Parameter(help="In micro-g.")] = 0.0,
-    gyro_scale: Annotated[float, Parameter(help="Scale error in ppm.")] = 0.0,
-    accel_scale: Annotated[float, Parameter(help="Scale error in ppm.")] = 0.0,
     running: Simulating = Simulating(),
 ) -> None:
-    """Simulate a table of turntable readings for `jaxcal north`."""
+    """Simulate a table of turntable readings for `jaxcal north`.
+
+    The biases are 0.5 deg/h and 100 micro-g.
+    """
     angles = _numbers("--attitude", attitude)
     if len(angles) != 3:
         raise CallError(f"--attitude {attitude}: expected roll, pitch and azimuth in degrees, such as 1,2,88")
@@ -274,21 +238,9 @@ def simulate_north(
         from ..alignment import Positions, Sensor, simulate
 
         known = Positions([angle * _DEG for _, angle in places], [word for word, _ in places], dwell)
-        rate = Sensor(
-            gyro_scale * 1e-6,
-            (0.0, 0.0),
-            gyro_bias * _DEG / 3600,
-            white=float(noise[0].N),
-            walk=float(noise[0].K),
-            flicker=float(noise[0].B),
-        )
-        force = Sensor(
-            accel_scale * 1e-6,
-            (0.0, 0.0),
-            accel_bias * 9.80665e-6,
-            white=float(noise[1].N),
-            walk=float(noise[1].K),
-            flicker=float(noise[1].B),
+        rate, force = (
+            Sensor(0.0, (0.0, 0.0), bias, white=float(one.N), walk=float(one.K), flicker=float(one.B))
+            for one, bias in zip(noise, (_GYRO_BIAS * _DEG / 3600, _ACCEL_BIAS * 1e-6 * STANDARD_GRAVITY), strict=True)
         )
         found = simulate(known, [angle * _DEG for angle in angles], latitude * _DEG, accel=force, gyro=rate, seed=running.seed)
         lines = ["angle [deg],mounting,dwell [s],accel [m/s^2],gyro [deg/h]"]

@@ -91,7 +91,7 @@ def test_a_refused_fit_ends_with_its_reason(simulated, folder):
         (("mag", "tumble.csv", "--place", "39", "32", "--date", "2026-05-31", "--field", "50"), 2, "exclude one another"),
         (("mag", "nowhere.csv"), 2, "does not exist"),
         (("simulate", "mag", "--out", "x.txt"), 2, "ends in .csv or .npz"),
-        (("simulate", "mag", "--out", "x.csv", "--noise", "-1"), 2, "--noise of 0 or more"),
+        (("simulate", "mag", "--out", "x.csv", "--noise", "-1"), 2, "uT of 0 or more"),
     ],
 )
 def test_calls_that_cannot_be_done(plain, words, status, reason):

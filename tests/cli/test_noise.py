@@ -195,10 +195,7 @@ def test_the_demo_counts_the_intervals_that_hold_the_truth_and_its_calibration_i
     assert plain == [line for line in (folder / "made.kalibr").read_text().splitlines() if not line.startswith("#")]
 
 
-def test_noise_of_an_earlier_file_is_read(folder):
-    channel = {"N": {"value": 1e-3}, "markov": [[1e-4, 2.0]], "sinusoid": [], "shapes": {}}
-    (folder / "old.json").write_text(json.dumps({"schema": "jaxcal.noise/1", "channels": {"gyro_x": channel}}))
-    assert read_noise(folder / "old.json")["gyro_x"] == jaxcal.noise.Noise(N=1e-3, markov=((1e-4, 2.0),))
+def test_noise_of_a_file_is_read(folder):
     y = jaxcal.noise.Noise(N=1e-3).simulate(5000, 100.0, seed=0)
     fits = jaxcal.noise.NoiseFits({"gyro_x": jaxcal.noise.fit(y, 100.0)})
     fits.save(folder / "new.json")

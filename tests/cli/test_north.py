@@ -17,7 +17,7 @@ world = importlib.util.module_from_spec(_found)
 _found.loader.exec_module(world)
 
 NOISE = ["--gyro", "N=0.01deg/sqrt(h)", "--accel", "N=0.03m/s/sqrt(h)"]
-MADE = ["simulate", "north", "--latitude", "35", "--attitude", "1,2,88", "--gyro-bias", "0.5", "--accel-bias", "100", "--out"]
+MADE = ["simulate", "north", "--latitude", "35", "--attitude", "1,2,88", "--out"]
 
 
 def std_of(number):
@@ -100,11 +100,11 @@ def raw_log(path, axes):
     columns = np.column_stack([time, np.rad2deg(angle), accel, np.rad2deg(gyro) * 3600])
     np.savetxt(path, columns, delimiter=",", header=",".join(["time [s]", "angle [deg]", *names]), comments="", fmt="%.9g")
     coefficients = {
-        f"{sensor}_{axis}": {term: {"value": value} for term, value in zip("NBK", c * world.NOISES["N+B"], strict=True)}
+        f"{sensor}_{axis}": {"noise": dict(zip("NBK", (c * world.NOISES["N+B"]).tolist(), strict=True)) | {"further": [], "cutoff": None}}
         for sensor, c in (("gyro", world.GYRO), ("accel", world.ACCEL))
         for axis in "xyz"
     }
-    path.with_name("noise.json").write_text(json.dumps({"schema": "jaxcal.noise/1", "channels": coefficients}))
+    path.with_name("noise.json").write_text(json.dumps({"schema": "jaxcal.NoiseFits/1", "channels": coefficients}))
 
 
 @pytest.mark.parametrize("axes", [1, 3])

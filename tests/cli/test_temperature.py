@@ -73,7 +73,6 @@ def test_files_for_flight_controllers(call, folder, ramp):
         (["apply", "none.json", "ramp.csv", "--out", "a.csv"], 2, "not_a_calibration"),
         (["apply", "ramp.csv", "ramp.csv", "--out", "a.txt"], 2, "out"),
         (["apply", "ramp.csv", "ramp.csv", "--out", "a.csv"], 2, "not_a_calibration"),
-        (["simulate", "temperature", "--out", "a.csv", "--lag", "-1"], 2, "negative"),
         (["noise", "ramp.csv", "--calibration", "none.json"], 2, "not_a_calibration"),
         (["temperature", "cold.csv"], 1, "range"),
         (["temperature", "bare.csv"], 1, "no_temperature"),
