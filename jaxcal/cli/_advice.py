@@ -37,7 +37,11 @@ _USAGE = {
     "apply": "jaxcal apply calibration.json LOG.csv --out corrected.csv", "convert": "jaxcal convert LOG.csv LOG.npz",
     "export": "jaxcal export calibration.json --to kalibr", "diff": "jaxcal diff old.json new.json",
     "batch": "jaxcal batch logs/ --task noise --out fleet", "north": "jaxcal north table.csv --latitude 39.93",
-    "simulate": 'jaxcal simulate noise --gyro "N=0.25deg/sqrt(h)" --out log.csv',
+    "simulate noise": 'jaxcal simulate noise --gyro "N=0.25deg/sqrt(h)" --out log.csv',
+    "simulate north": "jaxcal simulate north --latitude 39.93 --out table.csv",
+    "simulate": 'jaxcal simulate noise --gyro "N=0.25deg/sqrt(h)" --out log.csv', "demo": "jaxcal demo", "cache": "jaxcal cache --clear",
+    "imu": "jaxcal imu LOG.csv --latitude 39.93", "device": "jaxcal device LOG.csv --latitude 39.93",
+    "mag": "jaxcal mag LOG.csv --place 39.93 32.86", "rate-table": "jaxcal rate-table LOG.csv --rates 10,50,100",
 }  # fmt: skip
 _STDIN = "jaxcal reads files, and not its standard input: save the log first (cat > log.csv), then: jaxcal {} log.csv"
 _LOG_NAME = re.compile(r"\.(csv|tsv|txt|dat|npy|npz|parquet|bag|mcap|db3|mat|h5|hdf5|ulg|bin|log|zip|gz)$", re.IGNORECASE)
@@ -172,9 +176,16 @@ def _not_a_number(error: Any) -> str | None:
     return f"{option} {text}: expected a {'whole number' if error.target_type is int else 'number'}"
 
 
+def example_of(command: str) -> str:
+    """A call of a command that works."""
+    if command.startswith("simulate "):
+        return _USAGE.get(command, f"jaxcal {command} --out log.csv")
+    return _USAGE.get(command, f"jaxcal {command} LOG.csv")
+
+
 def _missing(error: Any, command: str, argv: Sequence[str]) -> str | None:
     name = str(getattr(getattr(error, "argument", None), "name", "") or "")
-    usage = _USAGE.get(command, f"jaxcal {command} LOG.csv")
+    usage = example_of(command)
     if name in argv:
         rest = list(argv[argv.index(name) + 1 :])
         if rest and re.fullmatch(r"-?[\d.]+,-?[\d.]+(,-?[\d.]+)*", rest[0]):

@@ -14,7 +14,7 @@ from cyclopts.config import Toml
 
 import jaxcal
 
-from ._advice import KINDS, advice, code_of, format_of
+from ._advice import KINDS, advice, code_of, example_of, format_of
 from ._apply import apply, convert
 from ._batch import batch
 from ._cache import cache
@@ -74,10 +74,12 @@ def _application(format: str = "") -> cyclopts.App:
         suppress_keyboard_interrupt=False,
     )  # fmt: skip
     for command in _COMMANDS:
-        app.command(export_to(format) if command.__name__ == "export" else command)
+        epilogue = f"Example: {example_of(command.__name__.replace('_', '-'))}"
+        app.command(export_to(format) if command.__name__ == "export" else command, help_epilogue=epilogue)
     simulate = cyclopts.App(name="simulate", help="Logs of simulated devices, whose truth is known.", help_format="plaintext")
     for command in _SIMULATE:
-        simulate.command(command, name=command.__name__.removeprefix("simulate_"))
+        kind = command.__name__.removeprefix("simulate_")
+        simulate.command(command, name=kind, help_epilogue=f"Example: {example_of(f'simulate {kind}')}")
     app.command(simulate)
     return app
 

@@ -29,8 +29,7 @@ _TO = Annotated[Literal[tuple(FORMATS)], Parameter(help="The tool. Its own optio
 _OUT = Annotated[Path | None, Parameter(group=WRITING, help="File to write; by default one with the usual name, here.")]
 _ABOUT = """Write a calibration in the units, signs and order of another tool.
 
-It says what the tool cannot represent, and the resulting error. For
-example: jaxcal export calibration.json --to kalibr
+It says what the tool cannot represent, and the resulting error.
 """
 
 

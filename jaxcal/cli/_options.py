@@ -97,7 +97,9 @@ Field = Annotated[
 class Files:
     """Where results go: a folder for all of them, or single files. A command adds its own files and describes its JSON."""
 
-    out: Annotated[Path | None, Parameter(help="Folder for the files, made if it is missing.")] = None
+    out: Annotated[Path | None, Parameter(help="Folder for the files, made if it is missing. Default: LOG-COMMAND, such as imu-noise.")] = (
+        None
+    )
     json: Path | None = None
     report: Annotated[Path | None, Parameter(help="Report as one HTML file.")] = None
     plot: Annotated[Path | None, picture()] = None

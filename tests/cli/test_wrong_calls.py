@@ -46,7 +46,7 @@ noise rest.csv device.json                 | To correct it with a calibration fi
 mag rest.csv device.json                   | To correct it first: jaxcal apply device.json rest.csv --out corrected.npz
 diff device.json device.json device.json   | compares two calibrations, and these are 3
 noise rest.csv 100                         | 100 belongs to no option: numbers stand behind the name of an option, as in --rate 100
-noise rest.csv --robust yes                | --robust takes no value here; leave out yes
+noise rest.csv --verbose yes                | --verbose takes no value here; leave out yes
 demo extra                                 | has no use for extra
 noise -                                    | and not its standard input: save the log first (cat > log.csv), then: jaxcal noise log.csv
 mag /dev/stdin                             | then: jaxcal mag log.csv

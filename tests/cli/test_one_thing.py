@@ -1,0 +1,155 @@
+"""One thing is said in one way: the inconsistencies that were once measured, each as a row of a table."""
+
+import inspect
+import json
+import pathlib
+import shutil
+
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal.cli import _app
+
+from .conftest import save, table
+
+TESTS = pathlib.Path(__file__).parents[1]
+LIMIT = {"N": 1e-3, "K": 2e-5}
+
+
+@pytest.fixture
+def device(folder):
+    """A calibration with noise in which no K was found, models of all sensors, and a log of the sensors at rest."""
+    golden = jaxcal.Calibration.load(TESTS / "export" / "golden.json")
+    golden.save(folder / "device.json")
+    save(folder / "rest.csv", table(3000))
+    return golden
+
+
+def advised_options_work(call, folder, device):
+    """What a message advises for a log without stamps works in the spelling of the terminal."""
+    assert call("allan", "rest.csv", "--columns", "time=none,gyro=1:3", "--rate", "100", "--units", "gyro=rad/s").status == 0
+
+
+def one_schema(call, folder, device):
+    """A command and `save` write the same keys for one kind of result."""
+    assert call("noise", "rest.csv", "--terms", "N", "--json", "a.json").status == 0
+    fits = jaxcal.noise.characterise(jaxcal.read(folder / "rest.csv", quiet=True), terms=("N",))
+    fits.save(folder / "b.json")
+    told, saved = (json.loads((folder / name).read_text()) for name in ("a.json", "b.json"))
+    assert told.keys() == saved.keys()
+    assert told["schema"] == saved["schema"]
+    assert told["numbers"] == saved["numbers"]
+
+
+def one_upper_limit(call, folder, device):
+    """The command, its JSON and the Python result give the same upper limit of a term that was not found."""
+    assert call("noise", "rest.csv", "--terms", "NK", "--json", "a.json").status == 0
+    fits = jaxcal.noise.characterise(jaxcal.read(folder / "rest.csv", quiet=True), terms=("N", "K"))
+    numbers = json.loads((folder / "a.json").read_text())["numbers"]
+    limits = [name for name, one in numbers.items() if name.endswith(".K") and one["state"] == "limit"]
+    assert limits
+    for name in limits:
+        assert numbers[name]["high"] == pytest.approx(fits[name.partition(".")[0]].upper_limit["K"])
+
+
+def noise_exports_alike(call, folder, device):
+    """`jaxcal noise` and `jaxcal export` of its calibration write the same numbers, also where a term was not found."""
+    assert call("noise", "rest.csv", "--terms", "NK").status == 0
+    for format in ("kalibr", "openvins", "vins", "orbslam3", "gtsam", "ros", "csv"):
+        found = call("export", "rest-noise/calibration.json", "--to", format, "--out", f"{format}.out")
+        assert (found.status, found.err) == (0, ""), format
+    lines = [
+        [line for line in (folder / name).read_text().splitlines() if line[0] != "#"] for name in ("rest-noise/imu.yaml", "kalibr.out")
+    ]
+    assert lines[0] == lines[1]
+
+
+def exports_replace_nothing(call, folder, device):
+    """A file that jaxcal did not write stays, in the terminal and in Python, unless that is forced."""
+    (folder / "imu.yaml").write_text("mine: 1\n")
+    assert call("export", "device.json", "--to", "kalibr").code == "not_ours"
+    with pytest.raises(jaxcal.ExportError) as error:
+        jaxcal.export.write(device, folder / "imu.yaml")
+    assert error.value.code == "not_ours"
+    assert (folder / "imu.yaml").read_text() == "mine: 1\n"
+    assert call("export", "device.json", "--to", "kalibr", "--force").status == 0
+    assert call("export", "device.json", "--to", "kalibr").status == 0  # its own file
+
+
+def folders_replace_nothing(call, folder, device):
+    """A file in the folder of results that jaxcal did not write stays."""
+    (folder / "mine").mkdir()
+    (folder / "mine" / "report.html").write_text("<p>mine</p>")
+    assert call("noise", "rest.csv", "--terms", "N", "--out", "mine").code == "not_ours"
+    assert (folder / "mine" / "report.html").read_text() == "<p>mine</p>"
+
+
+def counts_are_a_calibration(call, folder, device):
+    """A magnetometer in counts gives a calibration in counts."""
+    field = jaxcal.magnetometer.body_field(jaxcal.magnetometer.scenario("all"), 1.0)
+    np.savetxt(folder / "counts.csv", np.round(600 * field + [50, -20, 10]), fmt="%d", delimiter=",", header="mx,my,mz", comments="")
+    assert call("mag", "counts.csv").status == 0
+    assert jaxcal.Calibration.load(folder / "counts-mag" / "calibration.json").magnetometer.unit == "counts"
+
+
+def info_names_every_command(call, folder, device):
+    """`jaxcal info` judges every command that takes a log, and takes a table of readings on a turntable."""
+    found = call("info", "rest.csv")
+    assert found.status == 0
+    for command in ("noise", "allan", "psd", "imu", "mag", "device", "north", "temperature"):
+        assert f"jaxcal {command}" in found.out, command
+    assert call("simulate", "north", "--latitude", "39.93", "--out", "table.csv").status == 0
+    assert "jaxcal north table.csv" in call("info", "table.csv").out
+
+
+def objects_print_numbers(call, folder, device):
+    """What holds numbers prints numbers, and no shapes of arrays."""
+    fit = jaxcal.fitting.solve(lambda x, data: x - data, np.zeros(2), np.array([1.25, 2.5]))
+    for held, number in ((device, "0.998"), (fit, "1.25")):
+        assert "f64[" not in repr(held)
+        assert number in repr(held)
+
+
+def models_of_ones_own(call, folder, device):
+    """Every estimator of a sensor takes a model of one's own as `model=`, and none asks for gravity."""
+    for function in (jaxcal.imu.six_position, jaxcal.imu.multi_position, jaxcal.magnetometer.fit, jaxcal.temperature.fit):
+        assert "model" in inspect.signature(function).parameters, function
+    gravity = inspect.signature(jaxcal.imu.multi_position).parameters["gravity"]
+    assert gravity.default is not inspect.Parameter.empty
+
+
+def units_are_one(call, folder, device):
+    """A quantity has one unit in every command: a change of hard iron is told in uT, one of a gyroscope's bias in deg/s."""
+    shutil.copy(folder / "device.json", folder / "again.json")
+    told = call("diff", "device.json", "again.json").out
+    assert {line.split()[-5:][0] for line in told.splitlines() if line.startswith("hard iron x")} <= {"uT"} or "uT" in told
+    assert " T " not in told
+
+
+def options_are_used(call, folder, device):
+    """An option that a format does not use is neither offered nor taken; one that several commands have is one object of the table."""
+    assert "--topic" not in call("export", "--to", "c", "--help").out
+    assert call("export", "device.json", "--to", "c", "--topic", "/a").code == "unknown_option"
+    with pytest.raises(jaxcal.ExportError) as error:
+        jaxcal.export.write(device, folder / "a.h", format="c", topic="/a")
+    assert error.value.code == "no_such_option"
+
+
+def help_has_an_example(call, folder, device):
+    """The help of every command ends with a call that works."""
+    for command in _app._names():
+        lines = [line for line in call(command, "--help").out.splitlines() if line.strip()]
+        assert lines[-1].startswith(f"Example: jaxcal {command}"), command
+
+
+TABLE = [
+    advised_options_work, one_schema, one_upper_limit, noise_exports_alike, exports_replace_nothing, folders_replace_nothing,
+    counts_are_a_calibration, info_names_every_command, objects_print_numbers, models_of_ones_own, units_are_one, options_are_used,
+    help_has_an_example,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("check", TABLE, ids=lambda check: check.__name__)
+def test_one_thing_is_said_in_one_way(check, call, folder, device):
+    check(call, folder, device)
