@@ -245,6 +245,11 @@ class Log(eqx.Module):
             object.__setattr__(self, "_evidence", known)
         return known
 
+    @property
+    def recorded(self) -> "Log":
+        """The log as it was before `cleaned`."""
+        return vars(self).get("_raw", (self, ()))[0]
+
     def usable(self, sensor: str, still: bool = False, keep: Iterable[str] = ()) -> np.ndarray:
         """Readings of a sensor, with NaN where they are no measurement.
 
@@ -349,7 +354,7 @@ class Log(eqx.Module):
     def _replaced(self, **changes: Any) -> "Log":
         """A copy with other fields, without any check."""
         log = copy.copy(self)
-        for found in ("_evidence", "_raw"):
+        for found in ("_evidence", "_raw") if changes.keys() & _AXES.keys() else ():
             vars(log).pop(found, None)
         for name, value in changes.items():
             object.__setattr__(log, name, value)

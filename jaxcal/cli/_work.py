@@ -110,11 +110,9 @@ def check_suited(command: str, log: Any, path: Path, options: Mapping[str, Any])
 
 def _signed(path: Path, log: Any, command: str, reading: Reading, options: Mapping[str, Any]) -> Any:
     """Add command, options, versions and date to the provenance of the log; without time stamps, the date is that of the file."""
-    import equinox as eqx
-
     from ..calibration import provenance
 
     found = provenance(log, command, {**reading.asked(), **options}, rate_given=reading.rate is not None)
     if "date" not in found:
         found |= {"date": date_of(log, path), "date_from": "time of the file"}
-    return eqx.tree_at(lambda one: one.provenance, log, found)
+    return log._replaced(provenance=found)

@@ -57,6 +57,31 @@ def said_of(stretches: Iterable[Stretch], samples: int, rate: float) -> list[Fin
     return [LOG("set_aside", seconds=float(out.sum() / rate), percent=100 * float(out.mean()), what=what)]
 
 
+def timeline(stretches: Iterable[Stretch]) -> list[str]:
+    """A line for each kind of stretch, the longest in all first: sensors, how long in all, and when the longest were.
+
+    Examples
+    --------
+    >>> from jaxcal.evidence import Stretch
+    >>> from jaxcal.evidence._findings import timeline
+    >>> timeline([Stretch("knock", "gyro", (0,), 49.9, 50.7), Stretch("knock", "accel", (2,), 49.9, 51.1)])
+    ['knock (gyro, accel): 2 s at 0:49']
+    """
+    kinds: dict[str, list[Stretch]] = {}
+    for one in stretches:
+        if one.kind != "coarse":  # the steps of the values are no part of time
+            kinds.setdefault(one.kind, []).append(one)
+    lines = []
+    for kind, found in kinds.items():
+        sensors = ", ".join(dict.fromkeys(one.sensor for one in found if one.sensor))
+        longest = sorted(found, key=lambda one: one.start - one.stop)[:_NAMED]
+        times = ", ".join(dict.fromkeys(clock(one.start) for one in sorted(longest, key=lambda one: one.start)))
+        more = f" and {len(found) - _NAMED} times more" if len(found) > _NAMED else ""
+        total = sum(one.stop - one.start for one in found)
+        lines.append((total, f"{kind.replace('_', '-')}{f' ({sensors})' * bool(sensors)}: {total:.3g} s at {times}{more}"))
+    return [line for _, line in sorted(lines, key=lambda one: -one[0])]
+
+
 def clock(seconds: float) -> str:
     """A time from the start as m:ss or h:mm:ss.
 

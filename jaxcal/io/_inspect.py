@@ -10,6 +10,8 @@ import numpy as np
 from .._answer import Finding, plain
 from .._errors import JaxcalError
 from .._files import shown
+from ..evidence import Stretch
+from ..evidence._findings import timeline
 from ._names import parse
 from ._ranked import Suitability, ranked
 from ._read import asked, finished, named, opened
@@ -48,6 +50,7 @@ class Inspection:
     samples, rate, duration : number of samples, Hz and s of the uniform grid; None if the log cannot be read.
     gaps, missing : number of gaps, and total number of missing samples.
     findings : what `jaxcal.read` says about the log: `Log.findings`.
+    evidence : what in it is not the sensor under test: `Log.evidence`.
     commands : every command for a log, those that suit first: whether it suits, why, and the line to type.
 
     Examples
@@ -75,6 +78,7 @@ class Inspection:
     gaps: int | None
     missing: int | None
     findings: tuple[Finding, ...]
+    evidence: tuple[Stretch, ...]
     commands: tuple[Suitability, ...]
 
     def to_dict(self) -> dict[str, Any]:
@@ -106,6 +110,7 @@ class Inspection:
             lines.append(f"column {column.number} ({column.name or 'no name'}): {column.holds}{values}")
         lines += [f"source: {source}" for source in self.sources]
         lines += [f"{'warning' if one.severity else 'note'}: {one}" for one in self.findings]
+        lines += timeline(self.evidence)
         lines += [f"{one.line if one.suits else f'not {one.command}'}: {one.reason}" for one in self.commands]
         return "\n".join(lines)
 
@@ -171,7 +176,7 @@ def inspect(path: str | os.PathLike[str], **options: Any) -> Inspection:
         known = {"samples": len(log.time), "rate": log.rate, "duration": log.duration, "gaps": len(log.gaps), "missing": lost}
     return Inspection(
         file=shown(path), format=origin.get("format"), size=origin.get("size"), columns=tuple(held), sources=sources,
-        choices=tuple(choices), error=refused, findings=() if log is None else log.findings,
+        choices=tuple(choices), error=refused, findings=() if log is None else log.findings, evidence=() if log is None else log.evidence,
         commands=() if log is None else ranked(log, os.fspath(path)), **known,
     )  # fmt: skip
 

@@ -13,6 +13,7 @@ from .._answer._html import findings_html, grid_html
 from .._answer._sections import Curve, Grid
 from .._units import shown_in
 from ._html import Markup, definitions, join, numbers, provenance, recording, scroll, section, tag
+from ._timeline import timelines
 
 _MODULES = {
     "NoiseFits": "_noise", "Deviations": "_curves", "Spectra": "_curves", "TemperatureFits": "_thermal", "ImuFit": "_imu",
@@ -53,6 +54,7 @@ def answer_page(result: Any, log: Any, version: str) -> tuple[str, str, Markup]:
     notes = findings_html([one for one in told if one.severity < CAUTION])
     parts += [section("Notes", "notes", notes)] if notes else []
     parts.append(recording(log))
+    parts += [section("What was not the sensor", "evidence", seen)] if log is not None and (seen := timelines(log)) else []
     meaning = own("meaning", ())
     parts += [section("What it means", "meaning", definitions(meaning))] if meaning else []
     parts.append(provenance({"Made by": f"jaxcal {version}"} | own("known", {}), log))
