@@ -23,6 +23,9 @@ _RATE_TOLERANCE = 0.005
 #: rms jitter, in periods, above which a warning is given
 _JITTER = 0.02
 
+#: share of samples with the stamp of the one before, and of those the share with other values, above which stamps are coarse
+_SHARED, _DIFFER = 0.05, 0.1
+
 #: samples in the running median of the stamps' differences from the grid
 _SMOOTH = 101
 
@@ -184,12 +187,17 @@ def _sort(stamps: np.ndarray, source: np.ndarray | None, found: list[Finding]) -
 
 
 def _drop_duplicates(stamps, source, equal, found: list[Finding]) -> tuple[np.ndarray, np.ndarray | None]:
-    """Keep one of the samples with equal stamp and equal values; samples with different values are spaced evenly later."""
+    """Keep one of the samples with equal stamp and equal values; samples with different values are spaced evenly later.
+
+    Where many samples share a stamp and differ, the stamps are coarse, and coarse values are equal by chance: these are no copies.
+    """
     same = np.flatnonzero(np.diff(stamps) == 0)
     if not len(same):
         return stamps, source
     rows = np.arange(len(stamps)) if source is None else source
     copies = same[equal(rows[same], rows[same + 1])]
+    if len(same) > _SHARED * len(stamps) and len(same) - len(copies) > _DIFFER * len(same):
+        copies = same[:0]
     if len(copies):
         found.append(LOG("copies", count=len(copies)))
     if others := len(same) - len(copies):
