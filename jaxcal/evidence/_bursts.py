@@ -36,6 +36,8 @@ _EFFICIENCY = 0.37
 _SAMPLE = 20_000
 #: share of equal neighbours above which the noise is hidden by the step of the values: below, it is at least 0.45 steps
 _HIDDEN = 0.5
+#: chance that a look of noise alone is larger than those between which the event in a block is
+_LARGE = 1e-3
 #: single outliers at one lag above which they are tails of the noise
 _TAILS = 10
 #: quantiles of |d| -> those of a normal law: the larger of the two spreads counts, so that tails and coarse values are no events
@@ -103,6 +105,7 @@ class _Record:
         self.hidden = [step if share > _HIDDEN else 0.0 for step, share in zip(self.steps, equal, strict=True)]
         self.longest = min(round(LONGEST * rate * len(self.index) / max(self.size, 1)), len(self.index) // (2 * _PAIRS))
         self._sum()
+        self.tails = False  # whether single outliers are tails of the noise
         self.lags = max(self.longest, 1).bit_length()
         self.slow = self._spread(self.looks(self.longest, 1 + self.longest // 4), self.longest) if self.longest else np.ones(0)
 
@@ -141,13 +144,20 @@ class _Record:
             d *= d
             z += d
         chance = 0.5 * CHANCE / self.lags
-        found = z > _limit(len(looks), len(self.index) / h, chance / count)
+        limit = _limit(len(looks), len(self.index) / h, chance / count)
+        found = z > limit
         starts, stops = runs(found)
         single = stops - starts <= 2 * h // step
-        if np.count_nonzero(single) > _TAILS:
+        self.tails = self.tails or np.count_nonzero(single) > _TAILS
+        if self.tails:
             for start, stop in zip(starts[single], stops[single], strict=True):
                 found[start:stop] = False
-        starts, stops = runs(found | ~still | _loud(z, len(looks), chance))
+        large = np.flatnonzero(z > _limit(len(looks), len(self.index) / h, _LARGE))
+        for start, stop in zip(*runs(~still | _loud(np.minimum(z, limit), len(looks), chance)), strict=True):
+            # the event may be shorter than its blocks of looks
+            ends = large[np.searchsorted(large, start) : np.searchsorted(large, stop)]
+            found[ends[0] if len(ends) else start : ends[-1] + 1 if len(ends) else stop] = True
+        starts, stops = runs(found)
         grown = h // 2 + 2
         first = np.maximum(h + starts * step - grown, 0)
         last = np.minimum(h + (stops - 1) * step + grown, len(self.index) - 1)

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+import scipy  # loads its parts when they are first used
 
 from .._arrays import runs
 from ._stretch import Stretch
@@ -17,9 +18,8 @@ _LOOK = 100_000
 _ALL_CHANGE = 0.7
 #: samples at the end of the range that are no accident, and nonzero values just outside of a dead band that show its edge
 _FEW = 10
-_WARM_UP = 60.0  # s: length of the parts whose means are compared
-#: robust standard deviations: parts are few, at least ten, and their differences vary
-_MOVED = 10.0
+_WARM_UP = 60.0  # s: length of the parts whose medians are compared
+_CHANCE = 1e-3  # of a warm-up of one axis in a record of noise
 
 
 def held(values: Any) -> np.ndarray:
@@ -190,24 +190,24 @@ def resolution(column: np.ndarray) -> float:
 
 
 def _warm_up(sensor: str, values: np.ndarray, rate: float, unit: str) -> list[Stretch]:
-    """The mean of the first minute differs from the second by more than later ones do."""
-    block = round(_WARM_UP * rate)
-    count = len(values) // block if block else 0
-    if count < 10:
+    """The first minute differs from the second by more than later minutes differ. A minute is the median of its seconds."""
+    second = max(round(rate), 1)
+    part = second * round(_WARM_UP * rate / second)
+    count = len(values) // part if part else 0
+    if count < _FEW:
         return []
-    blocks = values[: count * block].reshape(count, block, values.shape[1])
-    means = blocks.mean(axis=1)
-    if np.isnan(means).any():
-        present = np.isfinite(blocks)
-        means = np.where(present, blocks, 0.0).sum(axis=1) / np.maximum(present.sum(axis=1), 1)
-        means = means[present.any(axis=1).all(axis=1)]
-    if len(means) < 10:
+    parts = values[: count * part].reshape(count, part // second, second, values.shape[1])
+    with np.errstate(invalid="ignore"):
+        medians = np.median(parts.mean(axis=2), axis=1)
+    medians = medians[np.isfinite(medians).all(axis=1)]
+    if len(medians) < _FEW:
         return []
-    steps = np.diff(means, axis=0)
-    scatter = 1.4826 * np.median(np.abs(steps[1:] - np.median(steps[1:], axis=0)), axis=0)
-    settled = np.median(means[1:], axis=0)
-    moved = np.abs(means[0] - settled)
-    axes = np.flatnonzero((np.abs(steps[0]) > _MOVED * scatter) & (scatter > 0))
+    steps = np.diff(medians, axis=0)
+    scatter = 1.4826 * np.median(np.abs(steps[1:]), axis=0)
+    # the scatter of so few steps is found with the efficiency of a median
+    limit = -scipy.special.stdtrit(0.37 * (len(steps) - 1), _CHANCE) * scatter
+    axes = np.flatnonzero((np.abs(steps[0]) > limit) & (scatter > 0))
     if not len(axes):
         return []
-    return [Stretch("warm_up", sensor, tuple(axes.tolist()), 0.0, _WARM_UP, float(moved[axes].max()), unit)]
+    moved = float(np.abs(medians[0] - np.median(medians[1:], axis=0))[axes].max())
+    return [Stretch("warm_up", sensor, tuple(axes.tolist()), 0.0, _WARM_UP, moved, unit)]

@@ -1,0 +1,179 @@
+"""What is no noise of a sensor at rest is found, and noise is not. `benchmarks/evidence.py` makes the records, and has more."""
+
+import importlib.util
+import pathlib
+import warnings
+
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal.evidence import Stretch, bursts, find
+
+_PLACE = pathlib.Path(__file__).resolve().parents[2] / "benchmarks" / "evidence.py"
+_SPEC = importlib.util.spec_from_file_location("benchmark_of_evidence", _PLACE)
+records = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(records)
+N, RATE = 1.4e-4, 100.0
+
+
+def seconds(found, rate=RATE):
+    return [(first / rate, last / rate) for first, last in found]
+
+
+@pytest.mark.parametrize("first", range(0, 16, 4))
+def test_noise_has_no_evidence(first):
+    for seed in range(first, first + 4):
+        y, rate, kind = records.clean(seed, 200_000)
+        assert [one.kind for one in find({"gyro": y}, rate) if one.kind != "coarse"] == [], (seed, kind)
+
+
+@pytest.mark.long
+def test_false_alarms_are_rare():
+    found = [bool(bursts(y, rate)) for y, rate, _ in map(records.clean, range(1000, 1200))]
+    assert sum(found) <= 5  # 1 % of 200, and three standard deviations
+
+
+@pytest.mark.parametrize("where", ["start", "middle", "end", "twice"])
+@pytest.mark.parametrize(("height", "length"), [(0.01, 0.5), (0.03, 1.0), (0.15, 0.2), (0.5, 2.0)])
+def test_a_knock_is_found_where_it_is(height, length, where):
+    rate, y, known = records.disturbed(7, height, length, where)
+    found = seconds(bursts(y, rate), rate)
+    assert len(found) == len(known)
+    for (start, stop), (first, last) in zip(known, found, strict=True):
+        assert first == pytest.approx(start, abs=0.5)
+        assert last == pytest.approx(stop, abs=0.5)
+    assert {one.kind for one in find({"gyro": y}, rate)} == {"knock"}
+
+
+def test_putting_down_and_lifting_are_found():
+    t = np.arange(60_000) / RATE
+    y = records.noise(np.random.default_rng(1), len(t), RATE, n=N)
+    y += records.put_down(t)[:, None] * records.AXES
+    y[30_000:31_000] += np.cumsum(np.random.default_rng(2).normal(size=(1000, 3)), axis=0) * 4e-3
+    (start, stop), (first, last) = seconds(bursts(y, RATE))
+    assert start == 0.0
+    assert 2.0 < stop < 8.0
+    assert first == pytest.approx(300.0, abs=0.5)
+    assert last == pytest.approx(310.0, abs=1.0)
+    assert [one.kind for one in find({"gyro": y}, RATE)] == ["knock", "moving"]
+
+
+def test_a_fifth_of_the_record_may_move():
+    t = np.arange(60_000) / RATE
+    y = records.noise(np.random.default_rng(3), len(t), RATE, n=N)
+    y[48_000:] += 0.3 * np.sin(2 * t[48_000:])[:, None] * records.AXES
+    ((first, last),) = seconds(bursts(y, RATE))
+    assert first == pytest.approx(480.0, abs=1.0)
+    assert last == pytest.approx(600.0, abs=0.1)
+
+
+@pytest.mark.parametrize("size", [1.0, 3.0, 10.0])
+def test_a_step_is_no_knock(size):
+    y = records.noise(np.random.default_rng(4), 60_000, RATE, n=N)
+    y[30_000:] += size * N * RATE**0.5 * records.AXES
+    (one,) = find({"gyro": y}, RATE)
+    assert one.kind == "step"
+    assert one.start == pytest.approx(300.0, abs=2.0)
+    assert one.size == pytest.approx(size * N * RATE**0.5 * 0.74, rel=0.25)
+
+
+def test_tails_are_no_events_and_single_outliers_are():
+    y = np.random.default_rng(5).standard_t(5, size=(60_000, 3))
+    assert bursts(y, RATE) == []
+    y = np.random.default_rng(5).normal(size=(60_000, 3))
+    y[[1000, 20_000]] += 30.0
+    assert [first for first, _ in bursts(y, RATE)] == [pytest.approx(1000, abs=4), pytest.approx(20_000, abs=4)]
+
+
+def test_gaps_and_dead_axes_are_no_events():
+    y = records.noise(np.random.default_rng(6), 60_000, RATE, n=N)
+    y[10_000:10_500] = np.nan
+    y[np.random.default_rng(7).choice(60_000, 600, replace=False), 0] = np.nan
+    assert bursts(y, RATE) == []
+    y[:, 2] = 0.0
+    y[30_000:30_050, 0] += 0.1
+    assert len(bursts(y, RATE)) == 1
+    assert bursts(np.full((1000, 3), np.nan), RATE) == bursts(np.zeros((1000, 3)), RATE) == bursts(np.zeros((1, 3)), RATE) == []
+
+
+def test_the_slow_and_the_repeated_count_once():
+    y = np.random.default_rng(8).normal(size=(2000, 3)) * 1e-5
+    slow = jaxcal.Log(None, mag=np.repeat(y, 20, axis=0), rate=200.0)
+    np.testing.assert_array_equal(slow.usable("mag")[np.isfinite(slow.usable("mag")[:, 0])], y)
+    packets = np.random.default_rng(9).normal(size=(20_000, 3))
+    again = np.zeros(len(packets), bool)
+    for start in range(1000, 20_000, 2000):
+        packets[start : start + 15] = packets[start]
+        again[start + 1 : start + 15] = True
+    log = jaxcal.Log(None, gyro=packets, rate=RATE)
+    np.testing.assert_array_equal(np.isnan(log.usable("gyro")[:, 0]), again)
+    coarse = jaxcal.Log(None, accel=np.round(0.4 * packets), rate=RATE)  # rows are equal by chance
+    assert not {"held", "stuck"} & {one.kind for one in coarse.evidence}
+
+
+def test_coarse_rests_are_neither_held_nor_clipped():
+    """Steps of 15 mg, rests in six attitudes and turns between: rows are equal at rest, and extremes are frequent."""
+    rng = np.random.default_rng(10)
+    faces = np.concatenate([np.eye(3), -np.eye(3)]) * 9.81
+    parts = [np.linspace(faces[i], faces[(i + 1) % 6], 300) if turn else np.tile(faces[i], (1000, 1)) for i in range(6) for turn in (0, 1)]
+    accel = np.concatenate(parts) + 0.02 * rng.normal(size=(7800, 3))
+    step = 0.015 * 9.80665
+    log = jaxcal.Log(None, accel=np.round(accel / step) * step, rate=RATE)
+    assert not {"held", "stuck", "clipped", "zeroed"} & {one.kind for one in log.evidence}
+    assert np.isfinite(log.usable("accel")).all()
+
+
+def test_zeros_of_a_dead_band_are_no_readings():
+    gyro = np.random.default_rng(11).normal(size=(20_000, 3)) * 0.003
+    gyro[5000:15_000] += np.sin(np.arange(10_000) / 300)[:, None] * [0.5, 1.0, -0.7]
+    cut = np.where(np.abs(gyro) < 0.007, 0.0, gyro)
+    log = jaxcal.Log(None, gyro=cut, rate=RATE)
+    assert {one.kind for one in log.evidence} >= {"zeroed"}
+    assert "zeroed" in log.codes
+    np.testing.assert_array_equal(np.isnan(log.usable("gyro")), cut == 0.0)
+    assert "zeroed" not in jaxcal.Log(None, gyro=np.round(gyro / 0.001) * 0.001, rate=RATE).codes
+    accel = gyro + np.array([0.0, 0.0, 9.81])
+    accel[-1] = 0.0
+    assert np.isnan(jaxcal.Log(None, accel=accel, rate=RATE).usable("accel")[-1]).all()
+
+
+def test_a_log_says_what_was_set_aside_and_keeps_what_is_asked():
+    rate, y, _ = records.disturbed(12, 0.1, 1.0, "middle")
+    log = jaxcal.Log(None, gyro=y, rate=rate)
+    clean = log.cleaned(still=True)
+    assert "set_aside" in clean.codes
+    assert "something moved at 4:5" in clean.head() or "something moved at 5:00" in clean.head()
+    assert clean.evidence == log.evidence
+    assert clean.recorded is log
+    assert np.isfinite(log.cleaned(still=True, keep=("knock",)).gyro).all()
+    assert np.isfinite(log.cleaned().gyro).all()
+    part = log.select(0.0, 100.0)
+    assert [one.kind for one in part.evidence] == []
+
+
+def test_a_stretch_is_plain_data():
+    one = Stretch("step", "gyro", (0,), 1.0, 1.5, 0.01, "rad/s", 50)
+    assert str(one) == "1 s to 1.5 s: step of 0.01 rad/s (gyro)"
+    with pytest.raises(AttributeError):
+        one.kind = "knock"
+
+
+@pytest.mark.parametrize("rate", [4.37, 5.0, 10.0])
+@pytest.mark.parametrize("step", [0.0, 0.5, 3.0])
+def test_stamps_of_a_second_lose_no_row(rate, step):
+    y = np.random.default_rng(13).normal(size=(20_000, 3))
+    y = np.round(y / step) * step if step else y
+    log = jaxcal.Log(np.floor(np.arange(20_000) / rate + 0.3), gyro=y)
+    assert log.rate == pytest.approx(rate, rel=1e-3)
+    assert len(log.time) == 20_000
+
+
+def test_a_dead_axis_costs_only_itself():
+    made = jaxcal.temperature.simulate(jump=0.0)
+    gyro = np.stack([made.bias, 0.0 * made.bias, made.bias], axis=1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = jaxcal.temperature.characterise(jaxcal.Log(made.time, gyro=gyro, temperature=made.temperature))
+    assert sorted(found) == ["gyro_x", "gyro_z"]
+    assert [one.subject for one in found.findings if one.code == "constant"] == [("gyro_y",)]
