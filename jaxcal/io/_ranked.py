@@ -65,6 +65,7 @@ def _judged(log: Log) -> Iterator[tuple[str, bool, str, str]]:
     still = None if moved is None else 1.0 - moved.share
     rests = "whether it rests is not known" if still is None else f"{100 * still:.0f} % of it is at rest"
     long = f"{log.duration:.4g} s of {', '.join(names) or 'no sensor'}, and {rests}"
+    long += f"; it needs {_MINUTE:g} s at rest" * (log.duration < _MINUTE or (still is not None and still < _RESTS))
     at_rest = bool(names) and log.duration >= _MINUTE and (still is None or still >= _RESTS)
     part = "" if at_rest or moved is None or moved.still is None else " --start {:.6g} --stop {:.6g}".format(*moved.still)
 
