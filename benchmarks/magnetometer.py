@@ -24,17 +24,15 @@ from scipy.spatial.transform import Rotation
 from jaxcal.magnetometer import (
     Accelerometer,
     Gyroscope,
-    Headings,
     MagModel,
-    aligned,
     body_field,
-    check,
     fit,
     guide,
-    heading_change,
     scenario,
 )
 from jaxcal.magnetometer._design._heading_error import angle, grids, heading_error
+from jaxcal.magnetometer._guide import heading_change
+from jaxcal.magnetometer._iron import by_surface
 
 MILD = MagModel(np.array([[1.10, 0.06, -0.04], [0.06, 0.92, 0.05], [-0.04, 0.05, 1.0]]), np.array([0.8, -0.5, 0.3]))
 PAPER = MagModel(
@@ -110,7 +108,7 @@ def speed(_):
             cells = " ".join(f"{value:5.1f}" for value in (took.min(), *np.percentile(took, (50, 95)), np.median(busy)))
             print(f"{count:4d} readings, {coverage:10s} {kind:9s} {100 * sigma:.0f} % noise: {cells}")
     many = MILD.measure(directions(200_000, rng)) + 0.01 * rng.normal(size=(200_000, 3))
-    print(f"one fit of 200,000 readings, thinned to {fit(many).used}: {best(lambda: fit(many), 3):.2f} s")
+    print(f"one fit of 200,000 readings, thinned to {fit(many).numbers["used"].value:.0f}: {best(lambda: fit(many), 3):.2f} s")
 
 
 def partial(runs):
@@ -158,7 +156,8 @@ def least_heading_error(field, sigma):
     rows = np.column_stack([x * x, 2 * x * y, y * y, 2 * x * w, 2 * y * w, w * w, -normal]) / np.linalg.norm(normal, axis=1)[:, None]
     column = np.linalg.norm(rows, axis=0)
     covariance = sigma**2 * np.linalg.inv((rows / column).T @ (rows / column)) / np.outer(column, column)
-    return np.rad2deg(heading_error(shape, covariance, DIP)[0])
+    iron = by_surface(np.asarray(PAPER.soft_iron), FIELD, covariance, True)
+    return np.rad2deg(heading_error(PAPER, FIELD, iron[:12, :12], DIP, np.array([0.0, 0.0, 1.0]))[0])
 
 
 def scenarios(runs):
@@ -177,7 +176,7 @@ def scenarios(runs):
                     m = PAPER.measure(field) + sigma * rng.normal(size=field.shape)
                     found = fit(m, model="symmetric", inclination=DIP, **options)
                     verdicts.append(found.verdict)
-                    held += found.penalty > 0
+                    held += found.model is not None and found.numbers["penalty"].value > 0
                     if found.model is not None:
                         errors.append(heading_errors(found.model))
                         predicted.append(np.rad2deg(found.heading_error[0]))
@@ -279,17 +278,15 @@ def penalties(runs):
 
 
 def covered(runs):
-    print("\nshare of truths inside the intervals of 95 %: A_xx A_xy A_yy A_xz A_yz A_zz b_x b_y b_z, and their mean")
-    inverse = np.linalg.inv(PAPER.soft_iron) / FIELD
-    truth = np.r_[(inverse @ inverse)[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]], PAPER.hard_iron]
+    print("\nshare of truths inside the intervals of 95 %: hard iron, soft iron, and their mean")
+    size = np.linalg.det(PAPER.soft_iron) ** (1 / 3)
+    truth = np.r_[PAPER.hard_iron, np.ravel(PAPER.soft_iron) / size]
     for name, sigma in (("all", 0.2), ("three_turns", 0.1)):
         rng, inside = np.random.default_rng(11), []
         for run in range(4 * runs):
             m = PAPER.measure(body_field(scenario(name, seed=run), FIELD, DIP))
             found = fit(m + sigma * rng.normal(size=m.shape), model="symmetric")
-            matrix = np.linalg.inv(found.model.soft_iron) / found.field
-            value = np.r_[(matrix @ matrix)[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]], found.model.hard_iron]
-            inside.append(np.abs(value - truth) < 1.96 * np.sqrt(np.diag(found._facts.covariance)))
+            inside.append(np.abs(found.estimate.values[:12] - truth) < 1.96 * found.estimate.error[:12])
         share = np.mean(inside, axis=0)
         print(f"{name}, {sigma} uT, {4 * runs} fits: {' '.join(f'{100 * s:.1f}' for s in share)}; mean {100 * share.mean():.1f} %")
 
@@ -325,24 +322,22 @@ def headings_off(model):
 
 def jointly(runs):
     print(
-        "\nrms over the runs of the hard-iron error, per cent of the field, and of the heading error, degrees: after, joint; the prediction"
+        "\nrms over the runs of the hard-iron error, per cent of the field, and of the heading error, degrees: magnitudes alone, with the"
     )
-    print("of both; the shares called good; share of truths (A and b) inside the joint intervals of 95 %")
-    inverse, pick = np.linalg.inv(TURNED.soft_iron), ([0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2])
-    truth = np.r_[(inverse.T @ inverse)[pick], TURNED.hard_iron]
+    print("sensor; the prediction of both; the shares called good; share of truths (b and C) inside the intervals of 95 %")
+    size = np.linalg.det(TURNED.soft_iron) ** (1 / 3)
+    truth = np.r_[TURNED.hard_iron, np.ravel(TURNED.soft_iron) / size]
     for sensor, kind in itertools.product(("gyro", "accel"), ("everywhere", "three turns, tilt 20", "cap 40")):
         rows, inside = [], []
         for run in range(runs):
             m, gyro, accel = driven(kind, 1000, 50.0, np.random.default_rng([run, 5]), 0.01)
             aid = Gyroscope(gyro, 50.0) if sensor == "gyro" else Accelerometer(accel)
-            both = [fit(m, joint=joint, aid=aid) for joint in (False, True)]
+            both = [fit(m), fit(m, aid=aid)]
             rows.append([
                 [100 * np.linalg.norm(f.model.hard_iron - TURNED.hard_iron), headings_off(f.model), np.rad2deg(f.heading_error[0]),
                  f.verdict == "good"] for f in both
             ])  # fmt: skip
-            matrix = np.linalg.inv(both[1].model.soft_iron) / both[1].field
-            value = np.r_[(matrix.T @ matrix)[pick], both[1].model.hard_iron]
-            inside.append(np.abs(value - truth) < 1.96 * np.sqrt(np.diag(both[1]._facts.covariance)))
+            inside.append(np.abs(both[1].estimate.values[:12] - truth) < 1.96 * both[1].estimate.error[:12])
         table = np.array(rows)
         rms = np.sqrt(np.mean(table[..., :3] ** 2, axis=0))
         good = 100 * table[..., 3].mean(axis=0)
@@ -441,7 +436,7 @@ def _real(folder):
 
 
 def halves(_):
-    """Compare halves of real logs; check a tumble's calibration, aligned on half of the poses, on the other half with known headings."""
+    """Compare halves of real logs."""
     folder = pathlib.Path(os.environ.get("JAXCAL_REFERENCE", "../shared")) / "data" / "magnetometer"
     ratios, standard = [], []
     print("\n| log | halves differ, degrees | predicted | ratio | hard iron, standard errors rms |\n|---|---|---|---|---|")
@@ -459,28 +454,6 @@ def halves(_):
         print(
             f"median ratio {np.median(ratios):.2f}; hard iron {np.sqrt(np.mean(np.square(standard))):.2f} standard errors rms", flush=True
         )
-    print("\n| poses | measured heading error, degrees | predicted | rotation spread |\n|---|---|---|---|")
-    for path in sorted((folder / "betaflight").glob("*_poses.json")):
-        tumble, poses = (json.loads(path.with_name(path.name.replace("poses", kind)).read_text()) for kind in ("tumble", "poses"))
-        found = fit(_down([[one[axis] for axis in "xyz"] for one in tumble["samples"]]), model="symmetric", inclination=np.deg2rad(70.85))
-        means = [
-            (np.mean(_down([s["mag"] for s in pose["samples"]]), axis=0), way["heading"],
-             *(np.deg2rad(np.mean([s[name] for s in pose["samples"]])) for name in ("pitch", "roll")))
-            for way in poses["directions"] for pose in way["poses"]
-        ]  # fmt: skip
-        m, heading, pitch, roll = (np.array(part) for part in zip(*means, strict=True))
-        up = -9.81 * body_field(np.stack([heading, -pitch, roll], axis=1), 1.0, np.pi / 2)
-        for first in (0, 1):
-            some = np.arange(len(m)) % 2 == first
-            turned = aligned(found, m[some], Headings(heading[some], up[some]))
-            seen = check(turned, m[~some], accel=up[~some], headings=heading[~some])
-            print(f"| {path.stem.split('-')[2]} {first + 1} | {np.rad2deg(seen.heading):.2f} | {np.rad2deg(seen.expected_heading):.2f} | "
-                  f"{np.rad2deg(turned.alignment.spread[1]):.2f} |", flush=True)  # fmt: skip
-
-
-def _down(m):
-    """Convert the axes of the flight controller, x forward, y left, z up, to x forward, y right, z down."""
-    return np.array(m, dtype=float) * [1.0, -1.0, -1.0]
 
 
 PARTS = {

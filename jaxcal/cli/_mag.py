@@ -60,11 +60,11 @@ def mag(
     date: Annotated[str | None, Parameter(help="Day of the log for --place, as 2026-05-31.")] = None,
     align: Annotated[
         Literal["none", "accel", "gyro"],
-        Parameter(help="Find the rotation that norms cannot see, from poses at rest (accel) or from rates (gyro)."),
+        Parameter(help="Fit with a second sensor, which shows the rotation: by poses at rest (accel) or rates (gyro)."),
     ] = "none",
     headings: Annotated[
         str | None,
-        Parameter(help="Column of known magnetic headings, or heading,roll,pitch, in degrees: they give the rotation, and are a check."),
+        Parameter(help="Column of known magnetic headings, or heading,roll,pitch, in degrees: for vehicles that stay level too."),
     ] = None,
     currents: Annotated[
         str | None, Parameter(help="Columns of motor currents or throttles, such as I1,I2; or time or temperature: fits the field of each.")
@@ -75,9 +75,6 @@ def mag(
             "--check", lambda n: n >= 2, "a number from 2 on", "Hold every Nth reading (or known heading) back, and check the fit on them."
         ),
     ] = None,
-    joint: Annotated[
-        bool, Parameter(help="Fit norms and the sensor of --align together; with little tilt far better than one after the other.")
-    ] = False,
     against: Annotated[
         Path | None, Parameter(help="What the device has now, as JSON or parameters of ArduPilot or PX4: by how much headings would turn.")
     ] = None,
@@ -96,10 +93,8 @@ def mag(
     The result has the matrix and the offset that correct a reading, the
     expected heading error and a verdict. A refused fit ends with status 1.
     """
-    if joint and (align == "none" or model not in ("auto", "symmetric")):
-        raise CallError("--joint goes with --align accel or gyro, and with the full soft iron", "joint_options")
-    if headings is not None and (align != "none" or joint):
-        raise CallError("--headings gives the rotation itself: leave out --align and --joint", "headings_alone")
+    if headings is not None and align != "none":
+        raise CallError("--headings gives the rotation itself: leave out --align", "headings_alone")
     if currents is not None and model == "planar":
         raise CallError("--currents goes with fits of magnitudes in all attitudes: leave out --model planar", "currents_in_plane")
     must_exist(against, option="--against")
@@ -109,7 +104,7 @@ def mag(
     present, fields = None if against is None else _present(against), {}
     options = {
         "model": model, "field": field, "inclination": inclination, "place": place, "date": date, "align": align,
-        "joint": joint, "headings": headings, "currents": currents, "check": check,
+        "headings": headings, "currents": currents, "check": check,
     }  # fmt: skip
     chosen = {
         "model": model, "field": _earth(field, place, date),
@@ -121,7 +116,7 @@ def mag(
             raise jaxcal.DataError(_NO_MAG, code="no_mag")
         given = shots(log, reading, recording, headings, currents, check)
         fields.update(given.currents)
-        found = _fit(recording, align, joint, chosen, given)
+        found = _fit(recording, align, chosen, given)
         return found if present is None or found.model is None else _compared(against, present, found)
 
     files: list[File] = [
@@ -178,10 +173,10 @@ def _compared(path: Path | None, present: Any, found: Any) -> Any:
 
     from .._answer import Quantity
     from ..magnetometer._findings import FINDINGS as OF_MAG
+    from ..magnetometer._guide import heading_change
     from ..magnetometer._iron import quantity_of
 
-    down = found.down if found.down is None or found.alignment is None else np.asarray(found.alignment.rotation).T @ found.down
-    turns = jaxcal.magnetometer.heading_change(present, found.model, float(found.field), inclination=float(found.inclination), down=down)
+    turns = heading_change(present, found.model, float(found.field), inclination=float(found.inclination), down=found.down)
     rms, moved = np.sqrt(np.mean(turns**2)), np.linalg.norm(np.asarray(found.model.hard_iron) - np.asarray(present.hard_iron))
     facts: dict[str, Any] = {"rms": Quantity(float(rms), "angle"), "most": Quantity(float(np.abs(turns).max()), "angle"),
              "moved": Quantity(float(moved), quantity_of(found.field))}  # fmt: skip
@@ -206,46 +201,39 @@ def _earth(field: float | None, place: tuple[float, float] | None, date: str | N
         raise CallError(f"--place {place[0]:g} {place[1]:g} --date {date}: {error}") from error
 
 
-def _fit(log: Any, align: str, joint: bool, options: dict[str, Any], given: Shots) -> Any:
+def _fit(log: Any, align: str, options: dict[str, Any], given: Shots) -> Any:
     import numpy as np
 
     if align != "none" and getattr(log, align) is None:
         raise jaxcal.DataError(f"--align {align}: the log has no {align}; name its columns with --columns {align}=...")
-    from ..magnetometer import Accelerometer, Gyroscope, Headings, aligned, fit_current
-    from ..magnetometer._result import finished
+    from .._frozen import replaced
+    from ..magnetometer import Accelerometer, Gyroscope, Headings
+    from ..magnetometer._joined import without_currents
 
     up = log.accel if given.up is None else given.up
     there = np.isfinite(log.mag).all(axis=1)
     kept, held = there & ~given.held, there & given.held
+    # rates are integrated over all samples
+    rows = np.ones_like(kept) if align == "gyro" else kept
     # without --align the accelerometer is used for the dip only, not for the rotation
     accel = log.accel if log.accel is not None and log.accel.shape[1] == 3 else None
-    aid = None if align == "gyro" or accel is None else Accelerometer(accel[kept], turns=align == "accel")
+    aid: Any = None if accel is None else Accelerometer(accel[rows], turns=align == "accel")
+    if align == "gyro":
+        aid = Gyroscope(log.gyro, log.rate)
     if given.headings is not None:
-        aid = Headings(given.headings[kept], None if up is None else up[kept])
-    if given.currents:
-        # keep all readings, because rates are integrated over all of them
-        there = np.ones_like(kept) if align == "gyro" else kept
-        rows = np.where(kept[:, None], log.mag, np.nan)[there]
-        used = {name: np.where(kept, values, 0.0)[there] for name, values in given.currents.items()}
-        aid = Gyroscope(log.gyro, log.rate) if align == "gyro" else aid
-        powered = fit_current(rows, used, aid=aid, joint=joint, **options)
-        found: Any = powered.fit
-        mag = np.asarray(powered.correct(log.mag, np.column_stack(list(given.currents.values()))))
-    else:
-        warmth = {} if log.temperature is None else _conditions(log.temperature[kept])
-        found, mag = (
-            jaxcal.magnetometer.fit(log.mag[kept], conditions=warmth, aid=aid, joint=joint and align == "accel", **options),
-            log.mag,
-        )
+        aid = Headings(given.headings[rows], None if up is None else up[rows])
+    warmth = {} if log.temperature is None or given.currents else _conditions(log.temperature[kept])
+    currents = {name: values[rows] for name, values in given.currents.items()}
+    m = np.where(kept[:, None], log.mag, np.nan)[rows]
+    found: Any = jaxcal.magnetometer.fit(m, conditions=warmth, aid=aid, currents=currents, **options)
     if found.model is None:
         return found
-    if align == "gyro" and not given.currents:
-        found = aligned(found, np.where(kept[:, None], mag, np.nan), Gyroscope(log.gyro, log.rate), joint=joint)
     tried_on = held if given.held.any() else kept & np.isfinite(given.headings) if given.headings is not None else held
     if tried_on.any() and found.plane is None:
         known = None if given.headings is None else given.headings[tried_on]
+        mag = without_currents(found, log.mag, given.currents)
         seen = jaxcal.magnetometer.check(found, mag[tried_on], accel=None if up is None else up[tried_on], headings=known)
-        found = finished(found, check=seen)
+        found = replaced(found, check=seen, findings=(*found.findings, *seen.findings))
     return found
 
 

@@ -5,12 +5,14 @@ from typing import Any
 import jax
 import numpy as np
 
+from .._answer import Finding
 from .._errors import DataError
 from .._log import as_log
 from .._precision import host_float64
 from .._units import STANDARD_GRAVITY, STRONGEST_FIELD, on_earth
 from ..fitting import Estimate
 from ..imu._fits import coefficients
+from ..magnetometer._axes import Axes, by_axes
 from ..noise import Noise as SlowNoise
 from ._findings import Facts, findings_of, sensor_of
 from ._judge import Known, known, lacks
@@ -24,6 +26,7 @@ from ._state import Place, Solution, nuisance, stretches
 from ._windows import Record
 
 _BELOW = ("accel.matrix[1,0]", "accel.matrix[2,0]", "accel.matrix[2,1]")  # zero by the convention of the frame
+_TROPIC = 0.35  # rad of latitude, within which the dip may have either sign: the magnetic equator leaves the geographic one by 14 degrees
 _LEAST, _READINGS = 20.0, 100  # shortest recording, s; fewest readings of the magnetometer
 _QUANTITIES = {
     "accel.bias": "accel", "gyro.bias": "gyro", "gyro.g_sensitivity": "gyro/accel", "dip": "angle", "gyro_delay": "delay",
@@ -112,7 +115,10 @@ def fit(
     found, place = rounds(record, start, free, (gyro, accel))
     told = known(found, record.time, slow)
     estimate, model = _reported(found, told, start, None if field is None else float(field))
-    return _result(log, record, found, place, told, start, estimate, model, gravity is None)
+    # the dip has the sign of the latitude but near the equator; a magnetometer whose axes mirror looks remounted, with the other dip
+    sign = float(np.sign(latitude)) if latitude is not None and abs(latitude) > _TROPIC else 0.0
+    axes = [one.of("magnetometer") for one in by_axes(Axes(start.axes[1], float(model.dip)), sign, turns=sign != 0.0)]
+    return _result(log, record, found, place, told, start, estimate, model, gravity is None, axes)
 
 
 def _reported(found: Solution, told: Known, start: Start, field: float | None) -> tuple[Estimate, DeviceModel]:
@@ -168,7 +174,7 @@ def _gauged(found: Solution, strength: float, field: float | None) -> tuple[np.n
 
 def _result(
     log: Any, record: Record, found: Solution, place: Place, told: Known, start: Start, estimate: Estimate, model: DeviceModel,
-    assumed: bool,
+    assumed: bool, axes: list[Finding],
 ) -> DeviceFit:  # fmt: skip
     begin = record.grid.first * record.grid.step
     mag = np.reshape(found.noise.mag, (-1, 1)) * start.strength
@@ -180,7 +186,7 @@ def _result(
         rate=float(log.rate), disagreement=told.ratio if np.isfinite(told.freedom) else None, converged=found.converged,
     )  # fmt: skip
     return DeviceFit(
-        findings=findings_of(estimate, facts), model=model, estimate=estimate, disturbed=disturbed,
+        findings=(*findings_of(estimate, facts), *axes), model=model, estimate=estimate, disturbed=disturbed,
         rests=stretches(found.rests.windows, begin, record.time),
         noise={"gyro": float(np.median(found.noise.gyro)), "accel": float(np.median(found.noise.accel)),
                "mag": float(np.median(mag[:, 0] * np.sqrt(found.field_power)))},

@@ -9,6 +9,7 @@ import scipy  # loads its parts when they are first used
 from .. import magnetometer
 from .._errors import DataError, FitError
 from .._rotation import from_vector
+from ..magnetometer._aids import by_rates
 from ._model import AT, DeviceModel, model_of, template, vector_of
 from ._normal import inertial
 from ._state import Way
@@ -78,10 +79,10 @@ def _ellipsoid(
     fields = np.stack([np.interp(np.arange(len(mag)), index, x) for x in fields.T], axis=1)
     axes = axes_of(fields, rates, rate, ("gyroscope", "magnetometer"))
     model = magnetometer.MagModel(np.asarray(found.model.soft_iron) @ axes, np.asarray(found.model.hard_iron))
-    turned = magnetometer.align(readings, model, magnetometer.Gyroscope(rates, rate))
-    vector[AT["gyro.bias"]] = vector[AT["gyro.matrix"]].reshape(3, 3) @ turned.bias
-    vector[AT["mag_delay"]] = np.clip(turned.delay, -0.045, 0.045) if np.isfinite(turned.delay) else 0.0
-    return np.asarray(turned.model.soft_iron), np.asarray(turned.model.hard_iron), float(found.field), axes
+    turned, bias, delay = by_rates(readings, model, float(found.field), rates, rate)
+    vector[AT["gyro.bias"]] = vector[AT["gyro.matrix"]].reshape(3, 3) @ bias
+    vector[AT["mag_delay"]] = np.clip(delay, -0.045, 0.045) if np.isfinite(delay) else 0.0
+    return np.asarray(turned.soft_iron), np.asarray(turned.hard_iron), float(found.field), axes
 
 
 def _turned(record: Record, mag: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

@@ -5,44 +5,29 @@ from typing import TYPE_CHECKING
 from .._lazy import install
 
 if TYPE_CHECKING:
+    from ._aids import Accelerometer as Accelerometer, Alignment as Alignment, Gyroscope as Gyroscope, Headings as Headings
     from ._check import Check as Check, check as check
     from ._design._coverage import Coverage as Coverage, coverage as coverage
     from ._ellipsoid._residuals import residuals as residuals
     from ._field import body_field as body_field, earth_field as earth_field, heading as heading, scenario as scenario
     from ._fit import fit as fit
-    from ._guide import Guide as Guide, guide as guide, heading_change as heading_change
+    from ._guide import Guide as Guide, guide as guide
     from ._model import MagModel as MagModel
     from ._result import MagFit as MagFit
-    from ._rotation._align import (
-        Accelerometer as Accelerometer,
-        Alignment as Alignment,
-        Gyroscope as Gyroscope,
-        Headings as Headings,
-        align as align,
-    )
-    from ._rotation._joint import aligned as aligned
-    from ._uncertainty import (
-        Plan as Plan,
-        heading_uncertainty as heading_uncertainty,
-        plan as plan,
-        predict as predict,
-    )
-    from ._vehicle import CurrentTerms as CurrentTerms, fit_current as fit_current
+    from ._uncertainty import Plan as Plan, heading_uncertainty as heading_uncertainty, plan as plan, predict as predict
 
 install(
     __name__,
     {
+        "_aids": "Accelerometer Alignment Gyroscope Headings",
         "_check": "Check check",
         "_design._coverage": "Coverage coverage",
         "_ellipsoid._residuals": "residuals",
         "_field": "body_field earth_field heading scenario",
         "_fit": "fit",
-        "_guide": "Guide guide heading_change",
+        "_guide": "Guide guide",
         "_model": "MagModel",
         "_result": "MagFit",
-        "_rotation._align": "Accelerometer Alignment Gyroscope Headings align",
-        "_rotation._joint": "aligned",
         "_uncertainty": "Plan heading_uncertainty plan predict",
-        "_vehicle": "CurrentTerms fit_current",
     },
 )

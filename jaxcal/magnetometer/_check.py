@@ -11,14 +11,12 @@ from .._answer._sections import Grid
 from .._errors import DataError
 from .._precision import host_float64
 from .._types import AnyArray
-from ..fitting._serial import BLOCKS
+from ._aids import array, like, still
 from ._design._heading_error import distance_slopes
-from ._ellipsoid._shape import Frame, ellipsoid_of_model, unit
+from ._ellipsoid._shape import unit
 from ._field import heading
 from ._findings import FINDINGS
 from ._result import MagFit
-from ._rotation._align import still
-from ._rotation._turning import array, like
 
 _MOST = 36  # most headings that are listed one by one; more are grouped into sectors
 _SECTORS = 12  # of 30 degrees
@@ -130,16 +128,15 @@ def check(found: MagFit, m: Any, *, accel: Any = None, headings: Any = None) -> 
     ----------
     First-order propagation; the limit is the 95 % quantile of the F distribution.
     """
-    facts = found._facts
-    if found.model is None or found.plane is not None or facts.own:
-        raise DataError("A check needs a fit of magnitudes with a model that is not planar.", code="no_model")
+    if found.model is None or found.plane is not None or "usual" in found._about:
+        raise DataError("A check needs a fit with a model that is not planar, and no model object.", code="no_model")
     m = array(m, "readings")
     if not len(m) or not np.isfinite(m).all():
         raise DataError(f"A check needs readings that are finite numbers; got {len(m)}.", code="not_finite")
     y = (m - np.asarray(found.model.hard_iron)) @ np.linalg.inv(np.asarray(found.model.soft_iron)).T
     off = np.linalg.norm(y, axis=1) / found.field - 1
     norm, expected = float(np.sqrt(np.mean(off**2))), _expected_norm(found, m, y)
-    up = np.tile([0.0, 0.0, -1.0], (len(m), 1)) if accel is None else like(accel, m, "specific force")
+    up = np.tile([0.0, 0.0, -1.0], (len(m), 1)) if accel is None else like(accel, len(m), "specific force")
     rest = np.ones(len(m), dtype=bool) if accel is None else still(up)
     up = unit(np.where(rest[:, None], up, [0.0, 0.0, -1.0]))
     below = np.clip(-np.sum(unit(y) * up, axis=1), -1, 1)
@@ -161,8 +158,7 @@ def check(found: MagFit, m: Any, *, accel: Any = None, headings: Any = None) -> 
         rms = float(np.sqrt(np.mean(error[there] ** 2)))
         by_calibration = found.heading_error[0 if np.abs(up[there, :2]).max() < _LEVEL else 1]
         told = float(np.hypot(by_calibration, np.sqrt(np.mean((found.noise / found.field / level[there]) ** 2))))
-    freedom = BLOCKS - 1 if facts.parts else max(facts.used - 9, 1)
-    most = float(np.sqrt(scipy.special.fdtri(_PARAMETERS, freedom, 0.95)))
+    most = float(np.sqrt(scipy.special.fdtri(_PARAMETERS, float(found.estimate.freedom[0]), 0.95)))
     wrong = norm > max(most * expected, _LEAST) or rms > max(most * told, _LEAST)  # the second is false without known headings
     said = (FINDINGS("check", count=len(m)),) if wrong else ()
     return Check(norm, expected, rms, told, dip, len(m), _table(of, error, off), said)
@@ -170,12 +166,12 @@ def check(found: MagFit, m: Any, *, accel: Any = None, headings: Any = None) -> 
 
 def _expected_norm(found: MagFit, m: np.ndarray, y: np.ndarray) -> float:
     """Rms error of the magnitude over the field that noise and calibration error explain."""
-    known = np.asarray(found._facts.covariance)
+    known = np.asarray(found.estimate.matrix)[:13, :13]
     if not np.isfinite(known).all():
         return float("inf")
-    shape, centre = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)  # type: ignore[arg-type]
-    # the slope of the magnitude is the slope of the distance times the length of A z
-    rows = distance_slopes(shape, m - centre) * np.linalg.norm((m - centre) @ shape, axis=1)[:, None]
+    # the slope of the magnitude is the slope of the distance times the length of the surface's normal, C^-T y
+    normal = np.linalg.norm(unit(y) @ np.linalg.inv(np.asarray(found.model.soft_iron)), axis=1) / float(found.field)  # type: ignore[union-attr]
+    rows = distance_slopes(found.model, float(found.field), unit(y)) * normal[:, None]
     push = unit(y) @ np.linalg.inv(np.asarray(found.model.soft_iron))  # type: ignore[union-attr]
     by_noise = (found.noise / found.field) ** 2 * np.sum(push**2, axis=1)
     return float(np.sqrt(np.mean(by_noise + np.sum(rows @ known * rows, axis=1))))

@@ -1,15 +1,16 @@
 """Findings about the residuals of a surface, the heading errors of what they follow, and readings at the end of a range."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._answer import CAUTION, NOTE, Finding
-from ._design._heading_error import Information, heading_departure, heading_error
+from ._design._heading_error import Information, heading_departure
 from ._ellipsoid._algebraic import NotEllipsoid, ellipsoid_of, extents, nearest_quadric, sampson
 from ._ellipsoid._causes import BENT, FAST, Examined
-from ._ellipsoid._kinds import COUNT, PLANAR, PLANAR_ROWS
+from ._ellipsoid._kinds import COUNT, PLANAR
 from ._ellipsoid._orthogonal import flat
 from ._ellipsoid._robust import sound
 from ._ellipsoid._select import LONG, thinned
@@ -66,14 +67,6 @@ def chosen_rows(m: np.ndarray, per_direction: int | None) -> tuple[np.ndarray, n
     return used, full
 
 
-def cost_of(found: Found, steps: np.ndarray, dip: float, down: Any = None) -> float:
-    """The rms heading error in rad at level that biases (k, 9) of a fit cause."""
-    if not steps.any():
-        return 0.0
-    rows = np.array(PLANAR_ROWS) if found.kind in PLANAR else np.arange(9)
-    return float(heading_error(found.shape, steps[:, rows].T @ steps[:, rows], dip, down)[0])
-
-
 def departure(found: Found, u: np.ndarray, dip: float) -> np.ndarray:
     """Heading difference to the maximum likelihood fit of the same readings, at level and tilted; infinite if there is none."""
     try:
@@ -120,13 +113,13 @@ def from_field(found: Found, norm: float | None, scale: float, planar: bool) -> 
     return [FINDINGS("field_differs", severity=CAUTION if found.conflict > _CONFLICT else NOTE, found=mean, given=norm)]
 
 
-def from_causes(found: Found, said: Examined, saturated: int, dip: float, down: Any) -> list[Finding]:
-    """Findings about saturated readings, and about what the residuals follow; their cost is the heading error in rad at level."""
+def from_causes(found: Found, said: Examined, saturated: int, costs: Sequence[float]) -> list[Finding]:
+    """Findings about saturated readings, and about what the residuals follow; their costs are heading errors in rad at level."""
     findings = [FINDINGS("clipped", count=saturated)] if saturated else []
-    for cause in said.causes:
+    for cause, cost in zip(said.causes, costs, strict=True):
         code = {FAST: "averaged", BENT: "bent"}.get(cause.name, "follows")
         what: dict[str, Any] = {"what": cause.name} if code == "follows" else {}
-        findings.append(FINDINGS(code, cost=cost_of(found, cause.step[None], dip, down), size=100 * cause.size, **what))
+        findings.append(FINDINGS(code, cost=cost, size=100 * cause.size, **what))
     if said.parts is not None:
         findings.append(FINDINGS("correlated", size=100 * found.noise / float(radius_of(found.shape, found.kind in PLANAR))))
     return findings

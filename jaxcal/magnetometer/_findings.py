@@ -40,7 +40,7 @@ FINDINGS = table(
     ),
     # what the residuals follow
     follows=Kind(
-        NOTE, "The hard iron follows {what}, by up to {size:.2g} % of the field.", "Keep it constant, or fit its field with `fit_current`.",
+        NOTE, "The hard iron follows {what}, by up to {size:.2g} % of the field.", "Keep it constant, or give {option.currents}.",
         terminal="Keep it constant, or fit its field with {option.currents:{what}}.",
     ),
     averaged=Kind(
@@ -52,23 +52,39 @@ FINDINGS = table(
         NOTE, "The residuals, {size:.2g} % of the field, are correlated along the log; the errors allow for it.",
     ),
     # the rotation against another sensor
-    rotation_open=Kind(
-        FATAL, "The attitudes do not determine the rotation against the {sensor}.", "Tilt the sensor about two axes."
-    ),
-    rotation_uncertain=Kind(
-        CAUTION, "The rotation against the {sensor} is uncertain by {error:.2g} about {axis}.", "Tilt the sensor about two axes."
-    ),
     delay_open=Kind(NOTE, "The turns do not show the delay between the sensors.", "Turn with a rate that varies."),
     dip_differs=Kind(
-        CAUTION, "The dip is {found:.1f} by the accelerometer, {given:.1f} by the given field.",
-        "Specific force points up at rest: negate it if the signs differ.",
+        CAUTION, "The dip is {found:.1f} by the accelerometer, {given:.1f} by the given field.", "Check place and date, or keep iron away."
     ),
     force_off=Kind(
-        CAUTION, "The specific force is off by {angle:.2g}: the sensor moved, or the accelerometer is not calibrated.",
+        CAUTION, "Readings lie {angle:.2g} from where the accelerometer puts them: it moved, or is not calibrated.",
         "Hold the sensor still in each attitude.",
     ),
     rates_off=Kind(
-        CAUTION, "Readings lie {size:.2g} % of the field from where the rates put them.", "Check times, axes, signs and unit of the rates."
+        CAUTION, "Readings lie {angle:.2g} from where the rates put them.", "Check times, axes, signs and unit of the rates."
+    ),
+    headings_off=Kind(
+        CAUTION, "Readings lie {angle:.2g} from where the known headings put them.", "Check the headings: magnetic, clockwise from north."
+    ),
+    # the axes
+    axes_open=Kind(
+        FATAL, "The magnetometer's axes are {first} of the other sensor with dip {dip:.0f}, or {second}, mirrored, with {other:.0f}.",
+        "Give {option.inclination}: the sign of the dip decides.",
+    ),
+    axes_turned=Kind(
+        FATAL, "The magnetometer's axes are {first} of the gyroscope, or mirrored: {second}. Rates cannot tell which.",
+        "Use an accelerometer with {option.inclination}, or known headings.",
+    ),
+    mirrored=Kind(
+        FATAL, "The magnetometer is mirrored: {what}. Its x, y, z are {axes} of the other sensor.", "Change the signs in the log.",
+    ),
+    remounted=Kind(NOTE, "The magnetometer's axes x, y, z are {axes} of the accelerometer; the result has those of the accelerometer."),
+    reversed=Kind(
+        CAUTION, "The dip is {dip:.0f}, of the wrong sign: the accelerometer reports gravity, or all axes are reversed.",
+        "Negate the accelerometer: specific force points up at rest.",
+    ),
+    unseen_axes=Kind(
+        NOTE, "Magnitudes cannot show mirrored axes.", "Turn clockwise at level: the heading must rise."
     ),
     # beside the present calibration
     changed=Kind(

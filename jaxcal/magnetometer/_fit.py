@@ -1,29 +1,19 @@
-"""`fit`: hard and soft iron from readings in a field of constant magnitude."""
+"""`fit`: hard and soft iron from readings in a field of constant magnitude, with what is known beside."""
 
 from typing import Any
 
 import numpy as np
 
-from .._answer import Quantity
-from .._frozen import made
 from .._precision import host_float64, is_traced
+from ._aids import Accelerometer, Gyroscope
 from ._checked import checked, checked_conditions
-from ._design._heading_error import down_of, heading_error, information
-from ._diagnosis import chosen_rows, departure, from_causes, from_field, from_structure
-from ._ellipsoid._algebraic import NotEllipsoid
-from ._ellipsoid._causes import examined
-from ._ellipsoid._kinds import COUNT
-from ._ellipsoid._select import of_all
-from ._ellipsoid._shape import covariance_of, directions_of, model_of, radius_of
-from ._findings import FINDINGS
-from ._judge import LIMITS, by_readings, few_left
+from ._joined import joined
+from ._judge import LIMITS
+from ._magnitudes import by_magnitudes
 from ._model import MagModel
 from ._own_model import fit_model
-from ._result import NO_ESTIMATE, Facts, MagFit, finished, unfitted
-from ._rotation._align import Accelerometer, align, vertical
-from ._rotation._joint import checked_joint, jointly, with_rotation
+from ._result import MagFit
 from ._source import field_readings
-from ._surface import surface_of
 from ._traced import fit_traced
 
 
@@ -40,7 +30,7 @@ def fit(
     per_direction: int | None = 32,
     penalty: float = 0.5,
     aid: Any = None,
-    joint: bool = False,
+    currents: dict[str, Any] | None = None,
     conditions: dict[str, Any] | None = None,
 ) -> MagFit:
     r"""Hard and soft iron from readings in many attitudes, in a field of constant magnitude.
@@ -52,8 +42,7 @@ def fit(
     and starts from the consistent algebraic fit. Readings that are none of the field (spikes, zeros, repeats) are left out before. Where
     the noise exceeds 2 % of the field, the fit corrects the distances for the mean
     offset that noise causes at a curved surface. The soft iron found is symmetric, C = H A^{-1/2}. A rotation of all corrected readings,
-    from an unsymmetric soft iron or a rotated sensor, leaves every magnitude unchanged, so magnitudes alone cannot show it. With an
-    `aid`, `align` finds this rotation after the fit, and the soft iron includes it.
+    from an unsymmetric soft iron or a rotated sensor, leaves every magnitude unchanged, so magnitudes alone cannot show it; an `aid` does.
 
     Parameters
     ----------
@@ -75,12 +64,12 @@ def fit(
     penalty : weight of the penalty log det M / 2, where M is the information of the corrected directions. It keeps "ml" fits from diverging
         when there are few readings, or readings from a corner of the sphere only. It is omitted where it would change a fit by less than
         a tenth of a standard error. 1 is Jeffreys' prior (Firth), 0 plain maximum likelihood; 0.5 has the smallest Monte Carlo errors.
-    aid : `Accelerometer`, `Gyroscope` or `Headings` that shows the rotation, as in `align`. Without an aid, the accelerometer of a `Log`
-        shows the dip.
-    joint : fit the magnitudes together with the accelerometer or the gyroscope, each residual divided by its own standard deviation.
-        One fit then gives full soft iron, hard iron and rotation. This is far better than two fits where magnitudes leave the hard iron
-        open but rates show it, as in a vehicle that tilts by 20 degrees. Needs model "auto" or "symmetric", and method "ml". A
-        long log is thinned to the same readings as without `joint`; rates are integrated first.
+    aid : `Accelerometer`, `Gyroscope` or `Headings`: magnitudes and aid are then fitted together, each residual divided by its own
+        standard deviation, and the soft iron is the full matrix, with the rotation that magnitudes cannot show. Priors keep open what the
+        attitudes cannot show, so that a vehicle that stays level, or hardly tilts, has its headings calibrated too. Without an aid, the
+        accelerometer of a `Log` shows the dip. With a `Gyroscope`, rows with NaN are left out, but their rates are used.
+    currents : name -> (n,) current or throttle at the times of the readings: the field of each is fitted too, m = C h + b + k I, and the
+        hard iron is that without currents. Anything else that shifts the hard iron in proportion, such as a temperature, serves as well.
     conditions : name -> array with one number per reading, such as a motor current or the temperature. The fit checks whether the
         residuals follow it. With a model object: further arguments of its `measure` and `correct`.
 
@@ -117,70 +106,23 @@ def fit(
     limits = (float(limits[0]), float(limits[1]))
     m, force = field_readings(m)
     if isinstance(model, MagModel) or is_traced(m, field):
-        others = {"method": method != "ml", "field_error": field_error is not None, "aid": aid is not None}
+        others = {"method": method != "ml", "field_error": field_error is not None, "aid": aid is not None, "currents": bool(currents)}
         refused = [name for name, there in others.items() if there]
         if isinstance(model, MagModel):
             return fit_model(m, model, field, inclination, conditions or {}, limits, refused)
         return fit_traced(m, model, field, inclination, [*refused, *(["conditions"] if conditions else [])])
-    m, norm, dip = checked(m, method, model, field, inclination, penalty, field_error)
+    # rates are integrated over all samples, also those without a reading
+    rows = np.flatnonzero(np.isfinite(m).all(axis=1)) if isinstance(aid, Gyroscope) and np.ndim(m) == 2 else np.arange(len(m))
+    given = m[rows] if isinstance(aid, Gyroscope) else m
+    readings, norm, dip = checked(given, method, model, field, inclination, penalty, field_error)
     if aid is None and force is not None:
         aid = Accelerometer(force, turns=False)
-    recorded = checked_conditions(conditions or {}, len(m))
-    if joint:
-        checked_joint(method, model, aid, field_error)
-    used, full = chosen_rows(m, per_direction)
-    try:
-        surface = surface_of(m[used], method, model, penalty, norm, field_error, (dip, limits[0]))
-    except NotEllipsoid as error:
-        return unfitted(method, dip, FINDINGS("no_ellipsoid", quadric=error.quadric))
-    if surface.refused is not None:
-        return unfitted(method, dip, surface.refused)
-
-    found, frame, plane = surface.found, surface.frame, surface.plane
-    log = surface.scaled(m)
-    size = radius_of(found.shape, plane is not None) if norm is None else norm / frame.scale
-    iron = model_of(found.shape, found.centre, frame, size, plane)
-    corrected = (m - iron.hard_iron) @ np.linalg.inv(iron.soft_iron).T
-    directions = directions_of(found, surface.u)
-
-    # the dip, and the axis that points down
-    turn = align(m, iron, aid) if getattr(aid, "turns", aid is not None) else None
-    seen, down = vertical(aid, turn, corrected)
-    given = inclination is not None or np.ndim(field) == 1
-    if seen is not None and plane is None and not given:
-        dip = float(seen)
-    down = down_of(directions, dip) if down is None else down
-
-    # the error: by parts of the log, at least that of white residuals, with what the fit cannot see by itself
-    said = examined(found, surface.u, log, used, recorded, surface.size)
-    shape, steps = found.shape / frame.scale**2, np.concatenate([surface.unseen, *(cause.step[None] for cause in said.causes)])
-    matrix = covariance_of(found, frame, None, said.white)
-    if said.parts is not None:
-        white, matrix = matrix, covariance_of(found, frame, None, said.parts)
-        least, by_parts = (heading_error(shape, one, dip, down)[0] for one in (white, matrix))
-        matrix = matrix * max(least / by_parts, 1.0) ** 2
-    matrix = matrix + covariance_of(found, frame, steps, np.zeros_like(said.white))
-    error = heading_error(shape, matrix, dip, down)
-    if method == "constrained":
-        error = np.hypot(error, departure(found, surface.u, dip))
-
-    # everything else, and the findings
-    told = information(directions, found.kind, found.noise / radius_of(found.shape, plane is not None))
-    distance, far, wanted, seen_directions = of_all(found, frame, log, corrected, matrix, len(used))
-    known = [*from_structure(found, surface.u, told), *surface.said, *from_field(found, norm, frame.scale, plane is not None)]
-    known += by_readings(found.noise / radius_of(found.shape), len(far), len(m))
-    known += few_left(len(used), COUNT[found.kind])
-    known += from_causes(found, said, int(full.sum()), dip, down)
-    if seen is None and not given:
-        known.append(FINDINGS("dip_assumed", dip=Quantity(dip, "angle")))
-    facts = Facts(
-        matrix, len(used), norm is not None, tuple(known), limits, told.weakest, said.parts is not None, penalty=found.penalty,
-        field_error=field_error, condition=told.condition,
+    recorded = checked_conditions(conditions or {}, len(readings))
+    first, used = by_magnitudes(
+        readings, aid, recorded, method=method, model=model, norm=norm, dip=dip, field_error=field_error, limits=limits, penalty=penalty,
+        per_direction=per_direction, known=inclination is not None or np.ndim(field) == 1,
     )  # fmt: skip
-    result = made(
-        MagFit, model=iron, estimate=NO_ESTIMATE, heading_error=error, field=size * frame.scale, noise=found.noise * frame.scale,
-        residual=distance * frame.scale, inclination=dip, method=method, kind=found.kind, _facts=facts, coverage=seen_directions,
-        outliers=far, needed=wanted, down=down, plane=plane,
-    )  # fmt: skip
-    result = finished(result) if turn is None else with_rotation(result, turn, field)
-    return jointly(result, m, aid, rows=used) if joint and aid is not None else result
+    if not currents and not getattr(aid, "turns", aid is not None):
+        return first
+    known = None if inclination is None and np.ndim(field) == 0 else dip
+    return joined(first, np.asarray(m, dtype=float), rows, rows[used], aid, currents or {}, norm, field_error, known, limits)

@@ -11,8 +11,8 @@ from .._precision import host_float64
 from .._quality import checked_confidence
 from .._types import AnyArray, Float
 from ._design._coverage import sphere_grid
-from ._design._heading_error import across, angle, change_of, distance_slopes, grids, levelled
-from ._ellipsoid._shape import Frame, ellipsoid_of_model, root
+from ._design._heading_error import angle, changes_by_iron, distance_slopes, grids, levelled, moments_of
+from ._ellipsoid._shape import unit
 from ._field import INCLINATION
 from ._fit import fit
 from ._model import MagModel
@@ -112,19 +112,14 @@ def guide(
     if len(m) < _FEWEST:
         return _by_gap(m, choice, f"{len(m)} readings; from {_FEWEST} on an error can be stated", None)
     found = fit(m, model="symmetric", inclination=inclination)
-    if found.model is None or not np.isfinite(found._facts.covariance).all():
+    if found.model is None or not np.isfinite(np.asarray(found.iron_covariance)).all():
         return _by_gap(m, choice, "the readings leave the calibration open", found)
-    shape, centre = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)
-    attitudes, directions = grids(float(found.inclination))[0]
-    turns = levelled(found.down)
-    sideways, fields = ((x @ turns).reshape(-1, 3) for x in (across(attitudes, directions), directions))
-    slopes = np.einsum("ni,nip->np", sideways, change_of(shape, fields))
-    weight, covariance = slopes.T @ slopes / len(slopes), np.asarray(found._facts.covariance)
+    change, covariance, weight = changes_by_iron(found.model, found.field), np.asarray(found.estimate.matrix), np.zeros((13, 13))
+    weight[:12, :12] = change.T @ moments_of(float(found.inclination), found.down)[0] @ change
     grid = sphere_grid()
-    points = grid @ np.linalg.inv(root(shape)) if choice is None else choice - centre
-    # project onto the ellipsoid: otherwise candidates whose noise points outwards would be preferred, which biases the fit
-    points = points / np.sqrt(np.einsum("ni,ij,nj->n", points, shape, points))[:, None]
-    rows = distance_slopes(shape, points)
+    # candidates stand for the readings that the model gives there: their noise would prefer those that point outwards
+    points = grid if choice is None else unit(np.asarray(found.model.correct(choice)))
+    rows = distance_slopes(found.model, float(found.field), points)
     gain = np.sum(rows @ (covariance @ weight @ covariance) * rows, axis=1) / (found.noise**2 + np.sum(rows @ covariance * rows, axis=1))
     form = weight @ covariance
     mean, spread = float(np.trace(form)), float(np.trace(form @ form))
@@ -141,7 +136,6 @@ def guide(
     return Guide(False, direction, None if choice is None else best, error, bound, f"{told}. {_next(direction)}".strip(), found)
 
 
-@host_float64
 def heading_change(
     present: MagModel, new: MagModel, field: float, *, inclination: float = INCLINATION, down: Any = None
 ) -> Float[np.ndarray, " headings"]:
@@ -157,20 +151,6 @@ def heading_change(
     Returns
     -------
     (24,) rad: heading by `new` minus heading by `present`, at every 15 degrees of heading by `new`, from north.
-
-    Examples
-    --------
-    A hard iron error of a tenth of the horizontal field turns headings by up to 5.7 degrees:
-
-    >>> import numpy as np
-    >>> from jaxcal.magnetometer import MagModel, heading_change
-    >>> new, old = MagModel(np.eye(3), np.zeros(3)), MagModel(np.eye(3), np.array([5e-6, 0.0, 0.0]))
-    >>> bool(abs(np.rad2deg(np.abs(heading_change(old, new, 50e-6, inclination=0.0)).max()) - 5.7) < 0.1)
-    True
-
-    References
-    ----------
-    Readings that `new` corrects to the level field are corrected with `present`.
     """
     attitudes, directions = grids(float(inclination))[0]
     turn = levelled(np.array([0.0, 0.0, 1.0]) if down is None else down)[0]

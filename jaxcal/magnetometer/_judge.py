@@ -1,7 +1,6 @@
 """The findings of a calibration, from its numbers: the one place where a fit is judged."""
 
-import dataclasses
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -42,23 +41,14 @@ def by_readings(scatter: float, far: int, total: int) -> list[Finding]:
     return said
 
 
-def judge(found: Any, facts: Any) -> tuple[Finding, ...]:
-    """All findings of a `MagFit` with its `Facts`."""
-    said, turn = list(facts.known), found.alignment
-    if any(one.code in _OPEN for one in said):
+def judged(said: Sequence[Finding], level: float, limits: tuple[float, float], weakest: str, wanted: AnyArray) -> tuple[Finding, ...]:
+    """All findings of a fit: those found, and one about its heading error in rad at level if that is above a limit."""
+    if any(one.code in _OPEN for one in said) or level <= limits[0]:
         return tuple(said)
-    level, (least, most) = found.heading_error[0], facts.limits
-    if not level <= least:
-        grave = not level <= most
-        way = "(" + ", ".join(f"{x:+.1f}" for x in found.needed[0]) + ") of the sensor" if len(found.needed) else "directions not yet seen"
-        limit = Quantity(most if grave else least, "angle")
-        said.append(FINDINGS("heading", severity=FATAL if grave else CAUTION, cost=level, limit=limit, what=facts.weakest, direction=way))
-    if turn is not None:
-        # the rotation is a part of the answer: without it, hard and symmetric soft iron remain
-        said += [dataclasses.replace(one, severity=min(one.severity, CAUTION)) for one in turn.findings]
-    if found.check is not None:
-        said += found.check.findings
-    return tuple(said)
+    grave = not level <= limits[1]
+    way = "(" + ", ".join(f"{x:+.1f}" for x in wanted[0]) + ") of the sensor" if len(wanted) else "directions not yet seen"
+    limit = Quantity(limits[1] if grave else limits[0], "angle")
+    return (*said, FINDINGS("heading", severity=FATAL if grave else CAUTION, cost=level, limit=limit, what=weakest, direction=way))
 
 
 def dip_differs(found: float, given: float) -> list[Finding]:

@@ -15,10 +15,11 @@ import numpy as np
 
 from .._compile import filter_jit
 from .._errors import DataError
-from .._precision import is_traced
+from .._frozen import made
+from .._precision import array_module, is_traced
 from .._types import Array
 from ..fitting import Fit, covariance, identifiability, solve
-from ..fitting._serial import is_white, leave_out
+from ..fitting._serial import BLOCKS, is_white, leave_out
 from ._checked import checked, norm_and_dip
 from ._design._coverage import covered
 from ._design._heading_error import rms_heading
@@ -28,26 +29,15 @@ from ._ellipsoid._orthogonal import CURVED
 from ._ellipsoid._residuals import surface_distances
 from ._ellipsoid._shape import NEAR_PLANAR, Frame, model_of, radius_of
 from ._findings import FINDINGS
-from ._judge import by_readings, outliers
+from ._iron import estimated
+from ._judge import by_readings, judged, outliers
+from ._leaves import UPPER, Leaves, changes, changes_of
 from ._model import MagModel
-from ._result import Facts, MagFit, finished, not_judged, unfitted
+from ._result import MagFit, not_judged
 
-_ENTRY = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
-_UPPER = np.triu_indices(3)
-_SOFT = [f"soft_iron[{i},{j}]" for i, j in zip(*_UPPER, strict=True)]
+_SOFT = [f"soft_iron[{i},{j}]" for i, j in zip(*UPPER, strict=True)]
 _PRECISE = 1e-8  # remaining step, relative to the statistical uncertainty
 _EXACT = 1e-9  # share of the field below which residuals are rounding, not noise
-
-
-class Leaves(eqx.Module):
-    """The fitted leaves: six entries of S, and the model without its soft iron."""
-
-    soft_iron: Any
-    rest: MagModel
-
-    def model(self, turn: Array) -> MagModel:
-        """The model with soft iron S Q."""
-        return eqx.tree_at(lambda m: m.soft_iron, self.rest, self.soft_iron[_ENTRY] @ turn, is_leaf=lambda leaf: leaf is None)
 
 
 def _whitened(leaves: Leaves, data: tuple) -> Array:
@@ -66,30 +56,11 @@ def _start(model: MagModel, m: Any, field: Any, conditions: Any) -> tuple[Leaves
     iron = model_of(shape, centre, frame, norm / frame.scale)
     left, _, right = jnp.linalg.svd(model.soft_iron)
     turn = left @ right
-    given = Leaves((model.soft_iron @ turn.T)[_UPPER], eqx.tree_at(lambda m: m.soft_iron, model, None))
-    other = Leaves(iron.soft_iron[_UPPER], eqx.tree_at(lambda r: r.hard_iron, given.rest, iron.hard_iron))
+    given = Leaves((model.soft_iron @ turn.T)[UPPER], eqx.tree_at(lambda m: m.soft_iron, model, None))
+    other = Leaves(iron.soft_iron[UPPER], eqx.tree_at(lambda r: r.hard_iron, given.rest, iron.hard_iron))
     cost = [jnp.nan_to_num(jnp.sum(surface_distances(x.model(turn), m, norm, conditions, 0.0) ** 2), nan=jnp.inf) for x in (given, other)]
     pick = lambda a, b: jnp.where(cost[1] < cost[0], b, a) if eqx.is_inexact_array(b) else a  # noqa: E731
     return jax.lax.stop_gradient(jax.tree.map(pick, given, other)), jax.lax.stop_gradient(turn), norm
-
-
-def _changes(leaves: Leaves, turn: Array, norm: Any, usual: dict[str, Any], directions: Any) -> Array:
-    """Derivative of corrected unit fields with respect to the fitted leaves, (n, 3, p), under the usual conditions."""
-    there = {name: jnp.broadcast_to(value, (len(directions), *jnp.shape(value))) for name, value in usual.items()}
-    readings = leaves.model(turn).measure(norm * jnp.asarray(directions), **there)
-    slope = jax.jacfwd(lambda leaves: leaves.model(turn).correct(readings, **there))(leaves)
-    return jnp.concatenate([x.reshape(*readings.shape, -1) for x in jax.tree.leaves(slope)], axis=-1) / norm
-
-
-_changes_compiled = filter_jit(_changes)
-
-
-def changes_of(model: Any, field: Any, usual: dict[str, Any], directions: np.ndarray) -> np.ndarray:
-    """`_changes` for a fitted model object (host only)."""
-    left, _, right = np.linalg.svd(np.asarray(model.soft_iron))
-    turn = left @ right
-    leaves = Leaves((np.asarray(model.soft_iron) @ turn.T)[_UPPER], eqx.tree_at(lambda m: m.soft_iron, model, None))
-    return np.asarray(_changes_compiled(leaves, turn, field, usual, directions))
 
 
 def _pure(dip: float, model: MagModel, m: Any, field: Any, conditions: Any) -> tuple[Fit, dict[str, Any]]:
@@ -103,14 +74,28 @@ def _pure(dip: float, model: MagModel, m: Any, field: Any, conditions: Any) -> t
         if not last:
             noise2 = jnp.where((0.5 * norm > noise) & (noise > CURVED * norm), variance, 0.0)
             begin = jax.lax.stop_gradient(found.model)
-    fitted, matrix = found.model.model(turn), covariance(found, scaled=True)
+    fitted, matrix = found.model.model(turn), by_leaves(covariance(found, scaled=True), turn)
     usual = {name: jnp.median(jnp.asarray(value), axis=0) for name, value in conditions.items()}
-    change = functools.partial(_changes, found.model, turn, norm, usual)
     return eqx.tree_at(lambda f: f.problem, found, None), {
-        "model": fitted, "covariance": matrix, "residual": found.residuals, "noise": noise, "field": norm,
-        "usual": usual,
-        "heading_error": rms_heading(change, matrix, dip),
+        "model": fitted, "covariance": matrix, "residual": found.residuals, "noise": noise, "field": norm, "usual": usual,
+        "heading_error": rms_heading(functools.partial(changes, fitted, norm, usual), matrix, dip),
     }  # fmt: skip
+
+
+def by_leaves(covariance: Any, turn: Any) -> Any:
+    """Covariance of hard iron, soft iron and further leaves from that of the six entries of S, the hard iron and the further leaves."""
+    xp = array_module(covariance)
+    entry = np.zeros((6, 3, 3))
+    entry[range(6), *UPPER] = entry[range(6), *UPPER[::-1]] = 1.0
+    by_soft = xp.reshape(xp.asarray(entry, dtype=turn.dtype) @ turn, (6, 9)).T
+    more = len(covariance) - 9
+    rows = [
+        xp.concatenate([xp.zeros((3, 6)), xp.eye(3), xp.zeros((3, more))], axis=1),
+        xp.concatenate([by_soft, xp.zeros((9, 3 + more))], axis=1), xp.concatenate([xp.zeros((more, 9)), xp.eye(more)], axis=1),
+    ]  # fmt: skip
+    slopes = xp.concatenate(rows).astype(covariance.dtype)
+    known = xp.isfinite(covariance).all()
+    return xp.where(known, slopes @ xp.where(known, covariance, 0.0) @ slopes.T, xp.inf)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
@@ -151,31 +136,54 @@ def fit_model(
     if len(m) <= count:
         raise DataError(f"There are {len(m)} readings; this model with {count} parameters needs {count + 1}.", code="few_readings")
     found, told = (one_by_one if traced else _compiled)(_pure, dip, model, jnp.asarray(m), norm, conditions)
-    own, kind = (*_SOFT, *(name.removeprefix("rest.") for name in found.names[6:])), type(model).__name__
-    facts = {"own": own, "usual": told.pop("usual"), "used": len(m), "limits": limits}
+    names, kind = [name.removeprefix("rest.") for name in found.names[9:]], type(model).__name__
+    usual, matrix, noise, field, fitted = (told.pop(name) for name in ("usual", "covariance", "noise", "field", "model"))
+
+    def further(fitted: MagModel) -> dict[str, Any]:
+        leaves = jax.tree.leaves(fitted)[2:]
+        flat = jnp.concatenate([jnp.ravel(leaf) for leaf in leaves]) if leaves else []
+        return dict(zip(names, flat, strict=True))
+
     if traced:
-        return not_judged("ml", dip, kind, Facts(told.pop("covariance"), **facts), **told)
+        return not_judged(dip, kind, model=fitted, field=field, noise=noise, _about={"usual": usual},
+                          estimate=estimated(fitted, field, with_field(matrix), 1.0, further(fitted)), **told)  # fmt: skip
     told = jax.tree.map(lambda leaf: np.asarray(leaf) if eqx.is_array(leaf) else leaf, told)
-    matrix, noise, field, fitted = told.pop("covariance"), float(told.pop("noise")), float(told.pop("field")), told["model"]
+    fitted, usual = (jax.tree.map(np.asarray, tree) for tree in (fitted, usual))
+    matrix, noise, field, error = np.asarray(matrix), float(noise), float(field), told.pop("heading_error")
     y = np.asarray(fitted.correct(jnp.asarray(m), **conditions))
     back = np.asarray(fitted.measure(jnp.asarray(y), **conditions))
     if not np.allclose(back, m, rtol=1e-6, atol=1e-6 * np.abs(m).max()):
         raise DataError(f"`measure` and `correct` of {kind} do not undo one another; `correct` must be its inverse.", code="no_inverse")
-    far, identified, known = outliers(told["residual"] / field), identifiability(found), []
-    facts |= {"weakest": ", ".join(name.removeprefix("rest.") for name in identified.weakest), "condition": float(identified.condition)}
-    error, jacobian, left = told.pop("heading_error"), np.asarray(found.jacobian), np.asarray(found.residuals)
+    identified, jacobian, left = identifiability(found), np.asarray(found.jacobian), np.asarray(found.residuals)
+    weakest, known, parts = ", ".join(name.removeprefix("rest.") for name in identified.weakest), [], False
     if np.isfinite(matrix).all() and noise > _EXACT * field and not is_white(jacobian, left):
-        matrix = leave_out(jacobian, left)
-        by_parts = np.asarray(rms_heading(functools.partial(changes_of, fitted, field, facts["usual"]), matrix, dip))
-        matrix, error = matrix * max(error[0] / by_parts[0], 1.0) ** 2, by_parts * max(error[0] / by_parts[0], 1.0)
+        matrix = np.asarray(by_leaves(leave_out(jacobian, left), np.linalg.inv(_symmetric(fitted.soft_iron)) @ fitted.soft_iron))
+        by_parts = np.asarray(rms_heading(functools.partial(changes_of, fitted, field, usual), matrix, dip))
+        more = max(error[0] / by_parts[0], 1.0)
+        matrix, error, parts = matrix * more**2, by_parts * more, True
         known.append(FINDINGS("correlated", size=100 * noise / field))
-        facts["parts"] = True
     if not bool(found.usable) or not np.isfinite(matrix).all():
-        known.append(FINDINGS("undetermined", what=facts["weakest"] or "the model"))
+        known.append(FINDINGS("undetermined", what=weakest or "the model"))
     elif extents(Frame.of(m).scaled(m))[-1] < NEAR_PLANAR:
         known.append(FINDINGS("near_planar"))
-    known += by_readings(noise / field, len(far), len(m))
-    return finished(
-        unfitted("ml", dip), kind=kind, _facts=Facts(matrix, known=tuple(known), **facts), noise=noise, field=field,
-        heading_error=error, coverage=covered(y), outliers=far, **told,
+    known += by_readings(noise / field, len(outliers(told["residual"] / field)), len(m))
+    estimate = estimated(fitted, field, np.asarray(with_field(matrix)), BLOCKS - 1 if parts else max(len(m) - count, 1), further(fitted))
+    return made(
+        MagFit, model=fitted, estimate=estimate, heading_error=error, field=field, noise=noise, inclination=dip, method="ml", kind=kind,
+        coverage=covered(y), findings=judged(known, error[0], limits, weakest, np.zeros((0, 3))),
+        _about={"usual": usual, "used": len(m), "condition": float(identified.condition)}, **told,
     )  # fmt: skip
+
+
+def _symmetric(soft: np.ndarray) -> np.ndarray:
+    """S of C = S Q."""
+    left, values, _ = np.linalg.svd(soft)
+    return (left * values) @ left.T
+
+
+def with_field(matrix: Any) -> Any:
+    """The covariance with a row and a column of zeros for the field, after hard and soft iron."""
+    xp = array_module(matrix)
+    order = np.insert(np.arange(len(matrix)), 12, 0)
+    there = np.insert(np.ones(len(matrix)), 12, 0.0)
+    return xp.where(np.outer(there, there) > 0, matrix[np.ix_(order, order)], 0.0)

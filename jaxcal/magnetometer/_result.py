@@ -1,52 +1,23 @@
 """`MagFit`: a magnetometer calibration with its uncertainty, the heading error to expect, and what to know about it."""
 
-import dataclasses
 from typing import Any, ClassVar
 
 import equinox as eqx
 import numpy as np
 
 from .._answer import Finding, Grid, Number, Result, Section, by_axis, listed
-from .._frozen import made, replaced
+from .._frozen import made
 from .._types import AnyArray
 from ..fitting import Estimate
-from ..fitting._serial import BLOCKS
-from ._design._heading_error import heading_error
-from ._ellipsoid._kinds import ENTRIES
-from ._ellipsoid._shape import ellipsoid_entries
+from ._design._coverage import sphere_grid
+from ._design._heading_error import heading_at, needed
 from ._findings import FINDINGS
-from ._iron import iron, quantity_of
-from ._judge import LIMITS, judge
+from ._iron import quantity_of
+from ._judge import outliers
 from ._model import MagModel
 
-NO_ESTIMATE = Estimate((), np.zeros(0), np.zeros((0, 0)))
 _NINETEEN = 2.1  # actual over stated error that 95.4 % of 800 simulated logs stayed below
 _LARGEST = 30.0  # degrees: a larger predicted error only says that the heading is open, because it comes from first derivatives
-
-
-class Facts(eqx.Module):
-    """What the verdict and later computations need besides the results of a `MagFit`.
-
-    covariance : of the shape's entries and the centre in the unit of the readings, (9, 9), in a plane (5, 5), or of the leaves `own` of a
-    model object. known : findings that no later step changes. given : whether the field was given. limits : heading errors in rad above
-    which a fit is weak and refused. weakest : the parameters that the readings determine least, in words. parts : whether the covariance
-    comes from fits without parts of the log. used : number of fitted readings. usual : median of each condition of a model object.
-    penalty, field_error : of the fit. terms : name of a current -> (2, 3) field per unit and its standard deviation.
-    """
-
-    covariance: AnyArray
-    used: int = 0
-    given: bool = eqx.field(static=True, default=False)
-    known: tuple[Finding, ...] = eqx.field(static=True, default=())
-    limits: tuple[float, float] = eqx.field(static=True, default=LIMITS)
-    weakest: str = eqx.field(static=True, default="")
-    parts: bool = eqx.field(static=True, default=False)
-    own: tuple[str, ...] = eqx.field(static=True, default=())
-    usual: dict[str, Any] = eqx.field(default_factory=dict)
-    penalty: float = 0.0
-    field_error: float | None = None
-    terms: dict[str, Any] = eqx.field(default_factory=dict)
-    condition: float = np.nan
 
 
 class MagFit(Result):
@@ -58,28 +29,26 @@ class MagFit(Result):
     Attributes
     ----------
     model : `MagModel`; None if the readings determine none.
-    estimate : `jaxcal.fitting.Estimate` of `hard_iron[i]`, `soft_iron[i,j]`, further fields of a model object, `currents.NAME[i]` of
-        `fit_current`, and `field`, in the unit of the readings. It includes what a smaller model may leave out, the biases that the
-        residuals show, and the rotation. Its five degrees of freedom say that the residuals are not white, and that the covariance comes
-        from fits without parts of the log.
+    estimate : `jaxcal.fitting.Estimate` of `hard_iron[i]`, `soft_iron[i,j]`, `field`, further fields of a model object, and the fields
+        of currents `currents.NAME[i]`, in the unit of the readings. It includes what a smaller model may leave out, what the residuals
+        follow, and the rotation. Five degrees of freedom say that the residuals are not white, and that the covariance comes from fits
+        without parts of the log.
     heading_error : (2,) predicted rms error of the heading in rad, at level and at 20 degrees of tilt. It holds for the dip `inclination`,
         readings without noise and a true vertical. For "constrained" it includes the difference from "ml".
     field : magnitude of the corrected field: as given, or the cube root of the product of the ellipsoid's semi-axes.
     noise : standard deviation of one axis of a reading, in its unit.
-    coverage : `Coverage` of the corrected readings; None without a model.
-    residual : (n,) orthogonal distance of each reading to the ellipsoid, in the unit of the readings, positive outside.
-    outliers : indices of readings more than four robust standard deviations off.
-    needed : (3, 3) unit vectors, in the corrected field's axes, in which further readings would help most.
+    residual : (n,) distance of each reading to the ellipsoid, in the unit of the readings, positive outside.
     inclination : dip of the field used for `heading_error`, rad: as given, from the accelerometer, or 57 degrees.
-    down : (3,) axis that points down at level, used for `heading_error`, in the axes of the magnitude fit (before the rotation by
-        `alignment`): the mean vertical of an accelerometer, or the axis about which the sensor turned. None for a sensor turned through
-        all attitudes; the error then is the mean over all axes.
+    method : name of the method; "joint" for a fit together with another sensor or with currents.
+    kind : "sphere", "diagonal", "symmetric", in a plane "circle" and "ellipse", with another sensor "full", or the class of a model object.
+    coverage : `Coverage` of the corrected readings; None without a model.
+    down : (3,) axis that points down at level, used for `heading_error`, in the axes of the corrected field: the mean vertical of an
+        accelerometer, or the axis about which the sensor turned. None for a sensor turned through all attitudes; the error then is the
+        mean over all axes.
     plane : (3, 3) for a planar fit: two unit vectors in the plane, then its normal. None otherwise.
     alignment : `Alignment` with the given accelerometer, gyroscope or headings; `model` includes its rotation. None otherwise.
     check : `Check` of readings that were held back from the fit; None otherwise.
-    method : name of the method; "joint" for a fit together with another sensor.
-    kind : "sphere", "diagonal", "symmetric", in a plane "circle" and "ellipse", or the class of a model object.
-    findings : what to know. The verdict is "not judged" under `jit`, `vmap` and `grad`, where coverage, outliers and `needed` are empty.
+    findings : what to know. The verdict is "not judged" under `jit`, `vmap` and `grad`, where coverage is None.
 
     Examples
     --------
@@ -98,15 +67,14 @@ class MagFit(Result):
     inclination: float
     method: str = eqx.field(static=True)
     kind: str = eqx.field(static=True)
-    _facts: Facts
     coverage: Any = None
-    outliers: AnyArray = eqx.field(default_factory=lambda: np.zeros(0, dtype=int))
-    needed: AnyArray = eqx.field(default_factory=lambda: np.zeros((0, 3)))
     down: Any = None
     plane: Any = None
     alignment: Any = None
     check: Any = None
     findings: tuple[Finding, ...] = eqx.field(static=True, default=())
+    #: numbers of the fit for its tables, and "usual": median of each condition of a model object
+    _about: dict[str, Any] = eqx.field(default_factory=dict)
 
     _figure: ClassVar = ("sphere", True)
 
@@ -125,21 +93,41 @@ class MagFit(Result):
             return "the heading stays open"
         return f"heading error {level:.2g} deg; 19 of 20 logs: below {_NINETEEN * level:.2g} deg"
 
+    @property
+    def outliers(self) -> np.ndarray:
+        """Indices of readings more than four robust standard deviations off."""
+        return outliers(np.asarray(self.residual) / float(self.field)) if len(self.residual) else np.zeros(0, dtype=int)
+
+    @property
+    def iron_covariance(self) -> AnyArray:
+        """(12, 12) covariance of hard and soft iron."""
+        return self.estimate.matrix[:12, :12]
+
+    @property
+    def needed(self) -> np.ndarray:
+        """(3, 3) unit vectors, in the corrected field's axes, in which further readings would help most; (0, 3) if unknown."""
+        if self.model is None or self.plane is not None or not np.isfinite(np.asarray(self.iron_covariance)).all():
+            return np.zeros((0, 3))
+        return needed(self.model, float(self.field), np.asarray(self.estimate.matrix[:13, :13]), sphere_grid())
+
     def sections(self) -> list[Section]:
-        """Correction of a reading, field and noise; then soft iron, heading error, coverage, rotation and check in detail."""
+        """What corrects a reading, field and noise; then soft iron, heading error, coverage, rotation and check in detail."""
         if self.model is None:
             return []
-        labels = {name: f"{name}, per unit" for name in self._facts.terms}
         quantity, numbers = quantity_of(self.field), self.estimate.numbers()
         soft = [one for one in numbers if one.name.startswith("soft_iron")]
         hard, rest = ([one for one in numbers if one not in soft and one.name.startswith("hard_iron") == first] for first in (True, False))
+        currents = {one.name.removeprefix("currents.").rpartition("[")[0] for one in rest if one.name.startswith("currents.")}
+        labels = {name: f"{name}, per unit" for name in currents}
         noise = Number("noise", float(self.noise), quantity=quantity)
         found: list[Section] = [
             by_axis("magnetometer", "magnetometer", [*hard, *self._correction(), *rest, noise], labels,
-                    note="Multiply the matrix of the correction by (reading - hard iron)."),
+                    note="corrected = A (reading - b), with the correction A and the hard iron b."),
             by_axis("soft_iron", "soft iron, which the correction undoes", soft, detail=True),
             listed("heading", "heading error and readings", self._details(), detail=True),
         ]  # fmt: skip
+        if self.plane is not None or self.kind == "full":
+            found.append(self.card())
         wanted = [Number(f"needed_{i + 1}[{j}]", float(value)) for i, way in enumerate(self.needed) for j, value in enumerate(way)]
         if wanted:
             names = {f"needed_{i + 1}": f"direction {i + 1}" for i in range(3)}
@@ -147,6 +135,14 @@ class MagFit(Result):
         if self.alignment is not None:
             found += [_within("alignment", grid)._replace(detail=True) for grid in self.alignment.sections()]
         return found if self.check is None else [*found, *(_within("check", grid) for grid in self.check.sections())]
+
+    def card(self, step: int = 30) -> Grid:
+        """The deviation card: standard deviation of level headings, for every `step` degrees of heading."""
+        degrees = np.arange(0, 360, step)
+        errors = heading_at(self, np.deg2rad(degrees))
+        rows = [(f"{degree:03d} deg", (Number(f"card[{degree}]", float(error), quantity="angle"),))
+                for degree, error in zip(degrees.tolist(), errors, strict=True)]  # fmt: skip
+        return Grid("card", "deviation card: error of the heading", ("error",), tuple(rows), detail=True)
 
     def _correction(self) -> list[Number]:
         """The inverse of the soft iron, which corrects a reading, with intervals: dW = -W dC W."""
@@ -161,14 +157,14 @@ class MagFit(Result):
         return Estimate(names, matrix.ravel(), spread, part.freedom, states).numbers()
 
     def _details(self) -> list[tuple[str, Number]]:
-        facts, cover = self._facts, self.coverage
+        about, cover = self._about, self.coverage
         rows = {
             "at level": Number("heading_error", float(self.heading_error[0]), quantity="angle"),
             "at 20 deg of tilt": Number("heading_error_tilted", float(self.heading_error[1]), quantity="angle"),
             "dip of the field": Number("inclination", float(self.inclination), quantity="angle"),
-            "readings": Number("readings", len(self.residual)), "readings fitted": Number("used", facts.used),
-            "outliers": Number("outliers", len(self.outliers)), "condition number": Number("condition", float(facts.condition)),
-            "weight of the penalty": Number("penalty", float(facts.penalty)),
+            "readings": Number("readings", len(self.residual)), "readings fitted": Number("used", about.get("used", np.nan)),
+            "outliers": Number("outliers", len(self.outliers)), "condition number": Number("condition", about.get("condition", np.nan)),
+            "weight of the penalty": Number("penalty", about.get("penalty", np.nan)),
         }  # fmt: skip
         if cover is not None:
             rows["directions seen"] = Number("coverage.occupied", 100 * cover.occupied, quantity="%")
@@ -185,43 +181,14 @@ def _within(name: str, grid: Any) -> Grid:
     return grid._replace(rows=rows)
 
 
-def finished(found: MagFit, **changes: Any) -> MagFit:
-    """The fit with some fields changed, and with the estimate and findings that follow: every path to a `MagFit` ends here."""
-    found = replaced(found, **changes)
-    facts, turn = found._facts, found.alignment
-    if found.model is None:
-        return replaced(found, findings=facts.known)
-    freedom = BLOCKS - 1 if facts.parts else max(facts.used - len(facts.covariance), 1)
-    rotation = None if turn is None or turn.verdict == "refused" else np.asarray(turn.covariance)
-    estimate = iron(
-        found.model, found.field, facts.covariance, freedom, given=facts.given, plane=found.plane, own=facts.own, rotation=rotation,
-        terms=facts.terms,
-    )  # fmt: skip
-    return replaced(found, estimate=estimate, findings=judge(found, facts))
-
-
 def unfitted(method: str, dip: float, *findings: Finding) -> MagFit:
     """A fit without a model."""
     return made(
-        MagFit, model=None, estimate=NO_ESTIMATE, heading_error=np.full(2, np.inf), field=np.inf, noise=np.inf, residual=np.zeros(0),
-        inclination=dip, method=method, kind="none", findings=findings, _facts=Facts(np.full((9, 9), np.inf), known=findings),
+        MagFit, model=None, estimate=Estimate((), np.zeros(0), np.zeros((0, 0))), heading_error=np.full(2, np.inf), field=np.inf,
+        noise=np.inf, residual=np.zeros(0), inclination=dip, method=method, kind="none", findings=findings,
     )  # fmt: skip
 
 
-def not_judged(method: str, dip: float, kind: str, facts: Facts, **told: Any) -> MagFit:
+def not_judged(dip: float, kind: str, **told: Any) -> MagFit:
     """A traced fit."""
-    facts = dataclasses.replace(facts, known=(FINDINGS("not_judged"),))
-    return finished(unfitted(method, dip), kind=kind, _facts=facts, **told)
-
-
-def widened(found: MagFit, by: np.ndarray, more: np.ndarray | None = None, **facts: Any) -> MagFit:
-    """The fit with a further covariance `by` (9, 9) of the shape's entries and the centre, and with other `facts`.
-
-    more : the further heading error, if it does not follow from `by`.
-    """
-    shape, old = np.zeros((3, 3)), np.asarray(found.heading_error)
-    shape[ENTRIES] = shape[ENTRIES[::-1]] = ellipsoid_entries(found.model, found.field)[:6]  # type: ignore[arg-type]
-    further = np.asarray(heading_error(shape, by, found.inclination, found.down) if more is None else more)
-    error = np.hypot(old, further)
-    known = dataclasses.replace(found._facts, covariance=found._facts.covariance + by, **facts)
-    return finished(found, heading_error=error, _facts=known)
+    return made(MagFit, inclination=dip, method="ml", kind=kind, findings=(FINDINGS("not_judged"),), **told)

@@ -11,8 +11,9 @@ from ._ellipsoid._kinds import COUNT, PLANAR, SOLID, parameters_of
 from ._ellipsoid._orthogonal import described, flat, left_out, refined
 from ._ellipsoid._residuals import Size
 from ._ellipsoid._select import by_bic, candidates
-from ._ellipsoid._shape import NEAR_PLANAR, Found, Frame, covariance_of, in_plane
+from ._ellipsoid._shape import NEAR_PLANAR, Found, Frame, covariance_of, in_plane, model_of, radius_of
 from ._findings import FINDINGS
+from ._iron import by_surface
 
 _LINE = 0.01  # singular value of the centred readings over their size, 0.58 for a full sphere, below which they lie on a line
 _FEW = 64  # rows among which distinct ones are counted first: more than any model needs
@@ -76,7 +77,7 @@ def surface_of(m, method, model, penalty, norm, field_error, limit: tuple[float,
     if kind is None:
         fits, occupied = candidates(u, PLANAR if planar else SOLID, count)
         chosen = fits[by_bic(fits, occupied)]
-        said += _unseen(fits, chosen, frame, *limit)
+        said += _unseen(fits, chosen, frame, plane, *limit)
         unseen = left_out(fits, chosen, u, penalty)[None]
         found = refined(chosen, u, penalty, size)
     elif method == "ml":
@@ -92,15 +93,21 @@ def distinct(m: np.ndarray) -> int:
     return few if few > COUNT["symmetric"] else len(np.unique(m, axis=0))
 
 
-def _unseen(fits: dict[str, Found], chosen: Found, frame: Frame, dip: float, limit: float) -> tuple[Finding, ...]:
+def _unseen(fits: dict[str, Found], chosen: Found, frame: Frame, plane: Any, dip: float, limit: float) -> tuple[Finding, ...]:
     """A finding if a smaller model was fitted because the readings cannot show the largest one."""
     largest = "ellipse" if chosen.kind in PLANAR else "symmetric"
     full = fits.get(largest)
     if chosen.kind == largest:
         return ()
-    if full is not None and full.converged:
-        error = heading_error(full.shape / frame.scale**2, covariance_of(full, frame), dip)
-        if error[0] <= limit:
-            return ()
+    if full is not None and full.converged and _error(full, frame, dip, plane) <= limit:
+        return ()
     what = "an ellipse" if chosen.kind in PLANAR else "a full soft iron matrix"
     return (FINDINGS("small_model", what=what, model=chosen.kind),)
+
+
+def _error(found: Found, frame: Frame, dip: float, plane: Any) -> float:
+    """Heading error in rad at level of a fit whose readings are white."""
+    iron = model_of(found.shape, found.centre, frame, radius_of(found.shape, plane is not None), plane)
+    size = radius_of(found.shape, plane is not None) * frame.scale
+    known = by_surface(iron.soft_iron, size, covariance_of(found, frame), False, plane)
+    return float(heading_error(iron, size, known[:12, :12], dip, plane=plane)[0])

@@ -12,8 +12,9 @@ from ._design._heading_error import heading_error
 from ._ellipsoid._kinds import COUNT, PLANAR, SOLID
 from ._ellipsoid._orthogonal import estimate
 from ._ellipsoid._shape import Frame, covariance_of, in_plane, model_of, radius_of
+from ._iron import by_surface, estimated
 from ._own_model import one_by_one
-from ._result import Facts, MagFit, not_judged
+from ._result import MagFit, not_judged
 
 
 def fit_traced(m: Any, model: str, field: Any, inclination: Any, refused: list[str]) -> MagFit:
@@ -30,8 +31,9 @@ def fit_traced(m: Any, model: str, field: Any, inclination: Any, refused: list[s
                         code="bad_shape")  # fmt: skip
     norm, dip = norm_and_dip(field, inclination, model)
     told = one_by_one(functools.partial(_pure, kind), dip, m, norm)
-    facts = Facts(told.pop("covariance"), len(m), norm is not None)
-    return not_judged("ml", dip, kind, facts, **told)
+    estimate = estimated(told["model"], told["field"], told.pop("covariance"), float(max(len(m) - COUNT[kind], 1)), None, norm is not None,
+                         told["plane"])  # fmt: skip
+    return not_judged(dip, kind, estimate=estimate, **told)
 
 
 def _pure(kind: str, dip: float, m: Any, norm: Any) -> dict[str, Any]:
@@ -41,11 +43,12 @@ def _pure(kind: str, dip: float, m: Any, norm: Any) -> dict[str, Any]:
     plane = _plane(u) if kind in PLANAR else None
     found = estimate(u if plane is None else in_plane(u, plane), kind)
     size = radius_of(found.shape, plane is not None) if norm is None else norm / frame.scale
-    matrix = covariance_of(found, frame)
+    iron, field = model_of(found.shape, found.centre, frame, size, plane), size * frame.scale
+    matrix = by_surface(iron.soft_iron, field, covariance_of(found, frame), norm is not None, plane)
     return {
-        "model": model_of(found.shape, found.centre, frame, size, plane), "covariance": matrix, "field": size * frame.scale,
-        "heading_error": heading_error(found.shape / frame.scale**2, matrix, dip), "noise": found.noise * frame.scale, "plane": plane,
-        "residual": found.distance * frame.scale,
+        "model": iron, "covariance": matrix, "field": field,
+        "heading_error": heading_error(iron, field, matrix[:12, :12], dip, plane=plane),
+        "noise": found.noise * frame.scale, "plane": plane, "residual": found.distance * frame.scale,
     }  # fmt: skip
 
 

@@ -12,11 +12,10 @@ import scipy  # loads its parts when they are first used
 from .._errors import DataError
 from .._precision import array_module, host_float64
 from .._types import AnyArray, Array
-from ._design._heading_error import across, change_of, grids, heading_slopes, levelled, planar_slopes, tilted
+from ._design._heading_error import heading_at, moments_of
+from ._ellipsoid._kinds import ENTRIES
 from ._ellipsoid._residuals import natural_rows
-from ._ellipsoid._shape import Frame, ellipsoid_of_model
 from ._field import INCLINATION, unit_field
-from ._own_model import changes_of
 from ._result import MagFit
 
 _STARTS = 4  # random plans, of which the best is kept
@@ -60,19 +59,7 @@ def heading_uncertainty(found: MagFit, headings: Any, *, tilt: float | int = 0.0
     """
     if found.model is None:
         raise DataError(f"The fit has no model: {found.reason}", code="no_model")
-    headings, facts = np.atleast_1d(np.asarray(headings, dtype=float)), found._facts
-    shape, _ = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)
-    if found.plane is None:
-        attitudes, turns = tilted(headings, float(tilt)), levelled(found.down)
-        directions = unit_field(attitudes, found.inclination)
-        sideways, fields = ((x @ turns).reshape(-1, 3) for x in (across(attitudes, directions), directions))
-        change = changes_of(found.model, found.field, facts.usual, fields) if facts.own else change_of(shape, fields)
-        slopes = np.einsum("ni,nip->np", sideways, change)
-    else:
-        basis = np.asarray(found.plane)
-        slopes = planar_slopes(basis @ shape @ basis.T, headings)
-    variance = np.sum(slopes @ np.asarray(facts.covariance) * slopes, axis=1)
-    return np.sqrt(variance.reshape(-1, len(headings)).mean(axis=0))
+    return heading_at(found, np.atleast_1d(np.asarray(headings, dtype=float)), float(tilt))
 
 
 class Plan(eqx.Module):
@@ -107,9 +94,12 @@ def _variance(attitudes: Array, inclination: Array, weight: Array) -> Array:
 
 @functools.cache
 def _weights(inclination: float) -> np.ndarray:
-    """Mean of the outer products of the heading's slopes, at level and tilted, (2, 9, 9)."""
-    slopes = [heading_slopes(np.eye(3), *grid) for grid in grids(inclination)]
-    return np.array([rows.T @ rows / len(rows) for rows in slopes])
+    """Mean of the outer products of the heading's slopes by shape and centre about C = I, at level and tilted, (2, 9, 9)."""
+    change = np.zeros((12, 9))
+    for column, (i, j) in enumerate(zip(*ENTRIES, strict=True)):
+        change[[3 * i + j, 3 * j + i], column] = 0.5  # the root of I + dA is I + dA / 2
+    change[9:, 6:] = -np.eye(3)
+    return np.array([change.T @ one @ change for one in moments_of(inclination, np.array([0.0, 0.0, 1.0]))])
 
 
 _slope = jax.jit(jax.value_and_grad(lambda a, i, w: jnp.log(_variance(a, i, w))))

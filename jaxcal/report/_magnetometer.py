@@ -14,7 +14,7 @@ from ._sphere import sphere
 
 SUBJECT = "Magnetometer"
 _ROWS = 200  # largest number of readings in the table
-_METHODS = {"ml": "maximum likelihood (orthogonal distance)", "consistent": "adjusted least squares", "joint": "with another sensor"}
+_METHODS = {"ml": "maximum likelihood (orthogonal distance)", "consistent": "adjusted least squares", "joint": "with other sensors"}
 
 
 def lead(found: MagFit) -> str:
@@ -43,7 +43,7 @@ def figures(found: MagFit, log: Log | None) -> list[Markup]:
         return []
     m = None if log is None or log.mag is None else np.asarray(log.mag)[np.isfinite(log.mag).all(axis=1)]
     alone = len(inspect.signature(found.model.correct).parameters) == 1  # a user's model may need conditions
-    fitted = m is not None and len(m) == len(found.residual) and alone
+    fitted = m is not None and len(m) == len(found.residual) and alone and not found.estimate.select("currents.*").names
     parts = [sphere(found, m if fitted else None), *([_readings(found, m)] if fitted else []), _regions(found)]
     if np.isfinite(found.heading_error[0]):
         parts.append(_headings(found))

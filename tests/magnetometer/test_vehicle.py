@@ -1,4 +1,4 @@
-"""Currents, composed calibrations, and the field of a place."""
+"""Composed calibrations, and the field of a place."""
 
 import datetime
 import sys
@@ -7,35 +7,9 @@ import numpy as np
 import pytest
 
 from jaxcal import DataError
-from jaxcal.magnetometer import MagModel, body_field, earth_field, fit, fit_current, scenario
+from jaxcal.magnetometer import MagModel, body_field, earth_field, fit, scenario
 
 from . import cases
-
-K = np.array([[0.03, -0.01], [0.0, 0.02], [-0.02, 0.01]])
-
-
-def powered(seed, sigma=0.01, count=300):
-    rng = np.random.default_rng([seed, 9])
-    current = rng.uniform(0, 10, (count, 2))
-    u = cases.directions(count, seed)
-    return cases.MILD.measure(u) + current @ K.T + sigma * rng.normal(size=(count, 3)), current
-
-
-def test_currents_in_a_fit_of_norms():
-    away = []
-    for seed in range(6):
-        m, current = powered(seed)
-        found = fit_current(m, current)
-        away.append((found.terms - K) / found.error)
-    # 36 numbers
-    assert np.sqrt(np.mean(np.square(away))) == pytest.approx(1.0, abs=0.45)
-    assert found.noise == pytest.approx(0.01, rel=0.12)
-    assert np.all(np.abs(found.fit.model.hard_iron - cases.MILD.hard_iron) < 0.02)
-    assert found.correlation.max() < 0.3
-    # without the terms the residual noise is far larger
-    assert fit(m, model="symmetric").noise > 4 * found.noise
-    with pytest.raises(DataError, match="constant"):
-        fit_current(m, np.ones(300))
 
 
 def test_calibrations_compose_and_undo():

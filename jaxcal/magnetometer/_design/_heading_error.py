@@ -1,4 +1,4 @@
-"""Heading error from the covariance of an ellipsoid, and the parameters that the readings determine least (host, NumPy)."""
+"""Heading error from the covariance of hard and soft iron, and the parameters that the readings determine least (host, NumPy)."""
 
 import functools
 from collections.abc import Callable
@@ -9,10 +9,11 @@ import numpy as np
 from ..._precision import array_module
 from ..._types import AnyArray
 from .._ellipsoid._algebraic import matrix_of, triangle
-from .._ellipsoid._kinds import PLANAR, PLANAR_ROWS
+from .._ellipsoid._kinds import PLANAR
 from .._ellipsoid._residuals import BASES, natural_rows
-from .._ellipsoid._shape import Found, root, root_slopes, roots_of
+from .._ellipsoid._shape import Found, root
 from .._field import unit_field
+from .._leaves import changes_of
 
 WORDS = (
     "scale along x", "coupling of x and y", "scale along y", "coupling of x and z", "coupling of y and z", "scale along z",
@@ -64,24 +65,6 @@ def grids_across(inclination: float) -> list[np.ndarray]:
     return [across(*grid) for grid in grids(inclination)]
 
 
-def change_of(shape: Any, directions: np.ndarray) -> Any:
-    """Derivative of corrected unit fields with respect to the shape's entries and the centre, (n, 3, 9)."""
-    xp, matrix = array_module(shape), root(shape)
-    by_shape = xp.einsum("eij,nj->nie", root_slopes(shape), directions @ xp.linalg.inv(matrix))
-    return xp.concatenate([by_shape, xp.broadcast_to(-matrix, (len(directions), 3, 3))], axis=2)
-
-
-def heading_slopes(shape: Any, attitudes: np.ndarray, directions: np.ndarray) -> Any:
-    """Derivative of the magnetic heading with respect to the shape's entries and the centre, (n, 9)."""
-    return array_module(shape).einsum("ni,nip->np", across(attitudes, directions), change_of(shape, directions))
-
-
-def planar_slopes(shape: Any, headings: np.ndarray) -> Any:
-    """`heading_slopes` in a plane, with respect to the parameters that a plane has, (n, 5)."""
-    level = tilted(headings, 0.0)
-    return heading_slopes(shape, level, unit_field(level, 0.0))[:, np.array(PLANAR_ROWS)]
-
-
 def levelled(down: AnyArray | None) -> np.ndarray:
     """Rotations (k, 3, 3) for rows of vectors: from axes whose z points down at level to axes whose `down` points down at level.
 
@@ -125,7 +108,7 @@ def _rms(slopes: list[Any], covariance: Any) -> Any:
     return xp.where(known, xp.sqrt(xp.stack([(rows @ safe * rows).sum(axis=1).mean() for rows in slopes])), xp.inf)
 
 
-def _moments(inclination: float, down: AnyArray | None = None) -> np.ndarray:
+def moments_of(inclination: float, down: AnyArray | None = None) -> np.ndarray:
     """Mean of g g', at level and tilted, (2, 12, 12), where g holds the products s_i u_j of slope and unit field, and the slope s.
 
     The heading error due to a change D u + d of a corrected field u, for a matrix D and a vector d, depends on the grid only through it.
@@ -143,30 +126,32 @@ def _moments_about(inclination: float, down: tuple[float, ...] | None) -> np.nda
     return np.array(found)
 
 
-def _spread_of_change(shape: Any, covariance: Any) -> Any:
-    """Covariance of (D, d), (12, 12), from that of the shape's entries and the centre: D = dS S^-1 and d = -S db with the root S."""
-    xp = array_module(shape)
-    matrix, inverse, slopes = roots_of(shape)
-    turned = (slopes @ inverse).reshape(6, 9).T
-    zeros = np.zeros((9, 3)), np.zeros((3, 6))
-    change = xp.concatenate([xp.concatenate([turned, zeros[0]], axis=1), xp.concatenate([zeros[1], -matrix], axis=1)])
-    return change @ covariance @ change.T
+def changes_by_iron(model: Any, field: Any) -> Any:
+    """Derivative (12, 12) of D and d with respect to hard and soft iron, where a corrected unit field u becomes u + D u + d.
+
+    With the whole matrix H C and its inverse W: D = -W H dC and d = -W db. A change of H turns no heading.
+    """
+    xp = array_module(model.soft_iron, field)
+    inverse = xp.linalg.inv(xp.asarray(model.soft_iron) * field)
+    one, zeros = xp.eye(3, dtype=inverse.dtype), xp.zeros((9, 3), dtype=inverse.dtype)
+    turned = xp.concatenate([zeros, -field * xp.kron(inverse, one)], axis=1)
+    return xp.concatenate([turned, xp.concatenate([-inverse, zeros.T], axis=1)])
 
 
-def heading_error(shape: Any, covariance: Any, inclination: float, down: AnyArray | None = None) -> Any:
-    """Predicted rms heading error of an ellipsoid, at level and tilted; a plane has no tilt."""
-    xp = array_module(covariance)
-    if len(covariance) == 5:
-        return xp.concatenate([_rms([planar_slopes(shape, _HEADINGS)], covariance), xp.full(1, np.inf)])
+def heading_error(model: Any, field: Any, covariance: Any, dip: float, down: AnyArray | None = None, plane: AnyArray | None = None) -> Any:
+    """Predicted rms heading error from the `covariance` of hard and soft iron (12, 12), at level and tilted; a `plane` has no tilt."""
+    xp = array_module(covariance, model.soft_iron)
     known = xp.isfinite(covariance).all()
-    spread = _spread_of_change(shape, xp.where(known, covariance, 0.0))
+    change = changes_by_iron(model, field)
+    spread = change @ xp.where(known, covariance, 0.0) @ change.T
+    moments = moments_of(dip, down)
+    if plane is not None:  # in the axes of the plane, whose normal points down
+        turn = xp.kron(plane, plane), xp.zeros((9, 3), dtype=spread.dtype)
+        turn = xp.concatenate([xp.concatenate(turn, axis=1), xp.concatenate([turn[1].T, plane], axis=1)])
+        spread, moments = turn @ spread @ turn.T, moments_of(0.0, np.array([0.0, 0.0, 1.0]))
     # rounding may make a small value negative
-    return xp.where(known, xp.sqrt(xp.maximum((_moments(inclination, down) * spread[None]).sum(axis=(1, 2)), 0.0)), xp.inf)
-
-
-def turned_heading_error(covariance: np.ndarray, inclination: float, down: AnyArray | None = None) -> np.ndarray:
-    """Predicted rms heading error due to the error of a rotation about the body axes."""
-    return rms_heading(lambda directions: np.cross(np.eye(3), directions[:, None]).swapaxes(1, 2), covariance, inclination, down)
+    found = xp.where(known, xp.sqrt(xp.maximum((moments * spread[None]).sum(axis=(1, 2)), 0.0)), xp.inf)
+    return found if plane is None else xp.where(np.array([True, False]), found, xp.inf)
 
 
 def heading_departure(first: Found, second: Found, inclination: float) -> np.ndarray:
@@ -214,19 +199,35 @@ def information(directions: np.ndarray, kind: str, relative_noise: float) -> Inf
     return Information(condition, by_noise, ", ".join(chosen))
 
 
-def distance_slopes(shape: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Derivative of the distance to the ellipsoid with respect to the shape's entries and the centre, (n, 9).
+def heading_at(found: Any, headings: np.ndarray, tilt: float = 0.0) -> np.ndarray:
+    """Standard deviation (n,) of the headings of a fit; the root mean square over directions of tilt, and over axes if none points down."""
+    dip, down = (found.inclination, found.down) if found.plane is None else (0.0, found.plane[2])
+    attitudes, turns = tilted(headings, float(tilt) if found.plane is None else 0.0), levelled(down)
+    directions = unit_field(attitudes, dip)
+    s, u = ((x @ turns).reshape(-1, 3) for x in (across(attitudes, directions), directions))
+    covariance = np.asarray(found.iron_covariance)
+    if "usual" in found._about:
+        order = [i for i, name in enumerate(found.estimate.names) if name != "field"]
+        rows = np.einsum("ni,nip->np", s, changes_of(found.model, found.field, found._about["usual"], u))
+        covariance = np.asarray(found.estimate.matrix)[np.ix_(order, order)]
+    else:
+        rows = np.concatenate([(s[:, :, None] * u[:, None, :]).reshape(-1, 9), s], axis=1) @ changes_by_iron(found.model, found.field)
+    variance = np.sum(rows @ covariance * rows, axis=1)
+    return np.sqrt(variance.reshape(-1, len(headings)).mean(axis=0))
 
-    z : (n, 3) points, relative to the centre.
-    """
-    x, y, w = z.T
-    rows = np.concatenate([np.stack([x * x, 2 * x * y, y * y, 2 * x * w, 2 * y * w, w * w], axis=1), -2 * z @ shape], axis=1)
-    return rows / np.linalg.norm(2 * z @ shape, axis=1, keepdims=True)
+
+def distance_slopes(model: Any, field: float, directions: np.ndarray) -> np.ndarray:
+    """Derivative (n, 13) of the distance of a reading to its surface by hard iron, soft iron and field, for corrected unit fields."""
+    normal = directions @ np.linalg.inv(np.asarray(model.soft_iron))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    by_soft = (normal[:, :, None] * field * directions[:, None, :]).reshape(-1, 9)
+    by_field = np.sum(normal * (directions @ np.asarray(model.soft_iron).T), axis=1, keepdims=True)
+    return -np.concatenate([normal, by_soft, by_field], axis=1)
 
 
-def needed(shape: np.ndarray, covariance: np.ndarray, grid: np.ndarray) -> np.ndarray:
+def needed(model: Any, field: float, covariance: np.ndarray, grid: np.ndarray) -> np.ndarray:
     """The three directions, at least 45 degrees apart, in which the fit predicts readings worst: new readings there help most."""
-    rows = distance_slopes(shape, grid @ np.linalg.inv(root(shape)))
+    rows = distance_slopes(model, field, grid)
     variance = np.sum(rows @ covariance * rows, axis=1)
     chosen = []
     for _ in range(3):

@@ -1,21 +1,17 @@
 """Choice of the model by the Bayesian information criterion; choice of the readings of a long log."""
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..._errors import DataError
 from ...fitting._information import symmetric_inverse
-from .._design._coverage import bins, covered, sphere_grid
-from .._design._heading_error import needed
-from .._judge import outliers
+from .._design._coverage import bins
 from ._algebraic import NotEllipsoid, away, start
-from ._kinds import COUNT, PLACE, PLANAR, basis_of, shape_and_centre
+from ._kinds import COUNT, PLACE, basis_of, shape_and_centre
 from ._orthogonal import flat
 from ._residuals import Readings, orthogonal
-from ._shape import Found, Frame, directions_of, root, unit
+from ._shape import Found, directions_of, root, unit
 
 _TIE = 2.0  # a difference of criteria that decides nothing (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995)
 _LEAST = 1e-28  # smallest mean square of distances, that of exact readings
@@ -114,14 +110,3 @@ def all_distances(found: Found, u: np.ndarray) -> np.ndarray:
         data = Readings(jnp.asarray(full), jnp.ones(_CHUNK), jnp.asarray(found.noise2), basis)
         parts.append(np.asarray(_distance(jnp.asarray(found.parameters), data))[: len(part)])
     return np.concatenate(parts)
-
-
-def of_all(found: Found, frame: Frame, log: np.ndarray, corrected: np.ndarray, matrix: np.ndarray, used: int) -> tuple[Any, ...]:
-    """Distances and outliers of all scaled readings of a `log`, directions where more would help, and coverage."""
-    distance, far, wanted = found.distance, outliers(found.distance), np.zeros((0, 3))
-    if used < len(log):
-        distance = all_distances(found, log)
-        far = outliers(distance)
-    if found.kind not in PLANAR and np.isfinite(matrix).all():
-        wanted = needed(found.shape / frame.scale**2, matrix, sphere_grid())
-    return distance, far, wanted, covered(corrected)

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from ..._errors import DataError
+from .._errors import DataError
 
-SEGMENT = 2.0  # rad travelled in one segment: the error of rates with a slightly wrong scale grows with the angle
+_SEGMENT = 2.0  # rad travelled in one segment: the error of rates with a slightly wrong scale grows with the angle
 _LONGEST = 10.0  # longest segment in s, because the bias of the rates enters to first order only
 
 
@@ -26,12 +26,6 @@ def like(values: Any, y: np.ndarray, name: str) -> np.ndarray:
     return values
 
 
-def permutations() -> np.ndarray:
-    """The 24 rotations that exchange axes, (24, 3, 3), the identity first."""
-    found = scipy.spatial.transform.Rotation.create_group("O").as_matrix().round()
-    return found[np.argsort(-np.trace(found, axis1=1, axis2=2), kind="stable")]
-
-
 def delayed(gyro: np.ndarray, samples: float) -> np.ndarray:
     """Rates `samples` samples earlier, with linear interpolation; at the edge of a gap the rate of the sample itself."""
     if samples == 0:
@@ -43,21 +37,23 @@ def delayed(gyro: np.ndarray, samples: float) -> np.ndarray:
     return np.where(np.isfinite(earlier) & np.isfinite(gyro), earlier, gyro)
 
 
-def attitudes_in_segments(gyro: np.ndarray, rate: float, most: float, delay: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def attitudes_in_segments(gyro: np.ndarray, rate: float, lag: Any = (0.0, 0.0, 0.0, 0.0)) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Attitude of each reading relative to the first of its segment, from rates (n, 3) at the times of the samples.
 
-    A reading shows the field `delay` seconds before the sample of the rates beside it.
+    lag : bias (3,) in rad/s, and delay in s: a reading shows the field so long before the sample of the rates beside it.
 
-    A segment ends when the angle travelled reaches `most` rad, after 10 s, or at a NaN sample, which belongs to no segment. Returns the
+    A segment ends when the angle travelled, bias and delay left in, reaches 2 rad, after 10 s, or at a NaN sample without one. Returns the
     segment number (n,), -1 for none; the attitude (n, 3, 3), from the body axes of the sample to those of the segment's first sample; and
     the derivative (n, 3, 4) of the rotation vector, in the axes of the sample, with respect to a bias of the rates and the delay.
     """
-    gyro = delayed(gyro, delay * rate)
     n, good = len(gyro), np.asarray(np.isfinite(gyro).all(axis=1))
-    step = np.where(good[1:, None] & good[:-1, None], (gyro[1:] + gyro[:-1]) / 2 / rate, 0.0)
-    travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step, axis=1))])
+    both = good[1:, None] & good[:-1, None]
+    moved = np.where(both, (gyro[1:] + gyro[:-1]) / 2 / rate, 0.0)
+    travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(moved, axis=1))])
+    gyro = delayed(gyro - np.asarray(lag[:3]), lag[3] * rate)
+    step = np.where(both, (gyro[1:] + gyro[:-1]) / 2 / rate, 0.0)
     broken = np.concatenate([[0], np.cumsum(~(good[1:] & good[:-1]))])
-    label = broken * (int(travelled[-1] / most) + 1) + (travelled / most).astype(int)
+    label = broken * (int(travelled[-1] / _SEGMENT) + 1) + (travelled / _SEGMENT).astype(int)
     long = np.arange(1, n) % max(int(_LONGEST * rate), 2) == 0
     start = np.flatnonzero(np.concatenate([[True], (np.diff(label) != 0) | long]))
     segment = np.repeat(np.arange(len(start)), np.diff(np.append(start, n)))
@@ -71,10 +67,3 @@ def attitudes_in_segments(gyro: np.ndarray, rate: float, most: float, delay: flo
         back = np.swapaxes(small[k - 1], 1, 2)
         slope[k] = back @ slope[k - 1] + (np.eye(3) + back) / (2 * rate)
     return np.where(good, segment, -1), attitude, np.concatenate([slope, np.where(good[:, None], gyro, 0.0)[:, :, None]], axis=2)
-
-
-def centred(x: np.ndarray, member: np.ndarray) -> np.ndarray:
-    """Rows minus the mean of their segment."""
-    total, count = np.zeros((member.max() + 1, *x.shape[1:])), np.bincount(member)
-    np.add.at(total, member, x)
-    return x - (total / count.reshape(-1, *[1] * (x.ndim - 1)))[member]

@@ -1,0 +1,340 @@
+r"""One fit of readings with whatever is known of the attitudes, for any sensor beside the magnetometer, and of the fields of currents.
+
+A reading is :math:`m = C h + b + K c`, where h is the unit field in the axes of the other sensor, whose magnitude is in C. What is known
+of an attitude leaves h on a set: the sphere (nothing), a cone about the vertical (an accelerometer), a point (a known heading), or a point
+that turns with the rates through a segment (a gyroscope). In turn, h becomes the point of its set nearest to the reading, and C, b, K,
+the dip, the bias and the delay of the rates take a Gauss-Newton step with the residuals at right angles to the set. So one parameter more
+or less, and one sensor or another, are columns and rows of one least-squares problem. Residuals across the surface :math:`|h| = 1` have the
+noise of the readings; those along it also the errors of the attitudes, and the fit finds the standard deviations of both.
+
+Priors keep open what the attitudes cannot show: C is near a multiple of a rotation that exchanges axes, to a spread that is learnt from the
+entries that are seen. A vehicle at level shows two columns of C; the third, and the hard iron along it, then follow from the prior alone,
+but level headings do not depend on them.
+"""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..fitting._serial import is_white, leave_out
+from ._ellipsoid._shape import unit
+from ._turning import attitudes_in_segments
+
+_SOFT, _WEIGHT = 0.05, 4.0  # prior spread of the entries of C, and how many entries it counts as
+_SYMMETRIC, _TURNED = (
+    1e-4,
+    0.01,
+)  # spread of its antisymmetric part where nothing shows a rotation, and where a sensor may show it: 0.6 degrees
+_DELAY = 0.05  # s, prior standard deviation of the delay of the readings after the rates
+_ROUNDS, _SETTLED = 40, 0.02  # most rounds, and step in standard errors that ends them
+_LEAST = 1e-9  # smallest standard deviation, for exact data
+_STEEP = 0.17  # horizontal share of the field below which a heading means nothing
+_C, _B, _GAIN, _DIP, _LAG = slice(0, 9), slice(9, 12), 12, 13, slice(14, 18)
+_ODD = [(1, 3), (2, 6), (5, 7)]  # pairs of entries of C that are equal if it is symmetric
+
+
+class Attitudes(NamedTuple):
+    """What is known of the attitude of each of n readings: any of these, in the axes of one sensor.
+
+    up : (n, 3) unit vectors, NaN where unknown. heading : (n,) rad, NaN where unknown. gyro, rate, rows : rates (k, 3) in rad/s at all
+    samples of a log, the samples per second, and the sample of each reading.
+    """
+
+    up: Any = None
+    heading: Any = None
+    gyro: Any = None
+    rate: float = 0.0
+    rows: Any = None
+
+
+class Known(NamedTuple):
+    """Prior knowledge: logarithm of the magnitude of the field and its standard deviation, and the dip and its own, rad."""
+
+    field: float = 0.0
+    field_error: float = np.inf
+    dip: float = 0.0
+    dip_error: float = np.inf
+
+
+@dataclasses.dataclass(frozen=True)
+class Solution:
+    """Parameters of the fit with their covariance: C by rows, b, logarithm of the gain, dip, bias and delay of the rates, K by currents.
+
+    sigma : (2,) standard deviations across and along the surface. free : names of the free parameters. parts : whether the covariance is
+    that of fits without parts of the log. along : whether a reading has a residual along the surface. across : (n,) residuals.
+    """
+
+    parameters: np.ndarray
+    covariance: np.ndarray
+    sigma: np.ndarray
+    free: np.ndarray
+    parts: bool
+    along: np.ndarray
+    across: np.ndarray
+    cost: float
+    converged: bool
+    spread: float
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """C (3, 3), times the magnitude of the field."""
+        return self.parameters[_C].reshape(3, 3)
+
+    @property
+    def centre(self) -> np.ndarray:
+        """The hard iron."""
+        return self.parameters[_B]
+
+
+def north_of(up: np.ndarray, heading: np.ndarray, dip: float) -> np.ndarray:
+    """Unit fields (n, 3) in body axes, for known attitudes."""
+    forward, right = _level_axes(up)
+    north = np.cos(heading)[:, None] * forward - np.sin(heading)[:, None] * right
+    return np.cos(dip) * north - np.sin(dip) * up
+
+
+def _level_axes(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors forward and to the right, at level, (n, 3) each."""
+    down = -up
+    forward = unit(np.array([1.0, 0.0, 0.0]) - up[:, :1] * up)
+    return forward, np.cross(down, forward)
+
+
+class _Data:
+    """Readings, currents and attitudes, with what does not change between rounds."""
+
+    def __init__(self, u: np.ndarray, at: Attitudes, currents: np.ndarray):
+        self.u, self.at, self.currents, n = u, at, currents, len(u)
+        self.kind = "rates" if at.gyro is not None else "vertical" if at.up is not None else "none"
+        self.paired = np.zeros(n, dtype=bool)
+        if at.up is not None:
+            self.paired = np.isfinite(at.up).all(axis=1)
+            self.up = np.where(self.paired[:, None], at.up, [0.0, 0.0, -1.0])
+            self.pointed = self.paired & (np.zeros(n, dtype=bool) if at.heading is None else np.isfinite(at.heading))
+            self.forward, self.right = _level_axes(self.up)
+
+    def turned(self, lag: np.ndarray) -> None:
+        """Attitudes by rates without this bias and delay."""
+        at = self.at
+        segment, attitude, slope = attitudes_in_segments(at.gyro, at.rate, lag)
+        segment, self.attitude, self.slope = (x[at.rows] for x in (segment, attitude, slope))
+        count = np.bincount(segment[segment >= 0], minlength=1)
+        # a segment of one reading has no other to compare it with
+        self.paired = (segment >= 0) & (count[np.maximum(segment, 0)] > 1)
+        self.member = np.zeros(len(self.u), dtype=int)
+        self.member[self.paired] = np.unique(segment[self.paired], return_inverse=True)[1]
+
+    def points(self, y: np.ndarray, dip: float) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """The point of its set nearest to each corrected reading, its change with a free heading, and with the dip."""
+        h, n = unit(y), len(y)
+        if self.kind == "none":
+            return h, np.zeros((n, 3)), None
+        if self.kind == "rates":
+            ahead = np.einsum("nij,nj->ni", self.attitude, h)
+            total = np.zeros((self.member.max() + 1, 3))
+            np.add.at(total, self.member[self.paired], ahead[self.paired])
+            point = np.einsum("nji,nj->ni", self.attitude, unit(total)[self.member])
+            return np.where(self.paired[:, None], point, h), np.zeros((n, 3)), None
+        north = unit(h - np.sum(h * self.up, axis=1, keepdims=True) * self.up)
+        if self.pointed.any():
+            angle = np.nan_to_num(self.at.heading)
+            known = np.cos(angle)[:, None] * self.forward - np.sin(angle)[:, None] * self.right
+            north = np.where(self.pointed[:, None], known, north)
+        point, slope = np.cos(dip) * north - np.sin(dip) * self.up, -np.sin(dip) * north - np.cos(dip) * self.up
+        around = np.where(self.pointed[:, None], 0.0, np.cross(self.up, point))
+        there = self.paired[:, None]
+        return np.where(there, point, h), np.where(there, around, 0.0), np.where(there, slope, 0.0)
+
+
+def _rows(data: _Data, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Residuals (k,), derivatives of the model (k, p), whether a residual is along the surface, and its reading, in order of time."""
+    matrix, centre, terms = p[_C].reshape(3, 3), p[_B], p[18:].reshape(-1, 3)
+    n, width = len(data.u), len(p)
+    z = data.u - centre - data.currents @ terms
+    inverse = np.linalg.inv(matrix)
+    point, around, by_dip = data.points(z @ inverse.T, p[_DIP])
+    left = z - point @ matrix.T
+    normal = unit(point @ inverse)
+    first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)])
+    free = around @ matrix.T
+    loose = np.linalg.norm(free, axis=1) > 1e-9
+    # along the surface but at right angles to a free heading; both directions if none is free
+    first = unit(np.where(loose[:, None], np.cross(normal, free), first))
+    second = np.cross(normal, first)
+    slope = np.zeros((n, 3, width))
+    slope[:, :, _C] = (np.eye(3)[None, :, :, None] * point[:, None, None, :]).reshape(n, 3, 9)
+    slope[:, :, _B] = np.eye(3)
+    if by_dip is not None:
+        slope[:, :, _DIP] = by_dip @ matrix.T
+    if data.kind == "rates":
+        turn = np.cross(np.swapaxes(data.slope, 1, 2), point[:, None, :])  # (n, 4, 3)
+        slope[:, :, _LAG] = np.where(data.paired[:, None, None], np.swapaxes(turn @ matrix.T, 1, 2), 0.0)
+    for j in range(data.currents.shape[1]):
+        slope[:, :, 18 + 3 * j : 21 + 3 * j] = data.currents[:, j, None, None] * np.eye(3)
+    ways = np.stack([normal, first, second], axis=1)
+    residual, rows = np.einsum("nki,ni->nk", ways, left), ways @ slope
+    kept = np.stack([np.ones(n, dtype=bool), data.paired, data.paired & ~loose], axis=1)
+    if data.kind == "rates":
+        _free_of_segments(data, ways[:, 1:] @ matrix, point, residual, rows)
+    along = np.broadcast_to([False, True, True], (n, 3))
+    number = np.broadcast_to(np.arange(n)[:, None], (n, 3))
+    return residual[kept], rows[kept], along[kept], number[kept]
+
+
+def _free_of_segments(data: _Data, ways: np.ndarray, point: np.ndarray, residual: np.ndarray, rows: np.ndarray) -> None:
+    """Project the field of each segment out of the residuals along the surface, and out of their derivatives."""
+    # the field of a segment changes by a vector g: its readings see A'g
+    there, member = data.paired, data.member
+    change = ways @ np.swapaxes(data.attitude, 1, 2)  # (n, 2, 3)
+    both = np.concatenate([rows[:, 1:], residual[:, 1:, None]], axis=2)
+    count = member.max() + 1
+    normal, right = np.zeros((count, 3, 3)), np.zeros((count, 3, both.shape[2]))
+    np.add.at(normal, member[there], np.einsum("nki,nkj->nij", change, change)[there])
+    np.add.at(right, member[there], np.einsum("nki,nkp->nip", change, both)[there])
+    moved = np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ right
+    both = both - change @ moved[member]
+    rows[:, 1:], residual[:, 1:] = both[:, :, :-1], both[:, :, -1]
+
+
+def _prior(p: np.ndarray, free: np.ndarray, base: np.ndarray, spread: float, known: Known, turned: float, lag: float):
+    """Residuals of the priors, and their derivatives."""
+    gain, width = np.exp(p[_GAIN]), len(p)
+    rows, left = np.zeros((9, width)), (gain * base.ravel() - p[_C]) / (spread * gain)
+    rows[range(9), range(9)] = 1 / (spread * gain)
+    rows[:, _GAIN] = -p[_C] / (spread * gain)
+    found = [(left, rows)]
+    for place, value, error in ((_GAIN, known.field, known.field_error), (_DIP, known.dip, known.dip_error), (17, lag, _DELAY)):
+        if free[place] and np.isfinite(error):
+            row = np.zeros((1, width))
+            row[0, place] = 1 / error
+            found.append((np.array([(value - p[place]) / error]), row))
+    if np.isfinite(turned):
+        odd = _odd(base)
+        row = np.zeros((3, width))
+        row[:, _C] = odd / (turned * gain)
+        found.append((-odd @ p[_C] / (turned * gain), row))
+    return (np.concatenate(parts) for parts in zip(*found, strict=True))
+
+
+def _odd(base: np.ndarray) -> np.ndarray:
+    """Rows (3, 9) that take C to the antisymmetric part of C base'."""
+    by = np.kron(np.eye(3), base)
+    return np.array([(by[i] - by[j]) / 2 for i, j in _ODD])
+
+
+def solved(
+    u: np.ndarray, at: Attitudes, begin: tuple[np.ndarray, np.ndarray], base: np.ndarray, known: Known, currents: Any = None,
+    noise: float = 0.01, rounds: int = _ROUNDS,
+) -> Solution:  # fmt: skip
+    """The fit of readings (n, 3), of size about one, from a start (C, b).
+
+    base : rotation that exchanges axes, near which C is. currents : (n, k).
+    """
+    currents = np.zeros((len(u), 0)) if currents is None else currents
+    data = _Data(u, at, currents)
+    p = np.concatenate([begin[0].ravel(), begin[1], np.zeros(6), np.zeros(3 * currents.shape[1])])
+    p[_GAIN], p[_DIP] = np.log(np.abs(np.linalg.det(begin[0]))) / 3, known.dip
+    free = np.ones(len(p), dtype=bool)
+    free[_LAG], free[_DIP] = data.kind == "rates", data.kind == "vertical" and known.dip_error > 0
+    free[_GAIN] = known.field_error > 0
+    if data.kind == "vertical" and not np.isfinite(known.dip_error):
+        y = unit((u - begin[1]) @ np.linalg.inv(begin[0]).T)
+        p[_DIP] = -np.arcsin(np.clip(np.mean(np.sum(y * data.up, axis=1)[data.paired]), -0.999, 0.999))
+    lag, spread, sigma, converged = np.zeros(4), _SOFT, np.full(2, max(noise, _LEAST)), False
+    turned = np.inf if at.heading is not None else _SYMMETRIC if data.kind == "none" else _TURNED
+    for turn in range(rounds):
+        if data.kind == "rates" and (turn == 0 or np.any(p[_LAG])):
+            lag, p[_LAG] = lag + p[_LAG], 0.0
+            data.turned(lag)
+        left, rows, along, number = _rows(data, p)
+        size = sigma[along.astype(int)]
+        more, extra = _prior(p, free, base, spread, known, turned, -lag[3])
+        whole = np.concatenate([rows / size[:, None], extra])[:, free]
+        column = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
+        inverse = np.linalg.pinv((whole / column).T @ (whole / column), rcond=1e-14, hermitian=True) / np.outer(column, column)
+        step = inverse @ whole.T @ np.concatenate([left / size, more])
+        error = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
+        # far from the solution the step is no larger than C itself
+        short = min(1.0, 0.5 * np.exp(p[_GAIN]) / max(float(np.linalg.norm(step[:9])), 1e-300))
+        p[free] += short * step
+        used = np.einsum("kp,pq,kq->k", whole[: len(left)], inverse, whole[: len(left)])
+        last = sigma
+        if turn:
+            nuisance = 3 * (data.member.max() + 1) if data.kind == "rates" else 0
+            sigma = np.array([_size(left, used, ~along, 0), _size(left, used, along, nuisance)])
+        gain = np.exp(p[_GAIN])
+        spread = _learnt(p[_C] / gain - base.ravel(), error[:9] / gain, _SOFT)
+        if data.kind != "none" and np.isfinite(turned):
+            odd = _odd(base) / gain
+            turned = _learnt(odd @ p[_C], np.sqrt(np.diag(odd @ inverse[:9, :9] @ odd.T)), _TURNED)
+        if not np.isfinite(p).all() or not np.isfinite(sigma).all():
+            break
+        import os
+
+        if os.environ.get("DBG"):
+            print(turn, np.abs(step / error).max(), np.argmax(np.abs(step / error)), sigma, short)
+        converged = bool(turn > 2 and np.abs(step / error).max() < _SETTLED and np.abs(sigma / last - 1).max() < 0.01)
+        if converged:
+            break
+    good = bool(np.isfinite(p).all() and np.isfinite(sigma).all())
+    full, parts = np.full((len(p), len(p)), 0.0 if good else np.inf), False
+    if not good:
+        p = np.concatenate([begin[0].ravel(), begin[1], np.zeros(len(p) - 12)])
+    else:
+        jacobian, scaled = whole[: len(left)], left / size
+        shown = np.abs(jacobian).max(axis=0) > 0  # the gain is in the prior alone
+        matrix, prior = inverse, whole[len(left) :].T @ whole[len(left) :]
+        if sigma[0] > _LEAST and not is_white(jacobian[:, shown], scaled):
+            other = leave_out(np.where(shown, jacobian, 1e-300), scaled, prior) + inverse @ prior @ inverse
+            if np.isfinite(other).all():
+                # no parameter is known better than by white residuals
+                ratio = np.sqrt(np.maximum(np.diag(matrix) / np.maximum(np.diag(other), 1e-300), 1.0))
+                parts, matrix = True, other * np.outer(ratio, ratio)
+        full[np.ix_(free, free)] = matrix
+        if data.kind == "rates":
+            p[_LAG] += lag
+    across = np.zeros(len(u))
+    across[number[~along]] = left[~along]
+    cost = float(np.sum(~along) * np.log(sigma[0]) + np.sum(along) * np.log(sigma[1]))
+    size = float(np.exp(p[_GAIN]))
+    return Solution(p, full, sigma, free, parts, data.paired, across, cost, converged, float(sigma[1] / size) if along.any() else np.nan)
+
+
+def _learnt(off: np.ndarray, error: np.ndarray, usual: float) -> float:
+    """Spread of a prior by its entries; those that the data do not show have the error of the prior, and change nothing (EM)."""
+    return float(np.sqrt((_WEIGHT * usual**2 + np.sum(off**2 + error**2)) / (_WEIGHT + len(off))))
+
+
+def _size(left: np.ndarray, used: np.ndarray, which: np.ndarray, nuisance: int) -> float:
+    """Standard deviation of some residuals, by their degrees of freedom."""
+    if not which.any():
+        return 1.0
+    freedom = max(float(np.sum(which) - used[which].sum()) - nuisance, 1.0)
+    return max(float(np.sqrt(np.sum(left[which] ** 2) / freedom)), _LEAST)
+
+
+def poses(m: np.ndarray, up: np.ndarray, heading: np.ndarray | None, most: float) -> np.ndarray:
+    """Number (n,) of the pose of each reading: successive readings whose directions differ by less than an angle, at one heading."""
+    number, pose, cosine = np.zeros(len(m), dtype=int), 0, float(np.cos(most))
+    field = unit(m - np.median(m, axis=0)).tolist()
+    force, angle = np.nan_to_num(up).tolist(), [0.0] * len(m) if heading is None else np.nan_to_num(heading, nan=-9.0).tolist()
+    first = 0
+    for i in range(1, len(m)):
+        same = angle[i] == angle[first]
+        for vectors in (force,) if heading is not None else (field, force):
+            (a, b, c), (d, e, f) = vectors[first], vectors[i]
+            same = same and a * d + b * e + c * f > cosine
+        if not same:
+            pose, first = pose + 1, i
+        number[i] = pose
+    return number
+
+
+def averaged(x: np.ndarray, number: np.ndarray) -> np.ndarray:
+    """Mean of the rows of each pose that are no NaN."""
+    there = np.isfinite(x).reshape(len(x), -1).all(axis=1)
+    total, count = np.zeros((number.max() + 1, *x.shape[1:])), np.bincount(number[there], minlength=number.max() + 1)
+    np.add.at(total, number[there], x[there])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return total / count.reshape(-1, *[1] * (x.ndim - 1))

@@ -1,0 +1,113 @@
+"""Which axes: a magnetometer beside an accelerometer, whose axes may be exchanged, reversed or mirrored.
+
+Of the 48 signed permutations P of the axes, two explain a log: +P with the dip d and -P with the dip -d. One of the two is a rotation,
+the other mirrors, and only the sign of the dip tells which: a mirrored axis is half a turn with a dip of the other sign.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy  # loads its parts when they are first used
+
+from .._answer import CAUTION, FATAL, Finding, Quantity
+from ._findings import FINDINGS
+
+_CLEARER = 2.0  # times less scatter than that of equal axes, to be believed; one mirrored axis had 3 at least in 25 real logs, 18 usually
+_FEWEST = 5  # readings
+_LOOSE = 0.2  # scatter of the sine of the dip above which no axes explain the log
+_FLAT = np.deg2rad(5.0)  # dip whose sign means nothing
+
+
+class Axes(NamedTuple):
+    """Signed permutation P (3, 3), from the axes of the accelerometer to those of the magnetometer, with the dip in rad.
+
+    The dip is NaN beside rates. sure : whether the other reading, -P, is excluded.
+    """
+
+    turn: np.ndarray
+    dip: float
+    sure: bool = False
+
+    @property
+    def same(self) -> bool:
+        """Whether both sensors have the same axes, or axes that are reversed together."""
+        return bool(np.array_equal(self.turn, np.eye(3)))
+
+
+def permutations() -> np.ndarray:
+    """The 24 rotations that exchange axes, (24, 3, 3), the identity first."""
+    found = scipy.spatial.transform.Rotation.create_group("O").as_matrix().round()
+    return found[np.argsort(-np.trace(found, axis1=1, axis2=2), kind="stable")]
+
+
+def _clearest(scatter: np.ndarray) -> int:
+    """Number of the axes with the least scatter; other axes than the first, the same ones, must be clearly better."""
+    best = int(np.argmin(scatter))
+    return best if _CLEARER * scatter[best] < scatter[0] else 0
+
+
+def axes_of(field: np.ndarray, up: np.ndarray) -> Axes | None:
+    """The axes in which corrected unit fields (n, 3) and unit specific forces at rest keep their angle; None if in none."""
+    there = np.isfinite(field).all(axis=1) & np.isfinite(up).all(axis=1)
+    if there.sum() < _FEWEST:
+        return None
+    known = permutations()
+    products = np.einsum("ni,kij,nj->kn", field[there], known, up[there])
+    scatter = np.std(products, axis=1)
+    best = _clearest(scatter)
+    if not scatter[best] < _LOOSE:
+        return None
+    return Axes(known[best], -float(np.arcsin(np.clip(np.mean(products[best]), -1, 1))))
+
+
+def axes_by_rates(field: np.ndarray, attitude: np.ndarray, member: np.ndarray) -> Axes:
+    """The axes in which corrected unit fields stand still where the rates turn them back, in each segment; mirrored ones look turned."""
+    known, scatter = permutations(), []
+    count = np.maximum(np.bincount(member), 1)[:, None]
+    for turn in known:
+        back = np.einsum("nij,nj->ni", attitude, field @ turn)
+        total = np.zeros((len(count), 3))
+        np.add.at(total, member, back)
+        scatter.append(float(np.sqrt(np.mean(np.sum((back - (total / count)[member]) ** 2, axis=1)))))
+    return Axes(known[_clearest(np.array(scatter))], np.nan)
+
+
+def axes_by_headings(field: np.ndarray, point: np.ndarray) -> Axes:
+    """The axes in which corrected unit fields are those of known attitudes, (n, 3) each: headings show mirrored axes."""
+    known = np.concatenate([permutations(), -permutations()])
+    scatter = np.array([np.sqrt(np.mean(np.sum((field - point @ turn.T) ** 2, axis=1))) for turn in known])
+    return Axes(known[_clearest(scatter)], np.nan, True)
+
+
+def _words(turn: np.ndarray) -> str:
+    """Axes x, y, z of the magnetometer as axes of the accelerometer."""
+    return ", ".join(f"{'+' if row.sum() > 0 else '-'}{'xyz'[int(np.argmax(np.abs(row)))]}" for row in turn)
+
+
+def by_axes(found: Axes | None, sign: float, turns: bool = True) -> list[Finding]:
+    """Findings about the axes; `sign` of the dip at the place, zero if unknown. Only a fit that turns its axes is refused for them."""
+    if found is None:
+        return []
+    grave, dip = FATAL if turns else CAUTION, abs(found.dip)
+    if np.linalg.det(found.turn) < 0:
+        return [_mirrored(found.turn, grave)]
+    known = sign * found.dip if sign and dip > _FLAT else float(found.sure)
+    if found.same:
+        return [FINDINGS("reversed", dip=Quantity(found.dip, "angle"))] if known < 0 else []
+    if known > 0:
+        return [FINDINGS("remounted", axes=_words(found.turn))]
+    if known < 0:
+        return [_mirrored(-found.turn, grave)]
+    if not np.isfinite(found.dip):
+        return [FINDINGS("axes_turned", severity=grave, first=_words(found.turn), second=_words(-found.turn))]
+    return [FINDINGS("axes_open", severity=grave, first=_words(found.turn), second=_words(-found.turn), dip=Quantity(found.dip, "angle"),
+                     other=Quantity(-found.dip, "angle"))]  # fmt: skip
+
+
+def _mirrored(turn: np.ndarray, severity: Any) -> Finding:
+    """The finding about axes that mirror."""
+    diagonal = np.diag(turn)
+    # a single axis is mirrored if all others keep their places
+    one = "xyz"[int(np.argmin(diagonal))] if np.all(diagonal) and np.sum(diagonal < 0) == 1 else ""
+    what = f"axis {one} is reversed" if one else "axes are exchanged or reversed"
+    return FINDINGS("mirrored", severity=severity, what=what, axes=_words(turn))

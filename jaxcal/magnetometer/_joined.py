@@ -1,0 +1,133 @@
+"""Fit of the magnitudes together with the sensor of an aid, and with the fields of currents."""
+
+from typing import Any
+
+import numpy as np
+
+from .._answer import Quantity
+from .._errors import DataError
+from .._frozen import made, replaced
+from ..fitting._serial import BLOCKS
+from ._aids import alignment_of, down_by, fitted, told
+from ._axes import by_axes
+from ._design._coverage import covered
+from ._design._heading_error import down_of, heading_error
+from ._ellipsoid._shape import unit
+from ._field import INCLINATION
+from ._findings import FINDINGS
+from ._iron import estimated
+from ._judge import by_readings, dip_differs, judged, outliers
+from ._model import MagModel
+from ._result import MagFit
+
+#: findings of the fit of magnitudes that hold for the joint fit too
+_KEPT = ("clipped", "averaged", "bent")
+_OFF = np.deg2rad(2.0)  # scatter of the readings from where an aid puts them, that costs twice the limit of a good fit
+#: findings about the axes by an accelerometer that gives the dip only
+_OF_AXES = ("axes_open", "axes_turned", "mirrored", "remounted", "reversed", "unseen_axes")
+_ASKEW = {"accel": "force_off", "gyro": "rates_off", "headings": "headings_off"}
+
+
+def columns_of(currents: dict[str, Any], count: int) -> np.ndarray:
+    """Currents (n, k) at the times of the readings."""
+    columns = [np.asarray(one, dtype=float) for one in currents.values()]
+    for one in columns:
+        if one.shape != (count,) or not np.isfinite(one).all():
+            raise DataError(f"The current has shape {one.shape}; give {count} finite numbers, one for each reading.", code="current_shape")
+        if not np.ptp(one) > 0:
+            raise DataError("A current is constant: its field cannot be told from hard iron.", code="current_constant")
+    return np.stack(columns, axis=1) if columns else np.zeros((count, 0))
+
+
+def without_currents(found: MagFit, m: np.ndarray, currents: dict[str, Any]) -> np.ndarray:
+    """Readings (n, 3) without the fields of the currents that a fit has found."""
+    for name, values in currents.items():
+        terms = np.array([found.estimate[f"currents.{name}[{i}]"].value for i in range(3)])
+        m = m - np.asarray(values, dtype=float)[:, None] * terms
+    return m
+
+
+def joined(
+    first: MagFit, m: np.ndarray, there: np.ndarray, rows: np.ndarray, aid: Any, currents: dict[str, Any], norm: float | None,
+    field_error: float | None, dip: float | None, limits: tuple[float, float],
+) -> MagFit:  # fmt: skip
+    """The fit of the given rows of readings (n, 3), of which `there` are finite, from the fit `first` of magnitudes.
+
+    norm, dip : of the field, if given.
+    """
+    aid = aid if getattr(aid, "turns", True) else None
+    at, source = told(aid, len(m))
+    columns = columns_of(currents, len(m))
+    # the hard iron of the fit is that at the recorded current nearest to zero, where the heading error holds
+    nearest = np.clip(0.0, columns.min(axis=0), columns.max(axis=0)) if currents else np.zeros(0)
+    size = np.abs(columns - nearest).max(axis=0) if currents else np.ones(0)
+    scaled = (columns - nearest)[rows] / size
+    found, frame, axes = fitted(m, rows, at, source, first, (norm, field_error, dip, getattr(aid, "dip", None)), scaled)
+
+    sign = float(np.sign(dip)) if dip is not None else 0.0
+    about = by_axes(axes, sign)
+    if found is None:
+        return replaced(first, findings=(*(one for one in first.findings if one.code not in _OF_AXES), *about))
+
+    whole = found.matrix * frame.scale
+    field = float(np.cbrt(np.linalg.det(whole))) if norm is None else float(norm)
+    terms = (found.parameters[18:].reshape(-1, 3) * (frame.scale / size)[:, None]) if currents else np.zeros((0, 3))
+    hard = frame.centre + frame.scale * found.centre
+    model, at_nearest = MagModel(whole / field, hard - nearest @ terms), MagModel(whole / field, hard)
+    spread = _spread(found, frame.scale, whole, field, norm is not None, size)
+    dip_seen = dip if dip is not None else float(found.parameters[13]) if source in ("accel", "headings") else first.inclination
+    corrected = np.asarray(at_nearest.correct(m[there] - (columns - nearest)[there] @ terms))
+    level = np.array([0.0, 0.0, 1.0]) if source == "headings" and aid.accel is None else down_by(at.up)
+    down = down_of(unit(corrected), dip_seen) if level is None else level
+    error = np.asarray(heading_error(at_nearest, field, spread[:12, :12], dip_seen, down))
+    if currents:
+        move = np.eye(len(spread))
+        for j, value in enumerate(nearest):
+            move[:3, 13 + 3 * j : 16 + 3 * j] = -value * np.eye(3)
+        spread = move @ spread @ move.T
+
+    turn = alignment_of(found, source) if source else None
+    said = [one for one in first.findings if one.code in _KEPT]
+    if found.parts:
+        said.append(FINDINGS("correlated", size=100 * float(found.sigma[0])))
+    if turn is not None:
+        said += [*about, *turn.findings]
+        if found.spread > _OFF:
+            said.append(FINDINGS(_ASKEW[source], cost=found.spread, angle=Quantity(found.spread, "angle")))
+        if dip is not None and source == "accel" and not about:
+            said += dip_differs(float(found.parameters[13]), dip)
+    if not found.converged:
+        said.append(FINDINGS("not_converged", what="the soft iron"))
+    if dip is None and source not in ("accel", "headings"):
+        said.append(FINDINGS("dip_assumed", dip=Quantity(INCLINATION, "angle")))
+    # distances to first order: the magnitude of the field over the length of its slope
+    slope = np.linalg.norm(unit(corrected) @ np.linalg.inv(model.soft_iron), axis=1)
+    residual = (np.linalg.norm(corrected, axis=1) - field) / slope
+    noise = float(np.sqrt(np.sum(residual[np.isin(there, rows)] ** 2) / max(len(rows) - 13, 1)))
+    said += by_readings(noise / field, len(outliers(residual / field)), len(residual))
+    further = {f"currents.{name}[{i}]": terms[j, i] for j, name in enumerate(currents) for i in range(3)}
+    freedom = BLOCKS - 1 if found.parts else max(len(found.across) - 13, 1)
+    result = made(
+        MagFit, model=model, estimate=estimated(model, field, spread, freedom, further, norm is not None), heading_error=error, field=field,
+        noise=noise, residual=residual, inclination=dip_seen, method="joint",
+        kind="full" if source else "symmetric",
+        coverage=covered(corrected), down=down, alignment=turn, _about={"used": len(rows)},
+    )  # fmt: skip
+    wanted = result.needed if not error[0] <= limits[0] else np.zeros((0, 3))
+    object.__setattr__(result, "findings", judged(said, float(error[0]), limits, "the soft iron", wanted))
+    return result
+
+
+def _spread(found: Any, scale: float, whole: np.ndarray, field: float, given: bool, size: np.ndarray) -> np.ndarray:
+    """Covariance of hard iron, soft iron, field and the fields of currents from that of the scaled solution."""
+    count = len(found.parameters) - 18
+    known = np.r_[9:12, 0:9, 18 : 18 + count]  # b, C, K
+    matrix = found.covariance[np.ix_(known, known)] * scale**2
+    slopes = np.zeros((13 + count, 12 + count))
+    slopes[:3, :3] = np.eye(3)
+    # soft iron C / H, and H = det(C)^(1/3) unless it is given
+    by_field = np.zeros(9) if given else field / 3 * np.linalg.inv(whole).T.ravel()
+    slopes[3:12, 3:12] = np.eye(9) / field - np.outer(whole.ravel(), by_field) / field**2
+    slopes[12, 3:12] = by_field
+    slopes[13:, 12:] = np.diag(1 / np.repeat(size, 3))
+    return slopes @ matrix @ slopes.T

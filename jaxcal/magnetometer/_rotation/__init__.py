@@ -1,1 +1,0 @@
-"""The rotation that field magnitudes cannot show: alignment with another sensor, joint fits, rates."""
