@@ -108,7 +108,7 @@ def speed(_):
             cells = " ".join(f"{value:5.1f}" for value in (took.min(), *np.percentile(took, (50, 95)), np.median(busy)))
             print(f"{count:4d} readings, {coverage:10s} {kind:9s} {100 * sigma:.0f} % noise: {cells}")
     many = MILD.measure(directions(200_000, rng)) + 0.01 * rng.normal(size=(200_000, 3))
-    print(f"one fit of 200,000 readings, thinned to {fit(many).numbers["used"].value:.0f}: {best(lambda: fit(many), 3):.2f} s")
+    print(f"one fit of 200,000 readings, thinned to {fit(many).numbers['used'].value:.0f}: {best(lambda: fit(many), 3):.2f} s")
 
 
 def partial(runs):

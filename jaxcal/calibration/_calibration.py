@@ -109,7 +109,7 @@ class Calibration(eqx.Module):
         Parameters
         ----------
         log : recording of the same device; missing samples stay missing.
-        currents : name -> (n,) current at each sample, for the terms that `magnetometer.fit_current` found. A sample without a current
+        currents : name -> (n,) current at each sample, for the terms that `magnetometer.fit` found. A sample without a current
             becomes missing.
 
         Returns
