@@ -214,13 +214,6 @@ def test_a_folder_that_cannot_be_listed_costs_no_other(tasks, room, tmp_path, mo
         assert len(run(tmp_path / "logs", tasks.slow, executor=pool, out=tmp_path / "out").done) == 4
 
 
-def test_a_folder_for_results_that_cannot_be_made(tasks, tmp_path):
-    logs = make_logs(tmp_path / "logs", 1)
-    (tmp_path / "file").touch()
-    with ThreadPoolExecutor(1) as pool, pytest.raises(ExportError, match="give another folder"):
-        run(logs, tasks.slow, executor=pool, out=tmp_path / "file" / "out")
-
-
 def test_a_second_run_into_the_same_folder_is_refused(tasks, room, tmp_path):
     logs = make_logs(tmp_path / "logs", 2)
     refusals = []

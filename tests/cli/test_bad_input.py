@@ -133,27 +133,6 @@ def test_mended_with_a_finding(call, folder, spoil, code):
     assert document["channels"]["gyro_y"]["coefficients"]["N"] == pytest.approx(1e-3, rel=0.1)
 
 
-def test_text_in_a_number_column_counts_as_missing_while_it_is_rare(call, folder, log):
-    lines = log.read_text().splitlines()
-    lines[50] = lines[50].replace(lines[50].split(",")[2], "oops")
-    (folder / "text.csv").write_text("\n".join(lines))
-    found = call("noise", "text.csv", "--json", "a.json")
-    assert found.status == 0, found.err
-    codes = [one["code"] for one in json.loads((folder / "a.json").read_text())["log"]["findings"]]
-    assert {"text_missing", "gaps"} <= set(codes)
-
-
-def test_text_all_over_a_number_column_is_refused(call, folder, log):
-    lines = log.read_text().splitlines()
-    for number in range(10, len(lines), 20):
-        lines[number] = lines[number].replace(lines[number].split(",")[2], "oops")
-    (folder / "text.csv").write_text("\n".join(lines))
-    found = call("noise", "text.csv", "--json", "a.json")
-    assert found.status == 1
-    assert "oops" in found.reason
-    assert listing(folder) == ["imu.csv", "text.csv"]
-
-
 @pytest.mark.parametrize("argv", ["--out file", "--out file/deep", "--json file/a.json", "--report missing/a.html"])
 def test_an_output_folder_that_cannot_be_written_is_found_before_the_work(call, folder, log, monkeypatch, argv):
     (folder / "file").write_text("")
@@ -172,21 +151,6 @@ def test_a_read_only_working_folder_is_refused(call, folder, log):
     assert found.status == 2
     assert "permission denied" in found.reason
     assert listing(folder) == ["imu.csv"]
-
-
-def test_the_log_is_never_overwritten(call, folder, log):
-    before = log.read_bytes()
-    for argv in (["--json", "imu.csv"], ["--export", "kalibr=./imu.csv"]):
-        found = call("noise", "imu.csv", *argv)
-        assert found.status == 2
-        assert "is the log that is read" in found.reason
-    assert log.read_bytes() == before
-
-
-def test_two_outputs_of_one_name_are_refused(call, folder, log):
-    found = call("noise", "imu.csv", "--json", "a", "--report", "./a")
-    assert found.status == 2
-    assert "the same file name" in found.reason
 
 
 def test_a_failure_of_the_last_file_takes_the_first_ones_with_it(call, folder, log, monkeypatch):

@@ -13,7 +13,6 @@ from jaxcal.cli import _app
 from .conftest import save, table
 
 TESTS = pathlib.Path(__file__).parents[1]
-LIMIT = {"N": 1e-3, "K": 2e-5}
 
 
 @pytest.fixture

@@ -1,11 +1,8 @@
 """Output files are checked before the computation, and then either all or none are written."""
 
 import os
-import pathlib
 import subprocess
 import sys
-
-import pytest
 
 import jaxcal
 
@@ -71,39 +68,12 @@ def test_a_folder_made_for_nothing_goes_again(call, folder, log, monkeypatch):
     assert listing(folder) == ["a.json", "imu.csv"]
 
 
-@pytest.mark.parametrize("name", ["missing/a", "file/a"])
-def test_a_folder_that_is_not_there_is_refused(call, folder, log, name):
-    (folder / "file").write_text("")
-    found = call(*ALLAN, "--json", name)
-    assert (found.status, found.code) == (2, "not_writable")
-
-
 def test_a_folder_that_cannot_be_made_is_refused(call, folder, log):
     (folder / "file").write_text("")
     found = call("noise", "imu.csv", "--out", "file/out")
     assert (found.status, found.code) == (2, "no_folder")
     assert "file/out" in found.reason
     assert listing(folder) == ["file", "imu.csv"]
-
-
-def test_a_folder_that_may_not_be_written_is_refused(call, log, monkeypatch):
-    mkdir = pathlib.Path.mkdir
-
-    def refuse(path, *arguments, **options):
-        if path.name.startswith(".jaxcal-"):
-            raise PermissionError(13, "Permission denied")
-        return mkdir(path, *arguments, **options)
-
-    monkeypatch.setattr("pathlib.Path.mkdir", refuse)
-    found = call(*ALLAN, "--json", "a")
-    assert (found.status, found.code) == (2, "not_writable")
-    assert "permission denied" in found.reason
-
-
-def test_a_folder_is_no_file(call, folder, log):
-    (folder / "there").mkdir()
-    found = call(*ALLAN, "--json", "there")
-    assert (found.status, found.code) == (2, "is_folder")
 
 
 def test_what_a_killed_run_left_is_removed_by_the_next(call, folder, log):

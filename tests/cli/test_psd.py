@@ -87,14 +87,6 @@ def test_nothing_but_gaps_is_status_1_and_leaves_nothing(call, folder):
     assert listing(folder) == ["gap.csv"]
 
 
-def test_a_log_of_temperature_alone_is_status_1(call, folder):
-    rows = table(100)
-    save(folder / "t.csv", np.column_stack([rows[:, 0], 20 + rows[:, 1]]), header="time [s],temperature [degC]")
-    found = call("psd", "t.csv")
-    assert found.status == 1
-    assert "neither gyroscope, accelerometer nor magnetometer" in found.reason
-
-
 def test_exact_zeros_are_printed(call, folder):
     """A square wave at half the sampling rate has no power at other frequencies."""
     rows = table(64)[:, :4]
@@ -103,26 +95,6 @@ def test_exact_zeros_are_printed(call, folder):
     found = call("psd", "square.csv")
     assert (found.status, found.err) == (0, "")
     assert "nan" not in found.out
-
-
-@pytest.mark.parametrize(
-    ("options", "reason"),
-    [
-        (["--method", "burg"], '"periodogram"'),
-        (["--sided", "3"], "2, 1"),
-        (["--average", "decade"], '"octave"'),
-        (["--confidence", "95"], "0.95 is 95 %"),
-        (["--plot", "a.doc"], ".png"),
-        (["--export", "kalibr"], "expected one of csv"),
-    ],
-    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
-)
-def test_a_wrong_call_is_a_sentence_and_status_2(call, folder, log, options, reason):
-    found = call("psd", "imu.csv", *options)
-    assert found.status == 2
-    assert reason in found.reason
-    assert found.reason.endswith("(see: jaxcal psd --help)")
-    assert (found.out, listing(folder)) == ("", ["imu.csv"])
 
 
 def test_help_explains_every_option_in_80_columns(call):

@@ -42,37 +42,6 @@ def test_losses_are_told_as_numbers(golden, tmp_path, format):
     assert "g_sensitivity_left_out" in {one.code for one in found}
 
 
-def test_px4_applies_it_to_the_check_vectors(golden, tmp_path):
-    write(golden, tmp_path / "a.params", format="px4")
-    p = parameters(tmp_path / "a.params", "\t")
-    raw = np.array([1.0, 2.0, 9.5])
-
-    def corrected(t):
-        d = np.clip(t, p["TC_A0_TMIN"], p["TC_A0_TMAX"]) - p["TC_A0_TREF"]
-        thermal = np.array([sum(p[f"TC_A0_X{i}_{k}"] * d**i for i in range(4)) for k in range(3)])
-        off, scale = (np.array([p[f"CAL_ACC0_{axis}{what}"] for axis in "XYZ"]) for what in ("OFF", "SCALE"))
-        return (raw - thermal - off) * scale
-
-    np.testing.assert_allclose(corrected(35.0), [0.88176, 2.07584, 9.29625], atol=1e-6)
-    np.testing.assert_allclose(corrected(50.0), [0.867894825, 2.0855705, 9.25245712], atol=1e-6)
-
-
-def test_ardupilot_re_expands_about_35_degrees(golden, tmp_path):
-    moved = Calibration(
-        imu=golden.imu, temperature={**DOCUMENT["temperature"], "reference": 30.0}, device={"ardupilot": {"accel_id": 7, "compass_id": 8}}
-    )
-    write(moved, tmp_path / "a.param", format="ardupilot")
-    p = parameters(tmp_path / "a.param", ",")
-
-    def series(t, axis):
-        return sum(1e-6 * p[f"INS_TCAL1_ACC{i}_{axis}"] * (t - 35.0) ** i for i in (1, 2, 3))
-
-    for i, axis in enumerate("XYZ"):
-        for t in (12.0, 30.0, 55.0):
-            expected = sum(golden.temperature.powers("accel")[i][k] * (t - 30.0) ** (k + 1) for k in range(3))
-            assert series(t, axis) - series(p["INS_ACC1_CALTEMP"], axis) == pytest.approx(expected, abs=1e-8)
-
-
 def test_a_jump_is_smeared_out_and_said(fitted, tmp_path):
     device = Calibration(temperature=fitted, device={"px4": {"gyro_id": 5}})
     found = write(device, tmp_path / "a.params", format="px4")

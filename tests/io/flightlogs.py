@@ -4,8 +4,6 @@ import struct
 
 import numpy as np
 
-ULOG_CODES = {"uint64_t": "Q", "float": "f", "uint32_t": "I", "int32_t": "i", "uint8_t": "B", "int16_t": "h"}
-
 
 def ulog_message(kind, body):
     return struct.pack("<HB", len(body), ord(kind)) + body

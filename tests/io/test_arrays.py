@@ -71,22 +71,10 @@ def test_stamps_win_over_a_stated_rate(still, tmp_path):
     assert "rate_differs" in log.codes
 
 
-def test_dates_in_arrays(still, tmp_path):
-    time = np.datetime64("2024-05-01", "ns") + (still.time * 1e9).round().astype("timedelta64[ns]")
-    np.savez(tmp_path / "log.npz", time=time, gyro=still.gyro, accel=still.accel)
-    check(read(tmp_path / "log.npz", quiet=True), still)
-
-
 def test_arrays_of_other_lengths_are_told(still, tmp_path):
     np.savez(tmp_path / "log.npz", time=still.time, gyro=still.gyro, accel=still.accel, scale=np.ones(6))
     log = read(tmp_path / "log.npz", quiet=True)
     assert "not_read" in log.codes
-
-
-def test_arrays_without_a_log_are_listed(tmp_path, refuses):
-    np.savez(tmp_path / "log.npz", counts=np.ones((100, 2, 3)), scale=2.0)
-    with refuses("shape"):
-        read(tmp_path / "log.npz", quiet=True)
 
 
 class Trap:
@@ -116,11 +104,3 @@ def test_parquet(still, tmp_path):
     log = read(tmp_path / "log.parquet", quiet=True)
     check(log, still)
     assert log.provenance["epoch_ns"] == ns[0]
-
-
-@pytest.mark.parametrize("kind", [pl.Datetime("us"), pl.Datetime("ns", "UTC"), pl.Duration("us")])
-def test_parquet_with_dates(kind, still, tmp_path):
-    us = pl.Series((still.time * 1e6).round().astype(np.int64)) + (0 if kind == pl.Duration else 1_700_000_000_000_000)
-    time = (us * 1000).cast(kind) if kind == pl.Datetime("ns", "UTC") else us.cast(kind)
-    pl.DataFrame({"time": time, **vectors(still)}).write_parquet(tmp_path / "log.parquet")
-    check(read(tmp_path / "log.parquet", quiet=True), still)

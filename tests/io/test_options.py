@@ -87,14 +87,3 @@ def test_a_unit_with_an_offset(path, still):
 def test_units_that_make_no_sense(given, said, path, refuses):
     with refuses("units", UnitError):
         read(path, units=given, quiet=True)
-
-
-@pytest.mark.parametrize(("given", "said"), [({"rate": "Hz"}, "unknown quantity 'rate'"), ("deg/s", "is not of the form quantity=value")])
-def test_units_of_nothing(given, said, path, refuses):
-    with refuses("units"):
-        read(path, units=given, quiet=True)
-
-
-def test_an_empty_topic(path, refuses):
-    with refuses("topics"):
-        read(path, topics="/a,", quiet=True)

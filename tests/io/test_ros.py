@@ -30,18 +30,6 @@ def test_an_imu_topic_is_read_exactly(storage, frame, still, write_bag):
     assert log.provenance["units"] == {"gyro": "rad/s", "accel": "m/s^2"}
 
 
-@pytest.mark.parametrize("storage", STORAGES)
-def test_frame_names_may_change(storage, still, write_bag):
-    path = write_bag(storage, {"/imu": ("Imu", ns(), imu(still))}, frame=lambda i: "f" * (i % 11))
-    np.testing.assert_array_equal(read(path, quiet=True).gyro, still.gyro)
-
-
-def test_many_messages_are_decoded_in_pieces(make, write_bag):
-    still = make(n=5000)
-    log = read(write_bag("sqlite3", {"/imu": ("Imu", ns(5000), imu(still))}), quiet=True)
-    np.testing.assert_array_equal(log.accel, still.accel)
-
-
 def test_a_file_of_a_recording_can_be_read_alone(still, write_bag):
     folder = write_bag("mcap", {"/imu": ("Imu", ns(), imu(still))})
     np.testing.assert_array_equal(read(folder / "record.mcap", quiet=True).gyro, still.gyro)
@@ -68,11 +56,6 @@ def test_field_and_temperature_come_on_topics_of_their_own(storage, still, write
     alone = read(write_bag(storage, topics, name="again"), topics="/imu/mag", quiet=True)
     np.testing.assert_array_equal(alone.mag, still.mag[:40])
     assert (alone.rate, alone.gyro) == (10.0, None)
-
-
-def test_temperature_alone(write_bag):
-    log = read(write_bag("ros1", {"/t": ("Temperature", ns(50, 1.0), np.linspace(20, 30, 50))}), quiet=True)
-    np.testing.assert_allclose(log.temperature, np.linspace(20, 30, 50))
 
 
 def test_stamps_out_of_order_keep_their_samples(still, write_bag):
@@ -152,10 +135,6 @@ def test_a_filtered_topic_is_warned_about(topic, attitude, why, still, write_bag
     assert why in finding(log, "filtered").facts["what"]
 
 
-def test_the_identity_attitude_is_no_filter(still, write_bag):
-    assert read(write_bag("mcap", {"/imu": ("Imu", ns(), imu(still))}, attitude=(0.0, 0.0, 0.0, 1.0)), quiet=True).warnings == ()
-
-
 @pytest.mark.parametrize(("name", "unit", "size"), [("accel", "g", G), ("gyro", "deg/s", 1e-4), ("mag", "uT", 1e-6), ("mag", "G", 1e-4)])
 def test_values_in_another_unit_are_warned_about_and_can_be_mended(name, unit, size, still, write_bag, finding):
     values = {"gyro": still.gyro, "accel": still.accel, "mag": still.mag}
@@ -168,14 +147,6 @@ def test_values_in_another_unit_are_warned_about_and_can_be_mended(name, unit, s
     assert "against_values" not in mended.codes
     if name != "gyro":
         np.testing.assert_allclose(getattr(mended, name), getattr(still, name), rtol=1e-12)
-
-
-def test_directions_are_no_field(still, write_bag, finding):
-    length = np.linalg.norm(still.mag, axis=1, keepdims=True)
-    turned = np.roll(still.mag / length, 1, axis=1) * np.where(np.arange(400) < 200, 1, -1)[:, None]
-    log = read(write_bag("mcap", {"/imu": ("Imu", ns(), imu(still)), "/mag": ("MagneticField", ns(), 1e-4 * turned)}), quiet=True)
-    assert log.mag is None
-    assert finding(log, "left_out").subject == ("/mag",)
 
 
 @pytest.mark.parametrize("storage", STORAGES)

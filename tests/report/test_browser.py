@@ -65,38 +65,6 @@ def test_page(tab, pages, kind):
     assert tab.complaints() == []
 
 
-FAULTS = {
-    "reaches from": "<div style='width: 2000px'>wide</div>",
-    "holds wider text": "<table style='table-layout: fixed; width: 40px'><tr><td>unbreakable-and-very-long_word</td></tr></table>",
-    "is empty": "<p> </p>",
-    "has a contrast of 1": "<p style='color: #eee'>pale</p>",
-    "the text holds NaN": "<p>NaN m/s</p>",
-    "text_1 is cut": "<svg viewBox='0 0 9 9' width='90'><g id='text_1'><path d='M 8 1 h 5 v 3 z'/></g></svg>",
-    "text_2 lies on text_1": "<svg viewBox='0 0 9 9' width='90'><g id='text_1'><path d='M 1 1 h 5 v 3 z'/></g>"
-    "<g id='text_2'><path d='M 2 1 h 5 v 3 z'/></g></svg>",
-}
-
-
-@pytest.mark.parametrize("fault", FAULTS)
-def test_faults_are_seen(tab, tmp_path, fault):
-    path = tmp_path / "fault.html"
-    path.write_text(f"<!DOCTYPE html><html lang='en'><head><meta charset='utf-8'></head><body>{FAULTS[fault]}</body></html>")
-    tab.open(path.as_uri())
-    assert fault in " ".join(looked_at(tab, *LOOKS[0])["wrong"])
-
-
-def test_errors_and_requests_are_seen(tab, tmp_path):
-    path = tmp_path / "fault.html"
-    path.write_text(
-        "<!DOCTYPE html><html><head></head><body><img src='missing.png'><script>console.log('here'); oops()</script></body></html>"
-    )
-    tab.open(path.as_uri())
-    told = " ".join(tab.complaints())
-    assert "here" in told
-    assert "Uncaught" in told
-    assert "ERR_FILE_NOT_FOUND" in told
-
-
 READ = "[...document.querySelectorAll('.views')[0].querySelectorAll('.readout')].map((one) => one.textContent)"
 CLICK = "[...document.querySelectorAll('{where}')].find((one) => one.textContent === '{text}').click()"
 INK = """(() => {  // how many pixels of a chart have the colour of the first axis

@@ -164,21 +164,6 @@ def test_figures_say_what_they_show_and_have_their_numbers(text):
     assert page.text.count("tau (s)") >= 7
 
 
-def test_figures_take_the_colours_of_the_page(text):
-    figures = "".join(re.findall(r"<svg.*?</svg>", text, re.DOTALL))
-    assert 'class="line c0"' in figures
-    assert re.search(r"#[0-9a-f]{6}|rgb", figures) is None
-    assert ".c0 { --c: var(--series-0); }" in text
-    assert "prefers-color-scheme: dark" in text
-    defined = set(re.findall(r"(--[a-z0-9-]+):", text))
-    assert set(re.findall(r"var\((--[a-z0-9-]+)[,)]", text)) <= defined
-
-
-def test_page_is_the_same_each_time(tmp_path):
-    results = {"gyro_x": made_fit()}
-    assert written(results, tmp_path / "a.html") == written(results, tmp_path / "b.html")
-
-
 def test_provenance_and_summary(text, log):
     page = Page(text)
     assert "ab" * 32 in page.text
@@ -197,12 +182,6 @@ def test_the_date_of_the_recording_stands_at_the_top_where_it_is_known(tmp_path)
     assert "Recorded 2026-05-28 20:26:40 UTC Written" in page.text
     assert "Command jaxcal noise Version" in page.text
     assert "First sample 2026-05-28 20:26:40 UTC" in page.text
-
-
-def test_one_channel_without_a_log(tmp_path):
-    page = Page(written({"mag_x": made_fit()}, tmp_path / "a.html"))
-    assert "1 channel, 60 min at 200 Hz" in page.text
-    assert "What to know Nothing." in page.text
 
 
 def test_long_tables_are_thinned(tmp_path):
