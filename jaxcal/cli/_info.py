@@ -10,7 +10,6 @@ from cyclopts import Parameter
 import jaxcal
 
 from .._files import json_text, write_atomically
-from ..evidence._findings import timeline
 from ._options import WRITING, Log, Plain, Reading, must_be_log, reading_options
 from ._outputs import staged
 from ._readings import holds_positions
@@ -68,6 +67,8 @@ def _show(screen: Screen, found: Any) -> None:
     # how each quantity is read stands above
     said = [one for one in found.findings if one.code not in ("read_as", "assumed")]
     screen.sentences("To know", [one.spelt("terminal") for one in sorted(said, key=lambda one: -one.severity)])
+    from ..evidence._findings import timeline  # with NumPy, which the help does not need
+
     screen.sentences("Not the sensor", timeline(found.evidence))
     suited = [one for one in found.commands if one.suits]
     if suited:
