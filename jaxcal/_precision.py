@@ -97,9 +97,12 @@ def real_numbers(values: Any, name: str = "the data") -> np.ndarray:
     array = np.asarray(array).astype(np.float64, copy=False)
     if masked is not None:
         array = np.where(masked, np.nan, array)
-    for size in (np.fmax.reduce(array, axis=None, initial=0.0), -np.fmin.reduce(array, axis=None, initial=0.0)):
-        if size > LARGEST and np.any(np.isfinite(array) & (np.abs(array) > LARGEST)):
-            raise DataError(f"{name} hold values beyond {LARGEST:g}, which no sensor gives; check how they were read", code="not_numbers")
+    size = max(np.fmax.reduce(array, axis=None, initial=0.0), -np.fmin.reduce(array, axis=None, initial=0.0))
+    wrong = f"below {LARGEST**-2:g} alone" if 0.0 < size < LARGEST**-2 else ""
+    if size > LARGEST and np.any(np.isfinite(array) & (np.abs(array) > LARGEST)):
+        wrong = f"beyond {LARGEST:g}"
+    if wrong:
+        raise DataError(f"{name} hold values {wrong}, which no sensor gives; check how they were read", code="not_numbers")
     return array
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._arrays import runs
+from .._precision import real_numbers
 from ._values import resolution
 
 #: overlapping looks are few independent ones: the tail of a block's energy is that much longer than the normal one of its cube root
@@ -90,8 +91,8 @@ class _Record:
     """The readings that are still in, as one column for each axis without gaps, and the rows of the record that they come from."""
 
     def __init__(self, values: Any, rate: float):
-        values = np.asarray(values, dtype=float)
-        values = values.reshape(len(values), -1)
+        values = real_numbers(values)
+        values = values.reshape(len(values), -1 if values.size else 1)
         known = np.isfinite(values)
         alive = [i for i in range(values.shape[1]) if known[:, i].any() and np.nanmin(values[:, i]) < np.nanmax(values[:, i])]
         self.size = len(values)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
+from .._precision import real_numbers
 from ._ellipsoid._kinds import SOLID
 from ._field import INCLINATION
 
@@ -40,10 +41,7 @@ def checked(m, method, model, field, inclination, penalty, field_error) -> tuple
 
 def readings_of(m: Any) -> np.ndarray:
     """Readings (n, 3) as finite numbers."""
-    try:
-        m = np.asarray(m, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DataError("The readings are not numbers; give an array of shape (n, 3).", code="not_numbers") from error
+    m = real_numbers(m, "the readings")
     if m.ndim != 2 or m.shape[1] != 3 or not len(m):
         raise DataError(f"The readings have shape {m.shape}; expected (n, 3), one row per reading.", code="bad_shape")
     bad = np.flatnonzero(~np.isfinite(m).all(axis=1))
