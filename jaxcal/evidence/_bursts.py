@@ -14,6 +14,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._arrays import runs
+from .._errors import DataError
 from .._precision import real_numbers
 from ._values import resolution
 
@@ -92,6 +93,8 @@ class _Record:
 
     def __init__(self, values: Any, rate: float):
         values = real_numbers(values)
+        if values.ndim not in (1, 2):
+            raise DataError(f"values have shape {values.shape}; expected (n,) or (n, axes)", code="shape")
         values = values.reshape(len(values), -1 if values.size else 1)
         known = np.isfinite(values)
         alive = [i for i in range(values.shape[1]) if known[:, i].any() and np.nanmin(values[:, i]) < np.nanmax(values[:, i])]

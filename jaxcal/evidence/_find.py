@@ -68,6 +68,11 @@ def _named(sensor: str, values: np.ndarray, rate: float, first: int, last: int) 
     return Stretch(kind, sensor, of, first / rate, last / rate, max(size, moved), si_unit(sensor), last - first)
 
 
+def ranges(found: Iterable[Stretch], sensor: str, rate: float) -> list[tuple[int, int]]:
+    """The stretches of a sensor that are not at rest, as ranges of samples like those of `bursts`."""
+    return [(round(one.start * rate), round(one.stop * rate)) for one in found if one.sensor == sensor and one.kind in NOT_STILL]
+
+
 def set_aside(
     sensor: str, values: np.ndarray, rate: float, found: Iterable[Stretch], still: bool = False, keep: Iterable[str] = ()
 ) -> np.ndarray:

@@ -88,6 +88,7 @@ def wrong_units(accel: np.ndarray, gravity: float) -> Finding | None:
     size = float(np.nanmedian(np.linalg.norm(accel, axis=1)))
     if 0.5 * gravity <= size <= 2 * gravity:
         return None
+    size = max(size, np.finfo(float).tiny)  # all zero
     off = {unit: abs(np.log(size * factor / gravity)) for unit, factor in units_of("accel").items()}
     unit, facts = min(off, key=lambda name: off[name]), dict[str, Any](size=size, gravity=gravity)
     return FINDINGS("unit", "accel", unit=unit, **facts) if off[unit] < np.log(1.25) else FINDINGS("unit_unknown", "accel", **facts)

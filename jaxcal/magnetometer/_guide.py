@@ -7,7 +7,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
-from .._precision import host_float64
+from .._precision import host_float64, real_numbers
 from .._quality import checked_confidence
 from .._types import AnyArray, Float
 from ._design._coverage import sphere_grid
@@ -102,7 +102,7 @@ def guide(
     ----------
     V. Fedorov, Theory of Optimal Experiments, 1972 (sequential L-optimal design). F. E. Satterthwaite, Biometrics Bulletin 2, 1946.
     """
-    m = np.asarray(m, dtype=np.float64)
+    m = real_numbers(m, "the readings")
     if m.ndim != 2 or m.shape[1] != 3 or not np.isfinite(m).all():
         raise DataError(f"The readings must be (n, 3) finite numbers; got the shape {m.shape}.")
     if not limit > 0:

@@ -237,6 +237,8 @@ def correlation(y: Any, rate: Any, fits: Sequence[Any], *, confidence: float = 0
     weight = share[:, None] * share[None]
     # sum for each axis alone, minus its other noise: scatter common to both sums cancels, and so does a small error of the fitted level
     own = np.sum(share**2 * (white**2 - 1.0 + share**2), axis=1)
+    if not np.all(own > 0.0):
+        raise DataError("white noise does not stand out in all axes; there is no correlation to find", code="no_white")
     rho = np.einsum("ijk,ik,jk->ij", weight, white, white) / np.sqrt(np.outer(own, own))
     np.fill_diagonal(rho, 1.0)
     information = np.sum(weight**2, axis=2)

@@ -11,7 +11,7 @@ import numpy as np
 from .._answer import CAUTION, NOTE, Finding, Quantity
 from .._errors import DataError
 from .._precision import is_traced
-from .._quality import checked_rate, refuse_infinite, refuse_other_than_samples
+from .._quality import checked_rate, refuse_infinite
 from ..allan import Deviation, deviation
 from ._findings import FINDINGS
 from ._model import BUILT_IN, checked_terms
@@ -58,7 +58,6 @@ def checked_call(
     y: Any, rate: Any, method: str, terms: Any, confidence: float, band: Any, temperature: Any, names: tuple[str, ...]
 ) -> Asked:
     """What is asked for, refused if the options do not suit each other or the record."""
-    refuse_other_than_samples(y)
     if method not in METHODS:
         raise DataError(f"unknown method {method!r}; expected one of {', '.join(METHODS)}", code="unknown_method")
     terms, rate = checked_terms(terms), checked_rate(rate)
@@ -112,7 +111,6 @@ def naming(name: str) -> Iterator[None]:
 
 def channels_of(y: Any, names: tuple[str, ...]) -> list[Any]:
     """The channels of a record, (n,) or (n, channels); refused if one is constant, or its squares leave the range of numbers."""
-    y = y if is_traced(y) else np.asarray(y)
     channels = list(y.T) if y.ndim == 2 else [y]
     if not is_traced(y) and y.dtype.kind in "fiu" and y.ndim in (1, 2):
         for x, name in zip(channels, names, strict=True):
@@ -160,7 +158,9 @@ def resolution(y) -> tuple[float, float]:
     if not 2 <= len(values) <= _LEVELS:
         return 0.0, white
     steps = np.diff(values)
-    least = float(steps[steps > 1e-9 * np.abs(values).max()].min())
+    least = float(np.min(steps, where=steps > 1e-9 * np.abs(values).max(), initial=np.inf))
+    if not np.isfinite(least):
+        return 0.0, white
     multiple = steps / least
     on_grid = np.abs(multiple - np.round(multiple)) < 0.02 * np.maximum(multiple, 1.0)
     return (least if on_grid.mean() > 0.95 else 0.0), white

@@ -8,9 +8,11 @@ from .._errors import DataError
 from .._frozen import replaced
 from .._log import as_log
 from .._message import Message
-from .._precision import host_float64, is_traced
+from .._precision import host_float64, is_traced, real_numbers
+from .._quality import refuse_other_than_samples
 from .._types import Any
 from ..evidence import bursts
+from ..evidence._find import ranges
 from ._axes import findings_of_axes
 from ._checks import channels_of, checked_call, findings_of_checks, naming, without
 from ._display import fit_plainly
@@ -95,12 +97,15 @@ def fit(
 
 
 @host_float64
-def _fit(y, rate, method, terms, confidence, band, names=(), temperature=None) -> list[NoiseFit]:
-    """A fit of each channel; findings of the checks come first."""
+def _fit(y, rate, method, terms, confidence, band, names=(), temperature=None, aside=None) -> list[NoiseFit]:
+    """A fit of each channel; findings of the checks come first. `aside` are the stretches to leave out, if they are known."""
+    refuse_other_than_samples(y)
+    y = y if is_traced(y) else real_numbers(y, "the record")
     names = names or (tuple(f"channel {i}" for i in range(np.shape(y)[1])) if np.ndim(y) == 2 else ("",))
     asked = checked_call(y, rate, method, terms, confidence, band, temperature, names)
     records, fits = channels_of(y, names), []
-    aside = [] if is_traced(y) else bursts(np.stack(records, axis=1), asked.rate)
+    if aside is None:
+        aside = [] if is_traced(y) else bursts(np.stack(records, axis=1), asked.rate)
     records = [without(record, aside) for record in records]
     if method == "whittle":
         fits = fit_axes(records, asked, aside)
@@ -165,10 +170,12 @@ def characterise(
     fits: dict[str, NoiseFit] = {}
     for names in sensors.values():
         report(len(fits), len(channels), names[0])
-        values = np.stack([channels[name] for name in names], axis=1)
-        found = dict(zip(names, _fit(values, log.rate, method, terms, confidence, band, tuple(names), temperature), strict=True))
+        sensor = names[0].partition("_")[0]
+        values, aside = log.usable(sensor), ranges(log.evidence, sensor, log.rate)
+        fitted = _fit(values, log.rate, method, terms, confidence, band, tuple(names), temperature, aside)
+        found = dict(zip(names, fitted, strict=True))
         if len(names) > 1:
-            said = findings_of_axes(values, log.rate, found)
+            said = findings_of_axes(without(values, aside), log.rate, found)
             found[names[0]] = replaced(found[names[0]], findings=(*found[names[0]].findings, *said))
         fits |= found
     report(len(channels), len(channels), "")

@@ -114,6 +114,7 @@ def _search(bins: Bins, count: int) -> tuple[float, bool]:
     there = np.flatnonzero(total)
     level, at = (np.bincount(third, weight * values[used])[there] / total[there] for values in (bins.density, bins.frequency))
     s = np.sin(0.5 * np.pi * at / frequency.max())
+    level = np.maximum(level, np.finfo(float).tiny ** 0.5)  # a record without noise
     columns = np.stack([np.ones_like(s), s**2, 1.0 / s, 1.0 / s**2], axis=1) / level[:, None]
     width, ends = 3 * _OCTAVES, frequency.max() * 2.0 ** (-there / 3.0)
     below = np.cumsum(np.bincount(third)[there][::-1])[::-1]  # bins below the end

@@ -114,6 +114,8 @@ def record(temperature: Any, bias: Any, time: Any) -> Record:
         if (np.diff(stamps) <= 0).any():
             raise DataError("time must increase from sample to sample; sort the record by its time", code="time_order")
         t, b, stamps = _averaged(t, b, stamps)
+    if not b.any():
+        raise DataError("the bias is zero in every sample: the channel is dead", code="constant")
     good = _usual(t, b)
     t, b, stamps = t[good], b[good], None if stamps is None else stamps[good]
     findings = _check(t)
