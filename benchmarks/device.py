@@ -84,7 +84,6 @@ CELLS = {
     "drift of 60 deg/h, 8 rests": Cell({"rests": 8}, drift=np.deg2rad(60 / 3600)),
     "gradient 10 %/m": Cell({"gradient": 0.1}),
     "gradient 30 %/m": Cell({"gradient": 0.3}),
-    "soft mount 4 Hz": Cell({"soft_mount": 4.0}),
     "iron for 15 s": Cell({"iron": (60.0, 75.0, 0.3)}),
     "reach 1.5 m": Cell({"reach": 1.5}),
     "8 rests, lever and g-sensitivity": Cell({"rests": 8}, options={"lever": True, "g_sensitivity": True}),

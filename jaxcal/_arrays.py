@@ -1,4 +1,6 @@
-"""Small pieces of array work that many modules share: runs of flags, lengths of buckets, NumPy or `jax.numpy`."""
+"""Small pieces of array work that many modules share: runs of flags, lengths of buckets, NumPy or `jax.numpy`,
+rotations of vectors, and variances in moving windows.
+"""
 
 from types import ModuleType
 from typing import Any
@@ -7,6 +9,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
+
+#: v @ _CROSS is the matrix of the cross product, [v] x = v cross x; matrix products compile faster than single components
+_CROSS = np.array([[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], dtype=float)
+_BLOCK = 4  # windows in a block of the running sums
 
 
 def runs(flags: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -44,3 +50,63 @@ def namespace(*trees: Any, concrete: bool = False) -> ModuleType:
     """
     kind = jax.Array if concrete else Tracer
     return jnp if any(isinstance(leaf, kind) for leaf in jax.tree.leaves(trees)) else np
+
+
+def skew(v: Any) -> Any:
+    """Matrices (..., 3, 3) of the cross product with v (..., 3), of NumPy or JAX."""
+    if not isinstance(v, np.ndarray):
+        return (v @ jnp.asarray(_CROSS, dtype=v.dtype)).reshape(*v.shape, 3)
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
+    return out
+
+
+def from_vector(v: np.ndarray) -> np.ndarray:
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3), of NumPy."""
+    angle = np.sqrt(np.sum(v * v, axis=-1))[..., None, None]
+    cross = skew(v)
+    return np.eye(3) + np.sinc(angle / np.pi) * cross + np.sinc(angle / (2 * np.pi)) ** 2 / 2 * (cross @ cross)
+
+
+def to_vector(r: np.ndarray) -> np.ndarray:
+    """Rotation vectors (..., 3) of rotations by less than 180 degrees, of NumPy."""
+    twice = np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], axis=-1)
+    sine = np.linalg.norm(twice, axis=-1, keepdims=True) / 2
+    angle = np.arctan2(sine, (np.trace(r, axis1=-2, axis2=-1)[..., None] - 1) / 2)
+    return twice / 2 * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 1)
+
+
+def left_jacobian(v: np.ndarray) -> np.ndarray:
+    """Left Jacobian (..., 3, 3) of rotation vectors below 1 rad, by its series, of NumPy."""
+    cross, square = skew(v), np.sum(v * v, axis=-1)[..., None, None]
+    one, two = 1 - square / 12 * (1 - square / 30), 1 - square / 20 * (1 - square / 42)
+    return np.eye(3) + one / 2 * cross + two / 6 * (cross @ cross)
+
+
+def windowed_variance(x: np.ndarray, window: int) -> np.ndarray:
+    """Norm of the three unbiased variances over a moving window of `window` samples: (n - window + 1,).
+
+    Missing samples (NaN rows) are ignored; a window has an infinite variance if it has half of the usual number of samples or less. The
+    function uses running sums over blocks of a few windows, each minus its own mean, so that large counts with a small variance keep their
+    digits.
+    """
+    count = len(x) - window + 1
+    size = _BLOCK * window
+    present = np.all(np.isfinite(x), axis=1)
+    # fill gaps and padding with values near the readings; distant values would cost digits
+    filled = x if present.all() else np.where(present[:, None], x, np.nanmean(x, axis=0))
+    filled = np.concatenate([filled, np.repeat(filled[-1:], -count % size, axis=0)])
+    there = np.concatenate([present, np.ones(len(filled) - len(x), dtype=bool)])
+    blocks, kept = (
+        np.lib.stride_tricks.sliding_window_view(part, size + window - 1, axis=0)[::size] for part in (filled, there[:, None].astype(float))
+    )
+    blocks = (blocks - blocks.mean(axis=2, keepdims=True)) * kept
+    sums = np.cumsum(np.pad([blocks, blocks**2], ((0, 0), (0, 0), (0, 0), (1, 0))), axis=-1)
+    first, second = sums[..., window:] - sums[..., :-window]
+    number = np.cumsum(np.pad(kept, ((0, 0), (0, 0), (1, 0))), axis=-1)
+    number = number[..., window:] - number[..., :-window]
+    variance = (second - first**2 / np.maximum(number, 1)) / np.maximum(number - 1, 1)
+    variance = np.linalg.norm(variance, axis=1).reshape(-1)[:count]
+    number = number.reshape(-1)[:count]
+    return np.where(2 * number > np.median(number), variance, np.inf)

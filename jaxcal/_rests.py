@@ -6,7 +6,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from ._arrays import runs
+from ._arrays import runs, windowed_variance
 from ._errors import DataError
 
 #: multiples of the variance at rest; the turns of a calibration show whether a rest with some drift of the hand improves it
@@ -15,7 +15,6 @@ MULTIPLES = (2.0, 3.0, 4.0, 6.0, 10.0, 20.0, 40.0, 100.0)
 GYRO_MULTIPLES = (100.0, 300.0, 1000.0, np.inf)
 #: s, length of a window and of the shortest rest; share of the windows that are at rest in any recording with rests
 _WINDOW, _QUANTILE = 1.0, 0.05
-_BLOCK = 4  # windows in a block of the running sums
 
 #: start and stop of still intervals, (k,) samples each: start <= i < stop
 Ends = tuple[np.ndarray, np.ndarray]
@@ -45,32 +44,6 @@ class StillIntervals(eqx.Module):
     def ends(self) -> np.ndarray:
         """(k, 2) start and stop."""
         return np.stack([self.start, self.stop], axis=1)
-
-
-def windowed_variance(x: np.ndarray, window: int) -> np.ndarray:
-    """Norm of the three unbiased variances over a moving window of `window` samples: (n - window + 1,).
-
-    Missing samples (NaN rows) are ignored; a window has an infinite variance if half of its samples or more are missing. The function
-    uses running sums over blocks of a few windows, each minus its own mean, so that large counts with a small variance keep their digits.
-    """
-    count = len(x) - window + 1
-    size = _BLOCK * window
-    present = np.all(np.isfinite(x), axis=1)
-    # fill gaps and padding with values near the readings; distant values would cost digits
-    filled = x if present.all() else np.where(present[:, None], x, np.nanmean(x, axis=0))
-    filled = np.concatenate([filled, np.repeat(filled[-1:], -count % size, axis=0)])
-    there = np.concatenate([present, np.ones(len(filled) - len(x), dtype=bool)])
-    blocks, kept = (
-        np.lib.stride_tricks.sliding_window_view(part, size + window - 1, axis=0)[::size] for part in (filled, there[:, None].astype(float))
-    )
-    blocks = (blocks - blocks.mean(axis=2, keepdims=True)) * kept
-    sums = np.cumsum(np.pad([blocks, blocks**2], ((0, 0), (0, 0), (0, 0), (1, 0))), axis=-1)
-    first, second = sums[..., window:] - sums[..., :-window]
-    number = np.cumsum(np.pad(kept, ((0, 0), (0, 0), (1, 0))), axis=-1)
-    number = number[..., window:] - number[..., :-window]
-    variance = (second - first**2 / np.maximum(number, 1)) / np.maximum(number - 1, 1)
-    variance = np.linalg.norm(variance, axis=1).reshape(-1)[:count]
-    return np.where(number.reshape(-1)[:count] * 2 > window, variance, np.inf)
 
 
 class Variances:
@@ -117,7 +90,7 @@ class Variances:
 def _relative(x: np.ndarray, size: int, name: str) -> np.ndarray:
     """Windowed variance, divided by its value at rest: that of the stillest windows, at least that of rounding."""
     variance = windowed_variance(x, size)
-    steps = np.abs(np.diff(x, axis=0))
+    steps = np.abs(np.diff(x[np.isfinite(x).all(axis=1)], axis=0))
     if not np.any(steps > 0):
         raise DataError(
             f"the {name} is constant in every window that has samples: it repeats one reading. Log it at full resolution.", code="constant"

@@ -1,19 +1,14 @@
-"""Rotations: unit quaternions (scalar first), rotation vectors and matrices; those of JAX have derivatives that are valid at the identity.
+"""Rotations: unit quaternions (scalar first) and rotation vectors, with derivatives that are valid at the identity.
 
 A quaternion q represents the matrix R(q); the product of quaternions represents the product of the matrices. Leading axes are batch axes.
 """
 
-from typing import Any
-
 import jax.numpy as jnp
-import numpy as np
 
 from ._types import AnyArray, Array, Float
 
 Quaternion = Float[AnyArray, "*batch 4"]
 Vector = Float[AnyArray, "*batch 3"]
-#: v @ _CROSS is the matrix of the cross product, [v] x = v cross x; matrix products compile faster than single components
-_CROSS = np.array([[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], dtype=float)
 
 
 def product(a: Quaternion, b: Quaternion) -> Array:
@@ -61,35 +56,3 @@ def matrix(q: Quaternion) -> Array:
     axes = jnp.broadcast_to(jnp.eye(3, dtype=q.dtype), (*q.shape[:-2], 3, 3))
     twice = 2 * jnp.cross(q[..., 1:], axes)
     return jnp.swapaxes(axes + q[..., :1] * twice + jnp.cross(q[..., 1:], twice), -1, -2)
-
-
-def skew(v: Any) -> Any:
-    """Matrices (..., 3, 3) of the cross product with v (..., 3), of NumPy or JAX."""
-    if not isinstance(v, np.ndarray):
-        return (v @ jnp.asarray(_CROSS, dtype=v.dtype)).reshape(*v.shape, 3)
-    out = np.zeros((*v.shape, 3))
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
-    return out
-
-
-def from_vector(v: np.ndarray) -> np.ndarray:
-    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3), of NumPy."""
-    angle = np.sqrt(np.sum(v * v, axis=-1))[..., None, None]
-    cross = skew(v)
-    return np.eye(3) + np.sinc(angle / np.pi) * cross + np.sinc(angle / (2 * np.pi)) ** 2 / 2 * (cross @ cross)
-
-
-def to_vector(r: np.ndarray) -> np.ndarray:
-    """Rotation vectors (..., 3) of rotations by less than 180 degrees, of NumPy."""
-    twice = np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], axis=-1)
-    sine = np.linalg.norm(twice, axis=-1, keepdims=True) / 2
-    angle = np.arctan2(sine, (np.trace(r, axis1=-2, axis2=-1)[..., None] - 1) / 2)
-    return twice / 2 * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 1)
-
-
-def left_jacobian(v: np.ndarray) -> np.ndarray:
-    """Left Jacobian (..., 3, 3) of rotation vectors below 1 rad, by its series, of NumPy."""
-    cross, square = skew(v), np.sum(v * v, axis=-1)[..., None, None]
-    one, two = 1 - square / 12 * (1 - square / 30), 1 - square / 20 * (1 - square / 42)
-    return np.eye(3) + one / 2 * cross + two / 6 * (cross @ cross)

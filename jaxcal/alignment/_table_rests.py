@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from .._arrays import runs
+from .._arrays import runs, windowed_variance
 from .._errors import DataError
 from .._message import Message
-from .._rests import windowed_variance
 
 #: length of the variance window: s, and least number of samples
 _WINDOW, _SAMPLES = 0.25, 20

@@ -293,7 +293,7 @@ def read_log(path: Path, options: Reading, command: str) -> Any:
         return log
     still = SET_ASIDE[command]
     # estimators of a sensor that moves have their own view of the end of the range
-    return log.cleaned(still, options.keep if still else (*options.keep, "clipped"))
+    return log.cleaned(still, options.keep if still else (*options.keep, "clipped", "zeroed"))
 
 
 def stem(path: Path) -> str:

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 import jaxcal
 
-from ._options import WRITING, CallError, Latitude, Log, Name, Reading, Running, must_exist, stem
+from ._options import WRITING, CallError, Latitude, Log, Name, Reading, Running, stem
 from ._outputs import File, outputs, save_calibration, save_json
 from ._work import carry_out
 
@@ -29,8 +29,7 @@ def rate_table(
     log: Log,
     /,
     *,
-    rates: Annotated[str | None, Parameter(help="Rates of the table in deg/s, without sign: 10,50,100.")] = None,
-    regions: Annotated[Path | None, Parameter(help="Instead: JSON or CSV of stretches, labelled such as z +100 (deg/s) or rest.")] = None,
+    rates: Annotated[str, Parameter(help="Rates of the table in deg/s, without sign: 10,50,100.")],
     latitude: Latitude | None = None,
     servo: Annotated[float, Parameter(help="Standard error of the table's rate, in ppm.")] = 0.0,
     name: Name = None,
@@ -44,22 +43,19 @@ def rate_table(
     first with increasing, then with decreasing rates. jaxcal finds the
     stretches of constant rate in the log.
     """
-    if (rates is None) == (regions is None):
-        raise CallError("give either --rates, those that the table was set to, or --regions")
-    must_exist(regions)
     try:
-        known = None if rates is None else [math.radians(float(word)) for word in rates.split(",")]
+        known = [math.radians(float(word)) for word in rates.split(",")]
     except ValueError:
         raise CallError(f"--rates {rates}: expected numbers in deg/s, such as 10,50,100") from None
 
     def compute(data: Any, _: Any) -> Any:
         angle = None if latitude is None else math.radians(latitude)
-        return jaxcal.imu.rate_test(data, known, regions=regions, latitude=angle, servo=servo * 1e-6)
+        return jaxcal.imu.rate_test(data, known, latitude=angle, servo=servo * 1e-6)
 
     files: list[File] = [
         ("json", "rate_table.json", save_json), ("calibration", "calibration.json", partial(_save_gyro, device=name)),
     ]  # fmt: skip
-    options = {"rates": rates, "regions": regions and str(regions), "latitude": latitude, "servo": servo}
+    options = {"rates": rates, "latitude": latitude, "servo": servo}
     plan = outputs(writing, files, f"{stem(log)}-rate-table")
     carry_out(log, reading, running, plan, compute, command="jaxcal rate-table", options=options).end(running)
 

@@ -26,12 +26,14 @@ FINDINGS = table(
         "Stand still and move only the arm.",
     ),
     gradient=Kind(CAUTION, "The field varies with the place, by {percent:.2g} % per metre.", "Record farther from iron."),
-    loose=Kind(CAUTION, "It turns against the other sensors by {angle:.2g} rms as the device accelerates.", "Mount it firmly."),
     disturbed=Kind(NOTE, "The field was disturbed for {time:.3g} ({percent:.2g} % of the log), which counts little or nothing."),
     drift=Kind(
         NOTE, "The bias drifted by {drift:.2g} along the recording; the result is its mean.", "Let the device warm up before you record."
     ),
-    slow=Kind(NOTE, "At {rate:.3g}, the tremor of the hand counts as noise, and the intervals are too wide.", "Record at 50 Hz or more."),
+    dead_band=Kind(
+        CAUTION, "Its readings are exact zeros in a dead band: what is left there is no measurement, and the bias is less certain.",
+        "Switch the dead band off."
+    ),
     disagree=Kind(
         NOTE, "Parts of the recording disagree {times:.2g} times as much as noise explains.",
     ),
@@ -44,9 +46,9 @@ _GOOD = {
     "magnetometer.soft_iron": 1e-2, "magnetometer.hard_iron": 5e-3,
 }  # fmt: skip
 SENSORS = ("accel", "gyro", "magnetometer")
-_SLOW = 40.0  # Hz; below it, the noise of the readings includes the tremor of the hand
-_WIDE = 1.5  # m from the mean position: a hand with a reach of 0.25 m along each axis goes 1.1 m away in three minutes
-_DISTURBED = 0.2  # part of the recording from which a disturbed field makes the magnetometer weak
+#: m from the mean position: a hand with a reach of 0.25 m along each axis goes 1.1 m away in three minutes; part of the recording from
+#: which a disturbed field makes the magnetometer weak
+_WIDE, _DISTURBED = 1.5, 0.2
 
 
 def sensor_of(name: str) -> str:
@@ -65,7 +67,7 @@ class Facts(NamedTuple):
     lacks: dict[str, float]
     disturbed: float  # s
     duration: float
-    rate: float
+    dead: bool  # whether the gyroscope has a dead band
     disagreement: float | None  # None if parts of the recording agree
     converged: bool
 
@@ -88,16 +90,13 @@ def findings_of(estimate: Estimate, facts: Facts) -> tuple[Finding, ...]:
             found.append(FINDINGS("undetermined", sensor))
         elif times > 1:
             found.append(FINDINGS("inaccurate", sensor, times, times=times))
-    if facts.rate < _SLOW:
-        found.append(FINDINGS("slow", rate=Quantity(facts.rate, "frequency")))
+    if facts.dead:
+        found.append(FINDINGS("dead_band", "gyro"))
     if (away := float(np.linalg.norm(facts.place - facts.place.mean(axis=0), axis=1).max())) > _WIDE:
         found.append(FINDINGS("far", "accel", away, distance=Quantity(away, "length")))
     for name, size in facts.lacks.items():
-        subject = "gyro" if name == "drift" else "magnetometer"
-        shown: Any = {
-            "drift": {"drift": Quantity(size, "gyro")}, "gradient": {"percent": 100 * size}, "loose": {"angle": Quantity(size, "angle")}
-        }[name]  # fmt: skip
-        found.append(FINDINGS(name, subject, **shown))
+        shown: dict[str, Any] = {"drift": Quantity(size, "gyro")} if name == "drift" else {"percent": 100 * size}
+        found.append(FINDINGS(name, "gyro" if name == "drift" else "magnetometer", **shown))
     if facts.disturbed:
         share = facts.disturbed / facts.duration
         severity = CAUTION if share > _DISTURBED else NOTE

@@ -9,9 +9,10 @@ from .._answer import Finding
 from .._errors import DataError
 from .._log import as_log
 from .._precision import host_float64
-from .._units import STANDARD_GRAVITY, STRONGEST_FIELD, on_earth
+from .._units import STANDARD_GRAVITY, STRONGEST_FIELD
 from ..fitting import Estimate
 from ..imu._fits import coefficients
+from ..imu._known import checked_gravity
 from ..magnetometer._axes import Axes, by_axes
 from ..noise import Noise as SlowNoise
 from ._findings import Facts, findings_of, sensor_of
@@ -21,13 +22,14 @@ from ._noise_floor import Floor
 from ._record import recorded
 from ._result import DeviceFit
 from ._solve import rounds
-from ._start import Start, axes_in_words, started
+from ._start import Start, started
 from ._state import Place, Solution, nuisance, stretches
 from ._windows import Record
 
 _BELOW = ("accel.matrix[1,0]", "accel.matrix[2,0]", "accel.matrix[2,1]")  # zero by the convention of the frame
-_TROPIC = 0.35  # rad of latitude, within which the dip may have either sign: the magnetic equator leaves the geographic one by 14 degrees
-_LEAST, _READINGS = 20.0, 100  # shortest recording, s; fewest readings of the magnetometer
+#: shortest recording, s; fewest readings of the magnetometer; rad of latitude, within which the dip may have either sign, because the magnetic
+#: equator leaves the geographic one by 14 degrees
+_LEAST, _READINGS, _TROPIC = 20.0, 100, 0.35
 _QUANTITIES = {
     "accel.bias": "accel", "gyro.bias": "gyro", "gyro.g_sensitivity": "gyro/accel", "dip": "angle", "gyro_delay": "delay",
     "mag_delay": "delay", "lever": "length",
@@ -92,9 +94,7 @@ def fit(
     Preintegration: C. Forster et al., IEEE Trans. Robotics 33 (2017) 1. The position as a Gauss-Markov process: S. Sarkka and A. Solin,
     Applied Stochastic Differential Equations, 2019, section 12.3.
     """
-    log, size = as_log(log).cleaned(keep=("clipped",)), STANDARD_GRAVITY if gravity is None else float(gravity)
-    if not on_earth("gravity", size):
-        raise DataError(f"gravity={size:g} m/s^2 is not that of a place on Earth; expected 9.76 to 9.84", code="gravity")
+    log, size = as_log(log), checked_gravity(STANDARD_GRAVITY if gravity is None else gravity)
     if log.duration < _LEAST:
         raise DataError(f"the recording lasts {log.duration:.3g} s; {_LEAST:g} s are needed, and three minutes are advised", code="short")
     record, floors, mag = recorded(log, size, None if latitude is None else float(latitude))
@@ -179,15 +179,16 @@ def _result(
     begin = record.grid.first * record.grid.step
     mag = np.reshape(found.noise.mag, (-1, 1)) * start.strength
     rms = np.sqrt(np.sum(found.field**2, axis=1) / np.maximum(found.kept.sum(axis=1), 1)[:, None]) * mag
-    disturbed = stretches(found.kept.any(axis=1) & (found.counts < 0.5), begin, record.time)
+    flags = found.kept.any(axis=1) & (found.counts < 0.5), found.rests.windows
+    disturbed, resting = (stretches(which, begin, record.time) for which in flags)
     facts = Facts(
-        field=model.field, gravity=record.gravity if assumed else None, axes=axes_in_words(start.axes), place=found.way.place,
+        field=model.field, gravity=record.gravity if assumed else None, axes=start.words, place=found.way.place,
         lacks=lacks(found, record, told.ratio), disturbed=sum(stop - first for first, stop in disturbed), duration=float(log.duration),
-        rate=float(log.rate), disagreement=told.ratio if np.isfinite(told.freedom) else None, converged=found.converged,
+        dead=bool(np.any(np.isnan(log.usable("gyro", keep=("held", "stuck", "clipped"))) & np.isfinite(log.gyro))),
+        disagreement=told.ratio if np.isfinite(told.freedom) else None, converged=found.converged,
     )  # fmt: skip
     return DeviceFit(
-        findings=(*findings_of(estimate, facts), *axes), model=model, estimate=estimate, disturbed=disturbed,
-        rests=stretches(found.rests.windows, begin, record.time),
+        findings=(*findings_of(estimate, facts), *axes), model=model, estimate=estimate, disturbed=disturbed, rests=resting,
         noise={"gyro": float(np.median(found.noise.gyro)), "accel": float(np.median(found.noise.accel)),
                "mag": float(np.median(mag[:, 0] * np.sqrt(found.field_power)))},
         reach=place.reach, speed=place.speed, disagreement=told.ratio, held_out=told.held_out,

@@ -14,20 +14,17 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 from jaxtyping import Bool, Float
 
-from .._rotation import from_vector
+from .._arrays import from_vector
 
-#: number of sinusoids in one signal, and their highest frequency in units of the corner frequency; Hz: that of the position
-_LINES, _HIGHEST, _PACE = 160, 20.0, 0.3
-#: number of samples for which the sinusoids are computed at once
-_CHUNK = 8192
-#: time in which the motion stops or starts, s
-_EASE = 0.6
-#: standard deviation of the angle of each rotation, rad; large enough to cover all attitudes
-_SPREAD = 2.0
-#: Hz: band of the tremor of a hand; m: distance from the wrist to the device
-_TREMOR, _WRIST = (8.0, 12.0), 0.1
-#: pace of the motion, relative to free motion, while a hand holds the device still
-DRIFT = 0.005
+#: number of sinusoids in one signal, and their highest frequency in units of the corner frequency; Hz: that of the position; number of
+#: samples for which the sinusoids are computed at once
+_LINES, _HIGHEST, _PACE, _CHUNK = 160, 20.0, 0.3, 8192
+#: standard deviation of the angle of each rotation, rad, large enough to cover all attitudes; Hz: band of the tremor of a hand; m:
+#: distance from the wrist to the device
+_SPREAD, _TREMOR, _WRIST = 2.0, (8.0, 12.0), 0.1
+#: s: time in which the motion stops or starts, and shortest motion before and after each rest; pace of the motion, relative to free
+#: motion, while a hand holds the device still
+_EASE, BETWEEN, DRIFT = 0.6, 1.5, 0.005
 
 
 @dataclasses.dataclass(frozen=True)

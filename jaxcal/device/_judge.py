@@ -6,19 +6,14 @@ import itertools
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._rotation import skew
 from ..fitting import Chain
-from ..fitting._serial import leave_out_pieces
+from ..fitting._serial import BLOCKS, CHANCE, leave_out_pieces
+from ..imu._model import LEVEL
 from ..noise import Noise
 from ._levels import slow_noise
 from ._model import AT, NAMES
 from ._state import SIZES, UNSEEN, Solution
 from ._windows import Record
-
-_PIECES, _PARTS = 24, 6  # pieces of the recording for leave-out errors; parts for the test of agreement
-_CHANCE = 0.003  # probability of calling white noise correlated
-_LINES, _DAY = 200, 86400.0  # spectral lines of a bias that wanders, and their longest period, s
-_LACK = 1e-3  # level of the tests for terms that the model lacks
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,7 +42,7 @@ def known(found: Solution, time: float, wander: dict[str, Noise]) -> Known:
     seen = ~found.unseen
     held_out = _predicted(found, normal, score, prior, *rows)
     # test whether sixths of the recording need parameters of their own
-    sixth = hats.reshape(_PARTS, -1, *hats.shape[1:]).sum(axis=1), scores.reshape(_PARTS, -1, hats.shape[1]).sum(axis=1)
+    sixth = hats.reshape(BLOCKS, -1, *hats.shape[1:]).sum(axis=1), scores.reshape(BLOCKS, -1, hats.shape[1]).sum(axis=1)
     scale = SIZES[found.free]
     statistic, count = 0.0, -int(seen.sum())
     for hat, score in zip(*sixth, strict=True):
@@ -56,13 +51,11 @@ def known(found: Solution, time: float, wander: dict[str, Noise]) -> Known:
         statistic += float(np.sum((vectors.T @ (scale * score))[strong] ** 2 / values[strong]))
         count += int(strong.sum())
     ratio = statistic / max(count, 1)
-    if count > 0 and scipy.special.chdtrc(count, statistic) < _CHANCE:
+    if count > 0 and scipy.special.chdtrc(count, statistic) < CHANCE:
         apart = leave_out_pieces(hats, scores, prior)
         if np.isfinite(apart).all():
-            return Known(apart + matrix @ prior @ matrix, float(_PARTS - 1), ratio, seen, held_out)
-    more = slow_noise(found, time, pushed)
-    for sensor, noise in wander.items():
-        more = more + _wandering(pushed[sensor], noise, time)
+            return Known(apart + matrix @ prior @ matrix, float(BLOCKS - 1), ratio, seen, held_out)
+    more = slow_noise(found, time, pushed, wander)
     return Known(matrix * max(ratio, 1.0) + matrix @ more @ matrix, np.inf, ratio, seen, held_out)
 
 
@@ -75,7 +68,7 @@ def _predicted(
     not determine the parameters.
     """
     whole, total, left = normal.sum(axis=0) + prior, score.sum(axis=0), residual.copy()
-    edges = np.round(np.arange(_PARTS + 1) * len(normal) / _PARTS).astype(int)
+    edges = np.round(np.arange(BLOCKS + 1) * len(normal) / BLOCKS).astype(int)
     scale = SIZES[found.free]
     for a, b in itertools.pairwise(edges):
         rest = whole - normal[a:b].sum(axis=0)
@@ -87,24 +80,9 @@ def _predicted(
     return {name: float(np.sqrt(np.sum(left[:, own] ** 2) / number[name])) for name, own in columns.items()}
 
 
-def _wandering(pushed: np.ndarray, noise: Noise, time: float) -> np.ndarray:
-    """(p, p) variance of the score from a wandering bias. `pushed` (K, p, 3) is the change of the score by a bias in one window.
-
-    Flicker has no long-term mean, so the parameter is defined as the mean over a day, the time within which a calibration is used.
-    """
-    count = len(pushed)
-    edges = np.geomspace(1 / _DAY, 1 / (2 * time), _LINES + 1)
-    middle, width = np.sqrt(edges[1:] * edges[:-1]), np.diff(edges)
-    power = 2 * np.asarray(noise.psd(middle)) * width
-    angle = 2 * np.pi * time * np.arange(count)[:, None] * middle
-    waves = np.concatenate([np.cos(angle), np.sin(angle)], axis=1) * np.sqrt(np.tile(power, 2))
-    felt = np.einsum("kpa,kl->pal", pushed, waves, optimize=True)
-    return np.einsum("pal,qal->pq", felt, felt, optimize=True)
-
-
 def _pieces(values: np.ndarray) -> np.ndarray:
-    """Sums (24, ...) over pieces of the recording."""
-    edges = np.round(np.arange(_PIECES + 1) * len(values) / _PIECES).astype(int)
+    """Sums over four pieces of each block of the recording."""
+    edges = np.round(np.linspace(0, len(values), 4 * BLOCKS + 1)).astype(int)
     return np.array([values[a:b].sum(axis=0) for a, b in itertools.pairwise(edges)])
 
 
@@ -135,53 +113,30 @@ def _by_window(found: Solution) -> tuple[np.ndarray, np.ndarray, dict[str, np.nd
 
 
 def lacks(found: Solution, record: Record, ratio: float) -> dict[str, float]:
-    """Terms that the model lacks, with their sizes: score tests for a "gradient" of the field (of the field per metre), a "loose"
-    magnetometer (rad rms), and a "drift" of the gyroscope's bias (rad/s along the recording).
+    """Terms that the model lacks, with their sizes: score tests for a "gradient" of the field (of the field per metre), and a "drift" of
+    the gyroscope's bias (rad/s along the recording).
 
     Each test lets all parameters and the trajectory vary together with the term. It changes no estimate.
     """
-    model, moved = found.model, found.moved
-    turn = found.way.rotation[:-1, None] @ moved.to_reading
-    at = np.asarray(model.magnetometer.soft_iron) @ np.swapaxes(turn, 2, 3)
-    steps = record.grid.steps
-    part = (np.arange(steps) + 0.5) / steps
-    place = found.way.place[:-1, None] * (1 - part[:, None]) + found.way.place[1:, None] * part[:, None]
+    turn, rows, own = found.way.rotation[:-1, None] @ found.moved.to_reading, found.rows, AT["gyro.bias"]
+    part = (np.arange(record.grid.steps)[:, None] + 0.5) / record.grid.steps
+    place = found.way.place[:-1, None] * (1 - part) + found.way.place[1:, None] * part
     x, y, z = np.moveaxis(place, -1, 0)
     zero = np.zeros_like(x)
     # symmetric gradients without trace: a static field in air has neither curl nor divergence
     fields = np.stack(
         [np.stack(column, axis=-1) for column in ((x, zero, -z), (zero, y, -z), (y, x, zero), (z, zero, x), (zero, z, y))], axis=-1
     )
-    gradient = at @ fields
-    world = np.asarray(model.world_field)
-    seen = np.einsum("kiba,b->kia", turn, world)
-    rate = moved.rate.reshape(len(turn), -1, 3)
-    whole = rate[:, :-1].reshape(-1, 3)
-    smooth = np.stack([np.convolve(c, [0.1, 0.2, 0.4, 0.2, 0.1], mode="same") for c in whole.T], axis=1)
-    spin = (np.gradient(smooth, axis=0) / record.grid.step).reshape(rate[:, :-1].shape)
-    force = np.diff(found.way.velocity, axis=0)[:, None] / record.time + np.array([0.0, 0.0, record.gravity])
-    body = np.einsum("kiba,kib->kia", turn, np.broadcast_to(force, (*turn.shape[:2], 3)))
-    iron = np.asarray(model.magnetometer.soft_iron)
-
-    def turned(by: np.ndarray) -> np.ndarray:
-        return iron @ -skew(seen) @ (by[..., None] * np.eye(3))
-
-    rows, own = found.rows, AT["gyro.bias"]
+    gradient = found.weight[..., None, None] * (np.asarray(found.model.magnetometer.soft_iron) @ np.swapaxes(turn, 2, 3) @ fields)
     along = (np.arange(len(turn)) - (len(turn) - 1) / 2) / len(turn)
     drift = rows.field_by[..., own] * along[:, None, None, None], rows.inertial_by[..., own] * along[:, None, None]
-    none = np.zeros((len(turn), 9, 1))
     sizes = {}
-    for name, columns, unit in (
-        ("gradient", gradient, lambda c: float(np.linalg.norm([c[0], c[1], -c[0] - c[1], *(np.sqrt(2) * c[2:])]))),
-        ("loose", np.concatenate([turned(spin), turned(body)], axis=-1), lambda c: float(np.hypot(
-            np.linalg.norm(c[:3]) * np.sqrt(np.mean(spin**2)), np.linalg.norm(c[3:]) * np.sqrt(np.mean(body**2))))),
-        ("drift", None, lambda c: float(np.linalg.norm(c))),
-    ):  # fmt: skip
-        field, inner = drift if columns is None else (columns * found.weight[..., None, None], none.repeat(columns.shape[-1], axis=2))
-        score, information = _asked(found, field, inner)
+    for name, columns in (("gradient", (gradient, np.zeros((len(turn), 9, 5)))), ("drift", drift)):
+        score, information = _asked(found, *columns)
         statistic = float(score @ np.linalg.solve(information, score)) / max(ratio, 1.0)
-        if scipy.special.chdtrc(len(score), statistic) < _LACK:
-            sizes[name] = unit(-np.linalg.solve(information, score))
+        if scipy.special.chdtrc(len(score), statistic) < LEVEL:
+            c = np.linalg.solve(information, score)
+            sizes[name] = float(np.linalg.norm(c if name == "drift" else [c[0], c[1], c[0] + c[1], *(np.sqrt(2) * c[2:])]))
     return sizes
 
 

@@ -2,26 +2,23 @@
 
 import numpy as np
 
+from ..noise import Noise as SlowNoise
 from ._model import NAMES
-from ._noise_floor import markov_spectrum, white_and_markov
+from ._noise_floor import CLEAR, markov_spectrum, white_and_markov
 from ._normal import LINK
 from ._state import SIZES, Noise, Solution, pushed
 
-_DRAWS = 16
-_LENGTHS = (1, 2, 4, 8, 16, 32, 64)  # windows
-#: number of lengths whose power always counts. Many sums determine it. One length is too few: noise may be correlated within a window
-_SHORT = 3
-#: fewest windows at rest, or in motion, whose residuals show a noise level
-_FEW = 10
-_PACE = (0.25, 4.0)  # smallest and largest factor on the change that the residuals ask for
+#: records of white noise that are drawn; fewest windows at rest, or in motion, whose residuals show a noise level
+_DRAWS, _FEW = 16, 10
+#: lengths of sums in windows, and number of those whose power always counts. Many sums determine it. One length is too few: noise may be
+#: correlated within a window
+_LENGTHS, _SHORT = (1, 2, 4, 8, 16, 32, 64), 3
+#: smallest and largest factor on the change that the residuals ask for
+_PACE = (0.25, 4.0)
 #: weight of the prior ratio of 1, in degrees of freedom; standard deviations by which a ratio must be larger over many windows than few
 _SURE, _MARGIN = 1.0, 2.5
-_CORRELATED = (2, 64)  # shortest and longest time constant of the noise, in windows
-_CONSTANTS = 11  # number of time constants
-#: gain in log-likelihood over white noise from which the residuals show such noise. The device moves less than the fit allows at rest, so
-#: white noise gains something too: at most 19 in 24 simulations with 8 rests, 18 to 60 in 12 with 24 rests. A false gain of 33 to 60
-#: made the errors 2 to 14 % larger
-_CLEAR = 30.0
+_LINES, _DAY = 200, 86400.0  # spectral lines of a bias that wanders, and their longest period, s
+_CORRELATED = (2, 64, 11)  # shortest and longest time constant of the noise, in windows, and number of those that are tried
 
 
 def residuals(found: Solution) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -119,18 +116,20 @@ def _excess(seen: np.ndarray, left: np.ndarray, which: np.ndarray, turn: np.ndar
     return float(max(short, many)), bool(np.any(ratio > margin))
 
 
-def slow_noise(found: Solution, time: float, felt_by: dict[str, np.ndarray]) -> np.ndarray:
+def slow_noise(found: Solution, time: float, felt_by: dict[str, np.ndarray], wander: dict[str, SlowNoise]) -> np.ndarray:
     """(p, p) variance of the score from the noise that the levels of the fit do not contain.
 
     The noise of a sensor is described as white noise and a Gauss-Markov process. Their powers and the time constant are those that explain
     the spectrum of the residuals in octaves. The fit absorbs a part of the noise. Fits to white noise show how large this part is at each
     frequency. At each frequency, the power above the level of the fit counts. `felt_by` (K, p, 3) is the change of the score by a bias of
-    the sensor in one window.
+    the sensor in one window. That of the biases, `wander`, adds if the caller gives it.
     """
     total = np.zeros(2 * felt_by["mag"].shape[1:2])
+    for sensor, noise in wander.items():
+        total = total + _wandering(felt_by[sensor], noise, time)
     resting = found.rests.windows
     number = found.kept.sum() / max(np.count_nonzero(found.kept.any(axis=1)), 1)
-    keep = np.exp(-1 / np.geomspace(*_CORRELATED, _CONSTANTS))
+    keep = np.exp(-1 / np.geomspace(*_CORRELATED))
     for name, (seen, drawn) in residuals(found).items():
         count = len(seen)
         level = np.broadcast_to(getattr(found.noise, name), count) ** 2 * (time / number if name == "mag" else 1.0)
@@ -139,7 +138,7 @@ def slow_noise(found: Solution, time: float, felt_by: dict[str, np.ndarray]) -> 
         read = parts[-1] if name == "mag" else parts[0]
         ratio, freedom, shapes = _octaves(seen, drawn, read, keep)
         white, slow, best, gain = white_and_markov(level[read][0] * ratio, shapes, freedom)
-        if gain < _CLEAR:
+        if gain < CLEAR:
             continue
         spectrum = white + slow * markov_spectrum(keep[best : best + 1], np.pi * np.arange(count + 1) / count)
         felt = np.zeros((count + 1, *felt_by[name].shape[1:]), dtype=complex)
@@ -149,6 +148,21 @@ def slow_noise(found: Solution, time: float, felt_by: dict[str, np.ndarray]) -> 
         felt[1:-1] *= np.sqrt(2)  # negative frequencies
         total = total + np.einsum("fpa,fqa->pq", felt, felt.conj(), optimize=True).real / (2 * count)
     return total
+
+
+def _wandering(pushed: np.ndarray, noise: SlowNoise, time: float) -> np.ndarray:
+    """(p, p) variance of the score from a wandering bias. `pushed` (K, p, 3) is the change of the score by a bias in one window.
+
+    Flicker has no long-term mean, so the parameter is defined as the mean over a day, the time within which a calibration is used.
+    """
+    count = len(pushed)
+    edges = np.geomspace(1 / _DAY, 1 / (2 * time), _LINES + 1)
+    middle, width = np.sqrt(edges[1:] * edges[:-1]), np.diff(edges)
+    power = 2 * np.asarray(noise.psd(middle)) * width
+    angle = 2 * np.pi * time * np.arange(count)[:, None] * middle
+    waves = np.concatenate([np.cos(angle), np.sin(angle)], axis=1) * np.sqrt(np.tile(power, 2))
+    felt = np.einsum("kpa,kl->pal", pushed, waves, optimize=True)
+    return np.einsum("pal,qal->pq", felt, felt, optimize=True)
 
 
 def _octaves(seen: np.ndarray, drawn: np.ndarray, which: np.ndarray, keep: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -7,13 +7,19 @@ import numpy as np
 
 from ._windows import WINDOW
 
-_TREMOR = 15.0  # Hz; hands hardly move above it
-_TOP = 0.96  # of half the rate: at the last frequencies the spectrum of real numbers has another distribution
-_SEGMENT, _DIFFERENCES = 1.28, 4  # s, length of a segment; order of the differences that keep low frequencies from leaking
-_SEGMENTS, _FREQUENCIES = 8, 5  # fewest of a spectrum
-_ORDER = 6  # of the differences that show noise where there is no such spectrum; motion below an eighth of the rate hardly changes them
+#: Hz: hands hardly move above it; part of half the rate, because at the last frequencies the spectrum of real numbers is distributed
+#: otherwise
+_TREMOR, _TOP = 15.0, 0.96
+#: s, length of a segment; fewest segments and frequencies of a spectrum
+_SEGMENT, _SEGMENTS, _FREQUENCIES = 1.28, 8, 5
+#: order of the differences that keep low frequencies from leaking, and of those that show noise where there is no such spectrum; motion
+#: below an eighth of the rate hardly changes them
+_DIFFERENCES, _ORDER = 4, 6
 _CORNERS, _REWEIGHTED = 24, 10  # corner frequencies that are tried; rounds of least squares with renewed weights
-_COLOURED = 30.0  # likelihood ratio from which noise is not white
+#: gain in log-likelihood over white noise from which the spectrum of residuals, or of a sensor, shows such noise. The device moves less
+#: than the fit allows at rest, so white noise gains something too: at most 19 in 24 simulations with 8 rests, 18 to 60 in 12 with 24
+#: rests. A false gain of 33 to 60 made the errors 2 to 14 % larger
+CLEAR = 30.0
 
 
 class Floor(NamedTuple):
@@ -50,7 +56,7 @@ def noise_floor(y: np.ndarray, rate: float, lost: np.ndarray) -> Floor:
     seen = np.maximum(seen, least)
     keep = np.exp(-2 * np.pi * np.geomspace(1 / WINDOW, rate / 2, _CORNERS) / rate)[:, None]
     white, slow, _, gain = white_and_markov(seen, markov_spectrum(keep, angle), 2 * power.shape[0] * power.shape[1])
-    if gain < _COLOURED:
+    if gain < CLEAR:
         return Floor(*2 * [float(np.sqrt(seen.mean()))])
     return Floor(float(np.sqrt(seen[len(seen) // 2 :].mean())), float(np.sqrt(white + slow)))
 

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from .._rotation import from_vector, left_jacobian, skew, to_vector
+from .._arrays import from_vector, left_jacobian, skew, to_vector
 from ..fitting import Chain
 from ._model import AT, NAMES, DeviceModel
 from ._windows import MAG_DELAY, Windows
@@ -35,20 +35,6 @@ class Inertial:
     place_by: np.ndarray
     swept: np.ndarray  # (K, 2, 3) velocity relative to the centre of rotation, at the beginning and at the end, in device axes
     swept_by: np.ndarray  # (K, 2, 3, q)
-
-
-def _swung_by(w: Windows, gyro: np.ndarray, arms: np.ndarray, rate: np.ndarray, rate_by: np.ndarray) -> np.ndarray:
-    """(K, m + 1, 3, q) derivatives, over the columns TURNING, of the accelerations of the elements relative to that of x."""
-    spin, out = w.slope @ gyro.T, np.zeros_like(rate_by)
-    spin_by = np.zeros_like(rate_by)
-    for a in range(3):
-        for b in range(3):
-            spin_by[..., 3 * a + b] = -gyro[:, a] * spin[..., b, None]
-    spin_by[..., -1] = w.curve @ gyro.T
-    for axis, arm in enumerate(arms, start=1):
-        swing = skew(np.cross(rate, arm)) @ rate_by + skew(rate) @ skew(arm) @ rate_by + skew(arm) @ spin_by
-        out[..., axis, :] = -swing[..., axis, :]
-    return out
 
 
 def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: bool = False) -> Inertial:
@@ -127,7 +113,16 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
         for axis in (1, 2):
             own = np.arange(len(NAMES))[AT["lever"]].reshape(2, 3)[axis - 1]
             force_by[..., own] = -np.einsum("wi,kia,kic->kwac", weights, rotation[..., axis], bent[..., axis, :], optimize=True)
-        whirled = np.einsum("wi,kiax,kixq->kwaq", weights, rotation, _swung_by(w, gyro, arms, rate, rate_by), optimize=True)
+        # derivatives, over the columns TURNING, of the accelerations of the elements relative to that of x
+        spin, swung_by, spin_by = w.slope @ gyro.T, np.zeros_like(rate_by), np.zeros_like(rate_by)
+        for a in range(3):
+            for b in range(3):
+                spin_by[..., 3 * a + b] = -gyro[:, a] * spin[..., b, None]
+        spin_by[..., -1] = w.curve @ gyro.T
+        for axis, arm in enumerate(arms, start=1):
+            swing = skew(np.cross(rate, arm)) @ rate_by + skew(rate) @ skew(arm) @ rate_by + skew(arm) @ spin_by
+            swung_by[..., axis, :] = -swing[..., axis, :]
+        whirled = np.einsum("wi,kiax,kixq->kwaq", weights, rotation, swung_by, optimize=True)
         force_by[..., TURNING[some]] -= whirled
     arm, ends = np.asarray(model.arm), [0, -1]
     return Inertial(

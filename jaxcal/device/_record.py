@@ -7,17 +7,14 @@ from typing import Any
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._arrays import from_vector
 from .._errors import DataError
-from .._rotation import from_vector
 from ..imu._model import EARTH_RATE
 from ._noise_floor import Floor, noise_floor
 from ._windows import REACH, Grid, Record
 
-_SHORT = 2  # longest gap, in readings, that is interpolated
-_CLOSE = 0.2  # smallest distance between two readings, in samples
-_FEWEST = 4  # readings that a spline needs
-#: share of samples that are slower than the fast ones; share of equal neighbours from which a sensor repeats its last reading
-_FAST, _HELD = 0.8, 0.05
+#: readings: longest gap that is interpolated, and fewest that a spline needs; samples: smallest distance between two readings
+_SHORT, _FEWEST, _CLOSE = 2, 4, 0.2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,7 +30,8 @@ class _Sensor:
     @staticmethod
     def of(log: Any, name: str) -> "_Sensor":
         """The readings are interpolated in short gaps, and where they were not taken at a sample (`Log.offset`)."""
-        y = np.asarray(getattr(log, name), dtype=float)
+        # readings at the end of the range stay: they widen the noise of the motion, and without them the trajectory would break there
+        y = log.usable(name, keep=("clipped",))
         count, index = len(y), np.flatnonzero(np.isfinite(y).all(axis=1))
         at, moved = index.astype(float), name in log.offset
         if moved:
@@ -56,18 +54,6 @@ class _Sensor:
         return noise_floor(self.own, rate / step, np.zeros(len(self.own), dtype=bool))
 
 
-def _changed(m: np.ndarray, gyro: np.ndarray) -> np.ndarray:
-    """(n,) whether a reading of the magnetometer exists and is new: in many logs a slow magnetometer repeats its last reading.
-
-    A sensor with coarse resolution also repeats readings while it hardly rotates, so the test uses the fastest rotations only.
-    """
-    there = np.isfinite(m).all(axis=1)
-    same = np.concatenate([[False], np.all(m[1:] == m[:-1], axis=1)]) & there
-    rate = np.linalg.norm(gyro, axis=1)
-    fast = there & (rate >= np.quantile(rate, _FAST))
-    return np.asarray(there & ~same if fast.any() and np.mean(same[fast]) > _HELD else there)
-
-
 def recorded(log: Any, gravity: float, latitude: float | None = None) -> tuple[Record, tuple[Floor, Floor], np.ndarray]:
     """The record, the noise of gyroscope and accelerometer, and the readings of the magnetometer in their own unit."""
     for name in ("accel", "gyro", "mag"):
@@ -79,8 +65,8 @@ def recorded(log: Any, gravity: float, latitude: float | None = None) -> tuple[R
             )
     sensors = {name: _Sensor.of(log, name) for name in ("gyro", "accel")}
     (gyro, no_gyro), (accel, no_accel) = ((sensor.filled, sensor.lost) for sensor in sensors.values())
-    mag = np.asarray(log.mag, dtype=float)
-    there = _changed(mag, gyro)
+    mag = log.usable("mag")
+    there = np.isfinite(mag).all(axis=1)
     rate = float(log.rate)
     grid = Grid.of(len(accel), rate, REACH)
     wide = math.ceil(REACH * rate) + 4

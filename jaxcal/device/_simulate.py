@@ -4,25 +4,22 @@ from typing import Any
 
 import numpy as np
 
+from .._arrays import from_vector
 from .._errors import DataError
 from .._log import Log
 from .._precision import host_float64
-from .._rotation import from_vector
 from .._units import STANDARD_GRAVITY
 from ..imu import Triad
 from ..imu._model import EARTH_RATE
 from ..magnetometer import MagModel
 from ..noise import Noise
-from ._hand import DRIFT, Hand, HandMotion, Pauses
+from ._hand import BETWEEN, DRIFT, Hand, HandMotion, Pauses
 from ._model import DeviceModel
 
-#: white noise of a MEMS accelerometer (120 ug/sqrt(Hz)) and gyroscope (0.007 deg/s/sqrt(Hz)): m/s/sqrt(s) and rad/sqrt(s)
-NOISE = {"accel": 120e-6 * STANDARD_GRAVITY, "gyro": np.deg2rad(0.007)}
-#: standard deviation of a reading of the magnetometer, as a fraction of the field
-_MAG_NOISE = 0.005
+#: white noise of a MEMS accelerometer (120 ug/sqrt(Hz)) and gyroscope (0.007 deg/s/sqrt(Hz)): m/s/sqrt(s) and
+#: rad/sqrt(s); standard deviation of a reading of a magnetometer, as a fraction of the field
+NOISE = {"accel": 120e-6 * STANDARD_GRAVITY, "gyro": np.deg2rad(0.007), "mag": 0.005}
 _TURNS = ("free", "one axis", "no tilt")
-#: shortest motion before and after each rest, s
-_BETWEEN = 1.5
 
 
 def random_device(seed: Any, *, field: float = 50e-6) -> DeviceModel:
@@ -85,7 +82,6 @@ def simulate(
     mag_noise: Any = None,
     gradient: float | int = 0.0,
     iron: tuple[float, float, float] | None = None,
-    soft_mount: float | int | None = None,
     gravity: float | int = STANDARD_GRAVITY,
     latitude: float | int | None = None,
     motion: int | None = None,
@@ -114,7 +110,6 @@ def simulate(
     gradient : change of the field per metre, as a fraction of the field (Frobenius norm of the gradient), without curl or divergence.
     iron : (start, end, strength): times in s between which the device is beside iron, and the largest field of the iron, as a fraction of
         the Earth's field.
-    soft_mount : Hz, natural frequency of a mount in which the magnetometer rotates under angular acceleration; None for rigid.
     gravity : m/s^2.
     latitude : rad, to add the Earth's rate; None adds none.
     motion : seed of device and motion only, to simulate one motion with different noise; None uses `seed`.
@@ -145,13 +140,13 @@ def simulate(
     Hand tremor of 8 to 12 Hz: Elble and Koller, Tremor, 1990.
     """
     positive = {"duration": duration, "rate": rate, "still": still, "swing": swing, "gravity": gravity}
-    if soft_mount is not None:
-        positive["soft_mount"] = soft_mount
     bad = [f"{name}={value}" for name, value in positive.items() if not 0 < value < np.inf]
     rest = {"initial": initial, "reach": reach, "tremor": tremor, "gradient": gradient, "rests": rests}
     bad += [f"{name}={value}" for name, value in rest.items() if not 0 <= value < np.inf]
     if bad:
         raise DataError(f"{', '.join(bad)}: expected {', '.join(positive)} above 0, and {', '.join(rest)} of 0 or more")
+    if np.shape(arm) != (3,) or not np.isfinite(arm).all():
+        raise DataError(f"arm={arm}: expected three finite lengths in m")
     if turns not in _TURNS:
         raise DataError(f"turns={turns!r}: expected one of {', '.join(map(repr, _TURNS))}")
     count = round(float(duration) * rate)
@@ -163,7 +158,7 @@ def simulate(
     pauses = _pauses(numbers["path"], float(duration), int(rests), float(still), float(initial), 1 - DRIFT if held else 1.0)
     hand = Hand(
         numbers["path"], pauses, turns=turns, reach=float(reach), swing=float(swing), tremor=float(tremor), held=held,
-        arm=_arm(arm), gravity=float(gravity),
+        arm=np.asarray(arm, dtype=float), gravity=float(gravity),
     )  # fmt: skip
     time = np.arange(count) / float(rate)
     true = hand.at(time)
@@ -183,9 +178,6 @@ def simulate(
     if iron is not None:
         outside = outside + _bump(turned.time, *iron) * np.linalg.norm(field) * beside / np.linalg.norm(beside)
     inside = np.einsum("nji,nj->ni", turned.attitude, outside)
-    if soft_mount is not None:
-        # a torsion spring far stiffer than the motion is fast: the mount lags by angular acceleration over squared natural frequency
-        inside = np.einsum("nij,nj->ni", from_vector(turned.angular_acceleration / (2 * np.pi * float(soft_mount)) ** 2), inside)
     iron_model = device.magnetometer
     readings["mag"] = inside @ np.asarray(iron_model.soft_iron).T + np.asarray(iron_model.hard_iron)
 
@@ -195,7 +187,7 @@ def simulate(
         "gyro": NOISE["gyro"] if gyro_noise is None else gyro_noise,
         # density that gives this standard deviation at this rate
         "mag": mag_noise if isinstance(mag_noise, Noise)
-        else (_MAG_NOISE * np.linalg.norm(field) if mag_noise is None else float(mag_noise)) / np.sqrt(float(rate)),
+        else (NOISE["mag"] * np.linalg.norm(field) if mag_noise is None else float(mag_noise)) / np.sqrt(float(rate)),
     }  # fmt: skip
     for sensor, own in given.items():
         readings[sensor] = readings[sensor] + _noise(own, count, float(rate), noise, sensor)
@@ -204,13 +196,6 @@ def simulate(
         provenance={"simulated": True, "seed": seed},
     )  # fmt: skip
     return log, device, true
-
-
-def _arm(arm: Any) -> np.ndarray:
-    vector = np.asarray(arm, dtype=float)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise DataError(f"arm={arm}: expected three finite lengths in m")
-    return vector
 
 
 def _noise(own: Any, count: int, rate: float, rng: np.random.Generator, sensor: str) -> np.ndarray:
@@ -250,12 +235,12 @@ def _bump(time: np.ndarray, start: float, end: float, strength: float) -> np.nda
 def _pauses(rng: np.random.Generator, duration: float, rests: int, still: float, initial: float, depth: float) -> Pauses:
     """Rests spread over the recording at equal steps, with random offsets."""
     share = (duration - initial) / max(rests, 1)
-    spare = share - still - _BETWEEN
+    spare = share - still - BETWEEN
     if initial > duration or (rests and spare < 0):
         raise DataError(
-            f"{rests} rests of {still:g} s and {initial:g} s at the beginning do not fit in {duration:g} s with {_BETWEEN:g} s between "
+            f"{rests} rests of {still:g} s and {initial:g} s at the beginning do not fit in {duration:g} s with {BETWEEN:g} s between "
             "them: expected fewer or shorter rests, or a longer recording"
         )
-    starts = initial + _BETWEEN / 2 + share * np.arange(rests) + spare * rng.uniform(0.2, 0.8, rests) * (rests > 0)
+    starts = initial + BETWEEN / 2 + share * np.arange(rests) + spare * rng.uniform(0.2, 0.8, rests) * (rests > 0)
     first = np.array([-10.0]) if initial > 0 else np.empty(0)
     return Pauses(np.concatenate([first, starts]), np.concatenate([first + 10.0 + initial, starts + still]), depth)

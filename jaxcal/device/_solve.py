@@ -6,32 +6,28 @@ from typing import Any
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._arrays import runs
-from .._rests import windowed_variance
-from .._rotation import skew, to_vector
+from .._arrays import runs, skew, windowed_variance
 from ._levels import Levels
 from ._model import AT, NAMES, field_of, model_of
 from ._noise_floor import Floor
 from ._normal import Inertial, chain_of, inertial, rows
-from ._start import Start, undisturbed
-from ._state import PLACE, SIZES, VELOCITY, Noise, Place, Point, Rests, Solution, Way, hand_prior, with_prior
+from ._start import Start
+from ._state import SIZES, Noise, Place, Point, Rests, Solution, Way, hand_prior, with_prior
 from ._windows import GYRO_DELAY, MAG_DELAY, REACH, Record
 
-_ROUNDS, _MOST, _BLIND = 3, 8, 5  # rounds of fits: at least, at most, and at most where the motion does not determine all parameters
-_STEPS, _FEW = 25, 10  # most steps of a fit, and of one where the motion does not determine all parameters
-_SETTLED = 1e-4  # the fit has converged when a step is expected to lower the cost (half the sum of squares) by less
-_SAME = 0.05  # the rounds end when weights, and logarithms of noise levels, change by less
+#: rounds of fits: at least, at most, and at most where the motion does not determine all parameters; most steps of a fit, and of one
+#: where the motion does not determine all parameters
+_ROUNDS, _MOST, _BLIND, _STEPS, _FEW = 3, 8, 5, 25, 10
+#: a fit has converged when a step is expected to lower the cost (half the sum of squares) by less; the rounds end when weights, and
+#: logarithms of noise levels, change by less
+_SETTLED, _SAME = 1e-4, 0.05
 _SLOW, _FURTHEST = 0.5, 30.0  # ratio of successive steps above which a step is lengthened; largest factor
-_FIELD_NOISE = 0.01  # of a reading, as a part of the field, in the first fit
-#: rms field residual of a window in standard deviations: above the first it gets less weight, above the second none. That weight is not
-#: zero, so that its residuals are still computed
-_FAR, _GONE, _LITTLE = 1.5, 4.0, 1e-2
-#: m/s^2 and rad/s: at rest, readings scatter by less, and the mean rate is below the second number
-_STILL_FORCE, _STILL_RATE = 0.35, 0.06
-#: how much more than inside the rest a window at its edge may scatter; number of windows by which a rest may grow at each edge
-_CALM, _MARGIN_WINDOWS = 1.1, 4
-#: smallest standard deviation of the velocity at rest, m/s; smallest part of its variance that is taken as seen by the sensors
-_SLOWEST, _SHOWN = 1e-4, 0.1
+#: noise of a reading of the field, as a part of it, in the first fit. Rms field residual of a window in standard deviations: above the
+#: second number it gets less weight, above the third that of the fourth, which is not zero, so that its residuals are still computed
+_FIELD_NOISE, _FAR, _GONE, _LITTLE = 0.01, 1.5, 4.0, 1e-2
+#: m/s^2 and rad/s: at rest, readings scatter by less, and the mean rate is below the second number; how much more than inside the rest a
+#: window at its edge may scatter; number of windows by which a rest may grow at each edge
+_STILL_FORCE, _STILL_RATE, _CALM, _MARGIN_WINDOWS = 0.35, 0.06, 1.1, 4
 
 
 def rounds(record: Record, start: Start, free: np.ndarray, floors: tuple[Floor, Floor]) -> tuple[Solution, Place]:
@@ -40,14 +36,16 @@ def rounds(record: Record, start: Start, free: np.ndarray, floors: tuple[Floor, 
     place, rests = Place(0.3, 0.4), rests_of(record, start.vector)
     # in motion the hand hides the noise of the accelerometer from the fit
     level = Noise(gyro.fast, np.where(rests.windows, accel.fast, accel.slow), _FIELD_NOISE)
-    white, levels, counts = level, Levels(), undisturbed(record, start.vector)
+    white, levels, counts = level, Levels(), np.ones(len(record.broken))
     # two steps show which parameters the motion does not determine. In their directions the cost is flat, so more steps are useless
-    found = solved(record, start.vector, start.way, free, level, place, counts, 2, rests, centre)
-    blind = bool(found.unseen.any())
-    fewest = 2 if blind else _BLIND
-    for turn in range(_MOST):
-        found = solved(record, found.vector, found.way, free, level, place, counts, _FEW if blind else _STEPS, rests, centre)
+    found, steps, fewest = start, 2, _BLIND
+    for turn in range(-1, _MOST):
+        found = solved(record, found.vector, found.way, free, level, place, counts, steps, rests, centre)
         blind = bool(found.unseen.any())
+        steps = _FEW if blind else _STEPS
+        if turn < 0:
+            fewest = 2 if blind else fewest
+            continue
         if (settled and turn >= _ROUNDS - 1) or (blind and turn >= fewest - 1) or turn == _MOST - 1:
             break
         # rms field residual of each window; the median over windows ignores the few that may be disturbed
@@ -59,36 +57,13 @@ def rounds(record: Record, start: Start, free: np.ndarray, floors: tuple[Floor, 
         new = np.where(far > _GONE, _LITTLE, np.minimum(1.0, _FAR / np.maximum(far, 1e-9)))
         settled = bool(np.max(np.abs(new - counts)) < _SAME and change < _SAME)
         counts = new
-        place, rests = _hand(found, rests, record.time, level)
+        place, rests = found.hand(record.time, level)
     return found, place
 
 
 def _median(freedom: float) -> float:
     """Median of a chi-square variable, divided by its degrees of freedom."""
     return float(scipy.special.chdtri(freedom, 0.5) / freedom)
-
-
-def _hand(found: Solution, rests: Rests, time: float, level: Noise) -> tuple[Place, Rests]:
-    """Reach and speed of the hand in motion: mean squares of the estimates, plus their variances. Speed and turn at rest.
-
-    The variance of the velocity at rest is the mean square of the estimates, divided by the part of the variance that the readings show
-    (D. MacKay, Neural Computation 4, 1992, 415).
-    """
-    spread = found.chain.variances(np.linalg.inv(found.eliminated.information), found.eliminated.carried)
-    spread = np.diagonal(spread, axis1=1, axis2=2)
-    ends, way = rests.ends, found.way
-    moving = ~ends
-    reach = np.mean(way.place[moving] ** 2 + spread[moving, PLACE])
-    speed = np.mean(way.velocity[moving] ** 2 + spread[moving, VELOCITY])
-    place = Place(float(np.sqrt(reach)), float(np.sqrt(speed))).strained(way, time, rests.moving)
-    if not ends.any():
-        return place, rests
-    # on a table the true velocity is zero. The mean square plus the variance of the estimate would need many rounds to come near it
-    shown = 1 - np.mean(spread[ends, VELOCITY]) / rests.speed**2
-    slow = np.mean(way.velocity[ends] ** 2) / max(shown, _SHOWN)
-    turned = np.mean(to_vector(way.turns[rests.windows]) ** 2)
-    least = 0.2 * np.min(level.gyro) * np.sqrt(time)
-    return place, Rests(rests.windows, max(float(np.sqrt(slow)), _SLOWEST), max(float(np.sqrt(turned)), float(least)))
 
 
 def rests_of(record: Record, vector: np.ndarray) -> Rests:

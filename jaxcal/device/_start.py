@@ -1,27 +1,25 @@
 """Start of the fit: parameters from the single-sensor estimators, and an attitude from a filter over all three sensors."""
 
 import dataclasses
+import functools
 import itertools
 
 import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .. import magnetometer
+from .._arrays import from_vector
 from .._errors import DataError, FitError
-from .._rotation import from_vector
 from ..magnetometer._aids import by_rates
 from ._model import AT, DeviceModel, model_of, template, vector_of
 from ._normal import inertial
 from ._state import Way
 from ._windows import Record
 
-_FIELD, _FORCE = 1.0, 10.0  # s, time constants of the corrections of the attitude by field and specific force
-_FLAT = 4.0  # ratio of axes from which a fitted ellipsoid is not used
-_PLANE = 0.15  # thickness over width of readings below which they lie in a plane
 _SLOW = 0.02  # eigenvalues below this part of the largest count little
-_STRANGE = 6.0  # robust standard deviations of the field magnitude from which a window is disturbed
-_FIRST = 2.0  # s of readings that give the first attitude
-_SMOOTH, _THIN = 0.3, 0.1  # s, mean of readings, and step between those that are used
+#: s: time constants of the corrections of the attitude by field and specific force; mean of readings, and step between those that are
+#: used
+_FIELD, _FORCE, _SMOOTH, _THIN = 1.0, 10.0, 0.3, 0.1
 #: largest cost of other axes, over the cost of equal axes, and over that of vectors that do not rotate
 _CLEAR, _LEAST = 0.5, 0.6
 
@@ -41,6 +39,12 @@ class Start:
     way: Way
     strength: float
     axes: tuple[np.ndarray, np.ndarray]
+
+    @property
+    def words(self) -> str:
+        """The axes of gyroscope and magnetometer, where they are not those of the accelerometer."""
+        both = zip(("gyroscope", "magnetometer"), self.axes, strict=True)
+        return "; ".join(f"{sensor} {named(matrix)}" for sensor, matrix in both if not np.array_equal(matrix, np.eye(3)))
 
 
 def started(record: Record, mag: np.ndarray) -> Start:
@@ -62,17 +66,11 @@ def _ellipsoid(
 ) -> tuple[np.ndarray, np.ndarray, float, np.ndarray] | None:
     """Soft iron, hard iron, strength and axes; rotation, bias and delay come from the rates. None without an ellipsoid."""
     there, rate = record.there, 1 / record.grid.step
-    extent = np.linalg.svd(np.cov(mag[there].T), compute_uv=False)
-    if extent[-1] < _PLANE**2 * extent[0]:
-        return None
     try:
         found = magnetometer.fit(mag[there], model="symmetric")
     except FitError:
         return None
     if found.model is None or found.verdict == "refused":
-        return None
-    sizes = np.linalg.svd(np.asarray(found.model.soft_iron), compute_uv=False)
-    if not sizes[0] < _FLAT * sizes[-1]:
         return None
     readings, index = np.where(there[:, None], mag, np.nan), np.flatnonzero(there)
     fields = np.asarray(found.model.correct(mag[index]))
@@ -106,19 +104,6 @@ def _turned(record: Record, mag: np.ndarray, rates: np.ndarray) -> tuple[np.ndar
     return np.eye(3), mean + centre, strength
 
 
-def undisturbed(record: Record, vector: np.ndarray) -> np.ndarray:
-    """(K,) weights of the windows, small where the field magnitude differs from its median."""
-    model = model_of(vector)
-    fields = (record.mag - model.magnetometer.hard_iron) @ np.linalg.inv(model.magnetometer.soft_iron).T
-    norm = np.linalg.norm(fields, axis=1)[record.grid.inner[:, :-1]]
-    there = record.there[record.grid.inner[:, :-1]]
-    mean = np.sum(np.where(there, norm, 0), axis=1) / np.maximum(there.sum(axis=1), 1)
-    some = there.any(axis=1)
-    usual = np.median(mean[some])
-    spread = 1.4826 * np.median(np.abs(mean[some] - usual))
-    return np.where(np.abs(mean - usual) > _STRANGE * spread, 1e-2, 1.0)
-
-
 def followed(record: Record, vector: np.ndarray) -> tuple[Way, float]:
     """Trajectory and dip: rates integrated forwards and then backwards, corrected towards field and, slowly, towards the vertical."""
     back = record.back(vector)
@@ -134,9 +119,8 @@ def followed(record: Record, vector: np.ndarray) -> tuple[Way, float]:
     world, up = np.asarray(DeviceModel(model.accel, model.gyro, model.magnetometer, 1.0, dip).world_field), np.array([0.0, 0.0, 1.0])
     step = seen.rotation[:, -1]
     gain = np.where(some, record.time / _FIELD, 0.0), record.time / _FORCE
-    # count windows with readings of the magnetometer only, because it may begin late
-    first = int(np.flatnonzero(some)[: max(round(_FIRST / record.time), 1)][-1]) + 1
-    turn = _triad(_gathered(step, force, first), _gathered(step, field, first), dip)
+    first = int(np.argmax(some))
+    turn = _triad(force[first], field[first], dip) @ _product(step[:first]).T
     total = len(step)
     turns = np.empty((total + 1, 3, 3))
 
@@ -155,13 +139,9 @@ def followed(record: Record, vector: np.ndarray) -> tuple[Way, float]:
     return Way(turns, still, still.copy(), still.copy()), dip
 
 
-def _gathered(step: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """Sum of the first vectors, rotated to the frame of the first window."""
-    turn, total = np.eye(3), np.zeros(3)
-    for k in range(min(count, len(values))):
-        total += turn @ values[k]
-        turn = turn @ step[k]
-    return total
+def _product(turns: np.ndarray) -> np.ndarray:
+    """Product of rotations."""
+    return functools.reduce(np.matmul, turns, np.eye(3))
 
 
 def _triad(force: np.ndarray, field: np.ndarray, dip: float) -> np.ndarray:
@@ -205,9 +185,3 @@ def named(matrix: np.ndarray) -> str:
     order = np.argmax(np.abs(matrix), axis=1)
     words = ["-"[: int(matrix[row, column] < 0)] + "xyz"[column] for row, column in enumerate(order)]
     return f"x, y, z are {', '.join(words)}"
-
-
-def axes_in_words(axes: tuple[np.ndarray, np.ndarray]) -> str:
-    """The axes of gyroscope and magnetometer, of `Start.axes`, where they are not those of the accelerometer."""
-    both = zip(("gyroscope", "magnetometer"), axes, strict=True)
-    return "; ".join(f"{sensor} {named(matrix)}" for sensor, matrix in both if not np.array_equal(matrix, np.eye(3)))

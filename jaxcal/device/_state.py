@@ -6,8 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._arrays import runs
-from .._rotation import from_vector, to_vector
+from .._arrays import from_vector, runs, to_vector
 from ..fitting import Chain
 from ..fitting._chain import Eliminated
 from ._model import NAMES, DeviceModel, field_of, model_of
@@ -23,10 +22,11 @@ _SIZES = {
 SIZES = np.array([_SIZES[field_of(name)] for name in NAMES])
 #: where rotation, velocity, position and acceleration stand in a link
 TURN, VELOCITY, PLACE, PULL = (slice(first, first + 3) for first in range(0, LINK, 3))
-#: error over prior standard deviation from which a parameter is not determined
-UNSEEN = 0.2
-#: if a prior wider by the first factor raises an error by the second, the error depends on the prior
-_LOOSE, _DEPENDS = 5.0, 1.2
+#: error over prior standard deviation from which a parameter is not determined; if a prior wider by the second factor raises an error by
+#: the third, the error depends on the prior
+UNSEEN, _LOOSE, _DEPENDS = 0.2, 5.0, 1.2
+#: smallest standard deviation of the velocity at rest, m/s; smallest part of its variance that is taken as seen by the sensors
+_SLOWEST, _SHOWN = 1e-4, 0.1
 
 
 def nuisance(name: str) -> bool:
@@ -249,6 +249,28 @@ class Solution(Point):
         error, loose = (np.sqrt(np.diag(np.linalg.inv(scaled - share * np.eye(len(sizes))))) for share in (0.0, 1 - _LOOSE**-2))
         asked = np.array([not nuisance(NAMES[i]) for i in self.free])
         return asked & ((error >= UNSEEN) | ~(loose <= _DEPENDS * error))
+
+    def hand(self, time: float, level: Noise) -> tuple[Place, Rests]:
+        """Reach and speed of the hand in motion: mean squares of the estimates, plus their variances. Speed and turn at rest.
+
+        The variance of the velocity at rest is the mean square of the estimates, divided by the part of the variance that the readings show
+        (D. MacKay, Neural Computation 4, 1992, 415).
+        """
+        spread = self.chain.variances(np.linalg.inv(self.eliminated.information), self.eliminated.carried)
+        spread = np.diagonal(spread, axis1=1, axis2=2)
+        ends, way = self.rests.ends, self.way
+        moving = ~ends
+        reach = np.mean(way.place[moving] ** 2 + spread[moving, PLACE])
+        speed = np.mean(way.velocity[moving] ** 2 + spread[moving, VELOCITY])
+        place = Place(float(np.sqrt(reach)), float(np.sqrt(speed))).strained(way, time, self.rests.moving)
+        if not ends.any():
+            return place, self.rests
+        # on a table the true velocity is zero. The mean square plus the variance of the estimate would need many rounds to come near it
+        shown = 1 - np.mean(spread[ends, VELOCITY]) / self.rests.speed**2
+        slow = np.mean(way.velocity[ends] ** 2) / max(shown, _SHOWN)
+        turned = np.mean(to_vector(way.turns[self.rests.windows]) ** 2)
+        least = 0.2 * np.min(level.gyro) * np.sqrt(time)
+        return place, Rests(self.rests.windows, max(float(np.sqrt(slow)), _SLOWEST), max(float(np.sqrt(turned)), float(least)))
 
 
 def stretches(flags: np.ndarray, begin: np.ndarray, time: float) -> tuple[tuple[float, float], ...]:

@@ -12,9 +12,8 @@ from ._model import NAMES
 
 #: offsets of the samples that an interpolation uses, from the sample before the point
 TAPS = np.arange(-3, 5)
-_EDGE = 8  # samples at both ends of the recording that only the interpolation uses
-WINDOW = 0.2  # s, length of a window
-REACH = 0.05  # s, largest delay
+#: s: length of a window, and largest delay
+WINDOW, REACH = 0.2, 0.05
 #: steps by which a delay may leave its sampling interval before the interval is changed
 _NEAR = 0.75
 GYRO_DELAY, MAG_DELAY = NAMES.index("gyro_delay"), NAMES.index("mag_delay")
@@ -61,13 +60,8 @@ def derivative_at(y: Any, x: float, index: np.ndarray, order: int) -> Any:
 
 def integral(y: Any, low: float, high: float, index: np.ndarray) -> Any:
     """Integral from index + low to index + high, in samples."""
-    return _filtered(y, integral_weights(low, high), index)
-
-
-def integral_weights(low: float, high: float) -> np.ndarray:
-    """(8,) weights of the taps in the integral."""
     power = np.arange(1, len(TAPS) + 1)
-    return lagrange(0.0) @ ((high**power - low**power) / power)
+    return _filtered(y, lagrange(0.0) @ ((high**power - low**power) / power), index)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,7 +76,7 @@ class Grid:
     def of(samples: int, rate: float, reach: float) -> "Grid":
         """All windows far enough from the ends of a recording for delays up to `reach` seconds."""
         steps = max(round(WINDOW * rate), 2)
-        edge = _EDGE + math.ceil(reach * rate)
+        edge = len(TAPS) + math.ceil(reach * rate)  # only the interpolation uses these samples
         count = (samples - 2 * edge) // steps
         return Grid(edge + steps * np.arange(max(count, 0)), steps, 1 / rate)
 

@@ -18,7 +18,7 @@ _STEPS = 4  # number of windows that begin in each part
 _LAGS, _FEWEST = 20, 24
 _FAR = 3.5  # standard deviations
 _ALIKE = 1e-12  # squared singular value, relative to the largest, below which a part does not determine a combination
-_CHANCE = 0.003  # error probability of each of the two tests of whiteness
+CHANCE = 0.003  # error probability of each of the two tests of whiteness
 
 
 def span_of(jacobian: np.ndarray) -> np.ndarray:
@@ -73,7 +73,7 @@ def look_white(jacobian: np.ndarray, span: np.ndarray | None, residuals: np.ndar
     power = np.abs(np.fft.rfft(residuals, 2 * n)) ** 2
     correlation = np.fft.irfft(power)[: len(lags) + 1]
     statistic = n * (n + 2) * np.sum((correlation[lags] / correlation[0]) ** 2 / (n - lags))
-    if chi_square_tail(statistic, len(lags)) < _CHANCE:
+    if chi_square_tail(statistic, len(lags)) < CHANCE:
         return False
     parts = min(BLOCKS, n // (2 * free))
     if parts < 2:
@@ -88,7 +88,7 @@ def look_white(jacobian: np.ndarray, span: np.ndarray | None, residuals: np.ndar
     if used <= free or used >= n:
         return True
     ratio = (np.sum(residuals**2) - left) / (used - free) / (left / (n - used))
-    return bool(f_tail(ratio, used - free, n - used) >= _CHANCE)
+    return bool(f_tail(ratio, used - free, n - used) >= CHANCE)
 
 
 def leave_out(jacobian: np.ndarray, residuals: np.ndarray, known: np.ndarray | None = None) -> np.ndarray:

@@ -8,11 +8,10 @@ import jax
 import numpy as np
 
 from .._compile import filter_jit
-from .._errors import DataError
 from .._precision import array_module, host_float64
 from .._types import AnyArray
 from ..fitting import AbstractLoss, AbstractPrior, Estimate, Fit, covariance, solve
-from ._model import CONVENTIONS, Imu, Triad, entries, freed, in_convention, replaced, values
+from ._model import Imu, Triad, checked_convention, entries, freed, in_convention, replaced, values
 from ._residuals import Poses, Turns, Weighted, arrays, residuals, reweighted
 
 #: a fit ends when the remaining step is below this share of the statistical uncertainty
@@ -109,11 +108,8 @@ def estimate(
     ----------
     D. Tedaldi, A. Pretto and E. Menegatti, ICRA 2014; the thesis, equations (5.1) to (5.5).
     """
-    if convention not in CONVENTIONS:
-        raise DataError(f"There is no convention {convention!r}; known are {', '.join(map(repr, CONVENTIONS))}.")
     start = started(model, turns is not None, latitude is not None)
-    if convention == "full" and not start.plain:
-        raise DataError("A subclass of Triad cannot be turned into the frame 'full'; take the convention 'upper' or 'lower'.")
+    checked_convention(convention, start.plain)
     start, data = arrays((start, Weighted(poses, turns, gravity, latitude)))
     data = reweighted(start, data)
     # iterate to full convergence (rtol=None), so that differences of two estimates agree with the derivatives

@@ -20,9 +20,14 @@ FINDINGS = table(
         FATAL, "There are {count} still intervals; the model needs {needed}, and 18 to 24 are advised.",
         "Hold the sensor still for 3 s on each face and edge, and on some corners."
     ),
-    saturated=Kind(NOTE, "An axis is at the end of its range in {lost} of {count} still intervals, which were left out."),
-    turn_gaps=Kind(NOTE, "{lost} turns were left out: more samples are missing in them than can be interpolated."),
-    turns_saturated=Kind(NOTE, "{lost} turns were left out: the gyroscope is at the end of its range in them.", "Turn more slowly."),
+    turns_lost=Kind(
+        NOTE, "{lost} turns were left out: in them more readings are missing, or at the end of the range, than can be interpolated.",
+        "Turn more slowly."
+    ),
+    dead_band=Kind(
+        CAUTION, "At rest the gyroscope reads exact zeros, a dead band of {size:.2g}: its bias is known to this only.",
+        "Switch the dead band off."
+    ),
     few_turns_left=Kind(FATAL, "{kept} turns are left; a gyroscope needs 6."),
     # what poses and turns determine
     attitudes_enough=Kind(NOTE, "The {poses} poses determine every parameter; least certain: {what}."),

@@ -26,8 +26,6 @@ from ._residuals import Pieces, Turns, Weighted, pieces, reweighted
 _FIRST_TURN = 0.02  # rad: assumed error of a turn, until the residuals show it
 ROUNDS = 3  # of fits: the sizes of the errors then change by less than their own uncertainty
 _CLIP = 2.5  # standard deviations: beyond them a residual counts as this large
-#: mean square of a normal residual clipped there
-_KEPT = float(1.0 - chi_square_tail(_CLIP**2, 3) + _CLIP**2 * chi_square_tail(_CLIP**2, 1))
 #: tried scales over two decades: neighbours differ by 6 %, from which the fit converges; steps of constant rate in a turn, enough to tell
 #: units and axes apart
 _SCALES, _STEPS = 80, 64
@@ -65,9 +63,10 @@ def excess(residual: np.ndarray, base: np.ndarray, parameters: Any) -> float:
     """
     residual, base = np.ravel(residual), np.ravel(base)
     freedom = max(len(residual) - parameters, 1.0)
+    kept = float(1.0 - chi_square_tail(_CLIP**2, 3) + _CLIP**2 * chi_square_tail(_CLIP**2, 1))  # mean square of a clipped normal residual
 
     def surplus(extra: float) -> float:
-        return float(np.sum(np.minimum(residual**2 / (base + extra), _CLIP**2)) / _KEPT - freedom)
+        return float(np.sum(np.minimum(residual**2 / (base + extra), _CLIP**2)) / kept - freedom)
 
     top = float(np.sum(residual**2))
     floor = 1e-16 * top + 1e-300

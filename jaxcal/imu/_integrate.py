@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
-from .._rotation import skew
+from .._arrays import skew
 from .._types import Any, Array
 
 

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._answer import FATAL, Finding, Quantity
+from .._answer import Finding, Quantity
 from .._rests import Ends, Multiples
 from ..fitting import Estimate, Fit, covariance
 from ..fitting._result import leverage
@@ -107,18 +107,9 @@ class Job(eqx.Module):
     def begun(self, ends: Ends, fit: Fit, whole: bool, near: tuple[Imu, float] | None) -> Begun | Refusal:
         """Compute means and turns of a set of rests, and the start of its fit: `near` (model and scale of another set) if it is given."""
         record, options, notes = self.record, self.options, []
-        clipped = _recording.stuck(record.accel, *ends)
-        start, stop = (part[~clipped] for part in ends)
-        if clipped.any():
-            saturated = FINDINGS("saturated", "accel", lost=int(clipped.sum()), count=len(clipped))
-            if len(start) < self.needed:
-                return Refusal((dataclasses.replace(saturated, severity=FATAL),))
-            notes.append(saturated)
+        start, stop = ends
         rests = _recording.rests_of(record, start, stop)
         data = _recording.norms(rests.accel, rests.slots, options.gravity)
-        if clipped.any():
-            begin = _fits.nominal_start(self.model.accel, rests.accel, options.gravity) if self.raw else self.model.accel
-            fit = solved(Imu(begin), data, options.convention, options.misalignment, rtol=None, priors=options.priors)
         at_rest = pieces(fit.model, data)
         vertical, size = at_rest.vertical[: len(start)], options.gravity - at_rest.norm[: len(start)]
         rests = rests.shortened(np.linalg.inv(np.asarray(fit.model.accel.matrix)), vertical, size)
@@ -132,14 +123,10 @@ class Job(eqx.Module):
         if record.gyro is None:
             return Begun(rests, fit, vertical, Imu(accel), None, 1.0, seen, tuple(notes))
         turns = _recording.turns_of(record, start, stop, rests.slots, whole)
-        over, valid = np.asarray(record.over), np.isfinite(turns.sigma)
-        bad = np.zeros(len(valid), dtype=bool)
-        bad[: len(start) - 1] = [over[i:j].any() for i, j in zip(stop[:-1] - 1, start[1:], strict=True)]
-        if lost := len(start) - 1 - int(valid.sum()):
-            notes.append(FINDINGS("turn_gaps", lost=lost))
-        if bad.any():
-            notes.append(FINDINGS("turns_saturated", "gyro", lost=int(bad.sum())))
-            turns = dataclasses.replace(turns, sigma=np.where(bad, np.inf, turns.sigma))
+        if lost := len(start) - 1 - int(np.isfinite(turns.sigma).sum()):
+            notes.append(FINDINGS("turns_lost", "gyro", lost=lost))
+        if record.band.any():
+            notes.append(FINDINGS("dead_band", "gyro", size=Quantity(float(record.band.max()), "gyro")))
         if (kept := int(np.isfinite(turns.sigma).sum())) < 6:
             return Refusal((FINDINGS("few_turns_left", "gyro", kept=kept), *notes), seen)
         force = size[:, None] * vertical
@@ -250,6 +237,10 @@ class Job(eqx.Module):
         missing = lacks(joint, rests) if _known_kind(fit.model) and bool(fit.usable) else []
         for shift in [np.outer(lack.shift, lack.shift) for lack in missing] + ([] if lost is None else [lost]):
             matrix = matrix + np.asarray(framed(fit.model, options.convention, placed(fit.names, shift, names))[1][0])
+        for axis, size in enumerate(self.record.band):  # a dead band hides a bias of its size, evenly distributed
+            hidden = np.array([1.0 * (name == f"gyro.bias[{axis}]") for name in names])
+            hidden += [name.startswith(f"gyro.g_sensitivity[{axis}") / options.gravity for name in names]
+            matrix = matrix + np.diag((size * hidden) ** 2 / 3)
         model, values = jax.tree.map(np.asarray, (made.model, made.estimate.values))
         result = dataclasses.replace(
             base, accel=model.accel, gyro=model.gyro, residual_norm=found.norm[:count], residual_turn=np.linalg.norm(turned, axis=1),

@@ -20,7 +20,6 @@ from ._result import LABELS, assumed_gravity, parts_of, quantities, scale_error
 
 _FORCE = ("rate about x", "rate about y", "rate about z", "bias", "g-sensitivity along x", "g-sensitivity along y", "g-sensitivity along z")
 _UP = ("specific force along x", "specific force along y", "specific force along z", "bias")
-_RANK = 1e-8  # singular values of columns of unit length below it are zero: inputs repeat to this share
 
 
 class TriadFit(Result):
@@ -74,7 +73,7 @@ def checked_gravity(gravity: Any) -> float:
 
 def _fitted(x: np.ndarray, y: np.ndarray, sigma: np.ndarray, words: tuple[str, ...], advice: str) -> tuple[Triad, Estimate]:
     """Fit readings `y` to columns [input, 1] or [input, 1, specific force], axis by axis."""
-    known = information(x, tolerance=_RANK)
+    known = information(x)
     share = np.sqrt(np.sum(known.vectors[known.singular_values == 0] ** 2, axis=0))
     if np.any(share > 1e-3):
         open_ = ", ".join(word for word, part in zip(words, share, strict=False) if part > 0.1)

@@ -14,7 +14,7 @@ from .._types import AnyArray, Array
 from .._units import EARTH_RATE as EARTH_RATE
 from ..fitting._problem import names_of
 
-CONVENTIONS = ("upper", "lower", "full")
+_CONVENTIONS = ("upper", "lower", "full")
 #: level of the tests whose outcome widens intervals or lowers the verdict: one false alarm in a thousand; level of the tests that decide
 #: on a term which is then fitted, and whose false alarm costs little
 LEVEL, FITTED_LEVEL = 1e-3, 0.01
@@ -176,6 +176,15 @@ class Imu(eqx.Module):
     def plain(self) -> bool:
         """Whether both sensors are plain `Triad`s, which are linear in their readings, and not subclasses."""
         return all(type(sensor) in (Triad, type(None)) for sensor in (self.accel, self.gyro))
+
+
+def checked_convention(convention: str, plain: bool) -> None:
+    """Refuse an unknown convention, and "full" for a subclass of `Triad`, which cannot be turned into it."""
+    if convention not in _CONVENTIONS:
+        raise DataError(f"There is no convention {convention!r}; known are {', '.join(map(repr, _CONVENTIONS))}.", code="option")
+    if convention == "full" and not plain:
+        said = "A subclass of Triad cannot be turned into the frame 'full'; take the convention 'upper' or 'lower'."
+        raise DataError(said, code="full_of_own_model")
 
 
 def entries(model: Imu) -> tuple[tuple[str, ...], np.ndarray]:

@@ -6,9 +6,9 @@ import equinox as eqx
 import numpy as np
 
 from .._answer import Finding, Quantity, Result, Section, by_axis
+from .._arrays import from_vector, skew
 from .._errors import DataError
 from .._precision import host_float64
-from .._rotation import from_vector, skew
 from ..fitting import Estimate
 from ._findings import FINDINGS
 from ._model import Imu

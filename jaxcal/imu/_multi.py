@@ -20,14 +20,13 @@ from ._findings import FINDINGS
 from ._fits import Options
 from ._joint import Job, count_of
 from ._known import checked_gravity
-from ._model import CONVENTIONS, Imu, Triad, freed
+from ._model import Imu, Triad, checked_convention, freed
 from ._nonlinear import with_terms
 from ._prior import known_of, prior_of
 from ._recording import Recording
 from ._result import ImuFit, assumed_gravity
 
 _HUBER = Huber()
-_FEWEST = 4  # poses that a fit needs even with a prior
 _TYPICAL = 0.01  # m/s^2: assumed error of a magnitude, to weight a prior before the residuals show their size
 
 
@@ -132,7 +131,7 @@ def _fitted(
     record: Recording, base: ImuFit, start: Imu, tried: dict[Multiples, Ends], options: Options, raw: bool, held_out: bool
 ) -> ImuFit:
     """Fit the best of several sets of rests."""
-    needed = max(count_of(freed(Imu(start.accel), options.convention, options.misalignment)) - known_of(options.prior), _FEWEST)
+    needed = max(count_of(freed(Imu(start.accel), options.convention, options.misalignment)) - known_of(options.prior), 1)
     usable = {pair: ends for pair, ends in tried.items() if len(ends[0]) >= needed}
     if not usable:
         return _with_finding(base, FINDINGS("few_rests", count=max(len(ends[0]) for ends in tried.values()), needed=needed))
@@ -168,14 +167,9 @@ def _norm_fits(
 def _checked(log, gravity, convention, model, g_sensitivity, loss, latitude, noise, raw, terms, prior) -> Options:
     if is_traced(getattr(log, "accel", None)):
         raise DataError("`multi_position` decides on the host and cannot be traced; take `imu.estimate`, which can.")
-    if convention not in CONVENTIONS:
-        raise DataError(f"There is no convention {convention!r}; known are {', '.join(map(repr, CONVENTIONS))}.", code="option")
     if not (model in ("full", "diagonal") if isinstance(model, str) else isinstance(model, (Triad, Imu))):
         raise DataError(f"There is no model {model!r}; known are 'full' and 'diagonal', or give a Triad or an Imu.", code="option")
-    if convention == "full" and not (isinstance(model, str) or Imu(model).plain):
-        raise DataError(
-            "A subclass of Triad cannot be turned into the frame 'full'; take the convention 'upper' or 'lower'.", code="full_of_own_model"
-        )
+    checked_convention(convention, isinstance(model, str) or Imu(model).plain)
     if not isinstance(loss, AbstractLoss | None):
         raise DataError(f"There is no loss {loss!r}; give one of jaxcal.fitting, such as Huber(), or None.", code="option")
     if latitude is not None and not abs(float(latitude)) <= np.pi / 2:

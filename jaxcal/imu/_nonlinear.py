@@ -99,15 +99,13 @@ def with_terms(model: Imu, terms: Iterable[str]) -> Imu:
     for term in terms:
         if term not in TERMS:
             raise DataError(f"There is no term {term!r}; known are {', '.join(TERMS)}, or 'auto' for what the log asks for.", code="term")
+        sensor, field = term.split(".")
+        held = getattr(model, "gyro" if term in _IN_TIME else sensor)  # the turns tell a term in time from a tilt
+        if held is None:
+            raise DataError(f"The term {term} needs a sensor that the log does not have.", code="term")
         if term in _IN_TIME:
-            if model.gyro is None:
-                raise DataError(f"The term {term} needs a log with a gyroscope.", code="term")
             model = dataclasses.replace(model, **{_IN_TIME[term]: np.zeros(3)})
             continue
-        sensor, field = term.split(".")
-        held = getattr(model, sensor)
-        if held is None:
-            raise DataError(f"The term {term} belongs to a sensor that the log does not have.")
         if type(held) is Triad:
             held = Nonlinear(held.matrix, held.bias, held.g_sensitivity)
         if not isinstance(held, Nonlinear):

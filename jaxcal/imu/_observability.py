@@ -17,10 +17,9 @@ _WORDS = (
 )  # fmt: skip
 #: limits of the condition number (18 evenly spread poses have 3 to 4): above them poses are missing, and the fit is singular
 _ENOUGH, SINGULAR = 12.0, 300.0
-#: half of the angle between a face and the nearest edge, with some margin: closer attitudes count as the same
-NEAR = float(np.cos(np.deg2rad(25.0)))
-#: spread of the poses below which they are one attitude, which not even turns determine
-ONE_ATTITUDE = np.deg2rad(5.0)
+#: cosine of half of the angle between a face and the nearest edge, with some margin: closer attitudes count as the same; spread of the
+#: poses, rad, below which they are one attitude, which not even turns determine
+NEAR, ONE_ATTITUDE = float(np.cos(np.deg2rad(25.0))), np.deg2rad(5.0)
 
 
 class Observability(eqx.Module):

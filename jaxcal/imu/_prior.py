@@ -15,7 +15,6 @@ from ._model import Imu, Triad, entries, values
 
 _SHEET = {"accel": ("scale", "misalignment", "bias"), "gyro": ("scale", "misalignment", "bias", "g_sensitivity")}
 _FIELDS = ("matrix", "bias", "g_sensitivity")
-_FLAT = 1e-12  # eigenvalues below this share of the largest are rounding errors
 
 
 class Prior(AbstractPrior):
@@ -103,7 +102,7 @@ def _known(triad: Triad, known: Estimate) -> Any:
     taken = np.array([i for i, name in enumerate(known.names) if error[i] > 0 and ".bias" not in name])
     scaled = np.asarray(known.matrix)[np.ix_(taken, taken)] / np.outer(error[taken], error[taken])
     values, vectors = np.linalg.eigh(scaled)
-    kept = values > _FLAT * values[-1]
+    kept = values > len(values) * np.finfo(float).eps * values[-1]
     mean = _flat(triad)
     root = np.zeros((len(mean), len(mean)))
     root[np.ix_(np.arange(kept.sum()), taken)] = (vectors[:, kept] / np.sqrt(values[kept])).T / error[taken]

@@ -1,6 +1,5 @@
 """`rate_test`: calibrate a gyroscope from the raw log of a rate table."""
 
-import re
 from typing import Any
 
 import equinox as eqx
@@ -17,13 +16,11 @@ from ._model import Triad
 from ._recording import means
 from ._result import LABELS
 from ._scale import ScaleFigures, figure_numbers, scale_figures
-from ._session import Region, regions_of
 
 _AXES = "xyz"
 _TOLERANCE = 0.2  # relative error that an uncalibrated rate may have
 _PIECES = 8  # parts of a stretch, whose scatter gives the noise of its mean with 7 degrees of freedom
 _COLLINEAR = 1e-2  # least singular value of rates, bias and forces, of unit length: below, errors grow a hundredfold
-_LABEL = re.compile(r"([xyz])[ _]*([+-]?\d+(?:\.\d+)?)|(rest|still|pose|static)[ _-]?\d*", re.IGNORECASE)
 
 
 class RateTest(Result):
@@ -85,9 +82,8 @@ class RateTest(Result):
 
 @host_float64
 def rate_test(
-    log: Any, rates: Any = None, *, regions: Any = None, latitude: float | None = None, servo: float = 0.0, raw: bool = False,
-    model: Triad | None = None,
-) -> RateTest:  # fmt: skip
+    log: Any, rates: Any, *, latitude: float | None = None, servo: float = 0.0, raw: bool = False, model: Triad | None = None
+) -> RateTest:
     r"""Calibrate a gyroscope from the raw log of a rate table: the triad, and figures in ppm for each axis.
 
     The function finds the stretches of constant rate, fits their means as `rate_table` does, and describes each axis by `scale_figures`.
@@ -97,8 +93,6 @@ def rate_test(
     log : `jaxcal.Log` with a gyroscope. If it has an accelerometer in m/s^2 and each of the six faces was up, the g-sensitivity is fitted.
     rates : rates to which the table was set, rad/s, without sign. Axis and sign are taken from the gyroscope itself, so its scale must be
         correct to 20 %.
-    regions : instead of `rates`, (label, start, stop) of every stretch, in samples. A label is an axis and a rate in deg/s, such as
-        "z +100", or "rest". Or the path of a file, as `ferraris` takes it.
     latitude : rad, to subtract the Earth's rate; this needs the accelerometer.
     servo : relative standard deviation of the table's rate.
     raw : True if the gyroscope is in counts; the largest rate then gives the scale.
@@ -129,17 +123,14 @@ def rate_test(
     ----------
     IEEE Std 952-1997, section 12 (scale factor); IEEE Std 1431-2004.
     """
-    gyro = None if getattr(log, "gyro", None) is None else np.asarray(log.gyro, dtype=float)
-    if gyro is None or gyro.ndim != 2 or gyro.shape[1] != 3:
+    if np.shape(getattr(log, "gyro", None))[1:] != (3,):
         raise DataError("The log has no gyroscope with three axes, which a rate table calibrates.")
-    if (rates is None) == (regions is None):
-        raise DataError(Message("give either {option.rates}, to which the table was set, or {option.regions}"), code="rates_or_regions")
-    if regions is not None:
-        start, stop, set_to = _labelled(regions_of(regions, log.rate), len(gyro))
-    else:
-        still = still_intervals(gyro, log.rate)
-        start, stop = _apart(gyro, still.start, still.stop)
-        set_to = _assigned(means(gyro, start, stop), rates, raw)
+    gyro = log.usable("gyro", keep=("zeroed",))
+    still = still_intervals(gyro, log.rate)
+    start, stop = still.ends[still.stop - still.start >= 2 * _PIECES].T
+    if not len(start):
+        raise DataError("No stretch of constant rate is found; hold every rate for 3 s or more", code="no_stretch")
+    set_to = _assigned(means(gyro, start, stop), rates, raw)
     readings = means(gyro, start, stop)
     pieces = np.stack([means(gyro, *_cut(start, stop, k)) for k in range(_PIECES)])
     sigma = np.std(pieces, axis=0, ddof=1) / np.sqrt(_PIECES)
@@ -172,15 +163,6 @@ def _cut(start: np.ndarray, stop: np.ndarray, piece: int) -> tuple[np.ndarray, n
     """Start and stop of piece number `piece` of every stretch; all pieces have the same length."""
     length = (stop - start) / _PIECES
     return start + np.floor(piece * length).astype(int), start + np.floor((piece + 1) * length).astype(int)
-
-
-def _apart(gyro: np.ndarray, start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Keep the stretches that are long enough and not saturated: an axis that does not change at all is at the end of its range."""
-    least = np.array([np.nanstd(gyro[i:j], axis=0).min() for i, j in zip(start, stop, strict=True)])
-    kept = (stop - start >= 2 * _PIECES) & (least > 0)
-    if not kept.any():
-        raise DataError("No stretch of constant rate is found; hold every rate for 3 s or more", code="no_stretch")
-    return start[kept], stop[kept]
 
 
 def _assigned(readings: np.ndarray, rates: Any, raw: bool) -> np.ndarray:
@@ -216,23 +198,6 @@ def _assigned(readings: np.ndarray, rates: Any, raw: bool) -> np.ndarray:
     set_to = np.zeros((len(axis), 3))
     set_to[np.arange(len(axis)), axis] = np.sign(size) * nearest
     return set_to
-
-
-def _labelled(regions: list[Region], samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Start, stop and rates of labelled stretches, in order of time."""
-    start, stop, set_to = [], [], []
-    for label, first, last in sorted(regions, key=lambda region: region[1]):
-        match = _LABEL.fullmatch(label.strip())
-        if match is None:
-            raise DataError(f"The label {label!r} is no rate; expected an axis and a rate in deg/s, such as z +100, or rest", code="label")
-        if not 0 <= first < last <= samples or last - first < 2 * _PIECES:
-            raise DataError(
-                f"The region {label} goes from sample {first} to {last}; expected {2 * _PIECES} or more of the {samples} samples"
-            )
-        start.append(first)
-        stop.append(last)
-        set_to.append(np.zeros(3) if match[3] else np.deg2rad(float(match[2])) * np.eye(3)[_AXES.index(match[1].lower())])
-    return np.array(start), np.array(stop), np.array(set_to)
 
 
 def _fitted(

@@ -17,23 +17,21 @@ from ._findings import FINDINGS
 from ._model import LEVEL
 from ._residuals import Poses, Turns, Weighted
 
-_RUN = 3  # consecutive samples at the end of the range that count as saturation
-#: s; longest gap that is interpolated: the rate of a turn by hand hardly changes in this time
-_BRIDGE = 0.1
+#: s: longest gap that is interpolated, in which the rate of a turn by hand hardly changes; length of the parts of a rest whose means count
+#: as independent, because hand tremor correlates shorter ones; longest rest in which the integrated noise of the gyroscope stays below the
+#: motion of a hand
+_BRIDGE, _PIECE, _LONGEST = 0.1, 0.25, 10.0
 #: steps of every turn, the same in all recordings so that they share one compiled fit. A turn of 5 s has steps of 20 ms; doubling the
 #: number changes no parameter by more than a tenth of its standard error.
 _STEPS = 252
-#: s; length of the parts of a rest whose means count as independent; means of shorter parts would be correlated by hand tremor
-_PIECE = 0.25
-#: s; in longer rests, the integrated noise of the gyroscope exceeds the motion of the hand
-_LONGEST = 10.0
 
 
 class Recording(eqx.Module):
     """Arrays of a recording.
 
     time : (n,) s. accel, gyro : (n, 3) readings; gyro is None without a gyroscope. temperature : mean in degC, or NaN.
-    bridged : (n, 6) gyroscope, then accelerometer, with short gaps interpolated, for the turns. over : (n,) gyroscope saturates.
+    bridged : (n, 6) gyroscope, then accelerometer, with short gaps interpolated, for the turns. band : (3,) half width of the
+    gyroscope's dead band, zero without one.
     """
 
     time: np.ndarray
@@ -42,45 +40,33 @@ class Recording(eqx.Module):
     rate: float
     temperature: float
     bridged: np.ndarray | None
-    over: np.ndarray | None
+    band: np.ndarray
 
 
 def recording(log: Any) -> Recording:
-    """Convert a log to arrays."""
-    log = as_log(log).cleaned(keep=("clipped",))  # the end of the range is looked at here
-    accel = log.accel
-    if accel is None:
+    """Convert a log to arrays, without readings that are no measurement (`Log.usable`)."""
+    log = as_log(log)
+    if log.accel is None:
         raise DataError("The log has no accelerometer, on which this calibration rests.", code="no_accel")
-    accel = np.ascontiguousarray(np.asarray(accel, dtype=float))
-    gyro = None if log.gyro is None else np.ascontiguousarray(np.asarray(log.gyro, dtype=float))
-    for name, values in (("accelerometer", accel), ("gyroscope", gyro)):
-        if values is not None and (values.ndim != 2 or values.shape[1] != 3):
-            raise DataError(
-                f"The {name} has {1 if values.ndim == 1 else values.shape[1]} axes; this calibration needs all three.", code="axes"
-            )
-    stamps = np.asarray(log.time, dtype=float)
+    for name, values in (("accelerometer", log.accel), ("gyroscope", log.gyro)):
+        if values is not None and np.shape(values)[1:] != (3,):
+            raise DataError(f"The {name} has {np.shape(values)[1:]} axes; this calibration needs all three.", code="axes")
+    stamps, rate = np.asarray(log.time, dtype=float), float(log.rate)
     temperature = float("nan") if log.temperature is None else float(np.nanmean(log.temperature))
-    both = None if gyro is None else np.concatenate([bridged(x, float(log.rate)) for x in (gyro, accel)], axis=1)
-    return Recording(stamps - stamps[0], accel, gyro, float(log.rate), temperature, both, None if gyro is None else pinned(gyro))
+    accel, whole = _readings(log, "accel")
+    if log.gyro is None:
+        return Recording(stamps - stamps[0], accel, None, rate, temperature, None, np.zeros(3))
+    # the zeros of a dead band stay: they hardly change a turn, and what they say of the bias is known to the width of the band
+    gyro, turning = _readings(log, "gyro", ("zeroed",))
+    dead = np.isfinite(gyro) & np.isnan(log.usable("gyro"))
+    size = np.where(dead.any(axis=0), np.min(np.abs(gyro), axis=0, initial=np.inf, where=np.isfinite(gyro) & ~dead), 0.0)
+    return Recording(stamps - stamps[0], accel, gyro, rate, temperature, np.concatenate([turning, whole], axis=1), size)
 
 
-def pinned(x: np.ndarray) -> np.ndarray:
-    """(n,) True where a channel stays at the end of its range for three or more samples."""
-    found = np.zeros(len(x), dtype=bool)
-    for limit in (np.nanmin(x, axis=0), np.nanmax(x, axis=0)):
-        at = x == limit
-        at &= np.mean(at, axis=0) <= 0.5  # a channel that hardly changes is coarse, not saturated
-        run = np.any(at[2:] & at[1:-1] & at[:-2], axis=1)
-        for shift in range(_RUN):
-            found[shift : len(found) - 2 + shift] |= run
-    return found
-
-
-def stuck(x: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
-    """(k,) True where an axis stays at the end of its range during a whole still interval: it is saturated, not still."""
-    low, high = np.nanmin(x, axis=0), np.nanmax(x, axis=0)
-    at_end = (x == low) | (x == high) | np.isnan(x)
-    return np.array([np.any(np.all(at_end[i:j], axis=0)) for i, j in zip(start, stop, strict=True)], dtype=bool)
+def _readings(log: Any, sensor: str, keep: tuple[str, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
+    """Usable readings of a sensor, and the same with short gaps interpolated, but not at the end of the range."""
+    values, whole = (np.ascontiguousarray(log.usable(sensor, keep=(*keep, *kinds))) for kinds in ((), ("clipped",)))
+    return values, np.where(np.isnan(values) & np.isfinite(whole), np.nan, bridged(whole, float(log.rate)))
 
 
 def wrong_units(accel: np.ndarray, gravity: float) -> Finding | None:

@@ -6,15 +6,14 @@ import equinox as eqx
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._answer import Finding, Number, Result, Section, listed
-from .._errors import DataError
+from .._answer import Number
 from .._precision import host_float64
 from .._types import AnyArray
 
 _LEAST_REPEATS = 6  # with at least so many degrees of freedom, the scatter of repeated rates replaces `sigma`
 
 
-class ScaleFigures(Result):
+class ScaleFigures(eqx.Module):
     """Deviations of one axis from a straight line, in ppm; NaN for a figure that the inputs cannot show.
 
     Attributes
@@ -49,16 +48,11 @@ class ScaleFigures(Result):
     hysteresis: float
     hysteresis_noise: float
     residual: AnyArray
-    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
     @property
     def headline(self) -> str:
         """The nonlinearity, beside that of noise alone."""
         return f"nonlinearity {self.nonlinearity:.3g} ppm of the largest output (noise alone: up to {self.nonlinearity_noise:.0f})"
-
-    def sections(self) -> list[Section]:
-        """The figures."""
-        return [listed("figures", "scale factor", [(label, one) for label, one in figure_numbers(self).items()])]
 
 
 def figure_numbers(one: ScaleFigures, prefix: str = "") -> dict[str, Number]:
@@ -87,19 +81,15 @@ def scale_figures(inputs: Any, readings: Any, sigma: Any = None) -> ScaleFigures
 
     Parameters
     ----------
-    inputs : (m,) rates or specific forces, in the order in which they were set, because hysteresis depends on the order. Repeated inputs
-        show the repeatability.
+    inputs : (m,) three or more rates or specific forces, in the order in which they were set, because hysteresis depends on the order.
+        Repeated inputs show the repeatability.
     readings : (m,) mean readings.
-    sigma : standard deviation of a mean reading, one or (m,); used if few inputs were repeated (less than 6 repetitions).
+    sigma : standard deviation of a mean reading, one or (m,); used if few inputs were repeated (less than 6 repetitions), and needed if
+        none was.
 
     Returns
     -------
     ScaleFigures
-
-    Raises
-    ------
-    DataError
-        If there are fewer than three different inputs, or neither repeated inputs nor `sigma` to give the noise.
 
     Examples
     --------
@@ -115,18 +105,10 @@ def scale_figures(inputs: Any, readings: Any, sigma: Any = None) -> ScaleFigures
     IEEE Std 952-1997 and Std 1431-2004 (scale factor tests), Std 1293-1998, and Std 528 for the words.
     """
     x, y = (np.asarray(part, dtype=float) for part in (inputs, readings))
-    if x.ndim != 1 or x.shape != y.shape or not (np.isfinite(x).all() and np.isfinite(y).all()):
-        raise DataError(f"inputs have shape {x.shape}, readings {y.shape}; expected finite numbers, (m,) both")
     levels, which, number = np.unique(x, return_inverse=True, return_counts=True)
-    if len(levels) < 3:
-        raise DataError(f"the inputs have {len(levels)} different values; a straight line is tested with three or more")
     mean = np.bincount(which, y) / number
     repeats = int(np.sum(number - 1))
     between = np.sum((y - mean[which]) ** 2)
-    if sigma is None and repeats < 1:
-        raise DataError(
-            "no input was set twice; give sigma=, the standard deviation of a mean reading, or repeat some inputs", code="no_noise"
-        )
     spread = np.sqrt(between / repeats) if repeats else np.nan
     error, freedom = float(spread), float(repeats)
     if sigma is not None and repeats < _LEAST_REPEATS:

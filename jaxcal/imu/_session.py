@@ -28,7 +28,6 @@ from ._result import POOR, UNKNOWN, ImuFit, assumed_gravity, matrix_error, quant
 _LABEL = re.compile(r"([xyz])[ _-]?(?:(p|up)|(a|down)|rot|turn)", re.IGNORECASE)
 _REST = re.compile(r"(rest|still|pose|static)[ _-]?\d*", re.IGNORECASE)
 _SENSORS = ("accel", "gyro")
-_SAME_RATE = 0.01  # relative difference of rates of one device: clocks agree to 1e-4, rates from few samples less
 _EXPECTED = (
     "expected x_p, x_a, y_p, y_a, z_p, z_a for an axis up or down, and x_rot, y_rot, z_rot for a turn about it; or rest for each rest"
 )
@@ -85,7 +84,8 @@ def _joined(logs: Mapping[str, Any]) -> tuple[Log, list[Region]]:
     """One log of logs with one region each, and the regions."""
     parts, first = list(logs.values()), next(iter(logs.values()), None)
     for label, log in logs.items():
-        if abs(log.rate / first.rate - 1) > _SAME_RATE or any((getattr(log, x) is None) != (getattr(first, x) is None) for x in _SENSORS):
+        apart = abs(log.rate / first.rate - 1) * min(len(log.time), len(first.time))  # of the last samples, if both began together
+        if apart > 1 or any((getattr(log, x) is None) != (getattr(first, x) is None) for x in _SENSORS):
             raise DataError(
                 f"the log {label} has another rate or other sensors than {next(iter(logs))}; a session has one device at one rate",
                 code="unlike",

@@ -65,7 +65,6 @@ def simulate(
     gravity: float | int = 9.81,
     latitude: float | None = None,
     up: Any = None,
-    saturation: tuple[float, float] | None = None,
     motion: int | None = None,
     seed: int = 0,
 ) -> Log:
@@ -84,7 +83,6 @@ def simulate(
     gravity : m/s^2.
     latitude : rad, to add the Earth's rate; None leaves it out.
     up : (poses, 3) upward directions in body axes; None for faces, edges and corners, each with an error of some degrees.
-    saturation : (accelerometer, gyroscope) limits of the range, in the unit of the readings.
     motion : seed of poses and headings, for several recordings of the same motion; None uses `seed`.
     seed : seed of the noise.
 
@@ -140,6 +138,4 @@ def simulate(
             readings[i] = readings[i] + np.stack([own.simulate(len(w), float(rate), seed=rng) for _ in range(3)], axis=1)
         else:
             readings[i] = readings[i] + float(own) * np.sqrt(float(rate)) * rng.normal(size=w.shape)
-        if saturation is not None:
-            readings[i] = np.clip(readings[i], -saturation[i], saturation[i])
     return Log(None, gyro=readings[1], accel=readings[0], rate=float(rate), provenance={"simulated": True, "seed": seed})

@@ -33,7 +33,7 @@ def test_a_rate_table(call, folder):
     assert call("apply", ".", "sweep.csv", "--rate", "100", "--name", "unit 7", "--out", "corrected.csv").status == 0
     assert call("apply", ".", "sweep.csv", "--rate", "100", "--out", "c.csv").status == 2
     for words, status, reason in (
-        ((), 2, "either --rates"),
+        ((), 2, "--rates"),
         (("--rates", "fast"), 2, "expected numbers in deg/s"),
         (("--rates", "3000"), 1, "none of the rates"),
     ):

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxcal._rotation import from_vector
+from jaxcal._arrays import from_vector
 from jaxcal.device._model import AT, NAMES, model_of, template, vector_of
 from jaxcal.device._normal import inertial, rows
 from jaxcal.device._windows import Grid, windows

@@ -81,27 +81,6 @@ def test_the_intervals_of_a_model_of_ones_own_hold_the_truth():
     assert isinstance(found.model.accel, Quadratic)
 
 
-def test_derivatives_of_the_estimate_are_those_of_finite_differences():
-    """Derivatives with respect to gravity, which is not fitted, to the readings, and to their standard deviations."""
-    y, sigma = jnp.asarray(readings(0)), jnp.asarray(SIGMA * np.linspace(1, 2, len(UP)))
-
-    @jax.jit
-    def scale(gravity, y, sigma):
-        found = estimate(Poses(y, sigma), gravity=gravity, model=START)
-        return 1e3 * found.model.accel.square[2] + found.model.accel.matrix[0, 1]
-
-    slopes = jax.jit(jax.grad(scale, argnums=(0, 1, 2)))(jnp.asarray(G), y, sigma)
-    along = np.random.default_rng(1).normal(size=(2, *y.shape))
-    for slope, step in (
-        (float(slopes[0]), (1e-3, 0 * y, 0 * sigma)),
-        (float(jnp.sum(slopes[1] * along[0])), (0.0, 1e-3 * along[0], 0 * sigma)),
-        (float(jnp.sum(slopes[2] * along[1][:, 0])), (0.0, 0 * y, 1e-5 * along[1][:, 0])),
-    ):
-        size = 1e-3 if np.ndim(step[2]) and not np.any(step[2]) else 1e-5
-        up, down = (scale(jnp.asarray(G + s * step[0]), y + s * step[1], sigma + s * step[2]) for s in (1, -1))
-        assert slope == pytest.approx(float(up - down) / (2 * size), rel=1e-4)
-
-
 @pytest.fixture(scope="module")
 def recorded():
     """A recording of a linear accelerometer and gyroscope, to which the quadratic term of the accelerometer is added."""
@@ -129,8 +108,8 @@ def test_a_recording_is_fitted_drawn_stored_and_applied(recorded, found, tmp_pat
     part = again.imu.accel
     assert isinstance(part.model, Quadratic)
     np.testing.assert_array_equal(part.model.square, found.accel.square)
-    assert part.covariance.parameters[-3:] == ("square[0]", "square[1]", "square[2]")
-    np.testing.assert_array_equal(part.covariance.values[-3:, -3:], own.matrix)
+    assert part.estimate.names[-3:] == ("square[0]", "square[1]", "square[2]")
+    np.testing.assert_array_equal(part.estimate.matrix[-3:, -3:], own.matrix)
     # the magnitude at every rest is gravity to 5e-3 m/s^2, whereas the quadratic term is 0.02 m/s^2
     force = again.correct(recorded).accel
     rests = np.array([np.linalg.norm(force[i:j].mean(axis=0)) for i, j in zip(found.still.start, found.still.stop, strict=True)])

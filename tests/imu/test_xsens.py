@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal._arrays import runs
-from jaxcal._rests import windowed_variance
+from jaxcal._arrays import runs, windowed_variance
 from jaxcal.imu import Imu, Poses, Triad, Turns, multi_position, residuals, weighted
 from jaxcal.imu._model import in_convention
 from jaxcal.imu._residuals import Weighted, pieces
