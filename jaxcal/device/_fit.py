@@ -27,8 +27,8 @@ from ._state import Place, Solution, nuisance, stretches
 from ._windows import Record
 
 _BELOW = ("accel.matrix[1,0]", "accel.matrix[2,0]", "accel.matrix[2,1]")  # zero by the convention of the frame
-#: shortest recording, s; fewest readings of the magnetometer; rad of latitude, within which the dip may have either sign, because the magnetic
-#: equator leaves the geographic one by 14 degrees
+#: shortest recording, s; fewest readings of the magnetometer; rad of latitude, within which the dip may have either sign, because the
+#: magnetic equator leaves the geographic one by 14 degrees
 _LEAST, _READINGS, _TROPIC = 20.0, 100, 0.35
 _QUANTITIES = {
     "accel.bias": "accel", "gyro.bias": "gyro", "gyro.g_sensitivity": "gyro/accel", "dip": "angle", "gyro_delay": "delay",
