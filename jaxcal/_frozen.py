@@ -26,8 +26,8 @@ def replaced(module: T, /, **fields: Any) -> T:
     return made(type(module), **({field.name: getattr(module, field.name) for field in dataclasses.fields(values)} | fields))
 
 
-def channel_of(result: Any, name: str, index: int, axes: int = 2) -> Any:
-    """The result for one of several channels, the last axis of `name` and of all other arrays with the same number of axes."""
-    if getattr(result, name).ndim < axes:
+def channel_of(result: Any, name: str, index: int) -> Any:
+    """The result for one of several channels, the second axis of `name` and of all other arrays with two."""
+    if getattr(result, name).ndim < 2:
         raise IndexError(f"this {name} is of a single channel; there is nothing to pick")
-    return jax.tree.map(lambda leaf: leaf[..., index] if leaf.ndim == axes else leaf, result)
+    return jax.tree.map(lambda leaf: leaf[..., index] if leaf.ndim == 2 else leaf, result)

@@ -14,7 +14,7 @@ latest piece. Where two stretches meet, the last points of one and the first of 
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -50,7 +50,7 @@ class Points(NamedTuple):
     def number(self) -> int:
         return self.phase.shape[1]
 
-    def moved(self, offset: AnyArray, slope: AnyArray, step: AnyArray, lost: AnyArray) -> "Points":
+    def moved(self, offset: Any, slope: Any, step: Any, lost: Any) -> "Points":
         """The points in another frame: a line is added to their phase, and `lost` more samples precede them."""
         return Points(self.phase + offset[:, None] + slope[:, None] * step, self.lost + lost[:, None])
 
@@ -118,7 +118,7 @@ def _divisor(number: int, most: int) -> int:
     return int(both[both <= max(most, 1)].max())
 
 
-def reach_of(kind: Kind, steps: AnyArray) -> AnyArray:
+def reach_of(kind: Kind, steps: Any) -> Any:
     """Number of steps from the first to the last point of a difference."""
     return kind.difference * steps - (1 if kind.modified else 0)
 

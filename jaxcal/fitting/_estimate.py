@@ -1,6 +1,5 @@
 """`Estimate`: parameters by name, with their covariance. What a fit knows, in one object that no code cuts by position."""
 
-import dataclasses
 import fnmatch
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
@@ -183,10 +182,6 @@ class Estimate(eqx.Module):
         matrix = np.where(held[:, None] | held, 0.0, np.asarray(self.matrix))
         freedom = self.freedom.min() if len(self.freedom) else np.inf
         return Estimate(tuple(names), out, slope @ matrix @ slope.T, freedom, None, quantities)
-
-    def widened(self, covariance: AnyArray) -> "Estimate":
-        """The estimate with a further, independent covariance (p, p)."""
-        return dataclasses.replace(self, matrix=self.matrix + covariance)
 
     def to_dict(self) -> dict[str, Any]:
         """Names, covariance and degrees of freedom for JSON; the values stand in `numbers` of the result."""

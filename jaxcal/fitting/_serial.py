@@ -5,12 +5,11 @@ time. The parts overlap: they are windows of a sixth of the log, spaced by a qua
 from the solution. This is exact for a model that is linear there, and needs no compilation.
 """
 
-import functools
 import itertools
 
 import numpy as np
 
-from .._special import chi_square_quantile, chi_square_tail, f_tail
+from .._special import chi_square_tail, f_tail
 
 #: number of parts of a log; on real logs the errors were right with six, but too small with ten or twenty
 BLOCKS = 6
@@ -158,9 +157,3 @@ def correlation_time(residuals: np.ndarray) -> float:
     values = values / values[0]
     lost = values < 2 / np.sqrt(n)
     return float(max(1 + 2 * np.sum(values[1 : np.argmax(lost) if lost.any() else len(values)]), 1.0))
-
-
-@functools.cache
-def doubt(freedom: int) -> float:
-    """Factor by which standard deviations from so many degrees of freedom are too small in the worst five per cent of cases, at least."""
-    return float(np.sqrt(freedom / chi_square_quantile(freedom, 0.05)))
