@@ -55,6 +55,9 @@ def noise(
             name="--also", help="Another recording of the same device. Repeatable: adds a table with intervals for the next recording."
         ),
     ] = None,
+    compare: Annotated[
+        bool, Parameter(help="Ask which process the slow noise is: a table of likelihoods for each channel, instead of the fit.")
+    ] = False,
     reading: Reading = Reading(),
     writing: Writing = Writing(),
     running: Running = Running(),
@@ -67,6 +70,12 @@ def noise(
     """
     must_be_calibration(calibration, option="--calibration")
     must_exist(*also or (), option="--also")
+    if compare:
+        recording = read_log(log, reading, "noise")
+        channels = {name: values for name, values in recording.channels().items() if name != "temperature"}
+        for name, values in channels.items():
+            print(f"{name}\n{jaxcal.noise.compare(values, recording.rate)}\n")
+        return
     done = characterise(
         log, terms, confidence, band, reading, writing, running, method=method, calibration=calibration, also=also or ()
     )  # fmt: skip

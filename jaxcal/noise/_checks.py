@@ -15,12 +15,12 @@ from .._quality import checked_rate, refuse_infinite
 from ..allan import Deviation, deviation
 from ._findings import FINDINGS
 from ._model import BUILT_IN, checked_terms
+from ._sections import QUOTED
 from ._terms import GaussMarkov, Term
 
 METHODS = ("whittle", "gls", "log", "slope")
 #: number of cluster sizes of a curve; neighbouring values are so strongly correlated that more would add no information
 _CLUSTERS = 25
-QUOTED = (1.0, 10.0, 100.0, 1000.0)  # cluster times in s at which the deviation is part of every answer
 #: white noise in steps of the readings below which rounding hides it (B. Widrow et al., IEEE Trans. Instrum. Meas. 45, 1996); share of
 #: N^2 that rounding must have to be named, 2.5 % of N
 _HIDDEN, _ROUNDED = 0.5, 0.05

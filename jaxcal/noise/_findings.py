@@ -52,7 +52,7 @@ FINDINGS = table(
     temperature=Kind(NOTE, "The readings follow the temperature, by {size:.2g} per degree, which is fitted beside the noise."),
     rival=Kind(
         NOTE, "The slow noise has another spectrum than {terms}, by a factor of {factor:.2g}: {terms} is a hint.",
-        "jaxcal.noise.compare shows which.", terminal="--compare shows which.",
+        "noise.compare(y, rate) shows which.", terminal="See which with --compare.",
     ),
     instead=Kind(
         NOTE, "K is a hint: {change} of the mean describes the record about as well.", "Record longer, at a steady temperature.",

@@ -18,6 +18,8 @@ from ..allan import Deviation
 from ..spectrum._average import log_groups
 from ._ordinates import Bins
 
+_NARROW = 0.1  # width of a bin in radians of the weights below which its middle stands for it, exact to 1e-3
+
 
 @functools.lru_cache(maxsize=16)
 def _weights(n: int, sizes: tuple[int, ...]) -> tuple[AnyArray, AnyArray]:
@@ -29,7 +31,9 @@ def _weights(n: int, sizes: tuple[int, ...]) -> tuple[AnyArray, AnyArray]:
     fourth = 3.0 * x / 8.0 - np.sin(2 * x) / 4.0 + np.sin(4 * x) / 32.0
     eighth = 35.0 * x / 128.0 - 7.0 * np.sin(2 * x) / 32.0 + 7.0 * np.sin(4 * x) / 128.0 - np.sin(6 * x) / 96.0 + np.sin(8 * x) / 1024.0
     lower = np.sin(np.pi * middle / (2.0 * n)) ** 2
-    mean4, mean8 = (np.maximum(np.diff(one, axis=1), 0.0) / np.diff(x, axis=1) for one in (fourth, eighth))
+    # the antiderivatives lose their digits where a bin is narrow beside the oscillation of the weights
+    narrow, centre = np.diff(x, axis=1) < _NARROW, np.sin(0.5 * (x[:, 1:] + x[:, :-1]))
+    mean4, mean8 = (np.where(narrow, centre**power, np.diff(one, axis=1) / np.diff(x, axis=1)) for one, power in ((fourth, 4), (eighth, 8)))
     return mean4 * count / lower, mean8 * count / lower**2
 
 

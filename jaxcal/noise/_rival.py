@@ -49,9 +49,10 @@ class Rival(NamedTuple):
         return self.gain > _GAIN and self.apart > _APART
 
 
-def rival_of(fitted: Fitted, names: tuple[str, ...], dt: float, duration: float, levels: tuple[float, float]) -> Rival:
+def rival_of(fitted: Fitted, names: tuple[str, ...], dt: float, duration: float, levels: tuple[float, float], widened: float) -> Rival:
     """Fit the rival to the bins of a fit, whose columns have these names; N is judged at two levels of the likelihood ratio.
 
+    The variance of N is `widened`, which adds to what the shape of the rival leaves open.
     Where the model does not describe the slow noise, relaxations up to the end of the band may take part of N.
     """
     bins, used = fitted.bins, fitted.bins.weight > 0
@@ -66,17 +67,20 @@ def rival_of(fitted: Fitted, names: tuple[str, ...], dt: float, duration: float,
     white = [name for name, keep in zip(names, kept, strict=True) if keep].index("N") if "N" in names else None
     if white is None:
         return Rival(own, gain, apart, None)
+    there = theta != 0.0
+    place = int(np.sum(there[:white]))
+    error = (
+        float(np.sqrt(inverse(information(bins._replace(columns=columns[:, there]), theta[there]))[place, place])) if there[white] else 0.0
+    )
+    reach = [error * np.sqrt(level) for level in (levels[0], *levels)]
     if gain > _GAIN:
         columns, start = _columns(bins, kept, fitted.theta, dt, duration, 0.0)
-        theta, cost = scoring(columns, bins.density, bins.weight, start)
-        return Rival(own, gain, apart, _profile(columns, bins, theta, white, cost, levels))
-    there = theta != 0.0
-    if not there[white]:
-        return Rival(own, gain, apart, (0.0, 0.0, 0.0))
-    place = int(np.sum(there[:white]))
-    error = np.sqrt(inverse(information(bins._replace(columns=columns[:, there]), theta[there]))[place, place])
-    both, one = np.sqrt(levels) * error
-    return Rival(own, gain, apart, (max(float(theta[white] - both), 0.0), float(theta[white] + both), float(theta[white] + one)))
+        wide, cost = scoring(columns, bins.density, bins.weight, start)
+        ends = _profile(columns, bins, wide, white, cost, levels)
+        reach = [max(abs(end - theta[white]), least) for end, least in zip(ends, reach, strict=True)]
+    reach = [float(np.hypot(one, error * np.sqrt((widened - 1.0) * level))) for one, level in zip(reach, (levels[0], *levels), strict=True)]
+    middle = float(theta[white])
+    return Rival(own, gain, apart, (max(middle - reach[0], 0.0), middle + reach[1], middle + reach[2]))
 
 
 def _columns(

@@ -9,6 +9,9 @@ import numpy as np
 from .._answer import Curve, Grid, Number, Section, joined_names
 
 SENSORS = {"gyro": "gyroscope", "accel": "accelerometer", "mag": "magnetometer"}
+QUOTED = (1.0, 10.0, 100.0, 1000.0)  # cluster times in s at which the deviation is part of every answer
+_SAME = 0.01  # relative difference of a cluster time to one of these at a rate that is no whole number
+_VAGUE = 3.0  # ratio of the upper limit of a deviation to its value from which the record says too little
 #: units where the sensor is not known; "unit" stands for the unit of the readings
 _UNITS = {"Q": "unit s", "N": "unit sqrt(s)", "B": "unit", "K": "unit/sqrt(s)", "R": "unit/s"}
 _NAMES = {
@@ -67,6 +70,17 @@ def floor_of(fit: Any, prefix: str = "") -> tuple[Number, Number]:
     return found, Number(f"{prefix}floor_at", tau, quantity="time")
 
 
+def measured_at(fit: Any, tau: float, prefix: str = "") -> Number | None:
+    """Measured Allan deviation at a cluster time; None if the record is too short for it."""
+    curve = fit.deviation
+    at = np.flatnonzero(np.abs(curve.tau / tau - 1.0) < _SAME)
+    if not len(at):
+        return None
+    value, low, high = (float(values[at[0]]) for values in (curve.deviation, curve.lower, curve.upper))
+    known = high < _VAGUE * value
+    return Number(f"{prefix}deviation_{tau:g}_s", value, low, high, quantity_of("B", fit.sensor)) if known else None
+
+
 def headline_of(fits: Mapping[str, Any]) -> str:
     """How well N, or the first term, is known on the worst axis."""
     first = next(iter(fits.values()))
@@ -117,6 +131,9 @@ def _coefficients(sensor: str, axes: Mapping[str, Any]) -> Grid:
     if all(fit.deviation is not None for _, fit in fits):
         value, at = zip(*(floor_of(fit, _prefix(name)) for name, fit in fits), strict=True)
         rows += [("floor  of the curve", value), ("  at  cluster time", at)]
+        for tau in QUOTED:
+            cells = tuple(measured_at(fit, tau, _prefix(name)) for name, fit in fits)
+            rows += [(f"{tau:g} s  curve there", cells)] if any(cells) else []
     return Grid(sensor or "noise", SENSORS.get(sensor, "noise"), columns_of(axes, sensor), tuple(rows))
 
 

@@ -146,7 +146,7 @@ def _result(model: Described, parts: Parts, asked: Asked) -> NoiseFit:
     wider = widening(fitted.bins, unit, fitted.theta, names, observed.spectrum() * np.sqrt(dt))
     covariance, limits = uncertainty(fitted, wider.factor, *levels_of(asked.confidence), names)
     scale = wider.factor[names.index("N")] if "N" in names else 1.0
-    rival = rival_of(fitted, names, dt, duration, tuple(scale * level for level in levels_of(asked.confidence)))
+    rival = rival_of(fitted, names, dt, duration, levels_of(asked.confidence), scale)
     limits, doubts = _beside(limits, names, rival, model.changes)
     curve = asked.deviation(observed.drawn if model.changes.fitted else observed.filled)
     used = _used(curve, solved, asked.band)
