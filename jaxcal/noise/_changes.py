@@ -19,7 +19,7 @@ import scipy  # loads its parts when they are first used
 
 from .._types import AnyArray
 from ..spectrum._average import log_groups
-from ._likelihood import ROUGH, minimise
+from ._likelihood import scoring
 
 _BLOCKS, _ORDINATES = 4096, 512  # block means of a record, which have the same lowest ordinates; ordinates that the search uses
 _STARTS = 192  # times at which an event may begin
@@ -254,8 +254,8 @@ def _refitted(records, design, slows, bases, begun) -> tuple[list[AnyArray], flo
             if slow.shape[1]:
                 # the likelihood has local maxima: one start is the last fit, the other has little of every term
                 flat = np.median(target / level) * (level[:, None] / columns).min(axis=0)
-                found = minimise(columns, target, count, np.stack([theta, np.maximum(flat, 1e-6 * theta)]), base=level, rtol=ROUGH)
-                theta = found.theta[np.argmin(found.cost)]
+                starts_of = (theta, np.maximum(flat, 1e-6 * theta))
+                theta, _ = min((scoring(columns, target, count, one, level) for one in starts_of), key=lambda one: one[1])
         s = level + columns @ theta
         fits.append(theta)
         total += float(np.sum(count * (np.log(s) + target / s)))

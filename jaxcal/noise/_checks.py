@@ -63,6 +63,8 @@ def checked_call(
     terms, rate = checked_terms(terms), checked_rate(rate)
     if method != "whittle" and any(isinstance(term, GaussMarkov) and term.time is None for term in terms):
         raise DataError(f'the correlation time of a Gauss-Markov process needs method "whittle"; got {method!r}', code="only_whittle")
+    if method != "whittle" and is_traced(y):
+        raise DataError(f'a traced record is fitted by method "whittle"; got {method!r}', code="only_whittle")
     if not 0.0 < confidence < 1.0:
         raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)", code="confidence")
     samples = len(y) if np.ndim(y) else 0

@@ -23,8 +23,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._types import AnyArray
-from ._lanes import inverse
-from ._likelihood import density, information
+from ._likelihood import density, information, inverse
 from ._ordinates import Bins
 
 _BLOCKS = (10, 5, 2)  # blocks of the record; fewer ones see slower changes of the level

@@ -15,14 +15,10 @@ from ..evidence import bursts
 from ..evidence._find import ranges
 from ._axes import findings_of_axes
 from ._checks import channels_of, checked_call, findings_of_checks, naming, without
-from ._display import fit_plainly
-from ._joint import fit_jointly
+from ._curvefit import fit_curve
 from ._result import NoiseFit, NoiseFits, stacked
 from ._terms import Term
 from ._whittle import fit_axes
-
-#: method on the Allan variance -> function of a channel and of what was asked
-_METHODS = {"gls": fit_jointly, "log": fit_plainly, "slope": fit_plainly}
 
 
 def fit(
@@ -112,7 +108,7 @@ def _fit(y, rate, method, terms, confidence, band, names=(), temperature=None, a
     else:
         for record, name in zip(records, names, strict=True):
             with naming(name):
-                fits.append(_METHODS[method](record, asked))
+                fits.append(fit_curve(record, asked))
     if is_traced(y):
         return fits
     checks = [findings_of_checks(x, asked, float(np.asarray(one.noise.N)) ** 2, aside) for x, one in zip(records, fits, strict=True)]

@@ -22,18 +22,14 @@ import numpy as np
 from .._arrays import namespace
 from .._types import AnyArray, Array
 from ..fitting import solve
-from ._lanes import run, whole
 from ._ordinates import Bins
 
 _FAINT = 0.01  # in several starts one column begins with this fraction of an equal share
-#: rows of the compiled program, which hold the bins of 190 thousand and of 7 million samples; coefficients. Larger problems take
-#: multiples of the last
-_ROWS, _WIDTH = (192, 256), 6
-#: remaining step, in standard errors, at which a search ends: for coefficients, and for a likelihood, whose error is the step squared
-FINE, ROUGH = 1.5e-8, 1e-3
-#: scoring: most steps, shortest part of a step, gain in log likelihood at which it ends, share of the diagonal that keeps normal equations
-#: of nearly equal columns solvable, and share of an ordinate below which the density counts as this share
-_STEPS, _SHORTEST, _GAINED, _RIDGE, _DARK = 50, 1e-3, 1e-4, 1e-10, 1e-9
+FINE = 1.5e-8  # remaining step, in standard errors, at which a search in a trace ends
+#: scoring: most steps, shortest part of a step, gain in log likelihood at which it ends, share of an ordinate below which the density
+#: counts as this share; least squares: roundings added to the diagonal, which keep equations of nearly equal columns solvable, and the
+#: slope of a coefficient at zero, over the largest, that is rounding
+_STEPS, _SHORTEST, _GAINED, _DARK, _FLAT, _RIDGE = 50, 1e-3, 1e-4, 1e-9, 64.0, 1e-10
 
 
 class Minima(NamedTuple):
@@ -80,35 +76,20 @@ def _minimum(shared: Any, lane: tuple[Array, Array, Array, Array]) -> Minima:
     return Minima(fit.parameters, fit.cost, fit.flat)
 
 
-def minimise(columns: Any, target: Any, weight: Any, start: Any, *, base: Any = 0.0, rtol: float = FINE) -> Minima:
-    """Minimise every lane over non-negative coefficients; differentiable with respect to all arguments except `start`, (lanes, p).
+def minimise(columns: Any, target: Any, weight: Any, start: Any, *, rtol: float = FINE) -> Minima:
+    """Minimise from every row of `start`, (lanes, p), over non-negative coefficients, in a trace; differentiable except for `start`.
 
-    `columns`, (rows, p) or (lanes, rows, p), are the model per unit of each coefficient. A column with negative values belongs to a
-    nuisance parameter, whose coefficient may have either sign. `target`, `weight` and `base` have one entry per row, with or without
-    lanes; rows of zero weight are ignored. The model must be positive at the start. A search ends when the remaining step is below
-    `rtol` standard errors.
+    `columns`, (rows, p), are the model per unit of each coefficient. A column with negative values belongs to a nuisance parameter, whose
+    coefficient may have either sign. Rows of zero weight are ignored. A search ends when the remaining step is below `rtol` standard
+    errors.
     """
-    xp = namespace(columns, target, weight, start, base)
-    lanes, p = start.shape
-    root = xp.sqrt(weight * xp.ones_like(target))
+    root = jnp.sqrt(weight * jnp.ones_like(target))
     used = root > 0
-    lower = xp.where(xp.any(columns < 0, axis=tuple(range(columns.ndim - 1))), -np.inf, 0.0)
-    columns = xp.where(used[..., None], columns, 0.0)
-    others = root, xp.where(used, target, 1.0), xp.where(used, base, 1.0)
-    if xp is jnp:
-        others = xp.stack(xp.broadcast_arrays(*others), axis=-2)
-        columns, others = (xp.broadcast_to(each, (lanes, *each.shape[-2:])) for each in (columns, others))
-        lower = xp.broadcast_to(lower.astype(root.dtype), (lanes, p))
-        return run(_minimum, rtol, (columns, others, start, lower), None)
-    rows, full, wide = root.shape[-1], whole(lanes), -(-p // _WIDTH) * _WIDTH
-    tall = _ROWS[0] if rows <= _ROWS[0] else -(-rows // _ROWS[1]) * _ROWS[1]
-    lane = np.zeros((full, tall, wide)), np.zeros((full, 3, tall)), np.zeros((full, wide)), np.zeros((full, wide))
-    lane[0][:lanes, :rows, :p], lane[2][:lanes, :p], lane[3][:lanes, :p] = columns, start, lower
-    lane[1][:, 1:, rows:] = 1.0
-    for i, each in enumerate(others):
-        lane[1][:lanes, i, :rows] = each
-    found = run(_minimum, np.asarray(rtol), lane, Minima(lane[2][0], 0.0, False), lanes)
-    return found._replace(theta=found.theta[:, :p])
+    lower = jnp.where(jnp.any(columns < 0, axis=0), -np.inf, 0.0).astype(root.dtype)
+    columns = jnp.where(used[:, None], columns, 0.0)
+    others = jnp.stack([root, jnp.where(used, target, 1.0), jnp.where(used, 0.0, 1.0)])
+    # one at a time: under vmap a branch on data would evaluate both sides and their derivatives
+    return jax.lax.map(lambda one: _minimum(rtol, (columns, others, one, lower)), start)
 
 
 def density(columns: Any, theta: Any) -> Any:
@@ -121,6 +102,16 @@ def information(bins: Bins, theta: Any) -> Any:
     """Expected Fisher information of the squared coefficients, F = 1/2 sum nu X X' / S^2."""
     rows = bins.columns * (namespace(bins, theta).sqrt(0.5 * bins.weight) / density(bins.columns, theta))[:, None]
     return rows.T @ rows
+
+
+def inverse(matrix: Any) -> Any:
+    """Inverse of a positive semidefinite (p, p) matrix whose rows may differ by many powers of ten; rows of zeros stay zero."""
+    xp = namespace(matrix)
+    diagonal = xp.diagonal(matrix)
+    there = diagonal > 0.0
+    scale = xp.sqrt(xp.where(there, diagonal, 1.0))
+    unit = matrix / scale[:, None] / scale[None, :] + xp.diag(xp.where(there, 0.0, 1.0))
+    return xp.where(there[:, None] & there[None, :], xp.linalg.inv(unit) / scale[:, None] / scale[None, :], 0.0)
 
 
 def flat_start(bins: Bins) -> Any:
@@ -145,8 +136,8 @@ def several_starts(bins: Bins) -> Any:
     return flat[None, :] * (several if namespace(bins) is jnp else several[np.append(True, flat > 0.0)])
 
 
-def scoring(columns: Any, target: Any, weight: Any, start: Any, base: Any = None) -> tuple[Any, float]:
-    """Non-negative coefficients of highest likelihood for many columns, on the host, and the cost as in `Minima`.
+def scoring(columns: Any, target: Any, weight: Any, start: Any, base: Any = None, *, enough: float = _GAINED) -> tuple[Any, float]:
+    """Non-negative coefficients of highest likelihood, on the host, and the cost as in `Minima`; it ends when a step gains `enough`.
 
     Each step is a non-negative least squares fit with the weights nu/S^2, whose fixed points are those of the likelihood (Fisher scoring).
     A column with negative values belongs to a coefficient of either sign. `base` is a density that is always there.
@@ -177,7 +168,7 @@ def scoring(columns: Any, target: Any, weight: Any, start: Any, base: Any = None
         if new > cost:
             break
         gained, theta, cost = cost - new, trial, new
-        if gained < _GAINED:
+        if gained < enough:
             break
     return theta / scale, cost
 
@@ -188,7 +179,7 @@ def nonnegative(gram: Any, target: Any, free: Any, active: Any) -> tuple[Any, An
     The active-set method of C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, 1974, from a first active set.
     """
     theta, active = np.zeros(len(gram)), active.copy()
-    gram = gram + np.diag(_RIDGE * np.diagonal(gram) + np.finfo(float).tiny)
+    gram = gram + np.diag(_FLAT * np.finfo(float).eps * np.diagonal(gram) + np.finfo(float).tiny)
     for _ in range(3 * len(gram)):
         where = np.flatnonzero(active)
         wanted = np.zeros(len(gram))

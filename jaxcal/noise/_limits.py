@@ -5,7 +5,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy  # loads its parts when they are first used
 
@@ -52,6 +51,15 @@ def chance(rise, freedom) -> Any:
     return tail(freedom / 2.0, rise / 2.0)
 
 
+def wald(theta, covariance, two_sided, one_sided) -> Limits:
+    """Limits of squared coefficients whose estimates are normal, none below zero."""
+    xp = namespace(theta, covariance)
+    error = xp.sqrt(xp.diagonal(covariance))
+    both, one = error * np.sqrt(two_sided), error * np.sqrt(one_sided)
+    ratio = xp.where(error > 0.0, theta / xp.where(error > 0.0, error, 1.0), 0.0)
+    return Limits(xp.maximum(theta - both, 0.0), theta + both, theta + one, ratio**2)
+
+
 def find_limits(ratio: Callable[[Any, Any, Any], tuple[Any, Any]], theta, reach, start, two_sided, one_sided) -> tuple[Limits, Any]:
     """Squared coefficients at which the likelihood ratio reaches a level, and the states at zero.
 
@@ -67,70 +75,59 @@ def find_limits(ratio: Callable[[Any, Any, Any], tuple[Any, Any]], theta, reach,
     start : (p, ...) first states.
     two_sided, one_sided : levels of the ratio at both ends and at the upper limit; one for all terms, or one for each.
     """
-    xp = namespace(theta, reach, start, two_sided, one_sided)
     p = theta.shape[0]
     lane, below = np.tile(np.arange(p), 3), np.arange(3 * p) < p
-    both, one = (xp.broadcast_to(xp.asarray(level, dtype=theta.dtype), (p,)) for level in (two_sided, one_sided))
-    level = xp.sqrt(xp.concatenate([both, both, one]))
-    best, reach = theta[lane], xp.maximum(reach, np.finfo(theta.dtype).tiny ** 0.5)[lane]
+    both, one = (np.broadcast_to(np.asarray(level, dtype=theta.dtype), (p,)) for level in (two_sided, one_sided))
+    level = np.sqrt(np.concatenate([both, both, one]))
+    best, reach = theta[lane], np.maximum(reach, np.finfo(theta.dtype).tiny ** 0.5)[lane]
 
     def body(state):
         (a, ga), (b, gb), (c, gc), found, last, active, values, states, zero, k = state
-        slope = xp.where(found, gb - ga, 1.0)
+        slope = np.where(found, gb - ga, 1.0)
         # the first guess is a little beyond the end of a normal interval; downwards zero is tested before it
-        inward, outward = (xp.sqrt(xp.maximum(best + sign * 1.1 * level * reach * 2.0**k, 0.0)) for sign in (-0.5, 1.0))
-        u = xp.where(found, (a * gb - b * ga) / xp.where(slope > 0, slope, 1.0), xp.where(below, 0.0, outward))
-        u = xp.where(below & (k == 1) & (inward > 0.0), inward, u)
-        if xp is np:  # on the host, only searches that have not ended cost time
-            values, states = values.copy(), states.copy()
-            values[active], states[active] = ratio(lane[active], u[active] ** 2, states[active])
-        else:
-            new = ratio(lane, u**2, states)
-            values, states = xp.where(active, new[0], values), xp.where(active[:, None], new[1], states)
+        inward, outward = (np.sqrt(np.maximum(best + sign * 1.1 * level * reach * 2.0**k, 0.0)) for sign in (-0.5, 1.0))
+        u = np.where(found, (a * gb - b * ga) / np.where(slope > 0, slope, 1.0), np.where(below, 0.0, outward))
+        u = np.where(below & (k == 1) & (inward > 0.0), inward, u)
+        values, states = values.copy(), states.copy()
+        values[active], states[active] = ratio(lane[active], u[active] ** 2, states[active])
         first = k == 0
-        zero = (xp.where(first, values[:p], zero[0]), xp.where(first, states[:p], zero[1]))
+        zero = (np.where(first, values[:p], zero[0]), np.where(first, states[:p], zero[1]))
         # capped, because false position moves too slowly from a value that is far away
-        g = xp.minimum(xp.sqrt(xp.maximum(values, 0.0)) - level, _FAR * level)
+        g = np.minimum(np.sqrt(np.maximum(values, 0.0)) - level, _FAR * level)
         inside = g <= 0
         # a side that stays for two steps gets less weight, so that both ends close in
-        halved_a = xp.where(found & ~inside & (last == 1), _less(g, gb, xp) * ga, ga)
-        halved_b = xp.where(found & inside & (last == -1), _less(g, ga, xp) * gb, gb)
-        a, ga = xp.where(active & inside, u, a), xp.where(active & inside, g, xp.where(active, halved_a, ga))
-        b, gb = xp.where(active & ~inside, u, b), xp.where(active & ~inside, g, xp.where(active, halved_b, gb))
+        halved_a = np.where(found & ~inside & (last == 1), _less(g, gb) * ga, ga)
+        halved_b = np.where(found & inside & (last == -1), _less(g, ga) * gb, gb)
+        a, ga = np.where(active & inside, u, a), np.where(active & inside, g, np.where(active, halved_a, ga))
+        b, gb = np.where(active & ~inside, u, b), np.where(active & ~inside, g, np.where(active, halved_b, gb))
         # a downward search that finds zero inside is over
         done = active & below & inside & (u == 0)
         found = found | (active & ~inside) | done
-        b, gb = xp.where(done, 0.0, b), xp.where(done, 1.0, gb)
-        last = xp.where(active, xp.where(inside, np.int32(-1), np.int32(1)), last)
-        hit = active & ~done & (xp.abs(g) <= _CLOSE * level)
+        b, gb = np.where(done, 0.0, b), np.where(done, 1.0, gb)
+        last = np.where(active, np.where(inside, np.int32(-1), np.int32(1)), last)
+        hit = active & ~done & (np.abs(g) <= _CLOSE * level)
         # so near to the level, the error of a secant through the last two values is a small part of the distance
-        rise = xp.where(g == gc, 1.0, g - gc)
-        b = xp.where(hit, xp.maximum(u - g * (u - c) / rise, 0.0), b)
-        ga, gb = xp.where(hit, 0.0, ga), xp.where(hit, 0.0, gb)
+        rise = np.where(g == gc, 1.0, g - gc)
+        b = np.where(hit, np.maximum(u - g * (u - c) / rise, 0.0), b)
+        ga, gb = np.where(hit, 0.0, ga), np.where(hit, 0.0, gb)
         found, active = found | hit, active & ~done & ~hit
         return (a, ga), (b, gb), (u, g), found, last, active, values, states, zero, k + 1
 
-    # in a traced loop every leaf must keep its type
-    none, no, states = xp.zeros_like(best), xp.zeros(3 * p, dtype=bool), start[lane]
-    begun = xp.sqrt(best), -level
-    state = begun, (none, none), begun, no, xp.zeros(3 * p, dtype=np.int32), ~no, none, states
-    state = (*state, (none[:p], xp.zeros_like(start)), xp.zeros((), dtype=theta.dtype))
+    none, no, states = np.zeros_like(best), np.zeros(3 * p, dtype=bool), start[lane]
+    begun = np.sqrt(best), -level
+    state = begun, (none, none), begun, no, np.zeros(3 * p, dtype=np.int32), ~no, none, states
+    state = (*state, (none[:p], np.zeros_like(start)), np.zeros((), dtype=theta.dtype))
 
-    def going(state):
-        return xp.any(state[5]) & (state[-1] < _SEARCH)
-
-    if xp is jnp:
-        state = jax.lax.while_loop(going, body, state)
-    while xp is np and going(state):
+    while np.any(state[5]) and state[-1] < _SEARCH:
         state = body(state)
     (a, ga), (b, gb), _, found, _, _, _, _, zero, _ = state
-    width = xp.where(gb > ga, gb - ga, 1.0)
-    end = xp.where(gb > ga, (a * gb - b * ga) / width, b)
-    ends = xp.where(found, end**2, np.inf)
+    width = np.where(gb > ga, gb - ga, 1.0)
+    end = np.where(gb > ga, (a * gb - b * ga) / width, b)
+    ends = np.where(found, end**2, np.inf)
     return Limits(ends[:p], ends[p : 2 * p], ends[2 * p :], zero[0]), zero[1]
 
 
-def _less(new, old, xp) -> Any:
+def _less(new, old) -> Any:
     """Weight of the end that stays, from the previous and the present value at the other end."""
-    weight = 1.0 - new / xp.where(old == 0.0, 1.0, old)
-    return xp.where((weight > 0.0) & (old != 0.0), weight, 0.5)
+    weight = 1.0 - new / np.where(old == 0.0, 1.0, old)
+    return np.where((weight > 0.0) & (old != 0.0), weight, 0.5)

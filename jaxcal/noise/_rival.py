@@ -19,8 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._types import AnyArray
-from ._lanes import inverse
-from ._likelihood import density, information, scoring
+from ._likelihood import density, information, inverse, scoring
 from ._ordinates import Bins
 from ._spectral import Fitted
 from ._terms import BUILT_IN, GaussMarkov

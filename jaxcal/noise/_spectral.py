@@ -13,8 +13,7 @@ import numpy as np
 
 from .._arrays import namespace
 from .._types import Any, AnyArray, Int
-from ._lanes import inverse
-from ._likelihood import ROUGH, density, information, minimise, nonnegative, several_starts
+from ._likelihood import density, information, inverse, minimise, nonnegative, scoring, several_starts
 from ._limits import Limits, chance, find_limits
 from ._ordinates import Bins
 from ._terms import Filter
@@ -26,6 +25,7 @@ _FIRST, _GROUPS = (0, 4, 12, 24, 48), 40
 #: search for the upper end of the band: relative misfit of the density that is allowed without and with a filter (with 5 %,
 #: a filter of the second order at 20 Hz makes N 5 % too large), chance of a worse misfit below which an end is refused, octaves that are
 #: looked at, octaves by which the end is then lowered, bins that a band needs in addition to the number of terms
+_EXACT = 1e-14  # gain in log likelihood at which the fit of the coefficients ends
 _TOLERANCES, _REFUSED, _OCTAVES, _MARGIN, _FEWEST = (0.01, 0.03), 0.001, 4, 1.0, 20
 
 
@@ -65,15 +65,15 @@ def groups_of(weight, ordinates: int) -> Int[np.ndarray, " bins"]:
 
 def attempt(bins: Bins, group: AnyArray) -> Attempt:
     """Fit from several starting points, keep the lowest minimum, and compute its deviance; `group` comes from `groups_of`."""
-    xp = namespace(bins)
-    search = functools.partial(minimise, bins.columns, bins.density, bins.weight)
-    if xp is jnp:
-        tried = search(several_starts(jax.lax.stop_gradient(bins)))
+    if namespace(bins) is jnp:
+        tried = minimise(bins.columns, bins.density, bins.weight, several_starts(jax.lax.stop_gradient(bins)))
+        best = jnp.argmin(tried.cost)
+        theta, cost, settled = (leaf[best] for leaf in tried)
     else:  # only the lowest minimum needs many steps
-        tried = search(several_starts(bins), rtol=ROUGH)
-        tried = search(tried.theta[[np.argmin(tried.cost)]])
-    best = xp.argmin(tried.cost)
-    theta, cost, settled = (leaf[best] for leaf in tried)
+        search = functools.partial(scoring, bins.columns, bins.density, bins.weight)
+        theta, _ = min((search(start) for start in several_starts(bins)), key=lambda one: one[1])
+        theta, cost = search(theta, enough=_EXACT)
+        settled = True
     return Attempt(theta, cost, settled, *deviance(bins, theta, group))
 
 
@@ -174,36 +174,27 @@ def uncertainty(fitted: Fitted, widened: AnyArray, two_sided, one_sided, terms: 
     Every variance is multiplied by `widened`, (p,), and the likelihood ratio of its profile is divided by it. If high frequencies are cut
     off, the limits of Q are found without the filter, which has the same shape and replaces Q in the fit.
     """
-    xp = namespace(fitted)
     covariance = inverse(information(fitted.bins, fitted.theta))
-    scale = xp.asarray(widened, dtype=fitted.theta.dtype)
-    fitted = jax.lax.stop_gradient(fitted) if xp is jnp else fitted
-    bins, plain, theta, theta_alone, cost_alone = fitted.bins, fitted.plain, fitted.theta, fitted.alone.theta, fitted.alone.cost
+    bins, plain, theta, theta_alone = fitted.bins, fitted.plain, fitted.theta, fitted.alone.theta
     own = np.flatnonzero([term != FILTER for term in terms])
-    named = np.eye(len(terms), dtype=bool)
-    terms_alone = np.array([term != FILTER for term in terms])[None, :]
-    short = np.array([term == "Q" for term in terms]) & fitted.cut
+    short = np.array([term == "Q" for term in terms]) & bool(fitted.cut)
+    without_filter = np.array([term != FILTER for term in terms])
 
     def ratio(lane, value, state):
-        index, value = own[lane], value[:, None]
-        here, without_filter = named[index], short[index]
-        seen = xp.where(without_filter[:, None, None], plain.columns, bins.columns)
-        # the column of the filter is negative: a start without it keeps the density positive when another coefficient is lowered
-        first = xp.where(here, value, xp.where(terms_alone, state, 0.0))
-        # if the only positive term is held at zero, the density would be zero at the start: the others start at their standard errors
-        dark = xp.any((bins.weight > 0)[None, :] & (xp.sum(seen * first[:, None, :], axis=-1) <= 0.0), axis=1)[:, None]
-        first = xp.where(dark & ~here & terms_alone, xp.maximum(state, reach[None, :]), first)
-        base = xp.sum(xp.where(here[:, None, :], seen, 0.0), axis=-1) * value
-        others = xp.where(here[:, None, :], 0.0, seen)
-        found = minimise(others, bins.density, bins.weight, xp.where(here, 0.0, first), base=base, rtol=ROUGH)
-        least = xp.where(without_filter, cost_alone, fitted.cost)
-        return 2.0 * (xp.where(xp.isfinite(found.cost), found.cost, np.inf) - least), xp.where(here, value, found.theta)
+        """Rise of twice the cost when a coefficient is held, and the other coefficients there."""
+        rises, states = np.empty(len(lane)), np.array(state)
+        for row, (index, held) in enumerate(zip(own[lane], value, strict=True)):
+            columns = plain.columns if short[index] else bins.columns
+            others = np.where(np.arange(len(terms)) == index, 0.0, columns)
+            start = np.where((np.arange(len(terms)) == index) | (short[index] & ~without_filter), 0.0, state[row])
+            found, cost = scoring(others, bins.density, bins.weight, start, columns[:, index] * held)
+            rises[row] = 2.0 * (cost - (fitted.alone.cost if short[index] else fitted.cost))
+            states[row] = np.where(np.arange(len(terms)) == index, held, found)
+        return rises, states
 
-    spread = jax.lax.stop_gradient(covariance) if xp is jnp else covariance
-    reach = xp.where(short, xp.diagonal(inverse(information(plain, theta_alone))), xp.diagonal(spread)) ** 0.5
-    middle = xp.where(short, theta_alone, theta)[own]
-    begun = xp.maximum(xp.broadcast_to(theta, (len(own), len(terms))), 0.0)
-    limits, _ = find_limits(ratio, middle, reach[own], begun, *((level * scale)[own] for level in (two_sided, one_sided)))
-
-    limits = limits._replace(significance=limits.significance / scale[own])
-    return covariance * xp.sqrt(scale[:, None] * scale[None, :]), limits
+    reach = np.where(short, np.diagonal(inverse(information(plain, theta_alone))), np.diagonal(covariance)) ** 0.5
+    middle = np.where(short, theta_alone, theta)[own]
+    begun = np.tile(theta, (len(own), 1))
+    limits, _ = find_limits(ratio, middle, reach[own], begun, *((level * widened)[own] for level in (two_sided, one_sided)))
+    limits = limits._replace(significance=limits.significance / widened[own])
+    return covariance * np.sqrt(widened[:, None] * widened[None, :]), limits

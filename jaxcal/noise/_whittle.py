@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
 from .._errors import DataError, FitError
@@ -16,8 +17,8 @@ from ._changes import Axis, Changes, find_changes, slope_of
 from ._checks import Asked, naming
 from ._compare import likeliest_time
 from ._errors import Widening, widening
-from ._likelihood import density
-from ._limits import PRESENT, Limits, levels_of
+from ._likelihood import density, information, inverse
+from ._limits import PRESENT, Limits, levels_of, wald
 from ._measured import edf_of
 from ._observed import Observed
 from ._ordinates import amplitudes, bins_of
@@ -221,7 +222,8 @@ def _fit_traced(y, asked: Asked) -> NoiseFit:
         raise DataError("a traced record is fitted without R and markov; these are found by a search, which cannot be traced")
     bins, duration = inside(bins_of(y, 1.0 / rate, terms), band), y.shape[0] / rate
     fitted = fit_whole(bins, groups_of(bins.weight, y.shape[0] - 1))
-    covariance, limits = uncertainty(fitted, np.ones(len(terms)), *levels_of(confidence), tuple(term.name for term in terms))
+    covariance = inverse(information(fitted.bins, fitted.theta))
+    limits = wald(*jax.lax.stop_gradient((fitted.theta, covariance)), *levels_of(confidence))
     return assemble(
         fitted.theta * bins.unit, covariance * bins.unit**2, limits.scaled(bins.unit), terms, None, duration, goodness=fitted.goodness,
         confidence=confidence, method="whittle", used=None, band=(1.0 / rate, duration / 2.0) if band is None else band,

@@ -1,0 +1,230 @@
+r"""Methods "gls", "log" and "slope", which fit an Allan deviation curve; for comparison with other work, on the host only.
+
+With v the squares of the deviation, and A the exact Allan variances of the terms per squared coefficient theta:
+
+- gls: :math:`\min_{\theta \ge 0} (v - A\theta)'\,C(\theta)^{-1}(v - A\theta)`, iterated, with the full covariance across cluster times,
+  :math:`C(\theta) = \sum_{ij}\theta_i\theta_j T_{ij}` (`covariance_tensor`). Intervals are those of the normal law of theta.
+- log: :math:`\min_{\theta \ge 0} \sum (\ln A\theta - \ln v)^2`. All cluster sizes count alike, however well they are known, so that B and K
+  scatter by 30 to 40 % where weights give 11 and 23 %, and absent terms come out positive.
+- slope: tangents of slope -1, -1/2, +1/2 and +1 (Q, N, K and R), drawn where the slope of the curve is nearest to theirs and read at
+  tau = sqrt 3, 1, 3 and sqrt 2 s. B is the minimum of the deviation divided by 0.664 (thesis, section 5.4.4; IEEE Std 952-1997, annex C).
+  Tangents blame one term for what several add up to: B comes out about 44 % too high on a gyroscope with N, B and K.
+
+For log and slope no valid error propagation exists: intervals, limits and the covariance are unknown.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from .._errors import DataError, FitError
+from .._frozen import replaced
+from .._message import Message
+from .._types import AnyArray
+from ..allan import Deviation
+from ._checks import Asked
+from ._covariance import covariance_tensor
+from ._findings import FINDINGS, of_curve, of_model
+from ._likelihood import inverse, nonnegative
+from ._limits import chance, levels_of, wald
+from ._result import NoiseFit, assemble, with_edf
+from ._terms import Term
+
+#: term -> slope in log-log, time in s at which its tangent is read, and the local slope that the curve must go below (rising: above)
+#: for the term to be reported
+_TANGENTS = {"Q": (-1.0, math.sqrt(3.0), -0.75), "N": (-0.5, 1.0, math.inf), "K": (0.5, 3.0, 0.25), "R": (1.0, math.sqrt(2.0), 0.75)}
+#: gls: relative misfit of the deviation that is allowed; chance of a worse chi-square below which a band is refused; chance below which the
+#: intervals are widened to the observed scatter; octaves left out beyond the first cluster time at which the model passes
+_TOLERANCE, _REFUSED, _WIDENED, _MARGIN = 0.0025, 0.001, 0.01, 1.0
+#: steps of an iteration, and the relative change of the modelled variance at which it ends; what keeps a correlation matrix invertible
+_STEPS, _SETTLED, _RIDGE = 200, 1e-12, 1e-8
+
+
+class _Curve(NamedTuple):
+    """Variances v, columns A and a tail that a filter makes (its coefficient has either sign), the tensor T, and which term has the shape
+    of the tail (Q).
+    """
+
+    v: AnyArray
+    columns: AnyArray
+    tensor: AnyArray
+    short: AnyArray
+
+
+class _Fitted(NamedTuple):
+    theta: AnyArray
+    covariance: AnyArray
+    misfit: float
+    freedom: float
+    settled: bool
+
+
+def fit_curve(y: AnyArray, asked: Asked) -> NoiseFit:
+    """Fit the overlapped Allan deviation of one channel by the method asked for."""
+    return fit_deviation(asked.deviation(y), len(y), asked.terms, asked.inside, asked.band is None, asked.method, asked.confidence)
+
+
+def fit_deviation(
+    curve: Deviation, samples: int, terms: tuple[Term, ...], inside: AnyArray, automatic: bool, method: str, confidence: float
+) -> NoiseFit:  # fmt: skip
+    """Fit the cluster sizes `inside` of a curve; method gls leaves out short ones at which the model does not hold if `automatic`."""
+    data, used, unit = _curve_of(curve, samples, terms, inside)
+    if method == "gls":
+        return _jointly(curve, data, used, unit, samples, terms, automatic, confidence)
+    theta = _logarithmic(data, used) * unit if method == "log" else _tangents(curve, terms, used)
+    chi, _, _ = _chi_square(data, used, np.append(theta / unit, 0.0), 0.0)
+    unknown = np.full((len(terms), len(terms)), np.nan)
+    return assemble(
+        theta, unknown, None, terms, curve, samples / curve.rate, goodness=chance(chi, _freedom(used, theta)), used=inside,
+        confidence=confidence, method=method, band=(np.min(curve.tau[inside]), np.max(curve.tau[inside])),
+        findings=(*getattr(curve, "findings", ()), FINDINGS("no_intervals", method=method)),
+    )  # fmt: skip
+
+
+def _curve_of(curve: Deviation, samples: int, terms: tuple[Term, ...], inside: AnyArray) -> tuple[_Curve, AnyArray, float]:
+    """The curve in units of its largest variance, which cluster sizes have a variance, and that unit."""
+    v, dt = np.asarray(curve.deviation) ** 2, 1.0 / curve.rate
+    used = inside & (v > 0.0)
+    unit = float(np.max(v[used]))
+    columns = [np.asarray(term.avar(curve.tau, dt)) for term in terms]
+    short = np.array([term.name == "Q" for term in terms])
+    tail = -columns[int(np.argmax(short))] if short.any() else -1.0 / curve.tau**2
+    loss = np.sqrt(1.0 + curve.skipped / curve.count)  # gaps leave fewer differences
+    tensor = covariance_tensor(samples, tuple(int(m) for m in curve.m), dt, terms) * np.outer(loss, loss)
+    return _Curve(np.where(used, v / unit, 1.0), np.stack([*columns, tail], axis=1), tensor, short), used, unit
+
+
+def _jointly(curve: Deviation, data: _Curve, used: AnyArray, unit: float, samples: int, terms, automatic: bool, confidence: float):
+    fitted, cut, holds = _fixed_point(data, used, False), False, True
+    if automatic:
+        used, cut, holds, fitted = _banded(data, np.log2(curve.m), used, fitted)
+    p = len(terms)
+    theta, covariance = np.where(data.short & cut, 0.0, fitted.theta[:p]) * unit, fitted.covariance[:p, :p] * unit**2
+    if not np.all(np.isfinite(theta)):
+        raise FitError(Message("the fit gave no finite coefficients; give fewer {option.terms} or another {option.band}"))
+    goodness = chance(fitted.misfit, fitted.freedom)
+    inflation = max(fitted.misfit / fitted.freedom, 1.0) if goodness < _WIDENED else 1.0
+    covariance = covariance * inflation
+    fit = assemble(
+        theta, covariance, wald(theta, covariance, *levels_of(confidence)), terms, curve, samples / curve.rate, goodness=goodness,
+        used=used, confidence=confidence, method="gls", band=(np.min(curve.tau[used]), np.max(curve.tau[used])), findings=(
+            *getattr(curve, "findings", ()), *of_model(0.0 if holds else inflation, float(curve.tau[used].min()) if cut else None),
+            *(() if fitted.settled else (FINDINGS("unsettled"),)), *of_curve(curve),
+        ),
+    )  # fmt: skip
+    variance = np.diagonal(_covariance(data, np.append(theta / unit, 0.0)))
+    edf = 2.0 * (data.columns[:, :p] @ theta / unit) ** 2 / np.where(used & (variance > 0.0), variance, 1.0)
+    return replaced(fit, deviation=with_edf(curve, used, edf))
+
+
+def _banded(data: _Curve, octave: AnyArray, used: AnyArray, whole: _Fitted) -> tuple[AnyArray, bool, bool, _Fitted]:
+    """Cluster sizes used, whether short ones are cut off, whether the model holds, and the fit.
+
+    Filters and output averaging in a sensor spoil short cluster times. These are left out one by one until the chance of a worse chi-square
+    of the others, with a misfit of 0.25 % of the deviation allowed, reaches one in a thousand. Another octave is then left out, because the
+    model only just holds there. If no band passes, the one with the highest chance is used.
+    """
+
+    def chance_of(used: AnyArray, fitted: _Fitted) -> float:
+        return float(chance(_chi_square(data, used, fitted.theta, (2.0 * _TOLERANCE * data.v) ** 2)[0], fitted.freedom))
+
+    ranked = np.sort(octave[used])
+    last = max(len(ranked) - len(data.short) - 5, 0)  # last start that leaves enough cluster sizes to fit
+    best = chance_of(used, whole), None
+    for start in [] if best[0] >= _REFUSED else ranked[1 : last + 1]:
+        part = used & (octave >= start)
+        found = chance_of(part, _fixed_point(data, part, True))
+        best = max(best, (found, start), key=lambda one: one[0])
+        if found >= _REFUSED:
+            break
+    if best[1] is None:
+        return used, False, best[0] >= _REFUSED, whole
+    used = used & (octave >= min(best[1] + _MARGIN, ranked[last]))
+    return used, True, best[0] >= _REFUSED, _fixed_point(data, used, True)
+
+
+def _covariance(data: _Curve, theta: AnyArray) -> AnyArray:
+    noise = theta[:-1] + data.short * max(-theta[-1], 0.0)  # a tail with the sign of Q scatters as Q does
+    return np.einsum("i,ijmn,j->mn", noise, data.tensor, noise)
+
+
+def _chi_square(data: _Curve, used: AnyArray, theta: AnyArray, extra: AnyArray | float) -> tuple[float, AnyArray, AnyArray]:
+    """Chi-square of the curve with the covariance at theta plus independent variances; and the whitened rows and values."""
+    c = (_covariance(data, theta) + np.diag(extra * np.ones(len(data.v))))[np.ix_(used, used)]
+    scale = np.sqrt(np.where(np.diagonal(c) > 0.0, np.diagonal(c), 1.0))
+    root = np.linalg.cholesky(c / np.outer(scale, scale) + _RIDGE * np.eye(len(c)))
+    rows = np.linalg.solve(root, np.column_stack([data.columns, data.v])[used] / scale[:, None])
+    return float(np.sum((rows[:, -1] - rows[:, :-1] @ theta) ** 2)), rows[:, :-1], rows[:, -1]
+
+
+def _freedom(used: AnyArray, theta: AnyArray) -> float:
+    return max(float(np.sum(used) - np.sum(theta != 0.0)), 1.0)
+
+
+def _fixed_point(data: _Curve, used: AnyArray, cut: bool) -> _Fitted:
+    """Iterate the weights; if short cluster times are cut off, the tail replaces Q."""
+    allowed = np.append(~(data.short & cut), cut)
+    either = np.append(np.zeros(len(data.short), dtype=bool), True)
+
+    def solved(rows: AnyArray, target: AnyArray) -> AnyArray:
+        rows = np.where(allowed, rows, 0.0)
+        return nonnegative(rows.T @ rows, rows.T @ target, either & allowed, allowed)[0] * allowed
+
+    theta = solved(data.columns[used] / data.v[used, None], np.ones(np.sum(used)))
+    settled = False
+    for _ in range(_STEPS):
+        _, rows, target = _chi_square(data, used, theta, 0.0)
+        new = solved(rows, target)
+        before, after = data.columns[used] @ theta, data.columns[used] @ new
+        # half steps, because whole ones may oscillate; the last is whole, so that coefficients that tend to zero become zero
+        settled = bool(np.max(np.abs(after - before) / np.abs(after)) < _SETTLED)
+        theta = new if settled else 0.5 * (theta + new)
+        if settled:
+            break
+    misfit, rows, _ = _chi_square(data, used, theta, 0.0)
+    rows = np.where(allowed, rows, 0.0)
+    return _Fitted(theta, inverse(rows.T @ rows), misfit, _freedom(used, theta), settled)
+
+
+def _logarithmic(data: _Curve, used: AnyArray) -> AnyArray:
+    """Squared coefficients by least squares on the logarithms: Gauss and Newton, with shorter steps where the sum does not fall."""
+    columns, v = data.columns[used, :-1], data.v[used]
+    free, active = np.zeros(columns.shape[1], dtype=bool), np.ones(columns.shape[1], dtype=bool)
+
+    def least(rows: AnyArray, target: AnyArray) -> AnyArray:
+        return nonnegative(rows.T @ rows, rows.T @ target, free, active)[0]
+
+    def cost_of(theta: AnyArray) -> float:
+        return float(np.sum(np.log(np.maximum(columns @ theta, np.finfo(float).tiny) / v) ** 2))
+
+    theta = least(columns / v[:, None], np.ones(len(v)))
+    cost = cost_of(theta)
+    for _ in range(_STEPS):
+        model = columns @ theta
+        wanted, step = least(columns / model[:, None], np.log(v / model) + 1.0), 1.0
+        while (new := cost_of(theta + step * (wanted - theta))) > cost and step > _SETTLED:
+            step *= 0.5
+        if new > cost:
+            break
+        change = np.max(np.abs(columns @ (wanted - theta)) / model)
+        theta, cost = theta + step * (wanted - theta), new
+        if change < _SETTLED:
+            break
+    return theta
+
+
+def _tangents(curve: Deviation, terms: tuple[Term, ...], use: AnyArray) -> AnyArray:
+    """Squared coefficients from the tangents and the minimum of the curve."""
+    tau, ad = curve.tau[use], np.asarray(curve.deviation)[use]
+    slope = np.gradient(np.log(ad), np.log(tau))
+    index, lowest = np.arange(len(tau)), int(np.argmin(ad))
+    values = {"B": ad[lowest] / 0.664}
+    for term, (wanted, time, least) in _TANGENTS.items():
+        side = index <= lowest if wanted < 0 else index > lowest
+        at = int(np.argmin(np.where(side, np.abs(slope - wanted), np.inf)))
+        seen = side[at] and (slope[at] < least if wanted < 0 else slope[at] > least)
+        values[term] = ad[at] * (time / tau[at]) ** wanted if seen else 0.0
+    if unknown := [term.name for term in terms if term.name not in values]:
+        raise DataError(f"method 'slope' reads tangents of Q, N, B, K and R; {', '.join(unknown)} has none: take another method")
+    return np.array([values[term.name] for term in terms]) ** 2
