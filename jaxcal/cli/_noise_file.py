@@ -43,5 +43,5 @@ def _noise(channel: dict[str, Any]) -> Any:
 
     known = channel["noise"]
     further = tuple((float(coefficient), PowerLaw(**shape)) for coefficient, shape in known.pop("further"))
-    cutoff = known.pop("cutoff")
-    return Noise(**known, **({} if cutoff is None else {"cutoff": cutoff}), further=further)
+    known.pop("cutoff", None)  # files of earlier versions have one
+    return Noise(**known, further=further)

@@ -14,51 +14,12 @@ from .._errors import DataError
 from .._precision import host_float64
 from .._quality import checked_confidence, checked_rate, checked_record
 from .._types import Float
-from ._discrete import StateSpace
 from ._findings import FINDINGS
 from ._model import Noise
 
 _FEWEST = 100.0  # information, in ordinates of pure white noise, below which no correlation is computed
 _LARGEST = 30.0  # ratio of an ordinate to its expectation that only a line or a step exceeds: one in 2e7 ordinates of noise does
 _MATTERS, _SURE = 0.05, 0.999  # correlation worth a note on a log; level of the interval that must lie beyond it
-
-
-class JointStateSpace(eqx.Module):
-    r"""Noise y of several axes, sampled at `rate`, as one linear Gaussian state-space model.
-
-    .. math:: x_{t+1} = F x_t + w_t,\quad \mathrm{Cov}\,w = P,\qquad y_t = H x_t + v_t,\quad \mathrm{Cov}\,v = R
-
-    The states of the axes follow one another, and are independent. R contains the correlation of the white noise of the axes.
-
-    Attributes
-    ----------
-    transition : (states, states) F.
-    process : (states, states) P, per step.
-    output : (axes, states) H.
-    white : (axes, axes) R, covariance of the white noise of a sample of all axes.
-    initial : (states, states) covariance of the states at the first sample.
-    names : names of the states, in order: axis and state.
-    rate : sampling rate in Hz.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import jaxcal
-    >>> y = np.random.default_rng(0).standard_normal((5000, 2))
-    >>> models = [jaxcal.noise.Noise(N=1.0, K=0.1)] * 2
-    >>> found = jaxcal.noise.correlation(y, 1.0, models)
-    >>> joint = found.state_space([jaxcal.noise.discrete(model, 1.0) for model in models])
-    >>> joint.names, joint.white.shape
-    (('0 walk', '1 walk'), (2, 2))
-    """
-
-    transition: Float[np.ndarray, "states states"]
-    process: Float[np.ndarray, "states states"]
-    output: Float[np.ndarray, "axes states"]
-    white: Float[np.ndarray, "axes axes"]
-    initial: Float[np.ndarray, "states states"]
-    rate: float
-    names: tuple[str, ...] = eqx.field(static=True)
 
 
 class Correlation(Result):
@@ -98,76 +59,6 @@ class Correlation(Result):
         limits = [(i, j, *map(float, self.interval[i, j])) for i, j in combinations(range(len(self.correlation)), 2)]
         cells = [Number(f"correlation[{i},{j}]", float(self.correlation[i, j]), low, high) for i, j, low, high in limits]
         return [listed("correlation", "white noise", ((f"axes {one.name[12]} and {one.name[14]}", one) for one in cells))]
-
-    def measurement(self, rate: float) -> Float[np.ndarray, "axes axes"]:
-        r"""Covariance of the white noise of one sample of all axes, :math:`C \cdot rate`, where C is `covariance`.
-
-        Use it in a filter as the covariance of the measurement noise, instead of a diagonal matrix of the `StateSpace.white` of the axes.
-        The states from `noise.discrete` remain separate for each axis.
-
-        Parameters
-        ----------
-        rate : rate in Hz at which the filter takes samples.
-
-        Returns
-        -------
-        (axes, axes) array, in the unit of the record squared.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import jaxcal
-        >>> y = np.random.default_rng(0).standard_normal((20_000, 2))
-        >>> found = jaxcal.noise.correlation(y, 100.0, [jaxcal.noise.Noise(N=0.1)] * 2)
-        >>> np.round(np.diag(found.measurement(100.0)), 2).tolist()
-        [1.0, 1.0]
-        """
-        return self.covariance * checked_rate(rate)
-
-    def state_space(self, models: Sequence[StateSpace]) -> JointStateSpace:
-        r"""State-space model of all axes: the models of the axes with correlated white noise.
-
-        .. math:: R_{ij} = \rho_{ij} \sqrt{r_i r_j}
-
-        where r is `StateSpace.white` of an axis and :math:`\rho` is `correlation`.
-
-        Parameters
-        ----------
-        models : one model for each axis, from `noise.discrete` at one rate.
-
-        Returns
-        -------
-        JointStateSpace
-
-        Raises
-        ------
-        DataError
-            If the number of models differs from the number of axes, or the models have different rates.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import jaxcal
-        >>> y = np.random.default_rng(0).standard_normal((20_000, 2))
-        >>> found = jaxcal.noise.correlation(y, 100.0, [jaxcal.noise.Noise(N=0.1)] * 2)
-        >>> joint = found.state_space([jaxcal.noise.discrete(jaxcal.noise.Noise(N=0.1), 100.0)] * 2)
-        >>> bool(np.allclose(joint.white, found.measurement(100.0)))
-        True
-        """
-        rates = sorted({model.rate for model in models})
-        if len(models) != len(self.correlation) or len(rates) != 1:
-            listed = ", ".join(f"{rate:g}" for rate in rates)
-            raise DataError(
-                f"one state-space model for each of {len(self.correlation)} axes, all of one rate: got {len(models)} at {listed or 'no'} Hz"
-            )
-        root = np.sqrt([model.white for model in models])
-        blocks = (
-            np.asarray(scipy.linalg.block_diag(*(getattr(model, name) for model in models)))
-            for name in ("transition", "process", "output", "initial")
-        )
-        transition, process, output, initial = blocks
-        names = tuple(f"{i} {name}" for i, model in enumerate(models) for name in model.names)
-        return JointStateSpace(transition, process, output, self.correlation * np.outer(root, root), initial, rates[0], names)
 
 
 @host_float64

@@ -214,10 +214,12 @@ def find_changes(
             design = np.column_stack([held, shapes[family][1][index]])
             theta, less = _refitted(records, design, slows, bases, fitted)
             gain = cost - less - level
-            less_alone = _refitted(records, design, plain, bases, [one[~axis.walk] for one, axis in zip(fitted, axes, strict=True)])[1]
-            instead = max(instead, (cost - less_alone, shapes[family][0][index]), key=lambda one: one[0])
             if gain > 0.0 and (best is None or gain > best[0]):
                 best = gain, shapes[family][0][index], design, theta, less
+            if not any(np.any(one[axis.walk] > 0.0) for one, axis in zip(fitted, axes, strict=True)):
+                continue  # there is no K that could be something else
+            less_alone = _refitted(records, design, plain, bases, [one[~axis.walk] for one, axis in zip(fitted, axes, strict=True)])[1]
+            instead = max(instead, (cost - less_alone, shapes[family][0][index]), key=lambda one: one[0])
         if best is None:
             break
         _, change, held, fitted, cost = best

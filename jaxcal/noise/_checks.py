@@ -69,8 +69,10 @@ def checked_call(
         raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)", code="confidence")
     samples = len(y) if np.ndim(y) else 0
     _refuse_alike(terms, samples, 1.0 / rate)
-    quoted = np.round(np.array(QUOTED) * rate).astype(np.int64)
-    m = np.union1d(clusters(samples, terms), quoted[(quoted >= 1) & (quoted <= samples // 4)])
+    m = clusters(samples, terms)
+    if method == "whittle":  # the others are fitted to the curve, whose cluster sizes are their own
+        quoted = np.round(np.array(QUOTED) * rate).astype(np.int64)
+        m = np.union1d(m, quoted[(quoted >= 1) & (quoted <= samples // 4)])
     return Asked(rate, method, terms, confidence, band, temperature, names, m, inside(m / rate, band, terms))
 
 

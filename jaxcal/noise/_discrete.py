@@ -135,7 +135,7 @@ def discrete(noise: Any, rate: Any, *, states: Any = None, band: Any = None) -> 
     rate : rate in Hz at which the filter takes samples.
     states : number of Gauss-Markov processes for B. None takes the fewest whose density is within 10 % of flicker in the band (5 % in
         the deviation), which is about one per decade of the band; 1.5 per decade bring the error to 4 % or less.
-    band : (low, high) frequencies in Hz, at least a decade apart. None takes one cycle per hour to half the rate (or to the cut-off).
+    band : (low, high) frequencies in Hz, at least a decade apart. None takes one cycle per hour to half the rate.
         To cover cluster times from t1 to t2, give 0.1/t2 to 0.5/t1.
 
     Returns
@@ -175,7 +175,7 @@ def discrete(noise: Any, rate: Any, *, states: Any = None, band: Any = None) -> 
         if coefficient > 0.0 and block is not None:
             blocks.append((name, coefficient, block))
         elif coefficient > 0.0:
-            limits = _checked_band(band, rate, noise.cutoff if name == "B" else math.inf)
+            limits = _checked_band(band, rate)
             unit, errors = _chain(term, rate, limits, _checked_states(states))
             chains += [(coefficient * strength, time) for strength, time in unit]
             label = "flicker" if name == "B" else name
@@ -195,7 +195,7 @@ def discrete(noise: Any, rate: Any, *, states: Any = None, band: Any = None) -> 
         white=float(sum(coefficient**2 * block.white for _, coefficient, block in blocks)),
         initial=diagonal([coefficient**2 * np.asarray(block.initial) for coefficient, block in held]),
         rate=rate,
-        noise=dataclasses.replace(noise, B=0.0, cutoff=math.inf, markov=(*noise.markov, *chains), further=exact),
+        noise=dataclasses.replace(noise, B=0.0, markov=(*noise.markov, *chains), further=exact),
         chain=tuple(chains),
         names=_numbered([(label, block.names) for label, _, block in blocks]),
         **quality,
@@ -273,14 +273,15 @@ def _checked_states(states: Any) -> int | None:
     raise DataError(f"states must be a whole number from 1 to {_MOST_STATES}, or None for the fewest that serve; got {states!r}")
 
 
-def _checked_band(band: Any, rate: float, cutoff: float) -> tuple[float, float]:
-    most = min(rate / 2.0, cutoff)
+def _checked_band(band: Any, rate: float) -> tuple[float, float]:
+    most = rate / 2.0
     try:
         low, high = (_LOWEST, most) if band is None else (float(edge) for edge in band)
     except (TypeError, ValueError):
         raise DataError(f"band must be (low, high) in Hz; got {band!r}") from None
     if not (low > 0.0 and 10.0 * low <= high * (1.0 + 1e-9) and high <= most * (1.0 + 1e-9)):
-        end = f"half the rate, {most:g} Hz" if most == rate / 2.0 else f"the cut-off of flicker, {most:g} Hz"
         got = f"the default band is {low:g} to {high:g} Hz; give band=" if band is None else f"got {band!r}"
-        raise DataError(f"band must be (low, high) in Hz, above 0, at least a decade wide and no higher than {end}; {got}")
+        raise DataError(
+            f"band must be (low, high) in Hz, above 0, at least a decade wide and no higher than half the rate, {most:g} Hz; {got}"
+        )
     return low, min(high, most)

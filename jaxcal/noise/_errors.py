@@ -126,5 +126,5 @@ def _energies(spectrum: AnyArray, evidence: AnyArray, model: AnyArray, count: An
     # u^2 has twice the bandwidth of u
     whole = needed == len(spectrum)
     u = np.asarray(scipy.fft.idct(np.pad(white, (1, 0 if whole else needed - 1)), norm="ortho", overwrite_x=True))
-    energy = np.add.reduceat(u * u, np.arange(_BLOCKS[0]) * len(u) // _BLOCKS[0], dtype=float)
+    energy = np.add.reduceat(u * u, np.rint(np.arange(_BLOCKS[0]) * len(u) / _BLOCKS[0]).astype(int), dtype=float)
     return energy * size, float(np.sum(share, dtype=float) ** 2 / np.sum(share * share, dtype=float))

@@ -179,7 +179,9 @@ def nonnegative(gram: Any, target: Any, free: Any, active: Any) -> tuple[Any, An
     The active-set method of C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, 1974, from a first active set.
     """
     theta, active = np.zeros(len(gram)), active.copy()
-    gram = gram + np.diag(_FLAT * np.finfo(float).eps * np.diagonal(gram) + np.finfo(float).tiny)
+    gram, size = gram.copy(), gram.diagonal()
+    gram.flat[:: len(gram) + 1] += _FLAT * np.finfo(float).eps * size + np.finfo(float).tiny
+    root, enough = np.sqrt(gram.diagonal()), _RIDGE * float(np.abs(target).max())
     for _ in range(3 * len(gram)):
         where = np.flatnonzero(active)
         wanted = np.zeros(len(gram))
@@ -194,9 +196,9 @@ def nonnegative(gram: Any, target: Any, free: Any, active: Any) -> tuple[Any, An
             active[leaving], theta[leaving] = False, 0.0
             continue
         theta = wanted
-        slope = np.where(active, -np.inf, (target - gram @ theta) / np.sqrt(np.diagonal(gram)))
+        slope = np.where(active, -np.inf, (target - gram @ theta) / root)
         best = int(np.argmax(slope))
-        if not slope[best] > _RIDGE * float(np.abs(target).max()):
+        if not slope[best] > enough:
             break
         active[best] = True
     return np.maximum(theta, np.where(free, -np.inf, 0.0)), active

@@ -11,7 +11,7 @@ import numpy as np
 from .._errors import DataError
 from .._precision import array_module, host_float64
 from .._types import Any
-from ._terms import BUILT_IN, Flicker, GaussMarkov, Sinusoid, Term
+from ._terms import BUILT_IN, GaussMarkov, Sinusoid, Term
 
 #: letters of the built-in terms, in the order of every table
 TERMS = tuple(BUILT_IN)
@@ -47,8 +47,6 @@ class Noise(eqx.Module):
     R : ramp, rad/s^2 (m/s^3).
     markov : ((qc, Tc), ...) first-order Gauss-Markov processes; qc in the unit of K, correlation time Tc in s.
     sinusoid : ((A, f0), ...) sinusoids of random phase; amplitude A in the unit of B, frequency f0 in Hz.
-    cutoff : frequency in Hz above which flicker B has no density; inf, the default, means no cut-off. A cut-off at or above half the
-        sampling rate does not change the samples.
     further : ((coefficient, term), ...) terms of your own, see `Term`.
 
     Each coefficient is a number, or an array over channels.
@@ -75,7 +73,6 @@ class Noise(eqx.Module):
     R: Any = eqx.field(default=0.0, converter=_number)
     markov: tuple[tuple[Any, Any], ...] = eqx.field(default=(), converter=_pairs)
     sinusoid: tuple[tuple[Any, Any], ...] = eqx.field(default=(), converter=_pairs)
-    cutoff: Any = eqx.field(default=math.inf, converter=_number)
     further: tuple[tuple[Any, Term], ...] = eqx.field(default=(), converter=_pairs)
 
     @property
@@ -88,9 +85,8 @@ class Noise(eqx.Module):
         >>> [(name, value) for name, value, _ in Noise(N=2.0, markov=((0.1, 5.0),)).parts if value]
         [('N', 2.0), ('markov', 0.1)]
         """
-        letters = BUILT_IN | {"B": Flicker(cutoff=self.cutoff)}
         return [
-            *((name, getattr(self, name), letters[name]) for name in _DRAWN),
+            *((name, getattr(self, name), BUILT_IN[name]) for name in _DRAWN),
             *(("markov", strength, GaussMarkov(time=time)) for strength, time in self.markov),
             *(("sinusoid", amplitude, Sinusoid(frequency=frequency)) for amplitude, frequency in self.sinusoid),
             *((term.name, coefficient, term) for coefficient, term in self.further),
@@ -145,14 +141,6 @@ class Noise(eqx.Module):
         With `dt`, the exact expectation of the Allan variance of samples taken every dt seconds. At tau = dt it is 1.44 times the
         continuous value for flicker, and 1.5 times for a random walk.
 
-        Flicker with a cut-off frequency contributes, with :math:`u = \pi f_c \tau`,
-
-        .. math:: \frac{2B^2}{\pi}\Big[\ln 2 - \frac{\sin^3 u}{2u^2}(\sin u + 4u\cos u) + \mathrm{Ci}(2u) - \mathrm{Ci}(4u)\Big]
-                  = \frac{2B^2}{\pi}\int_0^u \frac{\sin^4 v}{v^3}\,dv,
-
-        which rises as :math:`\pi B^2 f_c^2\tau^2` for cluster times far below 1/fc. With `dt` the cut-off applies to the density of
-        the samples (see `psd`), which is integrated numerically to machine precision.
-
         Parameters
         ----------
         tau : cluster time in s, any shape; with `dt`, multiples of dt.
@@ -181,8 +169,7 @@ class Noise(eqx.Module):
         .. math:: S(f) = Q^2 (2\pi f)^2 dt + N^2 + \frac{B^2}{2\pi f} + \frac{K^2}{(2\pi f)^2} + \ldots
 
         Without `dt`, the density of the continuous signal. It leaves Q out, because quantisation noise depends on the sampling
-        interval. With `dt`, the exact density of the samples, in which 2 pi f becomes (2/dt) sin(pi f dt). Flicker ends at `cutoff`
-        in both.
+        interval. With `dt`, the exact density of the samples, in which 2 pi f becomes (2/dt) sin(pi f dt).
 
         Parameters
         ----------
@@ -208,9 +195,8 @@ class Noise(eqx.Module):
     def simulate(self, n: Any, rate: Any, *, seed: Any, resolution: Any = None) -> Any:
         r"""Samples of this noise, exact in distribution.
 
-        Two kinds of noise are approximate: flicker with a cut-off below half the rate, and terms of your own without a `simulate` of
-        their own. These are drawn from their density at frequencies eight times as close as those of the record, which keeps the
-        Allan variance to a few parts in a thousand.
+        Terms of your own without a `simulate` of their own are approximate. They are drawn from their density at frequencies eight times as
+        close as those of the record, which keeps the Allan variance to a few parts in a thousand.
 
         With a `resolution` the samples are rounded to its multiples, as by an analogue-to-digital converter of that step. Where
         white noise dithers them, with a standard deviation of a step or more, the rounding error is white and uncorrelated with
@@ -232,7 +218,7 @@ class Noise(eqx.Module):
         Raises
         ------
         DataError
-            If n, the rate, the cut-off or the resolution is not positive, or a coefficient is negative or not finite.
+            If n, the rate or the resolution is not positive, or a coefficient is negative or not finite.
 
         Examples
         --------
@@ -261,7 +247,7 @@ class Noise(eqx.Module):
         return x if step is None else np.round(x / step) * step
 
     def check(self) -> None:
-        """Raise a `DataError` unless every coefficient is finite and not negative, and the cut-off is positive.
+        """Raise a `DataError` unless every coefficient is finite and not negative.
 
         Examples
         --------
@@ -272,8 +258,6 @@ class Noise(eqx.Module):
         for value in (*(coefficient for _, coefficient, _ in self.parts), *scales):
             if not np.all(np.isfinite(value)) or np.any(np.asarray(value) < 0):
                 raise DataError(f"noise coefficients must be finite and not negative; got {value!r}")
-        if not np.all(np.asarray(self.cutoff) > 0):
-            raise DataError(f"cutoff must be positive, in Hz, or inf for flicker without one; got {self.cutoff!r}")
 
     def channel(self, index: int) -> "Noise":
         """The noise of one channel, if coefficients are arrays over channels."""
@@ -308,7 +292,7 @@ def noise_of(terms: Iterable[Term], values: Iterable[Any], sinusoid: Iterable[tu
         elif isinstance(term, Sinusoid):
             found["sinusoid"] = (*found["sinusoid"], (value, term.frequency))
         elif term.name in BUILT_IN:
-            found |= {term.name: value} | ({"cutoff": term.cutoff} if isinstance(term, Flicker) else {})
+            found |= {term.name: value}
         else:
             found["further"] = (*found.get("further", ()), (value, term))
     return Noise(**found)

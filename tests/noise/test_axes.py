@@ -38,27 +38,13 @@ def test_covariance_is_that_of_the_samples_and_serves_a_filter():
     y = mixed(1, n=100_000)
     fits = [jaxcal.noise.fit(axis, RATE) for axis in y.T]
     found = correlation(y, RATE, fits)
-    np.testing.assert_allclose(found.measurement(RATE), np.cov(y.T), rtol=0.03)
+    np.testing.assert_allclose(found.covariance * RATE, np.cov(y.T), rtol=0.03)
     np.testing.assert_allclose(np.diag(found.covariance), [float(fit.noise.N) ** 2 for fit in fits])
     assert found.codes == {"correlated"}
     assert "axes 0 and 1" in found.summary()
     y[50_000] = np.nan
     used = next(one.facts for one in correlation(y, RATE, fits).findings if one.code == "stretch")
     assert (used["start"], used["stop"]) in ((50_001, 100_000), (0, 50_000))
-
-
-def test_the_state_space_model_of_all_axes_has_the_covariance_of_the_samples():
-    y = mixed(2, n=100_000, walk=0.01)
-    fits = [jaxcal.noise.fit(axis, RATE, terms="NK") for axis in y.T]
-    found, models = correlation(y, RATE, fits), [jaxcal.noise.discrete(fit.noise, RATE) for fit in fits]
-    joint = found.state_space(models)
-    # differences of neighbours contain the white noise twice, and the steps of the states once
-    steps = joint.output @ joint.process @ joint.output.T
-    np.testing.assert_allclose(2.0 * joint.white + steps, np.cov(np.diff(y, axis=0).T), rtol=0.03, atol=1e-4)
-    assert joint.names == ("0 walk", "1 walk")
-    for wrong in (models[:1], [models[0], jaxcal.noise.discrete(fits[1].noise, 2 * RATE)]):
-        with pytest.raises(DataError, match="for each of 2 axes"):
-            found.state_space(wrong)
 
 
 @pytest.mark.parametrize(

@@ -125,15 +125,6 @@ def test_the_default_chain():
     np.testing.assert_allclose(np.array(again.chain) / np.array(model.chain), np.tile([2.0, 1.0], (6, 1)))
 
 
-def test_a_cut_off_ends_the_band():
-    model = discrete(Noise(B=1.0, cutoff=2.0), 100.0)
-    assert model.band[1] == 2.0
-    # above the band the chain falls as 1/f^2, whereas the noise ends there, which affects short cluster times
-    uncut = discrete(Noise(B=1.0), 100.0, band=model.band)
-    assert model.chain == uncut.chain
-    assert model.deviation_error > 3.0 * uncut.deviation_error
-
-
 def test_a_kalman_filter_with_it_is_consistent():
     """Innovations for flicker with white noise and random walk are white and have the variance that the filter predicts."""
     n, noise = 30_000, Noise(N=0.3, B=1.0, K=0.01)
@@ -190,7 +181,6 @@ def test_in_both_precisions(precision):
         (Noise(B=1.0), 10.0, {"band": (0.1, 6.0)}, "half the rate, 5 Hz"),
         (Noise(B=1.0), 10.0, {"band": (0.0, 1.0)}, "above 0"),
         (Noise(B=1.0), 10.0, {"band": (0.2, 1.0)}, "at least a decade"),
-        (Noise(B=1.0, cutoff=2.0), 10.0, {"band": (0.1, 3.0)}, "cut-off of flicker, 2 Hz"),
         (Noise(B=1.0), 0.004, {}, "give band="),
     ],
 )

@@ -41,9 +41,7 @@ def test_means_of_samples_have_this_covariance(name):
     np.testing.assert_allclose(contrasts(found), contrasts(expected), atol=2e-3 * np.abs(contrasts(expected)).max())
 
 
-@pytest.mark.parametrize(
-    ("exact", "term"), [(Noise(B=1.0), PowerLaw(1.0)), (Noise(K=1.0), PowerLaw(2.0)), (Noise(B=1.0, cutoff=50.0), PowerLaw(1.0))]
-)
+@pytest.mark.parametrize(("exact", "term"), [(Noise(B=1.0), PowerLaw(1.0)), (Noise(K=1.0), PowerLaw(2.0))])
 def test_a_term_without_closed_form_has_the_covariance_of_its_density(exact, term):
     numeric = mean_covariance(Noise(further=((1.0, term),)), START, DWELL)
     np.testing.assert_allclose(numeric, mean_covariance(exact, START, DWELL), atol=1e-4 * np.abs(numeric).max())

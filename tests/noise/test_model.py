@@ -9,7 +9,6 @@ import pytest
 import scipy.integrate
 import scipy.special
 
-from jaxcal import PrecisionWarning
 from jaxcal.noise import Noise
 
 DT = 0.1
@@ -68,82 +67,6 @@ def test_exact_spectrum_integrates_to_the_variance():
     noise = Noise(Q=0.3, N=1.2, markov=((0.5, 2.0),))
     total, _ = scipy.integrate.quad(lambda f: 2.0 * float(noise.psd(f, dt=DT)), 1e-12, 0.5 / DT, limit=400, points=[0.1, 0.5])
     np.testing.assert_allclose(total, 2.0 * 0.3**2 / DT**2 + 1.2**2 / DT + 0.5**2 * 2.0 / 2.0, rtol=1e-6)
-
-
-@pytest.mark.parametrize("u", [1e-4, 0.01, 0.05, 0.3, 1.0, 3.0, 11.9, 12.1, 30.0, 100.0])
-def test_flicker_with_a_cut_off_is_the_integral_over_its_density(u):
-    """(2 B^2/pi) int_0^u sin^4 v / v^3 dv, u = pi fc tau, by quadrature from arch to arch of the sine; B = 3, fc = 2 Hz."""
-    edges = np.append(np.arange(0.0, u, np.pi), u)
-    parts = [scipy.integrate.quad(lambda v: v * np.sinc(v / np.pi) ** 4, a, b, epsabs=0.0)[0] for a, b in itertools.pairwise(edges)]
-    np.testing.assert_allclose(Noise(B=3.0, cutoff=2.0).avar(u / (2.0 * np.pi)), 18.0 / np.pi * sum(parts), rtol=1e-12)
-
-
-def test_flicker_with_a_cut_off_has_its_closed_form_and_limits():
-    """IEEE Std 952 with the cosine integral, which loses digits below u = 0.05."""
-    u = np.geomspace(0.05, 1e4, 300)
-    ci2, ci4 = scipy.special.sici(2.0 * u)[1], scipy.special.sici(4.0 * u)[1]
-    closed = np.log(2.0) - np.sin(u) ** 3 / (2.0 * u**2) * (np.sin(u) + 4.0 * u * np.cos(u)) + ci2 - ci4
-    np.testing.assert_allclose(Noise(B=1.0, cutoff=0.5).avar(2.0 * u / np.pi), 2.0 / np.pi * closed, rtol=1e-11)
-    short = np.array([1e-9, 1e-6, 1e-4])
-    np.testing.assert_allclose(Noise(B=1.0, cutoff=0.5).avar(short), np.pi * 0.25 * short**2, rtol=1e-7)
-    np.testing.assert_allclose(Noise(B=1.0, cutoff=0.5).avar(1e7), Noise(B=1.0).avar(1e7), rtol=1e-12)
-
-
-@pytest.mark.parametrize("m", [1, 2, 3, 10, 200])
-@pytest.mark.parametrize("cutoff", [0.01, 0.7, 4.0, 4.999])
-def test_samples_of_flicker_with_a_cut_off_have_the_sum_over_their_variogram(cutoff, m):
-    """The increments have the autocovariance (4/pi) int_0^X sin x cos 2hx dx, X = pi fc dt, which has a closed form."""
-    angle, h = np.pi * cutoff * DT, np.arange(2 * m)
-    up, down = ((1.0 - np.cos(k * angle)) / k for k in (2.0 * h + 1.0, 2.0 * h - 1.0))
-    increments = 2.0 / np.pi * (up - down)
-    gamma = np.array([(k * increments[0] + 2.0 * np.sum((k - h[1:k]) * increments[1:k])) / 2.0 for k in range(1, 2 * m)])
-    weight = np.where(h[1:] <= m, 2 * m - 3 * h[1:], h[1:] - 2 * m)
-    expected = -np.sum(weight * gamma) / m**2
-    # the sum loses digits if flicker hardly changes within a cluster
-    np.testing.assert_allclose(Noise(B=1.0, cutoff=cutoff).avar(m * DT, dt=DT), expected, rtol=1e-9, atol=1e-14)
-
-
-def test_where_a_cut_off_acts():
-    tau, f = np.array([0.1, 1.0, 50.0]), np.array([0.1, 0.99, 1.0, 1.01, 4.0])
-    whole, cut = Noise(B=2.0, N=0.1), Noise(B=2.0, N=0.1, cutoff=1.0)
-    for dt in (None, DT):
-        np.testing.assert_array_equal(cut.psd(f, dt=dt), np.where(f <= 1.0, whole.psd(f, dt=dt), 0.1**2))
-    # a cut-off at half the sampling rate or above has no effect on samples, and it applies only to flicker
-    for cutoff in (5.0, 7.0, 1e12):
-        np.testing.assert_allclose(Noise(B=2.0, cutoff=cutoff).avar(tau, dt=DT), Noise(B=2.0).avar(tau, dt=DT), rtol=1e-14)
-    np.testing.assert_array_equal(Noise(N=1.0, K=2.0, cutoff=0.01).avar(tau), Noise(N=1.0, K=2.0).avar(tau))
-    several = Noise(B=1.0, cutoff=np.array([np.inf, 0.3]))
-    for dt in (None, DT):
-        np.testing.assert_allclose(several.avar(tau, dt=dt)[:, 0], Noise(B=1.0).avar(tau, dt=dt), rtol=1e-14)
-        np.testing.assert_allclose(several.avar(tau, dt=dt)[:, 1], several.channel(1).avar(tau, dt=dt), rtol=1e-14)
-        np.testing.assert_array_equal(several.psd(f, dt=dt)[:, 1], several.channel(1).psd(f, dt=dt))
-
-
-@pytest.mark.parametrize("dt", [None, DT])
-@pytest.mark.parametrize("cutoff", [1e-3, 3.0])
-def test_derivatives_of_flicker_with_a_cut_off(cutoff, dt):
-    tau = jnp.asarray([0.1, 0.7, 20.0])
-
-    def variance(cutoff):
-        return Noise(B=1.5, cutoff=cutoff).avar(tau, dt=dt)
-
-    np.testing.assert_allclose(jax.jit(variance)(cutoff), variance(cutoff), rtol=1e-12)
-    np.testing.assert_allclose(jax.vmap(variance)(jnp.asarray([cutoff, jnp.inf])), [variance(cutoff), variance(np.inf)], rtol=1e-12)
-    step = 1e-5 * cutoff
-    expected = (variance(cutoff + step) - variance(cutoff - step)) / (2.0 * step)
-    np.testing.assert_allclose(jax.jacobian(variance)(cutoff), expected, rtol=1e-6, atol=1e-9)
-    assert not np.any(jax.jacobian(variance)(jnp.inf))
-    strength = jax.jacobian(lambda b: Noise(B=b, cutoff=cutoff).avar(tau, dt=dt))(1.5)
-    np.testing.assert_allclose(strength, variance(cutoff) * 2.0 / 1.5, rtol=1e-12)
-    np.testing.assert_array_equal(jax.grad(lambda c: Noise(B=1.0, cutoff=c).psd(0.2, dt=dt))(cutoff), 0.0)
-
-
-def test_the_cut_off_in_single_precision():
-    exact = Noise(B=1.0, cutoff=2.0).avar(np.geomspace(0.001, 100.0, 30))
-    with jax.enable_x64(False), pytest.warns(PrecisionWarning):
-        single = jax.jit(Noise(B=1.0, cutoff=2.0).avar)(jnp.geomspace(0.001, 100.0, 30))
-    assert single.dtype == np.float32
-    np.testing.assert_allclose(single, exact, rtol=1e-5)
 
 
 def test_terms_add_and_channels_come_last():

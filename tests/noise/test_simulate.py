@@ -15,9 +15,6 @@ TERMS = {
     "R": Noise(R=1.0),
     "markov": Noise(markov=((1.0, 3.0),)),
     "sinusoid": Noise(sinusoid=((1.0, 0.37),)),
-    "cut-off far below the rate": Noise(B=1.0, cutoff=0.1),
-    "cut-off": Noise(B=1.0, cutoff=1.0),
-    "cut-off near half the rate": Noise(B=1.0, cutoff=4.5),
     "all": Noise(Q=0.01, N=1.0, B=0.5, K=0.2, R=0.05, markov=((0.5, 3.0),), sinusoid=((0.3, 0.37),)),
 }
 
@@ -72,40 +69,6 @@ def test_rounded_samples_are_those_without_rounding_rounded():
     assert len(np.unique(Noise(N=0.01).simulate(1000, 1.0, seed=0, resolution=1.0))) == 1
 
 
-class Draws(np.random.Generator):
-    """A random generator for which one normal variable is 1 and all others are 0."""
-
-    def __init__(self, index):
-        super().__init__(np.random.PCG64(0))
-        self.index, self.drawn = index, 0
-
-    def standard_normal(self, count):
-        self.drawn += count
-        return (np.arange(self.drawn - count, self.drawn) == self.index).astype(float)
-
-
-@pytest.mark.parametrize(("n", "edge"), [(16, 1e-2), (64, 1e-2), (64, 0.3), (64, 1.5), (64, 1.5707), (600, 1e-2), (600, 0.3), (600, 1.5)])
-def test_flicker_with_a_cut_off_has_its_allan_variance(n, edge):
-    """Samples are linear in the random variables, so that their variances are exact sums over these variables."""
-    noise = Noise(B=1.0, cutoff=edge / np.pi)
-    term, probe = noise.part("B")[2], Draws(0)
-    term.simulate(n, 1.0, probe)
-    x = np.stack([term.simulate(n, 1.0, Draws(index)) for index in range(probe.drawn)])
-    # the increments have the density (4/pi) sin(pi f) up to the edge
-    np.testing.assert_allclose(np.sum((x[:, 1] - x[:, 0]) ** 2), 8.0 / np.pi * np.sin(edge / 2.0) ** 2, rtol=1e-12)
-    for m, tolerance in ((1, 1e-4), (n // 16, 1e-4), (n // 4, 6e-4), (n // 2, 3e-3)):
-        found = np.sum((x[:, m : 2 * m].mean(axis=1) - x[:, :m].mean(axis=1)) ** 2) / 2.0
-        np.testing.assert_allclose(found, noise.avar(float(m), dt=1.0), rtol=tolerance)
-
-
-def test_a_cut_off_at_half_the_rate_is_none():
-    whole = Noise(B=1.0).simulate(500, RATE, seed=0)
-    np.testing.assert_array_equal(Noise(B=1.0, cutoff=5.0).simulate(500, RATE, seed=0), whole)
-    several = Noise(B=1.0, cutoff=np.array([np.inf, 0.1])).simulate(500, RATE, seed=0)
-    np.testing.assert_array_equal(several[:, 0], whole)
-    assert np.std(np.diff(several[:, 1])) < 0.05 * np.std(np.diff(whole))
-
-
 def test_flicker_increments_have_their_autocovariance():
     runs, n = 400, 512
     d = np.diff(np.stack([Noise(B=1.0).simulate(n, 1.0, seed=s) for s in range(runs)]), axis=1)
@@ -136,9 +99,6 @@ def test_seeds_and_channels():
         (Noise(N=-1.0), 10, 1.0, "not negative"),
         (Noise(K=np.nan), 10, 1.0, "finite"),
         (Noise(N=[1.0, 2.0], K=[1.0, 2.0, 3.0]), 10, 1.0, "different lengths"),
-        (Noise(B=1.0, cutoff=0.0), 10, 1.0, "cutoff must be positive"),
-        (Noise(B=1.0, cutoff=np.nan), 10, 1.0, "cutoff must be positive"),
-        (Noise(B=1.0, cutoff=1e-7), 10, 1.0, "a higher cut-off"),
     ],
 )
 def test_messages(noise, n, rate, words):

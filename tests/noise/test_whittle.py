@@ -247,7 +247,7 @@ def test_a_large_offset_changes_nothing(record):
 
 @pytest.mark.parametrize("scale", [1e-310, 1e-120, 1e120])
 def test_numbers_whose_squares_are_lost_are_refused(scale):
-    with pytest.raises(jaxcal.DataError, match="rescale"):
+    with pytest.raises(jaxcal.DataError, match=r"rescale|no sensor gives"):
         jaxcal.noise.fit(scale * np.random.default_rng(0).normal(size=2000), RATE)
 
 

@@ -40,8 +40,8 @@ _STEP = 2.0 * np.sin(ANGLE / 2.0)
 #: m omega up to which the kernel of the Allan variance is smooth within a panel; samples per cluster that stand for a continuous signal
 _SMOOTH, _CONTINUOUS = 4.0, 4096.0
 _SINGLE, _PER_DECADE = 64, 96  # first ordinates whose leakage is computed one by one; how many per decade of the others
-#: bins when samples are drawn from a density: number per bin of the record, least number in all, and most
-_FINER, _FEWEST, _MOST = 8, 256, 2**28
+#: bins when samples are drawn from a density: number per bin of the record, and least number in all
+_FINER, _FEWEST = 8, 256
 
 
 def _cosine(p):
@@ -147,23 +147,3 @@ def from_bins(length: int, variance, n: int, random: np.random.Generator) -> np.
     # the transform divides by the length, and adds its mirror image to every bin except the first
     share = np.concatenate([variance[:1], 0.5 * variance[1:]])
     return np.fft.irfft(np.sqrt(share / 2.0) * length * z, length)[:n]
-
-
-def cut_bins(n: int, edge: float) -> tuple[int, np.ndarray]:
-    """Length of the transform, and variance in each of its bins, for the increments of flicker of unit B with a cut-off.
-
-    The increments have the density (4/pi) sin x with x = pi f dt up to the cut-off, x = `edge`. A density that ends abruptly rules out
-    circulant embedding.
-    """
-    wanted = 2 * max(_FINER * n // 2, math.ceil(0.5 * math.pi * _FEWEST / edge))
-    if wanted > _MOST:
-        raise DataError(
-            f"a cutoff of {edge / math.pi:.3g} times the sampling rate and {n} samples need a spectrum of {wanted} values, more than "
-            f"{_MOST}; simulate fewer samples, or a higher cut-off"
-        )
-    length: int = scipy.fft.next_fast_len(wanted, real=True)  # type: ignore[assignment]
-    width = math.pi / length  # width of a bin in x
-    bins = np.arange(min(math.floor(edge / width + 0.5), (length - 1) // 2) + 1)
-    low, high = np.maximum(bins - 0.5, 0.0) * width, (bins + 0.5) * width
-    high[-1] = edge
-    return length, 8.0 / math.pi * np.sin((low + high) / 2.0) * np.sin((high - low) / 2.0)
