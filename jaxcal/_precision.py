@@ -161,7 +161,7 @@ def host_float64(function: F) -> F:
                 )
             return function(*args, **kwargs)
         # the data come first; flags and names of groups may follow
-        for leaf in jax.tree.leaves(args[:1]):
+        for leaf in args[:1]:  # results that hold flags are no data
             if isinstance(leaf, np.ndarray):
                 real_numbers(leaf)
         with jax.enable_x64(True):
