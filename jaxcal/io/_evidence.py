@@ -9,10 +9,10 @@ import dataclasses
 
 import numpy as np
 
+from .._units import STANDARD_GRAVITY
+
 #: number of samples to examine if a part of the record suffices
 LOOK = 50_000
-GRAVITY = 9.80665
-_DEG = np.pi / 180.0
 #: size of one count of common gyroscopes, deg/s. Powers of two are not evidence, because every number format has them.
 _GYROSCOPES = (
     *(1 / counts for counts in (131.0, 65.5, 32.8, 16.4, 131.2, 65.6, 262.4, 14.375)),
@@ -36,7 +36,7 @@ class Turning:
     @property
     def unit(self) -> str | None:
         """Unit of the gyroscope if the slope fits one, else None."""
-        found = [unit for unit, size in (("rad/s", 1.0), ("deg/s", _DEG)) if 0.25 < abs(self.slope) / size < 4.0]
+        found = [unit for unit, size in (("rad/s", 1.0), ("deg/s", np.radians(1.0))) if 0.25 < abs(self.slope) / size < 4.0]
         return found[0] if found else None
 
 
@@ -143,10 +143,10 @@ def step_unit(sensor: str, values: np.ndarray) -> tuple[str, str] | None:
     if not differences:
         return None
     hypotheses = {
-        "gyro": {"deg/s": [(one, one) for one in _GYROSCOPES], "rad/s": [(one * _DEG, one) for one in _GYROSCOPES]},
+        "gyro": {"deg/s": [(one, one) for one in _GYROSCOPES], "rad/s": [(np.radians(one), one) for one in _GYROSCOPES]},
         "accel": {
             "g": [(one, one) for one in _ACCELEROMETERS],
-            "m/s^2": [(one * g, one) for one in _ACCELEROMETERS for g in (GRAVITY, 9.81, 9.8)],
+            "m/s^2": [(one * g, one) for one in _ACCELEROMETERS for g in (STANDARD_GRAVITY, 9.81, 9.8)],
         },
     }[sensor]
     found: dict[str, float] = {}

@@ -26,7 +26,6 @@ from ._evidence import (
     thinned,
 )  # fmt: skip
 
-_DEG = np.pi / 180.0
 #: sensor -> unit -> size of gravity (or of a field of 1 uT) in this unit, and the unit to suggest if the guess is wrong
 _SIZES = {
     "accel": {"m/s^2": (STANDARD_GRAVITY, "g"), "g": (1.0, "m/s^2"), "mg": (1000.0, "g")},
@@ -247,7 +246,7 @@ def _contradict_gyro(values, stated: str, where: str, steps, turns: Turning | No
     elif turns is not None and turns.unit == right and abs(turns.correlation) > 0.7 and not steps:
         says = f"gravity or the field turns as it says in {right} (r = {abs(turns.correlation):.2f})"
     elif stated == "rad/s" and largest > 80:
-        says, right = f"it reaches {largest:.4g}, which would be {largest / _DEG:.4g} deg/s", "deg/s"
+        says, right = f"it reaches {largest:.4g}, which would be {np.degrees(largest):.4g} deg/s", "deg/s"
     elif stated == "deg/s" and largest > _FASTEST:
         says, right = f"it reaches {largest:.5g} deg/s, which no common sensor does: these may be raw counts", f"{1 / 16.4:.5g} deg/s"
     if says:

@@ -23,7 +23,6 @@ from ._readers._bounds import require
 SUFFIXES = (".npz", ".parquet")
 #: version of the description
 _SCHEMA = 2
-_LONGEST = 1 << 20
 _EARLIER = table(earlier=Kind(NOTE, "{text}"))
 #: beginning of the names of columns with `Log.offset`; they are the last ones
 _OFFSET = "offset_"
@@ -147,7 +146,7 @@ def _again(one: dict[str, Any]) -> Finding:
 
 def _parsed(text: str) -> Any:
     try:
-        about = json.loads(text) if len(text) <= _LONGEST else None
+        about = json.loads(text)
     except (ValueError, RecursionError):
         about = None
     return about if isinstance(about, dict) else {}

@@ -16,7 +16,7 @@ from .._guess import accel_unit, gyro_unit, mag_unit, no_field
 from .._table import Choice, Signals
 
 #: records gathered at a time
-_PIECE = 1 << 16
+PIECE = 1 << 16
 
 
 @dataclasses.dataclass
@@ -36,8 +36,8 @@ def gather(content: np.ndarray, offsets: np.ndarray, dtype: np.dtype) -> np.ndar
         return np.empty(0, dtype)
     windows = np.lib.stride_tricks.sliding_window_view(content, dtype.itemsize)
     out = np.empty(len(offsets), dtype)
-    for start in range(0, len(offsets), _PIECE):
-        piece = slice(start, start + _PIECE)
+    for start in range(0, len(offsets), PIECE):
+        piece = slice(start, start + PIECE)
         out[piece] = np.ascontiguousarray(windows[offsets[piece]]).view(dtype)[:, 0]
     return out
 

@@ -19,7 +19,7 @@ import numpy as np
 from ..._answer import Finding
 from ..._errors import DataError
 from .._findings import READ
-from ._streams import gather
+from ._streams import PIECE, gather
 
 _MAGIC = b"ULog\x01\x12\x35"
 _SYNC = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
@@ -29,8 +29,6 @@ _TYPES = {
     "uint64_t": "<u8", "float": "<f4", "double": "<f8", "bool": "u1", "char": "S1",
 }  # fmt: skip
 _FIELD = re.compile(r"([A-Za-z_][\w-]*)(?:\[(\d{1,5})\])? ([A-Za-z_]\w*)")
-#: number of rows examined together
-_PIECE = 1 << 16
 #: limits of one message: bytes (16-bit length) and number of fields
 _LONGEST, _MOST = 65535, 4096
 
@@ -96,11 +94,11 @@ class ULog:
         dtype, padding = layout(name, self._formats)
         offsets = np.frombuffer(place, np.int64)  # without a copy: in a long log there is no memory for two
         whole = np.empty(len(offsets), bool)
-        for start in range(0, len(offsets), _PIECE):
-            piece = offsets[start : start + _PIECE]
+        for start in range(0, len(offsets), PIECE):
+            piece = offsets[start : start + PIECE]
             size = self._content[piece].astype(np.int64) + (self._content[piece + 1].astype(np.int64) << 8) - 2
             # the padding at the end of a row is optional
-            whole[start : start + _PIECE] = (size >= dtype.itemsize) & (size <= dtype.itemsize + padding)
+            whole[start : start + PIECE] = (size >= dtype.itemsize) & (size <= dtype.itemsize + padding)
         if not whole.all():
             what = f"{np.count_nonzero(~whole)} rows have the wrong length and are left out"
             self.findings.append(READ("damaged", f"{name}:{instance}", what=what))
