@@ -215,7 +215,8 @@ class _Stored(eqx.Module):
 
 
 def _stored(estimate: Estimate) -> _Stored:
-    return _Stored(estimate.names, np.asarray(estimate.matrix), estimate.freedom if np.isfinite(estimate.freedom).all() else None)
+    freedom = np.asarray(estimate.freedom)
+    return _Stored(estimate.names, np.asarray(estimate.matrix), freedom if np.isfinite(freedom).all() else None)
 
 
 def _estimate(value: dict[str, Any], held: dict[str, float], path: str) -> Estimate | None:

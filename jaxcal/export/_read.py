@@ -59,7 +59,8 @@ def read(
     for name, value in given.items():
         right = OPTIONS[name].right
         if value is not None and not (value in right if isinstance(right, tuple) else right(value)):
-            raise DataError(f"{name}={value!r}: expected {OPTIONS[name].expected or ' or '.join(map(str, right))}", code="option")
+            expected = " or ".join(right) if isinstance(right, tuple) else OPTIONS[name].expected
+            raise DataError(f"{name}={value!r}: expected {expected}", code="option")
     path = pathlib.Path(path)
     try:
         content = {"imu_tk": _imu_tk_texts, "motioncal": _bytes}.get(format, _text)(path)

@@ -31,7 +31,7 @@ def parse(text: str) -> dict[str, Any]:
         raise DataError(f"the file is not YAML: {' '.join(str(error).split())}", code="unreadable") from error
     except (RecursionError, ValueError) as error:  # too deeply nested lists; an invalid date or number
         raise DataError(f"the file is no configuration: {error}", code="unreadable") from error
-    if not isinstance(found, dict):
+    if not isinstance(found, dict) or not all(isinstance(key, str) for key in found):
         raise DataError("the file holds no keys", code="unreadable")
     return found
 

@@ -61,7 +61,7 @@ def test_segments_refuse_what_does_not_join():
         part.merge(Segments(RATE, 64).update(y[100:]))
     with pytest.raises(DataError, match="ends at sample 100, the second starts at 90"):
         part.merge(Segments(RATE, 64, start=90).update(y[90:]))
-    with pytest.raises(DataError, match="differ in segment"):
+    with pytest.raises(DataError, match="the parts do not join: segment"):
         part.merge(Segments(RATE, 32).update(y[100:]))
     with pytest.raises(DataError, match="only Segments"):
         part.merge(Accumulator(RATE))
