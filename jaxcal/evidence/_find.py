@@ -53,16 +53,18 @@ def events(sensor: str, values: np.ndarray, rate: float) -> list[Stretch]:
 def _named(sensor: str, values: np.ndarray, rate: float, first: int, last: int) -> Stretch:
     """A burst with its kind and size."""
     width = round(LONGEST * rate)
-    sides = [values[max(first - width, 0) : first], values[last : last + width]]
-    before, after = (np.median(side[np.isfinite(side).all(axis=1)], axis=0) if len(side) else None for side in sides)
-    level = np.stack([one for one in (before, after) if one is not None and np.isfinite(one).all()] or [np.nanmedian(values, axis=0)])
-    noise = np.nanstd(np.concatenate(sides), axis=0)
+    alive = np.isfinite(values).any(axis=0)
+    sides = [values[max(first - width, 0) : first], values[last : last + width], values]
+    sides = [seen for side in sides if len(seen := side[np.isfinite(side[:, alive]).all(axis=1)])]
+    sides = sides[:-1] or sides  # the whole record only where nothing is known beside the stretch
+    level = np.stack([np.median(side, axis=0) for side in sides])
+    noise = np.std(np.concatenate(sides), axis=0)
     # the distance from what lies between the levels on both sides, beyond what the noise reaches
     inside = values[first:last]
     away = np.fmax.reduce(np.fmax(inside - level.max(axis=0), level.min(axis=0) - inside), axis=0, initial=0.0) - _REACH * noise
     shift = np.ptp(level, axis=0)
     axes = np.flatnonzero(np.maximum(away, shift - noise * (2 / width) ** 0.5 * _REACH) > 0.0)
-    size, moved = float(np.fmax.reduce(away, initial=0.0)), float(shift.max())
+    size, moved = float(np.fmax.reduce(away, initial=0.0)), float(np.fmax.reduce(shift))
     kind = "moving" if last - first > width else "step" if moved > _STEP * size else "knock"
     of = tuple(axes.tolist()) or tuple(range(values.shape[1]))
     return Stretch(kind, sensor, of, first / rate, last / rate, max(size, moved), si_unit(sensor), last - first)

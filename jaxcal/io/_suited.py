@@ -18,6 +18,8 @@ from ._evidence import field_size, median_norm, turning
 _FORCE, _RATE, _FIELD = 0.087 * STANDARD_GRAVITY, np.deg2rad(5.0), 0.1
 _SIGMAS = 6.0  # the change must also exceed the noise of a mean by this factor
 _SHARE = 0.02  # share of the seconds with motion that is tolerated, such as a bump
+#: share of a log set aside as movement above which the rest is no rest either: static public logs have 1.5 % at most, moving ones from 5 %
+_ASIDE = 0.2
 _LONG = 60.0  # s
 _SEEN = 2000  # number of blocks from which the noise is estimated
 #: relative variation of a field below which it comes from one direction only
@@ -49,6 +51,9 @@ def unsuited(command: str, log: Log, name: str = "LOG") -> str | Message | None:
         found = motion(log)
         if found is not None and found.share > _SHARE:
             return _moving(command, found, name)
+        aside = sum(one.facts["percent"] for one in log.findings if one.code == "set_aside") / 100
+        if aside > _ASIDE:
+            return _moving(command, Motion(aside, "its readings vary", None if found is None else found.still), name)
     if command == "imu" and log.accel is not None and log.accel.shape[1] == 3:
         found = motion(log)
         if found is not None and found.share == 0.0:
