@@ -1,6 +1,7 @@
 """Check, before any statistics, that readings can come from a turntable at rest on the Earth."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -50,7 +51,7 @@ def check_norm(force: np.ndarray) -> None:
     _refuse(not _NORMS[0] < size < _NORMS[1], said, "accel", lambda factor: _NORMS[0] < size * factor < _NORMS[1])
 
 
-def _refuse(wrong: bool, said: str, sensor: str, fits: Callable[[float], bool]) -> None:
+def _refuse(wrong: Any, said: str, sensor: str, fits: Callable[[float], bool]) -> None:
     """Raise an error that names the units which would make the numbers plausible, and what to type."""
     if not wrong:
         return
