@@ -120,7 +120,7 @@ class _Record:
         """The looks d of each axis at every `step` samples, the first at sample h."""
         return [(c[2 * h :: step] - 2.0 * c[h : len(c) - h : step] + c[: len(c) - 2 * h : step]) / h for c in self.sums]
 
-    def _spread(self, looks: list[np.ndarray], h: float, still: np.ndarray | None = None) -> np.ndarray:
+    def _spread(self, looks: list[np.ndarray], h: float | int, still: np.ndarray | None = None) -> np.ndarray:
         """Robust spread of the looks of each axis, which is known to half the step of a mean."""
         found = []
         for d, step, hidden in zip(looks, self.steps, self.hidden, strict=True):
