@@ -17,8 +17,9 @@ from .._types import Float
 from ._findings import FINDINGS
 from ._model import Noise
 
-_FEWEST = 100.0  # information, in ordinates of pure white noise, below which no correlation is computed
-_LARGEST = 30.0  # ratio of an ordinate to its expectation that only a line or a step exceeds: one in 2e7 ordinates of noise does
+#: information, in ordinates of pure white noise, below which no correlation is computed; ratio of an ordinate to its expectation that only
+#: a line or a step exceeds: one in 2e7 ordinates of noise does
+_FEWEST, _LARGEST = 100.0, 30.0
 _MATTERS, _SURE = 0.05, 0.999  # correlation worth a note on a log; level of the interval that must lie beyond it
 
 

@@ -21,14 +21,15 @@ from .._types import AnyArray
 from ..spectrum._average import log_groups
 from ._likelihood import scoring
 
-_BLOCKS, _ORDINATES = 4096, 512  # block means of a record, which have the same lowest ordinates; ordinates that the search uses
+#: block means of a record, which have the same lowest ordinates; ordinates that the search uses; rounds of the regression and the
+#: fit of the noise; changes of one record
+_BLOCKS, _ORDINATES, _ROUNDS, _MOST = 4096, 512, 2, 3
 _STARTS = 192  # times at which an event may begin
-_RESPONSES = (0.0, 1 / 64, 1 / 16, 1 / 4)  # time constants of an event over the length of the record; 0 is a step
+#: time constants of an event over the length of the record; 0 is a step; time constants over the length of the record with which a sensor
+#: follows its temperature
+_RESPONSES, _LAGS = (0.0, 1 / 64, 1 / 16, 1 / 4), (0.0, 0.003, 0.01, 0.03, 0.1)
 _DECAYS = 2.0 ** -np.arange(1, 8)  # time constants of a warm-up over the length of the record
 _CYCLES = np.arange(0.5, 10.01, 0.25)  # cycles of a sinusoid in the record
-_LAGS = (0.0, 0.003, 0.01, 0.03, 0.1)  # time constants over the length of the record with which a sensor follows its temperature
-_ROUNDS = 2  # of the regression and the fit of the noise
-_MOST = 3  # changes of one record
 #: likelihood ratio for one axis that one in 300 records of noise alone reaches in the search of a family; a shift has a known place, and
 #: 2.6 standard errors suffice
 LEVELS = {"shift": 6.8, "step": 18.5, "ramp": 11.0, "warm_up": 16.0, "sinusoid": 20.0, "temperature": 12.0}

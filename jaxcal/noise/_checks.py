@@ -21,12 +21,12 @@ from ._terms import GaussMarkov, Term
 METHODS = ("whittle", "gls", "log", "slope")
 #: number of cluster sizes of a curve; neighbouring values are so strongly correlated that more would add no information
 _CLUSTERS = 25
-#: white noise in steps of the readings below which rounding hides it (B. Widrow et al., IEEE Trans. Instrum. Meas. 45, 1996); share of
-#: N^2 that rounding must have to be named, 2.5 % of N
-_HIDDEN, _ROUNDED = 0.5, 0.05
-_MUCH = 0.2  # share of the record that is set aside from which the log is hardly one of a sensor at rest
-_SAMPLE = 20_000  # samples from which the resolution is found
-_LEVELS = 2_000  # most different values of a record whose resolution can be found
+#: white noise in steps of the readings below which rounding hides it (B. Widrow et al., IEEE Trans. Instrum. Meas. 45, 1996); share of N^2
+#: that rounding must have to be named, 2.5 % of N; share of the record that is set aside from which the log is hardly one of a sensor at
+#: rest
+_HIDDEN, _ROUNDED, _MUCH = 0.5, 0.05, 0.2
+#: samples from which the resolution is found; most different values of a record whose resolution can be found
+_SAMPLE, _LEVELS = 20_000, 2_000
 _ALIKE, _FREQUENCIES = 1e-6, 64  # relative difference of two densities that no record shows; number of frequencies compared
 _SMALLEST, _LARGEST = 1e-100, 1e100  # smallest and largest range of a record whose squares keep their digits
 

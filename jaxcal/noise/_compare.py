@@ -19,8 +19,9 @@ from ._spectral import FILTER, Fitted
 from ._terms import BUILT_IN, GaussMarkov, PowerLaw, Term
 
 _EXPONENTS = np.arange(0.3, 1.96, 0.1)
-_TIMES = 16  # correlation times that are tried, from ten samples to a quarter of the record
-_HALVINGS = 4  # how often the step between neighbouring times is halved around the best one
+#: correlation times that are tried, from ten samples to a quarter of the record; how often the step between neighbouring times is halved
+#: around the best one
+_TIMES, _HALVINGS = 16, 4
 #: name of a rival -> letters of its terms, number of its own Gauss-Markov processes, and whether it has a power law
 _RIVALS: dict[str, tuple[str, int, bool]] = {
     "white": ("", 0, False), "B": ("B", 0, False), "K": ("K", 0, False), "B and K": ("BK", 0, False), "power law": ("", 0, True),

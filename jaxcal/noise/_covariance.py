@@ -7,19 +7,10 @@ where c is the covariance of two second differences at a lag h (`Term.lagged`), 
 number of pairs at that lag. c is linear in the squared coefficients, so the covariance is a quadratic form in them. Its tensor depends
 only on the record length, the cluster sizes, the sampling interval and the terms, and is cached.
 
-If all terms have a closed form, the sum over lags is computed as follows. The summand is smooth between the lags at which the ends of
+The sum over lags is computed as follows. The summand is smooth between the lags at which the ends of
 two clusters coincide. Each such range of lags is divided into parts that become shorter towards its ends, and summed by Gauss quadrature
 for sums (with the nodes of the discrete Chebyshev polynomials), which is exact for polynomials. The cost therefore does not depend on
 the length of the record.
-
-For a term without a closed form, c follows from the density. Let m' be the larger cluster size, and count h from the lag at which the
-two differences have the same centre. The number of pairs is then M' up to m' - m and falls by one per lag beyond, so that
-
-.. math:: \sum_h \mathrm{cnt}\,c_i c_j = \frac{M'}{\pi}\int_0^\pi \hat c_i \hat c_j\,d\omega - \sum_h (M' - \mathrm{cnt})\,c_i c_j,
-          \qquad \hat c = \frac{8 S}{mm'\,dt}\,\frac{\sin^2(m\omega/2)\,\sin^2(m'\omega/2)}{s^2}
-
-with s = 2 sin(omega/2). The integral uses the mean of the kernel in narrow bins of frequency. The sum is the contribution of the ends of
-the record. It depends on long lags only and is therefore computed in steps of m'/64, from a cosine transform of the density.
 """
 
 import functools
@@ -27,7 +18,6 @@ import itertools
 
 import jax
 import numpy as np
-import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import array_module, host_float64
@@ -35,13 +25,8 @@ from .._types import Any, AnyArray, Float
 from ._model import Noise
 from ._terms import Ramp, Term
 
-_NODES = 10
-_DIRECT = 24  # ranges of lags up to this length are summed term by term
-#: edges of the frequency bins of the integral over the density; steps of the sum over lags per larger cluster; number of steps
-_EDGES = np.pi * np.geomspace(1e-12, 1.0, 1201)
-_MIDDLE, _WIDTH = (_EDGES[1:] + _EDGES[:-1]) / 2.0, np.diff(_EDGES)
-_PARTS, _STEPS = 64, 1 << 13
-_TOGETHER = 512  # pairs of cluster sizes: a few hundred thousand lags
+#: nodes of a rule; ranges of lags up to this length are summed term by term; pairs of cluster sizes: a few hundred thousand lags
+_NODES, _DIRECT, _TOGETHER = 10, 24, 512
 
 
 @functools.lru_cache(maxsize=64)
@@ -52,17 +37,15 @@ def covariance_tensor(samples: int, m: tuple[int, ...], dt: float, terms: tuple[
     """
     clusters = len(m)
     tensor = np.zeros((len(terms), len(terms), clusters, clusters))
-    closed = np.array([term.lagged(np.zeros(1), 1, 1, dt) is not None for term in terms])
-    exact = tuple(term for term, known in zip(terms, closed, strict=True) if known)
+    if unknown := [term.name for term in terms if term.lagged(np.zeros(1), 1, 1, dt) is None]:
+        raise DataError(
+            f'the covariance of Allan variances has no closed form for {", ".join(unknown)}; fit with method "whittle"',
+            code="no_closed_form",
+        )
     pairs = np.array([(i, j) for i in range(clusters) for j in range(i + 1)])
     small, large = np.sort(np.array(m)[pairs], axis=1).T
-    if not closed.all():
-        found = [_from_density(samples, a, b, dt, terms) for a, b in zip(small.tolist(), large.tolist(), strict=True)]
-        tensor[:, :, pairs[:, 0], pairs[:, 1]] = np.stack(found, axis=2)
-    if exact:
-        for part in np.array_split(np.arange(len(pairs)), -(-len(pairs) // _TOGETHER)):
-            where = np.flatnonzero(closed)[:, None, None], np.flatnonzero(closed)[None, :, None], *pairs[part].T
-            tensor[where] = _closed(samples, small[part], large[part], dt, exact)
+    for part in np.array_split(np.arange(len(pairs)), -(-len(pairs) // _TOGETHER)):
+        tensor[:, :, *pairs[part].T] = _closed(samples, small[part], large[part], dt, terms)
     tensor[:, :, pairs[:, 1], pairs[:, 0]] = tensor[:, :, pairs[:, 0], pairs[:, 1]]
     tensor.flags.writeable = False
     return tensor
@@ -79,8 +62,7 @@ def allan_covariance(noise: Noise, samples: int, m: Any, dt: float) -> Float[Any
 
     where M = samples - 2m + 1 is the number of differences of cluster size m, and cnt(h) the number of pairs of them at lag h. The cost
     does not depend on the length of the record. A ramp is not random: it contributes only through its product with the noise.
-    Variances of neighbouring cluster sizes share most of their samples, so that correlations above 0.9 are common. For terms of your
-    own c is computed numerically, to about a part in a thousand.
+    Variances of neighbouring cluster sizes share most of their samples, so that correlations above 0.9 are common.
 
     Parameters
     ----------
@@ -97,7 +79,7 @@ def allan_covariance(noise: Noise, samples: int, m: Any, dt: float) -> Float[Any
     Raises
     ------
     DataError
-        If the model has sinusoids, several channels or no coefficient, or a cluster size does not fit into the record.
+        If the model has sinusoids, terms of your own, several channels or no coefficient, or a cluster size does not fit into the record.
 
     Examples
     --------
@@ -143,58 +125,6 @@ def _closed(samples: int, small: np.ndarray, large: np.ndarray, dt: float, terms
         if not (isinstance(terms[i], Ramp) and isinstance(terms[j], Ramp)):
             found[i, j] = found[j, i] = scale * np.add.reduceat(lagged[i] * lagged[j] * weight, begin)
     return found
-
-
-def _sums(lagged, weight, terms: tuple[Term, ...]) -> np.ndarray:
-    """Sums over lags of the products of two terms; zero for a ramp with itself, because it is not random."""
-    fixed = np.array([isinstance(term, Ramp) for term in terms])
-    return np.where(fixed[:, None] & fixed[None, :], 0.0, lagged * weight @ lagged.T)
-
-
-def _from_density(samples: int, small: int, large: int, dt: float, terms: tuple[Term, ...]) -> np.ndarray:
-    """The same as `_pair`, from the densities of the terms instead of closed forms."""
-    first, second, stride = samples - 2 * small + 1, samples - 2 * large + 1, max(large // _PARTS, 1)
-    factor, half = 8.0 / (small * large * dt), _angles(stride) / 2.0
-    spectrum = factor * _densities(terms, 0, dt) / (2.0 * np.sin(_MIDDLE / 2.0)) ** 2
-    whole = spectrum * _kernel(small, large) @ spectrum.T / np.pi
-    lagged = _densities(terms, stride, dt) * factor * (np.sin(small * half) * np.sin(large * half) / (2.0 * np.sin(half))) ** 2
-    # the value at zero is the mean over half a step, where the density is taken as a power law
-    power = lagged[:, 1] > 0.0
-    lagged[power, 1] /= 1.0 + np.log2(lagged[power, 1] / lagged[power, 0])
-    lagged = np.asarray(scipy.fft.dct(lagged[:, 1:], type=1)) / (2.0 * stride * _STEPS)
-    lags = float(stride) * np.arange(_STEPS + 1)
-    count = np.clip(second - (lags - (large - small)), 0.0, second)
-    values = second * whole - _sums(lagged, 2.0 * stride * (second - count), terms)
-    for i in (i for i, term in enumerate(terms) if isinstance(term, Ramp)):
-        lagged[i] = dt**2 * small * large / 2.0
-        values[i] = values[:, i] = _sums(lagged, stride * np.where(lags > 0.0, 2.0, 1.0) * count, terms)[i]
-    return 2.0 / (first * second) * values
-
-
-@functools.lru_cache(maxsize=64)
-def _densities(terms: tuple[Term, ...], stride: int, dt: float) -> np.ndarray:
-    """(p, frequencies) densities at the angles of a stride; for a stride of 0, at the middle of the bins, times the root of their width."""
-    angle, scale = (_angles(stride), 1.0) if stride else (_MIDDLE, np.sqrt(_WIDTH))
-    return np.stack([np.asarray(term.psd(angle / (2.0 * np.pi * dt), dt)) for term in terms]) * scale
-
-
-def _angles(stride: int) -> np.ndarray:
-    """Angles of the cosine transform, evenly spaced up to pi over the stride; a quarter and half of the first step replace zero."""
-    return np.pi / (stride * _STEPS) * np.append([0.25, 0.5], np.arange(1.0, _STEPS + 1))
-
-
-def _kernel(small: int, large: int) -> np.ndarray:
-    """Mean of sin^4(m omega/2) sin^4(m' omega/2) in each bin of frequency."""
-    angle, width = _MIDDLE, _WIDTH
-    powers = dict(zip(range(-2, 3), np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 16.0, strict=True))  # sin^4(y) as a sum of e^{2ipy}
-
-    def mean(p):
-        return np.cos(p * angle) * np.sinc(p * width / (2.0 * np.pi))
-
-    both = sum(a * b * mean(p * small + q * large) for p, a in powers.items() for q, b in powers.items())
-    late = sum(b * mean(q * large) for q, b in powers.items())
-    late = np.where(large * width < 0.1, np.sin(large * angle / 2.0) ** 4, late)  # the sum of cosines would lose its digits
-    return np.where(small * width < 0.1, np.sin(small * angle / 2.0) ** 4 * late, both)
 
 
 def _nodes(small: np.ndarray, large: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -28,9 +28,9 @@ from ._ordinates import Bins
 
 _BLOCKS = (10, 5, 2)  # blocks of the record; fewer ones see slower changes of the level
 _CHANCES = (0.1, 0.02)  # chances of a larger scatter of stationary noise between which a factor grows from one to its full size
-_ENOUGH = 0.95  # share of the information on a coefficient that the ordinates used must hold
-_FEWEST = 64  # ordinates that are used at least
-_INDEPENDENT = 1.0  # independent energies that a block must hold; with fewer, its energy follows no known law
+#: share of the information on a coefficient that the ordinates used must hold; ordinates that are used at least; independent energies that
+#: a block must hold; with fewer, its energy follows no known law
+_ENOUGH, _FEWEST, _INDEPENDENT = 0.95, 64, 1.0
 
 
 class Widening(NamedTuple):

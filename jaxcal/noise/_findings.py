@@ -62,11 +62,11 @@ FINDINGS = table(
         "for it.", "Look there for a knock or a draught.",
     ),
 )  # fmt: skip
-_SHOWN = 0.33  # relative error of the size of a change from which an axis shows it
-_UNEVEN = 2.0  # factor on an interval from which it is worth a sentence
-_TOO_WIDE = 4.0  # ratio of the misfit of the spectrum to its expectation above which the model does not hold
-_SLOW = 0.5  # cost of what concerns B and K alone
-_MOST_LINES = 4  # frequencies that one sentence names
+#: relative error of the size of a change from which an axis shows it; factor on an interval from which it is worth a sentence; ratio of the
+#: misfit of the spectrum to its expectation above which the model does not hold
+_SHOWN, _UNEVEN, _TOO_WIDE = 0.33, 2.0, 4.0
+#: cost of what concerns B and K alone; frequencies that one sentence names
+_SLOW, _MOST_LINES = 0.5, 4
 
 
 def of_model(misfit: float, shortest: float | None) -> list[Finding]:

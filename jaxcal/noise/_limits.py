@@ -14,9 +14,9 @@ from .._types import AnyArray, Float
 #: significance above which a term is a hint, and above which it is present. Without the term, 5 % and 1 % of records exceed these,
 #: because a coefficient cannot be negative (S. G. Self and K.-Y. Liang, J. Am. Stat. Assoc. 82, 1987)
 HINT, PRESENT = 2.71, 5.41
-_SEARCH = 12  # number of steps of a search
-_FAR = 8.0  # times the level at which values of a search are capped
-_CLOSE = 3e-3  # relative distance from the level, in the root of the likelihood ratio, from which one last secant reaches it
+#: number of steps of a search; times the level at which values of a search are capped; relative distance from the level, in the root of the
+#: likelihood ratio, from which one last secant reaches it
+_SEARCH, _FAR, _CLOSE = 12, 8.0, 3e-3
 
 
 class Limits(NamedTuple):

@@ -23,14 +23,14 @@ from .._errors import DataError
 from ._ordinates import Bins, layout
 from ._terms import Term
 
-_SEED = 20_211  # seed of the draws that estimate the conditional variance, so that a record always gives the same numbers
-_DRAWN = 2**19  # least number of samples in all draws together, so that short records have more draws
-_MOST_DRAWS = 32
-_EXACT, _ROUGH = 1e-4, 1e-2  # relative residual at which conjugate gradients end: for the expectation, and for draws
-_ITERATIONS = 60
-_LEAST = 0.02  # share of information left in an ordinate below which the ordinate is not used
-_FEWEST = 16  # least number of samples
-_NOTHING = 1e-6  # share of the record below which its remainder is only rounding
+#: seed of the draws that estimate the conditional variance, so that a record always gives the same numbers; least number of samples in all
+#: draws together, so that short records have more draws; most draws
+_SEED, _DRAWN, _MOST_DRAWS = 20_211, 2**19, 32
+#: relative residual at which conjugate gradients end: for the expectation, and for draws; most steps
+_EXACT, _ROUGH, _ITERATIONS = 1e-4, 1e-2, 60
+#: share of information left in an ordinate below which the ordinate is not used; least number of samples; share of the record below which
+#: its remainder is only rounding
+_LEAST, _FEWEST, _NOTHING = 0.02, 16, 1e-6
 #: share of missing samples, and gaps over the root of the samples, up to which a draw about the mean of the neighbours fills gaps: it
 #: moves no coefficient by a tenth of its error; neighbours on either side of a gap, beside as many as the gap has samples
 _FEW, _GAPS, _NEIGHBOURS = 0.02, 0.03, 24

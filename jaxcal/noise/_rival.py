@@ -24,11 +24,12 @@ from ._ordinates import Bins
 from ._spectral import Fitted
 from ._terms import BUILT_IN, GaussMarkov
 
-_OCTAVES = 3.0  # octaves below the end of the band at which the highest corner lies; nearer to it, N of every record has a wide interval
+#: octaves below the end of the band at which the highest corner lies; nearer to it, N of every record has a wide interval; halvings of the
+#: distance in which an end of the interval of N is sought, which leaves 0.2 % of N^2
+_OCTAVES, _HALVINGS = 3.0, 9
 #: twice the gain in log likelihood, and rms logarithm of the ratio of the densities, from which the rival is another spectrum: records of
 #: N, B and K reach both in less than 1 % (`benchmarks/real_noise.py`)
 _GAIN, _APART = 12.0, 0.25
-_HALVINGS = 9  # of the distance in which an end of the interval of N is sought, which leaves 0.2 % of N^2
 _SLOW = ("B", "K")
 
 

@@ -10,8 +10,9 @@ from .._answer import Curve, Grid, Number, Section, joined_names
 
 SENSORS = {"gyro": "gyroscope", "accel": "accelerometer", "mag": "magnetometer"}
 QUOTED = (1.0, 10.0, 100.0, 1000.0)  # cluster times in s at which the deviation is part of every answer
-_SAME = 0.01  # relative difference of a cluster time to one of these at a rate that is no whole number
-_VAGUE = 3.0  # ratio of the upper limit of a deviation to its value from which the record says too little
+#: relative difference of a cluster time to one of these at a rate that is no whole number; ratio of the upper limit of a deviation to its
+#: value from which the record says too little
+_SAME, _VAGUE = 0.01, 3.0
 #: units where the sensor is not known; "unit" stands for the unit of the readings
 _UNITS = {"Q": "unit s", "N": "unit sqrt(s)", "B": "unit", "K": "unit/sqrt(s)", "R": "unit/s"}
 _NAMES = {
@@ -138,7 +139,7 @@ def _coefficients(sensor: str, axes: Mapping[str, Any]) -> Grid:
 
 
 def _details(sensor: str, axes: Mapping[str, Any]) -> Grid:
-    """Lengths of record, the band of the fit and its goodness, and by how much the curve differs from the model outside of the band."""
+    """Lengths of record, the band of the fit and its goodness."""
 
     def row(label: str, key: str, value: Any, quantity: str = "time") -> tuple[str, tuple[Number | None, ...]]:
         cells = (Number(_prefix(name) + key, float(value(fit)), quantity=quantity) for name, fit in axes.items())
@@ -151,26 +152,9 @@ def _details(sensor: str, axes: Mapping[str, Any]) -> Grid:
     for term in next(iter(axes.values())).terms:
         longer = row(f"record for {term} to 10 %", f"{term}.longer_record", lambda fit, t=term: fit.longer_record.get(t, math.inf))
         rows += [longer] if any(longer[1]) else []
-    ratios = {name: _left_out(fit) for name, fit in axes.items()}
-    for octave in sorted({one for found in ratios.values() for one in found}):
-        cells = tuple(
-            Number(f"{_prefix(name)}left_out[{octave}]", found[octave]) if octave in found else None for name, found in ratios.items()
-        )
-        rate = next(iter(axes.values())).deviation.rate
-        rows.append((f"left out: {2.0**octave / rate:.3g} to {2.0 ** (octave + 1) / rate:.3g} s, curve/model", cells))
     return Grid(
         f"{sensor or 'noise'}_fit", f"fit of the {SENSORS.get(sensor, 'noise')}", columns_of(axes, sensor), tuple(rows), detail=True
     )
-
-
-def _left_out(fit: Any) -> dict[int, float]:
-    """Octave of cluster size that the fit leaves out -> largest ratio of the curve to the model there."""
-    curve = fit.deviation
-    octave, out = np.floor(np.log2(curve.m)).astype(int), ~np.asarray(fit.used)
-    model = np.sqrt(np.asarray(fit.noise.avar(curve.tau, dt=1.0 / curve.rate)))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        size = np.abs(np.log(curve.deviation / model))
-    return {int(one): float(np.exp(np.max(size[(octave == one) & out]))) for one in np.unique(octave[out])}
 
 
 def _curve(name: str, fit: Any) -> Curve:

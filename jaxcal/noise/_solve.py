@@ -12,9 +12,9 @@ from ._ordinates import LINE, Bins, find_lines
 from ._spectral import FILTER, Fitted, attempt, fit_bins, groups_of, without
 from ._terms import Filter, Term
 
-_ROUNDS, _SETTLED = 30, 2e-3  # most rounds of filling gaps, and the relative change of the density at which they end
-_ROUGH, _MANY = 2, 100.0  # number of rounds in which groups of more ordinates than this scale the model
-_ORDINATES = 512  # lowest ordinates at which changes of the mean are searched
+#: most rounds of filling gaps, and the relative change of the density at which they end; number of rounds in which groups of more ordinates
+#: than this scale the model; lowest ordinates at which changes of the mean are searched
+_ROUNDS, _SETTLED, _ROUGH, _MANY, _ORDINATES = 30, 2e-3, 2, 100.0, 512
 
 
 class Solved(NamedTuple):

@@ -36,7 +36,6 @@ class Resonance(Term):
 
 
 LAW, STRENGTH, SAMPLES = PowerLaw(1.5), 0.1, 1 << 12
-METHODS = ("whittle", "gls")
 
 
 def power_law(n, exponent, random):
@@ -98,14 +97,9 @@ def test_everything_that_a_letter_has(two):
     assert fit.noise.further == ((fit.noise.coefficient("P"), LAW),)
 
 
-@pytest.mark.parametrize("method", METHODS[1:])
-def test_other_methods(method):
-    found = [jaxcal.noise.fit(y, 1.0, terms=(LAW, "N"), method=method) for y in records(12)]
-    assert found[0].terms == ("P", "N")
-    held = sum(fit.interval["P"][0] <= STRENGTH <= fit.interval["P"][1] for fit in found)
-    assert held >= 9  # of 12; 8 or fewer have a probability of 3 in 10,000
-    values = [float(fit.noise.coefficient("P")) for fit in found]
-    assert abs(np.mean(values) - STRENGTH) < 4 * np.std(values) / np.sqrt(12)
+def test_methods_on_the_allan_variance_need_closed_forms(refuses):
+    with refuses("no_closed_form"):
+        jaxcal.noise.fit(records(1)[0], 1.0, terms=(LAW, "N"), method="gls")
 
 
 def test_derivative_of_a_traced_fit():

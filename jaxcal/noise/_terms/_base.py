@@ -46,8 +46,8 @@ class Term(eqx.Module):
     shape the density, such as an exponent or a correlation time; a fit keeps them fixed. The terms of a noise model are independent,
     so that a coefficient c contributes :math:`c^2 S(f)` to the density of the samples.
 
-    Everything else follows from the density by numerical integration: the Allan variance, the expected DCT-II ordinates, the
-    covariance across cluster times, samples, and a state-space form. A subclass may override any of these with a closed form, as
+    Everything else follows from the density by numerical integration: the Allan variance, the expected DCT-II ordinates,
+    samples, and a state-space form. A subclass may override any of these with a closed form, as
     Q, N, B, K, R, `GaussMarkov` and sinusoids do. Towards low frequencies a density must rise more slowly than f^-3, because the
     Allan variance is infinite otherwise. Samples drawn from a density that rises as 1/f or faster start at about zero.
 
@@ -98,7 +98,7 @@ class Term(eqx.Module):
         return _numeric.ordinates(self.psd, k, n, dt)
 
     def lagged(self, h: Any, small: Any, large: Any, dt: Any) -> Any:
-        r"""Covariance of two second differences of phase for a coefficient of one. None means: compute it from the density.
+        r"""Covariance of two second differences of phase for a coefficient of one. None means that no closed form is known.
 
         .. math:: \frac{1}{2mm'} \sum_{a,b=0}^{2} w_a w_b\, G(h + b m' - a m),\quad w = (1, -2, 1)
 

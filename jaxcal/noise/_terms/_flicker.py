@@ -22,8 +22,9 @@ from ..._precision import array_module
 from ._base import Term
 from ._power_law import angular, outer_difference
 
-_EXACT = 1 << 16  # longest record whose ordinates are computed from the sum over lags; longer ones reuse its first ordinates, scaled
-_SCALED = 4096  # number of ordinates that a longer record reuses
+#: longest record whose ordinates are computed from the sum over lags; longer ones reuse its first ordinates, scaled; number of ordinates
+#: that a longer record reuses
+_EXACT, _SCALED = 1 << 16, 4096
 
 
 class Flicker(Term):

@@ -10,10 +10,9 @@ from ..._precision import array_module
 from ._base import Block, Term
 from ._power_law import RandomWalk, angular
 
-#: tau/Tc below which the closed form loses its digits to cancellation; that of a random walk, exact to 1e-5 there, replaces it
-_SHORT = 2e-5
-#: |h|/Tc below which six terms of the series are exact to rounding
-_SERIES = 0.03
+#: tau/Tc below which the closed form loses its digits to cancellation; that of a random walk, exact to 1e-5 there, replaces it; |h|/Tc
+#: below which six terms of the series are exact to rounding
+_SHORT, _SERIES = 2e-5, 0.03
 
 
 class GaussMarkov(Term):

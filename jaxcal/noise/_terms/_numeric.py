@@ -39,9 +39,9 @@ _PLAIN = (_HALF[:, None] * _WEIGHT).ravel()
 _STEP = 2.0 * np.sin(ANGLE / 2.0)
 #: m omega up to which the kernel of the Allan variance is smooth within a panel; samples per cluster that stand for a continuous signal
 _SMOOTH, _CONTINUOUS = 4.0, 4096.0
-_SINGLE, _PER_DECADE = 64, 96  # first ordinates whose leakage is computed one by one; how many per decade of the others
-#: bins when samples are drawn from a density: number per bin of the record, and least number in all
-_FINER, _FEWEST = 8, 256
+#: first ordinates whose leakage is computed one by one; how many per decade of the others; bins when samples are drawn from a density:
+#: number per bin of the record, and least number in all
+_SINGLE, _PER_DECADE, _FINER, _FEWEST = 64, 96, 8, 256
 
 
 def _cosine(p):
