@@ -16,7 +16,7 @@ from .._types import Any, Float
 from ._model import Noise, checked_sampling, noise_of
 from ._terms import GaussMarkov, Term
 
-#: lowest frequency of the default band, one cycle per hour, and the largest error of the density that the default chain may have; most states
+#: lowest frequency of the default band, one cycle per hour, and the largest error of the density that the default chain may have; most
 _LOWEST, _ERROR, _MOST_STATES = 1.0 / 3600.0, 0.1, 32
 #: order of the terms in the state vector; terms of the user's own come last
 _ORDER = {name: i for i, name in enumerate(("K", "B", "markov", "Q", "N", "R", "sinusoid"))} | {"flicker": 1}

@@ -178,23 +178,18 @@ def uncertainty(fitted: Fitted, widened: AnyArray, two_sided, one_sided, terms: 
     bins, plain, theta, theta_alone = fitted.bins, fitted.plain, fitted.theta, fitted.alone.theta
     own = np.flatnonzero([term != FILTER for term in terms])
     short = np.array([term == "Q" for term in terms]) & bool(fitted.cut)
-    without_filter = np.array([term != FILTER for term in terms])
+    last = {int(index): np.where(short[index] & (np.array(terms) == FILTER), 0.0, theta) for index in own}
 
-    def ratio(lane, value, state):
-        """Rise of twice the cost when a coefficient is held, and the other coefficients there."""
-        rises, states = np.empty(len(lane)), np.array(state)
-        for row, (index, held) in enumerate(zip(own[lane], value, strict=True)):
-            columns = plain.columns if short[index] else bins.columns
-            others = np.where(np.arange(len(terms)) == index, 0.0, columns)
-            start = np.where((np.arange(len(terms)) == index) | (short[index] & ~without_filter), 0.0, state[row])
-            found, cost = scoring(others, bins.density, bins.weight, start, columns[:, index] * held)
-            rises[row] = 2.0 * (cost - (fitted.alone.cost if short[index] else fitted.cost))
-            states[row] = np.where(np.arange(len(terms)) == index, held, found)
-        return rises, states
+    def rise(k: int, value: float) -> float:
+        """Twice the rise of the cost when a coefficient is held; each search starts from the one before."""
+        index, columns = int(own[k]), plain.columns if short[own[k]] else bins.columns
+        others = np.where(np.arange(len(terms)) == index, 0.0, columns)
+        start = np.where(np.arange(len(terms)) == index, 0.0, last[index])
+        last[index], cost = scoring(others, bins.density, bins.weight, start, columns[:, index] * value)
+        return 2.0 * float(cost - (fitted.alone.cost if short[index] else fitted.cost))
 
     reach = np.where(short, np.diagonal(inverse(information(plain, theta_alone))), np.diagonal(covariance)) ** 0.5
     middle = np.where(short, theta_alone, theta)[own]
-    begun = np.tile(theta, (len(own), 1))
-    limits, _ = find_limits(ratio, middle, reach[own], begun, *((level * widened)[own] for level in (two_sided, one_sided)))
+    limits = find_limits(rise, middle, reach[own], *((level * widened)[own] for level in (two_sided, one_sided)))
     limits = limits._replace(significance=limits.significance / widened[own])
     return covariance * np.sqrt(widened[:, None] * widened[None, :]), limits
