@@ -16,7 +16,7 @@ import scipy  # loads its parts when they are first used
 from .._arrays import runs
 from .._errors import DataError
 from .._precision import real_numbers
-from ._values import resolution
+from ._values import CHANCE, EFFICIENCY, SAMPLE, resolution
 
 #: overlapping looks are few independent ones: the tail of a block's energy is that much longer than the normal one of its cube root
 _HEAVIER = 1.25
@@ -24,22 +24,12 @@ _HEAVIER = 1.25
 LONGEST = 5.0
 #: independent pairs of means that a record must hold at a lag, so that their spread is known to 10 %
 _PAIRS = 32
-#: chance of a false event in a record of noise: half for single looks, half for the energy of blocks of looks
-CHANCE = 0.01
 #: looks in a block, and blocks in the running median of their energies: slow changes of the noise are no event
 _BLOCK, _RUNNING = 64, 65
 #: a block whose mean square is this many times that of the quietest quarter moves; levels of noise differ less
 _GROSS = 16.0
-#: share of a record that may move before movement is no exception any more
-_MOVES = 0.75
-#: of a spread by a median of sizes, relative to one by squares
-_EFFICIENCY = 0.37
-#: samples from which a spread is found to 1 %
-_SAMPLE = 20_000
 #: share of equal neighbours above which the noise is hidden by the step of the values: below, it is at least 0.45 steps
 _HIDDEN = 0.5
-#: chance that a look of noise alone is larger than those between which the event in a block is
-_LARGE = 1e-3
 #: single outliers at one lag above which they are tails of the noise
 _TAILS = 10
 #: quantiles of |d| -> those of a normal law: the larger of the two spreads counts, so that tails and coarse values are no events
@@ -102,7 +92,7 @@ class _Record:
         self.present = known[:, alive].all(axis=1) if alive else np.zeros(self.size, bool)
         self.index = np.flatnonzero(self.present)
         self.columns = [values[self.index, i] for i in alive]
-        self.columns = [column - np.median(column[:: len(column) // _SAMPLE + 1]) for column in self.columns if len(column)]
+        self.columns = [column - np.median(column[:: len(column) // SAMPLE + 1]) for column in self.columns if len(column)]
         self.steps = [resolution(column) for column in self.columns]
         # where the step of the values hides the noise, so that most readings equal the one before, nothing smaller is an event
         equal = [np.mean(column[1:] == column[:-1]) for column in self.columns]
@@ -125,7 +115,7 @@ class _Record:
         found = []
         for d, step, hidden in zip(looks, self.steps, self.hidden, strict=True):
             d = d if still is None else d[still]
-            size = np.abs(d[:: len(d) // _SAMPLE + 1])
+            size = np.abs(d[:: len(d) // SAMPLE + 1])
             spread = max(np.quantile(size, at) / normal for at, normal in _SPREADS.items())
             found.append(spread + max(0.5 * step / h, hidden / np.sqrt(h)))
         return np.array(found)
@@ -147,7 +137,7 @@ class _Record:
             d *= 1.0 / s
             d *= d
             z += d
-        chance = 0.5 * CHANCE / self.lags
+        chance = 0.5 * CHANCE / self.lags  # half for single looks, half for the energy of blocks of looks
         limit = _limit(len(looks), len(self.index) / h, chance / count)
         found = z > limit
         starts, stops = runs(found)
@@ -156,9 +146,9 @@ class _Record:
         if self.tails:
             for start, stop in zip(starts[single], stops[single], strict=True):
                 found[start:stop] = False
-        large = np.flatnonzero(z > _limit(len(looks), len(self.index) / h, _LARGE))
+        large = np.flatnonzero(z > _limit(len(looks), len(self.index) / h, 0.1 * CHANCE))
         for start, stop in zip(*runs(~still | _loud(np.minimum(z, limit), len(looks), chance)), strict=True):
-            # the event may be shorter than its blocks of looks
+            # the event may be shorter than its blocks of looks: one look in a thousand of noise is as large as its ends
             ends = large[np.searchsorted(large, start) : np.searchsorted(large, stop)]
             found[ends[0] if len(ends) else start : ends[-1] + 1 if len(ends) else stop] = True
         starts, stops = runs(found)
@@ -170,14 +160,13 @@ class _Record:
         return out
 
     def _still(self, looks: list[np.ndarray]) -> np.ndarray:
-        """Looks outside of blocks that move much more than the quietest quarter; all of them if most of the record moves."""
+        """Looks outside of blocks that move much more than the quietest quarter."""
         gross: Any = False
         for d, hidden in zip(looks, self.hidden, strict=True):
             energy = np.einsum("ij,ij->i", _blocks(d), _blocks(d)) / _BLOCK
             gross |= energy > _GROSS * (np.quantile(energy, 0.25) + hidden**2)
         still = np.ones(len(looks[0]), bool)
-        if np.mean(gross) < _MOVES:
-            _blocks(still)[gross] = False
+        _blocks(still)[gross] = False
         return still
 
     def drop(self, out: np.ndarray) -> None:
@@ -222,14 +211,14 @@ def _loud(z: np.ndarray, axes: int, chance: float) -> np.ndarray:
         return out
     over = total - scipy.ndimage.median_filter(total, _RUNNING, mode="nearest")
     scatter = 1.4826 * np.median(np.abs(over))
-    limit = -_HEAVIER * scatter * scipy.special.stdtrit(_EFFICIENCY * len(total), chance / len(total))
+    limit = -_HEAVIER * scatter * scipy.special.stdtrit(EFFICIENCY * len(total), chance / len(total))
     _blocks(out)[(over > limit) & (total > np.cbrt(axes))] = True
     return out
 
 
 def _limit(axes: int, pairs: float, chance: float) -> float:
     """What z exceeds by chance: F, since the spread is found from so many pairs of means."""
-    return float(axes * scipy.special.fdtri(axes, _EFFICIENCY * pairs, 1.0 - chance))
+    return float(axes * scipy.special.fdtri(axes, EFFICIENCY * pairs, 1.0 - chance))
 
 
 def _filled(out: np.ndarray, longest: int, present: np.ndarray | None = None) -> np.ndarray:

@@ -12,14 +12,17 @@ from ._stretch import Stretch
 STUCK = 50
 #: so many long runs of repeats, in that share of the samples, are a slow sensor
 _FEWEST, _SLOW = 3, 0.2
-#: samples in which the step of the values is looked for
-_LOOK = 100_000
+#: samples from which a spread is found to 1 %, and in which the step of the values is looked for
+SAMPLE = 20_000
+#: chance of a false finding in a record of noise
+CHANCE = 0.01
+#: efficiency of a spread by a median of sizes, relative to one by squares
+EFFICIENCY = 0.37
 #: share of the ends of repeats at which all axes change, relative to other rows: 1 for repeated readings, near 0 for equal coarse ones
 _ALL_CHANGE = 0.7
 #: samples at the end of the range that are no accident, and nonzero values just outside of a dead band that show its edge
 _FEW = 10
 _WARM_UP = 60.0  # s: length of the parts whose medians are compared
-_CHANCE = 1e-3  # of a warm-up of one axis in a record of noise
 
 
 def held(values: Any) -> np.ndarray:
@@ -160,7 +163,7 @@ def _clipped(sensor: str, axis: int, column: np.ndarray, rate: float, unit: str)
 def _coarse(sensor: str, values: np.ndarray, rate: float, unit: str) -> list[Stretch]:
     """Axes whose values come in steps of the same size."""
     alike: dict[str, list[int]] = {}
-    for axis, column in enumerate(values[:_LOOK].T):
+    for axis, column in enumerate(values[:SAMPLE].T):
         if step := resolution(column):
             alike.setdefault(f"{step:.4g}", []).append(axis)
     return [Stretch("coarse", sensor, tuple(axes), 0.0, len(values) / rate, float(step), unit) for step, axes in alike.items()]
@@ -178,7 +181,7 @@ def resolution(column: np.ndarray) -> float:
     (0.0, 0.25)
     """
     column = column[np.isfinite(column)]
-    steps = np.abs(np.diff(column[:_LOOK]))
+    steps = np.abs(np.diff(column[:SAMPLE]))
     steps = steps[steps > 0]
     if len(steps) < _FEW:
         return 0.0
@@ -204,8 +207,7 @@ def _warm_up(sensor: str, values: np.ndarray, rate: float, unit: str) -> list[St
         return []
     steps = np.diff(medians, axis=0)
     scatter = 1.4826 * np.median(np.abs(steps[1:]), axis=0)
-    # the scatter of so few steps is found with the efficiency of a median
-    limit = -scipy.special.stdtrit(0.37 * (len(steps) - 1), _CHANCE) * scatter
+    limit = -scipy.special.stdtrit(EFFICIENCY * (len(steps) - 1), 0.1 * CHANCE) * scatter  # for each axis
     axes = np.flatnonzero((np.abs(steps[0]) > limit) & (scatter > 0))
     if not len(axes):
         return []
