@@ -36,7 +36,7 @@ _TAILS = 10
 _SPREADS = {0.5: 0.6745, 0.9: 1.6449}
 
 
-def bursts(values: Any, rate: float) -> list[tuple[int, int]]:
+def bursts(values: Any, rate: float | int) -> list[tuple[int, int]]:
     """Stretches that are no noise of a sensor at rest: knocks, movement, steps of the mean, outliers, and runs of stuck readings.
 
     Parameters
@@ -110,7 +110,7 @@ class _Record:
         """The looks d of each axis at every `step` samples, the first at sample h."""
         return [(c[2 * h :: step] - 2.0 * c[h : len(c) - h : step] + c[: len(c) - 2 * h : step]) / h for c in self.sums]
 
-    def _spread(self, looks: list[np.ndarray], h: float | int, still: np.ndarray | None = None) -> np.ndarray:
+    def _spread(self, looks: list[np.ndarray], h: int, still: np.ndarray | None = None) -> np.ndarray:
         """Robust spread of the looks of each axis, which is known to half the step of a mean."""
         found = []
         for d, step, hidden in zip(looks, self.steps, self.hidden, strict=True):
@@ -216,7 +216,7 @@ def _loud(z: np.ndarray, axes: int, chance: float) -> np.ndarray:
     return out
 
 
-def _limit(axes: int, pairs: float, chance: float) -> float:
+def _limit(axes: int, pairs: float | int, chance: float) -> float:
     """What z exceeds by chance: F, since the spread is found from so many pairs of means."""
     return float(axes * scipy.special.fdtri(axes, EFFICIENCY * pairs, 1.0 - chance))
 

@@ -17,7 +17,7 @@ _STEP = 0.5
 _REACH = 4.0
 
 
-def find(sensors: Mapping[str, Any], rate: float, gaps: Iterable[Gap] = ()) -> tuple[Stretch, ...]:
+def find(sensors: Mapping[str, Any], rate: float | int, gaps: Iterable[Gap] = ()) -> tuple[Stretch, ...]:
     """Everything in a recording that is not the sensor under test, in the order of time.
 
     Parameters
@@ -43,14 +43,14 @@ def find(sensors: Mapping[str, Any], rate: float, gaps: Iterable[Gap] = ()) -> t
     return tuple(sorted(found, key=lambda one: one.start))
 
 
-def events(sensor: str, values: np.ndarray, rate: float) -> list[Stretch]:
+def events(sensor: str, values: np.ndarray, rate: float | int) -> list[Stretch]:
     """Knocks, movement and steps of one sensor (n, axes) at rest; none of a thermometer, which may change at any time."""
     if sensor == "temperature":
         return []
     return [_named(sensor, values, rate, first, last) for first, last in bursts(values, rate)]
 
 
-def _named(sensor: str, values: np.ndarray, rate: float, first: int, last: int) -> Stretch:
+def _named(sensor: str, values: np.ndarray, rate: float | int, first: int, last: int) -> Stretch:
     """A burst with its kind and size."""
     width = round(LONGEST * rate)
     alive = np.isfinite(values).any(axis=0)
@@ -70,13 +70,13 @@ def _named(sensor: str, values: np.ndarray, rate: float, first: int, last: int) 
     return Stretch(kind, sensor, of, first / rate, last / rate, max(size, moved), si_unit(sensor), last - first)
 
 
-def ranges(found: Iterable[Stretch], sensor: str, rate: float) -> list[tuple[int, int]]:
+def ranges(found: Iterable[Stretch], sensor: str, rate: float | int) -> list[tuple[int, int]]:
     """The stretches of a sensor that are not at rest, as ranges of samples like those of `bursts`."""
     return [(round(one.start * rate), round(one.stop * rate)) for one in found if one.sensor == sensor and one.kind in NOT_STILL]
 
 
 def set_aside(
-    sensor: str, values: np.ndarray, rate: float, found: Iterable[Stretch], still: bool = False, keep: Iterable[str] = ()
+    sensor: str, values: np.ndarray, rate: float | int, found: Iterable[Stretch], still: bool = False, keep: Iterable[str] = ()
 ) -> np.ndarray:
     """The readings (n, axes) with NaN where they are no measurement, or, with `still`, not of a sensor at rest."""
     kinds = {*NO_READING, *(NOT_STILL if still else ())} - set(keep)

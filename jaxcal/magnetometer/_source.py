@@ -8,6 +8,7 @@ import numpy as np
 from .._errors import DataError
 from .._log import Log, as_log
 from .._message import Message
+from .._precision import is_traced, real_numbers
 
 
 def field_readings(source: Any) -> tuple[Any, Any]:
@@ -17,6 +18,10 @@ def field_readings(source: Any) -> tuple[Any, Any]:
     """
     tabular = hasattr(source, "data_vars") or np.ndim(getattr(source, "columns", 0)) == 1
     if not (tabular or isinstance(source, Log | str | os.PathLike | dict)) or len(getattr(source, "columns", ())) == 3:
+        if not is_traced(source):
+            source = real_numbers(source, "the readings")
+            if source.ndim != 2:
+                raise DataError(f"The readings have shape {source.shape}; expected (n, 3), one row per reading.", code="bad_shape")
         return source, None
     log = as_log(source)
     if log.mag is None or log.mag.shape[1] != 3:

@@ -23,7 +23,7 @@ from ._whittle import fit_axes
 
 def fit(
     y: Any,
-    rate: float,
+    rate: Any,
     *,
     method: str = "whittle",
     terms: Sequence[str | Term] = ("Q", "N", "B", "K"),
