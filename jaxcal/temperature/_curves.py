@@ -14,7 +14,7 @@ from .._types import AnyArray
 _FLAT = 50.0
 
 
-def sigmoid(t: Any, centre: Any, width: Any) -> AnyArray:
+def sigmoid(t: Any, centre: Any, width: Any) -> Any:
     """Logistic step from 0 to 1."""
     xp = array_module(t, centre, width)
     return 1 / (1 + xp.exp(xp.clip((centre - t) / width, -_FLAT, _FLAT)))

@@ -67,7 +67,7 @@ def test_segments_refuse_what_does_not_join():
         part.merge(Accumulator(RATE))
     with pytest.raises(DataError, match="sample 102 is missing"):
         part.update([1.0, 2.0, np.nan])
-    with pytest.raises(DataError, match=r"shape \(n, 1\)"):
+    with pytest.raises(DataError, match=r"numbers \(n, 1\)"):
         part.update(np.ones((5, 2)))
     with pytest.raises(DataError, match="no segment is complete: 3 samples"):
         Segments(RATE, 64).update([1.0, 2.0, 3.0]).result()
