@@ -18,8 +18,8 @@ from .._special import NORMAL95
 
 _FEWEST, _FEWEST_FOR_TRENDS = 5, 8
 _FALSE_ALARM = 0.05  # probability that a fleet of Gaussian coefficients has any outlier, or any trend
-_GAUSS = 1.482602218505602  # standard deviation over median absolute deviation, for a normal distribution
-_MEAN_GAUSS = 1.2533141373155003  # standard deviation over mean absolute deviation
+#: standard deviation of normal values over their median absolute deviation, and over their mean one
+_GAUSS, _MEAN_GAUSS = 1.482602218505602, 1.2533141373155003
 #: coefficients that are sizes, whose scatter is relative
 _SIZES = re.compile(r"\.(?:[QNBKR]|[a-z0-9]+dev\([^)]*\)|theo1\([^)]*\))$")
 

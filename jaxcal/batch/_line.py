@@ -15,8 +15,8 @@ from ._findings import FINDINGS
 from ._population import Population
 
 _FEWEST = 8  # recordings
-_ORDERS = 2000  # number of random orders from which the limits come
-_SEED = 24  # seed of the orders: the same line always gives the same numbers
+#: number of random orders from which the limits come, and their seed: the same line always gives the same numbers
+_ORDERS, _SEED = 2000, 24
 
 
 class Line(Result):

@@ -26,9 +26,8 @@ from ._store import Store, write_manifest, write_summary
 from ._tasks import check_task, identity, reading_options
 
 _TRIES = 2  # workers that a log may kill, or executors that may lose it, before it has failed
-_LOOK = 0.5  # s between checks of the clock
-_SILENCE = 5.0  # s without an answer after which an executor is asked whether it still works
-_MANIFEST_EVERY = 30.0  # s between writes of the manifest
+#: s between checks of the clock, without an answer until an executor is asked whether it works, and between writes of the manifest
+_LOOK, _SILENCE, _MANIFEST_EVERY = 0.5, 5.0, 30.0
 
 
 def run(

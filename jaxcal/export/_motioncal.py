@@ -7,14 +7,14 @@ import numpy as np
 
 from .._answer import Finding
 from .._errors import DataError, ExportError
-from .._units import si_unit
+from .._units import factor, si_unit
 from ..calibration import Calibration, Part
 from ..magnetometer import MagModel
 from ._findings import FINDINGS
 from ._models import inverse, symmetric, symmetric_of, upper_of
 from ._options import Product, plain
 
-_MICROTESLA = 1e-6  # T
+_MICROTESLA = factor("uT", "mag")
 _SIGNATURE = b"\x75\x54"
 
 

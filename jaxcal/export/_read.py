@@ -7,8 +7,6 @@ from .._errors import DataError
 from ..calibration import Calibration
 from ._formats import FORMATS, IMU_TK, OPTIONS, files_of
 
-_LARGEST = 16 * 2**20  # bytes; calibrations have some thousands
-
 
 def read(
     path: str | os.PathLike[str],
@@ -89,8 +87,6 @@ def _text(path: pathlib.Path) -> str:
 
 def _bytes(path: pathlib.Path) -> bytes:
     try:
-        if path.stat().st_size > _LARGEST:
-            raise DataError("the file is far larger than any calibration", code="unreadable")
         return path.read_bytes()
     except OSError as error:
         raise DataError(f"cannot be read: {(error.strerror or str(error)).lower()}", code="unreadable") from error
