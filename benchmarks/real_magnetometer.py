@@ -216,8 +216,7 @@ def vehicle(case, seed):
         known[:20] = angles[0, 0] + np.deg2rad(rng.normal())
         aid = Headings(known, up)
     spread = 0.01 if half else 0.0
-    found = fit(m, aid=aid, field=field * np.exp(spread * rng.normal()), field_error=max(spread, 0.001),
-                inclination=dip + np.deg2rad(half) * rng.normal())  # fmt: skip
+    found = fit(m, aid=aid, field=field * np.exp(spread * rng.normal()), inclination=dip + np.deg2rad(half) * rng.normal())
     errors = []
     for degrees in (0.0, 10.0, 20.0):
         ways = np.arange(8) * np.pi / 4 if degrees else np.zeros(1)

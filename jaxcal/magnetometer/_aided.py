@@ -49,10 +49,14 @@ class Attitudes(NamedTuple):
 
 
 class Known(NamedTuple):
-    """Prior knowledge: logarithm of the magnitude of the field and its standard deviation, and the dip and its own, rad."""
+    """Prior knowledge: logarithm of the magnitude of the field and its standard deviation, and the dip and its own, rad.
+
+    stretch : whether the standard deviation covers the mean stretch of C too, and not only the gain about which its entries scatter.
+    """
 
     field: float = 0.0
     field_error: float = np.inf
+    stretch: bool = False
     dip: float = 0.0
     dip_error: float = np.inf
 
@@ -206,9 +210,12 @@ def _prior(p: np.ndarray, free: np.ndarray, base: np.ndarray, spread: float, kno
     found = [(left, rows)]
     for place, value, error in ((_GAIN, known.field, known.field_error), (_DIP, known.dip, known.dip_error), (17, lag, _DELAY)):
         if free[place] and np.isfinite(error):
-            row = np.zeros((1, width))
+            row, now, matrix = np.zeros((1, width)), p[place], p[_C].reshape(3, 3)
             row[0, place] = 1 / error
-            found.append((np.array([(value - p[place]) / error]), row))
+            if place == _GAIN and known.stretch:
+                row[0, place], row[0, _C] = 0.0, np.linalg.inv(matrix).T.ravel() / (3 * error)
+                now = np.log(np.abs(np.linalg.det(matrix))) / 3
+            found.append((np.array([(value - now) / error]), row))
     if np.isfinite(turned):
         odd = _odd(base)
         row = np.zeros((3, width))
@@ -277,9 +284,11 @@ def solved(
         converged = bool(turn > 2 and np.abs(step / error).max() < _SETTLED and np.abs(sigma / last - 1).max() < 0.01)
         if converged:
             break
-    good = bool(np.isfinite(p).all() and np.isfinite(sigma).all())
+    # a matrix that mirrors is no sensor: the attitudes contradict the readings
+    good = bool(np.isfinite(p).all() and np.isfinite(sigma).all() and np.linalg.det(p[_C].reshape(3, 3)) > 0)
     full, parts = np.full((len(p), len(p)), 0.0 if good else np.inf), False
     if not good:
+        converged = False
         p = np.concatenate([begin[0].ravel(), begin[1], np.zeros(len(p) - 12)])
     else:
         jacobian, scaled = whole[: len(left)], left / size

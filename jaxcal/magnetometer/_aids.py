@@ -258,7 +258,7 @@ def fitted(
     agrees = seen is None or (dip is not None and np.sign(seen) == np.sign(dip))
     prior = Known(
         0.0 if field is None else float(np.log(field / frame.scale)),
-        np.inf if field is None else _FIELD if field_error is None else float(field_error),
+        np.inf if field is None else _FIELD if field_error is None else float(field_error), field_error is not None,
         float(dip) if dip is not None and agrees else INCLINATION if seen is None else seen,
         _DIP if dip is not None and agrees else _ANY_DIP,
     )  # fmt: skip

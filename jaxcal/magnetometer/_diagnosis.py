@@ -6,24 +6,24 @@ from typing import Any
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._answer import CAUTION, NOTE, Finding
+from .._answer import Finding
+from ..evidence._values import held
 from ._design._heading_error import Information, heading_departure
-from ._ellipsoid._algebraic import NotEllipsoid, ellipsoid_of, extents, nearest_quadric, sampson
+from ._ellipsoid._algebraic import NotEllipsoid, extents
 from ._ellipsoid._causes import BENT, FAST, Examined
 from ._ellipsoid._kinds import COUNT, PLANAR
 from ._ellipsoid._orthogonal import flat
-from ._ellipsoid._robust import sound
-from ._ellipsoid._select import LONG, thinned
-from ._ellipsoid._shape import NEAR_PLANAR, Found, Frame, radius_of
+from ._ellipsoid._robust import sound, thinned
+from ._ellipsoid._select import LONG
+from ._ellipsoid._shape import NEAR_PLANAR, Found, radius_of
 from ._findings import FINDINGS
 from ._surface import distinct
 
 _ILL, _SINGULAR = 1000.0, 1e8  # condition numbers: 3 for even coverage; of a thousand, a digit of the noise is a hundred of the error
 _BY_NOISE = 0.5  # share of the information due to noise alone
-_BY_PENALTY, _CONFLICT = 0.5, 3.0  # standard errors: a bias that an interval would miss; 0.3 % by chance
+_BY_PENALTY = 0.5  # standard errors: a bias that an interval would miss
 _FAR_OFF = 1.25  # ratio of mean field and given one: a sensitivity is true to 10 %, so that the unit is wrong
 
-_HELD = 0.2  # share of readings that repeat the one before, above which the sensor is slower than the log
 _FEWEST_AT_END = 4  # equal largest values: fewer are chance
 _NEAR = 20  # number of readings next to the end; their density tells how many may share one value by chance
 _BY_CHANCE = 1e-5  # one false alarm in 16,000 logs of six ends
@@ -56,14 +56,13 @@ def at_end(m: np.ndarray) -> np.ndarray:
     return out
 
 
-def chosen_rows(m: np.ndarray, per_direction: int | None) -> tuple[np.ndarray, np.ndarray]:
+def chosen_rows(m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Indices of the readings to fit, and flags of saturated ones: without spikes, repeats and those, and thinned if there are too many."""
     full = at_end(m)
-    again = np.concatenate([[False], (m[1:] == m[:-1]).all(axis=1)])
-    used = np.flatnonzero(~full & ~again if np.mean(again) > _HELD else ~full)
+    used = np.flatnonzero(~full & ~held(m))
     used = used[sound(m[used])]
-    if per_direction is not None and len(used) > LONG:
-        used = used[thinned(Frame.of(m[used]).scaled(m[used]), per_direction)]
+    if len(used) > LONG:
+        used = used[thinned(m[used])]
     return used, full
 
 
@@ -81,8 +80,6 @@ def from_structure(found: Found, u: np.ndarray, told: Information) -> list[Findi
     planar = found.kind in PLANAR
     if not planar and extents(u - u.mean(axis=0))[-1] < NEAR_PLANAR:
         return [FINDINGS("near_planar")]
-    if not planar and (other := _other_quadric(found, u)):
-        return [FINDINGS("no_ellipsoid", quadric=other)]
     if not told.condition <= _SINGULAR or not np.isfinite(found.covariance).all() or told.by_noise > _BY_NOISE:
         return [FINDINGS("undetermined", what=told.weakest)]
     said = []
@@ -93,24 +90,12 @@ def from_structure(found: Found, u: np.ndarray, told: Information) -> list[Findi
     return said
 
 
-def _other_quadric(found: Found, u: np.ndarray) -> str | None:
-    """Which other quadric the readings lie on, if their distances to it are less than half of those to the ellipsoid."""
-    theta = nearest_quadric(u)
-    try:
-        ellipsoid_of(theta)
-    except NotEllipsoid as error:
-        far = np.sqrt(np.mean(found.distance**2))
-        if far > 1e-6 and 2 * np.sqrt(np.mean(sampson(theta, u) ** 2)) < far:
-            return error.quadric
-    return None
-
-
 def from_field(found: Found, norm: float | None, scale: float, planar: bool) -> list[Finding]:
     """A finding if the readings have another field than the given one."""
     mean = scale * float(radius_of(found.shape, planar))
-    if norm is None or (1 / _FAR_OFF <= mean / norm <= _FAR_OFF and not found.conflict > _CONFLICT):
+    if norm is None or 1 / _FAR_OFF <= mean / norm <= _FAR_OFF:
         return []
-    return [FINDINGS("field_differs", severity=CAUTION if found.conflict > _CONFLICT else NOTE, found=mean, given=norm)]
+    return [FINDINGS("field_differs", found=mean, given=norm)]
 
 
 def from_causes(found: Found, said: Examined, saturated: int, costs: Sequence[float]) -> list[Finding]:

@@ -27,7 +27,6 @@ def fit(
     field_error: float | None = None,
     inclination: float | None = None,
     limits: tuple[float, float] = LIMITS,
-    per_direction: int | None = 32,
     penalty: float = 0.5,
     aid: Any = None,
     currents: dict[str, Any] | None = None,
@@ -55,12 +54,11 @@ def fit(
     field : magnitude of the true field, or the field vector (north, east, down), in the unit of the readings. The vector also gives the
         dip. Without `field`, the corrected readings keep the unit and mean size of the readings.
     field_error : relative standard deviation of `field` in the unit of the readings. It covers the sensor's sensitivity and the mean
-        stretch of its soft iron as well as the field model. The fit then uses `field`, which helps most with part of a sphere.
+        stretch of its soft iron as well as the field model. The fit then uses `field`, and that soft irons are near 5 %, which helps most
+        with part of a sphere.
     inclination : dip of the field in rad, used for `heading_error`. By default it comes from `field` or from an `Accelerometer`; without
         either, 57 degrees are assumed, and the result shows the error for other dips too.
     limits : rms heading errors in rad above which the verdict is "weak" and "refused".
-    per_direction : number of readings to keep in each of 500 directions, for logs of more than 20,000 readings: neighbouring readings
-        repeat one another. None fits all readings, which takes 15 s for 100,000.
     penalty : weight of the penalty log det M / 2, where M is the information of the corrected directions. It keeps "ml" fits from diverging
         when there are few readings, or readings from a corner of the sphere only. It is omitted where it would change a fit by less than
         a tenth of a standard error. 1 is Jeffreys' prior (Firth), 0 plain maximum likelihood; 0.5 has the smallest Monte Carlo errors.
@@ -119,10 +117,10 @@ def fit(
         aid = Accelerometer(force, turns=False)
     recorded = checked_conditions(conditions or {}, len(readings))
     first, used = by_magnitudes(
-        readings, aid, recorded, method=method, model=model, norm=norm, dip=dip, field_error=field_error, limits=limits, penalty=penalty,
-        per_direction=per_direction, known=inclination is not None or np.ndim(field) == 1,
+        readings, aid, recorded, method=method, model=model, norm=norm, dip=dip, limits=limits, penalty=penalty,
+        known=inclination is not None or np.ndim(field) == 1,
     )  # fmt: skip
-    if not currents and not getattr(aid, "turns", aid is not None):
+    if not currents and field_error is None and not getattr(aid, "turns", aid is not None):
         return first
     known = None if inclination is None and np.ndim(field) == 0 else dip
     return joined(first, np.asarray(m, dtype=float), rows, rows[used], aid, currents or {}, norm, field_error, known, limits)

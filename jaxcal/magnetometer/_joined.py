@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from .._answer import Quantity
+from .._answer import CAUTION, Quantity
 from .._errors import DataError
 from .._frozen import made, replaced
 from ..fitting._serial import BLOCKS
@@ -22,6 +22,7 @@ from ._result import MagFit
 
 #: findings of the fit of magnitudes that hold for the joint fit too
 _KEPT = ("clipped", "averaged", "bent")
+_CONFLICT = 3.0  # standard errors between the given field and that of the readings: 0.3 % by chance
 _OFF = np.deg2rad(2.0)  # scatter of the readings from where an aid puts them, that costs twice the limit of a good fit
 #: findings about the axes by an accelerometer that gives the dip only
 _OF_AXES = ("axes_open", "axes_turned", "mirrored", "remounted", "reversed", "unseen_axes")
@@ -66,7 +67,8 @@ def joined(
 
     sign = float(np.sign(dip)) if dip is not None else 0.0
     about = by_axes(axes, sign)
-    if found is None:
+    if found is None or not np.isfinite(found.covariance).all():
+        about += [] if found is None else [FINDINGS("not_converged", what="the soft iron beside the other sensor")]
         return replaced(first, findings=(*(one for one in first.findings if one.code not in _OF_AXES), *about))
 
     whole = found.matrix * frame.scale
@@ -96,6 +98,11 @@ def joined(
             said.append(FINDINGS(_ASKEW[source], cost=found.spread, angle=Quantity(found.spread, "angle")))
         if dip is not None and source == "accel" and not about:
             said += dip_differs(float(found.parameters[13]), dip)
+    mean = float(np.cbrt(np.linalg.det(first.model.soft_iron)) * first.field) if first.model is not None and norm is not None else field
+    if norm is not None and field_error is not None:
+        doubt = np.hypot(field_error, first.estimate["soft_iron[0,0]"].half / 2)
+        if abs(np.log(mean / norm)) > _CONFLICT * doubt:
+            said.append(FINDINGS("field_differs", severity=CAUTION, found=mean, given=norm))
     if not found.converged:
         said.append(FINDINGS("not_converged", what="the soft iron"))
     if dip is None and source not in ("accel", "headings"):

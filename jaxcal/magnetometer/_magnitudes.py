@@ -27,13 +27,13 @@ _AGREE = np.deg2rad(5.0)  # scatter of the dip of readings at rest, above which 
 
 
 def by_magnitudes(
-    m: np.ndarray, aid: Any, recorded: dict[str, np.ndarray], *, method: str, model: str, norm: Any, dip: float, field_error: Any,
-    limits: tuple[float, float], penalty: float, per_direction: int | None, known: bool,
+    m: np.ndarray, aid: Any, recorded: dict[str, np.ndarray], *, method: str, model: str, norm: Any, dip: float,
+    limits: tuple[float, float], penalty: float, known: bool,
 ) -> tuple[MagFit, np.ndarray]:  # fmt: skip
     """The fit of readings (n, 3), and the rows that were fitted; `known` says whether the dip was given."""
-    used, full = chosen_rows(m, per_direction)
+    used, full = chosen_rows(m)
     try:
-        surface = surface_of(m[used], method, model, penalty, norm, field_error, (dip, limits[0]))
+        surface = surface_of(m[used], method, model, penalty, (dip, limits[0]))
     except NotEllipsoid as error:
         return unfitted(method, dip, FINDINGS("no_ellipsoid", quadric=error.quadric)), used
     if surface.refused is not None:
@@ -54,7 +54,7 @@ def by_magnitudes(
     down = down_of(directions, dip) if down is None else down
 
     # the error: by parts of the log, at least that of white residuals, with what the fit cannot see by itself
-    told = examined(found, surface.u, log, used, recorded, surface.size)
+    told = examined(found, surface.u, log, used, recorded)
 
     def spread(own: Any, steps: Any = None) -> np.ndarray:
         return np.asarray(by_surface(iron.soft_iron, field, covariance_of(found, frame, steps, own), norm is not None, plane))

@@ -9,7 +9,6 @@ from ._design._heading_error import heading_error
 from ._ellipsoid._algebraic import consistent, constrained, extents
 from ._ellipsoid._kinds import COUNT, PLANAR, SOLID, parameters_of
 from ._ellipsoid._orthogonal import described, flat, left_out, refined
-from ._ellipsoid._residuals import Size
 from ._ellipsoid._select import by_bic, candidates
 from ._ellipsoid._shape import NEAR_PLANAR, Found, Frame, covariance_of, in_plane, model_of, radius_of
 from ._findings import FINDINGS
@@ -26,7 +25,7 @@ class Surface(NamedTuple):
     """A fitted surface, or the finding why there is none.
 
     u : scaled readings, in the axes of their plane if there is one. unseen : (k, 9) biases due to terms that a smaller model leaves out.
-    size : prior of the mean semi-axis. said : findings.
+    said : findings.
     """
 
     refused: Finding | None
@@ -34,7 +33,6 @@ class Surface(NamedTuple):
     frame: Any = None
     plane: Any = None
     u: Any = None
-    size: Size | None = None
     unseen: Any = None
     said: tuple[Finding, ...] = ()
 
@@ -44,7 +42,7 @@ class Surface(NamedTuple):
         return u if self.plane is None else in_plane(u, self.plane)
 
 
-def surface_of(m, method, model, penalty, norm, field_error, limit: tuple[float, float]) -> Surface:
+def surface_of(m, method, model, penalty, limit: tuple[float, float]) -> Surface:
     """The surface through readings (n, 3); `limit`: a dip, and the heading error that a good fit may have there.
 
     Raises
@@ -56,7 +54,6 @@ def surface_of(m, method, model, penalty, norm, field_error, limit: tuple[float,
     if count < 2 or frame.scale < _SAME * np.abs(m).max():
         return Surface(FINDINGS("few", count=count, model="sphere", least=COUNT["sphere"] + 1))
     u = frame.scaled(m)
-    size = None if field_error is None or norm is None else Size(float(np.log(norm / frame.scale)), float(field_error))
     spread = extents(u)
     if spread[1] < _LINE:
         return Surface(FINDINGS("line"))
@@ -79,12 +76,12 @@ def surface_of(m, method, model, penalty, norm, field_error, limit: tuple[float,
         chosen = fits[by_bic(fits, occupied)]
         said += _unseen(fits, chosen, frame, plane, *limit)
         unseen = left_out(fits, chosen, u, penalty)[None]
-        found = refined(chosen, u, penalty, size)
+        found = refined(chosen, u, penalty)
     elif method == "ml":
-        found = refined(flat(u, kind), u, penalty, size)
+        found = refined(flat(u, kind), u, penalty)
     else:
         found = described(parameters_of(kind, *_DIRECT[method](u)), u, kind)
-    return Surface(None, found, frame, plane, u, size, unseen, said)
+    return Surface(None, found, frame, plane, u, unseen, said)
 
 
 def distinct(m: np.ndarray) -> int:

@@ -5,25 +5,8 @@ from typing import Any
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._errors import DataError
-
 _SEGMENT = 2.0  # rad travelled in one segment: the error of rates with a slightly wrong scale grows with the angle
 _LONGEST = 10.0  # longest segment in s, because the bias of the rates enters to first order only
-
-
-def array(values: Any, name: str) -> np.ndarray:
-    values = np.asarray(values, dtype=float)
-    if values.ndim != 2 or values.shape[1] != 3:
-        raise DataError(f"The {name} have shape {values.shape}; expected (n, 3), one row per reading.", code="bad_shape")
-    return values
-
-
-def like(values: Any, y: np.ndarray, name: str) -> np.ndarray:
-    values = array(values, name)
-    if len(values) != len(y):
-        raise DataError(f"There are {len(y)} readings and {len(values)} rows of {name}; give one for each reading.",
-                        code="rows_differ")  # fmt: skip
-    return values
 
 
 def delayed(gyro: np.ndarray, samples: float) -> np.ndarray:

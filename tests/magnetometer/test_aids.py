@@ -143,7 +143,7 @@ def level(runs, soft=0.05, half=0.5, tilt=0.0, known=True):
         up = np.repeat(-body_field(attitudes, 9.81, np.pi / 2), 20, axis=0) + 9.81 * np.deg2rad(0.3) * rng.normal(size=m.shape)
         aid = Headings(np.repeat(attitudes[:, 0], 20)) if known else Accelerometer(up)
         dip = np.deg2rad(65 + 0.5 * rng.normal())
-        found = fit(m, aid=aid, field=48.0 * np.exp(0.01 * rng.normal()), field_error=0.01, inclination=dip)
+        found = fit(m, aid=aid, field=48.0 * np.exp(0.01 * rng.normal()), inclination=dip)
         real = cases.heading_errors(found.model, sensor, 48.0, np.deg2rad(65), headings=np.arange(24) * np.pi / 12)
         rows.append((cases.rms(real), np.rad2deg(found.heading_error[0]), np.linalg.norm(found.model.correct(m), axis=1).mean()))
     return np.array(rows)

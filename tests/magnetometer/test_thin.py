@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-import scipy.spatial
 
-from jaxcal import DataError
 from jaxcal.magnetometer import fit
+from jaxcal.magnetometer._ellipsoid._robust import thinned
 from jaxcal.magnetometer._ellipsoid._select import candidates
 
 from . import cases
@@ -22,9 +21,9 @@ def long_log(count=21_000):
 def test_a_long_log_is_fitted_from_all_directions_alike():
     _, m = long_log()
     m[5] += 0.3
-    found = fit(m, per_direction=8)
+    found = fit(m)
     assert found.verdict == "good"
-    assert found.numbers["used"].value < 500 * 8 < found.numbers["readings"].value
+    assert found.numbers["used"].value < 15_000 < found.numbers["readings"].value
     assert np.all(np.abs(found.model.hard_iron - cases.MILD.hard_iron) < 4 * found.estimate.select("hard_iron*").error)
     # residuals, outliers and coverage are those of every reading
     assert found.residual.shape == (21_000,)
@@ -33,31 +32,18 @@ def test_a_long_log_is_fitted_from_all_directions_alike():
     assert found.coverage.counts.sum() == 21_000
 
 
-def test_thinning_keeps_so_many_in_each_direction():
-    """The 500 cells of equal area are the regions nearest to the points of a Fibonacci lattice."""
-    u, m = long_log()
-    k = np.arange(500) + 0.5
-    z, angle = 1 - k / 250, np.pi * (1 + np.sqrt(5)) * k
-    lattice = np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=1)
-    count = np.bincount(scipy.spatial.KDTree(lattice).query(u)[1], minlength=500)
-    # cells of the rough fit differ from the true ones only for readings near their edges
-    assert fit(m, per_direction=8).numbers["used"].value == pytest.approx(np.minimum(count, 8).sum(), rel=0.03)
-
-
-def test_thinning_spreads_over_time():
-    """Both halves have the same directions, with fields of 1.02 and 0.98; thinning gives them equal weight."""
-    u = cases.directions(12_000, 0)
-    found = fit(np.concatenate([1.02 * u, 0.98 * u]), model="sphere", per_direction=8)
-    assert found.numbers["used"].value <= 500 * 8
-    assert found.field == pytest.approx(1.0, abs=1e-3)
-
-
 def test_short_logs_are_left_whole():
     _, m = long_log(1000)
     assert fit(m).numbers["used"].value == 1000
-    _, m = long_log()
-    with pytest.raises(DataError, match="at least one is needed"):
-        fit(m, per_direction=0)
+
+
+def test_thinning_is_even_over_cells_and_over_time():
+    u = cases.directions(30_000, 0)
+    kept = thinned(np.concatenate([u, 0.99 * u]))
+    cell = np.unique(np.floor(np.concatenate([u, 0.99 * u])[kept] * 10).astype(int), axis=0, return_counts=True)[1]
+    assert cell.max() <= 8 * 32
+    # both halves of the log have the same directions, and the same weight
+    assert np.mean(kept < 30_000) == pytest.approx(0.5, abs=0.03)
 
 
 def test_models_that_the_largest_excludes_are_not_tried():

@@ -149,17 +149,6 @@ def ellipse(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return ellipsoid_of(theta)
 
 
-def sampson(theta: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """First-order distance of readings to a quadric of any kind."""
-    gradient = 2 * u @ matrix_of(theta[:6]) + theta[6:9]
-    return monomials(u) @ theta / np.maximum(np.linalg.norm(gradient, axis=1), 1e-12)
-
-
-def nearest_quadric(u: np.ndarray) -> np.ndarray:
-    """Quadric of any kind with unit theta and the smallest algebraic residual."""
-    return np.linalg.svd(triangle(monomials(u)))[2][-1]
-
-
 _ROUNDING = float(np.finfo(float).eps)  # of an eigenvalue of Psi: closer to zero, false position would only follow rounding
 _LARGEST = 0.6  # noise, in units of the readings' rms radius, above which a fit is meaningless
 #: exponents (x, y, z) of the ten monomials, of their 100 products, and of the 35 moments, which all occur among the products

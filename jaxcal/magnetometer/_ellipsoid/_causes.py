@@ -13,7 +13,6 @@ import numpy as np
 from ..._special import chi_square_tail
 from ...fitting._serial import correlation_time, leave_out, look_white, span_of, tamed
 from ._kinds import COUNT, PLANAR, PLANAR_ROWS, basis_of, slopes_of
-from ._residuals import Size
 from ._shape import Found, radius_of, root, unit
 
 FAST, BENT = "rate of turn", "nonlinearity"
@@ -86,9 +85,7 @@ def _cause(name: str, jacobian: np.ndarray, span: np.ndarray, part: np.ndarray, 
     return Cause(name, step, float(np.max(np.abs(part @ coefficients)))), chance
 
 
-def examined(
-    found: Found, u: np.ndarray, whole: np.ndarray, rows: np.ndarray, conditions: dict[str, np.ndarray], size: Size | None
-) -> Examined:
+def examined(found: Found, u: np.ndarray, whole: np.ndarray, rows: np.ndarray, conditions: dict[str, np.ndarray]) -> Examined:
     """What the residuals of a fit tell about its error; the given `rows` of the `whole` log were fitted, in order of time."""
     count, n = COUNT[found.kind], len(u)
     radius = radius_of(found.shape, found.kind in PLANAR)
@@ -105,12 +102,7 @@ def examined(
     causes = [Cause(one.name, slopes @ one.step, one.size / radius) for one, _ in sorted(told, key=lambda pair: pair[1])]
     if look_white(jacobian, None, left):
         return Examined(np.asarray(found.covariance), None, causes)
-    known = np.zeros((count, count))
-    if size is not None:  # derivative of the mean semi-axis, for the field that was given
-        slope = np.linalg.inv(found.shape) / -6
-        by_size = np.array([slope[0, 0], 2 * slope[0, 1], slope[1, 1], 2 * slope[0, 2], 2 * slope[1, 2], slope[2, 2], 0, 0, 0]) @ slopes
-        known = np.outer(by_size, by_size) * (found.noise / size.error) ** 2
-    matrix, part = np.full((9, 9), np.inf), leave_out(jacobian, left, known)
+    matrix, part = np.full((9, 9), np.inf), leave_out(jacobian, left)
     if np.isfinite(part).all():
         matrix = np.zeros((9, 9))
         matrix[:count, :count] = part

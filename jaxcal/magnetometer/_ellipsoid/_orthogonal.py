@@ -15,7 +15,7 @@ from ..._types import AnyArray
 from ...fitting import Fit, covariance, identifiability, information, solve
 from ._algebraic import NotEllipsoid, start, traced_start, triangle
 from ._kinds import COUNT, PLANAR, basis_of, parameters_of, shape_and_centre, upper_and_centre
-from ._residuals import Penalty, Readings, Size, half_log_det, orthogonal, penalised
+from ._residuals import Penalty, Readings, half_log_det, orthogonal, penalised
 from ._shape import Found, entries_of, filled, radius_of
 
 CURVED = 0.02  # noise over radius above which the curvature term matters
@@ -106,13 +106,13 @@ def described(parameters: AnyArray, u: np.ndarray, kind: str) -> Found:
     return Found(parameters, *shape_and_centre(parameters, basis_of(kind)), bound, noise, residuals, True, kind)
 
 
-def refined(found: Found, u: np.ndarray, penalty: float = 0.0, size: Size | None = None) -> Found:
-    """The fit with the curvature term where noise matters, with the penalty where that matters, and with the known size."""
+def refined(found: Found, u: np.ndarray, penalty: float = 0.0) -> Found:
+    """The fit with the curvature term where noise matters, and with the penalty where that matters."""
     bias = _step(found, u, penalty)[1] if penalty else 0.0
     if found.converged and bias < _IDLE:
         penalty = 0.0
-    if penalty or size is not None:
-        return _penalised(found, u, penalty, bias, size)
+    if penalty:
+        return _penalised(found, u, penalty, bias)
     last = np.inf
     for _ in range(ROUNDS):
         noise2 = float(curvature_variance(found))
@@ -153,45 +153,21 @@ def _step(found: Found, u: np.ndarray, penalty: float) -> tuple[Any, float]:
     return step, float(np.sqrt(max(penalty * slope @ step, 0.0)))
 
 
-def _penalised(found: Found, u: np.ndarray, penalty: float, bias: float, size: Size | None) -> Found:
-    """The fit with penalty and prior; it also starts from a sphere if the fit without them may have diverged."""
-    # the noise comes from the fit without penalty and prior, whose degrees of freedom are known
-    alone, noise, begin = found, max(found.noise, 1e-12), [found.parameters]
+def _penalised(found: Found, u: np.ndarray, penalty: float, bias: float) -> Found:
+    """The fit with the penalty; it also starts from a sphere if the fit without it may have diverged."""
+    # the noise comes from the fit without the penalty, whose degrees of freedom are known
+    noise, begin = max(found.noise, 1e-12), [found.parameters]
     if not found.converged or bias > _FAR:
         with contextlib.suppress(NotEllipsoid):  # in that case one start must suffice
             begin.append(parameters_of(found.kind, *start(u, "circle" if found.kind in PLANAR else "sphere")))
     noise2 = float(curvature_variance(found))
-    data = padded(u, found.kind, noise2, Penalty.of(found.kind, noise, penalty, size))
+    data = padded(u, found.kind, noise2, Penalty.of(found.kind, noise, penalty))
     fit = attempt(penalised, np.array(begin), data, found.kind)
     found = described_by(fit, len(u), found.kind, noise2)
-    # penalty and prior give a solution even if the readings have none, and the solver does not report that
+    # the penalty gives a solution even if the readings have none, and the solver does not report that
     known = identifiability(fit).condition < _SINGULAR
     covariance = found.covariance * (noise / max(found.noise, 1e-300)) ** 2 if known else np.full((9, 9), np.inf)
     found = dataclasses.replace(found, noise=noise, covariance=covariance, penalty=penalty)
-    if penalty:
-        # the shift by the penalty is a bias of known size, so it is part of the uncertainty
-        step, bias = _step(found, u, penalty)
-        found = dataclasses.replace(found, covariance=found.covariance + np.outer(step, step), bias=bias)
-    return found if size is None else _with_size(found, alone, size)
-
-
-def _log_size(found: Found) -> tuple[float, np.ndarray]:
-    """Logarithm of the mean semi-axis, and its derivative with respect to the parameters."""
-    diagonal = np.diag(upper_and_centre(found.parameters, basis_of(found.kind))[0])
-    slope = np.zeros(12)
-    slope[[0, 4, 8]] = -1 / (3 * diagonal)
-    return -float(np.mean(np.log(np.abs(diagonal)))), basis_of(found.kind).T @ slope
-
-
-def _with_size(found: Found, alone: Found, size: Size) -> Found:
-    """The fit with the prior's information in its covariance, and with the distance between prior and readings as `conflict`."""
-    value, slope = _log_size(alone)
-    conflict = 0.0
-    if alone.converged and np.isfinite(alone.covariance).all():
-        conflict = abs(value - size.log) / float(np.sqrt(size.error**2 + slope @ alone.covariance @ slope))
-    covariance = found.covariance
-    if np.isfinite(covariance).all():
-        slope = _log_size(found)[1]
-        gain = covariance @ slope
-        covariance = covariance - np.outer(gain, gain) / (size.error**2 + slope @ gain)
-    return dataclasses.replace(found, covariance=covariance, conflict=conflict)
+    # the shift by the penalty is a bias of known size, so it is part of the uncertainty
+    step, bias = _step(found, u, penalty)
+    return dataclasses.replace(found, covariance=found.covariance + np.outer(step, step), bias=bias)

@@ -13,7 +13,6 @@ D. Firth, Biometrika 80 (1993) 27, has w = 1; G. Heinze and M. Schemper, Stat. M
 import dataclasses
 from types import ModuleType
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -39,39 +38,28 @@ def natural_rows(directions: Any, xp: ModuleType = np) -> Any:
     return xp.stack([x * x, 2 * x * y, y * y, 2 * x * z, 2 * y * z, z * z, -2 * x, -2 * y, -2 * z], axis=1) / 2
 
 
-class Size(eqx.Module):
-    """Prior knowledge of the mean semi-axis: its logarithm, and the standard deviation of the logarithm."""
-
-    log: float
-    error: float
-
-
 # each fit makes one of these and one of `Readings`, and an Equinox module takes five times as long to make
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class Penalty:
-    """The penalty for one kind of model, and the prior of its size.
+    """The penalty for one kind of model.
 
     basis : (9, 9) columns of `BASES`, padded with zeros; idle : (9,) one for the padding.
     top : an upper bound of log det M; strength : w times the variance of a distance.
-    size : logarithm of the mean semi-axis; strength_of_size : standard deviation of a distance over that of `size`, zero without a prior.
     """
 
     basis: Any
     idle: Any
     top: Any
     strength: Any
-    size: Any
-    strength_of_size: Any
 
     @staticmethod
-    def of(kind: str, noise: float, weight: float, size: Size | None = None) -> "Penalty":
+    def of(kind: str, noise: float, weight: float) -> "Penalty":
         count = COUNT[kind]
         basis = np.zeros((9, 9))
         basis[:, :count] = BASES[kind]
-        known = (0.0, 0.0) if size is None else (size.log, noise / size.error)
         # the eigenvalues sum to at most |j|^2, and their product is largest if they are equal
-        return Penalty(basis, (np.arange(9) >= count).astype(float), count * np.log(_MOST / count), weight * noise**2, *known)
+        return Penalty(basis, (np.arange(9) >= count).astype(float), count * np.log(_MOST / count), weight * noise**2)
 
 
 def penalty_residual(upper: Float[Array, "3 3"], z: Float[Array, "n 3"], weight: Float[Array, " n"], penalty: Penalty) -> Float[Array, ""]:
@@ -127,12 +115,10 @@ def orthogonal(parameters: Array, data: Readings) -> Array:
 
 
 def penalised(parameters: Array, data: Readings) -> Array:
-    """The residuals of `orthogonal`, one for the prior of the size, and one whose square is the penalty on directions in a corner."""
+    """The residuals of `orthogonal`, and one whose square is the penalty on directions in a corner."""
     upper, centre = upper_and_centre(parameters, data.basis)
-    # the mean semi-axis is the cube root of 1/det U
-    off = -jnp.sum(jnp.log(jnp.abs(jnp.diagonal(upper)))) / 3 - data.penalty.size
     last = penalty_residual(upper, data.u - centre[None, :], data.weight, data.penalty)
-    return jnp.concatenate([orthogonal(parameters, data), jnp.stack([data.penalty.strength_of_size * off, last])])
+    return jnp.concatenate([orthogonal(parameters, data), last[None]])
 
 
 def surface_distances(model: MagModel, m: Any, field: Any, conditions: Any, noise2: Any) -> Array:

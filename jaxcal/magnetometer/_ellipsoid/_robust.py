@@ -15,7 +15,7 @@ from ._algebraic import NotEllipsoid, algebraic, away, extents, start
 from ._kinds import COUNT
 from ._shape import NEAR_PLANAR, Frame
 
-_CELL, _PER_CELL = 0.25, 4  # side of a cell over the size of the log; readings of each that vote
+_CELL, _PER_CELL, _PER_LONG = 0.25, 4, 32  # side of a cell over the size of the log; readings of each that vote, and of a long log
 _SIZE = 0.8  # quantile of the distances from the median reading that is the size: above it there may be spikes
 _SPIKE = 5.0  # sizes from the median reading: farther is no reading of a field, whatever the hard iron
 _TRIMMED, _INNER = 0.7, 0.97  # share of the readings that the trimmed fit keeps, and of those nearest to the median
@@ -29,15 +29,15 @@ def _spread(distance: np.ndarray) -> float:
     return max(1.4826 * float(np.median(distance)), 1e-9)
 
 
-def _voters(u: np.ndarray) -> np.ndarray:
-    """Rows of at most four readings of each cell, evenly over time."""
+def _voters(u: np.ndarray, most: int = _PER_CELL) -> np.ndarray:
+    """Rows of at most so many readings of each cell, evenly over time."""
     # cells that share a number are far apart, and only few
     number = np.floor(u / _CELL).astype(np.int64) @ np.array([1, 1 << 20, 1 << 40])
     cell, count = np.unique(number, return_inverse=True, return_counts=True)[1:]
     order = np.argsort(cell, kind="stable")
     size = count[cell[order]]
     place = np.arange(len(u)) - np.repeat(np.cumsum(count) - count, count)
-    return np.sort(order[(size <= _PER_CELL) | (place * _PER_CELL // size != (place - 1) * _PER_CELL // size)])
+    return np.sort(order[(size <= most) | (place * most // size != (place - 1) * most // size)])
 
 
 def _frame(m: np.ndarray) -> tuple[np.ndarray, float]:
@@ -50,6 +50,12 @@ def _frame(m: np.ndarray) -> tuple[np.ndarray, float]:
             break
         voters = m[_voters((m - middle) / size)]
     return middle, size
+
+
+def thinned(m: np.ndarray) -> np.ndarray:
+    """Rows of a long log of which every cell of space has 32 at most: neighbouring readings repeat one another."""
+    middle, size = _frame(m)
+    return _voters((m - middle) / size, _PER_LONG) if size > 0 else np.arange(len(m))
 
 
 Tried = list[tuple[float, tuple[np.ndarray, np.ndarray]]]

@@ -4,21 +4,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..._errors import DataError
 from ...fitting._information import symmetric_inverse
 from .._design._coverage import bins
-from ._algebraic import NotEllipsoid, away, start
+from ._algebraic import NotEllipsoid, away
 from ._kinds import COUNT, PLACE, basis_of, shape_and_centre
 from ._orthogonal import flat
 from ._residuals import Readings, orthogonal
-from ._shape import Found, directions_of, root, unit
+from ._shape import Found, directions_of
 
 _TIE = 2.0  # a difference of criteria that decides nothing (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995)
 _LEAST = 1e-28  # smallest mean square of distances, that of exact readings
 _HOPELESS = 4.0  # multiple of the deciding margin at which a model is excluded
 #: largest number of readings that are all fitted
 LONG = 20_000
-_FIRST = 4000  # readings of the rough fit that sorts by direction
 _CHUNK = 16_384  # readings of one call, so that no length compiles anew
 
 
@@ -77,25 +75,6 @@ def by_bic(fits: dict[str, Found], count: int) -> str:
         score[kind] = float(count * np.log(max(square, _LEAST)) + COUNT[kind] * np.log(count))
     least = min(score.values())
     return min((kind for kind in score if score[kind] <= least + _TIE), key=lambda kind: COUNT[kind])
-
-
-def thinned(u: np.ndarray, per_bin: int) -> np.ndarray:
-    """Indices of at most `per_bin` readings in each of 500 directions, evenly spaced in time, by a rough fit of about 4,000 readings."""
-    if per_bin < 1:
-        raise DataError(f"{per_bin} readings per direction were asked for; at least one is needed, or None for all.")
-    few = u[:: max(len(u) // _FIRST, 1)]
-    try:
-        shape, centre = start(few, "symmetric")
-    except NotEllipsoid:
-        shape, centre = np.eye(3), few.mean(axis=0)
-    cell = bins(unit((u - centre) @ root(shape)))
-    order = np.argsort(cell, kind="stable")
-    count = np.bincount(cell, minlength=500)
-    first = np.repeat(np.cumsum(count) - count, count)
-    place, size = np.arange(len(u)) - first, count[cell[order]]
-    # keep every (n/k)-th reading of a bin of n: those where floor(i k/n) increases
-    kept = (size <= per_bin) | (place * per_bin // size != (place - 1) * per_bin // size)
-    return np.sort(order[kept])
 
 
 _distance = jax.jit(orthogonal)

@@ -45,7 +45,7 @@ class Found:
     """An ellipsoid in scaled readings: shape and centre, (9, 9) covariance of its parameters, noise, and distances.
 
     noise2 : variance for the curvature term, which was subtracted from the distances. penalty : weight of the penalty. bias : shift of the
-    fit by the penalty; conflict : distance between the known field and the one that the readings alone give, both in standard errors.
+    fit by the penalty in standard errors.
     """
 
     parameters: AnyArray
@@ -59,7 +59,6 @@ class Found:
     noise2: Any = 0.0
     penalty: Any = 0.0
     bias: Any = 0.0
-    conflict: Any = 0.0
 
 
 def padded_length(count: int) -> int:
