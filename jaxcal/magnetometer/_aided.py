@@ -29,7 +29,6 @@ _SYMMETRIC, _TURNED = (
 _DELAY = 0.05  # s, prior standard deviation of the delay of the readings after the rates
 _ROUNDS, _SETTLED = 40, 0.02  # most rounds, and step in standard errors that ends them
 _LEAST = 1e-9  # smallest standard deviation, for exact data
-_STEEP = 0.17  # horizontal share of the field below which a heading means nothing
 _C, _B, _GAIN, _DIP, _LAG = slice(0, 9), slice(9, 12), 12, 13, slice(14, 18)
 _ODD = [(1, 3), (2, 6), (5, 7)]  # pairs of entries of C that are equal if it is symmetric
 
@@ -268,7 +267,7 @@ def solved(
         used = np.einsum("kp,pq,kq->k", whole[: len(left)], inverse, whole[: len(left)])
         last = sigma
         if turn:
-            nuisance = 3 * (data.member.max() + 1) if data.kind == "rates" else 0
+            nuisance = 3 * (int(data.member.max()) + 1) if data.kind == "rates" else 0
             sigma = np.array([_size(left, used, ~along, 0), _size(left, used, along, nuisance)])
         gain = np.exp(p[_GAIN])
         spread = _learnt(p[_C] / gain - base.ravel(), error[:9] / gain, _SOFT)

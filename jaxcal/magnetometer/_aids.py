@@ -11,7 +11,8 @@ from .._errors import DataError
 from .._special import NORMAL95
 from .._types import AnyArray
 from ._aided import Attitudes, Known, Solution, averaged, north_of, poses, solved
-from ._axes import Axes, axes_by_headings, axes_by_rates, axes_of, by_axes, permutations
+from ._axes import FEWEST, Axes, axes_by_headings, axes_by_rates, axes_of, by_axes, permutations
+from ._design._heading_error import TURNED
 from ._ellipsoid._algebraic import extents
 from ._ellipsoid._shape import NEAR_PLANAR, Frame, root, unit
 from ._field import INCLINATION
@@ -20,10 +21,8 @@ from ._model import MagModel
 from ._turning import attitudes_in_segments
 
 _STILL = 0.03  # relative departure of the specific force from its median above which a pose is not at rest
-_FEWEST = 5  # poses: three angles and the dip need four
 _POSE = np.deg2rad(3.0)  # within which successive readings are one pose: ten times the scatter of an accelerometer by hand
 _DIP, _ANY_DIP, _FIELD = np.deg2rad(0.5), 0.5, 0.02  # rad, prior spread of a given dip, and of one that is not; share of a given field
-_TURNED = 0.5  # length of the mean unit vertical: one for a sensor at level, zero for one turned through all attitudes
 #: source of a rotation -> its name for readers
 NAMES = {"accel": "accelerometer", "gyro": "gyroscope", "headings": "known headings", "": "magnitudes"}
 _LATE = 0.025  # s, half of the prior's spread: a delay with a larger error was not determined
@@ -218,7 +217,7 @@ def down_by(up: Any) -> np.ndarray | None:
         return None
     mean = np.nanmean(up, axis=0)
     size = float(np.linalg.norm(mean))
-    return -mean / size if size > _TURNED else None
+    return -mean / size if size > TURNED else None
 
 
 def fitted(
@@ -238,8 +237,8 @@ def fitted(
         up = unit(up)
         heading = None if heading is None else averaged(heading, number)
     count = len(x) if source == "" else int(np.isfinite(up).all(axis=1).sum()) if up is not None else len(rows)
-    if count < _FEWEST:
-        raise DataError(f"{count} readings with the {NAMES[source]} are left; at least {_FEWEST} are needed.", code="few_readings")
+    if count < FEWEST:
+        raise DataError(f"{count} readings with the {NAMES[source]} are left; at least {FEWEST} are needed.", code="few_readings")
     u = frame.scaled(x)
     at = Attitudes(up, heading, at.gyro, at.rate, rows if at.gyro is not None else None)
     usable = first.model is not None and first.plane is None and first.verdict != "refused"

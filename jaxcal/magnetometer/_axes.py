@@ -13,7 +13,7 @@ from .._answer import CAUTION, FATAL, Finding, Quantity
 from ._findings import FINDINGS
 
 _CLEARER = 2.0  # times less scatter than that of equal axes, to be believed; one mirrored axis had 3 at least in 25 real logs, 18 usually
-_FEWEST = 5  # readings
+FEWEST = 5  # poses: three angles and the dip need four
 _LOOSE = 0.2  # scatter of the sine of the dip above which no axes explain the log
 _FLAT = np.deg2rad(5.0)  # dip whose sign means nothing
 
@@ -49,7 +49,7 @@ def _clearest(scatter: np.ndarray) -> int:
 def axes_of(field: np.ndarray, up: np.ndarray) -> Axes | None:
     """The axes in which corrected unit fields (n, 3) and unit specific forces at rest keep their angle; None if in none."""
     there = np.isfinite(field).all(axis=1) & np.isfinite(up).all(axis=1)
-    if there.sum() < _FEWEST:
+    if there.sum() < FEWEST:
         return None
     known = permutations()
     products = np.einsum("ni,kij,nj->kn", field[there], known, up[there])

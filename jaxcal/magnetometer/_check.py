@@ -18,8 +18,7 @@ from ._field import heading
 from ._findings import FINDINGS
 from ._result import MagFit
 
-_MOST = 36  # most headings that are listed one by one; more are grouped into sectors
-_SECTORS = 12  # of 30 degrees
+_MOST, _SECTORS = 36, 12  # most headings that are listed one by one; more are grouped into sectors of 30 degrees
 _PARAMETERS = 3.0  # approximate degrees of freedom of a heading error: the hard iron dominates it
 _LEAST = 1e-9  # below which an error is rounding
 _STEEP, _LEVEL = 0.18, 0.1  # least horizontal share of the field for a heading; largest horizontal share of gravity at level

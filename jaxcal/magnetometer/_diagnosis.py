@@ -20,14 +20,11 @@ from ._findings import FINDINGS
 from ._surface import distinct
 
 _ILL, _SINGULAR = 1000.0, 1e8  # condition numbers: 3 for even coverage; of a thousand, a digit of the noise is a hundred of the error
-_BY_NOISE = 0.5  # share of the information due to noise alone
-_BY_PENALTY = 0.5  # standard errors: a bias that an interval would miss
+_BY_NOISE, _BY_PENALTY = 0.5, 0.5  # share of the information due to noise alone; standard errors of a bias that an interval would miss
 _FAR_OFF = 1.25  # ratio of mean field and given one: a sensitivity is true to 10 %, so that the unit is wrong
 
-_FEWEST_AT_END = 4  # equal largest values: fewer are chance
-_NEAR = 20  # number of readings next to the end; their density tells how many may share one value by chance
-_BY_CHANCE = 1e-5  # one false alarm in 16,000 logs of six ends
-_APART = 0.05  # as a share of the log's size: a sensor at rest repeats a value too
+_FEWEST_AT_END, _NEAR = 4, 20  # equal largest values, and readings next to them, whose density tells how many may be equal by chance
+_BY_CHANCE, _APART = 1e-5, 0.05  # one false alarm in 16,000 logs of six ends; share of the log's size, since a sensor at rest repeats too
 
 
 def at_end(m: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ from .._quality import checked_confidence
 from .._types import AnyArray, Float
 from ._design._coverage import sphere_grid
 from ._design._heading_error import angle, changes_by_iron, distance_slopes, grids, levelled, moments_of
+from ._ellipsoid._kinds import COUNT
 from ._ellipsoid._shape import unit
 from ._field import INCLINATION
 from ._fit import fit
@@ -19,7 +20,6 @@ from ._model import MagModel
 from ._result import MagFit
 
 _FEWEST = 12  # number of readings from which the fit gives the advice; before, the largest gap between directions does
-_PARAMETERS = 9  # of the symmetric fit
 _LOOKS = 5.0  # the error is checked after every reading, and one lucky check ends the session: they count as this many independent ones
 
 
@@ -124,7 +124,7 @@ def guide(
     form = weight @ covariance
     mean, spread = float(np.trace(form)), float(np.trace(form @ form))
     freedom = mean**2 / spread  # of the chi-square distribution that approximates the form
-    quantile = scipy.special.fdtri(freedom, max(len(m) - _PARAMETERS, 1), 1.0 - (1.0 - confidence) / _LOOKS)
+    quantile = scipy.special.fdtri(freedom, max(len(m) - COUNT["symmetric"], 1), 1.0 - (1.0 - confidence) / _LOOKS)
     error = float(found.heading_error[0])
     bound = float(error * np.sqrt(quantile))
     stop = bool(bound <= limit and found.verdict != "refused")

@@ -13,8 +13,9 @@ LIMITS = (float(np.deg2rad(1.0)), float(np.deg2rad(5.0)))
 _OUTLIER = 4.0  # robust standard deviations: one of 16,000 normal readings
 _MANY, _MOST = 0.05, 0.4  # share of outliers that is more than the tail of a noise, and of which the rest is no majority
 _NOISY, _TOO_NOISY = 0.1, 0.2  # scatter over field: first-order errors become wrong; the readings lie on no surface
-_UNKNOWN = 6  # degrees of freedom of the noise, fewer of which leave it uncertain by a third
-_DIPS = np.deg2rad(5.0)  # by which a given dip and that of an accelerometer may differ: both in error by a few degrees
+#: degrees of freedom of the noise, fewer of which leave it uncertain by a third; difference of a given dip and an accelerometer,
+#: each true to a few degrees
+_UNKNOWN, _DIPS = 6, np.deg2rad(5.0)
 
 #: findings beside which a heading error means nothing
 _OPEN = ("not_judged", "undetermined", "near_planar", "no_ellipsoid", "not_converged")

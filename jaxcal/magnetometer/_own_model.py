@@ -24,8 +24,9 @@ from ._checked import checked, norm_and_dip
 from ._design._coverage import covered
 from ._design._heading_error import rms_heading
 from ._ellipsoid._algebraic import extents, traced_start
+from ._ellipsoid._causes import EXACT
 from ._ellipsoid._kinds import basis_of, shape_and_centre
-from ._ellipsoid._orthogonal import CURVED
+from ._ellipsoid._orthogonal import CURVED, PRECISE
 from ._ellipsoid._residuals import surface_distances
 from ._ellipsoid._shape import NEAR_PLANAR, Frame, model_of, radius_of
 from ._findings import FINDINGS
@@ -36,8 +37,6 @@ from ._model import MagModel
 from ._result import MagFit, not_judged
 
 _SOFT = [f"soft_iron[{i},{j}]" for i, j in zip(*UPPER, strict=True)]
-_PRECISE = 1e-8  # remaining step, relative to the statistical uncertainty
-_EXACT = 1e-9  # share of the field below which residuals are rounding, not noise
 
 
 def _whitened(leaves: Leaves, data: tuple) -> Array:
@@ -68,7 +67,7 @@ def _pure(dip: float, model: MagModel, m: Any, field: Any, conditions: Any) -> t
     begin, turn, norm = _start(model, m, field, conditions)
     noise2 = jnp.zeros((), m.dtype)
     for last in (False, True):
-        found = solve(_whitened, begin, (turn, m, norm, conditions, noise2), rtol=_PRECISE)
+        found = solve(_whitened, begin, (turn, m, norm, conditions, noise2), rtol=PRECISE)
         variance = jnp.sum(found.residuals**2) / (len(m) - found.parameters.size)
         noise = jnp.sqrt(variance)
         if not last:
@@ -156,7 +155,7 @@ def fit_model(
         raise DataError(f"`measure` and `correct` of {kind} do not undo one another; `correct` must be its inverse.", code="no_inverse")
     identified, jacobian, left = identifiability(found), np.asarray(found.jacobian), np.asarray(found.residuals)
     weakest, known, parts = ", ".join(name.removeprefix("rest.") for name in identified.weakest), [], False
-    if np.isfinite(matrix).all() and noise > _EXACT * field and not is_white(jacobian, left):
+    if np.isfinite(matrix).all() and noise > EXACT * field and not is_white(jacobian, left):
         matrix = np.asarray(by_leaves(leave_out(jacobian, left), np.linalg.inv(_symmetric(fitted.soft_iron)) @ fitted.soft_iron))
         by_parts = np.asarray(rms_heading(functools.partial(changes_of, fitted, field, usual), matrix, dip))
         more = max(error[0] / by_parts[0], 1.0)

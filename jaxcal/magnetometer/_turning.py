@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-_SEGMENT = 2.0  # rad travelled in one segment: the error of rates with a slightly wrong scale grows with the angle
-_LONGEST = 10.0  # longest segment in s, because the bias of the rates enters to first order only
+#: rad and s in one segment: the error of rates with a slightly wrong scale grows with the angle, and their bias enters to first order only
+_SEGMENT, _LONGEST = 2.0, 10.0
 
 
 def delayed(gyro: np.ndarray, samples: float) -> np.ndarray:

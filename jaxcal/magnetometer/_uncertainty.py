@@ -18,8 +18,7 @@ from ._ellipsoid._residuals import natural_rows
 from ._field import INCLINATION, unit_field
 from ._result import MagFit
 
-_STARTS = 4  # random plans, of which the best is kept
-_FEWEST = 10  # readings: one more than parameters
+_STARTS, _FEWEST = 4, 10  # random plans, of which the best is kept; readings: one more than parameters
 
 
 @host_float64

@@ -95,10 +95,7 @@ def test_coverage_of_known_directions():
     # regions have equal areas: each has 200 readings on average, with a standard deviation of 14
     assert np.abs(full.counts - 200).max() < 5 * np.sqrt(200)
     assert full.gaps == 0
-    assert full.variance < 1e-10
-    assert full.wobble < 0.2
     half = coverage(u[u[:, 0] > 0])
-    assert half.wobble < 1.5  # for a perfect sphere, for which MotionCal itself shows 9.13
     assert half.largest_gap == pytest.approx(np.pi / 2, abs=0.05)
     assert half.occupied == pytest.approx(0.5, abs=0.05)
     assert np.all(half.missing[:, 0] < 0.3)

@@ -27,8 +27,6 @@ class Coverage(eqx.Module):
     ----------
     counts : (100,) readings per region of equal area: pole, 15 sectors, 34, 34, 15, pole.
     gaps : weight of the empty regions in per cent: an empty region counts 1, one with a single reading 0.2, one with two 0.01.
-    variance : standard deviation of the magnitude in per cent of its mean.
-    wobble : mean offset of the regions' mean readings from their positions on a centred sphere, in per cent of the radius.
     occupied : share of 500 equal bins that contain a reading.
     largest_gap : half-angle of the largest cap without a reading, rad.
     missing : (k, 3) unit vectors to the centres of the regions without a reading.
@@ -43,8 +41,6 @@ class Coverage(eqx.Module):
 
     counts: AnyArray
     gaps: float
-    variance: float
-    wobble: float
     occupied: float
     largest_gap: float
     missing: AnyArray
@@ -132,7 +128,7 @@ def coverage(m: Any) -> Coverage:
 
     References
     ----------
-    P. Stoffregen, MotionCal (quality.c). Its wobble rotates the southern sectors by 192 degrees; here this is corrected.
+    P. Stoffregen, MotionCal (quality.c), with corrected positions of the southern sectors.
     """
     return covered(m)
 
@@ -148,9 +144,7 @@ def covered(m: Any) -> Coverage:
     directions = m / norm[:, None]
     region = regions(directions)
     counts = np.bincount(region, minlength=100)
-    sums = np.stack([np.bincount(region, weights=column, minlength=100) for column in m.T], axis=1)
     filled = counts > 0
-    offset = (sums[filled] / counts[filled, None] - middles()[filled] * norm.mean()).mean(axis=0)
     if len(m) <= _MANY:
         cosine = _cosines(directions)
         bin_of, square = cosine.argmax(axis=1), 2 - 2 * float(cosine.max(axis=0).min())
@@ -160,8 +154,6 @@ def covered(m: Any) -> Coverage:
         Coverage,
         counts=counts,
         gaps=float(np.sum(_GAPS[np.minimum(counts, 3)])),
-        variance=float(100 * norm.std() / norm.mean()),
-        wobble=float(100 * np.linalg.norm(offset) / norm.mean()),
         occupied=int(np.count_nonzero(np.bincount(bin_of))) / _GRID,
         largest_gap=2 * float(np.arcsin(min(np.sqrt(max(square, 0.0)) / 2, 1.0))),
         missing=middles()[~filled],

@@ -24,7 +24,7 @@ _IN_PLANE = {
     6: "hard iron along the plane's first axis", 7: "hard iron along the plane's second axis",
 }  # fmt: skip
 _TILT = np.deg2rad(20.0)  # of a vehicle that brakes or banks
-_TURNED = 0.5  # length of the mean unit field: sin(dip) for turns about the vertical, zero for a sensor turned through all attitudes
+TURNED = 0.5  # length of the mean unit field: sin(dip) for turns about the vertical, zero for a sensor turned through all attitudes
 _HEADINGS = np.arange(24) * np.pi / 12  # every 15 degrees
 
 
@@ -83,7 +83,7 @@ def down_of(directions: np.ndarray, dip: float) -> np.ndarray | None:
     """The axis about which a sensor turned, from unit fields (n, 3), or None if it was turned through all attitudes."""
     mean = directions.mean(axis=0)
     size = float(np.linalg.norm(mean))
-    return np.copysign(1.0, dip) * mean / size if size > _TURNED else None
+    return np.copysign(1.0, dip) * mean / size if size > TURNED else None
 
 
 def rms_heading(change: Callable[[np.ndarray], Any], covariance: Any, inclination: float, down: AnyArray | None = None) -> Any:

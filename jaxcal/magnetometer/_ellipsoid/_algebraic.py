@@ -35,12 +35,11 @@ def monomials(u: Any) -> Any:
 
 #: entries of a symmetric matrix from a..f; the matrix printed in the paper belongs to another order of the monomials
 _ENTRY = np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]])
-_HALF = np.array([[1, 0.5, 0.5], [0.5, 1, 0.5], [0.5, 0.5, 1]])
 
 
 def matrix_of(q: Any) -> Any:
     """Quadratic part as a symmetric matrix."""
-    return q[_ENTRY] * _HALF.astype(q.dtype)
+    return q[_ENTRY] * ((1 + np.eye(3)) / 2).astype(q.dtype)
 
 
 _BLOCK = 128  # rows that stay in the cache

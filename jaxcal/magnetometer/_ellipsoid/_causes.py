@@ -18,7 +18,7 @@ from ._shape import Found, radius_of, root, unit
 FAST, BENT = "rate of turn", "nonlinearity"
 _CHANCE = 0.003  # of a false alarm for each cause: a gain of 20 for the six columns of a response, of 9 for a single column
 _FEWEST = 80  # readings for which the correlation time is known well enough
-_EXACT = 1e-9  # share of the field below which residuals are rounding, not noise
+EXACT = 1e-9  # share of the field below which residuals are rounding, not noise
 
 
 class Cause(NamedTuple):
@@ -89,7 +89,7 @@ def examined(found: Found, u: np.ndarray, whole: np.ndarray, rows: np.ndarray, c
     """What the residuals of a fit tell about its error; the given `rows` of the `whole` log were fitted, in order of time."""
     count, n = COUNT[found.kind], len(u)
     radius = radius_of(found.shape, found.kind in PLANAR)
-    if not np.isfinite(found.covariance).all() or not found.noise > _EXACT * radius or not found.converged:
+    if not np.isfinite(found.covariance).all() or not found.noise > EXACT * radius or not found.converged:
         return Examined(np.asarray(found.covariance), None, [])
     slopes = slopes_of(found.parameters, basis_of(found.kind))[:, :count]
     by_entries, normals, z = _rows(found, u)

@@ -20,11 +20,10 @@ from ._shape import Found, entries_of, filled, radius_of
 
 CURVED = 0.02  # noise over radius above which the curvature term matters
 ROUNDS, SETTLED = 3, 3e-3  # number of fits with the curvature term, and the relative change of the noise that ends them
-_PRECISE = 1e-8  # remaining step, relative to the statistical uncertainty
-_LOST = 1e-12  # singular value, with columns of unit length, below which the readings do not determine a parameter
-_IDLE = 0.1  # standard errors: a penalty that moves a fit by less is omitted
-_FAR = 1.0  # standard errors: a larger bias suggests that the fit without the penalty diverged
-_SINGULAR = 1e8  # condition number at which half of the digits are lost
+PRECISE = 1e-8  # remaining step, relative to the statistical uncertainty
+#: singular value, with columns of unit length, below which a parameter is not determined; condition number that costs half of the digits
+_LOST, _SINGULAR = 1e-12, 1e8
+_IDLE, _FAR = 0.1, 1.0  # standard errors: a penalty that moves a fit by less is omitted; by more, the fit without it may have diverged
 
 
 def padded(u: np.ndarray, kind: str, noise2: float = 0.0, penalty: Penalty | None = None) -> Readings:
@@ -41,7 +40,7 @@ def bounds_of(kind: str) -> tuple[np.ndarray, np.ndarray]:
 def attempt(function: Callable, start: AnyArray, data: Readings, kind: str) -> Fit:
     """Best fit from the rows of `start`, without the residuals of penalty and prior: its covariance is that of the readings."""
     begin, starts = (start, None) if start.ndim == 1 else (start[0], start)
-    fit = solve(function, begin, data, bounds=bounds_of(kind), starts=starts, rtol=_PRECISE)
+    fit = solve(function, begin, data, bounds=bounds_of(kind), starts=starts, rtol=PRECISE)
     if fit.residuals.size == len(data.u):
         return fit
     own = {name: getattr(fit, name)[: len(data.u)] for name in ("residuals", "jacobian", "weights", "curvature")}

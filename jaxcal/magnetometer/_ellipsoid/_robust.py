@@ -16,12 +16,13 @@ from ._kinds import COUNT
 from ._shape import NEAR_PLANAR, Frame
 
 _CELL, _PER_CELL, _PER_LONG = 0.25, 4, 32  # side of a cell over the size of the log; readings of each that vote, and of a long log
-_SIZE = 0.8  # quantile of the distances from the median reading that is the size: above it there may be spikes
-_SPIKE = 5.0  # sizes from the median reading: farther is no reading of a field, whatever the hard iron
+#: quantile of the distances from the median reading that is the size, above which there may be spikes; how many sizes away they begin
+_SIZE, _SPIKE = 0.8, 5.0
 _TRIMMED, _INNER = 0.7, 0.97  # share of the readings that the trimmed fit keeps, and of those nearest to the median
 _SUBSETS, _SUBSET, _KEPT, _ROUNDS = 100, 12, 5, 4  # random subsets, readings of each, how many are refined, and how often
-_CLOSER = 2.0  # factor by which the trimmed fit must be closer than the plain one, to be believed
-_FAR, _MOST = 6.0, 0.1  # robust standard deviations of a reading that is left out; share of those, above which nothing is
+#: factor by which the trimmed fit must be closer than the plain one; robust standard deviations of a reading that is left out; their share,
+#: above which nothing is left out
+_CLOSER, _FAR, _MOST = 2.0, 6.0, 0.1
 _FEWEST = 2 * COUNT["symmetric"]  # readings that an ellipsoid needs before others can be judged by it
 
 

@@ -13,8 +13,7 @@ from ._residuals import Readings, orthogonal
 from ._shape import Found, directions_of
 
 _TIE = 2.0  # a difference of criteria that decides nothing (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995)
-_LEAST = 1e-28  # smallest mean square of distances, that of exact readings
-_HOPELESS = 4.0  # multiple of the deciding margin at which a model is excluded
+_LEAST, _HOPELESS = 1e-28, 4.0  # mean square distance of exact readings; multiple of the deciding margin at which a model is excluded
 #: largest number of readings that are all fitted
 LONG = 20_000
 _CHUNK = 16_384  # readings of one call, so that no length compiles anew
