@@ -71,14 +71,6 @@ def test_cluster_sizes_beyond_the_record_are_status_1(call, log):
     assert "cluster size 1000000 is outside 1 .. 4000" in found.reason
 
 
-def test_a_log_of_temperature_alone_is_status_1(call, folder):
-    rows = table(100)
-    save(folder / "t.csv", np.column_stack([rows[:, 0], 20 + rows[:, 1]]), header="time [s],temperature [degC]")
-    found = call("allan", "t.csv")
-    assert found.status == 1
-    assert "neither gyroscope, accelerometer nor magnetometer" in found.reason
-
-
 def test_the_noise_type_given_is_that_of_the_library(call, log, folder):
     words = ("allan", "imu.csv", "--m", "1,10", "--json", "a.json", "--quiet")
     assert call(*words, "--alpha", "-2").status == 0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal import ExportError, read
+from jaxcal import read
 
 from .flightlogs import dataflash_with_imu, ulog_with_imu
 
@@ -88,16 +88,6 @@ def test_a_damaged_description_is_refused(change, said, still, tmp_path, refuses
     np.savez(tmp_path / "log.npz", time=still.time, gyro=still.gyro, jaxcal=np.array(text))
     with refuses("damaged"):
         read(tmp_path / "log.npz", quiet=True)
-
-
-def test_where_it_cannot_be_written(still, tmp_path, refuses):
-    np.savez(tmp_path / "log.npz", time=still.time, gyro=still.gyro)
-    with refuses("suffix", ExportError):
-        jaxcal.io.convert(tmp_path / "log.npz", tmp_path / "out.csv")
-    with refuses("same_file", ExportError):
-        jaxcal.io.convert(tmp_path / "log.npz", tmp_path / "log.npz")
-    with refuses("not_written", ExportError):
-        jaxcal.io.convert(tmp_path / "log.npz", tmp_path / "missing" / "out.npz", quiet=True)
 
 
 def test_the_command(still, tmp_path, capsys, monkeypatch):

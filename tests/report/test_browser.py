@@ -292,32 +292,3 @@ def test_residuals_of_poses_are_explored(tab, pages, results):
     assert " x " not in said
     assert float(re.search(r"y (-?[\d.]+) mdeg/s", said)[1]) == pytest.approx(rest[1], rel=1e-3)
     assert tab.complaints() == []
-
-
-def test_the_way_and_the_residuals_of_a_device_are_explored(tab, pages, results):
-    tab.look(1280)
-    tab.open((pages / "joint.html").as_uri())
-    found, _ = results["joint"]
-    tab.run(PRESS.format(0, "ArrowRight"))
-    said = tab.run(SAID.format(0))
-    assert said.startswith("Time (s): 0 ")
-    assert [float(x) for x in re.findall(r"[xyz] (-?[\d.]+)", said)] == pytest.approx(found.attitude[0, 2], rel=2e-3)
-    titles = [tab.run(FIGURE.format(i) + ".querySelector('b').textContent") for i in range(6)]
-    assert titles == ["Direction up", "Direction of magnetic north", "Place", "Gyroscope", "Accelerometer", "Magnetometer"]
-    assert tab.complaints() == []
-
-
-def test_charts_are_zoomed_and_copied(tab, pages):
-    tab.look(1280)
-    tab.open((pages / "north.html").as_uri())
-    before = pixels(tab, SUM, 0)
-    tab.run(PRESS.format(0, "+"))
-    settled(tab)
-    assert pixels(tab, SUM, 0) != before
-    tab.run(PRESS.format(0, "0"))
-    tab.run("navigator.clipboard.writeText = (text) => { window.copied = text; return Promise.resolve(); }")
-    tab.run(FIGURE.format(1) + ".querySelectorAll('.bar button')[2].click()")  # the button CSV follows two switches
-    rows = list(csv.DictReader(tab.run("window.copied").splitlines()))
-    assert {row["curve"] for row in rows} == {"x, read", "x, model", "z, read"}
-    assert {row["unit"] for row in rows} == {"deg/h"}
-    assert tab.complaints() == []

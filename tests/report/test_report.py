@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal import DataError, ExportError, Log
+from jaxcal import DataError, Log
 from jaxcal._answer import CAUTION, NOTE, Kind, table
 from jaxcal.noise import NoiseFit, NoiseFits
 from jaxcal.noise._findings import FINDINGS
@@ -217,18 +217,6 @@ def test_a_report_of_six_axes_is_small(tmp_path):
     assert len(written(jaxcal.noise.characterise(log, terms=("N",)), tmp_path / "a.html", log).encode()) < 300_000
 
 
-def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
-    (tmp_path / "a.html").write_text("old")
-
-    def fail(*args):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.fsync", fail)
-    with pytest.raises(ExportError, match="no space left on device"):
-        write({"gyro_x": made_fit()}, tmp_path / "a.html")
-    assert (tmp_path / "a.html").read_text() == "old"
-
-
 def test_results_that_cannot_be_reported(tmp_path, refuses):
     with refuses("no_results"):
         write({}, tmp_path / "a.html")
@@ -265,14 +253,6 @@ def test_noise_document(log):
     assert [made["numbers"][f"accel_x.{term}"]["unit"] for term in "QNBK"] == ["m/s", "m/s^2/sqrt(Hz)", "m/s^2", "m/s^2/sqrt(s)"]
     assert [one["text"] for one in made["log"]["findings"]] == [str(one) for one in log.findings]
     assert json.loads(json.dumps(made, allow_nan=False)) == made
-
-
-def test_noise_document_without_what_is_not_known():
-    told = (FINDINGS("unsettled"),)
-    found = NoiseFits({"gyro_x": made_fit(goodness=math.nan, upper_limit=dict.fromkeys("QNBK", math.inf), findings=told)}).to_dict()
-    channel = found["channels"]["gyro_x"]
-    assert (channel["goodness"], channel["upper_limit"]["N"]) == (None, None)
-    assert [(one["code"], one["subject"]) for one in found["findings"]] == [("unsettled", ["gyro_x"])]
 
 
 def test_from_a_recording_to_every_file(tmp_path):
