@@ -81,10 +81,12 @@ class Part(eqx.Module, Generic[M]):
         return [name for name in self.parameters if name.partition("[")[0] not in _SHAPES]
 
     def spread(self, names: Iterable[str]) -> AnyArray | None:
-        """Covariance of the named parameters in the given order; None if one is not known."""
+        """Covariance of the named parameters in the given order; None if one is not known or not finite."""
         wanted = list(names)
-        known = self.estimate is not None and all(name in self.estimate for name in wanted)
-        return self.estimate.covariance[wanted].array if known else None  # type: ignore[union-attr]
+        if self.estimate is None or not all(name in self.estimate for name in wanted):
+            return None
+        found = self.estimate.covariance[wanted].array
+        return found if np.isfinite(np.asarray(found)).all() else None
 
     def correct(self, y: AnyArray, conditions: dict[str, Callable[[], Any]], what: str) -> AnyArray:
         """Readings without the sensor's errors. The model receives those of the `conditions` that its `correct` accepts.
