@@ -38,7 +38,8 @@ def rounds(record: Record, start: Start, free: np.ndarray, floors: tuple[Floor, 
     level = Noise(gyro.fast, np.where(rests.windows, accel.fast, accel.slow), _FIELD_NOISE)
     white, levels, counts = level, Levels(), np.ones(len(record.broken))
     # two steps show which parameters the motion does not determine. In their directions the cost is flat, so more steps are useless
-    found, steps, fewest = start, 2, _BLIND
+    found: Any = start
+    steps, fewest = 2, _BLIND
     for turn in range(-1, _MOST):
         found = solved(record, found.vector, found.way, free, level, place, counts, steps, rests, centre)
         blind = bool(found.unseen.any())

@@ -10,7 +10,7 @@ from .._types import AnyArray
 from ._findings import FINDINGS
 
 #: directions of the 26 faces, edges and corners of a case
-PLACES = np.array([p / np.linalg.norm(p) for p in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(p)])
+PLACES = np.array([np.array(p) / np.linalg.norm(p) for p in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(p)])
 _WORDS = (
     "scale along x", "scale along y", "scale along z", "misalignment of x and y", "misalignment of x and z", "misalignment of y and z",
     "bias along x", "bias along y", "bias along z",

@@ -123,7 +123,7 @@ def rate_test(
     ----------
     IEEE Std 952-1997, section 12 (scale factor); IEEE Std 1431-2004.
     """
-    if np.shape(getattr(log, "gyro", None))[1:] != (3,):
+    if log.gyro is None or np.shape(log.gyro)[1:] != (3,):
         raise DataError("The log has no gyroscope with three axes, which a rate table calibrates.")
     gyro = log.usable("gyro", keep=("zeroed",))
     still = still_intervals(gyro, log.rate)

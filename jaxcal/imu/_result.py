@@ -137,13 +137,8 @@ class ImuFit(Result):
         if len(self.residual_norm):
             poses: Mapping[str, Any] = {"pose": ("", np.arange(1, len(self.residual_norm) + 1)), "norm": ("accel", self.residual_norm)}
             rests = np.asarray(self.residual_rest).T if len(self.residual_rest) else ()
-            found.append(
-                Curve(
-                    "poses",
-                    "the poses",
-                    {**poses, **{f"rate {axis}": ("gyro", x) for axis, x in zip("xyz", rests, strict=False)}},
-                )
-            )
+            rates = {f"rate {axis}": ("gyro", x) for axis, x in zip("xyz", rests, strict=False)}
+            found.append(Curve("poses", "the poses", {**poses, **rates}))
         if len(self.residual_turn):
             turns = {"turn": ("", np.arange(1, len(self.residual_turn) + 1)), "angle": ("angle", self.residual_turn)}
             found.append(Curve("turns", "the turns", turns))

@@ -82,7 +82,10 @@ def _read(path: Path, rate: float) -> Any:
 
 def _joined(logs: Mapping[str, Any]) -> tuple[Log, list[Region]]:
     """One log of logs with one region each, and the regions."""
-    parts, first = list(logs.values()), next(iter(logs.values()), None)
+    if not logs:
+        raise DataError("there is no log; expected a mapping from labels to logs", code="region")
+    parts = list(logs.values())
+    first = parts[0]
     for label, log in logs.items():
         apart = abs(log.rate / first.rate - 1) * min(len(log.time), len(first.time))  # of the last samples, if both began together
         if apart > 1 or any((getattr(log, x) is None) != (getattr(first, x) is None) for x in _SENSORS):
@@ -90,8 +93,6 @@ def _joined(logs: Mapping[str, Any]) -> tuple[Log, list[Region]]:
                 f"the log {label} has another rate or other sensors than {next(iter(logs))}; a session has one device at one rate",
                 code="unlike",
             )
-    if first is None:
-        raise DataError("there is no log; expected a mapping from labels to logs", code="region")
     ends = np.cumsum([0, *(len(log.time) for log in parts)]).tolist()
     sensors: dict[str, Any] = {x: np.concatenate([getattr(log, x) for log in parts]) for x in _SENSORS if getattr(first, x) is not None}
     return Log(None, **sensors, rate=first.rate), [(label, i, j) for label, (i, j) in zip(logs, itertools.pairwise(ends), strict=True)]
