@@ -26,6 +26,7 @@ FINDINGS = table(
         "Stand still and move only the arm.",
     ),
     gradient=Kind(CAUTION, "The field varies with the place, by {percent:.2g} % per metre.", "Record farther from iron."),
+    loose=Kind(CAUTION, "It turns against the other sensors by {angle:.2g} rms as the device accelerates.", "Mount it firmly."),
     disturbed=Kind(NOTE, "The field was disturbed for {time:.3g} ({percent:.2g} % of the log), which counts little or nothing."),
     drift=Kind(
         NOTE, "The bias drifted by {drift:.2g} along the recording; the result is its mean.", "Let the device warm up before you record."
@@ -95,7 +96,8 @@ def findings_of(estimate: Estimate, facts: Facts) -> tuple[Finding, ...]:
     if (away := float(np.linalg.norm(facts.place - facts.place.mean(axis=0), axis=1).max())) > _WIDE:
         found.append(FINDINGS("far", "accel", away, distance=Quantity(away, "length")))
     for name, size in facts.lacks.items():
-        shown: dict[str, Any] = {"drift": Quantity(size, "gyro")} if name == "drift" else {"percent": 100 * size}
+        units = {"drift": {"drift": Quantity(size, "gyro")}, "loose": {"angle": Quantity(size, "angle")}}
+        shown: dict[str, Any] = units.get(name, {"percent": 100 * size})
         found.append(FINDINGS(name, "gyro" if name == "drift" else "magnetometer", **shown))
     if facts.disturbed:
         share = facts.disturbed / facts.duration

@@ -6,6 +6,7 @@ import itertools
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._arrays import skew
 from ..fitting import Chain
 from ..fitting._serial import BLOCKS, CHANCE, leave_out_pieces
 from ..imu._model import LEVEL
@@ -113,8 +114,9 @@ def _by_window(found: Solution) -> tuple[np.ndarray, np.ndarray, dict[str, np.nd
 
 
 def lacks(found: Solution, record: Record, ratio: float) -> dict[str, float]:
-    """Terms that the model lacks, with their sizes: score tests for a "gradient" of the field (of the field per metre), and a "drift" of
-    the gyroscope's bias (rad/s along the recording).
+    """Terms that the model lacks, with their sizes: score tests for a "gradient" of the field (of the field per metre), a "loose"
+    magnetometer, which turns with angular acceleration and specific force (rad rms), and a "drift" of the gyroscope's bias (rad/s along
+    the recording).
 
     Each test lets all parameters and the trajectory vary together with the term. It changes no estimate.
     """
@@ -122,21 +124,29 @@ def lacks(found: Solution, record: Record, ratio: float) -> dict[str, float]:
     part = (np.arange(record.grid.steps)[:, None] + 0.5) / record.grid.steps
     place = found.way.place[:-1, None] * (1 - part) + found.way.place[1:, None] * part
     x, y, z = np.moveaxis(place, -1, 0)
-    zero = np.zeros_like(x)
+    zero, iron, back = np.zeros_like(x), np.asarray(found.model.magnetometer.soft_iron), np.swapaxes(turn, 2, 3)
     # symmetric gradients without trace: a static field in air has neither curl nor divergence
     fields = np.stack(
         [np.stack(column, axis=-1) for column in ((x, zero, -z), (zero, y, -z), (y, x, zero), (z, zero, x), (zero, z, y))], axis=-1
     )
-    gradient = found.weight[..., None, None] * (np.asarray(found.model.magnetometer.soft_iron) @ np.swapaxes(turn, 2, 3) @ fields)
+    force = np.diff(found.way.velocity, axis=0)[:, None, :, None] / record.time + np.array([[0.0], [0.0], [record.gravity]])
+    pulls = (np.gradient(found.moved.rate, record.grid.step, axis=1)[:, :-1], (back @ force)[..., 0])
+    leaning = [-skew(back @ found.model.world_field) * by[..., None, :] for by in pulls]
     along = (np.arange(len(turn)) - (len(turn) - 1) / 2) / len(turn)
-    drift = rows.field_by[..., own] * along[:, None, None, None], rows.inertial_by[..., own] * along[:, None, None]
+    scale = found.weight[..., None, None]
+    terms = {"gradient": scale * (iron @ back @ fields), "loose": scale * (iron @ np.concatenate(leaning, axis=-1))}
+    asked = {name: (columns, np.zeros((len(turn), 9, columns.shape[-1]))) for name, columns in terms.items()}
+    asked["drift"] = rows.field_by[..., own] * along[:, None, None, None], rows.inertial_by[..., own] * along[:, None, None]
     sizes = {}
-    for name, columns in (("gradient", (gradient, np.zeros((len(turn), 9, 5)))), ("drift", drift)):
+    for name, columns in asked.items():
         score, information = _asked(found, *columns)
-        statistic = float(score @ np.linalg.solve(information, score)) / max(ratio, 1.0)
-        if scipy.special.chdtrc(len(score), statistic) < LEVEL:
-            c = np.linalg.solve(information, score)
-            sizes[name] = float(np.linalg.norm(c if name == "drift" else [c[0], c[1], c[0] + c[1], *(np.sqrt(2) * c[2:])]))
+        c = np.linalg.solve(information, score)
+        if scipy.special.chdtrc(len(score), float(score @ c) / max(ratio, 1.0)) < LEVEL:
+            if name == "gradient":
+                c = np.array([c[0], c[1], c[0] + c[1], *(np.sqrt(2) * c[2:])])
+            if name == "loose":
+                c = c * np.repeat([np.sqrt(np.mean(by**2)) for by in pulls], 3)
+            sizes[name] = float(np.linalg.norm(c))
     return sizes
 
 

@@ -10,7 +10,6 @@ import scipy  # loads its parts when they are first used
 from .. import magnetometer
 from .._arrays import from_vector
 from .._errors import DataError, FitError
-from ..magnetometer._aids import by_rates
 from ._model import AT, DeviceModel, model_of, template, vector_of
 from ._normal import inertial
 from ._state import Way
@@ -53,7 +52,7 @@ def started(record: Record, mag: np.ndarray) -> Start:
     gyro = axes_of(record.accel, record.gyro, 1 / record.grid.step, ("gyroscope", "accelerometer")).T
     vector[AT["gyro.matrix"]] = gyro.ravel()
     rates = record.gyro @ gyro
-    iron, hard, strength, axes = _ellipsoid(record, mag, vector, rates) or (*_turned(record, mag, rates), np.eye(3))
+    iron, hard, strength, axes = _ellipsoid(record, mag, rates) or (*_turned(record, mag, rates), np.eye(3))
     vector[AT["magnetometer.soft_iron"]], vector[AT["magnetometer.hard_iron"]] = iron.ravel(), hard / strength
     record.mag = record.mag / strength
     way, dip = followed(record, vector)
@@ -61,10 +60,8 @@ def started(record: Record, mag: np.ndarray) -> Start:
     return Start(vector, way, strength, (gyro, axes))
 
 
-def _ellipsoid(
-    record: Record, mag: np.ndarray, vector: np.ndarray, rates: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, float, np.ndarray] | None:
-    """Soft iron, hard iron, strength and axes; rotation, bias and delay come from the rates. None without an ellipsoid."""
+def _ellipsoid(record: Record, mag: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray] | None:
+    """Soft iron, hard iron, strength and axes. None without an ellipsoid."""
     there, rate = record.there, 1 / record.grid.step
     try:
         found = magnetometer.fit(mag[there], model="symmetric")
@@ -72,15 +69,11 @@ def _ellipsoid(
         return None
     if found.model is None or found.verdict == "refused":
         return None
-    readings, index = np.where(there[:, None], mag, np.nan), np.flatnonzero(there)
+    index = np.flatnonzero(there)
     fields = np.asarray(found.model.correct(mag[index]))
     fields = np.stack([np.interp(np.arange(len(mag)), index, x) for x in fields.T], axis=1)
     axes = axes_of(fields, rates, rate, ("gyroscope", "magnetometer"))
-    model = magnetometer.MagModel(np.asarray(found.model.soft_iron) @ axes, np.asarray(found.model.hard_iron))
-    turned, bias, delay = by_rates(readings, model, float(found.field), rates, rate)
-    vector[AT["gyro.bias"]] = vector[AT["gyro.matrix"]].reshape(3, 3) @ bias
-    vector[AT["mag_delay"]] = np.clip(delay, -0.045, 0.045) if np.isfinite(delay) else 0.0
-    return np.asarray(turned.soft_iron), np.asarray(turned.hard_iron), float(found.field), axes
+    return np.asarray(found.model.soft_iron) @ axes, np.asarray(found.model.hard_iron), float(found.field), axes
 
 
 def _turned(record: Record, mag: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

@@ -5,6 +5,7 @@ import functools
 import numpy as np
 import pytest
 import scipy.signal
+from scipy.spatial.transform import Rotation
 
 import jaxcal
 from jaxcal.device import fit, simulate
@@ -185,10 +186,15 @@ def test_a_stretch_beside_iron_is_named_and_left_out():
     assert np.abs(errors(found, true)).max() < 4.5
 
 
-def test_a_field_that_varies_with_the_place_is_said():
+def test_a_field_that_varies_with_the_place_and_a_loose_magnetometer_are_said():
+    log, true, motion, _ = free()
     found = fit(simulate(60.0, 50.0, seed=11, gradient=0.05)[0])
-    assert found.verdicts["magnetometer"] != "good"
-    assert "gradient" in found.codes
+    assert (found.verdicts["magnetometer"], "gradient" in found.codes) == ("weak", True)
+    # a mount of 6 Hz lags by the angular acceleration over the squared natural frequency
+    lag = Rotation.from_rotvec(motion.angular_acceleration / (2 * np.pi * 6.0) ** 2)
+    mag = true.magnetometer.measure(lag.apply(true.magnetometer.correct(log.mag)))
+    found = fit(jaxcal.Log(None, accel=log.accel, gyro=log.gyro, mag=np.asarray(mag), rate=50.0))
+    assert (found.verdicts["magnetometer"], "loose" in found.codes) == ("weak", True)
 
 
 def test_a_calibration_takes_the_sensors_and_corrects_the_log(tmp_path):
