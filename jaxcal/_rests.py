@@ -102,7 +102,7 @@ def _relative(x: np.ndarray, size: int, name: str) -> np.ndarray:
 
 
 def still_intervals(
-    readings: np.ndarray, rate: float, gyro: np.ndarray | None = None, multiples: tuple[float, ...] = tuple(range(2, 11))
+    readings: np.ndarray, rate: float, gyro: np.ndarray | None = None, multiples: tuple[float, ...] = tuple(map(float, range(2, 11)))
 ) -> StillIntervals:
     """Still intervals by the multiple in the middle of the longest range over which their number stays the same.
 

@@ -6,7 +6,6 @@ import itertools
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._arrays import skew
 from ..fitting import Chain
 from ..fitting._serial import BLOCKS, CHANCE, leave_out_pieces
 from ..imu._model import LEVEL
@@ -131,7 +130,8 @@ def lacks(found: Solution, record: Record, ratio: float) -> dict[str, float]:
     )
     force = np.diff(found.way.velocity, axis=0)[:, None, :, None] / record.time + np.array([[0.0], [0.0], [record.gravity]])
     pulls = (np.gradient(found.moved.rate, record.grid.step, axis=1)[:, :-1], (back @ force)[..., 0])
-    leaning = [-skew(back @ found.model.world_field) * by[..., None, :] for by in pulls]
+    seen = (back @ found.model.world_field)[..., None, :]
+    leaning = [np.swapaxes(np.cross(by[..., None] * np.eye(3), seen), 2, 3) for by in pulls]
     along = (np.arange(len(turn)) - (len(turn) - 1) / 2) / len(turn)
     scale = found.weight[..., None, None]
     terms = {"gradient": scale * (iron @ back @ fields), "loose": scale * (iron @ np.concatenate(leaning, axis=-1))}

@@ -152,10 +152,8 @@ def test_noise_is_that_which_was_asked_for():
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        ({"duration": 0.0}, "duration"),
         ({"rests": 60}, "do not fit"),
         ({"turns": "wild"}, "no tilt"),
-        ({"reach": -1.0}, "reach"),
         ({"accel_noise": -1.0}, "accel_noise"),
         ({"iron": (3.0, 2.0, 0.1)}, "iron"),
         ({"arm": (0.1, 0.2)}, "three finite lengths"),
