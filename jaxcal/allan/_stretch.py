@@ -22,7 +22,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
-from .._types import AnyArray
 from ._kernels._phase import BLOCK, aligned, running_sum_of_phase
 from ._kernels._route import by_blocks
 from ._kinds import Kind
@@ -43,8 +42,8 @@ class Points(NamedTuple):
     The samples count from the beginning of the stretch for points at its beginning, and from its end for points at its end.
     """
 
-    phase: AnyArray
-    lost: AnyArray
+    phase: np.ndarray
+    lost: np.ndarray
 
     @property
     def number(self) -> int:
@@ -66,11 +65,11 @@ class Level(NamedTuple):
     """Cluster sizes with starting points at every `stride`-th sample: `steps` of points each, ascending; points at both ends; sums."""
 
     stride: int
-    steps: AnyArray
+    steps: np.ndarray
     head: Points  # the first points, in the first frame
     tail: Points  # the last points, in the second frame
-    squares: AnyArray  # (sizes, channels) sums of squared differences
-    count: AnyArray  # (sizes, channels) number of differences that touch no gap
+    squares: np.ndarray  # (sizes, channels) sums of squared differences
+    count: np.ndarray  # (sizes, channels) number of differences that touch no gap
 
 
 class Stretch(eqx.Module):
@@ -78,10 +77,10 @@ class Stretch(eqx.Module):
 
     start: int | None  # position of its first sample, None if unknown
     samples: int
-    present: AnyArray  # (channels,) number of samples that are not missing
-    first_mean: AnyArray  # (channels,) means of the first and of the latest piece
-    mean: AnyArray
-    net: AnyArray  # (channels,) phase at the end in the first frame
+    present: np.ndarray  # (channels,) number of samples that are not missing
+    first_mean: np.ndarray  # (channels,) means of the first and of the latest piece
+    mean: np.ndarray
+    net: np.ndarray  # (channels,) phase at the end in the first frame
     levels: tuple[Level, ...]
     marks: tuple[Points, ...]  # for each cluster size, points that far apart in the first frame, from which the noise type follows
 
@@ -91,19 +90,19 @@ class Stretch(eqx.Module):
         return self.start or 0
 
     @property
-    def lost(self) -> AnyArray:
+    def lost(self) -> np.ndarray:
         """(channels,) number of missing samples."""
         return self.samples - self.present
 
 
-def strides(m: AnyArray, kind: Kind, exact: int) -> AnyArray:
+def strides(m: np.ndarray, kind: Kind, exact: int) -> np.ndarray:
     """Distance of the starting points: 1 up to `exact`, beyond it the largest divisor of m up to m/128; m if clusters do not overlap."""
     if not kind.overlapped:
         return m
     return np.array([1 if size <= exact else _divisor(size, size // PER_CLUSTER) for size in m.tolist()])
 
 
-def rounded(m: AnyArray, kind: Kind, exact: int) -> AnyArray:
+def rounded(m: np.ndarray, kind: Kind, exact: int) -> np.ndarray:
     """Cluster sizes, those beyond `exact` at a multiple of a power of two, so that they share strides."""
     step = 2 ** np.log2(np.maximum(m // PER_CLUSTER, 1)).astype(np.int64)
     return np.where((m > exact) & kind.overlapped, m // step * step, m)
@@ -123,7 +122,7 @@ def reach_of(kind: Kind, steps: Any) -> Any:
     return kind.difference * steps - (1 if kind.modified else 0)
 
 
-def new_stretch(m: AnyArray, stride: AnyArray, channels: int, start: int | None) -> Stretch:
+def new_stretch(m: np.ndarray, stride: np.ndarray, channels: int, start: int | None) -> Stretch:
     """A stretch without samples, for ascending cluster sizes."""
 
     def begun(step: int) -> Points:
@@ -139,7 +138,7 @@ def new_stretch(m: AnyArray, stride: AnyArray, channels: int, start: int | None)
     return Stretch(start, 0, zero.astype(np.int64), zero, zero, zero, tuple(levels), tuple(begun(size) for size in m.tolist()))
 
 
-def lengthened(kind: Kind, m: AnyArray, old: Stretch, samples: np.ndarray, run: Callable, workers: int) -> Stretch:
+def lengthened(kind: Kind, m: np.ndarray, old: Stretch, samples: np.ndarray, run: Callable, workers: int) -> Stretch:
     """The stretch with up to PIECE more samples, (w, channels); `run` maps a function over channels, or over parts of a single one."""
     width, channels = samples.shape
     over, within = (run, map) if channels > 1 else (map, run)
@@ -179,7 +178,7 @@ def lengthened(kind: Kind, m: AnyArray, old: Stretch, samples: np.ndarray, run: 
     )  # fmt: skip
 
 
-def _further(head: Points, new: Points, most: int, net: AnyArray, drift: AnyArray, step: AnyArray, lost: AnyArray) -> Points:
+def _further(head: Points, new: Points, most: int, net: np.ndarray, drift: np.ndarray, step: np.ndarray, lost: np.ndarray) -> Points:
     """First points of a stretch, with new ones as long as there are fewer than `most`."""
     some = slice(0, max(most - head.number, 0))
     return head.followed(new.cut(some).moved(net, drift, step[some], lost)) if some.stop else head
@@ -251,7 +250,7 @@ def _by_slices(kind: Kind, steps, points: Points, first, number) -> tuple[np.nda
     return squares, count
 
 
-def side_by_side(kind: Kind, m: AnyArray, a: Stretch, b: Stretch) -> Stretch:
+def side_by_side(kind: Kind, m: np.ndarray, a: Stretch, b: Stretch) -> Stretch:
     """Merge two neighbouring stretches into one."""
     border, drift = a.origin + a.samples, b.first_mean - a.first_mean
     ends = -b.net - (b.first_mean - b.mean) * b.samples  # phase at the border in the second frame of `b`
