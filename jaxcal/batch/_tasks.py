@@ -15,6 +15,7 @@ from .._answer import Finding, Number, Result, Results, ordered, plain
 from .._errors import DataError, UnitError
 from .._log import Log
 from .._message import Message
+from ..evidence._values import at_own_rate
 from ..io._suited import unsuited
 from ._findings import FINDINGS
 
@@ -63,7 +64,7 @@ def deviations(log: Log, name: str = "", **options: Any) -> Results[Any]:
     found = {}
     for sensor in ("gyro", "accel", "mag"):
         if (values := getattr(log, sensor)) is not None:
-            result = deviation(values.reshape(len(values), -1), log.rate, **options)
+            result = deviation(*at_own_rate(values.reshape(len(values), -1), log.rate), **options)
             found |= {f"{name or sensor}_{'xyz'[axis]}": result.channel(axis) for axis in range(result.deviation.shape[1])}
     if not found:
         said = "the log holds neither gyroscope, accelerometer nor magnetometer; name their columns with {option.columns}"
@@ -120,6 +121,8 @@ def answer_of(result: Any, log: Log) -> Answer:
 def perform(task: Any, log: Log, options: dict[str, Any]) -> dict[str, Any]:
     """Perform the task: the result as in JSON, its numbers, and findings."""
     if isinstance(task, str):
+        still = task in ("noise", "allan")
+        log = log.cleaned(still, () if still else ("clipped",))
         if wrong := unsuited(task, log, str(log.provenance.get("file", "LOG"))):
             raise DataError(wrong, code="unsuited")
         document, found, said = TASKS[task][0](log, **options)

@@ -128,15 +128,18 @@ def psd(
         import numpy as np
 
         from .._arrays import longest_run
+        from ..evidence._values import at_own_rate
 
         found, refused = {}, []
         for channel, values in recording.channels().items():
             if channel.partition("_")[0] in ("gyro", "accel", "mag"):
+                values, rate = at_own_rate(values[:, None], recording.rate)
+                values = values[:, 0]
                 if "set_aside" in recording.codes:  # a spectrum needs a record without gaps
                     first, last = longest_run(np.isfinite(values))
                     values = values[first:last]
                 try:
-                    found[channel] = jaxcal.spectrum.density(values, recording.rate, **options)
+                    found[channel] = jaxcal.spectrum.density(values, rate, **options)
                 except jaxcal.DataError as error:
                     if not isinstance(error.args[0], Finding):
                         raise error.of(channel) from error

@@ -102,6 +102,30 @@ def masked(one: Stretch, values: np.ndarray, rate: float) -> np.ndarray:
     return out
 
 
+def at_own_rate(values: np.ndarray, rate: float) -> tuple[np.ndarray, float]:
+    """The readings (m, axes) of a sensor that is slower than the log, and its own rate; those of any other sensor as they are.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.evidence._values import at_own_rate
+    >>> slow = np.full((12, 1), np.nan)
+    >>> slow[[0, 3, 9]] = 1.0
+    >>> found, rate = at_own_rate(slow, 30.0)
+    >>> found[:, 0].tolist(), rate
+    ([1.0, 1.0, nan, 1.0], 10.0)
+    """
+    there = np.flatnonzero(np.isfinite(values).any(axis=1))
+    steps = np.diff(there)
+    if len(there) < 3 or np.median(steps) < 2:
+        return values, rate
+    usual = float(steps[steps <= 1.5 * np.min(steps)].mean())
+    slot = np.concatenate([[0], np.cumsum(np.maximum(np.round(steps / usual), 1.0))]).astype(int)
+    out = np.full((slot[-1] + 1, values.shape[1]), np.nan)
+    out[slot] = values[there]
+    return out, rate / usual
+
+
 def _between(at: np.ndarray, rate: float) -> tuple[float, float]:
     return float(at[0] / rate), float((at[-1] + 1) / rate)
 

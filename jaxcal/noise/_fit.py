@@ -13,6 +13,7 @@ from .._quality import refuse_other_than_samples
 from .._types import Any
 from ..evidence import bursts
 from ..evidence._find import ranges
+from ..evidence._values import at_own_rate
 from ._axes import findings_of_axes
 from ._checks import channels_of, checked_call, findings_of_checks, naming, without
 from ._curvefit import fit_curve
@@ -167,11 +168,13 @@ def characterise(
     for names in sensors.values():
         report(len(fits), len(channels), names[0])
         sensor = names[0].partition("_")[0]
-        values, aside = log.usable(sensor), ranges(log.evidence, sensor, log.rate)
-        fitted = _fit(values, log.rate, method, terms, confidence, band, tuple(names), temperature, aside)
+        values, own = at_own_rate(log.usable(sensor), log.rate)
+        aside = ranges(log.evidence, sensor, own)
+        warmth = temperature if own == log.rate else None  # it is known at the samples of the log
+        fitted = _fit(values, own, method, terms, confidence, band, tuple(names), warmth, aside)
         found = dict(zip(names, fitted, strict=True))
         if len(names) > 1:
-            said = findings_of_axes(without(values, aside), log.rate, found)
+            said = findings_of_axes(without(values, aside), own, found)
             found[names[0]] = replaced(found[names[0]], findings=(*found[names[0]].findings, *said))
         fits |= found
     report(len(channels), len(channels), "")

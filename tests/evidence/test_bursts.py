@@ -177,3 +177,11 @@ def test_a_dead_axis_costs_only_itself():
         found = jaxcal.temperature.characterise(jaxcal.Log(made.time, gyro=gyro, temperature=made.temperature))
     assert sorted(found) == ["gyro_x", "gyro_z"]
     assert [one.subject for one in found.findings if one.code == "constant"] == [("gyro_y",)]
+
+
+def test_noise_of_a_slow_sensor_is_that_of_its_own_readings():
+    y = np.random.default_rng(14).normal(size=(3000, 3)) * 1e-7 + [2e-5, 0.0, 4e-5]
+    log = jaxcal.Log(None, mag=np.repeat(y, 20, axis=0), rate=200.0)
+    found, own = jaxcal.noise.characterise(log), jaxcal.noise.fit(y, 10.0)
+    for axis, name in enumerate(("mag_x", "mag_y", "mag_z")):
+        assert float(found[name].noise.N) == pytest.approx(float(own.noise.N[axis]), rel=1e-6)
