@@ -44,7 +44,7 @@ class Comparison(Result):
     Examples
     --------
     >>> import jaxcal
-    >>> record = jaxcal.noise.Noise(N=1e-3, K=1e-3).simulate(20_000, rate=100.0, seed=0)
+    >>> record = jaxcal.noise.Noise(N=1e-3, K=1e-3).simulate(20_000, rate=100.0, seed=1)
     >>> found = jaxcal.noise.compare(record, 100.0)
     >>> found.names[0], found.names[-1]
     ('K', 'white')

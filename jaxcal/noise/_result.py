@@ -192,7 +192,7 @@ class NoiseFits(Results[NoiseFit]):
     >>> gyro = jaxcal.noise.Noise(N=[1e-4, 1e-4, 2e-4]).simulate(5000, rate=100.0, seed=0)
     >>> fits = jaxcal.noise.characterise(jaxcal.Log(None, gyro=gyro, rate=100.0))
     >>> fits.verdict, fits.headline, fits.gyro_x.presence["N"]
-    ('good', 'N to 2.9 % on every axis', 'present')
+    ('good', 'N to 3.9 % on every axis', 'present')
     """
 
     _figure = ("allan", False)
