@@ -23,11 +23,12 @@ from .._frozen import replaced
 from .._message import Message
 from .._types import AnyArray
 from ..allan import Deviation
+from ..allan._uncertainty._edf import interval_factors
 from ._checks import Asked
 from ._covariance import covariance_tensor
 from ._findings import FINDINGS, of_curve, of_model
 from ._likelihood import inverse, nonnegative
-from ._limits import chance, levels_of, wald
+from ._limits import Limits, chance, levels_of, wald
 from ._result import NoiseFit, assemble, with_edf
 from ._terms import Term
 
@@ -107,7 +108,7 @@ def _jointly(curve: Deviation, data: _Curve, used: AnyArray, unit: float, sample
     inflation = max(fitted.misfit / fitted.freedom, 1.0) if goodness < _WIDENED else 1.0
     covariance = covariance * inflation
     fit = assemble(
-        theta, covariance, wald(theta, covariance, *levels_of(confidence)), terms, curve, samples / curve.rate, goodness=goodness,
+        theta, covariance, _limits_of(theta, covariance, confidence), terms, curve, samples / curve.rate, goodness=goodness,
         used=used, confidence=confidence, method="gls", band=(np.min(curve.tau[used]), np.max(curve.tau[used])), findings=(
             *getattr(curve, "findings", ()), *of_model(0.0 if holds else inflation, float(curve.tau[used].min()) if cut else None),
             *(() if fitted.settled else (FINDINGS("unsettled"),)), *of_curve(curve),
@@ -116,6 +117,14 @@ def _jointly(curve: Deviation, data: _Curve, used: AnyArray, unit: float, sample
     variance = np.diagonal(_covariance(data, np.append(theta / unit, 0.0)))
     edf = 2.0 * (data.columns[:, :p] @ theta / unit) ** 2 / np.where(used & (variance > 0.0), variance, 1.0)
     return replaced(fit, deviation=with_edf(curve, used, edf))
+
+
+def _limits_of(theta: AnyArray, covariance: AnyArray, confidence: float) -> Limits:
+    """Limits of a normal law downwards; upwards at least those of a chi-square of the same relative error, which is skewed."""
+    found, variance = wald(theta, covariance, *levels_of(confidence)), np.diagonal(covariance)
+    edf = np.maximum(2.0 * theta**2 / np.where(variance > 0.0, variance, np.inf), 1.0)
+    (_, both), (_, one) = (interval_factors(edf, level) for level in (confidence, 2.0 * confidence - 1.0))
+    return found._replace(high=np.maximum(found.high, theta * both**2), upper=np.maximum(found.upper, theta * one**2))
 
 
 def _banded(data: _Curve, octave: AnyArray, used: AnyArray, whole: _Fitted) -> tuple[AnyArray, bool, bool, _Fitted]:

@@ -21,6 +21,8 @@ from ._result import NoiseFit, NoiseFits, stacked
 from ._terms import Term
 from ._whittle import fit_axes
 
+_AXES = 3  # most channels that are axes of one sensor, which a knock or a warm-up changes together
+
 
 def fit(
     y: Any,
@@ -99,6 +101,9 @@ def _fit(y, rate, method, terms, confidence, band, names=(), temperature=None, a
     refuse_other_than_samples(y)
     y = y if is_traced(y) else real_numbers(y, "the record")
     names = names or (tuple(f"channel {i}" for i in range(np.shape(y)[1])) if np.ndim(y) == 2 else ("",))
+    if len(names) > _AXES and not is_traced(y):  # these are no axes of one sensor
+        parts = [_fit(y[:, i], rate, method, terms, confidence, band, names[i : i + 1], temperature, aside) for i in range(len(names))]
+        return [one for (one,) in parts]
     asked = checked_call(y, rate, method, terms, confidence, band, temperature, names)
     records, fits = channels_of(y, names), []
     if aside is None:
