@@ -65,7 +65,7 @@ def timeline(stretches: Iterable[Stretch]) -> list[str]:
     >>> from jaxcal.evidence import Stretch
     >>> from jaxcal.evidence._findings import timeline
     >>> timeline([Stretch("knock", "gyro", (0,), 49.9, 50.7), Stretch("knock", "accel", (2,), 49.9, 51.1)])
-    ['knock (gyro, accel): 2 s at 0:49']
+    ['knock (gyro, accel): 2 s from 0:49']
     """
     kinds: dict[str, list[Stretch]] = {}
     for one in stretches:
@@ -78,7 +78,9 @@ def timeline(stretches: Iterable[Stretch]) -> list[str]:
         times = ", ".join(dict.fromkeys(clock(one.start) for one in sorted(longest, key=lambda one: one.start)))
         more = f" and {len(found) - _NAMED} times more" if len(found) > _NAMED else ""
         total = sum(one.stop - one.start for one in found)
-        lines.append((total, f"{kind.replace('_', '-')}{f' ({sensors})' * bool(sensors)}: {total:.3g} s at {times}{more}"))
+        # these are scattered between start and stop
+        long = f"{sum(one.samples for one in found)} readings" if kind in ("held", "zeroed", "clipped") else f"{total:.3g} s"
+        lines.append((total, f"{kind.replace('_', '-')}{f' ({sensors})' * bool(sensors)}: {long} from {times}{more}"))
     return [line for _, line in sorted(lines, key=lambda one: -one[0])]
 
 
