@@ -249,7 +249,8 @@ def solved(
         p[_DIP] = -np.arcsin(np.clip(np.mean(np.sum(y * data.up, axis=1)[data.paired]), -0.999, 0.999))
     lag, spread, sigma, converged = np.zeros(4), _SOFT, np.full(2, max(noise, _LEAST)), False
     turned = np.inf if at.heading is not None else _SYMMETRIC if data.kind == "none" else _TURNED
-    for turn in range(rounds):
+    turn = 0
+    while True:
         if data.kind == "rates" and (turn == 0 or np.any(p[_LAG])):
             lag, p[_LAG] = lag + p[_LAG], 0.0
             data.turned(lag)
@@ -276,12 +277,9 @@ def solved(
             turned = _learnt(odd @ p[_C], np.sqrt(np.diag(odd @ inverse[:9, :9] @ odd.T)), _TURNED)
         if not np.isfinite(p).all() or not np.isfinite(sigma).all():
             break
-        import os
-
-        if os.environ.get("DBG"):
-            print(turn, np.abs(step / error).max(), np.argmax(np.abs(step / error)), sigma, short)
         converged = bool(turn > 2 and np.abs(step / error).max() < _SETTLED and np.abs(sigma / last - 1).max() < 0.01)
-        if converged:
+        turn += 1
+        if converged or turn == rounds:
             break
     # a matrix that mirrors is no sensor: the attitudes contradict the readings
     good = bool(np.isfinite(p).all() and np.isfinite(sigma).all() and np.linalg.det(p[_C].reshape(3, 3)) > 0)

@@ -241,14 +241,14 @@ def fitted(
         raise DataError(f"{count} readings with the {NAMES[source]} are left; at least {FEWEST} are needed.", code="few_readings")
     u = frame.scaled(x)
     at = Attitudes(up, heading, at.gyro, at.rate, rows if at.gyro is not None else None)
-    usable = first.model is not None and first.plane is None and first.verdict != "refused"
-    if usable:
-        matrix = np.asarray(first.model.soft_iron) * first.field / frame.scale
-        centre = (np.asarray(first.model.hard_iron) - frame.centre) / frame.scale
+    model = first.model if first.plane is None and first.verdict != "refused" else None
+    if model is not None:
+        matrix = np.asarray(model.soft_iron) * first.field / frame.scale
+        centre = (np.asarray(model.hard_iron) - frame.centre) / frame.scale
     else:
         matrix, centre = _round(u, INCLINATION if dip is None else dip)
     y = unit((u - centre) @ np.linalg.inv(matrix).T)
-    axes = _axes(y, at, INCLINATION if dip is None else dip, usable)
+    axes = _axes(y, at, INCLINATION if dip is None else dip, model is not None)
     if any(one.severity == FATAL for one in by_axes(axes, 0.0 if dip is None else float(np.sign(dip)))):
         return None, frame, axes
     base = np.eye(3) if axes is None else axes.turn

@@ -77,7 +77,7 @@ def _cause(name: str, jacobian: np.ndarray, span: np.ndarray, part: np.ndarray, 
     coefficients = np.linalg.lstsq(free / size, calm, rcond=1e-9)[0] / size
     rest = calm - free @ coefficients
     gain = len(left) / correlation_time(rest) * np.log(np.sum(calm**2) / np.sum(rest**2))
-    chance = chi_square_tail(float(gain), part.shape[1])
+    chance = float(chi_square_tail(float(gain), part.shape[1]))
     if not chance < _CHANCE:
         return None
     length = np.linalg.norm(jacobian, axis=0)
