@@ -114,7 +114,7 @@ def _lagged(times: AnyArray, values: AnyArray, lag: float, t: AnyArray) -> AnyAr
             state = keep * state + (1.0 - keep) * value
             followed[i] = state
         values = followed
-    return np.interp(t, times, values)[:, None]
+    return np.asarray(np.interp(t, times, values))[:, None]
 
 
 @functools.lru_cache(maxsize=8)
@@ -135,7 +135,7 @@ def _shapes(n: int, most: int, dt: float) -> dict[str, tuple[list[Change], AnyAr
 
 def _ordinates_of(low: _Low, changes: Sequence[Change]) -> AnyArray:
     values = np.stack([change.columns(low.times) for change in changes], axis=1)
-    return np.moveaxis(low.transform(values), 0, 1)
+    return np.moveaxis(np.asarray(low.transform(values)), 0, 1)
 
 
 def _ratios(record: AnyArray, density: AnyArray, x: AnyArray) -> AnyArray:
@@ -206,7 +206,7 @@ def find_changes(
         for level in (_densities(bases, slows, fitted), bases):
             rests = [_residual(record, held, one) for record, one in zip(records, level, strict=True)]
             for family, (_, x) in shapes.items():
-                ratios = sum(_ratios(rest, one, x) for rest, one in zip(rests, level, strict=True))
+                ratios = np.sum([_ratios(rest, one, x) for rest, one in zip(rests, level, strict=True)], axis=0)
                 best = int(np.argmax(ratios))
                 if ratios[best] > min(levels[family], instead[0]):
                     tried[family, best] = levels[family]

@@ -180,13 +180,15 @@ def without(y: Any, aside: Sequence[tuple[int, int]]) -> Any:
 
 
 def findings_of_checks(y: Any, asked: Asked, n_squared: float, aside: Sequence[tuple[int, int]]) -> list[Finding]:
-    """What was set aside, and the resolution of a record, where it matters beside its noise. `n_squared` is N^2 of the fit."""
-    found = []
-    if lost := sum(last - first for first, last in aside):
+    """What was set aside or is missing, and the resolution, where it matters beside the noise. `n_squared` is N^2 of the fit."""
+    found, lost = [], sum(last - first for first, last in aside)
+    if lost:
         part = lost / len(y)
         severity = CAUTION if part > _MUCH else NOTE
         first = aside[0][0] / asked.rate
         found.append(FINDINGS("set_aside", severity=severity, cost=part, length=lost / asked.rate, share=100 * part, first=first))
+    if gone := int(np.isnan(y).sum()) - lost:
+        found.append(FINDINGS("gaps", cost=gone / len(y), share=100 * gone / len(y)))
     step, white = resolution(y)
     share = step**2 / asked.rate / 12.0 / n_squared if n_squared > 0.0 else 0.0
     if white < _HIDDEN * step:

@@ -26,7 +26,7 @@ from ..allan import Deviation
 from ..allan._uncertainty._edf import interval_factors
 from ._checks import Asked
 from ._covariance import covariance_tensor
-from ._findings import FINDINGS, of_curve, of_model
+from ._findings import FINDINGS, of_model
 from ._likelihood import inverse, nonnegative
 from ._limits import Limits, chance, levels_of, wald
 from ._result import NoiseFit, assemble, with_edf
@@ -111,7 +111,7 @@ def _jointly(curve: Deviation, data: _Curve, used: AnyArray, unit: float, sample
         theta, covariance, _limits_of(theta, covariance, confidence), terms, curve, samples / curve.rate, goodness=goodness,
         used=used, confidence=confidence, method="gls", band=(np.min(curve.tau[used]), np.max(curve.tau[used])), findings=(
             *getattr(curve, "findings", ()), *of_model(0.0 if holds else inflation, float(curve.tau[used].min()) if cut else None),
-            *(() if fitted.settled else (FINDINGS("unsettled"),)), *of_curve(curve),
+            *(() if fitted.settled else (FINDINGS("unsettled"),)),
         ),
     )  # fmt: skip
     variance = np.diagonal(_covariance(data, np.append(theta / unit, 0.0)))

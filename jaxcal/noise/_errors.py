@@ -28,13 +28,14 @@ from ._ordinates import Bins
 
 _BLOCKS = (10, 5, 2)  # blocks of the record; fewer ones see slower changes of the level
 _CHANCES = (0.1, 0.02)  # chances of a larger scatter of stationary noise between which a factor grows from one to its full size
+_NAMED = 1e-3  # chance of a larger scatter below which a part of the record is named; at 0.02, one of six stationary records named one
 #: share of the information on a coefficient that the ordinates used must hold; ordinates that are used at least; independent energies that
 #: a block must hold; with fewer, its energy follows no known law
 _ENOUGH, _FEWEST, _INDEPENDENT = 0.95, 64, 1.0
 
 
 class Widening(NamedTuple):
-    """Factors (p,) on the variances of the coefficients, and the part of the record (0 to 1) with the most evidence for each, or None."""
+    """Factors (p,) on the variances of the coefficients; the part of the record (0 to 1) with the most evidence of each, or None."""
 
     factor: AnyArray
     loudest: list[tuple[float, float] | None]
@@ -66,7 +67,8 @@ def widening(bins: Bins, unit: float, theta: AnyArray, names: tuple[str, ...], s
         for row, j in enumerate(there):
             if found[row] > factor[j]:
                 part = int(np.argmax(influence[row]))
-                factor[j], loudest[j] = found[row], (part / blocks, (part + 1) / blocks)
+                named = spread[row] > 2.0 * scipy.special.gammainccinv(freedom[row] / 2.0, _NAMED) / freedom[row]
+                factor[j], loudest[j] = found[row], (part / blocks, (part + 1) / blocks) if named else None
     return Widening(factor, loudest)
 
 

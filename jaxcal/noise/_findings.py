@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from .._answer import CAUTION, NOTE, Finding, Kind, Quantity, table
-from ..allan import Deviation
 from ._changes import Change, Changes
 from ._errors import Widening
 from ._rival import Rival
@@ -75,21 +74,12 @@ def of_model(misfit: float, shortest: float | None) -> list[Finding]:
     return found if shortest is None else [*found, FINDINGS("band", cost=_SLOW, shortest=shortest)]
 
 
-def of_record(y: Any, lines: Sequence[tuple[float, float]]) -> list[Finding]:
-    """Missing samples, and the (amplitude, frequency) of spectral lines."""
-    lost, found = 100.0 * float(np.isnan(y).mean()), []
-    if lost:
-        found.append(FINDINGS("gaps", cost=lost / 100.0, share=lost))
-    if lines:
-        shown = ", ".join(f"{frequency:.3g}" for _, frequency in lines[:_MOST_LINES]) + " and more" * (len(lines) > _MOST_LINES)
-        found.append(FINDINGS("lines", cost=_SLOW, frequencies=shown))
-    return found
-
-
-def of_curve(curve: Deviation) -> list[Finding]:
-    """Missing samples, by the largest share of differences at a cluster time that they touch."""
-    lost = 100.0 * float(np.max(curve.skipped / (curve.skipped + curve.count)))
-    return [FINDINGS("gaps", cost=lost / 100.0, share=lost)] if lost else []
+def of_lines(lines: Sequence[tuple[float, float]]) -> list[Finding]:
+    """The (amplitude, frequency) of spectral lines."""
+    if not lines:
+        return []
+    shown = ", ".join(f"{frequency:.3g}" for _, frequency in lines[:_MOST_LINES]) + " and more" * (len(lines) > _MOST_LINES)
+    return [FINDINGS("lines", cost=_SLOW, frequencies=shown)]
 
 
 def of_changes(changes: Sequence[Change], factors: Any, covariance: Any, unit: str) -> list[Finding]:
@@ -131,7 +121,7 @@ def of_doubts(doubts: Sequence[str], rival: Rival, changes: Changes) -> list[Fin
 def of_widening(wider: Widening, names: Sequence[str], duration: float) -> list[Finding]:
     """The coefficient whose evidence is most uneven in time, white noise before slow noise."""
     for what, terms, severity in (("white noise", "N", CAUTION), ("slow noise", "BK", NOTE)):
-        told = [(wider.factor[i], wider.loudest[i]) for i, name in enumerate(names) if name in terms and wider.loudest[i] is not None]
+        told = [(wider.factor[i], part) for i, part in enumerate(wider.loudest) if names[i] in terms and part is not None]
         factor, part = max(told, key=lambda one: one[0], default=(1.0, (0.0, 1.0)))
         if factor > _UNEVEN**2:
             start, stop, factor = part[0] * duration, part[1] * duration, float(np.sqrt(factor))

@@ -33,10 +33,10 @@ class Limits(NamedTuple):
 
     def reaching(self, index: int, low: float, high: float, upper: float) -> "Limits":
         """The limits, of which those of one term also contain the given ones."""
-        found = [np.array(self.low), np.array(self.high), np.array(self.upper)]
-        for ends, value, further in zip(found, (low, high, upper), (min, max, max), strict=True):
+        own = [np.array(self.low), np.array(self.high), np.array(self.upper)]
+        for ends, value, further in zip(own, (low, high, upper), (min, max, max), strict=True):
             ends[index] = further(ends[index], value)
-        return Limits(*found, self.significance)
+        return Limits(own[0], own[1], own[2], self.significance)
 
 
 @functools.cache

@@ -109,7 +109,7 @@ class Observed:
         if self._whole is not None:
             return self._whole._replace(columns=columns)
         lost, kept = np.zeros(n - 1), min(n - 1, _REGRESSED)
-        if len(self._open):
+        if self._transformed is None:
             kept = n - 1
             if density is None:
                 level, z = np.ones(1), without_gaps(np.where(np.isnan(self.y)[:, None], np.nan, self._given))

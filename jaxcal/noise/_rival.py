@@ -88,7 +88,7 @@ def _columns(
 ) -> tuple[AnyArray, AnyArray]:  # fmt: skip
     """Columns of the rival, with corners that end so many octaves below the band, and coefficients to start from."""
     used, frequency = bins.weight > 0, bins.frequency
-    corners = np.exp2(np.arange(np.log2(0.25 / duration), np.log2(frequency[used].max()) - octaves + 1e-9))
+    corners = np.exp2(np.arange(float(np.log2(0.25 / duration)), float(np.log2(frequency[used].max())) - octaves + 1e-9))
     walk = BUILT_IN["K"].psd(frequency, dt)
     slow = [walk / walk.max(), *(_relaxation(corner, frequency, dt) for corner in corners)]
     start = np.concatenate([theta[kept], np.full(len(slow), np.mean(bins.density[used]) / len(slow))])

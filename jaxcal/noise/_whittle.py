@@ -90,6 +90,7 @@ def _parts(terms: tuple[Term, ...]) -> Parts:
 def _described(y: AnyArray, parts: Parts, asked: Asked) -> Described:
     """The record under the terms of a fixed shape; a ramp that is asked for is taken out."""
     dt = 1.0 / asked.rate
+    y = np.asarray(y)
     observed = Observed(y, dt)
     solved = solve(observed, parts.base, asked.band)
     if not parts.ramps:
@@ -146,7 +147,7 @@ def _result(model: Described, parts: Parts, asked: Asked) -> NoiseFit:
     duration, unit = len(observed.y) * dt, float(solved.bins.unit)
     wider = widening(fitted.bins, unit, fitted.theta, names, observed.spectrum() * np.sqrt(dt))
     covariance, limits = uncertainty(fitted, wider.factor, *levels_of(asked.confidence), names)
-    scale = wider.factor[names.index("N")] if "N" in names else 1.0
+    scale = float(wider.factor[names.index("N")]) if "N" in names else 1.0
     rival = rival_of(fitted, names, dt, duration, levels_of(asked.confidence), scale)
     limits, doubts = _beside(limits, names, rival, model.changes)
     curve = asked.deviation(observed.drawn if model.changes.fitted else observed.filled)
@@ -186,7 +187,7 @@ def _said(fit: NoiseFit, model: Described, wider: Widening, rival: Rival, doubts
         *getattr(fit.deviation, "findings", ()),
         *_findings.of_model(float(fitted.misfit), shortest),
         *(() if bool(fitted.settled) else (_findings.FINDINGS("unsettled"),)),
-        *_findings.of_record(observed.y, _lines(model)),
+        *_findings.of_lines(_lines(model)),
         *_findings.of_changes(model.changes.fitted, observed.factors, observed.covariance, sensor or "ratio"),
         *_findings.of_widening(wider, model.solved.names, duration),
         *_findings.of_doubts(doubts, rival, model.changes),
