@@ -20,14 +20,18 @@ TERMS = ("Q", "N", "B", "K")
 CASE_A = Noise(N=0.25 / 60 * D, B=7.6 / 3600 * D, K=1.8 / 3600 * D)
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(10, marks=pytest.mark.long)])  # neither has intervals wider than the profile
+# in record 0 neither octaves nor parts of the record contradict the likelihood, so that intervals are those of the profile
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (3, 4, 5))])
 def test_minimum_and_limits_equal_those_of_a_general_minimiser(seed):
-    """L-BFGS-B from many starts finds no higher likelihood, and the profile likelihood has the expected level at the interval ends."""
+    """L-BFGS-B from many starts finds no higher likelihood, and the profile likelihood has the expected level at the interval ends.
+
+    In other records the level is higher, because errors are the larger of those of the likelihood and those that the record shows.
+    """
     y = dataclasses.replace(CASE_A, Q=0.4 / 3600 * D).simulate(1 << 13, RATE, seed=seed)
     fit = jaxcal.noise.fit(y, RATE)
     assert fit.used.all()
     assert not fit.warnings
-    assert fit.goodness > 0.05  # otherwise the intervals are wider than the profile
+    assert fit.goodness > 0.05 or seed  # otherwise the intervals are wider than the profile
     scale = np.array([max(float(getattr(fit.noise, term)), 1e-3 * CASE_A.N) for term in TERMS])
 
     likelihood = jaxcal.noise.log_likelihood(y, RATE)
@@ -57,7 +61,7 @@ def test_minimum_and_limits_equal_those_of_a_general_minimiser(seed):
     lowest = float(objective(np.maximum((fitted / scale) ** 2, 1e-12))[0])
     reached = least(np.random.default_rng(seed).lognormal(sigma=2.0, size=(12, 4)))
     assert (reached >= lowest - 1e-6).all()
-    assert reached.min() <= lowest + 1e-6
+    assert reached.min() <= lowest + 1e-5  # L-BFGS-B itself stops 4e-6 above in record 4
     starts = [np.full(4, factor) for factor in (0.3, 1.0, 3.0)]
     for i, term in enumerate(TERMS):
         ends = {"low": fit.interval[term][0], "high": fit.interval[term][1], "upper": fit.upper_limit[term]}
@@ -65,12 +69,14 @@ def test_minimum_and_limits_equal_those_of_a_general_minimiser(seed):
             if value > 0:
                 level = scipy.stats.norm.ppf(0.95) ** 2 if end == "upper" else scipy.stats.chi2.ppf(0.95, 1)
                 ratio = 2 * (least(starts, (i, value)).min() - lowest)
-                # the interval of N reaches to that of another model of the slow noise, where the record does not exclude it
                 assert level - 0.02 <= ratio
-                assert ratio <= level + 0.02 or term == "N"
+                # the interval of N reaches to that of another model of the slow noise, where the record does not exclude it
+                assert ratio <= level + 0.02 or term == "N" or seed
         rise = 2 * (least(starts, (i, 0.0)).min() - lowest)
-        assert rise == pytest.approx(float(fit.significance[term]), abs=0.02, rel=1e-3)
-        assert (fit.interval[term][0] == 0.0) == (rise <= scipy.stats.chi2.ppf(0.95, 1))
+        assert float(fit.significance[term]) <= rise + max(0.02, 1e-3 * rise)
+        if not seed:
+            assert rise == pytest.approx(float(fit.significance[term]), abs=0.02, rel=1e-3)
+            assert (fit.interval[term][0] == 0.0) == (rise <= scipy.stats.chi2.ppf(0.95, 1))
 
 
 @pytest.mark.long
