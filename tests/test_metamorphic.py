@@ -176,7 +176,7 @@ def ball():
     return model.measure(47.0 * u / np.linalg.norm(u, axis=1, keepdims=True)) + 0.2 * rng.standard_normal((400, 3))
 
 
-@pytest.mark.parametrize("method", ["ml", "constrained", "li_griffiths"])
+@pytest.mark.parametrize("method", ["ml", "constrained"])
 def test_magnetometer(ball, method):
     """The readings lie on an ellipsoid; moving, rotating or scaling them does the same to its centre and its matrix."""
     options = {"method": method, "model": "symmetric"}

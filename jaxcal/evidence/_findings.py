@@ -90,7 +90,7 @@ def clock(seconds: float) -> str:
     Examples
     --------
     >>> from jaxcal.evidence._findings import clock
-    >>> clock(49.9), clock(7054)
+    >>> clock(49.9), clock(7054.0)
     ('0:49', '1:57:34')
     """
     minutes, rest = divmod(int(seconds), 60)

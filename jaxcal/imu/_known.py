@@ -10,7 +10,7 @@ import scipy  # loads its parts when they are first used
 
 from .._answer import Finding, Message, Result, Section, by_axis
 from .._errors import DataError
-from .._precision import host_float64
+from .._precision import host_float64, real_numbers
 from .._types import AnyArray
 from .._units import on_earth
 from ..fitting import Estimate, covariance, identifiability, information, solve
@@ -137,10 +137,7 @@ def _triad_of(
 
 def _readings_of(values: Any, name: str) -> np.ndarray:
     """Return the values as a (k, 3) array of finite numbers, or refuse them."""
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DataError(f"{name} does not hold numbers; give an array of shape (k, 3)", code="shapes") from error
+    array = real_numbers(values, name)
     if array.ndim != 2 or array.shape[1] != 3 or not len(array):
         raise DataError(f"{name} has shape {array.shape}; expected (k, 3), one row a position", code="shapes")
     if not np.isfinite(array).all():

@@ -63,7 +63,9 @@ class _Fitted(NamedTuple):
 
 def fit_curve(y: AnyArray, asked: Asked) -> NoiseFit:
     """Fit the overlapped Allan deviation of one channel by the method asked for."""
-    return fit_deviation(asked.deviation(y), len(y), asked.terms, asked.inside, asked.band is None, asked.method, asked.confidence)
+    curve = asked.deviation(y)
+    inside = asked.inside[np.isin(asked.m, curve.m)]  # gaps may leave no difference at the largest cluster sizes
+    return fit_deviation(curve, len(y), asked.terms, inside, asked.band is None, asked.method, asked.confidence)
 
 
 def fit_deviation(

@@ -144,7 +144,7 @@ def scoring(columns: Any, target: Any, weight: Any, start: Any, base: Any = None
     """
     used = weight > 0
     base = np.zeros(np.sum(used)) if base is None else base[used]
-    x, p, weight = columns[used], np.maximum(target[used], np.finfo(float).tiny ** 0.5), weight[used]
+    x, p, weight = columns[used], np.maximum(target[used], np.finfo(float).tiny ** 0.25), weight[used]
     scale = np.maximum(np.abs(x).max(axis=0), np.finfo(float).tiny)
     x, free, theta = x / scale, np.any(x < 0, axis=0), start * scale
 

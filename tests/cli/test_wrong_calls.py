@@ -114,7 +114,6 @@ mag tumble.csv --place 39.93 32.86 --date 2026-05-31T10:00:00Z | --date 2026-05-
 mag tumble.csv --place 39.93 32.86 --date yesterday | is no day; write year, month, day
 mag tumble.csv --place 39.93 32.86 --date 1875-01-01 | --date 1875-01-01
 mag tumble.csv --place 39.93 32.86 --date 2026-05-31 --field 47 | exclude one another
-mag tumble.csv --joint                     | --joint goes with --align accel or gyro
 mag tumble.csv --limit 0                   | degrees above 0
 mag tumble.csv --model spere                | Did you mean "sphere"?
 imu poses.csv --gravity 9.5                | 9.76 to 9.84 on Earth. --latitude and --height give it

@@ -219,7 +219,7 @@ def test_gaps_are_allowed_for():
     for start in (1000, 12_000, 21_000):
         y[start : start + 40] = np.nan
     for method in METHODS:
-        found = fitted(method, y)
+        found = fit(y, RATE, method=method)
         np.testing.assert_allclose(found.noise.N, GYRO.N, rtol=0.15 if method == "log" else 0.03)
         assert "gaps" in found.codes
 
