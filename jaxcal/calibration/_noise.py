@@ -79,7 +79,7 @@ class SensorNoise(eqx.Module):
 
 
 class DeviceNoise(eqx.Module):
-    """Noise of the sensors of one device, and the sampling rate in Hz of the recording.
+    """Noise of the sensors of one device, and the sampling rate in Hz of the recording, that of its fastest sensor.
 
     Examples
     --------
@@ -121,10 +121,10 @@ def _stored_form(fits: Mapping[str, NoiseFit]) -> dict[str, Any]:
     for name in fits:
         if name not in CHANNELS:
             raise DataError(f"noise holds a channel {name!r}; expected the channels of a log: {', '.join(CHANNELS)}")
-    rates = {float(fit.deviation.rate) for fit in fits.values()}
-    if len(rates) > 1:
-        raise DataError(f"the channels have different rates ({sorted(rates)} Hz); make one calibration for each recording")
-    stored: dict[str, Any] = {"rate": rates.pop()}
+    rates = {name.partition("_")[0]: float(fit.deviation.rate) for name, fit in fits.items()}
+    if any(float(fit.deviation.rate) != rates[name.partition("_")[0]] for name, fit in fits.items()):
+        raise DataError("the axes of one sensor have different rates; give the fits of one recording", code="rates")
+    stored: dict[str, Any] = {"rate": max(rates.values())}  # a sensor may be slower than its log
     for sensor in SENSORS:
         axes = [fits.get(f"{sensor}_{axis}") for axis in AXES]
         if any(fit is not None for fit in axes):
