@@ -134,7 +134,7 @@ def _coefficients(sensor: str, axes: Mapping[str, Any]) -> Grid:
         rows += [("floor  of the curve", value), ("  at  cluster time", at)]
         for tau in QUOTED:
             cells = tuple(measured_at(fit, tau, _prefix(name)) for name, fit in fits)
-            rows += [(f"{tau:g} s  curve there", cells)] if any(cells) else []
+            rows += [(f"{tau:g} s  deviation", cells)] if any(cells) else []
     return Grid(sensor or "noise", SENSORS.get(sensor, "noise"), columns_of(axes, sensor), tuple(rows))
 
 
