@@ -77,7 +77,9 @@ def test_upper_turned_to_lower_is_the_lower_result(xsens):
 def test_the_joint_fit_agrees_where_the_models_agree_and_predicts_better(xsens):
     """Both accelerometer models are the same. imu_tk's gyroscope has no g-sensitivity, which is highly significant in these data."""
     theirs, found = xsens.model("upper").accel, multi_position(xsens.log, gravity=GRAVITY, raw=True)
-    assert (found.verdict, len(found.still)) == ("good", 38)
+    assert found.verdict == "good"
+    # imu_tk's count depends on its threshold; jaxcal has none, and finds as many still intervals as imu_tk at one of them
+    assert min(COUNTS) <= len(found.still) <= max(COUNTS)
     low, high = found.estimate.select("accel.*").intervals().T
     values = np.concatenate([theirs.matrix.ravel(), theirs.bias])
     assert ((low <= values) & (values <= high)).all()
