@@ -3,8 +3,8 @@
     python benchmarks/masking.py [--masks 5] [--channels imu1:5,imu2:0]
 
 For every channel of two recordings of an ADIS16405 (10^6 samples each): changes of the squared coefficients N, B and K, in standard errors
-of the complete record, largest over the masks; verdicts of the complete record, and in how many masks all of them are the same; whether
-the result is a mean over models. The samples are lost at random. The recordings are searched for in JAXCAL_REFERENCE or ../shared.
+of the complete record, largest over the masks; verdicts of the complete record, and in how many masks all of them are the same.
+The samples are lost at random. The recordings are searched for in JAXCAL_REFERENCE or ../shared.
 """
 
 import argparse
@@ -41,13 +41,12 @@ if __name__ == "__main__":
     parser.add_argument("--masks", type=int, default=5)
     parser.add_argument("--channels", default=",".join(f"imu{number}:{channel}" for number in (1, 2) for channel in range(6)))
     options = parser.parse_args()
-    print("channel      N      B      K   same verdicts   mean over models   verdicts of N, B, K")
+    print("channel      N      B      K   same verdicts   verdicts of N, B, K")
     for name in options.channels.split(","):
         recording, channel = name.split(":")
         with np.load(FOLDER / f"{recording}.npz") as file:
             y, rate = file["counts"][:, int(channel)] * file["scale"][int(channel)], float(file["fs"])
         moved, same, whole = changes(y, rate, options.masks)
-        mean = any(one.facts.get("shares") for one in whole.findings)
         cells = " ".join(f"{value:6.2f}" for value in moved)
         verdicts = ", ".join(whole.presence[term] for term in TERMS)
-        print(f"{name:8s} {cells} {same:9d} of {options.masks} {'yes' if mean else 'no':>17s}   {verdicts}", flush=True)
+        print(f"{name:8s} {cells} {same:9d} of {options.masks}  {verdicts}", flush=True)
