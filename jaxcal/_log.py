@@ -234,8 +234,7 @@ class Log(eqx.Module):
         >>> import jaxcal
         >>> gyro = np.random.default_rng(0).normal(size=(20_000, 3)) * 1e-3
         >>> gyro[5_000:5_100] += 0.05 * np.sin(np.linspace(0, np.pi, 100))[:, None]
-        >>> log = jaxcal.Log(None, gyro=gyro, rate=100.0)
-        >>> [(one.kind, one.sensor, round(one.start)) for one in log.evidence]
+        >>> [(one.kind, one.sensor, round(one.start)) for one in jaxcal.Log(None, gyro=gyro, rate=100.0).evidence]
         [('knock', 'gyro', 50)]
         """
         if (known := vars(self).get("_evidence")) is None:
@@ -268,8 +267,7 @@ class Log(eqx.Module):
         >>> import numpy as np
         >>> import jaxcal
         >>> mag = np.repeat(np.random.default_rng(0).normal(size=(50, 3)), 4, axis=0) * 1e-5
-        >>> log = jaxcal.Log(None, mag=mag, rate=40.0)
-        >>> int(np.isfinite(log.usable("mag")).all(axis=1).sum())
+        >>> int(np.isfinite(jaxcal.Log(None, mag=mag, rate=40.0).usable("mag")).all(axis=1).sum())
         50
         """
         values = self._sensors()[sensor]
