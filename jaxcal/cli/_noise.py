@@ -13,6 +13,7 @@ from ._apply import corrected
 from ._export import FILES
 from ._options import CallError, Files, Level, Log, Reading, Running, must_be_calibration, must_exist, read_log, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report, tried
+from ._screen import Screen
 from ._work import Done, carry_out, check_suited
 
 #: format of --export -> default name of the file
@@ -71,10 +72,12 @@ def noise(
     must_be_calibration(calibration, option="--calibration")
     must_exist(*also or (), option="--also")
     if compare:
-        recording = read_log(log, reading, "noise")
-        channels = {name: values for name, values in recording.channels().items() if name != "temperature"}
-        for name, values in channels.items():
-            print(f"{name}\n{jaxcal.noise.compare(values, recording.rate)}\n")
+        recording, screen = read_log(log, reading, "noise"), Screen(running.quiet)
+        check_suited("jaxcal noise", recording, log, {})
+        for name, values in recording.channels().items():
+            if name != "temperature":
+                screen.lines([name, *str(jaxcal.noise.compare(values, recording.rate)).splitlines(), ""])
+        screen.flush()
         return
     done = characterise(
         log, terms, confidence, band, reading, writing, running, method=method, calibration=calibration, also=also or ()

@@ -134,7 +134,8 @@ def compare(y: Any, rate: Any, *, rivals: Sequence[str] = tuple(_RIVALS)) -> Com
         shape = f"of {' and '.join(times)} s" if times else ""
         shape = f"of exponent {terms[0].exponent:.2g}" if terms and isinstance(terms[0], PowerLaw) else shape
         count = len(terms) + len(times) + isinstance(terms[0] if terms else None, PowerLaw)
-        found.append((2.0 * (white - cost), name, count, shape, np.sqrt(later)))
+        gain = 2.0 * max(white - cost, 0.0)  # each model contains white noise
+        found.append((gain, name, count, shape, np.sqrt(later)))
     found.sort(key=lambda one: 2.0 * one[2] - one[0])
     gains, listed, counts, shapes, later = zip(*found, strict=True)
     return Comparison(listed, np.array(gains), counts, shapes, np.array(later))

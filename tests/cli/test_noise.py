@@ -44,6 +44,15 @@ def test_several_recordings_of_one_device_have_a_table_with_the_interval_of_the_
     assert call("noise", "0.csv", "--also", "none.csv").status == 2
 
 
+def test_models_of_the_slow_noise_are_compared_for_every_channel(call, folder, log):
+    found = call("noise", "imu.csv", "--compare")
+    assert (found.status, found.err, listing(folder)) == (0, "", ["imu.csv"])
+    assert [line for line in found.out.splitlines() if line.endswith(("_x", "_y", "_z"))] == [
+        f"{sensor}_{axis}" for sensor in ("gyro", "accel") for axis in "xyz"
+    ]
+    assert found.out.count("B and K") == 6
+
+
 def test_a_picture_is_drawn_where_it_is_asked_for(call, folder, log):
     assert call("noise", "imu.csv", "--plot", "allan.png").status == 0
     assert (folder / "allan.png").read_bytes().startswith(b"\x89PNG")
