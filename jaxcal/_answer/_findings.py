@@ -75,6 +75,7 @@ class Kind:
     remedy : what to do, as a format string with the same facts; "" if there is nothing to do.
     guess : True for something that was inferred and changes the numbers if it is wrong; it stands above the table of numbers.
     terminal : the remedy for the command line, where it differs by more than the spelling of options.
+    limits : values above which `Table.over` says it, and above which it says it one severity higher; with their evidence beside them.
     """
 
     severity: Severity
@@ -82,6 +83,7 @@ class Kind:
     remedy: str = ""
     guess: bool = False
     terminal: str | None = None
+    limits: tuple[float, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -160,6 +162,21 @@ class Table(dict[str, Kind]):
         kind = self[code]
         about = (subject,) if isinstance(subject, str) else tuple(subject)
         return Finding(code, kind.severity if severity is None else severity, about, facts, float(cost), kind)
+
+    def over(self, code: str, value: float, subject: Iterable[str] | str = (), cost: float | None = None, **facts: Any) -> list[Finding]:
+        """The finding if `value` is above its limits, each further limit a severity higher; none below, or for NaN.
+
+        Examples
+        --------
+        >>> from jaxcal._answer import CAUTION, Kind, table
+        >>> findings = table(scatter=Kind(CAUTION, "scatter of {share:.0f} %", limits=(0.1, 0.2)))
+        >>> [[one.severity.name for one in findings.over("scatter", size, share=100 * size)] for size in (0.05, 0.15, 0.25)]
+        [[], ['CAUTION'], ['FATAL']]
+        """
+        kind = self[code]
+        above = sum(bool(value > limit) for limit in kind.limits)
+        severity = Severity(kind.severity + above - 1) if above else None
+        return [self(code, subject, value if cost is None else cost, severity, **facts)] if above else []
 
 
 def table(**kinds: Kind) -> Table:

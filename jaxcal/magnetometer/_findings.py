@@ -29,6 +29,7 @@ FINDINGS = table(
     scatter=Kind(
         CAUTION, "The readings scatter by {share:.0f} % of the field about the best surface.",
         "Keep iron, motors and cables away, and check the axes of the log.",
+        limits=(0.1, 0.2),  # of the field: errors of first order become wrong; the readings lie on no surface
     ),
     outliers=Kind(CAUTION, "{count} of {total} readings are outliers.", "Keep iron and motors away, and check the wires."),
     field_differs=Kind(

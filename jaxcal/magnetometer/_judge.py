@@ -12,7 +12,6 @@ from ._findings import FINDINGS
 LIMITS = (float(np.deg2rad(1.0)), float(np.deg2rad(5.0)))
 _OUTLIER = 4.0  # robust standard deviations: one of 16,000 normal readings
 _MANY, _MOST = 0.05, 0.4  # share of outliers that is more than the tail of a noise, and of which the rest is no majority
-_NOISY, _TOO_NOISY = 0.1, 0.2  # scatter over field: first-order errors become wrong; the readings lie on no surface
 #: degrees of freedom of the noise, fewer of which leave it uncertain by a third; difference of a given dip and an accelerometer,
 #: each true to a few degrees
 _UNKNOWN, _DIPS = 6, np.deg2rad(5.0)
@@ -34,9 +33,7 @@ def few_left(count: int, free: int) -> list[Finding]:
 
 def by_readings(scatter: float, far: int, total: int) -> list[Finding]:
     """Findings about the size of the residuals, relative to the field, and about outliers."""
-    said = []
-    if scatter > _NOISY:
-        said.append(FINDINGS("scatter", severity=FATAL if scatter > _TOO_NOISY else CAUTION, cost=scatter, share=100 * scatter))
+    said = FINDINGS.over("scatter", scatter, share=100 * scatter)
     if far > max(_MANY * total, 2):
         said.append(FINDINGS("outliers", severity=FATAL if far > _MOST * total else CAUTION, count=far, total=total))
     return said
