@@ -102,15 +102,17 @@ def _jointly(curve: Deviation, data: _Curve, used: AnyArray, unit: float, sample
     fitted, cut, holds = _fixed_point(data, used, False), False, True
     if automatic:
         used, cut, holds, fitted = _banded(data, np.log2(curve.m), used, fitted)
-    p = len(terms)
-    theta, covariance = np.where(data.short & cut, 0.0, fitted.theta[:p]) * unit, fitted.covariance[:p, :p] * unit**2
+    p, unknown = len(terms), data.short & cut
+    theta, covariance = np.where(unknown, 0.0, fitted.theta[:p]) * unit, fitted.covariance[:p, :p] * unit**2
     if not np.all(np.isfinite(theta)):
         raise FitError(Message("the fit gave no finite coefficients; give fewer {option.terms} or another {option.band}"))
     goodness = chance(fitted.misfit, fitted.freedom)
     inflation = max(fitted.misfit / fitted.freedom, 1.0) if goodness < _WIDENED else 1.0
     covariance = covariance * inflation
+    limits = _limits_of(theta, covariance, confidence)
+    limits = limits._replace(**{end: np.where(unknown, np.inf, getattr(limits, end)) for end in ("high", "upper")})
     fit = assemble(
-        theta, covariance, _limits_of(theta, covariance, confidence), terms, curve, samples / curve.rate, goodness=goodness,
+        theta, covariance, limits, terms, curve, samples / curve.rate, goodness=goodness,
         used=used, confidence=confidence, method="gls", band=(np.min(curve.tau[used]), np.max(curve.tau[used])), findings=(
             *getattr(curve, "findings", ()), *of_model(0.0 if holds else inflation, float(curve.tau[used].min()) if cut else None),
             *(() if fitted.settled else (FINDINGS("unsettled"),)),

@@ -46,11 +46,15 @@ def quantity_of(term: str, sensor: str) -> str:
 
 
 def number_of(fit: Any, term: str, prefix: str = "") -> Number:
-    """A coefficient with its interval, or its upper limit if the term is not detected. Recordings and fits have the same tables."""
+    """A coefficient with its interval, or its upper limit if the term is not detected; open if it has none.
+
+    Recordings and fits have the same tables.
+    """
     value, quantity = float(np.asarray(fit.noise.coefficient(term))), quantity_of(term, fit.sensor)
     presence = fit.presence.get(term, "")
     if presence == "not detected":
-        return Number(prefix + term, math.nan, math.nan, float(fit.upper_limit[term]), quantity, "limit")
+        limit = float(fit.upper_limit[term])
+        return Number(prefix + term, math.nan, math.nan, limit, quantity, "limit" if math.isfinite(limit) else "open")
     low, high = (float(end) for end in fit.interval.get(term, (math.nan, math.nan)))
     return Number(prefix + term, value, low, high, quantity, remark="hint" if presence == "hint" else "")
 

@@ -36,6 +36,11 @@ class Solved(NamedTuple):
         return tuple(term.name for term in self.columns)
 
     @property
+    def own(self) -> list[int]:
+        """Columns with a coefficient that the record determines: not the filter, and not Q, of the same shape, where there is a filter."""
+        return [i for i, name in enumerate(self.names) if name != FILTER and not (name == "Q" and self.fitted.cut)]
+
+    @property
     def end(self) -> float:
         """Highest frequency of the band in Hz; infinite if the fit uses all frequencies."""
         bins = self.fitted.bins

@@ -5,6 +5,7 @@ r"""Fit the noise terms to binned ordinates, in the band where the model holds, 
 """
 
 import functools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -43,7 +44,7 @@ class Fitted(NamedTuple):
     """The best fit of `bins`, which have zero weight outside the band: coefficients in units of `Bins.unit`, cost, whether it converged.
 
     cut : whether high frequencies were left out. misfit : deviance of the spectrum over its degrees of freedom. goodness : chance of a
-    worse deviance. plain, alone : the bins of the band without the column `FILTER`, and their fit; the limits of Q come from these.
+    worse deviance.
     """
 
     theta: AnyArray
@@ -53,8 +54,6 @@ class Fitted(NamedTuple):
     cut: Any
     misfit: Any
     goodness: Any
-    plain: Bins
-    alone: Attempt
 
 
 def groups_of(weight, ordinates: int) -> Int[np.ndarray, " bins"]:
@@ -146,50 +145,42 @@ def fit_bins(bins: Bins, group, automatic: bool, terms: tuple[str, ...], first: 
     attempt on all bins without `FILTER`, if it is known already.
     """
     plain = without(bins, terms, FILTER)
-    found = alone = first or attempt(plain, group)
+    found = first or attempt(plain, group)
     inside, cut = plain, False
     if automatic and chance(found.deviance, found.freedom) < _REFUSED:
         end, level = _search(plain, len(terms))
         cut = not level or end < float(np.max(np.where(bins.weight > 0, bins.frequency, 0.0)))
     if cut:
-        plain, inside = _upto(plain, end), _upto(without(bins, terms, "Q"), end)
-        found, alone = attempt(inside, group), attempt(plain, group)
-    return _judged(found, inside, alone, plain, np.asarray(cut))
+        inside = _upto(without(bins, terms, "Q"), end)
+        found = attempt(inside, group)
+    return _judged(found, inside, np.asarray(cut))
 
 
 def fit_whole(bins: Bins, group) -> Fitted:
     """Fit all bins; the result can be differentiated with respect to the ordinates."""
     found = attempt(bins, group)
-    return _judged(found, bins, found, bins, jnp.asarray(False))
+    return _judged(found, bins, jnp.asarray(False))
 
 
-def _judged(found: Attempt, bins: Bins, alone: Attempt, plain: Bins, cut) -> Fitted:
-    goodness = chance(found.deviance, found.freedom)
-    return Fitted(*found[:3], bins, cut, found.deviance / found.freedom, goodness, plain, alone)
+def _judged(found: Attempt, bins: Bins, cut) -> Fitted:
+    return Fitted(*found[:3], bins, cut, found.deviance / found.freedom, chance(found.deviance, found.freedom))
 
 
-def uncertainty(fitted: Fitted, widened: AnyArray, two_sided, one_sided, terms: tuple[str, ...]) -> tuple[AnyArray, Limits]:
-    """Covariance of the squared coefficients (inverse Fisher information), and profile-likelihood limits of all terms except `FILTER`.
+def uncertainty(fitted: Fitted, widened: AnyArray, two_sided, one_sided, own: Sequence[int]) -> tuple[AnyArray, Limits]:
+    """Covariance of the squared coefficients (inverse Fisher information), and profile-likelihood limits of the `own` columns of a fit.
 
-    Every variance is multiplied by `widened`, (p,), and the likelihood ratio of its profile is divided by it. If high frequencies are cut
-    off, the limits of Q are found without the filter, which has the same shape and replaces Q in the fit.
+    Every variance is multiplied by `widened`, (p,), and the likelihood ratio of its profile is divided by it.
     """
-    covariance = inverse(information(fitted.bins, fitted.theta))
-    bins, plain, theta, theta_alone = fitted.bins, fitted.plain, fitted.theta, fitted.alone.theta
-    own = np.flatnonzero([term != FILTER for term in terms])
-    short = np.array([term == "Q" for term in terms]) & bool(fitted.cut)
-    last = {int(index): np.where(short[index] & (np.array(terms) == FILTER), 0.0, theta) for index in own}
+    covariance, bins, columns = inverse(information(fitted.bins, fitted.theta)), fitted.bins, np.arange(len(fitted.theta))
+    last = dict.fromkeys(own, fitted.theta)
 
     def rise(k: int, value: float) -> float:
         """Twice the rise of the cost when a coefficient is held; each search starts from the one before."""
-        index, columns = int(own[k]), plain.columns if short[own[k]] else bins.columns
-        others = np.where(np.arange(len(terms)) == index, 0.0, columns)
-        start = np.where(np.arange(len(terms)) == index, 0.0, last[index])
-        last[index], cost = scoring(others, bins.density, bins.weight, start, columns[:, index] * value)
-        return 2.0 * float(cost - (fitted.alone.cost if short[index] else fitted.cost))
+        index = own[k]
+        others, start = (np.where(columns == index, 0.0, values) for values in (bins.columns, last[index]))
+        last[index], cost = scoring(others, bins.density, bins.weight, start, bins.columns[:, index] * value)
+        return 2.0 * float(cost - fitted.cost)
 
-    reach = np.where(short, np.diagonal(inverse(information(plain, theta_alone))), np.diagonal(covariance)) ** 0.5
-    middle = np.where(short, theta_alone, theta)[own]
-    limits = find_limits(rise, middle, reach[own], *((level * widened)[own] for level in (two_sided, one_sided)))
-    limits = limits._replace(significance=limits.significance / widened[own])
-    return covariance * np.sqrt(widened[:, None] * widened[None, :]), limits
+    levels = ((level * widened)[own] for level in (two_sided, one_sided))
+    limits = find_limits(rise, fitted.theta[own], np.diagonal(covariance)[own] ** 0.5, *levels)
+    return covariance * np.sqrt(widened[:, None] * widened[None, :]), limits._replace(significance=limits.significance / widened[own])

@@ -146,10 +146,10 @@ def _result(model: Described, parts: Parts, asked: Asked) -> NoiseFit:
         raise FitError(Message("the fit gave no finite coefficients; give fewer {option.terms} or another {option.band}"))
     duration, unit = len(observed.y) * dt, float(solved.bins.unit)
     wider = widening(fitted.bins, unit, fitted.theta, names, observed.spectrum() * np.sqrt(dt))
-    covariance, limits = uncertainty(fitted, wider.factor, *levels_of(asked.confidence), names)
+    covariance, limits = uncertainty(fitted, wider.factor, *levels_of(asked.confidence), solved.own)
     scale = float(wider.factor[names.index("N")]) if "N" in names else 1.0
     rival = rival_of(fitted, names, dt, duration, levels_of(asked.confidence), scale)
-    limits, doubts = _beside(limits, names, rival, model.changes)
+    limits, doubts = _beside(limits, [names[i] for i in solved.own], rival, model.changes)
     curve = asked.deviation(observed.drawn if model.changes.fitted else observed.filled)
     used = _used(curve, solved, asked.band)
     fit = assemble(
@@ -163,12 +163,11 @@ def _result(model: Described, parts: Parts, asked: Asked) -> NoiseFit:
     return without_terms(fit, [term.name for term in parts.sought], tables=False)
 
 
-def _beside(limits: Limits, names: tuple[str, ...], rival: Rival, changes: Changes) -> tuple[Limits, list[str]]:
-    """Limits of which those of N hold under the rival too, and the terms that are hints at most.
+def _beside(limits: Limits, own: list[str], rival: Rival, changes: Changes) -> tuple[Limits, list[str]]:
+    """Limits of terms, of which those of N hold under the rival too, and the terms that are hints at most.
 
     They are hints because the rival is another spectrum, or K because a change of the mean describes the record without it.
     """
-    own = [name for name in names if name != FILTER]
     if rival.white:
         limits = limits.reaching(own.index("N"), *rival.white)
     doubtful = [*("B", "K") * rival.other, *("K",) * (changes.instead is not None)]
@@ -243,13 +242,14 @@ def _is_sought(term: Term) -> bool:
 def _squares(solved: Solved, covariance, limits: Limits, terms: tuple[Term, ...], line: tuple[float, float], confidence: float):
     """Squared coefficients in SI units in the order of `terms`, their covariance and limits.
 
-    The ramp comes from the `line`, (slope, error). Q is zero if the band leaves out the octaves that determine it.
+    The ramp comes from the `line`, (slope, error). What the record does not determine is zero without an upper limit.
     """
     asked = [term.name for term in terms]
     p, names, unit = len(asked), solved.names, float(solved.bins.unit)
-    own = [i for i, name in enumerate(names) if name != FILTER]
+    own = solved.own
     where = [asked.index(names[i]) for i in own]
-    squares, spread, ends = np.zeros(p), np.zeros((p, p)), np.zeros((len(limits), p))
+    squares, spread = np.zeros(p), np.zeros((p, p))
+    ends = np.repeat([[0.0], [np.inf], [np.inf], [0.0]], p, axis=1)
     squares[where], spread[np.ix_(where, where)] = solved.fitted.theta[own] * unit, covariance[np.ix_(own, own)] * unit**2
     ends[:, where] = limits.scaled(unit)
     if "R" in asked:
@@ -258,9 +258,6 @@ def _squares(solved: Solved, covariance, limits: Limits, terms: tuple[Term, ...]
         # the slope is a linear function of the record, and therefore normal
         away, (both, one) = abs(slope), (np.sqrt(level) * error for level in levels_of(confidence))
         ends[:, i] = max(away - both, 0.0) ** 2, (away + both) ** 2, (away + one) ** 2, (slope / error) ** 2
-    if "Q" in asked and bool(solved.fitted.cut):
-        i = asked.index("Q")
-        squares[i] = spread[i] = spread[:, i] = ends[[0, 3], i] = 0.0
     return squares, spread, Limits(*ends)
 
 

@@ -67,6 +67,8 @@ class ModelledChannel(Channel):
             words = f"= {number_label(value / scale)}"
         elif presence == "not detected":
             value = float(fit.upper_limit[term])
+            if not np.isfinite(value):
+                return 0.0, "", ""
             words = f"< {number_label(value / scale, 2)}"
         else:
             words = "= " if presence == "present" else "≈ "

@@ -44,6 +44,16 @@ def gyro_x(record):
     return jaxcal.noise.fit(y[:, 0], rate)
 
 
+@pytest.mark.parametrize("method", ["whittle", "gls"])
+def test_q_is_open_where_a_filter_bends_the_top_of_the_band(record, method):
+    """Q and the filter have one shape there, so that no limit of Q is known."""
+    fit = jaxcal.noise.fit(record[0][:200_000, 0], record[1], method=method)
+    assert "band" in fit.codes
+    assert fit.upper_limit["Q"] == fit.interval["Q"][1] == np.inf
+    assert fit.numbers["Q"].state == "open"
+    assert fit.to_dict()["upper_limit"]["Q"] is None
+
+
 def test_the_random_walk_of_one_gyroscope(gyro_x):
     np.testing.assert_allclose(float(gyro_x.noise.N), PLATEAU[0], rtol=0.04)
 

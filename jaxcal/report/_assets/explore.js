@@ -91,7 +91,7 @@
         const [scale, label] = this.unit.terms[term];
         for (const cell of page.querySelectorAll(`[data-number="${CSS.escape(`${c.name}.${term}`)}"]`)) {
           const shown = cell.querySelector(".number"), exact = cell.querySelector(".exact");
-          if (found.verdict === "not detected") shown.textContent = `< ${number(found.limit / scale, 2)}`;
+          if (found.verdict === "not detected") shown.textContent = found.limit === null ? "open" : `< ${number(found.limit / scale, 2)}`;
           else {
             const [value, low, high] = interval(found.value / scale, found.low / scale, found.high / scale);
             shown.textContent = `${value} ± ${number((found.high - found.low) / 2 / scale, 2)}${found.verdict === "hint" ? " hint" : ""}`;
