@@ -73,7 +73,7 @@ def noise(
     must_exist(*also or (), option="--also")
     if compare:
         recording, screen = read_log(log, reading, "noise"), Screen(running.quiet)
-        check_suited("jaxcal noise", recording, log, {})
+        check_suited("jaxcal noise", recording, log)
         for name, values in recording.channels().items():
             if name != "temperature":
                 screen.lines([name, *str(jaxcal.noise.compare(values, recording.rate)).splitlines(), ""])
@@ -107,7 +107,7 @@ def characterise(
         for other in also:
             log = read_log(other, reading, "noise")
             log = log if change is None else change(log)
-            check_suited("jaxcal noise", log, other, options)
+            check_suited("jaxcal noise", log, other)
             recordings.append(fit(log))
         return recordings[0]
 

@@ -124,8 +124,6 @@ class Reading:
         Sampling rate in Hz, for a log without time stamps.
     topics
         Topics to read: /imu0,/mag of a ROS bag, sensor_gyro:1 of a ULog, IMU:1 of a DataFlash log. Repeatable.
-    raw
-        Undo the calibration that a flight controller applied before logging, with the parameters in the log.
     data
         rate, or phase for a file of time integrals (angles, velocities, the phase in files of Stable32), which are differenced.
     missing
@@ -145,7 +143,6 @@ class Reading:
     units: tuple[str, ...] | None = None
     rate: Annotated[float | None, checked("--rate", lambda rate: 0.0 < rate < float("inf"), "a positive number of Hz")] = None
     topics: tuple[str, ...] | None = None
-    raw: bool = False
     data: Literal["rate", "phase"] = "rate"
     missing: float | None = None
     format: str | None = None
@@ -263,7 +260,7 @@ def reading_options(options: Reading) -> dict[str, Any]:
         named: dict[str, Any] = {name: parse(",".join(words)) for name, parse in parsers.items() if (words := getattr(options, name))}
     except jaxcal.DataError as error:  # not the data: nothing was read yet
         raise CallError(f"--{error}", error.code) from error
-    return named | {name: getattr(options, name) for name in ("format", "rate", "raw", "data", "missing")}
+    return named | {name: getattr(options, name) for name in ("format", "rate", "data", "missing")}
 
 
 def read_log(path: Path, options: Reading, command: str) -> Any:

@@ -72,7 +72,7 @@ def carry_out(
         with progress(f"reading {path.name}", running.quiet):
             log = read_log(path, reading, command.removeprefix("jaxcal "))
             log = log if change is None else change(log)
-            check_suited(command, log, path, options or {})
+            check_suited(command, log, path)
             replaceable(targets, log.provenance.get("sha256") or "", force=running.force)
             log = log if options is None or not targets else _signed(path, log, command, reading, options)
         with progress(doing, running.quiet) as move:
@@ -99,12 +99,11 @@ def _show(screen: Screen, path: Path, log: Any, found: Any, running: Running) ->
                               verbose=running.verbose)])  # fmt: skip
 
 
-def check_suited(command: str, log: Any, path: Path, options: Mapping[str, Any]) -> None:
+def check_suited(command: str, log: Any, path: Path) -> None:
     """Refuse a log that does not suit the command, before any fit."""
     from ..io._suited import unsuited
 
-    # skip the check for counts, whose size cannot contradict gravity
-    if not options.get("raw") and (wrong := unsuited(command.removeprefix("jaxcal "), log, str(path))):
+    if wrong := unsuited(command.removeprefix("jaxcal "), log, str(path)):
         raise DataError(Message("{name}: {why}", name=path.name, why=wrong), code="unsuited")
 
 

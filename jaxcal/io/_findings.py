@@ -55,8 +55,7 @@ READ = table(
     dropped=Kind(CAUTION, "The logger dropped {what}; samples lost there are gaps."),
     reception=Kind(CAUTION, "The header stamps are all the same; the times of reception are used, which jitter more."),
     # what was done to the readings before they were logged
-    applied=Kind(CAUTION, "Already corrected by {who}: a calibration found from it comes on top.", "To undo it: {option.raw:True}."),
-    undone=Kind(NOTE, "The calibration that {who} applied is undone with the log's parameters."),
+    applied=Kind(CAUTION, "Already corrected by {who}: a calibration found from it comes on top."),
     filtered=Kind(CAUTION, "{what}: noise found from it is too small.", "Record {better}."),
     batches=Kind(NOTE, "{count} batches at {rate:.6g} Hz, raw, with gaps between them; {cut} are not complete."),
     unstated=Kind(CAUTION, "The log does not say whether these readings are calibrated or filtered."),

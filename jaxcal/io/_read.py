@@ -58,7 +58,6 @@ def read(
     units: Mapping[str, Any] | str | None = None,
     rate: float | int | None = None,
     topics: Sequence[str] | str | None = None,
-    raw: bool = False,
     data: str = "rate",
     missing: float | int | None = None,
     quiet: bool = False,
@@ -86,7 +85,6 @@ def read(
     rate : sampling rate, Hz. Required without time stamps; with time stamps, a contradiction of more than 0.5 % is an error.
     topics : what to read if there are several sensors of a kind: ROS topics, ULog topics with their instance
         (``"sensor_gyro:1,sensor_accel:1"``), DataFlash records with their instance (``"IMU:1"``), or the group in a MATLAB or HDF5 file.
-    raw : undo the calibration that a flight controller applied before logging, using the parameters in the log (ULog, DataFlash).
     data : "rate", or "phase" if the file has the time integral of the measured quantities: angles and velocities, or the phase
         in files of Stable32. jaxcal then uses differences between samples divided by the sampling period; `units` are those of the rate.
     missing : number that marks a missing value in a table (0 in files of Stable32, -999 in others).
@@ -120,10 +118,10 @@ def read(
     time: column 0 (time_s), s (from the name). If that is wrong: columns={'time': '0'} units={'time': 'ms'}.
     """
     if not isinstance(path, str | os.PathLike):
-        return _in_memory(path, format or topics or raw, columns, units, rate, data, missing)
+        return _in_memory(path, format or topics, columns, units, rate, data, missing)
     path = pathlib.Path(path)
     with named(path):
-        log = _read(path, asked(format=format, columns=columns, units=units, rate=rate, topics=topics, raw=raw, data=data, missing=missing))
+        log = _read(path, asked(format=format, columns=columns, units=units, rate=rate, topics=topics, data=data, missing=missing))
     if not quiet:
         for one in log.findings:
             print(f"{'warning' if one.severity else 'note'}: {one}", file=sys.stderr)
@@ -190,13 +188,12 @@ class Asked(NamedTuple):
     format: str | None
     table: dict[str, Any]
     topics: list[str] | None
-    raw: bool
     phase: bool
 
 
 def asked(
-    *, format: str | None = None, columns: Any = None, units: Any = None, rate: Any = None, topics: Any = None, raw: bool = False,
-    data: str = "rate", missing: Any = None,
+    *, format: str | None = None, columns: Any = None, units: Any = None, rate: Any = None, topics: Any = None, data: str = "rate",
+    missing: Any = None,
 ) -> Asked:  # fmt: skip
     """Parse the options of `read`."""
     if data not in ("rate", "phase"):
@@ -204,7 +201,7 @@ def asked(
     if format is not None and format not in FORMATS:
         raise wrong("format", f"{format!r} is unknown; use one of {', '.join(FORMATS)}")
     table = {"columns": parse_columns(columns), "units": parse_units(units), "rate": rate, "missing": missing}
-    return Asked(format, table, parse_topics(topics), raw, data == "phase")
+    return Asked(format, table, parse_topics(topics), data == "phase")
 
 
 def _in_memory(source: Any, other: Any, columns: Any, units: Any, rate: Any, data: str, missing: Any) -> Log:
@@ -215,7 +212,7 @@ def _in_memory(source: Any, other: Any, columns: Any, units: Any, rate: Any, dat
             raise DataError("this is a Log already, whose columns and units are chosen; leave the other options out", code="is_log")
         return source
     if other:
-        raise DataError("format=, topics= and raw= belong to files; leave them out", code="of_files")
+        raise DataError("format= and topics= belong to files; leave them out", code="of_files")
     return finished(table_of(source), {"file": f"a {type(source).__name__} in memory", "format": "memory"}, given)
 
 
@@ -234,7 +231,7 @@ def _read(path: pathlib.Path, given: Asked) -> Log:
 @contextlib.contextmanager
 def opened(path: pathlib.Path, given: Asked) -> Iterator[tuple[Table | Signals, dict[str, Any]]]:
     """Content of a file, before columns and units are chosen, and its provenance; a zip file stays unpacked inside the `with` block."""
-    _, options, topics, raw, _ = given
+    _, options, topics, _ = given
     with _faults("a recording"):
         kind, sources = find(path)
     kind = given.format or kind
@@ -248,16 +245,15 @@ def opened(path: pathlib.Path, given: Asked) -> Iterator[tuple[Table | Signals, 
     _belongs("topics", bool(topics) and kind in tables, kind, "to recordings of messages; choose with {option.columns}")
     _belongs("columns", bool(options["columns"]) and kind not in (*tables, *_TREES), kind, "to tables; choose with {option.topics}")
     _belongs("missing", options["missing"] is not None and kind not in tables, kind, "to tables; leave it out")
-    _belongs("raw", raw and kind not in _LOGS, kind, "to logs of flight controllers; leave it out")
     with _faults(_NAMES[kind]):
         if all(source.is_file() and source.stat().st_size < _SMALL for source in sources):
             size, sha256 = fingerprint(sources)
-            found = _parse(kind, sources, topics, options, raw)
+            found = _parse(kind, sources, topics, options)
         else:
             with concurrent.futures.ThreadPoolExecutor(1) as pool:
                 # hashing releases the interpreter lock, so it runs in parallel to the parsing
                 digest = pool.submit(fingerprint, sources)
-                found = _parse(kind, sources, topics, options, raw)
+                found = _parse(kind, sources, topics, options)
                 size, sha256 = digest.result()
     yield (
         found,
@@ -298,13 +294,13 @@ def _version() -> str:
     return importlib.metadata.version("jaxcal")
 
 
-def _parse(kind: str, sources: list[pathlib.Path], topics: list[str] | None, options: dict[str, Any], raw: bool) -> Table | Signals:
+def _parse(kind: str, sources: list[pathlib.Path], topics: list[str] | None, options: dict[str, Any]) -> Table | Signals:
     if kind in _TABLES:
         return _TABLES[kind](sources[0])
     if kind in _TREES:
         return _TREES[kind](sources[0], topics)
     if kind in _LOGS:
-        return _LOGS[kind](sources[0], topics, options["units"], raw)
+        return _LOGS[kind](sources[0], topics, options["units"])
     if kind == "sensors":
         return read_sensors(sources, lambda file: interpret(read_csv(file), **options))
     return read_ros(sources, 1 if kind == "rosbag1" else 2, topics, options["units"])

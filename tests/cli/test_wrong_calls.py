@@ -172,7 +172,6 @@ noise rest.csv --rate 200                  | contradicts the time stamps, which 
 noise rest.csv --columns gyro=99           | gyro wants column 99
 noise rest.csv --columns gyro=wx,wy,wz     | wx
 noise rest.csv --topics /imu0              | choose with --columns
-noise rest.csv --raw                       | belongs to logs of flight controllers
 noise rest.csv --start 1000                | Choose another start and stop
 noise rest.csv --format npy                | rest.csv
 noise notes.txt                            | notes.txt

@@ -138,46 +138,6 @@ def test_the_units_of_the_log_replace_the_custom(put):
     assert log.provenance["units"]["mag"] == "G"
 
 
-def parameters(log, values):
-    for name, value in values.items():
-        log.write("PARM", 0, name, value)
-
-
-def test_a_compass_is_undone_on_request(put, refuses):
-    matrix = np.array([[1.05, 0.02, -0.01], [0.02, 0.97, 0.03], [-0.01, 0.03, 1.0]])
-    offset = np.array([-120.0, 72.0, -305.0])  # Ofs and MO
-    raw = np.random.default_rng(3).normal(size=(400, 3)) * 300
-    field = 1.1 * (raw + offset) @ matrix.T
-    given = dict(zip(("COMPASS_DIA_X", "COMPASS_DIA_Y", "COMPASS_DIA_Z"), (1.05, 0.97, 1.0), strict=True)) | {
-        "COMPASS_ODI_X": 0.02, "COMPASS_ODI_Y": -0.01, "COMPASS_ODI_Z": 0.03, "COMPASS_SCALE": 1.1}  # fmt: skip
-    path = put(mag_log(np.round(field), lambda log: parameters(log, given)))
-    np.testing.assert_allclose(read(path, raw=True, quiet=True).mag, raw * 1e-7, atol=0.7e-7)  # steps of 1 mgauss
-    with refuses("raw"):
-        read(put(mag_log(MILLIGAUSS)), raw=True, quiet=True)
-
-
-def test_an_imu_is_undone_on_request(still, put, refuses):
-    log = DataFlashWriter()
-    log.describe(10, "IMU", "Qffffff", "TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
-    log.describe(64, "PARM", "QNf", "TimeUS,Name,Value")
-    given = {f"INS_GYROFFS_{a}": v for a, v in zip("XYZ", (0.01, -0.02, 0.03), strict=True)}
-    given |= {f"INS_ACCOFFS_{a}": v for a, v in zip("XYZ", (0.12, -0.08, 0.25), strict=True)}
-    given |= {f"INS_ACCSCAL_{a}": v for a, v in zip("XYZ", (1.002, 0.998, 1.005), strict=True)}
-    parameters(log, given)
-    gyro = still.gyro - np.array([0.01, -0.02, 0.03])
-    accel = (still.accel - np.array([0.12, -0.08, 0.25])) * np.array([1.002, 0.998, 1.005])
-    log.write_all("IMU", [(int(t), *map(float, w), *map(float, f)) for t, w, f in zip(STAMPS, gyro, accel, strict=True)])
-    found = read(put(log), raw=True, quiet=True)
-    np.testing.assert_allclose(found.accel, still.accel, atol=2e-6)
-    np.testing.assert_allclose(found.gyro, still.gyro, atol=1e-8)
-    parameters(log, {"INS_TCAL1_ENABLE": 1.0})
-    with refuses("raw"):
-        read(put(log), raw=True, quiet=True)
-    parameters(log, {"INS_GYROFFS_X": 0.5})
-    with refuses("raw"):
-        read(put(log), raw=True, quiet=True)
-
-
 def test_drops_of_the_logger(still, put, finding):
     log = dataflash_with_imu(STAMPS, still.gyro, still.accel)
     log.describe(60, "DSF", "QI", "TimeUS,Dp")
@@ -207,6 +167,6 @@ def test_damage_costs_the_records_that_it_hits(still, put, finding):
 def test_no_records_of_a_sensor(put, refuses):
     log = DataFlashWriter()
     log.describe(64, "PARM", "QNf", "TimeUS,Name,Value")
-    parameters(log, {"A": 1.0})
+    log.write("PARM", 0, "A", 1.0)
     with refuses("no_sensor"):
         read(put(log), quiet=True)

@@ -75,7 +75,6 @@ def test_calibrated_topics_are_a_last_resort_and_are_named(still, put):
     np.testing.assert_array_equal(log.gyro, f4(still.gyro))
     assert [one.subject for one in log.findings if one.code == "applied"] == [("gyro",), ("accel",)]
     assert "filtered" in log.codes
-    assert "To undo it: --raw." in next(one for one in log.findings if one.code == "applied").spelt("terminal")
 
 
 def test_raw_topics_go_before_calibrated_ones(still, put, finding):
@@ -108,83 +107,6 @@ def test_a_change_of_calibration_splits_the_log(still, put, finding):
     found = read(put(finish(log, rows)), quiet=True)
     assert len(found.time) == 300
     assert finding(found, "recalibrated").facts == {"count": 1, "read": 300, "total": 400}
-
-
-def with_parameters(still, **parameters):
-    log, rows = combined(still)
-    for name, value in parameters.items():
-        log.parameter(name, value)
-    return finish(log, rows)
-
-
-ACC = {"CAL_ACC0_ID": 5, "CAL_ACC0_XOFF": 0.1, "CAL_ACC0_YOFF": -0.2, "CAL_ACC0_ZOFF": 0.3, "CAL_ACC0_XSCALE": 1.01}
-GYRO = {"CAL_GYRO0_ID": 6, "CAL_GYRO0_XOFF": 0.01}
-
-
-def test_a_calibration_is_undone_on_request(still, put):
-    # PX4 computes rotation (scale (raw - offset)); rotation 2 is yaw by 90 degrees
-    raw = still.accel
-    scale, offset = np.array([1.01, 1.0, 1.0]), np.array([0.1, -0.2, 0.3])
-    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    log, rows = combined(still)
-    rows["accelerometer_m_s2"] = ((raw - offset) * scale) @ turn.T
-    rows["gyro_rad"] = (still.gyro - np.array([0.01, 0.0, 0.0])) @ turn.T
-    for name, value in (ACC | GYRO | {"SENS_BOARD_ROT": 2}).items():
-        log.parameter(name, value)
-    found = read(put(finish(log, rows)), raw=True, quiet=True)
-    np.testing.assert_allclose(found.accel, raw, atol=2e-6)
-    np.testing.assert_allclose(found.gyro, still.gyro, atol=1e-8)
-    assert "undone" in found.codes
-    assert "applied" not in found.codes
-
-
-@pytest.mark.parametrize(
-    ("parameters", "said"),
-    [
-        ({}, "the log holds no CAL_GYROn_ID for gyro"),
-        (GYRO | {"TC_G_ENABLE": 1}, "the thermal compensation of gyro was on"),
-        (GYRO | {"SENS_BOARD_ROT": 30}, "the board is mounted by rotation 30; only turns about z"),
-        (GYRO | {"SENS_BOARD_X_OFF": 1.5}, "SENS_BOARD_X_OFF cannot be undone"),
-        (GYRO | ACC | {"CAL_ACC0_XSCALE": 0.0}, "by which nothing can be divided"),
-    ],
-)
-def test_what_cannot_be_undone_is_said(parameters, said, still, put, refuses):
-    with refuses("raw"):
-        read(put(with_parameters(still, **parameters)), raw=True, quiet=True)
-
-
-def test_a_parameter_that_changed_is_not_undone(still, put, refuses):
-    log = with_parameters(still, **GYRO, **ACC)
-    log.parameter("CAL_GYRO0_XOFF", 0.02)
-    with refuses("raw"):
-        read(put(log), raw=True, quiet=True)
-
-
-def test_a_compass_is_undone_by_its_device(still, put, finding):
-    fields = [
-        "uint64_t timestamp",
-        "uint64_t timestamp_sample",
-        "uint32_t device_id",
-        "float[3] magnetometer_ga",
-        "uint8_t calibration_count",
-    ]
-    log = ULogWriter()
-    log.format("vehicle_magnetometer", fields)
-    matrix = np.array([[1.05, 0.02, -0.01], [0.02, 0.97, 0.03], [-0.01, 0.03, 1.0]])
-    offset, raw = np.array([0.1, -0.2, 0.05]), still.mag / G
-    values = {"CAL_MAG0_ID": 1, "CAL_MAG1_ID": 97539, "CAL_MAG1_ROT": 0, "SENS_BOARD_ROT": 4}
-    values |= {f"CAL_MAG1_{a}OFF": float(o) for a, o in zip("XYZ", offset, strict=True)}
-    values |= {f"CAL_MAG1_{a}SCALE": float(s) for a, s in zip("XYZ", np.diag(matrix), strict=True)}
-    values |= {"CAL_MAG1_XODIAG": 0.02, "CAL_MAG1_YODIAG": -0.01, "CAL_MAG1_ZODIAG": 0.03}
-    for name, value in values.items():
-        log.parameter(name, value)
-    rows = np.zeros(400, dtype_of(fields))
-    rows["timestamp_sample"] = rows["timestamp"] = STAMPS
-    rows["device_id"], rows["magnetometer_ga"] = 97539, (raw - offset) @ matrix.T
-    log.subscribe("vehicle_magnetometer")
-    log.data("vehicle_magnetometer", 0, rows)
-    np.testing.assert_allclose(read(put(log), raw=True, quiet=True).mag, still.mag, atol=1e-10)
-    assert finding(read(put(log), quiet=True), "applied").subject == ("mag",)
 
 
 def test_fifo_batches_are_spread_over_time(put):

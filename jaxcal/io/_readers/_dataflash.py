@@ -17,7 +17,6 @@ from ..._units import find_unit
 from .._findings import READ
 from .._table import Signals
 from ._streams import Part, first_of, gather, imus_of, join, named
-from ._undo import undo_ardupilot, undo_compass
 
 _HEAD = b"\xa3\x95"
 _FMT, _FMT_LENGTH = 128, 89
@@ -77,7 +76,7 @@ class DataFlash:
         return gather(self._content, form.offsets if offsets is None else offsets, form.dtype[fields] if fields else form.dtype)
 
 
-def read_ardupilot(path: pathlib.Path, topics: list[str] | None, units: dict[str, str], raw: bool) -> Signals:
+def read_ardupilot(path: pathlib.Path, topics: list[str] | None, units: dict[str, str]) -> Signals:
     """Read time stamps and sensors of a log; batches of unfiltered samples (ISBH, ISBD) are preferred to ACC and GYR, these to IMU."""
     log = DataFlash(path)
     streams = _streams(log)
@@ -93,7 +92,7 @@ def read_ardupilot(path: pathlib.Path, topics: list[str] | None, units: dict[str
     signals.imus = imus_of(list(streams), chosen if topics is None else [])
     parts: list[Part] = []
     for label in chosen:
-        parts += [_batches(log, label, signals)] if label.startswith("ISB") else _records(log, label, streams[label], raw, signals)
+        parts += [_batches(log, label, signals)] if label.startswith("ISB") else _records(log, label, streams[label], signals)
     dropped = int(log.rows("DSF")["Dp"].max()) if log.holds("DSF", "Dp") else 0
     if dropped:
         signals.findings.append(READ("dropped", what=f"{dropped} records (DSF)"))
@@ -143,29 +142,19 @@ def _choose(samples: dict[str, int], topics: list[str] | None, present: str, sig
     return [label for group in chosen for label in first_of(of[group], samples, signals.findings)]
 
 
-def _records(log: DataFlash, label: str, rows: np.ndarray, raw: bool, signals: Signals) -> list[Part]:
+def _records(log: DataFlash, label: str, rows: np.ndarray, signals: Signals) -> list[Part]:
     """Sensors from records with one sample each."""
     group, _, number = label.partition(":")
     names = rows.dtype.names or ()
     form = next(name for name in (group, f"{group}{int(number) + 1}") if name in log.formats and log.formats[name].dtype == rows.dtype)
     stamps = _stamps(rows, label)
-    parameters, changed = _parameters(log) if raw else ({}, set())
     parts = []
     for name, prefix, unit in _GROUPS[group]:
         values, unit = _values(log, form, rows, [prefix + axis for axis in "XYZ"], unit, name)
-        if raw and name == "mag":
-            added, _ = _values(log, form, rows, [f"Ofs{axis}" for axis in "XYZ"], unit, name)
-            if all(f"MO{axis}" in names for axis in "XYZ"):
-                added = added + _values(log, form, rows, [f"MO{axis}" for axis in "XYZ"], unit, name)[0]
-            values = undo_compass(values, added, int(number), parameters, changed)
-        elif raw:
-            values = undo_ardupilot(name, values, int(number), parameters, changed)
         parts.append(Part(name, label, stamps, values, unit))
     if group == "IMU" and "T" in names:
         parts.append(Part("temperature", label, stamps, _values(log, form, rows, ["T"], "degC", "temperature")[0], "degC"))
-    if raw:
-        signals.findings.append(READ("undone", label, who="ArduPilot"))
-    elif group in ("IMU", "MAG"):
+    if group in ("IMU", "MAG"):
         signals.findings.append(READ("applied", label, who="ArduPilot"))
     else:
         signals.findings.append(READ("unstated", label))
@@ -265,19 +254,6 @@ def _together(parts: list[Part]) -> list[Part]:
         values[np.searchsorted(stamps, part.stamps)] = part.values
         part.stamps, part.values = stamps, values
     return parts
-
-
-def _parameters(log: DataFlash) -> tuple[dict[str, float], set[str]]:
-    """First logged values of the parameters, and the names of those that changed later."""
-    found: dict[str, float] = {}
-    changed: set[str] = set()
-    rows = log.rows("PARM") if log.holds("PARM", "Name", "Value") else None
-    if rows is not None and rows["Name"].dtype.kind == "S" and rows["Value"].dtype.kind == "f":
-        for name, value in zip(rows["Name"].tolist(), rows["Value"].tolist(), strict=True):
-            key = name.decode("latin-1")
-            if found.setdefault(key, value) != value:
-                changed.add(key)
-    return found, changed
 
 
 def _formats(data: mmap.mmap) -> dict[str, Format]:

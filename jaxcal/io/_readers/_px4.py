@@ -12,14 +12,13 @@ from .._findings import READ
 from .._table import Signals
 from ._streams import Part, first_of, imus_of, join, named
 from ._ulog import Topic, ULog
-from ._undo import undo_px4
 
 #: topic -> its sensors
 _RAW = {"sensor_gyro": ("gyro",), "sensor_accel": ("accel",), "sensor_mag": ("mag",)}
 _FIFO = {"sensor_gyro_fifo": ("gyro",), "sensor_accel_fifo": ("accel",)}
 _USED = {"sensor_combined": ("gyro", "accel"), "vehicle_magnetometer": ("mag",)}
 _ALL = _RAW | _FIFO | _USED
-_HELPERS = ("vehicle_imu_status", "sensor_selection")
+_STATUS = "vehicle_imu_status"
 #: value that PX4 writes if it has no accelerometer sample
 _INVALID = 2147483647
 #: raw topics with a smaller share of the samples of another topic are not used
@@ -27,9 +26,9 @@ _FEW = 0.2
 _UNITS = {"gyro": "rad/s", "accel": "m/s^2", "mag": "G", "temperature": "degC"}
 
 
-def read_px4(path: pathlib.Path, topics: list[str] | None, units: dict[str, str], raw: bool) -> Signals:
+def read_px4(path: pathlib.Path, topics: list[str] | None, units: dict[str, str]) -> Signals:
     """Read time stamps and sensors of a ULog; raw topics are preferred to calibrated ones; `topics` names one of several instances."""
-    log = ULog(path, frozenset(_ALL) | frozenset(_HELPERS))
+    log = ULog(path, frozenset((*_ALL, _STATUS)))
     found = {topic.label: topic for topic in log.topics if topic.name in _ALL}
     if not found:
         raise DataError(
@@ -43,7 +42,7 @@ def read_px4(path: pathlib.Path, topics: list[str] | None, units: dict[str, str]
     labels = _choose(samples, topics, present, signals)
     signals.imus = imus_of(list(found), labels if topics is None else [])
     chosen = [found[label] for label in labels]
-    parts = [part for topic in chosen for part in _parts(log, topic, raw, signals)]
+    parts = [part for topic in chosen for part in _parts(log, topic, signals)]
     _one_temperature(log, parts)
     if log.dropouts:
         total, longest = sum(log.dropouts) / 1000, max(log.dropouts) / 1000
@@ -90,12 +89,8 @@ def _samples(log: ULog, topic: Topic) -> int:
 
 
 def _device(log: ULog, topic: Topic) -> str:
-    ids = _ids(log, topic, "device_id")
+    ids = np.unique(log.rows(topic, ["device_id"])["device_id"]).tolist() if "device_id" in topic.fields else []
     return f" device {', '.join(map(str, ids[:3]))}" if ids else ""
-
-
-def _ids(log: ULog, topic: Topic | None, field: str) -> list[int]:
-    return np.unique(log.rows(topic, [field])[field]).tolist() if topic and field in topic.fields else []
 
 
 def _rate(log: ULog, topic: Topic) -> str:
@@ -104,23 +99,22 @@ def _rate(log: ULog, topic: Topic) -> str:
     return f", {(len(stamps) - 1) / (span * 1e-6):.4g} Hz" if span > 0 else ""
 
 
-def _parts(log: ULog, topic: Topic, raw: bool, signals: Signals) -> list[Part]:
+def _parts(log: ULog, topic: Topic, signals: Signals) -> list[Part]:
     """Sensors of one topic."""
     if "fifo" in topic.name:
         return _fifo(log, topic)
     if topic.name == "sensor_combined":
-        return _combined(log, topic, raw, signals)
+        return _combined(log, topic, signals)
     name = _ALL[topic.name][0]
     fields = ["magnetometer_ga"] if topic.name == "vehicle_magnetometer" else ["x", "y", "z"]
     rows = _rows(log, topic, [*fields, "timestamp"], ["timestamp_sample", "temperature", "device_id", "clip_counter", "calibration_count"])
-    devices = np.unique(rows["device_id"]).tolist() if "device_id" in rows else []
-    if len(devices) > 1:
+    if "device_id" in rows and len(np.unique(rows["device_id"])) > 1:
         signals.findings.append(READ("several_devices", topic.label, devices=_device(log, topic).strip()))
     if topic.name == "vehicle_magnetometer":
         rows = _longest(rows, "calibration_count", topic, signals.findings)
     stamps, values = _stamps(rows, topic, signals.findings), _wide(rows, fields)
     if topic.name == "vehicle_magnetometer":
-        values = _calibrated(log, topic, name, values, devices, raw, signals)
+        signals.findings.append(READ("applied", name, who="PX4"))
     elif "clip_counter" in rows:
         clipped = np.count_nonzero(rows["clip_counter"].reshape(len(stamps), -1).any(axis=1))
         if clipped:
@@ -131,7 +125,7 @@ def _parts(log: ULog, topic: Topic, raw: bool, signals: Signals) -> list[Part]:
     return parts
 
 
-def _combined(log: ULog, topic: Topic, raw: bool, signals: Signals) -> list[Part]:
+def _combined(log: ULog, topic: Topic, signals: Signals) -> list[Part]:
     rows = _rows(
         log, topic, ["timestamp", "gyro_rad", "accelerometer_m_s2"],
         ["accelerometer_timestamp_relative", "accel_calibration_count", "gyro_calibration_count"],
@@ -147,10 +141,9 @@ def _combined(log: ULog, topic: Topic, raw: bool, signals: Signals) -> list[Part
         later = stamps + np.where(invalid, 0, relative) * 1000
         if invalid.any():
             signals.findings.append(READ("not_read", "accel", what=f"{np.count_nonzero(invalid)} rows that are marked invalid"))
-    selected = next((other for other in log.topics if other.name == "sensor_selection"), None)
     parts = []
     for name, at, values in (("gyro", stamps, _wide(rows, ["gyro_rad"])), ("accel", later, accel)):
-        values = _calibrated(log, topic, name, values, _ids(log, selected, f"{name}_device_id"), raw, signals)
+        signals.findings.append(READ("applied", name, who="PX4"))
         if np.isfinite(values).any():
             parts.append(Part(name, topic.label, at, values, _UNITS[name]))
     what = "The readings are averages over an interval"
@@ -222,20 +215,12 @@ def _longest(rows: dict[str, np.ndarray], field: str, topic: Topic, findings: li
     return {name: column[kept] for name, column in rows.items()}
 
 
-def _calibrated(log: ULog, topic: Topic, name: str, values: np.ndarray, devices: list[int], raw: bool, signals: Signals) -> np.ndarray:
-    if raw:
-        signals.findings.append(READ("undone", name, who="PX4"))
-        return undo_px4(name, values, devices[0] if len(devices) == 1 else None, log.parameters, log.changed)
-    signals.findings.append(READ("applied", name, who="PX4"))
-    return values
-
-
 def _one_temperature(log: ULog, parts: list[Part]) -> None:
     """Keep one temperature: that of the gyroscope, whose bias depends on it most, or else that of the status topic."""
     found = sorted((part for part in parts if part.name == "temperature"), key=lambda part: not part.source.startswith("sensor_gyro"))
     for part in found[1:]:
         parts.remove(part)
-    status = [topic for topic in log.topics if topic.name == "vehicle_imu_status"]
+    status = [topic for topic in log.topics if topic.name == _STATUS]
     if not found and len(status) == 1 and any(part.source.startswith("sensor_combined") for part in parts):
         rows = log.rows(status[0], ["timestamp", "temperature_gyro"])
         if len(rows) == 2 and rows["temperature_gyro"].dtype.kind == "f" and np.isfinite(rows["temperature_gyro"]).all():

@@ -56,8 +56,8 @@ class Topic:
 class ULog:
     """A parsed ULog.
 
-    `topics` are the `wanted` topics that have rows, `others` the names of the other topics; `changed` are the names of the parameters
-    that changed during the log, and `dropouts` the lengths in ms of the logger's dropouts.
+    `topics` are the `wanted` topics that have rows, `others` the names of the other topics, `dropouts` the lengths in ms of the logger's
+    dropouts.
     """
 
     def __init__(self, path: pathlib.Path, wanted: frozenset[str]):
@@ -65,8 +65,6 @@ class ULog:
             data = self._data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         if len(data) < 16 or data[: len(_MAGIC)] != _MAGIC:
             raise DataError("the header of the ULog is cut off; copy the file again", code="damaged")
-        self.parameters: dict[str, float] = {}
-        self.changed: set[str] = set()
         self.others: set[str] = set()
         self.dropouts: list[int] = []
         self.findings: list[Finding] = []
@@ -74,7 +72,7 @@ class ULog:
         # offsets of the rows by topic and instance; the same lists by subscription number
         self._rows: dict[tuple[str, int], array.array] = {}
         self._places: list[array.array | None] = [None] * 65536
-        self._started, self._skipped = False, 0
+        self._skipped = 0
         self._span(16, len(data), True)
         # data appended by a crash dump begin at listed offsets, and the message before such an offset may be cut off
         for begin, end in itertools.pairwise([*self._stops, len(data)]):
@@ -139,7 +137,6 @@ class ULog:
             if colon:
                 self._formats.setdefault(name, fields)
         elif kind == 65 and len(body) >= 3:  # A, subscription
-            self._started = True
             name, number = body[3:].decode("latin-1"), body[1] | body[2] << 8
             self._places[number] = None
             if name in self._wanted:
@@ -148,8 +145,6 @@ class ULog:
                 self.others.add(name)
         elif kind == 82 and len(body) >= 2:  # R, end of a subscription
             self._places[body[0] | body[1] << 8] = None
-        elif kind == 80 and body:  # P, parameter
-            self._parameter(body)
         elif kind == 79 and len(body) == 2:  # O, dropout in ms
             self.dropouts.append(body[0] | body[1] << 8)
         elif kind == 66 and len(body) >= 40:  # B, flags
@@ -157,16 +152,6 @@ class ULog:
                 raise DataError("this ULog uses features that are not known here; convert it with `ulog2csv` of pyulog", code="damaged")
             if body[8] & 1:
                 self._stops = sorted({stop for stop in struct.unpack("<3Q", body[16:40]) if 16 < stop < len(self._data)})
-
-    def _parameter(self, body: bytes) -> None:
-        kind, _, name = body[1 : 1 + body[0]].decode("latin-1").partition(" ")
-        value = body[1 + body[0] :]
-        if len(value) != 4 or kind not in ("float", "int32_t"):
-            return
-        number = float(struct.unpack("<f" if kind == "float" else "<i", value)[0])
-        if self._started and self.parameters.get(name, number) != number:
-            self.changed.add(name)
-        self.parameters.setdefault(name, number)
 
 
 def layout(name: str, formats: dict[str, str]) -> tuple[np.dtype, int]:
