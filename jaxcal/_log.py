@@ -21,12 +21,11 @@ from .evidence._find import find, set_aside
 from .evidence._findings import said_of, seen_in
 from .evidence._gaps import Gap, gaps_of
 from .evidence._stretch import Stretch
-from .evidence._values import masked, of_values
+from .evidence._values import masked, of_values, unwrapped
 
 #: sensor field -> channel name suffixes
 _AXES = {"gyro": ("_x", "_y", "_z"), "accel": ("_x", "_y", "_z"), "mag": ("_x", "_y", "_z"), "temperature": ("",)}
 _SENSORS = {"gyro": "gyroscope", "accel": "accelerometer", "mag": "magnetometer", "temperature": "temperature"}
-_THREE = 3
 
 
 class Log(eqx.Module):
@@ -134,9 +133,12 @@ class Log(eqx.Module):
             found += [one.of(name) for one in own_grid.findings if one.severity > NOTE]
             sensors[name], offset[name] = at_nearest(name, apart[name], own_grid, grid, found)
 
+        undone: list[Stretch] = []
         for name, values in sensors.items():
             unit = shown_unit(name, values)
-            seen = of_values(name, values, rate, unit)
+            values, wrapped = unwrapped(name, values, rate, unit)
+            undone += wrapped
+            seen = wrapped + of_values(name, values, rate, unit)
             found += seen_in(name, _channel_names(name, values), values, rate, unit, seen)
             for stuck in (one for one in seen if one.kind == "stuck"):
                 values = np.where(masked(stuck, values, rate), np.nan, values)
@@ -148,6 +150,7 @@ class Log(eqx.Module):
         self.gaps = gaps_of(sensors, offset, rate, found)
         self.findings = tuple(found)
         self.provenance = provenance | {"epoch_ns": int(provenance.get("epoch_ns", 0)) + epoch}
+        object.__setattr__(self, "_undone", tuple(undone))  # can no longer be seen in the readings
 
     @property
     def duration(self) -> float:
@@ -239,7 +242,8 @@ class Log(eqx.Module):
         """
         if (known := vars(self).get("_evidence")) is None:
             raw, keep = vars(self).get("_raw", (None, ()))
-            known = find(self._sensors(), self.rate, self.gaps) if raw is None else raw.evidence
+            undone = vars(self).get("_undone", ())
+            known = (*undone, *find(self._sensors(), self.rate, self.gaps)) if raw is None else raw.evidence
             known = tuple(one for one in known if one.kind not in keep)
             object.__setattr__(self, "_evidence", known)
         return known
@@ -352,7 +356,7 @@ class Log(eqx.Module):
     def _replaced(self, **changes: Any) -> "Log":
         """A copy with other fields, without any check."""
         log = copy.copy(self)
-        for found in ("_evidence", "_raw") if changes.keys() & _AXES.keys() else ():
+        for found in ("_evidence", "_raw", "_undone") if changes.keys() & _AXES.keys() else ():
             vars(log).pop(found, None)
         for name, value in changes.items():
             object.__setattr__(log, name, value)

@@ -7,6 +7,8 @@ LOG = table(
     no_stamp=Kind(CAUTION, "{count} samples have no time stamp and are left out."),
     wraps=Kind(NOTE, "The time counter wraps {count} times, by 2^{bits} ticks of {tick:g} s; it is unwrapped."),
     unsorted=Kind(CAUTION, "{count} time stamps are out of order (largest step back {back:.6g} s); the samples are sorted by time."),
+    recordings=Kind(CAUTION, "The stamps are those of {count} recordings in one file; only the longest is read, rows {rows} of {total}.",
+                    "Read the others from files of their own."),
     copies=Kind(NOTE, "{count} samples repeat the stamp and the values of the one before; one of each is kept."),
     same_stamp=Kind(CAUTION, "{count} samples share the stamp of the one before, but not its values; they are spaced evenly."),
     coarse_stamps=Kind(CAUTION, "The time stamps resolve only {resolution:.3g} s{single}; the samples are spaced evenly at {rate:.6g} Hz."),
@@ -15,6 +17,7 @@ LOG = table(
     rate_given=Kind(NOTE, "The rate is {rate:g} Hz as given; the stamps say {estimate:.6g} Hz."),
     crowded=Kind(NOTE, "{count} of {total} readings have no sample of the log to themselves and are left out."),
     # the values
+    wrapped=Kind(NOTE, "The values overflow {count} times, by {size:.6g} {unit}, as those of a counter; they are joined again."),
     infinite=Kind(CAUTION, "{count} infinite values are treated as missing."),
     constant=Kind(CAUTION, "Constant in every sample ({values} {unit}), so nothing can be said about its noise."),
     repeats=Kind(NOTE, "{percent:.2g} % of the samples repeat the one before in all axes and do not count: the sensor gives about "

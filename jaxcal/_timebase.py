@@ -13,8 +13,8 @@ from ._log_findings import LOG
 from ._message import Message
 from ._quality import all_finite
 
-#: ranges (ticks) at which counters wrap, and lengths (s) of their ticks
-_WRAPS = (2.0**16, 2.0**31, 2.0**32)
+#: ranges at which counters wrap, of stamps (ticks) and of readings (steps); and lengths (s) of the ticks of stamps
+WRAPS = (2.0**15, 2.0**16, 2.0**31, 2.0**32)
 _TICKS = (1e-9, 1e-6, 1e-3, 1.0)
 #: a step longer than this many periods that later steps do not make up is a gap
 GAP = 1.5
@@ -22,6 +22,9 @@ GAP = 1.5
 _RATE_TOLERANCE = 0.005
 #: rms jitter, in periods, above which a warning is given
 _JITTER = 0.02
+
+#: periods of a jump that may part two recordings in one file
+_FAR = 50
 
 #: share of samples with the stamp of the one before, and of those the share with other values, above which stamps are coarse
 _SHARED, _DIFFER = 0.05, 0.1
@@ -77,9 +80,12 @@ def place(stamps: np.ndarray, rate: float | None, equal: Callable[[np.ndarray, n
         said = "the time stamps are {step:.3g} s apart on average; give their unit with {option.units:time=...}, or {advice}"
         raise DataError(Message(said, step=mean_step, advice=ADVICE), code="time_unit")
     steps = np.diff(stamps)
+    if steps.min() < 0:
+        stamps = _unwrap(stamps, found)
+    stamps, source = _one_recording(stamps, source, found)
+    steps = np.diff(stamps)
     if steps.min() <= 0:
         if steps.min() < 0:
-            stamps = _unwrap(stamps, found)
             stamps, source = _sort(stamps, source, found)
         if stamps[-1] == stamps[0]:
             raise _no_clock("all {count} time stamps are equal ({value:g} s)", "equal_stamps", count=len(stamps), value=float(stamps[0]))
@@ -152,7 +158,7 @@ def _unwrap(stamps: np.ndarray, found: list[Finding]) -> np.ndarray:
     steps = np.diff(stamps)
     back = np.flatnonzero(steps < 0)
     period = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
-    for ticks in _WRAPS:
+    for ticks in WRAPS:
         for tick in _TICKS:
             span = ticks * tick
             if span < 20 * period:
@@ -166,6 +172,35 @@ def _unwrap(stamps: np.ndarray, found: list[Finding]) -> np.ndarray:
                 found.append(LOG("wraps", count=len(wrapped), bits=int(np.log2(ticks)), tick=tick))
                 return stamps + np.cumsum(turns)
     return stamps
+
+
+def _one_recording(stamps: np.ndarray, source: np.ndarray | None, found: list[Finding]) -> tuple[np.ndarray, np.ndarray | None]:
+    """The longest of several recordings in one file: where the stamps start again, or go on after a gap in other steps."""
+    steps = np.diff(stamps)
+    period = float(np.median(steps[steps > 0])) if np.any(steps > 0) else np.inf
+    far, alike = _FAR * period, _FAR + 1
+
+    def even(part: np.ndarray) -> float:
+        """The usual step of stamps that are a clock; otherwise NaN."""
+        if len(part) < alike:
+            return np.nan
+        usual = float(np.median(part))
+        return usual if usual > 0.0 and np.mean(np.abs(part - usual) < 0.2 * usual) > 0.9 else np.nan
+
+    def apart(i: int) -> bool:
+        if steps[i] < 0:  # parts in the wrong order are sorted, and a late stamp is followed by a jump back to the others
+            return stamps[i + 1 :].max() > stamps[: i + 1].min() and not np.any(steps[i + 1 : i + alike] > -steps[i] / 2)
+        return abs(np.log(even(steps[:i]) / even(steps[i + 1 :]))) > 0.05
+
+    back = np.flatnonzero(steps < -far)
+    cuts = [i for i in {*(back.tolist() if len(back) <= 2 else ()), int(np.argmax(steps))} if abs(steps[i]) > far and apart(i)]
+    if not cuts:
+        return stamps, source
+    edges = np.array([0, *(i + 1 for i in sorted(cuts)), len(stamps)])
+    longest = int(np.argmax(np.diff(edges)))
+    part = slice(edges[longest], edges[longest + 1])
+    found.append(LOG("recordings", count=len(edges) - 1, rows=f"{part.start} to {part.stop - 1}", total=len(stamps)))
+    return stamps[part], np.arange(len(stamps))[part] if source is None else source[part]
 
 
 def _sort(stamps: np.ndarray, source: np.ndarray | None, found: list[Finding]) -> tuple[np.ndarray, np.ndarray | None]:

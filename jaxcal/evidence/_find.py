@@ -9,7 +9,7 @@ from .._units import si_unit
 from ._bursts import LONGEST, bursts
 from ._gaps import Gap
 from ._stretch import NO_READING, NOT_STILL, Stretch
-from ._values import masked, of_values
+from ._values import masked, of_values, unwrapped
 
 #: share of a stretch's size that the level must shift by for a step rather than a knock
 _STEP = 0.5
@@ -38,7 +38,8 @@ def find(sensors: Mapping[str, Any], rate: float | int, gaps: Iterable[Gap] = ()
     found = [Stretch("gap", "", (), gap.start, gap.start + gap.length, samples=gap.samples) for gap in gaps]
     for sensor, given in sensors.items():
         values = np.asarray(given, dtype=float).reshape(len(given), -1)
-        seen = of_values(sensor, values, rate, si_unit(sensor))
+        values, joined = unwrapped(sensor, values, rate, si_unit(sensor))
+        seen = joined + of_values(sensor, values, rate, si_unit(sensor))
         found += [*seen, *events(sensor, set_aside(sensor, values, rate, seen), rate)]
     return tuple(sorted(found, key=lambda one: one.start))
 

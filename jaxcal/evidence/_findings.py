@@ -35,6 +35,8 @@ def seen_in(sensor: str, names: list[str], values: np.ndarray, rate: float, unit
             found.append(LOG("zeroed", about, count=one.samples))
         elif one.kind == "clipped":
             found.append(LOG("clipped", about, count=one.samples, value=one.size, unit=unit))
+        elif one.kind == "wrapped":
+            found.append(LOG("wrapped", about, count=one.samples, size=one.size, unit=unit))
         elif one.kind == "coarse":
             found.append(LOG("steps", about, step=float(f"{one.size:.4g}"), unit=unit))
         elif one.kind == "warm_up":

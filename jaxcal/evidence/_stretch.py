@@ -7,7 +7,7 @@ NO_READING = ("held", "stuck", "zeroed", "clipped")
 #: kinds that are no noise of a sensor at rest; a log of movement may consist of them
 NOT_STILL = ("knock", "moving", "step")
 #: kinds that are told, and set nothing aside
-TOLD = ("warm_up", "coarse", "gap")
+TOLD = ("warm_up", "coarse", "wrapped", "gap")
 KINDS = (*NO_READING, *NOT_STILL, *TOLD)
 
 
@@ -20,7 +20,8 @@ class Stretch:
     kind : "knock" (at most 5 s, with the level before and after it alike), "moving" (longer), "step" (the mean shifts at an instant);
         "held" (all axes repeat an earlier reading: the sensor is slower than the log, or packets were repeated), "stuck" (the same for
         long), "zeroed" (exact zeros of a dead band, or of lost readings), "clipped" (at the end of the range); "warm_up" (the first
-        minute is off), "coarse" (steps of the values as large as the noise), "gap" (no readings).
+        minute is off), "coarse" (steps of the values as large as the noise), "wrapped" (the readings of a counter overflow, and are joined again),
+        "gap" (no readings).
     sensor : "gyro", "accel", "mag" or "temperature"; "" for all.
     axes : indices of the axes.
     start, stop : s from the start of the recording.

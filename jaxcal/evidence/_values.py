@@ -6,6 +6,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._arrays import runs
+from .._timebase import WRAPS
 from ._stretch import Stretch
 
 #: repeats in a row that are a stuck sensor rather than a slow one or a repeated packet
@@ -86,6 +87,41 @@ def of_values(sensor: str, values: np.ndarray, rate: float, unit: str) -> list[S
             found += _clipped(sensor, axis, column, rate, unit)
         found += _lost(sensor, values, rate)
     return [*found, *_coarse(sensor, values, rate, unit), *_warm_up(sensor, values, rate, unit)]
+
+
+def unwrapped(sensor: str, values: np.ndarray, rate: float, unit: str) -> tuple[np.ndarray, list[Stretch]]:
+    """The readings (n, axes) of a sensor, joined where a counter of 16 or 32 bits overflows, and these overflows.
+
+    Such a jump is nearly as large as the whole range of the values, and an ordinary change is left if the range of the counter is taken
+    off. The level is the one nearest to zero.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.evidence._values import unwrapped
+    >>> y = np.round(np.random.default_rng(0).normal(size=(1000, 1)) * 30 + 20)
+    >>> joined, found = unwrapped("gyro", y.astype(np.int16).astype(np.uint16).astype(float), 100.0, "counts")
+    >>> bool((joined == y).all()), found[0].kind, found[0].size
+    (True, 'wrapped', 65536.0)
+    """
+    found = []
+    for axis, column in enumerate(values.T):
+        there = np.flatnonzero(np.isfinite(column))
+        known = column[there]
+        change = np.diff(known)
+        size = np.abs(change)
+        far = size > 0.75 * np.ptp(known) if len(known) else np.zeros(0, bool)
+        step = _common_step(size[~far]) if far.any() else 0.0
+        usual = float(size[~far].max(initial=0.0))
+        for span in (step * count for count in WRAPS if step * count > 4.0 * usual > 0.0):
+            if np.abs(size[far] - span).max() <= 2.0 * usual:
+                turns = np.concatenate([[0.0], np.cumsum(np.where(far, -np.sign(change), 0.0))])
+                known = known + span * turns
+                values = values.copy()
+                values[there, axis] = known - span * np.round(np.median(known) / span)
+                found.append(Stretch("wrapped", sensor, (axis,), *_between(there[1:][far], rate), span, unit, np.count_nonzero(far)))
+                break
+    return values, found
 
 
 def masked(one: Stretch, values: np.ndarray, rate: float) -> np.ndarray:
@@ -205,7 +241,11 @@ def resolution(column: np.ndarray) -> float:
     (0.0, 0.25)
     """
     column = column[np.isfinite(column)]
-    steps = np.abs(np.diff(column[:SAMPLE]))
+    return _common_step(np.abs(np.diff(column[:SAMPLE])))
+
+
+def _common_step(steps: np.ndarray) -> float:
+    """The step of which all are whole multiples, or 0."""
     steps = steps[steps > 0]
     if len(steps) < _FEW:
         return 0.0

@@ -138,6 +138,34 @@ def test_zeros_of_a_dead_band_are_no_readings():
     assert np.isnan(jaxcal.Log(None, accel=accel, rate=RATE).usable("accel")[-1]).all()
 
 
+@pytest.mark.parametrize("step", [1.0, 4.9e-4])
+@pytest.mark.parametrize(("bits", "level"), [(16, -20.0), (16, 32_750.0), (32, 30.0), (15, 5.0)])
+def test_overflows_of_a_counter_are_undone(bits, level, step):
+    """Signed readings stored as unsigned ones, and readings beyond the range of a signed counter."""
+    y = np.round(records.noise(np.random.default_rng(15), 20_000, RATE, n=3.0)) + level
+    low = 0.0 if level < 1000 else -(2.0 ** (bits - 1))
+    given = (low + (y - low) % 2.0**bits) * step
+    log = jaxcal.Log(None, gyro=given, rate=RATE)
+    np.testing.assert_allclose(log.gyro / step, y, atol=1e-4)
+    assert "wrapped" in log.codes
+    assert {one.kind for one in log.evidence} - {"coarse"} == {"wrapped"}
+    assert {one.kind for one in find({"gyro": given}, RATE)} - {"coarse"} == {"wrapped"}
+    assert not {"wrapped"} & set(jaxcal.Log(None, gyro=y, rate=RATE).codes)
+
+
+@pytest.mark.parametrize(("slower", "later"), [(1, 0), (2, 0), (2, 1000)])
+def test_of_two_recordings_in_a_file_the_longer_is_read(slower, later):
+    y = np.random.default_rng(16).normal(size=(25_000, 3))
+    stamps = np.concatenate([np.arange(15_000), slower * np.arange(10_000) + 100 * later]) / RATE
+    log = jaxcal.Log(stamps, gyro=y)
+    assert log.rate == pytest.approx(RATE, rel=1e-9)
+    np.testing.assert_array_equal(log.gyro, y[:15_000])
+    assert "recordings" in log.codes
+    late = np.arange(25_000) / RATE
+    late[2000], late[20_000:] = 1.0, late[20_000:] + 100.0
+    assert "recordings" not in jaxcal.Log(late, gyro=y).codes  # a late stamp, and a gap
+
+
 def test_a_log_says_what_was_set_aside_and_keeps_what_is_asked():
     rate, y, _ = records.disturbed(12, 0.1, 1.0, "middle")
     log = jaxcal.Log(None, gyro=y, rate=rate)
