@@ -20,7 +20,7 @@ class Stretch:
     kind : "knock" (at most 5 s, with the level before and after it alike), "moving" (longer), "step" (the mean shifts at an instant);
         "held" (all axes repeat an earlier reading: the sensor is slower than the log, or packets were repeated), "stuck" (the same for
         long), "zeroed" (exact zeros of a dead band, or of lost readings), "clipped" (at the end of the range); "warm_up" (the first
-        minute is off), "coarse" (steps of the values as large as the noise), "wrapped" (the readings of a counter overflow, and are joined again),
+        minute is off), "coarse" (steps of the values as large as the noise), "wrapped" (a counter overflows, and its readings are joined),
         "gap" (no readings).
     sensor : "gyro", "accel", "mag" or "temperature"; "" for all.
     axes : indices of the axes.
