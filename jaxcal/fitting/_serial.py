@@ -122,7 +122,8 @@ def leave_out(jacobian: np.ndarray, residuals: np.ndarray, known: np.ndarray | N
     """
     n, free = jacobian.shape
     known = np.zeros((free, free)) if known is None else known
-    size = np.linalg.norm(jacobian, axis=0)
+    # what only the other sources show has a column of zeros
+    size = np.sqrt(np.sum(jacobian**2, axis=0) + np.diag(known))
     if n < 2 * free or not (size > 0).all():
         return np.full((free, free), np.inf)
     rows = jacobian / size

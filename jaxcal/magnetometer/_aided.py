@@ -292,7 +292,7 @@ def solved(
         shown = np.abs(jacobian).max(axis=0) > 0  # the gain is in the prior alone
         matrix, prior = inverse, whole[len(left) :].T @ whole[len(left) :]
         if sigma[0] > _LEAST and not is_white(jacobian[:, shown], scaled):
-            other = leave_out(np.where(shown, jacobian, 1e-300), scaled, prior) + inverse @ prior @ inverse
+            other = leave_out(jacobian, scaled, prior) + inverse @ prior @ inverse
             if np.isfinite(other).all():
                 # no parameter is known better than by white residuals
                 ratio = np.sqrt(np.maximum(np.diag(matrix) / np.maximum(np.diag(other), 1e-300), 1.0))
