@@ -23,12 +23,10 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._types import AnyArray
+from ..evidence._uneven import BLOCKS, beyond_chance, is_named
 from ._likelihood import density, information, inverse
 from ._ordinates import Bins
 
-_BLOCKS = (10, 5, 2)  # blocks of the record; fewer ones see slower changes of the level
-_CHANCES = (0.1, 0.02)  # chances of a larger scatter of stationary noise between which a factor grows from one to its full size
-_NAMED = 1e-3  # chance of a larger scatter below which a part of the record is named; at 0.02, one of six stationary records named one
 #: share of the information on a coefficient that the ordinates used must hold; ordinates that are used at least; independent energies that
 #: a block must hold; with fewer, its energy follows no known law
 _ENOUGH, _FEWEST, _INDEPENDENT = 0.95, 64, 1.0
@@ -48,7 +46,7 @@ def widening(bins: Bins, unit: float, theta: AnyArray, names: tuple[str, ...], s
     loudest: list[tuple[float, float] | None] = [None] * len(names)
     count = _counts(len(spectrum))
     there = np.flatnonzero(theta != 0.0)
-    energies, worth = np.zeros((len(there), _BLOCKS[0])), np.zeros(len(there))
+    energies, worth = np.zeros((len(there), BLOCKS[0])), np.zeros(len(there))
     for row, j in enumerate(there):
         evidence = np.where(bins.weight > 0, np.abs(bins.columns[:, j]) / model, 0.0)[: len(count)]
         if np.any(evidence > 0.0):
@@ -56,18 +54,18 @@ def widening(bins: Bins, unit: float, theta: AnyArray, names: tuple[str, ...], s
             energies[row] *= np.sign(bins.columns[-1, j])
     back = inverse(information(bins._replace(columns=bins.columns[:, there]), theta[there]))
     own = np.maximum(np.diagonal(back), np.finfo(float).tiny)
-    for blocks in _BLOCKS:
+    for blocks in BLOCKS:
         influence = back @ energies.reshape(len(there), blocks, -1).sum(axis=2) / 2.0
         influence -= influence.mean(axis=1, keepdims=True)
         spread = np.sum(influence**2, axis=1) * blocks / (blocks - 1.0) / own
         # energies of few chi-squares have long tails, which make their scatter less certain
         known = worth >= _INDEPENDENT * blocks
         freedom = (blocks - 1.0) / (1.0 + 6.0 * blocks / np.where(known, worth, 1.0))
-        found = np.where(known, _beyond_chance(spread, freedom), 1.0)
+        found = np.where(known, beyond_chance(spread, freedom), 1.0)
         for row, j in enumerate(there):
             if found[row] > factor[j]:
                 part = int(np.argmax(influence[row]))
-                named = spread[row] > 2.0 * scipy.special.gammainccinv(freedom[row] / 2.0, _NAMED) / freedom[row]
+                named = is_named(spread[row], freedom[row])
                 factor[j], loudest[j] = found[row], (part / blocks, (part + 1) / blocks) if named else None
     return Widening(factor, loudest)
 
@@ -76,12 +74,6 @@ def _counts(ordinates: int) -> AnyArray:
     from ..spectrum._average import log_groups
 
     return log_groups(ordinates, keep_tail=True)[1]
-
-
-def _beyond_chance(factor: AnyArray, freedom: AnyArray) -> AnyArray:
-    """The factor, as far as chance does not explain it of a chi-square over its degrees of freedom; 1 at least."""
-    none, full = (2.0 * scipy.special.gammainccinv(freedom / 2.0, one) / freedom for one in _CHANCES)
-    return 1.0 + np.clip((factor - none) / (full - none), 0.0, 1.0) * np.maximum(factor - 1.0, 0.0)
 
 
 def _of_octaves(bins: Bins, theta: AnyArray) -> AnyArray:
@@ -101,7 +93,7 @@ def _of_octaves(bins: Bins, theta: AnyArray) -> AnyArray:
     total = np.maximum(variances.sum(axis=0), np.finfo(float).tiny)
     expected = share * variances / total
     freedom = expected.sum(axis=0) ** 2 / np.maximum(np.sum(expected**2, axis=0), np.finfo(float).tiny)
-    return _beyond_chance(np.sum(share * squares, axis=0) / total, np.maximum(freedom, 1.0))
+    return beyond_chance(np.sum(share * squares, axis=0) / total, np.maximum(freedom, 1.0))
 
 
 def _needed(evidence: AnyArray, count: AnyArray) -> int:
@@ -128,5 +120,5 @@ def _energies(spectrum: AnyArray, evidence: AnyArray, model: AnyArray, count: An
     # u^2 has twice the bandwidth of u
     whole = needed == len(spectrum)
     u = np.asarray(scipy.fft.idct(np.pad(white, (1, 0 if whole else needed - 1)), norm="ortho", overwrite_x=True))
-    energy = np.add.reduceat(u * u, np.rint(np.arange(_BLOCKS[0]) * len(u) / _BLOCKS[0]).astype(int), dtype=float)
+    energy = np.add.reduceat(u * u, np.rint(np.arange(BLOCKS[0]) * len(u) / BLOCKS[0]).astype(int), dtype=float)
     return energy * size, float(np.sum(share, dtype=float) ** 2 / np.sum(share * share, dtype=float))
