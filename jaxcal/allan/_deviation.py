@@ -18,6 +18,7 @@ from .._errors import DataError
 from .._precision import host_float64
 from .._quality import checked_confidence, checked_rate, checked_record, refuse_infinite
 from .._types import Any, Int
+from ..evidence._uneven import widened
 from ._findings import FINDINGS, times
 from ._kernels._contiguous import effective_sizes, measure_whole, refuse_traced
 from ._kernels._difference_sums import direct_sums
@@ -168,6 +169,11 @@ def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int
     lengths = statistic.length(count, sizes[:, None], samples) if xp is np else samples
     types = types_for_intervals(noise, effective_sizes(sizes, statistic), lengths, data, xp)
     edf, low, high = _uncertainty(types, count, expected, sizes, statistic, lengths, confidence, xp)
+    if xp is np:
+        wider, said = widened(edf, columns, 2 if data == "phase" else 1, samples / rate, FINDINGS)
+        if (wider < edf).any():
+            edf, findings = wider, (*findings, *said)
+            low, high = interval_factors(edf, confidence)
     bias = xp.ones(count.shape, dtype=low.dtype)
     if bias_corrected:
         factors = functools.partial(bias_factors, kind=statistic, samples=lengths)

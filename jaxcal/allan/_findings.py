@@ -1,8 +1,10 @@
 """What the package says about a deviation."""
 
 from .._answer import CAUTION, NOTE, Kind, table
+from ..evidence._uneven import UNEVEN
 
 FINDINGS = table(
+    uneven=UNEVEN,
     longest_stretch=Kind(
         CAUTION,
         "{kind} needs a record without gaps: only its longest stretch was used, {share:.0%} of it, samples {start} to {stop}.",

@@ -29,7 +29,7 @@ class Deviation(Result):
     m : (clusters,) cluster size in samples.
     deviation : (clusters,) or (clusters, channels), in the unit of the record (tdev, ttotdev: that unit times s).
     lower, upper : limits of the interval at level `confidence`, same shape and unit as `deviation`.
-    edf : equivalent degrees of freedom of the variance, same shape.
+    edf : equivalent degrees of freedom of the variance, same shape; fewer where the noise is uneven in time.
     count : number of differences averaged (windows for mtotdev, ttotdev and htotdev), same shape; less than the full number
         if gaps were left out.
     alpha : noise type identified at each cluster size (2 white phase or quantisation, 1 flicker phase, 0 white rate, -1 flicker rate, -2

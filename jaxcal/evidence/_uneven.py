@@ -9,15 +9,17 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._answer import CAUTION, Kind
+from .._answer import CAUTION, Finding, Kind, Table
 from .._types import AnyArray
 
 #: blocks of the record; fewer ones see slower changes of the level
 BLOCKS = (10, 5, 2)
 _CHANCES = (0.1, 0.02)  # chances of a larger scatter of stationary noise between which a factor grows from one to its full size
 _NAMED = 1e-3  # chance of a larger scatter below which a part of the record is named; at 0.02, one of six stationary records named one
-#: short neighbours, a multiple of all numbers of blocks: at most, and at least, where 0.9 % of records were named; samples in each
-_NEIGHBOURS, _FEWEST, _SHORT = 240, 40, 256
+#: short neighbours, a multiple of all numbers of blocks: at most, and at least, where 0.9 % of records were named
+_NEIGHBOURS, _FEWEST = 240, 40
+#: samples in a neighbour at least, so that its energy is nearly normal, and those used at most, so that long records cost no more
+_SHORT, _USED = 256, 2048
 UNEVEN = Kind(
     CAUTION, "The noise is uneven in time, largest between {start:.6g} and {stop:.6g} s; intervals are up to {factor:.2g} times as wide "
     "for it.", "Look there for a knock or a draught.", limits=(2.0,),
@@ -46,13 +48,26 @@ class Unevenness(NamedTuple):
     variance: float
     loudest: tuple[float, float] | None
 
-    def widened(self, freedom: AnyArray) -> AnyArray:
-        """Degrees of freedom of a mean square of the record, with what the wandering level adds to its variance."""
-        return 2.0 / (2.0 / freedom + self.variance)
+
+def widened(freedom: np.ndarray, columns: np.ndarray, order: int, duration: float, findings: Table) -> tuple[np.ndarray, list[Finding]]:
+    """Degrees of freedom (values, channels) of mean squares of the columns (n, channels), and a finding for each uneven one.
+
+    The differences of this `order` are the noise without slow parts. A level that wanders adds its variance to that of all mean squares.
+    """
+    found = [unevenness(column, order) for column in columns.T]
+    wider = 2.0 / (2.0 / freedom + np.array([one.variance for one in found]))
+    said = []
+    for channel, one in enumerate(found):
+        if one.loudest:
+            factor = float(np.sqrt(np.max(freedom[:, channel] / wider[:, channel])))
+            start, stop = (duration * end for end in one.loudest)
+            about = (f"channel {channel}",) if len(found) > 1 else ()
+            said += findings.over("uneven", factor, about, start=start, stop=stop, factor=factor)
+    return wider, said
 
 
-def unevenness(noise: np.ndarray) -> Unevenness:
-    """How uneven a record (n,) of noise without slow parts is, such as differences of readings; NaN where missing.
+def unevenness(values: np.ndarray, order: int = 1) -> Unevenness:
+    """How uneven the noise of a record (n,) is, without its slow parts: the differences of an order; NaN where missing.
 
     Examples
     --------
@@ -60,27 +75,28 @@ def unevenness(noise: np.ndarray) -> Unevenness:
     >>> from jaxcal.evidence._uneven import unevenness
     >>> y = np.random.default_rng(0).normal(size=50_000)
     >>> unevenness(y).loudest
-    >>> y[40_000:] *= 1.5
+    >>> y[40_000:45_000] *= 1.5
     >>> unevenness(y).loudest
-    (0.8, 1.0)
+    (0.8, 0.9)
     """
-    found = Unevenness(0.0, None)
-    noise = noise if np.isfinite(noise.sum()) else noise[np.isfinite(noise)]
-    count = min(len(noise) // _SHORT // BLOCKS[0] * BLOCKS[0], _NEIGHBOURS)
+    if not np.isfinite(values.sum()):
+        values, order = np.diff(values, order), 0
+        values = values[np.isfinite(values)]
+    count = min(len(values) // _SHORT // BLOCKS[0] * BLOCKS[0], _NEIGHBOURS)
     if count < _FEWEST:
-        return found
-    parts = noise[: len(noise) // count * count].reshape(count, -1)
+        return Unevenness(0.0, None)
+    parts = np.diff(values[: len(values) // count * count].reshape(count, -1)[:, :_USED], order)
     energy = np.einsum("ij,ij->i", parts, parts)
     if not (mean := energy.mean()) > 0.0:
-        return found
+        return Unevenness(0.0, None)
     energy /= mean
     own = float(np.mean(np.diff(energy) ** 2)) / 2.0  # variance of a short part
+    variance, named = 0.0, False
     for blocks in BLOCKS:
         level = energy.reshape(blocks, -1).mean(axis=1)
         factor = float(np.var(level, ddof=1)) / max(own * blocks / count, np.finfo(float).tiny)
-        freedom = 1.0 / (1.0 / (blocks - 1.0) + 1.5 / count)  # half of the differences of neighbours are independent, and a half more
-        added = (float(beyond_chance(factor, freedom)) - 1.0) * own / count
-        if added > found.variance:
-            loudest = int(np.argmax(level))
-            found = Unevenness(added, (loudest / blocks, (loudest + 1) / blocks) if is_named(factor, freedom) else None)
-    return found
+        freedom = 1.0 / (1.0 / (blocks - 1.0) + 1.5 / count)  # the squared differences of neighbours are worth two thirds of their number
+        variance = max(variance, (float(beyond_chance(factor, freedom)) - 1.0) * own / count)
+        named = named or bool(is_named(factor, freedom))
+    loudest = int(np.argmax(energy.reshape(BLOCKS[0], -1).sum(axis=1)))
+    return Unevenness(variance, (loudest / BLOCKS[0], (loudest + 1) / BLOCKS[0]) if named else None)

@@ -10,6 +10,7 @@ from .._answer import Finding
 from .._precision import host_float64
 from .._quality import checked_rate
 from .._types import Any
+from ..evidence._uneven import widened
 from . import _ordinates
 from ._average import GROUPS, Groups, average as average_over
 from ._checks import check_options, checked_record, checked_segment
@@ -99,14 +100,17 @@ def density(
     else:
         found = (_ordinates.periodogram if method == "periodogram" else _ordinates.dct)(x, 1.0 / rate)
     cut = (length, step, (samples - length) // step + 1)
-    return spectrum_of(found, rate, method, sided, average, confidence, bool(keep_tail), cut, y.ndim == 1, like)
+    return spectrum_of(found, rate, method, sided, average, confidence, bool(keep_tail), cut, y.ndim == 1, like, x.T)
 
 
 def spectrum_of(
     found: Any, rate: float, method: str, sided: int, average: Any, confidence: float, keep_tail: bool, cut: tuple[int, int, int],
-    flat: bool, like: Callable[[np.ndarray], Any] = np.asarray,
+    flat: bool, like: Callable[[np.ndarray], Any] = np.asarray, record: Any = None,
 ) -> Spectrum:  # fmt: skip
-    """Average the ordinates (channels, ordinates), with their intervals; `cut` is length, distance and number of the segments."""
+    """Average the ordinates (channels, ordinates), with their intervals; `cut` is length, distance and number of the segments.
+
+    The intervals are wider for a level that wanders in the `record`, (n, channels), if it is at hand.
+    """
     length, step, segments = cut
     ordinates, bins = (length - 1, 2 * length) if method == "dct" else (length // 2, length)
     groups = GROUPS[average](ordinates, keep_tail=keep_tail)
@@ -120,13 +124,17 @@ def spectrum_of(
     if sided == 1:
         found = found * like(size)[None, :]
     values = average_over(found, groups).T
-    lower, upper = (values * like(factor)[:, None] for factor in _ordinates.interval_factors(edf, confidence))
+    freedom, findings = np.repeat(edf[:, None], values.shape[1], axis=1), _left_out(ordinates, groups, rate / bins)
+    if isinstance(record, np.ndarray):
+        freedom, uneven = widened(freedom, record, 1, len(record) / rate, FINDINGS)
+        findings = (*findings, *uneven)
+    lower, upper = (values * like(factor) for factor in _ordinates.interval_factors(freedom, confidence))
     if flat:
-        values, lower, upper = values[:, 0], lower[:, 0], upper[:, 0]
+        values, lower, upper, freedom = (array[:, 0] for array in (values, lower, upper, freedom))
     frequency = average_over(np.arange(1.0, ordinates + 1), groups) * (rate / bins)
     return Spectrum(
-        frequency=frequency, density=values, lower=lower, upper=upper, count=groups[1] * segments, edf=edf, method=method,
-        sided=int(sided), average=average, rate=rate, confidence=confidence, findings=_left_out(ordinates, groups, rate / bins),
+        frequency=frequency, density=values, lower=lower, upper=upper, count=groups[1] * segments, edf=freedom, method=method,
+        sided=int(sided), average=average, rate=rate, confidence=confidence, findings=findings,
     )  # fmt: skip
 
 

@@ -1,8 +1,10 @@
 """What the package says about a spectrum."""
 
 from .._answer import CAUTION, NOTE, Kind, table
+from ..evidence._uneven import UNEVEN
 
 FINDINGS = table(
+    uneven=UNEVEN,
     tail=Kind(
         NOTE,
         "Ordinates from {lowest:.6g} Hz, {lost} of {ordinates}, do not fill a group and are left out.",

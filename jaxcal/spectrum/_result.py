@@ -24,7 +24,7 @@ class Spectrum(Result):
     density : (values,) or (values, channels), in the squared unit of the record per Hz; two-sided, or one-sided if `sided` is 1.
     lower, upper : limits of the interval at level `confidence`, same shape and unit as `density`.
     count : (values,) number of ordinates averaged; for Welch's method over neighbours and segments.
-    edf : (values,) equivalent degrees of freedom of each value.
+    edf : equivalent degrees of freedom of each value, same shape as `density`; fewer where the noise is uneven in time.
     method : "periodogram", "welch" or "dct".
     sided : 2 if the power is spread over positive and negative frequencies, 1 if all of it is assigned to positive ones.
     average : how neighbouring ordinates were averaged: "octave", "log" or None.
