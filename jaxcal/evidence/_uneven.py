@@ -43,7 +43,10 @@ def is_named(factor: AnyArray, freedom: AnyArray) -> AnyArray:
 
 
 class Unevenness(NamedTuple):
-    """Variance of the mean square of noise that its wandering level adds, relative to its square; the loudest part (0 to 1), or None."""
+    """Variance of the mean square of noise that its wandering level adds, relative to its square; the loudest part (0 to 1).
+
+    Without evidence of a wandering level these are 0 and None, in 99 % of steady records.
+    """
 
     variance: float
     loudest: tuple[float, float] | None
@@ -96,7 +99,7 @@ def unevenness(values: np.ndarray, order: int = 1) -> Unevenness:
         level = energy.reshape(blocks, -1).mean(axis=1)
         factor = float(np.var(level, ddof=1)) / max(own * blocks / count, np.finfo(float).tiny)
         freedom = 1.0 / (1.0 / (blocks - 1.0) + 1.5 / count)  # the squared differences of neighbours are worth two thirds of their number
-        variance = max(variance, (float(beyond_chance(factor, freedom)) - 1.0) * own / count)
-        named = named or bool(is_named(factor, freedom))
+        if is_named(factor, freedom):
+            variance, named = max(variance, (factor - 1.0) * own / count), True
     loudest = int(np.argmax(energy.reshape(BLOCKS[0], -1).sum(axis=1)))
     return Unevenness(variance, (loudest / BLOCKS[0], (loudest + 1) / BLOCKS[0]) if named else None)

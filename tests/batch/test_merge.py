@@ -39,7 +39,7 @@ def test_spectrum_segments(segment, overlap, channels):
         found = reduce(parts).result(sided=1)
         np.testing.assert_allclose(found.density.reshape(whole.density.shape), whole.density, rtol=1e-12)
         np.testing.assert_array_equal(found.count, whole.count)
-        np.testing.assert_allclose(found.edf, whole.edf, rtol=1e-12)
+        np.testing.assert_allclose(found.edf.reshape(whole.edf.shape), whole.edf, rtol=1e-12)
         np.testing.assert_allclose(found.upper.reshape(whole.upper.shape), whole.upper, rtol=1e-12)
 
 
