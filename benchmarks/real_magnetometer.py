@@ -1,7 +1,7 @@
 """The magnetometer's number and verdict on real logs and on simulated ones, axes that mirror, and vehicles that hardly tilt.
 
     python benchmarks/real_magnetometer.py                  everything (two minutes)
-    python benchmarks/real_magnetometer.py --only real      one part: real, faults, white, spoilt, mirrored, level
+    python benchmarks/real_magnetometer.py --only real      one part: real, faults, white, spoilt, mirrored, level, flight
     python benchmarks/real_magnetometer.py --runs 200       more runs for each simulated case
 
 Real logs come from ../shared/data (JAXCAL_REFERENCE). "Actual" is half the heading difference of disjoint halves there, the root mean
@@ -15,11 +15,12 @@ import pathlib
 import warnings
 
 import _faults
+import _flight
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 import jaxcal
-from jaxcal.magnetometer import Accelerometer, Gyroscope, Headings, fit
+from jaxcal.magnetometer import Accelerometer, Attitude, Gyroscope, Headings, fit, heading_uncertainty
 
 FOLDER = pathlib.Path(os.environ.get("JAXCAL_REFERENCE", "../shared")) / "data"
 LOGS = ("broad_05_slow_rotation_B.hdf5", "vqf_imu_data.npz", "madgwick_ExampleData.mat", "fusion_sensor_data.csv")
@@ -244,7 +245,30 @@ def on_level(runs):
         print(f"| {name} | " + " | ".join(f"{a:.2f} / {b:.2f}" for a, b in table.reshape(3, 2)) + " |", flush=True)
 
 
-PARTS = {"real": on_real, "faults": on_faults, "white": on_white, "spoilt": on_spoilt, "mirrored": on_mirrored, "level": on_level}
+FLIGHTS = {
+    "banks of 15 to 40 degrees, 10 minutes": {}, "errors alike for 10 s, 5 minutes": {"tau": 10.0, "minutes": 5.0},
+    "banks of 5 to 15 degrees": {"banks": (5.0, 15.0)}, "attitudes off by 3 degrees": {"tilt": 3.0},
+}  # fmt: skip
+
+
+def on_flight(runs):
+    print(
+        "\n| actual / stated heading error, degrees | level | tilt 10 | tilt 20 | tilt 45 | largest at level |\n|---|---|---|---|---|---|"
+    )
+    for name, case in FLIGHTS.items():
+        rows = []
+        for seed in range(runs):
+            flight = _flight.flown(seed, **case)
+            found = fit(flight.readings[0], aid=Attitude(flight.attitude.as_quat(scalar_first=True)), inclination=_flight.DIP)
+            stated = [heading_uncertainty(found, YAW, tilt=np.deg2rad(tilt)) for tilt in _flight.TILTS]
+            rows.append((_flight.heading_errors(found.model, flight.irons[0]), np.sqrt(np.mean(np.square(stated), axis=1))))
+        table = np.rad2deg(np.sqrt(np.mean(np.square(rows), axis=0)))
+        cells = " | ".join(f"{a:.2f} / {b:.2f}" for a, b in table.T)
+        print(f"| {name} | {cells} | {np.rad2deg(np.max(rows, axis=0)[0, 0]):.2f} |", flush=True)
+
+
+PARTS = {"real": on_real, "faults": on_faults, "white": on_white, "spoilt": on_spoilt, "mirrored": on_mirrored, "level": on_level,
+         "flight": on_flight}  # fmt: skip
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])

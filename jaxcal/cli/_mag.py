@@ -16,6 +16,7 @@ from .._answer import things_to_know
 from ._apply import save_sensors
 from ._cache import keep_compiled
 from ._export import FILES
+from ._flown import each, flown, of_place
 from ._options import CallError, Dip, Field, Files, Log, Reading, Running, checked, day, log_file, must_exist, read_log, stem
 from ._outputs import FINDINGS, File, figure, outputs, save_calibration, save_export, save_json, save_report
 from ._screen import Screen
@@ -59,9 +60,12 @@ def mag(
     ] = None,
     date: Annotated[str | None, Parameter(help="Day of the log for --place, as 2026-05-31.")] = None,
     align: Annotated[
-        Literal["none", "accel", "gyro"],
-        Parameter(help="Fit with a second sensor, which shows the rotation: by poses at rest (accel) or rates (gyro)."),
-    ] = "none",
+        Literal["none", "accel", "gyro", "attitude"] | None,
+        Parameter(
+            help="Fit with a second sensor, which shows the rotation: by poses at rest (accel), rates (gyro), or the attitudes in a flight "
+            "log (attitude; its default)."
+        ),
+    ] = None,
     headings: Annotated[
         str | None,
         Parameter(help="Column of known magnetic headings, or heading,roll,pitch, in degrees: for vehicles that stay level too."),
@@ -93,7 +97,7 @@ def mag(
     The result has the matrix and the offset that correct a reading, the
     expected heading error and a verdict. A refused fit ends with status 1.
     """
-    if headings is not None and align != "none":
+    if headings is not None and align not in (None, "none"):
         raise CallError("--headings gives the rotation itself: leave out --align", "headings_alone")
     if currents is not None and model == "planar":
         raise CallError("--currents goes with fits of magnitudes in all attitudes: leave out --model planar", "currents_in_plane")
@@ -101,33 +105,40 @@ def mag(
     if next:
         _advise(log, reading, running, limit, inclination)
         return
-    present, fields = None if against is None else _present(against), {}
+    present, flight = None if against is None else _present(against), flown(log, align, headings is not None)
+    align = (align or "none") if flight is None else "attitude"
     options = {
         "model": model, "field": field, "inclination": inclination, "place": place, "date": date, "align": align,
         "headings": headings, "currents": currents, "check": check,
     }  # fmt: skip
-    chosen = {
-        "model": model, "field": _earth(field, place, date),
-        "inclination": None if inclination is None else math.radians(inclination),
-    }  # fmt: skip
+    earth, notes = _earth(field, place, date), list[str]()
+    if flight is not None and earth is None and inclination is None:
+        earth, notes = of_place(flight)
+    chosen = {"model": model, "field": earth, "inclination": None if inclination is None else math.radians(inclination)}
 
-    def compute(recording: Any, _: Any) -> Any:
-        if recording.mag is None or recording.mag.shape[1] != 3:
-            raise jaxcal.DataError(_NO_MAG, code="no_mag")
-        given = shots(log, reading, recording, headings, currents, check)
-        fields.update(given.currents)
-        found = _fit(recording, align, chosen, given)
-        return found if present is None or found.model is None else _compared(against, present, found)
+    def one(reading: Reading, writing: Writing, default: str) -> None:
+        fields: dict[str, Any] = {}
 
-    files: list[File] = [
-        ("plot", "", figure(_sphere)), ("report", "report.html", save_report), ("json", "mag.json", save_json),
-        ("calibration", "calibration.json", partial(save_calibration, part="magnetometer")), ("corrected", "", partial(_corrected, fields)),
-    ]  # fmt: skip
-    default = "" if writing.corrected else f"{stem(log)}-mag"
-    plan = outputs(writing, files, default, formats=_EXPORTS, export=partial(save_export, part="magnetometer"))
-    reading, said = ready(log, reading, align == "gyro")
-    change = partial(_noted, said)
-    carry_out(log, reading, running, plan, compute, change=change, command="jaxcal mag", options=options).end(running)
+        def compute(recording: Any, _: Any) -> Any:
+            if recording.mag is None or recording.mag.shape[1] != 3:
+                raise jaxcal.DataError(_NO_MAG, code="no_mag")
+            given = shots(log, reading, recording, headings, currents, check)
+            fields.update(given.currents)
+            found = _fit(recording, align, chosen, given, flight)
+            return found if present is None or found.model is None else _compared(against, present, found)
+
+        files: list[File] = [
+            ("plot", "", figure(_sphere)), ("report", "report.html", save_report), ("json", "mag.json", save_json),
+            ("calibration", "calibration.json", partial(save_calibration, part="magnetometer")),
+            ("corrected", "", partial(_corrected, fields)),
+        ]  # fmt: skip
+        default = "" if writing.corrected else default
+        plan = outputs(writing, files, default, formats=_EXPORTS, export=partial(save_export, part="magnetometer"))
+        reading, said = ready(log, reading, align == "gyro")
+        change = partial(_noted, [*said, *notes])
+        carry_out(log, reading, running, plan, compute, change=change, command="jaxcal mag", options=options).end(running)
+
+    each(one, flight, reading, writing, f"{stem(log)}-mag")
 
 
 def _noted(said: list[str], log: Any) -> Any:
@@ -201,16 +212,17 @@ def _earth(field: float | None, place: tuple[float, float] | None, date: str | N
         raise CallError(f"--place {place[0]:g} {place[1]:g} --date {date}: {error}") from error
 
 
-def _fit(log: Any, align: str, options: dict[str, Any], given: Shots) -> Any:
+def _fit(log: Any, align: str, options: dict[str, Any], given: Shots, flight: Any) -> Any:
     import numpy as np
 
-    if align != "none" and getattr(log, align) is None:
+    if align in ("accel", "gyro") and getattr(log, align) is None:
         raise jaxcal.DataError(f"--align {align}: the log has no {align}; name its columns with --columns {align}=...")
     from .._frozen import replaced
-    from ..magnetometer import Accelerometer, Gyroscope, Headings
+    from ..magnetometer import Accelerometer, Attitude, Gyroscope, Headings
     from ..magnetometer._joined import without_currents
 
-    up = log.accel if given.up is None else given.up
+    flown = None if flight is None else flight.at(log)
+    up = (log.accel if flown is None else Attitude(flown).accel) if given.up is None else given.up
     there = np.isfinite(log.mag).all(axis=1)
     kept, held = there & ~given.held, there & given.held
     # rates are integrated over all samples
@@ -220,6 +232,8 @@ def _fit(log: Any, align: str, options: dict[str, Any], given: Shots) -> Any:
     aid: Any = None if accel is None else Accelerometer(accel[rows], turns=align == "accel")
     if align == "gyro":
         aid = Gyroscope(log.gyro, log.rate)
+    if flown is not None:
+        aid = Attitude(flown[rows])
     if given.headings is not None:
         aid = Headings(given.headings[rows], None if up is None else up[rows])
     warmth = {} if log.temperature is None or given.currents else _conditions(log.temperature[kept])

@@ -6,6 +6,7 @@ from .._lazy import install
 
 if TYPE_CHECKING:
     from ._aids import Accelerometer as Accelerometer, Alignment as Alignment, Gyroscope as Gyroscope, Headings as Headings
+    from ._attitude import Attitude as Attitude
     from ._check import Check as Check, check as check
     from ._design._coverage import Coverage as Coverage, coverage as coverage
     from ._ellipsoid._residuals import residuals as residuals
@@ -20,6 +21,7 @@ install(
     __name__,
     {
         "_aids": "Accelerometer Alignment Gyroscope Headings",
+        "_attitude": "Attitude",
         "_check": "Check check",
         "_design._coverage": "Coverage coverage",
         "_ellipsoid._residuals": "residuals",

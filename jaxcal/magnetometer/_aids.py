@@ -11,6 +11,7 @@ from .._errors import DataError
 from .._special import NORMAL95
 from .._types import AnyArray
 from ._aided import Attitudes, Known, Solution, averaged, north_of, poses, solved
+from ._attitude import Attitude
 from ._axes import FEWEST, Axes, axes_by_headings, axes_by_rates, axes_of, by_axes, permutations
 from ._design._heading_error import TURNED
 from ._ellipsoid._algebraic import extents
@@ -24,7 +25,8 @@ _STILL = 0.03  # relative departure of the specific force from its median above 
 _POSE = np.deg2rad(3.0)  # within which successive readings are one pose: ten times the scatter of an accelerometer by hand
 _DIP, _ANY_DIP, _FIELD = np.deg2rad(0.5), 0.5, 0.02  # rad, prior spread of a given dip, and of one that is not; share of a given field
 #: source of a rotation -> its name for readers
-NAMES = {"accel": "accelerometer", "gyro": "gyroscope", "headings": "known headings", "": "magnitudes"}
+NAMES = {"accel": "accelerometer", "gyro": "gyroscope", "headings": "known headings", "attitude": "attitudes",
+         "": "magnitudes"}  # fmt: skip
 _LATE = 0.025  # s, half of the prior's spread: a delay with a larger error was not determined
 
 
@@ -41,7 +43,7 @@ class Alignment(Result):
     bias : (3,) bias of the gyroscope, rad/s; zero with other sensors.
     delay, delay_error : time by which the magnetometer lags the gyroscope in s, and its standard deviation; NaN with other sensors.
     used : number of readings, or poses, with the other sensor.
-    source : "accel", "gyro" or "headings".
+    source : "accel", "attitude", "gyro" or "headings".
     findings : a note if the turns do not show the delay. The error of the rotation is a part of the heading error, which gives the verdict.
 
     Examples
@@ -199,10 +201,12 @@ def told(aid: Any, count: int) -> tuple[Attitudes, str]:
         return Attitudes(), ""
     if isinstance(aid, Gyroscope):
         return Attitudes(gyro=like(aid.gyro, count, "rates"), rate=float(aid.rate), rows=np.arange(count)), "gyro"
-    if isinstance(aid, Accelerometer):
-        return Attitudes(up=verticals(aid.accel, count)), "accel"
+    if isinstance(aid, Accelerometer | Attitude):
+        return Attitudes(up=verticals(aid.accel, count)), "accel" if isinstance(aid, Accelerometer) else "attitude"
     if not isinstance(aid, Headings):
-        raise DataError(f"The aid is {type(aid).__name__}; give Accelerometer(f), Gyroscope(w, rate) or Headings(h).", code="no_such_aid")
+        raise DataError(
+            f"The aid is {type(aid).__name__}; give Accelerometer(f), Attitude(q), Gyroscope(w, rate) or Headings(h).", code="no_such_aid"
+        )
     heading = np.asarray(aid.headings, dtype=float) - aid.declination
     if heading.shape != (count,):
         raise DataError(f"The headings have shape {heading.shape}; give one for each of {count} readings, NaN where none is known.",

@@ -61,6 +61,9 @@ FINDINGS = table(
         CAUTION, "Readings lie {angle:.2g} from where the accelerometer puts them: it moved, or is not calibrated.",
         "Hold the sensor still in each attitude.",
     ),
+    attitudes_off=Kind(
+        CAUTION, "Readings lie {angle:.2g} from where the attitudes put them.", "Check times and axes of the attitudes."
+    ),
     rates_off=Kind(
         CAUTION, "Readings lie {angle:.2g} from where the rates put them.", "Check times, axes, signs and unit of the rates."
     ),

@@ -62,9 +62,9 @@ def fit(
     penalty : weight of the penalty log det M / 2, where M is the information of the corrected directions. It keeps "ml" fits from diverging
         when there are few readings, or readings from a corner of the sphere only. It is omitted where it would change a fit by less than
         a tenth of a standard error. 1 is Jeffreys' prior (Firth), 0 plain maximum likelihood; 0.5 has the smallest Monte Carlo errors.
-    aid : `Accelerometer`, `Gyroscope` or `Headings`: magnitudes and aid are then fitted together, each residual divided by its own
-        standard deviation, and the soft iron is the full matrix, with the rotation that magnitudes cannot show. Priors keep open what the
-        attitudes cannot show, so that a vehicle that stays level, or hardly tilts, has its headings calibrated too. Without an aid, the
+    aid : `Accelerometer`, `Attitude`, `Gyroscope` or `Headings`: magnitudes and aid are then fitted together, each residual divided by its
+        own standard deviation, and the soft iron is the full matrix, with the rotation that magnitudes cannot show. Priors keep open what
+        the attitudes cannot show, so that a vehicle that stays level, or hardly tilts, has its headings calibrated too. Without an aid, the
         accelerometer of a `Log` shows the dip. With a `Gyroscope`, rows with NaN are left out, but their rates are used.
     currents : name -> (n,) current or throttle at the times of the readings: the field of each is fitted too, m = C h + b + k I, and the
         hard iron is that without currents. Anything else that shifts the hard iron in proportion, such as a temperature, serves as well.

@@ -26,7 +26,7 @@ _CONFLICT = 3.0  # standard errors between the given field and that of the readi
 _OFF = np.deg2rad(2.0)  # scatter of the readings from where an aid puts them, that costs twice the limit of a good fit
 #: findings about the axes by an accelerometer that gives the dip only
 _OF_AXES = ("axes_open", "axes_turned", "mirrored", "remounted", "reversed", "unseen_axes")
-_ASKEW = {"accel": "force_off", "gyro": "rates_off", "headings": "headings_off"}
+_ASKEW = {"accel": "force_off", "attitude": "attitudes_off", "gyro": "rates_off", "headings": "headings_off"}
 
 
 def columns_of(currents: dict[str, Any], count: int) -> np.ndarray:
@@ -77,7 +77,7 @@ def joined(
     hard = frame.centre + frame.scale * found.centre
     model, at_nearest = MagModel(whole / field, hard - nearest @ terms), MagModel(whole / field, hard)
     spread = _spread(found, frame.scale, whole, field, norm is not None, size)
-    dip_seen = dip if dip is not None else float(found.parameters[13]) if source in ("accel", "headings") else first.inclination
+    dip_seen = dip if dip is not None else float(found.parameters[13]) if source in ("accel", "attitude", "headings") else first.inclination
     corrected = np.asarray(at_nearest.correct(m[there] - (columns - nearest)[there] @ terms))
     level = np.array([0.0, 0.0, 1.0]) if source == "headings" and aid.accel is None else down_by(at.up)
     down = down_of(unit(corrected), dip_seen) if level is None else level
@@ -96,7 +96,7 @@ def joined(
         said += [*about, *turn.findings]
         if found.spread > _OFF:
             said.append(FINDINGS(_ASKEW[source], cost=found.spread, angle=Quantity(found.spread, "angle")))
-        if dip is not None and source == "accel" and not about:
+        if dip is not None and source in ("accel", "attitude") and not about:
             said += dip_differs(float(found.parameters[13]), dip)
     mean = float(np.cbrt(np.linalg.det(first.model.soft_iron)) * first.field) if first.model is not None and norm is not None else field
     if norm is not None and field_error is not None:
@@ -105,7 +105,7 @@ def joined(
             said.append(FINDINGS("field_differs", severity=CAUTION, found=mean, given=norm))
     if not found.converged:
         said.append(FINDINGS("not_converged", what="the soft iron"))
-    if dip is None and source not in ("accel", "headings"):
+    if dip is None and source not in ("accel", "attitude", "headings"):
         said.append(FINDINGS("dip_assumed", dip=Quantity(INCLINATION, "angle")))
     # distances to first order: the magnitude of the field over the length of its slope
     slope = np.linalg.norm(unit(corrected) @ np.linalg.inv(model.soft_iron), axis=1)

@@ -101,7 +101,7 @@ def read_ardupilot(path: pathlib.Path, topics: list[str] | None, units: dict[str
     return signals
 
 
-def _places(log: DataFlash) -> dict[str, tuple[str, np.ndarray]]:
+def places_of(log: DataFlash) -> dict[str, tuple[str, np.ndarray]]:
     """Label -> type of record, and the offsets of this sensor's records."""
     found: dict[str, tuple[str, np.ndarray]] = {}
     for name in filter(log.holds, log.formats):
@@ -119,7 +119,7 @@ def _places(log: DataFlash) -> dict[str, tuple[str, np.ndarray]]:
 
 def _streams(log: DataFlash) -> dict[str, np.ndarray]:
     """Label, as in `topics=` -> records of one sensor."""
-    found = {label: log.rows(name, offsets) for label, (name, offsets) in _places(log).items()}
+    found = {label: log.rows(name, offsets) for label, (name, offsets) in places_of(log).items()}
     if log.holds("ISBD") and log.holds("ISBH", "type", "instance", "N", "mul", "SampleUS", "smp_rate", "smp_cnt"):
         heads = log.rows("ISBH")
         for group, (kind, _, _) in _BATCHES.items():
@@ -147,7 +147,7 @@ def _records(log: DataFlash, label: str, rows: np.ndarray, signals: Signals) -> 
     group, _, number = label.partition(":")
     names = rows.dtype.names or ()
     form = next(name for name in (group, f"{group}{int(number) + 1}") if name in log.formats and log.formats[name].dtype == rows.dtype)
-    stamps = _stamps(rows, label)
+    stamps = stamps_of(rows, label)
     parts = []
     for name, prefix, unit in _GROUPS[group]:
         values, unit = _values(log, form, rows, [prefix + axis for axis in "XYZ"], unit, name)
@@ -164,12 +164,18 @@ def _records(log: DataFlash, label: str, rows: np.ndarray, signals: Signals) -> 
     return parts
 
 
+def degrees(log: DataFlash, form: str, rows: np.ndarray, field: str) -> np.ndarray:
+    """A field of records in its unit (degrees of angles and places, m of altitudes), by the letter of its format alone."""
+    letter = log.formats[form].letters[field]
+    return rows[field].astype(float) * (1e-7 if letter == "L" else 0.01 if letter in _HUNDREDTHS else 1.0)
+
+
 def _lacks(why: str) -> DataError:
     """Error for records without the fields that are needed."""
     return DataError(Message("{why}; choose other records with {option.topics}", why=why), code="fields")
 
 
-def _stamps(rows: np.ndarray, label: str) -> np.ndarray:
+def stamps_of(rows: np.ndarray, label: str) -> np.ndarray:
     """Times of the samples, ns since boot."""
     names = rows.dtype.names or ()
     stamp = "SampleUS" if "SampleUS" in names and rows["SampleUS"].any() else next((one for one in _CLOCKS if one in names), "TimeUS")

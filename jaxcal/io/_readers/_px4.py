@@ -18,11 +18,13 @@ _RAW = {"sensor_gyro": ("gyro",), "sensor_accel": ("accel",), "sensor_mag": ("ma
 _FIFO = {"sensor_gyro_fifo": ("gyro",), "sensor_accel_fifo": ("accel",)}
 _USED = {"sensor_combined": ("gyro", "accel"), "vehicle_magnetometer": ("mag",)}
 _ALL = _RAW | _FIFO | _USED
+#: topics of magnetometers, raw readings first
+COMPASSES = ("sensor_mag", "vehicle_magnetometer")
 _STATUS = "vehicle_imu_status"
 #: value that PX4 writes if it has no accelerometer sample
 _INVALID = 2147483647
 #: raw topics with a smaller share of the samples of another topic are not used
-_FEW = 0.2
+FEW = 0.2
 _UNITS = {"gyro": "rad/s", "accel": "m/s^2", "mag": "G", "temperature": "degC"}
 
 
@@ -63,7 +65,7 @@ def _choose(samples: dict[str, int], topics: list[str] | None, present: str, sig
     chosen: list[str] = []
     for sensors, families in ((("gyro", "accel"), (_RAW, _FIFO, _USED)), (("mag",), (_RAW, _USED))):
         best = max(most(family, sensor) for family in families for sensor in sensors)
-        family = next((one for one in families if best and max(most(one, sensor) for sensor in sensors) >= _FEW * best), {})
+        family = next((one for one in families if best and max(most(one, sensor) for sensor in sensors) >= FEW * best), {})
         for name in [name for name, held in family.items() if set(held) & set(sensors) and name not in map(_name, chosen)]:
             labels = [label for label in samples if _name(label) == name]
             chosen += first_of(labels, samples, signals.findings)
