@@ -16,23 +16,11 @@ from .._special import NORMAL95
 from ._closed import Closed, bias_and_scale, four_point, maximum, opposed, quadrature, scale_first, single_reading, triad
 from ._findings import OUTCOMES, decided, findings_of, has_number
 from ._level import Level
-from ._positions import EARTH_RATE, POLE, QUARTER, SMALL, Readings, check_latitude, distance, harmonics, means_at, need, taken, wrap
+from ._positions import EARTH_RATE, POLE, SMALL, Readings, check_latitude, distance, harmonics, means_at, need, taken, wanted, wrap
 
-_THREE = [("x", 0.0), ("x", QUARTER), ("x", np.pi)]
-_WANTED: dict[str, list[tuple[str, float]]] = {
-    "opposed": [("x", 0.0), ("x", np.pi)],
-    "quadrature": [("x", QUARTER), ("x", 3 * QUARTER)],
-    "four_point": [*_THREE, ("x", 3 * QUARTER)],
-    "single_reading": [],
-    "maximum": [],
-    "bias_and_scale": _THREE,
-    "scale_first": _THREE,
-    "triad": [*_THREE, ("z", 0.0)],
-}
-AZIMUTH_METHODS = tuple(_WANTED)
-_KERNELS = dict(
-    zip(AZIMUTH_METHODS, (opposed, quadrature, four_point, single_reading, maximum, bias_and_scale, scale_first, triad), strict=True)
-)
+_FORMS = (opposed, quadrature, four_point, single_reading, maximum, bias_and_scale, scale_first, triad)
+_KERNELS = {one.__name__: one for one in _FORMS}
+AZIMUTH_METHODS = tuple(_KERNELS)
 
 
 class Azimuth(Result):
@@ -158,7 +146,7 @@ def azimuth(
     if method not in AZIMUTH_METHODS:
         raise DataError(f"There is no azimuth method {method!r}; known are {', '.join(map(repr, AZIMUTH_METHODS))}.", code="method")
     check_latitude(latitude)
-    need(readings, "gyro", _WANTED[method], method)
+    need(readings, "gyro", method)
     if method in ("single_reading", "maximum") and "x" not in readings.positions.mounting:
         raise DataError(f"Method {method!r} needs gyro readings with mounting 'x', and there are none.", code="no_position")
     if method == "single_reading":
@@ -205,7 +193,7 @@ def _found(readings, phi, theta, level_covariance, latitude, hint, accuracy, ang
         value, variance, known = harmonics(readings, "gyro", "x", unit)
         w, variance, given = value[:2], variance[:2, :2], (value[2], known)
     else:
-        w, variance, present = means_at(readings, "gyro", _WANTED[method] or [("x", angle)], unit)
+        w, variance, present = means_at(readings, "gyro", wanted("gyro", method) or [("x", angle)], unit)
         missing, variance = ~jnp.all(present), jnp.diag(variance)
     covariance = jax.scipy.linalg.block_diag(variance, level_covariance)
     form = _KERNELS[method](jnp.concatenate([w, phi[None], theta[None]]), covariance, lat, *given)

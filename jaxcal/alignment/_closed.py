@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Any, Array
+from ._findings import FINDINGS
 from ._positions import ROUNDING, SMALL, wrap
 
-#: standard deviation (rad) and magnification of errors from which on an angle is hardly determined
-WEAK, _STEEP = np.deg2rad(10.0), 50.0
+(WEAK,) = FINDINGS["weak"].limits
 
 
 class Roots(eqx.Module):
@@ -66,13 +66,10 @@ def solve(coefficients: Callable[[Array], Array], x: Array, covariance: Array, e
     sigma = jnp.stack([_misfit(root, slopes, covariance) for root in roots]) / r
     slope = sine / r
     std = sigma / jnp.maximum(slope, jnp.sqrt(jnp.maximum(sigma, 1e-300)))
-    noisy = jnp.trace(covariance) > 0
-    merged = slope < SMALL
-    weak = jnp.where(noisy, std > WEAK, 1 / jnp.maximum(slope * r, 1e-30) > _STEEP)
     both = jnp.ones(2, dtype=bool)
     return Roots(
         roots, std, both & ~degenerate & ~infeasible, degenerate, infeasible, (excess > 0) & ~infeasible & ~degenerate,
-        both & merged, weak & ~degenerate,
+        both & (slope < SMALL), (std > WEAK) & ~degenerate,
     )  # fmt: skip
 
 
@@ -149,10 +146,8 @@ def _one_root(parts: Any, x: Array, covariance: Array, flat: Array) -> Roots:
     slopes = jax.jacfwd(parts)(x)
     row = (c * slopes[0] - s * slopes[1]) / safe
     std = root_of(row @ covariance @ row)
-    steep = jnp.max(jnp.abs(row)) > _STEEP
-    weak = jnp.where(jnp.trace(covariance) > 0, std > WEAK, steep) & ~empty
     false = jnp.zeros(1, dtype=bool)
-    return Roots(jnp.arctan2(s, c)[None], std[None], ~empty[None], empty, false[0], false[0], false, weak[None])
+    return Roots(jnp.arctan2(s, c)[None], std[None], ~empty[None], empty, false[0], false[0], false, ((std > WEAK) & ~empty)[None])
 
 
 def maximum(x: Array, covariance: Array, lat: Array, bias: Array, known: Array) -> Closed:

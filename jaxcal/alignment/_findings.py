@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import numpy as np
+
 from .._answer import CAUTION, FATAL, NOTE, Finding, Kind, table
 from .._precision import array_module, is_traced
 
@@ -17,10 +19,10 @@ FINDINGS = table(
     double_root=Kind(
         CAUTION, "Two roots merge here: noise moves the angle by its square root.", "Measure at the two angles a quarter turn further, too."
     ),
-    weak=Kind(CAUTION, "The geometry hardly determines the angle: its error exceeds 10 degrees, or it magnifies errors 50 times."),
+    weak=Kind(CAUTION, "The geometry hardly determines the angle: its standard error exceeds 10 degrees.", limits=(np.deg2rad(10.0),)),
     misfit=Kind(
         CAUTION, "The residuals are larger than the noise explains (p = {p:.1g}): the table moved, a misalignment was left out, or the "
-        "noise is wrong.",
+        "noise is wrong.", limits=(0.999,),  # probability of smaller residuals
     ),
     unobservable=Kind(
         CAUTION, "The readings do not determine {names}.",
@@ -36,7 +38,9 @@ FINDINGS = table(
         FATAL, "The readings hold no information on the angle in this geometry.",
         "Measure at three distinct table angles or more, or remount the sensor along z and use jaxcal.alignment.fit.",
     ),
-    pole=Kind(FATAL, "The latitude is within 0.1 degrees of a pole, where the Earth's rate has no horizontal part."),
+    pole=Kind(
+        FATAL, "The latitude is within 0.1 degrees of a pole, where the Earth's rate has no horizontal part.", limits=(np.deg2rad(89.9),)
+    ),
     missing=Kind(FATAL, "A position that the method needs was not measured."),
     # the joint fit
     noise_from_residuals=Kind(
@@ -61,7 +65,10 @@ FINDINGS = table(
     angle_turned=Kind(
         NOTE, "The table's angle grows against the rotation about the axis that points down; its sign was turned.", guess=True
     ),
-    axis_tilted=Kind(NOTE, "The table turns about an axis {tilt:.3g} off the device's z axis; the readings were turned into its frame."),
+    axis_tilted=Kind(
+        NOTE, "The table turns about an axis {tilt:.3g} off the device's z axis; the readings were turned into its frame.",
+        limits=(np.deg2rad(0.5),),
+    ),
 )  # fmt: skip
 
 #: the answer of a method as a number that JAX can trace: its place here; the last of them come without a number

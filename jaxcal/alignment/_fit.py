@@ -17,19 +17,8 @@ from ..fitting import Estimate, Fit, solve
 from ..noise import Noise
 from ._closed import WEAK
 from ._findings import FINDINGS, OUTCOMES, decided, findings_of, has_number
-from ._model import (
-    ANGLES,
-    Table,
-    Triads,
-    Turntable,
-    names_of,
-    padded,
-    residuals,
-    tabulate,
-    with_angle_errors,
-    with_values,
-)  # fmt: skip
-from ._noise import check_noise, covariance_of, noise_of
+from ._model import ANGLES, Table, Triads, Turntable, names_of, padded, residuals, tabulate, with_angle_errors, with_values
+from ._noise import SENSORS, check_noise, covariance_of, noise_of
 from ._plausible import check_readings
 from ._positions import GRAVITY, POLE, SMALL, Readings, check_gravity, check_latitude, wrap
 from ._result import QUANTITIES, AlignmentFit, know, sizes_of
@@ -37,13 +26,10 @@ from ._start import check_latitude_free, check_names, free_of, initial_guess, pr
 
 #: noise that weights the sensors relative to each other if none is given: 50 micro-g sqrt(s), 0.01 deg/sqrt(h)
 _NOMINAL = {"accel": 50e-6 * GRAVITY, "gyro": np.deg2rad(0.01) / 60}
-_SENSORS = {"accel": "accelerometer", "gyro": "gyro"}
-_MISFIT = 1e-3  # p value below which the noise does not explain the residuals
+(_MISFIT,) = FINDINGS["misfit"].limits
 _ROUNDS = 3  # of fits: noise and weights then change by less than their uncertainty
 #: least degrees of freedom to estimate the noise level of a sensor
 _FEWEST = 0.5
-#: remaining step, in statistical uncertainties, at which a fit counts as converged though the solver does not say so
-_DONE = 1e-4
 
 
 @host_float64
@@ -113,7 +99,7 @@ def fit(
     check_gravity(gravity)
     if latitude is not None:
         check_latitude(latitude)
-    sensors = [name for name in _SENSORS if getattr(readings, name) is not None]
+    sensors = [name for name in SENSORS if getattr(readings, name) is not None]
     if not sensors:
         raise DataError("There are neither accelerometer nor gyro readings; give at least one of them.", code="no_sensor")
     if hemisphere not in (None, "north", "south"):
@@ -132,10 +118,10 @@ def fit(
     if noise is not None:
         told = noise_of(noise, None if isinstance(model, Triads) else "x")
         readings = dataclasses.replace(readings, **{name: one for name, one in told.items() if one is not None})
-    known = {name: getattr(readings, f"{name}_noise") for name in _SENSORS}
+    known = {name: getattr(readings, f"{name}_noise") for name in SENSORS}
     check_readings(readings)
     for name in sensors:
-        check_noise(known[name], f"{_SENSORS[name]} noise")
+        check_noise(known[name], f"{SENSORS[name]} noise")
     unknown = [name for name in sensors if known[name] is None]
     noise = {name: Noise(N=_NOMINAL[name]) if one is None else one for name, one in known.items()}
     side = {None: 0.0, "north": 1.0, "south": -1.0}[hemisphere]
@@ -208,9 +194,10 @@ def _described(found: Fit, table: Table, readings: Readings, sizes: Any, twofold
     chi_square = xp.sum(r**2)
     # on the host without SciPy's special functions, which are slow to load
     p_value = chi_square_tail(chi_square, max(dof, 1)) if xp is np else jax.scipy.special.gammaincc(jnp.maximum(dof, 1) / 2, chi_square / 2)
-    # the solver's own convergence test fails for noise-free readings, whose residuals are rounding, and along undetermined directions
+    # the solver's own convergence test fails for noise-free readings, whose residuals are rounding, and along undetermined directions: a
+    # fit has converged, too, where the remaining step is a thousandth of the standard error
     gradient = jacobian.T @ r
-    usable = xp.asarray(found.usable) | (gradient @ finite @ gradient < _DONE**2)
+    usable = xp.asarray(found.usable) | (gradient @ finite @ gradient < SMALL)
     # damped steps end early along directions that are hardly determined, so finish with an undamped Gauss-Newton step
     last = xp.where(usable, finite @ gradient, 0)
     last = last if xp is np else jax.lax.stop_gradient(last)
@@ -218,7 +205,7 @@ def _described(found: Fit, table: Table, readings: Readings, sizes: Any, twofold
     weak = free[2] & (covariance[2, 2] > WEAK**2)
     outcome = decided(
         (weak, "weak"),
-        (o.noise_known & (dof > 0) & (p_value < _MISFIT), "misfit"),
+        (o.noise_known & (dof > 0) & (1 - p_value > _MISFIT), "misfit"),
         (twofold, "undecided"),
         (xp.any(known_of.lost), "unobservable"),
         (free[2] & (abs(values[names.index("latitude")]) > POLE), "pole"),
@@ -253,7 +240,7 @@ def _spare(found: Fit, table: Table, fitted: AlignmentFit) -> dict[str, tuple[fl
     finite = np.where(np.isfinite(fitted.covariance), fitted.covariance, 0)
     left = 1 - np.einsum("mi,ij,mj->m", found.jacobian, finite, found.jacobian)
     n, made = table.accel.size, {}
-    for i, name in enumerate(_SENSORS):
+    for i, name in enumerate(SENSORS):
         part = slice(i * n, (i + 1) * n)
         share, square = float(np.sum(left[part][table.measured[i]])), float(np.sum(found.residuals[part] ** 2))
         made[name] = share, max(np.sqrt(square / share), 1e-6) if share > _FEWEST else 1.0
@@ -264,7 +251,7 @@ def _freedom(found: Fit, table: Table, fitted: AlignmentFit, estimated: dict[str
     """Degrees of freedom of every variance (Satterthwaite), from the shares of the sensors with an estimated noise level."""
     finite, n = np.where(np.isfinite(fitted.covariance), fitted.covariance, 0), table.accel.size
     doubt = np.zeros(len(fitted.names))
-    for i, name in enumerate(_SENSORS):
+    for i, name in enumerate(SENSORS):
         if name in estimated:
             rows = found.jacobian[i * n : (i + 1) * n] @ finite
             doubt += np.sum(rows**2, axis=0) ** 2 / estimated[name]

@@ -17,14 +17,9 @@ from .._special import NORMAL95
 from .._types import Array
 from ._closed import WEAK, root_of
 from ._findings import OUTCOMES, decided, findings_of
-from ._positions import GRAVITY, QUARTER, SMALL, Readings, check_gravity, distance, harmonics, means_at, need, wrap
+from ._positions import GRAVITY, METHODS, SMALL, Readings, check_gravity, distance, harmonics, means_at, need, wanted, wrap
 
-LEVEL_METHODS = ("four_point_x", "least_squares_x", "four_point_y", "least_squares_y", "bias_and_scale")
-_WANTED: dict[str, list[tuple[str, float]]] = {
-    "four_point_x": [("x", 0.0), ("x", QUARTER), ("x", np.pi), ("x", 3 * QUARTER)],
-    "four_point_y": [("y", 0.0), ("y", QUARTER), ("y", np.pi), ("y", 3 * QUARTER)],
-    "bias_and_scale": [("x", 0.0), ("x", QUARTER), ("x", np.pi), ("z", 0.0)],
-}
+LEVEL_METHODS = tuple(METHODS["accel"])
 
 
 class Level(Result):
@@ -137,7 +132,7 @@ def level(
     if method not in LEVEL_METHODS:
         raise DataError(f"There is no levelling method {method!r}; known are {', '.join(map(repr, LEVEL_METHODS))}.", code="method")
     check_gravity(gravity)
-    need(readings, "accel", _WANTED.get(method, []) + [("-z", 0.0)] * (both_z and method == "bias_and_scale"), method)
+    need(readings, "accel", method, (("-z", 0.0),) if both_z and method == "bias_and_scale" else ())
     mounting = "y" if method.endswith("y") else "x"
     if method.startswith("least") and not is_traced(readings) and mounting not in readings.positions.mounting:
         raise DataError(f"Method {method!r} needs accelerometer readings with mounting {mounting!r}.", code="no_position")
@@ -174,7 +169,7 @@ def _levelled(readings: Readings, method: str, gravity: Array, hint: Array | Non
         bias = value[2] * gravity
         value, covariance = value[:2], covariance[:2, :2]
     else:
-        a, variance, present = means_at(readings, "accel", _WANTED[method], gravity)
+        a, variance, present = means_at(readings, "accel", wanted("accel", method), gravity)
         half = as_array([[0.5, 0.0, -0.5, 0.0], [0.0, 0.5, 0.0, -0.5]])
         value, covariance = half @ a, (half * variance[None, :]) @ half.T
         bias, determined = jnp.mean(a) * gravity, jnp.all(present)
@@ -228,7 +223,7 @@ def _from_plane(sine, product, covariance, bias, determined, down, hint, method)
 
 def _with_z(readings: Readings, gravity: Array, both: bool) -> Level:
     """The method "bias_and_scale", whose angles depend on neither bias nor scale."""
-    x, variance, present = means_at(readings, "accel", [*_WANTED["bias_and_scale"], ("-z", 0.0)], gravity)
+    x, variance, present = means_at(readings, "accel", [*wanted("accel", "bias_and_scale"), ("-z", 0.0)], gravity)
 
     def parts(x: Array) -> Array:
         b = (x[0] + x[2]) / 2

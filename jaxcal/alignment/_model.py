@@ -17,7 +17,6 @@ from ._noise import Sensor, covariance_of, weight_of
 from ._positions import EARTH_RATE, GRAVITY, Geometry, Positions, Readings, geometry, table_from_nav
 
 _SMALLEST_PAD = 16
-_TURN = 1e-4  # rad: step of a derivative by the table's angle
 
 
 class Turntable(eqx.Module):
@@ -308,10 +307,10 @@ def with_angle_errors(table: Table, model: Any, positions: Positions, gravity: A
         return table
     xp = array_module(table, model, positions, gravity, lever_arm)
     places, n = padded(positions), table.accel.size
-    moved = [
-        model.measure(geometry(dataclasses.replace(places, angle=places.angle + step), gravity, lever_arm)) for step in (_TURN, -_TURN)
-    ]
-    slope = [(up - down) / (2 * _TURN) for up, down in zip(*moved, strict=True)]
+    # readings are first harmonics of the table's angle: their slope is half the difference between a quarter turn on and one back
+    turned = (dataclasses.replace(places, angle=places.angle + turn * np.pi / 2) for turn in (1, -1))
+    moved = [model.measure(geometry(one, gravity, lever_arm)) for one in turned]
+    slope = [(up - down) / 2 for up, down in zip(*moved, strict=True)]
     spread = xp.asarray(positions.angle_std)
     spread = xp.diag(spread**2) if spread.ndim == 1 else spread
     more = n - len(positions)

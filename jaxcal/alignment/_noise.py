@@ -12,7 +12,7 @@ from .._types import AnyArray
 from ..noise import Noise, mean_covariance
 
 _AXES = "xyz"
-_WORDS = {"accel": "accelerometer", "gyro": "gyro"}
+SENSORS = {"accel": "accelerometer", "gyro": "gyro"}
 
 
 class Sensor(eqx.Module):
@@ -97,9 +97,9 @@ def noise_of(source: Any, axis: str | None = "x") -> dict[str, Any]:
         raise DataError(f"There is no axis {axis!r}; give 'x', 'y' or 'z', or None for all three.", code="axis")
     held = getattr(source, "noise", source)
     found = {}
-    for sensor in _WORDS:
+    for sensor in SENSORS:
         if isinstance(held, Mapping) and sensor in held:
-            found[sensor] = as_noise(held[sensor], f"{_WORDS[sensor]} noise")
+            found[sensor] = as_noise(held[sensor], f"{SENSORS[sensor]} noise")
             continue
         axes = [_channel(held, sensor, i) for i in range(3)] if axis is None else [_channel(held, sensor, _AXES.index(axis))]
         found[sensor] = None if any(one is None for one in axes) else axes[0] if axis else tuple(axes)
@@ -114,7 +114,7 @@ def noise_of(source: Any, axis: str | None = "x") -> dict[str, Any]:
 def _channel(held: Any, sensor: str, index: int) -> Noise | None:
     """Noise of one axis, from a mapping channel -> fit or from the noise of a calibration; None if it has none."""
     if isinstance(held, Mapping):
-        return as_noise(held.get(f"{sensor}_{_AXES[index]}"), f"{_WORDS[sensor]} noise")
+        return as_noise(held.get(f"{sensor}_{_AXES[index]}"), f"{SENSORS[sensor]} noise")
     stored = getattr(held, sensor, None)
     letters = {name: getattr(stored, name, None) for name in "QNBKR"}
     known = {name: float(values[index]) for name, values in letters.items() if values is not None and np.isfinite(values[index])}

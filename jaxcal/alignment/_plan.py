@@ -20,11 +20,10 @@ from .._types import Array
 from ._bound import given_noise, jacobian_at
 from ._model import NAMES, Table, Turntable, padded, turntable
 from ._noise import IDEAL, covariance_of, weight_of, white_alone
-from ._positions import AXES, GRAVITY, Positions, check_gravity, check_latitude, checked_attitude, geometry, table_from_nav
+from ._positions import GRAVITY, MOUNTINGS, SMALL, Positions, check_gravity, check_latitude, checked_attitude, geometry, table_from_nav
 from ._start import free_of, priors_of
 
 _STARTS, _NUDGE = 4, 0.1  # number of starts of the search, and their scatter in rad and in logarithms of shares
-_LEAST = 1e-7  # least share of the time for a position
 
 
 class Plan(Result):
@@ -183,7 +182,7 @@ class _Design(eqx.Module):
     @property
     def least(self) -> float:
         """Least share of the time for every position."""
-        return max(self.minimum * len(self.order) / self.time, _LEAST) / len(self.words)
+        return max(self.minimum * len(self.order) / self.time, SMALL) / len(self.words)
 
     def objective(self, p: np.ndarray) -> tuple[float, np.ndarray]:
         """Logarithm of the criterion, and its gradient with respect to angles and logarithms of shares."""
@@ -215,7 +214,7 @@ class _Design(eqx.Module):
         """`Positions` for angles and shares; sorted by mounting and angle if the order is irrelevant."""
         angles, count, order = np.mod(angles, 2 * np.pi), len(self.words), self.order
         if self.any_order:
-            order = np.lexsort((angles, np.array([tuple(AXES).index(word) for word in self.words])))[order]
+            order = np.lexsort((angles, np.array([tuple(MOUNTINGS).index(word) for word in self.words])))[order]
         dwell = self.time * (self.least + (1 - self.least * count) * shares)[order] / (len(order) / count)
         return Positions(angles[order], tuple(self.words[i] for i in order), dwell, np.cumsum(dwell) - dwell + self.moves)
 

@@ -12,24 +12,36 @@ from .._errors import DataError
 from .._precision import array_module, is_traced
 from .._types import AnyArray, Array
 from .._units import EARTH_RATE as EARTH_RATE, STANDARD_GRAVITY, on_earth
+from ._findings import FINDINGS
 from ._noise import as_noise, by_channel, covariance_of
 
 GRAVITY = STANDARD_GRAVITY  # m/s^2
-QUARTER = np.pi / 2
-POLE = np.deg2rad(89.9)  # latitude from which on the horizontal part of the Earth's rate counts as zero
+(POLE,) = FINDINGS["pole"].limits  # latitude from which on the horizontal part of the Earth's rate counts as zero
 #: what is below it counts as zero, in rad or relative to its scale: rounding of readings and angles, and of a matrix
 SMALL, ROUNDING = 1e-6, 1e-9
 
-#: mounting -> sensitive axis and the two cross axes, in body axes
-AXES: dict[str, np.ndarray] = {
-    "x": np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]]),
-    "y": np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]]),
-    "z": np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]),
-    "-z": np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]]),
-    "fixed z": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]),
-}
-#: mounting -> index of the sensor in a triad
-CHANNELS = {"x": 0, "z": 0, "-z": 0, "y": 1, "fixed z": 2}
+#: mounting -> index of the sensor in a triad; its sensitive axis and the two cross axes, in body axes
+MOUNTINGS: dict[str, tuple[int, list[list[int]]]] = {
+    "x": (0, [[1, 0, 0], [0, 1, 0], [0, 0, 1]]), "y": (1, [[0, 1, 0], [1, 0, 0], [0, 0, 1]]),
+    "z": (0, [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]), "-z": (0, [[0, 0, -1], [0, 1, 0], [1, 0, 0]]),
+    "fixed z": (2, [[0, 0, 1], [1, 0, 0], [0, 1, 0]]),
+}  # fmt: skip
+#: sensor -> closed form -> mounting -> table angles in degrees at which it needs readings
+METHODS: dict[str, dict[str, dict[str, tuple[int, ...]]]] = {
+    "accel": {
+        "four_point_x": {"x": (0, 90, 180, 270)}, "least_squares_x": {}, "four_point_y": {"y": (0, 90, 180, 270)}, "least_squares_y": {},
+        "bias_and_scale": {"x": (0, 90, 180), "z": (0,)},
+    },
+    "gyro": {
+        "opposed": {"x": (0, 180)}, "quadrature": {"x": (90, 270)}, "four_point": {"x": (0, 90, 180, 270)}, "single_reading": {},
+        "maximum": {}, "bias_and_scale": {"x": (0, 90, 180)}, "scale_first": {"x": (0, 90, 180)}, "triad": {"x": (0, 90, 180), "z": (0,)},
+    },
+}  # fmt: skip
+
+
+def wanted(sensor: str, method: str) -> list[tuple[str, float]]:
+    """Mounting and table angle, rad, of the readings that a closed form needs."""
+    return [(mounting, float(np.deg2rad(angle))) for mounting, angles in METHODS[sensor][method].items() for angle in angles]
 
 
 def wrap(angle: Any) -> Any:
@@ -95,9 +107,9 @@ class Positions(eqx.Module):
         if angle.ndim != 1 or not angle.size:
             raise DataError(f"The table angles have shape {angle.shape}; expected (n,), one per position, in rad.", code="shape")
         words = (mounting,) * angle.size if isinstance(mounting, str) else tuple(str(word) for word in mounting)
-        unknown = sorted(set(words) - set(AXES))
+        unknown = sorted(set(words) - set(MOUNTINGS))
         if unknown:
-            raise DataError(f"There is no mounting {unknown[0]!r}; known are {', '.join(map(repr, AXES))}.", code="mounting")
+            raise DataError(f"There is no mounting {unknown[0]!r}; known are {', '.join(map(repr, MOUNTINGS))}.", code="mounting")
         if len(words) != angle.size:
             raise DataError(f"There are {len(words)} mountings for {angle.size} table angles; give one per position.", code="shape")
         self.angle, self.mounting = angle, words
@@ -121,12 +133,12 @@ class Positions(eqx.Module):
     @property
     def axes(self) -> np.ndarray:
         """(n, 3, 3) sensitive axis and two cross axes at every position, in body axes."""
-        return np.array([AXES[word] for word in self.mounting])
+        return np.array([MOUNTINGS[word][1] for word in self.mounting], dtype=float)
 
     @property
     def channel(self) -> np.ndarray:
         """(n,) index of the sensor in the triad that is read at each position."""
-        return np.array([float(CHANNELS[word]) for word in self.mounting])
+        return np.array([float(MOUNTINGS[word][0]) for word in self.mounting])
 
     @property
     def time(self) -> Any:
@@ -292,14 +304,16 @@ def _noise(readings: Readings, sensor: str, unit: Any) -> Array:
     return jnp.asarray(0.0 if white is None else white, dtype=jnp.asarray(getattr(readings, sensor)).dtype) / unit
 
 
-def need(readings: Readings, sensor: str, wanted: list[tuple[str, float]], method: str) -> None:
-    """Refuse readings that lack a position needed by a method; the message names the position (host only)."""
+def need(readings: Readings, sensor: str, method: str, more: tuple[tuple[str, float], ...] = ()) -> None:
+    """Refuse readings that lack a position needed by a method, or one of `more`; the message names the position (host only)."""
     word = "accelerometer" if sensor == "accel" else "gyro"
     if getattr(readings, sensor) is None:
         raise DataError(f"There are no {word} readings; method {method!r} needs them.", code="no_sensor")
     if is_traced(readings):
         return
-    missing = [f"{m} at {np.rad2deg(a):g} degrees" for m, a in wanted if not np.any(taken(readings, sensor, m, a))]
+    missing = [
+        f"{m} at {np.rad2deg(a):g} degrees" for m, a in (*wanted(sensor, method), *more) if not np.any(taken(readings, sensor, m, a))
+    ]
     if missing:
         raise DataError(
             f"Method {method!r} needs a {word} reading with mounting {', '.join(missing)}; measure there, or use `fit`.", code="no_position"

@@ -14,7 +14,6 @@ from ._positions import EARTH_RATE, Positions, distance, least_squares, table_fr
 _ALWAYS = ("phi", "theta", "psi", "b_a", "b_g")
 _OTHER_AXES = ("b_a_y", "b_a_z", "b_g_y", "b_g_z")
 _ANGLES = ("phi", "theta", "psi", "latitude")
-_FEW_ANGLES = 3
 #: sensor -> parameters that cannot be free without this sensor
 _NEEDED = {
     "accelerometer": ("b_a", "s_a", "ma_a_xy", "ma_a_xz", "b_a_rate", "b_a_y", "b_a_z", "ma_a_zx", "ma_a_zy"),
@@ -73,7 +72,7 @@ def check_latitude_free(free: set[str], priors: dict[str, Any], positions: Posit
     in_plane = np.isin(np.array(positions.mounting), ["x", "y", "fixed z"])
     if not is_traced(positions.angle):
         distinct = len(np.unique(np.round(np.exp(1j * np.asarray(positions.angle)[in_plane]), 6)))
-        if distinct < _FEW_ANGLES:
+        if distinct < 3:
             raise DataError(
                 f"The latitude needs three distinct table angles, such as 0, 90 and 180 degrees; got {distinct}.", code="latitude_open"
             )

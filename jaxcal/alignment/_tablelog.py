@@ -16,12 +16,12 @@ from ._fit import fit
 from ._model import Triads, Turntable
 from ._noise import mixed, noise_of
 from ._plausible import check_norm
-from ._positions import Positions, Readings
+from ._positions import Positions, Readings, distance
 from ._result import AlignmentFit
 from ._table_rests import rests_of
 
-#: smallest rotation that counts as a move, rad; largest share of a move about another axis
-_NO_MOVE, _ASIDE = np.deg2rad(1.0), 0.05
+#: smallest rotation that counts as a move, rad; largest share of a move about another axis; difference from the gyroscope that is a fault
+_NO_MOVE, _ASIDE, _DIFFER = np.deg2rad(1.0), 0.05, np.deg2rad(5.0)
 _BUMP = 1.2  # s; shorter interruptions of a rest are not moves to another position
 _SKEW = 5e-3  # rad: standard deviation of the angle between the z axes and the axis of the moves
 _AXES = "xyz"
@@ -84,9 +84,8 @@ def from_log(
 ) -> TableLog:
     r"""Find the rests of a turntable in its raw log, and average the readings of each rest.
 
-    A rest is a time in which the sensors' variance stays low and the table angle does not change. Its ends are moved inwards until the
-    means over a tenth of a second there agree with the rest. The angle of a rest comes from the log, from the caller,
-    or from the integral of a gyroscope with three axes over the moves:
+    A rest is a time in which the sensors' variance stays low and the table angle does not change. The angle of a rest comes from the log,
+    from the caller, or from the integral of a gyroscope with three axes over the moves:
 
     .. math:: \alpha_{k+1} = \alpha_k + \int n \cdot (\omega - b)\,dt
 
@@ -234,24 +233,22 @@ def _angles(
     else:
         raise DataError(
             Message(
-                "Nothing tells the table's angle on its {count} rests of {lengths} s: the log has no column with it, and no gyroscope with "
-                "three axes without gaps. Give the angles of the rests in order with {option.angles}.",
-                count=count,
-                lengths=_lengths(start, stop, rate),
-            ),
-            code="no_angles",
-        )
+                "Nothing tells the table's angle on its {count} rests of {lengths} s: the log has neither a column with it nor a gyroscope "
+                "with three axes. Give the angles of the rests in order with {option.angles}.",
+                count=count, lengths=_lengths(start, stop, rate),
+            ), code="no_angles",
+        )  # fmt: skip
     if turns is not None and np.isfinite(turns).all():
-        moved, seen = np.diff(angle), turns
-        off = lambda sign: np.abs(np.angle(np.exp(1j * (sign * moved - seen))))  # noqa: E731
-        if off(1).max() > np.deg2rad(5.0) and off(-1).max() <= np.deg2rad(5.0):
+        moved = np.diff(angle)
+        off, other = (distance(sign * moved, turns) for sign in (1, -1))
+        if off.max() > _DIFFER and other.max() <= _DIFFER:
             angle = -angle
             notes.append(FINDINGS("angle_turned"))
-        elif off(1).max() > np.deg2rad(5.0):
-            worst = int(np.argmax(off(1)))
+        elif off.max() > _DIFFER:
+            worst = int(np.argmax(off))
             raise DataError(
                 f"The angles contradict the gyroscope: between rests {worst + 1} and {worst + 2} the table turned by "
-                f"{np.rad2deg(seen[worst]):.4g} degrees, and the angles differ by {np.rad2deg(moved[worst]):.4g}. Check angles and units.",
+                f"{np.rad2deg(turns[worst]):.4g} degrees, and the angles differ by {np.rad2deg(moved[worst]):.4g}. Check angles and units.",
                 code="angles",
             )
     sigma = np.broadcast_to(np.asarray(angle_std, dtype=float), (count,))
@@ -285,19 +282,15 @@ def _gathered(
         values[name][:, : means.shape[1]] = means
     if not np.allclose(frame, np.eye(3)):
         told = {name: mixed(one, frame) if isinstance(one, tuple) else one for name, one in told.items()}
-        off = np.rad2deg(np.arccos(np.clip(np.abs(frame[2, 2]), 0, 1)))
-        if off > 0.5:
-            notes.append(FINDINGS("axis_tilted", tilt=Quantity(float(np.deg2rad(off)), "angle")))
+        off = float(np.arccos(np.clip(np.abs(frame[2, 2]), 0, 1)))
+        notes += FINDINGS.over("axis_tilted", off, tilt=Quantity(off, "angle"))
     dwell = np.repeat((stop - start) / rate, len(words))
     rows = np.repeat(np.eye(count), len(words), axis=0)
     covariance = rows @ spread @ rows.T
     places = Positions(
-        np.repeat(angle, len(words)),
-        words * count,
-        dwell,
-        np.repeat(time[start], len(words)),
+        np.repeat(angle, len(words)), words * count, dwell, np.repeat(time[start], len(words)),
         angle_std=covariance if spread.any() else None,
-    )
+    )  # fmt: skip
     readings = Readings(places, *(None if name not in values else values[name].ravel() for name in ("accel", "gyro")), **told)
     priors = {f"ma_{name[0]}_z{axis}": _SKEW for name, x in samples.items() if x.shape[1] == 3 for axis in "xy"}
     return TableLog(readings, Triads() if len(words) == 3 else Turntable(), _free(samples), priors, start, stop, angle, frame, tuple(notes))
