@@ -25,7 +25,8 @@ def runs(flags: Any) -> tuple[np.ndarray, np.ndarray]:
     >>> starts.tolist(), stops.tolist()
     ([0, 3], [2, 4])
     """
-    edges = np.flatnonzero(np.diff(np.asarray(flags, dtype=np.int8), prepend=0, append=0))
+    flags = np.asarray(flags, dtype=np.int8)
+    edges = np.flatnonzero(np.diff(flags, prepend=0, append=0)) if flags.any() else np.zeros(0, dtype=int)
     return edges[::2], edges[1::2]
 
 

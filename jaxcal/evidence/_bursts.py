@@ -116,7 +116,7 @@ class _Record:
         for d, step, hidden in zip(looks, self.steps, self.hidden, strict=True):
             d = d if still is None else d[still]
             size = np.abs(d[:: len(d) // SAMPLE + 1])
-            spread = max(np.quantile(size, at) / normal for at, normal in _SPREADS.items())
+            spread = np.max(np.quantile(size, list(_SPREADS)) / list(_SPREADS.values()))
             found.append(spread + max(0.5 * step / h, hidden / np.sqrt(h)))
         return np.array(found)
 

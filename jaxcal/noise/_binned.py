@@ -14,7 +14,9 @@ from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._types import AnyArray
 from ._model import Noise
+from ._observed import Observed
 from ._ordinates import bins_of
+from ._solve import solve
 from ._terms import BUILT_IN
 
 _TERMS = ("Q", "N", "B", "K")  # terms with exact expected ordinates; for other terms the density replaces them
@@ -135,12 +137,11 @@ def log_likelihood(y: Any, rate: Any) -> LogLikelihood:
         raise DataError(f"y must be (n,), one channel; got shape {y.shape}")
     dt = 1.0 / float(rate)
     terms = tuple(BUILT_IN[term] for term in _TERMS)
-    if is_traced(y) or not np.isnan(y).any():
+    if is_traced(y):
         bins = bins_of(y, dt, terms)
     else:
-        from ._solve import observed_bins
-
-        bins = observed_bins(y, dt, terms)
+        observed = Observed(y, dt)
+        bins = observed.bins(terms) if observed.complete else solve(observed, terms, None).bins
     columns = {term: bins.columns[:, i] for i, term in enumerate(_TERMS)}
     return LogLikelihood(bins.frequency, bins.density * bins.unit, bins.weight, columns, np.zeros_like(bins.frequency), dt)
 

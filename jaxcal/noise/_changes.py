@@ -257,8 +257,8 @@ def _refitted(records, design, slows, bases, begun) -> tuple[list[AnyArray], flo
             if slow.shape[1]:
                 # the likelihood has local maxima: one start is the last fit, the other has little of every term
                 flat = np.median(target / level) * (level[:, None] / columns).min(axis=0)
-                starts_of = (theta, np.maximum(flat, 1e-6 * theta))
-                theta, _ = min((scoring(columns, target, count, one, level) for one in starts_of), key=lambda one: one[1])
+                tried, costs = scoring(columns, target, count, np.stack([theta, np.maximum(flat, 1e-6 * theta)]), level)
+                theta = tried[np.argmin(costs)]
         s = level + columns @ theta
         fits.append(theta)
         total += float(np.sum(count * (np.log(s) + target / s)))

@@ -14,8 +14,7 @@ from .._quality import checked_rate, checked_record
 from .._types import AnyArray
 from ._likelihood import scoring
 from ._observed import Observed
-from ._solve import solve
-from ._spectral import FILTER, Fitted
+from ._solve import FILTER, Fitted, solve
 from ._terms import BUILT_IN, GaussMarkov, PowerLaw, Term
 
 _EXPONENTS = np.arange(0.3, 1.96, 0.1)

@@ -27,8 +27,8 @@ from ..allan._uncertainty._edf import interval_factors
 from ._checks import Asked
 from ._covariance import covariance_tensor
 from ._findings import FINDINGS, of_model
-from ._likelihood import inverse, nonnegative
-from ._limits import Limits, chance, levels_of, wald
+from ._likelihood import chance, inverse, nonnegative
+from ._limits import Limits, levels_of
 from ._result import NoiseFit, assemble, with_edf
 from ._terms import Term
 
@@ -125,10 +125,12 @@ def _jointly(curve: Deviation, data: _Curve, used: AnyArray, unit: float, sample
 
 def _limits_of(theta: AnyArray, covariance: AnyArray, confidence: float) -> Limits:
     """Limits of a normal law downwards; upwards at least those of a chi-square of the same relative error, which is skewed."""
-    found, variance = wald(theta, covariance, *levels_of(confidence)), np.diagonal(covariance)
-    edf = np.maximum(2.0 * theta**2 / np.where(variance > 0.0, variance, np.inf), 1.0)
-    (_, both), (_, one) = (interval_factors(edf, level) for level in (confidence, 2.0 * confidence - 1.0))
-    return found._replace(high=np.maximum(found.high, theta * both**2), upper=np.maximum(found.upper, theta * one**2))
+    error = np.sqrt(np.diagonal(covariance))
+    both, one = (error * np.sqrt(level) for level in levels_of(confidence))
+    edf = np.maximum(2.0 * theta**2 / np.where(error > 0.0, error, np.inf) ** 2, 1.0)
+    (_, skewed), (_, one_sided) = (interval_factors(edf, level) for level in (confidence, 2.0 * confidence - 1.0))
+    high, upper = np.maximum(theta + both, theta * skewed**2), np.maximum(theta + one, theta * one_sided**2)
+    return Limits(np.maximum(theta - both, 0.0), high, upper, (theta / np.where(error > 0.0, error, np.inf)) ** 2)
 
 
 def _banded(data: _Curve, octave: AnyArray, used: AnyArray, whole: _Fitted) -> tuple[AnyArray, bool, bool, _Fitted]:

@@ -1,22 +1,22 @@
 """Intervals and limits by inversion of a likelihood-ratio test: the values of one coefficient at which the ratio reaches a level."""
 
 import functools
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
-import jax
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._arrays import namespace
 from .._types import AnyArray, Float
+from ._likelihood import scoring
+from ._ordinates import Bins
 
 #: significance above which a term is a hint, and above which it is present. Without the term, 5 % and 1 % of records exceed these,
 #: because a coefficient cannot be negative (S. G. Self and K.-Y. Liang, J. Am. Stat. Assoc. 82, 1987)
 HINT, PRESENT = 2.71, 5.41
 #: number of steps of a search; times the level at which values of a search are capped; relative distance from the level, in the root of the
 #: likelihood ratio, at which a search ends
-_SEARCH, _FAR, _CLOSE = 12, 8.0, 1e-3
+_SEARCH, _FAR, _CLOSE = 12, 8.0, 1e-4
 
 
 class Limits(NamedTuple):
@@ -45,69 +45,62 @@ def levels_of(confidence: float) -> tuple[float, float]:
     return 2.0 * float(scipy.special.gammaincinv(0.5, confidence)), float(scipy.special.ndtri(confidence)) ** 2
 
 
-def chance(rise, freedom) -> Any:
-    """Probability of a larger chi-square."""
-    tail = scipy.special.gammaincc if namespace(rise, freedom) is np else jax.scipy.special.gammaincc
-    return tail(freedom / 2.0, rise / 2.0)
-
-
-def wald(theta, covariance, two_sided, one_sided) -> Limits:
-    """Limits of squared coefficients whose estimates are normal, none below zero."""
-    xp = namespace(theta, covariance)
-    error = xp.sqrt(xp.diagonal(covariance))
-    both, one = error * np.sqrt(two_sided), error * np.sqrt(one_sided)
-    ratio = xp.where(error > 0.0, theta / xp.where(error > 0.0, error, 1.0), 0.0)
-    return Limits(xp.maximum(theta - both, 0.0), theta + both, theta + one, ratio**2)
-
-
-def find_limits(rise: Callable[[int, float], float], theta, reach, two_sided, one_sided) -> Limits:
-    """Squared coefficients at which the likelihood ratio reaches a level.
+def profile_limits(
+    bins: Bins, theta: AnyArray, cost: float, covariance: AnyArray, own: Sequence[int], two_sided: AnyArray, one_sided: AnyArray
+) -> Limits:  # fmt: skip
+    """Squared coefficients at which the profile likelihood ratio of the `own` columns reaches a level, found for all of them at once.
 
     The square root of the ratio is nearly linear in the coefficient itself, so that false position on these two finds the crossing in few
-    steps. A low end is 0 if zero cannot be excluded. An end that is not found within 2^11 times `reach` is infinite.
+    steps (N. Anderson and A. Bjoerck, BIT 13, 1973). A low end is 0 if zero cannot be excluded. An end that is not found within 2^11 times
+    the error is infinite.
 
     Parameters
     ----------
-    rise : maps the index of a term and its squared coefficient to the ratio at the best values of all other coefficients.
-    theta, reach : (p,) squared coefficients at the optimum, and their standard errors.
-    two_sided, one_sided : (p,) levels of the ratio at both ends and at the upper limit.
+    theta, cost, covariance : (p,), scalar and (p, p) squared coefficients at the optimum, their cost there, and their covariance.
+    two_sided, one_sided : (own,) levels of the ratio at both ends and at the upper limit.
     """
-    found = np.zeros((len(Limits._fields), len(theta)))
-    for i, (best, error) in enumerate(zip(theta, np.maximum(reach, np.finfo(float).tiny ** 0.5), strict=True)):
-        found[3, i] = rise(i, 0.0)
-        for row, level, sign in ((0, two_sided[i], -1), (1, two_sided[i], 1), (2, one_sided[i], 1)):
-            far, k = (0.0, found[3, i]) if sign < 0 else (best, 0.0), 0
-            inside = best, 0.0
-            while sign > 0 and far[1] <= level and k < _SEARCH:
-                inside, far = far, (value := best + 1.1 * np.sqrt(level) * error * 2.0**k, rise(i, value))
-                k += 1
-            if far[1] > level:
-                found[row, i] = _crossing(lambda value, i=i: rise(i, value), level, inside, far)
-            elif sign > 0:
-                found[row, i] = np.inf
-    return Limits(*found)
+    count, index = len(own), np.tile(own, 4)
+    level = np.sqrt(np.concatenate([two_sided, two_sided, one_sided, two_sided]))
+    best, error = theta[index], np.sqrt(np.diagonal(covariance))[index]
+    slope, free = covariance[index] / np.where(error > 0.0, error, np.inf)[:, None] ** 2, np.any(bins.columns < 0.0, axis=0)
+    last = np.tile(theta, (len(index), 1))  # each search starts from the one before
 
+    def root_of(lanes: AnyArray, value: AnyArray) -> AnyArray:
+        """Root of the ratio if coefficients are held at values, less that of the level."""
+        held = np.arange(len(theta)) == index[lanes, None]
+        start = last[lanes] + slope[lanes] * (value - last[lanes, index[lanes]])[:, None]
+        start = np.where(held, value[:, None], np.where(free, start, np.maximum(start, 0.0)))
+        last[lanes], found = scoring(bins.columns, bins.density, bins.weight, start, held=held)
+        return np.sqrt(np.maximum(2.0 * (found - cost), 0.0)) - level[lanes]
 
-def _crossing(ratio: Callable[[float], float], level: float, inside: tuple[float, float], outside: tuple[float, float]) -> float:
-    """Where a ratio reaches a level between two points (N. Anderson and A. Bjoerck, BIT 13, 1973)."""
-    a, b = np.sqrt(inside[0]), np.sqrt(outside[0])
-    ga, gb = (np.sqrt(max(value, 0.0)) - np.sqrt(level) for value in (inside[1], outside[1]))
-    gb = min(gb, _FAR * np.sqrt(level))  # false position moves too slowly from a value that is far away
-    u, last = b, 0
-    for _ in range(_SEARCH):
-        u = (a * gb - b * ga) / (gb - ga)
-        g = np.sqrt(max(ratio(u**2), 0.0)) - np.sqrt(level)
-        if abs(g) <= _CLOSE * np.sqrt(level):
+    zero = np.arange(3 * count, 4 * count)
+    at_zero = root_of(zero, np.zeros(count)) + level[zero]
+    sign = np.repeat([-1.0, 1.0, 1.0], count)
+    b, gb, found = best.copy(), -level, np.zeros(3 * count)
+    a, ga = b.copy(), gb.copy()
+    todo = np.arange(3 * count)[np.append(at_zero > level[zero], np.ones(2 * count, dtype=bool))]
+    for k in range(_SEARCH):
+        a[todo], ga[todo] = b[todo], gb[todo]
+        b[todo] = np.maximum(best[todo] + sign[todo] * 1.1 * level[todo] * error[todo] * 2.0**k, 0.0)
+        gb[todo] = root_of(todo, b[todo])
+        todo = todo[gb[todo] <= 0.0]
+        if not len(todo):
             break
+    found[todo] = np.inf
+    a, b, todo, side = np.sqrt(a), np.sqrt(b), np.flatnonzero(gb[: 3 * count] > 0.0), np.zeros(3 * count)
+    gb = np.minimum(gb, _FAR * level)  # false position moves too slowly from a value that is far away
+    for _ in range(_SEARCH):
+        if not len(todo):
+            break
+        u = (a[todo] * gb[todo] - b[todo] * ga[todo]) / (gb[todo] - ga[todo])
+        g, found[todo] = root_of(todo, u**2), u**2
+        inner = g <= 0.0
         # a side that stays for two steps gets less weight, so that both ends close in
-        if g <= 0.0:
-            gb, a, ga, last = gb * (_less(g, ga) if last < 0 else 1.0), u, g, -1
-        else:
-            ga, b, gb, last = ga * (_less(g, gb) if last > 0 else 1.0), u, g, 1
-    return float(u**2)
-
-
-def _less(new: float, old: float) -> float:
-    """Weight of the end that stays, from the previous and the present value at the other end."""
-    weight = 1.0 - new / old
-    return weight if weight > 0.0 else 0.5
+        less = 1.0 - g / np.where(inner, ga[todo], gb[todo])
+        less = np.where(side[todo] == np.where(inner, -1, 1), np.where(less > 0.0, less, 0.5), 1.0)
+        for one, (ends, values, others) in zip((inner, ~inner), ((a, ga, gb), (b, gb, ga)), strict=True):
+            others[todo[one]] *= less[one]
+            ends[todo[one]], values[todo[one]] = u[one], g[one]
+        side[todo] = np.where(inner, -1, 1)
+        todo = todo[np.abs(g) > _CLOSE * level[todo]]
+    return Limits(*found.reshape(3, count), at_zero**2)

@@ -7,8 +7,8 @@ does not enter, there is almost no leakage, and the ordinates are nearly indepen
           - \frac{\sin(\pi k h/n)}{\sin(\pi k/n)}\Big]\Big\}
 
 With s_k = 2 sin(pi k/2n) this is exactly K^2 dt^2/s_k^2 for a random walk, and nearly B^2 dt/s_k (1 - 2/(pi^2 k)) for flicker. The
-expectation is linear in the squared coefficients. If density and columns are averaged in the same way, over bins or over several
-gap-free stretches, the averages therefore obey the same relation exactly.
+expectation is linear in the squared coefficients. If density and columns are averaged in the same way, over bins, the averages therefore
+obey the same relation exactly.
 """
 
 import functools
@@ -21,13 +21,10 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._arrays import runs
-from .._errors import DataError
-from .._precision import is_traced
-from .._types import Any, AnyArray, Float
+from .._types import Any, AnyArray, Array, Float
 from ..spectrum._average import log_groups
 from ._terms import Term
 
-_SHORTEST = 16  # samples of the shortest gap-free stretch that is used
 #: search for lines: farthest neighbour on either side; chance of a false line in the whole spectrum; chance of a false bin next to a
 #: line; number of passes
 _REACH, _CHANCE, _SIDE, _PASSES = 9, 0.01, 1e-4, 4
@@ -69,58 +66,16 @@ def layout(n: int, dt: float, terms: tuple[Term, ...]) -> tuple[np.ndarray, np.n
     return starts, count, columns, frequency
 
 
-def stretches(y) -> list[slice]:
-    """The gap-free stretches of a record that are long enough to be used, longest first."""
-    found = [slice(int(a), int(b)) for a, b in zip(*runs(~np.isnan(y)), strict=True) if b - a >= _SHORTEST]
-    return sorted(found, key=lambda part: part.start - part.stop)
-
-
-def bins_of(y, dt: float, terms: tuple[Term, ...]) -> Bins:
-    """Bins of a record (n,), with a column for each term. Each gap-free stretch is transformed separately, and their bins are averaged.
-
-    Raises
-    ------
-    DataError
-        If no stretch of 16 samples is free of gaps (NaN).
-    """
-    if is_traced(y):
-        n = y.shape[0]
-        starts, count, columns, frequency = layout(n, dt, terms)
-        y = eqx.error_if(y, jnp.any(jnp.isnan(y)), "a traced record must not have gaps; cut it into gap-free stretches before tracing")
-        ordinates = dt * jax.scipy.fft.dct(y - jnp.mean(y), norm="ortho")[1:] ** 2
-        group = np.repeat(np.arange(len(starts)), count.astype(int))
-        found = jax.ops.segment_sum(ordinates, group, len(starts), indices_are_sorted=True) / count.astype(y.dtype)
-        unit = jax.lax.stop_gradient(jnp.mean(found))
-        count, columns, frequency = (np.asarray(array, dtype=found.dtype) for array in (count, columns, frequency))
-        return Bins(found / unit, count, columns, frequency, unit)
-    parts = []
-    for part in stretches(y):
-        x = y[part]
-        starts, count, columns, frequency = layout(len(x), dt, terms)
-        ordinates = dt * np.asarray(scipy.fft.dct(x - np.mean(x), norm="ortho", overwrite_x=True))[1:] ** 2
-        parts.append((np.add.reduceat(ordinates, starts) / count, count, columns, frequency))
-    if not parts:
-        raise DataError(
-            f"no stretch of {_SHORTEST} samples is free of gaps ({int(np.isnan(y).sum())} of {len(y)} samples are missing): a spectrum "
-            "needs one; use a method of the Allan variance, such as gls, or mend the recording"
-        )
-    found, count, columns, frequency = parts[0] if len(parts) == 1 else _merged(parts)
-    unit = np.exp(np.sum(count * np.log(found)) / np.sum(count))
+def bins_of(y: Array, dt: float, terms: tuple[Term, ...]) -> Bins:
+    """Bins of a traced record (n,), which has no gaps, with a column for each term."""
+    starts, count, columns, frequency = layout(y.shape[0], dt, terms)
+    y = eqx.error_if(y, jnp.any(jnp.isnan(y)), "a traced record must not have gaps; cut it into gap-free stretches before tracing")
+    ordinates = dt * jax.scipy.fft.dct(y - jnp.mean(y), norm="ortho")[1:] ** 2
+    group = np.repeat(np.arange(len(starts)), count.astype(int))
+    found = jax.ops.segment_sum(ordinates, group, len(starts), indices_are_sorted=True) / count.astype(y.dtype)
+    unit = jax.lax.stop_gradient(jnp.mean(found))
+    count, columns, frequency = (np.asarray(array, dtype=found.dtype) for array in (count, columns, frequency))
     return Bins(found / unit, count, columns, frequency, unit)
-
-
-def _merged(parts):
-    """Average the bins of several stretches on the grid of the first, weighted by the number of ordinates."""
-    grid = parts[0][3]
-    where = np.searchsorted(np.sqrt(grid[1:] * grid[:-1]), np.concatenate([part[3] for part in parts]))
-    weight = np.concatenate([part[1] for part in parts])
-    count = np.bincount(where, weight, len(grid))
-
-    def mean(which):
-        values = np.concatenate([part[which].reshape(len(part[1]), -1) for part in parts])
-        return np.stack([np.bincount(where, weight * column, len(grid)) for column in values.T], axis=1) / count[:, None]
-
-    return mean(0)[:, 0], count, mean(2), mean(3)[:, 0]
 
 
 def _median(values, count) -> np.ndarray:

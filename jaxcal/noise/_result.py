@@ -5,14 +5,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
 from .._answer import Finding, Result, Results, Section, plain
 from .._arrays import namespace
 from .._errors import DataError
 from .._frozen import replaced
-from .._precision import is_traced, map_ordered
+from .._precision import map_ordered
 from .._types import AnyArray
 from ..allan import Deviation
 from ..allan._uncertainty._edf import interval_factors
@@ -285,14 +284,13 @@ def assemble(
     duration: float,
     *,
     sinusoid=(),
+    xp: Any = np,
     **others,
 ) -> NoiseFit:
     """Make a `NoiseFit` from squared coefficients in the order of `terms`, their covariance and their limits, all in SI units.
 
-    Without limits (None) the tables stay empty. `others` are further fields of the result.
+    Without limits (None) the tables stay empty. `xp` is the module of the arrays. `others` are further fields of the result.
     """
-    traced = is_traced(theta)
-    xp = jnp if traced else np
     positive = theta > 0.0
     guarded = xp.where(positive, theta, 1.0)  # keeps the derivative of the root finite where the coefficient is zero
     value = xp.where(positive, xp.sqrt(guarded), 0.0)
@@ -302,7 +300,11 @@ def assemble(
         columns = {
             "interval": list(zip(xp.sqrt(limits.low), xp.sqrt(limits.high), strict=True)),
             "upper_limit": xp.sqrt(limits.upper),
-            "presence": [] if traced else ["present" if rise > PRESENT else "hint" if rise > HINT else "not detected" for rise in rises],
+            "presence": []
+            if xp is not np
+            else ["present" if rise > PRESENT else "hint" if rise > HINT else "not detected" for rise in rises]
+            if xp is np
+            else [],
             "significance": rises,
             "longer_record": xp.where(positive, duration * (relative / 0.1) ** 2, xp.inf),
         }

@@ -21,7 +21,7 @@ import numpy as np
 from .._types import AnyArray
 from ._likelihood import density, information, inverse, scoring
 from ._ordinates import Bins
-from ._spectral import Fitted
+from ._solve import Fitted
 from ._terms import BUILT_IN, GaussMarkov
 
 #: octaves below the end of the band at which the highest corner lies; nearer to it, N of every record has a wide interval; halvings of the
@@ -90,9 +90,10 @@ def _columns(
     used, frequency = bins.weight > 0, bins.frequency
     corners = np.exp2(np.arange(float(np.log2(0.25 / duration)), float(np.log2(frequency[used].max())) - octaves + 1e-9))
     walk = BUILT_IN["K"].psd(frequency, dt)
-    slow = [walk / walk.max(), *(_relaxation(corner, frequency, dt) for corner in corners)]
-    start = np.concatenate([theta[kept], np.full(len(slow), np.mean(bins.density[used]) / len(slow))])
-    return np.column_stack([bins.columns[:, kept], *slow]), start
+    relaxations = np.asarray(GaussMarkov(time=0.5 / (np.pi * corners)).psd(frequency[:, None], dt))
+    slow = np.column_stack([walk / walk.max(), relaxations / relaxations.max(axis=0)])
+    start = np.concatenate([theta[kept], np.full(slow.shape[1], np.mean(bins.density[used]) / slow.shape[1])])
+    return np.column_stack([bins.columns[:, kept], slow]), start
 
 
 def _profile(
@@ -114,8 +115,3 @@ def _profile(
         return outside
 
     return end(-1.0, levels[0]), end(1.0, levels[0]), end(1.0, levels[1])
-
-
-def _relaxation(corner: float, frequency: AnyArray, dt: float) -> AnyArray:
-    level = GaussMarkov(time=0.5 / (np.pi * corner)).psd(frequency, dt)
-    return np.asarray(level) / np.max(level)

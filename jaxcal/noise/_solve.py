@@ -1,20 +1,43 @@
-"""A record's bins and their fit."""
+"""From the bins of a record to the fit of its noise terms, in the band where the model holds and beside spectral lines."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from .._errors import DataError
-from .._types import AnyArray
-from ._likelihood import density
+from .._types import AnyArray, Int
+from ._likelihood import chance, density, nonnegative, scoring, several_starts
 from ._observed import Observed
 from ._ordinates import LINE, Bins, find_lines
-from ._spectral import FILTER, Fitted, attempt, fit_bins, groups_of, without
 from ._terms import Filter, Term
 
+FILTER = Filter.name
 #: most rounds of filling gaps, and the relative change of the density at which they end; number of rounds in which groups of more ordinates
 #: than this scale the model; lowest ordinates at which changes of the mean are searched
 _ROUNDS, _SETTLED, _ROUGH, _MANY, _ORDINATES = 30, 2e-3, 2, 100.0, 512
+#: the goodness of fit compares means over groups of bins with the model: ordinates at which the first groups begin, and the number of
+#: groups, of which the later ones are evenly spaced in the logarithm
+_FIRST, _GROUPS = (0, 4, 12, 24, 48), 40
+_EXACT = 1e-14  # gain in log likelihood at which the fit of the coefficients ends
+#: search for the upper end of the band: relative misfit of the density that is allowed without and with a filter (with 5 %,
+#: a filter of the second order at 20 Hz makes N 5 % too large), chance of a worse misfit below which an end is refused, octaves that are
+#: looked at, octaves by which the end is then lowered, bins that a band needs in addition to the number of terms
+_TOLERANCES, _REFUSED, _OCTAVES, _MARGIN, _FEWEST = (0.01, 0.03), 0.001, 4, 1.0, 20
+
+
+class Fitted(NamedTuple):
+    """A fit of `bins`, which have zero weight outside the band: coefficients in units of `Bins.unit`, and cost.
+
+    misfit : deviance of the spectrum over its degrees of freedom. goodness : chance of a worse deviance. cut : whether high frequencies
+    were left out.
+    """
+
+    theta: AnyArray
+    cost: float
+    bins: Bins
+    misfit: float
+    goodness: float
+    cut: bool = False
 
 
 class Solved(NamedTuple):
@@ -44,7 +67,7 @@ class Solved(NamedTuple):
     def end(self) -> float:
         """Highest frequency of the band in Hz; infinite if the fit uses all frequencies."""
         bins = self.fitted.bins
-        return float(np.max(np.where(bins.weight > 0, bins.frequency, 0.0))) if bool(self.fitted.cut) else np.inf
+        return float(np.max(np.where(bins.weight > 0, bins.frequency, 0.0))) if self.fitted.cut else np.inf
 
 
 class Lowest(NamedTuple):
@@ -54,25 +77,16 @@ class Lowest(NamedTuple):
     density: AnyArray
 
 
-def solve(observed: Observed, columns: tuple[Term, ...], band, lines: AnyArray | None = None) -> Solved:
-    """Fit the samples observed. If some are missing, the fit is repeated until the density that fills the gaps no longer changes.
-
-    `lines` are the spectral lines of an earlier fit of the record; they are found first if none is given.
-    """
+def solve(observed: Observed, columns: tuple[Term, ...], band) -> Solved:
+    """Fit the samples observed. If some are missing, the fit is repeated until the density that fills the gaps no longer changes."""
     columns, level = (*columns, Filter()), np.ones(1)
-    solved = _solved(observed.bins(columns), columns, band, band is None and observed.complete, lines)
+    solved = _solved(observed.bins(columns), columns, band, band is None and observed.complete)
     for k in range(0 if observed.complete else _ROUNDS):
         before, level = level, _level(solved, k < _ROUGH)
         if k > _ROUGH and np.max(np.abs(np.log(level / before))) < _SETTLED:
             break
-        solved = _solved(observed.bins(columns, level), columns, band, band is None and k + 1 >= _ROUGH, lines)
+        solved = _solved(observed.bins(columns, level), columns, band, band is None and k + 1 >= _ROUGH)
     return solved
-
-
-def observed_bins(y, dt: float, terms: tuple[Term, ...]) -> Bins:
-    """Bins of a record with gaps, with a column for each term; the fitted model of these terms fills the gaps."""
-    bins = solve(Observed(y, dt), terms, None).bins
-    return bins._replace(columns=bins.columns[:, : len(terms)])
 
 
 def _level(solved: Solved, rough: bool):
@@ -89,33 +103,97 @@ def _level(solved: Solved, rough: bool):
     return np.where(own, bins.density, model) * bins.unit
 
 
-def _solved(whole: Bins, columns: tuple[Term, ...], band, automatic: bool, lines: AnyArray | None) -> Solved:
+def _solved(whole: Bins, columns: tuple[Term, ...], band, automatic: bool) -> Solved:
     bins = inside(whole, band)
     count = int(np.sum(bins.weight > 0))
     if count <= len(columns):
         raise DataError(
             f"{count} frequency bins are left for {len(columns)} terms; record longer without gaps, widen the band, or ask for fewer terms"
         )
-    names = tuple(term.name for term in columns)
     group = groups_of(whole.weight, int(np.sum(whole.weight)))
-    first = None
-    if lines is None:
-        plain = without(bins, names, FILTER)
-        first = attempt(plain, group)
-        lines = find_lines(bins, density(plain.columns, first.theta))
+    fitted = _fitted(_without(bins, columns, FILTER), group)
+    lines = find_lines(bins, density(fitted.bins.columns, fitted.theta))
     clear = bins._replace(weight=bins.weight * (1.0 - lines))
-    return Solved(bins, lines, fit_bins(clear, group, automatic, names, None if lines.any() else first), columns)
+    fitted = _fitted(_without(clear, columns, FILTER), group) if lines.any() else fitted
+    if automatic and fitted.goodness < _REFUSED:
+        fitted = _below_filter(clear, fitted, group, columns)
+    return Solved(bins, lines, fitted, columns)
 
 
-def lowest_of(observed: Observed, solved: Solved) -> Lowest:
-    n = len(observed.y)
-    k = np.arange(1, min(_ORDINATES, n - 1) + 1)
-    columns = np.stack([term.ordinates(k, n, observed.dt) for term in solved.columns], axis=1)
-    # a filter acts at high frequencies only, and its negative column must not make the density negative here
-    theta = np.where([name != FILTER for name in solved.names], solved.fitted.theta, 0.0)
-    # if every other coefficient is zero, the density vanishes here
-    least = np.finfo(float).eps * np.max(density(solved.fitted.bins.columns, solved.fitted.theta))
-    return Lowest(columns, np.maximum(columns @ theta, least) * solved.bins.unit)
+def _fitted(bins: Bins, group: AnyArray) -> Fitted:
+    """Fit from several starting points, keep the highest likelihood, and judge the fit; `group` comes from `groups_of`."""
+    theta, cost = scoring(bins.columns, bins.density, bins.weight, several_starts(bins))
+    theta, cost = scoring(bins.columns, bins.density, bins.weight, theta[np.argmin(cost)], enough=_EXACT)  # only one needs many steps
+    count, total = (
+        np.bincount(group, bins.weight * values) for values in (np.ones(len(group)), bins.density / density(bins.columns, theta))
+    )
+    there = count > 0.0
+    ratio = np.maximum(total[there] / count[there], np.finfo(float).tiny ** 0.5)  # the ordinates of a record without noise are zero
+    deviance = np.sum(count[there] * (ratio - 1.0 - np.log(ratio)))
+    freedom = max(float(np.sum(there) - np.sum(theta != 0.0)), 1.0)
+    return Fitted(theta, cost, bins, float(deviance / freedom), float(chance(deviance, freedom)))
+
+
+def _below_filter(bins: Bins, whole: Fitted, group: AnyArray, columns: tuple[Term, ...]) -> Fitted:
+    """Fit the widest band, from the lowest frequency up, whose upper end no filter spoils; the fit of the `whole` band if that is all.
+
+    A filter or a resonance of the sensor spoils high frequencies. The upper end is therefore lowered by thirds of octaves until the four
+    octaves below it are smooth, and then by another octave, because they only just are.
+
+    Below its corner a low-pass filter turns white noise into N^2 (1 - c f^2) with c of either sign. In a band whose high frequencies are
+    cut off, the column `FILTER` describes this, so that it does not bias N. The column has the shape of Q and replaces it.
+    """
+    end, level = _search(whole.bins, len(columns))
+    if level and end >= np.max(bins.frequency[bins.weight > 0.0]):
+        return whole
+    weight = bins.weight * (bins.frequency <= end * (1 + 1e-6))
+    return _fitted(_without(bins._replace(weight=weight), columns, "Q"), group)._replace(cut=True)
+
+
+def _search(bins: Bins, count: int) -> tuple[float, bool]:
+    """Find the upper end of the band in Hz, and whether white noise is level up to there.
+
+    It is the highest end below which the spectrum of four octaves is N^2 + c s^2 + b/s + k/s^2, first with c of quantisation noise and to
+    1 %, then with c of either sign and to 3 %, since a filter is rarely of the second order. Means over thirds of octaves are compared,
+    without the third that fits worst.
+    """
+    used = bins.weight > 0
+    frequency, weight = bins.frequency[used], bins.weight[used]
+    third = np.floor(3.0 * np.log2(frequency.max() / frequency) + 1e-9).astype(int)  # counted from the top
+    total = np.bincount(third, weight)
+    there = np.flatnonzero(total)
+    level, at = (np.bincount(third, weight * values[used])[there] / total[there] for values in (bins.density, bins.frequency))
+    s = np.sin(0.5 * np.pi * at / frequency.max())
+    level = np.maximum(level, np.finfo(float).tiny ** 0.5)  # a record without noise
+    columns = np.stack([np.ones_like(s), s**2, 1.0 / s, 1.0 / s**2], axis=1) / level[:, None]
+    width, ends = 3 * _OCTAVES, frequency.max() * 2.0 ** (-there / 3.0)
+    below = np.cumsum(np.bincount(third)[there][::-1])[::-1]  # bins below the end
+    either = np.array([False, True, False, False])
+    for i in range(len(there) - width + 1):
+        part = slice(i, i + width)
+        for free, tolerance in zip((~either & either, either), _TOLERANCES, strict=True):
+            root = 1.0 / np.sqrt(2.0 / total[there[part]] + tolerance**2)
+            rows = columns[part] * root[:, None]
+            rest = root - rows @ nonnegative(rows.T @ rows, rows.T @ root, free, np.ones(4, dtype=bool))[0]
+            misfit = float(np.sum(rest**2) - np.max(rest**2))
+            if chance(misfit, width - 5.0) >= _REFUSED:
+                lower = ends[i] * 2.0**-_MARGIN
+                enough = i > 0 and np.sum(frequency <= lower) >= count + _FEWEST
+                return float(lower if enough else ends[i]), not free.any()
+        if below[i] < count + _FEWEST:
+            break
+    return float(frequency.max()), True
+
+
+def groups_of(weight: AnyArray, ordinates: int) -> Int[np.ndarray, " bins"]:
+    """The group to which each bin belongs in the test of the goodness of fit."""
+    edges = np.append(_FIRST[1:], np.geomspace(_FIRST[-1], max(ordinates, _FIRST[-1] + 1), _GROUPS - len(_FIRST) + 1)[1:-1])
+    return np.searchsorted(edges, np.cumsum(weight) - 0.5 * np.asarray(weight))
+
+
+def _without(bins: Bins, columns: tuple[Term, ...], name: str) -> Bins:
+    """The bins without a term: its column is set to zero, and its coefficient is then zero in a fit."""
+    return bins._replace(columns=bins.columns * np.array([term.name != name for term in columns]))
 
 
 def inside(bins: Bins, band) -> Bins:
@@ -124,3 +202,15 @@ def inside(bins: Bins, band) -> Bins:
         return bins
     within = (bins.frequency >= 0.5 / band[1] * (1 - 1e-9)) & (bins.frequency <= 0.5 / band[0] * (1 + 1e-9))
     return bins._replace(weight=bins.weight * within)
+
+
+def lowest_of(observed: Observed, solved: Solved) -> Lowest:
+    """The lowest ordinates of a record, at which changes of the mean are searched."""
+    n = len(observed.y)
+    k = np.arange(1, min(_ORDINATES, n - 1) + 1)
+    columns = np.stack([term.ordinates(k, n, observed.dt) for term in solved.columns], axis=1)
+    # a filter acts at high frequencies only, and its negative column must not make the density negative here
+    theta = np.where([name != FILTER for name in solved.names], solved.fitted.theta, 0.0)
+    # if every other coefficient is zero, the density vanishes here
+    least = np.finfo(float).eps * np.max(density(solved.fitted.bins.columns, solved.fitted.theta))
+    return Lowest(columns, np.maximum(columns @ theta, least) * solved.bins.unit)

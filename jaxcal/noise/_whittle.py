@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax
 import numpy as np
 
 from .._errors import DataError, FitError
@@ -18,15 +17,15 @@ from ._checks import Asked, naming
 from ._compare import likeliest_time
 from ._errors import Widening, widening
 from ._likelihood import density, information, inverse
-from ._limits import PRESENT, Limits, levels_of, wald
+from ._limits import PRESENT, Limits, levels_of, profile_limits
 from ._measured import edf_of
 from ._observed import Observed
-from ._ordinates import amplitudes, bins_of
+from ._ordinates import amplitudes
 from ._result import FittedSpectrum, NoiseFit, assemble, with_edf, without_terms
 from ._rival import Rival, rival_of
-from ._solve import Solved, inside, lowest_of, solve
-from ._spectral import FILTER, fit_whole, groups_of, uncertainty
-from ._terms import GaussMarkov, Ramp, Term
+from ._solve import FILTER, Solved, lowest_of, solve
+from ._terms import GaussMarkov, Ramp, Term, is_sought
+from ._traced import fit_traced
 
 #: slope in standard errors above which a line in time is removed from the record, if R is among the terms
 _RAMP = 3.0
@@ -63,7 +62,7 @@ def fit_axes(records: Sequence[AnyArray], asked: Asked, aside: Sequence[tuple[in
     samples (first, last) that was set aside.
     """
     if is_traced(records[0]):
-        return [_fit_traced(y, asked) for y in records]
+        return [fit_traced(y, asked) for y in records]
     parts = _parts(asked.terms)
     found = []
     for y, name in zip(records, asked.names, strict=True):
@@ -77,7 +76,7 @@ def fit_axes(records: Sequence[AnyArray], asked: Asked, aside: Sequence[tuple[in
 
 
 def _parts(terms: tuple[Term, ...]) -> Parts:
-    ramps, sought = (tuple(term for term in terms if kind(term)) for kind in (_is_ramp, _is_sought))
+    ramps, sought = tuple(term for term in terms if isinstance(term, Ramp)), tuple(term for term in terms if is_sought(term))
     base = tuple(term for term in terms if term not in (*ramps, *sought))
     if not base or len(sought) > 1:
         raise DataError(
@@ -146,7 +145,7 @@ def _result(model: Described, parts: Parts, asked: Asked) -> NoiseFit:
         raise FitError(Message("the fit gave no finite coefficients; give fewer {option.terms} or another {option.band}"))
     duration, unit = len(observed.y) * dt, float(solved.bins.unit)
     wider = widening(fitted.bins, unit, fitted.theta, names, observed.spectrum() * np.sqrt(dt))
-    covariance, limits = uncertainty(fitted, wider.factor, *levels_of(asked.confidence), solved.own)
+    covariance, limits = _uncertainty(solved, wider.factor, asked.confidence)
     scale = float(wider.factor[names.index("N")]) if "N" in names else 1.0
     rival = rival_of(fitted, names, dt, duration, levels_of(asked.confidence), scale)
     limits, doubts = _beside(limits, [names[i] for i in solved.own], rival, model.changes)
@@ -154,13 +153,25 @@ def _result(model: Described, parts: Parts, asked: Asked) -> NoiseFit:
     used = _used(curve, solved, asked.band)
     fit = assemble(
         *_squares(solved, covariance, limits, model.terms, model.line, asked.confidence), model.terms, curve, duration,
-        sinusoid=_lines(model), used=used, confidence=asked.confidence, method="whittle", goodness=float(fitted.goodness),
+        sinusoid=_lines(model), used=used, confidence=asked.confidence, method="whittle", goodness=fitted.goodness,
         band=(float(curve.tau[used].min()), float(curve.tau[used].max())),
     )  # fmt: skip
     curve = with_edf(curve, used, edf_of(curve, len(observed.y), fitted.bins, rival.density, fitted.theta, wider.factor))
     fit = replaced(fit, presence=fit.presence | dict.fromkeys(doubts, "hint"), deviation=curve, spectrum=_fitted_spectrum(solved))
     fit = replaced(fit, findings=_said(fit, model, wider, rival, doubts, asked.sensor), events=_findings.events_of(model.changes.fitted))
     return without_terms(fit, [term.name for term in parts.sought], tables=False)
+
+
+def _uncertainty(solved: Solved, widened: AnyArray, confidence: float) -> tuple[AnyArray, Limits]:
+    """Covariance of the squared coefficients (inverse Fisher information), and profile-likelihood limits of those that are known.
+
+    Every variance is multiplied by `widened`, (p,), and the likelihood ratio of its profile is divided by it.
+    """
+    fitted, own = solved.fitted, solved.own
+    covariance = inverse(information(fitted.bins, fitted.theta))
+    levels = (level * widened[own] for level in levels_of(confidence))
+    limits = profile_limits(fitted.bins, fitted.theta, fitted.cost, covariance, own, *levels)
+    return covariance * np.sqrt(np.outer(widened, widened)), limits._replace(significance=limits.significance / widened[own])
 
 
 def _beside(limits: Limits, own: list[str], rival: Rival, changes: Changes) -> tuple[Limits, list[str]]:
@@ -181,11 +192,10 @@ def _said(fit: NoiseFit, model: Described, wider: Widening, rival: Rival, doubts
     """What to know about a channel."""
     observed, fitted = model.observed, model.solved.fitted
     duration = len(observed.y) * observed.dt
-    shortest = float(fit.band[0]) if bool(fitted.cut) and "Q" in fit.terms else None
+    shortest = float(fit.band[0]) if fitted.cut and "Q" in fit.terms else None
     return (
         *getattr(fit.deviation, "findings", ()),
-        *_findings.of_model(float(fitted.misfit), shortest),
-        *(() if bool(fitted.settled) else (_findings.FINDINGS("unsettled"),)),
+        *_findings.of_model(fitted.misfit, shortest),
         *_findings.of_lines(_lines(model)),
         *_findings.of_changes(model.changes.fitted, observed.factors, observed.covariance, sensor or "ratio"),
         *_findings.of_widening(wider, model.solved.names, duration),
@@ -213,30 +223,6 @@ def _fitted_spectrum(solved: Solved) -> FittedSpectrum:
     )
     columns = {name: np.asarray(bins.columns)[kept, i] for i, name in enumerate(solved.names) if name != FILTER}
     return FittedSpectrum(frequency=frequency, density=level, model=model, edf=edf, used=used, columns=columns)
-
-
-def _fit_traced(y, asked: Asked) -> NoiseFit:
-    """Fit a traced record as it is, without checks, a choice of the band or spectral lines; the result can be differentiated."""
-    rate, terms, band, confidence = asked.rate, asked.terms, asked.band, asked.confidence
-    if any(_is_ramp(term) or _is_sought(term) for term in terms):
-        raise DataError("a traced record is fitted without R and markov; these are found by a search, which cannot be traced")
-    bins, duration = inside(bins_of(y, 1.0 / rate, terms), band), y.shape[0] / rate
-    fitted = fit_whole(bins, groups_of(bins.weight, y.shape[0] - 1))
-    covariance = inverse(information(fitted.bins, fitted.theta))
-    limits = wald(*jax.lax.stop_gradient((fitted.theta, covariance)), *levels_of(confidence))
-    return assemble(
-        fitted.theta * bins.unit, covariance * bins.unit**2, limits.scaled(bins.unit), terms, None, duration, goodness=fitted.goodness,
-        confidence=confidence, method="whittle", used=None, band=(1.0 / rate, duration / 2.0) if band is None else band,
-    )  # fmt: skip
-
-
-def _is_ramp(term: Term) -> bool:
-    return isinstance(term, Ramp)
-
-
-def _is_sought(term: Term) -> bool:
-    """Whether the term is a Gauss-Markov process without a correlation time."""
-    return isinstance(term, GaussMarkov) and term.time is None
 
 
 def _squares(solved: Solved, covariance, limits: Limits, terms: tuple[Term, ...], line: tuple[float, float], confidence: float):

@@ -1,4 +1,4 @@
-"""DCT-II ordinates: expected values against dense covariance matrices, bins, gaps, and the traced path."""
+"""DCT-II ordinates: expected values against dense covariance matrices, bins, and the traced path."""
 
 import jax
 import jax.numpy as jnp
@@ -7,7 +7,8 @@ import pytest
 import scipy.fft
 
 from jaxcal.noise import GaussMarkov, Noise
-from jaxcal.noise._ordinates import bins_of, stretches
+from jaxcal.noise._observed import Observed
+from jaxcal.noise._ordinates import bins_of
 
 DT = 0.02
 NAMES = ("Q", "N", "B", "K")
@@ -51,7 +52,7 @@ def test_long_records_use_the_scaling_of_flicker():
 
 def test_bins_average_ordinates_and_count_them():
     y = Noise(N=1.0, K=0.3).simulate(5000, 1.0 / DT, seed=0)
-    bins = bins_of(y, DT, TERMS)
+    bins = Observed(y, DT).bins(TERMS)
     ordinates = DT * scipy.fft.dct(y - y.mean(), norm="ortho")[1:] ** 2
     assert bins.weight.sum() == 4999
     np.testing.assert_allclose((bins.density * bins.unit)[:48], ordinates[:48])
@@ -63,26 +64,9 @@ def test_bins_average_ordinates_and_count_them():
     np.testing.assert_allclose(ratio, 1 / 40, rtol=0.1)
 
 
-def test_gaps_leave_every_stretch_its_own_basis():
-    y = Noise(N=2.0).simulate(40_000, 1.0 / DT, seed=1)
-    y[10_000:10_040] = np.nan
-    y[30_000] = np.nan
-    y[30_010] = np.nan  # nine samples between two gaps are too short
-    assert [part.stop - part.start for part in stretches(y)] == [19_960, 10_000, 9_989]
-    bins = bins_of(y, DT, TERMS)
-    assert bins.weight.sum() == 19_959 + 9_999 + 9_988
-    used = bins.weight > 0
-    np.testing.assert_allclose(bins.columns[used, 1], 1.0)
-    # white noise of density 4: nu P/S is chi-square
-    ratio = bins.density[used] * bins.unit / 4.0
-    assert abs(np.sum(bins.weight[used] * (ratio - 1.0))) < 4 * np.sqrt(2 * bins.weight.sum())
-    # the column of the random walk is a mean over merged bins, so that it decreases with frequency without steps
-    assert (np.diff(np.log(bins.columns[used, 3])) < 0).all()
-
-
 def test_traced_equals_host():
     y = Noise(N=1.0, B=0.1).simulate(3000, 1.0 / DT, seed=2)
-    host, traced = bins_of(y, DT, TERMS), jax.jit(lambda y: bins_of(y, DT, TERMS))(jnp.asarray(y))
+    host, traced = Observed(y, DT).bins(TERMS), jax.jit(lambda y: bins_of(y, DT, TERMS))(jnp.asarray(y))
     np.testing.assert_allclose(traced.density * traced.unit, host.density * np.where(host.weight > 0, host.unit, traced.unit), rtol=1e-9)
     np.testing.assert_array_equal(traced.weight, host.weight)
 

@@ -7,7 +7,7 @@ A term must define the density of its samples (`Term.psd`). All methods that it 
 from ._base import Block as Block, Term as Term
 from ._deterministic import Ramp as Ramp, Sinusoid as Sinusoid
 from ._flicker import Flicker as Flicker
-from ._markov import GaussMarkov as GaussMarkov
+from ._markov import GaussMarkov as GaussMarkov, is_sought as is_sought
 from ._power_law import Filter as Filter, PowerLaw as PowerLaw, Quantisation as Quantisation, RandomWalk as RandomWalk, White as White
 
 #: terms that have a letter, in the order of every table

@@ -94,3 +94,8 @@ class GaussMarkov(Term):
             names=(self.name,), transition=[[math.exp(-dt / self.time)]], process=[[-variance * math.expm1(-2.0 * dt / self.time)]],
             output=[1.0], initial=[[variance]],
         )  # fmt: skip
+
+
+def is_sought(term: Term) -> bool:
+    """Whether the term is a Gauss-Markov process whose correlation time a fit finds."""
+    return isinstance(term, GaussMarkov) and term.time is None

@@ -1,0 +1,106 @@
+r"""The fit of a traced record: as it is, without checks, a choice of the band, or spectral lines; the result can be differentiated.
+
+The likelihood is that of `_likelihood`, minimised as half the sum of squares of the deviance residuals of a gamma law,
+
+.. math:: r_b = \sqrt{\nu_b}\,\mathrm{sign}(\rho_b - 1)\sqrt{\rho_b - 1 - \ln\rho_b},\qquad \rho = P/S
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._errors import DataError
+from .._types import Array
+from ..fitting import solve
+from ._checks import Asked
+from ._likelihood import FAINT
+from ._limits import Limits, levels_of
+from ._ordinates import Bins, bins_of
+from ._result import NoiseFit, assemble
+from ._solve import groups_of, inside
+from ._terms import Ramp, is_sought
+
+_FINE = 1.5e-8  # remaining step, in standard errors, at which the search ends
+
+
+def fit_traced(y: Array, asked: Asked) -> NoiseFit:
+    """Fit a record (n,) without gaps."""
+    rate, terms, band, confidence = asked.rate, asked.terms, asked.band, asked.confidence
+    if any(isinstance(term, Ramp) or is_sought(term) for term in terms):
+        raise DataError("a traced record is fitted without R and markov; these are found by a search, which cannot be traced")
+    bins, duration = inside(bins_of(y, 1.0 / rate, terms), band), y.shape[0] / rate
+    theta = _likeliest(bins)
+    model = bins.columns @ theta
+    rows = bins.columns * (jnp.sqrt(0.5 * bins.weight) / model)[:, None]
+    scale = jnp.linalg.norm(rows, axis=0)
+    unit = rows / scale[None, :]
+    covariance = jnp.linalg.inv(unit.T @ unit) / jnp.outer(scale, scale)
+    error, middle = jax.lax.stop_gradient((jnp.sqrt(jnp.diagonal(covariance)), theta))
+    both, one = (error * level**0.5 for level in levels_of(confidence))
+    limits = Limits(jnp.maximum(middle - both, 0.0), middle + both, middle + one, (middle / error) ** 2)
+    return assemble(
+        theta * bins.unit, covariance * bins.unit**2, limits.scaled(bins.unit), terms, None, duration,
+        goodness=_goodness(bins, theta, model), confidence=confidence, method="whittle", used=None,
+        band=(1.0 / rate, duration / 2.0) if band is None else band, xp=jnp,
+    )  # fmt: skip
+
+
+def _likeliest(bins: Bins) -> Array:
+    """Non-negative coefficients of highest likelihood, from several starts; see `_likelihood.several_starts`."""
+    used, p = bins.weight > 0, bins.columns.shape[1]
+    columns, target = bins.columns[used], bins.density[used]
+    least = np.finfo(target.dtype).tiny ** 0.5
+    data = columns, (np.sqrt(bins.weight[used]), target)
+    equal = jnp.exp(jnp.mean(jnp.log(jnp.maximum(target, least)[:, None] / columns), axis=0)) / p
+    several = np.concatenate([np.ones((1, p)), 1.0 - (1.0 - FAINT) * np.eye(p)]).astype(target.dtype)
+
+    def search(start: Array) -> tuple[Array, Array]:
+        fit = solve(_deviances, start, data, bounds=(0.0, np.inf), rtol=_FINE)
+        return fit.parameters, fit.cost
+
+    # one at a time: under vmap a branch on data would evaluate both sides and their derivatives
+    theta, cost = jax.lax.map(search, jax.lax.stop_gradient(equal)[None, :] * several)
+    return theta[jnp.argmin(cost)]
+
+
+def _root(ratio: Array) -> Array:
+    """sign(z) sqrt(z - ln(1 + z)) with z = ratio - 1."""
+    z = ratio - 1.0
+    small = jnp.abs(z) < 1e-2
+    # two `where`: near zero, where the root has no derivative, the series replaces it, and the gradient must not see the root
+    far = jnp.where(small, 1.0, z)
+    near = jnp.where(small, z, 0.0)
+    series = 1.0 - near * (2 / 3 - near * (1 / 2 - near * (2 / 5 - near * (1 / 3 - near * (2 / 7 - near / 4)))))
+    return jnp.where(small, near * jnp.sqrt(series / 2.0), jnp.sign(far) * jnp.sqrt(far - jnp.log(1.0 + far)))
+
+
+@jax.custom_jvp
+def _deviance(ratio: Array) -> Array:
+    """`_root`, whose slope is computed once, and not once for each coefficient."""
+    return _root(ratio)
+
+
+@_deviance.defjvp
+def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    value, slope = jax.jvp(_root, primals, (jnp.ones_like(primals[0]),))
+    return value, slope * tangents[0]
+
+
+def _deviances(theta: Array, data: tuple[Any, tuple[Any, Array]]) -> Array:
+    columns, (root, target) = data
+    tiny = jnp.finfo(target.dtype).tiny ** 0.5
+    return root * _deviance(jnp.maximum(target, tiny) / jnp.maximum(columns @ theta, tiny))
+
+
+def _goodness(bins: Bins, theta: Array, model: Array) -> Array:
+    """Chance of a worse deviance, as `_solve.deviance` defines it."""
+    group = groups_of(bins.weight, int(bins.weight.sum()))
+    member = (np.unique(group)[:, None] == group[None, :]).astype(bins.weight.dtype)
+    count = member @ bins.weight
+    there = count > 0
+    ratio = (member @ (bins.weight * bins.density / model))[there] / count[there]
+    deviance = jnp.sum(count[there] * (ratio - 1.0 - jnp.log(ratio)))
+    freedom = jnp.maximum((jnp.sum(there) - jnp.sum(theta != 0)).astype(deviance.dtype), 1.0)
+    return jax.scipy.special.gammaincc(freedom / 2.0, deviance / 2.0)
