@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .._answer import Finding
 from .._errors import DataError
 from .._message import Message, joined_messages
 from .._units import STANDARD_GRAVITY, factor, find_unit, to_si
@@ -25,6 +26,7 @@ from ._evidence import (
     step_unit,
     thinned,
 )  # fmt: skip
+from ._findings import READ
 
 #: sensor -> unit -> size of gravity (or of a field of 1 uT) in this unit, and the unit to suggest if the guess is wrong
 _SIZES = {
@@ -47,17 +49,23 @@ _FASTEST = 8000.0
 
 
 class UnitDoubtError(DataError):
-    """Error on the unit of a sensor: `why` it is wrong or unknown, and what to do."""
+    """Error on the unit of a sensor: `why` it is wrong or unknown, and what to do; `right` is the unit that the values show."""
 
-    def __init__(self, why: Any, remedy: Message | str = "", code: str = "unit", **facts: Any):
-        said = Message(remedy, **facts) if isinstance(remedy, str) else remedy
-        super().__init__(joined_messages([why, said]) if remedy else why, code)
-        self.why = why
+    def __init__(self, why: Any, remedy: str, code: str, right: str = "", **facts: Any):
+        super().__init__(joined_messages([why, Message(remedy, **facts)]), code)
+        self.why, self.right = why, right
 
 
-def _give(sensor: str, unit: str) -> Message:
-    """The advice to give the unit of a sensor."""
-    return Message("give the unit that is right, with {option.units:{sensor}={unit}}", sensor=sensor, unit=unit)
+def _contradicts(sensor: str, stated: str, where: str, but: str, unit: str) -> UnitDoubtError:
+    """Error for a stated unit against which the values speak; `unit` is the one to give."""
+    why, remedy = f"the unit of {sensor} is stated as {stated} ({where}), but {but}", "give the right one, {option.units:{sensor}={unit}}"
+    return UnitDoubtError(why, remedy, "unit_contradicts", unit if find_unit(unit, sensor) else "", sensor=sensor, unit=unit)
+
+
+def against_values(subject: str, sensor: str, unit: str | None, where: str, error: DataError) -> Finding:
+    """Finding for a unit that is used although the values speak against it; its facts name the `right` one, if the values show one."""
+    right = getattr(error, "right", "")
+    return READ("against_values", subject, unit=unit, where=where, why=getattr(error, "why", error), sensor=sensor, right=right)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,15 +100,11 @@ def accel_unit(values: np.ndarray, stated: str | None, where: str, period: float
         return Guess(stated, f"{where}; {seen}", stated)
     better = [unit for unit, (one, _) in _SIZES["accel"].items() if unit != stated and 0.8 < norm / one < 1.25 and stays > 0.6]
     if better:
-        raise UnitDoubtError(f"the unit of accel is stated as {stated} ({where}), but its {seen} is that of gravity in {better[0]}",
-                             _give("accel", better[0]), "unit_contradicts")  # fmt: skip
+        raise _contradicts("accel", stated, where, f"its {seen} is that of gravity in {better[0]}", better[0])
     if force < _FORCE[0] or stays < 0.45:
         raise _gravity_free(stated, seen, stays)
-    raise UnitDoubtError(
-        f"the unit of accel is stated as {stated} ({where}), but its {seen} would be {force:.3g} times gravity, and that in no unit: its "
-        "scale, or its bytes, are wrong",
-        "correct the file, or give the size of one count, as in {option.units:accel={size:.4g} g}", "unit_contradicts", size=1 / norm,
-    )  # fmt: skip
+    but = f"its {seen} would be {force:.3g} times gravity, and that in no unit: correct the file"
+    raise _contradicts("accel", stated, where, but, f"{1 / norm:.4g} g")
 
 
 def _gravity_free(stated: str, seen: str, stays: float) -> UnitDoubtError:
@@ -132,10 +136,7 @@ def mag_unit(values: np.ndarray, stated: str | None, where: str) -> Guess:
     better = [unit for unit, (one, _) in _SIZES["mag"].items() if unit != stated and 22 <= radius / one <= 67]
     advice = better[0] if better else f"{4e-5 / radius:.3g} T"
     like = f"it is that in {better[0]}" if better else "the values may be normalised, or counts"
-    raise UnitDoubtError(
-        f"the unit of mag is stated as {stated} ({where}), but its {seen} would be {field:.3g} uT, and the Earth's field is 22 to 67 uT: "
-        f"{like}", _give("mag", advice), "unit_contradicts",
-    )  # fmt: skip
+    raise _contradicts("mag", stated, where, f"its {seen} would be {field:.3g} uT, and the Earth's field is 22 to 67 uT: {like}", advice)
 
 
 def no_field(values: np.ndarray) -> str | None:
@@ -250,7 +251,7 @@ def _contradict_gyro(values, stated: str, where: str, steps, turns: Turning | No
     elif stated == "deg/s" and largest > _FASTEST:
         says, right = f"it reaches {largest:.5g} deg/s, which no common sensor does: these may be raw counts", f"{1 / 16.4:.5g} deg/s"
     if says:
-        raise UnitDoubtError(f"the unit of gyro is stated as {stated} ({where}), but {says}", _give("gyro", right), "unit_contradicts")
+        raise _contradicts("gyro", stated, where, says, right)
 
 
 def temperature_unit(values: np.ndarray, stated: str | None, where: str) -> Guess:
@@ -260,8 +261,7 @@ def temperature_unit(values: np.ndarray, stated: str | None, where: str) -> Gues
     if stated is not None:
         found = find_unit(stated, "temperature")
         if found and not low <= float(to_si(median, found, "temperature")) <= high:
-            said = f"the unit of temperature is stated as {stated} ({where}), but its median {median:.4g} is none that a sensor has"
-            raise UnitDoubtError(said, _give("temperature", "..."), "unit_contradicts")
+            raise _contradicts("temperature", stated, where, f"its median {median:.4g} is none that a sensor has", "...")
         return Guess(stated, where, stated)
     if low <= median <= high:
         # 75 is a common room temperature in degF, but rare for a device in degC

@@ -13,8 +13,8 @@ from .._files import shown
 from ..evidence import Stretch
 from ..evidence._findings import timeline
 from ._names import parse
-from ._ranked import Suitability, ranked
 from ._read import asked, finished, named, opened
+from ._suited import Suitability, ranked
 from ._table import Choice, Table
 
 _MOST = 60

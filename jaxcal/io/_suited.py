@@ -1,34 +1,59 @@
-"""Check before any statistics that a log suits a command: implausible units, motion instead of rest, rest instead of motion.
+"""Which commands suit a log: the refusal of one that does not, and all of them in their order, with the line to type.
 
-Motion is detected in means over a second, in which vibration and noise average out but a rotation of the sensor does not.
+All judgements stand on the means and the scatter over each second, in which noise and vibration average out and a rotation does not.
 """
 
 import dataclasses
-from typing import Any
+import shlex
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
 from .._arrays import longest_run
 from .._log import Log
 from .._message import Message
-from .._units import STANDARD_GRAVITY, factor, find_unit
-from ._evidence import field_size, median_norm, turning
+from .._types import AnyArray
+from .._units import STANDARD_GRAVITY
+from ._columns import SENSORS
+from ._evidence import median_norm
 
-#: change of the mean over a second that indicates motion: 5 degrees of gravity, 5 deg/s, a tenth of the field
-_FORCE, _RATE, _FIELD = 0.087 * STANDARD_GRAVITY, np.deg2rad(5.0), 0.1
+#: motion: gravity or the field turns by this from second to second, or the gyroscope states as much
+_TURN = np.radians(5.0)
 _SIGMAS = 6.0  # the change must also exceed the noise of a mean by this factor
 _SHARE = 0.02  # share of the seconds with motion that is tolerated, such as a bump
 #: share of a log set aside as movement above which the rest is no rest either: static public logs have 1.5 % at most, moving ones from 5 %
 _ASIDE = 0.2
-_LONG = 60.0  # s
-_SEEN = 2000  # number of blocks from which the noise is estimated
-#: relative variation of a field below which it comes from one direction only
-_ONE_SIDE = 0.05
-_UNITS = {"accel": ("m/s^2", "g", "mg"), "mag": ("uT", "nT", "mG", "G", "mT", "T")}
+_LONG = 60.0  # s of rest, the least for a noise fit
+#: scatter of the field along a direction, relative to its norm, that shows it from there
+_SIDES = 0.1
+_POSES, _APART = 9, np.radians(15.0)  # attitudes that determine accelerometer and gyroscope, and the angle between two of them
+_SPAN = 5.0  # degC, the least span for a thermal model
+_STEADY = np.radians(1.0)  # rad/s by which a table's rate changes at most from second to second
 
 
 @dataclasses.dataclass(frozen=True)
-class Motion:
+class Suitability:
+    """Whether a command suits the log, why, and the line to type."""
+
+    command: str
+    suits: bool
+    reason: str
+    line: str
+
+
+class _Seconds(NamedTuple):
+    """Means (count, axes) and scatter of a sensor over each second; NaN in seconds that lack samples."""
+
+    mean: np.ndarray
+    scatter: np.ndarray
+
+    @property
+    def whole(self) -> np.ndarray:
+        return np.isfinite(self.scatter)
+
+
+class _Motion(NamedTuple):
     """Share of the seconds with motion, the evidence, and the longest still part as (start, stop) in s, or None."""
 
     share: float
@@ -45,33 +70,34 @@ def unsuited(command: str, log: Log, name: str = "LOG") -> str | Message | None:
     log : the log.
     name : name of the log in the command line, as the user gave it.
     """
-    if wrong := wrong_units(log):
-        return wrong
+    for one in log.findings:
+        if one.code == "against_values" and one.facts["right"]:
+            return Message(
+                "{why}. Give {option.units:{sensor}={right}}", why=one.facts["why"], sensor=one.facts["sensor"], right=one.facts["right"]
+            )
     if command in ("noise", "temperature"):
-        found = motion(log)
+        found = _motion(log)
         if found is not None and found.share > _SHARE:
             return _moving(command, found, name)
         aside = sum(one.facts["percent"] for one in log.findings if one.code == "set_aside") / 100
         if aside > _ASIDE:
-            return _moving(command, Motion(aside, "its readings vary", None if found is None else found.still), name)
+            return _moving(command, _Motion(aside, "its readings vary", None if found is None else found.still), name)
     if command == "imu" and log.accel is not None and log.accel.shape[1] == 3:
-        found = motion(log)
+        found = _motion(log)
         if found is not None and found.share == 0.0:
             return (
                 f"the sensor rests in one attitude all the time, and a calibration by hand needs nine or more: hold it still on each face "
                 f"and edge, and turn it in between. For the noise of this log: jaxcal noise {name}"
             )
-    if command == "mag" and log.mag is not None and log.mag.shape[1] == 3:
-        seen = log.mag[np.isfinite(log.mag).all(axis=1)]
-        if len(seen) > 50 and np.std(seen, axis=0).max() < _ONE_SIDE * float(np.median(np.linalg.norm(seen, axis=1))):
-            return (
-                "the field comes from one side all the time, and a calibration needs it from all sides: turn the sensor through all "
-                f"attitudes while you log. For the noise of this log: jaxcal noise {name}"
-            )
+    if command == "mag" and (sides := _sides(log.mag)) is not None and sides.max() < _SIDES:
+        return (
+            "the field comes from one side all the time, and a calibration needs it from all sides: turn the sensor through all "
+            f"attitudes while you log. For the noise of this log: jaxcal noise {name}"
+        )
     return None
 
 
-def _moving(command: str, found: Motion, name: str) -> str:
+def _moving(command: str, found: _Motion, name: str) -> str:
     text = f"the sensor moves in {100 * found.share:.0f} % of the log ({found.shown}), and jaxcal {command} needs a sensor at rest"
     if found.still is not None:
         start, stop = found.still
@@ -79,91 +105,126 @@ def _moving(command: str, found: Motion, name: str) -> str:
     return f"{text}. jaxcal info {name} says which commands suit this log: jaxcal imu for poses held by hand, jaxcal mag for a tumble"
 
 
-def wrong_units(log: Log) -> str | Message | None:
-    """Sentence on a unit that contradicts gravity or the Earth's field, or None."""
-    units = log.provenance.get("units", {})
-    for sensor, likely, expected in (
-        ("accel", (8.8, 10.8), "gravity is 9.76 to 9.84 m/s^2"),
-        ("mag", (20e-6, 70e-6), "the Earth's field is 20 to 70 uT"),
-    ):
-        values, unit = getattr(log, sensor), find_unit(str(units.get(sensor, "")), sensor)
-        if values is None or values.shape[1] != 3 or unit is None:
-            continue
-        size = median_norm(values) if sensor == "accel" else field_size(values)[0]
-        # an uncalibrated sensor may have a large error, so tolerate a factor of two
-        if not size or likely[0] / 2 < size < 2 * likely[1]:
-            continue
-        raw = size / factor(unit, sensor)
-        better = [one for one in _UNITS[sensor] if likely[0] < raw * factor(one, sensor) < likely[1]]
-        if better:
-            si = {"accel": f"{size:.3g} m/s^2", "mag": f"{size * 1e6:.3g} uT"}[sensor]
-            right = f"{sensor}={better[0]}"
-            return f"in {unit} the {sensor} readings have a size of {si}, but {expected}: the unit is {better[0]}. Give --units {right}"
-    return _wrong_rate(log)
+def ranked(log: Log, name: str) -> tuple[Suitability, ...]:
+    """Every command for a log called `name`, those that suit first, and of these the one that uses most of the log."""
+    place = shlex.quote(name)
+    found = [
+        Suitability(f"jaxcal {command}", suits, reason, f"jaxcal {command} {place}{more}") for command, suits, reason, more in _judged(log)
+    ]
+    return tuple(sorted(found, key=lambda one: not one.suits))
 
 
-def _wrong_rate(log: Log) -> Message | None:
-    """Sentence on a gyroscope unit that contradicts the observed rotation of gravity or the field, or None."""
-    unit = find_unit(str(log.provenance.get("units", {}).get("gyro", "")), "gyro")
-    if log.gyro is None or unit not in ("rad/s", "deg/s"):
-        return None
-    for vector in (log.accel, log.mag):
-        found = None if vector is None else turning(np.asarray(log.gyro), np.asarray(vector), 1.0 / log.rate)
-        if found is not None and abs(found.correlation) > 0.7:
-            for right, ratio in (("deg/s", np.pi / 180.0), ("rad/s", 180.0 / np.pi)):
-                if right != unit and 0.5 < abs(found.slope) / ratio < 2.0:
-                    return Message(
-                        "in {unit} the gyroscope states {ratio:.3g} times the turns that gravity or the field make: the unit is {right}. "
-                        "Give {option.units:gyro={right}}", unit=unit, ratio=1 / abs(found.slope), right=right,
-                    )  # fmt: skip
-    return None
+def _judged(log: Log) -> Iterator[tuple[str, bool, str, str]]:
+    """Command, whether it suits, why, and further options; in the order of rank."""
+    accel, gyro = (None if one is None or one.shape[1] != 3 else _seconds(one, log.rate) for one in (log.accel, log.gyro))
+    names = [sensor for sensor in SENSORS if getattr(log, sensor) is not None]
+    sides, poses, moved = _sides(log.mag), _attitudes(accel, gyro), _motion(log)
+    turned = sides is not None and bool(sides.min() > _SIDES)
+    still = None if moved is None else 1.0 - moved.share
+    rests = "whether it rests is not known" if still is None else f"{100 * still:.0f} % of it is at rest"
+    enough = still is None or still >= 1.0 - _SHARE
+    at_rest = bool(names) and log.duration >= _LONG and enough
+    long = f"{log.duration:.4g} s of {', '.join(names) or 'no sensor'}, and {rests}" + f"; it needs {_LONG:g} s at rest" * (not at_rest)
+    part = "" if at_rest or moved is None or moved.still is None else " --start {:.6g} --stop {:.6g}".format(*moved.still)
+
+    reason = "all three sensors, turned by hand" if turned else "the sensor is not turned to all sides"
+    three = accel is not None and gyro is not None and log.mag is not None
+    yield "device", three and turned and not at_rest, reason if three else "it needs accelerometer, gyroscope and magnetometer", ""
+    reason = f"{poses} attitude{'s' * (poses != 1)} at rest; it needs {_POSES}" if accel else "it needs an accelerometer of three axes"
+    yield "imu", poses >= _POSES, reason, ""
+    yield "mag", turned, "no magnetometer" if log.mag is None else f"the field is seen from {'all' if turned else 'few'} sides", ""
+    span = 0.0 if log.temperature is None else float(np.nanmax(log.temperature) - np.nanmin(log.temperature))
+    warm = f"the temperature moves by {span:.3g} degC; it needs {_SPAN:g} at rest" if log.temperature is not None else "no temperature"
+    yield "temperature", at_rest and span >= _SPAN, warm, ""
+    rates = _table_rates(gyro)
+    yield "rate-table", rates, "steady turns of both signs about each axis" if rates else "no steady turns about each axis", " --rates ..."
+    level = _upright(accel) and not enough and gyro is not None and poses == 1
+    reason = "rests in one attitude, with turns between" if level else "it needs rests on a level table, with turns between"
+    yield "north", level, reason, ""
+    yield "noise", at_rest or bool(part), long, part
+    for curve in ("allan", "psd"):
+        yield curve, at_rest or bool(part), "the curve alone, as for noise", part
 
 
-def motion(log: Log) -> Motion | None:
+def _seconds(values: AnyArray, rate: float) -> _Seconds | None:
+    """Means and scatter over each second; None without three whole seconds."""
+    width = max(4, round(rate))
+    count = len(values) // width
+    blocks = np.asarray(values)[: count * width].reshape(count, width, values.shape[1])
+    found = _Seconds(blocks.mean(axis=1), np.linalg.norm(blocks.std(axis=1), axis=1))
+    found.mean[~found.whole] = np.nan
+    return found if np.count_nonzero(found.whole) > 2 else None
+
+
+def _motion(log: Log) -> _Motion | None:
     """Find motion from the means over each second; None if there are too few data."""
-    width = max(4, round(log.rate))
-    parts: list[tuple[str, Any, float]] = [("gravity", log.accel, _FORCE), ("the rate", log.gyro, _RATE)]
+    parts: list[tuple[str, AnyArray | None, float]] = [("gravity", log.accel, _TURN * STANDARD_GRAVITY), ("the rate", log.gyro, _TURN)]
     if log.accel is None and log.gyro is None and log.mag is not None:
-        field = np.asarray(log.mag)
-        parts = [("the field", field, _FIELD * median_norm(field))]
+        parts = [("the field", log.mag, _TURN * median_norm(np.asarray(log.mag)))]
     moved: dict[str, np.ndarray] = {}
     steady: list[np.ndarray] = []
     for name, values, limit in parts:
         if values is None or (name == "gravity" and (values.shape[1] != 3 or not 5.0 < median_norm(values) < 15.0)):
             continue
-        blocks = _means(values, width, limit)
-        if blocks is not None:
-            moved[name], steps = blocks
-            steady.append(steps)
+        if (found := _seconds(values, log.rate)) is None:
+            continue
+        limit += _SIGMAS * float(np.nanmedian(found.scatter)) / np.sqrt(max(4, round(log.rate)))
+        # differences from the middle of all seconds, and from the second before; NaN compares as no motion
+        moved[name] = np.linalg.norm(found.mean - np.nanmedian(found.mean, axis=0), axis=1) > limit
+        steady.append(~(np.linalg.norm(np.diff(found.mean, axis=0, prepend=found.mean[:1]), axis=1) <= limit / 2))
     if not moved:
         return None
     share = float(np.mean(np.any(list(moved.values()), axis=0)))
     what = [name for name, gone in moved.items() if gone.any()]
-    shown = f"{' and '.join(what)} change{'s' * (len(what) == 1)}"
-    return Motion(share, shown, _longest(~np.any(steady, axis=0), width / log.rate))
+    return _Motion(share, f"{' and '.join(what)} change{'s' * (len(what) == 1)}", _longest(~np.any(steady, axis=0), log.rate))
 
 
-def _means(values: np.ndarray, width: int, limit: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """For each block, whether its mean differs from the median of all means, and whether it differs from the block before."""
-    count = len(values) // width
-    if count < 3:
-        return None
-    blocks = values[: count * width].reshape(count, width, -1)
-    whole = np.asarray(np.isfinite(blocks).all(axis=(1, 2)))
-    if np.count_nonzero(whole) < 3:
-        return None
-    means = np.where(whole[:, None], blocks.mean(axis=1), np.nan)
-    some = blocks[np.flatnonzero(whole)[:: 1 + count // _SEEN]]
-    scatter = float(np.median(np.linalg.norm(some.std(axis=1), axis=1)))
-    limit += _SIGMAS * scatter / np.sqrt(width)
-    with np.errstate(invalid="ignore"):
-        away = np.linalg.norm(means - np.median(means[whole], axis=0), axis=1) > limit
-        steps = np.linalg.norm(np.diff(means, axis=0, prepend=means[:1]), axis=1) > limit / 2
-    return away & whole, steps | ~whole
-
-
-def _longest(still: np.ndarray, seconds: float) -> tuple[float, float] | None:
-    """Start and stop in s of the longest run of still blocks, without one block at each end; None if it is short."""
+def _longest(still: np.ndarray, rate: float) -> tuple[float, float] | None:
+    """Start and stop in s of the longest run of still seconds, without one at each end; None if it is short."""
     start, stop = longest_run(still)
+    seconds = max(4, round(rate)) / rate
     first, last = start + (start > 0), stop - (stop < len(still))
     return (first * seconds, last * seconds) if (last - first) * seconds >= _LONG else None
+
+
+def _attitudes(accel: _Seconds | None, gyro: _Seconds | None) -> int:
+    """Number of attitudes at rest that are 15 degrees or more apart."""
+    if accel is None:
+        return 0
+    quiet = accel.scatter < max(3.0 * float(np.nanquantile(accel.scatter, 0.1)), 0.05)  # 0.05 m/s^2: readings in coarse steps
+    steps = np.linalg.norm(np.diff(accel.mean, axis=0), axis=1) > 0.3  # m/s^2, 2 degrees of gravity
+    quiet &= ~(np.concatenate([[False], steps]) | np.concatenate([steps, [False]]))
+    if gyro is not None:
+        quiet &= np.linalg.norm(gyro.mean - np.nanmedian(gyro.mean, axis=0), axis=1) < _TURN
+    found: list[np.ndarray] = []
+    for mean in accel.mean[quiet][:20_000]:
+        direction = mean / np.linalg.norm(mean)
+        if len(found) < 50 and all(float(direction @ other) < np.cos(_APART) for other in found):
+            found.append(direction)
+    return len(found)
+
+
+def _upright(accel: _Seconds | None) -> bool:
+    """Whether gravity keeps its direction in the sensor all the time."""
+    if accel is None:
+        return False
+    means = accel.mean[accel.whole]
+    middle = np.median(means, axis=0)
+    return bool((means @ middle > np.cos(_APART) * np.linalg.norm(means, axis=1) * np.linalg.norm(middle)).all())
+
+
+def _sides(field: AnyArray | None) -> np.ndarray | None:
+    """Scatter of the field along its three principal directions, relative to its norm; None with too few data."""
+    seen = np.zeros((0, 3)) if field is None or field.shape[1] != 3 else np.asarray(field)[np.isfinite(field).all(axis=1)]
+    if len(seen) < 10:
+        return None
+    return np.linalg.svd(seen - seen.mean(axis=0), compute_uv=False) / np.sqrt(len(seen)) / np.median(np.linalg.norm(seen, axis=1))
+
+
+def _table_rates(gyro: _Seconds | None) -> bool:
+    """Whether the log has steady turns about each axis, of both signs, three seconds each."""
+    if gyro is None:
+        return False
+    steady = np.abs(np.diff(gyro.mean, axis=0)).max(axis=1) < _STEADY
+    rate = gyro.mean[1:][steady]
+    return all((np.count_nonzero(side * rate[:, axis] > _TURN) >= 3) for axis in range(3) for side in (1, -1))

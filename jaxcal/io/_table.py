@@ -271,7 +271,7 @@ def _unit(
     try:
         judge(stated)
     except DataError as error:  # a unit given by the caller overrides the evidence in the values
-        findings.append(READ("against_values", name, unit=stated, where=where, why=getattr(error, "why", error)))
+        findings.append(_guess.against_values(name, name, stated, where, error))
     return _guess.Guess(stated or "", "", "")
 
 

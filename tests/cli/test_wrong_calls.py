@@ -161,11 +161,11 @@ mag still_mag.csv                          | the field comes from one side all t
 mag rest.csv                               | no magnetometer of three axes; name its columns with --columns mag=mx,my,mz
 imu rest.csv                               | the sensor rests in one attitude all the time
 imu gyro_only.csv                          | no accelerometer
-noise rest.csv --units accel=g             | the unit is m/s^2. Give --units accel=m/s^2
-noise grams.csv --units accel=m/s^2        | the unit is g. Give --units accel=g
-mag tumble.csv --units mag=nT              | the unit is uT. Give --units mag=uT
-mag tumble.csv --units mag=mT              | the unit is uT. Give --units mag=uT
-imu poses.csv --units gyro=deg/s           | the unit is rad/s. Give --units gyro=rad/s
+noise rest.csv --units accel=g             | that of gravity in m/s^2. Give --units 'accel=m/s^2'
+noise grams.csv --units accel=m/s^2        | that of gravity in g. Give --units accel=g
+mag tumble.csv --units mag=nT              | it is that in uT. Give --units mag=uT
+mag tumble.csv --units mag=mT              | it is that in uT. Give --units mag=uT
+imu poses.csv --units gyro=deg/s           | as it says in rad/s (r = 1.00). Give --units gyro=rad/s
 noise folder                               | the folder holds no readable log
 noise two                                  | jaxcal batch two --task noise --out fleet
 noise rest.csv --rate 200                  | contradicts the time stamps, which say 50 Hz

@@ -12,7 +12,7 @@ from ..._timebase import place
 from .._columns import scale, wrong
 from .._evidence import turning
 from .._findings import READ
-from .._guess import accel_unit, gyro_unit, mag_unit, no_field
+from .._guess import accel_unit, against_values, gyro_unit, mag_unit, no_field
 from .._table import Choice, Signals
 
 #: records gathered at a time
@@ -155,7 +155,5 @@ def _checked(parts: list[Part], units: dict[str, str], findings: list[Finding]) 
             elif np.median(part.values) > 200 and stated == "degC":
                 raise DataError("it looks like K")
         except DataError as error:
-            findings.append(
-                READ("against_values", part.source, unit=stated, where="as its format states", why=getattr(error, "why", error))
-            )
+            findings.append(against_values(part.source, part.name, stated, "as its format states", error))
     return kept
