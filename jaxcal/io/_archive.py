@@ -10,10 +10,7 @@ from collections.abc import Iterator
 
 from .._errors import DataError
 from .._files import clear_hidden, hidden_name
-from ._readers._bounds import allowed, check_declared
-
-_MOST = 1000
-_PIECE = 1 << 20
+from ._readers._bounds import BLOCK, MOST, allowed, check_declared
 
 
 def zip_kind(path: pathlib.Path) -> str:
@@ -33,7 +30,7 @@ def zip_kind(path: pathlib.Path) -> str:
 def _workbook(archive: zipfile.ZipFile) -> str:
     sheets: list[str] = []
     with contextlib.suppress(Exception), archive.open("xl/workbook.xml") as file:
-        text = file.read(_PIECE).decode("utf-8", "replace")
+        text = file.read(BLOCK).decode("utf-8", "replace")
         sheets = [re.sub(r"&#?\w+;", "?", name) for name in re.findall(r"<(?:\w+:)?sheet\b[^>]*?\bname=\"([^\"]{1,200})\"", text)]
     shown = ", ".join(sheets[:8]) + (f" and {len(sheets) - 8} more" if len(sheets) > 8 else "")
     return (
@@ -49,9 +46,9 @@ def unpacked(path: pathlib.Path) -> Iterator[pathlib.Path]:
     size = path.stat().st_size
     with zipfile.ZipFile(path) as archive, _room() as folder:
         members = [one for one in archive.infolist() if not one.is_dir() and _wanted(one.filename)]
-        if len(members) > _MOST:
+        if len(members) > MOST:
             raise DataError(
-                f"the zip file holds {len(members)} files, more than the {_MOST} that are looked at; unpack it and give one log",
+                f"the zip file holds {len(members)} files, more than the {MOST} that are looked at; unpack it and give one log",
                 code="not_a_log",
             )
         if any(one.flag_bits & 1 for one in members):
@@ -63,7 +60,7 @@ def unpacked(path: pathlib.Path) -> Iterator[pathlib.Path]:
             if place.exists():
                 place = place.with_name(f"{members.index(member)}_{place.name}")
             with archive.open(member) as source, place.open("wb") as target:
-                while piece := source.read(_PIECE):
+                while piece := source.read(BLOCK):
                     room -= len(piece)
                     check_declared(0 if room >= 0 else allowed(size) + 1, size, "the zip file")
                     target.write(piece)

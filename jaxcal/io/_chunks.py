@@ -24,7 +24,6 @@ from ._readers._csv import row_edges, stretch
 from ._readers._text import open_text, sniff
 
 _TIME = ("time", "timestamp", "stamp", "t")
-_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,7 +122,7 @@ def _mapped(path: pathlib.Path) -> dict[str, np.ndarray]:
             file.seek(member.header_offset + 26)
             lengths = file.read(4)
             file.seek(member.header_offset + 30 + int.from_bytes(lengths[:2], "little") + int.from_bytes(lengths[2:], "little"))
-            read_header = _HEADERS.get(np.lib.format.read_magic(file))
+            read_header = getattr(np.lib.format, "read_array_header_{}_{}".format(*np.lib.format.read_magic(file)), None)
             if read_header is None:
                 raise DataError(f"{member.filename} has a layout of NumPy's that is not known here; save it again", code="chunks")
             shape, fortran, dtype = read_header(file)

@@ -13,16 +13,16 @@ from .._units import STANDARD_GRAVITY
 
 #: number of samples to examine if a part of the record suffices
 LOOK = 50_000
-#: size of one count of common gyroscopes, deg/s. Powers of two are not evidence, because every number format has them.
-_GYROSCOPES = (
-    *(1 / counts for counts in (131.0, 65.5, 32.8, 16.4, 131.2, 65.6, 262.4, 14.375)),
-    *(span / 32768 for span in (125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0)),
-    *(0.004375, 0.00875, 0.0175, 0.035, 0.07, 0.14),
-)  # fmt: skip
-#: size of one count of common accelerometers, g; here powers of two together with a magnitude near 1 are evidence
-_ACCELEROMETERS = (*(2.0**-n for n in range(8, 16)), *(1e-3 * mg for mg in (0.061, 0.122, 0.244, 0.488, 0.732, 3.9)))
-#: counts per g of common accelerometers
-_COUNTS_PER_G = (16384, 8192, 4096, 2048, 1024, 256, 64)
+#: size of one count of common gyroscopes (deg/s) and accelerometers (g). Powers of two are evidence only together with a magnitude
+#: near 1 g, because every number format has them.
+_COUNTS = {
+    "gyro": (
+        *(1 / counts for counts in (131.0, 65.5, 32.8, 16.4, 131.2, 65.6, 262.4, 14.375)),
+        *(span / 32768 for span in (125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0)),
+        *(0.004375, 0.00875, 0.0175, 0.035, 0.07, 0.14),
+    ),
+    "accel": (*(2.0**-n for n in range(8, 16)), *(1e-3 * mg for mg in (0.061, 0.122, 0.244, 0.488, 0.732, 3.9))),
+}  # fmt: skip
 _MATCH = 4e-4
 
 
@@ -142,13 +142,11 @@ def step_unit(sensor: str, values: np.ndarray) -> tuple[str, str] | None:
     differences = _differences(values)
     if not differences:
         return None
-    hypotheses = {
-        "gyro": {"deg/s": [(one, one) for one in _GYROSCOPES], "rad/s": [(np.radians(one), one) for one in _GYROSCOPES]},
-        "accel": {
-            "g": [(one, one) for one in _ACCELEROMETERS],
-            "m/s^2": [(one * g, one) for one in _ACCELEROMETERS for g in (STANDARD_GRAVITY, 9.81, 9.8)],
-        },
+    units = {
+        "gyro": {"deg/s": (1.0,), "rad/s": (np.radians(1.0),)},
+        "accel": {"g": (1.0,), "m/s^2": (STANDARD_GRAVITY, 9.81, 9.8)},
     }[sensor]
+    hypotheses = {unit: [(known * one, known) for known in _COUNTS[sensor] for one in ones] for unit, ones in units.items()}
     found: dict[str, float] = {}
     for unit, sizes in hypotheses.items():
         likely = np.sum([_may_fit(difference, np.array([size for size, _ in sizes])) for difference in differences], axis=0)
@@ -167,8 +165,7 @@ def counts_hint(sensor: str, values: np.ndarray) -> str | None:
     if sensor != "accel" or values.shape[1] != 3:
         return None
     norm = median_norm(values)
-    fitting = [counts for counts in _COUNTS_PER_G if 0.93 < norm / counts < 1.07]
-    return f"{1 / fitting[0]:.6g} g" if fitting else None
+    return next((f"{size:.6g} g" for size in _COUNTS["accel"] if 0.93 < norm * size < 1.07), None)
 
 
 # turning

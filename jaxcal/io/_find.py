@@ -11,6 +11,7 @@ from ._archive import zip_kind
 from ._choose import file_kind
 from ._columns import SENSORS
 from ._names import parse
+from ._readers._bounds import MOST
 
 #: supported formats, as named in `format=`
 FORMATS = ("csv", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "ulog", "dataflash", "zip", "json")
@@ -20,8 +21,6 @@ _MAGIC = {
     b"\x93NUMPY": "npy", b"PK\x03\x04": "zip", b"PK\x05\x06": "zip", b"PAR1": "parquet", b"#ROSBAG V": "rosbag1", _SQLITE: "rosbag2",
     _MCAP: "rosbag2", _HDF5: "hdf5", b"MATLAB 7.3": "hdf5", b"MATLAB 5.0": "mat", b"ULog\x01\x12\x35": "ulog", b"\xa3\x95": "dataflash",
 }  # fmt: skip
-#: HDF5 may begin after a user block, as in MATLAB 7.3
-_USER_BLOCKS = (512, 1024, 2048)
 #: suffixes of text tables; other text files (notes, configuration) are not logs
 _TEXT = (".csv", ".tsv", ".txt", ".dat", ".csv.gz", ".tsv.gz", ".txt.gz", ".dat.gz")
 _LOGS = (*_TEXT, ".bag", ".db3", ".mcap", ".ulg", ".bin", ".npz", ".npy", ".parquet", ".mat", ".h5", ".hdf5")
@@ -29,7 +28,7 @@ _PART = re.compile(r"(.+)_(\d+)")
 #: words that differ between files of the same sensor: Accelerometer, AccelerometerUncalibrated, TotalAcceleration
 _VARIANT = re.compile(r"uncalibrated|uncal|total|raw|calibrated|accelerometer|acceleration|accel|acc|[^a-z0-9]")
 _LFS = b"version https://git-lfs.github.com/spec/"
-_SHOWN, _MOST = 8, 10_000
+_SHOWN = 8
 #: first bytes of files that are not logs, what they are, and what the user should do
 _OTHERS = (
     ((b"\xd0\xcf\x11\xe0",), "an Excel workbook of the old kind (XLS)", "save the sheet that holds the log as CSV"),
@@ -51,8 +50,8 @@ def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
     logs: dict[pathlib.Path, str] = {}
     refused = ""
     for i, file in enumerate(sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))):
-        if i == _MOST:
-            raise DataError(f"the folder holds more than {_MOST} files; give one log", code="not_a_log")
+        if i == MOST:
+            raise DataError(f"the folder holds more than {MOST} files; give one log", code="not_a_log")
         try:
             kind = detect(file)
         except DataError as error:
@@ -142,7 +141,7 @@ def detect(path: pathlib.Path) -> str:
     if not path.is_file():
         raise DataError("this is not a regular file; save the data in one and give its path", code="not_a_log")
     with path.open("rb") as file:
-        head = file.read(_USER_BLOCKS[-1] + len(_HDF5))
+        head = file.read(4096)
     if not head:
         raise DataError("the file is empty", code="empty")
     if head.startswith(_LFS):
@@ -159,7 +158,7 @@ def detect(path: pathlib.Path) -> str:
             if path.suffix != wanted:
                 raise DataError(f"this is a ROS 2 recording, but its name does not end in {wanted}; rename it", code="not_a_log")
             return zip_kind(path) if kind == "zip" else kind
-    if any(head.startswith(_HDF5, place) for place in _USER_BLOCKS):
+    if _HDF5 in head:  # after a user block, as in MATLAB 7.3
         return "hdf5"
     if suffix == ".mat" and _is_mat4(head):
         return "mat"

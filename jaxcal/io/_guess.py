@@ -40,8 +40,7 @@ _RANGES = {
 }
 #: limits for a stated unit: median of specific force over gravity, and field in uT
 _FORCE, _FIELD = (0.6, 1.7), (5.0, 1000.0)
-#: noise of a sample in an unknown unit: common sensors have 0.03 to 0.5 deg/s, which is 0.0005 to 0.009 rad/s
-_NOISY, _CALM = 0.02, 0.008
+_NOISY = 0.02  # noise of a sample in an unknown unit: common sensors have 0.03 to 0.5 deg/s, which is 0.0005 to 0.009 rad/s
 #: plausible temperatures of sensors, degC
 _CELSIUS = (-80.0, 200.0)
 #: largest rate of common gyroscopes, deg/s
@@ -214,7 +213,7 @@ def gyro_unit(values: np.ndarray, stated: str | None, where: str, turns: Turning
     if lively > 3 * quiet:
         return Guess("rad/s", f"assumed, because the rate varies and is {largest:.3g} at most", "deg/s", False)
     norm = float(np.median(lengths))
-    if norm > 0.35 and 0.0 < floor < _CALM and lively - quiet > 20 * floor:
+    if norm > 0.35 and floor > 0.0 and lively - quiet > 20 * floor:
         return Guess("rad/s", f"assumed: it moves, and has noise of only {floor:.2g} from sample to sample", "deg/s", False)
     if norm > 0.35:
         return Guess("deg/s", f"assumed: median norm {norm:.3g} at rest, much for rad/s", "rad/s", False)

@@ -17,7 +17,6 @@ from ._read import asked, finished, named, opened
 from ._suited import Suitability, ranked
 from ._table import Choice, Table
 
-_MOST = 60
 #: descriptions of columns that are not read into a log
 _KINDS = {
     "linear": "acceleration without gravity", "gravity": "gravity", "attitude": "an attitude", "motion": "a position or velocity",
@@ -183,7 +182,7 @@ def inspect(path: str | os.PathLike[str], **options: Any) -> Inspection:
 
 def _columns(table: Table) -> list[Column]:
     found = []
-    for number, (name, values) in enumerate(zip(table.names[:_MOST], table.columns, strict=False)):
+    for number, (name, values) in enumerate(zip(table.names, table.columns, strict=True)):
         meaning = parse(name) if name else None
         holds = "numbers" if values.dtype.kind in "iufb" else "dates" if values.dtype.kind == "M" else "text"
         if number in table.clocks:

@@ -8,6 +8,7 @@ import numpy as np
 from .._errors import DataError
 from .._message import Message
 from ._columns import SENSORS
+from ._evidence import LOOK
 from ._names import plain
 
 #: names of columns that identify the device of a row, and names that may do so
@@ -15,7 +16,7 @@ _DEVICE = re.compile(r".*(?:device|sensor|node|mac|address|board|imu)(?:id|name|
 _PERHAPS = re.compile(
     r"id|type|source|name|tag|place|location|position|side|foot|limb|hand|leg|unit|channel|port|.*(?:subject|user|person)(?:id)?"
 )
-_LOOK, _MOST = 20_000, 64
+_MOST = 64
 #: share of the rows at which the value changes; above it devices alternate, while a label of an activity changes seldom
 _TURNS = 0.2
 
@@ -27,7 +28,7 @@ def refuse_mixed(table, columns: dict[str, list[int]]) -> None:
     for i, column in enumerate(table.columns):
         if i in used or not chosen or column.dtype.kind not in "Oiuf" or i in table.clocks:
             continue
-        values = column[:_LOOK]
+        values = column[:LOOK]
         if len(values) < 20:
             return
         name = plain(table.names[i])

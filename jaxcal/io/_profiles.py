@@ -34,7 +34,7 @@ class Profile:
     preamble: str = ""
     file: str = ""
     sign: str = ""
-    unit_from: tuple[tuple[str, str, str, int], ...] = ()  # kind, pattern in the preamble, unit, exponent of the number found
+    unit_from: tuple[tuple[str, str, str, bool], ...] = ()  # kind, pattern in the preamble, unit, whether one over the number counts
 
 
 def _sensor_logger(file: str, kind: str, unit: str | None, sign: str = "") -> Profile:
@@ -84,7 +84,7 @@ PROFILES = (
         ((r"gyroadc\[([012])\].*", "gyro", "deg/s"), (r"accsmooth\[([012])\].*", "accel", None),
          (r"gyrounfilt\[([012])\].*", "gyro", "deg/s"),
          (r"magadc\[([012])\].*", "mag", None), (r"time(?: \(us\))?", "time", "us")),
-        unit_from=(("accel", r"acc_1G\W+(\d+)", "g", -1),),
+        unit_from=(("accel", r"acc_1G\W+(\d+)", "g", True),),
     ),
     Profile(
         "Kalibr", ("timestamp", "omega_x", "alpha_x"),
@@ -113,16 +113,16 @@ PROFILES = (
         "Gyroflow", ("t", "gx", "gy", "gz"),
         (("t", "time", None), (rf"g{_XYZ}", "gyro", None), (rf"a{_XYZ}", "accel", None), (rf"m{_XYZ}", "motion", None)),
         preamble="GYROFLOW IMU LOG",
-        unit_from=(("time", r"tscale,([\d.eE+-]+)", "s", 1), ("gyro", r"gscale,([\d.eE+-]+)", "rad/s", 1),
-                   ("accel", r"ascale,([\d.eE+-]+)", "g", 1)),
+        unit_from=(("time", r"tscale,([\d.eE+-]+)", "s", False), ("gyro", r"gscale,([\d.eE+-]+)", "rad/s", False),
+                   ("accel", r"ascale,([\d.eE+-]+)", "g", False)),
     ),
 )  # fmt: skip
 
 #: names of the 40 columns of `ros2 topic echo --csv` for sensor_msgs/Imu, which has no header
 ROS2_IMU = (
-    "stamp_sec", "stamp_nanosec", "frame_id", *(f"orientation_{k}" for k in "xyzw"), *(f"orientation_covariance_{k}" for k in range(9)),
-    *(f"angular_velocity_{k}" for k in "xyz"), *(f"angular_velocity_covariance_{k}" for k in range(9)),
-    *(f"linear_acceleration_{k}" for k in "xyz"), *(f"linear_acceleration_covariance_{k}" for k in range(9)),
+    "stamp_sec", "stamp_nanosec", "frame_id", *(f"orientation_{k}" for k in "xyzw"),
+    *(f"{vector}{part}" for vector in ("orientation", "angular_velocity", "linear_acceleration")
+      for part in (*(f"_{k}" for k in "xyz" if vector != "orientation"), *(f"_covariance_{i}{j}" for i in "xyz" for j in "xyz"))),
 )  # fmt: skip
 
 
@@ -153,8 +153,8 @@ def matching(names: list[str], preamble: str, file: str) -> tuple[Profile | None
 
 def _sizes(profile: Profile, preamble: str) -> Iterator[tuple[str, float, str]]:
     """Kind, number and unit from the preamble."""
-    for kind, pattern, unit, power in profile.unit_from:
+    for kind, pattern, unit, inverse in profile.unit_from:
         match = re.search(pattern, preamble)
         with contextlib.suppress(ValueError, OverflowError, ZeroDivisionError):
-            if match and 0 < (number := float(match[1]) ** power) < math.inf:
+            if match and 0 < (number := 1 / float(match[1]) if inverse else float(match[1])) < math.inf:
                 yield kind, number, unit

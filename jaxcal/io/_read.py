@@ -26,6 +26,7 @@ from ._findings import READ
 from ._frames import table_of
 from ._phase import differentiate
 from ._readers._arrays import read_hdf5, read_mat, read_npy, read_npz, read_parquet
+from ._readers._bounds import BLOCK
 from ._readers._csv import read_csv
 from ._readers._dataflash import read_ardupilot
 from ._readers._json import read_json
@@ -39,8 +40,6 @@ from ._table import Choice, Signals, Table, interpret
 _TABLES = {"csv": read_csv, "npy": read_npy, "npz": read_npz, "parquet": read_parquet, "json": read_json}
 _TREES = {"mat": read_mat, "hdf5": read_hdf5}
 _LOGS = {"ulog": read_px4, "dataflash": read_ardupilot}
-#: bytes; smaller files are hashed before reading, because a thread would cost more than it saves
-_SMALL = 1 << 20
 _SI = {name: si_unit(name) for name in (*SENSORS, "temperature")}
 _NAMES = {
     "csv": "a text table", "npy": "a NumPy array", "npz": "NumPy arrays", "parquet": "Parquet", "rosbag1": "a ROS 1 bag",
@@ -246,7 +245,8 @@ def opened(path: pathlib.Path, given: Asked) -> Iterator[tuple[Table | Signals, 
     _belongs("columns", bool(options["columns"]) and kind not in (*tables, *_TREES), kind, "to tables; choose with {option.topics}")
     _belongs("missing", options["missing"] is not None and kind not in tables, kind, "to tables; leave it out")
     with _faults(_NAMES[kind]):
-        if all(source.is_file() and source.stat().st_size < _SMALL for source in sources):
+        # a thread for the hash of a small file would cost more than it saves
+        if all(source.is_file() and source.stat().st_size < BLOCK for source in sources):
             size, sha256 = fingerprint(sources)
             found = _parse(kind, sources, topics, options)
         else:

@@ -7,19 +7,19 @@ import numpy as np
 
 from .._errors import DataError
 from .._message import Message
+from .._units import factor
+from ._columns import scale
 
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-#: limits of plausible times since 1970, by unit
-_EPOCH = {"s": (1e9, 4e9), "ms": (1e12, 4e12), "us": (1e15, 4e15), "ns": (1e18, 4e18)}
-#: ticks of 100 ns since 1601 (Windows) and since the year 1 (.NET), and days since the year 0 (MATLAB), of this century
-_TICKS = ((1.25e17, 1.6e17, "1e-7 s", 0.0, "Windows"), (6.3e17, 6.7e17, "1e-7 s", 0.0, ".NET"), (7.3e5, 7.7e5, "d", 5e-5, "MATLAB"))
-#: upper limit of the median step of each unit, and the range of steps in which the choice is uncertain
-_STEPS = {
-    True: (("ms", 300.0, (100.0, 1000.0)), ("us", 3e5, (1e5, 1e6)), ("ns", np.inf, (np.inf, np.inf))),
-    False: (("s", 0.5, (0.2, 3.0)), ("ms", 300.0, (100.0, 1000.0)), ("us", 3e5, (1e5, 1e6)), ("ns", np.inf, (np.inf, np.inf))),
-}
-#: limits of Modified Julian Dates (1968 to 2132), and the step (in d; 4 s) above which the numbers may also be seconds
-_MJD, _MJD_STEP, DAY = (40_000.0, 100_000.0), 5e-5, 86400.0
+SECONDS = {unit: factor(unit, "time") for unit in ("s", "ms", "us", "ns")}
+DAY = factor("d", "time")
+#: clocks that the size of their stamps tells in this century: who counts so, the unit, limits of the stamps, and of the step (s)
+_EPOCHS = (
+    ("in Modified Julian Dates", "mjd", 40_000.0, 100_000.0, 4.0),  # with a longer step the numbers may also be seconds
+    *(("since 1970", unit, 1e9 / size, 4e9 / size, 10.0) for unit, size in SECONDS.items()),
+    ("in Windows", "1e-7 s", 1.25e17, 1.6e17, 10.0), ("in .NET", "1e-7 s", 6.3e17, 6.7e17, 10.0), ("in MATLAB", "d", 7.3e5, 7.7e5, 4.0),
+)  # fmt: skip
+#: unit, upper limit of its median step, and the range of steps in which it may also be this unit or the next; whole numbers are not in s
+_STEPS = (("s", 0.5, 0.2, 3.0), ("ms", 300.0, 100.0, 1000.0), ("us", 3e5, 1e5, 1e6), ("ns", np.inf, np.inf, np.inf))
 
 
 @dataclasses.dataclass
@@ -213,31 +213,23 @@ def unit_by_step(stamps: np.ndarray, integer: bool, rate: float | int | None) ->
     step = float(np.median(steps))
     seen = f"median step {step:.3g}, {'integer' if integer else 'decimal'}"
     start = float(stamps[np.isfinite(stamps)][0])
-    if not integer and _MJD[0] <= start <= _MJD[1]:
-        agrees = rate is not None and abs(1 / (step * DAY) / rate - 1) < 0.05
-        # in seconds the rate would be above 20 kHz
-        if agrees or (rate is None and step < _MJD_STEP):
-            return "mjd", f"{seen}, from {start:.6g} on: Modified Julian Dates", True
     if rate is not None:
         mean = (len(stamps) - 1) / float(np.nanmax(stamps) - np.nanmin(stamps))
         for unit, seconds in SECONDS.items():
             if min(abs(1 / (step * seconds) / rate - 1), abs(mean / seconds / rate - 1)) < 0.05:
                 return unit, f"{seen}: agrees with a rate of {rate:g} Hz", True
-    for unit, (first, last) in _EPOCH.items():
-        # require a plausible rate, because a time since boot may look like an epoch
-        if first <= start <= last and 0.1 < 1 / (step * SECONDS[unit]) < 1e6:
-            return unit, f"starts at {start:.4g}, as time since 1970 does", True
-    for first, last, unit, most, who in _TICKS:
-        if first <= start <= last and (not most or step < most):
-            return unit, f"starts at {start:.6g}, as time in {who} does", True
-    rows = _STEPS[integer]
-    at = next(i for i, (_, upper, _) in enumerate(rows) if step < upper)
-    unit, _, (low, _) = rows[at]
-    below = rows[at - 1] if at else None
-    if step >= low and at + 1 < len(rows):
-        return unit, f"{seen}; uncertain, could be {rows[at + 1][0]}", False
-    if below and step <= below[2][1]:
-        return unit, f"{seen}; uncertain, could be {below[0]}", False
+    for who, unit, first, last, most in _EPOCHS:
+        seconds = step * scale(unit, "time")[0]
+        # require a plausible rate, or the given one, because a time since boot may look like an epoch
+        likely = 1e-6 < seconds < most or (rate is not None and abs(1 / seconds / rate - 1) < 0.05)
+        if first <= start <= last and likely and not (integer and unit == "mjd"):
+            return unit, f"starts at {start:.6g}, as time {who} does", True
+    rows = _STEPS[integer:]
+    at = next(i for i, (_, upper, _, _) in enumerate(rows) if step < upper)
+    unit, _, low, _ = rows[at]
+    other = rows[at + 1][0] if step >= low else rows[at - 1][0] if at and step <= rows[at - 1][3] else ""
+    if other:
+        return unit, f"{seen}; uncertain, could be {other}", False
     if integer and step < 4:
         return unit, f"{seen}; uncertain, could be a counter", False
     return unit, seen, True

@@ -316,7 +316,7 @@ def _beside(columns: list[np.ndarray]) -> np.ndarray | None:
     base = columns[0].base
     if base is None or base.ndim != 2 or base.dtype != np.float64 or not base.flags.writeable or base.strides[1] != base.itemsize:
         return None
-    if base.shape[1] != len(columns[0]) or any(column.base is not base or column.strides != (base.itemsize,) for column in columns):
+    if base.shape[1] < len(columns[0]) or any(column.base is not base or column.strides != (base.itemsize,) for column in columns):
         return None
     place, rest = divmod(columns[0].ctypes.data - base.ctypes.data, base.strides[0])
     if rest or any(column.ctypes.data != columns[0].ctypes.data + j * base.strides[0] for j, column in enumerate(columns)):

@@ -99,8 +99,8 @@ def blocks_of(monkeypatch):
     """``blocks_of(length)`` makes the readers of text tables and DataFlash logs read blocks of this many bytes."""
 
     def short(length):
-        monkeypatch.setattr(_text, "_BLOCK", length)
-        monkeypatch.setattr(_dataflash, "_BLOCK", length)
+        monkeypatch.setattr(_text, "BLOCK", length)
+        monkeypatch.setattr(_dataflash, "BLOCK", length)
 
     return short
 

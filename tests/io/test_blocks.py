@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import jaxcal
+from jaxcal.io._readers._csv import read_csv
+from jaxcal.io._table import interpret
 
 HEADER = "time [s],gyro_x [rad/s],gyro_y [rad/s],gyro_z [rad/s]"
 
@@ -104,3 +106,12 @@ def test_a_column_taken_twice_is_not_converted_twice(tmp_path):
     )
     np.testing.assert_allclose(log.gyro, np.radians(values[:, 1:]), rtol=1e-14)
     np.testing.assert_allclose(log.accel, values[:, 1:] * 9.80665, rtol=1e-14)
+
+
+def test_a_table_stands_in_memory_once(tmp_path):
+    """The columns of a text table are converted where the reader put them."""
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([HEADER.replace("rad/s", "deg/s"), *rows(3000)[0]]))
+    table = read_csv(path)
+    place = table.columns[1].ctypes.data
+    assert interpret(table, {}, {}, None).sensors["gyro"].ctypes.data == place

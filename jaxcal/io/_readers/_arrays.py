@@ -16,7 +16,7 @@ from .._findings import READ
 from .._names import parse_name, unit_of
 from .._saved import parse_saved
 from .._table import Table
-from ._bounds import allowed, check_declared, require
+from ._bounds import MOST, allowed, check_declared, require
 from ._sandbox import sandbox
 from ._streams import SeveralError
 
@@ -24,7 +24,7 @@ _RATE = {
     "rate", "fs", "samplerate", "samplingrate", "freq", "frequency", "samplingfrequency", "samplefrequency", "sampfreq", "sfreq", "odr",
     "samplingratehz", "fshz", "ratehz", "updaterate", "outputrate", "imurate", "datarate",
 }  # fmt: skip
-_NAMELESS, _WIDEST = "\0", 1000
+_NAMELESS = "\0"
 
 
 # arrays side by side
@@ -145,10 +145,8 @@ def read_hdf5(path: pathlib.Path, topics: list[str] | None) -> Table:
     """
     require("h5py", "reading HDF5 and MATLAB 7.3", "hdf5")
     about, arrays = _in_sandbox("hdf5", path, "the file")
-    if "most" in about:
-        raise DataError(
-            f"the file holds more than {about['most']} data sets; it is damaged, or no log: save the log's arrays alone", code="shape"
-        )
+    if about.get("many"):
+        raise DataError(f"the file holds more than {MOST} data sets; it is damaged, or no log: save the log's arrays alone", code="shape")
     left_out = [
         f"{name} is a MATLAB {kind or 'object'}; save it as a struct of arrays (table2struct(T, 'ToScalar', true))"
         for name, kind in about["opaque"]
@@ -179,7 +177,7 @@ def read_hdf5(path: pathlib.Path, topics: list[str] | None) -> Table:
 def _in_sandbox(kind: str, path: pathlib.Path, what: str) -> tuple[dict[str, Any], list[np.ndarray]]:
     """Read description and arrays of a file in the separate process of `_sandbox`."""
     size = path.stat().st_size
-    about, arrays = sandbox.read(kind, str(path), allowed=allowed(size))
+    about, arrays = sandbox.read(kind, str(path), allowed=allowed(size), most=MOST)
     check_declared(about.get("declared", 0), size, what)
     return about, arrays
 
@@ -235,7 +233,7 @@ def _group_table(arrays: dict[str, np.ndarray]) -> Table:
         return table_of_arrays(arrays)
     matrix = matrices[0]
     rest = {name: array for name, array in arrays.items() if array is not matrix and len(array) in (1, len(matrix))}
-    table = table_of_arrays(rest | {f"{_NAMELESS}{j}": matrix[:, j] for j in range(min(matrix.shape[1], _WIDEST))})
+    table = table_of_arrays(rest | {f"{_NAMELESS}{j}": matrix[:, j] for j in range(min(matrix.shape[1], MOST))})
     table.names = ["" if name.startswith(_NAMELESS) else name for name in table.names]
     return table
 

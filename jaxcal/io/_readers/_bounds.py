@@ -16,12 +16,16 @@ import importlib.util
 from ..._errors import DataError
 
 #: bytes that every file may use, and further bytes for each byte of the file
-_FREE, _FACTOR = 1 << 26, 256
+FREE, _FACTOR = 1 << 26, 256
+#: bytes of a file that are read in one piece: with blocks of 4 MiB, two threads read as fast as they parse and need little memory
+BLOCK = 1 << 22
+#: largest number of files in a folder, of members of a zip file, of data sets and groups, of fields: no log has more
+MOST = 5000
 
 
 def allowed(size: int) -> int:
     """Largest unpacked size, in bytes, of a file of `size` bytes."""
-    return _FREE + _FACTOR * size
+    return FREE + _FACTOR * size
 
 
 def check_declared(declared: int, size: int, what: str) -> None:

@@ -16,6 +16,7 @@ from ..._message import Message
 from ..._units import find_unit
 from .._findings import READ
 from .._table import Signals
+from ._bounds import BLOCK
 from ._streams import Part, first_of, gather, imus_of, join, named
 
 _HEAD = b"\xa3\x95"
@@ -26,8 +27,6 @@ _LETTERS = {
 }  # fmt: skip
 #: letters of fields that are stored multiplied by 100
 _HUNDREDTHS = "cCeE"
-#: number of bytes examined together
-_BLOCK = 1 << 24
 #: (sensor, prefix of its fields, unit if the log does not state one); group of records -> its sensors
 _GYRO, _ACCEL, _MAG = ("gyro", "Gyr", "rad/s"), ("accel", "Acc", "m/s^2"), ("mag", "Mag", "mG")
 _GROUPS = {"IMU": (_GYRO, _ACCEL), "GYR": (_GYRO,), "ACC": (_ACCEL,), "MAG": (_MAG,)}
@@ -287,8 +286,8 @@ def _walk(content: np.ndarray, lengths: np.ndarray) -> tuple[np.ndarray, np.ndar
     """Offsets of the records, their types, and the number of bytes that belong to no record."""
     places, kinds = [np.empty(0, np.int64)], [np.empty(0, np.uint8)]
     due = taken = 0
-    for begin in range(0, len(content), _BLOCK):
-        block = content[begin : begin + _BLOCK + 2]
+    for begin in range(0, len(content), BLOCK):
+        block = content[begin : begin + BLOCK + 2]
         at = np.flatnonzero((block[:-2] == _HEAD[0]) & (block[1:-1] == _HEAD[1]))
         kind = block[at + 2] if len(at) else np.empty(0, np.uint8)
         at = at + begin

@@ -11,8 +11,8 @@ import numpy as np
 
 from ..._errors import DataError
 from .._table import Table
+from ._bounds import FREE
 
-_LARGEST = 64_000_000  # bytes
 _EXPECTED = 'expected rows of numbers [[x, y, z], ...], records [{"x": 1, ...}, ...], or arrays by name {"mag": [[x, y, z], ...], ...}'
 _AXES = "xyz"
 
@@ -23,10 +23,8 @@ def read_json(path: pathlib.Path) -> Table:
     The file has rows of numbers, records, or arrays by name. Records may be nested, as in {"poses": [{"heading": 90, "samples": [...]}]};
     then each record also gets the numbers of the records around it. A vector of three numbers becomes three columns, name_x to name_z.
     """
-    if path.stat().st_size > _LARGEST:
-        raise DataError(
-            f"the file has {path.stat().st_size} bytes, and JSON is read up to {_LARGEST}; write the readings as CSV", code="json"
-        )
+    if path.stat().st_size > FREE:
+        raise DataError(f"the file has {path.stat().st_size} bytes, and JSON is read up to {FREE}; write the readings as CSV", code="json")
     try:
         content = _parsed(path.read_text(encoding="utf-8-sig"))
         columns = _arrays(content) or _columns(_records(content, {}))

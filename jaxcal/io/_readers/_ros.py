@@ -22,14 +22,13 @@ from .._columns import wrong
 from .._findings import READ
 from .._table import Signals
 from ._bounds import require
-from ._streams import Part, SeveralError, join
+from ._streams import PIECE, Part, SeveralError, join
 
 #: message type -> number of float64 after the header
 _TYPES = {"sensor_msgs/msg/Imu": 37, "sensor_msgs/msg/MagneticField": 12, "sensor_msgs/msg/Temperature": 2}
 #: positions in an Imu message: of the vectors, and of the first element of their covariances, which is -1 without a measurement
 _IMU = {"gyro": (slice(13, 16), 16), "accel": (slice(25, 28), 28)}
 _UNITS = {"gyro": "rad/s", "accel": "m/s^2", "mag": "T", "temperature": "degC"}
-_CHUNK = 4096
 _ODD = "the recording is damaged, or the type is not ROS's own: convert it to CSV"
 
 
@@ -158,7 +157,7 @@ def _stream(readers: list[Any], topic: str, version: int, findings: list[Finding
         messages: Iterator[Any] = iter(reader.messages(connections=own) if own else ())
         while True:
             stamps, raws = [], []
-            for _, stamp, raw in itertools.islice(messages, _CHUNK):  # keeping thousands of tuples would trigger the garbage collector
+            for _, stamp, raw in itertools.islice(messages, PIECE):  # keeping thousands of tuples would trigger the garbage collector
                 stamps.append(stamp)
                 raws.append(raw)
             if not raws:

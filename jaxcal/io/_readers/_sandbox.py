@@ -20,11 +20,10 @@ from typing import Any
 
 import numpy as np
 
-#: time limit: s for a file, and s for each of its bytes; memory limit: bytes beyond those in use, and bytes for each byte of the file
-_SECONDS, _SECONDS_PER_BYTE = 40.0, 4e-6
-_MEMORY, _MEMORY_PER_BYTE = 3 << 28, 64
-#: largest number of data sets and groups, and MATLAB classes whose layout is not public
-_MOST = 10_000
+#: limits of time (s) and of memory (bytes beyond those in use) for a file of few bytes; one of 12 MiB may use twice as much, and so on
+_SECONDS, _MEMORY = 40.0, 3 << 28
+_SIZE = 3 << 22
+#: MATLAB classes whose layout is not public
 _OPAQUE = ("table", "timetable", "datetime", "duration", "string")
 
 
@@ -37,7 +36,7 @@ def _serve() -> None:
     for line in sys.stdin:
         request = json.loads(line)
         try:
-            _limit(_MEMORY + _MEMORY_PER_BYTE * os.path.getsize(request["path"]))
+            _limit(round(_MEMORY * (1 + os.path.getsize(request["path"]) / _SIZE)))
             about, arrays = {"parquet": _parquet, "mat": _mat, "hdf5": _hdf5}[request["kind"]](request)
             arrays = [np.ascontiguousarray(array) for array in arrays]
             about["arrays"] = [(array.dtype.str, array.shape) for array in arrays]
@@ -175,8 +174,8 @@ def _hdf5(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
             note(prefix, group)
             for name in sorted(group):
                 count += 1
-                if count > _MOST:
-                    return {"most": _MOST}, []
+                if count > request["most"]:
+                    return {"many": True}, []
                 # skip links and external data: a log must not be able to make its reader open other files
                 if name.startswith("#") or group.get(name, getclass=True, getlink=True) is not h5py.HardLink:
                     continue
@@ -208,7 +207,7 @@ class Sandbox:
         with self._lock:
             process = self._running()
             began = time.monotonic()
-            seconds = _SECONDS + _SECONDS_PER_BYTE * os.path.getsize(path)
+            seconds = _SECONDS * (1 + os.path.getsize(path) / _SIZE)
             timer = threading.Timer(seconds, process.kill)
             timer.daemon = True
             timer.start()

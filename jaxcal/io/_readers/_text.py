@@ -16,12 +16,11 @@ from collections.abc import Callable, Iterator
 from ..._errors import DataError
 from .._columns import SENSORS
 from .._names import OTHER_SCRIPTS, parse_name, unit_of
-from ._bounds import check_declared
+from ._bounds import BLOCK, MOST, check_declared
 from ._labelled import refuse_kinds, relabelled
 
+#: bytes at the beginning that tell the layout; a line as long as this is none of a log
 _HEAD = 1 << 18
-#: with blocks of 4 MiB, two threads read as fast as they parse and need little memory
-_BLOCK = 1 << 22
 MISSING = ("", "NA", "N/A", "n/a", "null", "NULL", "None", "none", "-", "--", "NAN", "nan", "NaN", "Nan")
 COMMENTS = ("#", "%", "//")
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:inf(?:inity)?)", re.IGNORECASE)
@@ -47,8 +46,6 @@ _LOOK = 500
 #: blocks of zero bytes, which a memory card leaves where nothing was written before the power went
 _HOLE = re.compile(rb"\0{8,}")
 _CONTROL = bytes([*range(9), *range(14, 32)])
-#: largest number of fields, and of characters, in a line of a log
-WIDEST, _LONGEST_LINE = 5000, 1 << 20
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +72,7 @@ class Text:
             size = file.seek(0, io.SEEK_END)
             found = [start]
             while found[-1] < size:
-                file.seek(min(found[-1] + _BLOCK, size))
+                file.seek(min(found[-1] + BLOCK, size))
                 file.readline()
                 found.append(file.tell())
         return found
@@ -151,9 +148,9 @@ def _unpacked(path: pathlib.Path, start: int) -> Iterator[bytes]:
     size = path.stat().st_size
     with _gzip_faults(), gzip.open(path) as file:
         file.read(start)
-        while block := file.read(_BLOCK):
+        while block := file.read(BLOCK):
             check_declared(file.tell(), size, "the packed text")
-            yield block + file.readline(_BLOCK)
+            yield block + file.readline(BLOCK)
 
 
 @contextlib.contextmanager
@@ -268,11 +265,11 @@ def sniff(text: str) -> Layout:
 def _refuse_wide(lines: list[str]) -> None:
     """Refuse a line that is longer or has more fields than any log, before splitting it."""
     for number, line in enumerate(lines, 1):
-        fields = max(line.count(mark) for mark in ",;\t ") + 1 if len(line) > WIDEST else 0
-        if fields > WIDEST or len(line) > _LONGEST_LINE:
-            what = f"{fields} fields" if fields > WIDEST else f"{len(line)} characters"
+        fields = max(line.count(mark) for mark in ",;\t ") + 1 if len(line) > MOST else 0
+        if fields > MOST or len(line) >= _HEAD:
+            what = f"{fields} fields" if fields > MOST else f"{len(line)} characters"
             raise DataError(
-                f"line {number} has {what}, and a log at most {WIDEST} columns: this is no table of samples, or it is transposed; "
+                f"line {number} has {what}, and a log at most {MOST} columns: this is no table of samples, or it is transposed; "
                 "write one sample a line, or save the arrays as .npz",
                 code="too_wide",
             )

@@ -19,6 +19,7 @@ import numpy as np
 from ..._answer import Finding
 from ..._errors import DataError
 from .._findings import READ
+from ._bounds import MOST
 from ._streams import PIECE, gather
 
 _MAGIC = b"ULog\x01\x12\x35"
@@ -29,8 +30,7 @@ _TYPES = {
     "uint64_t": "<u8", "float": "<f4", "double": "<f8", "bool": "u1", "char": "S1",
 }  # fmt: skip
 _FIELD = re.compile(r"([A-Za-z_][\w-]*)(?:\[(\d{1,5})\])? ([A-Za-z_]\w*)")
-#: limits of one message: bytes (16-bit length) and number of fields
-_LONGEST, _MOST = 65535, 4096
+_LONGEST = 65535  # bytes of a message, whose length has 16 bits
 
 
 @dataclasses.dataclass
@@ -160,7 +160,7 @@ def layout(name: str, formats: dict[str, str]) -> tuple[np.dtype, int]:
     visits = itertools.count()
 
     def add(name: str, prefix: str, depth: int) -> None:
-        if name not in formats or depth > 8 or next(visits) > _MOST:
+        if name not in formats or depth > 8 or next(visits) > MOST:
             raise DataError(f"the ULog does not say what {name} holds; it is damaged: copy it again", code="damaged")
         for word in formats[name].split(";"):
             match = _FIELD.fullmatch(word.strip())
@@ -174,8 +174,8 @@ def layout(name: str, formats: dict[str, str]) -> tuple[np.dtype, int]:
             else:
                 for k in range(max(count, 1)):
                     add(kind, f"{field}[{k}]." if count else f"{field}.", depth + 1)
-            if len(fields) > _MOST:
-                raise DataError(f"the ULog gives {name} more than {_MOST} fields; it is damaged: copy it again", code="damaged")
+            if len(fields) > MOST:
+                raise DataError(f"the ULog gives {name} more than {MOST} fields; it is damaged: copy it again", code="damaged")
 
     add(name, "", 0)
     names = [field[0] for field in fields]
