@@ -1,7 +1,12 @@
-r"""Changes of the mean that look like slow noise: an event, a ramp, a warm-up, a slow sinusoid, the temperature.
+r"""Changes of the mean that look like slow noise: an event, a warm-up, a slow sinusoid, the temperature.
 
 They act on all axes of a sensor, are searched in all of them together, and enter the likelihood as regressors with a size for each axis.
-The search uses the lowest ordinates of the records and the likelihood ratio at a fixed density of the noise,
+An event is a relaxation
+
+.. math:: x(t) \propto 1 - e^{-(t - t_0)/T},\qquad t > t_0
+
+which is a step at T = 0, a line at T = \infty, and a warm-up where it begins with the record; a warm-up may have two time constants, which
+also describe a creep. The search uses the lowest ordinates of the records and the likelihood ratio at a fixed density of the noise,
 
 .. math:: \lambda = \sum_\mathrm{axes}\frac{(\sum x_k y_k/S_k)^2}{\sum x_k^2/S_k}
 
@@ -21,36 +26,38 @@ from .._types import AnyArray
 from ..spectrum._average import log_groups
 from ._likelihood import scoring
 
-#: block means of a record, which have the same lowest ordinates; ordinates that the search uses; rounds of the regression and the
-#: fit of the noise; changes of one record
-_BLOCKS, _ORDINATES, _ROUNDS, _MOST = 4096, 512, 2, 3
-_STARTS = 192  # times at which an event may begin
-#: time constants of an event over the length of the record; 0 is a step; time constants over the length of the record with which a sensor
-#: follows its temperature
-_RESPONSES, _LAGS = (0.0, 1 / 64, 1 / 16, 1 / 4), (0.0, 0.003, 0.01, 0.03, 0.1)
-_DECAYS = 2.0 ** -np.arange(1, 8)  # time constants of a warm-up over the length of the record
-_CYCLES = np.arange(0.5, 10.01, 0.25)  # cycles of a sinusoid in the record
+#: block means of a record, which have the same lowest ordinates; ordinates that the search uses; rounds of the regression and the fit of
+#: the noise; changes of one record; halvings of the distance in which the place of an event is sought beside those of the grid
+_BLOCKS, _ORDINATES, _ROUNDS, _MOST, _HALVINGS = 2048, 256, 2, 3, 4
+#: over the length of the record: times at which an event may begin, its time constants, those of a warm-up that has two, and those with which
+#: a sensor follows its temperature; cycles of a sinusoid in the record
+_STARTS = np.arange(96) / 96
+_TIMES = np.array([0.0, *2.0 ** np.arange(-7, 1), np.inf])
+_EDGE = 2.0 ** np.arange(-8, 1)
+_LAGS, _CYCLES = (0.0, 0.003, 0.01, 0.03, 0.1), np.arange(0.5, 10.01, 0.25)
 #: likelihood ratio for one axis that one in 300 records of noise alone reaches in the search of a family; a shift has a known place, and
 #: 2.6 standard errors suffice
-LEVELS = {"shift": 6.8, "step": 18.5, "ramp": 11.0, "warm_up": 16.0, "sinusoid": 20.0, "temperature": 12.0}
-#: twice the log likelihood by which a change without K must be better than K for K to be a hint at most: 5 % of records with K reach it
-_DOUBTED = 14.0
+_LEVELS = {"shift": 6.8, "event": 20.0, "edge": 13.0, "edges": 18.0, "sinusoid": 20.0, "temperature": 12.0}
+#: by how much less than its level the change without K must be better than K for the change to be named beside K, and for K to be a hint at
+#: most: 25 and 3 % of records with K reach them (`benchmarks/real_noise.py`)
+_BESIDE, _HINT = 10.5, 4.0
 
 
 class Change(NamedTuple):
-    """A change: its family, its place (s, s or Hz), a time constant in s, and its regressors, (n, columns), at given times."""
+    """A change: its family, when it begins, its time constant or period, both in s, and its regressors, (n, columns), at given times."""
 
     family: str
-    at: float
+    start: float
     time: float
     columns: Callable[[AnyArray], AnyArray]
 
 
 class Changes(NamedTuple):
-    """The changes that are fitted, and one that describes the record so well without K that K is a hint at most, or None."""
+    """The changes that are fitted, one that describes the record about as well as K does, or None, and whether K is a hint for it."""
 
     fitted: tuple[Change, ...] = ()
     instead: Change | None = None
+    hint: bool = False
 
 
 class Axis(NamedTuple):
@@ -75,6 +82,10 @@ class _Low(NamedTuple):
         """Ordinates of functions given at `times`, the first axis."""
         return (self.factor * np.asarray(scipy.fft.dct(x, norm="ortho", axis=0))[1 : len(self.factor) + 1].T).T
 
+    def ordinates(self, changes: Sequence[Change]) -> AnyArray:
+        """Ordinates of the regressors of changes, (changes, ordinates, columns)."""
+        return np.moveaxis(self.transform(np.stack([change.columns(self.times) for change in changes], axis=1)), 0, 1)
+
 
 @functools.lru_cache(maxsize=8)
 def _low(n: int, most: int, dt: float) -> tuple[_Low, int]:
@@ -86,17 +97,20 @@ def _low(n: int, most: int, dt: float) -> tuple[_Low, int]:
     return _Low((np.arange(count) + 0.5) * size * dt, np.sqrt(size * dt) / attenuated), size
 
 
-def _event(start: float, time: float, t: AnyArray) -> AnyArray:
+def _means(record: AnyArray, low: _Low, size: int) -> AnyArray:
+    return record[: len(low.times) * size].reshape(-1, size).mean(axis=1)
+
+
+def _event(start: float, *times: float) -> Change:
+    """Relaxations from a start with these time constants."""
+    return Change("step" if start else "warm_up", start, times[0], functools.partial(_relaxations, start, times))
+
+
+def _relaxations(start: float, times: Sequence[float], t: AnyArray) -> AnyArray:
+    """(n, times); each changes by one over the record."""
     late = np.maximum(np.asarray(t) - start, 0.0)
-    return (late > 0.0).astype(float)[:, None] if time == 0.0 else -np.expm1(-late / time)[:, None]
-
-
-def _line(t: AnyArray) -> AnyArray:
-    return (np.asarray(t) / t[-1])[:, None]
-
-
-def _decay(time: float, t: AnyArray) -> AnyArray:
-    return np.exp(-np.asarray(t) / time)[:, None]
+    shapes = [late if time == np.inf else -np.expm1(-late / time) if time else (late > 0.0).astype(float) for time in times]
+    return np.stack([shape / max(shape[-1], np.finfo(float).tiny) for shape in shapes], axis=1)
 
 
 def _wave(frequency: float, t: AnyArray) -> AnyArray:
@@ -122,47 +136,56 @@ def _shapes(n: int, most: int, dt: float) -> dict[str, tuple[list[Change], AnyAr
     """Family -> its changes, and their ordinates (changes, ordinates, columns)."""
     low, _ = _low(n, most, dt)
     length = n * dt
-    starts = (np.arange(_STARTS) + 0.5) / _STARTS * length
-    events = [(at, part * length) for part in _RESPONSES for at in starts[2:-2]]
     families = {
-        "step": [Change("step", at, time, functools.partial(_event, at, time)) for at, time in events],
-        "ramp": [Change("ramp", 0.0, 0.0, _line)],
-        "warm_up": [Change("warm_up", part * length, part * length, functools.partial(_decay, part * length)) for part in _DECAYS],
-        "sinusoid": [Change("sinusoid", c / length, 0.0, functools.partial(_wave, c / length)) for c in _CYCLES],
+        "event": [_event(start * length, time * length) for time in _TIMES for start in _STARTS[1:]],
+        "edge": [_event(0.0, time * length) for time in _TIMES[1:]],
+        "edges": [_event(0.0, one * length, other * length) for i, other in enumerate(_EDGE) for one in _EDGE[:i]],
+        "sinusoid": [Change("sinusoid", 0.0, length / c, functools.partial(_wave, c / length)) for c in _CYCLES],
     }
-    return {family: (listed, _ordinates_of(low, listed)) for family, listed in families.items()}
+    return {family: (listed, low.ordinates(listed)) for family, listed in families.items()}
 
 
-def _ordinates_of(low: _Low, changes: Sequence[Change]) -> AnyArray:
-    values = np.stack([change.columns(low.times) for change in changes], axis=1)
-    return np.moveaxis(np.asarray(low.transform(values)), 0, 1)
+def _ratios(records: Sequence[AnyArray], densities: Sequence[AnyArray], x: AnyArray) -> AnyArray:
+    """Likelihood ratio (changes,) of each change over all records; x are their ordinates, (changes, ordinates, columns)."""
+    total = np.zeros(len(x))
+    for record, density in zip(records, densities, strict=True):
+        score = np.einsum("k,ckq->cq", record / density, x, optimize=True)
+        if x.shape[2] == 1:
+            size = (x[:, :, 0] ** 2) @ (1.0 / density)
+            total += np.where(size > 0.0, score[:, 0] ** 2 / np.where(size > 0.0, size, 1.0), 0.0)
+        else:
+            gram = np.einsum("ckq,ckr->cqr", x, x / density[:, None], optimize=True)
+            total += np.einsum("cq,cq->c", score, np.linalg.solve(gram, score[:, :, None])[:, :, 0])
+    return total
 
 
-def _ratios(record: AnyArray, density: AnyArray, x: AnyArray) -> AnyArray:
-    """Likelihood ratio (changes,) of each change; x are their ordinates, (changes, ordinates, columns)."""
-    score = np.einsum("k,ckq->cq", record / density, x, optimize=True)
-    if x.shape[2] == 1:
-        size = (x[:, :, 0] ** 2) @ (1.0 / density)
-        return np.where(size > 0.0, score[:, 0] ** 2 / np.where(size > 0.0, size, 1.0), 0.0)
-    gram = np.einsum("ckq,ckr->cqr", x, x / density[:, None], optimize=True)
-    return np.einsum("cq,cq->c", score, np.linalg.solve(gram, score[:, :, None])[:, :, 0])
+def _sharpened(event: Change, x: AnyArray, low: _Low, rests: Sequence[AnyArray], densities: Sequence[AnyArray]) -> tuple[Change, AnyArray]:
+    """The event between those of the grid, and its ordinates (ordinates, 1), that describe the rests best."""
+    away, apart = 0.5 * (low.times[-1] + low.times[0]) * _STARTS[1], 0.5
+    for _ in range(_HALVINGS):
+        starts = event.start + (away * np.array([0.0, -1.0, 1.0]) if event.start else np.zeros(1))
+        times = event.time * 2.0 ** (apart * (np.array([0.0, -1.0, 1.0]) if 0.0 < event.time < np.inf else np.zeros(1)))
+        near = [_event(start, time) for start in starts for time in times]
+        ordinates = low.ordinates(near)
+        best = int(np.argmax(_ratios(rests, densities, ordinates)))
+        event, x, away, apart = near[best], ordinates[best], away / 2.0, apart / 2.0
+    return event, x
 
 
 @functools.cache
-def _level(family: str, axes: int) -> float:
-    """Likelihood ratio that so many axes together reach as often as one axis reaches its level."""
-    degrees = 1.0 if family == "sinusoid" else 0.5
-    rare = scipy.special.gammaincc(degrees, LEVELS.get(family, _DOUBTED) / 2.0)
+def _level(family: str, axes: int, looks: int = 1) -> float:
+    """Likelihood ratio that so many axes together reach in any of several looks as often as one axis reaches its level in one."""
+    degrees = 1.0 if family in ("sinusoid", "edges") else 0.5
+    rare = scipy.special.gammaincc(degrees, _LEVELS[family] / 2.0) / looks
     return 2.0 * float(scipy.special.gammainccinv(degrees * axes, rare))
 
 
 def slope_of(record: AnyArray, density: AnyArray, dt: float) -> tuple[float, float]:
     """Slope of a record per second and its standard error; `density` is that of the noise at the lowest ordinates."""
     low, size = _low(len(record), len(density), dt)
-    means = record[: len(low.times) * size].reshape(-1, size).mean(axis=1)
     x, level = low.transform(low.times), density[: len(low.factor)]
     information = float(np.sum(x**2 / level))
-    return float(np.sum(low.transform(means) * x / level)) / information, information**-0.5
+    return float(np.sum(low.transform(_means(record, low, size)) * x / level)) / information, information**-0.5
 
 
 def find_changes(
@@ -176,57 +199,69 @@ def find_changes(
     n, most = len(axes[0].record), min(len(axis.columns) for axis in axes)
     (low, size), shapes = _low(n, most, dt), dict(_shapes(n, most, dt))
     if temperature is not None:
-        means = temperature[: len(low.times) * size].reshape(-1, size).mean(axis=1)
+        means = _means(temperature, low, size)
         lags = [lag * n * dt for lag in _LAGS]
-        listed = [Change("temperature", lag, lag, functools.partial(_lagged, low.times, means - means.mean(), lag)) for lag in lags]
-        shapes["temperature"] = listed, _ordinates_of(low, listed)
+        listed = [Change("temperature", 0.0, lag, functools.partial(_lagged, low.times, means - means.mean(), lag)) for lag in lags]
+        shapes["temperature"] = listed, low.ordinates(listed)
     kept = len(low.factor)
-    records = [low.transform(axis.record[: len(low.times) * size].reshape(-1, size).mean(axis=1)) for axis in axes]
+    records = [low.transform(_means(axis.record, low, size)) for axis in axes]
     bases = [axis.columns[:kept, ~axis.slow] @ axis.theta[~axis.slow] for axis in axes]
     slows = [axis.columns[:kept, axis.slow] for axis in axes]
     if not all(np.all(base > 0.0) for base in bases):
         return Changes()
-    levels = {family: _level(family, len(axes)) for family in shapes}
+    levels = {family: _level(family, len(axes)) for family in _LEVELS}
     found: list[Change] = []
     held = np.zeros((kept, 0))
     fitted, cost = _refitted(records, held, slows, bases, [axis.theta[axis.slow] for axis in axes])
-    shifts = [Change("shift", at, 0.0, functools.partial(_event, at, 0.0)) for at in joints if 0.0 < at < n * dt]
-    if shifts:
-        x = _ordinates_of(low, shifts)
-        level = _densities(bases, slows, fitted)
-        ratios = sum(_ratios(record, one, x) for record, one in zip(records, level, strict=True))
-        sure = np.flatnonzero(ratios > _level("shift", len(axes)))
+    if shifts := [_event(at, 0.0)._replace(family="shift") for at in joints if 0.0 < at < n * dt]:
+        x = low.ordinates(shifts)
+        sure = np.flatnonzero(_ratios(records, _densities(bases, slows, fitted), x) > _level("shift", len(axes), len(shifts)))
         found = [shifts[i] for i in sure]
         held = x[sure, :, 0].T
         fitted, cost = _refitted(records, held, slows, bases, fitted)
-    instead: tuple[float, Change | None] = _level("K", len(axes)), None
+    instead: tuple[float, Change | None] = -_BESIDE, None
     plain = [slow[:, ~axis.walk] for slow, axis in zip(slows, axes, strict=True)]
     while sum(one.family != "shift" for one in found) < _MOST:
-        tried: dict[tuple[str, int], float] = {}
-        for level in (_densities(bases, slows, fitted), bases):
-            rests = [_residual(record, held, one) for record, one in zip(records, level, strict=True)]
-            for family, (_, x) in shapes.items():
-                ratios = np.sum([_ratios(rest, one, x) for rest, one in zip(rests, level, strict=True)], axis=0)
+        tried: list[tuple[str, Change, AnyArray]] = []
+        walks = any(np.any(one[axis.walk] > 0.0) for one, axis in zip(fitted, axes, strict=True))
+        for densities in (_densities(bases, slows, fitted), bases):
+            rests = [_residual(record, held, one) for record, one in zip(records, densities, strict=True)]
+            for family, (listed, x) in shapes.items():
+                ratios = _ratios(rests, densities, x)
                 best = int(np.argmax(ratios))
-                if ratios[best] > min(levels[family], instead[0]):
-                    tried[family, best] = levels[family]
+                if ratios[best] > levels[family] - _BESIDE * walks:
+                    sharp = (
+                        _sharpened(listed[best], x[best], low, rests, densities) if family in ("event", "edge") else (listed[best], x[best])
+                    )
+                    tried.append((family, *sharp))
         best = None
-        for (family, index), level in tried.items():
-            design = np.column_stack([held, shapes[family][1][index]])
+        for family, change, x in tried:
+            design = np.column_stack([held, x])
             theta, less = _refitted(records, design, slows, bases, fitted)
-            gain = cost - less - level
+            gain = cost - less - levels[family]
             if gain > 0.0 and (best is None or gain > best[0]):
-                best = gain, shapes[family][0][index], design, theta, less
-            if not any(np.any(one[axis.walk] > 0.0) for one, axis in zip(fitted, axes, strict=True)):
-                continue  # there is no K that could be something else
-            less_alone = _refitted(records, design, plain, bases, [one[~axis.walk] for one, axis in zip(fitted, axes, strict=True)])[1]
-            instead = max(instead, (cost - less_alone, shapes[family][0][index]), key=lambda one: one[0])
+                best = gain, change, design, theta, less
+            if walks:
+                less = _refitted(records, design, plain, bases, [one[~axis.walk] for one, axis in zip(fitted, axes, strict=True)])[1]
+                instead = max(instead, (cost - less - levels[family], change), key=lambda one: one[0])
         if best is None:
             break
         _, change, held, fitted, cost = best
-        found.append(change)
-        instead = _level("K", len(axes)), None
-    return Changes(tuple(found), instead[1])
+        found.append(_at_its_instant(change, axes, dt, size))
+        instead = -_BESIDE, None
+    return Changes(tuple(found), instead[1], instead[0] > -_HINT)
+
+
+def _at_its_instant(change: Change, axes: Sequence[Axis], dt: float, size: int) -> Change:
+    """A step, at the sample between which and the next the means of the records beside it differ most."""
+    if change.family != "step" or change.time:
+        return change
+    first = max(round(change.start / dt) - 2 * size, 0)
+    near = np.stack([axis.record[first : first + 4 * size] for axis in axes])
+    count = np.arange(1, near.shape[1])
+    rise = np.cumsum(near - near.mean(axis=1, keepdims=True), axis=1)[:, :-1]
+    best = int(np.argmax(np.sum(rise**2 / np.var(near, axis=1, keepdims=True), axis=0) / (count * (near.shape[1] - count))))
+    return _event((first + best + 0.5) * dt, 0.0)
 
 
 def _densities(bases: Sequence[AnyArray], slows: Sequence[AnyArray], fitted: Sequence[AnyArray]) -> list[AnyArray]:

@@ -47,14 +47,14 @@ FINDINGS = table(
         CAUTION, "A warm-up of {size:.2g}, with a time constant of {time:.2g} s, is fitted beside the noise; B and K are of the rest.",
         "Leave out the first {trim:.3g} s.", terminal="Leave it out with --start {trim:.3g}.",
     ),
-    sinusoid=Kind(NOTE, "A sinusoid of {size:.2g} at {frequency:.3g} Hz is fitted beside the noise; look for a heater or a fan."),
+    sinusoid=Kind(NOTE, "A sinusoid of {size:.2g} and {time:.3g} s is fitted beside the noise; look for a heater or a fan."),
     temperature=Kind(NOTE, "The readings follow the temperature, by {size:.2g} per degree, which is fitted beside the noise."),
     rival=Kind(
-        NOTE, "The slow noise has another spectrum than {terms}, by a factor of {factor:.2g}: {terms} is a hint.",
+        NOTE, "The slow noise has another spectrum than that of {terms}, by a factor of {factor:.2g}; take {terms} as a hint.",
         "noise.compare(y, rate) shows which.", terminal="See which with --compare.",
     ),
     instead=Kind(
-        NOTE, "K is a hint: {change} of the mean describes the record about as well.", "Record longer, at a steady temperature.",
+        NOTE, "K may be {change} of the mean, which describes the record at least as well.", "Record longer, at a steady temperature.",
     ),
     uneven=Kind(
         CAUTION, "The {what} is uneven in time, largest between {start:.6g} and {stop:.6g} s; intervals are {factor:.2g} times as wide "
@@ -64,8 +64,8 @@ FINDINGS = table(
 #: relative error of the size of a change from which an axis shows it; factor on an interval from which it is worth a sentence; ratio of the
 #: misfit of the spectrum to its expectation above which the model does not hold
 _SHOWN, _UNEVEN, _TOO_WIDE = 0.33, 2.0, 4.0
-#: cost of what concerns B and K alone; frequencies that one sentence names
-_SLOW, _MOST_LINES = 0.5, 4
+#: cost of what concerns B and K alone; frequencies that one sentence names; points of the course of a change
+_SLOW, _MOST_LINES, _DRAWN = 0.5, 4, 256
 
 
 def of_model(misfit: float, shortest: float | None) -> list[Finding]:
@@ -82,40 +82,41 @@ def of_lines(lines: Sequence[tuple[float, float]]) -> list[Finding]:
     return [FINDINGS("lines", cost=_SLOW, frequencies=shown)]
 
 
-def of_changes(changes: Sequence[Change], factors: Any, covariance: Any, unit: str) -> list[Finding]:
+def of_changes(changes: Sequence[Change], factors: Any, covariance: Any, unit: str, duration: float) -> list[Finding]:
     """Changes of the mean that were fitted; `factors` and `covariance` are of all columns of all changes, in `unit`.
 
     An axis is silent about a change of other axes that it does not show itself.
     """
-    found, steps, first = [], [], 0
+    found, steps, first, times = [], [], 0, np.linspace(0.0, duration, _DRAWN)
     for change in changes:
-        columns = slice(first, first + (2 if change.family == "sinusoid" else 1))
-        size = float(np.hypot.reduce(factors[columns]))
-        error = float(np.sqrt(factors[columns] @ covariance[columns, columns] @ factors[columns])) / size if size else np.inf
-        first, known = columns.stop, Quantity(size, unit)
-        if error > _SHOWN * size:
+        x = change.columns(times)
+        columns = slice(first, first + x.shape[1])
+        first, course = columns.stop, x @ factors[columns]
+        largest = x[np.argmax(course)] - x[np.argmin(course)]
+        largest = largest / {"sinusoid": 2.0, "temperature": np.ptp(x)}.get(change.family, 1.0)
+        size, error = abs(float(largest @ factors[columns])), float(np.sqrt(largest @ covariance[columns, columns] @ largest))
+        if change.family == "shift" or error > _SHOWN * size:  # a shift is part of what was set aside
             continue
         if change.family == "step":
-            steps.append((change.at, size, error))
-        elif change.family == "warm_up":
-            trim = change.at * max(float(np.log(size / error)), 1.0)
-            found.append(FINDINGS("warm_up", cost=_SLOW, size=known, time=change.at, trim=trim))
-        elif change.family != "shift":  # part of what was set aside
-            found.append(FINDINGS(change.family, cost=_SLOW, size=known, frequency=change.at))
+            steps.append((change.start, size, error))
+            continue
+        # a warm-up of two time constants has lasted for one when all but exp(-1) of it is over
+        over, trim = (float(times[np.abs(course - course[-1]) > rest][-1]) for rest in (np.exp(-1.0) * size, error))
+        code = "ramp" if change.family == "warm_up" and over > 0.5 * duration else change.family
+        time = change.time if change.family == "sinusoid" else over
+        found.append(FINDINGS(code, cost=_SLOW, size=Quantity(size, unit), time=time, trim=trim))
     if steps:
-        times, size = ", ".join(f"{at:.4g}" for at, *_ in sorted(steps)), max(size for _, size, _ in steps)
-        found.append(FINDINGS("step", cost=_SLOW, times=times, size=Quantity(size, unit), steps=sorted(steps)))
+        at, size = ", ".join(f"{start:.4g}" for start, *_ in sorted(steps)), max(size for _, size, _ in steps)
+        found.append(FINDINGS("step", cost=_SLOW, times=at, size=Quantity(size, unit), steps=sorted(steps)))
     return found
 
 
-def of_doubts(doubts: Sequence[str], rival: Rival, changes: Changes) -> list[Finding]:
-    """Why terms are hints at most."""
-    if not doubts:
-        return []
-    if rival.other:
+def of_doubts(doubts: Sequence[str], walks: bool, rival: Rival, changes: Changes) -> list[Finding]:
+    """Why terms are hints at most, and what K may be instead if the record `walks`."""
+    if doubts and rival.other:
         return [FINDINGS("rival", cost=_SLOW, terms=" and ".join(doubts), factor=float(np.exp(rival.apart)))]
-    what = {"step": "a change", "warm_up": "a warm-up", "sinusoid": "a sinusoid", "ramp": "a drift", "temperature": "the temperature"}
-    return [FINDINGS("instead", cost=_SLOW, change=what[changes.instead.family])] if changes.instead else []
+    what = {"step": "a change", "warm_up": "a warm-up or drift", "sinusoid": "a sinusoid", "temperature": "an effect of temperature"}
+    return [FINDINGS("instead", cost=_SLOW, change=what[changes.instead.family])] if walks and changes.instead else []
 
 
 def of_widening(wider: Widening, names: Sequence[str], duration: float) -> list[Finding]:
@@ -131,5 +132,6 @@ def of_widening(wider: Widening, names: Sequence[str], duration: float) -> list[
 
 def events_of(changes: Sequence[Change]) -> tuple[tuple[float, float, str], ...]:
     """(start in s, stop in s, words) for what acts in one part of the record only, to be marked in a drawing of it."""
-    found = [(one.at, one.at + one.time, "step") for one in changes if one.family == "step"]
-    return tuple(sorted(found + [(0.0, one.at, "warm-up") for one in changes if one.family == "warm_up"]))
+    words = {"step": "step", "warm_up": "warm-up"}
+    inside = [one for one in changes if one.family in words and np.isfinite(one.time)]
+    return tuple(sorted((one.start, one.start + one.time, words[one.family]) for one in inside))

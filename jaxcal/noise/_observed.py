@@ -70,15 +70,17 @@ class Observed:
     def __post_init__(self):
         y = np.asarray(self.y, dtype=float)
         n, missing = len(y), np.isnan(y)
+        columns = np.zeros((n, 0)) if self.regressors is None else np.array(self.regressors, dtype=float)
         self._there = 1.0 - missing.mean()
         if n - missing.sum() < _FEWEST:
             raise DataError(f"{n - int(missing.sum())} of {n} samples are there; a noise model needs {_FEWEST} at least")
         if 0.0 < 1.0 - self._there <= _FEW and len(runs(missing)[0]) <= _GAPS * np.sqrt(n):
+            for column in columns.T:  # a step inside of a gap is bridged in the record, too
+                column[:] = bridged(np.where(missing, np.nan, column))
             y, missing = bridged(y), np.zeros(n, dtype=bool)
         else:
             self._there = 1.0
         self._open = np.flatnonzero(missing)
-        columns = np.zeros((n, 0)) if self.regressors is None else np.asarray(self.regressors, dtype=float)
         # the regressors have the gaps of the record
         self._given = np.concatenate([y[:, None], columns], axis=1)
         self._given[missing] = 0.0

@@ -181,7 +181,7 @@ def _beside(limits: Limits, own: list[str], rival: Rival, changes: Changes) -> t
     """
     if rival.white:
         limits = limits.reaching(own.index("N"), *rival.white)
-    doubtful = [*("B", "K") * rival.other, *("K",) * (changes.instead is not None)]
+    doubtful = [*("B", "K") * rival.other, *("K",) * changes.hint]
     doubts = [name for i, name in enumerate(own) if name in doubtful and limits.significance[i] > PRESENT]
     for name in doubts:
         limits = limits.reaching(own.index(name), 0.0, 0.0, 0.0)
@@ -197,9 +197,9 @@ def _said(fit: NoiseFit, model: Described, wider: Widening, rival: Rival, doubts
         *getattr(fit.deviation, "findings", ()),
         *_findings.of_model(fitted.misfit, shortest),
         *_findings.of_lines(_lines(model)),
-        *_findings.of_changes(model.changes.fitted, observed.factors, observed.covariance, sensor or "ratio"),
+        *_findings.of_changes(model.changes.fitted, observed.factors, observed.covariance, sensor or "ratio", duration),
         *_findings.of_widening(wider, model.solved.names, duration),
-        *_findings.of_doubts(doubts, rival, model.changes),
+        *_findings.of_doubts(doubts, "K" in doubts or fit.presence.get("K") == "present", rival, model.changes),
     )
 
 
