@@ -29,8 +29,8 @@ from ._likelihood import scoring
 #: block means of a record, which have the same lowest ordinates; ordinates that the search uses; rounds of the regression and the fit of
 #: the noise; changes of one record; halvings of the distance in which the place of an event is sought beside those of the grid
 _BLOCKS, _ORDINATES, _ROUNDS, _MOST, _HALVINGS = 2048, 256, 2, 3, 4
-#: over the length of the record: times at which an event may begin, its time constants, those of a warm-up that has two, and those with which
-#: a sensor follows its temperature; cycles of a sinusoid in the record
+#: over the length of the record: times at which an event may begin, its time constants, those of a warm-up that has two, and those with
+#: which a sensor follows its temperature; cycles of a sinusoid in the record
 _STARTS = np.arange(96) / 96
 _TIMES = np.array([0.0, *2.0 ** np.arange(-7, 1), np.inf])
 _EDGE = 2.0 ** np.arange(-8, 1)
