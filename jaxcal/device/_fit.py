@@ -6,7 +6,6 @@ import jax
 import numpy as np
 
 from .._answer import Finding
-from .._errors import DataError
 from .._log import as_log
 from .._precision import host_float64
 from .._units import STANDARD_GRAVITY, STRONGEST_FIELD
@@ -19,17 +18,15 @@ from ._findings import Facts, findings_of, sensor_of
 from ._judge import Known, known, lacks
 from ._model import AT, NAMES, DeviceModel, field_of, model_of, template, vector_of
 from ._noise_floor import Floor
-from ._record import recorded
 from ._result import DeviceFit
 from ._solve import rounds
-from ._start import Start, started
+from ._start import Start, recorded, started
 from ._state import Place, Solution, nuisance, stretches
 from ._windows import Record
 
 _BELOW = ("accel.matrix[1,0]", "accel.matrix[2,0]", "accel.matrix[2,1]")  # zero by the convention of the frame
-#: shortest recording, s; fewest readings of the magnetometer; rad of latitude, within which the dip may have either sign, because the
-#: magnetic equator leaves the geographic one by 14 degrees
-_LEAST, _READINGS, _TROPIC = 20.0, 100, 0.35
+#: rad of latitude, within which the dip may have either sign, because the magnetic equator leaves the geographic one by 14 degrees
+_TROPIC = 0.35
 _QUANTITIES = {
     "accel.bias": "accel", "gyro.bias": "gyro", "gyro.g_sensitivity": "gyro/accel", "dip": "angle", "gyro_delay": "delay",
     "mag_delay": "delay", "lever": "length",
@@ -95,13 +92,7 @@ def fit(
     Applied Stochastic Differential Equations, 2019, section 12.3.
     """
     log, size = as_log(log), checked_gravity(STANDARD_GRAVITY if gravity is None else gravity)
-    if log.duration < _LEAST:
-        raise DataError(f"the recording lasts {log.duration:.3g} s; {_LEAST:g} s are needed, and three minutes are advised", code="short")
     record, floors, mag = recorded(log, size, None if latitude is None else float(latitude))
-    if (span := record.time * float(np.sum(~record.broken))) < _LEAST:
-        raise DataError(f"accelerometer and gyroscope have readings without gaps for {span:.3g} s; {_LEAST:g} s are needed", code="gaps")
-    if (number := int(record.there.sum())) < _READINGS:
-        raise DataError(f"the magnetometer has {number} readings; {_READINGS} are needed, and several per second are advised", code="few")
     (gyro, accel), slow = floors, dict[str, SlowNoise]()
     if noise is not None:
         (own, *of_gyro), (white, *of_accel) = (coefficients(noise, sensor) for sensor in ("gyro", "accel"))

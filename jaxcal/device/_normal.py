@@ -1,6 +1,7 @@
 """Residuals of all windows and their derivatives in closed form (host, NumPy: nothing needs compilation)."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -129,6 +130,32 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
         rotation, speed, place, rate, to_reading, turn_by[:, -1], reading_by, reading_late, force_by[:, 0], force_by[:, 1],
         np.cross(rate[:, ends], arm), -skew(arm) @ rate_by[:, ends],
     )  # fmt: skip
+
+
+def _spread_of(mean: np.ndarray, end: np.ndarray, gyro: np.ndarray, accel: np.ndarray, time: float) -> np.ndarray:
+    """(K, 9, 9) covariances of the inertial residuals for white noise with densities (K,).
+
+    They depend on the mean specific force of a window (K, 3), and on the rotation from its end back to its beginning (K, 3, 3).
+    """
+    up, eye = skew(mean), np.eye(3)
+    square = -(up @ up)  # an error of attitude rotates the specific force
+    g, a = (level[:, None, None] ** 2 for level in (gyro, accel))
+    speed, place = g * time**2 / 2 * end @ up, g * time**3 / 6 * end @ up
+    both = a * time**2 / 2 * eye + g * time**4 / 8 * square
+    rows = (
+        (g * time * eye, speed, place),
+        (np.swapaxes(speed, 1, 2), a * time * eye + g * time**3 / 3 * square, both),
+        (np.swapaxes(place, 1, 2), np.swapaxes(both, 1, 2), a * time**3 / 3 * eye + g * time**5 / 20 * square),
+    )
+    return np.concatenate([np.concatenate(row, axis=2) for row in rows], axis=1)
+
+
+def whitened(found: Inertial, gyro: Any, accel: Any, time: float, broken: np.ndarray) -> np.ndarray:
+    """(K, 9, 9) matrices that whiten the inertial residuals, for white noise of gyroscope and accelerometer, one density or (K,)."""
+    gyro, accel = (np.broadcast_to(level, len(found.speed)) for level in (gyro, accel))
+    matrix = _spread_of(found.speed / time, np.swapaxes(found.rotation[:, -1], 1, 2), gyro, accel, time)
+    matrix[broken] = np.diag(np.repeat([1.0, 10.0, 1.0], 3) ** 2)
+    return np.linalg.inv(np.linalg.cholesky(matrix))
 
 
 @dataclasses.dataclass

@@ -1,20 +1,28 @@
-"""Start of the fit: parameters from the single-sensor estimators, and an attitude from a filter over all three sensors."""
+"""From a log to the start of the fit: readings with gaps filled and their noise, then rests, parameters and an attitude."""
 
 import dataclasses
 import functools
 import itertools
+import math
+from typing import Any
 
 import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .. import magnetometer
-from .._arrays import from_vector
+from .._arrays import from_vector, windowed_variance
 from .._errors import DataError, FitError
+from ..imu._model import EARTH_RATE
 from ._model import AT, DeviceModel, model_of, template, vector_of
+from ._noise_floor import Floor, noise_floor
 from ._normal import inertial
-from ._state import Way
-from ._windows import Record
+from ._state import Rests, Way
+from ._windows import REACH, Grid, Record
 
+_LEAST, _READINGS = 20.0, 100  # s: shortest recording; fewest readings of the magnetometer
+#: readings: longest gap that is interpolated, and fewest that a spline needs; samples: smallest distance between two readings
+_SHORT, _FEWEST, _CLOSE = 2, 4, 0.2
+_STILL_FORCE, _STILL_RATE = 0.35, 0.06  # m/s^2, rad/s: at rest, readings scatter by less, and the mean rate is below the second
 _SLOW = 0.02  # eigenvalues below this part of the largest count little
 #: s: time constants of the corrections of the attitude by field and specific force; mean of readings, and step between those that are
 #: used
@@ -24,18 +32,91 @@ _CLEAR, _LEAST = 0.5, 0.6
 
 
 @dataclasses.dataclass(frozen=True)
+class _Sensor:
+    """Readings of a sensor at the samples of the log."""
+
+    filled: np.ndarray  # (n, 3) at the samples
+    lost: np.ndarray  # (n,) whether a sample lies in a gap too long for an interpolation
+    index: np.ndarray  # (m,) samples that have a reading
+    at: np.ndarray  # (m,) when it was taken, in samples
+    own: np.ndarray  # (m, 3) the readings
+
+    @staticmethod
+    def of(log: Any, name: str) -> "_Sensor":
+        """The readings are interpolated in short gaps, and where they were not taken at a sample (`Log.offset`)."""
+        # readings at the end of the range stay: they widen the noise of the motion, and without them the trajectory would break there
+        y = log.usable(name, keep=("clipped",))
+        count, index = len(y), np.flatnonzero(np.isfinite(y).all(axis=1))
+        at, moved = index.astype(float), name in log.offset
+        if moved:
+            at += log.offset[name][index] * log.rate
+            apart = np.append(True, np.diff(at) > _CLOSE)
+            index, at = index[apart], at[apart]
+        if len(index) < _FEWEST:
+            return _Sensor(np.zeros_like(y), np.ones(count, dtype=bool), index, at, y[index])
+        edges, rows = np.concatenate([[-1], index, [count]]), np.arange(count)
+        before, after = edges[np.searchsorted(edges, rows, "right") - 1], edges[np.searchsorted(edges, rows)]
+        lost = after - before > (_SHORT + 1) * np.median(np.diff(index))
+        filled = scipy.interpolate.CubicSpline(at, y[index])(rows) if moved or len(index) < count else y
+        return _Sensor(np.where(lost[:, None], np.median(y[index], axis=0), filled), lost, index, at, y[index])
+
+    def floor(self, rate: float) -> Floor:
+        """The noise. It is that of the readings themselves where most samples are interpolated, because interpolation filters noise."""
+        step = float(np.median(np.diff(self.at)))
+        if np.array_equal(self.at, self.index) and step == 1.0:
+            return noise_floor(self.filled, rate, self.lost)
+        return noise_floor(self.own, rate / step, np.zeros(len(self.own), dtype=bool))
+
+
+def recorded(log: Any, gravity: float, latitude: float | None = None) -> tuple[Record, tuple[Floor, Floor], np.ndarray]:
+    """The record, the noise of gyroscope and accelerometer, and the readings of the magnetometer in their own unit."""
+    if log.duration < _LEAST:
+        raise DataError(f"the recording lasts {log.duration:.3g} s; {_LEAST:g} s are needed, and three minutes are advised", code="short")
+    for name in ("accel", "gyro", "mag"):
+        value = getattr(log, name, None)
+        if value is None or np.shape(value)[1:] != (3,):
+            raise DataError(
+                f"the log has no {name} with three axes; a device is fitted from accelerometer, gyroscope and magnetometer",
+                code="no_sensor",
+            )
+    sensors = {name: _Sensor.of(log, name) for name in ("gyro", "accel")}
+    (gyro, no_gyro), (accel, no_accel) = ((sensor.filled, sensor.lost) for sensor in sensors.values())
+    mag = log.usable("mag")
+    there = np.isfinite(mag).all(axis=1)
+    rate = float(log.rate)
+    grid = Grid.of(len(accel), rate, REACH)
+    wide = math.ceil(REACH * rate) + 4
+    lost = no_accel | (np.convolve(no_gyro, np.ones(2 * wide + 1), mode="same") > 0)
+    broken = np.asarray(np.any(lost[grid.inner], axis=1))
+    if (span := grid.steps * grid.step * float(np.sum(~broken))) < _LEAST:
+        raise DataError(f"accelerometer and gyroscope have readings without gaps for {span:.3g} s; {_LEAST:g} s are needed", code="gaps")
+    if there.sum() < _READINGS:
+        raise DataError(f"the magnetometer has {there.sum()} readings; {_READINGS} are needed, and several per second are advised",
+                        code="few")  # fmt: skip
+    spin = np.zeros(3) if latitude is None else EARTH_RATE * np.array([np.cos(latitude), 0.0, np.sin(latitude)])
+    earth = from_vector(spin * grid.steps * grid.step)
+    for name, values in (("gyro", gyro), ("accel", accel)):
+        if not np.ptp(values, axis=0).any():
+            raise DataError(f"the readings of {name} never change: the sensor is dead, or its column is wrong", code="dead")
+    floors = sensors["gyro"].floor(rate), sensors["accel"].floor(rate)
+    later = np.where(there, log.offset["mag"], 0.0) if "mag" in log.offset else None
+    return Record(accel, gyro, np.where(there[:, None], mag, 0.0), later, there, broken, grid, gravity, earth), floors, mag
+
+
+@dataclasses.dataclass(frozen=True)
 class Start:
     """Start of the fit.
 
     Attributes
     ----------
-    vector, way : parameters and trajectory.
+    vector, way, rests : parameters, trajectory, and windows at rest.
     strength : of the field, in the unit of the readings.
     axes : matrices (3, 3) that rotate vectors from the axes of the accelerometer to those of gyroscope and magnetometer.
     """
 
     vector: np.ndarray
     way: Way
+    rests: Rests
     strength: float
     axes: tuple[np.ndarray, np.ndarray]
 
@@ -57,7 +138,17 @@ def started(record: Record, mag: np.ndarray) -> Start:
     record.mag = record.mag / strength
     way, dip = followed(record, vector)
     vector[AT["dip"]] = dip
-    return Start(vector, way, strength, (gyro, axes))
+    return Start(vector, way, rests_of(record), strength, (gyro, axes))
+
+
+def rests_of(record: Record) -> Rests:
+    """Windows in which the specific force hardly changes and the device hardly rotates, for at least a second."""
+    half = max(round(0.5 / record.grid.step), 2)
+    size, calm = 2 * half + 1, np.zeros(len(record.gyro), dtype=bool)
+    shaken, turned = windowed_variance(record.accel, size), windowed_variance(record.gyro, size)
+    rate = np.stack([np.convolve(x, np.ones(size) / size, mode="valid") for x in record.gyro.T], axis=1)
+    calm[half : half + len(shaken)] = (shaken < _STILL_FORCE**2) & (turned < _STILL_RATE**2) & (np.linalg.norm(rate, axis=1) < _STILL_RATE)
+    return Rests(calm[record.grid.inner].all(axis=1) & ~record.broken)
 
 
 def _ellipsoid(record: Record, mag: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray] | None:

@@ -11,7 +11,6 @@ from ..fitting import Chain
 from ..fitting._chain import Eliminated
 from ._model import NAMES, DeviceModel, field_of, model_of
 from ._normal import LINK, Inertial, Rows
-from ._windows import Windows
 
 #: prior standard deviation of each kind of parameter, far wider than the errors after a recording
 _SIZES = {
@@ -195,14 +194,12 @@ def with_prior(chain: Chain, ties: list[Tie]) -> Chain:
 
 @dataclasses.dataclass
 class Point:
-    """Parameters and trajectory, with windows and rows there."""
+    """Parameters and trajectory, with the rows there."""
 
     vector: np.ndarray
     way: Way
     back: int  # see `Record.back`
-    windows: Windows
     moved: Inertial
-    whiten: np.ndarray  # (K, 9, 9) matrices that whiten the inertial residuals
     rows: Rows
     prior: list[Tie]
     cost: float  # half the sum of squares
