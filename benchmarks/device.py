@@ -57,8 +57,8 @@ class Cell:
 
 #: 100, 87.5 and 46.7 Hz, from readings at 700 Hz; every n-th reading of white noise has n times its power density
 _CLOCKS = {"gyro": 7, "accel": 8, "mag": 15}
-_FINE = {"rate": 700.0, "accel_noise": NOISE_ACCEL / np.sqrt(8), "gyro_noise": NOISE_GYRO / np.sqrt(7)}
-_COLOURED = {"accel_noise": _ar1(NOISE_ACCEL * 10), "gyro_noise": _ar1(NOISE_GYRO * 10), "mag_noise": _ar1(0.005 * 50e-6)}
+_FINE = {"rate": 700.0, "noise": {"accel": NOISE_ACCEL / np.sqrt(8), "gyro": NOISE_GYRO / np.sqrt(7)}}
+_COLOURED = {"noise": {"accel": _ar1(NOISE_ACCEL * 10), "gyro": _ar1(NOISE_GYRO * 10), "mag": _ar1(0.005 * 50e-6)}}
 #: m/s^2 and rad/s: flicker of the biases, which the fit is told
 _FLICKER = (50e-6 * 9.80665, np.deg2rad(10 / 3600))
 _TOLD = {"noise": {"accel": {"N": NOISE_ACCEL, "B": _FLICKER[0]}, "gyro": {"N": NOISE_GYRO, "B": _FLICKER[1]}}}

@@ -172,7 +172,7 @@ def simulate_device(
     command prints them, for comparison with a calibration.
     """
     _check_size(rate, duration)
-    given = {f"{sensor}_noise": noise for sensor, noise in noises(gyro, accel).items()}
+    given = noises(gyro, accel)
     kinds: dict[str, Any] = {"free": "free", "one-axis": "one axis", "no-tilt": "no tilt"}
     said: list[str] = []
 
@@ -181,7 +181,7 @@ def simulate_device(
         from ..device import simulate
 
         try:
-            log, model, _ = simulate(duration, rate, seed=running.seed, rests=rests, turns=kinds[turns], **given)
+            log, model, _ = simulate(duration, rate, seed=running.seed, rests=rests, turns=kinds[turns], noise=given)
         except DataError as error:
             raise CallError(str(error)) from None
         said.extend(_told(model))

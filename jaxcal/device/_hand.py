@@ -15,6 +15,7 @@ import scipy  # loads its parts when they are first used
 from jaxtyping import Bool, Float
 
 from .._arrays import from_vector
+from .._units import STANDARD_GRAVITY
 
 #: number of sinusoids in one signal, and their highest frequency in units of the corner frequency; Hz: that of the position; number of
 #: samples for which the sinusoids are computed at once
@@ -136,15 +137,21 @@ class Hand:
     tremor : m, root mean square displacement along each axis.
     held : whether the tremor continues in the rests.
     arm : (3,) m, position of the device relative to the point about which the hand rotates it, in device axes.
-    gravity : m/s^2.
     """
 
     def __init__(
-        self, rng: np.random.Generator, pauses: Pauses, *, turns: str, reach: float, swing: float, tremor: float, held: bool,
-        arm: np.ndarray, gravity: float,
-    ):  # fmt: skip
-        self.pauses, self.reach, self.tremor, self.held, self.gravity = pauses, reach, tremor, held, gravity
-        self.arm = arm
+        self,
+        rng: np.random.Generator,
+        pauses: Pauses,
+        *,
+        turns: str,
+        reach: float,
+        swing: float,
+        tremor: float,
+        held: bool,
+        arm: np.ndarray,
+    ):
+        self.pauses, self.reach, self.tremor, self.held, self.arm = pauses, reach, tremor, held, arm
         # always draw all random numbers, so that an option changes only the part of the motion that it concerns
         axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
         start = rng.normal(size=4)
@@ -190,7 +197,7 @@ class Hand:
         whirled = np.cross(spin, self.arm) + np.cross(rate, swept)
         for vector, own in ((place, np.broadcast_to(self.arm, place.shape)), (velocity, swept), (acceleration, whirled)):
             vector += np.einsum("nij,nj->ni", attitude, own)
-        force = np.einsum("nji,nj->ni", attitude, acceleration + np.array([0.0, 0.0, self.gravity]))
+        force = np.einsum("nji,nj->ni", attitude, acceleration + np.array([0.0, 0.0, STANDARD_GRAVITY]))
         return HandMotion(
             time, attitude, rate, spin, place, velocity, acceleration, force, resting, np.stack([clock, clock_pace, clock_change], axis=1)
         )

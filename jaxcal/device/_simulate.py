@@ -10,9 +10,8 @@ from .._log import Log
 from .._precision import host_float64
 from .._units import STANDARD_GRAVITY
 from ..imu import Triad
-from ..imu._model import EARTH_RATE
+from ..imu._simulate import noisy
 from ..magnetometer import MagModel
-from ..noise import Noise
 from ._hand import BETWEEN, DRIFT, Hand, HandMotion, Pauses
 from ._model import DeviceModel
 
@@ -77,14 +76,9 @@ def simulate(
     tremor: float | int = 5e-5,
     arm: Any = (0.0, 0.0, 0.0),
     model: DeviceModel | None = None,
-    accel_noise: Any = None,
-    gyro_noise: Any = None,
-    mag_noise: Any = None,
+    noise: Any = None,
     gradient: float | int = 0.0,
     iron: tuple[float, float, float] | None = None,
-    gravity: float | int = STANDARD_GRAVITY,
-    latitude: float | int | None = None,
-    motion: int | None = None,
 ) -> tuple[Log, DeviceModel, HandMotion]:
     """Simulate a recording of a device that a hand waves within its reach.
 
@@ -104,15 +98,11 @@ def simulate(
     tremor : m, root mean square displacement between 8 and 12 Hz along each axis. The angles of the tremor are this over 0.1 m.
     arm : (3,) m, position of the device relative to the point about which the hand rotates it, in device axes. This point has the `reach`.
     model : the device; None for `random_device` with this seed.
-    accel_noise, gyro_noise : white noise in m/s/sqrt(s) and rad/sqrt(s), or a `jaxcal.noise.Noise`; None for 120 ug/sqrt(Hz) and
-        0.007 deg/s/sqrt(Hz), both two-sided as `Noise.N`.
-    mag_noise : standard deviation of a reading in the unit of the field, or a `jaxcal.noise.Noise`; None for 0.5 % of the field.
+    noise : {"accel": N, "gyro": N, "mag": N}, white noise in m/s/sqrt(s), rad/sqrt(s) and T sqrt(s), or a `jaxcal.noise.Noise` for each;
+        a sensor that is not named has 120 ug/sqrt(Hz), 0.007 deg/s/sqrt(Hz), both two-sided as `Noise.N`, or 0.5 % of the field a reading.
     gradient : change of the field per metre, as a fraction of the field (Frobenius norm of the gradient), without curl or divergence.
     iron : (start, end, strength): times in s between which the device is beside iron, and the largest field of the iron, as a fraction of
         the Earth's field.
-    gravity : m/s^2.
-    latitude : rad, to add the Earth's rate; None adds none.
-    motion : seed of device and motion only, to simulate one motion with different noise; None uses `seed`.
 
     Returns
     -------
@@ -139,7 +129,7 @@ def simulate(
     ----------
     Hand tremor of 8 to 12 Hz: Elble and Koller, Tremor, 1990.
     """
-    positive = {"duration": duration, "rate": rate, "still": still, "swing": swing, "gravity": gravity}
+    positive = {"duration": duration, "rate": rate, "still": still, "swing": swing}
     bad = [f"{name}={value}" for name, value in positive.items() if not 0 < value < np.inf]
     rest = {"initial": initial, "reach": reach, "tremor": tremor, "gradient": gradient, "rests": rests}
     bad += [f"{name}={value}" for name, value in rest.items() if not 0 <= value < np.inf]
@@ -153,23 +143,16 @@ def simulate(
     if count < 2:
         raise DataError(f"duration={duration} s at rate={rate} Hz is {count} samples: expected 2 or more")
 
-    numbers = {name: np.random.default_rng([seed if motion is None else motion, i]) for i, name in enumerate(("device", "path", "field"))}
+    numbers = {name: np.random.default_rng([seed, i]) for i, name in enumerate(("device", "path", "field"))}
     device = random_device(numbers["device"]) if model is None else model
     pauses = _pauses(numbers["path"], float(duration), int(rests), float(still), float(initial), 1 - DRIFT if held else 1.0)
     hand = Hand(
         numbers["path"], pauses, turns=turns, reach=float(reach), swing=float(swing), tremor=float(tremor), held=held,
-        arm=np.asarray(arm, dtype=float), gravity=float(gravity),
+        arm=np.asarray(arm, dtype=float),
     )  # fmt: skip
     time = np.arange(count) / float(rate)
     true = hand.at(time)
     late = hand.at(time - float(device.gyro_delay))
-    rates = late.rate
-    if latitude is not None:
-        rates = rates + EARTH_RATE * np.einsum("nji,j->ni", late.attitude, [np.cos(float(latitude)), 0.0, np.sin(float(latitude))])
-    readings = {
-        "accel": np.asarray(device.accel.measure(_at_elements(true, np.asarray(device.lever)))),
-        "gyro": np.asarray(device.gyro.measure(rates, late.force)),
-    }
     turned = hand.at(time - float(device.mag_delay))
     field = np.asarray(device.world_field)
     change = _gradient(numbers["field"]) * float(gradient) * np.linalg.norm(field)
@@ -178,32 +161,14 @@ def simulate(
     if iron is not None:
         outside = outside + _bump(turned.time, *iron) * np.linalg.norm(field) * beside / np.linalg.norm(beside)
     inside = np.einsum("nji,nj->ni", turned.attitude, outside)
-    iron_model = device.magnetometer
-    readings["mag"] = inside @ np.asarray(iron_model.soft_iron).T + np.asarray(iron_model.hard_iron)
-
-    noise = np.random.default_rng([seed, 3])
-    given = {
-        "accel": NOISE["accel"] if accel_noise is None else accel_noise,
-        "gyro": NOISE["gyro"] if gyro_noise is None else gyro_noise,
-        # density that gives this standard deviation at this rate
-        "mag": mag_noise if isinstance(mag_noise, Noise)
-        else (NOISE["mag"] * np.linalg.norm(field) if mag_noise is None else float(mag_noise)) / np.sqrt(float(rate)),
-    }  # fmt: skip
-    for sensor, own in given.items():
-        readings[sensor] = readings[sensor] + _noise(own, count, float(rate), noise, sensor)
-    log = Log(
-        None, accel=readings["accel"], gyro=readings["gyro"], mag=readings["mag"], rate=float(rate),
-        provenance={"simulated": True, "seed": seed},
-    )  # fmt: skip
-    return log, device, true
-
-
-def _noise(own: Any, count: int, rate: float, rng: np.random.Generator, sensor: str) -> np.ndarray:
-    if isinstance(own, Noise):
-        return np.stack([np.asarray(own.simulate(count, rate, seed=rng)) for _ in range(3)], axis=1)
-    if not 0 <= own < np.inf:
-        raise DataError(f"{sensor}_noise={own}: expected a number of 0 or more, or a jaxcal.noise.Noise")
-    return float(own) * np.sqrt(rate) * rng.normal(size=(count, 3))
+    readings = {
+        "accel": device.accel.measure(_at_elements(true, np.asarray(device.lever))),
+        "gyro": device.gyro.measure(late.rate, late.force),
+        "mag": inside @ np.asarray(device.magnetometer.soft_iron).T + np.asarray(device.magnetometer.hard_iron),
+    }
+    # the density of the magnetometer gives its standard deviation at this rate
+    known = NOISE | {"mag": NOISE["mag"] * np.linalg.norm(field) / np.sqrt(float(rate))} | (noise or {})
+    return noisy(readings, known, float(rate), seed, 3), device, true
 
 
 def _at_elements(true: HandMotion, lever: np.ndarray) -> np.ndarray:

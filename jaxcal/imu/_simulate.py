@@ -130,12 +130,22 @@ def simulate(
     force = size * c_nb[:, 2, :]
     if latitude is not None:
         w = w + EARTH_RATE * (np.cos(latitude) * c_nb[:, 0, :] + np.sin(latitude) * c_nb[:, 2, :])
-    rng = np.random.default_rng([seed, 1])
-    readings = [np.asarray(accel.measure(force)), np.asarray(gyro.measure(w, force))]
-    for i, sensor in enumerate(("accel", "gyro")):
-        own: Any = (noise or {}).get(sensor, _NOISE[sensor])
+    readings = {"accel": accel.measure(force), "gyro": gyro.measure(w, force)}
+    return noisy(readings, _NOISE | (noise or {}), float(rate), seed, 1)
+
+
+def noisy(readings: dict[str, Any], noise: dict[str, Any], rate: float, seed: int, stream: int) -> Log:
+    """A log of exact readings (n, 3) of each sensor with its noise: a white noise N, or a `jaxcal.noise.Noise`.
+
+    `stream` separates the random numbers of this noise from others of the same seed.
+    """
+    rng, seen = np.random.default_rng([seed, stream]), {}
+    for sensor, exact in readings.items():
+        own, exact = noise[sensor], np.asarray(exact)
         if hasattr(own, "simulate"):
-            readings[i] = readings[i] + np.stack([own.simulate(len(w), float(rate), seed=rng) for _ in range(3)], axis=1)
+            seen[sensor] = exact + np.stack([own.simulate(len(exact), rate, seed=rng) for _ in range(3)], axis=1)
+        elif 0 <= own < np.inf:
+            seen[sensor] = exact + float(own) * np.sqrt(rate) * rng.normal(size=exact.shape)
         else:
-            readings[i] = readings[i] + float(own) * np.sqrt(float(rate)) * rng.normal(size=w.shape)
-    return Log(None, gyro=readings[1], accel=readings[0], rate=float(rate), provenance={"simulated": True, "seed": seed})
+            raise DataError(f"noise of {sensor} is {own}: expected a number of 0 or more, or a jaxcal.noise.Noise", code="noise")
+    return Log(None, **seen, rate=rate, provenance={"simulated": True, "seed": seed})

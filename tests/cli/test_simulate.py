@@ -44,7 +44,7 @@ def test_a_simulated_device_prints_its_truth(call, folder):
     found = call("simulate", "device", "--out", "d.csv", "--duration", "20", "--seed", "4", "--rests", "2", "--gyro", "N=1deg/sqrt(h)")
     assert (found.status, found.err) == (0, "")
     log = jaxcal.read(folder / "d.csv", quiet=True)
-    again, device, _ = jaxcal.device.simulate(20.0, seed=4, rests=2, gyro_noise=jaxcal.noise.Noise(N=np.deg2rad(1 / 60)))
+    again, device, _ = jaxcal.device.simulate(20.0, seed=4, rests=2, noise={"gyro": jaxcal.noise.Noise(N=np.deg2rad(1 / 60))})
     for sensor in ("accel", "gyro", "mag"):
         assert getattr(log, sensor) == pytest.approx(getattr(again, sensor), rel=1e-7, abs=1e-12)
     printed = " ".join(found.out.split())

@@ -151,7 +151,7 @@ def test_noise_of_the_accelerometer_that_the_hand_hides_is_seen_above_its_band()
     # AR(1): at low frequencies the density is (1 + keep) / (1 - keep) = 5.7 times that of samples with this deviation, at the
     # highest frequency less by the same factor. White noise behind a filter is that of the filter's band
     deviation, keep, rng = 0.02, 0.7, np.random.default_rng(1)
-    log, *_ = simulate(40.0, 100.0, seed=11, accel_noise=0.0)
+    log, *_ = simulate(40.0, 100.0, seed=11, noise={"accel": 0.0})
     white = rng.normal(size=(len(log.time) + 500, 3))
     cases = {
         "white": (white, 1.0, 0.05), "AR(1)": (scipy.signal.lfilter([np.sqrt(1 - keep**2)], [1.0, -keep], white, axis=0), 2.38, 0.4),
