@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy  # loads its parts when they are first used
 from jax.core import Tracer
 
 #: v @ _CROSS is the matrix of the cross product, [v] x = v cross x; matrix products compile faster than single components
@@ -61,6 +62,25 @@ def skew(v: Any) -> Any:
     out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
     out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
     return out
+
+
+def axis_turns() -> np.ndarray:
+    """The 24 rotations that exchange axes, (24, 3, 3), the identity first; their negatives mirror."""
+    found = scipy.spatial.transform.Rotation.create_group("O").as_matrix().round()
+    return found[np.argsort(-np.trace(found, axis1=1, axis2=2), kind="stable")]
+
+
+def axis_words(turn: np.ndarray) -> str:
+    """Rows of a signed permutation in words: x, y, z as axes of another sensor.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal._arrays import axis_words
+    >>> axis_words(np.array([[0, 0, 1], [-1, 0, 0], [0, 1, 0]]))
+    '+z, -x, +y'
+    """
+    return ", ".join(f"{'+' if row.sum() > 0 else '-'}{'xyz'[int(np.argmax(np.abs(row)))]}" for row in turn)
 
 
 def from_vector(v: np.ndarray) -> np.ndarray:

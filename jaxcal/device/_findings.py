@@ -5,9 +5,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._answer import CAUTION, FATAL, GRAVITY_ASSUMED, NOTE, Finding, Kind, Quantity, table
-from .._units import STANDARD_GRAVITY
 from ..fitting import Estimate
-from ._model import field_of
+from ._model import KINDS, field_of
 
 FINDINGS = table(
     gravity_assumed=GRAVITY_ASSUMED,
@@ -19,15 +18,19 @@ FINDINGS = table(
     not_converged=Kind(FATAL, "The fit did not converge, so its numbers are not reliable.", "Record again in one place, far from iron."),
     inaccurate=Kind(
         CAUTION, "Errors are up to {times:.2g} times those of a good calibration.",
-        "Record longer, through all attitudes, with more rests.",
+        "Record longer, through all attitudes, with more rests.", limits=(1.0,),
     ),
     far=Kind(
         CAUTION, "The device went {distance:.2g} away from its mean position, farther than an arm reaches.",
         "Stand still and move only the arm.",
+        limits=(1.5,),  # m: a hand with a reach of 0.25 m along each axis goes 1.1 m away in three minutes
     ),
     gradient=Kind(CAUTION, "The field varies with the place, by {percent:.2g} % per metre.", "Record farther from iron."),
     loose=Kind(CAUTION, "It turns against the other sensors by {angle:.2g} rms as the device accelerates.", "Mount it firmly."),
-    disturbed=Kind(NOTE, "The field was disturbed for {time:.3g} ({percent:.2g} % of the log), which counts little or nothing."),
+    disturbed=Kind(
+        NOTE, "The field was disturbed for {time:.3g} ({percent:.2g} % of the log), which counts little or nothing.",
+        limits=(0.0, 0.2),  # parts of the recording
+    ),
     drift=Kind(
         NOTE, "The bias drifted by {drift:.2g} along the recording; the result is its mean.", "Let the device warm up before you record."
     ),
@@ -40,16 +43,7 @@ FINDINGS = table(
     ),
 )  # fmt: skip
 
-#: field -> largest standard error in a good calibration: of a matrix (1 or rad), and of a bias in SI (hard iron: as a part of the field).
-#: A consumer MEMS unit before calibration has ten times as much
-_GOOD = {
-    "accel.matrix": 5e-3, "accel.bias": 5e-3 * STANDARD_GRAVITY, "gyro.matrix": 5e-3, "gyro.bias": np.deg2rad(0.02),
-    "magnetometer.soft_iron": 1e-2, "magnetometer.hard_iron": 5e-3,
-}  # fmt: skip
 SENSORS = ("accel", "gyro", "magnetometer")
-#: m from the mean position: a hand with a reach of 0.25 m along each axis goes 1.1 m away in three minutes; part of the recording from
-#: which a disturbed field makes the magnetometer weak
-_WIDE, _DISTURBED = 1.5, 0.2
 
 
 def sensor_of(name: str) -> str:
@@ -83,26 +77,20 @@ def findings_of(estimate: Estimate, facts: Facts) -> tuple[Finding, ...]:
     lost = {sensor_of(name) for name, state in estimate.states.items() if state == "open"}
     error = dict(zip(estimate.names, estimate.error, strict=True))
     for sensor in SENSORS:
-        times = max(
-            (size / _GOOD[kind] / (facts.field if kind.endswith("hard_iron") else 1.0)
-             for name, size in error.items() if (kind := field_of(name)) in _GOOD and sensor_of(name) == sensor), default=0.0,
-        )  # fmt: skip
-        if sensor in lost:
-            found.append(FINDINGS("undetermined", sensor))
-        elif times > 1:
-            found.append(FINDINGS("inaccurate", sensor, times, times=times))
+        own = {name: size for name, size in error.items() if sensor_of(name) == sensor and np.isfinite(size)}
+        unit = {"magnetometer.hard_iron": facts.field}
+        times = max((size / KINDS[kind].good / unit.get(kind, 1.0) for name, size in own.items() if (kind := field_of(name))), default=0.0)
+        found += [FINDINGS("undetermined", sensor)] if sensor in lost else FINDINGS.over("inaccurate", times, sensor, times=times)
     if facts.dead:
         found.append(FINDINGS("dead_band", "gyro"))
-    if (away := float(np.linalg.norm(facts.place - facts.place.mean(axis=0), axis=1).max())) > _WIDE:
-        found.append(FINDINGS("far", "accel", away, distance=Quantity(away, "length")))
+    away = float(np.linalg.norm(facts.place - facts.place.mean(axis=0), axis=1).max())
+    found += FINDINGS.over("far", away, "accel", distance=Quantity(away, "length"))
     for name, size in facts.lacks.items():
         units = {"drift": {"drift": Quantity(size, "gyro")}, "loose": {"angle": Quantity(size, "angle")}}
         shown: dict[str, Any] = units.get(name, {"percent": 100 * size})
         found.append(FINDINGS(name, "gyro" if name == "drift" else "magnetometer", **shown))
-    if facts.disturbed:
-        share = facts.disturbed / facts.duration
-        severity = CAUTION if share > _DISTURBED else NOTE
-        found.append(FINDINGS("disturbed", "magnetometer", share, severity, time=Quantity(facts.disturbed, "time"), percent=100 * share))
+    share = facts.disturbed / facts.duration
+    found += FINDINGS.over("disturbed", share, "magnetometer", time=Quantity(facts.disturbed, "time"), percent=100 * share)
     if facts.disagreement is not None:
         times = float(np.sqrt(facts.disagreement))
         found.append(FINDINGS("disagree", cost=times, times=times))

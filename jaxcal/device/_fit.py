@@ -16,7 +16,7 @@ from ..magnetometer._axes import Axes, by_axes
 from ..noise import Noise as SlowNoise
 from ._findings import Facts, findings_of, sensor_of
 from ._judge import Known, known, lacks
-from ._model import AT, NAMES, DeviceModel, field_of, model_of, template, vector_of
+from ._model import AT, KINDS, NAMES, DeviceModel, field_of, model_of, template, vector_of
 from ._noise_floor import Floor
 from ._result import DeviceFit
 from ._solve import rounds
@@ -27,10 +27,6 @@ from ._windows import Record
 _BELOW = ("accel.matrix[1,0]", "accel.matrix[2,0]", "accel.matrix[2,1]")  # zero by the convention of the frame
 #: rad of latitude, within which the dip may have either sign, because the magnetic equator leaves the geographic one by 14 degrees
 _TROPIC = 0.35
-_QUANTITIES = {
-    "accel.bias": "accel", "gyro.bias": "gyro", "gyro.g_sensitivity": "gyro/accel", "dip": "angle", "gyro_delay": "delay",
-    "mag_delay": "delay", "lever": "length",
-}  # fmt: skip
 
 
 @host_float64
@@ -135,7 +131,7 @@ def _reported(found: Solution, told: Known, start: Start, field: float | None) -
     estimate = Estimate(
         names, np.where(open_, np.nan, vector[shown]), covariance, told.freedom,
         {name: "open" if gone else "held" for name, gone, fixed in zip(names, open_, held, strict=True) if gone or fixed},
-        _QUANTITIES | {"magnetometer.hard_iron": unit, "field": unit},
+        {field: unit if kind.quantity == "mag" else kind.quantity for field, kind in KINDS.items()},
     )  # fmt: skip
     plain = vector_of(template())
     plain[AT["gyro.matrix"]], plain[AT["magnetometer.soft_iron"]] = (axes.ravel() for axes in start.axes)

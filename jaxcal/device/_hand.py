@@ -140,17 +140,9 @@ class Hand:
     """
 
     def __init__(
-        self,
-        rng: np.random.Generator,
-        pauses: Pauses,
-        *,
-        turns: str,
-        reach: float,
-        swing: float,
-        tremor: float,
-        held: bool,
+        self, rng: np.random.Generator, pauses: Pauses, *, turns: str, reach: float, swing: float, tremor: float, held: bool,
         arm: np.ndarray,
-    ):
+    ):  # fmt: skip
         self.pauses, self.reach, self.tremor, self.held, self.arm = pauses, reach, tremor, held, arm
         # always draw all random numbers, so that an option changes only the part of the motion that it concerns
         axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))

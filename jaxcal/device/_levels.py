@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..noise import Noise as SlowNoise
+from ..noise import Noise as SlowNoise, mean_covariance
 from ._model import NAMES
 from ._noise_floor import CLEAR, markov_spectrum, white_and_markov
 from ._normal import LINK
@@ -13,12 +13,9 @@ _DRAWS, _FEW = 16, 10
 #: lengths of sums in windows, and number of those whose power always counts. Many sums determine it. One length is too few: noise may be
 #: correlated within a window
 _LENGTHS, _SHORT = (1, 2, 4, 8, 16, 32, 64), 3
-#: smallest and largest factor on the change that the residuals ask for
-_PACE = (0.25, 4.0)
 #: weight of the prior ratio of 1, in degrees of freedom; standard deviations by which a ratio must be larger over many windows than few
 _SURE, _MARGIN = 1.0, 2.5
-_LINES, _DAY = 200, 86400.0  # spectral lines of a bias that wanders, and their longest period, s
-_CORRELATED = (2, 64, 11)  # shortest and longest time constant of the noise, in windows, and number of those that are tried
+_DAY = 86400.0  # s, over which the bias is a mean: the time within which a calibration is used
 
 
 def residuals(found: Solution) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -94,11 +91,11 @@ class Levels:
         return Noise(**levels), most
 
     def _pace(self, key: tuple[str, int], at: float, asked: float) -> float:
-        """Factor on the asked change, from the secant: with 1, levels of two sensors that explain the same residuals would oscillate."""
+        """Factor up to 1 on the asked change, from the secant: levels of two sensors that explain the same residuals would oscillate."""
         before, self._before[key] = self._before.get(key), (at, asked)
         if before is None or before[0] == at or (slope := (asked - before[1]) / (at - before[0])) >= 0:
             return 1.0
-        return float(np.clip(-1 / slope, *_PACE))
+        return min(-1 / slope, 1.0)
 
 
 def _excess(seen: np.ndarray, left: np.ndarray, which: np.ndarray, turn: np.ndarray) -> tuple[float, bool]:
@@ -129,7 +126,7 @@ def slow_noise(found: Solution, time: float, felt_by: dict[str, np.ndarray], wan
         total = total + _wandering(felt_by[sensor], noise, time)
     resting = found.rests.windows
     number = found.kept.sum() / max(np.count_nonzero(found.kept.any(axis=1)), 1)
-    keep = np.exp(-1 / np.geomspace(*_CORRELATED))
+    keep = np.exp(-1 / np.array(_LENGTHS[1:]))
     for name, (seen, drawn) in residuals(found).items():
         count = len(seen)
         level = np.broadcast_to(getattr(found.noise, name), count) ** 2 * (time / number if name == "mag" else 1.0)
@@ -151,18 +148,13 @@ def slow_noise(found: Solution, time: float, felt_by: dict[str, np.ndarray], wan
 
 
 def _wandering(pushed: np.ndarray, noise: SlowNoise, time: float) -> np.ndarray:
-    """(p, p) variance of the score from a wandering bias. `pushed` (K, p, 3) is the change of the score by a bias in one window.
+    """(p, p) variance of the score from a bias that wanders about its mean over a day, with the recording in its middle.
 
-    Flicker has no long-term mean, so the parameter is defined as the mean over a day, the time within which a calibration is used.
+    `pushed` (K, p, 3) is the change of the score by a bias in one window. Flicker has no mean over all time.
     """
-    count = len(pushed)
-    edges = np.geomspace(1 / _DAY, 1 / (2 * time), _LINES + 1)
-    middle, width = np.sqrt(edges[1:] * edges[:-1]), np.diff(edges)
-    power = 2 * np.asarray(noise.psd(middle)) * width
-    angle = 2 * np.pi * time * np.arange(count)[:, None] * middle
-    waves = np.concatenate([np.cos(angle), np.sin(angle)], axis=1) * np.sqrt(np.tile(power, 2))
-    felt = np.einsum("kpa,kl->pal", pushed, waves, optimize=True)
-    return np.einsum("pal,qal->pq", felt, felt, optimize=True)
+    dwell = np.concatenate([[_DAY / 2], np.full(len(pushed), time), [_DAY / 2]])
+    matrix = mean_covariance(noise, np.cumsum(dwell) - dwell, dwell)[1:-1, 1:-1]
+    return np.einsum("kpa,kl,lqa->pq", pushed, matrix, pushed, optimize=True)
 
 
 def _octaves(seen: np.ndarray, drawn: np.ndarray, which: np.ndarray, keep: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

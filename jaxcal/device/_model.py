@@ -1,6 +1,6 @@
 """`DeviceModel`: readings of the sensors of one device, in one frame and on one clock; its parameters as a vector."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -8,9 +8,33 @@ import numpy as np
 
 from .._precision import array_module
 from .._types import AnyArray
+from .._units import STANDARD_GRAVITY
 from ..fitting._problem import names_of
 from ..imu import Triad
 from ..magnetometer import MagModel
+
+
+class Kind(NamedTuple):
+    """A kind of parameter: quantity of its unit, prior standard deviation, and largest standard error in a good calibration, in SI.
+
+    The prior is far wider than the errors after a recording. A consumer MEMS unit before calibration has ten times the error of a good
+    calibration; that of the hard iron is a part of the field.
+    """
+
+    quantity: str
+    prior: float
+    good: float = np.inf
+
+
+#: field of the model -> its kind; "mag" for the unit of the magnetometer, whose priors are parts of the field
+KINDS = {
+    "accel.matrix": Kind("ratio", 0.1, 5e-3), "accel.bias": Kind("accel", 1.0, 5e-3 * STANDARD_GRAVITY),
+    "accel.g_sensitivity": Kind("ratio", 1.0), "gyro.matrix": Kind("ratio", 0.1, 5e-3),
+    "gyro.bias": Kind("gyro", 0.1, np.deg2rad(0.02)), "gyro.g_sensitivity": Kind("gyro/accel", 1e-3),
+    "magnetometer.soft_iron": Kind("ratio", 0.5, 1e-2), "magnetometer.hard_iron": Kind("mag", 2.0, 5e-3), "field": Kind("mag", 1.0),
+    "dip": Kind("angle", 1.0), "gyro_delay": Kind("delay", 0.03), "mag_delay": Kind("delay", 0.03), "lever": Kind("length", 0.1),
+    "arm": Kind("length", 0.3),
+}  # fmt: skip
 
 
 class DeviceModel(eqx.Module):

@@ -15,7 +15,7 @@ _SEGMENT, _SEGMENTS, _FREQUENCIES = 1.28, 8, 5
 #: order of the differences that keep low frequencies from leaking, and of those that show noise where there is no such spectrum; motion
 #: below an eighth of the rate hardly changes them
 _DIFFERENCES, _ORDER = 4, 6
-_CORNERS, _REWEIGHTED = 24, 10  # corner frequencies that are tried; rounds of least squares with renewed weights
+_REWEIGHTED = 10  # rounds of least squares with renewed weights
 #: gain in log-likelihood over white noise from which the spectrum of residuals, or of a sensor, shows such noise. The device moves less
 #: than the fit allows at rest, so white noise gains something too: at most 19 in 24 simulations with 8 rests, 18 to 60 in 12 with 24
 #: rests. A false gain of 33 to 60 made the errors 2 to 14 % larger
@@ -54,7 +54,7 @@ def noise_floor(y: np.ndarray, rate: float, lost: np.ndarray) -> Floor:
     # the median ignores knocks and stretches with vibration
     seen = np.median(power, axis=0).mean(axis=0) / np.log(2) / (2 * np.sin(angle / 2)) ** (2 * _DIFFERENCES)
     seen = np.maximum(seen, least)
-    keep = np.exp(-2 * np.pi * np.geomspace(1 / WINDOW, rate / 2, _CORNERS) / rate)[:, None]
+    keep = np.exp(-2 * np.pi * frequency[frequency >= 1 / WINDOW] / rate)[:, None]
     white, slow, _, gain = white_and_markov(seen, markov_spectrum(keep, angle), 2 * power.shape[0] * power.shape[1])
     if gain < CLEAR:
         return Floor(*2 * [float(np.sqrt(seen.mean()))])

@@ -11,7 +11,8 @@ from ._model import AT, NAMES, DeviceModel
 from ._windows import MAG_DELAY, Windows
 
 #: unknowns of a link: rotation, velocity, position, and the acceleration of the Matern process, which no residual of a sensor contains
-LINK = 12
+TURN, VELOCITY, PLACE, PULL = (slice(3 * i, 3 * i + 3) for i in range(4))
+LINK = PULL.stop
 #: columns of the gyroscope's parameters
 TURNING = np.r_[AT["gyro.matrix"], AT["gyro.bias"], AT["gyro.g_sensitivity"], AT["gyro_delay"]]
 

@@ -9,6 +9,7 @@ from .._answer import Finding, Number, Quantity, Result, Section, by_axis, liste
 from .._special import student_quantile
 from .._types import AnyArray
 from ..fitting import Estimate
+from ..imu._observability import PLACES
 from ._findings import SENSORS
 from ._model import DeviceModel
 
@@ -16,7 +17,6 @@ _TITLES = {"accel": "accelerometer", "gyro": "gyroscope", "magnetometer": "magne
 #: parameters of the tables of the sensors
 _PARTS = {"accel": ("accel.*", "lever*"), "gyro": ("gyro.*", "gyro_delay"), "magnetometer": ("magnetometer.*", "field", "mag_delay")}
 _LABELS = {"gyro_delay": "delay", "mag_delay": "delay", "field": "Earth's field"}
-_HEADINGS = 8  # attitudes of a level device over which the error of its heading is averaged
 
 
 class DeviceFit(Result):
@@ -126,11 +126,11 @@ def _errors(estimate: Estimate, model: DeviceModel, gravity: float) -> dict[str,
         return reach * float(np.sqrt(variance.max() if how == "worst" else variance.mean()))
 
     faces = [{f"accel.matrix[{i},{j}]": sign * gravity, f"accel.bias[{i}]": 1.0} for i in range(3) for j in range(3) for sign in (-1, 1)]
-    turns, up = 2 * np.pi * np.arange(_HEADINGS) / _HEADINGS, np.array([0.0, 0.0, 1.0])
+    up = np.array([0.0, 0.0, 1.0])
     iron, level = (np.linalg.inv(np.asarray(one)) for one in (model.magnetometer.soft_iron, model.accel.matrix))
     across, down = math.cos(model.dip), math.sin(model.dip)
     slopes = []
-    for north in np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=1):
+    for north in PLACES[PLACES[:, 2] == 0]:  # eight headings of a level device
         west, h = np.cross(up, north), float(model.field) * (across * north - down * up)
         # the heading turns with the field across it, and with the tilt of the vertical
         field, tilt = -west @ iron / (float(model.field) * across), -west @ level / gravity * down / across

@@ -20,7 +20,6 @@ _ROUNDS, _MOST, _BLIND, _STEPS, _FEW = 3, 8, 5, 25, 10
 #: a fit has converged when a step is expected to lower the cost (half the sum of squares) by less; the rounds end when weights, and
 #: logarithms of noise levels, change by less
 _SETTLED, _SAME = 1e-4, 0.05
-_SLOW, _FURTHEST = 0.5, 30.0  # ratio of successive steps above which a step is lengthened; largest factor
 #: noise of a reading of the field, as a part of it, in the first fit. Rms field residual of a window in standard deviations: above the
 #: second number it gets less weight, above the third that of the fourth, which is not zero, so that its residuals are still computed
 _FIELD_NOISE, _FAR, _GONE, _LITTLE = 0.01, 1.5, 4.0, 1e-2
@@ -87,16 +86,11 @@ def solved(
         return dataclasses.replace(chain, corner=chain.corner + np.diag(sizes**-2.0), score=chain.score + off)
 
     now = at(vector, way, record.back(vector))
-    chain, done, before = equations(now), False, None
+    chain, done = equations(now), False
     for _ in range(steps):
-        known, stretch = chain.eliminated(), 1.0
+        known = chain.eliminated()
         while True:
             move = -np.linalg.solve(known.information + damping * np.diag(sizes**-2.0), known.score)
-            if stretch and before is not None:
-                # steps that shrink slowly form a geometric series: take the sum of the remaining series in one step
-                shrinks = float(before @ known.information @ move) / float(before @ known.information @ before)
-                stretch = min(1 / (1 - shrinks), _FURTHEST) if _SLOW < shrinks < 1 else 1.0
-                move = stretch * move
             promised = -0.5 * float(move @ known.score) - 0.5 * float(np.sum(chain.link_score * known.links(np.zeros(len(free)))))
             trial = now.vector.copy()
             trial[free] += move
@@ -104,11 +98,7 @@ def solved(
             found = at(trial, now.way.moved(known.links(move)), now.back)
             if found.cost <= now.cost * (1 + 1e-9) + 1e-6 or damping > 1e12:
                 break
-            if stretch > 1:
-                stretch = 0.0
-            else:
-                damping = max(10 * damping, 1.0)
-        before = None if stretch > 1 or damping else move
+            damping = max(10 * damping, 1.0)
         done, now = abs(promised) < _SETTLED, found
         if (back := record.back(now.vector, now.back)) != now.back:
             now = at(now.vector, now.way, back)

@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import itertools
 import math
 from typing import Any
 
@@ -10,20 +9,21 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .. import magnetometer
-from .._arrays import from_vector, windowed_variance
+from .._arrays import axis_turns, axis_words, from_vector, runs, windowed_variance
 from .._errors import DataError, FitError
 from ..imu._model import EARTH_RATE
 from ._model import AT, DeviceModel, model_of, template, vector_of
 from ._noise_floor import Floor, noise_floor
 from ._normal import inertial
-from ._state import Rests, Way
+from ._state import UNSEEN, Rests, Way
 from ._windows import REACH, Grid, Record
 
 _LEAST, _READINGS = 20.0, 100  # s: shortest recording; fewest readings of the magnetometer
 #: readings: longest gap that is interpolated, and fewest that a spline needs; samples: smallest distance between two readings
 _SHORT, _FEWEST, _CLOSE = 2, 4, 0.2
-_STILL_FORCE, _STILL_RATE = 0.35, 0.06  # m/s^2, rad/s: at rest, readings scatter by less, and the mean rate is below the second
-_SLOW = 0.02  # eigenvalues below this part of the largest count little
+#: m/s^2 and rad/s: at rest, readings scatter by less, and the mean rate is below the second number; how much more than inside the rest a
+#: window at its edge may scatter; number of windows by which a rest may grow at each edge
+_STILL_FORCE, _STILL_RATE, _CALM, _EDGE = 0.35, 0.06, 1.1, 4
 #: s: time constants of the corrections of the attitude by field and specific force; mean of readings, and step between those that are
 #: used
 _FIELD, _FORCE, _SMOOTH, _THIN = 1.0, 10.0, 0.3, 0.1
@@ -124,7 +124,7 @@ class Start:
     def words(self) -> str:
         """The axes of gyroscope and magnetometer, where they are not those of the accelerometer."""
         both = zip(("gyroscope", "magnetometer"), self.axes, strict=True)
-        return "; ".join(f"{sensor} {named(matrix)}" for sensor, matrix in both if not np.array_equal(matrix, np.eye(3)))
+        return "; ".join(f"{sensor} x, y, z are {axis_words(matrix)}" for sensor, matrix in both if not np.array_equal(matrix, np.eye(3)))
 
 
 def started(record: Record, mag: np.ndarray) -> Start:
@@ -148,7 +148,15 @@ def rests_of(record: Record) -> Rests:
     shaken, turned = windowed_variance(record.accel, size), windowed_variance(record.gyro, size)
     rate = np.stack([np.convolve(x, np.ones(size) / size, mode="valid") for x in record.gyro.T], axis=1)
     calm[half : half + len(shaken)] = (shaken < _STILL_FORCE**2) & (turned < _STILL_RATE**2) & (np.linalg.norm(rate, axis=1) < _STILL_RATE)
-    return Rests(calm[record.grid.inner].all(axis=1) & ~record.broken)
+    still = calm[record.grid.inner].all(axis=1)
+    # the scatter is computed over a second, which must fit into the rest: extend the rest while single windows are as calm as inside
+    force, turns = record.accel[record.grid.inner], record.gyro[record.grid.inner]
+    own = np.array([np.ptp(force, axis=1).max(axis=1), np.linalg.norm(turns.mean(axis=1), axis=1), np.ptp(turns, axis=1).max(axis=1)])
+    for first, stop in zip(*runs(still), strict=True):
+        calm = np.all(own <= _CALM * own[:, first:stop].max(axis=1, keepdims=True), axis=0)
+        before, after = (int(np.argmin(np.append(part, False))) for part in (calm[:first][: -_EDGE - 1 : -1], calm[stop:][:_EDGE]))
+        still[first - before : stop + after] = True
+    return Rests(still & ~record.broken)
 
 
 def _ellipsoid(record: Record, mag: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray] | None:
@@ -179,9 +187,7 @@ def _turned(record: Record, mag: np.ndarray, rates: np.ndarray) -> tuple[np.ndar
     left = y[1:] - np.einsum("kab,kb->ka", back, y[:-1])
     normal = np.einsum("kba,kbc->ac", rows, rows)
     # directions in which the readings hardly change keep the mean
-    values, vectors = np.linalg.eigh(normal)
-    gain = values / (values**2 + (_SLOW * values[-1]) ** 2)
-    centre = vectors @ (gain * (vectors.T @ np.einsum("kba,kb->a", rows, left)))
+    centre = np.linalg.pinv(normal, UNSEEN**2, hermitian=True) @ np.einsum("kba,kb->a", rows, left)
     strength = float(np.sqrt(np.mean(np.sum((y - centre) ** 2, axis=1))))
     if not strength > 0:
         raise DataError("the magnetometer's readings are all alike; turn the device through all attitudes", code="dead")
@@ -247,9 +253,8 @@ def axes_of(vectors: np.ndarray, rates: np.ndarray, rate: float, names: tuple[st
     some = slice(None, None, max(round(_THIN * rate), 1))
     change = np.gradient(v, axis=0)[some] * rate
     v, w = v[some], (w - np.median(w, axis=0))[some]
-    matrices = [
-        np.eye(3)[list(order)] * sign for order in itertools.permutations(range(3)) for sign in itertools.product((1.0, -1.0), repeat=3)
-    ]
+    turns = axis_turns()
+    matrices = np.concatenate([turns, -turns])
     # the identity comes first
     cost = np.array([np.sum((change + np.cross(w @ matrix.T, v)) ** 2) for matrix in matrices])
     best = int(np.argmin(cost))
@@ -257,15 +262,9 @@ def axes_of(vectors: np.ndarray, rates: np.ndarray, rate: float, names: tuple[st
         return matrices[0]
     if np.linalg.det(matrices[best]) < 0:
         raise DataError(
-            f"the axes of the {names[0]} are mirrored against those of the {names[1]}: its {named(matrices[best].T)} of the {names[1]}; "
+            f"the axes of the {names[0]} are mirrored against those of the {names[1]}: its x, y, z are {axis_words(matrices[best].T)} "
+            f"of the {names[1]}; "
             "every sensor needs right-handed axes, and rates are positive counterclockwise: change the signs or the order of its axes",
             code="mirrored",
         )
     return matrices[best]
-
-
-def named(matrix: np.ndarray) -> str:
-    """A matrix that rotates vectors from the axes of another sensor to those of a sensor, in words."""
-    order = np.argmax(np.abs(matrix), axis=1)
-    words = ["-"[: int(matrix[row, column] < 0)] + "xyz"[column] for row, column in enumerate(order)]
-    return f"x, y, z are {', '.join(words)}"

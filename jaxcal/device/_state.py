@@ -9,18 +9,10 @@ import scipy  # loads its parts when they are first used
 from .._arrays import from_vector, runs, to_vector
 from ..fitting import Chain
 from ..fitting._chain import Eliminated
-from ._model import NAMES, DeviceModel, field_of, model_of
-from ._normal import LINK, Inertial, Rows
+from ._model import KINDS, NAMES, DeviceModel, field_of, model_of
+from ._normal import LINK, PLACE, PULL, TURN, VELOCITY, Inertial, Rows
 
-#: prior standard deviation of each kind of parameter, far wider than the errors after a recording
-_SIZES = {
-    "accel.matrix": 0.1, "accel.bias": 1.0, "accel.g_sensitivity": 1.0, "gyro.matrix": 0.1, "gyro.bias": 0.1, "gyro.g_sensitivity": 1e-3,
-    "magnetometer.soft_iron": 0.5, "magnetometer.hard_iron": 2.0, "field": 1.0, "dip": 1.0, "gyro_delay": 0.03, "mag_delay": 0.03,
-    "lever": 0.1, "arm": 0.3,
-}  # fmt: skip
-SIZES = np.array([_SIZES[field_of(name)] for name in NAMES])
-#: where rotation, velocity, position and acceleration stand in a link
-TURN, VELOCITY, PLACE, PULL = (slice(first, first + 3) for first in range(0, LINK, 3))
+SIZES = np.array([KINDS[field_of(name)].prior for name in NAMES])
 #: error over prior standard deviation from which a parameter is not determined; if a prior wider by the second factor raises an error by
 #: the third, the error depends on the prior
 UNSEEN, _LOOSE, _DEPENDS = 0.2, 5.0, 1.2

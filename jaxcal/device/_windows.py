@@ -14,8 +14,6 @@ from ._model import NAMES
 TAPS = np.arange(-3, 5)
 #: s: length of a window, and largest delay
 WINDOW, REACH = 0.2, 0.05
-#: steps by which a delay may leave its sampling interval before the interval is changed
-_NEAR = 0.75
 GYRO_DELAY, MAG_DELAY = NAMES.index("gyro_delay"), NAMES.index("mag_delay")
 
 
@@ -144,10 +142,10 @@ class Record:
         return self.grid.steps * self.grid.step
 
     def back(self, vector: np.ndarray, now: int | None = None) -> int:
-        """`steps_back` for these parameters. It stays at `now` while the delay is near, so that the cost does not jump between steps."""
+        """`steps_back` for these parameters. It stays at `now` while the delay is within a step, so that the cost does not jump."""
         delay = float(vector[MAG_DELAY])
         part = -delay / self.grid.step
-        return now if now is not None and now - _NEAR < part < now + 1 + _NEAR else steps_back(self.grid, delay)
+        return now if now is not None and now - 1 < part < now + 2 else steps_back(self.grid, delay)
 
     def kept(self, back: int) -> np.ndarray:
         """(K, m) whether a reading of the magnetometer exists, in a window without missing inertial samples."""

@@ -7,12 +7,13 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._answer import FATAL, Finding, Number, Result, Section, listed
+from .._arrays import axis_turns
 from .._errors import DataError
 from .._special import NORMAL95
 from .._types import AnyArray
 from ._aided import Attitudes, Known, Solution, averaged, north_of, poses, solved
 from ._attitude import Attitude
-from ._axes import FEWEST, Axes, axes_by_headings, axes_by_rates, axes_of, by_axes, permutations
+from ._axes import FEWEST, Axes, axes_by_headings, axes_by_rates, axes_of, by_axes
 from ._design._heading_error import TURNED
 from ._ellipsoid._algebraic import extents
 from ._ellipsoid._shape import NEAR_PLANAR, Frame, root, unit
@@ -286,7 +287,7 @@ def by_rates(m: np.ndarray, model: MagModel, field: float, gyro: np.ndarray, rat
     rows = np.flatnonzero(np.isfinite(m).all(axis=1))
     frame = Frame.of(m[rows])
     begin = np.asarray(model.soft_iron) * field / frame.scale, (np.asarray(model.hard_iron) - frame.centre) / frame.scale
-    base = max(permutations(), key=lambda one: np.trace(one.T @ begin[0]))
+    base = max(axis_turns(), key=lambda one: np.trace(one.T @ begin[0]))
     found = solved(frame.scaled(m[rows]), Attitudes(gyro=gyro, rate=rate, rows=rows), begin, base, Known())
     turned = MagModel(found.matrix * frame.scale / field, frame.centre + frame.scale * found.centre)
     return turned, found.parameters[14:17], float(found.parameters[17])
@@ -323,7 +324,7 @@ def alignment_of(found: Solution, source: str) -> Alignment:
 
 def _vector(rotation: np.ndarray) -> np.ndarray:
     """Rotation vector from the nearest exchange of axes."""
-    base = max(permutations(), key=lambda one: np.trace(one.T @ rotation))
+    base = max(axis_turns(), key=lambda one: np.trace(one.T @ rotation))
     return scipy.spatial.transform.Rotation.from_matrix(base.T @ rotation).as_rotvec()
 
 

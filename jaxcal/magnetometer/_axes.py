@@ -7,9 +7,9 @@ the other mirrors, and only the sign of the dip tells which: a mirrored axis is 
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy  # loads its parts when they are first used
 
 from .._answer import CAUTION, FATAL, Finding, Quantity
+from .._arrays import axis_turns, axis_words
 from ._findings import FINDINGS
 
 _CLEARER = 2.0  # times less scatter than that of equal axes, to be believed; one mirrored axis had 3 at least in 25 real logs, 18 usually
@@ -34,12 +34,6 @@ class Axes(NamedTuple):
         return bool(np.array_equal(self.turn, np.eye(3)))
 
 
-def permutations() -> np.ndarray:
-    """The 24 rotations that exchange axes, (24, 3, 3), the identity first."""
-    found = scipy.spatial.transform.Rotation.create_group("O").as_matrix().round()
-    return found[np.argsort(-np.trace(found, axis1=1, axis2=2), kind="stable")]
-
-
 def _clearest(scatter: np.ndarray) -> int:
     """Number of the axes with the least scatter; other axes than the first, the same ones, must be clearly better."""
     best = int(np.argmin(scatter))
@@ -51,7 +45,7 @@ def axes_of(field: np.ndarray, up: np.ndarray) -> Axes | None:
     there = np.isfinite(field).all(axis=1) & np.isfinite(up).all(axis=1)
     if there.sum() < FEWEST:
         return None
-    known = permutations()
+    known = axis_turns()
     products = np.einsum("ni,kij,nj->kn", field[there], known, up[there])
     scatter = np.std(products, axis=1)
     best = _clearest(scatter)
@@ -62,7 +56,7 @@ def axes_of(field: np.ndarray, up: np.ndarray) -> Axes | None:
 
 def axes_by_rates(field: np.ndarray, attitude: np.ndarray, member: np.ndarray) -> Axes:
     """The axes in which corrected unit fields stand still where the rates turn them back, in each segment; mirrored ones look turned."""
-    known, scatter = permutations(), []
+    known, scatter = axis_turns(), []
     count = np.maximum(np.bincount(member), 1)[:, None]
     for turn in known:
         back = np.einsum("nij,nj->ni", attitude, field @ turn)
@@ -74,14 +68,9 @@ def axes_by_rates(field: np.ndarray, attitude: np.ndarray, member: np.ndarray) -
 
 def axes_by_headings(field: np.ndarray, point: np.ndarray) -> Axes:
     """The axes in which corrected unit fields are those of known attitudes, (n, 3) each: headings show mirrored axes."""
-    known = np.concatenate([permutations(), -permutations()])
+    known = np.concatenate([axis_turns(), -axis_turns()])
     scatter = np.array([np.sqrt(np.mean(np.sum((field - point @ turn.T) ** 2, axis=1))) for turn in known])
     return Axes(known[_clearest(scatter)], np.nan, True)
-
-
-def _words(turn: np.ndarray) -> str:
-    """Axes x, y, z of the magnetometer as axes of the accelerometer."""
-    return ", ".join(f"{'+' if row.sum() > 0 else '-'}{'xyz'[int(np.argmax(np.abs(row)))]}" for row in turn)
 
 
 def by_axes(found: Axes | None, sign: float, turns: bool = True) -> list[Finding]:
@@ -95,13 +84,13 @@ def by_axes(found: Axes | None, sign: float, turns: bool = True) -> list[Finding
     if found.same:
         return [FINDINGS("reversed", dip=Quantity(found.dip, "angle"))] if known < 0 else []
     if known > 0:
-        return [FINDINGS("remounted", axes=_words(found.turn))]
+        return [FINDINGS("remounted", axes=axis_words(found.turn))]
     if known < 0:
         return [_mirrored(-found.turn, grave)]
+    both: dict[str, Any] = {"first": axis_words(found.turn), "second": axis_words(-found.turn)}
     if not np.isfinite(found.dip):
-        return [FINDINGS("axes_turned", severity=grave, first=_words(found.turn), second=_words(-found.turn))]
-    return [FINDINGS("axes_open", severity=grave, first=_words(found.turn), second=_words(-found.turn), dip=Quantity(found.dip, "angle"),
-                     other=Quantity(-found.dip, "angle"))]  # fmt: skip
+        return [FINDINGS("axes_turned", severity=grave, **both)]
+    return [FINDINGS("axes_open", severity=grave, dip=Quantity(found.dip, "angle"), other=Quantity(-found.dip, "angle"), **both)]
 
 
 def _mirrored(turn: np.ndarray, severity: Any) -> Finding:
@@ -110,4 +99,4 @@ def _mirrored(turn: np.ndarray, severity: Any) -> Finding:
     # a single axis is mirrored if all others keep their places
     one = "xyz"[int(np.argmin(diagonal))] if np.all(diagonal) and np.sum(diagonal < 0) == 1 else ""
     what = f"axis {one} is reversed" if one else "axes are exchanged or reversed"
-    return FINDINGS("mirrored", severity=severity, what=what, axes=_words(turn))
+    return FINDINGS("mirrored", severity=severity, what=what, axes=axis_words(turn))

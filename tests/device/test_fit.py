@@ -97,7 +97,7 @@ def test_sensors_may_be_mounted_in_different_directions(refuses):
     found, turned = fit(log), fit(jaxcal.Log(None, accel=log.accel, gyro=log.gyro @ gyro, mag=log.mag @ mag.T, rate=25.0))
     assert not is_open(turned)
     axes = next(one.facts["axes"] for one in turned.findings if one.code == "other_axes")
-    assert axes == "gyroscope x, y, z are -x, -y, z; magnetometer x, y, z are y, z, x"
+    assert axes == "gyroscope x, y, z are -x, -y, +z; magnetometer x, y, z are +y, +z, +x"
     error = error_of(found, "gyro.matrix[0,1]")[0]
     np.testing.assert_allclose(turned.model.gyro.matrix, gyro @ found.model.gyro.matrix, atol=0.1 * error)
     np.testing.assert_allclose(turned.model.magnetometer.soft_iron, mag @ found.model.magnetometer.soft_iron, atol=0.1 * error)
