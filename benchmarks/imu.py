@@ -18,7 +18,7 @@ import numpy as np
 
 import jaxcal
 from jaxcal.imu import multi_position
-from jaxcal.imu._simulate import _NOISE
+from jaxcal.imu._simulate import NOISE
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "imu"))
@@ -57,7 +57,7 @@ def coverage(runs):
 
     truth = cases.turned_truth()
     for name, options in (
-        ("noise known", {"noise": {sensor: {"N": value} for sensor, value in _NOISE.items()}}),
+        ("noise known", {"noise": {sensor: {"N": value} for sensor, value in NOISE.items()}}),
         ("noise not known", {}),
         ("noise not known, no loss", {"loss": None}),
     ):

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from .._units import factor
 from ..noise import Noise as SlowNoise, mean_covariance
 from ._model import NAMES
 from ._noise_floor import CLEAR, markov_spectrum, white_and_markov
@@ -15,7 +16,7 @@ _DRAWS, _FEW = 16, 10
 _LENGTHS, _SHORT = (1, 2, 4, 8, 16, 32, 64), 3
 #: weight of the prior ratio of 1, in degrees of freedom; standard deviations by which a ratio must be larger over many windows than few
 _SURE, _MARGIN = 1.0, 2.5
-_DAY = 86400.0  # s, over which the bias is a mean: the time within which a calibration is used
+_DAY = factor("d", "time")  # s, over which the bias is a mean: the time within which a calibration is used
 
 
 def residuals(found: Solution) -> dict[str, tuple[np.ndarray, np.ndarray]]:

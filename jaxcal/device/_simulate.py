@@ -10,14 +10,11 @@ from .._log import Log
 from .._precision import host_float64
 from .._units import STANDARD_GRAVITY
 from ..imu import Triad
-from ..imu._simulate import noisy
+from ..imu._simulate import NOISE, noisy
 from ..magnetometer import MagModel
 from ._hand import BETWEEN, DRIFT, Hand, HandMotion, Pauses
 from ._model import DeviceModel
 
-#: white noise of a MEMS accelerometer (120 ug/sqrt(Hz)) and gyroscope (0.007 deg/s/sqrt(Hz)): m/s/sqrt(s) and
-#: rad/sqrt(s); standard deviation of a reading of a magnetometer, as a fraction of the field
-NOISE = {"accel": 120e-6 * STANDARD_GRAVITY, "gyro": np.deg2rad(0.007), "mag": 0.005}
 _TURNS = ("free", "one axis", "no tilt")
 
 

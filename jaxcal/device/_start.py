@@ -12,13 +12,14 @@ from .. import magnetometer
 from .._arrays import axis_turns, axis_words, from_vector, runs, windowed_variance
 from .._errors import DataError, FitError
 from ..imu._model import EARTH_RATE
+from ..magnetometer._axes import clearest
 from ._model import AT, DeviceModel, model_of, template, vector_of
 from ._noise_floor import Floor, noise_floor
 from ._normal import inertial
 from ._state import UNSEEN, Rests, Way
 from ._windows import REACH, Grid, Record
 
-_LEAST, _READINGS = 20.0, 100  # s: shortest recording; fewest readings of the magnetometer
+_BRIEF, _READINGS = 20.0, 100  # s: shortest recording; fewest readings of the magnetometer
 #: readings: longest gap that is interpolated, and fewest that a spline needs; samples: smallest distance between two readings
 _SHORT, _FEWEST, _CLOSE = 2, 4, 0.2
 #: m/s^2 and rad/s: at rest, readings scatter by less, and the mean rate is below the second number; how much more than inside the rest a
@@ -27,8 +28,6 @@ _STILL_FORCE, _STILL_RATE, _CALM, _EDGE = 0.35, 0.06, 1.1, 4
 #: s: time constants of the corrections of the attitude by field and specific force; mean of readings, and step between those that are
 #: used
 _FIELD, _FORCE, _SMOOTH, _THIN = 1.0, 10.0, 0.3, 0.1
-#: largest cost of other axes, over the cost of equal axes, and over that of vectors that do not rotate
-_CLEAR, _LEAST = 0.5, 0.6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,8 +69,8 @@ class _Sensor:
 
 def recorded(log: Any, gravity: float, latitude: float | None = None) -> tuple[Record, tuple[Floor, Floor], np.ndarray]:
     """The record, the noise of gyroscope and accelerometer, and the readings of the magnetometer in their own unit."""
-    if log.duration < _LEAST:
-        raise DataError(f"the recording lasts {log.duration:.3g} s; {_LEAST:g} s are needed, and three minutes are advised", code="short")
+    if log.duration < _BRIEF:
+        raise DataError(f"the recording lasts {log.duration:.3g} s; {_BRIEF:g} s are needed, and three minutes are advised", code="short")
     for name in ("accel", "gyro", "mag"):
         value = getattr(log, name, None)
         if value is None or np.shape(value)[1:] != (3,):
@@ -88,8 +87,8 @@ def recorded(log: Any, gravity: float, latitude: float | None = None) -> tuple[R
     wide = math.ceil(REACH * rate) + 4
     lost = no_accel | (np.convolve(no_gyro, np.ones(2 * wide + 1), mode="same") > 0)
     broken = np.asarray(np.any(lost[grid.inner], axis=1))
-    if (span := grid.steps * grid.step * float(np.sum(~broken))) < _LEAST:
-        raise DataError(f"accelerometer and gyroscope have readings without gaps for {span:.3g} s; {_LEAST:g} s are needed", code="gaps")
+    if (span := grid.steps * grid.step * float(np.sum(~broken))) < _BRIEF:
+        raise DataError(f"accelerometer and gyroscope have readings without gaps for {span:.3g} s; {_BRIEF:g} s are needed", code="gaps")
     if there.sum() < _READINGS:
         raise DataError(f"the magnetometer has {there.sum()} readings; {_READINGS} are needed, and several per second are advised",
                         code="few")  # fmt: skip
@@ -246,7 +245,7 @@ def axes_of(vectors: np.ndarray, rates: np.ndarray, rate: float, names: tuple[st
     """(3, 3) matrix Q, a permutation of axes with signs, that rotates `rates` to the axes of the `vectors`.
 
     A vector v that is constant in the world, such as gravity or the field, changes by v' = -(Q w) x v at the rate w. Q is the identity
-    unless another matrix explains the changes far better.
+    unless another matrix explains the changes clearly better.
     """
     size = max(round(_SMOOTH * rate), 1)
     v, w = (np.stack([np.convolve(x, np.ones(size) / size, mode="valid") for x in y.T], axis=1) for y in (vectors, rates))
@@ -255,11 +254,7 @@ def axes_of(vectors: np.ndarray, rates: np.ndarray, rate: float, names: tuple[st
     v, w = v[some], (w - np.median(w, axis=0))[some]
     turns = axis_turns()
     matrices = np.concatenate([turns, -turns])
-    # the identity comes first
-    cost = np.array([np.sum((change + np.cross(w @ matrix.T, v)) ** 2) for matrix in matrices])
-    best = int(np.argmin(cost))
-    if not cost[best] < min(_CLEAR * cost[0], _LEAST * np.sum(change**2)):
-        return matrices[0]
+    best = clearest(np.array([np.sqrt(np.sum((change + np.cross(w @ matrix.T, v)) ** 2)) for matrix in matrices]))
     if np.linalg.det(matrices[best]) < 0:
         raise DataError(
             f"the axes of the {names[0]} are mirrored against those of the {names[1]}: its x, y, z are {axis_words(matrices[best].T)} "

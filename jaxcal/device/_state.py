@@ -16,8 +16,6 @@ SIZES = np.array([KINDS[field_of(name)].prior for name in NAMES])
 #: error over prior standard deviation from which a parameter is not determined; if a prior wider by the second factor raises an error by
 #: the third, the error depends on the prior
 UNSEEN, _LOOSE, _DEPENDS = 0.2, 5.0, 1.2
-#: smallest standard deviation of the velocity at rest, m/s; smallest part of its variance that is taken as seen by the sensors
-_SLOWEST, _SHOWN = 1e-4, 0.1
 
 
 def nuisance(name: str) -> bool:
@@ -256,10 +254,10 @@ class Solution(Point):
             return place, self.rests
         # on a table the true velocity is zero. The mean square plus the variance of the estimate would need many rounds to come near it
         shown = 1 - np.mean(spread[ends, VELOCITY]) / self.rests.speed**2
-        slow = np.mean(way.velocity[ends] ** 2) / max(shown, _SHOWN)
+        slow = np.mean(way.velocity[ends] ** 2) / max(shown, UNSEEN)
         turned = np.mean(to_vector(way.turns[self.rests.windows]) ** 2)
         least = 0.2 * np.min(level.gyro) * np.sqrt(time)
-        return place, Rests(self.rests.windows, max(float(np.sqrt(slow)), _SLOWEST), max(float(np.sqrt(turned)), float(least)))
+        return place, Rests(self.rests.windows, float(np.sqrt(slow)), max(float(np.sqrt(turned)), float(least)))
 
 
 def stretches(flags: np.ndarray, begin: np.ndarray, time: float) -> tuple[tuple[float, float], ...]:

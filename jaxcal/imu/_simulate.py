@@ -8,11 +8,12 @@ import scipy  # loads its parts when they are first used
 from .._errors import DataError
 from .._log import Log
 from .._precision import host_float64
+from .._units import STANDARD_GRAVITY
 from ._known import checked_gravity
 from ._model import EARTH_RATE, Imu, Triad
 from ._observability import PLACES
 
-#: a typical MEMS unit, and its white noise in m/s/sqrt(s) and rad/sqrt(s)
+#: a typical MEMS unit
 MEMS = Imu(
     Triad(np.array([[1.012, 0.004, -0.006], [0.0, 0.991, 0.009], [0.0, 0.0, 1.005]]), np.array([0.12, -0.08, 0.2])),
     Triad(
@@ -20,7 +21,9 @@ MEMS = Imu(
         np.array([[3e-5, -1e-5, 2e-5], [1e-5, -4e-5, 0.5e-5], [-2e-5, 1e-5, 2e-5]]),
     ),
 )  # fmt: skip
-_NOISE = {"accel": 1.5e-3, "gyro": 1e-4}
+#: its white noise: accelerometer (120 ug/sqrt(Hz)) in m/s/sqrt(s), gyroscope (0.007 deg/s/sqrt(Hz)) in rad/sqrt(s), and standard deviation
+#: of a reading of a magnetometer, as a part of the field
+NOISE = {"accel": 120e-6 * STANDARD_GRAVITY, "gyro": np.deg2rad(0.007), "mag": 0.005}
 
 
 def attitudes(poses: int = 24, seed: Any = 0) -> np.ndarray:
@@ -131,7 +134,7 @@ def simulate(
     if latitude is not None:
         w = w + EARTH_RATE * (np.cos(latitude) * c_nb[:, 0, :] + np.sin(latitude) * c_nb[:, 2, :])
     readings = {"accel": accel.measure(force), "gyro": gyro.measure(w, force)}
-    return noisy(readings, _NOISE | (noise or {}), float(rate), seed, 1)
+    return noisy(readings, NOISE | (noise or {}), float(rate), seed, 1)
 
 
 def noisy(readings: dict[str, Any], noise: dict[str, Any], rate: float, seed: int, stream: int) -> Log:

@@ -34,7 +34,7 @@ class Axes(NamedTuple):
         return bool(np.array_equal(self.turn, np.eye(3)))
 
 
-def _clearest(scatter: np.ndarray) -> int:
+def clearest(scatter: np.ndarray) -> int:
     """Number of the axes with the least scatter; other axes than the first, the same ones, must be clearly better."""
     best = int(np.argmin(scatter))
     return best if _CLEARER * scatter[best] < scatter[0] else 0
@@ -48,7 +48,7 @@ def axes_of(field: np.ndarray, up: np.ndarray) -> Axes | None:
     known = axis_turns()
     products = np.einsum("ni,kij,nj->kn", field[there], known, up[there])
     scatter = np.std(products, axis=1)
-    best = _clearest(scatter)
+    best = clearest(scatter)
     if not scatter[best] < _LOOSE:
         return None
     return Axes(known[best], -float(np.arcsin(np.clip(np.mean(products[best]), -1, 1))))
@@ -63,14 +63,14 @@ def axes_by_rates(field: np.ndarray, attitude: np.ndarray, member: np.ndarray) -
         total = np.zeros((len(count), 3))
         np.add.at(total, member, back)
         scatter.append(float(np.sqrt(np.mean(np.sum((back - (total / count)[member]) ** 2, axis=1)))))
-    return Axes(known[_clearest(np.array(scatter))], np.nan)
+    return Axes(known[clearest(np.array(scatter))], np.nan)
 
 
 def axes_by_headings(field: np.ndarray, point: np.ndarray) -> Axes:
     """The axes in which corrected unit fields are those of known attitudes, (n, 3) each: headings show mirrored axes."""
     known = np.concatenate([axis_turns(), -axis_turns()])
     scatter = np.array([np.sqrt(np.mean(np.sum((field - point @ turn.T) ** 2, axis=1))) for turn in known])
-    return Axes(known[_clearest(scatter)], np.nan, True)
+    return Axes(known[clearest(scatter)], np.nan, True)
 
 
 def by_axes(found: Axes | None, sign: float, turns: bool = True) -> list[Finding]:

@@ -8,7 +8,7 @@ import pytest
 
 import jaxcal
 from jaxcal.imu import MEMS
-from jaxcal.imu._simulate import _NOISE
+from jaxcal.imu._simulate import NOISE
 
 from .conftest import listing
 
@@ -40,7 +40,7 @@ def test_a_simulated_log_is_calibrated(call, folder):
     assert stored.imu.accel.estimate.names[0] == "matrix[0,0]"
     # the same with prior knowledge: the noise of the sensors, and the first calibration
     channels = {
-        f"{sensor}_{axis}": {"noise": {"N": value, "further": [], "cutoff": None}} for sensor, value in _NOISE.items() for axis in "xyz"
+        f"{sensor}_{axis}": {"noise": {"N": value, "further": [], "cutoff": None}} for sensor, value in NOISE.items() for axis in "xyz"
     }
     (folder / "noise.json").write_text(json.dumps({"schema": "jaxcal.NoiseFits/1", "channels": channels}))
     known = ("--noise", "noise.json", "--prior", "log-imu/calibration.json", "--name", "unit 7", "--calibration", "again.json")

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jaxcal.imu import MEMS, simulate
-from jaxcal.imu._simulate import _NOISE as NOISE, attitudes
+from jaxcal.imu._simulate import NOISE, attitudes
 
 ACCEL, GYRO = MEMS.accel, MEMS.gyro
 
