@@ -1,8 +1,7 @@
 """Checks of a call and of a record that need no noise model: options, constant values, and a resolution coarser than the noise."""
 
-import contextlib
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -10,13 +9,13 @@ import numpy as np
 
 from .._answer import CAUTION, NOTE, Finding, Quantity
 from .._errors import DataError
-from .._precision import is_traced
-from .._quality import checked_rate, refuse_infinite
+from .._quality import checked_rate
 from ..allan import Deviation, deviation
 from ._findings import FINDINGS
 from ._model import BUILT_IN, checked_terms
+from ._record import Record
 from ._sections import QUOTED
-from ._terms import GaussMarkov, Term
+from ._terms import Term, is_sought
 
 METHODS = ("whittle", "gls", "log", "slope")
 #: number of cluster sizes of a curve; neighbouring values are so strongly correlated that more would add no information
@@ -28,52 +27,42 @@ _HIDDEN, _ROUNDED, _MUCH = 0.5, 0.05, 0.2
 #: samples from which the resolution is found; most different values of a record whose resolution can be found
 _SAMPLE, _LEVELS = 20_000, 2_000
 _ALIKE, _FREQUENCIES = 1e-6, 64  # relative difference of two densities that no record shows; number of frequencies compared
-_SMALLEST, _LARGEST = 1e-100, 1e100  # smallest and largest range of a record whose squares keep their digits
 
 
 class Asked(NamedTuple):
-    """What a fit is asked for: options of `fit` after checks, names of the channels, cluster sizes, and which of these the fit may use."""
+    """What a fit is asked for: options of `fit` after checks, cluster sizes, and which of these the fit may use."""
 
     rate: float
     method: str
     terms: tuple[Term, ...]
     confidence: float
     band: Any
-    temperature: Any
-    names: tuple[str, ...]
     m: np.ndarray
     inside: np.ndarray
 
-    @property
-    def sensor(self) -> str:
-        """The sensor, if the channels are axes of a known one."""
-        return self.names[0].partition("_")[0] if "_" in self.names[0] else ""
-
     def deviation(self, y: Any) -> Deviation:
         """The Allan deviation of a channel at the cluster sizes."""
-        return deviation(y, self.rate, m=self.m, confidence=self.confidence, alpha=0 if is_traced(y) else None)
+        return deviation(y, self.rate, m=self.m, confidence=self.confidence)
 
 
-def checked_call(
-    y: Any, rate: Any, method: str, terms: Any, confidence: float, band: Any, temperature: Any, names: tuple[str, ...]
-) -> Asked:
+def checked_call(record: Record, rate: Any, method: str, terms: Any, confidence: float, band: Any) -> Asked:
     """What is asked for, refused if the options do not suit each other or the record."""
     if method not in METHODS:
         raise DataError(f"unknown method {method!r}; expected one of {', '.join(METHODS)}", code="unknown_method")
     terms, rate = checked_terms(terms), checked_rate(rate)
-    if method != "whittle" and any(isinstance(term, GaussMarkov) and term.time is None for term in terms):
+    if method != "whittle" and any(is_sought(term) for term in terms):
         raise DataError(f'the correlation time of a Gauss-Markov process needs method "whittle"; got {method!r}', code="only_whittle")
-    if method != "whittle" and is_traced(y):
+    if method != "whittle" and record.traced:
         raise DataError(f'a traced record is fitted by method "whittle"; got {method!r}', code="only_whittle")
     if not 0.0 < confidence < 1.0:
         raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)", code="confidence")
-    samples = len(y) if np.ndim(y) else 0
+    samples = record.samples
     _refuse_alike(terms, samples, 1.0 / rate)
     m = clusters(samples, terms)
     if method == "whittle":  # the others are fitted to the curve, whose cluster sizes are their own
         quoted = np.round(np.array(QUOTED) * rate).astype(np.int64)
         m = np.union1d(m, quoted[(quoted >= 1) & (quoted <= samples // 4)])
-    return Asked(rate, method, terms, confidence, band, temperature, names, m, inside(m / rate, band, terms))
+    return Asked(rate, method, terms, confidence, band, m, inside(m / rate, band, terms))
 
 
 def clusters(samples: int, terms: Sequence[Any]) -> np.ndarray:
@@ -104,47 +93,13 @@ def inside(tau: np.ndarray, band: Any, terms: Sequence[Any]) -> np.ndarray:
     return within
 
 
-@contextlib.contextmanager
-def naming(name: str) -> Iterator[None]:
-    """Errors about the data name the channel."""
-    try:
-        yield
-    except DataError as error:
-        raise error.of(name) if name else error from None
-
-
-def channels_of(y: Any, names: tuple[str, ...]) -> list[Any]:
-    """The channels of a record, (n,) or (n, channels); refused if one is constant, or its squares leave the range of numbers."""
-    channels = list(y.T) if y.ndim == 2 else [y]
-    if not is_traced(y) and y.dtype.kind in "fiu" and y.ndim in (1, 2):
-        for x, name in zip(channels, names, strict=True):
-            with naming(name):
-                _refuse_extremes(x)
-    return channels
-
-
-def _refuse_extremes(x) -> None:
-    refuse_infinite(x, "the record")
-    known = x[~np.isnan(x)]
-    span = float(np.ptp(known)) if len(known) else 1.0
-    if span == 0.0:
-        raise DataError(
-            "the record is constant (every sample equal): there is no noise to characterise. Check that the sensor was running and that "
-            "its resolution is finer than its noise; leave a dead channel out"
-        )
-    if not _SMALLEST < span < _LARGEST and np.isfinite(span):
-        raise DataError(
-            f"the record spans {span:.3g}: its squares leave the range of numbers. Give it in SI units (rad/s, m/s^2, T), or rescale it"
-        )
-
-
 def _refuse_alike(terms: tuple[Term, ...], samples: int, dt: float) -> None:
     """Raise a `DataError` if the densities of two terms have the same shape at all frequencies of a record of so many samples."""
     if all(term.name in BUILT_IN for term in terms):
         return
     f = np.geomspace(0.5 / (samples * dt), 0.5 / dt, _FREQUENCIES)
     with jax.ensure_compile_time_eval():
-        shapes = {term.name: np.asarray(term.psd(f, dt)) for term in terms if not (isinstance(term, GaussMarkov) and term.time is None)}
+        shapes = {term.name: np.asarray(term.psd(f, dt)) for term in terms if not is_sought(term)}
     for (one, a), (other, b) in itertools.combinations(shapes.items(), 2):
         if np.all(a > 0.0) and np.all(b > 0.0) and np.ptp(np.log(a / b)) < _ALIKE:
             raise DataError(
@@ -170,18 +125,10 @@ def resolution(y) -> tuple[float, float]:
     return (least if on_grid.mean() > 0.95 else 0.0), white
 
 
-def without(y: Any, aside: Sequence[tuple[int, int]]) -> Any:
-    """The record without the stretches that are set aside."""
-    if aside:
-        y = np.array(y, dtype=float)
-        for first, last in aside:
-            y[first:last] = np.nan
-    return y
-
-
-def findings_of_checks(y: Any, asked: Asked, n_squared: float, aside: Sequence[tuple[int, int]]) -> list[Finding]:
+def findings_of_checks(y: Any, record: Record, asked: Asked, n_squared: float) -> list[Finding]:
     """What was set aside or is missing, and the resolution, where it matters beside the noise. `n_squared` is N^2 of the fit."""
-    found, lost = [], sum(last - first for first, last in aside)
+    found, aside = [], record.aside or ()
+    lost = sum(last - first for first, last in aside)
     if lost:
         part = lost / len(y)
         severity = CAUTION if part > _MUCH else NOTE
@@ -192,5 +139,5 @@ def findings_of_checks(y: Any, asked: Asked, n_squared: float, aside: Sequence[t
     step, white = resolution(y)
     share = step**2 / asked.rate / 12.0 / n_squared if n_squared > 0.0 else 0.0
     if white < _HIDDEN * step:
-        return [*found, FINDINGS("coarse", cost=step / white if white else np.inf, step=Quantity(step, asked.sensor or "ratio"))]
+        return [*found, FINDINGS("coarse", cost=step / white if white else np.inf, step=Quantity(step, record.sensor or "ratio"))]
     return [*found, FINDINGS("rounding", cost=share, share=100 * min(share, 1.0))] if share > _ROUNDED else found

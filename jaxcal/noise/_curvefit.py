@@ -29,6 +29,7 @@ from ._covariance import covariance_tensor
 from ._findings import FINDINGS, of_model
 from ._likelihood import chance, inverse, nonnegative
 from ._limits import Limits, levels_of
+from ._record import Record, naming
 from ._result import NoiseFit, assemble, with_edf
 from ._terms import Term
 
@@ -61,11 +62,16 @@ class _Fitted(NamedTuple):
     settled: bool
 
 
-def fit_curve(y: AnyArray, asked: Asked) -> NoiseFit:
-    """Fit the overlapped Allan deviation of one channel by the method asked for."""
-    curve = asked.deviation(y)
-    inside = asked.inside[np.isin(asked.m, curve.m)]  # gaps may leave no difference at the largest cluster sizes
-    return fit_deviation(curve, len(y), asked.terms, inside, asked.band is None, asked.method, asked.confidence)
+def fit_curves(record: Record, asked: Asked) -> list[NoiseFit]:
+    """Fit the overlapped Allan deviation of each channel by the method asked for."""
+    found = []
+    for y, name in zip(record.channels, record.names, strict=True):
+        with naming(name):
+            curve = asked.deviation(y)
+            inside = asked.inside[np.isin(asked.m, curve.m)]  # gaps may leave no difference at the largest cluster sizes
+            automatic = asked.band is None
+            found.append(fit_deviation(curve, record.samples, asked.terms, inside, automatic, asked.method, asked.confidence))
+    return found
 
 
 def fit_deviation(

@@ -8,20 +8,18 @@ from .._errors import DataError
 from .._frozen import replaced
 from .._log import as_log
 from .._message import Message
-from .._precision import host_float64, is_traced, real_numbers
-from .._quality import refuse_other_than_samples
+from .._precision import host_float64
 from .._types import Any
-from ..evidence import bursts
 from ..evidence._find import ranges
 from ..evidence._values import at_own_rate
 from ._axes import findings_of_axes
-from ._checks import channels_of, checked_call, findings_of_checks, naming, without
-from ._curvefit import fit_curve
+from ._checks import Asked, checked_call, findings_of_checks
+from ._curvefit import fit_curves
+from ._record import Record, without
 from ._result import NoiseFit, NoiseFits, stacked
 from ._terms import Term
+from ._traced import fit_traced
 from ._whittle import fit_axes
-
-_AXES = 3  # most channels that are axes of one sensor, which a knock or a warm-up changes together
 
 
 def fit(
@@ -91,34 +89,28 @@ def fit(
     freedom). Covariance of the Allan variance: `allan_covariance`. Thresholds for a coefficient at its bound: Self
     and Liang, J. Am. Stat. Assoc. 82, 1987.
     """
-    fits = _fit(y, rate, method, terms, confidence, band)
+    fits = _fits(y, rate, method, terms, confidence, band)
     return stacked(fits) if np.ndim(y) == 2 else fits[0]
 
 
 @host_float64
-def _fit(y, rate, method, terms, confidence, band, names=(), temperature=None, aside=None) -> list[NoiseFit]:
-    """A fit of each channel; findings of the checks come first. `aside` are the stretches to leave out, if they are known."""
-    refuse_other_than_samples(y)
-    y = y if is_traced(y) else real_numbers(y, "the record")
-    names = names or (tuple(f"channel {i}" for i in range(np.shape(y)[1])) if np.ndim(y) == 2 else ("",))
-    if len(names) > _AXES and not is_traced(y):  # these are no axes of one sensor
-        parts = [_fit(y[:, i], rate, method, terms, confidence, band, names[i : i + 1], temperature, aside) for i in range(len(names))]
-        return [one for (one,) in parts]
-    asked = checked_call(y, rate, method, terms, confidence, band, temperature, names)
-    records, fits = channels_of(y, names), []
-    if aside is None:
-        aside = [] if is_traced(y) else bursts(np.stack(records, axis=1), asked.rate)
-    records = [without(record, aside) for record in records]
-    if method == "whittle":
-        fits = fit_axes(records, asked, aside)
-    else:
-        for record, name in zip(records, names, strict=True):
-            with naming(name):
-                fits.append(fit_curve(record, asked))
-    if is_traced(y):
-        return fits
-    checks = [findings_of_checks(x, asked, float(np.asarray(one.noise.N)) ** 2, aside) for x, one in zip(records, fits, strict=True)]
-    return [replaced(one, findings=(*said, *one.findings)) for said, one in zip(checks, fits, strict=True)]
+def _fits(y, rate, method, terms, confidence, band, names=(), temperature=None, aside=None) -> list[NoiseFit]:
+    """A fit of each channel; `aside` are the stretches to leave out, if they are known."""
+    record = Record(y, names, temperature, aside)
+    asked = checked_call(record, rate, method, terms, confidence, band)
+    return [fit for sensor in record.sensors() for fit in _of_sensor(sensor, asked)]
+
+
+def _of_sensor(record: Record, asked: Asked) -> list[NoiseFit]:
+    """A fit of each axis; findings of the checks come first."""
+    if record.traced:
+        return [fit_traced(y, asked) for y in record.channels]
+    record.set_aside(asked.rate)
+    fits = fit_axes(record, asked) if asked.method == "whittle" else fit_curves(record, asked)
+    return [
+        replaced(one, findings=(*findings_of_checks(y, record, asked, float(np.asarray(one.noise.N)) ** 2), *one.findings))
+        for y, one in zip(record.channels, fits, strict=True)
+    ]
 
 
 def characterise(
@@ -176,7 +168,7 @@ def characterise(
         values, own = at_own_rate(log.usable(sensor), log.rate)
         aside = ranges(log.evidence, sensor, own)
         warmth = temperature if own == log.rate else None  # it is known at the samples of the log
-        fitted = _fit(values, own, method, terms, confidence, band, tuple(names), warmth, aside)
+        fitted = _fits(values, own, method, terms, confidence, band, tuple(names), warmth, aside)
         found = dict(zip(names, fitted, strict=True))
         if len(names) > 1:
             said = findings_of_axes(without(values, aside), own, found)

@@ -1,6 +1,5 @@
 """Method "whittle": the channels of a sensor in, a `NoiseFit` for each out."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -8,12 +7,11 @@ import numpy as np
 from .._errors import DataError, FitError
 from .._frozen import replaced
 from .._message import Message
-from .._precision import is_traced
 from .._types import AnyArray
 from ..allan import Deviation
 from . import _findings
 from ._changes import Axis, Changes, find_changes, slope_of
-from ._checks import Asked, naming
+from ._checks import Asked
 from ._compare import likeliest_time
 from ._errors import Widening, widening
 from ._likelihood import density, information, inverse
@@ -21,11 +19,11 @@ from ._limits import PRESENT, Limits, levels_of, profile_limits
 from ._measured import edf_of
 from ._observed import Observed
 from ._ordinates import amplitudes
+from ._record import Record, naming
 from ._result import FittedSpectrum, NoiseFit, assemble, with_edf, without_terms
 from ._rival import Rival, rival_of
 from ._solve import FILTER, Solved, lowest_of, solve
 from ._terms import GaussMarkov, Ramp, Term, is_sought
-from ._traced import fit_traced
 
 #: slope in standard errors above which a line in time is removed from the record, if R is among the terms
 _RAMP = 3.0
@@ -55,24 +53,22 @@ class Described(NamedTuple):
     changes: Changes = Changes()
 
 
-def fit_axes(records: Sequence[AnyArray], asked: Asked, aside: Sequence[tuple[int, int]]) -> list[NoiseFit]:
-    """Fit the channels of a sensor, each (n,) with NaN where a sample is missing, by the likelihood of their samples.
+def fit_axes(record: Record, asked: Asked) -> list[NoiseFit]:
+    """Fit the channels of a sensor by the likelihood of their samples.
 
     Each channel has coefficients of its own. What changes the mean is looked for in all channels together, also across each stretch of
-    samples (first, last) that was set aside.
+    samples that was set aside.
     """
-    if is_traced(records[0]):
-        return [fit_traced(y, asked) for y in records]
     parts = _parts(asked.terms)
     found = []
-    for y, name in zip(records, asked.names, strict=True):
+    for y, name in zip(record.channels, record.names, strict=True):
         with naming(name):
             found.append(_described(y, parts, asked))
     if parts.sought:
         found = [_with_process(one, parts, asked.band) for one in found]
     elif not parts.ramps:
-        found = _with_changes(found, parts, asked, [0.5 * (first + last) / asked.rate for first, last in aside])
-    return [_result(one, parts, asked) for one in found]
+        found = _with_changes(found, parts, asked, record)
+    return [_result(one, parts, asked, record.sensor) for one in found]
 
 
 def _parts(terms: tuple[Term, ...]) -> Parts:
@@ -110,7 +106,7 @@ def _with_process(plain: Described, parts: Parts, band) -> Described:
     return plain._replace(solved=solve(plain.observed, (*parts.base, process), band), terms=terms)
 
 
-def _with_changes(plain: list[Described], parts: Parts, asked: Asked, joints: list[float]) -> list[Described]:
+def _with_changes(plain: list[Described], parts: Parts, asked: Asked, record: Record) -> list[Described]:
     """The records with what changes their mean, if anything does."""
     axes = []
     for one in plain:
@@ -120,7 +116,8 @@ def _with_changes(plain: list[Described], parts: Parts, asked: Asked, joints: li
         walk = np.array([name == "K" for name in solved.names])[slow]
         axes.append(Axis(one.observed.drawn, columns, solved.fitted.theta * solved.bins.unit, slow, walk))
     dt, n = plain[0].observed.dt, len(plain[0].observed.y)
-    changes = find_changes(axes, dt, joints, _recorded(asked.temperature))
+    joints = [0.5 * (first + last) * dt for first, last in record.aside or ()]
+    changes = find_changes(axes, dt, joints, _recorded(record.temperature))
     if not changes.fitted:
         return [one._replace(changes=changes) for one in plain]
     columns = np.concatenate([change.columns(np.arange(n) * dt) for change in changes.fitted], axis=1)
@@ -137,7 +134,7 @@ def _recorded(temperature: AnyArray | None) -> AnyArray | None:
     return np.asarray(temperature, dtype=float) if known else None
 
 
-def _result(model: Described, parts: Parts, asked: Asked) -> NoiseFit:
+def _result(model: Described, parts: Parts, asked: Asked, sensor: str) -> NoiseFit:
     """Coefficients, intervals and findings of a channel."""
     observed, solved = model.observed, model.solved
     fitted, names, dt = solved.fitted, solved.names, observed.dt
@@ -158,7 +155,7 @@ def _result(model: Described, parts: Parts, asked: Asked) -> NoiseFit:
     )  # fmt: skip
     curve = with_edf(curve, used, edf_of(curve, len(observed.y), fitted.bins, rival.density, fitted.theta, wider.factor))
     fit = replaced(fit, presence=fit.presence | dict.fromkeys(doubts, "hint"), deviation=curve, spectrum=_fitted_spectrum(solved))
-    fit = replaced(fit, findings=_said(fit, model, wider, rival, doubts, asked.sensor), events=_findings.events_of(model.changes.fitted))
+    fit = replaced(fit, findings=_said(fit, model, wider, rival, doubts, sensor), events=_findings.events_of(model.changes.fitted))
     return without_terms(fit, [term.name for term in parts.sought], tables=False)
 
 
