@@ -1,7 +1,7 @@
 """jaxcal.magnetometer beside scipy's least_squares in one run, and Monte Carlo tables, with fixed seeds.
 
     python benchmarks/magnetometer.py                  everything (minutes)
-    python benchmarks/magnetometer.py --only speed     one part: speed, partial, scenarios, coverage, penalty, known, chosen, joint, faults,
+    python benchmarks/magnetometer.py --only speed     one part: speed, partial, scenarios, coverage, known, chosen, joint, faults,
                                                        random, guided, halves
     python benchmarks/magnetometer.py --runs 300       more runs per cell of the tables
 
@@ -30,9 +30,7 @@ from jaxcal.magnetometer import (
     guide,
     scenario,
 )
-from jaxcal.magnetometer._design._heading_error import angle, grids, heading_error
-from jaxcal.magnetometer._guide import heading_change
-from jaxcal.magnetometer._iron import by_surface
+from jaxcal.magnetometer._design._heading_error import angle, both_tilts, by_iron, heading_change, rms_heading
 
 MILD = MagModel(np.array([[1.10, 0.06, -0.04], [0.06, 0.92, 0.05], [-0.04, 0.05, 1.0]]), np.array([0.8, -0.5, 0.3]))
 PAPER = MagModel(
@@ -148,35 +146,30 @@ def heading_errors(model):
 
 def least_heading_error(field, sigma):
     """Cramer-Rao bound at level in degrees, from the information of the orthogonal distances at the exact readings."""
-    shape = np.linalg.inv(PAPER.soft_iron) / FIELD
-    shape = shape @ shape
-    z = field @ np.asarray(PAPER.soft_iron).T
-    normal = 2 * z @ shape
-    x, y, w = z.T
-    rows = np.column_stack([x * x, 2 * x * y, y * y, 2 * x * w, 2 * y * w, w * w, -normal]) / np.linalg.norm(normal, axis=1)[:, None]
-    column = np.linalg.norm(rows, axis=0)
-    covariance = sigma**2 * np.linalg.inv((rows / column).T @ (rows / column)) / np.outer(column, column)
-    iron = by_surface(np.asarray(PAPER.soft_iron), FIELD, covariance, True)
-    return np.rad2deg(heading_error(PAPER, FIELD, iron[:12, :12], DIP, np.array([0.0, 0.0, 1.0]))[0])
+    h, (i, j) = field / FIELD, np.triu_indices(3)
+    normal = h @ np.linalg.inv(PAPER.soft_iron)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    rows = np.concatenate([FIELD * (normal[:, i] * h[:, j] + normal[:, j] * h[:, i]) / np.where(i == j, 2, 1), normal], axis=1)
+    to_iron = np.zeros((13, 9))  # hard iron, the nine entries of the soft iron, and the field, which is known
+    to_iron[3 + 3 * i + j, range(6)] = to_iron[3 + 3 * j + i, range(6)] = to_iron[range(3), range(6, 9)] = 1.0
+    covariance = sigma**2 * to_iron @ np.linalg.inv(rows.T @ rows) @ to_iron.T
+    return np.rad2deg(rms_heading(both_tilts(by_iron(PAPER, FIELD), DIP, np.array([0.0, 0.0, 1.0])), covariance)[0])
 
 
 def scenarios(runs):
     print("\nrms heading error in degrees at eight level headings, of the bound and of each method; then for ml the ratio to the bound and")
-    print("to the prediction, the share of runs with all eight below 1 degree, the verdicts, and how often the penalty had a part.")
-    print("ml 0: without it. (n): runs without an ellipsoid, left out")
+    print("to the prediction, the share of runs with all eight below 1 degree, and the verdicts. (n): runs without an ellipsoid, left out")
     for sigma in (0.05, 0.1, 0.2, 0.5, 1.0):
         for name in ("all", "three_turns", "twelve_points"):
             fields = [body_field(scenario(name, seed=run), FIELD, DIP) for run in range(runs)]
             least = np.sqrt(np.mean([least_heading_error(field, sigma) ** 2 for field in fields]))
             cells = []
-            for method in ("ml", "ml 0", "constrained"):
-                options = {"method": "ml", "penalty": 0.0} if method == "ml 0" else {"method": method}
-                rng, errors, predicted, verdicts, held = np.random.default_rng(3), [], [], [], 0
+            for method in ("ml", "constrained"):
+                rng, errors, predicted, verdicts = np.random.default_rng(3), [], [], []
                 for field in fields:
                     m = PAPER.measure(field) + sigma * rng.normal(size=field.shape)
-                    found = fit(m, model="symmetric", inclination=DIP, **options)
+                    found = fit(m, model="symmetric", inclination=DIP, method=method)
                     verdicts.append(found.verdict)
-                    held += found.model is not None and found.numbers["penalty"].value > 0
                     if found.model is not None:
                         errors.append(heading_errors(found.model))
                         predicted.append(np.rad2deg(found.heading_error[0]))
@@ -187,7 +180,7 @@ def scenarios(runs):
                     below = np.sum(np.max(np.abs(errors), axis=1) < 1) / runs
                     share = ", ".join(f"{word} {verdicts.count(word) / runs:.0%}" for word in ("good", "weak", "refused"))
                     spread = [np.sqrt(np.mean(np.square(errors)[rng.integers(runs, size=runs)])) / least for _ in range(400)]
-                    about = f"{rms / least:.2f}+-{np.std(spread):.2f}, {ratio:.2f}, {below:.2f}; {share}; penalty {held / runs:.0%}"
+                    about = f"{rms / least:.2f}+-{np.std(spread):.2f}, {ratio:.2f}, {below:.2f}; {share}"
                 cells.append(text)
             print(f"{sigma:4.2f} uT {name:14s} bound {least:.3g};  " + ";  ".join(cells) + f";  ml: {about}", flush=True)
 
@@ -214,7 +207,8 @@ def known(runs):
 
 def chosen(runs):
     print("\nmodel='auto', 300 readings of a cap, 2 % noise: models, verdicts, rms heading error in degrees, real and predicted")
-    attitudes, field = grids(DIP)[0]
+    attitudes = np.stack([np.arange(24) * np.pi / 12, np.zeros(24), np.zeros(24)], axis=1)
+    field = body_field(attitudes, 1.0, DIP)
     for name, soft in (
         ("none", np.eye(3)),
         ("3 %", [[1.03, 0.01, -0.01], [0.01, 0.98, 0.01], [-0.01, 0.01, 1.0]]),
@@ -234,47 +228,6 @@ def chosen(runs):
             shares = [f"{word} {sum(word in (one.kind, one.verdict) for one in found) / len(found):.0%}"
                       for word in ("sphere", "diagonal", "symmetric", "good", "weak", "refused")]  # fmt: skip
             print(f"soft iron {name}, z > {lowest}: {', '.join(shares)}; {np.sqrt(np.mean(np.square(real))):.2f}, {told:.2f}", flush=True)
-
-
-STRETCHED = MagModel(PAPER.soft_iron, np.array([0.5, -1.0, 0.7]))
-#: sensor, number of readings, cosine of the cap's half angle, noise; the field has magnitude 1
-FEW = {
-    "half sphere, 30 readings": (MILD, 30, 0.0, 0.05),
-    "cap of 60 degrees, 100 readings": (MILD, 100, 0.5, 0.02),
-    "whole sphere, 14 readings": (MILD, 14, -1.0, 0.05),
-    "half sphere, stretched, 40 readings": (STRETCHED, 40, 0.0, 0.04),
-}
-
-
-def penalties(runs):
-    print("\nrms / median / 95th percentile of the direction error in degrees (twelve points: heading error), by the weight of the penalty")
-    sphere = directions(300, np.random.default_rng(99))
-    for name, (sensor, count, lowest, sigma) in {"twelve points, 1 uT": (PAPER, 12, 0.0, 1.0), **FEW}.items():
-        rng, errors = np.random.default_rng(5), {weight: [] for weight in (0.0, 0.25, 0.5, 1.0)}
-        for run in range(4 * runs):
-            if sensor is PAPER:
-                field = body_field(scenario("twelve_points", seed=run), FIELD, DIP)
-            else:
-                field = directions(8 * count, rng)
-                field = np.concatenate([field, directions(8 * count, rng)])
-                field = field[field[:, 2] > lowest][:count]
-            m = sensor.measure(field) + sigma * rng.normal(size=field.shape)
-            for weight, kept in errors.items():
-                model = fit(m, model="symmetric", penalty=weight).model
-                if model is None:
-                    kept.append(np.nan)
-                elif sensor is PAPER:
-                    kept.append(np.sqrt(np.mean(heading_errors(model) ** 2)))
-                else:
-                    y = model.correct(sensor.measure(sphere))
-                    cosine = np.sum(sphere * y, axis=1) / np.linalg.norm(y, axis=1)
-                    kept.append(np.rad2deg(np.sqrt(np.mean(np.arccos(np.clip(cosine, -1, 1)) ** 2))))
-        cells = []
-        for weight, kept in errors.items():
-            e = np.array(kept)[np.isfinite(kept)]
-            left = f" ({len(kept) - len(e)} without an ellipsoid)" if len(e) < len(kept) else ""
-            cells.append(f"{weight:g}: {np.sqrt(np.mean(e**2)):.2f} / {np.median(e):.2f} / {np.percentile(e, 95):.1f}{left}")
-        print(f"{name}: " + ";  ".join(cells), flush=True)
 
 
 def covered(runs):
@@ -457,7 +410,7 @@ def halves(_):
 
 
 PARTS = {
-    "speed": speed, "partial": partial, "scenarios": scenarios, "coverage": covered, "penalty": penalties, "known": known, "chosen": chosen,
+    "speed": speed, "partial": partial, "scenarios": scenarios, "coverage": covered, "known": known, "chosen": chosen,
     "joint": jointly, "faults": faults, "random": random, "guided": guided,
     "halves": halves,
 }  # fmt: skip

@@ -73,7 +73,7 @@ def on_real(_):
         found, quarters = fit(m, inclination=_faults.DIP), np.array_split(m, 4)
         pairs = [np.array_split(m, 2), (np.concatenate(quarters[::2]), np.concatenate(quarters[1::2]))]
         halves = [[fit(part, inclination=_faults.DIP) for part in pair] for pair in pairs]
-        kept = [pair for pair in halves if all(one.model is not None and one.plane is None for one in pair)]
+        kept = [pair for pair in halves if all(one.model is not None and one.kind != "planar" for one in pair)]
         actual = np.sqrt(np.mean([(apart(*pair) / 2) ** 2 for pair in kept])) if kept else np.nan
         stated = np.rad2deg(found.heading_error[0])
         rows.append((found.verdict, actual))

@@ -183,8 +183,8 @@ def _compared(path: Path | None, present: Any, found: Any) -> Any:
     import numpy as np
 
     from .._answer import Quantity
+    from ..magnetometer._design._heading_error import heading_change
     from ..magnetometer._findings import FINDINGS as OF_MAG
-    from ..magnetometer._guide import heading_change
     from ..magnetometer._iron import quantity_of
 
     turns = heading_change(present, found.model, float(found.field), inclination=float(found.inclination), down=found.down)
@@ -243,7 +243,7 @@ def _fit(log: Any, align: str, options: dict[str, Any], given: Shots, flight: An
     if found.model is None:
         return found
     tried_on = held if given.held.any() else kept & np.isfinite(given.headings) if given.headings is not None else held
-    if tried_on.any() and found.plane is None:
+    if tried_on.any() and found.kind != "planar":
         known = None if given.headings is None else given.headings[tried_on]
         mag = without_currents(found, log.mag, given.currents)
         seen = jaxcal.magnetometer.check(found, mag[tried_on], accel=None if up is None else up[tried_on], headings=known)

@@ -220,6 +220,15 @@ def _clipped(sensor: str, axis: int, column: np.ndarray, rate: float, unit: str)
     return found
 
 
+def clipped(values: np.ndarray) -> np.ndarray:
+    """(n,) which rows have an axis at the end of its range, of a sensor that was cut off there."""
+    out = np.zeros(len(values), bool)
+    for column in values.T:
+        for one in _clipped("", 0, column, 1.0, ""):
+            out |= column == one.size
+    return out
+
+
 def _coarse(sensor: str, values: np.ndarray, rate: float, unit: str) -> list[Stretch]:
     """Axes whose values come in steps of the same size."""
     alike: dict[str, list[int]] = {}

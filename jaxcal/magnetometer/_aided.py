@@ -22,10 +22,8 @@ from ._ellipsoid._shape import unit
 from ._turning import attitudes_in_segments
 
 _SOFT, _WEIGHT = 0.05, 4.0  # prior spread of the entries of C, and how many entries it counts as
-_SYMMETRIC, _TURNED = (
-    1e-4,
-    0.01,
-)  # spread of its antisymmetric part where nothing shows a rotation, and where a sensor may show it: 0.6 degrees
+#: spread of its antisymmetric part where nothing shows a rotation, and where a sensor may show it: 0.6 degrees
+_SYMMETRIC, _TURNED = 1e-4, 0.01
 _DELAY = 0.05  # s, prior standard deviation of the delay of the readings after the rates
 _ROUNDS, _SETTLED = 40, 0.02  # most rounds, and step in standard errors that ends them
 _LEAST = 1e-9  # smallest standard deviation, for exact data
@@ -37,7 +35,7 @@ class Attitudes(NamedTuple):
     """What is known of the attitude of each of n readings: any of these, in the axes of one sensor.
 
     up : (n, 3) unit vectors, NaN where unknown. heading : (n,) rad, NaN where unknown. gyro, rate, rows : rates (k, 3) in rad/s at all
-    samples of a log, the samples per second, and the sample of each reading.
+    samples of a log, the samples per second, and the sample of each reading. rotated : whether C may have a rotation that these show.
     """
 
     up: Any = None
@@ -45,6 +43,7 @@ class Attitudes(NamedTuple):
     gyro: Any = None
     rate: float = 0.0
     rows: Any = None
+    rotated: bool = True
 
 
 class Known(NamedTuple):
@@ -248,7 +247,7 @@ def solved(
         y = unit((u - begin[1]) @ np.linalg.inv(begin[0]).T)
         p[_DIP] = -np.arcsin(np.clip(np.mean(np.sum(y * data.up, axis=1)[data.paired]), -0.999, 0.999))
     lag, spread, sigma, converged = np.zeros(4), _SOFT, np.full(2, max(noise, _LEAST)), False
-    turned = np.inf if at.heading is not None else _SYMMETRIC if data.kind == "none" else _TURNED
+    turned = np.inf if at.heading is not None else _TURNED if at.rotated else _SYMMETRIC
     turn = 0
     while True:
         if data.kind == "rates" and (turn == 0 or np.any(p[_LAG])):
@@ -272,7 +271,7 @@ def solved(
             sigma = np.array([_size(left, used, ~along, 0), _size(left, used, along, nuisance)])
         gain = np.exp(p[_GAIN])
         spread = _learnt(p[_C] / gain - base.ravel(), error[:9] / gain, _SOFT)
-        if data.kind != "none" and np.isfinite(turned):
+        if at.rotated and np.isfinite(turned):
             odd = _odd(base) / gain
             turned = _learnt(odd @ p[_C], np.sqrt(np.diag(odd @ inverse[:9, :9] @ odd.T)), _TURNED)
         if not np.isfinite(p).all() or not np.isfinite(sigma).all():

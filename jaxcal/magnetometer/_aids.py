@@ -1,6 +1,6 @@
 """Sensors beside the magnetometer: what they tell of the attitudes, and the fit together with them."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
@@ -16,7 +16,7 @@ from ._attitude import Attitude
 from ._axes import FEWEST, Axes, axes_by_headings, axes_by_rates, axes_of, by_axes
 from ._design._heading_error import TURNED
 from ._ellipsoid._algebraic import extents
-from ._ellipsoid._shape import NEAR_PLANAR, Frame, root, unit
+from ._ellipsoid._shape import NEAR_PLANAR, Frame, unit
 from ._field import INCLINATION
 from ._findings import FINDINGS
 from ._model import MagModel
@@ -27,7 +27,7 @@ _POSE = np.deg2rad(3.0)  # within which successive readings are one pose: ten ti
 _DIP, _ANY_DIP, _FIELD = np.deg2rad(0.5), 0.5, 0.02  # rad, prior spread of a given dip, and of one that is not; share of a given field
 #: source of a rotation -> its name for readers
 NAMES = {"accel": "accelerometer", "gyro": "gyroscope", "headings": "known headings", "attitude": "attitudes",
-         "": "magnitudes"}  # fmt: skip
+         "": "magnitudes", "plane": "plane"}  # fmt: skip
 _LATE = 0.025  # s, half of the prior's spread: a delay with a larger error was not determined
 
 
@@ -166,6 +166,13 @@ class Headings(eqx.Module):
     declination: float | int = 0.0
 
 
+class Plane(NamedTuple):
+    """The axis that points down for readings that turn about it, which is all that a plane tells; and whether the user said so."""
+
+    down: np.ndarray
+    asked: bool
+
+
 def array(values: Any, name: str) -> np.ndarray:
     """Vectors (n, 3), checked."""
     values = np.asarray(values, dtype=float)
@@ -199,11 +206,13 @@ def verticals(accel: Any, count: int) -> np.ndarray:
 def told(aid: Any, count: int) -> tuple[Attitudes, str]:
     """What an aid tells of the attitudes of all readings of a log, and its name."""
     if aid is None:
-        return Attitudes(), ""
+        return Attitudes(rotated=False), ""
     if isinstance(aid, Gyroscope):
         return Attitudes(gyro=like(aid.gyro, count, "rates"), rate=float(aid.rate), rows=np.arange(count)), "gyro"
     if isinstance(aid, Accelerometer | Attitude):
         return Attitudes(up=verticals(aid.accel, count)), "accel" if isinstance(aid, Accelerometer) else "attitude"
+    if isinstance(aid, Plane):
+        return Attitudes(up=np.tile(-aid.down, (count, 1)), rotated=False), "plane"
     if not isinstance(aid, Headings):
         raise DataError(
             f"The aid is {type(aid).__name__}; give Accelerometer(f), Attitude(q), Gyroscope(w, rate) or Headings(h).", code="no_such_aid"
@@ -236,7 +245,7 @@ def fitted(
     dip = own if own is not None else dip
     x, frame = m[rows], Frame.of(m[rows])
     up, heading = (None if part is None else part[rows] for part in (at.up, at.heading))
-    if up is not None:
+    if up is not None and source != "plane":
         number = poses(x, up, heading, _POSE)
         x, up, currents = averaged(x, number), averaged(up, number), None if currents is None else averaged(currents, number)
         up = unit(up)
@@ -245,8 +254,8 @@ def fitted(
     if count < FEWEST:
         raise DataError(f"{count} readings with the {NAMES[source]} are left; at least {FEWEST} are needed.", code="few_readings")
     u = frame.scaled(x)
-    at = Attitudes(up, heading, at.gyro, at.rate, rows if at.gyro is not None else None)
-    model = first.model if first.plane is None and first.verdict != "refused" else None
+    at = at._replace(up=up, heading=heading, rows=rows if at.gyro is not None else None)
+    model = first.model if first.verdict != "refused" else None
     if model is not None:
         matrix = np.asarray(model.soft_iron) * first.field / frame.scale
         centre = (np.asarray(model.hard_iron) - frame.centre) / frame.scale
@@ -279,7 +288,7 @@ def _axes(y: np.ndarray, at: Attitudes, dip: float, usable: bool) -> Axes | None
     if at.heading is not None:
         there = np.isfinite(at.heading) & np.isfinite(at.up).all(axis=1)
         return axes_by_headings(y[there], north_of(at.up[there], at.heading[there], dip))
-    return axes_of(y, at.up) if at.up is not None and usable else None
+    return axes_of(y, at.up) if at.up is not None and usable and at.rotated else None
 
 
 def by_rates(m: np.ndarray, model: MagModel, field: float, gyro: np.ndarray, rate: float) -> tuple[MagModel, np.ndarray, float]:
@@ -306,9 +315,8 @@ def _round(u: np.ndarray, dip: float) -> tuple[np.ndarray, np.ndarray]:
 
 def alignment_of(found: Solution, source: str) -> Alignment:
     """The rotation in a solution: C = S Q with a symmetric S."""
-    matrix = found.matrix
-    rotation = np.linalg.inv(root(matrix @ matrix.T)) @ matrix
-    whole = root(matrix.T @ matrix)
+    left, values, right = np.linalg.svd(found.matrix)
+    rotation, whole = left @ right, (right.T * values) @ right
     by = [rotation.T @ step.reshape(3, 3) for step in np.eye(9)]
     turns = np.array([_turn(whole, one) for one in by]).T
     covariance = turns @ found.covariance[:9, :9] @ turns.T

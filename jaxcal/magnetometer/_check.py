@@ -127,7 +127,7 @@ def check(found: MagFit, m: Any, *, accel: Any = None, headings: Any = None) -> 
     ----------
     First-order propagation; the limit is the 95 % quantile of the F distribution.
     """
-    if found.model is None or found.plane is not None or "usual" in found._about:
+    if found.model is None or found.kind == "planar" or "usual" in found._about:
         raise DataError("A check needs a fit with a model that is not planar, and no model object.", code="no_model")
     m = array(m, "readings")
     if not len(m) or not np.isfinite(m).all():

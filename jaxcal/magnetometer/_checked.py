@@ -8,14 +8,14 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import real_numbers
-from ._ellipsoid._kinds import SOLID
+from ._ellipsoid._kinds import COUNT
 from ._field import INCLINATION
 
 METHODS = ("ml", "consistent", "constrained")
-MODELS = ("auto", *SOLID, "planar")
+MODELS = ("auto", *COUNT, "planar")
 
 
-def checked(m, method, model, field, inclination, penalty, field_error) -> tuple[np.ndarray, float | None, float]:
+def checked(m, method, model, field, inclination, field_error) -> tuple[np.ndarray, float | None, float]:
     """Readings, magnitude of the field and dip, after a check that each option is known and suits the method."""
     m = readings_of(m)
     for given, known, what in ((method, METHODS, "method"), (model, MODELS, "model")):
@@ -23,9 +23,7 @@ def checked(m, method, model, field, inclination, penalty, field_error) -> tuple
             raise DataError(f"There is no {what} {given!r}; known are {', '.join(map(repr, known))}.", code="no_such_option")
     if method != "ml" and model not in ("auto", "symmetric"):
         raise DataError(f"Method {method!r} fits the model 'symmetric' only; method 'ml' has {model!r}.", code="no_such_model")
-    if not (isinstance(penalty, (int, float)) and 0 <= penalty < np.inf):
-        raise DataError(f"The penalty is {penalty!r}; give its weight: 0.5, 1 for Jeffreys' prior, or 0 for none.", code="bad_penalty")
-    norm, dip = norm_and_dip(field, inclination, model)
+    norm, dip = norm_and_dip(field, inclination)
     if field_error is not None:
         if norm is None or method != "ml":
             raise DataError("A field error needs the `field` that it is of, and the method 'ml'.", code="field_error_alone")
@@ -49,10 +47,8 @@ def readings_of(m: Any) -> np.ndarray:
     return m
 
 
-def norm_and_dip(field: Any, inclination: Any, model: str = "") -> tuple[Any, Any]:
+def norm_and_dip(field: Any, inclination: Any) -> tuple[Any, Any]:
     """Magnitude of the field, traced or not, and its dip: as given, from the field vector, or else the dip at Ankara."""
-    if field is not None and model == "planar":
-        raise DataError("Readings in a plane do not show the whole field: a planar fit takes no field.", code="field_in_plane")
     norm = dip = None
     if isinstance(field, jax.core.Tracer):
         norm = jnp.linalg.norm(jnp.atleast_1d(field))

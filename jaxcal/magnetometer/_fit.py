@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from .._precision import host_float64, is_traced
-from ._aids import Accelerometer, Gyroscope
+from ._aids import Accelerometer, Gyroscope, Plane
 from ._checked import checked, checked_conditions
 from ._joined import joined
 from ._judge import LIMITS
@@ -27,7 +27,6 @@ def fit(
     field_error: float | None = None,
     inclination: float | None = None,
     limits: tuple[float, float] = LIMITS,
-    penalty: float = 0.5,
     aid: Any = None,
     currents: dict[str, Any] | None = None,
     conditions: dict[str, Any] | None = None,
@@ -48,7 +47,7 @@ def fit(
     m : (n, 3) readings in any unit, without NaN. Or a `Log`, or a path, data frame or dataset of one; rows without a reading are then
         left out.
     method : "ml"; "consistent" (adjusted least squares: no noise bias, no iteration); or "constrained" (the magnetometer paper).
-    model : "sphere" (4 parameters), "diagonal" (6), "symmetric" (9), or "planar" (circle or ellipse, for turns about one axis). With
+    model : "sphere" (4 parameters), "diagonal" (6), "symmetric" (9), or "planar" (turns about one axis). With
         "auto", "ml" chooses a model. Or a model object: a `MagModel`, or a subclass with
         fields of its own. "ml" then fits its floating leaves, from their values or from the algebraic fit.
     field : magnitude of the true field, or the field vector (north, east, down), in the unit of the readings. The vector also gives the
@@ -59,9 +58,6 @@ def fit(
     inclination : dip of the field in rad, used for `heading_error`. By default it comes from `field` or from an `Accelerometer`; without
         either, 57 degrees are assumed, and the result shows the error for other dips too.
     limits : rms heading errors in rad above which the verdict is "weak" and "refused".
-    penalty : weight of the penalty log det M / 2, where M is the information of the corrected directions. It keeps "ml" fits from diverging
-        when there are few readings, or readings from a corner of the sphere only. It is omitted where it would change a fit by less than
-        a tenth of a standard error. 1 is Jeffreys' prior (Firth), 0 plain maximum likelihood; 0.5 has the smallest Monte Carlo errors.
     aid : `Accelerometer`, `Attitude`, `Gyroscope` or `Headings`: magnitudes and aid are then fitted together, each residual divided by its
         own standard deviation, and the soft iron is the full matrix, with the rotation that magnitudes cannot show. Priors keep open what
         the attitudes cannot show, so that a vehicle that stays level, or hardly tilts, has its headings calibrated too. Without an aid, the
@@ -71,8 +67,8 @@ def fit(
     conditions : name -> array with one number per reading, such as a motor current or the temperature. The fit checks whether the
         residuals follow it. With a model object: further arguments of its `measure` and `correct`.
 
-    Under `jit`, `vmap` and `grad` the fit uses method "ml" and model "sphere", "diagonal", "symmetric" or "planar"; "planar" then fits an
-    ellipse. A traced condition selects the curvature term, there is no penalty and no thinning, and `verdict` is "not judged".
+    Under `jit`, `vmap` and `grad` the fit uses method "ml" and model "sphere", "diagonal" or "symmetric". A traced condition selects the
+    curvature term, there is no thinning, and `verdict` is "not judged".
 
     Returns
     -------
@@ -112,15 +108,18 @@ def fit(
     # rates are integrated over all samples, also those without a reading
     rows = np.flatnonzero(np.isfinite(m).all(axis=1)) if isinstance(aid, Gyroscope) and np.ndim(m) == 2 else np.arange(len(m))
     given = m[rows] if isinstance(aid, Gyroscope) else m
-    readings, norm, dip = checked(given, method, model, field, inclination, penalty, field_error)
+    readings, norm, dip = checked(given, method, model, field, inclination, field_error)
     if aid is None and force is not None:
         aid = Accelerometer(force, turns=False)
     recorded = checked_conditions(conditions or {}, len(readings))
-    first, used = by_magnitudes(
-        readings, aid, recorded, method=method, model=model, norm=norm, dip=dip, limits=limits, penalty=penalty,
+    first, used, plane = by_magnitudes(
+        readings, aid, recorded, method=method, model=model, norm=norm, dip=dip, limits=limits,
         known=inclination is not None or np.ndim(field) == 1,
     )  # fmt: skip
-    if not currents and field_error is None and not getattr(aid, "turns", aid is not None):
+    turns = getattr(aid, "turns", aid is not None)
+    if plane is not None and not turns:
+        aid, turns = Plane(plane, model == "planar"), True
+    if not (turns or currents or field_error is not None):
         return first
     known = None if inclination is None and np.ndim(field) == 0 else dip
     return joined(first, np.asarray(m, dtype=float), rows, rows[used], aid, currents or {}, norm, field_error, known, limits)

@@ -1,4 +1,4 @@
-"""`guide`: which attitude to read next, and when to stop; `heading_change`: how far a new calibration turns headings."""
+"""`guide`: which attitude to read next, and when to stop."""
 
 from typing import Any
 
@@ -11,12 +11,10 @@ from .._precision import host_float64, real_numbers
 from .._quality import checked_confidence
 from .._types import AnyArray, Float
 from ._design._coverage import sphere_grid
-from ._design._heading_error import angle, changes_by_iron, distance_slopes, grids, levelled, moments_of
+from ._design._heading_error import HEADINGS, by_iron, distance_slopes, heading_slopes
 from ._ellipsoid._kinds import COUNT
 from ._ellipsoid._shape import unit
-from ._field import INCLINATION
 from ._fit import fit
-from ._model import MagModel
 from ._result import MagFit
 
 _FEWEST = 12  # number of readings from which the fit gives the advice; before, the largest gap between directions does
@@ -114,8 +112,8 @@ def guide(
     found = fit(m, model="symmetric", inclination=inclination)
     if found.model is None or not np.isfinite(np.asarray(found.iron_covariance)).all():
         return _by_gap(m, choice, "the readings leave the calibration open", found)
-    change, covariance, weight = changes_by_iron(found.model, found.field), np.asarray(found.estimate.matrix), np.zeros((13, 13))
-    weight[:12, :12] = change.T @ moments_of(float(found.inclination), found.down)[0] @ change
+    slopes = heading_slopes(by_iron(found.model, found.field), HEADINGS, 0.0, float(found.inclination), found.down)
+    covariance, weight = np.asarray(found.estimate.matrix), slopes.T @ slopes / len(slopes)
     grid = sphere_grid()
     # candidates stand for the readings that the model gives there: their noise would prefer those that point outwards
     points = grid if choice is None else unit(np.asarray(found.model.correct(choice)))
@@ -134,29 +132,6 @@ def guide(
         return Guide(True, None, None, error, bound, f"Stop: {told}.", found)
     direction = grid[best] if choice is None and best is not None else None
     return Guide(False, direction, None if choice is None else best, error, bound, f"{told}. {_next(direction)}".strip(), found)
-
-
-def heading_change(
-    present: MagModel, new: MagModel, field: float, *, inclination: float = INCLINATION, down: Any = None
-) -> Float[np.ndarray, " headings"]:
-    """By how much level headings change when a new calibration replaces the present one.
-
-    Parameters
-    ----------
-    present, new : the two calibrations, for readings in the same unit.
-    field : magnitude of the field that `new` gives, in its unit, as in `MagFit.field`.
-    inclination : dip of the field in rad.
-    down : the axis that points down at level, in the axes of the field that `new` gives; z by default.
-
-    Returns
-    -------
-    (24,) rad: heading by `new` minus heading by `present`, at every 15 degrees of heading by `new`, from north.
-    """
-    attitudes, directions = grids(float(inclination))[0]
-    turn = levelled(np.array([0.0, 0.0, 1.0]) if down is None else down)[0]
-    readings = new.measure(float(field) * directions @ turn)
-    by = [angle(attitudes, np.asarray(model.correct(readings)) @ turn.T) for model in (present, new)]
-    return np.angle(np.exp(1j * (by[1] - by[0])))
 
 
 def _by_gap(m: AnyArray, choice: AnyArray | None, said: str, found: MagFit | None) -> Guide:

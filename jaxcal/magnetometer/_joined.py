@@ -4,21 +4,20 @@ from typing import Any
 
 import numpy as np
 
-from .._answer import CAUTION, Quantity
+from .._answer import CAUTION, NOTE, Quantity
 from .._errors import DataError
-from .._frozen import made, replaced
+from .._frozen import replaced
 from ..fitting._serial import BLOCKS
 from ._aids import alignment_of, down_by, fitted, told
 from ._axes import by_axes
-from ._design._coverage import covered
-from ._design._heading_error import down_of, heading_error
-from ._ellipsoid._shape import unit
+from ._design._heading_error import both_tilts, by_iron, down_of, rms_heading
+from ._ellipsoid._shape import iron_slopes, unit
 from ._field import INCLINATION
 from ._findings import FINDINGS
 from ._iron import estimated
-from ._judge import by_readings, dip_differs, judged, outliers
+from ._judge import by_readings, dip_differs, outliers
 from ._model import MagModel
-from ._result import MagFit
+from ._result import MagFit, judged_fit
 
 #: findings of the fit of magnitudes that hold for the joint fit too
 _KEPT = ("clipped", "averaged", "bent")
@@ -81,17 +80,19 @@ def joined(
     corrected = np.asarray(at_nearest.correct(m[there] - (columns - nearest)[there] @ terms))
     level = np.array([0.0, 0.0, 1.0]) if source == "headings" and aid.accel is None else down_by(at.up)
     down = down_of(unit(corrected), dip_seen) if level is None else level
-    error = np.asarray(heading_error(at_nearest, field, spread[:12, :12], dip_seen, down))
+    error = np.asarray(rms_heading(both_tilts(by_iron(at_nearest, field), dip_seen, down), spread[:13, :13]))
     if currents:
         move = np.eye(len(spread))
         for j, value in enumerate(nearest):
             move[:3, 13 + 3 * j : 16 + 3 * j] = -value * np.eye(3)
         spread = move @ spread @ move.T
 
-    turn = alignment_of(found, source) if source else None
+    turn = alignment_of(found, source) if source and source != "plane" else None
     said = [one for one in first.findings if one.code in _KEPT]
     if found.parts:
         said.append(FINDINGS("correlated", size=100 * float(found.sigma[0])))
+    if source == "plane":
+        said.append(FINDINGS("plane", severity=NOTE if aid.asked else CAUTION))
     if turn is not None:
         said += [*about, *turn.findings]
         if found.spread > _OFF:
@@ -114,27 +115,20 @@ def joined(
     said += by_readings(noise / field, len(outliers(residual / field)), len(residual))
     further = {f"currents.{name}[{i}]": terms[j, i] for j, name in enumerate(currents) for i in range(3)}
     freedom = BLOCKS - 1 if found.parts else max(len(found.across) - 13, 1)
-    result = made(
-        MagFit, model=model, estimate=estimated(model, field, spread, freedom, further, norm is not None), heading_error=error, field=field,
-        noise=noise, residual=residual, inclination=dip_seen, method="joint",
-        kind="full" if source else "symmetric",
-        coverage=covered(corrected), down=down, alignment=turn, _about={"used": len(rows)},
+    kind = {"": "symmetric", "plane": "planar"}.get(source, "full")
+    return judged_fit(
+        said, limits, "the soft iron", corrected, model=model, estimate=estimated(model, field, spread, freedom, further, norm is not None),
+        heading_error=error, field=field, noise=noise, residual=residual, inclination=dip_seen, method="joint", kind=kind, down=down,
+        alignment=turn, _about={"used": len(rows)},
     )  # fmt: skip
-    wanted = result.needed if not error[0] <= limits[0] else np.zeros((0, 3))
-    object.__setattr__(result, "findings", judged(said, float(error[0]), limits, "the soft iron", wanted))
-    return result
 
 
 def _spread(found: Any, scale: float, whole: np.ndarray, field: float, given: bool, size: np.ndarray) -> np.ndarray:
     """Covariance of hard iron, soft iron, field and the fields of currents from that of the scaled solution."""
     count = len(found.parameters) - 18
-    known = np.r_[9:12, 0:9, 18 : 18 + count]  # b, C, K
+    known = np.r_[0:12, 18 : 18 + count]  # C, b, K
     matrix = found.covariance[np.ix_(known, known)] * scale**2
     slopes = np.zeros((13 + count, 12 + count))
-    slopes[:3, :3] = np.eye(3)
-    # soft iron C / H, and H = det(C)^(1/3) unless it is given
-    by_field = np.zeros(9) if given else field / 3 * np.linalg.inv(whole).T.ravel()
-    slopes[3:12, 3:12] = np.eye(9) / field - np.outer(whole.ravel(), by_field) / field**2
-    slopes[12, 3:12] = by_field
+    slopes[:13, :12] = iron_slopes(whole, field, given)
     slopes[13:, 12:] = np.diag(1 / np.repeat(size, 3))
     return slopes @ matrix @ slopes.T

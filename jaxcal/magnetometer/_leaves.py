@@ -9,10 +9,8 @@ import numpy as np
 
 from .._compile import filter_jit
 from .._types import Array
+from ._ellipsoid._kinds import PLACE
 from ._model import MagModel
-
-_ENTRY = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
-UPPER = np.triu_indices(3)
 
 
 class Leaves(eqx.Module):
@@ -23,16 +21,16 @@ class Leaves(eqx.Module):
 
     def model(self, turn: Array) -> MagModel:
         """The model with soft iron S Q."""
-        return eqx.tree_at(lambda m: m.soft_iron, self.rest, self.soft_iron[_ENTRY] @ turn, is_leaf=lambda leaf: leaf is None)
+        return eqx.tree_at(lambda m: m.soft_iron, self.rest, self.soft_iron[PLACE] @ turn, is_leaf=lambda leaf: leaf is None)
 
 
 def changes(model: MagModel, field: Any, usual: dict[str, Any], directions: Any) -> Array:
-    """Derivative (n, 3, p) of corrected unit fields with respect to hard iron, soft iron and further leaves, under usual conditions."""
+    """Derivative (n, 3, p) of corrected unit fields by hard iron, soft iron, the field (zero) and further leaves, in usual conditions."""
     there = {name: jnp.broadcast_to(value, (len(directions), *jnp.shape(value))) for name, value in usual.items()}
     readings = model.measure(field * jnp.asarray(directions), **there)
     slope = jax.jacfwd(lambda model: model.correct(readings, **there))(model)
     soft, hard, *further = (x.reshape(*readings.shape, -1) for x in jax.tree.leaves(slope))
-    return jnp.concatenate([hard, soft, *further], axis=-1) / field
+    return jnp.concatenate([hard, soft, jnp.zeros_like(soft[..., :1]), *further], axis=-1) / field
 
 
 _compiled = filter_jit(changes)

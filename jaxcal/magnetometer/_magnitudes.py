@@ -5,93 +5,72 @@ from typing import Any
 import numpy as np
 
 from .._answer import Quantity
-from .._frozen import made
 from ..fitting._serial import BLOCKS
 from ._aids import down_by, verticals
 from ._axes import Axes, axes_of, by_axes
-from ._design._coverage import covered
-from ._design._heading_error import down_of, heading_error, information
-from ._diagnosis import chosen_rows, departure, from_causes, from_field, from_structure
+from ._design._heading_error import TILT, both_tilts, by_iron, down_of, heading_change, information, rms_heading
+from ._diagnosis import chosen_rows, from_causes, from_field, from_structure
 from ._ellipsoid._algebraic import NotEllipsoid
 from ._ellipsoid._causes import examined
-from ._ellipsoid._kinds import COUNT, PLANAR
-from ._ellipsoid._select import all_distances
-from ._ellipsoid._shape import covariance_of, directions_of, model_of, radius_of, unit
+from ._ellipsoid._kinds import COUNT
+from ._ellipsoid._orthogonal import distances, flat
+from ._ellipsoid._shape import between, directions_of, radius_of, unit
 from ._findings import FINDINGS
-from ._iron import by_surface, estimated
-from ._judge import by_readings, few_left, judged, outliers
-from ._result import MagFit, unfitted
-from ._surface import surface_of
+from ._iron import estimated
+from ._judge import by_readings, few_left, outliers
+from ._result import MagFit, judged_fit, unfitted
+from ._surface import Surface, iron_of, surface_of
 
 _AGREE = np.deg2rad(5.0)  # scatter of the dip of readings at rest, above which an accelerometer does not show it
 
 
 def by_magnitudes(
     m: np.ndarray, aid: Any, recorded: dict[str, np.ndarray], *, method: str, model: str, norm: Any, dip: float,
-    limits: tuple[float, float], penalty: float, known: bool,
-) -> tuple[MagFit, np.ndarray]:  # fmt: skip
-    """The fit of readings (n, 3), and the rows that were fitted; `known` says whether the dip was given."""
+    limits: tuple[float, float], known: bool,
+) -> tuple[MagFit, np.ndarray, Any]:  # fmt: skip
+    """The fit of readings (n, 3), the fitted rows, and the normal of their plane if they lie in one; `known`: the dip was given."""
     used, full = chosen_rows(m)
     try:
-        surface = surface_of(m[used], method, model, penalty, (dip, limits[0]))
+        surface = surface_of(m[used], method, model, (dip, limits[0]))
     except NotEllipsoid as error:
-        return unfitted(method, dip, FINDINGS("no_ellipsoid", quadric=error.quadric)), used
-    if surface.refused is not None:
-        return unfitted(method, dip, surface.refused), used
-    found, frame, plane = surface.found, surface.frame, surface.plane
-    planar, log = plane is not None, surface.scaled(m)
-    size = radius_of(found.shape, planar) if norm is None else norm / frame.scale
-    iron, field = model_of(found.shape, found.centre, frame, size, plane), float(size * frame.scale)
-    corrected, directions = np.asarray(iron.correct(m)), directions_of(found, surface.u)
+        surface = Surface(FINDINGS("no_ellipsoid", quadric=error.quadric))
+    clipped = [FINDINGS("clipped", count=full)] if full else []
+    if surface.found is None:
+        return unfitted(method, dip, *clipped, *([] if surface.refused is None else [surface.refused])), used, surface.plane
+    found, u = surface.found, surface.u
+    iron, field, slopes = iron_of(found, surface.frame, norm)
+    corrected, directions, log = np.asarray(iron.correct(m)), directions_of(found, u), surface.frame.scaled(m)
 
     # the dip, and the axis that points down
     axes, seen, down = _seen(aid, corrected)
-    said = list(by_axes(axes, np.sign(dip) if known else 0.0, turns=False)) if not planar else []
-    if axes is None:
-        said.append(FINDINGS("unseen_axes"))
-    if seen is not None and not planar and not known:
-        dip = seen
+    said = [*by_axes(axes, np.sign(dip) if known else 0.0, turns=False), *([] if axes else [FINDINGS("unseen_axes")]), *clipped]
+    dip = dip if known or seen is None else seen
     down = down_of(directions, dip) if down is None else down
 
     # the error: by parts of the log, at least that of white residuals, with what the fit cannot see by itself
-    told = examined(found, surface.u, log, used, recorded)
-
-    def spread(own: Any, steps: Any = None) -> np.ndarray:
-        return np.asarray(by_surface(iron.soft_iron, field, covariance_of(found, frame, steps, own), norm is not None, plane))
-
-    def error_of(matrix: np.ndarray) -> np.ndarray:
-        return np.asarray(heading_error(iron, field, matrix[:12, :12], dip, down, plane))
-
-    matrix, nothing = spread(told.white), np.zeros_like(told.white)
-    if told.parts is not None:
-        white, matrix = matrix, spread(told.parts)
-        matrix = matrix * max(error_of(white)[0] / error_of(matrix)[0], 1.0) ** 2
-    steps = [spread(nothing, cause.step[None]) for cause in told.causes]
-    matrix = matrix + spread(nothing, surface.unseen) + sum(steps)
-    error = error_of(matrix)
+    headings = both_tilts(by_iron(iron, field), dip, down)
+    spread, parts, causes = examined(found, u, log, used, recorded)
+    steps = [np.outer(one, one) for one in [slopes @ surface.unseen, *(slopes @ cause.step for cause in causes)]]
+    matrix = between(slopes, spread) + sum(steps)
+    error = np.asarray(rms_heading(headings, matrix))
     if method == "constrained":
-        error = np.hypot(error, departure(found, surface.u, dip))
+        error = np.hypot(error, _departure(surface, iron, field, norm, dip, down))
 
     # what to know
-    bits = information(directions, found.kind, found.noise / radius_of(found.shape, planar))
-    distance = found.distance if len(used) == len(m) else all_distances(found, log)
-    said += [*from_structure(found, surface.u, bits), *surface.said, *from_field(found, norm, frame.scale, planar)]
-    said += by_readings(found.noise / radius_of(found.shape), len(outliers(distance)), len(m))
-    said += few_left(len(used), COUNT[found.kind])
-    said += from_causes(found, told, int(full.sum()), [float(error_of(step)[0]) for step in steps])
-    if not known and (seen is None or planar):
-        said.append(FINDINGS("dip_assumed", dip=Quantity(dip, "angle")))
-    freedom = BLOCKS - 1 if told.parts is not None else max(len(used) - COUNT[found.kind], 1)
-    estimate = estimated(iron, field, matrix, freedom, held=norm is not None, plane=plane)
-    result = made(
-        MagFit, model=iron, estimate=estimate, heading_error=error, field=field, noise=float(found.noise * frame.scale),
-        residual=distance * frame.scale, inclination=dip, method=method, kind=found.kind, coverage=covered(corrected), down=down,
-        plane=plane,
-        _about={"used": len(used), "condition": bits.condition, "penalty": float(found.penalty)},
-    )  # fmt: skip
-    wanted = result.needed if not error[0] <= limits[0] and found.kind not in PLANAR else np.zeros((0, 3))
-    object.__setattr__(result, "findings", judged(said, float(error[0]), limits, bits.weakest, wanted))
-    return result, used
+    bits = information(directions, found.kind, found.noise / radius_of(found.soft))
+    distance = found.distance if len(used) == len(m) else distances(found, log)
+    scatter = found.noise / radius_of(found.soft)
+    said += [*from_structure(found, u, bits), *surface.said, *from_field(surface.frame.scale * radius_of(found.soft), norm)]
+    said += [*by_readings(scatter, len(outliers(distance)), len(m)), *few_left(len(used), COUNT[found.kind])]
+    said += from_causes(causes, [float(rms_heading(headings, step)[0]) for step in steps[1:]])
+    said += [FINDINGS("correlated", size=100 * scatter)] if parts else []
+    said += [] if known or seen is not None else [FINDINGS("dip_assumed", dip=Quantity(dip, "angle"))]
+    freedom = BLOCKS - 1 if parts else max(len(used) - COUNT[found.kind], 1)
+    return judged_fit(
+        said, limits, bits.weakest, corrected, model=iron, estimate=estimated(iron, field, matrix, freedom, held=norm is not None),
+        heading_error=error, field=float(field), noise=float(found.noise * surface.frame.scale), residual=distance * surface.frame.scale,
+        inclination=dip, method=method, kind=found.kind, down=down, _about={"used": len(used), "condition": bits.condition},
+    ), used, None  # fmt: skip
 
 
 def _seen(aid: Any, corrected: np.ndarray) -> tuple[Axes | None, float | None, np.ndarray | None]:
@@ -104,3 +83,13 @@ def _seen(aid: Any, corrected: np.ndarray) -> tuple[Axes | None, float | None, n
         return axes, None, None
     dips = -np.arcsin(np.clip(np.sum(field * up, axis=1)[there], -1, 1))
     return (axes, axes.dip, down_by(up)) if np.std(dips) < _AGREE else (axes, None, None)
+
+
+def _departure(surface: Surface, iron: Any, field: Any, norm: Any, dip: float, down: Any) -> np.ndarray:
+    """Heading difference to the maximum likelihood fit of the same readings, at level and tilted; infinite if there is none."""
+    try:
+        best, _, _ = iron_of(flat(surface.u, "symmetric"), surface.frame, norm)
+    except NotEllipsoid:
+        return np.full(2, np.inf)
+    off = [heading_change(best, iron, field, inclination=dip, down=down, tilt=tilt) for tilt in (0.0, TILT)]
+    return np.sqrt([np.mean(one**2) for one in off])

@@ -1,19 +1,20 @@
 """`MagFit`: a magnetometer calibration with its uncertainty, the heading error to expect, and what to know about it."""
 
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import equinox as eqx
 import numpy as np
 
 from .._answer import Finding, Grid, Number, Result, Section, by_axis, listed
-from .._frozen import made
+from .._frozen import made, replaced
 from .._types import AnyArray
 from ..fitting import Estimate
-from ._design._coverage import sphere_grid
+from ._design._coverage import covered, sphere_grid
 from ._design._heading_error import heading_at, needed
 from ._findings import FINDINGS
 from ._iron import quantity_of
-from ._judge import outliers
+from ._judge import judged, outliers
 from ._model import MagModel
 
 _NINETEEN = 2.1  # actual over stated error that 95.4 % of 800 simulated logs stayed below
@@ -41,12 +42,11 @@ class MagFit(Result):
     residual : (n,) distance of each reading to the ellipsoid, in the unit of the readings, positive outside.
     inclination : dip of the field used for `heading_error`, rad: as given, from the accelerometer, or 57 degrees.
     method : name of the method; "joint" for a fit together with another sensor or with currents.
-    kind : "sphere", "diagonal", "symmetric", in a plane "circle" and "ellipse", with another sensor "full", or the class of a model object.
+    kind : "sphere", "diagonal", "symmetric", "planar" for readings in a plane, "full" with another sensor, or the class of a model object.
     coverage : `Coverage` of the corrected readings; None without a model.
     down : (3,) axis that points down at level, used for `heading_error`, in the axes of the corrected field: the mean vertical of an
         accelerometer, or the axis about which the sensor turned. None for a sensor turned through all attitudes; the error then is the
         mean over all axes.
-    plane : (3, 3) for a planar fit: two unit vectors in the plane, then its normal. None otherwise.
     alignment : `Alignment` with the given accelerometer, gyroscope or headings; `model` includes its rotation. None otherwise.
     check : `Check` of readings that were held back from the fit; None otherwise.
     findings : what to know. The verdict is "not judged" under `jit`, `vmap` and `grad`, where coverage is None.
@@ -70,7 +70,6 @@ class MagFit(Result):
     kind: str = eqx.field(static=True)
     coverage: Any = None
     down: Any = None
-    plane: Any = None
     alignment: Any = None
     check: Any = None
     findings: tuple[Finding, ...] = eqx.field(static=True, default=())
@@ -107,7 +106,7 @@ class MagFit(Result):
     @property
     def needed(self) -> np.ndarray:
         """(3, 3) unit vectors, in the corrected field's axes, in which further readings would help most; (0, 3) if unknown."""
-        if self.model is None or self.plane is not None or not np.isfinite(np.asarray(self.iron_covariance)).all():
+        if self.model is None or self.kind == "planar" or not np.isfinite(np.asarray(self.iron_covariance)).all():
             return np.zeros((0, 3))
         return needed(self.model, float(self.field), np.asarray(self.estimate.matrix[:13, :13]), sphere_grid())
 
@@ -127,7 +126,7 @@ class MagFit(Result):
             by_axis("soft_iron", "soft iron, which the correction undoes", soft, detail=True),
             listed("heading", "heading error and readings", self._details(), detail=True),
         ]  # fmt: skip
-        if self.plane is not None or self.kind == "full":
+        if self.kind in ("planar", "full"):
             found.append(self.card())
         wanted = [Number(f"needed_{i + 1}[{j}]", float(value)) for i, way in enumerate(self.needed) for j, value in enumerate(way)]
         if wanted:
@@ -171,7 +170,6 @@ class MagFit(Result):
             "dip of the field": Number("inclination", float(self.inclination), quantity="angle"),
             "readings": Number("readings", len(self.residual)), "readings fitted": Number("used", about.get("used", np.nan)),
             "outliers": Number("outliers", len(self.outliers)), "condition number": Number("condition", about.get("condition", np.nan)),
-            "weight of the penalty": Number("penalty", about.get("penalty", np.nan)),
         }  # fmt: skip
         if cover is not None:
             rows["directions seen"] = Number("coverage.occupied", 100 * cover.occupied, quantity="%")
@@ -186,6 +184,16 @@ def _within(name: str, grid: Any) -> Grid:
         for label, cells in grid.rows
     )
     return grid._replace(rows=rows)
+
+
+def judged_fit(
+    said: Sequence[Finding], limits: tuple[float, float], weakest: str, corrected: np.ndarray, **told: Any
+) -> MagFit:  # fmt: skip
+    """A fit with its findings and the coverage of the corrected readings; `weakest` says what is least certain, in words."""
+    result = made(MagFit, coverage=covered(corrected), findings=(), **told)
+    level = float(result.heading_error[0])
+    wanted = result.needed if not level <= limits[0] else np.zeros((0, 3))
+    return replaced(result, findings=judged(said, level, limits, weakest, wanted))
 
 
 def unfitted(method: str, dip: float, *findings: Finding) -> MagFit:

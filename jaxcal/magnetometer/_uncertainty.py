@@ -12,10 +12,10 @@ import scipy  # loads its parts when they are first used
 from .._errors import DataError
 from .._precision import array_module, host_float64
 from .._types import AnyArray, Array
-from ._design._heading_error import heading_at, moments_of
-from ._ellipsoid._kinds import ENTRIES
-from ._ellipsoid._residuals import natural_rows
+from ._design._heading_error import both_tilts, by_iron, heading_at, sphere_rows
+from ._ellipsoid._kinds import basis_of
 from ._field import INCLINATION, unit_field
+from ._model import MagModel
 from ._result import MagFit
 
 _STARTS, _FEWEST = 4, 10  # random plans, of which the best is kept; readings: one more than parameters
@@ -85,7 +85,7 @@ class Plan(eqx.Module):
 
 def _variance(attitudes: Array, inclination: Array, weight: Array) -> Array:
     """Mean square heading error per noise variance (relative to the field) for sensors near C = I: trace of the bound times `weight`."""
-    rows = natural_rows(unit_field(attitudes, inclination, jnp), jnp)
+    rows = sphere_rows(unit_field(attitudes, inclination, jnp), jnp)
     # a ridge, far below the information of a usable plan, keeps the derivative finite at singular plans
     information = rows.T @ rows + 1e-9 * len(rows) * jnp.eye(9, dtype=rows.dtype)
     return jnp.trace(jnp.linalg.solve(information, weight))
@@ -93,12 +93,10 @@ def _variance(attitudes: Array, inclination: Array, weight: Array) -> Array:
 
 @functools.cache
 def _weights(inclination: float) -> np.ndarray:
-    """Mean of the outer products of the heading's slopes by shape and centre about C = I, at level and tilted, (2, 9, 9)."""
-    change = np.zeros((12, 9))
-    for column, (i, j) in enumerate(zip(*ENTRIES, strict=True)):
-        change[[3 * i + j, 3 * j + i], column] = 0.5  # the root of I + dA is I + dA / 2
-    change[9:, 6:] = -np.eye(3)
-    return np.array([change.T @ one @ change for one in moments_of(inclination, np.array([0.0, 0.0, 1.0]))])
+    """Mean of the outer products of the heading's slopes by S and centre about C = I, at level and tilted, (2, 9, 9)."""
+    both = both_tilts(by_iron(MagModel(np.eye(3), np.zeros(3)), 1.0), inclination, np.array([0.0, 0.0, 1.0]))
+    slopes = [np.concatenate([rows[:, 3:12], rows[:, :3]], axis=1) @ basis_of("symmetric") for rows in both]
+    return np.array([rows.T @ rows / len(rows) for rows in slopes])
 
 
 _slope = jax.jit(jax.value_and_grad(lambda a, i, w: jnp.log(_variance(a, i, w))))

@@ -197,7 +197,7 @@ def heading_error(found: Any, ax: Any = None) -> Any:
         raise DataError("there is nothing to draw: the readings leave the heading open")
     ax = new_figure().subplots() if ax is None else ax
     headings = np.linspace(0, 2 * np.pi, 145)
-    tilts = ((0.0, "level"), (np.deg2rad(20), "20° of tilt")) if found.plane is None else ((0.0, "in the plane"),)
+    tilts = ((0.0, "level"), (np.deg2rad(20), "20° of tilt"))
     for (tilt, name), color in zip(tilts, SERIES, strict=False):
         ax.plot(np.rad2deg(headings), np.rad2deg(heading_uncertainty(found, headings, tilt=tilt)), color=color, label=name)
     style_axes(ax, "heading (°)", "standard deviation (°)")

@@ -81,7 +81,7 @@ def _regions(found: MagFit) -> Markup:
 
 def _headings(found: MagFit) -> Markup:
     degrees = np.arange(0, 360, 15)
-    tilts = {"at level (°)": 0.0, "at 20° of tilt (°)": np.deg2rad(20)} if found.plane is None else {"in the plane (°)": 0.0}
+    tilts = {"at level (°)": 0.0, "at 20° of tilt (°)": np.deg2rad(20)}
     values = [np.rad2deg(heading_uncertainty(found, np.deg2rad(degrees), tilt=tilt)) for tilt in tilts.values()]
     rows = [(degree, *(f"{value:.3g}" for value in line)) for degree, *line in zip(degrees, *values, strict=True)]
     return numbers("Numbers of the heading error", ("heading (°)", *tilts), rows)

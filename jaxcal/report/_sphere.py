@@ -91,7 +91,7 @@ def _map(found: MagFit) -> Markup:
 def _headings(found: MagFit) -> Markup:
     """Standard deviation of the heading as a function of heading."""
     headings = np.linspace(0, 2 * np.pi, 73)
-    tilts = {"at level": 0.0, "at 20° of tilt": math.radians(20)} if found.plane is None else {"in the plane": 0.0}
+    tilts = {"at level": 0.0, "at 20° of tilt": math.radians(20)}
     curves = [np.rad2deg(np.asarray(heading_uncertainty(found, headings, tilt=tilt))) for tilt in tilts.values()]
     y = linear_axis("Standard deviation (°)", [[0.0], *curves])._replace(low=0.0)
     marks = [Mark("line", np.rad2deg(headings), curve, i) for i, curve in enumerate(curves)]

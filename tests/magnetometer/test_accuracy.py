@@ -113,23 +113,6 @@ def test_ml_reaches_the_cramer_rao_bound(name, sigma, tabulated, listed):
     assert least == pytest.approx(listed, rel=0.2)
 
 
-@pytest.mark.long
-def test_twelve_points_reach_the_bound_where_plain_fits_run_off():
-    """At 1 uT the table states 27 degrees for maximum likelihood without a penalty, and 6.2 for the bound."""
-    errors, plain, predicted = [], [], []
-    for seed in range(60):
-        field = body_field(scenario("twelve_points", seed=seed), cases.FIELD, cases.DIP)
-        m = cases.PAPER.measure(field) + _white(seed, field, 1.0)
-        for kept, penalty in ((errors, 0.5), (plain, 0.0)):
-            kept.append(cases.heading_errors(fit(m, model="symmetric", penalty=penalty).model, steep=True))
-        predicted.append(crlb(field, 1.0))
-    least = cases.rms(predicted)
-    assert least == pytest.approx(6.2, rel=0.1)
-    # the error was 0.79 +- 0.02 of the bound in 2,000 runs; for 60 runs it scatters by 0.1
-    assert cases.rms(errors) <= 1.15 * least
-    assert cases.rms(plain) > 1.15 * least
-
-
 def _white(seed, field, sigma):
     return sigma * np.random.default_rng([seed, 7]).normal(size=field.shape)
 

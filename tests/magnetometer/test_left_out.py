@@ -51,13 +51,8 @@ def test_a_model_that_is_asked_for_is_taken_at_its_word():
 
 
 def test_what_could_not_be_seen_is_not_called_absent():
-    """A quarter of a circle cannot distinguish a circle from an ellipse, nor a small cap a sphere from an ellipsoid."""
-    a = np.random.default_rng(0).uniform(0, np.pi / 2, 60)
-    arc = np.column_stack([1.1 * np.cos(a), 0.95 * np.sin(a), np.zeros(60)]) + 0.01 * np.random.default_rng(1).normal(size=(60, 3))
-    found = fit(arc, model="planar")
-    assert (found.kind, found.verdict) == ("circle", "weak")
-    assert next(one for one in found.findings if one.code == "small_model").facts["what"] == "an ellipse"
-    small = fit(cases.readings(SMALL, cap(0, 0.8, 100), 0.02, 0))
-    assert small.kind != "symmetric"
-    assert small.verdict != "good"
-    assert "small_model" in small.codes
+    """A small cap cannot distinguish a sphere from an ellipsoid."""
+    for seed in range(5):
+        small = fit(cases.readings(SMALL, cap(seed, 0.8, 100), 0.02, seed))
+        assert small.verdict != "good"
+        assert (small.kind == "symmetric") != ("small_model" in small.codes)

@@ -51,4 +51,4 @@ def test_models_that_the_largest_excludes_are_not_tried():
         sensor = cases.MILD if soft == "symmetric" else None
         u = cases.directions(300, 3)
         m = cases.readings(sensor, u, 0.01, 0) if sensor is not None else u + 0.01 * np.random.default_rng(0).normal(size=u.shape)
-        assert set(candidates(m - m.mean(axis=0), ("sphere", "diagonal", "symmetric"), 300)[0]) == left
+        assert set(candidates(m - m.mean(axis=0), 300)[0]) == left

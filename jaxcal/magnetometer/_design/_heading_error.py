@@ -1,6 +1,5 @@
 """Heading error from the covariance of hard and soft iron, and the parameters that the readings determine least (host, NumPy)."""
 
-import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -8,24 +7,14 @@ import numpy as np
 
 from ..._precision import array_module
 from ..._types import AnyArray
-from .._ellipsoid._algebraic import matrix_of, triangle
-from .._ellipsoid._kinds import PLANAR
-from .._ellipsoid._residuals import BASES, natural_rows
-from .._ellipsoid._shape import Found, root
-from .._field import unit_field
+from .._ellipsoid._algebraic import triangle
+from .._ellipsoid._kinds import COUNT, SYMMETRIC, UPPER, basis_of
+from .._field import INCLINATION, unit_field
 from .._leaves import changes_of
 
-WORDS = (
-    "scale along x", "coupling of x and y", "scale along y", "coupling of x and z", "coupling of y and z", "scale along z",
-    "hard iron along x", "hard iron along y", "hard iron along z",
-)  # fmt: skip
-_IN_PLANE = {
-    0: "scale along the plane's first axis", 1: "coupling of the plane's axes", 2: "scale along the plane's second axis",
-    6: "hard iron along the plane's first axis", 7: "hard iron along the plane's second axis",
-}  # fmt: skip
-_TILT = np.deg2rad(20.0)  # of a vehicle that brakes or banks
+TILT = np.deg2rad(20.0)  # of a vehicle that brakes or banks
 TURNED = 0.5  # length of the mean unit field: sin(dip) for turns about the vertical, zero for a sensor turned through all attitudes
-_HEADINGS = np.arange(24) * np.pi / 12  # every 15 degrees
+HEADINGS = np.arange(24) * np.pi / 12  # every 15 degrees
 
 
 def tilted(headings: np.ndarray, tilt: float) -> np.ndarray:
@@ -35,34 +24,11 @@ def tilted(headings: np.ndarray, tilt: float) -> np.ndarray:
     return np.stack([np.resize(headings, len(way)), elevation, bank], axis=1)
 
 
-@functools.lru_cache(maxsize=64)
-def grids(inclination: float) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Attitudes and unit fields at level, and at 20 degrees of tilt in eight directions."""
-    both = [tilted(_HEADINGS, tilt) for tilt in (0.0, _TILT)]
-    return [(attitudes, unit_field(attitudes, inclination)) for attitudes in both]
-
-
 def _level_axes(attitudes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit vectors forward and to the right in the horizontal plane, in body axes, (n, 3) each."""
     _, elevation, bank = attitudes.T
     ct, st, cp, sp = np.cos(elevation), np.sin(elevation), np.cos(bank), np.sin(bank)
     return np.stack([ct, sp * st, cp * st], axis=1), np.stack([0 * ct, cp, -sp], axis=1)
-
-
-def _level_parts(attitudes: np.ndarray, y: np.ndarray) -> list[np.ndarray]:
-    """Components of body vectors along the axes of `_level_axes`, (n,) each."""
-    return [np.sum(y * axis, axis=1) for axis in _level_axes(attitudes)]
-
-
-def across(attitudes: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """Derivative of the magnetic heading with respect to the corrected field, (n, 3)."""
-    (forward, right), (x, y) = _level_axes(attitudes), _level_parts(attitudes, directions)
-    return (y[:, None] * forward - x[:, None] * right) / (x**2 + y**2)[:, None]
-
-
-@functools.lru_cache(maxsize=64)
-def grids_across(inclination: float) -> list[np.ndarray]:
-    return [across(*grid) for grid in grids(inclination)]
 
 
 def levelled(down: AnyArray | None) -> np.ndarray:
@@ -86,89 +52,89 @@ def down_of(directions: np.ndarray, dip: float) -> np.ndarray | None:
     return np.copysign(1.0, dip) * mean / size if size > TURNED else None
 
 
-def rms_heading(change: Callable[[np.ndarray], Any], covariance: Any, inclination: float, down: AnyArray | None = None) -> Any:
-    """Root mean square heading error in rad, at level and at 20 degrees of tilt, from the `covariance` (p, p) of the parameters.
+def _grid(headings: np.ndarray, tilt: float, dip: float, down: AnyArray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Derivative (m, 3) of headings by the corrected unit field, and that field: for each `down`, direction of tilt, and heading."""
+    attitudes = tilted(headings, tilt)
+    directions = unit_field(attitudes, dip)
+    forward, right = _level_axes(attitudes)
+    x, y = (np.sum(directions * axis, axis=1, keepdims=True) for axis in (forward, right))
+    across, turns = (y * forward - x * right) / (x**2 + y**2), levelled(down)
+    return (across @ turns).reshape(-1, 3), (directions @ turns).reshape(-1, 3)
 
-    change : takes unit fields in body axes (n, 3) to the derivative of the corrected fields with respect to the parameters, (n, 3, p).
-    down : the axis that points down at level; None for the mean over all.
+
+def heading_slopes(change: Callable[[np.ndarray], Any], headings: np.ndarray, tilt: float, dip: float, down: AnyArray | None) -> Any:
+    """Derivative (m, p) of headings by parameters: for each `down`, each direction of tilt, and each heading, which is the last in m.
+
+    change : takes unit fields in body axes (n, 3) to the derivative of the corrected fields by the parameters, (n, 3, p).
+    down : the axis that points down at level; None for all six.
     """
-    turns, slopes = levelled(down), []
-    xp = array_module(covariance)
-    for (_, directions), sideways in zip(grids(inclination), grids_across(inclination), strict=True):
-        s, u = ((x @ turns).reshape(-1, 3) for x in (sideways, directions))
-        slopes.append(xp.einsum("ni,nip->np", s, change(u)))
-    return _rms(slopes, covariance)
+    across, directions = _grid(headings, tilt, dip, down)
+    slopes = change(directions)
+    return array_module(slopes).einsum("ni,nip->np", across, slopes)
 
 
-def _rms(slopes: list[Any], covariance: Any) -> Any:
-    """Roots of the mean variance s'Cs over all rows s of each array; infinite if the covariance is."""
+def both_tilts(change: Callable[[np.ndarray], Any], dip: float, down: AnyArray | None = None) -> tuple[Any, Any]:
+    """`heading_slopes` at every 15 degrees, at level and at 20 degrees of tilt."""
+    level, leaning = (_grid(HEADINGS, tilt, dip, down) for tilt in (0.0, TILT))
+    across, directions = (np.concatenate(parts) for parts in zip(level, leaning, strict=True))
+    slopes = change(directions)
+    rows = array_module(slopes).einsum("ni,nip->np", across, slopes)
+    return rows[: len(level[0])], rows[len(level[0]) :]
+
+
+def rms_heading(slopes: tuple[Any, Any], covariance: Any) -> Any:
+    """Root mean square heading error in rad, at level and tilted, from the covariance of the parameters; infinite if that is."""
     xp = array_module(slopes, covariance)
     known = xp.isfinite(covariance).all()
     safe = xp.where(known, covariance, 0.0)
-    return xp.where(known, xp.sqrt(xp.stack([(rows @ safe * rows).sum(axis=1).mean() for rows in slopes])), xp.inf)
+    # rounding may make a small value negative
+    mean = xp.stack([((rows @ safe) * rows).sum(axis=1).mean() for rows in slopes])
+    return xp.where(known, xp.sqrt(xp.maximum(mean, 0.0)), xp.inf)
 
 
-def moments_of(inclination: float, down: AnyArray | None = None) -> np.ndarray:
-    """Mean of g g', at level and tilted, (2, 12, 12), where g holds the products s_i u_j of slope and unit field, and the slope s.
+def by_iron(model: Any, field: Any) -> Callable[[np.ndarray], Any]:
+    """Derivative (n, 3, 13) of corrected unit fields by hard iron, soft iron and field.
 
-    The heading error due to a change D u + d of a corrected field u, for a matrix D and a vector d, depends on the grid only through it.
-    """
-    return _moments_about(float(inclination), None if down is None else tuple(np.asarray(down).tolist()))
-
-
-@functools.lru_cache(maxsize=256)
-def _moments_about(inclination: float, down: tuple[float, ...] | None) -> np.ndarray:
-    turns, found = levelled(None if down is None else np.array(down)), []
-    for (_, directions), sideways in zip(grids(inclination), grids_across(inclination), strict=True):
-        s, u = ((x @ turns).reshape(-1, 3) for x in (sideways, directions))
-        g = np.concatenate([(s[:, :, None] * u[:, None, :]).reshape(-1, 9), s], axis=1)
-        found.append(g.T @ g / len(g))
-    return np.array(found)
-
-
-def changes_by_iron(model: Any, field: Any) -> Any:
-    """Derivative (12, 12) of D and d with respect to hard and soft iron, where a corrected unit field u becomes u + D u + d.
-
-    With the whole matrix H C and its inverse W: D = -W H dC and d = -W db. A change of H turns no heading.
+    With the whole matrix H C and its inverse W, u changes by -W db - H W dC u. A change of H turns no heading.
     """
     xp = array_module(model.soft_iron, field)
     inverse = xp.linalg.inv(xp.asarray(model.soft_iron) * field)
-    one, zeros = xp.eye(3, dtype=inverse.dtype), xp.zeros((9, 3), dtype=inverse.dtype)
-    turned = xp.concatenate([zeros, -field * xp.kron(inverse, one)], axis=1)
-    return xp.concatenate([turned, xp.concatenate([-inverse, zeros.T], axis=1)])
 
+    def change(directions: np.ndarray) -> Any:
+        n = len(directions)
+        by_soft = -field * (inverse[None, :, :, None] * directions[:, None, None, :]).reshape(n, 3, 9)
+        by_hard = xp.broadcast_to(-inverse, (n, 3, 3))
+        return xp.concatenate([by_hard, by_soft, xp.zeros((n, 3, 1), dtype=inverse.dtype)], axis=2)
 
-def heading_error(model: Any, field: Any, covariance: Any, dip: float, down: AnyArray | None = None, plane: AnyArray | None = None) -> Any:
-    """Predicted rms heading error from the `covariance` of hard and soft iron (12, 12), at level and tilted; a `plane` has no tilt."""
-    xp = array_module(covariance, model.soft_iron)
-    known = xp.isfinite(covariance).all()
-    change = changes_by_iron(model, field)
-    spread = change @ xp.where(known, covariance, 0.0) @ change.T
-    moments = moments_of(dip, down)
-    if plane is not None:  # in the axes of the plane, whose normal points down
-        turn = xp.kron(plane, plane), xp.zeros((9, 3), dtype=spread.dtype)
-        turn = xp.concatenate([xp.concatenate(turn, axis=1), xp.concatenate([turn[1].T, plane], axis=1)])
-        spread, moments = turn @ spread @ turn.T, moments_of(0.0, np.array([0.0, 0.0, 1.0]))
-    # rounding may make a small value negative
-    found = xp.where(known, xp.sqrt(xp.maximum((moments * spread[None]).sum(axis=(1, 2)), 0.0)), xp.inf)
-    return found if plane is None else xp.where(np.array([True, False]), found, xp.inf)
-
-
-def heading_departure(first: Found, second: Found, inclination: float) -> np.ndarray:
-    """Root mean square difference of the headings by two calibrations of the same readings, at level and tilted."""
-    matrix, other = root(first.shape), root(second.shape)
-    departures = []
-    for attitudes, directions in grids(inclination):
-        y = (directions @ np.linalg.inv(other) + second.centre - first.centre) @ matrix
-        turned = np.exp(1j * (angle(attitudes, y) - angle(attitudes, directions)))
-        departures.append(np.sqrt(np.mean(np.angle(turned) ** 2)))
-    return np.array(departures)
+    return change
 
 
 def angle(attitudes: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Magnetic heading in rad of corrected fields `y` in body axes, for known attitudes."""
-    forward, right = _level_parts(attitudes, y)
+    forward, right = (np.sum(y * axis, axis=1) for axis in _level_axes(attitudes))
     return np.arctan2(-right, forward)
+
+
+def heading_change(present: Any, new: Any, field: float, *, inclination: float = INCLINATION, down: Any = None, tilt: float = 0.0) -> Any:
+    """By how much headings change when a new calibration replaces the present one.
+
+    Parameters
+    ----------
+    present, new : the two models, for readings in the same unit.
+    field : magnitude of the field that `new` gives, in its unit, as in `MagFit.field`.
+    inclination : dip of the field in rad.
+    down : the axis that points down at level, in the axes of the field that `new` gives; z by default.
+    tilt : angle from level, in eight directions, rad.
+
+    Returns
+    -------
+    (24,) rad, or (192,) if tilted: heading by `new` minus heading by `present`, at every 15 degrees of heading by `new`, from north.
+    """
+    attitudes = tilted(HEADINGS, tilt)
+    turn = levelled(np.array([0.0, 0.0, 1.0]) if down is None else down)[0]
+    readings = new.measure(float(field) * unit_field(attitudes, float(inclination)) @ turn)
+    by = [angle(attitudes, np.asarray(model.correct(readings)) @ turn.T) for model in (present, new)]
+    return np.angle(np.exp(1j * (by[1] - by[0])))
 
 
 class Information(NamedTuple):
@@ -179,41 +145,45 @@ class Information(NamedTuple):
     weakest: str
 
 
+def sphere_rows(directions: Any, xp: Any = np) -> Any:
+    """Derivative (n, 9) of the distance of unit vectors to the unit sphere by the upper entries of S and the centre, but for its sign."""
+    i, j = UPPER
+    return xp.concatenate([directions[:, i] * directions[:, j] * SYMMETRIC.sum(axis=0)[None, :], directions], axis=1)
+
+
 def information(directions: np.ndarray, kind: str, relative_noise: float) -> Information:
     """Condition number of the fit on the unit sphere, and the parameters that it determines least, in words.
 
     Columns keep their natural scale, because with columns of unit length a thin band of directions would look well conditioned. A row is
-    (u'Qu - 2c'u)/2 for the change Q of A and c of the centre. Noise of size s across u changes it by s |(Qu - c)_across|.
+    u'Su + c'u for the changes S and c, with 2 S, the change of the quadric, as parameter. Noise of size s across u changes it by
+    s |(2Su + c)_across|.
     """
-    basis = BASES[kind]
-    values, vectors = np.linalg.svd(triangle(natural_rows(directions) @ basis) / np.sqrt(len(directions)))[1:]
+    basis = np.repeat([0.5, 1.0], [6, 3])[:, None] * (np.linalg.pinv(basis_of("symmetric")) @ basis_of(kind)[:, : COUNT[kind]])
+    values, vectors = np.linalg.svd(triangle(sphere_rows(directions) @ basis) / np.sqrt(len(directions)))[1:]
     condition = float(values[0] / values[-1]) if len(values) == basis.shape[1] and values[-1] > 1e-12 * values[0] else np.inf
     weak = basis @ vectors[-1]
-    slope = directions @ matrix_of(weak[:6] * np.array([1, 2, 1, 2, 2, 1])) - weak[6:]
+    slope = 2 * directions @ (SYMMETRIC @ weak[:6]).reshape(3, 3) + weak[6:]
     across = slope - np.sum(slope * directions, axis=1, keepdims=True) * directions
     noise = relative_noise**2 * float(np.mean(np.sum(across**2, axis=1)))
     by_noise = min(noise / float(values[-1]) ** 2, 1.0) if np.isfinite(condition) else 0.0
-    chosen = [word for word, share in zip(WORDS, np.abs(weak), strict=True) if share > 0.5 * np.abs(weak).max()]
-    if kind in PLANAR:
-        chosen = [_IN_PLANE[WORDS.index(word)] for word in chosen]
+    axes = [("xyz"[i], "xyz"[j]) for i, j in zip(*UPPER, strict=True)]
+    words = [f"scale along {i}" if i == j else f"coupling of {i} and {j}" for i, j in axes] + [f"hard iron along {i}" for i in "xyz"]
+    chosen = [word for word, share in zip(words, np.abs(weak), strict=True) if share > 0.5 * np.abs(weak).max()]
     return Information(condition, by_noise, ", ".join(chosen))
+
+
+def change_of(found: Any) -> Callable[[np.ndarray], Any]:
+    """Derivative (n, 3, p) of corrected unit fields by the first parameters of a fit's estimate."""
+    if "usual" in found._about:
+        return lambda u: changes_of(found.model, found.field, found._about["usual"], u)
+    return by_iron(found.model, float(found.field))
 
 
 def heading_at(found: Any, headings: np.ndarray, tilt: float = 0.0) -> np.ndarray:
     """Standard deviation (n,) of the headings of a fit; the root mean square over directions of tilt, and over axes if none points down."""
-    dip, down = (found.inclination, found.down) if found.plane is None else (0.0, found.plane[2])
-    attitudes, turns = tilted(headings, float(tilt) if found.plane is None else 0.0), levelled(down)
-    directions = unit_field(attitudes, dip)
-    s, u = ((x @ turns).reshape(-1, 3) for x in (across(attitudes, directions), directions))
-    covariance = np.asarray(found.iron_covariance)
-    if "usual" in found._about:
-        order = [i for i, name in enumerate(found.estimate.names) if name != "field"]
-        rows = np.einsum("ni,nip->np", s, changes_of(found.model, found.field, found._about["usual"], u))
-        covariance = np.asarray(found.estimate.matrix)[np.ix_(order, order)]
-    else:
-        rows = np.concatenate([(s[:, :, None] * u[:, None, :]).reshape(-1, 9), s], axis=1) @ changes_by_iron(found.model, found.field)
-    variance = np.sum(rows @ covariance * rows, axis=1)
-    return np.sqrt(variance.reshape(-1, len(headings)).mean(axis=0))
+    rows = heading_slopes(change_of(found), headings, tilt, found.inclination, found.down)
+    covariance = np.asarray(found.estimate.matrix)[: rows.shape[1], : rows.shape[1]]
+    return np.sqrt(np.sum((rows @ covariance) * rows, axis=1).reshape(-1, len(headings)).mean(axis=0))
 
 
 def distance_slopes(model: Any, field: float, directions: np.ndarray) -> np.ndarray:

@@ -6,14 +6,16 @@ small. Only what acts alike in every part of the log is looked for beside: the r
 The step of the fit that such a cause explains is a part of its error.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..._special import chi_square_tail
-from ...fitting._serial import correlation_time, leave_out, look_white, span_of, tamed
-from ._kinds import COUNT, PLANAR, PLANAR_ROWS, basis_of, slopes_of
-from ._shape import Found, radius_of, root, unit
+from ...fitting._serial import correlation_time, span_of, tamed
+from .._iron import by_parts
+from ._kinds import COUNT, basis_of
+from ._orthogonal import rows_of
+from ._shape import Found, between, directions_of, radius_of
 
 FAST, BENT = "rate of turn", "nonlinearity"
 _CHANCE = 0.003  # of a false alarm for each cause: a gain of 20 for the six columns of a response, of 9 for a single column
@@ -22,38 +24,16 @@ EXACT = 1e-9  # share of the field below which residuals are rounding, not noise
 
 
 class Cause(NamedTuple):
-    """One cause: its name, the step (9,) of shape and centre that it explains, and its largest effect on a reading over the field."""
+    """One cause: its name, the step (12,) of S and centre that it explains, and its largest effect on a reading over the field."""
 
     name: str
     step: np.ndarray
     size: float
 
 
-class Examined(NamedTuple):
-    """Covariance of the parameters by white residuals and by parts of the log (None if the residuals look white), and the causes."""
-
-    white: np.ndarray
-    parts: np.ndarray | None
-    causes: list[Cause]
-
-
-def _rows(found: Found, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Derivative of the distances with respect to shape and centre, (n, 9), unit normals, and readings relative to the centre.
-
-    They are taken at the nearest points of the ellipsoid, so that the readings' own noise does not enter.
-    """
-    z = u - found.centre
-    z = z - found.distance[:, None] * unit(z @ found.shape)
-    slope = 2 * z @ found.shape
-    size = np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-300)
-    x, y, w = z.T
-    by_shape = np.stack([x * x, 2 * x * y, y * y, 2 * x * w, 2 * y * w, w * w], axis=1)
-    return np.concatenate([by_shape, -slope], axis=1) / size, slope / size, z
-
-
 def _columns(found, normals, z, whole, rows, conditions) -> dict[str, np.ndarray]:
     """Columns of each cause, for the readings in the given rows of the whole log."""
-    radius, support = radius_of(found.shape, found.kind in PLANAR), np.sum(normals * z, axis=1)
+    radius, support = radius_of(found.soft), np.sum(normals * z, axis=1)
     columns = {}
     for name, values in conditions.items():
         # the hard iron stays that of the mean condition
@@ -61,7 +41,7 @@ def _columns(found, normals, z, whole, rows, conditions) -> dict[str, np.ndarray
         if off.any():
             columns[name] = normals * (off / np.abs(off).max())[:, None]
     # averaging over a short time shortens a turning vector in proportion to the square of its rate
-    turn = np.gradient(unit((whole - found.centre) @ root(found.shape)), axis=0)[rows]
+    turn = np.gradient(directions_of(found, whole), axis=0)[rows]
     columns[FAST] = (support * np.sum(turn**2, axis=1))[:, None]
     columns[BENT] = np.concatenate([normals * (z / radius) ** 2, normals * (z / radius) ** 3], axis=1)
     return columns
@@ -85,25 +65,22 @@ def _cause(name: str, jacobian: np.ndarray, span: np.ndarray, part: np.ndarray, 
     return Cause(name, step, float(np.max(np.abs(part @ coefficients)))), chance
 
 
-def examined(found: Found, u: np.ndarray, whole: np.ndarray, rows: np.ndarray, conditions: dict[str, np.ndarray]) -> Examined:
-    """What the residuals of a fit tell about its error; the given `rows` of the `whole` log were fitted, in order of time."""
-    count, n = COUNT[found.kind], len(u)
-    radius = radius_of(found.shape, found.kind in PLANAR)
+def examined(found: Found, u: np.ndarray, whole: np.ndarray, rows: np.ndarray, conditions: dict[str, np.ndarray]) -> Any:
+    """Covariance (12, 12) of S and the centre, whether it is by parts of the log, and the causes that the residuals show.
+
+    The given `rows` of the `whole` log were fitted, in order of time.
+    """
+    count, n, radius = COUNT[found.kind], len(u), radius_of(found.soft)
     if not np.isfinite(found.covariance).all() or not found.noise > EXACT * radius or not found.converged:
-        return Examined(np.asarray(found.covariance), None, [])
-    slopes = slopes_of(found.parameters, basis_of(found.kind))[:, :count]
-    by_entries, normals, z = _rows(found, u)
-    jacobian, left = by_entries @ slopes, np.asarray(found.distance)
+        return found.spread, False, []
+    basis = basis_of(found.kind)[:, :count]
+    by_entries, normals, z = rows_of(found, u)
+    jacobian, left = by_entries @ basis, np.asarray(found.distance)
     columns = {} if n < _FEWEST else _columns(found, normals, z, whole, rows, conditions)
     columns = {name: part[:, np.abs(part).max(axis=0) > 1e-12 * radius] for name, part in columns.items()}
     # a soft iron that the model leaves out is told by another step: a cause is what the largest model does not explain
-    span = span_of(by_entries[:, PLANAR_ROWS] if found.kind in PLANAR else by_entries)
+    span = span_of(by_entries @ basis_of("symmetric"))
     told = [one for name, part in columns.items() if part.size and (one := _cause(name, jacobian, span, part, left)) is not None]
-    causes = [Cause(one.name, slopes @ one.step, one.size / radius) for one, _ in sorted(told, key=lambda pair: pair[1])]
-    if look_white(jacobian, None, left):
-        return Examined(np.asarray(found.covariance), None, causes)
-    matrix, part = np.full((9, 9), np.inf), leave_out(jacobian, left)
-    if np.isfinite(part).all():
-        matrix = np.zeros((9, 9))
-        matrix[:count, :count] = part
-    return Examined(np.asarray(found.covariance), matrix, causes)
+    causes = [Cause(one.name, basis @ one.step, one.size / radius) for one, _ in sorted(told, key=lambda pair: pair[1])]
+    matrix, parts = by_parts(found.covariance[:count, :count], jacobian, left)
+    return between(basis, matrix), parts, causes

@@ -68,25 +68,14 @@ def foot(shape: Float[Array, "3 3"], z: Float[Array, "n 3"]) -> tuple[Float[Arra
     return t, apply(t, z)
 
 
-@jax.custom_jvp
-def signed_distance(shape: Float[Array, "3 3"], z: Float[Array, "n 3"]) -> Float[Array, " n"]:
-    r"""Distance of each row of z to the ellipsoid x'Ax = 1, positive outside.
+@jax.jit
+def distance_slopes(shape, z):
+    r"""Signed distance, positive outside, and its derivatives with respect to the nine entries of A and to z.
 
     With the nearest point y and the normal g = A y, the distance is t|g|, and its differential is
 
     .. math:: \mathrm d d = \frac{y^T\,\mathrm dA\,y}{2|g|} + \frac{g^T \mathrm dz}{|g|}.
     """
-    return _distance_slopes(shape, z)[0]
-
-
-@signed_distance.defjvp
-def _(primals, tangents):
-    return _forward(*_distance_slopes(*primals), *tangents)
-
-
-@jax.jit
-def _distance_slopes(shape, z):
-    """Distance, and its derivatives with respect to the nine entries of A and to z."""
     t, y = foot(shape, z)
     normal = y @ shape
     length = jnp.linalg.norm(normal, axis=1)
@@ -98,30 +87,14 @@ def _outer(a: Array, b: Array) -> Array:
     return (a[:, :, None] * b[:, None, :]).reshape(-1, 9)
 
 
-def _forward(value, by_shape, by_z, d_shape, d_z):
-    """Value and its change: keeping the derivatives separate from the tangents lets all parameters share them."""
-    return value, by_shape @ d_shape.reshape(9) + jnp.sum(by_z * d_z, axis=1)
+@jax.jit
+def curvature_slopes(shape, z):
+    r"""Mean curvature of the level set of x'Ax through each row of z, and its derivatives with respect to the entries of A and to z.
 
-
-@jax.custom_jvp
-def mean_curvature(shape: Float[Array, "3 3"], z: Float[Array, "n 3"]) -> Float[Array, " n"]:
-    r"""Half the sum of the principal curvatures of the level set of x'Ax through each row of z: 1/R on a sphere of radius R.
-
-    With the normal g = A z and T = tr A it is
+    It is half the sum of the principal curvatures, 1/R on a sphere of radius R. With the normal g = A z and T = tr A it is
 
     .. math:: \kappa = \frac{T\,g^Tg - g^TAg}{2|g|^3}.
     """
-    return _curvature_slopes(shape, z)[0]
-
-
-@mean_curvature.defjvp
-def _(primals, tangents):
-    return _forward(*_curvature_slopes(*primals), *tangents)
-
-
-@jax.jit
-def _curvature_slopes(shape, z):
-    """Mean curvature, and its derivatives with respect to the nine entries of A and to z."""
     normal = z @ shape
     bent = jnp.trace(shape) * normal - normal @ shape
     square = jnp.sum(normal**2, axis=1)
@@ -136,13 +109,13 @@ def _curvature_slopes(shape, z):
 @jax.custom_jvp
 def corrected_distance(shape: Float[Array, "3 3"], z: Float[Array, "n 3"], noise2: Float[Array, ""]) -> Float[Array, " n"]:
     """Signed distance minus sigma^2 times the mean curvature, differentiated together."""
-    return signed_distance(shape, z) - noise2 * mean_curvature(shape, z)
+    return distance_slopes(shape, z)[0] - noise2 * curvature_slopes(shape, z)[0]
 
 
 @corrected_distance.defjvp
 def _(primals, tangents):
     (shape, z, noise2), (d_shape, d_z, d_noise2) = primals, tangents
-    distance, curvature = _distance_slopes(shape, z), _curvature_slopes(shape, z)
+    distance, curvature = distance_slopes(shape, z), curvature_slopes(shape, z)
     value, by_shape, by_z = (a - noise2 * b for a, b in zip(distance, curvature, strict=True))
-    value, change = _forward(value, by_shape, by_z, d_shape, d_z)
-    return value, change - d_noise2 * curvature[0]
+    # keeping the derivatives separate from the tangents lets all parameters share them
+    return value, by_shape @ d_shape.reshape(9) + jnp.sum(by_z * d_z, axis=1) - d_noise2 * curvature[0]
