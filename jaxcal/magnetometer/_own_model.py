@@ -180,9 +180,9 @@ def _judged(
     error = np.asarray(rms_heading(both_tilts(functools.partial(changes_of, fitted, field, usual), dip), matrix))
     known += by_readings(noise / field, len(outliers(np.asarray(fit.residuals) / field)), len(m))
     freedom = BLOCKS - 1 if parts else max(len(m) - fit.parameters.size, 1)
-    known_of = estimated(fitted, field, matrix, freedom, _further(fitted, names))
+    estimate = estimated(fitted, field, matrix, freedom, _further(fitted, names))
     return judged_fit(
-        known, limits, weakest, y, model=fitted, estimate=known_of,
-        heading_error=error, field=field, noise=noise, residual=np.asarray(fit.residuals), inclination=dip, method="ml", kind=type(model).__name__,
+        known, limits, weakest, y, model=fitted, estimate=estimate, heading_error=error, field=field, noise=noise,
+        residual=np.asarray(fit.residuals), inclination=dip, method="ml", kind=type(model).__name__,
         _about={"usual": usual, "used": len(m), "condition": float(identified.condition)},
     )  # fmt: skip
