@@ -57,7 +57,7 @@ FINDINGS = table(
         NOTE, "Without a z reading, 180 degrees less roll and minus the azimuth give the same readings; the smaller roll is taken.",
     ),
     # the raw log of a table
-    rests=Kind(NOTE, "{count} rests of {least:.4g} to {most:.4g} were found."),
+    rests=Kind(NOTE, "{count} rests of {least:.4g} to {most:.4g} were found, at {angles} deg.", guess=True),
     angles_of_gyro=Kind(
         NOTE, "The table's angles come from the gyroscope, with a scale error of {ppm:.3g} ppm.", "Give {option.angles}, if they are known "
         "better.", guess=True,

@@ -192,6 +192,11 @@ class AlignmentFit(Bound):
     _figure = ("north", True)
 
     @property
+    def usable(self) -> bool:
+        """Whether there is a result, with an azimuth if one was asked for (host only)."""
+        return super().usable and ("psi" not in self.parameters or self.psi is not None)
+
+    @property
     def answered(self) -> Any:
         """Whether the readings determine an azimuth; an array for vectorised fits."""
         return has_number(self.outcome)

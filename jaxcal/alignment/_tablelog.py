@@ -140,11 +140,13 @@ def from_log(
     recorded = None if angle is None else _recorded(angle, len(time))
     start, stop = rests_of(samples, recorded, rate, float(least))
     least_rest, most_rest = (Quantity(float(x) / rate, "time") for x in ((stop - start).min(), (stop - start).max()))
-    notes = [FINDINGS("rests", count=len(start), least=least_rest, most=most_rest)]
+    notes: list[Finding] = []
     turns, frame = _moves(samples, start, stop, rate)
     if turns is None or not np.isfinite(turns).all():
         frame = np.eye(3)
     place, spread = _angles(samples, recorded, angles, turns, start, stop, rate, float(gyro_scale), angle_std, notes)
+    shown = ", ".join(f"{x:.4g}" for x in np.rad2deg(place[:12])) + (" ..." if len(place) > 12 else "")
+    notes.insert(0, FINDINGS("rests", count=len(start), least=least_rest, most=most_rest, angles=shown))
     told = {} if noise is None else noise_of(noise, None if _three(samples) else axis)
     return _gathered(samples, start, stop, time, rate, place, spread, frame, told, notes)
 

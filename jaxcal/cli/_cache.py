@@ -1,11 +1,10 @@
 """The folder of compiled programs, which makes commands fast; it is limited in size, and `jaxcal cache --clear` empties it."""
 
 import contextlib
-import dataclasses
 import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from cyclopts import Parameter
 
@@ -14,7 +13,6 @@ from ._screen import Screen
 
 #: largest size of the folder in bytes; the programs of one command need a hundredth of it
 BOUND = 200_000_000
-_AFTER = 0.8  # share of the bound to which a full folder is reduced
 
 
 def cache(
@@ -45,8 +43,7 @@ def cache(
     screen.path(f"{folder}: {len(found)} files, {size / 1e6:.1f} MB{', removed' if clear else f' of at most {BOUND / 1e6:.0f} MB'}")
 
 
-@dataclasses.dataclass(frozen=True)
-class _Entry:
+class _Entry(NamedTuple):
     """A file of the cache: time of its last use, size, and path."""
 
     used: float
@@ -68,12 +65,10 @@ def _entries(folder: Path) -> list[_Entry]:
 
 def bound(folder: Path, limit: int = BOUND) -> None:
     """If the folder has more than `limit` bytes, remove the programs that were not used for the longest time."""
-    found = sorted(_entries(folder), key=lambda entry: entry.used)
+    found = sorted(_entries(folder))
     size = sum(entry.size for entry in found)
-    if size <= limit:
-        return
     for entry in found:
-        if size <= _AFTER * limit:
+        if size <= limit:
             break
         with contextlib.suppress(OSError):
             entry.path.unlink()

@@ -13,7 +13,7 @@ import jaxcal
 from .._answer import Finding, joined
 from .._files import write_atomically
 from .._message import Message
-from ._options import WRITING, CallError, Level, Log, Reading, Running, picture, stem
+from ._options import CallError, Files, Level, Log, Reading, Running, stem
 from ._outputs import File, Outputs, figure, outputs, save_json, save_report
 from ._work import carry_out
 
@@ -23,22 +23,11 @@ Kind = Literal[
 _GRIDS = ("log", "octave", "decade", "all")
 
 
-@Parameter(name="*", group=WRITING)
 @dataclass(frozen=True, kw_only=True)
-class Deviations:
-    """Files with Allan deviations; without any of these options they are only printed."""
+class Writing(Files):
+    """Files with the curves."""
 
-    json: Annotated[Path | None, Parameter(help="Deviations, limits, degrees of freedom and noise types as JSON, in SI units.")] = None
-    export: Annotated[tuple[str, ...] | None, Parameter(name="--export", help="The same as a table: csv, or csv=FILE.")] = None
-    plot: Annotated[Path | None, picture()] = None
-    report: Annotated[Path | None, Parameter(help="Report to explore, as one HTML file.")] = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Spectra(Deviations):
-    """Files with spectra."""
-
-    json: Annotated[Path | None, Parameter(help="Densities, limits, counts and degrees of freedom as JSON, in SI units.")] = None
+    export: Annotated[tuple[str, ...] | None, Parameter(name="--export", help="The curves as a table: csv, or csv=FILE.")] = None
 
 
 def allan(
@@ -52,7 +41,7 @@ def allan(
     alpha: Literal[-2, -1, 0, 1, 2] | None = None,
     clock: bool = False,
     reading: Reading = Reading(),
-    writing: Deviations = Deviations(),
+    writing: Writing = Writing(),
     running: Running = Running(),
 ) -> None:
     """Allan deviation of every axis, with intervals.
@@ -105,7 +94,7 @@ def psd(
     keep_tail: bool = False,
     confidence: Level = 0.95,
     reading: Reading = Reading(),
-    writing: Spectra = Spectra(),
+    writing: Writing = Writing(),
     running: Running = Running(),
 ) -> None:
     """Power spectral density of every axis, with intervals.
@@ -184,7 +173,7 @@ def _sizes(text: str) -> Any:
 
 
 def _outputs(
-    log: Path, writing: Deviations, what: str, names: tuple[str, ...], abscissa: str, draw: Callable[[Any], Callable[..., Any]]
+    log: Path, writing: Writing, what: str, names: tuple[str, ...], abscissa: str, draw: Callable[[Any], Callable[..., Any]]
 ) -> Outputs:
     """Output files: JSON, a table with the arrays `names` of every channel, a picture, and a report."""
     files: list[File] = [

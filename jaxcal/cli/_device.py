@@ -9,38 +9,38 @@ from cyclopts import Parameter
 
 import jaxcal
 
+from . import _options as opt
 from ._noise_file import read_noise
-from ._options import CallError, Field, Gravity, Height, Latitude, Log, Name, Noise, Reading, Running, must_exist, stem
 from ._outputs import File, outputs, save_json, save_report
 from ._work import carry_out
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=opt.WRITING)
 @dataclass(frozen=True, kw_only=True)
 class DeviceWriting:
     """Where results go. By default all go into the folder LOG-device."""
 
-    out: Annotated[Path | None, Parameter(help="Folder for the files, made if it is missing.")] = None
-    json: Annotated[Path | None, Parameter(help="Parameters, intervals, attitude, residuals and findings as JSON.")] = None
-    report: Annotated[Path | None, Parameter(help="Report as one HTML file.")] = None
-    calibration: Annotated[Path | None, Parameter(help="Calibration file, for jaxcal apply and jaxcal export.")] = None
+    out: opt.Out = None
+    json: opt.Json = None
+    report: opt.Report = None
+    calibration: opt.CalibrationFile = None
 
 
 def device(
-    log: Log,
+    log: opt.Log,
     /,
     *,
-    gravity: Gravity | None = None,
-    latitude: Latitude | None = None,
-    height: Height = 0.0,
-    field: Field | None = None,
-    noise: Noise = None,
-    name: Name = None,
+    gravity: opt.Gravity | None = None,
+    latitude: opt.Latitude | None = None,
+    height: opt.Height = 0.0,
+    field: opt.Field | None = None,
+    noise: opt.Noise = None,
+    name: opt.Name = None,
     g_sensitivity: Annotated[bool, Parameter(help="Fit the gyroscope's sensitivity to acceleration.")] = False,
     lever: Annotated[bool, Parameter(help="Fit the positions of the accelerometer's sensing elements.")] = False,
-    reading: Reading = Reading(),
+    reading: opt.Reading = opt.Reading(),
     writing: DeviceWriting = DeviceWriting(),
-    running: Running = Running(),
+    running: opt.Running = opt.Running(),
 ) -> None:
     """Calibrate accelerometer, gyroscope and magnetometer together.
 
@@ -48,9 +48,8 @@ def device(
     through all attitudes, far from iron. Lay it down several times:
     rests make the accelerometer's result ten times more accurate.
     """
-    options = {"gravity": gravity, "latitude": latitude, "height": height, "field": field, "name": name, "lever": lever}
-    options |= {"g_sensitivity": g_sensitivity, "noise": noise and str(noise)}
-    must_exist(noise)
+    options = opt.asked(locals())
+    opt.must_exist(noise)
     known = None if noise is None else read_noise(noise)
 
     def calibration(place: Path, found: Any, data: Any) -> None:
@@ -62,11 +61,11 @@ def device(
     files: list[File] = [
         ("report", "report.html", save_report), ("json", "device.json", save_json), ("calibration", "calibration.json", calibration),
     ]  # fmt: skip
-    plan = outputs(writing, files, f"{stem(log)}-device")
+    plan = outputs(writing, files, f"{opt.stem(log)}-device")
 
     def compute(data: Any, _: Any) -> Any:
         if data.accel is None or data.gyro is None or data.mag is None:
-            raise CallError(
+            raise opt.CallError(
                 "jaxcal device needs accelerometer, gyroscope and magnetometer in one log; name their columns with --columns", "no_sensor"
             )
         size = gravity

@@ -12,9 +12,9 @@ from cyclopts import Parameter
 
 import jaxcal
 
+from . import _options as opt
 from ._export import FILES
 from ._noise_file import read_noise
-from ._options import CallError, Files, Gravity, Height, Latitude, Log, Name, Noise, Reading, Running, in_counts, must_exist, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report
 from ._work import carry_out
 
@@ -22,25 +22,23 @@ _TURNS = 14  # least number of turns to estimate a delay
 _LATE = 1e-3  # s; a longer delay is reported
 #: format of --export -> default name of the file
 _EXPORTS = {name: FILES[name] for name in ("c", "csv")}
-_OTHER = "File for another tool: c, csv, or such as c=FILE. Repeatable; jaxcal export writes the other formats."
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImuWriting(Files):
+class ImuWriting(opt.Folder):
     """Where results go. By default all go into the folder LOG-imu."""
 
-    json: Annotated[Path | None, Parameter(help="Triads, intervals, residuals and verdict as JSON.")] = None
-    calibration: Annotated[Path | None, Parameter(help="Calibration file, for jaxcal apply and jaxcal export.")] = None
-    export: Annotated[tuple[str, ...] | None, Parameter(name="--export", help=_OTHER)] = None
+    calibration: opt.CalibrationFile = None
+    export: Annotated[tuple[str, ...] | None, opt.exported(*_EXPORTS)] = None
 
 
 def imu(
-    log: Log,
+    log: opt.Log,
     /,
     *,
-    gravity: Gravity | None = None,
-    latitude: Latitude | None = None,
-    height: Height = 0.0,
+    gravity: opt.Gravity | None = None,
+    latitude: opt.Latitude | None = None,
+    height: opt.Height = 0.0,
     convention: Annotated[Literal["upper", "lower", "full"], Parameter(help="Frame of the result: upper, lower or full.")] = "upper",
     method: Annotated[
         Literal["joint", "six_position"],
@@ -49,20 +47,20 @@ def imu(
     regions: Annotated[
         Path | None, Parameter(help="JSON or CSV of labelled regions: faces and turns of a box (x_p, x_a, ..., z_rot), or rests.")
     ] = None,
-    noise: Noise = None,
+    noise: opt.Noise = None,
     prior: Annotated[
         Path | None, Parameter(help="What is known before: an earlier calibration, or a data sheet as JSON; fewer poses then suffice.")
     ] = None,
     terms: Annotated[
         str, Parameter(help="Further terms: auto for what the log asks for, or names such as accel.quadratic,gyro.cubic.")
     ] = "",
-    name: Name = None,
+    name: opt.Name = None,
     counts: Annotated[bool, Parameter(help="The log holds counts; their scale is found from the data.")] = False,
     without_g_sensitivity: Annotated[bool, Parameter(help="Leave out the gyroscope's sensitivity to acceleration.")] = False,
     earth_rate: Annotated[bool, Parameter(help="Account for the Earth's rate, with --latitude; for tactical units.")] = False,
-    reading: Reading = Reading(),
+    reading: opt.Reading = opt.Reading(),
     writing: ImuWriting = ImuWriting(),
-    running: Running = Running(),
+    running: opt.Running = opt.Running(),
 ) -> None:
     """Calibrate accelerometer and gyroscope by hand, without a turntable.
 
@@ -70,21 +68,17 @@ def imu(
     each face, each edge and some corners, 18 to 50 poses, and turn it
     smoothly from one to the next.
     """
+    options = opt.asked(locals())
     if earth_rate and latitude is None:
-        raise CallError("--earth-rate needs --latitude")
+        raise opt.CallError("--earth-rate needs --latitude")
     if counts:
-        reading = in_counts(reading, "accel", "gyro")
-    options = {
-        "gravity": gravity, "latitude": latitude, "height": height, "earth_rate": earth_rate, "convention": convention, "method": method,
-        "counts": counts, "regions": regions and str(regions), "without_g_sensitivity": without_g_sensitivity,
-        "noise": noise and str(noise), "prior": prior and str(prior), "terms": terms, "name": name,
-    }  # fmt: skip
+        reading = opt.in_counts(reading, "accel", "gyro")
     files: list[File] = [
         ("plot", "", figure(lambda plot, found, _: plot.imu(found))), ("report", "report.html", save_report),
         ("json", "imu.json", save_json), ("calibration", "calibration.json", partial(save_calibration, part="imu", device=name)),
     ]  # fmt: skip
-    plan = outputs(writing, files, f"{stem(log)}-imu", formats=_EXPORTS, export=partial(save_export, part="imu", device=name))
-    must_exist(regions, noise, prior)
+    plan = outputs(writing, files, f"{opt.stem(log)}-imu", formats=_EXPORTS, export=partial(save_export, part="imu", device=name))
+    opt.must_exist(regions, noise, prior)
     asked = tuple(word for word in terms.replace(" ", "").split(",") if word)
     known = ({} if noise is None else {"noise": read_noise(noise)}) | ({} if prior is None else {"prior": _prior(prior)})
     known |= {} if not asked else {"terms": "auto" if asked == ("auto",) else asked}
@@ -97,11 +91,11 @@ def imu(
         labelled = None if regions is None else regions_of(regions, data.rate)
         rests = None if labelled is None else rests_among(labelled)
         if method == "six_position" and rests is not None:
-            raise CallError("--method six_position needs regions of faces (x_p, x_a, ...); those of --regions are rests")
+            raise opt.CallError("--method six_position needs regions of faces (x_p, x_a, ...); those of --regions are rests")
         if rests is None and (method == "six_position" or labelled is not None):
             if counts or convention != "upper" or earth_rate or without_g_sensitivity or known:
                 words = "--counts, --convention, --earth-rate, --without-g-sensitivity, --noise, --prior and --terms"
-                raise CallError(f"faces of a box take none of {words}")
+                raise opt.CallError(f"faces of a box take none of {words}")
             return jaxcal.imu.ferraris(data, labelled, gravity=here)
         found = jaxcal.imu.multi_position(
             data, gravity=here, convention=convention, raw=counts, rests=rests, g_sensitivity=not without_g_sensitivity,

@@ -13,11 +13,11 @@ from cyclopts import Parameter
 import jaxcal
 
 from .._answer import things_to_know
+from . import _options as opt
 from ._apply import save_sensors
 from ._cache import keep_compiled
 from ._export import FILES
 from ._flown import each, flown, of_place
-from ._options import CallError, Dip, Field, Files, Log, Reading, Running, checked, day, log_file, must_exist, read_log, stem
 from ._outputs import FINDINGS, File, figure, outputs, save_calibration, save_export, save_json, save_report
 from ._screen import Screen
 from ._shots import Shots, ready, shots
@@ -29,30 +29,28 @@ _NO_MAG = "the log has no magnetometer of three axes; name its columns with --co
 _EXPORTS = {name: FILES[name] for name in ("motioncal", "c", "csv")}
 #: formats that --against reads
 _PARAMETERS = ("ardupilot", "px4", "motioncal", "csv")
-_OTHER = "File for another tool: motioncal, c, csv, or such as c=FILE. Repeatable; jaxcal export writes the other formats."
 
 
 @dataclass(frozen=True, kw_only=True)
-class Writing(Files):
+class Writing(opt.Folder):
     """Where results go. By default all except the corrected log go into the folder LOG-mag."""
 
-    json: Annotated[Path | None, Parameter(help="Numbers, findings and fields of the result as JSON, in SI units.")] = None
-    calibration: Annotated[Path | None, Parameter(help="Calibration of the device as JSON, for jaxcal.Calibration.load.")] = None
-    corrected: Annotated[Path | None, log_file("--corrected", "Corrected log: FILE.csv or FILE.npz.")] = None
-    export: Annotated[tuple[str, ...] | None, Parameter(name="--export", help=_OTHER)] = None
+    calibration: opt.CalibrationFile = None
+    corrected: Annotated[Path | None, opt.log_file("--corrected", "Corrected log: FILE.csv or FILE.npz.")] = None
+    export: Annotated[tuple[str, ...] | None, opt.exported(*_EXPORTS)] = None
 
 
 def mag(
-    log: Log,
+    log: opt.Log,
     /,
     *,
     model: Annotated[
         Literal["auto", "sphere", "diagonal", "symmetric", "planar"],
         Parameter(help="What to fit: sphere (hard iron), diagonal, symmetric (soft iron), or planar for turns about one axis."),
     ] = "auto",
-    field: Field | None = None,
+    field: opt.Field | None = None,
     inclination: Annotated[
-        Dip | None,
+        opt.Dip | None,
         Parameter(help="Dip of the field in degrees, for the heading error; else that of --place, or what the accelerometer shows."),
     ] = None,
     place: Annotated[
@@ -75,7 +73,7 @@ def mag(
     ] = None,
     check: Annotated[
         int | None,
-        checked(
+        opt.checked(
             "--check", lambda n: n >= 2, "a number from 2 on", "Hold every Nth reading (or known heading) back, and check the fit on them."
         ),
     ] = None,
@@ -86,11 +84,11 @@ def mag(
         bool, Parameter(help="Only say which attitude to take next, or to stop; nothing is written. --limit sets the heading error.")
     ] = False,
     limit: Annotated[
-        float, checked("--limit", lambda limit: 0 < limit < 90, "degrees above 0", "Heading error in degrees at which --next says stop.")
+        float, opt.checked("--limit", lambda limit: 0 < limit < 90, "degrees above 0", "Heading error in degrees for --next to say stop.")
     ] = 1.0,
-    reading: Reading = Reading(),
+    reading: opt.Reading = opt.Reading(),
     writing: Writing = Writing(),
-    running: Running = Running(),
+    running: opt.Running = opt.Running(),
 ) -> None:
     """Calibrate a magnetometer (hard and soft iron) from a log in all attitudes.
 
@@ -98,10 +96,10 @@ def mag(
     expected heading error and a verdict. A refused fit ends with status 1.
     """
     if headings is not None and align not in (None, "none"):
-        raise CallError("--headings gives the rotation itself: leave out --align", "headings_alone")
+        raise opt.CallError("--headings gives the rotation itself: leave out --align", "headings_alone")
     if currents is not None and model == "planar":
-        raise CallError("--currents goes with fits of magnitudes in all attitudes: leave out --model planar", "currents_in_plane")
-    must_exist(against, option="--against")
+        raise opt.CallError("--currents goes with fits of magnitudes in all attitudes: leave out --model planar", "currents_in_plane")
+    opt.must_exist(against, option="--against")
     if next:
         _advise(log, reading, running, limit, inclination)
         return
@@ -116,7 +114,7 @@ def mag(
         earth, notes = of_place(flight)
     chosen = {"model": model, "field": earth, "inclination": None if inclination is None else math.radians(inclination)}
 
-    def one(reading: Reading, writing: Writing, default: str) -> None:
+    def one(reading: opt.Reading, writing: Writing, default: str) -> None:
         fields: dict[str, Any] = {}
 
         def compute(recording: Any, _: Any) -> Any:
@@ -138,7 +136,7 @@ def mag(
         change = partial(_noted, [*said, *notes])
         carry_out(log, reading, running, plan, compute, change=change, command="jaxcal mag", options=options).end(running)
 
-    each(one, flight, reading, writing, f"{stem(log)}-mag")
+    each(one, flight, reading, writing, f"{opt.stem(log)}-mag")
 
 
 def _noted(said: list[str], log: Any) -> Any:
@@ -146,12 +144,12 @@ def _noted(said: list[str], log: Any) -> Any:
     return log._replaced(findings=(*log.findings, *(FINDINGS("read_so", said=one) for one in said)))
 
 
-def _advise(path: Path, reading: Reading, running: Running, limit: float, inclination: float | None) -> None:
+def _advise(path: Path, reading: opt.Reading, running: opt.Running, limit: float, inclination: float | None) -> None:
     """Print the next attitude to take."""
     import numpy as np
 
     reading, _ = ready(path, reading, False)
-    log = read_log(path, reading, "mag")
+    log = opt.read_log(path, reading, "mag")
     if log.mag is None or log.mag.shape[1] != 3:
         raise jaxcal.DataError(_NO_MAG, code="no_mag")
     keep_compiled()
@@ -168,14 +166,14 @@ def _present(path: Path) -> Any:
     if path.suffix.lower() == ".json":
         part = jaxcal.Calibration.load(path).magnetometer
         if part is None:
-            raise CallError(f"--against {path}: the calibration has no magnetometer")
+            raise opt.CallError(f"--against {path}: the calibration has no magnetometer")
         return part.model
     for format in _PARAMETERS:
         with contextlib.suppress(jaxcal.DataError):
             part = jaxcal.export.read(path, format=format).magnetometer
             if part is not None:
                 return part.model
-    raise CallError(f"--against {path}: expected a calibration as JSON, or a file of {', '.join(_PARAMETERS)} with a magnetometer")
+    raise opt.CallError(f"--against {path}: expected a calibration as JSON, or a file of {', '.join(_PARAMETERS)} with a magnetometer")
 
 
 def _compared(path: Path | None, present: Any, found: Any) -> Any:
@@ -198,18 +196,18 @@ def _compared(path: Path | None, present: Any, found: Any) -> Any:
 def _earth(field: float | None, place: tuple[float, float] | None, date: str | None) -> Any:
     """Magnitude of the field in tesla, its vector, or None."""
     if (place is None) != (date is None):
-        raise CallError("--place and --date go together: --place 39.93 32.86 --date 2026-05-31")
+        raise opt.CallError("--place and --date go together: --place 39.93 32.86 --date 2026-05-31")
     if place is None or date is None:
         return None if field is None else field * _MICRO
     if field is not None:
-        raise CallError("--field and --place exclude one another: the place gives the field")
+        raise opt.CallError("--field and --place exclude one another: the place gives the field")
     if abs(place[0]) > 90 and abs(place[1]) <= 90:
-        raise CallError(f"--place {place[0]:g} {place[1]:g}: the latitude comes first: --place {place[1]:g} {place[0]:g}")
-    when = day(date)
+        raise opt.CallError(f"--place {place[0]:g} {place[1]:g}: the latitude comes first: --place {place[1]:g} {place[0]:g}")
+    when = opt.day(date)
     try:
         return jaxcal.magnetometer.earth_field(*place, when)
     except (ValueError, jaxcal.DataError) as error:  # nothing was read yet
-        raise CallError(f"--place {place[0]:g} {place[1]:g} --date {date}: {error}") from error
+        raise opt.CallError(f"--place {place[0]:g} {place[1]:g} --date {date}: {error}") from error
 
 
 def _fit(log: Any, align: str, options: dict[str, Any], given: Shots, flight: Any) -> Any:

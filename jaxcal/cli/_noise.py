@@ -11,7 +11,7 @@ import jaxcal
 
 from ._apply import corrected
 from ._export import FILES
-from ._options import CallError, Files, Level, Log, Reading, Running, must_be_calibration, must_exist, read_log, stem
+from ._options import CallError, Folder, Level, Log, Reading, Running, exported, must_be_calibration, must_exist, read_log, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report, tried
 from ._screen import Screen
 from ._work import Done, carry_out, check_suited
@@ -21,16 +21,10 @@ _EXPORTS = {name: FILES[name] for name in ("kalibr", "openvins", "vins", "orbsla
 
 
 @dataclass(frozen=True, kw_only=True)
-class Writing(Files):
+class Writing(Folder):
     """Where results go. By default all go into the folder LOG-noise."""
 
-    json: Annotated[Path | None, Parameter(help="Coefficients, intervals and verdicts as JSON, in SI units.")] = None
-    export: Annotated[
-        tuple[str, ...] | None,
-        Parameter(
-            name="--export", help="File for another tool: kalibr, openvins, vins, orbslam3, gtsam, ros or csv, or kalibr=FILE. Repeatable."
-        ),
-    ] = None
+    export: Annotated[tuple[str, ...] | None, exported(*_EXPORTS)] = None
 
 
 def noise(

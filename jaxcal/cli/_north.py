@@ -5,31 +5,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from cyclopts import Group, Parameter
+from cyclopts import Parameter
 
-import jaxcal
-
-from .._answer import Finding, tables, things_to_know
 from .._units import STANDARD_GRAVITY
-from ._cache import keep_compiled
 from ._noise_file import read_noise
-from ._options import WRITING, CallError, Gravity, Latitude, Noise, Reading, Running, must_be_log, picture
-from ._outputs import File, figure, outputs, save_json, save_report, staged
-from ._readings import holds_positions, read_readings, read_table_log
-from ._screen import Screen, progress, show_written
+from ._options import TABLE, CallError, Files, Gravity, Latitude, Noise, Reading, Running, asked, must_be_log
+from ._outputs import File, figure, outputs, save_json, save_report
+from ._readings import ReadingsTable, holds_positions, read_readings, read_table_log
 from ._simulate import noises
-
-TABLE = Group("The table", sort_key=5)
-
-
-@Parameter(name="*", group=WRITING)
-@dataclass(frozen=True, kw_only=True)
-class Writing:
-    """Where results go; by default they are only printed."""
-
-    json: Annotated[Path | None, Parameter(help="The result as JSON, in SI units.")] = None
-    report: Annotated[Path | None, Parameter(help="The report: one HTML file.")] = None
-    plot: Annotated[Path | None, picture("Readings with the fitted sinusoid: FILE.png, FILE.svg or FILE.pdf.")] = None
+from ._work import carry_out
 
 
 @Parameter(name="*", group=TABLE)
@@ -82,7 +66,7 @@ def north(
     gravity: Gravity | None = None,
     table: TableOptions = TableOptions(),
     reading: Reading = Reading(),
-    writing: Writing = Writing(),
+    writing: Files = Files(),
     running: Running = Running(),
 ) -> None:
     """Estimate roll, pitch and azimuth from readings on a turntable at rest.
@@ -93,92 +77,58 @@ def north(
     A raw log is any log of the table's moves and rests. jaxcal finds the
     rests; their angles come from a column angle, --angles, or the gyroscope.
     """
+    given = asked(locals())
     files: list[File] = [
-        ("json", "", lambda place, found, data: save_json(place, found, data[0])),
-        ("report", "", lambda place, found, data: save_report(place, found, data[0])),
-        ("plot", "", figure(lambda plot, found, data: plot.north(data[1], found))),
+        ("json", "", save_json), ("report", "", save_report),
+        ("plot", "", figure(lambda plot, found, _: plot.north(found.readings, found))),
     ]  # fmt: skip
-    plan, _ = outputs(writing, files)
-    screen, place = Screen(running.quiet), None if latitude is None else math.radians(latitude)
-    options = {
-        "priors": _priors(prior),
-        "hemisphere": hemisphere,
-        "gravity": STANDARD_GRAVITY if gravity is None else gravity,
+    place = None if latitude is None else math.radians(latitude)
+    angles = None if table.angles is None else _angles(",".join(table.angles))
+    options: dict[str, Any] = {
+        "priors": _priors(prior), "hemisphere": hemisphere, "gravity": STANDARD_GRAVITY if gravity is None else gravity,
         "hint": None if hint is None else math.radians(hint),
-    }
+    }  # fmt: skip
     if free is not None:
         options["free"] = ",".join(free).split(",")
     if azimuth is not None:
         options["start"] = {"psi": math.radians(azimuth)}
-    if table.angles is not None:
-        _angles(",".join(table.angles))  # before anything is read
     source, told = None if noise is None else read_noise(noise), noises(gyro, accel)
-    must_be_log(readings, "north")
-    if readings.is_dir():
-        raise CallError(f"{readings} is a folder; jaxcal north takes one file, a table of readings or a raw log", "folder")
-    with staged(plan, inputs=[readings], force=running.force) as places:
-        raw = table.angles is not None or table.angle_column is not None or not holds_positions(readings)
-        with progress(f"reading {readings.name}", running.quiet):
-            given = read_table_log(readings, reading, table.angle_column) if raw else read_readings(readings)
-        with progress("fitting", running.quiet):
-            keep_compiled()
-            make = _from_log if raw else _from_table
-            data, found, head, notes = make(given, place, table, source, told, axis, azimuth, options)
-        log: Any = given[0] if raw else None
-        known = [*(() if log is None else log.findings), *notes, *found.findings]
-        told_to = {"reader": "terminal", "wanted": running.unit, "verbose": running.verbose}
-        screen.line(f"{readings.name}: {head}")
-        screen.lines(["", *tables(found.verdict, found.headline, found.sections(), known, **told_to)])
-        usable = "psi" not in found.parameters or found.psi is not None
-        if usable or running.force:
-            with progress("writing", running.quiet):
-                known += [one for target, write in plan.items() for one in write(places[target], found, (log, data)) or ()]
-    screen.lines(things_to_know(known, more="-v", **told_to))
-    if not (usable or running.force):
-        raise jaxcal.DataError("there is no azimuth; the reason stands above", code="no_azimuth")
-    show_written(screen, list(plan))
-    screen.end()
+    column: list[Any] = [None]
 
+    def read() -> Any:
+        must_be_log(readings, "north")
+        if readings.is_dir():
+            raise CallError(f"{readings} is a folder; jaxcal north takes one file, a table of readings or a raw log", "folder")
+        if angles is None and table.angle_column is None and holds_positions(readings):
+            return read_readings(readings)
+        log, column[0] = read_table_log(readings, reading, table.angle_column)
+        return log
 
-def _from_table(
-    given: Any, latitude: Any, table: TableOptions, source: Any, told: dict[str, Any], axis: str, azimuth: Any, options: dict[str, Any]
-) -> tuple[Any, Any, str, list[Finding]]:
-    """Readings, their fit, a headline, and notes, from a table of readings."""
-    from jaxcal.alignment import Positions, Readings, fit, noise_of
+    def compute(data: Any, _: Any) -> Any:
+        from ..alignment import Positions, Readings, fit, from_log, noise_of
 
-    values, notes = given
-    error = {"angle_std": math.radians(table.angle_std)} if table.angle_std else {}
-    positions = Positions(values["angle"], values["mounting"], values["dwell"], values.get("start"), **error)
-    noise = ({} if source is None else noise_of(source, axis)) | {f"{name}_noise": one for name, one in told.items()}
-    data = Readings(positions, values.get("accel"), values.get("gyro"), **noise)
-    if azimuth is not None and "free" not in options:
-        options |= {"free": [*(("phi", "theta", "b_a") if "accel" in values else ()), "b_g", "s_g"]}
-    found = fit(data, latitude, **options)
-    return data, found, f"{len(positions)} positions, {positions.dwell.sum():g} s in all", notes
+        positions = isinstance(data, ReadingsTable)
+        several = not positions and any(values is not None and values.shape[1] > 1 for values in (data.gyro, data.accel))
+        known = {} if source is None else noise_of(source, None if several else axis)
+        known |= {f"{name}_noise": one for name, one in told.items()}
+        if positions:
+            values = data.values
+            error = {"angle_std": math.radians(table.angle_std)} if table.angle_std else {}
+            places = Positions(values["angle"], values["mounting"], values["dwell"], values.get("start"), **error)
+            if azimuth is not None and "free" not in options:
+                options["free"] = [*(("phi", "theta", "b_a") if "accel" in values else ()), "b_g", "s_g"]
+            return fit(Readings(places, values.get("accel"), values.get("gyro"), **known), place, **options)
+        held = {name.removesuffix("_noise"): one for name, one in known.items() if one is not None}
+        found = from_log(
+            data, angle=column[0], angles=angles, noise=held or None, axis=axis, angle_std=math.radians(table.angle_std),
+            gyro_scale=1e-6 * table.gyro_scale, least=table.least,
+        )  # fmt: skip
+        if azimuth is not None and "free" not in options:
+            options["free"] = [name for name in found.free if name != "psi"] + ["s_g"]
+        return found.fit(place, **options)
 
-
-def _from_log(
-    given: Any, latitude: Any, table: TableOptions, source: Any, told: dict[str, Any], axis: str, azimuth: Any, options: dict[str, Any]
-) -> tuple[Any, Any, str, list[Finding]]:
-    """Readings, their fit, a headline, and notes, from a raw log."""
-    from jaxcal.alignment import from_log, noise_of
-
-    log, column, notes = given
-    angles = None if table.angles is None else _angles(",".join(table.angles))
-    several = any(values is not None and values.shape[1] > 1 for values in (log.gyro, log.accel))
-    known = ({} if source is None else noise_of(source, None if several else axis)) | {f"{name}_noise": one for name, one in told.items()}
-    noise = {name.removesuffix("_noise"): one for name, one in known.items() if one is not None}
-    found = from_log(
-        log, angle=column, angles=angles, noise=noise or None, axis=axis, angle_std=math.radians(table.angle_std),
-        gyro_scale=1e-6 * table.gyro_scale, least=table.least,
-    )  # fmt: skip
-    if azimuth is not None and "free" not in options:
-        options |= {"free": [name for name in found.free if name != "psi"] + ["s_g"]}
-    fitted = found.fit(latitude, **options)
-    angle = ", ".join(f"{math.degrees(x):.4g}" for x in found.angle[:16])
-    seconds = float((found.stop - found.start).sum()) / log.rate
-    head = f"{len(found.angle)} rests, {seconds:.4g} s in all, at {angle}{' ...' if len(found.angle) > 16 else ''} deg"
-    return found.readings, fitted, head, notes
+    plan = outputs(writing, files)
+    carry_out(readings, reading, running, plan, compute, read=read, command="jaxcal north", options=given).end(running)
 
 
 def _angles(text: str) -> list[float]:
@@ -197,8 +147,6 @@ def _priors(words: tuple[str, ...] | None) -> dict[str, Any] | None:
         except ValueError:
             numbers = ()
         if len(numbers) not in (1, 2):
-            raise CallError(
-                f"--prior {part}: expected NAME=STANDARD_DEVIATION or NAME=MEAN:STANDARD_DEVIATION in SI units, such as s_a=1e-4"
-            )
+            raise CallError(f"--prior {part}: expected NAME=STANDARD_DEVIATION or NAME=MEAN:STANDARD_DEVIATION in SI, such as s_a=1e-4")
         priors[name.strip()] = numbers[0] if len(numbers) == 1 else numbers
     return priors or None

@@ -3,7 +3,7 @@
 import dataclasses
 import datetime
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -14,9 +14,9 @@ from .._errors import JaxcalError
 from .._units import ON_EARTH, known_units
 from ._advice import TASKS, not_a_calibration, not_a_log
 
-READING = Group("Reading the log", sort_key=10)
-WRITING = Group("Output", sort_key=20)
-RUNNING = Group("Running", sort_key=30)
+TABLE, READING, WRITING, RUNNING = (
+    Group(name, sort_key=place) for place, name in enumerate(("The table", "Reading the log", "Output", "Running"))
+)
 
 
 class CallError(JaxcalError):
@@ -57,52 +57,58 @@ Name = Annotated[str | None, Parameter(name="--name", help="Name of the device, 
 Noise = Annotated[
     Path | None, Parameter(help="Noise of the sensors: noise.json of jaxcal noise, or a calibration. Else the log gives the noise.")
 ]
-Level = Annotated[
-    float, checked("--confidence", lambda level: 0 < level < 1, "a level between 0 and 1; 0.95 is 95 %", "Level of the intervals.")
-]
-Latitude = Annotated[
-    float, checked("--latitude", lambda angle: abs(angle) <= 90, "degrees between -90 and 90", "Latitude of the place, in degrees.")
-]
-Height = Annotated[
-    float, checked("--height", lambda height: -500 <= height <= 9000, "m above sea level, -500 to 9000", "Height of the place, in m.")
-]
-Dip = Annotated[
-    float,
-    checked("--inclination", lambda dip: abs(dip) < 90, "degrees between -90 and 90, positive downwards",
-            "Dip of the Earth's field at the place, in degrees, positive downwards."),
-]  # fmt: skip
+#: option -> least and largest value, and unit
+_LIMITS = {
+    "confidence": (0.01, 0.9999, ""), "latitude": (-90, 90, "degrees"), "height": (-500, 9000, "m above sea level"),
+    "inclination": (-89.9, 89.9, "degrees, positive downwards"), "gravity": (*ON_EARTH["gravity"], "m/s^2; --latitude gives it"),
+    "field": (*(limit * 1e6 for limit in ON_EARTH["field"]), "uT"),
+}  # fmt: skip
 
 
-def _of_the_earth(option: str, unit: str, size: float, help: str, more: str = "") -> Parameter:
-    """Option for a quantity of the Earth in `unit`, of `size` in SI."""
-    low, high = (limit / size for limit in ON_EARTH[option])
-    return checked(
-        f"--{option}", lambda value: low <= value <= high, f"{option} in {unit}, which is {low:.4g} to {high:.4g} on Earth{more}", help
-    )
+def _within(option: str, help: str) -> Parameter:
+    """Parameter of a number with limits."""
+    low, high, unit = _LIMITS[option]
+    return checked(f"--{option}", lambda value: low <= value <= high, f"{low:g} to {high:g} {unit}".strip(), help)
 
 
+Level = Annotated[float, _within("confidence", "Level of the intervals.")]
+Latitude = Annotated[float, _within("latitude", "Latitude of the place, in degrees.")]
+Height = Annotated[float, _within("height", "Height of the place, in m.")]
+Dip = Annotated[float, _within("inclination", "Dip of the Earth's field at the place, in degrees, positive downwards.")]
 Gravity = Annotated[
-    float,
-    _of_the_earth("gravity", "m/s^2", 1.0, "Gravity at the place, in m/s^2; else from --latitude and --height, else standard gravity.",
-                  ". --latitude and --height give it"),
+    float, _within("gravity", "Gravity at the place, in m/s^2; else from --latitude and --height, else standard gravity.")
 ]  # fmt: skip
 Field = Annotated[
-    float,
-    _of_the_earth("field", "uT", 1e-6, "Norm of the Earth's field at the place, in uT; without it, corrected readings keep their size."),
-]
+    float, _within("field", "Norm of the Earth's field at the place, in uT; without it, corrected readings keep their size.")
+]  # fmt: skip
+Out = Annotated[Path | None, Parameter(help="Folder for the files, made if it is missing. Default: LOG-COMMAND, such as imu-noise.")]
+Json = Annotated[Path | None, Parameter(help="Numbers, findings and fields of the result as JSON, in SI units.")]
+Report = Annotated[Path | None, Parameter(help="Report as one HTML file.")]
+Plot = Annotated[Path | None, picture()]
+CalibrationFile = Annotated[Path | None, Parameter(help="Calibration file, for jaxcal apply and jaxcal export.")]
+
+
+def exported(*formats: str) -> Parameter:
+    """The option --export, for these formats."""
+    more = f"File for another tool: {', '.join(formats)}, or such as {formats[0]}=FILE. Repeatable; jaxcal export writes the other formats."
+    return Parameter(name="--export", help=more)
 
 
 @Parameter(name="*", group=WRITING)
 @dataclass(frozen=True, kw_only=True)
 class Files:
-    """Where results go: a folder for all of them, or single files. A command adds its own files and describes its JSON."""
+    """Where results go; without any of these options they are only printed."""
 
-    out: Annotated[Path | None, Parameter(help="Folder for the files, made if it is missing. Default: LOG-COMMAND, such as imu-noise.")] = (
-        None
-    )
-    json: Path | None = None
-    report: Annotated[Path | None, Parameter(help="Report as one HTML file.")] = None
-    plot: Annotated[Path | None, picture()] = None
+    json: Json = None
+    report: Report = None
+    plot: Plot = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Folder(Files):
+    """Where results go: a folder for all of them, or single files. A command adds its own files."""
+
+    out: Out = None
 
 
 #: command that takes only measurements -> whether of a sensor that should be at rest; the other commands take a log as it is
@@ -194,6 +200,11 @@ class Running(Plain):
         checked("--unit", lambda units: all(one in known_units() for one in units), _known_unit,
                 "Show quantities in this unit, such as deg/h, mg or nT. Repeatable."),
     ] = ()  # fmt: skip
+
+
+def asked(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Options of a command for the provenance: its arguments, but not the log and what all commands have (`Reading.asked` adds that)."""
+    return {name: value for name, value in arguments.items() if name not in ("log", "readings") and not dataclasses.is_dataclass(value)}
 
 
 def must_exist(*paths: Path | None, option: str = "") -> None:

@@ -1,14 +1,15 @@
 """Read tables of turntable readings with one row per position, and raw logs with the table angle."""
 
 import csv
+import dataclasses
 import re
 from pathlib import Path
 from typing import Any
 
 from .._answer import NOTE, Finding, Kind, table
 from .._errors import DataError
-from .._units import factor, find_unit
-from ._options import CallError, Reading, read_log
+from .._units import factor, find_unit, shown_in
+from ._options import Reading, read_log
 
 _NAMES = {
     "angle": ("angle", "table_angle", "tau", "azimuth_of_table"),
@@ -18,7 +19,6 @@ _NAMES = {
     "accel": ("accel", "acceleration", "specific_force", "a"),
     "gyro": ("gyro", "rate", "angular_rate", "w"),
 }
-_ANGLES = {"deg": 0.017453292519943295, "rad": 1.0}
 _HEADER = re.compile(r"\s*([A-Za-z_ ]+?)\s*(?:[\[(]\s*(.+?)\s*[\])])?\s*")
 _EXPECTED = "expected a header such as: angle [deg],mounting,dwell [s],accel [m/s^2],gyro [deg/h]"
 
@@ -33,6 +33,25 @@ FINDINGS = table(
 
 #: a table with more rows and without dwells and mountings is a log
 _MOST = 200
+
+
+@dataclasses.dataclass(frozen=True)
+class ReadingsTable:
+    """A table of readings, with what a recording has: columns in SI by name, findings, provenance, and no evidence."""
+
+    values: dict[str, Any]
+    findings: tuple[Finding, ...]
+    provenance: dict[str, Any]
+    evidence: tuple[Any, ...] = ()
+
+    def head(self) -> str:
+        """Number of positions, and time at them."""
+        return f"{len(self.values['angle'])} positions, {sum(self.values['dwell']):g} s in all"
+
+    summary = head
+
+    def _replaced(self, **changes: Any) -> "ReadingsTable":
+        return dataclasses.replace(self, **changes)
 
 
 def holds_positions(path: Path, sure: bool = False) -> bool:
@@ -55,15 +74,16 @@ def _named(cell: str) -> tuple[str | None, str | None]:
     return next((name for name, words in _NAMES.items() if word in words), None), unit
 
 
-def read_table_log(path: Path, options: Reading, column: str | None) -> tuple[Any, Any, list[Finding]]:
-    """Read a raw log; return it, the table angle of its samples in rad (None without such a column), and findings."""
+def read_table_log(path: Path, options: Reading, column: str | None) -> tuple[Any, Any]:
+    """Read a raw log; return it, and the table angle of its samples in rad (None without such a column)."""
     log = read_log(path, options, "north")
     cell = _angle_cell(path, column)
     if cell is None:
-        return log, None, []
+        return log, None
     values = column_of(path, options, cell, len(log.time), "deg")
     unit = _named(cell)[1]
-    return log, values, [FINDINGS("angle_column" if unit else "angle_unit", column=cell, unit=unit)]
+    said = FINDINGS("angle_column" if unit else "angle_unit", column=cell, unit=unit)
+    return log._replaced(findings=(*log.findings, said)), values
 
 
 def column_of(path: Path, options: Reading, cell: str, count: int, unit: str | None) -> Any:
@@ -75,9 +95,7 @@ def column_of(path: Path, options: Reading, cell: str, count: int, unit: str | N
 
     from ..io._columns import parse_columns, parse_units
 
-    written = None if unit is None else _named(cell)[1] or unit
-    if written is not None and written not in _ANGLES:
-        raise DataError(f"{path}: {written!r} is not a unit of the angle; use deg or rad")
+    scale = 1.0 if unit is None else _angle(path, _named(cell)[1] or unit)
     # a log cannot hold such a column, so read it as a temperature, the only quantity without axes, on the same grid
     columns = {name: one for name, one in parse_columns(",".join(options.columns or ()) or None).items() if name == "time"}
     units = {name: one for name, one in parse_units(",".join(options.units or ()) or None).items() if name == "time"}
@@ -90,7 +108,15 @@ def column_of(path: Path, options: Reading, cell: str, count: int, unit: str | N
     values = found.temperature
     if values is None or len(values) != count:
         raise DataError(f"{path}: column {cell!r} is not on the samples of the sensors; give one row per sample")
-    return values * (1.0 if written is None else _ANGLES[written])
+    return values * scale
+
+
+def _angle(path: Path, unit: str) -> float:
+    """SI value of a unit of angles."""
+    known, size = shown_in("angle", [unit])
+    if known != unit:
+        raise DataError(f"{path}: {unit!r} is not a unit of the angle; use deg or rad", code="unit")
+    return size
 
 
 def _angle_cell(path: Path, column: str | None) -> str | None:
@@ -106,18 +132,16 @@ def _angle_cell(path: Path, column: str | None) -> str | None:
     return next((cell for cell in cells if column in (cell, bare(cell)) or column.lower() == bare(cell)), column)
 
 
-def read_readings(path: Path) -> tuple[dict[str, Any], list[Finding]]:
-    """Read the columns in SI by name (angle, mounting, dwell, start, accel, gyro), and findings on assumptions.
+def read_readings(path: Path) -> ReadingsTable:
+    """Read the columns angle, mounting, dwell, start, accel, gyro, with findings on assumptions.
 
     Raises
     ------
-    CallError
-        If the file does not exist.
     DataError
         If the header lacks the angle or both sensors, or a cell is not a number.
     """
-    if not path.exists():
-        raise CallError(f"{path} does not exist")
+    from ..io._read import fingerprint
+
     with path.open(newline="", encoding="utf-8-sig") as file:
         rows = list(csv.reader(line for line in file if line.strip() and not line.lstrip().startswith("#")))
     if not rows:
@@ -144,7 +168,8 @@ def read_readings(path: Path) -> tuple[dict[str, Any], list[Finding]]:
         if name not in read:
             read[name] = [value] * len(read["angle"])
             notes.append(FINDINGS("no_column", column=name, value=value if name == "mounting" else "1 s"))
-    return read, notes
+    size, digest = fingerprint([path])
+    return ReadingsTable(read, tuple(notes), {"file": str(path), "size": size, "sha256": digest})
 
 
 def _factor(path: Path, name: str, unit: str | None, notes: list[Finding]) -> float:
@@ -153,9 +178,7 @@ def _factor(path: Path, name: str, unit: str | None, notes: list[Finding]) -> fl
     if name == "angle":
         if unit is None:
             notes.append(FINDINGS("no_unit", column="angle", unit="deg"))
-        if (unit or "deg") not in _ANGLES:
-            raise DataError(f"{path}: {unit!r} is not a unit of the angle; use deg or rad")
-        return _ANGLES[unit or "deg"]
+        return _angle(path, unit or "deg")
     quantity = {"dwell": "time", "start": "time"}.get(name, name)
     if unit is None:
         unit = {"time": "s", "accel": "m/s^2", "gyro": "rad/s"}[quantity]

@@ -10,27 +10,25 @@ from cyclopts import Parameter
 import jaxcal
 
 from ._export import FILES, ids_of
-from ._options import CallError, Files, Level, Reading, Running, stem
+from ._options import CalibrationFile, CallError, Folder, Level, Log, Reading, Running, exported, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report
 from ._work import carry_out
 
 #: format of --export -> default name of the file
 _EXPORTS = {name: FILES[name] for name in ("px4", "ardupilot", "c", "csv")}
-_OTHER = "File for another tool: px4, ardupilot, c or csv, or px4=FILE. Repeatable."
 
 
 @dataclass(frozen=True, kw_only=True)
-class Writing(Files):
+class Writing(Folder):
     """Where results go. By default all except exports go into the folder LOG-temperature."""
 
-    json: Annotated[Path | None, Parameter(help="Models, residuals, jumps and curves as JSON, in SI units.")] = None
-    calibration: Annotated[Path | None, Parameter(help="Calibration that jaxcal apply and jaxcal noise --calibration read.")] = None
-    export: Annotated[tuple[str, ...] | None, Parameter(name="--export", help=_OTHER)] = None
+    calibration: CalibrationFile = None
+    export: Annotated[tuple[str, ...] | None, exported(*_EXPORTS)] = None
     ids: Annotated[str | None, Parameter(help="Ids by which it finds the sensors, as gyro=1310988,accel=1310988.")] = None
 
 
 def temperature(
-    log: Annotated[Path, Parameter(help="The log: CSV, NPZ, Parquet, ROS bag; with a temperature.")],
+    log: Log,
     /,
     *,
     model: Annotated[

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 import jaxcal
 
-from ._options import WRITING, CallError, Latitude, Log, Name, Reading, Running, stem
+from ._options import WRITING, CalibrationFile, CallError, Json, Latitude, Log, Name, Out, Reading, Running, asked, stem
 from ._outputs import File, outputs, save_calibration, save_json
 from ._work import carry_out
 
@@ -18,11 +18,11 @@ from ._work import carry_out
 @Parameter(name="*", group=WRITING)
 @dataclass(frozen=True, kw_only=True)
 class RateWriting:
-    """Where results go. By default all go into a folder named after the log."""
+    """Where results go. By default all go into the folder LOG-rate-table."""
 
-    out: Annotated[Path | None, Parameter(help="Folder for the files, made if it is missing.")] = None
-    json: Annotated[Path | None, Parameter(help="All figures as JSON, in SI units.")] = None
-    calibration: Annotated[Path | None, Parameter(help="Calibration file, for jaxcal apply and jaxcal export.")] = None
+    out: Out = None
+    json: Json = None
+    calibration: CalibrationFile = None
 
 
 def rate_table(
@@ -43,6 +43,7 @@ def rate_table(
     first with increasing, then with decreasing rates. jaxcal finds the
     stretches of constant rate in the log.
     """
+    options = asked(locals())
     try:
         known = [math.radians(float(word)) for word in rates.split(",")]
     except ValueError:
@@ -55,7 +56,6 @@ def rate_table(
     files: list[File] = [
         ("json", "rate_table.json", save_json), ("calibration", "calibration.json", partial(_save_gyro, device=name)),
     ]  # fmt: skip
-    options = {"rates": rates, "latitude": latitude, "servo": servo}
     plan = outputs(writing, files, f"{stem(log)}-rate-table")
     carry_out(log, reading, running, plan, compute, command="jaxcal rate-table", options=options).end(running)
 

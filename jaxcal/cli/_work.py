@@ -46,7 +46,7 @@ def date_of(log: Any, path: Path) -> str:
 
 def carry_out(
     path: Path, reading: Reading, running: Running, plan: Outputs, compute: Callable[[Any, Any], Any], *, doing: str = "fitting",
-    change: Callable[[Any], Any] | None = None, command: str = "",
+    change: Callable[[Any], Any] | None = None, read: Callable[[], Any] | None = None, command: str = "",
     options: Mapping[str, Any] | None = None,
 ) -> Done:  # fmt: skip
     """Read the log at `path`, print what was read, compute, print the result, and write the files of `plan`: all of them or none.
@@ -57,6 +57,7 @@ def carry_out(
     compute : (log, function that updates the progress bar) -> results, which are passed to the makers of the files.
     doing : word for the progress bar.
     change : function applied to the log before everything else.
+    read : reads what the command takes in place of a log that suits it, with findings and provenance.
     command, options : stored with the log, if given, so that every file made from it names them and the versions.
 
     What was read, the guesses that matter, the verdict and the tables are printed before the files are written, so that the user need not
@@ -70,9 +71,10 @@ def carry_out(
     screen, (targets, folder) = Screen(running.quiet), plan
     with staged(targets, inputs=[path], folder=folder, force=running.force) as places:
         with progress(f"reading {path.name}", running.quiet):
-            log = read_log(path, reading, command.removeprefix("jaxcal "))
+            log = read_log(path, reading, command.removeprefix("jaxcal ")) if read is None else read()
             log = log if change is None else change(log)
-            check_suited(command, log, path)
+            if read is None:
+                check_suited(command, log, path)
             replaceable(targets, log.provenance.get("sha256") or "", force=running.force)
             log = log if options is None or not targets else _signed(path, log, command, reading, options)
         with progress(doing, running.quiet) as move:

@@ -17,10 +17,10 @@ _PARTS = 300  # parts of the recording whose extremes are drawn
 
 def timelines(log: Log) -> Markup:
     """A figure for each sensor in which something was found, and the lines of `jaxcal info`."""
-    raw = log.recorded
     lines = timeline(log.evidence)
     if not lines:
         return Markup("")
+    raw = log.recorded
     figures = [_figure(raw, name, log.evidence) for name in SENSORS if getattr(raw, name, None) is not None]
     return join((tag("ul", *(tag("li", line) for line in lines)), *figures))
 

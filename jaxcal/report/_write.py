@@ -4,7 +4,7 @@ import datetime
 import importlib.metadata
 import os
 import pathlib
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .._errors import DataError
 from .._files import write_atomically
@@ -13,15 +13,10 @@ from ._answer import answer_page, badge
 from ._html import Markup, inside, join, recorded, recording, section, table, tag
 from ._page import page
 
-if TYPE_CHECKING:
-    from ..alignment import Readings
-else:
-    Readings = Any  # avoids importing parts of the package that a page does not need
-
 _TITLES = {"Noise": "Sensor noise", "Alignment": "Alignment on a turntable"}  # if neither device nor file is known
 
 
-def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | None = None, device: str | None = None) -> None:
+def write(results: Any, path: str | os.PathLike[str], *, log: Log | None = None, device: str | None = None) -> None:
     """Write a report: one self-contained HTML file for light and dark screens, phones and paper.
 
     The report begins with the result and its intervals. Figures and their numbers follow, then warnings, explanations of terms, and the
@@ -33,8 +28,7 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | N
         `jaxcal.temperature.characterise`), channel -> `Deviation`, channel -> `Spectrum`, an `ImuFit`, a `MagFit`, a
         `DeviceFit` or an `AlignmentFit`. Or a list of these, or of pairs (result, log), from one device.
     path : file to write; an existing file is replaced atomically.
-    log : the recording, for its summary, notes, warnings and provenance; for an `AlignmentFit`, the `Readings` that were fitted and that
-        the page shows. With a list, it is the log of every result without its own log, except of an `AlignmentFit`.
+    log : the recording, for its summary, notes, warnings and provenance. With a list, it is the log of every result without its own.
     device : name of the device for the title; the default is the file name of the log.
 
     Raises
@@ -77,9 +71,9 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | N
 
 def _facts(log: Any, device: str | None, version: str) -> list[tuple[str, str]]:
     """Facts for the top of the page: device, file, dates, command and version, if known."""
-    origin = log.provenance if isinstance(log, Log) else {}
+    origin = {} if log is None else log.provenance
     known = {
-        "Device": device or origin.get("device"), "File": origin.get("file"), "Recorded": recorded(log) if isinstance(log, Log) else None,
+        "Device": device or origin.get("device"), "File": origin.get("file"), "Recorded": recorded(log),
         "Written": f"{datetime.date.today():%Y-%m-%d}", "Command": origin.get("command"), "Version": f"jaxcal {version}",
     }  # fmt: skip
     return [(name, str(value)) for name, value in known.items() if value]
@@ -101,10 +95,10 @@ def _as_one(results: Any) -> Any:
 
 def _content(results: Any, log: Any, version: str, device: str | None) -> tuple[str, str, Markup]:
     """Title, subtitle and sections of a page."""
-    if not (log is None or isinstance(log, Log)):
+    if not (log is None or (hasattr(log, "findings") and hasattr(log, "provenance"))):
         raise DataError(f"log is {type(log).__name__}; give the Log that was read, or leave it out")
     what, lead, body = answer_page(_as_one(results), log, version)
-    file = log.provenance.get("file") if isinstance(log, Log) else None
+    file = None if log is None else log.provenance.get("file")
     if device is None and file:
         device = pathlib.PurePath(str(file)).name
     title = f"{what} of {device}" if device is not None else str(_TITLES.get(what, what))
@@ -131,7 +125,7 @@ def _device(parts: list[tuple[Any, Any]], device: str | None, version: str) -> t
     for number, (part, log) in enumerate(parts, start=1):
         results = _as_one(part)
         title, lead, body = _content(results, log, version, None)
-        if isinstance(log, Log) and id(log) in told:  # describe each recording only once
+        if log is not None and id(log) in told:  # describe each recording only once
             body = Markup(body.replace(recording(log), ""))
         told.add(id(log))
         name = f"part-{number}"

@@ -139,7 +139,7 @@ def test_logs_that_give_no_positions_say_why(refuses, made):
 @pytest.mark.parametrize(
     ("accel", "gyro", "match"),
     [
-        (None, [9.31, -9.1, -9.3, 9.2], r"15.04 deg/h.*look like deg/h"), (None, [9.3] * 4, "more than any bias"),
+        (None, [9.31, -9.1, -9.3, 9.2], r"15.04 deg/h.*look like deg/h"),
         (None, [4.2e-3, 1e-3, -4.1e-3, -1e-3], "look like deg/s"),
         ([171.0, 341.0, -170.0, -9800.0], None, r"9800 m/s\^2.*9.76 to 9.84.*mm/s"),
     ],

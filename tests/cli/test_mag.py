@@ -84,7 +84,7 @@ def test_a_refused_fit_ends_with_its_reason(simulated, folder):
     [
         (("mag", "tumble.csv", "--align", "gyro"), 1, "the log has no gyro"),
         (("mag", "tumble.csv", "--field", "-3"), 2, "--field -3"),
-        (("mag", "tumble.csv", "--inclination", "95"), 2, "between -90 and 90"),
+        (("mag", "tumble.csv", "--inclination", "95"), 2, "to 89.9 degrees"),
         (("mag", "tumble.csv", "--corrected", "x.txt"), 2, "ends in .csv or .npz"),
         (("mag", "tumble.csv", "--place", "39", "32"), 2, "go together"),
         (("mag", "tumble.csv", "--place", "39", "32", "--date", "May"), 2, "--date May"),

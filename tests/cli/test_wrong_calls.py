@@ -79,7 +79,7 @@ noise rest.csv --rate 100Hz                | give the number alone, in the unit 
 noise rest.csv --rate 0,01                 | numbers have a decimal point: --rate 0.01
 imu poses.csv --latitude 39.9N             | --latitude 39.9
 noise rest.csv --rate -100                 | positive number of Hz
-noise rest.csv --confidence 95             | a level between 0 and 1; 0.95 is 95 %
+noise rest.csv --confidence 95             | expected 0.01 to 0.9999
 noise rest.csv --start 3 --stop 2          | nothing lies between; the start comes first
 noise rest.csv --band 10 1                 | the shortest first
 noise rest.csv --terms QNX                 | expected letters of QNBKRM
@@ -101,8 +101,8 @@ noise rest.csv --config device.json        | is not TOML
 noise rest.csv --config odd.toml           | term
 allan rest.csv --kind xdev                 | "oadev"
 allan rest.csv --m 1,two                   | numbers of samples such as 1,10,100
-mag tumble.csv --field 5                   | expected field in uT, which is 20 to 70 on Earth
-mag tumble.csv --inclination 120           | degrees between -90 and 90
+mag tumble.csv --field 5                   | expected 20 to 70 uT
+mag tumble.csv --inclination 120           | to 89.9 degrees
 mag tumble.csv --place 39.93 32.86         | --place 39.93 32.86 --date 2026-05-31
 mag tumble.csv --date 2026-05-31           | --place and --date go together
 mag tumble.csv --place 39.93,32.86 --date 2026-05-31 | --place 39.93 32.86
@@ -116,15 +116,15 @@ mag tumble.csv --place 39.93 32.86 --date 1875-01-01 | --date 1875-01-01
 mag tumble.csv --place 39.93 32.86 --date 2026-05-31 --field 47 | exclude one another
 mag tumble.csv --limit 0                   | degrees above 0
 mag tumble.csv --model spere                | Did you mean "sphere"?
-imu poses.csv --gravity 9.5                | 9.76 to 9.84 on Earth. --latitude and --height give it
-imu poses.csv --latitude 95                | degrees between -90 and 90
-imu poses.csv --height 20000               | m above sea level, -500 to 9000
+imu poses.csv --gravity 9.5                | 9.76 to 9.84 m/s^2; --latitude gives it
+imu poses.csv --latitude 95                | to 90 degrees
+imu poses.csv --height 20000               | expected -500 to 9000 m above sea level
 imu poses.csv --earth-rate                 | --earth-rate needs --latitude
 temperature warm.csv --degree 3            | go together
 temperature warm.csv --model polynomial    | go together
 temperature warm.csv --lag soon            | expected auto, or a number from 0
 temperature warm.csv --play -1             | expected auto, or a number from 0
-north table.csv --latitude 95              | degrees between -90 and 90
+north table.csv --latitude 95              | to 90 degrees
 north table.csv --hemisphere east          | Choose from: "north", "south"
 north table.csv --gyro N=0.01              | N has no unit; use one of deg/sqrt(h)
 north table.csv --gyro N=0.01deg/h         | 'deg/h' is not a unit of N of a gyro
