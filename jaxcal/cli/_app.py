@@ -7,7 +7,7 @@ import os
 import sys
 import textwrap
 import traceback
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cyclopts
 from cyclopts.config import Toml
@@ -65,12 +65,17 @@ def _configuration(app, commands, arguments):
                 ) from None
 
 
+def _shown(value: Any) -> str | None:
+    """A default in the help; none for what is not there, or switched off."""
+    return None if value is None or value is False or value in ((), "") else str(value)
+
+
 @functools.cache
 def _application(format: str = "") -> cyclopts.App:
     """The application; `jaxcal export` has the options of this format."""
     app = cyclopts.App(
         name="jaxcal", help=_HELP, help_format="plaintext", version=lambda: jaxcal.__version__, version_flags=["--version"],
-        config=_configuration, default_parameter=cyclopts.Parameter(negative=()), result_action="return_value",
+        config=_configuration, default_parameter=cyclopts.Parameter(negative=(), show_default=_shown), result_action="return_value",
         suppress_keyboard_interrupt=False,
     )  # fmt: skip
     for command in _COMMANDS:
