@@ -1,16 +1,37 @@
-"""What `jaxcal.evidence` finds: false alarms of each detector on records of noise alone, and knocks, put-downs and lifts that it must find.
+"""What `jaxcal.evidence` finds, and what it is worth to the estimators.
 
-    python benchmarks/evidence.py [RECORDS]
+    python benchmarks/evidence.py [--only alarms,knocks,...] [--runs 100]
 
-Records are made here, in the frequency domain, by code that shares nothing with the detectors.
+alarms: records of noise alone, share of records and of samples with a false alarm of each detector; uneven noise likewise.
+knocks: a half sine of 0.01 to 0.5 rad/s and 0.2 to 2 s at the start, middle, end, or twice: found, named within 0.5 s, samples left in.
+noise: the same records and put-downs through `noise.characterise`: N beside the truth, its interval, B and K beside those of the record
+without the knock; and N of imu.yaml.
+uneven: white noise with a level that wanders by 30 %: named, and intervals that hold.
+stamps: stamps of a whole second: rate and N.
+held: a slow magnetometer in a faster log, beside its distinct readings; packets of all sensors repeated for 0.1 to 0.3 s in a device log.
+bands: a gyroscope with a dead band: stated error of the bias over the actual one, and verdict.
+dead: one dead axis: what the other axes lose.
+coarse: an accelerometer in steps of 15 mg: how often `imu` answers, and whether clipping is claimed.
+resampled: readings of 250 Hz, copied or interpolated to 400 Hz, and noise of a filter: how often it is named.
+cost: seconds of the stage and of the commands.
+
+Records of noise are made here, in the frequency domain; motion by the simulators of the package, which share nothing with the detectors.
 """
 
+import argparse
 import collections
-import sys
+import contextlib
+import io
+import os
+import pathlib
+import tempfile
 import time
+import warnings
 
 import numpy as np
+import scipy.signal
 
+import jaxcal
 from jaxcal.evidence import bursts, find
 
 ROUNDING = {"float": 0.0, "fine": 0.1, "sd": 1.0, "coarse": 2.0, "hidden": 10.0}  # step of the values, in standard deviations of the noise
@@ -61,30 +82,80 @@ def disturbed(seed: int, height: float, length: float, where: str, rate: float =
     return rate, y, [(start, start + length) for start in starts]
 
 
-def main() -> None:
-    records = int(sys.argv[1]) if len(sys.argv) > 1 else 100
-    count, marked, samples = collections.Counter(), collections.Counter(), 0
-    rounded = collections.Counter()
-    for seed in range(records):
-        y, rate, kind = clean(seed)
+def wandering(seed: int, samples: int = 60_000, share: float = 0.3) -> np.ndarray:
+    """White noise of mean square 1 + share^2, with a level that wanders by 30 % in a tenth of the record."""
+    rng = np.random.default_rng(seed)
+    f = np.fft.rfftfreq(2000, 1 / 1000)
+    size = np.exp(-((f / 10.0) ** 2))
+    level = np.fft.irfft(size * (rng.normal(size=len(f)) + 1j * rng.normal(size=len(f))), 2000)[:1000] * 1000 / np.sqrt(np.sum(size**2))
+    return rng.normal(size=samples) * (1.0 + share * np.interp(np.linspace(0.0, 999.0, samples), np.arange(1000), level))
+
+
+def slow_magnetometer(seed: int, times: int = 20) -> tuple[jaxcal.Log, jaxcal.Log]:
+    """A tumble with each reading `times` times, and with each reading once."""
+    import _faults
+
+    m, _ = _faults.simulate(("white", 0.01), seed)
+    return jaxcal.Log(None, mag=np.repeat(m * 5e-5, times, axis=0), rate=10.0 * times), jaxcal.Log(None, mag=m * 5e-5, rate=10.0)
+
+
+def changed(log: jaxcal.Log, **sensors: np.ndarray) -> jaxcal.Log:
+    """The log with other readings."""
+    known = {name: getattr(log, name) for name in ("gyro", "accel", "mag") if getattr(log, name) is not None}
+    return jaxcal.Log(None, **(known | sensors), rate=log.rate)
+
+
+def with_repeats(log: jaxcal.Log, seed: int, count: int = 10) -> jaxcal.Log:
+    """The log with packets in which all channels repeat for 0.1 to 0.3 s."""
+    rng = np.random.default_rng(seed)
+    sensors = {name: np.array(getattr(log, name)) for name in ("gyro", "accel", "mag")}
+    for start in rng.choice(len(log.time) // 50 - 2, count, replace=False) * 50 + 25:
+        length = int(rng.uniform(0.1, 0.3) * log.rate)
+        for values in sensors.values():
+            values[start : start + length] = values[start]
+    return changed(log, **sensors)
+
+
+def with_dead_band(log: jaxcal.Log, limit: float = np.deg2rad(0.4)) -> jaxcal.Log:
+    """The log of a firmware that cuts small rates to zero."""
+    return changed(log, gyro=np.where(np.abs(log.gyro) < limit, 0.0, log.gyro))
+
+
+def resampled(y: np.ndarray, kind: str, rate: float = 250.0, wanted: float = 400.0) -> np.ndarray:
+    """Readings at another rate: "copied" from the last one, or "interpolated"."""
+    at = np.arange(int((len(y) - 1) * wanted / rate)) * rate / wanted
+    if kind == "copied":
+        return y[at.astype(int)]
+    return np.stack([np.interp(at, np.arange(len(y)), column) for column in y.T], axis=1)
+
+
+def alarms(runs: int) -> None:
+    count, marked, samples, uneven = collections.Counter(), collections.Counter(), 0, 0
+    for seed in range(runs):
+        y, rate, _ = clean(seed)
         found = [one for one in find({"gyro": y}, rate) if one.kind != "coarse"]
         samples += len(y)
         for name in {one.kind for one in found}:
             count[name] += 1
         for one in found:
             marked[one.kind] += one.samples
-        rounded[kind] += bool(found)
-    print(f"{records} records of noise alone; false alarms by kind, share of records and of samples:")
-    for name in ("knock", "moving", "step", "held", "stuck", "zeroed", "clipped", "warm_up"):
-        print(f"  {name:8} {100 * count[name] / records:6.2f} % {100 * marked[name] / samples:8.4f} %")
-    print("  records with any, by rounding:", dict(rounded))
+        uneven += any(jaxcal.evidence._uneven.unevenness(column).loudest is not None for column in y.T)
+    print(f"alarms: {runs} records; share of records and of samples")
+    for name in ("knock", "moving", "step", "held", "stuck", "zeroed", "clipped", "warm_up", "wrapped", "resampled"):
+        print(f"  {name:9} {100 * count[name] / runs:6.2f} % {100 * marked[name] / samples:8.4f} %")
+    print(f"  uneven    {100 * uneven / runs:6.2f} % of records of three axes")
 
+
+PLACES, HEIGHTS, LENGTHS = ("start", "middle", "end", "twice"), (0.01, 0.03, 0.15, 0.5), (0.2, 0.5, 1.0, 2.0)
+
+
+def knocks(runs: int) -> None:
     print("knocks: found, named within 0.5 s, samples of the knock left in, seconds set aside beyond it (mean)")
-    for height in (0.01, 0.03, 0.15, 0.5):
-        for length in (0.2, 0.5, 1.0, 2.0):
+    for height in HEIGHTS:
+        for length in LENGTHS:
             rows = []
-            for i, where in enumerate(("start", "middle", "end", "twice")):
-                rate, y, known = disturbed(1000 + i, height, length, where)
+            for i in range(max(runs // 25, 4)):
+                rate, y, known = disturbed(1000 + i, height, length, PLACES[i % 4])
                 ranges = [(a / rate, b / rate) for a, b in bursts(y, rate)]
                 out = np.zeros(len(y), bool)
                 for a, b in ranges:
@@ -92,16 +163,234 @@ def main() -> None:
                 for start, stop in known:
                     near = [one for one in ranges if one[0] < stop and one[1] > start]
                     inside = out[round(start * rate) : round(stop * rate)]
-                    rows.append((bool(near), bool(near) and abs(near[0][0] - start) < 0.5, 1 - inside.mean(),
-                                 out.sum() / rate / len(known) - inside.sum() / rate))  # fmt: skip
+                    named = bool(near) and abs(near[0][0] - start) < 0.5 and abs(near[-1][1] - stop) < 0.5
+                    rows.append((bool(near), named, 1 - inside.mean(), out.sum() / rate / len(known) - inside.sum() / rate))
             print(f"  {height:5} rad/s {length:4} s:", *(f"{value:.2f}" for value in np.mean(rows, axis=0)))
-    y = noise(np.random.default_rng(5), 360_000, 100.0, n=1.4e-4) + put_down(np.arange(360_000) / 100.0)[:, None] * AXES
-    print("put down:", [(a / 100, b / 100) for a, b in bursts(y, 100.0)])
-    y = np.random.default_rng(0).normal(size=(1_000_000, 6))
-    find({"gyro": y[:100_000, :3]}, 100.0)
+
+
+def beside(found, other, term: str) -> list[bool]:
+    """For each axis, whether a coefficient agrees with that of another record within the error of either."""
+    agree = []
+    for name in found:
+        ours, theirs = float(getattr(found[name].noise, term)), float(getattr(other[name].noise, term))
+        inside = [low <= value <= max(high, limit) for value, (low, high), limit in (
+            (ours, other[name].interval[term], other[name].upper_limit[term]), (theirs, found[name].interval[term], found[name].upper_limit[term]))]  # fmt: skip
+        agree.append(any(inside))
+    return agree
+
+
+def noise_runs(runs: int, rate: float = 100.0) -> np.ndarray:
+    """(runs, 4): |N / truth - 1| in the mean over axes, share of intervals of N that hold, of B and of K that agree."""
+    rng, rows = np.random.default_rng(0), []
+    for i in range(runs):
+        height, length = rng.choice(HEIGHTS), rng.choice(LENGTHS)
+        _, y, _ = disturbed(2000 + i, height, length, PLACES[i % 4], rate)
+        _, plain, _ = disturbed(2000 + i, 0.0, length, PLACES[i % 4], rate)
+        if i % 5 == 4:
+            y = plain + put_down(np.arange(len(plain)) / rate, frequency=rng.uniform(1.0, 3.0))[:, None] * AXES
+        found, other = (jaxcal.noise.characterise(jaxcal.Log(None, gyro=one, rate=rate)) for one in (y, plain))
+        n = np.array([float(one.noise.N) for one in found.values()]) / 1.4e-4
+        hold = [one.interval["N"][0] <= 1.4e-4 <= one.interval["N"][1] for one in found.values()]
+        hold_plain = [one.interval["N"][0] <= 1.4e-4 <= one.interval["N"][1] for one in other.values()]
+        rows.append(
+            (
+                np.abs(n - 1.0).max(),
+                np.mean(hold),
+                np.mean(beside(found, other, "B")),
+                np.mean(beside(found, other, "K")),
+                np.mean(hold_plain),
+            )
+        )
+    return np.array(rows)
+
+
+def of_yaml(y: np.ndarray, rate: float) -> float:
+    """gyroscope_noise_density of the imu.yaml that `jaxcal noise` writes, rad/s/sqrt(Hz)."""
+    from jaxcal.cli import main as command
+
+    before = os.getcwd()
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        os.chdir(folder)
+        try:
+            accel = 1e-2 * np.random.default_rng(0).normal(size=y.shape) + [0.0, 0.0, 9.81]
+            np.savez("log.npz", time=np.arange(len(y)) / rate, gyro=y, accel=accel)
+            assert command(["noise", "log.npz", "--units", "gyro=rad/s", "--units", "accel=m/s^2"]) == 0
+            lines = pathlib.Path("log-noise/imu.yaml").read_text().splitlines()
+        finally:
+            os.chdir(before)
+    return float(next(line.split(":")[1].split("#")[0] for line in lines if line.startswith("gyroscope_noise_density")))
+
+
+def noise_of_knocks(runs: int) -> None:
+    rows = noise_runs(runs)
+    worst, hold, b, k, plain = rows.max(axis=0)[0], *rows.mean(axis=0)[1:]
+    print(f"noise: {runs} records with knocks or put down: worst N off by {100 * worst:.1f} %, median {100 * np.median(rows[:, 0]):.1f} %; interval of N "
+          f"holds in {100 * hold:.0f} % (without a knock {100 * plain:.0f} %); B agrees in {100 * b:.0f} %, K in {100 * k:.0f} %")  # fmt: skip
+    off = []
+    for i in range(max(runs // 10, 4)):
+        rate, y, _ = disturbed(3000 + i, HEIGHTS[i % 4], LENGTHS[-1 - i % 4], PLACES[i % 4])
+        off.append(of_yaml(y, rate) / 1.4e-4 - 1.0)
+    t = np.arange(360_000) / 100.0
+    off.append(of_yaml(noise(np.random.default_rng(5), len(t), 100.0, n=1.4e-4) + put_down(t)[:, None] * AXES, 100.0) / 1.4e-4 - 1.0)
+    print(f"  imu.yaml: {len(off)} records, worst gyroscope_noise_density off by {100 * np.abs(off).max():.1f} %")
+
+
+def uneven(runs: int) -> None:
+    named, hold = [], []
+    for seed in range(runs):
+        y = wandering(seed)
+        curve, spectrum = jaxcal.allan.deviation(y, 100.0, m=[1, 10, 100]), jaxcal.spectrum.density(y, 100.0)
+        named.append([any(one.code == "uneven" for one in found.findings) for found in (curve, spectrum)])
+        truth = np.sqrt(1.09 / curve.m)
+        inside = (spectrum.lower < 0.0109) & (0.0109 < spectrum.upper)
+        hold.append([*((curve.lower < truth) & (truth < curve.upper)), inside[-1], inside.mean()])
+    named, hold = 100 * np.mean(named, axis=0), 100 * np.mean(hold, axis=0)
+    print(f"uneven: named in {named[0]:.0f} % by the deviation and {named[1]:.0f} % by the spectrum; intervals hold in {hold[0]:.0f}, {hold[1]:.0f} "
+          f"and {hold[2]:.0f} % at m = 1, 10, 100, and of the spectrum in {hold[3]:.0f} % at the highest frequencies, {hold[4]:.0f} % at all")  # fmt: skip
+
+
+def stamps(runs: int) -> None:
+    rows = []
+    for seed in range(runs):
+        rng = np.random.default_rng(seed)
+        rate, step = rng.choice([4.37, 5.0, 10.0]), rng.choice([0.0, 0.5, 2.0])
+        y = rng.normal(size=(40_000, 3)) * np.sqrt(rate)
+        y = np.round(y / step / np.sqrt(rate)) * step * np.sqrt(rate) if step else y
+        log = jaxcal.Log(np.floor(np.arange(40_000) / rate + rng.uniform()), gyro=y)
+        found = jaxcal.noise.characterise(log)
+        # the truth is that of the same readings at the true rate: N of a rounded record has its step in it
+        own = jaxcal.noise.fit(y, rate)
+        n = np.array([float(one.noise.N) for one in found.values()]) / np.asarray(own.noise.N)
+        rows.append((abs(log.rate / rate - 1.0), np.abs(n - 1.0).max(), len(y) - len(log.time)))
+    rows = np.array(rows)
+    print(
+        f"stamps: worst rate off by {100 * rows[:, 0].max():.3f} %, N by {100 * rows[:, 1].max():.2f} %; rows lost {rows[:, 2].max():.0f}"
+    )
+
+
+def held(runs: int) -> None:
+    rows = []
+    for seed in range(max(runs // 10, 4)):
+        slow, own = (jaxcal.magnetometer.fit(log) for log in slow_magnetometer(seed))
+        rows.append((slow.verdict == own.verdict, np.abs(slow.model.hard_iron - own.model.hard_iron).max() / 5e-5))
+    rows = np.array(rows, dtype=float)
+    print(
+        f"held: verdict equal in {100 * rows[:, 0].mean():.0f} % of {len(rows)}, hard iron off by {100 * rows[:, 1].max():.4f} % of the field at most"
+    )
+    for seed in range(max(runs // 50, 2)):
+        log, truth, _ = jaxcal.device.simulate(seed=seed, rests=8)
+        plain, repeated = jaxcal.device.fit(log), jaxcal.device.fit(with_repeats(log, seed))
+        moved = np.abs(repeated.estimate.values - plain.estimate.values) / np.maximum(plain.estimate.error, 1e-300)
+        print(
+            f"  device: {plain.verdict} {repeated.verdict}, codes {sorted(set(repeated.codes) - set(plain.codes))}; moved by {np.nanmax(moved):.2f} errors at most"
+        )
+
+
+def bands(runs: int) -> None:
+    rows = []
+    for seed in range(max(runs // 25, 3)):
+        log, truth, _ = jaxcal.device.simulate(seed=seed, rests=8)
+        found = jaxcal.device.fit(with_dead_band(log))
+        rows.append(("device", found.verdict, *of_bias(found, np.asarray(truth.gyro.bias))))
+    for seed in range(max(runs // 10, 3)):
+        log = jaxcal.imu.simulate(24, rate=50.0, still=3.0, turn=2.0, seed=seed)
+        found = jaxcal.imu.multi_position(with_dead_band(log), gravity=9.81)
+        rows.append(("imu", found.verdict, *of_bias(found, np.asarray(jaxcal.imu.MEMS.gyro.bias))))
+    for name in ("device", "imu"):
+        mine = [one for one in rows if one[0] == name]
+        bad = sum(verdict == "good" and ratio < 1 / 3 for _, verdict, ratio, _ in mine)
+        print(f"bands: {name}: {len(mine)} recordings, verdicts {dict(collections.Counter(one[1] for one in mine))}; good with a stated error below a third "
+              f"of the actual one: {bad}; stated over actual error at least {min(one[2] for one in mine):.2f}")  # fmt: skip
+
+
+def of_bias(found, truth: np.ndarray) -> tuple[float, np.ndarray]:
+    """Stated error (half of the interval) of the gyroscope's bias over the actual one, the least of the axes; infinite without a number."""
+    chosen = found.estimate.select("gyro.bias*")
+    stated = np.diff(chosen.intervals(), axis=1)[:, 0] / 2
+    actual = np.abs(np.asarray(chosen.values) - truth)
+    ratio = np.where(np.isfinite(stated), stated / np.maximum(actual, 1e-12), np.inf)
+    return float(np.min(ratio)), actual
+
+
+def dead(runs: int) -> None:
+    y = noise(np.random.default_rng(1), 60_000, 100.0, n=1.4e-4)
+    cut = y.copy()
+    cut[:, 1] = 0.0
+    whole, part = (jaxcal.noise.characterise(jaxcal.Log(None, gyro=one, rate=100.0)) for one in (y, cut))
+    ratio = [float(part[name].noise.N / whole[name].noise.N) for name in part]
+    print(f"dead: noise: {sorted(part)} left, N changes by {100 * np.abs(np.array(ratio) - 1.0).max():.2f} %")
+    made = jaxcal.temperature.simulate(jump=0.0)
+    rates = np.stack([made.bias, 0.0 * made.bias, made.bias], axis=1)
+    print(f"  temperature: {sorted(jaxcal.temperature.characterise(jaxcal.Log(made.time, gyro=rates, temperature=made.temperature)))} left")
+    log = jaxcal.imu.simulate(24, rate=50.0, still=3.0, turn=2.0, seed=0)
+    whole = jaxcal.imu.multi_position(log, gravity=9.81)
+    part = jaxcal.imu.multi_position(changed(log, gyro=log.gyro * [1.0, 0.0, 1.0]), gravity=9.81)
+    print(f"  imu, a dead axis of the gyroscope: {whole.verdict} -> {part.verdict}, {part.codes}")
+
+
+def coarse(runs: int) -> None:
+    rows = []
+    for seed in range(max(runs // 10, 4)):
+        log = jaxcal.imu.simulate(24, rate=50.0, still=3.0, turn=2.0, seed=seed)
+        step = 0.015 * 9.80665
+        log = changed(log, accel=np.round(log.accel / step) * step)
+        found = jaxcal.imu.multi_position(log, gravity=9.81)
+        rows.append((found.verdict != "refused", "clipped" in log.codes, "held" in {one.kind for one in log.evidence}))
+    rows = 100 * np.mean(rows, axis=0)
+    print(f"coarse: imu answers in {rows[0]:.0f} %; clipping claimed in {rows[1]:.0f} %, repeats in {rows[2]:.0f} %")
+
+
+def resampling(runs: int) -> None:
+    rows = collections.defaultdict(list)
+    for seed in range(runs):
+        rng = np.random.default_rng(seed)
+        y = rng.normal(size=(20_000, 3))
+        filtered = scipy.signal.lfilter(*scipy.signal.butter(2, 0.5), rng.normal(size=(30_000, 3)), axis=0)
+        hum = rng.normal(size=(30_000, 3)) + np.sin(np.arange(30_000)[:, None] * 0.9 + rng.uniform(0, 6, 3))
+        for name, one in {
+            "copied": resampled(y, "copied"),
+            "interpolated": resampled(y, "interpolated"),
+            "filtered": filtered,
+            "hum": hum,
+        }.items():
+            rows[name].append(bool({"held", "resampled"} & {found.kind for found in find({"gyro": one}, 400.0)}))
+    print("resampled: named in", {name: f"{100 * np.mean(found):.0f} %" for name, found in rows.items()})
+
+
+def cost(runs: int) -> None:
+    from jaxcal.cli import main as command
+
+    y = np.random.default_rng(0).normal(size=(1_000_000, 6)) * 1e-3 + [0, 0, 0, 0, 0, 9.81]
+    jaxcal.Log(None, gyro=y[:100_000, :3], rate=100.0).evidence  # noqa: B018
+    before = os.getcwd()
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
+        os.chdir(folder)
+        np.savez("log.npz", time=np.arange(len(y)) / 100.0, gyro=y[:, :3], accel=y[:, 3:])
+        words = ["noise", "log.npz", "--units", "gyro=rad/s", "--units", "accel=m/s^2", "--force"]
+        command(words)
+        began = time.perf_counter()
+        command(words)
+        whole = time.perf_counter() - began
+        os.chdir(before)
+    log = jaxcal.Log(None, gyro=y[:, :3], accel=y[:, 3:], rate=100.0)
     began = time.perf_counter()
-    bursts(y[:, :3], 100.0), bursts(y[:, 3:], 100.0)
-    print(f"bursts of 6 channels of 10^6 samples: {time.perf_counter() - began:.2f} s")
+    log.evidence  # noqa: B018
+    stage = time.perf_counter() - began
+    print(f"cost: six channels of 10^6 samples: the stage {stage:.2f} s of {whole:.2f} s of `jaxcal noise`: {100 * stage / whole:.0f} %")
+
+
+PARTS = {"alarms": alarms, "knocks": knocks, "noise": noise_of_knocks, "uneven": uneven, "stamps": stamps, "held": held, "bands": bands,
+         "dead": dead, "coarse": coarse, "resampled": resampling, "cost": cost}  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", default=",".join(PARTS))
+    parser.add_argument("--runs", type=int, default=100)
+    options = parser.parse_args()
+    warnings.simplefilter("error", RuntimeWarning)
+    for name in options.only.split(","):
+        PARTS[name](options.runs)
 
 
 if __name__ == "__main__":

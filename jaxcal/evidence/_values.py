@@ -23,6 +23,7 @@ EFFICIENCY = 0.37
 _ALL_CHANGE = 0.7
 #: samples at the end of the range that are no accident, and nonzero values just outside of a dead band that show its edge
 _FEW = 10
+_DIGITS = 1e5  # steps of this many of the smallest: the digits of a float look like steps of the values
 _WARM_UP = 60.0  # s: length of the parts whose medians are compared
 
 
@@ -106,12 +107,16 @@ def unwrapped(sensor: str, values: np.ndarray, rate: float, unit: str) -> tuple[
     """
     found = []
     for axis, column in enumerate(values.T):
+        step = _common_step(_nearby(np.abs(np.diff(column[:SAMPLE]))))
+        if not step or np.fmax.reduce(column) - np.fmin.reduce(column) < 0.5 * step * WRAPS[0]:
+            continue
         there = np.flatnonzero(np.isfinite(column))
         known = column[there]
         change = np.diff(known)
         size = np.abs(change)
-        far = size > 0.75 * np.ptp(known) if len(known) else np.zeros(0, bool)
-        step = _common_step(size[~far]) if far.any() else 0.0
+        far = size > 0.75 * np.ptp(known)
+        if not far.any():
+            continue
         usual = float(size[~far].max(initial=0.0))
         for span in (step * count for count in WRAPS if step * count > 4.0 * usual > 0.0):
             if np.abs(size[far] - span).max() <= 2.0 * usual:
@@ -253,13 +258,19 @@ def resolution(column: np.ndarray) -> float:
     return _common_step(np.abs(np.diff(column[:SAMPLE])))
 
 
+def _nearby(steps: np.ndarray) -> np.ndarray:
+    """Steps without those so large that only an overflow, or the digits of a float, make them."""
+    steps = steps[steps > 0]
+    return steps[steps < _DIGITS * steps.min(initial=np.inf)]
+
+
 def _common_step(steps: np.ndarray) -> float:
     """The step of which all are whole multiples, or 0."""
     steps = steps[steps > 0]
     if len(steps) < _FEW:
         return 0.0
     smallest = float(steps.min())
-    if steps.max() > 1e5 * smallest:  # the digits of a float look like steps
+    if steps.max() > _DIGITS * smallest:
         return 0.0
     counts = steps / smallest
     return smallest if np.abs(counts - np.round(counts)).max() < 0.01 else 0.0
