@@ -22,6 +22,8 @@ LOG = table(
     constant=Kind(CAUTION, "Constant in every sample ({values} {unit}), so nothing can be said about its noise."),
     repeats=Kind(NOTE, "{percent:.2g} % of the samples repeat the one before in all axes and do not count: the sensor gives about "
                  "{rate:.3g} values a second, or packets were repeated."),
+    resampled=Kind(NOTE, "The readings were interpolated, from about {rate:.3g} Hz: their noise at short times is not that of the sensor.",
+                   "Log the readings as they come.", limits=(300.0,)),
     frozen=Kind(CAUTION, "Frozen in {count} runs of {run} repeats or more, the longest {length:.3g} s at {at:.6g} s; these "
                 "{samples} samples are missing."),
     zeroed=Kind(CAUTION, "{count} samples are exactly zero and do not count: a dead band of the firmware, or lost readings."),

@@ -35,6 +35,8 @@ def seen_in(sensor: str, names: list[str], values: np.ndarray, rate: float, unit
             found.append(LOG("zeroed", about, count=one.samples))
         elif one.kind == "clipped":
             found.append(LOG("clipped", about, count=one.samples, value=one.size, unit=unit))
+        elif one.kind == "resampled":
+            found.append(LOG("resampled", about, rate=one.size))
         elif one.kind == "wrapped":
             found.append(LOG("wrapped", about, count=one.samples, size=one.size, unit=unit))
         elif one.kind == "coarse":
@@ -71,7 +73,7 @@ def timeline(stretches: Iterable[Stretch]) -> list[str]:
     """
     kinds: dict[str, list[Stretch]] = {}
     for one in stretches:
-        if one.kind != "coarse":  # the steps of the values are no part of time
+        if one.kind not in ("coarse", "resampled"):  # these are of all the time
             kinds.setdefault(one.kind, []).append(one)
     lines = []
     for kind, found in kinds.items():

@@ -7,7 +7,7 @@ NO_READING = ("held", "stuck", "zeroed", "clipped")
 #: kinds that are no noise of a sensor at rest; a log of movement may consist of them
 NOT_STILL = ("knock", "moving", "step")
 #: kinds that are told, and set nothing aside
-TOLD = ("warm_up", "coarse", "wrapped", "gap")
+TOLD = ("warm_up", "coarse", "wrapped", "resampled", "gap")
 KINDS = (*NO_READING, *NOT_STILL, *TOLD)
 
 
@@ -21,11 +21,11 @@ class Stretch:
         "held" (all axes repeat an earlier reading: the sensor is slower than the log, or packets were repeated), "stuck" (the same for
         long), "zeroed" (exact zeros of a dead band, or of lost readings), "clipped" (at the end of the range); "warm_up" (the first
         minute is off), "coarse" (steps of the values as large as the noise), "wrapped" (a counter overflows, and its readings are joined),
-        "gap" (no readings).
+        "resampled" (interpolated from another rate), "gap" (no readings).
     sensor : "gyro", "accel", "mag" or "temperature"; "" for all.
     axes : indices of the axes.
     start, stop : s from the start of the recording.
-    size : largest distance from the level before and after, shift of the level, value, or step, by kind; 0 if it has none.
+    size : largest distance from the level before and after, shift of the level, value, step, or rate, by kind; 0 if it has none.
     unit : of the size, in SI; "" if it has none.
     samples : number of readings concerned. Held, zeroed and clipped readings are scattered between `start` and `stop`.
 
