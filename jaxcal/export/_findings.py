@@ -19,6 +19,7 @@ FINDINGS = table(
     cubic_departs=Kind(CAUTION, "The cubic polynomial departs from the thermal model by up to {departure:.3g} {unit}{jumps}."),
     models_left_out=Kind(CAUTION, "A table holds polynomials alone: other thermal models are not written.", "The JSON file has them."),
     terms_left_out=Kind(NOTE, "There is no place for {terms}: not written.", "A larger {option.inflate} covers it."),
+    dead_axis=Kind(CAUTION, "The axis has no {term}, as of a dead sensor: the largest of the other axes stands for it."),
     limit_written=Kind(NOTE, "{term} was not found: its {limit} is written, which is safe for a filter."),
     given=Kind(NOTE, "K is the value given: {value:g} {unit}."),
     rate_estimated=Kind(NOTE, "The rate of {rate:.6g} Hz comes from the time stamps, and {use}.", "Give {option.rate} if you know it."),

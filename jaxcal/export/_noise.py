@@ -96,12 +96,17 @@ def _or_limit(noise: SensorNoise, sensor: str, term: str, asked: Any) -> tuple[n
         )  # fmt: skip
     limits = (noise.upper_limit or {}).get(term, np.full(3, np.nan))
     values[missing] = limits[missing]
+    said = [FINDINGS("dead_axis", f"{sensor}_{'xyz'[i]}", term=term) for i in missing if not np.isfinite(values[i])]
+    if len(said) < 3:  # a dead axis costs only itself
+        values[~np.isfinite(values)] = np.nanmax(values)
     if not np.all(np.isfinite(values) & (values > 0)):
         raise ExportError(
             Message("no upper limit of {term} is known on {names}; give {option.random_walk}", term=term, names=names), code="no_limit"
         )
     limit = f"{100 * noise.confidence:g} % upper limit" if noise.confidence else "upper limit"
-    return values, f" ({limit} on {names})", [FINDINGS("limit_written", channels, term=term, limit=limit)]
+    known = [name for name in channels if name not in {one.subject[0] for one in said}]
+    said += [FINDINGS("limit_written", known, term=term, limit=limit)] if known else []
+    return values, f" ({limit} on {', '.join(known)})" if known else "", said
 
 
 def _left_out(noise: SensorNoise, sensor: str) -> list[Finding]:

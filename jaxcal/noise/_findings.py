@@ -24,6 +24,7 @@ FINDINGS = table(
         CAUTION, "Readings come in steps of {step:.3g}, over twice the noise: no coefficient is reliable.",
         "Record with a finer resolution.",
     ),
+    constant=Kind(CAUTION, "Constant in every sample: the channel is dead, and has no noise."),
     rounding=Kind(NOTE, "Rounding makes {share:.0f} % of N squared; the sensor itself is quieter."),
     gaps=Kind(NOTE, "{share:.2g} % of the samples are missing; the fit uses the others."),
     stretch=Kind(NOTE, "Used: samples {start} to {stop}, the longest stretch without gaps."),

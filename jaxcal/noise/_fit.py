@@ -15,6 +15,7 @@ from ..evidence._values import at_own_rate
 from ._axes import findings_of_axes
 from ._checks import Asked, checked_call, findings_of_checks
 from ._curvefit import fit_curves
+from ._findings import FINDINGS
 from ._record import Record, without
 from ._result import NoiseFit, NoiseFits, stacked
 from ._terms import Term
@@ -157,15 +158,21 @@ def characterise(
     temperature = channels.pop("temperature", None)
     if not channels:
         raise DataError(Message("the log has no gyroscope, accelerometer or magnetometer channel; name its columns with {option.columns}"))
+    dead = [name for name, x in channels.items() if np.fmin.reduce(x) == np.fmax.reduce(x)]
+    if len(dead) == len(channels):
+        dead = []  # the fit says why there is no answer
     report = progress or (lambda done, total, name: None)
     sensors: dict[str, list[str]] = {}
     for name in channels:
         sensors.setdefault(name.partition("_")[0], []).append(name)
     fits: dict[str, NoiseFit] = {}
-    for names in sensors.values():
-        report(len(fits), len(channels), names[0])
-        sensor = names[0].partition("_")[0]
-        values, own = at_own_rate(log.usable(sensor), log.rate)
+    for sensor, every in sensors.items():
+        report(len(fits), len(channels), every[0])
+        alive = [i for i, name in enumerate(every) if name not in dead]
+        if not alive:
+            continue
+        names = [every[i] for i in alive]
+        values, own = at_own_rate(log.usable(sensor)[:, alive], log.rate)
         aside = ranges(log.evidence, sensor, own)
         warmth = temperature if own == log.rate else None  # it is known at the samples of the log
         fitted = _fits(values, own, method, terms, confidence, band, tuple(names), warmth, aside)
@@ -175,4 +182,4 @@ def characterise(
             found[names[0]] = replaced(found[names[0]], findings=(*found[names[0]].findings, *said))
         fits |= found
     report(len(channels), len(channels), "")
-    return NoiseFits(fits)
+    return NoiseFits(fits, [FINDINGS("constant", name) for name in dead])

@@ -1,7 +1,7 @@
 """`NoiseFit`: noise coefficients with their uncertainty; how estimators make one; and `NoiseFits`, those of the channels of a log."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -184,6 +184,7 @@ class NoiseFits(Results[NoiseFit]):
     Parameters
     ----------
     results : channel -> `NoiseFit` of one channel.
+    left_out : findings on channels without a fit.
 
     Examples
     --------
@@ -196,11 +197,12 @@ class NoiseFits(Results[NoiseFit]):
 
     _figure = ("allan", False)
 
-    def __init__(self, results: Mapping[str, NoiseFit]):
+    def __init__(self, results: Mapping[str, NoiseFit], left_out: Iterable[Finding] = ()):
         if several := [name for name, fit in results.items() if np.ndim(fit.goodness)]:
             raise DataError(f"the fit of {several[0]} has several channels; NoiseFit.channel picks one", code="several_channels")
         sensor = {name: name.partition("_")[0] for name in results}
-        super().__init__({name: replaced(fit, sensor=sensor[name] if sensor[name] in SENSORS else "") for name, fit in results.items()})
+        sized = {name: replaced(fit, sensor=sensor[name] if sensor[name] in SENSORS else "") for name, fit in results.items()}
+        super().__init__(sized, left_out)
 
     def __getattr__(self, name: str) -> NoiseFit:
         if name.startswith("_") or name not in self._results:

@@ -166,6 +166,25 @@ def test_of_two_recordings_in_a_file_the_longer_is_read(slower, later):
     assert "recordings" not in jaxcal.Log(late, gyro=y).codes  # a late stamp, and a gap
 
 
+def test_interpolated_readings_are_named():
+    y = np.random.default_rng(18).normal(size=(20_000, 3))
+    for rate in (60.0, 200.0, 250.0, 390.0):
+        log = jaxcal.Log(None, gyro=records.resampled(y, "interpolated", rate), rate=400.0)
+        (one,) = [one for one in log.findings if one.code == "resampled"]
+        assert one.facts["rate"] == pytest.approx(rate, rel=1e-3)
+    assert "repeats" in jaxcal.Log(None, gyro=records.resampled(y, "copied"), rate=400.0).codes
+    t = np.arange(20_000)
+    for plain in (y, np.round(y), np.cumsum(y, axis=0), y + np.sin(0.9 * t)[:, None], y * (2.0 + np.sin(0.01 * t))[:, None]):
+        assert not {"resampled", "repeats"} & set(jaxcal.Log(None, gyro=plain, rate=400.0).codes)
+
+
+def test_knocks_and_stamps_leave_the_noise_as_it_is():
+    worst, hold, flicker, walk, _ = records.noise_runs(5).T
+    assert worst.max() < 0.03
+    assert hold.mean() > 0.9
+    assert min(flicker.mean(), walk.mean()) >= 0.9
+
+
 def test_a_log_says_what_was_set_aside_and_keeps_what_is_asked():
     rate, y, _ = records.disturbed(12, 0.1, 1.0, "middle")
     log = jaxcal.Log(None, gyro=y, rate=rate)
@@ -205,6 +224,12 @@ def test_a_dead_axis_costs_only_itself():
         found = jaxcal.temperature.characterise(jaxcal.Log(made.time, gyro=gyro, temperature=made.temperature))
     assert sorted(found) == ["gyro_x", "gyro_z"]
     assert [one.subject for one in found.findings if one.code == "constant"] == [("gyro_y",)]
+    y = records.noise(np.random.default_rng(17), 20_000, RATE, n=N)
+    whole, part = (jaxcal.noise.characterise(jaxcal.Log(None, gyro=y * [1.0, alive, 1.0], rate=RATE)) for alive in (1.0, 0.0))
+    assert sorted(part) == ["gyro_x", "gyro_z"]
+    assert [one.subject for one in part.findings if one.code == "constant"] == [("gyro_y",)]
+    for name in part:
+        assert float(part[name].noise.N) == pytest.approx(float(whole[name].noise.N), rel=0.01)
 
 
 def test_noise_of_a_slow_sensor_is_that_of_its_own_readings():
