@@ -13,6 +13,7 @@ from typing import Any
 from .._errors import DataError, JaxcalError
 from .._files import json_text, shown
 from .._log import Log
+from ..calibration._provenance import date_of
 from ..io import read
 from ..io._find import find
 from ..io._read import fingerprint as fingerprint_of
@@ -139,7 +140,6 @@ def _stat(path: pathlib.Path) -> list[tuple[str, int, int]]:
 
 def _date(provenance: dict[str, Any], files: list[tuple[str, int, int]]) -> list[str]:
     """When the log was recorded, and the source of that: its time stamps if they are absolute times, otherwise the time of its file."""
-    stamp = provenance.get("epoch_ns") or 0
-    source = "stamps" if stamp > 946_684_800_000_000_000 else "file"  # the year 2000: stamps since the device started are smaller
-    seconds = (stamp if source == "stamps" else max(changed for _, _, changed in files)) / 1e9
-    return [datetime.datetime.fromtimestamp(seconds, datetime.UTC).isoformat(timespec="seconds"), source]
+    known = date_of(provenance)
+    written = datetime.datetime.fromtimestamp(max(changed for _, _, changed in files) / 1e9, datetime.UTC)
+    return [(known or written).isoformat(timespec="seconds"), "file" if known is None else "stamps"]

@@ -13,6 +13,12 @@ _PACKAGES = ("jax", "numpy", "scipy")
 _FIRST = 946_684_800_000_000_000  # ns at the year 2000: smaller stamps count from the start of the device
 
 
+def date_of(known: Mapping[str, Any]) -> datetime.datetime | None:
+    """Time (UTC) of the first sample by the provenance of a log; None if its stamps do not tell."""
+    epoch = known.get("epoch_ns")
+    return datetime.datetime.fromtimestamp(epoch // 10**9, datetime.UTC) if isinstance(epoch, int) and epoch >= _FIRST else None
+
+
 def provenance(log: Log, command: str, options: Mapping[str, Any] | None = None, *, rate_given: bool = False) -> dict[str, Any]:
     """Provenance of a calibration made from a log, for `Calibration(provenance=...)`.
 
@@ -42,9 +48,8 @@ def provenance(log: Log, command: str, options: Mapping[str, Any] | None = None,
     applied = [str(one) for one in log.findings if one.code == "applied"]
     if applied and "applied" not in held:
         held["applied"] = applied
-    epoch = log.provenance.get("epoch_ns")
-    if "date" not in held and isinstance(epoch, int) and epoch >= _FIRST:
-        held["date"] = f"{datetime.datetime.fromtimestamp(epoch / 1e9, datetime.UTC):%Y-%m-%dT%H:%M:%SZ}"
+    if "date" not in held and (when := date_of(log.provenance)) is not None:
+        held["date"] = f"{when:%Y-%m-%dT%H:%M:%SZ}"
     versions = {name: importlib.metadata.version(name) for name in _PACKAGES}
     return {
         **held,

@@ -12,14 +12,13 @@ from .._answer import CAUTION
 from .._answer._html import findings_html, grid_html
 from .._answer._sections import Curve, Grid
 from .._units import shown_in
-from ._html import Markup, definitions, join, numbers, provenance, recording, scroll, section, tag
+from ._html import MOST, Markup, definitions, evenly, join, numbers, provenance, recording, scroll, section, tag
 from ._timeline import timelines
 
 _MODULES = {
     "NoiseFits": "_noise", "Deviations": "_curves", "Spectra": "_curves", "TemperatureFits": "_thermal", "ImuFit": "_imu",
     "MagFit": "_magnetometer", "DeviceFit": "_device", "AlignmentFit": "_north",
 }  # fmt: skip
-_MOST = 300  # largest number of rows of a table of numbers
 
 
 def module_of(result: Any) -> Any:
@@ -62,10 +61,9 @@ def answer_page(result: Any, log: Any, version: str) -> tuple[str, str, Markup]:
 
 
 def _curve(curve: Curve) -> Markup:
-    """The numbers of a curve: all, or 300 that are evenly spread."""
+    """The numbers of a curve: all, or some that are evenly spread."""
     columns = {name: (shown_in(quantity), values) for name, (quantity, values) in curve.columns.items()}
     size = len(next(iter(columns.values()))[1])
-    step = max(-(-size // _MOST), 1)
     heads = [f"{name} ({unit})" if unit else name for name, ((unit, _), _) in columns.items()]
-    rows = [[f"{float(values[i]) / factor:.4g}" for (_, factor), values in columns.values()] for i in range(0, size, step)]
+    rows = [[f"{float(values[i]) / factor:.4g}" for (_, factor), values in columns.values()] for i in evenly(size, MOST)]
     return numbers(f"Numbers of {curve.title}", heads, rows)

@@ -1,13 +1,12 @@
 """Interactive charts of a few curves: data for `charts.js`, and the same curves as static figures."""
 
-import json
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ._explore import short
-from ._html import Markup, tag
+from ._html import Markup, data, tag
 from ._svg import Mark, figure, linear_axis
 
 
@@ -45,19 +44,16 @@ class Chart(NamedTuple):
 
 def charts(found: Sequence[Chart]) -> Markup:
     """The charts if scripts run, else static figures."""
-    text = json.dumps([_data(one) for one in found], ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    # escape everything that could end the element
-    document = tag("script", Markup(text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")), type="application/json")
-    return tag("div", document, tag("div", *map(_static, found), class_="static"), class_="charts")
+    return tag("div", data([_data(one) for one in found]), tag("div", *map(_static, found), class_="static"), class_="charts")
 
 
 def _data(chart: Chart) -> dict[str, Any]:
     curves = []
     for one in chart.curves:
-        data: dict[str, Any] = {"name": one.name, "label": one.label, "kind": one.kind, "color": one.color, "x": short(one.x, 6)}
-        data |= {"y": short(one.y, 6), "hollow": [int(i) for i in one.hollow], "words": list(one.words) or None}
-        data |= {name: None if values is None else short(values, 5) for name, values in (("low", one.low), ("high", one.high))}
-        curves.append(data)
+        held: dict[str, Any] = {"name": one.name, "label": one.label, "kind": one.kind, "color": one.color, "x": short(one.x, 6)}
+        held |= {"y": short(one.y, 6), "hollow": [int(i) for i in one.hollow], "words": list(one.words) or None}
+        held |= {name: None if values is None else short(values, 5) for name, values in (("low", one.low), ("high", one.high))}
+        curves.append(held)
     return {"title": chart.title, "about": chart.about, "x": chart.x, "y": chart.y, "units": [list(unit) for unit in chart.units],
             "curves": curves, "marks": short(chart.marks, 6)}  # fmt: skip
 

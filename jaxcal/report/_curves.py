@@ -31,10 +31,15 @@ def subject(found: Curves) -> str:
 
 def lead(found: Curves) -> str:
     """Number of channels, and rate."""
-    return f"{len(found)} channel{'s' * (len(found) != 1)} at {next(iter(found.values())).rate:.6g} Hz"
+    return f"{channels_of(found)} at {next(iter(found.values())).rate:.6g} Hz"
 
 
-def figures(found: Curves, log: Log | None) -> list[Markup]:
+def channels_of(found: Any) -> str:
+    """The number of channels in words."""
+    return f"{len(found)} channel{'s' * (len(found) != 1)}"
+
+
+def figures(found: Any, log: Log | None) -> list[Markup]:
     """The curves of every sensor."""
     groups = [(sensor, {name: found[name] for name in names}) for sensor, _, names in by_sensor(found)]
     return [section("Curves", "plots", *(explorer(sensor, channels, log) for sensor, channels in groups))]

@@ -7,11 +7,9 @@ import numpy as np
 from .._units import shown_in
 from ..device import DeviceFit
 from ._charts import Chart, Curve, charts
-from ._html import Markup, numbers, section, tag
+from ._html import MOST, Markup, evenly, numbers, section, tag
 
 SUBJECT = "Calibration"
-_MOST = 140  # largest number of points of a curve
-_ROWS = 100  # largest number of rows of the table behind the figures
 _MEANING = (
     ("Frame", "The axes are those of the accelerometer: its x axis, and its y axis in their plane. The matrices of gyroscope and "
      "magnetometer contain their rotation to these axes."),
@@ -52,9 +50,9 @@ def _unit_of_field(found: DeviceFit) -> tuple[str, float]:
 
 
 def _stretches(found: DeviceFit, values: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Combine the windows to at most `_MOST` groups: their times, means, lowest and highest values; NaN for a group without values."""
+    """Combine the windows to at most `MOST` groups: their times, means, lowest and highest values; NaN for a group without values."""
     time, values = np.asarray(found.time)[:-1], np.asarray(values, dtype=float)
-    starts = np.arange(0, len(values), max(-(-len(values) // _MOST), 1))
+    starts = np.arange(0, len(values), max(-(-len(values) // MOST), 1))
     count = np.add.reduceat(np.isfinite(values).astype(float), starts)
     mean = np.add.reduceat(np.nan_to_num(values), starts) / np.where(count > 0, count, np.nan)
     middle = time[np.minimum(starts + np.diff(np.append(starts, len(values))) // 2, len(time) - 1)]
@@ -76,11 +74,11 @@ def _way(found: DeviceFit) -> list[Chart]:
     up, north = attitude[:, 2], attitude[:, 0]
     marks = _edges(found)
     note = " Dotted: where a disturbed stretch begins or ends." if marks else ""
-    step = max(-(-len(found.time) // (2 * _MOST)), 1)
+    shown = evenly(len(found.time), MOST)
     place = np.asarray(found.place) - np.mean(found.place, axis=0)
 
     def lines(values: Any, names: Any) -> list[Curve]:
-        return [Curve(name, "line", found.time[::step], values[::step, i], color=i) for i, name in enumerate(names)]
+        return [Curve(name, "line", found.time[shown], values[shown, i], color=i) for i, name in enumerate(names)]
 
     return [
         Chart("device-up", "Direction up", f"Along the axes of the device: 1 where the axis points up, -1 where it points down.{note}",
@@ -120,11 +118,11 @@ def _residuals(found: DeviceFit) -> list[Chart]:
 def _numbers(found: DeviceFit) -> Markup:
     """Table of the residuals in a subset of the windows."""
     unit, size = _unit_of_field(found)
-    pick = np.unique(np.linspace(0, len(found.time) - 2, min(len(found.time) - 1, _ROWS)).astype(int))
+    pick = evenly(len(found.time) - 1, MOST)
     kinds = (("turn", ""), ("velocity", ""), ("field", f" ({unit})"))
     columns = ("time (s)", *(f"{kind} {axis}{own}" for kind, own in kinds for axis in "xyz"))
     values = np.concatenate([np.asarray(found.residual_inertial)[:, :6], np.asarray(found.residual_field) / size], axis=1)
-    rows = [(f"{found.time[k]:.2f}", *(f"{value:.3g}" if np.isfinite(value) else "" for value in values[k])) for k in pick.tolist()]
+    rows = [(f"{found.time[k]:.2f}", *(f"{value:.3g}" if np.isfinite(value) else "" for value in values[k])) for k in pick]
     return numbers(f"Residuals of {len(pick)} of {len(found.time) - 1} windows, evenly over the recording", columns, rows)
 
 

@@ -4,7 +4,6 @@ A page has one JSON document for each sensor. `explore.js` draws its views: the 
 and the signal. Values are in SI units; the script divides them by the chosen unit.
 """
 
-import json
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -21,7 +20,7 @@ from ..noise._result import FittedSpectrum
 from ..plot._allan import KINDS
 from ..plot._style import SENSORS, unit_label
 from ..spectrum import Spectrum, density
-from ._html import Markup, tag
+from ._html import FINE, MOST, Markup, data, tag
 from ._svg import Axis, Mark, figure, linear_axis, log_axis
 
 #: sensor -> units to choose from, beginning with the default: the unit of B, and units of other terms unless they are the usual ones
@@ -32,11 +31,7 @@ _UNITS: dict[str, dict[str, dict[str, str]]] = {
     "mag": {"nT": {}, "uT": {"Q": "uT s", "N": "uT/sqrt(Hz)", "K": "uT/sqrt(s)", "R": "uT/h"}, "T": {}},
 }
 SENSOR_NAMES = {**SENSORS, "clock": "Clock"}
-_STRETCHES, _COARSER = 360, 3  # number of stretches of a signal, and how many of them a static figure combines
-_FINE = 64  # points of a model's curve
-_MOST = 300  # largest number of points of a measured curve
 _FEWEST, _PER_DECADE = 3, 24  # least number of ordinates in a point of a spectrum, and points per decade
-_FLAT = math.sqrt(2 * math.log(2) / math.pi)  # ratio of the Allan deviation of flicker noise to B
 
 
 class _Grids:
@@ -70,8 +65,9 @@ def explorer(sensor: str, channels: Mapping[str, Any], log: Log | None) -> Marku
     channels : channel -> `NoiseFit`, `Deviation` or `Spectrum`.
     log : the recording, for the signal.
     """
-    grids, level = _Grids(), next(iter(channels.values()))
-    level = getattr(level, "confidence", 0.95)
+    if sensor not in _UNITS:
+        raise DataError(f"channel {sensor!r} has no known sensor; expected names such as gyro_x, accel_y, mag_z", code="no_sensor")
+    grids, level = _Grids(), getattr(next(iter(channels.values())), "confidence", 0.95)
     found = [_channel(name, result, log, grids, level) for name, result in channels.items()]
     deviations = [one for one in channels.values() if isinstance(one, Deviation)]
     deviations += [one.deviation for one in channels.values() if isinstance(one, NoiseFit)]
@@ -83,11 +79,8 @@ def explorer(sensor: str, channels: Mapping[str, Any], log: Log | None) -> Marku
         "phase": bool(deviations and deviations[0].unit_of_phase), "sided": spectra[0].sided if spectra else 2, "channels": found,
         "duration": float(f"{_duration(channels, log):.7g}"), "grids": grids.kept,
     }  # fmt: skip
-    text = json.dumps(about, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    # escape everything that could end the element
-    document = tag("script", Markup(text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")), type="application/json")
     static = tag("div", *_figures(sensor, about), class_="static")
-    return tag("div", tag("h3", SENSOR_NAMES[sensor]), document, static, class_="explore", data_sensor=sensor)
+    return tag("div", tag("h3", SENSOR_NAMES[sensor]), data(about), static, class_="explore", data_sensor=sensor)
 
 
 def _unit(sensor: str, unit: str, own: Mapping[str, str], channels: Mapping[str, Any]) -> dict[str, Any]:
@@ -139,14 +132,14 @@ def _ratio(result: Spectrum, key: str) -> np.ndarray:
 
 def _extremes(f: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Indices of all values, or of the lowest and highest value in each range of frequencies, so that spectral lines stay visible."""
-    if len(f) <= _MOST:
+    if len(f) <= MOST:
         return np.arange(len(f))
-    edges = np.searchsorted(f, np.geomspace(f[0], f[-1], _MOST // 2 + 1)[1:-1])
+    edges = np.searchsorted(f, np.geomspace(f[0], f[-1], MOST // 2 + 1)[1:-1])
     parts = [(a, values[a:b]) for a, b in zip([0, *edges], [*edges, len(f)], strict=True) if b > a]
     return np.unique([0, len(f) - 1, *(a + int(pick) for a, part in parts for pick in (part.argmin(), part.argmax()))])
 
 
-def thinned(count: int, most: int = _MOST) -> np.ndarray:
+def thinned(count: int, most: int = MOST) -> np.ndarray:
     """Indices of at most `most` values, evenly spaced on a logarithmic scale."""
     return np.arange(count) if count <= most else np.unique(np.round(np.geomspace(1, count, most)).astype(int) - 1)
 
@@ -159,7 +152,7 @@ def _allan(deviation: Deviation, fit: NoiseFit | None, grids: _Grids) -> dict[st
     found |= {name: short(values[key][kept]) for name, key in (("value", "deviation"), ("low", "lower"), ("high", "upper"))}
     if fit is not None:
         found["used"] = grids.place(np.asarray(fit.used, dtype=float)[points][kept])
-        m = np.unique(np.round(np.geomspace(deviation.m.min(), deviation.m.max(), _FINE)))
+        m = np.unique(np.round(np.geomspace(deviation.m.min(), deviation.m.max(), FINE)))
         curves = _curves(fit, lambda noise: np.sqrt(np.asarray(noise.avar(m / deviation.rate, dt=1.0 / deviation.rate))))
         found["model"] = {"x": grids.place(m / deviation.rate), **curves}
     return found
@@ -213,7 +206,7 @@ def _spectrum(fitted: FittedSpectrum, fit: NoiseFit, rate: float, grids: _Grids,
         return np.add.reduceat(edf * values, starts) / total
 
     ends = [2.0 * scipy.special.gammaincinv(total / 2.0, tail) / total for tail in ((1.0 - level) / 2.0, (1.0 + level) / 2.0)]
-    fine = np.geomspace(f[0], min(f[-1], 0.5 * rate), _FINE)
+    fine = np.geomspace(f[0], min(f[-1], 0.5 * rate), FINE)
     curves = _curves(fit, lambda noise: np.asarray(noise.psd(fine, dt=1.0 / rate)))
     return {
         "f": grids.place(mean(f)), "value": short(mean(measured)), "fit": short(mean(model)), "ratio": short(mean(measured / model)),
@@ -224,7 +217,7 @@ def _spectrum(fitted: FittedSpectrum, fit: NoiseFit, rate: float, grids: _Grids,
 
 def _signal(values: np.ndarray, rate: float, grids: _Grids) -> dict[str, Any]:
     """Lowest, mean and highest value of each stretch minus the mean of the record, in thousandths of the largest."""
-    size = -(-len(values) // _STRETCHES)
+    size = -(-len(values) // MOST)
     padded = np.concatenate([values, np.full(-len(values) % size, np.nan)]).reshape(-1, size)
     known = np.isfinite(padded)
     middle = float(np.mean(values[np.isfinite(values)]))
@@ -285,12 +278,9 @@ def _figures(sensor: str, about: dict[str, Any]) -> list[Markup]:
     if curves := [(i, one["signal"]) for i, one in enumerate(channels) if "signal" in one]:
         marks = []
         for i, c in curves:
-            starts = np.arange(0, len(c["mean"]), _COARSER)
-            parts = ((np.fmin, "low"), (np.fmax, "high"))
-            low, high = (how.reduceat(get(c[key]), starts) * c["step"] / scale for how, key in parts)
-            time, mean = get(c["t"])[starts], get(c["mean"])[starts] * c["step"] / scale
+            time, (low, mean, high) = get(c["t"]), (get(c[key], scale / c["step"]) for key in ("low", "mean", "high"))
             marks += [Mark("band", time, low, i, high), Mark("line", time, mean, i)]
-        values = [get(c[key]) * c["step"] / scale for _, c in curves for key in ("low", "high")]
+        values = [get(c[key], scale / c["step"]) for _, c in curves for key in ("low", "high")]
         x, y = Axis("Time (s)", 0.0, about["duration"] or 1.0, False), linear_axis(f"Difference from the mean ({label})", values)
         for i, one in enumerate(channels):
             marks += [Mark("line", [start, start], [y.low, y.high], i, look="dashed") for start, _, _ in one.get("events", ())]

@@ -11,13 +11,10 @@ from .._answer._html import each
 from .._files import write_atomically
 from ..plot._style import number_label, unit_label
 from ._charts import Chart, Curve, charts
-from ._html import Markup, definitions, join, scroll, section, table, tag
+from ._html import LISTED, PANELS, Markup, definitions, join, scroll, section, table, tag
 from ._page import page
 from ._population import populations
 
-_ROWS = 36  # largest number of coefficients with a row of points
-_PANELS = 8  # largest number of trends that are drawn
-_LISTED = 50  # largest number of logs, sentences or outliers in a list
 _LINEAR, _HALF = 5.0, 80.0  # distance up to which a row of points is linear, and half its width
 _MEANING = (
     (
@@ -93,7 +90,7 @@ def _spread(fleet: dict[str, Any]) -> Markup:
     shown = {name: one for name, one in fleet["spread"].items() if one["count"]}
     if not shown:
         return Markup("")
-    drawn = set(sorted(shown, key=lambda name: -len(shown[name]["outliers"]))[:_ROWS])  # prefer those with outliers
+    drawn = set(sorted(shown, key=lambda name: -len(shown[name]["outliers"]))[:LISTED])  # prefer those with outliers
     scores = np.abs([score for name in drawn for score in shown[name]["scores"]])
     reach = max(_LINEAR + 1.0, 1.3 * float(np.max(scores, initial=0.0, where=np.isfinite(scores))))
     caption = (
@@ -124,10 +121,10 @@ def _outliers(fleet: dict[str, Any]) -> Markup:
     worst = sorted(by_log.values(), key=lambda found: -max(abs(outlier["score"]) for outlier in found))
     items = [
         tag("li", tag("b", found[0]["name"]), tag("ul", each("li", (o["reason"] for o in sorted(found, key=lambda o: -abs(o["score"]))))))
-        for found in worst[:_LISTED]
+        for found in worst[:LISTED]
     ]  # fmt: skip
-    if len(worst) > _LISTED:
-        items.append(tag("li", f"and {len(worst) - _LISTED} more"))
+    if len(worst) > LISTED:
+        items.append(tag("li", f"and {len(worst) - LISTED} more"))
     return section("Outliers", "outliers", tag("ul", *items) if items else tag("p", "None."))
 
 
@@ -136,17 +133,17 @@ def _trends(fleet: dict[str, Any]) -> Markup:
     if not found:
         return section("Trends", "trends", tag("p", "None."))
     found.sort(key=lambda item: item[2]["p"])
-    figure = charts([_trend_chart(f"fleet-trend-{number}", fleet["names"], *item) for number, item in enumerate(found[:_PANELS])])
-    return section("Trends", "trends", tag("ul", each("li", (trend["reason"] for _, _, trend in found[:_LISTED]))), figure)
+    figure = charts([_trend_chart(f"fleet-trend-{number}", fleet["names"], *item) for number, item in enumerate(found[:PANELS])])
+    return section("Trends", "trends", tag("ul", each("li", (trend["reason"] for _, _, trend in found[:LISTED]))), figure)
 
 
 def _warnings(fleet: dict[str, Any]) -> Markup:
     items = []
-    for sentence, names in fleet["warnings"][:_LISTED]:
+    for sentence, names in fleet["warnings"][:LISTED]:
         shown = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
         items.append(tag("li", f"{len(names)} log{'s' * (len(names) != 1)} ({shown}): {sentence}"))
-    if len(fleet["warnings"]) > _LISTED:
-        items.append(tag("li", f"and {len(fleet['warnings']) - _LISTED} more; the result files have all"))
+    if len(fleet["warnings"]) > LISTED:
+        items.append(tag("li", f"and {len(fleet['warnings']) - LISTED} more; the result files have all"))
     return section("Warnings", "warnings", tag("ul", *items) if items else tag("p", "None."))
 
 

@@ -1,13 +1,18 @@
 """Write HTML so that no text can become markup; common parts of all pages."""
 
-import datetime
-import math
+import json
 import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import numpy as np
+
 from .._answer import plain
-from .._answer._html import Markup, join, tag
+from .._answer._html import Markup, join as join, tag
+from ..calibration._provenance import date_of
+
+#: how much a page shows: points of a curve and rows of its numbers, points of a smooth line, entries of a list, and panels
+MOST, FINE, LISTED, PANELS = 300, 100, 50, 8
 
 
 def inside(prefix: str, content: Markup) -> Markup:
@@ -59,38 +64,20 @@ def scroll(content: Markup, label: str, class_: str = "scroll") -> Markup:
     return tag("div", content, class_=class_, tabindex="0", role="region", aria_label=label)
 
 
-def estimate(value: float, low: float, high: float, fixed: str = "fixed") -> Markup:
-    """A value and its interval, rounded to the second digit of the half width; `fixed` is the word for an interval of no width.
-
-    Examples
-    --------
-    >>> import re
-    >>> from jaxcal.report._html import estimate
-    >>> re.sub("<[^>]*>", "", estimate(1.0123456, 1.01111, 1.01358))
-    '1.0123 1.0111 to 1.0136'
-    """
-    if not math.isfinite(high - low):
-        return tag("span", "not determined", class_="small")
-    if not high > low:
-        return join((tag("span", f"{value:g}", class_="number"), " ", tag("span", f"({fixed})", class_="small")))
-    digits = 1 - math.floor(math.log10((high - low) / 2))
-    if digits > 7:
-        top = math.floor(math.log10(max(abs(value), abs(low), abs(high))))
-        shown = [f"{one:.{max(digits + top, 1)}e}" for one in (value, low, high)]
-    else:
-        shown = [f"{one:.{max(digits, 0)}f}" for one in (value, low, high)]
-    middle, first, last = (tag("span", one.replace("-", "\u2212"), class_="number") for one in shown)
-    return join((middle, " ", tag("span", first, " to ", last, class_="small exact")))
-
-
 def numbers(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Markup:
     """The numbers of a figure, in a table that opens on demand."""
-    return tag("details", tag("summary", title), numbers_table(title, columns, rows))
+    return tag("details", tag("summary", title), scroll(table(columns, rows, title), title, "scroll numbers"))
 
 
-def numbers_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Markup:
-    """The table without the control to open it, in a region that scrolls."""
-    return scroll(table(columns, rows, title), title, "scroll numbers")
+def data(value: Any) -> Markup:
+    """The data of a script: JSON in which nothing can end the element."""
+    text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return tag("script", Markup(text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")), type="application/json")
+
+
+def evenly(count: int, most: int) -> list[int]:
+    """Indices of at most so many of `count` values, evenly spread."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int)).tolist()
 
 
 def recording(log: Any) -> Markup:
@@ -113,15 +100,12 @@ def provenance(known: dict[str, Any], log: Any) -> Markup:
 
 
 _LABELS = {"sha256": "SHA-256", "size": "Size in bytes", "rate": "Sampling rate"}
-_YEAR_2000 = 946_684_800  # s; an earlier time means that the clock of the log does not know the date
 
 
 def recorded(log: Any) -> str | None:
-    """Start of a recording as text, or None if the log does not know it."""
-    seconds = int(getattr(log, "provenance", {}).get("epoch_ns", 0)) // 1_000_000_000
-    if seconds < _YEAR_2000:
-        return None
-    return f"{datetime.datetime.fromtimestamp(seconds, datetime.UTC):%Y-%m-%d %H:%M:%S} UTC"
+    """Start of a recording as text, or None if the clock of the log does not know it."""
+    known = None if log is None else date_of(log.provenance)
+    return None if known is None else f"{known:%Y-%m-%d %H:%M:%S} UTC"
 
 
 def _words(value: Any) -> str:

@@ -6,18 +6,16 @@ from typing import Any
 import numpy as np
 
 from .._special import NORMAL95
-from .._units import STANDARD_GRAVITY
+from .._units import factor, shown_in
 from ..alignment import AlignmentFit, Positions, Readings
 from ..plot._north import student_density
+from ..plot._style import unit_label
 from ._charts import Chart, Curve, charts
 from ._html import Markup, numbers, section
 
 SUBJECT = "Alignment"
-_DEG = math.pi / 180
-_SENSORS = (
-    ("accel", "Specific force of the accelerometer", (("m/s²", 1.0), ("mg", STANDARD_GRAVITY * 1e-3))),
-    ("gyro", "Rate of the gyroscope", (("deg/h", _DEG / 3600), ("rad/s", 1.0))),
-)
+_, _DEG = shown_in("angle")
+_SENSORS = (("accel", "Specific force of the accelerometer", ("m/s^2", "mg")), ("gyro", "Rate of the gyroscope", ("deg/h", "rad/s")))
 
 
 def lead(result: AlignmentFit) -> str:
@@ -41,7 +39,8 @@ def _readings(readings: Readings, result: AlignmentFit) -> list[Chart]:
         if word in positions.mounting:
             moving = Positions(turning, word, start=0.0, **mean)  # all at one time, so without drift
             models[word] = dict(zip(("accel", "gyro"), result.model.measure(moving, lever_arm=readings.lever_arm), strict=True))
-    for name, title, units in _SENSORS:
+    for name, title, named in _SENSORS:
+        units = [(unit_label(unit), factor(unit, name)) for unit in named]
         if getattr(readings, name) is None:
             continue
         values, variance = np.asarray(getattr(readings, name)), readings.variance(name)

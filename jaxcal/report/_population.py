@@ -7,11 +7,7 @@ import numpy as np
 from .._answer._html import findings_html, grid_html
 from ..plot._style import number_label
 from ._charts import Chart, Curve, charts
-from ._html import Markup, scroll, section, table, tag
-
-_DRAWN = 60  # largest number of recordings in a panel
-_LISTED = 200  # largest number of rows in the table of recordings
-_PANELS = 6
+from ._html import LISTED, MOST, PANELS, Markup, scroll, section, table, tag
 
 
 def populations(found: dict[str, Any]) -> Markup:
@@ -41,9 +37,9 @@ def _recordings(name: str, found: Any) -> Markup:
             cells = (found.raw[i, j], *found.raw_interval[i, j], found.pooled[i, j], *found.pooled_interval[i, j])
             rows.append((str(device), term, *map(_shown, cells)))
     columns = ("Device", "Parameter", "Raw", "Low", "High", "Pooled", "Low", "High")
-    more = () if len(rows) <= _LISTED else (tag("p", f"and {len(rows) - _LISTED} more, in population.json"),)
+    more = () if len(rows) <= MOST else (tag("p", f"and {len(rows) - MOST} more, in population.json"),)
     return tag(
-        "details", tag("summary", "Raw and pooled values"), scroll(table(columns, rows[:_LISTED]), f"Values of {name}", "numbers"), *more
+        "details", tag("summary", "Raw and pooled values"), scroll(table(columns, rows[:MOST]), f"Values of {name}", "numbers"), *more
     )
 
 
@@ -53,9 +49,9 @@ def _shown(value: float) -> str:
 
 def _figure(name: str, found: Any) -> Markup:
     """A chart for each parameter: the value of each log alone, and its pooled value."""
-    count = min(len(found.recordings), _DRAWN)
+    count = min(len(found.recordings), LISTED)
     at, made = np.arange(count), []
-    for j, term in enumerate(found.terms[:_PANELS]):
+    for j, term in enumerate(found.terms[:PANELS]):
         words = [f"{device}{' (odd)' * ((device, term) in found.outliers)}" for device in found.recordings[:count]]
         curves = [
             Curve(what, "dots", at + shift, value[:count, j], *limits[:count, j].T, color=color, label=what, words=words)

@@ -1,6 +1,5 @@
 """The readings of a magnetometer on a sphere: data for the script that rotates it, and the same as static figures."""
 
-import json
 import math
 from typing import Any
 
@@ -11,10 +10,9 @@ from ..magnetometer import MagFit, heading_uncertainty
 from ..magnetometer._iron import quantity_of
 from ..plot._magnetometer import region_corners
 from ._explore import short
-from ._html import Markup, tag
+from ._html import MOST, Markup, data, evenly, tag
 from ._svg import ASPECT, Axis, Mark, figure, linear_axis
 
-_MOST = 500  # largest number of readings drawn
 _STEPS = (0.5, 1.5, 3.5, 7.5)  # numbers of readings in a region above which its shade becomes darker
 
 
@@ -29,7 +27,7 @@ def sphere(found: MagFit, readings: np.ndarray | None) -> Markup:
     unit, scale = shown_in(quantity_of(found.field))
     about: dict[str, Any] = {"unit": unit, "missing": _vectors(found.coverage.missing), "needed": _vectors(found.needed), "readings": []}
     if readings is not None:
-        pick = np.unique(np.linspace(0, len(readings) - 1, min(len(readings), _MOST)).astype(int))
+        pick = np.array(evenly(len(readings), MOST))
         fixed = np.asarray(found.model.correct(readings[pick]))  # type: ignore[union-attr]
         field = float(found.field)
         about |= {
@@ -38,11 +36,9 @@ def sphere(found: MagFit, readings: np.ndarray | None) -> Markup:
             "readings": _vectors(fixed / field), "measured": _vectors((readings[pick]) / field),
             "residual": short(np.asarray(found.residual)[pick] / scale, 3),
         }  # fmt: skip
-    text = json.dumps(about, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    document = tag("script", Markup(text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")), type="application/json")
     static = [] if readings is None else _planes(found, readings, scale, unit)
     always = [_map(found), *([_headings(found)] if np.isfinite(found.heading_error[0]) else [])]
-    return tag("div", document, tag("div", *static, class_="static"), *always, class_="sphere")
+    return tag("div", data(about), tag("div", *static, class_="static"), *always, class_="sphere")
 
 
 def _vectors(values: Any) -> list[list[float | None]]:
@@ -51,7 +47,7 @@ def _vectors(values: Any) -> list[list[float | None]]:
 
 def _planes(found: MagFit, readings: np.ndarray, scale: float, unit: str) -> list[Markup]:
     """Readings before and after correction, projected on two planes; and the residuals by direction."""
-    pick = np.unique(np.linspace(0, len(readings) - 1, min(len(readings), _MOST // 2)).astype(int))
+    pick = np.array(evenly(len(readings), MOST))
     before, after = readings[pick] / scale, np.asarray(found.model.correct(readings[pick])) / scale  # type: ignore[union-attr]
     circle = np.linspace(0, 2 * np.pi, 121)
     radius, reach = found.field / scale, 1.1 * max(np.abs(before).max(), np.abs(after).max())

@@ -7,10 +7,9 @@ from .._units import noise_factor, noise_units
 from ..plot._style import SENSORS, unit_label
 from ..temperature import TemperatureFit, TemperatureFits
 from ._charts import Chart, Curve, charts
-from ._html import Markup, section
+from ._html import MOST, Markup, section
 
 SUBJECT = "Bias and temperature"
-_FINE = 160  # number of temperatures at which a curve is drawn
 _MEANING = (
     ("rms left", "What the model leaves of the means over 0.1 °C, over all temperatures. It is not a noise coefficient."),
     ("worst degree", "The same in the worst window of 1 °C. A model that misses a jump shows it here."),
@@ -64,7 +63,7 @@ def _chart(sensor: str, channels: dict[str, TemperatureFit]) -> Chart:
 def _temperatures(fit: TemperatureFit) -> np.ndarray:
     """Temperatures at which a curve is drawn: evenly spaced, with more points around each narrow jump."""
     low, high = float(fit.model.low), float(fit.model.high)
-    parts = [np.linspace(low, high, _FINE)]
+    parts = [np.linspace(low, high, MOST)]
     parts += [step.centre + step.width * np.linspace(-8.0, 8.0, 33) for step in fit.steps]
     found = np.unique(np.concatenate(parts))
     return found[(found >= low) & (found <= high)]

@@ -7,12 +7,11 @@ from .._units import shown_in
 from ..evidence import Stretch
 from ..evidence._findings import timeline
 from ..plot._style import SENSORS
-from ._html import Markup, join, tag
+from ._html import MOST, Markup, join, tag
 from ._svg import Mark, figure, linear_axis
 
 #: kinds by colour, and the words of the key
 _COLOURS = {"moving": 1, "knock": 1, "step": 3, "gap": 4, "held": 5, "stuck": 5, "zeroed": 5, "clipped": 5, "warm_up": 2}
-_PARTS = 300  # parts of the recording whose extremes are drawn
 
 
 def timelines(log: Log) -> Markup:
@@ -33,12 +32,12 @@ def _figure(log: Log, sensor: str, evidence: tuple[Stretch, ...]) -> Markup:
     long, scale = ("h", 3600.0) if log.duration > 7200 else ("min", 60.0) if log.duration > 300 else ("s", 1.0)
     values = np.asarray(getattr(log, sensor)).reshape(len(log.time), -1) / size
     values = values - np.nanmedian(values, axis=0)
-    edges = np.unique(np.linspace(0, len(values), _PARTS + 1).astype(int))[:-1]
+    edges = np.unique(np.linspace(0, len(values), MOST + 1).astype(int))[:-1]
     low, high = (extreme.reduceat(values, edges, axis=0) for extreme in (np.fmin, np.fmax))
     x, y = linear_axis(f"Time ({long})", [[0.0, log.duration / scale]], 0.0), linear_axis(f"{SENSORS[sensor]} ({unit})", [low, high])
     marks = []
     for one in found:
-        times = np.array([one.start, max(one.stop, one.start + 2 * log.duration / _PARTS)]) / scale
+        times = np.array([one.start, max(one.stop, one.start + 2 * log.duration / MOST)]) / scale
         marks.append(Mark("band", times, np.full(2, y.low), _COLOURS[one.kind], np.full(2, y.high)))
         marks.append(Mark("line", times, np.full(2, y.low), _COLOURS[one.kind], look="large"))
     times = log.time[edges] / scale
