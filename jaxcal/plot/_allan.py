@@ -9,7 +9,7 @@ from .._errors import DataError
 from ..allan import Deviation
 from ..noise import Noise, NoiseFit
 from ._channels import ModelledChannel, draw_curves, draw_groups, finish
-from ._style import INK, MUTED, SHADE, log_axes, text_only
+from ._style import INK, MOST, MUTED, SHADE, log_axes, text_only
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +20,6 @@ KINDS = {
     "mtotdev": "Modified total deviation", "ttotdev": "Time total deviation", "htotdev": "Hadamard total deviation",
     "theo1": "Theo1 deviation",
 }  # fmt: skip
-_MOST_POINTS = 400  # largest number of cluster sizes drawn; the eye cannot separate more
 _MODELLED = ("adev", "oadev", "totdev")  # statistics whose expectation is the Allan variance of the model
 
 
@@ -36,8 +35,8 @@ class _Channel(ModelledChannel):
         values = [np.asarray(v, dtype=np.float64) for v in (d.tau, d.deviation / scale, d.lower / scale, d.upper / scale)]
         used = np.ones(len(values[0]), dtype=bool) if self.model is None else np.asarray(self.model.used)
         keep = np.flatnonzero(np.isfinite(values[1]) & (values[1] > 0))
-        if len(keep) > _MOST_POINTS:
-            grid = np.geomspace(values[0][keep[0]], values[0][keep[-1]], _MOST_POINTS)
+        if len(keep) > MOST:
+            grid = np.geomspace(values[0][keep[0]], values[0][keep[-1]], MOST)
             keep = np.unique(keep[np.minimum(np.searchsorted(values[0][keep], grid), len(keep) - 1)])
         return (*(v[keep] for v in values), used[keep])
 

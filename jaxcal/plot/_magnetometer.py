@@ -1,5 +1,6 @@
-"""Figures of a magnetometer calibration: sphere, coverage, residual, heading error."""
+"""Figures of a magnetometer calibration: sphere, coverage, heading error."""
 
+import itertools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -8,14 +9,12 @@ from .._errors import DataError
 from .._units import shown_in
 from ..magnetometer import MagFit, heading_uncertainty
 from ..magnetometer._iron import quantity_of
-from ._style import INK, SERIES, SHADE, color_bar, new_figure, style_axes
+from ._style import INK, MOST, SERIES, SHADE, new_figure, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_MOST = 5000  # largest number of points drawn; more would only cover one another
-_PLANES = ((0, 1), (0, 2), (1, 2))
-_BEFORE, _AFTER = SERIES[1], SERIES[0]
+_AFTER, _BEFORE, *_ = SERIES
 
 
 def sphere(m: Any, found: Any, axes: Any = None) -> Any:
@@ -50,7 +49,7 @@ def sphere(m: Any, found: Any, axes: Any = None) -> Any:
     if m.ndim != 2 or m.shape[1] != 3:
         raise DataError(f"the readings have shape {m.shape}; expected (n, 3)")
     m = m[np.isfinite(m).all(axis=1)]
-    m = m[:: max(len(m) // _MOST, 1)]
+    m = m[:: max(len(m) // MOST, 1)]
     unit, scale = shown_in(quantity_of(found.field))
     before, after, radius = m / scale, np.asarray(model.correct(m)) / scale, found.field / scale
     if axes is None:
@@ -58,7 +57,7 @@ def sphere(m: Any, found: Any, axes: Any = None) -> Any:
         places = [figure.add_subplot(2, 2, i + 1) for i in range(3)]
         axes = np.array([*places, figure.add_subplot(2, 2, 4, projection="3d")], dtype=object)
     circle = np.linspace(0, 2 * np.pi, 181)
-    for ax, (i, j) in zip(axes[:3], _PLANES, strict=True):
+    for ax, (i, j) in zip(axes[:3], itertools.combinations(range(3), 2), strict=True):
         ax.plot(before[:, i], before[:, j], ".", color=_BEFORE, markersize=2, alpha=0.5, label="as measured")
         ax.plot(after[:, i], after[:, j], ".", color=_AFTER, markersize=2, alpha=0.5, label="corrected")
         ax.plot(radius * np.cos(circle), radius * np.sin(circle), color=INK, linewidth=0.8, label="field")
@@ -109,61 +108,14 @@ def coverage(found: Any, ax: Any = None) -> Any:
     cells.set_facecolor(SHADE)
     ax.set_facecolor(SHADE)
     ax.add_collection(cells)
-    color_bar(ax, cells, "readings per region")
+    ax.figure.colorbar(cells, ax=ax, pad=0.02).set_label("readings per region", color=INK)
     wanted = np.asarray(found.needed)
     if len(wanted):
         longitude = np.rad2deg(np.arctan2(wanted[:, 1], wanted[:, 0]))
         ax.plot(longitude, wanted[:, 2], "x", color=SERIES[1], markersize=10, markeredgewidth=2.5, label="readings would help most here")
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=9, labelcolor=INK)
-    _map(ax, 1.0)
+    _map(ax)
     ax.grid(False)
-    return ax
-
-
-def residual(m: Any, found: Any, ax: Any = None) -> Any:
-    """Draw the distance of every reading to the fitted ellipsoid, as colour at its direction on the map of `coverage`.
-
-    A patch of one colour means a field that is not uniform, or iron that does not move with the sensor.
-
-    Parameters
-    ----------
-    m : (n, 3) the readings that were fitted.
-    found : the fit of these readings.
-    ax : matplotlib Axes; None makes a figure.
-
-    Returns
-    -------
-    The Axes.
-
-    Raises
-    ------
-    DataError
-        If the fit has no model, or was made from other readings.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import jaxcal
-    >>> from jaxcal.magnetometer import body_field, scenario
-    >>> m = body_field(scenario("all"), 50e-6) + 1e-7 * np.random.default_rng(0).normal(size=(360, 3))
-    >>> jaxcal.plot.residual(m, jaxcal.magnetometer.fit(m)).get_ylabel()
-    'latitude (°), z up'
-    """
-    model = _checked(found)
-    m = np.asarray(m, dtype=float)
-    if m.shape != (len(found.residual), 3):
-        raise DataError(f"the readings have shape {m.shape}, the fit is of ({len(found.residual)}, 3); give the readings that were fitted")
-    ax = new_figure().subplots() if ax is None else ax
-    y = np.asarray(model.correct(m))
-    y = y / np.linalg.norm(y, axis=1, keepdims=True)
-    unit, scale = shown_in(quantity_of(found.field))
-    off = np.asarray(found.residual) / scale
-    limit = float(np.quantile(np.abs(off), 0.98)) or 1.0
-    step = max(len(y) // _MOST, 1)
-    longitude = np.rad2deg(np.arctan2(y[:, 1], y[:, 0]))
-    points = ax.scatter(longitude[::step], y[::step, 2], c=off[::step], s=10, cmap="coolwarm", vmin=-limit, vmax=limit)
-    color_bar(ax, points, f"residual ({unit})")
-    _map(ax, 1.02)
     return ax
 
 
@@ -207,10 +159,10 @@ def heading_error(found: Any, ax: Any = None) -> Any:
     return ax
 
 
-def _map(ax: "Axes", reach: float) -> None:
+def _map(ax: "Axes") -> None:
     """Set up axes of longitude and of the sine of latitude, which form an equal-area map."""
     style_axes(ax, "longitude (°), 0 at x, 90 at y", "latitude (°), z up")
-    ax.set(xlim=(-180, 180), ylim=(-reach, reach), xticks=range(-180, 181, 45))
+    ax.set(xlim=(-180, 180), ylim=(-1, 1), xticks=range(-180, 181, 45))
     latitudes = np.array([-90, -45, -30, -15, 0, 15, 30, 45, 90])
     ax.set_yticks(np.sin(np.deg2rad(latitudes)), [str(latitude) for latitude in latitudes])
 

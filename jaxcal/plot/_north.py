@@ -7,23 +7,23 @@ import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._special import NORMAL95
+from .._units import factor, shown_in
 from ..alignment import AlignmentFit, Positions, Readings
 from ._style import INK, MUTED, SERIES, SHADE, stacked, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_DEG = np.pi / 180
-_SENSORS = (("accel", "Specific force (m/s²)", 1.0), ("gyro", "Rate (deg/h)", 3600 / _DEG))
-_SPAN = 4.0  # width of the drawn range, in half-widths of the interval
+_, _DEG = shown_in("angle")
+_SENSORS = (("accel", "Specific force (m/s²)", "m/s^2"), ("gyro", "Rate (deg/h)", "deg/h"))
 
 
 def north(readings: Any, result: Any, ax: Any = None) -> Any:
     """Draw readings against the table angle with the fitted model, and the azimuth's distribution.
 
-    A line shows the prediction of the fitted parameters at every table angle for mounting "x" or "y". Readings with "z" and "-z" are
-    labelled at the right edge; a sensor fixed on the z axis reads the same at every angle and is left out. The last panel shows the
-    distribution of the azimuth, with 95 % of it shaded: normal if the noise was given, Student's t if it comes from the residuals.
+    A line shows the prediction of the fitted parameters at every table angle for mounting "x" or "y". A sensor
+    fixed on the z axis reads the same at every angle and is left out. The last panel shows the distribution of the azimuth, with 95 % of
+    it shaded: normal if the noise was given, Student's t if it comes from the residuals.
 
     Parameters
     ----------
@@ -67,8 +67,8 @@ def north(readings: Any, result: Any, ax: Any = None) -> Any:
         if word in readings.positions.mounting:
             moving = Positions(turning, word, start=0.0, rate=rate, width=width)  # a single instant, so that there is no drift
             curves[word] = Readings(moving, *result.model.measure(moving, lever_arm=readings.lever_arm))
-    for panel, (name, label, scale) in zip(axes, sensors, strict=False):
-        _readings(panel, readings, name, label, scale, curves)
+    for panel, (name, label, unit) in zip(axes, sensors, strict=False):
+        _readings(panel, readings, name, label, 1 / factor(unit, name), curves)
     _azimuth(axes[-1], result)
     return axes
 
@@ -79,28 +79,19 @@ def _readings(ax: "Axes", readings: Readings, name: str, label: str, scale: floa
     bars = None if variance is None else NORMAL95 * scale * np.sqrt(variance)
     angle = np.mod(positions.angle / _DEG, 360.0)
     words, there = np.array(positions.mounting), np.isfinite(values)
-    mark = {"fmt": "o", "markersize": 5, "capsize": 3}
-    pick = lambda kept: None if bars is None else bars[kept]  # noqa: E731
-    for i, (word, model) in enumerate(curves.items()):
-        here, axis = (words == word) & there, "" if len(curves) == 1 else f" {word}"
-        if not here.any():
+    for i, word in enumerate(dict.fromkeys(words)):
+        here, said = (words == word) & there, "" if len(set(words)) == 1 else f" {word}"
+        if word == "fixed z" or not here.any():
             continue
-        line, color = SERIES[2 * i], SERIES[2 * i + 1]
-        ax.plot(model.positions.angle / _DEG, getattr(model, name) * scale, color=line, linewidth=1.2, label=f"fitted model{axis}")
-        said = f"reading{axis}, 95 %" if bars is not None else f"reading{axis}"
-        ax.errorbar(angle[here], values[here], yerr=pick(here), label=said, color=color, ecolor=color, **mark)
-    for word in dict.fromkeys(words):
-        here = (words == word) & there
-        # a sensor fixed on the z axis reads the same at every angle
-        if word in curves or word == "fixed z" or not here.any():
-            continue
-        spot = 368 + 0 * angle[here]
-        ax.errorbar(spot, values[here], yerr=pick(here), color=SERIES[2], ecolor=SERIES[2], **{**mark, "fmt": "s"})
-        ax.annotate(
-            word, (368, values[here][0]), (6, 0), textcoords="offset points", va="center", color=INK, fontsize=9, annotation_clip=False
-        )
+        color = SERIES[i % len(SERIES)]
+        if word in curves:
+            model = curves[word]
+            ax.plot(model.positions.angle / _DEG, getattr(model, name) * scale, color=color, linewidth=1.2, label=f"fitted model{said}")
+        label_of = f"reading{said}" + (", 95 %" if bars is not None else "")
+        yerr = None if bars is None else bars[here]
+        ax.errorbar(angle[here], values[here], yerr=yerr, label=label_of, color=color, ecolor=color, fmt="o", markersize=5, capsize=3)
     style_axes(ax, "Table angle (deg)", label)
-    ax.set(xlim=(-8, 376), xticks=np.arange(0, 361, 45))
+    ax.set(xlim=(-8, 368), xticks=np.arange(0, 361, 45))
     ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, frameon=False, fontsize=9, labelcolor=INK, borderaxespad=0.2)
 
 
@@ -114,8 +105,8 @@ def _azimuth(ax: "Axes", result: AlignmentFit) -> None:
         return
     centre, sigma = psi.value / _DEG, std / _DEG
     half, freedom = psi.half / _DEG, float(result.estimate.select("psi").freedom[0])
-    x = centre + _SPAN / 2 * half * np.linspace(-1, 1, 201)
-    density = student_density((x - centre) / sigma, freedom) / sigma
+    x = centre + 2 * half * np.linspace(-1, 1, 201)
+    density = scipy.stats.t.pdf(x, freedom, centre, sigma)
     inner = np.abs(x - centre) <= half
     ax.fill_between(x[inner], density[inner], color=SHADE)
     ax.plot(x, density, color=SERIES[0], linewidth=1.2)
@@ -123,11 +114,3 @@ def _azimuth(ax: "Axes", result: AlignmentFit) -> None:
     ax.set_ylim(0, None)
     digits = max(0, int(np.ceil(1 - np.log10(half / 2))))
     ax.set_title(f"azimuth {centre:.{digits}f} ± {half:.{digits}f} degrees (95 %)", loc="left", fontsize=10, color=INK)
-
-
-def student_density(t: np.ndarray, freedom: float) -> np.ndarray:
-    """Density of Student's t distribution; of the normal distribution for infinitely many degrees of freedom."""
-    if not np.isfinite(freedom):
-        return np.exp(-0.5 * t**2) / np.sqrt(2.0 * np.pi)
-    size = scipy.special.gammaln((freedom + 1) / 2) - scipy.special.gammaln(freedom / 2) - 0.5 * np.log(freedom * np.pi)
-    return np.exp(size - 0.5 * (freedom + 1) * np.log1p(t**2 / freedom))

@@ -9,13 +9,11 @@ from .._errors import DataError
 from ..noise import Noise, NoiseFit
 from ..spectrum import Spectrum
 from ._channels import ModelledChannel, draw_curves, draw_groups, finish, term_names
-from ._style import log_axes, number_label
+from ._style import MOST, log_axes, number_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_MOST_POINTS = 600  # largest number of values drawn as points; more are drawn as a line
-_MOST_COLUMNS = 1000  # number of stretches of the frequency axis; the lowest and the highest value of each are drawn
 _VALUES = "#8b949e"  # colour of values under a model, which is drawn in ink
 _MARKOV_COLOR = "#56b4e9"
 
@@ -30,10 +28,10 @@ class _Channel(ModelledChannel):
         s, scale = self.spectrum, self.unit[0] ** 2  # the unit of the axis is the square of the unit of B, per Hz
         rows = np.stack([np.asarray(s.frequency), *(np.asarray(v) / scale for v in (s.density, s.lower, s.upper))])
         rows = rows[:, np.isfinite(rows[1]) & (rows[1] > 0)]
-        if rows.shape[1] <= 2 * _MOST_COLUMNS:
+        if rows.shape[1] <= 2 * MOST:
             return rows
         # keep lines and dips visible: of values that the eye cannot separate, draw the lowest and the highest
-        edges = np.searchsorted(rows[0], np.geomspace(rows[0, 0], rows[0, -1], _MOST_COLUMNS + 1)[1:-1])
+        edges = np.searchsorted(rows[0], np.geomspace(rows[0, 0], rows[0, -1], MOST + 1)[1:-1])
         parts = [(a, rows[1, a:b]) for a, b in zip([0, *edges], [*edges, rows.shape[1]], strict=True) if b > a]
         chosen = {a + int(pick) for a, part in parts for pick in (part.argmin(), part.argmax())}
         return rows[:, sorted(chosen | {0, rows.shape[1] - 1})]
@@ -47,7 +45,7 @@ class _Channel(ModelledChannel):
         """Draw the interval, and points, or a line if there are many."""
         frequency, density, lower, upper = self.points()
         ax.fill_between(frequency, lower, upper, color=color, alpha=0.16 if alone else 0.1, linewidth=0)
-        many = len(frequency) > _MOST_POINTS
+        many = len(frequency) > MOST
         look: dict[str, Any] = {"linewidth": 0.8} if many else {"marker": "o", "linestyle": "none", "markersize": 3.0, "markeredgewidth": 0}
         return ax.plot(frequency, density, color=color, label=f"measured, {100 * self.spectrum.confidence:g} % interval", **look)[0]
 

@@ -26,6 +26,7 @@ SHADE = "#f1f3f5"
 SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 TERM_COLORS = {"Q": "#cc79a7", "N": "#0072b2", "B": "#009e73", "K": "#d55e00", "R": "#e69f00"}
 _TEXT = 10.0
+MOST = 1000  # points of a curve, and stretches of a long one whose extremes are drawn: more than the eye can separate
 SENSORS = {"gyro": "Gyroscope", "accel": "Accelerometer", "mag": "Magnetometer"}
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -69,14 +70,6 @@ def style_axes(ax: "Axes", x_label: str, y_label: str, size: float = _TEXT) -> N
         spine.set_linewidth(0.8)
     ax.set_xlabel(x_label, color=INK, fontsize=size)
     ax.set_ylabel(y_label, color=INK, fontsize=size)
-
-
-def color_bar(ax: "Axes", drawn: Any, label: str) -> Any:
-    """Add a colour scale for `drawn` beside the axes."""
-    bar = ax.figure.colorbar(drawn, ax=ax, pad=0.02)
-    bar.set_label(label, color=INK)
-    bar.outline.set_visible(False)  # type: ignore[operator]
-    return bar
 
 
 def place_legend(ax: "Axes", columns: list[list[Any]], title: str, *, above: bool, lines: bool) -> None:

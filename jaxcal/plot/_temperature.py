@@ -9,12 +9,10 @@ from .._errors import DataError
 from .._special import NORMAL95
 from ..temperature import TemperatureFit
 from ._channels import Channel, draw_groups
-from ._style import INK, MUTED, SENSORS, SERIES, interval_labels, number_label, place_legend, style_axes
+from ._style import INK, MOST, MUTED, SENSORS, SERIES, interval_labels, number_label, place_legend, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-_FINE = 2000  # number of temperatures at which a curve is drawn, because a jump is narrow
 
 
 class _Channel(Channel):
@@ -78,7 +76,7 @@ def _draw(ax: "Axes", channels: list[_Channel], *, own: bool) -> None:
 
 def _curve(ax: "Axes", channel: _Channel, color: str) -> Any:
     fit = channel.fit
-    t = np.linspace(float(fit.model.low), float(fit.model.high), _FINE)
+    t = np.linspace(float(fit.model.low), float(fit.model.high), 2 * MOST)  # a jump is narrow
     low, high = (channel.change(end) for end in fit.interval_at(t))
     ax.fill_between(t, low, high, color=color, alpha=0.16, linewidth=0)
     for step in fit.steps:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._answer import plain
-from .._answer._html import Markup, join as join, tag
+from .._answer._html import Markup, each, join as join, tag
 from ..calibration._provenance import date_of
 
 #: how much a page shows: points of a curve and rows of its numbers, points of a smooth line, entries of a list, and panels
@@ -48,14 +48,7 @@ def definitions(pairs: Iterable[tuple[Any, Any]]) -> Markup:
 def table(columns: Sequence[str], rows: Iterable[Sequence[Any]], caption: str | None = None, class_: str | None = None) -> Markup:
     """A table; the first cell of a row is its name."""
     head = tag("thead", tag("tr", *(tag("th", name, scope="col") for name in columns)))
-    named = [*columns, ""] if class_ in ("terms", "matrix") else [None]  # a phone shows the name of the column in the cell
-
-    def cell(i: int, content: Any) -> Markup:
-        return tag("td", content, data_axis=named[min(i, len(named) - 1)])
-
-    body = tag(
-        "tbody", *(tag("tr", tag("th", first, scope="row"), *(cell(i, one) for i, one in enumerate(cells, 1))) for first, *cells in rows)
-    )
+    body = tag("tbody", *(tag("tr", tag("th", first, scope="row"), each("td", cells)) for first, *cells in rows))
     return tag("table", *(() if caption is None else (tag("caption", caption),)), head, body, class_=class_)
 
 

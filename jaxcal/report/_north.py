@@ -4,11 +4,11 @@ import math
 from typing import Any
 
 import numpy as np
+import scipy  # loads its parts when they are first used
 
 from .._special import NORMAL95
 from .._units import factor, shown_in
 from ..alignment import AlignmentFit, Positions, Readings
-from ..plot._north import student_density
 from ..plot._style import unit_label
 from ._charts import Chart, Curve, charts
 from ._html import Markup, numbers, section
@@ -67,7 +67,7 @@ def _azimuth(result: AlignmentFit) -> list[Chart]:
         return []
     low, high, freedom = psi.low, psi.high, float(result.estimate.select("psi").freedom[0])
     x = psi.value + (high - low) * np.linspace(-1.0, 1.0, 121)
-    density = student_density((x - psi.value) / std, freedom) / std * _DEG
+    density = scipy.stats.t.pdf(x, freedom, psi.value, std) * _DEG
     about = f"Azimuth {psi.value / _DEG:.4g}°, 95 % between {low / _DEG:.4g}° and {high / _DEG:.4g}° (dashed)."
     curve = Curve("density", "line", x / _DEG, density, np.zeros(len(x)), density, label="density")
     return [Chart("north-azimuth", "Distribution of the azimuth", about, "Azimuth (deg)", "Density (1/deg)", (("", 1.0),), [curve],

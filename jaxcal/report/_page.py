@@ -52,11 +52,6 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 caption { text-align: left; padding: .25rem 0; caption-side: bottom; max-width: calc(100vw - 2rem); }
 th, td { text-align: left; vertical-align: top; padding: .5rem .6rem; border-bottom: 1px solid var(--line); font-weight: normal; }
 thead th { border-bottom: 2px solid var(--line); font-weight: 600; }
-.terms { width: 100%; min-width: 32rem; table-layout: fixed; }
-.terms th:first-child { width: 28%; padding-left: 0; }
-.terms tbody th b { font-size: 1.05rem; }
-.terms span, .terms strong { display: block; }
-.terms strong { font-size: 1.05rem; }
 .badge { width: fit-content; padding: 0 .4rem; border-radius: 1rem; font-size: .75rem; white-space: nowrap; }
 .badge { background: var(--none-back); color: var(--ink); }
 .present { background: var(--good-back); color: var(--good); }
@@ -100,19 +95,19 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
 :focus-visible { outline: 2px solid var(--series-0); outline-offset: 2px; }
 @media (max-width: 36rem) {
   th, td { padding: .4rem .3rem; font-size: .875rem; }
-  :is(.terms, .matrix) { display: block; min-width: 0; width: 100%; }
-  :is(.terms, .matrix) :is(tbody, caption) { display: block; }
+  .matrix { display: block; min-width: 0; width: 100%; }
+  .matrix :is(tbody, caption) { display: block; }
   .scroll .exact { white-space: normal; }
-  :is(.terms, .matrix) thead { display: none; }
-  :is(.terms, .matrix) tr { display: grid; grid-template-columns: repeat(auto-fit, minmax(5.6rem, 1fr)); padding: .4rem 0; }
+  .matrix thead { display: none; }
+  .matrix tr { display: grid; grid-template-columns: repeat(auto-fit, minmax(5.6rem, 1fr)); padding: .4rem 0; }
   .scroll .matrix tr { grid-template-columns: repeat(auto-fit, minmax(9rem, 1fr)); }
-  :is(.terms, .matrix) tr { border-bottom: 1px solid var(--line); }
-  :is(.terms, .matrix) tbody th { grid-column: 1 / -1; width: auto; border: 0; padding: .1rem 0; }
-  :is(.terms, .matrix) th:first-child { width: auto; }
-  :is(.terms, .matrix) tbody th span { display: inline; }
-  :is(.terms, .matrix) tbody th * + span { margin-left: .5rem; }
-  :is(.terms, .matrix) td { border: 0; padding: .1rem .3rem .1rem 0; overflow-wrap: anywhere; }
-  :is(.terms, .matrix) td::before { content: attr(data-axis); color: var(--muted); margin-right: .3rem; }
+  .matrix tr { border-bottom: 1px solid var(--line); }
+  .matrix tbody th { grid-column: 1 / -1; width: auto; border: 0; padding: .1rem 0; }
+  .matrix th:first-child { width: auto; }
+  .matrix tbody th span { display: inline; }
+  .matrix tbody th * + span { margin-left: .5rem; }
+  .matrix td { border: 0; padding: .1rem .3rem .1rem 0; overflow-wrap: anywhere; }
+  .matrix td::before { content: attr(data-axis); color: var(--muted); margin-right: .3rem; }
   .numbers table { font-size: .8rem; }
   .verdicts thead { display: none; }
   .verdicts, .verdicts tbody { display: block; }
@@ -128,7 +123,7 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
   header, main, footer { max-width: none; padding: 0; }
   figure, table, li, dd { break-inside: avoid; }
   h2, h3 { break-after: avoid; }
-  .scroll svg, .terms { min-width: 0; }
+  .scroll svg { min-width: 0; }
   .numbers { max-height: none; }
   .numbers table { font-size: 7pt; white-space: normal; overflow-wrap: anywhere; }
   .live > .static { display: block; }

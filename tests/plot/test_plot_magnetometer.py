@@ -43,11 +43,7 @@ def test_coverage_map_puts_regions_where_they_are(found):
     assert len(ax.lines[0].get_xdata()) == 3
 
 
-def test_residuals_and_heading_error(found):
-    ax = jaxcal.plot.residual(M, found)
-    np.testing.assert_allclose(ax.collections[0].get_array(), 1e6 * found.residual)
-    with pytest.raises(DataError, match="give the readings that were fitted"):
-        jaxcal.plot.residual(M[:5], found)
+def test_heading_error(found):
     level, tilted = jaxcal.plot.heading_error(found).lines
     # the rms over the headings is the heading error that the fit states
     assert np.sqrt(np.mean(level.get_ydata()[:-1] ** 2)) == pytest.approx(np.rad2deg(found.heading_error[0]), rel=1e-6)

@@ -29,7 +29,7 @@ def test_points_curve_and_density(fitted):
     x, density = axes[2].lines[0].get_data()
     assert np.trapezoid(density, x) == pytest.approx(1, abs=1e-3)
     assert x[np.argmax(density)] == pytest.approx(found.psi / DEG)
-    assert [text.get_text() for text in axes[0].texts] == ["z", "-z"]
+    assert [text.get_text() for text in axes[0].get_legend().get_texts()][1:] == [f"reading {word}, 95 %" for word in ("x", "z", "-z")]
 
 
 def test_without_an_azimuth_the_panel_says_so(fitted):
