@@ -203,28 +203,28 @@ def find_changes(
         lags = [lag * n * dt for lag in _LAGS]
         listed = [Change("temperature", 0.0, lag, functools.partial(_lagged, low.times, means - means.mean(), lag)) for lag in lags]
         shapes["temperature"] = listed, low.ordinates(listed)
-    kept = len(low.factor)
+    kept, slow, walk = len(low.factor), axes[0].slow, axes[0].walk  # the axes have the same columns
     records = [low.transform(_means(axis.record, low, size)) for axis in axes]
-    bases = [axis.columns[:kept, ~axis.slow] @ axis.theta[~axis.slow] for axis in axes]
-    slows = [axis.columns[:kept, axis.slow] for axis in axes]
+    bases = [axis.columns[:kept, ~slow] @ axis.theta[~slow] for axis in axes]
+    columns = axes[0].columns[:kept, slow]
     if not all(np.all(base > 0.0) for base in bases):
         return Changes()
     levels = {family: _level(family, len(axes)) for family in _LEVELS}
     found: list[Change] = []
     held = np.zeros((kept, 0))
-    fitted, cost = _refitted(records, held, slows, bases, [axis.theta[axis.slow] for axis in axes])
+    refitted = functools.partial(_refitted, records, columns, bases)
+    (fitted,), (cost,) = refitted([held], np.array([axis.theta[slow] for axis in axes]))
     if shifts := [_event(at, 0.0)._replace(family="shift") for at in joints if 0.0 < at < n * dt]:
         x = low.ordinates(shifts)
-        sure = np.flatnonzero(_ratios(records, _densities(bases, slows, fitted), x) > _level("shift", len(axes), len(shifts)))
+        sure = np.flatnonzero(_ratios(records, bases + fitted @ columns.T, x) > _level("shift", len(axes), len(shifts)))
         found = [shifts[i] for i in sure]
         held = x[sure, :, 0].T
-        fitted, cost = _refitted(records, held, slows, bases, fitted)
+        (fitted,), (cost,) = refitted([held], fitted)
     instead: tuple[float, Change | None] = -_BESIDE, None
-    plain = [slow[:, ~axis.walk] for slow, axis in zip(slows, axes, strict=True)]
     while sum(one.family != "shift" for one in found) < _MOST:
         tried: list[tuple[str, Change, AnyArray]] = []
-        walks = any(np.any(one[axis.walk] > 0.0) for one, axis in zip(fitted, axes, strict=True))
-        for densities in (_densities(bases, slows, fitted), bases):
+        walks = bool(np.any(fitted[:, walk] > 0.0))
+        for densities in (bases + fitted @ columns.T, bases):
             rests = [_residual(record, held, one) for record, one in zip(records, densities, strict=True)]
             for family, (listed, x) in shapes.items():
                 ratios = _ratios(rests, densities, x)
@@ -234,19 +234,18 @@ def find_changes(
                         _sharpened(listed[best], x[best], low, rests, densities) if family in ("event", "edge") else (listed[best], x[best])
                     )
                     tried.append((family, *sharp))
-        best = None
-        for family, change, x in tried:
-            design = np.column_stack([held, x])
-            theta, less = _refitted(records, design, slows, bases, fitted)
-            gain = cost - less - levels[family]
-            if gain > 0.0 and (best is None or gain > best[0]):
-                best = gain, change, design, theta, less
-            if walks:
-                less = _refitted(records, design, plain, bases, [one[~axis.walk] for one, axis in zip(fitted, axes, strict=True)])[1]
-                instead = max(instead, (cost - less - levels[family], change), key=lambda one: one[0])
-        if best is None:
+        if not tried:
             break
-        _, change, held, fitted, cost = best
+        designs = [np.column_stack([held, x]) for _, _, x in tried]
+        beyond = np.array([levels[family] for family, *_ in tried])
+        thetas, costs = refitted(designs, fitted)
+        if walks:
+            gains = cost - refitted(designs, np.where(walk, 0.0, fitted), walk)[1] - beyond
+            instead = max(instead, (float(np.max(gains)), tried[int(np.argmax(gains))][1]), key=lambda one: one[0])
+        best = int(np.argmax(cost - costs - beyond))
+        if not cost - costs[best] > beyond[best]:
+            break
+        change, held, fitted, cost = tried[best][1], designs[best], thetas[best], costs[best]
         found.append(_at_its_instant(change, axes, dt, size))
         instead = -_BESIDE, None
     return Changes(tuple(found), instead[1], instead[0] > -_HINT)
@@ -264,10 +263,6 @@ def _at_its_instant(change: Change, axes: Sequence[Axis], dt: float, size: int) 
     return _event((first + best + 0.5) * dt, 0.0)
 
 
-def _densities(bases: Sequence[AnyArray], slows: Sequence[AnyArray], fitted: Sequence[AnyArray]) -> list[AnyArray]:
-    return [base + slow @ theta for base, slow, theta in zip(bases, slows, fitted, strict=True)]
-
-
 def _residual(record: AnyArray, held: AnyArray, density: AnyArray) -> AnyArray:
     """The record less its regression on the columns in `held`, weighted by a density."""
     if not held.shape[1]:
@@ -276,25 +271,32 @@ def _residual(record: AnyArray, held: AnyArray, density: AnyArray) -> AnyArray:
     return record - held @ np.linalg.lstsq(x, record / np.sqrt(density), rcond=None)[0]
 
 
-def _refitted(records, design, slows, bases, begun) -> tuple[list[AnyArray], float]:
-    """Slow coefficients of each axis beside the columns of a design, and -2 log likelihood of all axes."""
-    starts, count = log_groups(len(records[0]), keep_tail=True)
-    count = count.astype(float)
+def _refitted(records, columns, bases, designs, begun, held=False) -> tuple[AnyArray, AnyArray]:
+    """Slow coefficients of each axis beside the columns of each design, (designs, axes, p), and -2 log likelihood of all axes.
+
+    `begun` are those of a last fit, (axes, p), of which some are `held`.
+    """
+    starts, count = log_groups(len(columns), keep_tail=True)
+    count, shape = count.astype(float), (len(designs), len(records))
 
     def means(values):
-        return np.add.reduceat(values, starts, axis=0) / count.reshape(-1, *(1,) * (values.ndim - 1))
+        return np.add.reduceat(values, starts, axis=-1) / count
 
-    fits, total = [], 0.0
-    for record, slow, base, theta in zip(records, slows, bases, begun, strict=True):
-        columns, level = means(slow), means(base)
-        for _ in range(_ROUNDS if design.shape[1] else 1):
-            target = means(_residual(record, design, base + slow @ theta) ** 2)
-            if slow.shape[1]:
-                # the likelihood has local maxima: one start is the last fit, the other has little of every term
-                flat = np.median(target / level) * (level[:, None] / columns).min(axis=0)
-                tried, costs = scoring(columns, target, count, np.stack([theta, np.maximum(flat, 1e-6 * theta)]), level)
-                theta = tried[np.argmin(costs)]
-        s = level + columns @ theta
-        fits.append(theta)
-        total += float(np.sum(count * (np.log(s) + target / s)))
-    return fits, total
+    columns_of, levels = means(columns.T).T, np.broadcast_to(means(bases), (*shape, len(count)))
+    theta, target = np.broadcast_to(begun, (*shape, columns.shape[1])), levels
+    for _ in range(_ROUNDS if any(design.shape[1] for design in designs) else 1):
+        rests = [
+            [_residual(record, design, density) for record, density in zip(records, bases + one @ columns.T, strict=True)]
+            for design, one in zip(designs, theta, strict=True)
+        ]
+        target = means(np.square(rests))
+        if columns.shape[1]:
+            # the likelihood has local maxima: one start is the last fit, the other has little of every term
+            flat = np.median(target / levels, axis=-1)[..., None] * np.min(levels[..., None] / columns_of, axis=-2)
+            tried = np.stack([theta, np.where(held, theta, np.maximum(flat, 1e-6 * theta))], axis=2)
+            twice = (np.repeat(values.reshape(-1, len(count)), 2, axis=0) for values in (target, levels))
+            found, costs = scoring(columns_of, next(twice), count, tried.reshape(-1, tried.shape[-1]), next(twice), held)
+            best = np.argmin(costs.reshape(*shape, 2), axis=-1)[..., None, None]
+            theta = np.take_along_axis(found.reshape(tried.shape), best, axis=2)[:, :, 0]
+    s = levels + theta @ columns_of.T
+    return theta, np.sum(count * (np.log(s) + target / s), axis=(1, 2))

@@ -72,17 +72,16 @@ def scoring(
     ----------
     columns, target, weight : (bins, p), (bins,) and (bins,) model per unit of each coefficient, ordinates and their number.
     start : (p,) where a search begins, or (searches, p).
-    base : density that is always there.
+    base : density that is always there. Like the target, each search may have its own.
     held : (searches, p) coefficients that stay as they start.
     """
     used = weight > 0
-    base, weight = np.broadcast_to(base, used.shape)[used], weight[used]
-    x, p = columns[used], np.maximum(target[used], np.finfo(float).tiny ** 0.25)
+    x, weight = columns[used], weight[used]
     scale = np.maximum(np.abs(x).max(axis=0), np.finfo(float).tiny)
     x, free, theta = x / scale, np.any(x < 0, axis=0), np.atleast_2d(start * scale)
-    held = np.broadcast_to(held, theta.shape)
+    p, base = (np.broadcast_to(values, (len(theta), len(used)))[:, used] for values in (target, base))
+    p, held = np.maximum(p, np.finfo(float).tiny ** 0.25), np.broadcast_to(held, theta.shape)
     fixed = np.where(held, theta, 0.0)
-    always = base + fixed @ x.T
 
     def cost_of(theta: AnyArray) -> tuple[AnyArray, AnyArray]:
         s = np.maximum(theta @ x.T + base, _DARK * p)
@@ -94,9 +93,9 @@ def scoring(
     for k in range(_STEPS):
         # near the maximum the mean of expected and observed information has half the error of the expected one
         each, slope = weight / s**2 * (p / s if k > 1 else 1.0), weight / s * (p / s - 1.0)
-        gram, goal = (each[:, None, :] * x.T) @ x, (each * (s - always[on]) + slope) @ x
-        wanted, active = nonnegative(gram, goal, free, active, held[on])
-        wanted += fixed[on]
+        gram, goal = (each[:, None, :] * x.T) @ x, (each * (s - base - fixed @ x.T) + slope) @ x
+        wanted, active = nonnegative(gram, goal, free, active, held)
+        wanted += fixed
         begin, step, trial = theta[on], np.ones(len(on)), wanted
         s, new = cost_of(trial)
         while (worse := (new > cost[on]) & (step > _SHORTEST)).any():
@@ -106,7 +105,7 @@ def scoring(
         gained = cost[on] - new
         better, more = gained >= 0.0, gained >= enough
         theta[on[better]], cost[on[better]] = trial[better], new[better]
-        s, active, on = s[more], active[more], on[more]
+        s, active, on, p, base, held, fixed = (values[more] for values in (s, active, on, p, base, held, fixed))
         if not len(on):
             break
     return (theta / scale, cost) if np.ndim(start) > 1 else (theta[0] / scale, float(cost[0]))
