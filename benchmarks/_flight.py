@@ -59,3 +59,49 @@ def heading_errors(model, iron, dip=DIP, size=1.0):
         east, north = body.apply(np.linalg.solve(np.asarray(model.soft_iron), (m - np.asarray(model.hard_iron)).T).T)[:, 1::-1].T
         found.append(np.sqrt(np.mean(np.arctan2(east, north) ** 2)))
     return np.array(found)
+
+
+class Dive(typing.NamedTuple):
+    """Times in s, readings, the true hard iron at each, C, and the unit fields in the sensor's axes."""
+
+    time: np.ndarray
+    m: np.ndarray
+    hard: np.ndarray
+    soft: np.ndarray
+    field: np.ndarray
+
+
+def dived(seed, count=6000, hours=2.0, drift=0.01, tilt=0.5, noise=0.005, trend=False, dip=DIP):
+    """A vehicle whose attitude wanders (`tilt` in rad), with a hard iron that walks by `drift` of the field in an hour, or has a trend."""
+    rng, time = np.random.default_rng([seed, 43]), np.linspace(0.0, 3600 * hours, count)
+    step = time[1]
+    decay = np.exp(-step / 60)
+    turns = lfilter([1.0], [1.0, -decay], np.sqrt(1 - decay**2) * rng.normal(size=(count, 3)), axis=0) * [0.02, tilt, tilt]
+    turns[:, 0] = rng.uniform(0, 2 * np.pi) + np.cumsum(turns[:, 0]) * step
+    field = Rotation.from_euler("ZYX", turns).inv().apply([np.cos(dip), 0.0, np.sin(dip)])
+    change = rng.normal(size=(3, 3))
+    soft = np.eye(3) + 0.05 * (change + change.T)
+    walk = (
+        time[:, None] / 3600 * rng.choice([-1.0, 1.0], 3)
+        if trend
+        else np.cumsum(np.sqrt(step / 3600) * rng.normal(size=(count, 3)), axis=0)
+    )
+    hard = 0.3 * rng.normal(size=3) + drift * walk
+    return Dive(time, field @ soft.T + hard + noise * rng.normal(size=field.shape), hard, soft, field)
+
+
+def least(dive, drift=0.01, noise=0.005):
+    """Posterior bound (n,) of the rms error of an axis: Kalman filter and smoother of the linear model, with the true parameters."""
+    normal = dive.field @ np.linalg.inv(dive.soft)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    q, now, before, after = drift**2 * dive.time[1] / 3600 * np.eye(3), 0.3**2 * np.eye(3), [], []
+    for row in normal:
+        before.append(now)
+        gain = now @ row
+        after.append(now - np.outer(gain, gain) / (row @ gain + noise**2))
+        now = after[-1] + q
+    found = [after[-1]]
+    for i in range(len(normal) - 2, -1, -1):
+        back = after[i] @ np.linalg.inv(before[i + 1])
+        found.append(after[i] + back @ (found[-1] - before[i + 1]) @ back.T)
+    return np.sqrt(np.trace(found[::-1], axis1=1, axis2=2) / 3)

@@ -1,7 +1,7 @@
 """The magnetometer's number and verdict on real logs and on simulated ones, axes that mirror, and vehicles that hardly tilt.
 
     python benchmarks/real_magnetometer.py                  everything (two minutes)
-    python benchmarks/real_magnetometer.py --only real      one part: real, faults, white, spoilt, mirrored, level, flight
+    python benchmarks/real_magnetometer.py --only real      one part: real, faults, white, spoilt, mirrored, level, flight, track
     python benchmarks/real_magnetometer.py --runs 200       more runs for each simulated case
 
 Real logs come from ../shared/data (JAXCAL_REFERENCE). "Actual" is half the heading difference of disjoint halves there, the root mean
@@ -12,6 +12,7 @@ import argparse
 import json
 import os
 import pathlib
+import time
 import warnings
 
 import _faults
@@ -20,7 +21,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import jaxcal
-from jaxcal.magnetometer import Accelerometer, Attitude, Gyroscope, Headings, fit, heading_uncertainty
+from jaxcal.magnetometer import Accelerometer, Attitude, Gyroscope, Headings, MagModel, fit, heading_uncertainty, track
 
 FOLDER = pathlib.Path(os.environ.get("JAXCAL_REFERENCE", "../shared")) / "data"
 LOGS = ("broad_05_slow_rotation_B.hdf5", "vqf_imu_data.npz", "madgwick_ExampleData.mat", "fusion_sensor_data.csv")
@@ -267,8 +268,35 @@ def on_flight(runs):
         print(f"| {name} | {cells} | {np.rad2deg(np.max(rows, axis=0)[0, 0]):.2f} |", flush=True)
 
 
+def on_track(runs):
+    print("\n| hard iron that walks by 1 % of the field in an hour | rms, % | over the bound | inside | walk, % |\n|---|---|---|---|---|")
+    cases = {
+        "4 h": {"hours": 4.0},
+        "16 h, 20,000 readings": {"hours": 16.0, "count": 20_000},
+        "tilts of 6 degrees": {"hours": 4.0, "tilt": 0.1},
+    }
+    for name, case in cases.items():
+        for known in (True, False) if "tilts" not in name else (True,):  # small tilts show no soft iron
+            rows = []
+            for seed in range(max(runs // 4, 5)):
+                dive = _flight.dived(seed, **case)
+                found = track(dive.m, dive.time, **({"model": MagModel(dive.soft, np.zeros(3)), "field": 1.0} if known else {}))
+                true = np.stack([np.interp(found.time, dive.time, axis) for axis in dive.hard.T], axis=1)
+                held = np.abs(found.hard_iron - true) < 1.96 * np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))
+                off = np.mean((found.at(dive.time) - dive.hard) ** 2)
+                rows.append((off, np.mean(_flight.least(dive) ** 2), held.mean(), 60 * found.walk))
+            off, least, inside, walk = np.mean(rows, axis=0)
+            word = f"{name}, soft iron {'known' if known else 'estimated'}"
+            print(f"| {word} | {100 * np.sqrt(off):.3f} | {np.sqrt(off / least):.2f} | {inside:.1%} | {100 * walk:.2f} |", flush=True)
+    dive = _flight.dived(0, count=1_000_000, hours=6.0)
+    for word in ("first", "second"):
+        start = time.perf_counter()
+        track(dive.m, dive.time)
+        print(f"a million readings, {word} call: {time.perf_counter() - start:.1f} s")
+
+
 PARTS = {"real": on_real, "faults": on_faults, "white": on_white, "spoilt": on_spoilt, "mirrored": on_mirrored, "level": on_level,
-         "flight": on_flight}  # fmt: skip
+         "flight": on_flight, "track": on_track}  # fmt: skip
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])

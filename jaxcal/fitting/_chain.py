@@ -51,7 +51,8 @@ class Chain:
         sides = np.concatenate([self.border, self.link_score[..., None]], axis=2).reshape(count * size, width + 1)
         solved = scipy.linalg.cho_solve_banded((factor, True), sides, check_finite=False).reshape(count, size, width + 1)
         inner = np.einsum("kna,knb->ab", self.border, solved, optimize=True)
-        return Eliminated(self.corner - inner[:, :-1], self.score - inner[:, -1], solved[..., :-1], solved[..., -1])
+        return Eliminated(self.corner - inner[:, :-1], self.score - inner[:, -1], solved[..., :-1], solved[..., -1],
+                          2.0 * float(np.log(factor[0]).sum()))  # fmt: skip
 
     def steps(self, link_scores: np.ndarray, scores: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Steps (K, n, m) of the links and (p, m) of the parameters for m other scores, (K, n, m) and (p, m)."""
@@ -87,6 +88,7 @@ class Eliminated:
     score : (p,) gradient of half the sum of squares, with the chain at its best.
     carried : (K, n, p) by how much each link falls when a parameter rises.
     fall : (K, n) by how much each link falls while the parameters stay.
+    log_determinant : of the chain alone; that of all is larger by that of `information`.
 
     Examples
     --------
@@ -102,6 +104,7 @@ class Eliminated:
     score: np.ndarray
     carried: np.ndarray
     fall: np.ndarray
+    log_determinant: float = 0.0
 
     def links(self, step: np.ndarray) -> np.ndarray:
         """(K, n) steps of the links that belong to a step of the parameters."""

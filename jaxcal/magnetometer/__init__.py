@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ._guide import Guide as Guide, guide as guide
     from ._model import MagModel as MagModel
     from ._result import MagFit as MagFit
+    from ._track import Track as Track, track as track
     from ._uncertainty import Plan as Plan, heading_uncertainty as heading_uncertainty, plan as plan, predict as predict
 
 install(
@@ -30,6 +31,7 @@ install(
         "_guide": "Guide guide",
         "_model": "MagModel",
         "_result": "MagFit",
+        "_track": "Track track",
         "_uncertainty": "Plan heading_uncertainty plan predict",
     },
 )

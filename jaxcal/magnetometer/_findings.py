@@ -93,6 +93,16 @@ FINDINGS = table(
     unseen_axes=Kind(
         NOTE, "Magnitudes cannot show mirrored axes.", "Turn clockwise at level: the heading must rise."
     ),
+    # along a long log
+    drifts=Kind(
+        CAUTION, "The hard iron drifts by {percent:.2g} % of the field in an hour; one calibration for the log costs {angle:.2g}.",
+        "Calibrate again every {hours:.2g} h.",
+    ),
+    disturbed=Kind(
+        CAUTION, "The readings vary along the log, but not by a drift of the hard iron, which would show in parts left out.",
+        "Keep iron and motors away, and move less from place to place.",
+    ),
+    steady=Kind(NOTE, "No drift of the hard iron shows: one calibration holds for the log."),
     # beside the present calibration
     changed=Kind(
         NOTE, "Level headings turn by {rms:.2g} rms against {file}, {most:.2g} at most; the hard iron moves by {moved:.3g}.",
