@@ -160,7 +160,7 @@ def track(
     dip, basis = INCLINATION if inclination is None else float(inclination), _SYMMETRIC if model is None else np.zeros((0, 3, 3))
     if model is None:
         first = fit(m[:: max(len(m) // _START, 1)], field=field, inclination=dip)
-        if first.model is None or first.plane is not None:
+        if first.model is None or first.kind == "planar":
             raise DataError("The readings determine no soft iron: turn the sensor further, or give `model`.", code="undetermined")
         model, field = first.model, field or first.field
     if field is None:
