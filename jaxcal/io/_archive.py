@@ -47,10 +47,7 @@ def unpacked(path: pathlib.Path) -> Iterator[pathlib.Path]:
     with zipfile.ZipFile(path) as archive, _room() as folder:
         members = [one for one in archive.infolist() if not one.is_dir() and _wanted(one.filename)]
         if len(members) > MOST:
-            raise DataError(
-                f"the zip file holds {len(members)} files, more than the {MOST} that are looked at; unpack it and give one log",
-                code="not_a_log",
-            )
+            raise DataError(f"the zip file holds {len(members)} files, as no log does; unpack it and give one log", code="not_a_log")
         if any(one.flag_bits & 1 for one in members):
             raise DataError("the zip file is encrypted; unpack it with its password and give the log in it", code="not_a_log")
         check_declared(sum(one.file_size for one in members), size, "the zip file")

@@ -313,10 +313,8 @@ def _label(table) -> str | None:
         if len(words) == 1 and kinds & set(SENSORS):
             return kinds.pop()
         if 1 < len(words) < 50 and kinds & set(SENSORS):
-            raise DataError(
-                f"column {i} names a sensor in every row ({', '.join(sorted(words)[:6])}): the rows of several sensors are mixed; split "
-                "the file by that column and read the parts", code="mixed",
-            )  # fmt: skip
+            words = ", ".join(sorted(words)[:6])
+            raise DataError(f"column {i} names the sensor of each row ({words}); split the file by it and read the parts", code="mixed")
     return None
 
 

@@ -23,6 +23,7 @@ from ._readers._bounds import require
 from ._readers._csv import row_edges, stretch
 from ._readers._text import open_text, sniff
 
+_CONVERT = "is not read in chunks; convert it once with `jaxcal convert LOG LOG.npz`"
 _TIME = ("time", "timestamp", "stamp", "t")
 
 
@@ -58,15 +59,13 @@ def open_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
         return _joined(_datasets(path), columns)
     if kind == "csv":
         return _text_chunks(path, columns)
-    raise DataError(f"this is {kind}, which is not read in chunks; convert it once with `jaxcal convert LOG LOG.npz`", code="chunks")
+    raise DataError(f"this is {kind}, which {_CONVERT}", code="chunks")
 
 
 def array_chunks(array: np.ndarray, columns: Sequence[Any] | None) -> Chunks:
     """The record in an array, which may be memory-mapped."""
     if array.ndim not in (1, 2) or array.dtype.kind not in "iuf":
-        raise DataError(
-            f"the array has shape {array.shape} and type {array.dtype}; expected numbers of shape (n,) or (n, channels)", code="chunks"
-        )
+        raise DataError(f"shape {array.shape}, type {array.dtype}; expected numbers of shape (n,) or (n, channels)", code="chunks")
     width = 1 if array.ndim == 1 else array.shape[1]
     if columns is None:
         return Chunks(len(array), width, array.ndim == 1, lambda start, stop: array[start:stop].reshape(-1, width))
@@ -83,10 +82,8 @@ def _joined(arrays: dict[str, Any], columns: Sequence[Any] | None) -> Chunks:
     chosen = [usable[name] for name in names]
     if len({len(array) for array in chosen}) > 1:
         lengths = ", ".join(f"{name} {array.shape}" for name, array in zip(names, chosen, strict=True))
-        raise DataError(
-            Message("the arrays have different lengths ({lengths}); name those of one length with {option.columns}", lengths=lengths),
-            code="chunks",
-        )
+        said = Message("the arrays have different lengths ({lengths}); name those of one length with {option.columns}", lengths=lengths)
+        raise DataError(said, code="chunks")
 
     def read(start: int, stop: int) -> np.ndarray:
         return np.concatenate([np.asarray(array[start:stop], np.float64).reshape(stop - start, -1) for array in chosen], axis=1)
@@ -103,9 +100,8 @@ def _named(usable: list[str], columns: Sequence[Any] | None, what: str) -> list[
         names = [columns] if isinstance(columns, str) else [str(name) for name in columns]
     wrong = [name for name in names if name not in usable]
     if wrong or not names:
-        raise DataError(
-            f"columns {', '.join(wrong) or 'for a record'}: not in the file; {what} {', '.join(usable) or 'none'}", code="chunks"
-        )
+        said = f"columns {', '.join(wrong) or 'for a record'}: not in the file; {what} {', '.join(usable) or 'none'}"
+        raise DataError(said, code="chunks")
     return names
 
 
@@ -116,9 +112,7 @@ def _mapped(path: pathlib.Path) -> dict[str, np.ndarray]:
     with zipfile.ZipFile(path) as archive, path.open("rb") as file:
         for member in archive.infolist():
             if member.compress_type != zipfile.ZIP_STORED:
-                raise DataError(
-                    "the arrays are compressed, so that they cannot be read in chunks; save them with numpy.savez", code="chunks"
-                )
+                raise DataError("compressed arrays are not read in chunks; save them with numpy.savez", code="chunks")
             file.seek(member.header_offset + 26)
             lengths = file.read(4)
             file.seek(member.header_offset + 30 + int.from_bytes(lengths[:2], "little") + int.from_bytes(lengths[2:], "little"))
@@ -168,19 +162,12 @@ def _text_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
     require("polars", "reading tables", "csv")
     text = open_text(path)
     if text.packed or text.content is not None:
-        raise DataError(
-            "text that is packed, or not UTF-8, is not read in chunks; convert it once with `jaxcal convert LOG LOG.npz`", code="chunks"
-        )
+        raise DataError(f"text that is packed, or not UTF-8, {_CONVERT}", code="chunks")
     layout = sniff(text.head)
     numeric = [j for j, kind in enumerate(layout.kinds) if kind in ("int", "long", "float")]
     if columns is None and not any(layout.names):
-        raise DataError(
-            Message(
-                "the table has {names}; choose those of the record by number with {option.columns}",
-                names=listing(layout.names, layout.width),
-            ),
-            code="chunks",
-        )
+        said = Message("the table has {names}; choose by number with {option.columns}", names=listing(layout.names, layout.width))
+        raise DataError(said, code="chunks")
     if columns is None:
         chosen = [j for j in numeric if (parse_name(layout.names[j]) or ("",))[0] != "time" and layout.names[j].lower() not in _TIME]
     else:

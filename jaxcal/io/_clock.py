@@ -127,12 +127,8 @@ def _candidates(table, found: Selection, wanted: list[int] | None) -> list[list[
     if sets:
         return sets
     used = {i for indices in found.columns.values() for i in indices}
-    free = [
-        i
-        for i in range(len(table.columns))
-        if i not in used and found.names[i] is None and not (any(table.names) and is_counter(table.names[i]))
-    ]
-    free = [i for i in free if table.columns[i].dtype.kind in "iuf" and increasing(table.columns[i])]
+    free = [i for i, one in enumerate(table.columns) if i not in used and found.names[i] is None and increasing(one)]
+    free = [i for i in free if not (any(table.names) and is_counter(table.names[i]))]
     speaking = [i for i in free if not _unnamed(table, found, i)]
     silent = [i for i in free if i not in speaking and not is_other(table.names[i]) and _even(table.columns[i])]
     return [[i] for i in [*speaking, *silent]][:1]
@@ -212,15 +208,11 @@ def _read(table, indices: list[int], stated: str | None, rate: float | int | Non
         steps = np.diff(column)
         step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else np.nan
         unit = "us" if step > 2500 else "1e-4 s"
-        guess = (
-            unit,
-            f"SampleTimeFine with a median step of {step:g}, {'as Movella DOT counts' if unit == 'us' else 'as Xsens MT counts'}",
-            True,
-        )
+        guess = unit, f"SampleTimeFine with a median step of {step:g}, as {'Movella DOT' if unit == 'us' else 'Xsens MT'} counts", True
     elif stated is not None:
         guess = (stated, "" if explicit else "from the name", True)
     else:
-        guess = unit_by_step(column, _whole(table, index), rate)
+        guess = unit_by_step(column, index in table.integer, rate)
     unit, reason, sure = guess
     factor, offset = scale(unit, "time")
     epoch = 0
@@ -232,10 +224,6 @@ def _read(table, indices: list[int], stated: str | None, rate: float | int | Non
         time = column * factor if factor != 1.0 else column
     other = {"s": "ms", "ms": "s", "us": "ms", "ns": "us"}.get(unit, "s")
     return Clock(indices, time, unit, reason, other, sure, epoch + round(offset) * 10**9)
-
-
-def _whole(table, index: int) -> bool:
-    return index in table.integer
 
 
 def _compare(table, best: Clock, other: Clock, found: Selection) -> Clock:
@@ -253,11 +241,8 @@ def _compare(table, best: Clock, other: Clock, found: Selection) -> Clock:
     if best.sure and other.sure:
         for power in (-9, -6, -4, -3, 3, 4, 6, 9):
             if abs(ratio * 10.0**power - 1.0) < 0.05:
-                said = (
-                    "the clocks {one} ({unit}) and {two} ({other}) differ by a factor of {factor:g}: one of the units is wrong; name the "
-                    "clock and its unit with {option.columns:time=...} and {option.units:time=...}"
-                )
-                facts = {"one": shown[0], "unit": best.unit, "two": shown[1], "other": other.unit, "factor": 10.0 ** abs(power)}
+                said = "the clocks {one} and {two} differ by {factor:g}: give one, {option.columns:time=...} {option.units:time=...}"
+                facts = {"one": f"{shown[0]} ({best.unit})", "two": f"{shown[1]} ({other.unit})", "factor": 10.0 ** abs(power)}
                 raise DataError(Message(said, **facts), code="clocks_contradict")
         percent, column = 100 * abs(1 / ratio - 1), ",".join(map(str, other.columns))
         found.findings.append(READ("clocks_differ", chosen=shown[0], other=shown[1], percent=percent, column=column))
@@ -288,11 +273,9 @@ def refuse_restarts(clock: Clock) -> None:
             restarts.append(at + 1)
     if restarts:
         rows = ", ".join(str(row + 1) for row in restarts[:6]) + (" ..." if len(restarts) > 6 else "")
-        raise DataError(
-            f"time begins again {len(restarts)} time{'s' * (len(restarts) > 1)}, at row{'s' * (len(restarts) > 1)} {rows} (it jumps back "
-            f"by {float(drops.max()):.4g} s): there are several recordings, or copies of one, one below the other; keep the rows of one of "
-            f"them, such as the first {restarts[0]}", code="several_recordings",
-        )  # fmt: skip
+        shown = f"time begins again at row{'s' * (len(restarts) > 1)} {rows} (it jumps back by {float(drops.max()):.4g} s)"
+        said = f"{shown}: several recordings, or copies of one, are one below the other; keep those of one, as the first {restarts[0]}"
+        raise DataError(said, code="several_recordings")
 
 
 def check_rate(clock: Clock, stated: tuple[float, str] | None, found: list[Finding], names: str) -> None:
@@ -301,29 +284,26 @@ def check_rate(clock: Clock, stated: tuple[float, str] | None, found: list[Findi
     if not np.isfinite(rate):
         return
     if rate > 20_000 and clock.unit in SECONDS and clock.unit != "ns":
-        said = (
-            "the clock {names} in {unit} ({why}) would be {rate:.4g} Hz, which no recording has: its unit is wrong; give it with "
-            "{option.units:time={other}}, or the rate with {option.rate} and {option.columns:time=none}"
-        )
-        facts = {"names": names, "unit": clock.unit, "why": clock.reason or "as given", "rate": rate, "other": clock.other}
-        raise DataError(Message(said, **facts), code="time_unit")
+        raise _wrong_unit("the clock {names} in {unit} ({why}) would be {rate:.4g} Hz, which no recording has", clock, names, rate)
     mean = 1.0 / clock.mean if clock.mean else rate
     if stated is not None and min(abs(rate / stated[0] - 1), abs(mean / stated[0] - 1)) > 0.1:
         for power in (-6, -4, -3, -1, 1, 3, 4, 6):
             if abs(rate / stated[0] * 10.0**power - 1) < 0.1:
-                said = (
-                    "{source} {stated:g} Hz, but the clock {names} in {unit} gives {rate:.4g} Hz: the unit of time is wrong, or this is no "
-                    "clock; give the unit with {option.units:time=...}, or leave the stamps out with {option.columns:time=none} and "
-                    "{option.rate}"
-                )
-                facts = {"source": stated[1], "stated": stated[0], "names": names, "unit": clock.unit, "rate": rate}
-                raise DataError(Message(said, **facts), code="time_unit")
+                said = "{source} {stated:g} Hz, but the clock {names} in {unit} ({why}) gives {rate:.4g} Hz"
+                raise _wrong_unit(said, clock, names, rate, source=stated[1], stated=stated[0])
         if stated[1] != "the file states":  # in this case `_build` in `_read` adds the finding
             found.append(READ("rate_differs", source=stated[1], stated=stated[0], rate=rate))
     if clock.unit == "s" and stated is None and clock.period == 1.0 and clock.seconds[0] in (0.0, 1.0):
         found.append(READ("seconds_or_rows", clock=names))
     if rate < 0.5 and clock.unit != "date" and stated is None:
         found.append(READ("slow_clock", clock=names, unit=clock.unit, step=clock.period))
+
+
+def _wrong_unit(said: str, clock: Clock, names: str, rate: float, **more: Any) -> DataError:
+    """Error for a clock whose rate is impossible, or contradicts the one that is stated."""
+    remedy = ": its unit is wrong; give it with {option.units:time={other}}, or {option.rate} and {option.columns:time=none}"
+    facts = {"names": names, "unit": clock.unit, "why": clock.reason or "as given", "rate": rate, "other": clock.other, **more}
+    return DataError(Message(said + remedy, **facts), code="time_unit")
 
 
 def no_clock(table, counters: list[str]) -> DataError:
@@ -336,13 +316,8 @@ def no_clock(table, counters: list[str]) -> DataError:
     words = [i for i, name in enumerate(table.names) if name and table.columns[i].dtype.kind == "O" and _LIKE_TIME.search(name)]
     for i in words[:1]:
         shown = next((str(value) for value in table.columns[i] if value is not None), "")
-        counted += (
-            f"; {table.names[i]} holds {shown[:40]!r}, a form of time that is not known: write it as seconds, or as 2024-05-01 12:00:00.010"
-        )
-    said = (
-        "there is no time column among {listed}{counted}; give the sampling rate with {option.rate:HZ}, or name the column with "
-        "{option.columns:time=...}"
-    )
+        counted += f"; {table.names[i]} holds {shown[:40]!r}, which is not understood: write seconds, or 2024-05-01 12:00:00.010"
+    said = "there is no time column among {listed}{counted}; give {option.rate:HZ}, or name the column with {option.columns:time=...}"
     return DataError(Message(said, listed=listing(table.names, len(table.columns)), counted=counted), code="no_rate")
 
 

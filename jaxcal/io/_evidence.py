@@ -10,9 +10,8 @@ import dataclasses
 import numpy as np
 
 from .._units import STANDARD_GRAVITY
+from ._readers._bounds import PIECE
 
-#: number of samples to examine if a part of the record suffices
-LOOK = 50_000
 #: size of one count of common gyroscopes (deg/s) and accelerometers (g). Powers of two are evidence only together with a magnitude
 #: near 1 g, because every number format has them.
 _COUNTS = {
@@ -42,7 +41,7 @@ class Turning:
 
 def thinned(values: np.ndarray) -> np.ndarray:
     """A subset of the rows, without rows with missing values."""
-    values = values[:: max(1, len(values) // LOOK)]
+    values = values[:: max(1, len(values) // PIECE)]
     return values[np.isfinite(values).all(axis=1)]
 
 
@@ -75,7 +74,7 @@ def noise_floor(values: np.ndarray) -> float:
 
     The function uses third differences, which suppress motion; for white noise of standard deviation s theirs is sqrt(20) s.
     """
-    seen = values[:LOOK]
+    seen = values[:PIECE]
     seen = seen[np.isfinite(seen).all(axis=1)]
     width = max(8, len(seen) // 50)
     count = len(seen) // width
@@ -128,7 +127,7 @@ def _may_fit(differences: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 def _differences(values: np.ndarray) -> list[np.ndarray]:
     """Absolute differences between successive samples of every channel, without zeros, in ascending order."""
     found = []
-    for channel in values[:LOOK].T:
+    for channel in values[:PIECE].T:
         difference = np.abs(np.diff(channel))
         difference = difference[np.isfinite(difference) & (difference > 0)]
         # values that differ only by rounding count as equal
@@ -175,7 +174,7 @@ def turning(gyro: np.ndarray, vector: np.ndarray, period: float) -> Turning | No
     """Compare the rotation of a fixed vector (gravity, field) with the gyroscope; None if there is too little rotation or agreement."""
     if gyro.shape[1] != 3 or vector.shape[1] != 3 or len(gyro) < 50 or not np.isfinite(period) or period <= 0:
         return None
-    gyro, vector = gyro[:LOOK], vector[:LOOK]
+    gyro, vector = gyro[:PIECE], vector[:PIECE]
     width = int(np.clip(round(0.1 / period), 1, len(gyro) // 20))
     count = len(gyro) // width
     shape = (count, width, 3)

@@ -55,7 +55,7 @@ def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
         try:
             kind = detect(file)
         except DataError as error:
-            refused = refused or (f"{file.name}: {error}" if "Git LFS" in str(error) else "")
+            refused = refused or (f"{file.name}: {error}" if error.code == "lfs" else "")
             continue
         except OSError:
             continue
@@ -66,9 +66,7 @@ def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
     if not logs and refused:
         raise DataError(refused, code="not_a_log")
     if not logs:
-        raise DataError(
-            f"the folder holds no readable log and no ROS 2 recording (metadata.yaml){_below(path)}; give a log file", code="not_a_log"
-        )
+        raise DataError(f"no readable log and no ROS 2 recording (metadata.yaml) in it{_below(path)}; give a log file", code="not_a_log")
     files, kinds = list(logs), set(logs.values())
     if len(files) == 1:
         return kinds.pop(), files
@@ -122,15 +120,11 @@ def _parts(files: list[pathlib.Path]) -> list[pathlib.Path]:
     stems = {(match[1], file.suffix) if match else (file.name, "") for file, match in matches.items()}
     if len(stems) > 1 or len(found) < len(files):
         mend = " run `ros2 bag reindex` on it, or" if files[0].suffix != ".bag" else ""
-        raise DataError(
-            f"the folder holds {len(files)} parts of a recording but no metadata.yaml;{mend} give one part", code="part_missing"
-        )
+        raise DataError(f"it holds {len(files)} parts of a recording but no metadata.yaml;{mend} give one part", code="part_missing")
     missing = sorted(set(range(max(found) + 1)) - set(found))
     if missing:
         name = f"{next(iter(stems))[0]}_{missing[0]}{files[0].suffix}"
-        raise DataError(
-            f"the folder holds parts of a recording, but {name} is missing; put it there, or give one part", code="part_missing"
-        )
+        raise DataError(f"of the parts of a recording in it {name} is missing; put it there, or give one part", code="part_missing")
     return [found[number] for number in sorted(found)]
 
 
@@ -147,9 +141,7 @@ def detect(path: pathlib.Path) -> str:
     if head.startswith(_LFS):
         size = re.search(rb"size (\d{1,18})", head)
         held = f" of {int(size[1])} bytes" if size else ""
-        raise DataError(
-            f"this is a Git LFS pointer, not the recording{held} that it stands for: run `git lfs pull` in the repository", code="not_a_log"
-        )
+        raise DataError(f"a Git LFS pointer, not the recording{held}: run `git lfs pull` in the repository", code="lfs")
     suffix = path.suffix.lower()
     _refuse_others(head)
     for magic, kind in _MAGIC.items():
@@ -163,9 +155,7 @@ def detect(path: pathlib.Path) -> str:
     if suffix == ".mat" and _is_mat4(head):
         return "mat"
     if suffix in (".npz", ".npy", ".parquet", ".mcap", ".db3", ".bag", ".ulg", ".mat", ".h5", ".hdf5"):
-        raise DataError(
-            f"the name ends in {path.suffix}, but the file does not begin as such a file does; it is damaged, or misnamed", code="not_a_log"
-        )
+        raise DataError(f"it does not begin as files {path.suffix} do; it is damaged, or misnamed", code="not_a_log")
     return "json" if suffix == ".json" or _JSON.match(head) else "csv"
 
 
@@ -175,9 +165,7 @@ def _refuse_others(head: bytes) -> None:
         if head.startswith(marks):
             raise DataError(f"this is {what}: {advice}, and read that", code="not_a_log")
     if _PAGE.match(head):
-        raise DataError(
-            "this is a page of the web or XML, not the log itself: download the file as it is (on GitHub: Raw)", code="not_a_log"
-        )
+        raise DataError("a page of the web or XML, not the log: download the file as it is (on GitHub: Raw)", code="not_a_log")
 
 
 def _is_mat4(head: bytes) -> bool:

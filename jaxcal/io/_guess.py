@@ -38,13 +38,10 @@ _RANGES = {
     "accel": ((0.88, 1.12, True, ("m/s^2", "g", "mg")), (0.7, 1.4, False, ("mg",))),
     "mag": ((22, 67, True, ("T", "G", "nT")), (15, 100, False, ())),
 }
-#: limits for a stated unit: median of specific force over gravity, and field in uT
-_FORCE, _FIELD = (0.6, 1.7), (5.0, 1000.0)
+#: limits for a stated unit: median of specific force over gravity, field in uT, largest rate of common gyroscopes in deg/s, and
+#: temperatures of sensors in degC
+_STATED = {"accel": (0.6, 1.7), "mag": (5.0, 1000.0), "gyro": (0.0, 8000.0), "temperature": (-80.0, 200.0)}
 _NOISY = 0.02  # noise of a sample in an unknown unit: common sensors have 0.03 to 0.5 deg/s, which is 0.0005 to 0.009 rad/s
-#: plausible temperatures of sensors, degC
-_CELSIUS = (-80.0, 200.0)
-#: largest rate of common gyroscopes, deg/s
-_FASTEST = 8000.0
 
 
 class UnitDoubtError(DataError):
@@ -77,6 +74,17 @@ class Guess:
     sure: bool = True
 
 
+def _fitting(sensor: str, size: float, row: int = 0) -> list[str]:
+    """Units in which a size is that of gravity or of the Earth's field: for certain, or likely (`row` 1)."""
+    low, high = _RANGES[sensor][row][:2]
+    return [unit for unit, (one, _) in _SIZES[sensor].items() if low <= size / one <= high]
+
+
+def _allowed(sensor: str, value: float) -> bool:
+    """Whether a sensor can state this value."""
+    return _STATED[sensor][0] <= value <= _STATED[sensor][1]
+
+
 def accel_unit(values: np.ndarray, stated: str | None, where: str, period: float | None) -> Guess:
     """Unit of an accelerometer, whose values must include gravity."""
     norm, whole = median_norm(values), values.shape[1] == 3
@@ -95,12 +103,12 @@ def accel_unit(values: np.ndarray, stated: str | None, where: str, period: float
         return Guess(stated, where, stated)
     force = norm * size / STANDARD_GRAVITY
     stays = gravity_stays(values, period)
-    if _FORCE[0] <= force <= _FORCE[1] and not stays < 0.45:
+    if _allowed("accel", force) and not stays < 0.45:
         return Guess(stated, f"{where}; {seen}", stated)
-    better = [unit for unit, (one, _) in _SIZES["accel"].items() if unit != stated and 0.8 < norm / one < 1.25 and stays > 0.6]
+    better = [unit for unit in _fitting("accel", norm) if unit != stated and stays > 0.6]
     if better:
         raise _contradicts("accel", stated, where, f"its {seen} is that of gravity in {better[0]}", better[0])
-    if force < _FORCE[0] or stays < 0.45:
+    if force < _STATED["accel"][0] or stays < 0.45:
         raise _gravity_free(stated, seen, stays)
     but = f"its {seen} would be {force:.3g} times gravity, and that in no unit: correct the file"
     raise _contradicts("accel", stated, where, but, f"{1 / norm:.4g} g")
@@ -124,15 +132,14 @@ def mag_unit(values: np.ndarray, stated: str | None, where: str) -> Guess:
         if stated is not None:
             return Guess(stated, where, stated)
         norm = median_norm(values)
-        known = any(_RANGES["mag"][0][0] <= radius / one <= _RANGES["mag"][0][1] for one, _ in _SIZES["mag"].values())
-        if known or not any(15 <= norm / one <= 100 for one, _ in _SIZES["mag"].values()):
+        if _fitting("mag", radius) or not _fitting("mag", norm, 1):
             return _by_size("mag", radius, seen, values)
         # readings on a small part of a sphere fit any radius, so use the median magnitude
         return dataclasses.replace(_by_size("mag", norm, f"median norm {norm:.3g}; uncertain, the {seen}", values), sure=False)
     field = radius * size * 1e6
-    if any(_FIELD[0] <= one * size * 1e6 <= _FIELD[1] for one in (radius, median_norm(values))):
+    if any(_allowed("mag", one * size * 1e6) for one in (radius, median_norm(values))):
         return Guess(stated, f"{where}; {seen}", stated)
-    better = [unit for unit, (one, _) in _SIZES["mag"].items() if unit != stated and 22 <= radius / one <= 67]
+    better = [unit for unit in _fitting("mag", radius) if unit != stated]
     advice = better[0] if better else f"{4e-5 / radius:.3g} T"
     like = f"it is that in {better[0]}" if better else "the values may be normalised, or counts"
     raise _contradicts("mag", stated, where, f"its {seen} would be {field:.3g} uT, and the Earth's field is 22 to 67 uT: {like}", advice)
@@ -146,8 +153,7 @@ def no_field(values: np.ndarray) -> str | None:
     length = normalised(values)
     if length is None:
         return None
-    plausible = any(22 <= length / one <= 67 for one, _ in _SIZES["mag"].values())
-    return None if plausible else f"every vector has the length {length:.6g}: it is normalised, a direction and no field"
+    return None if _fitting("mag", length) else f"every vector has the length {length:.6g}: it is normalised, a direction and no field"
 
 
 def _by_size(sensor: str, size: float, seen: str, values: np.ndarray) -> Guess:
@@ -181,16 +187,11 @@ def gyro_unit(values: np.ndarray, stated: str | None, where: str, turns: Turning
         raise undecided("gyro", "all values are whole numbers", values, "deg/s")
     other = {"rad/s": "deg/s", "deg/s": "rad/s"}
     if like := keeps_length(values):
-        raise UnitDoubtError(
-            f"{like}, as gravity does and a rate does not: these columns hold an accelerometer",
-            "name them with {option.columns:accel=...}, or read them all the same with {option.units:gyro=deg/s}",
-            "accel_as_gyro",
-        )
-    if largest > _FASTEST:
-        raise UnitDoubtError(
-            f"the unit of gyro cannot be told: it reaches {largest:.4g}, and no common sensor does so in deg/s",
-            "give the unit, or the size of one count, as in {option.units:gyro=mdeg/s}", "unit_unknown",
-        )  # fmt: skip
+        remedy = "name them with {option.columns:accel=...}, or read them all the same with {option.units:gyro=deg/s}"
+        raise UnitDoubtError(f"{like}, as gravity does and a rate does not: these columns hold an accelerometer", remedy, "accel_as_gyro")
+    if not _allowed("gyro", largest):
+        remedy = "give the unit, or the size of one count, as in {option.units:gyro=mdeg/s}"
+        raise UnitDoubtError(f"the unit of gyro cannot be told: it reaches {largest:.4g}, too much for deg/s", remedy, "unit_unknown")
     if steps:
         return Guess(steps[0], steps[1], other[steps[0]])
     if turns is not None and turns.unit:
@@ -229,9 +230,8 @@ def keeps_length(values: np.ndarray) -> str | None:
     if len(seen) < 50 or not lengths.all():
         return None
     middle = float(np.median(lengths))
-    near = any(0.9 < middle / one < 1.1 for one, _ in _SIZES["accel"].values())
     turned = float(np.linalg.norm(np.mean(seen / lengths[:, None], axis=0)))
-    if near and turned < 0.9 and float(np.std(lengths)) < 0.15 * middle:
+    if _fitting("accel", middle) and turned < 0.9 and float(np.std(lengths)) < 0.15 * middle:
         return f"the columns that are called those of the gyroscope turn, but keep the length {middle:.4g}"
     return None
 
@@ -247,7 +247,7 @@ def _contradict_gyro(values, stated: str, where: str, steps, turns: Turning | No
         says = f"gravity or the field turns as it says in {right} (r = {abs(turns.correlation):.2f})"
     elif stated == "rad/s" and largest > 80:
         says, right = f"it reaches {largest:.4g}, which would be {np.degrees(largest):.4g} deg/s", "deg/s"
-    elif stated == "deg/s" and largest > _FASTEST:
+    elif stated == "deg/s" and not _allowed("gyro", largest):
         says, right = f"it reaches {largest:.5g} deg/s, which no common sensor does: these may be raw counts", f"{1 / 16.4:.5g} deg/s"
     if says:
         raise _contradicts("gyro", stated, where, says, right)
@@ -256,7 +256,7 @@ def _contradict_gyro(values, stated: str, where: str, steps, turns: Turning | No
 def temperature_unit(values: np.ndarray, stated: str | None, where: str) -> Guess:
     """Unit of a temperature: the stated unit, else degC or K, whichever is plausible for a sensor; an error if neither is."""
     median = float(np.nanmedian(values))
-    low, high = _CELSIUS
+    low, high = _STATED["temperature"]
     if stated is not None:
         found = find_unit(stated, "temperature")
         if found and not low <= float(to_si(median, found, "temperature")) <= high:
@@ -268,8 +268,7 @@ def temperature_unit(values: np.ndarray, stated: str | None, where: str) -> Gues
         return Guess("degC", f"median {median:.4g}" + ("" if sure else "; uncertain, could be degF"), "K" if sure else "degF", sure)
     if low + 273.15 <= median <= high + 273.15:
         return Guess("K", f"median {median:.4g}", "degC")
-    raise UnitDoubtError(f"the unit of temperature cannot be told (median {median:.4g}): these may be raw counts",
-                         "give the size of one, as in {option.units:temperature=0.01 degC}", "unit_unknown")  # fmt: skip
+    raise undecided("temperature", f"median {median:.4g}", values, "0.01 degC")
 
 
 def factor_of(unit: str, sensor: str) -> float | None:
@@ -310,12 +309,11 @@ def roles(triples: list[np.ndarray]) -> list[str]:
 
 
 def _gravity_like(values: np.ndarray) -> bool:
-    return any(0.7 <= median_norm(values) / one <= 1.4 for one, _ in _SIZES["accel"].values()) and spread(values) < 0.5
+    return bool(_fitting("accel", median_norm(values), 1)) and spread(values) < 0.5
 
 
 def _field_like(values: np.ndarray) -> bool:
-    radius, _ = field_size(values)
-    return any(22 <= radius / one <= 67 for one, _ in _SIZES["mag"].values()) and spread(values) < 0.9
+    return bool(_fitting("mag", field_size(values)[0])) and spread(values) < 0.9
 
 
 def undecided(sensor: str, seen: str, values: np.ndarray, example: str) -> UnitDoubtError:

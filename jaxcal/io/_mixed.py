@@ -8,8 +8,8 @@ import numpy as np
 from .._errors import DataError
 from .._message import Message
 from ._columns import SENSORS
-from ._evidence import LOOK
 from ._names import plain
+from ._readers._bounds import PIECE
 
 #: names of columns that identify the device of a row, and names that may do so
 _DEVICE = re.compile(r".*(?:device|sensor|node|mac|address|board|imu)(?:id|name|number|no|nr|index|type)?")
@@ -28,7 +28,7 @@ def refuse_mixed(table, columns: dict[str, list[int]]) -> None:
     for i, column in enumerate(table.columns):
         if i in used or not chosen or column.dtype.kind not in "Oiuf" or i in table.clocks:
             continue
-        values = column[:LOOK]
+        values = column[:PIECE]
         if len(values) < 20:
             return
         name = plain(table.names[i])
@@ -50,10 +50,8 @@ def refuse_mixed(table, columns: dict[str, list[int]]) -> None:
             or (perhaps and kinds <= 8 and (smooth > 1.3 or (kinds <= 4 and np.mean(turns) > 0.9)))
         ):
             shown = ", ".join(sorted({f"{value:g}" if isinstance(value, float) else str(value) for value in values.tolist()})[:6])
-            raise DataError(
-                f"column {i} ({table.names[i] or 'no name'}) names {kinds} devices or sensors whose rows take turns ({shown}): they are "
-                "recordings of their own, mixed in one table; keep the rows of one of them in a file and read that", code="mixed",
-            )  # fmt: skip
+            said = f"column {i} ({table.names[i] or 'no name'}) names {kinds} devices or sensors whose rows take turns ({shown})"
+            raise DataError(f"{said}: keep the rows of one of them in a file and read that", code="mixed")
 
 
 def own_rows(

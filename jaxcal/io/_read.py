@@ -352,19 +352,13 @@ def _faults(kind: str) -> Iterator[None]:
     except PermissionError as error:
         raise DataError("no permission to read it; change its mode, or copy it to where you may read", code="permission") from error
     except MemoryError as error:
-        raise DataError(
-            f"reading it as {kind} asks for more memory than there is; it is damaged, or too long to be read in one piece", code="too_large"
-        ) from error
+        raise DataError(f"as {kind} it asks for more memory than there is; it is damaged, or too long", code="too_large") from error
     except BaseException as error:
         # a panic inside polars is not an Exception; keyboard interrupts and exits pass through
         if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
             raise
         if "allow_pickle" in str(error) or "Python objects" in str(error):
-            raise DataError(
-                "it holds Python objects (a pickle), which are not loaded from files; save arrays of numbers alone", code="pickle"
-            ) from error
+            raise DataError("it holds Python objects (a pickle), which are not loaded; save arrays of numbers", code="pickle") from error
         said = str(getattr(error, "strerror", None) or error).strip().splitlines() or [type(error).__name__]
-        raise DataError(
-            f"it cannot be read as {kind} ({type(error).__name__}: {said[0]}); it may be cut off or damaged: copy it again",
-            code="unreadable",
-        ) from error
+        why = f"{type(error).__name__}: {said[0]}"
+        raise DataError(f"it cannot be read as {kind} ({why}); it may be cut off or damaged: copy it again", code="unreadable") from error

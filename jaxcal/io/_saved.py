@@ -37,9 +37,8 @@ def save(log: Log, place: pathlib.Path) -> None:
         if not isinstance(error, OSError) and "os error" not in str(error):
             raise
         reason = getattr(error, "strerror", None) or str(error)
-        raise ExportError(
-            f"cannot write a file {place.suffix} into {place.parent}: {reason.lower()}; give a name in another folder", code="not_written"
-        ) from error
+        said = f"cannot write a file {place.suffix} into {place.parent}: {reason.lower()}; give a name in another folder"
+        raise ExportError(said, code="not_written") from error
 
 
 def _write(log: Log, place: pathlib.Path) -> None:

@@ -145,13 +145,9 @@ def _tell(
     if guessed or reason:
         known = [table.names[i] for i in indices if table.names[i]]
         where = f"column{'s' * (len(indices) > 1)} {_spelled(indices, '-', ', ')}" + (f" ({', '.join(known)})" if known else "")
-        facts: dict[str, Any] = {
-            "where": where,
-            "unit": "dates" if unit == "date" else unit,
-            "why": f" ({reason})" if reason and reason != "dates" else "",
-        }
-        code = "read_as" if sure else "assumed"
-        signals.findings.append(READ(code, name, **facts, quantity=name, columns=numbers, other=other or unit))
+        facts: dict[str, Any] = {"where": where, "unit": {"date": "dates"}.get(unit, unit), "quantity": name, "columns": numbers}
+        why = f" ({reason})" if reason and reason != "dates" else ""
+        signals.findings.append(READ("read_as" if sure else "assumed", name, **facts, why=why, other=other or unit))
 
 
 def _clock(
@@ -352,19 +348,12 @@ def _stack(columns: list[np.ndarray]) -> np.ndarray:
 
 def _refuse_unknown_unit(name: str, header: str) -> None:
     """Refuse an unknown unit in square brackets, because a guess could contradict the statement of the header."""
-    match = re.search(r"\[([^\]]*[A-Za-z][^\]]*)\]", header)
     inside = bracketed(header) or ""
-    if name == "mag" and (RELATIVE.fullmatch(inside) or header.lower().endswith(("_flux", " a.u.", "_au"))):
-        said = "the header {header!r} says that mag is relative to some field; give the size of one, as in {option.units:mag=50 uT}"
-        raise DataError(Message(said, header=header), code="unit_unknown")
-    if COUNTS.fullmatch(inside):
-        match = re.search(r"(.+)", inside)
-    if match:
-        said = (
-            "the header {header!r} gives {unit!r}, which is no unit of {name} that is known; give the unit, or the size of one count, as "
-            "in {option.units:{name}=0.01 {si}}"
-        )
-        raise DataError(Message(said, header=header, unit=match[1], name=name, si=si_unit(name)), code="unit_unknown")
+    relative = name == "mag" and (RELATIVE.fullmatch(inside) or header.lower().endswith(("_flux", " a.u.", "_au")))
+    if relative or COUNTS.fullmatch(inside) or re.search(r"\[[^\]]*[A-Za-z][^\]]*\]", header):
+        said = "the header {header!r} gives no known unit of {name}; give it, or the size of one, as in {option.units:{name}={example}}"
+        example = "50 uT" if name == "mag" else f"0.01 {si_unit(name)}"
+        raise DataError(Message(said, header=header, name=name, example=example), code="unit_unknown")
 
 
 def _spelled(indices: list[int], to: str, between: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal import DataError, read
+from jaxcal import read
 
 HEADER = "time_s,gx_dps,gy_dps,gz_dps\n"
 
@@ -67,7 +67,7 @@ def test_recordings_one_below_the_other_are_not_one(tmp_path, refuses):
 
 def test_a_pointer_of_git_lfs_is_named(tmp_path, refuses):
     (tmp_path / "log.mcap").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 990\n")
-    with refuses("not_a_log"):
+    with refuses("lfs"):
         read(tmp_path / "log.mcap", quiet=True)
 
 
@@ -102,17 +102,17 @@ def test_a_zip_file_of_one_log_and_of_one_sensor_in_each_file(still, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "code"),
     [
-        ('{"schema": "jaxcal.calibration/1", "provenance": {"a": 1e999}}', "expected text, a finite number"),
-        ("[" * 200_000, "lists within lists without end"),
-        ('{"a":' * 200_000, "lists within lists without end"),
-        ('{"schema": "jaxcal.calibration/1", "provenance": NaN}', "NaN is no number in JSON"),
+        ('{"schema": "jaxcal.calibration/1", "provenance": {"a": 1e999}}', "value"),
+        ("[" * 200_000, "endless"),
+        ('{"a":' * 200_000, "endless"),
+        ('{"schema": "jaxcal.calibration/1", "provenance": NaN}', "not_json"),
     ],
 )
-def test_json_that_means_nothing_is_refused(text, said, tmp_path):
+def test_json_that_means_nothing_is_refused(text, code, tmp_path, refuses):
     (tmp_path / "unit.json").write_text(text)
-    with pytest.raises(DataError, match=said):
+    with refuses(code):
         jaxcal.Calibration.load(tmp_path / "unit.json")
 
 
@@ -138,14 +138,14 @@ def test_a_name_that_is_no_text_costs_no_log(tmp_path):
 
 @pytest.mark.skipif(os.name != "posix", reason="files are not limited in size here")
 @pytest.mark.parametrize("suffix", [".npz", ".parquet"])
-def test_a_full_disk_is_a_sentence_and_leaves_nothing(suffix, still, tmp_path):
+def test_a_full_disk_is_a_sentence_and_leaves_nothing(suffix, still, tmp_path, refuses):
     import resource
 
     np.savez(tmp_path / "log.npz", time=still.time, gyro=np.random.default_rng(0).normal(size=(400, 3)), units="SI")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (2000, limits[1]))
-        with pytest.raises(jaxcal.ExportError, match=r"file too large.*; give a name in another folder"):
+        with refuses("not_written"):
             jaxcal.io.convert(tmp_path / "log.npz", tmp_path / f"out{suffix}", quiet=True)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)

@@ -228,13 +228,13 @@ def test_a_counter_that_skips_numbers_tells_of_lost_samples(tmp_path, finding):
     assert finding(log, "skips").facts == {"counter": "counter", "count": 3, "places": 2}
 
 
-@pytest.mark.parametrize(("value", "said"), [("-3920", "raw counts"), ("2534", "raw counts"), ("75.2", "could be degF")])
-def test_a_temperature_that_no_sensor_has_is_left_out(value, said, tmp_path):
+@pytest.mark.parametrize(("value", "code"), [("-3920", "left_out"), ("2534", "left_out"), ("75.2", "assumed")])
+def test_a_temperature_that_no_sensor_has_is_left_out(value, code, tmp_path):
     path = tmp_path / "log.csv"
     path.write_text(table("time_ms,ax,ay,az,temp", MS, A, same(value)))
     log = read(path, quiet=True)
-    assert (log.temperature is None) == (said == "raw counts")
-    assert any(said in sentence for sentence in log.warnings)
+    assert (log.temperature is None) == (code == "left_out")
+    assert (code, ("temperature",)) in [(one.code, one.subject) for one in log.findings]
 
 
 def test_normalised_vectors_are_a_guess(tmp_path):

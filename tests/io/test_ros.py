@@ -105,11 +105,11 @@ def test_gyro_and_accel_on_two_topics_are_joined_on_request(storage, still, writ
     assert read(path, topics="/camera/accel/sample", quiet=True).rate == 50.0
 
 
-def test_a_measurement_marked_as_absent_is_left_out(still, write_bag, finding):
+def test_a_measurement_marked_as_absent_is_left_out(still, write_bag, finding, refuses):
     log = read(write_bag("ros1", {"/imu": ("Imu", ns(), imu(still))}, covariance=(-1.0, 0.0)), quiet=True)
     assert log.gyro is None
     assert finding(log, "not_read").subject == ("gyro",)
-    with pytest.raises(DataError, match="/imu: no measurement in them"):
+    with refuses("no_rows"):
         read(write_bag("ros1", {"/imu": ("Imu", ns(), imu(still))}, covariance=(-1.0, -1.0), name="none"), quiet=True)
 
 
@@ -174,8 +174,9 @@ def test_a_recording_cut_off_is_an_error(storage, share, still, write_bag):
     file = path if storage == "ros1" else next(f for f in path.iterdir() if f.suffix != ".yaml")
     content = file.read_bytes()
     file.write_bytes(content[: int(share * len(content))])
-    with pytest.raises(DataError, match=r"^record(\.bag)?: .*(cut off|damaged)"):
+    with pytest.raises(DataError) as caught:
         read(path, quiet=True)
+    assert caught.value.code in ("damaged", "unreadable")
 
 
 @pytest.mark.parametrize(

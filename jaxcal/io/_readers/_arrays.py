@@ -42,9 +42,7 @@ def arrays_of_columns(array: np.ndarray) -> Table:
     if array.ndim == 1:
         array = array[:, None]
     if array.ndim != 2 or array.dtype.kind not in "iufb":
-        raise DataError(
-            f"the array has shape {array.shape} and type {array.dtype}; expected numbers of shape (samples, columns)", code="shape"
-        )
+        raise DataError(f"shape {array.shape}, type {array.dtype}; expected numbers of shape (samples, columns)", code="shape")
     if array.shape[0] < array.shape[1]:
         raise DataError(f"the array has shape {array.shape}; time is the first axis: transpose it before saving", code="shape")
     return _table(list(array.T), [""] * array.shape[1])
@@ -103,9 +101,8 @@ def table_of_arrays(arrays: dict[str, np.ndarray]) -> Table:
             left_out.append(f"{name} {array.shape}")
     if not columns or n < 1:
         shapes = {name: array.shape for name, array in arrays.items()}
-        raise DataError(
-            f"no arrays of shape (n,) or (n, 3) of one length: {shapes}; use the keys time, gyro, accel, mag, temperature", code="shape"
-        )
+        said = f"no arrays of shape (n,) or (n, 3) of one length: {shapes}; use the keys time, gyro, accel, mag, temperature"
+        raise DataError(said, code="shape")
     table = _table(columns, names)
     table.rate = rate
     if left_out:
@@ -130,11 +127,8 @@ def read_mat(path: pathlib.Path, topics: list[str] | None) -> Table:
     """Read the variables, and fields of structs, of a MATLAB file of version 4 to 7; version 7.3 is HDF5."""
     about, arrays = _in_sandbox("mat", path, "the file")
     if not about["names"] and about["opaque"]:
-        raise DataError(
-            "it holds MATLAB objects (table, timetable), whose layout is not public; save arrays, or a struct of them "
-            "(S = table2struct(T, 'ToScalar', true); save log.mat -struct S)",
-            code="no_sensor",
-        )
+        struct = "S = table2struct(T, 'ToScalar', true); save log.mat -struct S"
+        raise DataError(f"it holds MATLAB objects (table, timetable), which are not public; save a struct ({struct})", code="no_sensor")
     return _table_of_tree(about, arrays, topics, "variable")
 
 
@@ -196,11 +190,8 @@ def _table_of_tree(about: dict[str, Any], arrays: list[np.ndarray], topics: list
             groups.setdefault(posixpath.dirname(path), {})[name] = _upright(array.astype(array.dtype.newbyteorder("=")))
     if not groups:
         shown = [f"{path} {array.shape} {array.dtype}" for path, array in zip(about["names"][:12], arrays, strict=False)]
-        raise DataError(
-            f"no {kind} with numbers in it (there is {', '.join(shown) or 'nothing'}); save time, gyro, accel, mag, temperature as plain "
-            "arrays",
-            code="no_sensor",
-        )
+        said = f"no {kind} with numbers in it (there is {', '.join(shown) or 'nothing'}); save time, gyro, accel, mag as plain arrays"
+        raise DataError(said, code="no_sensor")
     with_sensors = [name for name, group in groups.items() if _has_sensor(group)]
     if topics is not None:
         wanted = [topic.strip("/") for topic in topics]

@@ -19,6 +19,8 @@ from ..._errors import DataError
 FREE, _FACTOR = 1 << 26, 256
 #: bytes of a file that are read in one piece: with blocks of 4 MiB, two threads read as fast as they parse and need little memory
 BLOCK = 1 << 22
+#: samples or messages that are gathered or looked at together
+PIECE = 1 << 16
 #: largest number of files in a folder, of members of a zip file, of data sets and groups, of fields: no log has more
 MOST = 5000
 
@@ -31,11 +33,8 @@ def allowed(size: int) -> int:
 def check_declared(declared: int, size: int, what: str) -> None:
     """Refuse a declared size that a file of `size` bytes cannot contain."""
     if declared > allowed(size):
-        raise DataError(
-            f"{what} is said to hold {declared} bytes in a file of {size}; it is damaged, or packed beyond what a log can be: "
-            "copy it again, or save it without compression",
-            code="too_large",
-        )
+        said = f"{what} is said to hold {declared} bytes in a file of {size}, more than a log can: copy it again, or save it uncompressed"
+        raise DataError(said, code="too_large")
 
 
 def require(library: str, purpose: str, extra: str) -> None:

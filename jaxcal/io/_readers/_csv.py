@@ -26,8 +26,6 @@ from ._text import MISSING, MONTHS, STAMPS, Layout, Text, open_text, sniff, spli
 
 #: largest share of damaged rows; a table with more is refused
 _TOLERATED = 0.01
-#: key in the place of a column, for rows with a wrong number of fields
-_WIDTH = -1
 
 
 def read_csv(path: pathlib.Path) -> Table:
@@ -73,7 +71,7 @@ class Seen(NamedTuple):
 
 @dataclasses.dataclass
 class Faults:
-    """Faults in the lines of a block or of a table, by column."""
+    """Faults in the lines of a block or of a table, by column; rows with a wrong number of fields in the place of one column more."""
 
     rows: int = 0
     found: dict[int, Seen] = dataclasses.field(default_factory=dict)
@@ -88,9 +86,9 @@ class Faults:
     def judged(self, layout: Layout) -> list[Finding]:
         """One finding for each fault; an error if it affects more than 1 % of the rows."""
         said, rows = [], self.rows
-        for j, (count, number, shown) in sorted(self.found.items()):
+        for j, (count, number, shown) in sorted(self.found.items(), key=lambda one: (one[0] != layout.width, one[0])):
             facts = {"count": count, "rows": rows, "line": number, "shown": shown[:60]}
-            if j == _WIDTH:
+            if j == layout.width:
                 one = READ("rows_left_out", width=layout.width, **facts)
                 mend = "remove these lines"
             else:
@@ -99,7 +97,7 @@ class Faults:
             if count > max(1, _TOLERATED * rows):
                 raise DataError(Message("too many faults. {found} Mend the file, or {mend}", found=one, mend=mend), code=one.code)
             said.append(one)
-            rows -= count if j == _WIDTH else 0
+            rows -= count if j == layout.width else 0
         return said
 
 
@@ -306,10 +304,8 @@ def _digits(fraction: Any) -> np.ndarray:
     most = int(digits.max(initial=0))
     counts = most and digits[digits > 0].min() < most and not fraction.str.contains(r"^0\d").any() and fraction.str.contains(r"\d0$").any()
     if counts and most not in (3, 6, 9):
-        raise DataError(
-            "no fraction of a second in the times begins with a zero: these are counts without leading zeros, and their unit is not clear; "
-            "write the times with all digits, as in 12:00:00.010", code="fractions",
-        )  # fmt: skip
+        said = "the fractions of a second are counts without leading zeros, of an unclear unit; write all digits, as in 12:00:00.010"
+        raise DataError(said, code="fractions")
     return np.where(digits > 0, most, 0) if counts else digits
 
 
@@ -339,7 +335,7 @@ def _repair(pl: Any, content: bytes, layout: Layout) -> tuple[Any, Faults]:
     faults = Faults(lines.height)
     wrong = lines.filter(~right)
     if wrong.height:
-        faults.found[_WIDTH] = Seen(wrong.height, *wrong.row(0))
+        faults.found[layout.width] = Seen(wrong.height, *wrong.row(0))
         lines = lines.filter(right)
     lines = lines.with_columns(pl.when(fields > layout.width).then(line.str.strip_suffix(separator)).otherwise(line).alias("line"))
     text = "\n".join(lines["line"].to_list()).encode()

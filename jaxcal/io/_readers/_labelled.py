@@ -105,10 +105,7 @@ def refuse_kinds(lines: list[str]) -> None:
     """Refuse lines that are not one sample each: printed arrays, and lines of several kinds in turn with a word before the numbers."""
     lines = [line for line in lines if line.strip()]
     if len(lines) > 4 and "[[" in lines[0] and sum(line.strip()[0] == "[" for line in lines) > _SHARE * len(lines):
-        raise DataError(
-            "the lines stand in brackets, as print() writes an array of Python: save the array with numpy.savetxt or as .npy",
-            code="printed",
-        )
+        raise DataError("the lines stand in brackets, as print() writes an array: save it with numpy.savetxt or as .npy", code="printed")
     found = [(match[1], line) for line in lines if (match := _WORD.match(line)) and re.search("[A-Za-z]", match[1])]
     kinds = collections.Counter(kind for kind, _ in found)
     turns = sum(one != other for (one, _), (other, _) in itertools.pairwise(found))
@@ -124,11 +121,8 @@ def refuse_kinds(lines: list[str]) -> None:
     labelled = len(_PAIR.findall(next(line for one, line in found if one == kind))) > 1
     command = f"grep '{word}' LOG > one.txt" if labelled else f"sed -n 's/^ *{word}//p' LOG > one.txt"
     shown = ", ".join(repr(kind.strip(" ,;:=\t")) for kind, _ in kinds.most_common(6))
-    raise DataError(
-        f"lines of several kinds take turns ({shown}), and a sample is spread over them; keep those of one sensor, as with `{command}`, "
-        "and read that",
-        code="several_kinds",
-    )
+    said = f"lines of several kinds take turns ({shown}), over which a sample is spread; keep those of one sensor, as with `{command}`"
+    raise DataError(said, code="several_kinds")
 
 
 def _taken_apart(line: str) -> tuple[tuple[str, ...], list[str]]:

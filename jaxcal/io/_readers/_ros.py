@@ -21,8 +21,8 @@ from ..._message import Message
 from .._columns import wrong
 from .._findings import READ
 from .._table import Signals
-from ._bounds import require
-from ._streams import PIECE, Part, SeveralError, join
+from ._bounds import PIECE, require
+from ._streams import Part, SeveralError, join
 
 #: message type -> number of float64 after the header
 _TYPES = {"sensor_msgs/msg/Imu": 37, "sensor_msgs/msg/MagneticField": 12, "sensor_msgs/msg/Temperature": 2}
@@ -82,10 +82,7 @@ def _open(path: pathlib.Path, version: int) -> Iterator[Any]:
             yield reader
     except (rosbag1.ReaderError, rosbag2.ReaderError) as error:
         mend = "rosbag reindex" if version == 1 else "ros2 bag reindex"
-        raise DataError(
-            f"the recording cannot be read ({error}): it may be cut off or damaged; run `{mend}` on a copy, or copy it again",
-            code="damaged",
-        ) from error
+        raise DataError(f"damaged, or cut off ({error}): run `{mend}` on a copy, or copy it again", code="damaged") from error
 
 
 class _BoundedFile(io.BufferedReader):
@@ -205,10 +202,8 @@ def _parts(streams: list[Stream], units: dict[str, str], signals: Signals) -> li
         for name, values in _sensors(stream, signals).items():
             parts.append(Part(name, stream.topic, stream.stamps, values, _UNITS[name]))
     if not parts:
-        raise DataError(
-            f"{', '.join(stream.topic for stream in streams)}: no measurement in them ({' '.join(map(str, signals.findings))})",
-            code="no_rows",
-        )
+        said = f"no measurement in {', '.join(stream.topic for stream in streams)} ({' '.join(map(str, signals.findings))})"
+        raise DataError(said, code="no_rows")
     return parts
 
 

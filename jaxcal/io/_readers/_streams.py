@@ -14,9 +14,7 @@ from .._evidence import turning
 from .._findings import READ
 from .._guess import accel_unit, against_values, gyro_unit, mag_unit, no_field
 from .._table import Choice, Signals
-
-#: records gathered at a time
-PIECE = 1 << 16
+from ._bounds import PIECE
 
 
 @dataclasses.dataclass

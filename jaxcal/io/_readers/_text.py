@@ -158,9 +158,8 @@ def _gzip_faults() -> Iterator[None]:
     try:
         yield
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-        raise DataError(
-            f"the gzip file is damaged or cut off ({error}); copy it again, or save what `zcat` still gives as a plain file", code="damaged"
-        ) from error
+        said = f"the gzip file is damaged or cut off ({error}); copy it again, or save what `zcat` still gives as a plain file"
+        raise DataError(said, code="damaged") from error
 
 
 def _encoding(head: bytes) -> str:
@@ -268,11 +267,8 @@ def _refuse_wide(lines: list[str]) -> None:
         fields = max(line.count(mark) for mark in ",;\t ") + 1 if len(line) > MOST else 0
         if fields > MOST or len(line) >= _HEAD:
             what = f"{fields} fields" if fields > MOST else f"{len(line)} characters"
-            raise DataError(
-                f"line {number} has {what}, and a log at most {MOST} columns: this is no table of samples, or it is transposed; "
-                "write one sample a line, or save the arrays as .npz",
-                code="too_wide",
-            )
+            said = f"line {number} has {what}, as no log has: write one sample a line (transpose the table), or save the arrays as .npz"
+            raise DataError(said, code="too_wide")
 
 
 def split(line: str, delimiter: str) -> list[str]:

@@ -19,8 +19,8 @@ import numpy as np
 from ..._answer import Finding
 from ..._errors import DataError
 from .._findings import READ
-from ._bounds import MOST
-from ._streams import PIECE, gather
+from ._bounds import MOST, PIECE
+from ._streams import gather
 
 _MAGIC = b"ULog\x01\x12\x35"
 _SYNC = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
@@ -30,7 +30,6 @@ _TYPES = {
     "uint64_t": "<u8", "float": "<f4", "double": "<f8", "bool": "u1", "char": "S1",
 }  # fmt: skip
 _FIELD = re.compile(r"([A-Za-z_][\w-]*)(?:\[(\d{1,5})\])? ([A-Za-z_]\w*)")
-_LONGEST = 65535  # bytes of a message, whose length has 16 bits
 
 
 @dataclasses.dataclass
@@ -182,10 +181,6 @@ def layout(name: str, formats: dict[str, str]) -> tuple[np.dtype, int]:
     if len(set(names)) < len(names) or not fields:
         raise DataError(f"the ULog's description of {name} is damaged (fields {', '.join(names[:8])}): copy the file again", code="damaged")
     sizes = [np.dtype(field[1]).itemsize * (field[2][0] if len(field) > 2 else 1) for field in fields]
-    if sum(sizes) > _LONGEST:
-        raise DataError(
-            f"the ULog gives {name} rows of {sum(sizes)} bytes, more than a message holds; it is damaged: copy it again", code="damaged"
-        )
     padding = 0
     while len(fields) > 1 and fields[-1][0].startswith("_padding"):
         fields.pop()
