@@ -16,7 +16,7 @@ from ._errors import ExportError
 from ._message import Message
 
 _DAYS = 3 * 86400.0  # s; age after which a left-over file is removed
-_ENDS = 1 << 22  # bytes at each end of a file that are searched for the marks
+PIECE = 1 << 22  # bytes: the most of a JSON document, and of each end of a file that is searched for the marks
 _WIDTH = 100  # characters; a longer list with words in it is broken into lines
 #: how jaxcal marks the files that it writes: JSON, comments and pages, pictures, converted logs, tables of numbers, and logs
 _MARKS = re.compile(
@@ -108,8 +108,8 @@ def check_replaceable(path: str | os.PathLike[str], digest: str = "", *, force: 
     if force or not path.is_file() or not path.stat().st_size:
         return
     with path.open("rb") as file:  # the marks stand near the ends, also in a log of gigabytes
-        content = file.read(_ENDS)
-        file.seek(max(file.tell(), path.stat().st_size - _ENDS))
+        content = file.read(PIECE)
+        file.seek(max(file.tell(), path.stat().st_size - PIECE))
         content += file.read()
     if not _MARKS.search(content):
         raise ExportError(

@@ -12,7 +12,7 @@ import pytest
 import scipy
 
 import jaxcal
-from jaxcal import Calibration, DataError
+from jaxcal import Calibration
 from jaxcal.calibration import Part, Thermal, difference
 from jaxcal.fitting import Estimate
 from jaxcal.imu import Triad
@@ -135,31 +135,30 @@ def test_unknown_keys_are_ignored_and_missing_sections_are_none(golden, tmp_path
 
 
 @pytest.mark.parametrize(
-    ("keys", "value", "message"),
+    ("keys", "value", "code", "subject"),
     [
-        (("schema",), "jaxcal.calibration/2", r"schema is 'jaxcal.calibration/2', but this version of jaxcal reads 'jaxcal.calibration/1'"),
-        (("schema",), "something", r"schema is 'something'; expected 'jaxcal.calibration/1'"),
-        (("schema",), 1, r"schema is 1; expected"),
-        (("noise", "gyro", "N"), None.__class__, r"noise\.gyro\.N is missing; noise\.gyro needs unit, Q, N, B, K, R"),
-        (("noise", "rate"), None.__class__, r"noise\.rate is missing"),
-        (("noise", "rate"), -1.0, r"noise\.rate is -1\.0; expected the sampling rate in Hz"),
-        (("noise", "rate"), "200", r"noise\.rate is '200'; expected a number"),
-        (("noise", "rate"), True, r"noise\.rate is True; expected a number"),
-        (("noise", "gyro", "unit"), "deg/s", r"noise\.gyro\.unit is 'deg/s'; expected 'rad/s', because jaxcal holds SI"),
-        (("noise", "gyro", "N"), [1.0, 2.0], r"noise\.gyro\.N is \[1\.0, 2\.0\]; expected 3 numbers"),
-        (("noise", "gyro", "N"), ["1", "2", "3"], r"noise\.gyro\.N is .*; expected 3 numbers"),
-        (("noise", "gyro"), [1], r"noise\.gyro is \[1\]; expected a dictionary with unit, Q"),
-        (("noise", "gyro", "verdict"), {"N": ["present", 1, None]}, r"noise\.gyro\.verdict\.N\[1\] is 1; expected text"),
-        (("noise", "gyro", "verdict"), {"N": "present"}, r"noise\.gyro\.verdict\.N is 'present'; expected a list"),
-        (("imu", "accel", "matrix"), [[1.0, 0.0, 0.0], [0.0, 1.0]], r"imu\.accel\.matrix is .*; expected 3 x 3 numbers"),
-        (("imu", "gyro", "g_sensitivity"), None.__class__, r"imu\.gyro\.g_sensitivity is missing"),
-        (("magnetometer", "hard_iron"), {}, r"magnetometer\.hard_iron is \{\}; expected 3 numbers"),
-        (("temperature", "accel"), [[1.0]], r"temperature\.accel is \[\[1\.0\]\]; expected 3 x any numbers"),
-        (("device",), "golden", None),
-        (("device",), 3, r"device is 3; expected a dictionary"),
+        (("schema",), "jaxcal.calibration/2", "version", ""),
+        (("schema",), "something", "schema", ""),
+        (("schema",), 1, "schema", ""),
+        (("noise", "gyro", "N"), None.__class__, "missing", "noise.gyro.N"),
+        (("noise", "rate"), None.__class__, "missing", "noise.rate"),
+        (("noise", "rate"), -1.0, "value", "noise.rate"),
+        (("noise", "rate"), "200", "value", "noise.rate"),
+        (("noise", "rate"), True, "value", "noise.rate"),
+        (("noise", "gyro", "unit"), "deg/s", "value", "noise.gyro.unit"),
+        (("noise", "gyro", "N"), [1.0, 2.0], "value", "noise.gyro.N"),
+        (("noise", "gyro", "N"), ["1", "2", "3"], "value", "noise.gyro.N"),
+        (("noise", "gyro"), [1], "value", "noise.gyro"),
+        (("noise", "gyro", "verdict"), {"N": ["present", 1, None]}, "value", "noise.gyro.verdict.N[1]"),
+        (("noise", "gyro", "verdict"), {"N": "present"}, "value", "noise.gyro.verdict.N"),
+        (("imu", "accel", "matrix"), [[1.0, 0.0, 0.0], [0.0, 1.0]], "value", "imu.accel.matrix"),
+        (("imu", "gyro", "g_sensitivity"), None.__class__, "missing", "imu.gyro.g_sensitivity"),
+        (("magnetometer", "hard_iron"), {}, "value", "magnetometer.hard_iron"),
+        (("temperature", "accel"), [[1.0]], "value", "temperature.accel"),
+        (("device",), 3, "value", "device"),
     ],
 )
-def test_damaged_files_are_refused_by_key(golden, tmp_path, keys, value, message):
+def test_damaged_files_are_refused_by_key(golden, tmp_path, keys, value, code, subject, refuses):
     *parents, last = keys
     place = golden
     for key in parents:
@@ -168,36 +167,32 @@ def test_damaged_files_are_refused_by_key(golden, tmp_path, keys, value, message
         del place[last]
     else:
         place[last] = value
-    if message is None:
-        assert loaded_from(golden, tmp_path / "a.json").device == {"name": "golden"}
-        return
-    with pytest.raises(DataError, match=r"a\.json: " + message):
+    with refuses(code) as caught:
         loaded_from(golden, tmp_path / "a.json")
+    assert caught.value.subject == str(tmp_path / "a.json") + (f": {subject}" if subject else "")
 
 
-def test_not_json_and_not_there(tmp_path):
-    (tmp_path / "a.json").write_text("{")
-    with pytest.raises(DataError, match=r"a\.json is not JSON .*expected a file written by Calibration\.save"):
+def test_a_device_may_be_a_name(golden, tmp_path):
+    assert loaded_from(golden | {"device": "golden"}, tmp_path / "a.json").device == {"name": "golden"}
+
+
+@pytest.mark.parametrize(("content", "code"), [(b"{", "not_json"), (b"\xff\xfe\x00", "not_json"), (b"[]", "schema"), (None, "unreadable")])
+def test_not_json_and_not_there(content, code, tmp_path, refuses):
+    if content is not None:
+        (tmp_path / "a.json").write_bytes(content)
+    with refuses(code):
         Calibration.load(tmp_path / "a.json")
-    (tmp_path / "b.json").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(DataError, match=r"b\.json is not JSON"):
-        Calibration.load(tmp_path / "b.json")
-    (tmp_path / "c.json").write_text("[]")
-    with pytest.raises(DataError, match="schema is None"):
-        Calibration.load(tmp_path / "c.json")
-    with pytest.raises(DataError, match=r"cannot read .*d\.json: no such file or directory"):
-        Calibration.load(tmp_path / "d.json")
 
 
 def test_channels_that_do_not_belong_together(refuses):
-    with pytest.raises(DataError, match="noise holds a channel 'wx'; expected the channels of a log: gyro_x"):
-        Calibration(noise={"wx": made_fit()})
-    with refuses("rates"):
-        Calibration(noise={"gyro_x": made_fit(), "gyro_y": made_fit(rate=100.0)})
-    with pytest.raises(DataError, match="the axes of gyro were fitted with different terms"):
-        Calibration(noise={"gyro_x": made_fit(), "gyro_y": made_fit(confidence=0.9)})
-    with pytest.raises(DataError, match=r"noise\.rate is missing"):
-        Calibration(noise={})
+    for code, noise in (
+        ("channel", {"wx": made_fit()}),
+        ("rates", {"gyro_x": made_fit(), "gyro_y": made_fit(rate=100.0)}),
+        ("terms_differ", {"gyro_x": made_fit(), "gyro_y": made_fit(confidence=0.9)}),
+        ("missing", {}),
+    ):
+        with refuses(code):
+            Calibration(noise=noise)
 
 
 def test_a_sensor_may_be_slower_than_its_log():
@@ -209,7 +204,7 @@ def test_calibration_is_frozen():
         Calibration().device = {}
 
 
-def test_a_magnetometer_fit_corrects_a_log(tmp_path):
+def test_a_magnetometer_fit_corrects_a_log(tmp_path, refuses):
     field = jaxcal.magnetometer.body_field(jaxcal.magnetometer.scenario("all"), 50e-6)
     true = jaxcal.magnetometer.MagModel(np.array([[1.1, 0.1, 0.0], [0.1, 0.9, 0.0], [0.0, 0.0, 1.0]]), np.array([2e-5, -1e-5, 3e-5]))
     found = jaxcal.magnetometer.fit(true.measure(field), field=50e-6)
@@ -223,9 +218,9 @@ def test_a_magnetometer_fit_corrects_a_log(tmp_path):
     assert np.isnan(fixed.mag[-1]).all()
     np.testing.assert_array_equal(fixed.gyro, log.gyro)
     assert (fixed.findings[-1].code, fixed.findings[-1].subject) == ("corrected", ("mag",))
-    with pytest.raises(DataError, match="nothing that this log could be corrected with"):
+    with refuses("nothing"):
         loaded.correct(jaxcal.Log(None, gyro=log.gyro, rate=10.0))
-    with pytest.raises(DataError, match="is no calibration"):
+    with refuses("refused"):
         jaxcal.Calibration(magnetometer=jaxcal.magnetometer.fit(field[:2]))
 
 
@@ -345,42 +340,42 @@ def test_models_of_ones_own_are_saved_loaded_and_applied(own, own_log, tmp_path)
     np.testing.assert_allclose(fixed.gyro, 0.0, rtol=0, atol=1e-15)
 
 
-def test_a_model_that_needs_what_the_log_lacks(own, own_log):
+def test_a_model_that_needs_what_the_log_lacks(own, own_log, refuses):
     log = own_log[0]
-    with pytest.raises(DataError, match="the log has no temperature"):
+    with refuses("no_temperature"):
         Calibration(magnetometer=own.magnetometer).correct(jaxcal.Log(None, mag=log.mag, rate=10.0))
 
     class Loaded(MagModel):
         def correct(self, m, current):
             return m
 
-    with pytest.raises(DataError, match="the model Loaded of mag needs current, which this log does not have"):
+    with refuses("condition"):
         Calibration(magnetometer=Loaded(SOFT, np.zeros(3))).correct(log)
     wrong = WarmMagnetometer(SOFT, np.zeros(3), np.zeros(7))
-    with pytest.raises(DataError, match="the model WarmMagnetometer of mag does not correct this log"):
+    with refuses("model"):
         Calibration(magnetometer=wrong).correct(log)
 
 
 @pytest.mark.parametrize(("section", "key"), [("magnetometer", "class"), ("accel", "class"), ("gyro_x", "curve")])
-def test_a_class_that_nobody_imported(own, tmp_path, section, key):
+def test_a_class_that_nobody_imported(own, tmp_path, section, key, refuses):
     document = json.loads(saved(own, tmp_path / "a.json"))
     channels = document["temperature"]["channels"]
     places = {"magnetometer": document["magnetometer"], "accel": document["imu"]["accel"], "gyro_x": channels["gyro_x"]}
     places[section][key] = "os.system"
-    with pytest.raises(DataError, match=rf"{section}\.class is 'os.system', which is none of the known classes .*; import the module"):
+    with refuses("class"):
         loaded_from(document, tmp_path / "b.json")
     places[section][key] = "Undreamt"
     del document["imu"]
     if section != "accel":
-        with pytest.raises(DataError, match="import the module that defines it as a subclass of"):
+        with refuses("class"):
             loaded_from(document, tmp_path / "b.json")
 
 
-def test_damage_in_a_field_of_ones_own(own, tmp_path):
-    for value, message in ((["a"], "numbers"), (10**400, "whole number below"), ([[1.0], [2.0, 3.0]], "numbers")):
+def test_damage_in_a_field_of_ones_own(own, tmp_path, refuses):
+    for value in (["a"], 10**400, [[1.0], [2.0, 3.0]]):
         document = json.loads(saved(own, tmp_path / "a.json"))
         document["magnetometer"]["slope"] = value
-        with pytest.raises(DataError, match=rf"magnetometer\.slope is .*; expected .*{message}"):
+        with refuses("value"):
             loaded_from(document, tmp_path / "b.json")
 
 
@@ -402,14 +397,14 @@ def test_a_field_of_ones_own_in_a_difference(own):
     assert (told.facts["first"], told.facts["second"]) == ("WarmMagnetometer", "MagModel")
 
 
-def test_models_of_ones_own_are_composed_where_that_means_something(own, own_log):
+def test_models_of_ones_own_are_composed_where_that_means_something(own, own_log, refuses):
     gyro = Calibration(imu={"gyro": Triad(np.eye(3), np.zeros(3))})
     both = own.compose(Calibration(noise=None))
     np.testing.assert_array_equal(both.correct(own_log[0]).accel, own.correct(own_log[0]).accel)
     assert type(both.magnetometer.model) is WarmMagnetometer
-    with pytest.raises(DataError, match=r"BentAccelerometer of imu\.accel has bend\[0\].*known of Triad alone: correct"):
+    with refuses("own_model"):
         own.compose(gyro)
-    with pytest.raises(DataError, match="WarmMagnetometer of the magnetometer has slope"):
+    with refuses("own_model"):
         Calibration(magnetometer=own.magnetometer).compose(Calibration(magnetometer=MagModel(SOFT, np.zeros(3))))
 
 

@@ -119,15 +119,15 @@ def test_the_covariance_of_a_magnetometer_is_carried():
     np.testing.assert_allclose(found.model.soft_iron, soft @ new.model.soft_iron, rtol=1e-12)
 
 
-def test_thermal_models_that_do_not_add_up(golden):
+def test_thermal_models_that_do_not_add_up(golden, refuses):
     made = jaxcal.temperature.simulate(seed=1)
     fit = jaxcal.temperature.characterise(Log(None, gyro=made.bias[:, None], temperature=made.temperature, rate=1.0))
     jump = Calibration(temperature=fit)
-    with pytest.raises(DataError, match="jumps, splines or hysteresis are of single axes"):
+    with refuses("thermal"):
         jump.compose(golden)
     assert Calibration(imu=golden.imu).compose(jump).temperature.channels.keys() == {"gyro_x"}
     moved = Calibration(temperature={**DOCUMENT["temperature"], "reference": 30.0})
-    with pytest.raises(DataError, match="about 35 and 30 degC"):
+    with refuses("thermal"):
         moved.compose(golden)
 
 
@@ -227,7 +227,7 @@ def test_provenance_of_a_command():
 # the file: versions and damage
 
 
-def test_versions(tmp_path):
+def test_versions(tmp_path, refuses):
     path = tmp_path / "a.json"
     document = json.loads(GOLDEN.read_text())
     path.write_text(json.dumps(document | {"schema": "jaxcal.calibration/1.7", "unheard_of": {"a": [1]}}))
@@ -236,7 +236,7 @@ def test_versions(tmp_path):
     assert (tmp_path / "b.json").read_bytes() == GOLDEN.read_bytes()
     for schema in ("jaxcal.calibration/2", "jaxcal.calibration/2.1", "jaxcal.calibration/0.9"):
         path.write_text(json.dumps(document | {"schema": schema}))
-        with pytest.raises(DataError, match="install the version that wrote the file"):
+        with refuses("version"):
             Calibration.load(path)
 
 
@@ -330,8 +330,8 @@ def test_texts_that_are_no_calibration(tmp_path, text):
         Calibration.load(tmp_path / "a.json")
 
 
-def test_a_log_is_no_calibration(tmp_path):
+def test_a_log_is_no_calibration(tmp_path, refuses):
     with open(tmp_path / "log.json", "wb") as file:
         file.truncate(200 * 2**20)
-    with pytest.raises(DataError, match="200 MiB; a calibration has some KiB"):
+    with refuses("too_large"):
         Calibration.load(tmp_path / "log.json")

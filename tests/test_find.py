@@ -5,7 +5,6 @@ import datetime
 import pytest
 
 import jaxcal
-from jaxcal import DataError
 from jaxcal.calibration import find
 
 
@@ -33,22 +32,22 @@ def test_the_latest_that_is_not_younger(folder):
 
 
 @pytest.mark.parametrize(
-    ("device", "date", "reason"),
+    ("device", "date", "code"),
     [
-        ("unit 9", None, "none of the device 'unit 9'; there are unit 7, unit 8"),
-        ("unit 7", "2025-12-31", "is younger than 2025-12-31; the first is of 2026-01-10"),
-        ("unit 8", "2026-01-01", "has no date"),
-        ("unit 7", "yesterday", "expected a date such as"),
+        ("unit 9", None, "no_device"),
+        ("unit 7", "2025-12-31", "too_young"),
+        ("unit 8", "2026-01-01", "no_date"),
+        ("unit 7", "yesterday", "date"),
     ],
 )
-def test_what_cannot_be_told_is_said(folder, device, date, reason):
-    with pytest.raises(DataError, match=reason):
+def test_what_cannot_be_told_is_said(folder, device, date, code, refuses):
+    with refuses(code):
         find(folder, device, date)
 
 
-def test_two_of_one_date(folder):
+def test_two_of_one_date(folder, refuses):
     jaxcal.Calibration(device="unit 7", provenance={"date": "2026-05-01T08:00:00Z"}).save(folder / "d.json")
-    with pytest.raises(DataError, match="remove one"):
+    with refuses("two"):
         find(folder, "unit 7")
-    with pytest.raises(DataError, match="is no folder"):
+    with refuses("folder"):
         find(folder / "a.json", "unit 7")

@@ -200,18 +200,17 @@ class Calibration(eqx.Module):
         DataError
             If the file is not such a calibration; the message names the wrong key.
         """
-        path = pathlib.Path(path)
-        document = read_document(path)
         try:
+            document = read_document(pathlib.Path(path))
             provenance = document.get("provenance")
             if isinstance(provenance, dict):
                 provenance.setdefault("version", None)  # keep it unknown: the file was not written by this version
             sections = {name: document.get(name) for name in _SECTIONS}
             return cls(**sections, device=document.get("device"), provenance=provenance)
         except DataError as error:
-            raise DataError(f"{path}: {error}") from error
+            raise error.of(os.fspath(path)) from error.__cause__
         except RecursionError:
-            raise DataError(f"{path} has lists within lists without end; expected a file written by Calibration.save") from None
+            raise DataError(f"{path} has lists within lists without end; expected a file of Calibration.save", code="endless") from None
 
 
 def _free(value: Any, name: str) -> dict[str, Any] | None:

@@ -22,41 +22,36 @@ from typing import Any
 import numpy as np
 
 from .._errors import DataError
+from .._files import PIECE
 
-_MAJOR = 1
-SCHEMA = f"jaxcal.calibration/{_MAJOR}"
-_LARGEST_FILE = 64 * 2**20  # bytes; a calibration has a few thousand
+SCHEMA = "jaxcal.calibration/1"
 #: a larger number means damage; raw counts per SI unit stay far below it
 LARGEST = 1e15
-_LARGEST_INTEGER = 2**63  # of other readers of JSON
 
 
 def read_document(path: pathlib.Path) -> dict[str, Any]:
     """The JSON document in a file, or a `DataError` if this version cannot read it."""
     try:
         size = path.stat().st_size
-        text = path.read_text(encoding="utf-8") if size <= _LARGEST_FILE else "null"
-        document = json.loads(text, parse_constant=_no_constant)
+        if size > PIECE:
+            raise DataError(f"it has {size} bytes, and a calibration has some thousand. Is it the log?", code="too_large")
+        document = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_constant)
     except OSError as error:
-        raise DataError(f"cannot read {path}: {(error.strerror or str(error)).lower()}") from error
-    except RecursionError:
-        raise DataError(f"{path} has lists within lists without end; expected a file written by Calibration.save") from None
+        raise DataError(f"it cannot be read: {(error.strerror or str(error)).lower()}", code="unreadable") from error
+    except DataError:
+        raise
     except ValueError as error:
-        raise DataError(f"{path} is not JSON ({error}); expected a file written by Calibration.save") from error
-    if size > _LARGEST_FILE:
-        raise DataError(f"{path} has {size / 2**20:.0f} MiB; a calibration has some KiB. Is it the log?")
+        raise DataError(f"this is not JSON ({error}); expected a file written by Calibration.save", code="not_json") from error
     schema = document.get("schema") if isinstance(document, dict) else None
-    found = re.fullmatch(r"jaxcal\.calibration/(\d{1,9})(?:\.(\d{1,9}))?", schema) if isinstance(schema, str) else None
-    if found is None:
-        raise DataError(f"{path}: schema is {schema!r:.80}; expected {SCHEMA!r}, as Calibration.save writes it")
-    if int(found[1]) != _MAJOR:
-        what = f"schema is {schema!r}, but this version of jaxcal reads {SCHEMA!r}"
-        raise DataError(f"{path}: {what}; install the version that wrote the file")
+    if not (isinstance(schema, str) and re.fullmatch(r"jaxcal\.calibration/\d{1,9}(?:\.\d{1,9})?", schema)):
+        raise DataError(f"schema is {schema!r:.80}; expected {SCHEMA!r}, as Calibration.save writes it", code="schema")
+    if schema.partition(".calibration")[2].partition(".")[0] != SCHEMA.partition(".calibration")[2]:
+        raise DataError(f"schema is {schema!r}, and this version of jaxcal reads {SCHEMA!r}; install the one that wrote it", code="version")
     return document  # type: ignore[return-value]
 
 
 def _no_constant(word: str) -> None:
-    raise ValueError(f"{word} is no number in JSON")
+    raise DataError(f"{word} is no number in JSON", code="not_json")
 
 
 def structured(value: Any, kind: Any, path: str) -> Any:
@@ -83,8 +78,8 @@ def structured(value: Any, kind: Any, path: str) -> Any:
         return numbers(value, tuple(int(word) if word.isdigit() else None for word in kind.dim_str.split()), path)
     if kind is not float and (value is None or isinstance(value, (str, bool, int))):
         return free(value, path)
-    depth = 0 if kind is float else _depth(value)
-    return numbers(value, (None,) * depth, path) if depth else float(numbers(value, (), path))
+    found = numbers(value, () if kind is float else None, path)
+    return found if found.ndim else float(found)
 
 
 def _object(value: Any, kind: Any, path: str) -> Any:
@@ -102,7 +97,7 @@ def _object(value: Any, kind: Any, path: str) -> Any:
     try:
         return kind(**arguments)
     except (TypeError, ValueError) as error:
-        raise DataError(f"{path} makes no {kind.__name__}: {error}") from error
+        raise DataError(f"it makes no {kind.__name__}: {error}", code="value", subject=path) from error
 
 
 @functools.lru_cache(256)
@@ -122,27 +117,15 @@ def _class_of(base: type, name: Any, path: str) -> type:
     found = [kind for kind in known if kind.__name__ == name]
     if not found:
         names = ", ".join(dict.fromkeys(kind.__name__ for kind in known))
-        raise DataError(
-            f"{path} is {name!r:.80}, which is none of the known classes {names}; import the module that defines it as a subclass of "
-            f"{base.__name__} before you load the file"
-        )
+        said = f"{name!r:.80} is none of the classes {names}; first import the module that defines it as a subclass of {base.__name__}"
+        raise DataError(said, code="class", subject=path)
     return found[-1]
-
-
-def _depth(value: Any) -> int:
-    """Depth of nested lists; the count stops at one more than an array can have, which is enough to refuse it."""
-    if isinstance(value, np.ndarray):
-        return value.ndim
-    depth = 0
-    while isinstance(value, (list, tuple)) and depth <= 64:
-        value, depth = value[0] if value else None, depth + 1
-    return depth
 
 
 def required(value: dict[str, Any], name: str, path: str, needed: Any) -> Any:
     """The value of a required key."""
     if name not in value:
-        raise DataError(f"{path}.{name} is missing; {path} needs {', '.join(needed)}")
+        raise DataError(f"it is missing; {path} needs {', '.join(needed)}", code="missing", subject=f"{path}.{name}")
     return value[name]
 
 
@@ -154,16 +137,17 @@ def checked_unit(value: Any, unit: str, path: str) -> None:
         raise wrong(value["unit"], f"{unit!r}, because jaxcal holds SI", f"{path}.unit")
 
 
-def numbers(value: Any, shape: tuple[int | None, ...], path: str) -> np.ndarray:
-    """Numbers of the given shape, where None means any length; a number that is None becomes NaN."""
+def numbers(value: Any, shape: tuple[int | None, ...] | None, path: str) -> np.ndarray:
+    """Numbers of the given shape, where None means any length, or any shape; a number that is None becomes NaN."""
     try:
         raw = np.array(value, dtype=object)
     except ValueError:  # nested more deeply than an array can be
         raise wrong(value, "numbers", path) from None
-    fits = raw.ndim == len(shape) and all(want in (None, got) for want, got in zip(shape, raw.shape, strict=True))
+    wanted = raw.shape if shape is None else shape
+    fits = raw.ndim == len(wanted) and all(want in (None, got) for want, got in zip(wanted, raw.shape, strict=True))
     if not fits or not all(x is None or (isinstance(x, (int, float, np.number)) and not isinstance(x, bool)) for x in raw.flat):
-        size = " x ".join("any" if length is None else str(length) for length in shape)
-        raise wrong(value, f"{size} numbers" if shape else "a number", path)
+        size = " x ".join("any" if length is None else str(length) for length in shape or ())
+        raise wrong(value, "a number" if shape == () else f"{size} numbers".strip(), path)
     try:
         return np.array([math.nan if x is None else float(x) for x in raw.flat], dtype=np.float64).reshape(raw.shape)
     except OverflowError:  # an integer of hundreds of digits
@@ -171,12 +155,9 @@ def numbers(value: Any, shape: tuple[int | None, ...], path: str) -> np.ndarray:
 
 
 def _text(value: Any, path: str) -> str:
-    try:
-        if isinstance(value, str) and value.encode() is not None:
-            return value
-    except UnicodeEncodeError:
-        raise wrong(value, "text of whole characters", path) from None
-    raise wrong(value, "text", path)
+    if not isinstance(value, str) or value != value.encode("utf-8", "ignore").decode():
+        raise wrong(value, "text of whole characters", path)
+    return value
 
 
 def wrong(value: Any, expected: str, path: str) -> DataError:
@@ -185,7 +166,7 @@ def wrong(value: Any, expected: str, path: str) -> DataError:
         text = repr(value)
     except ValueError:  # an integer of thousands of digits
         text = f"a {type(value).__name__}"
-    return DataError(f"{path} is {text if len(text) <= 80 else text[:77] + '...'}; expected {expected}")
+    return DataError(f"{text if len(text) <= 80 else text[:77] + '...'}; expected {expected}", code="value", subject=path)
 
 
 def free(value: Any, path: str) -> Any:
@@ -200,9 +181,8 @@ def free(value: Any, path: str) -> Any:
         return [free(item, f"{path}[{i}]") for i, item in enumerate(value)]
     if isinstance(value, str):
         return _text(value, path)
-    if isinstance(value, int) and not abs(value) < _LARGEST_INTEGER:
-        raise wrong(value, f"a whole number below {_LARGEST_INTEGER:g}", path)
-    if value is None or isinstance(value, (bool, int)) or (isinstance(value, float) and math.isfinite(value)):
+    whole = isinstance(value, int) and abs(value) < np.iinfo(np.int64).max  # larger ones are not exact in other readers of JSON
+    if value is None or whole or (isinstance(value, float) and math.isfinite(value)):
         return value
     raise wrong(value, "text, a finite number, true, false, None, or lists and dictionaries of these", path)
 
@@ -217,7 +197,7 @@ def document_of(model: Any, base: type, path: str) -> dict[str, Any]:
                 raise wrong(value, f"a field declared as {type(value).__name__}, for it could not be read", place)
             value = document_of(value, kind, place)
         elif not (value is None or isinstance(value, (str, bool, int))):
-            value = numbers(np.asarray(value), (None,) * np.ndim(value), place).tolist()
+            value = numbers(np.asarray(value), None, place).tolist()
         found[field.name] = value
     return found
 

@@ -18,9 +18,8 @@ from ..magnetometer._iron import HARD, SOFT
 from ._parts import Imu, Part
 from ._thermal import Thermal, polynomials
 
-#: entries of the symmetric matrix of an ellipsoid in the order of the covariance, and the matrix that belongs to each entry
+#: entries of the symmetric matrix of an ellipsoid in the order of the covariance
 QUADRIC = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
-UNITS = np.array([[[float((p, q) in ((i, j), (j, i))) for q in range(3)] for p in range(3)] for i, j in QUADRIC])
 
 
 def entries(matrix: AnyArray) -> AnyArray:
@@ -64,10 +63,9 @@ def _triads(matrix: AnyArray, bias: AnyArray) -> dict[str, Triad]:
 def _only_plain(part: Part[Any] | None, what: str, wish: str) -> None:
     """Raise a `DataError` for a model with fields of its own, whose composition and inverse are unknown here."""
     if part is not None and type(part.model) is not part.base:
-        raise DataError(
-            f"the model {type(part.model).__name__} of {what} has {', '.join(part.further) or 'a formula of its own'}; {wish} is known of "
-            f"{part.base.__name__} alone: correct the data in two steps"
-        )
+        own = ", ".join(part.further) or "a formula of its own"
+        said = f"{type(part.model).__name__} of {what} has {own}; {wish} is known of {part.base.__name__} alone: correct in two steps"
+        raise DataError(said, code="own_model")
 
 
 def _carried(new: Any, old: Any, sensor: str, m: AnyArray, values: dict[str, float]) -> Estimate | None:
@@ -123,19 +121,17 @@ def _thermal(new: Thermal | None, old: Thermal | None, m: AnyArray) -> Thermal |
     sections = [one for one in (old, new) if one is not None]
     reference = sections[0].reference
     if new.reference != reference:
-        raise DataError(
-            f"the thermal models are about {reference:g} and {new.reference:g} degC, and do not add up; correct the data in two steps"
-        )
+        raise DataError(f"models about {reference:g} and {new.reference:g} degC do not add up; correct in two steps", code="thermal")
     low, high = max(one.minimum for one in sections), min(one.maximum for one in sections)
     if not low < high:
-        raise DataError("the thermal models have no temperature in common")
+        raise DataError("the thermal models have no temperature in common", code="thermal")
     return polynomials(reference, low, high, **_mapped(m, newer, older))
 
 
 def _powers_of(thermal: Thermal, what: str) -> dict[str, AnyArray]:
     found = {sensor: rows for sensor in ("accel", "gyro") if (rows := thermal.powers(sensor)) is not None}
     if len(thermal.channels) > 3 * len(found):
-        raise DataError(f"thermal models with jumps, splines or hysteresis are of single axes, and {what} mixes axes; correct in two steps")
+        raise DataError(f"{what} mixes axes, and models with jumps, splines or lag are of one; correct in two steps", code="thermal")
     return found
 
 

@@ -41,14 +41,11 @@ def corrected(calibration: Any, log: Log, currents: dict[str, Any] | None) -> Lo
             values[sensor] = _modelled(part, sensor, log, values, said)
             done.append(sensor)
     if not done:
-        raise DataError("the calibration holds nothing that this log could be corrected with; see its imu, magnetometer and temperature")
+        raise DataError("the calibration has nothing for this log; see its imu, magnetometer and temperature", code="nothing")
     said.append(CORRECTED("corrected", dict.fromkeys(done)))
     name = (calibration.device or {}).get("name")
-    found: Any = eqx.tree_at(
-        lambda one: [*(getattr(one, sensor) for sensor in values), one.findings, one.provenance],
-        log,
-        [*values.values(), (*log.findings, *said), {**log.provenance, "corrected_with": name or "calibration"}],
-    )
+    new = [*values.values(), (*log.findings, *said), {**log.provenance, "corrected_with": name or "calibration"}]
+    found: Any = eqx.tree_at(lambda one: [*(getattr(one, sensor) for sensor in values), one.findings, one.provenance], log, new)
     return found
 
 
@@ -57,14 +54,14 @@ def _fields_of(part: Part[Any] | None, log: Log, given: dict[str, Any], said: li
     terms = {} if part is None or log.mag is None else part.currents or {}
     if unknown := [name for name in given if name not in terms]:
         known = f"it has {', '.join(terms)}" if terms else "it has none"
-        raise DataError(f"the calibration has no field of the current {unknown[0]!r}; {known}")
+        raise DataError(f"the calibration has no field of the current {unknown[0]!r}; {known}", code="current")
     if left := [name for name in terms if name not in given]:
         said.append(CORRECTED("currents_missing", "mag", names=", ".join(left)))
     total = np.zeros((len(log.time), 3))
     for name, values in given.items():
         current = np.asarray(values, dtype=float)
         if current.shape != (len(total),):
-            raise DataError(f"the current {name!r} has shape {current.shape}; give one number for each of the {len(total)} samples")
+            raise DataError(f"the current {name!r} has shape {current.shape}; give one number a sample, {len(total)}", code="current")
         total += np.outer(current, terms[name])
     if given:
         said.append(CORRECTED("currents_taken", "mag", names=", ".join(given)))

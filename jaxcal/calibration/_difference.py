@@ -14,10 +14,9 @@ from .._errors import DataError
 from .._precision import host_float64
 from .._special import NORMAL95
 from .._types import AnyArray
-from .._units import si_unit_of
 from ..magnetometer._iron import HARD, SOFT
 from ._calibration import Calibration
-from ._compose import QUADRIC, UNITS, entries
+from ._compose import QUADRIC, entries
 from ._findings import FINDINGS
 from ._parts import Part, quantities_of
 from ._thermal import Thermal
@@ -65,11 +64,6 @@ class PartDifference(eqx.Module):
     def change(self) -> AnyArray:
         """(p,) second - first."""
         return self.second - self.first
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """SI unit of each row."""
-        return tuple(si_unit_of(one) for one in self.quantities)
 
 
 class Difference(Result):
@@ -222,10 +216,8 @@ def _magnetometer(a: Part[Any], b: Part[Any], notes: Sequence[Finding]) -> PartD
         values.append(np.array([*(scale * entries(shape)), *part.model.hard_iron, *(numbers[name] for name in further)]))
         held = part.spread([*SOFT, "field", *HARD, *further])
         strength = part.field if part.field else np.nan
-        spreads.append(
-            None if held is None or not np.isfinite(strength)
-            else _of_root(_quadric(held, part.model.soft_iron, strength), shape / strength, scale * strength)
-        )  # fmt: skip
+        spread = None if held is None or not np.isfinite(strength) else _quadric(held, part.model.soft_iron, strength)
+        spreads.append(None if spread is None else _of_root(spread, shape / strength, scale * strength))
     turned = turns[1] @ turns[0].T
     angle = np.degrees(np.arccos(np.clip((np.trace(turned) - 1) / 2, -1.0, 1.0)))
     if angle > 1e-3:
@@ -247,8 +239,10 @@ def _quadric(spread: AnyArray, soft: AnyArray, field: float) -> AnyArray:
 
 def _of_root(spread: AnyArray, root: AnyArray, scale: float) -> AnyArray:
     """Covariance of scale * W and of the hard iron, from that of A = W W and of the hard iron."""
-    slope = np.eye(len(spread))
-    slope[:6, :6] = scale * np.transpose([entries(scipy.linalg.solve_sylvester(root, root, unit)) for unit in UNITS])
+    slope, units = np.eye(len(spread)), np.zeros((6, 3, 3))
+    for unit, (i, j) in zip(units, QUADRIC, strict=True):
+        unit[i, j] = unit[j, i] = 1.0
+    slope[:6, :6] = scale * np.transpose([entries(scipy.linalg.solve_sylvester(root, root, unit)) for unit in units])
     return slope @ spread @ slope.T
 
 

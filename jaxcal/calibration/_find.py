@@ -44,29 +44,27 @@ def find(folder: str | os.PathLike[str], device: str, date: Date | None = None) 
     """
     folder = pathlib.Path(folder)
     if not folder.is_dir():
-        raise DataError(f"{folder} is no folder; give the one with the calibrations")
+        raise DataError(f"{folder} is no folder; give the one with the calibrations", code="folder")
     held = [(path, document) for path in sorted(folder.rglob("*.json")) if (document := _calibration(path)) is not None]
     own = [(path, _dated(document, path)) for path, document in held if _is_of(document.get("device"), device)]
     if not own:
         known = sorted({str(document["device"].get("name")) for _, document in held if isinstance(document.get("device"), dict)})
         there = f"; there are {', '.join(known)}" if known else ""
-        raise DataError(f"{folder} holds {len(held)} calibrations, none of the device {device!r}{there}")
+        raise DataError(f"{folder} holds {len(held)} calibrations, none of the device {device!r}{there}", code="no_device")
     undated = [path for path, when in own if when is None]
     if undated and (date is not None or len(own) > 1):
-        raise DataError(f"{undated[0]} has no date in its provenance, so that it cannot be told whether it holds; name the file itself")
+        raise DataError(f"{undated[0]} has no date in its provenance; name the file itself", code="no_date")
     if len(own) == 1 and date is None:
         return own[0][0]
     limit = None if date is None else _moment(date, "date")
     past = [(when, path) for path, when in own if when is not None and (limit is None or when <= limit)]
     if not past:
         first = min(when for _, when in own if when is not None)
-        raise DataError(f"every calibration of {device!r} in {folder} is younger than {date}; the first is of {first:%Y-%m-%d %H:%M} UTC")
+        raise DataError(f"the first calibration of {device!r} in {folder} is of {first:%Y-%m-%d %H:%M} UTC, after {date}", code="too_young")
     latest = max(when for when, _ in past)
     found = [path for when, path in past if when == latest]
     if len(found) > 1:
-        raise DataError(
-            f"{found[0]} and {found[1]} are both of {device!r} and {latest:%Y-%m-%d %H:%M:%S} UTC; remove one, or name the file"
-        )
+        raise DataError(f"{found[0]} and {found[1]} are both of {latest:%Y-%m-%d %H:%M:%S} UTC; remove one, or name the file", code="two")
     return found[0]
 
 
@@ -99,5 +97,5 @@ def _moment(date: Any, what: str) -> datetime.datetime:
         if not isinstance(date, datetime.datetime):
             date = datetime.datetime.combine(date, datetime.time(23, 59, 59))
     except (TypeError, ValueError) as error:
-        raise DataError(f"{what} is {date!r}; expected a date such as 2026-03-01, or 2026-03-01T12:00") from error
+        raise DataError(f"{what} is {date!r}; expected a date such as 2026-03-01, or 2026-03-01T12:00", code="date") from error
     return date.replace(tzinfo=datetime.UTC) if date.tzinfo is None else date.astimezone(datetime.UTC)

@@ -120,7 +120,7 @@ def device_noise(noise: Any) -> DeviceNoise | None:
 def _stored_form(fits: Mapping[str, NoiseFit]) -> dict[str, Any]:
     for name in fits:
         if name not in CHANNELS:
-            raise DataError(f"noise holds a channel {name!r}; expected the channels of a log: {', '.join(CHANNELS)}")
+            raise DataError(f"noise holds a channel {name!r}; expected those of a log: {', '.join(CHANNELS)}", code="channel")
     rates = {name.partition("_")[0]: float(fit.deviation.rate) for name, fit in fits.items()}
     if any(float(fit.deviation.rate) != rates[name.partition("_")[0]] for name, fit in fits.items()):
         raise DataError("the axes of one sensor have different rates; give the fits of one recording", code="rates")
@@ -136,9 +136,9 @@ def _stored_sensor(sensor: str, axes: list[NoiseFit | None]) -> dict[str, Any]:
     measured = [fit for fit in axes if fit is not None]
     terms, method, confidence = measured[0].terms, measured[0].method, measured[0].confidence
     if any((fit.terms, fit.method, fit.confidence) != (terms, method, confidence) for fit in measured):
-        raise DataError(f"the axes of {sensor} were fitted with different terms, methods or confidence; fit them in one call")
+        raise DataError(f"the axes of {sensor} have different terms, methods or confidence; fit them in one call", code="terms_differ")
     if not all(fit.presence for fit in measured):
-        raise DataError(f"method {method!r} gives {sensor} no intervals and no verdicts; fit it with whittle or gls")
+        raise DataError(f"method {method!r} gives {sensor} no intervals and no verdicts; fit it with whittle or gls", code="no_intervals")
 
     def per_term(value, missing: Any = math.nan) -> dict[str, list]:
         return {term: [missing if fit is None else value(fit, term) for fit in axes] for term in terms}

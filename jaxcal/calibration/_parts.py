@@ -7,10 +7,10 @@ from typing import Any, Generic, TypeVar
 
 import equinox as eqx
 import numpy as np
+import scipy  # loads its parts when they are first used
 from jaxtyping import Float
 
 from .._errors import DataError
-from .._special import student_quantile
 from .._types import AnyArray
 from .._units import STRONGEST_FIELD, si_unit
 from ..device import DeviceFit
@@ -21,8 +21,6 @@ from ._codec import check_finite, checked_unit, document_of, numbers, required, 
 
 M = TypeVar("M", bound=eqx.Module)
 _CONDITION = 1e10  # of a matrix; above it the inverse is rounding errors
-#: degrees of freedom between which those of an interval are interpolated
-_FREEDOMS = np.array([*range(1, 31), 40, 60, 120, 1e6], dtype=float)
 #: unit of a magnetometer that was calibrated in its own steps
 COUNTS = "counts"
 _SHAPES = {"matrix": (3, 3), "bias": (3,), "g_sensitivity": (3, 3), "soft_iron": (3, 3), "hard_iron": (3,)}
@@ -100,12 +98,12 @@ class Part(eqx.Module, Generic[M]):
         open_ended = any(one.kind is one.VAR_KEYWORD for one in taken) and type(self.model) is not self.base
         for one in taken:
             if one.name not in conditions and one.default is one.empty and one.kind is not one.VAR_KEYWORD:
-                raise DataError(f"the model {name} of {what} needs {one.name}, which this log does not have")
+                raise DataError(f"the model {name} of {what} needs {one.name}, which this log does not have", code="condition")
         given = {key: value() for key, value in conditions.items() if open_ended or key in [one.name for one in taken]}
         try:
             return np.asarray(self.model.correct(y, **given))  # type: ignore[attr-defined]
         except (TypeError, ValueError) as error:
-            raise DataError(f"the model {name} of {what} does not correct this log: {error}") from error
+            raise DataError(f"the model {name} of {what} does not correct this log: {error}", code="model") from error
 
     def to_document(self) -> dict[str, Any]:
         """The stored form, in which the fields of the model stand beside the others."""
@@ -118,7 +116,7 @@ class Part(eqx.Module, Generic[M]):
         known |= {name: getattr(self, name) for name in ("verdict", "verdict_reason") if getattr(self, name) is not None}
         known |= {"currents": self.currents} if self.currents else {}
         if twice := set(fields) & {"unit", *known}:
-            raise DataError(f"the model {type(self.model).__name__} has a field {min(twice)!r}, which the file needs itself; rename it")
+            raise DataError(f"the field {min(twice)!r} of {type(self.model).__name__} is one of the file itself; rename it", code="field")
         return {"unit": self.unit, **fields, **known}
 
 
@@ -163,7 +161,7 @@ def imu_of(value: Any) -> Imu | None:
     if isinstance(value, DeviceFit):
         sensors = [sensor for sensor in SENSORS if value.verdicts[sensor] != "refused"]
         if not sensors:
-            raise DataError(f"the calibration was refused and cannot be stored: {value.reason}")
+            raise _refused("fit of the device", value)
         return Imu(**{sensor: _of_device(value, sensor) for sensor in sensors}, verdict=value.verdict, verdict_reason=value.reason)
     if not isinstance(value, dict):
         raise wrong(value, "a dictionary with accel, gyro, verdict, verdict_reason", "imu")
@@ -176,16 +174,20 @@ def magnetometer_of(value: Any) -> Part[MagModel] | None:
     """The magnetometer of a calibration, checked; from a `MagFit`, a `DeviceFit`, the stored form, a `MagModel`, or a `Part`."""
     if isinstance(value, DeviceFit):
         if value.verdicts["magnetometer"] == "refused":
-            raise DataError(f"the magnetometer is refused, and is no calibration: {value.reason}")
+            raise _refused("magnetometer", value)
         value = _of_device(value, "magnetometer")
     if isinstance(value, MagFit):
         if value.model is None or value.verdict == "refused":
-            raise DataError(f"the magnetometer fit is refused, and is no calibration: {value.reason}")
+            raise _refused("fit of the magnetometer", value)
         value = _of_magnetometer(value)
     part = None if value is None else _part(value, MagModel, "mag", "magnetometer")
     if part is not None and part.field is not None and (np.isinf(part.field) or part.field <= 0):
         raise wrong(part.field, "the norm of the field, or None", "magnetometer.field")
     return part
+
+
+def _refused(what: str, fit: Any) -> DataError:
+    return DataError(f"the {what} is refused, and is no calibration: {fit.reason}", code="refused")
 
 
 def _currents_of(fit: MagFit) -> dict[str, AnyArray] | None:
@@ -233,14 +235,14 @@ def _estimate(value: dict[str, Any], held: dict[str, float], path: str) -> Estim
     if isinstance(limits := value.get("interval"), dict):  # files without degrees of freedom have the limits of 95 % intervals
         with np.errstate(divide="ignore", invalid="ignore"):
             half = np.subtract(*(np.asarray(limits[name], float) for name in ("high", "low"))) / 2
-            ratio = np.nan_to_num(half / np.sqrt(np.diag(stored.values)))
-        freedom = np.interp(-ratio, -np.ravel(student_quantile(_FREEDOMS, 0.975)), _FREEDOMS)
+            found = scipy.special.stdtridf(0.975, half / np.sqrt(np.diag(stored.values)))
+        freedom = np.where(np.isfinite(found), found, np.inf)
     return Estimate(stored.parameters, np.array([held.get(name, np.nan) for name in stored.parameters]), stored.values, freedom)
 
 
 def _from_imu_fit(fit: ImuFit) -> Imu:
     if fit.verdict == "refused" or fit.accel is None:
-        raise DataError(f"the calibration was refused and cannot be stored: {fit.reason}", code="refused")
+        raise _refused("fit of the IMU", fit)
     parts = {}
     for sensor, triad in (("accel", fit.accel), ("gyro", fit.gyro)):
         if triad is not None:
@@ -261,7 +263,7 @@ def _of_device(fit: DeviceFit, sensor: str) -> Part[Any]:
 
 def _from_rate_test(test: RateTest) -> Imu:
     if test.fit is None:
-        raise DataError(f"the rate test gives no gyroscope: {test.reason}")
+        raise _refused("rate test", test)
     part = Part(test.fit.triad, si_unit("gyro"), None, _fitted(test.fit.estimate))
     return Imu(gyro=_part(part, Triad, "gyro", "imu.gyro"), verdict=test.verdict, verdict_reason=test.reason)
 

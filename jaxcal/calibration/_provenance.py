@@ -6,11 +6,13 @@ import platform
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from .._answer import plain
 from .._log import Log
 
 _PACKAGES = ("jax", "numpy", "scipy")
-_FIRST = 946_684_800_000_000_000  # ns at the year 2000: smaller stamps count from the start of the device
+_FIRST = np.datetime64("2000", "ns").astype(int)  # smaller stamps count from the start of the device
 
 
 def date_of(known: Mapping[str, Any]) -> datetime.datetime | None:

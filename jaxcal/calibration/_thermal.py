@@ -16,7 +16,6 @@ from ._codec import check_finite, checked_unit, document_of, numbers, required, 
 AXES = ("x", "y", "z")
 SENSORS = ("gyro", "accel", "mag")
 CHANNELS = tuple(f"{sensor}_{axis}" for sensor in SENSORS for axis in AXES)
-_HOTTEST = 1e4  # degC: a larger value means damage
 
 
 class Powers(AbstractCurve):
@@ -84,16 +83,11 @@ class Thermal(eqx.Module):
 
     def powers(self, sensor: str) -> AnyArray | None:
         """Coefficients (3, degree) of a sensor if all its axes are plain polynomials over the whole range; otherwise None."""
-        models = self.of(sensor)
         limits = (self.reference, self.minimum, self.maximum, 0, 0, 0)
-        plain = [
-            np.asarray(model.curve.coefficients)
-            for model in models.values()
-            if isinstance(model.curve, Powers)
-            and (model.curve.reference, model.low, model.high, model.lag, model.play, model.rate) == limits
-        ]
-        same = len(plain) == len(AXES) and len({len(row) for row in plain}) == 1
-        return np.stack(plain) if same else None
+        plain = [one for one in self.of(sensor).values() if isinstance(one.curve, Powers)]
+        plain = [one for one in plain if (one.curve.reference, one.low, one.high, one.lag, one.play, one.rate) == limits]
+        rows: list[Any] = [np.asarray(one.curve.coefficients) for one in plain]  # type: ignore[attr-defined]
+        return np.stack(rows) if len(rows) == len(AXES) and len({len(row) for row in rows}) == 1 else None
 
     def to_document(self) -> dict[str, Any]:
         """The stored form, in which the plain polynomials of a sensor are the rows of a matrix."""
@@ -120,11 +114,8 @@ def polynomials(reference: float, minimum: float, maximum: float, **sensors: Any
     >>> round(float(model.bias_at(np.array(35.0))), 6)
     0.01
     """
-    models = {
-        f"{sensor}_{axis}": ThermalModel(Powers(reference, np.asarray(row)), minimum, maximum)
-        for sensor, rows in sensors.items()
-        for axis, row in zip(AXES, rows, strict=True)
-    }
+    rows = {f"{sensor}_{axis}": row for sensor, held in sensors.items() for axis, row in zip(AXES, held, strict=True)}
+    models = {name: ThermalModel(Powers(reference, np.asarray(row)), minimum, maximum) for name, row in rows.items()}
     return Thermal(reference, minimum, maximum, models)
 
 
@@ -148,17 +139,15 @@ def thermal_of(value: Any) -> Thermal | None:
         low = max(float(fit.model.low) for fit in value.values())
         high = min(float(fit.model.high) for fit in value.values())
         if not low < high:
-            raise DataError("the channels were fitted over different temperatures; fit those of one recording together")
+            raise DataError("the channels were fitted over different temperatures; fit those of one recording", code="range")
         value = Thermal(float(np.round((low + high) / 2, 2)), low, high, {name: fit.model for name, fit in value.items()})
     found = value if isinstance(value, Thermal) else _from_document(value)
     _check_range(found, "temperature")
     for name, model in found.channels.items():
         if name not in CHANNELS:
-            raise DataError(f"temperature holds a channel {name!r}; expected the channels of a log: {', '.join(CHANNELS)}")
+            raise DataError(f"temperature holds a channel {name!r}; expected those of a log: {', '.join(CHANNELS)}", code="channel")
         if type(model) is not ThermalModel:
-            raise DataError(
-                f"temperature.{name} is a {type(model).__name__}; the calibration holds biases as ThermalModel, keep others beside it"
-            )
+            raise wrong(type(model).__name__, "a ThermalModel of the bias", f"temperature.{name}")
         _check_model(model, f"temperature.channels.{name}")
     return found
 
@@ -167,20 +156,11 @@ def _from_document(value: Any) -> Thermal:
     checked_unit(value, si_unit("temperature"), "temperature")
     needed = ("reference", "minimum", "maximum")
     limits = [structured(required(value, key, "temperature", needed), float, f"temperature.{key}") for key in needed]
-    sensors = {}
-    for name in ("accel", "gyro"):
-        if value.get(name) is not None:
-            sensors[name] = numbers(value[name], (3, None), f"temperature.{name}")
-            check_finite(sensors[name], f"temperature.{name}")
-    reference, low, high = limits
-    channels = polynomials(reference, low, high, **sensors).channels
-    stored = value.get("channels") or {}
-    if not isinstance(stored, dict):
-        raise wrong(stored, "a dictionary with gyro_x, ...", "temperature.channels")
-    for name in CHANNELS:
-        if stored.get(name) is not None:
-            channels[name] = _model(stored[name], reference, f"temperature.channels.{name}")
-    return Thermal(reference, low, high, channels)
+    held = [name for name in ("accel", "gyro") if value.get(name) is not None]
+    channels = polynomials(*limits, **{name: numbers(value[name], (3, None), f"temperature.{name}") for name in held}).channels
+    stored = structured(value.get("channels"), dict[str, dict[str, Any] | None] | None, "temperature.channels") or {}
+    models = {name: _model(value["channels"][name], limits[0], f"temperature.channels.{name}") for name in CHANNELS if stored.get(name)}
+    return Thermal(*limits, channels | models)
 
 
 def _model(value: Any, reference: float, path: str) -> ThermalModel:
@@ -195,9 +175,7 @@ def _model(value: Any, reference: float, path: str) -> ThermalModel:
         return ThermalModel(structured({**own, "class": name}, AbstractCurve, path), low, high, *filters)
     held = {}
     for key in _CURVES[name]:
-        if value.get(key) is None:
-            raise DataError(f"{path}.{key} is missing; curve {name!r} needs it")
-        held[key] = numbers(value[key], (None, None) if key == "pieces" else (None,), f"{path}.{key}")
+        held[key] = numbers(required(value, key, path, _CURVES[name]), (None, None) if key == "pieces" else (None,), f"{path}.{key}")
     if name == "piecewise":
         return ThermalModel(Piecewise(held["nodes"], held["pieces"]), low, high, *filters)
     curve: Any = Powers(reference, held["coefficients"]) if name == "powers" else Chebyshev(held.pop("coefficients"), low, high)
@@ -230,22 +208,21 @@ def _check_model(model: ThermalModel, path: str) -> None:
             check_finite(np.array(value), f"{path}.{key}")
     if isinstance(curve, Steps):
         if len({len(held[key]) for key in ("height", "centre", "width")}) > 1:
-            raise DataError(f"{path}: height, centre and width have different lengths; expected one of each for every jump")
+            raise wrong(held["height"], "as many heights as centres and widths", f"{path}.height")
         if not np.all(np.asarray(curve.width) > 0):
             raise wrong(held["width"], "widths above 0 in degC", f"{path}.width")
     if isinstance(curve, Piecewise):
         if len(held["nodes"]) < 2 or not np.all(np.diff(held["nodes"]) > 0):
             raise wrong(held["nodes"], "two rising temperatures or more", f"{path}.nodes")
         if len(held["pieces"]) != len(held["nodes"]) - 1:
-            raise DataError(f"{path}.pieces has {len(held['pieces'])} rows for {len(held['nodes'])} nodes")
+            raise wrong(held["pieces"], f"{len(held['nodes']) - 1} rows for {len(held['nodes'])} nodes", f"{path}.pieces")
 
 
 def _check_range(thermal: Thermal, path: str) -> None:
     for key in ("reference", "minimum", "maximum"):
-        if not abs(getattr(thermal, key)) < _HOTTEST:
-            raise wrong(getattr(thermal, key), "a temperature in degC", f"{path}.{key}")
+        check_finite(getattr(thermal, key), f"{path}.{key}")
     if not thermal.minimum < thermal.maximum:
-        raise DataError(f"{path}.minimum is {thermal.minimum:g} and maximum {thermal.maximum:g}; expected the smaller first")
+        raise wrong(thermal.minimum, f"a temperature below the maximum, {thermal.maximum:g}", f"{path}.minimum")
 
 
 def cubic(thermal: Thermal, sensor: str, degree: int, reference: float) -> tuple[AnyArray, AnyArray, AnyArray] | None:
