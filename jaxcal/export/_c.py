@@ -9,7 +9,6 @@ from .._errors import ExportError
 from .._types import AnyArray
 from ..calibration import Calibration
 from ..imu import Triad
-from ..magnetometer._iron import HARD
 from ._findings import FINDINGS
 from ._models import correction, cubics, gyro_bias, triads, unknown_field
 from ._options import Product, number
@@ -49,7 +48,7 @@ def write_c(calibration: Calibration, options: Any) -> Product:
     guard = f"{p}CALIBRATION_H"
     lines = [*head, " */", f"#ifndef {guard}", f"#define {guard}", "", *ranges, *(line for lines in found.values() for line in lines), ""]
     text = "\n".join(lines) + "\n" + _APPLY % p.lower()
-    return Product(text + "\n#endif\n", said, _spread(calibration))
+    return Product(text + "\n#endif\n", said)
 
 
 def _inertial(
@@ -79,14 +78,6 @@ def _magnetic(calibration: Calibration, options: Any, said: list[Finding]) -> li
     lines = [f"{start}_MATRIX[3][3] = {_table(correction(model.soft_iron))};", f"{start}_BIAS[3] = {_row(model.hard_iron)};"]
     unknown_field(calibration, said)
     return lines
-
-
-def _spread(calibration: Calibration) -> tuple[str, ...]:
-    known = None if calibration.magnetometer is None else calibration.magnetometer.spread(HARD)
-    if known is None:
-        return ()
-    spread = np.sqrt(np.diag(known))
-    return (f"standard deviation of the magnetometer's bias: {', '.join(f'{s:.2g}' for s in spread)} {calibration.magnetometer.unit}",)  # type: ignore[union-attr]
 
 
 def _number(value: float) -> str:

@@ -107,11 +107,11 @@ def read_csv(text: str, options: dict[str, Any]) -> Calibration:
     """Read the table of `write`: forward models and noise, without covariances and the limits of matrices."""
     rows = list(csv.reader(io.StringIO(text)))
     if not rows or ",".join(rows[0]) != _HEADER:
-        raise DataError(f"the first line is not {_HEADER}", code="no_part")
+        raise DataError(f"the first line is not {_HEADER}", code="unreadable")
     found: Cells = {}
     for row in rows[1:]:
         if len(row) != 7:
-            raise DataError(f"the row {','.join(row)!r:.80} has {len(row)} cells; expected 7", code="no_part")
+            raise DataError(f"the row {','.join(row)!r:.80} has {len(row)} cells; expected 7", code="unreadable")
         values = [np.nan if i > 0 and not cell else finite(cell, f"a number of {row[0]} ({row[6]})") for i, cell in enumerate(row[2:5])]
         found.setdefault((row[0], row[6]), {})[row[1]] = np.array(values)
     imu = {}
@@ -164,5 +164,5 @@ def _values(found: Cells, quantity: str, kind: str, rank: int) -> AnyArray:
     axes = ["".join(axes) for axes in itertools.product(_AXES, repeat=rank)]
     for axis in axes:
         if axis not in cells:
-            raise DataError(f"the row of {quantity}, axis {axis or '(none)'}, kind {kind} is missing", code="no_part")
+            raise DataError(f"the row of {quantity}, axis {axis or '(none)'}, kind {kind} is missing", code="unreadable")
     return np.array([cells[axis][0] for axis in axes]).reshape((3,) * rank)

@@ -141,11 +141,8 @@ def read_vins(text: str, options: dict[str, Any]) -> Calibration:
     """Read the lines acc_n, gyr_n, acc_w and gyr_w, in the given convention or that of the file."""
     document = parse(text)
     if "acc_n" not in document and ("Acc" in document or "Gyr" in document):
-        raise DataError(
-            "this is a result of imu_utils, whose acc_w and gyr_w are the lowest point of the Allan curve and no random walk; characterise "
-            "the log itself (jaxcal noise)",
-            code="unreadable",
-        )
+        said = "the acc_w and gyr_w of imu_utils are the lowest point of the Allan curve and no random walk; run jaxcal noise on the log"
+        raise DataError(said, code="unreadable")
     rate = stated(text, r"Discrete values for ([-+.eE\d]+) Hz", options, "the values")
     stated_other = "plain per-sample standard deviations N*sqrt(rate)." in text
     convention = options["convention"] or ("per_sample" if stated_other else "midpoint")

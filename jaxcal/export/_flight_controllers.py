@@ -30,7 +30,6 @@ _MILLIONTH = 1e-6  # of the unit of a thermal coefficient
 _PX4, _IMUS, _COMPASSES = 4, 5, 3
 _REFERENCE = 35.0  # degC: the firmware of ArduPilot expands every polynomial about this temperature
 _LEAST_RANGE = 10.0  # degC
-_LARGEST_ID = 2**24  # limit of ids in ArduPilot, because parameters are transmitted as float32
 _PX4_FACTS = ("units: accelerometer m/s^2, gyroscope rad/s, magnetometer gauss; temperature degC; scale factors 1",)
 _ARDUPILOT_FACTS = (
     "units: accelerometer m/s^2, gyroscope rad/s, compass milligauss; thermal terms 1e-6 of these per degC, degC^2, degC^3",
@@ -61,9 +60,7 @@ def _instances(
     for instance, calibration in enumerate(calibrations, options.instance):
         found = rows_of(calibration, instance, options, said)
         if not found:
-            raise ExportError(
-                f"the calibration holds no imu, magnetometer or temperature, of which {tool}'s parameters could be made", code="no_part"
-            )
+            raise ExportError(f"the calibration holds no imu, magnetometer or temperature for {tool}'s parameters", code="no_part")
         rows |= found
     return sorted(rows.items()), said
 
@@ -112,12 +109,10 @@ def _ardupilot_names(i: int) -> dict[str, str]:
     """Name patterns of the parameters of instance `i`, counted from 1; {} stands for the axis."""
     number = "" if i == 1 else str(i)
     accel, gyro = (f"INS_{word}{number}" if i < 4 else f"INS{i}_{word}" for word in ("ACC", "GYR"))
-    holds = {
-        sensor: f"INS_{word}{i}_CALTEMP" if i < 4 else f"INS{i}_{word}_CALTEMP" for sensor, word in (("accel", "ACC"), ("gyro", "GYR"))
-    }
+    holds = (f"INS_{word}{i}_CALTEMP" if i < 4 else f"INS{i}_{word}_CALTEMP" for word in ("ACC", "GYR"))
     return {
         "accel_id": f"{accel}_ID", "accel_offset": f"{accel}OFFS_{{}}", "accel_scale": f"{accel}SCAL_{{}}",
-        "gyro_offset": f"{gyro}OFFS_{{}}", "accel_temperature": holds["accel"], "gyro_temperature": holds["gyro"],
+        "gyro_offset": f"{gyro}OFFS_{{}}", **dict(zip(("accel_temperature", "gyro_temperature"), holds, strict=True)),
         "thermal": f"INS_TCAL{i}_" if i < 4 else f"INS{i}_TCAL_",
         "compass_id": f"COMPASS_DEV_ID{number}", "compass_scale": f"COMPASS_SCALE{number}", "compass_offset": f"COMPASS_OFS{number}_{{}}",
         "compass_diagonal": f"COMPASS_DIA{number}_{{}}", "compass_rest": f"COMPASS_ODI{number}_{{}}",
@@ -152,11 +147,8 @@ def _ardupilot_rows(calibration: Calibration, instance: int, options: Any, said:
     if section is not None and any(powers is not None for powers in thermal.values()):
         low, high = section.minimum, section.maximum
         if high - low < _LEAST_RANGE:
-            raise ExportError(
-                f"the thermal model covers {low:.2f} to {high:.2f} degC; ArduPilot needs at least {_LEAST_RANGE:g} degC: calibrate over a "
-                "wider range",
-                code="narrow",
-            )
+            said = f"the thermal model covers {low:.2f} to {high:.2f} degC; ArduPilot needs {_LEAST_RANGE:g} degC: calibrate over more"
+            raise ExportError(said, code="narrow")
         # write CALTEMP: the firmware clips its default of -300 degC to TMIN, which would shift the bias
         start = names["thermal"]
         rows |= {names["accel_temperature"]: holds, f"{start}ENABLE": 1, f"{start}TMIN": low, f"{start}TMAX": high}
@@ -204,19 +196,11 @@ def _device_id(calibration: Calibration, tool: str, name: str) -> int:
     ids = (calibration.device or {}).get(tool)
     value = ids.get(name) if isinstance(ids, dict) else None
     if not isinstance(value, int) or isinstance(value, bool) or not 0 < value < 2**31:
-        raise ExportError(
-            Message(
-                "the {name} of the sensor, by which the flight controller finds its parameters, is not known; give it as the vehicle lists "
-                "it: {how}",
-                name=name,
-                how=Message(f'Calibration(device={{{{"{tool}": {{{{"{name}": ID}}}}}}}})', terminal=f"--ids {name.removesuffix('_id')}=ID"),
-            ),
-            code="no_id",
-        )
-    if tool == "ardupilot" and value >= _LARGEST_ID:
-        raise ExportError(
-            f"ardupilot.{name} is {value}; ids of ArduPilot stay below {_LARGEST_ID}, for parameters travel as float32", code="no_part"
-        )
+        how = Message(f'Calibration(device={{{{"{tool}": {{{{"{name}": ID}}}}}}}})', terminal=f"--ids {name.removesuffix('_id')}=ID")
+        said = "the {name} of the sensor, which the parameters name, is not known; give it as the vehicle lists it: {how}"
+        raise ExportError(Message(said, name=name, how=how), code="no_id")
+    if tool == "ardupilot" and value != int(np.float32(value)):
+        raise ExportError(f"ardupilot.{name} is {value}, which float32, as parameters travel, does not hold", code="no_part")
     return value
 
 
@@ -230,10 +214,7 @@ def read_px4(text: str, options: dict[str, Any]) -> Calibration:
     for line in _lines(text):
         row = line.split("\t")
         if len(row) != 5:
-            raise DataError(
-                f"the line {' '.join(row)!r:.80} has {len(row)} fields; expected vehicle, component, name, value and type by tabs",
-                code="no_part",
-            )
+            raise DataError(f"the line {' '.join(row)!r:.80} has {len(row)} fields; expected five between tabs", code="unreadable")
         values[row[2].strip()] = finite(row[3], row[2])
     i = options["instance"]
     imu: dict[str, Triad] = {}
@@ -270,7 +251,7 @@ def read_ardupilot(text: str, options: dict[str, Any]) -> Calibration:
     for line in _lines(text):
         parts = [part for part in re.split(r"[ ,\t]+", line.strip()) if part]
         if len(parts) != 2:
-            raise DataError(f"the line {line!r:.80} has {len(parts)} items; expected a name and a value", code="no_part")
+            raise DataError(f"the line {line!r:.80} has {len(parts)} items; expected a name and a value", code="unreadable")
         values[parts[0]] = finite(parts[1], parts[0])
     names = _ardupilot_names(options["instance"] + 1)
     imu: dict[str, Triad] = {}
@@ -328,7 +309,7 @@ def _lines(text: str) -> list[str]:
 
 def _triad(scale: AnyArray, bias: AnyArray) -> Triad:
     if not np.all(scale):
-        raise DataError("a scale factor of the accelerometer is 0", code="no_part")
+        raise DataError("a scale factor of the accelerometer is 0", code="unreadable")
     return Triad(np.diag(1 / scale), bias)
 
 
@@ -336,7 +317,7 @@ def _calibration(
     tool: str, i: int, imu: dict[str, Triad], mag: MagModel | None, thermal: Thermal | None, ids: dict[str, float | None]
 ) -> Calibration:
     if not imu and mag is None and thermal is None:
-        raise DataError(f"the file has no calibration of instance {i} of any sensor", code="no_part")
+        raise DataError(f"the file has no calibration of instance {i} of any sensor", code="unreadable")
     known = {name: int(value) for name, value in ids.items() if value is not None and value == int(value) and value > 0}
     return Calibration(imu=imu or None, magnetometer=mag, temperature=thermal, device={tool: known} if known else None)
 
@@ -347,5 +328,5 @@ def _three(values: dict[str, float], pattern: str) -> AnyArray:
 
 def _of(values: dict[str, float], name: str) -> float:
     if name not in values:
-        raise DataError(f"{name} is missing, though others of its group are there", code="no_part")
+        raise DataError(f"{name} is missing, though others of its group are there", code="unreadable")
     return values[name]

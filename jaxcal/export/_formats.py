@@ -10,7 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-from .._errors import ExportError
+from .._errors import ExportError, JaxcalError
 from .._message import Message
 from .._units import STANDARD_GRAVITY
 
@@ -123,12 +123,16 @@ def checked_options(name: str, given: Mapping[str, Any]) -> SimpleNamespace:
             known = [other for other, one in FORMATS.items() if key in one.options]
             has = f"it is for {', '.join(known)}" if known else f"its options are {', '.join(own)}" if own else "it has no options"
             raise ExportError(Message(f"{{option.{key}}} means nothing to {{name}}; {{has}}", name=name, has=has), code="no_such_option")
-        right = OPTIONS[key].right
-        if not (value in right if isinstance(right, tuple) else right(value)):
-            expected = " or ".join(right) if isinstance(right, tuple) else OPTIONS[key].expected
-            said = Message(f"{{option.{key}:{{value}}}}: expected {{expected}}", value=str(value), expected=expected)
-            raise ExportError(said, code="option")
+        check_option(key, value, ExportError)
     return SimpleNamespace(**{key: given.get(key, OPTIONS[key].default) for key in own})
+
+
+def check_option(key: str, value: Any, error: type[JaxcalError]) -> None:
+    """Raise an `error` if an option cannot have this value."""
+    right = OPTIONS[key].right
+    if not (value in right if isinstance(right, tuple) else right(value)):
+        expected = " or ".join(right) if isinstance(right, tuple) else OPTIONS[key].expected
+        raise error(Message(f"{{option.{key}:{{value}}}}: expected {{expected}}", value=str(value), expected=expected), code="option")
 
 
 def files_of(path: Path, name: str) -> dict[str, Path]:

@@ -29,7 +29,7 @@ def read_imu_tk(texts: dict[str, str], options: dict[str, Any]) -> Calibration:
     for sensor, text in texts.items():
         words = text.split()
         if len(words) != 21:
-            raise DataError(f"the file of the {sensor} has {len(words)} numbers; expected {21}: T, K and B", code="no_part")
+            raise DataError(f"the file of the {sensor} has {len(words)} numbers; expected {21}: T, K and B", code="unreadable")
         values = np.array([finite(word, f"a number of the {sensor}") for word in words])
         matrix = inverse(values[:9].reshape(3, 3) @ values[9:18].reshape(3, 3))
         imu[sensor] = Triad(matrix, values[18:])
@@ -41,9 +41,7 @@ def _text(part: Triad) -> str:
     full = np.linalg.inv(part.matrix)
     scale = np.diag(full)
     if not np.all(scale):
-        raise ExportError(
-            "an axis has no scale factor of its own, so that imu_tk's T and K cannot be told apart; look at the mounting", code="no_part"
-        )
+        raise ExportError("an axis has no scale factor of its own, by which T and K differ; look at the mounting", code="no_part")
     return "".join(_block(rows) for rows in (np.round(full / scale, _DIGITS + 1), np.diag(scale), part.bias[:, None]))
 
 

@@ -16,7 +16,7 @@ from ._findings import FINDINGS
 
 _DECIMALS = 14  # decimals relative to the largest entry; further ones are rounding errors of the inverse
 _DEGREE = 3
-_ROUNDING = 1e-13  # share of the largest term; smaller terms are rounding errors from the change of the reference
+_MIRRORS = "{} of the calibration mirrors the axes, for which there is no place; exchange or negate an axis of the log"
 
 
 def correction(matrix: AnyArray) -> AnyArray:
@@ -32,7 +32,7 @@ def inverse(matrix: AnyArray) -> AnyArray:
     try:
         return np.linalg.inv(matrix)
     except np.linalg.LinAlgError:
-        raise DataError("a matrix of the file has no inverse", code="no_part") from None
+        raise DataError("a matrix of the file has no inverse", code="unreadable") from None
 
 
 def rounded(values: AnyArray) -> AnyArray:
@@ -48,10 +48,7 @@ def rounded(values: AnyArray) -> AnyArray:
 def factored(matrix: AnyArray) -> tuple[AnyArray, AnyArray]:
     """Factor `matrix` into a lower triangular matrix with positive diagonal and a rotation."""
     if not np.linalg.det(matrix) > 0:
-        raise ExportError(
-            "a matrix of the calibration mirrors the axes, which no rotation can hold; exchange or negate an axis of the log",
-            code="no_part",
-        )
+        raise ExportError(_MIRRORS.format("a matrix"), code="no_part")
     q, r = np.linalg.qr(matrix.T)
     sign = np.sign(np.diag(r))
     return rounded(r.T * sign), rounded(q.T * sign[:, None])
@@ -83,9 +80,7 @@ def symmetric(calibration: Calibration, place: str, found: list[Finding]) -> Any
     mag: Any = calibration.magnetometer
     full = correction(mag.model.soft_iron)
     if np.linalg.det(full) < 0:
-        raise ExportError(
-            "the soft iron mirrors the axes, which a symmetric matrix cannot hold; exchange or negate an axis of the log", code="no_part"
-        )
+        raise ExportError(_MIRRORS.format("the soft iron"), code="no_part")
     turn, shape = scipy.linalg.polar(full)
     lost = angle(turn)
     if lost > 1e-3:
@@ -168,4 +163,5 @@ def cubics(calibration: Calibration, sensor: str, reference: float | None, said:
         said.append(FINDINGS("reference_outside", sensor, **limits))
     reach = np.abs(np.array([section.minimum, section.maximum]) - about).max() ** np.arange(1, _DEGREE + 1)
     share = np.abs(coefficients) * reach
-    return np.where(share > _ROUNDING * share.max(initial=0.0), coefficients, 0.0)
+    # smaller terms are rounding errors from the change of the reference
+    return np.where(share > 10.0 ** (1 - _DECIMALS) * share.max(initial=0.0), coefficients, 0.0)

@@ -42,15 +42,13 @@ def write_motioncal(calibration: Calibration, options: Any) -> Product:
 def read_motioncal(data: bytes, options: dict[str, Any]) -> Calibration:
     """Read a packet of 68 bytes."""
     if data[:2] != _SIGNATURE or len(data) != 68:
-        raise DataError(
-            f"the file has {len(data)} bytes and begins with {data[:2].hex(' ')}; expected 68 that begin with 75 54", code="no_part"
-        )
+        raise DataError(f"{len(data)} bytes that begin with {data[:2].hex(' ')}; expected 68 that begin with 75 54", code="unreadable")
     sent, found = struct.unpack("<H", data[-2:])[0], _checksum(data[:-2])
     if sent != found:
-        raise DataError(f"the checksum of the packet is {sent:04x}, and its bytes give {found:04x}; receive it again", code="no_part")
+        raise DataError(f"the checksum of the packet is {sent:04x}, and its bytes give {found:04x}; receive it again", code="unreadable")
     values = np.array(struct.unpack("<16f", data[2:-2]), dtype=np.float64)
     if not np.isfinite(values).all():
-        raise DataError("the packet holds numbers that are not finite", code="no_part")
+        raise DataError("the packet holds numbers that are not finite", code="unreadable")
     model = MagModel(inverse(symmetric_of(values[10:13], values[13:])), values[6:9] * _MICROTESLA)
     return Calibration(magnetometer=Part(model, si_unit("mag"), float(values[9]) * _MICROTESLA))
 

@@ -48,10 +48,7 @@ def stored_noise(sensor: str, **terms: Any) -> dict[str, Any]:
 def noise_of(calibration: Calibration) -> DeviceNoise:
     """Noise of the device; refused if the calibration has none."""
     if calibration.noise is None:
-        raise ExportError(
-            "the calibration holds no noise; run jaxcal noise on a log of the sensor at rest, whose calibration.json holds it",
-            code="no_noise",
-        )
+        raise ExportError("the calibration holds no noise; run jaxcal noise on a log of the sensor at rest", code="no_noise")
     return calibration.noise
 
 
@@ -89,20 +86,16 @@ def _or_limit(noise: SensorNoise, sensor: str, term: str, asked: Any) -> tuple[n
     channels = [f"{sensor}_{'xyz'[i]}" for i in missing]
     names = ", ".join(channels)
     if asked is None:
-        raise ExportError(
-            Message('no {term} was found on {names}; fit a longer record, or give {option.random_walk} "upper_limit" or a number',
-                    term=term, names=names),
-            code="not_detected",
-        )  # fmt: skip
+        said = 'no {term} was found on {names}; fit a longer record, or give {option.random_walk} "upper_limit" or a number'
+        raise ExportError(Message(said, term=term, names=names), code="not_detected")
     limits = (noise.upper_limit or {}).get(term, np.full(3, np.nan))
     values[missing] = limits[missing]
     said = [FINDINGS("dead_axis", f"{sensor}_{'xyz'[i]}", term=term) for i in missing if not np.isfinite(values[i])]
     if len(said) < 3:  # a dead axis costs only itself
         values[~np.isfinite(values)] = np.nanmax(values)
     if not np.all(np.isfinite(values) & (values > 0)):
-        raise ExportError(
-            Message("no upper limit of {term} is known on {names}; give {option.random_walk}", term=term, names=names), code="no_limit"
-        )
+        said = Message("no upper limit of {term} is known on {names}; give {option.random_walk}", term=term, names=names)
+        raise ExportError(said, code="no_limit")
     limit = f"{100 * noise.confidence:g} % upper limit" if noise.confidence else "upper limit"
     known = [name for name in channels if name not in {one.subject[0] for one in said}]
     said += [FINDINGS("limit_written", known, term=term, limit=limit)] if known else []
@@ -114,9 +107,6 @@ def _left_out(noise: SensorNoise, sensor: str) -> list[Finding]:
     for name, words in _LEFT_OUT.items():
         values = getattr(noise, name)
         verdict = (noise.verdict or {}).get(name, ("present",) * 3)
-        if name in ("markov", "sinusoid"):
-            present = values is not None
-        else:
-            present = values is not None and any(v > 0 and kind != "not detected" for v, kind in zip(values, verdict, strict=True))
-        found += [words] if present else []
+        if values is not None and (name in ("markov", "sinusoid") or np.any((values > 0) & (np.array(verdict) != "not detected"))):
+            found.append(words)
     return [FINDINGS("terms_left_out", sensor, terms=", ".join(found))] if found else []

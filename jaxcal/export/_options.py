@@ -7,13 +7,13 @@ import numpy as np
 
 from .._answer import Finding
 from .._errors import DataError, ExportError
+from ..calibration._codec import LARGEST
 
 #: term of the noise -> sensor -> SI unit of a filter's number for it
 UNITS = {
     "N": {"gyro": "rad/s/sqrt(Hz)", "accel": "m/s^2/sqrt(Hz)"},
     "K": {"gyro": "rad/s^2/sqrt(Hz)", "accel": "m/s^3/sqrt(Hz)"},
 }
-LARGEST_READ = 1e15  # a larger number means that the file is damaged
 
 
 class Product(NamedTuple):
@@ -29,9 +29,7 @@ def plain(value: float | int, digits: int = 9) -> str:
     if isinstance(value, int):
         return str(value)
     if not abs(value) < np.finfo(np.float32).max:
-        raise ExportError(
-            f"{value} cannot be written: the tool reads it as a 32-bit number; look at the calibration it comes from", code="too_large"
-        )
+        raise ExportError(f"{value} cannot be written as a 32-bit number; look at the calibration it comes from", code="too_large")
     return f"{value + 0.0:.{digits}g}"
 
 
@@ -65,6 +63,6 @@ def finite(text: str, what: str) -> float:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not abs(value) < LARGEST_READ:
+    if not abs(value) < LARGEST:
         raise DataError(f"{what} is {text!r:.80}; expected a number", code="unreadable")
     return value

@@ -5,7 +5,7 @@ import pathlib
 
 from .._errors import DataError
 from ..calibration import Calibration
-from ._formats import FORMATS, IMU_TK, OPTIONS, files_of
+from ._formats import FORMATS, IMU_TK, check_option, files_of
 
 
 def read(
@@ -54,17 +54,16 @@ def read(
         readable = ", ".join(name for name, one in FORMATS.items() if one.readable)
         raise DataError(f"format={format!r} cannot be read back; expected one of {readable}", code="format")
     given = {"rate": rate, "convention": convention, "instance": instance}
-    for name, value in given.items():
-        right = OPTIONS[name].right
-        if value is not None and not (value in right if isinstance(right, tuple) else right(value)):
-            expected = " or ".join(right) if isinstance(right, tuple) else OPTIONS[name].expected
-            raise DataError(f"{name}={value!r}: expected {expected}", code="option")
+    for name in (name for name, value in given.items() if value is not None):
+        check_option(name, given[name], DataError)
     path = pathlib.Path(path)
     try:
-        content = {"imu_tk": _imu_tk_texts, "motioncal": _bytes}.get(format, _text)(path)
+        content = {"imu_tk": _imu_tk_texts, "motioncal": pathlib.Path.read_bytes}.get(format, _text)(path)
         return FORMATS[format].function(f"read_{format}")(content, given)
+    except OSError as error:
+        raise DataError(f"{path}: {(error.strerror or str(error)).lower()}", code="unreadable") from error
     except DataError as error:
-        raise DataError(f"{path}: {error}", code="unreadable") from error
+        raise error.of(os.fspath(path)) from error.__cause__
 
 
 def _imu_tk_texts(path: pathlib.Path) -> dict[str, str]:
@@ -80,13 +79,6 @@ def _imu_tk_texts(path: pathlib.Path) -> dict[str, str]:
 
 def _text(path: pathlib.Path) -> str:
     try:
-        return _bytes(path).decode()
-    except UnicodeDecodeError as error:
-        raise DataError("the file is no text", code="unreadable") from error
-
-
-def _bytes(path: pathlib.Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise DataError(f"cannot be read: {(error.strerror or str(error)).lower()}", code="unreadable") from error
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"it cannot be read as text: {str(getattr(error, 'strerror', error)).lower()}", code="unreadable") from error

@@ -67,7 +67,7 @@ def read_ros(text: str, options: dict[str, Any]) -> Calibration:
     """Read the file of `write`."""
     document = parse(text)
     if "/**" not in document:
-        raise DataError("the file has no key /**, by which parameters of ROS are known", code="no_part")
+        raise DataError("the file has no key /**, by which parameters of ROS are known", code="unreadable")
     found = mapping(document, "/**", "ros__parameters")
 
     def held(name: str) -> tuple[AnyArray, AnyArray]:

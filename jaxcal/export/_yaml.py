@@ -8,7 +8,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._types import AnyArray
-from ._options import LARGEST_READ
+from ..calibration._codec import LARGEST
 
 _AGAIN = "give rate= (Hz), the rate of the sensor"
 
@@ -56,7 +56,7 @@ def numbers_of(found: dict[str, Any], key: str, *shape: int) -> AnyArray:
         values = np.array([float("nan") if isinstance(item, bool) else float(item) for item in flat])
     except (TypeError, ValueError, OverflowError):
         values = np.array([])
-    if len(values) != size or not np.all(np.abs(values) < LARGEST_READ):
+    if len(values) != size or not np.all(np.abs(values) < LARGEST):
         expected = f"{size} numbers" if size > 1 else "a number"
         raise DataError(f"{key} is {'missing' if value is None else repr(value)[:80]}; expected {expected}", code="unreadable")
     return values.reshape(shape)
