@@ -17,7 +17,6 @@ from ._message import Message
 
 _DAYS = 3 * 86400.0  # s; age after which a left-over file is removed
 PIECE = 1 << 22  # bytes: the most of a JSON document, and of each end of a file that is searched for the marks
-_WIDTH = 100  # characters; a longer list with words in it is broken into lines
 #: how jaxcal marks the files that it writes: JSON, comments and pages, pictures, converted logs, tables of numbers, and logs
 _MARKS = re.compile(
     rb"\"schema\"\s*:\s*\"jaxcal\.|written by jaxcal|Creator.{0,9}jaxcal|<dc:title>jaxcal|Software\0jaxcal|PK.{28}jaxcal\.npy|PAR1.*jaxcal"
@@ -49,16 +48,11 @@ def write_atomically(path: str | os.PathLike[str], data: str | bytes) -> None:
     """
     path = pathlib.Path(path)
     folder = path.parent
-    if not folder.exists():
-        raise ExportError(
-            f"cannot write {path}: the folder {folder} does not exist; create it, or give a path in another folder", code="not_written"
-        )
     if not folder.is_dir():
-        raise ExportError(f"cannot write {path}: {folder} is a file, not a folder; give a path in a folder", code="not_written")
+        what = "is a file, not a folder" if folder.exists() else "does not exist"
+        raise ExportError(f"cannot write {path}: {folder} {what}; give a path in a folder that is there", code="not_written")
     if path.is_dir():
-        raise ExportError(
-            f"cannot write {path}: it is a folder; give the path of a file in it, such as {path / 'result'}", code="not_written"
-        )
+        raise ExportError(f"cannot write {path}: it is a folder; give the path of a file, as {path / 'result'}", code="not_written")
     content = data.encode("utf-8", "backslashreplace") if isinstance(data, str) else data  # names of files need not be text
     try:
         if path.exists() and not path.is_file():
@@ -66,10 +60,8 @@ def write_atomically(path: str | os.PathLike[str], data: str | bytes) -> None:
         else:
             _replace(path.resolve(), content)  # a link keeps pointing to the file that is replaced
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise ExportError(
-            f"cannot write {path}: {reason}; make the folder {folder} writable, or give a path in another folder", code="not_written"
-        ) from error
+        said = f"cannot write {path}: {(error.strerror or str(error)).lower()}; make the folder {folder} writable, or give another"
+        raise ExportError(said, code="not_written") from error
 
 
 def check_replaceable(path: str | os.PathLike[str], digest: str = "", *, force: bool = False) -> None:
@@ -112,9 +104,8 @@ def check_replaceable(path: str | os.PathLike[str], digest: str = "", *, force: 
         file.seek(max(file.tell(), path.stat().st_size - PIECE))
         content += file.read()
     if not _MARKS.search(content):
-        raise ExportError(
-            Message("{name} exists, and jaxcal did not write it; {option.force:True} replaces it", name=path), code="not_ours"
-        )
+        said = Message("{name} exists, and jaxcal did not write it; {option.force:True} replaces it", name=path)
+        raise ExportError(said, code="not_ours")
     logs = set(_DIGEST.findall(content))
     if digest and logs and digest.encode() not in logs:
         said = Message("{name} was written for another log; give another name, or {option.force:True} to replace it", name=path)
@@ -196,19 +187,9 @@ def _layout(value: Any, indent: str) -> str:
     if isinstance(value, dict) and value:
         entries = (f"{inner}{_plain(key)}: {_layout(item, inner)}" for key, item in value.items())
         return "{\n" + ",\n".join(entries) + f"\n{indent}}}"
-    if isinstance(value, (list, tuple)) and not _is_short(value):
+    if isinstance(value, (list, tuple)) and any(isinstance(item, dict) for item in value):
         return "[\n" + ",\n".join(inner + _layout(item, inner) for item in value) + f"\n{indent}]"
     return _plain(value)
-
-
-def _is_short(items: list | tuple) -> bool:
-    """Whether a list fits into one line: numbers always do, words if the line is short enough, dictionaries never."""
-    leaves = list(items)
-    while any(isinstance(leaf, (list, tuple)) for leaf in leaves):
-        leaves = [inner for leaf in leaves for inner in (leaf if isinstance(leaf, (list, tuple)) else (leaf,))]
-    if any(isinstance(leaf, dict) for leaf in leaves):
-        return False
-    return not any(isinstance(leaf, str) for leaf in leaves) or len(_plain(items)) <= _WIDTH
 
 
 def _plain(value: Any) -> str:

@@ -38,15 +38,10 @@ def own_stamps(own_time: Mapping[str, Any], sensors: dict[str, np.ndarray], epoc
     own = {}
     for name, time in own_time.items():
         if name not in sensors:
-            raise DataError(
-                f"own_time has stamps of {name}, and the sensors are {', '.join(sensors)}; give the readings of {name} too", code="own_time"
-            )
+            raise wrong(f"has stamps of {name}, and the sensors are {', '.join(sensors)}; give its readings too")
         stamps, start = stamps_of(time)
         if stamps is None or stamps.shape != sensors[name].shape[:1]:
-            raise DataError(
-                f"own_time of {name} has shape {np.shape(time)}; expected {len(sensors[name])} stamps, one for each reading",
-                code="own_time",
-            )
+            raise wrong(f"of {name} has shape {np.shape(time)}; expected {len(sensors[name])} stamps, one for each reading")
         own[name] = stamps + ((start - epoch) * 1e-9 if start else 0.0)
     if own and len(own) == len(sensors):
         raise wrong("has stamps of every sensor; leave out those of the sensor to which `time` belongs")

@@ -111,9 +111,7 @@ def _read(path: Path, arrays: list[Any], fixed: Any) -> Callable[..., Any] | Non
             lapack.prepare_lapack_call("getrf", np.dtype(np.float64))
         taken, given = jax.tree.structure(((arrays, fixed), {})), jax.tree.structure(([0] * count, result))
         return deserialize_and_load(code, taken, given)
-    except FileNotFoundError:
-        return None
-    except Exception:  # any error that a truncated file causes: the program is compiled again and replaces the file
+    except Exception:  # no file, or any error that a truncated one causes: the program is compiled, and written
         return None
 
 

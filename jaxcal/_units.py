@@ -18,19 +18,28 @@ ON_EARTH = {"gravity": (9.76, 9.84), "field": (20e-6, 70e-6)}
 STRONGEST_FIELD = 1e-3  # T: readings of a stronger field are counts, or in another unit
 _DEG = math.pi / 180.0
 
-#: quantity -> (SI unit, {unit: factor to SI})
-_QUANTITIES: dict[str, tuple[str, dict[str, float]]] = {
-    "time": ("s", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0, "mjd": 86400.0}),
-    "gyro": ("rad/s", {
-        "rad/s": 1.0, "mrad/s": 1e-3, "deg/s": _DEG, "mdeg/s": _DEG * 1e-3, "deg/h": _DEG / 3600.0, "rpm": 2.0 * math.pi / 60.0,
-    }),
-    "accel": ("m/s^2", {
+#: quantity of a log or of a result -> {unit: SI value of one unit}; the first unit is the SI unit
+_QUANTITIES: dict[str, dict[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0, "mjd": 86400.0},
+    "gyro": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": _DEG, "mdeg/s": _DEG * 1e-3, "deg/h": _DEG / 3600.0, "rpm": 2.0 * math.pi / 60.0},
+    "accel": {
         "m/s^2": 1.0, "mm/s^2": 1e-3, "cm/s^2": 1e-2, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY * 1e-3,
         "ug": STANDARD_GRAVITY * 1e-6, "ft/s^2": 0.3048,
-    }),
-    "mag": ("T", {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "G": 1e-4, "mG": 1e-7}),
-    "temperature": ("degC", {"degC": 1.0, "K": 1.0, "degF": 5.0 / 9.0}),
+    },
+    "mag": {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "G": 1e-4, "mG": 1e-7},
+    "temperature": {"degC": 1.0, "K": 1.0, "degF": 5.0 / 9.0},
+    "angle": {"rad": 1.0, "deg": _DEG, "mrad": 1e-3, "arcmin": _DEG / 60, "arcsec": _DEG / 3600},
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
+    "speed": {"m/s": 1.0, "cm/s": 1e-2},
+    "frequency": {"Hz": 1.0, "mHz": 1e-3},
+    "delay": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
+    "gyro/accel": {"rad/s per m/s^2": 1.0, "deg/s/g": _DEG / STANDARD_GRAVITY, "deg/h/g": _DEG / 3600 / STANDARD_GRAVITY},
+    "ratio": {"": 1.0, "%": 1e-2, "ppm": 1e-6},
+    "gyro^2/Hz": {"(rad/s)^2/Hz": 1.0, "(deg/s)^2/Hz": _DEG**2, "(deg/h)^2/Hz": (_DEG / 3600) ** 2},
+    "accel^2/Hz": {"(m/s^2)^2/Hz": 1.0, "mg^2/Hz": (STANDARD_GRAVITY * 1e-3) ** 2, "ug^2/Hz": (STANDARD_GRAVITY * 1e-6) ** 2},
+    "mag^2/Hz": {"T^2/Hz": 1.0, "uT^2/Hz": 1e-12, "nT^2/Hz": 1e-18},
 }  # fmt: skip
+_OF_LOGS = ("time", "gyro", "accel", "mag", "temperature")
 #: the Modified Julian Date counts from 1858-11-17, 40587 days before 1970
 _OFFSETS = {"K": -273.15, "degF": -160.0 / 9.0, "mjd": -40587.0 * 86400.0}
 
@@ -67,12 +76,12 @@ def on_earth(quantity: str, value: float | int) -> bool:
 
 def quantities() -> tuple[str, ...]:
     """Names of the physical quantities of a log: time, gyro, accel, mag, temperature."""
-    return tuple(_QUANTITIES)
+    return _OF_LOGS
 
 
 def si_unit(quantity: str) -> str:
     """SI unit of a quantity, as text."""
-    return _QUANTITIES[quantity][0]
+    return next(iter(_QUANTITIES[quantity]))
 
 
 def units_of(quantity: str) -> dict[str, float]:
@@ -84,7 +93,7 @@ def units_of(quantity: str) -> dict[str, float]:
     >>> units_of("accel")["g"]
     9.80665
     """
-    return dict(_QUANTITIES[quantity][1])
+    return dict(_QUANTITIES[quantity])
 
 
 def find_unit(text: str, quantity: str) -> str | None:
@@ -96,7 +105,7 @@ def find_unit(text: str, quantity: str) -> str | None:
     >>> find_unit("dps", "gyro"), find_unit("m/s2", "accel"), find_unit("dps", "accel")
     ('deg/s', 'm/s^2', None)
     """
-    table = _QUANTITIES[quantity][1]
+    table = _QUANTITIES[quantity]
     text = re.sub(r"\s+", " ", text.strip())
     for candidate in (text, _SPELLINGS.get(text.lower(), "")):
         if candidate in table:
@@ -110,9 +119,8 @@ def factor(unit: str, quantity: str) -> float:
     """SI value of one `unit` of `quantity`; for temperature, of one degree (`to_si` adds the offset)."""
     found = find_unit(unit, quantity)
     if found is None:
-        known = ", ".join(_QUANTITIES[quantity][1])
-        raise UnitError(f"{unit!r} is not a unit of {quantity}; use one of {known}", code="unit_unknown")
-    return _QUANTITIES[quantity][1][found]
+        raise UnitError(f"{unit!r} is not a unit of {quantity}; use one of {', '.join(_QUANTITIES[quantity])}", code="unit_unknown")
+    return _QUANTITIES[quantity][found]
 
 
 def to_si(values, unit: str, quantity: str):
@@ -176,19 +184,6 @@ def _noise_table(term: str, sensor: str) -> dict[str, float]:
     return _NOISE.get((term, sensor), {"SI": 1.0})
 
 
-#: further quantities of results -> {unit: SI value of one unit}; the first unit is the SI unit
-_OTHERS: dict[str, dict[str, float]] = {
-    "angle": {"rad": 1.0, "deg": _DEG, "mrad": 1e-3, "arcmin": _DEG / 60, "arcsec": _DEG / 3600},
-    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
-    "speed": {"m/s": 1.0, "cm/s": 1e-2},
-    "frequency": {"Hz": 1.0, "mHz": 1e-3},
-    "delay": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
-    "gyro/accel": {"rad/s per m/s^2": 1.0, "deg/s/g": _DEG / STANDARD_GRAVITY, "deg/h/g": _DEG / 3600 / STANDARD_GRAVITY},
-    "ratio": {"": 1.0, "%": 1e-2, "ppm": 1e-6},
-    "gyro^2/Hz": {"(rad/s)^2/Hz": 1.0, "(deg/s)^2/Hz": _DEG**2, "(deg/h)^2/Hz": (_DEG / 3600) ** 2},
-    "accel^2/Hz": {"(m/s^2)^2/Hz": 1.0, "mg^2/Hz": (STANDARD_GRAVITY * 1e-3) ** 2, "ug^2/Hz": (STANDARD_GRAVITY * 1e-6) ** 2},
-    "mag^2/Hz": {"T^2/Hz": 1.0, "uT^2/Hz": 1e-12, "nT^2/Hz": 1e-18},
-}
 #: quantity -> the unit in which every command, report and fleet shows it; quantities not listed are shown in SI
 _SHOWN = {"gyro": "deg/s", "mag": "uT", "angle": "deg", "delay": "ms", "gyro/accel": "deg/s/g",
           "gyro^2/Hz": "(deg/h)^2/Hz", "accel^2/Hz": "mg^2/Hz", "mag^2/Hz": "nT^2/Hz"}  # fmt: skip
@@ -197,11 +192,7 @@ _SHOWN = {"gyro": "deg/s", "mag": "uT", "angle": "deg", "delay": "ms", "gyro/acc
 def _units_of(name: str) -> dict[str, float]:
     """Units of a quantity of a result: "gyro", "angle", "N.gyro" for a noise coefficient. Any other text is a unit by itself."""
     term, _, sensor = name.partition(".")
-    if name in _QUANTITIES:
-        return _QUANTITIES[name][1]
-    if sensor and ("N", sensor) in _NOISE:
-        return _noise_table(term, sensor)
-    return _OTHERS.get(name, {name: 1.0})
+    return _noise_table(term, sensor) if sensor and ("N", sensor) in _NOISE else _QUANTITIES.get(name, {name: 1.0})
 
 
 def si_unit_of(name: str) -> str:
@@ -214,11 +205,7 @@ def si_unit_of(name: str) -> str:
     ('rad/s', 'm/s^2/sqrt(Hz)', 'rad', 'counts')
     """
     term, _, sensor = name.partition(".")
-    if name in _QUANTITIES:
-        return si_unit(name)
-    if sensor and ("N", sensor) in _NOISE:
-        return noise_units(term, sensor)[-1]
-    return next(iter(_units_of(name)))
+    return noise_units(term, sensor)[-1] if sensor and ("N", sensor) in _NOISE else next(iter(_units_of(name)))
 
 
 def shown_in(name: str, wanted: Sequence[str] = ()) -> tuple[str, float]:
@@ -239,8 +226,7 @@ def shown_in(name: str, wanted: Sequence[str] = ()) -> tuple[str, float]:
 
 def known_units() -> set[str]:
     """All units in which a quantity of a result can be shown."""
-    tables = [*(units for _, units in _QUANTITIES.values()), *_NOISE.values(), *_OTHERS.values()]
-    return {unit for table in tables for unit in table if unit}
+    return {unit for table in (*_QUANTITIES.values(), *_NOISE.values()) for unit in table if unit}
 
 
 def number(value: float, uncertainty: float) -> str:

@@ -20,9 +20,6 @@ from ._serial import BLOCKS
 
 Kind = Literal["model", "sandwich", "jackknife"]
 
-#: Smallest share of a residual that a sandwich counts as unexplained: a block of leverage one leaves no residual to scale.
-_LEAST = 1e-6
-
 
 def covariance(fit: Fit[Any], kind: Kind = "model", *, blocks: int | AnyArray | None = None, scaled: bool = False) -> AnyArray:
     """Covariance of the parameters of a fit.
@@ -78,18 +75,18 @@ def covariance(fit: Fit[Any], kind: Kind = "model", *, blocks: int | AnyArray | 
     prior = fit.prior_jacobian.T @ fit.prior_jacobian
     if kind == "model":
         if blocks is not None:
-            raise FitError("The covariance of the model takes no blocks; give kind='sandwich' or kind='jackknife', or leave them out.")
+            raise FitError("The covariance of the model takes no blocks; leave them out, or give another kind.", code="no_blocks")
         factor = _variance(fit) if scaled or fit.robust else 1
         matrix = factor * bread + (1 - factor) * (bread @ prior @ bread)
     elif kind == "sandwich":
         matrix = bread @ (_meat(fit, *_labels(fit, blocks)) + prior) @ bread
     elif kind == "jackknife":
         if fit.problem is None:
-            raise FitError("A fit out of many does not keep its data; solve it by itself for a jackknife.")
+            raise FitError("A fit out of many does not keep its data; solve it by itself for a jackknife.", code="no_data")
         labels, count = _labels(fit, BLOCKS if blocks is None else blocks)
         matrix = _refits(fit, fit.problem, labels, count) + bread @ prior @ bread
     else:
-        raise FitError(f"There is no covariance of kind {kind!r}; the kinds are 'model', 'sandwich' and 'jackknife'.")
+        raise FitError(f"There is no covariance of kind {kind!r}; the kinds are 'model', 'sandwich' and 'jackknife'.", code="kind")
     lost = xp.logical_or(known.rank < xp.sum(~fit.at_bound), ended(fit, Outcome.unidentifiable))
     return xp.where(lost, np.inf, matrix)
 
@@ -158,12 +155,12 @@ def _labels(fit: Fit[Any], blocks: int | AnyArray | None) -> tuple[AnyArray, int
     xp, n = array_module(fit.residuals), fit.residuals.size
     if isinstance(blocks, int):
         if not 2 <= blocks <= n:
-            raise FitError(f"{blocks} blocks were asked for; give at least 2, and at most one per residual ({n}).")
+            raise FitError(f"{blocks} blocks were asked for; give at least 2, and at most one per residual ({n}).", code="blocks")
         place = xp.cumsum(fit.counted) - 1
         return xp.clip(place * blocks // xp.maximum(place[-1] + 1, 1), 0, blocks - 1), blocks
     labels = np.arange(n) if blocks is None else np.asarray(blocks)
     if labels.shape != fit.residuals.shape:
-        raise FitError(f"The labels of the blocks have shape {labels.shape}; give one per residual, shape {fit.residuals.shape}.")
+        raise FitError(f"The labels of the blocks have shape {labels.shape}; give one per residual, {fit.residuals.shape}.", code="labels")
     found, number = np.unique(labels, return_inverse=True)
     return number, len(found)
 
@@ -179,7 +176,7 @@ def _meat(fit: Fit[Any], labels: AnyArray, count: int) -> AnyArray:
     if not is_traced(fit.residuals):
         real = _real(fit, labels)
         if real <= fit.free:
-            raise FitError(f"{real} blocks cannot give the covariance of {int(fit.free)} parameters; record more, or use finer blocks.")
+            raise FitError(f"{real} blocks are too few for {int(fit.free)} parameters; record more, or use finer ones.", code="few_blocks")
     root = known_of(fit).root
     share = rows @ root
     hat, score = (
@@ -187,7 +184,8 @@ def _meat(fit: Fit[Any], labels: AnyArray, count: int) -> AnyArray:
         for part in (share[:, :, None] * share[:, None, :], share * (xp.sqrt(fit.weights) * fit.residuals)[:, None])
     )
     values, vectors = xp.linalg.eigh(xp.eye(root.shape[0], dtype=rows.dtype)[None] - hat)
-    score = xp.einsum("bij,bj->bi", xp.swapaxes(vectors, 1, 2), score) / xp.sqrt(xp.maximum(values, _LEAST))
+    # a block of leverage one leaves no residual to scale
+    score = xp.einsum("bij,bj->bi", xp.swapaxes(vectors, 1, 2), score) / xp.sqrt(xp.maximum(values, xp.finfo(rows.dtype).eps ** 0.5))
     score = xp.einsum("bij,bj->bi", vectors, score)
     score = score @ (rows.T @ share + fit.prior_jacobian.T @ (fit.prior_jacobian @ root)).T
     return score.T @ score

@@ -83,20 +83,12 @@ class Estimate(eqx.Module):
     quantities: dict[str, str] = eqx.field(static=True)
 
     def __init__(
-        self,
-        names: Iterable[str],
-        values: AnyArray,
-        covariance: AnyArray,
-        freedom: Any = np.inf,
-        states: Mapping[str, str] | None = None,
+        self, names: Iterable[str], values: AnyArray, covariance: AnyArray, freedom: Any = np.inf, states: Mapping[str, str] | None = None,
         quantities: Mapping[str, str] | None = None,
-    ):
-        self.names = tuple(names)
-        self.values = values
-        self.matrix = covariance
+    ):  # fmt: skip
+        self.names, self.values, self.matrix = tuple(names), values, covariance
         self.freedom = np.broadcast_to(np.asarray(freedom, dtype=float), (len(self.names),))
-        self.states = dict(states or {})
-        self.quantities = dict(quantities or {})
+        self.states, self.quantities = dict(states or {}), dict(quantities or {})
         if np.shape(values) != (len(self.names),) or np.shape(covariance) != 2 * (len(self.names),):
             raise DataError(f"{len(self.names)} names, values of shape {np.shape(values)}, covariance of shape {np.shape(covariance)}",
                             code="estimate_shapes")  # fmt: skip

@@ -21,18 +21,10 @@ from ._search import cost, search
 
 
 def solve(
-    residuals: Callable[[Any, Any], Array],
-    start: M,
-    data: Any = None,
-    *,
-    free: Any = None,
-    bounds: tuple[Any, Any] | None = None,
-    loss: AbstractLoss | None = None,
-    priors: AbstractPrior | Sequence[AbstractPrior] = (),
-    starts: Any = None,
-    max_steps: int = 128,
+    residuals: Callable[[Any, Any], Array], start: M, data: Any = None, *, free: Any = None, bounds: tuple[Any, Any] | None = None,
+    loss: AbstractLoss | None = None, priors: AbstractPrior | Sequence[AbstractPrior] = (), starts: Any = None, max_steps: int = 128,
     rtol: float | Array | None = None,
-) -> Fit[M]:
+) -> Fit[M]:  # fmt: skip
     """Fit a model by minimising 1/2 sum_i c^2 rho(r_i^2 / c^2) over its parameters (half the sum of squares without a loss).
 
     The fit can be differentiated with respect to `data`, bounds, held parameters, and the numbers in priors and loss (implicit function
@@ -105,21 +97,12 @@ def _run(problem: Problem) -> dict[str, Any]:
     finite = jnp.all(jnp.array([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(rows)]))
     weight = jnp.ones_like if problem.loss is None else problem.loss.weight
     return {
-        "model": problem.model(x),
-        "outcome": Outcome.where(finite, outcome, Outcome.not_finite),
-        "cost": cost(problem, r, rows.prior),
-        "parameters": x,
-        "residuals": r,
-        "jacobian": rows.jacobian,
-        "weights": weight(r),
+        "model": problem.model(x), "outcome": Outcome.where(finite, outcome, Outcome.not_finite), "cost": cost(problem, r, rows.prior),
+        "parameters": x, "residuals": r, "jacobian": rows.jacobian, "weights": weight(r),
         "curvature": jax.jvp(lambda r: weight(r) * r, (r,), (jnp.ones_like(r),))[1],
-        "prior_residuals": rows.prior,
-        "prior_jacobian": rows.prior_jacobian,
-        "at_bound": found.held,
-        "steps": found.steps,
-        "flat": found.flat,
-        "effective": jnp.sum(~found.held, dtype=r.dtype),
-    }
+        "prior_residuals": rows.prior, "prior_jacobian": rows.prior_jacobian, "at_bound": found.held, "steps": found.steps,
+        "flat": found.flat, "effective": jnp.sum(~found.held, dtype=r.dtype),
+    }  # fmt: skip
 
 
 def run(problem: Problem) -> Fit:
@@ -147,21 +130,14 @@ def _check_residuals(problem: Problem, fit: Fit) -> None:
     at_start = np.concatenate([np.asarray(part) for part in filter_jit(lambda given: given.residual(given.values()))(problem)])
     bad = np.flatnonzero(~np.isfinite(at_start))
     if bad.size:
-        raise FitError(
-            f"{bad.size} of {at_start.size} residuals are not finite at the start, the first at {bad[:5].tolist()}; "
-            "remove NaN and infinite data, or start where the model is defined."
-        )
+        said = f"{bad.size} of {at_start.size} residuals are not finite at the start, the first at {bad[:5].tolist()}"
+        raise FitError(f"{said}; remove such data, or start where the model is defined.", code="not_finite")
 
 
 def solve_many(
-    residuals: Callable[[Any, Any], Array],
-    start: M,
-    data: Any,
-    *,
-    batched: Any = (True, True),
-    batch: Literal["map", "vmap"] | None = None,
-    **options: Any,
-) -> Fit[M]:
+    residuals: Callable[[Any, Any], Array], start: M, data: Any, *, batched: Any = (True, True),
+    batch: Literal["map", "vmap"] | None = None, **options: Any,
+) -> Fit[M]:  # fmt: skip
     """Fit the same model to many data sets in one compiled call.
 
     One bad data set among many raises no error: check `outcome` or `usable`, which have one value per fit.

@@ -38,7 +38,6 @@ FREEDOMS = (3.0, 5.0, 8.0, 15.0, 50.0)  # degrees of freedom of the t distributi
 _STEPS = 4  # Metropolis steps of the items in one sweep
 _SHAPE, _SHAPE_WITHIN = 1.0, 0.5  # shape of the priors of variances: for the first level, and for the others
 _WANTED = 0.3  # target acceptance rate of the steps
-_FLOOR = 1e-10  # smallest variance, relative to the squared scale of the prior
 
 
 class Hierarchy(NamedTuple):
@@ -101,7 +100,9 @@ def _variance(key: Array, squares: Array, count: int, now: Array, prior: Array, 
     first, second = jax.random.split(key)
     auxiliary = jax.random.gamma(first, 2.0 * shape, now.shape, now.dtype) / (1.0 / now + 1.0 / prior**2)
     rate = auxiliary + squares / 2.0
-    return jnp.maximum(rate / jax.random.gamma(second, count / 2.0 + shape, now.shape, now.dtype), _FLOOR * prior**2)
+    # below the root of the rounding error sums of precisions would lose their digits
+    least = jnp.finfo(now.dtype).eps ** 0.5 * prior**2
+    return jnp.maximum(rate / jax.random.gamma(second, count / 2.0 + shape, now.shape, now.dtype), least)
 
 
 def _normal(key: Array, precision: Array, pull: Array) -> Array:
@@ -175,16 +176,14 @@ def _population(problem: _Problem, state: _State, key: Array) -> _State:
         precision = jnp.einsum("nc,np,nd->pcd", design, noise, design) - jnp.einsum("gcp,gp,gdp->pcd", shared, 1.0 / exact, shared)
         pull = jnp.einsum("nc,np->pc", design, noise * rest) - jnp.einsum("gcp,gp->pc", shared, total(noise * rest) / exact)
         beta = _normal(keys[2 * k], precision + ridge, pull).T
-        effects[k] = total(noise * (rest - design @ beta)) / exact + jax.random.normal(keys[2 * k + 1], exact.shape, dtype) / jnp.sqrt(
-            exact
-        )
+        draw = jax.random.normal(keys[2 * k + 1], exact.shape, dtype) / jnp.sqrt(exact)
+        effects[k] = total(noise * (rest - design @ beta)) / exact + draw
     residual = state.x - design @ beta - _offsets(problem, tuple(effects))
     first = effects[0] if levels else residual
     law, variance = _law(problem, state.law, first, variance, keys[-4])
     freedom = jnp.asarray(FREEDOMS, dtype)[law][None, :]
-    weight = jax.random.gamma(keys[-2], jnp.broadcast_to((freedom + 1.0) / 2.0, first.shape), dtype=dtype) / (
-        (freedom + first**2 / variance[0][None, :]) / 2.0
-    )
+    weight = 2.0 * jax.random.gamma(keys[-2], jnp.broadcast_to((freedom + 1.0) / 2.0, first.shape), dtype=dtype)
+    weight = weight / (freedom + first**2 / variance[0][None, :])
     draws = []
     for k, (one, effect) in enumerate(zip(jax.random.split(keys[-3], levels + 1), (*effects, residual), strict=True)):
         squares = jnp.sum((weight if k == 0 else 1.0) * effect**2, axis=0)
@@ -224,7 +223,7 @@ def _interweave(problem: _Problem, state: _State, key: Array) -> tuple[_State, A
         new = jax.vmap(likelihood)(tried, problem.data)
         before, after = variance[k, j] / problem.prior[j] ** 2, variance[k, j] * ratio**2 / problem.prior[j] ** 2
         change = jnp.sum(new - ll) + 2.0 * shape * (jnp.log1p(before) - jnp.log1p(after) + jnp.log(ratio))
-        keep = (jnp.log(jax.random.uniform(two, (), dtype)) < change) & (after > _FLOOR)
+        keep = (jnp.log(jax.random.uniform(two, (), dtype)) < change) & (after > jnp.finfo(dtype).eps ** 0.5)
         x, ll = jnp.where(keep, tried, x), jnp.where(keep, new, ll)
         beta = beta.at[0].add(jnp.where(keep, only * shift, 0.0))
         factor = jnp.where(keep & (only > 0), ratio, 1.0)

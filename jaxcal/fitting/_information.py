@@ -50,11 +50,6 @@ class Information(eqx.Module):
         return xp.where(s[-1] > 0, s[0] / xp.where(s[-1] > 0, s[-1], 1), xp.inf)
 
     @property
-    def direction(self) -> AnyArray:
-        """(p,) the combination determined least, of unit length, with each parameter in units of its own effect on the residuals."""
-        return self.vectors[-1]
-
-    @property
     def determined(self) -> AnyArray:
         """(p,) False for parameters that take part in an undetermined combination; True for held ones."""
         xp, s = array_module(self.singular_values), self.singular_values
@@ -83,7 +78,7 @@ class Information(eqx.Module):
     @property
     def weakest(self) -> tuple[str, ...]:
         """Names of the parameters that make up the combination that the data determine least (host only)."""
-        share = np.abs(np.asarray(self.direction))
+        share = np.abs(np.asarray(self.vectors[-1]))  # in units of the effect of each parameter on the residuals
         return tuple(name for name, part in zip(self.names, share, strict=True) if part > 0.3 * share.max())
 
     @property

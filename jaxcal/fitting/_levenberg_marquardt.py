@@ -19,8 +19,6 @@ _FIRST_DAMPING = 1e-2
 #: Shares of the predicted decrease: above the first a step is accepted, above the second the next step is longer.
 _ACCEPTED, _GOOD = 0.01, 0.75
 _SHORTER, _LONGER = 0.25, 3.5
-#: Relative rounding error of the cost, in units of the machine precision.
-_ROUNDING = 16
 
 
 class Linear(eqx.Module):
@@ -153,7 +151,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         here = linear_problem(table, state.trial, self.lower, self.upper)
         change, predicted = (here.total - state.linear.total) / 2, state.linear.predicted(state.trial)
         # So near the solution that the cost only changes by rounding, the linearised residuals are right, and the cost cannot judge them.
-        rounding = _ROUNDING * jnp.finfo(y.dtype).eps
+        rounding = 10 * y.size * jnp.finfo(y.dtype).eps
         near = (state.linear.offset(state.newton) <= rounding) & (change <= rounding * state.linear.total)
         accept = state.first | (change <= _ACCEPTED * predicted) | near
         good = ~state.first & (predicted < 0) & (change < _GOOD * predicted)

@@ -173,7 +173,7 @@ class Gaussian(AbstractPrior):
             names = names_of(model)
             chosen = [i for i, name in enumerate(names) if name == self.where or name.startswith((f"{self.where}[", f"{self.where}."))]
             if not chosen:
-                raise FitError(f"The prior is of {self.where!r}, which is no parameter; the model has {', '.join(names)}.")
+                raise FitError(f"The prior is of {self.where!r}, no parameter; the model has {', '.join(names)}.", code="no_parameter")
             value = vector_of(model)[0][np.array(chosen)]
         mean, sigma = (jnp.broadcast_to(jnp.ravel(jnp.asarray(part, dtype=value.dtype)), value.shape) for part in (self.mean, self.sigma))
         return (value - mean) / sigma

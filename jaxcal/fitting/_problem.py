@@ -75,7 +75,7 @@ def spread(spec: Any, model: Any, what: str) -> np.ndarray | Array:
     try:
         parts = jax.tree.leaves(jax.tree.map(fill, spec, eqx.filter(model, eqx.is_inexact_array)))
     except ValueError as error:
-        raise FitError(f"{what} is not shaped like the start; give one value, or a tree of values like the start.") from error
+        raise FitError(f"{what} is not shaped like the start; give one value, or a tree like the start.", code="shape") from error
     return xp.concatenate(parts)
 
 
@@ -131,13 +131,11 @@ class Problem:
         model = self.model(x)
         r = self.residuals(model, self.data)
         if not (isinstance(r, (jnp.ndarray, np.ndarray)) and jnp.issubdtype(r.dtype, jnp.floating)):
-            raise FitError(f"The residual function returned {type(r).__name__}; it must return one floating-point array.")
+            raise FitError(f"The residual function returned {type(r).__name__}; it must return one array of floats.", code="residuals")
         prior = jnp.concatenate([jnp.ravel(one.residuals(model)) for one in self.priors] + [jnp.zeros(0, dtype=r.dtype)])
         if r.size + prior.size < x.size:
-            raise FitError(
-                f"{r.size + prior.size} residuals cannot determine {x.size} parameters ({', '.join(self.names)}); "
-                "add data, or hold parameters fixed with `free`."
-            )
+            said = f"{r.size + prior.size} residuals cannot determine {x.size} parameters ({', '.join(self.names)})"
+            raise FitError(f"{said}; add data, or hold parameters fixed with `free`.", code="few_residuals")
         return jnp.ravel(r) if self.keep is None else jnp.where(self.keep, jnp.ravel(r), 0), prior
 
 
@@ -149,27 +147,18 @@ def define(residuals, start, data, *, free=None, bounds=None, loss=None, priors=
     names = names_of(start)
     index = np.arange(len(names)) if free is None else np.flatnonzero(spread(free, start, "`free`"))
     if not index.size:
-        raise FitError("There is nothing to fit: the start has no floating-point number, or `free` holds every one fixed.")
+        raise FitError("There is nothing to fit: the start has no float, or `free` holds every one fixed.", code="nothing_free")
 
     def chosen(spec: Any, what: str) -> AnyArray:
         return spread(spec, start, what)[index].astype(dtype)
 
     low, high = (-np.inf, np.inf) if bounds is None else bounds
     return Problem(
-        start=start,
-        data=data,
-        lower=chosen(low, "The lower bound"),
-        upper=chosen(high, "The upper bound"),
-        starts=None if starts is None else _rows(to_floats(starts, dtype))[:, index],
-        loss=loss,
-        priors=priors,
-        keep=None,
-        residuals=residuals,
-        free=tuple(index.tolist()),
-        names=tuple(names[i] for i in index),
-        max_steps=max_steps,
-        rtol=float(jnp.finfo(dtype).eps) ** 0.5 if rtol is None else rtol,
-    )
+        start=start, data=data, lower=chosen(low, "The lower bound"), upper=chosen(high, "The upper bound"),
+        starts=None if starts is None else _rows(to_floats(starts, dtype))[:, index], loss=loss, priors=priors, keep=None,
+        rtol=float(jnp.finfo(dtype).eps) ** 0.5 if rtol is None else rtol, residuals=residuals, free=tuple(index.tolist()),
+        names=tuple(names[i] for i in index), max_steps=max_steps,
+    )  # fmt: skip
 
 
 def _rows(starts: Any) -> AnyArray:
@@ -189,7 +178,7 @@ def check(problem: Problem) -> None:
     for i in np.flatnonzero(~good.all(axis=0)):
         name, value, bounds = problem.names[i], values[:, i].tolist(), f"[{lower[i]:g}, {upper[i]:g}]"
         if not np.isfinite(value).all():
-            raise FitError(f"The start has {name} = {value}; give a finite number.")
+            raise FitError(f"The start has {name} = {value}; give a finite number.", code="start")
         if not lower[i] <= upper[i]:
-            raise FitError(f"The bounds of {name} are {bounds}; the lower one must not exceed the upper.")
-        raise FitError(f"The bounds {bounds} exclude the start {name} = {value}; move the start or widen the bounds.")
+            raise FitError(f"The bounds of {name} are {bounds}; the lower one must not exceed the upper.", code="bounds")
+        raise FitError(f"The bounds {bounds} exclude the start {name} = {value}; move it or widen the bounds.", code="outside")

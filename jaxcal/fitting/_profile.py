@@ -14,8 +14,6 @@ from ._covariance import covariance
 from ._fit import run
 from ._result import Fit
 
-_DOUBLINGS = 12
-
 
 class Interval(eqx.Module):
     """Interval of one parameter, from `low` to `high` at level `confidence`; infinite if the data set no limit.
@@ -70,14 +68,14 @@ def profile_interval(fit: Fit[Any], name: str, *, confidence: float = 0.95, scal
     (1.04, 4.96)
     """
     if name not in fit.names:
-        raise FitError(f"There is no parameter {name!r}; the fit has {', '.join(fit.names)}.")
+        raise FitError(f"There is no parameter {name!r}; the fit has {', '.join(fit.names)}.", code="no_parameter")
     if fit.problem is None:
-        raise FitError("A fit out of many does not keep its data; solve it by itself for a profile.")
+        raise FitError("A fit out of many does not keep its data; solve it by itself for a profile.", code="no_data")
     fit.checked()
     problem = dataclasses.replace(fit.problem, starts=None)
     j, best, least = fit.names.index(name), np.asarray(fit.parameters, dtype=np.float64), 2 * float(fit.cost)
     if scaled and problem.priors:
-        raise FitError("A scaled profile would scale the priors too; divide the residuals by their standard deviation instead.")
+        raise FitError("A scaled profile would scale the priors too; divide the residuals by their standard deviation.", code="priors")
     if scaled or fit.robust:
         rise = float(fit.variance * fit.mean_curvature) * scipy.special.fdtri(1, int(fit.degrees_of_freedom), confidence)
     else:
@@ -99,22 +97,23 @@ def profile_interval(fit: Fit[Any], name: str, *, confidence: float = 0.95, scal
         """Root of the rise at `value` over the allowed rise, minus one: nearly linear in the value."""
         gain = 2 * float(refit(value).cost) - least
         if not gain > -1e-3 * rise:
-            raise FitError(f"A better fit than the given one turned up at {name} = {value:g}; start there, or use several starts.")
+            raise FitError(f"A better fit turned up at {name} = {value:g}; start there, or use several starts.", code="better_fit")
         return math.sqrt(max(gain, 0.0) / rise) - 1
 
     def end(side: int, bound: float) -> float:
         nonlocal near
-        near, inner = jnp.asarray(fit.parameters), float(best[j])
-        for doubling in range(_DOUBLINGS):
-            if inner == bound:
-                return bound
-            outer = best[j] + side * step * 2.0**doubling
-            outer = float(bound if side * outer >= side * bound else outer)
-            if excess(outer) >= 0:
+        near, inner, before, reach = jnp.asarray(fit.parameters), float(best[j]), -math.inf, step
+        while inner != bound:
+            outer = float(best[j] + side * reach)
+            outer = bound if side * outer >= side * bound else outer
+            now = excess(outer)
+            if now >= 0:
                 root = float(scipy.optimize.brentq(excess, inner, outer, xtol=1e-6 * step))  # type: ignore[arg-type]
                 refit(root).checked()
                 return root
-            inner = outer
-        return side * math.inf
+            if now <= before:  # no further rise: the data set no limit
+                return side * math.inf
+            inner, before, reach = outer, now, 2.0 * reach
+        return bound
 
     return Interval(end(-1, float(problem.lower[j])), end(1, float(problem.upper[j])), confidence)

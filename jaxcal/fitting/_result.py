@@ -168,7 +168,7 @@ class Fit(eqx.Module, Generic[M]):
     def checked(self) -> "Fit[M]":
         """Return this fit, or raise a `FitError` with the outcome's sentence if it did not converge (host only, one fit)."""
         if not bool(self.usable):
-            raise FitError(self.message)
+            raise FitError(self.message, code="not_converged")
         return self
 
     #: cached on the host, because several functions need it and each call would take a twentieth of a small fit

@@ -14,9 +14,8 @@ from .._special import chi_square_tail, f_tail
 #: number of parts of a log; on real logs the errors were right with six, but too small with ten or twenty
 BLOCKS = 6
 _STEPS = 4  # number of windows that begin in each part
-_LAGS, _FEWEST = 20, 24
+_PIECES = BLOCKS * _STEPS  # the fewest readings that can tell, and the most lags of their autocorrelation
 _FAR = 3.5  # standard deviations
-_ALIKE = 1e-12  # squared singular value, relative to the largest, below which a part does not determine a combination
 CHANCE = 0.003  # error probability of each of the two tests of whiteness
 
 
@@ -59,16 +58,11 @@ def is_white(jacobian: np.ndarray, residuals: np.ndarray) -> bool:
     ----------
     G. M. Ljung and G. E. P. Box, Biometrika 65 (1978) 297; G. C. Chow, Econometrica 28 (1960) 591.
     """
-    return look_white(jacobian, None, residuals)
-
-
-def look_white(jacobian: np.ndarray, span: np.ndarray | None, residuals: np.ndarray) -> bool:
-    """`is_white` for a Jacobian whose `span_of` may be known already."""
     n, free = jacobian.shape
-    if n < _FEWEST:
+    if n < _PIECES:
         return True  # too few to tell
-    residuals = tamed(span_of(jacobian) if span is None else span, residuals)
-    lags = np.arange(1, min(_LAGS, n // 8) + 1)
+    residuals = tamed(span_of(jacobian), residuals)
+    lags = np.arange(1, min(_PIECES, n // 8) + 1)
     power = np.abs(np.fft.rfft(residuals, 2 * n)) ** 2
     correlation = np.fft.irfft(power)[: len(lags) + 1]
     statistic = n * (n + 2) * np.sum((correlation[lags] / correlation[0]) ** 2 / (n - lags))
@@ -80,7 +74,7 @@ def look_white(jacobian: np.ndarray, span: np.ndarray | None, residuals: np.ndar
     edges = np.round(np.arange(parts + 1) * n / parts).astype(int)
     pieces = [slice(a, b) for a, b in itertools.pairwise(edges)]
     values, vectors = np.linalg.eigh(np.array([jacobian[rows].T @ jacobian[rows] for rows in pieces]))
-    seen = values > _ALIKE * values[:, -1:]
+    seen = values > np.finfo(float).eps ** 0.75 * values[:, -1:]  # the combinations that a part determines
     scores = np.einsum("kpi,kp->ki", vectors, np.array([jacobian[rows].T @ residuals[rows] for rows in pieces]))
     left = np.sum(residuals**2) - np.sum(scores[seen] ** 2 / values[seen])
     used = int(np.sum(seen))
@@ -127,7 +121,7 @@ def leave_out(jacobian: np.ndarray, residuals: np.ndarray, known: np.ndarray | N
     if n < 2 * free or not (size > 0).all():
         return np.full((free, free), np.inf)
     rows = jacobian / size
-    edges = np.round(np.arange(BLOCKS * _STEPS + 1) * n / (BLOCKS * _STEPS)).astype(int)
+    edges = np.round(np.arange(_PIECES + 1) * n / _PIECES).astype(int)
     pieces = list(itertools.pairwise(edges))
     hats = np.array([rows[a:b].T @ rows[a:b] for a, b in pieces])
     scores = np.array([rows[a:b].T @ residuals[a:b] for a, b in pieces])

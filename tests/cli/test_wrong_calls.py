@@ -166,7 +166,7 @@ noise grams.csv --units accel=m/s^2        | that of gravity in g. Give --units 
 mag tumble.csv --units mag=nT              | it is that in uT. Give --units mag=uT
 mag tumble.csv --units mag=mT              | it is that in uT. Give --units mag=uT
 imu poses.csv --units gyro=deg/s           | as it says in rad/s (r = 1.00). Give --units gyro=rad/s
-noise folder                               | the folder holds no readable log
+noise folder                               | no readable log
 noise two                                  | jaxcal batch two --task noise --out fleet
 noise rest.csv --rate 200                  | contradicts the time stamps, which say 50 Hz
 noise rest.csv --columns gyro=99           | gyro wants column 99
@@ -188,7 +188,7 @@ noise standing.csv                         | standing.csv
 noise missing.csv                          | gyro_x
 noise nothing.csv                          | nothing.csv
 noise nameless.csv                         | --columns
-noise odd_unit.csv                         | which is no unit of gyro that is known
+noise odd_unit.csv                         | gives no known unit of gyro
 noise counts.csv                           | --units 'gyro=
 noise oops.csv                             | oops
 noise short.csv                            | too short

@@ -9,7 +9,6 @@ import scipy.optimize
 import scipy.signal
 import scipy.stats
 
-from jaxcal import FitError
 from jaxcal.fitting import (
     Outcome,
     covariance,
@@ -98,23 +97,23 @@ def test_intervals_use_the_quantile_of_their_variance():
 
 
 @pytest.mark.parametrize(
-    ("kind", "blocks", "message"),
+    ("kind", "blocks", "code"),
     [
-        ("sandwich", np.arange(40) % 2, "2 blocks cannot give the covariance of 2 parameters; record more"),
-        ("sandwich", np.arange(3), r"shape \(3,\); give one per residual, shape \(40,\)"),
-        ("jackknife", 1, "1 blocks were asked for; give at least 2"),
-        ("model", 6, "takes no blocks; give kind='sandwich'"),
+        ("sandwich", np.arange(40) % 2, "few_blocks"),
+        ("sandwich", np.arange(3), "labels"),
+        ("jackknife", 1, "blocks"),
+        ("model", 6, "no_blocks"),
     ],
 )
-def test_refused_covariances(kind, blocks, message):
-    with pytest.raises(FitError, match=message):
+def test_refused_covariances(kind, blocks, code, refuses):
+    with refuses(code):
         covariance(solve(line, np.zeros(2), line_data()), kind, blocks=blocks)
 
 
-def test_a_jackknife_without_its_data_or_identity():
+def test_a_jackknife_without_its_data_or_identity(refuses):
     data = line_data()
     many = solve_many(line, np.zeros(2), jax.tree.map(lambda a: np.stack([a]), data), batched=(False, True))
-    with pytest.raises(FitError, match="out of many does not keep its data"):
+    with refuses("no_data"):
         covariance(jax.tree.map(lambda a: a[0], many), "jackknife")
     # only the first block depends on the second parameter; without this block the parameter is undetermined
     apart = {**data, "design": np.stack([np.ones(40), np.arange(40) < 5], axis=1).astype(float)}
@@ -212,7 +211,7 @@ def growth(model, data):
 GROWTH = {"x": np.array([0.5, 1.0, 1.5, 2.0, 2.5, 3.0]), "y": np.array([0.42, 0.85, 0.99, 1.32, 1.39, 1.6])}
 
 
-def test_profile_of_a_curved_model():
+def test_profile_of_a_curved_model(refuses):
     fit = solve(growth, {"top": 2.0, "speed": 0.5}, GROWTH).checked()
 
     def excess(speed):
@@ -226,7 +225,7 @@ def test_profile_of_a_curved_model():
     np.testing.assert_allclose(interval.low, scipy.optimize.brentq(excess, 1e-3, best), rtol=1e-5)
     np.testing.assert_allclose(interval.high, scipy.optimize.brentq(excess, best, 5), rtol=1e-5)
     assert interval.high - best > 1.05 * (best - interval.low)
-    with pytest.raises(FitError, match="no parameter 'slope'; the fit has speed, top"):
+    with refuses("no_parameter"):
         profile_interval(fit, "slope")
 
 
@@ -249,10 +248,10 @@ def two_wells(model, _):
     return jnp.stack([(model["a"] ** 2 - 4) / 2, (model["a"] - 2) / 3])
 
 
-def test_a_better_fit_on_the_way_is_not_kept_quiet():
+def test_a_better_fit_on_the_way_is_not_kept_quiet(refuses):
     fit = solve(two_wells, {"a": -2.5})
     assert fit.outcome == Outcome.converged
-    with pytest.raises(FitError, match=r"A better fit than the given one turned up at a = .*; start there, or use several starts"):
+    with refuses("better_fit"):
         profile_interval(fit, "a", confidence=0.95)
 
 

@@ -5,7 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcal import FitError
 from jaxcal.fitting import AbstractPrior, Gaussian, Huber, covariance, identifiability, solve, solve_many
 from jaxcal.fitting._result import leverage
 
@@ -109,13 +108,7 @@ def test_derivatives_of_priors_and_held_values():
     np.testing.assert_allclose(jax.grad(scale)(at), differences, rtol=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("prior", "message"),
-    [
-        (Gaussian("slope", 0.0, 1.0), "The prior is of 'slope', which is no parameter; the model has scale, x.0., x.1."),
-        (Gaussian("scale", 0.0, 0.0), "1 of 31 residuals are not finite at the start"),
-    ],
-)
-def test_refused_priors(prior, message):
-    with pytest.raises(FitError, match=message):
+@pytest.mark.parametrize(("prior", "code"), [(Gaussian("slope", 0.0, 1.0), "no_parameter"), (Gaussian("scale", 0.0, 0.0), "not_finite")])
+def test_refused_priors(prior, code, refuses):
+    with refuses(code):
         solve(line, {"x": np.ones(2), "scale": 1.0}, (DESIGN, Y), priors=(prior,))

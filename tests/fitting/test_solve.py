@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from jaxcal import FitError
 from jaxcal.fitting import Cauchy, Outcome, covariance, identifiability, profile_interval, solve, solve_many
 
 from . import problems as p
@@ -134,10 +133,10 @@ def test_one_bad_log_does_not_spoil_the_others():
     assert Outcome[jax.tree.map(lambda a: a[3], fits.outcome)] == Outcome[Outcome.not_finite]
 
 
-def test_step_limit():
+def test_step_limit(refuses):
     fit = solve(decay, START, decay_data(), max_steps=2)
     assert fit.outcome == Outcome.step_limit
-    with pytest.raises(FitError, match=r"step limit .* raise max_steps"):
+    with refuses("not_converged"):
         fit.checked()
 
 
@@ -174,23 +173,18 @@ def test_a_parameter_without_effect_is_named():
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "code"),
     [
-        ({"start": {**START, "speed": np.nan}}, "start has speed = .*nan.*; give a finite number"),
-        ({"bounds": (0.5, np.inf)}, r"bounds \[0.5, inf\] exclude the start floor = .*; move the start or widen"),
-        ({"bounds": (1.0, -1.0)}, r"bounds of .* are \[1, -1\]; the lower one"),
-        ({"bounds": ({"size": 0.0}, 1.0)}, "The lower bound is not shaped like the start; give one value, or a tree"),
-        ({"data": {"x": X[:2], "y": X[:2]}}, r"2 residuals cannot determine 3 parameters \(floor, size, speed\); add data, or hold"),
-        ({"data": {"x": X, "y": np.where(X > 3.5, np.nan, X)}}, r"2 of 12 residuals are not finite at the start, the first at \[10, 11\]"),
-        ({"free": False}, "There is nothing to fit"),
+        ({"start": {**START, "speed": np.nan}}, "start"),
+        ({"bounds": (0.5, np.inf)}, "outside"),
+        ({"bounds": (1.0, -1.0)}, "bounds"),
+        ({"bounds": ({"size": 0.0}, 1.0)}, "shape"),
+        ({"data": {"x": X[:2], "y": X[:2]}}, "few_residuals"),
+        ({"data": {"x": X, "y": np.where(X > 3.5, np.nan, X)}}, "not_finite"),
+        ({"free": False}, "nothing_free"),
+        ({"residuals": lambda model, data: (model["speed"],)}, "residuals"),
     ],
 )
-def test_refusals(change, message):
-    arguments = {"start": START, "data": decay_data()} | change
-    with pytest.raises(FitError, match=message):
-        solve(decay, arguments.pop("start"), arguments.pop("data"), **arguments)
-
-
-def test_residuals_must_be_one_array():
-    with pytest.raises(FitError, match="returned tuple; it must return one floating-point array"):
-        solve(lambda model, data: (model,), 1.0)
+def test_refusals(change, code, refuses):
+    with refuses(code):
+        solve(**{"residuals": decay, "start": START, "data": decay_data()} | change)
