@@ -77,10 +77,9 @@ def measured(fit, tau):
 
 
 def floor(fit):
-    """Lowest point of the curve where its upper limit is lowest."""
-    curve = fit.deviation
-    i = int(np.nanargmin(np.where(np.isfinite(curve.upper), curve.upper, np.inf)))
-    return (float(curve.tau[i]), *(float(np.asarray(one)[i]) for one in (curve.deviation, curve.lower, curve.upper)))
+    """Lowest point of the curve with its limits: (cluster time, value, low, high); the value and low are NaN if the record shows none."""
+    found = fit.numbers["floor"]
+    return float(fit.numbers["floor_at"].value), found.value, found.low, found.high
 
 
 def static_logs(folder):
@@ -122,7 +121,7 @@ def halves(runs, seed, folder):
                     found[term].append((b - a) / np.hypot(error_of(first, term), error_of(second, term)))
             for key in (*TIMES, "floor"):
                 one, two = (floor(fit) if key == "floor" else measured(fit, key) for fit in (first, second))
-                if key == "floor" or (abs(one[0] / key - 1) < 0.05 and key < 0.1 * len(values) / 2 / rate):
+                if (key == "floor" and np.isfinite(one[1] * two[1])) or (key != "floor" and abs(one[0] / key - 1) < 0.05 and key < 0.1 * len(values) / 2 / rate):
                     errors = [np.log(fit[3] / fit[2]) / 3.92 for fit in (one, two)]
                     found[key].append(np.log(two[1] / one[1]) / np.hypot(*errors))
     print(f"{fitted} pairs of halves, {sentences} findings")
@@ -308,7 +307,7 @@ def spectra(runs, seed, _):
                 sigma = sigma if abs(at / tau - 1) < 1e-6 else expected_deviation(level, at)
                 row.append(low <= sigma <= high)
             at, _, low, high = floor(fit)
-            row.append(low <= expected_deviation(level, at) <= high)
+            row.append(not low > expected_deviation(level, at) and expected_deviation(level, at) <= high)
             rows.append(row)
             present.append([fit.presence[term] == "present" for term in "BK"])
         cells = [f"{value:6.0f}" for value in 100 * np.mean(rows, axis=0)]

@@ -62,15 +62,16 @@ def number_of(fit: Any, term: str, prefix: str = "") -> Number:
 def floor_of(fit: Any, prefix: str = "") -> tuple[Number, Number]:
     """Lowest point of the Allan deviation, and the cluster time at which it lies.
 
-    It is taken where the upper limit is lowest, so that cluster times that hold few parts of the record do not decide. Where Q and N alone
-    would lie within the interval, the record shows no floor, and the upper limit is given.
+    It is taken where the upper limit is lowest, so that cluster times that hold few parts of the record do not decide. The interval reaches
+    down to the lowest point of the curve, which may be the floor as well. Where Q and N alone would lie within the interval at that cluster
+    time, the record shows no floor, and the upper limit is given.
     """
     curve, quantity = fit.deviation, quantity_of("B", fit.sensor)
     i = int(np.nanargmin(np.where(np.isfinite(curve.upper), curve.upper, np.inf)))
     tau, low, high = (float(values[i]) for values in (curve.tau, curve.lower, curve.upper))
     fast = sum(float(fit.noise.only(term).avar(tau, dt=1.0 / curve.rate)) for term in ("Q", "N"))
     seen = low > math.sqrt(fast)
-    value, low = (float(curve.deviation[i]), low) if seen else (math.nan, math.nan)
+    value, low = (float(curve.deviation[i]), min(low, float(np.nanmin(curve.deviation)))) if seen else (math.nan, math.nan)
     found = Number(f"{prefix}floor", value, low, high, quantity, "estimated" if seen else "limit")
     return found, Number(f"{prefix}floor_at", tau, quantity="time")
 
