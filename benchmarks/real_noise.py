@@ -121,7 +121,9 @@ def halves(runs, seed, folder):
                     found[term].append((b - a) / np.hypot(error_of(first, term), error_of(second, term)))
             for key in (*TIMES, "floor"):
                 one, two = (floor(fit) if key == "floor" else measured(fit, key) for fit in (first, second))
-                if (key == "floor" and np.isfinite(one[1] * two[1])) or (key != "floor" and abs(one[0] / key - 1) < 0.05 and key < 0.1 * len(values) / 2 / rate):
+                if (key == "floor" and np.isfinite(one[1] * two[1])) or (
+                    key != "floor" and abs(one[0] / key - 1) < 0.05 and key < 0.1 * len(values) / 2 / rate
+                ):
                     errors = [np.log(fit[3] / fit[2]) / 3.92 for fit in (one, two)]
                     found[key].append(np.log(two[1] / one[1]) / np.hypot(*errors))
     print(f"{fitted} pairs of halves, {sentences} findings")

@@ -53,6 +53,10 @@ def noise(
     compare: Annotated[
         bool, Parameter(help="Ask which process the slow noise is: a table of likelihoods for each channel, instead of the fit.")
     ] = False,
+    conservative: Annotated[
+        bool,
+        Parameter(help="Write upper bounds instead of the coefficients, for a filter that must not be optimistic; adds a table of them."),
+    ] = False,
     reading: Reading = Reading(),
     writing: Writing = Writing(),
     running: Running = Running(),
@@ -74,16 +78,25 @@ def noise(
         screen.flush()
         return
     done = characterise(
-        log, terms, confidence, band, reading, writing, running, method=method, calibration=calibration, also=also or ()
+        log, terms, confidence, band, reading, writing, running, method=method, calibration=calibration, also=also or (),
+        conservative=conservative,
     )  # fmt: skip
     done.end(running)
 
 
 def characterise(
     path: Path, terms: str, confidence: float, band: tuple[float, float] | None, reading: Reading, writing: Writing, running: Running,
-    method: str = "whittle", calibration: Path | None = None, also: tuple[Path, ...] = (),
+    method: str = "whittle", calibration: Path | None = None, also: tuple[Path, ...] = (), conservative: bool = False,
 ) -> Done:  # fmt: skip
-    """Read, fit, print the tables and write. The recordings `also` are fitted too, for a table of the next recording."""
+    """Read, fit, print the tables and write. The recordings `also` are fitted too, for a table of the next recording.
+
+    If `conservative`, files for other tools and the calibration hold upper bounds, which a table shows.
+    """
+    from .._answer import grid_lines
+    from ..noise._overbound import conservative as bounded
+    from ..noise._recordings import grids_of
+    from ..noise._sections import grids
+
     chosen = tuple(terms.replace(",", "").upper())
     if not chosen or set(chosen) - set("QNBKRM") or len(set(chosen)) != len(chosen):
         raise CallError(f"--terms {terms}: expected letters of QNBKRM, each once, such as QNBK")
@@ -91,7 +104,8 @@ def characterise(
         raise CallError(f"--band {band[0]:g} {band[1]:g}: expected the shortest and the longest cluster time in s, the shortest first")
 
     change = None if calibration is None else partial(corrected, calibration)
-    options = {"terms": terms, "confidence": confidence, "band": band, "method": method, "calibration": calibration}
+    options = {"terms": terms, "confidence": confidence, "band": band, "method": method, "calibration": calibration,
+               "conservative": conservative}  # fmt: skip
     recordings: list[Any] = []
 
     def compute(log: Any, move: Any) -> Any:
@@ -105,19 +119,20 @@ def characterise(
             recordings.append(fit(log))
         return recordings[0]
 
-    export = partial(save_export, part="noise")
+    def of(write: Any) -> Any:
+        return (lambda place, fits, *others, **more: write(place, bounded(fits), *others, **more)) if conservative else write
+
+    export = of(partial(save_export, part="noise"))
     files: list[File] = [
         ("plot", "", figure(lambda plot, fits, _: plot.allan(fits))), ("report", "report.html", save_report),
-        ("json", "noise.json", save_json), ("", "calibration.json", partial(save_calibration, part="noise")),
+        ("json", "noise.json", save_json), ("", "calibration.json", of(partial(save_calibration, part="noise"))),
         ("", "imu.yaml", tried(partial(export, format="kalibr"), jaxcal.ExportError)),
     ]  # fmt: skip
     done = carry_out(
         path, reading, running, outputs(writing, files, f"{stem(path)}-noise", formats=_EXPORTS, export=export), compute,
         change=change, command="jaxcal noise", options=options,
     )  # fmt: skip
-    if also:
-        from .._answer import grid_lines
-        from ..noise._recordings import grids_of
-
-        done.screen.lines([line for grid in grids_of(recordings, confidence) for line in ("", *grid_lines(grid, running.unit))])
+    shown = grids_of(recordings, confidence) if also else []
+    shown += grids(bounded(recordings[0]), "bound", "upper bound for a filter") if conservative else []
+    done.screen.lines([line for grid in shown for line in ("", *grid_lines(grid, running.unit))])
     return done

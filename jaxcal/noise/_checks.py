@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from .._answer import CAUTION, NOTE, Finding, Quantity
+from .._answer import Finding, Quantity
 from .._errors import DataError
 from .._quality import checked_rate
 from ..allan import Deviation, deviation
@@ -20,10 +20,6 @@ from ._terms import Term, is_sought
 METHODS = ("whittle", "gls", "log", "slope")
 #: number of cluster sizes of a curve; neighbouring values are so strongly correlated that more would add no information
 _CLUSTERS = 25
-#: white noise in steps of the readings below which rounding hides it (B. Widrow et al., IEEE Trans. Instrum. Meas. 45, 1996); share of N^2
-#: that rounding must have to be named, 2.5 % of N; share of the record that is set aside from which the log is hardly one of a sensor at
-#: rest
-_HIDDEN, _ROUNDED, _MUCH = 0.5, 0.05, 0.2
 #: samples from which the resolution is found; most different values of a record whose resolution can be found
 _SAMPLE, _LEVELS = 20_000, 2_000
 _ALIKE, _FREQUENCIES = 1e-6, 64  # relative difference of two densities that no record shows; number of frequencies compared
@@ -129,15 +125,12 @@ def findings_of_checks(y: Any, record: Record, asked: Asked, n_squared: float) -
     """What was set aside or is missing, and the resolution, where it matters beside the noise. `n_squared` is N^2 of the fit."""
     found, aside = [], record.aside or ()
     lost = sum(last - first for first, last in aside)
-    if lost:
-        part = lost / len(y)
-        severity = CAUTION if part > _MUCH else NOTE
-        first = aside[0][0] / asked.rate
-        found.append(FINDINGS("set_aside", severity=severity, cost=part, length=lost / asked.rate, share=100 * part, first=first))
+    if lost and (record.found or lost > FINDINGS["set_aside"].limits[1] * len(y)):
+        part, first = lost / len(y), aside[0][0] / asked.rate
+        found += FINDINGS.over("set_aside", part, length=lost / asked.rate, share=100 * part, first=first)
     if gone := int(np.isnan(y).sum()) - lost:
         found.append(FINDINGS("gaps", cost=gone / len(y), share=100 * gone / len(y)))
     step, white = resolution(y)
     share = step**2 / asked.rate / 12.0 / n_squared if n_squared > 0.0 else 0.0
-    if white < _HIDDEN * step:
-        return [*found, FINDINGS("coarse", cost=step / white if white else np.inf, step=Quantity(step, record.sensor or "ratio"))]
-    return [*found, FINDINGS("rounding", cost=share, share=100 * min(share, 1.0))] if share > _ROUNDED else found
+    coarse = FINDINGS.over("coarse", step / white if white else np.inf * step, step=Quantity(step, record.sensor or "ratio"))
+    return [*found, *(coarse or FINDINGS.over("rounding", share, share=100 * min(share, 1.0)))]

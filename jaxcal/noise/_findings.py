@@ -1,6 +1,6 @@
 """What a noise fit has to say: one table of findings, and how they follow from the fit.
 
-The cost of a finding is the factor by which it makes the error of N larger, or its interval wider; it is below 1 for B and K alone.
+The cost of a finding is the factor by which it makes the error of N larger, or its interval wider; it is 0 for B and K alone.
 """
 
 from collections.abc import Sequence
@@ -18,14 +18,15 @@ _WITH_OPTIONS = "Leave that part out with --start or --stop."
 FINDINGS = table(
     # about the samples
     set_aside=Kind(
-        NOTE, "Not at rest for {length:.3g} s ({share:.2g} %), from {first:.4g} s on: knocks, movement, stuck readings, left out."
+        NOTE, "Not at rest for {length:.3g} s ({share:.2g} %), from {first:.4g} s on: knocks, movement, stuck readings, left out.",
+        limits=(0.0, 0.2),  # a log of which a fifth is set aside is hardly one of a sensor at rest
     ),
     coarse=Kind(
         CAUTION, "Readings come in steps of {step:.3g}, over twice the noise: no coefficient is reliable.",
-        "Record with a finer resolution.",
+        "Record with a finer resolution.", limits=(2.0,),  # B. Widrow et al., IEEE Trans. Instrum. Meas. 45, 1996
     ),
     constant=Kind(CAUTION, "Constant in every sample: the channel is dead, and has no noise."),
-    rounding=Kind(NOTE, "Rounding makes {share:.0f} % of N squared; the sensor itself is quieter."),
+    rounding=Kind(NOTE, "Rounding makes {share:.0f} % of N squared; the sensor itself is quieter.", limits=(0.05,)),  # 2.5 % of N
     gaps=Kind(NOTE, "{share:.2g} % of the samples are missing; the fit uses the others."),
     stretch=Kind(NOTE, "Used: samples {start} to {stop}, the longest stretch without gaps."),
     # about the fit
@@ -33,7 +34,7 @@ FINDINGS = table(
     band=Kind(NOTE, "Cluster times below {shortest:.3g} s are left out because the model does not hold there, so Q is not known."),
     misfit=Kind(
         CAUTION, "The spectrum departs from the model {ratio:.2g} times as much as chance explains; intervals are wider for it.",
-        "Look at the report for vibration or drift.",
+        "Look at the report for vibration or drift.", limits=(4.0,),
     ),
     unsettled=Kind(CAUTION, "The fit did not converge.", "Fit fewer terms ({option.terms:QNB}) or other cluster times ({option.band})."),
     no_intervals=Kind(CAUTION, "Method {method} gives no intervals and no limits.", "Fit with {option.method:whittle}."),
@@ -41,7 +42,7 @@ FINDINGS = table(
     # about slow changes
     step=Kind(
         CAUTION, "The mean changes at {times} s, by up to {size:.2g}; this is fitted beside the noise, and B and K are of the rest.",
-        "Find what moved or switched.",
+        "Find what moved or switched.", limits=(3.0,),  # size over its error from which an axis shows a change
     ),
     ramp=Kind(NOTE, "A drift of {size:.2g} over the record is fitted beside the noise."),
     warm_up=Kind(
@@ -59,20 +60,15 @@ FINDINGS = table(
     ),
     uneven=Kind(
         CAUTION, "The {what} is uneven in time, largest between {start:.6g} and {stop:.6g} s; intervals are {factor:.2g} times as wide "
-        "for it.", "Look there for a knock or a draught.",
+        "for it.", "Look there for a knock or a draught.", limits=(2.0,),
     ),
 )  # fmt: skip
-#: relative error of the size of a change from which an axis shows it; factor on an interval from which it is worth a sentence; ratio of the
-#: misfit of the spectrum to its expectation above which the model does not hold
-_SHOWN, _UNEVEN, _TOO_WIDE = 0.33, 2.0, 4.0
-#: cost of what concerns B and K alone; frequencies that one sentence names; points of the course of a change
-_SLOW, _MOST_LINES, _DRAWN = 0.5, 4, 256
+_MOST_LINES, _DRAWN = 4, 256  # frequencies that one sentence names; points of the course of a change
 
 
 def of_model(misfit: float, shortest: float | None) -> list[Finding]:
     """Whether the model describes the record, and the `shortest` cluster time of the fit if it leaves shorter ones out."""
-    found = [FINDINGS("misfit", cost=misfit, ratio=misfit)] if misfit > _TOO_WIDE else []
-    return found if shortest is None else [*found, FINDINGS("band", cost=_SLOW, shortest=shortest)]
+    return FINDINGS.over("misfit", misfit, ratio=misfit) + ([] if shortest is None else [FINDINGS("band", shortest=shortest)])
 
 
 def of_lines(lines: Sequence[tuple[float, float]]) -> list[Finding]:
@@ -80,7 +76,7 @@ def of_lines(lines: Sequence[tuple[float, float]]) -> list[Finding]:
     if not lines:
         return []
     shown = ", ".join(f"{frequency:.3g}" for _, frequency in lines[:_MOST_LINES]) + " and more" * (len(lines) > _MOST_LINES)
-    return [FINDINGS("lines", cost=_SLOW, frequencies=shown)]
+    return [FINDINGS("lines", frequencies=shown)]
 
 
 def of_changes(changes: Sequence[Change], factors: Any, covariance: Any, unit: str, duration: float) -> list[Finding]:
@@ -96,28 +92,29 @@ def of_changes(changes: Sequence[Change], factors: Any, covariance: Any, unit: s
         largest = x[np.argmax(course)] - x[np.argmin(course)]
         largest = largest / {"sinusoid": 2.0, "temperature": np.ptp(x)}.get(change.family, 1.0)
         size, error = abs(float(largest @ factors[columns])), float(np.sqrt(largest @ covariance[columns, columns] @ largest))
-        if change.family == "shift" or error > _SHOWN * size:  # a shift is part of what was set aside
+        if change.family == "shift" or not size > FINDINGS["step"].limits[0] * error:  # a shift is part of what was set aside
             continue
         if change.family == "step":
             steps.append((change.start, size, error))
             continue
-        # a warm-up of two time constants has lasted for one when all but exp(-1) of it is over
-        over, trim = (float(times[np.abs(course - course[-1]) > rest][-1]) for rest in (np.exp(-1.0) * size, error))
-        code = "ramp" if change.family == "warm_up" and over > 0.5 * duration else change.family
-        time = change.time if change.family == "sinusoid" else over
-        found.append(FINDINGS(code, cost=_SLOW, size=Quantity(size, unit), time=time, trim=trim))
+        code, facts = change.family, {"time": change.time}
+        if code == "warm_up":
+            # one of two time constants has lasted for one when all but exp(-1) of it is over
+            time, trim = (float(times[np.abs(course - course[-1]) > rest][-1]) for rest in (np.exp(-1.0) * size, error))
+            code, facts = "ramp" if time > 0.5 * duration else code, {"time": time, "trim": trim}
+        found.append(FINDINGS(code, size=Quantity(size, unit), **facts))
     if steps:
         at, size = ", ".join(f"{start:.4g}" for start, *_ in sorted(steps)), max(size for _, size, _ in steps)
-        found.append(FINDINGS("step", cost=_SLOW, times=at, size=Quantity(size, unit), steps=sorted(steps)))
+        found.append(FINDINGS("step", times=at, size=Quantity(size, unit), steps=sorted(steps)))
     return found
 
 
 def of_doubts(doubts: Sequence[str], walks: bool, rival: Rival, changes: Changes) -> list[Finding]:
     """Why terms are hints at most, and what K may be instead if the record `walks`."""
     if doubts and rival.other:
-        return [FINDINGS("rival", cost=_SLOW, terms=" and ".join(doubts), factor=float(np.exp(rival.apart)))]
+        return [FINDINGS("rival", terms=" and ".join(doubts), factor=float(np.exp(rival.apart)))]
     what = {"step": "a change", "warm_up": "a warm-up or drift", "sinusoid": "a sinusoid", "temperature": "an effect of temperature"}
-    return [FINDINGS("instead", cost=_SLOW, change=what[changes.instead.family])] if walks and changes.instead else []
+    return [FINDINGS("instead", change=what[changes.instead.family])] if walks and changes.instead else []
 
 
 def of_widening(wider: Widening, names: Sequence[str], duration: float) -> list[Finding]:
@@ -125,8 +122,8 @@ def of_widening(wider: Widening, names: Sequence[str], duration: float) -> list[
     for what, terms, severity in (("white noise", "N", CAUTION), ("slow noise", "BK", NOTE)):
         told = [(wider.factor[i], part) for i, part in enumerate(wider.loudest) if names[i] in terms and part is not None]
         factor, part = max(told, key=lambda one: one[0], default=(1.0, (0.0, 1.0)))
-        if factor > _UNEVEN**2:
-            start, stop, factor = part[0] * duration, part[1] * duration, float(np.sqrt(factor))
+        start, stop, factor = part[0] * duration, part[1] * duration, float(np.sqrt(factor))
+        if factor > FINDINGS["uneven"].limits[0]:
             return [FINDINGS("uneven", cost=factor, severity=severity, what=what, start=start, stop=stop, factor=factor)]
     return []
 

@@ -6,10 +6,22 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._errors import DataError, FitError
+from .._frozen import replaced
 from .._precision import host_float64, is_traced
 from .._types import Any, Float
-from ._model import TERMS, Noise, checked_terms, noise_of
-from ._result import NoiseFit, stacked_noises
+from ._model import Noise, checked_terms, noise_of
+from ._result import NoiseFit, NoiseFits, stacked_noises
+
+
+def conservative(fits: NoiseFits) -> NoiseFits:
+    """The fits with their overbounds in place of the coefficients, for files and tables; a term that these lack is not detected."""
+    found = {}
+    for name, fit in fits.items():
+        bound = overbound(fit)
+        values = {term: float(bound.coefficient(term)) for term in fit.presence}
+        presence = {term: "present" if value > 0.0 else "not detected" for term, value in values.items()}
+        found[name] = replaced(fit, noise=bound, presence=presence, interval={term: (value, value) for term, value in values.items()})
+    return NoiseFits(found)
 
 
 def overbound(fit: NoiseFit) -> Noise:
@@ -83,7 +95,7 @@ def overbound_curve(tau: Any, upper: Any, *, terms: Any = ("Q", "N", "B", "K"), 
     Raises
     ------
     DataError
-        If tau and upper differ in shape, or are not positive and finite, a term is unknown, or `beside` has coefficients.
+        If an upper limit is not positive and finite, or a term is unknown.
     FitError
         If the linear programme has no solution.
 
@@ -103,17 +115,10 @@ def overbound_curve(tau: Any, upper: Any, *, terms: Any = ("Q", "N", "B", "K"), 
     Noise bounds for filters when coefficients are uncertain: Langel, García Crespillo and Joerger, Navigation 68, 2021, 259-276. The
     linear programme is ours.
     """
-    if is_traced(tau, upper):
-        raise DataError("overbound_curve solves a linear programme on the host; call it outside of jit, vmap and grad")
     tau, upper, terms = np.asarray(tau, dtype=float), np.asarray(upper, dtype=float), checked_terms(terms)
-    if tau.ndim != 1 or tau.shape != upper.shape or not len(tau):
-        raise DataError(f"tau and upper must be of one length, one value per cluster time; got shapes {tau.shape} and {upper.shape}")
-    for name, values in (("tau", tau), ("upper", upper)):
-        if not (np.all(np.isfinite(values)) and np.all(values > 0)):
-            raise DataError(f"{name} must be positive and finite throughout; leave the other cluster times out")
+    if not (np.all(np.isfinite(upper)) and np.all(upper > 0.0)):
+        raise DataError("upper must be positive and finite throughout; leave the other cluster times out", code="no_upper")
     beside = Noise() if beside is None else beside
-    if beside.further or any(np.any(np.asarray(getattr(beside, term)) != 0) for term in TERMS):
-        raise DataError("beside is for Gauss-Markov processes and sinusoids; leave its coefficients at zero and name their terms instead")
     columns = np.stack([np.asarray(term.avar(tau, dt)) for term in terms], axis=1) / upper[:, None] ** 2
     try:
         theta = _least(columns, 1.0 - np.asarray(beside.avar(tau, dt=dt)) / upper**2)

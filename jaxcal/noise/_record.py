@@ -28,7 +28,8 @@ class Record:
 
     Attributes
     ----------
-    channels : list of (n,) samples. traced : whether they are traced; only their shape is known then.
+    channels : list of (n,) samples. traced : whether they are traced; only their shape is known then. found : whether what is set aside
+        was found here, and was not said elsewhere.
     """
 
     y: Any
@@ -39,6 +40,7 @@ class Record:
     def __post_init__(self):
         y = checked_record(self.y)
         self.traced = not isinstance(y, np.ndarray)
+        self.found = self.aside is None
         self.channels = list(y.T) if y.ndim == 2 else [y]
         self.names = self.names or (tuple(f"channel {i}" for i in range(y.shape[1])) if y.ndim == 2 else ("",))
 

@@ -12,7 +12,7 @@ from .._errors import DataError
 from ._fit import fit
 from ._model import Noise, noise_of
 from ._result import NoiseFit
-from ._sections import SENSORS, columns_of, headline_of, rows_of
+from ._sections import grids, headline_of, rows_of
 from ._terms import Term
 
 
@@ -161,9 +161,4 @@ def grids_of(recordings: Sequence[Mapping[str, NoiseFit]], confidence: float) ->
     """A table for each sensor with the intervals of the next recording of the channels that all recordings have."""
     shared = [name for name in recordings[0] if all(name in one for one in recordings)]
     pools = {name: pooled([one[name] for one in recordings], confidence) for name in shared}
-    found = []
-    for sensor in dict.fromkeys(one.sensor for one in pools.values()):
-        axes = {name: one for name, one in pools.items() if one.sensor == sensor}
-        title = f"{SENSORS.get(sensor, 'noise')}, next of {len(recordings)} recordings"
-        found.append(Grid(f"{sensor}_next", title, columns_of(axes, sensor), tuple(rows_of(axes, sensor))))
-    return found
+    return grids(pools, "next", f"next of {len(recordings)} recordings")

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 
 from .._answer import Curve, Grid, Number, Section, joined_names
+from .._units import si_unit_of
 
 SENSORS = {"gyro": "gyroscope", "accel": "accelerometer", "mag": "magnetometer"}
 QUOTED = (1.0, 10.0, 100.0, 1000.0)  # cluster times in s at which the deviation is part of every answer
-#: relative difference of a cluster time to one of these at a rate that is no whole number; ratio of the upper limit of a deviation to its
-#: value from which the record says too little
-_SAME, _VAGUE = 0.01, 3.0
+_VAGUE = 3.0  # ratio of the upper limit of a deviation to its value from which the record says too little
 #: units where the sensor is not known; "unit" stands for the unit of the readings
 _UNITS = {"Q": "unit s", "N": "unit sqrt(s)", "B": "unit", "K": "unit/sqrt(s)", "R": "unit/s"}
 _NAMES = {
@@ -79,7 +78,7 @@ def floor_of(fit: Any, prefix: str = "") -> tuple[Number, Number]:
 def measured_at(fit: Any, tau: float, prefix: str = "") -> Number | None:
     """Measured Allan deviation at a cluster time; None if the record is too short for it."""
     curve = fit.deviation
-    at = np.flatnonzero(np.abs(curve.tau / tau - 1.0) < _SAME)
+    at = np.flatnonzero(curve.m == round(tau * float(curve.rate)))
     if not len(at):
         return None
     value, low, high = (float(values[at[0]]) for values in (curve.deviation, curve.lower, curve.upper))
@@ -124,6 +123,16 @@ def columns_of(axes: Mapping[str, Any], sensor: str) -> tuple[str, ...]:
     return tuple(name.removeprefix(f"{sensor}_").removeprefix("channel ") for name in axes)
 
 
+def grids(fits: Mapping[str, Any], key: str, title: str) -> list[Grid]:
+    """A table of the coefficients of each sensor alone."""
+    found = []
+    for sensor in dict.fromkeys(fit.sensor for fit in fits.values()):
+        axes = {name: fit for name, fit in fits.items() if fit.sensor == sensor}
+        label = f"{SENSORS.get(sensor, 'noise')}, {title}"
+        found.append(Grid(f"{sensor}_{key}", label, columns_of(axes, sensor), tuple(rows_of(axes, sensor))))
+    return found
+
+
 def _prefix(name: str) -> str:
     return f"{name}." if name else ""
 
@@ -140,7 +149,25 @@ def _coefficients(sensor: str, axes: Mapping[str, Any]) -> Grid:
         for tau in QUOTED:
             cells = tuple(measured_at(fit, tau, _prefix(name)) for name, fit in fits)
             rows += [(f"{tau:g} s  deviation", cells)] if any(cells) else []
-    return Grid(sensor or "noise", SENSORS.get(sensor, "noise"), columns_of(axes, sensor), tuple(rows))
+    # what no axis determines is among the details
+    rows = [row for row in rows if not _all_open(row)]
+    return Grid(sensor or "noise", SENSORS.get(sensor, "noise"), columns_of(axes, sensor), tuple(rows), note=_for_filters(sensor, axes))
+
+
+def _all_open(row: tuple[str, tuple[Number | None, ...]]) -> bool:
+    return all(cell is not None and cell.state == "open" for cell in row[1])
+
+
+def _for_filters(sensor: str, axes: Mapping[str, Any]) -> str:
+    """N and K of the worst axis in SI, or the upper limit of what is not present, as files for other tools have them."""
+    said = []
+    for term in ("N", "K") if sensor else ():
+        fits = [fit for fit in axes.values() if term in fit.presence]
+        seen = [fit.presence[term] == "present" for fit in fits]
+        values = [float(fit.noise.coefficient(term) if one else fit.upper_limit[term]) for fit, one in zip(fits, seen, strict=True)]
+        if values and math.isfinite(max(values)):
+            said.append(f"{term} {max(values):.3g} {si_unit_of(f'{term}.{sensor}')}")
+    return f"filter (SI, worst axis): {', '.join(said)}" if said else ""
 
 
 def _details(sensor: str, axes: Mapping[str, Any]) -> Grid:
@@ -150,13 +177,14 @@ def _details(sensor: str, axes: Mapping[str, Any]) -> Grid:
         cells = (Number(_prefix(name) + key, float(value(fit)), quantity=quantity) for name, fit in axes.items())
         return label, tuple(cell if math.isfinite(cell.value) else None for cell in cells)
 
-    rows = [
+    rows: list[Any] = [
         row("fitted from", "band_from", lambda fit: fit.band[0]), row("fitted to", "band_to", lambda fit: fit.band[1]),
         row("chance of a worse fit", "goodness", lambda fit: fit.goodness, "ratio"),
     ]  # fmt: skip
     for term in next(iter(axes.values())).terms:
         longer = row(f"record for {term} to 10 %", f"{term}.longer_record", lambda fit, t=term: fit.longer_record.get(t, math.inf))
         rows += [longer] if any(longer[1]) else []
+    rows += [one for one in rows_of(axes, sensor) if _all_open(one)]
     return Grid(
         f"{sensor or 'noise'}_fit", f"fit of the {SENSORS.get(sensor, 'noise')}", columns_of(axes, sensor), tuple(rows), detail=True
     )

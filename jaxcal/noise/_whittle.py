@@ -191,7 +191,7 @@ def _said(fit: NoiseFit, model: Described, wider: Widening, rival: Rival, doubts
     duration = len(observed.y) * observed.dt
     shortest = float(fit.band[0]) if fitted.cut and "Q" in fit.terms else None
     return (
-        *getattr(fit.deviation, "findings", ()),
+        *(one for one in getattr(fit.deviation, "findings", ()) if one.code != "uneven"),  # said of the coefficients
         *_findings.of_model(fitted.misfit, shortest),
         *_findings.of_lines(_lines(model)),
         *_findings.of_changes(model.changes.fitted, observed.factors, observed.covariance, sensor or "ratio", duration),

@@ -44,6 +44,22 @@ def test_several_recordings_of_one_device_have_a_table_with_the_interval_of_the_
     assert call("noise", "0.csv", "--also", "none.csv").status == 2
 
 
+def test_upper_bounds_for_a_filter(call, folder, log):
+    """The line for a filter has the numbers of imu.yaml; --conservative writes larger ones, and shows them."""
+
+    def written():
+        text = (folder / "imu-noise" / "imu.yaml").read_text()
+        return {word: float(line.split()[1]) for line in text.splitlines() for word in line.split(":")[:1] if "noise_density" in word}
+
+    out = call("noise", "imu.csv").out
+    usual = written()
+    for sensor, value in usual.items():
+        assert any(line.strip().startswith(f"filter (SI, worst axis): N {value:.3g}") for line in out.splitlines()), sensor
+    out = call("noise", "imu.csv", "--conservative").out
+    assert sum("upper bound for a filter" in line for line in out.splitlines()) == 2
+    assert all(1.0 < written()[sensor] / value < 1.5 for sensor, value in usual.items())
+
+
 def test_models_of_the_slow_noise_are_compared_for_every_channel(call, folder, log):
     found = call("noise", "imu.csv", "--compare")
     assert (found.status, found.err, listing(folder)) == (0, "", ["imu.csv"])
