@@ -96,16 +96,16 @@ class Track(Result):
     def sections(self) -> list[Section]:
         """The hard iron at the end, the drift, and the path."""
         quantity, error = quantity_of(self.field), NORMAL95 * np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
-        last, off = self.hard_iron[-1], error[-1]
-        hard = [Number(f"hard_iron[{i}]", last[i], last[i] - off[i], last[i] + off[i], quantity) for i in range(3)]
-        soft = [Number(f"soft_iron[{i},{j}]", self.soft_iron[i, j]) for i in range(3) for j in range(3)]
+        hard = [
+            Number(f"hard_iron[{i}]", x, x - e, x + e, quantity) for i, (x, e) in enumerate(zip(self.hard_iron[-1], error[-1], strict=True))
+        ]
         rows = [(name, Number(name, float(getattr(self, name)), quantity=quantity)) for name in ("noise", "field")]
         rows.append(("drift after an hour", Number("drift", self.walk * 60, quantity=quantity)))
         rows.append(("one calibration for all costs", Number("cost", self.cost, quantity="angle")))
-        columns = {"time": ("s", self.time)}
-        for i, axis in enumerate("xyz"):
-            columns |= {f"hard_iron_{axis}": (quantity, self.hard_iron[:, i]), f"error_{axis}": (quantity, error[:, i])}
-        return [by_axis("track", "at the end of the log", [*hard, *soft]), listed("drift", "drift", rows), Curve("path", "path", columns)]
+        path = {"time": ("s", self.time)}
+        for name, values in (("hard_iron", self.hard_iron), ("error", error)):
+            path |= {f"{name}_{axis}": (quantity, column) for axis, column in zip("xyz", values.T, strict=True)}
+        return [by_axis("track", "at the end of the log", hard), listed("drift", "drift", rows), Curve("path", "path", path)]
 
 
 @host_float64
@@ -165,8 +165,7 @@ def track(
         model, field = first.model, field or first.field
     if field is None:
         raise DataError("With a `model`, give `field`, the magnitude of the field in the unit of the readings.", code="no_field")
-    size = float(field)
-    path = _Path(m, time, np.asarray(model.soft_iron) * size, np.asarray(model.hard_iron), basis)
+    path = _Path(m, time, np.asarray(model.soft_iron) * field, np.asarray(model.hard_iron), basis)
     try:
         code = path.solve()
     except np.linalg.LinAlgError as error:
@@ -177,9 +176,11 @@ def track(
     inverse, q = np.linalg.inv(matrix), path.ratio * noise**2
     seen, walked = path.points @ inverse.T / np.cos(dip), q * np.sum(inverse**2) / (3 * np.cos(dip) ** 2)
     cost, interval = float(np.sqrt(np.mean((seen - seen.mean(axis=0)) ** 2))), _interval(path.time, seen, walked, limit)
-    facts = {"cost": cost, "angle": Quantity(cost, "angle"), "percent": 100 * np.sqrt(3600 * q) / size, "hours": interval / 3600}
+    facts = {"cost": cost, "angle": Quantity(cost, "angle"), "percent": 100 * np.sqrt(3600 * q) / field, "hours": interval / 3600}
     said = FINDINGS(code, severity=CAUTION if cost > limit else NOTE, **facts) if code == "drifts" else FINDINGS(code)
-    return Track(path.time, path.points, spread, matrix / size, size, float(np.sqrt(q)), noise, dip, cost, interval, path.far, (said,))
+    return Track(
+        path.time, path.points, spread, matrix / field, float(field), float(np.sqrt(q)), noise, dip, cost, interval, path.far, (said,)
+    )
 
 
 def _interval(time: np.ndarray, seen: np.ndarray, walked: float, limit: float) -> float:
@@ -200,7 +201,7 @@ def _timed(m: Any, time: Any) -> tuple[np.ndarray, np.ndarray]:
         there = np.isfinite(m).all(axis=1)
         m, time = m[there], time[there]
     m, time = real_numbers(m, "the readings"), real_numbers(time, "the times")
-    if m.ndim != 2 or m.shape[1] != 3 or time.shape != m.shape[:1] or not np.isfinite(m).all():
+    if time.shape != m.shape[:1] or m.shape[1:] != (3,) or not np.isfinite(m).all():
         raise DataError(f"The readings have shape {m.shape} and the times {time.shape}; expected (n, 3) finite and (n,).", code="bad_shape")
     if not np.all(np.diff(time) > 0):
         raise DataError("The times do not increase.", code="time")
