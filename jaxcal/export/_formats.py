@@ -108,6 +108,10 @@ FORMATS = {
     "ros": Format("calibration.yaml", "_ros", ("noise", *_PARTS), ("inflate", "rate")),
     "imu_tk": Format("imu.calib", "_imu_tk", ("imu",), mark=""),
     "motioncal": Format("motioncal.bin", "_motioncal", ("magnetometer",), mark=""),
+    "fusion": Format("fusion.c", "_compass", ("magnetometer",), mark="//", counts=True, readable=False),
+    "magneto": Format("magneto.c", "_compass", ("magnetometer",), mark="//", counts=True, readable=False),
+    "inav": Format("inav.txt", "_compass", ("magnetometer",), counts=True, readable=False),
+    "betaflight": Format("betaflight.txt", "_compass", ("magnetometer",), counts=True, readable=False),
     "c": Format("calibration.h", "_c", _FIELDS, ("prefix",), mark="//", counts=True, readable=False),
     "csv": Format("calibration.csv", "_csv", ("noise", *_FIELDS), mark="", counts=True),
 }

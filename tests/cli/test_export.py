@@ -26,6 +26,7 @@ DEFAULTS = {
     "kalibr": ["imu.yaml"], "openvins": ["kalibr_imu_chain.yaml"], "vins": ["vins.yaml"], "orbslam3": ["orbslam3.yaml"],
     "gtsam": ["gtsam_imu.py"], "px4": ["px4.params"], "ardupilot": ["ardupilot.param"], "ros": ["calibration.yaml"],
     "imu_tk": ["imu_acc.calib", "imu_gyro.calib"], "motioncal": ["motioncal.bin"], "c": ["calibration.h"], "csv": ["calibration.csv"],
+    "fusion": ["fusion.c"], "magneto": ["magneto.c"],
 }  # fmt: skip
 
 

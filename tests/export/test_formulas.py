@@ -6,13 +6,16 @@ and, where the format loses nothing, the readings as `Calibration.correct` corre
 
 import json
 import pathlib
+import re
 
 import numpy as np
 import pytest
 import yaml
 
 from jaxcal import Calibration, Log
+from jaxcal.calibration import Part
 from jaxcal.export import write
+from jaxcal.magnetometer import MagModel
 
 FOLDER = pathlib.Path(__file__).parent
 DOCUMENT = json.loads((FOLDER / "golden.json").read_text())
@@ -140,6 +143,39 @@ def test_motioncal(golden, tmp_path):
     np.testing.assert_allclose(w @ (MAG - v), [8.82016591, 14.8486051, -64.1947983], rtol=0, atol=65 * 2**-24 * 4)
     assert np.linalg.det(w) == pytest.approx(1, abs=3e-7)
     assert b == pytest.approx(47.73032, rel=1e-6)
+
+
+def braces(text, name):
+    return np.array([float(one) for one in re.findall(r"-?[\d.]+(?:e[-+]\d+)?(?=f)", text.split(f"{name} = ")[1].split(";")[0])])
+
+
+@pytest.mark.parametrize(("format", "matrix", "bias"), [
+    ("fusion", "softIronMatrix", "hardIronOffset"), ("magneto", "M_Ainv[3][3]", "M_B[3]"),
+])  # fmt: skip
+def test_lines_of_c_for_a_magnetometer(golden, right, tmp_path, format, matrix, bias):
+    """Fusion: softIronMatrix (raw - hardIronOffset); Magneto: Ainv (raw - B)."""
+    write(Calibration(magnetometer=golden.magnetometer), tmp_path / "a", format=format)
+    text = (tmp_path / "a").read_text()
+    close(braces(text, matrix).reshape(3, 3) @ (MAG - braces(text, bias)), right[35.0][2], scale=10)
+    assert "// A {" in text
+    assert "// soft iron, the inverse of A {" in text
+
+
+def test_settings_in_counts(tmp_path, golden, refuses):
+    """iNav: (raw - magzero) 1024 / maggain; Betaflight: raw - mag_calibration."""
+    model = MagModel(np.array([[1.1, 0.02, 0.0], [0.02, 0.9, 0.0], [0.0, 0.0, 1.0]]), np.array([150.0, -75.0, 33.4]))
+    device = Calibration(magnetometer=Part(model, "counts", 512.0))
+    codes = {one.code for one in write(device, tmp_path / "a", format="inav")}
+    lines = dict(re.findall(r"set (\w+) = (-?\d+)", (tmp_path / "a").read_text()))
+    zero, gain = (np.array([int(lines[f"{name}_{axis}"]) for axis in "xyz"]) for name in ("magzero", "maggain"))
+    raw = model.measure(512.0 * np.eye(3))
+    np.testing.assert_allclose(np.diag((raw - zero) * 1024 / gain), 1024.0, atol=6.0)
+    assert codes == {"matrix_left_out"}
+    write(device, tmp_path / "b", format="betaflight")
+    assert "set mag_calibration = 150,-75,33" in (tmp_path / "b").read_text().splitlines()
+    for format in ("inav", "betaflight"):
+        with refuses("no_part"):
+            write(Calibration(magnetometer=golden.magnetometer), tmp_path / "c", format=format)
 
 
 def test_openvins(golden, right, tmp_path):

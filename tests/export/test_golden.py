@@ -276,7 +276,8 @@ def test_options_that_mean_nothing(golden, tmp_path, format, options, message, r
 
 
 @pytest.mark.parametrize(
-    "format", ["kalibr", "openvins", "vins", "orbslam3", "gtsam", "px4", "ardupilot", "ros", "imu_tk", "motioncal", "c", "csv"]
+    "format",
+    ["kalibr", "openvins", "vins", "orbslam3", "gtsam", "px4", "ardupilot", "ros", "imu_tk", "motioncal", "fusion", "inav", "c", "csv"],
 )
 def test_nothing_to_write(tmp_path, format):
     with pytest.raises(ExportError) as error:
