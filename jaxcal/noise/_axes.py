@@ -126,14 +126,13 @@ def correlation(y: Any, rate: Any, fits: Sequence[Any], *, confidence: float = 0
     root = np.sqrt([np.asarray(model.psd(frequency, dt=1.0 / rate)) for model in models])
     white, share = ordinates / root / np.sqrt(rate), strength[:, None] / root
     share = np.where(np.all(white**2 < _LARGEST, axis=0), share, 0.0)
-    weight = share[:, None] * share[None]
     # sum for each axis alone, minus its other noise: scatter common to both sums cancels, and so does a small error of the fitted level
     own = np.sum(share**2 * (white**2 - 1.0 + share**2), axis=1)
     if not np.all(own > 0.0):
         raise DataError("white noise does not stand out in all axes; there is no correlation to find", code="no_white")
-    rho = np.einsum("ijk,ik,jk->ij", weight, white, white) / np.sqrt(np.outer(own, own))
+    rho = (share * white) @ (share * white).T / np.sqrt(np.outer(own, own))
     np.fill_diagonal(rho, 1.0)
-    information = np.sum(weight**2, axis=2)
+    information = share**2 @ (share**2).T
     if np.min(information) < _FEWEST:
         raise DataError(f"white noise is worth {np.min(information):.0f} ordinates only; a correlation needs {_FEWEST:.0f}: N is too small")
     reach = float(scipy.special.ndtri(0.5 + confidence / 2.0)) / np.sqrt(information)

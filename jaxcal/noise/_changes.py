@@ -25,6 +25,7 @@ import scipy  # loads its parts when they are first used
 from .._types import AnyArray
 from ..spectrum._average import log_groups
 from ._likelihood import scoring
+from ._terms import Term
 
 #: block means of a record, which have the same lowest ordinates; ordinates that the search uses; rounds of the regression and the fit of
 #: the noise; changes of one record; halvings of the distance in which the place of an event is sought beside those of the grid
@@ -180,12 +181,10 @@ def _level(family: str, axes: int, looks: int = 1) -> float:
     return 2.0 * float(scipy.special.gammainccinv(degrees * axes, rare))
 
 
-def slope_of(record: AnyArray, density: AnyArray, dt: float) -> tuple[float, float]:
-    """Slope of a record per second and its standard error; `density` is that of the noise at the lowest ordinates."""
-    low, size = _low(len(record), len(density), dt)
-    x, level = low.transform(low.times), density[: len(low.factor)]
-    information = float(np.sum(x**2 / level))
-    return float(np.sum(low.transform(_means(record, low, size)) * x / level)) / information, information**-0.5
+def lowest_of(n: int, dt: float, columns: Sequence[Term]) -> AnyArray:
+    """Expected lowest ordinates of n samples per squared coefficient, (ordinates, p), at which changes of the mean are searched."""
+    k = np.arange(1, min(_ORDINATES, n - 1) + 1)
+    return np.stack([term.ordinates(k, n, dt) for term in columns], axis=1)
 
 
 def find_changes(

@@ -13,7 +13,7 @@ This is the EM algorithm, which finds the maximum of the likelihood of the obser
 J. R. Stat. Soc. B 39, 1977). The weights count the information of each ordinate, shared information included, in its own row.
 """
 
-import dataclasses
+import copy
 
 import numpy as np
 import scipy  # loads its parts when they are first used
@@ -34,18 +34,36 @@ _LEAST, _FEWEST, _NOTHING = 0.02, 16, 1e-6
 #: share of missing samples, and gaps over the root of the samples, up to which a draw about the mean of the neighbours fills gaps: it
 #: moves no coefficient by a tenth of its error; neighbours on either side of a gap, beside as many as the gap has samples
 _FEW, _GAPS, _NEIGHBOURS = 0.02, 0.03, 24
-_REGRESSED = 4096  # lowest ordinates that determine the size of a regressor, which changes slowly
 
 
-def _dct(x):
-    return np.asarray(scipy.fft.dct(x, norm="ortho", axis=0))
+def dct(x: np.ndarray) -> np.ndarray:
+    """Orthonormal DCT-II of the last axis."""
+    return np.asarray(scipy.fft.dct(x, norm="ortho"))
 
 
-def _idct(x):
-    return np.asarray(scipy.fft.idct(x, norm="ortho", axis=0))
+def _idct(x: np.ndarray) -> np.ndarray:
+    return np.asarray(scipy.fft.idct(x, norm="ortho"))
 
 
-@dataclasses.dataclass
+class Regressors:
+    """Functions of time, (p, n), that the mean of a record may contain beside a constant, with what all axes of a sensor share.
+
+    Attributes
+    ----------
+    columns, spectra : (p, n) the functions, and (p, n - 1) their DCT-II without that of the mean.
+    """
+
+    def __init__(self, columns: np.ndarray):
+        self.columns = columns
+        self.spectra = dct(columns)[:, 1:] if len(columns) else columns[:, 1:]
+        self._products: np.ndarray | None = None
+
+    def products(self, starts: np.ndarray) -> np.ndarray:
+        """Sums over each bin of the products of the spectra, (p, p, bins)."""
+        self._products = _products(self.spectra, self.spectra, starts) if self._products is None else self._products
+        return self._products
+
+
 class Observed:
     """The observed samples of a record.
 
@@ -53,49 +71,55 @@ class Observed:
     ----------
     y : (n,) samples; NaN marks a missing one.
     dt : sampling interval in s.
-    regressors : (n, p) functions of time that the mean may contain beside a constant.
 
     Attributes
     ----------
     complete : whether every sample is observed, and there are no regressors. The bins then do not depend on a density.
-    filled : (n,) expectation of the record without the regressors, given the observations, from the last call of `bins`.
-    drawn : (n,) the same, with a random draw in place of the expectation of unknown samples, so that it scatters like a complete record.
     factors, covariance : estimate of the factors b of the regressors, and its covariance, from the last call of `bins`.
     """
 
-    y: np.ndarray
-    dt: float
-    regressors: np.ndarray | None = None
-
-    def __post_init__(self):
-        y = np.asarray(self.y, dtype=float)
-        n, missing = len(y), np.isnan(y)
-        columns = np.zeros((n, 0)) if self.regressors is None else np.array(self.regressors, dtype=float)
+    def __init__(self, y: np.ndarray, dt: float):
+        self.y, self.dt = np.asarray(y, dtype=float), dt
+        y, n, missing = self.y, len(y), np.isnan(y)
         self._there = 1.0 - missing.mean()
         if n - missing.sum() < _FEWEST:
             raise DataError(f"{n - int(missing.sum())} of {n} samples are there; a noise model needs {_FEWEST} at least")
         if 0.0 < 1.0 - self._there <= _FEW and len(runs(missing)[0]) <= _GAPS * np.sqrt(n):
-            for column in columns.T:  # a step inside of a gap is bridged in the record, too
-                column[:] = bridged(np.where(missing, np.nan, column))
             y, missing = bridged(y), np.zeros(n, dtype=bool)
         else:
             self._there = 1.0
         self._open = np.flatnonzero(missing)
-        # the regressors have the gaps of the record
-        self._given = np.concatenate([y[:, None], columns], axis=1)
-        self._given[missing] = 0.0
-        self._given -= self._given.sum(axis=0) / (n - missing.sum())
-        self._given[missing] = 0.0
-        self._spectrum: np.ndarray | None = None
-        self._whole: Bins | None = None
-        self._runs = _runs_of(self._open)
+        self._given = self._centred(y[None, :])  # the record, and regressors where samples are missing
+        self._spectrum = dct(self._given[0])[1:] if not len(self._open) else None
+        self._runs = _runs_of(missing)
         self._draws = 0 if not len(self._open) else min(_MOST_DRAWS, max(2, -(-_DRAWN // n)))
         self._white = np.random.default_rng(_SEED).standard_normal((self._draws, n))
-        self._before: dict[object, np.ndarray] = {}
-        self._transformed = None if len(self._open) else _dct(self._given)[1:]
-        self.complete = not len(self._open) and not columns.shape[1]
-        self.filled = self.drawn = y if not len(self._open) else without_gaps(y)
-        self.factors, self.covariance = np.zeros(columns.shape[1]), np.zeros((columns.shape[1],) * 2)
+        self._mean = Regressors(np.zeros((0, n)))
+        self._begin()
+
+    def beside(self, regressors: Regressors) -> "Observed":
+        """The record with functions of time in its mean."""
+        found = copy.copy(self)
+        found._mean = regressors
+        if len(self._open):
+            found._given = np.concatenate([self._given[:1], self._centred(regressors.columns)])
+        found._begin()
+        return found
+
+    def _begin(self) -> None:
+        p = len(self._mean.columns)
+        self.complete = not len(self._open) and not p
+        self._z, self._before = self._given, {}
+        self._known: tuple[np.ndarray, np.ndarray] | None = None
+        self.factors, self.covariance = np.zeros(p), np.zeros((p, p))
+
+    def _centred(self, x: np.ndarray) -> np.ndarray:
+        """Functions of time, (p, n), less their means, with the gaps of the record."""
+        x = np.array(x, dtype=float)
+        x[:, self._open] = 0.0
+        x -= x.sum(axis=1, keepdims=True) / (x.shape[1] - len(self._open))
+        x[:, self._open] = 0.0
+        return x
 
     def bins(self, terms: tuple[Term, ...], density: np.ndarray | None = None) -> Bins:
         """Bins of the ordinates.
@@ -106,80 +130,78 @@ class Observed:
         density : (bins,) density at the bins of an earlier call, in the unit of the record squared per Hz. None if none is known yet;
             straight lines then fill the gaps.
         """
-        n, dt = len(self.y), self.dt
-        starts, count, columns, frequency = layout(n, dt, terms)
-        if self._whole is not None:
-            return self._whole._replace(columns=columns)
-        lost, kept = np.zeros(n - 1), min(n - 1, _REGRESSED)
-        if self._transformed is None:
-            kept = n - 1
-            if density is None:
-                level, z = np.ones(1), without_gaps(np.where(np.isnan(self.y)[:, None], np.nan, self._given))
-            else:
-                level = _at_ordinates(density, frequency, n, kept, dt)
-                z, lost = self._expected(level)
-            spectrum = _dct(z)[1:]
+        starts, count, columns, frequency = layout(len(self.y), self.dt, terms)
+        level, lost = np.ones(len(count)) if density is None else density[: len(count)], np.zeros(len(count))
+        if self._spectrum is None:
+            self._z, lost = self._expected(None if density is None else _at_ordinates(level, frequency, len(self.y), self.dt), starts)
+            spectra = dct(self._z)[:, 1:]
+            record, own = _products(spectra, spectra[:1], starts)[:, 0], _products(spectra[1:], spectra[1:], starts)
+            squares, cross = record[0], record[1:]
         else:
-            level = np.ones(1) if density is None else _at_ordinates(density, frequency, n, kept, dt)
-            z, spectrum = self._given, self._transformed
-        precision = dt / level
-        design = spectrum[:, 1:]
-        if design.shape[1]:
-            x = design[:kept]
-            scale = np.sqrt(np.maximum(np.sum(x**2 * precision[:, None], axis=0), np.finfo(float).tiny))
-            weighted = x * (np.sqrt(precision)[:, None] / scale)
-            inverse = np.linalg.pinv(weighted.T @ weighted, rcond=1e-12, hermitian=True)
-            self.factors = inverse @ (weighted.T @ (np.sqrt(precision) * spectrum[:kept, 0])) / scale
-            self.covariance = inverse / np.outer(scale, scale)
-            lost[:kept] += np.einsum("ki,ij,kj->k", weighted, inverse, weighted)
-        remainder = spectrum[:, 0] - design @ self.factors if design.shape[1] else spectrum[:, 0]
-        squares = remainder**2
-        if not np.sum(squares) > _NOTHING**2 * np.sum(self._given[:, 0] ** 2):
+            own = self._mean.products(starts)
+            if self._known is None:
+                self._known = (
+                    np.add.reduceat(self._spectrum**2, starts),
+                    _products(self._mean.spectra, self._spectrum[None, :], starts)[:, 0],
+                )
+            squares, cross = self._known
+        power = np.sum(squares)
+        if len(own):  # within a bin, all ordinates have the weight of their mean
+            precision = self.dt / level
+            gram = own @ precision
+            scale = np.sqrt(np.maximum(np.diagonal(gram), np.finfo(float).tiny))
+            self.covariance = np.linalg.pinv(gram / np.outer(scale, scale), rcond=1e-12, hermitian=True) / np.outer(scale, scale)
+            self.factors = self.covariance @ (cross @ precision)
+            lost = lost + np.einsum("ij,ijb->b", self.covariance, own) * precision
+            squares = np.maximum(squares - 2.0 * self.factors @ cross + np.einsum("i,ijb,j->b", self.factors, own, self.factors), 0.0)
+        if not np.sum(squares) > _NOTHING**2 * power:
             raise DataError(
                 "the record is a step, a ramp or another smooth change to within rounding: there is no noise to characterise. Check that "
                 "the log holds what the sensor sent"
             )
-        self.filled = z[:, 0] - z[:, 1:] @ self.factors if design.shape[1] else z[:, 0]
-        self.drawn, self._spectrum = self.filled, remainder
-        if self._draws and density is not None:
-            self.drawn = self.filled.copy()
-            self.drawn[self._open] += self._before[0]
-            self._spectrum = None
-        share = np.clip(1.0 - np.add.reduceat(lost, starts) / count, 0.0, 1.0)
+        share = np.clip(1.0 - lost / count, 0.0, 1.0)
         weight = np.where(share < _LEAST, 0.0, count * share * self._there)
-        ordinates = dt * np.add.reduceat(squares, starts) / count / np.maximum(share, _LEAST)
+        ordinates = self.dt * squares / count / np.maximum(share, _LEAST)
         unit = np.exp(np.sum(weight * np.log(np.maximum(ordinates, np.finfo(float).tiny))) / max(np.sum(weight), 1.0))
-        found = Bins(ordinates / unit, weight, columns, frequency, unit)
-        if self.complete:  # nothing but the columns will differ
-            self._whole = found
+        return Bins(ordinates / unit, weight, columns, frequency, unit)
+
+    @property
+    def filled(self) -> np.ndarray:
+        """(n,) expectation of the record without the regressors, given the observations."""
+        return self._z[0] - self.factors @ (self._z[1:] if len(self._open) else self._mean.columns)
+
+    @property
+    def drawn(self) -> np.ndarray:
+        """(n,) the same, with a random draw in place of the expectation of unknown samples, so that it scatters like a complete record."""
+        found = self.filled
+        if 0 in self._before:
+            found[self._open] += self._before[0]
         return found
 
     def spectrum(self) -> np.ndarray:
         """Ordinates (n - 1,) of `drawn` by the orthonormal DCT-II, without that of the mean."""
-        return _dct(self.drawn - self.drawn.mean())[1:] if self._spectrum is None else self._spectrum
+        return dct(self.drawn)[1:] if self._spectrum is None else self._spectrum - self.factors @ self._mean.spectra
 
-    def _expected(self, level):
-        """Expectation of the record and of the regressors, and the conditional variance of each ordinate over its density, (n - 1,)."""
-        n, lost = len(self.y), np.zeros(len(self.y) - 1)
-        if not len(self._open):
-            return self._given, lost
+    def _expected(self, level: np.ndarray | None, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Expectation of the record and of the regressors, and the conditional variance over the density, summed in bins."""
+        n, z, lost = len(self.y), self._given.copy(), np.zeros(len(self.y) - 1)
+        if level is None:
+            z[:, self._open] = np.nan
+            return without_gaps(z.T).T, np.zeros(len(starts))
         precision = np.concatenate([[0.0], self.dt / level])
         # in a gap, the eigenvectors of a random walk and of white noise are sines: this is nearly the inverse
-        at, n = np.arange(1, n), len(self.y)
+        at = np.arange(1, n)
         sines = {length: np.interp(np.arange(1, length + 1) * n / (length + 1.0), at, level) / self.dt for length in self._runs}
-        known = self._given.copy()
-        known[self._open] = 0.0
-        pull = -_idct(precision[:, None] * _dct(known))[self._open]
-        z = known
-        for i in range(z.shape[1]):
-            z[self._open, i] = self._before["y", i] = self._solve(pull[:, i], precision, sines, self._before.get(("y", i)), _EXACT)
+        pull = -_idct(precision * dct(z))[:, self._open]
+        for i, one in enumerate(pull):
+            z[i, self._open] = self._before["y", i] = self._solve(one, precision, sines, self._before.get(("y", i)), _EXACT)
         for i, white in enumerate(self._white):
             pull = _idct(np.sqrt(precision) * white)[self._open]
             self._before[i] = self._solve(pull, precision, sines, self._before.get(i), _ROUGH)
             drawn = np.zeros(n)
             drawn[self._open] = self._before[i]
-            lost += _dct(drawn)[1:] ** 2 * precision[1:] / self._draws
-        return z, lost
+            lost += dct(drawn)[1:] ** 2 * precision[1:] / self._draws
+        return z, np.add.reduceat(lost, starts)
 
     # a record that is a ramp to within rounding has precisions beyond the range of floats; it is refused after the fit
     @np.errstate(over="ignore", invalid="ignore")
@@ -189,7 +211,7 @@ class Observed:
 
         def product(v):
             full[self._open] = v
-            return _idct(precision * _dct(full))[self._open]
+            return _idct(precision * dct(full))[self._open]
 
         def nearly_inverse(r):
             out = np.empty_like(r)
@@ -215,45 +237,36 @@ class Observed:
         return v
 
 
-def _at_ordinates(density, frequency, n: int, kept: int, dt: float):
-    """The density at the first ordinates."""
-    at = np.log(np.arange(1, kept + 1) / (2.0 * n * dt))
-    return np.exp(np.interp(at, np.log(frequency), np.log(density[: len(frequency)])))
+def _at_ordinates(density: np.ndarray, frequency: np.ndarray, n: int, dt: float) -> np.ndarray:
+    """The density at all ordinates."""
+    at = np.log(np.arange(1, n) / (2.0 * n * dt))
+    return np.exp(np.interp(at, np.log(frequency), np.log(density)))
+
+
+def _products(spectra: np.ndarray, others: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """Sums over each bin of the products of spectra, (p, ordinates) and (q, ordinates): (p, q, bins)."""
+    parts = (np.split(one, starts[1:], axis=1) for one in (spectra, others))
+    return np.stack([one @ other.T for one, other in zip(*parts, strict=True)], axis=-1)
 
 
 def bridged(y: np.ndarray) -> np.ndarray:
     """The record (n,) with a draw in its gaps: white noise as strong as beside the gap, about the line between the means on either side."""
-    missing = np.isnan(y)
-    first, last = runs(missing)
-    reach = _NEIGHBOURS + last - first
-    known = np.where(missing, 0.0, y - np.nanmean(y))
-    sums = [np.concatenate([[0.0], np.cumsum(values)]) for values in (~missing, known, known**2)]
-
-    def beside(a, b):
-        a, b = np.clip(a, 0, len(y)), np.clip(b, 0, len(y))
-        count, total, square = (np.maximum(one[b] - one[a], 0.0) for one in sums)
-        mean = total / np.maximum(count, 1.0)
-        return count, mean, square - count * mean**2
-
-    before, after = beside(first - reach, first), beside(last, last + reach)
-    means = [np.where(one[0] > 0, one[1], other[1]) for one, other in ((before, after), (after, before))]
-    spread = np.sqrt(np.maximum(before[2] + after[2], 0.0) / np.maximum(before[0] + after[0] - 2.0, 1.0))
-    which = np.repeat(np.arange(len(first)), last - first)
-    at = np.flatnonzero(missing)
-    part = (at - first[which] + 0.5 + reach[which] / 2.0) / (last - first + reach)[which]
-    filled = y.copy()
-    middle = means[0][which] * (1.0 - part) + means[1][which] * part
-    filled[at] = middle + spread[which] * np.random.default_rng(_SEED).standard_normal(len(at)) + np.nanmean(y)
+    filled, random = y.copy(), np.random.default_rng(_SEED)
+    for first, last in zip(*runs(np.isnan(y)), strict=True):
+        reach = _NEIGHBOURS + last - first
+        sides = [side[~np.isnan(side)] for side in (y[max(first - reach, 0) : first], y[last : last + reach])]
+        means = [side.mean() for side in sides if len(side)] or [np.nanmean(y)]
+        spread = np.sqrt(sum(len(side) * side.var() for side in sides if len(side)) / max(sum(map(len, sides)) - 2.0, 1.0))
+        part = (np.arange(last - first) + 0.5 + reach / 2.0) / (last - first + reach)
+        filled[first:last] = means[0] * (1.0 - part) + means[-1] * part + spread * random.standard_normal(last - first)
     return filled
 
 
-def _runs_of(index) -> dict[int, np.ndarray]:
-    """Length -> (runs, length) positions in `index` of all runs of consecutive numbers of this length."""
-    if not len(index):
-        return {}
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(index) > 1) + 1, [len(index)]])
-    lengths = np.diff(edges)
-    return {int(length): edges[:-1][lengths == length][:, None] + np.arange(length) for length in np.unique(lengths)}
+def _runs_of(missing: np.ndarray) -> dict[int, np.ndarray]:
+    """Length -> (gaps, length) positions among the missing samples, of all gaps of this length."""
+    lengths = np.subtract(*runs(missing)[::-1])
+    first = np.cumsum(lengths) - lengths
+    return {int(length): first[lengths == length][:, None] + np.arange(length) for length in np.unique(lengths)}
 
 
 def without_gaps(y: np.ndarray) -> np.ndarray:

@@ -13,8 +13,8 @@ from ._terms import Filter, Term
 
 FILTER = Filter.name
 #: most rounds of filling gaps, and the relative change of the density at which they end; number of rounds in which groups of more ordinates
-#: than this scale the model; lowest ordinates at which changes of the mean are searched
-_ROUNDS, _SETTLED, _ROUGH, _MANY, _ORDINATES = 30, 2e-3, 2, 100.0, 512
+#: than this scale the model
+_ROUNDS, _SETTLED, _ROUGH, _MANY = 30, 2e-3, 2, 100.0
 #: the goodness of fit compares means over groups of bins with the model: ordinates at which the first groups begin, and the number of
 #: groups, of which the later ones are evenly spaced in the logarithm
 _FIRST, _GROUPS = (0, 4, 12, 24, 48), 40
@@ -68,13 +68,6 @@ class Solved(NamedTuple):
         """Highest frequency of the band in Hz; infinite if the fit uses all frequencies."""
         bins = self.fitted.bins
         return float(np.max(np.where(bins.weight > 0, bins.frequency, 0.0))) if self.fitted.cut else np.inf
-
-
-class Lowest(NamedTuple):
-    """Density of the first ordinates of a record: (ordinates, p) per squared coefficient, and (ordinates,) of the fit."""
-
-    columns: AnyArray
-    density: AnyArray
 
 
 def solve(observed: Observed, columns: tuple[Term, ...], band) -> Solved:
@@ -202,15 +195,3 @@ def inside(bins: Bins, band) -> Bins:
         return bins
     within = (bins.frequency >= 0.5 / band[1] * (1 - 1e-9)) & (bins.frequency <= 0.5 / band[0] * (1 + 1e-9))
     return bins._replace(weight=bins.weight * within)
-
-
-def lowest_of(observed: Observed, solved: Solved) -> Lowest:
-    """The lowest ordinates of a record, at which changes of the mean are searched."""
-    n = len(observed.y)
-    k = np.arange(1, min(_ORDINATES, n - 1) + 1)
-    columns = np.stack([term.ordinates(k, n, observed.dt) for term in solved.columns], axis=1)
-    # a filter acts at high frequencies only, and its negative column must not make the density negative here
-    theta = np.where([name != FILTER for name in solved.names], solved.fitted.theta, 0.0)
-    # if every other coefficient is zero, the density vanishes here
-    least = np.finfo(float).eps * np.max(density(solved.fitted.bins.columns, solved.fitted.theta))
-    return Lowest(columns, np.maximum(columns @ theta, least) * solved.bins.unit)

@@ -10,23 +10,21 @@ from .._message import Message
 from .._types import AnyArray
 from ..allan import Deviation
 from . import _findings
-from ._changes import Axis, Changes, find_changes, slope_of
+from ._changes import Axis, Changes, find_changes, lowest_of
 from ._checks import Asked
 from ._compare import likeliest_time
 from ._errors import Widening, widening
 from ._likelihood import density, information, inverse
 from ._limits import PRESENT, Limits, levels_of, profile_limits
 from ._measured import edf_of
-from ._observed import Observed
+from ._observed import Observed, Regressors
 from ._ordinates import amplitudes
 from ._record import Record, naming
 from ._result import FittedSpectrum, NoiseFit, assemble, with_edf, without_terms
 from ._rival import Rival, rival_of
-from ._solve import FILTER, Solved, lowest_of, solve
+from ._solve import FILTER, Solved, solve
 from ._terms import GaussMarkov, Ramp, Term, is_sought
 
-#: slope in standard errors above which a line in time is removed from the record, if R is among the terms
-_RAMP = 3.0
 _FAST = ("Q", "N", FILTER)  # terms that high frequencies determine, at which nothing else looks like them
 
 
@@ -43,13 +41,12 @@ class Described(NamedTuple):
     """A record under a model of its noise.
 
     observed : its likelihood, with changes of the mean as regressors. solved : the fit. terms : those asked for, with the correlation time
-    of a process that was sought. line : slope of the record and its standard error. changes : those of the mean.
+    of a process that was sought. changes : those of the mean.
     """
 
     observed: Observed
     solved: Solved
     terms: tuple[Term, ...]
-    line: tuple[float, float]
     changes: Changes = Changes()
 
 
@@ -84,17 +81,11 @@ def _parts(terms: tuple[Term, ...]) -> Parts:
 
 def _described(y: AnyArray, parts: Parts, asked: Asked) -> Described:
     """The record under the terms of a fixed shape; a ramp that is asked for is taken out."""
-    dt = 1.0 / asked.rate
-    y = np.asarray(y)
-    observed = Observed(y, dt)
-    solved = solve(observed, parts.base, asked.band)
-    if not parts.ramps:
-        return Described(observed, solved, parts.asked, (0.0, np.inf))
-    slope, error = slope_of(observed.drawn, lowest_of(observed, solved).density, dt)
-    if abs(slope) > _RAMP * error:
-        observed = Observed(y - slope * np.arange(len(y)) * dt, dt)
-        solved = solve(observed, parts.base, asked.band)
-    return Described(observed, solved, parts.asked, (slope, error))
+    observed = Observed(np.asarray(y), 1.0 / asked.rate)
+    if parts.ramps:
+        time = np.arange(len(y)) / asked.rate
+        observed = observed.beside(Regressors(time[None, :]))
+    return Described(observed, solve(observed, parts.base, asked.band), parts.asked)
 
 
 def _with_process(plain: Described, parts: Parts, band) -> Described:
@@ -108,22 +99,18 @@ def _with_process(plain: Described, parts: Parts, band) -> Described:
 
 def _with_changes(plain: list[Described], parts: Parts, asked: Asked, record: Record) -> list[Described]:
     """The records with what changes their mean, if anything does."""
-    axes = []
-    for one in plain:
-        solved = one.solved
-        slow = np.array([name not in _FAST for name in solved.names])
-        columns, _ = lowest_of(one.observed, solved)
-        walk = np.array([name == "K" for name in solved.names])[slow]
-        axes.append(Axis(one.observed.drawn, columns, solved.fitted.theta * solved.bins.unit, slow, walk))
-    dt, n = plain[0].observed.dt, len(plain[0].observed.y)
+    dt, n = 1.0 / asked.rate, record.samples
+    slow = np.array([name not in _FAST for name in plain[0].solved.names])
+    walk = np.array([name == "K" for name in plain[0].solved.names])[slow]
+    columns = lowest_of(n, dt, plain[0].solved.columns)
+    axes = [Axis(one.observed.drawn, columns, one.solved.fitted.theta * one.solved.bins.unit, slow, walk) for one in plain]
     joints = [0.5 * (first + last) * dt for first, last in record.aside or ()]
     changes = find_changes(axes, dt, joints, _recorded(record.temperature))
     if not changes.fitted:
         return [one._replace(changes=changes) for one in plain]
-    columns = np.concatenate([change.columns(np.arange(n) * dt) for change in changes.fitted], axis=1)
-    found = []
+    regressors, found = Regressors(np.concatenate([change.columns(np.arange(n) * dt).T for change in changes.fitted])), []
     for one in plain:
-        observed = Observed(one.observed.y, dt, columns)
+        observed = one.observed.beside(regressors)
         found.append(one._replace(observed=observed, solved=solve(observed, parts.base, asked.band), changes=changes))
     return found
 
@@ -149,7 +136,7 @@ def _result(model: Described, parts: Parts, asked: Asked, sensor: str) -> NoiseF
     curve = asked.deviation(observed.drawn if model.changes.fitted else observed.filled)
     used = _used(curve, solved, asked.band)
     fit = assemble(
-        *_squares(solved, covariance, limits, model.terms, model.line, asked.confidence), model.terms, curve, duration,
+        *_squares(solved, covariance, limits, model.terms, observed, asked.confidence), model.terms, curve, duration,
         sinusoid=_lines(model), used=used, confidence=asked.confidence, method="whittle", goodness=fitted.goodness,
         band=(float(curve.tau[used].min()), float(curve.tau[used].max())),
     )  # fmt: skip
@@ -222,10 +209,10 @@ def _fitted_spectrum(solved: Solved) -> FittedSpectrum:
     return FittedSpectrum(frequency=frequency, density=level, model=model, edf=edf, used=used, columns=columns)
 
 
-def _squares(solved: Solved, covariance, limits: Limits, terms: tuple[Term, ...], line: tuple[float, float], confidence: float):
+def _squares(solved: Solved, covariance, limits: Limits, terms: tuple[Term, ...], observed: Observed, confidence: float):
     """Squared coefficients in SI units in the order of `terms`, their covariance and limits.
 
-    The ramp comes from the `line`, (slope, error). What the record does not determine is zero without an upper limit.
+    The slope of a ramp is the only factor of the mean. What the record does not determine is zero without an upper limit.
     """
     asked = [term.name for term in terms]
     p, names, unit = len(asked), solved.names, float(solved.bins.unit)
@@ -236,7 +223,7 @@ def _squares(solved: Solved, covariance, limits: Limits, terms: tuple[Term, ...]
     squares[where], spread[np.ix_(where, where)] = solved.fitted.theta[own] * unit, covariance[np.ix_(own, own)] * unit**2
     ends[:, where] = limits.scaled(unit)
     if "R" in asked:
-        i, (slope, error) = asked.index("R"), line
+        i, slope, error = asked.index("R"), float(observed.factors[0]), float(observed.covariance[0, 0]) ** 0.5
         squares[i], spread[i, i] = slope**2, (2.0 * slope * error) ** 2
         # the slope is a linear function of the record, and therefore normal
         away, (both, one) = abs(slope), (np.sqrt(level) * error for level in levels_of(confidence))
