@@ -117,7 +117,8 @@ def correlation(y: Any, rate: Any, fits: Sequence[Any], *, confidence: float = 0
     gone = np.isnan(y).any(axis=1)
     start, stop = longest_run(~gone)
     said = [FINDINGS("stretch", start=int(start), stop=int(stop))] if gone.any() else []
-    part = np.ascontiguousarray(y[start:stop].T)
+    # a transform of some lengths takes several times as long as of others nearby
+    part = np.ascontiguousarray(y[start : start + scipy.fft.prev_fast_len(stop - start)].T)
     n, axes = part.shape[1], len(models)
     if n < _FEWEST:
         raise DataError(f"the longest stretch without gaps has {n} samples; a correlation needs {_FEWEST:.0f} at least")
