@@ -36,6 +36,7 @@ import scipy.signal
 
 import jaxcal
 from jaxcal.evidence import bursts, find
+from jaxcal.evidence._uneven import unevenness
 
 ROUNDING = {"float": 0.0, "fine": 0.1, "sd": 1.0, "coarse": 2.0, "hidden": 10.0}  # step of the values, in standard deviations of the noise
 AXES = np.array([0.6, -0.3, 0.74])  # direction of every event
@@ -142,7 +143,7 @@ def alarms(runs: int) -> None:
             count[name] += 1
         for one in found:
             marked[one.kind] += one.samples
-        uneven += any(jaxcal.evidence._uneven.unevenness(column).loudest is not None for column in y.T)
+        uneven += any(unevenness(column).loudest is not None for column in y.T)
     print(f"alarms: {runs} records; share of records and of samples")
     for name in ("knock", "moving", "step", "held", "stuck", "zeroed", "clipped", "warm_up", "wrapped", "resampled"):
         print(f"  {name:9} {100 * count[name] / runs:6.2f} % {100 * marked[name] / samples:8.4f} %")

@@ -28,6 +28,7 @@ FINDINGS = table(
         CAUTION, "At rest the gyroscope reads exact zeros, a dead band of {size:.2g}: its bias is known to this only.",
         "Switch the dead band off."
     ),
+    gyro_dead=Kind(CAUTION, "An axis of the gyroscope never changes: the accelerometer is calibrated without the turns."),
     few_turns_left=Kind(FATAL, "{kept} turns are left; a gyroscope needs 6."),
     # what poses and turns determine
     attitudes_enough=Kind(NOTE, "The {poses} poses determine every parameter; least certain: {what}."),

@@ -124,7 +124,9 @@ def multi_position(
         asked = (*asked, *new)
         tried = {(np.inf, np.inf): (found.still.start, found.still.stop)}
         found = _fitted(record, base, with_terms(start, asked), tried, options, raw, held_out)
-    return _with_finding(found, FINDINGS("terms_added", terms=", ".join(asked))) if auto and asked else found
+    said = [FINDINGS("terms_added", terms=", ".join(asked))] if auto and asked else []
+    said += [FINDINGS("gyro_dead", "gyro")] if record.gyro is None and getattr(log, "gyro", None) is not None else []
+    return dataclasses.replace(found, findings=(*found.findings, *said))
 
 
 def _fitted(

@@ -54,7 +54,8 @@ def recording(log: Any) -> Recording:
     stamps, rate = np.asarray(log.time, dtype=float), float(log.rate)
     temperature = float("nan") if log.temperature is None else float(np.nanmean(log.temperature))
     accel, whole = _readings(log, "accel")
-    if log.gyro is None:
+    # turns need all three axes of a gyroscope, the poses none
+    if log.gyro is None or (np.fmin.reduce(log.gyro) == np.fmax.reduce(log.gyro)).any():
         return Recording(stamps - stamps[0], accel, None, rate, temperature, None, np.zeros(3))
     # the zeros of a dead band stay: they hardly change a turn, and what they say of the bias is known to the width of the band
     gyro, turning = _readings(log, "gyro", ("zeroed",))
