@@ -34,10 +34,10 @@ def bandwidth(samples=10**7):
         moved = 3 * 8 * int(count.sum())
         arguments = ((theta,), None, jnp.asarray(m), jnp.asarray(count))
         blocks = jnp.asarray(0), jnp.asarray(-(-int(count[0]) // BLOCK)), jnp.asarray(0)
-        common = {"order": 2, "strided": False, "rule": "none"}
+        common = {"order": 2, "rule": "none"}
         for name, run in (
             ("block_sums", lambda: block_sums(*arguments, *blocks, **common)),
-            ("direct_sums", lambda: direct_sums(*arguments, 0, **common)),
+            ("direct_sums", lambda: direct_sums(*arguments, 0, strided=False, **common)),
         ):
             seconds = _seconds(run)
             share = moved / seconds / ceiling

@@ -1,14 +1,17 @@
-"""Curves of several channels as tables: a few of their values, one column for each channel."""
+"""Results that are curves, and curves of several channels as tables: a few of their values, one column for each channel."""
 
 import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
+from .._frozen import channel_of, replaced
+from .._units import si_unit_of
 from ._findings import Finding
-from ._sections import Grid, Number
+from ._result import Result, Results
+from ._sections import Curve, Grid, Number, Section
 
 #: sensor, which the name of a channel begins with -> its name for readers
 SENSORS = {"gyro": "gyroscope", "accel": "accelerometer", "mag": "magnetometer", "clock": "clock"}
@@ -70,3 +73,67 @@ def of_channel(findings: Iterable[Finding], index: int) -> tuple[Finding, ...]:
     mine = f"channel {index}"
     kept = (one for one in findings if not one.subject or mine in one.subject)
     return tuple(dataclasses.replace(one, subject=()) if one.subject else one for one in kept)
+
+
+class Curved(Result):
+    """A result that is a curve, of one channel or several, such as a deviation or a spectrum."""
+
+    _curve = True
+    _value: ClassVar[str] = ""  # the attribute that holds its values
+    _note: ClassVar[str] = ""
+
+    def _numbers(self, name: str) -> Labelled:
+        """A few numbers of a curve of one channel, whose name may begin with a sensor and tells the unit."""
+        raise NotImplementedError
+
+    def _drawn(self, name: str) -> Curve:
+        """Such a curve as a section."""
+        raise NotImplementedError
+
+    def _quantity(self, name: str) -> str:
+        """Quantity of its values."""
+        raise NotImplementedError
+
+    @property
+    def _title(self) -> str:
+        raise NotImplementedError
+
+    def sections(self) -> list[Section]:
+        """A few values of each channel, and the curves."""
+        values = getattr(self, self._value)
+        one = {str(i): self.channel(i) for i in range(values.shape[1])} if values.ndim > 1 else {"": self}
+        grids = by_channel(self._value, self._title, {name: single._numbers(name) for name, single in one.items()}, self._note)
+        return [*grids, *(single._drawn(name) for name, single in one.items())]
+
+    def channel(self, index: int) -> Any:
+        """The same result for one of several channels."""
+        return replaced(channel_of(self, self._value, index), findings=of_channel(self.findings, index))
+
+
+C = TypeVar("C", bound=Curved)
+
+
+class Curves(Results[C]):
+    """Curves of the channels of a log. The sensor that a name begins with tells the unit."""
+
+    _curve = True
+
+    @property
+    def headline(self) -> str:
+        """Number of channels, and the headline of the first."""
+        first = next(iter(self.values()))
+        return f"{len(self)} channel{'s' * (len(self) != 1)}, {first.headline}"
+
+    def sections(self) -> list[Section]:
+        """A few values of the channels of each sensor, and the curves."""
+        found: list[Section] = []
+        for sensor, title, names in by_sensor(self):
+            first = self[next(iter(names))]
+            found += by_channel(sensor, title, {axis: self[name]._numbers(name) for name, axis in names.items()}, first._note)
+        return [*found, *(one._drawn(name) for name, one in self.items())]
+
+    def _fields(self) -> dict[str, Any]:
+        found = super()._fields()
+        for name, fields in found["channels"].items():
+            fields["unit"] = si_unit_of(self[name]._quantity(name))
+        return found

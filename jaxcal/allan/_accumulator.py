@@ -18,6 +18,7 @@ from .._precision import is_traced
 from .._quality import checked_confidence, checked_rate, checked_whole
 from . import _stretch
 from ._findings import FINDINGS, times
+from ._kernels._route import PARALLEL_FROM
 from ._kinds import PER_DECADE, Kind, find_kind, round_sizes, whole_sizes
 from ._noise_type._b1_ratio import fewest_averages, noise_type_of_ratio
 from ._noise_type._identify import FEWEST, identify, types_for_intervals
@@ -53,7 +54,7 @@ class Accumulator(eqx.Module):
     **Cost.** oadev of a float32 file on the default grid, two cores (`benchmarks/_stream.py`): 38, 31, 27 and 24 ns a sample at 10^6, 10^7,
     10^8 and 10^9 samples, at most 0.5 GB in all.
 
-    **Noise type.** It is identified as by `deviation`, but from the first 8,192 averages at each cluster size, where `deviation` uses those
+    **Noise type.** It is identified as by `deviation`, but from the first 1,024 averages at each cluster size, where `deviation` uses those
     in the middle of a longer record. So the type, and with it the interval, may differ near the boundary between two types. The ratio
     R(n) is not formed: phase noise with fewer than 30 averages counts as flicker phase noise, unless it was white phase noise before.
 
@@ -293,7 +294,7 @@ class Accumulator(eqx.Module):
         workers = min(os.cpu_count() or 1, 16) if jax.default_backend() == "cpu" else 1
         with ThreadPoolExecutor(workers) as pool:
             for piece in pieces:
-                busy = workers > 1 and len(piece) * dense * self.channels >= _stretch.PARALLEL_FROM
+                busy = workers > 1 and len(piece) * dense * self.channels >= PARALLEL_FROM
                 taken = lengthened(kind, plan, taken, piece, pool.map if busy else map, workers if busy else 1)
                 _let_go(source)
         return taken

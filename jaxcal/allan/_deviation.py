@@ -23,17 +23,14 @@ from ._findings import FINDINGS, times
 from ._kernels._contiguous import effective_sizes, measure_whole, refuse_traced
 from ._kernels._difference_sums import direct_sums
 from ._kernels._phase import IN_CACHE, aligned, integrate, padded_length, running_sum_of_phase
-from ._kernels._route import MANY, record_sums, sums_in_cache
+from ._kernels._route import PARALLEL_FROM, record_sums, sums_in_cache
 from ._kernels._total import traced_total_sums
-from ._kinds import Kind, cluster_sizes, find_kind
+from ._kinds import MANY, Kind, cluster_sizes, find_kind
 from ._noise_type._identify import identify, noise_types, types_for_intervals
 from ._result import Deviation, assembled
 from ._uncertainty._bias import bias_factors
 from ._uncertainty._edf import interval_factors, known_uncertainty, tabulated_factors
 from ._uncertainty._edf_total import degrees_of_freedom
-
-_PARALLEL_FROM = 20_000_000  # number of differences above which a second thread saves more time than it costs
-
 
 #: function that gives the sums, which may still be computed; counts; noise types: (clusters, channels) each
 _Measured = tuple[Callable[[], Any], Any, Any]
@@ -83,7 +80,8 @@ def deviation(
     m : cluster sizes in samples: "log" (default, about 15 per decade), "octave", "decade", "all", or integers.
     data : "rate" (default) or "phase".
     confidence : level of the intervals, 0.95 by default.
-    alpha : noise type for the degrees of freedom (2 .. -2), to replace the one identified at each cluster size.
+    alpha : noise type for the degrees of freedom (2 .. -2), to replace the one identified at each cluster size. Of a traced record none
+        is identified: it is 0, white noise of the rate, unless given.
     bias_corrected : True divides the variance by its exact bias against mdev, ohdev or oadev, for the noise type at each cluster size.
         `bias` of the result reports the factor.
 
@@ -167,23 +165,22 @@ def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int
         count = eqx.error_if(count, xp.any(count == 0), "a cluster size has no difference free of gaps; choose smaller m")
         expected = jnp.asarray(expected, dtype=count.dtype)
     lengths = statistic.length(count, sizes[:, None], samples) if xp is np else samples
-    types = types_for_intervals(noise, effective_sizes(sizes, statistic), lengths, data, xp)
+    types = types_for_intervals(noise, effective_sizes(sizes, statistic), lengths, data) if xp is np else noise
     edf, low, high = _uncertainty(types, count, expected, sizes, statistic, lengths, confidence, xp)
     if xp is np:
         wider, said = widened(edf, columns, 2 if data == "phase" else 1, samples / rate, FINDINGS)
         if (wider < edf).any():
             edf, findings = wider, (*findings, *said)
             low, high = interval_factors(edf, confidence)
-    bias = xp.ones(count.shape, dtype=low.dtype)
-    if bias_corrected:
-        factors = functools.partial(bias_factors, kind=statistic, samples=lengths)
-        bias = _by_noise_type(factors, sizes, noise, statistic, xp)
+    bias = bias_factors(sizes[:, None], noise, statistic, lengths) if bias_corrected else np.ones(count.shape)
+    bias = xp.asarray(bias, dtype=low.dtype)
     scale = statistic.scale(sizes, rate)[:, None].astype(low.dtype)
     factor = scale / count / bias
     result = xp.sqrt(sums()[kept] * factor)
-    alpha = noise.astype(np.int64) if xp is np else noise
     factors, skipped = (edf, low, high), expected - count
-    return assembled(statistic, rate, sizes, result, factors, count, alpha, skipped, bias, confidence, findings, y.ndim == 1)
+    return assembled(
+        statistic, rate, sizes, result, factors, count, noise.astype(np.int64), skipped, bias, confidence, findings, y.ndim == 1
+    )
 
 
 def empty_channels(y):
@@ -216,20 +213,11 @@ def _missing(column, name: str):
     return gone
 
 
-def _by_noise_type(function, sizes, noise, statistic: Kind, xp):
-    """function(m, alpha) at the identified noise types; in a trace, where they are not known yet, read from a table of all types."""
-    if xp is np:
-        return function(sizes[:, None], noise)
-    types = np.arange(2, -5 if statistic.plain.order == 3 else -3, -1)
-    table = jnp.asarray(function(sizes[:, None], types[None, :]), dtype=noise.dtype)
-    return jnp.take_along_axis(table, jnp.clip(2 - noise, 0, len(types) - 1).astype(jnp.int32), axis=1)
-
-
 def _uncertainty(noise, count, expected, sizes, statistic: Kind, samples, confidence: float, xp):
     """The edf and the interval factors; in a trace, the factors are read from a table."""
     if xp is np and not statistic.contiguous and len(sizes) <= MANY and (count == expected).all():
         return known_uncertainty(sizes, noise, statistic, samples, confidence)
-    edf = _by_noise_type(functools.partial(degrees_of_freedom, kind=statistic, samples=samples), sizes, noise, statistic, xp)
+    edf = xp.asarray(degrees_of_freedom(sizes[:, None], noise, statistic, samples), dtype=expected.dtype if xp is jnp else float)
     edf = xp.maximum(edf if statistic.contiguous else edf * (count / expected), 1.0)
     if xp is np:
         return edf, *interval_factors(edf, confidence)
@@ -266,13 +254,7 @@ def _traced(columns, sizes, statistic: Kind, rate: float, data: str, samples: in
         )  # fmt: skip
 
     total, count = jax.lax.map(channel, (parts.T, missing.T))
-    marks = missing if data == "phase" and rule == "points" else gone.astype(jnp.int32) if data == "phase" else missing
-    if alpha is None:
-        each = functools.partial(identify, m=sizes, kind=statistic.plain, samples=samples, data=data, xp=jnp)
-        noise = jax.vmap(each, in_axes=1, out_axes=1)(jax.lax.stop_gradient(theta), marks)
-    else:
-        noise = jnp.full(total.T.shape, float(alpha), dtype=columns.dtype)
-    return lambda: total.T, count.T.astype(columns.dtype), noise
+    return lambda: total.T, count.T.astype(columns.dtype), np.full(total.T.shape, 0.0 if alpha is None else float(alpha))
 
 
 def _gap_rule(gone, statistic: Kind, data: str, xp):
@@ -291,12 +273,12 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
     """The sums, counts and noise types of a record on the host."""
     ascending, back, number = _arranged(sizes.tobytes(), samples, statistic)
     channels = columns.shape[1]
-    if samples < IN_CACHE and len(sizes) <= MANY and data == "rate":
+    if samples < IN_CACHE and len(sizes) <= MANY and data == "rate" and statistic.overlapped:
         length, sums = padded_length(samples if statistic.modified else IN_CACHE - 1), []
         noise = np.full((len(sizes), channels), np.nan if alpha is None else float(alpha))
         for index, column in enumerate(columns.T):
             theta = aligned(length)
-            if not integrate(column, theta[: samples + 1], 1):
+            if not integrate(column, theta[: samples + 1]):
                 break  # a record with a gap is handled below
             sums.append(sums_in_cache(theta, ascending, number, statistic))
             if alpha is None:  # while the sums are computed in the background
@@ -306,14 +288,14 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
             return lambda: np.stack([wait() for wait in sums], axis=1)[back], count, noise
     workers = 1
     # a thread that the caller started, as `batch` does for each log, already has a core
-    if channels * int(number.sum()) >= _PARALLEL_FROM and threading.current_thread() is threading.main_thread():
+    if channels * int(number.sum()) >= PARALLEL_FROM and threading.current_thread() is threading.main_thread():
         workers = min(os.cpu_count() or 1, 16) if jax.default_backend() == "cpu" else 1
     # threads share one record if it is alone or has many cluster sizes; otherwise each thread takes a channel
     split = workers if channels == 1 or len(sizes) > MANY else 1
 
     def channel(index, run):
         with jax.enable_x64(True):  # thread-local
-            prepared = _prepare(columns[:, index], f"channel {index}" if channels > 1 else "y", statistic, rate, data, samples, split, run)
+            prepared = _prepare(columns[:, index], f"channel {index}" if channels > 1 else "y", statistic, rate, data, samples)
             total, count = record_sums(prepared, ascending, number, statistic, split, run)
             if alpha is None:
                 return total, count, noise_types(prepared[1], prepared[2], ascending, statistic.plain, samples, data)
@@ -337,14 +319,14 @@ def _arranged(held: bytes, samples: int, statistic: Kind) -> tuple[np.ndarray, n
     return sizes[order], np.argsort(order, kind="stable"), statistic.count(samples, sizes[order])
 
 
-def _prepare(column, name: str, statistic: Kind, rate: float, data: str, samples: int, parts: int, run):
+def _prepare(column, name: str, statistic: Kind, rate: float, data: str, samples: int):
     """Padded arrays of one channel for the block kernel, and its phase and gap marks for the noise identification."""
     length = padded_length(samples)
     marks = missing = None
     rule, less = "none", 0
     buffer = aligned(length)  # values beyond the record stay arbitrary
     held = buffer[: samples + 1]
-    whole = integrate(column, held, parts, run) if data == "rate" else bool(np.isfinite(np.sum(column)))
+    whole = integrate(column, held) if data == "rate" else bool(np.isfinite(np.sum(column)))
     gone = None if whole else _missing(column, name)
     if gone is not None and gone.any():
         marks, rule, less = _gap_rule(gone[:, None], statistic, data, np)
@@ -353,7 +335,7 @@ def _prepare(column, name: str, statistic: Kind, rate: float, data: str, samples
         if data == "phase":
             marks = gone.astype(np.int32)
         else:
-            integrate(np.where(gone, np.mean(column[~gone]), column), held, parts, run)
+            integrate(np.where(gone, np.mean(column[~gone]), column), held)
     if data == "phase":
         clean = np.where(gone, 0.0, column) if gone is not None else column
         np.subtract(clean, np.linspace(clean[0], clean[-1], samples + 1), out=held)

@@ -82,6 +82,17 @@ class Kind:
         return factor
 
 
+def difference_weights(order: int) -> np.ndarray:
+    """Weights of the points in a difference of an order, such as -1, 3, -3, 1."""
+    return np.diff(np.eye(order + 1), order, axis=0)[0]
+
+
+def autocorrelation(order: int) -> np.ndarray:
+    """Weights of the lags 0, 1, ... in the square of such a difference, such as 20, -15, 6, -1."""
+    own = difference_weights(order)
+    return np.correlate(own, own, "full")[order:]
+
+
 _KINDS = {
     kind.name: kind
     for kind in (
@@ -109,6 +120,8 @@ def find_kind(name: "str | Kind") -> Kind:
     return _KINDS[name]
 
 
+#: number of cluster sizes up to which every record uses the block kernel, and every size has a noise type of its own
+MANY = 512
 #: cluster sizes per decade of the "log" grid
 PER_DECADE = 15
 

@@ -8,17 +8,15 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from .._answer import Curve, Finding, Number, Result, Results, Section
-from .._answer._curves import SENSORS, Labelled, at_decades, by_channel, by_sensor, labelled, of_channel
+from .._answer import Curve, Finding, Number
+from .._answer._curves import SENSORS, Curved, Curves, Labelled, at_decades, labelled
 from .._arrays import namespace
-from .._frozen import channel_of, replaced
 from .._types import AnyArray
-from .._units import si_unit_of
 from ._kinds import Kind
 from ._uncertainty._edf import interval_factors
 
 
-class Deviation(Result):
+class Deviation(Curved):
     """A time-domain deviation at several cluster sizes, with chi-square intervals.
 
     The first axis of every array is the cluster size; arrays of a record with channels have a second axis.
@@ -77,34 +75,54 @@ class Deviation(Result):
         if self.bias is None:
             self.bias = namespace(self.deviation, concrete=True).ones_like(self.deviation)
 
-    _figure = ("allan", False)
-    _curve = True
+    _figure, _value = ("allan", False), "deviation"
 
     @property
     def headline(self) -> str:
         """Statistic and range of cluster times."""
         return f"{self.kind} from {np.min(self.tau):.4g} to {np.max(self.tau):.4g} s"
 
-    def sections(self) -> list[Section]:
-        """The deviation at powers of ten of the cluster time and its floor, and the curve."""
-        unit = "unit s" if self.unit_of_phase else "unit"
-        many = self.deviation.ndim > 1
-        named = {str(i): self.channel(i) for i in range(self.deviation.shape[1])} if many else {"": self}
-        tables = by_channel("deviation", self.kind, {name: _numbers(f"{name}." * many, one, unit) for name, one in named.items()})
-        return [*tables, *(_curve_of(name or "curve", one, unit) for name, one in named.items())]
-
     @property
     def unit_of_phase(self) -> bool:
         """Whether the deviation is in the unit of the record times s."""
         return self.kind in ("tdev", "ttotdev")
 
-    def channel(self, index: int) -> "Deviation":
-        """The same result for one of several channels."""
-        found = channel_of(self, "deviation", index)
-        return replaced(found, findings=of_channel(self.findings, index))
+    @property
+    def _title(self) -> str:
+        return self.kind
+
+    def _quantity(self, name: str) -> str:
+        sensor, phase = name.partition("_")[0], self.unit_of_phase
+        if sensor == "clock":
+            return "time" if phase else "ratio"
+        return f"{'Q' if phase else 'B'}.{sensor}" if sensor in SENSORS else "unit s" if phase else "unit"
+
+    def _numbers(self, name: str) -> Labelled:
+        """The deviation with its 95 % interval at powers of ten of the cluster time, and the floor of the curve."""
+        order, quantity, prefix = np.argsort(self.tau, kind="stable"), self._quantity(name), f"{name}." * bool(name)
+        curves = (self.tau, self.deviation, self.lower, self.upper)
+        tau, value, low, high = (np.asarray(curve, dtype=float)[order] for curve in curves)
+        if self.confidence != 0.95:
+            low, high = (value * factor for factor in interval_factors(np.asarray(self.edf)[order], 0.95))
+        known = {x: Number(f"{prefix}{self.kind}({x:g} s)", *at, quantity) for x, at in at_decades(tau, value, low, high).items()}
+        main, more = labelled(known, "at {:g} s")
+        if np.isfinite(high).any():
+            # where the upper limit is lowest, so that a poorly known end of the curve is no floor
+            i = int(np.nanargmin(high))
+            # unless the curve rises again, the floor is below all that was measured
+            rises = bool(np.any(low[i + 1 :] > value[i]))
+            main["floor"] = Number(f"{prefix}floor", value[i], low[i], high[i], quantity, "estimated" if rises else "limit")
+            main["floor at"] = Number(f"{prefix}floor_tau", tau[i], quantity="time")
+        return main, more
+
+    def _drawn(self, name: str) -> Curve:
+        known = {"tau": "time"} | dict.fromkeys(("deviation", "lower", "upper"), self._quantity(name))
+        names = ("tau", "m", "deviation", "lower", "upper", "edf", "count", "alpha", "skipped")
+        columns = {column: (known.get(column, "ratio"), getattr(self, column)) for column in names}
+        return Curve(name or "curve", f"{self.kind} of {name}" if name else self.kind, columns)
 
 
-class Deviations(Results[Deviation]):
+class Deviations(Curves[Deviation]):
     """Deviations of the channels of a log: channel -> `Deviation`. The sensor that a name begins with tells the unit.
 
     Examples
@@ -124,62 +142,9 @@ class Deviations(Results[Deviation]):
     """
 
     _figure = ("allan", False)
-    _curve = True
-
-    @property
-    def headline(self) -> str:
-        """Statistic, number of channels, and range of cluster times."""
-        first = next(iter(self.values()))
-        return f"{len(self)} channel{'s' * (len(self) != 1)}, {first.headline}"
-
-    def sections(self) -> list[Section]:
-        """For each sensor the deviation at powers of ten of the cluster time and the floor; and the curves."""
-        found: list[Section] = []
-        for sensor, title, names in by_sensor(self):
-            numbers = {axis: _numbers(f"{name}.", self[name], self._quantity(name)) for name, axis in names.items()}
-            found += by_channel(sensor, title, numbers)
-        return [*found, *(_curve_of(name, one, self._quantity(name)) for name, one in self.items())]
-
-    def _quantity(self, name: str) -> str:
-        sensor, phase = name.partition("_")[0], self[name].unit_of_phase
-        if sensor == "clock":
-            return "time" if phase else "ratio"
-        return f"{'Q' if phase else 'B'}.{sensor}" if sensor in SENSORS else "unit s" if phase else "unit"
-
-    def _fields(self) -> dict[str, Any]:
-        found = super()._fields()
-        for name, fields in found["channels"].items():
-            fields["unit"] = si_unit_of(self._quantity(name))
-        return found
 
 
 Deviation._several = Deviations
-
-
-def _numbers(prefix: str, one: Deviation, quantity: str) -> Labelled:
-    """The deviation with its 95 % interval at powers of ten of the cluster time, and the floor of the curve."""
-    order = np.argsort(one.tau, kind="stable")
-    tau, value, low, high = (np.asarray(curve, dtype=float)[order] for curve in (one.tau, one.deviation, one.lower, one.upper))
-    if one.confidence != 0.95:
-        low, high = (value * factor for factor in interval_factors(np.asarray(one.edf)[order], 0.95))
-    decades = at_decades(tau, value, low, high)
-    main, more = labelled({x: Number(f"{prefix}{one.kind}({x:g} s)", v, a, b, quantity) for x, (v, a, b) in decades.items()}, "at {:g} s")
-    if np.isfinite(high).any():
-        # where the upper limit is lowest, so that a poorly known end of the curve is no floor
-        i = int(np.nanargmin(high))
-        # unless the curve rises again, the floor is below all that was measured
-        rises = bool(np.any(low[i + 1 :] > value[i]))
-        main["floor"] = Number(f"{prefix}floor", value[i], low[i], high[i], quantity, "estimated" if rises else "limit")
-        main["floor at"] = Number(f"{prefix}floor_tau", tau[i], quantity="time")
-    return main, more
-
-
-def _curve_of(key: str, one: Deviation, quantity: str) -> Curve:
-    known = {"tau": "time", "deviation": quantity, "lower": quantity, "upper": quantity}
-    names = ("tau", "m", "deviation", "lower", "upper", "edf", "count", "alpha", "skipped")
-    return Curve(
-        key, f"{one.kind} of {key}".removesuffix(" of curve"), {name: (known.get(name, "ratio"), getattr(one, name)) for name in names}
-    )
 
 
 def assembled(

@@ -25,15 +25,12 @@ from .._errors import DataError
 from ._kernels._phase import BLOCK, aligned, running_sum_of_phase
 from ._kernels._route import by_blocks
 from ._kinds import Kind
+from ._noise_type._b1_ratio import POINTS
 
 #: number of samples processed at a time
 PIECE = 1 << 20
-#: number of differences above which a second thread saves more time than it costs
-PARALLEL_FROM = 4_000_000
 #: smallest number of points per cluster between starting points, if not all are used
 PER_CLUSTER = 128
-#: number of averages kept for the noise type, at each cluster size
-AVERAGES = 1 << 13
 
 
 class Points(NamedTuple):
@@ -169,9 +166,9 @@ def lengthened(kind: Kind, m: np.ndarray, old: Stretch, samples: np.ndarray, run
         levels.append(Level(level.stride, level.steps, head, last, level.squares + squares, level.count + count))
     marks = list(old.marks)
     for i in np.flatnonzero(m - now % m <= width).tolist():
-        if marks[i].number <= AVERAGES:
+        if marks[i].number <= POINTS:
             new, step = arrived(int(m[i]))
-            marks[i] = _further(marks[i], new, AVERAGES + 1, old.net, drift, step, old.lost)
+            marks[i] = _further(marks[i], new, POINTS + 1, old.net, drift, step, old.lost)
     return dataclasses.replace(
         old, samples=old.samples + width, present=old.present + width - gone, first_mean=first_mean, mean=mean,
         net=old.net + net + drift * width, levels=tuple(levels), marks=tuple(marks),
@@ -284,7 +281,7 @@ def side_by_side(kind: Kind, m: np.ndarray, a: Stretch, b: Stretch) -> Stretch:
     for size, mine, its in zip(m.tolist(), a.marks, b.marks, strict=True):
         new, step = ahead(size, its, b.start is not None)
         new = Points(new.phase, new.lost + (b.start is None))  # no average spans the border if the points do not go on evenly
-        marks.append(_further(mine, new, AVERAGES + 1, a.net, drift, step, a.lost))
+        marks.append(_further(mine, new, POINTS + 1, a.net, drift, step, a.lost))
     return Stretch(
         start=0 if a.start is None and b.start is not None else a.start, samples=a.samples + b.samples, present=a.present + b.present,
         first_mean=a.first_mean, mean=b.mean, net=a.net + b.net + drift * b.samples, levels=tuple(levels), marks=tuple(marks),

@@ -18,8 +18,7 @@ from ..allan import Accumulator, Deviation, deviation as _deviation
 from ..allan._deviation import begin
 from ..allan._findings import FINDINGS
 from ..allan._kernels._phase import IN_CACHE, padded_length
-from ..allan._kernels._route import MANY
-from ..allan._kinds import Kind, cluster_sizes, find_kind
+from ..allan._kinds import MANY, Kind, cluster_sizes, find_kind
 from ..allan._stretch import rounded
 from ..io._chunks import Chunks, array_chunks, open_chunks
 

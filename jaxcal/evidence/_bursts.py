@@ -29,7 +29,7 @@ _BLOCK, _RUNNING = 64, 65
 #: a block whose mean square is this many times that of the quietest quarter moves; levels of noise differ less
 _GROSS = 16.0
 #: share of equal neighbours above which the noise is hidden by the step of the values: below, it is at least 0.45 steps
-_HIDDEN = 0.5
+HIDDEN = 0.5
 #: single outliers at one lag above which they are tails of the noise
 _TAILS = 10
 #: quantiles of |d| -> those of a normal law: the larger of the two spreads counts, so that tails and coarse values are no events
@@ -96,7 +96,7 @@ class _Record:
         self.steps = [resolution(column) for column in self.columns]
         # where the step of the values hides the noise, so that most readings equal the one before, nothing smaller is an event
         equal = [np.mean(column[1:] == column[:-1]) for column in self.columns]
-        self.hidden = [step if share > _HIDDEN else 0.0 for step, share in zip(self.steps, equal, strict=True)]
+        self.hidden = [step if share > HIDDEN else 0.0 for step, share in zip(self.steps, equal, strict=True)]
         self.longest = min(round(LONGEST * rate * len(self.index) / max(self.size, 1)), len(self.index) // (2 * _PAIRS))
         self._sum()
         self.tails = False  # whether single outliers are tails of the noise

@@ -11,6 +11,7 @@ import scipy  # loads its parts when they are first used
 
 from .._answer import CAUTION, Finding, Kind, Table
 from .._types import AnyArray
+from ._bursts import HIDDEN
 
 #: blocks of the record; fewer ones see slower changes of the level
 BLOCKS = (10, 5, 2)
@@ -90,7 +91,8 @@ def unevenness(values: np.ndarray, order: int = 1) -> Unevenness:
         return Unevenness(0.0, None)
     parts = np.diff(values[: len(values) // count * count].reshape(count, -1)[:, :_USED], order)
     energy = np.einsum("ij,ij->i", parts, parts)
-    if not (mean := energy.mean()) > 0.0:
+    # where the step of the values hides the noise, the level of the readings decides how often they change
+    if np.mean(parts == 0.0) > HIDDEN or not (mean := energy.mean()) > 0.0:
         return Unevenness(0.0, None)
     energy /= mean
     own = float(np.mean(np.diff(energy) ** 2)) / 2.0  # variance of a short part

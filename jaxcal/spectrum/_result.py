@@ -1,19 +1,15 @@
 """`Spectrum`: a power spectral density with its uncertainty."""
 
-from typing import Any
-
 import equinox as eqx
 import numpy as np
 
-from .._answer import Curve, Finding, Number, Result, Results, Section
-from .._answer._curves import SENSORS, Labelled, at_decades, by_channel, by_sensor, labelled
-from .._frozen import channel_of
+from .._answer import Curve, Finding, Number
+from .._answer._curves import SENSORS, Curved, Curves, Labelled, at_decades, labelled
 from .._types import AnyArray
-from .._units import si_unit_of
 from ._ordinates import interval_factors
 
 
-class Spectrum(Result):
+class Spectrum(Curved):
     """A power spectral density at frequencies above zero, with chi-square intervals.
 
     The first axis of every array is the frequency; arrays of a record with channels have a second axis.
@@ -55,8 +51,8 @@ class Spectrum(Result):
     confidence: float = eqx.field(static=True)
     findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
-    _figure = ("spectrum", False)
-    _curve = True
+    _figure, _value = ("spectrum", False), "density"
+    _note = "The root of the density, and the rms over all frequencies."
 
     @property
     def headline(self) -> str:
@@ -64,20 +60,36 @@ class Spectrum(Result):
         sided = "one" if self.sided == 1 else "two"
         return f"{self.method}, {sided}-sided, {self.frequency[0]:.4g} to {self.frequency[-1]:.4g} Hz"
 
-    def sections(self) -> list[Section]:
-        """The root of the density at powers of ten of the frequency, the rms of the record, and the curve."""
-        many = self.density.ndim > 1
-        named = {str(i): self.channel(i) for i in range(self.density.shape[1])} if many else {"": self}
-        tables = {name: _numbers(f"{name}." * many, one, "unit/sqrt(Hz)", "unit") for name, one in named.items()}
-        grids = by_channel("density", self.method, tables, _NOTE)
-        return [*grids, *(_curve_of(name or "curve", one, "unit^2/Hz") for name, one in named.items())]
+    @property
+    def _title(self) -> str:
+        return self.method
 
-    def channel(self, index: int) -> "Spectrum":
-        """The same result for one of several channels."""
-        return channel_of(self, "density", index)
+    def _quantity(self, name: str) -> str:
+        sensor = name.partition("_")[0]
+        return f"{sensor}^2/Hz" if sensor in SENSORS else "unit^2/Hz"
+
+    def _numbers(self, name: str) -> Labelled:
+        """The root of the density with its 95 % interval at powers of ten of the frequency, and the rms over all frequencies."""
+        sensor, prefix = name.partition("_")[0], f"{name}." * bool(name)
+        root, unit = (f"N.{sensor}", f"B.{sensor}") if sensor in SENSORS else ("unit/sqrt(Hz)", "unit")
+        density, low, high = (np.asarray(curve, dtype=float) for curve in (self.density, self.lower, self.upper))
+        if self.confidence != 0.95:
+            low, high = (density * factor for factor in interval_factors(np.asarray(self.edf), 0.95))
+        roots = at_decades(self.frequency, *map(np.sqrt, (density, low, high)))
+        main, more = labelled({f: Number(f"{prefix}root_density({f:g} Hz)", *at, root) for f, at in roots.items()}, "at {:g} Hz")
+        # every average begins with a single ordinate, at the distance of the ordinates
+        power = float(np.sum(density * np.asarray(self.count) / self.count[0])) * float(self.frequency[0])
+        main["rms"] = Number(f"{prefix}rms", (power * self.sided) ** 0.5, quantity=unit)
+        return main, more
+
+    def _drawn(self, name: str) -> Curve:
+        known = {"frequency": "frequency"} | dict.fromkeys(("density", "lower", "upper"), self._quantity(name))
+        names = ("frequency", "density", "lower", "upper", "count", "edf")
+        columns = {column: (known.get(column, "ratio"), getattr(self, column)) for column in names}
+        return Curve(name or "curve", f"density of {name}" if name else "density", columns)
 
 
-class Spectra(Results[Spectrum]):
+class Spectra(Curves[Spectrum]):
     """Spectra of the channels of a log: channel -> `Spectrum`. The sensor that a name begins with tells the unit.
 
     Parameters
@@ -102,55 +114,6 @@ class Spectra(Results[Spectrum]):
     """
 
     _figure = ("spectrum", False)
-    _curve = True
-
-    @property
-    def headline(self) -> str:
-        """Number of channels, method and range of frequencies."""
-        first = next(iter(self.values()))
-        return f"{len(self)} channel{'s' * (len(self) != 1)}, {first.headline}"
-
-    def sections(self) -> list[Section]:
-        """For each sensor the root of the density at powers of ten of the frequency, and the rms; and the curves."""
-        found: list[Section] = []
-        for sensor, title, names in by_sensor(self):
-            root, unit = (f"N.{sensor}", f"B.{sensor}") if sensor in SENSORS else ("unit/sqrt(Hz)", "unit")
-            numbers = {axis: _numbers(f"{name}.", self[name], root, unit) for name, axis in names.items()}
-            found += by_channel(sensor, title, numbers, _NOTE)
-        return [*found, *(_curve_of(name, one, _squared(name)) for name, one in self.items())]
-
-    def _fields(self) -> dict[str, Any]:
-        found = super()._fields()
-        for name, fields in found["channels"].items():
-            fields["unit"] = si_unit_of(_squared(name))
-        return found
 
 
 Spectrum._several = Spectra
-_NOTE = "The root of the density, and the rms over all frequencies."
-
-
-def _squared(name: str) -> str:
-    sensor = name.partition("_")[0]
-    return f"{sensor}^2/Hz" if sensor in SENSORS else "unit^2/Hz"
-
-
-def _numbers(prefix: str, one: Spectrum, root: str, unit: str) -> Labelled:
-    """The root of the density with its 95 % interval at powers of ten of the frequency, and the rms over all frequencies."""
-    density, low, high = (np.asarray(curve, dtype=float) for curve in (one.density, one.lower, one.upper))
-    if one.confidence != 0.95:
-        low, high = (density * factor for factor in interval_factors(np.asarray(one.edf), 0.95))
-    roots = at_decades(one.frequency, *map(np.sqrt, (density, low, high)))
-    main, more = labelled({f: Number(f"{prefix}root_density({f:g} Hz)", v, a, b, root) for f, (v, a, b) in roots.items()}, "at {:g} Hz")
-    # every average begins with a single ordinate, at the distance of the ordinates
-    power = float(np.sum(density * np.asarray(one.count) / one.count[0])) * float(one.frequency[0])
-    main["rms"] = Number(f"{prefix}rms", (power * one.sided) ** 0.5, quantity=unit)
-    return main, more
-
-
-def _curve_of(key: str, one: Spectrum, quantity: str) -> Curve:
-    known = {"frequency": "frequency", "density": quantity, "lower": quantity, "upper": quantity}
-    names = ("frequency", "density", "lower", "upper", "count", "edf")
-    return Curve(
-        key, f"density of {key}".removesuffix(" of curve"), {name: (known.get(name, "ratio"), getattr(one, name)) for name in names}
-    )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxcal import DataError
-from jaxcal.allan import Accumulator, _stretch, deviation
+from jaxcal.allan import Accumulator, _accumulator, _stretch, deviation
 from jaxcal.noise import Noise
 
 KINDS = ("adev", "oadev", "mdev", "tdev", "hdev", "ohdev")
@@ -133,7 +133,7 @@ def test_strides_are_the_plain_definition_however_chunked_and_merged(short_piece
 @pytest.mark.parametrize("kind", KINDS)
 def test_channels_threads_and_float32(monkeypatch, kind):
     monkeypatch.setattr(_stretch, "PIECE", 1 << 16)
-    monkeypatch.setattr(_stretch, "PARALLEL_FROM", 1)
+    monkeypatch.setattr(_accumulator, "PARALLEL_FROM", 1)
     y = (np.random.default_rng(1).standard_normal((300_000, 2)) + np.array([9.81, -2.0])).astype(np.float32)
     y[150_000:150_010, 1] = np.nan
     m = [1, 4, 50, 700, 5_000]

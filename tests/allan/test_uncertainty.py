@@ -84,13 +84,13 @@ def test_b1_of_simulated_averages_has_its_expectation():
         y = noise.simulate(runs * averages * fine, 1.0, seed=0).reshape(runs, averages, fine).mean(axis=2)
         ratio = y.var(axis=1, ddof=1).mean() / (np.diff(y, axis=1) ** 2 / 2.0).mean()
         # the ratio of means has a sampling error of 1 %, for the random walk of 2 %
-        np.testing.assert_allclose(ratio, _b1(np.float64(averages), mu, np), rtol=0.06)
+        np.testing.assert_allclose(ratio, _b1(np.float64(averages), mu), rtol=0.06)
 
 
 def test_modified_over_plain_of_white_phase_is_one_over_n():
     y = np.stack([Noise(Q=1.0).simulate(4000, 1.0, seed=s) for s in range(50)])
     theta = np.concatenate([np.zeros((50, 1)), np.cumsum(y, axis=1)], axis=1)
-    found = [modified_over_plain(*thinned_sums(t, None, "rate", np), 100, np)[0] for t in theta]
+    found = [modified_over_plain(*thinned_sums(t, None, "rate"), 100)[0] for t in theta]
     np.testing.assert_allclose(np.mean(found), 0.01, rtol=0.1)  # the standard error of the mean is 3 %
 
 

@@ -75,7 +75,7 @@ def _phase_and_rate(column, rate: float, data: str, statistic: Kind):
     """Phase in samples minus the line through its ends; with it the rate for three-sample statistics."""
     if data == "rate":
         theta = np.empty(len(column) + 1)
-        integrate(column, theta, 1)
+        integrate(column, theta)
         return theta, column - np.mean(column)
     theta = (column - np.linspace(column[0], column[-1], len(column))) * rate
     return theta, np.diff(theta) if statistic.order == 3 else theta

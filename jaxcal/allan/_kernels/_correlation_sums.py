@@ -17,24 +17,20 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from ..._types import Any
-from .._kinds import Kind
+from .._kinds import Kind, autocorrelation, difference_weights
+from ._phase import IN_CACHE, LANE
 
 _STEP = 2  # number of doublings from the smallest to the largest cluster size of a range that shares its windows
 _RATIO = 4  # ratio of the starting points of a window to the largest cluster size
-_CHUNK = 1 << 18  # number of points of the windows that are processed together
-_ROW = 1024  # number of points of a running sum that are added one by one
-_FEWEST = 64  # cluster sizes with fewer differences are summed directly
 #: largest relative error of a sum; where the bound is larger, the sum is formed directly
 LARGEST_ERROR = 1e-8
-#: rounding error of a sum, over machine epsilon times the sum of x^2: a few times the largest measured value
-_ROUNDING = {2: 400.0, 3: 1600.0}
-_ROUNDING_OF_REMOVAL = 100.0  # rounding error over its standard deviation
+#: rounding error of a sum of order 2, over machine epsilon times the sum of x^2: a few times the largest measured value; four times that
+#: for order 3. And the rounding error of the removal of a polynomial over its standard deviation
+_ROUNDING, _ROUNDING_OF_REMOVAL = 400.0, 100.0
 
 #: sizes of the triangles that are summed directly; they are even and have only the prime factors 2, 3 and 5
 _BASES = (32, 36, 40, 48, 54, 60, 64)
-# weights of the squared difference at lags 0, m, 2m, 3m, and of the products at the two ends as (weight, a, c) of `_half_range`
-_LAGS = {2: (-8.0, 2.0), 3: (-30.0, 12.0, -2.0)}
-_SQUARES = {2: (1.0, 4.0, 1.0), 3: (1.0, 9.0, 9.0, 1.0)}
+# by order, the products at the two ends as (weight, a, c) of `_half_range`
 _ENDS = {2: ((4.0, 1, 1),), 3: ((18.0, 1, 1), (6.0, 2, 1), (-6.0, 1, 2))}
 
 
@@ -126,9 +122,9 @@ def _remove_polynomial(z, degree: int) -> None:
 def _running_sum(z) -> np.ndarray:
     """Sum of the values before each point, (windows, points + 1), in two steps; rounding then grows with the root of a row's length."""
     windows, points = z.shape
-    rows = -(-points // _ROW)
-    total = np.zeros((windows, rows * _ROW + 1))
-    inside = total[:, 1:].reshape(windows, rows, _ROW)  # a view of `total`
+    rows = -(-points // LANE)
+    total = np.zeros((windows, rows * LANE + 1))
+    inside = total[:, 1:].reshape(windows, rows, LANE)  # a view of `total`
     total[:, 1 : points + 1] = z
     np.cumsum(inside, axis=2, out=inside)
     inside[:, 1:] += np.cumsum(inside[:, :-1, -1], axis=1)[:, :, None]
@@ -155,9 +151,9 @@ def _window_sums(z, order: int, base: int, doublings: int, low: int) -> tuple[np
     total = (_ends(z, order, base, doublings) - _ends(z[:, starts:], order, base, doublings))[:, low:].sum(axis=0)
     squares = _running_sum(z * z)
     inside = (squares[:, starts:] - squares[:, : z.shape[1] + 1 - starts]).sum(axis=0)
-    for lag, weight in enumerate(_SQUARES[order]):
+    for lag, weight in enumerate(difference_weights(order) ** 2):
         total += weight * inside[lag * m]
-    for lag, weight in enumerate(_LAGS[order], start=1):
+    for lag, weight in enumerate(2.0 * autocorrelation(order)[1:], start=1):
         total += weight * lagged[lag * m]
     return total, float(squares[:, -1].sum())
 
@@ -172,9 +168,9 @@ def _record_sums(z, rounded: float, order: int, largest: int, low: int) -> list[
         lagged = _at_lags(_products(row, row, length), length)
         squares = _running_sum(z * z)[0]
         total = np.zeros(len(m))
-        for lag, weight in enumerate(_SQUARES[order]):
+        for lag, weight in enumerate(difference_weights(order) ** 2):
             total += weight * (squares[points - (order - lag) * m] - squares[lag * m])
-        for lag, weight in enumerate(_LAGS[order], start=1):
+        for lag, weight in enumerate(2.0 * autocorrelation(order)[1:], start=1):
             total += weight * lagged[lag * m]
         return total, float(squares[-1]), rounded
 
@@ -191,9 +187,10 @@ def correlation_sums(theta, m, kind: Kind, workers: int = 1) -> tuple[np.ndarray
     """
     order, points = kind.difference, len(theta) + (1 if kind.modified else 0)
     largest = int(m[-1])
-    edges = [_FEWEST]
+    fewest = _BASES[-1]  # cluster sizes with fewer differences are summed directly
+    edges = [fewest]
     widest = points // (2 * (_RATIO + order))  # a window for larger cluster sizes would be more than half the record
-    if widest >= _FEWEST:
+    if widest >= fewest:
         base, doublings = _size_below(widest)
         edges = [base << k for k in range(doublings % _STEP, doublings + 1, _STEP)]
 
@@ -216,7 +213,7 @@ def correlation_sums(theta, m, kind: Kind, workers: int = 1) -> tuple[np.ndarray
             step = _RATIO * high
             starts = np.arange(0, points - order * high - step + 1, step)
             tasks.append((low, high, functools.partial(tail, low, high, len(starts) * step)))
-            for part in np.array_split(starts, min(len(starts), -(-len(starts) * step // _CHUNK))):
+            for part in np.array_split(starts, min(len(starts), -(-len(starts) * step // IN_CACHE))):
                 tasks.append((low, high, functools.partial(window, low, high, part)))
 
     with ThreadPoolExecutor(workers) as pool:
@@ -224,7 +221,7 @@ def correlation_sums(theta, m, kind: Kind, workers: int = 1) -> tuple[np.ndarray
             sums[low:high] += part
             energy[0, low:high] += squares
             energy[1, low:high] += rounded
-    absent = (m < edges[0]) | (points - order * m < _FEWEST)
+    absent = (m < edges[0]) | (points - order * m < fewest)
     return sums[m], _relative_error(sums[m], energy[0, m], energy[1, m], m, points, kind, absent)
 
 
@@ -237,7 +234,7 @@ def _relative_error(sums, energy, rounded, m, points: int, kind: Kind, absent) -
     positive = np.maximum(sums, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         square = steps * rounded / positive * epsilon**2
-        error = _ROUNDING[kind.difference] * epsilon * energy / positive + _ROUNDING_OF_REMOVAL * (
+        error = _ROUNDING * 4 ** (kind.difference - 2) * epsilon * energy / positive + _ROUNDING_OF_REMOVAL * (
             np.sqrt(square * steps / points) + square
         )
     return np.where(absent, np.inf, np.where((energy == 0.0) & (rounded == 0.0), 0.0, error))

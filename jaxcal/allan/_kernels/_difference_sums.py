@@ -10,10 +10,12 @@ from jax import lax
 
 from ..._compile import one_kernel, stored_jit
 from ..._types import Array, Float, Int
-from ._phase import BLOCK
+from ._phase import BLOCK, LANE
 
-_LANE = 4096  # points per vector operation; BLOCK // _LANE of them are unrolled
-_SHORT_LANE, _SUMS = 512, 16  # the same for a record that stays in the cache, two of them unrolled; sums for each of its cluster sizes
+_SHORT, _SUMS = (
+    512,
+    16,
+)  # points per vector operation for a record that stays in the cache, two of them unrolled; sums for each of its cluster sizes
 _WIDE: dict[str, bool | str] = {"xla_cpu_prefer_vector_width": "512"}  # a quarter faster on cores with such vectors
 
 Parts = tuple[Float[Array, " padded"], ...]
@@ -39,7 +41,7 @@ def _valid(missing, take, order: int, rule: str, less, m, start):
     return last == take(missing, 0)
 
 
-@functools.partial(jax.jit, static_argnames=("order", "strided", "rule"), compiler_options=_WIDE)
+@functools.partial(jax.jit, static_argnames=("order", "rule"), compiler_options=_WIDE)
 def block_sums(
     parts: Parts,
     missing: Int[Array, " padded"] | None,
@@ -50,7 +52,6 @@ def block_sums(
     less: Int[Array, ""],
     *,
     order: int,
-    strided: bool,
     rule: str,
 ) -> tuple[Float[Array, " clusters"], Int[Array, " clusters"]]:
     """Sum of squared differences, and the number of valid ones, over the blocks first..last-1 of starting points.
@@ -58,9 +59,8 @@ def block_sums(
     Every cluster size visits a block of starting points before the next block is loaded. `m` is ascending and `count` (number of
     differences in the whole record) descending. So the cluster sizes for which a block is full come first, then those for which the end
     of the record cuts it. Both are data: nothing here depends on the length of the record. The differences are those of the sum of
-    `parts` (phase, or high and low part of its running sum), from all starting points or, if `strided`, from 0, m, 2m, ... For rule
-    "span", `missing` is the number of missing samples before each point, and the reach is shorter than order * m by `less`; for rule
-    "points" it is 1 where a point is missing.
+    `parts` (phase, or high and low part of its running sum). For rule "span", `missing` is the number of missing samples before each
+    point, and the reach is shorter than order * m by `less`; for rule "points" it is 1 where a point is missing.
     """
     clusters = m.shape[0]
 
@@ -69,20 +69,17 @@ def block_sums(
         size = m[j]
 
         def take(array, shift, back=0):
-            offset = shift * size - back
-            if strided:
-                return array[(start + jnp.arange(_LANE)) * size + offset]
-            return lax.dynamic_slice(array, (start + offset,), (_LANE,))
+            return lax.dynamic_slice(array, (start + shift * size - back,), (LANE,))
 
         d = difference_of(parts, take, order)
         keep = None
         if rule != "none":
             keep = _valid(missing, take, order, rule, less, size, start)
         if limit is not None:
-            inside = start + jnp.arange(_LANE) < limit
+            inside = start + jnp.arange(LANE) < limit
             keep = inside if keep is None else keep & inside
         if keep is None:
-            return d * d, jnp.ones(_LANE, jnp.int32)
+            return d * d, jnp.ones(LANE, jnp.int32)
         # the points beyond the record are arbitrary (they may be NaN), so select before squaring
         d = jnp.where(keep, d, 0.0)
         return d * d, keep.astype(jnp.int32)
@@ -94,7 +91,7 @@ def block_sums(
 
         def whole(j, carry):
             squares, valid = carry
-            pieces = [lane(start + q * _LANE, j, None) for q in range(BLOCK // _LANE)]
+            pieces = [lane(start + q * LANE, j, None) for q in range(BLOCK // LANE)]
             squares = squares.at[j].add(functools.reduce(operator.add, [p[0] for p in pieces]))
             if rule == "none":
                 return squares, valid
@@ -106,26 +103,26 @@ def block_sums(
 
             def piece(q, carry):
                 squares, valid = carry
-                total, kept = lane(start + q * _LANE, j, count[j])
+                total, kept = lane(start + q * LANE, j, count[j])
                 squares = squares.at[j].add(total)
                 return squares, valid if rule == "none" else valid.at[j].add(jnp.sum(kept).astype(valid.dtype))
 
-            return lax.fori_loop(0, (count[j] - start + _LANE - 1) // _LANE, piece, (squares, valid))
+            return lax.fori_loop(0, (count[j] - start + LANE - 1) // LANE, piece, (squares, valid))
 
         carry = lax.fori_loop(0, full, whole, carry)
         return lax.fori_loop(full, begun, cut, carry)
 
-    zero = (jnp.zeros((clusters, _LANE), parts[0].dtype), jnp.zeros(clusters, count.dtype))
+    zero = (jnp.zeros((clusters, LANE), parts[0].dtype), jnp.zeros(clusters, count.dtype))
     squares, valid = lax.fori_loop(first, last, block, zero)
     if rule == "none":
         valid = jnp.clip(count - first * BLOCK, 0, (last - first) * BLOCK).astype(count.dtype)
     return jnp.sum(squares, axis=1), valid
 
 
-@functools.partial(stored_jit, static_argnames=("order", "strided"), compiler_options=_WIDE)
+@functools.partial(stored_jit, static_argnames=("order",), compiler_options=_WIDE)
 @one_kernel
 def cached_sums(
-    parts: Parts, m: Int[Array, " rows"], count: Int[Array, " rows"], *, order: int, strided: bool
+    parts: Parts, m: Int[Array, " rows"], count: Int[Array, " rows"], *, order: int
 ) -> Float[Array, " rows"]:  # fmt: skip
     """`block_sums` for a record without gaps that stays in the second-level cache as a whole; `m` is ascending, `count` descending.
 
@@ -133,24 +130,22 @@ def cached_sums(
     in halves to 16 sums per cluster size, because in a plain sum each addition waits for the one before. The number of cluster sizes is
     data too: rows with a count of 0 cost nothing.
     """
-    width = 2 * _SHORT_LANE
+    width = 2 * _SHORT
 
     def block(index, sums):
         start = index * width
 
         def squares(at, size, limit):
             def take(array, shift):
-                if strided:
-                    return array[(at + jnp.arange(_SHORT_LANE) + shift) * size]
-                return lax.dynamic_slice(array, (at + shift * size,), (_SHORT_LANE,))
+                return lax.dynamic_slice(array, (at + shift * size,), (_SHORT,))
 
             d = difference_of(parts, take, order)
             if limit is not None:
-                d = jnp.where(at + jnp.arange(_SHORT_LANE) < limit, d, 0.0)
+                d = jnp.where(at + jnp.arange(_SHORT) < limit, d, 0.0)
             return d * d
 
         def row(j, sums, limit=None):
-            total = squares(start, m[j], limit) + squares(start + _SHORT_LANE, m[j], limit)
+            total = squares(start, m[j], limit) + squares(start + _SHORT, m[j], limit)
             old = lax.dynamic_slice(sums, (j, 0), (1, _SUMS))
             return lax.dynamic_update_slice(sums, old + _halved(total, _SUMS)[None], (j, 0))
 

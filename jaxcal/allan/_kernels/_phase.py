@@ -1,8 +1,5 @@
 """Phase of a record and its running sum without loss of digits, and the buckets of length that all kernels share."""
 
-import itertools
-from collections.abc import Callable
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,11 +9,11 @@ from ..._types import Array, Float
 
 #: number of starting points processed at a time, and padding of every record
 BLOCK = 16384
-#: number of phase points of the longest record that stays in the second-level cache (2 MB)
+#: number of points that stay in the second-level cache (2 MB)
 IN_CACHE = 1 << 18
-_ROW = 32
-_CHUNK = 1 << 16  # number of samples that pass through the second-level cache together
-_ONE_BY_ONE = 4096  # number of samples that are added one after another
+#: number of points of one vector operation, and of those added one after another; they stay in the first-level cache
+LANE = 4096
+_ROW = 32  # points of a row of the running sum of phase, within which it is split exactly
 
 
 def padded_length(samples: int) -> int:
@@ -24,37 +21,23 @@ def padded_length(samples: int) -> int:
     return max(1 << samples.bit_length(), BLOCK) + BLOCK
 
 
-def integrate(values, out, parts: int, run: Callable = map) -> bool:
+def integrate(values, out) -> bool:
     """Running sum of the values minus their mean, from 0, into `out` (one longer); False, with `out` undefined, if one is not finite.
 
-    The mean is subtracted first, so that the sum stays small and keeps its digits; the statistics do not depend on it. `run` maps a
-    function over `parts` stretches of the record, in threads if it belongs to a pool.
+    The mean is subtracted first, so that the sum stays small and keeps its digits; its rounding error is a line in the phase, and the
+    statistics depend on neither.
     """
-    rest, edges = out[1:], [len(values) * i // parts for i in range(parts + 1)]
-    pieces = [[slice(a, min(a + _CHUNK, stop)) for a in range(start, stop, _CHUNK)] for start, stop in itertools.pairwise(edges)]
-
-    def total(part):
-        return sum(float(np.add.reduce(np.subtract(values[piece], values[0], out=rest[piece]))) for piece in part)
-
-    if parts == 1:  # the rounding error of the mean is a line in the phase
-        first, carries = float(values[0]), [0.0]
-        # use no more binary places than the first value has, so that the differences of a coarse record are exact
-        mean = first + (float(np.add.reduce(values)) / len(values) - first)
-    else:  # between stretches it would be a step
-        sums = np.array(list(run(total, pieces)))
-        shift = sums.sum() / len(values)
-        mean, carries = values[0] + shift, np.cumsum(sums) - sums - shift * np.array(edges[:-1])
+    first = float(values[0])
+    # use no more binary places than the first value has, so that the differences of a coarse record are exact
+    mean = first + (float(np.add.reduce(values)) / len(values) - first)
     if not np.isfinite(mean):
         return False
-
-    def fill(part, carry):
-        for piece in part:
-            held = np.subtract(values[piece], mean, out=rest[piece])
-            held[0] += carry
-            carry = _running_sum(held)[-1]
-
-    out[0] = 0.0
-    list(run(fill, pieces, carries))
+    out[0] = carry = 0.0
+    for start in range(0, len(values), IN_CACHE):
+        piece = slice(start, start + IN_CACHE)
+        held = np.subtract(values[piece], mean, out=out[1:][piece])
+        held[0] += carry
+        carry = _running_sum(held)[-1]
     return True
 
 
@@ -64,7 +47,7 @@ def _running_sum(values) -> np.ndarray:
     In a simple sum each addition waits for the one before. So pairs are added first, their running sum is formed in the same way, and a
     value is subtracted where the sum ends in the middle of a pair. This takes 0.4 of the time.
     """
-    if len(values) <= _ONE_BY_ONE:
+    if len(values) <= LANE:
         return np.cumsum(values, out=values)
     seconds = values[1::2]
     firsts = values[: 2 * len(seconds) : 2]

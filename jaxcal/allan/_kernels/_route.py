@@ -10,16 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._errors import DataError
-from .._kinds import Kind
+from .._kinds import MANY, Kind
 from .._noise_type._segments import Segments, steps
 from ._correlation_sums import LARGEST_ERROR, correlation_sums
 from ._difference_sums import block_sums, cached_sums
-from ._phase import BLOCK, running_sum_of_phase
+from ._phase import BLOCK, IN_CACHE, running_sum_of_phase
 
-MANY = 512  # number of cluster sizes up to which every record uses the block kernel
+#: number of differences above which a second thread saves more time than it costs
+PARALLEL_FROM = 20_000_000
 _PER_SAMPLE = 1000  # differences per sample above which correlations cost less
 _MOST = 5e11  # largest number of differences for the block kernel: about half an hour on two cores
-_TOGETHER = 1 << 18  # number of phase points processed together for many cluster sizes
 _GROUP, _STEP, _FEW = 1024, 256, 32  # cluster sizes per pass of the block kernel; a multiple of 256, or of 32 for few sizes
 
 
@@ -28,9 +28,9 @@ def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable
 
     This function alone chooses the route:
 
-    1. At most 512 cluster sizes: the block kernel, with or without gaps.
-    2. More, adev or hdev: strided sums, with or without gaps; n ln n differences in all.
-    3. More, an overlapping statistic of a record without gaps, with over 1,000 differences per sample: correlations, O(n log^2 n).
+    1. adev and hdev: strided sums, with or without gaps; n ln n differences in all.
+    2. At most 512 cluster sizes: the block kernel, with or without gaps.
+    3. More, of a record without gaps, with over 1,000 differences per sample: correlations, O(n log^2 n).
        The smallest cluster sizes, those with few differences, and those whose relative error could exceed 1e-8 use the block kernel.
     4. Otherwise the block kernel; more than 5e11 differences are refused.
 
@@ -42,13 +42,10 @@ def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable
     def direct(chosen):
         return by_blocks(parts, missing, sizes[chosen], number[chosen], less, kind, rule, workers, run)
 
-    everything = np.arange(len(sizes))
-    if len(sizes) <= MANY:
-        return direct(everything)
     if not kind.overlapped:
         return strided_sums(theta, marks if rule != "none" else None, rule, sizes, number, kind.order)
-    if missing is not None or number.sum() <= _PER_SAMPLE * len(theta):
-        return direct(everything)
+    if len(sizes) <= MANY or missing is not None or number.sum() <= _PER_SAMPLE * len(theta):
+        return direct(slice(None))
     total, error = correlation_sums(theta, sizes, kind, min(os.cpu_count() or 1, 16))
     again = np.flatnonzero(~(error <= LARGEST_ERROR))  # also true if the error is NaN
     if len(again):
@@ -63,7 +60,7 @@ def sums_in_cache(theta, sizes, number, kind: Kind) -> Callable[[], np.ndarray]:
     """
     # a compiled function reads an aligned array in place, and `device_put` would take longer than the call
     phase = running_sum_of_phase(theta) if kind.modified else (theta,)
-    sums = cached_sums(phase, *_placed(sizes.tobytes(), number.tobytes()), order=kind.difference, strided=not kind.overlapped)
+    sums = cached_sums(phase, *_placed(sizes.tobytes(), number.tobytes()), order=kind.difference)
     return lambda: np.asarray(sums)[: len(sizes)]
 
 
@@ -116,7 +113,7 @@ def _group(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: 
         with jax.enable_x64(True):  # thread-local
             sums = block_sums(
                 parts, missing, sizes, number, np.int64(span[0]), np.int64(span[1]), less,
-                order=kind.difference, strided=not kind.overlapped, rule=rule,
+                order=kind.difference, rule=rule,
             )  # fmt: skip
             return [np.asarray(s) for s in sums]
 
@@ -128,12 +125,12 @@ def _group(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: 
 def strided_sums(theta, marks, rule: str, sizes, number, order: int) -> tuple[np.ndarray, np.ndarray]:
     """Sums over every m-th starting point and number of valid ones, at ascending cluster sizes; the series are joined end to end."""
     total, count = np.zeros(len(sizes)), number.copy()
-    for part in np.split(np.arange(len(sizes)), np.flatnonzero(np.diff(np.cumsum(number + order) // _TOGETHER)) + 1):
-        series = Segments(number[part] + order, np)
+    for part in np.split(np.arange(len(sizes)), np.flatnonzero(np.diff(np.cumsum(number + order) // IN_CACHE)) + 1):
+        series = Segments(number[part] + order)
         at = (np.arange(series.stops[-1]) - np.repeat(series.starts, series.lengths)) * np.repeat(sizes[part], series.lengths)
         d = theta[at]
         for _ in range(order):
-            d, series = steps(d, np), series.shorter
+            d, series = steps(d), series.shorter
         if marks is not None:
             lost = np.lib.stride_tricks.sliding_window_view(np.pad(marks[at], (0, order)), order + 1)
             valid = lost[:, -1] == lost[:, 0] if rule == "span" else ~lost.any(axis=1)

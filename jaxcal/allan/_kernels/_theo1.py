@@ -15,27 +15,26 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from ..._types import Float
+from ._phase import LANE
 from ._total import dot
 
-_DIRECT = 32  # number of windows, or offsets, up to which the double sum is formed directly
-_FEWEST = 8192  # smallest number of windows of a chunk
-_BASE = 32  # size of the triangles that are summed directly
+_BASE = 32  # number of windows, or offsets, up to which the double sum is formed directly, and size of the triangles
 
 
 def theo1_sum(theta: Float[np.ndarray, " points"], m: int) -> float:
     """The weighted sum of squares of a phase record at the even cluster size m."""
     windows = len(theta) - m
-    if min(m // 2, windows) <= _DIRECT:
+    if min(m // 2, windows) <= _BASE:
         return _double_sum(theta, m)
     # subtract a line from each chunk, to keep the products as small as the result: the sum does not depend on a line, the products do
-    chunk = max(16 * m, _FEWEST)
+    chunk = max(16 * m, LANE)
     return sum(_fast(theta[first : min(first + chunk, windows) + m], m) for first in range(0, windows, chunk))
 
 
 def _fast(theta, m: int) -> float:
     n, h = len(theta), m // 2
     windows = n - m
-    if windows <= _DIRECT:
+    if windows <= _BASE:
         return _double_sum(theta, m)
     time = np.linspace(-1.0, 1.0, n)
     theta = theta - theta.mean()

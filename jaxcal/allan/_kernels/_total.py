@@ -21,11 +21,10 @@ import numpy as np
 from jax import lax
 
 from ..._types import Array, Float, Int
+from ._phase import IN_CACHE
 
 #: largest cluster size at which every D(i, s) is formed and squared: this is faster there, and nothing large cancels
 LITERAL = 16
-_FEWEST = 512  # smallest number of windows of a chunk
-_POINTS = 1 << 16  # number of points processed at a time, so that they stay in the cache
 
 
 def dot(a, b) -> float:
@@ -45,8 +44,8 @@ def total_sum(reflected: Float[np.ndarray, " points"], m: int) -> float:
     """Sum over the n - 1 inner phase points of the squared second difference with step m."""
     n = (len(reflected) - 1) // 3
     total = 0.0
-    for first in range(n + 1, 2 * n, _POINTS):
-        last = min(first + _POINTS, 2 * n)
+    for first in range(n + 1, 2 * n, IN_CACHE):
+        last = min(first + IN_CACHE, 2 * n)
         d = reflected[first - m : last - m] - reflected[first:last]
         d += reflected[first + m : last + m] - reflected[first:last]
         total += dot(d, d)
@@ -73,10 +72,10 @@ def window_sum(z: Float[np.ndarray, " points"], m: int) -> float:
     The differences have the step m and 6 m positions, which is one period of the extension.
     """
     windows = len(z) - 3 * m + 1
-    chunk = min(max(8 * m, _FEWEST), windows)
+    chunk = min(8 * max(m, LITERAL), windows)
     reach = chunk + 3 * m - 1
     pieces = np.lib.stride_tricks.sliding_window_view(z, reach)[::chunk]
-    rows = max(_POINTS // reach, 1)
+    rows = max(IN_CACHE // reach, 1)
     total = 0.0
     for start in range(0, len(pieces), rows):
         total += _chunks(pieces[start : start + rows], m)

@@ -5,22 +5,19 @@ integrated process has r1/(1+r1) = delta; differencing until it is stationary gi
 """
 
 import functools
-from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
 
-from .._kinds import Kind
-from ._b1_ratio import bounds_of_ratios, carried_on, fewest_averages, thinned_sums
+from .._kinds import MANY, Kind
+from ._b1_ratio import POINTS, bounds_of_ratios, carried_on, fewest_averages, thinned_sums
 from ._segments import Segments, followed, lag_one, moments_of, steps
 
 FEWEST = 30  # smallest number of averaged points for the lag-1 autocorrelation; with fewer, the ratios decide
 _STATIONARY = 0.25
-_MOST_SIZES = 512  # largest number of identified cluster sizes; neighbours then differ by 3 % in a record of 10^7 samples
-_MOST = 1 << 10  # largest number of averaged points: r1 to 0.031, where half a unit of alpha is 0.1 and more
 
 
-def _without_polynomial(z, weight, series: Segments, degree: int, xp: ModuleType):
+def _without_polynomial(z, weight, series: Segments, degree: int):
     """Residual of each series from its least-squares polynomial in time over the valid points, 0 at all others; z is overwritten."""
     n, t = series.points.astype(np.float64), series.time()
     # Gram's polynomials, orthogonal over all points of a series, and their squared norms
@@ -37,9 +34,9 @@ def _without_polynomial(z, weight, series: Segments, degree: int, xp: ModuleType
             [series.sums(v if j == 0 else v * basis[j - 1]) / (norms[i] * norms[j]) for j in range(degree + 1)]
             for i, v in enumerate(weighted)
         ]
-        gram = xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2) + 1e-12 * np.eye(degree + 1, dtype=z.dtype)[None]
-        right = xp.stack([moment / norm for moment, norm in zip(moments, norms, strict=True)], axis=-1)
-        solved = xp.linalg.solve(gram, right[..., None])[..., 0]
+        gram = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2) + 1e-12 * np.eye(degree + 1, dtype=z.dtype)[None]
+        right = np.stack([moment / norm for moment, norm in zip(moments, norms, strict=True)], axis=-1)
+        solved = np.linalg.solve(gram, right[..., None])[..., 0]
         factors = [solved[..., i] / norm for i, norm in enumerate(norms)]
     z -= series.spread(factors[0])  # in place for NumPy arrays
     for b, factor in zip(basis, factors[1:], strict=True):
@@ -49,45 +46,45 @@ def _without_polynomial(z, weight, series: Segments, degree: int, xp: ModuleType
     return z if weight is None else z * weight
 
 
-def _lag_one(z, weight, series: Segments, xp: ModuleType):
+def _lag_one(z, weight, series: Segments):
     """Lag-1 autocorrelation of each series over pairs of valid points; z must be 0 at all others, and its mean is subtracted."""
     one_less = series.shorter
     if weight is None:
         total, pairs = series.points.astype(z.dtype), one_less.points.astype(z.dtype)
         z -= series.spread(series.sums(z) / total)
     else:
-        total, pairs = series.sums(weight), xp.maximum(one_less.sums(followed(weight, xp)), 1.0)
-        z = (z - series.spread(series.sums(z) / xp.maximum(total, 1.0))) * weight
+        total, pairs = series.sums(weight), np.maximum(one_less.sums(followed(weight)), 1.0)
+        z = (z - series.spread(series.sums(z) / np.maximum(total, 1.0))) * weight
     square = series.sums(z * z)
     positive = square > 0
-    return xp.where(positive, one_less.sums(followed(z, xp)) * (total / pairs) / xp.where(positive, square, 1.0), 0.0)
+    return np.where(positive, one_less.sums(followed(z)) * (total / pairs) / np.where(positive, square, 1.0), 0.0)
 
 
-def _order(r1, xp: ModuleType):
+def _order(r1):
     """Fractional order of integration r1/(1 + r1); a series is stationary if it is below `_STATIONARY`."""
     # r1 = -1 would divide by zero; it means a pure alternation, far below every noise type
-    return r1 / (1.0 + xp.where(r1 > -0.99, r1, -0.99))
+    return r1 / (1.0 + np.where(r1 > -0.99, r1, -0.99))
 
 
-def _type(rho, xp: ModuleType):
+def _type(rho):
     # round half up and not to even, so that a boundary is the same for every number of differences
-    return -xp.floor(2.0 * rho + 0.5)
+    return -np.floor(2.0 * rho + 0.5)
 
 
-def _alpha_of(z, weight, series: Segments, degree: int, highest: int, xp: ModuleType):
+def _alpha_of(z, weight, series: Segments, degree: int, highest: int):
     """Noise type of each series of averaged rate (degree 1) or decimated phase (degree 2)."""
-    z = _without_polynomial(z, weight, series, degree, xp)
-    alpha, settled = xp.zeros(len(series.lengths), dtype=z.dtype), xp.zeros(len(series.lengths), dtype=bool)
+    z = _without_polynomial(z, weight, series, degree)
+    alpha, settled = np.zeros(len(series.lengths), dtype=z.dtype), np.zeros(len(series.lengths), dtype=bool)
     for differences in range(highest + 1):
-        rho = _order(_lag_one(z, weight, series, xp), xp)
-        here = _type(rho, xp) - 2.0 * differences + (2.0 if degree == 2 else 0.0)
-        alpha = xp.where(settled, alpha, here)
+        rho = _order(_lag_one(z, weight, series))
+        here = _type(rho) - 2.0 * differences + (2.0 if degree == 2 else 0.0)
+        alpha = np.where(settled, alpha, here)
         settled = settled | (rho < _STATIONARY)
-        if xp is np and settled.all():
+        if settled.all():
             break
-        z, series = steps(z, xp), series.shorter
+        z, series = steps(z), series.shorter
         if weight is not None:
-            weight = followed(weight, xp)
+            weight = followed(weight)
             z = z * weight
     return alpha
 
@@ -103,20 +100,20 @@ class _Plan(NamedTuple):
 
 
 @functools.lru_cache(maxsize=256)
-def _planned(held: bytes, samples: int, kind: Kind, data: str, xp: ModuleType) -> _Plan:
+def _planned(held: bytes, samples: int, kind: Kind, data: str) -> _Plan:
     """The plan at ascending cluster sizes, with points from the middle of the record; records of one length share it."""
     sizes = np.frombuffer(held, np.int64)
     every = samples // sizes + 1
     told = np.count_nonzero(every > fewest_averages(kind))
     decided = int(np.count_nonzero(every - (1 if data == "rate" else 0) >= FEWEST))
-    points = np.concatenate([np.minimum(every[:decided], _MOST), every[decided:told]])
+    points = np.concatenate([np.minimum(every[:decided], POINTS), every[decided:told]])
     first = (every[:told] - points) // 2 * sizes[:told]
     ends = first + (points - 1) * sizes[:told] + 1
     spans = [slice(*span) for span in zip(first.tolist(), ends.tolist(), sizes.tolist(), strict=False)]
-    return _Plan(spans, Segments(points, xp), decided, Segments(points[:decided], xp), Segments(points[decided:], xp))
+    return _Plan(spans, Segments(points), decided, Segments(points[:decided]), Segments(points[decided:]))
 
 
-def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str, xp: ModuleType = np):
+def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str):
     """Noise types at the cluster sizes m, (clusters,); the series of all cluster sizes are joined end to end in one array.
 
     Parameters
@@ -124,41 +121,40 @@ def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str,
     theta : (points,) phase in samples.
     missing : (points,) running number of missing samples ("rate"), or 1 at missing points ("phase"); None without gaps.
     kind : the statistic; it limits how often the series may be differenced, and the range of alpha.
-    xp : numpy, or jax.numpy if theta is traced.
     """
     order = np.argsort(m, kind="stable")
     sizes, back = m[order], np.argsort(order, kind="stable")
-    spans, series, decided, long, few = _planned(sizes.tobytes(), samples, kind, data, xp)
+    spans, series, decided, long, few = _planned(sizes.tobytes(), samples, kind, data)
     told, beyond = len(spans), long.lengths.sum()
     if not told:  # a record that is too short tells nothing
-        return xp.zeros(len(m), dtype=theta.dtype)
+        return np.zeros(len(m), dtype=theta.dtype)
     taken, weight, enough = [theta[span] for span in spans], None, None
-    if missing is None and data == "rate" and xp is np:
+    if missing is None and data == "rate":
         averages, alpha = _from_moments(taken, series, long, kind)
     else:
-        phase = xp.concatenate(taken)
-        z = averages = steps(phase, xp)
+        phase = np.concatenate(taken)
+        z = averages = steps(phase)
         if missing is not None:
-            lost = xp.concatenate([missing[span] for span in spans])
-            there = ((steps(lost, xp) if data == "rate" else lost) == 0).astype(z.dtype)
-            weight = (there if data == "rate" else followed(there, xp))[beyond:]
+            lost = np.concatenate([missing[span] for span in spans])
+            there = ((steps(lost) if data == "rate" else lost) == 0).astype(z.dtype)
+            weight = (there if data == "rate" else followed(there))[beyond:]
         long, z = (long.shorter, z) if data == "rate" else (long, phase)
         z, held = z[:beyond], None
         if missing is not None and decided:
             enough = long.sums(there[:beyond]) >= FEWEST
             # ones keep the algebra finite where there are too few points; those results are not used
-            held = xp.maximum(there[:beyond], 1.0 - long.spread(enough.astype(z.dtype)))
+            held = np.maximum(there[:beyond], 1.0 - long.spread(enough.astype(z.dtype)))
             z = z * held
-        alpha = _alpha_of(z, held, long, 1 if data == "rate" else 2, kind.order, xp) if decided else z
-    low = high = xp.clip(alpha, -2 if kind.order == 2 else -4, 2)
+        alpha = _alpha_of(z, held, long, 1 if data == "rate" else 2, kind.order) if decided else z
+    low = high = np.clip(alpha, -2 if kind.order == 2 else -4, 2)
     # each type continues that of the next smaller cluster size within two bounds: equal if identified, infinite if unknown
     if enough is not None:
-        low, high = xp.where(enough, low, -np.inf), xp.where(enough, high, np.inf)
+        low, high = np.where(enough, low, -np.inf), np.where(enough, high, np.inf)
     if decided < told:
-        thinned = functools.partial(thinned_sums, theta, missing, data, xp)
-        bounds = bounds_of_ratios(averages[beyond:], weight, few.shorter, sizes[decided:told], kind, samples, thinned, xp)
-        low, high = (xp.concatenate(pair) for pair in zip((low, high), bounds, strict=True))
-    found = carried_on(low, high, 0.0, xp)
+        thinned = functools.partial(thinned_sums, theta, missing, data)
+        bounds = bounds_of_ratios(averages[beyond:], weight, few.shorter, sizes[decided:told], kind, samples, thinned)
+        low, high = (np.concatenate(pair) for pair in zip((low, high), bounds, strict=True))
+    found = carried_on(low, high, 0.0)
     return found[np.minimum(back, told - 1)]
 
 
@@ -166,11 +162,11 @@ def _from_moments(taken: list[np.ndarray], series: Segments, long: Segments, kin
     """The averages, and the types of the long series from moments; averages without their line are formed only if necessary."""
     averages, moments = moments_of(taken, series)
     r1, lost = lag_one(moments[:, : len(long.lengths)], long.lengths - 1)
-    rho = _order(r1, np)
-    alpha, further = _type(rho, np), np.flatnonzero(lost | (rho >= _STATIONARY))
+    rho = _order(r1)
+    alpha, further = _type(rho), np.flatnonzero(lost | (rho >= _STATIONARY))
     if len(further):
         chosen = np.concatenate([averages[series.starts[i] : series.stops[i]] for i in further.tolist()])
-        alpha[further] = _alpha_of(chosen, None, Segments(long.lengths[further], np).shorter, 1, kind.order, np)
+        alpha[further] = _alpha_of(chosen, None, Segments(long.lengths[further]).shorter, 1, kind.order)
     return averages, alpha
 
 
@@ -180,15 +176,15 @@ def noise_types(theta, marks, sizes, kind: Kind, samples: int, data: str) -> np.
     Of more than 512 cluster sizes, at most 512 are identified, evenly spaced in their logarithm; each of the others has the type of the
     next smaller identified one. The arguments are those of `identify`.
     """
-    if len(sizes) <= _MOST_SIZES:
+    if len(sizes) <= MANY:
         return identify(theta, marks, sizes, kind, samples, data)
     # rounding up keeps the first size; small sizes are few per decade, so fewer than 512 remain
-    chosen = np.unique(np.searchsorted(sizes, np.geomspace(sizes[0], sizes[-1], _MOST_SIZES)).clip(max=len(sizes) - 1))
+    chosen = np.unique(np.searchsorted(sizes, np.geomspace(sizes[0], sizes[-1], MANY)).clip(max=len(sizes) - 1))
     found = identify(theta, marks, sizes[chosen], kind, samples, data)
     return found[np.searchsorted(chosen, np.arange(len(sizes)), side="right") - 1]
 
 
-def types_for_intervals(alpha, m: np.ndarray, samples, data: str, xp: ModuleType = np):
+def types_for_intervals(alpha, m: np.ndarray, samples, data: str):
     """Noise types for the degrees of freedom, (clusters, channels): with few averages, the redder of two estimates.
 
     The ratios mistake white rate noise for phase noise once in seven times, and the edf of phase noise is several times larger. To keep
@@ -199,5 +195,5 @@ def types_for_intervals(alpha, m: np.ndarray, samples, data: str, xp: ModuleType
     if decided.all() or not decided.any():
         return alpha
     last = alpha[np.argmax(decided * m[:, None], axis=0), np.arange(alpha.shape[1])]
-    last = xp.where(decided.any(axis=0), last, 2.0).astype(alpha.dtype)
-    return xp.where(decided, alpha, xp.minimum(alpha, last[None, :]))
+    last = np.where(decided.any(axis=0), last, 2.0).astype(alpha.dtype)
+    return np.where(decided, alpha, np.minimum(alpha, last[None, :]))

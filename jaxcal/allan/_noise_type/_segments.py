@@ -1,9 +1,7 @@
 """Many series of different lengths, joined end to end in one array, so that a handful of operations serves all of them."""
 
 import functools
-from types import ModuleType
 
-import jax
 import numpy as np
 
 from ..._types import Any, Float
@@ -17,8 +15,8 @@ class Segments:
     Differencing the whole array differences every series, and makes the last point of each invalid; `shorter` leaves it out.
     """
 
-    def __init__(self, lengths: np.ndarray, xp: ModuleType, less: int = 0):
-        self.lengths, self.less, self._xp = lengths, less, xp
+    def __init__(self, lengths: np.ndarray, less: int = 0):
+        self.lengths, self.less = lengths, less
         self.stops = np.cumsum(lengths)
         self.starts = self.stops - lengths
 
@@ -30,17 +28,15 @@ class Segments:
     @functools.cached_property
     def shorter(self) -> "Segments":
         """The same series without their last points."""
-        return Segments(self.lengths, self._xp, self.less + 1)
+        return Segments(self.lengths, self.less + 1)
 
     def sums(self, values: Any) -> Any:
         """Sum over each series, (series,)."""
-        if self._xp is np:
-            return np.add.reduceat(values, self._edges)[::2]
-        return jax.ops.segment_sum(values, self._inside, num_segments=len(self.lengths) + 1, indices_are_sorted=False)[:-1]
+        return np.add.reduceat(values, self._edges)[::2]
 
     def spread(self, each: Any) -> Any:
         """One value per series, repeated for all its points."""
-        return np.repeat(each, self.lengths) if self._xp is np else each[self._series]
+        return np.repeat(each, self.lengths)
 
     @functools.cached_property
     def _edges(self) -> np.ndarray:
@@ -49,35 +45,21 @@ class Segments:
         edges[::2], edges[1::2] = self.starts, self.stops - self.less
         return edges if self.less else edges[:-1]  # the end of the array cannot begin a sum
 
-    @functools.cached_property
-    def _series(self) -> np.ndarray:
-        return np.repeat(np.arange(len(self.lengths)), self.lengths)
-
-    @functools.cached_property
-    def _inside(self) -> np.ndarray:
-        """Series of each point; unused points have a number one larger than the last."""
-        unused = np.arange(self.stops[-1]) >= np.repeat(self.stops - self.less, self.lengths)
-        return np.where(unused, len(self.lengths), self._series)
-
     def time(self) -> np.ndarray:
         """Position of each point, counted from the middle of its series."""
         return np.arange(float(self.stops[-1])) - np.repeat(self.starts + (self.points - 1) / 2.0, self.lengths)
 
 
-def steps(values: Any, xp: ModuleType) -> Any:
+def steps(values: np.ndarray) -> np.ndarray:
     """Difference from each point of the array to the next; 0 for the last point."""
-    if xp is not np:
-        return xp.concatenate([values[1:] - values[:-1], xp.zeros_like(values[:1])])
     out = np.empty_like(values)
     np.subtract(values[1:], values[:-1], out=out[:-1])
     out[-1:] = 0
     return out
 
 
-def followed(values: Any, xp: ModuleType) -> Any:
+def followed(values: np.ndarray) -> np.ndarray:
     """Product of each point of the array with the next; 0 for the last point."""
-    if xp is not np:
-        return xp.concatenate([values[1:] * values[:-1], xp.zeros_like(values[:1])])
     out = np.empty_like(values)
     np.multiply(values[1:], values[:-1], out=out[:-1])
     out[-1:] = 0

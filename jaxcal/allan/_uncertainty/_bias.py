@@ -17,8 +17,8 @@ import scipy  # loads its parts when they are first used
 
 from ..._types import Any, Float
 from .._kinds import Kind, find_kind
+from ._tables import WINDOWS
 
-_TOTAL = {2: 4.0 / 3.0, 1: 4.0 / 3.0, 0: 0.0, -1: -0.481, -2: -0.750}  # totdev: 1 + a tau / T
 _LIMIT = 64  # cluster size above which the factors of the windows no longer change
 
 
@@ -70,7 +70,7 @@ def bias_factors(m: Any, alpha: Any, kind: str | Kind, samples: Any) -> Float[np
     kind = find_kind(kind)
     sizes, types, lengths = np.broadcast_arrays(m, np.clip(np.asarray(alpha), -4 if kind.order == 3 else -2, 2), samples)
     if kind.name == "totdev":
-        slopes = np.vectorize(_TOTAL.get, otypes=[float])(types.astype(int))
+        slopes = np.vectorize(WINDOWS["totdev"].get, otypes=[float])(types.astype(int))
         slopes = slopes - np.where(types == 1, 0.77 * sizes**-0.135, 0.0)  # flicker phase approaches white phase slowly
         return np.where(sizes > 1, 1.0 + slopes * sizes / np.maximum(lengths, 1), 1.0)  # at m = 1 nothing is reflected
     if not kind.contiguous:

@@ -13,37 +13,17 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from ..._types import Float
-from .._kinds import Kind
+from .._kinds import Kind, autocorrelation
+from ._tables import GREENHALL_RILEY
 
 _JMAX = 100
 #: number of points of the table of interval factors
 TABLE = 4000
 _NODES = 1024  # largest number of arguments for which a function is evaluated at each
 
-# generalised autocovariance of phase, by alpha: sign * |t|^power * (ln |t| or 1)
-_WALK = {2: (-1, 1, 0), 1: (1, 2, 1), 0: (1, 3, 0), -1: (-1, 4, 1), -2: (-1, 5, 0), -3: (1, 6, 1), -4: (1, 7, 0)}
-# weights of the second and third difference applied twice, at shifts 0, 1, 2, 3
-_TWICE = {2: (6.0, -4.0, 1.0), 3: (20.0, -15.0, 6.0, -1.0)}
-
-_TABLE_1 = {
-    2: {2: (7 / 9, 1 / 2), 1: (0.997, 0.616), 0: (1.033, 0.607), -1: (1.048, 0.534), -2: (1.302, 0.535)},
-    3: {
-        2: (22 / 25, 2 / 3), 1: (1.141, 0.843), 0: (1.184, 0.848), -1: (1.180, 0.816), -2: (1.175, 0.777),
-        -3: (1.194, 0.703), -4: (1.489, 0.702),
-    },
-}  # fmt: skip
-_TABLE_2 = {
-    2: {2: (35 / 18, 1.0), 1: (790.0, 410.0), 0: (2 / 3, 1 / 3), -1: (0.852, 0.375), -2: (1.079, 0.368)},
-    3: {
-        2: (231 / 100, 3 / 2), 1: (9950.0, 6520.0), 0: (7 / 9, 1 / 2), -1: (0.997, 0.617), -2: (1.033, 0.607),
-        -3: (1.053, 0.553), -4: (1.302, 0.535),
-    },
-}  # fmt: skip
-_TABLE_3 = {2: (15.23, 12.0), 3: (47.8, 40.0)}
-
 
 def _sw(t, alpha: int):
-    sign, power, log = _WALK[alpha]
+    sign, power, log = GREENHALL_RILEY["walk"][alpha]
     t = np.abs(t)
     value = sign * t
     for _ in range(power - 1):  # takes a tenth of the time of t**power
@@ -65,7 +45,7 @@ def _sx(t, f, alpha: int):
 
 
 def _sz(t, f, alpha: int, order: int):
-    weights = _TWICE[order]
+    weights = autocorrelation(order)
     shifts = np.arange(-order, order + 1)
     values = _sx(np.asarray(t) + shifts.reshape(-1, *(1,) * np.ndim(t)), f, alpha)
     # add one after another: large values cancel, and the rounding must not depend on the number of arguments
@@ -106,7 +86,7 @@ def _inverse_edf(m, alpha, points, kind: Kind) -> np.ndarray:
     reach = (m if modified else 1) + m * order
     total = 1 + np.floor(s * (points - reach) / m)
     r = total / s
-    a0, a1 = np.array([*(_TABLE_1 if modified else _TABLE_2)[order].values()])[2 - alpha].T
+    a0, a1 = np.array([*GREENHALL_RILEY["modified" if modified else "plain"][order].values()])[2 - alpha].T
     out = (a0 - a1 / r) / r  # for long records
     j = np.minimum(total, (order + 1) * s)
     limited, short = (j > _JMAX) & (r < order + 1), j <= _JMAX
@@ -133,19 +113,19 @@ def _inverse_edf(m, alpha, points, kind: Kind) -> np.ndarray:
         for chosen, f in ((here & ~continuous, np.ones_like(size) if modified else size), (continuous, None)):
             if chosen.any():
                 part = (total[chosen], j[chosen], s[chosen], math.inf if f is None else f[chosen])
-                out[chosen] = (_short if kind.overlapped else _short_strided)(*part, one, order)
+                out[chosen] = _short(*part, one, order)
     return out
 
 
 def _white_phase(total, r, order: int) -> np.ndarray:
     """Inverse of edf times `total`, for the plain variances of white phase noise."""
-    centre, (a0, a1) = math.comb(2 * order, order), _TABLE_2[order][2]
+    centre, (a0, a1) = math.comb(2 * order, order), GREENHALL_RILEY["plain"][order][2]
     pairs = sum(np.maximum(1 - i / r, 0.0) * math.comb(2 * order, order - i) ** 2 for i in range(1, order))
     return np.where(r <= order, 1 + 2 * pairs / centre**2, a0 - a1 / r)
 
 
 def _flicker_phase(size, order: int) -> np.ndarray:
-    b0, b1 = _TABLE_3[order]
+    b0, b1 = GREENHALL_RILEY["flicker"][order]
     return (b0 + b1 * np.log(size)) ** 2
 
 
@@ -184,21 +164,6 @@ def _short_table(order: int, modified: bool) -> Float[np.ndarray, "2 types sizes
 def _short(total, j, s, f, alpha: int, order: int) -> np.ndarray:
     """1/edf with all terms of BasicSum added."""
     return _basic_sum(j, total, s, f, alpha, order) / (total * _sz(np.zeros_like(s), f, alpha, order) ** 2)
-
-
-def _short_strided(total, j, s, f, alpha: int, order: int) -> np.ndarray:
-    """`_short` at s = 1, where the few s_z needed depend on f only."""
-
-    def one(t):
-        if np.ndim(f) == 0:
-            return _sz(np.float64(t), f, alpha, order) ** 2
-        return _at_nodes(lambda f: _sz(np.full_like(f, t), f, alpha, order) ** 2, f)
-
-    squares = [one(float(t)) for t in range(order + 2)]
-    out = squares[0] * np.ones_like(total)
-    for i in range(1, order + 2):
-        out += np.where(i < j, 2.0, np.where(i == j, 1.0, 0.0)) * (1 - i / total) * squares[i]
-    return out / (total * squares[0])
 
 
 def degrees_of_freedom(m, alpha, kind: Kind, samples) -> Float[np.ndarray, "..."]:

@@ -13,29 +13,7 @@ import numpy as np
 from ..._types import Any, Float
 from .._kinds import Kind, find_kind
 from . import _edf
-
-# mtotdev for white phase .. random walk of rate; htotdev, which treats rate as mtotdev treats phase, for white rate .. -4
-_RATIOS = np.array([3.0, 4.0, 6.0, 8.0, 12.0, 24.0, 48.0])
-_WINDOWS = np.array(
-    [
-        [3.457, 5.083, 7.623, 11.02, 18.22, 40.11, 83.65],
-        [2.448, 3.179, 4.961, 7.257, 12.08, 26.77, 56.43],
-        [2.044, 2.591, 4.342, 6.416, 10.74, 23.86, 50.29],
-        [1.676, 2.109, 3.946, 5.922, 9.980, 22.27, 46.92],
-        [1.313, 1.557, 2.928, 4.512, 7.730, 17.44, 36.90],
-    ]
-)
-# factors for small cluster sizes, by size: they average fewer points than the limit of large m
-_SMALL = np.array([1.0, 2.0, 4.0, 8.0, 16.0])
-_CHANGES = np.array(
-    [
-        [0.284, 0.677, 0.897, 0.969, 1.0],
-        [0.504, 0.961, 1.013, 1.007, 1.0],
-        [0.607, 1.099, 1.036, 1.006, 1.0],
-        [0.858, 1.070, 1.005, 1.000, 1.0],
-        [1.098, 1.048, 0.999, 0.995, 1.0],
-    ]
-)
+from ._tables import WINDOWS
 
 #: edf of htotdev over that of ohdev in white and flicker phase noise. Simulations gave 1.42 to 2.3 for m = 2 .. 64 and 6 to 48 cluster
 #: times in the record (1000 records each); the smallest is used, so that no interval is too narrow
@@ -100,11 +78,11 @@ def _totdev(m, n, alpha: int, _):
 
 def _windows(m, n, alpha: int, shift: int):
     row = min(max(shift - alpha, 0), 4)
-    x, values = np.maximum(n / m, _RATIOS[0]), _WINDOWS[row]
-    slope = (values[-1] - values[-2]) / (_RATIOS[-1] - _RATIOS[-2])
-    inside = np.interp(x, _RATIOS, values)
-    change = np.interp(np.log(m), np.log(_SMALL), _CHANGES[row])
-    return change * np.where(x > _RATIOS[-1], values[-1] + slope * (x - _RATIOS[-1]), inside)
+    x, values = np.maximum(n / m, WINDOWS["ratios"][0]), WINDOWS["edf"][row]
+    slope = (values[-1] - values[-2]) / (WINDOWS["ratios"][-1] - WINDOWS["ratios"][-2])
+    inside = np.interp(x, WINDOWS["ratios"], values)
+    change = np.interp(np.log(m), np.log(WINDOWS["sizes"]), WINDOWS["factors"][row])
+    return change * np.where(x > WINDOWS["ratios"][-1], values[-1] + slope * (x - WINDOWS["ratios"][-1]), inside)
 
 
 def _theo1(m, n, alpha: int, _):
