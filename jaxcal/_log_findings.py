@@ -13,7 +13,8 @@ LOG = table(
     same_stamp=Kind(CAUTION, "{count} samples share the stamp of the one before, but not its values; they are spaced evenly."),
     coarse_stamps=Kind(CAUTION, "The time stamps resolve only {resolution:.3g} s{single}; the samples are spaced evenly at {rate:.6g} Hz."),
     bursts=Kind(CAUTION, "The time stamps come in bursts; the samples are spaced evenly at {rate:.6g} Hz."),
-    jitter=Kind(NOTE, "The time stamps jitter by {percent:.2g} % of a step (rms){single}; the samples are spaced evenly at {rate:.6g} Hz."),
+    jitter=Kind(NOTE, "The time stamps jitter by {percent:.2g} % of a step (rms){single}; the samples are spaced evenly at {rate:.6g} Hz.",
+                limits=(1e-4, 0.02)),
     rate_given=Kind(NOTE, "The rate is {rate:g} Hz as given; the stamps say {estimate:.6g} Hz."),
     crowded=Kind(NOTE, "{count} of {total} readings have no sample of the log to themselves and are left out."),
     # the values

@@ -11,10 +11,7 @@ from ._errors import DataError
 from ._log_findings import LOG
 from ._message import Message
 from ._precision import LARGEST, is_traced, real_numbers
-from ._units import STRONGEST_FIELD, si_unit
-
-#: SI, beyond the range of any sensor: larger readings are counts
-_LARGEST = {"mag": STRONGEST_FIELD, "accel": 4e3, "gyro": 1e3}
+from ._units import BEYOND, si_unit
 
 
 def checked_rate(rate: Any) -> float:
@@ -107,5 +104,5 @@ def shown_unit(quantity: str, values: np.ndarray) -> str:
     >>> shown_unit("mag", np.array([47e-6])), shown_unit("mag", np.array([310.0]))
     ('T', 'counts')
     """
-    most = _LARGEST.get(quantity, np.inf)
+    most = BEYOND.get(quantity, np.inf)
     return "counts" if np.fmax.reduce(np.abs(values), axis=None, initial=0.0) > most else si_unit(quantity)

@@ -7,21 +7,19 @@ from typing import Any
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from ._answer import CAUTION, NOTE, Finding
+from ._answer import Finding
 from ._errors import DataError
 from ._log_findings import LOG
 from ._message import Message
 from ._quality import all_finite
+from ._units import units_of
 
-#: ranges at which counters wrap, of stamps (ticks) and of readings (steps); and lengths (s) of the ticks of stamps
+#: ranges at which counters wrap, of stamps (ticks) and of readings (steps)
 WRAPS = (2.0**15, 2.0**16, 2.0**31, 2.0**32)
-_TICKS = (1e-9, 1e-6, 1e-3, 1.0)
 #: a step longer than this many periods that later steps do not make up is a gap
 GAP = 1.5
 #: largest relative difference between rate= and the stamps
 _RATE_TOLERANCE = 0.005
-#: rms jitter, in periods, above which a warning is given
-_JITTER = 0.02
 
 #: periods of a jump that may part two recordings in one file
 _FAR = 50
@@ -159,7 +157,7 @@ def _unwrap(stamps: np.ndarray, found: list[Finding]) -> np.ndarray:
     back = np.flatnonzero(steps < 0)
     period = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
     for ticks in WRAPS:
-        for tick in _TICKS:
+        for tick in sorted(units_of("time").values()):
             span = ticks * tick
             if span < 20 * period:
                 continue
@@ -357,9 +355,8 @@ def _describe(stamps, steps, rate: float, jitter: float, even: bool, found: list
         resolution = min(np.diff(lengths).min(initial=np.inf), lengths[lengths > 0].min())
         code = "coarse_stamps" if len(lengths) < 4 else "bursts"
         found.append(LOG(code, rate=rate, resolution=float(resolution), single=single))
-    elif jitter > 1e-4:
-        severity = CAUTION if jitter > _JITTER else NOTE
-        found.append(LOG("jitter", cost=jitter, severity=severity, percent=100 * jitter, rate=rate, single=single))
+    else:
+        found += LOG.over("jitter", jitter, percent=100 * jitter, rate=rate, single=single)
 
 
 def _agreed_rate(rate: float | None, estimate: float, found: list[Finding]) -> float:

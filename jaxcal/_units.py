@@ -15,7 +15,8 @@ STANDARD_GRAVITY = 9.80665
 EARTH_RATE = 7.292115e-5  # rad/s, of the Earth against the stars (WGS 84)
 #: what there is on the surface of the Earth, in SI: gravity from the highest mountain at the equator to the poles, and the magnetic field
 ON_EARTH = {"gravity": (9.76, 9.84), "field": (20e-6, 70e-6)}
-STRONGEST_FIELD = 1e-3  # T: readings of a stronger field are counts, or in another unit
+#: SI, beyond the range of any sensor: larger readings are counts, or in another unit
+BEYOND = {"mag": 1e-3, "accel": 4e3, "gyro": 1e3}
 _DEG = math.pi / 180.0
 
 #: quantity of a log or of a result -> {unit: SI value of one unit}; the first unit is the SI unit

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from .._precision import array_module, is_traced
-from .._units import STRONGEST_FIELD
+from .._units import BEYOND
 from ..fitting import Estimate
 from ..fitting._serial import is_white, leave_out
 from ._model import MagModel
@@ -16,7 +16,7 @@ SOFT = tuple(f"soft_iron[{i},{j}]" for i in range(3) for j in range(3))
 
 def quantity_of(field: Any) -> str:
     """Quantity of the readings: "mag" for a field in tesla, else "counts"; "ratio" where it is traced."""
-    return "ratio" if is_traced(field) else "mag" if field < STRONGEST_FIELD else "counts"
+    return "ratio" if is_traced(field) else "mag" if field < BEYOND["mag"] else "counts"
 
 
 def estimated(model: MagModel, field: Any, covariance: Any, freedom: float | int, further: dict[str, Any] | None = None,

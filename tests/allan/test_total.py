@@ -155,7 +155,7 @@ def test_totdev_traced_is_totdev():
     y = np.random.default_rng(1).standard_normal((80, 2))
     m = [1, 2, 5, 39]
     for data, corrected in (("rate", True), ("phase", False)):
-        options = {"kind": "totdev", "m": [2, 39], "data": data, "bias_corrected": corrected}
+        options = {"kind": "totdev", "m": [2, 39], "data": data, "bias_corrected": corrected, "alpha": 0}
         eager = deviation(y, 10.0, **options)
         traced = jax.jit(lambda y, options=options: deviation(y, 10.0, **options))(jnp.asarray(y))
         for name in ("deviation", "lower", "upper", "edf", "count", "skipped", "bias", "alpha", "tau"):
