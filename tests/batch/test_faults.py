@@ -19,7 +19,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 import jaxcal
-from jaxcal import DataError, ExportError
+from jaxcal import DataError, ExportError, JaxcalError
 from jaxcal.batch import run
 
 from .conftest import counts, make_logs, results
@@ -295,71 +295,24 @@ def test_a_cluster_gives_the_same_and_survives_the_loss_of_a_worker_and_a_restar
     assert results(tmp_path / "out") == expected
 
 
-NODE = """
-import asyncio, sys
-sys.path.insert(0, {tasks!r})
-from distributed import Scheduler, Worker
-async def main(role, at):
-    common = dict(host="127.0.0.1", dashboard=False)
-    async with Scheduler(port=int(at), **common) if role == "scheduler" else Worker(at, nthreads=1, **common) as node:
-        print(node.address, flush=True)
-        await node.finished()
-if __name__ == "__main__":
-    asyncio.run(main(*sys.argv[1:]))
-"""
+def test_an_executor_that_closes_ends_the_run_with_a_sentence_and_another_goes_on(tasks, room, tmp_path):
+    class Closing(ThreadPoolExecutor):
+        given = 0
 
-LOST_SCHEDULER = """
-import pathlib, subprocess, sys
-sys.path.insert(0, {tasks!r})
-import fleet_tasks, jaxcal
-from distributed import Client
-started = []
-def start(*words):
-    started.append(subprocess.Popen([sys.executable, {node!r}, *words], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True))
-    return started[-1].stdout.readline().strip()
-def go(address, progress=None):
-    with Client(address, set_as_default=False) as client:
-        client._timeout = 3  # s for which it tries to connect again; 30 without
-        return jaxcal.batch.run({logs!r}, fleet_tasks.slow, executor=client.get_executor(), workers=1, out={out!r}, progress=progress)
-def move(done, total, name):
-    if done == 3:
-        started[0].kill()
-try:
-    address = start("scheduler", "0")
-    start("worker", address)
-    try:
-        go(address, move)
-    except jaxcal.JaxcalError as error:
-        print(error)
-    print(len(list(pathlib.Path({out!r}, "results").iterdir())))
-    started[0].wait()
-    assert start("scheduler", address.rpartition(":")[2]) == address
-    start("worker", address)
-    fleet = go(address)
-    print(len(fleet.done), sum(entry.kept for entry in fleet))
-finally:
-    for process in started:
-        process.kill()
-        process.wait()
-"""
+        def submit(self, *arguments):
+            self.given += 1
+            if self.given > 3:
+                raise RuntimeError("the scheduler is gone")
+            return super().submit(*arguments)
 
-
-@posix
-@pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs distributed (extra dask)")
-def test_a_cluster_that_loses_its_scheduler_ends_the_run_with_a_sentence_and_another_goes_on(tasks, room, tmp_path):
-    logs = make_logs(tmp_path / "logs", 8)
+    logs, out = make_logs(tmp_path / "logs", 8), tmp_path / "out"
     expected = undisturbed(tasks, logs, tmp_path / "plain")
-    folder, node, script, out = str(pathlib.Path(tasks.__file__).parent), tmp_path / "node.py", tmp_path / "script.py", tmp_path / "out"
-    node.write_text(NODE.format(tasks=folder))
-    script.write_text(LOST_SCHEDULER.format(tasks=folder, node=str(node), logs=str(tmp_path / "logs"), out=str(out)))
-    path = os.pathsep.join([str(pathlib.Path(__file__).parents[2]), folder, *sys.path])
-    found = subprocess.run(
-        [sys.executable, script], capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path}, check=False, timeout=120
-    )  # fmt: skip
-    assert found.returncode == 0, found.stderr[-3000:]
-    said, files, union = found.stdout.splitlines()
-    assert said.startswith("the executor takes no more logs (ClosedClientError: ")
-    assert said.endswith(f"3 of 8 logs are done and kept in {out}; the same call goes on from there")
-    assert 3 <= int(files) <= 5  # includes failures of logs that it had, which are tried again
-    assert union == "8 3"
+    with Closing(1) as pool, pytest.raises(JaxcalError) as caught:
+        run(logs, tasks.slow, executor=pool, workers=1, out=out)
+    assert "the scheduler is gone" in str(caught.value)
+    assert f"of 8 logs are done and kept in {out}" in str(caught.value)
+    done = len(results(out))
+    assert 1 <= done <= 3
+    with ThreadPoolExecutor(1) as pool:
+        assert sum(entry.kept for entry in run(logs, tasks.slow, executor=pool, out=out)) == done
     assert results(out) == expected
