@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from .._errors import DataError
 from .._types import AnyArray
-from .._units import STRONGEST_FIELD, si_unit
+from .._units import BEYOND, si_unit
 from ..device import DeviceFit
 from ..fitting import Estimate
 from ..imu import ImuFit, Nonlinear, RateTest, Triad
@@ -199,7 +199,7 @@ def _currents_of(fit: MagFit) -> dict[str, AnyArray] | None:
 
 def _of_magnetometer(fit: MagFit) -> Part[MagModel]:
     """The part of a fit of a magnetometer."""
-    unit = si_unit("mag") if fit.field < STRONGEST_FIELD else COUNTS
+    unit = si_unit("mag") if fit.field < BEYOND["mag"] else COUNTS
     known = fit.estimate.select(*(name for name in fit.estimate.names if not name.startswith("currents.")))
     return Part(fit.model, unit, float(fit.field), _fitted(known), fit.verdict, fit.reason, _currents_of(fit))  # type: ignore[arg-type]
 

@@ -8,7 +8,7 @@ import numpy as np
 from .._answer import Finding
 from .._log import as_log
 from .._precision import host_float64
-from .._units import STANDARD_GRAVITY, STRONGEST_FIELD
+from .._units import BEYOND, STANDARD_GRAVITY
 from ..fitting import Estimate
 from ..imu._fits import coefficients
 from ..imu._known import checked_gravity
@@ -127,7 +127,7 @@ def _reported(found: Solution, told: Known, start: Start, field: float | None) -
         open_ |= np.array([sensor_of(name) in lost for name in names]) & ~held
     covariance = slope @ told.covariance @ slope.T
     covariance = np.where(open_[:, None] | open_, np.where(np.eye(len(open_), dtype=bool), np.inf, 0.0), covariance)
-    unit = "mag" if vector[AT["field"]][0] < STRONGEST_FIELD else "counts"
+    unit = "mag" if vector[AT["field"]][0] < BEYOND["mag"] else "counts"
     estimate = Estimate(
         names, np.where(open_, np.nan, vector[shown]), covariance, told.freedom,
         {name: "open" if gone else "held" for name, gone, fixed in zip(names, open_, held, strict=True) if gone or fixed},
