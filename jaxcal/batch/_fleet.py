@@ -15,11 +15,9 @@ import scipy  # loads its parts when they are first used
 from .._answer import Number
 from .._files import shown
 from .._special import NORMAL95
+from ._findings import FEWEST
 
-_FEWEST, _FEWEST_FOR_TRENDS = 5, 8
 _FALSE_ALARM = 0.05  # probability that a fleet of Gaussian coefficients has any outlier, or any trend
-#: standard deviation of normal values over their median absolute deviation, and over their mean one
-_GAUSS, _MEAN_GAUSS = 1.482602218505602, 1.2533141373155003
 #: coefficients that are sizes, whose scatter is relative
 _SIZES = re.compile(r"\.(?:[QNBKR]|[a-z0-9]+dev\([^)]*\)|theo1\([^)]*\))$")
 
@@ -250,13 +248,14 @@ def _one(name: str, done: Sequence[Entry], number: int, along: dict[str, np.ndar
         own = errors / np.abs(values) if by_factors else errors
     middle = float(np.median(x[here]))
     apart = np.abs(x[here] - middle)
-    sigma = _GAUSS * float(np.median(apart)) or _MEAN_GAUSS * float(np.mean(apart))  # if more than half of the values are equal
+    # the second if more than half of the values are equal
+    sigma = 1.4826 * float(np.median(apart)) or float(np.sqrt(np.mean(apart**2)))
     total = np.sqrt(sigma**2 + np.where(np.isfinite(own), own, 0.0) ** 2)
     with np.errstate(invalid="ignore", divide="ignore"):
         scores = np.where(np.abs(x - middle) > 0, (x - middle) / total, np.where(here, 0.0, np.nan))
     # Student's t with half the degrees of freedom, because the median absolute deviation of few values is itself uncertain: for simulated
     # Gaussian fleets of 5 to 300 logs the probability of a false alarm is 4 to 6 %
-    limit = np.inf if n < _FEWEST else float(scipy.special.stdtrit((n - 1) / 2, 1 - _FALSE_ALARM / (2 * n * number)))
+    limit = np.inf if n < FEWEST else float(scipy.special.stdtrit((n - 1) / 2, 1 - _FALSE_ALARM / (2 * n * number)))
     median = float(np.median(values[here]))
     low, high = (float(end) for end in np.quantile(values[here], [0.05, 0.95]))
     found = []
@@ -279,7 +278,7 @@ def _one(name: str, done: Sequence[Entry], number: int, along: dict[str, np.ndar
 def _trend(name: str, along: str, places: np.ndarray, all_values: np.ndarray, unit: str, number: int) -> Trend | None:
     here = np.isfinite(all_values)
     at, values = places[here], all_values[here]
-    if len(values) < _FEWEST_FOR_TRENDS or np.ptp(at) == 0 or np.ptp(values) == 0:
+    if len(values) < FEWEST or np.ptp(at) == 0 or np.ptp(values) == 0:
         return None
     tau, p = (float(value) for value in np.asarray(scipy.stats.kendalltau(at, values)))
     if not p * number < _FALSE_ALARM:

@@ -18,7 +18,6 @@ from ..noise._binned import LogLikelihood
 _SINGLE, _PER_DECADE = 16, 12  # bins of one ordinate, and bins per decade beyond; they resolve all differences of smooth densities
 _SEEN = 0.25  # share of the recordings that must show a term for it to be pooled
 _FLAT = 1e-3  # precision of a logarithm about which the record has no information
-_STARTS = 0.05  # share of the median below which a coefficient starts from the median
 _ROUNDS = 15  # number of Fisher scoring steps of a profile
 _TERMS = ("Q", "N", "B", "K")
 _FIELDS = ("frequency", "density", "weight", "base")
@@ -99,7 +98,7 @@ def of_noise(recordings: Sequence[Recording], terms: Sequence[str] | None) -> Le
         data[name] = np.stack(
             [np.pad(p[name], ((0, rows - len(p[name])), *((0, 0),) * (p[name].ndim - 1)), constant_values=fill) for p in parts]
         )
-    start = np.log(np.where(raw > _STARTS * usual, raw, usual))
+    start = np.log(np.where([[one.seen[term] for term in names] for one in recordings], raw, usual))
     shares = data["columns"] * np.exp(2.0 * start)[:, None, :]
     slopes = 2.0 * shares / (shares.sum(axis=2) + data["base"])[..., None]
     information = 0.5 * np.einsum("nbp,nb,nbq->npq", slopes, data["weight"], slopes)

@@ -8,8 +8,8 @@ import scipy  # loads its parts when they are first used
 from ..fitting._hierarchy import Hierarchy, log_density
 
 _NODES = 15  # nodes of the quadrature over a device's own error
-_AT_ONCE = 200  # number of devices that are processed together
-_MOST, _FEWEST = 400_000, 100  # largest number of devices times draws of the population, and smallest number of draws
+#: number of devices that are processed together, largest number of devices times draws of the population, and smallest number of draws
+_AT_ONCE, _MOST, _FEWEST = 200, 400_000, 100
 
 
 def chances(

@@ -12,7 +12,7 @@ from typing import Any
 
 from .._errors import DataError
 
-_STARTS = 3  # number of workers in a row that may be killed before they begin
+TRIES = 2  # workers in a row that may be killed before they begin, or by one log, or executors that may lose a log, before it has failed
 _starting = threading.Lock()
 
 
@@ -171,7 +171,7 @@ class WorkerPool:
         begun, refused = worker.started, worker.refused
         worker.close(at_once=False)
         self._failed_starts = 0 if begun else self._failed_starts + 1
-        if refused or self._failed_starts >= _STARTS:
+        if refused or self._failed_starts >= TRIES:
             raise DataError(
                 "the worker processes end before they begin; in a script call jaxcal.batch.run below "
                 'if __name__ == "__main__":, or give an executor of threads'

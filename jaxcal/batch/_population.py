@@ -15,13 +15,11 @@ from .._quality import checked_confidence
 from .._types import AnyArray, Groups
 from ..fitting._hierarchy import Hierarchy, sample_hierarchy
 from ..noise import NoiseFit
-from ._findings import FINDINGS
+from ._findings import FEWEST, FINDINGS
 from ._leaves import Leaves, Recording, of_estimates, of_noise
 from ._odd import chances
 
-_FEWEST = 5  # devices
 _MANY = 1000  # number of recordings above which fewer sweeps suffice, because the population is then well known
-_HARDLY = 0.05  # acceptance rate below which draws are not reliable
 
 
 class Population(Result):
@@ -42,7 +40,6 @@ class Population(Result):
     pooled, pooled_interval : the same combined with the population. The intervals include the uncertainty of the population.
     device_values, device_interval : (g, p) and (g, p, 2), the middle of each device over its recordings.
     seen, seen_error : (n, p) estimate of each recording by itself near the population (logarithms for noise), and its standard error.
-    away : (n, p) `seen` minus the middle at the covariates of the recording.
     chance : (g, p) probability that a usual device is as far from the middle as this one; small for an odd unit.
     outliers : (device, term) pairs whose chance is below `false_alarm`.
     devices, recordings : names of the devices (g,), and the device of each recording (n,).
@@ -79,7 +76,6 @@ class Population(Result):
     device_interval: AnyArray
     seen: AnyArray
     seen_error: AnyArray
-    away: AnyArray
     chance: AnyArray
     outliers: tuple[tuple[Any, str], ...] = eqx.field(static=True)
     devices: tuple[Any, ...] = eqx.field(static=True)
@@ -234,14 +230,14 @@ def _summary(
     accepted = float(np.mean(np.asarray(drawn.accepted)))
     odd = [(order[i], leaves.names[j], float(chance[i, j])) for i, j in np.argwhere(chance < false_alarm)]
     said = [FINDINGS("odd", cost=-rare, device=device, term=term, percent=100.0 * rare) for device, term, rare in odd]
-    said += [] if accepted > _HARDLY else [FINDINGS("stuck")]
+    said += FINDINGS.over("stuck", 1 - accepted)
     return Population(
         terms=leaves.names, median=back(usual[0] * scale), median_interval=back(interval(beta[:, 0] * scale)), levels=titles,
         components=np.median(deviations, axis=0) * scale, components_interval=interval(deviations * scale),
         effect=usual[1:] * scale, effect_interval=interval(beta[:, 1:] * scale), raw=leaves.raw, raw_interval=leaves.interval,
         pooled=back(np.median(items, axis=0) * scale), pooled_interval=back(interval(items) * scale[:, None]),
         device_values=back(np.median(device, axis=0) * scale), device_interval=back(interval(device) * scale[:, None]),
-        seen=seen * scale, seen_error=error * scale, away=(seen - middle) * scale, chance=chance,
+        seen=seen * scale, seen_error=error * scale, chance=chance,
         outliers=tuple((device, term) for device, term, _ in odd), devices=order, recordings=names,
         covariates=labels, logarithm=leaves.logarithm, confidence=confidence, false_alarm=false_alarm, findings=tuple(said),
     )  # fmt: skip
@@ -265,8 +261,8 @@ def _devices(count: int, devices: Groups | None) -> tuple[tuple[Any, ...], np.nd
     if len(names) != count:
         raise DataError(f"{count} fits and {len(names)} names of devices; give the device of each recording")
     order = tuple(dict.fromkeys(names))
-    if len(order) < _FEWEST:
-        raise DataError(f"{len(order)} devices: a population needs {_FEWEST} at least; for recordings of one take noise.fit_recordings")
+    if len(order) < FEWEST:
+        raise DataError(f"{len(order)} devices: a population needs {FEWEST} at least; for recordings of one take noise.fit_recordings")
     number = {name: i for i, name in enumerate(order)}
     return names, np.array([number[name] for name in names]), order
 

@@ -21,11 +21,10 @@ from .._files import shown, write_atomically
 from ._answer import answer, fingerprint, lost
 from ._fleet import Entry, Fleet, overview
 from ._paths import find_logs
-from ._pool import GivenExecutor, WorkerPool, room
+from ._pool import TRIES, GivenExecutor, WorkerPool, room
 from ._store import Store, write_manifest, write_summary
 from ._tasks import check_task, identity, reading_options
 
-_TRIES = 2  # workers that a log may kill, or executors that may lose it, before it has failed
 #: s between checks of the clock, without an answer until an executor is asked whether it works, and between writes of the manifest
 _LOOK, _SILENCE, _MANIFEST_EVERY = 0.5, 5.0, 30.0
 
@@ -279,7 +278,7 @@ class _Run:
             return None, None
         if killed or isinstance(fault, concurrent.futures.CancelledError):
             job.lost += 1
-            if job.lost < _TRIES:
+            if job.lost < TRIES:
                 return None, None
             reason = "its worker process died twice, as when memory runs out or a library crashes; use fewer workers, or look at the log"
             return self._lost(job, reason if killed else "the executor lost it twice"), None

@@ -20,7 +20,6 @@ from ..io._suited import unsuited
 from ._findings import FINDINGS
 
 Answer = tuple[Any, dict[str, Number], list[Any]]
-_MOST = 400  # largest number of values taken from the result of a user's task
 
 
 def noise(log: Log, **options: Any) -> Answer:
@@ -145,8 +144,7 @@ def _numbers(result: Any, name: str = "") -> dict[str, Number]:
         items = [(f"{name}.{key}" if name else str(key), item) for key, item in result.items()]
     else:
         items = [(f"{name}[{i}]", item) for i, item in enumerate(result)] if len(result) <= 12 else []
-    found = [pair for key, item in items for pair in _numbers(item, key).items()]
-    return dict(found[:_MOST])
+    return dict(pair for key, item in items for pair in _numbers(item, key).items())
 
 
 def identity(task: Any, options: dict[str, Any], reading: dict[str, Any]) -> dict[str, Any]:

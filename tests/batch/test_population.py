@@ -8,7 +8,7 @@ import scipy.fft
 
 import jaxcal
 from jaxcal import DataError
-from jaxcal.batch import line, population
+from jaxcal.batch import population
 from jaxcal.batch._leaves import of_estimates
 from jaxcal.magnetometer import body_field, fit, scenario
 
@@ -147,43 +147,6 @@ def test_recordings_of_a_device_tell_its_repeatability_and_covariates_their_effe
     explained = population(fits, devices=names, terms=("N",), covariates={"warmth": warmth})
     assert explained.effect[0, 0] == pytest.approx(np.std(np.log(truth[:, 0])), rel=0.25)
     assert explained.spread[0] < 0.6 * found.spread[0]
-
-
-def test_a_line_that_changes_is_told_from_one_that_does_not(one):
-    found = one[2]
-    assert line(found, range(16)).codes == set()
-    # the same records sorted by N look like a drift
-    order = np.argsort(np.argsort(found.raw[:, 0]))
-    drifting = line(found, order)
-    assert drifting.verdict == "weak"
-    assert drifting.findings[0].facts["term"] == "N"
-    assert drifting.slope[0] > 3 * drifting.slope_error[0]
-    assert np.all(np.diff(np.asarray(order)[drifting.order]) > 0)
-    with pytest.raises(DataError, match="16 recordings and 2 times"):
-        line(found, [1, 2])
-    with pytest.raises(DataError, match="all times are the same"):
-        line(found, [1] * 16)
-
-
-@pytest.mark.long
-def test_lines_without_a_change_are_rarely_said_to_have_one_and_changes_are_found():
-    named, inside = {0.0: [], 0.4: []}, []
-    for step, found in named.items():
-        for seed in range(20 if not step else 5):
-            rng = np.random.default_rng([seed, 5])
-            error = rng.uniform(0.05, 0.2, 40)
-            x = 0.14 * rng.standard_t(4, (40, 3)) + step * (np.arange(40) >= 20)[:, None]
-            fits = [
-                Estimate(("a", "b", "c"), v, own**2 * np.eye(3))
-                for v, own in zip(x + error[:, None] * rng.standard_normal((40, 3)), error, strict=True)
-            ]
-            told = line(population(fits, seed=seed), np.arange(40))
-            found.append(np.mean(told.chance < 0.05))
-            if not step:
-                inside.append(np.mean(np.abs(told.slope) < 1.96 * told.slope_error))
-    assert np.mean(named[0.0]) < 0.05 + 3 * (0.05 * 0.95 / 60) ** 0.5
-    assert np.mean(named[0.4]) > 0.9
-    assert abs(np.mean(inside) - 0.95) < 3 * (0.05 * 0.95 / 60) ** 0.5  # the interval of the slope
 
 
 def test_messages(one):
