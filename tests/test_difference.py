@@ -13,7 +13,7 @@ from scipy.stats import kstest
 
 import jaxcal
 from jaxcal import Calibration, DataError, JaxcalError, Log
-from jaxcal.calibration import Part, difference, provenance
+from jaxcal.calibration import Part, difference
 from jaxcal.fitting import Estimate
 from jaxcal.imu import Triad
 from jaxcal.magnetometer import MagModel
@@ -213,15 +213,6 @@ def test_thermal_models_that_changed(golden):
     (gyro, accel) = difference(Calibration(temperature=golden.temperature), Calibration(temperature=moved))
     assert not gyro.change.any()
     np.testing.assert_allclose(np.abs(accel.change), [2.5e-3, 0, 0], atol=1e-15)
-
-
-def test_provenance_of_a_command():
-    log = Log(None, gyro=np.arange(12.0).reshape(4, 3), rate=10.0, provenance={"file": "a.csv", "sha256": "ab"})
-    found = provenance(log, "jaxcal imu", {"gravity": np.float64(9.8), "band": (1.0, np.inf), "path": pathlib.Path("x")}, rate_given=True)
-    assert Calibration(provenance=found).provenance == found
-    assert found["options"] == {"gravity": 9.8, "band": [1.0, None], "path": "x"}
-    assert set(found["versions"]) == {"python", "jax", "numpy", "scipy"}
-    assert (found["command"], found["rate"], found["version"]) == ("jaxcal imu", "given", jaxcal.__version__)
 
 
 # the file: versions and damage

@@ -1,5 +1,7 @@
 """The repository as a whole: examples of every public name, a short README, issue forms, workflows, and the same version everywhere."""
 
+import ast
+import contextlib
 import importlib
 import inspect
 import json
@@ -35,6 +37,59 @@ def test_every_public_name_has_an_example(part):
 
 def test_the_readme_fits_on_three_screens():
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) < 120
+
+
+def modules():
+    """Path, text and syntax tree of every module of the package."""
+    for path in sorted((ROOT / "jaxcal").rglob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        yield path, text, ast.parse(text)
+
+
+def code_lines(text, tree):
+    """Number of lines without blank ones, comments and docstrings."""
+    told = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.Module) and ast.get_docstring(node, clean=False):
+            told |= set(range(node.body[0].lineno, node.body[0].end_lineno + 1))
+    kept = (line.strip() for number, line in enumerate(text.splitlines(), 1) if number not in told)
+    return sum(bool(line) and not line.startswith("#") for line in kept)
+
+
+def test_the_package_stays_small():
+    assert [str(path) for path, text, _ in modules() if len(text.splitlines()) > 400] == []
+    # classes and functions; `jaxcal.report` and the others have their own
+    assert sum(len(public(part)) for part in PARTS) <= 190
+
+
+def imports_of(path, tree):
+    """Modules of the package that a module imports when it is loaded, and not in a function or for type checkers alone."""
+    package = ["jaxcal", *path.relative_to(ROOT / "jaxcal").parent.parts]
+    waiting = list(tree.body)
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = package[: len(package) - node.level + 1] + (node.module or "").split(".") * bool(node.module)
+            yield from (".".join([*base, one.name]) for one in node.names)
+            yield ".".join(base)
+        elif isinstance(node, ast.ClassDef | ast.Try | ast.With):
+            waiting += node.body
+        elif isinstance(node, ast.If):
+            waiting += node.orelse if "TYPE_CHECKING" in ast.unparse(node.test) else [*node.body, *node.orelse]
+
+
+def test_no_modules_import_one_another_in_a_circle():
+    known = {}
+    for path, _, tree in modules():
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        known[".".join(parts).removesuffix(".__init__")] = set(imports_of(path, tree))
+    # a package as a whole is loaded before its parts, and imports them
+    graph = {name: {one for one in found if one in known and not name.startswith(f"{one}.")} - {name} for name, found in known.items()}
+    with contextlib.suppress(StopIteration):
+        while True:  # take away what imports nothing that is left
+            free = next(name for name, found in graph.items() if not found & graph.keys())
+            del graph[free]
+    assert sorted(graph) == []
 
 
 def test_type_checkers_are_told_that_there_are_types():

@@ -207,16 +207,6 @@ def test_noise_from_the_residuals():
     assert "noise_from_residuals" in found.codes
 
 
-def test_one_sensor_alone():
-    readings = readings_at(X4)
-    flat = fit(Readings(readings.positions, accel=readings.accel, accel_noise=VRW), LATITUDE)
-    np.testing.assert_allclose([flat.phi, flat.theta], PAPER[:2], atol=1e-11)
-    assert not flat.free[2]
-    known = {"phi": PAPER[0], "theta": PAPER[1]}
-    north = fit(Readings(readings.positions, gyro=readings.gyro, gyro_noise=ARW), LATITUDE, free=("psi", "b_g"), start=known)
-    assert apart(north.psi, PAPER[2]) < 1e-11
-
-
 def test_random_walk_of_the_bias_widens_the_azimuth_as_generalised_least_squares_says():
     """The bound agrees with generalised least squares in NumPy; the level is known, psi and the bias at the start are unknown."""
     walk, dwell = 5e-8, 30.0

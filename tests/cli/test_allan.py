@@ -94,10 +94,3 @@ def test_a_clock_has_no_unit(call, folder):
     assert call(*words, "--kind", "tdev", "--report", "clock.html").status == 0
     assert json.loads((folder / "clock.json").read_text())["channels"]["clock_x"]["unit"] == "s"
     assert not any(word in (folder / "clock.html").read_text() for word in ("gyro_x", "rad/s", "gyro="))
-
-
-def test_a_report_to_explore(call, folder, log):
-    assert call("allan", "imu.csv", "--report", "a.html", "--kind", "mdev").status == 0
-    text = (folder / "a.html").read_text()
-    assert "<title>Modified Allan deviation of imu.csv</title>" in text
-    assert "jaxcal allan" in text

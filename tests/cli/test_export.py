@@ -40,20 +40,6 @@ def test_every_format_under_its_usual_name(call, folder, device, format):
         assert (folder / name).stat().st_size > 50
 
 
-@pytest.mark.parametrize("format", ["openvins", "vins", "orbslam3", "gtsam", "ros", "csv"])
-def test_the_noise_command_knows_the_formats(call, folder, log, monkeypatch, format):
-    """The command gets a fit written by hand, since the test is only about formats."""
-    made = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))["made_results"]()
-    monkeypatch.setattr("jaxcal.noise.characterise", lambda *args, **options: made)
-    found = call("noise", log, "--export", f"{format}=out", "--rate", 100)
-    assert found.status == 0
-    text = (folder / "out").read_text()
-    assert "estimated from its stamps" not in text
-    if format != "csv":
-        assert "recording: " in text
-        assert format == "ros" or "upper limit" in text
-
-
 def test_calibrations_say_how_they_were_made(call, folder, log, monkeypatch):
     made = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))["made_results"]()
     monkeypatch.setattr("jaxcal.noise.characterise", lambda *args, **options: made)
@@ -125,7 +111,6 @@ def test_a_weak_calibration_is_forced(call, folder, device):
         (["nowhere.json", "--to", "c"], 2, "nowhere.json does not exist"),
         (["device.json", "--to", "latex"], 2, "latex"),
         (["device.json"], 2, "--to"),
-        (["device.json", "--to", "c", "--topic", "/a"], 2, "no option --topic, which is for kalibr, openvins, vins"),
         (["device.json", "--to", "kalibr", "--inflate", "0"], 2, "--inflate 0.0: expected"),
         (["device.json", "--to", "kalibr", "--random-walk", "much"], 2, "--random-walk much: expected"),
         (["device.json", "--to", "kalibr", "--ids", "accel=7"], 2, "no option --ids"),

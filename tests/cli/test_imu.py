@@ -68,8 +68,6 @@ def test_a_simulated_log_is_calibrated(call, folder):
     [
         (["--convention", "sideways"], 2, ""),
         (["--method", "magic"], 2, ""),
-        (["--earth-rate"], 2, "--earth-rate needs --latitude"),
-        (["--latitude", "100"], 2, "to 90 degrees"),
         (["--units", "accel=mg"], 1, "Give --units accel=m/s^2"),
         (["--stop", "40"], 1, "refused"),
     ],

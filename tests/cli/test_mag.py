@@ -83,13 +83,10 @@ def test_a_refused_fit_ends_with_its_reason(simulated, folder):
     ("words", "status", "reason"),
     [
         (("mag", "tumble.csv", "--align", "gyro"), 1, "the log has no gyro"),
-        (("mag", "tumble.csv", "--field", "-3"), 2, "--field -3"),
-        (("mag", "tumble.csv", "--inclination", "95"), 2, "to 89.9 degrees"),
         (("mag", "tumble.csv", "--corrected", "x.txt"), 2, "ends in .csv or .npz"),
         (("mag", "tumble.csv", "--place", "39", "32"), 2, "go together"),
         (("mag", "tumble.csv", "--place", "39", "32", "--date", "May"), 2, "--date May"),
         (("mag", "tumble.csv", "--place", "39", "32", "--date", "2026-05-31", "--field", "50"), 2, "exclude one another"),
-        (("mag", "nowhere.csv"), 2, "does not exist"),
         (("simulate", "mag", "--out", "x.txt"), 2, "ends in .csv or .npz"),
         (("simulate", "mag", "--out", "x.csv", "--noise", "-1"), 2, "uT of 0 or more"),
     ],
@@ -121,21 +118,6 @@ def test_exports_hold_what_the_calibration_says(simulated, folder):
     refused = call("mag", "tumble.csv", "--export", "kalibr")
     assert refused.status == 2
     assert "expected one of motioncal, c, csv" in refused.reason
-
-
-def test_a_log_without_a_magnetometer(call, log):
-    found = call("mag", "imu.csv")
-    assert found.status == 1
-    assert "no magnetometer of three axes" in found.reason
-
-
-def test_both_sensors_at_once(simulated, folder):
-    call, truth = simulated
-    found = call("mag", "tumble.csv", "--align", "accel", "--field", "47", "--json", "mag.json")
-    assert (found.status, found.err) == (0, "")
-    document = json.loads((folder / "mag.json").read_text())
-    assert document["method"] == "joint"
-    np.testing.assert_allclose(document["model"]["soft_iron"], truth, atol=6e-3)
 
 
 def test_counts_need_neither_times_nor_a_unit(call, folder):

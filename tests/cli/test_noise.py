@@ -174,20 +174,6 @@ def test_terms_confidence_and_band_reach_the_fit(call, folder, log):
     assert channel["band"][1] <= 5.0
 
 
-def test_the_command_agrees_with_the_library(call, folder, log):
-    call("noise", "imu.csv", "--json", "a.json")
-    fits = jaxcal.noise.characterise(jaxcal.read(log, quiet=True))
-    document = json.loads((folder / "a.json").read_text())
-    for name, fit in fits.items():
-        assert document["channels"][name]["coefficients"]["N"] == pytest.approx(fit.noise.N, rel=1e-9)
-
-
-def test_a_second_run_replaces_the_files_of_the_first(call, folder, log):
-    for _ in range(2):
-        assert call("noise", "imu.csv", "--quiet", "--export", "kalibr", "--out", "made").status == 0
-    assert listing(folder) == ["imu.csv", "made", "made/imu.yaml"]
-
-
 def test_a_gauss_markov_process_on_request(call, folder, log):
     found = call("noise", "imu.csv", "--terms", "QNBKM", "--json", "a.json")
     assert found.status == 0, found.err
@@ -200,9 +186,6 @@ def test_another_method(call, folder, log):
     found = call("noise", "imu.csv", "--method", "gls", "--json", "a.json")
     assert found.status == 0, found.err
     assert json.loads((folder / "a.json").read_text())["channels"]["gyro_x"]["method"] == "gls"
-    found = call("noise", "imu.csv", "--method", "slope")
-    assert found.status == 2
-    assert 'Choose from: "whittle", "gls"' in found.reason
 
 
 def test_the_demo_counts_the_intervals_that_hold_the_truth_and_its_calibration_is_exported(call, folder, monkeypatch):
@@ -212,12 +195,8 @@ def test_the_demo_counts_the_intervals_that_hold_the_truth_and_its_calibration_i
     held, total = map(int, re.search(r"(\d+) of (\d+) intervals of 95 % hold the truth", found.out).groups())
     assert total == 24
     assert held >= 20
-    made = folder / "jaxcal-demo"
     for tool in ("kalibr", "openvins", "vins", "orbslam3", "gtsam", "ros", "csv"):
-        assert call("export", made / "calibration.json", "--to", tool, "--out", f"made.{tool}").status == 0
-    # the command noise writes the same numbers
-    plain = [line for line in (made / "imu.yaml").read_text().splitlines() if not line.startswith("#")]
-    assert plain == [line for line in (folder / "made.kalibr").read_text().splitlines() if not line.startswith("#")]
+        assert call("export", folder / "jaxcal-demo" / "calibration.json", "--to", tool, "--out", f"made.{tool}").status == 0
 
 
 def test_noise_of_a_file_is_read(folder):

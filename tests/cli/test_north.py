@@ -71,7 +71,6 @@ def test_no_azimuth_is_status_1_and_says_what_is_missing(call, folder, made):
         ("angle [deg],dwell [s]\n0,1\n", [], 1, "neither accelerometer nor gyro"), ("", [], 1, "is empty"),
         ("angle [deg],gyro [deg/h]\n0,x\n", [], 1, "line 2: 'x' is not a number"),
         ("angle [deg],mounting,gyro [deg/h]\n0,up,3\n", [], 1, "no mounting 'up'"),
-        ("angle,gyro\n0,1\n", ["--latitude", "99"], 2, "to 90 degrees"),
         ("angle,gyro\n0,1\n", ["--prior", "s_a"], 2, "NAME=STANDARD_DEVIATION"), ("angle,gyro\n0,1\n", ["--plot", "a.txt"], 2, "ends in"),
     ],
 )  # fmt: skip

@@ -68,14 +68,6 @@ def test_a_folder_made_for_nothing_goes_again(call, folder, log, monkeypatch):
     assert listing(folder) == ["a.json", "imu.csv"]
 
 
-def test_a_folder_that_cannot_be_made_is_refused(call, folder, log):
-    (folder / "file").write_text("")
-    found = call("noise", "imu.csv", "--out", "file/out")
-    assert (found.status, found.code) == (2, "no_folder")
-    assert "file/out" in found.reason
-    assert listing(folder) == ["file", "imu.csv"]
-
-
 def test_what_a_killed_run_left_is_removed_by_the_next(call, folder, log):
     from jaxcal._files import hidden_name
 

@@ -95,23 +95,3 @@ def test_exact_zeros_are_printed(call, folder):
     found = call("psd", "square.csv")
     assert (found.status, found.err) == (0, "")
     assert "nan" not in found.out
-
-
-def test_help_explains_every_option_in_80_columns(call):
-    found = call("psd", "--help")
-    assert found.status == 0
-    for option in (
-        "--method",
-        "--sided",
-        "--average",
-        "--keep-tail",
-        "--confidence",
-        "--json",
-        "--export",
-        "--plot",
-        "--units",
-        "--config",
-    ):
-        assert option in found.out
-    assert max(map(len, found.out.splitlines())) <= 80
-    assert "--no-" not in found.out
