@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from .._units import shown_in
+from .._units import number, shown_in
 from ._findings import NOTE, Finding, merged
 from ._sections import Grid, Number, Section
 from ._text import cell_text, row_unit
@@ -76,7 +76,8 @@ def _cell(cell: Number | str | None, wanted: Sequence[str]) -> Markup:
     if not isinstance(cell, Number) or cell.state != "estimated" or not math.isfinite(cell.half) or not cell.half > 0:
         return said
     size = shown_in(cell.quantity, wanted)[1]
-    limits = " to ".join(f"{float(limit) / size:.4g}" for limit in (cell.low, cell.high))
+    # a digit more than the value has, so that the limits of a narrow interval differ
+    limits = " to ".join(number(float(limit) / size, cell.half / size / 10) for limit in (cell.low, cell.high))
     return join((said, tag("span", limits, class_="small exact")))
 
 

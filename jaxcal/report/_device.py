@@ -73,7 +73,7 @@ def _way(found: DeviceFit) -> list[Chart]:
     attitude = np.asarray(found.attitude)
     up, north = attitude[:, 2], attitude[:, 0]
     marks = _edges(found)
-    note = " Dotted: where a disturbed stretch begins or ends." if marks else ""
+    note = " Dashed: where a disturbed stretch begins or ends." if marks else ""
     shown = evenly(len(found.time), MOST)
     place = np.asarray(found.place) - np.mean(found.place, axis=0)
 
@@ -101,7 +101,7 @@ def _residuals(found: DeviceFit) -> list[Chart]:
     unit, size = _unit_of_field(found)
     percent = float(found.model.field) / 100
     said = f"For each window of {step:.2g} s"
-    note = "; dotted: ends of disturbed stretches." if marks else "."
+    note = "; dashed: ends of disturbed stretches." if marks else "."
     left = np.asarray(found.residual_inertial)
     return [
         Chart("device-gyro", "Gyroscope", f"{said}: difference between the turn of the gyroscope and that of the attitude{note}",

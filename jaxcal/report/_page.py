@@ -86,10 +86,10 @@ dd { margin: 0; }
 .drawn .grid { stroke: var(--grid); stroke-width: 1; } .drawn .frame { stroke: var(--muted); stroke-width: 1; }
 .drawn .dots { stroke-width: 5.5; stroke-linecap: round; } .drawn .faint { stroke-opacity: .45; }
 .drawn .small { stroke-width: 3; } .drawn .large { stroke-width: 11; }
-.drawn .q0 { fill-opacity: 0; } .drawn .q1 { fill-opacity: .12; } .drawn .q2 { fill-opacity: .3; } .drawn .q3 { fill-opacity: .55; }
-.drawn .q4 { fill-opacity: .85; }
 .drawn .thin { stroke-width: 1; } .drawn .dashed { stroke-dasharray: 5 4; stroke-width: 1.3; }
 .drawn .band { fill: var(--c); fill-opacity: .2; stroke: none; } .drawn .band.shade { fill-opacity: 1; }
+.drawn .q0 { fill-opacity: 0; } .drawn .q1 { fill-opacity: .12; } .drawn .q2 { fill-opacity: .3; } .drawn .q3 { fill-opacity: .55; }
+.drawn .q4 { fill-opacity: .85; }
 .key i { display: inline-block; width: .7rem; height: .7rem; border-radius: 50%; background: var(--c); margin-left: .6rem; }
 footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
 :focus-visible { outline: 2px solid var(--series-0); outline-offset: 2px; }
