@@ -40,8 +40,7 @@ class Log(eqx.Module):
     ----------
     time : (n,) stamps in s (or datetime64), or None if `rate` is given. Only differences matter.
     gyro : (n, 3) angular rate, rad/s. Like `accel` and `mag` it may also be (n,) or have fewer columns: x, then y.
-    accel : (n, 3) specific force, m/s^2.
-    mag : (n, 3) magnetic field, T.
+    accel, mag : (n, 3) specific force, m/s^2, and magnetic field, T.
     temperature : (n,) degC.
     rate : Hz. With stamps, it is checked against them (0.5 %) and kept; without stamps, it defines the grid.
     own_time : sensor -> (m,) stamps in s of a sensor that has stamps of its own, by the same clock as `time`. The readings of this sensor
@@ -242,8 +241,7 @@ class Log(eqx.Module):
         """
         if (known := vars(self).get("_evidence")) is None:
             raw, keep = vars(self).get("_raw", (None, ()))
-            undone = vars(self).get("_undone", ())
-            known = (*undone, *find(self._sensors(), self.rate, self.gaps)) if raw is None else raw.evidence
+            known = (*vars(self).get("_undone", ()), *find(self._sensors(), self.rate, self.gaps)) if raw is None else raw.evidence
             known = tuple(one for one in known if one.kind not in keep)
             object.__setattr__(self, "_evidence", known)
         return known
@@ -311,9 +309,8 @@ class Log(eqx.Module):
         sensors = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
         sensors = str(self.provenance.get("quantity", sensors))  # such as fractional frequencies of a clock
         lost = 100 * sum(gap.samples for gap in self.gaps) / len(self.time)
-        aside = "".join(
-            f" ({one.facts['percent']:.1g} % set aside: {one.facts['what']})" for one in self.findings if one.code == "set_aside"
-        )
+        said = [one.facts for one in self.findings if one.code == "set_aside"]
+        aside = "".join(f" ({facts['percent']:.1g} % set aside: {facts['what']})" for facts in said)
         return f"{sensors}, {self.rate:.6g} Hz, {span(self.duration)}" + (f", {lost:.2g} % missing" if self.gaps else "") + aside
 
     def __repr__(self) -> str:
@@ -321,7 +318,6 @@ class Log(eqx.Module):
         return f"Log: {self.summary()}"
 
     def _repr_html_(self) -> str:
-        """The text of `summary`, for notebooks."""
         return f"<pre>{html.escape(repr(self))}</pre>"
 
     def summary(self) -> str:
@@ -335,8 +331,8 @@ class Log(eqx.Module):
         temperature  mean 20.75  std 0.559  degC
         """
         lost = sum(gap.samples for gap in self.gaps)
-        count = f"{len(self.gaps)} gap{'s' * (len(self.gaps) != 1)}"
-        gaps = f"{count}, {lost} samples ({100 * lost / len(self.time):.2g} %) missing" if self.gaps else "no gaps"
+        share = f"{lost} samples ({100 * lost / len(self.time):.2g} %) missing"
+        gaps = f"{len(self.gaps)} gap{'s' * (len(self.gaps) != 1)}, {share}" if self.gaps else "no gaps"
         lines = [f"{len(self.time)} samples at {self.rate:.6g} Hz, {span(self.duration)}, {gaps}"]
         channels = self.channels()
         width = max(map(len, channels))
