@@ -13,7 +13,7 @@ from .._log import Log
 from .._types import AnyArray
 from ._archive import unpacked
 from ._find import find
-from ._read import named
+from ._read import faults, named
 from ._readers._dataflash import DataFlash, degrees, places_of, stamps_of
 from ._readers._px4 import COMPASSES, FEW
 from ._readers._ulog import ULog
@@ -99,7 +99,7 @@ def flight(path: str | os.PathLike[str]) -> Flight:
     https://docs.px4.io/main/en/msg_docs/VehicleAttitude.html; https://ardupilot.org/plane/docs/logmessages.html
     """
     path = pathlib.Path(path)
-    with named(path):
+    with named(path), faults("a flight log"):
         kind, sources = find(path)
         if kind == "zip":
             with unpacked(path) as folder:
@@ -118,17 +118,22 @@ def flight(path: str | os.PathLike[str]) -> Flight:
 
 def _of_px4(path: pathlib.Path) -> Flight:
     log = ULog(path, frozenset(("vehicle_attitude", *_GPS, *COMPASSES)))
-    rows = {topic.label: (topic, log.rows(topic, list(topic.fields))) for topic in log.topics}
-    _, attitude = rows.get("vehicle_attitude:0", (None, {"timestamp": np.zeros(0), "q": np.zeros((0, 4))}))
+    rows = {topic.label: log.rows(topic, list(topic.fields)) for topic in log.topics if topic.name not in COMPASSES}
+    attitude: Any = rows.get("vehicle_attitude:0", {})
+    if not {"timestamp", "q"} <= set(attitude):
+        attitude = {"timestamp": np.zeros(0), "q": np.zeros((0, 4))}
     stamps = attitude.get("timestamp_sample", attitude["timestamp"])
+    stamps = stamps if np.any(stamps) else attitude["timestamp"]
     place = date = None
     for label in (f"{name}:0" for name in _GPS):
-        gps: Any = rows.get(label, (None, {}))[1]
-        if place is None and {"fix_type", "time_utc_usec"} <= set(gps):
+        gps: Any = rows.get(label, {})
+        new = "latitude_deg" in gps  # firmware 1.15 and later
+        names, scales = (
+            (("latitude_deg", "longitude_deg", "altitude_msl_m"), (1, 1, 1)) if new else (("lat", "lon", "alt"), (1e-7, 1e-7, 1e-3))
+        )
+        if place is None and {"fix_type", "time_utc_usec", *names} <= set(gps):
             fixed = (gps["fix_type"] >= _FIX) & (gps["time_utc_usec"] > 0)
-            new = "latitude_deg" in gps  # firmware 1.15 and later
-            names = ("latitude_deg", "longitude_deg", "altitude_msl_m") if new else ("lat", "lon", "alt")
-            place = _median([gps[name][fixed] * scale for name, scale in zip(names, (1, 1, 1) if new else (1e-7, 1e-7, 1e-3), strict=True)])
+            place = _median([gps[name][fixed] * scale for name, scale in zip(names, scales, strict=True)])
             date = datetime.datetime.fromtimestamp(gps["time_utc_usec"][fixed][0] * 1e-6, datetime.UTC).date() if place else None
     count = {name: max((len(topic.offsets) for topic in log.topics if topic.name == name), default=0) for name in COMPASSES}
     chosen = next(name for name in COMPASSES if count[name] >= FEW * max(count.values()))
@@ -145,7 +150,7 @@ def _of_ardupilot(path: pathlib.Path) -> Flight:
         rows = rows[rows["C"] == rows["C"].min()] if "C" in log.formats[source].letters else rows  # of the first core
         angles = np.stack([degrees(log, source, rows, name) for name in ("Yaw", "Pitch", "Roll")], axis=1)
         stamps = stamps_of(rows, source) * 1e-9
-        quaternion = scipy.spatial.transform.Rotation.from_euler("ZYX", np.nan_to_num(angles), degrees=True).as_quat(scalar_first=True)
+        quaternion = scipy.spatial.transform.Rotation.from_euler("ZYX", angles, degrees=True).as_quat(scalar_first=True)
     place = date = None
     fields = set(log.formats["GPS"].letters) if log.holds("GPS", "Lat", "Lng", "Alt", "Status") else set()
     week, ms = ("GWk", "GMS") if "GWk" in fields else ("Week", "TimeMS")

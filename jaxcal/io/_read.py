@@ -231,11 +231,11 @@ def _read(path: pathlib.Path, given: Asked) -> Log:
 def opened(path: pathlib.Path, given: Asked) -> Iterator[tuple[Table | Signals, dict[str, Any]]]:
     """Content of a file, before columns and units are chosen, and its provenance; a zip file stays unpacked inside the `with` block."""
     _, options, topics, _ = given
-    with _faults("a recording"):
+    with faults("a recording"):
         kind, sources = find(path)
     kind = given.format or kind
     if kind == "zip":
-        with _faults("a zip file"), unpacked(path) as folder, opened(folder, given._replace(format=None)) as (found, inner):
+        with faults("a zip file"), unpacked(path) as folder, opened(folder, given._replace(format=None)) as (found, inner):
             size, sha256 = fingerprint([path])
             inside = {"inside": inner["file"]} if inner["file"] != folder.name else {}
             yield found, inner | {"file": shown(path), "size": size, "sha256": sha256} | inside
@@ -244,7 +244,7 @@ def opened(path: pathlib.Path, given: Asked) -> Iterator[tuple[Table | Signals, 
     _belongs("topics", bool(topics) and kind in tables, kind, "to recordings of messages; choose with {option.columns}")
     _belongs("columns", bool(options["columns"]) and kind not in (*tables, *_TREES), kind, "to tables; choose with {option.topics}")
     _belongs("missing", options["missing"] is not None and kind not in tables, kind, "to tables; leave it out")
-    with _faults(_NAMES[kind]):
+    with faults(_NAMES[kind]):
         # a thread for the hash of a small file would cost more than it saves
         if all(source.is_file() and source.stat().st_size < BLOCK for source in sources):
             size, sha256 = fingerprint(sources)
@@ -343,7 +343,7 @@ def named(path: pathlib.Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _faults(kind: str) -> Iterator[None]:
+def faults(kind: str) -> Iterator[None]:
     """Convert every exception of a reader library to a `DataError`."""
     try:
         yield
