@@ -1,11 +1,12 @@
 """Noise of real records: agreement of halves, disturbances, and spectra that are not those of the model.
 
-    python benchmarks/real_noise.py [--only halves,plain,disturbed,slow,lines,spectra,speed] [--runs 20] [--seed 1] [--data ../shared/data]
+    python benchmarks/real_noise.py [--only halves,plain,clean,disturbed,slow,lines,spectra,speed] [--runs 20]
 
 halves: both halves of static logs of other people, and of their quarters. Ratio of the difference of a coefficient to its stated error
 (rms, share above 2), where the term is present in both halves; the same for the deviation at 1, 10 and 100 s and for the floor.
 plain: case A of records.py (2^17 samples at 100 Hz): rmse, share of 95 % intervals that hold the truth, how often a term is called present;
 then with single terms left out, how often an absent term is called present.
+clean: how often each finding is said of records of the model, where none is needed (cases A to F of efficiency.py).
 disturbed: the same records with a knock, a sensor put down or lifted, a step, a fan, lost samples, stuck readings: shift of N, B and K in
 their own standard errors (median, share below 1), and how often N is present.
 slow: N and B with a slow change of the mean that is no noise: how often K is called present without a finding about a change.
@@ -33,11 +34,11 @@ CASE_A = dict(zip("NBK", (0.25 * DEG / 60, 7.6 * DEG / 3600, 1.8 * DEG / 3600), 
 TIMES = (1.0, 10.0, 100.0)
 
 
-def density(n, N=0.0, B=0.0, K=0.0, exponent=None, corner=0.0, processes=()):
+def density(n, N=0.0, B=0.0, K=0.0, Q=0.0, exponent=None, corner=0.0, processes=()):
     """Density of the ordinates of a DCT-II of n samples; `corner` is where a power law equals N, processes are (level over N^2, time)."""
     k, dt = np.arange(1, n), 1 / RATE
     s = 2 * np.sin(np.pi * k / (2 * n))
-    total = N**2 + B**2 * dt / s * (1 - 2 / (np.pi**2 * k)) + K**2 * dt**2 / s**2
+    total = N**2 + Q**2 / dt * s**2 + B**2 * dt / s * (1 - 2 / (np.pi**2 * k)) + K**2 * dt**2 / s**2
     if exponent:
         total = total + N**2 * (2 * np.pi * dt * corner / s) ** exponent
     for level, correlation in processes:
@@ -153,6 +154,21 @@ def plain(runs, seed, _):
             hints.append(any(code in fit.codes for code in CHANGES) if hasattr(fit, "codes") else 0)
         shares = np.round(100 * np.mean(false, axis=0), 1)
         print(f"only {left:3s} absent terms present %", *shares, f" change named {100 * np.mean(hints):.1f} %", flush=True)
+
+
+FINDINGS = ("set_aside", "lines", "band", "misfit", "step", "ramp", "warm_up", "sinusoid", "instead", "rival", "uneven")
+CLEAN = {
+    "A": (CASE_A, N), "B": ({**CASE_A, "K": 0.0}, N), "C": ({**CASE_A, "Q": 1.8 * DEG / 3600}, N), "D": (CASE_A, 4 * N),
+    "E": ({**CASE_A, "B": 0.0}, N), "F": ({**CASE_A, "K": 0.0}, 4 * N),
+}  # fmt: skip
+
+
+def clean(runs, seed, _):
+    print("case", *(f"{code:>9s}" for code in FINDINGS))
+    for name, (truth, n) in CLEAN.items():
+        level = density(n, **truth)
+        fits = [jaxcal.noise.fit(drawn(level, np.random.default_rng([seed, 7, i])), RATE) for i in range(runs)]
+        print(f"{name:4s}", *(f"{100 * np.mean([code in fit.codes for fit in fits]):9.0f}" for code in FINDINGS), flush=True)
 
 
 CHANGES = ("step", "ramp", "warm_up", "sinusoid", "temperature", "instead")
@@ -330,7 +346,16 @@ def speed(runs, seed, _):
 
 
 if __name__ == "__main__":
-    parts = {"halves": halves, "plain": plain, "disturbed": disturbed, "slow": slow, "lines": lines, "spectra": spectra, "speed": speed}
+    parts = {
+        "halves": halves,
+        "plain": plain,
+        "clean": clean,
+        "disturbed": disturbed,
+        "slow": slow,
+        "lines": lines,
+        "spectra": spectra,
+        "speed": speed,
+    }
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", default=",".join(parts))
     parser.add_argument("--runs", type=int, default=20)

@@ -20,7 +20,6 @@ from ._model import Noise
 #: information, in ordinates of pure white noise, below which no correlation is computed; ratio of an ordinate to its expectation that only
 #: a line or a step exceeds: one in 2e7 ordinates of noise does
 _FEWEST, _LARGEST = 100.0, 30.0
-_MATTERS, _SURE = 0.05, 0.999  # correlation worth a note on a log; level of the interval that must lie beyond it
 
 
 class Correlation(Result):
@@ -151,11 +150,13 @@ def findings_of_axes(y: Any, rate: float, fits: Mapping[str, Any]) -> list[Findi
     """The pair of channels whose white noise is correlated most, if it matters; `y` is (n, channels)."""
     names = list(fits)
     try:
-        found = correlation(y, rate, list(fits.values()), confidence=_SURE)
+        found = correlation(y, rate, list(fits.values()))
     except DataError:
         return []  # without white noise, or with gaps everywhere, the correlation is unknown
     pairs = [(abs(found.correlation[i, j]), i, j) for i, j in combinations(range(len(names)), 2)]
-    told = [(size, i, j) for size, i, j in pairs if max(found.interval[i, j, 0], -found.interval[i, j, 1]) > _MATTERS]
+    told = [
+        (size, i, j) for size, i, j in pairs if max(found.interval[i, j, 0], -found.interval[i, j, 1]) > FINDINGS["correlated"].limits[0]
+    ]
     if not told:
         return []
     _, i, j = max(told)

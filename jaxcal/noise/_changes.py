@@ -30,18 +30,15 @@ from ._terms import Term
 #: block means of a record, which have the same lowest ordinates; ordinates that the search uses; rounds of the regression and the fit of
 #: the noise; changes of one record; halvings of the distance in which the place of an event is sought beside those of the grid
 _BLOCKS, _ORDINATES, _ROUNDS, _MOST, _HALVINGS = 2048, 256, 2, 3, 4
-#: over the length of the record: times at which an event may begin, its time constants, those of a warm-up that has two, and those with
-#: which a sensor follows its temperature; cycles of a sinusoid in the record
+#: over the length of the record: times at which an event may begin, its time constants, and those with which a sensor follows its
+#: temperature; cycles of a sinusoid in the record
 _STARTS = np.arange(96) / 96
 _TIMES = np.array([0.0, *2.0 ** np.arange(-7, 1), np.inf])
-_EDGE = 2.0 ** np.arange(-8, 1)
 _LAGS, _CYCLES = (0.0, 0.003, 0.01, 0.03, 0.1), np.arange(0.5, 10.01, 0.25)
 #: likelihood ratio for one axis that one in 300 records of noise alone reaches in the search of a family; a shift has a known place, and
-#: 2.6 standard errors suffice
-_LEVELS = {"shift": 6.8, "event": 20.0, "edge": 13.0, "edges": 18.0, "sinusoid": 20.0, "temperature": 12.0}
-#: by how much less than its level the change without K must be better than K for the change to be named beside K, and for K to be a hint at
-#: most: 25 and 3 % of records with K reach them (`benchmarks/real_noise.py`)
-_BESIDE, _HINT = 10.5, 4.0
+#: 2.6 standard errors suffice. By how much less a change without K must be better than K to be named "beside" K, and for K to be a "hint"
+#: at most: 27 and 3 % of records of 22 minutes with K reach them, and 3 % of records of 87 minutes (`benchmarks/real_noise.py`)
+_LEVELS = {"shift": 6.8, "event": 20.0, "edge": 13.0, "edges": 18.0, "sinusoid": 20.0, "temperature": 12.0, "beside": 11.5, "hint": 5.5}
 
 
 class Change(NamedTuple):
@@ -140,7 +137,7 @@ def _shapes(n: int, most: int, dt: float) -> dict[str, tuple[list[Change], AnyAr
     families = {
         "event": [_event(start * length, time * length) for time in _TIMES for start in _STARTS[1:]],
         "edge": [_event(0.0, time * length) for time in _TIMES[1:]],
-        "edges": [_event(0.0, one * length, other * length) for i, other in enumerate(_EDGE) for one in _EDGE[:i]],
+        "edges": [_event(0.0, one * length, other * length) for i, other in enumerate(_TIMES[:-1]) for one in _TIMES[1:i]],
         "sinusoid": [Change("sinusoid", 0.0, length / c, functools.partial(_wave, c / length)) for c in _CYCLES],
     }
     return {family: (listed, low.ordinates(listed)) for family, listed in families.items()}
@@ -208,7 +205,7 @@ def find_changes(
     columns = axes[0].columns[:kept, slow]
     if not all(np.all(base > 0.0) for base in bases):
         return Changes()
-    levels = {family: _level(family, len(axes)) for family in _LEVELS}
+    levels = {family: _level(family, len(axes)) for family in shapes}
     found: list[Change] = []
     held = np.zeros((kept, 0))
     refitted = functools.partial(_refitted, records, columns, bases)
@@ -219,7 +216,7 @@ def find_changes(
         found = [shifts[i] for i in sure]
         held = x[sure, :, 0].T
         (fitted,), (cost,) = refitted([held], fitted)
-    instead: tuple[float, Change | None] = -_BESIDE, None
+    instead: tuple[float, Change | None] = -_LEVELS["beside"], None
     while sum(one.family != "shift" for one in found) < _MOST:
         tried: list[tuple[str, Change, AnyArray]] = []
         walks = bool(np.any(fitted[:, walk] > 0.0))
@@ -228,7 +225,7 @@ def find_changes(
             for family, (listed, x) in shapes.items():
                 ratios = _ratios(rests, densities, x)
                 best = int(np.argmax(ratios))
-                if ratios[best] > levels[family] - _BESIDE * walks:
+                if ratios[best] > levels[family] - _LEVELS["beside"] * walks:
                     sharp = (
                         _sharpened(listed[best], x[best], low, rests, densities) if family in ("event", "edge") else (listed[best], x[best])
                     )
@@ -246,8 +243,8 @@ def find_changes(
             break
         change, held, fitted, cost = tried[best][1], designs[best], thetas[best], costs[best]
         found.append(_at_its_instant(change, axes, dt, size))
-        instead = -_BESIDE, None
-    return Changes(tuple(found), instead[1], instead[0] > -_HINT)
+        instead = -_LEVELS["beside"], None
+    return Changes(tuple(found), instead[1], instead[0] > -_LEVELS["hint"])
 
 
 def _at_its_instant(change: Change, axes: Sequence[Axis], dt: float, size: int) -> Change:

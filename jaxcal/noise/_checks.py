@@ -11,6 +11,7 @@ from .._answer import Finding, Quantity
 from .._errors import DataError
 from .._quality import checked_rate
 from ..allan import Deviation, deviation
+from ..evidence._values import SAMPLE, resolution
 from ._findings import FINDINGS
 from ._model import BUILT_IN, checked_terms
 from ._record import Record
@@ -20,8 +21,6 @@ from ._terms import Term, is_sought
 METHODS = ("whittle", "gls", "log", "slope")
 #: number of cluster sizes of a curve; neighbouring values are so strongly correlated that more would add no information
 _CLUSTERS = 25
-#: samples from which the resolution is found; most different values of a record whose resolution can be found
-_SAMPLE, _LEVELS = 20_000, 2_000
 _ALIKE, _FREQUENCIES = 1e-6, 64  # relative difference of two densities that no record shows; number of frequencies compared
 
 
@@ -103,24 +102,6 @@ def _refuse_alike(terms: tuple[Term, ...], samples: int, dt: float) -> None:
             )
 
 
-def resolution(y) -> tuple[float, float]:
-    """Resolution of a record, 0 if its values form no grid, and the standard deviation of its white noise."""
-    y = y[: _SAMPLE + 1]
-    y = y[np.isfinite(y)]
-    values = np.unique(y[: 2 * _LEVELS])
-    values = values if len(values) > _LEVELS else np.unique(y)
-    white = float(np.std(np.diff(y))) / np.sqrt(2.0)
-    if not 2 <= len(values) <= _LEVELS:
-        return 0.0, white
-    steps = np.diff(values)
-    least = float(np.min(steps, where=steps > 1e-9 * np.abs(values).max(), initial=np.inf))
-    if not np.isfinite(least):
-        return 0.0, white
-    multiple = steps / least
-    on_grid = np.abs(multiple - np.round(multiple)) < 0.02 * np.maximum(multiple, 1.0)
-    return (least if on_grid.mean() > 0.95 else 0.0), white
-
-
 def findings_of_checks(y: Any, record: Record, asked: Asked, n_squared: float) -> list[Finding]:
     """What was set aside or is missing, and the resolution, where it matters beside the noise. `n_squared` is N^2 of the fit."""
     found, aside = [], record.aside or ()
@@ -130,7 +111,8 @@ def findings_of_checks(y: Any, record: Record, asked: Asked, n_squared: float) -
         found += FINDINGS.over("set_aside", part, length=lost / asked.rate, share=100 * part, first=first)
     if gone := int(np.isnan(y).sum()) - lost:
         found.append(FINDINGS("gaps", cost=gone / len(y), share=100 * gone / len(y)))
-    step, white = resolution(y)
+    step, known = resolution(y), y[np.isfinite(y)][:SAMPLE]
+    white = float(np.std(np.diff(known))) / np.sqrt(2.0)
     share = step**2 / asked.rate / 12.0 / n_squared if n_squared > 0.0 else 0.0
     coarse = FINDINGS.over("coarse", step / white if white else np.inf * step, step=Quantity(step, record.sensor or "ratio"))
     return [*found, *(coarse or FINDINGS.over("rounding", share, share=100 * min(share, 1.0)))]

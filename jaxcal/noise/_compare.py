@@ -21,11 +21,8 @@ _EXPONENTS = np.arange(0.3, 1.96, 0.1)
 #: correlation times that are tried, from ten samples to a quarter of the record; how often the step between neighbouring times is halved
 #: around the best one
 _TIMES, _HALVINGS = 16, 4
-#: name of a rival -> letters of its terms, number of its own Gauss-Markov processes, and whether it has a power law
-_RIVALS: dict[str, tuple[str, int, bool]] = {
-    "white": ("", 0, False), "B": ("B", 0, False), "K": ("K", 0, False), "B and K": ("BK", 0, False), "power law": ("", 0, True),
-    "markov": ("", 1, False), "two markov": ("", 2, False), "B and markov": ("B", 1, False),
-}  # fmt: skip
+#: name of a rival -> its terms: built-in ones, P for a power law, M for each Gauss-Markov process
+_RIVALS = {"white": "", "B": "B", "K": "K", "B and K": "BK", "power law": "P", "markov": "M", "two markov": "MM", "B and markov": "BM"}
 
 
 class Comparison(Result):
@@ -154,9 +151,9 @@ def _fitted(fitted: Fitted, base: AnyArray, terms: Sequence[Term], dt: float) ->
 
 def _likeliest(fitted: Fitted, base: AnyArray, name: str, dt: float, duration: float) -> tuple[Term, ...]:
     """The terms of a rival, with the likeliest exponent or correlation times."""
-    letters, processes, law = _RIVALS[name]
-    held = tuple(BUILT_IN[letter] for letter in letters)
-    if law:
+    letters, processes = _RIVALS[name], _RIVALS[name].count("M")
+    held = tuple(BUILT_IN[letter] for letter in letters if letter in BUILT_IN)
+    if "P" in letters:
         candidates = [(PowerLaw(exponent=float(value)),) for value in _EXPONENTS]
         return min(candidates, key=lambda terms: _fitted(fitted, base, terms, dt)[1])
     if not processes:

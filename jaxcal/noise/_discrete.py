@@ -19,12 +19,11 @@ from ._terms import GaussMarkov, Term
 #: lowest frequency of the default band, one cycle per hour, and the largest error of the density that the default chain may have; most
 _LOWEST, _ERROR, _MOST_STATES = 1.0 / 3600.0, 0.1, 32
 #: order of the terms in the state vector; terms of the user's own come last
-_ORDER = {name: i for i, name in enumerate(("K", "B", "markov", "Q", "N", "R", "sinusoid"))} | {"flicker": 1}
+_ORDER = ("K", "B", "flicker", "markov", "Q", "N", "R", "sinusoid")
 #: frequencies per decade at which a chain is fitted, and the multiple of that number at which its error is determined
 _PER_DECADE, _CLOSER = 24, 4
-#: lowest and highest corner frequencies to try, relative to the lower and to the upper end of the band
+#: lowest corner frequencies to try, relative to the lower end of the band; the highest ones are their inverses, relative to the upper end
 _LOW_CORNER = np.geomspace(0.2, 6.0, 12)
-_HIGH_CORNER = np.geomspace(0.15, 5.0, 12)
 
 
 class StateSpace(eqx.Module):
@@ -168,7 +167,7 @@ def discrete(noise: Any, rate: Any, *, states: Any = None, band: Any = None) -> 
     noise, rate = _checked_model(noise, rate)
     blocks, chains = [], []
     quality: dict[str, Any] = dict.fromkeys(("band", "clusters", "psd_error", "deviation_error"))
-    for name, coefficient, term in sorted(noise.parts, key=lambda part: _ORDER.get(part[0], len(_ORDER))):
+    for name, coefficient, term in sorted(noise.parts, key=lambda part: (*_ORDER, part[0]).index(part[0])):
         block = term.states(1.0 / rate)
         if coefficient > 0.0 and block is not None:
             blocks.append((name, coefficient, block))
@@ -234,7 +233,7 @@ def _unit_chain(term: Term, band: tuple[float, float], rate: float, states: int)
     number = math.ceil(_PER_DECADE * _CLOSER * math.log10(high / low)) + 1
     f = np.geomspace(low, high, number)
     f[-1] = high
-    corner = [np.geomspace(low * a, max(high * b, low * a), states) for a in _LOW_CORNER for b in _HIGH_CORNER]
+    corner = [np.geomspace(low * a, max(high * b, low * a), states) for a in _LOW_CORNER for b in 1.0 / _LOW_CORNER]
     correlation = 1.0 / (2.0 * math.pi * np.array(corner))
     # ratio of two densities of samples: a Gauss-Markov process of unit strength, and the term
     wanted = np.asarray(term.psd(f, 1.0 / rate))[:, None, None]

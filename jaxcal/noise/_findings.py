@@ -38,7 +38,9 @@ FINDINGS = table(
     ),
     unsettled=Kind(CAUTION, "The fit did not converge.", "Fit fewer terms ({option.terms:QNB}) or other cluster times ({option.band})."),
     no_intervals=Kind(CAUTION, "Method {method} gives no intervals and no limits.", "Fit with {option.method:whittle}."),
-    correlated=Kind(NOTE, "White noise of axes {pair} is correlated: {rho:.2f} (between {low:.2f} and {high:.2f})."),
+    correlated=Kind(  # of a log, if the whole interval lies beyond the limit
+        NOTE, "White noise of axes {pair} is correlated: {rho:.2f} (between {low:.2f} and {high:.2f}).", limits=(0.05,),
+    ),
     # about slow changes
     step=Kind(
         CAUTION, "The mean changes at {times} s, by up to {size:.2g}; this is fitted beside the noise, and B and K are of the rest.",
