@@ -14,11 +14,16 @@ import jaxcal
 
 from .._answer import tables, things_to_know
 from ._cache import keep_compiled
-from ._options import RUNNING, CallError, Quiet, Reading, checked
+from ._options import RUNNING, CallError, Config, Quiet, Reading, checked
 from ._screen import Screen, progress, show_written
 
 Task = Literal["noise", "mag", "imu", "temperature", "allan"]
 _ROWS = 40  # largest number of rows of a printed table; the files have all rows
+
+
+def _positive(name: str, help: str) -> Parameter:
+    """Parameter of a number above zero."""
+    return checked(f"--{name}", lambda value: value > 0, "a number above 0", help)
 
 
 @Parameter(name="*", group=RUNNING)
@@ -27,31 +32,16 @@ class FleetRunning:
     """How the command runs."""
 
     workers: Annotated[
-        int | None,
-        checked(
-            "--workers", lambda workers: workers >= 1, "a whole number, at least 1",
-            "Processes; by default one for each core. With --scheduler: logs at a time; by default one for each thread of the cluster.",
-        ),
+        int | None, _positive("workers", "Processes, or logs at a time with --scheduler; by default one for each core or thread.")
     ] = None  # fmt: skip
     scheduler: Annotated[
-        str | None,
-        Parameter(
-            help="Address of a Dask scheduler, as tcp://host:8786, whose workers see the logs at the same paths. Needs the extra dask."
-        ),
-    ] = None
+        str | None, Parameter(help="Address of a Dask scheduler, as tcp://host:8786, whose workers see the same paths (extra dask).")
+    ] = None  # fmt: skip
     timeout: Annotated[
-        float | None,
-        checked(
-            "--timeout", lambda timeout: timeout > 0, "a positive number of seconds",
-            "Seconds after which a log is given up; by default 900, and 10 for every MB. Not with --scheduler.",
-        ),
+        float | None, _positive("timeout", "Seconds after which a log is given up; by default 900, and 10 a MB. Not with --scheduler.")
     ] = None  # fmt: skip
     memory: Annotated[
-        float | None,
-        checked(
-            "--memory", lambda memory: memory > 0, "a positive number of GB",
-            "GB of memory beyond which a log is given up; by default an equal share for every worker. Not with --scheduler.",
-        ),
+        float | None, _positive("memory", "GB beyond which a log is given up; by default equal shares. Not with --scheduler.")
     ] = None  # fmt: skip
     pool: Annotated[
         bool,
@@ -68,9 +58,7 @@ class FleetRunning:
     ] = False
     again: Annotated[bool, Parameter(help="Compute every log anew, also those that are done.")] = False
     quiet: Quiet = False
-    config: Annotated[
-        Path | None, Parameter(help='TOML file with options: a table for each command, as [batch] units = ["gyro=deg/s"].')
-    ] = None
+    config: Config = None
 
 
 def batch(

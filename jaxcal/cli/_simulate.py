@@ -14,6 +14,13 @@ from ._options import CallError, Field, Latitude, LogFile, Simulating, checked
 from ._outputs import staged
 from ._screen import Screen, progress, show_written
 
+Rate = Annotated[float, Parameter(help="Sampling rate in Hz.")]
+Duration = Annotated[float, Parameter(help="Length of the log in s.")]
+GyroNoise = Annotated[str | None, Parameter(help="Noise of each gyroscope axis, as N=0.25deg/sqrt(h),B=7.6deg/h.")]
+AccelNoise = Annotated[str | None, Parameter(help="Noise of each accelerometer axis, as N=0.03m/s/sqrt(h).")]
+#: a simulated log: times, values by sensor, and lines on its truth
+Made = tuple[Any, dict[str, Any], list[str]]
+
 _TERM = re.compile(r"([QNBKR])\s*=\s*(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*(.*)")
 _DEG = math.pi / 180
 _LARGEST = 500_000_000  # samples; more would exceed the memory of most machines
@@ -25,10 +32,10 @@ _GYRO_BIAS, _ACCEL_BIAS = 0.5, 100.0  # deg/h, micro-g: of simulated sensors on 
 def simulate_noise(
     *,
     out: LogFile,
-    rate: Annotated[float, Parameter(help="Sampling rate in Hz.")] = 100.0,
-    duration: Annotated[float, Parameter(help="Length of the log in s.")] = 3600.0,
-    gyro: Annotated[str | None, Parameter(help="Noise of each gyroscope axis.")] = None,
-    accel: Annotated[str | None, Parameter(help="Noise of each accelerometer axis.")] = None,
+    rate: Rate = 100.0,
+    duration: Duration = 3600.0,
+    gyro: GyroNoise = None,
+    accel: AccelNoise = None,
     running: Simulating = Simulating(),
 ) -> None:
     """Simulate a level sensor at rest: the given noise, and gravity on accel_z.
@@ -40,15 +47,14 @@ def simulate_noise(
     if not truth:
         raise CallError('give the noise of a sensor, as in --gyro "N=0.25deg/sqrt(h),B=7.6deg/h"')
     write_log(out, truth, rate, duration, running)
-    show_written(Screen(running.quiet), [out])
 
 
 def simulate_temperature(
     *,
     out: LogFile,
     jump: Annotated[float, Parameter(help="Height of the jump in deg/s.")] = 0.3,
-    rate: Annotated[float, Parameter(help="Sampling rate in Hz.")] = 1.0,
-    duration: Annotated[float, Parameter(help="Length of the log in s.")] = 5400.0,
+    rate: Rate = 1.0,
+    duration: Duration = 5400.0,
     running: Simulating = Simulating(),
 ) -> None:
     """Simulate a gyroscope at rest whose bias depends on temperature (20 to 45 degC).
@@ -58,28 +64,27 @@ def simulate_temperature(
     """
     _check_size(rate, duration)
 
-    def make(random: Any) -> tuple[Any, dict[str, Any]]:
+    def make(random: Any) -> Made:
         import numpy as np
 
         from ..temperature import simulate
 
         made = [simulate(jump=np.deg2rad(height), duration=duration, rate=rate, seed=random) for height in (jump, -jump, 0.0)]
         # the log has the thermometer of the first axis; the true temperature is the same for all axes
-        return made[0].time, {"gyro": np.stack([one.bias for one in made], axis=1), "temperature": made[0].temperature}
+        return made[0].time, {"gyro": np.stack([one.bias for one in made], axis=1), "temperature": made[0].temperature}, []
 
     _write(out, make, running)
-    show_written(Screen(running.quiet), [out])
 
 
 def simulate_imu(
     *,
     out: LogFile,
-    rate: Annotated[float, Parameter(help="Sampling rate in Hz.")] = 100.0,
+    rate: Rate = 100.0,
     poses: Annotated[int, Parameter(help="Number of poses.")] = 24,
     still: Annotated[float, Parameter(help="Length of each pose in s.")] = 4.0,
     turn: Annotated[float, Parameter(help="Length of each turn in s.")] = 3.0,
-    gyro: Annotated[str | None, Parameter(help="Noise of each gyroscope axis, as for simulate noise.")] = None,
-    accel: Annotated[str | None, Parameter(help="Noise of each accelerometer axis.")] = None,
+    gyro: GyroNoise = None,
+    accel: AccelNoise = None,
     running: Simulating = Simulating(),
 ) -> None:
     """Simulate a sensor that is held still in many poses, with turns between them.
@@ -93,14 +98,13 @@ def simulate_imu(
         raise CallError(f"--rate {rate:g}: expected a log of at most {_LARGEST} samples")
     given = noises(gyro, accel)
 
-    def make(_: Any) -> tuple[Any, dict[str, Any]]:
+    def make(_: Any) -> Made:
         from ..imu import simulate
 
         log = simulate(poses, rate=rate, still=still, turn=turn, noise=given, seed=running.seed, gravity=STANDARD_GRAVITY)
-        return log.time, {"gyro": log.gyro, "accel": log.accel}
+        return log.time, {"gyro": log.gyro, "accel": log.accel}, []
 
     _write(out, make, running)
-    show_written(Screen(running.quiet), [out])
 
 
 def simulate_mag(
@@ -124,7 +128,7 @@ def simulate_mag(
     if samples is not None and samples < 1:
         raise CallError(f"--samples {samples}: expected at least one")
 
-    def make(random: Any) -> tuple[Any, dict[str, Any]]:
+    def make(random: Any) -> Made:
         import numpy as np
 
         from ..magnetometer import MagModel, body_field, scenario
@@ -139,30 +143,28 @@ def simulate_mag(
         m = np.asarray(true.measure(h)) + 1e-6 * noise * random.standard_normal(h.shape)
         up = up + STANDARD_GRAVITY * noise / field * random.standard_normal(h.shape)
         size = np.cbrt(np.linalg.det(true.soft_iron))
-        said.append(f"{len(m)} attitudes; hard iron {', '.join(f'{b:g}' for b in _HARD)} uT; soft iron of determinant one")
-        said.extend("  " + "  ".join(f"{c:+.5f}" for c in row) for row in np.asarray(true.soft_iron) / size)
-        said.append(f"as jaxcal mag gives it; with --field {field:g} it is {size:.5f} times that")
-        return np.arange(len(m)) / 10.0, {"accel": up, "mag": m}
+        said = [
+            f"{len(m)} attitudes; hard iron {', '.join(f'{b:g}' for b in _HARD)} uT; soft iron of determinant one",
+            *("  " + "  ".join(f"{c:+.5f}" for c in row) for row in np.asarray(true.soft_iron) / size),
+            f"as jaxcal mag gives it; with --field {field:g} it is {size:.5f} times that",
+        ]
+        return np.arange(len(m)) / 10.0, {"accel": up, "mag": m}, said
 
-    screen, said = Screen(running.quiet), []
     _write(out, make, running)
-    for line in said:
-        screen.line(line)
-    show_written(screen, [out])
 
 
 def simulate_device(
     *,
     out: LogFile,
-    rate: Annotated[float, Parameter(help="Sampling rate of all sensors in Hz.")] = 100.0,
-    duration: Annotated[float, Parameter(help="Length of the log in s.")] = 180.0,
+    rate: Rate = 100.0,
+    duration: Duration = 180.0,
     rests: Annotated[int, Parameter(help="Number of rests of 4 s on a table.")] = 0,
     turns: Annotated[
         Literal["free", "one-axis", "no-tilt"],
         Parameter(help="free, through all attitudes; one-axis, about one axis of the device; no-tilt, about the vertical."),
     ] = "free",
-    gyro: Annotated[str | None, Parameter(help="Noise of each gyroscope axis, as for simulate noise.")] = None,
-    accel: Annotated[str | None, Parameter(help="Noise of each accelerometer axis.")] = None,
+    gyro: GyroNoise = None,
+    accel: AccelNoise = None,
     running: Simulating = Simulating(),
 ) -> None:
     """Simulate accelerometer, gyroscope and magnetometer, moved by hand.
@@ -174,9 +176,8 @@ def simulate_device(
     _check_size(rate, duration)
     given = noises(gyro, accel)
     kinds: dict[str, Any] = {"free": "free", "one-axis": "one axis", "no-tilt": "no tilt"}
-    said: list[str] = []
 
-    def make(_: Any) -> tuple[Any, dict[str, Any]]:
+    def make(_: Any) -> Made:
         from .._errors import DataError
         from ..device import simulate
 
@@ -184,14 +185,9 @@ def simulate_device(
             log, model, _ = simulate(duration, rate, seed=running.seed, rests=rests, turns=kinds[turns], noise=given)
         except DataError as error:
             raise CallError(str(error)) from None
-        said.extend(_told(model))
-        return log.time, {"accel": log.accel, "gyro": log.gyro, "mag": log.mag}
+        return log.time, {"accel": log.accel, "gyro": log.gyro, "mag": log.mag}, _told(model)
 
     _write(out, make, running)
-    screen = Screen(running.quiet)
-    for line in said:
-        screen.line(line)
-    show_written(screen, [out])
 
 
 def _told(model: Any) -> list[str]:
@@ -292,7 +288,7 @@ def write_log(
     """Simulate three independent axes of every sensor in `truth`, add the biases and gravity on z, and write the log."""
     _check_size(rate, duration)
 
-    def make(random: Any) -> tuple[Any, dict[str, Any]]:
+    def make(random: Any) -> Made:
         import numpy as np
 
         samples = round(rate * duration)
@@ -302,17 +298,22 @@ def write_log(
             sensors[sensor] = np.stack(axes, axis=1) + np.asarray((bias or {}).get(sensor, (0.0, 0.0, 0.0)))
         if "accel" in sensors:
             sensors["accel"][:, 2] += STANDARD_GRAVITY
-        return np.arange(samples) / rate, sensors
+        return np.arange(samples) / rate, sensors, []
 
     _write(out, make, running, folder)
 
 
-def _write(out: Path, make: Callable[[Any], tuple[Any, dict[str, Any]]], running: Simulating, folder: Path | None = None) -> None:
-    """Write the log that `make` returns for a random generator: times, and values by sensor."""
+def _write(out: Path, make: Callable[[Any], Made], running: Simulating, folder: Path | None = None) -> None:
+    """Write the log that `make` returns for a random generator, and print its truth; of the log in a `folder` the caller says more."""
     with staged([out], folder=folder, force=running.force) as places, progress("simulating", running.quiet):
         import numpy as np
 
-        save_log(places[out], *make(np.random.default_rng(running.seed)))
+        time, sensors, said = make(np.random.default_rng(running.seed))
+        save_log(places[out], time, sensors)
+    screen = Screen(running.quiet)
+    for line in said:
+        screen.line(line)
+    show_written(screen, [] if folder else [out])
 
 
 def save_log(place: Path, time: Any, sensors: dict[str, Any]) -> None:

@@ -137,8 +137,8 @@ batch rest.csv --out tumble.csv            | this is a file; give a folder
 batch rest.csv --task fly --out fleet      | Choose from: "noise", "mag"
 batch rest.csv --out fleet --set a         | expected NAME=VALUE, such as confidence=0.9
 batch rest.csv --out fleet --set gravity=9.8 | task 'noise' has no option gravity
-batch rest.csv --out fleet --workers 0     | a whole number, at least 1
-batch rest.csv --out fleet --timeout 0     | a positive number of seconds
+batch rest.csv --out fleet --workers 0     | a number above 0
+batch rest.csv --out fleet --timeout 0     | a number above 0
 batch rest.csv --out fleet --scheduler tcp://127.0.0.1:1 --timeout 3 | exclude --scheduler
 simulate noise --out a.doc --gyro N=1deg/sqrt(h) | .csv or .npz
 simulate noise --out a.csv --gyro N=0.25   | N has no unit
