@@ -35,9 +35,10 @@ class Asked(NamedTuple):
     m: np.ndarray
     inside: np.ndarray
 
-    def deviation(self, y: Any) -> Deviation:
-        """The Allan deviation of a channel at the cluster sizes."""
-        return deviation(y, self.rate, m=self.m, confidence=self.confidence)
+    def deviation(self, y: Any) -> tuple[Deviation, np.ndarray]:
+        """The Allan deviation of a channel at the cluster sizes, and which of them the fit may use."""
+        found = deviation(y, self.rate, m=self.m, confidence=self.confidence)
+        return found, self.inside[np.isin(self.m, found.m)]  # gaps may leave no difference at the largest cluster sizes
 
 
 def checked_call(record: Record, rate: Any, method: str, terms: Any, confidence: float, band: Any) -> Asked:

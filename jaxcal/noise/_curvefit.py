@@ -67,8 +67,7 @@ def fit_curves(record: Record, asked: Asked) -> list[NoiseFit]:
     found = []
     for y, name in zip(record.channels, record.names, strict=True):
         with naming(name):
-            curve = asked.deviation(y)
-            inside = asked.inside[np.isin(asked.m, curve.m)]  # gaps may leave no difference at the largest cluster sizes
+            curve, inside = asked.deviation(y)
             automatic = asked.band is None
             found.append(fit_deviation(curve, record.samples, asked.terms, inside, automatic, asked.method, asked.confidence))
     return found

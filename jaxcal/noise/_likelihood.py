@@ -22,7 +22,7 @@ FAINT = 0.01  # in several starts one column begins with this fraction of an equ
 #: counts as this share; least squares: roundings added to the diagonal, which keep equations of nearly equal columns solvable, and the
 #: slope of a coefficient at zero, over the largest, that is rounding
 _STEPS, _SHORTEST, _GAINED, _DARK, _FLAT, _RIDGE = 50, 1e-3, 1e-4, 1e-9, 64.0, 1e-10
-_LEAST = np.finfo(float).tiny ** 0.5  # a density above zero whose square is a number
+_LEAST = np.sqrt(np.finfo(float).tiny)  # a density above zero whose square is a number
 
 
 def density(columns: AnyArray, theta: AnyArray) -> AnyArray:
@@ -62,7 +62,7 @@ def several_starts(bins: Bins) -> AnyArray:
 def scoring(
     columns: AnyArray, target: AnyArray, weight: AnyArray, start: AnyArray, base: Any = 0.0, held: Any = False, *, enough: float = _GAINED
 ) -> tuple[AnyArray, Any]:
-    """Non-negative coefficients of highest likelihood, and their cost; it ends when no step gains `enough`.
+    """Non-negative coefficients of highest likelihood, and their cost; it ends when a step gains no more than `enough`.
 
     Each step is a non-negative least squares fit, first with the weights nu/S^2 (Fisher scoring), whose fixed points are those of the
     likelihood.
@@ -103,7 +103,7 @@ def scoring(
             trial = begin + step[:, None] * (wanted - begin)
             s, new = cost_of(trial)
         gained = cost[on] - new
-        better, more = gained >= 0.0, gained >= enough
+        better, more = gained >= 0.0, gained > enough
         theta[on[better]], cost[on[better]] = trial[better], new[better]
         s, active, on, p, base, held, fixed = (values[more] for values in (s, active, on, p, base, held, fixed))
         if not len(on):

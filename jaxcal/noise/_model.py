@@ -28,10 +28,6 @@ def _pairs(pairs: Any) -> tuple[tuple[Any, Any], ...]:
     return tuple((_number(strength), _number(scale)) for strength, scale in pairs)
 
 
-#: names of terms that become processes of `Noise.markov`; a mean of several models may have many
-PROCESSES = ("markov", *(f"markov{number}" for number in range(2, 10)))
-
-
 class Noise(eqx.Module):
     r"""Noise model of a gyroscope, accelerometer or magnetometer channel: a sum of independent terms.
 
@@ -287,7 +283,7 @@ def noise_of(terms: Iterable[Term], values: Iterable[Any], sinusoid: Iterable[tu
     """Make a noise model of the given terms and their coefficients."""
     found: dict[str, Any] = {"sinusoid": tuple(sinusoid)}
     for term, value in zip(terms, values, strict=True):
-        if isinstance(term, GaussMarkov) and term.name in PROCESSES:
+        if isinstance(term, GaussMarkov) and term.name == "markov":
             found["markov"] = (*found.get("markov", ()), (value, term.time))
         elif isinstance(term, Sinusoid):
             found["sinusoid"] = (*found["sinusoid"], (value, term.frequency))

@@ -33,8 +33,8 @@ _REACH, _CHANCE, _SIDE, _PASSES = 9, 0.01, 1e-4, 4
 _WIDEST, _TOWERING, _FEWEST = 8, 3.0, 4
 #: standard deviations below and above the limit of a line between which the share of a bin that is a line grows from 0 to 1; largest
 #: chance of a bin that is looked at; the share at the limit
-_BLUR, _NEAR = (0.6, 1.4), 0.01
-LINE = _BLUR[0] / sum(_BLUR)
+_BELOW, _ABOVE, _NEAR = 0.6, 1.4, 0.01
+LINE = _BELOW / (_BELOW + _ABOVE)
 
 
 class Bins(NamedTuple):
@@ -123,7 +123,7 @@ def find_lines(bins: Bins, model) -> Float[np.ndarray, " bins"]:
         new = known & (chance < limit)
         near = known & (chance < _NEAR)
         apart = scipy.special.ndtri(limit[near]) - scipy.special.ndtri(np.maximum(chance[near], np.finfo(float).tiny))
-        share[near] = np.maximum(share[near], np.clip((apart + _BLUR[0]) / sum(_BLUR), 0.0, 1.0))
+        share[near] = np.maximum(share[near], np.clip((apart + _BELOW) / (_BELOW + _ABOVE), 0.0, 1.0))
         if not (new & ~taken).any():
             break
         taken |= new

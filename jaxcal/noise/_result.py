@@ -1,7 +1,7 @@
 """`NoiseFit`: noise coefficients with their uncertainty; how estimators make one; and `NoiseFits`, those of the channels of a log."""
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import equinox as eqx
@@ -220,18 +220,6 @@ class NoiseFits(Results[NoiseFit]):
     def sections(self) -> list[Section]:
         """A table of coefficients for each sensor; then, as details, record lengths, bands, and the curves."""
         return sections_of(self._results)
-
-
-def without_terms(fit: NoiseFit, names: Sequence[str], tables: bool) -> NoiseFit:
-    """Remove terms from `terms` and `covariance`, and with `tables` also from the tables; the noise model keeps them."""
-    kept = [i for i, name in enumerate(fit.terms) if name not in names]
-    entries = ("interval", "upper_limit", "presence", "significance", "longer_record") if tables else ()
-    return replaced(
-        fit,
-        terms=tuple(fit.terms[i] for i in kept),
-        covariance=fit.covariance[[fit.terms[i] for i in kept]],
-        **{entry: {name: value for name, value in getattr(fit, entry).items() if name not in names} for entry in entries},
-    )
 
 
 _NUMBERS = ("interval", "upper_limit", "significance", "covariance", "goodness", "longer_record", "band", "used")

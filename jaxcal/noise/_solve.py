@@ -18,7 +18,6 @@ _ROUNDS, _SETTLED, _ROUGH, _MANY = 30, 2e-3, 2, 100.0
 #: the goodness of fit compares means over groups of bins with the model: ordinates at which the first groups begin, and the number of
 #: groups, of which the later ones are evenly spaced in the logarithm
 _FIRST, _GROUPS = (0, 4, 12, 24, 48), 40
-_EXACT = 1e-14  # gain in log likelihood at which the fit of the coefficients ends
 #: search for the upper end of the band: relative misfit of the density that is allowed without and with a filter (with 5 %,
 #: a filter of the second order at 20 Hz makes N 5 % too large), chance of a worse misfit below which an end is refused, octaves that are
 #: looked at, octaves by which the end is then lowered, bins that a band needs in addition to the number of terms
@@ -116,7 +115,7 @@ def _solved(whole: Bins, columns: tuple[Term, ...], band, automatic: bool) -> So
 def _fitted(bins: Bins, group: AnyArray) -> Fitted:
     """Fit from several starting points, keep the highest likelihood, and judge the fit; `group` comes from `groups_of`."""
     theta, cost = scoring(bins.columns, bins.density, bins.weight, several_starts(bins))
-    theta, cost = scoring(bins.columns, bins.density, bins.weight, theta[np.argmin(cost)], enough=_EXACT)  # only one needs many steps
+    theta, cost = scoring(bins.columns, bins.density, bins.weight, theta[np.argmin(cost)], enough=0.0)  # only one needs many steps
     count, total = (
         np.bincount(group, bins.weight * values) for values in (np.ones(len(group)), bins.density / density(bins.columns, theta))
     )

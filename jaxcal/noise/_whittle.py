@@ -8,7 +8,6 @@ from .._errors import DataError, FitError
 from .._frozen import replaced
 from .._message import Message
 from .._types import AnyArray
-from ..allan import Deviation
 from . import _findings
 from ._changes import Axis, Changes, find_changes, lowest_of
 from ._checks import Asked
@@ -20,7 +19,7 @@ from ._measured import edf_of
 from ._observed import Observed, Regressors
 from ._ordinates import amplitudes
 from ._record import Record, naming
-from ._result import FittedSpectrum, NoiseFit, assemble, with_edf, without_terms
+from ._result import FittedSpectrum, NoiseFit, assemble, with_edf
 from ._rival import Rival, rival_of
 from ._solve import FILTER, Solved, solve
 from ._terms import GaussMarkov, Ramp, Term, is_sought
@@ -133,8 +132,9 @@ def _result(model: Described, parts: Parts, asked: Asked, sensor: str) -> NoiseF
     scale = float(wider.factor[names.index("N")]) if "N" in names else 1.0
     rival = rival_of(fitted, names, dt, duration, levels_of(asked.confidence), scale)
     limits, doubts = _beside(limits, [names[i] for i in solved.own], rival, model.changes)
-    curve = asked.deviation(observed.drawn if model.changes.fitted else observed.filled)
-    used = _used(curve, solved, asked.band)
+    curve, used = asked.deviation(observed.drawn if model.changes.fitted else observed.filled)
+    used = used & (curve.tau >= (0.5 / solved.end) * (1 - 1e-9))
+    used[-1] |= not used.any()
     fit = assemble(
         *_squares(solved, covariance, limits, model.terms, observed, asked.confidence), model.terms, curve, duration,
         sinusoid=_lines(model), used=used, confidence=asked.confidence, method="whittle", goodness=fitted.goodness,
@@ -143,7 +143,8 @@ def _result(model: Described, parts: Parts, asked: Asked, sensor: str) -> NoiseF
     curve = with_edf(curve, used, edf_of(curve, len(observed.y), fitted.bins, rival.density, fitted.theta, wider.factor))
     fit = replaced(fit, presence=fit.presence | dict.fromkeys(doubts, "hint"), deviation=curve, spectrum=_fitted_spectrum(solved))
     fit = replaced(fit, findings=_said(fit, model, wider, rival, doubts, sensor), events=_findings.events_of(model.changes.fitted))
-    return without_terms(fit, [term.name for term in parts.sought], tables=False)
+    kept = tuple(name for name in fit.terms if name not in {term.name for term in parts.sought})
+    return replaced(fit, terms=kept, covariance=fit.covariance[list(kept)])
 
 
 def _uncertainty(solved: Solved, widened: AnyArray, confidence: float) -> tuple[AnyArray, Limits]:
@@ -229,13 +230,3 @@ def _squares(solved: Solved, covariance, limits: Limits, terms: tuple[Term, ...]
         away, (both, one) = abs(slope), (np.sqrt(level) * error for level in levels_of(confidence))
         ends[:, i] = max(away - both, 0.0) ** 2, (away + both) ** 2, (away + one) ** 2, (slope / error) ** 2
     return squares, spread, Limits(*ends)
-
-
-def _used(curve: Deviation, solved: Solved, band) -> np.ndarray:
-    """Whether each cluster size lies in the band; the longest one always does if no other does."""
-    used = np.asarray(curve.tau) >= (0.5 / solved.end) * (1 - 1e-9)
-    if band is not None:
-        used &= (curve.tau >= band[0] * (1 - 1e-9)) & (curve.tau <= band[1] * (1 + 1e-9))
-    if not used.any():
-        used[-1] = True
-    return used

@@ -36,12 +36,16 @@ _CENTRE, _HALF = (_EDGES[1:] + _EDGES[:-1]) / 2.0, np.diff(_EDGES) / 2.0
 #: angles of the nodes, and weights of an integral over 0 .. pi without a cosine
 ANGLE = (_CENTRE[:, None] + _HALF[:, None] * _UNIT).ravel()
 _PLAIN = (_HALF[:, None] * _WEIGHT).ravel()
-_STEP = 2.0 * np.sin(ANGLE / 2.0)
 #: m omega up to which the kernel of the Allan variance is smooth within a panel; samples per cluster that stand for a continuous signal
 _SMOOTH, _CONTINUOUS = 4.0, 4096.0
 #: first ordinates whose leakage is computed one by one; how many per decade of the others; bins when samples are drawn from a density:
 #: number per bin of the record, and least number in all
 _SINGLE, _PER_DECADE, _FINER, _FEWEST = 64, 96, 8, 256
+
+
+def _step(angle):
+    """Modulus of the transfer function of a difference."""
+    return 2.0 * np.sin(angle / 2.0)
 
 
 def _cosine(p):
@@ -59,7 +63,7 @@ def _allan_weights(sizes: tuple[float, ...]) -> np.ndarray:
     m = np.array(sizes)[:, None]
     smooth = np.repeat(m * _EDGES[None, 1:] < _SMOOTH, _NODES, axis=1)
     oscillating = (3.0 * _PLAIN - 4.0 * _cosine(m[:, 0]) + _cosine(2.0 * m[:, 0])) / 8.0
-    return (8.0 / np.pi * np.where(smooth, _PLAIN * np.sin(m * ANGLE / 2.0) ** 4, oscillating) / (m * _STEP) ** 2).T
+    return (8.0 / np.pi * np.where(smooth, _PLAIN * np.sin(m * ANGLE / 2.0) ** 4, oscillating) / (m * _step(ANGLE)) ** 2).T
 
 
 def allan_variance(psd, tau, dt):
@@ -104,8 +108,8 @@ def ordinates(psd, k, n: int, dt: float) -> np.ndarray:
     number = math.ceil(_PER_DECADE * math.log10((n - 1) / single)) + 1
     many = np.unique(np.concatenate([np.arange(1.0, single), np.round(np.geomspace(single, n - 1, number))]))
     theta = np.pi * many / n
-    density = _STEP**2 * _at(psd, ANGLE, dt)
-    near = [4.0 * np.sin(a / 2.0) ** 2 * _at(psd, a, dt) for a in (theta, theta * (1.0 - 1e-4), theta * (1.0 - 2e-4))]
+    density = _step(ANGLE) ** 2 * _at(psd, ANGLE, dt)
+    near = [_step(a) ** 2 * _at(psd, a, dt) for a in (theta, theta * (1.0 - 1e-4), theta * (1.0 - 2e-4))]
     slope = -(3.0 * near[0] - 4.0 * near[1] + near[2]) / (2e-4 * theta * np.sin(theta))
     away = -2.0 * np.sin((ANGLE + theta[:, None]) / 2.0) * np.sin((ANGLE - theta[:, None]) / 2.0)
     curved = (density - near[0][:, None] - slope[:, None] * away) / away**2
@@ -133,7 +137,7 @@ def simulate(psd, n: int, dt: float, random: np.random.Generator) -> np.ndarray:
     rise = np.log2(full / half) if full > 0.0 else 0.0
     sums = rise < -0.95
     if sums:
-        level, full, rise = level * 4.0 * np.sin(angle / 2.0) ** 2, full * edges[1] ** 2, rise + 2.0
+        level, full, rise = level * _step(angle) ** 2, full * edges[1] ** 2, rise + 2.0
     variance = (level @ weights) * (high - low)[:, 0] / (2.0 * np.pi * dt)
     variance[0] = full * edges[1] / (1.0 + rise) / (np.pi * dt)  # the density is taken as a power law around zero
     x = from_bins(length, variance, n, random)
