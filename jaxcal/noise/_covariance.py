@@ -25,8 +25,8 @@ from .._types import Any, AnyArray, Float
 from ._model import Noise
 from ._terms import Ramp, Term
 
-#: nodes of a rule; ranges of lags up to this length are summed term by term; pairs of cluster sizes: a few hundred thousand lags
-_NODES, _DIRECT, _TOGETHER = 10, 24, 512
+#: nodes of a rule; ranges of lags up to this length are summed term by term
+_NODES, _DIRECT = 10, 24
 
 
 @functools.lru_cache(maxsize=64)
@@ -44,8 +44,7 @@ def covariance_tensor(samples: int, m: tuple[int, ...], dt: float, terms: tuple[
         )
     pairs = np.array([(i, j) for i in range(clusters) for j in range(i + 1)])
     small, large = np.sort(np.array(m)[pairs], axis=1).T
-    for part in np.array_split(np.arange(len(pairs)), -(-len(pairs) // _TOGETHER)):
-        tensor[:, :, *pairs[part].T] = _closed(samples, small[part], large[part], dt, terms)
+    tensor[:, :, *pairs.T] = _closed(samples, small, large, dt, terms)
     tensor[:, :, pairs[:, 1], pairs[:, 0]] = tensor[:, :, pairs[:, 0], pairs[:, 1]]
     tensor.flags.writeable = False
     return tensor

@@ -76,22 +76,10 @@ def _root(ratio: Array) -> Array:
     return jnp.where(small, near * jnp.sqrt(series / 2.0), jnp.sign(far) * jnp.sqrt(far - jnp.log(1.0 + far)))
 
 
-@jax.custom_jvp
-def _deviance(ratio: Array) -> Array:
-    """`_root`, whose slope is computed once, and not once for each coefficient."""
-    return _root(ratio)
-
-
-@_deviance.defjvp
-def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
-    value, slope = jax.jvp(_root, primals, (jnp.ones_like(primals[0]),))
-    return value, slope * tangents[0]
-
-
 def _deviances(theta: Array, data: tuple[Any, tuple[Any, Array]]) -> Array:
     columns, (root, target) = data
     tiny = jnp.finfo(target.dtype).tiny ** 0.5
-    return root * _deviance(jnp.maximum(target, tiny) / jnp.maximum(columns @ theta, tiny))
+    return root * _root(jnp.maximum(target, tiny) / jnp.maximum(columns @ theta, tiny))
 
 
 def _goodness(bins: Bins, theta: Array, model: Array) -> Array:

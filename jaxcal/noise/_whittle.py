@@ -27,15 +27,6 @@ from ._terms import GaussMarkov, Ramp, Term, is_sought
 _FAST = ("Q", "N", FILTER)  # terms that high frequencies determine, at which nothing else looks like them
 
 
-class Parts(NamedTuple):
-    """The terms asked for: all, those of a fixed shape, ramps, and Gauss-Markov processes without a correlation time."""
-
-    asked: tuple[Term, ...]
-    base: tuple[Term, ...]
-    ramps: tuple[Term, ...]
-    sought: tuple[Term, ...]
-
-
 class Described(NamedTuple):
     """A record under a model of its noise.
 
@@ -55,48 +46,37 @@ def fit_axes(record: Record, asked: Asked) -> list[NoiseFit]:
     Each channel has coefficients of its own. What changes the mean is looked for in all channels together, also across each stretch of
     samples that was set aside.
     """
-    parts = _parts(asked.terms)
+    sought, ramps = ([term for term in asked.terms if kind(term)] for kind in (is_sought, lambda term: isinstance(term, Ramp)))
+    base = tuple(term for term in asked.terms if term not in (*ramps, *sought))
+    if not base or len(sought) > 1:
+        raise DataError(
+            f"terms {tuple(one.name for one in asked.terms)!r}: a ramp, and one Gauss-Markov process without correlation time, are fitted "
+            "beside other terms; add N"
+        )
     found = []
     for y, name in zip(record.channels, record.names, strict=True):
         with naming(name):
-            found.append(_described(y, parts, asked))
-    if parts.sought:
-        found = [_with_process(one, parts, asked.band) for one in found]
-    elif not parts.ramps:
-        found = _with_changes(found, parts, asked, record)
-    return [_result(one, parts, asked, record.sensor) for one in found]
+            observed = Observed(y, 1.0 / asked.rate)
+            if ramps:  # a regressor beside the other terms
+                observed = observed.beside(Regressors(np.arange(record.samples)[None, :] / asked.rate))
+            found.append(Described(observed, solve(observed, base, asked.band), asked.terms))
+    if sought:
+        found = [_with_process(one, base, asked.band) for one in found]
+    elif not ramps:
+        found = _with_changes(found, base, asked, record)
+    return [_result(one, asked, record.sensor) for one in found]
 
 
-def _parts(terms: tuple[Term, ...]) -> Parts:
-    ramps, sought = tuple(term for term in terms if isinstance(term, Ramp)), tuple(term for term in terms if is_sought(term))
-    base = tuple(term for term in terms if term not in (*ramps, *sought))
-    if not base or len(sought) > 1:
-        raise DataError(
-            f"terms {tuple(term.name for term in terms)!r}: a ramp, and one Gauss-Markov process without correlation time, are fitted "
-            "beside other terms; add N"
-        )
-    return Parts(terms, base, ramps, sought)
-
-
-def _described(y: AnyArray, parts: Parts, asked: Asked) -> Described:
-    """The record under the terms of a fixed shape; a ramp that is asked for is taken out."""
-    observed = Observed(np.asarray(y), 1.0 / asked.rate)
-    if parts.ramps:
-        time = np.arange(len(y)) / asked.rate
-        observed = observed.beside(Regressors(time[None, :]))
-    return Described(observed, solve(observed, parts.base, asked.band), parts.asked)
-
-
-def _with_process(plain: Described, parts: Parts, band) -> Described:
+def _with_process(plain: Described, base: tuple[Term, ...], band) -> Described:
     """The record with the Gauss-Markov process asked for, at its likeliest correlation time."""
-    (sought,) = parts.sought
     dt = plain.observed.dt
-    process = GaussMarkov(time=likeliest_time(plain.solved.fitted, dt, len(plain.observed.y) * dt), name=sought.name)
-    terms = tuple(process if term is sought else term for term in parts.asked)
-    return plain._replace(solved=solve(plain.observed, (*parts.base, process), band), terms=terms)
+    time = likeliest_time(plain.solved.fitted, dt, len(plain.observed.y) * dt)
+    terms = tuple(GaussMarkov(time=time, name=term.name) if is_sought(term) else term for term in plain.terms)
+    process = tuple(term for term, asked in zip(terms, plain.terms, strict=True) if is_sought(asked))
+    return plain._replace(solved=solve(plain.observed, (*base, *process), band), terms=terms)
 
 
-def _with_changes(plain: list[Described], parts: Parts, asked: Asked, record: Record) -> list[Described]:
+def _with_changes(plain: list[Described], base: tuple[Term, ...], asked: Asked, record: Record) -> list[Described]:
     """The records with what changes their mean, if anything does."""
     dt, n = 1.0 / asked.rate, record.samples
     slow = np.array([name not in _FAST for name in plain[0].solved.names])
@@ -110,7 +90,7 @@ def _with_changes(plain: list[Described], parts: Parts, asked: Asked, record: Re
     regressors, found = Regressors(np.concatenate([change.columns(np.arange(n) * dt).T for change in changes.fitted])), []
     for one in plain:
         observed = one.observed.beside(regressors)
-        found.append(one._replace(observed=observed, solved=solve(observed, parts.base, asked.band), changes=changes))
+        found.append(one._replace(observed=observed, solved=solve(observed, base, asked.band), changes=changes))
     return found
 
 
@@ -120,7 +100,7 @@ def _recorded(temperature: AnyArray | None) -> AnyArray | None:
     return np.asarray(temperature, dtype=float) if known else None
 
 
-def _result(model: Described, parts: Parts, asked: Asked, sensor: str) -> NoiseFit:
+def _result(model: Described, asked: Asked, sensor: str) -> NoiseFit:
     """Coefficients, intervals and findings of a channel."""
     observed, solved = model.observed, model.solved
     fitted, names, dt = solved.fitted, solved.names, observed.dt
@@ -143,7 +123,7 @@ def _result(model: Described, parts: Parts, asked: Asked, sensor: str) -> NoiseF
     curve = with_edf(curve, used, edf_of(curve, len(observed.y), fitted.bins, rival.density, fitted.theta, wider.factor))
     fit = replaced(fit, presence=fit.presence | dict.fromkeys(doubts, "hint"), deviation=curve, spectrum=_fitted_spectrum(solved))
     fit = replaced(fit, findings=_said(fit, model, wider, rival, doubts, sensor), events=_findings.events_of(model.changes.fitted))
-    kept = tuple(name for name in fit.terms if name not in {term.name for term in parts.sought})
+    kept = tuple(term.name for term in asked.terms if not is_sought(term))
     return replaced(fit, terms=kept, covariance=fit.covariance[list(kept)])
 
 
