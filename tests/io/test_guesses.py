@@ -88,12 +88,6 @@ def test_gravity_tells_the_unit_of_the_accelerometer(unit, gravity, share, guess
     assert (found.unit, "uncertain" in found.reason) == (unit, False)
 
 
-@pytest.mark.parametrize(("values", "said"), [(np.round(16384 * (STILL + Z)), "raw counts"), (STILL + 3.0, "units={'accel': 'g'}")])
-def test_an_accelerometer_of_unknown_size_is_asked_about(values, said, guess, refuses):
-    with refuses("unit_unknown"):
-        guess("accel", 100.0, accel=values)
-
-
 def test_a_gyroscope_beyond_35_is_in_degrees(guess):
     values = STILL.copy()
     values[100, 1] = -36.0
@@ -127,11 +121,6 @@ def test_turns_between_still_stretches_tell_the_unit_of_the_gyroscope(unit, size
     assert "times the turns of gravity" in found.reason
 
 
-def test_counts_of_a_gyroscope_are_asked_about(guess, refuses):
-    with refuses("unit_unknown"):
-        guess("gyro", 100.0, gyro=np.round(300 * STILL + 20))
-
-
 def directions(n=500):
     v = np.random.default_rng(5).normal(size=(n, 3))
     return v / np.linalg.norm(v, axis=1, keepdims=True)
@@ -145,9 +134,18 @@ def test_the_field_behind_hard_iron_tells_the_unit_of_the_magnetometer(unit, siz
     assert (found.unit, found.reason) == (unit, f"sphere radius {field * size:.3g}")
 
 
-def test_counts_of_a_magnetometer_are_asked_about(guess, refuses):
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("accel", np.round(16384 * (STILL + Z))),
+        ("accel", STILL + 3.0),
+        ("gyro", np.round(300 * STILL + 20)),
+        ("mag", np.round(1000 * directions())),
+    ],
+)  # fmt: skip
+def test_counts_and_values_of_unknown_size_are_asked_about(name, values, guess, refuses):
     with refuses("unit_unknown"):
-        guess("mag", 100.0, mag=np.round(1000 * directions()))
+        guess(name, 100.0, **{name: values})
 
 
 @pytest.mark.parametrize(("values", "unit"), [([298.0, 299.0], "K"), ([25.0, 26.0], "degC"), ([-40.0, 85.0], "degC")])
@@ -177,21 +175,13 @@ def test_triples_are_told_apart_by_their_norm(order, at, still, save):
             assert getattr(log, name) is None
 
 
-@pytest.mark.parametrize("width", [2, 4, 5, 8])
-def test_other_numbers_of_columns_are_asked_about(width, still, save, refuses):
-    values = np.column_stack([still.time, np.tile(still.gyro, (1, 3))[:, :width]])
-    with refuses("columns_unclear"):
-        read(save(values), quiet=True)
-
-
-def test_six_columns_without_gravity_are_asked_about(still, save, refuses):
-    with refuses("no_gravity"):
-        read(save(np.column_stack([still.time, still.gyro, still.gyro])), quiet=True)
-
-
-def test_two_of_three_axes_are_asked_about(still, save, refuses):
-    with refuses("axes"):
-        read(save(np.column_stack([still.time, still.gyro[:, :2]]), ["time", "gx", "gz"]), quiet=True)
+@pytest.mark.parametrize(
+    ("width", "names", "code"),
+    [*((width, None, "columns_unclear") for width in (2, 4, 5, 8)), (6, None, "no_gravity"), (2, ["time", "gx", "gz"], "axes")],
+)
+def test_columns_that_do_not_say_which_they_are_are_asked_about(width, names, code, still, save, refuses):
+    with refuses(code):
+        read(save(np.column_stack([still.time, np.tile(still.gyro, (1, 3))[:, :width]]), names), quiet=True)
 
 
 def test_a_rising_column_of_unknown_name_is_time(still, save):

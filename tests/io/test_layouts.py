@@ -1,13 +1,8 @@
 """Hundreds of tables with known contents: none is read wrongly without a warning."""
 
-import importlib.util
-import pathlib
-
 import pytest
 
-_SPEC = importlib.util.spec_from_file_location("layouts", pathlib.Path(__file__).with_name("layouts.py"))
-layouts = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(layouts)
+from . import layouts
 
 
 @pytest.mark.parametrize("numbers", [range(90), pytest.param(range(100_000, 101_500), marks=pytest.mark.long)], ids=["few", "many"])

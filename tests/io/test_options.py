@@ -38,21 +38,13 @@ def test_columns(given, found, path):
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    "given",
     [
-        ("gyroscope=1:3", "unknown quantity 'gyroscope'; use time, gyro, accel, mag, temperature"),
-        ("1:3", "'1:3' is not of the form quantity=value"),
-        ({"gyro": [0, 1, 7]}, r"gyro wants column 7; there are 0 \(Time \(s\)\), 1 \(wx\)"),
-        ({"gyro": ["wx", "wy", "w"]}, "there is no column 'w' for gyro; there are"),
-        ({"gyro": [1, 1, 2]}, "give 1 to 3 different ones"),
-        ({"gyro": "1:5"}, "give 1 to 3 different ones"),
-        ({"temperature": [1, 2]}, "give 1 different ones"),
-        ({"gyro_y": 2}, "gyro has only y; give x, or x and y, or all three"),
-        ({"gyro_x": [1, 2]}, "gyro_x is one column"),
-        ({"time": 1.5}, "1.5 is neither the number of a column"),
+        "gyroscope=1:3", "1:3", {"gyro": [0, 1, 7]}, {"gyro": ["wx", "wy", "w"]}, {"gyro": [1, 1, 2]}, {"gyro": "1:5"},
+        {"temperature": [1, 2]}, {"gyro_y": 2}, {"gyro_x": [1, 2]}, {"time": 1.5},
     ],
-)
-def test_columns_that_make_no_sense(given, said, path, refuses):
+)  # fmt: skip
+def test_columns_that_make_no_sense(given, path, refuses):
     with refuses("columns"):
         read(path, columns=given, quiet=True)
 
@@ -76,14 +68,7 @@ def test_a_unit_with_an_offset(path, still):
     np.testing.assert_allclose(log.temperature, still.accel[:, 0] - 273.15, rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ("gyro=furlong", r"'furlong' is not a unit of gyro; use one of rad/s.*need their size, as in units={'gyro': '0.05 rad/s'}"),
-        ("gyro=counts", "raw counts need their size"),
-        ({"gyro": "0 deg/s"}, "makes every value of gyro zero"),
-    ],
-)
-def test_units_that_make_no_sense(given, said, path, refuses):
+@pytest.mark.parametrize("given", ["gyro=furlong", "gyro=counts", {"gyro": "0 deg/s"}])
+def test_units_that_make_no_sense(given, path, refuses):
     with refuses("units", UnitError):
         read(path, units=given, quiet=True)

@@ -1,8 +1,6 @@
 """Tables of further apps, loggers and programs, which `layouts` does not make: each is read correctly or refused with the reason."""
 
 import datetime
-import importlib.util
-import pathlib
 import random
 
 import numpy as np
@@ -10,9 +8,7 @@ import pytest
 
 from jaxcal import read
 
-_SPEC = importlib.util.spec_from_file_location("layouts", pathlib.Path(__file__).with_name("layouts.py"))
-layouts = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(layouts)
+from . import layouts
 
 N, RATE, DEG, G = 400, 50.0, np.pi / 180, 9.80665
 
@@ -237,18 +233,17 @@ def test_a_temperature_that_no_sensor_has_is_left_out(value, code, tmp_path):
     assert (code, ("temperature",)) in [(one.code, one.subject) for one in log.findings]
 
 
-def test_normalised_vectors_are_a_guess(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_text(table("time_ms,ax,ay,az", MS, cells(ACCEL / np.linalg.norm(ACCEL, axis=1, keepdims=True), "%.7f")))
-    assert any("normalised vectors are no specific force" in sentence for sentence in read(path, quiet=True).warnings)
+UPWARD = ACCEL / np.linalg.norm(ACCEL, axis=1, keepdims=True)
 
 
-def test_a_guess_near_two_units_is_said(tmp_path):
+@pytest.mark.parametrize(
+    ("sensor", "values", "other"),
+    [("accel", UPWARD, "m/s^2"), ("accel", np.round(978 * UPWARD, 2), "cm/s^2"), ("gyro", np.array([420, -310, 55]) + 3 * GYRO, "mdeg/s")],
+)
+def test_a_guess_near_two_units_is_said(sensor, values, other, tmp_path, finding):
     path = tmp_path / "log.csv"
-    path.write_text(table("time_s,ax,ay,az", cells(TIME), cells(ACCEL / np.linalg.norm(ACCEL, axis=1, keepdims=True) * 978.0, "%.2f")))
-    assert any("could be cm/s^2" in sentence for sentence in read(path, quiet=True).warnings)
-    path.write_text(table("time_s,gx,gy,gz", cells(TIME), cells(np.tile([420.0, -310.0, 55.0], (N, 1)) + 3 * GYRO)))
-    assert any("mdeg/s at rest" in sentence for sentence in read(path, quiet=True).warnings)
+    path.write_text(table(f"time_s,{sensor}_x,{sensor}_y,{sensor}_z", cells(TIME), cells(values, "%.7g")))
+    assert finding(read(path, quiet=True), "assumed").facts["other"] == other
 
 
 def test_coarse_stamps_do_not_turn_radians_into_degrees(tmp_path):
