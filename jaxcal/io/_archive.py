@@ -33,11 +33,8 @@ def _workbook(archive: zipfile.ZipFile) -> str:
         text = file.read(BLOCK).decode("utf-8", "replace")
         sheets = [re.sub(r"&#?\w+;", "?", name) for name in re.findall(r"<(?:\w+:)?sheet\b[^>]*?\bname=\"([^\"]{1,200})\"", text)]
     shown = ", ".join(sheets[:8]) + (f" and {len(sheets) - 8} more" if len(sheets) > 8 else "")
-    return (
-        f"this is a workbook (XLSX) with the sheet{'s' * (len(sheets) != 1)} {shown or 'of unknown name'}, which is not read: save "
-        "the sheet that "
-        "holds the log as CSV (File, Save as, CSV UTF-8), with a line of column names, and read that"
-    )
+    held = f"sheet{'s' * (len(sheets) != 1)} {shown or 'of unknown name'}"
+    return f"this is a workbook (XLSX) with the {held}: save that of the log as CSV UTF-8, with a line of column names, and read that"
 
 
 @contextlib.contextmanager

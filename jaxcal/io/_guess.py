@@ -25,6 +25,7 @@ from ._evidence import (
     spread,
     step_unit,
     thinned,
+    turning,
 )  # fmt: skip
 from ._findings import READ
 
@@ -269,6 +270,23 @@ def temperature_unit(values: np.ndarray, stated: str | None, where: str) -> Gues
     if low + 273.15 <= median <= high + 273.15:
         return Guess("K", f"median {median:.4g}", "degC")
     raise undecided("temperature", f"median {median:.4g}", values, "0.01 degC")
+
+
+def judged(name: str, values: np.ndarray, stated: str | None, where: str, period: float | None, turns: Turning | None) -> Guess:
+    """Unit of a quantity: the stated one, checked against the values, or one that these tell."""
+    if name == "gyro":
+        return gyro_unit(values, stated, where, turns)
+    if name == "accel":
+        return accel_unit(values, stated, where, period)
+    return (mag_unit if name == "mag" else temperature_unit)(values, stated, where)
+
+
+def turns_of(values: dict[str, np.ndarray], period: float | None) -> Turning | None:
+    """Compare the gyroscope (as rad/s) with the rotation of gravity or of the field, whichever correlates better."""
+    if "gyro" not in values or not period:
+        return None
+    found = [turning(values["gyro"], values[name], period) for name in ("accel", "mag") if name in values]
+    return max((one for one in found if one is not None), key=lambda one: abs(one.correlation), default=None)
 
 
 def factor_of(unit: str, sensor: str) -> float | None:

@@ -95,16 +95,9 @@ def parse_saved(text: str) -> Saved:
     findings = _findings(about)
     if isinstance(schema, int) and schema > _SCHEMA:
         raise DataError("it was written by a later version of jaxcal; update jaxcal, or convert the log again", code="later_version")
-    whole = (
-        schema == _SCHEMA
-        and findings is not None
-        and isinstance(rate, float | int)
-        and not isinstance(rate, bool)
-        and 0 < rate < math.inf
-        and isinstance(provenance, dict)
-        and type(provenance.get("epoch_ns")) is int
-    )
-    if not whole or findings is None:
+    positive = isinstance(rate, float | int) and not isinstance(rate, bool) and 0 < rate < math.inf
+    known = isinstance(provenance, dict) and type(provenance.get("epoch_ns")) is int
+    if schema != _SCHEMA or findings is None or not (positive and known):
         raise DataError("it was written by jaxcal convert, but its description is damaged: convert the log again", code="damaged")
     if isinstance(provenance.get("selected"), list):
         provenance["selected"] = tuple(provenance["selected"])
@@ -114,14 +107,8 @@ def parse_saved(text: str) -> Saved:
 def _kept(one: Finding) -> dict[str, Any]:
     """A finding in a form from which `_findings` makes it again."""
     facts = {name: fact if isinstance(fact, str | int | float | bool) else str(fact) for name, fact in plain(dict(one.facts)).items()}
-    return {
-        "code": one.code,
-        "severity": int(one.severity),
-        "subject": list(one.subject),
-        "cost": one.cost,
-        "facts": facts,
-        "text": str(one),
-    }
+    own = {"code": one.code, "severity": int(one.severity), "subject": list(one.subject), "cost": one.cost}
+    return own | {"facts": facts, "text": str(one)}
 
 
 def _findings(about: dict[str, Any]) -> tuple[Finding, ...] | None:

@@ -79,10 +79,7 @@ def pair(table, indices: list[int], columns: list[np.ndarray], size: float) -> C
     known = np.isfinite(whole) & np.isfinite(fraction) if "M" not in (columns[0].dtype.kind, columns[1].dtype.kind) else np.zeros(1, bool)
     if not known.any() or fraction[known].min() < 0 or fraction[known].max() * size >= 1.0:
         shown = f"columns {indices[0]} and {indices[1]} ({', '.join(table.names[i] for i in indices)})"
-        said = (
-            "{shown} are not seconds and nanoseconds: the second must stay within 0 and {most:.9g}; name one time column with "
-            "{option.columns:time=...}"
-        )
+        said = "{shown} are no seconds with a fraction from 0 to {most:.9g}; name one time column with {option.columns:time=...}"
         raise DataError(Message(said, shown=shown, most=1 / size), code="two_columns")
     if indices[0] in table.clocks:
         return Clock(indices, since_midnight(whole + fraction * size), "time of day", "times of day and a fraction of seconds")
@@ -95,29 +92,16 @@ def of_day(table) -> list[int] | None:
     """Columns of the hour, the minute and the second, and of a fraction of it if there is one; None if a table has no such columns."""
     words = [re.sub(r"^(?:time|utc|gps|rtc|clock)(?=.)|[^a-z]", "", name.lower()) for name in table.names]
     found = []
-    for names, top in (
-        (("h", "hh", "hr", "hour", "hours"), 24),
-        (("m", "mm", "min", "minute", "minutes"), 60),
-        (("s", "ss", "sec", "second", "seconds"), 60),
-    ):
-        fits = [
-            i for i, word in enumerate(words) if word in names and table.columns[i].dtype.kind in "iuf" and _within(table.columns[i], top)
-        ]
+    for names, top in (("h hh hr hour hours", 24), ("m mm min minute minutes", 60), ("s ss sec second seconds", 60)):
+        fits = [i for i, word in enumerate(words) if word in names.split() and _within(table.columns[i], top)]
         if len(fits) != 1:
             return None
         found.append(fits[0])
-    if (
-        np.ptp(table.columns[found[2]]) == 0
-        or np.any(np.asarray(table.columns[found[0]]) % 1)
-        or np.any(np.asarray(table.columns[found[1]]) % 1)
-    ):
+    hours, minutes, seconds = (np.asarray(table.columns[i]) for i in found)
+    if np.ptp(seconds) == 0 or np.any(hours % 1) or np.any(minutes % 1):
         return None
-    fraction = [
-        i
-        for i, word in enumerate(words)
-        if fraction_size(table.names[i]) and word and is_fraction(table, found[2], i, fraction_size(table.names[i]))
-    ]
-    return [*found, *fraction[:1]]
+    sizes = {i: fraction_size(table.names[i]) for i, word in enumerate(words) if word}
+    return [*found, *[i for i, size in sizes.items() if size and is_fraction(table, found[2], i, size)][:1]]
 
 
 def fraction_size(name: str) -> float:
@@ -130,7 +114,7 @@ def fraction_size(name: str) -> float:
 
 
 def _within(column: np.ndarray, top: int) -> bool:
-    return bool(np.isfinite(column).all() and column.min() >= 0 and column.max() < top)
+    return column.dtype.kind in "iuf" and bool(np.isfinite(column).all() and column.min() >= 0 and column.max() < top)
 
 
 def since_midnight(clock: np.ndarray) -> np.ndarray:
@@ -189,9 +173,7 @@ def from_date_digits(column: np.ndarray) -> np.ndarray | None:
         whole = seconds.astype(np.int64)
         ns = np.round((fraction / size + (seconds - whole)) * 1e9).astype(np.int64)
         year, month, day, hour, minute, second = (whole // 10**k % 100 if k < 10 else whole // 10**k for k in (10, 8, 6, 4, 2, 0))
-        if (month < 1).any() or (month > 12).any() or (day < 1).any() or (day > 31).any():
-            return None
-        if (hour > 23).any() or (minute > 59).any() or (second > 59).any():
+        if min(month.min(), day.min()) < 1 or np.any(np.max([month, day, hour, minute, second], axis=1) > [12, 31, 23, 59, 59]):
             return None
         months = ((year - 1970) * 12 + month - 1).astype("datetime64[M]")
         days = months.astype("datetime64[D]") + (day - 1)

@@ -15,7 +15,7 @@ from . import _guess
 from ._choose import HOW, select
 from ._clock import OF_NAME, check_rate, clock_of, label_of, no_clock, refuse_restarts, stated_rate
 from ._columns import SENSORS, Columns, listing, scale
-from ._evidence import Turning, turning
+from ._evidence import Turning
 from ._findings import READ
 from ._mixed import own_rows
 from ._names import COUNTS, RELATIVE, bracketed
@@ -220,7 +220,7 @@ def _units(
         elif why:
             said = "mag: {why}; there is no other sensor in the table. {option.units:mag=...} reads it all the same"
             problems.append(Message(said, why=why))
-    turns = _turns(values, period)
+    turns = _guess.turns_of(values, period)
     for name in raw:
         first = table.names[found.columns[name][0]]
         stated = units.get(name) or found.units.get(name)
@@ -241,14 +241,6 @@ def _units(
     return guesses
 
 
-def _turns(values: dict[str, np.ndarray], period: float | None) -> Turning | None:
-    """Compare the gyroscope (as rad/s) with the rotation of gravity or of the field, whichever correlates better."""
-    if "gyro" not in values or not period:
-        return None
-    found = [turning(values["gyro"], values[name], period) for name in ("accel", "mag") if name in values]
-    return max((one for one in found if one is not None), key=lambda one: abs(one.correlation), default=None)
-
-
 def _unit(
     name: str, values: np.ndarray, stated: str | None, where: str, period: float | None, turns: Turning | None, given: bool,
     findings: list[Finding],
@@ -256,16 +248,10 @@ def _unit(
     if not np.isfinite(values).all(axis=1).any():
         # `Log` refuses a sensor without values, and names it
         return _guess.Guess(stated or si_unit(name), "there is nothing to tell it from", "")
-    judge = {
-        "gyro": lambda unit: _guess.gyro_unit(values, unit, where, turns),
-        "accel": lambda unit: _guess.accel_unit(values, unit, where, period),
-        "mag": lambda unit: _guess.mag_unit(values, unit, where),
-        "temperature": lambda unit: _guess.temperature_unit(values, unit, where),
-    }[name]
     if not given:
-        return judge(stated)
+        return _guess.judged(name, values, stated, where, period, turns)
     try:
-        judge(stated)
+        _guess.judged(name, values, stated, where, period, turns)
     except DataError as error:  # a unit given by the caller overrides the evidence in the values
         findings.append(_guess.against_values(name, name, stated, where, error))
     return _guess.Guess(stated or "", "", "")

@@ -1,4 +1,4 @@
-"""Kalibr's imu.yaml agrees with its golden file and contains no value that was not measured or given."""
+"""Kalibr's imu.yaml contains no value that was not measured or given."""
 
 import math
 import pathlib
@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import yaml
 
-import jaxcal
 from jaxcal import Calibration, ExportError
 from jaxcal.export import write
 
@@ -34,31 +33,10 @@ def with_noise(calibration, sensor, **changes):
 
 def without_walk(calibration, sensor, limit=(1e-5, 2e-5, 9e-5)):
     """The calibration with a random walk K that was found only on axis y of a sensor."""
+    verdict = {"N": ("present",) * 3, "K": ("not detected", "present", "hint")}
     return with_noise(
-        calibration,
-        sensor,
-        K=np.array([0.0, 3e-5, 1e-6]),
-        verdict={"N": ("present",) * 3, "K": ("not detected", "present", "hint")},
-        upper_limit={"K": np.array(limit)},
-        confidence=0.95,
+        calibration, sensor, K=np.array([0.0, 3e-5, 1e-6]), verdict=verdict, upper_limit={"K": np.array(limit)}, confidence=0.95
     )
-
-
-def test_golden_file(golden, path):
-    write(golden, path, provenance=False)
-    assert path.read_text() == (FOLDER / "golden/imu.yaml").read_text()
-
-
-def test_provenance_adds_comments_alone(golden, path):
-    signed = Calibration(noise=golden.noise, device="unit 7\nB: 1", provenance={"file": "a.csv", "sha256": "ab", "version": "0"})
-    found = write(signed, path)
-    lines = path.read_text().splitlines()
-    data = [line for line in (FOLDER / "golden/imu.yaml").read_text().splitlines() if not line.startswith("#")]
-    assert [line for line in lines if not line.startswith("#")] == data
-    assert lines[0] == f"# kalibr file written by jaxcal {jaxcal.__version__}"
-    assert "# device: unit 7 B: 1" in lines  # line breaks are replaced, so that the comment stays on one line
-    assert "# recording: a.csv, SHA-256 ab" in lines
-    assert all(f"# {one}" in lines for one in found)
 
 
 def test_yaml_readers_get_numbers_in_kalibr_order(golden, path):
@@ -89,18 +67,12 @@ def test_rms_and_inflation(golden, path):
     assert "rms axis; per axis N = 0.00016, 0.00017, 0.00018; K = 2.0e-06, 2.2e-06, 2.4e-06; multiplied by 3.0" in path.read_text()
 
 
-@pytest.mark.parametrize("sensor", ["gyro", "accel"])
-def test_missing_random_walk_is_an_error_that_names_the_axes(golden, path, sensor, refuses):
-    with refuses("not_detected", ExportError):
-        write(without_walk(golden, sensor), path, random_walk=None)
+def test_missing_random_walk_is_an_error(golden, path, refuses):
+    without = [with_noise(golden, "gyro", K=missing) for missing in (np.zeros(3), None)]
+    for lacking in (without_walk(golden, "gyro"), without_walk(golden, "accel"), *without):
+        with refuses("not_detected", ExportError):
+            write(lacking, path, random_walk=None)
     assert not path.exists()
-
-
-def test_zero_random_walk_without_a_verdict_is_missing_too(golden, path, refuses):
-    with refuses("not_detected", ExportError):
-        write(with_noise(golden, "gyro", K=np.zeros(3)), path, random_walk=None)
-    with refuses("not_detected", ExportError):
-        write(with_noise(golden, "gyro", K=None), path, random_walk=None)
 
 
 def test_upper_limit_is_written_where_k_was_not_found(golden, path):
@@ -133,17 +105,11 @@ def test_a_named_value_replaces_a_random_walk_that_was_found(golden, path):
     assert (found["gyroscope_random_walk"], found["accelerometer_random_walk"]) == (2.4e-6, 1.0)
 
 
-@pytest.mark.parametrize("sensor", ["gyro", "accel"])
-def test_missing_sensor(golden, path, sensor, refuses):
-    other = {"gyro": "accel", "accel": "gyro"}[sensor]
-    half = Calibration(noise=type(golden.noise)(rate=200.0, **{other: getattr(golden.noise, other)}))
+@pytest.mark.parametrize("sensors", [("gyro",), ("accel",), None])
+def test_missing_noise(golden, path, sensors, refuses):
+    half = sensors and type(golden.noise)(rate=200.0, **{sensor: getattr(golden.noise, sensor) for sensor in sensors})
     with refuses("no_noise", ExportError):
-        write(half, path)
-
-
-def test_missing_noise(path, refuses):
-    with refuses("no_noise", ExportError):
-        write(Calibration(), path)
+        write(Calibration(noise=half), path)
 
 
 def test_density_from_its_upper_limit(golden, path, refuses):
@@ -162,28 +128,6 @@ def test_terms_that_are_there_and_not_written_are_mentioned(golden, path):
     processes = (((1.0, 2.0),), (), ())
     found = write(with_noise(golden, "gyro", verdict=verdict, Q=np.ones(3), R=np.ones(3), markov=processes), path)
     assert {one.subject: one.facts for one in found if one.code == "terms_left_out"}["gyro",]["terms"] == "ramp R, Gauss-Markov"
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"format": "latex"}, "format"),
-        ({"axis": "best"}, "option"),
-        ({"inflate": 0.0}, "option"),
-        ({"inflate": math.nan}, "option"),
-        ({"random_walk": -1.0}, "option"),
-        ({"random_walk": True}, "option"),
-        ({"random_walk": "limit"}, "option"),
-        ({"random_walk": {"gyroscope": 1.0}}, "option"),
-        ({"topic": "/imu0\nevil: 1"}, "option"),
-        ({"density": 1.0}, "no_such_option"),
-        ({"topic": ""}, "option"),
-    ],
-)
-def test_wrong_options(golden, path, options, message, refuses):
-    with refuses(message, ExportError):
-        write(golden, path, **options)
-    assert not path.exists()
 
 
 @pytest.mark.parametrize("topic", ["/imu0", "/camera/imu_raw", "imu0", "null", "~imu"])

@@ -14,18 +14,9 @@ from jaxcal.export import read, write
 FOLDER = pathlib.Path(__file__).parent
 GOLDEN = FOLDER / "golden"
 PAIRS = [
-    ("kalibr", {}),
-    ("vins", {}),
-    ("vins", {"convention": "per_sample"}),
-    ("orbslam3", {}),
-    ("px4", {}),
-    ("px4", {"instance": 3}),
-    ("ardupilot", {}),
-    ("ardupilot", {"instance": 2, "gyro_bias": True}),
-    ("ros", {}),
-    ("motioncal", {}),
-    ("csv", {}),
-]
+    *((format, {}) for format in ("kalibr", "vins", "orbslam3", "px4", "ardupilot", "ros", "motioncal", "csv")),
+    ("vins", {"convention": "per_sample"}), ("px4", {"instance": 3}), ("ardupilot", {"instance": 2, "gyro_bias": True}),
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -38,14 +29,8 @@ def made(seed):
     draw = np.random.default_rng(seed)
     noise = {"rate": float(draw.uniform(20, 2000))}
     for sensor, unit, n in (("gyro", "rad/s", 1e-4), ("accel", "m/s^2", 1e-3)):
-        noise[sensor] = {
-            "unit": unit,
-            "Q": None,
-            "N": n * draw.uniform(1, 2, 3),
-            "B": None,
-            "K": n * draw.uniform(0.01, 0.02, 3),
-            "R": None,
-        }
+        own = {"N": n * draw.uniform(1, 2, 3), "K": n * draw.uniform(0.01, 0.02, 3)}
+        noise[sensor] = {"unit": unit, **dict.fromkeys("QBR"), **own}
     accel, gyro = (np.eye(3) + 0.02 * draw.standard_normal((3, 3)) for _ in range(2))
     soft = np.eye(3) + 0.1 * draw.standard_normal((3, 3))
     imu = {
@@ -146,16 +131,8 @@ def test_several_instances_in_one_file(golden, tmp_path, refuses):
     with refuses("several"):
         write(devices, tmp_path / "a", format="kalibr")
     lines = (tmp_path / "a").read_text()
-    for name in (
-        "COMPASS_OFS2_X",
-        "COMPASS_DEV_ID2",
-        "INS_ACC2OFFS_X",
-        "INS_ACC2SCAL_Z",
-        "INS_ACC2_CALTEMP",
-        "INS_ACC2_ID",
-        "INS_TCAL2_TMIN",
-    ):
-        assert f"\n{name}," in lines
+    names = "COMPASS_OFS2_X COMPASS_DEV_ID2 INS_ACC2OFFS_X INS_ACC2SCAL_Z INS_ACC2_CALTEMP INS_ACC2_ID INS_TCAL2_TMIN"
+    assert all(f"\n{name}," in lines for name in names.split())
     assert all(len(line.split(",")[0]) <= 16 for line in lines.splitlines() if not line.startswith("#"))
 
 
@@ -304,10 +281,9 @@ def test_what_cannot_be_read(tmp_path, refuses):
     for format in ("gtsam", "c", "json"):
         with refuses("format"):
             read(tmp_path / "a", format=format)
-    with refuses("unreadable"):
-        read(tmp_path / "a", format="kalibr")
-    with refuses("unreadable"):
-        read(tmp_path / "a", format="imu_tk")
+    for format in ("kalibr", "imu_tk", "motioncal"):
+        with refuses("unreadable"):
+            read(tmp_path / "a", format=format)
     (tmp_path / "a").write_bytes(b"\xff\xfe")
     with refuses("unreadable"):
         read(tmp_path / "a", format="px4")

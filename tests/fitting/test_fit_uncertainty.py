@@ -9,16 +9,7 @@ import scipy.optimize
 import scipy.signal
 import scipy.stats
 
-from jaxcal.fitting import (
-    Outcome,
-    covariance,
-    identifiability,
-    information,
-    intervals,
-    profile_interval,
-    solve,
-    solve_many,
-)
+from jaxcal.fitting import Outcome, covariance, identifiability, information, intervals, profile_interval, solve, solve_many
 from jaxcal.fitting._result import leverage
 
 from . import problems as p
@@ -62,19 +53,15 @@ def test_covariance_by_blocks_in_closed_form():
     bread = np.linalg.inv(x.T @ x)
     hat = x @ bread @ x.T
     # correction of Bell and McCaffrey: residuals of a block are multiplied by (1 - H)^-1/2
-    score = np.array(
-        [
-            x[one].T @ np.linalg.inv(scipy.linalg.sqrtm(np.eye(4) - hat[np.ix_(one, one)])) @ e[one]
-            for one in (label == g for g in set(label))
-        ]
-    )
+    blocks = [label == g for g in set(label)]
+    score = np.array([x[one].T @ np.linalg.inv(scipy.linalg.sqrtm(np.eye(4) - hat[np.ix_(one, one)])) @ e[one] for one in blocks])
     expected = bread @ score.T @ score @ bread
     np.testing.assert_allclose(covariance(fit, "sandwich", blocks=label), expected, rtol=1e-7)
     np.testing.assert_allclose(covariance(fit, "sandwich", blocks=10), expected, rtol=1e-7)
     single = (x * (e / (1 - np.diag(hat)) ** 0.5)[:, None]).T
     np.testing.assert_allclose(covariance(fit, "sandwich"), bread @ single @ single.T @ bread, rtol=1e-7)
 
-    without = np.array([np.linalg.lstsq(x[label != g], data["y"][label != g] / 0.5, rcond=None)[0] for g in set(label)])
+    without = np.array([np.linalg.lstsq(x[~one], data["y"][~one] / 0.5, rcond=None)[0] for one in blocks])
     away = without - without.mean(axis=0)
     for blocks in (label, 10):
         np.testing.assert_allclose(covariance(fit, "jackknife", blocks=blocks), 0.9 * away.T @ away, rtol=1e-5)
@@ -84,12 +71,8 @@ def test_covariance_by_blocks_in_closed_form():
 
 def test_intervals_use_the_quantile_of_their_variance():
     fit = solve(line, np.zeros(2), line_data())
-    for kind, options, freedom in (
-        ("model", {}, np.inf),
-        ("model", {"scaled": True}, 38),
-        ("sandwich", {"blocks": 8}, 7),
-        ("jackknife", {}, 5),
-    ):
+    wanted = (("model", {}, np.inf), ("model", {"scaled": True}, 38), ("sandwich", {"blocks": 8}, 7), ("jackknife", {}, 5))
+    for kind, options, freedom in wanted:
         error = np.sqrt(np.diag(covariance(fit, kind, **options)))
         half = scipy.stats.t.ppf(0.95, freedom) * error
         expected = np.stack([fit.parameters - half, fit.parameters + half], axis=1)

@@ -10,9 +10,8 @@ from ..._errors import DataError
 from ..._message import Message
 from ..._timebase import place
 from .._columns import scale, wrong
-from .._evidence import turning
 from .._findings import READ
-from .._guess import accel_unit, against_values, gyro_unit, mag_unit, no_field
+from .._guess import against_values, judged, no_field, turns_of
 from .._table import Choice, Signals
 from ._bounds import PIECE
 
@@ -127,31 +126,19 @@ def _unplaced(stamps: np.ndarray) -> Any:
 def _checked(parts: list[Part], units: dict[str, str], findings: list[Finding]) -> list[Part]:
     """Check the values of the parts: leave out a magnetometer without a field, and warn about values that contradict their unit."""
     kept = []
-    of = {part.name: part for part in parts}
     for part in parts:
-        stated = part.unit
-        if part.name in units or part.source.endswith((".csv", ".txt")) or len(part.values) < 2:
-            kept.append(part)
-            continue
-        why = no_field(part.values) if part.name == "mag" else None
+        given = part.name in units or part.source.endswith((".csv", ".txt")) or len(part.values) < 2
+        why = no_field(part.values) if part.name == "mag" and not given else None
         if why and len(parts) > 1:
             findings.append(READ("left_out", part.source, why=why, quantity="mag"))
             continue
         kept.append(part)
+        if given:
+            continue
         period = float(np.median(np.diff(part.stamps))) * 1e-9
-        other = of.get("accel") or of.get("mag")
-        turns = None
-        if part.name == "gyro" and other is not None and np.array_equal(other.stamps, part.stamps):
-            turns = turning(part.values, other.values, period)
+        beside = {one.name: one.values for one in parts if part.name == "gyro" and np.array_equal(one.stamps, part.stamps)}
         try:
-            if part.name == "gyro":
-                gyro_unit(part.values, stated, f"the unit of {part.source}", turns)
-            elif part.name == "accel":
-                accel_unit(part.values, stated, f"the unit of {part.source}", period)
-            elif part.name == "mag":
-                mag_unit(part.values, stated, f"the unit of {part.source}")
-            elif np.median(part.values) > 200 and stated == "degC":
-                raise DataError("it looks like K")
+            judged(part.name, part.values, part.unit, f"the unit of {part.source}", period, turns_of(beside, period))
         except DataError as error:
-            findings.append(against_values(part.source, part.name, stated, "as its format states", error))
+            findings.append(against_values(part.source, part.name, part.unit, "as its format states", error))
     return kept
