@@ -1,4 +1,4 @@
-"""`jit` and `filter_jit`: compile in half the time on a CPU.
+"""`filter_jit`: compile in half the time on a CPU.
 
 Most of a first call is compilation, and most of that is XLA's newer generator of fused loops. The older generator gives the same numbers
 at the same speed. The options are set for single programs, so the user's own settings and programs are not affected.
@@ -29,30 +29,6 @@ def _known() -> bool:
     except jax.errors.JaxRuntimeError:
         return False
     return True
-
-
-def jit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
-    """`jax.jit` with the faster compiler options; `options` are those of `jax.jit`.
-
-    Examples
-    --------
-    >>> import jax
-    >>> from jaxcal._compile import jit
-    >>> double = jit(lambda x: 2 * x)
-    >>> print(double(3.0), jax.jit(double)(3.0))
-    6.0 6.0
-    """
-    if function is None:
-        return functools.partial(jit, **options)
-    further = options.pop("compiler_options", {})
-    plain, quick = jax.jit(function, **options), jax.jit(function, **options, compiler_options=_QUICK | further)
-
-    @functools.wraps(function)
-    def call(*args: Any, **kwargs: Any) -> Any:
-        # inside another program the options of that program apply, and jax refuses others
-        return (plain if is_traced(args, kwargs) or not _known() else quick)(*args, **kwargs)
-
-    return call
 
 
 @jax.tree_util.register_static

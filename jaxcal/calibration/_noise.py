@@ -151,18 +151,14 @@ def _stored_sensor(sensor: str, axes: list[NoiseFit | None]) -> dict[str, Any]:
     own = [term for _, term in measured[0].noise.further if term.name in terms]
     unknown = np.full((len(terms), len(terms)), math.nan)
     covariances = [unknown if fit is None else fit.covariance.array for fit in axes]
+    known = {term: values for term, values in coefficients.items() if term in TERMS}
     return {
-        "unit": si_unit(sensor),
-        **dict.fromkeys(TERMS),
-        **{term: values for term, values in coefficients.items() if term in TERMS},
-        "method": method,
-        "confidence": confidence,
+        "unit": si_unit(sensor), **dict.fromkeys(TERMS), **known, "method": method, "confidence": confidence,
         "low": per_term(lambda fit, term: float(fit.interval[term][0])),
         "high": per_term(lambda fit, term: float(fit.interval[term][1])),
         "upper_limit": per_term(lambda fit, term: float(fit.upper_limit[term])),
         "verdict": per_term(lambda fit, term: str(fit.presence[term]), missing=None),
         "covariance": {"parameters": [f"{term}^2" for term in terms], "values": covariances},
-        "markov": pairs("markov"),
-        "sinusoid": pairs("sinusoid"),
+        "markov": pairs("markov"), "sinusoid": pairs("sinusoid"),
         "further": [{"term": term, "coefficient": coefficients[term.name]} for term in own] or None,
-    }
+    }  # fmt: skip

@@ -172,14 +172,11 @@ def imu_of(value: Any) -> Imu | None:
 
 def magnetometer_of(value: Any) -> Part[MagModel] | None:
     """The magnetometer of a calibration, checked; from a `MagFit`, a `DeviceFit`, the stored form, a `MagModel`, or a `Part`."""
-    if isinstance(value, DeviceFit):
-        if value.verdicts["magnetometer"] == "refused":
+    if isinstance(value, DeviceFit | MagFit):
+        device = isinstance(value, DeviceFit)
+        if (value.verdicts["magnetometer"] if device else value.verdict) == "refused" or value.model is None:
             raise _refused("magnetometer", value)
-        value = _of_device(value, "magnetometer")
-    if isinstance(value, MagFit):
-        if value.model is None or value.verdict == "refused":
-            raise _refused("fit of the magnetometer", value)
-        value = _of_magnetometer(value)
+        value = _of_device(value, "magnetometer") if device else _of_magnetometer(value)
     part = None if value is None else _part(value, MagModel, "mag", "magnetometer")
     if part is not None and part.field is not None and (np.isinf(part.field) or part.field <= 0):
         raise wrong(part.field, "the norm of the field, or None", "magnetometer.field")

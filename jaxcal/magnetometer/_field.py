@@ -8,7 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from .._compile import jit
+from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._types import AnyArray
@@ -146,13 +146,13 @@ def heading(m: Any, accel: Any, *, declination: float = 0.0) -> AnyArray:
     m, accel = jnp.asarray(m, dtype=jnp.result_type(float)), jnp.asarray(accel, dtype=jnp.result_type(float))
     if m.shape != accel.shape or m.ndim not in (1, 2) or m.shape[-1] != 3:
         raise DataError(f"The field has shape {m.shape} and the specific force {accel.shape}; both must be (3,) or (n, 3).")
-    angle, falling, steep = _heading(m, accel, declination)
+    angle, falling, steep = _heading(m, accel, jnp.asarray(declination, dtype=m.dtype))
     if not is_traced(m, accel):
         _explain(int(np.sum(falling)), int(np.sum(steep)), int(np.size(falling)))
     return angle
 
 
-@jit
+@filter_jit
 def _heading(m: Any, accel: Any, declination: Any) -> tuple[Any, Any, Any]:
     """Heading, where the sensor falls, and where the field is too steep otherwise."""
     x, y, z = jnp.moveaxis(m, -1, 0)
