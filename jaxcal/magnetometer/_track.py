@@ -162,7 +162,7 @@ def track(
         first = fit(m[:: max(len(m) // _START, 1)], field=field, inclination=dip)
         if first.model is None or first.kind == "planar":
             raise DataError("The readings determine no soft iron: turn the sensor further, or give `model`.", code="undetermined")
-        model, field = first.model, field or first.field
+        model, field = first.model, float(first.field if field is None else field)
     if field is None:
         raise DataError("With a `model`, give `field`, the magnitude of the field in the unit of the readings.", code="no_field")
     path = _Path(m, time, np.asarray(model.soft_iron) * field, np.asarray(model.hard_iron), basis)
