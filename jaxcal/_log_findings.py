@@ -23,17 +23,20 @@ LOG = table(
     constant=Kind(CAUTION, "Constant in every sample ({values} {unit}), so nothing can be said about its noise."),
     repeats=Kind(NOTE, "{percent:.2g} % of the samples repeat the one before in all axes and do not count: the sensor gives about "
                  "{rate:.3g} values a second, or packets were repeated."),
-    resampled=Kind(NOTE, "The readings were interpolated, from about {rate:.3g} Hz: their noise at short times is not that of the sensor.",
+    resampled=Kind(NOTE, "The readings were interpolated, from about {size:.3g} Hz: their noise at short times is not that of the sensor.",
                    "Log the readings as they come.", limits=(300.0,)),
     frozen=Kind(CAUTION, "Frozen in {count} runs of {run} repeats or more, the longest {length:.3g} s at {at:.6g} s; these "
                 "{samples} samples are missing."),
     zeroed=Kind(CAUTION, "{count} samples are exactly zero and do not count: a dead band of the firmware, or lost readings."),
-    clipped=Kind(CAUTION, "Clipped: {count} samples stand at the extreme value {value:.6g} {unit}."),
+    clipped=Kind(CAUTION, "Clipped: {count} samples stand at the extreme value {size:.6g} {unit}."),
     steps=Kind(NOTE, "The values come in steps of {step:.4g} {unit}."),
-    warm_up=Kind(NOTE, "The mean of the first {length:g} s is off the rest by {shift:.3g} {unit} (warm-up?).",
+    warm_up=Kind(NOTE, "The mean of the first {length:g} s is off the rest by {size:.3g} {unit} (warm-up?).",
                  "log.select({length:g}, None) leaves them out.", terminal="{option.start:{length:g}} leaves them out."),
     set_aside=Kind(NOTE, "{seconds:.3g} s ({percent:.2g} %) are set aside: {what}.",
                    "{option.keep} keeps them.", terminal="{option.keep:all} keeps them."),
+    # about results from the log, if the intervals of the best known values are more than twice as wide for it
+    uneven=Kind(CAUTION, "The noise is uneven in time, largest between {start:.6g} and {stop:.6g} s; intervals are up to {factor:.2g} "
+                "times as wide for it.", "Look there for a knock or a draught.", limits=(2.0,)),
     sparse=Kind(NOTE, "Present in {percent:.3g} % of the samples (about {rate:.3g} Hz)."),
     gaps=Kind(NOTE, "{count} of {total} samples are missing, in {gaps} gaps, the longest {longest:.4g} s at {at:.6g} s."),
 )  # fmt: skip

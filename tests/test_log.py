@@ -371,7 +371,7 @@ def test_clipping_is_counted():
     accel[:, 0] = np.clip(accel[:, 0], -39.2, 39.2)
     log = Log(stamps(5000), accel=accel)
     top, bottom = np.sum(accel[:, 0] == 39.2), np.sum(accel[:, 0] == -39.2)
-    clipped = [(*one.subject, one.facts["count"], one.facts["value"]) for one in log.findings if one.severity]
+    clipped = [(*one.subject, one.facts["count"], one.facts["size"]) for one in log.findings if one.severity]
     assert clipped == [("accel_x", bottom, -39.2), ("accel_x", top, 39.2)]
 
 

@@ -11,7 +11,7 @@ from .._arrays import namespace
 from .._errors import DataError
 from .._precision import array_module, is_traced
 from .._types import AnyArray, Array
-from .._units import EARTH_RATE as EARTH_RATE, STANDARD_GRAVITY, on_earth
+from .._units import EARTH_RATE as EARTH_RATE, ON_EARTH, STANDARD_GRAVITY, on_earth
 from ._findings import FINDINGS
 from ._noise import as_noise, by_channel, covariance_of
 
@@ -344,7 +344,8 @@ def harmonics(readings: Readings, sensor: str, mounting: str, unit: Any) -> tupl
 def check_gravity(gravity: Any) -> Any:
     """Refuse gravity that is not in m/s^2 or does not occur on the Earth's surface."""
     if not is_traced(gravity) and not on_earth("gravity", gravity):
-        raise DataError(f"The gravity is {float(gravity):g}; on the Earth it is 9.76 to 9.84 m/s^2.", code="gravity")
+        low, high = ON_EARTH["gravity"]
+        raise DataError(f"The gravity is {float(gravity):g}; on the Earth it is {low} to {high} m/s^2.", code="gravity")
     return gravity
 
 

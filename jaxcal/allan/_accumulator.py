@@ -55,8 +55,7 @@ class Accumulator(eqx.Module):
     10^8 and 10^9 samples, at most 0.5 GB in all.
 
     **Noise type.** It is identified as by `deviation`, but from the first 1,024 averages at each cluster size, where `deviation` uses those
-    in the middle of a longer record. So the type, and with it the interval, may differ near the boundary between two types. The ratio
-    R(n) is not formed: phase noise with fewer than 30 averages counts as flicker phase noise, unless it was white phase noise before.
+    in the middle of a longer record. So the type, and with it the interval, may differ near the boundary between two types.
 
     Parameters
     ----------

@@ -109,7 +109,7 @@ def deviation(
     ----------
     W. J. Riley, Handbook of Frequency Stability Analysis, NIST SP 1065, 2008, section 5; IEEE Std 952-1997, annex C;
     intervals: Greenhall and Riley, PTTI 2003; noise type: Riley and Greenhall, EFTF 2004, and with fewer than 30 averages
-    the ratios B1 and R(n) (NIST SP 1065, section 5.5).
+    the ratio B1 (NIST SP 1065, section 5.5).
     """
     statistic, rate = find_kind(kind), checked_rate(rate)
     if data not in ("rate", "phase"):

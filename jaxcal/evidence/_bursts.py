@@ -16,7 +16,7 @@ import scipy  # loads its parts when they are first used
 from .._arrays import runs
 from .._errors import DataError
 from .._precision import real_numbers
-from ._values import CHANCE, EFFICIENCY, SAMPLE, resolution
+from ._values import CHANCE, EFFICIENCY, FEW, SAMPLE, resolution
 
 #: overlapping looks are few independent ones: the tail of a block's energy is that much longer than the normal one of its cube root
 _HEAVIER = 1.25
@@ -30,8 +30,6 @@ _BLOCK, _RUNNING = 64, 65
 _GROSS = 16.0
 #: share of equal neighbours above which the noise is hidden by the step of the values: below, it is at least 0.45 steps
 HIDDEN = 0.5
-#: single outliers at one lag above which they are tails of the noise
-_TAILS = 10
 #: quantiles of |d| -> those of a normal law: the larger of the two spreads counts, so that tails and coarse values are no events
 _SPREADS = {0.5: 0.6745, 0.9: 1.6449}
 
@@ -142,7 +140,7 @@ class _Record:
         found = z > limit
         starts, stops = runs(found)
         single = stops - starts <= 2 * h // step
-        self.tails = self.tails or np.count_nonzero(single) > _TAILS
+        self.tails = self.tails or np.count_nonzero(single) > FEW  # single outliers at one lag
         if self.tails:
             for start, stop in zip(starts[single], stops[single], strict=True):
                 found[start:stop] = False

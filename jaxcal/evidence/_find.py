@@ -11,11 +11,6 @@ from ._gaps import Gap
 from ._stretch import NO_READING, NOT_STILL, Stretch
 from ._values import masked, of_values, unwrapped
 
-#: share of a stretch's size that the level must shift by for a step rather than a knock
-_STEP = 0.5
-#: standard deviations that noise reaches in the length of a stretch
-_REACH = 4.0
-
 
 def find(sensors: Mapping[str, Any], rate: float | int, gaps: Iterable[Gap] = ()) -> tuple[Stretch, ...]:
     """Everything in a recording that is not the sensor under test, in the order of time.
@@ -61,12 +56,12 @@ def _named(sensor: str, values: np.ndarray, rate: float | int, first: int, last:
     level = np.stack([np.median(side, axis=0) for side in sides])
     noise = np.std(np.concatenate(sides), axis=0)
     # the distance from what lies between the levels on both sides, beyond what the noise reaches
-    inside = values[first:last]
-    away = np.fmax.reduce(np.fmax(inside - level.max(axis=0), level.min(axis=0) - inside), axis=0, initial=0.0) - _REACH * noise
+    inside, reach = values[first:last], np.sqrt(2.0 * np.log(max(last - first, 2)))  # standard deviations
+    away = np.fmax.reduce(np.fmax(inside - level.max(axis=0), level.min(axis=0) - inside), axis=0, initial=0.0) - reach * noise
     shift = np.ptp(level, axis=0)
-    axes = np.flatnonzero(np.maximum(away, shift - noise * (2 / width) ** 0.5 * _REACH) > 0.0)
+    axes = np.flatnonzero(np.maximum(away, shift - noise * (2 / width) ** 0.5 * reach) > 0.0)
     size, moved = float(np.fmax.reduce(away, initial=0.0)), float(np.fmax.reduce(shift))
-    kind = "moving" if last - first > width else "step" if moved > _STEP * size else "knock"
+    kind = "moving" if last - first > width else "step" if moved > size else "knock"
     of = tuple(axes.tolist()) or tuple(range(values.shape[1]))
     return Stretch(kind, sensor, of, first / rate, last / rate, max(size, moved), si_unit(sensor), last - first)
 

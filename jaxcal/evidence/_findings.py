@@ -27,22 +27,14 @@ def seen_in(sensor: str, names: list[str], values: np.ndarray, rate: float, unit
         facts = {"length": longest.stop - longest.start, "at": longest.start - 1 / rate, "samples": sum(one.samples for one in stuck)}
         found.append(LOG("frozen", sensor, count=len(stuck), run=STUCK, **facts))
     for one in stretches:
-        about = [names[axis] for axis in one.axes]
+        share, about = one.samples / len(values), [names[axis] for axis in one.axes]
         if one.kind == "held":
-            share = one.samples / len(values)
             found.append(LOG("repeats", sensor, percent=100 * share, rate=rate * (1 - share)))
-        elif one.kind == "zeroed":
-            found.append(LOG("zeroed", about, count=one.samples))
-        elif one.kind == "clipped":
-            found.append(LOG("clipped", about, count=one.samples, value=one.size, unit=unit))
-        elif one.kind == "resampled":
-            found.append(LOG("resampled", about, rate=one.size))
-        elif one.kind == "wrapped":
-            found.append(LOG("wrapped", about, count=one.samples, size=one.size, unit=unit))
         elif one.kind == "coarse":
             found.append(LOG("steps", about, step=float(f"{one.size:.4g}"), unit=unit))
-        elif one.kind == "warm_up":
-            found.append(LOG("warm_up", sensor, length=one.stop, shift=one.size, unit=unit))
+        elif one.kind != "stuck":
+            of = sensor if one.kind == "warm_up" else about
+            found.append(LOG(one.kind, of, count=one.samples, size=one.size, length=one.stop, unit=unit))
     return found
 
 

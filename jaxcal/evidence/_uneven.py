@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._answer import CAUTION, Finding, Kind, Table
+from .._answer import Finding, Table
+from .._log_findings import LOG
 from .._types import AnyArray
 from ._bursts import HIDDEN
 
@@ -21,10 +22,7 @@ _NAMED = 1e-3  # chance of a larger scatter below which a part of the record is 
 _NEIGHBOURS, _FEWEST = 240, 40
 #: samples in a neighbour at least, so that its energy is nearly normal, and those used at most, so that long records cost no more
 _SHORT, _USED = 256, 2048
-UNEVEN = Kind(
-    CAUTION, "The noise is uneven in time, largest between {start:.6g} and {stop:.6g} s; intervals are up to {factor:.2g} times as wide "
-    "for it.", "Look there for a knock or a draught.", limits=(2.0,),
-)  # fmt: skip
+UNEVEN = LOG["uneven"]
 
 
 def quantile(freedom: AnyArray, chance: float) -> AnyArray:

@@ -23,7 +23,7 @@ EFFICIENCY = 0.37
 #: share of the ends of repeats at which all axes change, relative to other rows: 1 for repeated readings, near 0 for equal coarse ones
 _ALL_CHANGE = 0.7
 #: samples at the end of the range that are no accident, and nonzero values just outside of a dead band that show its edge
-_FEW = 10
+FEW = 10
 _DIGITS = 1e5  # steps of this many of the smallest: the digits of a float look like steps of the values
 _WARM_UP = 60.0  # s: length of the parts whose medians are compared
 
@@ -176,15 +176,15 @@ def _between(at: np.ndarray, rate: float) -> tuple[float, float]:
 def _zeroed(sensor: str, axis: int, column: np.ndarray, rate: float, unit: str) -> list[Stretch]:
     """Exact zeros inside of a hole in the values: a dead band. Its size is the smallest other value."""
     at = np.flatnonzero(column == 0.0)
-    if len(at) < _FEW or len(at) == len(column):
+    if len(at) < FEW or len(at) == len(column):
         return []
     sizes = np.abs(column[np.isfinite(column) & (column != 0.0)])
-    if len(sizes) < _FEW:
+    if len(sizes) < FEW:
         return []
     smallest = float(sizes.min())
     near = np.unique(sizes[sizes <= 2.0 * smallest])
     # without a dead band, there are as many values up to the smallest as between it and its double
-    if len(near) < _FEW or np.median(np.diff(near)) * 3.0 > smallest:
+    if len(near) < FEW or np.median(np.diff(near)) * 3.0 > smallest:
         return []
     return [Stretch("zeroed", sensor, (axis,), *_between(at, rate), smallest, unit, len(at))]
 
@@ -210,7 +210,7 @@ def _clipped(sensor: str, axis: int, column: np.ndarray, rate: float, unit: str)
     found = []
     for extreme in (low, high) if low < high else ():
         at = np.flatnonzero(column == extreme)
-        if len(at) < _FEW:
+        if len(at) < FEW:
             continue
         others = column[(column != extreme) & np.isfinite(column)]
         neighbour = others.min() if extreme == low else others.max()
@@ -299,7 +299,7 @@ def _nearby(steps: np.ndarray) -> np.ndarray:
 def _common_step(steps: np.ndarray) -> float:
     """The step of which all are whole multiples, or 0."""
     steps = steps[steps > 0]
-    if len(steps) < _FEW:
+    if len(steps) < FEW:
         return 0.0
     smallest = float(steps.min())
     if steps.max() > _DIGITS * smallest:
@@ -313,13 +313,13 @@ def _warm_up(sensor: str, values: np.ndarray, rate: float, unit: str) -> list[St
     second = max(round(rate), 1)
     part = second * round(_WARM_UP * rate / second)
     count = len(values) // part if part else 0
-    if count < _FEW:
+    if count < FEW:
         return []
     parts = values[: count * part].reshape(count, part // second, second, values.shape[1])
     with np.errstate(invalid="ignore"):
         medians = np.median(parts.mean(axis=2), axis=1)
     medians = medians[np.isfinite(medians).all(axis=1)]
-    if len(medians) < _FEW:
+    if len(medians) < FEW:
         return []
     steps = np.diff(medians, axis=0)
     scatter = 1.4826 * np.median(np.abs(steps[1:]), axis=0)

@@ -12,7 +12,7 @@ from .._answer import Finding, Message, Result, Section, by_axis
 from .._errors import DataError
 from .._precision import host_float64, real_numbers
 from .._types import AnyArray
-from .._units import on_earth
+from .._units import ON_EARTH, on_earth
 from ..fitting import Estimate, covariance, identifiability, information, solve
 from ._findings import FINDINGS
 from ._model import EARTH_RATE, LEVEL, Triad
@@ -65,8 +65,8 @@ def checked_gravity(gravity: Any) -> float:
     """Return gravity as a float in m/s^2, or refuse a value that is not found on Earth."""
     value = float(gravity)
     if not on_earth("gravity", value):
-        said = Message("gravity is {gravity:g} m/s^2; on Earth it is 9.76 to 9.84 m/s^2. Check {option.gravity}",
-                       gravity=value)  # fmt: skip
+        said = Message("gravity is {gravity:g} m/s^2; on Earth it is {low} to {high} m/s^2. Check {option.gravity}",
+                       gravity=value, low=ON_EARTH["gravity"][0], high=ON_EARTH["gravity"][1])  # fmt: skip
         raise DataError(said, code="gravity")
     return value
 

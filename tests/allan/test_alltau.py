@@ -127,13 +127,6 @@ def test_what_rounding_would_spoil_is_summed_directly(name, case):
     np.testing.assert_allclose(whole.deviation[part - 1], deviation(y, 1.0, kind=name, m=part).deviation, rtol=rtol)
 
 
-def test_a_periodic_record_vanishes_at_its_period():
-    y = np.tile([1.0, -3.0, 2.0, 0.0], 5000)
-    found = deviation(y, 1.0, m="all")
-    assert np.all(found.deviation[3::4] == 0.0)
-    assert np.all(found.deviation[0::4] > 0.0)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_phase_channels_and_lists(kind):
     random = np.random.default_rng(4)

@@ -33,8 +33,8 @@ def reflected_windows(z, m):
     for i in range(len(z) - length + 1):
         w = z[i : i + length]
         half = length // 2
-        slope = (np.mean(w[length - half :]) - np.mean(w[:half])) / (length / 2 if length % 2 == 0 else (length + 1) / 2)
-        w = w - slope * np.arange(length)
+        slope = (np.mean(w[length - half :], axis=0) - np.mean(w[:half], axis=0)) / ((length + length % 2) / 2)
+        w = w - slope * np.arange(length).reshape(-1, *(1,) * (w.ndim - 1))
         yield np.concatenate([w[::-1], w, w[::-1]])
 
 
@@ -186,19 +186,11 @@ def quadratic_form(kind, samples, m):
     z = np.diff(unit, axis=0) if kind == "htotdev" else unit
     total = np.zeros((samples + 1, samples + 1))
     windows = len(z) - 3 * m + 1
-    for i in range(windows):
-        extended = next(reflected_windows_of_columns(z[i : i + 3 * m], m))
+    for extended in reflected_windows(z, m):
         running = np.concatenate([np.zeros((1, samples + 1)), np.cumsum(extended, axis=0)])[: 9 * m]
         third = running[3 * m :] - 3 * running[2 * m : -m] + 3 * running[m : -2 * m] - running[: -3 * m]
         total += third.T @ third
     return total / (6 * m * windows * m**2 * (6 if kind == "htotdev" else 2 * m**2))
-
-
-def reflected_windows_of_columns(z, m):
-    half, length = 3 * m // 2, 3 * m
-    slope = (z[length - half :].mean(axis=0) - z[:half].mean(axis=0)) / ((length + length % 2) / 2)
-    z = z - slope * np.arange(length)[:, None]
-    yield np.concatenate([z[::-1], z, z[::-1]])
 
 
 def plain_variance(kind, m, phase_covariance):

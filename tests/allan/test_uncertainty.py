@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxcal.allan import cluster_sizes, degrees_of_freedom, deviation
-from jaxcal.allan._noise_type._b1_ratio import _b1, modified_over_plain, thinned_sums
+from jaxcal.allan._noise_type._b1_ratio import _b1
 from jaxcal.allan._uncertainty._edf import _sx, interval_factors, tabulated_factors
 from jaxcal.noise import Noise
 
@@ -66,13 +66,13 @@ def test_the_last_type_is_carried_forward():
 
 @pytest.mark.parametrize(("alpha", "name"), TYPES)
 @pytest.mark.parametrize("gap", [False, True])
-def test_the_ratios_tell_the_type_of_twenty_averages(alpha, name, gap):
+def test_the_ratio_tells_the_type_of_twenty_averages(alpha, name, gap):
     y = records(name, 2000, 60).copy()
     if gap:
         y[900:1000] = np.nan
-    found = deviation(y, 1.0, kind="adev", m=[100])
+    found = deviation(y, 1.0, kind="adev", m=[2, 100])  # the smaller size tells white from flicker phase noise, which B1 does not
     # for 150 records each, 73-89 % are correct (71-89 with the gap); a random type would be correct in 20 %
-    assert np.mean(found.alpha == alpha) > 0.55
+    assert np.mean(found.alpha[-1] == alpha) > 0.55
 
 
 def test_b1_of_simulated_averages_has_its_expectation():
@@ -85,13 +85,6 @@ def test_b1_of_simulated_averages_has_its_expectation():
         ratio = y.var(axis=1, ddof=1).mean() / (np.diff(y, axis=1) ** 2 / 2.0).mean()
         # the ratio of means has a sampling error of 1 %, for the random walk of 2 %
         np.testing.assert_allclose(ratio, _b1(np.float64(averages), mu), rtol=0.06)
-
-
-def test_modified_over_plain_of_white_phase_is_one_over_n():
-    y = np.stack([Noise(Q=1.0).simulate(4000, 1.0, seed=s) for s in range(50)])
-    theta = np.concatenate([np.zeros((50, 1)), np.cumsum(y, axis=1)], axis=1)
-    found = [modified_over_plain(*thinned_sums(t, None, "rate"), 100)[0] for t in theta]
-    np.testing.assert_allclose(np.mean(found), 0.01, rtol=0.1)  # the standard error of the mean is 3 %
 
 
 @pytest.mark.parametrize("noise", [Noise(N=1.0), Noise(B=1.0), Noise(K=1.0), Noise(N=1.0, K=0.02)])

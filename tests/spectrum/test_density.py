@@ -4,7 +4,6 @@ import math
 
 import hypothesis
 import hypothesis.strategies as st
-import jax
 import numpy as np
 import pytest
 import scipy.fft
@@ -165,22 +164,6 @@ def test_default_segment_of_welch():
     assert found.count.tolist() == [(10_000 - 1024) // 512 + 1] * 512
 
 
-def test_no_setting_of_jax_is_changed_and_precision_does_not_matter(precision):
-    before = jax.config.jax_enable_x64
-    y = 9.81 + 1e-6 * np.random.default_rng(2).standard_normal(500)
-    found = density(y, RATE, average=None)
-    assert jax.config.jax_enable_x64 == before
-    assert isinstance(found.density, np.ndarray)
-    assert found.density.dtype == np.float64
-    np.testing.assert_allclose(found.density, scipy.signal.periodogram(y, RATE, return_onesided=False)[1][1:251], rtol=1e-6)
-
-
-def test_integers_are_samples_too():
-    y = np.random.default_rng(0).integers(-100, 100, 300)
-    np.testing.assert_array_equal(density(y, RATE).density, density(y.astype(float), RATE).density)
-    np.testing.assert_array_equal(density(y.tolist(), RATE).density, density(y, RATE).density)
-
-
 def test_a_record_is_left_as_it_was():
     y = record(300)
     before = y.copy()
@@ -221,12 +204,6 @@ def test_messages(y, options, words):
     assert words in str(caught.value)
 
 
-@pytest.mark.parametrize("rate", [0.0, -1.0, math.nan, math.inf, "fast", None])
-def test_messages_about_the_rate(rate):
-    with pytest.raises(DataError, match="rate must be"):
-        density(RECORD, rate)
-
-
 @pytest.mark.parametrize("rate", [100.0, 99.7, 1 / 3, 1e6 / 7])
 def test_a_gap_is_refused_and_the_message_names_a_stretch_that_works(rate, refuses):
     y = record(9000, channels=3)
@@ -245,9 +222,3 @@ def test_nothing_but_gaps(refuses):
     y[::3] = np.nan
     with refuses("scattered"):
         density(y, RATE)
-
-
-def test_a_single_channel_has_none_to_pick():
-    with pytest.raises(IndexError, match="single channel"):
-        density(RECORD, 1.0).channel(0)
-    assert jaxcal.spectrum.density is density

@@ -42,9 +42,7 @@ def _size_below(limit: int) -> tuple[int, int]:
 
 def _size_above(limit: int) -> tuple[int, int]:
     """Smallest base * 2**doublings that is at least `limit`, as the pair (base, doublings)."""
-    doublings = max((limit // _BASES[-1]).bit_length() - 1, 0)
-    while _BASES[-1] << doublings < limit:
-        doublings += 1
+    doublings = max((limit - 1) // _BASES[-1], 0).bit_length()
     return min(b for b in _BASES if b << doublings >= limit), doublings
 
 

@@ -1,1 +1,1 @@
-"""Power-law noise type at each cluster size, from the lag-1 autocorrelation and, with few averages, from B1 and R(n)."""
+"""Power-law noise type at each cluster size, from the lag-1 autocorrelation and, with few averages, from B1."""

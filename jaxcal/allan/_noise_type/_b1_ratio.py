@@ -1,15 +1,13 @@
-"""Noise type from two ratios of variances, for use where too few averages remain for an autocorrelation.
+"""Noise type from a ratio of variances, for use where too few averages remain for an autocorrelation.
 
 B1, the sample variance of N averages over their Allan variance, grows with N as the noise gets redder (J. A. Barnes, NBS
-Technical Note 375, 1969). It is the same for white and flicker phase noise; R(n), the modified over the plain Allan variance,
-distinguishes these. Both ratios are compared with the geometric mean of the expectations for neighbouring types (D. Howe, R. Beard, C.
-Greenhall, F. Vernotte and W. Riley, "A total estimator of the Hadamard function used for GPS operations", PTTI 2000;
-NIST SP 1065, section 5.5).
+Technical Note 375, 1969). It is compared with the geometric mean of the expectations for neighbouring types (D. Howe, R. Beard, C.
+Greenhall, F. Vernotte and W. Riley, "A total estimator of the Hadamard function used for GPS operations", PTTI 2000; NIST SP 1065,
+section 5.5). It is the same for white and flicker phase noise: phase noise is white where the smaller cluster sizes say so.
 """
 
 import functools
 import itertools
-from collections.abc import Callable
 
 import numpy as np
 
@@ -17,7 +15,7 @@ from ..._types import Any
 from .._kinds import Kind
 from ._segments import Segments, followed, steps
 
-#: largest number of points: the autocorrelation is known to 0.031, where half a unit of alpha is 0.1 and more, and R(n) to 2 %
+#: largest number of points: the autocorrelation is known to 0.031, where half a unit of alpha is 0.1 and more
 POINTS = 1 << 10
 
 
@@ -46,43 +44,6 @@ def _boundaries(held: bytes, order: int) -> list:
     return [np.sqrt(least * most) for least, most in itertools.pairwise(expected)]
 
 
-def _phase_boundary(m: np.ndarray) -> np.ndarray:
-    """R(n) between white phase (1/n) and flicker phase noise (3.37/(1.04 + 3 ln pi n), both variances at full bandwidth)."""
-    return np.sqrt(3.37 / (1.04 + 3.0 * np.log(np.pi * m)) / m)
-
-
-def thinned_sums(theta, missing, data: str):
-    """Phase at every s-th point, the sum up to there, the number of missing points up to there (or None), and s.
-
-    With about a thousand points R(n) changes by 1 or 2 % only, while white and flicker phase noise differ by factors.
-    """
-    step = max((theta.shape[0] - 1) // POINTS, 1)
-    blocks = theta.shape[0] // step
-    phase = theta[: blocks * step].reshape(blocks, step)
-    means = np.einsum("ij->i", phase) / step  # takes a third of the time of a mean along the rows
-    sums = np.concatenate([np.zeros_like(theta[:1]), np.cumsum(means - np.mean(means))]) * step
-    if missing is None:
-        return phase[:, 0].copy(), sums, None, step
-    marks = missing[: blocks * step].reshape(blocks, step)
-    lost = marks[:, 0] if data == "rate" else np.cumsum(np.sum(marks, axis=1))  # a rate record already provides the running number
-    return phase[:, 0].copy(), sums, lost, step
-
-
-def modified_over_plain(phase, sums, lost, step: int, m: int):
-    """R(n) from every s-th starting point, and whether any of them is free of gaps."""
-    size = max(round(m / step), 1)
-    windows = sums.shape[0] - 3 * size
-    first, second, third, last = (sums[k * size : k * size + windows] for k in range(4))
-    averaged = (last - first) - 3.0 * (third - second)
-    plain = phase[2 * size :][:windows] - 2.0 * phase[size:][:windows] + phase[:windows]
-    if lost is not None:
-        whole = lost[3 * size - 1 :][:windows] == lost[: lost.shape[0] - 3 * size + 1][:windows]
-        averaged, plain = (np.where(whole, v, 0.0) for v in (averaged, plain))
-    below = plain @ plain
-    usable = below > 0
-    return averaged @ averaged / np.where(usable, below, 1.0) / (size * step) ** 2, usable
-
-
 def carried_on(low, high, carried):
     """Noise types, (clusters,): each continues the one before (`carried` for the first), limited by two bounds."""
     found = low.copy()
@@ -91,13 +52,12 @@ def carried_on(low, high, carried):
     return found
 
 
-def bounds_of_ratios(averages, weight, series: Segments, m, kind: Kind, samples: Any, thinned: Callable[[], Any] | None):
-    """Noise types from B1 and, if B1 cannot distinguish them, from R(n), as bounds on the type of the next smaller cluster size.
+def bounds_of_ratios(averages, weight, series: Segments, m, kind: Kind, samples: Any):
+    """Noise types from B1, as bounds on the type of the next smaller cluster size.
 
     The bounds are equal where the type is identified, and infinite where it cannot be. `averages` of the rate are joined as `series`
-    describes. `weight` is 1 for averages free of gaps and 0 for others; None means no gaps. `thinned` returns the result of `thinned_sums`
-    for the record and is called only if needed. If it is None, phase noise counts as flicker phase noise, unless the type before is white
-    phase noise.
+    describes. `weight` is 1 for averages free of gaps and 0 for others; None means no gaps. Phase noise counts as flicker phase noise,
+    unless the type before is white phase noise.
     """
     points, one_less = series.points.astype(averages.dtype), series.shorter
     terms = (samples - 2 * m + 1 if kind.overlapped else series.points - 1).astype(averages.dtype)
@@ -122,14 +82,7 @@ def bounds_of_ratios(averages, weight, series: Segments, m, kind: Kind, samples:
     high = low
     if kind.order == 3:
         low, high = np.where(b1 > reddest[0], -np.inf, low), np.where(b1 > reddest[0], -3.0, high)
-    if thinned is None:
-        low, high = np.where(phase, 1.0, low), np.where(phase, np.inf, high)
-    elif phase.any():
-        one = functools.partial(modified_over_plain, *thinned())
-        each = [one(m=size) if phase[i] else (0.0, False) for i, size in enumerate(m.tolist())]
-        ratio, usable = (np.array(values) for values in zip(*each, strict=True))
-        found = np.where(ratio > _phase_boundary(m), 1.0, 2.0)
-        low, high = (np.where(phase, np.where(usable, found, end), bound) for end, bound in ((-np.inf, low), (np.inf, high)))
+    low, high = np.where(phase, 1.0, low), np.where(phase, np.inf, high)
     dtype = averages.dtype
     return np.where(some, low, -np.inf).astype(dtype), np.where(some, high, np.inf).astype(dtype)
 
@@ -137,4 +90,4 @@ def bounds_of_ratios(averages, weight, series: Segments, m, kind: Kind, samples:
 def noise_type_of_ratio(averages, weight, m: int, kind: Kind, samples: int, carried: float) -> float:
     """Noise type at one cluster size from B1; if that is impossible, `carried`, the type at the next smaller size."""
     series = Segments(np.array([len(averages)]))
-    return carried_on(*bounds_of_ratios(averages, weight, series, np.array([m]), kind, samples, None), carried)[0]
+    return carried_on(*bounds_of_ratios(averages, weight, series, np.array([m]), kind, samples), carried)[0]

@@ -1,4 +1,4 @@
-"""Noise type at each cluster size: from the lag-1 autocorrelation, or from the ratios B1 and R(n) if points are few.
+"""Noise type at each cluster size: from the lag-1 autocorrelation, or from the ratio B1 if points are few.
 
 W. J. Riley and C. A. Greenhall, "Power law noise identification using the lag 1 autocorrelation", EFTF 2004. A fractionally
 integrated process has r1/(1+r1) = delta; differencing until it is stationary gives alpha = -2 (delta + differences).
@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._kinds import MANY, Kind
-from ._b1_ratio import POINTS, bounds_of_ratios, carried_on, fewest_averages, thinned_sums
+from ._b1_ratio import POINTS, bounds_of_ratios, carried_on, fewest_averages
 from ._segments import Segments, followed, lag_one, moments_of, steps
 
 FEWEST = 30  # smallest number of averaged points for the lag-1 autocorrelation; with fewer, the ratios decide
@@ -151,8 +151,7 @@ def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str)
     if enough is not None:
         low, high = np.where(enough, low, -np.inf), np.where(enough, high, np.inf)
     if decided < told:
-        thinned = functools.partial(thinned_sums, theta, missing, data)
-        bounds = bounds_of_ratios(averages[beyond:], weight, few.shorter, sizes[decided:told], kind, samples, thinned)
+        bounds = bounds_of_ratios(averages[beyond:], weight, few.shorter, sizes[decided:told], kind, samples)
         low, high = (np.concatenate(pair) for pair in zip((low, high), bounds, strict=True))
     found = carried_on(low, high, 0.0)
     return found[np.minimum(back, told - 1)]
