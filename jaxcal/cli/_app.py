@@ -6,7 +6,9 @@ import io
 import os
 import sys
 import textwrap
+import tomllib
 import traceback
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import cyclopts
@@ -52,17 +54,13 @@ def _configuration(app, commands, arguments):
         if "--config" in argument.names and argument.tokens:
             file = argument.tokens[0].value
             try:
-                Toml(file, must_exist=True)(app, commands, arguments)
+                tomllib.loads(Path(file).read_text(encoding="utf-8"))
             except FileNotFoundError:
                 raise CallError(f"--config {file}: there is no such file", "no_config") from None
-            except cyclopts.CycloptsError as error:
-                if "TOMLDecodeError" not in str(error):
-                    raise
-                fault = str(error).partition(": ")[2].strip()
-                raise CallError(
-                    f'--config {file} is not TOML ({fault}); it holds a table for each command, as [noise] terms = "QNBK"',
-                    "no_toml",
-                ) from None
+            except ValueError as error:
+                said = f'--config {file} is not TOML ({error}); it holds a table for each command, as [noise] terms = "QNBK"'
+                raise CallError(said, "no_toml") from None
+            Toml(file)(app, commands, arguments)
 
 
 def _shown(value: Any) -> str | None:
@@ -124,7 +122,7 @@ def attempt(argv: list[str]) -> Failure | None:
     except (CallError, jaxcal.UnitError) as error:
         return _wrong_call(error, argv)
     except jaxcal.JaxcalError as error:
-        return Failure(DATA, _spelt(error, argv), error.code)
+        return Failure(DATA, error.spelt("terminal"), error.code)
     except KeyboardInterrupt:
         return Failure(INTERRUPTED, "interrupted")
     except BrokenPipeError:
@@ -142,12 +140,7 @@ def attempt(argv: list[str]) -> Failure | None:
 
 
 def _wrong_call(error: jaxcal.JaxcalError, argv: list[str]) -> Failure:
-    return Failure(CALL, f"{_spelt(error, argv)} (see: {_help_command(argv)})", error.code)
-
-
-def _spelt(error: jaxcal.JaxcalError, argv: list[str]) -> str:
-    """The sentence of an error as the terminal spells it."""
-    return error.spelt("terminal").strip()
+    return Failure(CALL, f"{error.spelt('terminal')} (see: {_help_command(argv)})", error.code)
 
 
 def _names() -> list[str]:

@@ -8,11 +8,12 @@ from cyclopts import Parameter
 
 import jaxcal
 
+from .._answer import things_to_know
 from ._advice import kind_of
 from ._options import CallError, Plain, Reading, log_file, must_be_calibration, read_log
 from ._outputs import staged
 from ._readings import column_of
-from ._screen import Screen, progress, show_log, show_written
+from ._screen import Screen, progress, show_written
 from ._simulate import save_log
 from ._work import date_of
 
@@ -88,8 +89,8 @@ def _rewrite(
             recording = read_log(inputs[0], reading, command)
         with progress(doing, running.quiet):
             written = write(recording, places[out])
-    show_log(screen, written)
-    screen.sentences("Warnings", written.warnings)
+    screen.line(written.summary())
+    screen.lines(things_to_know(written.findings, reader="terminal", verbose=True))
     show_written(screen, [out])
 
 

@@ -113,12 +113,6 @@ def progress(what: str, quiet: bool = False) -> Iterator[Callable[[int, int, str
         bar.stop()
 
 
-def show_log(screen: Screen, log: Any) -> None:
-    """Print a summary of the log, and what was inferred about it."""
-    screen.line(log.summary())
-    screen.sentences("How it was read", [one.spelt("terminal") for one in log.findings if not one.severity])
-
-
 def show_written(screen: Screen, written: Sequence[Path]) -> None:
     """Print the files that a command wrote: one line for each folder, which no terminal breaks."""
     folders: dict[Path, list[str]] = {}

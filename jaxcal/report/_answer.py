@@ -33,8 +33,8 @@ def badge(verdict: str) -> Markup:
     return tag("span", verdict, class_="badge present" if verdict == "good" else "badge hint")
 
 
-def answer_page(result: Any, log: Any, version: str) -> tuple[str, str, Markup]:
-    """Subject, subtitle and sections of the page of a result."""
+def answer_page(result: Any, log: Any, version: str, described: bool = True) -> tuple[str, str, Markup]:
+    """Subject, subtitle and sections of the page of a result; `described`: with the summary of the recording."""
     module, sections = module_of(result), result.sections()
     told = [*(() if log is None else log.findings), *result.findings]
 
@@ -52,7 +52,7 @@ def answer_page(result: Any, log: Any, version: str) -> tuple[str, str, Markup]:
     parts += [section("Details", "details", *detail)] if detail else []
     notes = findings_html([one for one in told if one.severity < CAUTION])
     parts += [section("Notes", "notes", notes)] if notes else []
-    parts.append(recording(log))
+    parts += [recording(log)] if described else []
     parts += [section("What was not the sensor", "evidence", seen)] if log is not None and (seen := timelines(log)) else []
     meaning = own("meaning", ())
     parts += [section("What it means", "meaning", definitions(meaning))] if meaning else []

@@ -10,7 +10,7 @@ from .._errors import DataError
 from .._files import write_atomically
 from .._log import Log
 from ._answer import answer_page, badge
-from ._html import Markup, inside, join, recorded, recording, section, table, tag
+from ._html import Markup, inside, join, recorded, section, table, tag
 from ._page import page
 
 _TITLES = {"Noise": "Sensor noise", "Alignment": "Alignment on a turntable"}  # if neither device nor file is known
@@ -93,11 +93,11 @@ def _as_one(results: Any) -> Any:
     return several(results)
 
 
-def _content(results: Any, log: Any, version: str, device: str | None) -> tuple[str, str, Markup]:
+def _content(results: Any, log: Any, version: str, device: str | None, described: bool = True) -> tuple[str, str, Markup]:
     """Title, subtitle and sections of a page."""
     if not (log is None or (hasattr(log, "findings") and hasattr(log, "provenance"))):
         raise DataError(f"log is {type(log).__name__}; give the Log that was read, or leave it out")
-    what, lead, body = answer_page(_as_one(results), log, version)
+    what, lead, body = answer_page(_as_one(results), log, version, described)
     file = None if log is None else log.provenance.get("file")
     if device is None and file:
         device = pathlib.PurePath(str(file)).name
@@ -124,9 +124,7 @@ def _device(parts: list[tuple[Any, Any]], device: str | None, version: str) -> t
     articles, rows, told = [], [], set()
     for number, (part, log) in enumerate(parts, start=1):
         results = _as_one(part)
-        title, lead, body = _content(results, log, version, None)
-        if log is not None and id(log) in told:  # describe each recording only once
-            body = Markup(body.replace(recording(log), ""))
+        title, lead, body = _content(results, log, version, None, id(log) not in told)  # each recording is described once
         told.add(id(log))
         name = f"part-{number}"
         head = join((tag("h2", title, id=name), tag("p", lead, class_="lead")))
