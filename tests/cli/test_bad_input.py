@@ -26,11 +26,6 @@ def constant(rows):
     return rows
 
 
-def one_dead_channel(rows):
-    rows[:, 2] = 0.25
-    return rows
-
-
 def all_missing(rows):
     rows[:, 1] = np.nan
     return rows
@@ -42,7 +37,6 @@ REFUSED = {
     "one sample": (with_rows(lambda rows: rows[:1]), ""),
     "too short for the terms": (with_rows(lambda rows: rows[:20]), "too short"),
     "constant": (with_rows(constant), "equal"),
-    "one dead channel": (with_rows(one_dead_channel), "gyro_y"),
     "nothing but NaN in a channel": (with_rows(all_missing), "gyro_x"),
     "text": (lambda folder: text(folder, "bad.csv", "once upon a time\nthere was a log\n" * 20), ""),
     "columns that cannot be told": (
