@@ -18,8 +18,6 @@ from ._noise_file import read_noise
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report
 from ._work import carry_out
 
-_TURNS = 14  # least number of turns to estimate a delay
-_LATE = 1e-3  # s; a longer delay is reported
 #: format of --export -> default name of the file
 _EXPORTS = {name: FILES[name] for name in ("c", "csv")}
 
@@ -108,17 +106,16 @@ def imu(
 
 def _with_delay(found: Any, data: Any) -> Any:
     """The result with a finding on the delay between the sensors, if the turns show one."""
-    if found.verdict == "refused" or found.method != "joint" or len(found.residual_turn) < _TURNS:
-        return found
-    delay = jaxcal.imu.motion(data, found).estimate["delay"]
-    if max(delay.low, -delay.high) < _LATE:
-        return found
     from .._answer import Quantity
     from ..imu._findings import FINDINGS
+    from ..imu._motion import LEAST
 
+    if found.verdict == "refused" or found.method != "joint" or len(found.residual_turn) < LEAST:
+        return found
+    delay = jaxcal.imu.motion(data, found).estimate["delay"]
     side, size = "later" if delay.value > 0 else "earlier", Quantity(abs(delay.value), "delay")
-    late = FINDINGS("delay", delay=size, side=side, half=Quantity(delay.half, "delay"))
-    return dataclasses.replace(found, findings=(*found.findings, late))
+    late = FINDINGS.over("delay", max(delay.low, -delay.high), delay=size, side=side, half=Quantity(delay.half, "delay"))
+    return dataclasses.replace(found, findings=(*found.findings, *late))
 
 
 def _prior(path: Path) -> Any:

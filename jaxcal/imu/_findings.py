@@ -1,5 +1,7 @@
 """Everything that `jaxcal.imu` says about a result."""
 
+import numpy as np
+
 from .._answer import CAUTION, FATAL, GRAVITY_ASSUMED, NOTE, Kind, table
 
 _ADD = "Add it with {option.terms:auto}."
@@ -32,28 +34,37 @@ FINDINGS = table(
     few_turns_left=Kind(FATAL, "{kept} turns are left; a gyroscope needs 6."),
     # what poses and turns determine
     attitudes_enough=Kind(NOTE, "The {poses} poses determine every parameter; least certain: {what}."),
-    attitudes=Kind(CAUTION, "The {poses} poses {degree} {what} (condition number {condition:.3g}).", "Add poses with {missing}."),
+    attitudes=Kind(
+        CAUTION, "The {poses} poses {degree} {what} (condition number {condition:.3g}).", "Add poses with {missing}.",
+        limits=(12.0, 300.0),  # 18 evenly spread poses have 3 to 4; with more than the second number the fit is singular
+    ),
     attitudes_alike=Kind(FATAL, "The {poses} poses are all alike, within {spread:.2g} of one attitude.", "Add poses with {missing}."),
     gyro_open=Kind(
         FATAL, "The turns do not determine the gyroscope.",
         "Turn by 45 to 180 degrees about several horizontal axes; a turn about the vertical tells nothing."
     ),
     parameters_open=Kind(FATAL, "{what}"),
-    poor=Kind(CAUTION, "The matrix is known to {error} only.", "Add poses, with turns of 45 to 180 degrees about other axes between them."),
-    few_poses=Kind(CAUTION, "There are {poses} poses; 18 to 24 are advised."),
-    few_turns=Kind(CAUTION, "There are {turns} turns; 10 or more are advised."),
+    poor=Kind(
+        CAUTION, "The matrix is known to {error} only.", "Add poses, with turns of 45 to 180 degrees about other axes between them.",
+        limits=(0.01, 0.1),  # largest standard error, relative to the scale; with more than the second number the matrix is unknown
+    ),
+    few_poses=Kind(CAUTION, "There are {poses} poses; 18 to 24 are advised.", limits=(-12,)),  # 9 poses leave nothing to check the fit
     # the fit
     failed=Kind(FATAL, "The fit failed: {why}"),
-    turns_disagree=Kind(FATAL, "After a turn, the verticals of gyroscope and accelerometer differ by {angle:.1f} rms: wrong axes or unit."),
+    turns_disagree=Kind(
+        FATAL, "After a turn, the verticals of gyroscope and accelerometer differ by {angle:.1f} rms: wrong axes or unit.",
+        limits=(np.deg2rad(5.0),),  # more than scale factors of some per cent cause
+    ),
     gyro_unit=Kind(FATAL, "The turns fit if the gyroscope is in {unit}.", "Give {option.units:gyro={unit}}."),
     gyro_axes=Kind(FATAL, "The turns fit if x, y, z of the device are {axes} of the gyroscope.", "Exchange or negate its columns."),
     prior_conflict=Kind(CAUTION, "The prior contradicts the recording (p = {level:.1g}): the device has changed, or it is another one."),
-    disagree_poses=Kind(CAUTION, "{count} of {total} poses do not agree with the others: the sensor moved, or was bumped."),
-    disagree_turns=Kind(CAUTION, "{count} of {total} turns do not agree with the others: the sensor was bumped, or turned too fast."),
-    scatter=Kind(CAUTION, "The magnitudes scatter by {sigma:.2g}: the sensor moved while it should rest, or is not linear."),
+    disagree=Kind(CAUTION, "{count} of {total} {what} do not agree with the others: the sensor was bumped, or moved in another way.",
+                  limits=(0.2,)),
+    scatter=Kind(CAUTION, "The magnitudes scatter by {sigma:.2g}: the sensor moved while it should rest, or is not linear.", limits=(0.2,)),
     scatter_unexplained=Kind(
         CAUTION, "The magnitudes scatter {ratio:.2g} times as much as the noise inside the rests: by a drift, a motion or a nonlinearity.",
-        "Hold the sensor still in 18 to 24 attitudes, which show the cause."
+        "Hold the sensor still in 18 to 24 attitudes, which show the cause.",
+        limits=(2.0,),  # times the noise; flicker noise alone can cause less
     ),
     lack_accel=Kind(CAUTION, "The {what} ask for {term} of {size:.2g} at {at:.3g}, which the intervals include.", _ADD),
     lack_drift=Kind(
@@ -61,16 +72,13 @@ FINDINGS = table(
         "Let the sensor warm up first, or add the drift with {option.terms:auto}."
     ),
     lack_gyro=Kind(CAUTION, "The turns ask for {term} of {size:.2g} at {at:.3g}, which the intervals include.", _ADD),
-    lack_g_squared=Kind(
-        CAUTION, "The rates at rest ask for a term in the squared specific force of {size:.2g} at {at:.3g}, which the"
-        " intervals include.", _ADD
-    ),
     terms_added=Kind(NOTE, "The log asked for {terms}, which the model now has."),
-    gyro_drift=Kind(NOTE, "The gyroscope's bias drifts by {size:.2g} over the recording; a linear drift is part of the fit."),
-    accel_drift=Kind(NOTE, "The accelerometer's bias drifts by {size:.2g} over the recording; the bias is that of the middle."),
-    accel_warm_up=Kind(NOTE, "The accelerometer's bias warms up by {size:.2g} during the recording; the bias is the settled one."),
+    drift=Kind(NOTE, "The bias drifts by {size:.2g} over the recording; the result is that of the middle."),
+    warm_up=Kind(NOTE, "The bias warms up by {size:.2g} during the recording; the result is the settled one."),
     no_g_sensitivity=Kind(NOTE, "The gyroscope shows no sensitivity to specific force (p = {level:.2g}), and the fit leaves it out."),
-    delay=Kind(NOTE, "The gyroscope is {delay:.2g} {side} than the accelerometer, to {half:.2g}; a filter of both must know it."),
+    delay=Kind(
+        NOTE, "The gyroscope is {delay:.2g} {side} than the accelerometer, to {half:.2g}; a filter of both must know it.", limits=(1e-3,),
+    ),
     # sessions, positions, tables and shakers
     box=Kind(CAUTION, "The faces disagree by {tilt:.2g}: the box was not square or did not lie flat."),
     turned_once=Kind(NOTE, "Each turn was made once, so an error of its angle is an error of the scale.", "Repeat the turns to see it."),

@@ -27,9 +27,6 @@ from ._residuals import Pieces, Turns, Weighted, pieces, reweighted
 _FIRST_TURN = 0.02  # rad: assumed error of a turn, until the residuals show it
 ROUNDS = 3  # of fits: the sizes of the errors then change by less than their own uncertainty
 _CLIP = 2.5  # standard deviations: beyond them a residual counts as this large
-#: tried scales over two decades: neighbours differ by 6 %, from which the fit converges; steps of constant rate in a turn, enough to tell
-#: units and axes apart
-_SCALES, _STEPS = 80, 64
 
 
 class Options(eqx.Module):
@@ -117,13 +114,13 @@ def nominal_start(model: Triad, mean: np.ndarray, gravity: float) -> Triad:
 
 
 def turn_costs(matrices: np.ndarray, bias: np.ndarray, vertical: np.ndarray, turns: Turns) -> np.ndarray:
-    """Mean square of the residuals of the turns for each matrix from readings to rad/s; coarse, with 64 steps of constant rate a turn."""
+    """Mean square of the residuals of the turns for each matrix from readings to rad/s; coarse, with a quarter of the steps of a turn."""
     middle = (turns.gyro[:, :-1] + turns.gyro[:, 1:]) / 2 - bias
-    steps = (middle * turns.dt[..., None]).reshape(len(middle), _STEPS, -1, 3).sum(axis=2)
+    steps = (middle * turns.dt[..., None]).reshape(len(middle), -1, 4, 3).sum(axis=2)
     valid = np.isfinite(turns.sigma)
     costs = []
     for matrix in matrices:
-        turn = scipy.spatial.transform.Rotation.from_rotvec((steps @ matrix.T).reshape(-1, 3)).as_matrix().reshape(-1, _STEPS, 3, 3)
+        turn = scipy.spatial.transform.Rotation.from_rotvec((steps @ matrix.T).reshape(-1, 3)).as_matrix().reshape(*steps.shape, 3)
         while turn.shape[1] > 1:
             turn = turn[:, ::2] @ turn[:, 1::2]
         predicted = np.einsum("sji,sj->si", turn[:, 0], vertical[:-1])
@@ -135,7 +132,7 @@ def scanned_scale(bias: np.ndarray, vertical: np.ndarray, turns: Turns) -> float
     """Scale (rad/s per reading) at which the turns fit best, on a grid that covers slow and fast turns."""
     valid = np.isfinite(turns.sigma)
     fast = float(np.quantile(np.linalg.norm(turns.gyro[valid] - bias, axis=2), 0.9))
-    grid = np.geomspace(0.1, 10.0, _SCALES) / fast
+    grid = np.geomspace(0.1, 10.0, turns.dt.shape[1] // 4) / fast  # neighbours differ by 8 %, from which the fit converges
     return float(grid[np.argmin(turn_costs(grid[:, None, None] * np.eye(3), bias, vertical, turns))])
 
 

@@ -18,7 +18,7 @@ from . import _fits, _recording
 from ._estimate import described, framed, placed, solved
 from ._findings import FINDINGS
 from ._fits import Joint, Options
-from ._lack import lacks
+from ._lack import LEAST, lacks
 from ._model import EARTH_RATE, FITTED_LEVEL, Imu, Triad, freed
 from ._nonlinear import Nonlinear
 from ._observability import ONE_ATTITUDE, Observability, observability
@@ -26,11 +26,6 @@ from ._prior import known_of
 from ._recording import Recording, Rests, padded
 from ._residuals import Turns, Weighted, pieces
 from ._result import ImuFit, judged, quantities
-
-#: poses in excess of the number of parameters that are needed to compare prediction errors
-_SPARE = 3
-#: ratio of the noise of two rests above which motion of the hand is the cause
-_UNEVEN = 10.0
 
 
 def count_of(free: Any) -> int:
@@ -90,7 +85,7 @@ class Job(eqx.Module):
             return score[i] * variance / number, i, begun, joint
 
         # sets with hardly more poses than parameters are left out: their prediction errors look too small
-        bounds, enough = np.array(pairs)[:, 1], count >= min(self.needed + _SPARE, count.max())
+        bounds, enough = np.array(pairs)[:, 1], count >= min(self.needed + LEAST, count.max())
         for bound in np.unique(bounds[enough])[::-1]:
             here = np.flatnonzero((bounds == bound) & enough)
             if (one := tried(int(here[np.argmin(score[here])]), True)) is not None:
@@ -249,9 +244,9 @@ class Job(eqx.Module):
             down_weighted=(np.flatnonzero(weight[:count] < 0.5), np.flatnonzero(np.min(pairs, axis=1, initial=1) < 0.5)),
         )  # fmt: skip
         for code, change, unit in (
-            ("gyro_drift", drift * self.record.time[-1], "gyro"),
-            ("accel_drift", np.ptp(rests.time) * _force(fit.model, fit.model.accel_drift), "accel"),
-            ("accel_warm_up", _force(fit.model, fit.model.accel_warm_up), "accel"),
+            ("drift", drift * self.record.time[-1], "gyro"),
+            ("drift", np.ptp(rests.time) * _force(fit.model, fit.model.accel_drift), "accel"),
+            ("warm_up", _force(fit.model, fit.model.accel_warm_up), "accel"),
         ):  # fmt: skip
             if np.any(change):
                 notes.append(FINDINGS(code, unit, size=Quantity(float(np.abs(change).max()), unit)))
@@ -273,15 +268,14 @@ def _own_sizes(fit: Fit, names: tuple[str, ...], rests: Rests) -> np.ndarray:
 
     Magnitudes determine the accelerometer, turns the gyroscope's matrix, and rates at rest its bias and g-sensitivity.
     """
-    slots, density = rests.slots, rests.gyro_variance() * rests.duration[:, None]
+    slots = rests.slots
     kind = np.repeat([0, 1, 2], [slots, 2 * slots - 2, 3 * slots])[: len(fit.residuals)]
     own = np.arange(len(fit.residuals)) < len(kind)  # without the residuals of the heading
     square, share = (np.asarray(part)[own] for part in ((fit.weights * fit.residuals) ** 2, fit.counted - leverage(fit)))
     size, freedom = (np.bincount(kind, part, 3) for part in (square, share))
     ratio = np.sqrt(size / np.maximum(freedom, 1) / np.asarray(fit.mean_curvature) ** 2 / np.asarray(fit.variance))
-    # in a hand, rates oscillate and their means scatter less than their noise suggests; this must not make a rest on a table, which
-    # determines the bias, look more certain than it is
-    uneven = np.any(density.max(axis=0) > _UNEVEN * density.min(axis=0))
-    ratio = np.where(freedom < 1, 1.0, np.maximum(ratio, np.array([0.0, 0.0, float(uneven) / float(np.sqrt(np.asarray(fit.variance)))])))
+    # in a hand, rates oscillate and their means scatter less than their noise suggests, but those of a rest on a table do not
+    least = np.array([0.0, 0.0, 1 / float(np.sqrt(np.asarray(fit.variance)))])
+    ratio = np.where(freedom < 1, 1.0, np.maximum(ratio, least))
     place = [0 if name.startswith("accel") else 2 if name.startswith(("gyro.bias", "gyro.g_sens")) else 1 for name in names]
     return ratio[place]

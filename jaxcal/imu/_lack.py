@@ -17,9 +17,8 @@ from ._model import LEVEL
 from ._recording import Rests
 from ._residuals import pieces
 
-#: least degrees of freedom to judge a term; of the magnitudes, to judge a term of the accelerometer without the turns
-_LEAST, _ENOUGH = 3, 8
-_TWICE = 2.0  # smaller excess scatter of the magnitudes is ignored: flicker noise alone can cause it
+#: least degrees of freedom to judge a term, or a prediction; of the magnitudes, to judge a term of the accelerometer without the turns
+LEAST, _ENOUGH = 3, 8
 _APART = 0.05  # least share of a term's effect, in length, that the parameters must be unable to reproduce
 #: term -> how a sentence names it
 _WORDS = {"quadratic": "a quadratic term", "cubic": "a cubic term", "asymmetry": "an asymmetry of sign", "drift": "a linear drift",
@@ -40,7 +39,7 @@ class Lack(eqx.Module):
 
 
 def lacks(joint: Joint, rests: Rests) -> list[Lack]:
-    """Find missing terms: the best one for the magnitudes, for the turns and for the rates at rest, if it is significant.
+    """Find missing terms: the best one for the magnitudes, and for the turns, if it is significant.
 
     Residuals of one kind, in units of their standard deviation, are regressed on the parameters that determine them and on the effects
     of three coefficients, one for each axis. The F test compares with the remaining residuals, so their size need not be known.
@@ -88,30 +87,19 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
         return FINDINGS("lack_gyro", "gyro", cost=size, term=_WORDS[name], size=Quantity(size, "gyro"), at=Quantity(fast, "gyro"))
 
     judged(slice(slots, 3 * slots - 2), np.char.startswith(names, "gyro.matrix"), _turn_terms(joint, fast), "gyro", of_turns)
-    # the axes of the rates at rest are independent, so each is tested separately
-    still = ~(np.char.startswith(names, "accel") | np.char.startswith(names, "gyro.matrix"))
-    for axis in range(3):
-        squared = force[:, axis] ** 2 / STANDARD_GRAVITY**2 / np.asarray(joint.data.poses.gyro_sigma)[:, axis]
-
-        def of_rests(_: str, coefficient: np.ndarray, axis: int = axis) -> Finding:
-            size = float(np.max(coefficient / scale))
-            return FINDINGS("lack_g_squared", f"gyro_{'xyz'[axis]}", cost=size, size=Quantity(size, "gyro"), at=at_1g)
-
-        judged(slice(3 * slots - 2 + axis, 6 * slots - 2, 3), still, {"g_squared": squared[:, None]}, "gyro", of_rests)
     return found
 
 
 def _scattered(joint: Joint, rests: Rests, freedom: int, left: int) -> list[Lack]:
     """Report magnitudes that scatter more than the noise within the rests explains, if there are too few to test for terms."""
-    if freedom < 1 or left >= _LEAST:
+    if freedom < 1 or left >= LEAST:
         return []
     count = len(rests.accel)
     known = rests.norm_variance(joint.found.vertical[:count] @ np.linalg.inv(np.asarray(joint.fit.model.accel.matrix)))
     square = float(np.sum(joint.found.norm[:count] ** 2 / known))
     ratio = np.sqrt(square / freedom)
-    if ratio < _TWICE or scipy.special.chdtrc(freedom, square) > LEVEL:
-        return []
-    return [Lack(np.zeros(len(joint.fit.names)), FINDINGS("scatter_unexplained", "accel", ratio=ratio, poses=count))]
+    told = FINDINGS.over("scatter_unexplained", ratio, "accel", ratio=ratio) if scipy.special.chdtrc(freedom, square) < LEVEL else []
+    return [Lack(np.zeros(len(joint.fit.names)), one) for one in told]
 
 
 def _shapes(force: np.ndarray, rests: Rests, duration: float) -> dict[str, np.ndarray]:
@@ -164,7 +152,7 @@ def _best(r: np.ndarray, own: np.ndarray, terms: dict[str, np.ndarray]) -> tuple
     """The significant term with the smallest remaining residuals; the change of the parameters, and the coefficients."""
     count = next(iter(terms.values())).shape[1]
     freedom = len(r) - np.linalg.matrix_rank(own) - count
-    if freedom < _LEAST:
+    if freedom < LEAST:
         return None
     plain, _ = _left(r, own)
     # skip terms that the parameters can reproduce: six faces, for example, cannot distinguish a cubic term from a scale factor

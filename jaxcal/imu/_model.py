@@ -18,8 +18,9 @@ _CONVENTIONS = ("upper", "lower", "full")
 #: level of the tests whose outcome widens intervals or lowers the verdict: one false alarm in a thousand; level of the tests that decide
 #: on a term which is then fitted, and whose false alarm costs little
 LEVEL, FITTED_LEVEL = 1e-3, 0.01
-#: condition number above which a matrix is no calibration: scale factors of any sensor are within a factor of ten
-_CONDITION = 100.0
+#: condition number above which a matrix is no calibration, because scale factors of any sensor are within a factor of ten; the same of
+#: columns of unit length, whose errors grow a hundredfold
+CONDITION = 100.0
 
 
 class Triad(eqx.Module):
@@ -111,9 +112,9 @@ class Triad(eqx.Module):
         y, matrix, offset = self._terms(y, accel)
         if not is_traced(matrix):
             condition = np.linalg.cond(np.asarray(matrix, dtype=float))
-            if not condition <= _CONDITION:
+            if not condition <= CONDITION:
                 raise DataError(
-                    f"The matrix has the condition number {condition:.3g}, beyond {_CONDITION:g}: the axes do not span space. Calibrate "
+                    f"The matrix has the condition number {condition:.3g}, beyond {CONDITION:g}: the axes do not span space. Calibrate "
                     "again, or give the right matrix.",
                     code="singular",
                 )

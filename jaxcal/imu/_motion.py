@@ -4,6 +4,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+import scipy  # loads its parts when they are first used
 
 from .._answer import Finding, Quantity, Result, Section, by_axis
 from .._arrays import from_vector, skew
@@ -15,8 +16,7 @@ from ._model import Imu
 from ._recording import given_rests, means, recording
 from ._result import ImuFit
 
-_LEAST = 14  # turns: enough for ten parameters and their errors
-_SLOPE = np.array([-2.0, -1.0, 0.0, 1.0, 2.0]) / 10  # derivative over five samples
+LEAST = 14  # turns: enough for ten parameters and their errors
 
 
 class Motion(Result):
@@ -128,12 +128,12 @@ def motion(log: Any, found: ImuFit | Imu, *, gravity: float | int | None = None,
     products = [
         made
         for k, (i, j) in enumerate(zip(stop[:-1] - 1, start[1:], strict=True))
-        if j - i > len(_SLOPE) and np.isfinite(rate[i : j + 1]).all() and np.isfinite(force[i : j + 1]).all()
+        if j - i > 5 and np.isfinite(rate[i : j + 1]).all() and np.isfinite(force[i : j + 1]).all()
         for made in [_products(record.time[i : j + 1], force[i : j + 1], rate[i : j + 1], up[k], size)]
     ]
     count = len(products)
-    if count < _LEAST:
-        raise DataError(f"{count} turns can be used, {_LEAST} are needed for delay and lever arms; record 18 poses or more")
+    if count < LEAST:
+        raise DataError(f"{count} turns can be used, {LEAST} are needed for delay and lever arms; record 18 poses or more")
     inner, right, square, number = (np.array(part) for part in zip(*products, strict=True))
     whole = np.linalg.solve(inner.sum(axis=0), right.sum(axis=0))
     without = np.linalg.solve(inner.sum(axis=0) - inner, (right.sum(axis=0) - right)[..., None])[..., 0]
@@ -153,9 +153,10 @@ def _products(time: np.ndarray, force: np.ndarray, rate: np.ndarray, up: np.ndar
     vertical[0] = up
     for k, step in enumerate(from_vector(-middle)):
         vertical[k + 1] = step @ vertical[k]
-    slope = np.stack([np.convolve(column, _SLOPE[::-1], "valid") for column in rate.T], axis=1) * (len(time) - 1) / (time[-1] - time[0])
+    # derivative over five samples
+    slope = scipy.signal.savgol_filter(rate, 5, 1, deriv=1, delta=(time[-1] - time[0]) / (len(time) - 1), axis=0)
     inside = slice(2, -2)
-    w, u = rate[inside], vertical[inside]
+    w, u, slope = rate[inside], vertical[inside], slope[inside]
     turning = skew(slope) + skew(w) @ skew(w)  # (n, 3, 3): row i times the lever arm of axis i is its acceleration
     columns = np.zeros((len(w), 3, 10))
     columns[..., 0] = gravity * np.cross(u, w)

@@ -78,7 +78,7 @@ def multi_position(
         expected error on omitted poses and turns.
     held_out : whether to fit twice more, each time without half of the poses and turns, to compute `held_out` of the result.
     terms : names of further terms, such as ["accel.quadratic"]: accel or gyro with quadratic, cubic or asymmetry (see `Nonlinear`),
-        "gyro.g_squared", "accel.drift", "accel.warm_up". "auto" adds each term for which both the F test and the held-out residuals give
+        "accel.drift", "accel.warm_up". "auto" adds each term for which both the F test and the held-out residuals give
         evidence.
     prior : earlier knowledge of the device. Either a data sheet as standard deviations, {"accel": {"scale": 0.03, "misalignment": 0.01,
         "bias": 0.6}, "gyro": {"scale": 0.03, "misalignment": 0.01, "bias": 0.3, "g_sensitivity": 2e-4}} (relative, rad, SI); or an earlier

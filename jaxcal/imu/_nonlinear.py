@@ -13,17 +13,15 @@ from .._types import AnyArray
 from ._model import Imu, Triad
 
 _ROUNDS = 4  # iterations of the fixed point: the error is then 1e-10 of the reading for a term of 1 % of the reading
-#: fields of `Nonlinear`, and which sensor may have them
-_FIELDS = {"quadratic": "both", "cubic": "both", "asymmetry": "both", "g_squared": "gyro"}
 #: time-dependent terms of the accelerometer's bias, which are fields of `Imu`
 _IN_TIME = {"accel.drift": "accel_drift", "accel.warm_up": "accel_warm_up"}
-TERMS = (*(f"{sensor}.{field}" for sensor in ("accel", "gyro") for field, of in _FIELDS.items() if of in ("both", sensor)), *_IN_TIME)
+TERMS = (*(f"{sensor}.{field}" for sensor in ("accel", "gyro") for field in ("quadratic", "cubic", "asymmetry")), *_IN_TIME)
 
 
 class Nonlinear(Triad):
     r"""A triad with nonlinear terms.
 
-    .. math:: y = M x + b + G a + q x^2 + c x^3 + s |x| + h a^2
+    .. math:: y = M x + b + G a + q x^2 + c x^3 + s |x|
 
     Powers apply to each component. A term that is None is absent and is not fitted.
 
@@ -32,7 +30,6 @@ class Nonlinear(Triad):
     quadratic : (3,) q, reading per SI unit squared; or None.
     cubic : (3,) c, reading per SI unit cubed; or None.
     asymmetry : (3,) s, reading per SI unit: half the difference between the scales for positive and negative inputs; or None.
-    g_squared : (3,) h, for a gyroscope: reading per (m/s^2)^2 of the specific force along the same axis; or None.
 
     Examples
     --------
@@ -50,32 +47,27 @@ class Nonlinear(Triad):
     quadratic: Any = None
     cubic: Any = None
     asymmetry: Any = None
-    g_squared: Any = None
 
     @host_float64
     def measure(self, x: Any, accel: Any = None) -> AnyArray:
         """Compute the readings; see `Triad.measure`."""
-        return super().measure(x, accel) + self._bent(x, accel)
+        return super().measure(x, accel) + self._bent(x)
 
     @host_float64
     def correct(self, y: Any, accel: Any = None) -> AnyArray:
         """Correct readings by a fixed-point iteration; see `Triad.correct`."""
         x = super().correct(y, accel)
         for _ in range(_ROUNDS):
-            x = super().correct(y - self._bent(x, accel), accel)
+            x = super().correct(y - self._bent(x), accel)
         return x
 
-    def _bent(self, x: Any, accel: Any) -> Any:
-        xp = array_module(self, x, accel)
+    def _bent(self, x: Any) -> Any:
+        xp = array_module(self, x)
         x = xp.asarray(x)
         total = xp.zeros_like(x)
         for coefficient, power in ((self.quadratic, x**2), (self.cubic, x**3), (self.asymmetry, xp.abs(x))):
             if coefficient is not None:
                 total = total + xp.broadcast_to(xp.asarray(coefficient), x.shape) * power
-        if self.g_squared is not None:
-            if accel is None:
-                raise DataError("This triad has a term of the squared specific force: give the specific force with accel=.")
-            total = total + xp.broadcast_to(xp.asarray(self.g_squared), x.shape) * xp.asarray(accel) ** 2
         return total
 
 

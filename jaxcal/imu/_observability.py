@@ -5,7 +5,7 @@ import itertools
 import equinox as eqx
 import numpy as np
 
-from .._answer import CAUTION, FATAL, Finding, Quantity
+from .._answer import Finding, Quantity
 from .._types import AnyArray
 from ._findings import FINDINGS
 
@@ -15,8 +15,8 @@ _WORDS = (
     "scale along x", "scale along y", "scale along z", "misalignment of x and y", "misalignment of x and z", "misalignment of y and z",
     "bias along x", "bias along y", "bias along z",
 )  # fmt: skip
-#: limits of the condition number (18 evenly spread poses have 3 to 4): above them poses are missing, and the fit is singular
-_ENOUGH, SINGULAR = 12.0, 300.0
+#: limits of the condition number: above them poses are missing, and the fit is singular
+_ENOUGH, SINGULAR = FINDINGS["attitudes"].limits
 #: cosine of half of the angle between a face and the nearest edge, with some margin: closer attitudes count as the same; spread of the
 #: poses, rad, below which they are one attitude, which not even turns determine
 NEAR, ONE_ATTITUDE = float(np.cos(np.deg2rad(25.0))), np.deg2rad(5.0)
@@ -57,13 +57,12 @@ class Observability(eqx.Module):
     def finding(self) -> Finding:
         """What the poses determine; fatal if they do not determine every parameter."""
         what, missing = ", ".join(self.weakest), "; ".join(map(_name, self.missing)) or "other attitudes"
-        if self.condition <= _ENOUGH:
-            return FINDINGS("attitudes_enough", poses=self.poses, what=what)
-        if self.spread < ONE_ATTITUDE:
+        if self.condition > _ENOUGH and self.spread < ONE_ATTITUDE:
             return FINDINGS("attitudes_alike", poses=self.poses, spread=Quantity(max(self.spread, np.deg2rad(1)), "angle"), missing=missing)
-        severity, degree = (CAUTION, "hardly determine") if self.determined else (FATAL, "do not determine")
-        facts = {"poses": self.poses, "degree": degree, "what": what, "condition": self.condition, "missing": missing}
-        return FINDINGS("attitudes", severity=severity, **facts)
+        facts = {"poses": self.poses, "what": what, "condition": self.condition, "missing": missing}
+        facts["degree"] = "hardly determine" if self.determined else "do not determine"
+        told = FINDINGS.over("attitudes", self.condition, **facts)
+        return told[0] if told else FINDINGS("attitudes_enough", poses=self.poses, what=what)
 
     @property
     def sentence(self) -> str:

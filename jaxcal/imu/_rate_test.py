@@ -12,7 +12,7 @@ from .._rests import still_intervals
 from .._types import AnyArray
 from ._findings import FINDINGS
 from ._known import TriadFit, rate_table
-from ._model import Triad
+from ._model import CONDITION, Triad
 from ._recording import means
 from ._result import LABELS
 from ._scale import ScaleFigures, figure_numbers, scale_figures
@@ -20,7 +20,6 @@ from ._scale import ScaleFigures, figure_numbers, scale_figures
 _AXES = "xyz"
 _TOLERANCE = 0.2  # relative error that an uncalibrated rate may have
 _PIECES = 8  # parts of a stretch, whose scatter gives the noise of its mean with 7 degrees of freedom
-_COLLINEAR = 1e-2  # least singular value of rates, bias and forces, of unit length: below, errors grow a hundredfold
 
 
 class RateTest(Result):
@@ -209,7 +208,7 @@ def _fitted(
     if force is not None:
         columns = np.concatenate([set_to, np.ones((len(force), 1)), force], axis=1)
         size = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), compute_uv=False)
-        if size[-1] < _COLLINEAR * size[0]:
+        if size[0] > CONDITION * size[-1]:
             force = None
             found.append(FINDINGS("faces", "gyro"))
     if force is None and latitude is not None:

@@ -17,16 +17,12 @@ from ._model import LEVEL, Imu, Triad
 from ._observability import Observability
 from ._prior import conflict
 
-#: relative standard error above which a matrix counts as unknown, and above which the verdict is weak
-UNKNOWN, POOR = 0.1, 0.01
+#: relative standard error above which the verdict is weak, and above which a matrix counts as unknown
+POOR, UNKNOWN = FINDINGS["poor"].limits
 #: gravity on Earth differs by this share between the equator and the poles (WGS 84: 9.780 to 9.832 m/s^2)
 GRAVITY_RANGE = 0.003
-#: poses and turns of the protocol of 18 to 24 attitudes, of which a third may fail
-_FEW_POSES, _FEW_TURNS = 12, 10
-#: rad; a vertical farther off after a turn has another cause than scale factors of some per cent
-_TURN = np.deg2rad(5.0)
 _SENSORS = {"accel": "accelerometer", "gyro": "gyroscope"}
-LABELS = {"g_sensitivity": "g-sensitivity", "g_squared": "g squared"}
+LABELS = {"g_sensitivity": "g-sensitivity"}
 
 
 def quantities(counts: bool = False) -> dict[str, str]:
@@ -35,7 +31,11 @@ def quantities(counts: bool = False) -> dict[str, str]:
     if counts:
         found = {f"{sensor}.matrix": f"counts per {unit}" for sensor, unit in known.items()}
         return found | dict.fromkeys(("accel.bias", "gyro.bias"), "counts") | {"gyro.g_sensitivity": "counts per m/s^2"}
-    found = {"accel.bias": "accel", "gyro.bias": "gyro", "gyro.g_sensitivity": "gyro/accel", "gyro.g_squared": "rad/s per (m/s^2)^2"}
+    found = {
+        "accel.bias": "accel",
+        "gyro.bias": "gyro",
+        "gyro.g_sensitivity": "gyro/accel",
+    }
     for sensor, unit in known.items():
         found |= {f"{sensor}.quadratic": f"1/({unit})", f"{sensor}.cubic": f"1/({unit})^2"}
     return found
@@ -167,8 +167,7 @@ def judged(
     found: list[Finding] = []
     if not bool(fit.usable) and fit.outcome != Outcome.unidentifiable:
         found.append(FINDINGS("failed", why=fit.message))
-    if rms > _TURN:
-        found.append(FINDINGS("turns_disagree", angle=Quantity(rms, "angle")))
+    found += FINDINGS.over("turns_disagree", rms, angle=Quantity(rms, "angle"))
     if gyro and not found and not errors["gyro"] <= UNKNOWN:
         found.append(FINDINGS("gyro_open"))
     if fit.outcome == Outcome.unidentifiable and not found and (seen.determined or options.prior is not None):
@@ -177,20 +176,16 @@ def judged(
         found.append(dataclasses.replace(seen.finding, severity=FATAL))
     found += causes() if found else ()
     if options.prior is None:
-        if poses < _FEW_POSES and options.misalignment:
-            found.append(FINDINGS("few_poses", poses=poses))
-        elif gyro and turns < _FEW_TURNS:
-            found.append(FINDINGS("few_turns", turns=turns))
+        found += FINDINGS.over("few_poses", -poses, cost=0.0, poses=poses) if options.misalignment else []
     elif (level := conflict(fit)) < LEVEL:
         found.append(FINDINGS("prior_conflict", level=level))
     found += [FINDINGS("poor", sensor, cost=error, error=parts_of(error)) for sensor, error in errors.items() if POOR < error <= UNKNOWN]
     if POOR < errors["accel"] <= UNKNOWN:
         found.append(dataclasses.replace(seen.finding, severity=CAUTION))
-    for kind, which, count in zip(("poses", "turns"), result.down_weighted, (poses, turns), strict=True):
-        if len(which) > max(2, 0.2 * count):
-            found.append(FINDINGS(f"disagree_{kind}", cost=len(which) / count, count=len(which), total=count))
-    if result.sigma[0] > 0.02 * options.gravity:
-        found.append(FINDINGS("scatter", "accel", sigma=Quantity(float(result.sigma[0]), "accel")))
+    for what, which, count in zip(("poses", "turns"), result.down_weighted, (poses, turns), strict=True):
+        found += FINDINGS.over("disagree", len(which) / max(count, 1), count=len(which), total=count, what=what)
+    scatter = float(result.sigma[0])
+    found += FINDINGS.over("scatter", scatter, "accel", sigma=Quantity(scatter, "accel"))
     return dataclasses.replace(result, findings=(*result.findings, *found, *missing, *notes))
 
 

@@ -9,48 +9,44 @@ from .._types import AnyArray
 from ..fitting import Estimate
 from ..noise import Noise
 from ._curves import Chebyshev, Steps
-from ._design import Design, Form, part_of, shape_slopes
+from ._design import MANY, Design, Form, column_of, part_of, shape_slopes
 from ._model import ThermalModel
+from ._prior import DEGREE
 from ._record import FINE, Record, number
 from ._restricted import Averaged, bands
 from ._structure import PRICE, Found, settled, structures, with_jumps
 
-#: least number of samples of a record, and largest of all records together; more samples are averaged
-_FEWEST, _MANY = 16, 2**15
-_FILLED, _SHARE = 10, 0.01  # longest gap that is interpolated, in samples and as a share of the record
+#: least number of samples of a record; a gap is interpolated up to as many, or up to this share of the record
+_FEWEST, _SHARE = 16, 0.01
 
 
-def design_of(records: list[Record], devices: list[int], *, smooth: bool) -> Design:
+def design_of(records: list[Record], *, smooth: bool) -> Design:
     """Put records on a common time grid. Short gaps are interpolated; after a long gap a new record with its own level begins."""
     steps = [float(np.median(np.diff(one.time))) for one in records if one.time is not None]
     dt = min(steps) if steps else 1.0
-    dt *= max(-(-sum(len(one.t) for one in records) // _MANY), 1)
+    dt *= max(-(-sum(len(one.t) for one in records) // MANY), 1)
     parts = []
-    for one, device in zip(records, devices, strict=True):
+    for one in records:
         time = np.arange(len(one.t)) * dt if one.time is None else one.time
         place = np.floor((time - time[0]) / dt + 0.5).astype(np.int64)
         place, first = np.unique(place, return_inverse=True)
         t, b = (np.bincount(first, values) / np.bincount(first) for values in (one.t, one.b))
-        longest = max(_FILLED, _SHARE * len(t))
+        longest = max(_FEWEST, _SHARE * len(t))
         for piece in np.split(np.arange(len(place)), np.flatnonzero(np.diff(place) > longest) + 1):
             grid = np.arange(int(place[piece[0]]), int(place[piece[-1]]) + 1)
             if len(grid) >= _FEWEST:
                 warmth, bias = (np.interp(grid, place[piece], values[piece]) for values in (t, b))
-                parts.append(part_of(warmth, bias, dt, device, smooth=smooth))
+                parts.append(part_of(warmth, bias, dt, smooth=smooth))
     return Design(parts, dt)
 
 
-class Chosen(NamedTuple):
-    """The chosen structure, and whether lag and play could not be distinguished."""
+def choose(design: Design, given: Form, searched: tuple[str, ...], thermometer: float) -> tuple[Found, bool]:
+    """Choose the structure with the lowest penalised score, and tell whether lag and play could not be distinguished.
 
-    found: Found
-    unsure: bool
-
-
-def choose(design: Design, given: Form, searched: tuple[str, ...], thermometer: float) -> Chosen:
-    """Choose the structure with the lowest penalised score; a hysteresis smaller than the thermometer's noise is rejected."""
+    A hysteresis smaller than the thermometer's noise is rejected.
+    """
     if not searched:
-        return Chosen(with_jumps(design, settled(design, given)), False)
+        return with_jumps(design, settled(design, given)), False
     tried = structures(design, given, searched)
     seen = [one for one in tried if one is tried[0] or one.found.form.rate or _moved(design, one.found.form, given) > thermometer]
     best = min(seen, key=lambda one: one.score)
@@ -58,7 +54,7 @@ def choose(design: Design, given: Form, searched: tuple[str, ...], thermometer: 
     unsure = len(alone) == 2 and best.name in alone and abs(alone["lag"] - alone["play"]) < PRICE
     found = settled(design, best.found.form, best.found.phi)
     found = with_jumps(design, dataclasses.replace(found, chances=best.found.chances))
-    return Chosen(found, unsure)
+    return found, unsure
 
 
 def _moved(design: Design, form: Form, given: Form) -> float:
@@ -67,7 +63,7 @@ def _moved(design: Design, form: Form, given: Form) -> float:
 
 
 class Curve(NamedTuple):
-    """A device's model with its uncertainty at the temperatures `grid`.
+    """A model with its uncertainty at the temperatures `grid`.
 
     error : standard error of the curve. next_error : standard deviation of the mean reading over a bin of 0.1 degC about the curve in the
         next cycle. level : standard deviation of the level of the next cycle and its degrees of freedom, for several recorded cycles.
@@ -85,8 +81,8 @@ class Curve(NamedTuple):
     b: AnyArray
 
 
-def curves(design: Design, found: Found, thermometer: float, confidence: float, quantities: dict[str, str]) -> list[Curve]:
-    """Compute the curve of every device, averaged over the hyperparameters."""
+def curve_of(design: Design, found: Found, thermometer: float, confidence: float, quantities: dict[str, str]) -> Curve:
+    """Compute the curve, averaged over the hyperparameters."""
     form = found.form
     slopes = design.slopes(form, design.restricted(form).solved(found.phi).beta)
     restricted = design.restricted(form, slopes=slopes)
@@ -102,7 +98,7 @@ def curves(design: Design, found: Found, thermometer: float, confidence: float, 
     steep = _steepness(design, form, linear)
     covariance = covariance + (gain * (steep * thermometer)[:, None] ** 2).T @ gain
     averaged = averaged._replace(beta=linear, covariance=covariance)
-    return [_curve(design, form, averaged, k, found.chances, confidence, quantities) for k in range(design.devices)]
+    return _curve(design, form, averaged, found.chances, confidence, quantities)
 
 
 def _inside(design: Design, form: Form, step: AnyArray) -> AnyArray:
@@ -114,47 +110,40 @@ def _inside(design: Design, form: Form, step: AnyArray) -> AnyArray:
 
 def _steepness(design: Design, form: Form, linear: AnyArray) -> AnyArray:
     """Slope db/dT at every sample."""
-    t, step, size = design.filtered(form.lag, form.play), 1e-3, len(design.order)
-    total = np.zeros(len(t))
-    for sign in (1, -1):
-        series = design.chebyshev(t + sign * step, design.device) @ linear[:size]
-        jumps = [design.jump(jump, t + sign * step, design.device) for jump in form.jumps]
-        total += sign * (series + sum((h * column for h, column in zip(linear[len(linear) - len(jumps) :], jumps, strict=True)), 0.0))
-    return total / (2 * step)
+    t, step = design.filtered(form.lag, form.play), 1e-3
+    ends = [_static(design, form, linear, t + sign * step) for sign in (1, -1)]
+    return (ends[0] - ends[1]) / (2 * step)
+
+
+def _static(design: Design, form: Form, linear: AnyArray, t: AnyArray) -> AnyArray:
+    """Values of series and jumps."""
+    heights = linear[len(linear) - len(form.jumps) :]
+    steps = (height * column_of(jump, t) for height, jump in zip(heights, form.jumps, strict=True))
+    return design.chebyshev(t) @ linear[:DEGREE] + sum(steps, 0.0)
 
 
 def _curve(
-    design: Design, form: Form, averaged: Averaged, k: int, chances: tuple[float, ...], confidence: float, quantities: dict[str, str]
-) -> Curve:  # fmt: skip
-    linear, covariance = averaged.beta, averaged.covariance
-    own, size = design.device == k, len(design.order)
-    t = design.filtered(form.lag, form.play)
-    low, high = float(t[own].min()), float(t[own].max())
+    design: Design, form: Form, averaged: Averaged, chances: tuple[float, ...], confidence: float, quantities: dict[str, str]
+) -> Curve:
+    linear, covariance, t = averaged.beta, averaged.covariance, design.filtered(form.lag, form.play)
+    low, high = float(t.min()), float(t.max())
     heights = linear[len(linear) - len(form.jumps) :]
-    mine = [i for i, jump in enumerate(form.jumps) if jump.device == k]
     further = design.further(form)
-    change = design.chebyshev(t, design.device) @ linear[:size] + further @ linear[size:]
-    rest = design.b - change
+    rest = design.b - design.chebyshev(t) @ linear[:DEGREE] - further @ linear[DEGREE:]
     # each record has its own level: shift all records to the mean level
-    records = np.unique(design.record[own])
-    levels = np.array([np.mean(rest[design.record == r]) for r in records])
-    b = np.where(own, design.b, np.nan)
-    for r, level in zip(records, levels, strict=True):
-        b = np.where(design.record == r, b - level + levels.mean(), b)
-    series = linear[: design.degree].copy()
-    if design.devices > 1:
-        series += linear[design.degree * (k + 1) : design.degree * (k + 2)]
-    curve: Any = Chebyshev(np.concatenate([[levels.mean()], series]), design.low, design.high)
-    order = sorted(mine, key=lambda i: form.jumps[i].centre)
+    levels = np.bincount(design.record, rest) / np.bincount(design.record)
+    b = design.b - levels[design.record] + levels.mean()
+    curve: Any = Chebyshev(np.concatenate([[levels.mean()], linear[:DEGREE]]), design.low, design.high)
+    order = sorted(range(len(form.jumps)), key=lambda i: form.jumps[i].centre)
     if order:
         shape = [(heights[i], form.jumps[i].centre, np.exp(form.jumps[i].log_width)) for i in order]
         curve = Steps(curve, *(np.array(values) for values in zip(*shape, strict=True)))
-    first, after = size + form.rate, size + form.rate + len(form.jumps)
+    first, after = DEGREE + form.rate, DEGREE + form.rate + len(form.jumps)
     # name -> value, place in the covariance, and derivative by the parameter there
     names = {"lag": "lag", "play": "play", "slow": "rate_lag"}
     known = {names[name]: (float(getattr(form, name)), after + i, 1.0) for i, name in enumerate(form.free)}
     if form.rate:
-        known["rate"] = float(linear[size]), size, 1.0
+        known["rate"] = float(linear[DEGREE]), DEGREE, 1.0
     for j, i in enumerate(order):
         jump, place = form.jumps[i], after + len(form.free) + 2 * i
         width = float(np.exp(jump.log_width))
@@ -163,28 +152,25 @@ def _curve(
     values, where, slopes = (np.array(column) for column in zip(*known.values(), strict=True)) if known else 3 * (np.zeros(0),)
     block = covariance[np.ix_(where.astype(int), where.astype(int))] * np.outer(slopes, slopes)
     estimate = Estimate(tuple(known), values, block, quantities=quantities)
-    model = ThermalModel(curve, low, high, form.lag, form.play, float(linear[size]) if form.rate else 0.0, form.slow)
-    bin_of = number(t[own], FINE, low)
-    grid = np.bincount(bin_of, t[own])[np.unique(bin_of)] / np.bincount(bin_of)[np.unique(bin_of)]
-    rows, mean = _rows(design, form, linear, grid, k), _rows(design, form, linear, t[own], k).mean(axis=0)
-    mean[size:first] = further[own, : form.rate].mean(axis=0)
+    model = ThermalModel(curve, low, high, form.lag, form.play, float(linear[DEGREE]) if form.rate else 0.0, form.slow)
+    place = np.unique(number(t, FINE, low), return_inverse=True)[1]
+    grid = np.bincount(place, t) / np.bincount(place)
+    rows, mean = _rows(design, form, linear, grid), _rows(design, form, linear, t).mean(axis=0)
+    mean[DEGREE:first] = further[:, : form.rate].mean(axis=0)
     standard = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", rows - mean, covariance, rows - mean), 0))
     level = (float(np.std(levels, ddof=1) * np.sqrt(1 + 1 / len(levels))), len(levels) - 1) if len(levels) > 1 else (0.0, 0)
-    wander = next_variance(np.unique(bin_of, return_inverse=True)[1], design.record[own], design.dt)
+    wander = next_variance(place, design.record, design.dt)
     after = averaged.quantile(averaged.theta @ wander + standard**2, confidence)
     found = tuple(float(chances[i]) for i in order)
-    return Curve(model, estimate, found, averaged.noise, grid, standard, after, level, t[own], b[own])
+    return Curve(model, estimate, found, averaged.noise, grid, standard, after, level, t, b)
 
 
-def _rows(design: Design, form: Form, linear: AnyArray, t: AnyArray, k: int) -> AnyArray:
-    """Derivative of a device's curve at the given temperatures by all coefficients and nonlinear parameters."""
-    device = np.full(len(t), k)
-    heights = linear[len(linear) - len(form.jumps) :]
-    columns = [np.zeros(len(t))] * form.rate + [design.jump(jump, t, device) for jump in form.jumps] + [np.zeros(len(t))] * len(form.free)
-    for jump, height in zip(form.jumps, heights, strict=True):
-        columns += shape_slopes(jump, height, t, device)
-    series = design.chebyshev(t, device)
-    return np.column_stack([series, *columns])
+def _rows(design: Design, form: Form, linear: AnyArray, t: AnyArray) -> AnyArray:
+    """Derivative of the curve at the given temperatures by all coefficients and nonlinear parameters."""
+    columns = [np.zeros(len(t))] * form.rate + [column_of(jump, t) for jump in form.jumps] + [np.zeros(len(t))] * len(form.free)
+    for jump, height in zip(form.jumps, linear[len(linear) - len(form.jumps) :], strict=True):
+        columns += shape_slopes(jump, height, t)
+    return np.column_stack([design.chebyshev(t), *columns])
 
 
 def next_variance(place: AnyArray, record: AnyArray, dt: float) -> AnyArray:

@@ -5,19 +5,18 @@ from types import ModuleType
 from typing import Any
 
 import equinox as eqx
+import jax
 import numpy as np
+import scipy  # loads its parts when they are first used
 
 from .._precision import array_module
 from .._types import AnyArray
 
-#: limit of the exponent of a step; beyond it the logistic function is 0 or 1 to the last digit
-_FLAT = 50.0
-
 
 def sigmoid(t: Any, centre: Any, width: Any) -> Any:
     """Logistic step from 0 to 1."""
-    xp = array_module(t, centre, width)
-    return 1 / (1 + xp.exp(xp.clip((centre - t) / width, -_FLAT, _FLAT)))
+    at = (t - centre) / width
+    return scipy.special.expit(at) if array_module(at) is np else jax.scipy.special.expit(at)
 
 
 def common(xp: ModuleType, *values: Any) -> list[Any]:

@@ -5,24 +5,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy  # loads its parts when they are first used
-from numpy.polynomial import chebyshev
 
 from .._types import AnyArray
 from ._curves import sigmoid
 from ._hysteresis import felt, lagged, rate_of
+from ._linear import basis
 from ._prior import DEGREE
 from ._restricted import Bands, Restricted, bands
 
-_DEGREE_OF_MANY = 20  # degree of the series of each of several devices
 _STEP = {"lag": 0.5, "play": 0.01, "slow": 0.5}  # s, degC, s: steps of central differences
 
+#: largest number of samples of all records together, more are averaged; number for the comparison of structures
+MANY, COARSE = 2**15, 2000
 _LOCAL, _LOCAL_RATE = 31.0, 121.0  # s: window for smoothing a thermometer, and its rate of change
 
 
 class Jump(NamedTuple):
-    """A jump of one device: its centre, degC, and the logarithm of its width."""
+    """A jump: its centre, degC, and the logarithm of its width."""
 
-    device: int
     centre: float
     log_width: float
 
@@ -41,27 +41,26 @@ class Form:
     @property
     def vector(self) -> AnyArray:
         """The nonlinear parameters: those in `free`, then centre and log width of every jump."""
-        return np.array([*(getattr(self, name) for name in self.free), *(x for jump in self.jumps for x in jump[1:])], dtype=float)
+        return np.array([*(getattr(self, name) for name in self.free), *(x for jump in self.jumps for x in jump)], dtype=float)
 
     def at(self, vector: AnyArray) -> "Form":
         """The same form with new nonlinear parameters."""
         first = len(self.free)
         pairs = np.asarray(vector[first:], dtype=float).reshape(-1, 2)
-        jumps = tuple(jump._replace(centre=float(c), log_width=float(w)) for jump, (c, w) in zip(self.jumps, pairs, strict=True))
+        jumps = tuple(Jump(float(centre), float(width)) for centre, width in pairs)
         held: dict[str, Any] = {name: max(float(x), 0.0) for name, x in zip(self.free, vector[:first], strict=True)}
         return dataclasses.replace(self, jumps=jumps, **held)
 
 
 class Part(NamedTuple):
-    """One record without gaps, at even intervals: temperature, dT/dt, bias, and the index of its device."""
+    """One record without gaps, at even intervals: temperature, dT/dt and bias."""
 
     t: AnyArray
     rate: AnyArray
     b: AnyArray
-    device: int
 
 
-def part_of(t: AnyArray, b: AnyArray, dt: float, device: int = 0, *, smooth: bool = True) -> Part:
+def part_of(t: AnyArray, b: AnyArray, dt: float, *, smooth: bool = True) -> Part:
     """Make a record, with its thermometer smoothed by local parabolas: A. Savitzky and M. Golay, Anal. Chem. 36 (1964) 1627.
 
     This smoothing causes no delay. Without it, the thermometer's noise would look like noise of the bias where the bias is steep.
@@ -72,7 +71,7 @@ def part_of(t: AnyArray, b: AnyArray, dt: float, device: int = 0, *, smooth: boo
         return t if window < 5 else np.asarray(scipy.signal.savgol_filter(t, window, 2))
 
     # use the same filter as the model, because it attenuates a quickly changing rate
-    return Part(local(_LOCAL) if smooth else t, rate_of(local(_LOCAL_RATE), dt)[0], b, device)
+    return Part(local(_LOCAL) if smooth else t, rate_of(local(_LOCAL_RATE), dt)[0], b)
 
 
 class Design:
@@ -82,19 +81,11 @@ class Design:
         self.parts, self.dt = parts, dt
         self.t = np.concatenate([part.t for part in parts])
         self.b = np.concatenate([part.b for part in parts])
-        self.device = np.repeat([part.device for part in parts], [len(part.t) for part in parts])
         self.record = np.repeat(np.arange(len(parts)), [len(part.t) for part in parts])
-        self.devices = int(self.device.max()) + 1
         self.bands: Bands = bands(tuple(len(part.t) for part in parts), dt)
         self.y = self.bands.transform(self.b - self.b.mean())
         self.least = max(1e-12 * float(np.abs(self.b).max()), 1e-150)
-        self.degree = DEGREE if self.devices == 1 else _DEGREE_OF_MANY
-        low, high = self.t.min(), self.t.max()
-        self.low, self.high = float(low), float(high)
-        order = np.arange(1, self.degree + 1)
-        sets = 1 if self.devices == 1 else self.devices + 1
-        self.order = np.tile(order, sets)
-        self.group = np.repeat(np.arange(sets) > 0, self.degree).astype(float)
+        self.low, self.high = float(self.t.min()), float(self.t.max())
         self._kept: dict[tuple[float, float], AnyArray] = {}
 
     def filtered(self, lag: float, play: float) -> AnyArray:
@@ -105,27 +96,21 @@ class Design:
         """dT/dt behind a lag, degC/s."""
         return np.concatenate([lagged(part.rate, self.dt, slow) for part in self.parts])
 
-    def chebyshev(self, t: AnyArray, device: AnyArray) -> AnyArray:
-        """Columns of the common curve and of each device's deviation at the given temperatures, without the constant."""
-        values = chebyshev.chebvander(2 * (np.clip(t, self.low, self.high) - self.low) / (self.high - self.low) - 1, self.degree)[:, 1:]
-        own = [values * (device == k)[:, None] for k in range(self.devices)] if self.devices > 1 else []
-        return np.concatenate([values, *own], axis=1)
-
-    def jump(self, jump: Jump, t: AnyArray, device: AnyArray) -> AnyArray:
-        """Column of one jump."""
-        return sigmoid(t, jump.centre, np.exp(jump.log_width)) * (device == jump.device)
+    def chebyshev(self, t: AnyArray) -> AnyArray:
+        """Columns of the curve at the given temperatures, without the constant."""
+        return basis(t, self.low, self.high, DEGREE)[:, 1:]
 
     def base(self, form: Form) -> AnyArray:
         """Transformed columns of the series; the result for the last lag and play is cached."""
         key = form.lag, form.play
         if key not in self._kept:
-            self._kept = {key: self.bands.transform(self.chebyshev(self.filtered(*key), self.device))}
+            self._kept = {key: self.bands.transform(self.chebyshev(self.filtered(*key)))}
         return self._kept[key]
 
     def further(self, form: Form) -> AnyArray:
         """(samples, k) columns in addition to the series: dT/dt and the jumps."""
         t = self.filtered(form.lag, form.play)
-        columns = [self.rate(form.slow)] * form.rate + [self.jump(jump, t, self.device) for jump in form.jumps]
+        columns = [self.rate(form.slow)] * form.rate + [column_of(jump, t) for jump in form.jumps]
         return np.stack(columns, axis=1) if columns else np.zeros((len(t), 0))
 
     def columns(self, form: Form) -> AnyArray:
@@ -136,8 +121,7 @@ class Design:
         """Restricted likelihood of a form; `slopes` adds columns for its nonlinear parameters."""
         columns = self.columns(form)
         columns = columns if slopes is None else np.concatenate([columns, slopes], axis=1)
-        further = columns.shape[1] - len(self.order)
-        return Restricted(self.bands, columns, self.y, self.order, self.group, further, least=self.least, doubtful=slopes is not None)
+        return Restricted(self.bands, columns, self.y, least=self.least, doubtful=slopes is not None)
 
     def slopes(self, form: Form, beta: AnyArray) -> AnyArray:
         """Transformed derivative of the curve by `form.vector`."""
@@ -149,13 +133,17 @@ class Design:
             columns.append(change / (getattr(up, name) - getattr(down, name)))
         t, heights = self.filtered(form.lag, form.play), beta[len(beta) - len(form.jumps) :]
         for jump, height in zip(form.jumps, heights, strict=True):
-            columns += [*self.bands.transform(np.stack(shape_slopes(jump, height, t, self.device), axis=1)).T]
+            columns += [*self.bands.transform(np.stack(shape_slopes(jump, height, t), axis=1)).T]
         return np.stack(columns, axis=1) if columns else np.zeros((len(self.y), 0))
 
 
-def shape_slopes(jump: Jump, height: float, t: AnyArray, device: AnyArray) -> tuple[AnyArray, AnyArray]:
+def column_of(jump: Jump, t: AnyArray) -> AnyArray:
+    """Column of one jump."""
+    return np.asarray(sigmoid(t, jump.centre, np.exp(jump.log_width)))
+
+
+def shape_slopes(jump: Jump, height: float, t: AnyArray) -> tuple[AnyArray, AnyArray]:
     """Derivatives of a jump by its centre and by its log width."""
-    width = np.exp(jump.log_width)
-    step = sigmoid(t, jump.centre, width)
-    bell = height * step * (1 - step) / width * (device == jump.device)
+    step = column_of(jump, t)
+    bell = height * step * (1 - step) / np.exp(jump.log_width)
     return -bell, -bell * (t - jump.centre)

@@ -1,6 +1,5 @@
 """`fit`: fit a thermal model to one channel."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -12,19 +11,19 @@ from .._precision import host_float64, is_traced
 from .._types import AnyArray
 from .._units import si_unit_of
 from ..fitting import Estimate, Fit
-from ._auto import choose, curves, design_of, next_variance
+from ._auto import choose, curve_of, design_of, next_variance
 from ._curves import AbstractCurve, Chebyshev
 from ._design import Design, Form
 from ._estimate import fitted, traced
 from ._findings import FINDINGS
-from ._linear import CAP, basis, polynomial_curve, powers, table_curve
+from ._linear import basis, polynomial_curve, powers, table_curve
 from ._model import ThermalModel
+from ._prior import DEGREE
 from ._record import COARSE, FINE, Bins, Record, binned, number, record
 from ._result import TemperatureFit, no_estimate
 from ._structure import settled
 
 MODELS = ("auto", "polynomial", "table")
-_WINDOW = 1.0  # degC: width of the windows for the worst residual
 
 
 @host_float64
@@ -37,7 +36,6 @@ def fit(
     time: Any = None,
     lag: Any = None,
     play: Any = None,
-    device: Sequence[Any] | None = None,
     sensor: str = "",
     confidence: float = 0.95,
 ) -> Any:
@@ -64,14 +62,12 @@ def fit(
     lag : time constant in s with which the sensor follows the thermometer: a number, or "auto" to estimate it. None means "auto" with
         model="auto" and 0 with the other models. An estimate needs both heating and cooling.
     play : half-width in degC of the backlash between thermometer and sensor; a number, "auto" or None, as for `lag`.
-    device : with a list of records, the device label of each record; None for one device. Devices share the noise, the lag and the prior
-        of their deviations from a common curve; each has its own jumps.
     sensor : "gyro", "accel" or "mag" for readings in SI, which are then shown with their unit.
     confidence : level of the intervals.
 
     Returns
     -------
-    TemperatureFit, or with `device` a dictionary of these by label.
+    TemperatureFit
         A traced call (with a polynomial of given degree, a table or a curve, and lag and play as numbers) returns only model, bins and
         residuals, and does not average or clean the record.
 
@@ -104,16 +100,14 @@ def fit(
     if not several and is_traced(temperature, bias, time, model, lag, play):
         return traced(temperature, bias, model, degree, time, 0.0 if lag is None else lag, 0.0 if play is None else play, quantity)
     lag, play = _check(model, degree, lag, play, confidence, time)
-    records, labels = _records(temperature, bias, time, device, several)
-    names = list(dict.fromkeys(labels))
+    records = _records(temperature, bias, time) if several else [record(temperature, bias, time)]
     auto = isinstance(model, str) and model == "auto"
     if not auto and several:
         raise DataError(Message("{count} records need {option.model:auto}; or join them", count=len(records)), code="one_record")
-    design = design_of(records, [names.index(label) for label in labels], smooth=auto)
+    design = design_of(records, smooth=auto)
     given = Form(lag=0.0 if lag == "auto" else float(lag), play=0.0 if play == "auto" else float(play))
     if auto:
-        found = _smooth(design, records, labels, names, given, (lag, play), float(confidence), quantity)
-        return found if device is not None else found[names[0]]
+        return _smooth(design, records, given, (lag, play), float(confidence), quantity)
     return _given(model, degree, design, records[0], given, float(confidence), quantity)
 
 
@@ -125,8 +119,10 @@ def _check(model: Any, degree: Any, lag: Any, play: Any, confidence: float, time
     if polynomial != (degree is not None):
         said = "{option.model:polynomial} and {option.degree} go together; {option.model:auto} has as much freedom as the data support"
         raise DataError(Message(said), code="degree")
-    if degree is not None and (not isinstance(degree, (int, np.integer)) or isinstance(degree, bool) or not 0 <= degree <= CAP):
-        raise DataError(Message("{option.degree:{degree}}: expected a whole number from 0 to {cap}", degree=degree, cap=CAP), code="degree")
+    if degree is not None and (not isinstance(degree, (int, np.integer)) or isinstance(degree, bool) or not 0 <= degree <= DEGREE):
+        raise DataError(
+            Message("{option.degree:{degree}}: expected a whole number from 0 to {cap}", degree=degree, cap=DEGREE), code="degree"
+        )
     if not 0 < confidence < 1:
         said = "{option.confidence:{level:g}}: expected a level between 0 and 1, such as 0.95"
         raise DataError(Message(said, level=confidence), code="confidence")
@@ -143,14 +139,10 @@ def _check(model: Any, degree: Any, lag: Any, play: Any, confidence: float, time
     return checked[0], checked[1]
 
 
-def _records(temperature: Any, bias: Any, time: Any, device: Any, several: bool) -> tuple[list[Record], list[Any]]:
-    """The checked records, and the device label of each."""
-    if not several:
-        if device is not None:
-            raise DataError("device= goes with a list of records; give temperature, bias and time as lists", code="device")
-        return [record(temperature, bias, time)], [None]
+def _records(temperature: Any, bias: Any, time: Any) -> list[Record]:
+    """The checked records."""
     count = len(temperature)
-    for name, values in (("bias", bias), ("time", time), ("device", device)):
+    for name, values in (("bias", bias), ("time", time)):
         if values is not None and (not isinstance(values, (list, tuple)) or len(values) != count):
             raise DataError(f"temperature is a list of {count} records; expected {name} to be a list of as many", code=name)
     records = []
@@ -159,40 +151,35 @@ def _records(temperature: Any, bias: Any, time: Any, device: Any, several: bool)
             records.append(record(temperature[i], bias[i], None if time is None else time[i]))
         except DataError as error:
             raise error.of(f"record {i}") from None
-    return records, [None] * count if device is None else list(device)
+    return records
 
 
-def _smooth(
-    design: Design, records: list[Record], labels: list[Any], names: list[Any], given: Form, asked: tuple[Any, Any], confidence: float,
-    quantity: str,
-) -> dict[Any, TemperatureFit]:  # fmt: skip
-    """Fit every device by the restricted likelihood."""
+def _smooth(design: Design, records: list[Record], given: Form, asked: tuple[Any, Any], confidence: float, quantity: str) -> TemperatureFit:
+    """Fit by the restricted likelihood."""
     timed = all(one.time is not None for one in records)
     both = any(len(np.unique(one.ramp)) > 1 for one in records) or len({bool(one.t[-1] > one.t[0]) for one in records}) > 1
     # a single ramp cannot separate effects of temperature and time
     searched = [name for name, value in zip(("lag", "play"), asked, strict=True) if value == "auto" and (timed or name == "play")]
     searched = [*searched, *(["rate"] if timed else [])] if both else []
     thermometer = float(np.median([one.noise for one in records]))
-    chosen = choose(design, given, tuple(searched), thermometer)
-    common = [FINDINGS("lag_or_play")] if chosen.unsure else []
+    chosen, unsure = choose(design, given, tuple(searched), thermometer)
+    common = [FINDINGS("lag_or_play")] if unsure else []
     if asked[0] == "auto" and both and not timed:
         common.append(FINDINGS("untimed"))
     units = {"rate": f"{si_unit_of(quantity)} s/degC".strip(), "jump.height": quantity, "jump.centre": "degC", "jump.width": "degC",
              "lag": "time", "rate_lag": "time", "play": "degC"}  # fmt: skip
-    found = {}
-    for name, one in zip(names, curves(design, chosen.found, thermometer, confidence, units), strict=True):
-        bins = binned(one.t, one.b)
-        residual = bins.b - np.asarray(one.model.curve.value(bins.t))
-        rms, worst, worst_at = _windows(bins, residual)
-        own = [told for label, each in zip(labels, records, strict=True) if label == name for told in each.findings]
-        findings = [told for told in dict.fromkeys(own) if not both or told.code != "one_way"]
-        found[name] = TemperatureFit(
-            one.model, bins, residual, rms, "smooth", quantity, estimate=one.estimate, chances=one.chances, worst=worst, worst_at=worst_at,
-            grid=one.grid, error=one.error, next_error=one.next_error, level=one.level, noise=one.noise if timed else None,
-            thermometer=thermometer, confidence=confidence,
-            findings=(*findings, *common, *_thermometer(one.model.curve, bins, thermometer, rms, quantity)),
-        )  # fmt: skip
-    return found
+    one = curve_of(design, chosen, thermometer, confidence, units)
+    bins = binned(one.t, one.b)
+    residual = bins.b - np.asarray(one.model.curve.value(bins.t))
+    rms, worst, worst_at = _windows(bins, residual)
+    own = dict.fromkeys(told for each in records for told in each.findings)
+    findings = [told for told in own if not both or told.code != "one_way"]
+    return TemperatureFit(
+        one.model, bins, residual, rms, "smooth", quantity, estimate=one.estimate, chances=one.chances, worst=worst, worst_at=worst_at,
+        grid=one.grid, error=one.error, next_error=one.next_error, level=one.level, noise=one.noise if timed else None,
+        thermometer=thermometer, confidence=confidence,
+        findings=(*findings, *common, *_thermometer(one.model.curve, bins, thermometer, rms, quantity)),
+    )  # fmt: skip
 
 
 def _given(
@@ -270,17 +257,14 @@ def _thermometer(curve: AbstractCurve, bins: Bins, noise: float, rms: float, qua
 
 
 def _windows(bins: Bins, residual: AnyArray) -> tuple[float, float, float]:
-    """Rms of all residuals, and rms and centre of the worst window of 1 degC."""
-    centres = np.arange(float(bins.t[0]) + _WINDOW / 2, float(bins.t[-1]) - _WINDOW / 2 + 1e-9, 0.1)
-    square = np.concatenate([[0.0], np.cumsum(bins.count * residual**2)])
-    count = np.concatenate([[0.0], np.cumsum(bins.count)])
-    first, last = (np.searchsorted(bins.t, centres + side * _WINDOW / 2) for side in (-1, 1))
-    held = count[last] - count[first]
-    mean = np.where(held > 0, (square[last] - square[first]) / np.where(held > 0, held, 1), 0)
+    """Rms of all residuals, and rms and centre of the worst degree."""
+    degree = np.floor(bins.t - bins.t[0]).astype(int)
+    square, count = np.bincount(degree, bins.count * residual**2), np.bincount(degree, bins.count)
+    mean = square / np.maximum(count, 1)
     worst = int(np.argmax(mean))
-    return float(np.sqrt(square[-1] / count[-1])), float(np.sqrt(mean[worst])), float(centres[worst])
+    return float(np.sqrt(square.sum() / count.sum())), float(np.sqrt(mean[worst])), float(bins.t[0]) + worst + 0.5
 
 
 def _elsewhere(bins: Bins, residual: AnyArray, centre: float) -> float:
-    away = np.abs(bins.t - centre) > _WINDOW
+    away = np.abs(bins.t - centre) > 1.0
     return float(np.sqrt(np.average(residual[away] ** 2, weights=bins.count[away]))) if away.any() else np.inf

@@ -10,8 +10,6 @@ from ..fitting import Estimate
 from ._curves import Chebyshev, Piecewise
 from ._record import Bins
 
-CAP = 25  # highest degree of a polynomial
-
 
 def basis(t: AnyArray, low: float, high: float, degree: int) -> AnyArray:
     """(n, degree + 1) Chebyshev polynomials of the temperature, scaled to -1 .. 1."""

@@ -11,9 +11,7 @@ from .._precision import array_module, host_float64, is_traced
 from .._types import AnyArray
 from ._curves import AbstractCurve, common
 from ._hysteresis import felt, rate_of, steps_of
-
-#: degC outside the range without a warning, because the thermometer's noise can cause them
-_MARGIN = 0.1
+from ._record import FINE
 
 
 class ClampWarning(UserWarning):
@@ -155,7 +153,7 @@ class ThermalModel(eqx.Module):
         t, low, high = common(xp, t, self.low, self.high)
         if not is_traced(self, t):
             outside = np.mean((t < low) | (t > high))
-            if np.min(t) < low - _MARGIN or np.max(t) > high + _MARGIN:
+            if np.min(t) < low - FINE or np.max(t) > high + FINE:  # closer ones may be noise of the thermometer
                 warnings.warn(
                     f"{100 * outside:.3g} % of the temperatures ({np.min(t):.2f} to {np.max(t):.2f} degC) are outside the range of the "
                     f"model, {low:.2f} to {high:.2f} degC; the value at its end is used. Calibrate over a wider range",

@@ -22,13 +22,13 @@ SHORTEST, LONGEST = 0.1, 3.0
 DEGREE, _NODES, _LENGTHS = 40, 96, 41
 
 
-def factor(log_length: float, degree: int) -> tuple[AnyArray, AnyArray]:
-    """Factor F (degree, degree) of the covariance F F' of the coefficients 1 to `degree` for sigma = 1, and dF/d log_length.
+def factor(log_length: float) -> tuple[AnyArray, AnyArray]:
+    """Factor F (DEGREE, DEGREE) of the covariance F F' of the coefficients from 1 for sigma = 1, and dF/d log_length.
 
-    Coefficient 1, the slope, is independent of the others, because it has no prior in the common curve.
+    Coefficient 1, the slope, is independent of the others, because it has no prior.
     """
     table = _table()
-    return table(log_length)[:degree, :degree], table(log_length, 1)[:degree, :degree]
+    return table(log_length), table(log_length, 1)
 
 
 @functools.cache

@@ -21,19 +21,16 @@ import scipy  # loads its parts when they are first used
 
 from .._types import AnyArray
 from ..noise import Noise
-from ._prior import LONGEST, SHORTEST, factor
+from ._prior import DEGREE, LONGEST, SHORTEST, factor
 
 TERMS = ("N", "B", "K")
 _BANDS_PER_OCTAVE = 8
-#: prior of the length in half ranges: median, and standard deviation of its logarithm
-_LENGTH, _DECAY = 0.7, 1.0
 #: exponent of a variance in its prior density over the logarithm; limits of the logarithms of the variances below and above their units
 _FLAT, _DEEP, _HIGH = 0.2, 25.0, 15.0
 #: starts of the search: N^2, B^2, K^2, sigma^2 over their units, and the length
 _STARTS = ((1.0, 0.1, 0.01, 0.1, 0.5), (1.0, 1e-3, 1e-5, 0.01, 1.5))
 #: importance sampling: draws in the two rounds, degrees of freedom, least curvature, least variance
 _DRAWS, _FREEDOM, _FLATTEST, _LEAST = (128, 256), 6, 0.08, 1e-4
-_SEED = 20_260  # the same record always gives the same numbers
 
 
 class Bands(NamedTuple):
@@ -133,59 +130,31 @@ class Restricted:
     Parameters
     ----------
     held : the bands.
-    design : (ordinates, p) transformed columns. The last `further` columns have no prior and no part in the determinant: their parameters
-        are profiled, so that designs with different numbers of them can be compared.
+    design : (ordinates, p) transformed columns, those of the curve first. The others have no prior and no part in the determinant: their
+        parameters are profiled, so that designs with different numbers of them can be compared.
     y : (ordinates,) transformed readings.
-    order : (p - further,) order m of each column of the curve.
-    group : (p - further,) 0 for the common curve, 1 for the deviation of a device from it.
     least : rounding noise of a reading.
     doubtful : True if columns may be linearly dependent.
 
-    The hyperparameters phi are the logarithms of N^2, B^2, K^2, sigma^2, of the length and, if there is a group 1, of its share of sigma^2.
+    The hyperparameters phi are the logarithms of N^2, B^2, K^2, sigma^2 and of the length.
     """
 
-    def __init__(
-        self,
-        held: Bands,
-        design: AnyArray,
-        y: AnyArray,
-        order: AnyArray,
-        group: AnyArray,
-        further: int,
-        *,
-        least: float = 1e-150,
-        doubtful: bool = False,
-    ):
-        self.held, self.order, self.group, self.further, self.doubtful = held, order, group, further, doubtful
-        self.size, self.least = design.shape[1], least
+    def __init__(self, held: Bands, design: AnyArray, y: AnyArray, *, least: float = 1e-150, doubtful: bool = False):
+        self.held, self.doubtful, self.size, self.least = held, doubtful, design.shape[1], least
         whole = np.column_stack([design, y])
         edges = np.concatenate([[0], np.flatnonzero(np.diff(held.index)) + 1, [len(held.index)]])
         products = np.stack([whole[a:b].T @ whole[a:b] for a, b in itertools.pairwise(edges)])
         self.products = products.reshape(len(products), -1)
         self.total = products[:, -1, -1]
-        # columns with a prior: all but the slope of the common curve and the profiled columns
-        self.random = np.concatenate([(order > 1) | (group > 0), np.zeros(further, dtype=bool)])
-        self.hyper = 6 if group.any() else 5
-        self._start = np.flatnonzero(order == 1)
-
-    def _factors(self, phi: AnyArray) -> tuple[AnyArray, AnyArray]:
-        """Factor of the prior covariance of the curve's coefficients, and its derivative by the logarithm of the length."""
-        count, degree = len(self.order), int(self.order.max())
-        one, change = factor(float(phi[4]), degree)
-        whole, slope = np.zeros((count, count)), np.zeros((count, count))
-        for i in self._start:
-            size = np.exp(0.5 * (phi[3] + (phi[5] if self.group[i] else 0.0)))
-            whole[i : i + degree, i : i + degree] = size * one
-            slope[i : i + degree, i : i + degree] = size * change
-        return whole, slope
+        # columns with a prior: all but the slope of the curve and the profiled columns
+        self.random = np.isin(np.arange(self.size), np.arange(1, DEGREE))
 
     def solved(self, phi: AnyArray) -> Solved:
         """Coefficients for given hyperparameters."""
         density = self.held.density(np.exp(phi[:3]))
         gram = ((1 / density) @ self.products).reshape(self.size + 1, -1)
-        whole, curve = np.diag(1 / np.sqrt(np.maximum(np.diag(gram)[:-1], np.finfo(float).tiny))), len(self.order)
-        random = self.random[:curve]
-        whole[:curve, :curve][random] = self._factors(phi)[0][random]
+        whole = np.diag(1 / np.sqrt(np.maximum(np.diag(gram)[:-1], np.finfo(float).tiny)))
+        whole[1:DEGREE, :DEGREE] = np.exp(0.5 * phi[3]) * factor(float(phi[4]))[0][1:]
         scaled = whole.T @ gram[:-1, :-1] @ whole + np.diag(self.random.astype(float))
         inverse = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) if self.doubtful else np.linalg.inv(scaled)
         right = whole.T @ gram[:-1, -1]
@@ -194,7 +163,7 @@ class Restricted:
 
     def cost(self, phi: AnyArray) -> tuple[float, AnyArray]:
         """-2 log restricted likelihood, and its gradient."""
-        at, curve = self.solved(phi), self.size - self.further
+        at, curve = self.solved(phi), DEGREE
         random, whole = self.random[:curve], at.factor[:curve, :curve]
         root = np.linalg.cholesky(at.scaled[:curve, :curve])
         half = scipy.linalg.solve_triangular(root, np.eye(curve), lower=True)
@@ -206,24 +175,24 @@ class Restricted:
         share[:curve, :curve] += whole @ inverse @ whole.T
         slope = self.held.count / at.density - self.products @ share.ravel() / at.density**2
         z = scipy.linalg.solve_triangular(whole, at.beta[:curve], lower=True)
-        own = np.where(random, 1 - np.diag(inverse) - z**2, 0.0)
-        size = [own.sum(), own @ self.group][: self.hyper - 4]
+        size = np.sum(np.where(random, 1 - np.diag(inverse) - z**2, 0.0))
         # derivative of the factor by the length; the slope without prior does not depend on it
-        change = np.where(random[:, None], self._factors(phi)[1], 0.0)
+        change = np.where(random[:, None], np.exp(0.5 * phi[3]) * factor(float(phi[4]))[1], 0.0)
         length = 2 * np.sum((inverse @ whole.T @ at.gram[:curve, :curve]).T * change) - 2 * (change @ z) @ (at.gram[:curve] @ rest)
-        return value, np.concatenate([(self.held.columns.T @ slope) * np.exp(phi[:3]), size[:1], [length], size[1:]])
+        return value, np.concatenate([(self.held.columns.T @ slope) * np.exp(phi[:3]), [size, length]])
 
     def posterior(self, phi: AnyArray) -> tuple[float, AnyArray]:
         r"""-log posterior density of the hyperparameters, and its gradient.
 
         The prior of every standard deviation s is :math:`s^{-0.6}`, because a prior flat in s allows too large a K, and one flat in log s
-        is improper towards 0. The prior of the logarithm of the length is normal.
+        is improper towards 0. The prior of the logarithm of the length is normal in
+        the middle of its range, with the standard deviation 1.
         """
         value, gradient = self.cost(phi)
         slope = np.full(len(phi), -_FLAT)
         slope[4] = 0.0
-        off = np.eye(len(phi))[4] * (phi[4] - np.log(_LENGTH)) / _DECAY
-        return 0.5 * value + slope @ phi + 0.5 * off @ off, 0.5 * gradient + slope + off / _DECAY
+        off = np.eye(len(phi))[4] * (phi[4] - 0.5 * np.log(SHORTEST * LONGEST))
+        return 0.5 * value + slope @ phi + 0.5 * off @ off, 0.5 * gradient + slope + off
 
     def bounds(self) -> tuple[AnyArray, AnyArray, AnyArray]:
         """Logarithms of the units of the hyperparameters, and their lower and upper bounds."""
@@ -232,16 +201,16 @@ class Restricted:
         white = float(np.median(level[quick] / self.held.columns[quick, 0]))
         last = self.held.columns[np.argmin(self.held.columns[:, 2])]
         unit = np.log(
-            np.array([white, *(white * last[0] / last[1:]), float(np.sum(level * self.held.count) / np.sum(self.held.count)), 1.0, 1.0])
+            np.array([white, *(white * last[0] / last[1:]), float(np.sum(level * self.held.count) / np.sum(self.held.count)), 1.0])
         )
-        low = unit - np.array([_DEEP, _DEEP, _DEEP, 35.0, -np.log(SHORTEST), _DEEP])
-        high = unit + np.array([_HIGH, _HIGH, _HIGH, 10.0, np.log(LONGEST), 5.0])
-        return unit[: self.hyper], low[: self.hyper], high[: self.hyper]
+        low, high = unit - _DEEP, unit + _HIGH
+        low[4], high[4] = np.log(SHORTEST), np.log(LONGEST)
+        return unit, low, high
 
     def fitted(self, start: AnyArray | None = None, *, near: bool = False) -> tuple[AnyArray, float]:
         """The most probable hyperparameters and -log density there; unless `near`, from several starts because of local minima."""
         unit, low, high = self.bounds()
-        starts = [unit + np.array([*np.log(one), np.log(0.1)])[: self.hyper] for one in _STARTS]
+        starts = [unit + np.log(one) for one in _STARTS]
         best: Any = None
         for begin in starts if start is None else [start] if near else [*starts, start]:
             found = scipy.optimize.minimize(
@@ -280,7 +249,7 @@ class Restricted:
         from scipy.stats import qmc  # imported here, because it takes 0.6 s that other commands need not spend
 
         size = len(middle)
-        uniform = qmc.Sobol(size + 1, rng=np.random.default_rng(_SEED)).random(count)
+        uniform = qmc.Sobol(size + 1, rng=np.random.default_rng(0)).random(count)
         chi = scipy.special.chdtri(_FREEDOM, 1.0 - uniform[:, -1]) / _FREEDOM
         t = scipy.special.ndtri(uniform[:, :-1]) / np.sqrt(chi)[:, None]
         t[0] = 0.0  # the middle, so that at least one draw is within the bounds

@@ -15,21 +15,18 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._types import AnyArray
-from ._design import Design, Form, Jump, Part
+from ._design import COARSE, Design, Form, Jump, Part, column_of
 from ._restricted import Restricted
 
-#: probability by chance below which a jump is accepted, and largest number of jumps of a device
-CHANCE, MOST = 0.003, 4
-#: gain in -2 log likelihood required of lag, play or the term in dT/dt (by chance in one of 500 records), and of a jump beside its test
-PRICE, PRICE_OF_JUMP = 12.0, 20.0
-_WIDTHS = (0.04, 0.12, 0.36)  # degC: widths of steps in the search
-_NARROW, _WIDE, _PART = 0.01, 0.5, 1 / 40  # degC, degC, share of the range: limits of a jump's width; wider steps belong to the curve
-#: degC, degC, widths: distance of a jump from the ends, step of the search, and least distance of two jumps, which are one if nearer
-_EDGE, _GRID, _APART = 0.5, 0.05, 3.0
-_ROUNDS, _STEPS, _HALVINGS = 4, 12, 6
-_COARSE = 2000  # number of samples for the comparison of structures
-#: starts of the searches: s, degC, s
-_STARTS = {"lag": (5.0, 15.0, 40.0, 100.0, 250.0), "play": (0.1, 0.3, 0.7, 1.2), "slow": (30.0, 200.0, 1000.0)}
+#: probability by chance below which a jump is accepted; gain in -2 log likelihood required of lag, play or the term in dT/dt (by chance in
+#: one of 500 records), and of a jump beside its test
+CHANCE, PRICE, PRICE_OF_JUMP = 0.003, 12.0, 20.0
+#: degC, degC, share of the range: limits of a jump's width, because wider steps belong to the curve; the second is also the least distance
+#: from the ends. Two jumps nearer than the last number of widths are one
+_NARROW, _WIDE, _PART, _APART = 0.01, 0.5, 1 / 40, 3.0
+_ROUNDS, _STEPS, _HALVINGS, _MOST = 4, 12, 6, 4  # the last one is the largest number of jumps
+#: starts of the searches: s, degC, s, degC
+_STARTS = {"lag": (5.0, 15.0, 40.0, 100.0, 250.0), "play": (0.1, 0.3, 0.7, 1.2), "slow": (30.0, 200.0, 1000.0), "width": (0.04, 0.12, 0.36)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,9 +55,9 @@ def settled(design: Design, form: Form, phi: AnyArray | None = None, *, near: bo
 
 def _limits(design: Design, form: Form) -> tuple[AnyArray, AnyArray]:
     wide = min(_WIDE, _PART * (design.high - design.low))
-    low = [0.0] * len(form.free) + [design.low + _EDGE / 2, np.log(_NARROW)] * len(form.jumps)
+    low = [0.0] * len(form.free) + [design.low + _WIDE / 2, np.log(_NARROW)] * len(form.jumps)
     high = [{"play": (design.high - design.low) / 4}.get(name, 3600.0) for name in form.free]
-    return np.array(low), np.array([*high, *[design.high - _EDGE / 2, np.log(wide)] * len(form.jumps)])
+    return np.array(low), np.array([*high, *[design.high - _WIDE / 2, np.log(wide)] * len(form.jumps)])
 
 
 def _refined(design: Design, form: Form, phi: AnyArray) -> Form:
@@ -88,13 +85,12 @@ def _refined(design: Design, form: Form, phi: AnyArray) -> Form:
 
 def with_jumps(design: Design, found: Found) -> Found:
     """Add jumps one by one, each where it improves the fit most, as long as they are significant."""
-    while len(found.form.jumps) < MOST * design.devices:
-        best = max((_candidate(design, found, k) for k in range(design.devices)), key=lambda one: one[0])
-        score, jump, chains = best
-        if jump is None or chance(score, chains) * design.devices > CHANCE:
+    while len(found.form.jumps) < _MOST:
+        score, jump, chains = _candidate(design, found)
+        if jump is None or chance(score, chains) > CHANCE:
             return found
         tried = settled(design, dataclasses.replace(found.form, jumps=(*found.form.jumps, jump)), found.phi)
-        p = chance(np.sqrt(max(2 * (found.value - tried.value), 0.0)), chains) * design.devices
+        p = chance(np.sqrt(max(2 * (found.value - tried.value), 0.0)), chains)
         if p > CHANCE:
             return found
         found = dataclasses.replace(tried, chances=(*found.chances, min(p, 1.0)))
@@ -106,7 +102,7 @@ def chance(score: float, chains: list[AnyArray]) -> float:
     return sum(2 * scipy.special.ndtr(-score) + np.sum(np.arccos(np.clip(one, -1, 1))) / np.pi * np.exp(-(score**2) / 2) for one in chains)
 
 
-def _candidate(design: Design, found: Found, device: int) -> tuple[float, Jump | None, list[AnyArray]]:
+def _candidate(design: Design, found: Found) -> tuple[float, Jump | None, list[AnyArray]]:
     """Largest score, its step, and the correlations of neighbouring scores in each chain."""
     restricted: Restricted = design.restricted(found.form)
     at = restricted.solved(found.phi)
@@ -117,15 +113,14 @@ def _candidate(design: Design, found: Found, device: int) -> tuple[float, Jump |
     t = design.filtered(found.form.lag, found.form.play)
     best: tuple[float, Jump | None] = 0.0, None
     chains: list[AnyArray] = []
-    own = t[design.device == device]
-    for width in _WIDTHS:
-        centres = np.arange(float(own.min()) + _EDGE, float(own.max()) - _EDGE, max(width, _GRID))
+    for width in _STARTS["width"]:
+        centres = np.arange(float(t.min()) + _WIDE, float(t.max()) - _WIDE, width)
         for jump in found.form.jumps:
             reach = _APART * (np.exp(jump.log_width) + width)
-            centres = centres[(jump.device != device) | (np.abs(centres - jump.centre) > reach)]
+            centres = centres[np.abs(centres - jump.centre) > reach]
         if not len(centres):
             continue
-        steps = np.stack([design.jump(Jump(device, c, np.log(width)), t, design.device) for c in centres], axis=1)
+        steps = np.stack([column_of(Jump(c, np.log(width)), t) for c in centres], axis=1)
         steps = design.bands.transform(steps) * weight[:, None]
         inside = columns.T @ steps
         taken = at.covariance @ inside
@@ -138,7 +133,7 @@ def _candidate(design: Design, found: Found, device: int) -> tuple[float, Jump |
         chains.append(neighbours / np.sqrt(np.where(seen, variance, 1)[1:] * np.where(seen, variance, 1)[:-1]))
         i = int(np.argmax(score))
         if score[i] > best[0]:
-            best = float(score[i]), Jump(device, float(centres[i]), float(np.log(width)))
+            best = float(score[i]), Jump(float(centres[i]), float(np.log(width)))
     return best[0], best[1], chains
 
 
@@ -185,7 +180,7 @@ def _one_more(design: Design, begin: Found, form: Form, name: str, label: str = 
 
 
 def _coarser(design: Design) -> Design:
-    size = max(len(design.t) // _COARSE, 1)
+    size = max(len(design.t) // COARSE, 1)
     if size == 1:
         return design
 
@@ -193,4 +188,4 @@ def _coarser(design: Design) -> Design:
         count = len(x) // size
         return x[: count * size].reshape(count, size).mean(axis=1)
 
-    return Design([Part(means(part.t), means(part.rate), means(part.b), part.device) for part in design.parts], design.dt * size)
+    return Design([Part(means(part.t), means(part.rate), means(part.b)) for part in design.parts], design.dt * size)
