@@ -45,6 +45,21 @@ def power_of_two(count: int, least: int = 1) -> int:
     return max(1 << max(count - 1, 0).bit_length(), least)
 
 
+def padded(values: Any, length: int, fill: float | None = None) -> Any:
+    """Values of NumPy or JAX, extended to `length` rows by copies of their first row, or by `fill`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal._arrays import padded
+    >>> padded(np.array([1.0, 2.0]), 4).tolist(), padded(np.array([1.0, 2.0]), 3, np.inf).tolist()
+    ([1.0, 2.0, 1.0, 1.0], [1.0, 2.0, inf])
+    """
+    xp = namespace(values, concrete=True)
+    more = xp.repeat(values[:1], length - len(values), axis=0)
+    return xp.concatenate([values, more if fill is None else xp.full_like(more, fill)])
+
+
 def namespace(*trees: Any, concrete: bool = False) -> ModuleType:
     """`jax.numpy` if a leaf is traced (or, with `concrete`, any array of JAX), otherwise `numpy`.
 

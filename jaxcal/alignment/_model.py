@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._arrays import power_of_two
+from .._arrays import padded as long, power_of_two
 from .._errors import DataError
 from .._precision import array_module
 from .._types import AnyArray
@@ -258,11 +258,10 @@ def residuals(model: Any, data: Any) -> Any:
 
 def padded(positions: Positions) -> Positions:
     """Positions up to the next power of two, with copies of the first one, which are never measured."""
-    more = power_of_two(len(positions), _SMALLEST_PAD) - len(positions)
-    xp = array_module(positions)
-    pad = lambda value: xp.concatenate([xp.asarray(value), xp.repeat(xp.asarray(value)[:1], more)])  # noqa: E731
+    length, xp = power_of_two(len(positions), _SMALLEST_PAD), array_module(positions)
+    pad = lambda value: long(xp.asarray(value), length)  # noqa: E731
     kept = {name: pad(getattr(positions, name)) for name in ("rate", "acceleration", "width")}
-    mounting = positions.mounting + positions.mounting[:1] * more
+    mounting = positions.mounting + positions.mounting[:1] * (length - len(positions))
     return Positions(pad(positions.angle), mounting, pad(positions.dwell), pad(positions.start), **kept)
 
 

@@ -89,7 +89,6 @@ FINDINGS = table(
     axes_exchanged=Kind(
         CAUTION, "The axes of the sensor are not those of the positions: some are exchanged.", "Check the order of the readings."
     ),
-    fast=Kind(CAUTION, "The largest rate is {rate:.3g} rad/s.", "Multiply rates in deg/s by pi/180."),
     one_way=Kind(CAUTION, "The axes {axes} were not turned in both directions, so there is no matrix."),
     no_repeats=Kind(CAUTION, "No rate was set twice, so the intervals know only the noise inside a stretch.", "Set some rates again."),
     faces=Kind(NOTE, "The faces up do not separate a g-sensitivity from the bias.", "Turn with each of the six faces up to measure it."),

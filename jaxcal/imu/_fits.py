@@ -24,7 +24,6 @@ from ._prior import Prior, complete
 from ._recording import Rests
 from ._residuals import Pieces, Turns, Weighted, pieces, reweighted
 
-_FIRST_TURN = 0.02  # rad: assumed error of a turn, until the residuals show it
 ROUNDS = 3  # of fits: the sizes of the errors then change by less than their own uncertainty
 _CLIP = 2.5  # standard deviations: beyond them a residual counts as this large
 
@@ -45,12 +44,7 @@ class Options(eqx.Module):
 
     @property
     def priors(self) -> tuple[Prior, ...]:
-        """Priors for a fit of the accelerometer alone; empty without prior knowledge."""
-        return () if self.prior is None else (jax.tree.map(jnp.asarray, self.prior),)
-
-    @property
-    def joint_priors(self) -> tuple[Prior, ...]:
-        """Priors for a fit of both sensors. There is always one, perhaps of zeros, so that a new prior needs no new compilation."""
+        """Priors for a fit. There is always one, perhaps of zeros, so that a new prior needs no new compilation."""
         return (jax.tree.map(jnp.asarray, complete(self.prior, self.held)),)
 
 
@@ -203,7 +197,7 @@ def _sized(data: Weighted, found: Pieces, rests: Rests, options: Options, model:
 
 def refitted(start: Imu, data: Weighted, options: Options) -> Fit:
     """Fit once, with the standard deviations of the data unchanged."""
-    return solved(start, data, options.convention, options.misalignment, options.g_sensitivity, options.loss, priors=options.joint_priors)
+    return solved(start, data, options.convention, options.misalignment, options.g_sensitivity, options.loss, priors=options.priors)
 
 
 def joint_fit(start: Imu, data: Weighted, rests: Rests, options: Options, paid: int, near: bool = False, rounds: int = ROUNDS) -> Joint:
@@ -213,13 +207,10 @@ def joint_fit(start: Imu, data: Weighted, rests: Rests, options: Options, paid: 
     """
     found, sizes, slots, fit = pieces(start, data), np.zeros(3), rests.slots, None
     data = dataclasses.replace(data, tangent=found.tangent)
-    # residuals of magnitudes and of rates at rest are realistic from the start, those of turns are not
     per_axis = 1 + 3 * (options.g_sensitivity and options.held is None) + (start.drift is not None)
     traces, model = np.array([paid, 9, per_axis, per_axis, per_axis]), start
-    turns: Any = data.turns
     if not near:
-        data = _sized(data, found, rests, options, start, traces)[0]
-        data = dataclasses.replace(data, whiten=np.diag(np.repeat(np.isfinite(turns.sigma), 2) / _FIRST_TURN))
+        data = jax.tree.map(np.asarray, reweighted(start, _sized(data, found, rests, options, start, traces)[0], found))
         fit = refitted(start, data, options)
     for _ in range(rounds - (not near)):
         if fit is not None:

@@ -11,6 +11,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._answer import Finding, Quantity
+from .._arrays import padded
 from .._rests import Ends, Multiples
 from ..fitting import Estimate, Fit, covariance
 from ..fitting._result import leverage
@@ -23,7 +24,7 @@ from ._model import EARTH_RATE, FITTED_LEVEL, Imu, Triad, freed
 from ._nonlinear import Nonlinear
 from ._observability import ONE_ATTITUDE, Observability, observability
 from ._prior import known_of
-from ._recording import Recording, Rests, padded
+from ._recording import Recording, Rests
 from ._residuals import Turns, Weighted, pieces
 from ._result import ImuFit, judged, quantities
 

@@ -271,7 +271,6 @@ def rate_table(
     for name, other in (("rates", w), ("accel", f)):
         if other is not None and other.shape != y.shape:
             raise DataError(f"{name} has shape {other.shape}, the readings {y.shape}; give one row for each reading", code="shapes")
-    findings: tuple[Finding, ...] = ()
     if f is not None:
         size = np.linalg.norm(f, axis=1)
         if not np.all((size > 5) & (size < 20)):
@@ -283,10 +282,8 @@ def rate_table(
             w = w + EARTH_RATE * np.sin(float(latitude)) * f / size[:, None]
     elif latitude is not None:
         raise DataError(Message("{option.latitude} needs the specific force, which shows where up is; give {option.accel}"), code="no_up")
-    if np.abs(w).max() > 100:
-        findings = (FINDINGS("fast", "gyro", rate=float(np.abs(w).max())),)
     if len(y) < (needed := 4 if f is None else 7):
         said = f"{len(y)} positions cannot give {needed} parameters an axis; record both signs of the rate about each axis"
         raise DataError(said, code="few")
     advice = "Turn about each axis with both signs of the rate, each of the six faces up."
-    return _triad_of(w, f, y, sigma, _FORCE, advice, model, "gyro", findings, float(servo))
+    return _triad_of(w, f, y, sigma, _FORCE, advice, model, "gyro", servo=float(servo))

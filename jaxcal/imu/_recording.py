@@ -8,7 +8,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._answer import Finding
-from .._arrays import power_of_two, runs
+from .._arrays import padded, power_of_two, runs
 from .._errors import DataError
 from .._log import as_log
 from .._rests import Ends
@@ -142,12 +142,6 @@ class Rests(eqx.Module):
         common = np.median(density / (2 * scipy.special.gammaincinv(freedom / 2, 0.5)) * freedom)
         low, high = (common * 2 * scipy.special.gammaincinv(freedom / 2, part) / freedom for part in (LEVEL, 1 - LEVEL))
         return np.where((density > high) | (density < low), density, common) / self.duration
-
-
-def padded(x: np.ndarray, slots: int, fill: float | None = None) -> np.ndarray:
-    """Extend x to `slots` rows with copies of its first row, or with `fill`."""
-    more = np.repeat(x[:1], slots - len(x), axis=0)
-    return np.concatenate([x, more if fill is None else np.full_like(more, fill)])
 
 
 def norms(accel: np.ndarray, slots: int, gravity: float, sigma: float = 1.0) -> Weighted:

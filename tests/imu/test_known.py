@@ -136,7 +136,6 @@ def test_rate_table_refuses(refuses):
     ):
         with refuses(code):
             rate_table(*arguments, **options)
-    assert "fast" in rate_table(y, np.rad2deg(rates) * 2, force).codes
 
 
 def test_windowed_variance_is_that_of_numpy_even_with_large_counts():
