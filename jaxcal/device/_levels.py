@@ -14,8 +14,7 @@ _DRAWS, _FEW = 16, 10
 #: lengths of sums in windows, and number of those whose power always counts. Many sums determine it. One length is too few: noise may be
 #: correlated within a window
 _LENGTHS, _SHORT = (1, 2, 4, 8, 16, 32, 64), 3
-#: weight of the prior ratio of 1, in degrees of freedom; standard deviations by which a ratio must be larger over many windows than few
-_SURE, _MARGIN = 1.0, 2.5
+_MARGIN = 2.5  # standard deviations by which a ratio must be larger over many windows than over few
 _DAY = factor("d", "time")  # s, over which the bias is a mean: the time within which a calibration is used
 
 
@@ -107,7 +106,7 @@ def _excess(seen: np.ndarray, left: np.ndarray, which: np.ndarray, turn: np.ndar
     own, drawn = _powers(seen, which, turn), _powers(left, which, turn)
     mean, spread = drawn.mean(axis=-1), drawn.std(axis=-1)
     degrees = 2 * (mean / spread) ** 2
-    ratio = (own / mean * degrees + _SURE) / (degrees + _SURE)
+    ratio = (own / mean * degrees + 1) / (degrees + 1)  # with a prior of 1 that weighs one degree of freedom
     short, margin = np.max(ratio[0, :_SHORT]), np.exp(_MARGIN * spread / mean)
     # a variance from few degrees of freedom may be too small by chance: use that of Student's t
     many = np.max(np.where(ratio > short * margin, ratio * (1 + 2 / degrees), 0.0))

@@ -1,6 +1,5 @@
 """Noise of inertial sensors from the frequencies at which a hand hardly moves."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -10,11 +9,8 @@ from ._windows import WINDOW
 #: Hz: hands hardly move above it; part of half the rate, because at the last frequencies the spectrum of real numbers is distributed
 #: otherwise
 _TREMOR, _TOP = 15.0, 0.96
-#: s, length of a segment; fewest segments and frequencies of a spectrum
-_SEGMENT, _SEGMENTS, _FREQUENCIES = 1.28, 8, 5
-#: order of the differences that keep low frequencies from leaking, and of those that show noise where there is no such spectrum; motion
-#: below an eighth of the rate hardly changes them
-_DIFFERENCES, _ORDER = 4, 6
+#: s, length of a segment; fewest frequencies of a spectrum; order of the differences that keep low frequencies from leaking
+_SEGMENT, _FREQUENCIES, _DIFFERENCES = 1.28, 5, 4
 _REWEIGHTED = 10  # rounds of least squares with renewed weights
 #: gain in log-likelihood over white noise from which the spectrum of residuals, or of a sensor, shows such noise. The device moves less
 #: than the fit allows at rest, so white noise gains something too: at most 19 in 24 simulations with 8 rests, 18 to 60 in 12 with 24
@@ -39,26 +35,25 @@ def noise_floor(y: np.ndarray, rate: float, lost: np.ndarray) -> Floor:
     changes = np.abs(np.diff(y, axis=0))
     least = float(np.min(changes[changes > 0])) ** 2 / 12 / rate
     length = round(_SEGMENT * rate)
-    frequency = rate * np.arange(length // 2 + 1) / length
-    band = (frequency >= _TREMOR) & (frequency < _TOP * rate / 2)
-    whole = ~_parts(lost[_DIFFERENCES:], length).any(axis=-1)
-    if band.sum() < _FREQUENCIES or whole.sum() < _SEGMENTS:
-        high = np.diff(y, _ORDER, axis=0)
-        there = np.convolve(lost, np.ones(_ORDER + 1), mode="valid") == 0
-        white = np.median(high[there] ** 2) / 0.454936 / math.comb(2 * _ORDER, _ORDER) / rate
-        return Floor(*2 * [float(np.sqrt(max(white, least)))])
+    frequency = np.fft.rfftfreq(length, 1 / rate)
+    # readings at less than 40 Hz show no frequency above the band of a hand: the highest ones have the least motion
+    top = frequency[(frequency > 0) & (frequency < _TOP * rate / 2)]
+    band = (frequency >= min(_TREMOR, top[-_FREQUENCIES:][0])) & (frequency <= top[-1])
+    broken = _parts(lost[_DIFFERENCES:], length).mean(axis=-1)
     window = np.hanning(length + 2)[1:-1]
-    high = _parts(np.diff(y, _DIFFERENCES, axis=0), length)[whole] * window
+    # segments without a gap, or those with the shortest gaps
+    high = _parts(np.diff(y, _DIFFERENCES, axis=0), length)[broken == broken.min()] * window
     power = np.abs(np.fft.rfft(high, axis=-1)[..., band]) ** 2 / np.sum(window**2) / rate
     angle = 2 * np.pi * frequency[band] / rate
     # the median ignores knocks and stretches with vibration
     seen = np.median(power, axis=0).mean(axis=0) / np.log(2) / (2 * np.sin(angle / 2)) ** (2 * _DIFFERENCES)
     seen = np.maximum(seen, least)
-    keep = np.exp(-2 * np.pi * frequency[frequency >= 1 / WINDOW] / rate)[:, None]
-    white, slow, _, gain = white_and_markov(seen, markov_spectrum(keep, angle), 2 * power.shape[0] * power.shape[1])
-    if gain < CLEAR:
-        return Floor(*2 * [float(np.sqrt(seen.mean()))])
-    return Floor(float(np.sqrt(seen[len(seen) // 2 :].mean())), float(np.sqrt(white + slow)))
+    keep = np.exp(-2 * np.pi * top[top >= min(1 / WINDOW, top[-1])] / rate)[:, None]
+    if len(seen) >= _FREQUENCIES:
+        white, slow, _, gain = white_and_markov(seen, markov_spectrum(keep, angle), 2 * power.shape[0] * power.shape[1])
+        if gain > CLEAR:
+            return Floor(float(np.sqrt(seen[len(seen) // 2 :].mean())), float(np.sqrt(white + slow)))
+    return Floor(*2 * [float(np.sqrt(seen.mean()))])
 
 
 def _parts(y: np.ndarray, length: int) -> np.ndarray:

@@ -1,13 +1,12 @@
 """The automatic model: choice of its structure, its coefficients, and their uncertainty."""
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from .._types import AnyArray
 from ..fitting import Estimate
-from ..noise import Noise
 from ._curves import Chebyshev, Steps
 from ._design import MANY, Design, Form, column_of, part_of, shape_slopes
 from ._model import ThermalModel
@@ -62,27 +61,10 @@ def _moved(design: Design, form: Form, given: Form) -> float:
     return float(np.sqrt(np.mean(away**2)))
 
 
-class Curve(NamedTuple):
-    """A model with its uncertainty at the temperatures `grid`.
-
-    error : standard error of the curve. next_error : standard deviation of the mean reading over a bin of 0.1 degC about the curve in the
-        next cycle. level : standard deviation of the level of the next cycle and its degrees of freedom, for several recorded cycles.
-    """
-
-    model: ThermalModel
-    estimate: Estimate
-    chances: tuple[float, ...]
-    noise: Noise
-    grid: AnyArray
-    error: AnyArray
-    next_error: AnyArray
-    level: tuple[float, int]
-    t: AnyArray
-    b: AnyArray
-
-
-def curve_of(design: Design, found: Found, thermometer: float, confidence: float, quantities: dict[str, str]) -> Curve:
-    """Compute the curve, averaged over the hyperparameters."""
+def curve_of(
+    design: Design, found: Found, thermometer: float, confidence: float, quantities: dict[str, str]
+) -> tuple[ThermalModel, AnyArray, AnyArray, dict[str, Any]]:
+    """The curve, averaged over the hyperparameters; temperatures and biases on one level; and its uncertainty, as for `TemperatureFit`."""
     form = found.form
     slopes = design.slopes(form, design.restricted(form).solved(found.phi).beta)
     restricted = design.restricted(form, slopes=slopes)
@@ -124,7 +106,7 @@ def _static(design: Design, form: Form, linear: AnyArray, t: AnyArray) -> AnyArr
 
 def _curve(
     design: Design, form: Form, averaged: Averaged, chances: tuple[float, ...], confidence: float, quantities: dict[str, str]
-) -> Curve:
+) -> tuple[ThermalModel, AnyArray, AnyArray, dict[str, Any]]:
     linear, covariance, t = averaged.beta, averaged.covariance, design.filtered(form.lag, form.play)
     low, high = float(t.min()), float(t.max())
     heights = linear[len(linear) - len(form.jumps) :]
@@ -161,8 +143,9 @@ def _curve(
     level = (float(np.std(levels, ddof=1) * np.sqrt(1 + 1 / len(levels))), len(levels) - 1) if len(levels) > 1 else (0.0, 0)
     wander = next_variance(place, design.record, design.dt)
     after = averaged.quantile(averaged.theta @ wander + standard**2, confidence)
-    found = tuple(float(chances[i]) for i in order)
-    return Curve(model, estimate, found, averaged.noise, grid, standard, after, level, t, b)
+    facts = {"estimate": estimate, "chances": tuple(float(chances[i]) for i in order), "noise": averaged.noise, "grid": grid,
+             "error": standard, "next_error": after, "level": level}  # fmt: skip
+    return model, t, b, facts
 
 
 def _rows(design: Design, form: Form, linear: AnyArray, t: AnyArray) -> AnyArray:

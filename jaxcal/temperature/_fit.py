@@ -168,17 +168,16 @@ def _smooth(design: Design, records: list[Record], given: Form, asked: tuple[Any
         common.append(FINDINGS("untimed"))
     units = {"rate": f"{si_unit_of(quantity)} s/degC".strip(), "jump.height": quantity, "jump.centre": "degC", "jump.width": "degC",
              "lag": "time", "rate_lag": "time", "play": "degC"}  # fmt: skip
-    one = curve_of(design, chosen, thermometer, confidence, units)
-    bins = binned(one.t, one.b)
-    residual = bins.b - np.asarray(one.model.curve.value(bins.t))
+    fitted_model, t, b, facts = curve_of(design, chosen, thermometer, confidence, units)
+    bins = binned(t, b)
+    residual = bins.b - np.asarray(fitted_model.curve.value(bins.t))
     rms, worst, worst_at = _windows(bins, residual)
     own = dict.fromkeys(told for each in records for told in each.findings)
     findings = [told for told in own if not both or told.code != "one_way"]
     return TemperatureFit(
-        one.model, bins, residual, rms, "smooth", quantity, estimate=one.estimate, chances=one.chances, worst=worst, worst_at=worst_at,
-        grid=one.grid, error=one.error, next_error=one.next_error, level=one.level, noise=one.noise if timed else None,
-        thermometer=thermometer, confidence=confidence,
-        findings=(*findings, *common, *_thermometer(one.model.curve, bins, thermometer, rms, quantity)),
+        fitted_model, bins, residual, rms, "smooth", quantity, worst=worst, worst_at=worst_at, thermometer=thermometer,
+        confidence=confidence, findings=(*findings, *common, *_thermometer(fitted_model.curve, bins, thermometer, rms, quantity)),
+        **facts | ({} if timed else {"noise": None}),
     )  # fmt: skip
 
 
