@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import jaxcal
 from jaxcal.device import fit, simulate
+from jaxcal.device._findings import Facts, findings_of
 
 
 def leaf(model, name):
@@ -228,6 +229,31 @@ def test_sensors_with_stamps_of_their_own(every):
     # at the nearest samples alone, readings are up to half a sample away from their time
     near = fit(jaxcal.Log(None, **{name: getattr(log, name) for name in every}, rate=log.rate))
     assert error_of(near, "magnetometer.hard_iron[2]")[0] > 1.4 * error_of(found, "magnetometer.hard_iron[2]")[0]
+
+
+PLAIN = Facts(50e-6, None, "", np.zeros((5, 3)), {}, 0.0, 100.0, False, None, True)
+
+
+@pytest.mark.parametrize(
+    ("facts", "errors_", "code", "verdict"),
+    [
+        ({}, {}, None, "good"),
+        ({}, {"gyro.bias[0]": 1.1 * np.deg2rad(0.02)}, "inaccurate", "weak"),
+        ({}, {"magnetometer.hard_iron[1]": 0.9 * 0.005 * 50e-6}, None, "good"),
+        ({"place": np.array([[1.6, 0.0, 0.0], [-1.6, 0.0, 0.0]])}, {}, "far", "weak"),
+        ({"place": np.array([[1.4, 0.0, 0.0], [-1.4, 0.0, 0.0]])}, {}, None, "good"),
+        ({"disturbed": 19.0}, {}, "disturbed", "good"),
+        ({"disturbed": 21.0}, {}, "disturbed", "weak"),
+        ({"dead": True}, {}, "dead_band", "weak"),
+        ({"disagreement": 4.0}, {}, "disagree", "good"),
+        ({"converged": False}, {}, "not_converged", "refused"),
+    ],
+)
+def test_findings_begin_at_their_limits(facts, errors_, code, verdict):
+    known = jaxcal.fitting.Estimate(errors_, np.zeros(len(errors_)), np.diag(np.square(list(errors_.values())).reshape(-1)))
+    found = findings_of(known, PLAIN._replace(**facts))
+    assert [one.code for one in found] == ([code] if code else [])
+    assert jaxcal._answer.verdict_of(found) == verdict
 
 
 def test_wrong_calls_are_refused(refuses):

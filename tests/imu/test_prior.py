@@ -99,15 +99,6 @@ def test_a_drift_is_fitted_where_it_is_asked_for():
     assert np.mean(np.abs(found.estimate.values - truth)[:9]) < 0.5 * np.mean(np.abs(plain.estimate.values - truth)[:9])
 
 
-def test_a_squared_sensitivity_of_the_gyroscope_is_named():
-    log, _ = log_of(0, poses=12)
-    known = np.array([[1, 0, 0]]) * 1e-4 * log.accel**2
-    found = multi_position(jaxcal.Log(log.time, accel=log.accel, gyro=log.gyro + known), gravity=world.GRAVITY, held_out=False)
-    assert (found.verdict, found.asked) == ("weak", ("gyro.g_squared",))
-    (one,) = [one for one in found.findings if one.code == "lack_g_squared"]
-    assert one.facts["size"].value == pytest.approx(np.deg2rad(0.56), rel=0.02)
-
-
 def test_terms_that_there_are_not(refuses):
     log, _ = log_of(0, poses=12)
     with refuses("term"):
