@@ -141,7 +141,8 @@ def correlation(y: Any, rate: Any, fits: Sequence[Any], *, confidence: float = 0
     interval[np.arange(axes), np.arange(axes)] = 1.0
     for i, j in combinations(range(axes), 2):
         if interval[i, j, 0] > 0.0 or interval[i, j, 1] < 0.0:
-            said.append(_correlated(f"{i} and {j}", rho[i, j], *interval[i, j]))
+            facts = dict(zip(("rho", "low", "high"), map(float, (rho[i, j], *interval[i, j])), strict=True))
+            said.append(FINDINGS("correlated", cost=abs(facts["rho"]), pair=f"{i} and {j}", **facts))
     covariance = rho * np.outer(strength, strength)
     return Correlation(covariance, rho, interval, confidence, tuple(said))
 
@@ -153,16 +154,10 @@ def findings_of_axes(y: Any, rate: float, fits: Mapping[str, Any]) -> list[Findi
         found = correlation(y, rate, list(fits.values()))
     except DataError:
         return []  # without white noise, or with gaps everywhere, the correlation is unknown
-    pairs = [(abs(found.correlation[i, j]), i, j) for i, j in combinations(range(len(names)), 2)]
-    told = [
-        (size, i, j) for size, i, j in pairs if max(found.interval[i, j, 0], -found.interval[i, j, 1]) > FINDINGS["correlated"].limits[0]
-    ]
-    if not told:
-        return []
-    _, i, j = max(told)
-    said = _correlated(" and ".join(names[k].rpartition("_")[2] for k in (i, j)), found.correlation[i, j], *found.interval[i, j])
-    return [said.of(names[0].partition("_")[0])]
-
-
-def _correlated(pair: str, rho: float, low: float, high: float) -> Finding:
-    return FINDINGS("correlated", cost=abs(rho), pair=pair, rho=float(rho), low=float(low), high=float(high))
+    # the pair whose interval lies farthest from zero
+    sure = np.triu(np.maximum(found.interval[:, :, 0], -found.interval[:, :, 1]), 1)
+    i, j = np.unravel_index(np.argmax(sure), sure.shape)
+    low, high = map(float, found.interval[i, j])
+    pair, rho = " and ".join(names[k].rpartition("_")[2] for k in (i, j)), float(found.correlation[i, j])
+    about = names[0].partition("_")[0]
+    return FINDINGS.over("correlated", float(sure[i, j]), about, cost=abs(rho), pair=pair, rho=rho, low=low, high=high)

@@ -20,13 +20,12 @@ import numpy as np
 
 from .._types import AnyArray
 from ._likelihood import density, information, inverse, scoring
+from ._limits import profile_limits
 from ._ordinates import Bins
 from ._solve import Fitted
 from ._terms import BUILT_IN, GaussMarkov
 
-#: octaves below the end of the band at which the highest corner lies; nearer to it, N of every record has a wide interval; halvings of the
-#: distance in which an end of the interval of N is sought, which leaves 0.2 % of N^2
-_OCTAVES, _HALVINGS = 3.0, 9
+_OCTAVES = 3.0  # below the end of the band, at which the highest corner lies; nearer to it, N of every record has a wide interval
 #: twice the gain in log likelihood, and rms logarithm of the ratio of the densities, from which the rival is another spectrum: records of
 #: N, B and K reach both in less than 1 % (`benchmarks/real_noise.py`)
 _GAIN, _APART = 12.0, 0.25
@@ -76,8 +75,10 @@ def rival_of(fitted: Fitted, names: tuple[str, ...], dt: float, duration: float,
     if gain > _GAIN:
         columns, start = _columns(bins, kept, fitted.theta, dt, duration, 0.0)
         wide, cost = scoring(columns, bins.density, bins.weight, start)
-        ends = _profile(columns, bins, wide, white, cost, levels)
-        reach = [max(abs(end - theta[white]), least) for end, least in zip(ends, reach, strict=True)]
+        spread = np.zeros((len(wide), len(wide)))
+        spread[white, white] = error**2 or theta[white] ** 2
+        ends = profile_limits(bins._replace(columns=columns), wide, cost, spread, [white], *(np.array([level]) for level in levels))
+        reach = [max(abs(float(end[0]) - theta[white]), least) for end, least in zip(ends, reach, strict=False)]
     reach = [float(np.hypot(one, error * np.sqrt((widened - 1.0) * level))) for one, level in zip(reach, (levels[0], *levels), strict=True)]
     middle = float(theta[white])
     return Rival(own, gain, apart, (max(middle - reach[0], 0.0), middle + reach[1], middle + reach[2]))
@@ -94,24 +95,3 @@ def _columns(
     slow = np.column_stack([walk / walk.max(), relaxations / relaxations.max(axis=0)])
     start = np.concatenate([theta[kept], np.full(slow.shape[1], np.mean(bins.density[used]) / slow.shape[1])])
     return np.column_stack([bins.columns[:, kept], slow]), start
-
-
-def _profile(
-    columns: AnyArray, bins: Bins, theta: AnyArray, index: int, cost: float, levels: tuple[float, float]
-) -> tuple[float, float, float]:  # fmt: skip
-    """Values of a coefficient at which twice the rise of the cost reaches the first level on either side, and the second one above."""
-    others, start = np.delete(columns, index, axis=1), np.delete(theta, index)
-
-    def beyond(value: float, level: float) -> bool:
-        return 2.0 * (scoring(others, bins.density, bins.weight, start, columns[:, index] * value)[1] - cost) > level
-
-    def end(sign: float, level: float) -> float:
-        inside, outside = float(theta[index]), float(theta[index] * (1.0 + sign))
-        if not beyond(outside, level):
-            return outside
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (inside + outside)
-            inside, outside = (inside, middle) if beyond(middle, level) else (middle, outside)
-        return outside
-
-    return end(-1.0, levels[0]), end(1.0, levels[0]), end(1.0, levels[1])

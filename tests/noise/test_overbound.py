@@ -150,12 +150,6 @@ def test_processes_of_a_fit_stay(fits):
     np.testing.assert_array_equal(both.sinusoid, lines)
 
 
-def test_in_both_precisions(precision):
-    tau, upper = limits(0)
-    found = overbound_curve(tau, upper, dt=DT)
-    assert np.all(found.avar(tau, dt=DT) >= upper**2)
-
-
 def test_limits_that_are_not_finite(refuses):
     with refuses("no_upper"):
         overbound_curve([1.0, 2.0], [1.0, np.inf])
