@@ -21,33 +21,38 @@ def flown(path: Path, align: str | None, headings: bool) -> Any:
     return None
 
 
-def of_place(flight: Any) -> tuple[Any, list[str]]:
-    """The field at the place and day of a flight, None if they are not known, and what to say of it."""
+def of_place(flight: Any, options: dict[str, Any]) -> tuple[Any, list[str]]:
+    """The field at the place and day of a flight, None if they are not known, and what to say; place and day join the `options`."""
     from ..magnetometer import earth_field
 
+    said = [f"the vertical is that of {flight.source}"]
     if flight.place is None:
-        return None, ["the log has no fix of GPS: give --place and --date, or --inclination, for the dip of the field"]
+        return None, [*said, "the log has no fix of GPS: give --place and --date, or --inclination, for the dip of the field"]
     latitude, longitude, altitude = flight.place
     where = f"{latitude:.3f} {longitude:.3f} on {flight.date}"
     try:
-        return earth_field(latitude, longitude, flight.date, altitude=altitude), [f"field and dip are those of {where}, by GPS"]
+        found = earth_field(latitude, longitude, flight.date, altitude=altitude)
     except DataError as error:
-        return None, [f"GPS shows {where}, but: {error}"]
+        return None, [*said, f"GPS shows {where}, but: {error}"]
+    options |= {"place": (latitude, longitude), "date": str(flight.date)}
+    return found, [*said, f"field and dip are those of {where}, by GPS"]
 
 
-def each(run: Callable[[Reading, Any, str], None], flight: Any, reading: Reading, writing: Any, folder: str) -> None:
-    """Call `run` for a log, or for every compass of a flight log, each with a folder of its own; none stops the others."""
-    compasses = () if flight is None or reading.topics else flight.compasses
-    if len(compasses) < 2:
-        run(dataclasses.replace(reading, topics=compasses) if compasses else reading, writing, folder)
+def each(run: Callable[[Reading, Any, str, Any], None], flight: Any, reading: Reading, writing: Any, folder: str) -> None:
+    """Call `run` for a log, or for every compass of a flight log, each with a folder and an id of its own; none stops the others."""
+    known: dict[str, Any] = {} if flight is None else flight.compasses
+    compasses = list(known) if not reading.topics else [one for one in known if one in reading.topics]
+    if reading.topics or len(compasses) < 2:
+        own = reading if reading.topics or not compasses else dataclasses.replace(reading, topics=(compasses[0],))
+        run(own, writing, folder, known[compasses[0]] if compasses else None)
         return
     if any(value is not None for name, value in vars(writing).items() if name != "out"):
         raise CallError(f"the log has {len(compasses)} compasses: choose one for these files with --topics {compasses[0]}", "several")
     errors: list[tuple[str, DataError]] = []
-    for compass in compasses:
-        own = Path(writing.out or folder, compass.replace(":", "_"))
+    for compass, device in known.items():
+        place = Path(writing.out or folder, compass.replace(":", "_"))
         try:
-            run(dataclasses.replace(reading, topics=(compass,)), dataclasses.replace(writing, out=own), "")
+            run(dataclasses.replace(reading, topics=(compass,)), dataclasses.replace(writing, out=place), "", device)
         except DataError as error:
             errors.append((compass, error))
     if errors:

@@ -111,10 +111,10 @@ def mag(
     }  # fmt: skip
     earth, notes = _earth(field, place, date), list[str]()
     if flight is not None and earth is None and inclination is None:
-        earth, notes = of_place(flight)
+        earth, notes = of_place(flight, options)
     chosen = {"model": model, "field": earth, "inclination": None if inclination is None else math.radians(inclination)}
 
-    def one(reading: opt.Reading, writing: Writing, default: str) -> None:
+    def one(reading: opt.Reading, writing: Writing, default: str, device: Any) -> None:
         fields: dict[str, Any] = {}
 
         def compute(recording: Any, _: Any) -> Any:
@@ -127,21 +127,22 @@ def mag(
 
         files: list[File] = [
             ("plot", "", figure(_sphere)), ("report", "report.html", save_report), ("json", "mag.json", save_json),
-            ("calibration", "calibration.json", partial(save_calibration, part="magnetometer")),
+            ("calibration", "calibration.json", partial(save_calibration, part="magnetometer", device=device)),
             ("corrected", "", partial(_corrected, fields)),
         ]  # fmt: skip
         default = "" if writing.corrected else default
-        plan = outputs(writing, files, default, formats=_EXPORTS, export=partial(save_export, part="magnetometer"))
+        plan = outputs(writing, files, default, formats=_EXPORTS, export=partial(save_export, part="magnetometer", device=device))
         reading, said = ready(log, reading, align == "gyro")
-        change = partial(_noted, [*said, *notes])
+        change = partial(_noted, [*said, *notes], "" if flight is None else ", ".join(reading.topics or ()))
         carry_out(log, reading, running, plan, compute, change=change, command="jaxcal mag", options=options).end(running)
 
     each(one, flight, reading, writing, f"{opt.stem(log)}-mag")
 
 
-def _noted(said: list[str], log: Any) -> Any:
-    """The log with notes on how the command read it."""
-    return log._replaced(findings=(*log.findings, *(FINDINGS("read_so", said=one) for one in said)))
+def _noted(said: list[str], compass: str, log: Any) -> Any:
+    """The log with notes on how the command read it, and the name of the compass of a flight."""
+    named = {"quantity": f"magnetometer {compass}"} if compass else {}
+    return log._replaced(findings=(*log.findings, *(FINDINGS("read_so", said=one) for one in said)), provenance={**log.provenance, **named})
 
 
 def _advise(path: Path, reading: opt.Reading, running: opt.Running, limit: float, inclination: float | None) -> None:

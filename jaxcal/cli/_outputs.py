@@ -92,7 +92,7 @@ def save_json(place: Path, results: Any, log: Any) -> None:
     results.save(place, log)
 
 
-def save_calibration(place: Path, results: Any, log: Any, *, part: str, device: str | None = None) -> None:
+def save_calibration(place: Path, results: Any, log: Any, *, part: str, device: Any = None) -> None:
     """Write the results as the `part` of a calibration."""
     jaxcal.Calibration(**{part: results}, device=device, provenance=log.provenance).save(place)
 

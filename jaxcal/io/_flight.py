@@ -37,15 +37,16 @@ class Flight(NamedTuple):
     quaternion : (n, 4) w, x, y, z, from body axes (forward, right, down) to north, east, down.
     place : latitude and longitude in degrees and altitude in m, the medians of GPS; None without a fix.
     date : day of the flight by GPS; None without a fix.
-    compasses : labels of the magnetometers, as in `jaxcal.read(path, topics=...)`.
+    compasses : label of each magnetometer, as in `jaxcal.read(path, topics=...)` -> `device` of its `Calibration`: the id by which the
+        flight controller knows it, if the log has it.
 
     Examples
     --------
     >>> import numpy as np
     >>> from jaxcal.io import Flight
-    >>> flight = Flight("ATT", np.arange(3.0), np.tile([1.0, 0.0, 0.0, 0.0], (3, 1)), None, None, ("MAG:0",))
-    >>> flight.compasses
-    ('MAG:0',)
+    >>> flight = Flight("ATT", np.arange(3.0), np.tile([1.0, 0.0, 0.0, 0.0], (3, 1)), None, None, {"MAG:0": None})
+    >>> list(flight.compasses)
+    ['MAG:0']
     """
 
     source: str
@@ -53,7 +54,7 @@ class Flight(NamedTuple):
     quaternion: AnyArray
     place: tuple[float, float, float] | None
     date: datetime.date | None
-    compasses: tuple[str, ...]
+    compasses: dict[str, Any]
 
     def at(self, log: Log) -> AnyArray:
         """Attitudes (n, 4) when the magnetometer of a log took its readings; NaN where those around are a second or 20 degrees apart."""
@@ -90,7 +91,7 @@ def flight(path: str | os.PathLike[str]) -> Flight:
     --------
     >>> import jaxcal
     >>> flight = jaxcal.io.flight("flight.bin")  # doctest: +SKIP
-    >>> log = jaxcal.read("flight.bin", topics=flight.compasses[0])  # doctest: +SKIP
+    >>> log = jaxcal.read("flight.bin", topics=list(flight.compasses)[0])  # doctest: +SKIP
     >>> aid = jaxcal.magnetometer.Attitude(flight.at(log))  # doctest: +SKIP
     >>> jaxcal.magnetometer.fit(log.mag, aid=aid).headline  # doctest: +SKIP
 
@@ -137,8 +138,9 @@ def _of_px4(path: pathlib.Path) -> Flight:
             date = datetime.datetime.fromtimestamp(gps["time_utc_usec"][fixed][0] * 1e-6, datetime.UTC).date() if place else None
     count = {name: max((len(topic.offsets) for topic in log.topics if topic.name == name), default=0) for name in COMPASSES}
     chosen = next(name for name in COMPASSES if count[name] >= FEW * max(count.values()))
-    labels = tuple(topic.label for topic in log.topics if topic.name == chosen)
-    return Flight("vehicle_attitude", stamps * 1e-6, np.asarray(attitude["q"], float), place, date, labels)
+    found = {topic.label: log.rows(topic, ["device_id"]).get("device_id", []) for topic in log.topics if topic.name == chosen}
+    known = {label: _device("px4", "mag_id", one[0] if len(one) else 0) for label, one in found.items()}
+    return Flight("vehicle_attitude", stamps * 1e-6, np.asarray(attitude["q"], float), place, date, known)
 
 
 def _of_ardupilot(path: pathlib.Path) -> Flight:
@@ -159,7 +161,16 @@ def _of_ardupilot(path: pathlib.Path) -> Flight:
         fixed = rows[(rows["Status"] >= _FIX) & (rows[week] > 0)]
         place = _median([degrees(log, "GPS", fixed, name) for name in ("Lat", "Lng", "Alt")])
         date = (_EPOCH + datetime.timedelta(weeks=int(fixed[week][0]), milliseconds=int(fixed[ms][0]))).date() if place else None
-    return Flight(source, stamps, quaternion, place, date, tuple(label for label in places_of(log) if label.startswith("MAG")))
+    rows = log.rows("PARM") if log.holds("PARM", "Name", "Value") else np.zeros(0, [("Name", "S16"), ("Value", "f4")])
+    values = {bytes(name).decode("latin-1"): float(value) for name, value in zip(rows["Name"], rows["Value"], strict=True)}
+    numbers = {label: int(label.partition(":")[2]) + 1 for label in places_of(log) if label.startswith("MAG")}
+    ids = {label: values.get(f"COMPASS_DEV_ID{'' if i == 1 else i}", 0) for label, i in numbers.items()}
+    return Flight(source, stamps, quaternion, place, date, {label: _device("ardupilot", "compass_id", one) for label, one in ids.items()})
+
+
+def _device(tool: str, name: str, number: Any) -> dict[str, Any] | None:
+    """`device` of a calibration, with the id of a sensor; None for the id 0, which no sensor has."""
+    return {tool: {name: int(number)}} if number > 0 else None
 
 
 def _median(columns: list[Any]) -> tuple[float, float, float] | None:

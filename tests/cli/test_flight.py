@@ -44,6 +44,8 @@ def dataflash(flight, attitudes="ATT", fix=3):
     week, ms = divmod((datetime.datetime.combine(DAY, datetime.time(12)) - datetime.datetime(1980, 1, 6)).total_seconds(), 604800.0)
     log.write("GPS", START, 0, 1, 0, 0, 0, 0, 0)
     log.write("GPS", START, 0, fix, int(1000 * ms), int(week), round(1e7 * PLACE[0]), round(1e7 * PLACE[1]), round(100 * PLACE[2]))
+    log.describe(64, "PARM", "QNf", "TimeUS,Name,Value")
+    log.write_all("PARM", [(START, "COMPASS_DEV_ID", 97539.0), (START, "COMPASS_DEV_ID2", 131874.0)])
     stamps = START + np.round(1e6 * flight.time).astype(int)
     yaw, pitch, roll = np.round(100 * np.rad2deg(flight.attitude.as_euler("ZYX"))).astype(int).T
     if attitudes == "ATT":
@@ -98,6 +100,7 @@ def test_every_compass_of_a_flight_is_calibrated(call, folder, flight, name, wri
     found = call("mag", name)
     assert (found.status, found.err) == (0, "")
     assert len(found.out.splitlines()) <= 60
+    assert f"{name}: magnetometer {compasses}:1, 10 Hz" in found.out
     out = folder / "flight-mag"
     assert {f"{compasses}_{i}/{file}" for i in (0, 1) for file in ("mag.json", "calibration.json", "report.html")} < set(listing(out))
     for i, (soft, hard) in enumerate(flight.irons):
@@ -107,13 +110,19 @@ def test_every_compass_of_a_flight_is_calibrated(call, folder, flight, name, wri
         errors = flights.heading_errors(model, (soft, hard), DIP, SIZE)
         assert np.rad2deg(errors[0]) < 1.0
         assert document["numbers"]["inclination"]["value"] == pytest.approx(DIP, abs=1e-6)
+    tool = "ardupilot" if compasses == "MAG" else "px4"
+    found = call("export", *(out / f"{compasses}_{i}" / "calibration.json" for i in (0, 1)), "--to", tool)
+    assert found.status == 0
+    text = (folder / {"ardupilot": "ardupilot.param", "px4": "px4.params"}[tool]).read_text().replace("\t", ",")
+    ids = {"ardupilot": ("COMPASS_DEV_ID,97539", "COMPASS_DEV_ID2,131874"), "px4": ("CAL_MAG0_ID,7", "CAL_MAG1_ID,8")}[tool]
+    assert all(one in text for one in ids)
 
 
 def test_what_a_flight_log_tells(folder, flight):
     path = folder / "flight.bin"
     path.write_bytes(dataflash(flight).content)
     found = jaxcal.io.flight(path)
-    assert (found.source, found.date, found.compasses) == ("ATT", DAY, ("MAG:0", "MAG:1"))
+    assert (found.source, found.date, list(found.compasses)) == ("ATT", DAY, ["MAG:0", "MAG:1"])
     np.testing.assert_allclose(found.place, PLACE, rtol=1e-6)
     log = jaxcal.read(path, topics="MAG:1", quiet=True)
     known, true = found.at(log), flight.attitude[1::2].as_quat(scalar_first=True)
