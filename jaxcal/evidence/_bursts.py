@@ -8,6 +8,7 @@ with s the robust spread of d at this lag. So K and B, which spread the looks at
 leaves the record before the next lag, and the levels before and after it are joined where they differ.
 """
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -112,7 +113,7 @@ class _Record:
         """Robust spread of the looks of each axis, which is known to half the step of a mean."""
         found = []
         for d, step, hidden in zip(looks, self.steps, self.hidden, strict=True):
-            d = d if still is None else d[still]
+            d = d if still is None or still.all() else d[still]
             size = np.abs(d[:: len(d) // SAMPLE + 1])
             spread = np.max(np.quantile(size, list(_SPREADS)) / list(_SPREADS.values()))
             found.append(spread + max(0.5 * step / h, hidden / np.sqrt(h)))
@@ -130,11 +131,10 @@ class _Record:
         spread = self._spread(looks, h, still)
         if not spread.all():
             return out
-        z = np.zeros(count)
         for d, s in zip(looks, spread, strict=True):
             d *= 1.0 / s
             d *= d
-            z += d
+        z = functools.reduce(np.add, looks)
         chance = 0.5 * CHANCE / self.lags  # half for single looks, half for the energy of blocks of looks
         limit = _limit(len(looks), len(self.index) / h, chance / count)
         found = z > limit
@@ -144,8 +144,9 @@ class _Record:
         if self.tails:
             for start, stop in zip(starts[single], stops[single], strict=True):
                 found[start:stop] = False
-        large = np.flatnonzero(z > _limit(len(looks), len(self.index) / h, 0.1 * CHANCE))
-        for start, stop in zip(*runs(~still | _loud(np.minimum(z, limit), len(looks), chance)), strict=True):
+        blocks = list(zip(*runs(~still | _loud(np.minimum(z, limit), len(looks), chance)), strict=True))
+        large = np.flatnonzero(z > _limit(len(looks), len(self.index) / h, 0.1 * CHANCE)) if blocks else np.zeros(0, dtype=int)
+        for start, stop in blocks:
             # the event may be shorter than its blocks of looks: one look in a thousand of noise is as large as its ends
             ends = large[np.searchsorted(large, start) : np.searchsorted(large, stop)]
             found[ends[0] if len(ends) else start : ends[-1] + 1 if len(ends) else stop] = True
