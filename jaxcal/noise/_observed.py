@@ -168,19 +168,23 @@ class Observed:
     @property
     def filled(self) -> np.ndarray:
         """(n,) expectation of the record without the regressors, given the observations."""
-        return self._z[0] - self.factors @ (self._z[1:] if len(self._open) else self._mean.columns)
+        return self._less(self._z[0], self._z[1:] if len(self._open) else self._mean.columns)
 
     @property
     def drawn(self) -> np.ndarray:
         """(n,) the same, with a random draw in place of the expectation of unknown samples, so that it scatters like a complete record."""
-        found = self.filled
-        if 0 in self._before:
-            found[self._open] += self._before[0]
+        if 0 not in self._before:
+            return self.filled
+        found = self.filled.copy()
+        found[self._open] += self._before[0]
         return found
 
     def spectrum(self) -> np.ndarray:
         """Ordinates (n - 1,) of `drawn` by the orthonormal DCT-II, without that of the mean."""
-        return dct(self.drawn)[1:] if self._spectrum is None else self._spectrum - self.factors @ self._mean.spectra
+        return dct(self.drawn)[1:] if self._spectrum is None else self._less(self._spectrum, self._mean.spectra)
+
+    def _less(self, record: np.ndarray, regressors: np.ndarray) -> np.ndarray:
+        return record - self.factors @ regressors if len(regressors) else record
 
     def _expected(self, level: np.ndarray | None, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Expectation of the record and of the regressors, and the conditional variance over the density, summed in bins."""
