@@ -114,11 +114,12 @@ def _energies(spectrum: AnyArray, evidence: AnyArray, model: AnyArray, count: An
     """Energy of the score of a coefficient in each of ten blocks, and the number of chi-squares that it is worth."""
     needed = _needed(evidence, count)
     bins = int(np.searchsorted(np.cumsum(count), needed)) + 1
+    held = np.diff(np.minimum(np.cumsum(count[:bins]), needed), prepend=0)  # ordinates of each bin
     size = float(evidence[:bins].max())
-    share, level = (np.repeat(values[:bins].astype(np.float32), count[:bins])[:needed] for values in (evidence / size, model / model.max()))
-    white = np.sqrt(share / np.where(share > 0.0, level, 1.0)) * (spectrum[:needed] / np.sqrt(model.max())).astype(np.float32)
+    share = evidence[:bins] / size
+    white = (np.repeat(np.sqrt(share / model[:bins]), held) * spectrum[:needed]).astype(np.float32)
     # u^2 has twice the bandwidth of u
     whole = needed == len(spectrum)
     u = np.asarray(scipy.fft.idct(np.pad(white, (1, 0 if whole else needed - 1)), norm="ortho", overwrite_x=True))
     energy = np.add.reduceat(u * u, np.rint(np.arange(BLOCKS[0]) * len(u) / BLOCKS[0]).astype(int), dtype=float)
-    return energy * size, float(np.sum(share, dtype=float) ** 2 / np.sum(share * share, dtype=float))
+    return energy * size, float((held @ share) ** 2 / (held @ share**2))

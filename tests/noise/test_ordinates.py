@@ -5,8 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.fft
+import scipy.optimize
 
 from jaxcal.noise import GaussMarkov, Noise
+from jaxcal.noise._likelihood import nonnegative
 from jaxcal.noise._observed import Observed
 from jaxcal.noise._ordinates import bins_of
 
@@ -76,3 +78,16 @@ def test_a_traced_gap_is_refused():
     y[3] = np.nan
     with pytest.raises(Exception, match="gap-free"):
         jax.block_until_ready(jax.jit(lambda y: bins_of(y, DT, TERMS).density)(jnp.asarray(y)))
+
+
+def test_nonnegative_least_squares_equals_that_of_scipy():
+    random = np.random.default_rng(3)
+    rows, target = random.standard_normal((50, 30, 8)), random.standard_normal((50, 30))
+    rows[..., 7] = rows[..., 6] + 1e-4 * rows[..., 7]  # nearly equal columns
+    gram, goal = np.einsum("lij,lik->ljk", rows, rows), np.einsum("lij,li->lj", rows, target)
+    found, active = nonnegative(gram, goal, False, np.ones((50, 8), dtype=bool))
+    for one, a, b in zip(found, rows, target, strict=True):
+        exact, least = scipy.optimize.nnls(a, b)
+        assert np.linalg.norm(a @ one - b) == pytest.approx(least, rel=1e-9)
+        np.testing.assert_allclose(a @ one, a @ exact, atol=1e-6)
+    np.testing.assert_array_equal(active, found > 0.0)
