@@ -10,7 +10,6 @@ from cyclopts import Parameter
 import jaxcal
 
 from . import _options as opt
-from ._noise_file import read_noise
 from ._outputs import File, outputs, save_json, save_report
 from ._work import carry_out
 
@@ -49,8 +48,7 @@ def device(
     rests make the accelerometer's result ten times more accurate.
     """
     options = opt.asked(locals())
-    opt.must_exist(noise)
-    known = None if noise is None else read_noise(noise)
+    known = opt.read_noise(noise)
 
     def calibration(place: Path, found: Any, data: Any) -> None:
         usable = {sensor for sensor, verdict in found.verdicts.items() if verdict != "refused"}

@@ -14,7 +14,6 @@ import jaxcal
 
 from . import _options as opt
 from ._export import FILES
-from ._noise_file import read_noise
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report
 from ._work import carry_out
 
@@ -76,9 +75,9 @@ def imu(
         ("json", "imu.json", save_json), ("calibration", "calibration.json", partial(save_calibration, part="imu", device=name)),
     ]  # fmt: skip
     plan = outputs(writing, files, f"{opt.stem(log)}-imu", formats=_EXPORTS, export=partial(save_export, part="imu", device=name))
-    opt.must_exist(regions, noise, prior)
+    opt.must_exist(regions, prior)
     asked = tuple(word for word in terms.replace(" ", "").split(",") if word)
-    known = ({} if noise is None else {"noise": read_noise(noise)}) | ({} if prior is None else {"prior": _prior(prior)})
+    known = ({} if noise is None else {"noise": opt.read_noise(noise)}) | ({} if prior is None else {"prior": _prior(prior)})
     known |= {} if not asked else {"terms": "auto" if asked == ("auto",) else asked}
     place = None if latitude is None else math.radians(latitude)
 

@@ -8,8 +8,7 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from .._units import STANDARD_GRAVITY
-from ._noise_file import read_noise
-from ._options import TABLE, CallError, Files, Gravity, Latitude, Noise, Reading, Running, asked, must_be_log
+from ._options import TABLE, CallError, Files, Gravity, Latitude, Noise, Reading, Running, asked, must_be_log, read_noise
 from ._outputs import File, figure, outputs, save_json, save_report
 from ._readings import ReadingsTable, holds_positions, read_readings, read_table_log
 from ._simulate import noises
@@ -92,7 +91,7 @@ def north(
         options["free"] = ",".join(free).split(",")
     if azimuth is not None:
         options["start"] = {"psi": math.radians(azimuth)}
-    source, told = None if noise is None else read_noise(noise), noises(gyro, accel)
+    source, told = read_noise(noise), noises(gyro, accel)
     column: list[Any] = [None]
 
     def read() -> Any:

@@ -54,9 +54,7 @@ Config = Annotated[Path | None, Parameter(help='TOML file with options: a table 
 Log = Annotated[Path, Parameter(help="The log: any file that can be read, a folder, or a zip file.")]
 LogFile = Annotated[Path, log_file()]
 Name = Annotated[str | None, Parameter(name="--name", help="Name of the device, kept in the calibration.")]
-Noise = Annotated[
-    Path | None, Parameter(help="Noise of the sensors: noise.json of jaxcal noise, or a calibration. Else the log gives the noise.")
-]
+Noise = Annotated[Path | None, Parameter(help="Noise of the sensors: calibration.json of jaxcal noise. Else the log gives the noise.")]
 #: option -> least and largest value, and unit
 _LIMITS = {
     "confidence": (0.01, 0.9999, ""), "latitude": (-90, 90, "degrees"), "height": (-500, 9000, "m above sea level"),
@@ -225,6 +223,14 @@ def must_be_calibration(*paths: Path | None, option: str = "") -> None:
     for path in paths:
         if path is not None and (wrong := not_a_calibration(path, option)):
             raise CallError(wrong, "not_a_calibration")
+
+
+def read_noise(path: Path | None) -> Any:
+    """The calibration with the noise of the sensors, for the option --noise."""
+    from ..calibration import Calibration
+
+    must_be_calibration(path, option="--noise")
+    return None if path is None else Calibration.load(path)
 
 
 def day(text: str) -> datetime.date:

@@ -22,9 +22,9 @@ def test_a_recording_by_hand_becomes_a_calibration(call, folder):
     assert calibration.imu.gyro.model.matrix.shape == (3, 3)
     assert calibration.magnetometer.field is not None
     # a bias that wanders by more than one recording shows widens the interval of the bias
-    told = {f"gyro_{axis}": {"noise": {"N": 1.2e-4, "B": 1e-3, "further": [], "cutoff": None}} for axis in "xyz"}
-    (folder / "noise.json").write_text(json.dumps({"schema": "jaxcal.NoiseFits/1", "channels": told}), encoding="utf-8")
-    assert call("device", "log.csv", "--gravity", "9.80665", "--noise", "noise.json", "--json", "told.json").status == 0
+    told = {"unit": "rad/s", **dict.fromkeys("QKR"), "N": [1.2e-4] * 3, "B": [1e-3] * 3}
+    jaxcal.Calibration(noise={"rate": 100.0, "gyro": told}).save(folder / "known.json")
+    assert call("device", "log.csv", "--gravity", "9.80665", "--noise", "known.json", "--json", "told.json").status == 0
     known = json.loads((folder / "told.json").read_text(encoding="utf-8"))
     alone, beside = (one["numbers"]["gyro.bias[0]"] for one in (document, known))
     assert beside["high"] - beside["low"] > 3 * (alone["high"] - alone["low"])

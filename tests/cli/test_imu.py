@@ -39,11 +39,12 @@ def test_a_simulated_log_is_calibrated(call, folder):
     np.testing.assert_allclose(stored.imu.gyro.model.g_sensitivity, MEMS.gyro.g_sensitivity, atol=1e-4)
     assert stored.imu.accel.estimate.names[0] == "matrix[0,0]"
     # the same with prior knowledge: the noise of the sensors, and the first calibration
-    channels = {
-        f"{sensor}_{axis}": {"noise": {"N": value, "further": [], "cutoff": None}} for sensor, value in NOISE.items() for axis in "xyz"
+    told = {
+        sensor: {"unit": unit, **dict.fromkeys("QBKR"), "N": [NOISE[sensor]] * 3}
+        for sensor, unit in (("gyro", "rad/s"), ("accel", "m/s^2"))
     }
-    (folder / "noise.json").write_text(json.dumps({"schema": "jaxcal.NoiseFits/1", "channels": channels}))
-    known = ("--noise", "noise.json", "--prior", "log-imu/calibration.json", "--name", "unit 7", "--calibration", "again.json")
+    jaxcal.Calibration(noise={"rate": 100.0, **told}).save(folder / "known.json")
+    known = ("--noise", "known.json", "--prior", "log-imu/calibration.json", "--name", "unit 7", "--calibration", "again.json")
     assert call("imu", "log.csv", "--gravity", "9.80665", *known, "--quiet").status == 0
     again = jaxcal.Calibration.load(folder / "again.json")
     assert (again.device, again.imu.verdict) == ({"name": "unit 7"}, "good")
@@ -68,7 +69,7 @@ def test_a_simulated_log_is_calibrated(call, folder):
     [
         (["--convention", "sideways"], 2, ""),
         (["--method", "magic"], 2, ""),
-        (["--units", "accel=mg"], 1, "Give --units accel=m/s^2"),
+        (["--units", "accel=mg"], 1, "unsuited"),
         (["--stop", "40"], 1, "refused"),
     ],
 )

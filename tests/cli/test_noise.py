@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal.cli._noise_file import read_noise
 
 from .conftest import HEADER, listing, save, table
 
@@ -197,10 +196,3 @@ def test_the_demo_counts_the_intervals_that_hold_the_truth_and_its_calibration_i
     assert held >= 20
     for tool in ("kalibr", "openvins", "vins", "orbslam3", "gtsam", "ros", "csv"):
         assert call("export", folder / "jaxcal-demo" / "calibration.json", "--to", tool, "--out", f"made.{tool}").status == 0
-
-
-def test_noise_of_a_file_is_read(folder):
-    y = jaxcal.noise.Noise(N=1e-3).simulate(5000, 100.0, seed=0)
-    fits = jaxcal.noise.NoiseFits({"gyro_x": jaxcal.noise.fit(y, 100.0)})
-    fits.save(folder / "new.json")
-    assert pytest.approx(float(fits.gyro_x.noise.N)) == read_noise(folder / "new.json")["gyro_x"].N

@@ -92,24 +92,27 @@ def test_wrong_simulations(call):
 
 
 def raw_log(path, axes):
-    """Write a raw table log, simulated by tests/alignment/world.py, and noise.json of its sensors."""
+    """Write a raw table log, simulated by tests/alignment/world.py, and device.json with the noise of its sensors."""
     rng, attitude = np.random.default_rng(3), np.array([1.0, 2.0, 40.0]) * world.DEG
     time, angle, accel, gyro, _, _ = world.recording(rng, [0, 90, 180, 270], [40.0] * 4, "N+B", attitude, axes=axes, rate=20.0)
     names = [f"{sensor}_{axis} [{unit}]" for sensor, unit in (("accel", "m/s^2"), ("gyro", "deg/h")) for axis in "xyz"[:axes]]
     columns = np.column_stack([time, np.rad2deg(angle), accel, np.rad2deg(gyro) * 3600])
     np.savetxt(path, columns, delimiter=",", header=",".join(["time [s]", "angle [deg]", *names]), comments="", fmt="%.9g")
-    coefficients = {
-        f"{sensor}_{axis}": {"noise": dict(zip("NBK", (c * world.NOISES["N+B"]).tolist(), strict=True)) | {"further": [], "cutoff": None}}
-        for sensor, c in (("gyro", world.GYRO), ("accel", world.ACCEL))
-        for axis in "xyz"
+    told = {
+        sensor: {
+            "unit": unit,
+            **dict.fromkeys("QR"),
+            **{t: [x] * 3 for t, x in zip("NBK", (c * world.NOISES["N+B"]).tolist(), strict=True)},
+        }
+        for sensor, unit, c in (("gyro", "rad/s", world.GYRO), ("accel", "m/s^2", world.ACCEL))
     }
-    path.with_name("noise.json").write_text(json.dumps({"schema": "jaxcal.NoiseFits/1", "channels": coefficients}))
+    jaxcal.Calibration(noise={"rate": 20.0, **told}).save(path.with_name("device.json"))
 
 
 @pytest.mark.parametrize("axes", [1, 3])
 def test_a_raw_log_needs_no_averaging_by_hand(call, folder, axes):
     raw_log(folder / "table.csv", axes)
-    found = call("north", "table.csv", "--latitude", "35", "--noise", "noise.json", "--json", "a.json", "--report", "a.html")
+    found = call("north", "table.csv", "--latitude", "35", "--noise", "device.json", "--json", "a.json", "--report", "a.html")
     assert (found.status, found.err) == (0, "")
     assert "4 rests" in found.out
     document = json.loads((folder / "a.json").read_text())
@@ -124,15 +127,12 @@ def test_a_raw_log_needs_no_averaging_by_hand(call, folder, axes):
 
 def test_angles_azimuth_and_columns_of_a_raw_log(call, folder):
     raw_log(folder / "table.csv", 1)
-    given = ["--latitude", "35", "--noise", "noise.json", "--columns", "time=0,accel=2,gyro=3"]
+    given = ["--latitude", "35", "--noise", "device.json", "--columns", "time=0,accel=2,gyro=3"]
     found = call("north", "table.csv", *given, "--angles", "0,90,180,270", "--azimuth", "40", "--json", "a.json")
     assert found.status == 0
     numbers = json.loads((folder / "a.json").read_text())["numbers"]
     assert "psi" not in numbers
     assert abs(numbers["s_g"]["value"]) < 4 * std_of(numbers["s_g"])
-    gyro, accel = ({"unit": unit, **dict.fromkeys("QR"), **{t: [x] * 3 for t, x in zip("NBK", c, strict=True)}}
-                   for unit, c in (("rad/s", world.GYRO), ("m/s^2", world.ACCEL)))  # fmt: skip
-    jaxcal.Calibration(noise={"rate": 20.0, "gyro": gyro, "accel": accel}).save(folder / "device.json")
     wide = []
     for prior in ([], ["--prior", "phi=0.0175:1e-7"]):
         assert call("north", "table.csv", "--latitude", "35", "--noise", "device.json", *prior, "--json", "b.json").status == 0
@@ -141,7 +141,7 @@ def test_angles_azimuth_and_columns_of_a_raw_log(call, folder):
     for options, status, match in (
         (["--angles", "0,90"], 1, "2 angles were given for 4 rests"), (["--angles", "0,x"], 2, "degrees with commas"),
         (["--angle-column", "tilt"], 1, "no column 'tilt'"), (["--noise", "none.json"], 2, "does not exist"),
-        (["--noise", "table.csv"], 1, "is no JSON"), (["--prior", "phi=1:2:3"], 2, "MEAN:STANDARD_DEVIATION"),
+        (["--noise", "table.csv"], 2, "is a log"), (["--prior", "phi=1:2:3"], 2, "MEAN:STANDARD_DEVIATION"),
     ):  # fmt: skip
         found = call("north", "table.csv", "--latitude", "35", *options)
         assert found.status == status, options

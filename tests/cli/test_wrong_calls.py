@@ -129,7 +129,8 @@ north table.csv --hemisphere east          | Choose from: "north", "south"
 north table.csv --gyro N=0.01              | N has no unit; use one of deg/sqrt(h)
 north table.csv --gyro N=0.01deg/h         | 'deg/h' is not a unit of N of a gyro
 north table.csv --prior s_a                | expected NAME=STANDARD_DEVIATION
-north table.csv --noise gone.json          | --noise takes the noise.json of jaxcal noise, or a calibration
+north table.csv --noise gone.json          | gone.json does not exist
+north table.csv --noise rest.csv           | rest.csv is a log, and a calibration is asked for
 north table.csv --angles a,b               | expected degrees with commas between them, such as 0,90,180,270
 batch --out fleet                          | needs logs: files, folders or patterns
 batch nowhere/ --out fleet                 | there are no logs at nowhere
@@ -203,7 +204,6 @@ north bad_cell.csv                         | line 3: 'soon' is not a number
 north header_only.csv                      | it takes one row per position
 north degrees.csv                          | look like
 north rest.csv                             | a test takes rests on several positions
-north table.csv --noise rest.csv           | --noise takes the noise.json of jaxcal noise, or a calibration
 allan rest.csv --m 0                       | cluster size 0 is outside
 allan rest.csv --m 100000                  | cluster size 100000 is outside
 allan warm_only.csv                        | neither gyroscope, accelerometer nor magnetometer
