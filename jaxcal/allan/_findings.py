@@ -1,10 +1,10 @@
 """What the package says about a deviation."""
 
 from .._answer import CAUTION, NOTE, Kind, table
-from ..evidence._uneven import UNEVEN
+from .._log_findings import LOG
 
 FINDINGS = table(
-    uneven=UNEVEN,
+    uneven=LOG["uneven"],
     longest_stretch=Kind(
         CAUTION,
         "{kind} needs a record without gaps: only its longest stretch was used, {share:.0%} of it, samples {start} to {stop}.",

@@ -72,9 +72,9 @@ def bursts(values: Any, rate: float | int) -> list[tuple[int, int]]:
             out = _filled(out, record.longest)
             record.drop(out)
         h *= 2
-    out &= record.present  # a gap inside is part of a stretch, one beside it is not
-    starts, stops = runs(_filled(out, 1, record.present))
-    return list(zip(starts.tolist(), stops.tolist(), strict=True))
+    rows = np.flatnonzero(record.present)  # a gap inside is part of a stretch, one beside it is not
+    starts, stops = runs(out[rows])
+    return list(zip(rows[starts].tolist(), (rows[stops - 1] + 1).tolist(), strict=True))
 
 
 class _Record:
@@ -220,18 +220,13 @@ def _limit(axes: int, pairs: float | int, chance: float) -> float:
     return float(axes * scipy.special.fdtri(axes, EFFICIENCY * pairs, 1.0 - chance))
 
 
-def _filled(out: np.ndarray, longest: int, present: np.ndarray | None = None) -> np.ndarray:
+def _filled(out: np.ndarray, longest: int) -> np.ndarray:
     """Fill what lies between two stretches and is shorter than both together and than the longest lag: the top of a knock."""
     starts, stops = runs(out)
     if len(starts) < 2:
         return out
     length = stops - starts
-    between = starts[1:] - stops[:-1]
-    if present is None:
-        close = between < np.minimum(length[1:] + length[:-1], longest)
-    else:  # fill gaps without readings
-        there = np.concatenate([[0], np.cumsum(present)])
-        close = there[starts[1:]] == there[stops[:-1]]
+    close = starts[1:] - stops[:-1] < np.minimum(length[1:] + length[:-1], longest)
     out = out.copy()
     for a, b in zip(stops[:-1][close], starts[1:][close], strict=True):
         out[a:b] = True

@@ -10,7 +10,6 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._answer import Finding, Table
-from .._log_findings import LOG
 from .._types import AnyArray
 from ._bursts import HIDDEN
 
@@ -22,7 +21,6 @@ _NAMED = 1e-3  # chance of a larger scatter below which a part of the record is 
 _NEIGHBOURS, _FEWEST = 240, 40
 #: samples in a neighbour at least, so that its energy is nearly normal, and those used at most, so that long records cost no more
 _SHORT, _USED = 256, 2048
-UNEVEN = LOG["uneven"]
 
 
 def quantile(freedom: AnyArray, chance: float) -> AnyArray:

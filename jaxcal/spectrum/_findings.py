@@ -1,10 +1,10 @@
 """What the package says about a spectrum."""
 
 from .._answer import CAUTION, NOTE, Kind, table
-from ..evidence._uneven import UNEVEN
+from .._log_findings import LOG
 
 FINDINGS = table(
-    uneven=UNEVEN,
+    uneven=LOG["uneven"],
     tail=Kind(
         NOTE,
         "Ordinates from {lowest:.6g} Hz, {lost} of {ordinates}, do not fill a group and are left out.",
