@@ -4,13 +4,12 @@ The scatter of m blocks, over what stationary noise has, is chi-square over its 
 energies of short neighbours, which hardly differ in level, so that tails and correlation of the noise matter to both alike.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._answer import Finding, Table
-from .._types import AnyArray
 from ._bursts import HIDDEN
 
 #: blocks of the record; fewer ones see slower changes of the level
@@ -23,18 +22,18 @@ _NEIGHBOURS, _FEWEST = 240, 40
 _SHORT, _USED = 256, 2048
 
 
-def quantile(freedom: AnyArray, chance: float) -> AnyArray:
+def quantile(freedom: Any, chance: float) -> Any:
     """What chi-square over its degrees of freedom exceeds by chance."""
     return 2.0 * scipy.special.gammainccinv(freedom / 2.0, chance) / freedom
 
 
-def beyond_chance(factor: AnyArray, freedom: AnyArray) -> AnyArray:
+def beyond_chance(factor: Any, freedom: Any) -> Any:
     """The factor, as far as chance does not explain it of a chi-square over its degrees of freedom; 1 at least."""
     none, full = (quantile(freedom, one) for one in _CHANCES)
     return 1.0 + np.clip((factor - none) / (full - none), 0.0, 1.0) * np.maximum(factor - 1.0, 0.0)
 
 
-def is_named(factor: AnyArray, freedom: AnyArray) -> AnyArray:
+def is_named(factor: Any, freedom: Any) -> Any:
     """Whether a part of the record is to be named for such a factor."""
     return factor > quantile(freedom, _NAMED)
 

@@ -126,7 +126,7 @@ def unwrapped(sensor: str, values: np.ndarray, rate: float, unit: str) -> tuple[
                 known = known + span * turns
                 values = values.copy()
                 values[there, axis] = known - span * np.round(np.median(known) / span)
-                found.append(Stretch("wrapped", sensor, (axis,), *_between(there[1:][far], rate), span, unit, np.count_nonzero(far)))
+                found.append(Stretch("wrapped", sensor, (axis,), *_between(there[1:][far], rate), span, unit, int(np.count_nonzero(far))))
                 break
     return values, found
 
@@ -242,7 +242,7 @@ def _resampled(sensor: str, values: np.ndarray, rate: float, found: list[Stretch
     In public logs, slow changes of the size are below 0.02 of the rate. Beyond, the strongest line was 21 times the median where nothing
     was interpolated, and from 127,000 times on in three logs where it was.
     """
-    out = ~np.isfinite(values).all(axis=1)
+    out = np.asarray(~np.isfinite(values).all(axis=1))
     for one in found:
         if one.kind == "stuck":  # as in a simulation without noise
             return []

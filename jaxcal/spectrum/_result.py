@@ -76,7 +76,7 @@ class Spectrum(Curved):
         if self.confidence != 0.95:
             low, high = (density * factor for factor in interval_factors(np.asarray(self.edf), 0.95))
         roots = at_decades(self.frequency, *map(np.sqrt, (density, low, high)))
-        main, more = labelled({f: Number(f"{prefix}root_density({f:g} Hz)", *at, root) for f, at in roots.items()}, "at {:g} Hz")
+        main, more = labelled({f: Number(f"{prefix}root_density({f:g} Hz)", v, a, b, root) for f, (v, a, b) in roots.items()}, "at {:g} Hz")
         # every average begins with a single ordinate, at the distance of the ordinates
         power = float(np.sum(density * np.asarray(self.count) / self.count[0])) * float(self.frequency[0])
         main["rms"] = Number(f"{prefix}rms", (power * self.sided) ** 0.5, quantity=unit)
