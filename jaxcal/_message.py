@@ -6,7 +6,7 @@ quantities as facts, which are shown in the units that the reader asked for. No 
 
 import shlex
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 Reader = Literal["python", "terminal"]
 #: options that take `NAME=VALUE`; in Python their value is a dictionary
@@ -15,11 +15,11 @@ _PAIRS = ("columns", "units")
 _CONSTANTS = {"...": "...", "none": "None"}
 
 
-class _Option:
+class _Option(NamedTuple):
     """One option: `{option.rate}`, or with a value behind a colon: `{option.rate:200}`."""
 
-    def __init__(self, name: str, reader: Reader):
-        self.name, self.reader = name, reader
+    name: str
+    reader: Reader
 
     def __format__(self, value: str) -> str:
         if self.reader == "terminal":

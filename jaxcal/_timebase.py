@@ -187,8 +187,8 @@ def _one_recording(stamps: np.ndarray, source: np.ndarray | None, found: list[Fi
 
     def apart(i: int) -> bool:
         if steps[i] < 0:  # parts in the wrong order are sorted, and a late stamp is followed by a jump back to the others
-            return stamps[i + 1 :].max() > stamps[: i + 1].min() and not np.any(steps[i + 1 : i + alike] > -steps[i] / 2)
-        return abs(np.log(even(steps[:i]) / even(steps[i + 1 :]))) > 0.05
+            return bool(stamps[i + 1 :].max() > stamps[: i + 1].min()) and not np.any(steps[i + 1 : i + alike] > -steps[i] / 2)
+        return bool(abs(np.log(even(steps[:i]) / even(steps[i + 1 :]))) > 0.05)
 
     back = np.flatnonzero(steps < -far)
     cuts = [i for i in {*(back.tolist() if len(back) <= 2 else ()), int(np.argmax(steps))} if abs(steps[i]) > far and apart(i)]

@@ -20,7 +20,9 @@ def corrected(calibration: Any, log: Log, currents: dict[str, Any] | None) -> Lo
     """The log with every correction that the calibration has for its sensors."""
     said: list[Finding] = []
     fields = _fields_of(calibration.magnetometer, log, currents or {}, said)
-    _same_recording(calibration, log, said)
+    known = (calibration.provenance or {}).get("sha256")
+    if calibration.temperature is not None and known is not None and known == log.provenance.get("sha256"):
+        said.append(CORRECTED("same_recording"))
     parts = {**({} if calibration.imu is None else calibration.imu.parts), "mag": calibration.magnetometer}
     values: dict[str, Any] = {name: np.array(getattr(log, name)) for name in SENSORS if getattr(log, name) is not None}
     done = []
@@ -117,9 +119,3 @@ def _passages(name: str, model: ThermalModel, t: AnyArray, said: list[Finding]) 
     for centre, width in zip(curve.centre, curve.width, strict=True) if isinstance(curve, Steps) else ():
         if t.min() < centre + 3 * width and t.max() > centre - 3 * width:
             said.append(CORRECTED("jump", name, centre=float(centre)))
-
-
-def _same_recording(calibration: Any, log: Log, said: list[Finding]) -> None:
-    known = (calibration.provenance or {}).get("sha256")
-    if calibration.temperature is not None and known is not None and known == log.provenance.get("sha256"):
-        said.append(CORRECTED("same_recording"))

@@ -9,7 +9,7 @@ from .._types import AnyArray
 from ..calibration import Calibration
 from ..imu import Triad
 from ._formats import IMU_TK
-from ._models import correction, dropped_g_sensitivity, inverse, triads
+from ._models import correction, dropped_of_gyro, inverse, triads
 from ._options import Product, finite, plain
 
 _DIGITS = 12  # of a number; T, whose diagonal is 1, has one decimal more
@@ -20,7 +20,7 @@ def write_imu_tk(calibration: Calibration, options: Any) -> Product:
     parts = triads(calibration)
     if not parts:
         raise ExportError("the calibration holds no imu, of which imu_tk's files could be made", code="no_part")
-    return Product({IMU_TK[name]: _text(part) for name, part in parts.items()}, dropped_g_sensitivity(calibration))
+    return Product({IMU_TK[name]: _text(part) for name, part in parts.items()}, dropped_of_gyro(calibration, matrix=False))
 
 
 def read_imu_tk(texts: dict[str, str], options: dict[str, Any]) -> Calibration:
