@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..fitting._serial import is_white, leave_out
 from ._ellipsoid._shape import unit
+from ._iron import EXACT, by_parts
 from ._turning import attitudes_in_segments
 
 _SOFT, _WEIGHT = 0.05, 4.0  # prior spread of the entries of C, and how many entries it counts as
@@ -26,9 +26,7 @@ _SOFT, _WEIGHT = 0.05, 4.0  # prior spread of the entries of C, and how many ent
 _SYMMETRIC, _TURNED = 1e-4, 0.01
 _DELAY = 0.05  # s, prior standard deviation of the delay of the readings after the rates
 _ROUNDS, _SETTLED = 40, 0.02  # most rounds, and step in standard errors that ends them
-_LEAST = 1e-9  # smallest standard deviation, for exact data
 _C, _B, _GAIN, _DIP, _LAG = slice(0, 9), slice(9, 12), 12, 13, slice(14, 18)
-_ODD = [(1, 3), (2, 6), (5, 7)]  # pairs of entries of C that are equal if it is symmetric
 
 
 class Attitudes(NamedTuple):
@@ -224,8 +222,8 @@ def _prior(p: np.ndarray, free: np.ndarray, base: np.ndarray, spread: float, kno
 
 def _odd(base: np.ndarray) -> np.ndarray:
     """Rows (3, 9) that take C to the antisymmetric part of C base'."""
-    by = np.kron(np.eye(3), base)
-    return np.array([(by[i] - by[j]) / 2 for i, j in _ODD])
+    by, (i, j) = np.kron(np.eye(3), base).reshape(3, 3, 9), np.triu_indices(3, 1)
+    return (by[i, j] - by[j, i]) / 2
 
 
 def solved(
@@ -246,7 +244,7 @@ def solved(
     if data.kind == "vertical" and not np.isfinite(known.dip_error):
         y = unit((u - begin[1]) @ np.linalg.inv(begin[0]).T)
         p[_DIP] = -np.arcsin(np.clip(np.mean(np.sum(y * data.up, axis=1)[data.paired]), -0.999, 0.999))
-    lag, spread, sigma, converged = np.zeros(4), _SOFT, np.full(2, max(noise, _LEAST)), False
+    lag, spread, sigma, converged = np.zeros(4), _SOFT, np.full(2, max(noise, EXACT)), False
     turned = np.inf if at.heading is not None else _TURNED if at.rotated else _SYMMETRIC
     turn = 0
     while True:
@@ -287,15 +285,9 @@ def solved(
         converged = False
         p = np.concatenate([begin[0].ravel(), begin[1], np.zeros(len(p) - 12)])
     else:
-        jacobian, scaled = whole[: len(left)], left / size
-        shown = np.abs(jacobian).max(axis=0) > 0  # the gain is in the prior alone
         matrix, prior = inverse, whole[len(left) :].T @ whole[len(left) :]
-        if sigma[0] > _LEAST and not is_white(jacobian[:, shown], scaled):
-            other = leave_out(jacobian, scaled, prior) + inverse @ prior @ inverse
-            if np.isfinite(other).all():
-                # no parameter is known better than by white residuals
-                ratio = np.sqrt(np.maximum(np.diag(matrix) / np.maximum(np.diag(other), 1e-300), 1.0))
-                parts, matrix = True, other * np.outer(ratio, ratio)
+        if sigma[0] > EXACT:
+            matrix, parts = by_parts(inverse, whole[: len(left)], left / size, prior)
         full[np.ix_(free, free)] = matrix
         if data.kind == "rates":
             p[_LAG] += lag
@@ -316,7 +308,7 @@ def _size(left: np.ndarray, used: np.ndarray, which: np.ndarray, nuisance: int) 
     if not which.any():
         return 1.0
     freedom = max(float(np.sum(which) - used[which].sum()) - nuisance, 1.0)
-    return max(float(np.sqrt(np.sum(left[which] ** 2) / freedom)), _LEAST)
+    return max(float(np.sqrt(np.sum(left[which] ** 2) / freedom)), EXACT)
 
 
 def poses(m: np.ndarray, up: np.ndarray, heading: np.ndarray | None, most: float) -> np.ndarray:

@@ -15,7 +15,7 @@ from ._aided import Attitudes, Known, Solution, averaged, north_of, poses, solve
 from ._attitude import Attitude
 from ._axes import FEWEST, Axes, axes_by_headings, axes_by_rates, axes_of, by_axes
 from ._design._heading_error import TURNED
-from ._ellipsoid._algebraic import extents
+from ._ellipsoid._algebraic import extents, sphere_centre
 from ._ellipsoid._shape import NEAR_PLANAR, Frame, unit
 from ._field import INCLINATION
 from ._findings import FINDINGS
@@ -28,7 +28,6 @@ _DIP, _ANY_DIP, _FIELD = np.deg2rad(0.5), 0.5, 0.02  # rad, prior spread of a gi
 #: source of a rotation -> its name for readers
 NAMES = {"accel": "accelerometer", "gyro": "gyroscope", "headings": "known headings", "attitude": "attitudes",
          "": "magnitudes", "plane": "plane"}  # fmt: skip
-_LATE = 0.025  # s, half of the prior's spread: a delay with a larger error was not determined
 
 
 class Alignment(Result):
@@ -304,11 +303,9 @@ def by_rates(m: np.ndarray, model: MagModel, field: float, gyro: np.ndarray, rat
 
 def _round(u: np.ndarray, dip: float) -> tuple[np.ndarray, np.ndarray]:
     """Start from a sphere through scaled readings; a circle has the size of the field's horizontal part."""
-    middle = u.mean(axis=0)
-    square = np.sum((u - middle) ** 2, axis=1)
-    centre = middle + np.linalg.lstsq(2.0 * (u - middle), square - square.mean(), rcond=3e-2)[0]
+    centre = sphere_centre(u)
     size = float(np.sqrt(np.mean(np.sum((u - centre) ** 2, axis=1))))
-    flat = extents(u - middle)
+    flat = extents(u - u.mean(axis=0))
     size = size / np.cos(dip) if flat[-1] < 4 * NEAR_PLANAR * flat[0] else size
     return size * np.eye(3), centre
 
@@ -322,7 +319,7 @@ def alignment_of(found: Solution, source: str) -> Alignment:
     covariance = turns @ found.covariance[:9, :9] @ turns.T
     rates = source == "gyro"
     late = float(np.sqrt(found.covariance[17, 17])) if rates else float("nan")
-    said = (FINDINGS("delay_open"),) if rates and late > _LATE else ()
+    said = tuple(FINDINGS.over("delay_open", late))
     return Alignment(
         rotation, covariance, float(np.linalg.norm(_vector(rotation))), float("nan") if rates else float(found.parameters[13]),
         found.spread, found.parameters[14:17] if rates else np.zeros(3), int(np.sum(found.along)), source,

@@ -10,12 +10,11 @@ import numpy as np
 
 from .._answer import CAUTION, FATAL, Finding, Quantity
 from .._arrays import axis_turns, axis_words
-from ._findings import FINDINGS
+from ._findings import AGREE, FINDINGS
 
 _CLEARER = 2.0  # times less scatter than that of equal axes, to be believed; one mirrored axis had 3 at least in 25 real logs, 18 usually
 FEWEST = 5  # poses: three angles and the dip need four
 _LOOSE = 0.2  # scatter of the sine of the dip above which no axes explain the log
-_FLAT = np.deg2rad(5.0)  # dip whose sign means nothing
 
 
 class Axes(NamedTuple):
@@ -80,7 +79,7 @@ def by_axes(found: Axes | None, sign: float, turns: bool = True) -> list[Finding
     grave, dip = FATAL if turns else CAUTION, abs(found.dip)
     if np.linalg.det(found.turn) < 0:
         return [_mirrored(found.turn, grave)]
-    known = sign * found.dip if sign and dip > _FLAT else float(found.sure)
+    known = sign * found.dip if sign and dip > AGREE else float(found.sure)
     if found.same:
         return [FINDINGS("reversed", dip=Quantity(found.dip, "angle"))] if known < 0 else []
     if known > 0:

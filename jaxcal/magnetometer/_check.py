@@ -12,16 +12,15 @@ from .._errors import DataError
 from .._precision import host_float64
 from .._types import AnyArray
 from ._aids import array, like, still
-from ._design._heading_error import distance_slopes
+from ._design._heading_error import HEADINGS, distance_slopes
 from ._ellipsoid._shape import unit
-from ._field import heading
+from ._field import STEEPEST, heading
 from ._findings import FINDINGS
+from ._iron import EXACT
 from ._result import MagFit
 
-_MOST, _SECTORS = 36, 12  # most headings that are listed one by one; more are grouped into sectors of 30 degrees
 _PARAMETERS = 3.0  # approximate degrees of freedom of a heading error: the hard iron dominates it
-_LEAST = 1e-9  # below which an error is rounding
-_STEEP, _LEVEL = 0.18, 0.1  # least horizontal share of the field for a heading; largest horizontal share of gravity at level
+_LEVEL = 0.1  # largest horizontal share of gravity at level
 
 
 class Check(Result):
@@ -33,8 +32,8 @@ class Check(Result):
     heading, expected_heading : rms heading error in rad: found, and expected. NaN without known headings.
     dip : (2,) mean and standard deviation of the dip in rad; NaN without an accelerometer.
     count : number of readings.
-    table : (k, 5) one row for each known heading, or for each sector of 30 degrees: heading in rad, number of readings, mean heading error
-        and its standard deviation in rad, rms of the magnitude error.
+    table : (k, 5) one row for each sector of 30 degrees with readings: heading in rad, number of readings, mean heading error and its
+        standard deviation in rad, rms of the magnitude error.
     findings : one if an error exceeds the expected one by more than chance (5 %) explains.
 
     Examples
@@ -132,61 +131,45 @@ def check(found: MagFit, m: Any, *, accel: Any = None, headings: Any = None) -> 
     m = array(m, "readings")
     if not len(m) or not np.isfinite(m).all():
         raise DataError(f"A check needs readings that are finite numbers; got {len(m)}.", code="not_finite")
-    y = (m - np.asarray(found.model.hard_iron)) @ np.linalg.inv(np.asarray(found.model.soft_iron)).T
-    off = np.linalg.norm(y, axis=1) / found.field - 1
-    norm, expected = float(np.sqrt(np.mean(off**2))), _expected_norm(found, m, y)
+    inverse, field = np.linalg.inv(np.asarray(found.model.soft_iron)), float(found.field)
+    y = (m - np.asarray(found.model.hard_iron)) @ inverse.T
+    off, push = np.linalg.norm(y, axis=1) / field - 1, np.linalg.norm(unit(y) @ inverse, axis=1)
+    # the slope of the magnitude is that of the distance times the length of the surface's normal, C^-T y
+    rows, known = distance_slopes(found.model, field, unit(y)) * push[:, None] / field, np.asarray(found.estimate.matrix)[:13, :13]
+    variance = (found.noise / field * push) ** 2 + np.sum((rows @ known) * rows, axis=1)
+    norm, expected = float(np.sqrt(np.mean(off**2))), float(np.sqrt(np.mean(variance))) if np.isfinite(known).all() else np.inf
     up = np.tile([0.0, 0.0, -1.0], (len(m), 1)) if accel is None else like(accel, len(m), "specific force")
     rest = np.ones(len(m), dtype=bool) if accel is None else still(up)
     up = unit(np.where(rest[:, None], up, [0.0, 0.0, -1.0]))
     below = np.clip(-np.sum(unit(y) * up, axis=1), -1, 1)
     dips, level = np.arcsin(below[rest]), np.sqrt(1 - below**2)
     dip = np.full(2, np.nan) if accel is None or not len(dips) else np.array([dips.mean(), dips.std()])
-    of, measured = np.full(len(m), np.nan), np.full(len(m), np.nan)
+    measured = np.full(len(m), np.nan)
     if headings is not None or accel is not None:
-        flat = rest & (level > _STEEP)
+        flat = rest & (level > STEEPEST)
         measured[flat] = np.asarray(heading(y[flat], 9.81 * up[flat]))
-        of = measured
-    if headings is not None:
-        of = np.asarray(headings, dtype=float)
-        if of.shape != (len(m),):
-            raise DataError(f"The headings have shape {of.shape}; give one for each of {len(m)} readings, NaN where none is known.",
-                            code="heading_shape")  # fmt: skip
+    of = measured if headings is None else np.asarray(headings, dtype=float)
+    if of.shape != (len(m),):
+        raise DataError(f"The headings have shape {of.shape}; give one for each of {len(m)} readings, NaN where none is known.",
+                        code="heading_shape")  # fmt: skip
     error = np.angle(np.exp(1j * (measured - of))) if headings is not None else np.full(len(m), np.nan)
     there, rms, told = np.isfinite(error), float("nan"), float("nan")
     if there.any():
         rms = float(np.sqrt(np.mean(error[there] ** 2)))
         by_calibration = found.heading_error[0 if np.abs(up[there, :2]).max() < _LEVEL else 1]
-        told = float(np.hypot(by_calibration, np.sqrt(np.mean((found.noise / found.field / level[there]) ** 2))))
+        told = float(np.hypot(by_calibration, np.sqrt(np.mean((found.noise / field / level[there]) ** 2))))
     most = float(np.sqrt(scipy.special.fdtri(_PARAMETERS, float(found.estimate.freedom[0]), 0.95)))
-    wrong = norm > max(most * expected, _LEAST) or rms > max(most * told, _LEAST)  # the second is false without known headings
+    wrong = norm > max(most * expected, EXACT) or rms > max(most * told, EXACT)  # the second is false without known headings
     said = (FINDINGS("check", count=len(m)),) if wrong else ()
     return Check(norm, expected, rms, told, dip, len(m), _table(of, error, off), said)
 
 
-def _expected_norm(found: MagFit, m: np.ndarray, y: np.ndarray) -> float:
-    """Rms error of the magnitude over the field that noise and calibration error explain."""
-    known = np.asarray(found.estimate.matrix)[:13, :13]
-    if not np.isfinite(known).all():
-        return float("inf")
-    # the slope of the magnitude is the slope of the distance times the length of the surface's normal, C^-T y
-    normal = np.linalg.norm(unit(y) @ np.linalg.inv(np.asarray(found.model.soft_iron)), axis=1) / float(found.field)  # type: ignore[union-attr]
-    rows = distance_slopes(found.model, float(found.field), unit(y)) * normal[:, None]
-    push = unit(y) @ np.linalg.inv(np.asarray(found.model.soft_iron))  # type: ignore[union-attr]
-    by_noise = (found.noise / found.field) ** 2 * np.sum(push**2, axis=1)
-    return float(np.sqrt(np.mean(by_noise + np.sum(rows @ known * rows, axis=1))))
-
-
 def _table(of: np.ndarray, error: np.ndarray, off: np.ndarray) -> np.ndarray:
-    """One row for each heading, or for each sector."""
-    there = np.isfinite(of)
-    degrees = np.round(np.rad2deg(of[there])) % 360
-    if len(np.unique(degrees)) > _MOST:
-        degrees = np.round(degrees * _SECTORS / 360) % _SECTORS * (360 / _SECTORS)
-    rows = []
-    for one in np.unique(degrees):
-        here = degrees == one
+    """One row for each sector with readings."""
+    there, sectors = np.isfinite(of), HEADINGS[::2]
+    sector, rows = np.round(of[there] / sectors[1]) % len(sectors), []
+    for one in np.unique(sector):
+        here = sector == one
         turned = error[there][here]
-        scatter = float(np.std(turned)) if np.isfinite(turned).all() else float("nan")
-        mean = float(np.mean(turned)) if np.isfinite(turned).all() else float("nan")
-        rows.append((np.deg2rad(one), np.sum(here), mean, scatter, np.sqrt(np.mean(off[there][here] ** 2))))
+        rows.append((sectors[int(one)], np.sum(here), np.mean(turned), np.std(turned), np.sqrt(np.mean(off[there][here] ** 2))))
     return np.array(rows, dtype=float).reshape(-1, 5)

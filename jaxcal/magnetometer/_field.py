@@ -103,7 +103,7 @@ def scenario(name: str, *, samples: int | None = None, elevation: float = np.deg
     return np.stack([azimuth, tilt, np.zeros(3 * count)], axis=1)
 
 
-_STEEPEST = 0.17  # horizontal share of the field below which there is no heading: within 10 degrees of a magnetic pole
+STEEPEST = 0.17  # horizontal share of the field below which there is no heading: within 10 degrees of a magnetic pole
 _LIGHTEST = 1.0  # m/s^2 of specific force below which there is no vertical
 
 
@@ -169,7 +169,7 @@ def _heading(m: Any, accel: Any, declination: Any) -> tuple[Any, Any, Any]:
     sp, cp = jnp.where(upright, -fy / cross, 0), jnp.where(upright, -fz / cross, 1)
     st, ct = fx / length, jnp.where(upright, cross, 0) / length
     forward, right = x * ct + y * sp * st + z * cp * st, y * cp - z * sp
-    steep = ~(jnp.sqrt(forward**2 + right**2) > _STEEPEST * field)
+    steep = ~(jnp.sqrt(forward**2 + right**2) > STEEPEST * field)
     angle = jnp.arctan2(-jnp.where(steep, 0, right), jnp.where(steep, 1, forward))
     angle = jnp.mod(angle + declination, 2 * jnp.pi)
     return jnp.where(falling | steep, jnp.nan, angle), falling, steep & ~falling

@@ -1,6 +1,11 @@
 """Everything that a magnetometer calibration has to say: one entry for each finding."""
 
+import numpy as np
+
 from .._answer import CAUTION, FATAL, NOTE, Kind, table
+
+AGREE = np.deg2rad(5.0)  # difference of two dips that are each true to a few degrees
+_OFF = (np.deg2rad(2.0),)  # scatter of readings from where an aid puts them: it costs twice the limit of a good fit
 
 FINDINGS = table(
     # no calibration
@@ -11,14 +16,20 @@ FINDINGS = table(
         "Turn the sensor about a second axis, or give {option.model:planar}.",
     ),
     no_ellipsoid=Kind(FATAL, "The readings lie on no ellipsoid: nearest is a {quadric}.", "Turn the sensor through more attitudes."),
-    undetermined=Kind(FATAL, "The readings do not determine {what}.", "Turn the sensor about a second axis, and tilt it further."),
+    undetermined=Kind(
+        FATAL, "The readings do not determine {what}.", "Turn the sensor about a second axis, and tilt it further.",
+        limits=(1e8,),  # condition number, 3 for even coverage, at which a combination is lost in rounding
+    ),
     not_converged=Kind(FATAL, "The fit did not converge; least certain is {what}.", "Turn the sensor through more attitudes."),
     # the heading error, or how well it is known
     heading=Kind(
         CAUTION, "The heading error is above {limit:.2g}; least certain is {what}.",
         "Readings help most where the field points along {direction}.",
     ),
-    few_left=Kind(CAUTION, "{count} readings leave the noise, and so the heading error, uncertain.", "Take more readings."),
+    few_left=Kind(
+        CAUTION, "{count} readings leave the noise, and so the heading error, uncertain.", "Take more readings.",
+        limits=(0.41,),  # relative error 1 / sqrt(degrees of freedom) of the noise
+    ),
     hardly=Kind(
         CAUTION, "The readings hardly determine {what}.", "Turn the sensor through more attitudes.",
         limits=(1000.0,),  # condition number, 3 for even coverage: a digit of the noise is a hundred of the error
@@ -34,10 +45,14 @@ FINDINGS = table(
         "Keep iron, motors and cables away, and check the axes of the log.",
         limits=(0.1, 0.2),  # of the field: errors of first order become wrong; the readings lie on no surface
     ),
-    outliers=Kind(CAUTION, "{count} of {total} readings are outliers.", "Keep iron and motors away, and check the wires."),
+    outliers=Kind(
+        CAUTION, "{count} of {total} readings are outliers.", "Keep iron and motors away, and check the wires.",
+        limits=(0.05, 0.4),  # share of them: 1 % made three accurate real logs weak; the rest is no majority
+    ),
     field_differs=Kind(
         NOTE, "The readings have a mean field of {found:.4g}, the given one is {given:.4g}.",
         "Check the unit of the readings, and {option.field}.",
+        limits=(0.22,),  # logarithm of the ratio: a sensitivity is true to 10 %, so that the unit is wrong
     ),
     clipped=Kind(
         NOTE, "{count} readings stand at the end of the range of an axis, and are left out.", "Use a larger range of the sensor."
@@ -56,22 +71,27 @@ FINDINGS = table(
         NOTE, "The residuals, {size:.2g} % of the field, are correlated along the log; the errors allow for it.",
     ),
     # the rotation against another sensor
-    delay_open=Kind(NOTE, "The turns do not show the delay between the sensors.", "Turn with a rate that varies."),
+    delay_open=Kind(
+        NOTE, "The turns do not show the delay between the sensors.", "Turn with a rate that varies.",
+        limits=(0.025,),  # s, standard deviation: half of the prior's
+    ),
     dip_differs=Kind(
-        CAUTION, "The dip is {found:.1f} by the accelerometer, {given:.1f} by the given field.", "Check place and date, or keep iron away."
+        CAUTION, "The dip is {found:.1f} by the accelerometer, {given:.1f} by the given field.", "Check place and date, or keep iron away.",
+        limits=(AGREE,),
     ),
     force_off=Kind(
         CAUTION, "Readings lie {angle:.2g} from where the accelerometer puts them: it moved, or is not calibrated.",
-        "Hold the sensor still in each attitude.",
+        "Hold the sensor still in each attitude.", limits=_OFF,
     ),
     attitudes_off=Kind(
-        CAUTION, "Readings lie {angle:.2g} from where the attitudes put them.", "Check times and axes of the attitudes."
+        CAUTION, "Readings lie {angle:.2g} from where the attitudes put them.", "Check times and axes of the attitudes.", limits=_OFF,
     ),
     rates_off=Kind(
-        CAUTION, "Readings lie {angle:.2g} from where the rates put them.", "Check times, axes, signs and unit of the rates."
+        CAUTION, "Readings lie {angle:.2g} from where the rates put them.", "Check times, axes, signs and unit of the rates.", limits=_OFF,
     ),
     headings_off=Kind(
-        CAUTION, "Readings lie {angle:.2g} from where the known headings put them.", "Check the headings: magnetic, clockwise from north."
+        CAUTION, "Readings lie {angle:.2g} from where the known headings put them.", "Check the headings: magnetic, clockwise from north.",
+        limits=_OFF,
     ),
     # the axes
     axes_open=Kind(
@@ -116,6 +136,11 @@ FINDINGS = table(
         NOTE, "The heading error assumes a dip of {dip:.0f}.", "Give {option.inclination}, or record an accelerometer beside."
     ),
     not_judged=Kind(NOTE, "The fit was traced: nothing was chosen, and nothing is judged.", "Call `fit` outside of jit, vmap and grad."),
+    contradicts=Kind(
+        CAUTION, "The readings have a field of {found:.4g}, {given:.4g} was given, more apart than the errors of both.",
+        "Check {option.field}, and its error.",
+        limits=(3.0,),  # standard errors: 0.3 % by chance
+    ),
     check=Kind(
         CAUTION, "The {count} readings held back are off by more than the fit predicts.",
         "Look for an error in the calibration, in these readings or in their known headings.",

@@ -9,9 +9,10 @@ import scipy  # loads its parts when they are first used
 from .._errors import DataError
 from .._precision import host_float64, real_numbers
 from .._quality import checked_confidence
-from .._types import AnyArray, Float
+from .._types import AnyArray
 from ._design._coverage import sphere_grid
 from ._design._heading_error import HEADINGS, by_iron, distance_slopes, heading_slopes
+from ._ellipsoid._algebraic import sphere_centre
 from ._ellipsoid._kinds import COUNT
 from ._ellipsoid._shape import unit
 from ._fit import fit
@@ -106,59 +107,35 @@ def guide(
     if not limit > 0:
         raise DataError(f"The limit must be positive, in rad; got {limit:g}.")
     confidence = checked_confidence(confidence)
+    grid, few = sphere_grid(), len(m) < _FEWEST
     choice = None if candidates is None else np.asarray(candidates, dtype=np.float64).reshape(-1, 3)
-    if len(m) < _FEWEST:
-        return _by_gap(m, choice, f"{len(m)} readings; from {_FEWEST} on an error can be stated", None)
-    found = fit(m, model="symmetric", inclination=inclination)
-    if found.model is None or not np.isfinite(np.asarray(found.iron_covariance)).all():
-        return _by_gap(m, choice, "the readings leave the calibration open", found)
-    slopes = heading_slopes(by_iron(found.model, found.field), HEADINGS, 0.0, float(found.inclination), found.down)
-    covariance, weight = np.asarray(found.estimate.matrix), slopes.T @ slopes / len(slopes)
-    grid = sphere_grid()
-    # candidates stand for the readings that the model gives there: their noise would prefer those that point outwards
-    points = grid if choice is None else unit(np.asarray(found.model.correct(choice)))
-    rows = distance_slopes(found.model, float(found.field), points)
-    gain = np.sum(rows @ (covariance @ weight @ covariance) * rows, axis=1) / (found.noise**2 + np.sum(rows @ covariance * rows, axis=1))
-    form = weight @ covariance
-    mean, spread = float(np.trace(form)), float(np.trace(form @ form))
-    freedom = mean**2 / spread  # of the chi-square distribution that approximates the form
-    quantile = scipy.special.fdtri(freedom, max(len(m) - COUNT["symmetric"], 1), 1.0 - (1.0 - confidence) / _LOOKS)
-    error = float(found.heading_error[0])
-    bound = float(error * np.sqrt(quantile))
-    stop = bool(bound <= limit and found.verdict != "refused")
-    best = int(np.argmax(gain)) if len(gain) else None
-    told = f"heading error {np.rad2deg(error):.2g} deg rms expected, below {np.rad2deg(bound):.2g} deg at {100 * confidence:g} %"
-    if stop:
+    found = None if few else fit(m, model="symmetric", inclination=inclination)
+    error = bound = np.inf
+    if found is None or found.model is None or not np.isfinite(np.asarray(found.iron_covariance)).all():
+        # the direction farthest from those seen
+        centre = sphere_centre(m) if len(m) else np.zeros(3)
+        points = grid if choice is None else unit(choice - centre)
+        gain = -(points @ unit(m - centre).T).max(axis=1, initial=-1.0)
+        told = f"{len(m)} readings; from {_FEWEST} on an error can be stated" if few else "the readings leave the calibration open"
+    else:
+        slopes = heading_slopes(by_iron(found.model, found.field), HEADINGS, 0.0, float(found.inclination), found.down)
+        covariance, weight = np.asarray(found.estimate.matrix), slopes.T @ slopes / len(slopes)
+        # candidates stand for the readings that the model gives there: their noise would prefer those that point outwards
+        points = grid if choice is None else unit(np.asarray(found.model.correct(choice)))
+        rows = distance_slopes(found.model, float(found.field), points)
+        variance = found.noise**2 + np.sum((rows @ covariance) * rows, axis=1)
+        gain = np.sum((rows @ (covariance @ weight @ covariance)) * rows, axis=1) / variance
+        form = weight @ covariance
+        freedom = float(np.trace(form) ** 2 / np.trace(form @ form))  # of the chi-square distribution that approximates the form
+        quantile = scipy.special.fdtri(freedom, max(len(m) - COUNT["symmetric"], 1), 1.0 - (1.0 - confidence) / _LOOKS)
+        error = float(found.heading_error[0])
+        bound = float(error * np.sqrt(quantile))
+        told = f"heading error {np.rad2deg(error):.2g} deg rms expected, below {np.rad2deg(bound):.2g} deg at {100 * confidence:g} %"
+    if found is not None and bound <= limit and found.verdict != "refused":
         return Guide(True, None, None, error, bound, f"Stop: {told}.", found)
-    direction = grid[best] if choice is None and best is not None else None
-    return Guide(False, direction, None if choice is None else best, error, bound, f"{told}. {_next(direction)}".strip(), found)
-
-
-def _by_gap(m: AnyArray, choice: AnyArray | None, said: str, found: MagFit | None) -> Guide:
-    """Advice to read the direction, or the candidate, that is farthest from all readings so far."""
+    best = int(np.argmax(gain)) if len(gain) else None
     if choice is not None:
-        apart = np.linalg.norm(choice[:, None] - m[None], axis=2).min(axis=1) if len(m) else np.zeros(len(choice))
-        best = int(np.argmax(apart)) if len(choice) else None
-        return Guide(False, None, best, np.inf, np.inf, f"{said}.", found)
-    grid = sphere_grid()
-    seen = m - (_centre(m) if len(m) else 0.0)
-    length = np.linalg.norm(seen, axis=1, keepdims=True)
-    seen = seen[length[:, 0] > 0] / length[length > 0][:, None]
-    nearest = (grid @ seen.T).max(axis=1) if len(seen) else np.zeros(len(grid))
-    direction = grid[int(np.argmin(nearest))]
-    return Guide(False, direction, None, np.inf, np.inf, f"{said}. {_next(direction)}", found)
-
-
-def _centre(m: AnyArray) -> Float[np.ndarray, "3"]:
-    """Centre of the sphere through the readings; if they do not determine one, the solution nearest to their mean."""
-    middle = m.mean(axis=0)
-    away = m - middle
-    square = np.sum(away**2, axis=1)
-    return middle + np.linalg.lstsq(2.0 * away, square - square.mean(), rcond=1e-2)[0]
-
-
-def _next(direction: AnyArray | None) -> str:
-    if direction is None:
-        return ""
-    axes = ", ".join(f"{value:+.2f}" for value in direction)
-    return f"Next, turn the sensor so that the field points along ({axes}) in its axes (x, y, z)."
+        return Guide(False, None, best, error, bound, f"{told}.", found)
+    axes = ", ".join(f"{value:+.2f}" for value in grid[best])
+    advice = f"{told}. Next, turn the sensor so that the field points along ({axes}) in its axes (x, y, z)."
+    return Guide(False, grid[best], None, error, bound, advice, found)

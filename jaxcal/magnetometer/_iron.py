@@ -10,6 +10,7 @@ from ..fitting import Estimate
 from ..fitting._serial import is_white, leave_out
 from ._model import MagModel
 
+EXACT = 1e-9  # share of the field below which residuals are rounding, not noise
 HARD = tuple(f"hard_iron[{i}]" for i in range(3))
 SOFT = tuple(f"soft_iron[{i},{j}]" for i in range(3) for j in range(3))
 

@@ -21,8 +21,6 @@ from ._result import MagFit, judged_fit
 
 #: findings of the fit of magnitudes that hold for the joint fit too
 _KEPT = ("clipped", "averaged", "bent")
-_CONFLICT = 3.0  # standard errors between the given field and that of the readings: 0.3 % by chance
-_OFF = np.deg2rad(2.0)  # scatter of the readings from where an aid puts them, that costs twice the limit of a good fit
 #: findings about the axes by an accelerometer that gives the dip only
 _OF_AXES = ("axes_open", "axes_turned", "mirrored", "remounted", "reversed", "unseen_axes")
 _ASKEW = {"accel": "force_off", "attitude": "attitudes_off", "gyro": "rates_off", "headings": "headings_off"}
@@ -95,15 +93,13 @@ def joined(
         said.append(FINDINGS("plane", severity=NOTE if aid.asked else CAUTION))
     if turn is not None:
         said += [*about, *turn.findings]
-        if found.spread > _OFF:
-            said.append(FINDINGS(_ASKEW[source], cost=found.spread, angle=Quantity(found.spread, "angle")))
+        said += FINDINGS.over(_ASKEW[source], found.spread, angle=Quantity(found.spread, "angle"))
         if dip is not None and source in ("accel", "attitude") and not about:
             said += dip_differs(float(found.parameters[13]), dip)
     mean = float(np.cbrt(np.linalg.det(first.model.soft_iron)) * first.field) if first.model is not None and norm is not None else field
     if norm is not None and field_error is not None:
         doubt = np.hypot(field_error, first.estimate["soft_iron[0,0]"].half / 2)
-        if abs(np.log(mean / norm)) > _CONFLICT * doubt:
-            said.append(FINDINGS("field_differs", severity=CAUTION, found=mean, given=norm))
+        said += FINDINGS.over("contradicts", abs(np.log(mean / norm)) / doubt, found=mean, given=norm)
     if not found.converged:
         said.append(FINDINGS("not_converged", what="the soft iron"))
     if dip is None and source not in ("accel", "attitude", "headings"):

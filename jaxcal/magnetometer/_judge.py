@@ -10,12 +10,7 @@ from ._findings import FINDINGS
 
 #: rms heading error in rad above which a fit is weak, and above which it is refused
 LIMITS = (float(np.deg2rad(1.0)), float(np.deg2rad(5.0)))
-_OUTLIER = 4.0  # robust standard deviations: one of 16,000 normal readings
-_MANY, _MOST = 0.05, 0.4  # share of outliers that is more than the tail of a noise, and of which the rest is no majority
-#: degrees of freedom of the noise, fewer of which leave it uncertain by a third; difference of a given dip and an accelerometer,
-#: each true to a few degrees
-_UNKNOWN, _DIPS = 6, np.deg2rad(5.0)
-
+OUTLIER = 4.0  # robust standard deviations: one of 16,000 normal readings
 #: findings beside which a heading error means nothing
 _OPEN = ("not_judged", "undetermined", "near_planar", "no_ellipsoid", "not_converged")
 
@@ -23,20 +18,13 @@ _OPEN = ("not_judged", "undetermined", "near_planar", "no_ellipsoid", "not_conve
 def outliers(distance: AnyArray) -> np.ndarray:
     """Indices of readings more than four robust standard deviations off; distances in scaled units."""
     size = np.abs(distance)
-    return np.flatnonzero(size > max(_OUTLIER * 1.4826 * np.median(size), 1e-9))
-
-
-def few_left(count: int, free: int) -> list[Finding]:
-    """A finding if a fit of `count` readings with so many `free` parameters does not know its noise."""
-    return [FINDINGS("few_left", count=count)] if count - free < _UNKNOWN else []
+    return np.flatnonzero(size > max(OUTLIER * 1.4826 * np.median(size), 1e-9))
 
 
 def by_readings(scatter: float, far: int, total: int) -> list[Finding]:
-    """Findings about the size of the residuals, relative to the field, and about outliers."""
+    """Findings about the size of the residuals, relative to the field, and about outliers, of which two are no matter."""
     said = FINDINGS.over("scatter", scatter, share=100 * scatter)
-    if far > max(_MANY * total, 2):
-        said.append(FINDINGS("outliers", severity=FATAL if far > _MOST * total else CAUTION, count=far, total=total))
-    return said
+    return said + FINDINGS.over("outliers", far / total if far > 2 else 0.0, count=far, total=total)
 
 
 def judged(said: Sequence[Finding], level: float, limits: tuple[float, float], weakest: str, wanted: AnyArray) -> tuple[Finding, ...]:
@@ -50,7 +38,5 @@ def judged(said: Sequence[Finding], level: float, limits: tuple[float, float], w
 
 
 def dip_differs(found: float, given: float) -> list[Finding]:
-    """A finding if the dip by the accelerometer is not that of the given field."""
-    if not abs(found - given) > _DIPS:  # NaN without an accelerometer
-        return []
-    return [FINDINGS("dip_differs", cost=abs(found - given), found=Quantity(found, "angle"), given=Quantity(given, "angle"))]
+    """A finding if the dip by the accelerometer is not that of the given field; none for NaN."""
+    return FINDINGS.over("dip_differs", abs(found - given), found=Quantity(found, "angle"), given=Quantity(given, "angle"))

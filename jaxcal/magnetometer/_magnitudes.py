@@ -9,19 +9,17 @@ from ..fitting._serial import BLOCKS
 from ._aids import down_by, verticals
 from ._axes import Axes, axes_of, by_axes
 from ._design._heading_error import TILT, both_tilts, by_iron, down_of, heading_change, information, rms_heading
-from ._diagnosis import chosen_rows, from_causes, from_field, from_structure
+from ._diagnosis import chosen_rows, from_causes, from_structure
 from ._ellipsoid._algebraic import NotEllipsoid
 from ._ellipsoid._causes import examined
 from ._ellipsoid._kinds import COUNT
 from ._ellipsoid._orthogonal import distances, flat
 from ._ellipsoid._shape import between, directions_of, radius_of, unit
-from ._findings import FINDINGS
+from ._findings import AGREE, FINDINGS
 from ._iron import estimated
-from ._judge import by_readings, few_left, outliers
+from ._judge import by_readings, outliers
 from ._result import MagFit, judged_fit, unfitted
 from ._surface import Surface, iron_of, surface_of
-
-_AGREE = np.deg2rad(5.0)  # scatter of the dip of readings at rest, above which an accelerometer does not show it
 
 
 def by_magnitudes(
@@ -29,9 +27,9 @@ def by_magnitudes(
     limits: tuple[float, float], known: bool,
 ) -> tuple[MagFit, np.ndarray, Any]:  # fmt: skip
     """The fit of readings (n, 3), the fitted rows, and the normal of their plane if they lie in one; `known`: the dip was given."""
-    used, full = chosen_rows(m)
+    used, readings, full = chosen_rows(m)
     try:
-        surface = surface_of(m[used], method, model, (dip, limits[0]))
+        surface = surface_of(readings, method, model, (dip, limits[0]))
     except NotEllipsoid as error:
         surface = Surface(FINDINGS("no_ellipsoid", quadric=error.quadric))
     clipped = [FINDINGS("clipped", count=full)] if full else []
@@ -58,10 +56,15 @@ def by_magnitudes(
 
     # what to know
     bits = information(directions, found.kind, found.noise / radius_of(found.soft))
-    distance = found.distance if len(used) == len(m) else distances(found, log)
-    scatter = found.noise / radius_of(found.soft)
-    said += [*from_structure(found, u, bits), *surface.said, *from_field(surface.frame.scale * radius_of(found.soft), norm)]
-    said += [*by_readings(scatter, len(outliers(distance)), len(m)), *few_left(len(used), COUNT[found.kind])]
+    distance = found.distance if np.array_equal(readings, m) else distances(found, log)
+    scatter, mean = found.noise / radius_of(found.soft), float(surface.frame.scale * radius_of(found.soft))
+    said += [
+        *from_structure(found, u, bits),
+        *surface.said,
+        *(FINDINGS.over("field_differs", abs(np.log(mean / norm)), found=mean, given=norm) if norm else []),
+    ]
+    said += [*by_readings(scatter, len(outliers(distance)), len(m))]
+    said += FINDINGS.over("few_left", max(len(used) - COUNT[found.kind], 1) ** -0.5, count=len(used))
     said += from_causes(causes, [float(rms_heading(headings, step)[0]) for step in steps[1:]])
     said += [FINDINGS("correlated", size=100 * scatter)] if parts else []
     said += [] if known or seen is not None else [FINDINGS("dip_assumed", dip=Quantity(dip, "angle"))]
@@ -82,7 +85,7 @@ def _seen(aid: Any, corrected: np.ndarray) -> tuple[Axes | None, float | None, n
     if axes is None or not axes.same:
         return axes, None, None
     dips = -np.arcsin(np.clip(np.sum(field * up, axis=1)[there], -1, 1))
-    return (axes, axes.dip, down_by(up)) if np.std(dips) < _AGREE else (axes, None, None)
+    return (axes, axes.dip, down_by(up)) if np.std(dips) < AGREE else (axes, None, None)
 
 
 def _departure(surface: Surface, iron: Any, field: Any, norm: Any, dip: float, down: Any) -> np.ndarray:

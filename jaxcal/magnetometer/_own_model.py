@@ -23,13 +23,12 @@ from ..fitting._serial import BLOCKS
 from ._checked import checked, norm_and_dip
 from ._design._heading_error import both_tilts, rms_heading
 from ._ellipsoid._algebraic import extents, host_start, traced_start
-from ._ellipsoid._causes import EXACT
 from ._ellipsoid._kinds import SYMMETRIC, UPPER, basis_of, soft_and_centre
 from ._ellipsoid._orthogonal import PRECISE, settled
 from ._ellipsoid._residuals import surface_distances
 from ._ellipsoid._shape import NEAR_PLANAR, Frame, between, model_of, radius_of
 from ._findings import FINDINGS
-from ._iron import by_parts, estimated
+from ._iron import EXACT, by_parts, estimated
 from ._judge import by_readings, outliers
 from ._leaves import Leaves, changes, changes_of
 from ._model import MagModel

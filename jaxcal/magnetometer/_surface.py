@@ -12,11 +12,7 @@ from ._ellipsoid._orthogonal import described, flat, left_out, refined
 from ._ellipsoid._select import candidates, score
 from ._ellipsoid._shape import NEAR_PLANAR, Found, Frame, between, iron_slopes, model_of, radius_of, soft_of
 from ._findings import FINDINGS
-
-_LINE = 0.01  # singular value of the centred readings over their size, 0.58 for a full sphere, below which they lie on a line
-_SAME = 1e-12  # spread over size below which readings differ by rounding
-#: method -> algebraic fit
-_DIRECT = {"constrained": constrained, "consistent": lambda u: consistent(u)[:2]}
+from ._iron import EXACT
 
 
 class Surface(NamedTuple):
@@ -44,17 +40,17 @@ def surface_of(m: np.ndarray, method: str, model: str, limit: tuple[float, float
     """
     count, frame = _distinct(m), Frame.of(m)
     least = "sphere" if model in ("auto", "planar") and method == "ml" else "symmetric" if model == "auto" else model
-    if count <= COUNT[least] or frame.scale < _SAME * np.abs(m).max():
+    if count <= COUNT[least] or frame.scale < EXACT * np.abs(m).max():
         return Surface(FINDINGS("few", count=count, model=least, least=COUNT[least] + 1))
     u = frame.scaled(m)
     spread = extents(u)
-    if spread[1] < _LINE:
+    if spread[1] < NEAR_PLANAR:
         return Surface(FINDINGS("line"))
     if model == "planar" or (spread[2] < NEAR_PLANAR and model == "auto" and method == "ml"):
         normal = np.linalg.svd(u, full_matrices=False)[2][2]
         return Surface(plane=normal * np.sign(normal[np.argmax(np.abs(normal))]))
     if method != "ml":
-        shape, centre = _DIRECT[method](u)
+        shape, centre = constrained(u) if method == "constrained" else consistent(u)
         return Surface(found=described(parameters_of(least, soft_of(shape), centre), u, least), frame=frame, u=u)
     if model != "auto":
         return Surface(found=refined(flat(u, model), u), frame=frame, u=u)

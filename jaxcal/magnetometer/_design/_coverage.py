@@ -1,4 +1,4 @@
-"""`coverage`: how evenly readings fill the sphere, by MotionCal's regions (with its southern index corrected) and by gaps."""
+"""`coverage`: how evenly readings fill the sphere, by MotionCal's regions (with its southern index corrected) and by the largest gap."""
 
 import functools
 from typing import Any
@@ -12,12 +12,8 @@ from ..._frozen import made
 from ..._precision import host_float64
 from ..._types import AnyArray
 
-_POLE, _RING = 1.37046, 0.74776  # latitudes that bound the 100 regions of equal area
-_HIGH, _LOW = 1.05911, 0.37388  # latitudes of the regions' centres
+ZONES = (1, 15, 34, 34, 15, 1)  # sectors of the zones of latitude, from the north pole on: 100 regions of equal area
 _GRID = 500  # points of the lattice, 9 degrees apart
-_GAPS = np.array([1.0, 0.2, 0.01, 0.0])  # weight of a region with 0, 1, 2, or more readings
-_MANY = 2000  # number of readings above which a tree finds neighbours faster than all products
-_BLOCK = 128  # rows that stay in the cache
 
 
 class Coverage(eqx.Module):
@@ -26,7 +22,6 @@ class Coverage(eqx.Module):
     Attributes
     ----------
     counts : (100,) readings per region of equal area: pole, 15 sectors, 34, 34, 15, pole.
-    gaps : weight of the empty regions in per cent: an empty region counts 1, one with a single reading 0.2, one with two 0.01.
     occupied : share of 500 equal bins that contain a reading.
     largest_gap : half-angle of the largest cap without a reading, rad.
     missing : (k, 3) unit vectors to the centres of the regions without a reading.
@@ -35,12 +30,11 @@ class Coverage(eqx.Module):
     --------
     >>> from jaxcal.magnetometer import body_field, coverage, scenario
     >>> found = coverage(body_field(scenario("three_turns")))
-    >>> f"{100 * found.occupied:.0f} % of the directions", found.gaps > 50
+    >>> f"{100 * found.occupied:.0f} % of the directions", len(found.missing) > 50
     ('13 % of the directions', True)
     """
 
     counts: AnyArray
-    gaps: float
     occupied: float
     largest_gap: float
     missing: AnyArray
@@ -56,46 +50,38 @@ def sphere_grid(count: int = _GRID) -> np.ndarray:
     return grid
 
 
-def _cosines(directions: np.ndarray) -> np.ndarray:
-    """Products of unit vectors with the grid points, by blocks: BLAS would start threads, which wait while other work keeps a core busy."""
-    found = np.empty((len(directions), _GRID))
-    for i in range(0, len(found), _BLOCK):
-        np.matmul(directions[i : i + _BLOCK], sphere_grid().T, out=found[i : i + _BLOCK])
-    return found
-
-
-def bins(directions: np.ndarray) -> np.ndarray:
-    """Index of the nearest of the 500 grid points for each unit vector."""
-    if len(directions) <= _MANY:
-        return _cosines(directions).argmax(axis=1)
-    return np.asarray(_tree().query(directions)[1])
-
-
 @functools.cache
 def _tree() -> Any:
     return scipy.spatial.KDTree(sphere_grid())
 
 
+def bins(directions: np.ndarray) -> np.ndarray:
+    """Index of the nearest of the 500 grid points for each unit vector."""
+    return np.asarray(_tree().query(directions)[1])
+
+
+def _edges() -> np.ndarray:
+    """Heights of the upper edges of the zones, on a sphere of radius one."""
+    return 1 - 2 * np.cumsum([0, *ZONES[:-1]]) / sum(ZONES)
+
+
 def regions(directions: np.ndarray) -> np.ndarray:
     """Region of each direction, 0 to 99."""
     x, y, z = directions.T
-    latitude, longitude = np.pi / 2 - np.arctan2(np.hypot(x, y), z), np.arctan2(y, x) + np.pi
-    few, many = (np.minimum(n - 1, np.floor(longitude * n / (2 * np.pi)).astype(int)) for n in (15, 34))
-    ring = np.where(latitude >= 0, 16 + many, 50 + many)
-    ring = np.where(latitude > _RING, 1 + few, np.where(latitude < -_RING, 84 + few, ring))
-    return np.where(latitude > _POLE, 0, np.where(latitude < -_POLE, 99, ring))
+    zone = np.searchsorted(-_edges(), -z, side="right") - 1
+    sectors = np.array(ZONES)[zone]
+    sector = np.minimum(sectors - 1, ((np.arctan2(y, x) + np.pi) * sectors / (2 * np.pi)).astype(int))
+    return np.cumsum([0, *ZONES[:-1]])[zone] + sector
 
 
 @functools.cache
 def middles() -> np.ndarray:
     """Unit vectors to the centres of the regions, (100, 3)."""
-
-    def zone(n, latitude):
-        longitude = (np.arange(n) + 0.5) * 2 * np.pi / n
-        return np.stack([-np.cos(longitude) * np.cos(latitude), -np.sin(longitude) * np.cos(latitude), np.full(n, np.sin(latitude))], 1)
-
-    pole = np.array([[0.0, 0.0, 1.0]])
-    found = np.concatenate([pole, zone(15, _HIGH), zone(34, _LOW), zone(34, -_LOW), zone(15, -_HIGH), -pole])
+    latitude = np.arcsin(np.append(_edges(), -1.0))
+    middle = np.repeat((latitude[1:] + latitude[:-1]) / 2, ZONES)
+    middle[[0, -1]] = latitude[[0, -1]]
+    longitude = np.concatenate([(np.arange(n) + 0.5) * 2 * np.pi / n for n in ZONES]) - np.pi
+    found = np.stack([np.cos(longitude) * np.cos(middle), np.sin(longitude) * np.cos(middle), np.sin(middle)], axis=1)
     found.flags.writeable = False
     return found
 
@@ -123,7 +109,7 @@ def coverage(m: Any) -> Coverage:
     >>> from jaxcal.magnetometer import body_field, scenario
     >>> full = jaxcal.magnetometer.coverage(body_field(scenario("all", samples=2000)))
     >>> turns = jaxcal.magnetometer.coverage(body_field(scenario("three_turns")))
-    >>> full.gaps < 1, turns.gaps > 50
+    >>> len(full.missing) < 1, len(turns.missing) > 50
     (True, True)
 
     References
@@ -145,16 +131,11 @@ def covered(m: Any) -> Coverage:
     region = regions(directions)
     counts = np.bincount(region, minlength=100)
     filled = counts > 0
-    if len(m) <= _MANY:
-        cosine = _cosines(directions)
-        bin_of, square = cosine.argmax(axis=1), 2 - 2 * float(cosine.max(axis=0).min())
-    else:
-        bin_of, square = bins(directions), float(np.max(scipy.spatial.KDTree(directions).query(sphere_grid())[0])) ** 2
+    largest = float(np.max(scipy.spatial.KDTree(directions).query(sphere_grid())[0]))
     return made(
         Coverage,
         counts=counts,
-        gaps=float(np.sum(_GAPS[np.minimum(counts, 3)])),
-        occupied=int(np.count_nonzero(np.bincount(bin_of))) / _GRID,
-        largest_gap=2 * float(np.arcsin(min(np.sqrt(max(square, 0.0)) / 2, 1.0))),
+        occupied=int(np.count_nonzero(np.bincount(bins(directions)))) / _GRID,
+        largest_gap=2 * float(np.arcsin(min(largest / 2, 1.0))),
         missing=middles()[~filled],
     )

@@ -7,7 +7,6 @@ import numpy as np
 
 from ..._precision import array_module
 from ..._types import AnyArray
-from .._ellipsoid._algebraic import triangle
 from .._ellipsoid._kinds import COUNT, SYMMETRIC, UPPER, basis_of
 from .._field import INCLINATION, unit_field
 from .._leaves import changes_of
@@ -159,7 +158,7 @@ def information(directions: np.ndarray, kind: str, relative_noise: float) -> Inf
     s |(2Su + c)_across|.
     """
     basis = np.repeat([0.5, 1.0], [6, 3])[:, None] * (np.linalg.pinv(basis_of("symmetric")) @ basis_of(kind)[:, : COUNT[kind]])
-    values, vectors = np.linalg.svd(triangle(sphere_rows(directions) @ basis) / np.sqrt(len(directions)))[1:]
+    values, vectors = np.linalg.svd(np.linalg.qr(sphere_rows(directions) @ basis, mode="r") / np.sqrt(len(directions)))[1:]
     condition = float(values[0] / values[-1]) if len(values) == basis.shape[1] and values[-1] > 1e-12 * values[0] else np.inf
     weak = basis @ vectors[-1]
     slope = 2 * directions @ (SYMMETRIC @ weak[:6]).reshape(3, 3) + weak[6:]

@@ -9,13 +9,12 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+import scipy  # loads its parts when they are first used
 
 from ..._errors import FitError
 from ..._precision import array_module
-from ._kinds import PLACE, parameters_of
+from ._kinds import COUNT, PLACE, SYMMETRIC, basis_of, parameters_of
 from ._shape import soft_of
-
-_ENOUGH_FOR_ADJUSTED = 30  # readings, from which the noise is known to 13 %
 
 
 class NotEllipsoid(FitError):
@@ -35,19 +34,6 @@ def monomials(u: Any) -> Any:
 def matrix_of(q: Any) -> Any:
     """Quadratic part as a symmetric matrix; the matrix printed in the paper belongs to another order of the monomials."""
     return q[PLACE] * ((1 + np.eye(3)) / 2).astype(q.dtype)
-
-
-_BLOCK = 128  # rows that stay in the cache
-
-
-def triangle(columns: np.ndarray) -> np.ndarray:
-    """R of the QR factors of many rows, by blocks: on a tall matrix BLAS would start threads and spend more time waiting than working."""
-    whole = len(columns) // _BLOCK * _BLOCK
-    if whole > _BLOCK:
-        width = columns.shape[1]
-        blocks = np.asarray(np.linalg.qr(columns[:whole].reshape(-1, _BLOCK, width), mode="r"))
-        columns = np.concatenate([blocks.reshape(-1, width), columns[whole:]])
-    return np.asarray(np.linalg.qr(columns, mode="r"))
 
 
 def extents(u: np.ndarray) -> np.ndarray:
@@ -80,21 +66,20 @@ def ellipsoid_of(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return shape, x0
 
 
-#: kind -> the free coefficients of theta, and those fixed to one (a single one: one minus the other squares)
-_FREE = {
-    "symmetric": ((0, 1, 2, 3, 4, 6, 7, 8, 9), (5,)), "diagonal": ((0, 3, 6, 7, 8, 9), (5,)), "sphere": ((6, 7, 8, 9), (0, 3, 5)),
-}  # fmt: skip
+def sphere_centre(m: np.ndarray) -> np.ndarray:
+    """Centre of the sphere through readings; if they do not determine one, the solution nearest to their mean."""
+    middle = m.mean(axis=0)
+    square = np.sum((m - middle) ** 2, axis=1)
+    return middle + np.linalg.lstsq(2.0 * (m - middle), square - square.mean(), rcond=3e-2)[0]
 
 
 def linear(u: Any, kind: str) -> Any:
-    """Theta of smallest algebraic residual under a linear constraint, traced or not; invariant to rotation and shift.
-
-    The constraint is a + d + f = 1 for the symmetric and the diagonal kind (Y. Petrov's ellipsoid_fit), and a = d = f = 1 for a sphere.
-    """
-    free, one = _FREE[kind]
-    fixed, moves = np.zeros(10, u.dtype), np.eye(10, dtype=u.dtype)[:, list(free)]
-    fixed[list(one)] = 1.0
-    moves[one[0]] -= moves[[i for i in (0, 3) if i in free]].sum(axis=0)
+    """Theta of smallest algebraic residual under a + d + f = 3 (Y. Petrov, ellipsoid_fit), which is invariant to rotation and shift."""
+    # the quadratic part is that of a sphere, plus changes within the kind that keep the trace
+    part = np.linalg.pinv(SYMMETRIC) @ basis_of(kind)[:9, : COUNT[kind] - 3]
+    keeping = np.linalg.svd(part[np.diag(PLACE)].sum(axis=0, keepdims=True))[2][1:].T
+    moves = scipy.linalg.block_diag(part @ keeping, np.eye(4)).astype(u.dtype)
+    fixed = np.isin(np.arange(10), np.diag(PLACE)).astype(u.dtype)
     columns = monomials(u)
     return fixed + moves @ array_module(u).linalg.lstsq(columns @ moves, -columns @ fixed, rcond=None)[0]
 
@@ -142,8 +127,8 @@ def _laplacian(moments: np.ndarray) -> np.ndarray:
     return sum(d @ d @ moments + 2 * d @ moments @ d.T + moments @ (d @ d).T for d in _slopes())  # type: ignore[return-value]
 
 
-def consistent(u: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Shape matrix, centre and noise s (units of u), the smallest that makes Psi = Psi0 + s^2 Psi1 + s^4 Psi2 singular.
+def consistent(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Shape matrix and centre at the noise s (units of u), the smallest that makes Psi = Psi0 + s^2 Psi1 + s^4 Psi2 singular.
 
     Psi is the mean of the products of the monomials without that of the noise, exp(-s^2/2 D) with the Laplacian D. I. Markovsky,
     A. Kukush and S. Van Huffel, Numer. Math. 98 (2004) 177; V. Renaudin, M. H. Afzal and G. Lachapelle, J. Sensors 2010, 967245.
@@ -158,16 +143,13 @@ def consistent(u: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         t = np.linalg.eigvals(np.block([[-np.linalg.solve(zeroth, first), -np.linalg.solve(zeroth, second)], [one, zero]]))
         s2 = 1 / max(t.real[np.abs(t.imag) <= 1e-6 * np.abs(t)].max(initial=0.0), 1e-300)
     theta = np.linalg.eigh(zeroth + s2 * (first + s2 * second))[1][:, 0]
-    return *ellipsoid_of(theta), float(np.sqrt(s2))
+    return ellipsoid_of(theta)
 
 
 def start(u: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
     """Shape and centre of the first algebraic fit, in order of merit, that gives an ellipsoid."""
-    kinds = dict.fromkeys((kind, "sphere"))
-    attempts = [lambda one=one: algebraic(u, one) for one in kinds]
-    if kind == "symmetric":
-        exact = [lambda: consistent(u)[:2]] if len(u) >= _ENOUGH_FOR_ADJUSTED else []
-        attempts = [*exact, *attempts]
+    attempts = [lambda one=one: algebraic(u, one) for one in dict.fromkeys((kind, "sphere"))]
+    attempts = [lambda: consistent(u), *attempts] if kind == "symmetric" else attempts
     reason: NotEllipsoid | None = None
     for attempt in attempts:
         try:

@@ -11,16 +11,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..._special import chi_square_tail
-from ...fitting._serial import correlation_time, span_of, tamed
-from .._iron import by_parts
+from ...fitting._serial import CHANCE, correlation_time, span_of, tamed
+from .._iron import EXACT, by_parts
 from ._kinds import COUNT, basis_of
 from ._orthogonal import rows_of
 from ._shape import Found, between, directions_of, radius_of
 
 FAST, BENT = "rate of turn", "nonlinearity"
-_CHANCE = 0.003  # of a false alarm for each cause: a gain of 20 for the six columns of a response, of 9 for a single column
 _FEWEST = 80  # readings for which the correlation time is known well enough
-EXACT = 1e-9  # share of the field below which residuals are rounding, not noise
 
 
 class Cause(NamedTuple):
@@ -58,7 +56,7 @@ def _cause(name: str, jacobian: np.ndarray, span: np.ndarray, part: np.ndarray, 
     rest = calm - free @ coefficients
     gain = len(left) / correlation_time(rest) * np.log(np.sum(calm**2) / np.sum(rest**2))
     chance = float(chi_square_tail(float(gain), part.shape[1]))
-    if not chance < _CHANCE:
+    if not chance < CHANCE:
         return None
     length = np.linalg.norm(jacobian, axis=0)
     step = np.linalg.lstsq(jacobian / length, part @ coefficients, rcond=1e-9)[0] / length
@@ -74,7 +72,7 @@ def examined(found: Found, u: np.ndarray, whole: np.ndarray, rows: np.ndarray, c
     if not np.isfinite(found.covariance).all() or not found.noise > EXACT * radius or not found.converged:
         return found.spread, False, []
     basis = basis_of(found.kind)[:, :count]
-    by_entries, normals, z = rows_of(found, u)
+    by_entries, normals, z = rows_of(found.soft, found.centre, found.distance, u)
     jacobian, left = by_entries @ basis, np.asarray(found.distance)
     columns = {} if n < _FEWEST else _columns(found, normals, z, whole, rows, conditions)
     columns = {name: part[:, np.abs(part).max(axis=0) > 1e-12 * radius] for name, part in columns.items()}

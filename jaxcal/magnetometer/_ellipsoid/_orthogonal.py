@@ -12,7 +12,7 @@ import numpy as np
 from ..._precision import is_traced
 from ..._types import AnyArray
 from ...fitting import Fit, covariance, information, solve
-from ._algebraic import host_start, traced_start, triangle
+from ._algebraic import host_start, traced_start
 from ._kinds import COUNT, basis_of, soft_and_centre
 from ._residuals import Readings, orthogonal
 from ._shape import Found, filled, radius_of, unit
@@ -20,7 +20,6 @@ from ._shape import Found, filled, radius_of, unit
 CURVED = 0.02  # noise over radius above which the curvature term matters
 ROUNDS, SETTLED = 3, 3e-3  # number of fits with the curvature term, and the relative change of the noise that ends them
 PRECISE = 1e-8  # remaining step, relative to the statistical uncertainty
-_LOST = 1e-12  # singular value, with columns of unit length, below which a parameter is not determined
 
 
 def padded(u: np.ndarray, kind: str, noise2: float = 0.0) -> Readings:
@@ -111,13 +110,13 @@ def distances(found: Found, u: np.ndarray) -> np.ndarray:
     return np.asarray(_distance(jnp.asarray(found.parameters), data))[: len(u)]
 
 
-def rows_of(found: Found, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def rows_of(soft: np.ndarray, centre: np.ndarray, distance: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Derivative (n, 12) of the distances by S and the centre, unit normals, and readings relative to the centre.
 
     They are taken at the nearest points of the ellipsoid, so that the readings' own noise does not enter.
     """
-    inverse, z = np.linalg.inv(found.soft), u - found.centre
-    z = z - found.distance[:, None] * unit(z @ inverse @ inverse)
+    inverse, z = np.linalg.inv(soft), u - centre
+    z = z - distance[:, None] * unit(z @ inverse @ inverse)
     h = z @ inverse
     normal = unit(h @ inverse)
     return -np.concatenate([(normal[:, :, None] * h[:, None, :]).reshape(-1, 9), normal], axis=1), normal, z
@@ -129,7 +128,9 @@ def described(parameters: AnyArray, u: np.ndarray, kind: str) -> Found:
     found = Found(parameters, *soft_and_centre(parameters, basis_of(kind)), none, 0.0, np.zeros(len(u)), True, kind)
     found = dataclasses.replace(found, distance=distances(found, u))
     noise = float(np.sqrt(np.sum(found.distance**2) / max(len(u) - COUNT[kind], 1)))
-    known = information(triangle(rows_of(found, u)[0] @ basis_of(kind)), held=np.arange(9) >= COUNT[kind], tolerance=_LOST)
+    known = information(
+        np.linalg.qr(rows_of(found.soft, found.centre, found.distance, u)[0] @ basis_of(kind), mode="r"), held=np.arange(9) >= COUNT[kind]
+    )
     bound = noise**2 * known.covariance if known.rank == COUNT[kind] else none
     return dataclasses.replace(found, noise=noise, covariance=bound)
 

@@ -2,28 +2,31 @@
 
 A sensor that rests, or a value that a driver repeats, must not outvote the rest of a log. So every cell of space speaks with four readings
 at most. An ellipsoid through the nearest part of these (least trimmed squares, P. J. Rousseeuw and K. Van Driessen, Technometrics 41,
-1999, 212) says how far the readings scatter, and which of them are too far.
+1999, 212) says how far the readings scatter, and which of them are too far. The others are pulled in where they have a heavy tail.
 """
 
 import contextlib
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
+import scipy  # loads its parts when they are first used
 
+from .._judge import OUTLIER
 from ._algebraic import NotEllipsoid, algebraic, away, extents, start
-from ._kinds import COUNT
-from ._shape import NEAR_PLANAR, Frame
+from ._kinds import COUNT, basis_of
+from ._orthogonal import rows_of
+from ._shape import NEAR_PLANAR, Frame, soft_of
 
 _CELL, _PER_CELL, _PER_LONG = 0.25, 4, 32  # side of a cell over the size of the log; readings of each that vote, and of a long log
 #: quantile of the distances from the median reading that is the size, above which there may be spikes; how many sizes away they begin
 _SIZE, _SPIKE = 0.8, 5.0
-_TRIMMED, _INNER = 0.7, 0.97  # share of the readings that the trimmed fit keeps, and of those nearest to the median
-_SUBSETS, _SUBSET, _KEPT, _ROUNDS = 100, 12, 5, 4  # random subsets, readings of each, how many are refined, and how often
+#: shares of the readings, nearest to the median, from which trimmed fits start; the last is the share that they keep in all rounds
+_SHARES, _ROUNDS = (0.97, 0.7), 4
 #: factor by which the trimmed fit must be closer than the plain one; robust standard deviations of a reading that is left out; their share,
 #: above which nothing is left out
 _CLOSER, _FAR, _MOST = 2.0, 6.0, 0.1
-_FEWEST = 2 * COUNT["symmetric"]  # readings that an ellipsoid needs before others can be judged by it
+#: constant of Tukey's biweight, 95 % efficient with normal noise; standard deviations where its tail begins, and how surely it is too heavy
+_TUKEY, _TAIL, _SURE = 4.685, 2.5, 4.0
 
 
 def _spread(distance: np.ndarray) -> float:
@@ -59,10 +62,7 @@ def thinned(m: np.ndarray) -> np.ndarray:
     return _voters((m - middle) / size, _PER_LONG) if size > 0 else np.arange(len(m))
 
 
-Tried = list[tuple[float, tuple[np.ndarray, np.ndarray]]]
-
-
-def _tried(fitted: Callable[[], tuple[np.ndarray, np.ndarray]], u: np.ndarray) -> Tried:
+def _tried(fitted: Callable[[], tuple[np.ndarray, np.ndarray]], u: np.ndarray) -> list[tuple[float, tuple[np.ndarray, np.ndarray]]]:
     """Median distance of readings to an ellipsoid, and the ellipsoid; empty if there is none."""
     with contextlib.suppress(NotEllipsoid, np.linalg.LinAlgError):
         found = fitted()
@@ -70,45 +70,67 @@ def _tried(fitted: Callable[[], tuple[np.ndarray, np.ndarray]], u: np.ndarray) -
     return []
 
 
-def _trimmed(u: np.ndarray, tries: Tried) -> Any:
-    """The ellipsoid of smallest median distance, from given ones and random subsets, each refitted to the nearest readings."""
-    rng, nearest = np.random.default_rng(0), int(_TRIMMED * len(u))
+def _trimmed(u: np.ndarray) -> list[tuple[float, tuple[np.ndarray, np.ndarray]]]:
+    """Ellipsoids through the nearest part of the readings (concentration steps of least trimmed squares)."""
+    order, found = np.argsort(np.linalg.norm(u, axis=1)), []
+    for share in _SHARES:
+        now = _tried(lambda share=share: algebraic(u[order[: int(share * len(u))]]), u)
+        for _ in range(_ROUNDS):
+            now = [
+                new
+                for _, one in now
+                for new in _tried(lambda one=one: algebraic(u[np.argsort(away(one, u))[: int(_SHARES[-1] * len(u))]]), u)
+            ]
+            found += now
+    return found
 
-    def attempt(readings: np.ndarray) -> Tried:
-        return _tried(lambda: algebraic(readings), u)
 
-    def best(tries: Tried) -> Tried:
-        return sorted(tries, key=lambda one: one[0])[:_KEPT]
+def sound(m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Flags (n,) of the readings to fit, and these readings, whose least squares fit is robust.
 
-    tries = best(tries + [one for _ in range(_SUBSETS) for one in attempt(u[rng.choice(len(u), _SUBSET, replace=False)])])
-    for _ in range(_ROUNDS):
-        tries = best(tries + [new for _, found in tries for new in attempt(u[np.argsort(away(found, u))[:nearest]])])
-    return tries[0] if tries else None
-
-
-def sound(m: np.ndarray) -> np.ndarray:
-    """Flags (n,) of the readings to fit; all of them where an ellipsoid through most is not to be had, or more than a tenth stand apart."""
-    (middle, size), everything = _frame(m), np.ones(len(m), dtype=bool)
+    All readings are kept where an ellipsoid through most is not to be had, or more than a tenth stand apart.
+    """
+    (middle, size), everything, least = _frame(m), np.ones(len(m), dtype=bool), 2 * COUNT["symmetric"]
     kept = np.linalg.norm(m - middle, axis=1) <= _SPIKE * size
-    if not size > 0 or np.mean(~kept) > _MOST or kept.sum() < _FEWEST:
-        return everything
+    if not size > 0 or np.mean(~kept) > _MOST or kept.sum() < least:
+        return everything, m
     u = (m - middle) / size
     vote = u[kept][_voters(u[kept])]
-    if len(vote) < _FEWEST or extents(Frame.of(vote).scaled(vote))[-1] < NEAR_PLANAR:
-        return kept
-    # a single spike draws an ellipsoid to itself, so a second one does without the outermost readings
-    inner = vote[np.argsort(np.linalg.norm(vote, axis=1))[: int(_INNER * len(vote))]]
-    first = [one for fitted in (lambda: start(vote, "symmetric"), lambda: algebraic(inner)) for one in _tried(fitted, vote)]
-    found = min(first[1:], key=lambda one: _CLOSER * one[0], default=None)
-    if first and (found is None or first[0][0] < _CLOSER * found[0]):
-        found = first[0]
+    if len(vote) < least or extents(Frame.of(vote).scaled(vote))[-1] < NEAR_PLANAR:
+        return kept, m[kept]
+    plain = _tried(lambda: start(vote, "symmetric"), vote)
     # a fit without a reading that stands apart needs no other
-    if found is None or away(found[1], vote).max() > _FAR * _spread(away(found[1], vote)):
-        other = _trimmed(vote, first)
-        if other is not None and (found is None or _CLOSER * other[0] < found[0]):
-            found = other
+    far = not plain or away(plain[0][1], vote).max() > OUTLIER * _spread(away(plain[0][1], vote))
+    found = min(plain + [(_CLOSER * median, one) for median, one in (_trimmed(vote) if far else [])], key=lambda one: one[0], default=None)
     if found is None:
-        return kept
-    limit = _FAR * _spread(away(found[1], vote))
-    near = kept & (away(found[1], u) <= limit)
-    return near if np.mean(~near) <= _MOST else everything
+        return kept, m[kept]
+    near = kept & (away(found[1], u) <= _FAR * _spread(away(found[1], vote)))
+    if np.mean(~near) > _MOST:
+        return everything, m
+    calm = _calmed(u[near], *found[1])
+    return near, m[near] if calm is None else middle + size * calm
+
+
+def _calmed(u: np.ndarray, shape: np.ndarray, centre: np.ndarray) -> np.ndarray | None:
+    """Readings whose distances d are psi(d) / mean(psi'), if the distances have too heavy a tail; psi is Tukey's.
+
+    Least squares of these pseudo-values is the redescending fit, and their scatter gives its covariance (P. J. Huber and E. M. Ronchetti,
+    Robust Statistics, 2009, section 7.8). None for normal noise, which needs none of this.
+    """
+    soft = soft_of(shape)
+    for turn in range(_ROUNDS):
+        inverse = np.linalg.inv(soft)
+        h = (u - centre) @ inverse
+        r = np.linalg.norm(h, axis=1)
+        distance = (r - 1) * r / np.linalg.norm(h @ inverse, axis=1)
+        ratio = distance / _spread(np.abs(distance))
+        usual = scipy.special.erfc(_TAIL / np.sqrt(2)) * len(u)
+        if not turn and np.sum(np.abs(ratio) > _TAIL) < usual + _SURE * np.sqrt(usual):
+            return None
+        square = np.minimum((ratio / _TUKEY) ** 2, 1.0)
+        pulled = distance * (1 - square) ** 2 / np.mean((1 - square) * (1 - 5 * square))
+        rows, normals, _ = rows_of(soft, centre, distance, u)
+        basis = basis_of("symmetric")
+        step = basis @ np.linalg.lstsq(-rows @ basis, pulled, rcond=None)[0]
+        soft, centre = soft + step[:9].reshape(3, 3), centre + step[9:]
+    return u - normals * (distance - pulled)[:, None]

@@ -4,12 +4,12 @@ import numpy as np
 
 from ...fitting._information import symmetric_inverse
 from .._design._coverage import bins
+from .._iron import EXACT
 from ._algebraic import NotEllipsoid, away
 from ._kinds import COUNT, basis_of, soft_and_centre
 from ._orthogonal import flat
 from ._shape import Found, directions_of, shape_of_soft
 
-_LEAST = 1e-28  # mean square distance of exact readings
 _HOPELESS = 4.0  # multiple of the margin that decides, at which a smaller model is excluded without being fitted
 
 
@@ -53,4 +53,4 @@ def _nearest(full: Found, kind: str) -> np.ndarray | None:
 
 def score(distance: np.ndarray, kind: str, count: int) -> float:
     """The criterion n ln(mean d^2) + k ln n. n is the number of occupied bins of 500, because neighbours repeat one another."""
-    return float(count * np.log(max(np.mean(distance**2), _LEAST)) + COUNT[kind] * np.log(count))
+    return float(count * np.log(max(np.mean(distance**2), EXACT**2)) + COUNT[kind] * np.log(count))
