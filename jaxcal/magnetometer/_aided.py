@@ -13,6 +13,7 @@ but level headings do not depend on them.
 """
 
 import dataclasses
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,8 +23,8 @@ from ._iron import EXACT, by_parts
 from ._turning import attitudes_in_segments
 
 _SOFT, _WEIGHT = 0.05, 4.0  # prior spread of the entries of C, and how many entries it counts as
-#: spread of its antisymmetric part where nothing shows a rotation, and where a sensor may show it: 0.6 degrees
-_SYMMETRIC, _TURNED = 1e-4, 0.01
+#: spread of its antisymmetric part where nothing shows a rotation, and of sensors on one board, 0.2 degrees, which is learnt where tilts show it
+_SYMMETRIC, _TURNED = 1e-4, 0.003
 _DELAY = 0.05  # s, prior standard deviation of the delay of the readings after the rates
 _ROUNDS, _SETTLED = 40, 0.02  # most rounds, and step in standard errors that ends them
 _C, _B, _GAIN, _DIP, _LAG = slice(0, 9), slice(9, 12), 12, 13, slice(14, 18)
@@ -311,18 +312,18 @@ def _size(left: np.ndarray, used: np.ndarray, which: np.ndarray, nuisance: int) 
     return max(float(np.sqrt(np.sum(left[which] ** 2) / freedom)), EXACT)
 
 
-def poses(m: np.ndarray, up: np.ndarray, heading: np.ndarray | None, most: float) -> np.ndarray:
-    """Number (n,) of the pose of each reading: successive readings whose directions differ by less than an angle, at one heading."""
-    number, pose, cosine = np.zeros(len(m), dtype=int), 0, float(np.cos(most))
-    field = unit(m - np.median(m, axis=0)).tolist()
-    force, angle = np.nan_to_num(up).tolist(), [0.0] * len(m) if heading is None else np.nan_to_num(heading, nan=-9.0).tolist()
-    first = 0
+def poses(m: np.ndarray, up: np.ndarray, heading: np.ndarray | None, most: float, steps: float) -> np.ndarray:
+    """Number (n,) of the pose of each reading: successive readings with verticals within an angle, at one heading.
+
+    Without headings, readings of a pose are no farther apart than so many usual steps from one reading to the next.
+    """
+    number, pose, cosine, first = np.zeros(len(m), dtype=int), 0, float(np.cos(most)), 0
+    angle = np.zeros(len(m)) if heading is None else np.nan_to_num(heading, nan=-9.0)
+    reach = np.inf if heading is not None else steps * float(np.median(np.linalg.norm(np.diff(m, axis=0), axis=1)))
+    rows = np.concatenate([np.nan_to_num(up), m, angle[:, None]], axis=1).tolist()
     for i in range(1, len(m)):
-        same = angle[i] == angle[first]
-        for vectors in (force,) if heading is not None else (field, force):
-            (a, b, c), (d, e, f) = vectors[first], vectors[i]
-            same = same and a * d + b * e + c * f > cosine
-        if not same:
+        (a, b, c, *one, now), (d, e, f, *other, then) = rows[first], rows[i]
+        if now != then or a * d + b * e + c * f <= cosine or math.dist(one, other) > reach:
             pose, first = pose + 1, i
         number[i] = pose
     return number

@@ -23,7 +23,9 @@ from ._model import MagModel
 from ._turning import attitudes_in_segments
 
 _STILL = 0.03  # relative departure of the specific force from its median above which a pose is not at rest
-_POSE = np.deg2rad(3.0)  # within which successive readings are one pose: ten times the scatter of an accelerometer by hand
+#: rad between verticals of one pose, ten times the scatter of an accelerometer by hand; usual steps between its readings: 1 in 10,000 of
+#: those with normal noise is farther off
+_POSE, _STEPS = np.deg2rad(3.0), 3.0
 _DIP, _ANY_DIP, _FIELD = np.deg2rad(0.5), 0.5, 0.02  # rad, prior spread of a given dip, and of one that is not; share of a given field
 #: source of a rotation -> its name for readers
 NAMES = {"accel": "accelerometer", "gyro": "gyroscope", "headings": "known headings", "attitude": "attitudes",
@@ -245,7 +247,7 @@ def fitted(
     x, frame = m[rows], Frame.of(m[rows])
     up, heading = (None if part is None else part[rows] for part in (at.up, at.heading))
     if up is not None and source != "plane":
-        number = poses(x, up, heading, _POSE)
+        number = poses(x, up, heading, _POSE, _STEPS)
         x, up, currents = averaged(x, number), averaged(up, number), None if currents is None else averaged(currents, number)
         up = unit(up)
         heading = None if heading is None else averaged(heading, number)

@@ -47,7 +47,7 @@ FINDINGS = table(
     ),
     outliers=Kind(
         CAUTION, "{count} of {total} readings are outliers.", "Keep iron and motors away, and check the wires.",
-        limits=(0.05, 0.4),  # share of them: 1 % made three accurate real logs weak; the rest is no majority
+        limits=(0.1, 0.4),  # share of them: with up to a tenth, the fit of four accurate real logs was right; the rest is no majority
     ),
     field_differs=Kind(
         NOTE, "The readings have a mean field of {found:.4g}, the given one is {given:.4g}.",
