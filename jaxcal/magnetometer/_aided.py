@@ -23,7 +23,7 @@ from ._iron import EXACT, by_parts
 from ._turning import attitudes_in_segments
 
 _SOFT, _WEIGHT = 0.05, 4.0  # prior spread of the entries of C, and how many entries it counts as
-#: spread of its antisymmetric part where nothing shows a rotation, and of sensors on one board, 0.2 degrees, which is learnt where tilts show it
+#: spread of its antisymmetric part where nothing shows a rotation; for sensors on one board 0.2 degrees, and learnt where tilts show it
 _SYMMETRIC, _TURNED = 1e-4, 0.003
 _DELAY = 0.05  # s, prior standard deviation of the delay of the readings after the rates
 _ROUNDS, _SETTLED = 40, 0.02  # most rounds, and step in standard errors that ends them
@@ -35,6 +35,7 @@ class Attitudes(NamedTuple):
 
     up : (n, 3) unit vectors, NaN where unknown. heading : (n,) rad, NaN where unknown. gyro, rate, rows : rates (k, 3) in rad/s at all
     samples of a log, the samples per second, and the sample of each reading. rotated : whether C may have a rotation that these show.
+    held : (k, 3) axes, of the magnetometer, about which it is small.
     """
 
     up: Any = None
@@ -43,6 +44,7 @@ class Attitudes(NamedTuple):
     rate: float = 0.0
     rows: Any = None
     rotated: bool = True
+    held: Any = np.eye(3)
 
 
 class Known(NamedTuple):
@@ -198,8 +200,8 @@ def _free_of_segments(data: _Data, ways: np.ndarray, point: np.ndarray, residual
     rows[:, 1:], residual[:, 1:] = both[:, :, :-1], both[:, :, -1]
 
 
-def _prior(p: np.ndarray, free: np.ndarray, base: np.ndarray, spread: float, known: Known, turned: float, lag: float):
-    """Residuals of the priors, and their derivatives."""
+def _prior(p: np.ndarray, free: np.ndarray, base: np.ndarray, spread: float, known: Known, odd: np.ndarray, turned: float, lag: float):
+    """Residuals of the priors, and their derivatives; `odd` (k, 9): rotations that C contains, of the given spread."""
     gain, width = np.exp(p[_GAIN]), len(p)
     rows, left = np.zeros((9, width)), (gain * base.ravel() - p[_C]) / (spread * gain)
     rows[range(9), range(9)] = 1 / (spread * gain)
@@ -213,17 +215,16 @@ def _prior(p: np.ndarray, free: np.ndarray, base: np.ndarray, spread: float, kno
                 row[0, place], row[0, _C] = 0.0, np.linalg.inv(matrix).T.ravel() / (3 * error)
                 now = np.log(np.abs(np.linalg.det(matrix))) / 3
             found.append((np.array([(value - now) / error]), row))
-    if np.isfinite(turned):
-        odd = _odd(base)
-        row = np.zeros((3, width))
-        row[:, _C] = odd / (turned * gain)
-        found.append((-odd @ p[_C] / (turned * gain), row))
+    row = np.zeros((len(odd), width))
+    row[:, _C] = odd / (turned * gain)
+    found.append((-odd @ p[_C] / (turned * gain), row))
     return (np.concatenate(parts) for parts in zip(*found, strict=True))
 
 
 def _odd(base: np.ndarray) -> np.ndarray:
-    """Rows (3, 9) that take C to the antisymmetric part of C base'."""
-    by, (i, j) = np.kron(np.eye(3), base).reshape(3, 3, 9), np.triu_indices(3, 1)
+    """Rows (3, 9) that take C to the small rotation vector in C base'."""
+    by = np.kron(np.eye(3), base).reshape(3, 3, 9)
+    i, j = np.roll(np.arange(3), 1), np.roll(np.arange(3), -1)
     return (by[i, j] - by[j, i]) / 2
 
 
@@ -246,7 +247,7 @@ def solved(
         y = unit((u - begin[1]) @ np.linalg.inv(begin[0]).T)
         p[_DIP] = -np.arcsin(np.clip(np.mean(np.sum(y * data.up, axis=1)[data.paired]), -0.999, 0.999))
     lag, spread, sigma, converged = np.zeros(4), _SOFT, np.full(2, max(noise, EXACT)), False
-    turned = np.inf if at.heading is not None else _TURNED if at.rotated else _SYMMETRIC
+    turned, odd = _TURNED if at.rotated else _SYMMETRIC, at.held @ _odd(base)
     turn = 0
     while True:
         if data.kind == "rates" and (turn == 0 or np.any(p[_LAG])):
@@ -254,7 +255,7 @@ def solved(
             data.turned(lag)
         left, rows, along, number = _rows(data, p)
         size = sigma[along.astype(int)]
-        more, extra = _prior(p, free, base, spread, known, turned, -lag[3])
+        more, extra = _prior(p, free, base, spread, known, odd, turned, -lag[3])
         whole = np.concatenate([rows / size[:, None], extra])[:, free]
         column = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
         inverse = np.linalg.pinv((whole / column).T @ (whole / column), rcond=1e-14, hermitian=True) / np.outer(column, column)
@@ -270,9 +271,8 @@ def solved(
             sigma = np.array([_size(left, used, ~along, 0), _size(left, used, along, nuisance)])
         gain = np.exp(p[_GAIN])
         spread = _learnt(p[_C] / gain - base.ravel(), error[:9] / gain, _SOFT)
-        if at.rotated and np.isfinite(turned):
-            odd = _odd(base) / gain
-            turned = _learnt(odd @ p[_C], np.sqrt(np.diag(odd @ inverse[:9, :9] @ odd.T)), _TURNED)
+        if at.rotated:
+            turned = _learnt(odd @ p[_C] / gain, np.sqrt(np.diag(odd @ inverse[:9, :9] @ odd.T)) / gain, _TURNED)
         if not np.isfinite(p).all() or not np.isfinite(sigma).all():
             break
         converged = bool(turn > 2 and np.abs(step / error).max() < _SETTLED and np.abs(sigma / last - 1).max() < 0.01)
@@ -315,15 +315,16 @@ def _size(left: np.ndarray, used: np.ndarray, which: np.ndarray, nuisance: int) 
 def poses(m: np.ndarray, up: np.ndarray, heading: np.ndarray | None, most: float, steps: float) -> np.ndarray:
     """Number (n,) of the pose of each reading: successive readings with verticals within an angle, at one heading.
 
-    Without headings, readings of a pose are no farther apart than so many usual steps from one reading to the next.
+    Where it is not known, readings of a pose are no farther apart than so many usual steps from one reading to the next.
     """
     number, pose, cosine, first = np.zeros(len(m), dtype=int), 0, float(np.cos(most)), 0
-    angle = np.zeros(len(m)) if heading is None else np.nan_to_num(heading, nan=-9.0)
-    reach = np.inf if heading is not None else steps * float(np.median(np.linalg.norm(np.diff(m, axis=0), axis=1)))
-    rows = np.concatenate([np.nan_to_num(up), m, angle[:, None]], axis=1).tolist()
+    open_ = np.ones(len(m), dtype=bool) if heading is None else np.isnan(heading)
+    angle = np.where(open_, 0.0, 0.0 if heading is None else heading)
+    reach = steps * float(np.median(np.linalg.norm(np.diff(m, axis=0), axis=1)))
+    rows = np.concatenate([np.nan_to_num(up), angle[:, None], open_[:, None], m], axis=1).tolist()
     for i in range(1, len(m)):
-        (a, b, c, *one, now), (d, e, f, *other, then) = rows[first], rows[i]
-        if now != then or a * d + b * e + c * f <= cosine or math.dist(one, other) > reach:
+        (a, b, c, now, free, *one), (d, e, f, then, other_free, *other) = rows[first], rows[i]
+        if (now, free) != (then, other_free) or a * d + b * e + c * f <= cosine or (free and math.dist(one, other) > reach):
             pose, first = pose + 1, i
         number[i] = pose
     return number

@@ -223,7 +223,7 @@ def told(aid: Any, count: int) -> tuple[Attitudes, str]:
         raise DataError(f"The headings have shape {heading.shape}; give one for each of {count} readings, NaN where none is known.",
                         code="heading_shape")  # fmt: skip
     level = np.where(np.isfinite(heading)[:, None], [0.0, 0.0, -1.0], np.nan)
-    return Attitudes(up=level if aid.accel is None else verticals(aid.accel, count), heading=heading), "headings"
+    return Attitudes(level if aid.accel is None else verticals(aid.accel, count), heading, rotated=aid.accel is not None), "headings"
 
 
 def down_by(up: Any) -> np.ndarray | None:
@@ -267,6 +267,10 @@ def fitted(
     if any(one.severity == FATAL for one in by_axes(axes, 0.0 if dip is None else float(np.sign(dip)))):
         return None, frame, axes
     base = np.eye(3) if axes is None else axes.turn
+    if source == "headings":
+        # they show a rotation about the vertical; nothing shows one about a level axis if there is no accelerometer
+        down = down_by(up) if at.rotated else None
+        at = at._replace(held=np.zeros((0, 3)) if down is None else np.eye(3) - np.outer(base @ down, base @ down))
     # the accelerometer's own dip is the start, and against it a given one would pull the fit apart
     seen = axes.dip if axes is not None and np.isfinite(axes.dip) else None
     agrees = seen is None or (dip is not None and np.sign(seen) == np.sign(dip))

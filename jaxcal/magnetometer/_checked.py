@@ -1,6 +1,6 @@
-"""Checks of the readings and options of a fit."""
+"""A fit as asked for: everything is checked here, once."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.core
 import jax.numpy as jnp
@@ -8,17 +8,64 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import real_numbers
+from ._aids import Accelerometer, Gyroscope
 from ._ellipsoid._kinds import COUNT
 from ._field import INCLINATION
+from ._model import MagModel
 
 METHODS = ("ml", "consistent", "constrained")
 MODELS = ("auto", *COUNT, "planar")
 
 
-def checked(m, method, model, field, inclination, field_error) -> tuple[np.ndarray, float | None, float]:
-    """Readings, magnitude of the field and dip, after a check that each option is known and suits the method."""
-    m = readings_of(m)
-    for given, known, what in ((method, METHODS, "method"), (model, MODELS, "model")):
+class Asked(NamedTuple):
+    """Readings and options of a fit, checked.
+
+    Attributes
+    ----------
+    m : (n, 3) readings; NaN in some rows beside rates, which are integrated over all of them. there : numbers of the rows with a reading.
+    method, model, aid, limits : as for `fit`; the accelerometer of a log is an aid that does not turn the axes.
+    norm, field_error, dip : magnitude of the field and its relative error, or None, and its dip. known : whether the dip was given.
+    currents, conditions : name -> numbers at the times of the readings.
+    """
+
+    m: np.ndarray
+    there: np.ndarray
+    method: str
+    model: Any
+    norm: float | None
+    field_error: float | None
+    dip: float
+    known: bool
+    limits: tuple[float, float]
+    aid: Any
+    currents: dict[str, np.ndarray]
+    conditions: dict[str, np.ndarray]
+
+    @property
+    def sign(self) -> float:
+        """Sign of the dip at the place; zero if it is not known."""
+        return float(np.sign(self.dip)) if self.known else 0.0
+
+
+def asked_for(
+    m: Any, force: Any, method: str, model: Any, field: Any, field_error: Any, inclination: Any, limits: Any, aid: Any, currents: Any,
+    conditions: Any,
+) -> Asked:  # fmt: skip
+    """The fit as asked for, after a check that each option is known and that all suit one another; `force`: specific force of a log."""
+    m = real_numbers(m, "the readings")
+    there = np.isfinite(m).all(axis=1) if m.ndim == 2 else np.zeros(0, dtype=bool)
+    if m.ndim != 2 or m.shape[1] != 3 or not len(m):
+        raise DataError(f"The readings have shape {m.shape}; expected (n, 3), one row per reading.", code="bad_shape")
+    if not there.all() and not isinstance(aid, Gyroscope):
+        raise DataError(
+            f"{np.sum(~there)} readings are not finite, the first in row {np.argmin(there)}; leave them out.", code="not_finite"
+        )
+    own = isinstance(model, MagModel)
+    if own and (method != "ml" or field_error is not None or aid is not None or currents):
+        raise DataError(
+            "A model object is fitted by method='ml', without `field_error`, `aid` and `currents`.", code="model_object_options"
+        )
+    for given, known, what in ((method, METHODS, "method"), ("auto" if own else model, MODELS, "model")):
         if given not in known:
             raise DataError(f"There is no {what} {given!r}; known are {', '.join(map(repr, known))}.", code="no_such_option")
     if method != "ml" and model not in ("auto", "symmetric"):
@@ -33,18 +80,25 @@ def checked(m, method, model, field, inclination, field_error) -> tuple[np.ndarr
     if not abs(dip) < np.pi / 2:
         raise DataError(f"The inclination is {dip:g} rad; it must lie between -pi/2 and pi/2, where there is a horizontal field.",
                         code="bad_inclination")  # fmt: skip
-    return m, norm, float(dip)
+    count = int(there.sum())
+    recorded = {name: _numbers(one, f"The condition {name!r}", count, "condition", own) for name, one in (conditions or {}).items()}
+    flows = {name: _numbers(one, "The current", len(m), "current") for name, one in (currents or {}).items()}
+    if any(not np.ptp(one) > 0 for one in flows.values()):
+        raise DataError("A current is constant: its field cannot be told from hard iron.", code="current_constant")
+    aid = Accelerometer(force, turns=False) if aid is None and force is not None and not own else aid
+    known = inclination is not None or np.ndim(field) == 1
+    return Asked(m, np.flatnonzero(there), method, model, norm, field_error, float(dip), known, (float(limits[0]), float(limits[1])), aid,
+                 flows, recorded)  # fmt: skip
 
 
-def readings_of(m: Any) -> np.ndarray:
-    """Readings (n, 3) as finite numbers."""
-    m = real_numbers(m, "the readings")
-    if m.ndim != 2 or m.shape[1] != 3 or not len(m):
-        raise DataError(f"The readings have shape {m.shape}; expected (n, 3), one row per reading.", code="bad_shape")
-    bad = np.flatnonzero(~np.isfinite(m).all(axis=1))
-    if bad.size:
-        raise DataError(f"{bad.size} readings are not finite, the first in row {bad[0]}; leave them out.", code="not_finite")
-    return m
+def _numbers(given: Any, what: str, count: int, code: str, wide: bool = False) -> np.ndarray:
+    """Finite numbers, one for each reading, or one row if `wide`."""
+    values = np.asarray(given, dtype=float)
+    if values.shape[:1] != (count,) or (values.ndim > 1 and not wide):
+        raise DataError(f"{what} has shape {values.shape}; give one number for each of {count} readings.", code=f"{code}_shape")
+    if not np.isfinite(values).all():
+        raise DataError(f"{what} has values that are not finite.", code=f"{code}_not_finite")
+    return values
 
 
 def norm_and_dip(field: Any, inclination: Any) -> tuple[Any, Any]:
@@ -60,17 +114,3 @@ def norm_and_dip(field: Any, inclination: Any) -> tuple[Any, Any]:
                             code="bad_field")  # fmt: skip
         dip = float(np.arctan2(vector[2], np.hypot(vector[0], vector[1]))) if vector.ndim else None
     return norm, next(angle for angle in (inclination, dip, INCLINATION) if angle is not None)
-
-
-def checked_conditions(conditions: dict[str, Any], count: int) -> dict[str, np.ndarray]:
-    """Recorded conditions as arrays of one number per reading."""
-    found = {}
-    for name, given in conditions.items():
-        values = np.asarray(given, dtype=float)
-        if values.shape != (count,):
-            raise DataError(f"The condition {name!r} has shape {values.shape}; give one number for each of {count} readings.",
-                            code="condition_shape")  # fmt: skip
-        if not np.isfinite(values).all():
-            raise DataError(f"The condition {name!r} has values that are not finite.", code="condition_not_finite")
-        found[name] = values
-    return found

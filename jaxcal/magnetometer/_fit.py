@@ -2,11 +2,9 @@
 
 from typing import Any
 
-import numpy as np
-
 from .._precision import host_float64, is_traced
-from ._aids import Accelerometer, Gyroscope, Plane
-from ._checked import checked, checked_conditions
+from ._aids import Plane
+from ._checked import asked_for
 from ._joined import joined
 from ._judge import LIMITS
 from ._magnitudes import by_magnitudes
@@ -97,29 +95,15 @@ def fit(
     J. F. Vasconcelos et al., IEEE Trans. Aerosp. Electron. Syst. 47 (2011) 1293 (maximum likelihood); I. Markovsky et al., Numer.
     Math. 98 (2004) 177 (consistent); the magnetometer paper's equations 6 to 16 (constrained); the thesis, chapter 6.
     """
-    limits = (float(limits[0]), float(limits[1]))
     m, force = field_readings(m)
-    if isinstance(model, MagModel) or is_traced(m, field):
-        others = {"method": method != "ml", "field_error": field_error is not None, "aid": aid is not None, "currents": bool(currents)}
-        refused = [name for name, there in others.items() if there]
-        if isinstance(model, MagModel):
-            return fit_model(m, model, field, inclination, conditions or {}, limits, refused)
-        return fit_traced(m, model, field, inclination, [*refused, *(["conditions"] if conditions else [])])
-    # rates are integrated over all samples, also those without a reading
-    rows = np.flatnonzero(np.isfinite(m).all(axis=1)) if isinstance(aid, Gyroscope) and np.ndim(m) == 2 else np.arange(len(m))
-    given = m[rows] if isinstance(aid, Gyroscope) else m
-    readings, norm, dip = checked(given, method, model, field, inclination, field_error)
-    if aid is None and force is not None:
-        aid = Accelerometer(force, turns=False)
-    recorded = checked_conditions(conditions or {}, len(readings))
-    first, used, plane = by_magnitudes(
-        readings, aid, recorded, method=method, model=model, norm=norm, dip=dip, limits=limits,
-        known=inclination is not None or np.ndim(field) == 1,
-    )  # fmt: skip
-    turns = getattr(aid, "turns", aid is not None)
+    if is_traced(m, field):
+        host = {"method": method != "ml", "field_error": field_error, "aid": aid, "currents": currents, "conditions": conditions}
+        return fit_traced(m, model, field, inclination, [name for name, given in host.items() if given])
+    asked = asked_for(m, force, method, model, field, field_error, inclination, limits, aid, currents, conditions)
+    if isinstance(model, MagModel):
+        return fit_model(asked)
+    first, used, plane = by_magnitudes(asked)
+    turns = getattr(asked.aid, "turns", asked.aid is not None)
     if plane is not None and not turns:
-        aid, turns = Plane(plane, model == "planar"), True
-    if not (turns or currents or field_error is not None):
-        return first
-    known = None if inclination is None and np.ndim(field) == 0 else dip
-    return joined(first, np.asarray(m, dtype=float), rows, rows[used], aid, currents or {}, norm, field_error, known, limits)
+        asked, turns = asked._replace(aid=Plane(plane, model == "planar")), True
+    return joined(first, asked, used) if turns or currents or field_error is not None else first

@@ -45,7 +45,10 @@ def by_parts(white: np.ndarray, jacobian: np.ndarray, left: np.ndarray, prior: n
     shown = np.abs(jacobian).max(axis=0) > 0  # others are in the prior alone
     if is_white(jacobian[:, shown], left):
         return white, False
-    other = leave_out(np.where(shown, jacobian, 1e-300), left, prior)
-    other = other if prior is None else other + white @ prior @ white
+    other = leave_out(jacobian, left, prior)
+    if prior is not None:
+        if not np.isfinite(other).all():
+            return white, False  # too few to leave any out, and the prior holds what they leave open
+        other = other + white @ prior @ white
     ratio = np.sqrt(np.maximum(np.diag(white) / np.maximum(np.diag(other), 1e-300), 1.0))
     return other * np.outer(ratio, ratio), True

@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 
 from .._answer import CAUTION, NOTE, Quantity
-from .._errors import DataError
 from .._frozen import replaced
 from ..fitting._serial import BLOCKS
 from ._aids import alignment_of, down_by, fitted, told
 from ._axes import by_axes
+from ._checked import Asked
 from ._design._heading_error import both_tilts, by_iron, down_of, rms_heading
 from ._ellipsoid._shape import iron_slopes, unit
 from ._field import INCLINATION
@@ -26,17 +26,6 @@ _OF_AXES = ("axes_open", "axes_turned", "mirrored", "remounted", "reversed", "un
 _ASKEW = {"accel": "force_off", "attitude": "attitudes_off", "gyro": "rates_off", "headings": "headings_off"}
 
 
-def columns_of(currents: dict[str, Any], count: int) -> np.ndarray:
-    """Currents (n, k) at the times of the readings."""
-    columns = [np.asarray(one, dtype=float) for one in currents.values()]
-    for one in columns:
-        if one.shape != (count,) or not np.isfinite(one).all():
-            raise DataError(f"The current has shape {one.shape}; give {count} finite numbers, one for each reading.", code="current_shape")
-        if not np.ptp(one) > 0:
-            raise DataError("A current is constant: its field cannot be told from hard iron.", code="current_constant")
-    return np.stack(columns, axis=1) if columns else np.zeros((count, 0))
-
-
 def without_currents(found: MagFit, m: np.ndarray, currents: dict[str, Any]) -> np.ndarray:
     """Readings (n, 3) without the fields of the currents that a fit has found."""
     for name, values in currents.items():
@@ -45,32 +34,25 @@ def without_currents(found: MagFit, m: np.ndarray, currents: dict[str, Any]) -> 
     return m
 
 
-def joined(
-    first: MagFit, m: np.ndarray, there: np.ndarray, rows: np.ndarray, aid: Any, currents: dict[str, Any], norm: float | None,
-    field_error: float | None, dip: float | None, limits: tuple[float, float],
-) -> MagFit:  # fmt: skip
-    """The fit of the given rows of readings (n, 3), of which `there` are finite, from the fit `first` of magnitudes.
-
-    norm, dip : of the field, if given.
-    """
-    aid = aid if getattr(aid, "turns", True) else None
+def joined(first: MagFit, asked: Asked, rows: np.ndarray) -> MagFit:
+    """The fit of the given rows together with the aid and the currents, from the fit `first` of magnitudes."""
+    m, there, norm, currents = asked.m, asked.there, asked.norm, asked.currents
+    field_error, dip, aid = asked.field_error, asked.dip if asked.known else None, asked.aid if getattr(asked.aid, "turns", True) else None
     at, source = told(aid, len(m))
-    columns = columns_of(currents, len(m))
+    columns = np.array([*currents.values()]).reshape(len(currents), len(m)).T
     # the hard iron of the fit is that at the recorded current nearest to zero, where the heading error holds
-    nearest = np.clip(0.0, columns.min(axis=0), columns.max(axis=0)) if currents else np.zeros(0)
-    size = np.abs(columns - nearest).max(axis=0) if currents else np.ones(0)
+    nearest = np.clip(0.0, columns.min(axis=0), columns.max(axis=0))
+    size = np.abs(columns - nearest).max(axis=0)
     scaled = (columns - nearest)[rows] / size
     found, frame, axes = fitted(m, rows, at, source, first, (norm, field_error, dip, getattr(aid, "dip", None)), scaled)
-
-    sign = float(np.sign(dip)) if dip is not None else 0.0
-    about = by_axes(axes, sign)
+    about = by_axes(axes, asked.sign)
     if found is None or not np.isfinite(found.covariance).all():
         about += [] if found is None else [FINDINGS("not_converged", what="the soft iron beside the other sensor")]
         return replaced(first, findings=(*(one for one in first.findings if one.code not in _OF_AXES), *about))
 
     whole = found.matrix * frame.scale
     field = float(np.cbrt(np.linalg.det(whole))) if norm is None else float(norm)
-    terms = (found.parameters[18:].reshape(-1, 3) * (frame.scale / size)[:, None]) if currents else np.zeros((0, 3))
+    terms = found.parameters[18:].reshape(-1, 3) * (frame.scale / size)[:, None]
     hard = frame.centre + frame.scale * found.centre
     model, at_nearest = MagModel(whole / field, hard - nearest @ terms), MagModel(whole / field, hard)
     spread = _spread(found, frame.scale, whole, field, norm is not None, size)
@@ -79,11 +61,9 @@ def joined(
     level = np.array([0.0, 0.0, 1.0]) if source == "headings" and aid.accel is None else down_by(at.up)
     down = down_of(unit(corrected), dip_seen) if level is None else level
     error = np.asarray(rms_heading(both_tilts(by_iron(at_nearest, field), dip_seen, down), spread[:13, :13]))
-    if currents:
-        move = np.eye(len(spread))
-        for j, value in enumerate(nearest):
-            move[:3, 13 + 3 * j : 16 + 3 * j] = -value * np.eye(3)
-        spread = move @ spread @ move.T
+    move = np.eye(len(spread))
+    move[:3, 13:] = -np.kron(nearest, np.eye(3))
+    spread = move @ spread @ move.T
 
     turn = alignment_of(found, source) if source and source != "plane" else None
     said = [one for one in first.findings if one.code in _KEPT]
@@ -112,8 +92,9 @@ def joined(
     further = {f"currents.{name}[{i}]": terms[j, i] for j, name in enumerate(currents) for i in range(3)}
     freedom = BLOCKS - 1 if found.parts else max(len(found.across) - 13, 1)
     kind = {"": "symmetric", "plane": "planar"}.get(source, "full")
+    estimate = estimated(model, field, spread, freedom, further, norm is not None)
     return judged_fit(
-        said, limits, "the soft iron", corrected, model=model, estimate=estimated(model, field, spread, freedom, further, norm is not None),
+        said, asked.limits, "the soft iron", corrected, model=model, estimate=estimate,
         heading_error=error, field=field, noise=noise, residual=residual, inclination=dip_seen, method="joint", kind=kind, down=down,
         alignment=turn, _about={"used": len(rows)},
     )  # fmt: skip

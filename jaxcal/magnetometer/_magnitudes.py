@@ -8,6 +8,7 @@ from .._answer import Quantity
 from ..fitting._serial import BLOCKS
 from ._aids import down_by, verticals
 from ._axes import Axes, axes_of, by_axes
+from ._checked import Asked
 from ._design._heading_error import TILT, both_tilts, by_iron, down_of, heading_change, information, rms_heading
 from ._diagnosis import chosen_rows, from_causes, from_structure
 from ._ellipsoid._algebraic import NotEllipsoid
@@ -22,32 +23,31 @@ from ._result import MagFit, judged_fit, unfitted
 from ._surface import Surface, iron_of, surface_of
 
 
-def by_magnitudes(
-    m: np.ndarray, aid: Any, recorded: dict[str, np.ndarray], *, method: str, model: str, norm: Any, dip: float,
-    limits: tuple[float, float], known: bool,
-) -> tuple[MagFit, np.ndarray, Any]:  # fmt: skip
-    """The fit of readings (n, 3), the fitted rows, and the normal of their plane if they lie in one; `known`: the dip was given."""
+def by_magnitudes(asked: Asked) -> tuple[MagFit, np.ndarray, Any]:
+    """The fit of the magnitudes, the fitted rows, and the normal of the plane of the readings if they lie in one."""
+    m, method, norm, dip, known = asked.m[asked.there], asked.method, asked.norm, asked.dip, asked.known
     used, readings, full = chosen_rows(m)
     try:
-        surface = surface_of(readings, method, model, (dip, limits[0]))
+        surface = surface_of(readings, method, asked.model, (dip, asked.limits[0]))
     except NotEllipsoid as error:
         surface = Surface(FINDINGS("no_ellipsoid", quadric=error.quadric))
     clipped = [FINDINGS("clipped", count=full)] if full else []
     if surface.found is None:
-        return unfitted(method, dip, *clipped, *([] if surface.refused is None else [surface.refused])), used, surface.plane
+        refused = [] if surface.refused is None else [surface.refused]
+        return unfitted(method, dip, *clipped, *refused), asked.there[used], surface.plane
     found, u = surface.found, surface.u
     iron, field, slopes = iron_of(found, surface.frame, norm)
     corrected, directions, log = np.asarray(iron.correct(m)), directions_of(found, u), surface.frame.scaled(m)
 
     # the dip, and the axis that points down
-    axes, seen, down = _seen(aid, corrected)
-    said = [*by_axes(axes, np.sign(dip) if known else 0.0, turns=False), *([] if axes else [FINDINGS("unseen_axes")]), *clipped]
+    axes, seen, down = _seen(asked.aid, corrected)
+    said = [*by_axes(axes, asked.sign, turns=False), *([] if axes else [FINDINGS("unseen_axes")]), *clipped]
     dip = dip if known or seen is None else seen
     down = down_of(directions, dip) if down is None else down
 
     # the error: by parts of the log, at least that of white residuals, with what the fit cannot see by itself
     headings = both_tilts(by_iron(iron, field), dip, down)
-    spread, parts, causes = examined(found, u, log, used, recorded)
+    spread, parts, causes = examined(found, u, log, used, asked.conditions)
     steps = [np.outer(one, one) for one in [slopes @ surface.unseen, *(slopes @ cause.step for cause in causes)]]
     matrix = between(slopes, spread) + sum(steps)
     error = np.asarray(rms_heading(headings, matrix))
@@ -70,10 +70,10 @@ def by_magnitudes(
     said += [] if known or seen is not None else [FINDINGS("dip_assumed", dip=Quantity(dip, "angle"))]
     freedom = BLOCKS - 1 if parts else max(len(used) - COUNT[found.kind], 1)
     return judged_fit(
-        said, limits, bits.weakest, corrected, model=iron, estimate=estimated(iron, field, matrix, freedom, held=norm is not None),
+        said, asked.limits, bits.weakest, corrected, model=iron, estimate=estimated(iron, field, matrix, freedom, held=norm is not None),
         heading_error=error, field=float(field), noise=float(found.noise * surface.frame.scale), residual=distance * surface.frame.scale,
         inclination=dip, method=method, kind=found.kind, down=down, _about={"used": len(used), "condition": bits.condition},
-    ), used, None  # fmt: skip
+    ), asked.there[used], None  # fmt: skip
 
 
 def _seen(aid: Any, corrected: np.ndarray) -> tuple[Axes | None, float | None, np.ndarray | None]:

@@ -66,22 +66,13 @@ def test_the_leaves_of_the_model_are_fitted_with_intervals_by_name(found):
 
 @pytest.mark.long
 def test_the_truth_is_inside_the_intervals_as_often_as_they_say():
-    """200 fits in one call; the mean coverage of twelve parameters has a standard error of 0.5 to 1 %."""
-
-    @jax.jit
-    @jax.vmap
-    def many(m):
-        one = fit(m, model=BEGIN, field=FIELD, conditions={"temperature": WARMTH})
-        known = one.estimate.select(*NAMES)
-        return known.values, known.matrix
-
-    values, covariance = (np.asarray(x) for x in many(drawn(1, RUNS)))
+    """The mean coverage of twelve parameters in 200 fits has a standard error of 0.5 to 1 %."""
+    fits = [fit(m, model=BEGIN, field=FIELD, conditions={"temperature": WARMTH}).estimate.select(*NAMES) for m in drawn(1, RUNS)]
+    values, covariance = np.array([one.values for one in fits]), np.array([one.matrix for one in fits])
     half = scipy.stats.t.ppf(0.975, COUNT - 12) * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     inside = np.abs(values - TRUTH) < half
     assert 0.93 <= inside.mean() <= 0.97
     assert np.all(np.abs(inside.mean(axis=0) - 0.95) < 4 * np.sqrt(0.95 * 0.05 / RUNS))
-    alone = fit(drawn(1, RUNS)[7], model=BEGIN, field=FIELD, conditions={"temperature": WARMTH})
-    np.testing.assert_allclose(values[7], alone.estimate.select(*NAMES).values, rtol=1e-9)
 
 
 def test_it_is_applied_and_plotted(found):
