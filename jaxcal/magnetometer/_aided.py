@@ -64,18 +64,16 @@ class Known(NamedTuple):
 class Solution:
     """Parameters of the fit with their covariance: C by rows, b, logarithm of the gain, dip, bias and delay of the rates, K by currents.
 
-    sigma : (2,) standard deviations across and along the surface. free : names of the free parameters. parts : whether the covariance is
+    sigma : (2,) standard deviations across and along the surface. parts : whether the covariance is
     that of fits without parts of the log. along : whether a reading has a residual along the surface. across : (n,) residuals.
     """
 
     parameters: np.ndarray
     covariance: np.ndarray
     sigma: np.ndarray
-    free: np.ndarray
     parts: bool
     along: np.ndarray
     across: np.ndarray
-    cost: float
     converged: bool
     spread: float
 
@@ -92,9 +90,12 @@ class Solution:
 
 def north_of(up: np.ndarray, heading: np.ndarray, dip: float) -> np.ndarray:
     """Unit fields (n, 3) in body axes, for known attitudes."""
-    forward, right = _level_axes(up)
-    north = np.cos(heading)[:, None] * forward - np.sin(heading)[:, None] * right
-    return np.cos(dip) * north - np.sin(dip) * up
+    return np.cos(dip) * _north(_level_axes(up), heading) - np.sin(dip) * up
+
+
+def _north(axes: tuple[np.ndarray, np.ndarray], heading: np.ndarray) -> np.ndarray:
+    """Unit vectors to the north, at level, from those forward and to the right."""
+    return np.cos(heading)[:, None] * axes[0] - np.sin(heading)[:, None] * axes[1]
 
 
 def _level_axes(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -115,7 +116,7 @@ class _Data:
             self.paired = np.isfinite(at.up).all(axis=1)
             self.up = np.where(self.paired[:, None], at.up, [0.0, 0.0, -1.0])
             self.pointed = self.paired & (np.zeros(n, dtype=bool) if at.heading is None else np.isfinite(at.heading))
-            self.forward, self.right = _level_axes(self.up)
+            self.axes = _level_axes(self.up)
 
     def turned(self, lag: np.ndarray) -> None:
         """Attitudes by rates without this bias and delay."""
@@ -141,9 +142,7 @@ class _Data:
             return np.where(self.paired[:, None], point, h), np.zeros((n, 3)), None
         north = unit(h - np.sum(h * self.up, axis=1, keepdims=True) * self.up)
         if self.pointed.any():
-            angle = np.nan_to_num(self.at.heading)
-            known = np.cos(angle)[:, None] * self.forward - np.sin(angle)[:, None] * self.right
-            north = np.where(self.pointed[:, None], known, north)
+            north = np.where(self.pointed[:, None], _north(self.axes, np.nan_to_num(self.at.heading)), north)
         point, slope = np.cos(dip) * north - np.sin(dip) * self.up, -np.sin(dip) * north - np.cos(dip) * self.up
         around = np.where(self.pointed[:, None], 0.0, np.cross(self.up, point))
         there = self.paired[:, None]
@@ -294,9 +293,8 @@ def solved(
             p[_LAG] += lag
     across = np.zeros(len(u))
     across[number[~along]] = left[~along]
-    cost = float(np.sum(~along) * np.log(sigma[0]) + np.sum(along) * np.log(sigma[1]))
     size = float(np.exp(p[_GAIN]))
-    return Solution(p, full, sigma, free, parts, data.paired, across, cost, converged, float(sigma[1] / size) if along.any() else np.nan)
+    return Solution(p, full, sigma, parts, data.paired, across, converged, float(sigma[1] / size) if along.any() else np.nan)
 
 
 def _learnt(off: np.ndarray, error: np.ndarray, usual: float) -> float:

@@ -19,7 +19,6 @@ from ._ellipsoid._algebraic import extents, sphere_centre
 from ._ellipsoid._shape import NEAR_PLANAR, Frame, unit
 from ._field import INCLINATION
 from ._findings import FINDINGS
-from ._model import MagModel
 from ._turning import attitudes_in_segments
 
 _STILL = 0.03  # relative departure of the specific force from its median above which a pose is not at rest
@@ -294,17 +293,6 @@ def _axes(y: np.ndarray, at: Attitudes, dip: float, usable: bool) -> Axes | None
         there = np.isfinite(at.heading) & np.isfinite(at.up).all(axis=1)
         return axes_by_headings(y[there], north_of(at.up[there], at.heading[there], dip))
     return axes_of(y, at.up) if at.up is not None and usable and at.rotated else None
-
-
-def by_rates(m: np.ndarray, model: MagModel, field: float, gyro: np.ndarray, rate: float) -> tuple[MagModel, np.ndarray, float]:
-    """A calibration with the rotation that rates (n, 3) show, their bias in rad/s, and the delay of the readings (n, 3) in s."""
-    rows = np.flatnonzero(np.isfinite(m).all(axis=1))
-    frame = Frame.of(m[rows])
-    begin = np.asarray(model.soft_iron) * field / frame.scale, (np.asarray(model.hard_iron) - frame.centre) / frame.scale
-    base = max(axis_turns(), key=lambda one: np.trace(one.T @ begin[0]))
-    found = solved(frame.scaled(m[rows]), Attitudes(gyro=gyro, rate=rate, rows=rows), begin, base, Known())
-    turned = MagModel(found.matrix * frame.scale / field, frame.centre + frame.scale * found.centre)
-    return turned, found.parameters[14:17], float(found.parameters[17])
 
 
 def _round(u: np.ndarray, dip: float) -> tuple[np.ndarray, np.ndarray]:

@@ -20,7 +20,6 @@ from ._iron import EXACT
 from ._result import MagFit
 
 _PARAMETERS = 3.0  # approximate degrees of freedom of a heading error: the hard iron dominates it
-_LEVEL = 0.1  # largest horizontal share of gravity at level
 
 
 class Check(Result):
@@ -71,12 +70,11 @@ class Check(Result):
             "their headings are off by": Number("heading", self.heading, quantity="angle"),
             "expected ": Number("expected_heading", self.expected_heading, quantity="angle"),
         }  # fmt: skip
-        names, quantities = ("readings", "error", "scatter", "norm"), ("ratio", "angle", "angle", "ratio")
+        units = {"readings": "ratio", "error": "angle", "scatter": "angle", "norm": "ratio"}
         cells = [
-            (f"at {np.rad2deg(row[0]):.0f} deg", tuple(
-                Number(f"at[{i}].{name}", float(x), quantity=quantity) for name, x, quantity in zip(names, row[1:], quantities, strict=True)
-            ))
-            for i, row in enumerate(np.asarray(self.table))
+            (f"at {np.rad2deg(heading):.0f} deg", tuple(Number(f"at[{i}].{name}", float(x), quantity=units[name])
+                                                        for name, x in zip(units, row, strict=True)))
+            for i, (heading, *row) in enumerate(np.asarray(self.table))
         ]  # fmt: skip
         columns = ("readings", "error (rad)", "scatter (rad)", "magnitude")
         return [
@@ -156,7 +154,7 @@ def check(found: MagFit, m: Any, *, accel: Any = None, headings: Any = None) -> 
     there, rms, told = np.isfinite(error), float("nan"), float("nan")
     if there.any():
         rms = float(np.sqrt(np.mean(error[there] ** 2)))
-        by_calibration = found.heading_error[0 if np.abs(up[there, :2]).max() < _LEVEL else 1]
+        by_calibration = found.heading_error[0 if accel is None else 1]
         told = float(np.hypot(by_calibration, np.sqrt(np.mean((found.noise / field / level[there]) ** 2))))
     most = float(np.sqrt(scipy.special.fdtri(_PARAMETERS, float(found.estimate.freedom[0]), 0.95)))
     wrong = norm > max(most * expected, EXACT) or rms > max(most * told, EXACT)  # the second is false without known headings

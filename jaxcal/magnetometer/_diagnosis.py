@@ -7,7 +7,6 @@ import numpy as np
 
 from .._answer import Finding
 from ..evidence._values import clipped, held
-from ._design._heading_error import Information
 from ._ellipsoid._algebraic import extents
 from ._ellipsoid._causes import BENT, FAST, Cause
 from ._ellipsoid._robust import sound, thinned
@@ -15,7 +14,6 @@ from ._ellipsoid._shape import NEAR_PLANAR, Found
 from ._findings import FINDINGS
 
 LONG = 20_000  # largest number of readings that are all fitted
-_BY_NOISE = 0.5  # share of the information that is due to noise alone
 
 
 def chosen_rows(m: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
@@ -30,14 +28,14 @@ def chosen_rows(m: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
     return used, readings, int(full.sum())
 
 
-def from_structure(found: Found, u: np.ndarray, told: Information) -> list[Finding]:
+def from_structure(found: Found, u: np.ndarray, condition: float, weakest: str) -> list[Finding]:
     """Findings that lie in the geometry of the readings, and those about the convergence of the fit."""
     if extents(u - u.mean(axis=0))[-1] < NEAR_PLANAR:
         return [FINDINGS("near_planar")]
-    if not np.isfinite(found.covariance).all() or told.by_noise > _BY_NOISE or FINDINGS.over("undetermined", told.condition, what=""):
-        return [FINDINGS("undetermined", what=told.weakest)]
-    said = [] if found.converged else [FINDINGS("not_converged", what=told.weakest)]
-    return said + FINDINGS.over("hardly", told.condition, what=told.weakest)
+    if not np.isfinite(found.covariance).all() or FINDINGS.over("undetermined", condition, what=weakest):
+        return [FINDINGS("undetermined", what=weakest)]
+    said = [] if found.converged else [FINDINGS("not_converged", what=weakest)]
+    return said + FINDINGS.over("hardly", condition, what=weakest)
 
 
 def from_causes(causes: Sequence[Cause], costs: Sequence[float]) -> list[Finding]:

@@ -5,7 +5,6 @@ import numpy as np
 from .._answer import CAUTION, FATAL, NOTE, Kind, table
 
 AGREE = np.deg2rad(5.0)  # difference of two dips that are each true to a few degrees
-_OFF = (np.deg2rad(2.0),)  # scatter of readings from where an aid puts them: it costs twice the limit of a good fit
 
 FINDINGS = table(
     # no calibration
@@ -79,19 +78,10 @@ FINDINGS = table(
         CAUTION, "The dip is {found:.1f} by the accelerometer, {given:.1f} by the given field.", "Check place and date, or keep iron away.",
         limits=(AGREE,),
     ),
-    force_off=Kind(
-        CAUTION, "Readings lie {angle:.2g} from where the accelerometer puts them: it moved, or is not calibrated.",
-        "Hold the sensor still in each attitude.", limits=_OFF,
-    ),
-    attitudes_off=Kind(
-        CAUTION, "Readings lie {angle:.2g} from where the attitudes put them.", "Check times and axes of the attitudes.", limits=_OFF,
-    ),
-    rates_off=Kind(
-        CAUTION, "Readings lie {angle:.2g} from where the rates put them.", "Check times, axes, signs and unit of the rates.", limits=_OFF,
-    ),
-    headings_off=Kind(
-        CAUTION, "Readings lie {angle:.2g} from where the known headings put them.", "Check the headings: magnetic, clockwise from north.",
-        limits=_OFF,
+    aid_off=Kind(
+        CAUTION, "Readings lie {angle:.2g} from where they should lie by the {source}.",
+        "Check times, axes, signs and unit; hold the sensor still in each attitude, and give magnetic headings, clockwise from north.",
+        limits=(float(np.deg2rad(2.0)),),  # it costs twice the limit of a good fit
     ),
     # the axes
     axes_open=Kind(

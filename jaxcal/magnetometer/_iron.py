@@ -8,11 +8,12 @@ from .._precision import array_module, is_traced
 from .._units import BEYOND
 from ..fitting import Estimate
 from ..fitting._serial import is_white, leave_out
+from ._ellipsoid._kinds import PLACE
 from ._model import MagModel
 
 EXACT = 1e-9  # share of the field below which residuals are rounding, not noise
-HARD = tuple(f"hard_iron[{i}]" for i in range(3))
-SOFT = tuple(f"soft_iron[{i},{j}]" for i in range(3) for j in range(3))
+HARD = tuple(f"hard_iron[{i}]" for i, _ in enumerate(PLACE))
+SOFT = tuple(f"soft_iron[{i},{j}]" for i, j in np.ndindex(*PLACE.shape))
 
 
 def quantity_of(field: Any) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 from .._answer import CAUTION, NOTE, Quantity
 from .._frozen import replaced
 from ..fitting._serial import BLOCKS
-from ._aids import alignment_of, down_by, fitted, told
+from ._aids import NAMES, alignment_of, down_by, fitted, told
 from ._axes import by_axes
 from ._checked import Asked
 from ._design._heading_error import both_tilts, by_iron, down_of, rms_heading
@@ -23,7 +23,6 @@ from ._result import MagFit, judged_fit
 _KEPT = ("clipped", "averaged", "bent")
 #: findings about the axes by an accelerometer that gives the dip only
 _OF_AXES = ("axes_open", "axes_turned", "mirrored", "remounted", "reversed", "unseen_axes")
-_ASKEW = {"accel": "force_off", "attitude": "attitudes_off", "gyro": "rates_off", "headings": "headings_off"}
 
 
 def without_currents(found: MagFit, m: np.ndarray, currents: dict[str, Any]) -> np.ndarray:
@@ -73,7 +72,7 @@ def joined(first: MagFit, asked: Asked, rows: np.ndarray) -> MagFit:
         said.append(FINDINGS("plane", severity=NOTE if aid.asked else CAUTION))
     if turn is not None:
         said += [*about, *turn.findings]
-        said += FINDINGS.over(_ASKEW[source], found.spread, angle=Quantity(found.spread, "angle"))
+        said += FINDINGS.over("aid_off", found.spread, angle=Quantity(found.spread, "angle"), source=NAMES[source])
         if dip is not None and source in ("accel", "attitude") and not about:
             said += dip_differs(float(found.parameters[13]), dip)
     mean = float(np.cbrt(np.linalg.det(first.model.soft_iron)) * first.field) if first.model is not None and norm is not None else field

@@ -55,11 +55,11 @@ def by_magnitudes(asked: Asked) -> tuple[MagFit, np.ndarray, Any]:
         error = np.hypot(error, _departure(surface, iron, field, norm, dip, down))
 
     # what to know
-    bits = information(directions, found.kind, found.noise / radius_of(found.soft))
+    condition, weakest = information(directions, found.kind)
     distance = found.distance if np.array_equal(readings, m) else distances(found, log)
     scatter, mean = found.noise / radius_of(found.soft), float(surface.frame.scale * radius_of(found.soft))
     said += [
-        *from_structure(found, u, bits),
+        *from_structure(found, u, condition, weakest),
         *surface.said,
         *(FINDINGS.over("field_differs", abs(np.log(mean / norm)), found=mean, given=norm) if norm else []),
     ]
@@ -70,9 +70,9 @@ def by_magnitudes(asked: Asked) -> tuple[MagFit, np.ndarray, Any]:
     said += [] if known or seen is not None else [FINDINGS("dip_assumed", dip=Quantity(dip, "angle"))]
     freedom = BLOCKS - 1 if parts else max(len(used) - COUNT[found.kind], 1)
     return judged_fit(
-        said, asked.limits, bits.weakest, corrected, model=iron, estimate=estimated(iron, field, matrix, freedom, held=norm is not None),
+        said, asked.limits, weakest, corrected, model=iron, estimate=estimated(iron, field, matrix, freedom, held=norm is not None),
         heading_error=error, field=float(field), noise=float(found.noise * surface.frame.scale), residual=distance * surface.frame.scale,
-        inclination=dip, method=method, kind=found.kind, down=down, _about={"used": len(used), "condition": bits.condition},
+        inclination=dip, method=method, kind=found.kind, down=down, _about={"used": len(used), "condition": condition},
     ), asked.there[used], None  # fmt: skip
 
 

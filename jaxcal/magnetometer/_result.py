@@ -11,7 +11,8 @@ from .._frozen import made, replaced
 from .._types import AnyArray
 from ..fitting import Estimate
 from ._design._coverage import covered, sphere_grid
-from ._design._heading_error import heading_at, needed
+from ._design._heading_error import HEADINGS, heading_at, needed
+from ._ellipsoid._shape import between
 from ._findings import FINDINGS
 from ._iron import quantity_of
 from ._judge import judged, outliers
@@ -128,10 +129,6 @@ class MagFit(Result):
         ]  # fmt: skip
         if self.kind in ("planar", "full"):
             found.append(self.card())
-        wanted = [Number(f"needed_{i + 1}[{j}]", float(value)) for i, way in enumerate(self.needed) for j, value in enumerate(way)]
-        if wanted:
-            names = {f"needed_{i + 1}": f"direction {i + 1}" for i in range(3)}
-            found.append(by_axis("needed", "where readings help most", wanted, names, detail=True))
         if self.alignment is not None:
             found += [_within("alignment", grid)._replace(detail=True) for grid in self.alignment.sections()]
         return found if self.check is None else [*found, *(_within("check", grid) for grid in self.check.sections())]
@@ -150,15 +147,12 @@ class MagFit(Result):
         matrix = np.linalg.inv(np.asarray(self.model.soft_iron))
         part = self.estimate.select("soft_iron*")
         slopes = -np.einsum("ik,lj->ijkl", matrix, matrix).reshape(9, 9)
-        known = np.isfinite(np.asarray(part.matrix)).all()
         names = [f"correction[{i},{j}]" for i in range(3) for j in range(3)]
-        spread = slopes @ np.asarray(part.matrix) @ slopes.T if known else np.full((9, 9), np.inf)
-        states = {new: part.states[old] for new, old in zip(names, part.names, strict=True) if old in part.states}
-        return Estimate(names, matrix.ravel(), spread, part.freedom, states).numbers()
+        return Estimate(names, matrix.ravel(), between(slopes, np.asarray(part.matrix)), part.freedom).numbers()
 
     def _tilted(self) -> dict[str, Number]:
         """What a tilt does to the heading: its error where the vehicle is tilted; a plane has none."""
-        tilts, yaw = (_TILTS if np.isfinite(self.heading_error[1]) else ()), np.deg2rad(np.arange(0, 360, 15))
+        tilts, yaw = (_TILTS if np.isfinite(self.heading_error[1]) else ()), HEADINGS
         found = {tilt: np.sqrt(np.mean(heading_at(self, yaw, tilt=np.deg2rad(tilt)) ** 2)) for tilt in tilts}
         return {f"at {tilt} deg of tilt": Number(f"heading_error_{tilt}", float(one), quantity="angle") for tilt, one in found.items()}
 

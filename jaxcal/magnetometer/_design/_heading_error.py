@@ -1,7 +1,7 @@
 """Heading error from the covariance of hard and soft iron, and the parameters that the readings determine least (host, NumPy)."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -136,39 +136,25 @@ def heading_change(present: Any, new: Any, field: float, *, inclination: float =
     return np.angle(np.exp(1j * (by[1] - by[0])))
 
 
-class Information(NamedTuple):
-    """Condition number on the unit sphere, share of its smallest squared singular value due to noise alone, and the weakest parameters."""
-
-    condition: float
-    by_noise: float
-    weakest: str
-
-
 def sphere_rows(directions: Any, xp: Any = np) -> Any:
     """Derivative (n, 9) of the distance of unit vectors to the unit sphere by the upper entries of S and the centre, but for its sign."""
     i, j = UPPER
     return xp.concatenate([directions[:, i] * directions[:, j] * SYMMETRIC.sum(axis=0)[None, :], directions], axis=1)
 
 
-def information(directions: np.ndarray, kind: str, relative_noise: float) -> Information:
+def information(directions: np.ndarray, kind: str) -> tuple[float, str]:
     """Condition number of the fit on the unit sphere, and the parameters that it determines least, in words.
 
     Columns keep their natural scale, because with columns of unit length a thin band of directions would look well conditioned. A row is
-    u'Su + c'u for the changes S and c, with 2 S, the change of the quadric, as parameter. Noise of size s across u changes it by
-    s |(2Su + c)_across|.
+    u'Su + c'u for the changes S and c, with 2 S, the change of the quadric, as parameter.
     """
     basis = np.repeat([0.5, 1.0], [6, 3])[:, None] * (np.linalg.pinv(basis_of("symmetric")) @ basis_of(kind)[:, : COUNT[kind]])
-    values, vectors = np.linalg.svd(np.linalg.qr(sphere_rows(directions) @ basis, mode="r") / np.sqrt(len(directions)))[1:]
-    condition = float(values[0] / values[-1]) if len(values) == basis.shape[1] and values[-1] > 1e-12 * values[0] else np.inf
-    weak = basis @ vectors[-1]
-    slope = 2 * directions @ (SYMMETRIC @ weak[:6]).reshape(3, 3) + weak[6:]
-    across = slope - np.sum(slope * directions, axis=1, keepdims=True) * directions
-    noise = relative_noise**2 * float(np.mean(np.sum(across**2, axis=1)))
-    by_noise = min(noise / float(values[-1]) ** 2, 1.0) if np.isfinite(condition) else 0.0
+    values, vectors = np.linalg.svd(np.linalg.qr(sphere_rows(directions) @ basis, mode="r"))[1:]
+    condition = float(values[0] / values[-1]) if len(values) == basis.shape[1] and values[-1] > 0 else np.inf
     axes = [("xyz"[i], "xyz"[j]) for i, j in zip(*UPPER, strict=True)]
     words = [f"scale along {i}" if i == j else f"coupling of {i} and {j}" for i, j in axes] + [f"hard iron along {i}" for i in "xyz"]
-    chosen = [word for word, share in zip(words, np.abs(weak), strict=True) if share > 0.5 * np.abs(weak).max()]
-    return Information(condition, by_noise, ", ".join(chosen))
+    weak = np.abs(basis @ vectors[-1])
+    return condition, ", ".join(word for word, share in zip(words, weak, strict=True) if share > 0.5 * weak.max())
 
 
 def change_of(found: Any) -> Callable[[np.ndarray], Any]:

@@ -10,7 +10,7 @@ from ..._precision import array_module
 #: place of each entry of a symmetric matrix among its six upper ones, the their rows and columns, and the matrix (9, 6) from them to all
 PLACE = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 UPPER = np.triu_indices(len(PLACE))
-SYMMETRIC = np.eye(len(UPPER[0]))[PLACE.ravel()]
+SYMMETRIC = np.equal.outer(PLACE.ravel(), np.unique(PLACE)).astype(float)
 #: number of parameters of each kind
 COUNT = {"sphere": 4, "diagonal": 6, "symmetric": 9}
 

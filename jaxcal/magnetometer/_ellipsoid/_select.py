@@ -10,8 +10,6 @@ from ._kinds import COUNT, basis_of, soft_and_centre
 from ._orthogonal import flat
 from ._shape import Found, directions_of, shape_of_soft
 
-_HOPELESS = 4.0  # multiple of the margin that decides, at which a smaller model is excluded without being fitted
-
 
 def candidates(u: np.ndarray, distinct: int) -> tuple[dict[str, Found], int]:
     """Fits, without the curvature term, of all kinds that have enough readings and are not clearly excluded, the largest first.
@@ -26,7 +24,7 @@ def candidates(u: np.ndarray, distinct: int) -> tuple[dict[str, Found], int]:
         if full is not None and begin is not None:
             margin = (COUNT[full.kind] - COUNT[kind]) * np.log(count)
             near, centre = soft_and_centre(begin, basis_of(kind))
-            if score(away((shape_of_soft(near), centre), u), kind, count) > score(full.distance, full.kind, count) + _HOPELESS * margin:
+            if score(away((shape_of_soft(near), centre), u), kind, count) > score(full.distance, full.kind, count) + margin:
                 continue
         try:
             fits[kind] = flat(u, kind, begin)
