@@ -186,11 +186,50 @@ def on_mirrored(_):
                 good[name] += found.verdict == "good"
             named += any(one.code == "mirrored" and one.facts["what"] == f"axis {'xyz'[axis]} is reversed" for one in known.findings)
     print(f"\none mirrored axis, 60 logs: called good {good}; named where the sign of the dip is known: {named} of 60")
+    print("| log | aid | as recorded | one axis mirrored | named with the dip known |\n|---|---|---|---|---|")
+    wrong = 0
+    for name, m, up, rates, rate in nine():
+        for sensor, aid in (
+            ("accel", None if up is None else Accelerometer(up)),
+            ("gyro", None if rates is None else Gyroscope(rates, rate)),
+        ):
+            if aid is None:
+                continue
+            try:
+                found = fit(m, aid=aid)
+            except jaxcal.DataError as error:
+                print(f"| {name} | {sensor} | {error.code} | | |", flush=True)
+                continue
+            turned = [m * np.where(np.arange(3) == axis, -1.0, 1.0) for axis in range(3)]
+            words = [fit(one, aid=aid).verdict for one in turned]
+            wrong += words.count("good")
+            named = ""
+            if sensor == "accel" and found.alignment is not None:
+                known = [fit(one, aid=aid, inclination=found.alignment.dip) for one in turned]
+                named = f"{sum('mirrored' in one.codes for one in known)} of 3"
+                wrong += sum(one.verdict == "good" for one in known)
+            print(f"| {name} | {sensor} | {found.verdict} | {', '.join(words)} | {named} |", flush=True)
+    print(f"mirrored logs called good: {wrong}")
+
+
+def nine():
+    """Name, readings, specific force or None, and rates or None with their rate, of every log with a magnetometer and another sensor."""
     for name, m, up, rates, rate in real():
-        aid = Accelerometer(up) if up is not None else Gyroscope(rates, rate) if rates is not None else None
-        if aid is not None:
-            words = [fit(m * np.where(np.arange(3) == axis, -1.0, 1.0), aid=aid).verdict for axis in range(3)]
-            print(f"{name}: as recorded {fit(m, aid=aid).verdict}, one axis mirrored {', '.join(words)}", flush=True)
+        if up is not None or rates is not None:
+            yield name, m, up, rates, rate
+    for path in sorted((FOLDER / "logs").iterdir()):
+        if path.name in LOGS:
+            continue
+        try:
+            log = jaxcal.read(path)
+        except (jaxcal.DataError, OSError):
+            continue
+        if log.mag is None or log.mag.shape[1] != 3 or log.accel is None or log.accel.shape[1] != 3:
+            continue
+        there = np.flatnonzero(np.isfinite(log.usable("mag")).all(axis=1))
+        there = there[:: max(len(there) // MOST, 1)]
+        if len(there) > 100:
+            yield path.stem[:12], log.mag[there], log.accel[there], None, log.rate
 
 
 def vehicle(case, seed):
