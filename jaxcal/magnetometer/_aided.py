@@ -313,12 +313,13 @@ def _size(left: np.ndarray, used: np.ndarray, which: np.ndarray, nuisance: int) 
 def poses(m: np.ndarray, up: np.ndarray, heading: np.ndarray | None, most: float, steps: float) -> np.ndarray:
     """Number (n,) of the pose of each reading: successive readings with verticals within an angle, at one heading.
 
-    Where it is not known, readings of a pose are no farther apart than so many usual steps from one reading to the next.
+    Where it is not known, readings of a pose are no farther apart than so many usual steps from one reading to the next, or angles.
     """
     number, pose, cosine, first = np.zeros(len(m), dtype=int), 0, float(np.cos(most)), 0
     open_ = np.ones(len(m), dtype=bool) if heading is None else np.isnan(heading)
     angle = np.where(open_, 0.0, 0.0 if heading is None else heading)
-    reach = steps * float(np.median(np.linalg.norm(np.diff(m, axis=0), axis=1)))
+    size = np.sqrt(np.mean(np.sum((m - np.median(m, axis=0)) ** 2, axis=1)))
+    reach = steps * min(float(np.median(np.linalg.norm(np.diff(m, axis=0), axis=1))), most * float(size))
     rows = np.concatenate([np.nan_to_num(up), angle[:, None], open_[:, None], m], axis=1).tolist()
     for i in range(1, len(m)):
         (a, b, c, now, free, *one), (d, e, f, then, other_free, *other) = rows[first], rows[i]

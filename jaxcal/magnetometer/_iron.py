@@ -38,7 +38,7 @@ def estimated(model: MagModel, field: Any, covariance: Any, freedom: float | int
     return Estimate((*HARD, *SOFT, "field", *further), xp.concatenate(values), covariance, freedom, states, quantities)
 
 
-def by_parts(white: np.ndarray, jacobian: np.ndarray, left: np.ndarray, prior: np.ndarray | None = None) -> tuple[np.ndarray, bool]:
+def by_parts(white: Any, jacobian: np.ndarray, left: np.ndarray, prior: np.ndarray | None = None) -> tuple[np.ndarray, bool]:
     """Covariance of the parameters by fits without parts of the log, and True; if its residuals look white, the given one, and False.
 
     No parameter is known better than by white residuals. prior : information (p, p) that no part of the log takes away.

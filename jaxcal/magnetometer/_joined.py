@@ -36,7 +36,8 @@ def without_currents(found: MagFit, m: np.ndarray, currents: dict[str, Any]) -> 
 def joined(first: MagFit, asked: Asked, rows: np.ndarray) -> MagFit:
     """The fit of the given rows together with the aid and the currents, from the fit `first` of magnitudes."""
     m, there, norm, currents = asked.m, asked.there, asked.norm, asked.currents
-    field_error, dip, aid = asked.field_error, asked.dip if asked.known else None, asked.aid if getattr(asked.aid, "turns", True) else None
+    field_error, dip = asked.field_error, asked.dip if asked.known else None
+    aid: Any = asked.aid if getattr(asked.aid, "turns", True) else None
     at, source = told(aid, len(m))
     columns = np.array([*currents.values()]).reshape(len(currents), len(m)).T
     # the hard iron of the fit is that at the recorded current nearest to zero, where the heading error holds

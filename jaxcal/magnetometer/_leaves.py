@@ -19,7 +19,7 @@ class Leaves(eqx.Module):
     soft_iron: Any
     rest: MagModel
 
-    def model(self, turn: Array) -> MagModel:
+    def model(self, turn: Any) -> MagModel:
         """The model with soft iron S Q."""
         return eqx.tree_at(lambda m: m.soft_iron, self.rest, self.soft_iron[PLACE] @ turn, is_leaf=lambda leaf: leaf is None)
 

@@ -29,7 +29,7 @@ def _(pure: Callable, dip: float, primals: tuple, tangents: tuple) -> tuple:
     return jax.jvp(functools.partial(pure, dip), primals, tangents)
 
 
-def fit_traced(m: Any, model: str, field: Any, inclination: Any, refused: list[str]) -> MagFit:
+def fit_traced(m: Any, model: Any, field: Any, inclination: Any, refused: list[str]) -> MagFit:
     """The traced fit; `refused` names options that were given and are decided on the host."""
     if model not in COUNT or refused:
         said = ", ".join(f"`{name}`" for name in refused) or f"model={model!r}"

@@ -107,7 +107,8 @@ def test_rates_show_the_turn_their_bias_and_the_delay(delay):
     assert found.verdict == "good"
     assert turn.used == 1200 - 21
     assert np.linalg.norm(recovered(turn)) < np.deg2rad(0.4)
-    np.testing.assert_allclose(turn.bias, [0.01, -0.02, 0.005], atol=3e-3)
+    # rms of nine such logs 1.2, 1.6 and 0.5 mrad/s
+    assert np.all(np.abs(turn.bias - [0.01, -0.02, 0.005]) < 2.5e-3 * np.array([1.2, 1.6, 0.5]))
     assert turn.delay == pytest.approx(delay, abs=1e-3)
     assert turn.delay_error < 1e-3
     assert turn.numbers["delay"].half == pytest.approx(1.96 * turn.delay_error, rel=1e-3)
@@ -153,7 +154,8 @@ def level(runs, soft=0.05, half=0.5, tilt=0.0, known=True):
 def test_vehicles_that_hardly_tilt(case):
     real, stated, size = np.sqrt(np.mean(level(24, **case) ** 2, axis=0))
     assert real < 0.9
-    assert 0.3 < real / stated < 1.5  # of 24 runs; the rotation about the vertical, which is zero here, is known by the prior alone
+    # of 24 runs, with a standard error of 12 %; a rotation about the vertical, which is zero here, is known by the prior alone
+    assert 0.5 < real / stated < 1.4
     # a circle has the size of the horizontal field, and the whole reading that of the whole field
     assert size == pytest.approx(48.0, rel=0.1)
 

@@ -34,4 +34,5 @@ def test_a_field_that_contradicts_the_readings_is_said():
     right = fit(m, field=1.01 * size, field_error=0.01)
     assert right.verdict == "good"
     assert right.field == pytest.approx(1.01 * size)
-    np.testing.assert_allclose(right.model.hard_iron, plain.model.hard_iron, atol=0.05)
+    # a tenth of its standard error
+    np.testing.assert_allclose(right.model.hard_iron, plain.model.hard_iron, atol=0.002)

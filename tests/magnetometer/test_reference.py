@@ -12,8 +12,8 @@ LOGS = {"ellipsoid_fit_python/mag_out.txt": None, "jremington/mag3_raw.csv": ","
 
 @pytest.fixture(params=LOGS)
 def log(request, reference, monkeypatch):
-    # the other programs fit every reading, also the one of mag3 that stands 6.4 standard deviations apart
-    monkeypatch.setattr(_diagnosis, "sound", lambda m: np.ones(len(m), dtype=bool))
+    # the other programs fit every reading alike; here one of mag3, 6.4 standard deviations off, is left out and its heavy tail pulled in
+    monkeypatch.setattr(_diagnosis, "sound", lambda m: (np.ones(len(m), dtype=bool), m))
     m = np.loadtxt(reference / "data" / "magnetometer" / request.param, delimiter=LOGS[request.param])
     return m, json.loads((reference / "reference" / "magnetometer_fits.json").read_text())["logs"][request.param]
 

@@ -110,7 +110,7 @@ def distances(found: Found, u: np.ndarray) -> np.ndarray:
     return np.asarray(_distance(jnp.asarray(found.parameters), data))[: len(u)]
 
 
-def rows_of(soft: np.ndarray, centre: np.ndarray, distance: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def rows_of(soft: Any, centre: Any, distance: Any, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Derivative (n, 12) of the distances by S and the centre, unit normals, and readings relative to the centre.
 
     They are taken at the nearest points of the ellipsoid, so that the readings' own noise does not enter.
@@ -128,9 +128,8 @@ def described(parameters: AnyArray, u: np.ndarray, kind: str) -> Found:
     found = Found(parameters, *soft_and_centre(parameters, basis_of(kind)), none, 0.0, np.zeros(len(u)), True, kind)
     found = dataclasses.replace(found, distance=distances(found, u))
     noise = float(np.sqrt(np.sum(found.distance**2) / max(len(u) - COUNT[kind], 1)))
-    known = information(
-        np.linalg.qr(rows_of(found.soft, found.centre, found.distance, u)[0] @ basis_of(kind), mode="r"), held=np.arange(9) >= COUNT[kind]
-    )
+    rows = rows_of(found.soft, found.centre, found.distance, u)[0] @ basis_of(kind)
+    known = information(np.asarray(np.linalg.qr(rows, mode="r")), held=np.arange(9) >= COUNT[kind])
     bound = noise**2 * known.covariance if known.rank == COUNT[kind] else none
     return dataclasses.replace(found, noise=noise, covariance=bound)
 

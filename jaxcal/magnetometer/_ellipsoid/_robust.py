@@ -117,7 +117,7 @@ def _calmed(u: np.ndarray, shape: np.ndarray, centre: np.ndarray) -> np.ndarray 
     Least squares of these pseudo-values is the redescending fit, and their scatter gives its covariance (P. J. Huber and E. M. Ronchetti,
     Robust Statistics, 2009, section 7.8). None for normal noise, which needs none of this.
     """
-    soft = soft_of(shape)
+    soft, moved = soft_of(shape), u
     for turn in range(_ROUNDS):
         inverse = np.linalg.inv(soft)
         h = (u - centre) @ inverse
@@ -132,5 +132,6 @@ def _calmed(u: np.ndarray, shape: np.ndarray, centre: np.ndarray) -> np.ndarray 
         rows, normals, _ = rows_of(soft, centre, distance, u)
         basis = basis_of("symmetric")
         step = basis @ np.linalg.lstsq(-rows @ basis, pulled, rcond=None)[0]
+        moved = u - normals * (distance - pulled)[:, None]
         soft, centre = soft + step[:9].reshape(3, 3), centre + step[9:]
-    return u - normals * (distance - pulled)[:, None]
+    return moved

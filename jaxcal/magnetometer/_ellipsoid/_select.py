@@ -1,5 +1,7 @@
 """Choice of the model by the Bayesian information criterion."""
 
+from typing import Any
+
 import numpy as np
 
 from ...fitting._information import symmetric_inverse
@@ -49,6 +51,6 @@ def _nearest(full: Found, kind: str) -> np.ndarray | None:
     return begin if (begin[: free - 3] > 0).all() else None
 
 
-def score(distance: np.ndarray, kind: str, count: int) -> float:
+def score(distance: Any, kind: str, count: int) -> float:
     """The criterion n ln(mean d^2) + k ln n. n is the number of occupied bins of 500, because neighbours repeat one another."""
     return float(count * np.log(max(np.mean(distance**2), EXACT**2)) + COUNT[kind] * np.log(count))
