@@ -182,6 +182,28 @@ def test_a_mirrored_axis_is_never_good_and_is_named(axis):
         assert said.facts["what"] == f"axis {'xyz'[axis]} is reversed"
 
 
+def nine_axes(folder):
+    """Readings and specific force of real logs: two cave surveying devices, a hand and a table. `benchmarks/` has all."""
+    for name in ("FG", "IB"):
+        shots = json.loads((folder / "magnetometer" / "furbrain" / f"SAP6_{name}.json").read_text())
+        yield np.array(shots["mag"]) * [1, 1, -1], np.array(shots["grav"])[:, [1, 0, 2]] * [-1, -1, 1]
+    for name in ("madgwick_ExampleData.mat", "vqf_imu_data.npz"):
+        log = jaxcal.read(folder / "logs" / name)
+        there = np.flatnonzero(np.isfinite(log.usable("mag")).all(axis=1))
+        there = there[:: len(there) // 1500]
+        yield log.mag[there], log.accel[there]
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_mirrored_axis_of_a_real_log_is_named(reference):
+    for m, up in nine_axes(reference / "data"):
+        dip = fit(m, aid=Accelerometer(up)).alignment.dip
+        for turn, axis in zip(MIRRORED, "xyz", strict=True):
+            assert fit(m @ turn, aid=Accelerometer(up)).verdict == "refused"
+            said = [one for one in fit(m @ turn, aid=Accelerometer(up), inclination=dip).findings if one.code == "mirrored"]
+            assert said[0].facts["what"] == f"axis {axis} is reversed"
+
+
 def test_other_axes_and_other_signs():
     m, _, up = hand(0.0, 1, count=500, fine=4)
     quarter = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
