@@ -34,8 +34,7 @@ def from_structure(found: Found, u: np.ndarray, condition: float, weakest: str) 
         return [FINDINGS("near_planar")]
     if not np.isfinite(found.covariance).all() or FINDINGS.over("undetermined", condition, what=weakest):
         return [FINDINGS("undetermined", what=weakest)]
-    said = [] if found.converged else [FINDINGS("not_converged", what=weakest)]
-    return said + FINDINGS.over("hardly", condition, what=weakest)
+    return [] if found.converged else [FINDINGS("not_converged", what=weakest)]
 
 
 def from_causes(causes: Sequence[Cause], costs: Sequence[float]) -> list[Finding]:

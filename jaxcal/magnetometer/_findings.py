@@ -29,10 +29,6 @@ FINDINGS = table(
         CAUTION, "{count} readings leave the noise, and so the heading error, uncertain.", "Take more readings.",
         limits=(0.41,),  # relative error 1 / sqrt(degrees of freedom) of the noise
     ),
-    hardly=Kind(
-        CAUTION, "The readings hardly determine {what}.", "Turn the sensor through more attitudes.",
-        limits=(1000.0,),  # condition number, 3 for even coverage: a digit of the noise is a hundred of the error
-    ),
     small_model=Kind(
         CAUTION, "The readings cannot show {what}; the model {model} was fitted, and what it leaves out may be there.",
         "Turn the sensor through more attitudes.",
