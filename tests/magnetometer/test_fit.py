@@ -155,7 +155,7 @@ def test_twelve_points_at_the_magnetic_equator(sigma):
         for model in ("auto", "symmetric"):
             found = fit(cases.readings(cases.PAPER, field, sigma, seed), model=model, inclination=0.0)
             assert found.verdict == "refused"
-            assert found.codes & {"undetermined", "no_ellipsoid"}
+            assert found.codes & {"undetermined", "no_ellipsoid", "not_converged"}
 
 
 def test_few_and_identical_readings():
@@ -183,7 +183,7 @@ def test_six_faces_cannot_show_soft_iron():
     assert "small_model" in exact.codes
     noisy = fit(faces + 0.01 * np.random.default_rng(0).normal(size=faces.shape), model="symmetric")
     assert noisy.verdict == "refused"
-    assert "undetermined" in noisy.codes
+    assert noisy.codes & {"undetermined", "not_converged"}
 
 
 def test_a_small_fit_does_not_claim_its_noise():
