@@ -143,7 +143,7 @@ def _shapes(n: int, most: int, dt: float) -> dict[str, tuple[list[Change], AnyAr
     return {family: (listed, low.ordinates(listed)) for family, listed in families.items()}
 
 
-def _ratios(records: Sequence[AnyArray], densities: Sequence[AnyArray], x: AnyArray) -> AnyArray:
+def _ratios(records: Sequence[AnyArray], densities: AnyArray, x: AnyArray) -> AnyArray:
     """Likelihood ratio (changes,) of each change over all records; x are their ordinates, (changes, ordinates, columns)."""
     total = np.zeros(len(x))
     for record, density in zip(records, densities, strict=True):
@@ -157,7 +157,7 @@ def _ratios(records: Sequence[AnyArray], densities: Sequence[AnyArray], x: AnyAr
     return total
 
 
-def _sharpened(event: Change, x: AnyArray, low: _Low, rests: Sequence[AnyArray], densities: Sequence[AnyArray]) -> tuple[Change, AnyArray]:
+def _sharpened(event: Change, x: AnyArray, low: _Low, rests: Sequence[AnyArray], densities: AnyArray) -> tuple[Change, AnyArray]:
     """The event between those of the grid, and its ordinates (ordinates, 1), that describe the rests best."""
     away, apart = 0.5 * (low.times[-1] + low.times[0]) * _STARTS[1], 0.5
     for _ in range(_HALVINGS):
@@ -201,9 +201,9 @@ def find_changes(
         shapes["temperature"] = listed, low.ordinates(listed)
     kept, slow, walk = len(low.factor), axes[0].slow, axes[0].walk  # the axes have the same columns
     records = [low.transform(_means(axis.record, low, size)) for axis in axes]
-    bases = [axis.columns[:kept, ~slow] @ axis.theta[~slow] for axis in axes]
+    bases = np.array([axis.columns[:kept, ~slow] @ axis.theta[~slow] for axis in axes])
     columns = axes[0].columns[:kept, slow]
-    if not all(np.all(base > 0.0) for base in bases):
+    if not np.all(bases > 0.0):
         return Changes()
     levels = {family: _level(family, len(axes)) for family in shapes}
     found: list[Change] = []
