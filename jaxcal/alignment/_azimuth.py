@@ -246,5 +246,5 @@ def _trimmed(found: Azimuth) -> Azimuth:
         root_std=np.asarray(found.root_std)[kept], real=np.ones(kept.sum(), dtype=bool), bias=one(found.bias), rho=one(found.rho),
         scale=None if found.scale is None else np.asarray(found.scale)[kept], scale_approx=None if none else one(found.scale_approx),
         latitude=None if none else one(found.latitude), latitude_std=None if none else one(found.latitude_std),
-        findings=findings_of(found.outcome, by=""),
+        findings=findings_of(found.outcome),
     )  # fmt: skip

@@ -13,7 +13,7 @@ FINDINGS = table(
     scale_chosen=Kind(NOTE, "Two roots have a positive scale factor; the one with the scale factor nearest 1 is chosen."),
     ambiguous=Kind(CAUTION, "The next root is closer to the chosen one than the hint is accurate; the choice may be wrong."),
     clipped=Kind(
-        CAUTION, "The sine or cosine asked for exceeds 1{by}, as noise, a wrong gravity or a scale error can make it; the nearest angle is "
+        CAUTION, "The sine or cosine asked for exceeds 1, as noise, a wrong gravity or a scale error can make it; the nearest angle is "
         "given.",
     ),
     double_root=Kind(

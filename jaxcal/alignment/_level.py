@@ -32,7 +32,6 @@ class Level(Result):
     covariance : (2, 2) covariance of (phi, theta), rad^2; zero if the noise is unknown.
     bias : offset of the readings, m/s^2 (it includes MA_2 f_z). scale, scale_approx : scale factor S and its linear approximation
         from the paper's equation (34). Each is None if the method does not give it.
-    excess : amount by which a computed sine exceeds 1, in standard deviations; 0 if none does, infinite if the noise is unknown.
     method : name of the method.
     outcome : number of the outcome, for traced results, which have no findings: 0 if all is well.
 
@@ -53,7 +52,6 @@ class Level(Result):
     bias: Any
     scale: Any
     scale_approx: Any
-    excess: Any
     outcome: Any
     method: str = eqx.field(static=True)
     findings: tuple[Finding, ...] = eqx.field(static=True, default=())
@@ -145,17 +143,16 @@ def level(
 def _trimmed(found: Level) -> Level:
     """Host result: replace undefined numbers by None."""
     name = OUTCOMES[int(found.outcome)]
-    by = f" by {float(found.excess):.2g} standard deviations" if np.isfinite(found.excess) else ""
     gone = name in ("degenerate", "missing") or (name == "clipped" and np.cos(float(found.theta)) < SMALL)
     whole = gone and (not np.isfinite(float(found.theta)) or name == "missing" or bool(np.asarray(found.covariance)[1, 1] < 0))
     covariance = np.asarray(found.covariance)
     one = lambda value: None if value is None else float(value)  # noqa: E731
     return dataclasses.replace(
         found, phi=None if gone else float(found.phi), theta=None if whole else float(found.theta), bias=one(found.bias),
-        phi_roots=np.zeros(0) if gone else np.asarray(found.phi_roots), excess=float(found.excess),
+        phi_roots=np.zeros(0) if gone else np.asarray(found.phi_roots),
         covariance=np.where(covariance < 0, np.inf, covariance) if whole else covariance,
         scale=None if gone else one(found.scale), scale_approx=None if gone else one(found.scale_approx),
-        findings=findings_of(found.outcome, by=by),
+        findings=findings_of(found.outcome),
     )  # fmt: skip
 
 
@@ -206,19 +203,15 @@ def _from_plane(sine, product, covariance, bias, determined, down, hint, method)
     floor = jnp.maximum(cf, jnp.sqrt(jnp.sqrt(jnp.maximum(raw[0, 0], 1e-24))))
     lean = jnp.stack([jnp.sign(jnp.cos(phi)) / floor, one])
     angle_covariance = raw * jnp.outer(lean, lean)
-    variance = jnp.stack([covariance[0, 0], raw[0, 0]])
-    sigma = jnp.sqrt(jnp.where(variance > 0, variance, 1))
-    over = jnp.stack([over_theta, over_phi])
-    rounding = 8 * jnp.finfo(sine.dtype).eps
-    excess = jnp.max(jnp.where(over > rounding, jnp.where(variance > 0, over / sigma, jnp.inf), 0))
+    clipped = jnp.maximum(over_theta, over_phi) > 8 * jnp.finfo(sine.dtype).eps  # by more than rounding
     # with fewer angles than unknowns even the pitch is unknown; a negative variance marks this case for `_trimmed`
     unknown = "degenerate" if method.startswith("least") else "missing"
     outcome = decided(
         (angle_covariance[0, 0] > WEAK**2, "weak"), (cf < SMALL, "double_root"), (undefined, "degenerate"),
-        (excess > 0, "clipped"), (~determined, unknown),
+        (clipped, "clipped"), (~determined, unknown),
     )  # fmt: skip
     angle_covariance = jnp.where(determined, angle_covariance, -jnp.eye(2, dtype=angle_covariance.dtype))
-    return Level(phi, theta, roots, angle_covariance, bias, None, None, excess, outcome, method)
+    return Level(phi, theta, roots, angle_covariance, bias, None, None, outcome, method)
 
 
 def _with_z(readings: Readings, gravity: Array, both: bool) -> Level:
@@ -247,5 +240,5 @@ def _with_z(readings: Readings, gravity: Array, both: bool) -> Level:
         (angle_covariance[0, 0] > WEAK**2, "weak"), (jnp.hypot(a[1], a[2]) < SMALL * scale, "degenerate"),
         (scale < 0.01, "infeasible"), (~jnp.all(present[: 5 if both else 4]), "missing"),
     )  # fmt: skip
-    zero, bias = jnp.zeros_like(scale), (x[0] + x[2]) / 2 * gravity
-    return Level(phi, theta, phi[None], angle_covariance, bias, scale, 1 + (alpha - 1) / 2, zero, outcome, "bias_and_scale")
+    bias = (x[0] + x[2]) / 2 * gravity
+    return Level(phi, theta, phi[None], angle_covariance, bias, scale, 1 + (alpha - 1) / 2, outcome, "bias_and_scale")

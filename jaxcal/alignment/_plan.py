@@ -35,7 +35,6 @@ class Plan(Result):
     azimuth_std : (k,) bound of the azimuth's standard deviation for each attitude, rad.
     compared : name -> value of the criterion for other plans with the same total time: uniform turns and the best pair.
     criterion : minimised root of the mean variance over the attitudes, rad. gain : value of four uniform positions divided by `criterion`.
-    pair : angle tau0 of the best pair tau0, tau0 + 180 degrees for the first attitude, rad, in [0, pi).
 
     Examples
     --------
@@ -51,7 +50,6 @@ class Plan(Result):
     compared: dict[str, float]
     criterion: float
     gain: float
-    pair: float
     findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
     @property
@@ -248,7 +246,7 @@ def _searched(design: _Design, tau: float, seed: int) -> Plan:
     positions = design.positions(*best)
     stds = np.sqrt(np.asarray(_variances(padded(positions), len(positions), design.free, *design.bound)))
     criterion = float(np.exp(value))
-    return Plan(positions, stds, values, criterion, values["uniform 4"] / criterion, float(np.mod(tau, np.pi)))
+    return Plan(positions, stds, values, criterion, values["uniform 4"] / criterion)
 
 
 def _starts(words: tuple[str, ...], seed: int) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -222,7 +222,7 @@ def _angles(
         place = np.concatenate([[0], np.cumsum(between / rate > _BUMP)])
         angle = angle[place] if angle.shape == (place[-1] + 1,) else angle
         if angle.shape != (count,):
-            raise DataError(f"{angle.size} angles were given for {count} rests of {_lengths(start, stop, rate)} s.", code="angles")
+            raise DataError(f"{angle.size} angles were given for {count} rests.", code="angles")
     elif recorded is not None:
         angle = np.array([np.mean(recorded[i:j]) for i, j in zip(start, stop, strict=True)])
     elif turns is not None and np.isfinite(turns).all():
@@ -235,9 +235,8 @@ def _angles(
     else:
         raise DataError(
             Message(
-                "Nothing tells the table's angle on its {count} rests of {lengths} s: the log has neither a column with it nor a gyroscope "
-                "with three axes. Give the angles of the rests in order with {option.angles}.",
-                count=count, lengths=_lengths(start, stop, rate),
+                "Nothing tells the table's angle on its {count} rests: there is neither a column with it nor a gyroscope with three axes. "
+                "Give the angles of the rests in order with {option.angles}.", count=count,
             ), code="no_angles",
         )  # fmt: skip
     if turns is not None and np.isfinite(turns).all():
@@ -255,11 +254,6 @@ def _angles(
             )
     sigma = np.broadcast_to(np.asarray(angle_std, dtype=float), (count,))
     return angle, np.diag(sigma**2)
-
-
-def _lengths(start: np.ndarray, stop: np.ndarray, rate: float) -> str:
-    length = (stop - start) / rate
-    return ", ".join(f"{x:.4g}" for x in length[:12]) + (" ..." if len(length) > 12 else "")
 
 
 def _white(x: np.ndarray, rate: float) -> np.ndarray:
