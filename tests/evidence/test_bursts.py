@@ -166,6 +166,15 @@ def test_of_two_recordings_in_a_file_the_longer_is_read(slower, later):
     assert "recordings" not in jaxcal.Log(late, gyro=y).codes  # a late stamp, and a gap
 
 
+def test_a_dead_gyroscope_axis_does_not_cost_the_accelerometer():
+    log = jaxcal.imu.simulate(18, rate=50, still=3, turn=2, seed=0)
+    dead = jaxcal.Log(None, accel=log.accel, gyro=log.gyro * [1.0, 0.0, 1.0], rate=log.rate)
+    found, alone = (jaxcal.imu.multi_position(one, gravity=9.81) for one in (dead, jaxcal.Log(None, accel=log.accel, rate=log.rate)))
+    assert "gyro_dead" in found.codes
+    assert found.verdict == "weak"
+    np.testing.assert_array_equal(found.estimate.select("accel*").values, alone.estimate.select("accel*").values)
+
+
 def test_interpolated_readings_are_named():
     y = np.random.default_rng(18).normal(size=(20_000, 3))
     for rate in (60.0, 200.0, 250.0, 390.0):
