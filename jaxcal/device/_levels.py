@@ -11,10 +11,9 @@ from ._state import SIZES, Noise, Solution, pushed
 
 #: records of white noise that are drawn; fewest windows at rest, or in motion, whose residuals show a noise level
 _DRAWS, _FEW = 16, 10
-#: lengths of sums in windows, and number of those whose power always counts. Many sums determine it. One length is too few: noise may be
-#: correlated within a window
-_LENGTHS, _SHORT = (1, 2, 4, 8, 16, 32, 64), 3
-_MARGIN = 2.5  # standard deviations by which a ratio must be larger over many windows than over few
+#: lengths of sums in windows; number of those whose power always counts, because many sums determine it, and one length is too few: noise
+#: may be correlated within a window; standard deviations by which the power of longer sums must be larger to count
+_LENGTHS, _SHORT, _MARGIN = (1, 2, 4, 8, 16, 32, 64), 3, 2.5
 _DAY = factor("d", "time")  # s, over which the bias is a mean: the time within which a calibration is used
 
 

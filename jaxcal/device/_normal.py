@@ -195,15 +195,9 @@ def left_over(
 
 
 def rows(
-    states: tuple,
-    w: Windows,
-    found: Inertial,
-    model: DeviceModel,
-    whiten: np.ndarray,
-    weight: np.ndarray,
-    gravity: float,
+    states: tuple, w: Windows, found: Inertial, model: DeviceModel, whiten: np.ndarray, weight: np.ndarray, gravity: float,
     earth: np.ndarray,
-) -> Rows:
+) -> Rows:  # fmt: skip
     """Rows of the least squares: `whiten` (K, 9, 9) multiplies the inertial part, `weight` (K, m) each reading of the magnetometer."""
     turn = states[0]
     count, steps = weight.shape

@@ -46,15 +46,9 @@ def random_device(seed: Any, *, field: float = 50e-6) -> DeviceModel:
     size = np.cbrt(np.linalg.det(soft_iron))
     direction = rng.normal(size=3)
     hard_iron = 0.5 * field * size * direction / np.linalg.norm(direction)
-    return DeviceModel(
-        Triad(accel, 0.03 * STANDARD_GRAVITY * rng.normal(size=3)),
-        Triad(gyro, np.deg2rad(1.0) * rng.normal(size=3)),
-        MagModel(soft_iron / size, hard_iron),
-        field=field * size,
-        dip=rng.uniform(np.deg2rad(30.0), np.deg2rad(72.0)),
-        gyro_delay=rng.uniform(-0.02, 0.02),
-        mag_delay=rng.uniform(-0.02, 0.02),
-    )
+    biases = 0.03 * STANDARD_GRAVITY * rng.normal(size=3), np.deg2rad(1.0) * rng.normal(size=3)
+    dip, *delays = rng.uniform(np.deg2rad(30.0), np.deg2rad(72.0)), rng.uniform(-0.02, 0.02), rng.uniform(-0.02, 0.02)
+    return DeviceModel(Triad(accel, biases[0]), Triad(gyro, biases[1]), MagModel(soft_iron / size, hard_iron), field * size, dip, *delays)
 
 
 @host_float64

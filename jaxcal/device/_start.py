@@ -19,9 +19,8 @@ from ._normal import inertial
 from ._state import UNSEEN, Rests, Way
 from ._windows import REACH, Grid, Record
 
-_BRIEF, _READINGS = 20.0, 100  # s: shortest recording; fewest readings of the magnetometer
-#: readings: longest gap that is interpolated, and fewest that a spline needs; samples: smallest distance between two readings
-_SHORT, _FEWEST, _CLOSE = 2, 4, 0.2
+#: s: shortest recording; fewest readings of a sensor; readings: longest gap that is interpolated; samples: least distance of two readings
+_BRIEF, _READINGS, _GAP, _CLOSE = 20.0, 100, 2, 0.2
 #: m/s^2 and rad/s: at rest, readings scatter by less, and the mean rate is below the second number; how much more than inside the rest a
 #: window at its edge may scatter; number of windows by which a rest may grow at each edge
 _STILL_FORCE, _STILL_RATE, _CALM, _EDGE = 0.35, 0.06, 1.1, 4
@@ -51,11 +50,11 @@ class _Sensor:
             at += log.offset[name][index] * log.rate
             apart = np.append(True, np.diff(at) > _CLOSE)
             index, at = index[apart], at[apart]
-        if len(index) < _FEWEST:
+        if len(index) < _READINGS:
             return _Sensor(np.zeros_like(y), np.ones(count, dtype=bool), index, at, y[index])
         edges, rows = np.concatenate([[-1], index, [count]]), np.arange(count)
         before, after = edges[np.searchsorted(edges, rows, "right") - 1], edges[np.searchsorted(edges, rows)]
-        lost = after - before > (_SHORT + 1) * np.median(np.diff(index))
+        lost = after - before > (_GAP + 1) * np.median(np.diff(index))
         filled = scipy.interpolate.CubicSpline(at, y[index])(rows) if moved or len(index) < count else y
         return _Sensor(np.where(lost[:, None], np.median(y[index], axis=0), filled), lost, index, at, y[index])
 
@@ -209,7 +208,7 @@ def followed(record: Record, vector: np.ndarray) -> tuple[Way, float]:
     step = seen.rotation[:, -1]
     gain = np.where(some, record.time / _FIELD, 0.0), record.time / _FORCE
     first = int(np.argmax(some))
-    turn = _triad(force[first], field[first], dip) @ _product(step[:first]).T
+    turn = _triad(force[first], field[first], dip) @ functools.reduce(np.matmul, step[:first], np.eye(3)).T
     total = len(step)
     turns = np.empty((total + 1, 3, 3))
 
@@ -226,11 +225,6 @@ def followed(record: Record, vector: np.ndarray) -> tuple[Way, float]:
     turns = scipy.spatial.transform.Rotation.from_matrix(turns).as_matrix()
     still = np.zeros((total + 1, 3))
     return Way(turns, still, still.copy(), still.copy()), dip
-
-
-def _product(turns: np.ndarray) -> np.ndarray:
-    """Product of rotations."""
-    return functools.reduce(np.matmul, turns, np.eye(3))
 
 
 def _triad(force: np.ndarray, field: np.ndarray, dip: float) -> np.ndarray:

@@ -70,7 +70,8 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
     norms, own = slice(0, slots), np.char.startswith(names, "accel")
     left = int(np.sum(np.any(slope[norms] != 0, axis=1)) - np.linalg.matrix_rank(slope[norms][:, own])) - 3
     shapes = _shapes(force, rests, max(float(np.ptp(rests.time)), 1e-9))
-    terms, what = _norm_terms(joint, shapes), "poses"
+    across = -joint.found.vertical / np.asarray(joint.data.poses.sigma)[:, None]  # effect on the magnitudes of the force along each axis
+    terms, what = {name: across * shape for name, shape in shapes.items()}, "poses"
     if left < _ENOUGH and joint.data.turns is not None:
         # few poses: use the turns as well, because an error of a vertical also appears in the turns before and after it
         norms, own = slice(0, 3 * slots - 2), own | np.char.startswith(names, "gyro.matrix")
@@ -111,12 +112,6 @@ def _shapes(force: np.ndarray, rests: Rests, duration: float) -> dict[str, np.nd
     return {
         "quadratic": size**2, "cubic": force / g * size**2, "asymmetry": size, "drift": time * one, "warm_up": np.exp(-4 * time) * one,
     }  # fmt: skip
-
-
-def _norm_terms(joint: Joint, shapes: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Whitened effect on the magnitudes (k, 3) of a unit coefficient of each axis."""
-    across = -joint.found.vertical / np.asarray(joint.data.poses.sigma)[:, None]  # effect of a change of the force along each axis
-    return {name: across * shape for name, shape in shapes.items()}
 
 
 def _between(joint: Joint, shape: np.ndarray) -> np.ndarray:

@@ -129,10 +129,10 @@ def rate_test(
     start, stop = still.ends[still.stop - still.start >= 2 * _PIECES].T
     if not len(start):
         raise DataError("No stretch of constant rate is found; hold every rate for 3 s or more", code="no_stretch")
-    set_to = _assigned(means(gyro, start, stop), rates, raw)
     readings = means(gyro, start, stop)
-    pieces = np.stack([means(gyro, *_cut(start, stop, k)) for k in range(_PIECES)])
-    sigma = np.std(pieces, axis=0, ddof=1) / np.sqrt(_PIECES)
+    set_to = _assigned(readings, rates, raw)
+    parts = (np.array_split(gyro[a:b], _PIECES) for a, b in zip(start, stop, strict=True))
+    sigma = np.array([np.std([np.nanmean(part, axis=0) for part in own], axis=0, ddof=1) for own in parts]) / np.sqrt(_PIECES)
     axis = np.where(np.any(set_to != 0, axis=1), np.argmax(np.abs(set_to), axis=1), -1)
     found: list[Finding] = []
     figures = {}
@@ -156,12 +156,6 @@ def rate_test(
     if all(np.isnan(one.repeatability) for one in figures.values()):
         found.append(FINDINGS("no_repeats"))
     return RateTest(fit, figures, start, stop, axis, set_to, readings, sigma, (*found, *(() if fit is None else fit.findings)))
-
-
-def _cut(start: np.ndarray, stop: np.ndarray, piece: int) -> tuple[np.ndarray, np.ndarray]:
-    """Start and stop of piece number `piece` of every stretch; all pieces have the same length."""
-    length = (stop - start) / _PIECES
-    return start + np.floor(piece * length).astype(int), start + np.floor((piece + 1) * length).astype(int)
 
 
 def _assigned(readings: np.ndarray, rates: Any, raw: bool) -> np.ndarray:

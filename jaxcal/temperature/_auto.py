@@ -8,15 +8,12 @@ import numpy as np
 from .._types import AnyArray
 from ..fitting import Estimate
 from ._curves import Chebyshev, Steps
-from ._design import MANY, Design, Form, column_of, part_of, shape_slopes
+from ._design import FEWEST, MANY, SHARE, Design, Form, column_of, part_of, shape_slopes
 from ._model import ThermalModel
 from ._prior import DEGREE
 from ._record import FINE, Record, number
 from ._restricted import Averaged, bands
 from ._structure import PRICE, Found, settled, structures, with_jumps
-
-#: least number of samples of a record; a gap is interpolated up to as many, or up to this share of the record
-_FEWEST, _SHARE = 16, 0.01
 
 
 def design_of(records: list[Record], *, smooth: bool) -> Design:
@@ -30,10 +27,10 @@ def design_of(records: list[Record], *, smooth: bool) -> Design:
         place = np.floor((time - time[0]) / dt + 0.5).astype(np.int64)
         place, first = np.unique(place, return_inverse=True)
         t, b = (np.bincount(first, values) / np.bincount(first) for values in (one.t, one.b))
-        longest = max(_FEWEST, _SHARE * len(t))
+        longest = max(FEWEST, SHARE * len(t))
         for piece in np.split(np.arange(len(place)), np.flatnonzero(np.diff(place) > longest) + 1):
             grid = np.arange(int(place[piece[0]]), int(place[piece[-1]]) + 1)
-            if len(grid) >= _FEWEST:
+            if len(grid) >= FEWEST:
                 warmth, bias = (np.interp(grid, place[piece], values[piece]) for values in (t, b))
                 parts.append(part_of(warmth, bias, dt, smooth=smooth))
     return Design(parts, dt)

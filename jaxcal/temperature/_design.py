@@ -15,8 +15,9 @@ from ._restricted import Bands, Restricted, bands
 
 _STEP = {"lag": 0.5, "play": 0.01, "slow": 0.5}  # s, degC, s: steps of central differences
 
-#: largest number of samples of all records together, more are averaged; number for the comparison of structures
-MANY, COARSE = 2**15, 2000
+#: samples: fewest of a record, up to which a gap is interpolated, or up to this share of a record; most of all records together, more are
+#: averaged; and number for the comparison of structures
+FEWEST, SHARE, MANY, COARSE = 16, 0.01, 2**15, 2000
 _LOCAL, _LOCAL_RATE = 31.0, 121.0  # s: window for smoothing a thermometer, and its rate of change
 
 
