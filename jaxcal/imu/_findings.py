@@ -48,7 +48,7 @@ FINDINGS = table(
         CAUTION, "The matrix is known to {error} only.", "Add poses, with turns of 45 to 180 degrees about other axes between them.",
         limits=(0.01, 0.1),  # largest standard error, relative to the scale; with more than the second number the matrix is unknown
     ),
-    few_poses=Kind(CAUTION, "There are {poses} poses; 18 to 24 are advised.", limits=(-12,)),  # 9 poses leave nothing to check the fit
+    few_poses=Kind(CAUTION, "There are {poses} poses; 18 to 24 are advised.", limits=(-12.0,)),  # 9 poses leave nothing to check the fit
     # the fit
     failed=Kind(FATAL, "The fit failed: {why}"),
     turns_disagree=Kind(

@@ -176,7 +176,7 @@ def judged(
         found.append(dataclasses.replace(seen.finding, severity=FATAL))
     found += causes() if found else ()
     if options.prior is None:
-        found += FINDINGS.over("few_poses", -poses, cost=0.0, poses=poses) if options.misalignment else []
+        found += FINDINGS.over("few_poses", -float(poses), cost=0.0, poses=poses) if options.misalignment else []
     elif (level := conflict(fit)) < LEVEL:
         found.append(FINDINGS("prior_conflict", level=level))
     found += [FINDINGS("poor", sensor, cost=error, error=parts_of(error)) for sensor, error in errors.items() if POOR < error <= UNKNOWN]
