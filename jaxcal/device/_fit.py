@@ -170,7 +170,8 @@ def _result(
     disturbed, resting = (stretches(which, begin, record.time) for which in flags)
     facts = Facts(
         field=model.field, gravity=record.gravity if assumed else None, axes=start.words, place=found.way.place,
-        lacks=lacks(found, record, told.ratio), disturbed=sum((stop - first for first, stop in disturbed), 0.0), duration=float(log.duration),
+        lacks=lacks(found, record, told.ratio), duration=float(log.duration),
+        disturbed=sum((stop - first for first, stop in disturbed), 0.0),
         dead=bool(np.any(np.isnan(log.usable("gyro", keep=("held", "stuck", "clipped"))) & np.isfinite(log.gyro))),
         disagreement=told.ratio if np.isfinite(told.freedom) else None, converged=found.converged,
     )  # fmt: skip
