@@ -120,14 +120,7 @@ def overbound_curve(tau: Any, upper: Any, *, terms: Any = ("Q", "N", "B", "K"), 
         raise DataError("upper must be positive and finite throughout; leave the other cluster times out", code="no_upper")
     beside = Noise() if beside is None else beside
     columns = np.stack([np.asarray(term.avar(tau, dt)) for term in terms], axis=1) / upper[:, None] ** 2
-    try:
-        theta = _least(columns, 1.0 - np.asarray(beside.avar(tau, dt=dt)) / upper**2)
-    except FitError as error:
-        names = " and ".join(term.name for term in terms)
-        raise FitError(
-            f"the linear programme of the overbound failed ({error}): {names} cannot follow the limits from {tau.min():g} s to "
-            f"{tau.max():g} s; add N or B, or give fewer cluster times"
-        ) from None
+    theta = _least(columns, 1.0 - np.asarray(beside.avar(tau, dt=dt)) / upper**2)
     found = noise_of(terms, list(np.sqrt(theta)))
     return dataclasses.replace(found, markov=(*beside.markov, *found.markov), sinusoid=beside.sinusoid)
 
@@ -145,7 +138,7 @@ def _least(columns, needed) -> Float[np.ndarray, " p"]:
     if len(scale) > 1:
         found = scipy.optimize.linprog(cost / np.max(cost), A_ub=-needs, b_ub=-np.ones(len(needs)), method="highs")
         if not found.success:
-            raise FitError(found.message)
+            raise FitError(f"the terms cannot follow the limits: add N or B, or give fewer cluster times ({found.message})")
         theta = np.maximum(found.x, 0.0)
     # the solver's tolerance leaves the result slightly below a limit: scale it up until it reaches all of them
     return theta * (1.0 + 1e-12) / np.min(needs @ theta) / scale
