@@ -92,11 +92,13 @@ def profile_limits(
     for _ in range(_SEARCH):
         if not len(todo):
             break
-        u = (a[todo] * gb[todo] - b[todo] * ga[todo]) / (gb[todo] - ga[todo])
+        gap = gb[todo] - ga[todo]  # zero where the level is, as at a confidence of 50 %
+        u = np.where(gap > 0.0, (a[todo] * gb[todo] - b[todo] * ga[todo]) / np.where(gap > 0.0, gap, 1.0), a[todo])
         g, found[todo] = root_of(todo, u**2), u**2
         inner = g <= 0.0
         # a side that stays for two steps gets less weight, so that both ends close in
-        less = 1.0 - g / np.where(inner, ga[todo], gb[todo])
+        beside = np.where(inner, ga[todo], gb[todo])
+        less = 1.0 - g / np.where(beside != 0.0, beside, 1.0)
         less = np.where(side[todo] == np.where(inner, -1, 1), np.where(less > 0.0, less, 0.5), 1.0)
         for one, (ends, values, others) in zip((inner, ~inner), ((a, ga, gb), (b, gb, ga)), strict=True):
             others[todo[one]] *= less[one]
