@@ -16,7 +16,7 @@ DIP, YAW = np.deg2rad(63.0), np.arange(24) * np.pi / 12
 
 def test_headings_are_within_a_degree_and_their_error_is_true():
     actual, stated = [], []
-    for seed in range(40):
+    for seed in range(100):
         flight = flights.flown(seed)
         found = fit(flight.readings[0], aid=Attitude(flight.attitude.as_quat(scalar_first=True)), inclination=DIP)
         assert found.verdict == "good"
