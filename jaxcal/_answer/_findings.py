@@ -83,7 +83,7 @@ class Kind:
     remedy: str = ""
     guess: bool = False
     terminal: str | None = None
-    limits: tuple[float, ...] = ()
+    limits: tuple[float | int, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -156,14 +156,14 @@ class Table(dict[str, Kind]):
     """The findings of a package, by code; a call makes a `Finding`."""
 
     def __call__(
-        self, code: str, /, subject: Iterable[str] | str = (), cost: float = 0.0, severity: Severity | None = None, **facts: Any
+        self, code: str, /, subject: Iterable[str] | str = (), cost: float | int = 0.0, severity: Severity | None = None, **facts: Any
     ) -> Finding:
         """The finding of this code about a subject, with its facts."""
         kind = self[code]
         about = (subject,) if isinstance(subject, str) else tuple(subject)
         return Finding(code, kind.severity if severity is None else severity, about, facts, float(cost), kind)
 
-    def over(self, code: str, value: float, subject: Iterable[str] | str = (), cost: float | None = None, **facts: Any) -> list[Finding]:
+    def over(self, code: str, value: Any, subject: Iterable[str] | str = (), cost: Any = None, **facts: Any) -> list[Finding]:
         """The finding if `value` is above its limits, each further limit a severity higher; none below, or for NaN.
 
         Examples
