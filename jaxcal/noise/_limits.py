@@ -76,9 +76,9 @@ def profile_limits(
     zero = np.arange(3 * count, 4 * count)
     at_zero = root_of(zero, np.zeros(count)) + level[zero]
     sign = np.repeat([-1.0, 1.0, 1.0], count)
-    b, gb, found = best.copy(), -level, np.zeros(3 * count)
+    b, gb, found = best.copy(), -level, np.where(level > 0.0, 0.0, best)[: 3 * count]  # a level of zero is reached at the optimum
     a, ga = b.copy(), gb.copy()
-    todo = np.arange(3 * count)[np.append(at_zero > level[zero], np.ones(2 * count, dtype=bool))]
+    todo = np.flatnonzero(np.append(at_zero > level[zero], level[count : 3 * count] > 0.0))
     for k in range(_SEARCH):
         a[todo], ga[todo] = b[todo], gb[todo]
         b[todo] = np.maximum(best[todo] + sign[todo] * 1.1 * level[todo] * error[todo] * 2.0**k, 0.0)

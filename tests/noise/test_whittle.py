@@ -321,3 +321,8 @@ def test_an_interval_is_known_where_only_one_term_is_there():
     below, above = np.median(sides, axis=0)
     assert 0.9 < above < 1.1
     assert 0.9 < below < 1.4  # a part of the noise could be slow, which only the rival of the model allows
+
+
+def test_half_of_the_truths_lie_below_an_upper_limit_of_50_percent():
+    fit = jaxcal.noise.fit(Noise(N=CASE_A.N).simulate(1 << 12, RATE, seed=1), RATE, terms=("N",), confidence=0.5)
+    assert fit.upper_limit["N"] == pytest.approx(float(fit.noise.N), rel=1e-3)
