@@ -20,7 +20,7 @@ FREE, _FACTOR = 1 << 26, 256
 #: bytes of a file that are read in one piece: with blocks of 4 MiB, two threads read as fast as they parse and need little memory
 BLOCK = 1 << 22
 #: samples or messages that are gathered or looked at together
-PIECE = 1 << 16
+PIECE = 50_000
 #: largest number of files in a folder, of members of a zip file, of data sets and groups, of fields: no log has more
 MOST = 5000
 
