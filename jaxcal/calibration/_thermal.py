@@ -84,9 +84,9 @@ class Thermal(eqx.Module):
     def powers(self, sensor: str) -> AnyArray | None:
         """Coefficients (3, degree) of a sensor if all its axes are plain polynomials over the whole range; otherwise None."""
         limits = (self.reference, self.minimum, self.maximum, 0, 0, 0)
-        plain = [one for one in self.of(sensor).values() if isinstance(one.curve, Powers)]
+        plain: list[Any] = [one for one in self.of(sensor).values() if isinstance(one.curve, Powers)]
         plain = [one for one in plain if (one.curve.reference, one.low, one.high, one.lag, one.play, one.rate) == limits]
-        rows: list[Any] = [np.asarray(one.curve.coefficients) for one in plain]  # type: ignore[attr-defined]
+        rows = [np.asarray(one.curve.coefficients) for one in plain]
         return np.stack(rows) if len(rows) == len(AXES) and len({len(row) for row in rows}) == 1 else None
 
     def to_document(self) -> dict[str, Any]:
@@ -155,12 +155,16 @@ def thermal_of(value: Any) -> Thermal | None:
 def _from_document(value: Any) -> Thermal:
     checked_unit(value, si_unit("temperature"), "temperature")
     needed = ("reference", "minimum", "maximum")
-    limits = [structured(required(value, key, "temperature", needed), float, f"temperature.{key}") for key in needed]
+    reference, low, high = (structured(required(value, key, "temperature", needed), float, f"temperature.{key}") for key in needed)
     held = [name for name in ("accel", "gyro") if value.get(name) is not None]
-    channels = polynomials(*limits, **{name: numbers(value[name], (3, None), f"temperature.{name}") for name in held}).channels
+    channels = polynomials(reference, low, high, **{name: numbers(value[name], (3, None), f"temperature.{name}") for name in held}).channels
     stored = structured(value.get("channels"), dict[str, dict[str, Any] | None] | None, "temperature.channels") or {}
-    models = {name: _model(value["channels"][name], limits[0], f"temperature.channels.{name}") for name in CHANNELS if stored.get(name)}
-    return Thermal(*limits, channels | models)
+    models = {
+        name: _model(value["channels"][name], reference, f"temperature.channels.{name}")
+        for name in CHANNELS
+        if stored.get(name) is not None
+    }
+    return Thermal(reference, low, high, channels | models)
 
 
 def _model(value: Any, reference: float, path: str) -> ThermalModel:

@@ -147,8 +147,8 @@ def _ardupilot_rows(calibration: Calibration, instance: int, options: Any, said:
     if section is not None and any(powers is not None for powers in thermal.values()):
         low, high = section.minimum, section.maximum
         if high - low < _LEAST_RANGE:
-            said = f"the thermal model covers {low:.2f} to {high:.2f} degC; ArduPilot needs {_LEAST_RANGE:g} degC: calibrate over more"
-            raise ExportError(said, code="narrow")
+            why = f"the thermal model covers {low:.2f} to {high:.2f} degC; ArduPilot needs {_LEAST_RANGE:g} degC: calibrate over more"
+            raise ExportError(why, code="narrow")
         # write CALTEMP: the firmware clips its default of -300 degC to TMIN, which would shift the bias
         start = names["thermal"]
         rows |= {names["accel_temperature"]: holds, f"{start}ENABLE": 1, f"{start}TMIN": low, f"{start}TMAX": high}

@@ -164,7 +164,7 @@ def _motion(log: Log) -> _Motion | None:
     moved: dict[str, np.ndarray] = {}
     steady: list[np.ndarray] = []
     for name, values, limit in parts:
-        if values is None or (name == "gravity" and (values.shape[1] != 3 or not 5.0 < median_norm(values) < 15.0)):
+        if values is None or (name == "gravity" and (values.shape[1] != 3 or not 5.0 < median_norm(np.asarray(values)) < 15.0)):
             continue
         if (found := _seconds(values, log.rate)) is None:
             continue
