@@ -146,7 +146,7 @@ def rests_of(record: Record) -> Rests:
     shaken, turned = windowed_variance(record.accel, size), windowed_variance(record.gyro, size)
     rate = np.stack([np.convolve(x, np.ones(size) / size, mode="valid") for x in record.gyro.T], axis=1)
     calm[half : half + len(shaken)] = (shaken < _STILL_FORCE**2) & (turned < _STILL_RATE**2) & (np.linalg.norm(rate, axis=1) < _STILL_RATE)
-    still = calm[record.grid.inner].all(axis=1)
+    still = np.asarray(np.all(calm[record.grid.inner], axis=1))
     # the scatter is computed over a second, which must fit into the rest: extend the rest while single windows are as calm as inside
     force, turns = record.accel[record.grid.inner], record.gyro[record.grid.inner]
     own = np.array([np.ptp(force, axis=1).max(axis=1), np.linalg.norm(turns.mean(axis=1), axis=1), np.ptp(turns, axis=1).max(axis=1)])

@@ -169,6 +169,8 @@ def _smooth(design: Design, records: list[Record], given: Form, asked: tuple[Any
     units = {"rate": f"{si_unit_of(quantity)} s/degC".strip(), "jump.height": quantity, "jump.centre": "degC", "jump.width": "degC",
              "lag": "time", "rate_lag": "time", "play": "degC"}  # fmt: skip
     fitted_model, t, b, facts = curve_of(design, chosen, thermometer, confidence, units)
+    if not timed:
+        facts["noise"] = None
     bins = binned(t, b)
     residual = bins.b - np.asarray(fitted_model.curve.value(bins.t))
     rms, worst, worst_at = _windows(bins, residual)
@@ -177,7 +179,7 @@ def _smooth(design: Design, records: list[Record], given: Form, asked: tuple[Any
     return TemperatureFit(
         fitted_model, bins, residual, rms, "smooth", quantity, worst=worst, worst_at=worst_at, thermometer=thermometer,
         confidence=confidence, findings=(*findings, *common, *_thermometer(fitted_model.curve, bins, thermometer, rms, quantity)),
-        **facts | ({} if timed else {"noise": None}),
+        **facts,
     )  # fmt: skip
 
 

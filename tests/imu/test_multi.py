@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal.imu import MEMS, Triad, multi_position
+from jaxcal.imu import MEMS, Poses, Triad, estimate, multi_position
 from jaxcal.imu._result import judged, matrix_error
 
 from . import cases
@@ -89,7 +89,8 @@ def gyro_known_to(found, error):
 )
 def test_findings_begin_at_their_limits(found, change, codes):
     plain = dataclasses.replace(found, findings=())
-    fit, options = SimpleNamespace(usable=True, outcome=jaxcal.fitting.Outcome.converged), SimpleNamespace(prior=None, misalignment=True)
+    fit = estimate(Poses(cases.GRAVITY * cases.UP, np.full(cases.POSES, 2e-3)), gravity=cases.GRAVITY).fit
+    options = SimpleNamespace(prior=None, misalignment=True)
     assert judged(dataclasses.replace(plain, **change(found)), fit, options, (), list).codes == codes
 
 
