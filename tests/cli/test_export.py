@@ -47,7 +47,7 @@ def test_calibrations_say_how_they_were_made(call, folder, log, monkeypatch):
     found = Calibration.load(folder / "imu-noise" / "calibration.json").provenance
     assert found["sha256"] == hashlib.sha256(log.read_bytes()).hexdigest()
     assert found["command"] == "jaxcal noise"
-    assert found["options"] == {"terms": "QNBK", "confidence": 0.95, "band": None, "method": "whittle",
+    assert found["options"] == {"terms": "QNBK", "confidence": 0.95, "band": None, "method": "whittle", "conservative": False,
                                 "calibration": None, "units": ["gyro=rad/s"]}  # fmt: skip
     assert found["rate"] == "estimated"
     assert set(found["versions"]) == {"python", "jax", "numpy", "scipy"}
