@@ -82,7 +82,7 @@ class _Low(NamedTuple):
 
     def ordinates(self, changes: Sequence[Change]) -> AnyArray:
         """Ordinates of the regressors of changes, (changes, ordinates, columns)."""
-        return np.moveaxis(self.transform(np.stack([change.columns(self.times) for change in changes], axis=1)), 0, 1)
+        return np.moveaxis(np.asarray(self.transform(np.stack([change.columns(self.times) for change in changes], axis=1))), 0, 1)
 
 
 @functools.lru_cache(maxsize=8)
@@ -226,10 +226,10 @@ def find_changes(
                 ratios = _ratios(rests, densities, x)
                 best = int(np.argmax(ratios))
                 if ratios[best] > levels[family] - _LEVELS["beside"] * walks:
-                    sharp = (
-                        _sharpened(listed[best], x[best], low, rests, densities) if family in ("event", "edge") else (listed[best], x[best])
-                    )
-                    tried.append((family, *sharp))
+                    change, ordinates = listed[best], x[best]
+                    if family in ("event", "edge"):
+                        change, ordinates = _sharpened(change, ordinates, low, rests, densities)
+                    tried.append((family, change, ordinates))
         if not tried:
             break
         designs = [np.column_stack([held, x]) for _, _, x in tried]

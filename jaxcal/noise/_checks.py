@@ -105,7 +105,7 @@ def _refuse_alike(terms: tuple[Term, ...], samples: int, dt: float) -> None:
 
 def findings_of_checks(y: Any, record: Record, asked: Asked, n_squared: float) -> list[Finding]:
     """What was set aside or is missing, and the resolution, where it matters beside the noise. `n_squared` is N^2 of the fit."""
-    found, aside = [], record.aside or ()
+    found, aside = [], list(record.aside or ())
     lost = sum(last - first for first, last in aside)
     if lost and (record.found or lost > FINDINGS["set_aside"].limits[1] * len(y)):
         part, first = lost / len(y), aside[0][0] / asked.rate

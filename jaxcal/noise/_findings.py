@@ -99,7 +99,8 @@ def of_changes(changes: Sequence[Change], factors: Any, covariance: Any, unit: s
         if change.family == "step":
             steps.append((change.start, size, error))
             continue
-        code, facts = change.family, {"time": change.time}
+        code = change.family
+        facts: dict[str, Any] = {"time": change.time}
         if code == "warm_up":
             # one of two time constants has lasted for one when all but exp(-1) of it is over
             time, trim = (float(times[np.abs(course - course[-1]) > rest][-1]) for rest in (np.exp(-1.0) * size, error))
