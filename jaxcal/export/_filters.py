@@ -72,25 +72,17 @@ def write_openvins(calibration: Calibration, options: Any) -> Product:
     tw, gyro_turn = factored(matrices[1] @ turned.T)
     written = {"Tw": tw, "R_IMUtoGYRO": gyro_turn, "Ta": ta, "R_IMUtoACC": np.eye(3), "Tg": rounded(sensitivity @ turned.T)}
     lines = [
-        "%YAML:1.0",
-        "",
-        "imu0:",
-        *_block("T_i_b", np.eye(4)),
+        "%YAML:1.0", "", "imu0:", *_block("T_i_b", np.eye(4)),
         *(f"  {key}: {number(noise.values[one])}" for one, key in _KALIBR.items()),
-        f"  rostopic: {topic}",
-        "  time_offset: 0.0",
-        f"  update_rate: {number(noise.rate)}",
-        '  model: "kalibr"',
+        f"  rostopic: {topic}", "  time_offset: 0.0", f"  update_rate: {number(noise.rate)}", '  model: "kalibr"',
         *(line for key, value in written.items() for line in _block(key, value)),
-    ]
+    ]  # fmt: skip
     found = list(noise.findings)
     missing = [SENSORS[sensor] for sensor in ("accel", "gyro") if sensor not in parts]
     if missing:
         found.append(FINDINGS("placeholder", what=f"matrix of the {' and '.join(missing)}", value="the identity"))
-    facts = (
-        "units: noise density m/s^2/sqrt(Hz), rad/s/sqrt(Hz); random walk m/s^3/sqrt(Hz), rad/s^2/sqrt(Hz); Tg (rad/s)/(m/s^2)",
-        *noise.facts,
-    )
+    units = "units: noise density m/s^2/sqrt(Hz), rad/s/sqrt(Hz); random walk m/s^3/sqrt(Hz), rad/s^2/sqrt(Hz); Tg (rad/s)/(m/s^2)"
+    facts = (units, *noise.facts)
     if angle(turned) > 1e-6:
         found.append(FINDINGS("frame_turned", angle=angle(turned)))
         facts = (*facts, f"x_file = Qa x with Qa = {'; '.join(listed(row) for row in turned)}")

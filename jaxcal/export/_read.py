@@ -9,13 +9,8 @@ from ._formats import FORMATS, IMU_TK, check_option, files_of
 
 
 def read(
-    path: str | os.PathLike[str],
-    *,
-    format: str,
-    rate: float | int | None = None,
-    convention: str | None = None,
-    instance: int = 0,
-) -> Calibration:
+    path: str | os.PathLike[str], *, format: str, rate: float | int | None = None, convention: str | None = None, instance: int = 0,
+) -> Calibration:  # fmt: skip
     """Read a file that was written by `write` or by the tool itself.
 
     The result has only the numbers in the file. If the file has one number for three axes, each axis gets this number.

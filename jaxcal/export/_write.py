@@ -18,14 +18,9 @@ from ._options import comment
 
 
 def write(
-    calibration: Calibration | Sequence[Calibration],
-    path: str | os.PathLike[str],
-    *,
-    format: str = "kalibr",
-    force: bool = False,
-    provenance: bool = True,
-    **options: Any,
-) -> tuple[Finding, ...]:
+    calibration: Calibration | Sequence[Calibration], path: str | os.PathLike[str], *, format: str = "kalibr", force: bool = False,
+    provenance: bool = True, **options: Any,
+) -> tuple[Finding, ...]:  # fmt: skip
     """Write a calibration as a file that another tool reads.
 
     Noise N is written as the noise density and K as the random walk; bias instability B is never written as a random walk.

@@ -92,8 +92,7 @@ class Inspection:
 
     def summary(self) -> str:
         """Return all fields as lines of text."""
-        head = f"{self.file}: {self.format or 'not known'}" + (f", {self.size} bytes" if self.size is not None else "")
-        lines = [head]
+        lines = [f"{self.file}: {self.format or 'not known'}" + (f", {self.size} bytes" if self.size is not None else "")]
         if self.rate is not None and self.duration is not None:
             gaps = f"{self.gaps} gaps, {self.missing} samples missing" if self.gaps else "no gaps"
             lines.append(f"{self.samples} samples at {self.rate:.6g} Hz, {self.duration:.6g} s, {gaps}")
@@ -101,9 +100,8 @@ class Inspection:
             lines.append(f"not read: {self.refusal}")
         for choice in self.choices:
             sure = "" if choice.certain else "a guess: "
-            lines.append(
-                f"{choice.quantity}: {', '.join(choice.columns)} in {choice.unit} ({sure}{choice.reason}); change it with {choice.option}"
-            )
+            read = f"{choice.quantity}: {', '.join(choice.columns)} in {choice.unit} ({sure}{choice.reason})"
+            lines.append(f"{read}; change it with {choice.option}")
         for column in self.columns:
             values = "" if column.low is None else f", {column.low:.6g} to {column.high:.6g}"
             lines.append(f"column {column.number} ({column.name or 'no name'}): {column.holds}{values}")

@@ -50,17 +50,10 @@ _NAMES = {
 
 
 def read(
-    path: Any,
-    *,
-    format: str | None = None,
-    columns: Mapping[str, Any] | str | None = None,
-    units: Mapping[str, Any] | str | None = None,
-    rate: float | int | None = None,
-    topics: Sequence[str] | str | None = None,
-    data: str = "rate",
-    missing: float | int | None = None,
+    path: Any, *, format: str | None = None, columns: Mapping[str, Any] | str | None = None, units: Mapping[str, Any] | str | None = None,
+    rate: float | int | None = None, topics: Sequence[str] | str | None = None, data: str = "rate", missing: float | int | None = None,
     quiet: bool = False,
-) -> Log:
+) -> Log:  # fmt: skip
     r"""Read a recording of an inertial or magnetic sensor into a `Log`, in SI and on a uniform time grid.
 
     The content of a file shows its format: text tables (any delimiter, with or without header, plain or gzipped), JSON, NumPy .npy and
@@ -255,10 +248,8 @@ def opened(path: pathlib.Path, given: Asked) -> Iterator[tuple[Table | Signals, 
                 digest = pool.submit(fingerprint, sources)
                 found = _parse(kind, sources, topics, options)
                 size, sha256 = digest.result()
-    yield (
-        found,
-        {"file": shown(sources[0] if len(sources) == 1 and path.is_dir() else path), "size": size, "sha256": sha256, "format": kind},
-    )
+    name = shown(sources[0] if len(sources) == 1 and path.is_dir() else path)
+    yield found, {"file": name, "size": size, "sha256": sha256, "format": kind}
 
 
 def _belongs(option: str, wrong: bool, kind: str, where: str) -> None:
@@ -279,9 +270,7 @@ def finished(found: Table | Signals, origin: dict[str, Any], given: Asked, choic
         signals = interpret(found, **given.table)
     if choices is not None:
         choices += signals.choices
-    provenance = origin | {
-        "columns": signals.columns, "units": signals.units, "jaxcal": _version(), "epoch_ns": signals.epoch_ns
-    }  # fmt: skip
+    provenance = origin | {"columns": signals.columns, "units": signals.units, "jaxcal": _version(), "epoch_ns": signals.epoch_ns}
     if len(signals.imus) > 1:
         provenance["imus"] = signals.imus
     if given.phase:

@@ -85,15 +85,11 @@ def unsuited(command: str, log: Log, name: str = "LOG") -> str | Message | None:
     if command == "imu" and log.accel is not None and log.accel.shape[1] == 3:
         found = _motion(log)
         if found is not None and found.share == 0.0:
-            return (
-                f"the sensor rests in one attitude all the time, and a calibration by hand needs nine or more: hold it still on each face "
-                f"and edge, and turn it in between. For the noise of this log: jaxcal noise {name}"
-            )
+            said = f"the sensor rests in one attitude all the time; a calibration needs {_POSES}: hold it on faces and edges, with turns between"
+            return f"{said}. For the noise of this log: jaxcal noise {name}"
     if command == "mag" and (sides := _sides(log.mag)) is not None and sides.max() < _SIDES:
-        return (
-            "the field comes from one side all the time, and a calibration needs it from all sides: turn the sensor through all "
-            f"attitudes while you log. For the noise of this log: jaxcal noise {name}"
-        )
+        said = "the field comes from one side all the time, and a calibration needs it from all: turn the sensor through all attitudes"
+        return f"{said}. For the noise of this log: jaxcal noise {name}"
     return None
 
 

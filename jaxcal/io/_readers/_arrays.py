@@ -141,10 +141,8 @@ def read_hdf5(path: pathlib.Path, topics: list[str] | None) -> Table:
     about, arrays = _in_sandbox("hdf5", path, "the file")
     if about.get("many"):
         raise DataError(f"the file holds more than {MOST} data sets; it is damaged, or no log: save the log's arrays alone", code="shape")
-    left_out = [
-        f"{name} is a MATLAB {kind or 'object'}; save it as a struct of arrays (table2struct(T, 'ToScalar', true))"
-        for name, kind in about["opaque"]
-    ]
+    mend = "save it as a struct of arrays (table2struct(T, 'ToScalar', true))"
+    left_out = [f"{name} is a MATLAB {kind or 'object'}; {mend}" for name, kind in about["opaque"]]
     attributes: dict[str, Any] = about.get("attributes", {})
     prose = "\n".join(value for value in attributes.values() if isinstance(value, str))
     for name in about["names"]:
