@@ -85,7 +85,7 @@ def unsuited(command: str, log: Log, name: str = "LOG") -> str | Message | None:
     if command == "imu" and log.accel is not None and log.accel.shape[1] == 3:
         found = _motion(log)
         if found is not None and found.share == 0.0:
-            said = f"the sensor rests in one attitude all the time; a calibration needs {_POSES}: hold it on faces and edges, with turns between"
+            said = f"the sensor rests in one attitude all the time; a calibration needs {_POSES}: hold it on faces and edges in turn"
             return f"{said}. For the noise of this log: jaxcal noise {name}"
     if command == "mag" and (sides := _sides(log.mag)) is not None and sides.max() < _SIDES:
         said = "the field comes from one side all the time, and a calibration needs it from all: turn the sensor through all attitudes"
