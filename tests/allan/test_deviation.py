@@ -113,14 +113,6 @@ def test_blocks_and_threads_do_not_show(kind):
         np.testing.assert_array_equal(found.alpha[:, channel], alone.alpha)
 
 
-def test_a_long_record_is_shared_among_threads_without_a_trace():
-    y = np.random.default_rng(5).standard_normal(300_000)
-    found = deviation(y, 1.0, m=np.arange(1, 40))
-    theta = np.concatenate([[0.0], np.cumsum(y - y.mean())])
-    expected = [np.sqrt(np.mean((theta[2 * m :] - 2 * theta[m:-m] + theta[: -2 * m]) ** 2) / (2 * m**2)) for m in found.m]
-    np.testing.assert_allclose(found.deviation, expected, rtol=1e-11)
-
-
 def test_mdev_keeps_its_digits_on_a_random_walk():
     """For a random walk of rate, the running sum of the phase grows as n^2.5; float64 alone would lose the digits of small clusters."""
     y = np.random.default_rng(0).standard_normal(200_000).cumsum()

@@ -178,26 +178,19 @@ RECORD = np.arange(100.0) % 7
 @pytest.mark.parametrize(
     ("y", "options", "words"),
     [
-        ([], {}, "not empty"),
-        ([1.0, 2.0, 3.0], {}, "at least 4 samples; got 3"),
-        ([1.0, 2.0, math.inf, 2.0], {}, "1 infinite values, the first at sample 2"),
-        ([math.nan] * 5, {}, "y: Nothing but NaN"),
-        ([3.0] * 50, {}, "y: Constant"),
-        (np.stack([RECORD, np.ones(100)], axis=1), {}, "channel 1: Constant"),
-        (["a", "b"], {}, "real numbers"),
-        (np.zeros((2, 2, 2)), {}, "(n,) or (n, channels)"),
-        (np.zeros((3, 100)), {}, "y.T"),
-        (RECORD, {"method": "burg"}, "expected one of periodogram, welch, dct"),
-        (RECORD, {"sided": 3}, "sided must be 2"),
-        (RECORD, {"average": "decade"}, 'expected "octave", "log" or None'),
-        (RECORD, {"average": [1]}, 'expected "octave", "log" or None'),
-        (RECORD, {"confidence": 95}, "between 0 and 1"),
-        (RECORD, {"segment": 50}, 'segment belongs to method="welch"'),
-        (RECORD, {"method": "welch", "segment": 101}, "from 4 to 100"),
-        (RECORD, {"method": "welch", "segment": 20.5}, "whole number"),
-        (RECORD, {"method": "welch", "overlap": 1.0}, "from 0 to below 1"),
+        ([], {}, "not empty"), ([1.0, 2.0, 3.0], {}, "at least 4 samples; got 3"), ([math.nan] * 5, {}, "y: Nothing but NaN"),
+        ([1.0, 2.0, math.inf, 2.0], {}, "1 infinite values, the first at sample 2"), ([3.0] * 50, {}, "y: Constant"),
+        (np.stack([RECORD, np.ones(100)], axis=1), {}, "channel 1: Constant"), (["a", "b"], {}, "real numbers"),
+        (np.zeros((2, 2, 2)), {}, "(n,) or (n, channels)"), (np.zeros((3, 100)), {}, "y.T"),
+        *((RECORD, options, words) for options, words in (
+            ({"method": "burg"}, "expected one of periodogram, welch, dct"), ({"sided": 3}, "sided must be 2"),
+            ({"average": "decade"}, 'expected "octave", "log" or None'), ({"average": [1]}, 'expected "octave", "log" or None'),
+            ({"confidence": 95}, "between 0 and 1"), ({"segment": 50}, 'segment belongs to method="welch"'),
+            ({"method": "welch", "segment": 101}, "from 4 to 100"), ({"method": "welch", "segment": 20.5}, "whole number"),
+            ({"method": "welch", "overlap": 1.0}, "from 0 to below 1"),
+        )),
     ],
-)
+)  # fmt: skip
 def test_messages(y, options, words):
     with pytest.raises(DataError) as caught:
         density(y, RATE, **options)
