@@ -1,5 +1,7 @@
 """The signal of each sensor, with what in it is not the sensor under test."""
 
+from typing import Any
+
 import numpy as np
 
 from .._log import Log
@@ -14,7 +16,7 @@ from ._svg import Mark, figure, linear_axis
 _COLOURS = {"moving": 1, "knock": 1, "step": 3, "gap": 4, "held": 5, "stuck": 5, "zeroed": 5, "clipped": 5, "warm_up": 2}
 
 
-def timelines(log: Log) -> Markup:
+def timelines(log: Any) -> Markup:
     """A figure for each sensor in which something was found, and the lines of `jaxcal info`."""
     lines = timeline(log.evidence)
     if not lines:

@@ -16,7 +16,7 @@ from ._page import page
 _TITLES = {"Noise": "Sensor noise", "Alignment": "Alignment on a turntable"}  # if neither device nor file is known
 
 
-def write(results: Any, path: str | os.PathLike[str], *, log: Log | None = None, device: str | None = None) -> None:
+def write(results: Any, path: str | os.PathLike[str], *, log: Any = None, device: str | None = None) -> None:
     """Write a report: one self-contained HTML file for light and dark screens, phones and paper.
 
     The report begins with the result and its intervals. Figures and their numbers follow, then warnings, explanations of terms, and the
@@ -28,7 +28,7 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | None = None,
         `jaxcal.temperature.characterise`), channel -> `Deviation`, channel -> `Spectrum`, an `ImuFit`, a `MagFit`, a
         `DeviceFit` or an `AlignmentFit`. Or a list of these, or of pairs (result, log), from one device.
     path : file to write; an existing file is replaced atomically.
-    log : the recording, for its summary, notes, warnings and provenance. With a list, it is the log of every result without its own.
+    log : the `Log`, for its summary, notes, warnings and provenance. With a list, it is the log of every result without its own.
     device : name of the device for the title; the default is the file name of the log.
 
     Raises
