@@ -9,7 +9,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .. import magnetometer
-from .._arrays import axis_turns, axis_words, from_vector, runs, windowed_variance
+from .._arrays import axis_turns, axis_words, from_vector
 from .._errors import DataError, FitError
 from ..imu._model import EARTH_RATE
 from ..magnetometer._axes import clearest
@@ -21,9 +21,6 @@ from ._windows import REACH, Grid, Record
 
 #: s: shortest recording; fewest readings of a sensor; readings: longest gap that is interpolated; samples: least distance of two readings
 _BRIEF, _READINGS, _GAP, _CLOSE = 20.0, 100, 2, 0.2
-#: m/s^2 and rad/s: at rest, readings scatter by less, and the mean rate is below the second number; how much more than inside the rest a
-#: window at its edge may scatter; number of windows by which a rest may grow at each edge
-_STILL_FORCE, _STILL_RATE, _CALM, _EDGE = 0.35, 0.06, 1.1, 4
 #: s: time constants of the corrections of the attitude by field and specific force; mean of readings, and step between those that are
 #: used
 _FIELD, _FORCE, _SMOOTH, _THIN = 1.0, 10.0, 0.3, 0.1
@@ -136,25 +133,7 @@ def started(record: Record, mag: np.ndarray) -> Start:
     record.mag = record.mag / strength
     way, dip = followed(record, vector)
     vector[AT["dip"]] = dip
-    return Start(vector, way, rests_of(record), strength, (gyro, axes))
-
-
-def rests_of(record: Record) -> Rests:
-    """Windows in which the specific force hardly changes and the device hardly rotates, for at least a second."""
-    half = max(round(0.5 / record.grid.step), 2)
-    size, calm = 2 * half + 1, np.zeros(len(record.gyro), dtype=bool)
-    shaken, turned = windowed_variance(record.accel, size), windowed_variance(record.gyro, size)
-    rate = np.stack([np.convolve(x, np.ones(size) / size, mode="valid") for x in record.gyro.T], axis=1)
-    calm[half : half + len(shaken)] = (shaken < _STILL_FORCE**2) & (turned < _STILL_RATE**2) & (np.linalg.norm(rate, axis=1) < _STILL_RATE)
-    still = np.asarray(np.all(calm[record.grid.inner], axis=1))
-    # the scatter is computed over a second, which must fit into the rest: extend the rest while single windows are as calm as inside
-    force, turns = record.accel[record.grid.inner], record.gyro[record.grid.inner]
-    own = np.array([np.ptp(force, axis=1).max(axis=1), np.linalg.norm(turns.mean(axis=1), axis=1), np.ptp(turns, axis=1).max(axis=1)])
-    for first, stop in zip(*runs(still), strict=True):
-        calm = np.all(own <= _CALM * own[:, first:stop].max(axis=1, keepdims=True), axis=0)
-        before, after = (int(np.argmin(np.append(part, False))) for part in (calm[:first][: -_EDGE - 1 : -1], calm[stop:][:_EDGE]))
-        still[first - before : stop + after] = True
-    return Rests(still & ~record.broken)
+    return Start(vector, way, Rests(record.resting()), strength, (gyro, axes))
 
 
 def _ellipsoid(record: Record, mag: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray] | None:

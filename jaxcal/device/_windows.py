@@ -7,6 +7,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from .._arrays import runs, windowed_variance
 from .._types import AnyArray
 from ._model import NAMES
 
@@ -14,6 +15,9 @@ from ._model import NAMES
 TAPS = np.arange(-3, 5)
 #: s: length of a window, and largest delay
 WINDOW, REACH = 0.2, 0.05
+#: m/s^2 and rad/s: at rest, readings scatter by less, and the mean rate is below the second number; how much more than inside the rest a
+#: window at its edge may scatter; number of windows by which a rest may grow at each edge
+_STILL_FORCE, _STILL_RATE, _CALM, _EDGE = 0.35, 0.06, 1.1, 4
 GYRO_DELAY, MAG_DELAY = NAMES.index("gyro_delay"), NAMES.index("mag_delay")
 
 
@@ -155,3 +159,21 @@ class Record:
         """The windows, interpolated for the delays in these parameters."""
         delays = float(vector[GYRO_DELAY]), float(vector[MAG_DELAY])
         return windows(self.grid, self.accel, self.gyro, self.mag, *delays, back, self.mag_later)
+
+    def resting(self) -> np.ndarray:
+        """(K,) windows in which the specific force hardly changes and the device hardly rotates, for at least a second."""
+        half = max(round(0.5 / self.grid.step), 2)
+        size, calm = 2 * half + 1, np.zeros(len(self.gyro), dtype=bool)
+        shaken, turned = windowed_variance(self.accel, size), windowed_variance(self.gyro, size)
+        rate = np.stack([np.convolve(x, np.ones(size) / size, mode="valid") for x in self.gyro.T], axis=1)
+        slow = np.linalg.norm(rate, axis=1) < _STILL_RATE
+        calm[half : half + len(shaken)] = (shaken < _STILL_FORCE**2) & (turned < _STILL_RATE**2) & slow
+        still = np.asarray(np.all(calm[self.grid.inner], axis=1))
+        # the scatter is computed over a second, which must fit into the rest: extend the rest while single windows are as calm as inside
+        force, turns = self.accel[self.grid.inner], self.gyro[self.grid.inner]
+        own = np.array([np.ptp(force, axis=1).max(axis=1), np.linalg.norm(turns.mean(axis=1), axis=1), np.ptp(turns, axis=1).max(axis=1)])
+        for first, stop in zip(*runs(still), strict=True):
+            calm = np.all(own <= _CALM * own[:, first:stop].max(axis=1, keepdims=True), axis=0)
+            before, after = (int(np.argmin(np.append(part, False))) for part in (calm[:first][: -_EDGE - 1 : -1], calm[stop:][:_EDGE]))
+            still[first - before : stop + after] = True
+        return np.asarray(still & ~self.broken)

@@ -4,7 +4,7 @@ Of the 48 signed permutations P of the axes, two explain a log: +P with the dip 
 the other mirrors, and only the sign of the dip tells which: a mirrored axis is half a turn with a dip of the other sign.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -76,26 +76,27 @@ def by_axes(found: Axes | None, sign: float, turns: bool = True) -> list[Finding
     """Findings about the axes; `sign` of the dip at the place, zero if unknown. Only a fit that turns its axes is refused for them."""
     if found is None:
         return []
-    grave, dip = FATAL if turns else CAUTION, abs(found.dip)
-    if np.linalg.det(found.turn) < 0:
-        return [_mirrored(found.turn, grave)]
+    grave, dip, mirror = FATAL if turns else CAUTION, abs(found.dip), np.linalg.det(found.turn) < 0
+    what = _mirrored(found.turn if mirror else -found.turn)
+    first, second = axis_words(found.turn), axis_words(-found.turn)
+    if mirror:
+        return [FINDINGS("mirrored", severity=grave, what=what, axes=first)]
     known = sign * found.dip if sign and dip > AGREE else float(found.sure)
     if found.same:
         return [FINDINGS("reversed", dip=Quantity(found.dip, "angle"))] if known < 0 else []
     if known > 0:
-        return [FINDINGS("remounted", axes=axis_words(found.turn))]
+        return [FINDINGS("remounted", axes=first)]
     if known < 0:
-        return [_mirrored(-found.turn, grave)]
-    both: dict[str, Any] = {"first": axis_words(found.turn), "second": axis_words(-found.turn)}
+        return [FINDINGS("mirrored", severity=grave, what=what, axes=second)]
     if not np.isfinite(found.dip):
-        return [FINDINGS("axes_turned", severity=grave, **both)]
-    return [FINDINGS("axes_open", severity=grave, dip=Quantity(found.dip, "angle"), other=Quantity(-found.dip, "angle"), **both)]
+        return [FINDINGS("axes_turned", severity=grave, first=first, second=second)]
+    open_ = Quantity(found.dip, "angle"), Quantity(-found.dip, "angle")
+    return [FINDINGS("axes_open", severity=grave, dip=open_[0], other=open_[1], first=first, second=second)]
 
 
-def _mirrored(turn: np.ndarray, severity: Any) -> Finding:
-    """The finding about axes that mirror."""
+def _mirrored(turn: np.ndarray) -> str:
+    """What is wrong with axes that mirror, in words."""
     diagonal = np.diag(turn)
     # a single axis is mirrored if all others keep their places
     one = "xyz"[int(np.argmin(diagonal))] if np.all(diagonal) and np.sum(diagonal < 0) == 1 else ""
-    what = f"axis {one} is reversed" if one else "axes are exchanged or reversed"
-    return FINDINGS("mirrored", severity=severity, what=what, axes=axis_words(turn))
+    return f"axis {one} is reversed" if one else "axes are exchanged or reversed"
