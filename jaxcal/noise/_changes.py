@@ -17,7 +17,7 @@ change after another is added, as long as the ratio exceeds a level that at most
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy  # loads its parts when they are first used
@@ -267,7 +267,7 @@ def _residual(record: AnyArray, held: AnyArray, density: AnyArray) -> AnyArray:
     return record - held @ np.linalg.lstsq(x, record / np.sqrt(density), rcond=None)[0]
 
 
-def _refitted(records, columns, bases, designs, begun, held=False) -> tuple[AnyArray, AnyArray]:
+def _refitted(records, columns, bases, designs, begun, held: Any = False) -> tuple[AnyArray, AnyArray]:
     """Slow coefficients of each axis beside the columns of each design, (designs, axes, p), and -2 log likelihood of all axes.
 
     `begun` are those of a last fit, (axes, p), of which some are `held`.

@@ -105,4 +105,5 @@ def profile_limits(
             ends[todo[one]], values[todo[one]] = u[one], g[one]
         side[todo] = np.where(inner, -1, 1)
         todo = todo[np.abs(g) > _CLOSE * level[todo]]
-    return Limits(*found.reshape(3, count), at_zero**2)
+    low, high, upper = found.reshape(3, count)
+    return Limits(low, high, upper, at_zero**2)

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
-from .._types import Array
+from .._types import AnyArray, Array
 from ..fitting import solve
 from ._checks import Asked
 from ._likelihood import FAINT
@@ -56,7 +56,7 @@ def _likeliest(bins: Bins) -> Array:
     equal = jnp.exp(jnp.mean(jnp.log(jnp.maximum(target, least)[:, None] / columns), axis=0)) / p
     several = np.concatenate([np.ones((1, p)), 1.0 - (1.0 - FAINT) * np.eye(p)]).astype(target.dtype)
 
-    def search(start: Array) -> tuple[Array, Array]:
+    def search(start: Array) -> tuple[AnyArray, AnyArray]:
         fit = solve(_deviances, start, data, bounds=(0.0, np.inf), rtol=_FINE)
         return fit.parameters, fit.cost
 
@@ -82,7 +82,7 @@ def _deviances(theta: Array, data: tuple[Any, tuple[Any, Array]]) -> Array:
     return root * _root(jnp.maximum(target, tiny) / jnp.maximum(columns @ theta, tiny))
 
 
-def _goodness(bins: Bins, theta: Array, model: Array) -> Array:
+def _goodness(bins: Bins, theta: Array, model: AnyArray) -> Array:
     """Chance of a worse deviance, as `_solve.deviance` defines it."""
     group = groups_of(bins.weight, int(bins.weight.sum()))
     member = (np.unique(group)[:, None] == group[None, :]).astype(bins.weight.dtype)
