@@ -7,9 +7,9 @@ from typing import Any
 from .._errors import DataError, UnitError
 from .._message import Message
 from .._units import factor, find_unit, quantities, si_unit, to_si
+from ._names import AXES, plain
 
 SENSORS = ("gyro", "accel", "mag")
-AXES = "xyz"
 
 #: quantity -> its columns (by number or name), or None to leave it out
 Columns = dict[str, list[int | str] | None]
@@ -143,15 +143,11 @@ def _find(column: int | str, names: list[str], count: int, quantity: str) -> int
         if not -count <= column < count:
             raise wrong("columns", f"{quantity} wants column {column}; there are {listing(names, count)}")
         return column % count
-    for form in (str, str.lower, _plain):
+    for form in (str, str.lower, plain):
         forms = [form(name) for name in names]
         if form(column) in forms:
             return forms.index(form(column))
     raise wrong("columns", f"there is no column {column!r} for {quantity}; there are {listing(names, count)}")
-
-
-def _plain(name: str) -> str:
-    return re.sub(r"[\[(].*?[\])]|[^0-9a-z]", "", name.lower())
 
 
 def listing(names: list[str], count: int) -> str:

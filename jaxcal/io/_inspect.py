@@ -160,10 +160,7 @@ def inspect(path: str | os.PathLike[str], **options: Any) -> Inspection:
     log, refused = None, None
     try:
         with named(path), opened(path, given) as (found, origin):
-            if isinstance(found, Table):
-                held = _columns(found)
-            else:
-                sources = tuple(found.sources)
+            held, sources = (_columns(found), ()) if isinstance(found, Table) else ([], tuple(found.sources))
             log = finished(found, origin, given, choices)
     except JaxcalError as error:
         refused = error

@@ -90,7 +90,11 @@ def offsets_of(names: list[str], columns: list[np.ndarray]) -> dict[str, np.ndar
 
 def parse_saved(text: str) -> Saved:
     """Parse and check the description written by `save`."""
-    about = _parsed(text)
+    try:
+        about: Any = json.loads(text)
+    except (ValueError, RecursionError):
+        about = None
+    about = about if isinstance(about, dict) else {}
     schema, rate, provenance = map(about.get, ("schema", "rate", "provenance"))
     findings = _findings(about)
     if isinstance(schema, int) and schema > _SCHEMA:
@@ -128,11 +132,3 @@ def _again(one: dict[str, Any]) -> Finding:
         if found and str(found) == one["text"]:
             return found
     return _EARLIER("earlier", cost=one["cost"], severity=severity, text=str(one["text"]))
-
-
-def _parsed(text: str) -> Any:
-    try:
-        about = json.loads(text)
-    except (ValueError, RecursionError):
-        about = None
-    return about if isinstance(about, dict) else {}

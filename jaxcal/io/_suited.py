@@ -103,10 +103,9 @@ def _moving(command: str, found: _Motion, name: str) -> str:
 
 def ranked(log: Log, name: str) -> tuple[Suitability, ...]:
     """Every command for a log called `name`, those that suit first, and of these the one that uses most of the log."""
-    place = shlex.quote(name)
-    found = [
-        Suitability(f"jaxcal {command}", suits, reason, f"jaxcal {command} {place}{more}") for command, suits, reason, more in _judged(log)
-    ]
+    found = []
+    for command, suits, reason, more in _judged(log):
+        found.append(Suitability(f"jaxcal {command}", suits, reason, f"jaxcal {command} {shlex.quote(name)}{more}"))
     return tuple(sorted(found, key=lambda one: not one.suits))
 
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from ..._errors import DataError
+from .._columns import AXES
 from .._table import Table
 from ._bounds import FREE
 
 _EXPECTED = 'expected rows of numbers [[x, y, z], ...], records [{"x": 1, ...}, ...], or arrays by name {"mag": [[x, y, z], ...], ...}'
-_AXES = "xyz"
 
 
 def read_json(path: pathlib.Path) -> Table:
@@ -71,7 +71,7 @@ def _vector(value: Any) -> bool:
 
 
 def _named(name: str, width: int) -> list[str]:
-    return [f"{name}_{axis}" if name else "" for axis in (_AXES if width == 3 else map(str, range(width)))]
+    return [f"{name}_{axis}" if name else "" for axis in (AXES if width == 3 else map(str, range(width)))]
 
 
 def _rows(value: Any) -> bool:
