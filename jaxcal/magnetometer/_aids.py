@@ -289,8 +289,8 @@ def _axes(y: np.ndarray, at: Attitudes, dip: float, usable: bool) -> Axes | None
         segment, attitude, _ = (x[at.rows] for x in attitudes_in_segments(at.gyro, at.rate))
         there = segment >= 0
         return axes_by_rates(y[there], attitude[there], np.unique(segment[there], return_inverse=True)[1])
-    there = np.isfinite(at.heading) & np.isfinite(at.up).all(axis=1) if at.heading is not None else np.zeros(0, dtype=bool)
-    if there.sum() >= FEWEST:
+    there = np.zeros(0, dtype=bool) if at.heading is None else np.isfinite(at.heading) & np.isfinite(at.up).all(axis=1)
+    if at.heading is not None and there.sum() >= FEWEST:
         return axes_by_headings(y[there], north_of(at.up[there], at.heading[there], dip))
     return axes_of(y, at.up) if at.up is not None and usable and at.rotated else None
 
