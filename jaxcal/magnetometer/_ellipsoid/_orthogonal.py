@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -61,16 +60,15 @@ def settled(found: Any, again: Callable[[Any, Any], Any], radius: Callable[[Any]
     """A fit with the curvature term where noise matters: `again(found, noise2)` until the noise settles, or a few times in a trace."""
 
     def step(carry: tuple, _: None) -> tuple:
-        found, noise2, last, done = eqx.combine(carry[0], fixed), *carry[1:]
+        found, noise2, last, done = carry
         after = curvature_variance(found.noise, radius(found))
         done = done | (after == 0) | (jnp.abs(found.noise - last) < SETTLED * last)
         noise2 = jnp.where(done, noise2, after)
-        return (eqx.filter(again(found, noise2), eqx.is_array), noise2, found.noise, done), None
+        return (again(found, noise2), noise2, found.noise, done), None
 
     if is_traced(found.noise):
-        moving, fixed = eqx.partition(found, eqx.is_array)
         zero = jnp.zeros_like(found.noise)
-        return eqx.combine(jax.lax.scan(step, (moving, zero, zero, jnp.asarray(False)), None, length=ROUNDS)[0][0], fixed)
+        return jax.lax.scan(step, (found, zero, zero, jnp.asarray(False)), None, length=ROUNDS)[0][0]
     last = np.inf
     for _ in range(ROUNDS):
         noise2 = float(curvature_variance(found.noise, radius(found)))
