@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from .._lazy import install
 from .._message import Message as Message, Reader as Reader
-from ._common import GRAVITY_ASSUMED as GRAVITY_ASSUMED
+from ._common import GRAVITY_ASSUMED as GRAVITY_ASSUMED, WRONG_RANGE as WRONG_RANGE, wrong_ranges as wrong_ranges
 from ._findings import (
     CAUTION as CAUTION,
     FATAL as FATAL,

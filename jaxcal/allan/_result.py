@@ -104,7 +104,10 @@ class Deviation(Curved):
         tau, value, low, high = (np.asarray(curve, dtype=float)[order] for curve in curves)
         if self.confidence != 0.95:
             low, high = (value * factor for factor in interval_factors(np.asarray(self.edf)[order], 0.95))
-        known = {x: Number(f"{prefix}{self.kind}({x:g} s)", *at, quantity) for x, at in at_decades(tau, value, low, high).items()}
+        known = {
+            x: Number(f"{prefix}{self.kind}({x:g} s)", middle, least, most, quantity)
+            for x, (middle, least, most) in at_decades(tau, value, low, high).items()
+        }
         main, more = labelled(known, "at {:g} s")
         if np.isfinite(high).any():
             # where the upper limit is lowest, so that a poorly known end of the curve is no floor

@@ -4,12 +4,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._answer import CAUTION, FATAL, GRAVITY_ASSUMED, NOTE, Finding, Kind, Quantity, table
+from .._answer import CAUTION, FATAL, GRAVITY_ASSUMED, NOTE, WRONG_RANGE, Finding, Kind, Quantity, table, wrong_ranges
 from ..fitting import Estimate
 from ._model import KINDS, field_of
 
 FINDINGS = table(
     gravity_assumed=GRAVITY_ASSUMED,
+    range=WRONG_RANGE,
     other_axes=Kind(NOTE, "In axes of the accelerometer: {axes}.", guess=True),
     undetermined=Kind(
         FATAL, "The motion leaves parameters without a number (open).",
@@ -76,6 +77,7 @@ def findings_of(estimate: Estimate, facts: Facts) -> tuple[Finding, ...]:
         found.append(FINDINGS("other_axes", axes=facts.axes))
     lost = {sensor_of(name) for name, state in estimate.states.items() if state == "open"}
     error = dict(zip(estimate.names, estimate.error, strict=True))
+    found += wrong_ranges(FINDINGS, {name: (value, error[name]) for name, value in zip(estimate.names, estimate.values, strict=True)})
     for sensor in SENSORS:
         own = {name: size for name, size in error.items() if sensor_of(name) == sensor and np.isfinite(size)}
         unit = {"magnetometer.hard_iron": facts.field}

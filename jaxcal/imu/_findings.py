@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from .._answer import CAUTION, FATAL, GRAVITY_ASSUMED, NOTE, Kind, table
+from .._answer import CAUTION, FATAL, GRAVITY_ASSUMED, NOTE, WRONG_RANGE, Kind, table
 
 _ADD = "Add it with {option.terms:auto}."
 
 FINDINGS = table(
     gravity_assumed=GRAVITY_ASSUMED,
+    range=WRONG_RANGE,
     # the recording
     unit=Kind(
         FATAL, "The accelerometer reads {size:.3g} at rest, where {gravity:.4g} m/s^2 is expected: its readings look like {unit}.",

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._answer import Finding, Quantity
+from .._answer import Finding, Quantity, wrong_ranges
 from .._arrays import padded
 from .._rests import Ends, Multiples
 from ..fitting import Estimate, Fit, covariance
@@ -251,6 +251,9 @@ class Job(eqx.Module):
         ):  # fmt: skip
             if np.any(change):
                 notes.append(FINDINGS(code, unit, size=Quantity(float(np.abs(change).max()), unit)))
+        if not self.raw:
+            known = zip(names, zip(values, result.estimate.error, strict=True), strict=True)
+            notes += wrong_ranges(FINDINGS, dict(known))
         return judged(result, fit, options, notes, causes, [lack.finding for lack in missing])
 
 

@@ -157,7 +157,7 @@ def discrete(noise: Any, rate: Any, *, states: Any = None, band: Any = None) -> 
     >>> model.names
     ('walk', 'flicker 1', 'flicker 2', 'flicker 3')
     >>> f"{model.white:.2e} {model.process[0, 0]:.2e}, chain within {100 * model.deviation_error:.0f} %"
-    '5.29e-07 1.00e-14, chain within 3 %'
+    '5.29e-07 1.00e-14, chain within 4 %'
 
     References
     ----------

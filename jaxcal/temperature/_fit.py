@@ -257,15 +257,19 @@ def _thermometer(curve: AbstractCurve, bins: Bins, noise: float, rms: float, qua
     return [FINDINGS("thermometer", cost=adds[worst], noise=noise, adds=Quantity(float(adds[worst]), quantity), at=float(bins.t[worst]))]
 
 
+#: degC, width of the windows among which the worst residual is named: a degree, in which users read curves
+_WINDOW = 1.0
+
+
 def _windows(bins: Bins, residual: AnyArray) -> tuple[float, float, float]:
-    """Rms of all residuals, and rms and centre of the worst degree."""
-    degree = np.floor(bins.t - bins.t[0]).astype(int)
+    """Rms of all residuals, and rms and centre of the worst window."""
+    degree = np.floor((bins.t - bins.t[0]) / _WINDOW).astype(int)
     square, count = np.bincount(degree, bins.count * residual**2), np.bincount(degree, bins.count)
     mean = square / np.maximum(count, 1)
     worst = int(np.argmax(mean))
-    return float(np.sqrt(square.sum() / count.sum())), float(np.sqrt(mean[worst])), float(bins.t[0]) + worst + 0.5
+    return float(np.sqrt(square.sum() / count.sum())), float(np.sqrt(mean[worst])), float(bins.t[0]) + _WINDOW * (worst + 0.5)
 
 
 def _elsewhere(bins: Bins, residual: AnyArray, centre: float) -> float:
-    away = np.abs(bins.t - centre) > 1.0
+    away = np.abs(bins.t - centre) > _WINDOW
     return float(np.sqrt(np.average(residual[away] ** 2, weights=bins.count[away]))) if away.any() else np.inf

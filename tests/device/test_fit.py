@@ -240,6 +240,7 @@ PLAIN = Facts(50e-6, None, "", np.zeros((5, 3)), {}, 0.0, 100.0, False, None, Tr
         ({}, {}, None, "good"),
         ({}, {"gyro.bias[0]": 1.1 * np.deg2rad(0.02)}, "inaccurate", "weak"),
         ({}, {"magnetometer.hard_iron[1]": 0.9 * 0.005 * 50e-6}, None, "good"),
+        ({}, {"gyro.matrix[1,1]": 1e-4}, "range", "weak"),
         ({"place": np.array([[1.6, 0.0, 0.0], [-1.6, 0.0, 0.0]])}, {}, "far", "weak"),
         ({"place": np.array([[1.4, 0.0, 0.0], [-1.4, 0.0, 0.0]])}, {}, None, "good"),
         ({"disturbed": 19.0}, {}, "disturbed", "good"),
@@ -250,7 +251,8 @@ PLAIN = Facts(50e-6, None, "", np.zeros((5, 3)), {}, 0.0, 100.0, False, None, Tr
     ],
 )
 def test_findings_begin_at_their_limits(facts, errors_, code, verdict):
-    known = jaxcal.fitting.Estimate(errors_, np.zeros(len(errors_)), np.diag(np.square(list(errors_.values())).reshape(-1)))
+    values = [0.51 if "matrix" in name else 0.0 for name in errors_]  # an axis whose range is set wrong by 2
+    known = jaxcal.fitting.Estimate(errors_, np.array(values), np.diag(np.square(list(errors_.values())).reshape(-1)))
     found = findings_of(known, PLAIN._replace(**facts))
     assert [one.code for one in found] == ([code] if code else [])
     assert jaxcal._answer.verdict_of(found) == verdict

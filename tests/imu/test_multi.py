@@ -109,6 +109,14 @@ def test_counts_without_a_nominal_scale():
     assert found.numbers["gyro.bias[0]"].unit == "counts"
 
 
+@pytest.mark.parametrize(("scale", "said"), [(0.95, set()), (0.507, {"range"})])
+def test_an_axis_whose_range_is_set_wrong_is_named(scale, said):
+    log = cases.recording(1)
+    found = fit(jaxcal.Log(None, accel=log.accel, gyro=log.gyro * [1.0, scale, 1.0], rate=log.rate), noise=KNOWN)
+    assert (found.verdict, found.codes) == ("weak" if said else "good", said)
+    assert all(one.subject == ("gyro_y",) for one in found.findings)
+
+
 def test_saturated_turns_are_left_out_and_said_and_saturated_poses_refused():
     log = cases.recording(2)
     limit = 0.97 * np.abs(log.gyro).max()

@@ -155,7 +155,8 @@ def test_twelve_points_at_the_magnetic_equator(sigma):
         for model in ("auto", "symmetric"):
             found = fit(cases.readings(cases.PAPER, field, sigma, seed), model=model, inclination=0.0)
             assert found.verdict == "refused"
-            assert found.codes & {"undetermined", "no_ellipsoid", "not_converged"}
+            # with noise, the points may lie on an ellipsoid by chance, whose heading error is beyond the limit
+            assert found.codes & ({"undetermined", "no_ellipsoid", "not_converged"} | ({"heading"} if sigma else set()))
 
 
 def test_few_and_identical_readings():
