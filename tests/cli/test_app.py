@@ -84,13 +84,6 @@ def test_configuration_file_gives_options_and_the_command_line_wins(call, folder
     assert document["channels"]["gyro_x"]["deviation"] == pytest.approx([1e-3 * 10 * 3.14159 / 180], rel=0.1)  # read as deg/s
 
 
-def test_configuration_file_with_an_unknown_key_is_refused(call, folder, log):
-    for text, word in (('[noise]\nterm = "N"\n', "term"), ("terms: N\n", "TOML")):
-        (folder / "run.toml").write_text(text)
-        found = call("noise", "imu.csv", "--config", "run.toml")
-        assert (found.status, word in found.reason, "run.toml" in found.reason) == (2, True, True)
-
-
 def test_an_interruption_is_130_and_leaves_nothing(call, folder, log, monkeypatch):
     def interrupt(*args, **kwargs):
         raise KeyboardInterrupt

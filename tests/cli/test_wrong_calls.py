@@ -183,6 +183,8 @@ noise bytes.csv                            | bytes.csv
 noise cut.npz                              | cut.npz
 noise cut.parquet                          | cut.parquet
 noise cut.bag                              | cut.bag
+noise cut.mcap                             | cut.mcap
+noise constant.csv                         | equal
 noise wrong_name.npy                       | damaged, or misnamed
 noise pointer.csv                          | git lfs pull
 noise standing.csv                         | standing.csv
@@ -301,13 +303,14 @@ def content(folder, rest):
         (folder / name).write_text(words)
     binary = {
         "bytes.csv": bytes(range(256)) * 40, "cut.npz": b"PK\x03\x04" + bytes(40), "cut.parquet": b"PAR1" + bytes(40),
-        "cut.bag": b"#ROSBAG V2.0\n", "picture.png": b"\x89PNG\r\n\x1a\n" + bytes(40),
+        "cut.bag": b"#ROSBAG V2.0\n", "cut.mcap": b"\x89MCAP0\r\n\x01", "picture.png": b"\x89PNG\r\n\x1a\n" + bytes(40),
     }  # fmt: skip
     for name, data in binary.items():
         (folder / name).write_bytes(data)
     change("standing.csv", put(0, 0.0))
     change("missing.csv", put(1, np.nan))
     change("nothing.csv", put(slice(1, None), np.nan))
+    change("constant.csv", put(slice(1, None), [1.0, 2.0, 3.0, 0.0, 0.0, 9.8]))
     change("huge.csv", put(1, 1e300))
     change("short.csv", lambda rows: rows[:20])
     change("nameless.csv", lambda rows: rows[:, 1:5], "a,b,c,d")
