@@ -24,6 +24,9 @@ from ._prior import Prior, complete
 from ._recording import Rests
 from ._residuals import Pieces, Turns, Weighted, pieces, reweighted
 
+#: rad, assumed error of a turn in the first fit. Residuals of the start do not show it: with a range that is set wrong by 2 they are as
+#: large as the turns
+_FIRST_TURN = 0.02
 ROUNDS = 3  # of fits: the sizes of the errors then change by less than their own uncertainty
 _CLIP = 2.5  # standard deviations: beyond them a residual counts as this large
 
@@ -209,8 +212,10 @@ def joint_fit(start: Imu, data: Weighted, rests: Rests, options: Options, paid: 
     data = dataclasses.replace(data, tangent=found.tangent)
     per_axis = 1 + 3 * (options.g_sensitivity and options.held is None) + (start.drift is not None)
     traces, model = np.array([paid, 9, per_axis, per_axis, per_axis]), start
+    turns: Any = data.turns
     if not near:
-        data = jax.tree.map(np.asarray, reweighted(start, _sized(data, found, rests, options, start, traces)[0], found))
+        data = _sized(data, found, rests, options, start, traces)[0]
+        data = dataclasses.replace(data, whiten=np.diag(np.repeat(np.isfinite(turns.sigma), 2) / _FIRST_TURN))
         fit = refitted(start, data, options)
     for _ in range(rounds - (not near)):
         if fit is not None:
