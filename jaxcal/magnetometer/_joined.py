@@ -67,8 +67,6 @@ def joined(first: MagFit, asked: Asked, rows: np.ndarray) -> MagFit:
 
     turn = alignment_of(found, source) if source and source != "plane" else None
     said = [one for one in first.findings if one.code in _KEPT]
-    if found.parts:
-        said.append(FINDINGS("correlated", size=100 * float(found.sigma[0])))
     if source == "plane":
         said.append(FINDINGS("plane", severity=NOTE if aid.asked else CAUTION))
     if turn is not None:
@@ -89,6 +87,7 @@ def joined(first: MagFit, asked: Asked, rows: np.ndarray) -> MagFit:
     residual = (np.linalg.norm(corrected, axis=1) - field) / slope
     noise = float(np.sqrt(np.sum(residual[np.isin(there, rows)] ** 2) / max(len(rows) - 13, 1)))
     said += by_readings(noise / field, len(outliers(residual / field)), len(residual))
+    said += [FINDINGS("correlated", size=100 * noise / field)] if found.parts else []
     further = {f"currents.{name}[{i}]": terms[j, i] for j, name in enumerate(currents) for i in range(3)}
     freedom = BLOCKS - 1 if found.parts else max(len(found.across) - 13, 1)
     kind = {"": "symmetric", "plane": "planar"}.get(source, "full")
