@@ -73,7 +73,11 @@ def test_a_guided_replay_needs_half_the_readings_and_stops_rightly():
 
 @pytest.mark.long
 def test_real_tumbles_need_half_the_readings(reference):
-    """Logs from four sources: when the advice is to stop, the fit differs from that of the whole log by less than the limit."""
+    """Logs from four sources: when the advice is to stop, the fit differs from that of the whole log as their errors say.
+
+    The fit of a whole log has an error of its own, up to 1 degree here, which 19 of 20 logs exceed by less than 2.1.
+    """
+    ratios = []
     for m in tumbles(reference / "data" / "magnetometer"):
         m = m[np.unique(np.linspace(0, len(m) - 1, 600).astype(int))]
         whole = fit(m, model="symmetric")
@@ -82,7 +86,10 @@ def test_real_tumbles_need_half_the_readings(reference):
         assert reached is not None
         assert reached <= plain / 2
         assert advice.stop
-        assert np.sqrt(np.mean(heading_change(advice.fit.model, whole.model, whole.field) ** 2)) <= LIMIT
+        off = np.sqrt(np.mean(heading_change(advice.fit.model, whole.model, whole.field) ** 2))
+        ratios.append(off / np.hypot(advice.heading_error, whole.heading_error[0]))
+    assert max(ratios) < 2.1
+    assert np.sqrt(np.mean(np.square(ratios))) < 1.3
 
 
 def test_directions_fill_the_sphere_and_end():
