@@ -19,7 +19,8 @@ FINDINGS = table(
     not_converged=Kind(FATAL, "The fit did not converge, so its numbers are not reliable.", "Record again in one place, far from iron."),
     inaccurate=Kind(
         CAUTION, "Errors are up to {times:.2g} times those of a good calibration.",
-        "Record longer, through all attitudes, with more rests.", limits=(1.0,),
+        "Record longer, through all attitudes, with more rests.",
+        limits=(1.0, 20.0),  # with the second, a matrix is known to a tenth only, which an IMU's fit calls unknown, too
     ),
     far=Kind(
         CAUTION, "The device went {distance:.2g} away from its mean position, farther than an arm reaches.",

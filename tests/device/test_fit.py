@@ -240,6 +240,7 @@ PLAIN = Facts(50e-6, None, "", np.zeros((5, 3)), {}, 0.0, 100.0, False, None, Tr
         ({}, {}, None, "good"),
         ({}, {"gyro.bias[0]": 1.1 * np.deg2rad(0.02)}, "inaccurate", "weak"),
         ({}, {"magnetometer.hard_iron[1]": 0.9 * 0.005 * 50e-6}, None, "good"),
+        ({}, {"gyro.bias[0]": 21 * np.deg2rad(0.02)}, "inaccurate", "refused"),
         ({}, {"gyro.matrix[1,1]": 1e-4}, "range", "weak"),
         ({"place": np.array([[1.6, 0.0, 0.0], [-1.6, 0.0, 0.0]])}, {}, "far", "weak"),
         ({"place": np.array([[1.4, 0.0, 0.0], [-1.4, 0.0, 0.0]])}, {}, None, "good"),
