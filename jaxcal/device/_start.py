@@ -90,9 +90,10 @@ def recorded(log: Any, gravity: float, latitude: float | None = None) -> tuple[R
                         code="few")  # fmt: skip
     spin = np.zeros(3) if latitude is None else EARTH_RATE * np.array([np.cos(latitude), 0.0, np.sin(latitude)])
     earth = from_vector(spin * grid.steps * grid.step)
-    for name, values in (("gyro", gyro), ("accel", accel)):
-        if not np.ptp(values, axis=0).any():
-            raise DataError(f"the readings of {name} never change: the sensor is dead, or its column is wrong", code="dead")
+    for name, values in (("gyro", gyro), ("accel", accel), ("mag", mag[there])):
+        if dead := [f"{name}_{axis}" for axis, span in zip("xyz", np.ptp(values, axis=0), strict=True) if span == 0]:
+            said = "never changes: it is dead, or its column is wrong; jaxcal imu and jaxcal mag calibrate the sensors without it"
+            raise DataError(f"{', '.join(dead)} {said}", code="dead")
     floors = sensors["gyro"].floor(rate), sensors["accel"].floor(rate)
     later = np.where(there, log.offset["mag"], 0.0) if "mag" in log.offset else None
     return Record(accel, gyro, np.where(there[:, None], mag, 0.0), later, there, broken, grid, gravity, earth), floors, mag

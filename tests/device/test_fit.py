@@ -265,7 +265,8 @@ def test_wrong_calls_are_refused(refuses):
     given = {"accel": log.accel, "gyro": log.gyro, "mag": log.mag}
     for code, change, options in (
         ("gravity", {}, {"gravity": 1.0}), ("few", {"mag": rare}, {}), ("gaps", {"gyro": gone}, {}), ("no_sensor", {"mag": None}, {}),
-        ("dead", {"accel": np.tile([0.0, 0.0, 9.8], (len(log.time), 1))}, {}),
+        ("dead", {"accel": np.tile([0.0, 0.0, 9.8], (len(log.time), 1))}, {}), ("dead", {"gyro": log.gyro * [1.0, 0.0, 1.0]}, {}),
+        ("dead", {"mag": log.mag * [1.0, 1.0, 0.0]}, {}),
     ):  # fmt: skip
         with refuses(code):
             fit(jaxcal.Log(None, **given | change, rate=50.0), **options)
