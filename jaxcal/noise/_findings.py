@@ -48,7 +48,7 @@ FINDINGS = table(
     ),
     ramp=Kind(NOTE, "A drift of {size:.2g} over the record is fitted beside the noise."),
     warm_up=Kind(
-        CAUTION, "A warm-up of {size:.2g}, with a time constant of {time:.2g} s, is fitted beside the noise; B and K are of the rest.",
+        CAUTION, "A warm-up of {size:.2g}, with a time constant of {time:.3g} s, is fitted beside the noise; B and K are of the rest.",
         "Leave out the first {trim:.3g} s.", terminal="Leave it out with --start {trim:.3g}.",
     ),
     sinusoid=Kind(NOTE, "A sinusoid of {size:.2g} and {time:.3g} s is fitted beside the noise; look for a heater or a fan."),

@@ -47,7 +47,8 @@ def answer_page(result: Any, log: Any, version: str, described: bool = True) -> 
     head = tag("p", badge(result.verdict), " ", result.headline)
     urgent = [one for one in told if one.severity >= CAUTION]
     parts = [section("Verdict", "verdict", head, *tables)]
-    parts.append(section("What to know", "findings", findings_html(urgent) or tag("p", "Nothing.")))
+    none = "No warnings. Notes stand below the pictures." if len(told) > len(urgent) else "No warnings."
+    parts.append(section("What to know", "findings", findings_html(urgent) or tag("p", none)))
     parts += own("figures", [], log)
     parts += [section("Details", "details", *detail)] if detail else []
     notes = findings_html([one for one in told if one.severity < CAUTION])
