@@ -12,12 +12,19 @@ from rich.table import Table
 _WAIT = 1.0  # s until a progress bar appears
 
 
+class _Pipe(Console):
+    """A console that leaves it to the command what a closed pipe means; rich would end the command before its files are written."""
+
+    def on_broken_pipe(self) -> None:
+        raise  # the error that is being handled
+
+
 class Screen:
     """Standard output of one command; silent if `quiet`."""
 
     def __init__(self, quiet: bool = False):
         # sentences contain brackets and numbers, so switch off markup and automatic colours
-        self._console = Console(markup=False, highlight=False, emoji=False)
+        self._console = _Pipe(markup=False, highlight=False, emoji=False)
         self._quiet = quiet
         self._gone: BrokenPipeError | None = None
 
@@ -70,12 +77,12 @@ class Screen:
     def _print(self, *what: Any, **how: Any) -> None:
         if self._quiet or self._gone is not None:
             return
-        with self._console.capture() as captured:
-            self._console.print(*what, **how)
-        text = captured.get()
-        if not self._console.is_terminal:  # remove trailing blanks in a file
-            text = "\n".join(line.rstrip() for line in text.split("\n"))
         try:
+            with self._console.capture() as captured:
+                self._console.print(*what, **how)
+            text = captured.get()
+            if not self._console.is_terminal:  # remove trailing blanks in a file
+                text = "\n".join(line.rstrip() for line in text.split("\n"))
             self._console.file.write(text)
         except BrokenPipeError as error:
             self._gone = error

@@ -61,7 +61,8 @@ def shell(tmp_path_factory):
     Its compilation cache is that of a new user; with `cached` it is that of the tests.
     """
     tests = {name: value for name, value in os.environ.items() if name.startswith("JAX_COMPILATION") or "PERSISTENT_CACHE" in name}
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("JAX")}
+    # output is buffered, as it is for users
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("JAX") and name != "PYTHONUNBUFFERED"}
     environment |= {"XDG_CACHE_HOME": str(tmp_path_factory.mktemp("cache")), "COLUMNS": "80"}
 
     def run(*argv, cwd, cached=False):
