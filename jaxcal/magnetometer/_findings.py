@@ -105,7 +105,7 @@ FINDINGS = table(
         "Calibrate again every {hours:.2g} h.",
     ),
     disturbed=Kind(
-        CAUTION, "The readings vary along the log, but not by a drift of the hard iron, which would show in parts left out.",
+        CAUTION, "The readings vary along the log, but a drift of the hard iron does not predict the parts that were left out.",
         "Keep iron and motors away, and move less from place to place.",
     ),
     steady=Kind(NOTE, "No drift of the hard iron shows: one calibration holds for the log."),

@@ -51,7 +51,7 @@ FINDINGS = table(
         CAUTION, "A warm-up of {size:.2g}, with a time constant of {time:.3g} s, is fitted beside the noise; B and K are of the rest.",
         "Leave out the first {trim:.3g} s.", terminal="Leave it out with --start {trim:.3g}.",
     ),
-    sinusoid=Kind(NOTE, "A sinusoid of {size:.2g} and {time:.3g} s is fitted beside the noise; look for a heater or a fan."),
+    sinusoid=Kind(NOTE, "A sinusoid of {size:.2g}, with a period of {time:.3g} s, is fitted beside the noise; look for a heater or a fan."),
     temperature=Kind(NOTE, "The readings follow the temperature, by {size:.2g} per degree, which is fitted beside the noise."),
     rival=Kind(
         NOTE, "The slow noise has another spectrum than that of {terms}, by a factor of {factor:.2g}; take {terms} as a hint.",
