@@ -14,12 +14,13 @@ from .._answer import Finding, Quantity, wrong_ranges
 from .._arrays import padded
 from .._rests import Ends, Multiples
 from ..fitting import Estimate, Fit, covariance
+from ..fitting._missing import LEAST
 from ..fitting._result import leverage
 from . import _fits, _recording
 from ._estimate import described, framed, placed, solved
 from ._findings import FINDINGS
 from ._fits import Joint, Options
-from ._lack import LEAST, lacks
+from ._lack import lacks
 from ._model import EARTH_RATE, FITTED_LEVEL, Imu, Triad, freed
 from ._nonlinear import Nonlinear
 from ._observability import ONE_ATTITUDE, Observability, observability

@@ -11,15 +11,14 @@ import scipy  # loads its parts when they are first used
 
 from .._answer import Finding, Quantity
 from .._units import STANDARD_GRAVITY
+from ..fitting._missing import LEAST, missing
 from ._findings import FINDINGS
 from ._fits import Joint
 from ._model import LEVEL
 from ._recording import Rests
 from ._residuals import pieces
 
-#: least degrees of freedom to judge a term, or a prediction; of the magnitudes, to judge a term of the accelerometer without the turns
-LEAST, _ENOUGH = 3, 8
-_APART = 0.05  # least share of a term's effect, in length, that the parameters must be unable to reproduce
+_ENOUGH = 8  # least degrees of freedom of the magnitudes, to judge a term of the accelerometer without the turns
 #: term -> how a sentence names it
 _WORDS = {"quadratic": "a quadratic term", "cubic": "a cubic term", "asymmetry": "an asymmetry of sign", "drift": "a linear drift",
           "warm_up": "a drift of a warm-up"}  # fmt: skip
@@ -51,14 +50,10 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
 
     def judged(part: slice, own: np.ndarray, terms: dict[str, np.ndarray], sensor: str, said: Callable[[str, np.ndarray], Finding]) -> None:
         """Test the terms (n, q) on one kind of residual, together with the parameters `own` that these residuals determine."""
-        here = np.any(slope[part] != 0, axis=1)
-        best = _best(rows[part][here], slope[part][here][:, own], {name: (root[part, None] * x)[here] for name, x in terms.items()})
-        if best is not None:
-            name, change, coefficient = best
-            shift = np.zeros(len(names))
-            shift[own] = change
-            drift = joint.data.turns is None and name in ("drift", "warm_up")
-            found.append(Lack(shift, said(name, np.abs(coefficient)), None if drift else f"{sensor}.{name}"))
+        for best in missing(rows[part], slope[part] * own, {name: root[part, None] * x for name, x in terms.items()})[:1]:
+            if best.shown:
+                drift = joint.data.turns is None and best.name in ("drift", "warm_up")
+                found.append(Lack(best.shift, said(best.name, np.abs(best.coefficient)), None if drift else f"{sensor}.{best.name}"))
 
     # the magnitude is gravity, not the measured one, because the error of the measured one is the residual itself
     force, at_1g = joint.found.vertical * float(joint.data.gravity), Quantity(STANDARD_GRAVITY, "accel")
@@ -141,39 +136,3 @@ def _turn_terms(joint: Joint, fast: float) -> dict[str, np.ndarray]:
             columns.append(np.asarray(data.whiten) @ across)
         terms[name] = np.stack(columns, axis=1).reshape(2 * slots - 2, 3)
     return terms
-
-
-def _best(r: np.ndarray, own: np.ndarray, terms: dict[str, np.ndarray]) -> tuple[str, np.ndarray, np.ndarray] | None:
-    """The significant term with the smallest remaining residuals; the change of the parameters, and the coefficients."""
-    count = next(iter(terms.values())).shape[1]
-    freedom = len(r) - np.linalg.matrix_rank(own) - count
-    if freedom < LEAST:
-        return None
-    plain, _ = _left(r, own)
-    # skip terms that the parameters can reproduce: six faces, for example, cannot distinguish a cubic term from a scale factor
-    terms = {name: x for name, x in terms.items() if all(np.linalg.norm(_left(y, own)[0]) > _APART * np.linalg.norm(y) for y in x.T)}
-    if not terms:
-        return None
-    tried = {name: _left(r, np.concatenate([own, -x], axis=1)) for name, x in terms.items()}
-    name = min(tried, key=lambda key: np.sum(tried[key][0] ** 2))
-    left, solution = tried[name]
-    ratio = (np.sum(plain**2) - np.sum(left**2)) / count / max(np.sum(left**2) / freedom, 1e-300)
-    level = float(scipy.special.fdtrc(count, freedom, ratio))
-    # the term must also improve the leave-one-out prediction
-    if level >= LEVEL or _predicted(left, np.concatenate([own, terms[name]], axis=1)) >= _predicted(plain, own):
-        return None
-    return name, solution[:-count], solution[-count:]
-
-
-def _left(r: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Remaining residuals r + columns @ step after a regression, and its step."""
-    length = np.linalg.norm(columns, axis=0)
-    length = np.where(length > 0, length, 1)
-    step = -np.linalg.lstsq(columns / length, r)[0]
-    return r + columns / length @ step, step / length
-
-
-def _predicted(left: np.ndarray, columns: np.ndarray) -> float:
-    """Sum of the squared leave-one-out residuals."""
-    basis = np.linalg.qr(columns)[0]
-    return float(np.sum((left / np.maximum(1 - np.sum(basis**2, axis=1), 1e-3)) ** 2))

@@ -1,0 +1,138 @@
+"""`missing`: what a result would change by if its model had a further term (host, NumPy)."""
+
+from collections.abc import Mapping
+
+import equinox as eqx
+import numpy as np
+import scipy  # loads its parts when they are first used
+
+#: least degrees of freedom to judge a term, or a prediction; least share of a term's effect, in length, that no parameter reproduces
+LEAST, _APART = 3, 0.05
+_LEVEL = 1e-3  # of the test: one false alarm in a thousand results, whatever the number of terms tried
+
+
+class Missing(eqx.Module):
+    """A term that a model lacks: its size by the residuals, and what the result would change by with it.
+
+    Attributes
+    ----------
+    name : of the term.
+    coefficient : (q,) sizes of its coefficients, by the residuals and the parameters together.
+    covariance : (q, q) of the coefficients; infinite if the parameters reproduce the term, so that the residuals cannot show it.
+    change : (p, q) what each parameter of the result would change by for a unit of each coefficient.
+    level : probability of a fit at least as much better if the term is absent, times the number of terms tried.
+    better : whether the term improves the prediction of residuals that were left out of the fit.
+    """
+
+    name: str = eqx.field(static=True)
+    coefficient: np.ndarray
+    covariance: np.ndarray
+    change: np.ndarray
+    level: float
+    better: bool
+
+    @property
+    def shown(self) -> bool:
+        """Whether the residuals show the term."""
+        return self.better and self.level < _LEVEL
+
+    @property
+    def shift(self) -> np.ndarray:
+        """(p,) what the parameters would change by, with the size that the residuals show."""
+        return self.change @ np.where(np.isfinite(np.diag(self.covariance)), self.coefficient, 0.0)
+
+    def added(self, plausible: float | np.ndarray | None = None) -> np.ndarray:
+        r"""Covariance (p, p) to add to that of the parameters.
+
+        .. math:: S\,(m m^T + P)\,S^T,\qquad P = (\tau^{-2} + C^{-1})^{-1},\quad m = P\,C^{-1} c
+
+        with the `change` S of the parameters, and the coefficients c of covariance C by the residuals. The plausible size tau of a
+        coefficient bounds what the residuals do not exclude. Without it only a term that the residuals show counts, with m = c, P = 0.
+
+        Parameters
+        ----------
+        plausible : standard deviation of each coefficient, one or (q,), by what is known of the sensor; None if nothing is.
+        """
+        if plausible is None:
+            return np.outer(self.shift, self.shift) if self.shown else np.zeros(2 * self.change.shape[:1])
+        size = np.broadcast_to(np.asarray(plausible, dtype=float), self.coefficient.shape)
+        open_ = not np.isfinite(self.covariance).all()
+        known = np.zeros_like(self.covariance) if open_ else np.linalg.inv(self.covariance)
+        inner = np.linalg.inv(np.diag(size**-2.0) + known)
+        middle = inner @ known @ self.coefficient
+        return self.change @ (np.outer(middle, middle) + inner) @ self.change.T
+
+
+def missing(rows: np.ndarray, jacobian: np.ndarray, terms: Mapping[str, np.ndarray], sigma: float | None = None) -> list[Missing]:
+    """Test terms that a model lacks, on the residuals of its fit; the one that the residuals show most comes first.
+
+    Parameters
+    ----------
+    rows : (n,) residuals in units of their standard deviation, times the roots of their weights. Zeros of padding do not count.
+    jacobian : (n, p) their derivative by the parameters, with the same weights; a column of zeros is a parameter of other residuals.
+    terms : name -> (n, q) by how much the residuals are larger for a unit of each coefficient, with the same weights.
+    sigma : standard deviation of the rows; None estimates it from what the larger model leaves of them.
+
+    Returns
+    -------
+    One `Missing` for each term for which at least 3 degrees of freedom are left, by `level`.
+
+    Examples
+    --------
+    A line is fitted to readings with a quadratic term of 0.3, which moves its slope by 0.3:
+
+    >>> import numpy as np
+    >>> from jaxcal.fitting._missing import missing
+    >>> x = np.linspace(0, 1, 50)
+    >>> line, noise = np.stack([np.ones(50), x], axis=1), 0.01 * np.random.default_rng(0).normal(size=50)
+    >>> y = 1 + 2 * x + 0.3 * x**2 + noise
+    >>> left = y - line @ np.linalg.lstsq(line, y)[0]
+    >>> best = missing(left, -line, {"quadratic": x[:, None] ** 2, "cubic": x[:, None] ** 3})[0]
+    >>> best.name, best.shown, round(float(best.coefficient[0]), 1), best.change.ravel().round(2).tolist()
+    ('quadratic', True, 0.3, [0.16, -1.0])
+
+    References
+    ----------
+    R. D. Cook and S. Weisberg, Residuals and Influence in Regression, Chapman and Hall 1982, chapter 2 (added variables).
+    """
+    counted = np.any(jacobian != 0, axis=1) | (rows != 0)
+    rows, jacobian, terms = rows[counted], jacobian[counted], {name: x[counted] for name, x in terms.items()}
+    # columns of one length, so that parameters of different units do not decide on the rank
+    size = np.linalg.norm(jacobian, axis=0)
+    used = size > 0
+    basis, values, right = np.linalg.svd(jacobian[:, used] / size[used], full_matrices=False)
+    kept = values > len(rows) * np.finfo(float).eps * values.max(initial=0.0)
+    basis, inverse = basis[:, kept], (right[kept].T / values[kept]) / size[used][:, None]
+    plain, found = rows - basis @ (basis.T @ rows), []
+    without, share = np.sum(plain**2), np.sum(basis**2, axis=1)
+    for name, x in terms.items():
+        freedom = len(rows) - basis.shape[1] - x.shape[1]
+        if freedom < LEAST:
+            continue
+        change = np.zeros((len(used), x.shape[1]))
+        change[used] = inverse @ (basis.T @ x)
+        apart = x - basis @ (basis.T @ x)
+        # six faces, for example, cannot distinguish a cubic term from a scale factor
+        if np.any(np.linalg.norm(apart, axis=0) <= _APART * np.linalg.norm(x, axis=0)):
+            nothing = np.zeros(x.shape[1])
+            found.append(Missing(name, nothing, np.diag(nothing + np.inf), change, 1.0, False))
+            continue
+        root, upper = np.linalg.qr(apart)
+        coefficient = np.linalg.solve(upper, root.T @ plain)
+        left = plain - root @ (root.T @ plain)
+        gain, square = max(without - np.sum(left**2), 0.0), np.sum(left**2)
+        variance = max(square / freedom, 1e-300) if sigma is None else sigma**2
+        ratio = gain / x.shape[1] / variance
+        level = scipy.special.fdtrc(x.shape[1], freedom, ratio) if sigma is None else scipy.special.chdtrc(x.shape[1], gain / variance)
+        held_out = [
+            np.sum((part / np.maximum(1 - hat, 1e-3)) ** 2) for part, hat in ((plain, share), (left, share + np.sum(root**2, axis=1)))
+        ]
+        inner = np.linalg.inv(upper)
+        better = bool(held_out[1] < held_out[0])
+        found.append(Missing(name, coefficient, inner @ inner.T * variance, change, float(min(level * len(terms), 1.0)), better))
+    return sorted(found, key=lambda one: one.level)
+
+
+def _left_out(left: np.ndarray, share: np.ndarray) -> float:
+    """Sum of the squared leave-one-out residuals, from the residuals and their leverage."""
+    return float(np.sum((left / np.maximum(1 - share, 1e-3)) ** 2))
