@@ -72,9 +72,9 @@ def on_page_markdown(markdown, page, config, files):
             return found[0]
         if not (ROOT / target).exists():
             raise FileNotFoundError(f"{page.file.src_uri} links to {target}, which is not there")
-        return f"]({REPOSITORY}/{target})"
+        return f"]({REPOSITORY}/{target}{found[2]})"
 
-    return re.sub(r"\]\(((?:\.\./)+[^)#]+)\)", outside, markdown)
+    return re.sub(r"\]\(((?:\.\./)+[^)#]+)(#[^)]*|)\)", outside, markdown)
 
 
 def on_page_content(html, page, config, files):
@@ -98,6 +98,9 @@ def _source(part):
 
 
 def _public(part):
-    """Names that the package exports, as `from ._module import name as name`."""
+    """Names that the package exports, as `from ._module import name as name`; a lazy package does so for type checkers alone."""
     tree = ast.parse(_source(part).read_text(encoding="utf-8"))
-    return [name.asname for node in tree.body if isinstance(node, ast.ImportFrom) for name in node.names if name.asname == name.name]
+    found = [name.asname for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) for name in node.names if name.asname == name.name]
+    if not found:
+        raise LookupError(f"{part} exports no name, so that its page would be empty")
+    return sorted(found, key=str.lower)

@@ -66,6 +66,11 @@ def test_pages_of_the_interface_follow_the_packages():
     parts = next(ast.literal_eval(node.value) for node in tree.body if isinstance(node, ast.Assign) and node.targets[0].id == "PARTS")
     packages = {f"jaxcal.{path.parent.name}" for path in (ROOT / "jaxcal").glob("[a-z]*/__init__.py")}
     assert set(parts) == {"jaxcal"} | packages - {"jaxcal.cli"}
+    for part in set(parts) - {"jaxcal"}:  # a page lists what its package imports under its own name
+        tree = ast.parse((ROOT / part.replace(".", "/") / "__init__.py").read_text(encoding="utf-8"))
+        imports = [alias for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) for alias in node.names]
+        shown = {alias.asname for alias in imports if alias.asname == alias.name}
+        assert shown == {one for one in dir(importlib.import_module(part)) if not one.startswith("_")}, part
 
 
 def test_docstrings_become_markdown():
