@@ -16,9 +16,10 @@ from .._message import Message
 from ._choose import Selection, increasing
 from ._columns import listing, scale
 from ._findings import READ
-from ._names import is_counter, is_other, plain
+from ._names import is_counter, is_other, parse, plain
 from ._stamps import (
     DAY,
+    FASTEST,
     SECONDS,
     Clock,
     fraction_size,
@@ -44,6 +45,19 @@ _IN_BRACKETS = re.compile(r"[\[(]\s*(min|s|ms|us|ns)\s*[\])]$")
 _STEPS_OF_TIME = re.compile(r"(?:dt|delta?|deltat|deltatime|timedelta|timediff|timestep|samplingtime|interval)(?:s|ms|us|ns)?")
 OF_NAME = "the name of the file states"
 _FILE_RATE = re.compile(r"(?<![0-9a-z.])([0-9]+(?:[.p][0-9]+)?)[ _-]?(k?hz)(?![a-z])", re.IGNORECASE)
+
+
+def newest_first(table) -> None:
+    """Reverse a table whose time stamps fall from row to row."""
+    for i, (name, column) in enumerate(zip(table.names, table.columns, strict=True)):
+        meaning, stamps = parse(name), column.dtype.kind == "M" or i in table.clocks
+        if column.dtype.kind not in "iufM" or not (stamps or (meaning.kind == "time" if meaning else not any(table.names))):
+            continue
+        steps = np.diff(column if column.dtype.kind == "M" else column.astype(float))
+        if len(steps) > 2 and np.mean(steps < steps.dtype.type(0)) > 0.95 and (stamps or meaning or _even(-column.astype(float))):
+            table.columns[:] = [np.ascontiguousarray(one[::-1]) for one in table.columns]
+            table.findings.append(READ("newest_first", clock=label_of(table, [i])))
+            return
 
 
 def stated_rate(preamble: str, stem: str) -> tuple[float, str] | None:
@@ -208,12 +222,13 @@ def _read(table, indices: list[int], stated: str | None, rate: float | int | Non
         steps = np.diff(column)
         step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else np.nan
         unit = "us" if step > 2500 else "1e-4 s"
-        guess = unit, f"SampleTimeFine with a median step of {step:g}, as {'Movella DOT' if unit == 'us' else 'Xsens MT'} counts", True
+        guess = unit, f"SampleTimeFine with a median step of {step:g}, as {'Movella DOT' if unit == 'us' else 'Xsens MT'} counts", "s", True
     elif stated is not None:
-        guess = (stated, "" if explicit else "from the name", True)
+        other = {"s": "ms", "ms": "s", "us": "ms", "ns": "us"}.get(stated, "s")
+        guess = (stated, "" if explicit else "from the name", other, True)
     else:
         guess = unit_by_step(column, index in table.integer, rate)
-    unit, reason, sure = guess
+    unit, reason, other, sure = guess
     factor, offset = scale(unit, "time")
     epoch = 0
     if column.dtype.kind in "iu":
@@ -222,7 +237,6 @@ def _read(table, indices: list[int], stated: str | None, rate: float | int | Non
         time = (column.astype(np.int64) - first) * factor
     else:
         time = column * factor if factor != 1.0 else column
-    other = {"s": "ms", "ms": "s", "us": "ms", "ns": "us"}.get(unit, "s")
     return Clock(indices, time, unit, reason, other, sure, epoch + round(offset) * 10**9)
 
 
@@ -283,7 +297,7 @@ def check_rate(clock: Clock, stated: tuple[float, str] | None, found: list[Findi
     rate = 1.0 / clock.period if clock.period else np.nan
     if not np.isfinite(rate):
         return
-    if rate > 20_000 and clock.unit in SECONDS and clock.unit != "ns":
+    if rate > FASTEST and clock.unit in SECONDS and clock.unit != "ns":
         raise _wrong_unit("the clock {names} in {unit} ({why}) would be {rate:.4g} Hz, which no recording has", clock, names, rate)
     mean = 1.0 / clock.mean if clock.mean else rate
     if stated is not None and min(abs(rate / stated[0] - 1), abs(mean / stated[0] - 1)) > 0.1:

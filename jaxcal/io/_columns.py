@@ -57,6 +57,8 @@ def parse_units(given: Mapping[str, Any] | str | None) -> dict[str, str]:
         if name not in quantities():
             raise wrong("units", f"unknown quantity {name!r}; use {', '.join(quantities())}")
         found[name] = f"{value:.17g} {si_unit(name)}" if isinstance(value, int | float) else str(value).strip()
+        if name == "gyro" and found[name] in ("deg", "rad"):  # of angles, whose differences over time are rates
+            found[name] += "/s"
         scale(found[name], name)
     return found
 

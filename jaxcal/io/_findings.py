@@ -21,6 +21,7 @@ READ = table(
                     "If that is wrong: {option.units:time=...}.", guess=True),
     device=Kind(NOTE, "The columns are those of {name}{sign}."),
     counts_rows=Kind(NOTE, "{columns} counts rows and is no time."),
+    newest_first=Kind(CAUTION, "The rows stand newest first by {clock}; they are read in the order of time."),
     not_read=Kind(NOTE, "Not read: {what}."),
     topics=Kind(NOTE, "{chosen} is read, and not {others}.", "Read others with {option.topics}."),
     joined=Kind(NOTE, "The recording is {count} files: {which}."),

@@ -57,6 +57,7 @@ _WORDS = {
     "motion": "pos|position|p|vel|velocity|speed|v|lat|lon|latitude|longitude|alt|altitude|height|dist|displacement|trans|translation|d|s",
 }  # fmt: skip
 _KINDS = {kind: frozenset(words.split("|")) for kind, words in _WORDS.items()}
+_MEASURED = ("gyro", "accel", "mag", "temperature")
 _TIME = _words(
     "t time timestamp timestamps stamp ts tstamp clock elapsed elapsedtime timeelapsed datetime utc utctime zeit zeitstempel uhrzeit "
     "temps tiempo tempo horodatage tijd zaman czas aika tid cas offsettime gpst secondselapsed elapsedseconds timesincestart timesinceboot "
@@ -161,7 +162,9 @@ def unit_of(text: str, quantity: str) -> str | None:
     text = re.sub(r"[ _.]s(ec)?\^?\(?-2\)?$", "/s^2", text)
     if quantity == "mag" and re.fullmatch(r"[^\x00-\x7f]t|micro[ _]?tesla", text, re.IGNORECASE):
         return "uT"
-    if quantity == "temperature" and re.fullmatch(r"[^\x00-\x7f]{0,2}C?", text) and text:
+    if quantity == "gyro" and text in ("deg", "rad"):
+        return f"{text}/s"  # gyro_rad and gyro [deg] mean rates, also of angles that are differenced
+    if quantity == "temperature" and re.fullmatch(r"(?:deg\.? ?|[^\x00-\x7f]{0,2})C?", text) and text:
         return "degC"
     return find_unit(re.sub(r"\s*/\s*", "/", text), quantity)
 
@@ -265,8 +268,6 @@ def _sensors(words: list[str], index: re.Match[str] | None):
 
 def _spelled(words: list[str], quantity: str) -> str | None:
     """Unit spelled by the words at the end of a name, or None."""
-    if quantity == "gyro" and words in (["rad"], ["deg"]):
-        return f"{words[0]}/s"  # gyro_rad means rad/s
     return next((unit for glue in ("", "_", "/", " ") if (unit := unit_of(glue.join(words), quantity))), None)
 
 
@@ -308,7 +309,8 @@ def _time(words: list[str], inside: str | None) -> Name | None:
         return None
     joined, head, last = "".join(bare), "".join(bare[:-1]), bare[-1]
     own = unit_of(inside, "time") or _TIME_UNITS.get(inside.lower()) if inside else None
-    if joined == "t" and inside and own is None:  # a temperature, or another quantity with a unit
+    # a unit in brackets outranks the name: Ts [deg.C] is a temperature, t [V] something else
+    if inside and own is None and (joined in ("t", "ts") or any(unit_of(inside, quantity) for quantity in _MEASURED)):
         return None
     if joined == "sampletimefine":
         return Name("time", "", "sampletimefine")
@@ -330,7 +332,7 @@ def _temperature(words: list[str], inside: str | None) -> Name | None:
     bare = [word for word in words if word not in _ORIGINS and not word.isdigit()] or words
     joined = "".join(bare)
     own = unit_of(inside, "temperature") if inside else None
-    if joined in _TEMPERATURE or (joined == "t" and own):
+    if joined in _TEMPERATURE or (own and re.fullmatch("t[a-z]?", joined)):
         return Name("temperature", "", own)
     unit = unit_of(bare[-1], "temperature") if len(bare) > 1 else None
     if unit and ("".join(bare[:-1]) in _TEMPERATURE or bare[:-1] == ["t"]):

@@ -24,7 +24,6 @@ from ._columns import SENSORS, parse_columns, parse_topics, parse_units, wrong
 from ._find import FORMATS, find
 from ._findings import READ
 from ._frames import table_of
-from ._phase import differentiate
 from ._readers._arrays import read_hdf5, read_mat, read_npy, read_npz, read_parquet
 from ._readers._bounds import BLOCK
 from ._readers._csv import read_csv
@@ -180,7 +179,6 @@ class Asked(NamedTuple):
     format: str | None
     table: dict[str, Any]
     topics: list[str] | None
-    phase: bool
 
 
 def asked(
@@ -192,8 +190,8 @@ def asked(
         raise wrong("data", f'{data!r}; expected "rate" or "phase"')
     if format is not None and format not in FORMATS:
         raise wrong("format", f"{format!r} is unknown; use one of {', '.join(FORMATS)}")
-    table = {"columns": parse_columns(columns), "units": parse_units(units), "rate": rate, "missing": missing}
-    return Asked(format, table, parse_topics(topics), data == "phase")
+    table = {"columns": parse_columns(columns), "units": parse_units(units), "rate": rate, "missing": missing, "phase": data == "phase"}
+    return Asked(format, table, parse_topics(topics))
 
 
 def _in_memory(source: Any, other: Any, columns: Any, units: Any, rate: Any, data: str, missing: Any) -> Log:
@@ -210,7 +208,7 @@ def _in_memory(source: Any, other: Any, columns: Any, units: Any, rate: Any, dat
 
 def _plain(given: Asked) -> bool:
     """Whether no option changes how a table is read."""
-    return not given.phase and all(value is None or value == {} for value in given.table.values())
+    return not any(given.table.values())
 
 
 # overflow gives infinity or NaN, which counts as missing
@@ -223,7 +221,7 @@ def _read(path: pathlib.Path, given: Asked) -> Log:
 @contextlib.contextmanager
 def opened(path: pathlib.Path, given: Asked) -> Iterator[tuple[Table | Signals, dict[str, Any]]]:
     """Content of a file, before columns and units are chosen, and its provenance; a zip file stays unpacked inside the `with` block."""
-    _, options, topics, _ = given
+    _, options, topics = given
     with faults("a recording"):
         kind, sources = find(path)
     kind = given.format or kind
@@ -236,7 +234,8 @@ def opened(path: pathlib.Path, given: Asked) -> Iterator[tuple[Table | Signals, 
     tables = (*_TABLES, "sensors")
     _belongs("topics", bool(topics) and kind in tables, kind, "to recordings of messages; choose with {option.columns}")
     _belongs("columns", bool(options["columns"]) and kind not in (*tables, *_TREES), kind, "to tables; choose with {option.topics}")
-    _belongs("missing", options["missing"] is not None and kind not in tables, kind, "to tables; leave it out")
+    _belongs("missing", options["missing"] is not None and kind not in (*tables, *_TREES), kind, "to tables; leave it out")
+    _belongs("data", options["phase"] and kind not in (*tables, *_TREES), kind, "to tables; leave it out")
     with faults(_NAMES[kind]):
         # a thread for the hash of a small file would cost more than it saves
         if all(source.is_file() and source.stat().st_size < BLOCK for source in sources):
@@ -273,8 +272,6 @@ def finished(found: Table | Signals, origin: dict[str, Any], given: Asked, choic
     provenance = origin | {"columns": signals.columns, "units": signals.units, "jaxcal": _version(), "epoch_ns": signals.epoch_ns}
     if len(signals.imus) > 1:
         provenance["imus"] = signals.imus
-    if given.phase:
-        differentiate(signals)
     return _build(signals, provenance)
 
 

@@ -12,14 +12,15 @@ from ._columns import scale
 
 SECONDS = {unit: factor(unit, "time") for unit in ("s", "ms", "us", "ns")}
 DAY = factor("d", "time")
-#: clocks that the size of their stamps tells in this century: who counts so, the unit, limits of the stamps, and of the step (s)
-_EPOCHS = (
-    ("in Modified Julian Dates", "mjd", 40_000.0, 100_000.0, 4.0),  # with a longer step the numbers may also be seconds
-    *(("since 1970", unit, 1e9 / size, 4e9 / size, 10.0) for unit, size in SECONDS.items()),
-    ("in Windows", "1e-7 s", 1.25e17, 1.6e17, 10.0), ("in .NET", "1e-7 s", 6.3e17, 6.7e17, 10.0), ("in MATLAB", "d", 7.3e5, 7.7e5, 4.0),
+#: what a column of numbers may count: who counts so ("": time since some start), the unit, and limits of the first stamp
+_HYPOTHESES = (
+    *(("", unit, -np.inf, np.inf) for unit in SECONDS), *(("since 1970", unit, 1e9 / size, 4e9 / size) for unit, size in SECONDS.items()),
+    ("in Modified Julian Dates", "mjd", 40_000.0, 100_000.0), ("in Windows", "1e-7 s", 1.25e17, 1.6e17),
+    ("in .NET", "1e-7 s", 6.3e17, 6.7e17), ("in MATLAB", "d", 7.3e5, 7.7e5),
 )  # fmt: skip
-#: unit, upper limit of its median step, and the range of steps in which it may also be this unit or the next; whole numbers are not in s
-_STEPS = (("s", 0.5, 0.2, 3.0), ("ms", 300.0, 100.0, 1000.0), ("us", 3e5, 1e5, 1e6), ("ns", np.inf, np.inf, np.inf))
+#: decimal logarithm of odds above which a clock is no guess: another unit would be less than one in fifteen
+_SURE = 1.2
+FASTEST = 20_000.0  # Hz, that any recording has
 
 
 @dataclasses.dataclass
@@ -185,33 +186,54 @@ def from_date_digits(column: np.ndarray) -> np.ndarray | None:
     return None
 
 
-def unit_by_step(stamps: np.ndarray, integer: bool, rate: float | int | None) -> tuple[str, str, bool]:
-    """Unit of time stamps without a stated unit: from agreement with `rate`, from an epoch, or from the median step."""
-    steps = np.diff(stamps)
-    steps = steps[(steps > 0) & np.isfinite(steps)]
-    if not len(steps):
+def unit_by_step(stamps: np.ndarray, integer: bool, rate: float | int | None) -> tuple[str, str, str, bool]:
+    """Unit of time stamps without a stated unit, the reason, the next best unit, and whether it is certain.
+
+    Every hypothesis gets points, decimal logarithms of odds: the rates and lengths that recordings have, a start some time after the
+    sensor was switched on, an epoch of this century, agreement with `rate`, and jitter that fits the size of a tick.
+    """
+    seen = stamps[np.isfinite(stamps)]
+    steps = np.diff(seen)
+    rising = steps[steps > 0]
+    if not len(rising):
         said = "the time column never rises; name another one with {option.columns:time=...}, or give {option.rate:HZ}"
         raise DataError(Message(said), code="never_rises")
-    step = float(np.median(steps))
-    seen = f"median step {step:.3g}, {'integer' if integer else 'decimal'}"
-    start = float(stamps[np.isfinite(stamps)][0])
-    if rate is not None:
-        mean = (len(stamps) - 1) / float(np.nanmax(stamps) - np.nanmin(stamps))
-        for unit, seconds in SECONDS.items():
-            if min(abs(1 / (step * seconds) / rate - 1), abs(mean / seconds / rate - 1)) < 0.05:
-                return unit, f"{seen}: agrees with a rate of {rate:g} Hz", True
-    for who, unit, first, last, most in _EPOCHS:
-        seconds = step * scale(unit, "time")[0]
-        # require a plausible rate, or the given one, because a time since boot may look like an epoch
-        likely = 1e-6 < seconds < most or (rate is not None and abs(1 / seconds / rate - 1) < 0.05)
-        if first <= start <= last and likely and not (integer and unit == "mjd"):
-            return unit, f"starts at {start:.6g}, as time {who} does", True
-    rows = _STEPS[integer:]
-    at = next(i for i, (_, upper, _, _) in enumerate(rows) if step < upper)
-    unit, _, low, _ = rows[at]
-    other = rows[at + 1][0] if step >= low else rows[at - 1][0] if at and step <= rows[at - 1][3] else ""
-    if other:
-        return unit, f"{seen}; uncertain, could be {other}", False
-    if integer and step < 4:
-        return unit, f"{seen}; uncertain, could be a counter", False
-    return unit, seen, True
+    step, mean = Clock([], seen, "").period, float(seen.max() - seen.min()) / (len(seen) - 1)
+    start, stray = float(seen[0]), _loop_of_ticks(seen[:1000], rising[:1000]) if integer else False
+    offset = 0.0 if min(abs(start), abs(start - step)) < 0.1 * step else start  # it counts from the first sample
+    found = []
+    for who, unit, first, last in _HYPOTHESES:
+        size = scale(unit, "time")[0]
+        period, length, since = step * size, step * size * len(seen), offset * size
+        if not first <= start <= last or (integer and unit == "mjd"):
+            continue
+        points = -min(0.34 * np.log10(70 * period) ** 2, 4.0) - 10.0 * (period * FASTEST < 1)  # a decade from 70 Hz is rarer by two
+        points -= 0.3 * max(0.0, np.log10(10 / length), np.log10(length / DAY))
+        if who:
+            points += 3.0
+        elif since > 0:
+            points -= 0.7 * max(0.0, np.log10(0.1 / since), np.log10(since / (30 * DAY)))
+        if rate is not None:
+            points += 20.0 * (min(abs(1 / period / rate - 1), abs(1 / (mean * size) / rate - 1)) < 0.05)
+        found.append((points - 5.0 * (stray and size < 1e-4), unit, who))
+    points, unit, who = max(found)
+    other_points, other, _ = max(one for one in found if one[1] != unit)
+    reason = f"median step {step:.3g}, {'integer' if integer else 'decimal'}"
+    if points > 5.0:
+        return unit, f"{reason}: agrees with a rate of {rate:g} Hz", other, True
+    if who:
+        reason = f"starts at {start:.6g}, as time {who} does"
+    if points - other_points < _SURE:
+        return unit, f"{reason}; uncertain, could be {other}", other, False
+    if integer and step < 4 and not who:
+        return unit, f"{reason}; uncertain, could be a counter", other, False
+    return unit, reason, other, True
+
+
+def _loop_of_ticks(stamps: np.ndarray, rising: np.ndarray) -> bool:
+    """Whether steps differ by a tick or two and add up: a loop that a tick of 1 us would measure far more finely, and no even clock."""
+    if np.ptp(np.quantile(rising, [0.02, 0.98])) > 2 or len(stamps) < 10:
+        return False
+    stamps = stamps - stamps[0]
+    line = np.polynomial.Polynomial.fit(np.arange(len(stamps)), stamps, 1)(np.arange(len(stamps)))
+    return bool(np.ptp(stamps - line) > 2.5)

@@ -13,12 +13,13 @@ from .._quality import all_finite
 from .._units import si_unit
 from . import _guess
 from ._choose import HOW, select
-from ._clock import OF_NAME, check_rate, clock_of, label_of, no_clock, refuse_restarts, stated_rate
+from ._clock import OF_NAME, check_rate, clock_of, label_of, newest_first, no_clock, refuse_restarts, stated_rate
 from ._columns import SENSORS, Columns, listing, scale
 from ._evidence import Turning
 from ._findings import READ
 from ._mixed import own_rows
 from ._names import COUNTS, RELATIVE, bracketed
+from ._phase import differentiate
 from ._saved import Saved
 from ._stamps import Clock
 
@@ -84,15 +85,18 @@ class Signals:
 # overflow gives infinity, which counts as missing
 @np.errstate(invalid="ignore", over="ignore")
 def interpret(
-    table: Table, columns: Columns, units: dict[str, str], rate: float | int | None, missing: float | int | None = None
-) -> Signals:
-    """Convert a table to time stamps and sensors; `missing` is the number that marks a missing value.
+    table: Table, columns: Columns, units: dict[str, str], rate: float | int | None, missing: float | int | None = None,
+    phase: bool = False,
+) -> Signals:  # fmt: skip
+    """Convert a table to time stamps and sensors; `missing` is the number that marks a missing value, and `phase` says that all values
+    are time integrals.
 
     One error reports everything that is missing or contradictory, so that the user needs only one more call.
     """
     listed = listing(table.names, len(table.columns))
     if not table.columns or not len(table.columns[0]):
         raise DataError(f"there are no rows of numbers (columns: {listed})", code="no_rows")
+    newest_first(table)
     found = select(table, columns)
     if not set(found.columns) - {"time"}:
         raise DataError(Message("no sensor among the columns {listed}; {how}", listed=listed, how=HOW), code="no_sensor")
@@ -100,11 +104,16 @@ def interpret(
     stated = (float(table.rate), "the file states") if table.rate else stated_rate(table.preamble, table.stem)
     clock = _clock(table, found, columns, units, rate if rate is not None else stated and stated[0], problems)
     signals = Signals(None, {}, findings=[*table.findings, *found.findings], rate=rate)
-    _set_time(table, found, columns, clock, stated, signals, problems)
     names = [name for name in (*SENSORS, "temperature") if name in found.columns]
     raw = {name: [_without(_numbers(table, i), missing) for i in found.columns[name]] for name in names}
+    if clock is not None and not (clock.sure or phase):
+        clock = _settled(clock, raw)
+    _set_time(table, found, columns, clock, stated, signals, problems)
     period = clock.period if clock is not None else 1.0 / signals.rate if signals.rate else None
     raw, signals.time = own_rows(raw, signals.time, problems)
+    if phase:
+        raw, signals.time = differentiate(raw, signals.time, signals.rate)
+        signals.findings.append(READ("phase"))
     guesses = _units(table, found, raw, units, period, clock, signals, problems)
     if problems:
         raise problems[0] if len(problems) == 1 and isinstance(problems[0], DataError) else _all_of(problems)
@@ -187,6 +196,22 @@ def _set_time(
     signals.time, signals.epoch_ns, signals.units["time"] = clock.time, clock.epoch_ns, clock.unit
     signals.nominal = float(table.rate) if table.rate else None
     _tell(table, "time", clock.columns, clock.unit, clock.reason, clock.other, clock.sure, "time" in found.guessed, signals)
+
+
+def _settled(clock: Clock, raw: dict[str, list[np.ndarray]]) -> Clock:
+    """The clock in that of its two units in which gravity or the field turns as the gyroscope says, if it turns so in one of them."""
+    values, fits = {name: _stack(columns) for name, columns in raw.items() if name != "temperature"}, {}
+    for unit in {clock.unit, clock.other}:
+        ratio = scale(unit, "time")[0] / scale(clock.unit, "time")[0]
+        turns = _guess.turns_of(values, clock.period * ratio)
+        if turns is not None and turns.unit and abs(turns.correlation) > 0.6:
+            fits[unit] = ratio, f"{clock.reason.partition(';')[0]}; gravity or the field turns as the gyroscope says"
+    if len(fits) != 1:
+        return clock
+    unit, (ratio, reason) = fits.popitem()
+    other = clock.unit if unit == clock.other else clock.other
+    time, epoch = clock.time * ratio, round(clock.epoch_ns * ratio)
+    return dataclasses.replace(clock, time=time, unit=unit, reason=reason, other=other, sure=True, epoch_ns=epoch)
 
 
 def _place_by_counter(table: Table, found: Any, rate: float, signals: Signals) -> None:

@@ -28,9 +28,9 @@ def save(tmp_path):
 def guess(tmp_path):
     """``guess(name, rate=None, gyro=..., time=...)`` returns the inferred unit of a sensor or of time, the reason, and an alternative."""
 
-    def run(name, rate=None, **arrays):
+    def run(name, rate=None, units=None, **arrays):
         np.savez(tmp_path / "log.npz", **arrays)
-        log = read(tmp_path / "log.npz", rate=rate, quiet=True)
+        log = read(tmp_path / "log.npz", rate=rate, units=units, quiet=True)
         one = next(one for one in log.findings if one.code in ("read_as", "assumed") and one.subject == (name,))
         unit, reason = one.facts["unit"], one.facts["why"].removeprefix(" (").removesuffix(")")
         assert unit == log.provenance["units"][name]
@@ -44,20 +44,42 @@ def guess(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("integer", "step", "unit", "certain"),
+    ("start", "step", "unit", "certain"),
     [
-        (True, 10, "ms", True), (True, 2500, "us", True), (True, 10_000, "us", True), (True, 2_500_000, "ns", True),
-        (True, 2, "ms", False), (True, 40, "ms", True), (True, 200, "ms", False), (True, 400, "us", False), (True, 40_000, "us", True),
-        (True, 200_000, "us", False), (True, 400_000, "ns", False),
-        (False, 0.005, "s", True), (False, 0.1, "s", True), (False, 0.4, "s", False), (False, 10.0, "ms", True), (False, 1.5, "ms", False),
-        (False, 2500.5, "us", True), (False, 2.5e6, "ns", True),
+        (7, 10, "ms", True), (7, 2500, "us", False), (7, 10_000, "us", True), (7, 2_500_000, "ns", False), (1007, 2, "ms", False),
+        (7, 40, "ms", True), (7, 400, "ms", False), (7, 40_000, "us", True), (7, 400_000, "us", False), (7.25, 0.005, "s", True),
+        (7.25, 0.1, "s", True), (7.25, 1.5, "s", False), (7.25, 10.0, "ms", True), (0, 1000, "us", False), (0, 1001, "us", False),
+        (752, 1001, "ms", True), (5_000_000, 10_000, "us", True), (90_000_000, 1500, "us", False), (2_100_000_000, 5000, "us", False),
     ],
 )  # fmt: skip
-def test_the_median_step_tells_the_unit_of_time(integer, step, unit, certain, guess):
-    found = guess("time", time=(7 if integer else 7.25) + step * np.arange(100), gyro=STILL[:100])
+def test_start_and_step_tell_the_unit_of_time(start, step, unit, certain, guess):
+    found = guess("time", time=start + step * np.arange(100), gyro=STILL[:100])
     assert found.unit == unit
     assert ("uncertain, could be" in found.reason) == (not certain) == (not found.sure)
     assert found.other != unit
+
+
+@pytest.mark.parametrize("step", [494, 1000, 1001, 1500, 2000, 10_000])
+@pytest.mark.parametrize("start", [0, 752, 1234, 5_000_123])
+def test_a_slow_loop_counts_milliseconds(start, step, guess):
+    """A loop that waits some ms is late by a tick now and then; a clock in us is late by many, or by none."""
+    late = np.random.default_rng(start + step).random(300) < 0.2
+    assert guess("time", time=start + step * np.arange(300) + np.cumsum(late), gyro=STILL[:300]).unit == "ms"
+
+
+def test_decimals_of_few_digits_are_the_same_clock(guess):
+    stamps = [float(f"{0.227 + i / 4:.2E}") for i in range(2000)]  # steps of 1 s from 100 s on
+    assert guess("time", time=stamps, gyro=np.tile(STILL, (7, 1))[:2000]).unit == "s"
+
+
+@pytest.mark.parametrize(("rate", "unit"), [(1000, "us"), (1, "ms")])
+def test_turns_tell_the_unit_of_time(rate, unit, guess):
+    """Gravity turns with 0.3 rad a sample or a thousandth of it; the same stamps then are ms or us."""
+    angle = np.cumsum(np.sin(np.arange(3000) / 200)) * 0.02
+    accel = 9.8 * np.column_stack([np.sin(angle), 0 * angle, np.cos(angle)]) + 0.02 * np.random.default_rng(0).normal(size=(3000, 3))
+    gyro = np.column_stack([0 * angle, -np.gradient(angle) * rate, 0 * angle])
+    found = guess("time", time=7_000_000 + 1000 * np.arange(3000), gyro=gyro, accel=accel, units="gyro=rad/s")
+    assert (found.unit, found.sure) == (unit, True)
 
 
 @pytest.mark.parametrize("start", [0, 1, 7.0])

@@ -189,3 +189,20 @@ def test_a_field_near_a_magnet_is_no_sure_milligauss(tmp_path):
         "time,x (in microteslas),y (in microteslas),z (in microteslas)\n" + rows(SECONDS, values=field)
     )
     np.testing.assert_allclose(read(tmp_path / "magnetometer.csv", quiet=True).mag, field * 1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("stamps", [SECONDS, stamped(lambda m: f"{m}").split("\n")[1:-1]], ids=["seconds", "dates"])
+@pytest.mark.parametrize("header", ["time,ax,ay,az\n", ""])
+def test_rows_newest_first_are_put_in_order(stamps, header, tmp_path):
+    lines = rows([one.partition(",")[0] for one in stamps]).splitlines()
+    (tmp_path / "log.csv").write_text(header + "\n".join(lines[::-1]) + "\n")
+    log = read(tmp_path / "log.csv", quiet=True)
+    assert ("newest_first" in log.codes, log.rate) == (True, pytest.approx(RATE, rel=1e-3))
+    np.testing.assert_allclose(log.accel, ACCEL * G, atol=1e-3)
+
+
+def test_a_unit_in_brackets_outranks_a_name(tmp_path):
+    head = "Sample No.,Flags[hex],Ts[deg.C],Ax[G],Ay[G],Az[G]\n"
+    (tmp_path / "log.csv").write_text(head + rows([f"{i},0,{25 + 1e-4 * i:.4f}" for i in range(N)]))
+    log = read(tmp_path / "log.csv", rate=RATE, quiet=True)
+    np.testing.assert_allclose(log.temperature, 25 + 1e-4 * np.arange(N), atol=1e-9)
