@@ -2,9 +2,10 @@
 
 import html
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
+from .._message import Reader
 from .._units import number, shown_in
 from ._findings import NOTE, Finding, merged
 from ._sections import Grid, Number, Section
@@ -47,20 +48,20 @@ def each(name: str, items: Any) -> Markup:
     return join(tag(name, item) for item in items)
 
 
-def grid_html(grid: Grid, wanted: Sequence[str] = ()) -> Markup:
+def grid_html(grid: Grid) -> Markup:
     """A table of numbers: the value with half of its 95 % interval, and the interval itself below."""
     head = tag("thead", tag("tr", *(tag("th", name, scope="col") for name in (grid.title, "", *grid.columns))))
     names = (*grid.columns, "")
 
     def cell(i: int, one: Number | str | None) -> Markup:
         named = one.name if isinstance(one, Number) else None
-        return tag("td", _cell(one, wanted), data_axis=names[i], data_number=named)
+        return tag("td", _cell(one), data_axis=names[i], data_number=named)
 
     rows = (
         tag(
             "tr",
             tag("th", label, scope="row"),
-            tag("td", row_unit(cells, wanted), class_="small"),
+            tag("td", row_unit(cells), class_="small"),
             *(cell(i, one) for i, one in enumerate(cells)),
         )
         for label, cells in grid.rows
@@ -69,30 +70,27 @@ def grid_html(grid: Grid, wanted: Sequence[str] = ()) -> Markup:
     return join((table, tag("p", grid.note, class_="small"))) if grid.note else table
 
 
-def _cell(cell: Number | str | None, wanted: Sequence[str]) -> Markup:
+def _cell(cell: Number | str | None) -> Markup:
     remark = cell.remark if isinstance(cell, Number) else ""
-    said = tag("span", cell_text(cell._replace(remark="") if isinstance(cell, Number) else cell, wanted), class_="number")
+    said = tag("span", cell_text(cell._replace(remark="") if isinstance(cell, Number) else cell), class_="number")
     said = join((said, " ", tag("span", remark, class_="small"))) if remark else said
     if not isinstance(cell, Number) or cell.state != "estimated" or not math.isfinite(cell.half) or not cell.half > 0:
         return said
-    size = shown_in(cell.quantity, wanted)[1]
+    size = shown_in(cell.quantity)[1]
     # a digit more than the value has, so that the limits of a narrow interval differ
     limits = " to ".join(number(float(limit) / size, cell.half / size / 10) for limit in (cell.low, cell.high))
     return join((said, tag("span", limits, class_="small exact")))
 
 
-def findings_html(findings: Iterable[Finding], wanted: Sequence[str] = ()) -> Markup:
-    """Findings as a list, the worst first; those that ask for action are marked."""
+def findings_html(findings: Iterable[Finding], reader: Reader = "python") -> Markup:
+    """Findings as a list, the worst first; those that ask for action are marked, and options are spelt for the reader."""
     items = [
-        tag("li", one.spelt("python", wanted), class_="caution" if one.severity > NOTE else "note", data_code=one.code)
-        for one in merged(findings)
+        tag("li", one.spelt(reader), class_="caution" if one.severity > NOTE else "note", data_code=one.code) for one in merged(findings)
     ]
     return tag("ul", *items, class_="findings") if items else Markup("")
 
 
-def answer_html(
-    verdict: str, headline: str, sections: Iterable[Section], findings: Iterable[Finding], wanted: Sequence[str] = ()
-) -> Markup:
+def answer_html(verdict: str, headline: str, sections: Iterable[Section], findings: Iterable[Finding]) -> Markup:
     """The verdict, the tables and all findings of a result."""
-    tables = [grid_html(one, wanted) for one in sections if isinstance(one, Grid) and one.rows]
-    return join((tag("p", tag("b", verdict), f" {headline}"), *tables, findings_html(findings, wanted)))
+    tables = [grid_html(one) for one in sections if isinstance(one, Grid) and one.rows]
+    return join((tag("p", tag("b", verdict), f" {headline}"), *tables, findings_html(findings)))

@@ -83,8 +83,8 @@ def figure(draw: Callable[[Any, Any, Any], Any]) -> Maker:
 
 
 def save_report(place: Path, results: Any, log: Any) -> None:
-    """Write the HTML page."""
-    jaxcal.report.write(results, place, log=log)
+    """Write the HTML page, which spells options as the command line does."""
+    jaxcal.report.write(results, place, log=log, reader="terminal")
 
 
 def save_json(place: Path, results: Any, log: Any) -> None:

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from .._answer import Finding, plain
+from .._answer import Finding, Reader, plain
+from .._answer._text import bullets
 from .._errors import JaxcalError
 from .._files import shown
 from ..evidence import Stretch
@@ -90,25 +91,29 @@ class Inspection:
         """Why the log cannot be read with these options; None if it can."""
         return None if self.error is None else str(self.error)
 
-    def summary(self) -> str:
-        """Return all fields as lines of text."""
-        lines = [f"{self.file}: {self.format or 'not known'}" + (f", {self.size} bytes" if self.size is not None else "")]
+    def summary(self, reader: Reader = "python", width: int = 100) -> str:
+        """All of it as text: options as the reader types them, sentences in lines of at most `width` characters."""
+        size = f", {self.size} bytes" if self.size is not None else ""
+        lines = [f"{self.file}: {self.format or 'format not known'}{size}"]
         if self.rate is not None and self.duration is not None:
             gaps = f"{self.gaps} gaps, {self.missing} samples missing" if self.gaps else "no gaps"
             lines.append(f"{self.samples} samples at {self.rate:.6g} Hz, {self.duration:.6g} s, {gaps}")
-        if self.refusal:
-            lines.append(f"not read: {self.refusal}")
-        for choice in self.choices:
-            sure = "" if choice.certain else "a guess: "
-            read = f"{choice.quantity}: {', '.join(choice.columns)} in {choice.unit} ({sure}{choice.reason})"
-            lines.append(f"{read}; change it with {choice.option}")
-        for column in self.columns:
-            values = "" if column.low is None else f", {column.low:.6g} to {column.high:.6g}"
-            lines.append(f"column {column.number} ({column.name or 'no name'}): {column.holds}{values}")
-        lines += [f"source: {source}" for source in self.sources]
-        lines += [f"{'warning' if one.severity else 'note'}: {one}" for one in self.findings]
-        lines += timeline(self.evidence)
-        lines += [f"{one.line if one.suits else f'not {one.command}'}: {one.reason}" for one in self.commands]
+        # options have lines of their own, so that they can be copied
+        read = [line for one in self.choices for line in (
+            *bullets([f"{one.quantity}: {', '.join(one.columns)} in {one.unit} ({'' if one.certain else 'a guess: '}{one.reason})"], width),
+            f"     {one.option.spelt(reader)}",
+        )]  # fmt: skip
+        # how each quantity is read stands above
+        said = sorted((one for one in self.findings if one.code not in ("read_as", "assumed")), key=lambda one: -one.severity)
+        refused = [self.refusal] if self.refusal and reader == "python" else []  # a command ends with the error
+        others = (f"{one.command}: {one.reason}" for one in self.commands if not one.suits)
+        for title, rows in (
+            ("Not read", bullets(refused, width)), ("Read as", read), ("Columns", _aligned(self.columns)),
+            ("Topics", bullets(self.sources, width)), ("To know", bullets((one.spelt(reader) for one in said), width)),
+            ("Not the sensor", bullets(timeline(self.evidence), width)), ("Other commands", bullets(others, width)),
+            ("Commands that suit, the best first", [f"  {one.line}\n      {one.reason}" for one in self.commands if one.suits]),
+        ):  # fmt: skip
+            lines += ["", title, *rows] if rows else []
         return "\n".join(lines)
 
     def __repr__(self) -> str:
@@ -173,6 +178,14 @@ def inspect(path: str | os.PathLike[str], **options: Any) -> Inspection:
         choices=tuple(choices), error=refused, findings=() if log is None else log.findings, evidence=() if log is None else log.evidence,
         commands=() if log is None else ranked(log, os.fspath(path)), **known,
     )  # fmt: skip
+
+
+def _aligned(columns: tuple[Column, ...]) -> list[str]:
+    """Columns as lines below one another; none without columns."""
+    rows = [("", "name", "holds", "least", "largest")] if columns else []
+    rows += [(str(one.number), one.name, one.holds, *("" if x is None else f"{x:.6g}" for x in (one.low, one.high))) for one in columns]
+    widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
+    return ["   ".join(cell.ljust(size) for cell, size in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def _columns(table: Table) -> list[Column]:

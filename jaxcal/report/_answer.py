@@ -8,7 +8,7 @@ Each but the subject may be missing.
 import importlib
 from typing import Any
 
-from .._answer import CAUTION
+from .._answer import CAUTION, Reader
 from .._answer._html import findings_html, grid_html
 from .._answer._sections import Curve, Grid
 from .._units import shown_in
@@ -33,7 +33,7 @@ def badge(verdict: str) -> Markup:
     return tag("span", verdict, class_="badge present" if verdict == "good" else "badge hint")
 
 
-def answer_page(result: Any, log: Any, version: str, described: bool = True) -> tuple[str, str, Markup]:
+def answer_page(result: Any, log: Any, version: str, reader: Reader, described: bool = True) -> tuple[str, str, Markup]:
     """Subject, subtitle and sections of the page of a result; `described`: with the summary of the recording."""
     module, sections = module_of(result), result.sections()
     told = [*(() if log is None else log.findings), *result.findings]
@@ -48,10 +48,10 @@ def answer_page(result: Any, log: Any, version: str, described: bool = True) -> 
     urgent = [one for one in told if one.severity >= CAUTION]
     parts = [section("Verdict", "verdict", head, *tables)]
     none = "No warnings. Notes stand below the pictures." if len(told) > len(urgent) else "No warnings."
-    parts.append(section("What to know", "findings", findings_html(urgent) or tag("p", none)))
+    parts.append(section("What to know", "findings", findings_html(urgent, reader) or tag("p", none)))
     parts += own("figures", [], log)
     parts += [section("Details", "details", *detail)] if detail else []
-    notes = findings_html([one for one in told if one.severity < CAUTION])
+    notes = findings_html([one for one in told if one.severity < CAUTION], reader)
     parts += [section("Notes", "notes", notes)] if notes else []
     parts += [recording(log)] if described else []
     parts += [section("What was not the sensor", "evidence", seen)] if log is not None and (seen := timelines(log)) else []

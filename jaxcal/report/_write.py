@@ -6,6 +6,7 @@ import os
 import pathlib
 from typing import Any
 
+from .._answer import Reader
 from .._errors import DataError
 from .._files import write_atomically
 from .._log import Log
@@ -16,7 +17,7 @@ from ._page import page
 _TITLES = {"Noise": "Sensor noise", "Alignment": "Alignment on a turntable"}  # if neither device nor file is known
 
 
-def write(results: Any, path: str | os.PathLike[str], *, log: Any = None, device: str | None = None) -> None:
+def write(results: Any, path: str | os.PathLike[str], *, log: Any = None, device: str | None = None, reader: Reader = "python") -> None:
     """Write a report: one self-contained HTML file for light and dark screens, phones and paper.
 
     The report begins with the result and its intervals. Figures and their numbers follow, then warnings, explanations of terms, and the
@@ -30,6 +31,7 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Any = None, device
     path : file to write; an existing file is replaced atomically.
     log : the `Log`, for its summary, notes, warnings and provenance. With a list, it is the log of every result without its own.
     device : name of the device for the title; the default is the file name of the log.
+    reader : "python" or "terminal": how the page spells the options that it advises, `latitude=` or `--latitude`.
 
     Raises
     ------
@@ -62,9 +64,9 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Any = None, device
     """
     version = importlib.metadata.version("jaxcal")
     if isinstance(results, (list, tuple)):
-        title, lead, body = _device(_pairs(results, log), device, version)
+        title, lead, body = _device(_pairs(results, log), device, version, reader)
     else:
-        title, lead, body = _content(results, log, version, device)
+        title, lead, body = _content(results, log, version, device, reader)
     first = log if log is not None or not isinstance(results, (list, tuple)) else _pairs(results, log)[0][1]
     write_atomically(path, page(title, lead, body, f"Written by jaxcal {version}", _facts(first, device, version)))
 
@@ -93,11 +95,11 @@ def _as_one(results: Any) -> Any:
     return several(results)
 
 
-def _content(results: Any, log: Any, version: str, device: str | None, described: bool = True) -> tuple[str, str, Markup]:
+def _content(results: Any, log: Any, version: str, device: str | None, reader: Reader, described: bool = True) -> tuple[str, str, Markup]:
     """Title, subtitle and sections of a page."""
     if not (log is None or (hasattr(log, "findings") and hasattr(log, "provenance"))):
         raise DataError(f"log is {type(log).__name__}; give the Log that was read, or leave it out")
-    what, lead, body = answer_page(_as_one(results), log, version, described)
+    what, lead, body = answer_page(_as_one(results), log, version, reader, described)
     file = None if log is None else log.provenance.get("file")
     if device is None and file:
         device = pathlib.PurePath(str(file)).name
@@ -119,12 +121,12 @@ def _pairs(results: Any, log: Any) -> list[tuple[Any, Any]]:
     return found
 
 
-def _device(parts: list[tuple[Any, Any]], device: str | None, version: str) -> tuple[str, str, Markup]:
+def _device(parts: list[tuple[Any, Any]], device: str | None, version: str, reader: Reader) -> tuple[str, str, Markup]:
     """Title, subtitle and body of a page on several results: a table of verdicts, then one part for each result."""
     articles, rows, told = [], [], set()
     for number, (part, log) in enumerate(parts, start=1):
         results = _as_one(part)
-        title, lead, body = _content(results, log, version, None, id(log) not in told)  # each recording is described once
+        title, lead, body = _content(results, log, version, None, reader, id(log) not in told)  # each recording is described once
         told.add(id(log))
         name = f"part-{number}"
         head = join((tag("h2", title, id=name), tag("p", lead, class_="lead")))
