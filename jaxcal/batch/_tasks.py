@@ -177,10 +177,12 @@ def reading_options(reading: dict[str, Any]) -> tuple[dict[str, Any], tuple[Any,
     known = [name for name in inspect.signature(read).parameters if name not in ("path", "quiet")]
     unknown = [name for name in reading if name not in (*known, "start", "stop")]
     if unknown:
-        raise DataError(f"there is no reading option {', '.join(unknown)}; known are {', '.join([*known, 'start', 'stop'])}")
+        raise DataError(
+            f"there is no reading option {', '.join(unknown)}; known are {', '.join([*known, 'start', 'stop'])}", code="reading"
+        )
     for name, parse in (("columns", parse_columns), ("units", parse_units), ("topics", parse_topics)):
         try:
             parse(reading.get(name))
         except UnitError as error:
-            raise DataError(f"reading option {name}: {error}") from error
+            raise DataError(Message("reading option {name}: {error}", name=name, error=error), code=error.code) from error
     return {name: value for name, value in reading.items() if name in known}, (reading.get("start"), reading.get("stop"))

@@ -98,7 +98,7 @@ def batch(
         check_task(task, options)
         reading_options(known)
     except jaxcal.DataError as error:  # nothing was read yet
-        raise CallError(str(error)) from error
+        raise CallError(error.args[0], error.code) from error
     logs, unreadable = find_logs(list(paths), out)
     if not any(os.path.lexists(path) for path in [*logs, *unreadable]):
         raise CallError(f"there are no logs at {', '.join(map(str, paths))}")

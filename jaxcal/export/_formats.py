@@ -59,7 +59,7 @@ OPTIONS = {
     "axis": Option("worst", ("worst", "rms"), "", "One number for three axes: the largest (worst), or their root mean square (rms)."),
     "inflate": Option(1.0, is_positive, "a number above 0", "Factor on the noise; the file states it."),
     "random_walk": Option(
-        "upper_limit", is_walk, 'a number above 0 for a sensor, as {"gyro": 2e-6}, or "upper_limit", or None to refuse',
+        "upper_limit", is_walk, 'a number above 0 for each sensor named, "upper_limit", or none',
         "K in place of that of the fit, in SI: gyro=2e-6,accel=3e-5. Else, where no K was found, its upper limit.",
     ),
     "rate": Option(None, lambda rate: rate is None or is_positive(rate), "Hz above 0", "True sampling rate in Hz; else that of the log."),

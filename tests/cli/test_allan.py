@@ -65,12 +65,6 @@ def test_a_file_holds_all_cluster_sizes(call, folder):
     assert len(json.loads((folder / "a.json").read_text())["channels"]["gyro_x"]["m"]) == 500
 
 
-def test_cluster_sizes_beyond_the_record_are_status_1(call, log):
-    found = call("allan", "imu.csv", "--m", "1,1000000")
-    assert found.status == 1
-    assert "cluster size 1000000 is outside 1 .. 4000" in found.reason
-
-
 def test_the_noise_type_given_is_that_of_the_library(call, log, folder):
     words = ("allan", "imu.csv", "--m", "1,10", "--json", "a.json", "--quiet")
     assert call(*words, "--alpha", "-2").status == 0

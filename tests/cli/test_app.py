@@ -15,8 +15,8 @@ from jaxcal.cli import main
 
 from .conftest import listing
 
-COMMANDS = (("demo",), ("noise",), ("allan",), ("psd",), ("mag",), ("north",), ("imu",), ("simulate", "noise"), ("simulate", "imu"))
-SHARED = ("--quiet", "--force", "--config")
+COMMANDS = tuple(map(str.split, ("demo", "noise", "allan", "psd", "mag", "north", "imu", "batch", "simulate noise", "simulate imu")))
+SHARED = ("--quiet", "--config")
 READING = ("--columns", "--units", "--rate", "--topics", "--format", "--start", "--stop")
 
 
@@ -29,7 +29,7 @@ def test_help_needs_no_jax():
 def test_help_of_every_command_explains_every_option_in_80_columns(call, command):
     found = call(*command, "--help")
     assert found.status == 0
-    for option in SHARED + (READING if command[0] in ("noise", "allan") else ()):
+    for option in SHARED + (READING if command[0] in ("noise", "allan", "batch") else ()):
         assert option in found.out
     assert max(map(len, found.out.splitlines())) <= 80
     assert "--no-" not in found.out

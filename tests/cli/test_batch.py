@@ -46,32 +46,6 @@ def test_a_fleet_is_answered_and_what_failed_is_told(call, folder, logs):
     assert quiet.reason.startswith("jaxcal: none of 1 log could be answered; the first: bad.csv: there are no rows")
 
 
-@pytest.mark.parametrize(
-    ("words", "reason"),
-    [
-        (["--out", "out"], "batch needs logs"),
-        (["logs", "--out", "out", "--axes"], "--table, --names and --axes belong to --pool"),
-        (["logs"], "--out"),
-        (["nothing*.csv", "missing.csv", "--out", "out"], "there are no logs at nothing*.csv, missing.csv"),
-        (["logs", "--out", "logs/unit0.npz"], "this is a file"),
-        (["logs", "--out", "out", "--task", "nose"], "nose"),
-        (["logs", "--out", "out", "--set", "kind"], "NAME=VALUE"),
-        (["logs", "--out", "out", "--set", "term=QN"], "no option term"),
-        (["logs", "--out", "out", "--units", "gyro=furlong"], "furlong"),
-        (["logs", "--out", "out", "--workers", "0"], "--workers 0"),
-        (["logs", "--out", "out", "--timeout", "-1"], "--timeout -1"),
-        (["logs", "--out", "out", "--timeout", "1", "--scheduler", "tcp://a:1"], "--timeout and --memory exclude --scheduler"),
-    ],
-    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
-)
-def test_a_wrong_call_is_a_sentence_and_status_2(call, folder, logs, words, reason):
-    found = call("batch", *words)
-    assert found.status == 2
-    assert reason in found.reason
-    assert found.reason.endswith("(see: jaxcal batch --help)")
-    assert not (folder / "out").exists()
-
-
 def test_a_scheduler_that_is_not_there_or_no_dask_is_status_2(call, logs, monkeypatch):
     found = call("batch", "logs", "--out", "out", "--scheduler", "nonsense://127.0.0.1:1")
     assert found.status == 2
@@ -99,12 +73,3 @@ def test_a_pooled_fleet(call, folder):
     again = call(*words)  # an interrupted run continues from the existing results and gives the same numbers
     assert "6 of them were there already" in again.out
     assert (folder / "out" / "population.json").read_bytes() == before
-
-
-def test_help_explains_every_option_in_80_columns(call):
-    found = call("batch", "--help")
-    assert found.status == 0
-    for option in ("--task", "--out", "--set", "--workers", "--scheduler", "--timeout", "--again", "--columns", "--start", "--config"):
-        assert option in found.out
-    assert max(map(len, found.out.splitlines())) <= 80
-    assert "--no-" not in found.out

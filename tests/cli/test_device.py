@@ -28,10 +28,3 @@ def test_a_recording_by_hand_becomes_a_calibration(call, folder):
     known = json.loads((folder / "told.json").read_text(encoding="utf-8"))
     alone, beside = (one["numbers"]["gyro.bias[0]"] for one in (document, known))
     assert beside["high"] - beside["low"] > 3 * (alone["high"] - alone["low"])
-
-
-def test_a_log_without_a_magnetometer_is_a_wrong_call(call):
-    call("simulate", "imu", "--out", "imu.csv", "--rate", "50", "--poses", "6", "--still", "2", "--turn", "1")
-    found = call("device", "imu.csv")
-    assert found.status == 2
-    assert "magnetometer" in found.err

@@ -105,29 +105,6 @@ def test_a_weak_calibration_is_forced(call, folder, device):
     assert call("export", "weak.json", "--to", "c", "--force").status == 0
 
 
-@pytest.mark.parametrize(
-    ("words", "status", "reason"),
-    [
-        (["nowhere.json", "--to", "c"], 2, "nowhere.json does not exist"),
-        (["device.json", "--to", "latex"], 2, "latex"),
-        (["device.json"], 2, "--to"),
-        (["device.json", "--to", "kalibr", "--inflate", "0"], 2, "--inflate 0.0: expected"),
-        (["device.json", "--to", "kalibr", "--random-walk", "much"], 2, "--random-walk much: expected"),
-        (["device.json", "--to", "kalibr", "--ids", "accel=7"], 2, "no option --ids"),
-        (["device.json", "--to", "px4", "--ids", "accel=x"], 2, "expected accel=NUMBER"),
-        (["device.json", "device.json", "--to", "kalibr"], 2, "takes one calibration"),
-        (["device.json", "--to", "c", "--out", "device.json"], 2, "would be overwritten"),
-        (["empty.json", "--to", "c"], 2, "no JSON, and a calibration is asked for"),
-    ],
-)
-def test_wrong_calls(call, folder, device, words, status, reason):
-    (folder / "empty.json").touch()
-    found = call("export", *words)
-    assert found.status == status
-    assert reason in found.reason
-    assert sorted(path.name for path in folder.iterdir()) == [device, "empty.json"]
-
-
 NAMES = [f"matrix[{i},{j}]" for i in range(3) for j in range(3)] + [f"bias[{i}]" for i in range(3)]
 
 

@@ -81,16 +81,6 @@ def test_what_cannot_be_done_is_said(call, folder, words, status, reason):
     assert listing(folder) == ["log.csv"]
 
 
-@pytest.mark.parametrize(
-    ("words", "reason"),
-    [(["--poses", "1"], "2 poses or more"), (["--rate", "1e9"], "at most")],
-)
-def test_what_cannot_be_simulated_is_said(call, words, reason):
-    found = call("simulate", "imu", "--out", "log.csv", *words)
-    assert found.status == 2
-    assert reason in found.reason
-
-
 def test_files_named_alone_are_the_only_ones(call, folder):
     call(*LOG)
     assert call("imu", "log.csv", "--gravity", "9.80665", "--json", "a.json", "--quiet").out == ""

@@ -23,14 +23,6 @@ def simulated(call):
     return call, truth * float(lines[4].split()[-3])
 
 
-@pytest.fixture
-def plain(call, folder):
-    """Write a small log with a magnetometer; returns the command line."""
-    m = 4e-5 * np.random.default_rng(0).normal(size=(20, 3))
-    save(folder / "tumble.csv", np.column_stack([np.arange(20) / 10, m]), "time [s],mag_x [T],mag_y [T],mag_z [T]")
-    return call
-
-
 def test_it_finds_the_truth_and_writes_everything(simulated, folder):
     call, truth = simulated
     found = call("mag", "tumble.csv", "--align", "accel", "--field", "47")
@@ -77,23 +69,6 @@ def test_a_refused_fit_ends_with_its_reason(simulated, folder):
     assert not (folder / "few-mag").exists()
     assert call("mag", "few.csv", "--model", "symmetric", "--force", "--json", "few.json").status == 0
     assert json.loads((folder / "few.json").read_text())["model"] is None
-
-
-@pytest.mark.parametrize(
-    ("words", "status", "reason"),
-    [
-        (("mag", "tumble.csv", "--align", "gyro"), 1, "the log has no gyro"),
-        (("mag", "tumble.csv", "--corrected", "x.txt"), 2, "ends in .csv or .npz"),
-        (("mag", "tumble.csv", "--place", "39", "32"), 2, "go together"),
-        (("mag", "tumble.csv", "--place", "39", "32", "--date", "May"), 2, "--date May"),
-        (("mag", "tumble.csv", "--place", "39", "32", "--date", "2026-05-31", "--field", "50"), 2, "exclude one another"),
-        (("simulate", "mag", "--out", "x.txt"), 2, "ends in .csv or .npz"),
-        (("simulate", "mag", "--out", "x.csv", "--noise", "-1"), 2, "uT of 0 or more"),
-    ],
-)
-def test_calls_that_cannot_be_done(plain, words, status, reason):
-    found = plain(*words)
-    assert (found.status, reason in found.reason) == (status, True)
 
 
 def test_the_field_of_a_place_scales_the_result(simulated, folder):

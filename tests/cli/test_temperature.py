@@ -7,8 +7,6 @@ import pytest
 
 import jaxcal
 
-from .conftest import listing
-
 FILES = ["calibration.json", "report.html", "temperature.json"]
 
 
@@ -58,34 +56,3 @@ def test_files_for_flight_controllers(call, folder, ramp):
     assert refused.status == 1
     assert refused.code == "no_id"
     assert "--ids gyro=ID" in refused.reason
-
-
-@pytest.mark.parametrize(
-    ("argv", "status", "code"),
-    [
-        (["temperature", "missing.csv"], 2, "not_a_log"),
-        (["temperature", "ramp.csv", "--degree", "3"], 2, "degree"),
-        (["temperature", "ramp.csv", "--model", "polynomial"], 2, "degree"),
-        (["temperature", "ramp.csv", "--lag", "x"], 2, "lag"),
-        (["temperature", "ramp.csv", "--export", "kalibr"], 2, "export"),
-        (["temperature", "ramp.csv", "--ids", "mag=1", "--export", "px4"], 2, "ids"),
-        (["temperature", "ramp.csv", "--plot", "a.txt"], 2, "plot"),
-        (["apply", "none.json", "ramp.csv", "--out", "a.csv"], 2, "not_a_calibration"),
-        (["apply", "ramp.csv", "ramp.csv", "--out", "a.txt"], 2, "out"),
-        (["apply", "ramp.csv", "ramp.csv", "--out", "a.csv"], 2, "not_a_calibration"),
-        (["noise", "ramp.csv", "--calibration", "none.json"], 2, "not_a_calibration"),
-        (["temperature", "cold.csv"], 1, "range"),
-        (["temperature", "bare.csv"], 1, "no_temperature"),
-    ],
-)
-def test_what_cannot_be_done_is_said(call, folder, argv, status, code):
-    t = np.arange(400) / 1.0
-    x = 1e-4 * np.random.default_rng(0).normal(size=400)
-    for name, warm in (("ramp.csv", np.linspace(20, 30, 400)), ("cold.csv", np.linspace(20, 21, 400))):
-        header = "time [s],gyro_x [rad/s],temperature [degC]"
-        np.savetxt(folder / name, np.column_stack([t, x, warm]), delimiter=",", header=header, comments="")
-    np.savetxt(folder / "bare.csv", np.column_stack([t, x]), delimiter=",", header="time [s],gyro_x [rad/s]", comments="")
-    before = listing(folder)
-    found = call(*argv)
-    assert (found.status, found.code) == (status, code), found.reason
-    assert listing(folder) == before

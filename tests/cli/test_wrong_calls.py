@@ -148,6 +148,24 @@ simulate noise --out a.csv --gyro N=1deg/sqrt(h) --duration 0 | expected a log o
 simulate imu --out a.csv --poses 1         | expected 2 poses or more
 simulate device --out a.csv --rests 90     | 90 rests of 4 s and 0 s at the beginning do not fit
 simulate mag --out a.csv --noise -1        | expected uT of 0 or more
+simulate mag --out a.txt                   | ends in .csv or .npz
+mag tumble.csv --corrected a.txt           | ends in .csv or .npz
+mag tumble.csv --headings heading,roll     | expected
+simulate imu --out a.csv --rate 1e9        | at most
+simulate north --out a.csv --latitude 35 --positions 0,up | numbers
+simulate north --out a.csv --latitude 35 --dwell 0 | positive
+north gone.csv --latitude 35               | gone.csv does not exist
+north table.csv --latitude 35 --plot a.txt | ends in
+north table.csv --latitude 35 --prior phi=1:2:3 | MEAN:STANDARD_DEVIATION
+export device.json --to kalibr --inflate 0 | --inflate 0.0: expected
+export device.json --to kalibr --random-walk much | --random-walk much: expected
+export device.json --to c --out device.json | would be overwritten
+export empty.json --to c                   | no JSON, and a calibration is asked for
+batch rest.csv --out fleet --axes          | --table, --names and --axes belong to --pool
+batch rest.csv --out fleet --set term=QN   | no option term
+batch rest.csv --out fleet --units gyro=furlong | furlong
+temperature warm.csv --export kalibr       | unknown format
+temperature warm.csv --ids mag=1 --export px4 | --ids mag=1: expected
 simulate north --out a.csv --latitude 40 --attitude 1,2 | expected roll, pitch and azimuth in degrees
 """
 
@@ -202,6 +220,8 @@ noise still_mag.csv --columns gyro=4:6     | still_mag.csv
 north no_angle.csv                         | no column with an angle
 north no_sensor.csv                        | neither accelerometer nor gyro readings
 north bad_unit.csv                         | is not a unit of gyro
+north up.csv --latitude 35                 | no mounting 'up'
+north empty.csv --latitude 35              | is empty
 north bad_cell.csv                         | line 3: 'soon' is not a number
 north header_only.csv                      | it takes one row per position
 north degrees.csv                          | look like
@@ -297,7 +317,7 @@ def content(folder, rest):
         "wrong_name.npy": IMU + "\n0,0,0,0,0,0,9.8\n", "odd.toml": '[noise]\nterm = "N"\n',
         "report.html": "<!doctype html>\n<p>jaxcal</p>\n",
         "device.json": '{\n  "schema": "jaxcal.calibration/1"\n}\n', "noise.json": '{\n  "schema": "jaxcal.noise/1"\n}\n',
-        "other.json": '{"data": [1, 2, 3]}\n', "broken.json": '{\n  "schema": "jaxcal.calibration/1",\n  "imu": 3\n}\n',
+        "empty.json": "", "other.json": '{"data": [1, 2, 3]}\n', "broken.json": '{\n  "schema": "jaxcal.calibration/1",\n  "imu": 3\n}\n',
     }  # fmt: skip
     for name, words in text.items():
         (folder / name).write_text(words)
@@ -338,7 +358,8 @@ def tables(folder):
     made = {
         "table.csv": f"{head}\n{rows}", "header_only.csv": f"{head}\n", "no_angle.csv": f"{head.replace('angle [deg]', 'place')}\n{rows}",
         "no_sensor.csv": "angle [deg],mounting,dwell [s]\n0,x,60\n90,x,60\n", "bad_unit.csv": f"{head.replace('deg/h', 'furlong')}\n{rows}",
-        "bad_cell.csv": f"{head}\n0,x,60,0.1,11\n90,x,soon,-0.1,1\n", "degrees.csv": f"{head.replace('deg/h', 'rad/s')}\n{rows}",
+        "up.csv": f"{head}\n0,up,60,0.1,11\n", "bad_cell.csv": f"{head}\n0,x,60,0.1,11\n90,x,soon,-0.1,1\n",
+        "degrees.csv": f"{head.replace('deg/h', 'rad/s')}\n{rows}",
     }  # fmt: skip
     for name, words in made.items():
         (folder / name).write_text(words)
