@@ -85,7 +85,7 @@ def deviation(
     See `jaxcal.allan.deviation`.
     """
     if isinstance(chunk, bool) or not isinstance(chunk, int | np.integer) or chunk < 1:
-        raise DataError(f"chunk must be a whole number of samples, at least 1; got {chunk!r}")
+        raise DataError(f"chunk must be a whole number of samples, at least 1; got {chunk!r}", code="chunk")
     options: dict[str, Any] = {"kind": kind, "m": m, "confidence": confidence, "alpha": alpha}
     if not isinstance(source, list | tuple):
         try:
@@ -95,19 +95,19 @@ def deviation(
                 raise error.of(os.fspath(source)) from error
             raise
     if executor is not None:
-        raise DataError("executor= shares one record among workers; a list of logs is shared among threads (workers=)")
+        raise DataError("executor= shares one record among workers; a list of logs is shared among threads (workers=)", code="executor")
     rates = list(rate) if isinstance(rate, Sequence | np.ndarray) and not isinstance(rate, str) else [rate] * len(source)
     if len(rates) != len(source):
-        raise DataError(f"{len(rates)} rates for {len(source)} logs; give one for each, or a single one")
+        raise DataError(f"{len(rates)} rates for {len(source)} logs; give one for each, or a single one", code="rates")
     if not source:
-        raise DataError("the list of logs is empty")
+        raise DataError("the list of logs is empty", code="empty")
 
     def named(index: int, function: Callable, *arguments: Any) -> Any:
         try:
             return function(*arguments)
         except DataError as error:
             name = f" ({source[index]})" if isinstance(source[index], str | os.PathLike) else ""
-            raise DataError(f"log {index}{name}: {error}") from error
+            raise error.of(f"log {index}{name}") from error
 
     records = [named(i, _opened, each, columns) for i, each in enumerate(source)]
     rates = [named(i, checked_rate, each) for i, each in enumerate(rates)]
@@ -152,7 +152,7 @@ def _shared(executor: Any, workers: int | None, source: Any, columns: Any) -> Ca
     if executor is None:
         return None
     if not isinstance(executor, Executor):
-        raise DataError(f"executor must be a concurrent.futures.Executor; got {type(executor).__name__}")
+        raise DataError(f"executor must be a concurrent.futures.Executor; got {type(executor).__name__}", code="executor")
     parts = workers or getattr(executor, "_max_workers", None) or os.cpu_count() or 1
 
     def passed(make: Callable[[int], Accumulator], samples: int, chunk: int) -> Accumulator:
@@ -183,7 +183,9 @@ def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, A
     statistic = find_kind(options["kind"])
     sizes = cluster_sizes(options["m"], statistic, record.samples)
     if isinstance(options["m"], str) and options["m"] == "all":
-        raise DataError(f'm="all" needs the whole record in memory: it has {record.samples} samples; raise chunk= to that, or choose "log"')
+        raise DataError(
+            f'm="all" needs the whole record in memory: it has {record.samples} samples; raise chunk= to that, or choose "log"', code="grid"
+        )
     sizes = np.unique(rounded(sizes, statistic, exact)) if isinstance(options["m"], str) else sizes
     findings: tuple[Finding, ...] = ()
     if statistic.modified and isinstance(options["m"], str) and sizes[-1] > exact:
@@ -211,7 +213,7 @@ def _opened(source: Any, columns: Any) -> Chunks:
     else:
         record = array_chunks(source if isinstance(source, np.ndarray) else np.asarray(source), columns)
     if record.samples == 0:
-        raise DataError("the record is empty")
+        raise DataError("the record is empty", code="empty")
     return record
 
 
@@ -246,9 +248,9 @@ def reduce(parts: Iterable[T]) -> T:
     """
     level = list(parts)
     if not level:
-        raise DataError("there are no parts to merge")
+        raise DataError("there are no parts to merge", code="parts")
     if missing := [type(part).__name__ for part in level if not hasattr(part, "merge")]:
-        raise DataError(f"{missing[0]} cannot be merged; give parts such as jaxcal.allan.Accumulator or spectrum.Segments")
+        raise DataError(f"{missing[0]} cannot be merged; give parts such as jaxcal.allan.Accumulator or spectrum.Segments", code="parts")
     while len(level) > 1:
         pairs = [level[i].merge(level[i + 1]) for i in range(0, len(level) - 1, 2)]
         level = pairs + level[2 * len(pairs) :]

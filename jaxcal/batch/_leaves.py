@@ -114,22 +114,23 @@ def of_estimates(fits: Sequence[Any], terms: Sequence[str] | None, confidence: f
         if any(getattr(fit, name, None) is None for name in ("names", "values", "covariance")):
             raise DataError(
                 f"fit {i}: expected a NoiseFit of one channel by method 'whittle', or a result with names, values and covariance; "
-                f"got {type(fit).__name__}"
+                f"got {type(fit).__name__}",
+                code="fits",
             )
     names = tuple(fits[0].names if terms is None else terms)
     if not names or any(not set(names) <= set(fit.names) for fit in fits):
-        raise DataError(f"parameters {names}: every fit must have them; the first has {tuple(fits[0].names)}")
+        raise DataError(f"parameters {names}: every fit must have them; the first has {tuple(fits[0].names)}", code="terms")
     values = np.array([[np.asarray(fit.values, dtype=float)[list(fit.names).index(name)] for name in names] for fit in fits])
     where = [[list(fit.names).index(name) for name in names] for fit in fits]
     spread = np.array([np.asarray(fit.covariance, dtype=float)[np.ix_(at, at)] for fit, at in zip(fits, where, strict=True)])
     if not (np.isfinite(values).all() and np.isfinite(spread).all()):
-        raise DataError("a value or a covariance is not finite; leave out the fits without a result")
+        raise DataError("a value or a covariance is not finite; leave out the fits without a result", code="not_finite")
     fixed = [name for name, column in zip(names, values.T, strict=True) if not np.ptp(column) > 0.0]
     if fixed and terms is None:
         kept = [i for i, name in enumerate(names) if name not in fixed]
         names, values, spread = tuple(names[i] for i in kept), values[:, kept], spread[:, kept][:, :, kept]
     if not names or (fixed and terms is not None):
-        raise DataError(f"parameters {tuple(fixed)} are the same in all fits: there is nothing to pool")
+        raise DataError(f"parameters {tuple(fixed)} are the same in all fits: there is nothing to pool", code="terms")
     size, turn = np.linalg.eigh(spread)
     root = turn * np.sqrt(np.maximum(size, 0.0))[:, None, :]
     scale = np.std(values, axis=0)
@@ -142,10 +143,10 @@ def _chosen(recordings: Sequence[Recording], terms: Sequence[str] | None) -> tup
     asked = tuple(terms) if terms is not None else _TERMS
     found = {term: [one.seen[term] for one in recordings] for term in asked if all(term in one.value for one in recordings)}
     if terms is not None and len(found) < len(asked):
-        raise DataError(f"terms {asked}: every fit must have them; all have {tuple(found)}")
+        raise DataError(f"terms {asked}: every fit must have them; all have {tuple(found)}", code="terms")
     chosen = tuple(term for term, seen in found.items() if np.mean(seen) >= (_SEEN if terms is None else 0.0) and any(seen))
     if not chosen:
-        raise DataError("no term is found in a quarter of the fits: there is nothing to pool; record longer")
+        raise DataError("no term is found in a quarter of the fits: there is nothing to pool; record longer", code="nothing")
     return chosen
 
 

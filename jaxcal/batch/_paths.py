@@ -26,7 +26,7 @@ def find_logs(paths: Any, out: pathlib.Path | None = None) -> tuple[list[pathlib
     """
     given = [paths] if isinstance(paths, str | os.PathLike) else list(paths) if isinstance(paths, Iterable) else [paths]
     if not all(isinstance(path, str | os.PathLike) for path in given):
-        raise DataError(f"expected a path, or a list of paths, folders and patterns; got {paths!r}")
+        raise DataError(f"expected a path, or a list of paths, folders and patterns; got {paths!r}", code="paths")
     found: dict[str, pathlib.Path] = {}
     unreadable: dict[pathlib.Path, str] = {}
     own = None if out is None else os.path.abspath(out)

@@ -174,7 +174,8 @@ class WorkerPool:
         if refused or self._failed_starts >= TRIES:
             raise DataError(
                 "the worker processes end before they begin; in a script call jaxcal.batch.run below "
-                'if __name__ == "__main__":, or give an executor of threads'
+                'if __name__ == "__main__":, or give an executor of threads',
+                code="no_guard",
             )
         return begun
 

@@ -78,7 +78,7 @@ def pool(
     """
     entries = fleet.done
     if not entries:
-        raise DataError("no log was answered: there is nothing to pool")
+        raise DataError("no log was answered: there is nothing to pool", code="nothing")
     about = _about(entries, table, names)
     devices = about.pop("device", [entry.name for entry in entries])
     covariates, same = _covariates(about)
@@ -136,7 +136,9 @@ def _estimates(entries: tuple[Entry, ...]) -> list[_Estimate]:
     ]
     names = tuple(name for name in known[0] if all(name in each for each in known))
     if not names:
-        raise DataError("no coefficient has an interval in all logs: there is nothing to pool; run the task noise, mag or imu")
+        raise DataError(
+            "no coefficient has an interval in all logs: there is nothing to pool; run the task noise, mag or imu", code="nothing"
+        )
     return [_Estimate(names, [each[name][0] for name in names], np.diag([each[name][1] ** 2 for name in names])) for each in known]
 
 
@@ -148,18 +150,18 @@ def _about(entries: tuple[Entry, ...], table: Any, names: str | None) -> dict[st
         for entry in entries:
             match = pattern.fullmatch(entry.path.stem) or pattern.fullmatch(entry.path.name)
             if match is None:
-                raise DataError(f"{entry.name} does not fit the pattern {names!r}; mend the pattern, or give a table")
+                raise DataError(f"{entry.name} does not fit the pattern {names!r}; mend the pattern, or give a table", code="pattern")
             for key, word in match.groupdict().items():
                 found.setdefault(key, []).append(word)
     if table is not None:
         columns = dict(table) if isinstance(table, Mapping) else _read(table)
         if "log" not in columns:
-            raise DataError(f"the table has no column 'log'; it has {', '.join(columns) or 'none'}")
+            raise DataError(f"the table has no column 'log'; it has {', '.join(columns) or 'none'}", code="table")
         rows = {str(name): i for i, name in enumerate(columns["log"])}
         for entry in entries:
             row = next((rows[key] for key in (str(entry.path), entry.path.name, entry.path.stem) if key in rows), None)
             if row is None:
-                raise DataError(f"{entry.name} is not in the table; its column 'log' has {', '.join(list(rows)[:3])} ...")
+                raise DataError(f"{entry.name} is not in the table; its column 'log' has {', '.join(list(rows)[:3])} ...", code="table")
             for key, column in columns.items():
                 if key != "log":
                     found.setdefault(key, []).append(column[row])
@@ -171,7 +173,7 @@ def _pattern(names: str) -> re.Pattern[str]:
     fields = pieces[1::2]
     kept = [name for name in fields if name != "_"]
     if not kept or len(set(kept)) < len(kept) or not all(name.isidentifier() for name in kept):
-        raise DataError(f"pattern {names!r}: expected fields that differ in braces, as unit{{device}}_{{temperature}}C")
+        raise DataError(f"pattern {names!r}: expected fields that differ in braces, as unit{{device}}_{{temperature}}C", code="pattern")
     groups = (f"(?P<{name}>.+?)" if name != "_" else ".*?" for name in fields)
     return re.compile("".join(part for i, text in enumerate(pieces[::2]) for part in (re.escape(text), next(groups, ""))))
 
@@ -182,9 +184,9 @@ def _read(table: str | os.PathLike[str]) -> dict[str, list[str]]:
         with open(path, newline="", encoding="utf-8-sig") as file:
             lines = [line for line in csv.reader(file) if line]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise DataError(f"the table {path} cannot be read ({error}); give a CSV file with a column 'log'") from error
+        raise DataError(f"the table {path} cannot be read ({error}); give a CSV file with a column 'log'", code="table") from error
     if len(lines) < 2 or any(len(line) != len(lines[0]) for line in lines):
-        raise DataError(f"the table {path} needs a line of names and lines of as many fields, one for each log")
+        raise DataError(f"the table {path} needs a line of names and lines of as many fields, one for each log", code="table")
     return {name.strip(): [line[i].strip() for line in lines[1:]] for i, name in enumerate(lines[0])}
 
 

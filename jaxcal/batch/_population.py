@@ -249,7 +249,7 @@ def _leaves(fits: list[Any], terms: Sequence[str] | None, confidence: float) -> 
         return of_estimates(fits, terms, confidence)
     for i, fit in enumerate(fits):
         if not isinstance(fit, Recording) and (not isinstance(fit, NoiseFit) or fit.spectrum is None or np.ndim(fit.noise.N)):
-            raise DataError(f"fit {i}: expected a NoiseFit of one channel by method 'whittle'; got {type(fit).__name__}")
+            raise DataError(f"fit {i}: expected a NoiseFit of one channel by method 'whittle'; got {type(fit).__name__}", code="fits")
     return of_noise([fit if isinstance(fit, Recording) else Recording.of(fit) for fit in fits], terms)
 
 
@@ -259,10 +259,12 @@ def _devices(count: int, devices: Groups | None) -> tuple[tuple[Any, ...], np.nd
         tuple(range(count)) if devices is None else tuple(one.item() if isinstance(one, np.generic | jax.Array) else one for one in devices)
     )
     if len(names) != count:
-        raise DataError(f"{count} fits and {len(names)} names of devices; give the device of each recording")
+        raise DataError(f"{count} fits and {len(names)} names of devices; give the device of each recording", code="names")
     order = tuple(dict.fromkeys(names))
     if len(order) < FEWEST:
-        raise DataError(f"{len(order)} devices: a population needs {FEWEST} at least; for recordings of one take noise.fit_recordings")
+        raise DataError(
+            f"{len(order)} devices: a population needs {FEWEST} at least; for recordings of one take noise.fit_recordings", code="few"
+        )
     number = {name: i for i, name in enumerate(order)}
     return names, np.array([number[name] for name in names]), order
 
@@ -273,12 +275,12 @@ def _levels(levels: Mapping[str, Groups] | None, member: np.ndarray, names: tupl
     for name, labels in (levels or {}).items():
         labels = list(labels)
         if len(labels) != len(names):
-            raise DataError(f"level {name!r}: {len(names)} fits and {len(labels)} names; give the group of each fit")
+            raise DataError(f"level {name!r}: {len(names)} fits and {len(labels)} names; give the group of each fit", code="names")
         pairs = list(zip(names, labels, strict=True))
         number = {pair: i for i, pair in enumerate(dict.fromkeys(pairs))}
         if len(number) == len(names) or len(number) == member.max() + 1:
             alone = "each fit alone" if len(number) == len(names) else "one group in each device"
-            raise DataError(f"level {name!r} has {alone}: it cannot be told from what is left; leave it out")
+            raise DataError(f"level {name!r} has {alone}: it cannot be told from what is left; leave it out", code="level")
         found.append(np.array([number[pair] for pair in pairs]))
         titles.append(name)
     return found, (*titles, "rest" if found else "recording")
@@ -298,7 +300,10 @@ def _covariates(covariates: Mapping[str, Any] | None, count: int) -> tuple[np.nd
             continue
         values = np.array([np.nan] if words else given, dtype=float)
         if values.shape != (count,) or not np.isfinite(values).all() or not np.ptp(values) > 0.0:
-            raise DataError(f"covariate {name!r}: expected {count} finite numbers that differ, or words of a few classes, one for each fit")
+            raise DataError(
+                f"covariate {name!r}: expected {count} finite numbers that differ, or words of a few classes, one for each fit",
+                code="covariate",
+            )
         columns.append((values - values.mean()) / values.std())
         labels.append(name)
     return np.stack(columns, axis=1) if columns else np.zeros((count, 0)), tuple(labels)

@@ -107,9 +107,9 @@ def run(
     store = None if out is None else Store(pathlib.Path(out))
     logs, unreadable = find_logs(paths, None if store is None else store.folder)
     if not logs and not unreadable:
-        raise DataError(f"no logs at {paths!r}; give files, folders or patterns such as 'logs/*.csv'")
+        raise DataError(f"no logs at {paths!r}; give files, folders or patterns such as 'logs/*.csv'", code="no_logs")
     if each and reading.get("topics") is not None:
-        raise DataError("each= reads every IMU of a log, and topics= in reading= one of them; leave one out")
+        raise DataError("each= reads every IMU of a log, and topics= in reading= one of them; leave one out", code="each")
     job = _Run(logs, unreadable, (task, options, reading), store, progress or (lambda done, total, name: None), bool(each))
     with contextlib.nullcontext() if store is None else store.held():
         job.work(executor, workers, timeout, memory, resume=bool(resume))
@@ -120,23 +120,24 @@ def _check(task: Any, options: dict, reading: dict, executor: Any, workers: Any,
     check_task(task, options)
     reading_options(reading)
     if not isinstance(task, str) and options:
-        raise DataError("options= belongs to named tasks; bind those of your own function with functools.partial")
+        raise DataError("options= belongs to named tasks; bind those of your own function with functools.partial", code="option")
     if executor is not None and not isinstance(executor, Executor):
-        raise DataError(f"executor must be a concurrent.futures.Executor; got {type(executor).__name__}")
+        raise DataError(f"executor must be a concurrent.futures.Executor; got {type(executor).__name__}", code="executor")
     if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
-        raise DataError(f"workers must be a whole number, at least 1; got {workers!r}")
+        raise DataError(f"workers must be a whole number, at least 1; got {workers!r}", code="workers")
     if timeout is not None and not timeout > 0:
-        raise DataError(f"timeout must be a positive number of seconds; got {timeout!r}")
+        raise DataError(f"timeout must be a positive number of seconds; got {timeout!r}", code="timeout")
     if memory is not None and not memory > 0:
-        raise DataError(f"memory must be a positive number of bytes; got {memory!r}")
+        raise DataError(f"memory must be a positive number of bytes; got {memory!r}", code="memory")
     if (timeout is not None or memory is not None) and executor is not None:
-        raise DataError("timeout= and memory= work with the processes of the run; an executor's workers cannot be stopped")
+        raise DataError("timeout= and memory= work with the processes of the run; an executor's workers cannot be stopped", code="timeout")
     if executor is None:
         try:
             pickle.dumps((task, options, reading))
         except Exception as error:
             raise DataError(
-                f"the task cannot be sent to worker processes ({error}); define it at the top of a module, or give an executor of threads"
+                f"the task cannot be sent to worker processes ({error}); define it at the top of a module, or give an executor of threads",
+                code="task",
             ) from error
 
 
@@ -291,7 +292,7 @@ class _Run:
     def _stopped(self, error: BaseException) -> DataError:
         done = f"{sum(entry.status == 'done' for entry in self.entries.values())} of {self._total} logs are done"
         kept = f" and kept in {self.store.folder}; the same call goes on from there" if self.store is not None else ""
-        return DataError(f"the executor takes no more logs ({type(error).__name__}: {error}). {done}{kept}")
+        return DataError(f"the executor takes no more logs ({type(error).__name__}: {error}). {done}{kept}", code="executor")
 
     def _keep(self, job: _Job, text: str) -> None:
         """Write a result to the disk before anything else."""

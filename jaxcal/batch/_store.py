@@ -63,7 +63,7 @@ class Store:
         except OSError as error:
             reason = (error.strerror or str(error)).lower()
             raise ExportError(
-                f"cannot write into {self.folder}: {reason}; make it writable, or give another folder for the results"
+                f"cannot write into {self.folder}: {reason}; make it writable, or give another folder for the results", code="not_written"
             ) from error
         key = os.path.realpath(self.folder)
         with _GUARD:
@@ -72,7 +72,9 @@ class Store:
                 _HELD.add(key)
         if taken:
             os.close(handle)
-            raise DataError(f"another run is writing into {self.folder}; wait until it ends, or give another folder for the results")
+            raise DataError(
+                f"another run is writing into {self.folder}; wait until it ends, or give another folder for the results", code="busy"
+            )
         try:
             for folder in (self.folder, self.results):
                 clear_hidden(folder)  # left over from a run that was killed while writing

@@ -38,7 +38,7 @@ def mag(log: Log, **options: Any) -> Answer:
     from ..magnetometer import fit
 
     if log.mag is None or log.mag.shape[1] != 3:
-        raise DataError(Message("the log has no magnetometer of three axes; name its columns with {option.columns}"))
+        raise DataError(Message("the log has no magnetometer of three axes; name its columns with {option.columns}"), code="no_mag")
     return answer_of(fit(log.mag[np.isfinite(log.mag).all(axis=1)], **options), log)
 
 
@@ -87,16 +87,16 @@ def check_task(task: Any, options: dict[str, Any]) -> None:
     """Raise a `DataError` unless the task is known and accepts these options."""
     if not isinstance(task, str):
         if not callable(task):
-            raise DataError(f"task must be one of {', '.join(TASKS)}, or a function Log -> result; got {task!r}")
+            raise DataError(f"task must be one of {', '.join(TASKS)}, or a function Log -> result; got {task!r}", code="task")
         return
     if task not in TASKS:
-        raise DataError(f"there is no task {task!r}; expected one of {', '.join(TASKS)}, or a function Log -> result")
+        raise DataError(f"there is no task {task!r}; expected one of {', '.join(TASKS)}, or a function Log -> result", code="task")
     part, _, function = TASKS[task][1].partition(".")
     parameters = inspect.signature(getattr(importlib.import_module(f"..{part}", __package__), function)).parameters.values()
     known = [each.name for each in parameters if each.kind is each.KEYWORD_ONLY and each.name not in ("progress", "time", "data", "rate")]
     unknown = [name for name in options if name not in known]
     if unknown:
-        raise DataError(f"task {task!r} has no option {', '.join(unknown)}; it takes {', '.join(known)}")
+        raise DataError(f"task {task!r} has no option {', '.join(unknown)}; it takes {', '.join(known)}", code="option")
 
 
 def answer_of(result: Any, log: Log) -> Answer:

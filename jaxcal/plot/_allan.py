@@ -105,7 +105,9 @@ def allan(result: Any, ax: Any = None) -> Any:
 
 def _channels(name: str, item: Any) -> list[_Channel]:
     if not isinstance(item, (Deviation, NoiseFit)):
-        raise DataError(f"cannot draw {type(item).__name__}; expected a Deviation, a NoiseFit, or a dictionary channel -> these")
+        raise DataError(
+            f"cannot draw {type(item).__name__}; expected a Deviation, a NoiseFit, or a dictionary channel -> these", code="result"
+        )
     deviation = item.deviation if isinstance(item, NoiseFit) else item
     if np.ndim(deviation.deviation) == 2:
         count = deviation.deviation.shape[1]
@@ -132,7 +134,7 @@ def _limit(ax: "Axes", channels: list[_Channel]) -> None:
     """Set limits from values known within a factor of two; lines of single terms and wide intervals may leave the axes."""
     tau, values, lower, upper = np.concatenate([np.array(channel.points()[:4]) for channel in channels], axis=1)
     if tau.size == 0:
-        raise DataError("there is nothing to draw: no deviation is above zero; the record is constant")
+        raise DataError("there is nothing to draw: no deviation is above zero; the record is constant", code="nothing")
     sure = (lower > values / 2) & (upper < values * 2)
     low, high = (lower[sure], upper[sure]) if np.any(sure) else (values, values)
     ax.set_xlim(tau.min() / 1.3, max(tau.max() * 1.3, tau.min() * 2))

@@ -139,7 +139,7 @@ def draw_groups(channels: Sequence[Any], ax: Any, draw: Callable[..., None], key
     for channel in channels:
         groups.setdefault(key(channel), []).append(channel)
     if not groups:
-        raise DataError("there is nothing to draw: the dictionary of results is empty")
+        raise DataError("there is nothing to draw: the dictionary of results is empty", code="nothing")
     own = ax is None
     if own:
         figure = new_figure(5.0 * len(groups))
@@ -147,7 +147,9 @@ def draw_groups(channels: Sequence[Any], ax: Any, draw: Callable[..., None], key
         ax = figure.subplots(len(groups), 1)
     axes = list(np.ravel(np.asarray(ax, dtype=object)))
     if len(axes) != len(groups):
-        raise DataError(f"{len(axes)} axes for {len(groups)} sensors, each with a unit of its own; give one Axes for each, or none")
+        raise DataError(
+            f"{len(axes)} axes for {len(groups)} sensors, each with a unit of its own; give one Axes for each, or none", code="axes"
+        )
     for panel, group in zip(axes, groups.values(), strict=True):
         draw(panel, group, own=own)
     if own:

@@ -47,7 +47,7 @@ def sphere(m: Any, found: Any, axes: Any = None) -> Any:
     model = _checked(found)
     m = np.asarray(m, dtype=float)
     if m.ndim != 2 or m.shape[1] != 3:
-        raise DataError(f"the readings have shape {m.shape}; expected (n, 3)")
+        raise DataError(f"the readings have shape {m.shape}; expected (n, 3)", code="shape")
     m = m[np.isfinite(m).all(axis=1)]
     m = m[:: max(len(m) // MOST, 1)]
     unit, scale = shown_in(quantity_of(found.field))
@@ -146,7 +146,7 @@ def heading_error(found: Any, ax: Any = None) -> Any:
     """
     _checked(found)
     if not np.isfinite(found.heading_error[0]):
-        raise DataError("there is nothing to draw: the readings leave the heading open")
+        raise DataError("there is nothing to draw: the readings leave the heading open", code="nothing")
     ax = new_figure().subplots() if ax is None else ax
     headings = np.linspace(0, 2 * np.pi, 145)
     tilts = ((0.0, "level"), (np.deg2rad(20), "20° of tilt"))
@@ -169,9 +169,9 @@ def _map(ax: "Axes") -> None:
 
 def _checked(found: Any) -> Any:
     if not isinstance(found, MagFit):
-        raise DataError(f"cannot draw {type(found).__name__}; expected a MagFit, as jaxcal.magnetometer.fit returns it")
+        raise DataError(f"cannot draw {type(found).__name__}; expected a MagFit, as jaxcal.magnetometer.fit returns it", code="result")
     if found.model is None:
-        raise DataError(f"there is nothing to draw: the fit has no model. {found.reason}")
+        raise DataError(f"there is nothing to draw: the fit has no model. {found.reason}", code="nothing")
     return found.model
 
 

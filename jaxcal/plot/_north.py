@@ -54,10 +54,11 @@ def north(readings: Any, result: Any, ax: Any = None) -> Any:
     if not isinstance(readings, Readings) or not isinstance(result, AlignmentFit):
         raise DataError(
             f"cannot draw {type(readings).__name__} and {type(result).__name__}; expected Readings and the AlignmentFit that "
-            "jaxcal.alignment.fit made of them"
+            "jaxcal.alignment.fit made of them",
+            code="result",
         )
     if not np.isfinite(result.estimate.values).all():
-        raise DataError("there is nothing to draw: the fit did not converge")
+        raise DataError("there is nothing to draw: the fit did not converge", code="nothing")
     sensors = [entry for entry in _SENSORS if getattr(readings, entry[0]) is not None]
     axes = stacked(ax, len(sensors) + 1, 2.6 * (len(sensors) + 1), "per sensor and one for the azimuth")
     rate, width = (float(np.mean(getattr(readings.positions, name))) for name in ("rate", "width"))

@@ -99,15 +99,15 @@ def spectrum(result: Any, ax: Any = None, noise: Any = None) -> Any:
     models = noise if isinstance(noise, Mapping) else dict.fromkeys(named, noise)
     channels = [channel for name, item in named.items() for channel in _channels(str(name), item, models.get(name))]
     if channels and models and not set(models) & set(named):
-        raise DataError(f"noise names none of the channels drawn: it has {', '.join(map(str, noise))}")
+        raise DataError(f"noise names none of the channels drawn: it has {', '.join(map(str, noise))}", code="channels")
     return draw_groups(channels, ax, _draw, key=lambda channel: (channel.sensor, channel.spectrum.sided))
 
 
 def _channels(name: str, item: Any, model: Any) -> list[_Channel]:
     if not isinstance(item, Spectrum):
-        raise DataError(f"cannot draw {type(item).__name__}; expected a Spectrum, or a dictionary channel -> Spectrum")
+        raise DataError(f"cannot draw {type(item).__name__}; expected a Spectrum, or a dictionary channel -> Spectrum", code="result")
     if not (model is None or isinstance(model, (Noise, NoiseFit))):
-        raise DataError(f"noise must be a Noise, a NoiseFit, or a dictionary channel -> these; got {type(model).__name__}")
+        raise DataError(f"noise must be a Noise, a NoiseFit, or a dictionary channel -> these; got {type(model).__name__}", code="noise")
     if np.ndim(item.density) == 2:
         common = isinstance(model, NoiseFit) and np.ndim(model.goodness) == 0  # a model of this kind has no channels
         models = [model if model is None or common else model.channel(i) for i in range(item.density.shape[1])]
@@ -129,7 +129,7 @@ def _limit(ax: "Axes", channels: list[_Channel]) -> None:
     """Set limits from the values, except for the deepest dips; wide intervals and lines of single terms may leave the axes."""
     frequency, density = np.concatenate([channel.points()[:2] for channel in channels], axis=1)
     if density.size == 0:
-        raise DataError("there is nothing to draw: no density is above zero")
+        raise DataError("there is nothing to draw: no density is above zero", code="nothing")
     every = np.concatenate([np.asarray(channel.spectrum.density) / channel.unit[0] ** 2 for channel in channels])
     low, high = float(np.quantile(every[every > 0], 0.02)), float(density.max())
     ax.set(xlim=(frequency.min() / 1.2, max(frequency.max() * 1.2, frequency.min() * 2)), ylim=(low / 1.8, high * 1.8))

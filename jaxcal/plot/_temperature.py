@@ -59,7 +59,7 @@ def temperature(result: Any, ax: Any = None) -> Any:
     named = result if isinstance(result, Mapping) else {"": result}
     for fit in named.values():
         if not isinstance(fit, TemperatureFit):
-            raise DataError(f"cannot draw {type(fit).__name__}; expected a TemperatureFit, or a dictionary channel -> these")
+            raise DataError(f"cannot draw {type(fit).__name__}; expected a TemperatureFit, or a dictionary channel -> these", code="result")
     return draw_groups([_Channel(str(name), fit) for name, fit in named.items()], ax, _draw)
 
 

@@ -98,7 +98,7 @@ def _as_one(results: Any) -> Any:
 def _content(results: Any, log: Any, version: str, device: str | None, reader: Reader, described: bool = True) -> tuple[str, str, Markup]:
     """Title, subtitle and sections of a page."""
     if not (log is None or (hasattr(log, "findings") and hasattr(log, "provenance"))):
-        raise DataError(f"log is {type(log).__name__}; give the Log that was read, or leave it out")
+        raise DataError(f"log is {type(log).__name__}; give the Log that was read, or leave it out", code="log")
     what, lead, body = answer_page(_as_one(results), log, version, reader, described)
     file = None if log is None else log.provenance.get("file")
     if device is None and file:
@@ -114,10 +114,12 @@ def _pairs(results: Any, log: Any) -> list[tuple[Any, Any]]:
         own = isinstance(item, (list, tuple)) and len(item) == 2
         result, its = item if own else (item, log)
         if isinstance(result, (Log, list, tuple)) or type(result).__name__ == "Readings":
-            raise DataError(f"{type(result).__name__} is not a result; give a list of results, or of pairs (result, log)")
+            raise DataError(
+                f"{type(result).__name__} is not a result; give a list of results, or of pairs (result, log)", code="no_results"
+            )
         found.append((result, its))
     if not found:
-        raise DataError("there are no results; give at least one, or a list of pairs (result, log)")
+        raise DataError("there are no results; give at least one, or a list of pairs (result, log)", code="no_results")
     return found
 
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal import DataError
 from jaxcal._answer import Number
 from jaxcal.batch import Fleet, pool, run
 from jaxcal.batch._fleet import Entry
@@ -58,21 +57,13 @@ def test_estimates_of_other_tasks_are_pooled(tmp_path):
     assert [one.facts["name"] for one in found.findings if one.code == "same"] == ["place"]
 
 
-def test_messages(fleet, tmp_path):
-    with pytest.raises(DataError, match=r"unit0_20C.npz does not fit the pattern 'box\{device\}'"):
-        pool(fleet, names="box{device}")
-    with pytest.raises(DataError, match="expected fields that differ in braces"):
-        pool(fleet, names="unit")
-    with pytest.raises(DataError, match="the table has no column 'log'"):
-        pool(fleet, table={"name": [1]})
-    with pytest.raises(DataError, match="is not in the table; its column 'log' has a"):
-        pool(fleet, table={"log": ["a"]})
+def test_messages(fleet, tmp_path, refuses):
     (tmp_path / "short.csv").write_text("log,device\nunit0\n")
-    with pytest.raises(DataError, match="lines of as many fields"):
-        pool(fleet, table=tmp_path / "short.csv")
-    with pytest.raises(DataError, match="cannot be read"):
-        pool(fleet, table=tmp_path / "none.csv")
-    with pytest.raises(DataError, match="there is nothing to pool"):
-        pool(Fleet(()))
-    with pytest.raises(DataError, match="no coefficient has an interval in all logs"):
-        pool(Fleet((Entry(tmp_path / "a", "done", None, False, {}, (), "0", None, 1.0, None, _text='{"result": {}}'),)))
+    alone = Fleet((Entry(tmp_path / "a", "done", None, False, {}, (), "0", None, 1.0, None, _text='{"result": {}}'),))
+    for code, given, options in (
+        ("pattern", fleet, {"names": "box{device}"}), ("pattern", fleet, {"names": "unit"}), ("table", fleet, {"table": {"name": [1]}}),
+        ("table", fleet, {"table": {"log": ["a"]}}), ("table", fleet, {"table": tmp_path / "short.csv"}),
+        ("table", fleet, {"table": tmp_path / "none.csv"}), ("nothing", Fleet(()), {}), ("nothing", alone, {}),
+    ):  # fmt: skip
+        with refuses(code):
+            pool(given, **options)

@@ -7,7 +7,6 @@ import pytest
 import scipy.fft
 
 import jaxcal
-from jaxcal import DataError
 from jaxcal.batch import population
 from jaxcal.batch._leaves import of_estimates
 from jaxcal.magnetometer import body_field, fit, scenario
@@ -149,27 +148,18 @@ def test_recordings_of_a_device_tell_its_repeatability_and_covariates_their_effe
     assert explained.spread[0] < 0.6 * found.spread[0]
 
 
-def test_messages(one):
+def test_messages(one, refuses):
     _, fits, _ = one
-    with pytest.raises(DataError, match="4 devices: a population needs 5"):
-        population(fits[:4])
-    with pytest.raises(DataError, match="16 fits and 2 names"):
-        population(fits, devices=["a", "b"])
-    with pytest.raises(DataError, match="every fit must have them"):
-        population(fits, terms=("K",))
-    with pytest.raises(DataError, match="covariate 'age'"):
-        population(fits, covariates={"age": np.zeros(16)})
     other = jaxcal.noise.fit(record(N, B, np.random.default_rng(0)), RATE, terms="NB", method="gls")
-    with pytest.raises(DataError, match="fit 0: expected a NoiseFit of one channel by method 'whittle'"):
-        population([other] * 6)
-    with pytest.raises(DataError, match=r"fit 0: .* or a result with names, values and covariance; got int"):
-        population([1] * 6)
-    with pytest.raises(DataError, match="level 'axis' has each fit alone"):
-        population(fits, devices=list(range(8)) * 2, levels={"axis": [0] * 8 + [1] * 8})
-    with pytest.raises(DataError, match="level 'axis' has one group in each device"):
-        population(fits, devices=list(range(8)) * 2, levels={"axis": [0] * 16})
-    with pytest.raises(DataError, match="level 'axis': 16 fits and 2 names"):
-        population(fits, levels={"axis": [0, 1]})
+    devices = list(range(8)) * 2
+    for code, given, options in (
+        ("few", fits[:4], {}), ("names", fits, {"devices": ["a", "b"]}), ("terms", fits, {"terms": ("K",)}),
+        ("covariate", fits, {"covariates": {"age": np.zeros(16)}}), ("fits", [other] * 6, {}), ("fits", [1] * 6, {}),
+        ("level", fits, {"devices": devices, "levels": {"axis": [0] * 8 + [1] * 8}}),
+        ("level", fits, {"devices": devices, "levels": {"axis": [0] * 16}}), ("names", fits, {"levels": {"axis": [0, 1]}}),
+    ):  # fmt: skip
+        with refuses(code):
+            population(given, **options)
 
 
 def test_magnetometers_have_the_parameters_of_their_estimate():

@@ -11,7 +11,6 @@ import polars as pl
 import pytest
 
 import jaxcal
-from jaxcal import DataError
 from jaxcal.batch import run
 from jaxcal.imu import multi_position
 
@@ -180,30 +179,21 @@ def test_noise_has_no_value_where_a_term_is_not_there(tmp_path, pool):
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "code"),
     [
-        ({"task": "nose"}, "there is no task 'nose'; expected one of noise, mag"),
-        ({"task": 3}, "a function Log -> result"),
-        ({"task": "noise", "options": {"term": "Q"}}, "no option term; it takes method, terms"),
-        ({"options": {"a": 1}}, "functools.partial"),
-        ({"reading": {"rat": 1}}, "no reading option rat"),
-        ({"reading": {"units": "gyro=furlong"}}, "furlong"),
-        ({"executor": None, "workers": 0}, "at least 1"),
-        ({"executor": None, "task": lambda log: 1}, "define it at the top of a module"),
-        ({"timeout": 1.0}, "cannot be stopped"),
-        ({"executor": None, "timeout": -1.0}, "positive number"),
-        ({"paths": []}, "no logs at"),
-        ({"paths": 3}, "expected a path"),
-        ({"paths": "nothing/*.csv"}, "no logs at 'nothing/*.csv'"),
+        ({"task": "nose"}, "task"), ({"task": 3}, "task"), ({"executor": None, "task": lambda log: 1}, "task"),
+        ({"task": "noise", "options": {"term": "Q"}}, "option"), ({"options": {"a": 1}}, "option"), ({"reading": {"rat": 1}}, "reading"),
+        ({"reading": {"units": "gyro=furlong"}}, "units"), ({"executor": None, "workers": 0}, "workers"), ({"timeout": 1.0}, "timeout"),
+        ({"executor": None, "timeout": -1.0}, "timeout"), ({"paths": []}, "no_logs"), ({"paths": 3}, "paths"),
+        ({"paths": "nothing/*.csv"}, "no_logs"),
     ],
     ids=lambda each: each if isinstance(each, str) else " ".join(each),
-)
-def test_a_wrong_call_is_said_before_anything_is_done(tasks, room, tmp_path, pool, change, said):
+)  # fmt: skip
+def test_a_wrong_call_is_said_before_anything_is_done(tasks, room, tmp_path, pool, change, code, refuses):
     (path,) = make_logs(tmp_path / "logs", 1)
     call = {"paths": [path], "task": tasks.counted, "executor": pool, "out": tmp_path / "out", **change}
-    with pytest.raises(DataError) as caught:
+    with refuses(code):
         run(call.pop("paths"), call.pop("task"), **call)
-    assert said in str(caught.value)
     assert not (tmp_path / "out").exists()
     assert counts(room) == {}
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from jaxcal import DataError, ExportError
+from jaxcal import ExportError
 from jaxcal.allan import Deviation, deviation
 from jaxcal.noise import Noise
 from jaxcal.plot import TERM_COLORS, allan, save
@@ -100,14 +100,14 @@ def test_several_sensors_get_a_panel_each():
     assert axes[0].figure is axes[1].figure
 
 
-def test_given_axes_are_drawn_on():
+def test_given_axes_are_drawn_on(refuses):
     figure = Figure()
     given = figure.subplots(1, 2)
     axes = allan(made_results(), ax=given)
     assert list(axes) == list(given)
     single = Figure().subplots()
     assert allan(made_fit(), ax=single) is single
-    with pytest.raises(DataError, match="1 axes for 2 sensors, each with a unit of its own; give one Axes for each"):
+    with refuses("axes"):
         allan(made_results(), ax=single)
 
 
@@ -179,21 +179,15 @@ def test_every_cluster_size_of_a_long_record_is_thinned():
     assert np.max(np.diff(np.log(drawn[40:]))) < 0.1
 
 
-def test_zero_and_unknown_deviations_are_left_out():
+def test_zero_and_unknown_deviations_are_left_out(refuses):
     one = made_deviation(Noise(N=1e-4))
     value = one.deviation.copy()
     value[3], value[7] = 0.0, np.nan
     ax = allan(made_deviation(Noise(N=1e-4), deviation=value))
     assert len(ax.lines[1].get_xdata()) == len(value) - 2
-    with pytest.raises(DataError, match="no deviation is above zero; the record is constant"):
-        allan(made_deviation(Noise(N=1e-4), deviation=0.0 * value))
-
-
-def test_degenerate_calls():
-    with pytest.raises(DataError, match="the dictionary of results is empty"):
-        allan({})
-    with pytest.raises(DataError, match="cannot draw ndarray; expected a Deviation, a NoiseFit"):
-        allan({"gyro_x": np.ones(3)})
+    for code, wrong in (("nothing", made_deviation(Noise(N=1e-4), deviation=0.0 * value)), ("nothing", {}), ("result", {"x": np.ones(3)})):
+        with refuses(code):
+            allan(wrong)
 
 
 def test_no_global_setting_is_touched():
@@ -218,9 +212,9 @@ def test_save(tmp_path, ending):
     assert os.listdir(tmp_path) == [path.name]
 
 
-def test_save_refuses_other_endings(tmp_path):
-    for name, said in (("a.docx", "docx"), ("a", "no ending")):
-        with pytest.raises(ExportError, match=rf"{said} is not an image format; use one of .*\.png"):
+def test_save_refuses_other_endings(tmp_path, refuses):
+    for name in ("a.docx", "a"):
+        with refuses("ending", ExportError):
             save(allan(made_fit()), tmp_path / name)
     assert os.listdir(tmp_path) == []
 
