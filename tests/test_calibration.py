@@ -127,7 +127,7 @@ def test_a_file_without_version_is_not_signed_by_this_one(golden, tmp_path):
 def test_unknown_keys_are_ignored_and_missing_sections_are_none(golden, tmp_path):
     golden["colour"] = "red"
     golden["noise"]["gyro"]["colour"] = [1]
-    golden["schema"] = "jaxcal.calibration/1.3"
+    golden["schema"] = "jaxcal.calibration/1.7"
     del golden["imu"]
     again = loaded_from(golden, tmp_path / "a.json")
     assert again.imu is None
@@ -168,10 +168,24 @@ def test_a_device_may_be_a_name(golden, tmp_path):
     assert loaded_from(golden | {"device": "golden"}, tmp_path / "a.json").device == {"name": "golden"}
 
 
-@pytest.mark.parametrize(("content", "code"), [(b"{", "not_json"), (b"\xff\xfe\x00", "not_json"), (b"[]", "schema"), (None, "unreadable")])
-def test_not_json_and_not_there(content, code, tmp_path, refuses):
-    if content is not None:
-        (tmp_path / "a.json").write_bytes(content)
+@pytest.mark.parametrize(
+    ("content", "code"),
+    [
+        (None, "unreadable"), ("[]", "schema"), ("\ufeff{}", "not_json"), ('{"schema": "jaxcal.calibration/2.1"}', "version"),
+        ('{"schema": "jaxcal.calibration/0.9"}', "version"), (b"\xff\xfe\x00", "not_json"), ("{", "not_json"), ('"\\ud800"', "schema"),
+        ("NaN", "not_json"), ("[" * 100_000, "endless"), ('{"a":' * 200_000, "endless"), ('{"a": 1' + "0" * 5000 + "}", "not_json"),
+        ('{"schema": ' + "[" * 5000 + "]" * 5000 + "}", "endless"),
+        ('{"schema": "jaxcal.calibration/1", "provenance": {"a": 1e999}}', "value"),
+        ('{"schema": "jaxcal.calibration/1", "provenance": NaN}', "not_json"), (200 * 2**20, "too_large"),
+    ],
+    ids=range(16),
+)  # fmt: skip
+def test_files_that_are_no_calibration(content, code, tmp_path, refuses):
+    if isinstance(content, int):
+        with open(tmp_path / "a.json", "wb") as file:
+            file.truncate(content)
+    elif content is not None:
+        (tmp_path / "a.json").write_bytes(content if isinstance(content, bytes) else content.encode())
     with refuses(code):
         Calibration.load(tmp_path / "a.json")
 

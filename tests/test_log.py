@@ -37,12 +37,9 @@ def test_a_clean_log_is_as_given():
     assert all(column.shape == (1000,) for column in log.channels().values())
 
 
-def test_one_axis_is_enough():
-    assert list(Log(None, gyro=noise(axes=1)[:, 0], rate=RATE).channels()) == ["gyro_x"]
-
-
-def test_a_rate_makes_the_grid_where_there_are_no_stamps():
-    log = Log(None, gyro=noise(), rate=50)
+def test_a_rate_makes_the_grid_where_there_are_no_stamps_and_one_axis_is_enough():
+    log = Log(None, gyro=noise(axes=1)[:, 0], rate=50)
+    assert list(log.channels()) == ["gyro_x"]
     assert log.rate == 50.0
     assert log.time[-1] == pytest.approx(999 / 50)
 
@@ -236,56 +233,34 @@ def test_a_given_rate_within_half_a_percent_is_kept(finding):
     assert finding(log, "rate_given").facts == {"rate": 100.4, "estimate": 100.0}
 
 
-def test_a_given_rate_that_contradicts_the_stamps_is_refused(refuses):
-    with refuses("rate_contradicts"):
-        Log(stamps(), noise(), rate=200)
-
-
-@pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])
-def test_a_rate_is_a_positive_number(rate, refuses):
-    with refuses("rate"):
-        Log(None, noise(), rate=rate)
-
-
 # stamps that cannot be repaired
 
 
 @pytest.mark.parametrize(
     ("time", "said"),
     [
-        (np.zeros(50), "equal_stamps"),
-        (np.zeros(3), "equal_stamps"),
-        (np.random.default_rng(0).normal(size=500), "irregular"),
-        (np.cumsum(np.random.default_rng(0).exponential(size=2000)), "irregular"),
-        (np.full(50, np.nan), "too_short"),
-        (np.array([0.0, 1e308, -1e308, 1e308]), "time_unit"),
-        (np.array([0.0, 1e-320, 2e-320]), "time_unit"),
+        (np.zeros(50), "equal_stamps"), (np.zeros(3), "equal_stamps"), (np.random.default_rng(0).normal(size=500), "irregular"),
+        (np.cumsum(np.random.default_rng(0).exponential(size=2000)), "irregular"), (np.full(50, np.nan), "too_short"),
+        (np.array([0.0, 1e308, -1e308, 1e308]), "time_unit"), (np.array([0.0, 1e-320, 2e-320]), "time_unit"),
     ],
-)
+)  # fmt: skip
 def test_stamps_of_no_recording_are_refused(time, said, refuses):
     with refuses(said):
         Log(time, noise(len(time)))
 
 
-@pytest.mark.parametrize("time", [None, [0.0]])
-def test_one_sample_is_refused(time, refuses):
-    with refuses("too_short"):
-        Log(time, np.ones((1, 3)), rate=1.0)
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ({"time": None}, "no_sensor"),
-        ({"time": None, "gyro": noise()}, "no_rate"),
-        ({"time": stamps(), "gyro": noise(999)}, "lengths"),
-        ({"time": stamps(3), "gyro": np.ones((3, 1000))}, "shape"),
-        ({"time": stamps(), "temperature": np.ones((1000, 2))}, "shape"),
-        ({"time": np.ones((10, 2)), "gyro": noise(10)}, "shape"),
-        ({"time": ["a", "b"], "gyro": noise(2)}, "stamps"),
+        ({"time": None}, "no_sensor"), ({"time": None, "gyro": noise()}, "no_rate"), ({"time": stamps(), "gyro": noise(999)}, "lengths"),
+        ({"time": stamps(3), "gyro": np.ones((3, 1000))}, "shape"), ({"time": stamps(), "temperature": np.ones((1000, 2))}, "shape"),
+        ({"time": np.ones((10, 2)), "gyro": noise(10)}, "shape"), ({"time": ["a", "b"], "gyro": noise(2)}, "stamps"),
         ({"time": stamps(2), "gyro": [["a"] * 3] * 2}, "not_numbers"),
+        *(({"time": stamps(), "gyro": noise(), "rate": rate}, "rate_contradicts") for rate in (200, 99.0)),
+        *(({"time": None, "gyro": noise(), "rate": rate}, "rate") for rate in (0.0, -1.0, np.nan, np.inf)),
+        *(({"time": time, "gyro": np.ones((1, 3)), "rate": 1.0}, "too_short") for time in (None, [0.0])),
     ],
-)
+)  # fmt: skip
 def test_arrays_that_do_not_fit_are_refused(arguments, said, refuses):
     with refuses(said):
         Log(**arguments)
@@ -461,13 +436,11 @@ def test_of_two_readings_at_one_sample_the_later_one_stays(finding):
 @pytest.mark.parametrize(
     ("own_time", "message"),
     [
-        ({"mag": np.arange(20.0)}, "own_time"),
-        ({"accel": np.arange(20.0)}, "own_time"),
-        ({"gyro": stamps(), "accel": stamps()}, "own_time"),
-        ({"accel": 1e6 + stamps()}, "other_clock"),
+        ({"mag": np.arange(20.0)}, "own_time"), ({"accel": np.arange(20.0)}, "own_time"),
+        ({"gyro": stamps(), "accel": stamps()}, "own_time"), ({"accel": 1e6 + stamps()}, "other_clock"),
         ({"accel": np.zeros(1000)}, "equal_stamps"),
     ],
-)
+)  # fmt: skip
 def test_stamps_that_are_not_those_of_the_sensor(own_time, message, refuses):
     with refuses(message):
         Log(stamps(), noise(), noise(seed=3), own_time=own_time)

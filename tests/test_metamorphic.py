@@ -1,5 +1,6 @@
 """Relations between the results of changed data: other units, axes, order, time and constants, and records that are joined.
 
+Deviations and spectra have no part here: they agree with their definitions in tests/allan and tests/spectrum, from which these follow.
 These relations need no known truth: each follows from the definition of the estimated quantity, as its comment explains. All tests use
 the same shapes, so that few programs are compiled.
 """
@@ -8,108 +9,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxcal import alignment, allan, imu, magnetometer, noise, spectrum, temperature
+from jaxcal import alignment, imu, magnetometer, noise, temperature
 from jaxcal.alignment import Positions, Readings, Sensor
 from jaxcal.noise import Noise
 
 # ruff: noqa: RUF005 (sums of arrays)
 
-RATE, N = 100.0, 2048
-DIFFERENCES = ("adev", "oadev", "mdev", "tdev", "hdev", "ohdev")
-KINDS = (*DIFFERENCES, "totdev", "htotdev", "theo1")
-SIZES = {kind: [2, 8, 64] for kind in KINDS}
-
-
-@pytest.fixture(scope="module")
-def y():
-    """Three channels of white noise plus random walk, with different sizes."""
-    rng = np.random.default_rng(0)
-    return (rng.standard_normal((N, 3)) + 0.02 * np.cumsum(rng.standard_normal((N, 3)), axis=0)) * [1.0, 2.0, 0.5]
-
-
-@pytest.fixture(scope="module")
-def deviations(y):
-    return {kind: allan.deviation(y, RATE, kind=kind, m=SIZES[kind]) for kind in KINDS}
+RATE = 100.0
 
 
 def close(found, expected, rtol=1e-9, atol=0.0):
     np.testing.assert_allclose(np.asarray(found), np.asarray(expected), rtol=rtol, atol=atol)
-
-
-# --- Deviations
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_deviation(y, deviations, kind):
-    """Every deviation is a norm of linear functions of the record, separately for each channel."""
-    before, options = deviations[kind], {"kind": kind, "m": SIZES[kind]}
-    # the deviation scales with the record; degrees of freedom and noise type do not depend on the scale
-    scaled = allan.deviation(-3.0 * y, RATE, **options)
-    for name in ("deviation", "lower", "upper"):
-        close(getattr(scaled, name), 3.0 * getattr(before, name), 1e-10)
-    np.testing.assert_array_equal(scaled.alpha, before.alpha)
-    # a channel does not depend on the others
-    order = [2, 0, 1]
-    close(allan.deviation(y[:, order], RATE, **options).deviation, before.deviation[:, order], 1e-12)
-    # at a rate c times as high, averages over the same number of samples are unchanged, and integrals are divided by c
-    faster = allan.deviation(y, 4.0 * RATE, **options)
-    close(faster.tau, before.tau / 4.0)
-    close(faster.deviation, before.deviation / (4.0 if before.unit_of_phase else 1.0), 1e-10)
-    # the differences start at all samples, and m divides n: the reversed record has the same differences with other signs
-    close(allan.deviation(y[::-1], RATE, **options).deviation, before.deviation, 1e-9)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_deviation_does_not_see_a_constant(y, deviations, kind):
-    """The second difference of phase removes a line (a constant rate), the third of Hadamard also a parabola (a ramp of the rate)."""
-    options = {"kind": kind, "m": SIZES[kind]}
-    close(allan.deviation(y + 9.81, RATE, **options).deviation, deviations[kind].deviation, 1e-9)
-    if kind in ("hdev", "ohdev"):
-        ramp = 1e-3 * np.arange(N)[:, None]
-        close(allan.deviation(y + ramp, RATE, **options).deviation, deviations[kind].deviation, 1e-8)
-
-
-@pytest.mark.parametrize("kind", ["oadev", "ohdev"])
-def test_deviation_of_two_records_with_a_gap_between(y, kind):
-    """No difference spans the gap: the variance is the mean of those of both parts, weighted by their numbers of differences."""
-    m = [1, 8, 32]
-    first, second = y[:1200], y[1200:]
-    gap = np.full((8, 3), np.nan)
-    both = allan.deviation(np.concatenate([first, gap, second]), RATE, kind=kind, m=m)
-    parts = [allan.deviation(part, RATE, kind=kind, m=m) for part in (first, second)]
-    counts = [np.asarray(part.count).reshape(3, -1) for part in parts]
-    close(np.asarray(both.count).reshape(3, -1), counts[0] + counts[1])
-    squares = sum(count * part.deviation**2 for count, part in zip(counts, parts, strict=True))
-    close(both.deviation, np.sqrt(squares / (counts[0] + counts[1])), 1e-10)
-
-
-# --- Spectra
-
-
-@pytest.mark.parametrize("method", ["periodogram", "welch", "dct"])
-def test_spectrum(y, method):
-    """A density is the squared magnitude of a linear transform, per Hz, without frequency zero."""
-    options = {"method": method, "average": None}
-    before = spectrum.density(y, RATE, **options)
-    close(spectrum.density(-3.0 * y, RATE, **options).density, 9.0 * before.density, 1e-9, 1e-20)
-    close(spectrum.density(y[:, [2, 0, 1]], RATE, **options).density, before.density[:, [2, 0, 1]], 1e-9, 1e-20)
-    # the same power is spread over four times the bandwidth
-    faster = spectrum.density(y, 4.0 * RATE, **options)
-    close(faster.frequency, 4.0 * before.frequency)
-    close(faster.density, before.density / 4.0)
-    # a constant has frequency zero, which is left out
-    close(spectrum.density(y + 9.81, RATE, **options).density, before.density, 1e-6, 1e-12 * before.density.max())
-    if method != "welch":  # the periodic window of Welch's method is not symmetric
-        # reversal conjugates the Fourier transform, and changes the sign of every other coefficient of the cosine transform
-        close(spectrum.density(y[::-1], RATE, **options).density, before.density, 1e-6, 1e-12 * before.density.max())
-
-
-def test_spectrum_of_a_record_twice(y):
-    """A repeated record is periodic: every other ordinate is zero, and the others double, as the transform does over twice the length."""
-    once = spectrum.density(y, RATE, average=None).density
-    twice = spectrum.density(np.concatenate([y, y]), RATE, average=None).density
-    close(twice[1::2], 2.0 * once, 1e-8, 1e-12 * once.max())
-    close(twice[::2], 0.0, atol=1e-18 * once.max())
 
 
 # --- Noise

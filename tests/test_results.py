@@ -14,23 +14,11 @@ import pytest
 
 import jaxcal
 from jaxcal import ExportError
-from jaxcal.alignment import AlignmentFit, Positions
-from jaxcal.allan import Deviation
-from jaxcal.imu import ImuFit
 from jaxcal.magnetometer import body_field, scenario
-from jaxcal.noise import NoiseFit
 from jaxcal.noise._findings import FINDINGS
-from jaxcal.spectrum import Spectrum
-from jaxcal.temperature import TemperatureFit
 
 made = runpy.run_path(str(pathlib.Path(__file__).parent / "made_fit.py"))
 WORDS = ("good", "weak", "refused")
-
-
-@pytest.mark.parametrize("kind", [Deviation, Spectrum, NoiseFit, ImuFit, TemperatureFit, AlignmentFit])
-@pytest.mark.parametrize("name", ["summary", "to_dict", "save"])
-def test_every_result_has_the_same_methods(kind, name):
-    assert getattr(kind, name).__module__ in ("jaxcal._results", "jaxcal._answer._result")
 
 
 def test_a_magnetometer_fit_as_text_and_as_a_file(tmp_path, refuses):
@@ -149,14 +137,3 @@ def test_results_draw_themselves(refuses):
     ):
         with refuses(code):
             one.plot(*readings)
-
-
-def test_an_alignment_has_one_schema():
-    readings = jaxcal.alignment.simulate(Positions(np.deg2rad([0.0, 90.0, 180.0, 270.0]), ["x"] * 4, 60.0), (0.01, 0.02, 0.5), 0.7)
-    found = jaxcal.alignment.fit(readings, 0.7, free=("phi", "theta", "psi"))
-    document = found.to_dict()
-    json.dumps(document, allow_nan=False)
-    assert document["verdict"] == "good"
-    assert document["headline"] == found.headline
-    assert document["numbers"]["psi"]["value"] == pytest.approx(0.5, abs=0.05)
-    assert "azimuth" in found.summary()

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from jaxcal.allan import Accumulator, deviation
+from jaxcal.allan import Accumulator
 from jaxcal.batch import deviation as deviation_of, reduce
 from jaxcal.spectrum import Segments, density
 
@@ -42,15 +42,10 @@ def test_spectrum_segments(segment, overlap, channels):
         np.testing.assert_allclose(found.upper.reshape(whole.upper.shape), whole.upper, rtol=1e-12)
 
 
-def test_merging_segments_is_associative():
+def test_segments_join_without_a_start_where_one_begins():
     y = np.random.default_rng(0).standard_normal(400)
-    a, b, c = (Segments(RATE, 64, start=s).update(y[s:e]) for s, e in ((0, 100), (100, 130), (130, 400)))
-    left, right = a.merge(b).merge(c), a.merge(b.merge(c))
-    np.testing.assert_allclose(left.result().density, right.result().density, rtol=1e-13)
-    assert left.count == right.count == 11
-    # without start=, parts can be merged where segments begin
     one, two = (Segments(RATE, 64).update(y[s:e]) for s, e in ((0, 128), (128, 400)))
-    np.testing.assert_allclose(one.merge(two).result().density, left.result().density, rtol=1e-13)
+    np.testing.assert_allclose(one.merge(two).result().density, Segments(RATE, 64).update(y).result().density, rtol=1e-13)
 
 
 def test_segments_refuse_what_does_not_join(refuses):
@@ -71,19 +66,6 @@ def test_segments_refuse_what_does_not_join(refuses):
     ):
         with refuses(code):
             call()
-
-
-@pytest.mark.parametrize("kind", ["oadev", "hdev"])
-def test_accumulators(kind):
-    y = np.cumsum(np.random.default_rng(0).standard_normal(20_000)) * 0.01 + 9.81
-    m = [1, 3, 10, 100, 1000]
-    whole = deviation(y, RATE, m=m, kind=kind)
-    for number in (2, 5, 8):
-        edges = cuts(len(y), number, number)
-        parts = [Accumulator(RATE, m, kind=kind, start=int(a)).update(y[a:b]) for a, b in itertools.pairwise(edges)]
-        found = reduce([pickle.loads(pickle.dumps(part)) for part in parts]).result()
-        np.testing.assert_allclose(found.deviation, whole.deviation, rtol=1e-12)
-        np.testing.assert_array_equal(found.count, whole.count)
 
 
 @pytest.mark.parametrize("kind", ["oadev", "mdev"])

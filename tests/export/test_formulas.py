@@ -54,13 +54,6 @@ def three(p, pattern):
     return np.array([p[pattern.format(axis)] for axis in AXES])
 
 
-def test_the_check_vectors_are_what_python_corrects(right):
-    close(right[35.0][0], [0.89827666, 2.06189563, 9.29625])
-    close(right[50.0][0], [0.884314169, 2.07169181, 9.25245712])
-    close(right[35.0][1], [0.292519705, -0.178092638, 0.0952735111])
-    close(right[35.0][2], [8.87, 14.9325, -64.5575], scale=10)
-
-
 def test_px4(golden, tmp_path):
     """PX4: accelerometer (raw - thermal - OFF) SCALE; gyroscope raw - thermal - OFF; magnetometer S (raw - OFF) in gauss."""
     write(golden, tmp_path / "a", format="px4")

@@ -1,14 +1,11 @@
-"""`plot.temperature` and the thermal report: curves, texts and units."""
-
-import re
+"""`plot.temperature`: curves, texts and units."""
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 from jaxcal.plot import temperature
-from jaxcal.report import write
-from jaxcal.temperature import TemperatureFits, fit, simulate
+from jaxcal.temperature import fit, simulate
 
 
 @pytest.fixture(scope="module")
@@ -48,18 +45,3 @@ def test_what_cannot_be_drawn_is_refused(fits, refuses):
     for code, call in (("nothing", ({},)), ("result", ({"gyro_x": 1},)), ("axes", (fits, Figure().subplots()))):
         with refuses(code):
             temperature(*call)
-
-
-def test_the_report_has_every_number_and_finding(refuses, fits, tmp_path):
-    found = TemperatureFits(fits)
-    write(fits, tmp_path / "a.html")
-    text = (tmp_path / "a.html").read_text()
-    assert "<h1>Bias and temperature</h1>" in text
-    assert set(re.findall('data-number="([^"]*)"', text)) == set(found.numbers)
-    assert set(re.findall('data-code="([^"]*)"', text)) == found.codes >= {"jump_missed"}
-    assert text.count("<svg") == 2
-    with refuses("kinds"):
-        write({"gyro_x": fits["gyro_x"], "gyro_y": 1}, tmp_path / "b.html")
-    made = found.to_dict()
-    assert made["numbers"]["gyro_x.lag"]["value"] == pytest.approx(60.0, abs=5)
-    assert {name for name in made["numbers"] if name.startswith("accel_z.a")} == {f"accel_z.a{i}" for i in range(1, 5)}

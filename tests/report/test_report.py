@@ -15,7 +15,6 @@ import pytest
 import jaxcal
 from jaxcal import Log
 from jaxcal._answer import CAUTION, NOTE, Kind, table
-from jaxcal.noise import NoiseFit, NoiseFits
 from jaxcal.noise._findings import FINDINGS
 from jaxcal.report import write
 
@@ -231,41 +230,6 @@ def test_a_calibration_needs_intervals(tmp_path, refuses):
         jaxcal.Calibration(noise={"gyro_x": slope})
     labels = jaxcal.plot.allan(slope).get_legend_handles_labels()[1]
     assert any(label.startswith("N = ") for label in labels)
-
-
-def test_noise_document(log):
-    made = NoiseFits(made_results()).to_dict(log)
-    assert (made["schema"], made["version"]) == ("jaxcal.NoiseFits/1", jaxcal.__version__)
-    assert list(made["channels"]) == ["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z"]
-    gyro, fit = made["channels"]["gyro_y"], made_fit(2.0)
-    assert gyro["coefficients"]["N"] == 2e-4
-    assert gyro["interval"]["N"] == list(fit.interval["N"])
-    assert (gyro["upper_limit"]["N"], gyro["presence"]["N"], gyro["longer_record"]["K"]) == (2.1e-4, "present", None)
-    assert (gyro["method"], gyro["confidence"], gyro["goodness"], gyro["duration"]) == ("gls", 0.95, 0.5, 3600.0)
-    assert gyro["band"] == [fit.band[0], fit.band[1]]
-    assert made["numbers"]["gyro_y.K"] == {"value": None, "low": None, "high": 2e-6, "unit": "rad/s/sqrt(s)", "state": "limit"}
-    assert [made["numbers"][f"accel_x.{term}"]["unit"] for term in "QNBK"] == ["m/s", "m/s^2/sqrt(Hz)", "m/s^2", "m/s^2/sqrt(s)"]
-    assert [one["text"] for one in made["log"]["findings"]] == [str(one) for one in log.findings]
-    assert json.loads(json.dumps(made, allow_nan=False)) == made
-
-
-def test_from_a_recording_to_every_file(tmp_path):
-    """All functions that write results accept those of a real fit."""
-    rate, n = 100.0, 30_000
-    gyro = np.stack([jaxcal.noise.Noise(N=1e-4, K=1e-4).simulate(n, rate, seed=i) for i in range(3)], axis=1)
-    accel = np.stack([jaxcal.noise.Noise(N=1e-3).simulate(n, rate, seed=i + 3) for i in range(3)], axis=1)
-    log = Log(None, gyro=gyro, accel=accel, rate=rate)
-    fits = jaxcal.noise.characterise(log)
-    assert all(isinstance(fit, NoiseFit) for fit in fits.values())
-    page = Page(written(fits, tmp_path / "a.html", log))
-    assert "N to" in page.text
-    assert json.loads(json.dumps(fits.to_dict(log), allow_nan=False))["channels"]["gyro_x"]["presence"]["K"] == "present"
-    device = jaxcal.Calibration(noise=fits, provenance=log.provenance)
-    device.save(tmp_path / "a.json")
-    jaxcal.Calibration.load(tmp_path / "a.json").save(tmp_path / "b.json")
-    assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
-    found = jaxcal.export.write(device, tmp_path / "imu.yaml", random_walk="upper_limit")
-    assert [one.subject[0] for one in found if one.code == "limit_written"] == ["accel_x"]
 
 
 def test_a_device_says_what_it_does_not_determine(tmp_path):

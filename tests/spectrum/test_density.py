@@ -21,28 +21,8 @@ def record(n=500, seed=0, channels=None):
     return 9.81 + np.random.default_rng(seed).standard_normal(shape)
 
 
-def by_definition(y, rate, sided):
-    """Ordinates above frequency zero by definition, summed term by term."""
-    n, t = len(y), np.arange(len(y))
-    values = []
-    for j in range(1, n // 2 + 1):
-        power = abs(np.sum((y - y.mean()) * np.exp(-2j * np.pi * j * t / n))) ** 2 / (n * rate)
-        values.append(power * (2.0 if sided == 1 and 2 * j != n else 1.0))
-    return np.arange(1, n // 2 + 1) * rate / n, np.array(values)
-
-
 @pytest.mark.parametrize("sided", [1, 2])
-@pytest.mark.parametrize("n", [4, 5, 64, 81])
-def test_periodogram_equals_its_definition(n, sided):
-    y = record(n)
-    found = density(y, RATE, sided=sided, average=None)
-    frequency, expected = by_definition(y, RATE, sided)
-    np.testing.assert_allclose(found.frequency, frequency, rtol=1e-14)
-    np.testing.assert_allclose(found.density, expected, rtol=1e-9, atol=1e-14)
-
-
-@pytest.mark.parametrize("sided", [1, 2])
-@pytest.mark.parametrize("n", [500, 501])
+@pytest.mark.parametrize("n", [4, 5, 64, 500, 501])
 def test_periodogram_equals_scipy(n, sided):
     y = record(n)
     found = density(y, RATE, sided=sided, average=None)
@@ -63,13 +43,6 @@ def test_welch_equals_scipy(segment, overlap, sided):
     np.testing.assert_allclose(found.density[1:], expected[here][1:], rtol=1e-9)
     # subtracting the mean of a segment removes a sixth of its first ordinate, for which SciPy does not correct
     np.testing.assert_allclose(found.density[0], expected[1] * 6 / 5, rtol=1e-9)
-
-
-def test_welch_is_unbiased_for_white_noise_at_every_ordinate():
-    """The limit is 4.5 standard errors for means of 4000 records, which random errors exceed in 0.02 % of the tests."""
-    found = density(np.random.default_rng(5).standard_normal((256, 4000)), 1.0, method="welch", average=None, segment=32)
-    error = found.density.std(axis=1) / math.sqrt(4000)
-    assert np.all(np.abs(found.density.mean(axis=1) - 1.0) < 4.5 * error)
 
 
 @hypothesis.settings(max_examples=40, deadline=None)
