@@ -11,6 +11,7 @@ from .._errors import DataError
 from .._log import as_log
 from .._message import Message
 from .._precision import host_float64
+from ..evidence._rests import still_intervals
 from ._findings import FINDINGS
 from ._fit import fit
 from ._model import Triads, Turntable
@@ -18,11 +19,10 @@ from ._noise import mixed, noise_of
 from ._plausible import check_norm
 from ._positions import Positions, Readings, distance
 from ._result import AlignmentFit
-from ._table_rests import rests_of
 
 #: smallest rotation that counts as a move, rad; largest share of a move about another axis; difference from the gyroscope that is a fault
 _NO_MOVE, _ASIDE, _DIFFER = np.deg2rad(1.0), 0.05, np.deg2rad(5.0)
-_BUMP = 1.2  # s; shorter interruptions of a rest are not moves to another position
+_BUMP = 2.0  # s; shorter interruptions of a rest, with the window of the detector, are not moves to another position
 _SKEW = 5e-3  # rad: standard deviation of the angle between the z axes and the axis of the moves
 _AXES = "xyz"
 
@@ -138,7 +138,7 @@ def from_log(
         raise DataError(Message("A sensor of the log has two axes, not one or three. Choose them with {option.columns}."), code="axes")
     rate, time = float(log.rate), np.asarray(log.time)
     recorded = None if angle is None else _recorded(angle, len(time))
-    start, stop = rests_of(samples, recorded, rate, float(least))
+    start, stop = _rests(samples, recorded, rate, float(least))
     least_rest, most_rest = (Quantity(float(x) / rate, "time") for x in ((stop - start).min(), (stop - start).max()))
     notes: list[Finding] = []
     turns, frame = _moves(samples, start, stop, rate)
@@ -149,6 +149,17 @@ def from_log(
     notes.insert(0, FINDINGS("rests", count=len(start), least=least_rest, most=most_rest, angles=shown))
     told = {} if noise is None else noise_of(noise, None if _three(samples) else axis)
     return _gathered(samples, start, stop, time, rate, place, spread, frame, told, notes)
+
+
+def _rests(samples: dict[str, np.ndarray], recorded: np.ndarray | None, rate: float, least: float) -> tuple[np.ndarray, np.ndarray]:
+    """First sample of each rest, and the sample after its last one."""
+    # ignore a sensor that is slower than the log and therefore missing in most samples
+    seen = {name: x for name, x in samples.items() if np.mean(np.isfinite(x).all(axis=1)) > 0.5} or samples
+    found = still_intervals(seen, rate, table=True, angle=recorded, least=least)
+    if len(found) < 2:
+        said = "the table {what} for {least:g} s or more; a test takes rests on several positions. Shorter rests need {option.least}"
+        raise DataError(Message(said, what="rests once" if len(found) else "never rests", least=least), code="few_rests")
+    return found.start, found.stop
 
 
 def _three(samples: dict[str, np.ndarray]) -> bool:

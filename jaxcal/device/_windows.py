@@ -7,8 +7,9 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from .._arrays import runs, windowed_variance
+from .._arrays import runs
 from .._types import AnyArray
+from ..evidence._rests import Variances
 from ._model import NAMES
 
 #: offsets of the samples that an interpolation uses, from the sample before the point
@@ -162,12 +163,11 @@ class Record:
 
     def resting(self) -> np.ndarray:
         """(K,) windows in which the specific force hardly changes and the device hardly rotates, for at least a second."""
-        half = max(round(0.5 / self.grid.step), 2)
-        size, calm = 2 * half + 1, np.zeros(len(self.gyro), dtype=bool)
-        shaken, turned = windowed_variance(self.accel, size), windowed_variance(self.gyro, size)
-        rate = np.stack([np.convolve(x, np.ones(size) / size, mode="valid") for x in self.gyro.T], axis=1)
-        slow = np.linalg.norm(rate, axis=1) < _STILL_RATE
-        calm[half : half + len(shaken)] = (shaken < _STILL_FORCE**2) & (turned < _STILL_RATE**2) & slow
+        levels = {"accel": _STILL_FORCE**2, "gyro": _STILL_RATE**2}
+        found = Variances({"accel": self.accel, "gyro": self.gyro}, 1 / self.grid.step, levels=levels)
+        width = np.ones(2 * found.half + 1)
+        rate = np.stack([np.convolve(x, width / len(width), mode="same") for x in self.gyro.T], axis=1)
+        calm = found.still((1.0, 1.0)) & (np.linalg.norm(rate, axis=1) < _STILL_RATE)
         still = np.asarray(np.all(calm[self.grid.inner], axis=1))
         # the scatter is computed over a second, which must fit into the rest: extend the rest while single windows are as calm as inside
         force, turns = self.accel[self.grid.inner], self.gyro[self.grid.inner]

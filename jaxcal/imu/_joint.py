@@ -12,7 +12,7 @@ import scipy  # loads its parts when they are first used
 
 from .._answer import Finding, Quantity, wrong_ranges
 from .._arrays import padded
-from .._rests import Ends, Multiples
+from ..evidence._rests import Ends, Multiples
 from ..fitting import Estimate, Fit, covariance
 from ..fitting._missing import LEAST
 from ..fitting._result import leverage

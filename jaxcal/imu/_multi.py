@@ -11,7 +11,7 @@ from .._arrays import power_of_two
 from .._errors import DataError
 from .._message import Message
 from .._precision import host_float64, is_traced
-from .._rests import Ends, Multiples, StillIntervals, Variances
+from ..evidence._rests import Ends, Multiples, StillIntervals, Variances
 from ..fitting import AbstractLoss, Fit, Huber
 from ..fitting._result import leverage
 from . import _fits, _recording
@@ -116,7 +116,7 @@ def multi_position(
         return _with_finding(base, wrong)
     start = started(None if isinstance(model, str) else model, record.gyro is not None, latitude is not None)
     if rests is None:
-        tried = Variances(record.accel, record.gyro, record.rate).tried()
+        tried = Variances(record.sensors, record.rate).tried()
     else:
         tried = {(np.inf, np.inf): _recording.given_rests(rests, len(record.time))}
     found = _fitted(record, base, with_terms(start, asked), tried, options, raw, held_out)

@@ -8,8 +8,8 @@ import numpy as np
 from .._answer import Finding, Grid, Message, Quantity, Result, Section, by_axis
 from .._errors import DataError
 from .._precision import host_float64
-from .._rests import still_intervals
 from .._types import AnyArray
+from ..evidence._rests import still_intervals
 from ._findings import FINDINGS
 from ._known import TriadFit, rate_table
 from ._model import CONDITION, Triad
@@ -125,7 +125,7 @@ def rate_test(
     if log.gyro is None or np.shape(log.gyro)[1:] != (3,):
         raise DataError("The log has no gyroscope with three axes, which a rate table calibrates.")
     gyro = log.usable("gyro", keep=("zeroed",))
-    still = still_intervals(gyro, log.rate)
+    still = still_intervals({"gyro": gyro}, log.rate)
     start, stop = still.ends[still.stop - still.start >= 2 * _PIECES].T
     if not len(start):
         raise DataError("No stretch of constant rate is found; hold every rate for 3 s or more", code="no_stretch")

@@ -11,8 +11,8 @@ from .._answer import Finding
 from .._arrays import padded, power_of_two, runs
 from .._errors import DataError
 from .._log import as_log
-from .._rests import Ends
 from .._units import units_of
+from ..evidence._rests import Ends
 from ._findings import FINDINGS
 from ._model import LEVEL
 from ._residuals import Poses, Turns, Weighted
@@ -41,6 +41,11 @@ class Recording(eqx.Module):
     temperature: float
     bridged: np.ndarray | None
     band: np.ndarray
+
+    @property
+    def sensors(self) -> dict[str, np.ndarray]:
+        """The readings by sensor, for the detector of rests."""
+        return {"accel": self.accel} | ({} if self.gyro is None else {"gyro": self.gyro})
 
 
 def recording(log: Any) -> Recording:

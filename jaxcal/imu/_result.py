@@ -8,9 +8,9 @@ import equinox as eqx
 import numpy as np
 
 from .._answer import CAUTION, FATAL, Curve, Finding, Number, Quantity, Result, Section, by_axis, listed
-from .._rests import StillIntervals
 from .._types import AnyArray
 from .._units import STANDARD_GRAVITY
+from ..evidence._rests import StillIntervals
 from ..fitting import Estimate, Fit, Outcome, identifiability
 from ._findings import FINDINGS
 from ._model import LEVEL, Imu, Triad

@@ -16,7 +16,7 @@ from .._answer import CAUTION, FATAL, Quantity
 from .._errors import DataError
 from .._log import Log
 from .._precision import host_float64
-from .._rests import still_intervals
+from ..evidence._rests import still_intervals
 from ..fitting import Estimate
 from ._findings import FINDINGS
 from ._known import checked_gravity, six_position
@@ -100,7 +100,7 @@ def _joined(logs: Mapping[str, Any]) -> tuple[Log, list[Region]]:
 
 def _faces(record: Recording) -> list[Region]:
     """The rests in which a block lies on one of its six faces, with their labels; other rests are left out."""
-    still = still_intervals(record.accel, record.rate, record.gyro)
+    still = still_intervals(record.sensors, record.rate)
     reading = means(record.accel, still.start, still.stop)
     axis = np.argmax(np.abs(reading), axis=1)
     size = reading[np.arange(len(axis)), axis]

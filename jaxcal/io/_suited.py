@@ -11,10 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from .._arrays import longest_run
+from .._errors import DataError
 from .._log import Log
 from .._message import Message
 from .._types import AnyArray
 from .._units import STANDARD_GRAVITY
+from ..evidence._rests import still_intervals
 from ._columns import SENSORS
 from ._evidence import median_norm
 
@@ -113,7 +115,7 @@ def _judged(log: Log) -> Iterator[tuple[str, bool, str, str]]:
     """Command, whether it suits, why, and further options; in the order of rank."""
     accel, gyro = (None if one is None or one.shape[1] != 3 else _seconds(one, log.rate) for one in (log.accel, log.gyro))
     names = [sensor for sensor in SENSORS if getattr(log, sensor) is not None]
-    sides, poses, moved = _sides(log.mag), _attitudes(accel, gyro), _motion(log)
+    sides, poses, moved = _sides(log.mag), _attitudes(log), _motion(log)
     turned = sides is not None and bool(sides.min() > _SIDES)
     still = None if moved is None else 1.0 - moved.share
     rests = "whether it rests is not known" if still is None else f"{100 * still:.0f} % of it is at rest"
@@ -182,19 +184,18 @@ def _longest(still: np.ndarray, rate: float) -> tuple[float, float] | None:
     return (first * seconds, last * seconds) if (last - first) * seconds >= _LONG else None
 
 
-def _attitudes(accel: _Seconds | None, gyro: _Seconds | None) -> int:
+def _attitudes(log: Log) -> int:
     """Number of attitudes at rest that are 15 degrees or more apart."""
-    if accel is None:
+    sensors = {name: x for name in ("accel", "gyro") if (x := getattr(log, name)) is not None and x.shape[1] == 3}
+    try:
+        ends = still_intervals(sensors, log.rate).ends if "accel" in sensors else ()
+    except DataError:  # too short, or constant
         return 0
-    quiet = accel.scatter < max(3.0 * float(np.nanquantile(accel.scatter, 0.1)), 0.05)  # 0.05 m/s^2: readings in coarse steps
-    steps = np.linalg.norm(np.diff(accel.mean, axis=0), axis=1) > 0.3  # m/s^2, 2 degrees of gravity
-    quiet &= ~(np.concatenate([[False], steps]) | np.concatenate([steps, [False]]))
-    if gyro is not None:
-        quiet &= np.linalg.norm(gyro.mean - np.nanmedian(gyro.mean, axis=0), axis=1) < _TURN
     found: list[np.ndarray] = []
-    for mean in accel.mean[quiet][:20_000]:
+    for start, stop in ends:
+        mean = np.nanmean(sensors["accel"][start:stop], axis=0)
         direction = mean / np.linalg.norm(mean)
-        if len(found) < 50 and all(float(direction @ other) < np.cos(_APART) for other in found):
+        if all(float(direction @ other) < np.cos(_APART) for other in found):
             found.append(direction)
     return len(found)
 

@@ -104,6 +104,17 @@ def test_gaps_spikes_and_a_slow_sensor_cost_their_samples_and_no_more(made):
     np.testing.assert_allclose(np.rad2deg(found.angle), [0, 90, 180, 270], atol=1e-3)
 
 
+@pytest.mark.parametrize("steps", [1, 5])
+def test_coarse_values_have_the_same_rests(made, steps):
+    """At five standard deviations of the noise, most readings at rest are equal, and a rate is known to half a step."""
+    time, angle, accel, gyro, rests, _ = made
+    sizes = (steps * n[0] * np.sqrt(20.0) for n in (world.ACCEL, world.GYRO * 30))
+    accel, gyro = (np.round(x / size) * size for x, size in zip((accel, gyro), sizes, strict=True))
+    found = from_log(jaxcal.Log(time, accel=accel, gyro=gyro), angle=angle)
+    assert len(found.start) == len(rests)
+    assert np.all((found.start - rests[:, 0] < 30) & (rests[:, 1] - found.stop < 30) & (found.start >= rests[:, 0]))
+
+
 def test_a_known_azimuth_calibrates_the_gyro():
     rng, inside, ratio = np.random.default_rng(6), [], []
     for _ in range(4):

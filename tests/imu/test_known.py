@@ -9,7 +9,7 @@ import pytest
 
 import jaxcal
 from jaxcal._arrays import windowed_variance
-from jaxcal._rests import still_intervals
+from jaxcal.evidence._rests import still_intervals
 from jaxcal.imu import MEMS, Triad, gravity, observability, rate_table, six_position
 
 from .cases import inside, positions
@@ -163,33 +163,47 @@ def test_still_intervals_are_those_that_were_made():
     moves = [(4000, 4300), (5000, 5500), (6000, 6400), (8000, 8300)]
     for i, j in moves:
         x[i:j] += 3 * np.sin(np.arange(j - i) / 15)[:, None]
-    found = still_intervals(x, 100.0)
+    found = still_intervals({"accel": x}, 100.0)
     assert len(found) == 5
     # a window of 1 s keeps a distance of 0.5 s from motion, to within the few samples that a motion needs to exceed the threshold
     for (stop, start), (i, j) in zip(zip(found.stop[:-1], found.start[1:], strict=True), moves, strict=True):
         assert -5 <= i - 50 - stop <= 5
         assert -5 <= start - (j + 50) <= 5
     # coarse values, most of which are constant at rest, have the same rests
-    coarse = still_intervals(0.15 * np.round(x / 0.15), 100.0)
+    coarse = still_intervals({"accel": 0.15 * np.round(x / 0.15)}, 100.0)
     assert np.abs(coarse.ends - found.ends).max() <= 12
     # the gyroscope detects a slow turn that the accelerometer does not detect
     gyro = 1e-3 * rng.normal(size=(10_000, 3))
     for i, j in [*moves, (2000, 2200)]:
         gyro[i:j] += 0.1 * np.sin(np.arange(j - i) / 15)[:, None]
-    both = still_intervals(x, 100.0, gyro)
+    both = still_intervals({"accel": x, "gyro": gyro}, 100.0)
     assert len(both) == 6
     assert abs(both.stop[0] - 1950) < 20
     # some missing samples do not end a rest; a long gap does
     x[2400:2430], x[7000:7200:9] = np.nan, np.nan
-    assert len(still_intervals(x, 100.0)) == 5
+    assert len(still_intervals({"accel": x}, 100.0)) == 5
     x[2400:2480] = np.nan
-    assert len(still_intervals(x, 100.0)) == 6
+    assert len(still_intervals({"accel": x}, 100.0)) == 6
+
+
+def test_what_moves_all_the_time_has_no_still_intervals():
+    """The stillest windows of a motion are not white, though their variance is that of a twentieth of all windows."""
+    rng, time = np.random.default_rng(0), np.arange(12_000) / 100.0
+    waves = [np.sin(2 * np.pi * f * time[:, None] + rng.uniform(0, 6, 3)) for f in rng.uniform(0.2, 2.0, 12)]
+    moving = {
+        "accel": 9.81 + sum(waves) + 0.01 * rng.normal(size=(12_000, 3)),
+        "gyro": sum(waves[::2]) + 1e-3 * rng.normal(size=(12_000, 3)),
+    }
+    assert len(still_intervals(moving, 100.0)) == 0
+    # tremor of a hand, or the vibration of a table, is no such motion
+    shaking = {name: 0.1 * np.sin(2 * np.pi * 9.0 * time)[:, None] + 0.01 * rng.normal(size=(12_000, 3)) for name in moving}
+    assert len(still_intervals(shaking, 100.0)) == 1
 
 
 @pytest.mark.parametrize(("samples", "size", "code"), [(100, 1.0, "too_short"), (5000, 0.0, "constant")])
 def test_what_has_no_still_intervals(samples, size, code, refuses):
     with refuses(code):
-        still_intervals(size * np.random.default_rng(0).normal(size=(samples, 3)), 100.0)
+        still_intervals({"accel": size * np.random.default_rng(0).normal(size=(samples, 3))}, 100.0)
 
 
 def test_observability_names_what_is_missing():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal._rests import still_intervals
+from jaxcal.evidence._rests import still_intervals
 from jaxcal.imu import Imu, Triad, motion
 
 from . import cases, world
@@ -18,7 +18,7 @@ def found_in(seed, **case):
     stamps, accel, gyro, truth = world.record(seed, **case)
     log = jaxcal.Log(stamps, accel=accel, gyro=gyro)
     sensors = Imu(Triad(truth[:9].reshape(3, 3), truth[9:12]), Triad(truth[12:21].reshape(3, 3), truth[21:24], truth[24:].reshape(3, 3)))
-    return motion(log, sensors, gravity=world.GRAVITY, rests=still_intervals(log.accel, log.rate, log.gyro).ends)
+    return motion(log, sensors, gravity=world.GRAVITY, rests=still_intervals({"accel": log.accel, "gyro": log.gyro}, log.rate).ends)
 
 
 def test_delay_and_arms_of_a_steady_hand():
