@@ -86,16 +86,37 @@ def axis_turns() -> np.ndarray:
 
 
 def axis_words(turn: np.ndarray) -> str:
-    """Rows of a signed permutation in words: x, y, z as axes of another sensor.
+    """Rows of a signed permutation as axes of another sensor, in the form of the option `axes`.
 
     Examples
     --------
     >>> import numpy as np
     >>> from jaxcal._arrays import axis_words
     >>> axis_words(np.array([[0, 0, 1], [-1, 0, 0], [0, 1, 0]]))
-    '+z, -x, +y'
+    'z,-x,y'
     """
-    return ", ".join(f"{'+' if row.sum() > 0 else '-'}{'xyz'[int(np.argmax(np.abs(row)))]}" for row in turn)
+    return ",".join(f"{'' if row.sum() > 0 else '-'}{'xyz'[int(np.argmax(np.abs(row)))]}" for row in turn)
+
+
+def axis_fault(turn: np.ndarray) -> str:
+    """What a signed permutation does to the axes, in words.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal._arrays import axis_fault
+    >>> axis_fault(np.diag([1, -1, 1])), axis_fault(np.eye(3)[[1, 0, 2]]), axis_fault(-np.eye(3)[[1, 0, 2]])
+    ('y is reversed', 'x and y are exchanged', 'x and y are exchanged, and x, y and z are reversed')
+    """
+    moved, signs = np.diag(turn) == 0, turn.sum(axis=1)
+    done = {"exchanged": [axis for axis, own in zip("xyz", moved, strict=True) if own],
+            "reversed": [axis for axis, sign in zip("xyz", signs, strict=True) if sign < 0]}  # fmt: skip
+    said = [f"{_listed(axes)} {'is' if len(axes) == 1 else 'are'} {how}" for how, axes in done.items() if axes]
+    return ", and ".join(said)
+
+
+def _listed(words: list[str]) -> str:
+    return " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))
 
 
 def from_vector(v: np.ndarray) -> np.ndarray:

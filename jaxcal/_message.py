@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 
 Reader = Literal["python", "terminal"]
 #: options that take `NAME=VALUE`; in Python their value is a dictionary
-_PAIRS = ("columns", "units")
+_PAIRS = ("columns", "units", "axes")
 #: values of the command line that are no text in Python
 _CONSTANTS = {"...": "...", "none": "None"}
 

@@ -172,7 +172,7 @@ def _named(task: Any) -> dict[str, Any]:
 def reading_options(reading: dict[str, Any]) -> tuple[dict[str, Any], tuple[Any, Any]]:
     """Options of `jaxcal.read`, and start and stop of the part to use; a `DataError` for options that are unknown or invalid."""
     from ..io import read
-    from ..io._columns import parse_columns, parse_topics, parse_units
+    from ..io._columns import parse_axes, parse_columns, parse_topics, parse_units
 
     known = [name for name in inspect.signature(read).parameters if name not in ("path", "quiet")]
     unknown = [name for name in reading if name not in (*known, "start", "stop")]
@@ -180,7 +180,7 @@ def reading_options(reading: dict[str, Any]) -> tuple[dict[str, Any], tuple[Any,
         raise DataError(
             f"there is no reading option {', '.join(unknown)}; known are {', '.join([*known, 'start', 'stop'])}", code="reading"
         )
-    for name, parse in (("columns", parse_columns), ("units", parse_units), ("topics", parse_topics)):
+    for name, parse in (("columns", parse_columns), ("units", parse_units), ("topics", parse_topics), ("axes", parse_axes)):
         try:
             parse(reading.get(name))
         except UnitError as error:

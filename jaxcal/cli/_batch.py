@@ -52,7 +52,7 @@ class FleetRunning:
         Parameter(help="CSV file for --pool with a line for each log: columns log, device, and covariates such as temperature."),
     ] = None
     names: Annotated[str | None, Parameter(help='Pattern of the names of logs for --pool, as "unit{device}_{temperature}C".')] = None
-    axes: Annotated[bool, Parameter(help="With --pool: axes are a level within the device, not populations of their own.")] = False
+    axes: Annotated[bool, Parameter(name="--by-axis", help="With --pool: axes are a level within the device.")] = False
     each: Annotated[
         bool, Parameter(help="A result for every IMU of a log that holds several (ULog, DataFlash, bags, HDF5), not only for the first.")
     ] = False
@@ -87,7 +87,7 @@ def batch(
     if (running.timeout is not None or running.memory is not None) and running.scheduler is not None:
         raise CallError("--timeout and --memory exclude --scheduler: the workers of a cluster cannot be stopped")
     if not running.pool and (running.table is not None or running.names is not None or running.axes):
-        raise CallError("--table, --names and --axes belong to --pool: add --pool")
+        raise CallError("--table, --names and --by-axis belong to --pool: add --pool")
     if out.exists() and not out.is_dir():
         raise CallError(f"--out {out}: this is a file; give a folder")
     above = next((folder for folder in (out.absolute(), *out.absolute().parents) if folder.exists()), out)

@@ -135,6 +135,8 @@ class Reading:
     format
         Format of the file, if its content does not show it: csv, json, npy, npz, parquet, rosbag1, rosbag2, mat, hdf5, ulog, dataflash,
         zip.
+    axes
+        Axes of a sensor that are exchanged or reversed: gyro=y,x,-z says that the device's x is the gyroscope's y. Repeatable.
     keep
         Kind of evidence that is not set aside: knock, moving, step, held, zeroed, stuck, clipped, or all. Repeatable.
     start
@@ -150,6 +152,7 @@ class Reading:
     data: Literal["rate", "phase"] = "rate"
     missing: float | None = None
     format: str | None = None
+    axes: tuple[str, ...] | None = None
     keep: tuple[Literal["knock", "moving", "step", "held", "zeroed", "stuck", "clipped", "all"], ...] = ()
     start: float | None = None
     stop: float | None = None
@@ -267,12 +270,12 @@ def reading_options(options: Reading) -> dict[str, Any]:
     """
     import jaxcal
 
-    from ..io._columns import parse_columns, parse_topics, parse_units
+    from ..io._columns import parse_axes, parse_columns, parse_topics, parse_units
     from ..io._find import FORMATS
 
     if options.format is not None and options.format not in FORMATS:
         raise CallError(f"--format {options.format}: expected one of {', '.join(FORMATS)}", "format")
-    parsers = {"columns": parse_columns, "units": parse_units, "topics": parse_topics}
+    parsers = {"columns": parse_columns, "units": parse_units, "topics": parse_topics, "axes": parse_axes}
     try:
         named: dict[str, Any] = {name: parse(",".join(words)) for name, parse in parsers.items() if (words := getattr(options, name))}
     except jaxcal.DataError as error:  # not the data: nothing was read yet

@@ -5,13 +5,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._answer import CAUTION, FATAL, GRAVITY_ASSUMED, NOTE, WRONG_RANGE, Finding, Kind, Quantity, table, wrong_ranges
+from .._arrays import axis_words
 from ..fitting import Estimate
 from ._model import KINDS, field_of
 
 FINDINGS = table(
     gravity_assumed=GRAVITY_ASSUMED,
     range=WRONG_RANGE,
-    other_axes=Kind(NOTE, "In axes of the accelerometer: {axes}.", guess=True),
+    other_axes=Kind(
+        NOTE, "Its x, y, z are {axes} of the accelerometer, and the result says so.", "To turn the log instead: {option.axes:{typed}}.",
+        guess=True
+    ),
     undetermined=Kind(
         FATAL, "The motion leaves parameters without a number (open).",
         "Turn the device about all three axes, through all attitudes, and let it rest in several.",
@@ -59,7 +63,7 @@ class Facts(NamedTuple):
 
     field: float
     gravity: float | None  # None if it was given
-    axes: str
+    axes: tuple[np.ndarray, ...]  # that rotate vectors from the axes of the accelerometer to those of gyroscope and magnetometer
     place: np.ndarray
     lacks: dict[str, float]
     disturbed: float  # s
@@ -74,11 +78,16 @@ def findings_of(estimate: Estimate, facts: Facts) -> tuple[Finding, ...]:
     found: list[Finding] = []
     if facts.gravity is not None:
         found.append(FINDINGS("gravity_assumed", severity=NOTE, gravity=Quantity(facts.gravity, "accel")))
-    if facts.axes:
-        found.append(FINDINGS("other_axes", axes=facts.axes))
+    for sensor, short, turn in zip(SENSORS[1:], ("gyro", "mag"), facts.axes, strict=True):
+        if not np.array_equal(turn, np.eye(3)):
+            found.append(FINDINGS("other_axes", sensor, axes=axis_words(turn), typed=f"{short}={axis_words(turn.T)}"))
     lost = {sensor_of(name) for name, state in estimate.states.items() if state == "open"}
     error = dict(zip(estimate.names, estimate.error, strict=True))
-    found += wrong_ranges(FINDINGS, {name: (value, error[name]) for name, value in zip(estimate.names, estimate.values, strict=True)})
+    known = {name: (value, error[name]) for name, value in zip(estimate.names, estimate.values, strict=True)}
+    turn = facts.axes[0]  # the scale of an axis stands in the column of its direction
+    places = {f"gyro.matrix[{i},{i}]": (f"gyro.matrix[{i},{j}]", turn[i, j]) for i, j in zip(*np.nonzero(turn), strict=True)}
+    scales = {name: (sign * known[own][0], known[own][1]) for name, (own, sign) in places.items() if own in known}
+    found += wrong_ranges(FINDINGS, known | scales)
     for sensor in SENSORS:
         own = {name: size for name, size in error.items() if sensor_of(name) == sensor and np.isfinite(size)}
         unit = {"magnetometer.hard_iron": facts.field}

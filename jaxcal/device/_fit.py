@@ -169,7 +169,7 @@ def _result(
     flags = found.kept.any(axis=1) & (found.counts < 0.5), found.rests.windows
     disturbed, resting = (stretches(which, begin, record.time) for which in flags)
     facts = Facts(
-        field=model.field, gravity=record.gravity if assumed else None, axes=start.words, place=found.way.place,
+        field=model.field, gravity=record.gravity if assumed else None, axes=start.axes, place=found.way.place,
         lacks=lacks(found, record, told.ratio), duration=float(log.duration),
         disturbed=sum((stop - first for first, stop in disturbed), 0.0),
         dead=bool(np.any(np.isnan(log.usable("gyro", keep=("held", "stuck", "clipped"))) & np.isfinite(log.gyro))),

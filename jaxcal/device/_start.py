@@ -9,8 +9,9 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .. import magnetometer
-from .._arrays import axis_turns, axis_words, from_vector
+from .._arrays import axis_fault, axis_turns, axis_words, from_vector
 from .._errors import DataError, FitError
+from .._message import Message
 from ..imu._model import EARTH_RATE
 from ..magnetometer._axes import clearest
 from ._model import AT, DeviceModel, model_of, template, vector_of
@@ -21,9 +22,9 @@ from ._windows import REACH, Grid, Record
 
 #: s: shortest recording; fewest readings of a sensor; readings: longest gap that is interpolated; samples: least distance of two readings
 _BRIEF, _READINGS, _GAP, _CLOSE = 20.0, 100, 2, 0.2
-#: s: time constants of the corrections of the attitude by field and specific force; mean of readings, and step between those that are
-#: used
-_FIELD, _FORCE, _SMOOTH, _THIN = 1.0, 10.0, 0.3, 0.1
+#: s: time constants of the corrections of the attitude by field and specific force; the test of the axes: s of a step; rad by which the
+#: rates turn in a segment, and its limits in s
+_FIELD, _FORCE, _THIN, _TURN, _SEGMENT = 1.0, 10.0, 0.03, 4.0, (0.6, 5.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,12 +116,6 @@ class Start:
     rests: Rests
     strength: float
     axes: tuple[np.ndarray, np.ndarray]
-
-    @property
-    def words(self) -> str:
-        """The axes of gyroscope and magnetometer, where they are not those of the accelerometer."""
-        both = zip(("gyroscope", "magnetometer"), self.axes, strict=True)
-        return "; ".join(f"{sensor} x, y, z are {axis_words(matrix)}" for sensor, matrix in both if not np.array_equal(matrix, np.eye(3)))
 
 
 def started(record: Record, mag: np.ndarray) -> Start:
@@ -218,22 +213,35 @@ def _triad(force: np.ndarray, field: np.ndarray, dip: float) -> np.ndarray:
 def axes_of(vectors: np.ndarray, rates: np.ndarray, rate: float, names: tuple[str, str]) -> np.ndarray:
     """(3, 3) matrix Q, a permutation of axes with signs, that rotates `rates` to the axes of the `vectors`.
 
-    A vector v that is constant in the world, such as gravity or the field, changes by v' = -(Q w) x v at the rate w. Q is the identity
-    unless another matrix explains the changes clearly better.
+    A vector that is constant in the world, such as gravity or the field, stands still where the rates turn it back. Q is the identity
+    unless another matrix makes the vectors scatter clearly less than all others do. If Q mirrors, the rates turn the other way.
     """
-    size = max(round(_SMOOTH * rate), 1)
-    v, w = (np.stack([np.convolve(x, np.ones(size) / size, mode="valid") for x in y.T], axis=1) for y in (vectors, rates))
-    some = slice(None, None, max(round(_THIN * rate), 1))
-    change = np.gradient(v, axis=0)[some] * rate
-    v, w = v[some], (w - np.median(w, axis=0))[some]
-    turns = axis_turns()
+    rates = rates - np.median(rates, axis=0)
+    length = float(np.clip(_TURN / np.sqrt(np.mean(np.sum(rates**2, axis=1))), *_SEGMENT))
+    size = max(round(_THIN * rate), 1)  # samples of a step; the mean of a fifth of a segment has less of the acceleration of the hand
+    fifth = max(round(length / 5 * rate / size), 1)
+    count = len(rates) // (5 * fifth * size)
+    v, w = (y[: count * 5 * fifth * size].reshape(count, 5 * fifth, size, 3).mean(axis=2) for y in (vectors, rates))
+    turns, scatter = axis_turns(), []
+    for sign in (1.0, -1.0):
+        step = from_vector(sign * size / rate * (w[:, 1:] + w[:, :-1]) / 2)
+        attitude = [np.broadcast_to(np.eye(3), (count, 3, 3))]
+        for k in range(step.shape[1]):
+            attitude.append(attitude[-1] @ step[:, k])
+        back = np.einsum("msij,tkj,smk->tsmi", np.array(attitude), turns, v, optimize=True)
+        back = back.reshape(len(turns), count, 5, fifth, 3).mean(axis=3)
+        scatter.append(np.sqrt(np.mean(np.var(back, axis=2), axis=2)))
     matrices = np.concatenate([turns, -turns])
-    best = clearest(np.array([np.sqrt(np.sum((change + np.cross(w @ matrix.T, v)) ** 2)) for matrix in matrices]))
+    # the acceleration of the hand differs between segments, so each counts beside its own least scatter
+    turned = np.linalg.norm(w, axis=2).sum(axis=1) * size / rate > _TURN / 4
+    each = np.log(np.maximum(np.concatenate(scatter)[:, turned], 1e-12))
+    best = clearest(np.exp(each.mean(axis=1)), alone=True) if turned.any() else 0
     if np.linalg.det(matrices[best]) < 0:
         raise DataError(
-            f"the axes of the {names[0]} are mirrored against those of the {names[1]}: its x, y, z are {axis_words(matrices[best].T)} "
-            f"of the {names[1]}; "
-            "every sensor needs right-handed axes, and rates are positive counterclockwise: change the signs or the order of its axes",
+            Message(
+                "the {sensor} is mirrored against the {other}: {what}. Give {option.axes:gyro={axes}}",
+                sensor=names[0], other=names[1], what=axis_fault(matrices[best].T), axes=axis_words(matrices[best]),
+            ),
             code="mirrored",
-        )
+        )  # fmt: skip
     return matrices[best]

@@ -4,7 +4,6 @@ import dataclasses
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy  # loads its parts when they are first used
 
 from .._arrays import from_vector, runs, to_vector
 from ..fitting import Chain
@@ -95,12 +94,13 @@ class Place:
         """Transition of (velocity, position, acceleration), and inverse covariances of its process noise and of the first state."""
         a = np.sqrt(3) * self.speed / self.reach
         drift = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [-3 * a**2, -(a**3), -3 * a]])
-        step = scipy.linalg.expm(drift * time)
+        move = lambda s: np.exp(-a * s) * (np.eye(3) + (near := drift + a * np.eye(3)) * s + near @ near * s**2 / 2)  # noqa: E731
+        step = move(time)  # the exponential of drift * time: all three eigenvalues of the drift are -a
         v = self.speed**2
         whole = np.array([[v, 0.0, 0.0], [0.0, self.reach**2, -v], [0.0, -v, self.reach**2 * a**4]])
         # process noise over short times is tiny: computed as an integral it keeps its digits, as a difference it would lose them
         nodes, weights = np.polynomial.legendre.leggauss(12)
-        drive = [scipy.linalg.expm(drift * time * (1 - x) / 2)[:, 2] for x in nodes]
+        drive = [move(time * (1 - x) / 2)[:, 2] for x in nodes]
         left = 16 / 3 * self.reach**2 * a**5 * time / 2 * sum(
             w * np.outer(d, d) for w, d in zip(weights, drive, strict=True)
         )  # fmt: skip

@@ -57,7 +57,7 @@ FINDINGS = table(
         limits=(np.deg2rad(5.0),),  # more than scale factors of some per cent cause
     ),
     gyro_unit=Kind(FATAL, "The turns fit if the gyroscope is in {unit}.", "Give {option.units:gyro={unit}}."),
-    gyro_axes=Kind(FATAL, "The turns fit if x, y, z of the device are {axes} of the gyroscope.", "Exchange or negate its columns."),
+    gyro_axes=Kind(FATAL, "Against the accelerometer {what}: x, y, z of the device are {axes} of it.", "Give {option.axes:gyro={axes}}."),
     prior_conflict=Kind(CAUTION, "The prior contradicts the recording (p = {level:.1g}): the device has changed, or it is another one."),
     disagree=Kind(CAUTION, "{count} of {total} {what} do not agree with the others: the sensor was bumped, or moved in another way.",
                   limits=(0.2,)),

@@ -11,7 +11,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._answer import Finding
-from .._arrays import axis_turns, axis_words
+from .._arrays import axis_fault, axis_turns, axis_words
 from .._errors import DataError
 from .._special import chi_square_tail
 from .._units import factor
@@ -135,13 +135,16 @@ def scanned_scale(bias: np.ndarray, vertical: np.ndarray, turns: Turns) -> float
 
 def causes(bias: np.ndarray, vertical: np.ndarray, turns: Turns, scale: float) -> list[Finding]:
     """Another unit or order of the gyroscope's axes, if one fits the turns at least ten times better."""
-    tried = [(unit, factor(unit, "gyro"), turn) for unit in ("rad/s", "deg/s") for turn in axis_turns()]
+    turns_ = np.concatenate([axis_turns(), -axis_turns()])
+    tried = [(unit, factor(unit, "gyro"), turn) for unit in ("rad/s", "deg/s") for turn in turns_]
     costs = turn_costs(np.array([scale * size * turn for _, size, turn in tried]), bias, vertical, turns)
     unit, _, turn = tried[int(np.argmin(costs))]
     if not costs.min() < 0.1 * turn_costs(scale * np.eye(3)[None], bias, vertical, turns)[0]:
         return []
     found = [FINDINGS("gyro_unit", "gyro", unit=unit)] if unit != "rad/s" else []
-    return found if np.array_equal(turn, np.eye(3)) else [*found, FINDINGS("gyro_axes", "gyro", axes=axis_words(turn))]
+    if not np.array_equal(turn, np.eye(3)):
+        found.append(FINDINGS("gyro_axes", "gyro", what=axis_fault(turn.T), axes=axis_words(turn)))
+    return found
 
 
 class Joint(eqx.Module):

@@ -174,7 +174,8 @@ def judged(
         found.append(FINDINGS("parameters_open", what=identifiability(fit).sentence))
     elif not errors["accel"] <= UNKNOWN:
         found.append(dataclasses.replace(seen.finding, severity=FATAL))
-    found += causes() if found else ()
+    notes = list(notes)
+    found += causes() if found or any(one.code == "range" for one in notes) else ()
     if options.prior is None:
         found += FINDINGS.over("few_poses", -float(poses), cost=0.0, poses=poses) if options.misalignment else []
     elif (level := conflict(fit)) < LEVEL:

@@ -1,8 +1,10 @@
-"""Parse the options `columns=`, `units=` and `topics=`."""
+"""Parse the options `columns=`, `units=`, `axes=` and `topics=`."""
 
 import re
 from collections.abc import Mapping
 from typing import Any
+
+import numpy as np
 
 from .._errors import DataError, UnitError
 from .._message import Message
@@ -10,6 +12,7 @@ from .._units import factor, find_unit, quantities, si_unit, to_si
 from ._names import AXES, plain
 
 SENSORS = ("gyro", "accel", "mag")
+_LISTS = ("columns", "axes")  # options whose values are lists: gyro=1,2,3
 
 #: quantity -> its columns (by number or name), or None to leave it out
 Columns = dict[str, list[int | str] | None]
@@ -63,6 +66,29 @@ def parse_units(given: Mapping[str, Any] | str | None) -> dict[str, str]:
     return found
 
 
+def parse_axes(given: Mapping[str, Any] | str | None) -> dict[str, list[str]]:
+    """Parse the axes of sensors: x, y, z of the device as axes of the sensor.
+
+    Examples
+    --------
+    >>> from jaxcal.io._columns import parse_axes
+    >>> parse_axes("gyro=y,x,-z")
+    {'gyro': ['y', 'x', '-z']}
+    """
+    found = {}
+    for name, value in _pairs(given, "axes").items():
+        axes = [str(axis).strip().removeprefix("+") for axis in (value if isinstance(value, list | tuple) else [value])]
+        if name not in SENSORS or sorted(axis.removeprefix("-") for axis in axes) != list(AXES):
+            raise wrong("axes", f"{name}={value!r}; expected a sensor and its axes in the order of the device, such as gyro=y,x,-z")
+        found[name] = axes
+    return found
+
+
+def in_axes(values: np.ndarray, axes: list[str]) -> np.ndarray:
+    """Readings (n, 3) in the axes of the device."""
+    return np.stack([-values[:, AXES.index(axis[1])] if axis.startswith("-") else values[:, AXES.index(axis)] for axis in axes], axis=1)
+
+
 def parse_topics(given: Any) -> list[str] | None:
     """Parse topic names from a list or a comma-separated string."""
     if given is None:
@@ -92,7 +118,7 @@ def _pairs(given: Mapping[str, Any] | str | None, option: str) -> dict[str, Any]
     if given is None:
         return {}
     if isinstance(given, Mapping):  # "1,2" in a dictionary means the same as in a string
-        return {name: value.split(",") if option == "columns" and _is_list(value) else value for name, value in given.items()}
+        return {name: value.split(",") if option in _LISTS and _is_list(value) else value for name, value in given.items()}
     if not isinstance(given, str):
         raise wrong(option, f"expected a dictionary or a string such as 'gyro=...', not {type(given).__name__}")
     found: dict[str, Any] = {}
@@ -102,7 +128,7 @@ def _pairs(given: Mapping[str, Any] | str | None, option: str) -> dict[str, Any]
         if equals:
             last = name.strip()
             found[last] = value.strip()
-        elif last and option == "columns":  # a list: gyro=1,2,3
+        elif last and option in _LISTS:  # a list: gyro=1,2,3
             found[last] = [*(found[last] if isinstance(found[last], list) else [found[last]]), part.strip()]
         else:
             raise wrong(option, f"{part!r} in {given!r} is not of the form quantity=value")
@@ -110,8 +136,8 @@ def _pairs(given: Mapping[str, Any] | str | None, option: str) -> dict[str, Any]
 
 
 def _is_list(value: Any) -> bool:
-    """Whether a text is a list of column numbers, such as "1,2"."""
-    return isinstance(value, str) and re.fullmatch(r"\d+(?:,\d+)+", value) is not None
+    """Whether a text is a list of column numbers, such as "1,2", or of axes, such as "x,-y,-z"."""
+    return isinstance(value, str) and re.fullmatch(r"\d+(?:,\d+)+|[-+xyz]+(?:,[-+xyz]+)+", value) is not None
 
 
 def _column(value: Any) -> int | str:

@@ -20,7 +20,7 @@ from .._log import Log
 from .._message import Message
 from .._units import si_unit
 from ._archive import unpacked
-from ._columns import SENSORS, parse_columns, parse_topics, parse_units, wrong
+from ._columns import SENSORS, in_axes, parse_axes, parse_columns, parse_topics, parse_units, wrong
 from ._find import FORMATS, find
 from ._findings import READ
 from ._frames import table_of
@@ -51,7 +51,7 @@ _NAMES = {
 def read(
     path: Any, *, format: str | None = None, columns: Mapping[str, Any] | str | None = None, units: Mapping[str, Any] | str | None = None,
     rate: float | int | None = None, topics: Sequence[str] | str | None = None, data: str = "rate", missing: float | int | None = None,
-    quiet: bool = False,
+    axes: Mapping[str, Any] | str | None = None, quiet: bool = False,
 ) -> Log:  # fmt: skip
     r"""Read a recording of an inertial or magnetic sensor into a `Log`, in SI and on a uniform time grid.
 
@@ -79,6 +79,8 @@ def read(
     data : "rate", or "phase" if the file has the time integral of the measured quantities: angles and velocities, or the phase
         in files of Stable32. jaxcal then uses differences between samples divided by the sampling period; `units` are those of the rate.
     missing : number that marks a missing value in a table (0 in files of Stable32, -999 in others).
+    axes : axes of sensors that are exchanged or reversed against those of the device, as ``"gyro=y,x,-z"`` or ``{"gyro": "y,x,-z"}``: the
+        device's x is the sensor's y.
     quiet : do not print the findings on stderr.
 
     Returns
@@ -109,10 +111,11 @@ def read(
     time: column 0 (time_s), s (from the name). If that is wrong: columns={'time': '0'} units={'time': 'ms'}.
     """
     if not isinstance(path, str | os.PathLike):
-        return _in_memory(path, format or topics, columns, units, rate, data, missing)
+        return _in_memory(path, format or topics, asked(columns=columns, units=units, rate=rate, data=data, missing=missing, axes=axes))
     path = pathlib.Path(path)
     with named(path):
-        log = _read(path, asked(format=format, columns=columns, units=units, rate=rate, topics=topics, data=data, missing=missing))
+        given = {"format": format, "columns": columns, "units": units, "rate": rate, "topics": topics, "missing": missing, "axes": axes}
+        log = _read(path, asked(data=data, **given))
     if not quiet:
         for one in log.findings:
             print(f"{'warning' if one.severity else 'note'}: {one}", file=sys.stderr)
@@ -179,11 +182,12 @@ class Asked(NamedTuple):
     format: str | None
     table: dict[str, Any]
     topics: list[str] | None
+    axes: dict[str, list[str]]
 
 
 def asked(
     *, format: str | None = None, columns: Any = None, units: Any = None, rate: Any = None, topics: Any = None, data: str = "rate",
-    missing: Any = None,
+    missing: Any = None, axes: Any = None,
 ) -> Asked:  # fmt: skip
     """Parse the options of `read`."""
     if data not in ("rate", "phase"):
@@ -191,12 +195,11 @@ def asked(
     if format is not None and format not in FORMATS:
         raise wrong("format", f"{format!r} is unknown; use one of {', '.join(FORMATS)}")
     table = {"columns": parse_columns(columns), "units": parse_units(units), "rate": rate, "missing": missing, "phase": data == "phase"}
-    return Asked(format, table, parse_topics(topics))
+    return Asked(format, table, parse_topics(topics), parse_axes(axes))
 
 
-def _in_memory(source: Any, other: Any, columns: Any, units: Any, rate: Any, data: str, missing: Any) -> Log:
+def _in_memory(source: Any, other: Any, given: Asked) -> Log:
     """Make a log from an object in memory."""
-    given = asked(columns=columns, units=units, rate=rate, data=data, missing=missing)
     if isinstance(source, Log):
         if other or not _plain(given):
             raise DataError("this is a Log already, whose columns and units are chosen; leave the other options out", code="is_log")
@@ -208,7 +211,7 @@ def _in_memory(source: Any, other: Any, columns: Any, units: Any, rate: Any, dat
 
 def _plain(given: Asked) -> bool:
     """Whether no option changes how a table is read."""
-    return not any(given.table.values())
+    return not (given.axes or any(given.table.values()))
 
 
 # overflow gives infinity or NaN, which counts as missing
@@ -221,7 +224,7 @@ def _read(path: pathlib.Path, given: Asked) -> Log:
 @contextlib.contextmanager
 def opened(path: pathlib.Path, given: Asked) -> Iterator[tuple[Table | Signals, dict[str, Any]]]:
     """Content of a file, before columns and units are chosen, and its provenance; a zip file stays unpacked inside the `with` block."""
-    _, options, topics = given
+    _, options, topics, _ = given
     with faults("a recording"):
         kind, sources = find(path)
     kind = given.format or kind
@@ -272,6 +275,11 @@ def finished(found: Table | Signals, origin: dict[str, Any], given: Asked, choic
     provenance = origin | {"columns": signals.columns, "units": signals.units, "jaxcal": _version(), "epoch_ns": signals.epoch_ns}
     if len(signals.imus) > 1:
         provenance["imus"] = signals.imus
+    for name, axes in given.axes.items():
+        if np.shape(signals.sensors.get(name))[1:] != (3,):
+            raise wrong("axes", f"the log has no {name} with three axes")
+        signals.sensors[name] = in_axes(signals.sensors[name], axes)
+        provenance["axes"] = given.axes
     return _build(signals, provenance)
 
 

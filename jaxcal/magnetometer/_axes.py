@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._answer import CAUTION, FATAL, Finding, Quantity
-from .._arrays import axis_turns, axis_words
+from .._answer import CAUTION, FATAL, Finding, Quantity, Severity
+from .._arrays import axis_fault, axis_turns, axis_words
 from ._findings import AGREE, FINDINGS
 
 _CLEARER = 2.0  # times less scatter than that of equal axes, to be believed; one mirrored axis had 3 at least in 25 real logs, 18 usually
@@ -33,10 +33,11 @@ class Axes(NamedTuple):
         return bool(np.array_equal(self.turn, np.eye(3)))
 
 
-def clearest(scatter: np.ndarray) -> int:
-    """Number of the axes with the least scatter; other axes than the first, the same ones, must be clearly better."""
+def clearest(scatter: np.ndarray, alone: bool = False) -> int:
+    """Number of the axes with the least scatter; they must be clearly better than the first, the same ones, or `alone`: than all others."""
     best = int(np.argmin(scatter))
-    return best if _CLEARER * scatter[best] < scatter[0] else 0
+    rival = np.delete(scatter, best).min() if alone else scatter[0]
+    return best if _CLEARER * scatter[best] < rival else 0
 
 
 def axes_of(field: np.ndarray, up: np.ndarray) -> Axes | None:
@@ -77,26 +78,22 @@ def by_axes(found: Axes | None, sign: float, turns: bool = True) -> list[Finding
     if found is None:
         return []
     grave, dip, mirror = FATAL if turns else CAUTION, abs(found.dip), np.linalg.det(found.turn) < 0
-    what = _mirrored(found.turn if mirror else -found.turn)
     first, second = axis_words(found.turn), axis_words(-found.turn)
     if mirror:
-        return [FINDINGS("mirrored", severity=grave, what=what, axes=first)]
+        return [_mirrored(found.turn, grave)]
     known = sign * found.dip if sign and dip > AGREE else float(found.sure)
     if found.same:
         return [FINDINGS("reversed", dip=Quantity(found.dip, "angle"))] if known < 0 else []
     if known > 0:
         return [FINDINGS("remounted", axes=first)]
     if known < 0:
-        return [FINDINGS("mirrored", severity=grave, what=what, axes=second)]
+        return [_mirrored(-found.turn, grave)]
     if not np.isfinite(found.dip):
         return [FINDINGS("axes_turned", severity=grave, first=first, second=second)]
     open_ = Quantity(found.dip, "angle"), Quantity(-found.dip, "angle")
     return [FINDINGS("axes_open", severity=grave, dip=open_[0], other=open_[1], first=first, second=second)]
 
 
-def _mirrored(turn: np.ndarray) -> str:
-    """What is wrong with axes that mirror, in words."""
-    diagonal = np.diag(turn)
-    # a single axis is mirrored if all others keep their places
-    one = "xyz"[int(np.argmin(diagonal))] if np.all(diagonal) and np.sum(diagonal < 0) == 1 else ""
-    return f"axis {one} is reversed" if one else "axes are exchanged or reversed"
+def _mirrored(turn: np.ndarray, severity: Severity) -> Finding:
+    """The finding about axes that mirror."""
+    return FINDINGS("mirrored", severity=severity, what=axis_fault(turn), axes=axis_words(turn), typed=axis_words(turn.T))

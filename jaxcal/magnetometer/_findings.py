@@ -89,7 +89,7 @@ FINDINGS = table(
         "Use an accelerometer with {option.inclination}, or known headings.",
     ),
     mirrored=Kind(
-        FATAL, "The magnetometer is mirrored: {what}. Its x, y, z are {axes} of the other sensor.", "Change the signs in the log.",
+        FATAL, "The magnetometer is mirrored: {what}. Its x, y, z are {axes} of the other sensor.", "Give {option.axes:mag={typed}}.",
     ),
     remounted=Kind(NOTE, "The magnetometer's axes x, y, z are {axes} of the accelerometer; the result has those of the accelerometer."),
     reversed=Kind(

@@ -97,8 +97,9 @@ def test_sensors_may_be_mounted_in_different_directions(refuses):
     gyro, mag = np.diag([-1.0, -1.0, 1.0]), np.eye(3)[[1, 2, 0]]
     found, turned = fit(log), fit(jaxcal.Log(None, accel=log.accel, gyro=log.gyro @ gyro, mag=log.mag @ mag.T, rate=25.0))
     assert not is_open(turned)
-    axes = next(one.facts["axes"] for one in turned.findings if one.code == "other_axes")
-    assert axes == "gyroscope x, y, z are -x, -y, +z; magnetometer x, y, z are +y, +z, +x"
+    said = [(*one.subject, one.facts["axes"], one.facts["typed"]) for one in turned.findings if one.code == "other_axes"]
+    assert said == [("gyro", "-x,-y,z", "gyro=-x,-y,z"), ("magnetometer", "y,z,x", "mag=z,x,y")]
+    assert "range" not in turned.codes
     error = error_of(found, "gyro.matrix[0,1]")[0]
     np.testing.assert_allclose(turned.model.gyro.matrix, gyro @ found.model.gyro.matrix, atol=0.1 * error)
     np.testing.assert_allclose(turned.model.magnetometer.soft_iron, mag @ found.model.magnetometer.soft_iron, atol=0.1 * error)
@@ -231,7 +232,7 @@ def test_sensors_with_stamps_of_their_own(every):
     assert error_of(near, "magnetometer.hard_iron[2]")[0] > 1.4 * error_of(found, "magnetometer.hard_iron[2]")[0]
 
 
-PLAIN = Facts(50e-6, None, "", np.zeros((5, 3)), {}, 0.0, 100.0, False, None, True)
+PLAIN = Facts(50e-6, None, (np.eye(3), np.eye(3)), np.zeros((5, 3)), {}, 0.0, 100.0, False, None, True)
 
 
 @pytest.mark.parametrize(

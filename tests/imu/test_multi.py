@@ -144,7 +144,9 @@ def test_units_and_axes_are_recognised(refuses):
     assert any("--units gyro=deg/s" in one.spelt("terminal") for one in degrees.findings)
     turned = fit(jaxcal.Log(None, accel=log.accel, gyro=np.asarray(log.gyro)[:, [1, 0, 2]] * [1, -1, 1], rate=log.rate))
     assert turned.verdict == "refused"
-    assert next(one for one in turned.findings if one.code == "gyro_axes").facts["axes"] == "-y, +x, +z"
+    assert "--axes gyro=-y,x,z" in next(one for one in turned.findings if one.code == "gyro_axes").spelt("terminal")
+    mirrored = fit(jaxcal.Log(None, accel=log.accel, gyro=log.gyro * [1, -1, 1], rate=log.rate))
+    assert next(one for one in mirrored.findings if one.code == "gyro_axes").facts == {"what": "y is reversed", "axes": "x,-y,z"}
     with refuses("gravity"):
         multi_position(log, gravity=1.0)
 

@@ -1,4 +1,4 @@
-"""`columns=`, `units=` and `topics=` in all their forms."""
+"""`columns=`, `units=`, `axes=` and `topics=` in all their forms."""
 
 import numpy as np
 import pytest
@@ -47,6 +47,17 @@ def test_columns(given, found, path):
 def test_columns_that_make_no_sense(given, path, refuses):
     with refuses("columns"):
         read(path, columns=given, quiet=True)
+
+
+@pytest.mark.parametrize("given", ["gyro=y,-x,z", {"gyro": "y,-x,z"}, {"gyro": ["y", "-x", "+z"]}])
+def test_axes(given, path, still, refuses):
+    log = read(path, axes=given, quiet=True)
+    np.testing.assert_allclose(log.gyro, still.gyro[:, [1, 0, 2]] * [1, -1, 1])
+    np.testing.assert_allclose(log.accel, still.accel)
+    assert log.provenance["axes"] == {"gyro": ["y", "-x", "z"]}
+    for bad in ("gyro=x,x,z", "gyro=x,y", "temperature=x,y,z", "mag=x,z,y"):
+        with refuses("axes"):
+            read(path, axes=bad, quiet=True)
 
 
 @pytest.mark.parametrize(

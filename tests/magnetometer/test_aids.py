@@ -178,7 +178,7 @@ def test_a_mirrored_axis_is_never_good_and_is_named(axis):
         found = fit(m, aid=Accelerometer(up), inclination=1.0)
         said = next(one for one in found.findings if one.code == "mirrored")
         assert found.verdict == "refused"
-        assert said.facts["what"] == f"axis {'xyz'[axis]} is reversed"
+        assert said.facts["what"] == f"{'xyz'[axis]} is reversed"
 
 
 def nine_axes(folder):
