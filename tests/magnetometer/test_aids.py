@@ -200,7 +200,7 @@ def test_a_mirrored_axis_of_a_real_log_is_named(reference):
         for turn, axis in zip(MIRRORED, "xyz", strict=True):
             assert fit(m @ turn, aid=Accelerometer(up)).verdict == "refused"
             said = [one for one in fit(m @ turn, aid=Accelerometer(up), inclination=dip).findings if one.code == "mirrored"]
-            assert said[0].facts["what"] == f"axis {axis} is reversed"
+            assert said[0].facts["what"] == f"{axis} is reversed"
 
 
 def test_other_axes_and_other_signs():
