@@ -74,22 +74,30 @@ def write(
     update_rate: 200.0   # Hz
     """
     chosen = checked_options(format, options)
-    kind = FORMATS[format]
-    devices = _devices(calibration, kind, format)
-    found = [one for device in devices for one in (*_doubts(device, kind, force), *_left_out(device, kind, format))]
-    made = kind.function(f"write_{format}")(devices if kind.many else devices[0], chosen)
-    found = tuple(dict.fromkeys([*found, *made.findings]))
+    devices = _devices(calibration, FORMATS[format], format)
+    contents, found = rendered(devices, format, chosen, force=force, provenance=provenance)
     files = files_of(pathlib.Path(path), format)
-    contents = made.content if isinstance(made.content, dict) else {"": made.content}
     digest = (devices[0].provenance or {}).get("sha256", "") if len(devices) == 1 else ""
-    if provenance and kind.mark:
-        lines = [comment(line, kind.mark) + "\n" for line in (*_origin(devices, format), *made.facts, *map(str, found))]
-        contents = {suffix: "".join((kind.head, *lines, text.removeprefix(kind.head))) for suffix, text in contents.items()}
     for suffix, content in contents.items():
         check_replaceable(files[suffix], digest, force=force or _holds(files[suffix], content))
     for suffix, content in contents.items():
         write_atomically(files[suffix], content)
     return found
+
+
+def rendered(
+    devices: Sequence[Calibration], format: str, chosen: Any, *, force: bool, provenance: bool
+) -> tuple[dict[str, Any], tuple[Finding, ...]]:
+    """Contents by the suffix of their file's name, and what the format omits."""
+    kind = FORMATS[format]
+    found = [one for device in devices for one in (*_doubts(device, kind, force), *_left_out(device, kind, format))]
+    made = kind.function(f"write_{format}")(devices if kind.many else devices[0], chosen)
+    found = tuple(dict.fromkeys([*found, *made.findings]))
+    contents = made.content if isinstance(made.content, dict) else {"": made.content}
+    if provenance and kind.mark:
+        lines = [comment(line, kind.mark) + "\n" for line in (*_origin(devices, format), *made.facts, *map(str, found))]
+        contents = {suffix: "".join((kind.head, *lines, text.removeprefix(kind.head))) for suffix, text in contents.items()}
+    return contents, found
 
 
 def _holds(path: pathlib.Path, content: str | bytes) -> bool:

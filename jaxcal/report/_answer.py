@@ -1,24 +1,29 @@
-"""The page of any result: verdict, tables and findings from the result itself, then the figures of its kind, and where it comes from.
+"""The page of any result. Its first screen has the verdict, the main picture, what to know and the tables; the rest follows in folds.
 
 A module for a kind of result (`_MODULES`) has only what no other kind has: `SUBJECT` or `subject(result)`, `lead(result)`,
-`figures(result, log)` (a list of sections), `known(result)` (facts for the provenance), and `meaning(result)` (terms and explanations).
-Each but the subject may be missing.
+`figures(result, log)` (the main pictures, and a list of further sections), `PART` (the part of a calibration that it becomes),
+`known(result)` (facts for the provenance), and `meaning(result)` (terms and explanations). Each but the subject may be missing.
 """
 
 import importlib
 from typing import Any
 
-from .._answer import CAUTION, Reader
+from .._answer import CAUTION, Finding, Reader, joined, merged
 from .._answer._html import findings_html, grid_html
 from .._answer._sections import Curve, Grid
+from .._errors import JaxcalError
 from .._units import shown_in
-from ._html import MOST, Markup, definitions, evenly, join, numbers, provenance, recording, scroll, section, tag
+from ..calibration import Calibration
+from ..export._formats import FORMATS, checked_options
+from ..export._write import rendered
+from ._html import FINE, Markup, definitions, evenly, fold, join, numbers, provenance, recording, scroll, section, tag
 from ._timeline import timelines
 
 _MODULES = {
     "NoiseFits": "_noise", "Deviations": "_curves", "Spectra": "_curves", "TemperatureFits": "_thermal", "ImuFit": "_imu",
     "MagFit": "_magnetometer", "DeviceFit": "_device", "AlignmentFit": "_north",
 }  # fmt: skip
+_FIRST = 3  # warnings that stand on the first screen, as many as the terminal prints
 
 
 def module_of(result: Any) -> Any:
@@ -44,21 +49,50 @@ def answer_page(result: Any, log: Any, version: str, reader: Reader, described: 
     tables = [scroll(grid_html(one), one.title) for one in sections if isinstance(one, Grid) and one.rows and not one.detail]
     detail = [scroll(grid_html(one), one.title) for one in sections if isinstance(one, Grid) and one.rows and one.detail]
     detail += [_curve(one) for one in sections if isinstance(one, Curve)]
-    head = tag("p", badge(result.verdict), " ", result.headline)
+    head = tag("p", badge(result.verdict), " ", result.headline, class_="said")
+    main, further = own("figures", ([], []), log)
     urgent = [one for one in told if one.severity >= CAUTION]
-    parts = [section("Verdict", "verdict", head, *tables)]
     none = "No warnings. Notes stand below the pictures." if len(told) > len(urgent) else "No warnings."
-    parts.append(section("What to know", "findings", findings_html(urgent, reader) or tag("p", none)))
-    parts += own("figures", [], log)
-    parts += [section("Details", "details", *detail)] if detail else []
+    parts = [
+        tag("section", head, *([tag("div", *main, class_="main")] if main else []), aria_label="Verdict"),
+        section("What to know", "findings", *_few_first(urgent, reader) or [tag("p", none)]),
+        section("Numbers", "numbers", *tables),
+        *further,
+    ]
+    parts += [section("The signal, and what was set aside", "evidence", seen)] if log is not None and (seen := timelines(log)) else []
+    parts += [fold("Numbers for other tools", "tools", *copies)] if (copies := _copies(result, getattr(module, "PART", None), log)) else []
+    parts += [fold("Details", "details", *detail)] if detail else []
     notes = findings_html([one for one in told if one.severity < CAUTION], reader)
-    parts += [section("Notes", "notes", notes)] if notes else []
+    parts += [fold("Notes", "notes", notes)] if notes else []
     parts += [recording(log)] if described else []
-    parts += [section("What was not the sensor", "evidence", seen)] if log is not None and (seen := timelines(log)) else []
     meaning = own("meaning", ())
-    parts += [section("What it means", "meaning", definitions(meaning))] if meaning else []
+    parts += [fold("What it means", "meaning", definitions(meaning))] if meaning else []
     parts.append(provenance({"Made by": f"jaxcal {version}"} | own("known", {}), log))
     return own("subject", getattr(module, "SUBJECT", "Result")), own("lead", ""), join(parts)
+
+
+def _few_first(findings: list[Finding], reader: Reader) -> list[Markup]:
+    """The worst findings, one of a kind, and all of them on demand; nothing where there is none."""
+    every, first = findings_html(findings, reader), findings_html(joined(findings)[:_FIRST], reader)
+    if len(merged(findings)) <= _FIRST:
+        return [every] if findings else []
+    return [first, tag("details", tag("summary", f"All {len(merged(findings))} warnings"), every, class_="every")]
+
+
+def _copies(result: Any, part: str | None, log: Any) -> list[Markup]:
+    """The numbers as each tool that takes them reads them."""
+    if part is None:
+        return []
+    found = []
+    for name, kind in FORMATS.items():
+        try:
+            device = [Calibration(**{part: result}, provenance=None if log is None else log.provenance)]
+            contents, _ = rendered(device, name, checked_options(name, {}), force=True, provenance=bool(kind.mark))
+        except JaxcalError:  # a calibration needs intervals, and not every tool takes every part of it
+            continue
+        texts = [tag("pre", text, tabindex="0") for text in contents.values() if isinstance(text, str)]
+        found += [tag("details", tag("summary", f"{name}: {kind.file}"), *texts)] if texts and part in kind.sections else []
+    return found
 
 
 def _curve(curve: Curve) -> Markup:
@@ -66,5 +100,5 @@ def _curve(curve: Curve) -> Markup:
     columns = {name: (shown_in(quantity), values) for name, (quantity, values) in curve.columns.items()}
     size = len(next(iter(columns.values()))[1])
     heads = [f"{name} ({unit})" if unit else name for name, ((unit, _), _) in columns.items()]
-    rows = [[f"{float(values[i]) / factor:.4g}" for (_, factor), values in columns.values()] for i in evenly(size, MOST)]
+    rows = [[f"{float(values[i]) / factor:.4g}" for (_, factor), values in columns.values()] for i in evenly(size, FINE)]
     return numbers(f"Numbers of {curve.title}", heads, rows)

@@ -39,10 +39,11 @@ def channels_of(found: Any) -> str:
     return f"{len(found)} channel{'s' * (len(found) != 1)}"
 
 
-def figures(found: Any, log: Log | None) -> list[Markup]:
-    """The curves of every sensor."""
+def figures(found: Any, log: Log | None) -> tuple[list[Markup], list[Markup]]:
+    """The deviation of every sensor, or its spectrum, and the curves to explore."""
     groups = [(sensor, {name: found[name] for name in names}) for sensor, _, names in by_sensor(found)]
-    return [section("Curves", "plots", *(explorer(sensor, channels, log) for sensor, channels in groups))]
+    pairs = [explorer(sensor, channels, log) for sensor, channels in groups]
+    return [first for first, _ in pairs], [section("Curves", "plots", *(views for _, views in pairs))]
 
 
 def known(found: Curves) -> dict[str, str]:

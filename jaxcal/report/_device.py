@@ -36,11 +36,12 @@ def known(found: DeviceFit) -> dict[str, str]:
     return {"Gravity": f"{found.gravity:.6g} m/s²"}
 
 
-def figures(found: DeviceFit, _: Any) -> list[Markup]:
-    """Attitude and residuals along the recording."""
-    return [
+def figures(found: DeviceFit, _: Any) -> tuple[list[Markup], list[Markup]]:
+    """The residuals along the recording, and the attitude."""
+    gyro, accel, field = _residuals(found)
+    return [charts([gyro, field])], [
         section("Attitude", "attitude", charts(_way(found))),
-        section("Residuals", "residuals", charts(_residuals(found)), _numbers(found), *_stretches_of(found)),
+        section("Residuals", "residuals", charts([accel]), _numbers(found), *_stretches_of(found)),
     ]
 
 

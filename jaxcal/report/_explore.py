@@ -21,7 +21,7 @@ from ..plot._allan import KINDS
 from ..plot._style import SENSORS, unit_label
 from ..spectrum import Spectrum, density
 from ._html import FINE, MOST, Markup, data, tag
-from ._svg import Axis, Mark, figure, linear_axis, log_axis
+from ._svg import Mark, figure, log_axis
 
 #: sensor -> units to choose from, beginning with the default: the unit of B, and units of other terms unless they are the usual ones
 _UNITS: dict[str, dict[str, dict[str, str]]] = {
@@ -56,8 +56,8 @@ def short(values: Any, digits: int = 4) -> list[float | None]:
     return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in np.asarray(values, dtype=float).tolist()]
 
 
-def explorer(sensor: str, channels: Mapping[str, Any], log: Log | None) -> Markup:
-    """The views of one sensor: controls and charts if scripts run, else static figures.
+def explorer(sensor: str, channels: Mapping[str, Any], log: Log | None) -> tuple[Markup, Markup]:
+    """The first view of one sensor as a static figure; and all views: controls and charts if scripts run, else the other static figures.
 
     Parameters
     ----------
@@ -79,8 +79,9 @@ def explorer(sensor: str, channels: Mapping[str, Any], log: Log | None) -> Marku
         "phase": bool(deviations and deviations[0].unit_of_phase), "sided": spectra[0].sided if spectra else 2, "channels": found,
         "duration": float(f"{_duration(channels, log):.7g}"), "grids": grids.kept,
     }  # fmt: skip
-    static = tag("div", *_figures(sensor, about), class_="static")
-    return tag("div", tag("h3", SENSOR_NAMES[sensor]), data(about), static, class_="explore", data_sensor=sensor)
+    first, *others = _figures(sensor, about)
+    static = tag("div", *others, class_="static")
+    return first, tag("div", tag("h3", SENSOR_NAMES[sensor]), data(about), static, class_="explore", data_sensor=sensor)
 
 
 def _unit(sensor: str, unit: str, own: Mapping[str, str], channels: Mapping[str, Any]) -> dict[str, Any]:
@@ -275,17 +276,4 @@ def _figures(sensor: str, about: dict[str, Any]) -> list[Markup]:
             y = log_axis("Measured over fitted density", [[0.4, 2.5], *(get(c["ratio"]) for _, c in fitted)], 1.1)
             said = f"Shaded: {about['level']:g} % of the values, were the model true."
             found.append(figure(f"{sensor}-residual", f"{name}: residual of the fit", said, x, y, marks, names))
-    if curves := [(i, one["signal"]) for i, one in enumerate(channels) if "signal" in one]:
-        marks = []
-        for i, c in curves:
-            time, (low, mean, high) = get(c["t"]), (get(c[key], scale / c["step"]) for key in ("low", "mean", "high"))
-            marks += [Mark("band", time, low, i, high), Mark("line", time, mean, i)]
-        values = [get(c[key], scale / c["step"]) for _, c in curves for key in ("low", "high")]
-        x, y = Axis("Time (s)", 0.0, about["duration"] or 1.0, False), linear_axis(f"Difference from the mean ({label})", values)
-        for i, one in enumerate(channels):
-            marks += [Mark("line", [start, start], [y.low, y.high], i, look="dashed") for start, _, _ in one.get("events", ())]
-        said = "Mean of each stretch; shaded: its lowest to its highest value." + "".join(
-            f" {one['axis']}: {words} at {start:g} s." for one in channels for start, _, words in one.get("events", ())
-        )
-        found.append(figure(f"{sensor}-signal", f"{name}: signal", said, x, y, marks, names))
     return found

@@ -40,9 +40,14 @@ def section(title: str, name: str, *content: Any) -> Markup:
     return tag("section", tag("h2", title, id=name), *content, aria_labelledby=name)
 
 
-def definitions(pairs: Iterable[tuple[Any, Any]]) -> Markup:
+def fold(title: str, name: str, *content: Any) -> Markup:
+    """A section that opens on demand."""
+    return tag("details", tag("summary", tag("h2", title, id=name)), *content, class_="fold")
+
+
+def definitions(pairs: Iterable[tuple[Any, Any]], class_: str | None = None) -> Markup:
     """A list of terms with their definitions or values."""
-    return tag("dl", *(piece for word, text in pairs for piece in (tag("dt", word), tag("dd", text))))
+    return tag("dl", *(piece for word, text in pairs for piece in (tag("dt", word), tag("dd", text))), class_=class_)
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[Any]], caption: str | None = None, class_: str | None = None) -> Markup:
@@ -78,7 +83,7 @@ def recording(log: Any) -> Markup:
     if log is None:
         return Markup("")
     summary = tag("pre", log.summary(), tabindex="0", role="region", aria_label="Summary of the recording")
-    return section("Recording", "recording", summary)
+    return fold("Recording", "recording", summary)
 
 
 def provenance(known: dict[str, Any], log: Any) -> Markup:
@@ -89,7 +94,7 @@ def provenance(known: dict[str, Any], log: Any) -> Markup:
                 known["First sample"] = when
         elif (text := _words(value)) != "":
             known[str(_LABELS.get(key, key.replace("_", " ").capitalize()))] = text
-    return section("Provenance", "provenance", definitions(known.items()))
+    return fold("Provenance", "provenance", definitions(known.items(), "pairs"))
 
 
 _LABELS = {"sha256": "SHA-256", "size": "Size in bytes", "rate": "Sampling rate"}

@@ -9,7 +9,7 @@ from ..imu import ImuFit
 from ._charts import Chart, Curve, charts
 from ._html import Markup, section
 
-SUBJECT = "Calibration"
+SUBJECT, PART = "Calibration", "imu"
 
 
 def lead(found: ImuFit) -> str:
@@ -17,9 +17,10 @@ def lead(found: ImuFit) -> str:
     return f"{len(found.residual_norm)} poses, {len(found.residual_turn)} turns at {found.rate:.6g} Hz"
 
 
-def figures(found: ImuFit, log: Any) -> list[Markup]:
+def figures(found: ImuFit, log: Any) -> tuple[list[Markup], list[Markup]]:
     """The residuals of poses and turns."""
-    return [section("Residuals", "residuals", charts(_residuals(found)))] if found.accel is not None else []
+    shown = _residuals(found) if found.accel is not None else []
+    return [charts(shown[:2])] if shown else [], [section("Residuals", "residuals", charts(shown[2:]))] if shown[2:] else []
 
 
 def known(found: ImuFit) -> dict[str, str]:

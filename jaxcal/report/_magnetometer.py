@@ -12,7 +12,7 @@ from ..magnetometer._iron import quantity_of
 from ._html import MOST, Markup, evenly, numbers, section
 from ._sphere import sphere
 
-SUBJECT = "Magnetometer"
+SUBJECT, PART = "Magnetometer", "magnetometer"
 _METHODS = {"ml": "maximum likelihood (orthogonal distance)", "consistent": "adjusted least squares", "joint": "with other sensors"}
 
 
@@ -36,14 +36,14 @@ def meaning(found: MagFit) -> tuple[tuple[str, str], ...]:
     )  # fmt: skip
 
 
-def figures(found: MagFit, log: Log | None) -> list[Markup]:
+def figures(found: MagFit, log: Log | None) -> tuple[list[Markup], list[Markup]]:
     """The sphere and its numbers; the numbers of the readings only if the readings are available."""
     if found.model is None:
-        return []
+        return [], []
     m = None if log is None or log.mag is None else np.asarray(log.mag)[np.isfinite(log.mag).all(axis=1)]
     alone = len(inspect.signature(found.model.correct).parameters) == 1  # a user's model may need conditions
     fitted = m is not None and len(m) == len(found.residual) and alone and not found.estimate.select("currents.*").names
-    return [section("Pictures", "plots", sphere(found, m if fitted else None), *([_readings(found, m)] if fitted else []))]
+    return [sphere(found, m if fitted else None)], [section("Readings", "plots", _readings(found, m))] if fitted else []
 
 
 def _readings(found: MagFit, m: Any) -> Markup:

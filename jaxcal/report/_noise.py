@@ -11,7 +11,7 @@ from ..plot._style import duration_label
 from ._curves import channels_of, figures as curves
 from ._html import Markup, join, tag
 
-SUBJECT = "Noise"
+SUBJECT, PART = "Noise", "noise"
 _MEANING = {
     "Q": "Rounding of the readings: an error of the integrated signal that does not grow; the deviation falls as 1/τ.",
     "N": "White noise of the readings: the integrated signal wanders with the square root of time; the deviation falls as 1/√τ and is N "
@@ -29,7 +29,7 @@ def lead(fits: NoiseFits) -> str:
     return f"{channels_of(fits)}, {duration_label(first.duration)} at {first.deviation.rate:.6g} Hz"
 
 
-def figures(fits: NoiseFits, log: Log | None) -> list[Markup]:
+def figures(fits: NoiseFits, log: Log | None) -> tuple[list[Markup], list[Markup]]:
     """The curves of every sensor."""
     return curves(fits, log)
 

@@ -24,10 +24,11 @@ def lead(result: AlignmentFit) -> str:
     return f"{len(positions)} positions, {float(np.sum(positions.dwell)):g} s in all"
 
 
-def figures(result: AlignmentFit, _: Any) -> list[Markup]:
-    """Readings over the table angle, and the distribution of the azimuth."""
-    readings = result.readings
-    return [section("Readings", "readings", charts([*_readings(readings, result), *_azimuth(result)]), _numbers(readings, result))]
+def figures(result: AlignmentFit, _: Any) -> tuple[list[Markup], list[Markup]]:
+    """The distribution of the azimuth, and the readings over the table angle."""
+    readings, azimuth = result.readings, _azimuth(result)
+    shown = [*azimuth, *_readings(readings, result)[::-1]]
+    return [charts(shown[:2])], [section("Readings", "readings", *([charts(shown[2:])] if shown[2:] else []), _numbers(readings, result))]
 
 
 def _readings(readings: Readings, result: AlignmentFit) -> list[Chart]:

@@ -32,11 +32,25 @@ _STYLE = (
     """
 * { box-sizing: border-box; }
 body { margin: 0; background: var(--paper); color: var(--ink); font: 1rem/1.5 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif; }
-header, main, footer { max-width: 56rem; margin: 0 auto; padding: 0 1rem; }
+header, main, footer { max-width: 62rem; margin: 0 auto; padding: 0 1rem; }
+p, li, dd, figcaption { max-width: 48rem; }
+nav { display: none; }
+@media (min-width: 86rem) {
+  body { display: grid; grid-template-columns: 12rem minmax(0, 62rem); justify-content: center; }
+  header, main, footer { grid-column: 2; width: 100%; }
+  nav { display: block; grid-column: 1; grid-row: 1 / span 3; font-size: .875rem; }
+  nav ul { position: sticky; top: 2rem; list-style: none; margin: 2rem 0; padding: 0 1rem; }
+}
+.main { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 26rem), 1fr)); gap: 0 2rem; }
+.main > .explore, .main > .charts, .main > .sphere { grid-column: 1 / -1; min-width: 0; }
+.sphere { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 26rem), 1fr)); gap: 0 2rem; }
+.sphere > div { min-width: 0; }
+.main > figure, .static > figure { min-width: 0; }
 h1, h2, p, li, dd, dt, summary { overflow-wrap: anywhere; }
-header { padding-top: 2rem; }
+header { padding-top: 1.5rem; }
 h1 { font-size: 1.7rem; line-height: 1.2; margin: 0; }
-h2 { font-size: 1.25rem; line-height: 1.3; margin: 2.5rem 0 .75rem; padding-top: .75rem; border-top: 1px solid var(--line); }
+h2 { font-size: 1.2rem; line-height: 1.3; margin: 1.5rem 0 .5rem; padding-top: .5rem; border-top: 1px solid var(--line); }
+.fold > summary h2 { display: inline; margin: 0; padding: 0; border: 0; font-size: 1rem; }
 article > h2 { font-size: 1.45rem; margin-top: 3.5rem; border-top: 2px solid var(--ink); }
 article h3 { font-size: 1.15rem; padding-top: .5rem; border-top: 1px solid var(--line); }
 article h4 { font-size: 1rem; margin: 1.5rem 0 .5rem; }
@@ -45,7 +59,8 @@ p, ul, dl { margin: .5rem 0; }
 ul { padding-left: 1.25rem; }
 li { margin: .25rem 0; }
 a { color: var(--series-0); }
-.lead { color: var(--muted); font-size: 1.05rem; }
+.lead { color: var(--muted); margin: .25rem 0; }
+.said { font-size: 1.2rem; }
 .grid { margin-bottom: 1.25rem; }
 .small, caption, figcaption { color: var(--muted); font-size: .875rem; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
@@ -73,9 +88,12 @@ summary { cursor: pointer; padding: .5rem 0; }
 pre { overflow-x: auto; background: var(--shade); padding: .75rem; border-radius: .4rem; font-size: .85rem; }
 dt { font-weight: 600; margin-top: .75rem; }
 dd { margin: 0; }
-.facts { display: grid; grid-template-columns: max-content 1fr; gap: .1rem .8rem; margin: 1rem 0; font-size: .9rem; }
-.facts dt, .facts dd { margin: 0; overflow-wrap: anywhere; }
+.facts { display: flex; flex-wrap: wrap; gap: 0 .5rem; margin: .25rem 0; font-size: .875rem; }
+.facts dd + dt { margin-left: 1rem; }
+.facts dt, .facts dd { margin: 0; overflow-wrap: anywhere; min-width: 0; }
 .facts dt { color: var(--muted); font-weight: normal; }
+.pairs { display: grid; grid-template-columns: minmax(5rem, max-content) 1fr; gap: .1rem .8rem; font-size: .875rem; }
+.pairs dt, .pairs dd { margin: 0; min-width: 0; overflow-wrap: anywhere; }
 .c0 { --c: var(--series-0); } .c1 { --c: var(--series-1); } .c2 { --c: var(--series-2); }
 .c3 { --c: var(--series-3); } .c4 { --c: var(--series-4); } .c5 { --c: var(--series-5); }
 .ink { --c: var(--ink); } .shade { --c: var(--shade); }
@@ -90,6 +108,7 @@ dd { margin: 0; }
 .drawn .band { fill: var(--c); fill-opacity: .2; stroke: none; } .drawn .band.shade { fill-opacity: 1; }
 .drawn .q0 { fill-opacity: 0; } .drawn .q1 { fill-opacity: .12; } .drawn .q2 { fill-opacity: .3; } .drawn .q3 { fill-opacity: .55; }
 .drawn .q4 { fill-opacity: .85; }
+.key span { white-space: nowrap; }
 .key i { display: inline-block; width: .7rem; height: .7rem; border-radius: 50%; background: var(--c); margin-left: .6rem; }
 footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
 :focus-visible { outline: 2px solid var(--series-0); outline-offset: 2px; }
@@ -119,17 +138,18 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
 }
 @media print {
   @page { margin: 15mm; }
-  body { font-size: 10pt; }
+  body { font-size: 9pt; line-height: 1.35; }
   header, main, footer { max-width: none; padding: 0; }
   figure, table, li, dd { break-inside: avoid; }
+  nav, .numbers, #tools, details:has(> .numbers, > pre, > summary > #tools, > summary > #meaning, > summary > #details) { display: none; }
+  ul:has(+ .every), .exact { display: none !important; }
+  .main, .live > .static { display: grid; grid-template-columns: 1fr 1fr; gap: 0 1rem; }
+  figure { margin: .5rem 0; }
+  th, td { padding: .15rem .4rem; }
   h2, h3 { break-after: avoid; }
   .scroll svg { min-width: 0; }
-  .numbers { max-height: none; }
-  .numbers table { font-size: 7pt; white-space: normal; overflow-wrap: anywhere; }
-  .live > .static { display: block; }
   .live-part { display: none; }
   details::details-content { content-visibility: visible; height: auto; }
-  .scroll .exact { white-space: normal; }
   pre { white-space: pre-wrap; overflow-wrap: anywhere; }
 }
 """
@@ -161,11 +181,11 @@ def page(title: str, lead: str, body: Markup, footer: str, facts: Iterable[tuple
             tag("style", Markup(style)),
         )
     )
-    header = tag(
-        "header", tag("h1", title), tag("p", lead, class_="lead"), Markup(definitions(facts).replace("<dl>", '<dl class="facts">'))
-    )
+    header = tag("header", tag("h1", title), tag("p", lead, class_="lead"), definitions(facts, "facts"))
     behind = [tag("script", Markup(script)) for script in scripts]
-    content = join((header, tag("main", body), tag("footer", footer), *behind))
+    parts = re.findall(r'<h2 id="([^"]+)">(.*?)</h2>', body)
+    contents = tag("nav", tag("ul", *(tag("li", tag("a", Markup(name), href=f"#{place}")) for place, name in parts)), aria_label="Contents")
+    content = join((contents, header, tag("main", body), tag("footer", footer), *behind))
     return "<!DOCTYPE html>\n" + tag("html", tag("head", head), "\n", tag("body", content), lang="en") + "\n"
 
 

@@ -37,8 +37,8 @@ def sphere(found: MagFit, readings: np.ndarray | None) -> Markup:
             "residual": short(np.asarray(found.residual)[pick] / scale, 3),
         }  # fmt: skip
     static = [] if readings is None else _planes(found, readings, scale, unit)
-    always = [_map(found), *([_headings(found)] if np.isfinite(found.heading_error[0]) else [])]
-    return tag("div", data(about), tag("div", *static, class_="static"), *always, class_="sphere")
+    always = [*([_headings(found)] if np.isfinite(found.heading_error[0]) else []), _map(found)]
+    return tag("div", data(about), tag("div", *static, class_="static"), tag("div", *always, class_="aside"), class_="sphere")
 
 
 def _vectors(values: Any) -> list[list[float | None]]:

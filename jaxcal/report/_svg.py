@@ -147,8 +147,12 @@ def _drawn(x: Axis, y: Axis, mark: Mark) -> Markup:
 
 
 def _path(points: Sequence[tuple[Any, Any]]) -> str:
-    return "M" + "L".join(f"{_brief(a)} {_brief(b)}" for a, b in points)
+    """A line in steps of a tenth, relative to the point before, since that is shortest; rounded before, so that no error adds up."""
+    tenths = np.rint(10.0 * np.asarray(points, dtype=float)).astype(int)
+    steps = (f"{_brief(a)} {_brief(b)}" for a, b in np.diff(tenths, axis=0).tolist())
+    return f"M{_brief(tenths[0, 0])} {_brief(tenths[0, 1])}l" + " ".join(steps).replace(" -", "-")
 
 
-def _brief(value: float) -> str:
-    return f"{value:.1f}".removesuffix(".0")
+def _brief(tenths: int) -> str:
+    whole, part = divmod(abs(int(tenths)), 10)
+    return "-" * int(tenths < 0) + (f"{whole or ''}.{part}" if part else f"{whole}")

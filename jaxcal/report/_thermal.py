@@ -7,9 +7,9 @@ from .._units import noise_factor, noise_units
 from ..plot._style import SENSORS, unit_label
 from ..temperature import TemperatureFit, TemperatureFits
 from ._charts import Chart, Curve, charts
-from ._html import MOST, Markup, section
+from ._html import MOST, Markup
 
-SUBJECT = "Bias and temperature"
+SUBJECT, PART = "Bias and temperature", "temperature"
 _MEANING = (
     ("rms left", "What the model leaves of the means over 0.1 °C, over all temperatures. It is not a noise coefficient."),
     ("worst degree", "The same in the worst window of 1 °C. A model that misses a jump shows it here."),
@@ -35,10 +35,9 @@ def meaning(_: TemperatureFits) -> tuple[tuple[str, str], ...]:
     return _MEANING
 
 
-def figures(result: TemperatureFits, _: object) -> list[Markup]:
+def figures(result: TemperatureFits, _: object) -> tuple[list[Markup], list[Markup]]:
     """A chart for each sensor."""
-    drawn = [charts([_chart(sensor, axes)]) for sensor, axes in result.by_sensor().items()]
-    return [section("Bias and temperature", "plots", *drawn)]
+    return [charts([_chart(sensor, axes)]) for sensor, axes in result.by_sensor().items()], []
 
 
 def _chart(sensor: str, channels: dict[str, TemperatureFit]) -> Chart:

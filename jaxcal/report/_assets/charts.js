@@ -51,7 +51,7 @@
       this.plot = new uPlot({
         ...this.size(), padding: [10, 20, 0, 0], legend: { show: false },
         scales: { x: { time: false, range: (u, low, high) => [low, high] }, y: { auto: false, range: (u, low, high) => [low, high] } },
-        axes: [{ ...axis(this.data.x), space: 45, size: 34 }, { ...axis(this.label()), size: 66, space: 28 }],
+        axes: [{ ...axis(this.data.x), space: 45, size: 34, ...(counted ? { incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000] } : {}) }, { ...axis(this.label()), size: 66, space: 28 }],
         series: [{}, { show: true, paths: () => null, points: { show: false } }],
         cursor: { drag: { x: true, y: false, uni: 8 }, points: { show: false } },
         hooks: {
