@@ -20,8 +20,9 @@ _TITLES = {"Noise": "Sensor noise", "Alignment": "Alignment on a turntable"}  # 
 def write(results: Any, path: str | os.PathLike[str], *, log: Any = None, device: str | None = None, reader: Reader = "python") -> None:
     """Write a report: one self-contained HTML file for light and dark screens, phones and paper.
 
-    The report begins with the result and its intervals. Figures and their numbers follow, then warnings, explanations of terms, and the
-    provenance. Several results of one device make one page, which begins with a table of verdicts.
+    The report begins with the verdict, the main picture, the warnings that matter most, and the numbers with their intervals. Further
+    curves, the signal with what was set aside, the numbers as other tools read them, notes and the provenance follow. Several results of
+    one device make one page, which begins with a table of verdicts.
 
     Parameters
     ----------

@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+import html
 import html.parser
 import json
 import math
@@ -142,13 +143,21 @@ def test_no_number_is_nan(text):
 
 def test_verdict_comes_first_and_is_complete(text):
     page = Page(text)
-    assert page.text.index("Verdict") < page.text.index("Curves")
-    assert "weak N to 10 % on every axis" in page.text
+    places = [
+        page.text.index(one) for one in ("weak N to 10 % on every axis", "Points: measured", "Fit with method", "N angle random walk")
+    ]
+    assert places == sorted(places)  # verdict, picture, what to know, numbers
     # gyro_x: N = 1e-4 rad/sqrt(s) = 0.34377 deg/sqrt(h), +- 10 %
     assert "N angle random walk deg/sqrt(h) 0.344 ± 0.034 0.3094 to 0.3782" in page.text
     assert "K rate random walk deg/h/sqrt(s) < 0.41 < 0.41" in page.text  # 2e-6 rad/s/sqrt(s) = 0.41253 deg/h/sqrt(s)
     assert "0.688 ± 0.069 hint" in page.text
     assert "no_intervals" in page.values("data-code")
+
+
+def test_numbers_for_other_tools_are_those_of_an_export(tmp_path):
+    found, log = made.mag()
+    jaxcal.export.write(jaxcal.Calibration(magnetometer=found, provenance=log.provenance), tmp_path / "fusion.c", format="fusion")
+    assert html.escape((tmp_path / "fusion.c").read_text(encoding="utf-8")) in written(found, tmp_path / "a.html", log)
 
 
 def test_figures_say_what_they_show_and_have_their_numbers(text):
@@ -170,7 +179,7 @@ def test_provenance_and_summary(text, log):
     assert "gls, terms Q N B K, 95 % intervals" in page.text
     assert " ".join(log.summary().split()) in page.text
     assert "Options units gyro deg/s" in page.text  # options that were not given are omitted
-    head = page.text[: page.text.index("Verdict")]
+    head = page.text[: page.text.index("weak N to")]
     assert "File logs/" in head
     assert f"Version jaxcal {jaxcal.__version__}" in head
 

@@ -48,6 +48,7 @@
       if (this.plot) this.plot.destroy();
       const ink = color("ink"), grid = color("grid"), font = "12px system-ui, sans-serif";
       const axis = (label) => ({ label, stroke: ink, font, labelFont: font, labelSize: 18, grid: { stroke: grid, width: 1 }, ticks: { stroke: grid, width: 1, size: 4 }, values: (u, splits) => splits.map((v) => tick(v)) });
+      const counted = this.data.curves.every((curve) => curve.x.every(Number.isInteger)); // no half poses among the ticks
       this.plot = new uPlot({
         ...this.size(), padding: [10, 20, 0, 0], legend: { show: false },
         scales: { x: { time: false, range: (u, low, high) => [low, high] }, y: { auto: false, range: (u, low, high) => [low, high] } },
