@@ -27,7 +27,7 @@ _OTHER_OPTIONS = {
     "--overwrite": "--force", "--topic": "--topics", "--html": "--report FILE.html",
     "--png": "--plot FILE.png", "--figure": "--plot FILE.png", "--picture": "--plot FILE.png", "--yaml": "--export kalibr",
     "--kalibr": "--export kalibr", "--csv": "--export csv", "--begin": "--start", "--from": "--start", "--end": "--stop",
-    "--until": "--stop", "--silent": "--quiet", "-q": "--quiet", "--jobs": "--workers", "-j": "--workers", "--threads": "--workers",
+    "--until": "--stop", "--silent": "--quiet", "--jobs": "--workers", "-j": "--workers", "--threads": "--workers",
     "--level": "--confidence", "--alpha-level": "--confidence", "--random-seed": "--seed", "--g": "--gravity",
     "--local-gravity": "--gravity", "--dip": "--inclination", "--declination": "--inclination",
 }  # fmt: skip

@@ -3,6 +3,7 @@
 import errno
 import functools
 import io
+import itertools
 import os
 import sys
 import textwrap
@@ -39,6 +40,7 @@ _COMMANDS = (
     demo, info, noise, allan, psd, temperature, imu, rate_table, mag, device, north, apply, convert, export_to(""), diff, batch, cache,
 )  # fmt: skip
 _SIMULATE = (simulate_noise, simulate_temperature, simulate_imu, simulate_mag, simulate_device, simulate_north)
+_ANYWHERE = ("--quiet", "-q", "--verbose", "-v")  # options that may also stand before the command
 DONE, DATA, CALL, FAULT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 130, 141
 
 _HELP = """Calibrated models of inertial and magnetic sensors, from their logs.
@@ -110,6 +112,8 @@ def run(argv: list[str]) -> int:
 
 def attempt(argv: list[str]) -> Failure | None:
     """Run the command line `argv`; returns why it failed, or None. Tests ask for the code of a failure, and not for its wording."""
+    before = list(itertools.takewhile(_ANYWHERE.__contains__, argv))
+    argv = [*argv[len(before) :], *before] if len(before) < len(argv) else []
     try:
         _application(format_of(argv))(argv, exit_on_error=False, print_error=False)
         sys.stdout.flush()

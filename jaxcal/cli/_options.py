@@ -48,7 +48,7 @@ def log_file(name: str = "--out", help: str = "File to write: FILE.csv or FILE.n
 
 # One definition of each option that several commands have: its type, unit, help and check.
 
-Quiet = Annotated[bool, Parameter(help="Print nothing but errors.")]
+Quiet = Annotated[bool, Parameter(name=("--quiet", "-q"), help="Print nothing but errors.")]
 Seed = Annotated[int, Parameter(help="Seed of what is simulated; the same seed gives the same log.")]
 Config = Annotated[Path | None, Parameter(help='TOML file with options: a table for each command, as [noise] units = ["gyro=deg/s"].')]
 Log = Annotated[Path, Parameter(help="The log: any file that can be read, a folder, or a zip file.")]

@@ -70,6 +70,12 @@ def test_commands_offer_what_the_library_takes(call, argv, library):
     assert {word.lower() for word in words(str(refused.value))} == {word.lower() for word in offered}
 
 
+@pytest.mark.parametrize("words", [("-q", "allan"), ("--quiet", "allan"), ("allan", "-q")])
+def test_quiet_stands_anywhere(call, log, words):
+    found = call(*words, "imu.csv", "--m", "1", "--json", "a.json")
+    assert (found.status, found.out, found.err) == (0, "", "")
+
+
 def test_version(call):
     assert call("--version").out.strip() == jaxcal.__version__
 
