@@ -21,7 +21,7 @@ _DEG = math.pi / 180.0
 
 #: quantity of a log or of a result -> {unit: SI value of one unit}; the first unit is the SI unit
 _QUANTITIES: dict[str, dict[str, float]] = {
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0, "mjd": 86400.0},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "ps": 1e-12, "min": 60.0, "h": 3600.0, "d": 86400.0, "mjd": 86400.0},
     "gyro": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": _DEG, "mdeg/s": _DEG * 1e-3, "deg/h": _DEG / 3600.0, "rpm": 2.0 * math.pi / 60.0},
     "accel": {
         "m/s^2": 1.0, "mm/s^2": 1e-3, "cm/s^2": 1e-2, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY * 1e-3,
@@ -32,10 +32,10 @@ _QUANTITIES: dict[str, dict[str, float]] = {
     "angle": {"rad": 1.0, "deg": _DEG, "mrad": 1e-3, "arcmin": _DEG / 60, "arcsec": _DEG / 3600},
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
     "speed": {"m/s": 1.0, "cm/s": 1e-2},
-    "frequency": {"Hz": 1.0, "mHz": 1e-3},
+    "frequency": {"Hz": 1.0, "mHz": 1e-3, "uHz": 1e-6, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9},
     "delay": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
     "gyro/accel": {"rad/s per m/s^2": 1.0, "deg/s/g": _DEG / STANDARD_GRAVITY, "deg/h/g": _DEG / 3600 / STANDARD_GRAVITY},
-    "ratio": {"": 1.0, "%": 1e-2, "ppm": 1e-6},
+    "ratio": {"": 1.0, "%": 1e-2, "ppm": 1e-6, "ppb": 1e-9, "ppt": 1e-12},
     "gyro^2/Hz": {"(rad/s)^2/Hz": 1.0, "(deg/s)^2/Hz": _DEG**2, "(deg/h)^2/Hz": (_DEG / 3600) ** 2},
     "accel^2/Hz": {"(m/s^2)^2/Hz": 1.0, "mg^2/Hz": (STANDARD_GRAVITY * 1e-3) ** 2, "ug^2/Hz": (STANDARD_GRAVITY * 1e-6) ** 2},
     "mag^2/Hz": {"T^2/Hz": 1.0, "uT^2/Hz": 1e-12, "nT^2/Hz": 1e-18},

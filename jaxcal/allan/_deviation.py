@@ -58,6 +58,8 @@ def deviation(
     ttotdev  mtotdev times tau/sqrt(3)                                                            1 .. n/3     times s
     htotdev  ohdev of every window of 3 m rate samples, likewise; ohdev itself at m = 1           1 .. n/3     of the record
     theo1    pairs of differences within windows of m, tau = 0.75 m / rate                        even, 2 .. n of the record
+    mtie     largest range of the phase in a window of m samples, no interval                     1 .. n       times s
+    tierms   rms change of the phase over m samples, no interval                                  1 .. n       times s
     ======== ==================================================================================== ============ =================
 
     At long cluster times the total statistics and theo1 are more precise than their plain counterparts, but have a bias that depends on
@@ -72,11 +74,11 @@ def deviation(
     Parameters
     ----------
     y : (n,) or (n, channels) rate samples in any unit (rad/s, m/s^2), or phase in that unit times s. NaN marks a gap: differences that
-        touch it are left out and counted. totdev, mtotdev, ttotdev, htotdev and theo1 need a record without gaps: they use the longest
-        stretch without gaps, and a finding reports it. If only some channels contain samples, the others give NaN and a finding.
+        touch it are left out and counted. The total statistics, theo1, mtie and tierms need a record without gaps: they use the
+        longest stretch without gaps, and a finding reports it. If only some channels contain samples, the others give NaN and a finding.
     rate : sampling rate in Hz.
-    kind : "adev", "oadev" (default), "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev" or "theo1".
-        A traced record (jit, grad, vmap) allows all except mtotdev, ttotdev, htotdev and theo1.
+    kind : "adev", "oadev" (default), "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "theo1",
+        "mtie" or "tierms". A traced record (jit, grad, vmap) allows the first seven.
     m : cluster sizes in samples: "log" (default, about 15 per decade), "octave", "decade", "all", or integers.
     data : "rate" (default) or "phase".
     confidence : level of the intervals, 0.95 by default.
@@ -165,14 +167,18 @@ def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int
         count = eqx.error_if(count, xp.any(count == 0), "a cluster size has no difference free of gaps; choose smaller m")
         expected = jnp.asarray(expected, dtype=count.dtype)
     lengths = statistic.length(count, sizes[:, None], samples) if xp is np else samples
-    types = types_for_intervals(noise, effective_sizes(sizes, statistic), lengths, data) if xp is np else noise
-    edf, low, high = _uncertainty(types, count, expected, sizes, statistic, lengths, confidence, xp)
-    if xp is np:
+    if statistic.family == "error":  # of which no distribution is known
+        edf, low, high = (np.full(count.shape, np.nan) for _ in range(3))
+    else:
+        types = types_for_intervals(noise, effective_sizes(sizes, statistic), lengths, data) if xp is np else noise
+        edf, low, high = _uncertainty(types, count, expected, sizes, statistic, lengths, confidence, xp)
+    if xp is np and statistic.family != "error":
         wider, said = widened(edf, columns, 2 if data == "phase" else 1, samples / rate, FINDINGS)
         if (wider < edf).any():
             edf, findings = wider, (*findings, *said)
             low, high = interval_factors(edf, confidence)
-    bias = bias_factors(sizes[:, None], noise, statistic, lengths) if bias_corrected else np.ones(count.shape)
+    corrected = bias_corrected and statistic.family != "error"
+    bias = bias_factors(sizes[:, None], noise, statistic, lengths) if corrected else np.ones(count.shape)
     bias = xp.asarray(bias, dtype=low.dtype)
     scale = statistic.scale(sizes, rate)[:, None].astype(low.dtype)
     factor = scale / count / bias

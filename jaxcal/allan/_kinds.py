@@ -13,7 +13,7 @@ class Kind:
     """One statistic: differences of `order` of the phase (or of its running sum, if `modified`), at all points or every m-th.
 
     `family` tells how it is formed: "difference" uses differences of the record itself; "total" uses differences of the record, or of
-    windows of it, reflected about their ends; "theo1" uses pairs of differences within windows.
+    windows of it, reflected about their ends; "theo1" uses pairs of differences within windows; "error" is an error of time.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Kind:
     @property
     def contiguous(self) -> bool:
         """Whether the statistic needs a stretch without gaps."""
-        return self.family in ("total", "theo1")
+        return self.family != "difference"
 
     def tau(self, m: Any, rate: float) -> Any:
         """Cluster time in s: m / rate, or three quarters of it for theo1."""
@@ -74,6 +74,8 @@ class Kind:
         m = np.asarray(m, dtype=np.float64)
         if self.family == "theo1":
             return 2.0 / (3.0 * m)
+        if self.family == "error":
+            return np.full(m.shape, rate**-2.0)
         factor = 1.0 / ((2.0 if self.order == 2 else 6.0) * m**2)
         if self.modified:
             factor = factor / m**2
@@ -107,6 +109,8 @@ _KINDS = {
         Kind("ttotdev", order=2, modified=True, overlapped=True, timed=True, family="total"),
         Kind("htotdev", order=3, modified=False, overlapped=True, family="total"),
         Kind("theo1", order=2, modified=False, overlapped=True, family="theo1"),
+        Kind("mtie", order=1, modified=False, overlapped=True, family="error"),
+        Kind("tierms", order=1, modified=False, overlapped=True, family="error"),
     )
 }
 

@@ -25,7 +25,7 @@ class Deviation(Curved):
     ----------
     tau : (clusters,) cluster time in s.
     m : (clusters,) cluster size in samples.
-    deviation : (clusters,) or (clusters, channels), in the unit of the record (tdev, ttotdev: that unit times s).
+    deviation : (clusters,) or (clusters, channels), in the unit of the record (tdev, ttotdev, mtie, tierms: that unit times s).
     lower, upper : limits of the interval at level `confidence`, same shape and unit as `deviation`.
     edf : equivalent degrees of freedom of the variance, same shape; fewer where the noise is uneven in time.
     count : number of differences averaged (windows for mtotdev, ttotdev and htotdev), same shape; less than the full number
@@ -85,7 +85,7 @@ class Deviation(Curved):
     @property
     def unit_of_phase(self) -> bool:
         """Whether the deviation is in the unit of the record times s."""
-        return self.kind in ("tdev", "ttotdev")
+        return self.kind in ("tdev", "ttotdev", "mtie", "tierms")
 
     @property
     def _title(self) -> str:

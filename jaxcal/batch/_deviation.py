@@ -38,14 +38,14 @@ def deviation(
 
     Parameters
     ----------
-    source : a path to a .npy, .npz, Parquet, HDF5 or text file, an array or memory map (n,) or (n, channels), or a list of these, each one
+    source : a path to a .npy, .npz, Parquet or HDF5 file, an array or memory map (n,) or (n, channels), or a list of these, each one
         a separate record. Convert other logs first (`jaxcal.io.convert`).
     rate : sampling rate in Hz, one for all logs, or a list with one for each.
     kind : statistic, see `jaxcal.allan.deviation`.
     m : cluster sizes in samples, as in `jaxcal.allan.deviation`; not "all" for a record longer than `chunk`.
     confidence : level of the intervals, 0.95 by default.
     alpha : noise type for the degrees of freedom (2 .. -2), to replace the one identified at each cluster size.
-    columns : channels by number (arrays, .npy, text) or name (Parquet, text), or arrays by name (.npz, HDF5). By default all columns
+    columns : channels by number (arrays, .npy) or name (Parquet), or arrays by name (.npz, HDF5). By default all columns
         that contain numbers and are not named as a time.
     chunk : number of samples in memory at a time.
     exact : largest cluster size for which every overlapping difference of a longer record is used; mdev and tdev end there.

@@ -13,12 +13,12 @@ import jaxcal
 from .._answer import Finding, joined
 from .._files import write_atomically
 from .._message import Message
-from ._options import CallError, Files, Level, Log, Reading, Running, stem
+from ._options import CallError, Files, Level, Log, Reading, Running, read_clock, stem
 from ._outputs import File, Outputs, figure, outputs, save_json, save_report
 from ._work import carry_out
 
 Kind = Literal[
-    "adev", "oadev", "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "theo1"
+    "adev", "oadev", "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "theo1", "mtie", "tierms"
 ]  # fmt: skip
 _GRIDS = ("log", "octave", "decade", "all")
 
@@ -40,6 +40,7 @@ def allan(
     bias_corrected: bool = False,
     alpha: Literal[-2, -1, 0, 1, 2] | None = None,
     clock: bool = False,
+    nominal: float | None = None,
     reading: Reading = Reading(),
     writing: Writing = Writing(),
     running: Running = Running(),
@@ -50,7 +51,7 @@ def allan(
     ----------
     kind
         Statistic: Allan (adev, overlapping oadev), modified Allan (mdev), time (tdev), Hadamard (hdev, overlapping ohdev), their
-        total forms (totdev, mtotdev, ttotdev, htotdev), Theo1 (theo1).
+        total forms (totdev, mtotdev, ttotdev, htotdev), Theo1 (theo1), time interval error (mtie, tierms).
     m
         Cluster sizes: log (15 per decade), octave, decade, all, or numbers of samples as 1,10,100.
     bias_corrected
@@ -59,20 +60,19 @@ def allan(
         Noise type for the intervals, instead of the identified one: 2 white phase, 1 flicker phase, 0 white frequency, -1 flicker
         frequency, -2 random walk of frequency.
     clock
-        The log is a column of fractional frequencies, or with --data phase of time errors in s, of clocks or oscillators (one to three
-        columns with --columns gyro=0:2): deviations have no unit, tdev is in s.
+        The log is the phase or the frequency of a clock or oscillator: --columns phase=1 (or frequency=1), --units phase=ns (or
+        frequency=Hz), else from the names, the header (as of Stable32) and the values. Deviations have no unit; tdev, mtie and tierms
+        are in s.
+    nominal
+        Nominal frequency in Hz of a clock whose readings are in Hz, such as 10e6.
     """
     options: dict[str, Any] = {
         "kind": kind, "m": _sizes(m), "confidence": confidence, "bias_corrected": bias_corrected, "alpha": alpha,
     }  # fmt: skip
     asked = dict(options)
 
-    change = None
     if clock:
-        # read a column without a unit as rad/s, whose factor is one; the files name what was asked for
-        options |= {"clock": True, "columns": reading.columns, "units": reading.units}
-        reading = replace(reading, keep=("all",), columns=reading.columns or ("gyro=0",), units=("gyro=rad/s", *(reading.units or ())))
-        change = _as_clock
+        options |= {"clock": True, "nominal": nominal}
 
     def compute(recording: Any, _: Any) -> Any:
         from ..batch._tasks import deviations
@@ -80,7 +80,8 @@ def allan(
         return deviations(recording, "clock" if clock else "", **asked)
 
     plan = _outputs(log, writing, "allan", ("tau", "m", "deviation", "lower", "upper", "edf"), "tau_s", lambda plot: plot.allan)
-    done = carry_out(log, reading, running, plan, compute, doing="computing", change=change, command="jaxcal allan", options=options)
+    read = partial(read_clock, log, reading, nominal) if clock else None
+    done = carry_out(log, reading, running, plan, compute, doing="computing", read=read, command="jaxcal allan", options=options)
     done.end(running)
 
 
@@ -153,14 +154,6 @@ def _from_the_start(finding: Finding, recording: Any) -> Finding:
 def _nothing() -> jaxcal.DataError:
     message = Message("the log holds neither gyroscope, accelerometer nor magnetometer; name their columns with {option.columns}")
     return jaxcal.DataError(message, code="no_sensor")
-
-
-def _as_clock(log: Any) -> Any:
-    """The log with a provenance that says what its column holds, in place of the units of a sensor."""
-    import equinox as eqx
-
-    known = {name: value for name, value in log.provenance.items() if name not in ("units", "columns")}
-    return eqx.tree_at(lambda one: one.provenance, log, known | {"quantity": "clock"})
 
 
 def _sizes(text: str) -> Any:

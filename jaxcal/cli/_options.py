@@ -283,6 +283,20 @@ def reading_options(options: Reading) -> dict[str, Any]:
     return named | {name: getattr(options, name) for name in ("format", "rate", "data", "missing")}
 
 
+def read_clock(path: Path, options: Reading, nominal: float | None) -> Any:
+    """Read the file of a clock at `path` with `options`."""
+    from ..io._columns import pairs
+    from ..io._oscillator import read_oscillator
+
+    must_be_log(path, "allan")
+    columns, units = (
+        pairs(",".join(words or ()) or None, name) for name, words in (("columns", options.columns), ("units", options.units))
+    )
+    known = {name: getattr(options, name) for name in ("rate", "missing", "data", "format")}
+    log = read_oscillator(path, columns=columns, units=units, nominal=nominal, **known)
+    return log if options.start is None and options.stop is None else log.select(options.start, options.stop)
+
+
 def read_log(path: Path, options: Reading, command: str) -> Any:
     """Read the log at `path` with `options` for a command.
 

@@ -13,7 +13,7 @@ from . import _guess
 from ._columns import AXES, SENSORS, Columns, listing, resolve
 from ._findings import READ
 from ._mixed import refuse_mixed
-from ._names import Name, bracketed, is_counter, parse, plain, unit_of
+from ._names import Name, bracketed, is_counter, parse, unit_of
 from ._profiles import ROS2_IMU, matching
 from ._spelling import meanings
 
@@ -209,16 +209,12 @@ def _by_file(table, columns: Columns, found: Selection) -> None:
 
 def _bare_axes(table, found: Selection) -> list[int]:
     """Columns that are called x, y, z, alone or with the same words in all three names."""
-    bare = [re.sub(r"[\[(].*?[\])]", "", name).lower() for name in table.names]
-    low = [re.sub(r"^axis|axis$|^raw|^value", "", plain(name)) for name in bare]
-    axes = [low.index(axis) for axis in AXES if axis in low and _present(table, low.index(axis))]
-    if axes:
-        return axes
     groups: dict[str, dict[str, int]] = {}
-    for i, name in enumerate(bare):
-        match = re.search(r"(?<![a-z0-9])([xyz])(?![a-z0-9])", name)
-        if match and found.names[i] is None and _present(table, i):
-            groups.setdefault(name[: match.start()] + "?" + name[match.end() :], {})[match[1]] = i
+    for i, name in enumerate(table.names):
+        bare = re.sub(r"[\[(].*?[\])]|(?:(?<=^[xyzXYZ])|^)(?:axis|raw|value)[ _]?", "", name.lower())
+        match = re.search(r"(?<![a-z0-9])([xyz])(?![a-z0-9])", bare)
+        if match and (found.names[i] is None or len(bare) == 1) and _present(table, i):
+            groups.setdefault(bare[: match.start()] + "?" + bare[match.end() :], {}).setdefault(match[1], i)
     whole = [[axes[axis] for axis in AXES] for axes in groups.values() if len(axes) == 3]
     return whole[0] if len(whole) == 1 else []
 

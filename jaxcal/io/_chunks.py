@@ -1,13 +1,14 @@
 """Read records in chunks, from files that need not fit into memory.
 
-Uncompressed NumPy .npy and .npz files are memory-mapped; Parquet is read by row groups, HDF5 by slices, plain text tables by blocks of
-lines. Other formats must be converted first (`jaxcal.io.convert`): the sensor messages of a large recording fit into memory, as its images
-are not read.
+Uncompressed NumPy .npy and .npz files are memory-mapped; Parquet is read by row groups, HDF5 by slices. A text table is converted first by
+polars, in little memory; other formats by `jaxcal.io.convert`: the sensor messages of a large recording fit into memory, as its images are
+not read.
 """
 
 import dataclasses
 import math
 import pathlib
+import shlex
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -16,14 +17,9 @@ import numpy as np
 
 from .._errors import DataError
 from .._message import Message
-from ._columns import listing
 from ._find import find
-from ._names import parse_name
 from ._readers._bounds import require
-from ._readers._csv import row_edges, stretch
-from ._readers._text import open_text, sniff
 
-_CONVERT = "is not read in chunks; convert it once with `jaxcal convert LOG LOG.npz`"
 _TIME = ("time", "timestamp", "stamp", "t")
 
 
@@ -43,9 +39,9 @@ class Chunks:
 
 
 def open_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
-    """Open the record in a .npy, .npz, Parquet or HDF5 file, or in a text table.
+    """Open the record in a .npy, .npz, Parquet or HDF5 file.
 
-    `columns` are channels by number (.npy, text) or name (Parquet, text), or arrays by name (.npz, HDF5). The default is all numeric
+    `columns` are channels by number (.npy) or name (Parquet), or arrays by name (.npz, HDF5). The default is all numeric
     columns except times.
     """
     kind, _ = find(path)
@@ -57,9 +53,11 @@ def open_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
         return _joined(_mapped(path), columns)
     if kind == "hdf5":
         return _joined(_datasets(path), columns)
+    convert = "jaxcal convert LOG LOG.npz"
     if kind == "csv":
-        return _text_chunks(path, columns)
-    raise DataError(f"this is {kind}, which {_CONVERT}", code="chunks")
+        program = f"import polars; polars.scan_csv({str(path)!r}).sink_parquet({str(path.with_suffix('.parquet'))!r})"
+        convert = f"python -c {shlex.quote(program)}"
+    raise DataError(f"this is {kind}, which is not read in chunks; convert it once: {convert}", code="chunks")
 
 
 def array_chunks(array: np.ndarray, columns: Sequence[Any] | None) -> Chunks:
@@ -155,32 +153,3 @@ def _parquet_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks
         return chosen.slice(start, stop - start).collect().fill_null(np.nan).to_numpy()
 
     return Chunks(samples, len(names), isinstance(columns, str), read)
-
-
-def _text_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
-    """The record in a plain text table: rows are counted once, and blocks are parsed on demand."""
-    require("polars", "reading tables", "csv")
-    text = open_text(path)
-    if text.packed or text.content is not None:
-        raise DataError(f"text that is packed, or not UTF-8, {_CONVERT}", code="chunks")
-    layout = sniff(text.head)
-    numeric = [j for j, kind in enumerate(layout.kinds) if kind in ("int", "long", "float")]
-    if columns is None and not any(layout.names):
-        said = Message("the table has {names}; choose by number with {option.columns}", names=listing(layout.names, layout.width))
-        raise DataError(said, code="chunks")
-    if columns is None:
-        chosen = [j for j in numeric if (parse_name(layout.names[j]) or ("",))[0] != "time" and layout.names[j].lower() not in _TIME]
-    else:
-        given = [columns] if isinstance(columns, str | int) else list(columns)
-        chosen = [layout.names.index(name) if name in layout.names else name if isinstance(name, int) else -1 for name in given]
-    if not chosen or any(j not in numeric for j in chosen):
-        raise DataError(f"columns={columns!r}: choose among those that hold numbers, {listing(layout.names, layout.width)}", code="chunks")
-    places, rows = row_edges(text, layout)
-
-    def read(start: int, stop: int) -> np.ndarray:
-        first, last = int(np.searchsorted(rows, start, "right")) - 1, int(np.searchsorted(rows, stop, "left"))
-        parts = stretch(text, layout, places[first : last + 1])
-        values = np.concatenate([np.stack([part.columns[j] for j in chosen], axis=1) for part in parts])
-        return values[start - rows[first] : stop - rows[first]]
-
-    return Chunks(int(rows[-1]), len(chosen), isinstance(columns, str | int), read)

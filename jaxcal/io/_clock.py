@@ -19,8 +19,8 @@ from ._findings import READ
 from ._names import is_counter, is_other, parse, plain
 from ._stamps import (
     DAY,
-    FASTEST,
     SECONDS,
+    USUAL,
     Clock,
     fraction_size,
     from_date_digits,
@@ -75,7 +75,7 @@ def clock_of(table, found: Selection, units: dict[str, str], rate: float | int |
     """The clock of a table, or None if it has none."""
     wanted = found.columns.get("time")
     if wanted is not None and "time" not in found.guessed:
-        return _read(table, wanted, units.get("time") or _named_unit(table, found, wanted), rate, found, explicit="time" in units)
+        return reading_of(table, wanted, units.get("time") or _named_unit(table, found, wanted), rate, found, explicit="time" in units)
     clocks, counters, faults = [], [], []
     for indices in _candidates(table, found, wanted):
         stated = units.get("time") or _named_unit(table, found, indices)
@@ -83,7 +83,7 @@ def clock_of(table, found: Selection, units: dict[str, str], rate: float | int |
             counters += indices
             continue
         try:
-            clock = _read(table, indices, stated, rate, found, explicit="time" in units)
+            clock = reading_of(table, indices, stated, rate, found, explicit="time" in units)
         except DataError as error:
             faults.append(error)
             continue
@@ -196,7 +196,10 @@ def _counts_rows(table, indices: list[int], stated: str | None) -> bool:
     return bool(np.mean(steps == 1) > 0.95)
 
 
-def _read(table, indices: list[int], stated: str | None, rate: float | int | None, found: Selection, *, explicit: bool) -> Clock:
+def reading_of(
+    table, indices: list[int], stated: str | None, rate: float | int | None, found: Selection, what: str = "sensor", *,
+    explicit: bool = False,
+) -> Clock:  # fmt: skip
     """Time stamps of columns. Whole numbers become relative to the first, so that no digit is lost; dates and decimals stay as they are."""
     columns = [table.columns[i] for i in indices]
     for i, column in zip(indices, columns, strict=True):
@@ -227,7 +230,7 @@ def _read(table, indices: list[int], stated: str | None, rate: float | int | Non
         other = {"s": "ms", "ms": "s", "us": "ms", "ns": "us"}.get(stated, "s")
         guess = (stated, "" if explicit else "from the name", other, True)
     else:
-        guess = unit_by_step(column, index in table.integer, rate)
+        guess = unit_by_step(column, index in table.integer, rate, USUAL[what])
     unit, reason, other, sure = guess
     factor, offset = scale(unit, "time")
     epoch = 0
@@ -250,7 +253,7 @@ def _compare(table, best: Clock, other: Clock, found: Selection) -> Clock:
     if other.sure and not best.sure:
         for unit, seconds in SECONDS.items():
             if abs(ratio * seconds / SECONDS.get(best.unit, np.nan) - 1.0) < 0.02 + coarse:
-                again = _read(table, best.columns, unit, None, found, explicit=False)
+                again = reading_of(table, best.columns, unit, None, found, explicit=False)
                 return dataclasses.replace(again, reason=f"agrees with {shown[1]}", sure=True)
     if best.sure and other.sure:
         for power in (-9, -6, -4, -3, 3, 4, 6, 9):
@@ -297,7 +300,7 @@ def check_rate(clock: Clock, stated: tuple[float, str] | None, found: list[Findi
     rate = 1.0 / clock.period if clock.period else np.nan
     if not np.isfinite(rate):
         return
-    if rate > FASTEST and clock.unit in SECONDS and clock.unit != "ns":
+    if rate > USUAL["highest"] and clock.unit in SECONDS and clock.unit != "ns":
         raise _wrong_unit("the clock {names} in {unit} ({why}) would be {rate:.4g} Hz, which no recording has", clock, names, rate)
     mean = 1.0 / clock.mean if clock.mean else rate
     if stated is not None and min(abs(rate / stated[0] - 1), abs(mean / stated[0] - 1)) > 0.1:

@@ -34,7 +34,7 @@ def parse_columns(given: Mapping[str, Any] | str | None) -> Columns:
     """
     found: Columns = {}
     axes: dict[str, dict[str, int | str]] = {}
-    for name, value in _pairs(given, "columns").items():
+    for name, value in pairs(given, "columns").items():
         values = None if value in (None, "none", "None") else [_column(v) for v in (value if isinstance(value, list | tuple) else [value])]
         sensor, _, axis = name.rpartition("_")
         if sensor in SENSORS and axis in AXES:
@@ -56,7 +56,7 @@ def parse_columns(given: Mapping[str, Any] | str | None) -> Columns:
 def parse_units(given: Mapping[str, Any] | str | None) -> dict[str, str]:
     """Parse and check units by quantity; a number without unit is the size of one count in SI."""
     found = {}
-    for name, value in _pairs(given, "units").items():
+    for name, value in pairs(given, "units").items():
         if name not in quantities():
             raise wrong("units", f"unknown quantity {name!r}; use {', '.join(quantities())}")
         found[name] = f"{value:.17g} {si_unit(name)}" if isinstance(value, int | float) else str(value).strip()
@@ -76,7 +76,7 @@ def parse_axes(given: Mapping[str, Any] | str | None) -> dict[str, list[str]]:
     {'gyro': ['y', 'x', '-z']}
     """
     found = {}
-    for name, value in _pairs(given, "axes").items():
+    for name, value in pairs(given, "axes").items():
         axes = [str(axis).strip().removeprefix("+") for axis in (value if isinstance(value, list | tuple) else [value])]
         if name not in SENSORS or sorted(axis.removeprefix("-") for axis in axes) != list(AXES):
             raise wrong("axes", f"{name}={value!r}; expected a sensor and its axes in the order of the device, such as gyro=y,x,-z")
@@ -114,7 +114,8 @@ def scale(unit: str, quantity: str) -> tuple[float, float]:
         raise UnitError(Message(said, error=error, quantity=quantity, si=si_unit(quantity)), code="units") from None
 
 
-def _pairs(given: Mapping[str, Any] | str | None, option: str) -> dict[str, Any]:
+def pairs(given: Mapping[str, Any] | str | None, option: str) -> dict[str, Any]:
+    """Values by quantity, from a mapping or a string."""
     if given is None:
         return {}
     if isinstance(given, Mapping):  # "1,2" in a dictionary means the same as in a string

@@ -1,4 +1,4 @@
-"""Convert recordings in memory to tables: data frames of pandas and polars, datasets of xarray, dictionaries and arrays.
+"""Convert recordings in memory to tables: data frames of pandas and polars, dictionaries and arrays.
 
 This module imports none of these libraries: it recognises an object by the module of its class.
 """
@@ -11,9 +11,7 @@ from .._errors import DataError
 from ._readers._arrays import arrays_of_columns, table_of_arrays
 from ._table import Table
 
-_TAKEN = (
-    "a path, a jaxcal.Log, a pandas or polars data frame, an xarray dataset, a dictionary of arrays, or an array of columns with its rate"
-)
+_TAKEN = "a path, a jaxcal.Log, a pandas or polars data frame, a dictionary of arrays, or an array of columns with its rate"
 
 
 def table_of(source: Any) -> Table:
@@ -24,8 +22,6 @@ def table_of(source: Any) -> Table:
         return table_of_arrays({one.name: np.array(one.to_numpy()) for one in frame.get_columns()})
     if library == "pandas" and kind in ("DataFrame", "Series"):
         return table_of_arrays(_of_pandas(source.to_frame() if kind == "Series" else source))
-    if library == "xarray" and kind in ("Dataset", "DataArray"):
-        return table_of_arrays(_of_xarray(source if kind == "Dataset" else source.to_dataset(name=str(source.name or "y"))))
     if isinstance(source, dict):
         return table_of_arrays({str(name): np.array(values) for name, values in source.items()})
     if isinstance(source, list | tuple) or hasattr(source, "__array__"):
@@ -46,16 +42,3 @@ def _moments(column: Any) -> np.ndarray:
 
 def _zoned(column: Any) -> bool:
     return getattr(column.dtype, "tz", None) is not None
-
-
-def _of_xarray(dataset: Any) -> dict[str, Any]:
-    """Coordinates and variables along one dimension: `time`, or else the first dimension of the first variable."""
-    first = next(iter(dataset.data_vars.values()), None)
-    if first is None or not first.dims:
-        raise DataError("the dataset has no variable with a dimension; it takes variables such as gyro along time", code="not_a_recording")
-    along = "time" if "time" in dataset.dims else first.dims[0]
-    found = {str(along): dataset.coords[along].to_numpy()} if along in dataset.coords else {}
-    for name, variable in dataset.data_vars.items():
-        if along in variable.dims:
-            found[str(name)] = variable.transpose(along, ...).to_numpy()
-    return {name: np.array(values) for name, values in found.items()}

@@ -162,8 +162,6 @@ def unit_of(text: str, quantity: str) -> str | None:
     text = re.sub(r"[ _.]s(ec)?\^?\(?-2\)?$", "/s^2", text)
     if quantity == "mag" and re.fullmatch(r"[^\x00-\x7f]t|micro[ _]?tesla", text, re.IGNORECASE):
         return "uT"
-    if quantity == "gyro" and text in ("deg", "rad"):
-        return f"{text}/s"  # gyro_rad and gyro [deg] mean rates, also of angles that are differenced
     if quantity == "temperature" and re.fullmatch(r"(?:deg\.? ?|[^\x00-\x7f]{0,2})C?", text) and text:
         return "degC"
     return find_unit(re.sub(r"\s*/\s*", "/", text), quantity)
@@ -180,6 +178,11 @@ def _cut(name: str) -> list[list[str]]:
     camel = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", plain)
     whole = re.findall(r"[0-9A-Za-z]+", plain)
     return [[word.lower() for word in words] for words in (camel, whole)]
+
+
+def words_of(name: str) -> list[str]:
+    """Words of a name in lower case, without brackets, also cut at capital letters."""
+    return _cut(name[:_LONGEST])[0]
 
 
 def plain(name: str) -> str:
@@ -225,6 +228,8 @@ def parse(name: str) -> Name | None:
         for found in _sensors(words, index):
             if found.unit is None and inside:
                 kind = "accel" if found.kind in ("accel or linear", "linear", "gravity") else found.kind
+                # gyro_rad and gyro [deg] mean rates, also of angles that are differenced
+                inside += "/s" * (kind == "gyro" and inside in ("deg", "rad"))
                 return dataclasses.replace(found, unit=unit_of(inside, kind) if kind in _KINDS and kind not in OTHERS else None)
             return found
     # for x, y, z with a unit, the unit determines the sensor
@@ -268,6 +273,7 @@ def _sensors(words: list[str], index: re.Match[str] | None):
 
 def _spelled(words: list[str], quantity: str) -> str | None:
     """Unit spelled by the words at the end of a name, or None."""
+    words = [*words, "s"] if quantity == "gyro" and words in (["rad"], ["deg"]) else words
     return next((unit for glue in ("", "_", "/", " ") if (unit := unit_of(glue.join(words), quantity))), None)
 
 

@@ -64,7 +64,7 @@ def read(
     Parameters
     ----------
     path : a file; or a folder with a ROS 2 recording, with the numbered parts of a split recording, or with one log. Or a recording in
-        memory: a pandas or polars data frame, an xarray dataset with a dimension time, a dictionary of arrays, or an array (n, columns)
+        memory: a pandas or polars data frame, a dictionary of arrays, or an array (n, columns)
         with its `rate`; `columns` and `units` work as for a file. A `Log` is returned unchanged.
     format : "csv", "json", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "ulog" or "dataflash"; the default is detected
         from the first bytes.

@@ -5,12 +5,11 @@ import re
 
 import numpy as np
 
-from ._names import AXES, Name, loosened, parse, plain, unit_of
+from ._names import AXES, Name, loosened, parse, words_of
 
-_ROLLS = re.compile(r"(roll|pitch|yaw)")
-_RATES = (
-    "rate", "rates", "speed", "vel", "velocity", "dot", "gyro", "gyr", "gyroscope", "omega", "angularvelocity", "angularrate",
-    "angvel", "w",
+#: words for the axes x, y and z, and whether only a gyroscope has them
+_AXES = (
+    (("roll", "pitch", "yaw"), True), (("r", "p", "y"), True), (("p", "q", "r"), True), (("1", "2", "3"), False), (("0", "1", "2"), False),
 )  # fmt: skip
 _SENSORS = ("gyro", "accel", "mag", "accel or linear")
 
@@ -21,8 +20,8 @@ def meanings(table, shared: str, known: dict[int, Name]) -> list[Name | None]:
     found = [known.get(i) or (parse(name[len(shared) :]) if name else None) for i, name in enumerate(names)]
     if known:
         return found
-    _rolls(names, found)
-    _numbered(names, found)
+    for words, turning in _AXES:
+        _respelt(names, found, words, turning)
     if not any(one is not None and one.kind in _SENSORS for one in found):
         for i, name in enumerate(names):
             # only names without a meaning, or with a meaning from their last word alone, are tried again
@@ -45,56 +44,28 @@ def _grouped(table) -> list[str]:
     return out
 
 
-def _rolls(names: list[str], found: list[Name | None]) -> None:
-    """Recognise rates about roll, pitch and yaw: GyroR, GyroP, GyroY; roll_rate, pitch_rate, yaw_rate; p, q, r."""
-    low = [plain(name) for name in names]
-    gyros = sum(one is not None and one.kind == "gyro" for one in found)
-    for stem in ("gyro", "gyr", "rate", "omega", ""):
-        for axes in (("r", "p", "y"), ("p", "q", "r")):
-            wanted = [stem + axis for axis in axes]
-            if (not stem and axes != ("p", "q", "r")) or not all(word in low for word in wanted):
-                continue
-            taken = [found[low.index(word)] for word in wanted]
-            if gyros > sum(one is not None and one.kind == "gyro" for one in taken):
-                continue
-            for word, axis in zip(wanted, AXES, strict=True):
-                found[low.index(word)] = Name("gyro", axis, None, 0, stem + "rpy")
-            return
-    if gyros:
+def _respelt(names: list[str], found: list[Name | None], words: tuple[str, ...], turning: bool) -> None:
+    """Read names with other words for all three axes as those with x, y and z: GyroR, roll_rate, acc_1; p, q, r alone are rates."""
+    groups: dict[str, dict[str, int]] = {}
+    if turning and {one.axis for one in found if one is not None and one.kind == "gyro"} == set(AXES):
         return
-    rates: dict[str, dict[str, tuple[int, str | None]]] = {}
     for i, name in enumerate(names):
-        word = _ROLLS.search(name.lower())
-        if not word:
+        one, parts = found[i], words_of(re.sub("(roll|pitch|yaw)", r" \1 ", name, flags=re.IGNORECASE))
+        if one is not None and one.kind in _SENSORS and not (turning and one.kind == "gyro"):
             continue
-        bare = re.sub(r"[\[(].*", "", name.lower())
-        inside = re.search(r"[\[(]([^\])]*)[\])]", name)
-        rest = re.findall(r"[a-z]+|\d+", bare[: word.start()] + " " + bare[word.end() :])
-        for tail in range(min(3, len(rest))):
-            unit = unit_of("_".join(rest[len(rest) - tail :]), "gyro") if tail else inside and unit_of(inside[1], "gyro")
-            if "".join(rest[: len(rest) - tail]) in _RATES and (unit or not tail):
-                rates.setdefault("".join(rest), {})[word[1]] = i, unit or None
-                break
-    for stem, axes in rates.items():
-        if len(axes) == 3:
-            for axis, word in zip(AXES, ("roll", "pitch", "yaw"), strict=True):
-                found[axes[word][0]] = Name("gyro", axis, axes[word][1], 0, stem + "rpy")
-            return
-
-
-def _numbered(names: list[str], found: list[Name | None]) -> None:
-    """Recognise axes numbered 1, 2, 3 or 0, 1, 2: acc_1, acc_2, acc_3."""
-    groups: dict[tuple[str, str], dict[int, int]] = {}
-    for i, name in enumerate(names):
-        match = re.fullmatch(r"([A-Za-z][A-Za-z _./:-]*[A-Za-z])[ _.-]?(\d)(\s*[\[(].*)?", name.strip())
-        one = found[i]
-        if match and (one is None or one.kind not in _SENSORS):
-            groups.setdefault((match[1].lower(), match[3] or ""), {})[int(match[2])] = i
-    for (stem, tail), places in groups.items():
-        if sorted(places) not in ([0, 1, 2], [1, 2, 3]):
-            continue
-        read = [parse(f"{stem}_{axis}{tail}") for axis in AXES]
-        if all(one is not None and one.kind in _SENSORS for one in read):
-            for one, number in zip(read, sorted(places), strict=True):
+        if len(parts) == 1 and parts[0][:-1] in ("gyro", "gyr", "rate", "omega"):
+            parts = [parts[0][:-1], parts[0][-1]]
+        parts = ["rate" if turning and part in ("speed", "vel", "velocity", "dot") else part for part in parts]
+        at = [k for k, part in enumerate(parts) if part in words]
+        if len(at) == 1:
+            axis = AXES[words.index(parts[at[0]])]
+            unit = re.search(r"\s*[\[(][^\])]*[^\])\d][^\])]*[\])]\s*$", name)
+            alone = "gyro_" if words == ("p", "q", "r") and len(parts) == 1 else ""
+            spelt = alone + "_".join([*parts[: at[0]], "\0", *parts[at[0] + 1 :]]) + (unit[0] if unit else "")
+            groups.setdefault(spelt, {})[axis] = i
+    for spelt, axes in groups.items():
+        read = {axis: parse(spelt.replace("\0", axis)) for axis in AXES}
+        if len(axes) == 3 and all(one is not None and one.kind in (("gyro",) if turning else _SENSORS) for one in read.values()):
+            for axis, one in read.items():
                 assert one is not None
-                found[places[number]] = dataclasses.replace(one, instance=0)
+                found[axes[axis]] = dataclasses.replace(one, instance=0)

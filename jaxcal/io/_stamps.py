@@ -1,5 +1,6 @@
 """Time stamps in one or two columns: unit from size and step, seconds with a separate fraction, times written as digits."""
 
+import contextlib
 import dataclasses
 import re
 
@@ -20,7 +21,8 @@ _HYPOTHESES = (
 )  # fmt: skip
 #: decimal logarithm of odds above which a clock is no guess: another unit would be less than one in fifteen
 _SURE = 1.2
-FASTEST = 20_000.0  # Hz, that any recording has
+#: Hz: the most common rate of recordings of sensors and of clocks, and the highest of any
+USUAL = {"sensor": 70.0, "clock": 0.01, "highest": 20_000.0}
 
 
 @dataclasses.dataclass
@@ -171,26 +173,19 @@ def from_date_digits(column: np.ndarray) -> np.ndarray | None:
         if not 19e12 * size < column.min() <= column.max() < 21e12 * size:
             continue
         seconds, fraction = np.divmod(column, size if column.dtype.kind in "iu" else float(size))
-        whole = seconds.astype(np.int64)
-        ns = np.round((fraction / size + (seconds - whole)) * 1e9).astype(np.int64)
-        year, month, day, hour, minute, second = (whole // 10**k % 100 if k < 10 else whole // 10**k for k in (10, 8, 6, 4, 2, 0))
-        if min(month.min(), day.min()) < 1 or np.any(np.max([month, day, hour, minute, second], axis=1) > [12, 31, 23, 59, 59]):
-            return None
-        months = ((year - 1970) * 12 + month - 1).astype("datetime64[M]")
-        days = months.astype("datetime64[D]") + (day - 1)
-        return (
-            days.astype("datetime64[ns]")
-            + (hour * 3600 + minute * 60 + second) * np.timedelta64(10**9, "ns")
-            + ns.astype("timedelta64[ns]")
-        )
+        ns = np.round((fraction / size + (seconds - seconds.astype(np.int64))) * 1e9).astype("timedelta64[ns]")
+        digits = [f"{one[:4]}-{one[4:6]}-{one[6:8]}T{one[8:10]}:{one[10:12]}:{one[12:]}" for one in seconds.astype(np.int64).astype(str)]
+        with contextlib.suppress(ValueError):
+            return np.array(digits, "datetime64[ns]") + ns
     return None
 
 
-def unit_by_step(stamps: np.ndarray, integer: bool, rate: float | int | None) -> tuple[str, str, str, bool]:
+def unit_by_step(stamps: np.ndarray, integer: bool, rate: float | int | None, usual: float) -> tuple[str, str, str, bool]:
     """Unit of time stamps without a stated unit, the reason, the next best unit, and whether it is certain.
 
     Every hypothesis gets points, decimal logarithms of odds: the rates and lengths that recordings have, a start some time after the
-    sensor was switched on, an epoch of this century, agreement with `rate`, and jitter that fits the size of a tick.
+    sensor was switched on, an epoch of this century, agreement with `rate`, and jitter that fits the size of a tick. `usual` is the most
+    common rate of such recordings, Hz.
     """
     seen = stamps[np.isfinite(stamps)]
     steps = np.diff(seen)
@@ -205,9 +200,11 @@ def unit_by_step(stamps: np.ndarray, integer: bool, rate: float | int | None) ->
     for who, unit, first, last in _HYPOTHESES:
         size = scale(unit, "time")[0]
         period, length, since = step * size, step * size * len(seen), offset * size
-        if not first <= start <= last or (integer and unit == "mjd"):
+        if not first <= start <= last:
             continue
-        points = -min(0.34 * np.log10(70 * period) ** 2, 4.0) - 10.0 * (period * FASTEST < 1)  # a decade from 70 Hz is rarer by two
+        points = -min(0.34 * np.log10(usual * period) ** 2, 4.0) - 10.0 * (
+            period * USUAL["highest"] < 1
+        )  # a decade from the usual rate is rarer by two
         points -= 0.3 * max(0.0, np.log10(10 / length), np.log10(length / DAY))
         if who:
             points += 3.0

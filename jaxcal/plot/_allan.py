@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 KINDS = {
     "adev": "Allan deviation", "oadev": "Allan deviation", "mdev": "Modified Allan deviation", "tdev": "Time deviation",
     "hdev": "Hadamard deviation", "ohdev": "Hadamard deviation", "totdev": "Total deviation",
+    "mtie": "Maximum time interval error", "tierms": "Time interval error, rms",
     "mtotdev": "Modified total deviation", "ttotdev": "Time total deviation", "htotdev": "Hadamard total deviation",
     "theo1": "Theo1 deviation",
 }  # fmt: skip

@@ -188,3 +188,17 @@ def test_adis16405_gyro_x_at_82_s(adis):
     at = np.argmin(np.abs(found.tau - 82.0))
     assert found.tau[at] == 81.92
     assert round(float(found.deviation[at]), 4) == 0.0071
+
+
+@pytest.mark.parametrize("kind", ["mtie", "tierms"])
+def test_phase_dat_errors_of_time(reference, kind):
+    m, _, count, expected = _stable32(reference / f"data/phasedat/phase_dat_{kind}.txt")
+    phase, drift = _phase_dat(reference / "data/phasedat"), 3.0 * np.arange(1001)
+    for data, x in (("phase", phase), ("rate", np.diff(phase))):
+        found = jaxcal.allan.deviation(x, 1.0, kind=kind, m=m.astype(int), data=data)
+        np.testing.assert_allclose(found.deviation, expected, rtol=1e-4)
+        np.testing.assert_array_equal(found.count, count)
+    assert np.isnan(found.upper).all()
+    # a frequency offset is kept: the error of time grows with it
+    found = jaxcal.allan.deviation(1e3 * drift + phase, 1.0, kind=kind, m=[1000], data="phase")
+    np.testing.assert_allclose(found.deviation, 3e6, rtol=1e-3)

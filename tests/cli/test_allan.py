@@ -73,18 +73,68 @@ def test_the_noise_type_given_is_that_of_the_library(call, log, folder):
     np.testing.assert_allclose(document["channels"]["gyro_x"]["upper"], expected.upper[:, 0], rtol=1e-12)
 
 
-def test_a_clock_has_no_unit(call, folder):
-    x = np.cumsum(np.random.default_rng(1).standard_normal(400)) * 1e-9
-    (folder / "clock.txt").write_text("# phase in s\n" + "\n".join(f"{value:.6e}" for value in x) + "\n")
-    words = ("allan", "clock.txt", "--clock", "--data", "phase", "--rate", "1", "--m", "1,8", "--json", "clock.json")
-    ended = call(*words)
-    assert ended.status == 0
-    assert any(line.startswith("clock ") for line in ended.out.splitlines())
-    assert not any(word in ended.out for word in ("gyro", "rad/s"))
-    channel = json.loads((folder / "clock.json").read_text())["channels"]["clock_x"]
-    assert channel["unit"] == ""
-    expected = jaxcal.allan.deviation(x, 1.0, m=[1, 8], data="phase")
-    np.testing.assert_allclose(channel["deviation"], expected.deviation, rtol=1e-5)  # six digits in the file
-    assert call(*words, "--kind", "tdev", "--report", "clock.html").status == 0
-    assert json.loads((folder / "clock.json").read_text())["channels"]["clock_x"]["unit"] == "s"
+X = 1e-9 * np.cumsum(np.random.default_rng(1).standard_normal(1000)) + 1e-6 * np.arange(1000)  # s, with a frequency offset of 1e-6
+Y = np.diff(X)
+
+
+def lines(form, values, step=1.0, start=0.0):
+    return "".join(form.format(start + step * i, repr(float(value))) + chr(10) for i, value in enumerate(values))
+
+
+#: layout -> name and text of a file with X, its interval in s, and options that it needs
+CLOCKS = {
+    "one column": ("a.txt", lines("{1}", X), 1.0, "--data phase --rate 1"),
+    "one column of phases by the name of the file": ("phase.dat", "# at the bench\n" + lines("{1}", X), 1.0, "--rate 1"),
+    "time and phase": ("a.csv", "time_s,phase_ns\n" + lines("{0:.0f},{1}", 1e9 * X), 1.0, ""),
+    "five minutes apart": ("a.csv", "time,phase\n" + lines("{0:.0f},{1}", X, 300.0), 300.0, ""),
+    "Modified Julian Dates": ("a.txt", lines("{0:.8f} {1}", X, 300 / 86400, 58849), 300.0, "--data phase"),
+    "named Modified Julian Dates": ("a.csv", "MJD,x [ns]\n" + lines("{0:.8f},{1}", 1e9 * X, 30 / 86400, 58849), 30.0, ""),
+    "phase file of Stable32": ("a.txt", "File: A\nType: Phase\nTau: 1.0e+01\n# Points: 1000\n" + lines("{1}", X), 10.0, ""),
+    "frequency file of Stable32": ("a.txt", "Type: Frequency\nTau: 1.0\n" + lines("{0:.9f} {1}", Y, 1 / 86400, 58849), 1.0, ""),
+    "readings of an oscillator of 10 MHz": ("a.csv", "time_s,frequency\n" + lines("{0:.0f},{1}", 1e7 * (1 + Y)), 1.0, ""),
+    "differences in Hz": ("a.csv", "t,df [Hz]\n" + lines("{0:.0f},{1}", 1e7 * Y), 1.0, "--nominal 10e6"),
+    "parts in a billion": ("a.csv", "timestamp,freq_ppb\n" + lines("{0:.0f},{1}", 1e9 * Y, 1.0, 1.7e9), 1.0, ""),
+    "columns by option": ("a.csv", "n,a,b\n" + lines("{0:.0f},{1},0", 1e9 * X), 1.0, "--rate 1 --columns phase=a --units phase=ns"),
+}  # fmt: skip
+
+
+def closed_form(kind, tau, m=5):
+    if kind == "mtie":
+        return np.ptp(np.lib.stride_tricks.sliding_window_view(X, m + 1), axis=1).max()
+    if kind == "hdev":
+        return np.sqrt(np.mean(np.diff(X[::m], 3) ** 2) / 6) / (m * tau)
+    mean = X if kind == "oadev" else np.lib.stride_tricks.sliding_window_view(X, m).mean(axis=1)
+    value = np.sqrt(np.mean((mean[2 * m :] - 2 * mean[m:-m] + mean[: -2 * m]) ** 2) / 2) / (m * tau)
+    return value * m * tau / np.sqrt(3) if kind == "tdev" else value
+
+
+@pytest.mark.parametrize("which", CLOCKS)
+def test_files_of_clocks(which, call, folder):
+    name, text, tau, options = CLOCKS[which]
+    (folder / name).write_text(text)
+    for kind in ("oadev", "mdev", "hdev", "tdev", "mtie"):
+        words = ("allan", name, "--clock", "--kind", kind, "--m", "1,5", "--json", "clock.json", *options.split())
+        ended = call(*words, *(("--report", "clock.html") if kind == "tdev" else ()))
+        assert ended.status == 0, ended.reason
+        channel = json.loads((folder / "clock.json").read_text())["channels"]["clock_x"]
+        np.testing.assert_allclose(channel["deviation"][1], closed_form(kind, tau), rtol=1e-6)
+        assert channel["unit"] == ("s" if kind in ("tdev", "mtie") else "")
+        assert not any(word in ended.out for word in ("gyro", "rad/s"))
     assert not any(word in (folder / "clock.html").read_text() for word in ("gyro_x", "rad/s", "gyro="))
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "code"),
+    [
+        (lines("{1}", X), "", "no_rate"), ("t,df [Hz]\n" + lines("{0:.0f},{1}", 1e7 * Y), "", "nominal"),
+        ("t,a,b\n" + lines("{0:.0f},{1},{1}", Y), "", "columns_unclear"), (lines("{1}", Y), "--rate 1 --units frequency=deg", "units"),
+    ],
+)  # fmt: skip
+def test_a_file_of_a_clock_that_says_too_little(text, options, code, call, folder):
+    (folder / "a.txt").write_text(text)
+    assert call("allan", "a.txt", "--clock", *options.split()).code == code
+
+
+def test_what_a_clock_holds_is_a_guess_if_nothing_says_so(call, folder):
+    (folder / "a.txt").write_text(lines("{1}", Y))
+    assert "holds fractional frequencies" in call("allan", "a.txt", "--clock", "--rate", "1").out

@@ -1,6 +1,6 @@
 """Recordings read in chunks give the same results as the whole arrays."""
 
-import gzip
+import subprocess
 
 import numpy as np
 import pytest
@@ -73,31 +73,11 @@ def test_other_logs_are_converted_first(content, tmp_path, refuses):
         found(tmp_path / "log")
 
 
-def test_text(still, tmp_path, blocks_of, refuses):
-    blocks_of(1500)
-    names = "time [s],gyro_x,gyro_y,gyro_z,note"
-    rows = [f"{t!r},{x!r},{y!r},{z!r},a" for t, (x, y, z) in zip(still.time.tolist(), still.gyro.tolist(), strict=True)]
-    path = tmp_path / "log.csv"
-    path.write_text("\n".join([names, *rows]) + "\n\n")
-    for length in (37, 64, 400, 1000):
-        same(path, None, still.gyro, length)
-    same(path, "gyro_y", still.gyro[:, 1])
-    same(path, [3, 1], still.gyro[:, [2, 0]])
-    with refuses("chunks"):
-        found(path, ["note"])
-
-
-def test_text_in_which_something_is_wrong_is_not_read_in_chunks(tmp_path, blocks_of, refuses):
-    blocks_of(300)
-    path = tmp_path / "log.csv"
-    lines = ["time,gx", *(f"{i / 10},{i % 7}" for i in range(500))]
-    lines[321] += ",9,9"
-    path.write_text("\n".join(lines))
-    with refuses("rows_left_out"):
+def test_a_text_table_is_converted_by_the_line_that_its_refusal_shows(still, tmp_path):
+    pl = pytest.importorskip("polars")
+    path = tmp_path / "my log.csv"
+    pl.DataFrame({"time": still.time} | {f"g{axis}": column for axis, column in zip("xyz", still.gyro.T, strict=True)}).write_csv(path)
+    with pytest.raises(jaxcal.DataError) as error:
         found(path)
-    path.write_text("\n".join(lines[1:]))
-    with refuses("chunks"):
-        found(path)
-    path.write_bytes(gzip.compress(path.read_bytes()))
-    with refuses("chunks"):
-        found(path)
+    subprocess.run(str(error.value).partition("once: ")[2], shell=True, check=True)
+    same(path.with_suffix(".parquet"), None, still.gyro)

@@ -22,17 +22,11 @@ def indexed():
     return pandas.DataFrame(dict(zip(NAMES, GYRO.T, strict=True)), index=index)
 
 
-def dataset():
-    xarray = pytest.importorskip("xarray")
-    return xarray.Dataset({"gyro": (("axis", "time"), GYRO.T)}, coords={"time": TIME})
-
-
 SOURCES = {
     "polars": lambda: frame("polars"),
     "polars lazy": lambda: frame("polars").lazy(),
     "pandas": lambda: frame("pandas"),
     "pandas with times": indexed,
-    "xarray": dataset,
     "dictionary": lambda: {"time": TIME, "gyro": GYRO},
     "log": lambda: jaxcal.Log(TIME, gyro=GYRO),
 }
@@ -42,7 +36,7 @@ SOURCES = {
 def test_read_takes_it(kind):
     source = SOURCES[kind]()
     before = GYRO.copy()
-    options = {} if kind not in ("xarray", "dictionary") else {"units": "gyro=rad/s"}
+    options = {} if kind != "dictionary" else {"units": "gyro=rad/s"}
     log = jaxcal.read(source, quiet=True, **options)
     assert log.rate == pytest.approx(RATE)
     np.testing.assert_allclose(log.gyro, GYRO)

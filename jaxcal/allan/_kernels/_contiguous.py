@@ -4,6 +4,7 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+import scipy  # loads its parts when they are first used
 
 from ..._arrays import longest_run
 from ..._errors import DataError
@@ -50,7 +51,9 @@ def _stretch(column, gone, sizes, statistic: Kind, rate: float, data: str, ident
     reflected = reflected_record(theta) if statistic.name == "totdev" else None
     for i in np.flatnonzero(fits):
         m = int(sizes[i])
-        if reflected is not None:
+        if statistic.family == "error":
+            total[i] = _error_sum(theta, m) if statistic.name == "tierms" else count[i] * _largest_error(theta, m) ** 2
+        elif reflected is not None:
             total[i] = total_sum(reflected, m)
         elif statistic.family == "theo1":
             total[i] = theo1_sum(theta, m)
@@ -61,9 +64,21 @@ def _stretch(column, gone, sizes, statistic: Kind, rate: float, data: str, ident
         else:
             total[i] = window_sum(x, m)
     noise = np.zeros(len(sizes))
-    if identified and samples > 0:
+    if identified and samples > 0 and statistic.family != "error":
         noise = identify(theta, None, effective_sizes(sizes, statistic), statistic.plain, samples, data)
     return total, count, noise, told
+
+
+def _error_sum(theta, m: int) -> float:
+    """Sum of the squared changes of phase over m samples."""
+    return float(np.sum((theta[m:] - theta[:-m]) ** 2))
+
+
+def _largest_error(theta, m: int) -> float:
+    """Largest range of the phase in any window of m + 1 points."""
+    inside = slice((m + 1) // 2, (m + 1) // 2 + len(theta) - m)
+    high, low = (one(theta, m + 1)[inside] for one in (scipy.ndimage.maximum_filter1d, scipy.ndimage.minimum_filter1d))
+    return float(np.max(high - low))
 
 
 def effective_sizes(sizes, statistic: Kind):
@@ -72,7 +87,9 @@ def effective_sizes(sizes, statistic: Kind):
 
 
 def _phase_and_rate(column, rate: float, data: str, statistic: Kind):
-    """Phase in samples minus the line through its ends; with it the rate for three-sample statistics."""
+    """Phase in samples minus the line through its ends; with it the rate for three-sample statistics. An error of time keeps its line."""
+    if statistic.family == "error":
+        return column * rate if data == "phase" else np.concatenate([[0.0], np.cumsum(column)]), column
     if data == "rate":
         theta = np.empty(len(column) + 1)
         integrate(column, theta)
@@ -83,7 +100,7 @@ def _phase_and_rate(column, rate: float, data: str, statistic: Kind):
 
 def refuse_traced(statistic: Kind) -> None:
     """Raise a clear error for a statistic that cannot be traced."""
-    if statistic.name in ("mtotdev", "ttotdev", "htotdev", "theo1"):
+    if statistic.contiguous and statistic.name != "totdev":
         raise DataError(
             f"{statistic.name} is computed on the host: it can be neither differentiated, nor batched by vmap, nor compiled by jit. Of a "
             "traced record take adev, oadev, mdev, tdev, hdev, ohdev or totdev; several records at once are channels of one y",

@@ -10,6 +10,7 @@ value within 20 %.
 
 import numpy as np
 
+from ..._errors import DataError
 from ..._types import Any, Float
 from .._kinds import Kind, find_kind
 from . import _edf
@@ -45,6 +46,8 @@ def degrees_of_freedom(m: Any, alpha: Any, kind: str | Kind, samples: Any) -> Fl
     [148.1, 15.0, 3.0]
     """
     kind = find_kind(kind)
+    if kind.family == "error":
+        raise DataError(f"no distribution of {kind.name} is known, and so no degrees of freedom", code="kind")
     if not kind.contiguous:
         return _edf.degrees_of_freedom(m, alpha, kind, samples)
     lowest = -4 if kind.order == 3 else -2

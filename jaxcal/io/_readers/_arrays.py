@@ -13,7 +13,7 @@ from ..._message import Message, joined_messages
 from ..._units import si_unit
 from .._columns import AXES, SENSORS, wrong
 from .._findings import READ
-from .._names import parse_name, unit_of
+from .._names import parse_name
 from .._saved import parse_saved
 from .._table import Table
 from ._bounds import MOST, allowed, check_declared, require
@@ -143,14 +143,6 @@ def read_hdf5(path: pathlib.Path, topics: list[str] | None) -> Table:
         raise DataError(f"the file holds more than {MOST} data sets; it is damaged, or no log: save the log's arrays alone", code="shape")
     mend = "save it as a struct of arrays (table2struct(T, 'ToScalar', true))"
     left_out = [f"{name} is a MATLAB {kind or 'object'}; {mend}" for name, kind in about["opaque"]]
-    attributes: dict[str, Any] = about.get("attributes", {})
-    prose = "\n".join(value for value in attributes.values() if isinstance(value, str))
-    for name in about["names"]:
-        # find units in descriptions, such as "`imu_gyr` in rad/s"
-        found = re.search(rf"{re.escape(posixpath.basename(name))}[`'\"]?\s*(?:\(|\[|in|:)\s*([^\s,;()\[\]]+)", prose)
-        quantity = (parse_name(f"{posixpath.basename(name)}_x") or parse_name(posixpath.basename(name)) or ("",))[0]
-        if found and quantity and name not in about["units"] and (unit := unit_of(found[1].rstrip("."), quantity)):
-            about["units"][name] = unit
     try:
         table = _table_of_tree(about, arrays, topics, "data set")
     except DataError as error:
@@ -158,11 +150,10 @@ def read_hdf5(path: pathlib.Path, topics: list[str] | None) -> Table:
             raise DataError(joined_messages([error, f"not read: {'; '.join(left_out)}"]), error.code) from None
         raise
     table.findings += [READ("not_read", what=what) for what in left_out]
-    rates = {float(value) for name, value in attributes.items() if not isinstance(value, str) and _is_rate(posixpath.basename(name))}
+    rates = {value for name, value in about.get("attributes", {}).items() if _is_rate(posixpath.basename(name))}
     if table.rate is None and len(rates) == 1 and next(iter(rates)) > 0:
         table.rate = rates.pop()
         table.findings.append(READ("rate_stated", rate=table.rate, source="an attribute of the file states"))
-    table.preamble = prose[:20_000]
     return table
 
 

@@ -5,7 +5,6 @@ A block with faulty rows is parsed again line by line, and the faults are counte
 
 import collections
 import dataclasses
-import functools
 import itertools
 import os
 import pathlib
@@ -109,28 +108,6 @@ class Block:
     rows: int
     size: int
     faults: Faults
-
-
-def stretch(text: Text, layout: Layout, edges: list[int]) -> Iterator[Block]:
-    """Parse the blocks between successive byte offsets in the text."""
-    return _parsed_ahead(layout, (functools.partial(text.part, at, end) for at, end in itertools.pairwise(edges)))
-
-
-def row_edges(text: Text, layout: Layout) -> tuple[list[int], np.ndarray]:
-    """Byte offsets of the blocks of an uncompressed text, and the number of rows before each, ends included.
-
-    A faulty row is an error, because reading in chunks gives no warnings.
-    """
-    edges = text.edges(text.start(layout.skip))
-    counts, lines = [0], _Lines(text, layout)
-    for index, block in enumerate(stretch(text, layout, edges)):
-        counts.append(block.rows)
-        if block.faults.found:
-            faults = Faults()
-            faults.add(block.faults, lines.before(index))
-            said = faults.judged(layout)
-            raise DataError(f"{said[0]} Convert it once with `jaxcal convert LOG LOG.npz`, which mends it and says so", code=said[0].code)
-    return edges, np.cumsum(counts)
 
 
 def _parsed_ahead(layout: Layout, reads: Iterator[Callable[[], bytes]]) -> Iterator[Block]:

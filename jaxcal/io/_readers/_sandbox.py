@@ -126,7 +126,7 @@ def _hdf5(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
 
     names: list[str] = []
     units: dict[str, str] = {}
-    attributes: dict[str, Any] = {}
+    attributes: dict[str, float] = {}
     opaque: list[tuple[str, str]] = []
     arrays: list[np.ndarray] = []
     declared = count = 0
@@ -138,9 +138,9 @@ def _hdf5(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
 
     def note(path: str, holder: Any) -> None:
         for name in list(holder.attrs)[:100]:
-            value = text(holder, name) or holder.attrs.get(name)
-            if isinstance(value, str) or (isinstance(value, np.ndarray | np.number) and np.size(value) == 1 and value.dtype.kind in "iuf"):
-                attributes[f"{path}{name}"] = value[:5000] if isinstance(value, str) else float(np.reshape(value, ()))
+            value = holder.attrs.get(name)
+            if isinstance(value, np.ndarray | np.number) and np.size(value) == 1 and value.dtype.kind in "iuf":
+                attributes[f"{path}{name}"] = float(np.reshape(value, ()))
 
     def take(path: str, dataset: Any) -> None:
         nonlocal declared

@@ -40,6 +40,7 @@ _DATE = re.compile(
 )
 _DAY_ALONE, _CLOCK = re.compile(_DAY), re.compile(rf"\[?{_TIME_OF_DAY}\]?")
 _ANY = re.compile("|".join(f"(?:{form.pattern})" for form in (_NUMBER, _COMMA_NUMBER, _DATE, _DAY_ALONE, _CLOCK)), re.IGNORECASE)
+_WORDS = re.compile(r"(?!nan|null|none|n/a)[A-Za-z][\w #]*:?$", re.IGNORECASE)
 #: kinds of text columns that are converted to time stamps
 STAMPS = ("date", "day", "clock")
 _LOOK = 500
@@ -239,6 +240,10 @@ def sniff(text: str) -> Layout:
         hexadecimal = "; numbers such as 0x1F are hexadecimal: write them as signed decimal ones" if counts else ""
         raise DataError(f"there are no rows of numbers; the first line is {shown[:80]!r}{hexadecimal}", code="no_rows")
     delimiter, width, found = best
+    numbers = [j for j in range(width) if _kind([row[j].strip() for row in found.values()]) in ("int", "long", "float")]
+    # a line above the rows may have as many fields as they have, such as "Tau: 1.0"
+    while len(found) > 2 and any(_WORDS.match(found[min(found)][j].strip()) for j in numbers):
+        del found[min(found)]
     first, data = min(found), list(found.values())
     stated = ""
     heads = [{*map(str.strip, row)} for row in data[:2]]
