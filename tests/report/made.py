@@ -59,7 +59,7 @@ def imu():
         residual_rest=1e-4 * rng.normal(size=(20, 3)), sigma=np.array([1e-3, 1e-3, 1e-4]),
         down_weighted=(np.array([3]), np.array([5, 6])), held_out=np.array([1.1e-3, 1.2e-3]),
         observability=Observability(20, 2.0, ("bias along x",), np.zeros((0, 3)), 1.5), rate=100.0, gravity=9.81, temperature=np.nan,
-        findings=(IMU("gyro_axes", "gyro", severity=NOTE, axes=EVIL),), convention="upper", method="joint",
+        findings=(IMU("gyro_axes", "gyro", severity=NOTE, what="z is reversed", axes=EVIL),), convention="upper", method="joint",
     )  # fmt: skip
     steady = np.tile([0, 0, 9.81], (200, 1))
     return found, Log(None, accel=steady, gyro=0 * steady, rate=100.0)
