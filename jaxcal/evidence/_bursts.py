@@ -29,6 +29,8 @@ _PAIRS = 32
 _BLOCK, _RUNNING = 64, 65
 #: a block whose mean square is this many times that of the quietest quarter moves; levels of noise differ less
 _GROSS = 16.0
+#: mean of z over the axes above which a look belongs to an event whose blocks are loud; noise has 1
+_EVENT = 3.0
 #: share of equal neighbours above which the noise is hidden by the step of the values: below, it is at least 0.45 steps
 HIDDEN = 0.5
 #: quantiles of |d| -> those of a normal law: the larger of the two spreads counts, so that tails and coarse values are no events
@@ -144,12 +146,10 @@ class _Record:
         if self.tails:
             for start, stop in zip(starts[single], stops[single], strict=True):
                 found[start:stop] = False
-        blocks = list(zip(*runs(~still | _loud(np.minimum(z, limit), len(looks), chance)), strict=True))
-        large = np.flatnonzero(z > _limit(len(looks), len(self.index) / h, 0.1 * CHANCE)) if blocks else np.zeros(0, dtype=int)
-        for start, stop in blocks:
-            # the event may be shorter than its blocks of looks: one look in a thousand of noise is as large as its ends
-            ends = large[np.searchsorted(large, start) : np.searchsorted(large, stop)]
-            found[ends[0] if len(ends) else start : ends[-1] + 1 if len(ends) else stop] = True
+        for start, stop in zip(*runs(~still | _loud(np.minimum(z, limit), len(looks), chance)), strict=True):
+            # the event may be shorter than its blocks of looks: it ends where the first and the last of them have their energy
+            first, last = (_loudest(z[at : at + _BLOCK] - _EVENT * len(looks)) for at in (start, stop - _BLOCK))
+            found[start + first[0] : stop - _BLOCK + last[1]] = True
         starts, stops = runs(found)
         grown = h // 2 + 2
         first = np.maximum(h + starts * step - grown, 0)
@@ -213,6 +213,13 @@ def _loud(z: np.ndarray, axes: int, chance: float) -> np.ndarray:
     limit = -_HEAVIER * scatter * scipy.special.stdtrit(EFFICIENCY * len(total), chance / len(total))
     _blocks(out)[(over > limit) & (total > np.cbrt(axes))] = True
     return out
+
+
+def _loudest(excess: np.ndarray) -> tuple[int, int]:
+    """First and last of the consecutive values with the largest sum, the last not included."""
+    total = np.concatenate([[0.0], np.cumsum(excess)])
+    last = int(np.argmax(total - np.minimum.accumulate(total)))
+    return int(np.argmin(total[: last + 1])), last
 
 
 def _limit(axes: int, pairs: float | int, chance: float) -> float:
