@@ -155,8 +155,10 @@ PLACES, HEIGHTS, LENGTHS = ("start", "middle", "end", "twice"), (0.01, 0.03, 0.1
 
 
 def knocks(runs: int) -> None:
-    """Sizes and lengths are drawn from their whole range. Every fifth record is put down at its start instead, which has no sharp end: it is
-    where what follows has a signal-to-noise ratio of 5, as a filter that knows its form would see it."""
+    """Sizes and lengths are drawn from their whole range. Every fifth record is put down at its start instead.
+
+    That has no sharp end: it is taken where what follows has a signal-to-noise ratio of 5, as a filter that knows its form would see it.
+    """
     rng, rows = np.random.default_rng(0), []
     for i in range(runs):
         height, length = np.exp(rng.uniform(np.log([HEIGHTS[0], LENGTHS[0]]), np.log([HEIGHTS[-1], LENGTHS[-1]])))
@@ -174,7 +176,8 @@ def knocks(runs: int) -> None:
             near = [one for one in ranges if one[0] < stop and one[1] > start]
             inside = out[round(start * rate) : round(stop * rate)]
             ends = (abs(near[0][0] - start), abs(near[-1][1] - stop)) if near else (np.inf, np.inf)
-            rows.append((np.inf if put else height, bool(near), *ends, 1 - inside.mean(), out.sum() / rate / len(known) - inside.sum() / rate))
+            more = (out.sum() / len(known) - inside.sum()) / rate
+            rows.append((np.inf if put else height, bool(near), *ends, 1 - inside.mean(), more))
     rows = np.array(rows)
     print(f"knocks: {len(rows)}; found, both ends named within 0.5 s, worst start and end (s), share left in, seconds set aside beyond it")
     for low, high in (*itertools.pairwise(HEIGHTS), (np.inf, np.inf)):
