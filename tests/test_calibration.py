@@ -4,7 +4,6 @@ import dataclasses
 import json
 import math
 import pathlib
-import runpy
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,8 @@ from jaxcal.magnetometer import MagModel
 from jaxcal.noise import Noise
 from jaxcal.temperature import AbstractCurve, Chebyshev, ThermalModel
 
-made_fit = runpy.run_path(str(pathlib.Path(__file__).parent / "made_fit.py"))["made_fit"]
+from .made_fit import made_fit
+
 GOLDEN = pathlib.Path(__file__).parent / "export" / "golden.json"
 
 
@@ -82,20 +82,14 @@ def test_fits_round_trip_without_loss(tmp_path):
     assert again.device == {"name": "unit 7"}
 
 
-def test_what_json_cannot_say_is_null(tmp_path):
+def test_what_json_cannot_say_is_null_and_processes_are_kept(tmp_path):
     limits = {"Q": math.inf, "N": 1.0, "B": math.nan, "K": -math.inf}
-    first = saved(Calibration(noise={"gyro_x": made_fit(upper_limit=limits)}), tmp_path / "a.json")
-    noise = json.loads(first)["noise"]
-    assert noise["gyro"]["upper_limit"]["Q"] == [None, None, None]
-    again = Calibration.load(tmp_path / "a.json")
-    np.testing.assert_array_equal(again.noise.gyro.upper_limit["Q"], [np.nan] * 3)
-    assert saved(again, tmp_path / "b.json") == first
-
-
-def test_processes_beside_the_coefficients_are_kept(tmp_path):
     noise = Noise(N=1e-4, markov=((1e-3, 20.0),), sinusoid=((1e-4, 0.1), (2e-4, 0.2)))
-    first = saved(Calibration(noise={"gyro_z": made_fit(noise=noise)}), tmp_path / "a.json")
+    fits = {"gyro_z": made_fit(noise=noise), "accel_x": made_fit(upper_limit=limits)}
+    first = saved(Calibration(noise=fits), tmp_path / "a.json")
+    assert json.loads(first)["noise"]["accel"]["upper_limit"]["Q"] == [None, None, None]
     again = Calibration.load(tmp_path / "a.json")
+    np.testing.assert_array_equal(again.noise.accel.upper_limit["Q"], [np.nan] * 3)
     assert again.noise.gyro.markov == ((), (), ((1e-3, 20.0),))
     assert again.noise.gyro.sinusoid == ((), (), ((1e-4, 0.1), (2e-4, 0.2)))
     assert saved(again, tmp_path / "b.json") == first

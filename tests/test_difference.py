@@ -18,6 +18,8 @@ from jaxcal.fitting import Estimate
 from jaxcal.imu import Triad
 from jaxcal.magnetometer import MagModel
 
+from .made_calibration import made
+
 GOLDEN = pathlib.Path(__file__).parent / "export" / "golden.json"
 DOCUMENT = json.loads(GOLDEN.read_text())
 NAMES = [f"matrix[{i},{j}]" for i in range(3) for j in range(3)] + [f"bias[{i}]" for i in range(3)]
@@ -28,25 +30,6 @@ MAG_NAMES = [*(f"hard_iron[{i}]" for i in range(3)), *(f"soft_iron[{i},{j}]" for
 @pytest.fixture(scope="module")
 def golden():
     return Calibration.load(GOLDEN)
-
-
-def other(seed, **sections):
-    """A random calibration with all sections whose matrices mix axes."""
-    draw = np.random.default_rng(seed)
-
-    def near(size):
-        return np.eye(3) + size * draw.standard_normal((3, 3))
-
-    imu = {
-        "accel": {"unit": "m/s^2", "matrix": near(0.05), "bias": draw.standard_normal(3), "covariance": None},
-        "gyro": {"unit": "rad/s", "matrix": near(0.05), "bias": 0.1 * draw.standard_normal(3), "covariance": None,
-                 "g_sensitivity": 1e-2 * draw.standard_normal((3, 3))},
-    }  # fmt: skip
-    mag = {"unit": "T", "soft_iron": near(0.1), "hard_iron": 1e-5 * draw.standard_normal(3), "field": 4.8e-5, "covariance": None}
-    powers = np.array([1e-3, 1e-5])
-    temperature = {"unit": "degC", "reference": 35.0, "minimum": 0.0, "maximum": 60.0, "accel": powers * draw.standard_normal((3, 2)),
-                   "gyro": powers * draw.standard_normal((3, 2))}  # fmt: skip
-    return Calibration(**({"imu": imu, "magnetometer": mag, "temperature": temperature} | sections))
 
 
 @pytest.fixture(scope="module")
@@ -63,12 +46,12 @@ def same(a, b):
 
 @pytest.mark.parametrize(
     "left_out",
-    [{}, {"imu": None}, {"temperature": None}, {"magnetometer": None}, {"imu": {"accel": other(3).imu.accel}},
-     {"imu": {"gyro": other(3).imu.gyro}}],
+    [{}, {"imu": None}, {"temperature": None}, {"magnetometer": None}, {"imu": {"accel": made(3).imu.accel}},
+     {"imu": {"gyro": made(3).imu.gyro}}],
 )  # fmt: skip
 @pytest.mark.parametrize("which", ["new", "old"])
 def test_composed_is_one_after_the_other(golden, log, left_out, which):
-    old, new = (golden, other(1, **left_out)) if which == "new" else (other(1, **left_out), golden)
+    old, new = (golden, made(1, **left_out)) if which == "new" else (made(1, **left_out), golden)
     if old.imu is None and old.temperature is not None:
         # the thermal bias is subtracted even without an imu section
         assert old.correct(log).gyro is not None
@@ -77,7 +60,7 @@ def test_composed_is_one_after_the_other(golden, log, left_out, which):
 
 def test_composed_matrices(golden):
     """The matrix is C_new C_old, and the new bias is mapped back through C_old, as in section 2.15 of formats.md."""
-    new, old = other(2), golden
+    new, old = made(2), golden
     both = new.compose(old).imu.accel
     c_new, c_old = (np.linalg.inv(one.imu.accel.model.matrix) for one in (new, old))
     np.testing.assert_allclose(np.linalg.inv(both.model.matrix), c_new @ c_old, rtol=1e-13)
@@ -90,7 +73,7 @@ def test_the_covariance_is_carried_to_the_raw_readings():
     draw = np.random.default_rng(7)
     size = 1e-3
     root = size * np.tril(draw.standard_normal((21, 21)) / 5 + np.eye(21))
-    new, old = other(5), other(6)
+    new, old = made(5), made(6)
 
     def drawn(step, known=None):
         gyro = new.imu.gyro.model
@@ -109,7 +92,7 @@ def test_the_covariance_is_carried_to_the_raw_readings():
 
 
 def test_the_covariance_of_a_magnetometer_is_carried():
-    new, old = other(5).magnetometer, other(6).magnetometer
+    new, old = made(5).magnetometer, made(6).magnetometer
     root = 1e-6 * np.tril(np.random.default_rng(1).standard_normal((13, 13)))
     known = Part(new.model, "T", new.field, Estimate(MAG_NAMES, np.zeros(13), root @ root.T))
     found = Calibration(magnetometer=known).compose(Calibration(magnetometer=old)).magnetometer
@@ -232,7 +215,7 @@ JUNK = [
 @pytest.mark.long
 def test_a_mutated_file_ends_in_a_sentence(golden, log, tmp_path):
     """A file with random values replaced, removed or copied is refused, or all results computed from it are finite."""
-    full = other(1)
+    full = made(1)
     document = json.loads(GOLDEN.read_text())
     document["imu"]["accel"]["covariance"] = {"parameters": NAMES, "values": np.eye(12).tolist()}
     document["imu"] |= {"verdict": "good", "verdict_reason": "well"}

@@ -29,10 +29,10 @@ def test_there_are_pages():
     assert sorted(listed) == [page.relative_to(ROOT / "docs").as_posix() for page in PAGES]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name)
+@pytest.mark.parametrize("page", [*PAGES, *(ROOT / f"{title}.md" for title in ("README", "CONTRIBUTING", "CHANGELOG"))], ids=name)
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
-        if target.startswith("https://"):
+        if target.startswith(("https://", "http://")):
             continue
         place = (page.parent / target).resolve()
         made = re.fullmatch(r"api/(\w+)\.md", place.relative_to(ROOT / "docs").as_posix()) if place.is_relative_to(ROOT / "docs") else None

@@ -55,18 +55,15 @@ def test_interruption_is_not_swallowed_and_leaves_nothing(tmp_path, monkeypatch)
     assert os.listdir(tmp_path) == []
 
 
-def test_folder_that_cannot_be_written(tmp_path, monkeypatch, refuses):
+def test_folders_that_cannot_be_written(tmp_path, monkeypatch, refuses):
     def refuse(*args):
         raise PermissionError(13, "Permission denied")
 
+    with refuses("not_written", ExportError):
+        write_atomically(tmp_path / "nowhere" / "a.txt", "x")
     monkeypatch.setattr("builtins.open", refuse)
     with refuses("not_written", ExportError):
         write_atomically(tmp_path / "a.txt", "x")
-
-
-def test_missing_folder(tmp_path, refuses):
-    with refuses("not_written", ExportError):
-        write_atomically(tmp_path / "nowhere" / "a.txt", "x")
 
 
 def test_pipe_is_written_to_and_not_replaced(tmp_path):

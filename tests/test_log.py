@@ -143,31 +143,24 @@ def test_a_gap_of_years_asks_for_a_split(refuses):
 # stamps that can be repaired
 
 
-def test_out_of_order_stamps_are_sorted(finding, doubts):
-    order = np.arange(1000)
-    order[[400, 401, 402]] = [402, 400, 401]
-    gyro = noise()
-    log = Log(stamps()[order], gyro[order])
-    np.testing.assert_array_equal(log.gyro, gyro)
-    assert doubts(log) == ["unsorted"]
-    assert finding(log, "unsorted").facts["back"] == pytest.approx(0.02)
-
-
-def test_repeated_samples_are_kept_once(finding):
-    gyro = noise()
-    twice = np.sort(np.r_[np.arange(1000), 100, 700])
-    log = Log(stamps()[twice], gyro[twice])
-    np.testing.assert_array_equal(log.gyro, gyro)
-    assert finding(log, "copies").facts["count"] == 2
-
-
-def test_samples_that_share_a_stamp_are_spaced(finding):
-    time = stamps()
+def shared(time):
     time[500] = time[499]
+    return time
+
+
+@pytest.mark.parametrize(
+    ("rows", "change", "code", "fact"),
+    [
+        ([*range(400), 402, 400, 401, *range(403, 1000)], lambda time: time, "unsorted", {"back": pytest.approx(0.02)}),
+        (sorted([*range(1000), 100, 700]), lambda time: time, "copies", {"count": 2}),
+        (range(1000), shared, "same_stamp", {"count": 1}),
+    ],
+)
+def test_stamps_are_repaired_and_the_values_stay(rows, change, code, fact, finding):
     gyro = noise()
-    log = Log(time, gyro)
+    log = Log(change(stamps())[list(rows)], gyro[list(rows)])
     np.testing.assert_array_equal(log.gyro, gyro)
-    assert finding(log, "same_stamp").facts["count"] == 1
+    assert fact.items() <= dict(finding(log, code).facts).items()
 
 
 @pytest.mark.parametrize(("tick", "bits"), [(1e-6, 32), (1e-6, 31), (1e-3, 16)])

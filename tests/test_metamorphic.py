@@ -1,6 +1,6 @@
 """Relations between the results of changed data: other units, axes, order, time and constants, and records that are joined.
 
-Deviations and spectra have no part here: they agree with their definitions in tests/allan and tests/spectrum, from which these follow.
+Deviations, spectra and the six-position test have no part here: other tests compare them with their definitions, from which these follow.
 These relations need no known truth: each follows from the definition of the estimated quantity, as its comment explains. All tests use
 the same shapes, so that few programs are compiled.
 """
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxcal import alignment, imu, magnetometer, noise, temperature
+from jaxcal import alignment, magnetometer, noise, temperature
 from jaxcal.alignment import Positions, Readings, Sensor
 from jaxcal.noise import Noise
 
@@ -130,39 +130,6 @@ def test_magnetometer_readings_twice_are_half_the_variance(ball):
     twice = np.random.default_rng(0).permutation(np.concatenate([ball, ball]))
     once, twice = (magnetometer.fit(m, model="symmetric") for m in (ball, twice))
     close(twice.estimate.error / once.estimate.error, np.sqrt(0.5), 0.02)
-
-
-# --- Accelerometers and gyroscopes
-
-
-def test_six_position():
-    """The model is linear in its parameters: unit and constants of the readings appear directly in the result."""
-    rng = np.random.default_rng(0)
-    true = imu.Triad(np.eye(3) + 0.02 * rng.standard_normal((3, 3)), np.array([0.1, -0.2, 0.05]))
-    force = 9.81 * np.kron(np.eye(3), np.array([[1.0], [-1.0]]))
-    readings = true.measure(force) + 1e-3 * rng.standard_normal((6, 3))
-    before = imu.six_position(readings, 9.81).triad
-    scaled = imu.six_position(1e3 * readings, 9.81).triad
-    close(scaled.matrix, 1e3 * before.matrix)
-    close(scaled.bias, 1e3 * before.bias)
-    moved = imu.six_position(readings + [1.0, 2.0, 3.0], 9.81).triad
-    close(moved.matrix, before.matrix, 1e-9, 1e-12)
-    close(moved.bias, before.bias + [1.0, 2.0, 3.0])
-    # the positions in another order, with their directions
-    order = rng.permutation(6)
-    shuffled = imu.six_position(readings[order], 9.81, up=(force / 9.81)[order]).triad
-    close(shuffled.matrix, before.matrix, 1e-9, 1e-12)
-    # sensor and block are rotated together: the matrix is rotated from both sides
-    turn = Rotation.from_rotvec([0.2, 0.1, -0.3]).as_matrix()
-    turned = imu.six_position(readings @ turn.T, 9.81, up=force @ turn.T / 9.81).triad
-    close(turned.matrix, turn @ before.matrix @ turn.T, 1e-9, 1e-12)
-    close(turned.bias, turn @ before.bias, 1e-9, 1e-12)
-    # every position is used twice
-    twice = imu.six_position(np.tile(readings, (2, 1)), 9.81, up=np.tile(force / 9.81, (2, 1))).triad
-    close(twice.bias, before.bias, 1e-9, 1e-12)
-
-
-# The relations for imu.multi_position are in tests/imu/test_multi.py, where its program is already compiled.
 
 
 # --- Thermal models

@@ -110,12 +110,6 @@ def test_hooks_run_what_ci_runs():
         assert re.search(rf"^\s*{hook['entry']}$", script, re.MULTILINE) or hook["entry"] in readme
 
 
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"])
-def test_links_inside_the_repository_lead_somewhere(page):
-    targets = re.findall(r"\]\((?!https?://)([^)#]+)\)", (ROOT / page).read_text())
-    assert all((ROOT / target).is_file() for target in targets)
-
-
 def test_every_extra_is_part_of_all_or_a_tool_of_ours_or_left_out_on_purpose():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     assert extras["all"] == [

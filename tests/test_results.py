@@ -3,9 +3,7 @@
 import dataclasses
 import json
 import math
-import pathlib
 import re
-import runpy
 import sys
 
 import jax
@@ -17,7 +15,8 @@ from jaxcal import ExportError
 from jaxcal.magnetometer import body_field, scenario
 from jaxcal.noise._findings import FINDINGS
 
-made = runpy.run_path(str(pathlib.Path(__file__).parent / "made_fit.py"))
+from .made_fit import made_deviation, made_fit
+
 WORDS = ("good", "weak", "refused")
 
 
@@ -44,7 +43,7 @@ def test_a_magnetometer_fit_as_text_and_as_a_file(tmp_path, refuses):
 
 
 def test_a_noise_fit_lists_every_term():
-    found = made["made_fit"](findings=(FINDINGS("unsettled"),))
+    found = made_fit(findings=(FINDINGS("unsettled"),))
     assert (found.verdict, found.headline) == ("weak", "N to 10 %")
     text = found.summary()
     assert ["N", "white", "noise", "unit", "sqrt(s)", "1.00e-04", "±", "1.0e-05"] in [line.split() for line in text.splitlines()]
@@ -56,20 +55,20 @@ def test_a_noise_fit_lists_every_term():
 
 
 def test_a_curve_shows_its_values_at_powers_of_ten_and_its_floor():
-    curve = made["made_deviation"](jaxcal.noise.Noise(N=1e-4))
+    curve = made_deviation(jaxcal.noise.Noise(N=1e-4))
     assert (curve.verdict, curve.findings) == ("good", ())
     (sigma,) = (one for name, one in curve.numbers.items() if name == "oadev(1 s)")
     assert sigma.value == pytest.approx(1e-4, rel=0.01)
     assert sigma.low < sigma.value < sigma.high
     assert curve.numbers["floor"].state == "limit"  # white noise falls to the end
-    unknown = made["made_deviation"](jaxcal.noise.Noise(N=1e-4), lower=np.full(38, math.nan), upper=np.full(38, math.nan))
+    unknown = made_deviation(jaxcal.noise.Noise(N=1e-4), lower=np.full(38, math.nan), upper=np.full(38, math.nan))
     assert unknown.to_dict()["lower"] == [None] * 38
     assert "±" not in unknown.summary()
     assert "floor" not in unknown.numbers
 
 
 def test_a_result_prints_values_intervals_and_units():
-    found = made["made_fit"](sensor="gyro")
+    found = made_fit(sensor="gyro")
     lines = repr(found).splitlines()
     assert lines[0].startswith("NoiseFit: good: N to 10 %")
     assert ["N", "angle", "random", "walk", "deg/sqrt(h)", "0.344", "±", "0.034"] in [line.split() for line in lines]  # 1e-4 rad/sqrt(s)
@@ -93,7 +92,7 @@ def test_a_traced_result_prints_its_structure():
     assert seen[0].startswith("NoiseFit(")
 
 
-@pytest.mark.parametrize("value", [made["made_fit"](), jaxcal.Log(None, gyro=np.eye(3), rate=1.0)], ids=lambda value: type(value).__name__)
+@pytest.mark.parametrize("value", [made_fit(), jaxcal.Log(None, gyro=np.eye(3), rate=1.0)], ids=lambda value: type(value).__name__)
 def test_results_and_logs_are_clearly_not_hashable(value):
     with pytest.raises(TypeError, match=f"unhashable type: '{type(value).__name__}'"):
         hash(value)
@@ -104,7 +103,7 @@ def test_data_frames(monkeypatch, library):
     pytest.importorskip(library)
     if library == "pandas":
         monkeypatch.setitem(sys.modules, "polars", None)
-    frame = made["made_fit"]().to_dataframe()
+    frame = made_fit().to_dataframe()
     assert type(frame).__module__.startswith(library)
     assert list(frame.columns) == ["name", "value", "low", "high", "unit", "state"]
     assert list(frame["name"])[:6] == ["Q", "N", "B", "K", "floor", "floor_at"]
@@ -120,11 +119,11 @@ def test_without_a_library_of_data_frames_a_sentence_says_so(monkeypatch, refuse
     monkeypatch.setitem(sys.modules, "polars", None)
     monkeypatch.setitem(sys.modules, "pandas", None)
     with refuses("no_data_frame"):
-        made["made_fit"]().to_dataframe()
+        made_fit().to_dataframe()
 
 
 def test_results_draw_themselves(refuses):
-    found = made["made_fit"]()
+    found = made_fit()
     assert found.plot().get_xscale() == "log"
     m = body_field(scenario("all"), 50e-6)
     iron = jaxcal.magnetometer.fit(m, field=50e-6)

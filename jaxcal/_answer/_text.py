@@ -88,6 +88,17 @@ def _aligned(cells: Sequence[str]) -> list[str]:
     return [f"{value.rjust(size)}{sign}{half}" if sign else value for value, sign, half in split]
 
 
+def aligned(rows: Sequence[Sequence[str]], gap: int = 3) -> list[str]:
+    """Rows of cells as lines, with the cells of a column below one another."""
+    widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
+    return [(" " * gap).join(cell.ljust(size) for cell, size in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def titled(title: str, lines: Sequence[str]) -> list[str]:
+    """Lines below a title; nothing without lines."""
+    return ["", title, *lines] if lines else []
+
+
 def bullets(sentences: Iterable[str], width: int = _WIDTH) -> list[str]:
     """A wrapped bullet for each sentence."""
     return [line for said in sentences for line in textwrap.wrap(said, width, initial_indent=" - ", subsequent_indent="   ",

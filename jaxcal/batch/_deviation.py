@@ -183,9 +183,7 @@ def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, A
     statistic = find_kind(options["kind"])
     sizes = cluster_sizes(options["m"], statistic, record.samples)
     if isinstance(options["m"], str) and options["m"] == "all":
-        raise DataError(
-            f'm="all" needs the whole record in memory: it has {record.samples} samples; raise chunk= to that, or choose "log"', code="grid"
-        )
+        raise DataError(f'm="all" needs the whole record in memory: give chunk={record.samples}, or choose m="log"', code="grid")
     sizes = np.unique(rounded(sizes, statistic, exact)) if isinstance(options["m"], str) else sizes
     findings: tuple[Finding, ...] = ()
     if statistic.modified and isinstance(options["m"], str) and sizes[-1] > exact:

@@ -112,11 +112,8 @@ def of_estimates(fits: Sequence[Any], terms: Sequence[str] | None, confidence: f
     fits = [getattr(fit, "estimate", fit) for fit in fits]
     for i, fit in enumerate(fits):
         if any(getattr(fit, name, None) is None for name in ("names", "values", "covariance")):
-            raise DataError(
-                f"fit {i}: expected a NoiseFit of one channel by method 'whittle', or a result with names, values and covariance; "
-                f"got {type(fit).__name__}",
-                code="fits",
-            )
+            known = "a NoiseFit of one channel by method 'whittle', or a result with names, values and covariance"
+            raise DataError(f"fit {i}: expected {known}; got {type(fit).__name__}", code="fits")
     names = tuple(fits[0].names if terms is None else terms)
     if not names or any(not set(names) <= set(fit.names) for fit in fits):
         raise DataError(f"parameters {names}: every fit must have them; the first has {tuple(fits[0].names)}", code="terms")

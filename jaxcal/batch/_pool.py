@@ -172,11 +172,8 @@ class WorkerPool:
         worker.close(at_once=False)
         self._failed_starts = 0 if begun else self._failed_starts + 1
         if refused or self._failed_starts >= TRIES:
-            raise DataError(
-                "the worker processes end before they begin; in a script call jaxcal.batch.run below "
-                'if __name__ == "__main__":, or give an executor of threads',
-                code="no_guard",
-            )
+            said = 'the workers end before they begin; in a script call jaxcal.batch.run below if __name__ == "__main__":, or give threads'
+            raise DataError(said, code="no_guard")
         return begun
 
     def ask(self) -> None:

@@ -136,9 +136,7 @@ def _estimates(entries: tuple[Entry, ...]) -> list[_Estimate]:
     ]
     names = tuple(name for name in known[0] if all(name in each for each in known))
     if not names:
-        raise DataError(
-            "no coefficient has an interval in all logs: there is nothing to pool; run the task noise, mag or imu", code="nothing"
-        )
+        raise DataError("no coefficient has an interval in all logs to pool; run the task noise, mag or imu", code="nothing")
     return [_Estimate(names, [each[name][0] for name in names], np.diag([each[name][1] ** 2 for name in names])) for each in known]
 
 

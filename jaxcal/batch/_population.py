@@ -262,9 +262,7 @@ def _devices(count: int, devices: Groups | None) -> tuple[tuple[Any, ...], np.nd
         raise DataError(f"{count} fits and {len(names)} names of devices; give the device of each recording", code="names")
     order = tuple(dict.fromkeys(names))
     if len(order) < FEWEST:
-        raise DataError(
-            f"{len(order)} devices: a population needs {FEWEST} at least; for recordings of one take noise.fit_recordings", code="few"
-        )
+        raise DataError(f"{len(order)} devices; a population needs {FEWEST}, and noise.fit_recordings takes those of one", code="few")
     number = {name: i for i, name in enumerate(order)}
     return names, np.array([number[name] for name in names]), order
 
@@ -300,10 +298,7 @@ def _covariates(covariates: Mapping[str, Any] | None, count: int) -> tuple[np.nd
             continue
         values = np.array([np.nan] if words else given, dtype=float)
         if values.shape != (count,) or not np.isfinite(values).all() or not np.ptp(values) > 0.0:
-            raise DataError(
-                f"covariate {name!r}: expected {count} finite numbers that differ, or words of a few classes, one for each fit",
-                code="covariate",
-            )
+            raise DataError(f"covariate {name!r}: expected differing numbers, or words of a few, for {count} fits", code="covariate")
         columns.append((values - values.mean()) / values.std())
         labels.append(name)
     return np.stack(columns, axis=1) if columns else np.zeros((count, 0)), tuple(labels)

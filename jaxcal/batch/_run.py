@@ -135,10 +135,8 @@ def _check(task: Any, options: dict, reading: dict, executor: Any, workers: Any,
         try:
             pickle.dumps((task, options, reading))
         except Exception as error:
-            raise DataError(
-                f"the task cannot be sent to worker processes ({error}); define it at the top of a module, or give an executor of threads",
-                code="task",
-            ) from error
+            said = f"the task cannot be sent to workers ({error}); define it at the top of a module, or give an executor of threads"
+            raise DataError(said, code="task") from error
 
 
 @dataclasses.dataclass

@@ -62,9 +62,7 @@ class Store:
             handle = os.open(self.folder / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
         except OSError as error:
             reason = (error.strerror or str(error)).lower()
-            raise ExportError(
-                f"cannot write into {self.folder}: {reason}; make it writable, or give another folder for the results", code="not_written"
-            ) from error
+            raise ExportError(f"cannot write into {self.folder}: {reason}; give another folder", code="not_written") from error
         key = os.path.realpath(self.folder)
         with _GUARD:
             taken = key in _HELD or not _locked(handle)
@@ -72,9 +70,7 @@ class Store:
                 _HELD.add(key)
         if taken:
             os.close(handle)
-            raise DataError(
-                f"another run is writing into {self.folder}; wait until it ends, or give another folder for the results", code="busy"
-            )
+            raise DataError(f"another run is writing into {self.folder}; wait for its end, or give another folder", code="busy")
         try:
             for folder in (self.folder, self.results):
                 clear_hidden(folder)  # left over from a run that was killed while writing

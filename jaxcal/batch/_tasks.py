@@ -56,6 +56,12 @@ def temperature(log: Log, **options: Any) -> Answer:
     return answer_of(characterise(log, **options), log)
 
 
+def no_sensor() -> DataError:
+    """The error for a log without a sensor whose noise could be looked at."""
+    said = "the log holds neither gyroscope, accelerometer nor magnetometer; name their columns with {option.columns}"
+    return DataError(Message(said), code="no_sensor")
+
+
 def deviations(log: Log, name: str = "", **options: Any) -> Results[Any]:
     """Deviations of every channel of a log; `name` replaces those of the sensors."""
     from ..allan import Deviations, deviation
@@ -66,8 +72,7 @@ def deviations(log: Log, name: str = "", **options: Any) -> Results[Any]:
             result = deviation(*at_own_rate(values.reshape(len(values), -1), log.rate), **options)
             found |= {f"{name or sensor}_{'xyz'[axis]}": result.channel(axis) for axis in range(result.deviation.shape[1])}
     if not found:
-        said = "the log holds neither gyroscope, accelerometer nor magnetometer; name their columns with {option.columns}"
-        raise DataError(Message(said), code="no_sensor")
+        raise no_sensor()
     return Deviations(found)
 
 
@@ -177,9 +182,7 @@ def reading_options(reading: dict[str, Any]) -> tuple[dict[str, Any], tuple[Any,
     known = [name for name in inspect.signature(read).parameters if name not in ("path", "quiet")]
     unknown = [name for name in reading if name not in (*known, "start", "stop")]
     if unknown:
-        raise DataError(
-            f"there is no reading option {', '.join(unknown)}; known are {', '.join([*known, 'start', 'stop'])}", code="reading"
-        )
+        raise DataError(f"no reading option {', '.join(unknown)}; known are {', '.join([*known, 'start', 'stop'])}", code="reading")
     for name, parse in (("columns", parse_columns), ("units", parse_units), ("topics", parse_topics), ("axes", parse_axes)):
         try:
             parse(reading.get(name))

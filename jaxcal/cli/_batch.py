@@ -13,6 +13,7 @@ from cyclopts import Parameter
 import jaxcal
 
 from .._answer import tables, things_to_know
+from .._answer._text import aligned, bullets, titled
 from ._cache import keep_compiled
 from ._options import RUNNING, CallError, Config, Quiet, Reading, checked
 from ._screen import Screen, progress, show_written
@@ -157,27 +158,29 @@ def _show(screen: Screen, fleet: Any, pooled: dict[str, Any]) -> None:
     there = f"; {kept} of them were there already" if kept else ""
     screen.line(f"{_logs(len(fleet))}: {len(fleet.done)} answered, {len(fleet.failed)} not{there}")
     shown = {name: one for name, one in fleet.spread.items() if one.count}
-    rows = [
-        [name, one.unit, str(one.count), *(f"{value:.4g}" for value in (one.median, one.low, one.high)), str(len(one.outliers) or "")]
-        for name, one in list(shown.items())[:_ROWS]
-    ]
-    if rows:
-        left = f"; {_ROWS} of {len(shown)} coefficients" if len(shown) > _ROWS else ""
-        screen.table(f"spread over the logs{left}", ["", "unit", "logs", "median", "5 %", "95 %", "out"], rows)
+    rows = [("", "unit", "logs", "median", "5 %", "95 %", "out")] if shown else []
+    for name, one in list(shown.items())[:_ROWS]:
+        values = (f"{value:.4g}" for value in (one.median, one.low, one.high))
+        rows.append((name, one.unit, str(one.count), *values, str(len(one.outliers) or "")))
+    left = f"; {_ROWS} of {len(shown)} coefficients" if len(shown) > _ROWS else ""
+    screen.lines(titled(f"spread over the logs{left}", aligned(rows)))
     for name, found in pooled.items():
         screen.line()
         screen.lines([f"population of {name}", *tables(found.verdict, found.headline, found.sections(), (), reader="terminal")])
         screen.lines(things_to_know(found.findings, reader="terminal", more="the overview"))
     outliers = sorted((outlier for one in shown.values() for outlier in one.outliers), key=lambda found: -abs(found.score))
-    screen.sentences("Outliers", _first([f"{found.name}: {found.reason}" for found in outliers]))
-    screen.sentences("Trends", _first([trend.reason for one in shown.values() for trend in one.trends]))
-    screen.sentences("Not answered", _first([entry.reason for entry in fleet.failed]))
+    for title, said in (
+        ("Outliers", [f"{found.name}: {found.reason}" for found in outliers]),
+        ("Trends", [trend.reason for one in shown.values() for trend in one.trends]),
+        ("Not answered", [entry.reason for entry in fleet.failed]),
+    ):
+        screen.lines(titled(title, bullets(_first(list(dict.fromkeys(said))))))
     written = [
         fleet.out / name
         for name in ("overview.html", *(["population.json"] if pooled else []), "summary.csv", "summary.parquet", "manifest.json")
     ]
     show_written(screen, [path for path in written if path.exists()])
-    screen.path(f"and a result file for each log in {fleet.out / 'results'}")
+    screen.lines([f"and a result file for each log in {fleet.out / 'results'}"])
 
 
 def _logs(number: int) -> str:

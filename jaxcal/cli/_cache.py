@@ -40,7 +40,7 @@ def cache(
     if clear:
         for entry in found:
             entry.path.unlink(missing_ok=True)
-    screen.path(f"{folder}: {len(found)} files, {size / 1e6:.1f} MB{', removed' if clear else f' of at most {BOUND / 1e6:.0f} MB'}")
+    screen.lines([f"{folder}: {len(found)} files, {size / 1e6:.1f} MB{', removed' if clear else f' of at most {BOUND / 1e6:.0f} MB'}"])
 
 
 class _Entry(NamedTuple):

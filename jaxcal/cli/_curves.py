@@ -1,6 +1,5 @@
 """`jaxcal allan` and `jaxcal psd`: a curve with intervals for every axis."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -12,7 +11,6 @@ import jaxcal
 
 from .._answer import Finding, joined
 from .._files import write_atomically
-from .._message import Message
 from ._options import CallError, Files, Level, Log, Reading, Running, read_clock, stem
 from ._outputs import File, Outputs, figure, outputs, save_json, save_report
 from ._work import carry_out
@@ -66,10 +64,8 @@ def allan(
     nominal
         Nominal frequency in Hz of a clock whose readings are in Hz, such as 10e6.
     """
-    options: dict[str, Any] = {
-        "kind": kind, "m": _sizes(m), "confidence": confidence, "bias_corrected": bias_corrected, "alpha": alpha,
-    }  # fmt: skip
-    asked = dict(options)
+    asked = {"kind": kind, "m": _sizes(m), "confidence": confidence, "bias_corrected": bias_corrected, "alpha": alpha}
+    options: dict[str, Any] = dict(asked)
 
     if clock:
         options |= {"clock": True, "nominal": nominal}
@@ -79,7 +75,7 @@ def allan(
 
         return deviations(recording, "clock" if clock else "", **asked)
 
-    plan = _outputs(log, writing, "allan", ("tau", "m", "deviation", "lower", "upper", "edf"), "tau_s", lambda plot: plot.allan)
+    plan = _outputs(log, writing, "allan", ("tau", "m", "deviation", "lower", "upper", "edf"), "tau_s")
     read = partial(read_clock, log, reading, nominal) if clock else None
     done = carry_out(log, reading, running, plan, compute, doing="computing", read=read, command="jaxcal allan", options=options)
     done.end(running)
@@ -118,6 +114,7 @@ def psd(
         import numpy as np
 
         from .._arrays import longest_run
+        from ..batch._tasks import no_sensor
         from ..evidence._values import at_own_rate
 
         found, refused = {}, []
@@ -135,12 +132,10 @@ def psd(
                         raise error.of(channel) from error
                     refused.append(_from_the_start(error.args[0], recording).of(channel))
         if not found:
-            raise jaxcal.DataError(joined(refused)[0], code=refused[0].code) if refused else _nothing()
+            raise jaxcal.DataError(joined(refused)[0], code=refused[0].code) if refused else no_sensor()
         return jaxcal.spectrum.Spectra(found, refused)
 
-    plan = _outputs(
-        log, writing, "psd", ("frequency", "count", "density", "lower", "upper", "edf"), "frequency_hz", lambda plot: plot.spectrum
-    )
+    plan = _outputs(log, writing, "psd", ("frequency", "count", "density", "lower", "upper", "edf"), "frequency_hz")
     carry_out(log, reading, running, plan, compute, doing="computing", command="jaxcal psd", options=options).end(running)
 
 
@@ -149,11 +144,6 @@ def _from_the_start(finding: Finding, recording: Any) -> Finding:
     since = recording.provenance.get("selected", (0.0,))[0]
     times = {name: since + finding.facts[name] for name in ("start", "stop") if name in finding.facts}
     return replace(finding, facts={**finding.facts, **times})
-
-
-def _nothing() -> jaxcal.DataError:
-    message = Message("the log holds neither gyroscope, accelerometer nor magnetometer; name their columns with {option.columns}")
-    return jaxcal.DataError(message, code="no_sensor")
 
 
 def _sizes(text: str) -> Any:
@@ -165,15 +155,10 @@ def _sizes(text: str) -> Any:
         raise CallError(f"--m {text}: expected {', '.join(_GRIDS)}, or numbers of samples such as 1,10,100") from None
 
 
-def _outputs(
-    log: Path, writing: Writing, what: str, names: tuple[str, ...], abscissa: str, draw: Callable[[Any], Callable[..., Any]]
-) -> Outputs:
+def _outputs(log: Path, writing: Writing, what: str, names: tuple[str, ...], abscissa: str) -> Outputs:
     """Output files: JSON, a table with the arrays `names` of every channel, a picture, and a report."""
-    files: list[File] = [
-        ("json", "", save_json),
-        ("plot", "", figure(lambda plot, found, _: draw(plot)(found))),
-        ("report", "", save_report),
-    ]
+    picture = figure(lambda plot, found, _: (plot.allan if what == "allan" else plot.spectrum)(found))
+    files: list[File] = [("json", "", save_json), ("plot", "", picture), ("report", "", save_report)]
     header = ("channel", "unit", abscissa, *names[1:])
     return outputs(writing, files, formats={"csv": f"{stem(log)}-{what}.csv"}, export=partial(_csv, header=header, names=names))
 

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 _WAIT = 1.0  # s until a progress bar appears
 
@@ -33,34 +32,9 @@ class Screen:
         self._print(text)
 
     def lines(self, lines: Iterable[str]) -> None:
-        """Print lines as they are."""
+        """Print lines as they are, without breaking them, so that a path in them can be copied."""
         for line in lines:
             self._print(line, soft_wrap=True)
-
-    def path(self, text: str) -> None:
-        """Print a line without breaking it, so that a path in it can be copied."""
-        self._print(text, soft_wrap=True)
-
-    def sentences(self, title: str, sentences: Iterable[str]) -> None:
-        """Print a title and a bullet for every sentence; nothing without sentences."""
-        bullets = Table.grid(padding=(0, 1))
-        for sentence in dict.fromkeys(sentences):
-            bullets.add_row(" -", sentence)
-        if bullets.rows:
-            self._print()
-            self._print(title, style="bold")
-            self._print(bullets)
-
-    def table(self, title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-        """Print a table whose cells may have several lines; left-aligned, so that the lines of a cell stay together."""
-        table = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="bold")
-        for name in header:
-            table.add_column(name, overflow="fold")
-        for row in rows:
-            table.add_row(*row)
-        self._print()
-        self._print(title, style="bold")
-        self._print(table)
 
     def flush(self) -> None:
         """Flush the output, so that it can be read while the command continues; a closed pipe does not stop the files."""
@@ -129,4 +103,4 @@ def show_written(screen: Screen, written: Sequence[Path]) -> None:
         screen.line()
     for folder, names in folders.items():
         several = len(names) > 1 and folder != Path()
-        screen.path(f"wrote {folder}/: {', '.join(names)}" if several else f"wrote {', '.join(str(folder / name) for name in names)}")
+        screen.lines([f"wrote {folder}/: {', '.join(names)}" if several else f"wrote {', '.join(str(folder / name) for name in names)}"])

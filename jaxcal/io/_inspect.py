@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._answer import Finding, Reader, plain
-from .._answer._text import bullets
+from .._answer._text import aligned, bullets, titled
 from .._errors import JaxcalError
 from .._files import shown
 from ..evidence import Stretch
@@ -103,17 +103,21 @@ class Inspection:
             *bullets([f"{one.quantity}: {', '.join(one.columns)} in {one.unit} ({'' if one.certain else 'a guess: '}{one.reason})"], width),
             f"     {one.option.spelt(reader)}",
         )]  # fmt: skip
+        table = [("", "name", "holds", "least", "largest")]
+        table += [
+            (str(one.number), one.name, one.holds, *("" if x is None else f"{x:.6g}" for x in (one.low, one.high))) for one in self.columns
+        ]
         # how each quantity is read stands above
         said = sorted((one for one in self.findings if one.code not in ("read_as", "assumed")), key=lambda one: -one.severity)
         refused = [self.refusal] if self.refusal and reader == "python" else []  # a command ends with the error
         others = (f"{one.command}: {one.reason}" for one in self.commands if not one.suits)
         for title, rows in (
-            ("Not read", bullets(refused, width)), ("Read as", read), ("Columns", _aligned(self.columns)),
+            ("Not read", bullets(refused, width)), ("Read as", read), ("Columns", aligned(table if self.columns else [])),
             ("Topics", bullets(self.sources, width)), ("To know", bullets((one.spelt(reader) for one in said), width)),
             ("Not the sensor", bullets(timeline(self.evidence), width)), ("Other commands", bullets(others, width)),
             ("Commands that suit, the best first", [f"  {one.line}\n      {one.reason}" for one in self.commands if one.suits]),
         ):  # fmt: skip
-            lines += ["", title, *rows] if rows else []
+            lines += titled(title, rows)
         return "\n".join(lines)
 
     def __repr__(self) -> str:
@@ -178,14 +182,6 @@ def inspect(path: str | os.PathLike[str], **options: Any) -> Inspection:
         choices=tuple(choices), error=refused, findings=() if log is None else log.findings, evidence=() if log is None else log.evidence,
         commands=() if log is None else ranked(log, os.fspath(path)), **known,
     )  # fmt: skip
-
-
-def _aligned(columns: tuple[Column, ...]) -> list[str]:
-    """Columns as lines below one another; none without columns."""
-    rows = [("", "name", "holds", "least", "largest")] if columns else []
-    rows += [(str(one.number), one.name, one.holds, *("" if x is None else f"{x:.6g}" for x in (one.low, one.high))) for one in columns]
-    widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
-    return ["   ".join(cell.ljust(size) for cell, size in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def _columns(table: Table) -> list[Column]:

@@ -9,7 +9,7 @@ from .._errors import DataError
 from ..allan import Deviation
 from ..noise import Noise, NoiseFit
 from ._channels import ModelledChannel, draw_curves, draw_groups, finish
-from ._style import INK, MOST, MUTED, SHADE, log_axes, text_only
+from ._style import INK, MOST, MUTED, SHADE, cannot_draw, log_axes, text_only
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -106,9 +106,7 @@ def allan(result: Any, ax: Any = None) -> Any:
 
 def _channels(name: str, item: Any) -> list[_Channel]:
     if not isinstance(item, (Deviation, NoiseFit)):
-        raise DataError(
-            f"cannot draw {type(item).__name__}; expected a Deviation, a NoiseFit, or a dictionary channel -> these", code="result"
-        )
+        raise cannot_draw(item, "a Deviation, a NoiseFit, or a dictionary channel -> these")
     deviation = item.deviation if isinstance(item, NoiseFit) else item
     if np.ndim(deviation.deviation) == 2:
         count = deviation.deviation.shape[1]

@@ -147,9 +147,7 @@ def draw_groups(channels: Sequence[Any], ax: Any, draw: Callable[..., None], key
         ax = figure.subplots(len(groups), 1)
     axes = list(np.ravel(np.asarray(ax, dtype=object)))
     if len(axes) != len(groups):
-        raise DataError(
-            f"{len(axes)} axes for {len(groups)} sensors, each with a unit of its own; give one Axes for each, or none", code="axes"
-        )
+        raise DataError(f"{len(axes)} axes for {len(groups)} sensors with units of their own; give one for each, or none", code="axes")
     for panel, group in zip(axes, groups.values(), strict=True):
         draw(panel, group, own=own)
     if own:

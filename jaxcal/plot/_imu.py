@@ -6,7 +6,7 @@ import numpy as np
 
 from .._errors import DataError
 from ..imu import ImuFit
-from ._style import INK, MUTED, SERIES, stacked, style_axes
+from ._style import INK, MUTED, SERIES, cannot_draw, stacked, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,9 +42,7 @@ def imu(result: Any, ax: Any = None) -> Any:
     ['Norm less gravity (mm/s²)']
     """
     if not isinstance(result, ImuFit):
-        raise DataError(
-            f"cannot draw {type(result).__name__}; expected an ImuFit, as jaxcal.imu.multi_position returns it", code="not_a_result"
-        )
+        raise cannot_draw(result, "an ImuFit, as jaxcal.imu.multi_position returns it")
     if result.accel is None:
         raise DataError(f"there is nothing to draw: the calibration was refused. {result.reason}", code="refused")
     shown = [("Pose", "Norm less gravity (mm/s²)", -1e3 * np.asarray(result.residual_norm), 1e3 * float(result.sigma[0]))]

@@ -9,7 +9,7 @@ from .._errors import DataError
 from .._units import shown_in
 from ..magnetometer import MagFit, heading_uncertainty
 from ..magnetometer._iron import quantity_of
-from ._style import INK, MOST, SERIES, SHADE, new_figure, style_axes
+from ._style import INK, MOST, SERIES, SHADE, cannot_draw, new_figure, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -169,7 +169,7 @@ def _map(ax: "Axes") -> None:
 
 def _checked(found: Any) -> Any:
     if not isinstance(found, MagFit):
-        raise DataError(f"cannot draw {type(found).__name__}; expected a MagFit, as jaxcal.magnetometer.fit returns it", code="result")
+        raise cannot_draw(found, "a MagFit, as jaxcal.magnetometer.fit returns it")
     if found.model is None:
         raise DataError(f"there is nothing to draw: the fit has no model. {found.reason}", code="nothing")
     return found.model

@@ -9,7 +9,7 @@ from .._errors import DataError
 from .._special import NORMAL95
 from .._units import factor, shown_in
 from ..alignment import AlignmentFit, Positions, Readings
-from ._style import INK, MUTED, SERIES, SHADE, stacked, style_axes
+from ._style import INK, MUTED, SERIES, SHADE, cannot_draw, stacked, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,11 +52,7 @@ def north(readings: Any, result: Any, ax: Any = None) -> Any:
     'Azimuth (deg)'
     """
     if not isinstance(readings, Readings) or not isinstance(result, AlignmentFit):
-        raise DataError(
-            f"cannot draw {type(readings).__name__} and {type(result).__name__}; expected Readings and the AlignmentFit that "
-            "jaxcal.alignment.fit made of them",
-            code="result",
-        )
+        raise cannot_draw((readings, result), "Readings and the AlignmentFit that jaxcal.alignment.fit made of them")
     if not np.isfinite(result.estimate.values).all():
         raise DataError("there is nothing to draw: the fit did not converge", code="nothing")
     sensors = [entry for entry in _SENSORS if getattr(readings, entry[0]) is not None]

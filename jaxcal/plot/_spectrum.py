@@ -9,7 +9,7 @@ from .._errors import DataError
 from ..noise import Noise, NoiseFit
 from ..spectrum import Spectrum
 from ._channels import ModelledChannel, draw_curves, draw_groups, finish, term_names
-from ._style import MOST, log_axes, number_label
+from ._style import MOST, cannot_draw, log_axes, number_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -105,7 +105,7 @@ def spectrum(result: Any, ax: Any = None, noise: Any = None) -> Any:
 
 def _channels(name: str, item: Any, model: Any) -> list[_Channel]:
     if not isinstance(item, Spectrum):
-        raise DataError(f"cannot draw {type(item).__name__}; expected a Spectrum, or a dictionary channel -> Spectrum", code="result")
+        raise cannot_draw(item, "a Spectrum, or a dictionary channel -> Spectrum")
     if not (model is None or isinstance(model, (Noise, NoiseFit))):
         raise DataError(f"noise must be a Noise, a NoiseFit, or a dictionary channel -> these; got {type(model).__name__}", code="noise")
     if np.ndim(item.density) == 2:

@@ -38,6 +38,11 @@ def new_figure(height: float = 5.0) -> "Figure":
     return Figure(figsize=(8.0, height), dpi=125, layout="constrained")
 
 
+def cannot_draw(found: Any, expected: str) -> DataError:
+    """The error for something that a function of this package does not draw."""
+    return DataError(f"cannot draw {type(found).__name__}; expected {expected}", code="not_a_result")
+
+
 def stacked(ax: Any, count: int, height: float, meant: str) -> Any:
     """The given axes, (count,), or new ones below one another in a figure `height` inches high; `meant` describes them in an error."""
     axes = np.atleast_1d(np.asarray(new_figure(height).subplots(count, 1) if ax is None else ax, dtype=object)).ravel()
@@ -139,9 +144,7 @@ def save(figure: Any, path: str | os.PathLike[str], *, dpi: float | int = 150) -
     ending = pathlib.Path(path).suffix.lstrip(".").lower()
     known = drawn.canvas.get_supported_filetypes()
     if ending not in known:
-        raise ExportError(
-            f"cannot write {path}: {ending or 'no ending'} is not an image format; use one of .{', .'.join(sorted(known))}", code="ending"
-        )
+        raise ExportError(f"cannot write {path}: {ending or 'no ending'} is no format; use .{', .'.join(sorted(known))}", code="ending")
     buffer = io.BytesIO()
     mark = {"png": "Software", "svg": "Creator", "pdf": "Creator"}  # the field of metadata by which jaxcal knows its own files
     drawn.savefig(buffer, format=ending, dpi=dpi, metadata={mark[ending]: "jaxcal"} if ending in mark else None)

@@ -5,11 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._errors import DataError
 from .._special import NORMAL95
 from ..temperature import TemperatureFit
 from ._channels import Channel, draw_groups
-from ._style import INK, MOST, MUTED, SENSORS, SERIES, interval_labels, number_label, place_legend, style_axes
+from ._style import INK, MOST, MUTED, SENSORS, SERIES, cannot_draw, interval_labels, number_label, place_legend, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,7 +58,7 @@ def temperature(result: Any, ax: Any = None) -> Any:
     named = result if isinstance(result, Mapping) else {"": result}
     for fit in named.values():
         if not isinstance(fit, TemperatureFit):
-            raise DataError(f"cannot draw {type(fit).__name__}; expected a TemperatureFit, or a dictionary channel -> these", code="result")
+            raise cannot_draw(fit, "a TemperatureFit, or a dictionary channel -> these")
     return draw_groups([_Channel(str(name), fit) for name, fit in named.items()], ax, _draw)
 
 

@@ -65,11 +65,12 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Any = None, device
     """
     version = importlib.metadata.version("jaxcal")
     if isinstance(results, (list, tuple)):
-        title, lead, body = _device(_pairs(results, log), device, version, reader)
+        pairs = _pairs(results, log)
+        title, lead, body = _device(pairs, device, version, reader)
+        log = pairs[0][1] if log is None else log
     else:
         title, lead, body = _content(results, log, version, device, reader)
-    first = log if log is not None or not isinstance(results, (list, tuple)) else _pairs(results, log)[0][1]
-    write_atomically(path, page(title, lead, body, f"Written by jaxcal {version}", _facts(first, device, version)))
+    write_atomically(path, page(title, lead, body, f"Written by jaxcal {version}", _facts(log, device, version)))
 
 
 def _facts(log: Any, device: str | None, version: str) -> list[tuple[str, str]]:
@@ -115,9 +116,7 @@ def _pairs(results: Any, log: Any) -> list[tuple[Any, Any]]:
         own = isinstance(item, (list, tuple)) and len(item) == 2
         result, its = item if own else (item, log)
         if isinstance(result, (Log, list, tuple)) or type(result).__name__ == "Readings":
-            raise DataError(
-                f"{type(result).__name__} is not a result; give a list of results, or of pairs (result, log)", code="no_results"
-            )
+            raise DataError(f"{type(result).__name__} is no result; give a list of these, or of pairs (result, log)", code="no_results")
         found.append((result, its))
     if not found:
         raise DataError("there are no results; give at least one, or a list of pairs (result, log)", code="no_results")

@@ -12,6 +12,8 @@ from jaxcal import DataError
 from jaxcal.allan import Accumulator, _accumulator, _stretch, deviation
 from jaxcal.noise import Noise
 
+from .definition import differences, truth
+
 KINDS = ("adev", "oadev", "mdev", "tdev", "hdev", "ohdev")
 M = [1, 2, 3, 5, 8, 13, 21, 34]
 
@@ -106,27 +108,21 @@ def test_strides_are_the_plain_definition_however_chunked_and_merged(short_piece
     if 0 < border < length:
         second = Accumulator(1.0, m, start=border if place else None, **options).update(y[border:])
         found.append(Accumulator(1.0, m, **options).update(y[:border]).merge(second))
-    order = 2 if kind == "oadev" else 3
-    theta = np.concatenate([[0.0], np.cumsum(np.nan_to_num(y - 9.81))])
-    gone = np.concatenate([[0], np.cumsum(np.isnan(y))])
-    truth = {}
-    for size, s in zip(m, stride, strict=True):
-        if length + 1 > order * size:
-            starts = np.arange(0, length + 1 - order * size, s)
-            d = sum(math.comb(order, j) * (-1) ** j * theta[starts + j * size] for j in range(order + 1))
-            kept = d[gone[starts] == gone[starts + order * size]]
-            if len(kept):
-                truth[int(size)] = math.sqrt(np.mean(kept**2) / (2 if order == 2 else 6)) / size, len(kept), len(d)
+    expected = {}
+    for size, s in zip(m.tolist(), stride, strict=True):
+        if length + 1 > (2 if kind == "oadev" else 3) * size:
+            d, total, scale = differences(y, size, kind, stride=s)
+            expected |= {size: (math.sqrt(d @ d / len(d) * scale), len(d), total)} if len(d) else {}
     for acc in found:
-        if not truth:
+        if not expected:
             with pytest.raises(DataError):
                 acc.result()
             continue
         result = acc.result()
-        assert result.m.tolist() == list(truth)
-        np.testing.assert_array_equal(result.count, [t[1] for t in truth.values()])
-        np.testing.assert_array_equal(result.count + result.skipped, [t[2] for t in truth.values()])
-        np.testing.assert_allclose(result.deviation, [t[0] for t in truth.values()], rtol=1e-10)
+        assert result.m.tolist() == list(expected)
+        np.testing.assert_array_equal(result.count, [t[1] for t in expected.values()])
+        np.testing.assert_array_equal(result.count + result.skipped, [t[2] for t in expected.values()])
+        np.testing.assert_allclose(result.deviation, [t[0] for t in expected.values()], rtol=1e-10)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -167,12 +163,8 @@ def test_a_wandering_mean_costs_no_digits(short_pieces):
     y[3000] = np.nan  # so that the part with the step can be separated
     y[4900:5100] = np.nan
     found = Accumulator(1.0, [1, 30]).update(y).result()
-    theta = np.cumsum(np.nan_to_num(y.astype(np.longdouble) - np.where(np.arange(len(y)) < 5000, 1e6, 0.0)))
-    theta = np.concatenate([[np.longdouble(0)], theta])
-    gone = np.concatenate([[0], np.cumsum(np.isnan(y))])
-    for i, m in enumerate((1, 30)):
-        d = (theta[2 * m :] - 2 * theta[m:-m] + theta[: -2 * m])[gone[2 * m :] == gone[: -2 * m]]
-        np.testing.assert_allclose(found.deviation[i], math.sqrt(np.mean(d**2) / 2) / m, rtol=1e-10)
+    level = np.where(np.arange(len(y)) < 5000, 1e6, 0.0)
+    np.testing.assert_allclose(found.deviation, truth(y.astype(np.longdouble) - level, (1, 30), "oadev"), rtol=1e-10)
 
 
 @pytest.mark.parametrize("term", ["N", "B", "K"])

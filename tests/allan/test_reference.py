@@ -172,24 +172,6 @@ def test_adis16405_published_curves(adis):
         np.testing.assert_allclose(found.deviation[:, i] ** 2 - last**2 / (2.0 * m**2 * count), published, rtol=1e-9)
 
 
-def test_adis16405_wavelet_variance_is_half_the_allan_variance(adis):
-    record, curves = adis
-    wavelets = curves["adis_wv"]["wvar"]
-    scales = np.array(wavelets["Gyro. X"]["scales"])
-    m = np.round(scales * 100.0 / 2.0).astype(int)
-    found = jaxcal.allan.deviation(record, 100.0, m=m)
-    for i, name in enumerate(wavelets):
-        np.testing.assert_allclose(found.deviation[:, i] ** 2 / 2.0, wavelets[name]["variance"], rtol=1e-10)
-
-
-def test_adis16405_gyro_x_at_82_s(adis):
-    record, _ = adis
-    found = jaxcal.allan.deviation(record[:, 0], 100.0, m="octave")
-    at = np.argmin(np.abs(found.tau - 82.0))
-    assert found.tau[at] == 81.92
-    assert round(float(found.deviation[at]), 4) == 0.0071
-
-
 @pytest.mark.parametrize("kind", ["mtie", "tierms"])
 def test_phase_dat_errors_of_time(reference, kind):
     m, _, count, expected = _stable32(reference / f"data/phasedat/phase_dat_{kind}.txt")

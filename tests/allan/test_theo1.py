@@ -6,6 +6,8 @@ import pytest
 from jaxcal.allan import degrees_of_freedom, deviation
 from jaxcal.allan._uncertainty._bias import bias_factors, phase_covariance
 
+from .definition import records
+
 
 def double_sum(theta, m):
     """Double sum of the definition, term by term over offsets."""
@@ -22,11 +24,6 @@ def theo1_sum(theta, m):
     return deviation(theta, 1.0, kind="theo1", m=[m], data="phase").deviation[0] ** 2 * (0.75 * (len(theta) - m) * m**2)
 
 
-def phases(length):
-    white = np.random.default_rng(3).standard_normal(length)
-    return {"white": white, "walk": np.cumsum(white), "integrated walk": np.cumsum(np.cumsum(white))}
-
-
 SIZES = (2, 4, 6, 10, 62, 64, 66, 68, 100, 126, 128, 130, 254, 258, 514, 770, 1000, 1134, 1136, 1138, 1198, 1200)
 
 
@@ -34,14 +31,14 @@ SIZES = (2, 4, 6, 10, 62, 64, 66, 68, 100, 126, 128, 130, 254, 258, 514, 770, 10
 @pytest.mark.parametrize(("length", "sizes", "more"), [(1201, SIZES, 1.0), (30_000, (66, 100, 1000), 100.0)], ids=["short", "cut"])
 def test_the_sum_is_the_double_sum(name, error, length, sizes, more):
     """Cluster sizes are near the limit of direct summation, near powers of two, and up to the whole record; a long record is cut."""
-    theta = phases(length)[name]
+    theta = records(length, 3)[name]
     for m in sizes:
         np.testing.assert_allclose(theo1_sum(theta, m), float(double_sum(theta, m)), rtol=more * error, err_msg=str(m))
 
 
 @pytest.mark.parametrize("data", ["rate", "phase"])
 def test_deviation(data):
-    y = phases(300)["walk"]
+    y = records(300, 3)["walk"]
     m = np.array([2, 10, 66, 100, 298])
     theta = (np.concatenate([[0.0], np.cumsum(y - y.mean())])) if data == "rate" else y * 5.0
     found = deviation(y, 5.0, kind="theo1", m=m, data=data)
@@ -57,7 +54,7 @@ def test_deviation(data):
 
 
 def test_grids_are_even():
-    y = phases(200)["white"]
+    y = records(200, 3)["white"]
     assert deviation(y, 1.0, kind="theo1", m="octave").m.tolist() == [2, 4, 8, 16, 32, 64, 128]
     assert deviation(y, 1.0, kind="theo1", m="decade").m.tolist() == [2, 4, 10, 20, 40, 100, 200]
     assert deviation(y[:9], 1.0, kind="theo1", m="all").m.tolist() == [2, 4, 6, 8]
@@ -68,7 +65,7 @@ def test_grids_are_even():
 
 
 def test_messages(refuses):
-    y = phases(100)["white"]
+    y = records(100, 3)["white"]
     with refuses("m"):
         deviation(y, 1.0, kind="theo1", m=[10, 7])
     for wrong in (0, 1, 102):
@@ -80,7 +77,7 @@ def test_messages(refuses):
 
 
 def test_gaps():
-    y = phases(400)["white"]
+    y = records(400, 3)["white"]
     y[[150, 151]] = np.nan
     found, alone = (deviation(v, 1.0, kind="theo1", m=[2, 20, 200]) for v in (y, y[152:]))
     np.testing.assert_allclose(found.deviation, alone.deviation)

@@ -8,14 +8,10 @@ import pytest
 from jaxcal.allan import degrees_of_freedom, deviation
 from jaxcal.allan._uncertainty._bias import bias_factors, phase_covariance
 
+from .definition import records
+
 TOTAL = ("totdev", "mtotdev", "ttotdev", "htotdev")
 M = [1, 2, 3, 4, 7, 12, 13, 14, 33, 40]
-
-
-def records(length):
-    """White noise, its running sum, and the running sum of this sum."""
-    white = np.random.default_rng(5).standard_normal(length)
-    return {"white": white, "walk": np.cumsum(white), "integrated walk": np.cumsum(np.cumsum(white))}
 
 
 def totdev_by_definition(theta, m):
@@ -66,7 +62,7 @@ def by_definition(y, m, kind):
 @pytest.mark.parametrize("name", ["white", "walk", "integrated walk"])
 @pytest.mark.parametrize("kind", TOTAL)
 def test_every_statistic_is_its_definition(kind, name):
-    y = records(130)[name]
+    y = records(130, 5)[name]
     found = deviation(y, 1.0, kind=kind, m=M)
     np.testing.assert_allclose(found.deviation, [by_definition(y, m, kind) for m in M], rtol=1e-8)
     expected = {"totdev": [129] * len(M), "htotdev": [131 - 3 * m for m in M]}.get(kind, [132 - 3 * m for m in M])
@@ -78,7 +74,7 @@ def test_every_statistic_is_its_definition(kind, name):
 @pytest.mark.parametrize(("name", "error"), [("white", 1e-13), ("walk", 1e-11), ("integrated walk", 1e-9)])
 def test_the_sum_over_windows_keeps_its_digits(name, error):
     """The sums for 3000 points agree with all windows; sizes are just below and above the limits of direct summation and of a chunk."""
-    z = records(3000)[name]
+    z = records(3000, 5)[name]
     for m in (1, 2, 3, 4, 7, 8, 12, 13, 16, 64, 65, 300, 900, 1000):
         literal, windows = 0.0, len(z) - 3 * m + 1
         for start in range(0, windows, 200):

@@ -90,6 +90,11 @@ def test_a_log_that_takes_too_much_memory_is_given_up(tasks, tmp_path):
     assert fleet.failed[0].reason.startswith("unit1.npz: it took more than 1.2 GB of memory and was given up; use fewer workers")
 
 
+def environment(*folders):
+    """That of a process which imports the same package, and modules of some folders."""
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(pathlib.Path(__file__).parents[2]), *folders, *sys.path])}
+
+
 SCRIPT = """
 import sys
 sys.path.insert(0, {tasks!r})
@@ -110,8 +115,7 @@ def test_a_run_that_is_killed_is_taken_up_again_and_leaves_no_workers(tasks, roo
     script = tmp_path / "script.py"
     folder = str(pathlib.Path(tasks.__file__).parent)
     script.write_text(SCRIPT.format(tasks=folder, logs=str(tmp_path / "logs"), out=str(out), workers=2))
-    path = os.pathsep.join([str(pathlib.Path(__file__).parents[2]), *sys.path])
-    with subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": path}) as process:
+    with subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True, env=environment()) as process:
         for line in process.stdout:
             if int(line) == 4:
                 workers = pathlib.Path(f"/proc/{process.pid}/task/{process.pid}/children")
@@ -254,8 +258,7 @@ def test_a_script_without_a_guard_is_told_so(tasks, tmp_path):
     make_logs(tmp_path / "logs", 1)
     script = tmp_path / "script.py"
     script.write_text(f"import jaxcal\njaxcal.batch.run({str(tmp_path / 'logs')!r}, 'allan', workers=1)\n")
-    path = os.pathsep.join([str(pathlib.Path(__file__).parents[2]), *sys.path])
-    found = subprocess.run([sys.executable, script], capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path}, check=False)
+    found = subprocess.run([sys.executable, script], capture_output=True, text=True, env=environment(), check=False)
     assert found.returncode == 1
     assert 'if __name__ == "__main__":' in found.stderr.splitlines()[-1]
 
@@ -287,10 +290,7 @@ def test_a_cluster_gives_the_same_and_survives_the_loss_of_a_worker_and_a_restar
     script = tmp_path / "script.py"
     folder = str(pathlib.Path(tasks.__file__).parent)
     script.write_text(textwrap.dedent(DASK).format(tasks=folder, logs=str(tmp_path / "logs"), out=str(tmp_path / "out")))
-    path = os.pathsep.join([str(pathlib.Path(__file__).parents[2]), folder, *sys.path])
-    found = subprocess.run(
-        [sys.executable, script], capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path}, check=False, timeout=120
-    )  # fmt: skip
+    found = subprocess.run([sys.executable, script], capture_output=True, text=True, env=environment(folder), check=False, timeout=120)
     assert found.stdout.strip() == "10 []", found.stderr[-3000:]
     assert results(tmp_path / "out") == expected
 

@@ -3,7 +3,6 @@
 import hashlib
 import json
 import pathlib
-import runpy
 import shutil
 
 import numpy as np
@@ -12,6 +11,8 @@ import pytest
 from jaxcal import Calibration
 from jaxcal.calibration import Imu
 from jaxcal.export import read
+
+from ..made_fit import made_results
 
 GOLDEN = pathlib.Path(__file__).parents[1] / "export"
 
@@ -41,8 +42,7 @@ def test_every_format_under_its_usual_name(call, folder, device, format):
 
 
 def test_calibrations_say_how_they_were_made(call, folder, log, monkeypatch):
-    made = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))["made_results"]()
-    monkeypatch.setattr("jaxcal.noise.characterise", lambda *args, **options: made)
+    monkeypatch.setattr("jaxcal.noise.characterise", lambda *args, **options: made_results())
     assert call("noise", log, "--terms", "QNBK", "--units", "gyro=rad/s").status == 0
     found = Calibration.load(folder / "imu-noise" / "calibration.json").provenance
     assert found["sha256"] == hashlib.sha256(log.read_bytes()).hexdigest()

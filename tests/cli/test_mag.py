@@ -95,19 +95,24 @@ def test_exports_hold_what_the_calibration_says(simulated, folder):
     assert "expected one of motioncal, c, csv" in refused.reason
 
 
-def test_counts_need_neither_times_nor_a_unit(call, folder):
-    """The log has three columns of whole numbers, as an Arduino prints them."""
+@pytest.fixture
+def counts():
+    """Readings in whole numbers, as an Arduino prints them, of a field of 400 counts with the hard iron 50, -20, 10."""
     rng = np.random.default_rng(0)
     u = rng.normal(size=(300, 3))
-    m = np.round(400 * u / np.linalg.norm(u, axis=1, keepdims=True) + [50, -20, 10] + 4 * rng.normal(size=u.shape)).astype(int)
-    (folder / "counts.txt").write_text("".join(f"{x} {y} {z}\n" for x, y, z in m))
-    found = call("mag", "counts.txt", "--json", "counts.json")
+    return np.round(400 * u / np.linalg.norm(u, axis=1, keepdims=True) + [50, -20, 10] + 4 * rng.normal(size=u.shape)).astype(int)
+
+
+def test_counts_need_neither_times_nor_a_unit(call, folder, counts):
+    (folder / "counts.txt").write_text("".join(f"{x} {y} {z}\n" for x, y, z in counts))
+    found = call("mag", "counts.txt")
     assert (found.status, found.err) == (0, "")
     assert re.search("hard iron +counts", found.out)
-    document = json.loads((folder / "counts.json").read_text())
+    document = json.loads((folder / "counts-mag" / "mag.json").read_text())
     assert np.abs(np.array(document["model"]["hard_iron"]) - [50, -20, 10]).max() < 2
     assert (document["field"], document["numbers"]["field"]["unit"]) == (pytest.approx(400, rel=0.01), "counts")
     assert any("are counts, and so are all results" in one["text"] for one in document["log"]["findings"])
+    assert jaxcal.Calibration.load(folder / "counts-mag" / "calibration.json").magnetometer.unit == "counts"
 
 
 def test_counts_need_no_unit_beside_rates(call, folder, reference):
@@ -164,11 +169,8 @@ def test_what_a_new_calibration_would_change(simulated, folder):
     assert call("mag", "tumble.csv", "--json", "new.json", "--against", "missing.json").status == 2
 
 
-def test_lists_of_readings_as_json(call, folder):
-    rng = np.random.default_rng(0)
-    u = rng.normal(size=(200, 3))
-    m = np.round(400 * u / np.linalg.norm(u, axis=1, keepdims=True) + [50, -20, 10] + 4 * rng.normal(size=u.shape)).astype(int)
-    rows = m.tolist()
+def test_lists_of_readings_as_json(call, folder, counts):
+    rows = counts.tolist()
     forms = {
         "rows": rows,
         "records": [{"x": x, "y": y, "z": z, "stamp": "a"} for x, y, z in rows],
@@ -179,7 +181,7 @@ def test_lists_of_readings_as_json(call, folder):
         found = call("mag", f"{name}.json", "--json", f"{name}-out.json")
         assert (found.status, found.err) == (0, "")
         assert np.abs(np.array(json.loads((folder / f"{name}-out.json").read_text())["model"]["hard_iron"]) - [50, -20, 10]).max() < 3
-    (folder / "arrays.json").write_text(json.dumps({"mag": (1e-1 * m).tolist(), "sensor": 3}))
+    (folder / "arrays.json").write_text(json.dumps({"mag": (1e-1 * counts).tolist(), "sensor": 3}))
     assert call("mag", "arrays.json", "--units", "mag=uT", "--json", "out.json").status == 0
     for content, reason in (("[1, 2", "no JSON"), ("{}", "no readings"), ('{"a": 1, "a": 2}', "same key twice"), ("[" * 5000, "")):
         (folder / "bad.json").write_text(content)

@@ -172,12 +172,3 @@ def test_options_reach_the_fit(call, folder, log):
     assert found.status == 0, found.err
     assert [line for line in found.out.splitlines() if line.startswith("M ")]
     assert len(json.loads((folder / "a.json").read_text())["channels"]["gyro_x"]["noise"]["markov"]) == 1
-
-
-def test_the_demo_counts_the_intervals_that_hold_the_truth(call, folder, monkeypatch):
-    monkeypatch.setattr("jaxcal.cli._demo._DURATION", 60.0)
-    found = call("demo")
-    assert found.status == 0
-    held, total = map(int, re.search(r"(\d+) of (\d+) intervals of 95 % hold the truth", found.out).groups())
-    assert total == 24
-    assert held >= 20

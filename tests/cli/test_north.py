@@ -1,20 +1,14 @@
 """`jaxcal north` and `jaxcal simulate north`."""
 
-import importlib.util
 import json
-import pathlib
 
 import numpy as np
 import pytest
 
 import jaxcal
 
+from ..alignment import world
 from .conftest import listing
-
-# the simulation of tests/alignment, which is not an importable package
-_found = importlib.util.spec_from_file_location("world", pathlib.Path(__file__).parents[1] / "alignment" / "world.py")
-world = importlib.util.module_from_spec(_found)
-_found.loader.exec_module(world)
 
 NOISE = ["--gyro", "N=0.01deg/sqrt(h)", "--accel", "N=0.03m/s/sqrt(h)"]
 MADE = ["simulate", "north", "--latitude", "35", "--attitude", "1,2,88", "--out"]
@@ -114,3 +108,11 @@ def test_angles_azimuth_and_columns_of_a_raw_log(call, folder):
     refused = call("north", "table.csv", "--latitude", "35", "--angles", "0,90")
     assert (refused.status, "2 angles were given for 4 rests" in refused.reason) == (1, True)
     assert call("north", "table.csv", "--latitude", "35", "--angle-column", "tilt").status == 1
+
+
+def test_what_a_table_leaves_open_is_named(call, folder):
+    rows = "".join(f"{angle},{5e-5 * np.cos(np.deg2rad(angle)):.4g}\n" for angle in (0, 90, 180, 270))
+    (folder / "r.csv").write_text("angle,gyro\n" + rows)
+    assert call("north", "r.csv", "--latitude", "35", "--json", "a.json", "--force").status == 0
+    document = json.loads((folder / "a.json").read_text())
+    assert {"no_column", "no_unit"} <= {one["code"] for one in (*document["findings"], *document["log"]["findings"])}

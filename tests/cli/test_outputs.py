@@ -47,12 +47,6 @@ def test_a_file_of_the_user_or_of_another_log_is_replaced_only_by_force(call, fo
     assert (folder / "a.html").read_bytes() != before
 
 
-def test_a_simulated_log_may_be_replaced(call, folder):
-    for name in ("a.csv", "a.npz"):
-        for seed in (0, 1):
-            assert call("simulate", "noise", "--gyro", "N=1deg/sqrt(h)", "--duration", 5, "--out", name, "--seed", seed).status == 0
-
-
 def test_a_link_keeps_pointing_at_the_file_that_is_replaced(call, folder, log):
     real, link = folder / "real", folder / "link"
     real.write_text("before")

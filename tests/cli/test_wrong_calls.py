@@ -148,6 +148,7 @@ simulate noise --out a.csv --gyro N=1deg/sqrt(h) --duration 0 | expected a log o
 simulate imu --out a.csv --poses 1         | expected 2 poses or more
 simulate device --out a.csv --rests 90     | 90 rests of 4 s and 0 s at the beginning do not fit
 simulate mag --out a.csv --noise -1        | expected uT of 0 or more
+device rest.csv                            | needs accelerometer, gyroscope and magnetometer in one log
 simulate mag --out a.txt                   | ends in .csv or .npz
 mag tumble.csv --corrected a.txt           | ends in .csv or .npz
 mag tumble.csv --headings heading,roll     | expected

@@ -67,11 +67,18 @@ def test_rms_and_inflation(golden, path):
     assert "rms axis; per axis N = 0.00016, 0.00017, 0.00018; K = 2.0e-06, 2.2e-06, 2.4e-06; multiplied by 3.0" in path.read_text()
 
 
-def test_missing_random_walk_is_an_error(golden, path, refuses):
-    without = [with_noise(golden, "gyro", K=missing) for missing in (np.zeros(3), None)]
-    for lacking in (without_walk(golden, "gyro"), without_walk(golden, "accel"), *without):
-        with refuses("not_detected", ExportError):
-            write(lacking, path, random_walk=None)
+def test_what_was_not_measured_is_refused(golden, path, refuses):
+    noise = type(golden.noise)
+    for code, lacking, options in (
+        *(("not_detected", without_walk(golden, sensor), {"random_walk": None}) for sensor in ("gyro", "accel")),
+        *(("not_detected", with_noise(golden, "gyro", K=missing), {"random_walk": None}) for missing in (np.zeros(3), None)),
+        ("no_limit", without_walk(golden, "gyro", limit=(1.0, 1.0, math.inf)), {"random_walk": "upper_limit"}),
+        ("no_limit", with_noise(golden, "gyro", K=None), {"random_walk": "upper_limit"}),
+        ("no_limit", with_noise(golden, "accel", N=None), {}), ("no_noise", Calibration(), {}),
+        *(("no_noise", Calibration(noise=noise(rate=200.0, **{one: getattr(golden.noise, one)})), {}) for one in ("gyro", "accel")),
+    ):  # fmt: skip
+        with refuses(code, ExportError):
+            write(lacking, path, **options)
     assert not path.exists()
 
 
@@ -81,13 +88,6 @@ def test_upper_limit_is_written_where_k_was_not_found(golden, path):
     assert "K = 1.0e-05, 3.0e-05, 9.0e-05 (95 % upper limit on gyro_x, gyro_z)" in path.read_text()
     assert ("limit_written", ("gyro_x", "gyro_z"), "95 % upper limit") in [(one.code, one.subject, one.facts.get("limit")) for one in found]
     assert yaml.safe_load(path.read_text())["accelerometer_random_walk"] == 3.2e-5  # this value was found and is kept
-
-
-def test_upper_limit_that_is_not_known(golden, path, refuses):
-    with refuses("no_limit", ExportError):
-        write(without_walk(golden, "gyro", limit=(1.0, 1.0, math.inf)), path, random_walk="upper_limit")
-    with refuses("no_limit", ExportError):
-        write(with_noise(golden, "gyro", K=None), path, random_walk="upper_limit")
 
 
 def test_number_for_a_sensor_that_lacks_a_random_walk(golden, path):
@@ -105,22 +105,13 @@ def test_a_named_value_replaces_a_random_walk_that_was_found(golden, path):
     assert (found["gyroscope_random_walk"], found["accelerometer_random_walk"]) == (2.4e-6, 1.0)
 
 
-@pytest.mark.parametrize("sensors", [("gyro",), ("accel",), None])
-def test_missing_noise(golden, path, sensors, refuses):
-    half = sensors and type(golden.noise)(rate=200.0, **{sensor: getattr(golden.noise, sensor) for sensor in sensors})
-    with refuses("no_noise", ExportError):
-        write(Calibration(noise=half), path)
-
-
-def test_density_from_its_upper_limit(golden, path, refuses):
+def test_density_from_its_upper_limit(golden, path):
     hidden = {"N": ("not detected", "present", "hint"), "K": ("present",) * 3}
     lacking = with_noise(golden, "accel", verdict=hidden, upper_limit={"N": np.array([5e-3, 1.0, 1e-3])}, confidence=0.9)
     found = write(lacking, path)
     assert yaml.safe_load(path.read_text())["accelerometer_noise_density"] == 5e-3
     assert "N = 0.005, 0.002, 0.001 (90 % upper limit on accel_x, accel_z); K = 2.8e-05" in path.read_text()
     assert ("N", "90 % upper limit") in [(one.facts["term"], one.facts["limit"]) for one in found if one.code == "limit_written"]
-    with refuses("no_limit", ExportError):
-        write(with_noise(golden, "accel", N=None), path)
 
 
 def test_terms_that_are_there_and_not_written_are_mentioned(golden, path):

@@ -11,6 +11,8 @@ from scipy.spatial.transform import Rotation
 from jaxcal import Calibration, DataError, JaxcalError
 from jaxcal.export import read, write
 
+from ..made_calibration import made
+
 FOLDER = pathlib.Path(__file__).parent
 GOLDEN = FOLDER / "golden"
 PAIRS = [
@@ -22,32 +24,6 @@ PAIRS = [
 @pytest.fixture(scope="module")
 def golden():
     return Calibration.load(FOLDER / "golden.json")
-
-
-def made(seed):
-    """A calibration of a device with random parameters."""
-    draw = np.random.default_rng(seed)
-    noise = {"rate": float(draw.uniform(20, 2000))}
-    for sensor, unit, n in (("gyro", "rad/s", 1e-4), ("accel", "m/s^2", 1e-3)):
-        own = {"N": n * draw.uniform(1, 2, 3), "K": n * draw.uniform(0.01, 0.02, 3)}
-        noise[sensor] = {"unit": unit, **dict.fromkeys("QBR"), **own}
-    accel, gyro = (np.eye(3) + 0.02 * draw.standard_normal((3, 3)) for _ in range(2))
-    soft = np.eye(3) + 0.1 * draw.standard_normal((3, 3))
-    imu = {
-        "accel": {"unit": "m/s^2", "matrix": accel, "bias": 0.3 * draw.standard_normal(3), "covariance": None},
-        "gyro": {
-            "unit": "rad/s", "matrix": gyro, "bias": 0.02 * draw.standard_normal(3), "g_sensitivity": 1e-4 * draw.standard_normal((3, 3)),
-            "covariance": None,
-        },
-    }  # fmt: skip
-    mag = {"unit": "T", "soft_iron": soft, "hard_iron": 3e-5 * draw.standard_normal(3), "field": 5e-5, "covariance": None}
-    powers = np.array([1e-3, 1e-5, 1e-7])
-    temperature = {
-        "unit": "degC", "reference": 27.5, "minimum": -10.0, "maximum": 61.25, "accel": powers * draw.standard_normal((3, 3)),
-        "gyro": 0.01 * powers * draw.standard_normal((3, 3)),
-    }  # fmt: skip
-    ids = {"px4": {"accel_id": 7, "gyro_id": 8, "mag_id": 9}, "ardupilot": {"accel_id": 10, "compass_id": 11}}
-    return Calibration(noise=noise, imu=imu, magnetometer=mag, temperature=temperature, device={"name": "made", **ids})
 
 
 def data_lines(path, binary):
@@ -107,7 +83,7 @@ def test_values_are_those_that_were_printed(golden, tmp_path):
     write(device, tmp_path / "a", format="csv")
     found = read(tmp_path / "a", format="csv")
     np.testing.assert_allclose(found.temperature.powers("gyro"), device.temperature.powers("gyro"), rtol=1e-8)
-    assert found.temperature.reference == 27.5
+    assert found.temperature.reference == 35.0
     for format in ("kalibr", "vins", "orbslam3", "openvins"):
         write(golden, tmp_path / "a", format=format)
         noise = read(tmp_path / "a", format=format).noise
@@ -125,7 +101,7 @@ def test_several_instances_in_one_file(golden, tmp_path, refuses):
         for i, device in enumerate(devices):
             found = read(tmp_path / "a", format=format, instance=i)
             np.testing.assert_allclose(found.magnetometer.model.hard_iron, device.magnetometer.model.hard_iron, rtol=1e-8)
-            reach = found.temperature.reference - 27.5
+            reach = found.temperature.reference - 35.0
             assert reach == 0
             np.testing.assert_allclose(found.temperature.powers("accel"), device.temperature.powers("accel"), rtol=1e-6)
     with refuses("several"):

@@ -63,34 +63,6 @@ def magnetometer_data(count=None, sigma=0.005, seed=0, points=60):
     return {"m": field @ inverse + IRON.hard, "sigma": sigma if count is None else np.full(count, sigma)}
 
 
-class Accelerometer(eqx.Module):
-    """Accelerometer model: corrected = matrix (y - bias), with an upper triangular matrix."""
-
-    matrix: jnp.ndarray
-    bias: jnp.ndarray
-
-
-GRAVITY = 9.81
-UPPER = Accelerometer(np.triu(np.ones((3, 3), dtype=bool)), np.ones(3, dtype=bool))
-ACCELEROMETER = Accelerometer(np.array([[1.01, 0.004, -0.003], [0, 0.985, 0.006], [0, 0, 1.02]]), np.array([0.05, -0.1, 0.08]))
-ACCELEROMETER_START = Accelerometer(np.eye(3), np.zeros(3))
-
-
-def static_attitudes(model, data):
-    return (jnp.linalg.norm((data["y"] - model.bias[None, :]) @ model.matrix.T, axis=1) - GRAVITY) / data["sigma"]
-
-
-def attitude_data(seed=0, positions=18, samples=4, position_sigma=0.01, sigma=0.01):
-    """Simulate several samples per position, with a common error of each position."""
-    rng = np.random.default_rng(seed)
-    down = rng.normal(size=(positions, 3))
-    down = np.repeat(down / np.linalg.norm(down, axis=1, keepdims=True), samples, axis=0)
-    shared = np.repeat(position_sigma * rng.normal(size=(positions, 1)), samples, axis=0)
-    force = (GRAVITY + shared + sigma * rng.normal(size=shared.shape)) * down
-    y = force @ np.linalg.inv(ACCELEROMETER.matrix).T + ACCELEROMETER.bias
-    return {"y": y, "sigma": sigma}, np.repeat(np.arange(positions), samples)
-
-
 def thermal(model, data):
     powers = jnp.stack([jnp.ones_like(data["t"]), data["t"], data["t"] ** 2, data["t"] ** 3], axis=1)
     return (powers @ model["c"] - data["y"]) / data["sigma"]

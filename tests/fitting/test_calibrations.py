@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from jaxcal.fitting import Huber, Outcome, covariance, solve, solve_many
+from jaxcal.fitting import Outcome, covariance, solve, solve_many
 
 from . import problems as p
 
@@ -68,37 +68,6 @@ def test_magnetometer():
     np.testing.assert_allclose(fit.parameters, fits.parameters[0], atol=1e-8)
     assert fit.names == (*(f"upper[{i}]" for i in range(6)), "hard[0]", "hard[1]", "hard[2]")
     check_derivative(lambda m: solve(p.magnetometer, p.IRON_START, {**one, "m": m}).model.hard[0], one["m"], 1e-5)
-
-
-@pytest.mark.long
-def test_multi_position():
-    data, position = p.attitude_data()
-    fit = solve(p.static_attitudes, p.ACCELEROMETER_START, data, free=p.UPPER).checked()
-    assert fit.names == (*(f"matrix[{ij}]" for ij in ("0,0", "0,1", "0,2", "1,1", "1,2", "2,2")), "bias[0]", "bias[1]", "bias[2]")
-    assert (np.asarray(fit.model.matrix)[np.tril_indices(3, -1)] == 0).all()
-    clustered = np.sqrt(np.diag(covariance(fit, "sandwich", blocks=position)))
-    upper = p.ACCELEROMETER.matrix[np.triu_indices(3)]
-    assert (abs(fit.parameters - np.concatenate([upper, p.ACCELEROMETER.bias])) < 6 * clustered).all()
-    check_derivative(
-        lambda y: solve(p.static_attitudes, p.ACCELEROMETER_START, {**data, "y": y}, free=p.UPPER).model.bias[1], data["y"], 1e-5
-    )
-    batch = jax.tree.map(lambda *a: np.stack(a), *[p.attitude_data(seed)[0] for seed in range(4)])
-    models = jax.vmap(lambda d: solve(p.static_attitudes, p.ACCELEROMETER_START, d, free=p.UPPER).model)(jax.tree.map(jnp.asarray, batch))
-    np.testing.assert_allclose(models.bias[0], fit.model.bias, atol=1e-9)
-    assert models.matrix.shape == (4, 3, 3)
-
-
-def test_temperature_with_outliers():
-    data = p.thermal_data()
-    start = {"c": np.zeros(4)}
-    fit = solve(p.thermal, start, data, loss=Huber(1.0)).checked()
-    expected = scipy.optimize.least_squares(
-        lambda c: np.asarray(p.thermal({"c": jnp.asarray(c)}, jax.tree.map(jnp.asarray, data))), np.zeros(4), loss="huber",
-        xtol=1e-14, ftol=1e-14, gtol=1e-14,
-    )  # fmt: skip
-    np.testing.assert_allclose(fit.model["c"], expected.x, rtol=1e-5)
-    np.testing.assert_allclose(fit.cost, expected.cost, rtol=1e-10)
-    check_derivative(lambda y: solve(p.thermal, start, {**data, "y": y}, loss=Huber(1.0)).model["c"][1], data["y"], 1e-7)
 
 
 @pytest.mark.parametrize("azimuth", [0.4, -2.9])

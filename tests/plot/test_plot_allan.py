@@ -1,8 +1,6 @@
 """`plot.allan`: curves, labels, positions and units of the figure; and `plot.save`."""
 
 import os
-import pathlib
-import runpy
 import subprocess
 import sys
 
@@ -18,8 +16,8 @@ from jaxcal.noise import Noise
 from jaxcal.plot import TERM_COLORS, allan, save
 from jaxcal.plot._style import duration_label, interval_labels, number_label, unit_label
 
-_MADE = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))
-made_deviation, made_fit, made_results = _MADE["made_deviation"], _MADE["made_fit"], _MADE["made_results"]
+from ..made_fit import made_deviation, made_fit, made_results
+
 DEG_PER_H = np.pi / 180 / 3600
 
 
@@ -185,7 +183,8 @@ def test_zero_and_unknown_deviations_are_left_out(refuses):
     value[3], value[7] = 0.0, np.nan
     ax = allan(made_deviation(Noise(N=1e-4), deviation=value))
     assert len(ax.lines[1].get_xdata()) == len(value) - 2
-    for code, wrong in (("nothing", made_deviation(Noise(N=1e-4), deviation=0.0 * value)), ("nothing", {}), ("result", {"x": np.ones(3)})):
+    constant = made_deviation(Noise(N=1e-4), deviation=0.0 * value)
+    for code, wrong in (("nothing", constant), ("nothing", {}), ("not_a_result", {"x": np.ones(3)})):
         with refuses(code):
             allan(wrong)
 

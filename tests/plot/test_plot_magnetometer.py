@@ -57,7 +57,7 @@ def test_in_a_plane():
 
 
 def test_what_cannot_be_drawn(refuses):
-    for code, wrong in (("result", 3), ("nothing", fit(M[:2]))):
+    for code, wrong in (("not_a_result", 3), ("nothing", fit(M[:2]))):
         for draw in (jaxcal.plot.coverage, jaxcal.plot.heading_error):
             with refuses(code):
                 draw(wrong)

@@ -40,7 +40,7 @@ def test_without_an_azimuth_the_panel_says_so(fitted):
 
 
 def test_wrong_things(fitted, refuses):
-    with refuses("result"):
+    with refuses("not_a_result"):
         jaxcal.plot.north(*fitted[::-1])
     with refuses("axes"):
         jaxcal.plot.north(*fitted, ax=jaxcal.plot.north(*fitted)[:2])

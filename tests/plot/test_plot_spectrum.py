@@ -1,8 +1,5 @@
 """`plot.spectrum`: curves, labels and units of the figure."""
 
-import pathlib
-import runpy
-
 import numpy as np
 import pytest
 
@@ -10,7 +7,8 @@ from jaxcal.noise import Noise, Term
 from jaxcal.plot import TERM_COLORS, spectrum
 from jaxcal.spectrum import Spectrum, density
 
-made_fit = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))["made_fit"]
+from ..made_fit import made_fit
+
 DEG_PER_H = np.pi / 180 / 3600
 MILLI_G = 9.80665e-3
 RATE = 100.0
@@ -139,7 +137,7 @@ def test_zero_densities_are_left_out(refuses):
     assert ax.lines[0].get_xdata().tolist() == [1.0, 3.0, 5.0]
     drawn(spectrum(made(f[:1], np.ones(1))))
     for code, wrong, noise in (
-        ("nothing", made(f, np.zeros(5)), None), ("nothing", {}, None), ("result", {"gyro_x": np.ones(3)}, None), ("noise", found(), 1e-4),
+        ("nothing", made(f, np.zeros(5)), None), ("nothing", {}, None), ("not_a_result", {"x": np.ones(3)}, None), ("noise", found(), 1e-4),
         ("channels", {"gyro_x": found()}, {"gyro_y": Noise(N=1.0)}),
     ):  # fmt: skip
         with refuses(code):

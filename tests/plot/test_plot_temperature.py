@@ -42,6 +42,6 @@ def test_axes_of_the_user_and_single_fits(fits):
 
 
 def test_what_cannot_be_drawn_is_refused(fits, refuses):
-    for code, call in (("nothing", ({},)), ("result", ({"gyro_x": 1},)), ("axes", (fits, Figure().subplots()))):
+    for code, call in (("nothing", ({},)), ("not_a_result", ({"gyro_x": 1},)), ("axes", (fits, Figure().subplots()))):
         with refuses(code):
             temperature(*call)

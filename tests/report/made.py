@@ -1,8 +1,5 @@
 """One result of every kind with its log. Most are written by hand, since a test of the page needs no real fit."""
 
-import pathlib
-import runpy
-
 import numpy as np
 
 import jaxcal
@@ -23,14 +20,15 @@ from jaxcal.imu._result import quantities
 from jaxcal.magnetometer import body_field, scenario
 from jaxcal.noise._findings import FINDINGS
 
-_NOISE = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))
+from ..made_fit import made_fit, made_results
+
 EVIL = "<script>alert('x')</script>"
 
 
 def noise():
     """Noise results of six channels with warnings, and a log with a long name that has three of them."""
     told = (FINDINGS("no_intervals", method=f"a & {EVIL}"),)
-    results = dict(_NOISE["made_results"]()) | {"gyro_y": _NOISE["made_fit"](2.0, findings=told)}
+    results = dict(made_results()) | {"gyro_y": made_fit(2.0, findings=told)}
     provenance = {"file": "logs/a_rather_long_name_without_any_blank_2026-05-31T10-00-00.csv", "sha256": "ab" * 32}
     said = table(read=Kind(NOTE, "{text}"), doubt=Kind(CAUTION, "{text}"))
     findings = [said("read", text="gyro: rad/s, assumed"), said("doubt", text=f"3 samples {EVIL}")]

@@ -6,9 +6,7 @@ import html
 import html.parser
 import json
 import math
-import pathlib
 import re
-import runpy
 
 import numpy as np
 import pytest
@@ -19,10 +17,9 @@ from jaxcal._answer import CAUTION, NOTE, Kind, table
 from jaxcal.noise._findings import FINDINGS
 from jaxcal.report import write
 
+from ..made_fit import made_deviation, made_fit, made_results
 from . import made
 
-_MADE = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))
-made_fit, made_results = _MADE["made_fit"], _MADE["made_results"]
 EVIL = "<script>alert('x')</script>"
 
 
@@ -194,7 +191,7 @@ def test_the_date_of_the_recording_stands_at_the_top_where_it_is_known(tmp_path)
 
 def test_long_tables_are_thinned(tmp_path):
     noise = jaxcal.noise.Noise(N=1e-4)
-    dense = _MADE["made_deviation"](noise, clusters=2000, largest=100_000)
+    dense = made_deviation(noise, clusters=2000, largest=100_000)
     fit = made_fit(deviation=dense, used=np.ones(len(dense.tau), dtype=bool))
     assert Page(written({"gyro_x": fit}, tmp_path / "a.html")).tags.count("tr") < 400
 

@@ -34,9 +34,6 @@ def test_a_record_of_65536_samples_has_192_values():
     found, raw = density(y, 100.0), density(y, 100.0, average=None)
     assert found.frequency.shape == (192,)
     assert found.findings == ()
-    np.testing.assert_allclose(found.density[:32], raw.density[:32], rtol=1e-14)
-    np.testing.assert_allclose(found.density[32], raw.density[32:34].mean(), rtol=1e-13)
-    np.testing.assert_allclose(found.density[-1], raw.density[-1024:].mean(), rtol=1e-12)
     np.testing.assert_allclose(found.frequency[-1], raw.frequency[-1024:].mean(), rtol=1e-12)
     assert found.count[[0, 31, 32, 47, 48, -1]].tolist() == [1, 1, 2, 2, 4, 1024]
 
@@ -76,11 +73,12 @@ def test_a_ragged_tail_is_dropped_and_said_or_kept_with_its_count():
     assert kept.frequency[-1] == pytest.approx(raw.frequency[-2:].mean())
 
 
-def test_average_is_a_mean_over_each_group():
+@pytest.mark.parametrize("average", ["octave", "log"])
+def test_average_is_a_mean_over_each_group(average):
     y = np.random.default_rng(2).standard_normal((1001, 2))
-    values, start_count = density(y, 1.0, average=None).density, groups("log", 500, keep_tail=True)
+    values, start_count = density(y, 1.0, average=None).density, groups(average, 500, keep_tail=True)
     expected = [values[a : a + c].mean(axis=0) for a, c in zip(*start_count, strict=True)]
-    np.testing.assert_allclose(density(y, 1.0, average="log", keep_tail=True).density, expected, rtol=1e-13)
+    np.testing.assert_allclose(density(y, 1.0, average=average, keep_tail=True).density, expected, rtol=1e-13)
 
 
 def test_degrees_of_freedom_of_the_periodogram_and_the_dct():
