@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from jaxcal.allan import Deviation
-from jaxcal.fitting._estimate import NamedMatrix
+from jaxcal.fitting import Estimate
 from jaxcal.noise import Noise, NoiseFit, NoiseFits
 
 TERMS = ("Q", "N", "B", "K")
@@ -36,7 +36,7 @@ def made_fit(scale=1.0, rate=200.0, **changes):
         "upper_limit": {"Q": 1e-9, "N": 1.05e-4 * scale, "B": 4e-6, "K": 2e-6},
         "presence": {"Q": "not detected", "N": "present", "B": "hint", "K": "not detected"},
         "significance": dict.fromkeys(TERMS, 1.0),
-        "covariance": NamedMatrix(TERMS, np.arange(16.0).reshape(4, 4) * 1e-12),
+        "covariance": Estimate(TERMS, np.zeros(4), np.arange(16.0).reshape(4, 4) * 1e-12).covariance,
         "goodness": 0.5,
         "longer_record": {"Q": math.inf, "N": 1.0, "B": 1e6, "K": math.inf},
         "band": (float(deviation.tau[5]), float(deviation.tau[-5])),
