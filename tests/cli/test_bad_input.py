@@ -8,45 +8,16 @@ import pytest
 from .conftest import RATE, listing, save, table
 
 
-def gap(rows):
-    return np.delete(rows, slice(1000, 1300), axis=0)
-
-
-def few_nan(rows):
-    rows[500:510, 1] = np.nan
-    return rows
-
-
-def few_inf(rows):
-    rows[700, 4] = np.inf
-    return rows
-
-
-def jitter(rows):
+def test_a_log_with_small_faults_is_mended_with_findings(call, folder):
+    rows = table(6000)
+    rows[500:510, 1], rows[700, 4] = np.nan, np.inf
     rows[:, 0] += np.random.default_rng(1).normal(size=len(rows)) * 0.05 / RATE
-    return rows
-
-
-def disordered(rows):
     rows[[100, 101]] = rows[[101, 100]]
-    return rows
-
-
-def duplicated(rows):
-    return np.insert(rows, 200, rows[200], axis=0)
-
-
-@pytest.mark.parametrize(
-    ("spoil", "code"),
-    [(gap, "gaps"), (few_nan, "gaps"), (few_inf, "infinite"), (jitter, "jitter"), (disordered, "unsorted"), (duplicated, "copies")],
-    ids=lambda value: value.__name__ if callable(value) else "",
-)
-def test_mended_with_a_finding(call, folder, spoil, code):
-    save(folder / "rough.csv", spoil(table(6000)))
+    save(folder / "rough.csv", np.insert(np.delete(rows, slice(1000, 1300), axis=0), 200, rows[200], axis=0))
     found = call("noise", "rough.csv", "--json", "a.json")
     assert found.status == 0, found.err
     document = json.loads((folder / "a.json").read_text())
-    assert code in [one["code"] for one in document["log"]["findings"]]
+    assert {"gaps", "infinite", "jitter", "unsorted", "copies"} <= {one["code"] for one in document["log"]["findings"]}
     assert document["channels"]["gyro_y"]["coefficients"]["N"] == pytest.approx(1e-3, rel=0.1)
 
 

@@ -8,8 +8,9 @@ import pytest
 
 from jaxcal.cli import main
 
+from .conftest import HEADER as IMU, save
+
 RATE = 50.0
-IMU = "time [s],gyro_x [rad/s],gyro_y [rad/s],gyro_z [rad/s],accel_x [m/s^2],accel_y [m/s^2],accel_z [m/s^2]"
 MAG = "time [s],accel_x [m/s^2],accel_y [m/s^2],accel_z [m/s^2],mag_x [uT],mag_y [uT],mag_z [uT]"
 
 # each call with words that its message must contain; `logs` below writes the files
@@ -245,10 +246,6 @@ def cases(text, status):
         yield pytest.param(call, status, words, id=call)
 
 
-def saved(path, header, rows):
-    np.savetxt(path, rows, delimiter=",", fmt="%.9g", header=header, comments="")
-
-
 def turning(samples, seed):
     """Directions of a vector fixed in space, in the axes of a tumbling sensor, (n, 3)."""
     angle = np.cumsum(np.random.default_rng(seed).normal(size=(samples, 2)) * 0.02 + 0.06, axis=0)
@@ -264,24 +261,24 @@ def logs(tmp_path_factory):
     time = np.arange(n) / RATE
     noise = random.normal(size=(n, 6)) * np.repeat([1e-2, 5e-2], 3)
     rest = np.column_stack([time, noise + np.array([0, 0, 0, 0, 0, 9.80665])])
-    saved(folder / "rest.csv", IMU, rest)
-    saved(folder / "grams.csv", IMU.replace("m/s^2", "g"), np.column_stack([rest[:, :4], rest[:, 4:] / 9.80665]))
+    save(folder / "rest.csv", rest, IMU)
+    save(folder / "grams.csv", np.column_stack([rest[:, :4], rest[:, 4:] / 9.80665]), IMU.replace("m/s^2", "g"))
     tumble = turning(600, 1)
     slow = np.arange(600) / 10.0
-    saved(folder / "tumble.csv", MAG, np.column_stack([slow, 9.8 * tumble, 47.0 * turning(600, 2) + random.normal(size=(600, 3)) * 0.2]))
+    save(folder / "tumble.csv", np.column_stack([slow, 9.8 * tumble, 47.0 * turning(600, 2) + random.normal(size=(600, 3)) * 0.2]), MAG)
     flat = np.column_stack([slow, rest[:600, 4:], np.array([20.0, 5.0, 40.0]) + random.normal(size=(600, 3)) * 0.2])
-    saved(folder / "still_mag.csv", MAG, flat)
-    saved(folder / "poses.csv", IMU, moving(n, random))
+    save(folder / "still_mag.csv", flat, MAG)
+    save(folder / "poses.csv", moving(n, random), IMU)
     bumped = rest.copy()
     bumped = np.column_stack([np.arange(6000) / RATE, np.concatenate([rest[:, 1:]] * 3)])
     bumped[5000:, 4:] = bumped[5000:, [6, 4, 5]]
-    saved(folder / "bumped.csv", IMU, bumped)
-    saved(folder / "gyro_only.csv", IMU.partition(",accel")[0], rest[:, :4])
+    save(folder / "bumped.csv", bumped, IMU)
+    save(folder / "gyro_only.csv", rest[:, :4], IMU.partition(",accel")[0])
     warm = 20.0 + 25.0 * time / time[-1]
-    saved(folder / "warm.csv", IMU + ",temperature [degC]", np.column_stack([rest, warm]))
-    saved(folder / "shaken.csv", IMU + ",temperature [degC]", np.column_stack([moving(n, random), warm]))
-    saved(folder / "cold.csv", IMU + ",temperature [degC]", np.column_stack([rest, np.full(n, 20.0)]))
-    saved(folder / "warm_only.csv", "time [s],temperature [degC]", np.column_stack([time, warm]))
+    save(folder / "warm.csv", np.column_stack([rest, warm]), IMU + ",temperature [degC]")
+    save(folder / "shaken.csv", np.column_stack([moving(n, random), warm]), IMU + ",temperature [degC]")
+    save(folder / "cold.csv", np.column_stack([rest, np.full(n, 20.0)]), IMU + ",temperature [degC]")
+    save(folder / "warm_only.csv", np.column_stack([time, warm]), "time [s],temperature [degC]")
     content(folder, rest)
     tables(folder)
     return folder
@@ -303,7 +300,7 @@ def content(folder, rest):
 
     def change(name, spoil, header=IMU):
         rows = rest.copy()
-        saved(folder / name, header, spoil(rows))
+        save(folder / name, spoil(rows), header)
 
     def put(column, value):
         def spoil(rows):
