@@ -158,7 +158,7 @@ def _show(screen: Screen, fleet: Any, pooled: dict[str, Any]) -> None:
     there = f"; {kept} of them were there already" if kept else ""
     screen.line(f"{_logs(len(fleet))}: {len(fleet.done)} answered, {len(fleet.failed)} not{there}")
     shown = {name: one for name, one in fleet.spread.items() if one.count}
-    rows = [("", "unit", "logs", "median", "5 %", "95 %", "out")] if shown else []
+    rows: list[tuple[str, ...]] = [("", "unit", "logs", "median", "5 %", "95 %", "out")] if shown else []
     for name, one in list(shown.items())[:_ROWS]:
         values = (f"{value:.4g}" for value in (one.median, one.low, one.high))
         rows.append((name, one.unit, str(one.count), *values, str(len(one.outliers) or "")))
