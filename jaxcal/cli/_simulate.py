@@ -67,11 +67,16 @@ def simulate_temperature(
     def make(random: Any) -> Made:
         import numpy as np
 
-        from ..temperature import simulate
+        from ..temperature import reference_bias, simulate
 
+        at = np.array([20.0, 32.5, 45.0])
+        said = [f"bias at {', '.join(f'{t:g}' for t in at)} degC, with the jump at 24.5 degC"]
+        for axis, height in zip("xyz", (jump, -jump, 0.0), strict=True):
+            values = reference_bias(at, np.deg2rad(height)) / _DEG
+            said.append(f"gyro {axis}: {', '.join(f'{b:+.5f}' for b in values)} deg/s; jump {height:+g} deg/s")
         made = [simulate(jump=np.deg2rad(height), duration=duration, rate=rate, seed=random) for height in (jump, -jump, 0.0)]
         # the log has the thermometer of the first axis; the true temperature is the same for all axes
-        return made[0].time, {"gyro": np.stack([one.bias for one in made], axis=1), "temperature": made[0].temperature}, []
+        return made[0].time, {"gyro": np.stack([one.bias for one in made], axis=1), "temperature": made[0].temperature}, said
 
     _write(out, make, running)
 
@@ -99,10 +104,10 @@ def simulate_imu(
     given = noises(gyro, accel)
 
     def make(_: Any) -> Made:
-        from ..imu import simulate
+        from ..imu import MEMS, simulate
 
         log = simulate(poses, rate=rate, still=still, turn=turn, noise=given, seed=running.seed, gravity=STANDARD_GRAVITY)
-        return log.time, {"gyro": log.gyro, "accel": log.accel}, []
+        return log.time, {"gyro": log.gyro, "accel": log.accel}, _of_triads(MEMS)
 
     _write(out, make, running)
 
@@ -192,18 +197,22 @@ def simulate_device(
 
 def _told(model: Any) -> list[str]:
     """Lines with the true parameters of a simulated device: matrices, biases, field and delays."""
-    parts = (
-        ("accelerometer", model.accel.matrix, model.accel.bias, 1.0, "m/s^2"),
-        ("gyroscope", model.gyro.matrix, model.gyro.bias, 1 / _DEG, "deg/s"),
-        ("magnetometer", model.magnetometer.soft_iron, model.magnetometer.hard_iron, 1e6, "uT"),
-    )
-    lines = []
-    for name, matrix, bias, factor, unit in parts:
-        lines.append(f"{name}: bias {', '.join(f'{factor * b:+.5f}' for b in bias)} {unit}; matrix")
-        lines.extend("  " + "  ".join(f"{c:+.6f}" for c in row) for row in matrix)
+    iron = model.magnetometer
+    lines = [*_of_triads(model), *_of_triad("magnetometer", iron.soft_iron, iron.hard_iron, 1e6, "uT")]
     lines.append(f"field {1e6 * model.field:.4f} uT, {model.dip / _DEG:.4f} deg below the horizontal")
     lines.append(f"delay of the gyroscope {1e3 * model.gyro_delay:+.4f} ms, of the magnetometer {1e3 * model.mag_delay:+.4f} ms")
     return lines
+
+
+def _of_triads(model: Any) -> list[str]:
+    """Lines with the matrices and biases of an accelerometer and a gyroscope."""
+    gyro = _of_triad("gyroscope", model.gyro.matrix, model.gyro.bias, 1 / _DEG, "deg/s")
+    return [*_of_triad("accelerometer", model.accel.matrix, model.accel.bias, 1.0, "m/s^2"), *gyro]
+
+
+def _of_triad(name: str, matrix: Any, bias: Any, factor: float, unit: str) -> list[str]:
+    rows = ("  " + "  ".join(f"{c:+.6f}" for c in row) for row in matrix)
+    return [f"{name}: bias {', '.join(f'{factor * b:+.5f}' for b in bias)} {unit}; matrix", *rows]
 
 
 def simulate_north(

@@ -59,7 +59,7 @@ def answer_page(result: Any, log: Any, version: str, reader: Reader, described: 
         section("Numbers", "numbers", *tables),
         *further,
     ]
-    parts += [section("The signal, and what was set aside", "evidence", seen)] if log is not None and (seen := timelines(log)) else []
+    parts += [section("The signal, and what was set aside", "evidence", seen)] if (seen := timelines(log)) else []
     parts += [fold("Numbers for other tools", "tools", *copies)] if (copies := _copies(result, getattr(module, "PART", None), log)) else []
     parts += [fold("Details", "details", *detail)] if detail else []
     notes = findings_html([one for one in told if one.severity < CAUTION], reader)

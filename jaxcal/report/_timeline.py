@@ -19,6 +19,8 @@ _COLOURS = {"moving": 1, "knock": 1, "step": 3, "gap": 4, "held": 5, "stuck": 5,
 
 def timelines(log: Any) -> Markup:
     """The lines of `jaxcal info`, and the signal of each sensor."""
+    if not isinstance(log, Log):  # a table of readings has no signal
+        return Markup("")
     raw, lines = log.recorded, timeline(log.evidence)
     figures = [_figure(raw, name, log.evidence) for name in SENSORS if getattr(raw, name, None) is not None]
     said = tag("ul", *(tag("li", line) for line in lines)) if lines else tag("p", "Nothing was set aside.")

@@ -32,7 +32,7 @@ def test_a_simulated_log_is_calibrated(call, folder):
     scale = document["numbers"]["gyro.matrix[1,1]"]
     assert scale["low"] < document["gyro"]["matrix"][1][1] < scale["high"]
     page = (folder / "log-imu" / "report.html").read_text()
-    for text in ('<h2 id="verdict">Verdict</h2>', 'data-number="gyro.g_sensitivity[2,2]"', "Calibration of log.csv", "<svg"):
+    for text in ('<h2 id="numbers">Numbers</h2>', 'data-number="gyro.g_sensitivity[2,2]"', "Calibration of log.csv", "<svg"):
         assert text in page
     stored = jaxcal.Calibration.load(folder / "log-imu" / "calibration.json")
     np.testing.assert_allclose(stored.imu.gyro.model.bias, document["gyro"]["bias"])

@@ -86,7 +86,7 @@ def joint():
                   "gyro_delay": "delay", "mag_delay": "delay"}  # fmt: skip
     rng, ends = np.random.default_rng(3), slice(None, None, 20)
     count = len(true.time[ends]) - 1
-    findings = DEVICE("undetermined", "magnetometer"), DEVICE("other_axes", axes=f"gyroscope {EVIL}")
+    findings = DEVICE("undetermined", "magnetometer"), DEVICE("other_axes", axes=f"gyroscope {EVIL}", typed="gyro=x,y,-z")
     found = DeviceFit(
         findings=findings, model=model, estimate=Estimate(names, known, np.diag((half / 1.96) ** 2), states=states, quantities=quantities),
         disturbed=((30.5, 35.5),), rests=((18.0, 22.0),), noise={"gyro": 1e-4, "accel": 1e-3, "mag": 2e-7}, reach=0.25, speed=0.3,
