@@ -128,7 +128,7 @@ def _quantile(freedom: float, tail: float) -> float:
         (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / 384,
         (79 * z**9 + 776 * z**7 + 1482 * z**5 - 1920 * z**3 - 945 * z) / 92160,
     )
-    return z + sum(term / freedom**power for power, term in enumerate(series, 1))
+    return z + sum(term * freedom**-power for power, term in enumerate(series, 1))
 
 
 def _root(above: Any, density: Any, tail: float) -> float:

@@ -9,7 +9,10 @@ from .._precision import array_module, is_traced
 
 FINDINGS = table(
     # the answer of a method: the first of them that holds
-    undecided=Kind(FATAL, "Several roots fit the readings and nothing decides between them.", "Give a compass azimuth with {option.hint}."),
+    undecided=Kind(
+        FATAL, "Several roots fit the readings and nothing decides between them.",
+        "Give a rough azimuth with {option.hint}; where the latitude is estimated, give it, or {option.hemisphere}.",
+    ),
     scale_chosen=Kind(NOTE, "Two roots have a positive scale factor; the one with the scale factor nearest 1 is chosen."),
     ambiguous=Kind(CAUTION, "The next root is closer to the chosen one than the hint is accurate; the choice may be wrong."),
     clipped=Kind(
@@ -55,6 +58,22 @@ FINDINGS = table(
     prior_alone=Kind(NOTE, "From the prior alone: {names}."),
     mirrored=Kind(
         NOTE, "Without a z reading, 180 degrees less roll and minus the azimuth give the same readings; the smaller roll is taken.",
+    ),
+    drift=Kind(
+        CAUTION, "The gyro's bias drifts by {size} during the test, which the fit includes: the azimuth would be off by {change} without.",
+        "Let it warm up.", limits=(1e-3,),  # probability of such a drift by chance
+    ),
+    drift_open=Kind(
+        FATAL, "A drift of the gyro's bias shows that these readings cannot tell from the azimuth.",
+        "Measure each position twice, there and back, or let the gyro warm up.",
+    ),
+    tilt=Kind(
+        CAUTION, "The base tilts by {tilt} during the test, which the fit includes: roll and pitch would be off by {change} without. They "
+        "are those of the middle.",
+    ),
+    drift_order=Kind(
+        NOTE, "The azimuth changes by up to {size:.2g} for each deg/h by which the gyro's bias changes in the test.",
+        "Measure in the order {order} deg.", limits=(1.2,),  # times the change with that order
     ),
     # the raw log of a table
     rests=Kind(NOTE, "{count} rests of {least:.4g} to {most:.4g} were found, at {angles} deg.", guess=True),

@@ -16,13 +16,14 @@ from .._special import chi_square_tail
 from ..fitting import Estimate, Fit, solve
 from ..noise import Noise
 from ._closed import WEAK
+from ._drift import TERMS, checked
 from ._findings import FINDINGS, OUTCOMES, decided, findings_of, has_number
 from ._model import ANGLES, Table, Triads, Turntable, names_of, padded, residuals, tabulate, with_angle_errors, with_values
 from ._noise import SENSORS, check_noise, covariance_of, noise_of
 from ._plausible import check_readings
 from ._positions import GRAVITY, POLE, SMALL, Readings, check_gravity, check_latitude, wrap
 from ._result import QUANTITIES, AlignmentFit, know, sizes_of
-from ._start import check_latitude_free, check_names, free_of, initial_guess, priors_of
+from ._start import NEEDED, check_latitude_free, check_names, free_of, initial_guess, priors_of
 
 #: noise that weights the sensors relative to each other if none is given: 50 micro-g sqrt(s), 0.01 deg/sqrt(h)
 _NOMINAL = {"accel": 50e-6 * GRAVITY, "gyro": np.deg2rad(0.01) / 60}
@@ -54,6 +55,11 @@ def fit(
     The fit accepts any positions and mountings, and its accuracy reaches the Cramer-Rao bound. C is the exact covariance of the means over
     the dwells from all terms of the noise (`jaxcal.noise.mean_covariance`); for white noise its diagonal is N^2/T. Errors of the table
     angles (`Positions.angle_std`) correlate the two sensors. A fitted bias is the mean bias over the measured time.
+
+    The fit looks for a drift of the gyro's bias and for a tilting base. It includes what the readings show, and otherwise its errors allow
+    for what they do not exclude; an order of positions in which a drift cancels keeps them small. A drift that you name in `free`, `priors`
+    or `start` turns this off: ``start={"b_g_rate": 0.0}`` says that nothing drifts. Without a given noise, the errors are those of the
+    residuals.
 
     Parameters
     ----------
@@ -136,7 +142,18 @@ def fit(
         noise |= {name: Noise(N=noise[name].N * spare[name][1]) for name in unknown}
     estimated = {name: spare[name][0] for name in unknown if spare[name][0] > _FEWEST}
     freedom = _freedom(solved, table, found, estimated)
-    return _told(found, freedom, readings, options, bool(twofold), [name for name in unknown if name not in estimated])
+    told = _told(found, freedom, readings, options, bool(twofold), [name for name in unknown if name not in estimated])
+    if not TERMS.isdisjoint(options.chosen | options.known):
+        return told  # the caller says what drifts
+
+    def refit(readings: Readings, free: set[str]) -> AlignmentFit:
+        begun = {name: told.estimate[name].value for name in options.chosen}
+        return fit(
+            readings, latitude, free=free, priors=priors, start={**given, **begun}, model=model, hint=hint, hemisphere=hemisphere,
+            gravity=gravity,
+        )  # fmt: skip
+
+    return checked(told, options.chosen, refit)
 
 
 class _Options(eqx.Module):
@@ -285,6 +302,8 @@ def _told(found: AlignmentFit, freedom: np.ndarray, readings: Readings, o: _Opti
     if mirrored and not twofold:
         findings.append(FINDINGS("mirrored"))
     gone = {*found.undetermined, *(() if has_number(found.outcome) else ("psi",))} & o.chosen
+    if twofold:  # roots have different latitudes, or different errors of the gyro
+        gone |= {"psi", "latitude"} if "latitude" in o.chosen else o.chosen & {"psi", *NEEDED["gyro"]}
     gone = o.chosen if OUTCOMES[int(found.outcome)] == "unfinished" else gone
     states = found.estimate.states | dict.fromkeys(gone, "open")
     estimate = Estimate(found.names, found.estimate.values, found.covariance, freedom, states, found.estimate.quantities)

@@ -14,7 +14,7 @@ from .._precision import array_module
 from .._types import AnyArray
 from ..noise import Noise
 from ._noise import Sensor, covariance_of, weight_of
-from ._positions import EARTH_RATE, GRAVITY, Geometry, Positions, Readings, geometry, table_from_nav
+from ._positions import EARTH_RATE, GRAVITY, SMALL, Geometry, Positions, Readings, geometry, table_from_nav
 
 _SMALLEST_PAD = 16
 
@@ -34,6 +34,8 @@ class Turntable(eqx.Module):
     b_a, s_a, b_g, s_g : bias and scale error of the accelerometer (m/s^2) and of the gyro (rad/s).
     ma_a_xy, ma_a_xz, ma_g_xy, ma_g_xz : misalignments towards the first and the second cross axis, rad.
     b_a_rate, b_g_rate : drift of the biases per second; b_a and b_g refer to the middle of the test.
+    b_g_bend, b_g_twist : by how much b_g_rate changes from the middle of the test to its end, antisymmetric and symmetric in time.
+    phi_rate, theta_rate : tilting of the base, rad/s; phi and theta refer to the middle of the test.
     latitude : rad, north positive.
 
     Examples
@@ -62,6 +64,10 @@ class Turntable(eqx.Module):
     ma_g_xz: Any = 0.0
     b_a_rate: Any = 0.0
     b_g_rate: Any = 0.0
+    b_g_bend: Any = 0.0
+    b_g_twist: Any = 0.0
+    phi_rate: Any = 0.0
+    theta_rate: Any = 0.0
     latitude: Any = 0.0
 
     @property
@@ -78,9 +84,13 @@ class Turntable(eqx.Module):
     def truth(self, positions: Any, *, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> tuple[AnyArray, AnyArray]:
         """True specific force (n, 3), m/s^2, and angular rate (n, 3), rad/s, along the sensitive and two cross axes; see `measure`."""
         places = geometry(positions, gravity, lever_arm)
-        down, earth = self.matrix[:, 2], EARTH_RATE * self.earth_rate
-        force = places.force + places.coriolis @ earth - places.gravity * (places.axes @ down)
-        return force, places.rate + places.axes @ earth
+        xp, time = array_module(self, places), places.time
+        # (3, 3, n): the base may tilt during the test
+        matrix = table_from_nav(self.phi + self.phi_rate * time, self.theta + self.theta_rate * time, self.psi + 0 * time)
+        earth = EARTH_RATE * (matrix[:, 0] * xp.cos(self.latitude) - matrix[:, 2] * xp.sin(self.latitude))
+        along = lambda axes, vector: xp.einsum("nij,jn->ni", axes, vector)  # noqa: E731
+        force = places.force + along(places.coriolis, earth) - places.gravity * along(places.axes, matrix[:, 2])
+        return force, places.rate + along(places.axes, earth)
 
     def measure(self, positions: Any, *, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> tuple[AnyArray, AnyArray]:
         """Compute the noise-free readings of the accelerometer (n,), m/s^2, and of the gyro (n,), rad/s.
@@ -95,7 +105,14 @@ class Turntable(eqx.Module):
         xp, (force, rate) = array_module(self, places), self.truth(places)
         accel = force @ xp.stack([xp.asarray(1 + self.s_a), xp.asarray(self.ma_a_xy), xp.asarray(self.ma_a_xz)])
         gyro = rate @ xp.stack([xp.asarray(1 + self.s_g), xp.asarray(self.ma_g_xy), xp.asarray(self.ma_g_xz)])
-        return accel + self.b_a + self.b_a_rate * places.time, gyro + self.b_g + self.b_g_rate * places.time
+        accel = accel + self.b_a + self.b_a_rate * places.time
+        return accel, gyro + _drifting(places.time, self.b_g, self.b_g_rate, self.b_g_bend, self.b_g_twist)
+
+
+def _drifting(time: AnyArray, bias: Any, *slopes: Any) -> AnyArray:
+    """Bias over time: in the middle of the test, its slope there, and changes of the slope until the end, by powers of time."""
+    part = time / array_module(time).maximum(abs(time).max(), SMALL)
+    return bias + time * sum(slope * part**i / (i + 1) for i, slope in enumerate(slopes))
 
 
 class Triads(Turntable):
@@ -110,6 +127,7 @@ class Triads(Turntable):
     Attributes
     ----------
     b_a_y, b_a_z, b_g_y, b_g_z : biases of the y and z axes; b_a and b_g are the biases of the x axes.
+    b_g_rate_y, b_g_bend_y, b_g_twist_y : drift of the y gyro, as those without y are that of the x gyro.
     ma_a_zx, ma_a_zy, ma_g_zx, ma_g_zy : misalignments of the z axes towards x and y, rad.
 
     Examples
@@ -133,13 +151,18 @@ class Triads(Turntable):
     ma_a_zy: Any = 0.0
     ma_g_zx: Any = 0.0
     ma_g_zy: Any = 0.0
+    b_g_rate_y: Any = 0.0
+    b_g_bend_y: Any = 0.0
+    b_g_twist_y: Any = 0.0
 
     def measure(self, positions: Any, *, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> tuple[AnyArray, AnyArray]:
         """Compute the noise-free readings as `Turntable.measure` does, with the bias of each axis and the misalignment of the z axes."""
         places = geometry(positions, gravity, lever_arm)
         xp, readings, truth = array_module(self, places), super().measure(places), self.truth(places)
+        drift = _drifting(places.time, self.b_g, self.b_g_rate, self.b_g_bend, self.b_g_twist)
+        drift_y = _drifting(places.time, self.b_g_y, self.b_g_rate_y, self.b_g_bend_y, self.b_g_twist_y)
         errors = (
-            (self.b_a, self.b_a_y, self.b_a_z, self.ma_a_zx, self.ma_a_zy), (self.b_g, self.b_g_y, self.b_g_z, self.ma_g_zx, self.ma_g_zy),
+            (self.b_a, self.b_a_y, self.b_a_z, self.ma_a_zx, self.ma_a_zy), (drift, drift_y, self.b_g_z, self.ma_g_zx, self.ma_g_zy),
         )  # fmt: skip
         made = []
         for reading, true, (x, y, z, towards_x, towards_y) in zip(readings, truth, errors, strict=True):
@@ -171,8 +194,10 @@ def with_values(model: Any, values: Any) -> Any:
 def turntable(attitude: Any, latitude: Any, accel: Sensor, gyro: Sensor) -> Turntable:
     """Make a `Turntable` from attitude, latitude and the errors of both sensors."""
     (a1, a2), (g1, g2) = accel.misalignment, gyro.misalignment
-    errors = (accel.bias, accel.scale_error, gyro.bias, gyro.scale_error, a1, a2, g1, g2, accel.bias_rate, gyro.bias_rate)
-    return with_values(Turntable(), [*attitude, *errors, latitude])
+    return Turntable(
+        *attitude, accel.bias, accel.scale_error, gyro.bias, gyro.scale_error, a1, a2, g1, g2, accel.bias_rate, gyro.bias_rate,
+        latitude=latitude,
+    )  # fmt: skip
 
 
 class Table(eqx.Module):

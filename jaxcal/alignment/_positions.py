@@ -159,6 +159,7 @@ class Readings(eqx.Module):
         the white noise N (m/s^2 sqrt(s), rad/sqrt(s)), a `NoiseFit` or a `Sensor`; `noise_of` extracts the noise from a calibration.
         The closed-form methods use N only.
     lever_arm : distance of the sensors from the table's axis along body x, m; it matters only while the table turns.
+    parts : readings of the quarters of the same dwells, which show a drift inside them; `from_log` makes them. None without.
 
     Examples
     --------
@@ -175,10 +176,12 @@ class Readings(eqx.Module):
     accel_noise: Any
     gyro_noise: Any
     lever_arm: Any
+    parts: "Readings | None"
 
     def __init__(
-        self, positions: Any, accel: Any = None, gyro: Any = None, *, accel_noise: Any = None, gyro_noise: Any = None, lever_arm: Any = 0.0
-    ):
+        self, positions: Any, accel: Any = None, gyro: Any = None, *, accel_noise: Any = None, gyro_noise: Any = None, lever_arm: Any = 0.0,
+        parts: "Readings | None" = None,
+    ):  # fmt: skip
         self.positions = as_positions(positions)
         for name, values in (("accel", accel), ("gyro", gyro)):
             values = None if values is None else _floats(values, f"{name} readings")
@@ -189,7 +192,7 @@ class Readings(eqx.Module):
             setattr(self, name, values)
         self.accel_noise = by_channel(as_noise(accel_noise, "accelerometer noise"), self.positions)
         self.gyro_noise = by_channel(as_noise(gyro_noise, "gyro noise"), self.positions)
-        self.lever_arm = lever_arm
+        self.lever_arm, self.parts = lever_arm, parts
 
     def white(self, sensor: str) -> Any:
         """White noise N of "accel" or "gyro"; None if unknown."""

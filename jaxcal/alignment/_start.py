@@ -11,13 +11,16 @@ from .._types import AnyArray
 from ._model import Table
 from ._positions import EARTH_RATE, Positions, distance, least_squares, table_from_nav, wrap
 
+#: drift of the gyro's bias, by powers of time; those of the y axis last
+DRIFTS = tuple(f"b_g_{name}{axis}" for axis in ("", "_y") for name in ("rate", "bend", "twist"))
 _ALWAYS = ("phi", "theta", "psi", "b_a", "b_g")
 _OTHER_AXES = ("b_a_y", "b_a_z", "b_g_y", "b_g_z")
 _ANGLES = ("phi", "theta", "psi", "latitude")
 #: sensor -> parameters that cannot be free without this sensor
-_NEEDED = {
-    "accelerometer": ("b_a", "s_a", "ma_a_xy", "ma_a_xz", "b_a_rate", "b_a_y", "b_a_z", "ma_a_zx", "ma_a_zy"),
-    "gyro": ("psi", "b_g", "s_g", "b_g_y", "b_g_z", "ma_g_zx", "ma_g_zy"),
+NEEDED = {
+    "accelerometer": ("b_a", "s_a", "ma_a_xy", "ma_a_xz", "b_a_rate", "b_a_y", "b_a_z", "ma_a_zx", "ma_a_zy",
+                      "phi_rate", "theta_rate"),
+    "gyro": ("psi", "b_g", "s_g", "b_g_y", "b_g_z", "ma_g_zx", "ma_g_zy", *DRIFTS),
 }  # fmt: skip
 _GRID = 360
 
@@ -27,11 +30,11 @@ def free_of(free: Any, priors: Any, positions: Positions, latitude: Any, sensors
     priors = priors or {}
     if free is None:
         names = {*_ALWAYS, *(("s_a", "s_g") if {"z", "-z"} & set(positions.mounting) else ()), *(n for n in _OTHER_AXES if n in known)}
-        for there, needed in zip(sensors, _NEEDED.values(), strict=True):
+        for there, needed in zip(sensors, NEEDED.values(), strict=True):
             names -= set() if there else set(needed)
     else:
         names = {free} if isinstance(free, str) else set(free)
-        for (sensor, needed), there in zip(_NEEDED.items(), sensors, strict=True):
+        for (sensor, needed), there in zip(NEEDED.items(), sensors, strict=True):
             lacking = [name for name in needed if name in names | set(priors)]
             if not there and lacking:
                 raise DataError(f"There are no {sensor} readings, and {', '.join(lacking)} cannot be free without.", code="no_sensor")

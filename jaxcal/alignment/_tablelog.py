@@ -24,6 +24,7 @@ from ._result import AlignmentFit
 _NO_MOVE, _ASIDE, _DIFFER = np.deg2rad(1.0), 0.05, np.deg2rad(5.0)
 _BUMP = 2.0  # s; shorter interruptions of a rest, with the window of the detector, are not moves to another position
 _SKEW = 5e-3  # rad: standard deviation of the angle between the z axes and the axis of the moves
+_PARTS = 4  # of a rest, which show a drift inside it: they hold 15/16 of what a slope tells
 _AXES = "xyz"
 
 
@@ -182,7 +183,7 @@ def _moves(samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, 
     gyro = samples.get("gyro")
     if gyro is None or gyro.shape[1] != 3:
         return None, np.eye(3)
-    means = np.array([np.nanmean(gyro[i:j], axis=0) for i, j in zip(start, stop, strict=True)])
+    means = _means(gyro, start, stop)
     vectors = []
     for k in range(len(start) - 1):
         part = gyro[stop[k] : start[k + 1]]
@@ -208,7 +209,7 @@ def _moves(samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, 
         )
     accel = samples.get("accel")
     if accel is not None and accel.shape[1] == 3:
-        force = np.array([np.nanmean(accel[i:j], axis=0) for i, j in zip(start, stop, strict=True)])
+        force = _means(accel, start, stop)
         check_norm(force)
         axis = -axis if force.mean(axis=0) @ axis > 0 else axis
     elif axis[np.argmax(np.abs(axis))] < 0:
@@ -279,28 +280,39 @@ def _gathered(
     spread: np.ndarray, frame: np.ndarray, told: dict[str, Any], notes: list[Finding],
 ) -> TableLog:  # fmt: skip
     """Collect the means of every rest and axis as readings, with the model, its free parameters and priors."""
-    count, words = len(start), ("x", "y", "fixed z") if _three(samples) else ("x",)
-    values: dict[str, np.ndarray] = {}
-    for name, x in samples.items():
-        means = np.array([np.nanmean(x[i:j], axis=0) for i, j in zip(start, stop, strict=True)])
-        if means.shape[1] == 3:
-            means = means @ frame.T
-        values[name] = np.full((count, len(words)), np.nan)
-        values[name][:, : means.shape[1]] = means
+    words = ("x", "y", "fixed z") if _three(samples) else ("x",)
     if not np.allclose(frame, np.eye(3)):
         told = {name: mixed(one, frame) if isinstance(one, tuple) else one for name, one in told.items()}
         off = float(np.arccos(np.clip(np.abs(frame[2, 2]), 0, 1)))
         notes += FINDINGS.over("axis_tilted", off, tilt=Quantity(off, "angle"))
-    dwell = np.repeat((stop - start) / rate, len(words))
-    rows = np.repeat(np.eye(count), len(words), axis=0)
-    covariance = rows @ spread @ rows.T
-    places = Positions(
-        np.repeat(angle, len(words)), words * count, dwell, np.repeat(time[start], len(words)),
-        angle_std=covariance if spread.any() else None,
-    )  # fmt: skip
-    readings = Readings(places, *(None if name not in values else values[name].ravel() for name in ("accel", "gyro")), **told)
+
+    def averaged(start: np.ndarray, stop: np.ndarray, rest: np.ndarray, **more: Any) -> Readings:
+        """Readings of stretches of the log, each in one of the rests."""
+        values: dict[str, np.ndarray] = {}
+        for name, x in samples.items():
+            means = _means(x, start, stop)
+            values[name] = np.full((len(start), len(words)), np.nan)
+            values[name][:, : means.shape[1]] = means @ frame.T if means.shape[1] == 3 else means
+        rows = np.repeat(np.eye(len(angle))[rest], len(words), axis=0)
+        places = Positions(
+            np.repeat(angle[rest], len(words)), words * len(start), np.repeat((stop - start) / rate, len(words)),
+            np.repeat(time[start], len(words)), angle_std=rows @ spread @ rows.T if spread.any() else None,
+        )  # fmt: skip
+        return Readings(places, *(None if name not in values else values[name].ravel() for name in ("accel", "gyro")), **told, **more)
+
+    edges = np.linspace(start, stop, _PARTS + 1, axis=1).astype(int)
+    rests = np.arange(len(start))
+    parts = averaged(edges[:, :-1].ravel(), edges[:, 1:].ravel(), np.repeat(rests, _PARTS))
+    readings = averaged(start, stop, rests, parts=parts)
     priors = {f"ma_{name[0]}_z{axis}": _SKEW for name, x in samples.items() if x.shape[1] == 3 for axis in "xy"}
     return TableLog(readings, Triads() if len(words) == 3 else Turntable(), _free(samples), priors, start, stop, angle, frame, tuple(notes))
+
+
+def _means(x: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
+    """(k, axes) means over stretches; NaN where nothing was measured."""
+    total, count = (np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(one, axis=0)]) for one in (np.nan_to_num(x), np.isfinite(x)))
+    count = count[stop] - count[start]
+    return (total[stop] - total[start]) / np.where(count, count, np.nan)
 
 
 def _free(samples: dict[str, np.ndarray]) -> tuple[str, ...]:

@@ -1,0 +1,143 @@
+"""What a fit leaves out (host): drifts of the biases and a tilting base, what they change, and the order of positions that defeats them."""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from .._answer import Finding, Quantity
+from .._special import chi_square_tail, f_tail
+from ..fitting import Estimate
+from ._findings import FINDINGS, has_number
+from ._positions import ROUNDING, Positions, Readings, geometry, wrap
+from ._result import AlignmentFit
+from ._start import DRIFTS
+
+#: parameters of what may change during the test; the twist is tried where a smoother drift was found
+_TILT, _SMOOTH, _TWIST = ("phi_rate", "theta_rate"), DRIFTS[::3] + DRIFTS[1::3], DRIFTS[2::3]
+TERMS = frozenset((*_TILT, *DRIFTS))
+_DEG_PER_HOUR = np.deg2rad(1.0) / 3600
+_OPPOSITE = 0.1  # rad: positions this close to a half turn apart are a pair
+(_SHOWN,) = FINDINGS["drift"].limits
+
+
+def checked(found: AlignmentFit, free: set[str], refit: Callable[..., AlignmentFit]) -> AlignmentFit:
+    """A fit after a look for drifts: with those that the readings show; the errors hold those that they do not exclude.
+
+    With the terms, the fit is x_1 +- C_1, without them x_0, whose error is then C_1 + (x_1 - x_0)(x_1 - x_0)' for whatever values of
+    the terms the readings allow. x_0 is kept, because it is the better one without a drift.
+
+    Parameters
+    ----------
+    found : the fit without terms. free : names of its free parameters.
+    refit : (readings, free) -> fit of these readings with these free parameters, without such a look.
+    """
+    first, readings = found, found.readings
+    if readings.parts is not None:
+        readings = dataclasses.replace(readings.parts, accel_noise=readings.accel_noise, gyro_noise=readings.gyro_noise)
+    usable = lambda one: has_number(one.outcome) and not np.any(one.lost)  # noqa: E731
+    allowed, lacking = np.zeros_like(found.covariance), False
+    for sensor, group in (("accel", _TILT), ("gyro", _SMOOTH), ("gyro", _TWIST)):
+        wanted = tuple(name for name in group if name in found.names)
+        terms = _determined(readings, sensor, wanted)
+        if not terms or not usable(found) or (group is _TWIST and free.isdisjoint(_SMOOTH)):
+            continue
+        full = refit(readings, free.union(terms))
+        if not usable(full):
+            continue
+        if _level(full, terms) < _SHOWN:
+            found, free, lacking = full, free.union(terms), lacking or len(terms) < len(wanted)
+        elif found.noise_known:
+            change, keep = _change(found, full), np.isin(found.names, list(free))
+            allowed += np.where(np.outer(keep, keep), full.covariance - found.covariance + np.outer(change, change), 0.0)
+    old, more = found.estimate, _order(first)
+    said, states = _said(first, found, free), old.states
+    if not free.isdisjoint(_SMOOTH) and (lacking or "misfit" in found.codes):
+        said, states = [FINDINGS("drift_open", "gyro"), *said], states | {"psi": "open"}
+    estimate = Estimate(old.names, old.values, old.matrix + allowed, old.freedom, states, old.quantities)
+    return dataclasses.replace(found, estimate=estimate, findings=(*found.findings, *said, *more))
+
+
+def _determined(readings: Readings, sensor: str, terms: tuple[str, ...]) -> tuple[str, ...]:
+    """The terms that readings of a sensor determine beside offset and two harmonics; of a drift, the rates at least."""
+    values, channel = getattr(readings, sensor), readings.positions.channel
+    spare = 0 if values is None else np.count_nonzero(np.isfinite(np.asarray(values)) & (channel == 0)) - 3
+    axes = len(np.unique(channel[channel < 2])) if sensor == "gyro" else 1
+    return terms if spare * axes >= len(terms) else terms[:axes] if sensor == "gyro" and spare > 0 else ()
+
+
+def _change(found: AlignmentFit, full: AlignmentFit) -> np.ndarray:
+    """(p,) change of the parameters by the terms."""
+    change = np.asarray(full.estimate.values) - np.asarray(found.estimate.values)
+    return np.concatenate([wrap(change[:3]), change[3:]])
+
+
+def _level(full: AlignmentFit, terms: tuple[str, ...]) -> float:
+    """Probability of such terms by chance."""
+    at = [full.names.index(term) for term in terms]
+    values, freedom = np.asarray(full.estimate.values)[at], float(full.estimate.freedom[at].min())
+    root = np.sqrt(np.diag(full.covariance)[at])
+    square = float(values / root @ np.linalg.solve(np.asarray(full.covariance)[np.ix_(at, at)] / np.outer(root, root), values / root))
+    return float(chi_square_tail(square, len(at)) if np.isinf(freedom) else f_tail(square / len(at), len(at), freedom))
+
+
+def _said(first: AlignmentFit, found: AlignmentFit, free: set[str]) -> list[Finding]:
+    """Findings about the terms that were added to the first fit."""
+    places, change = found.readings.positions, _change(first, found)
+    time = float(np.max(places.start + places.dwell) - np.min(places.start))
+    size = {name: abs(float(found.estimate.values[found.names.index(name)])) * time for name in TERMS & free}
+    said = []
+    if not free.isdisjoint(_SMOOTH):
+        largest = max(size[name] for name in _SMOOTH if name in size)
+        said.append(FINDINGS("drift", "gyro", size=Quantity(largest, "B.gyro"), change=Quantity(abs(float(change[2])), "angle")))
+    if not free.isdisjoint(_TILT):
+        off = Quantity(float(np.hypot(*change[:2])), "angle")
+        said.append(FINDINGS("tilt", "accel", tilt=Quantity(float(np.hypot(*(size[name] for name in _TILT))), "angle"), change=off))
+    return said
+
+
+def _order(found: AlignmentFit) -> list[Finding]:
+    """What a drift of the gyro's bias does to the azimuth, and the order of positions that it hurts less."""
+    places = found.readings.positions
+    if found.parameters.get("psi") is None or found.readings.gyro is None:
+        return []
+    here = np.isfinite(np.asarray(found.readings.gyro))
+    order = there_and_back(np.asarray(places.angle)[here & (places.channel == 0)])
+    words = tuple(dict.fromkeys(places.mounting))
+    better = Positions(np.repeat(order, len(words)), words * len(order), dwell=1.0)
+    now, then = (_sensitivity(found, *one) for one in ((places, here), (better, np.ones(len(better), dtype=bool))))
+    shown = ", ".join(f"{round(angle, 1):g}" for angle in np.rad2deg(order))
+    return FINDINGS.over("drift_order", now / then, size=Quantity(now, "angle"), order=shown)
+
+
+def there_and_back(angle: np.ndarray) -> np.ndarray:
+    """Table angles in the order a, a + 180, a + 180, a for each pair of opposite ones, or all forth and back.
+
+    Of the 2,520 orders of twice 0, 90, 180 and 270 degrees, it leaves least of a linear drift, of a quadratic one and of a step.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.alignment._drift import there_and_back
+    >>> np.rad2deg(there_and_back(np.deg2rad([0, 90, 180, 270]))).round()
+    array([  0., 180., 180.,   0.,  90., 270., 270.,  90.])
+    """
+    distinct = np.unique(np.round(np.mod(angle, 2 * np.pi), 3))
+    pairs = [(a, b) for a in distinct for b in distinct if a < b and abs(b - a - np.pi) < _OPPOSITE]
+    forth = [(a, b, b, a) for a, b in pairs] if 2 * len(pairs) == len(distinct) else [distinct, distinct[::-1]]
+    return np.concatenate(forth)
+
+
+def _sensitivity(found: AlignmentFit, places: Positions, here: np.ndarray) -> float:
+    """Largest change of the azimuth (rad) if a bias of the gyro changes by 1 deg/h: evenly over the test, or in one step."""
+    time, channel = np.asarray(places.start) + np.asarray(places.dwell) / 2, places.channel
+    weight = np.where(here, np.asarray(places.dwell), 0.0)
+    # readings are first harmonics of the azimuth, too
+    ends = [dataclasses.replace(found.model, psi=found.model.psi + turn * np.pi / 2) for turn in (1, -1)]
+    slope = np.subtract(*(np.asarray(one.measure(geometry(places))[1]) for one in ends)) / 2
+    axes = [channel == i for i in np.unique(channel)]
+    for own in axes:
+        slope[own] -= np.average(slope[own], weights=weight[own] + ROUNDING)
+    gain = weight * slope / np.sum(weight * slope**2)
+    shapes = [(time - time.min()) / max(np.ptp(time), ROUNDING), *(time >= moment for moment in np.unique(time)[1:])]
+    return max(abs(float(np.sum((gain * shape)[own]))) for shape in shapes for own in axes) * _DEG_PER_HOUR
