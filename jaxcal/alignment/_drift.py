@@ -35,17 +35,20 @@ def checked(found: AlignmentFit, free: set[str], refit: Callable[..., AlignmentF
     first, readings = found, found.readings
     if readings.parts is not None:
         readings = dataclasses.replace(readings.parts, accel_noise=readings.accel_noise, gyro_noise=readings.gyro_noise)
+    inside = found.readings.parts is not None
     usable = lambda one: has_number(one.outcome) and not np.any(one.lost)  # noqa: E731
     allowed, lacking = np.zeros_like(found.covariance), False
     for sensor, group in (("accel", _TILT), ("gyro", _SMOOTH), ("gyro", _TWIST)):
         wanted = tuple(name for name in group if name in found.names)
         terms = _determined(readings, sensor, wanted)
-        if not terms or not usable(found) or (group is _TWIST and free.isdisjoint(_SMOOTH)):
+        # without a given noise, and for a tilt, readings inside the rests decide: errors of the table's angles scatter the rests as well
+        within = sensor == "accel" or not found.noise_known
+        if not terms or not usable(found) or (group is _TWIST and free.isdisjoint(_SMOOTH)) or within > inside:
             continue
         full = refit(readings, free.union(terms))
         if not usable(full):
             continue
-        if _level(full, terms) < _SHOWN:
+        if (_inside(found, readings, sensor, terms) if within else _level(full, terms)) < _SHOWN:
             found, free, lacking = full, free.union(terms), lacking or len(terms) < len(wanted)
         elif found.noise_known:
             change, keep = _change(found, full), np.isin(found.names, list(free))
@@ -75,10 +78,30 @@ def _change(found: AlignmentFit, full: AlignmentFit) -> np.ndarray:
 def _level(full: AlignmentFit, terms: tuple[str, ...]) -> float:
     """Probability of such terms by chance."""
     at = [full.names.index(term) for term in terms]
-    values, freedom = np.asarray(full.estimate.values)[at], float(full.estimate.freedom[at].min())
-    root = np.sqrt(np.diag(full.covariance)[at])
-    square = float(values / root @ np.linalg.solve(np.asarray(full.covariance)[np.ix_(at, at)] / np.outer(root, root), values / root))
-    return float(chi_square_tail(square, len(at)) if np.isinf(freedom) else f_tail(square / len(at), len(at), freedom))
+    values, root = np.asarray(full.estimate.values)[at], np.sqrt(np.diag(full.covariance)[at])
+    correlation = np.asarray(full.covariance)[np.ix_(at, at)] / np.outer(root, root)
+    return float(chi_square_tail(float(values / root @ np.linalg.solve(correlation, values / root)), len(at)))
+
+
+def _inside(found: AlignmentFit, parts: Readings, sensor: str, terms: tuple[str, ...]) -> float:
+    """Probability by chance of what the terms explain of the changes inside the rests."""
+    size = 1e-3 * _DEG_PER_HOUR  # of a term, in SI: the readings are linear in them
+    models = [found.model, *(dataclasses.replace(found.model, **{term: getattr(found.model, term) + size}) for term in terms)]
+    made = np.array([one.measure(parts.positions)[sensor == "gyro"] for one in models])
+    y, rows = np.asarray(getattr(parts, sensor)) - made[0], ((made[1:] - made[0]) / size).T
+    rest = len(parts.positions) // len(np.unique(found.readings.positions.start))
+    label = np.arange(len(y)) // rest * 3 + parts.positions.channel
+    here = np.isfinite(y)
+    part = (label[here, None] == np.unique(label[here])).astype(float)
+    clear = lambda x: x - part @ (part.T @ x / part.sum(axis=0).reshape(-1, *[1] * (x.ndim - 1)))  # noqa: E731
+    y, rows = clear(y[here]), clear(rows[here])
+    rows = rows / np.maximum(np.linalg.norm(rows, axis=0), ROUNDING)
+    explained = rows @ np.linalg.lstsq(rows, y, rcond=None)[0]
+    square, left, freedom = float(np.sum(explained**2)), float(np.sum((y - explained) ** 2)), len(y) - part.shape[1] - len(terms)
+    variance = parts.variance(sensor)
+    if variance is not None:
+        return float(chi_square_tail(square / float(np.mean(np.asarray(variance)[here])), len(terms)))
+    return float(f_tail(square / len(terms) / (left / freedom), len(terms), freedom)) if freedom > 0 else 1.0
 
 
 def _said(first: AlignmentFit, found: AlignmentFit, free: set[str]) -> list[Finding]:
