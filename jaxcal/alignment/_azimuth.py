@@ -45,8 +45,8 @@ class Azimuth(Result):
     >>> found = azimuth(readings, np.deg2rad([2.0, -1.0]), 0.6, method="opposed")
     >>> print(found.psi, np.rad2deg(found.roots).round(3))
     None [-40.  40.]
-    >>> found.reason
-    'no azimuth Several roots fit the readings and nothing decides between them. Give a compass azimuth with hint=.'
+    >>> found.reason[:55]
+    'no azimuth Several roots fit the readings and nothing d'
     """
 
     psi: Any

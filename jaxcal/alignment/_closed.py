@@ -1,5 +1,6 @@
 """Closed forms of the azimuth: pure functions of readings in units of the Earth's rate; most solve a sin(psi) + b cos(psi) = c."""
 
+import dataclasses
 from collections.abc import Callable
 
 import equinox as eqx
@@ -216,35 +217,20 @@ def _positive(found: Roots, scale: Array) -> Roots:
 
 
 def scale_first(x: Array, covariance: Array, lat: Array) -> Closed:
-    """Equations (61) to (67), solved for 1/S."""
-    by_angle = solve(lambda x: _ratio(x, lat), x, covariance)
-    b, w1, w2 = _scaled(x)
+    """Equations (61) to (67): the roots of `bias_and_scale`, with the linear approximation (66) of the scale."""
+    made, flat = bias_and_scale(x, covariance, lat), _flat(x)
+    _, w1, w2 = _scaled(x)
     sf, cf, st, ct = _trig(x)
-    flat = _flat(x)
     cf, ct = jnp.where(flat, 1, cf), jnp.where(flat, 1, ct)
     sl, cl = jnp.sin(lat), jnp.cos(lat)
     tf, tt, tl = sf / cf, st / ct, sl / cl
     p, q = w1 * tt * tf - w2 / cf, tl * tf / ct
-    leading = p**2 + (w1 / ct) ** 2
-    middle = -2 * (p * q + w1 * tl * tt / ct)
-    last = (1 - (sl / (ct * cf)) ** 2) / cl**2
-    root = root_of(middle**2 + 4 * leading * last)
-    # numerically stable form of both roots, without differences of nearly equal numbers
-    half = -(middle + jnp.where(middle < 0, -root, root)) / 2
-    empty = flat | (leading < ROUNDING**2)
-    inverse = jnp.stack([half / jnp.where(empty, 1, leading), jnp.where(half == 0, 0, -last / jnp.where(half == 0, 1, half))])
-    psi = jnp.arctan2(inverse * p - q, inverse * w1 / ct - tl * tt)
-    positive = inverse > 0
-    scale = jnp.where(positive, 1 / (jnp.where(positive, inverse, 1) * cl), 0)
-    # these are the roots of `bias_and_scale` in another order, so use their standard deviations
-    near = jnp.argmin(jnp.abs(jnp.sin((psi[:, None] - by_angle.roots[None, :]) / 2)), axis=1)
-    lean = last * cl**2
+    # x = 1 / (S cos(lat)) solves leading x^2 + middle x = lean / cos(lat)^2
+    leading, middle, lean = p**2 + (w1 / ct) ** 2, -2 * (p * q + w1 * tl * tt / ct), 1 - (sl / (ct * cf)) ** 2
     approx = 1 + (-lean + leading + middle * cl) / jnp.where(2 * lean == middle * cl, 1, 2 * lean - middle * cl)
-    found = Roots(
-        psi, by_angle.std[near], by_angle.real[near] & positive & ~empty, by_angle.degenerate | empty,
-        by_angle.infeasible | (~jnp.any(positive) & ~empty), by_angle.clipped, by_angle.merged[near], by_angle.weak,
-    )  # fmt: skip
-    return Closed(found, bias=b, scale=scale, scale_approx=approx)
+    empty = flat | (leading < ROUNDING**2)
+    found = dataclasses.replace(made.found, real=made.found.real & (made.scale > 0) & ~empty, degenerate=made.found.degenerate | empty)
+    return Closed(found, bias=made.bias, scale=jnp.where(made.scale > 0, made.scale, 0), scale_approx=approx)
 
 
 def triad(x: Array, covariance: Array, lat: Array) -> Closed:

@@ -19,8 +19,8 @@ from .._precision import host_float64, is_traced
 from .._types import Array
 from ._bound import given_noise, jacobian_at
 from ._model import NAMES, Table, Turntable, padded, turntable
-from ._noise import IDEAL, covariance_of, weight_of, white_alone
-from ._positions import GRAVITY, MOUNTINGS, SMALL, Positions, check_gravity, check_latitude, checked_attitude, geometry, table_from_nav
+from ._noise import IDEAL, covariance_of, weight_of
+from ._positions import GRAVITY, SMALL, Positions, check_gravity, check_latitude, checked_attitude, geometry, table_from_nav
 from ._start import free_of, priors_of
 
 _STARTS, _NUDGE = 4, 0.1  # number of starts of the search, and their scatter in rad and in logarithms of shares
@@ -33,23 +33,20 @@ class Plan(Result):
     ----------
     positions : `Positions` in the order of measurement, with their dwells and starts.
     azimuth_std : (k,) bound of the azimuth's standard deviation for each attitude, rad.
-    compared : name -> value of the criterion for other plans with the same total time: uniform turns and the best pair.
-    criterion : minimised root of the mean variance over the attitudes, rad. gain : value of four uniform positions divided by `criterion`.
+    criterion : minimised root of the mean variance over the attitudes, rad.
 
     Examples
     --------
     >>> import numpy as np
     >>> from jaxcal.alignment import plan
     >>> found = plan(240.0, 0.6, attitude=np.deg2rad([1.0, 2.0, 88.0]), accel_noise=5e-4, gyro_noise=3e-6)
-    >>> print(sorted(found.compared), bool(found.criterion <= min(found.compared.values())))
-    ['pair', 'pair after 10 % of a uniform turn', 'pair after 30 % of a uniform turn', 'uniform 3', 'uniform 4', 'uniform 6'] True
+    >>> len(found.positions), round(float(found.positions.dwell.sum()))
+    (6, 240)
     """
 
     positions: Positions
     azimuth_std: Any
-    compared: dict[str, float]
     criterion: float
-    gain: float
     findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
     @property
@@ -58,14 +55,13 @@ class Plan(Result):
         return f"azimuth to {math.degrees(self.criterion):.3g} deg (1 sigma)"
 
     def sections(self) -> list[Section]:
-        """The positions, and the value of other plans."""
+        """The positions."""
         places = zip(np.rad2deg(self.positions.angle), self.positions.mounting, self.positions.dwell, strict=True)
         rows = [
             (f"{angle:.2f} deg, {word}", Number(f"dwell[{i}]", float(dwell), quantity="time"))
             for i, (angle, word, dwell) in enumerate(places)
         ]
-        others = [(name, Number(name, value, quantity="angle")) for name, value in self.compared.items()]
-        return [listed("plan", "time at each position", rows), listed("others", "azimuth of other plans (1 sigma)", others, detail=True)]
+        return [listed("plan", "time at each position", rows)]
 
 
 @host_float64
@@ -89,8 +85,7 @@ def plan(
 
     .. math:: \min_{\tau, z} \log\sigma_\psi(\tau, T),\qquad T_k = T\,\mathrm{softmax}(z)_k
 
-    The search follows the gradient of the Cramer-Rao bound of the joint fit from several starts. The result is never worse than the plans
-    in `compared`.
+    The search follows the gradient of the Cramer-Rao bound of the joint fit from several starts.
 
     Parameters
     ----------
@@ -120,8 +115,8 @@ def plan(
     >>> from jaxcal.alignment import plan
     >>> arw = np.deg2rad(0.01) / 60
     >>> found = plan(240.0, np.deg2rad(35.0), attitude=np.deg2rad([1.0, 2.0, 88.0]), accel_noise=5e-4, gyro_noise=arw)
-    >>> print(round(found.gain, 3))
-    1.414
+    >>> print(np.rad2deg(found.criterion).round(3))
+    0.18
 
     References
     ----------
@@ -190,11 +185,6 @@ class _Design(eqx.Module):
         value, slope = _gradient(jnp.asarray(p), places, jnp.asarray(order), dwell, self.free, *self.bound)
         return float(value), np.asarray(slope)
 
-    def value(self, angles: np.ndarray, shares: np.ndarray) -> float:
-        """Standard deviation of the azimuth by the criterion; infinite if the positions do not determine it."""
-        value = self.objective(np.concatenate([angles, np.log(np.maximum(shares, 1e-300))]))[0]
-        return float(np.exp(value)) if np.isfinite(value) and np.exp(value) < np.pi * 1e3 else np.inf
-
     @property
     def moves(self) -> np.ndarray:
         """Time of all moves before each visit, s."""
@@ -202,17 +192,9 @@ class _Design(eqx.Module):
         step[len(self.words) - 1] *= not self.mirrored
         return np.cumsum(np.append(0.0, step[:-1]))
 
-    @property
-    def any_order(self) -> bool:
-        """Whether the order of the positions is irrelevant, because no bias drifts and all noise is white."""
-        drifts = any(free and name.endswith("_rate") for name, free in zip(NAMES, self.free, strict=True))
-        return not drifts and all(map(white_alone, self.bound[1]))
-
     def positions(self, angles: np.ndarray, shares: np.ndarray) -> Positions:
-        """`Positions` for angles and shares; sorted by mounting and angle if the order is irrelevant."""
+        """`Positions` for angles and shares."""
         angles, count, order = np.mod(angles, 2 * np.pi), len(self.words), self.order
-        if self.any_order:
-            order = np.lexsort((angles, np.array([tuple(MOUNTINGS).index(word) for word in self.words])))[order]
         dwell = self.time * (self.least + (1 - self.least * count) * shares)[order] / (len(order) / count)
         return Positions(angles[order], tuple(self.words[i] for i in order), dwell, np.cumsum(dwell) - dwell + self.moves)
 
@@ -226,59 +208,29 @@ def _searched(design: _Design, tau: float, seed: int) -> Plan:
             "more time or fewer positions.",
             code="too_short",
         )
-    listed, starts = _listed(design.words, tau), _starts(design.words, seed)
-    values = {name: design.value(*pair) for name, pair in listed.items()}
-    if not np.isfinite(design.value(*starts[0])):
-        raise DataError("These mountings do not determine every free parameter; add positions or priors.", code="undetermined")
-    best, value = starts[0], np.inf
-    for angles, shares in [*starts, *listed.values()]:
-        if not np.isfinite(design.value(angles, shares)):
-            continue
-        start = np.concatenate([angles, np.log(np.maximum(shares, 1e-3))])
+    starts = _starts(design.words, tau, seed)
+    best, value = starts[0], np.log(np.pi * 1e3)  # more than any azimuth: not determined
+    for angles, shares in starts:
+        start = np.concatenate([angles, np.log(shares)])
         options = {"maxiter": 400, "ftol": 1e-12, "gtol": 1e-7}
         found = scipy.optimize.minimize(design.objective, start, jac=True, method="L-BFGS-B", options=options)
         if np.isfinite(found.fun) and found.fun < value:
             best, value = (found.x[:count], scipy.special.softmax(found.x[count:])), found.fun
-    # use a listed plan if the search did not find a better one
-    for name, pair in listed.items():
-        if np.log(values[name]) < value:
-            best, value = pair, np.log(values[name])
+    if best is starts[0]:
+        raise DataError("These mountings do not determine every free parameter; add positions or priors.", code="undetermined")
     positions = design.positions(*best)
     stds = np.sqrt(np.asarray(_variances(padded(positions), len(positions), design.free, *design.bound)))
-    criterion = float(np.exp(value))
-    return Plan(positions, stds, values, criterion, values["uniform 4"] / criterion)
+    return Plan(positions, stds, float(np.exp(value)))
 
 
-def _starts(words: tuple[str, ...], seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Starts near uniform angles for every mounting; exactly uniform angles are avoided, because the gradient may vanish there."""
+def _starts(words: tuple[str, ...], tau: float, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Starts near uniform angles from tau on for every mounting; exactly uniform ones are avoided, where the gradient may vanish."""
     rng, angles = np.random.default_rng(seed), np.zeros(len(words))
     for word in set(words):
         here = [i for i, other in enumerate(words) if other == word]
-        angles[here] = 2 * np.pi * np.arange(len(here)) / len(here)
+        angles[here] = tau + 2 * np.pi * np.arange(len(here)) / len(here)
     nudges = _NUDGE * rng.normal(size=(_STARTS, 2, angles.size))
     return [(angles + nudge, scipy.special.softmax(share)) for nudge, share in nudges]
-
-
-def _listed(words: tuple[str, ...], tau: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Simple plans with these mountings: uniform turns, and the best pair after a short uniform turn."""
-    plane = [i for i, word in enumerate(words) if word == "x"]
-    count, n, made = len(words), len(plane), {}
-
-    def add(name: str, turned: np.ndarray, weights: np.ndarray) -> None:
-        angles, shares = np.zeros(count), np.full(count, 1 / count)
-        angles[plane], shares[plane] = turned, n / count * weights
-        made[name] = (angles, shares / shares.sum())
-
-    for name, size in (("uniform 3", 3), ("uniform 4", 4), (f"uniform {n}", n)):
-        place = np.arange(n) % max(size, 1)
-        add(name, 2 * np.pi * place / max(size, 1), 1 / size / np.bincount(place, minlength=size)[place] if n else np.ones(0))
-    if n >= 6:
-        turned = tau + np.concatenate([np.pi / 2 * np.arange(4), np.pi * np.arange(n - 4)])
-        for turn in (0.0, 0.1, 0.3):
-            part = max(turn, 4e-6)
-            weights = np.repeat([part / 4, (1 - part) / (n - 4)], [4, n - 4])
-            add("pair" if turn == 0 else f"pair after {100 * turn:.0f} % of a uniform turn", turned, weights)
-    return made
 
 
 @filter_jit
