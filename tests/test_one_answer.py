@@ -156,13 +156,3 @@ def test_a_log_of_a_table_has_one_answer(tmp_path, capsys, monkeypatch, command,
 def test_a_real_log_has_one_answer(tmp_path, capsys, monkeypatch, reference, name):
     command, most, *options = REAL[name]
     check(Answer(tmp_path, capsys, monkeypatch, command, reference / "data" / name, ("--force", *options)), most)
-
-
-def test_one_unit_changes_everywhere(tmp_path, capsys):
-    log = tmp_path / "log.csv"
-    assert main(["simulate", "mag", "--samples", "300", "--out", str(log)]) == 0
-    capsys.readouterr()
-    assert main(["mag", str(log), "--out", str(tmp_path / "out"), "--unit", "nT"]) == 0
-    said = capsys.readouterr().out
-    assert "nT" in said
-    assert "uT" not in said

@@ -1,4 +1,4 @@
-"""Files written by jaxcal are read back: writing again gives the same bytes, values are those printed, and damaged files are refused."""
+"""Files written by jaxcal are read back: writing again gives the bytes that `test_formulas` checks; damaged files are refused."""
 
 import pathlib
 import struct
@@ -52,7 +52,11 @@ def test_openvins_comes_back_but_for_its_frame(tmp_path):
     device = made(1)
     write(device, tmp_path / "a", format="openvins")
     accel, gyro = (part.model.matrix for part in device.imu.parts.values())
-    found = [part.model.matrix for part in read(tmp_path / "a", format="openvins").imu.parts.values()]
+    again = read(tmp_path / "a", format="openvins")
+    np.testing.assert_allclose(
+        [again.noise.gyro.N[0], again.noise.accel.K[0]], [device.noise.gyro.N.max(), device.noise.accel.K.max()], rtol=1e-8
+    )
+    found = [part.model.matrix for part in again.imu.parts.values()]
     np.testing.assert_allclose(found[0] @ np.linalg.inv(found[1]), accel @ np.linalg.inv(gyro), rtol=0, atol=5e-9)
     np.testing.assert_allclose(found[0] @ found[0].T, accel @ accel.T, rtol=0, atol=5e-9)
 
@@ -67,31 +71,6 @@ def test_imu_tk_comes_back(golden, tmp_path, seed):
         assert (tmp_path / f"a_{suffix}.calib").read_bytes() == (tmp_path / f"b_{suffix}.calib").read_bytes()
         np.testing.assert_allclose(getattr(again.imu, sensor).model.matrix, getattr(device.imu, sensor).model.matrix, rtol=0, atol=1e-11)
         assert list(read(tmp_path / f"a_{suffix}.calib", format="imu_tk").imu.parts) == [sensor]
-
-
-def test_values_are_those_that_were_printed(golden, tmp_path):
-    device = made(4)
-    for format in ("csv", "ros"):
-        write(device, tmp_path / "a", format=format)
-        found = read(tmp_path / "a", format=format)
-        for sensor in ("accel", "gyro"):
-            for name in ("matrix", "bias"):
-                values = (getattr(one.imu.parts[sensor].model, name) for one in (found, device))
-                np.testing.assert_allclose(*values, rtol=2e-8, atol=1e-10)
-            np.testing.assert_allclose(getattr(found.noise, sensor).N, getattr(device.noise, sensor).N, rtol=1e-8)
-        np.testing.assert_allclose(found.magnetometer.model.soft_iron, device.magnetometer.model.soft_iron, rtol=0, atol=5e-9)
-    write(device, tmp_path / "a", format="csv")
-    found = read(tmp_path / "a", format="csv")
-    np.testing.assert_allclose(found.temperature.powers("gyro"), device.temperature.powers("gyro"), rtol=1e-8)
-    assert found.temperature.reference == 35.0
-    for format in ("kalibr", "vins", "orbslam3", "openvins"):
-        write(golden, tmp_path / "a", format=format)
-        noise = read(tmp_path / "a", format=format).noise
-        assert noise.rate == 200.0
-        np.testing.assert_allclose([noise.gyro.N, noise.gyro.K, noise.accel.N, noise.accel.K],
-                                   np.outer([1.8e-4, 2.4e-6, 2.1e-3, 3.2e-5], np.ones(3)), rtol=1e-8)  # fmt: skip
-    write(device, tmp_path / "a", format="px4")
-    assert read(tmp_path / "a", format="px4").device == {"px4": {"accel_id": 7, "gyro_id": 8, "mag_id": 9}}
 
 
 def test_several_instances_in_one_file(golden, tmp_path, refuses):
