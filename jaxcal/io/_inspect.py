@@ -114,8 +114,9 @@ class Inspection:
         for title, rows in (
             ("Not read", bullets(refused, width)), ("Read as", read), ("Columns", aligned(table if self.columns else [])),
             ("Topics", bullets(self.sources, width)), ("To know", bullets((one.spelt(reader) for one in said), width)),
-            ("Not the sensor", bullets(timeline(self.evidence), width)), ("Other commands", bullets(others, width)),
+            ("Not the sensor", bullets(timeline(self.evidence), width)),
             ("Commands that suit, the best first", [f"  {one.line}\n      {one.reason}" for one in self.commands if one.suits]),
+            ("Other commands", bullets(others, width)),
         ):  # fmt: skip
             lines += titled(title, rows)
         return "\n".join(lines)
