@@ -150,7 +150,7 @@ def _path(points: Sequence[tuple[Any, Any]]) -> str:
     """A line in steps of a tenth, relative to the point before, since that is shortest; rounded before, so that no error adds up."""
     tenths = np.rint(10.0 * np.asarray(points, dtype=float)).astype(int)
     steps = (f"{_brief(a)} {_brief(b)}" for a, b in np.diff(tenths, axis=0).tolist())
-    return f"M{_brief(tenths[0, 0])} {_brief(tenths[0, 1])}l" + " ".join(steps).replace(" -", "-")
+    return f"M{_brief(int(tenths[0, 0]))} {_brief(int(tenths[0, 1]))}l" + " ".join(steps).replace(" -", "-")
 
 
 def _brief(tenths: int) -> str:

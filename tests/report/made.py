@@ -105,15 +105,16 @@ def north():
     gyro = np.asarray(made.gyro).copy()
     gyro[5] = np.nan
     readings = Readings(where, accel=np.asarray(made.accel), gyro=gyro, accel_noise=5e-4, gyro_noise=3e-6)
-    free = np.isin(np.arange(14), [0, 1, 2, 3, 4, 5])
-    size = np.array([3.6e-5, 3.6e-5, 3.5e-2, 2.5e-4, 1e-3, 1.5e-6, *np.zeros(8)])
-    values = np.array([*angles, 3e-4, 2e-4, -1.2e-6, *np.zeros(7), latitude])
-    states = {name: "held" for name, own in zip(NAMES, free, strict=True) if not own}
+    count = len(NAMES)
+    values, size = np.zeros((2, count))
+    values[:6], values[-1] = [*angles, 3e-4, 2e-4, -1.2e-6], latitude
+    size[:6] = 3.6e-5, 3.6e-5, 3.5e-2, 2.5e-4, 1e-3, 1.5e-6
+    states = dict.fromkeys(NAMES[6:], "held")
     fit = AlignmentFit(
         model=Turntable(*values), readings=readings,
         estimate=Estimate(NAMES, values, np.diag(size**2), states=states, quantities=QUANTITIES),
-        rank=6, hidden=np.zeros(14, bool), lost=np.zeros(14, bool),
-        prior_only=np.arange(14) == 4, accel_residual=np.linspace(-1, 1, 6), gyro_residual=np.linspace(1, -1, 6), chi_square=3.1,
+        rank=6, hidden=np.zeros(count, bool), lost=np.zeros(count, bool),
+        prior_only=np.arange(count) == 4, accel_residual=np.linspace(-1, 1, 6), gyro_residual=np.linspace(1, -1, 6), chi_square=3.1,
         degrees_of_freedom=5, p_value=0.68, noise_known=True, findings=(NORTH("prior_alone", names=EVIL),),
     )  # fmt: skip
     return fit, None
