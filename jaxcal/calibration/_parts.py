@@ -99,7 +99,13 @@ class Part(eqx.Module, Generic[M]):
         for one in taken:
             if one.name not in conditions and one.default is one.empty and one.kind is not one.VAR_KEYWORD:
                 raise DataError(f"the model {name} of {what} needs {one.name}, which this log does not have", code="condition")
-        given = {key: value() for key, value in conditions.items() if open_ended or key in [one.name for one in taken]}
+        given, named = {}, [one.name for one in taken]
+        for key, value in conditions.items():
+            try:
+                given |= {key: value()} if open_ended or key in named else {}
+            except DataError:  # open-ended arguments take what the log has
+                if key in named:
+                    raise
         try:
             return np.asarray(self.model.correct(y, **given))  # type: ignore[attr-defined]
         except (TypeError, ValueError) as error:

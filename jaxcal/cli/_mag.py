@@ -184,7 +184,7 @@ def _compared(path: Path | None, present: Any, found: Any) -> Any:
     from .._answer import Quantity
     from ..magnetometer._design._heading_error import heading_change
     from ..magnetometer._findings import FINDINGS as OF_MAG
-    from ..magnetometer._iron import quantity_of
+    from ..magnetometer._result import quantity_of
 
     turns = heading_change(present, found.model, float(found.field), inclination=float(found.inclination), down=found.down)
     rms, moved = np.sqrt(np.mean(turns**2)), np.linalg.norm(np.asarray(found.model.hard_iron) - np.asarray(present.hard_iron))

@@ -13,12 +13,7 @@ import jax.numpy as jnp
 import optimistix as optx
 
 from .._types import Array
-
-#: Damping of the first step relative to the unit diagonal: nearly a Gauss-Newton step, but never a singular matrix.
-_FIRST_DAMPING = 1e-2
-#: Shares of the predicted decrease: above the first a step is accepted, above the second the next step is longer.
-_ACCEPTED, _GOOD = 0.01, 0.75
-_SHORTER, _LONGER = 0.25, 3.5
+from ._descent import ACCEPTED, FIRST_DAMPING, GOOD, LONGER, SHORTER
 
 
 class Linear(eqx.Module):
@@ -153,13 +148,13 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         # So near the solution that the cost only changes by rounding, the linearised residuals are right, and the cost cannot judge them.
         rounding = 10 * y.size * jnp.finfo(y.dtype).eps
         near = (state.linear.offset(state.newton) <= rounding) & (change <= rounding * state.linear.total)
-        accept = state.first | (change <= _ACCEPTED * predicted) | near
-        good = ~state.first & (predicted < 0) & (change < _GOOD * predicted)
-        size = state.size * jnp.where(accept, jnp.where(good, _LONGER, 1.0), _SHORTER).astype(y.dtype)
+        accept = state.first | (change <= ACCEPTED * predicted) | near
+        good = ~state.first & (predicted < 0) & (change < GOOD * predicted)
+        size = state.size * jnp.where(accept, jnp.where(good, LONGER, 1.0), SHORTER).astype(y.dtype)
         linear, seen = jax.tree.map(lambda new, old: jnp.where(accept, new, old), (here, seen), (state.linear, state.seen))
         # Damp a parameter by its longest column so far (More, 1978); otherwise it could diverge where it has no effect.
         longest = jnp.where(accept, jnp.maximum(state.longest, here.column), state.longest)
-        damping = _FIRST_DAMPING / size * (longest / linear.column) ** 2
+        damping = FIRST_DAMPING / size * (longest / linear.column) ** 2
         damped, newton = linear.steps(damping)
         trial = linear.trial(damped, damping, self.lower, self.upper)
         return linear.y, State(linear, seen, trial, newton, longest, size, jnp.array(False)), (table, seen)

@@ -9,11 +9,11 @@ if TYPE_CHECKING:
     from ._attitude import Attitude as Attitude
     from ._check import Check as Check, check as check
     from ._design._coverage import Coverage as Coverage, coverage as coverage
-    from ._ellipsoid._residuals import residuals as residuals
     from ._field import body_field as body_field, earth_field as earth_field, heading as heading, scenario as scenario
     from ._fit import fit as fit
     from ._guide import Guide as Guide, guide as guide
     from ._model import MagModel as MagModel
+    from ._own_model import residuals as residuals
     from ._result import MagFit as MagFit
     from ._track import Track as Track, track as track
     from ._uncertainty import Plan as Plan, heading_uncertainty as heading_uncertainty, plan as plan, predict as predict
@@ -25,7 +25,7 @@ install(
         "_attitude": "Attitude",
         "_check": "Check check",
         "_design._coverage": "Coverage coverage",
-        "_ellipsoid._residuals": "residuals",
+        "_own_model": "residuals",
         "_field": "body_field earth_field heading scenario",
         "_fit": "fit",
         "_guide": "Guide guide",

@@ -18,15 +18,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ._ellipsoid._shape import unit
-from ._iron import EXACT, by_parts
+from ._ellipsoid._algebraic import unit
+from ._result import EXACT, by_parts
 from ._turning import attitudes_in_segments
 
 _SOFT, _WEIGHT = 0.05, 4.0  # prior spread of the entries of C, and how many entries it counts as
 #: spread of its antisymmetric part where nothing shows a rotation; for sensors on one board 0.2 degrees, and learnt where tilts show it
 _SYMMETRIC, _TURNED = 1e-4, 0.003
 _DELAY = 0.05  # s, prior standard deviation of the delay of the readings after the rates
-_ROUNDS, _SETTLED = 40, 0.02  # most rounds, and step in standard errors that ends them
+ROUNDS, SETTLED = 40, 0.02  # most rounds, and step in standard errors that ends them
 _C, _B, _GAIN, _DIP, _LAG = slice(0, 9), slice(9, 12), 12, 13, slice(14, 18)
 
 
@@ -229,7 +229,7 @@ def _odd(base: np.ndarray) -> np.ndarray:
 
 def solved(
     u: np.ndarray, at: Attitudes, begin: tuple[np.ndarray, np.ndarray], base: np.ndarray, known: Known, currents: Any = None,
-    noise: float = 0.01, rounds: int = _ROUNDS,
+    noise: float = 0.01, rounds: int = ROUNDS,
 ) -> Solution:  # fmt: skip
     """The fit of readings (n, 3), of size about one, from a start (C, b).
 
@@ -274,7 +274,7 @@ def solved(
             turned = _learnt(odd @ p[_C] / gain, np.sqrt(np.diag(odd @ inverse[:9, :9] @ odd.T)) / gain, _TURNED)
         if not np.isfinite(p).all() or not np.isfinite(sigma).all():
             break
-        converged = bool(turn > 2 and np.abs(step / error).max() < _SETTLED and np.abs(sigma / last - 1).max() < 0.01)
+        converged = bool(turn > 2 and np.abs(step / error).max() < SETTLED and np.abs(sigma / last - 1).max() < 0.01)
         turn += 1
         if converged or turn == rounds:
             break

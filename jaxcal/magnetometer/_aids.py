@@ -15,8 +15,7 @@ from ._aided import Attitudes, Known, Solution, averaged, north_of, poses, solve
 from ._attitude import Attitude
 from ._axes import FEWEST, Axes, axes_by_headings, axes_by_rates, axes_of, by_axes
 from ._design._heading_error import TURNED
-from ._ellipsoid._algebraic import extents, sphere_centre
-from ._ellipsoid._shape import NEAR_PLANAR, Frame, unit
+from ._ellipsoid._algebraic import NEAR_PLANAR, Frame, extents, sphere_centre, unit
 from ._field import INCLINATION
 from ._findings import FINDINGS
 from ._turning import attitudes_in_segments

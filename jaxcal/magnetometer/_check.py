@@ -13,11 +13,10 @@ from .._precision import host_float64
 from .._types import AnyArray
 from ._aids import array, like, still
 from ._design._heading_error import HEADINGS, distance_slopes
-from ._ellipsoid._shape import unit
+from ._ellipsoid._algebraic import unit
 from ._field import STEEPEST, heading
 from ._findings import FINDINGS
-from ._iron import EXACT
-from ._result import MagFit
+from ._result import EXACT, MagFit
 
 _PARAMETERS = 3.0  # approximate degrees of freedom of a heading error: the hard iron dominates it
 

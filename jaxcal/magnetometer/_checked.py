@@ -1,5 +1,6 @@
 """A fit as asked for: everything is checked here, once."""
 
+import os
 from typing import Any, NamedTuple
 
 import jax.core
@@ -7,9 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
-from .._precision import real_numbers
+from .._log import Log, as_log
+from .._message import Message
+from .._precision import is_traced, real_numbers
 from ._aids import Accelerometer, Gyroscope
-from ._ellipsoid._kinds import COUNT
+from ._ellipsoid._algebraic import COUNT
 from ._field import INCLINATION
 from ._model import MagModel
 
@@ -61,10 +64,8 @@ def asked_for(
             f"{np.sum(~there)} readings are not finite, the first in row {np.argmin(there)}; leave them out.", code="not_finite"
         )
     own = isinstance(model, MagModel)
-    if own and (method != "ml" or field_error is not None or aid is not None or currents):
-        raise DataError(
-            "A model object is fitted by method='ml', without `field_error`, `aid` and `currents`.", code="model_object_options"
-        )
+    if own and method != "ml":
+        raise DataError("A model object is fitted by method='ml'.", code="model_object_options")
     for given, known, what in ((method, METHODS, "method"), ("auto" if own else model, MODELS, "model")):
         if given not in known:
             raise DataError(f"There is no {what} {given!r}; known are {', '.join(map(repr, known))}.", code="no_such_option")
@@ -114,3 +115,24 @@ def norm_and_dip(field: Any, inclination: Any) -> tuple[Any, Any]:
                             code="bad_field")  # fmt: skip
         dip = float(np.arctan2(vector[2], np.hypot(vector[0], vector[1]))) if vector.ndim else None
     return norm, next(angle for angle in (inclination, dip, INCLINATION) if angle is not None)
+
+
+def field_readings(source: Any) -> tuple[Any, Any]:
+    """Magnetometer readings (n, 3), from a log or anything else that `jaxcal.read` accepts by name, or an array unchanged.
+
+    Also the specific force at the same times, if the log has it.
+    """
+    tabular = hasattr(source, "data_vars") or np.ndim(getattr(source, "columns", 0)) == 1
+    if not (tabular or isinstance(source, Log | str | os.PathLike | dict)) or len(getattr(source, "columns", ())) == 3:
+        if not is_traced(source):
+            source = real_numbers(source, "the readings")
+            if source.ndim != 2:
+                raise DataError(f"The readings have shape {source.shape}; expected (n, 3), one row per reading.", code="bad_shape")
+        return source, None
+    log = as_log(source)
+    if log.mag is None or log.mag.shape[1] != 3:
+        raise DataError(Message("the log has no magnetometer of three axes; name its columns with {option.columns:mag=...}"), code="no_mag")
+    m = log.usable("mag", keep=("clipped",))
+    there = np.isfinite(m).all(axis=1)
+    force = log.accel if log.accel is not None and log.accel.shape[1] == 3 else None
+    return m[there], None if force is None else force[there]

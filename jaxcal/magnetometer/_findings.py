@@ -26,8 +26,7 @@ FINDINGS = table(
         "Readings help most where the field points along {direction}.",
     ),
     few_left=Kind(
-        CAUTION, "{count} readings leave the noise, and so the heading error, uncertain.", "Take more readings.",
-        limits=(0.41,),  # relative error 1 / sqrt(degrees of freedom) of the noise
+        CAUTION, "{count} readings leave the noise uncertain: the heading error may be {angle:.2g}.", "Take more readings.",
     ),
     small_model=Kind(
         CAUTION, "The readings cannot show {what}; the model {model} was fitted, and what it leaves out may be there.",

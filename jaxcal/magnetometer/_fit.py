@@ -1,18 +1,26 @@
 """`fit`: hard and soft iron from readings in a field of constant magnitude, with what is known beside."""
 
+import functools
 from typing import Any
 
+import jax
+import jax.numpy as jnp
+
+from .._compile import filter_jit
+from .._errors import DataError
+from .._frozen import made
 from .._precision import host_float64, is_traced
 from ._aids import Plane
-from ._checked import asked_for
+from ._checked import asked_for, field_readings, norm_and_dip
+from ._design._heading_error import both_tilts, rms_heading
+from ._ellipsoid._algebraic import COUNT, Frame, between
+from ._ellipsoid._orthogonal import fitted
+from ._findings import FINDINGS
 from ._joined import joined
-from ._judge import LIMITS
-from ._magnitudes import by_magnitudes
+from ._magnitudes import Surface, by_magnitudes, ellipsoid
 from ._model import MagModel
-from ._own_model import fit_model
-from ._result import MagFit
-from ._source import field_readings
-from ._traced import fit_traced
+from ._own_model import changes_of, fit_leaves, further_names
+from ._result import LIMITS, MagFit, estimated
 
 
 @host_float64
@@ -47,7 +55,8 @@ def fit(
     method : "ml"; "consistent" (adjusted least squares: no noise bias, no iteration); or "constrained" (the magnetometer paper).
     model : "sphere" (4 parameters), "diagonal" (6), "symmetric" (9), or "planar" (turns about one axis). With
         "auto", "ml" chooses a model. Or a model object: a `MagModel`, or a subclass with
-        fields of its own. "ml" then fits its floating leaves, from their values or from the algebraic fit.
+        fields of its own. "ml" then fits its floating leaves, from their values or from the algebraic fit. With an aid or currents, the
+        fields of its own are those of the magnitudes.
     field : magnitude of the true field, or the field vector (north, east, down), in the unit of the readings. The vector also gives the
         dip. Without `field`, the corrected readings keep the unit and mean size of the readings.
     field_error : relative standard deviation of `field` in the unit of the readings. It covers the sensor's sensitivity and the mean
@@ -65,8 +74,8 @@ def fit(
     conditions : name -> array with one number per reading, such as a motor current or the temperature. The fit checks whether the
         residuals follow it. With a model object: further arguments of its `measure` and `correct`.
 
-    Under `jit`, `vmap` and `grad` the fit uses method "ml" and model "sphere", "diagonal" or "symmetric". A traced condition selects the
-    curvature term, there is no thinning, and `verdict` is "not judged".
+    Under `jit`, `vmap` and `grad` the fit takes the same steps, with method "ml" and model "sphere", "diagonal", "symmetric" or a model
+    object. Nothing is thinned or left out, and `verdict` is "not judged". Derivatives are those of the solution (implicit function theorem).
 
     Returns
     -------
@@ -97,13 +106,54 @@ def fit(
     """
     m, force = field_readings(m)
     if is_traced(m, field):
-        host = {"method": method != "ml", "field_error": field_error, "aid": aid, "currents": currents, "conditions": conditions}
-        return fit_traced(m, model, field, inclination, [name for name, given in host.items() if given])
+        host = {"method": method != "ml", "field_error": field_error, "aid": aid, "currents": currents,
+                "conditions": conditions and not isinstance(model, MagModel)}  # fmt: skip
+        return fit_traced(m, model, field, inclination, conditions, [name for name, given in host.items() if given])
     asked = asked_for(m, force, method, model, field, field_error, inclination, limits, aid, currents, conditions)
-    if isinstance(model, MagModel):
-        return fit_model(asked)
     first, used, plane = by_magnitudes(asked)
     turns = getattr(asked.aid, "turns", asked.aid is not None)
     if plane is not None and not turns:
         asked, turns = asked._replace(aid=Plane(plane, model == "planar")), True
     return joined(first, asked, used) if turns or currents or field_error is not None else first
+
+
+def fit_traced(m: Any, model: Any, field: Any, inclination: Any, conditions: Any, refused: list[str]) -> MagFit:
+    """The traced fit; `refused` names options that were given and are decided on the host."""
+    own = isinstance(model, MagModel)
+    if not (own or model in COUNT) or refused:
+        said = ", ".join(f"`{name}`" for name in refused) or f"model={model!r}"
+        raise DataError(
+            "A traced fit has its structure fixed by model='sphere', 'diagonal', 'symmetric' or a model object, and method='ml'; "
+            f"{said} is decided on the host. Leave it out, or call `fit` outside of jit, vmap and grad.", code="traced_options",
+        )  # fmt: skip
+    names = further_names(model) if own else []
+    least = 10 + len(names) if own else COUNT[model] + 1
+    if m.ndim != 2 or m.shape[1] != 3 or len(m) < least:
+        raise DataError(f"The readings have shape {m.shape}; this model needs (n, 3) with at least {least} rows.", code="bad_shape")
+    norm, dip = norm_and_dip(field, inclination)
+    told = _pure(model, float(dip), m, norm, conditions or {})
+    further = dict(zip(names, told.pop("further"), strict=True))
+    known = estimated(told["model"], told["field"], told.pop("covariance"), float(len(m) + 1 - least), further, norm is not None or own)
+    return made(
+        MagFit, inclination=dip, method="ml", kind=type(model).__name__ if own else model, findings=(FINDINGS("not_judged"),),
+        estimate=known, **told,
+    )  # fmt: skip
+
+
+@filter_jit
+def _pure(model: Any, dip: float, m: Any, norm: Any, conditions: Any) -> dict[str, Any]:
+    """The results of a traced fit; one program, since called eagerly by `grad` its operations would be compiled one by one."""
+    if isinstance(model, MagModel):
+        usual = {name: jnp.median(value, axis=0) for name, value in conditions.items()}
+        typed = jax.tree.map(lambda leaf: jnp.asarray(leaf, m.dtype), model)
+        found, own, size, slopes, *_ = fit_leaves(typed, m, norm, conditions)
+        surface = Surface(found=found, model=own, field=size, slopes=slopes, change=functools.partial(changes_of, own, size, usual))
+    else:
+        frame = Frame.of(m)
+        surface = ellipsoid(fitted(frame.scaled(m), model), frame, norm)
+    found, matrix = surface.found, between(surface.slopes, surface.found.covariance)
+    return {
+        "model": surface.model, "covariance": matrix, "field": surface.field, "noise": found.noise * surface.scale,
+        "heading_error": rms_heading(both_tilts(surface.change, dip), matrix), "residual": found.distance * surface.scale,
+        "further": jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(surface.model)])[12:],
+    }  # fmt: skip

@@ -12,9 +12,7 @@ from .._quality import checked_confidence
 from .._types import AnyArray
 from ._design._coverage import sphere_grid
 from ._design._heading_error import HEADINGS, by_iron, distance_slopes, heading_slopes
-from ._ellipsoid._algebraic import sphere_centre
-from ._ellipsoid._kinds import COUNT
-from ._ellipsoid._shape import unit
+from ._ellipsoid._algebraic import COUNT, sphere_centre, unit
 from ._fit import fit
 from ._result import MagFit
 

@@ -1,8 +1,11 @@
 """Fit of the magnitudes together with the sensor of an aid, and with the fields of currents."""
 
+import functools
 from typing import Any
 
+import equinox as eqx
 import numpy as np
+import scipy  # loads its parts when they are first used
 
 from .._answer import CAUTION, NOTE, Quantity
 from .._frozen import replaced
@@ -11,13 +14,12 @@ from ._aids import NAMES, alignment_of, down_by, fitted, told
 from ._axes import by_axes
 from ._checked import Asked
 from ._design._heading_error import both_tilts, by_iron, down_of, rms_heading
-from ._ellipsoid._shape import iron_slopes, unit
+from ._ellipsoid._algebraic import iron_slopes, unit
 from ._field import INCLINATION
 from ._findings import FINDINGS
-from ._iron import estimated
-from ._judge import by_readings, dip_differs, outliers
 from ._model import MagModel
-from ._result import MagFit, judged_fit
+from ._own_model import changes_of
+from ._result import MagFit, by_readings, dip_differs, estimated, judged_fit, outliers
 
 #: findings of the fit of magnitudes that hold for the joint fit too
 _KEPT = ("clipped", "averaged", "bent")
@@ -33,9 +35,18 @@ def without_currents(found: MagFit, m: np.ndarray, currents: dict[str, Any]) -> 
     return m
 
 
+def plain(model: MagModel, m: np.ndarray, there: np.ndarray, conditions: dict[str, Any]) -> np.ndarray:
+    """Readings without what a model object adds to its iron, as far as the magnitudes show it."""
+    h = np.asarray(model.correct(m[there], **conditions))
+    m = m.copy()
+    m[there] -= np.asarray(model.measure(h, **conditions)) - MagModel(model.soft_iron, model.hard_iron).measure(h)
+    return m
+
+
 def joined(first: MagFit, asked: Asked, rows: np.ndarray) -> MagFit:
     """The fit of the given rows together with the aid and the currents, from the fit `first` of magnitudes."""
-    m, there, norm, currents = asked.m, asked.there, asked.norm, asked.currents
+    there, currents, own = asked.there, asked.currents, first.model if isinstance(asked.model, MagModel) else None
+    m, norm = (asked.m, asked.norm) if own is None else (plain(own, asked.m, there, asked.conditions), float(first.field))
     field_error, dip = asked.field_error, asked.dip if asked.known else None
     aid: Any = asked.aid if getattr(asked.aid, "turns", True) else None
     at, source = told(aid, len(m))
@@ -60,10 +71,19 @@ def joined(first: MagFit, asked: Asked, rows: np.ndarray) -> MagFit:
     corrected = np.asarray(at_nearest.correct(m[there] - (columns - nearest)[there] @ terms))
     level = np.array([0.0, 0.0, 1.0]) if source == "headings" and aid.accel is None else down_by(at.up)
     down = down_of(unit(corrected), dip_seen) if level is None else level
-    error = np.asarray(rms_heading(both_tilts(by_iron(at_nearest, field), dip_seen, down), spread[:13, :13]))
-    move = np.eye(len(spread))
+    move, seen, change = np.eye(len(spread)), spread[:13, :13], by_iron(at_nearest, field)
     move[:3, 13:] = -np.kron(nearest, np.eye(3))
-    spread = move @ spread @ move.T
+    spread, about_fit = move @ spread @ move.T, {"used": len(rows)}
+    further = {f"currents.{name}[{i}]": terms[j, i] for j, name in enumerate(currents) for i in range(3)}
+    if own is not None:
+        names = first.estimate.names[13:]
+        known, about_fit["usual"] = first.estimate.select(*names), first._about["usual"]
+        model = eqx.tree_at(lambda m: (m.soft_iron, m.hard_iron), own, (model.soft_iron, model.hard_iron))
+        change, seen = functools.partial(changes_of, model, field, first._about["usual"]), scipy.linalg.block_diag(seen, known.matrix)
+        order = np.r_[0:13, len(spread) : len(spread) + len(names), 13 : len(spread)]
+        spread = scipy.linalg.block_diag(spread, known.matrix)[np.ix_(order, order)]
+        further = dict(zip(names, known.values, strict=True)) | further
+    error = np.asarray(rms_heading(both_tilts(change, dip_seen, down), seen))
 
     turn = alignment_of(found, source) if source and source != "plane" else None
     said = [one for one in first.findings if one.code in _KEPT]
@@ -88,22 +108,21 @@ def joined(first: MagFit, asked: Asked, rows: np.ndarray) -> MagFit:
     noise = float(np.sqrt(np.sum(residual[np.isin(there, rows)] ** 2) / max(len(rows) - 13, 1)))
     said += by_readings(noise / field, len(outliers(residual / field)), len(residual))
     said += [FINDINGS("correlated", size=100 * noise / field)] if found.parts else []
-    further = {f"currents.{name}[{i}]": terms[j, i] for j, name in enumerate(currents) for i in range(3)}
     freedom = BLOCKS - 1 if found.parts else max(len(found.across) - 13, 1)
-    kind = {"": "symmetric", "plane": "planar"}.get(source, "full")
+    kind = {"": "symmetric", "plane": "planar"}.get(source, "full") if own is None else first.kind
     estimate = estimated(model, field, spread, freedom, further, norm is not None)
     return judged_fit(
         said, asked.limits, "the soft iron", corrected, model=model, estimate=estimate,
         heading_error=error, field=field, noise=noise, residual=residual, inclination=dip_seen, method="joint", kind=kind, down=down,
-        alignment=turn, _about={"used": len(rows)},
+        alignment=turn, _about=about_fit,
     )  # fmt: skip
 
 
 def _spread(found: Any, scale: float, whole: np.ndarray, field: float, given: bool, size: np.ndarray) -> np.ndarray:
     """Covariance of hard iron, soft iron, field and the fields of currents from that of the scaled solution."""
     count = len(found.parameters) - 18
-    known = np.r_[0:12, 18 : 18 + count]  # C, b, K
-    matrix = found.covariance[np.ix_(known, known)] * scale**2
+    kept = np.r_[0:12, 18 : 18 + count]  # C, b, K
+    matrix = found.covariance[np.ix_(kept, kept)] * scale**2
     slopes = np.zeros((13 + count, 12 + count))
     slopes[:13, :12] = iron_slopes(whole, field, given)
     slopes[13:, 12:] = np.diag(1 / np.repeat(size, 3))

@@ -1,119 +1,170 @@
-"""`fit` of the leaves of a model object: a `MagModel`, or a subclass of it with fields of its own.
+"""Model objects: a `MagModel`, or a subclass of it with fields of its own, in the fit of all models.
 
 Field magnitudes do not determine a common rotation. So the soft iron is S Q with a symmetric S, which is fitted, and the rotation Q of
 the start, which is kept. All other floating leaves are fitted unchanged.
 """
 
-import functools
-from typing import Any, NamedTuple
+from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .._compile import filter_jit
-from .._errors import DataError
+from .._precision import host_float64
 from .._types import Array
-from ..fitting import Fit, covariance, identifiability, solve
-from ..fitting._problem import names_of
-from ..fitting._serial import BLOCKS
-from ._checked import Asked
-from ._design._heading_error import both_tilts, rms_heading
-from ._ellipsoid._algebraic import NotEllipsoid, extents, start
-from ._ellipsoid._kinds import SYMMETRIC, UPPER
-from ._ellipsoid._orthogonal import PRECISE, settled
-from ._ellipsoid._residuals import surface_distances
-from ._ellipsoid._shape import NEAR_PLANAR, Frame, between, radius_of, soft_of
-from ._findings import FINDINGS
-from ._iron import EXACT, by_parts, estimated
-from ._judge import by_readings, outliers
-from ._leaves import Leaves, changes_of
+from ..fitting._problem import names_of, vector_of
+from ._ellipsoid._algebraic import SYMMETRIC, UPPER, Frame, NotEllipsoid, basis_of, host_start, radius_of, soft_and_centre, traced_start
+from ._ellipsoid._orthogonal import Found, Near, distance_to, found_of, inverse_of, maximised, nearest, times
 from ._model import MagModel
-from ._result import MagFit, judged_fit
 
-
-class _Round(NamedTuple):
-    """A fit and its noise."""
-
-    fit: Fit
-    noise: float
-
-
-def _whitened(leaves: Leaves, data: tuple) -> Array:
-    turn, *rest = data
-    return surface_distances(leaves.model(turn), *rest)
+_ROWS = 512  # of a block: readings and directions of any number share one program
 
 
 @filter_jit
-def _there_and_back(model: MagModel, m: Any, conditions: Any) -> tuple[Array, Array]:
-    """Corrected readings, and what the model measures of them."""
-    y = jnp.asarray(model.correct(m, **conditions))
-    return y, jnp.asarray(model.measure(y, **conditions))
+def _looked(model: MagModel, leaves: Any, m: Any, h: Any, field: Any, conditions: Any) -> tuple[Any, ...]:
+    """Corrected readings, h again from what it measures, readings of the unit fields h, and their derivatives by h and the leaves."""
+    put = vector_of(model)[1]
+    measured, push = jax.linearize(lambda leaves, h: put(leaves).measure(field * h, **conditions), leaves, h)
+    by_field = jnp.stack([push(jnp.zeros_like(leaves), jnp.broadcast_to(axis, h.shape)) for axis in jnp.eye(3, dtype=h.dtype)], axis=-1)
+    slopes = jax.vmap(lambda leaves: push(leaves, jnp.zeros_like(h)), out_axes=-1)(jnp.eye(leaves.size, dtype=leaves.dtype))
+    twice = jax.tree.map(lambda values: jnp.concatenate([values, values]), conditions)
+    y, again = jnp.split(jnp.asarray(put(leaves).correct(jnp.concatenate([m, measured]), **twice)), 2)
+    return y, again / field, measured, by_field, slopes
 
 
-def _start(model: MagModel, m: np.ndarray, field: float | None, conditions: Any) -> tuple[Leaves, np.ndarray, float]:
-    """Start of the fit, Q of the soft iron S Q, and the field.
+def looked(model: MagModel, leaves: Any, m: Any, h: Any, field: Any, conditions: Any) -> tuple[Any, ...]:
+    """`_looked`, on the host in blocks of one length."""
+    if isinstance(h, jax.Array):
+        return _looked(model, leaves, m, h, field, conditions)
+    blocks = []
+    for first in range(0, len(h), _ROWS):
+        rows = np.minimum(np.arange(first, first + _ROWS), len(h) - 1)
+        there = {name: values[rows] for name, values in conditions.items()}
+        blocks.append([np.asarray(part) for part in _looked(model, leaves, m[rows], h[rows], np.float64(field), there)])
+    return tuple(np.concatenate(parts)[: len(h)] for parts in zip(*blocks, strict=True))
+
+
+@host_float64
+def changes_of(model: MagModel, field: Any, usual: dict[str, Any], directions: Any) -> Any:
+    """Derivative (n, 3, p) of corrected unit fields by hard iron, soft iron, the field (zero) and further leaves, in usual conditions."""
+    xp = model.soft_iron.__array_namespace__()
+    directions = xp.asarray(directions, dtype=model.soft_iron.dtype)
+    there = {name: xp.broadcast_to(value, (len(directions), *np.shape(value))) for name, value in usual.items()}
+    _, _, _, push, slopes = looked(model, _leaves_of(model), directions, directions, field, there)
+    change = -inverse_of(push) @ slopes
+    return xp.concatenate([change[..., 9:12], change[..., :9], 0.0 * change[..., :1], change[..., 12:]], axis=-1)
+
+
+def _leaves_of(model: MagModel) -> Any:
+    """The leaves as one vector: soft iron by rows, hard iron, and further ones."""
+    leaves = [leaf.ravel() for leaf in jax.tree.leaves(model)]
+    return (np if all(isinstance(leaf, np.ndarray) for leaf in leaves) else jnp).concatenate(leaves)
+
+
+def further_names(model: MagModel) -> list[str]:
+    """Names of the fields of its own."""
+    return names_of(model)[12:]
+
+
+def fit_leaves(model: MagModel, m: Any, field: Any, conditions: dict[str, Any]) -> tuple[Found, MagModel, Any, Any, Any, Any]:
+    """The model object through readings (n, 3), on the host or in a trace.
+
+    Returns the surface, the model, the field, the derivative (13 + q, 9 + q) of hard iron, soft iron, field and further leaves by the
+    parameters, corrected readings, and whether `correct` undoes `measure`.
+    """
+    xp, given = m.__array_namespace__(), _leaves_of(model)
+    more, turn, kept, norm = given.size - 12, *_start(model, given, m, field, conditions)
+    basis = np.concatenate([basis_of("symmetric"), np.zeros((12, more))], axis=1)
+    basis, kind = basis.astype(m.dtype), m.dtype
+    soft = (xp.asarray(SYMMETRIC.T.reshape(6, 3, 3), dtype=kind) @ turn).reshape(6, 9).T
+    to_leaves = xp.concatenate([
+        xp.concatenate([soft, xp.zeros((9, 3 + more), dtype=kind)], axis=1), xp.eye(3 + more, 9 + more, 6, dtype=kind)
+    ])  # fmt: skip
+    structure = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), model)
+
+    def near_at(x: Any, near: Near, m: Any, norm: Any, conditions: Any, to_leaves: Any) -> Near:
+        _, _, measured, push, slopes = looked(structure, to_leaves @ x, m, near.field, norm, conditions)
+        found = nearest(push, m - measured + times(near.field, push.swapaxes(1, 2)), near.multiplier)
+        return found._replace(slopes=-xp.einsum("ni,nij->nj", found.normal, slopes) @ to_leaves)
+
+    y = looked(structure, to_leaves @ kept, m, m / norm, norm, conditions)[0]
+    h = y / (y**2).sum(axis=1, keepdims=True) ** 0.5
+    x, near, weights, converged = maximised(near_at, kept, h, basis, norm, m, norm, conditions, to_leaves)
+    iron = soft_and_centre(x[:9], basis_of("symmetric"))
+    found = found_of(x, iron, near, weights, basis, converged, type(model).__name__)
+    leaves = to_leaves @ x
+    y, again, *_ = looked(structure, leaves, m, near.field, norm, conditions)
+    slopes = xp.concatenate([to_leaves[np.r_[9:12, 0:9]], xp.zeros((1, 9 + more), dtype=kind), to_leaves[12:]])
+    return found, jax.tree.map(xp.asarray, vector_of(model)[1](leaves)), norm, slopes, y, abs(again - near.field).max() < 1e-6
+
+
+def _start(model: MagModel, given: Any, m: Any, field: Any, conditions: Any) -> tuple[Any, Any, Any]:
+    """Q of the soft iron S Q, the parameters to start from, and the field.
 
     The start is the given model, or the same with the iron of the algebraic fit if the magnitudes that it corrects scatter less.
     """
-    left, values, right = np.linalg.svd(model.soft_iron)
-    turn, frame, whole, hard = left @ right, Frame.of(m), (left * values) @ left.T, np.asarray(model.hard_iron)
-    given = Leaves(whole[UPPER], eqx.tree_at(lambda m: m.soft_iron, model, None))
+    xp = m.__array_namespace__()
+    left, values, right = xp.linalg.svd(given[:9].reshape(3, 3))
+    turn, frame, whole = left @ right, Frame.of(m), (left * values[None]) @ left.T
+    begin = xp.concatenate([whole[UPPER], given[9:]])
     try:
-        shape, centre = start(frame.scaled(m), "symmetric")
+        soft, centre = soft_and_centre((host_start if xp is np else traced_start)(frame.scaled(m), "symmetric"), basis_of("symmetric"))
     except NotEllipsoid:
-        return given, turn, float(np.median(np.linalg.norm(m - hard, axis=1))) if field is None else field
-    soft = soft_of(shape) * frame.scale
-    norm = float(radius_of(soft)) if field is None else field
-    other = Leaves((soft / norm)[UPPER], eqx.tree_at(lambda r: r.hard_iron, given.rest, frame.centre + frame.scale * centre))
-    off = [np.linalg.norm(_there_and_back(one.model(turn), m, conditions)[0], axis=1) - norm for one in (given, other)]
-    return given if np.sum(off[0] ** 2) <= np.sum(off[1] ** 2) else other, turn, norm
+        return turn, begin, float(np.median(np.linalg.norm(m - given[9:12], axis=1))) if field is None else field
+    soft = soft * frame.scale
+    norm = radius_of(soft) if field is None else field
+    hard = frame.centre + frame.scale * centre
+    other = xp.concatenate([(soft / norm)[UPPER], hard, given[12:]])
+    off = []
+    for leaves in (given, xp.concatenate([(soft @ turn / norm).ravel(), hard, given[12:]])):
+        y = looked(model, leaves, m, m / norm, norm, conditions)[0]
+        off.append(((xp.linalg.norm(y, axis=1) - norm) ** 2).sum())
+    return turn, xp.where(off[0] <= off[1], begin, other), norm
 
 
-def _by_leaves(turn: np.ndarray, more: int) -> np.ndarray:
-    """Derivative (13 + more, 9 + more) of hard iron, soft iron, field and further leaves by the leaves."""
-    slopes = np.zeros((13 + more, 9 + more))
-    slopes[3:12, :6] = (SYMMETRIC.T.reshape(6, 3, 3) @ turn).reshape(6, 9).T
-    slopes[:3, 6:9], slopes[13:, 9:] = np.eye(3), np.eye(more)
-    return slopes
+def residuals(model: MagModel, data: Any) -> Array:
+    r"""Signed orthogonal distance of each reading to the surface of all readings that a field of magnitude H can give.
+
+    .. math:: d_i = \pm\min_h |m_i - \mathrm{measure}(h)|,\qquad |h| = H
+
+    These are the residuals of maximum likelihood for white noise of one variance in all axes, for any unknown attitudes.
+
+    Parameters
+    ----------
+    model : a `MagModel`, or a subclass with `measure(h, **conditions)` and `correct(m, **conditions)`.
+    data : (m, H) or (m, H, conditions): readings (n, 3), the magnitude of the field in their unit, and a dictionary of arrays with one row
+        per reading, such as the temperature.
+
+    Returns
+    -------
+    (n,) in the unit of the readings, positive outside. Works under `jit`, `grad` and `vmap`.
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp
+    >>> from jaxcal.magnetometer import MagModel, residuals
+    >>> model = MagModel(jnp.diag(jnp.array([1.0, 2.0, 1.0])), jnp.zeros(3))
+    >>> print(residuals(model, (jnp.array([[0.0, 11.0, 0.0], [4.0, 0.0, 0.0]]), 5.0)).round(3))
+    [ 1. -1.]
+
+    References
+    ----------
+    N. I. Chernov and H. Ma, Least squares fitting of quadratic curves and surfaces, 2011, section 5 (the nearest point).
+    """
+    m, field, *conditions = data
+    return _residuals(*jax.tree.map(_as_array, (model, m, field, conditions[0] if conditions else {})))
 
 
-def fit_model(asked: Asked) -> MagFit:
-    """`fit` for a model object."""
-    m, dip, conditions = asked.m, asked.dip, asked.conditions
-    model = jax.tree.map(lambda leaf: np.asarray(leaf, dtype=float), asked.model)
-    names, kind = names_of(model)[12:], type(model).__name__
-    if len(m) <= 9 + len(names):
-        raise DataError(f"There are {len(m)} readings; this model with {9 + len(names)} parameters needs {10 + len(names)}.",
-                        code="few_readings")  # fmt: skip
-    begin, turn, field = _start(model, m, asked.norm, conditions)
+def _as_array(leaf: Any) -> Any:
+    return jnp.asarray(leaf) if isinstance(leaf, np.ndarray | float | int) else leaf
 
-    def at(begin: Leaves, noise2: float) -> _Round:
-        fit = solve(_whitened, begin, (turn, m, field, conditions, np.float64(noise2)), rtol=PRECISE)
-        return _Round(fit, float(np.sqrt(np.sum(fit.residuals**2) / (len(m) - fit.parameters.size))))
 
-    fit, noise = settled(at(begin, 0.0), lambda found, noise2: at(found.fit.model, noise2), lambda _: field)
-    usual = {name: np.median(value, axis=0) for name, value in conditions.items()}
-    fitted = jax.tree.map(np.asarray, fit.model.model(turn))
-    y, back = (np.asarray(x) for x in _there_and_back(fit.model.model(turn), m, conditions))
-    if not np.allclose(back, m, rtol=1e-6, atol=1e-6 * np.abs(m).max()):
-        raise DataError(f"`measure` and `correct` of {kind} do not undo one another; `correct` must be its inverse.", code="no_inverse")
-    matrix, parts, known, identified = covariance(fit, scaled=True), False, [], identifiability(fit)
-    weakest, residual = ", ".join(name.removeprefix("rest.") for name in identified.weakest), np.asarray(fit.residuals)
-    if not bool(fit.usable) or not np.isfinite(matrix).all():
-        known.append(FINDINGS("undetermined", what=weakest or "the model"))
-    elif extents(Frame.of(m).scaled(m))[-1] < NEAR_PLANAR:
-        known.append(FINDINGS("near_planar"))
-    elif noise > EXACT * field:
-        matrix, parts = by_parts(matrix, np.asarray(fit.jacobian), residual)
-        known += [FINDINGS("correlated", size=100 * noise / field)] if parts else []
-    matrix = between(_by_leaves(turn, len(names)), np.asarray(matrix))
-    error = np.asarray(rms_heading(both_tilts(functools.partial(changes_of, fitted, field, usual), dip), matrix))
-    known += by_readings(noise / field, len(outliers(residual / field)), len(m))
-    further = dict(zip(names, np.concatenate([np.zeros(0), *map(np.ravel, jax.tree.leaves(fitted)[2:])]), strict=True))
-    estimate = estimated(fitted, field, matrix, BLOCKS - 1 if parts else max(len(m) - fit.parameters.size, 1), further)
-    return judged_fit(
-        known, asked.limits, weakest, y, model=fitted, estimate=estimate, heading_error=error, field=field, noise=noise, residual=residual,
-        inclination=dip, method="ml", kind=kind, _about={"usual": usual, "used": len(m), "condition": float(identified.condition)},
-    )  # fmt: skip
+@filter_jit
+def _residuals(model: MagModel, m: Any, field: Any, conditions: Any) -> Array:
+    # one program: called by themselves, its two hundred operations would be compiled one by one
+    h = jnp.asarray(model.correct(m, **conditions)) / field
+    measured, slope = jax.linearize(lambda h: model.measure(field * h, **conditions), h)
+    push = jnp.stack([slope(jnp.broadcast_to(axis, h.shape)) for axis in jnp.eye(3, dtype=h.dtype)], axis=-1)
+    inverse = inverse_of(push)
+    return distance_to(inverse.swapaxes(1, 2) @ inverse, m - measured + times(h, push.swapaxes(1, 2)))

@@ -14,20 +14,17 @@ from .._special import NORMAL95
 from .._types import AnyArray
 from ..fitting import Chain
 from ..fitting._chain import Eliminated
+from ._aided import ROUNDS, SETTLED
+from ._ellipsoid._algebraic import SYMMETRIC
+from ._ellipsoid._robust import LONG
 from ._field import INCLINATION
 from ._findings import FINDINGS
 from ._fit import fit
-from ._iron import quantity_of
-from ._judge import LIMITS, outliers
 from ._model import MagModel
+from ._result import LIMITS, outliers, quantity_of
 
-_LINKS = 20_000  # most points of the path: a log of a million readings has one for 50
-_START = 15_000  # readings of the fit that begins
 _CLEAR = 9.0  # twice the logarithm of the likelihood by which a drift must gain: three standard deviations
-_ROUNDS, _SETTLED = 10, 0.01  # most rounds, and rms step of the path in units of the noise that ends them
 _WINDOWS = 24  # of the log: half of them are left out, and between them the path is compared with itself
-#: changes of C that keep it symmetric
-_SYMMETRIC = np.array([np.maximum(np.outer(a, b), np.outer(b, a)) for i, a in enumerate(np.eye(3)) for b in np.eye(3)[i:]])
 
 
 class Track(Result):
@@ -157,9 +154,9 @@ def track(
     restricted likelihood).
     """
     m, time = _timed(m, time)
-    dip, basis = INCLINATION if inclination is None else float(inclination), _SYMMETRIC if model is None else np.zeros((0, 3, 3))
+    dip, basis = INCLINATION if inclination is None else float(inclination), SYMMETRIC.T.reshape(6, 3, 3)[: 6 if model is None else 0]
     if model is None:
-        first = fit(m[:: max(len(m) // _START, 1)], field=field, inclination=dip)
+        first = fit(m[:: max(len(m) // LONG, 1)], field=field, inclination=dip)
         if first.model is None or first.kind == "planar":
             raise DataError("The readings determine no soft iron: turn the sensor further, or give `model`.", code="undetermined")
         model, field = first.model, float(first.field if field is None else field)
@@ -212,7 +209,7 @@ class _Path:
     """Readings in blocks, one for each point of the path, with the present path (k, 3) and C."""
 
     def __init__(self, m: np.ndarray, time: np.ndarray, matrix: np.ndarray, hard: np.ndarray, basis: np.ndarray):
-        width = -(-len(m) // _LINKS)
+        width = -(-len(m) // LONG)
         count = len(m) // width  # the readings of a last block that is not full are left out
         self.m, self.time = m[: count * width].reshape(count, width, 3), time[: count * width].reshape(count, width).mean(axis=1)
         self.points, self.matrix, self.basis = np.tile(hard, (count, 1)), matrix, basis
@@ -275,10 +272,10 @@ class _Path:
         span = self.time[-1] - self.time[0]
         # from a drift in all the log that no reading shows, to one of the noise of a reading between neighbours
         low, high = np.log(0.01 / (self.m[..., 0].size * span)), np.log(len(self.time) / span)
-        for _ in range(_ROUNDS):
+        for _ in range(ROUNDS):
             self.sums()
             best = scipy.optimize.minimize_scalar(self.fall, bounds=(low, high), method="bounded", options={"xatol": 0.05})
-            if self.stepped(best.x) < _SETTLED:
+            if self.stepped(best.x) < SETTLED:
                 break
         clear = self.fall(low) - best.fun > _CLEAR
         if clear and self.missed(best.x) < self.missed(low):

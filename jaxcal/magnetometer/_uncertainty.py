@@ -13,7 +13,7 @@ from .._errors import DataError
 from .._precision import array_module, host_float64
 from .._types import AnyArray, Array
 from ._design._heading_error import both_tilts, by_iron, heading_at, sphere_rows
-from ._ellipsoid._kinds import basis_of
+from ._ellipsoid._algebraic import basis_of
 from ._field import INCLINATION, unit_field
 from ._model import MagModel
 from ._result import MagFit

@@ -8,7 +8,7 @@ import numpy as np
 from .._log import Log
 from .._units import shown_in
 from ..magnetometer import MagFit
-from ..magnetometer._iron import quantity_of
+from ..magnetometer._result import quantity_of
 from ._html import MOST, Markup, evenly, numbers, section
 from ._sphere import sphere
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from .._units import shown_in
 from ..magnetometer import MagFit, heading_uncertainty
-from ..magnetometer._iron import quantity_of
+from ..magnetometer._result import quantity_of
 from ..plot._magnetometer import region_corners
 from ._explore import short
 from ._html import MOST, Markup, data, evenly, tag

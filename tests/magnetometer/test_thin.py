@@ -5,7 +5,7 @@ import pytest
 
 from jaxcal.magnetometer import fit
 from jaxcal.magnetometer._ellipsoid._robust import thinned
-from jaxcal.magnetometer._ellipsoid._select import candidates
+from jaxcal.magnetometer._magnitudes import candidates
 
 from . import cases
 

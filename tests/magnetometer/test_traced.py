@@ -1,13 +1,14 @@
 """`fit` of a given kind under `jit`, `vmap` and `grad`: it has the numbers of the untraced fit and its derivative, but no verdict."""
 
 import functools
+import time
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcal.magnetometer import fit
+from jaxcal.magnetometer import MagModel, fit
 
 from . import cases
 
@@ -66,3 +67,55 @@ def test_the_derivative_is_that_of_finite_differences(kind):
 def test_what_the_host_decides_is_not_traced(options, code, refuses):
     with refuses(code):
         jax.jit(lambda m: fit(m, **options).noise)(jnp.asarray(TUMBLES[0]))
+
+
+TRANSFORMS = {
+    "grad": lambda f, m: jax.grad(f)(m),
+    "jacrev": lambda f, m: jax.jacrev(f)(m),
+    "jacfwd": lambda f, m: jax.jacfwd(f)(m),
+    "jit(grad)": lambda f, m: jax.jit(jax.grad(f))(m),
+    "vmap(grad)": lambda f, m: jax.vmap(jax.grad(f))(jnp.stack([m, m + 1.0]))[0],
+}
+
+
+class Drifting(MagModel):
+    """A hard iron in proportion to the time, for a class that takes any condition."""
+
+    rate: jax.Array
+
+    def measure(self, h, **conditions):
+        return jnp.asarray(h) @ self.soft_iron.T + self.hard_iron[None] + conditions["time"][:, None] * self.rate[None]
+
+    def correct(self, m, **conditions):
+        return (jnp.asarray(m) - self.hard_iron[None] - conditions["time"][:, None] * self.rate[None]) @ jnp.linalg.inv(self.soft_iron).T
+
+
+DRIFTING = Drifting(np.eye(3), np.zeros(3), np.zeros(3))
+TIME = np.linspace(-1.0, 1.0, 60)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("transform", TRANSFORMS)
+@pytest.mark.parametrize("kind", ["sphere", "diagonal", "symmetric", "own"])
+def test_every_transform_differentiates_every_model(kind, transform):
+    model, conditions = (DRIFTING, {"time": TIME}) if kind == "own" else (kind, None)
+
+    def value(m):
+        return fit(m, model=model, field=cases.FIELD if kind == "own" else None, conditions=conditions).model.hard_iron[0]
+
+    m = TUMBLES[0][:60]
+    change = np.random.default_rng(1).normal(size=m.shape)
+    finite = (value(m + 1e-3 * change) - value(m - 1e-3 * change)) / 2e-3
+    start = time.process_time()
+    slope = TRANSFORMS[transform](value, jnp.asarray(m))
+    assert time.process_time() - start < (10.0 if kind != "own" else 20.0)
+    assert float(np.sum(np.asarray(slope) * change)) == pytest.approx(float(finite), rel=1e-4)
+
+
+def test_an_own_model_is_fitted_in_a_trace_as_on_the_host():
+    m = TUMBLES[0][:60] + TIME[:, None] * np.array([1.0, -2.0, 0.5])
+    one = fit(m, model=DRIFTING, field=cases.FIELD, conditions={"time": TIME}, inclination=cases.DIP)
+    traced = jax.jit(lambda m: fit(m, model=DRIFTING, field=cases.FIELD, conditions={"time": TIME}, inclination=cases.DIP))(m)
+    np.testing.assert_allclose(traced.estimate.values, one.estimate.values, rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(traced.heading_error, one.heading_error, rtol=1e-6)
+    assert traced.estimate.names == one.estimate.names

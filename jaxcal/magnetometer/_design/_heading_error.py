@@ -7,9 +7,9 @@ import numpy as np
 
 from ..._precision import array_module
 from ..._types import AnyArray
-from .._ellipsoid._kinds import COUNT, SYMMETRIC, UPPER, basis_of
+from .._ellipsoid._algebraic import SYMMETRIC, UPPER, basis_of
 from .._field import INCLINATION, unit_field
-from .._leaves import changes_of
+from .._own_model import changes_of
 
 TILT = np.deg2rad(20.0)  # of a vehicle that brakes or banks
 TURNED = 0.5  # length of the mean unit field: sin(dip) for turns about the vertical, zero for a sensor turned through all attitudes
@@ -148,7 +148,7 @@ def information(directions: np.ndarray, kind: str) -> tuple[float, str]:
     Columns keep their natural scale, because with columns of unit length a thin band of directions would look well conditioned. A row is
     u'Su + c'u for the changes S and c, with 2 S, the change of the quadric, as parameter.
     """
-    basis = np.repeat([0.5, 1.0], [6, 3])[:, None] * (np.linalg.pinv(basis_of("symmetric")) @ basis_of(kind)[:, : COUNT[kind]])
+    basis = np.repeat([0.5, 1.0], [6, 3])[:, None] * (np.linalg.pinv(basis_of("symmetric")) @ basis_of(kind))
     values, vectors = np.linalg.svd(np.linalg.qr(sphere_rows(directions) @ basis, mode="r"))[1:]
     condition = float(values[0] / values[-1]) if len(values) == basis.shape[1] and values[-1] > 0 else np.inf
     axes = [("xyz"[i], "xyz"[j]) for i, j in zip(*UPPER, strict=True)]

@@ -1,20 +1,113 @@
-"""Ellipsoid fits without iteration, which also start the iterative fits: linear and quadratic constraints, consistent.
+"""Ellipsoids {b + S h : |h| = 1} of scaled readings, with S the soft iron times the field: their kinds, and fits without iteration.
 
 A quadric is theta = [a..f | p, r, s, k] over the monomials [x^2, xy, xz, y^2, yz, z^2 | x, y, z, 1]. Every fit works on readings
-that are centred and scaled, and eliminates the linear part exactly. Functions run in NumPy on the host unless they say "traced".
+that are centred and scaled, and eliminates the linear part exactly: with linear and quadratic constraints, and consistent. These also start
+the iterative fits. Functions run in NumPy on the host unless they say "traced".
 """
 
+import dataclasses
 import functools
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy  # loads its parts when they are first used
 
 from ..._errors import FitError
-from ..._precision import array_module
-from ._kinds import COUNT, PLACE, SYMMETRIC, basis_of, parameters_of
-from ._shape import soft_of
+from ..._types import AnyArray
+
+#: place of each entry of a symmetric matrix among its six upper ones, the their rows and columns, and the matrix (9, 6) from them to all
+PLACE = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+UPPER = np.triu_indices(len(PLACE))
+SYMMETRIC = np.equal.outer(PLACE.ravel(), np.unique(PLACE)).astype(float)
+#: number of parameters of each kind
+COUNT = {"sphere": 4, "diagonal": 6, "symmetric": 9}
+
+
+@functools.cache
+def basis_of(kind: str) -> np.ndarray:
+    """Matrix (12, p) from the parameters of a kind to the entries of S and the centre."""
+    diagonal, free = SYMMETRIC[:, np.diag(PLACE)], COUNT[kind] - 3
+    basis = np.zeros((12, COUNT[kind]))
+    basis[:9, :free] = {"sphere": diagonal.sum(axis=1, keepdims=True), "diagonal": diagonal, "symmetric": SYMMETRIC}[kind]
+    basis[9:, free:] = np.eye(3)
+    basis.flags.writeable = False
+    return basis
+
+
+def soft_and_centre(parameters: Any, basis: Any) -> tuple[Any, Any]:
+    """S and the centre."""
+    full = basis @ parameters
+    return full[:9].reshape(3, 3), full[9:]
+
+
+def parameters_of(kind: str, soft: Any, centre: Any) -> Any:
+    """Parameters of the given kind nearest to S and a centre."""
+    xp = soft.__array_namespace__()
+    return np.linalg.pinv(basis_of(kind)).astype(soft.dtype) @ xp.concatenate([soft.ravel(), centre])
+
+
+#: singular value of the centred readings over their size, 0.58 for a full sphere, below which they lie near a plane
+NEAR_PLANAR = 0.05
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class Frame:
+    """Centring and scaling of readings, u = (m - centre) / scale."""
+
+    centre: AnyArray
+    scale: Any
+
+    @staticmethod
+    def of(m: AnyArray) -> "Frame":
+        centre = m.mean(axis=0)
+        return Frame(centre, ((m - centre[None, :]) ** 2).sum(axis=1).mean() ** 0.5)
+
+    def scaled(self, m: Any) -> Any:
+        return (m - self.centre[None, :]) / self.scale
+
+
+def between(slopes: Any, covariance: Any) -> Any:
+    """Covariance J C J'; infinite if C is: infinity times zero is NaN."""
+    xp = covariance.__array_namespace__()
+    known = xp.isfinite(covariance).all()
+    return xp.where(known, slopes @ xp.where(known, covariance, 0.0) @ slopes.T, xp.inf)
+
+
+def unit(v: np.ndarray) -> np.ndarray:
+    """Rows scaled to length one."""
+    return v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-300)
+
+
+def soft_of(shape: Any) -> Any:
+    """S of the surface x'Ax = 1: the inverse of the symmetric root of A."""
+    xp = shape.__array_namespace__()
+    values, vectors = xp.linalg.eigh(shape)
+    # rounding may make an eigenvalue negative if the ellipsoid diverged
+    return (vectors / xp.sqrt(xp.maximum(values, xp.finfo(values.dtype).eps * xp.abs(values[-1])))[None, :]) @ vectors.T
+
+
+def shape_of_soft(soft: np.ndarray) -> np.ndarray:
+    """A of S (host only)."""
+    inverse = np.linalg.inv(soft)
+    return inverse.T @ inverse
+
+
+def radius_of(soft: Any) -> Any:
+    """Geometric mean of all semi-axes."""
+    xp = soft.__array_namespace__()
+    return xp.cbrt(xp.abs(xp.linalg.det(soft)))
+
+
+def iron_slopes(whole: Any, field: Any, given: bool) -> Any:
+    """Derivative (13, 12) of hard iron, soft iron and field by the whole matrix C H and the hard iron; H = det(C H)^(1/3) unless given."""
+    xp = whole.__array_namespace__()
+    by_field = xp.zeros(9, dtype=whole.dtype) if given else field / 3 * xp.linalg.inv(whole).T.ravel()
+    by_soft = xp.concatenate([xp.eye(9, dtype=whole.dtype) / field - xp.outer(whole.ravel(), by_field) / field**2, by_field[None]])
+    hard = xp.eye(3, 12, 9, dtype=whole.dtype)
+    return xp.concatenate([hard, xp.concatenate([by_soft, xp.zeros((10, 3), dtype=whole.dtype)], axis=1)])
 
 
 class NotEllipsoid(FitError):
@@ -27,7 +120,7 @@ class NotEllipsoid(FitError):
 
 def monomials(u: Any) -> Any:
     """The monomials of each reading, (n, 10)."""
-    xp, (x, y, z) = array_module(u), u.T
+    xp, (x, y, z) = u.__array_namespace__(), u.T
     return xp.stack([x * x, x * y, x * z, y * y, y * z, z * z, x, y, z, xp.ones_like(x)], axis=1)
 
 
@@ -44,7 +137,7 @@ def extents(u: np.ndarray) -> np.ndarray:
 def shape_of(theta: Any) -> tuple[Any, Any]:
     """Shape matrix A and centre of any quadric theta, scaled so that (u - x0)'A(u - x0) = 1."""
     quadratic = matrix_of(theta[:6])
-    x0 = array_module(theta).linalg.solve(quadratic, -theta[6:9] / 2)
+    x0 = theta.__array_namespace__().linalg.solve(quadratic, -theta[6:9] / 2)
     return quadratic / (x0 @ quadratic @ x0 - theta[9]), x0
 
 
@@ -81,7 +174,7 @@ def linear(u: Any, kind: str) -> Any:
     moves = scipy.linalg.block_diag(part @ keeping, np.eye(4)).astype(u.dtype)
     fixed = np.isin(np.arange(10), np.diag(PLACE)).astype(u.dtype)
     columns = monomials(u)
-    return fixed + moves @ array_module(u).linalg.lstsq(columns @ moves, -columns @ fixed, rcond=None)[0]
+    return fixed + moves @ u.__array_namespace__().linalg.lstsq(columns @ moves, -columns @ fixed, rcond=None)[0]
 
 
 def algebraic(u: np.ndarray, kind: str = "symmetric") -> tuple[np.ndarray, np.ndarray]:

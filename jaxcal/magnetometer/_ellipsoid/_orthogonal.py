@@ -1,135 +1,336 @@
-"""Iterative fits of scaled readings with the package's solver: orthogonal distances, curvature corrected."""
+"""Maximum likelihood of the readings of a surface: orthogonal distances, the curvature that noise sees, and a prior for few readings.
 
-import dataclasses
-from collections.abc import Callable
-from typing import Any
+The steps of the fit are the same for every model, on the host and in a trace. Between rounds of them the noise gives the mean offset that
+it causes at the curved surface, and the weight of the prior: the entries of a soft iron depart from a multiple of the identity by 40 %.
+The prior's error is in the covariance. It matters where readings are so few and noisy that the fit would run off.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..._precision import is_traced
-from ..._types import AnyArray
-from ...fitting import Fit, covariance, information, solve
-from ._algebraic import host_start, traced_start
-from ._kinds import COUNT, basis_of, soft_and_centre
-from ._residuals import Readings, orthogonal
-from ._shape import Found, filled, radius_of, unit
+from ...fitting._descent import descend, implicit, repeated
+from ._algebraic import COUNT, basis_of, host_start, soft_and_centre, traced_start, unit
 
 CURVED = 0.02  # noise over radius above which the curvature term matters
-ROUNDS, SETTLED = 3, 3e-3  # number of fits with the curvature term, and the relative change of the noise that ends them
-PRECISE = 1e-8  # remaining step, relative to the statistical uncertainty
+#: most rounds, and steps to a foot, which takes three near the surface; change of the noise, or of the free parameters, that ends rounds
+ROUNDS, SETTLED = 20, 1e-8
+SOFT = 0.4  # spread of the entries of a soft iron about a multiple of the identity: the paper's sensor, the strongest known, has 0.3
 
 
-def padded(u: np.ndarray, kind: str, noise2: float = 0.0) -> Readings:
-    """Readings padded to a power of two with zero weights, so that logs of any length share a compiled program."""
-    return Readings(filled(u, u[:1]), filled(np.ones(len(u))), np.float64(noise2), basis_of(kind))
+class Near(NamedTuple):
+    """Readings beside their surface.
+
+    distance : (n,). normal, field : (n, 3) unit normal, and unit field, at the nearest point. curvature : (n,) mean curvature. multiplier :
+    (n,) t of `foot`. slopes : (n, p) of the distances by the parameters.
+    """
+
+    distance: Any
+    normal: Any
+    field: Any
+    curvature: Any
+    multiplier: Any
+    slopes: Any = None
 
 
-def _attempt(begin: AnyArray, data: Readings, kind: str) -> Fit:
-    """The fit from a start; bounds hold unused parameters at zero, so that all kinds share one program."""
-    idle = np.arange(9) >= COUNT[kind]
-    return solve(orthogonal, begin, data, bounds=(np.where(idle, 0.0, -np.inf), np.where(idle, 0.0, np.inf)), rtol=PRECISE)
+def times(v: Any, matrix: Any) -> Any:
+    """Rows (n, 3) times one matrix, or each times its own."""
+    return v @ matrix if matrix.ndim == 2 else v.__array_namespace__().einsum("ni,nij->nj", v, matrix)
 
 
-def flat(u: np.ndarray, kind: str, begin: Any = None) -> Found:
-    """The fit without the curvature term. It suffices to compare models, because the radius of each absorbs the mean of that term."""
-    begin = host_start(u, kind) if begin is None else begin
-    return _described_by(_attempt(begin, padded(u, kind), kind), len(u), kind)
+def inverse_of(matrix: Any) -> Any:
+    """Inverse of matrices (..., 3, 3) from cofactors, because LAPACK is slow on a batch of small matrices."""
+    cofactors, determinant = _cofactors(matrix)
+    return cofactors.swapaxes(-1, -2) / determinant[..., None, None]
 
 
-def _described_by(fit: Fit, count: int, kind: str, noise2: Any = 0.0) -> Found:
-    """The ellipsoid that a solution describes; its covariance is infinite if the readings do not determine it."""
-    traced = is_traced(fit.parameters)
-    xp = jnp if traced else np
-    parameters, residuals, matrix = (xp.asarray(x) for x in (fit.parameters, fit.residuals, covariance(fit, scaled=True)))
-    noise = xp.sqrt(xp.sum(residuals**2) / max(count - COUNT[kind], 1))
-    return Found(
-        parameters, *soft_and_centre(parameters, basis_of(kind)), xp.where(xp.isfinite(matrix).all(), matrix, xp.inf), noise,
-        residuals[:count], fit.usable if traced else bool(fit.usable), kind, noise2,
-    )  # fmt: skip
+def _cofactors(matrix: Any) -> tuple[Any, Any]:
+    """Cofactors (..., 3, 3) and determinant."""
+    one, two = np.array([1, 2, 0]), np.array([2, 0, 1])
+    rows, later = matrix[..., one, :], matrix[..., two, :]
+    cofactors = rows[..., one] * later[..., two] - rows[..., two] * later[..., one]
+    return cofactors, (matrix[..., 0, :] * cofactors[..., 0, :]).sum(axis=-1)
 
 
-def curvature_variance(noise: Any, radius: Any) -> Any:
-    """Variance for the curvature term; zero if the noise is too small to matter, or so large that there is no surface."""
-    xp = jnp if is_traced(noise, radius) else np
-    return xp.where((0.5 * radius > noise) & (noise > CURVED * radius), noise**2, 0.0)
+def _eye(matrix: Any) -> Any:
+    """Identity matrices in the shape of others."""
+    return matrix.__array_namespace__().broadcast_to(np.eye(3, dtype=matrix.dtype), matrix.shape)
 
 
-def settled(found: Any, again: Callable[[Any, Any], Any], radius: Callable[[Any], Any]) -> Any:
-    """A fit with the curvature term where noise matters: `again(found, noise2)` until the noise settles, or a few times in a trace."""
+def _pencil(shape: Any, z: Any) -> Any:
+    """y(t) = (I + t A)^-1 z as a function of t, for all rows of z, by the Cayley-Hamilton theorem without a decomposition."""
+    square, trace = shape @ shape, shape.trace(axis1=-2, axis2=-1)
+    second = (trace**2 - square.trace(axis1=-2, axis2=-1)) / 2
+    adjugate = square - trace[..., None, None] * shape + second[..., None, None] * _eye(shape)
+    det = (shape[..., 0, :] * adjugate[..., :, 0]).sum(axis=-1)
+    trace, second, det = (x.reshape(-1, 1) for x in (trace, second, det))
 
-    def step(carry: tuple, _: None) -> tuple:
-        found, noise2, last, done = carry
-        after = curvature_variance(found.noise, radius(found))
-        done = done | (after == 0) | (jnp.abs(found.noise - last) < SETTLED * last)
-        noise2 = jnp.where(done, noise2, after)
-        return (again(found, noise2), noise2, found.noise, done), None
+    def apply(t: Any, vector: Any) -> Any:
+        t = t[:, None]
+        numerator = vector + t * (trace * vector - times(vector, shape)) + t**2 * times(vector, adjugate)
+        return numerator / (1 + t * (trace + t * (second + t * det)))
 
-    if is_traced(found.noise):
-        zero = jnp.zeros_like(found.noise)
-        return jax.lax.scan(step, (found, zero, zero, jnp.asarray(False)), None, length=ROUNDS)[0][0]
-    last = np.inf
-    for _ in range(ROUNDS):
-        noise2 = float(curvature_variance(found.noise, radius(found)))
-        if not noise2 or abs(found.noise - last) < SETTLED * last:
-            break
-        last, found = found.noise, again(found, noise2)
-    return found
+    return apply
 
 
-def _radius(found: Found) -> Any:
-    return radius_of(found.soft)
+def _newton(apply: Any, shape: Any, z: Any, t: Any) -> Any:
+    """One Newton step in t on 1/sqrt(y'Ay) = 1, which is nearly linear in t, where y = y(t)."""
+    xp, y = z.__array_namespace__(), apply(t, z)
+    normal = times(y, shape)
+    g = (y * normal).sum(axis=1)
+    q = (normal * apply(t, normal)).sum(axis=1)
+    # Replace the inputs as well: at the centre of the ellipsoid all of these vanish.
+    g, q = xp.where(q > 0, g, 1.0), xp.where(q > 0, q, 1.0)
+    return t + g * (xp.sqrt(g) - 1) / q
 
 
-def refined(found: Found, u: np.ndarray) -> Found:
-    """The fit with the curvature term where noise matters."""
-    return settled(found, lambda found, noise2: _described_by(
-        _attempt(found.parameters, padded(u, found.kind, noise2), found.kind), len(u), found.kind, noise2), _radius)  # fmt: skip
+def _largest_eigenvalue(shape: Any) -> Any:
+    """Largest eigenvalue in closed form (O. K. Smith, Commun. ACM 4 (1961) 168), because a LAPACK call would cost more than a step."""
+    xp = shape.__array_namespace__()
+    mean = shape.trace(axis1=-2, axis2=-1) / 3
+    rest = shape - mean[..., None, None] * _eye(shape)
+    size = xp.sqrt((rest**2).sum(axis=(-2, -1)) / 6)
+    rest = rest / xp.where(size > 0, size, 1.0)[..., None, None]
+    cosine = xp.clip(_cofactors(rest)[1] / 2, -1, 1)
+    return mean + 2 * size * xp.cos(xp.arccos(cosine) / 3)
 
 
-def estimate(u: Any, kind: str) -> Found:
-    """Maximum likelihood of scaled readings as one pure function: `flat` and `refined` without a choice on the host."""
-    basis, weight = jnp.asarray(basis_of(kind), dtype=u.dtype), jnp.ones(len(u), dtype=u.dtype)
+def foot(shape: Any, z: Any, near: Any) -> tuple[Any, Any]:
+    """Nearest point y of x'Ax = 1 to each row of z, and t with z - y = t A y; both can be differentiated. near : t to start from."""
+    xp = z.__array_namespace__()
+    fixed, far = (shape, z) if xp is np else jax.lax.stop_gradient((shape, z))
+    apply = _pencil(fixed, far)
+    lowest = -1 / _largest_eigenvalue(fixed)
+    # Each Newton step doubles the digits: half of them here, and the step after the loop gives the rest.
+    half = float(np.finfo(far.dtype).eps) ** 0.5
 
-    def at(begin: Any, noise2: Any) -> Found:
-        return _described_by(_attempt(begin, Readings(u, weight, noise2, basis), kind), len(u), kind, noise2)
+    def again(carry: tuple) -> tuple:
+        i, t, _ = carry
+        new = _newton(apply, fixed, far, t)
+        new = xp.where(new > lowest, new, (t + lowest) / 2)
+        return i + 1, new, (abs(new - t) <= half * (new - lowest)).all()
 
-    begin = jax.lax.stop_gradient(traced_start(jax.lax.stop_gradient(u), kind))
-    return settled(at(begin, jnp.zeros((), u.dtype)), lambda found, noise2: at(found.parameters, noise2), _radius)
+    near = near if xp is np else jax.lax.stop_gradient(near)
+    begin = (xp.asarray(0), xp.where(near > lowest, near, 0.0), xp.asarray(False))
+    _, t, _ = repeated(again, begin, lambda carry: (carry[0] >= ROUNDS) | carry[2])
+    # A step taken at the root has the derivative of the root (implicit function theorem).
+    apply = _pencil(shape, z)
+    t = _newton(apply, shape, z, t if xp is np else jax.lax.stop_gradient(t))
+    return t, apply(t, z)
 
 
-_distance = jax.jit(orthogonal)
+def curvature(shape: Any, z: Any) -> Any:
+    r"""Mean curvature of the level set of x'Ax through each row of z: half the sum of the principal curvatures, 1/R on a sphere.
+
+    With the normal g = A z and T = tr A it is
+
+    .. math:: \kappa = \frac{T\,g^Tg - g^TAg}{2|g|^3}.
+    """
+    xp, normal = z.__array_namespace__(), times(z, shape)
+    square = (normal**2).sum(axis=1)
+    square = xp.where(square > 0, square, 1.0)  # the centre has no direction
+    bent = shape.trace(axis1=-2, axis2=-1) * square - (normal * times(normal, shape)).sum(axis=1)
+    return bent / (2 * square * xp.sqrt(square))
+
+
+def _at_foot(shape: Any, z: Any, near: Any) -> tuple[Any, Any, Any, Any]:
+    """Distance, nearest point y, unit normal there, and t."""
+    t, y = foot(shape, z, near)
+    normal = times(y, shape)
+    length = (normal**2).sum(axis=1) ** 0.5
+    return t * length, y, normal / length[:, None], t
+
+
+distance_to = jax.custom_jvp(lambda shape, z: _at_foot(shape, z, jnp.zeros_like(z[:, 0]))[0])
+
+
+@distance_to.defjvp
+def _(primals: tuple, tangents: tuple) -> tuple:
+    """With the nearest point y and the normal g = A y, the differential is y'dA y / (2|g|) + g'dz / |g|: it can be differentiated again."""
+    (shape, z), (d_shape, d_z) = primals, tangents
+    distance, y, normal, _ = _at_foot(shape, z, 0.0 * z[:, 0])
+    by_shape = (times(y, d_shape) * y).sum(axis=1) / (2 * (times(y, shape) ** 2).sum(axis=1) ** 0.5)
+    return distance, by_shape + (normal * d_z).sum(axis=1)
+
+
+def nearest(push: Any, z: Any, near: Any = None) -> Near:
+    """Readings z (n, 3) beside {P h : |h| = 1}, with one matrix P, or one for each reading. near : t of `foot` to start from."""
+    inverse = inverse_of(push)
+    back = inverse.swapaxes(-1, -2)
+    shape = back @ inverse
+    distance, y, normal, t = _at_foot(shape, z, 0.0 * z[:, 0] if near is None else near)
+    return Near(distance, normal, times(y, back), curvature(shape, z), t)
+
+
+class Weights(NamedTuple):
+    """What a round knows of the noise.
+
+    noise2 : variance for the curvature term. ridge : weight of the prior's squares. noise : standard deviation. inverse : (p, p) covariance
+    over the variance of the noise. freedom : readings less the parameters that they, not the prior, determine. determined : whether
+    readings and prior determine all parameters.
+    """
+
+    noise2: Any
+    ridge: Any
+    noise: Any
+    inverse: Any
+    freedom: Any
+    determined: Any
+
+
+class Found(NamedTuple):
+    """A fitted surface: parameters (p,), their covariance, noise and its degrees of freedom, distances (n,) and their slopes (n, p).
+
+    soft, centre : S and the centre of an ellipsoid in scaled readings. noise2 : for the curvature term, in the distances.
+    """
+
+    parameters: Any
+    soft: Any
+    centre: Any
+    covariance: Any
+    noise: Any
+    freedom: Any
+    distance: Any
+    rows: Any
+    converged: Any
+    kind: str
+    noise2: Any = 0.0
+
+
+def penalties(basis: np.ndarray) -> np.ndarray:
+    """Departure (9, p) of S from a multiple of the identity by its parameters; its squares sum over the entries."""
+    return basis[:9] - np.outer(np.eye(3, dtype=basis.dtype), basis[[0, 4, 8]].mean(axis=0))
+
+
+def terms(x: Any, variance: Any, basis: np.ndarray, size: Any) -> tuple[Any, Any]:
+    """Variance for the curvature term, and weight of the prior, for a variance of the noise."""
+    xp, mean = x.__array_namespace__(), basis[[0, 4, 8]].mean(axis=0) @ x
+    # a noise too small matters not, and with one too large there is no surface
+    radius2 = (size * mean) ** 2
+    curved = (0.25 * radius2 > variance) & (variance > CURVED**2 * radius2)
+    return xp.where(curved, variance, 0.0), variance / (SOFT * mean) ** 2
+
+
+def weighed(x: Any, near: Near, last: Sequence[Any], basis: np.ndarray, size: Any) -> Weights:
+    """The noise by these distances, and the weights that it gives.
+
+    last : variance for the curvature term, and weight of the prior. size : the field in the unit of the readings over that of S.
+    """
+    xp, rows, p = x.__array_namespace__(), near.slopes, x.size
+    out = penalties(basis)
+    normal = rows.T @ rows + last[1] * (out.T @ out)
+    column = xp.sqrt(xp.diagonal(normal))
+    column = xp.where(column > 0, column, 1.0)
+    scaled, floor = normal / column[:, None] / column[None], 10 * p * float(np.finfo(x.dtype).eps)
+    inverse = xp.linalg.inv(scaled + floor * np.eye(p, dtype=x.dtype)) / column[:, None] / column[None]
+    # a combination that is lost in the rounding of the normal equations
+    determined = xp.linalg.eigvalsh(scaled if xp is np else jax.lax.stop_gradient(scaled))[0] > 100 * floor
+    held = ((out @ inverse) * out).sum()
+    freedom = xp.maximum(len(rows) - p + last[1] * held, 1.0)
+    left = near.distance - last[0] * near.curvature
+    noise2 = (left**2).sum() / freedom
+    return Weights(*terms(x, noise2, basis, size), xp.sqrt(noise2), inverse, freedom, determined)
+
+
+def rounds(near_at: Callable[[Any, Near], Near], x: Any, near: Near, basis: np.ndarray, size: Any) -> tuple[Any, Near, Weights, Any]:
+    """The end x of the steps with the readings beside the surface there, its weights, and whether it has converged.
+
+    near_at : takes parameters, and the readings beside a surface not far from theirs, to the readings beside theirs.
+    """
+    xp, out = x.__array_namespace__(), penalties(basis)
+
+    def fitted(state: tuple) -> tuple:
+        x, near, weights, _, _, count = state
+        root, offset = xp.sqrt(weights.ridge), weights.noise2 * near.curvature
+
+        def evaluate(x: Any, near: Near) -> tuple:
+            near = near_at(x, near)
+            left = xp.concatenate([near.distance - offset, root * (out @ x)])
+            return left, xp.concatenate([near.slopes, root * out]), near
+
+        end, converged = descend(evaluate, x, near)
+        after = weighed(end.x, end.carry, weights[:2], basis, size)
+        settled = (abs(after.noise2 - weights.noise2) <= SETTLED * after.noise2) & (abs(after.freedom - weights.freedom) <= SETTLED)
+        return end.x, end.carry, after, converged, settled | ~xp.isfinite(after.noise), count + 1
+
+    near = near_at(x, near)  # which also gives the start its shapes
+    start = (x, near, weighed(x, near, (0.0, 0.0), basis, size), xp.asarray(False), xp.asarray(False), xp.asarray(0))
+    x, near, weights, converged, _, _ = repeated(fitted, start, lambda state: state[4] | (state[5] >= ROUNDS))
+    return x, near, weights, converged
+
+
+def by_ellipsoid(u: Any, basis: np.ndarray, x: Any, near: Near | None = None) -> Near:
+    """Scaled readings beside an ellipsoid, and the slopes of their distances by its parameters."""
+    soft, centre = soft_and_centre(x, basis)
+    found = nearest(soft, u - centre[None], None if near is None else near.multiplier)
+    whole = (found.normal[:, :, None] * found.field[:, None, :]).reshape(-1, 9)
+    return found._replace(slopes=-(whole @ basis[:9] + found.normal @ basis[9:]))
+
+
+def found_of(x: Any, iron: tuple, near: Near, weights: Weights, basis: np.ndarray, converged: Any, kind: str) -> Found:
+    """A fitted surface by its distances and their slopes, and by the prior."""
+    covariance = x.__array_namespace__().where(weights.determined, weights.noise**2 * weights.inverse, np.inf)
+    left = near.distance - weights.noise2 * near.curvature
+    return Found(x, *iron, covariance, weights.noise, weights.freedom, left, near.slopes, converged, kind, weights.noise2)
+
+
+def maximised(near_at: Callable[..., Near], begin: Any, h: Any, basis: np.ndarray, size: Any, *data: Any) -> tuple[Any, Near, Weights, Any]:
+    """`rounds` from parameters, and unit fields (n, 3) near which to begin, for `near_at(x, near, *data)`; in a trace with a derivative.
+
+    The root that has the derivative is that of the slope of the cost, with the variance of the noise as one more unknown.
+    """
+    none = 0.0 * h[:, 0]
+    near = Near(none, h, h, none, none, h)
+    if isinstance(begin, np.ndarray):
+        return rounds(lambda x, near: near_at(x, near, *data), begin, near, basis, size)
+
+    def solver(begin: Any, near: Near, size: Any, *data: Any) -> tuple:
+        x, near, weights, converged = rounds(lambda x, near: near_at(x, near, *data), begin, near, basis, size)
+        return jnp.append(x, weights.noise**2), (near, converged.astype(x.dtype))
+
+    def score(root: Any, further: tuple, _: Any, __: Near, size: Any, *data: Any) -> Any:
+        x, near, out = root[:-1], near_at(root[:-1], further[0], *data), penalties(basis)
+        noise2, ridge = terms(x, root[-1], basis, size)
+        after = weighed(x, near, (noise2, ridge), basis, size)
+        slope = near.slopes.T @ (near.distance - noise2 * near.curvature) + ridge * (out.T @ out @ x)
+        return jnp.append(slope, after.noise**2 - root[-1])
+
+    begin, near = jax.lax.stop_gradient((begin, near))
+    root, (near, converged) = implicit(solver, score, begin, near, jnp.asarray(size, h.dtype), *data)
+    x, near = root[:-1], near_at(root[:-1], near, *data)
+    noise2, ridge = terms(x, root[-1], basis, size)
+    return x, near, weighed(x, near, (noise2, ridge), basis, size), converged > 0
+
+
+def fitted(u: Any, kind: str, begin: Any = None) -> Found:
+    """The ellipsoid of a kind through scaled readings; in a trace nothing is chosen on the host."""
+    if begin is None:
+        begin = host_start(u, kind) if isinstance(u, np.ndarray) else traced_start(jax.lax.stop_gradient(u), kind)
+    basis = basis_of(kind).astype(u.dtype)
+    x, near, weights, converged = maximised(lambda x, near, u: by_ellipsoid(u, basis, x, near), begin, 0.0 * u, basis, 1.0, u)
+    return found_of(x, soft_and_centre(x, basis), near, weights, basis, converged, kind)
+
+
+def of_parameters(u: np.ndarray, kind: str, x: np.ndarray) -> Found:
+    """An ellipsoid that another method found, with the smallest covariance that the readings allow there (Cramer-Rao bound)."""
+    basis = basis_of(kind)
+    near = by_ellipsoid(u, basis, x)
+    weights = weighed(x, near, (0.0, 0.0), basis, 1.0)._replace(noise2=0.0, ridge=0.0)
+    return found_of(x, soft_and_centre(x, basis), near, weights, basis, True, kind)
 
 
 def distances(found: Found, u: np.ndarray) -> np.ndarray:
     """Distance of readings to an ellipsoid that was fitted to others."""
-    data = jax.tree.map(jnp.asarray, padded(u, found.kind, found.noise2))
-    return np.asarray(_distance(jnp.asarray(found.parameters), data))[: len(u)]
+    near = nearest(found.soft, u - found.centre)
+    return near.distance - found.noise2 * near.curvature
 
 
-def rows_of(soft: Any, centre: Any, distance: Any, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Derivative (n, 12) of the distances by S and the centre, unit normals, and readings relative to the centre.
-
-    They are taken at the nearest points of the ellipsoid, so that the readings' own noise does not enter.
-    """
-    inverse, z = np.linalg.inv(soft), u - centre
-    z = z - distance[:, None] * unit(z @ inverse @ inverse)
-    h = z @ inverse
-    normal = unit(h @ inverse)
-    return -np.concatenate([(normal[:, :, None] * h[:, None, :]).reshape(-1, 9), normal], axis=1), normal, z
-
-
-def described(parameters: AnyArray, u: np.ndarray, kind: str) -> Found:
-    """An ellipsoid that another method found, with the smallest covariance that the readings allow there (Cramer-Rao bound)."""
-    none = np.full((9, 9), np.inf)
-    found = Found(parameters, *soft_and_centre(parameters, basis_of(kind)), none, 0.0, np.zeros(len(u)), True, kind)
-    found = dataclasses.replace(found, distance=distances(found, u))
-    noise = float(np.sqrt(np.sum(found.distance**2) / max(len(u) - COUNT[kind], 1)))
-    rows = rows_of(found.soft, found.centre, found.distance, u)[0] @ basis_of(kind)
-    known = information(np.asarray(np.linalg.qr(rows, mode="r")), held=np.arange(9) >= COUNT[kind])
-    bound = noise**2 * known.covariance if known.rank == COUNT[kind] else none
-    return dataclasses.replace(found, noise=noise, covariance=bound)
+def directions_of(found: Found, u: np.ndarray) -> np.ndarray:
+    """Unit vectors of the corrected readings."""
+    return unit((u - found.centre) @ np.linalg.inv(found.soft))
 
 
 def left_out(fits: dict[str, Found], chosen: Found) -> np.ndarray:

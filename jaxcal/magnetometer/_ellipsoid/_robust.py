@@ -11,12 +11,12 @@ from collections.abc import Callable
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._judge import OUTLIER
-from ._algebraic import NotEllipsoid, algebraic, away, extents, start
-from ._kinds import COUNT, basis_of
-from ._orthogonal import rows_of
-from ._shape import NEAR_PLANAR, Frame, soft_of
+from ...evidence._values import clipped, held
+from .._result import OUTLIER
+from ._algebraic import COUNT, NEAR_PLANAR, Frame, NotEllipsoid, algebraic, away, basis_of, extents, parameters_of, soft_of, start
+from ._orthogonal import by_ellipsoid
 
+LONG = 20_000  # largest number of readings that are all fitted
 _CELL, _PER_CELL, _PER_LONG = 0.25, 4, 32  # side of a cell over the size of the log; readings of each that vote, and of a long log
 #: quantile of the distances from the median reading that is the size, above which there may be spikes; how many sizes away they begin
 _SIZE, _SPIKE = 0.8, 5.0
@@ -117,21 +117,27 @@ def _calmed(u: np.ndarray, shape: np.ndarray, centre: np.ndarray) -> np.ndarray 
     Least squares of these pseudo-values is the redescending fit, and their scatter gives its covariance (P. J. Huber and E. M. Ronchetti,
     Robust Statistics, 2009, section 7.8). None for normal noise, which needs none of this.
     """
-    soft, moved = soft_of(shape), u
-    for turn in range(_ROUNDS):
-        inverse = np.linalg.inv(soft)
-        h = (u - centre) @ inverse
-        r = np.linalg.norm(h, axis=1)
-        distance = (r - 1) * r / np.linalg.norm(h @ inverse, axis=1)
-        ratio = distance / _spread(np.abs(distance))
-        usual = scipy.special.erfc(_TAIL / np.sqrt(2)) * len(u)
-        if not turn and np.sum(np.abs(ratio) > _TAIL) < usual + _SURE * np.sqrt(usual):
-            return None
-        square = np.minimum((ratio / _TUKEY) ** 2, 1.0)
-        pulled = distance * (1 - square) ** 2 / np.mean((1 - square) * (1 - 5 * square))
-        rows, normals, _ = rows_of(soft, centre, distance, u)
-        basis = basis_of("symmetric")
-        step = basis @ np.linalg.lstsq(-rows @ basis, pulled, rcond=None)[0]
-        moved = u - normals * (distance - pulled)[:, None]
-        soft, centre = soft + step[:9].reshape(3, 3), centre + step[9:]
+    ratio, usual = away((shape, centre), u), scipy.special.erfc(_TAIL / np.sqrt(2)) * len(u)
+    if np.sum(ratio > _TAIL * _spread(ratio)) < usual + _SURE * np.sqrt(usual):
+        return None
+    basis = basis_of("symmetric")
+    x, moved = parameters_of("symmetric", soft_of(shape), centre), u
+    for _ in range(_ROUNDS):
+        near = by_ellipsoid(u, basis, x)
+        square = np.minimum((near.distance / (_TUKEY * _spread(np.abs(near.distance)))) ** 2, 1.0)
+        pulled = near.distance * (1 - square) ** 2 / np.mean((1 - square) * (1 - 5 * square))
+        moved = u - near.normal * (near.distance - pulled)[:, None]
+        x = x + np.linalg.lstsq(-near.slopes, pulled, rcond=None)[0]
     return moved
+
+
+def chosen_rows(m: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """Rows of the readings to fit, without spikes, repeats and saturated ones, thinned if many; the readings; number of saturated ones."""
+    full = clipped(m)
+    used = np.flatnonzero(~full & ~held(m))
+    near, readings = sound(m[used])
+    used = used[near]
+    if len(used) > LONG:
+        few = thinned(readings)
+        used, readings = used[few], readings[few]
+    return used, readings, int(full.sum())
