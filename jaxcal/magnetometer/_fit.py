@@ -75,7 +75,7 @@ def fit(
         residuals follow it. With a model object: further arguments of its `measure` and `correct`.
 
     Under `jit`, `vmap` and `grad` the fit takes the same steps, with method "ml" and model "sphere", "diagonal", "symmetric" or a model
-    object. Nothing is thinned or left out, and `verdict` is "not judged". Derivatives are those of the solution (implicit function theorem).
+    object. Nothing is left out, and `verdict` is "not judged". Derivatives are those of the solution (implicit function theorem).
 
     Returns
     -------
