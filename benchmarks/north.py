@@ -1,15 +1,18 @@
 """Coverage and efficiency of north finding on tests not made by its own simulator (tests/alignment/world.py), with fixed seeds.
 
     python benchmarks/north.py                     everything: nine cells of 400 tests each, raw logs of 100 tests each
-    python benchmarks/north.py --only raw          one part: cells, raw
+    python benchmarks/north.py --only raw          one part: cells, raw, lacks
     python benchmarks/north.py --runs 2000         more tests per cell
 
 cells: coverage in % of the 95 % intervals of roll, pitch and azimuth, and rmse of the azimuth over the bound for that noise.
 raw: rms difference, in standard deviations, between the results from raw logs and from ideal means over the same rests, with the same
 knowledge of the table's angles; and coverage.
+lacks: raw logs with what the model lacks: drifts of the gyro (0.4 deg/h over the test, a step of 0.3 deg/h), a tilting base, errors of
+the table's angles. The table alone has no readings inside the rests.
 """
 
 import argparse
+import dataclasses
 import pathlib
 import sys
 import time
@@ -25,6 +28,7 @@ import world
 
 ATTITUDE = np.array([1.0, 2.0, 40.0]) * world.DEG
 NAMES = ("phi", "theta", "psi")
+STEADY = {"b_g_rate": 0.0}  # nothing drifts
 
 
 def noises(kind):
@@ -46,7 +50,7 @@ def cells(runs):
             for known in (True, False) if kind == "white" else (True,):
                 begin, inside, errors = time.perf_counter(), [], []
                 for a, w in zip(accel, gyro, strict=True):
-                    found = fit(Readings(places, a, w, **(given if known else {})), world.LATITUDE)
+                    found = fit(Readings(places, a, w, **(given if known else {})), world.LATITUDE, start=STEADY)
                     inside.append(held(found))
                     errors.append(found.psi - ATTITUDE[2])
                 cover = " ".join(f"{100 * share:6.1f}" for share in np.mean(inside, axis=0))
@@ -72,7 +76,7 @@ def raw(runs):
                 noise = {name.removesuffix("_noise"): one for name, one in given.items()}
                 found = from_log(jaxcal.Log(stamps, accel=accel, gyro=gyro), angle=angle if known else None, noise=noise)
                 lost.append((np.sum(rests[:, 1] - rests[:, 0]) - np.sum(found.stop - found.start)) / 50 / len(rests))
-                got = found.fit(world.LATITUDE)
+                got = found.fit(world.LATITUDE, start=STEADY)
                 words = ("x",) if axes == 1 else ("x", "y", "fixed z")
                 times = (rests[:, 1] - rests[:, 0]) / 50, rests[:, 0] / 50
                 # angles from the gyroscope are as uncertain for the ideal means as for the log
@@ -80,7 +84,7 @@ def raw(runs):
                 place, doubt = exact if known else (found.readings.positions.angle, found.readings.positions.angle_std)
                 places = Positions(place, words * len(angles), *(np.repeat(x, axes) for x in times), angle_std=doubt)
                 means = Readings(places, *(mean.ravel() for mean in ideal), **given)
-                best = fit(means, world.LATITUDE, model=found.model, free=found.free, priors=found.priors or None)
+                best = fit(means, world.LATITUDE, model=found.model, free=found.free, priors=found.priors or None, start=STEADY)
                 differences.append([(got.parameters[name] - best.parameters[name]) / got.std[name] for name in NAMES])
                 inside.append(held(got))
             rms = " ".join(f"{x:.3f}" for x in np.sqrt(np.mean(np.square(differences), axis=0)))
@@ -88,13 +92,52 @@ def raw(runs):
             print(f"{kind:6s} {mode:30s} {rms}   {cover}   {np.abs(differences).max():.2f}   {np.mean(lost):.2f} s cut off", flush=True)
 
 
-PARTS = {"cells": cells, "raw": raw}
+def lacks(runs):
+    print(f"{runs} raw logs each, white noise; in %: azimuth given, held or withheld; roll, pitch held; named; good; rmse of what is given "
+          "over the bound without a drift; half of the 95 % interval of azimuth in degrees, of roll in arcsec")  # fmt: skip
+    plans = {name: world.PLANS[name] for name in ("4 x 120 s", "8 mirrored x 60 s")} | {"8 in pairs x 60 s": world.PAIRS}
+    cases = [(plan, kind, {}, True, True) for plan in plans for kind in world.DRIFTS]
+    cases += [(plan, kind, {}, True, False) for plan in plans for kind in ("none", "linear", "exponential")]
+    faults = {"tilt 41 arcsec": {"tilt": 41 / 3600 * world.DEG}} | {
+        f"angles off by {size} deg": {"encoder": size * world.DEG} for size in (0.05, 0.1)
+    }  # fmt: skip
+    cases += [("4 x 120 s", name, fault, known, True) for name, fault in faults.items() for known in (True, False)]
+    bound = world.GYRO[0] * np.sqrt(2 / 480.0) / (world.EARTH * np.cos(world.LATITUDE))
+    for plan, name, fault, known, inside in cases:
+        given, held, off, half, codes, good = [], [], [], [], [], 0
+        for run in range(runs):
+            rng = np.random.default_rng([run, 31])
+            attitude = np.array([1.0, 2.0, rng.uniform(-180, 180)]) * world.DEG
+            angles, dwell = plans[plan]
+            stamps, angle, accel, gyro, _, _ = world.recording(
+                rng, angles, [dwell] * len(angles), "white", attitude, rate=10.0, drift=world.DRIFTS.get(name), **fault
+            )  # fmt: skip
+            noise = {key.removesuffix("_noise"): one for key, one in noises("white").items()} if known else None
+            made = from_log(jaxcal.Log(stamps, accel=accel, gyro=gyro), angle=angle, noise=noise)
+            made = made if inside else dataclasses.replace(made, readings=dataclasses.replace(made.readings, parts=None))
+            found = made.fit(world.LATITUDE)
+            numbers = [found.estimate[one] for one in NAMES]
+            errors = [abs((one.value - true + np.pi) % (2 * np.pi) - np.pi) for one, true in zip(numbers, attitude, strict=True)]
+            given.append(numbers[2].state != "open")
+            held.append([one.state == "open" or error <= one.half for one, error in zip(numbers, errors, strict=True)])
+            off.append(errors[2])
+            half.append([numbers[2].half, numbers[0].half])
+            codes.append(bool({"drift", "drift_order", "tilt", "misfit", "angles_exact"} & found.codes))
+            good += found.verdict == "good"
+        share, level = 100 * np.mean(held, axis=0), np.rad2deg(np.nanmedian(half, axis=0))
+        rmse = np.sqrt(np.mean(np.square(np.array(off)[given]))) / bound if any(given) else np.nan
+        where = ("" if inside else ", table alone") + ("" if known else ", noise not given")
+        print(f"{plan}, {name}{where}: {100 * np.mean(given):.0f}, {share[2]:.0f}; {share[0]:.0f}, {share[1]:.0f}; "
+              f"{100 * np.mean(codes):.0f}; {100 * good / runs:.0f}; {rmse:.2f}; {level[0]:.3f}, {3600 * level[1]:.1f}", flush=True)  # fmt: skip
+
+
+PARTS = {"cells": cells, "raw": raw, "lacks": lacks}
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", choices=PARTS)
     parser.add_argument("--runs", type=int)
     options = parser.parse_args()
-    for name, default in (("cells", 400), ("raw", 100)):
+    for name, default in (("cells", 400), ("raw", 100), ("lacks", 100)):
         if options.only in (None, name):
             PARTS[name](options.runs or default)

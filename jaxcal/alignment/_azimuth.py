@@ -97,7 +97,6 @@ def azimuth(
     *,
     method: str = "four_point",
     hint: Any = None,
-    hint_accuracy: float = np.deg2rad(10.0),
     angle: Any = None,
 ) -> Azimuth:
     r"""Compute the azimuth of a table at rest from the readings of one gyro, the level and the latitude.
@@ -116,7 +115,7 @@ def azimuth(
     latitude : rad, north positive.
     method : "opposed" (table angles 0 and 180 degrees), "quadrature" (90 and 270), "four_point" (0, 90, 180, 270), "bias_and_scale" or
         "scale_first" (0, 90, 180), "triad" (0, 90, 180 and a z reading), "single_reading" or "maximum".
-    hint : rough azimuth, for example from a compass, rad. hint_accuracy : its accuracy, rad.
+    hint : rough azimuth, for example from a compass, rad.
     angle : table angle of "single_reading", rad; the default is that of the first x reading.
 
     Returns
@@ -158,7 +157,7 @@ def azimuth(
     dtype = jnp.asarray(readings.gyro).dtype
     phi, theta, covariance = (jnp.asarray(part, dtype=dtype) for part in _level(level, method))
     to = lambda value: None if value is None else jnp.asarray(value, dtype=dtype)  # noqa: E731
-    found = _found(readings, phi, theta, covariance, to(latitude), to(hint), to(hint_accuracy), to(angle), method)
+    found = _found(readings, phi, theta, covariance, to(latitude), to(hint), to(angle), method)
     return found if is_traced(found) else _trimmed(found)
 
 
@@ -182,7 +181,7 @@ def _level(level: Any, method: str) -> tuple[Any, Any, Any]:
 
 
 @filter_jit
-def _found(readings, phi, theta, level_covariance, latitude, hint, accuracy, angle, method: str) -> Azimuth:
+def _found(readings, phi, theta, level_covariance, latitude, hint, angle, method: str) -> Azimuth:
     unit = EARTH_RATE
     # at a pole the formulas would divide by zero; the verdict reports this case
     pole = jnp.abs(latitude) > POLE
@@ -197,10 +196,10 @@ def _found(readings, phi, theta, level_covariance, latitude, hint, accuracy, ang
         missing, variance = ~jnp.all(present), jnp.diag(variance)
     covariance = jax.scipy.linalg.block_diag(variance, level_covariance)
     form = _KERNELS[method](jnp.concatenate([w, phi[None], theta[None]]), covariance, lat, *given)
-    return _judged(form, method, latitude, hint, accuracy, pole, missing, unit, phi.dtype)
+    return _judged(form, method, latitude, hint, pole, missing, unit, phi.dtype)
 
 
-def _judged(form: Closed, method: str, latitude, hint, accuracy, pole, missing, unit, dtype) -> Azimuth:
+def _judged(form: Closed, method: str, latitude, hint, pole, missing, unit, dtype) -> Azimuth:
     """Sort the roots, choose one, and give a verdict."""
     found, positive = form.found, method in ("bias_and_scale", "scale_first")
     order = jnp.argsort(jnp.where(found.real, found.roots, 10.0))
@@ -213,16 +212,14 @@ def _judged(form: Closed, method: str, latitude, hint, accuracy, pole, missing, 
     others = allowed & (jnp.arange(roots.size) != best)
     apart = distance(roots, roots[best])
     several = jnp.any(others) & ~jnp.all(~others | (apart < 1e-4) | merged[best])
-    chosen = ambiguous = off = jnp.asarray(False)
-    undecided = several
-    if hint is not None:
-        ambiguous, undecided = several & jnp.any(others & (apart < 2 * accuracy)), off
-    elif by_scale is not None:
+    chosen = off = jnp.asarray(False)
+    undecided = several if hint is None else off
+    if hint is None and by_scale is not None:
         chosen, undecided = several, several & jnp.any(others & (jnp.abs(by_scale - by_scale[best]) < SMALL))
     if form.latitude is not None:
         off = (jnp.abs(form.latitude - latitude) > 4 * form.latitude_std) & (form.latitude_std > 0)
     outcome = decided(
-        (chosen, "scale_chosen"), (weak[best], "weak"), (off, "integrity"), (ambiguous, "ambiguous"),
+        (chosen, "scale_chosen"), (weak[best], "weak"), (off, "integrity"),
         (merged[best], "double_root"), (found.clipped, "clipped"), (undecided, "undecided"),
         (found.infeasible, "infeasible"), (found.degenerate, "degenerate"), (pole, "pole"), (missing, "missing"),
     )  # fmt: skip

@@ -17,6 +17,7 @@ from ._start import DRIFTS
 _TILT, _SMOOTH, _TWIST = ("phi_rate", "theta_rate"), DRIFTS[::3] + DRIFTS[1::3], DRIFTS[2::3]
 TERMS = frozenset((*_TILT, *DRIFTS))
 _DEG_PER_HOUR = np.deg2rad(1.0) / 3600
+_ENCODER = np.deg2rad(0.1)  # errors of a plain encoder or of angles set by hand
 _OPPOSITE = 0.1  # rad: positions this close to a half turn apart are a pair
 (_SHOWN,) = FINDINGS["drift"].limits
 
@@ -53,7 +54,7 @@ def checked(found: AlignmentFit, free: set[str], refit: Callable[..., AlignmentF
         elif found.noise_known:
             change, keep = _change(found, full), np.isin(found.names, list(free))
             allowed += np.where(np.outer(keep, keep), full.covariance - found.covariance + np.outer(change, change), 0.0)
-    old, more = found.estimate, _order(first)
+    old, more = found.estimate, _order(first) + _exact(first)
     said, states = _said(first, found, free), old.states
     if not free.isdisjoint(_SMOOTH) and (lacking or "misfit" in found.codes):
         said, states = [FINDINGS("drift_open", "gyro"), *said], states | {"psi": "open"}
@@ -65,8 +66,8 @@ def _determined(readings: Readings, sensor: str, terms: tuple[str, ...]) -> tupl
     """The terms that readings of a sensor determine beside offset and two harmonics; of a drift, the rates at least."""
     values, channel = getattr(readings, sensor), readings.positions.channel
     spare = 0 if values is None else np.count_nonzero(np.isfinite(np.asarray(values)) & (channel == 0)) - 3
-    axes = len(np.unique(channel[channel < 2])) if sensor == "gyro" else 1
-    return terms if spare * axes >= len(terms) else terms[:axes] if sensor == "gyro" and spare > 0 else ()
+    axes = 1 + int(np.any(channel > 0))
+    return terms if spare * axes >= len(terms) else terms[:axes] if spare > 0 else ()
 
 
 def _change(found: AlignmentFit, full: AlignmentFit) -> np.ndarray:
@@ -131,6 +132,17 @@ def _order(found: AlignmentFit) -> list[Finding]:
     now, then = (_sensitivity(found, *one) for one in ((places, here), (better, np.ones(len(better), dtype=bool))))
     shown = ", ".join(f"{round(angle, 1):g}" for angle in np.rad2deg(order))
     return FINDINGS.over("drift_order", now / then, size=Quantity(now, "angle"), order=shown)
+
+
+def _exact(found: AlignmentFit) -> list[Finding]:
+    """What errors of the table's angles would do that are not given."""
+    places, known = found.readings.positions, found.parameters
+    if places.angle_std is not None or not found.noise_known or None in (known.get("phi"), known.get("theta")):
+        return []
+    each = _ENCODER / np.sqrt(len(np.unique(places.start)))
+    level, azimuth = np.hypot(found.phi, found.theta) * each, each * ("psi" in known)
+    ratio = max(level / max(found.std["phi"], found.std["theta"]), azimuth / max(found.std.get("psi", np.inf), ROUNDING))
+    return FINDINGS.over("angles_exact", ratio, level=Quantity(float(level), "angle"), azimuth=Quantity(float(azimuth), "angle"))
 
 
 def there_and_back(angle: np.ndarray) -> np.ndarray:

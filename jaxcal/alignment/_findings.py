@@ -14,7 +14,6 @@ FINDINGS = table(
         "Give a rough azimuth with {option.hint}; where the latitude is estimated, give it, or {option.hemisphere}.",
     ),
     scale_chosen=Kind(NOTE, "Two roots have a positive scale factor; the one with the scale factor nearest 1 is chosen."),
-    ambiguous=Kind(CAUTION, "The next root is closer to the chosen one than the hint is accurate; the choice may be wrong."),
     clipped=Kind(
         CAUTION, "The sine or cosine asked for exceeds 1, as noise, a wrong gravity or a scale error can make it; the nearest angle is "
         "given.",
@@ -24,8 +23,8 @@ FINDINGS = table(
     ),
     weak=Kind(CAUTION, "The geometry hardly determines the angle: its standard error exceeds 10 degrees.", limits=(np.deg2rad(10.0),)),
     misfit=Kind(
-        CAUTION, "The residuals are larger than the noise explains (p = {p:.1g}): the table moved, a misalignment was left out, or the "
-        "noise is wrong.", limits=(0.999,),  # probability of smaller residuals
+        CAUTION, "The residuals are larger than the noise explains (p = {p:.1g}): the table moved, its angles or the noise are wrong, "
+        "or a misalignment was left out.", limits=(0.999,),  # probability of smaller residuals
     ),
     unobservable=Kind(
         CAUTION, "The readings do not determine {names}.",
@@ -75,6 +74,10 @@ FINDINGS = table(
         NOTE, "The azimuth changes by up to {size:.2g} for each deg/h by which the gyro's bias changes in the test.",
         "Measure in the order {order} deg.", limits=(1.2,),  # times the change with that order
     ),
+    angles_exact=Kind(
+        NOTE, "The table's angles count as exact. Errors of 0.1 deg would be {level:.2g} of roll and pitch, and {azimuth:.2g} of the "
+        "azimuth.", "Give {option.angle_std}.", limits=(1.0,),  # times the stated errors
+    ),
     # the raw log of a table
     rests=Kind(NOTE, "{count} rests of {least:.4g} to {most:.4g} were found, at {angles} deg.", guess=True),
     angles_of_gyro=Kind(
@@ -92,7 +95,7 @@ FINDINGS = table(
 
 #: the answer of a method as a number that JAX can trace: its place here; the last of them come without a number
 OUTCOMES = (
-    "ok", "scale_chosen", "ambiguous", "clipped", "double_root", "weak", "misfit", "unobservable", "integrity",
+    "ok", "scale_chosen", "clipped", "double_root", "weak", "misfit", "unobservable", "integrity",
     "unfinished", "undecided", "infeasible", "degenerate", "pole", "missing",
 )  # fmt: skip
 _FIRST_WITHOUT = OUTCOMES.index("unfinished")

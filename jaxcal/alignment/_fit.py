@@ -23,7 +23,7 @@ from ._noise import SENSORS, check_noise, covariance_of, noise_of
 from ._plausible import check_readings
 from ._positions import GRAVITY, POLE, SMALL, Readings, check_gravity, check_latitude, wrap
 from ._result import QUANTITIES, AlignmentFit, know, sizes_of
-from ._start import NEEDED, check_latitude_free, check_names, free_of, initial_guess, priors_of
+from ._start import NEEDED, check_names, free_of, initial_guess, priors_of
 
 #: noise that weights the sensors relative to each other if none is given: 50 micro-g sqrt(s), 0.01 deg/sqrt(h)
 _NOMINAL = {"accel": 50e-6 * GRAVITY, "gyro": np.deg2rad(0.01) / 60}
@@ -85,7 +85,7 @@ def fit(
     Raises
     ------
     DataError
-        If a name is unknown, readings of a required sensor are missing, or the positions cannot determine the latitude.
+        If a name is unknown, or readings of a required sensor are missing.
 
     Examples
     --------
@@ -116,7 +116,6 @@ def fit(
     mean, certainty = priors_of(priors, names)
     check_names(start or {}, "parameter for a start", names)
     given = dict(start or {})
-    check_latitude_free(chosen, mean, readings.positions)
     if latitude is not None or "latitude" in mean:
         given["latitude"] = mean["latitude"] if latitude is None else latitude
 
@@ -278,12 +277,9 @@ def _freedom(found: Fit, table: Table, fitted: AlignmentFit, estimated: dict[str
 
 def _level(noise: Any, places: Any, here: Any) -> Any:
     """White noise N with the same mean variance as the readings."""
-    xp = array_module(noise, places, here)
-    variance = covariance_of(noise, places, here)
+    xp, variance = array_module(noise, places, here), covariance_of(noise, places, here)
     variance = variance if variance.ndim == 1 else xp.diagonal(variance)
-    count = xp.sum(xp.where(here, 1.0, 0.0))
-    mean = xp.sum(xp.where(here, variance * places.dwell, 0)) / xp.maximum(count, 1.0)
-    return xp.sqrt(xp.where(count > 0, mean, 1.0))
+    return xp.sqrt(xp.sum(xp.where(here, variance * places.dwell, 0)) / xp.maximum(xp.sum(xp.where(here, 1.0, 0.0)), 1.0) + ~xp.any(here))
 
 
 def _told(found: AlignmentFit, freedom: np.ndarray, readings: Readings, o: _Options, twofold: bool, nominal: list[str]) -> AlignmentFit:

@@ -85,11 +85,13 @@ class Turntable(eqx.Module):
         """True specific force (n, 3), m/s^2, and angular rate (n, 3), rad/s, along the sensitive and two cross axes; see `measure`."""
         places = geometry(positions, gravity, lever_arm)
         xp, time = array_module(self, places), places.time
-        # (3, 3, n): the base may tilt during the test
-        matrix = table_from_nav(self.phi + self.phi_rate * time, self.theta + self.theta_rate * time, self.psi + 0 * time)
-        earth = EARTH_RATE * (matrix[:, 0] * xp.cos(self.latitude) - matrix[:, 2] * xp.sin(self.latitude))
+        # the base may tilt during the test: matrices (3, 3, n)
+        moved = dataclasses.replace(
+            self, phi=self.phi + self.phi_rate * time, theta=self.theta + self.theta_rate * time, psi=self.psi + 0 * time
+        )
+        down, earth = moved.matrix[:, 2], EARTH_RATE * moved.earth_rate
         along = lambda axes, vector: xp.einsum("nij,jn->ni", axes, vector)  # noqa: E731
-        force = places.force + along(places.coriolis, earth) - places.gravity * along(places.axes, matrix[:, 2])
+        force = places.force + along(places.coriolis, earth) - places.gravity * along(places.axes, down)
         return force, places.rate + along(places.axes, earth)
 
     def measure(self, positions: Any, *, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> tuple[AnyArray, AnyArray]:

@@ -210,25 +210,12 @@ class AlignmentFit(Bound):
         number = self.estimate[name]
         return None if number.state == "open" else float(number.value)
 
-    @property
-    def phi(self) -> float | None:
-        """Roll, rad; None if not determined (host only)."""
-        return self._value("phi")
-
-    @property
-    def theta(self) -> float | None:
-        """Pitch, rad; None if not determined (host only)."""
-        return self._value("theta")
-
-    @property
-    def psi(self) -> float | None:
-        """Azimuth, rad; None if not determined, or if two solutions fit equally well (host only)."""
-        return self._value("psi")
-
-    @property
-    def latitude(self) -> float | None:
-        """Given or estimated latitude, rad; None if not determined (host only)."""
-        return self._value("latitude")
+    phi = property(lambda self: self._value("phi"), doc="Roll, rad; None if not determined (host only).")
+    theta = property(lambda self: self._value("theta"), doc="Pitch, rad; None if not determined (host only).")
+    psi = property(
+        lambda self: self._value("psi"), doc="Azimuth, rad; None if not determined, or if two solutions fit equally well (host only)."
+    )
+    latitude = property(lambda self: self._value("latitude"), doc="Given or estimated latitude, rad; None if not determined (host only).")
 
     @property
     def parameters(self) -> dict[str, float | None]:

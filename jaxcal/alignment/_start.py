@@ -68,23 +68,6 @@ def priors_of(priors: Any, known: tuple[str, ...]) -> tuple[dict[str, Any], dict
     return mean, certainty
 
 
-def check_latitude_free(free: set[str], priors: dict[str, Any], positions: Positions) -> None:
-    """Refuse a free latitude that the readings cannot determine (section 2 of the method)."""
-    if "latitude" not in free or "latitude" in priors:
-        return
-    in_plane = np.isin(np.array(positions.mounting), ["x", "y", "fixed z"])
-    if not is_traced(positions.angle):
-        distinct = len(np.unique(np.round(np.exp(1j * np.asarray(positions.angle)[in_plane]), 6)))
-        if distinct < 3:
-            raise DataError(
-                f"The latitude needs three distinct table angles, such as 0, 90 and 180 degrees; got {distinct}.", code="latitude_open"
-            )
-    if "s_g" in free and "s_g" not in priors and in_plane.all():
-        raise DataError(
-            "The latitude and s_g cannot both be found; measure with mounting 'z' too, hold s_g or give its prior.", code="latitude_open"
-        )
-
-
 def initial_guess(
     table: Table, dwell: AnyArray, given: dict[str, Any], known: set[str], free: set[str], hint: Any, noise: Any, hemisphere: Any
 ) -> tuple[dict[str, Any], Any]:

@@ -39,8 +39,8 @@ def characterise(
     Raises
     ------
     DataError
-        If the log has no temperature or no sensor channel, all channels are dead, or for the reasons of `fit`; the message then names
-        the channel. A dead channel beside others is left out, and a finding says so.
+        If the log has no temperature or no sensor channel, or `fit` refuses every channel; the message then names the first. A channel
+        that is dead or refused beside others is left out, and a finding says so.
 
     Examples
     --------
@@ -57,16 +57,19 @@ def characterise(
         raise DataError(Message("the log has no gyroscope, accelerometer or magnetometer; name their columns with {option.columns}"),
                         code="no_sensor")  # fmt: skip
     report = progress or (lambda done, total, name: None)
-    fits, dead = {}, []
+    fits, dead, refused = {}, [], []
     for done, (name, values) in enumerate(channels.items()):
         report(done, len(channels), name)
-        if np.nanmin(values) == np.nanmax(values) and len(dead) < len(channels) - 1:
+        if len(here := values[np.isfinite(values)]) and np.ptp(here) == 0 and len(dead) < len(channels) - 1:
             dead.append(FINDINGS("constant", name))
             continue
         try:
             fits[name] = fit(temperature, values, time=log.time, sensor=name.partition("_")[0], **options)
         except DataError as error:
-            raise error.of(name) from None
+            refused.append(error.of(name))
+            dead.append(FINDINGS("refused", name, why=error))
+    if not fits:
+        raise refused[0]
     report(len(channels), len(channels), "")
     return TemperatureFits(fits, dead)
 

@@ -31,11 +31,11 @@ def compared(axes, known, runs, kind="N+B+K"):
         time, angle, accel, gyro, rests, ideal = world.recording(rng, angles, dwells, kind, ATTITUDE, axes=axes)
         found = from_log(jaxcal.Log(time, accel=accel, gyro=gyro), angle=angle if known else None, noise=noise)
         assert len(found.angle) == len(angles)
-        got, words = found.fit(world.LATITUDE), WORDS[axes]
+        got, words = found.fit(world.LATITUDE, start=NO_DRIFT), WORDS[axes]
         times = (rests[:, 1] - rests[:, 0]) / 50, rests[:, 0] / 50
         places = Positions(np.repeat(angles * DEG, axes), words * len(angles), *(np.repeat(x, axes) for x in times))
         means = Readings(places, *(mean.ravel() for mean in ideal), accel_noise=noise["accel"], gyro_noise=noise["gyro"])
-        best = fit(means, world.LATITUDE, model=found.model, free=found.free, priors=found.priors or None)
+        best = fit(means, world.LATITUDE, model=found.model, free=found.free, priors=found.priors or None, start=NO_DRIFT)
         names = ("phi", "theta", "psi")
         differences.append([(got.parameters[name] - best.parameters[name]) / got.std[name] for name in names])
         inside.append([got.estimate[name].low <= truth <= got.estimate[name].high for name, truth in zip(names, ATTITUDE, strict=True)])

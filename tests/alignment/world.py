@@ -12,11 +12,18 @@ GYRO = np.array([0.002 * DEG / 60, 0.02 * DEG / 3600, 0.1 * DEG / 3600 / 60])
 ACCEL = np.array([50e-6 * G, 10e-6 * G, 5e-7 * G])
 #: factors of N, B and K for each kind of noise
 NOISES = {"white": np.array([1, 0, 0]), "N+B": np.array([1, 1, 0]), "N+B+K": np.array([1, 1, 1])}
+#: drifts of the gyro's bias over a test, rad/s
+DRIFTS = {
+    "none": lambda u: 0 * u, "linear": lambda u: 0.4 * DEG / 3600 * u, "quadratic": lambda u: 0.4 * DEG / 3600 * u**2,
+    "exponential": lambda u: 0.4 * DEG / 3600 * np.exp(-4 * u), "step": lambda u: 0.3 * DEG / 3600 * (u > 0.5),
+}  # fmt: skip
 #: table angles in degrees, and the time at each of them in s
 PLANS = {
     "4 x 120 s": ([0, 90, 180, 270], 120.0), "8 mirrored x 60 s": ([0, 90, 180, 270, 270, 180, 90, 0], 60.0),
     "4 x 600 s": ([0, 90, 180, 270], 600.0),
 }  # fmt: skip
+#: the order in which opposite positions are measured there and back
+PAIRS = [0, 180, 180, 0, 90, 270, 270, 90], 60.0
 MOVE = 8.0  # s between rests
 
 
@@ -45,7 +52,7 @@ def vectors(attitude, angle):
     `attitude` has roll, pitch and azimuth of the table, `angle` the table angles, rad.
     """
     phi, theta, psi = attitude
-    nav = Rotation.from_euler("ZYX", [psi, theta, phi])  # table axes in north, east, down
+    nav = Rotation.from_euler("ZYX", np.stack(np.broadcast_arrays(psi, theta, phi), -1))  # table axes in north, east, down
     body = nav * Rotation.from_rotvec(np.multiply.outer(angle, [0.0, 0.0, 1.0]))
     return body.inv().apply([0.0, 0.0, -G]), body.inv().apply([EARTH * np.cos(LATITUDE), 0.0, -EARTH * np.sin(LATITUDE)])
 
@@ -83,18 +90,23 @@ def motion(rng, angles, dwells, rate, move=8.0):
 
 
 def recording(
-    rng, angles, dwells, kind, attitude, *, axes=1, rate=50.0, vibration=0.3, ringing=0.02, mount=(0.0, 0.0), bias=(1e-3, 2e-7), scale=1.0
+    rng, angles, dwells, kind, attitude, *, axes=1, rate=50.0, vibration=0.3, ringing=0.02, mount=(0.0, 0.0), bias=(1e-3, 2e-7), scale=1.0,
+    drift=None, tilt=0.0, encoder=0.0,
 ):  # fmt: skip
     """Simulate a table log: time, table angle, accelerometer and gyro (n, axes), the samples of each rest, and ideal means over them.
 
     While the table moves it vibrates (m/s^2; a tenth of the number in rad/s for the gyro), and its rate leaks into the gyro's other axes
     by a misalignment of 1e-3. The sensors are 0.1 m off the axis. After a move the table rings at 7 Hz for some tenths of a second
-    (m/s^2). mount: tilt of the device on the table, rad. scale: scale factor of the gyro.
+    (m/s^2). mount: tilt of the device on the table, rad. scale: scale factor of the gyro. drift: of the gyro's bias (rad/s), as a function
+    of the share of the test that has passed. tilt: of the base over the test, about a random axis (rad). encoder: standard deviation of
+    the errors of the angles that are returned (rad).
     """
     angle, still, since = motion(rng, np.asarray(angles) * DEG, dwells, rate)
     n, dt = angle.size, 1 / rate
     speed = np.gradient(angle, dt) * ~still
-    resting, earth = vectors(attitude, angle)
+    share, towards = np.arange(n) / n, rng.uniform(0, 2 * np.pi)
+    phi, theta = (x + tilt * f(towards) * (share - 0.5) for x, f in zip(attitude, (np.cos, np.sin), strict=False))
+    resting, earth = vectors((phi, theta, attitude[2]), angle)
     turn = speed[:, None] * np.array([0.0, 0.0, 1.0])
     force = resting + 0.1 * np.stack([-(speed**2), np.gradient(speed, dt) * ~still, 0 * speed], axis=1)
     shake = (vibration * ~still)[:, None] * rng.normal(size=(n, 3))
@@ -107,9 +119,11 @@ def recording(
     accel = tilt.apply(force + shake + ring[:, None])[:, :axes] + bias[0]
     # only the table's rate is coupled; coupling of the Earth's rate would be an ordinary misalignment
     gyro = scale * tilt.apply(earth + (turn + rock + 0.1 * swing[:, None]) @ coupling.T)[:, :axes] + bias[1]
+    gyro = gyro + (0.0 if drift is None else drift(share)[:, None])
     noises = [noise(rng, c * NOISES[kind], (axes, n), dt).T for c in (ACCEL, GYRO)]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
     rests = np.stack([edges[::2], edges[1::2]], axis=1)
+    angle = angle + encoder * rng.normal(size=len(rests))[np.minimum(np.searchsorted(edges[1::2], np.arange(n), "right"), len(rests) - 1)]
     # readings of a sensor without misalignment on a table that does not ring
     clean = [tilt.apply(v)[:, :axes] + b + x for v, b, x in zip((resting, scale * earth), bias, noises, strict=True)]
     ideal = [np.array([x[i:j].mean(axis=0) for i, j in rests]) for x in clean]

@@ -200,6 +200,12 @@ def test_a_log_with_a_slow_thermometer(refuses):
     with refuses("range") as caught:
         characterise(Log(None, gyro=b, temperature=np.full(3000, 20.0), rate=10.0))
     assert caught.value.subject == "gyro_x"
+    # a dead channel and a refused one cost only themselves
+    bad = np.stack([b, np.full(3000, 0.1), np.where(np.arange(3000) < 20, b, np.nan)], axis=1)
+    part = characterise(Log(None, gyro=bad, temperature=t, rate=10.0), model="polynomial", degree=2)
+    assert list(part) == ["gyro_x"]
+    assert {(one.code, one.subject) for one in part.findings} >= {("constant", ("gyro_y",)), ("refused", ("gyro_z",))}
+    np.testing.assert_allclose(part["gyro_x"].estimate.values, fits["gyro_x"].estimate.values, rtol=1e-3)
 
 
 def test_the_fits_of_a_log_are_one_result_with_units():
