@@ -279,7 +279,8 @@ def _level(noise: Any, places: Any, here: Any) -> Any:
     """White noise N with the same mean variance as the readings."""
     xp, variance = array_module(noise, places, here), covariance_of(noise, places, here)
     variance = variance if variance.ndim == 1 else xp.diagonal(variance)
-    return xp.sqrt(xp.sum(xp.where(here, variance * places.dwell, 0)) / xp.maximum(xp.sum(xp.where(here, 1.0, 0.0)), 1.0) + ~xp.any(here))
+    mean = xp.sum(xp.where(here, variance * places.dwell, 0)) / xp.maximum(xp.sum(xp.where(here, 1.0, 0.0)), 1.0)
+    return xp.sqrt(xp.where(xp.any(here), mean, 1.0))
 
 
 def _told(found: AlignmentFit, freedom: np.ndarray, readings: Readings, o: _Options, twofold: bool, nominal: list[str]) -> AlignmentFit:
