@@ -127,8 +127,9 @@ def lacks(runs):
         share, level = 100 * np.mean(held, axis=0), np.rad2deg(np.nanmedian(half, axis=0))
         rmse = np.sqrt(np.mean(np.square(np.array(off)[given]))) / bound if any(given) else np.nan
         where = ("" if inside else ", table alone") + ("" if known else ", noise not given")
+        named = 100 * np.mean(codes)
         print(f"{plan}, {name}{where}: {100 * np.mean(given):.0f}, {share[2]:.0f}; {share[0]:.0f}, {share[1]:.0f}; "
-              f"{100 * np.mean(codes):.0f}; {100 * good / runs:.0f}; {rmse:.2f}; {level[0]:.3f}, {3600 * level[1]:.1f}", flush=True)  # fmt: skip
+              f"{named:.0f}; {100 * good / runs:.0f}; {rmse:.2f}; {level[0]:.3f}, {3600 * level[1]:.1f}", flush=True)  # fmt: skip
 
 
 PARTS = {"cells": cells, "raw": raw, "lacks": lacks}
