@@ -11,8 +11,13 @@ also describe a creep. The search uses the lowest ordinates of the records and t
 .. math:: \lambda = \sum_\mathrm{axes}\frac{(\sum x_k y_k/S_k)^2}{\sum x_k^2/S_k}
 
 once under the fitted density, in which B and K may already describe the change as noise, and once under the density of N and Q alone. The
-slow noise is then fitted again beside the best shape of each family. The likelihood ratio of the fits with and without it decides. One
-change after another is added, as long as the ratio exceeds a level that at most one in 300 records of noise alone reaches.
+slow noise is then fitted again beside the best shape of each family, and the likelihood ratio of the fits with and without it compared with
+a level that at most one in 300 records of noise alone reaches. A change is real with a probability, its share, of
+
+.. math:: 1/(1 + e^{(\mathrm{level} - \mathrm{ratio})/2})
+
+which are the likelihoods of both, with even odds at the level. One change after another is added, until one has a share below a half. The
+fit takes the expected ordinates over changes of these shares, so that a small change of the record never switches one on or off.
 """
 
 import functools
@@ -38,7 +43,9 @@ _LAGS, _CYCLES = (0.0, 0.003, 0.01, 0.03, 0.1), np.arange(0.5, 10.01, 0.25)
 #: likelihood ratio for one axis that one in 300 records of noise alone reaches in the search of a family; a shift has a known place, and
 #: 2.6 standard errors suffice. By how much less a change without K must be better than K to be named "beside" K, and for K to be a "hint"
 #: at most: 32 and 4 % of records of 22 minutes with K reach them, and 3 % of records of 87 minutes (`benchmarks/real_noise.py`)
-_LEVELS = {"shift": 6.8, "event": 20.0, "edge": 13.0, "edges": 18.0, "sinusoid": 20.0, "temperature": 12.0, "beside": 11.5, "hint": 4.5}
+_LEVELS = {"shift": 6.8, "event": 20.0, "edge": 13.0, "edges": 18.0, "sinusoid": 20.0, "temperature": 12.0, "beside": 13.25, "hint": 6.5}
+_EVIDENT = 0.1  # share of the likelihood ratio of K itself by which the change must be better, too
+_FAINT = 0.05  # a change of a smaller share is left out, which moves no coefficient by a tenth of its error
 
 
 class Change(NamedTuple):
@@ -51,11 +58,19 @@ class Change(NamedTuple):
 
 
 class Changes(NamedTuple):
-    """The changes that are fitted, one that describes the record about as well as K does, or None, and whether K is a hint for it."""
+    """The changes that are fitted and the share of each, one that describes the record about as well as K does, or None, and whether K is a
+    hint for it.
+    """
 
     fitted: tuple[Change, ...] = ()
+    shares: tuple[float, ...] = ()
     instead: Change | None = None
     hint: bool = False
+
+    @property
+    def likely(self) -> tuple[Change, ...]:
+        """Those that are more likely than not."""
+        return tuple(one for one, share in zip(self.fitted, self.shares, strict=True) if share > 0.5)
 
 
 class Axis(NamedTuple):
@@ -120,12 +135,7 @@ def _lagged(times: AnyArray, values: AnyArray, lag: float, t: AnyArray) -> AnyAr
     """The temperature after a first-order lag in s."""
     if lag:
         keep = np.exp(-(times[1] - times[0]) / lag)
-        state = values[0]
-        followed = np.empty(len(values))
-        for i, value in enumerate(values):
-            state = keep * state + (1.0 - keep) * value
-            followed[i] = state
-        values = followed
+        values = values[0] + np.asarray(scipy.signal.lfilter([1.0 - keep], [1.0, -keep], values - values[0]))
     return np.asarray(np.interp(t, times, values))[:, None]
 
 
@@ -178,7 +188,8 @@ def _level(family: str, axes: int, looks: int = 1) -> float:
     return 2.0 * float(scipy.special.gammainccinv(degrees * axes, rare))
 
 
-def lowest_of(n: int, dt: float, columns: Sequence[Term]) -> AnyArray:
+@functools.lru_cache(maxsize=8)
+def lowest_of(n: int, dt: float, columns: tuple[Term, ...]) -> AnyArray:
     """Expected lowest ordinates of n samples per squared coefficient, (ordinates, p), at which changes of the mean are searched."""
     k = np.arange(1, min(_ORDINATES, n - 1) + 1)
     return np.stack([term.ordinates(k, n, dt) for term in columns], axis=1)
@@ -206,18 +217,18 @@ def find_changes(
     if not np.all(bases > 0.0):
         return Changes()
     levels = {family: _level(family, len(axes)) for family in shapes}
-    found: list[Change] = []
+    found: list[tuple[Change, float]] = []  # with their shares
     held = np.zeros((kept, 0))
     refitted = functools.partial(_refitted, records, columns, bases)
     (fitted,), (cost,) = refitted([held], np.array([axis.theta[slow] for axis in axes]))
     if shifts := [_event(at, 0.0)._replace(family="shift") for at in joints if 0.0 < at < n * dt]:
         x = low.ordinates(shifts)
-        sure = np.flatnonzero(_ratios(records, bases + fitted @ columns.T, x) > _level("shift", len(axes), len(shifts)))
-        found = [shifts[i] for i in sure]
-        held = x[sure, :, 0].T
+        shares = _shares(_ratios(records, bases + fitted @ columns.T, x) - _level("shift", len(axes), len(shifts)))
+        found = [(shifts[i], float(shares[i])) for i in np.flatnonzero(shares > _FAINT)]
+        held = x[shares > 0.5, :, 0].T
         (fitted,), (cost,) = refitted([held], fitted)
     instead: tuple[float, Change | None] = -_LEVELS["beside"], None
-    while sum(one.family != "shift" for one in found) < _MOST:
+    while sum(one.family != "shift" for one, _ in found) < _MOST:
         tried: list[tuple[str, Change, AnyArray]] = []
         walks = bool(np.any(fitted[:, walk] > 0.0))
         for densities in (bases + fitted @ columns.T, bases):
@@ -225,7 +236,7 @@ def find_changes(
             for family, (listed, x) in shapes.items():
                 ratios = _ratios(rests, densities, x)
                 best = int(np.argmax(ratios))
-                if ratios[best] > levels[family] - _LEVELS["beside"] * walks:
+                if ratios[best] > levels[family] - _LEVELS["beside"]:
                     change, ordinates = listed[best], x[best]
                     if family in ("event", "edge"):
                         change, ordinates = _sharpened(change, ordinates, low, rests, densities)
@@ -234,17 +245,27 @@ def find_changes(
             break
         designs = [np.column_stack([held, x]) for _, _, x in tried]
         beyond = np.array([levels[family] for family, *_ in tried])
-        thetas, costs = refitted(designs, fitted)
+        # once with K, once without
+        several = [*designs, *designs, held] if walks else designs
+        without = walk & (np.arange(len(several)) >= len(designs))[:, None, None] & np.ones_like(fitted, dtype=bool)
+        thetas, costs = refitted(several, np.where(without, 0.0, fitted), without)
         if walks:
-            gains = cost - refitted(designs, np.where(walk, 0.0, fitted), walk)[1] - beyond
+            gains = cost - costs[len(designs) : -1] - beyond - _EVIDENT * (costs[-1] - cost)
             instead = max(instead, (float(np.max(gains)), tried[int(np.argmax(gains))][1]), key=lambda one: one[0])
+            costs = costs[: len(designs)]
         best = int(np.argmax(cost - costs - beyond))
-        if not cost - costs[best] > beyond[best]:
+        if (share := float(_shares(cost - costs[best] - beyond[best]))) > _FAINT:
+            found.append((_at_its_instant(tried[best][1], axes, dt, size), share))
+        if share <= 0.5:
             break
-        change, held, fitted, cost = tried[best][1], designs[best], thetas[best], costs[best]
-        found.append(_at_its_instant(change, axes, dt, size))
-        instead = -_LEVELS["beside"], None
-    return Changes(tuple(found), instead[1], instead[0] > -_LEVELS["hint"])
+        held, fitted, cost, instead = designs[best], thetas[best], costs[best], (-_LEVELS["beside"], None)
+    fitted, shares = zip(*found, strict=True) if found else ((), ())
+    return Changes(fitted, shares, instead[1], instead[0] > -_LEVELS["hint"])
+
+
+def _shares(beyond: Any) -> AnyArray:
+    """Probability that a change is real whose likelihood ratio is `beyond` its level."""
+    return scipy.special.expit(0.5 * np.asarray(beyond))
 
 
 def _at_its_instant(change: Change, axes: Sequence[Axis], dt: float, size: int) -> Change:
@@ -270,7 +291,7 @@ def _residual(record: AnyArray, held: AnyArray, density: AnyArray) -> AnyArray:
 def _refitted(records, columns, bases, designs, begun, held: Any = False) -> tuple[AnyArray, AnyArray]:
     """Slow coefficients of each axis beside the columns of each design, (designs, axes, p), and -2 log likelihood of all axes.
 
-    `begun` are those of a last fit, (axes, p), of which some are `held`.
+    `begun` are those of a last fit, (axes, p) or of each design, of which some are `held`.
     """
     starts, count = log_groups(len(columns), keep_tail=True)
     count, shape = count.astype(float), (len(designs), len(records))
@@ -291,7 +312,8 @@ def _refitted(records, columns, bases, designs, begun, held: Any = False) -> tup
             flat = np.median(target / levels, axis=-1)[..., None] * np.min(levels[..., None] / columns_of, axis=-2)
             tried = np.stack([theta, np.where(held, theta, np.maximum(flat, 1e-6 * theta))], axis=2)
             twice = (np.repeat(values.reshape(-1, len(count)), 2, axis=0) for values in (target, levels))
-            found, costs = scoring(columns_of, next(twice), count, tried.reshape(-1, tried.shape[-1]), next(twice), held)
+            stays = np.repeat(np.broadcast_to(held, theta.shape).reshape(-1, theta.shape[-1]), 2, axis=0)
+            found, costs = scoring(columns_of, next(twice), count, tried.reshape(-1, tried.shape[-1]), next(twice), stays)
             best = np.argmin(costs.reshape(*shape, 2), axis=-1)[..., None, None]
             theta = np.take_along_axis(found.reshape(tried.shape), best, axis=2)[:, :, 0]
     s = levels + theta @ columns_of.T

@@ -36,22 +36,17 @@ from ._terms import Term
 #: term -> slope in log-log, time in s at which its tangent is read, and the local slope that the curve must go below (rising: above)
 #: for the term to be reported
 _TANGENTS = {"Q": (-1.0, math.sqrt(3.0), -0.75), "N": (-0.5, 1.0, math.inf), "K": (0.5, 3.0, 0.25), "R": (1.0, math.sqrt(2.0), 0.75)}
-#: gls: relative misfit of the deviation that is allowed; chance of a worse chi-square below which a band is refused; chance below which the
-#: intervals are widened to the observed scatter; octaves left out beyond the first cluster time at which the model passes
-_TOLERANCE, _REFUSED, _WIDENED, _MARGIN = 0.0025, 0.001, 0.01, 1.0
+_WIDENED = 0.01  # chance of a worse chi-square below which the intervals of gls are widened to the observed scatter
 #: steps of an iteration, and the relative change of the modelled variance at which it ends; what keeps a correlation matrix invertible
 _STEPS, _SETTLED, _RIDGE = 200, 1e-12, 1e-8
 
 
 class _Curve(NamedTuple):
-    """Variances v, columns A and a tail that a filter makes (its coefficient has either sign), the tensor T, and which term has the shape
-    of the tail (Q).
-    """
+    """Variances v, columns A and tensor T."""
 
     v: AnyArray
     columns: AnyArray
     tensor: AnyArray
-    short: AnyArray
 
 
 class _Fitted(NamedTuple):
@@ -68,20 +63,19 @@ def fit_curves(record: Record, asked: Asked) -> list[NoiseFit]:
     for y, name in zip(record.channels, record.names, strict=True):
         with naming(name):
             curve, inside = asked.deviation(y)
-            automatic = asked.band is None
-            found.append(fit_deviation(curve, record.samples, asked.terms, inside, automatic, asked.method, asked.confidence))
+            found.append(fit_deviation(curve, record.samples, asked.terms, inside, asked.method, asked.confidence))
     return found
 
 
 def fit_deviation(
-    curve: Deviation, samples: int, terms: tuple[Term, ...], inside: AnyArray, automatic: bool, method: str, confidence: float
+    curve: Deviation, samples: int, terms: tuple[Term, ...], inside: AnyArray, method: str, confidence: float
 ) -> NoiseFit:  # fmt: skip
-    """Fit the cluster sizes `inside` of a curve; method gls leaves out short ones at which the model does not hold if `automatic`."""
+    """Fit the cluster sizes `inside` of a curve."""
     data, used, unit = _curve_of(curve, samples, terms, inside)
     if method == "gls":
-        return _jointly(curve, data, used, unit, samples, terms, automatic, confidence)
+        return _jointly(curve, data, used, unit, samples, terms, confidence)
     theta = _logarithmic(data, used) * unit if method == "log" else _tangents(curve, terms, used)
-    chi, _, _ = _chi_square(data, used, np.append(theta / unit, 0.0), 0.0)
+    chi, _, _ = _chi_square(data, used, theta / unit)
     unknown = np.full((len(terms), len(terms)), np.nan)
     return assemble(
         theta, unknown, None, terms, curve, samples / curve.rate, goodness=chance(chi, _freedom(used, theta)), used=inside,
@@ -95,36 +89,28 @@ def _curve_of(curve: Deviation, samples: int, terms: tuple[Term, ...], inside: A
     v, dt = np.asarray(curve.deviation) ** 2, 1.0 / curve.rate
     used = inside & (v > 0.0)
     unit = float(np.max(v[used]))
-    columns = [np.asarray(term.avar(curve.tau, dt)) for term in terms]
-    short = np.array([term.name == "Q" for term in terms])
-    tail = -columns[int(np.argmax(short))] if short.any() else -1.0 / curve.tau**2
+    columns = np.stack([np.asarray(term.avar(curve.tau, dt)) for term in terms], axis=1)
     loss = np.sqrt(1.0 + curve.skipped / curve.count)  # gaps leave fewer differences
     tensor = covariance_tensor(samples, tuple(int(m) for m in curve.m), dt, terms) * np.outer(loss, loss)
-    return _Curve(np.where(used, v / unit, 1.0), np.stack([*columns, tail], axis=1), tensor, short), used, unit
+    return _Curve(np.where(used, v / unit, 1.0), columns, tensor), used, unit
 
 
-def _jointly(curve: Deviation, data: _Curve, used: AnyArray, unit: float, samples: int, terms, automatic: bool, confidence: float):
-    fitted, cut, holds = _fixed_point(data, used, False), False, True
-    if automatic:
-        used, cut, holds, fitted = _banded(data, np.log2(curve.m), used, fitted)
-    p, unknown = len(terms), data.short & cut
-    theta, covariance = np.where(unknown, 0.0, fitted.theta[:p]) * unit, fitted.covariance[:p, :p] * unit**2
+def _jointly(curve: Deviation, data: _Curve, used: AnyArray, unit: float, samples: int, terms, confidence: float):
+    fitted = _fixed_point(data, used)
+    theta, covariance = fitted.theta * unit, fitted.covariance * unit**2
     if not np.all(np.isfinite(theta)):
         raise FitError(Message("the fit gave no finite coefficients; give fewer {option.terms} or another {option.band}"))
     goodness = chance(fitted.misfit, fitted.freedom)
     inflation = max(fitted.misfit / fitted.freedom, 1.0) if goodness < _WIDENED else 1.0
     covariance = covariance * inflation
-    limits = _limits_of(theta, covariance, confidence)
-    limits = limits._replace(**{end: np.where(unknown, np.inf, getattr(limits, end)) for end in ("high", "upper")})
     fit = assemble(
-        theta, covariance, limits, terms, curve, samples / curve.rate, goodness=goodness,
+        theta, covariance, _limits_of(theta, covariance, confidence), terms, curve, samples / curve.rate, goodness=goodness,
         used=used, confidence=confidence, method="gls", band=(np.min(curve.tau[used]), np.max(curve.tau[used])), findings=(
-            *getattr(curve, "findings", ()), *of_model(0.0 if holds else inflation, float(curve.tau[used].min()) if cut else None),
-            *(() if fitted.settled else (FINDINGS("unsettled"),)),
+            *getattr(curve, "findings", ()), *of_model(inflation, None), *(() if fitted.settled else (FINDINGS("unsettled"),)),
         ),
     )  # fmt: skip
-    variance = np.diagonal(_covariance(data, np.append(theta / unit, 0.0)))
-    edf = 2.0 * (data.columns[:, :p] @ theta / unit) ** 2 / np.where(used & (variance > 0.0), variance, 1.0)
+    variance = np.diagonal(_covariance(data, theta / unit))
+    edf = 2.0 * (data.columns @ theta / unit) ** 2 / np.where(used & (variance > 0.0), variance, 1.0)
     return replaced(fit, deviation=with_edf(curve, used, edf))
 
 
@@ -138,40 +124,13 @@ def _limits_of(theta: AnyArray, covariance: AnyArray, confidence: float) -> Limi
     return Limits(np.maximum(theta - both, 0.0), high, upper, (theta / np.where(error > 0.0, error, np.inf)) ** 2)
 
 
-def _banded(data: _Curve, octave: AnyArray, used: AnyArray, whole: _Fitted) -> tuple[AnyArray, bool, bool, _Fitted]:
-    """Cluster sizes used, whether short ones are cut off, whether the model holds, and the fit.
-
-    Filters and output averaging in a sensor spoil short cluster times. These are left out one by one until the chance of a worse chi-square
-    of the others, with a misfit of 0.25 % of the deviation allowed, reaches one in a thousand. Another octave is then left out, because the
-    model only just holds there. If no band passes, the one with the highest chance is used.
-    """
-
-    def chance_of(used: AnyArray, fitted: _Fitted) -> float:
-        return float(chance(_chi_square(data, used, fitted.theta, (2.0 * _TOLERANCE * data.v) ** 2)[0], fitted.freedom))
-
-    ranked = np.sort(octave[used])
-    last = max(len(ranked) - len(data.short) - 5, 0)  # last start that leaves enough cluster sizes to fit
-    best = chance_of(used, whole), None
-    for start in [] if best[0] >= _REFUSED else ranked[1 : last + 1]:
-        part = used & (octave >= start)
-        found = chance_of(part, _fixed_point(data, part, True))
-        best = max(best, (found, start), key=lambda one: one[0])
-        if found >= _REFUSED:
-            break
-    if best[1] is None:
-        return used, False, best[0] >= _REFUSED, whole
-    used = used & (octave >= min(best[1] + _MARGIN, ranked[last]))
-    return used, True, best[0] >= _REFUSED, _fixed_point(data, used, True)
-
-
 def _covariance(data: _Curve, theta: AnyArray) -> AnyArray:
-    noise = theta[:-1] + data.short * max(-theta[-1], 0.0)  # a tail with the sign of Q scatters as Q does
-    return np.einsum("i,ijmn,j->mn", noise, data.tensor, noise)
+    return np.einsum("i,ijmn,j->mn", theta, data.tensor, theta)
 
 
-def _chi_square(data: _Curve, used: AnyArray, theta: AnyArray, extra: AnyArray | float) -> tuple[float, AnyArray, AnyArray]:
-    """Chi-square of the curve with the covariance at theta plus independent variances; and the whitened rows and values."""
-    c = (_covariance(data, theta) + np.diag(extra * np.ones(len(data.v))))[np.ix_(used, used)]
+def _chi_square(data: _Curve, used: AnyArray, theta: AnyArray) -> tuple[float, AnyArray, AnyArray]:
+    """Chi-square of the curve with the covariance at theta; and the whitened rows and values."""
+    c = _covariance(data, theta)[np.ix_(used, used)]
     scale = np.sqrt(np.where(np.diagonal(c) > 0.0, np.diagonal(c), 1.0))
     root = np.linalg.cholesky(c / np.outer(scale, scale) + _RIDGE * np.eye(len(c)))
     rows = np.linalg.solve(root, np.column_stack([data.columns, data.v])[used] / scale[:, None])
@@ -182,47 +141,41 @@ def _freedom(used: AnyArray, theta: AnyArray) -> float:
     return max(float(np.sum(used) - np.sum(theta != 0.0)), 1.0)
 
 
-def _fixed_point(data: _Curve, used: AnyArray, cut: bool) -> _Fitted:
-    """Iterate the weights; if short cluster times are cut off, the tail replaces Q."""
-    allowed = np.append(~(data.short & cut), cut)
-    either = np.append(np.zeros(len(data.short), dtype=bool), True)
+def _least(rows: AnyArray, target: AnyArray) -> AnyArray:
+    """Non-negative least squares."""
+    p = rows.shape[1]
+    return nonnegative(rows.T @ rows, rows.T @ target, np.zeros(p, dtype=bool), np.ones(p, dtype=bool))[0]
 
-    def solved(rows: AnyArray, target: AnyArray) -> AnyArray:
-        rows = np.where(allowed, rows, 0.0)
-        return nonnegative(rows.T @ rows, rows.T @ target, either & allowed, allowed)[0] * allowed
 
-    theta = solved(data.columns[used] / data.v[used, None], np.ones(np.sum(used)))
+def _fixed_point(data: _Curve, used: AnyArray) -> _Fitted:
+    """Iterate the weights."""
+    theta = _least(data.columns[used] / data.v[used, None], np.ones(np.sum(used)))
     settled = False
     for _ in range(_STEPS):
-        _, rows, target = _chi_square(data, used, theta, 0.0)
-        new = solved(rows, target)
+        _, rows, target = _chi_square(data, used, theta)
+        new = _least(rows, target)
         before, after = data.columns[used] @ theta, data.columns[used] @ new
         # half steps, because whole ones may oscillate; the last is whole, so that coefficients that tend to zero become zero
         settled = bool(np.max(np.abs(after - before) / np.abs(after)) < _SETTLED)
         theta = new if settled else 0.5 * (theta + new)
         if settled:
             break
-    misfit, rows, _ = _chi_square(data, used, theta, 0.0)
-    rows = np.where(allowed, rows, 0.0)
+    misfit, rows, _ = _chi_square(data, used, theta)
     return _Fitted(theta, inverse(rows.T @ rows), misfit, _freedom(used, theta), settled)
 
 
 def _logarithmic(data: _Curve, used: AnyArray) -> AnyArray:
     """Squared coefficients by least squares on the logarithms: Gauss and Newton, with shorter steps where the sum does not fall."""
-    columns, v = data.columns[used, :-1], data.v[used]
-    free, active = np.zeros(columns.shape[1], dtype=bool), np.ones(columns.shape[1], dtype=bool)
-
-    def least(rows: AnyArray, target: AnyArray) -> AnyArray:
-        return nonnegative(rows.T @ rows, rows.T @ target, free, active)[0]
+    columns, v = data.columns[used], data.v[used]
 
     def cost_of(theta: AnyArray) -> float:
         return float(np.sum(np.log(np.maximum(columns @ theta, np.finfo(float).tiny) / v) ** 2))
 
-    theta = least(columns / v[:, None], np.ones(len(v)))
+    theta = _least(columns / v[:, None], np.ones(len(v)))
     cost = cost_of(theta)
     for _ in range(_STEPS):
         model = columns @ theta
-        wanted, step = least(columns / model[:, None], np.log(v / model) + 1.0), 1.0
+        wanted, step = _least(columns / model[:, None], np.log(v / model) + 1.0), 1.0
         while (new := cost_of(theta + step * (wanted - theta))) > cost and step > _SETTLED:
             step *= 0.5
         if new > cost:

@@ -70,6 +70,13 @@ def widening(bins: Bins, unit: float, theta: AnyArray, names: tuple[str, ...], s
     return Widening(factor, loudest)
 
 
+def doubted(bins: Bins, theta: AnyArray, doubts: AnyArray) -> AnyArray:
+    """Variances of the coefficients, over those of the likelihood, for densities with independent standard deviations, (doubts, bins)."""
+    model, back = density(bins.columns, theta), inverse(information(bins, theta))
+    moved = (doubts * 0.5 * bins.weight / model**2) @ bins.columns @ back
+    return np.sum(moved**2, axis=0) / np.maximum(np.diagonal(back), np.finfo(float).tiny)
+
+
 def _counts(ordinates: int) -> AnyArray:
     from ..spectrum._average import log_groups
 

@@ -39,7 +39,7 @@ FINDINGS = table(
     unsettled=Kind(CAUTION, "The fit did not converge.", "Fit fewer terms ({option.terms:QNB}) or other cluster times ({option.band})."),
     no_intervals=Kind(CAUTION, "Method {method} gives no intervals and no limits.", "Fit with {option.method:whittle}."),
     correlated=Kind(  # of a log, if the whole interval lies beyond the limit
-        NOTE, "White noise of axes {pair} is correlated: {rho:.2f} (between {low:.2f} and {high:.2f}).", limits=(0.05,),
+        NOTE, "White noise of axes {pair} is correlated: {rho:.4f} (between {low:.4f} and {high:.4f}).", limits=(0.05,),
     ),
     # about slow changes
     step=Kind(
@@ -81,20 +81,22 @@ def of_lines(lines: Sequence[tuple[float, float]]) -> list[Finding]:
     return [FINDINGS("lines", frequencies=shown)]
 
 
-def of_changes(changes: Sequence[Change], factors: Any, covariance: Any, unit: str, duration: float) -> list[Finding]:
+def of_changes(changes: Changes, factors: Any, covariance: Any, unit: str, duration: float) -> list[Finding]:
     """Changes of the mean that were fitted; `factors` and `covariance` are of all columns of all changes, in `unit`.
 
     An axis is silent about a change of other axes that it does not show itself.
     """
     found, steps, first, times = [], [], 0, np.linspace(0.0, duration, _DRAWN)
-    for change in changes:
+    for change in changes.fitted:
         x = change.columns(times)
         columns = slice(first, first + x.shape[1])
         first, course = columns.stop, x @ factors[columns]
         largest = x[np.argmax(course)] - x[np.argmin(course)]
         largest = largest / {"sinusoid": 2.0, "temperature": np.ptp(x)}.get(change.family, 1.0)
         size, error = abs(float(largest @ factors[columns])), float(np.sqrt(largest @ covariance[columns, columns] @ largest))
-        if change.family == "shift" or not size > FINDINGS["step"].limits[0] * error:  # a shift is part of what was set aside
+        if (
+            change.family == "shift" or change not in changes.likely or not size > FINDINGS["step"].limits[0] * error
+        ):  # a shift is part of what was set aside
             continue
         if change.family == "step":
             steps.append((change.start, size, error))

@@ -8,15 +8,14 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._types import AnyArray, Float
-from ._likelihood import scoring
+from ._likelihood import density, scoring
 from ._ordinates import Bins
 
 #: significance above which a term is a hint, and above which it is present. Without the term, 5 % and 1 % of records exceed these,
 #: because a coefficient cannot be negative (S. G. Self and K.-Y. Liang, J. Am. Stat. Assoc. 82, 1987)
 HINT, PRESENT = 2.71, 5.41
-#: number of steps of a search; times the level at which values of a search are capped; relative distance from the level, in the root of the
-#: likelihood ratio, at which a search ends
-_SEARCH, _FAR, _CLOSE = 12, 8.0, 1e-4
+#: most steps of a search; relative distance from the level, in the root of the likelihood ratio, at which it ends
+_SEARCH, _CLOSE = 24, 1e-4
 
 
 class Limits(NamedTuple):
@@ -50,9 +49,9 @@ def profile_limits(
 ) -> Limits:  # fmt: skip
     """Squared coefficients at which the profile likelihood ratio of the `own` columns reaches a level, found for all of them at once.
 
-    The square root of the ratio is nearly linear in the coefficient itself, so that false position on these two finds the crossing in few
-    steps (N. Anderson and A. Bjoerck, BIT 13, 1973). A low end is 0 if zero cannot be excluded. An end that is not found within 2^11 times
-    the error is infinite.
+    The square root of the ratio is nearly linear in the coefficient itself, and its slope is the score of the coefficient, so that Newton's
+    method takes few steps; it is kept between values on either side of the level. A low end is 0 if zero cannot be excluded. An end that is
+    not found within 2^12 times the error is infinite.
 
     Parameters
     ----------
@@ -65,45 +64,38 @@ def profile_limits(
     slope, free = covariance[index] / np.where(error > 0.0, error, np.inf)[:, None] ** 2, np.any(bins.columns < 0.0, axis=0)
     last = np.tile(theta, (len(index), 1))  # each search starts from the one before
 
-    def root_of(lanes: AnyArray, value: AnyArray) -> AnyArray:
-        """Root of the ratio if coefficients are held at values, less that of the level."""
+    def root_of(lanes: AnyArray, value: AnyArray) -> tuple[AnyArray, AnyArray]:
+        """Root of the ratio if coefficients are held at values, and its derivative with respect to the roots of the values."""
         held = np.arange(len(theta)) == index[lanes, None]
         start = last[lanes] + slope[lanes] * (value - last[lanes, index[lanes]])[:, None]
         start = np.where(held, value[:, None], np.where(free, start, np.maximum(start, 0.0)))
         last[lanes], found = scoring(bins.columns, bins.density, bins.weight, start, held=held)
-        return np.sqrt(np.maximum(2.0 * (found - cost), 0.0)) - level[lanes]
+        root, s = np.sqrt(np.maximum(2.0 * (found - cost), 0.0)), density(bins.columns, last[lanes].T).T
+        score = 0.5 * np.sum(bins.weight * bins.columns.T[index[lanes]] * (s - bins.density) / s**2, axis=1)
+        return root, 2.0 * np.sqrt(value) * score / np.maximum(root, np.finfo(float).tiny)
 
     zero = np.arange(3 * count, 4 * count)
-    at_zero = root_of(zero, np.zeros(count)) + level[zero]
+    at_zero, _ = root_of(zero, np.zeros(count))
     sign = np.repeat([-1.0, 1.0, 1.0], count)
-    b, gb, found = best.copy(), -level, np.where(level > 0.0, 0.0, best)[: 3 * count]  # a level of zero is reached at the optimum
-    a, ga = b.copy(), gb.copy()
-    todo = np.flatnonzero(np.append(at_zero > level[zero], level[count : 3 * count] > 0.0))
-    for k in range(_SEARCH):
-        a[todo], ga[todo] = b[todo], gb[todo]
-        b[todo] = np.maximum(best[todo] + sign[todo] * 1.1 * level[todo] * error[todo] * 2.0**k, 0.0)
-        gb[todo] = root_of(todo, b[todo])
-        todo = todo[gb[todo] <= 0.0]
-        if not len(todo):
-            break
-    found[todo] = np.inf
-    a, b, todo, side = np.sqrt(a), np.sqrt(b), np.flatnonzero(gb[: 3 * count] > 0.0), np.zeros(3 * count)
-    gb = np.minimum(gb, _FAR * level)  # false position moves too slowly from a value that is far away
+    near, far = np.sqrt(best[: 3 * count]), np.where(sign > 0.0, np.inf, 0.0)  # roots of values on either side of the level
+    found = np.where(level[: 3 * count] > 0.0, np.append(np.zeros(count), np.full(2 * count, np.inf)), near)
+    u = np.sqrt(np.maximum(best + np.append(sign, np.zeros(count)) * level * error, 0.0))[: 3 * count]
+    u = np.where(u > 0.0, u, 0.5 * near)
+    todo = np.flatnonzero(np.append(at_zero > level[zero], np.ones(2 * count, dtype=bool)) & (level[: 3 * count] > 0.0))
     for _ in range(_SEARCH):
         if not len(todo):
             break
-        gap = gb[todo] - ga[todo]  # zero where the level is, as at a confidence of 50 %
-        u = np.where(gap > 0.0, (a[todo] * gb[todo] - b[todo] * ga[todo]) / np.where(gap > 0.0, gap, 1.0), a[todo])
-        g, found[todo] = root_of(todo, u**2), u**2
-        inner = g <= 0.0
-        # a side that stays for two steps gets less weight, so that both ends close in
-        beside = np.where(inner, ga[todo], gb[todo])
-        less = 1.0 - g / np.where(beside != 0.0, beside, 1.0)
-        less = np.where(side[todo] == np.where(inner, -1, 1), np.where(less > 0.0, less, 0.5), 1.0)
-        for one, (ends, values, others) in zip((inner, ~inner), ((a, ga, gb), (b, gb, ga)), strict=True):
-            others[todo[one]] *= less[one]
-            ends[todo[one]], values[todo[one]] = u[one], g[one]
-        side[todo] = np.where(inner, -1, 1)
-        todo = todo[np.abs(g) > _CLOSE * level[todo]]
-    low, high, upper = found.reshape(3, count)
+        root, rise = root_of(todo, u[todo] ** 2)
+        off = root - level[todo]
+        done = np.abs(off) <= _CLOSE * level[todo]
+        found[todo[done]] = u[todo[done]]
+        inner = off < 0.0
+        near[todo[inner]], far[todo[~inner]] = u[todo[inner]], u[todo[~inner]]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            new = u[todo] - off / rise
+        low, high = np.minimum(near, far)[todo], np.maximum(near, far)[todo]
+        middle = np.where(np.isfinite(high), 0.5 * (low + high), 2.0 * low)
+        u[todo] = np.where((new > low) & (new < np.minimum(high, 4.0 * low + error[todo])), new, middle)
+        todo = todo[~done]
+    low, high, upper = (found**2).reshape(3, count)
     return Limits(low, high, upper, at_zero**2)

@@ -14,6 +14,7 @@ J. R. Stat. Soc. B 39, 1977). The weights count the information of each ordinate
 """
 
 import copy
+from typing import Any
 
 import numpy as np
 import scipy  # loads its parts when they are first used
@@ -51,10 +52,15 @@ class Regressors:
     Attributes
     ----------
     columns, spectra : (p, n) the functions, and (p, n - 1) their DCT-II without that of the mean.
+    groups, shares : (p,) which functions are in the mean together, and the probability that they are.
+    both : (p, p) the probability that two functions are.
     """
 
-    def __init__(self, columns: np.ndarray):
+    def __init__(self, columns: np.ndarray, groups: Any = None, shares: Any = 1.0):
         self.columns = columns
+        self.groups = np.arange(len(columns)) if groups is None else groups
+        self.shares = shares * np.ones(len(columns))
+        self.both = np.where(np.equal.outer(self.groups, self.groups), self.shares, np.outer(self.shares, self.shares))
         self.spectra = dct(columns)[:, 1:] if len(columns) else columns[:, 1:]
         self._products: np.ndarray | None = None
 
@@ -76,6 +82,7 @@ class Observed:
     ----------
     complete : whether every sample is observed, and there are no regressors. The bins then do not depend on a density.
     factors, covariance : estimate of the factors b of the regressors, and its covariance, from the last call of `bins`.
+    doubts : (groups, bins) standard deviation of the density for not knowing whether functions are in the mean.
     """
 
     def __init__(self, y: np.ndarray, dt: float):
@@ -111,7 +118,7 @@ class Observed:
         self.complete = not len(self._open) and not p
         self._z, self._before = self._given, {}
         self._known: tuple[np.ndarray, np.ndarray] | None = None
-        self.factors, self.covariance = np.zeros(p), np.zeros((p, p))
+        self.factors, self.covariance, self.doubts = np.zeros(p), np.zeros((p, p)), np.zeros((0, 0))
 
     def _centred(self, x: np.ndarray) -> np.ndarray:
         """Functions of time, (p, n), less their means, with the gaps of the record."""
@@ -152,8 +159,13 @@ class Observed:
             scale = np.sqrt(np.maximum(np.diagonal(gram), np.finfo(float).tiny))
             self.covariance = np.linalg.pinv(gram / np.outer(scale, scale), rcond=1e-12, hermitian=True) / np.outer(scale, scale)
             self.factors = self.covariance @ (cross @ precision)
-            lost = lost + np.einsum("ij,ijb->b", self.covariance, own) * precision
-            squares = np.maximum(squares - 2.0 * self.factors @ cross + np.einsum("i,ijb,j->b", self.factors, own, self.factors), 0.0)
+            lost = lost + np.einsum("ij,ijb->b", self.covariance * self._mean.both, own) * precision
+            # their expectation over the functions that may be in the mean
+            parts = self.factors[:, None] * (
+                np.einsum("ij,ijb->ib", self._mean.both * self.factors, own) - 2.0 * self._mean.shares[:, None] * cross
+            )
+            squares = np.maximum(squares + np.sum(parts, axis=0), 0.0)
+            self.doubts = self._doubts(own, cross) * self.dt / count
         if not np.sum(squares) > _NOTHING**2 * power:
             raise DataError(
                 "the record is a step, a ramp or another smooth change to within rounding: there is no noise to characterise. Check that "
@@ -184,7 +196,18 @@ class Observed:
         return dct(self.drawn)[1:] if self._spectrum is None else self._less(self._spectrum, self._mean.spectra)
 
     def _less(self, record: np.ndarray, regressors: np.ndarray) -> np.ndarray:
-        return record - self.factors @ regressors if len(regressors) else record
+        return record - (self._mean.shares * self.factors) @ regressors if len(regressors) else record
+
+    def _doubts(self, own: np.ndarray, cross: np.ndarray) -> np.ndarray:
+        """By how much each group of functions that may be in the mean changes the squares in each bin, as standard deviations."""
+        mean, found = self._mean, []
+        for group in np.unique(mean.groups[mean.shares < 1.0]):
+            here = mean.groups == group
+            with_others = np.where(here, 0.5, mean.shares) * self.factors
+            change = 2.0 * self.factors[here] @ (np.einsum("j,ijb->ib", with_others, own[here]) - cross[here])
+            share = float(mean.shares[here][0])
+            found.append(np.sqrt(share * (1.0 - share)) * change)
+        return np.reshape(found, (-1, own.shape[-1]))
 
     def _expected(self, level: np.ndarray | None, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Expectation of the record and of the regressors, and the conditional variance over the density, summed in bins."""
@@ -249,8 +272,7 @@ def _at_ordinates(density: np.ndarray, frequency: np.ndarray, n: int, dt: float)
 
 def _products(spectra: np.ndarray, others: np.ndarray, starts: np.ndarray) -> np.ndarray:
     """Sums over each bin of the products of spectra, (p, ordinates) and (q, ordinates): (p, q, bins)."""
-    parts = (np.split(one, starts[1:], axis=1) for one in (spectra, others))
-    return np.stack([one @ other.T for one, other in zip(*parts, strict=True)], axis=-1)
+    return np.reshape([np.add.reduceat(others * one, starts, axis=1) for one in spectra], (len(spectra), len(others), len(starts)))
 
 
 def bridged(y: np.ndarray) -> np.ndarray:

@@ -28,8 +28,8 @@ from ._terms import Term
 #: search for lines: farthest neighbour on either side; chance of a false line in the whole spectrum; chance of a false bin next to a
 #: line; number of passes
 _REACH, _CHANCE, _SIDE, _PASSES = 9, 0.01, 1e-4, 4
-#: widest line in bins, including its skirts; ratio to the level above which a wider run is a line all the same, and not a resonance or
-#: an error of the first fit; least number of neighbours on each side from which a level is computed
+#: widest line in bins, including its skirts, of which one of twice the width is none; ratio to the level above which a wider run is a line
+#: all the same, and one of half the ratio an error of the first fit; least number of neighbours on each side from which a level is computed
 _WIDEST, _TOWERING, _FEWEST = 8, 3.0, 4
 #: standard deviations below and above the limit of a line between which the share of a bin that is a line grows from 0 to 1; largest
 #: chance of a bin that is looked at; the share at the limit
@@ -91,7 +91,7 @@ def find_lines(bins: Bins, model) -> Float[np.ndarray, " bins"]:
     a chi-square law of nu degrees of freedom. The level S is the geometric mean of the medians of the neighbours on either side, raised
     by twice its uncertainty. A bin is part of a line if the chance of its value is below 1 %, divided by the number of bins; a neighbour
     of such a bin, if its chance is below 1e-4. The search runs in several passes, because a line raises the level next to it. At the
-    end one more bin on each side is added for the skirts. A low rise over more than eight bins is not a line.
+    end one more bin on each side is added for the skirts. The wider a low rise beyond eight bins, the less of it is a line.
 
     A bin whose chance is close to the limit has a share between 0 and 1, so that a small change of the record changes the fit little. From
     the share `LINE` on the bin is reported as a line. The share grows evenly with the normal value of the same chance, like a weight that
@@ -130,7 +130,8 @@ def find_lines(bins: Bins, model) -> Float[np.ndarray, " bins"]:
     # the skirts of a line are too low to be detected one by one
     share = np.where(used, np.max([share, *_beside(share)], axis=0), 0.0)
     for a, b in _runs(share >= LINE):
-        share[a:b] *= b - a <= _WIDEST or np.max(density[a:b] / level[a:b]) > _TOWERING
+        wide, high = np.sum(share[a:b]) / _WIDEST, np.max(density[a:b] / level[a:b]) / _TOWERING
+        share[a:b] *= np.clip(max(2.0 - wide, 2.0 * high - 1.0), 0.0, 1.0)
     return share
 
 

@@ -12,6 +12,7 @@ from ._ordinates import LINE, Bins, find_lines
 from ._terms import Filter, Term
 
 FILTER = Filter.name
+_FINE = 1e-9  # gain in log likelihood at which a fit ends
 #: most rounds of filling gaps, and the relative change of the density at which they end; number of rounds in which groups of more ordinates
 #: than this scale the model
 _ROUNDS, _SETTLED, _ROUGH, _MANY = 30, 2e-3, 2, 100.0
@@ -115,7 +116,7 @@ def _solved(whole: Bins, columns: tuple[Term, ...], band, automatic: bool) -> So
 def _fitted(bins: Bins, group: AnyArray) -> Fitted:
     """Fit from several starting points, keep the highest likelihood, and judge the fit; `group` comes from `groups_of`."""
     theta, cost = scoring(bins.columns, bins.density, bins.weight, several_starts(bins))
-    theta, cost = scoring(bins.columns, bins.density, bins.weight, theta[np.argmin(cost)], enough=0.0)  # only one needs many steps
+    theta, cost = scoring(bins.columns, bins.density, bins.weight, theta[np.argmin(cost)], enough=_FINE)  # only one needs many steps
     count, total = (
         np.bincount(group, bins.weight * values) for values in (np.ones(len(group)), bins.density / density(bins.columns, theta))
     )

@@ -12,7 +12,7 @@ from . import _findings
 from ._changes import Axis, Changes, find_changes, lowest_of
 from ._checks import Asked
 from ._compare import likeliest_time
-from ._errors import Widening, widening
+from ._errors import Widening, doubted, widening
 from ._likelihood import density, information, inverse
 from ._limits import PRESENT, Limits, levels_of, profile_limits
 from ._measured import edf_of
@@ -87,7 +87,10 @@ def _with_changes(plain: list[Described], base: tuple[Term, ...], asked: Asked, 
     changes = find_changes(axes, dt, joints, _recorded(record.temperature))
     if not changes.fitted:
         return [one._replace(changes=changes) for one in plain]
-    regressors, found = Regressors(np.concatenate([change.columns(np.arange(n) * dt).T for change in changes.fitted])), []
+    functions = [change.columns(np.arange(n) * dt).T for change in changes.fitted]
+    count = [len(one) for one in functions]
+    regressors = Regressors(np.concatenate(functions), np.repeat(np.arange(len(count)), count), np.repeat(changes.shares, count))
+    found = []
     for one in plain:
         observed = one.observed.beside(regressors)
         found.append(one._replace(observed=observed, solved=solve(observed, base, asked.band), changes=changes))
@@ -108,6 +111,8 @@ def _result(model: Described, asked: Asked, sensor: str) -> NoiseFit:
         raise FitError(Message("the fit gave no finite coefficients; give fewer {option.terms} or another {option.band}"))
     duration, unit = len(observed.y) * dt, float(solved.bins.unit)
     wider = widening(fitted.bins, unit, fitted.theta, names, observed.spectrum() * np.sqrt(dt))
+    if len(observed.doubts):
+        wider = wider._replace(factor=wider.factor + doubted(fitted.bins, fitted.theta, observed.doubts / unit))
     covariance, limits = _uncertainty(solved, wider.factor, asked.confidence)
     scale = float(wider.factor[names.index("N")]) if "N" in names else 1.0
     rival = rival_of(fitted, names, dt, duration, levels_of(asked.confidence), scale)
@@ -122,7 +127,7 @@ def _result(model: Described, asked: Asked, sensor: str) -> NoiseFit:
     )  # fmt: skip
     curve = with_edf(curve, used, edf_of(curve, len(observed.y), fitted.bins, rival.density, fitted.theta, wider.factor))
     fit = replaced(fit, presence=fit.presence | dict.fromkeys(doubts, "hint"), deviation=curve, spectrum=_fitted_spectrum(solved))
-    fit = replaced(fit, findings=_said(fit, model, wider, rival, doubts, sensor), events=_findings.events_of(model.changes.fitted))
+    fit = replaced(fit, findings=_said(fit, model, wider, rival, doubts, sensor), events=_findings.events_of(model.changes.likely))
     kept = tuple(term.name for term in asked.terms if not is_sought(term))
     return replaced(fit, terms=kept, covariance=fit.covariance[list(kept)])
 
@@ -162,7 +167,7 @@ def _said(fit: NoiseFit, model: Described, wider: Widening, rival: Rival, doubts
         *(one for one in getattr(fit.deviation, "findings", ()) if one.code != "uneven"),  # said of the coefficients
         *_findings.of_model(fitted.misfit, shortest),
         *_findings.of_lines(_lines(model)),
-        *_findings.of_changes(model.changes.fitted, observed.factors, observed.covariance, sensor or "ratio", duration),
+        *_findings.of_changes(model.changes, observed.factors, observed.covariance, sensor or "ratio", duration),
         *_findings.of_widening(wider, model.solved.names, duration),
         *_findings.of_doubts(doubts, "K" in doubts or fit.presence.get("K") == "present", rival, model.changes),
     )

@@ -27,11 +27,11 @@ def fitted(method, y, terms=TERMS, inside=None, **changes):
     """Fit one channel as `jaxcal.noise.fit` does; `changes` replace fields of the deviation."""
     curve = dataclasses.replace(deviation(y, RATE, m=clusters(len(y), terms), alpha=0), **changes)
     chosen = np.ones(len(curve.m), dtype=bool) if inside is None else inside(curve.tau)
-    return fitted_curve(method, curve, len(y), objects(terms), chosen, inside is None)
+    return fitted_curve(method, curve, len(y), objects(terms), chosen)
 
 
-def fitted_curve(method, curve, samples, terms, chosen, automatic):
-    return _curvefit.fit_deviation(curve, samples, terms, chosen, automatic, method, 0.95)
+def fitted_curve(method, curve, samples, terms, chosen):
+    return _curvefit.fit_deviation(curve, samples, terms, chosen, method, 0.95)
 
 
 def exact(method, noise, samples=2**15, terms=TERMS):
