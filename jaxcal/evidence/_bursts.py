@@ -64,8 +64,9 @@ def bursts(values: Any, rate: float | int) -> list[tuple[int, int]]:
     """
     record = _Record(values, rate)
     out = np.zeros(record.size, bool)
-    out[record.index] = stuck(record.columns)
-    record.drop(out)
+    if (held := stuck(record.columns)).any():
+        out[record.index] = held
+        record.drop(out)
     h = 1
     while h <= record.longest:
         new = record.events(h)
@@ -74,6 +75,8 @@ def bursts(values: Any, rate: float | int) -> list[tuple[int, int]]:
             out = _filled(out, record.longest)
             record.drop(out)
         h *= 2
+    if not out.any():
+        return []
     rows = np.flatnonzero(record.present)  # a gap inside is part of a stretch, one beside it is not
     starts, stops = runs(out[rows])
     return list(zip(rows[starts].tolist(), (rows[stops - 1] + 1).tolist(), strict=True))
@@ -117,7 +120,8 @@ class _Record:
         for d, step, hidden in zip(looks, self.steps, self.hidden, strict=True):
             d = d if still is None or still.all() else d[still]
             size = np.abs(d[:: len(d) // SAMPLE + 1])
-            spread = np.max(np.quantile(size, list(_SPREADS)) / list(_SPREADS.values()))
+            place = [round(share * (len(size) - 1)) for share in _SPREADS]
+            spread = np.max(np.partition(size, place)[place] / list(_SPREADS.values()))
             found.append(spread + max(0.5 * step / h, hidden / np.sqrt(h)))
         return np.array(found)
 

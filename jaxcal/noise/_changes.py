@@ -34,7 +34,7 @@ from ._terms import Term
 
 #: block means of a record, which have the same lowest ordinates; ordinates that the search uses; rounds of the regression and the fit of
 #: the noise; changes of one record; halvings of the distance in which the place of an event is sought beside those of the grid
-_BLOCKS, _ORDINATES, _ROUNDS, _MOST, _HALVINGS = 2048, 256, 2, 3, 4
+_BLOCKS, _ORDINATES, _ROUNDS, _MOST, _HALVINGS = 1024, 256, 2, 3, 3
 #: over the length of the record: times at which an event may begin, its time constants, and those with which a sensor follows its
 #: temperature; cycles of a sinusoid in the record
 _STARTS = np.arange(96) / 96

@@ -71,8 +71,9 @@ def profile_limits(
         start = np.where(held, value[:, None], np.where(free, start, np.maximum(start, 0.0)))
         last[lanes], found = scoring(bins.columns, bins.density, bins.weight, start, held=held)
         root, s = np.sqrt(np.maximum(2.0 * (found - cost), 0.0)), density(bins.columns, last[lanes].T).T
-        score = 0.5 * np.sum(bins.weight * bins.columns.T[index[lanes]] * (s - bins.density) / s**2, axis=1)
-        return root, 2.0 * np.sqrt(value) * score / np.maximum(root, np.finfo(float).tiny)
+        with np.errstate(over="ignore", invalid="ignore"):  # at zero, where no slope is needed
+            score = 0.5 * np.sum(bins.weight * bins.columns.T[index[lanes]] * (s - bins.density) / s**2, axis=1)
+            return root, 2.0 * np.sqrt(value) * score / np.maximum(root, np.finfo(float).tiny)
 
     zero = np.arange(3 * count, 4 * count)
     at_zero, _ = root_of(zero, np.zeros(count))
@@ -91,7 +92,7 @@ def profile_limits(
         found[todo[done]] = u[todo[done]]
         inner = off < 0.0
         near[todo[inner]], far[todo[~inner]] = u[todo[inner]], u[todo[~inner]]
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             new = u[todo] - off / rise
         low, high = np.minimum(near, far)[todo], np.maximum(near, far)[todo]
         middle = np.where(np.isfinite(high), 0.5 * (low + high), 2.0 * low)

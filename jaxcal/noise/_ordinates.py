@@ -128,21 +128,11 @@ def find_lines(bins: Bins, model) -> Float[np.ndarray, " bins"]:
             break
         taken |= new
     # the skirts of a line are too low to be detected one by one
-    share = np.where(used, np.max([share, *_beside(share)], axis=0), 0.0)
-    for a, b in _runs(share >= LINE):
+    share = np.where(used, scipy.ndimage.maximum_filter1d(share, 3), 0.0)
+    for a, b in zip(*runs(share >= LINE), strict=True):
         wide, high = np.sum(share[a:b]) / _WIDEST, np.max(density[a:b] / level[a:b]) / _TOWERING
         share[a:b] *= np.clip(max(2.0 - wide, 2.0 * high - 1.0), 0.0, 1.0)
     return share
-
-
-def _beside(values) -> list[np.ndarray]:
-    """The value of the next bin on either side."""
-    return [np.append(0.0, values[:-1]), np.append(values[1:], 0.0)]
-
-
-def _runs(taken) -> list[tuple[int, int]]:
-    """(first bin, bin after the last) of each run of bins."""
-    return [(int(a), int(b)) for a, b in zip(*runs(taken), strict=True)]
 
 
 def amplitudes(bins: Bins, taken, model, duration: float) -> list[tuple[float, float]]:
@@ -151,7 +141,7 @@ def amplitudes(bins: Bins, taken, model, duration: float) -> list[tuple[float, f
     An amplitude A has the power A^2/2 above the `model` of all bins, in a record of `duration` s. The bins must have their full weights.
     """
     lines = []
-    for a, b in _runs(taken):
+    for a, b in zip(*runs(taken), strict=True):
         excess = bins.weight[a:b] * (bins.density[a:b] - model[a:b])
         power = excess.sum() * float(bins.unit) / duration
         above = np.maximum(excess, 0.0)

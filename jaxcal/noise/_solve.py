@@ -12,7 +12,7 @@ from ._ordinates import LINE, Bins, find_lines
 from ._terms import Filter, Term
 
 FILTER = Filter.name
-_FINE = 1e-9  # gain in log likelihood at which a fit ends
+_FINE = 1e-12  # gain in log likelihood at which a fit ends
 #: most rounds of filling gaps, and the relative change of the density at which they end; number of rounds in which groups of more ordinates
 #: than this scale the model
 _ROUNDS, _SETTLED, _ROUGH, _MANY = 30, 2e-3, 2, 100.0

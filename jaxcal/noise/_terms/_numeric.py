@@ -38,9 +38,9 @@ ANGLE = (_CENTRE[:, None] + _HALF[:, None] * _UNIT).ravel()
 _PLAIN = (_HALF[:, None] * _WEIGHT).ravel()
 #: m omega up to which the kernel of the Allan variance is smooth within a panel; samples per cluster that stand for a continuous signal
 _SMOOTH, _CONTINUOUS = 4.0, 4096.0
-#: first ordinates whose leakage is computed one by one; how many per decade of the others; bins when samples are drawn from a density:
-#: number per bin of the record, and least number in all
-_SINGLE, _PER_DECADE, _FINER, _FEWEST = 64, 96, 8, 256
+#: first ordinates whose leakage is computed one by one; how many per decade of the others
+_SINGLE, _PER_DECADE = 64, 96
+_LONGER = 8  # length of what is drawn, over the length of the record that is its middle
 
 
 def _step(angle):
@@ -125,29 +125,8 @@ def _at(psd, angle, dt) -> np.ndarray:
 
 
 def simulate(psd, n: int, dt: float, random: np.random.Generator) -> np.ndarray:
-    """Samples of a density, drawn bin by bin. If their variance is infinite, their increments are drawn and summed instead."""
-    length: int = scipy.fft.next_fast_len(max(_FINER * n, 2 * _FEWEST), real=True)  # type: ignore[assignment]
-    width = 2.0 * np.pi / length
-    edges = np.append(0.0, np.append(np.arange(0.5, (length - 1) // 2), length / 2.0)) * width
-    nodes, weights = np.polynomial.legendre.leggauss(3)
-    low, high = edges[:-1, None], edges[1:, None]
-    angle = (low + high) / 2.0 + (high - low) / 2.0 * nodes
-    first = np.array([0.5, 1.0]) * edges[1]
-    level, (half, full) = _at(psd, angle.ravel(), dt).reshape(angle.shape), _at(psd, first, dt)
-    rise = np.log2(full / half) if full > 0.0 else 0.0
-    sums = rise < -0.95
-    if sums:
-        level, full, rise = level * _step(angle) ** 2, full * edges[1] ** 2, rise + 2.0
-    variance = (level @ weights) * (high - low)[:, 0] / (2.0 * np.pi * dt)
-    variance[0] = full * edges[1] / (1.0 + rise) / (np.pi * dt)  # the density is taken as a power law around zero
-    x = from_bins(length, variance, n, random)
-    return np.cumsum(x) if sums else x
-
-
-def from_bins(length: int, variance, n: int, random: np.random.Generator) -> np.ndarray:
-    """Samples as a sum of sinusoids of random phase and amplitude; `variance` is that of bins k = 0, 1, ... of a transform of `length`."""
-    z = random.standard_normal(len(variance)) + 1j * random.standard_normal(len(variance))
-    z[0] = z[0].real * math.sqrt(2.0)
-    # the transform divides by the length, and adds its mirror image to every bin except the first
-    share = np.concatenate([variance[:1], 0.5 * variance[1:]])
-    return np.fft.irfft(np.sqrt(share / 2.0) * length * z, length)[:n]
+    """Samples whose DCT-II ordinates are independent: the middle of a longer record, which has a mean of its own there."""
+    length = int(scipy.fft.next_fast_len(_LONGER * n, real=True))
+    drawn = np.sqrt(ordinates(psd, np.arange(1, length), length, dt) / dt) * random.standard_normal(length - 1)
+    first = (length - n) // 2
+    return np.asarray(scipy.fft.idct(np.append(0.0, drawn), norm="ortho"))[first : first + n]
