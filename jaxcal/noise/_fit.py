@@ -46,9 +46,10 @@ def fit(
     Knocks, movement and stuck readings are set aside first, in all channels together. The fit leaves out high frequencies (short cluster
     times) at which a filter or a resonance of the sensor bends the spectrum. The rest of that effect is fitted in place of Q, which has the
     same shape. Spectral lines become sinusoids of the model. What changes the mean of the channels (at an instant, a ramp, a warm-up, a
-    slow sinusoid, the temperature of a log) is fitted together with the noise. If the noise is uneven in time, or its spectrum departs from
-    the model, the intervals are wider. The interval of N also holds for slow noise of any other falling spectrum; B and K are hints at most
-    if the record clearly has one (`compare` tells which). Each of these is among the findings of the result.
+    slow sinusoid, the temperature of a log) is fitted together with the noise, as far as it is likely. If the noise is uneven in time, or
+    its spectrum departs from the model, the intervals are wider. The interval of N also holds for slow noise of any other falling
+    spectrum; B and K are hints at most if the record clearly has one (`compare` tells which). Each of these is among the findings of the
+    result.
 
     Parameters
     ----------
@@ -59,7 +60,7 @@ def fit(
     terms : which of "Q", "N", "B", "K", "R" to fit, and `Term` objects of your own, whose shape parameters stay fixed. With "whittle"
         also "markov", one first-order Gauss-Markov process, whose correlation time is estimated.
     confidence : level of the intervals and upper limits.
-    band : (shortest, longest) cluster time in s to fit, instead of the band found; for "whittle" frequencies 1/(2 tau).
+    band : (shortest, longest) cluster time in s to fit; for "whittle" frequencies 1/(2 tau), instead of the band found.
 
     Returns
     -------
