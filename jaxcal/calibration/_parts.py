@@ -15,7 +15,7 @@ from .._types import AnyArray
 from .._units import BEYOND, si_unit
 from ..device import DeviceFit
 from ..fitting import Estimate
-from ..imu import ImuFit, Nonlinear, RateTest, Triad
+from ..imu import ImuFit, Nonlinear, RateTest, ThermalTriad, Triad
 from ..magnetometer import MagFit, MagModel
 from ._codec import check_finite, checked_unit, document_of, numbers, required, structured, wrong
 
@@ -26,7 +26,7 @@ COUNTS = "counts"
 _SHAPES = {"matrix": (3, 3), "bias": (3,), "g_sensitivity": (3, 3), "soft_iron": (3, 3), "hard_iron": (3,)}
 SENSORS = ("accel", "gyro")
 #: files name the classes of models; those of jaxcal must be known before a file is read
-KNOWN = (Triad, Nonlinear, MagModel)
+KNOWN = (Triad, Nonlinear, ThermalTriad, MagModel)
 
 
 class Part(eqx.Module, Generic[M]):

@@ -39,7 +39,7 @@ def imu(
     convention: Annotated[Literal["upper", "lower", "full"], Parameter(help="Frame of the result: upper, lower or full.")] = "upper",
     method: Annotated[
         Literal["joint", "six_position"],
-        Parameter(help="joint; six_position: a squared block on its six faces, accelerometer alone."),
+        Parameter(help="joint; six_position: a block on its six faces, in one log, in a folder of six, or as a table of means."),
     ] = "joint",
     regions: Annotated[
         Path | None, Parameter(help="JSON or CSV of labelled regions: faces and turns of a box (x_p, x_a, ..., z_rot), or rests.")
@@ -90,17 +90,36 @@ def imu(
         if method == "six_position" and rests is not None:
             raise opt.CallError("--method six_position needs regions of faces (x_p, x_a, ...); those of --regions are rests")
         if rests is None and (method == "six_position" or labelled is not None):
-            if counts or convention != "upper" or earth_rate or without_g_sensitivity or known:
-                words = "--counts, --convention, --earth-rate, --without-g-sensitivity, --noise, --prior and --terms"
+            if convention != "upper" or earth_rate or without_g_sensitivity or known:
+                words = "--convention, --earth-rate, --without-g-sensitivity, --noise, --prior and --terms"
                 raise opt.CallError(f"faces of a box take none of {words}")
-            return jaxcal.imu.ferraris(data, labelled, gravity=here)
+            return jaxcal.imu.ferraris(apart or data, labelled, gravity=here, raw=counts)
         found = jaxcal.imu.multi_position(
             data, gravity=here, convention=convention, raw=counts, rests=rests, g_sensitivity=not without_g_sensitivity,
             latitude=place if earth_rate else None, **known,
         )  # fmt: skip
         return _with_delay(found, data)
 
-    carry_out(log, reading, running, plan, compute, command="jaxcal imu", options=options).end(running)
+    apart: list[Any] = []  # the logs of a folder with one face each
+    read = partial(_read_faces, log, reading, apart) if method == "six_position" and regions is None else None
+    carry_out(log, reading, running, plan, compute, read=read, command="jaxcal imu", options=options).end(running)
+
+
+def _read_faces(path: Path, reading: opt.Reading, apart: list[Any]) -> Any:
+    """Read a log, a table of means, which has no time, or the logs of a folder, which are added to `apart`, as one log."""
+    from ..imu._session import FEW, joined
+
+    try:
+        return opt.read_log(path, reading, "imu")
+    except jaxcal.DataError as error:
+        if error.code == "no_rate":
+            table = opt.read_log(path, dataclasses.replace(reading, rate=1.0), "imu")
+            if len(table.time) < FEW:
+                return table
+        if error.code != "several_logs":
+            raise
+    apart += [opt.read_log(file, reading, "imu") for file in sorted(path.iterdir()) if not file.name.startswith(".")]
+    return joined(apart)[0]
 
 
 def _with_delay(found: Any, data: Any) -> Any:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from ._result import ImuFit as ImuFit
     from ._session import ferraris as ferraris
     from ._simulate import MEMS as MEMS, simulate as simulate
+    from ._thermal import ThermalTriad as ThermalTriad, over_temperature as over_temperature
 
 install(
     __name__,
@@ -33,5 +34,6 @@ install(
         "_result": "ImuFit",
         "_session": "ferraris",
         "_simulate": "MEMS simulate",
+        "_thermal": "ThermalTriad over_temperature",
     },
 )

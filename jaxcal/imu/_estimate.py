@@ -1,5 +1,6 @@
 """`estimate`: fit both triads and their covariance to poses and turns, as a pure function."""
 
+import dataclasses
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -149,7 +150,7 @@ def started(model: Any, gyro: bool, north: bool) -> Imu:
     unit = Triad(np.eye(3), np.zeros(3))
     whole = model if isinstance(model, Imu) else Imu(unit if model is None else model)
     second = (unit if whole.gyro is None else whole.gyro) if gyro else None
-    return Imu(whole.accel, second, whole.drift, np.zeros(2) if north else None, whole.accel_drift, whole.accel_warm_up)
+    return dataclasses.replace(whole, gyro=second, north=np.zeros(2) if north else None)
 
 
 def placed(fitted: tuple[str, ...], matrix: AnyArray, names: tuple[str, ...]) -> AnyArray:

@@ -234,9 +234,12 @@ class Job(eqx.Module):
         # with a prior the covariance is not rescaled by the residuals, because that would rescale the prior, too
         own_size = _own_sizes(fit, names, rests) if options.prior is None else np.ones(len(names))
         matrix = np.asarray(made.estimate.matrix) * own_size[:, None] * own_size[None, :]
-        missing = lacks(joint, rests) if _known_kind(fit.model) and bool(fit.usable) else []
+        missing = lacks(joint, rests, float(self.record.time[-1]) / 2) if _known_kind(fit.model) and bool(fit.usable) else []
         for shift in [np.outer(lack.shift, lack.shift) for lack in missing] + ([] if lost is None else [lost]):
             matrix = matrix + np.asarray(framed(fit.model, options.convention, placed(fit.names, shift, names))[1][0])
+        for sensor, rate in (("gyro", fit.model.drift), ("accel", fit.model.accel_drift)):  # the bias may be that of any time of the record
+            reach = {} if rate is None else {f"{sensor}.bias[{i}]": float(one) * self.record.time[-1] / 2 for i, one in enumerate(rate)}
+            matrix = matrix + np.diag([reach.get(name, 0.0) ** 2 / 3 for name in names])
         for axis, size in enumerate(self.record.band):  # a dead band hides a bias of its size, evenly distributed
             hidden = np.array([1.0 * (name == f"gyro.bias[{axis}]") for name in names])
             hidden += [name.startswith(f"gyro.g_sensitivity[{axis}") / options.gravity for name in names]
@@ -248,13 +251,14 @@ class Job(eqx.Module):
             sigma=joint.sigma, drift=drift, asked=tuple(dict.fromkeys(lack.term for lack in missing if lack.term is not None)),
             down_weighted=(np.flatnonzero(weight[:count] < 0.5), np.flatnonzero(np.min(pairs, axis=1, initial=1) < 0.5)),
         )  # fmt: skip
+        time = Quantity(float(self.record.time[-1]), "time")
         for code, change, unit in (
-            ("drift", drift * self.record.time[-1], "gyro"),
-            ("drift", np.ptp(rests.time) * _force(fit.model, fit.model.accel_drift), "accel"),
+            ("drift", drift * time.value, "gyro"),
+            ("drift", time.value * _force(fit.model, fit.model.accel_drift), "accel"),
             ("warm_up", _force(fit.model, fit.model.accel_warm_up), "accel"),
         ):  # fmt: skip
             if np.any(change):
-                notes.append(FINDINGS(code, unit, size=Quantity(float(np.abs(change).max()), unit)))
+                notes.append(FINDINGS(code, unit, size=Quantity(float(np.abs(change).max()), unit), time=time))
         if not self.raw:
             known = zip(names, zip(values, result.estimate.error, strict=True), strict=True)
             notes += wrong_ranges(FINDINGS, dict(known))

@@ -4,22 +4,26 @@ import dataclasses
 from typing import Any
 
 import equinox as eqx
-import jax
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._answer import Finding, Message, Result, Section, by_axis
+from .._answer import Finding, Message, Quantity, Result, Section, by_axis
+from .._arrays import from_vector, skew
 from .._errors import DataError
 from .._precision import host_float64, real_numbers
 from .._types import AnyArray
 from .._units import ON_EARTH, on_earth
-from ..fitting import Estimate, covariance, identifiability, information, solve
+from ..fitting import Estimate, information
 from ._findings import FINDINGS
-from ._model import EARTH_RATE, LEVEL, Triad
+from ._model import EARTH_RATE, FITTED_LEVEL, LEVEL, Triad
 from ._result import LABELS, assumed_gravity, parts_of, quantities, scale_error
 
 _FORCE = ("rate about x", "rate about y", "rate about z", "bias", "g-sensitivity along x", "g-sensitivity along y", "g-sensitivity along z")
+_FACES = "Turn the block so that the vertical passes through each face."
 _UP = ("specific force along x", "specific force along y", "specific force along z", "bias")
+
+#: fits of the levels, after which their size changes by less than 1 %; noise of a mean reading, relative to gravity, where nothing shows it
+_ROUNDS, _UNSEEN = 12, 1e-3
 
 
 class TriadFit(Result):
@@ -28,10 +32,11 @@ class TriadFit(Result):
     Attributes
     ----------
     findings : what to know about the fit; the worst one gives the `verdict`.
-    triad : the fitted `Triad`, or the subclass given as model.
+    triad : the fitted `Triad`.
     estimate : `jaxcal.fitting.Estimate` of its parameters, such as "matrix[0,1]" and "bias[2]", in the units of the readings per SI.
     residual : (k, 3) readings minus the fitted readings.
     sigma : (3,) standard deviation of a mean reading, as given or estimated from the residuals.
+    level : rad, standard deviation of the levels of the positions, by which their verticals differ from those given; zero on a rate table.
     degrees_of_freedom : number of readings of an axis times three, minus that of the parameters.
 
     Examples
@@ -50,6 +55,7 @@ class TriadFit(Result):
     sigma: AnyArray
     degrees_of_freedom: int
     findings: tuple[Finding, ...] = eqx.field(static=True, default=())
+    level: float = 0.0
 
     @property
     def headline(self) -> str:
@@ -89,50 +95,25 @@ def _fitted(x: np.ndarray, y: np.ndarray, sigma: np.ndarray, words: tuple[str, .
     return triad, Estimate(names, beta[column, axis], np.kron(np.diag(sigma**2), known.covariance)[np.ix_(place, place)])
 
 
-def _residuals(model: Triad, data: tuple[Any, ...]) -> Any:
-    inputs, force, readings, sigma = data
-    return (readings - model.measure(inputs, force)) / sigma
+def _followed(y: np.ndarray, residual: np.ndarray, triad: Triad) -> np.ndarray:
+    """The residuals, unless they are a fifth of the readings: then these belong to other positions."""
+    if np.linalg.norm(residual) > 0.2 * np.linalg.norm(y - residual - triad.bias):
+        said = f"the readings do not follow the given positions: they are off by {np.sqrt(np.mean(residual**2)):.3g} rms. Check their order"
+        raise DataError(said, code="order")
+    return residual
 
 
-def _own_model(
-    model: Triad, inputs: np.ndarray, force: np.ndarray | None, y: np.ndarray, sigma: np.ndarray, advice: str
-) -> tuple[Triad, Estimate]:
-    """Fit all floating-point fields of a model of the user's own; the g-sensitivity only with a specific force."""
-    free = jax.tree.map(lambda leaf: np.ones(np.shape(leaf), dtype=bool), eqx.filter(model, eqx.is_inexact_array))
-    free = eqx.tree_at(lambda triad: triad.g_sensitivity, free, np.full((3, 3), force is not None))
-    fit = solve(_residuals, model, (inputs, force, y, sigma[None, :]), free=free)
-    if not bool(fit.usable):
-        raise DataError(f"The {type(model).__name__} cannot be fitted: {identifiability(fit).sentence} {advice}", code="positions_open")
-    return jax.tree.map(np.asarray, fit.model), Estimate(fit.names, np.asarray(fit.parameters), np.asarray(covariance(fit)))
-
-
-def _triad_of(
-    inputs: np.ndarray, force: np.ndarray | None, y: np.ndarray, sigma: Any, words: tuple[str, ...], advice: str, model: Triad | None,
-    sensor: str, findings: tuple[Finding, ...] = (), servo: float = 0.0,
-) -> TriadFit:  # fmt: skip
-    """Fit readings `y` to known inputs; `sigma` None estimates the noise, which the axes share, from the residuals."""
-    given = np.broadcast_to(np.asarray(1.0 if sigma is None else sigma, dtype=float), (3,))
+def _deviation(sigma: Any) -> np.ndarray:
+    """(3,) standard deviation of a mean reading, checked."""
+    given = np.broadcast_to(np.asarray(sigma, dtype=float), (3,))
     if not (np.isfinite(given).all() and (given > 0).all()):
         raise DataError(f"sigma={given.tolist()} must be positive, in the unit of the readings", code="not_positive")
-    if model is None:
-        columns = [inputs, np.ones((len(y), 1))] + ([] if force is None else [force])
-        triad, found = _fitted(np.concatenate(columns, axis=1), y, given, words, advice)
-    else:
-        triad, found = _own_model(model, inputs, force, y, given, advice)
-    residual, freedom = y - np.asarray(triad.measure(inputs, force)), 3 * len(y) - len(found.names)
-    noise, matrix = np.sqrt(np.sum(residual**2) / max(freedom, 1)), found.matrix
-    if sigma is None and freedom < 1:
-        said = Message("{count} readings leave nothing to show their noise; give {option.sigma}, that of a mean reading", count=len(y))
-        raise DataError(said, code="no_noise")
-    if sigma is None:
-        given, matrix = np.full(3, noise), noise**2 * matrix
-    elif freedom > 0 and (ratio := float(np.sum((residual / given) ** 2))) > 2 * scipy.special.gammaincinv(freedom / 2, 1 - LEVEL):
-        findings = (*findings, FINDINGS("sigma_too_small", ratio=float(np.sqrt(ratio / freedom))))
-    scale = np.where([name.startswith("matrix") for name in found.names], found.values, 0.0)
-    units = {name.partition(".")[2]: unit for name, unit in quantities().items() if name.startswith(f"{sensor}.")}
-    degrees = float(freedom) if sigma is None else np.inf
-    estimate = Estimate(found.names, found.values, matrix + servo**2 * np.outer(scale, scale), degrees, None, units)
-    return TriadFit(triad, estimate, residual, given, freedom, findings)
+    return given
+
+
+def _quantities(sensor: str) -> dict[str, str]:
+    """Quantity of each field of one sensor."""
+    return {name.partition(".")[2]: unit for name, unit in quantities().items() if name.startswith(f"{sensor}.")}
 
 
 def _readings_of(values: Any, name: str) -> np.ndarray:
@@ -141,32 +122,92 @@ def _readings_of(values: Any, name: str) -> np.ndarray:
     if array.ndim != 2 or array.shape[1] != 3 or not len(array):
         raise DataError(f"{name} has shape {array.shape}; expected (k, 3), one row a position", code="shapes")
     if not np.isfinite(array).all():
-        raise DataError(
-            f"{name} holds {np.sum(~np.isfinite(array))} values that are not finite; leave those positions out", code="not_finite"
-        )
+        said = f"{name} holds {np.sum(~np.isfinite(array))} values that are not finite; leave those positions out"
+        raise DataError(said, code="not_finite")
     return array
 
 
-@host_float64
-def six_position(
-    readings: Any, gravity: float | int | None = None, *, up: Any = None, sigma: Any = None, model: Triad | None = None
+def _levels(y: np.ndarray, force: np.ndarray, noise: np.ndarray, beta: np.ndarray, level: float, free: np.ndarray) -> tuple[Any, ...]:
+    """Iterate the fit of `levelled` from parameters (12,) by axis; `free` (12, q) are the combinations to fit.
+
+    Returns parameters, their covariance, and the size of the levels.
+    """
+    tilt, reach, inner = np.zeros_like(force), 1.0, np.eye(12)
+    least = np.eye(3) * (1e-9 * np.linalg.norm(y)) ** 2
+    for _ in range(_ROUNDS):
+        turned, matrix = np.einsum("kij,kj->ki", from_vector(tilt), force) * reach, beta.reshape(3, 4)[:, :3]
+        along, across = turned @ matrix.T, -matrix @ skew(turned)
+        outer = along[:, :, None] * along[:, None, :]
+        # the second order: half the square of the error, and its product with an error of the misalignment
+        errors = noise + level**2 * across @ across.swapaxes(1, 2) + level**4 * outer + least
+        rows = np.einsum("ij,kc->kijc", np.eye(3), np.concatenate([turned, np.ones((len(y), 1))], axis=1)).reshape(len(y), 3, 12)
+        weight, seen = np.linalg.inv(errors), y + np.einsum("kij,kj->ki", across, tilt)
+        inner = free @ np.linalg.inv(free.T @ np.einsum("kia,kij,kjb->ab", rows, weight, rows) @ free) @ free.T
+        beta = inner @ np.einsum("kia,kij,kj->a", rows, weight, seen)
+        left, open_, slope = seen - rows @ beta, errors - rows @ inner @ rows.swapaxes(1, 2), level**2 * across.swapaxes(1, 2) @ weight
+        tilt = np.einsum("kij,kj->ki", slope, left)
+        # what is not known of a tilt shortens the force on average
+        reach = 1 - (2 * level**2 - np.einsum("kij,kjl,kil->k", slope, open_, slope))[:, None] / 2
+        # squares of the residuals across the verticals, and what the present size makes one expect
+        aside = np.eye(3) - outer / np.einsum("kii->k", outer)[:, None, None]
+        grown = np.einsum("ki,kij,kj->", left, aside, left) / np.einsum("kij,kij->", aside, open_)
+        level = max(level * float(np.sqrt(grown)), 1e-9)  # exact readings would make it zero
+    return beta, inner, level
+
+
+def levelled(
+    y: np.ndarray, force: np.ndarray, noise: np.ndarray | None, findings: tuple[Finding, ...] = (), exact: bool = False
 ) -> TriadFit:
+    r"""Fit a triad to five positions or more, whose levels have errors of unknown size, which is estimated with the parameters.
+
+    .. math:: y_k = M R(\epsilon_k) f_k + b + n_k,\qquad \epsilon_k \sim N(0, \delta^2)
+
+    An error of the level moves the reading across the vertical at first order, and along it at second order. So bias and scale of an axis
+    come from the faces with this axis up and down, and the others show delta. `noise` (k, 3, 3) is the covariance of each mean reading.
+
+    Levels off by a degree give misalignments of a degree, and a matrix with these is worse than none. So the misalignment is left out where
+    errors of the levels explain it (F test at 1 %), unless the block is `exact`.
+    """
+    triad, named = _fitted(np.concatenate([force, np.ones((len(y), 1))], axis=1), y, np.ones(3), _UP, _FACES)
+    freedom, unit = 3 * len(y) - 12, float(np.linalg.norm(triad.matrix @ force.T) / np.sqrt(len(y)))
+    level = float(np.linalg.norm(_followed(y, y - np.asarray(triad.measure(force)), triad)) / np.sqrt(freedom)) / unit
+    given = noise is not None
+    noise = noise if given else np.tile(np.eye(3) * (min(level, _UNSEEN) * unit) ** 2, (len(y), 1, 1))
+    beta = np.concatenate([triad.matrix, triad.bias[:, None]], axis=1).ravel()
+    fit = whole = _levels(y, force, noise, beta, level, np.eye(12))
+    cross = np.flatnonzero([i < 3 and i != axis for axis in range(3) for i in range(4)])
+    ratio = whole[0][cross] @ np.linalg.solve(whole[1][np.ix_(cross, cross)], whole[0][cross]) / len(cross)
+    if not exact and (chance := float(scipy.special.fdtrc(len(cross), freedom, ratio))) > FITTED_LEVEL:
+        fit = _levels(y, force, noise, whole[0], whole[2], np.delete(np.eye(12), cross, axis=1))
+        findings = (*findings, FINDINGS("no_misalignment", level=chance, tilt=Quantity(fit[2], "angle")))
+    apart = np.array([name.startswith("matrix") and name[7] != name[9] for name in named.names])
+    place = np.array([4 * int(name[7]) + int(name[9]) if name.startswith("matrix") else 4 * int(name[5]) + 3 for name in named.names])
+    # what is left out keeps its variance, and its size is added
+    lost = (whole[1] - fit[1])[np.ix_(place, place)] + np.multiply.outer(*[(whole[0] - fit[0])[place]] * 2)
+    found, spread = fit[0].reshape(3, 4), fit[1][np.ix_(place, place)] + lost * (apart & apart[:, None])
+    triad, degrees = Triad(found[:, :3], found[:, 3]), np.where(apart | (not given), float(freedom), np.inf)
+    known = Estimate(named.names, fit[0][place], spread, degrees, None, _quantities("accel"))
+    sigma = np.sqrt(np.mean(np.diagonal(noise, axis1=1, axis2=2), axis=0))
+    return TriadFit(triad, known, y - np.asarray(triad.measure(force)), sigma, freedom, findings, fit[2])
+
+
+@host_float64
+def six_position(readings: Any, gravity: float | int | None = None, *, up: Any = None, sigma: Any = None) -> TriadFit:
     r"""Calibrate an accelerometer from positions of known attitude: the six faces of a rectangular block, or others.
 
     .. math:: y_k = M f_k + b,\qquad f_k = g\,u_k;\qquad
-              M_{\cdot j} = \frac{y_{j+} - y_{j-}}{2g},\quad b = \tfrac16\textstyle\sum y
+              M_{jj} = \frac{y_{j+,j} - y_{j-,j}}{2g},\quad b_j = \tfrac12 (y_{j+,j} + y_{j-,j})
 
-    The second form is the least-squares solution for the six faces.
+    The second form is the solution for the six faces whose levels have larger errors than the readings; without errors of the levels it is
+    least squares. The size of these errors is estimated. Where they explain the misalignment, it is left out.
 
     Parameters
     ----------
     readings : (6, 3) mean readings with x up, x down, y up, y down, z up, z down; or (k, 3) with `up`.
     gravity : local gravity, m/s^2. None takes standard gravity, which may be wrong by 0.3 %, as a finding says.
     up : (k, 3) upward direction in body axes of each position; None for the six faces.
-    sigma : standard deviation of a mean reading, one or (3,); None estimates it from the residuals. It combines the noise,
-        N / sqrt(dwell), and the repeatability of the table: a levelling error of 0.5 degrees alone causes a misalignment of 6e-3 and a
-        bias of 0.03 m/s^2.
-    model : a model of your own, a subclass of `Triad` from which the fit starts; every floating-point field is fitted.
+    sigma : standard deviation of a mean reading, one or (3,), as its noise N / sqrt(dwell) gives it, without the error of the level. None
+        takes 1e-3 of gravity, at most what the positions scatter by; most sensors have less.
 
     Returns
     -------
@@ -202,18 +243,11 @@ def six_position(
     length = np.linalg.norm(up, axis=1, keepdims=True)
     if np.any(length < 1e-6):
         raise DataError("up holds a vector of length zero; give the direction of the vertical in body axes", code="shapes")
-    if len(y) < 4:
-        raise DataError(
-            f"{len(y)} positions cannot give a matrix and a bias; record four that are not in a plane, better the six faces", code="few"
-        )
-    force, advice = size * up / length, "Turn the block so that the vertical passes through each face."
-    found = _triad_of(force, None, y, sigma, _UP, advice, model, "accel", assumed)
-    if np.linalg.norm(found.residual) > 0.2 * np.linalg.norm(y - found.residual - found.triad.bias):
-        raise DataError(
-            f"the readings do not follow the given directions: they are off by {np.sqrt(np.mean(found.residual**2)):.3g} rms. Check "
-            "the order of the positions (x up, x down, y up, y down, z up, z down)",
-            code="order",
-        )
+    if len(y) < 5:
+        said = f"{len(y)} positions cannot give a matrix, a bias and the errors of the levels; record the six faces"
+        raise DataError(said, code="few")
+    noise = None if sigma is None else np.tile(np.diag(_deviation(sigma) ** 2), (len(y), 1, 1))
+    found = levelled(y, size * up / length, noise, assumed)
     if np.any(np.argmax(np.abs(found.triad.matrix), axis=1) != np.arange(3)) or np.any(np.diag(found.triad.matrix) < 0):
         return dataclasses.replace(found, findings=(*found.findings, FINDINGS("axes_exchanged")))
     return found
@@ -221,9 +255,8 @@ def six_position(
 
 @host_float64
 def rate_table(
-    readings: Any, rates: Any, accel: Any = None, *, latitude: float | None = None, sigma: Any = None, servo: float = 0.0,
-    model: Triad | None = None,
-) -> TriadFit:  # fmt: skip
+    readings: Any, rates: Any, accel: Any = None, *, latitude: float | None = None, sigma: Any = None, servo: float = 0.0
+) -> TriadFit:
     r"""Calibrate a gyroscope from mean readings on a rate table, with g-sensitivity if the specific force is known.
 
     .. math:: y_k = M\,(\omega_k + \Omega_E\sin\varphi\,u_k) + b + G f_k
@@ -241,7 +274,6 @@ def rate_table(
         table's axis must be vertical.
     sigma : standard deviation of a mean reading, one or (3,); None estimates it from the residuals.
     servo : relative standard deviation of the table's rate; it adds a scale error common to the matrix.
-    model : a model of your own, a subclass of `Triad` from which the fit starts; every floating-point field is fitted.
 
     Returns
     -------
@@ -274,10 +306,8 @@ def rate_table(
     if f is not None:
         size = np.linalg.norm(f, axis=1)
         if not np.all((size > 5) & (size < 20)):
-            raise DataError(
-                f"accel has a norm of {np.median(size):.3g}; expected m/s^2, about 9.81. Readings in g must be multiplied by it",
-                code="unit",
-            )
+            said = f"accel has a norm of {np.median(size):.3g}; expected m/s^2, about 9.81. Readings in g must be multiplied by it"
+            raise DataError(said, code="unit")
         if latitude is not None:
             w = w + EARTH_RATE * np.sin(float(latitude)) * f / size[:, None]
     elif latitude is not None:
@@ -285,5 +315,20 @@ def rate_table(
     if len(y) < (needed := 4 if f is None else 7):
         said = f"{len(y)} positions cannot give {needed} parameters an axis; record both signs of the rate about each axis"
         raise DataError(said, code="few")
+    given, columns = np.ones(3) if sigma is None else _deviation(sigma), [w, np.ones((len(y), 1))] + ([] if f is None else [f])
     advice = "Turn about each axis with both signs of the rate, each of the six faces up."
-    return _triad_of(w, f, y, sigma, _FORCE, advice, model, "gyro", servo=float(servo))
+    triad, found = _fitted(np.concatenate(columns, axis=1), y, given, _FORCE, advice)
+    residual, freedom = _followed(y, y - np.asarray(triad.measure(w, f)), triad), 3 * len(y) - len(found.names)
+    if sigma is None and freedom < 1:
+        said = Message("{count} readings leave nothing to show their noise; give {option.sigma}, that of a mean reading", count=len(y))
+        raise DataError(said, code="no_noise")
+    square, findings = float(np.sum((residual / given) ** 2)), ()
+    if sigma is None:
+        given = np.full(3, np.sqrt(square / freedom))
+    elif freedom > 0 and square > 2 * scipy.special.gammaincinv(freedom / 2, 1 - LEVEL):
+        findings = (FINDINGS("sigma_too_small", ratio=float(np.sqrt(square / freedom))),)
+    scale = np.where([name.startswith("matrix") for name in found.names], found.values, 0.0)
+    matrix = found.matrix * (given[0] ** 2 if sigma is None else 1.0) + float(servo) ** 2 * np.outer(scale, scale)
+    degrees = float(freedom) if sigma is None else np.inf
+    estimate = Estimate(found.names, found.values, matrix, degrees, None, _quantities("gyro"))
+    return TriadFit(triad, estimate, residual, given, freedom, findings)

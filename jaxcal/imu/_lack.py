@@ -1,7 +1,6 @@
 """Lack of fit (host): named terms that the sensor model lacks, and their effect on the parameters."""
 
 import dataclasses
-from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -10,18 +9,23 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._answer import Finding, Quantity
+from .._arrays import padded
 from .._units import STANDARD_GRAVITY
 from ..fitting._missing import LEAST, missing
 from ._findings import FINDINGS
 from ._fits import Joint
 from ._model import LEVEL
+from ._nonlinear import TERMS
 from ._recording import Rests
 from ._residuals import pieces
+from ._result import parts_of
 
 _ENOUGH = 8  # least degrees of freedom of the magnitudes, to judge a term of the accelerometer without the turns
 #: term -> how a sentence names it
 _WORDS = {"quadratic": "a quadratic term", "cubic": "a cubic term", "asymmetry": "an asymmetry of sign", "drift": "a linear drift",
-          "warm_up": "a drift of a warm-up"}  # fmt: skip
+          "warm_up": "a drift of a warm-up", "curve": "a quadratic drift", "hysteresis": "a hysteresis",
+          "creep": "a creep of 15 s"}  # fmt: skip
+_IN_TIME, _FITTED = ("drift", "warm_up", "curve"), (*(name.partition(".")[2] for name in TERMS), "creep")
 _NUDGE = 1e-3  # step of the finite difference, relative to the full term
 
 
@@ -37,52 +41,72 @@ class Lack(eqx.Module):
     term: str | None = eqx.field(static=True, default=None)
 
 
-def lacks(joint: Joint, rests: Rests) -> list[Lack]:
-    """Find missing terms: the best one for the magnitudes, and for the turns, if it is significant.
+def lacks(joint: Joint, rests: Rests, middle: float) -> list[Lack]:
+    """Find missing terms: the best one for the magnitudes, for the turns, and for the rates at rest, if it is significant.
 
     Residuals of one kind, in units of their standard deviation, are regressed on the parameters that determine them and on the effects
-    of three coefficients, one for each axis. The F test compares with the remaining residuals, so their size need not be known.
+    of three coefficients, one for each axis. The F test compares with the remaining residuals, so their size need not be known. `middle`
+    is the time of the middle of the record, s.
     """
-    fit, slots = joint.fit, len(joint.found.norm)
+    fit, slots, count = joint.fit, len(joint.found.norm), len(rests.accel)
     names, root = np.array(fit.names), np.sqrt(np.asarray(fit.weights))
     rows, slope = root * np.asarray(fit.residuals), root[:, None] * np.asarray(fit.jacobian)
-    found = []
+    turns, accel, found = joint.data.turns, np.asarray(fit.model.accel.matrix), []
+    scale = np.abs(np.diag(np.asarray((fit.model.accel if turns is None else fit.model.gyro).matrix)))
 
-    def judged(part: slice, own: np.ndarray, terms: dict[str, np.ndarray], sensor: str, said: Callable[[str, np.ndarray], Finding]) -> None:
+    def judged(
+        sensor: str, what: str, own: np.ndarray, y: np.ndarray, columns: np.ndarray, terms: dict[str, np.ndarray], at: float
+    ) -> None:
         """Test the terms (n, q) on one kind of residual, together with the parameters `own` that these residuals determine."""
-        for best in missing(rows[part], slope[part] * own, {name: root[part, None] * x for name, x in terms.items()})[:1]:
-            if best.shown:
-                drift = joint.data.turns is None and best.name in ("drift", "warm_up")
-                found.append(Lack(best.shift, said(best.name, np.abs(best.coefficient)), None if drift else f"{sensor}.{best.name}"))
+        for best in missing(y, columns * own, terms)[:1]:
+            if not best.shown:
+                continue
+            kind, _, where = best.name.partition("@")
+            size = Quantity(float(np.abs(best.coefficient).max()) * (at if what == "turns" else 1.0), sensor)
+            moved = np.abs(best.shift)[np.char.startswith(names, f"{sensor}.matrix")].max(initial=0.0) / scale.min()
+            facts: dict[str, Any] = {"what": what, "size": size, "cost": size.value, "matrix": parts_of(moved)}
+            term = f"{sensor}.{kind}" if kind in _FITTED and not (turns is None and kind in (*_IN_TIME, "creep")) else None
+            if where:
+                time = float(middle + rests.time[int(where)] - rests.duration[int(where)] / 2)
+                made = FINDINGS("lack_step", sensor, pose=int(where), time=Quantity(time, "time"), **facts)
+            elif kind in _IN_TIME:
+                made = FINDINGS("lack_drift", sensor, term=_WORDS[kind], **facts)
+            else:
+                code = "lack_memory" if term is None else f"lack_{sensor}"
+                made = FINDINGS(code, sensor, term=_WORDS[kind], at=Quantity(at, sensor), **facts)
+            found.append(Lack(best.shift, made, term))
 
     # the magnitude is gravity, not the measured one, because the error of the measured one is the residual itself
-    force, at_1g = joint.found.vertical * float(joint.data.gravity), Quantity(STANDARD_GRAVITY, "accel")
-
-    def of_norms(name: str, coefficient: np.ndarray) -> Finding:
-        code, size = "lack_drift" if name in ("drift", "warm_up") else "lack_accel", Quantity(float(coefficient.max()), "accel")
-        return FINDINGS(code, "accel", cost=size.value, what=what, term=_WORDS[name], size=size, at=at_1g)
-
+    force = joint.found.vertical * float(joint.data.gravity)
     norms, own = slice(0, slots), np.char.startswith(names, "accel")
     left = int(np.sum(np.any(slope[norms] != 0, axis=1)) - np.linalg.matrix_rank(slope[norms][:, own])) - 3
-    shapes = _shapes(force, rests, max(float(np.ptp(rests.time)), 1e-9))
+    shapes = _shapes(force, rests, np.abs(np.diag(accel)))
     across = -joint.found.vertical / np.asarray(joint.data.poses.sigma)[:, None]  # effect on the magnitudes of the force along each axis
-    terms, what = {name: across * shape for name, shape in shapes.items()}, "poses"
-    if left < _ENOUGH and joint.data.turns is not None:
-        # few poses: use the turns as well, because an error of a vertical also appears in the turns before and after it
-        norms, own = slice(0, 3 * slots - 2), own | np.char.startswith(names, "gyro.matrix")
-        terms = {name: np.concatenate([x, _between(joint, shapes[name])]) for name, x in terms.items()}
-        what = "poses and turns"
-    judged(norms, own, terms, "accel", of_norms)
-    if joint.data.turns is None:
-        return found or _scattered(joint, rests, len(rests.accel) - int(np.sum(own)), left)
-    scale = np.abs(np.diag(np.asarray(fit.model.gyro.matrix)))
-    fast = float(np.quantile(np.abs(joint.data.turns.gyro - np.asarray(fit.model.gyro.bias)) / scale, 0.999))
-
-    def of_turns(name: str, coefficient: np.ndarray) -> Finding:
-        size = fast * float(coefficient.max())
-        return FINDINGS("lack_gyro", "gyro", cost=size, term=_WORDS[name], size=Quantity(size, "gyro"), at=Quantity(fast, "gyro"))
-
-    judged(slice(slots, 3 * slots - 2), np.char.startswith(names, "gyro.matrix"), _turn_terms(joint, fast), "gyro", of_turns)
+    terms = {name: across * shape for name, shape in shapes.items()}
+    tried = [("poses", norms, own, terms)] if left >= _ENOUGH or turns is None else []
+    if turns is not None:
+        # an error of a vertical also appears in the turns before and after it: this shows a term that the magnitudes do not
+        both = {name: np.concatenate([x, _between(joint, shapes[name])]) for name, x in terms.items()}
+        tried.append(("poses and turns", slice(0, 3 * slots - 2), own | np.char.startswith(names, "gyro.matrix"), both))
+    for what, part, kept, terms in tried:
+        if not found:
+            terms = {name: root[part, None] * x for name, x in terms.items()}
+            # one size for all axes, which has more power
+            terms |= {name: terms[name].sum(axis=1, keepdims=True) for name in rests.past}
+            judged("accel", what, kept, rows[part], slope[part], terms, STANDARD_GRAVITY)
+    if turns is None:
+        return found or _scattered(joint, rests, count - int(np.sum(own)), left)
+    fast = float(np.quantile(np.abs(turns.gyro - np.asarray(fit.model.gyro.bias)) / scale, 0.999))
+    part = slice(slots, 3 * slots - 2)
+    terms = {name: root[part, None] * x for name, x in _turn_terms(joint, fast).items()}
+    judged("gyro", "turns", np.char.startswith(names, "gyro.matrix"), rows[part], slope[part], terms, fast)
+    part, weight = slice(3 * slots - 2, 6 * slots - 2), 1 / np.asarray(joint.data.poses.gyro_sigma)
+    terms = {
+        name: root[part, None] * (weight[:, :, None] * (np.eye(3) * shape[:, None, :])).reshape(-1, 3) * scale
+        for name, shape in shapes.items() if name == "curve" or "@" in name
+    }  # fmt: skip
+    own = np.char.startswith(names, "gyro.bias") | np.char.startswith(names, "gyro.g_sens") | np.char.startswith(names, "drift")
+    judged("gyro", "rates at rest", own, rows[part], slope[part], terms, fast)
     return found
 
 
@@ -98,15 +122,18 @@ def _scattered(joint: Joint, rests: Rests, freedom: int, left: int) -> list[Lack
     return [Lack(np.zeros(len(joint.fit.names)), one) for one in told]
 
 
-def _shapes(force: np.ndarray, rests: Rests, duration: float) -> dict[str, np.ndarray]:
-    """Change of the force along each axis (k, 3) for a unit coefficient of each term (its value at 1 g, or over the recording)."""
-    count, slots, g = len(rests.accel), len(force), STANDARD_GRAVITY
-    time = np.zeros((slots, 1))
-    time[:count, 0] = (rests.time - rests.time.min()) / duration
-    size, one = np.abs(force) / g, np.ones((1, 3))
-    return {
-        "quadratic": size**2, "cubic": force / g * size**2, "asymmetry": size, "drift": time * one, "warm_up": np.exp(-4 * time) * one,
-    }  # fmt: skip
+def _shapes(force: np.ndarray, rests: Rests, scale: np.ndarray) -> dict[str, np.ndarray]:
+    """Change of the force along each axis (slots, 3) for a unit of each term: its size at 1 g, or over the recording."""
+    count, slots = len(rests.accel), len(force)
+    time, size = (rests.time - rests.time.min()) / max(float(np.ptp(rests.time)), 1e-9), np.abs(force) / STANDARD_GRAVITY
+    found = {"drift": time, "warm_up": np.exp(-4 * time), "curve": time**2}
+    found |= {f"step@{k}": np.arange(count) >= k for k in range(LEAST, count - LEAST + 1)}
+    found = {name: padded(x[:, None] * np.ones((1, 3)), slots) for name, x in found.items()}
+    found |= {"quadratic": size**2, "cubic": force * size**2 / STANDARD_GRAVITY, "asymmetry": size}
+    return found | {
+        "creep": padded(rests.past["creep"] / scale, slots) / STANDARD_GRAVITY,
+        "hysteresis": padded(rests.past["hysteresis"], slots),
+    }
 
 
 def _between(joint: Joint, shape: np.ndarray) -> np.ndarray:

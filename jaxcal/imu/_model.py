@@ -155,6 +155,7 @@ class Imu(eqx.Module):
     accel_drift : (3,) drift of the accelerometer's bias, readings per s; None for no drift. The bias is that of the middle of the record.
     accel_warm_up : (3,) offset of the accelerometer's bias at the beginning, in readings. It decays with a time constant of a quarter of
         the recording, and the bias is the settled value. None for no warm-up.
+    accel_creep : (3,) share of a change of the force that the accelerometer follows with a time constant of 15 s; None for no creep.
     north : (2,) direction of the horizontal part of the Earth's rate in the first pose, as cosine and sine of a heading; None if the
         Earth's rate is ignored.
 
@@ -172,6 +173,7 @@ class Imu(eqx.Module):
     north: Any = None
     accel_drift: Any = None
     accel_warm_up: Any = None
+    accel_creep: Any = None
 
     @property
     def plain(self) -> bool:

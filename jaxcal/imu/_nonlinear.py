@@ -14,7 +14,7 @@ from ._model import Imu, Triad
 
 _ROUNDS = 4  # iterations of the fixed point: the error is then 1e-10 of the reading for a term of 1 % of the reading
 #: time-dependent terms of the accelerometer's bias, which are fields of `Imu`
-_IN_TIME = {"accel.drift": "accel_drift", "accel.warm_up": "accel_warm_up"}
+_IN_TIME = {"accel.drift": "accel_drift", "accel.warm_up": "accel_warm_up", "accel.creep": "accel_creep"}
 TERMS = (*(f"{sensor}.{field}" for sensor in ("accel", "gyro") for field in ("quadratic", "cubic", "asymmetry")), *_IN_TIME)
 
 

@@ -69,14 +69,12 @@ def prior_of(source: Any) -> Prior | None:
             continue
         covariance = _covariance(held, part, sensor)
         if covariance is None:
-            raise DataError(
-                f"The earlier calibration has no covariance of {sensor}; calibrate again, or give a data sheet as prior.", code="prior"
-            )
+            said = f"The earlier calibration has no covariance of {sensor}; calibrate again, or give a data sheet as prior."
+            raise DataError(said, code="prior")
         models[sensor], known[sensor] = Triad(*(np.asarray(getattr(model, name)) for name in _FIELDS)), covariance
     if "accel" not in models:
-        raise DataError(
-            f"prior is a {type(source).__name__}; expected a data sheet (a dictionary), an ImuFit or a Calibration with imu", code="prior"
-        )
+        said = f"prior is a {type(source).__name__}; expected a data sheet (a dictionary), an ImuFit or a Calibration with imu"
+        raise DataError(said, code="prior")
     imu = Imu(models["accel"], models.get("gyro"))
     matrix = scipy.linalg.block_diag(*known.values())
     if np.any(np.tril(np.asarray(imu.accel.matrix), -1)):

@@ -80,9 +80,7 @@ class RateTest(Result):
 
 
 @host_float64
-def rate_test(
-    log: Any, rates: Any, *, latitude: float | None = None, servo: float = 0.0, raw: bool = False, model: Triad | None = None
-) -> RateTest:
+def rate_test(log: Any, rates: Any, *, latitude: float | None = None, servo: float = 0.0, raw: bool = False) -> RateTest:
     r"""Calibrate a gyroscope from the raw log of a rate table: the triad, and figures in ppm for each axis.
 
     The function finds the stretches of constant rate, fits their means as `rate_table` does, and describes each axis by `scale_figures`.
@@ -95,7 +93,6 @@ def rate_test(
     latitude : rad, to subtract the Earth's rate; this needs the accelerometer.
     servo : relative standard deviation of the table's rate.
     raw : True if the gyroscope is in counts; the largest rate then gives the scale.
-    model : a model of your own, a subclass of `Triad` from which the fit starts; every floating-point field is fitted.
 
     Returns
     -------
@@ -150,7 +147,7 @@ def rate_test(
     if not figures:
         raise DataError("No axis was turned at two rates or more besides rest; set the table to several rates of both signs.")
     missing = [name for i, name in enumerate(_AXES) if not {1.0, -1.0} <= set(np.sign(set_to[axis == i, i]))]
-    fit = None if missing else _fitted(log, start, stop, readings, set_to, latitude, servo, model, found)
+    fit = None if missing else _fitted(log, start, stop, readings, set_to, latitude, servo, found)
     if missing:
         found.append(FINDINGS("one_way", tuple(f"gyro_{axis}" for axis in missing), axes=", ".join(missing)))
     if all(np.isnan(one.repeatability) for one in figures.values()):
@@ -178,16 +175,9 @@ def _assigned(readings: np.ndarray, rates: Any, raw: bool) -> np.ndarray:
     )
     if wrong.any():
         k = int(np.argmax(wrong))
-        raise DataError(
-            Message(
-                "a stretch reads {size:.4g} about {axis}, which is none of the rates, up to {largest:.4g}. Check {option.rates} and the "
-                "unit of the gyroscope",
-                size=Quantity(abs(size[k]), "gyro"),
-                axis=_AXES[axis[k]],
-                largest=Quantity(known[-1], "gyro"),
-            ),
-            code="no_such_rate",
-        )
+        facts = {"size": Quantity(abs(size[k]), "gyro"), "axis": _AXES[axis[k]], "largest": Quantity(known[-1], "gyro")}
+        said = "a stretch reads {size:.4g} about {axis}, which is none of the rates, up to {largest:.4g}. Check {option.rates} and the unit"
+        raise DataError(Message(said, **facts), code="no_such_rate")
     set_to = np.zeros((len(axis), 3))
     set_to[np.arange(len(axis)), axis] = np.sign(size) * nearest
     return set_to
@@ -195,7 +185,7 @@ def _assigned(readings: np.ndarray, rates: Any, raw: bool) -> np.ndarray:
 
 def _fitted(
     log: Any, start: np.ndarray, stop: np.ndarray, readings: np.ndarray, set_to: np.ndarray, latitude: float | None, servo: float,
-    model: Triad | None, found: list[Finding],
+    found: list[Finding],
 ) -> TriadFit:  # fmt: skip
     """Fit the triad, with g-sensitivity if the accelerometer was in enough positions."""
     force = None if log.accel is None else means(np.asarray(log.accel, dtype=float), start, stop)
@@ -206,7 +196,6 @@ def _fitted(
             force = None
             found.append(FINDINGS("faces", "gyro"))
     if force is None and latitude is not None:
-        raise DataError(
-            Message("{option.latitude} needs the accelerometer with each of the six faces up, which shows where up is"), code="no_up"
-        )
-    return rate_table(readings, set_to, force, latitude=latitude, servo=servo, model=model)
+        said = Message("{option.latitude} needs the accelerometer with each of the six faces up, which shows where up is")
+        raise DataError(said, code="no_up")
+    return rate_table(readings, set_to, force, latitude=latitude, servo=servo)

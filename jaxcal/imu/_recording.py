@@ -24,6 +24,8 @@ _BRIDGE, _PIECE, _LONGEST = 0.1, 0.25, 10.0
 #: steps of every turn, the same in all recordings so that they share one compiled fit. A turn of 5 s has steps of 20 ms; doubling the
 #: number changes no parameter by more than a tenth of its standard error.
 _STEPS = 252
+_CREEP = 15.0  # s: time constant of the creep that is looked for
+LEAST_SAMPLES = 8  # of a rest that is given: two in each of the four parts that show its scatter
 
 
 class Recording(eqx.Module):
@@ -105,6 +107,8 @@ class Rests(eqx.Module):
     accel, gyro : (k, 3) mean readings; time : (k,) middle, s from the middle of the record; duration : (k,) s without missing samples.
     accel_scatter : (k, 3, 3) covariance of the mean of accel; gyro_scatter : (k, 3) variance of the mean of gyro; both are estimated
         from the scatter within the interval, between `pieces` (k,) independent parts.
+    past : "creep", "hysteresis" -> (k, 3) what a sensor remembers: how far the readings of the last 15 s were from the present ones; how
+        much an axis with a play of 1e-3 of gravity lags behind, from 1 to -1 for a reading that came from above or below.
     short : (k,) m/s^2 by which the mean vector is shorter than the force, because a hand rotated a little; zero until a model is known.
     slots : number of rows after padding.
     """
@@ -116,13 +120,15 @@ class Rests(eqx.Module):
     accel_scatter: np.ndarray
     gyro_scatter: np.ndarray
     pieces: np.ndarray
+    past: dict[str, np.ndarray]
     slots: int
     short: np.ndarray
 
     def poses(self, sigma: np.ndarray, gyro_sigma: np.ndarray) -> Poses:
         """Padded poses with the given standard deviations, (k,) and (k, 3)."""
-        accel, gyro, time, short = (padded(x, self.slots) for x in (self.accel, self.gyro, self.time, self.short))
-        return Poses(accel, padded(sigma, self.slots, np.inf), gyro, padded(gyro_sigma, self.slots, np.inf), time, short)
+        shown = (self.accel, self.gyro, self.time, self.short, self.past["creep"])
+        accel, gyro, time, short, past = (padded(x, self.slots) for x in shown)
+        return Poses(accel, padded(sigma, self.slots, np.inf), gyro, padded(gyro_sigma, self.slots, np.inf), time, short, past)
 
     def shortened(self, correction: np.ndarray, vertical: np.ndarray, size: np.ndarray) -> "Rests":
         """Fill in `short`: if a vector rotates to and fro, half the variance of the angle is the relative loss of length of its mean.
@@ -184,8 +190,28 @@ def rests_of(recording: Recording, start: np.ndarray, stop: np.ndarray) -> Rests
         scatter[k, : both.shape[1], : both.shape[1]] = np.cov(parts[np.isfinite(parts).all(axis=1)], rowvar=False) / pieces
     return Rests(
         accel, gyro, middle, duration, scatter[:, :3, :3], np.diagonal(scatter, axis1=1, axis2=2)[:, 3:], count,
-        power_of_two(len(start) + 1, 32), np.zeros(len(start)),
+        _remembered(recording, start, stop), power_of_two(len(start) + 1, 32), np.zeros(len(start)),
     )  # fmt: skip
+
+
+def _remembered(recording: Recording, start: np.ndarray, stop: np.ndarray) -> dict[str, np.ndarray]:
+    """What a sensor remembers of the past in each rest; see `Rests`."""
+    known = np.flatnonzero(np.isfinite(recording.accel).all(axis=1))
+    whole = np.stack([np.interp(np.arange(len(recording.accel)), known, column[known]) for column in recording.accel.T], axis=1)
+    share = -np.expm1(-1 / (_CREEP * recording.rate))
+    late = scipy.signal.lfilter([share], [1, share - 1], whole - whole[0], axis=0) - (whole - whole[0])
+    # noise does not move a play: not within a rest, which begins and ends outside of its interval, and little of it is left
+    # in a mean over a quarter of a second
+    edge = round(_PIECE * recording.rate)
+    for i, j in zip(start, stop, strict=True):
+        whole[max(i - edge, 0) : j + edge] = whole[i:j].mean(axis=0)
+    step = max(round(_PIECE * recording.rate / 2), 1)
+    smooth = scipy.ndimage.uniform_filter1d(whole, 2 * step, axis=0)[::step]
+    play, held = 1e-3 * np.linalg.norm(np.ptp(smooth, axis=0)) / 12**0.5, [smooth[0]]
+    for now in smooth[1:]:
+        held.append(np.minimum(np.maximum(held[-1], now - play), now + play))
+    lag = np.repeat((np.array(held) - smooth) / play, step, axis=0)[: len(whole)]
+    return {"creep": means(late, start, stop), "hysteresis": means(lag, start, stop)}
 
 
 def turns_of(recording: Recording, start: np.ndarray, stop: np.ndarray, slots: int, whole: bool = False) -> Turns:
@@ -235,15 +261,13 @@ def given_rests(rests: Any, samples: int) -> Ends:
     """Check the rests given by the caller, and sort them."""
     ends = np.asarray(rests)
     if ends.ndim != 2 or ends.shape[1] != 2:
-        raise DataError(
-            f"rests has shape {ends.shape}; expected (k, 2): the first sample of each rest, and the one after its last", code="rests"
-        )
+        said = f"rests has shape {ends.shape}; expected (k, 2): the first sample of each rest, and the one after its last"
+        raise DataError(said, code="rests")
     ends = ends[np.argsort(ends[:, 0])].astype(int)
-    bad = (ends[:, 1] - ends[:, 0] < 10) | (ends[:, 0] < 0) | (ends[:, 1] > samples)
+    bad = (ends[:, 1] - ends[:, 0] < LEAST_SAMPLES) | (ends[:, 0] < 0) | (ends[:, 1] > samples)
     bad[1:] |= ends[1:, 0] < ends[:-1, 1] + 2
     if bad.any():
         first, last = ends[np.argmax(bad)]
-        raise DataError(
-            f"the rest from sample {first} to {last} is outside of the log, shorter than 10 samples, or meets another", code="rests"
-        )
+        said = f"the rest from sample {first} to {last} is outside of the log, shorter than {LEAST_SAMPLES} samples, or meets another"
+        raise DataError(said, code="rests")
     return ends[:, 0], ends[:, 1]

@@ -25,6 +25,7 @@ class Poses(eqx.Module):
     gyro_sigma : (k, 3) standard deviation of `gyro`, in readings.
     time : (k,) s from the time to which the bias refers, the middle of the record; used for a drifting bias.
     short : (k,) m/s^2 by which the mean vector is shorter than the force because the sensor rotated during the pose; None for zero.
+    past : (k, 3) readings of the last 15 s, smoothed, minus the present ones; used for a creep.
 
     Examples
     --------
@@ -39,6 +40,7 @@ class Poses(eqx.Module):
     gyro_sigma: Any = None
     time: Any = None
     short: Any = None
+    past: Any = None
 
 
 class Turns(eqx.Module):
@@ -154,8 +156,10 @@ def warm_up(time: Any, known: Any) -> Any:
 
 
 def _settled(model: Imu, poses: Poses) -> Array:
-    """Readings of the accelerometer minus the drift and warm-up of its bias."""
+    """Readings of the accelerometer minus its creep, and the drift and warm-up of its bias."""
     accel = poses.accel
+    if model.accel_creep is not None:
+        accel = accel - poses.past * model.accel_creep[None, :]
     if model.accel_drift is not None:
         accel = accel - poses.time[:, None] * model.accel_drift[None, :]
     if model.accel_warm_up is not None:

@@ -31,11 +31,7 @@ def quantities(counts: bool = False) -> dict[str, str]:
     if counts:
         found = {f"{sensor}.matrix": f"counts per {unit}" for sensor, unit in known.items()}
         return found | dict.fromkeys(("accel.bias", "gyro.bias"), "counts") | {"gyro.g_sensitivity": "counts per m/s^2"}
-    found = {
-        "accel.bias": "accel",
-        "gyro.bias": "gyro",
-        "gyro.g_sensitivity": "gyro/accel",
-    }
+    found = {"accel.bias": "accel", "gyro.bias": "gyro", "gyro.g_sensitivity": "gyro/accel"}
     for sensor, unit in known.items():
         found |= {f"{sensor}.quadratic": f"1/({unit})", f"{sensor}.cubic": f"1/({unit})^2"}
     return found
@@ -131,8 +127,9 @@ class ImuFit(Result):
         kinds = (("magnitude at rest", "norm", "accel"), ("angle after a turn", "turn", "angle"), ("rate at rest", "rest", "gyro"))
         sizes = [(label, Number(f"sigma.{name}", float(size), quantity=quantity))
                  for (label, name, quantity), size in zip(kinds, self.sigma, strict=True) if np.isfinite(size)]  # fmt: skip
-        sizes += [(f"{label}, left out of the fit", Number(f"held_out.{name}", float(size), quantity=quantity))
-                  for (label, name, quantity), size in zip(kinds, self.held_out, strict=False) if np.isfinite(size)]  # fmt: skip
+        left = [(label, Number(f"held_out.{name}", float(size), quantity=quantity))
+                for (label, name, quantity), size in zip(kinds, self.held_out, strict=False) if np.isfinite(size)]  # fmt: skip
+        found += [listed("held_out", "errors where left out of the fit", left)] if left else []
         found.append(listed("sizes", "standard deviation of one residual", sizes, detail=True))
         if len(self.residual_norm):
             poses: Mapping[str, Any] = {"pose": ("", np.arange(1, len(self.residual_norm) + 1)), "norm": ("accel", self.residual_norm)}
@@ -154,7 +151,7 @@ def assumed_gravity(gravity: Any) -> tuple[float, tuple[Finding, ...]]:
 
 def judged(
     result: ImuFit, fit: Fit, options: Any, notes: Iterable[Finding], causes: Callable[[], Sequence[Finding]],
-    missing: Iterable[Finding] = (),
+    missing: Iterable[Finding] = ()
 ) -> ImuFit:  # fmt: skip
     """Add the findings on a fit.
 
@@ -185,6 +182,9 @@ def judged(
         found.append(dataclasses.replace(seen.finding, severity=CAUTION))
     for what, which, count in zip(("poses", "turns"), result.down_weighted, (poses, turns), strict=True):
         found += FINDINGS.over("disagree", len(which) / max(count, 1), count=len(which), total=count, what=what)
+    for sensor, what, size, usual in zip(("accel", "gyro"), ("poses", "turns"), result.held_out, result.sigma, strict=False):
+        left = Quantity(float(size), "angle" if sensor == "gyro" else sensor)
+        found += FINDINGS.over("held_out", size / max(usual, 1e-12), sensor, what=what, size=left, ratio=float(size / max(usual, 1e-12)))
     scatter = float(result.sigma[0])
     found += FINDINGS.over("scatter", scatter, "accel", sigma=Quantity(scatter, "accel"))
     return dataclasses.replace(result, findings=(*result.findings, *found, *missing, *notes))

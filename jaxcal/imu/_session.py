@@ -5,7 +5,7 @@ import dataclasses
 import itertools
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +19,10 @@ from .._precision import host_float64
 from ..evidence._rests import still_intervals
 from ..fitting import Estimate
 from ._findings import FINDINGS
-from ._known import checked_gravity, six_position
+from ._known import checked_gravity, levelled
 from ._model import Imu, Triad, entries, values
 from ._observability import NEAR
-from ._recording import Recording, means, recording, rests_of
+from ._recording import LEAST_SAMPLES, Recording, means, recording, rests_of
 from ._result import POOR, UNKNOWN, ImuFit, assumed_gravity, matrix_error, quantities
 
 _LABEL = re.compile(r"([xyz])[ _-]?(?:(p|up)|(a|down)|rot|turn)", re.IGNORECASE)
@@ -32,6 +32,8 @@ _EXPECTED = (
     "expected x_p, x_a, y_p, y_a, z_p, z_a for an axis up or down, and x_rot, y_rot, z_rot for a turn about it; or rest for each rest"
 )
 _NAMES = {"label": ("label", "name", "region"), "start": ("start", "begin", "from"), "stop": ("stop", "end", "to")}
+
+FEW = 24  # samples: a log with fewer is a table of means
 
 #: label, first sample, and the sample after the last
 Region = tuple[str, int, int]
@@ -80,38 +82,48 @@ def _read(path: Path, rate: float) -> Any:
     return [(row[named["label"]], *(factor * float(row[named[end]]) for end in ("start", "stop"))) for row in rows]
 
 
-def _joined(logs: Mapping[str, Any]) -> tuple[Log, list[Region]]:
+def joined(logs: Mapping[str, Any] | Sequence[Any]) -> tuple[Log, list[Region]]:
     """One log of logs with one region each, and the regions."""
     if not logs:
-        raise DataError("there is no log; expected a mapping from labels to logs", code="region")
-    parts = list(logs.values())
+        raise DataError("there is no log; expected a mapping from labels to logs, or a list of logs", code="region")
+    named = logs if isinstance(logs, Mapping) else dict(enumerate(logs, 1))
+    parts = list(named.values())
     first = parts[0]
-    for label, log in logs.items():
+    for label, log in named.items():
         apart = abs(log.rate / first.rate - 1) * min(len(log.time), len(first.time))  # of the last samples, if both began together
         if apart > 1 or any((getattr(log, x) is None) != (getattr(first, x) is None) for x in _SENSORS):
-            raise DataError(
-                f"the log {label} has another rate or other sensors than {next(iter(logs))}; a session has one device at one rate",
-                code="unlike",
-            )
+            said = f"the log {label} has another rate or other sensors than {next(iter(named))}; a session has one device at one rate"
+            raise DataError(said, code="unlike")
     ends = np.cumsum([0, *(len(log.time) for log in parts)]).tolist()
     sensors: dict[str, Any] = {x: np.concatenate([getattr(log, x) for log in parts]) for x in _SENSORS if getattr(first, x) is not None}
-    return Log(None, **sensors, rate=first.rate), [(label, i, j) for label, (i, j) in zip(logs, itertools.pairwise(ends), strict=True)]
+    found = [(str(label), i, j) for label, (i, j) in zip(named, itertools.pairwise(ends), strict=True)]
+    return Log(None, **sensors, rate=first.rate, provenance=first.provenance), found
 
 
-def _faces(record: Recording) -> list[Region]:
-    """The rests in which a block lies on one of its six faces, with their labels; other rests are left out."""
-    still = still_intervals(record.sensors, record.rate)
-    reading = means(record.accel, still.start, still.stop)
+def _faces(record: Recording, apart: list[Region] | None) -> list[Region]:
+    """The rests in which a block lies on one of its six faces, with their labels; other rests are left out.
+
+    `apart` are logs of one face each. A log of a few samples has the mean of a face in each.
+    """
+    if len(record.time) < FEW:
+        ends = np.stack([np.arange(len(record.time)), np.arange(len(record.time)) + 1], axis=1)
+    elif apart is not None:
+        ends = np.array([region[1:] for region in apart])
+    else:
+        ends = still_intervals(record.sensors, record.rate).ends
+    reading = means(record.accel, *ends.T)
+    # readings in counts have their zero elsewhere
+    reading = reading - (reading.min(axis=0) + reading.max(axis=0)) / 2
     axis = np.argmax(np.abs(reading), axis=1)
     size = reading[np.arange(len(axis)), axis]
     near = np.abs(size) > NEAR * np.linalg.norm(reading, axis=1)
     found = [
         (f"{'xyz'[i]}_{'p' if up > 0 else 'a'}", int(start), int(stop))
-        for i, up, (start, stop) in zip(axis[near], size[near], still.ends[near], strict=True)
+        for i, up, (start, stop) in zip(axis[near], size[near], ends[near], strict=True)
     ]
     if missing := sorted({f"{i}_{kind}" for i in "xyz" for kind in "pa"} - {label for label, _, _ in found}):
         raise DataError(
-            f"The log has no rest on the face {', '.join(missing)} (p up, a down) among {len(still)} rests; lay the block on each of its "
+            f"The log has no rest on the face {', '.join(missing)} (p up, a down) among {len(ends)} rests; lay the block on each of its "
             "six faces for 3 s or more",
             code="missing",
         )
@@ -124,7 +136,7 @@ def rests_among(regions: list[Region]) -> list[tuple[int, int]] | None:
 
 
 @host_float64
-def ferraris(log: Any, regions: Any = None, *, gravity: float | int | None = None, angle: float = 2 * np.pi) -> ImuFit:
+def ferraris(log: Any, regions: Any = None, *, gravity: float | int | None = None, angle: float = 2 * np.pi, raw: bool = False) -> ImuFit:
     r"""Calibrate accelerometer and gyroscope from a Ferraris session: a box at rest on six faces, and one turn about each axis.
 
     Without turns this is the six-position test of the accelerometer, and the result has no gyroscope.
@@ -135,12 +147,13 @@ def ferraris(log: Any, regions: Any = None, *, gravity: float | int | None = Non
     The equations are solved by least squares; regions with the same label are repetitions. The frame of the result is that of the box.
     The sign of a turn is taken from the gyroscope itself, so a gyroscope mounted upside down is not detected.
 
-    The intervals come from the residuals of the six faces, which show how exactly the box lies on a face. The fit assumes that the axis
-    of a turn is as exact, and that each end of a turn has the same error, because only repetitions can show the error of a turn.
+    The residuals of the six faces show how exactly the box lies on a face, see `six_position`. The fit assumes that the axis of a turn is
+    as exact, and that each end of a turn has the same error, because only repetitions can show the error of a turn.
 
     Parameters
     ----------
-    log : `jaxcal.Log` with accelerometer and gyroscope; or, for a session of several logs, label -> log of that region.
+    log : `jaxcal.Log` with accelerometer and gyroscope; or, for a session of several logs, label -> log of that region; or a list of logs
+        of one face each. A log of fewer than 24 samples is a table: each sample is the mean of a face.
     regions : list of (label, start, stop) in samples, `stop` excluded; or a mapping from label to (start, stop). The labels are x_p, y_p,
         z_p for an axis up, x_a, y_a, z_a for an axis down, and x_rot, y_rot, z_rot for the turns. Or the path of a file with them: JSON as
         imucal writes it; CSV with the columns label, start and stop, in samples, or in s if the header is `start [s]`; or CSV with one
@@ -148,6 +161,7 @@ def ferraris(log: Any, regions: Any = None, *, gravity: float | int | None = Non
         accelerometer alone; rests more than 25 degrees away from every face are left out.
     gravity : local gravity, m/s^2. None takes standard gravity, which may be wrong by 0.3 %, as a finding says.
     angle : angle of each turn, rad.
+    raw : True if the log holds counts; the fit then estimates the scales.
 
     Returns
     -------
@@ -179,30 +193,40 @@ def ferraris(log: Any, regions: Any = None, *, gravity: float | int | None = Non
     F. Ferraris, U. Grimaldi and M. Parvis, Sensors and Materials 7 (1995) 311.
     """
     gravity, assumed = assumed_gravity(gravity)
-    if isinstance(log, Mapping):
-        log, regions = _joined(log)
+    apart = None
+    if isinstance(log, Mapping | list | tuple):
+        labelled = isinstance(log, Mapping)
+        log, apart = joined(log)
+        regions = apart if labelled else regions
     record, size = recording(log), checked_gravity(gravity)
-    sides, turns = _sorted(_faces(record) if regions is None else regions_of(regions, record.rate), len(record.time))
+    sides, turns = _sorted(_faces(record, apart) if regions is None else regions_of(regions, record.rate), len(record.time))
     if turns and record.gyro is None:
         raise DataError("The log has no gyroscope, which the turns are for; leave out their regions.", code="no_gyro")
     up = np.array([sign * np.eye(3)[axis] for axis, sign, _, _ in sides])
     start, stop = (np.array([side[i] for side in sides]) for i in (2, 3))
-    rests, force = rests_of(record, start, stop), size * up
-    for (axis, sign, i, j), reading in zip(sides, rests.accel, strict=True):
-        if not sign * reading[axis] > 0.5 * size:
+    readings, force = means(record.accel, start, stop), size * up
+    low, high = readings.min(axis=0), readings.max(axis=0)
+    middle, reach = ((low + high) / 2, (high - low) / 2) if raw else (np.zeros(3), np.full(3, size))
+    for (axis, sign, i, j), reading in zip(sides, readings, strict=True):
+        if not sign * (reading - middle)[axis] > 0.5 * reach[axis]:
             side = "up" if sign > 0 else "down"
             raise DataError(
-                f"Samples {i} to {j} are labelled {'xyz'[axis]} {side}, but read {reading.round(2).tolist()} m/s^2. Check label and unit.",
+                f"Samples {i} to {j} are labelled {'xyz'[axis]} {side}, but read {reading.round(2).tolist()}"
+                f"{'' if raw else ' m/s^2'}. Check label and unit.",
                 code="label",
             )
-    accel = six_position(rests.accel, size, up=up)
-    tilt, known = float(accel.sigma[0]) / size, accel.estimate.renamed("accel.{}".format)
+    rests = rests_of(record, start, stop) if np.all(stop - start >= LEAST_SAMPLES) else None
+    # one rest is too short to show its noise well
+    noise = None if rests is None else np.average(rests.accel_scatter, axis=0, weights=rests.duration) * np.ones((len(up), 1, 1))
+    accel = levelled(readings, force, noise, assumed, exact=bool(turns))
+    tilt, known = accel.level, accel.estimate.renamed("accel.{}".format)
     found = ImuFit(
-        record.rate, size, record.temperature, "box", "ferraris" if turns else "six_position", (*assumed, *accel.findings),
-        accel=accel.triad, estimate=known, sigma=np.array([accel.sigma[0], np.nan, np.nan]),
-        residual_norm=size - np.linalg.norm(accel.triad.correct(rests.accel), axis=1),
+        record.rate, size, record.temperature, "box", "ferraris" if turns else "six_position", accel.findings,
+        accel=accel.triad, estimate=Estimate(known.names, known.values, known.matrix, known.freedom, None, quantities(raw)),
+        sigma=np.array([np.mean(accel.sigma / np.diag(np.abs(accel.triad.matrix))), np.nan, np.nan]),
+        residual_norm=size - np.linalg.norm(accel.triad.correct(readings), axis=1),
     )  # fmt: skip
-    if not turns:
+    if not turns or rests is None:
         return _judged(found, tilt)
     columns = np.concatenate([np.ones((len(up), 1)), force], axis=1)
     beta = np.linalg.lstsq(columns, rests.gyro)[0]
@@ -210,7 +234,7 @@ def ferraris(log: Any, regions: Any = None, *, gravity: float | int | None = Non
     freedom = 3 * (len(up) - 4)
     still = np.linalg.inv(columns.T @ columns) * np.sum(left**2) / freedom
     corrected = np.asarray(accel.triad.correct(np.nan_to_num(np.asarray(record.bridged)[:, 3:])))
-    sums, seen = _turned(record, corrected, turns, beta, angle)
+    sums, seen = _turned(record, corrected, turns, beta, angle, raw)
     matrix = np.stack([np.mean(sums[seen == axis], axis=0) for axis in range(3)], axis=1) / angle
     error = sums - angle * matrix.T[seen]
     gyro = Triad(matrix, beta[0], beta[1:].T)
@@ -225,9 +249,9 @@ def ferraris(log: Any, regions: Any = None, *, gravity: float | int | None = Non
     values_ = np.concatenate([known.values, values(Imu(None, gyro))])
     degrees = np.concatenate([known.freedom, np.full(len(names), float(freedom))])
     result = dataclasses.replace(
-        found, gyro=gyro, estimate=Estimate(tuple(place), values_, covariance, degrees, None, quantities()),
+        found, gyro=gyro, estimate=Estimate(tuple(place), values_, covariance, degrees, None, quantities(raw)),
         residual_turn=np.linalg.norm(error, axis=1), residual_rest=left @ np.linalg.inv(matrix).T,
-        sigma=np.array([accel.sigma[0], np.sqrt(2) * tilt, np.sqrt(np.sum(left**2) / freedom)]),
+        sigma=np.array([found.sigma[0], np.sqrt(2) * tilt, np.sqrt(np.sum(left**2) / freedom)]),
     )  # fmt: skip
     return _judged(result, tilt)
 
@@ -241,7 +265,7 @@ def _sorted(regions: list[Region], samples: int) -> tuple[list[Any], list[Any]]:
             raise DataError(f"The label {label!r} says nothing of an axis; {_EXPECTED}", code="label")
         if not 0 <= start < stop <= samples:
             raise DataError(f"The region {label} goes from sample {start} to {stop}; the log has the samples 0 to {samples}", code="region")
-        if stop - start < 10:
+        if stop - start < LEAST_SAMPLES and samples >= FEW:
             raise DataError(f"The region {label} has {stop - start} samples; expected a second or more", code="region")
         found.append(("xyz".index(match[1].lower()), bool(match[2]) - bool(match[3]), start, stop))
     there = {region[:2] for region in found}
@@ -252,17 +276,18 @@ def _sorted(regions: list[Region], samples: int) -> tuple[list[Any], list[Any]]:
     return [region for region in found if region[1]], [region for region in found if not region[1]]
 
 
-def _turned(record: Recording, force: np.ndarray, turns: list[Any], beta: np.ndarray, angle: float) -> tuple[np.ndarray, np.ndarray]:
+def _turned(
+    record: Recording, force: np.ndarray, turns: list[Any], beta: np.ndarray, angle: float, raw: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """Integrals (n, 3) of the readings minus their value at rest, with the sign that is positive about the axis of the turn; the axes."""
     sums = []
     for axis, _, i, j in turns:
         rate = np.asarray(record.bridged)[i:j, :3] - beta[0] - force[i:j] @ beta[1:]
         if not np.isfinite(rate).all():
-            raise DataError(
-                f"The turn about {'xyz'[axis]} (samples {i} to {j}) lacks more samples than can be interpolated; record it again"
-            )
+            said = f"The turn about {'xyz'[axis]} (samples {i} to {j}) lacks more samples than can be interpolated; record it again"
+            raise DataError(said)
         total = rate.sum(axis=0) / record.rate
-        if np.argmax(np.abs(total)) != axis or not 0.7 < abs(total[axis]) / angle < 1.4:
+        if np.argmax(np.abs(total)) != axis or not (raw or 0.7 < abs(total[axis]) / angle < 1.4):
             raise DataError(
                 f"Samples {i} to {j} are labelled a turn about {'xyz'[axis]} by {np.rad2deg(angle):.4g} degrees, but the gyroscope turned "
                 f"by {np.rad2deg(total).round(1).tolist()} degrees about x, y, z. Check the label, the ends of the region and the unit.",

@@ -107,9 +107,8 @@ def simulate(
     '85 s at 100 Hz'
     """
     if poses < 2 or not all(np.isfinite(x) and x > 0 for x in (rate, initial, still, turn)):
-        raise DataError(
-            f"poses={poses}, rate={rate}, initial={initial}, still={still}, turn={turn}: expected 2 poses or more, and lengths above 0"
-        )
+        said = f"poses={poses}, rate={rate}, initial={initial}, still={still}, turn={turn}: expected 2 poses or more, and lengths above 0"
+        raise DataError(said)
     rng = np.random.default_rng([seed if motion is None else motion, 0])
     size = checked_gravity(gravity)
     directions = attitudes(poses, rng) if up is None else np.asarray(up, dtype=float)

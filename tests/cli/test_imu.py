@@ -103,5 +103,5 @@ def test_a_session_with_labelled_regions(call, folder):
     document = json.loads((folder / "box.json").read_text())
     assert (document["verdict"], document["method"], len(document["residual_turn"])) == ("good", "ferraris", 3)
     assert np.diag(document["gyro"]["matrix"]) == pytest.approx(np.ones(3), abs=2e-3)
-    refused = call("imu", "box.csv", "--rate", "100", "--gravity", "9.81", "--regions", "regions.json", "--counts")
-    assert (refused.status, "take none of --counts" in refused.reason) == (2, True)
+    refused = call("imu", "box.csv", "--rate", "100", "--gravity", "9.81", "--regions", "regions.json", "--terms", "auto")
+    assert (refused.status, "take none of --convention" in refused.reason) == (2, True)

@@ -52,3 +52,16 @@ def test_a_block_on_its_faces(call, folder):
     document = json.loads((folder / "block.json").read_text())
     assert (document["method"], document["verdict"]) == ("six_position", "good")
     assert np.diag(document["accel"]["matrix"]) == pytest.approx(1.02 * np.ones(3), abs=2e-3)
+    # one log for each face in a folder, in any order, and a table of their means
+    (folder / "faces").mkdir()
+    header = "acc_x [m/s^2],acc_y [m/s^2],acc_z [m/s^2]"
+    for k in range(6):
+        np.savetxt(folder / "faces" / f"{6 - k}.csv", accel[350 * k : 350 * k + 300], delimiter=",", header=header, comments="")
+    np.savetxt(
+        folder / "means.csv", [accel[350 * k : 350 * k + 300].mean(axis=0) for k in range(6)], delimiter=",", header=header, comments=""
+    )
+    for words in (("faces", "--rate", "100"), ("means.csv",)):
+        found = call("imu", *words, "--gravity", "9.81", "--method", "six_position", "--json", f"{words[0]}.json")
+        assert found.status == 0
+        stored = json.loads((folder / f"{words[0]}.json").read_text())
+        assert np.diag(stored["accel"]["matrix"]) == pytest.approx(np.diag(document["accel"]["matrix"]), abs=2e-4)

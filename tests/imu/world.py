@@ -34,6 +34,11 @@ CASES = {
     "missing 2 %": {"missing": 0.02},
     "missing 10 %": {"missing": 0.1},
     "warm-up": {"warm_up": 0.05},
+    "creep 0.1 %": {"creep": 1e-3},
+    "creep 0.5 %": {"creep": 5e-3},
+    "hysteresis": {"hysteresis": 1.2e-3 * GRAVITY},
+    "jump": {"jump": (3e-3 * GRAVITY, 0.05 * DEGREE)},
+    "gyro drift": {"gyro_drift": 0.1 * DEGREE},
 }
 
 
@@ -66,6 +71,7 @@ def _smooth(rng, count, dt, low, high):
 def record(
     seed, *, poses=24, hemisphere=False, tremor=0.0, drift=0.0, vibration=0.0, quadratic=0.0, asymmetry=0.0, cubic=0.0, lever=0.0,
     offset=0.0, saturation=None, jitter=0.0, missing=0.0, warm_up=0.0, initial=20.0, device=None, arms=None, sway=0.0,
+    creep=0.0, hysteresis=0.0, jump=None, gyro_drift=0.0,
 ):  # fmt: skip
     """Simulate one recording: stamps (s), accelerometer, gyroscope, and the truth (33 parameters).
 
@@ -74,6 +80,9 @@ def record(
     (rad/s)^2. lever: length of the lever arm, m. offset: delay of the gyroscope, s. jitter: of the sampling instants, in periods; the
     stamps do not show it. missing: share of samples lost. warm_up: change of the accelerometer's bias, m/s^2, with a time constant of
     60 s. arms: position of each axis of the accelerometer, (3, 3), m. sway: linear acceleration of the hand during the turns, m/s^2.
+    creep: share of a change of the force that the reading follows with a time constant of 15 s. hysteresis: play of the reading, m/s^2.
+    jump: of both biases after pose 12, m/s^2 and rad/s. gyro_drift: change of the gyroscope's bias along the log, rad/s; the truth is that
+    of the middle.
     """
     rng = np.random.default_rng([seed, 20])
     matrix, bias, gyro_matrix, gyro_bias, sensitivity = _matrices(rng if device is None else np.random.default_rng([device, 21]))
@@ -127,8 +136,22 @@ def record(
     index = np.clip(np.round(taken / dt).astype(int), 0, count - 1)
     late = np.clip(np.round((taken - offset) / dt).astype(int), 0, count - 1)
     f, w, f_late = force[index], rate[late], force[late]
+    if creep:
+        share, held = 1 - np.exp(-1 / (15.0 * RATE)), f[0]
+        for k, now in enumerate(f.copy()):
+            held = held + share * (now - held)
+            f[k] = now + creep * (held - now)
+    if hysteresis:
+        held = f[0]
+        for k, now in enumerate(f.copy()):
+            held = np.clip(held, now - hysteresis, now + hysteresis)
+            f[k] = held
     accel = f @ matrix.T + bias + quadratic * f**2 + asymmetry * np.abs(f) + (warm_up * np.exp(-due / 60.0))[:, None]
     gyro = (w + cubic * w**3) @ gyro_matrix.T + gyro_bias + f_late @ sensitivity.T
+    gyro = gyro + gyro_drift * (due / due[-1] - 0.5)[:, None] * np.array([1.0, -0.7, 0.4])
+    if jump is not None:
+        after = (due > due[np.flatnonzero(label[index] == 12)[-1]])[:, None]
+        accel, gyro = accel + after * jump[0] * np.array([0.8, -0.5, 0.6]), gyro + after * jump[1] * np.array([0.5, 0.8, -0.6])
     accel = accel + NOISE_ACCEL * np.sqrt(RATE) * rng.normal(size=accel.shape)
     gyro = gyro + NOISE_GYRO * np.sqrt(RATE) * rng.normal(size=gyro.shape)
     if saturation:
@@ -141,3 +164,25 @@ def record(
 #: groups of parameters whose coverage is counted separately
 GROUPS = {"accel matrix": slice(0, 9), "accel bias": slice(9, 12), "gyro matrix": slice(12, 21), "gyro bias": slice(21, 24),
           "g-sensitivity": slice(24, 33)}  # fmt: skip
+
+
+def six_faces(seed, *, level=1 * DEGREE, mounting=0.0, misalignment=0.004, noise=NOISE_ACCEL, still=5.0, repeats=1):
+    """Simulate a block laid on its six faces: accelerometer, first and last sample of each face, and the truth (12 parameters).
+
+    level: error of the level of each face (rad, about both horizontal axes); mounting: rotation of the sensor in the block;
+    misalignment: of its axes. Between the faces the block is turned within a second.
+    """
+    rng = np.random.default_rng([seed, 22])
+    matrix = (np.eye(3) + np.diag(0.01 * rng.normal(size=3)) + misalignment * rng.normal(size=(3, 3)) * (1 - np.eye(3))) @ (
+        Rotation.from_rotvec(mounting * rng.normal(size=3)).as_matrix()
+    )
+    bias, count, force = 0.1 * rng.normal(size=3), round(still * RATE), []
+    for face in list(np.kron(np.eye(3), [[1.0], [-1.0]])) * repeats:
+        held = GRAVITY * Rotation.from_rotvec(level * rng.normal(size=3)).apply(face)
+        turning = np.linspace(0, np.pi, int(RATE))[:, None]
+        other = GRAVITY * np.cross(face, rng.normal(size=3))
+        force += [np.tile(held, (count, 1)), held * np.cos(turning) + other * np.sin(turning)]
+    force = np.concatenate(force)
+    accel = force @ matrix.T + bias + noise * np.sqrt(RATE) * rng.normal(size=force.shape)
+    start = np.arange(6 * repeats) * (count + int(RATE))
+    return accel, np.stack([start, start + count], axis=1), np.concatenate([matrix.ravel(), bias])
