@@ -28,7 +28,7 @@ _NO_MAG = "the log has no magnetometer of three axes; name its columns with --co
 #: format of --export -> default name of the file
 _EXPORTS = {name: FILES[name] for name in ("motioncal", "c", "csv")}
 #: formats that --against reads
-_PARAMETERS = ("ardupilot", "px4", "motioncal", "csv")
+_PARAMETERS = ("ardupilot", "px4", "motioncal")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,25 +1,19 @@
-"""Write a calibration as a table with one row per number, and read it."""
+"""Write a calibration as a table with one row per number."""
 
-import csv
-import io
 import itertools
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from .._errors import DataError, ExportError
+from .._errors import ExportError
 from .._special import NORMAL95
 from .._types import AnyArray
 from .._units import noise_units, si_unit
-from ..calibration import Calibration, DeviceNoise, Part, Thermal, polynomials
-from ..calibration._parts import COUNTS
+from ..calibration import Calibration, DeviceNoise, Thermal
 from ..fitting import Estimate
-from ..imu import Triad
-from ..magnetometer import MagModel
 from ._findings import FINDINGS
-from ._noise import stored_noise
-from ._options import UNITS, Product, finite, number
+from ._options import UNITS, Product, number
 
 _HEADER = "quantity,axis,value,low,high,unit,kind"
 #: noise term -> its name in the column `kind`
@@ -101,68 +95,3 @@ def _rows(quantity: str, kind: str, unit: str, values: Any, errors: dict[str, fl
 
 def _errors(known: Estimate | None) -> dict[str, float]:
     return {} if known is None else dict(zip(known.names, known.error.tolist(), strict=True))
-
-
-def read_csv(text: str, options: dict[str, Any]) -> Calibration:
-    """Read the table of `write`: forward models and noise, without covariances and the limits of matrices."""
-    rows = list(csv.reader(io.StringIO(text)))
-    if not rows or ",".join(rows[0]) != _HEADER:
-        raise DataError(f"the first line is not {_HEADER}", code="unreadable")
-    found: Cells = {}
-    for row in rows[1:]:
-        if len(row) != 7:
-            raise DataError(f"the row {','.join(row)!r:.80} has {len(row)} cells; expected 7", code="unreadable")
-        values = [np.nan if i > 0 and not cell else finite(cell, f"a number of {row[0]} ({row[6]})") for i, cell in enumerate(row[2:5])]
-        found.setdefault((row[0], row[6]), {})[row[1]] = np.array(values)
-    imu = {}
-    for sensor in ("accel", "gyro"):
-        if (sensor, "matrix") in found:
-            felt = [_values(found, sensor, "g_sensitivity", 2)] if sensor == "gyro" else []
-            imu[sensor] = Triad(_values(found, sensor, "matrix", 2), _values(found, sensor, "bias", 1), *felt)
-    mag = None
-    if ("mag", "matrix") in found:
-        model = MagModel(_values(found, "mag", "matrix", 2), _values(found, "mag", "bias", 1))
-        field = found.get(("mag", "field"), {}).get("")
-        unit = COUNTS if any(row[0] == "mag" and row[5] == COUNTS for row in rows) else si_unit("mag")
-        mag = Part(model, unit, None if field is None else float(field[0]))
-    return Calibration(noise=_read_noise(found), imu=imu or None, magnetometer=mag, temperature=_read_temperature(found))
-
-
-def _read_noise(found: Cells) -> dict[str, Any] | None:
-    if ("noise", "rate") not in found:
-        return None
-    noise: dict[str, Any] = {"rate": float(found["noise", "rate"].get("", [np.nan])[0])}
-    for sensor in ("gyro", "accel", "mag"):
-        cells = {term: found[sensor, kind] for term, kind in _TERMS.items() if (sensor, kind) in found}
-        if not cells:
-            continue
-        rows = {term: np.array([values.get(axis, np.full(3, np.nan)) for axis in _AXES]).T for term, values in cells.items()}
-        noise[sensor] = stored_noise(sensor, **{term: value for term, (value, _, _) in rows.items()})
-        for i, name in enumerate(("low", "high"), 1):
-            limits = {term: row[i] for term, row in rows.items() if np.isfinite(row[i]).any()}
-            noise[sensor] |= {name: limits} if limits else {}
-    return noise
-
-
-def _read_temperature(found: Cells) -> Thermal | None:
-    if ("temperature", "reference") not in found:
-        return None
-    limits = (float(_values(found, "temperature", key, 0)) for key in _RANGE)
-    sensors = {}
-    for sensor in ("accel", "gyro"):
-        powers: list[AnyArray] = []
-        while (sensor, kind := f"bias_temperature_{len(powers) + 1}") in found:
-            powers.append(_values(found, sensor, kind, 1))
-        if powers:
-            sensors[sensor] = np.stack(powers, axis=1)
-    return polynomials(*limits, **sensors)
-
-
-def _values(found: Cells, quantity: str, kind: str, rank: int) -> AnyArray:
-    """Get a number, a vector or a matrix from the cells; refuse it if a row is missing."""
-    cells = found.get((quantity, kind), {})
-    axes = ["".join(axes) for axes in itertools.product(_AXES, repeat=rank)]
-    for axis in axes:
-        if axis not in cells:
-            raise DataError(f"the row of {quantity}, axis {axis or '(none)'}, kind {kind} is missing", code="unreadable")
-    return np.array([cells[axis][0] for axis in axes]).reshape((3,) * rank)

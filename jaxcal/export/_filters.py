@@ -20,7 +20,7 @@ from ._formats import SENSORS
 from ._models import angle, factored, rounded, triads
 from ._noise import Isotropic, isotropic, noise_of, per_axis, stored_noise
 from ._options import UNITS, Product, comment, listed, number
-from ._yaml import mapping, numbers_of, parse, read_rate, stated
+from ._yaml import mapping, numbers_of, parse, read_rate
 
 #: (term, sensor) -> key, in the order of the file
 _KALIBR = {
@@ -129,31 +129,12 @@ def write_vins(calibration: Calibration, options: Any) -> Product:
     return Product("\n".join(lines) + "\n", noise.findings, noise.facts)
 
 
-def read_vins(text: str, options: dict[str, Any]) -> Calibration:
-    """Read the lines acc_n, gyr_n, acc_w and gyr_w, in the given convention or that of the file."""
-    document = parse(text)
-    if "acc_n" not in document and ("Acc" in document or "Gyr" in document):
-        said = "the acc_w and gyr_w of imu_utils are the lowest point of the Allan curve and no random walk; run jaxcal noise on the log"
-        raise DataError(said, code="unreadable")
-    rate = stated(text, r"Discrete values for ([-+.eE\d]+) Hz", options, "the values")
-    stated_other = "plain per-sample standard deviations N*sqrt(rate)." in text
-    convention = options["convention"] or ("per_sample" if stated_other else "midpoint")
-    scales = {"N": np.sqrt(2 * rate if convention == "midpoint" else rate), "K": np.sqrt(rate)}
-    return Calibration(noise={**_read_noise(document, _VINS, scales), "rate": float(rate)})
-
-
 def write_orbslam3(calibration: Calibration, options: Any) -> Product:
     """Write continuous-time noise for ORB-SLAM3, whose loader discretises it with IMU.Frequency."""
     noise = isotropic(calibration, options, "ORB-SLAM3 makes the noise discrete with it")
     lines = (*_lines(noise, _ORBSLAM3), f"IMU.Frequency: {number(noise.rate)}   # Hz")
     mounting = "IMU.T_b_c1 (camera to body), which ORB-SLAM3 needs beside these lines, does not come from the sensor"
     return Product("\n".join(lines) + "\n", noise.findings, (*noise.facts, mounting))
-
-
-def read_orbslam3(text: str, options: dict[str, Any]) -> Calibration:
-    """Read the lines IMU.* of a configuration."""
-    document = parse(text)
-    return Calibration(noise={**_read_noise(document, _ORBSLAM3), "rate": read_rate(document, "IMU.Frequency", options)})
 
 
 def write_gtsam(calibration: Calibration, options: Any) -> Product:

@@ -8,9 +8,7 @@ from ..calibration import Calibration
 from ._formats import FORMATS, IMU_TK, check_option, files_of
 
 
-def read(
-    path: str | os.PathLike[str], *, format: str, rate: float | int | None = None, convention: str | None = None, instance: int = 0,
-) -> Calibration:  # fmt: skip
+def read(path: str | os.PathLike[str], *, format: str, rate: float | int | None = None, instance: int = 0) -> Calibration:
     """Read a file that was written by `write` or by the tool itself.
 
     The result has only the numbers in the file. If the file has one number for three axes, each axis gets this number.
@@ -18,10 +16,9 @@ def read(
     Parameters
     ----------
     path : the file; for "imu_tk" the name given to `write`, or one of its two files.
-    format : "kalibr" (`imu.yaml`, or Kalibr's calibration result with matrices), "openvins", "vins", "orbslam3", "px4", "ardupilot",
-        "ros", "imu_tk", "motioncal" or "csv".
+    format : "kalibr" (`imu.yaml`, or Kalibr's calibration result with matrices), "openvins", "px4", "ardupilot", "imu_tk" or
+        "motioncal".
     rate : sampling rate in Hz; replaces that of the file, and is required if the file does not state it.
-    convention : "midpoint" or "per_sample", for "vins"; the default is that stated in the file, else "midpoint".
     instance : index of the sensors on the vehicle, from 0, for "px4" and "ardupilot".
 
     Returns
@@ -40,15 +37,15 @@ def read(
     >>> import jaxcal
     >>> mag = {"unit": "T", "soft_iron": [[1.1, 0, 0], [0, 1, 0], [0, 0, 1]], "hard_iron": [1e-5, 0, 0], "field": 5e-5, "covariance": None}
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = pathlib.Path(folder, "a.csv")
-    ...     findings = jaxcal.export.write(jaxcal.Calibration(magnetometer=mag), path, format="csv")
-    ...     print(jaxcal.export.read(path, format="csv").magnetometer.model.hard_iron)
+    ...     path = pathlib.Path(folder, "compass.bin")
+    ...     findings = jaxcal.export.write(jaxcal.Calibration(magnetometer=mag), path, format="motioncal")
+    ...     print(jaxcal.export.read(path, format="motioncal").magnetometer.model.hard_iron)
     [1.e-05 0.e+00 0.e+00]
     """
     if format not in FORMATS or not FORMATS[format].readable:
         readable = ", ".join(name for name, one in FORMATS.items() if one.readable)
         raise DataError(f"format={format!r} cannot be read back; expected one of {readable}", code="format")
-    given = {"rate": rate, "convention": convention, "instance": instance}
+    given = {"rate": rate, "instance": instance}
     for name in (name for name, value in given.items() if value is not None):
         check_option(name, given[name], DataError)
     path = pathlib.Path(path)

@@ -5,16 +5,12 @@ from typing import Any
 import numpy as np
 
 from .._answer import Finding
-from .._errors import DataError, ExportError
-from .._types import AnyArray
+from .._errors import ExportError
 from ..calibration import Calibration
-from ..imu import Triad
-from ..magnetometer import MagModel
 from ._findings import FINDINGS
-from ._models import correction, inverse, triads, unknown_field
-from ._noise import rate_of, stored_noise
+from ._models import correction, triads, unknown_field
+from ._noise import rate_of
 from ._options import Product, listed, number
-from ._yaml import mapping, numbers_of, parse, stated
 
 #: sensor -> key of its covariance, and unit
 _COVARIANCES = {
@@ -61,25 +57,3 @@ def _covariances(calibration: Calibration, options: Any, found: list[Finding]) -
             found.append(FINDINGS("white_alone", sensor))
     found.extend(said if lines else [])
     return lines
-
-
-def read_ros(text: str, options: dict[str, Any]) -> Calibration:
-    """Read the file of `write`."""
-    document = parse(text)
-    if "/**" not in document:
-        raise DataError("the file has no key /**, by which parameters of ROS are known", code="unreadable")
-    found = mapping(document, "/**", "ros__parameters")
-
-    def held(name: str) -> tuple[AnyArray, AnyArray]:
-        return inverse(numbers_of(found, f"{name}_matrix", 3, 3)), numbers_of(found, f"{name}_bias", 3)
-
-    imu = {"accel": Triad(*held("accel"))} if "accel_matrix" in found else {}
-    if "gyro_matrix" in found:
-        imu["gyro"] = Triad(*held("gyro"), numbers_of(found, "gyro_g_sensitivity", 3, 3))
-    mag = MagModel(*held("mag")) if "mag_matrix" in found else None
-    noise: dict[str, Any] = {}
-    for sensor, (key, _) in _COVARIANCES.items():
-        if key in found:
-            rate = stated(text, r"per sample at ([-+.eE\d]+) Hz", options, "the covariances")
-            noise |= {"rate": rate, sensor: stored_noise(sensor, N=np.sqrt(np.abs(np.diag(numbers_of(found, key, 3, 3))) / rate))}
-    return Calibration(imu=imu or None, magnetometer=mag, noise=noise or None)

@@ -1,7 +1,6 @@
 """Read calibrations in YAML with PyYAML, and get numbers from them."""
 
 import math
-import re
 from typing import Any
 
 import numpy as np
@@ -67,15 +66,3 @@ def read_rate(found: dict[str, Any], key: str, options: dict[str, Any]) -> float
     if options["rate"] is None and key not in found:
         raise DataError(f"the file does not say the rate; {_AGAIN}", code="unreadable")
     return float(options["rate"] or numbers_of(found, key))
-
-
-def stated(text: str, pattern: str, options: dict[str, Any], what: str) -> float:
-    """The rate for per-sample values (`what`): that given by the user, or else that stated in a comment of the file."""
-    found = re.search(pattern, text)
-    try:
-        value = float(options["rate"] or (found[1] if found else 0.0))
-    except ValueError:
-        value = 0.0
-    if not 0 < value < np.inf:
-        raise DataError(f"{what} are per sample, and the file does not say of which rate; {_AGAIN}", code="unreadable")
-    return value

@@ -86,9 +86,10 @@ def test_exports_hold_what_the_calibration_says(simulated, folder):
     assert found.status == 0
     assert "strength of the field was not known" in " ".join(found.out.split())
     hard = jaxcal.Calibration.load(folder / "device.json").magnetometer.model.hard_iron
-    for name, given in (("mag.csv", "csv"), ("motioncal.bin", "motioncal")):
-        read = jaxcal.export.read(folder / name, format=given).magnetometer
-        np.testing.assert_allclose(read.model.hard_iron, hard, rtol=1e-6)
+    read = jaxcal.export.read(folder / "motioncal.bin", format="motioncal").magnetometer
+    np.testing.assert_allclose(read.model.hard_iron, hard, rtol=1e-6)
+    rows = [line.split(",") for line in (folder / "mag.csv").read_text().splitlines()]
+    np.testing.assert_allclose([float(row[2]) for row in rows if row[-1] == "bias"], hard, rtol=1e-6)
     assert "JAXCAL_MAG_BIAS" in (folder / "calibration.h").read_text()
     refused = call("mag", "tumble.csv", "--export", "kalibr")
     assert refused.status == 2
