@@ -75,31 +75,13 @@ def test_pages_of_the_interface_follow_the_packages():
 
 def test_docstrings_become_markdown():
     """Sections of numpydoc become Markdown. The code runs in a separate process without griffe, which only the site needs."""
-    source = """One line, a*b and x_[i].
-
-        S = 1
-
-Parameters
-----------
-y : (n,) readings < 3,
-    in rad/s.
-a, b : two of them.
-
-Raises
-------
-DataError
-    If not.
-
-Examples
---------
->>> f(1)
-2
-"""
+    source = "One line, a*b.\n\n        S = 1\n\nParameters\n----------\ny : (n,) readings < 3,\n    in rad/s.\na, b : two of them.\n\n"
+    source += "Examples\n--------\n>>> f(1)\n2\n"
     code = (ROOT / "docs" / "docstrings.py").read_text(encoding="utf-8")
     code = code.replace("import griffe\nimport latex2mathml.converter\n", "").replace("griffe.Extension", "object")
     script = f"{code}\nimport json\nprint(json.dumps(numpydoc({source!r})))"
     made = json.loads(subprocess.run([sys.executable, "-c", script], capture_output=True, check=True, text=True).stdout)
     assert made == (
-        "One line, a\\*b and x\\_\\[i\\].\n\n```text\n        S = 1\n```\n\n**Parameters**\n\n- `y`: (n,) readings \\< 3, in rad/s.\n"
-        "- `a`, `b`: two of them.\n\n**Raises**\n\n- `DataError`: If not.\n\n**Examples**\n\n```pycon\n>>> f(1)\n2\n```"
+        "One line, a\\*b.\n\n```text\n        S = 1\n```\n\n**Parameters**\n\n- `y`: (n,) readings \\< 3, in rad/s.\n"
+        "- `a`, `b`: two of them.\n\n**Examples**\n\n```pycon\n>>> f(1)\n2\n```"
     )

@@ -135,19 +135,6 @@ def test_intervals_of_levels_effects_and_the_middle_hold():
     assert abs(np.mean(false) - 0.05) < 0.035  # usual devices, three standard errors of 360
 
 
-@pytest.mark.long
-def test_recordings_of_a_device_tell_its_repeatability_and_covariates_their_effect():
-    truth, fits, names = fleet(4, devices=12, recordings=3, repeat=0.05)
-    warmth = np.log(truth[:, 0]) + 0.02 * np.random.default_rng(0).standard_normal(len(truth))
-    found = population(fits, devices=names, terms=("N",))
-    low, high = found.repeatability_interval[0]
-    assert low < 0.05 < high < 0.1
-    assert found.device_values.shape == (12, 1)
-    explained = population(fits, devices=names, terms=("N",), covariates={"warmth": warmth})
-    assert explained.effect[0, 0] == pytest.approx(np.std(np.log(truth[:, 0])), rel=0.25)
-    assert explained.spread[0] < 0.6 * found.spread[0]
-
-
 def test_messages(one, refuses):
     _, fits, _ = one
     other = jaxcal.noise.fit(record(N, B, np.random.default_rng(0)), RATE, terms="NB", method="gls")

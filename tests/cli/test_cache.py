@@ -57,7 +57,7 @@ def test_a_second_command_finds_its_programs_without_a_trace(tmp_path, shell, mo
     readings = 50e-6 * u / np.linalg.norm(u, axis=1, keepdims=True) + [1e-5, -2e-5, 5e-6] + 2e-7 * rng.normal(size=u.shape)
     np.savez(tmp_path / "tumble.npz", time=np.arange(300) / 50.0, mag=readings)
     folder = pathlib.Path(shell.environment["XDG_CACHE_HOME"]) / "jaxcal" / "xla"
-    answers, kept = [], []
+    answers, kept, compiled = [], [], []
     for cut in (False, False, True, False):
         for path in folder.glob("program-*-cache") if cut else ():
             path.write_bytes(path.read_bytes()[:100])
@@ -65,8 +65,10 @@ def test_a_second_command_finds_its_programs_without_a_trace(tmp_path, shell, mo
         assert (found.status, found.err) == (0, "")
         answers.append(found.out)
         kept.append({path.name: path.stat().st_size for path in folder.glob("program-*-cache")})
+        compiled.append({path.name for path in folder.glob("*-cache")})
     assert kept[0]
     assert kept[1] == kept[0]
+    assert compiled[1] == compiled[0]  # nothing that is in the cache is compiled again
     assert set(kept[2]) == set(kept[0])
     assert min(kept[2].values()) > 1000
     assert kept[3] == kept[2]

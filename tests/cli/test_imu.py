@@ -81,12 +81,6 @@ def test_what_cannot_be_done_is_said(call, folder, words, status, reason):
     assert listing(folder) == ["log.csv"]
 
 
-def test_files_named_alone_are_the_only_ones(call, folder):
-    call(*LOG)
-    assert call("imu", "log.csv", "--gravity", "9.80665", "--json", "a.json", "--quiet").out == ""
-    assert listing(folder) == ["a.json", "log.csv"]
-
-
 def test_a_session_with_labelled_regions(call, folder):
     rng = np.random.default_rng(0)
     regions, rows = {}, []

@@ -48,17 +48,6 @@ def test_it_finds_the_truth_and_writes_everything(simulated, folder):
     np.testing.assert_array_equal(calibration.magnetometer.model.hard_iron, document["model"]["hard_iron"])
 
 
-def test_the_corrected_log_has_one_norm(simulated, folder):
-    call, _ = simulated
-    found = call("mag", "tumble.csv", "--model", "symmetric", "--corrected", "fixed.csv", "--json", "out.json")
-    assert found.status == 0
-    assert listing(folder) == ["fixed.csv", "out.json", "tumble.csv"]
-    fixed = jaxcal.read(folder / "fixed.csv", quiet=True)
-    norm = np.linalg.norm(fixed.mag, axis=1)
-    assert norm.std() / norm.mean() < 0.01
-    assert fixed.accel.shape == fixed.mag.shape
-
-
 def test_a_refused_fit_ends_with_its_reason(simulated, folder):
     call, _ = simulated
     lines = (folder / "tumble.csv").read_text().splitlines()
@@ -91,9 +80,6 @@ def test_exports_hold_what_the_calibration_says(simulated, folder):
     rows = [line.split(",") for line in (folder / "mag.csv").read_text().splitlines()]
     np.testing.assert_allclose([float(row[2]) for row in rows if row[-1] == "bias"], hard, rtol=1e-6)
     assert "JAXCAL_MAG_BIAS" in (folder / "calibration.h").read_text()
-    refused = call("mag", "tumble.csv", "--export", "kalibr")
-    assert refused.status == 2
-    assert "expected one of motioncal, c, csv" in refused.reason
 
 
 @pytest.fixture

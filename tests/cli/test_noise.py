@@ -136,14 +136,8 @@ def test_a_log_of_a_gyroscope_alone_has_no_imu_yaml_and_says_so(call, folder):
     assert listing(folder / "gyro-noise") == [name for name in FILES if name != "imu.yaml"]
     assert "imu.yaml is not written: the calibration holds no noise of the accelerometer" in " ".join(found.out.split())
     assert found.out.splitlines()[-1] == "wrote gyro-noise/: report.html, noise.json, calibration.json"
-
-
-def test_an_export_that_was_asked_for_and_cannot_be_made_is_status_1(call, folder):
-    save(folder / "gyro.csv", table()[:, :4], header=",".join(HEADER.split(",")[:4]))
-    found = call("noise", "gyro.csv", "--json", "a.json", "--export", "kalibr")
-    assert found.status == 1
-    assert "accelerometer" in found.reason
-    assert listing(folder) == ["gyro.csv"]
+    found = call("noise", "gyro.csv", "--json", "a.json", "--export", "kalibr")  # now it was asked for
+    assert (found.status, "accelerometer" in found.reason, (folder / "a.json").exists()) == (1, True, False)
 
 
 def test_units_columns_rate_and_part_of_the_log_are_passed_on(call, folder):

@@ -71,15 +71,6 @@ def units_are_one(call, folder, device):
     assert "rad/s" not in told
 
 
-def options_are_used(call, folder, device):
-    """An option that a format does not use is neither offered nor taken; one that several commands have is one object of the table."""
-    assert "--topic" not in call("export", "--to", "c", "--help").out
-    assert call("export", "device.json", "--to", "c", "--topic", "/a").code == "unknown_option"
-    with pytest.raises(jaxcal.ExportError) as error:
-        jaxcal.export.write(device, folder / "a.h", format="c", topic="/a")
-    assert error.value.code == "no_such_option"
-
-
 def help_has_an_example(call, folder, device):
     """The help of every command ends with a call that works."""
     for command in (*_app._names(), *(f"simulate {kind}" for kind in KINDS)):
@@ -90,8 +81,7 @@ def help_has_an_example(call, folder, device):
 
 
 TABLE = [
-    advised_options_work, noise_exports_alike, exports_replace_nothing, info_names_every_command, units_are_one, options_are_used,
-    help_has_an_example,
+    advised_options_work, noise_exports_alike, exports_replace_nothing, info_names_every_command, units_are_one, help_has_an_example,
 ]  # fmt: skip
 
 

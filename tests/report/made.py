@@ -30,6 +30,7 @@ def noise():
     told = (FINDINGS("no_intervals", method=f"a & {EVIL}"),)
     results = dict(made_results()) | {"gyro_y": made_fit(2.0, findings=told)}
     provenance = {"file": "logs/a_rather_long_name_without_any_blank_2026-05-31T10-00-00.csv", "sha256": "ab" * 32}
+    provenance["options"] = {"units": {"gyro": "deg/s"}, "band": None}
     said = table(read=Kind(NOTE, "{text}"), doubt=Kind(CAUTION, "{text}"))
     findings = [said("read", text="gyro: rad/s, assumed"), said("doubt", text=f"3 samples {EVIL}")]
     gyro = np.random.default_rng(0).normal(size=(500, 3))

@@ -13,11 +13,9 @@ import pytest
 
 import jaxcal
 from jaxcal import Log
-from jaxcal._answer import CAUTION, NOTE, Kind, table
-from jaxcal.noise._findings import FINDINGS
 from jaxcal.report import write
 
-from ..made_fit import made_deviation, made_fit, made_results
+from ..made_fit import made_deviation, made_fit
 from . import made
 
 EVIL = "<script>alert('x')</script>"
@@ -59,11 +57,7 @@ class Page(html.parser.HTMLParser):
 
 @pytest.fixture(scope="module")
 def log():
-    rng = np.random.default_rng(0)
-    said = table(read=Kind(NOTE, "{text}"), doubt=Kind(CAUTION, "{text}"))
-    findings = [said("read", text="gyro: rad/s, assumed"), said("doubt", text=f"3 samples {EVIL}")]
-    provenance = {"file": f"logs/{EVIL.replace('/', '')}.csv", "sha256": "ab" * 32, "options": {"units": {"gyro": "deg/s"}, "band": None}}
-    return Log(None, gyro=rng.normal(size=(500, 3)), rate=200.0, findings=findings, provenance=provenance)
+    return made.noise()[1]
 
 
 def written(results, path, log=None):
@@ -73,8 +67,7 @@ def written(results, path, log=None):
 
 @pytest.fixture(scope="module")
 def text(log, tmp_path_factory):
-    told = (FINDINGS("no_intervals", method=f"a & {EVIL}"),)
-    results = dict(made_results()) | {"gyro_y": made_fit(2.0, findings=told), f"gyro_{EVIL}": made_fit(3.0, goodness=math.nan)}
+    results = made.noise()[0] | {f"gyro_{EVIL}": made_fit(3.0, goodness=math.nan)}
     return written(results, tmp_path_factory.mktemp("report") / "a.html", log)
 
 
