@@ -52,16 +52,15 @@ def test_beyond_the_bound_the_oldest_programs_go(programs):
 def test_a_second_command_finds_its_programs_without_a_trace(tmp_path, shell, monkeypatch):
     """A traced program is stored in a file; a truncated file is replaced and can be used again, and the result is the same each time."""
     monkeypatch.setitem(shell.environment, "XDG_CACHE_HOME", str(tmp_path / "cache"))
-    rng = np.random.default_rng(0)
-    u = rng.normal(size=(300, 3))
-    readings = 50e-6 * u / np.linalg.norm(u, axis=1, keepdims=True) + [1e-5, -2e-5, 5e-6] + 2e-7 * rng.normal(size=u.shape)
-    np.savez(tmp_path / "tumble.npz", time=np.arange(300) / 50.0, mag=readings)
+    turned = [(angle, np.deg2rad(angle)) for angle in (0, 90, 180, 270)]
+    rows = "".join(f"{angle},60,{-0.1 * np.sin(a):.4g},{12 * np.cos(a):.4g}\n" for angle, a in turned)
+    (tmp_path / "table.csv").write_text("angle [deg],dwell [s],accel [m/s^2],gyro [deg/h]\n" + rows)
     folder = pathlib.Path(shell.environment["XDG_CACHE_HOME"]) / "jaxcal" / "xla"
     answers, kept, compiled = [], [], []
     for cut in (False, False, True, False):
         for path in folder.glob("program-*-cache") if cut else ():
             path.write_bytes(path.read_bytes()[:100])
-        found = shell("mag", "tumble.npz", "--json", "mag.json", cwd=tmp_path)
+        found = shell("north", "table.csv", "--latitude", "35", "--json", "a.json", "--force", cwd=tmp_path)
         assert (found.status, found.err) == (0, "")
         answers.append(found.out)
         kept.append({path.name: path.stat().st_size for path in folder.glob("program-*-cache")})
