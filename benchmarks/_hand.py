@@ -33,7 +33,7 @@ def _low_pass(y, hertz, step):
     return scipy.signal.lfilter(b, a, y - y[0], axis=0) + y[0]
 
 
-def recording(seed, duration=180.0, rate=100.0, rests=8, still=4.0, swing=0.35, reach=0.15, poles=None, noise=1.0, filtered_noise=False,
+def recording(seed, duration=180.0, rate=100.0, rests=8, still=4.0, swing=0.12, reach=0.15, poles=None, noise=1.0, filtered_noise=False,
               wrong=None, plain=False):  # fmt: skip
     """Readings accel, gyro, mag (n, 3), and the truth.
 

@@ -37,6 +37,7 @@ FINDINGS = table(
         NOTE, "The field was disturbed for {time:.3g} ({percent:.2g} % of the log), which counts little or nothing.",
         limits=(0.0, 0.2),  # parts of the recording
     ),
+    low_pass=Kind(NOTE, "It is behind a low-pass of about {hertz:.2g} Hz, which the fit includes."),
     drift=Kind(
         NOTE, "The bias drifted by {drift:.2g} along the recording; the result is its mean.", "Let the device warm up before you record."
     ),
@@ -66,6 +67,7 @@ class Facts(NamedTuple):
     axes: tuple[np.ndarray, ...]  # that rotate vectors from the axes of the accelerometer to those of gyroscope and magnetometer
     place: np.ndarray
     lacks: dict[str, float]
+    poles: dict[str, float]  # sensor -> cut-off frequency of its low-pass, Hz
     disturbed: float  # s
     duration: float
     dead: bool  # whether the gyroscope has a dead band
@@ -101,6 +103,7 @@ def findings_of(estimate: Estimate, facts: Facts) -> tuple[Finding, ...]:
         units = {"drift": {"drift": Quantity(size, "gyro")}, "loose": {"angle": Quantity(size, "angle")}}
         shown: dict[str, Any] = units.get(name, {"percent": 100 * size})
         found.append(FINDINGS(name, "gyro" if name == "drift" else "magnetometer", **shown))
+    found += [FINDINGS("low_pass", sensor, hertz=hertz) for sensor, hertz in facts.poles.items()]
     share = facts.disturbed / facts.duration
     found += FINDINGS.over("disturbed", share, "magnetometer", time=Quantity(facts.disturbed, "time"), percent=100 * share)
     if facts.disagreement is not None:

@@ -1,5 +1,6 @@
 """`fit`: calibrate all sensors of a device from one recording by hand."""
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -22,7 +23,7 @@ from ._result import DeviceFit
 from ._solve import rounds
 from ._start import Start, recorded, started
 from ._state import Place, Solution, nuisance, stretches
-from ._windows import Record
+from ._windows import ACCEL_POLE, GYRO_POLE, Record
 
 _BELOW = ("accel.matrix[1,0]", "accel.matrix[2,0]", "accel.matrix[2,1]")  # zero by the convention of the frame
 #: rad of latitude, within which the dip may have either sign, because the magnetic equator leaves the geographic one by 14 degrees
@@ -95,17 +96,24 @@ def fit(
         gyro, accel = (Floor(one, one) if one else floor for one, floor in ((own, gyro), (white, accel)))
         slow = {sensor: SlowNoise(B=one[0], K=one[1]) for sensor, one in (("gyro", of_gyro), ("accel", of_accel))}
     start = started(record, mag)
-    held = {"accel.g_sensitivity", "field"} | {
+    held = {"accel.g_sensitivity", "field", "accel_pole", "gyro_pole"} | {
         name for name, fitted in (("gyro.g_sensitivity", g_sensitivity), ("lever", lever)) if not fitted
     }
     free = np.array([i for i, name in enumerate(NAMES) if field_of(name) not in held and name not in _BELOW])
     found, place = rounds(record, start, free, (gyro, accel))
     told = known(found, record.time, slow)
+    missing = lacks(found, record, told.ratio)
+    # time constants below a step are no more than the error of the integration. A longer one is no delay: fit again with both poles
+    if missing.pop("low_pass", 0.0) > record.grid.step**2 / 2:
+        again = dataclasses.replace(start, vector=found.vector, way=found.way)
+        found, place = rounds(record, again, np.append(free, [ACCEL_POLE, GYRO_POLE]), (gyro, accel))
+        told = known(found, record.time, slow)
+        missing = lacks(found, record, told.ratio)
     estimate, model = _reported(found, told, start, None if field is None else float(field))
     # the dip has the sign of the latitude but near the equator; a magnetometer whose axes mirror looks remounted, with the other dip
     sign = float(np.sign(latitude)) if latitude is not None and abs(latitude) > _TROPIC else 0.0
     axes = [one.of("magnetometer") for one in by_axes(Axes(start.axes[1], float(model.dip)), sign, turns=sign != 0.0)]
-    return _result(log, record, found, place, told, start, estimate, model, gravity is None, axes)
+    return _result(log, record, found, place, told, start, estimate, model, missing, gravity is None, axes)
 
 
 def _reported(found: Solution, told: Known, start: Start, field: float | None) -> tuple[Estimate, DeviceModel]:
@@ -141,6 +149,14 @@ def _reported(found: Solution, told: Known, start: Start, field: float | None) -
     return estimate, model
 
 
+def _poles(found: Solution, told: Known) -> dict[str, float]:
+    """Cut-off frequencies in Hz of the low-passes that the fit clearly shows."""
+    error = dict(zip(found.free, np.sqrt(np.diag(told.covariance)), strict=True))
+    poles = {"accel": ACCEL_POLE, "gyro": GYRO_POLE}
+    shown = {sensor: float(found.vector[i]) for sensor, i in poles.items() if i in error and found.vector[i] > 3 * error[i]}
+    return {sensor: float(1 / (2 * np.pi * np.sqrt(2 * pole))) for sensor, pole in shown.items()}
+
+
 def _gauged(found: Solution, strength: float, field: float | None) -> tuple[np.ndarray, np.ndarray]:
     """All parameters in the unit of the readings, and their derivative by the free ones.
 
@@ -161,7 +177,7 @@ def _gauged(found: Solution, strength: float, field: float | None) -> tuple[np.n
 
 def _result(
     log: Any, record: Record, found: Solution, place: Place, told: Known, start: Start, estimate: Estimate, model: DeviceModel,
-    assumed: bool, axes: list[Finding],
+    missing: dict[str, float], assumed: bool, axes: list[Finding],
 ) -> DeviceFit:  # fmt: skip
     begin = record.grid.first * record.grid.step
     mag = np.reshape(found.noise.mag, (-1, 1)) * start.strength
@@ -170,7 +186,7 @@ def _result(
     disturbed, resting = (stretches(which, begin, record.time) for which in flags)
     facts = Facts(
         field=model.field, gravity=record.gravity if assumed else None, axes=start.axes, place=found.way.place,
-        lacks=lacks(found, record, told.ratio), duration=float(log.duration),
+        lacks=missing, poles=_poles(found, told), duration=float(log.duration),
         disturbed=sum((stop - first for first, stop in disturbed), 0.0),
         dead=bool(np.any(np.isnan(log.usable("gyro", keep=("held", "stuck", "clipped"))) & np.isfinite(log.gyro))),
         disagreement=told.ratio if np.isfinite(told.freedom) else None, converged=found.converged,

@@ -13,7 +13,7 @@ from ..noise import Noise
 from ._levels import slow_noise
 from ._model import AT, NAMES
 from ._state import SIZES, UNSEEN, Solution
-from ._windows import Record
+from ._windows import ACCEL_POLE, GYRO_POLE, Record
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,8 +114,8 @@ def _by_window(found: Solution) -> tuple[np.ndarray, np.ndarray, dict[str, np.nd
 
 def lacks(found: Solution, record: Record, ratio: float) -> dict[str, float]:
     """Terms that the model lacks, with their sizes: score tests for a "gradient" of the field (of the field per metre), a "loose"
-    magnetometer, which turns with angular acceleration and specific force (rad rms), and a "drift" of the gyroscope's bias (rad/s along
-    the recording).
+    magnetometer, which turns with angular acceleration and specific force (rad rms), a "drift" of the gyroscope's bias (rad/s along
+    the recording), and a "low_pass" of accelerometer or gyroscope (s^2) unless it was fitted.
 
     Each test lets all parameters and the trajectory vary together with the term. It changes no estimate.
     """
@@ -133,20 +133,23 @@ def lacks(found: Solution, record: Record, ratio: float) -> dict[str, float]:
     seen = (back @ found.model.world_field)[..., None, :]
     leaning = [np.swapaxes(np.cross(by[..., None] * np.eye(3), seen), 2, 3) for by in pulls]
     along = (np.arange(len(turn)) - (len(turn) - 1) / 2) / len(turn)
-    scale = found.weight[..., None, None]
+    scale, poles = found.weight[..., None, None], [ACCEL_POLE, GYRO_POLE]
     terms = {"gradient": scale * (iron @ back @ fields), "loose": scale * (iron @ np.concatenate(leaning, axis=-1))}
     asked = {name: (columns, np.zeros((len(turn), 9, columns.shape[-1]))) for name, columns in terms.items()}
     asked["drift"] = rows.field_by[..., own] * along[:, None, None, None], rows.inertial_by[..., own] * along[:, None, None]
-    sizes = {}
-    for name, columns in asked.items():
-        score, information = _asked(found, *columns)
-        c = np.linalg.solve(information, score)
-        if scipy.special.chdtrc(len(score), float(score @ c) / max(ratio, 1.0)) < LEVEL:
+    if ACCEL_POLE not in found.free:
+        asked["low_pass"] = rows.field_by[..., poles], rows.inertial_by[..., poles]
+    score, information = _asked(found, *(np.concatenate(parts, axis=-1) for parts in zip(*asked.values(), strict=True)))
+    sizes, stop, score = {}, 0, -score
+    for name, (columns, _) in asked.items():
+        part = slice(stop, stop := stop + columns.shape[-1])
+        c = np.linalg.solve(information[part, part], score[part])
+        if scipy.special.chdtrc(len(c), float(score[part] @ c) / max(ratio, 1.0)) < LEVEL:
             if name == "gradient":
                 c = np.array([c[0], c[1], c[0] + c[1], *(np.sqrt(2) * c[2:])])
             if name == "loose":
                 c = c * np.repeat([np.sqrt(np.mean(by**2)) for by in pulls], 3)
-            sizes[name] = float(np.linalg.norm(c))
+            sizes[name] = float(c.max() if name == "low_pass" else np.linalg.norm(c))
     return sizes
 
 

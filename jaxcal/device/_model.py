@@ -33,7 +33,7 @@ KINDS = {
     "gyro.bias": Kind("gyro", 0.1, np.deg2rad(0.02)), "gyro.g_sensitivity": Kind("gyro/accel", 1e-3),
     "magnetometer.soft_iron": Kind("ratio", 0.5, 1e-2), "magnetometer.hard_iron": Kind("mag", 2.0, 5e-3), "field": Kind("mag", 1.0),
     "dip": Kind("angle", 1.0), "gyro_delay": Kind("delay", 0.03), "mag_delay": Kind("delay", 0.03), "lever": Kind("length", 0.1),
-    "arm": Kind("length", 0.3),
+    "arm": Kind("length", 0.3), "accel_pole": Kind("s^2", 1e-3), "gyro_pole": Kind("s^2", 1e-3),
 }  # fmt: skip
 
 
@@ -58,6 +58,8 @@ class DeviceModel(eqx.Module):
     lever : (2, 3) places of the accelerometer's sensing elements y and z, from that of x, in the frame of the device, m.
     arm : (3,) place of the device from the point about which the hand turned it, in the frame of the device, m. It belongs to the
         recording: no sensor reads it.
+    accel_pole, gyro_pole : s^2, half of the squared time constant of a first-order low-pass before the sensor. Its delay belongs to the
+        delays. `fit` has them where the recording asks for them.
 
     Examples
     --------
@@ -80,6 +82,8 @@ class DeviceModel(eqx.Module):
     mag_delay: Any = 0.0
     lever: Any = eqx.field(default_factory=lambda: np.zeros((2, 3)))
     arm: Any = eqx.field(default_factory=lambda: np.zeros(3))
+    accel_pole: Any = 0.0
+    gyro_pole: Any = 0.0
 
     @property
     def world_field(self) -> AnyArray:
@@ -106,7 +110,8 @@ def model_of(vector: Any) -> DeviceModel:
 def template() -> DeviceModel:
     """A model without errors."""
     plain = Triad(np.eye(3), np.zeros(3))
-    return DeviceModel(plain, plain, MagModel(np.eye(3), np.zeros(3)), *(np.asarray(x) for x in (1.0, 0.0, 0.0, 0.0)))
+    field, zero = np.ones(()), np.zeros(())
+    return DeviceModel(plain, plain, MagModel(np.eye(3), np.zeros(3)), field, zero, zero, zero, accel_pole=zero, gyro_pole=zero)
 
 
 #: the parameters by name, in the order of the model's fields

@@ -13,8 +13,8 @@ from ._windows import MAG_DELAY, Windows
 #: unknowns of a link: rotation, velocity, position, and the acceleration of the Matern process, which no residual of a sensor contains
 TURN, VELOCITY, PLACE, PULL = (slice(3 * i, 3 * i + 3) for i in range(4))
 LINK = PULL.stop
-#: columns of the gyroscope's parameters
-TURNING = np.r_[AT["gyro.matrix"], AT["gyro.bias"], AT["gyro.g_sensitivity"], AT["gyro_delay"]]
+#: columns of the gyroscope's parameters, in the order of NAMES: the delay and the pole come last
+_TURNING = np.r_[AT["gyro.matrix"], AT["gyro.bias"], AT["gyro.g_sensitivity"], AT["gyro_delay"], AT["gyro_pole"]]
 
 
 @dataclasses.dataclass
@@ -30,24 +30,30 @@ class Inertial:
     place: np.ndarray  # (K, 3) its second integral
     rate: np.ndarray  # (K, m + 1, 3)
     to_reading: np.ndarray  # (K, m, 3, 3) attitude at each reading of the magnetometer relative to the beginning
-    turned_by: np.ndarray  # (K, 3, q) derivative of the rotation, over the columns TURNING
+    turned_by: np.ndarray  # (K, 3, q) derivative of the rotation, over the columns of the gyroscope
     reading_by: np.ndarray  # (K, m, 3, q)
     reading_late: np.ndarray  # (K, m, 3) derivative by the magnetometer's delay
     speed_by: np.ndarray  # (K, 3, p) derivatives by all parameters
     place_by: np.ndarray
     swept: np.ndarray  # (K, 2, 3) velocity relative to the centre of rotation, at the beginning and at the end, in device axes
     swept_by: np.ndarray  # (K, 2, 3, q)
+    columns: np.ndarray  # (q,) of the gyroscope's parameters
 
 
 def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: bool = False) -> Inertial:
     """Integrate all windows. Derivatives by the g-sensitivity and by lever arms are zero unless the options ask for them."""
+    columns = _TURNING if sensitivity else np.setdiff1d(_TURNING, np.r_[AT["gyro.g_sensitivity"]])
     h, (count, steps) = float(w.step[0]), w.field_time.shape
     gyro, accel = np.linalg.inv(model.gyro.matrix), np.linalg.inv(model.accel.matrix)
     arms, g = np.asarray(model.lever), np.asarray(model.gyro.g_sensitivity)
     rate = (w.rate - model.gyro.bias) @ gyro.T
     force = (w.force - model.accel.bias) @ accel.T
-    plain_force = force.copy()
-    bent = skew(w.slope @ gyro.T) if lever or arms.any() else None
+    plain_force, spin = force.copy(), w.slope @ gyro.T
+    # what a low-pass takes from gravity, which turns: its second derivative. That of the readings would contain the hand's motion, of which
+    # less is always more probable
+    bowed = np.cross(rate, np.cross(rate, force)) - np.cross(spin, force)
+    force -= float(model.accel_pole) * bowed
+    bent = skew(spin) if lever or arms.any() else None
     if bent is not None:
         whirl = skew(rate)
         bent = bent + whirl @ whirl
@@ -73,7 +79,7 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
     speed, place = np.einsum("i,kia->ka", half, pushed), np.einsum("i,kia->ka", twice, pushed)
 
     # derivatives of the rate and of the rotation in each step, by the columns TURNING
-    many = len(TURNING) if sensitivity else 13
+    many = len(columns)
     rate_by, raw_by = np.zeros((count, steps + 1, 3, many)), np.zeros((count, steps, 3, many))
     for a in range(3):
         for b in range(3):
@@ -83,7 +89,8 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
                 rate_by[..., 12 + 3 * a + b] = -gyro[:, a] * force[..., b, None]
                 raw_by[..., 12 + 3 * a + b] = -gyro[:, a] * (h / 2 * (force[:, 1:, b] + force[:, :-1, b]))[..., None]
     rate_by[..., 9:12], raw_by[..., 9:12] = -gyro, -h * gyro
-    rate_by[..., -1], raw_by[..., -1] = w.slope @ gyro.T, (w.rate[:, 1:] - w.rate[:, :-1]) @ gyro.T
+    rate_by[..., -2], raw_by[..., -2] = w.slope @ gyro.T, (w.rate[:, 1:] - w.rate[:, :-1]) @ gyro.T
+    rate_by[..., -1], raw_by[..., -1] = -w.curve @ gyro.T, -np.diff(w.slope, axis=1) @ gyro.T
     raw_by += h**2 / 12 * (skew(rate[:, :-1]) @ rate_by[:, 1:] - skew(rate[:, 1:]) @ rate_by[:, :-1])
     turn_by = np.zeros((count, steps + 1, 3, many))
     np.cumsum((rotation[:, :-1] @ left_jacobian(small)) @ raw_by, axis=1, out=turn_by[:, 1:])
@@ -95,7 +102,8 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
     for a in range(3):
         for b in range(3):
             part_by[..., 3 * a + b] = -gyro[:, a] * part[..., b, None]
-    part_by[..., -1] = (w.field_rate - w.rate[:, :-1]) @ gyro.T
+    part_by[..., -2] = (w.field_rate - w.rate[:, :-1]) @ gyro.T
+    part_by[..., -1] = -late / h * np.diff(w.slope, axis=1) @ gyro.T
     ahead = rotation[:, :-1] @ left_jacobian(part)
     to_reading = rotation[:, :-1] @ from_vector(part)
     reading_by = turn_by[:, :-1] + ahead @ part_by
@@ -105,31 +113,31 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
     force_by = np.zeros((count, 2, 3, len(NAMES)))
     weights = np.stack([half, twice])
     turning = -np.einsum("wi,kiab->kwiab", weights, skew(pushed), optimize=True)
-    some = np.append(np.arange(many - 1), len(TURNING) - 1)
-    force_by[..., TURNING[some]] = np.einsum("kwiab,kibq->kwaq", turning, turn_by, optimize=True)
+    force_by[..., columns] = np.einsum("kwiab,kibq->kwaq", turning, turn_by, optimize=True)
     carried = rotation @ accel
     weighted = np.einsum("wi,kiab,kic->kwabc", weights, carried, plain_force, optimize=True)
     force_by[..., AT["accel.matrix"]] = -weighted.reshape(count, 2, 3, 9)
     force_by[..., AT["accel.bias"]] = -np.einsum("wi,kiab->kwab", weights, carried, optimize=True)
+    force_by[..., AT["accel_pole"]] = -np.einsum("wi,kiab,kib->kwa", weights, rotation, bowed, optimize=True)[..., None]
     if lever and bent is not None:
         for axis in (1, 2):
             own = np.arange(len(NAMES))[AT["lever"]].reshape(2, 3)[axis - 1]
             force_by[..., own] = -np.einsum("wi,kia,kic->kwac", weights, rotation[..., axis], bent[..., axis, :], optimize=True)
-        # derivatives, over the columns TURNING, of the accelerations of the elements relative to that of x
-        spin, swung_by, spin_by = w.slope @ gyro.T, np.zeros_like(rate_by), np.zeros_like(rate_by)
+        # derivatives, over the columns of the gyroscope, of the accelerations of the elements relative to that of x
+        swung_by, spin_by = np.zeros_like(rate_by), np.zeros_like(rate_by)
         for a in range(3):
             for b in range(3):
                 spin_by[..., 3 * a + b] = -gyro[:, a] * spin[..., b, None]
-        spin_by[..., -1] = w.curve @ gyro.T
+        spin_by[..., -2] = w.curve @ gyro.T
         for axis, arm in enumerate(arms, start=1):
             swing = skew(np.cross(rate, arm)) @ rate_by + skew(rate) @ skew(arm) @ rate_by + skew(arm) @ spin_by
             swung_by[..., axis, :] = -swing[..., axis, :]
         whirled = np.einsum("wi,kiax,kixq->kwaq", weights, rotation, swung_by, optimize=True)
-        force_by[..., TURNING[some]] -= whirled
+        force_by[..., columns] -= whirled
     arm, ends = np.asarray(model.arm), [0, -1]
     return Inertial(
         rotation, speed, place, rate, to_reading, turn_by[:, -1], reading_by, reading_late, force_by[:, 0], force_by[:, 1],
-        np.cross(rate[:, ends], arm), -skew(arm) @ rate_by[:, ends],
+        np.cross(rate[:, ends], arm), -skew(arm) @ rate_by[:, ends], columns,
     )  # fmt: skip
 
 
@@ -205,8 +213,7 @@ def rows(
     time = h * steps
     residual, field = left_over(states, w, found, model, gravity, earth)
     by = np.zeros((count, 9, size + 18))
-    many = found.turned_by.shape[-1]
-    columns = TURNING[np.append(np.arange(many - 1), len(TURNING) - 1)]
+    columns = found.columns
     relative = np.swapaxes(back @ earth @ turn[1:], 1, 2)
     # carry rotations from the device axes at the beginning to those at the end
     bend = np.eye(3) + skew(residual[:, :3]) / 2

@@ -18,8 +18,8 @@ UNSEEN, _LOOSE, _DEPENDS = 0.2, 5.0, 1.2
 
 
 def nuisance(name: str) -> bool:
-    """Whether a parameter belongs to the motion, not to the device: it is not reported."""
-    return field_of(name) == "arm"
+    """Whether a parameter belongs to the motion, or describes a filter: it is not reported with the others."""
+    return field_of(name) in ("arm", "accel_pole", "gyro_pole")
 
 
 @dataclasses.dataclass(frozen=True)

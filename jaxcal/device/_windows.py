@@ -19,7 +19,7 @@ WINDOW, REACH = 0.2, 0.05
 #: m/s^2 and rad/s: at rest, readings scatter by less, and the mean rate is below the second number; how much more than inside the rest a
 #: window at its edge may scatter; number of windows by which a rest may grow at each edge
 _STILL_FORCE, _STILL_RATE, _CALM, _EDGE = 0.35, 0.06, 1.1, 4
-GYRO_DELAY, MAG_DELAY = NAMES.index("gyro_delay"), NAMES.index("mag_delay")
+GYRO_DELAY, MAG_DELAY, ACCEL_POLE, GYRO_POLE = (NAMES.index(name) for name in ("gyro_delay", "mag_delay", "accel_pole", "gyro_pole"))
 
 
 class Windows(eqx.Module):
@@ -46,9 +46,25 @@ def lagrange(x: float) -> np.ndarray:
     return np.linalg.inv(np.vander(TAPS - x, increasing=True)).T
 
 
-def _filtered(y: AnyArray, weights: AnyArray, index: np.ndarray) -> AnyArray:
+def _filtered(y: np.ndarray, weights: np.ndarray, index: np.ndarray) -> np.ndarray:
     """Weighted sums of the samples at the taps about each index."""
-    return sum(weight * y[index + tap] for weight, tap in zip(weights, TAPS, strict=True))  # type: ignore[return-value]
+    first, count = int(index.min()), int(index.max()) + 1 - int(index.min())
+    return sum(weight * y[first + tap : first + tap + count] for weight, tap in zip(weights, TAPS, strict=True))[index - first]  # type: ignore[index]
+
+
+def unfiltered(y: np.ndarray, pole: float, step: float) -> np.ndarray:
+    """Readings (n, 3) before a first-order low-pass, still with its delay: y + T y' at a time earlier by T, where T^2 / 2 is the pole, s^2.
+
+    A negative pole, which noise can cause, is no low-pass, and continues this to first order.
+    """
+    if pole == 0:
+        return y
+    late = math.sqrt(2 * max(pole, 0.0)) / step
+    shift = math.floor(-late)
+    powers = lagrange(-late - shift)
+    weights = powers[:, 0] + late * powers[:, 1] - 2 * min(pole, 0.0) / step**2 * powers[:, 2]
+    # at both ends, which only interpolations use, the nearest sample that has all taps
+    return _filtered(y, weights, np.clip(np.arange(len(y)) + shift, -TAPS[0], len(y) - 1 - TAPS[-1]))
 
 
 def value_at(y: Any, x: float, index: np.ndarray) -> Any:
@@ -157,9 +173,10 @@ class Record:
         return self.there[self.grid.inner[:, :-1] - back] & ~self.broken[:, None]
 
     def windows(self, vector: np.ndarray, back: int) -> Windows:
-        """The windows, interpolated for the delays in these parameters."""
+        """The windows, interpolated for the delays in these parameters, without the low-pass of the gyroscope."""
         delays = float(vector[GYRO_DELAY]), float(vector[MAG_DELAY])
-        return windows(self.grid, self.accel, self.gyro, self.mag, *delays, back, self.mag_later)
+        gyro = unfiltered(self.gyro, float(vector[GYRO_POLE]), self.grid.step)
+        return windows(self.grid, self.accel, gyro, self.mag, *delays, back, self.mag_later)
 
     def resting(self) -> np.ndarray:
         """(K,) windows in which the specific force hardly changes and the device hardly rotates, for at least a second."""

@@ -34,10 +34,11 @@ class Axes(NamedTuple):
 
 
 def clearest(scatter: np.ndarray, alone: bool = False) -> int:
-    """Number of the axes with the least scatter; they must be clearly better than the first, the same ones, or `alone`: than all others."""
+    """Number of the axes with the least scatter; they must be clearly better than the first, the same ones, and if `alone` than all."""
     best = int(np.argmin(scatter))
-    rival = np.delete(scatter, best).min() if alone else scatter[0]
-    return best if _CLEARER * scatter[best] < rival else 0
+    # of the others, half of the difference (in logarithms) is enough: one public log with uneven stamps has 1.6
+    rival = np.delete(scatter, best).min() * _CLEARER**0.5 if alone else np.inf
+    return best if _CLEARER * scatter[best] < min(scatter[0], rival) else 0
 
 
 def axes_of(field: np.ndarray, up: np.ndarray) -> Axes | None:

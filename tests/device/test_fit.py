@@ -232,7 +232,7 @@ def test_sensors_with_stamps_of_their_own(every):
     assert error_of(near, "magnetometer.hard_iron[2]")[0] > 1.4 * error_of(found, "magnetometer.hard_iron[2]")[0]
 
 
-PLAIN = Facts(50e-6, None, (np.eye(3), np.eye(3)), np.zeros((5, 3)), {}, 0.0, 100.0, False, None, True)
+PLAIN = Facts(50e-6, None, (np.eye(3), np.eye(3)), np.zeros((5, 3)), {}, {}, 0.0, 100.0, False, None, True)
 
 
 @pytest.mark.parametrize(
