@@ -45,6 +45,11 @@ FINDINGS = table(
         CAUTION, "Its readings are exact zeros in a dead band: what is left there is no measurement, and the bias is less certain.",
         "Switch the dead band off."
     ),
+    held_out=Kind(
+        CAUTION, "A sixth of the recording deviates from the others by {times:.2g} times the noise.",
+        "Record again in one place, without knocks, far from iron.",
+        limits=(1.5,),  # in plain recordings 0.8 to 1.1
+    ),
     disagree=Kind(
         NOTE, "Parts of the recording disagree {times:.2g} times as much as noise explains.",
     ),
@@ -73,6 +78,7 @@ class Facts(NamedTuple):
     dead: bool  # whether the gyroscope has a dead band
     disagreement: float | None  # None if parts of the recording agree
     converged: bool
+    held_out: dict[str, float]  # sensor -> rms residual of sixths that were left out, in its noise
 
 
 def findings_of(estimate: Estimate, facts: Facts) -> tuple[Finding, ...]:
@@ -95,6 +101,7 @@ def findings_of(estimate: Estimate, facts: Facts) -> tuple[Finding, ...]:
         unit = {"magnetometer.hard_iron": facts.field}
         times = max((size / KINDS[kind].good / unit.get(kind, 1.0) for name, size in own.items() if (kind := field_of(name))), default=0.0)
         found += [FINDINGS("undetermined", sensor)] if sensor in lost else FINDINGS.over("inaccurate", times, sensor, times=times)
+        found += FINDINGS.over("held_out", facts.held_out[sensor], sensor, times=facts.held_out[sensor])
     if facts.dead:
         found.append(FINDINGS("dead_band", "gyro"))
     away = float(np.linalg.norm(facts.place - facts.place.mean(axis=0), axis=1).max())

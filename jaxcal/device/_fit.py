@@ -137,7 +137,7 @@ def _reported(found: Solution, told: Known, start: Start, field: float | None) -
     covariance = np.where(open_[:, None] | open_, np.where(np.eye(len(open_), dtype=bool), np.inf, 0.0), covariance)
     unit = "mag" if vector[AT["field"]][0] < BEYOND["mag"] else "counts"
     estimate = Estimate(
-        names, np.where(open_, np.nan, vector[shown]), covariance, told.freedom,
+        names, np.where(open_, np.nan, vector[shown]), covariance, np.min(np.where(slope != 0, told.freedom, np.inf), axis=1),
         {name: "open" if gone else "held" for name, gone, fixed in zip(names, open_, held, strict=True) if gone or fixed},
         {field: unit if kind.quantity == "mag" else kind.quantity for field, kind in KINDS.items()},
     )  # fmt: skip
@@ -189,7 +189,7 @@ def _result(
         lacks=missing, poles=_poles(found, told), duration=float(log.duration),
         disturbed=sum((stop - first for first, stop in disturbed), 0.0),
         dead=bool(np.any(np.isnan(log.usable("gyro", keep=("held", "stuck", "clipped"))) & np.isfinite(log.gyro))),
-        disagreement=told.ratio if np.isfinite(told.freedom) else None, converged=found.converged,
+        disagreement=told.apart, converged=found.converged, held_out=told.held_out,
     )  # fmt: skip
     return DeviceFit(
         findings=(*findings_of(estimate, facts), *axes), model=model, estimate=estimate, disturbed=disturbed, rests=resting,

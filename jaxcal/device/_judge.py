@@ -18,17 +18,19 @@ from ._windows import ACCEL_POLE, GYRO_POLE, Record
 
 @dataclasses.dataclass(frozen=True)
 class Known:
-    """Covariance of the free parameters, degrees of freedom of its scale, and disagreement between parts of the recording."""
+    """Covariance of the free parameters, degrees of freedom of their errors, and disagreement between parts of the recording."""
 
     covariance: np.ndarray
-    freedom: float
+    freedom: np.ndarray  # (p,)
     ratio: float
     seen: np.ndarray  # (p,) whether the recording determines a parameter
     held_out: dict[str, float]  # sensor -> rms residual of parts that were left out, in its noise
+    apart: float | None  # variance of a parameter between parts over that of the noise, where it is clearly larger: the largest
 
 
 def known(found: Solution, time: float, wander: dict[str, Noise]) -> Known:
-    """Errors: from the information if parts of the recording agree, otherwise from fits that leave out parts.
+    """Errors: from the information if parts of the recording agree, otherwise from fits that leave out parts. A parameter for which
+    alone these errors are clearly larger has them, too.
 
     The score of a part comes from its residuals at the best trajectory. If the noise is as the model assumes, its covariance is the
     information of the part. The slow noise of the residuals adds to the errors, and so does `wander`, that of the biases, if the caller
@@ -51,12 +53,19 @@ def known(found: Solution, time: float, wander: dict[str, Noise]) -> Known:
         statistic += float(np.sum((vectors.T @ (scale * score))[strong] ** 2 / values[strong]))
         count += int(strong.sum())
     ratio = statistic / max(count, 1)
-    if count > 0 and scipy.special.chdtrc(count, statistic) < CHANCE:
-        apart = leave_out_pieces(hats, scores, prior)
-        if np.isfinite(apart).all():
-            return Known(apart + matrix @ prior @ matrix, float(BLOCKS - 1), ratio, seen, held_out)
+    few = np.full(len(matrix), BLOCKS - 1.0)
+    apart = leave_out_pieces(hats, scores, prior) + matrix @ prior @ matrix
+    there = np.isfinite(apart).all()
+    if there and count > 0 and scipy.special.chdtrc(count, statistic) < CHANCE:
+        return Known(apart, few, ratio, seen, held_out, ratio)
     more = slow_noise(found, time, pushed, wander)
-    return Known(matrix * max(ratio, 1.0) + matrix @ more @ matrix, np.inf, ratio, seen, held_out)
+    plain = matrix * max(ratio, 1.0) + matrix @ more @ matrix
+    excess = np.diag(apart) / np.diag(plain) if there else np.ones(len(matrix))
+    wide = seen & (scipy.special.chdtrc(few, few * excess) < CHANCE / len(few))
+    size = np.sqrt(np.where(wide, excess, 1.0))
+    return Known(
+        plain * np.outer(size, size), np.where(wide, few, np.inf), ratio, seen, held_out, excess[wide].max() if wide.any() else None
+    )
 
 
 def _predicted(

@@ -16,7 +16,7 @@ from ._model import DeviceModel
 _TITLES = {"accel": "accelerometer", "gyro": "gyroscope", "magnetometer": "magnetometer"}
 #: parameters of the tables of the sensors
 _PARTS = {"accel": ("accel.*", "lever*"), "gyro": ("gyro.*", "gyro_delay"), "magnetometer": ("magnetometer.*", "field", "mag_delay")}
-_LABELS = {"gyro_delay": "delay", "mag_delay": "delay", "field": "Earth's field"}
+_LABELS = {"gyro_delay": "delay", "mag_delay": "delay", "field": "Earth's field"} | dict.fromkeys(_TITLES, "sixth left out, in its noise")
 
 
 class DeviceFit(Result):
@@ -90,8 +90,10 @@ class DeviceFit(Result):
 
     def sections(self) -> list[Section]:
         """Tables of the sensors; in detail, of noise and motion."""
+        left = {sensor: [Number(f"held_out.{sensor}", value)] if math.isfinite(value) else [] for sensor, value in self.held_out.items()}
         tables: list[Section] = [
-            by_axis(sensor, _TITLES[sensor], self.estimate.select(*parts).numbers(), _LABELS) for sensor, parts in _PARTS.items()
+            by_axis(sensor, _TITLES[sensor], self.estimate.select(*parts).numbers() + left[sensor], _LABELS)
+            for sensor, parts in _PARTS.items()
         ]
         unit = self.estimate.quantity("field")
         facts = [
@@ -102,8 +104,6 @@ class DeviceFit(Result):
             ("reach of the hand, rms", Number("reach", self.reach, quantity="length")),
             ("speed of the hand, rms", Number("speed", self.speed, quantity="speed")),
             ("disagreement of the sixths, variance", Number("disagreement", self.disagreement)),
-            *((f"{_TITLES[sensor]}, each sixth from the others", Number(f"held_out.{sensor}", value))
-              for sensor, value in self.held_out.items() if math.isfinite(value)),
         ]  # fmt: skip
         return [*tables, listed("recording", "noise and motion", facts, detail=True)]
 

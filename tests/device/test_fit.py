@@ -117,6 +117,20 @@ def test_a_drift_of_the_gyroscope_is_named_and_the_bias_is_its_mean():
     assert free()[-1].codes == {"gravity_assumed"}
 
 
+def test_a_low_pass_of_the_accelerometer_is_no_delay_and_its_cut_off_is_said():
+    log, true, _ = simulate(60.0, 500.0, seed=11, rests=8, still=3.0, noise={"accel": 0.0, "gyro": np.deg2rad(0.002)})
+    keep = np.exp(-2 * np.pi * 5.0 / 500.0)
+    late = scipy.signal.lfilter([(1 - keep) / 2] * 2, [1.0, -keep], log.accel - log.accel[0], axis=0) + log.accel[0]
+    part = {"gyro": log.gyro[::10], "mag": log.mag[::10]}
+    noise = 1e-3 * np.sqrt(50.0) * np.random.default_rng(1).normal(size=part["gyro"].shape)
+    found = fit(jaxcal.Log(None, accel=late[::10] + noise, rate=50.0, **part))
+    said = [(one.subject, one.facts["hertz"]) for one in found.findings if one.code == "low_pass"]
+    assert said == [(("accel",), pytest.approx(5.0, rel=0.15))]
+    own = found.estimate.select("*.matrix*", "*.bias*", "magnetometer.*")
+    z = np.array([(value - leaf(true, name)) / error for name, value, error in zip(own.names, own.values, own.error, strict=True) if error])
+    assert_covered(z)
+
+
 def test_turns_about_the_wrist_are_no_error_of_the_accelerometer():
     arm = np.array([0.1, -0.1, 0.05])
     log, true, _ = simulate(60.0, 50.0, seed=11, reach=0.1, arm=arm)
@@ -232,7 +246,20 @@ def test_sensors_with_stamps_of_their_own(every):
     assert error_of(near, "magnetometer.hard_iron[2]")[0] > 1.4 * error_of(found, "magnetometer.hard_iron[2]")[0]
 
 
-PLAIN = Facts(50e-6, None, (np.eye(3), np.eye(3)), np.zeros((5, 3)), {}, {}, 0.0, 100.0, False, None, True)
+PLAIN = Facts(
+    50e-6,
+    None,
+    (np.eye(3), np.eye(3)),
+    np.zeros((5, 3)),
+    {},
+    {},
+    0.0,
+    100.0,
+    False,
+    None,
+    True,
+    dict.fromkeys(("accel", "gyro", "magnetometer"), 1.1),
+)
 
 
 @pytest.mark.parametrize(
@@ -249,6 +276,8 @@ PLAIN = Facts(50e-6, None, (np.eye(3), np.eye(3)), np.zeros((5, 3)), {}, {}, 0.0
         ({"disturbed": 21.0}, {}, "disturbed", "weak"),
         ({"dead": True}, {}, "dead_band", "weak"),
         ({"disagreement": 4.0}, {}, "disagree", "good"),
+        ({"poles": {"accel": 5.0}}, {}, "low_pass", "good"),
+        ({"held_out": {"accel": 1.0, "gyro": 1.6, "magnetometer": 1.0}}, {}, "held_out", "weak"),
         ({"converged": False}, {}, "not_converged", "refused"),
     ],
 )
