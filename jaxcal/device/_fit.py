@@ -103,12 +103,13 @@ def fit(
     found, place = rounds(record, start, free, (gyro, accel))
     told = known(found, record.time, slow)
     missing = lacks(found, record, told.ratio)
-    # time constants below a step are no more than the error of the integration. A longer one is no delay: fit again with both poles
+    # a longer time constant than a step is no error of the integration, and no delay: fit again with the poles of both sensors
     if missing.pop("low_pass", 0.0) > record.grid.step**2 / 2:
-        again = dataclasses.replace(start, vector=found.vector, way=found.way)
-        found, place = rounds(record, again, np.append(free, [ACCEL_POLE, GYRO_POLE]), (gyro, accel))
-        told = known(found, record.time, slow)
-        missing = lacks(found, record, told.ratio)
+        start = dataclasses.replace(start, vector=found.vector, way=found.way)
+        more = rounds(record, start, np.append(free, [ACCEL_POLE, GYRO_POLE]), (gyro, accel))
+        if more[0].converged:  # a loose magnetometer looks like a low-pass of the gyroscope, but not for long
+            (found, place), told = more, known(more[0], record.time, slow)
+            missing = lacks(found, record, told.ratio)
     estimate, model = _reported(found, told, start, None if field is None else float(field))
     # the dip has the sign of the latitude but near the equator; a magnetometer whose axes mirror looks remounted, with the other dip
     sign = float(np.sign(latitude)) if latitude is not None and abs(latitude) > _TROPIC else 0.0
