@@ -96,9 +96,8 @@ def fit(
         gyro, accel = (Floor(one, one) if one else floor for one, floor in ((own, gyro), (white, accel)))
         slow = {sensor: SlowNoise(B=one[0], K=one[1]) for sensor, one in (("gyro", of_gyro), ("accel", of_accel))}
     start = started(record, mag)
-    held = {"accel.g_sensitivity", "field", "accel_pole", "gyro_pole"} | {
-        name for name, fitted in (("gyro.g_sensitivity", g_sensitivity), ("lever", lever)) if not fitted
-    }
+    held = {"accel.g_sensitivity", "gyro.g_sensitivity", "lever", "field", "accel_pole", "gyro_pole"}
+    held -= {*["gyro.g_sensitivity"] * g_sensitivity, *["lever"] * lever}
     free = np.array([i for i, name in enumerate(NAMES) if field_of(name) not in held and name not in _BELOW])
     found, place = rounds(record, start, free, (gyro, accel))
     told = known(found, record.time, slow)
