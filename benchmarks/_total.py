@@ -1,4 +1,4 @@
-"""mtotdev, htotdev and theo1 beside allantools, whose time grows at least quadratically: measured at small sizes, then extrapolated."""
+"""mtotdev and htotdev beside allantools, whose time grows at least quadratically: measured at small sizes, then extrapolated."""
 
 import time
 
@@ -13,17 +13,17 @@ _SAMPLES = 10**4
 def total_family(budget=60.0):
     """Print one row for each statistic at 10^4 samples on octaves; `budget` is about the total time in s spent on allantools.
 
-    allantools visits every window of mtotdev and htotdev with a loop over 6 m positions, and every window of theo1 with m/2: its
-    time per window is linear in m. All windows cost the same, so allantools is timed on records just long enough for a few windows, at
+    allantools visits every window of mtotdev and htotdev with a loop over 6 m positions: its time
+    per window is linear in m. All windows cost the same, so allantools is timed on records just long enough for a few windows, at
     three cluster sizes. The line through these costs is then summed over the windows of all cluster sizes.
     """
     y = np.random.default_rng(0).standard_normal(_SAMPLES)
     print(f"{'kind':8} {'samples':>8} {'grid':7} {'allantools s (extrapolated)':>28} {'jaxcal s':>9} {'ratio':>9} {'agree':>8}")
-    for kind in ("mtotdev", "htotdev", "theo1"):
+    for kind in ("mtotdev", "htotdev"):
         first = jaxcal.allan.deviation(y, 1.0, kind=kind, m="octave")
         m = first.m[first.m > 1] if kind == "htotdev" else first.m  # at m = 1 htotdev is ohdev
-        windows = _SAMPLES + 1 - m if kind == "theo1" else (_SAMPLES + 2 if kind == "mtotdev" else _SAMPLES + 1) - 3 * m
-        intercept, slope, agreement = _cost_of_a_window(kind, y, budget / 3.0)
+        windows = (_SAMPLES + 2 if kind == "mtotdev" else _SAMPLES + 1) - 3 * m
+        intercept, slope, agreement = _cost_of_a_window(kind, y, budget / 2.0)
         theirs = float(np.sum(windows * (intercept + slope * m)))
         ours = _best(lambda kind=kind: jaxcal.allan.deviation(y, 1.0, kind=kind, m="octave"))
         print(f"{kind:8} {_SAMPLES:8d} {'octave':7} {theirs:28.0f} {ours:9.3f} {theirs / ours:9.0f} {agreement:8.0e}", flush=True)
@@ -36,8 +36,8 @@ def _cost_of_a_window(kind, y, seconds):
     for m in sizes:
         spent, fewest, chosen = 0.0, np.inf, 20
         while spent < seconds / len(sizes):
-            record = y[: chosen + (m if kind == "theo1" else 3 * m)]
-            count = len(record) + 1 - m if kind == "theo1" else len(record) + (2 if kind == "mtotdev" else 1) - 3 * m
+            record = y[: chosen + 3 * m]
+            count = len(record) + (2 if kind == "mtotdev" else 1) - 3 * m
             start = time.perf_counter()
             theirs = getattr(allantools, kind)(record, rate=1.0, data_type="freq", taus=[float(m)])[1]
             taken = time.perf_counter() - start

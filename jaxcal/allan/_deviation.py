@@ -20,7 +20,7 @@ from .._quality import checked_confidence, checked_rate, checked_record, refuse_
 from .._types import Any, Int
 from ..evidence._uneven import widened
 from ._findings import FINDINGS, times
-from ._kernels._contiguous import effective_sizes, measure_whole, refuse_traced
+from ._kernels._contiguous import measure_whole, refuse_traced
 from ._kernels._difference_sums import direct_sums
 from ._kernels._phase import IN_CACHE, aligned, integrate, padded_length, running_sum_of_phase
 from ._kernels._route import PARALLEL_FROM, record_sums, sums_in_cache
@@ -41,7 +41,7 @@ def deviation(
     y: Any, rate: Any, *, kind: str | Kind = "oadev", m: Any = "log", data: str = "rate", confidence: float | int = 0.95, alpha: Any = None,
     bias_corrected: bool = False,
 ) -> Deviation:  # fmt: skip
-    r"""Allan, modified Allan, time, Hadamard or total deviation, or Theo1, with noise type and interval.
+    r"""Allan, modified Allan, time, Hadamard or total deviation, with noise type and interval.
 
     With the phase :math:`\theta_k = \sum_{t<k} (y_t - \bar y)` in units of samples,
 
@@ -57,12 +57,11 @@ def deviation(
     mtotdev  mdev of every window of 3 m phase points, its line removed, reflected at both ends   1 .. n/3     of the record
     ttotdev  mtotdev times tau/sqrt(3)                                                            1 .. n/3     times s
     htotdev  ohdev of every window of 3 m rate samples, likewise; ohdev itself at m = 1           1 .. n/3     of the record
-    theo1    pairs of differences within windows of m, tau = 0.75 m / rate                        even, 2 .. n of the record
     mtie     largest range of the phase in a window of m samples, no interval                     1 .. n       times s
     tierms   rms change of the phase over m samples, no interval                                  1 .. n       times s
     ======== ==================================================================================== ============ =================
 
-    At long cluster times the total statistics and theo1 are more precise than their plain counterparts, but have a bias that depends on
+    At long cluster times the total statistics are more precise than their plain counterparts, but have a bias that depends on
     the noise type; `bias_corrected` removes it.
 
     More than 512 cluster sizes, or all (``m="all"``), cost O(n log^2 n) in a record without gaps. FFT correlations then replace the direct
@@ -74,10 +73,10 @@ def deviation(
     Parameters
     ----------
     y : (n,) or (n, channels) rate samples in any unit (rad/s, m/s^2), or phase in that unit times s. NaN marks a gap: differences that
-        touch it are left out and counted. The total statistics, theo1, mtie and tierms need a record without gaps: they use the
+        touch it are left out and counted. The total statistics, mtie and tierms need a record without gaps: they use the
         longest stretch without gaps, and a finding reports it. If only some channels contain samples, the others give NaN and a finding.
     rate : sampling rate in Hz.
-    kind : "adev", "oadev" (default), "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "theo1",
+    kind : "adev", "oadev" (default), "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev",
         "mtie" or "tierms". A traced record (jit, grad, vmap) allows the first seven.
     m : cluster sizes in samples: "log" (default, about 15 per decade), "octave", "decade", "all", or integers.
     data : "rate" (default) or "phase".
@@ -161,7 +160,7 @@ def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int
             raise DataError(f"no cluster size has a difference free of gaps: {lost} of {len(y)} samples are missing", code="no_difference")
         if not some.all():
             kept = some
-            findings = (*findings, FINDINGS("no_difference", tau=times(statistic.tau(sizes[~kept], rate))))
+            findings = (*findings, FINDINGS("no_difference", tau=times(sizes[~kept] / rate)))
             count, noise, sizes, expected = count[kept], noise[kept], sizes[kept], expected[kept]
     else:
         count = eqx.error_if(count, xp.any(count == 0), "a cluster size has no difference free of gaps; choose smaller m")
@@ -170,7 +169,7 @@ def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int
     if statistic.family == "error":  # of which no distribution is known
         edf, low, high = (np.full(count.shape, np.nan) for _ in range(3))
     else:
-        types = types_for_intervals(noise, effective_sizes(sizes, statistic), lengths, data) if xp is np else noise
+        types = types_for_intervals(noise, sizes, lengths, data) if xp is np else noise
         edf, low, high = _uncertainty(types, count, expected, sizes, statistic, lengths, confidence, xp)
     if xp is np and statistic.family != "error":
         wider, said = widened(edf, columns, 2 if data == "phase" else 1, samples / rate, FINDINGS)

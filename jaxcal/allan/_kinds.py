@@ -13,7 +13,7 @@ class Kind:
     """One statistic: differences of `order` of the phase (or of its running sum, if `modified`), at all points or every m-th.
 
     `family` tells how it is formed: "difference" uses differences of the record itself; "total" uses differences of the record, or of
-    windows of it, reflected about their ends; "theo1" uses pairs of differences within windows; "error" is an error of time.
+    windows of it, reflected about their ends; "error" is an error of time.
     """
 
     name: str
@@ -39,14 +39,8 @@ class Kind:
         """Whether the statistic needs a stretch without gaps."""
         return self.family != "difference"
 
-    def tau(self, m: Any, rate: float) -> Any:
-        """Cluster time in s: m / rate, or three quarters of it for theo1."""
-        return m / rate * (0.75 if self.family == "theo1" else 1.0)
-
     def count(self, samples: Any, m: Int[np.ndarray, " clusters"]) -> Int[np.ndarray, " clusters"]:
         """Number of differences in a record of `samples` rate samples (one more phase point) at cluster sizes m."""
-        if self.family == "theo1":
-            return (samples + 1 - m) * (m // 2)
         if self.name == "totdev":
             return samples - 1 + 0 * m
         if not self.overlapped:
@@ -57,14 +51,10 @@ class Kind:
         """Number of rate samples in the stretch that gave `count` differences; the whole record if gaps are left out one by one."""
         if not self.contiguous:
             return samples
-        if self.family == "theo1":
-            return count // (m // 2) + m - 1
         return count + (1 if self.name == "totdev" else self.difference * m - (2 if self.modified else 1))
 
     def largest(self, samples: int) -> int:
         """Largest cluster size with at least one difference; totdev is defined up to half the record."""
-        if self.family == "theo1":
-            return samples // 2 * 2
         if self.name == "totdev" or not self.overlapped:
             return samples // self.order
         return (samples + (1 if self.modified else 0)) // self.difference
@@ -72,8 +62,6 @@ class Kind:
     def scale(self, m: np.ndarray, rate: float) -> np.ndarray:
         """Factor from the mean squared difference to the variance."""
         m = np.asarray(m, dtype=np.float64)
-        if self.family == "theo1":
-            return 2.0 / (3.0 * m)
         if self.family == "error":
             return np.full(m.shape, rate**-2.0)
         factor = 1.0 / ((2.0 if self.order == 2 else 6.0) * m**2)
@@ -108,7 +96,6 @@ _KINDS = {
         Kind("mtotdev", order=2, modified=True, overlapped=True, family="total"),
         Kind("ttotdev", order=2, modified=True, overlapped=True, timed=True, family="total"),
         Kind("htotdev", order=3, modified=False, overlapped=True, family="total"),
-        Kind("theo1", order=2, modified=False, overlapped=True, family="theo1"),
         Kind("mtie", order=1, modified=False, overlapped=True, family="error"),
         Kind("tierms", order=1, modified=False, overlapped=True, family="error"),
     )
@@ -153,16 +140,14 @@ def cluster_sizes(m: Any, kind: str | Kind, samples: int) -> Int[np.ndarray, " c
 
     Parameters
     ----------
-    m : "log" (about 15 per decade), "octave" (1, 2, 4, ...), "decade" (1, 2, 4, 10, 20, 40, ...), "all", or integers. For theo1 the
-        named grids contain even sizes only.
+    m : "log" (about 15 per decade), "octave" (1, 2, 4, ...), "decade" (1, 2, 4, 10, 20, 40, ...), "all", or integers.
     kind : name of the statistic, such as "oadev".
     samples : number of rate samples.
 
     Raises
     ------
     DataError
-        If the record is too short for the statistic, or a given size is not an integer within 1 .. the largest possible size, or
-        it is odd for a statistic with even sizes only.
+        If the record is too short for the statistic, or a given size is not an integer within 1 .. the largest possible size.
 
     Examples
     --------
@@ -171,8 +156,8 @@ def cluster_sizes(m: Any, kind: str | Kind, samples: int) -> Int[np.ndarray, " c
     [1, 2, 4, 8, 16, 32]
     """
     kind = find_kind(kind)
-    largest, step = kind.largest(samples), 2 if kind.family == "theo1" else 1
-    if largest < step or samples < 2:
+    largest = kind.largest(samples)
+    if largest < 1 or samples < 2:
         need = kind.difference - (1 if kind.modified else 0)
         need = max(need, 2)
         raise DataError(
@@ -186,18 +171,13 @@ def cluster_sizes(m: Any, kind: str | Kind, samples: int) -> Int[np.ndarray, " c
             powers[-1] = decades
             sizes = np.rint(np.power(10.0, powers)).astype(np.int64)
         elif m == "all":
-            return np.arange(step, largest + 1, step)
+            return np.arange(1, largest + 1)
         else:
             sizes = round_sizes(m, largest, "all")
-        if step == 2:
-            sizes = 2 * np.round(sizes / 2).astype(np.int64) if m == "log" else sizes[sizes % 2 == 0]
         # the sizes are ascending; keep each once
-        return sizes[(sizes >= step) & (sizes <= largest) & (np.diff(sizes, prepend=0) > 0)].astype(np.int64)
+        return sizes[(sizes >= 1) & (sizes <= largest) & (np.diff(sizes, prepend=0) > 0)].astype(np.int64)
     sizes = whole_sizes(m)
-    if sizes.min() < step or sizes.max() > largest:
-        bad = sizes[(sizes < step) | (sizes > largest)]
-        raise DataError(f"cluster size {bad[0]} is outside {step} .. {largest}, those of {kind.name} for {samples} samples", code="m")
-    if step == 2 and (sizes % 2).any():
-        odd = sizes[sizes % 2 != 0]
-        raise DataError(f"cluster size {odd[0]} is odd; {kind.name} is defined for even sizes: take {odd[0] - 1} or {odd[0] + 1}", code="m")
+    if sizes.min() < 1 or sizes.max() > largest:
+        bad = sizes[(sizes < 1) | (sizes > largest)]
+        raise DataError(f"cluster size {bad[0]} is outside 1 .. {largest}, those of {kind.name} for {samples} samples", code="m")
     return sizes

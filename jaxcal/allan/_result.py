@@ -160,7 +160,7 @@ def assembled(
     edf, low, high = factors
     arrays = (deviation, deviation * low, deviation * high, edf, count, alpha, skipped, bias)
     arrays = [array[:, 0] for array in arrays] if flat else arrays
-    return jax.tree.unflatten(_structure(kind.name, rate, confidence, findings), [kind.tau(m, rate), m, *arrays])
+    return jax.tree.unflatten(_structure(kind.name, rate, confidence, findings), [m / rate, m, *arrays])
 
 
 @functools.lru_cache(maxsize=256)

@@ -19,7 +19,7 @@ from ._findings import FEWEST
 
 _FALSE_ALARM = 0.05  # probability that a fleet of Gaussian coefficients has any outlier, or any trend
 #: coefficients that are sizes, whose scatter is relative
-_SIZES = re.compile(r"\.(?:[QNBKR]|[a-z0-9]+dev\([^)]*\)|theo1\([^)]*\))$")
+_SIZES = re.compile(r"\.(?:[QNBKR]|[a-z0-9]+dev\([^)]*\))$")
 
 
 @dataclasses.dataclass(frozen=True)

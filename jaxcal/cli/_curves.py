@@ -16,7 +16,7 @@ from ._outputs import File, Outputs, figure, outputs, save_json, save_report
 from ._work import carry_out
 
 Kind = Literal[
-    "adev", "oadev", "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "theo1", "mtie", "tierms"
+    "adev", "oadev", "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "mtie", "tierms"
 ]  # fmt: skip
 _GRIDS = ("log", "octave", "decade", "all")
 
@@ -49,11 +49,11 @@ def allan(
     ----------
     kind
         Statistic: Allan (adev, overlapping oadev), modified Allan (mdev), time (tdev), Hadamard (hdev, overlapping ohdev), their
-        total forms (totdev, mtotdev, ttotdev, htotdev), Theo1 (theo1), time interval error (mtie, tierms).
+        total forms (totdev, mtotdev, ttotdev, htotdev), time interval error (mtie, tierms).
     m
         Cluster sizes: log (15 per decade), octave, decade, all, or numbers of samples as 1,10,100.
     bias_corrected
-        Remove the bias of the total statistics and of Theo1 for the identified noise type.
+        Remove the bias of the total statistics for the identified noise type.
     alpha
         Noise type for the intervals, instead of the identified one: 2 white phase, 1 flicker phase, 0 white frequency, -1 flicker
         frequency, -2 random walk of frequency.

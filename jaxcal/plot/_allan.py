@@ -19,7 +19,6 @@ KINDS = {
     "hdev": "Hadamard deviation", "ohdev": "Hadamard deviation", "totdev": "Total deviation",
     "mtie": "Maximum time interval error", "tierms": "Time interval error, rms",
     "mtotdev": "Modified total deviation", "ttotdev": "Time total deviation", "htotdev": "Hadamard total deviation",
-    "theo1": "Theo1 deviation",
 }  # fmt: skip
 _MODELLED = ("adev", "oadev", "totdev")  # statistics whose expectation is the Allan variance of the model
 

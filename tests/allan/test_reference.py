@@ -52,13 +52,6 @@ def test_nbs14_total(reference, kind):
             np.testing.assert_allclose(corrected, printed[f"{kind}_bias_corrected"], rtol=1e-4)
 
 
-def test_nbs14_theo1(reference):
-    for record, data, printed in _nbs14(reference)[2:]:
-        found = jaxcal.allan.deviation(record, 1.0, kind="theo1", m=[10, 100, 1000], data=data)
-        np.testing.assert_allclose(found.deviation, printed["theo1_at_10_100_1000"], rtol=1e-4)
-        np.testing.assert_allclose(found.tau, [7.5, 75.0, 750.0])
-
-
 def _stable32(path):
     rows = [line.split() for line in path.read_text().splitlines() if line.strip() and not line.startswith("#")]
     return np.array(rows, dtype=float).T
@@ -126,26 +119,6 @@ def test_phase_dat_total(reference, table):
         # compare limits relative to the value; the published edf is up to 10 % too large at these sizes (m up to 40)
         np.testing.assert_allclose((found.lower / found.deviation)[shown], (low / deviation)[shown], rtol=0.013)
         np.testing.assert_allclose((found.upper / found.deviation)[shown], (high / deviation)[shown], rtol=0.021)
-
-
-@pytest.mark.parametrize("table", ["theo1_alpha0_decade", "theo1_alpha0", "theo1"])
-def test_phase_dat_theo1(reference, table):
-    folder = reference / "data/phasedat"
-    m, tau, count, _, _, printed, _ = _stable32(folder / f"phase_dat_{table}.txt")
-    m, phase = m.astype(int), _phase_dat(folder)
-
-    def variance(kind, sizes):
-        return jaxcal.allan.deviation(phase, 1.0, kind=kind, m=sizes, data="phase", alpha=0).deviation ** 2
-
-    found = jaxcal.allan.deviation(phase, 1.0, kind="theo1", m=m, data="phase", alpha=0)
-    np.testing.assert_allclose(found.tau, tau)
-    np.testing.assert_allclose(found.count, count, rtol=5e-5)  # the table has five digits
-    ratio = 1.0
-    if table == "theo1":  # the table is ThêoBR (NIST SP 1065, 5.2.16), scaled to the Allan variance of the record
-        steps = np.arange(int(len(phase) / 6 - 3) + 1)
-        ratio = np.mean(variance("oadev", 9 + 3 * steps) / variance("theo1", 12 + 4 * steps))
-        assert round(float(ratio), 4) == 0.6028
-    np.testing.assert_allclose(found.deviation * np.sqrt(ratio), printed, rtol=1e-4)
 
 
 @pytest.fixture(scope="module")

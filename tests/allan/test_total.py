@@ -140,7 +140,7 @@ def test_messages(refuses):
         deviation(np.full(50, np.nan), 1.0, kind="totdev")
 
 
-@pytest.mark.parametrize("kind", ["mtotdev", "ttotdev", "htotdev", "theo1"])
+@pytest.mark.parametrize("kind", ["mtotdev", "ttotdev", "htotdev"])
 def test_what_cannot_be_traced_says_so(refuses, kind):
     for transform in (jax.jit, jax.vmap, lambda f: jax.grad(lambda y: jnp.sum(f(y)))):
         with refuses("traced"):

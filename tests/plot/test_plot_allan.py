@@ -153,7 +153,7 @@ def test_deviation_of_several_channels():
 @pytest.mark.parametrize(
     ("kind", "label"),
     [
-        ("totdev", "Total deviation (°/h)"), ("theo1", "Theo1 deviation (°/h)"), ("ttotdev", "Time total deviation (°/h s)"),
+        ("totdev", "Total deviation (°/h)"), ("ttotdev", "Time total deviation (°/h s)"),
     ],
 )  # fmt: skip
 def test_total_statistics(kind, label):

@@ -1,4 +1,4 @@
-"""Statistics that need a stretch without gaps (total, Theo1), on the host."""
+"""Statistics that need a stretch without gaps (total, errors of time), on the host."""
 
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -12,7 +12,6 @@ from .._findings import FINDINGS
 from .._kinds import Kind
 from .._noise_type._identify import identify
 from ._phase import integrate
-from ._theo1 import theo1_sum
 from ._total import reflected_record, total_sum, window_sum
 
 
@@ -55,8 +54,6 @@ def _stretch(column, gone, sizes, statistic: Kind, rate: float, data: str, ident
             total[i] = _error_sum(theta, m) if statistic.name == "tierms" else count[i] * _largest_error(theta, m) ** 2
         elif reflected is not None:
             total[i] = total_sum(reflected, m)
-        elif statistic.family == "theo1":
-            total[i] = theo1_sum(theta, m)
         elif statistic.modified:
             total[i] = window_sum(theta, m)
         elif m == 1:  # a window of one sample per cluster has no line to remove: NIST SP 1065 uses the plain statistic
@@ -65,7 +62,7 @@ def _stretch(column, gone, sizes, statistic: Kind, rate: float, data: str, ident
             total[i] = window_sum(x, m)
     noise = np.zeros(len(sizes))
     if identified and samples > 0 and statistic.family != "error":
-        noise = identify(theta, None, effective_sizes(sizes, statistic), statistic.plain, samples, data)
+        noise = identify(theta, None, sizes, statistic.plain, samples, data)
     return total, count, noise, told
 
 
@@ -79,11 +76,6 @@ def _largest_error(theta, m: int) -> float:
     inside = slice((m + 1) // 2, (m + 1) // 2 + len(theta) - m)
     high, low = (one(theta, m + 1)[inside] for one in (scipy.ndimage.maximum_filter1d, scipy.ndimage.minimum_filter1d))
     return float(np.max(high - low))
-
-
-def effective_sizes(sizes, statistic: Kind):
-    """Cluster sizes at which a plain statistic averages over the same time."""
-    return np.maximum(np.round(0.75 * sizes), 1).astype(np.int64) if statistic.family == "theo1" else sizes
 
 
 def _phase_and_rate(column, rate: float, data: str, statistic: Kind):

@@ -1,11 +1,11 @@
-"""Bias of the total statistics and of Theo1: their expectation over that of the plain variance, by noise type.
+"""Bias of the total statistics: their expectation over that of the plain variance, by noise type.
 
 Each of them is a mean of squares of differences that a line in the phase does not affect. For a given noise type, its expectation
 therefore follows from the generalised covariance of phase (C. A. Greenhall, "The generalized autocovariance: a tool for clock
-statistics", TMO Progress Report 42-137, 1999). The factors of mtotdev, htotdev and theo1 here are these expectations, at every cluster
+statistics", TMO Progress Report 42-137, 1999). The factors of mtotdev and htotdev here are these expectations, at every cluster
 size. Printed tables hold their limits for large m, or fits to simulations: htotdev 0.995, 0.851, 0.771, 0.717, 0.679 (NIST SP 1065),
 which is the limit to the last digit; mtotdev 0.94, 0.83, 0.73, 0.70, 0.69 (Stable32), where the limit is 0.995, 0.851, 0.771, 0.717,
-0.679; theo1 within 3 %, for phase noise 15 %. totdev: D. A. Howe and C. A. Greenhall, "Total variance: a progress report on a new
+0.679. totdev: D. A. Howe and C. A. Greenhall, "Total variance: a progress report on a new
 frequency stability characterization", PTTI 1997; the white phase factor is derived, the flicker phase factor fitted to the
 expectation.
 """
@@ -52,7 +52,7 @@ def phase_covariance(alpha: int, lag: Any) -> Float[np.ndarray, "..."]:
 
 
 def bias_factors(m: Any, alpha: Any, kind: str | Kind, samples: Any) -> Float[np.ndarray, "..."]:
-    """Expectation of the variance of a total statistic or Theo1 over that of the plain variance; `deviation` divides by it.
+    """Expectation of the variance of a total statistic over that of the plain variance; `deviation` divides by it.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def bias_factors(m: Any, alpha: Any, kind: str | Kind, samples: Any) -> Float[np
         return np.where(sizes > 1, 1.0 + slopes * sizes / np.maximum(lengths, 1), 1.0)  # at m = 1 nothing is reflected
     if not kind.contiguous:
         return np.ones(sizes.shape)
-    one = _theo1_factor if kind.family == "theo1" else functools.partial(_window_factor, order=kind.order)
+    one = functools.partial(_window_factor, order=kind.order)
     return np.array([one(int(size), int(noise)) for size, noise in zip(sizes.ravel(), types.ravel(), strict=True)]).reshape(sizes.shape)
 
 
@@ -115,15 +115,3 @@ def _window_expectation(m: int, alpha: int, order: int) -> float:
         points = np.diff(np.diff(phase, axis=0), axis=1)
     total = np.vdot(differences, points @ differences) / (6 * m)
     return float(total / (weights @ phase @ weights))
-
-
-@functools.lru_cache(maxsize=4096)
-def _theo1_factor(m: int, alpha: int) -> float:
-    """Expectation of theo1 over the Allan variance at tau = 0.75 m dt."""
-    h, tau = m // 2, 0.75 * m
-    d = np.arange(h)
-    lag = functools.partial(phase_covariance, alpha)
-    squares = 4.0 * lag(0) + 2.0 * lag(m) - 4.0 * lag(h - d) - 4.0 * lag(h + d) + 2.0 * lag(2 * d)
-    theo1 = np.sum(squares / (h - d)) / (0.75 * m**2)
-    allan = (6.0 * lag(0) - 8.0 * lag(tau) + 2.0 * lag(2.0 * tau)) / (2.0 * tau**2)
-    return float(theo1 / allan)

@@ -1,11 +1,10 @@
-"""Equivalent degrees of freedom of the total statistics and of Theo1, by noise type, from record length over cluster time.
+"""Equivalent degrees of freedom of the total statistics, by noise type, from record length over cluster time.
 
 For Gaussian noise, the edf of a quadratic form v = theta' A theta is (tr A C)^2 / tr (A C A C), where C is the generalised covariance
 of phase (`phase_covariance`). For totdev, mtotdev and htotdev this was evaluated for records of up to 768 samples, and put into
 formulas and tables of x = T / tau; the form holds at every cluster size. The published formulas (NIST SP 1065, sections 5.2.11 to
 5.2.14) agree with it for totdev at large m. Elsewhere they count too many degrees of freedom: for mtotdev and htotdev 1.2 times at
-x = 8, 1.5 times at x = 3, and for all three about twice at m = 1. Theo1 uses SP 1065 section 5.2.15, which agrees with the exact
-value within 20 %.
+x = 8, 1.5 times at x = 3, and for all three about twice at m = 1.
 """
 
 import numpy as np
@@ -24,8 +23,8 @@ _OVER_OHDEV = 1.4
 def degrees_of_freedom(m: Any, alpha: Any, kind: str | Kind, samples: Any) -> Float[np.ndarray, "..."]:
     """Equivalent degrees of freedom of a variance, for a record without gaps.
 
-    Plain statistics use the "combined" algorithm of Greenhall and Riley (PTTI 2003), total statistics their quadratic forms, and Theo1
-    NIST SP 1065, section 5.2.15. The variance times edf over its expectation is nearly chi-square with edf degrees of freedom.
+    Plain statistics use the "combined" algorithm of Greenhall and Riley (PTTI 2003), total statistics their quadratic forms. The variance
+    times edf over its expectation is nearly chi-square with edf degrees of freedom.
 
     Parameters
     ----------
@@ -53,7 +52,7 @@ def degrees_of_freedom(m: Any, alpha: Any, kind: str | Kind, samples: Any) -> Fl
     lowest = -4 if kind.order == 3 else -2
     sizes, types, lengths = np.broadcast_arrays(m, np.clip(np.asarray(alpha), lowest, 2).astype(np.int64), samples)
     edf = np.ones(sizes.shape)
-    formula = _theo1 if kind.family == "theo1" else _totdev if kind.name == "totdev" else _windows
+    formula = _totdev if kind.name == "totdev" else _windows
     shift = 0 if kind.order == 3 else 2  # row of the tables of windows is shift - alpha
     for noise in np.unique(types):
         here = types == noise
@@ -86,17 +85,3 @@ def _windows(m, n, alpha: int, shift: int):
     inside = np.interp(x, WINDOWS["ratios"], values)
     change = np.interp(np.log(m), np.log(WINDOWS["sizes"]), WINDOWS["factors"][row])
     return change * np.where(x > WINDOWS["ratios"][-1], values[-1] + slope * (x - WINDOWS["ratios"][-1]), inside)
-
-
-def _theo1(m, n, alpha: int, _):
-    points, r = n + 1.0, 0.75 * m
-    if alpha == 2:
-        return 0.86 * (points + 1.0) * (points - 4.0 / 3.0 * r) / (points - r) * r / (r + 1.14)
-    if alpha == 1:
-        return (4.798 * points**2 - 6.374 * points * r + 12.387 * r) / (np.sqrt(r + 36.6) * (points - r)) * r / (r + 0.3)
-    if alpha == 0:
-        return ((4.1 * points + 0.8) / r - (3.1 * points + 6.5) / points) * r**1.5 / (r**1.5 + 5.2)
-    if alpha == -1:
-        return (2.0 * points**2 - 1.3 * points * r - 3.5 * r) / (points * r) * r**3 / (r**3 + 2.3)
-    scaled = 4.4 * points - 1.0
-    return (4.4 * points - 2.0) / (2.9 * r) * (scaled**2 - 8.6 * r * scaled + 11.4 * r**2) / (4.4 * points - 3.0) ** 2
