@@ -44,11 +44,23 @@ def _is_python(text: str) -> bool:
     return text in ("True", "False", "None", "...") or text.isupper() or text.replace(".", "").replace("-", "").replace("e", "").isdigit()
 
 
+def printable(text: str) -> str:
+    """Text of a file for any output: no line feeds, and none of the characters that steer a terminal or turn the direction of writing.
+
+    Examples
+    --------
+    >>> from jaxcal._message import printable
+    >>> printable("gyro" + chr(27) + "[2J" + chr(0x202E) + "x" + chr(10) + "y")
+    'gyro[2Jx y'
+    """
+    return text if text.isprintable() else "".join(one if one.isprintable() else " " * one.isspace() for one in text)
+
+
 def _told(fact: Any, reader: Reader, wanted: Sequence[str]) -> Any:
     """A fact for a format string: a quantity in its unit, a message or an error as its reader types it, anything else as it is."""
     if hasattr(fact, "shown"):
         return fact.shown(wanted)
-    return fact.spelt(reader) if hasattr(fact, "spelt") else fact
+    return fact.spelt(reader) if hasattr(fact, "spelt") else printable(fact) if isinstance(fact, str) else fact
 
 
 def joined_messages(parts: Sequence[Any], between: str = "; ") -> "Message":

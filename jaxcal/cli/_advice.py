@@ -207,6 +207,8 @@ def _missing(error: Any, command: str, argv: Sequence[str]) -> str | None:
 def kind_of(path: Path) -> str:
     """Kind of a file that is not a log: "calibration", "result", "report", "picture", or "" for anything else."""
     try:
+        if not path.is_file() or not path.stat().st_size:  # pipes, and files of the kernel, block
+            return ""
         with path.open("rb") as file:
             head = file.read(_FIRST)
     except OSError:

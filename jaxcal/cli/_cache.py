@@ -77,8 +77,9 @@ def bound(folder: Path, limit: int = BOUND) -> None:
 
 def cache_folder() -> Path:
     """The user's cache folder for compiled programs: below XDG_CACHE_HOME, or the usual place of the platform."""
-    if configured := os.environ.get("XDG_CACHE_HOME"):
-        base = Path(configured)
+    configured = Path(os.environ.get("XDG_CACHE_HOME") or ".")
+    if configured.is_absolute():  # a relative one is ignored, as its specification says
+        base = configured
     elif sys.platform == "win32":
         base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
     elif sys.platform == "darwin":
@@ -105,10 +106,14 @@ def keep_compiled() -> None:
     if jax.config.values["jax_compilation_cache_dir"] is None:
         try:
             folder = cache_folder()
-            folder.mkdir(parents=True, exist_ok=True)
+            folder.parent.parent.mkdir(parents=True, exist_ok=True)
+            for part in (folder.parent, folder):
+                part.mkdir(mode=0o700, exist_ok=True)
         except (OSError, RuntimeError):  # RuntimeError: no home folder
             return
-        if not os.access(folder, os.W_OK):
+        # the programs are run as they are: of a folder that others may write, nothing is loaded
+        held = folder.stat()
+        if not os.access(folder, os.W_OK) or (os.name == "posix" and (held.st_uid != os.getuid() or held.st_mode & 0o022)):
             return
         bound(folder)
         jax.config.update("jax_compilation_cache_dir", str(folder))

@@ -3,6 +3,7 @@
 import dataclasses
 import datetime
 import difflib
+import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -318,9 +319,8 @@ def read_log(path: Path, options: Reading, command: str) -> Any:
     except jaxcal.DataError as error:
         if not path.is_dir() or command not in TASKS:
             raise
-        raise jaxcal.DataError(
-            f"{error}. For all logs of a folder: jaxcal batch {path} --task {command} --out fleet", code=error.code
-        ) from error
+        said = f"{error}. For all logs of a folder: jaxcal batch {shlex.quote(str(path))} --task {command} --out fleet"
+        raise jaxcal.DataError(said, code=error.code) from error
     log = log if options.start is None and options.stop is None else log.select(options.start, options.stop)
     if command not in SET_ASIDE or "all" in options.keep:
         return log

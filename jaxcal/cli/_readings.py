@@ -56,6 +56,8 @@ class ReadingsTable:
 
 def holds_positions(path: Path, sure: bool = False) -> bool:
     """Whether a file is a table with one row per position rather than a log; if `sure`, its header must say so."""
+    if not path.is_file() or not path.stat().st_size:  # pipes, and files of the kernel, block
+        return False
     if path.suffix.lower() not in (".csv", ".txt", ".tsv", ""):
         return False
     try:
@@ -69,7 +71,7 @@ def holds_positions(path: Path, sure: bool = False) -> bool:
 
 def _named(cell: str) -> tuple[str | None, str | None]:
     """The quantity named in a cell of the header, and the unit in its brackets."""
-    found = _HEADER.fullmatch(cell)
+    found = _HEADER.fullmatch(" ".join(cell[:200].split()))
     word, unit = (found.group(1).lower().replace(" ", "_"), found.group(2)) if found else ("", None)
     return next((name for name, words in _NAMES.items() if word in words), None), unit
 

@@ -8,6 +8,8 @@ from typing import Any
 
 from rich.console import Console
 
+from .._message import printable
+
 _WAIT = 1.0  # s until a progress bar appears
 
 
@@ -51,6 +53,7 @@ class Screen:
     def _print(self, *what: Any, **how: Any) -> None:
         if self._quiet or self._gone is not None:
             return
+        what = tuple("\n".join(map(printable, one.split("\n"))) if isinstance(one, str) else one for one in what)
         try:
             with self._console.capture() as captured:
                 self._console.print(*what, **how)
@@ -75,7 +78,7 @@ def progress(what: str, quiet: bool = False) -> Iterator[Callable[[int, int, str
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     bar = Progress(
-        TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=console, transient=True,
+        TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn(), console=console, transient=True,
         redirect_stdout=False, redirect_stderr=False,
     )  # fmt: skip
     task = bar.add_task(what, total=None)

@@ -13,7 +13,7 @@ from . import _guess
 from ._columns import AXES, SENSORS, Columns, listing, resolve
 from ._findings import READ
 from ._mixed import refuse_mixed
-from ._names import Name, bracketed, is_counter, parse, unit_of
+from ._names import OTHERS, Name, bracketed, is_counter, is_other, unit_of
 from ._profiles import ROS2_IMU, matching
 from ._spelling import meanings
 
@@ -230,28 +230,20 @@ def _refuse_or_position(table, columns: Columns, found: Selection) -> None:
         raise DataError(Message(said, names=shown, a=a, b=b), code="gravity_free")
     if any(names) and not all(name.isdecimal() for name in names if name):
         refuse_mixed(table, {"accel": _bare_axes(table, found)})
+        other = [is_other(name) or (one is not None and one.kind in OTHERS) for name, one in zip(names, found.names, strict=True)]
+        left = [
+            i for i, name in enumerate(names) if not other[i] and is_number(table, i) and found.names[i] is None and not is_counter(name)
+        ]
+        if len(left) < 3 and any(other):
+            held = f"the columns {listing(names, count)} hold attitudes, places, speeds or states of a filter"
+            raise DataError(f"{held}; no inertial sensor is among them: log its readings themselves", code="no_sensor")
         raise _unclear(f"the columns {listing(names, count)} do not say which sensor they hold")
-    unlike = _unlike_header(table)
-    try:
-        _by_position(table, columns, found)
-    except DataError as error:
-        raise DataError(joined_messages([error, f"or mend the header: {unlike}"]) if unlike else error.args[0], error.code) from None
-    if unlike:
-        found.findings.append(READ("header_unused", why=unlike))
+    _by_position(table, columns, found)
 
 
 def _unclear(why: Any, code: str = "columns_unclear") -> DataError:
     """Error for columns that do not show which sensor they hold."""
     return DataError(joined_messages([why, HOW]), code)
-
-
-def _unlike_header(table) -> str:
-    """Sentence on a line above the rows that has names, but another number of them than the rows have fields; or nothing."""
-    above = [line for line in table.preamble.split("\n") if line.strip()]
-    names = max((above[-1].split(mark) for mark in ",;\t"), key=len) if above else []
-    if len(names) < 3 or len(names) == len(table.columns) or sum(parse(name) is not None for name in names) < len(names) / 2:
-        return ""
-    return f"the line above the rows has {len(names)} names, and the rows have {len(table.columns)} fields"
 
 
 def _by_position(table, columns: Columns, found: Selection) -> None:

@@ -62,6 +62,7 @@ def newest_first(table) -> None:
 
 def stated_rate(preamble: str, stem: str) -> tuple[float, str] | None:
     """The sampling rate stated in the text above a table, or else in the file name, with its source; or None."""
+    preamble = re.sub(r"[ \t]+", " ", preamble)  # runs of blanks would take long
     for text, pattern, source in ((preamble, _STATED, "the header states"), (stem, _FILE_RATE, OF_NAME)):
         found = [one for one in pattern.findall(text) if one[1] or not re.search(r"\bat\W+" + re.escape(one[0]), text, re.IGNORECASE)]
         values = {float(number.replace(",", ".").replace("p", ".")) * (1e3 if unit.lower() == "khz" else 1.0) for number, unit in found}

@@ -29,11 +29,29 @@ _PART = re.compile(r"(.+)_(\d+)")
 _VARIANT = re.compile(r"uncalibrated|uncal|total|raw|calibrated|accelerometer|acceleration|accel|acc|[^a-z0-9]")
 _LFS = b"version https://git-lfs.github.com/spec/"
 _SHOWN = 8
-#: first bytes of files that are not logs, what they are, and what the user should do
+#: first bytes of files that are not read, or their suffix, what they are, and the program that makes a log of them
 _OTHERS = (
-    ((b"\xd0\xcf\x11\xe0",), "an Excel workbook of the old kind (XLS)", "save the sheet that holds the log as CSV"),
+    ((b"\xd0\xcf\x11\xe0", ".xls"), "an Excel workbook of the old kind (XLS)", "save the sheet that holds the log as CSV"),
     ((b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05"), "a pickle, which can run any program", "save the arrays with numpy.savez"),
     ((b"ARROW1", b"FEA1"), "an Arrow (Feather) file", "save it as Parquet"),
+    (
+        (b"H Product:Blackbox", ".bbl", ".bfl"),
+        "a blackbox log of Betaflight or iNav",
+        "run `blackbox_decode LOG`, or save CSV in Blackbox Explorer",
+    ),
+    (
+        (b"FMT, ", ".tlog"),
+        "telemetry or a log as text of ArduPilot",
+        "give the .bin log, or run `mavlogdump.py --format csv --types IMU LOG > imu.csv`",
+    ),
+    ((b"TDSm",), "a LabVIEW file (TDMS)", "run `python -c \"import nptdms; nptdms.TdmsFile('LOG').as_dataframe().to_csv('log.csv')\"`"),
+    ((b"MD\xfc\x03", ".cwa"), "a log of Axivity (CWA)", "export CSV with OmGui, or run `cwa-convert LOG -out log.csv`"),
+    ((b"Device Identity",), "a log of GENEActiv", "export CSV with the GENEActiv software"),
+    ((".gt3x",), "a log of ActiGraph (GT3X)", "export CSV with ActiLife, or with pygt3x"),
+    ((b"RDX2", b"RDX3", ".rda", ".rdata", ".rds"), "data of R", "write it in R: write.csv(x, 'log.csv', row.names = FALSE)"),
+    ((b"%RAWIMU", b"#RAWIMU", b"\xaa\x44\x12", b"\xaa\x44\x13"), "a log of NovAtel", "export it as CSV with NovAtel Application Suite"),
+    ((b"\xfa\xff", ".mtb"), "a log of Xsens (MTB)", "export it as text with MT Manager"),
+    ((".mp4", ".mov", ".360", ".insv"), "a video", "extract its motion data as CSV, as with gpmf-extract or Gyroflow"),
     ((b"7z\xbc\xaf", b"Rar!", b"\xfd7zXZ", b"BZh", b"\x28\xb5\x2f\xfd"), "a packed file of a kind that is not unpacked", "unpack it"),
     ((b"%PDF", b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"RIFF"), "a document, picture or sound", "give the log itself"),
 )
@@ -134,16 +152,16 @@ def detect(path: pathlib.Path) -> str:
         raise DataError("there is no such file; check the path", code="no_file")
     if not path.is_file():
         raise DataError("this is not a regular file; save the data in one and give its path", code="not_a_log")
+    if not path.stat().st_size:  # nor are files of the kernel opened, which block and have no size
+        raise DataError("the file is empty", code="empty")
     with path.open("rb") as file:
         head = file.read(4096)
-    if not head:
-        raise DataError("the file is empty", code="empty")
     if head.startswith(_LFS):
         size = re.search(rb"size (\d{1,18})", head)
         held = f" of {int(size[1])} bytes" if size else ""
         raise DataError(f"a Git LFS pointer, not the recording{held}: run `git lfs pull` in the repository", code="lfs")
     suffix = path.suffix.lower()
-    _refuse_others(head)
+    _refuse_others(head, suffix)
     for magic, kind in _MAGIC.items():
         if head.startswith(magic):
             wanted = {_SQLITE: ".db3", _MCAP: ".mcap"}.get(magic, path.suffix)
@@ -159,10 +177,10 @@ def detect(path: pathlib.Path) -> str:
     return "json" if suffix == ".json" or _JSON.match(head) else "csv"
 
 
-def _refuse_others(head: bytes) -> None:
+def _refuse_others(head: bytes, suffix: str) -> None:
     """Refuse a file that is not a log, and say what it is."""
     for marks, what, advice in _OTHERS:
-        if head.startswith(marks):
+        if any(head.startswith(mark) if isinstance(mark, bytes) else mark == suffix for mark in marks):
             raise DataError(f"this is {what}: {advice}, and read that", code="not_a_log")
     if _PAGE.match(head):
         raise DataError("a page of the web or XML, not the log: download the file as it is (on GitHub: Raw)", code="not_a_log")

@@ -45,7 +45,6 @@ READ = table(
     several_columns=Kind(CAUTION, "{names} is read, and not {others}.", "To read another: {option.columns:{quantity}={first}}."),
     several_sensors=Kind(CAUTION, "{chosen} is read, the first of {count} sensors of its kind.",
                          "Read others with {option.topics}: {others}."),
-    header_unused=Kind(CAUTION, "The header is not used: {why}."),
     file_not_read=Kind(CAUTION, "{file} is not read: {why}."),
     mixed=Kind(CAUTION, "{why}."),
     strange=Kind(CAUTION, "Not read, although the names look like those of a sensor: {columns}.", "Name them with {option.columns}."),

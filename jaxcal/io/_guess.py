@@ -37,7 +37,7 @@ _SIZES = {
 #: sensor -> limits of the size for a certain unit, then for a guess; and units in which whole numbers are not counts
 _RANGES = {
     "accel": ((0.88, 1.12, True, ("m/s^2", "g", "mg")), (0.7, 1.4, False, ("mg",))),
-    "mag": ((22, 67, True, ("T", "G", "nT")), (15, 100, False, ())),
+    "mag": ((22, 67, True, ("T", "G", "nT")), (15, 90, False, ())),
 }
 #: limits for a stated unit: median of specific force over gravity, field in uT, largest rate of common gyroscopes in deg/s, and
 #: temperatures of sensors in degC
@@ -193,7 +193,7 @@ def gyro_unit(values: np.ndarray, stated: str | None, where: str, turns: Turning
     if not _allowed("gyro", largest):
         remedy = "give the unit, or the size of one count, as in {option.units:gyro=mdeg/s}"
         raise UnitDoubtError(f"the unit of gyro cannot be told: it reaches {largest:.4g}, too much for deg/s", remedy, "unit_unknown")
-    if steps:
+    if steps and not (turns is not None and turns.unit not in (None, steps[0]) and abs(turns.correlation) > 0.7):
         return Guess(steps[0], steps[1], other[steps[0]])
     if turns is not None and turns.unit:
         sure = bool(abs(turns.correlation) > 0.5)

@@ -206,10 +206,15 @@ _RISES = _words(
 )
 
 
+_QUATERNION = _words("qw qx qy qz q0 q1 q2 q3 rx ry rz vx vy vz px py pz ve vn vu vd")
+
+
 def is_other(name: str) -> bool:
     """Whether a word of a name denotes an attitude, a motion, a place or so, which may rise for a while as time does."""
     words = {word for words in _cut(name[:_LONGEST]) for word in words if len(word) > 1}
-    return not words.isdisjoint(_KINDS["attitude"] | _KINDS["motion"] | _RISES)
+    found = parse(name)
+    kind = found is not None and found.kind in ("attitude", "motion", "gravity")
+    return kind or not words.isdisjoint(_KINDS["attitude"] | _KINDS["motion"] | _RISES | _CHANGING | _QUATERNION)
 
 
 @functools.lru_cache(4096)

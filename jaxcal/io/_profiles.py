@@ -91,8 +91,8 @@ PROFILES = (
         ((rf"omega_{_XYZ}", "gyro", "rad/s"), (rf"alpha_{_XYZ}", "accel", "m/s^2"), ("timestamp", "time", None)),
     ),
     Profile(
-        "OpenVINS or EuRoC ground truth", (r"time.*", "p_?x", "bwx", "bax"),
-        ((r"[pqvb].*", "motion", None), (r"time.*", "time", "ns")),
+        "OpenVINS or EuRoC ground truth", (r"#?time.*", "p_?(?:rs_r_)?x.*", "b_?w_?(?:rs_s_)?x.*"),
+        ((r"[pqvb].*", "motion", None), (r"#?time.*", "time", "ns")),
     ),
     Profile(
         "VMU931", ("(?:gyroscope|accelerometer|magnetometer)_time",),

@@ -19,8 +19,8 @@ _HYPOTHESES = (
     ("in Modified Julian Dates", "mjd", 40_000.0, 100_000.0), ("in Windows", "1e-7 s", 1.25e17, 1.6e17),
     ("in .NET", "1e-7 s", 6.3e17, 6.7e17), ("in MATLAB", "d", 7.3e5, 7.7e5),
 )  # fmt: skip
-#: decimal logarithm of odds above which a clock is no guess: another unit would be less than one in fifteen
-_SURE = 1.2
+#: decimal logarithm of odds above which a clock is no guess: another unit would be less than one in a hundred
+_SURE = 2.0
 #: Hz: the most common rate of recordings of sensors and of clocks, and the highest of any
 USUAL = {"sensor": 70.0, "clock": 0.01, "highest": 20_000.0}
 
@@ -195,6 +195,7 @@ def unit_by_step(stamps: np.ndarray, integer: bool, rate: float | int | None, us
         raise DataError(Message(said), code="never_rises")
     step, mean = Clock([], seen, "").period, float(seen.max() - seen.min()) / (len(seen) - 1)
     start, stray = float(seen[0]), _loop_of_ticks(seen[:1000], rising[:1000]) if integer else False
+    whole = not np.any(seen[:1000] % 1)  # whole numbers written with decimals are seconds
     offset = 0.0 if min(abs(start), abs(start - step)) < 0.1 * step else start  # it counts from the first sample
     found = []
     for who, unit, first, last in _HYPOTHESES:
@@ -210,6 +211,8 @@ def unit_by_step(stamps: np.ndarray, integer: bool, rate: float | int | None, us
             points += 3.0
         elif since > 0:
             points -= 0.7 * max(0.0, np.log10(0.1 / since), np.log10(since / (30 * DAY)))
+        if unit == "s" and not integer and not who:
+            points += 1.5 * whole
         if rate is not None:
             points += 20.0 * (min(abs(1 / period / rate - 1), abs(1 / (mean * size) / rate - 1)) < 0.05)
         found.append((points - 5.0 * (stray and size < 1e-4), unit, who))

@@ -72,8 +72,9 @@ def unsuited(command: str, log: Log, name: str = "LOG") -> str | Message | None:
     log : the log.
     name : name of the log in the command line, as the user gave it.
     """
+    name = shlex.quote(name)
     for one in log.findings:
-        if one.code == "against_values" and one.facts["right"]:
+        if one.code == "against_values" and one.facts["right"] and one.facts["where"] != "as given":
             return Message(
                 "{why}. Give {option.units:{sensor}={right}}", why=one.facts["why"], sensor=one.facts["sensor"], right=one.facts["right"]
             )

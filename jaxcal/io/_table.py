@@ -8,7 +8,7 @@ import numpy as np
 
 from .._answer import Finding
 from .._errors import DataError
-from .._message import Message, joined_messages
+from .._message import Message, joined_messages, printable
 from .._quality import all_finite
 from .._units import si_unit
 from . import _guess
@@ -43,6 +43,9 @@ class Table:
     days: set[int] = dataclasses.field(default_factory=set)
     preamble: str = ""
     stem: str = ""
+
+    def __post_init__(self) -> None:
+        self.names = [printable(name) for name in self.names]
 
 
 @dataclasses.dataclass(frozen=True)

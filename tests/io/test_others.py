@@ -198,7 +198,7 @@ REFUSED = {
     "ground truth with biases": (
         "data.csv",
         lambda: table("#time(ns),px,py,pz,qw,qx,qy,qz,vx,vy,vz,bwx,bwy,bwz,bax,bay,baz", epoch(1e9), *[A[:1]] * 16),
-        "columns_unclear",
+        "no_sensor",
     ),
     "sensors of which no axis is understood": (
         "log.csv", lambda: table("time_s,temp,gyro_foo,acc_foo", cells(TIME), same("25.1"), W[:1], A[:1]), "columns_unclear"

@@ -32,12 +32,15 @@ def program(tmp_path, monkeypatch):
     _sandbox.sandbox.stop()
 
 
-@pytest.mark.parametrize("text", ["import os; os.abort()", "import os; input(); os.abort()", "import time; time.sleep(60)"])
-def test_a_process_that_breaks_down_is_replaced(text, log, program, monkeypatch, refuses):
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [("import os; os.abort()", "broke_down"), ("import os; input(); os.abort()", "broke_down"), ("import time; time.sleep(60)", "damaged")],
+)
+def test_a_process_that_breaks_down_is_replaced(text, code, log, program, monkeypatch, refuses):
     with monkeypatch.context() as inside:
         inside.setattr(_sandbox, "_SECONDS", 2.0)
         program(text)
-        with refuses("damaged"):
+        with refuses(code):
             read(log, quiet=True)
     monkeypatch.undo()
     assert len(read(log, quiet=True).time) == 400
@@ -51,6 +54,11 @@ def test_one_process_serves_all_files(log):
     _sandbox.sandbox._process.kill()
     _sandbox.sandbox._process.wait()
     assert len(read(log, quiet=True).time) == 400
+
+
+def test_threads_take_no_memory_away(log):
+    code = f"import jaxcal; jaxcal.read({str(log)!r}, quiet=True)"
+    subprocess.run([sys.executable, "-c", code], env=os.environ | {"POLARS_MAX_THREADS": "64"}, check=True)
 
 
 def test_nothing_is_left_running(log):

@@ -74,8 +74,8 @@ def read_parquet(path: pathlib.Path) -> Table:
     for form, array in zip(about["columns"], arrays, strict=True):
         if form["dates"]:
             array = array.view("datetime64[ns]")
-        elif array.dtype.kind == "U":
-            array = np.full(about["rows"], array[0], dtype=object)
+        elif form["words"]:
+            array = np.array(form["words"], dtype=object)[array]
         columns.append(array)
     integer = {j for j, form in enumerate(about["columns"]) if form["integer"]}
     saved = about["saved"] and parse_saved(about["saved"])
@@ -175,8 +175,11 @@ def _table_of_tree(about: dict[str, Any], arrays: list[np.ndarray], topics: list
     for path, array in zip(about["names"], arrays, strict=True):
         if array.size:
             unit = about.get("units", {}).get(path)
-            name = posixpath.basename(path) + (f" [{unit}]" if unit else "")
-            groups.setdefault(posixpath.dirname(path), {})[name] = _upright(array.astype(array.dtype.newbyteorder("=")))
+            group, name = posixpath.split(path)
+            if name.lower() in AXES and group:  # imu/acc/x is acc_x of imu
+                group, name = posixpath.dirname(group), f"{posixpath.basename(group)}_{name}"
+            name += f" [{unit}]" if unit else ""
+            groups.setdefault(group, {})[name] = _upright(array.astype(array.dtype.newbyteorder("=")))
     if not groups:
         shown = [f"{path} {array.shape} {array.dtype}" for path, array in zip(about["names"][:12], arrays, strict=False)]
         said = f"no {kind} with numbers in it (there is {', '.join(shown) or 'nothing'}); save time, gyro, accel, mag as plain arrays"

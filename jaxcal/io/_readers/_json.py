@@ -37,11 +37,19 @@ def read_json(path: pathlib.Path) -> Table:
     if not columns:
         raise DataError(f"this is JSON, but there are no readings in it; {_EXPECTED}", code="json")
     try:
-        values = [np.array(column, dtype=float) for _, column in columns]
+        values = [_column(column) for _, column in columns]
     except OverflowError:
         raise DataError("it holds a number that is too large for a reading", code="json") from None
-    whole = {i for i, column in enumerate(values) if np.all(np.isfinite(column)) and not np.any(column % 1)}
+    whole = {i for i, column in enumerate(values) if column.dtype.kind == "f" and np.all(np.isfinite(column)) and not np.any(column % 1)}
     return Table(values, [name for name, _ in columns], whole, stem=path.stem)
+
+
+def _column(values: Sequence[Any]) -> np.ndarray:
+    """Numbers, of which a few may be text, which is missing; or text, where most are."""
+    words = sum(isinstance(value, str) for value in values)
+    if 2 * words > len(values):
+        return np.array([value if isinstance(value, str) else None for value in values], dtype=object)
+    return np.array([np.nan if isinstance(value, str) else value for value in values] if words else values, dtype=float)
 
 
 def _parsed(text: str) -> Any:
@@ -100,7 +108,7 @@ def _records(node: Any, around: dict[str, float | int]) -> list[dict[str, float 
         return [record for one in node if isinstance(one, dict) for record in _records(one, around)]
     here = dict(around)
     for name, value in _flat(node):
-        if _number(value):
+        if _number(value) or isinstance(value, str):
             here[name] = value
         elif _vector(value):
             here |= dict(zip(_named(name, len(value)), value, strict=True))
@@ -109,13 +117,14 @@ def _records(node: Any, around: dict[str, float | int]) -> list[dict[str, float 
 
 
 def _flat(node: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Values of a record by name, those of a record inside it after its name; numbers and dates in quotes are numbers."""
+    """Values of a record by name, those of a record inside it after its name; numbers and dates in quotes are numbers, words are kept."""
     for name, value in node.items():
         if isinstance(value, dict):
             yield from _flat(value, f"{before}{name}_")
         elif isinstance(value, str):
             with contextlib.suppress(ValueError, OverflowError):
-                yield before + name, datetime.datetime.fromisoformat(value).timestamp() if ":" in value else float(value)
+                value = datetime.datetime.fromisoformat(value).timestamp() if ":" in value else float(value)
+            yield before + name, value
         else:
             yield before + name, value
 

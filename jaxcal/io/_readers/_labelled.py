@@ -32,6 +32,7 @@ _NUMBER = re.compile(r"(?<![\w.^])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\
 def relabelled(text: str) -> Callable[[str], str] | None:
     """Return a function that converts such text to a table; None for text of another form."""
     lines = [line for line in text.split("\n", _LOOK + 1)[: _LOOK + 1] if line.strip()][:_LOOK]
+    lines = [re.sub(r"\s{3,}", "  ", line) for line in lines]  # runs of blanks would take long
     if sum(line.strip() == "---" for line in text.split("\n", 2000)[:2000]) > 1 and _MESSAGE.search(text[:20_000]):
         return _echoed
     if (header := _listed(lines)) is not None:

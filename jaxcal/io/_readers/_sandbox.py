@@ -12,6 +12,7 @@ import contextlib
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -83,11 +84,14 @@ def _parquet(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]
         elif kind.is_decimal():
             series = series.cast(pl.Float64)
         array = series.to_numpy()
-        if array.dtype.kind not in "iufbM":
-            first = next((value for value in series if value is not None), "")
-            array = np.array([str(first)[:100]])
+        words = []
+        if array.dtype.kind not in "iufbM":  # words, and which of them stands in each row
+            text = series.cast(pl.String, strict=False).fill_null("").str.slice(0, 100)
+            words = text.unique(maintain_order=True).to_list()
+            words = words if len(words) <= request["most"] else words[:1]
+            array = text.replace_strict(words, range(len(words)), default=0, return_dtype=pl.Int16).to_numpy()
         dates = array.dtype.kind == "M"
-        columns.append({"name": name, "integer": kind.is_integer(), "dates": dates})
+        columns.append({"name": name, "integer": kind.is_integer(), "dates": dates, "words": words})
         arrays.append(array.view(np.int64) if dates else array)
     return {"columns": columns, "rows": rows, "saved": saved}, arrays
 
@@ -218,16 +222,18 @@ class Sandbox:
                 arrays = [self._array(*form) for form in about.get("arrays", [])]
             except (EOFError, OSError):
                 late = time.monotonic() - began >= seconds
-                said = f"it took more than {seconds:.0f} s" if late else "the library that reads it broke down"
                 self.stop()
-                raise DataError(f"{said}; it is damaged: copy it again", code="damaged") from None
+                if late:
+                    raise DataError(f"it took more than {seconds:.0f} s; it is damaged: copy it again", code="damaged") from None
+                said = "the library that reads it broke down: it needs more memory than there is, or is damaged"
+                raise DataError(f"{said}; close other programs, or copy it again", code="broke_down") from None
             except BaseException:
                 self.stop()  # part of an answer is left in the pipe
                 raise
             finally:
                 timer.cancel()
         if "error" in about:
-            if about["error"] == "MemoryError":
+            if about["error"] == "MemoryError" or re.search("memory|allocat|spawn|temporarily unavailable", about["said"], re.IGNORECASE):
                 raise MemoryError(about["said"])
             said = (about["said"].strip().splitlines() or ["no message"])[0]
             raise DataError(f"it cannot be read ({about['error']}: {said}); it may be cut off or damaged: copy it again", code="damaged")
@@ -240,7 +246,7 @@ class Sandbox:
             # -P: import no module from the working folder or from this folder
             self._process = subprocess.Popen(
                 [sys.executable, "-P", __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-                env=os.environ | {"RUST_BACKTRACE": "0"},
+                env=os.environ | {"RUST_BACKTRACE": "0", "POLARS_MAX_THREADS": "2"},  # each thread takes a part of the memory
             )  # fmt: skip
             self._owner = os.getpid()
         return self._process

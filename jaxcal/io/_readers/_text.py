@@ -250,17 +250,19 @@ def sniff(text: str) -> Layout:
     if len(data) > 3 and len(heads[0]) == len(heads[1]) == 1 and re.fullmatch(r" *1\d{9}(?:\.\d+)?", data[0][0]):
         # Empatica writes a start in s since 1970 and a rate above every column
         stated, first, data = f"\nsampling rate: {data[1][0].strip()} Hz", sorted(found)[2], data[2:]
+    trailing = any(len(row) > width for row in data)
     comments = [line.strip() for line in lines[first:] if _is_comment(line)]
     marks = [mark for mark in COMMENTS if any(line.startswith(mark) for line in comments)]
     blanks = delimiter == " " and any(line != line.strip() or re.search(r"[ \t]{2,}|\t", line) for line in lines[first:])
     return Layout(
         skip=first,
         delimiter=delimiter,
-        names=(None if stated else _names([line for line in lines[:first] if line.strip(" \t#%/")], delimiter, width)) or [""] * width,
+        names=(None if stated else _names([one for one in lines[:first] if one.strip(" \t#%/")], delimiter, width, trailing))
+        or [""] * width,
         kinds=[_kind([row[j].strip() for row in data]) for j in range(width)],
         comma=delimiter in ";\t" and any(_COMMA_NUMBER.fullmatch(field.strip()) for row in data for field in row),
         comment=marks[0] if marks else "#",
-        trailing=any(len(row) > width for row in data),
+        trailing=trailing,
         padded=ended or blanks or (delimiter != " " and any(field != field.rstrip() for row in data for field in row[-1:])),
         preamble="\n".join(lines[:first])[:20_000] + stated,
     )
@@ -326,9 +328,10 @@ def _kind(fields: list[str]) -> str:
     return "long" if max(len(field) for field in filled) > 15 else "int"
 
 
-def _names(head: list[str], delimiter: str, width: int) -> list[str] | None:
+def _names(head: list[str], delimiter: str, width: int, trailing: bool) -> list[str] | None:
     """Column names: the line of text above the data with the same number of fields; a line of units below it is added to the names."""
-    names = _fields(head[-1], delimiter, width) if head else None
+    names = _fields(head[-1], delimiter, width) or (_fields(head[-1], delimiter, width + 1) if trailing else None) if head else None
+    names = names and names[:width]  # the name of a field that is empty in all rows goes
     if names and len(head) > 1 and _are_units(names):
         above = _fields(head[-2], delimiter, width)
         if above and not _are_units(above):

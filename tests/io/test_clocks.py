@@ -1,0 +1,110 @@
+"""Clocks of loggers, the truth first: no rate is wrong without a word, and the option that is named mends it. Other habits of files."""
+
+import collections
+import itertools
+
+import numpy as np
+import pytest
+
+import jaxcal
+
+RATES = (0.2, 0.5, 1.0, 2.0, 4.0, 10.0, 25.0, 52.0, 100.0, 208.0, 500.0, 1000.0)
+STARTS = (0.0, 0.752, 31.4, 5000.0)  # s after the sensor was switched on
+
+
+def loop(unit, tick, late):
+    """Stamps of a loop that waits for the period, rounded to ticks, and is late by some ticks; each wait begins where the last ended."""
+    return lambda t, rng: [str(int(one)) for one in np.round(t / tick) + np.cumsum(late * (rng.random(len(t)) < 0.2))]
+
+
+KINDS = {
+    "millis of a loop": loop("ms", 1e-3, 1),
+    "millis of a timer": loop("ms", 1e-3, 0),
+    "micros of a loop": loop("us", 1e-6, 37),
+    "micros of a timer": loop("us", 1e-6, 0),
+    "nanoseconds": loop("ns", 1e-9, 4000),
+    "seconds": lambda t, rng: [f"{one:.6f}" for one in t],
+    "seconds of three digits": lambda t, rng: [f"{one:.2E}" for one in t],
+    "milliseconds with decimals": lambda t, rng: [f"{1e3 * one:.3f}" for one in t],
+    "milliseconds since 1970": lambda t, rng: [f"{1.7e12 + 1e3 * one:.0f}" for one in t],
+}
+CASES = [
+    (kind, rate, start) for kind, rate, start in itertools.product(KINDS, RATES, STARTS)
+    if not ("three digits" in kind and max(rate / 10, start) > 1.0) and not ("milli" in kind and rate > 300)
+]  # fmt: skip
+
+
+def outcome(kind, rate, start, path):
+    rng = np.random.default_rng(round(1e3 * (rate + start)))
+    t = start + np.arange(max(200, round(20 * rate))) / rate
+    stamps = KINDS[kind](t, rng)
+    path.write_text("time,ax,ay,az\n" + "".join(f"{one},{x:.3f},0.1,9.8\n" for one, x in zip(stamps, rng.normal(size=len(t)), strict=True)))
+    true = (len(t) - 1) / (t[-1] - t[0]) if "loop" not in kind else None
+    if true is None:
+        ticks = np.array(stamps, float)
+        true = (len(t) - 1) / (ticks[-1] - ticks[0]) * (1e3 if "millis" in kind else 1e6)
+    try:
+        log = jaxcal.read(path, quiet=True)
+    except jaxcal.DataError:  # steps of one could also be numbers of rows: the refusal asks for the rate
+        return "refused" if jaxcal.read(path, rate=rate, quiet=True).rate == rate else "wrong"
+    if abs(log.rate / true - 1) < 0.01:
+        return "right"
+    guess = next((one for one in log.findings if one.code == "assumed" and one.subject == ("time",)), None)
+    if guess is None:
+        return "wrong"
+    mended = jaxcal.read(path, units={"time": guess.facts["other"]}, quiet=True)
+    return "mended" if abs(mended.rate / true - 1) < 0.01 else "wrong"
+
+
+def test_no_clock_is_wrong_without_a_word(tmp_path):
+    found = {case: outcome(*case, tmp_path / "log.csv") for case in CASES}
+    tally = collections.Counter(found.values())
+    assert [case for case, one in found.items() if one == "wrong"] == []
+    assert len(found) > 300
+    assert tally["right"] >= 0.85 * len(found)
+
+
+@pytest.mark.parametrize("suffix", ["json", "jsonl", "parquet", "csv"])
+def test_rows_of_two_devices_are_refused_in_every_format(suffix, tmp_path, refuses):
+    pl = pytest.importorskip("polars")
+    rng, path = np.random.default_rng(0), tmp_path / f"log.{suffix}"
+    turns = {f"a{axis}": rng.normal(size=400) * 0.02 + 9.8 * (np.arange(400) % 2 == k) for k, axis in enumerate("xyz")}
+    frame = pl.DataFrame({"device": ["left", "right"] * 200, "t": np.arange(400) / 200} | turns)
+    {"json": frame.write_json, "jsonl": frame.write_ndjson, "parquet": frame.write_parquet, "csv": frame.write_csv}[suffix](path)
+    with refuses("mixed"):
+        jaxcal.read(path, quiet=True)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "time,roll,pitch,yaw", "time,lat,lon,alt", "timestamp,qw,qx,qy,qz", "t,pos_x,pos_y,pos_z,vel_x,vel_y,vel_z,bias_gx,bias_gy,bias_gz",
+        "#timestamp,p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],b_w_RS_S_x [rad s^-1],b_w_RS_S_y [rad s^-1],b_w_RS_S_z [rad s^-1]",
+    ],
+)  # fmt: skip
+def test_a_table_without_a_sensor_says_what_it_holds(names, tmp_path, refuses):
+    values = np.random.default_rng(0).normal(size=(200, names.count(",")))
+    path = tmp_path / "log.csv"
+    path.write_text(names + "\n" + "".join(f"{i / 50}," + ",".join(f"{v:.4f}" for v in row) + "\n" for i, row in enumerate(values)))
+    with refuses("no_sensor"):
+        jaxcal.read(path, quiet=True)
+
+
+@pytest.mark.parametrize("start", [b"H Product:Blackbox flight data", b"TDSm\x0e\0", b"Device Identity\n", b"RDX3\n", b"%RAWIMUSA,1105,4"])
+def test_a_format_that_is_not_read_names_the_program_that_converts_it(start, tmp_path, refuses):
+    (tmp_path / "log").write_bytes(start + bytes(100))
+    with refuses("not_a_log"):
+        jaxcal.read(tmp_path / "log", quiet=True)
+
+
+def test_names_that_steer_a_terminal_do_not_reach_it(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("time,gyro_x\x1b[2J,gyro_y\u202e,gyro_z\n" + "".join(f"{i / 100},{i % 7},{i % 5},{i % 3}\n" for i in range(200)))
+    log = jaxcal.read(path, units="gyro=deg/s", columns="gyro=1:3", quiet=True)
+    assert all(str(one).isprintable() for one in log.findings)
+
+
+def test_a_header_that_names_an_empty_last_field(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("time;dev;ax;ay;az;label\n" + "".join(f"{i / 100};1;0.1;{i % 3 / 100};9.8;\n" for i in range(200)))
+    assert jaxcal.read(path, quiet=True).provenance["columns"]["accel"] == [2, 3, 4]
