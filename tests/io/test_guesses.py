@@ -213,7 +213,7 @@ def test_every_guess_is_one_sentence_with_its_override(still, save):
     assert said[2].endswith("If that is wrong: --columns gyro=1:3 --units gyro=deg/s.")
     assert str(log.findings[2]).endswith("If that is wrong: columns={'gyro': '1:3'} units={'gyro': 'deg/s'}.")
     assert max(map(len, said)) < 200
-    assert log.rate == 400.0
+    assert log.rate == 100.0
 
 
 def test_explicit_options_switch_every_guess_off(still, save):
