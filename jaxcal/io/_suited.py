@@ -74,7 +74,7 @@ def unsuited(command: str, log: Log, name: str = "LOG") -> str | Message | None:
     """
     name = shlex.quote(name)
     for one in log.findings:
-        if one.code == "against_values" and one.facts["right"] and one.facts["where"] != "as given":
+        if one.code == "against_values" and one.facts["right"]:
             return Message(
                 "{why}. Give {option.units:{sensor}={right}}", why=one.facts["why"], sensor=one.facts["sensor"], right=one.facts["right"]
             )

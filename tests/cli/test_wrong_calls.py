@@ -200,7 +200,7 @@ noise counts.csv                           | --units 'gyro=
 noise oops.csv                             | oops
 noise short.csv                            | too short
 noise huge.csv                             | huge.csv
-noise attitude.csv                         | --columns
+noise attitude.csv                         | no inertial sensor
 noise no_time.csv                          | --rate
 noise still_mag.csv --columns gyro=4:6     | still_mag.csv
 north no_angle.csv                         | no column with an angle
