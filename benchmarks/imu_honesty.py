@@ -3,6 +3,7 @@
     python benchmarks/imu_honesty.py                        all cases, 100 runs each
     python benchmarks/imu_honesty.py --runs 30 --only base "12 poses"
     python benchmarks/imu_honesty.py --only faces           six faces that are not level
+    python benchmarks/imu_honesty.py --only notes           needless and missed notes
     python benchmarks/imu_honesty.py --only temperature     three sessions at 0, 25 and 50 degC
 
 Each row gives the share of "good" verdicts, the coverage in % of the 95 % intervals for every group of parameters, the root mean square
@@ -94,12 +95,37 @@ def temperature(runs):
     print(f"scale over temperature inside {100 * np.mean(inside):.0f} %, rms error of the accelerometer's {size:.4f} %")
 
 
+def notes(runs):
+    """How often the notes of drift, warm-up, delay and repeats are needless on plain cases, and missed where their cause is there."""
+    told = collections.Counter()
+    rng = np.random.default_rng(0)
+    for seed in range(runs):
+        for case, code in (("base", "drift"), ("gyro drift", "drift"), ("base", "warm_up"), ("warm-up", "warm_up")):
+            stamps, accel, gyro, _ = world.record(seed, **world.CASES[case])
+            log, auto = jaxcal.Log(stamps, accel=accel, gyro=gyro), {"terms": "auto"} if code == "warm_up" else {}
+            found = jaxcal.imu.multi_position(log, gravity=world.GRAVITY, held_out=False, **auto)
+            codes = {"warm_up", "drift"} if auto else {code}  # a warm-up is fitted as what describes it best
+            told[code, case, bool(codes & {one.code for one in found.findings if not auto or "accel" in one.subject})] += 1
+            if (case, code) == ("base", "drift"):
+                delay = jaxcal.imu.motion(log, found)
+                told[
+                    "delay_unsure", "within a sample" if abs(delay.delay) < 1 / world.RATE else "off by more", "delay_unsure" in delay.codes
+                ] += 1
+        for again in (True, False):
+            rates = [(axis, sign * size) for axis in range(3) for sign in (1, -1) for size in ((1.0, 2.0, 1.0) if again else (1.0, 2.0))]
+            w = np.concatenate([np.tile(rate * np.eye(3)[axis], (400, 1)) for axis, rate in rates])
+            test = jaxcal.imu.rate_test(jaxcal.Log(None, gyro=w + 1e-3 * rng.normal(size=w.shape), rate=100.0), [1.0, 2.0])
+            told["no_repeats", "repeated" if again else "not repeated", "no_repeats" in test.codes] += 1
+    for (code, case, said), count in sorted(told.items()):
+        print(f"{code:14s} {case:16s} {'said' if said else 'not said':9s} {count} of {runs}")
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=100)
     parser.add_argument("--only", nargs="*", default=list(world.CASES))
     chosen = parser.parse_args()
-    for name, part in (("faces", faces), ("temperature", temperature)):
+    for name, part in (("faces", faces), ("temperature", temperature), ("notes", notes)):
         if name in chosen.only:
             chosen.only.remove(name)
             part(chosen.runs)

@@ -42,12 +42,30 @@ def test_a_linear_sensor_is_good_and_in_its_intervals(base):
         ("warm-up", "lack_drift", "drift"),
         ("9 poses", "few_poses", ""),
         ("quadratic, 12", "lack_accel", "a quadratic term"),
+        ("creep 0.1 %", "lack_accel", "a creep"),
+        ("hysteresis", "lack_memory", "a hysteresis"),
+        ("jump", "lack_step", ""),
     ],
 )
 def test_what_the_model_lacks_is_named(case, code, words):
-    found, _ = calibrated(0, case)
+    found, truth = calibrated(0, case)
     assert found.verdict == "weak"
+    assert np.mean(cases.inside(found, truth)[:9][found.estimate.error[:9] > 0]) > 0.8
     assert words in next(one for one in found.findings if one.code == code).facts.get("term", "")
+
+
+@pytest.mark.long
+def test_a_creep_is_fitted_and_a_drift_is_in_the_interval_of_the_bias(base):
+    stamps, accel, gyro, truth = world.record(0, **world.CASES["creep 0.5 %"])
+    found = jaxcal.imu.multi_position(jaxcal.Log(stamps, accel=accel, gyro=gyro), gravity=world.GRAVITY, held_out=False, terms="auto")
+    assert found.verdict == "good"
+    assert np.abs(found.estimate.values - truth)[:9].max() < 3e-4  # 2.5e-3 without the term
+    for seed in SEEDS:
+        assert "drift" not in base[seed][0].codes
+        found, truth = calibrated(seed, "gyro drift")
+        assert "drift" in found.codes
+        # a uniform distribution over the drift has a standard deviation of 0.29 of it
+        assert found.estimate.error[21:24] == pytest.approx(0.29 * 0.1 * world.DEGREE * np.array([1.0, 0.7, 0.4]), rel=0.1)
 
 
 @pytest.mark.long
