@@ -263,7 +263,7 @@ def find_changes(
     return Changes(fitted, shares, instead[1], instead[0] > -_LEVELS["hint"])
 
 
-def _shares(beyond: Any) -> AnyArray:
+def _shares(beyond: Any) -> Any:
     """Probability that a change is real whose likelihood ratio is `beyond` its level."""
     return scipy.special.expit(0.5 * np.asarray(beyond))
 
