@@ -131,7 +131,7 @@ def descend(
         if xp is np
         else jax.tree.map(lambda leaf: xp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(evaluate, start, carry)[:2])
     )
-    before = Point(start, carry, *kept, zero, zero[None] * zero[:, None], zero, none + np.inf)
+    before = Point(start, carry, kept[0], kept[1], zero, zero[None] * zero[:, None], zero, none + np.inf)
     begin = _State(before, start, zero, zero, none + 1.0, xp.asarray(0), xp.asarray(False))
     end = repeated(advance, begin, lambda state: state.done)
     flat = (offset(end.best, end.newton) <= 1e-6) | (xp.linalg.norm(end.newton) <= eps**0.5 * xp.linalg.norm(end.best.column * end.best.x))

@@ -1,6 +1,6 @@
 """Attitudes by another estimator, such as the filter of a flight controller, as an aid of the fit."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import numpy as np
@@ -39,6 +39,7 @@ class Attitude(eqx.Module):
     [[0.0, 0.0, -1.0]]
     """
 
+    turns: ClassVar[bool] = True  # the fit rotates the axes of the magnetometer to those of the body, as `Accelerometer.turns`
     quaternion: Any
     dip: float | int | None = None
 
@@ -53,8 +54,3 @@ class Attitude(eqx.Module):
         """(n, 3) unit vectors upwards in body axes: the direction of the specific force if the vehicle were at rest."""
         w, x, y, z = np.asarray(self.quaternion, float).T
         return -np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), w**2 - x**2 - y**2 + z**2], axis=1) + 0.0
-
-    @property
-    def turns(self) -> bool:
-        """Whether the fit rotates the axes of the magnetometer to those of the body, as `Accelerometer.turns`."""
-        return True

@@ -229,9 +229,7 @@ def earth_field(latitude: float | int, longitude: float | int, date: Any, *, alt
 
 def _decimal_year(date: Any) -> float:
     if isinstance(date, datetime.date):
-        start, end = datetime.date(date.year, 1, 1), datetime.date(date.year + 1, 1, 1)
-        day = date.date() if isinstance(date, datetime.datetime) else date
-        return date.year + (day - start) / (end - start)
+        return date.year + (date.timetuple().tm_yday - 1) / 365.25
     try:
         return float(date)
     except (TypeError, ValueError) as error:

@@ -96,7 +96,7 @@ FINDINGS = table(
         "Negate the accelerometer: specific force points up at rest.",
     ),
     unseen_axes=Kind(
-        NOTE, "Magnitudes cannot show mirrored axes.", "Turn clockwise at level: the heading must rise."
+        NOTE, "The readings do not show whether axes are mirrored.", "Turn clockwise at level: the heading must rise."
     ),
     # along a long log
     drifts=Kind(

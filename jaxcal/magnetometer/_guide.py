@@ -109,7 +109,7 @@ def guide(
     choice = None if candidates is None else np.asarray(candidates, dtype=np.float64).reshape(-1, 3)
     found = None if few else fit(m, model="symmetric", inclination=inclination)
     error = bound = np.inf
-    if found is None or found.model is None or not np.isfinite(np.asarray(found.iron_covariance)).all():
+    if found is None or found.model is None or not np.isfinite(np.asarray(found.estimate.matrix)).all():
         # the direction farthest from those seen
         centre = sphere_centre(m) if len(m) else np.zeros(3)
         points = grid if choice is None else unit(choice - centre)

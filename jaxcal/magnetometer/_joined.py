@@ -56,7 +56,8 @@ def joined(first: MagFit, asked: Asked, rows: np.ndarray) -> MagFit:
     size = np.abs(columns - nearest).max(axis=0)
     scaled = (columns - nearest)[rows] / size
     found, frame, axes = fitted(m, rows, at, source, first, (norm, field_error, dip, getattr(aid, "dip", None)), scaled)
-    about = by_axes(axes, asked.sign)
+    faults = by_axes(axes, asked.sign)
+    about = [*faults, *([FINDINGS("unseen_axes")] if axes is None else [])]
     if found is None or not np.isfinite(found.covariance).all():
         about += [] if found is None else [FINDINGS("not_converged", what="the soft iron beside the other sensor")]
         return replaced(first, findings=(*(one for one in first.findings if one.code not in _OF_AXES), *about))
@@ -86,13 +87,13 @@ def joined(first: MagFit, asked: Asked, rows: np.ndarray) -> MagFit:
     error = np.asarray(rms_heading(both_tilts(change, dip_seen, down), seen))
 
     turn = alignment_of(found, source) if source and source != "plane" else None
-    said = [one for one in first.findings if one.code in _KEPT]
+    said = [*about, *(one for one in first.findings if one.code in _KEPT)]
     if source == "plane":
         said.append(FINDINGS("plane", severity=NOTE if aid.asked else CAUTION))
     if turn is not None:
-        said += [*about, *turn.findings]
+        said += turn.findings
         said += FINDINGS.over("aid_off", found.spread, angle=Quantity(found.spread, "angle"), source=NAMES[source])
-        if dip is not None and source in ("accel", "attitude") and not about:
+        if dip is not None and source in ("accel", "attitude") and not faults:
             said += dip_differs(float(found.parameters[13]), dip)
     mean = float(np.cbrt(np.linalg.det(first.model.soft_iron)) * first.field) if first.model is not None and norm is not None else field
     if norm is not None and field_error is not None:

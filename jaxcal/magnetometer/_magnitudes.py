@@ -23,26 +23,8 @@ from ._axes import Axes, axes_of, by_axes
 from ._checked import Asked
 from ._design._coverage import bins
 from ._design._heading_error import TILT, both_tilts, by_iron, down_of, heading_change, information, rms_heading
-from ._ellipsoid._algebraic import (
-    COUNT,
-    NEAR_PLANAR,
-    UPPER,
-    Frame,
-    NotEllipsoid,
-    away,
-    basis_of,
-    between,
-    consistent,
-    constrained,
-    extents,
-    iron_slopes,
-    parameters_of,
-    radius_of,
-    shape_of_soft,
-    soft_and_centre,
-    soft_of,
-    unit,
-)  # fmt: skip
+from ._ellipsoid import _algebraic as quadric
+from ._ellipsoid._algebraic import COUNT, NEAR_PLANAR, Frame, NotEllipsoid, basis_of, between, radius_of, unit
 from ._ellipsoid._orthogonal import Found, by_ellipsoid, directions_of, distances, fitted, left_out, of_parameters
 from ._ellipsoid._robust import chosen_rows
 from ._findings import AGREE, FINDINGS
@@ -92,15 +74,15 @@ def surface_of(m: np.ndarray, method: str, model: str, norm: Any, limit: tuple[f
     if count <= COUNT[least] or frame.scale < EXACT * np.abs(m).max():
         return Surface(FINDINGS("few", count=count, model=least, least=COUNT[least] + 1))
     u = frame.scaled(m)
-    spread = extents(u)
+    spread = quadric.extents(u)
     if spread[1] < NEAR_PLANAR:
         return Surface(FINDINGS("line"))
     if model == "planar" or (spread[2] < NEAR_PLANAR and model == "auto" and method == "ml"):
         normal = np.linalg.svd(u, full_matrices=False)[2][2]
         return Surface(plane=normal * np.sign(normal[np.argmax(np.abs(normal))]))
     if method != "ml":
-        shape, centre = constrained(u) if method == "constrained" else consistent(u)
-        return ellipsoid(of_parameters(u, least, parameters_of(least, soft_of(shape), centre)), frame, norm, u)
+        shape, centre = quadric.constrained(u) if method == "constrained" else quadric.consistent(u)
+        return ellipsoid(of_parameters(u, least, quadric.parameters_of(least, quadric.soft_of(shape), centre)), frame, norm, u)
     if model != "auto":
         return ellipsoid(fitted(u, model), frame, norm, u)
     fits, occupied = candidates(u, count)
@@ -112,7 +94,7 @@ def ellipsoid(found: Found, frame: Frame, norm: Any, u: Any = None, unseen: Any 
     """The surface of an ellipsoid in scaled readings, traced or not; `norm`: magnitude of the field if it is given."""
     radius = radius_of(found.soft)
     field = frame.scale * radius if norm is None else norm
-    slopes = iron_slopes(found.soft * frame.scale, field, norm is not None) * frame.scale
+    slopes = quadric.iron_slopes(found.soft * frame.scale, field, norm is not None) * frame.scale
     model = MagModel(found.soft * frame.scale / field, frame.centre + frame.scale * found.centre)
     bias = np.zeros(13) if unseen is None else slopes @ unseen
     return Surface(
@@ -168,8 +150,8 @@ def candidates(u: np.ndarray, distinct: int) -> tuple[dict[str, Found], int]:
         begin = None if full is None else _nearest(full, kind)
         if full is not None and begin is not None:
             margin = (COUNT[full.kind] - COUNT[kind]) * np.log(count)
-            near, centre = soft_and_centre(begin, basis_of(kind))
-            if score(away((shape_of_soft(near), centre), u), kind, count) > score(full.distance, full.kind, count) + margin:
+            near, centre = quadric.soft_and_centre(begin, basis_of(kind))
+            if score(quadric.away((quadric.shape_of_soft(near), centre), u), kind, count) > score(full.distance, full.kind, count) + margin:
                 continue
         try:
             fits[kind] = fitted(u, kind, begin)
@@ -249,7 +231,7 @@ def examined(surface: Surface, whole: Any, rows: np.ndarray, conditions: dict[st
         return found.covariance, False, []
     left, causes = found.distance, []
     if surface.u is not None and len(left) >= _FEWEST:
-        near = by_ellipsoid(surface.u, basis_of("symmetric"), parameters_of("symmetric", found.soft, found.centre))
+        near = by_ellipsoid(surface.u, basis_of("symmetric"), quadric.parameters_of("symmetric", found.soft, found.centre))
         columns = _columns(found, near.normal, near.field @ found.soft, whole, rows, conditions)
         columns = {name: part[:, np.abs(part).max(axis=0) > 1e-12 * radius] for name, part in columns.items()}
         # a soft iron that the model leaves out is told by another step: a cause is what the largest model does not explain
@@ -261,7 +243,7 @@ def examined(surface: Surface, whole: Any, rows: np.ndarray, conditions: dict[st
 
 def from_structure(found: Found, readings: np.ndarray, condition: float, weakest: str) -> list[Finding]:
     """Findings that lie in the geometry of the readings, and those about the convergence of the fit."""
-    if extents(Frame.of(readings).scaled(readings))[-1] < NEAR_PLANAR:
+    if quadric.extents(Frame.of(readings).scaled(readings))[-1] < NEAR_PLANAR:
         return [FINDINGS("near_planar")]
     if not np.isfinite(found.covariance).all() or FINDINGS.over("undetermined", condition, what=weakest):
         return [FINDINGS("undetermined", what=weakest)]
@@ -303,7 +285,7 @@ def by_magnitudes(asked: Asked) -> tuple[MagFit, np.ndarray, Any]:
 
     # the error: by parts of the log, at least that of white residuals, with what the fit cannot see by itself
     headings = both_tilts(surface.change, dip, down)
-    log = None if own else (m - model.hard_iron) / surface.scale + found.centre
+    log: Any = None if own else (m - model.hard_iron) / surface.scale + found.centre
     covariance, parts, causes = examined(surface, log, used, asked.conditions)
     steps = [np.outer(one, one) for one in [surface.unseen, *(slopes @ cause.step for cause in causes)]]
     matrix = between(slopes, covariance) + sum(steps)
@@ -339,7 +321,7 @@ def by_magnitudes(asked: Asked) -> tuple[MagFit, np.ndarray, Any]:
 
 def _weakest(found: Found, further: dict[str, float]) -> tuple[float, str]:
     """Condition number of the fit of a model object, and the parameters that it determines least."""
-    names = [f"soft_iron[{i},{j}]" for i, j in zip(*UPPER, strict=True)] + [f"hard_iron[{i}]" for i in range(3)]
+    names = [f"soft_iron[{i},{j}]" for i, j in zip(*quadric.UPPER, strict=True)] + [f"hard_iron[{i}]" for i in range(3)]
     known = of_jacobian(found.rows, names=(*names, *further))
     return float(known.condition), ", ".join(known.weakest)
 

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import equinox as eqx
+import jax
 import numpy as np
 
 from .._answer import CAUTION, FATAL, Finding, Grid, Number, Quantity, Result, Section, by_axis, listed
 from .._frozen import made, replaced
-from .._precision import array_module, is_traced
 from .._types import AnyArray
 from .._units import BEYOND
 from ..fitting import Estimate
@@ -34,13 +34,13 @@ _LARGEST = 30.0  # degrees: a larger predicted error only says that the heading 
 
 def quantity_of(field: Any) -> str:
     """Quantity of the readings: "mag" for a field in tesla, else "counts"; "ratio" where it is traced."""
-    return "ratio" if is_traced(field) else "mag" if field < BEYOND["mag"] else "counts"
+    return "ratio" if isinstance(field, jax.Array) else "mag" if field < BEYOND["mag"] else "counts"
 
 
 def estimated(model: MagModel, field: Any, covariance: Any, freedom: float | int, further: dict[str, Any] | None = None,
               held: bool = True) -> Estimate:  # fmt: skip
     """Hard iron, soft iron, the field and `further` parameters (name -> value), in this order, with their covariance."""
-    xp, quantity, further = array_module(model, field, covariance), quantity_of(field), further or {}
+    xp, quantity, further = covariance.__array_namespace__(), quantity_of(field), further or {}
     known = xp.isfinite(covariance).all()
     covariance = xp.where(known, covariance, xp.inf)
     values = [
@@ -175,14 +175,9 @@ class MagFit(Result):
         return outliers(np.asarray(self.residual) / float(self.field)) if len(self.residual) else np.zeros(0, dtype=int)
 
     @property
-    def iron_covariance(self) -> AnyArray:
-        """(12, 12) covariance of hard and soft iron."""
-        return self.estimate.matrix[:12, :12]
-
-    @property
     def needed(self) -> np.ndarray:
         """(3, 3) unit vectors, in the corrected field's axes, in which further readings would help most; (0, 3) if unknown."""
-        if self.model is None or self.kind == "planar" or not np.isfinite(np.asarray(self.iron_covariance)).all():
+        if self.model is None or self.kind == "planar" or not np.isfinite(np.asarray(self.estimate.matrix)).all():
             return np.zeros((0, 3))
         return needed(self.model, float(self.field), np.asarray(self.estimate.matrix[:13, :13]), sphere_grid())
 

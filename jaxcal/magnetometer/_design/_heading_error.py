@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from ..._precision import array_module
 from ..._types import AnyArray
 from .._ellipsoid._algebraic import SYMMETRIC, UPPER, basis_of
 from .._field import INCLINATION, unit_field
@@ -69,7 +68,7 @@ def heading_slopes(change: Callable[[np.ndarray], Any], headings: np.ndarray, ti
     """
     across, directions = _grid(headings, tilt, dip, down)
     slopes = change(directions)
-    return array_module(slopes).einsum("ni,nip->np", across, slopes)
+    return slopes.__array_namespace__().einsum("ni,nip->np", across, slopes)
 
 
 def both_tilts(change: Callable[[np.ndarray], Any], dip: float, down: AnyArray | None = None) -> tuple[Any, Any]:
@@ -77,13 +76,13 @@ def both_tilts(change: Callable[[np.ndarray], Any], dip: float, down: AnyArray |
     level, leaning = (_grid(HEADINGS, tilt, dip, down) for tilt in (0.0, TILT))
     across, directions = (np.concatenate(parts) for parts in zip(level, leaning, strict=True))
     slopes = change(directions)
-    rows = array_module(slopes).einsum("ni,nip->np", across, slopes)
+    rows = slopes.__array_namespace__().einsum("ni,nip->np", across, slopes)
     return rows[: len(level[0])], rows[len(level[0]) :]
 
 
 def rms_heading(slopes: tuple[Any, Any], covariance: Any) -> Any:
     """Root mean square heading error in rad, at level and tilted, from the covariance of the parameters; infinite if that is."""
-    xp = array_module(slopes, covariance)
+    xp = covariance.__array_namespace__()
     known = xp.isfinite(covariance).all()
     safe = xp.where(known, covariance, 0.0)
     # rounding may make a small value negative
@@ -96,8 +95,8 @@ def by_iron(model: Any, field: Any) -> Callable[[np.ndarray], Any]:
 
     With the whole matrix H C and its inverse W, u changes by -W db - H W dC u. A change of H turns no heading.
     """
-    xp = array_module(model.soft_iron, field)
-    inverse = xp.linalg.inv(xp.asarray(model.soft_iron) * field)
+    xp = model.soft_iron.__array_namespace__()
+    inverse = xp.linalg.inv(model.soft_iron * field)
 
     def change(directions: np.ndarray) -> Any:
         n = len(directions)

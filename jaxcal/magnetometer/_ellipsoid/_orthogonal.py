@@ -144,7 +144,10 @@ def _at_foot(shape: Any, z: Any, near: Any) -> tuple[Any, Any, Any, Any]:
     return t * length, y, normal / length[:, None], t
 
 
-distance_to = jax.custom_jvp(lambda shape, z: _at_foot(shape, z, jnp.zeros_like(z[:, 0]))[0])
+@jax.custom_jvp
+def distance_to(shape: Any, z: Any) -> Any:
+    """Distance (n,) of z to x'Ax = 1, which can be differentiated twice."""
+    return _at_foot(shape, z, jnp.zeros_like(z[:, 0]))[0]
 
 
 @distance_to.defjvp
@@ -274,7 +277,7 @@ def found_of(x: Any, iron: tuple, near: Near, weights: Weights, basis: np.ndarra
     """A fitted surface by its distances and their slopes, and by the prior."""
     covariance = x.__array_namespace__().where(weights.determined, weights.noise**2 * weights.inverse, np.inf)
     left = near.distance - weights.noise2 * near.curvature
-    return Found(x, *iron, covariance, weights.noise, weights.freedom, left, near.slopes, converged, kind, weights.noise2)
+    return Found(x, iron[0], iron[1], covariance, weights.noise, weights.freedom, left, near.slopes, converged, kind, weights.noise2)
 
 
 def maximised(near_at: Callable[..., Near], begin: Any, h: Any, basis: np.ndarray, size: Any, *data: Any) -> tuple[Any, Near, Weights, Any]:
