@@ -16,7 +16,7 @@ from ._model import DeviceModel
 _TITLES = {"accel": "accelerometer", "gyro": "gyroscope", "magnetometer": "magnetometer"}
 #: parameters of the tables of the sensors
 _PARTS = {"accel": ("accel.*", "lever*"), "gyro": ("gyro.*", "gyro_delay"), "magnetometer": ("magnetometer.*", "field", "mag_delay")}
-_LABELS = {"gyro_delay": "delay", "mag_delay": "delay", "field": "Earth's field"} | dict.fromkeys(_TITLES, "sixth left out, in its noise")
+_LABELS = {"gyro_delay": "delay", "mag_delay": "delay", "field": "Earth's field"} | dict.fromkeys(_TITLES, "left out / noise")
 
 
 class DeviceFit(Result):
