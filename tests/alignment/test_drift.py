@@ -23,10 +23,8 @@ def results(plan, runs, known=True, parts=True, kind="none", **faults):
     for run in range(runs):
         rng = np.random.default_rng([run, 31])
         attitude = np.array([1.0, 2.0, rng.uniform(-180, 180)]) * DEG
-        drift = world.DRIFTS[kind]
-        time, angle, accel, gyro, _, _ = world.recording(
-            rng, plan[0], [plan[1]] * len(plan[0]), "white", attitude, rate=10.0, drift=drift, **faults
-        )  # fmt: skip
+        options = {"rate": 10.0, "drift": world.DRIFTS[kind], **faults}
+        time, angle, accel, gyro, _, _ = world.recording(rng, plan[0], [plan[1]] * len(plan[0]), "white", attitude, **options)
         got = from_log(jaxcal.Log(time, accel=accel, gyro=gyro), angle=angle, noise=NOISE if known else None)
         found = got.fit(world.LATITUDE) if parts else fit(Readings(got.readings.positions, got.readings.accel, got.readings.gyro,
             accel_noise=NOISE["accel"], gyro_noise=NOISE["gyro"]), world.LATITUDE)  # fmt: skip
@@ -54,8 +52,8 @@ def test_a_drift_is_named_and_the_azimuth_holds_or_is_withheld(plan, kind, parts
     assert held[2] > 0.95 - 3 * np.sqrt(0.95 * 0.05 / runs)
 
 
-@pytest.mark.parametrize("plan", [FOUR, MIRRORED, world.PAIRS], ids=["four", "mirrored", "pairs"])
-def test_without_a_drift_nothing_is_found_and_the_estimate_is_as_good_as_before(plan):
+@pytest.mark.parametrize(("plan", "most"), [(FOUR, 3.0), (MIRRORED, 1.6), (world.PAIRS, 1.2)], ids=["four", "mirrored", "pairs"])
+def test_without_a_drift_nothing_is_found_and_the_estimate_is_as_good_as_before(plan, most):
     found, held, off = results(plan, 30)
     assert np.mean([one.verdict == "good" for one in found]) > 0.95
     assert not any({"drift", "tilt"} & one.codes for one in found)
@@ -63,28 +61,22 @@ def test_without_a_drift_nothing_is_found_and_the_estimate_is_as_good_as_before(
     # the bound without a drift: N sqrt(2 / T) over the horizontal part of the Earth's rate
     bound = world.GYRO[0] * np.sqrt(2 / 480.0) / (world.EARTH * np.cos(world.LATITUDE))
     assert off[2] < bound * (1.03 + 3 / np.sqrt(2 * 30))
-    # an order in which no drift matters costs a tenth of the stated error, the plain one more than twice
-    stated = np.median([one.azimuth_std for one in found]) / bound
-    assert stated < {FOUR[1]: 3.0, MIRRORED[1]: 1.6}[plan[1]]
+    assert np.median([one.azimuth_std for one in found]) / bound < most
     assert plan is MIRRORED or all(("drift_order" in one.codes) == (plan is FOUR) for one in found)
 
 
 def test_a_step_that_four_positions_cannot_show_is_named_with_its_size_and_the_order_that_shows_it():
     found, _, _ = results(FOUR, 10, kind="step")
     order = [one for result in found for one in result.findings if one.code == "drift_order"]
-    assert len(order) == 10
-    assert all("0, 180, 180, 0, 90, 270, 270, 90" in str(one) for one in order)
+    assert sum("0, 180, 180, 0, 90, 270, 270, 90" in str(one) for one in order) == 10
     # a step of 1 deg/h in the middle changes both harmonics by 0.5 deg/h, of 12.3
     assert max(one.facts["size"].value for one in order) == pytest.approx(np.sqrt(0.5) / (15.041 * np.cos(world.LATITUDE)), rel=0.05)
 
 
-def test_a_tilting_base_is_named_and_roll_and_pitch_hold():
+def test_a_tilting_base_is_named_and_errors_of_the_angles_are_no_tilt():
     found, held, _ = results(FOUR, 20, tilt=41 / 3600 * DEG)
     assert np.mean(["tilt" in one.codes or "misfit" in one.codes for one in found]) >= 0.9
     assert np.all(held[:2] >= 0.8)
-
-
-def test_errors_of_the_angles_are_no_tilt_and_are_named():
     for known in (True, False):
         found, held, _ = results(FOUR, 20, known, encoder=0.1 * DEG)
         assert np.mean(["tilt" in one.codes for one in found]) <= 0.1
