@@ -1,7 +1,6 @@
 """Find the files of a recording and detect their format."""
 
 import contextlib
-import os
 import pathlib
 import re
 import struct
@@ -23,7 +22,6 @@ _MAGIC = {
 }  # fmt: skip
 #: suffixes of text tables; other text files (notes, configuration) are not logs
 _TEXT = (".csv", ".tsv", ".txt", ".dat", ".csv.gz", ".tsv.gz", ".txt.gz", ".dat.gz")
-_LOGS = (*_TEXT, ".bag", ".db3", ".mcap", ".ulg", ".bin", ".npz", ".npy", ".parquet", ".mat", ".h5", ".hdf5")
 _PART = re.compile(r"(.+)_(\d+)")
 #: words that differ between files of the same sensor: Accelerometer, AccelerometerUncalibrated, TotalAcceleration
 _VARIANT = re.compile(r"uncalibrated|uncal|total|raw|calibrated|accelerometer|acceleration|accel|acc|[^a-z0-9]")
@@ -84,7 +82,7 @@ def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
     if not logs and refused:
         raise DataError(refused, code="not_a_log")
     if not logs:
-        raise DataError(f"no readable log and no ROS 2 recording (metadata.yaml) in it{_below(path)}; give a log file", code="not_a_log")
+        raise DataError("no readable log and no ROS 2 recording (metadata.yaml) in it; give a log file", code="not_a_log")
     files, kinds = list(logs), set(logs.values())
     if len(files) == 1:
         return kinds.pop(), files
@@ -118,17 +116,6 @@ def _names_sensors(file: pathlib.Path) -> bool:
         words = re.split(r"[,;\t\n]", opened.read(2048).decode("utf-8", "replace"))
         return any((one := parse(word.strip('" #\r'))) is not None and one.kind in SENSORS for word in words if word.strip())
     return False
-
-
-def _below(folder: pathlib.Path) -> str:
-    """List logs in the subfolders, for a message."""
-    found: list[str] = []
-    for looked, (here, folders, files) in enumerate(os.walk(folder)):
-        folders[:] = sorted(name for name in folders if not name.startswith("."))
-        found += [str(pathlib.Path(here, name).relative_to(folder)) for name in sorted(files) if name.lower().endswith(_LOGS)]
-        if len(found) > 3 or looked > 50:
-            break
-    return f"; below it there are {', '.join(one.encode('ascii', 'backslashreplace').decode() for one in found[:3])}" if found else ""
 
 
 def _parts(files: list[pathlib.Path]) -> list[pathlib.Path]:
