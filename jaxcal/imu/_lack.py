@@ -25,7 +25,7 @@ _ENOUGH = 8  # least degrees of freedom of the magnitudes, to judge a term of th
 _WORDS = {"quadratic": "a quadratic term", "cubic": "a cubic term", "asymmetry": "an asymmetry of sign", "drift": "a linear drift",
           "warm_up": "a drift of a warm-up", "curve": "a quadratic drift", "hysteresis": "a hysteresis",
           "creep": "a creep of 15 s"}  # fmt: skip
-_IN_TIME, _FITTED = ("drift", "warm_up", "curve"), (*(name.partition(".")[2] for name in TERMS), "creep")
+_IN_TIME = ("drift", "warm_up", "curve")
 _NUDGE = 1e-3  # step of the finite difference, relative to the full term
 
 
@@ -51,8 +51,7 @@ def lacks(joint: Joint, rests: Rests, middle: float) -> list[Lack]:
     fit, slots, count = joint.fit, len(joint.found.norm), len(rests.accel)
     names, root = np.array(fit.names), np.sqrt(np.asarray(fit.weights))
     rows, slope = root * np.asarray(fit.residuals), root[:, None] * np.asarray(fit.jacobian)
-    turns, accel, found = joint.data.turns, np.asarray(fit.model.accel.matrix), []
-    scale = np.abs(np.diag(np.asarray((fit.model.accel if turns is None else fit.model.gyro).matrix)))
+    turns, found = joint.data.turns, []
 
     def judged(
         sensor: str, what: str, own: np.ndarray, y: np.ndarray, columns: np.ndarray, terms: dict[str, np.ndarray], at: float
@@ -63,9 +62,10 @@ def lacks(joint: Joint, rests: Rests, middle: float) -> list[Lack]:
                 continue
             kind, _, where = best.name.partition("@")
             size = Quantity(float(np.abs(best.coefficient).max()) * (at if what == "turns" else 1.0), sensor)
-            moved = np.abs(best.shift)[np.char.startswith(names, f"{sensor}.matrix")].max(initial=0.0) / scale.min()
+            per_unit = np.abs(np.diag(np.asarray(getattr(fit.model, sensor).matrix))).min()
+            moved = np.abs(best.shift)[np.char.startswith(names, f"{sensor}.matrix")].max(initial=0.0) / per_unit
             facts: dict[str, Any] = {"what": what, "size": size, "cost": size.value, "matrix": parts_of(moved)}
-            term = f"{sensor}.{kind}" if kind in _FITTED and not (turns is None and kind in (*_IN_TIME, "creep")) else None
+            term = f"{sensor}.{kind}" if f"{sensor}.{kind}" in TERMS and not (turns is None and kind in (*_IN_TIME, "creep")) else None
             if where:
                 time = float(middle + rests.time[int(where)] - rests.duration[int(where)] / 2)
                 made = FINDINGS("lack_step", sensor, pose=int(where), time=Quantity(time, "time"), **facts)
@@ -80,7 +80,7 @@ def lacks(joint: Joint, rests: Rests, middle: float) -> list[Lack]:
     force = joint.found.vertical * float(joint.data.gravity)
     norms, own = slice(0, slots), np.char.startswith(names, "accel")
     left = int(np.sum(np.any(slope[norms] != 0, axis=1)) - np.linalg.matrix_rank(slope[norms][:, own])) - 3
-    shapes = _shapes(force, rests, np.abs(np.diag(accel)))
+    shapes = _shapes(force, rests, np.abs(np.diag(np.asarray(fit.model.accel.matrix))))
     across = -joint.found.vertical / np.asarray(joint.data.poses.sigma)[:, None]  # effect on the magnitudes of the force along each axis
     terms = {name: across * shape for name, shape in shapes.items()}
     tried = [("poses", norms, own, terms)] if left >= _ENOUGH or turns is None else []
@@ -96,6 +96,7 @@ def lacks(joint: Joint, rests: Rests, middle: float) -> list[Lack]:
             judged("accel", what, kept, rows[part], slope[part], terms, STANDARD_GRAVITY)
     if turns is None:
         return found or _scattered(joint, rests, count - int(np.sum(own)), left)
+    scale = np.abs(np.diag(np.asarray(fit.model.gyro.matrix)))
     fast = float(np.quantile(np.abs(turns.gyro - np.asarray(fit.model.gyro.bias)) / scale, 0.999))
     part = slice(slots, 3 * slots - 2)
     terms = {name: root[part, None] * x for name, x in _turn_terms(joint, fast).items()}
