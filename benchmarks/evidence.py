@@ -13,6 +13,7 @@ bands: a gyroscope with a dead band: stated error of the bias over the actual on
 dead: one dead axis: what the other axes lose.
 coarse: an accelerometer in steps of 15 mg: how often `imu` answers, and whether clipping is claimed.
 resampled: readings of 250 Hz, copied or interpolated to 400 Hz, and noise of a filter: how often it is named.
+real: the logs of JAXCAL_REFERENCE with the evidence as found, and with nothing set aside: each number's change over its error.
 cost: seconds of the stage and of the commands.
 
 Records of noise are made here, in the frequency domain; motion by the simulators of the package, which share nothing with the detectors.
@@ -37,7 +38,9 @@ import scipy.signal
 
 import jaxcal
 from jaxcal.evidence import bursts, find
+from jaxcal.evidence._stretch import NO_READING, NOT_STILL
 from jaxcal.evidence._uneven import unevenness
+from jaxcal.io._suited import unsuited
 
 ROUNDING = {"float": 0.0, "fine": 0.1, "sd": 1.0, "coarse": 2.0, "hidden": 10.0}  # step of the values, in standard deviations of the noise
 AXES = np.array([0.6, -0.3, 0.74])  # direction of every event
@@ -387,6 +390,77 @@ def resampling(runs: int) -> None:
     print("resampled: named in", {name: f"{100 * np.mean(found):.0f} %" for name, found in rows.items()})
 
 
+def real_logs():
+    """Name, command and log of every real log with an IMU or a magnetometer that suits a command."""
+    root = pathlib.Path(os.environ["JAXCAL_REFERENCE"], "data")
+    paths = [path for path in sorted(root.rglob("*")) if path.is_file() and "expected" not in path.name]
+    for path in [*paths, root / "imu_tk"]:
+        options = {"units": "accel=m/s^2"} if "mikoff" in str(path) else {}
+        with contextlib.suppress(jaxcal.JaxcalError):
+            if path.name == "imu_tk":
+                accel, gyro = (np.loadtxt(path / f"xsens_{name}.mat") for name in ("acc", "gyro"))
+                log = jaxcal.Log(accel[:, 0], accel=accel[:, 1:], gyro=gyro[:, 1:])
+                yield path.name, "imu", log
+                continue
+            if path.name == "imu1.npz" or path.name == "imu2.npz":  # counts and their scales
+                held = np.load(path)
+                y = held["counts"] * held["scale"]
+                log = jaxcal.Log(None, gyro=np.radians(y[:, :3]), accel=9.80665 * y[:, 3:], rate=100.0)
+            elif path.parent.name == "mikoff" and path.suffix == ".log":
+                y = np.loadtxt(path)
+                log = jaxcal.Log(None, accel=y[:, :3], gyro=y[:, 3:6], rate=100.0)
+            else:
+                log = jaxcal.read(path, quiet=True, **options)
+            for command in ("noise", "mag", "imu"):
+                there = {"noise": True, "mag": log.mag is not None, "imu": log.accel is not None and log.gyro is not None}[command]
+                if there and unsuited(command, log.cleaned(True) if command == "noise" else log) is None:
+                    yield path.name, command, log
+
+
+def numbers_of(command: str, log: jaxcal.Log, raw: bool = False) -> dict[str, tuple[float, float]]:
+    """Each number of a command, and its standard error."""
+    if command == "noise":
+        found = jaxcal.noise.characterise(log)
+        return {
+            f"{name} {term}": (float(getattr(one.noise, term)), float(np.ptp(one.interval[term])) / 3.92)
+            for name, one in found.items() for term in "NBK" if one.interval[term][0] > 0
+        }  # fmt: skip
+    found = jaxcal.magnetometer.fit(log) if command == "mag" else jaxcal.imu.multi_position(log, raw=raw, gravity=9.81, held_out=False)
+    estimate = found.estimate
+    return dict(
+        zip(estimate.names, zip(np.asarray(estimate.values).tolist(), np.asarray(estimate.error).tolist(), strict=True), strict=True)
+    )
+
+
+def real(_: int) -> None:
+    """Each estimate with the evidence as it is found, and with nothing set aside, in stated errors."""
+    print("real: numbers; those that change by more than the error, the largest change; what was set aside")
+    total = collections.Counter()
+    for name, command, log in real_logs():
+        aside = [one for one in log.evidence if one.kind in (*NO_READING, *(NOT_STILL if command == "noise" else ()))]
+        total["logs"] += 1
+        total["with evidence"] += bool(aside)
+        if not aside:
+            continue  # nothing is set aside, and nothing can change
+        try:
+            raw = name == "imu_tk"
+            ours = numbers_of(command, log.cleaned(command == "noise", left=() if command == "noise" else ("clipped", "zeroed")), raw)
+            kept = numbers_of(command, log.cleaned(command == "noise", (*NO_READING, *NOT_STILL)), raw)
+        except jaxcal.JaxcalError as error:
+            print(f"  {name} {command}: {str(error)[:80]}")
+            continue
+        apart = {key: (abs(ours[key][0] - kept[key][0]), ours[key][1]) for key in ours.keys() & kept.keys()}
+        moved = {key: change / error if error > 0 else np.inf if change else 0.0 for key, (change, error) in apart.items()}
+        many = {key: size for key, size in moved.items() if size > 1.0}
+        worst = max(moved, key=moved.get, default="")
+        kinds = {kind: round(sum(one.samples for one in aside if one.kind == kind) / log.rate, 2) for kind in {one.kind for one in aside}}
+        print(f"  {name} {command}: {len(moved)} numbers, {len(many)} moved, most {worst} {moved.get(worst, 0.0):.2g}; seconds of {kinds};",
+              f"only in one: {sorted(ours.keys() ^ kept.keys())}")  # fmt: skip
+        total["numbers"] += len(moved)
+        total["moved"] += len(many)
+    print("  " + ", ".join(f"{what} {count}" for what, count in total.items()))
+
+
 def cost(_: int) -> None:
     y = np.random.default_rng(0).normal(size=(1_000_000, 6)) * 1e-3 + [0, 0, 0, 0, 0, 9.81]
     jaxcal.Log(None, gyro=y[:100_000, :3], rate=100.0).evidence  # noqa: B018
@@ -410,7 +484,7 @@ def cost(_: int) -> None:
 
 
 PARTS = {"alarms": alarms, "knocks": knocks, "noise": noise_of_knocks, "uneven": uneven, "stamps": stamps, "held": held, "bands": bands,
-         "dead": dead, "coarse": coarse, "resampled": resampling, "cost": cost}  # fmt: skip
+         "dead": dead, "coarse": coarse, "resampled": resampling, "real": real, "cost": cost}  # fmt: skip
 
 
 def main() -> None:

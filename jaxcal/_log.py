@@ -274,11 +274,13 @@ class Log(eqx.Module):
         """
         values = self._sensors()[sensor]
         found = self.evidence if still else of_values(sensor, values, self.rate, si_unit(sensor))
-        out = set_aside(sensor, values, self.rate, found, still, keep)
+        out = set_aside(sensor, values, self.rate, found, still, (*keep, *vars(self).get("_raw", (None, ()))[1]))
         return out[:, 0] if sensor == "temperature" else out
 
-    def cleaned(self, still: bool = False, keep: Iterable[str] = ()) -> "Log":
+    def cleaned(self, still: bool = False, keep: Iterable[str] = (), left: Iterable[str] = ()) -> "Log":
         """The log with the readings of `usable` for all sensors, and a finding that says what was set aside.
+
+        Kinds to `keep` are no evidence any more, for any estimator. Those `left` stay in the readings too, and each estimator judges them.
 
         Examples
         --------
@@ -289,7 +291,7 @@ class Log(eqx.Module):
         >>> print(jaxcal.Log(None, gyro=gyro, rate=100.0).cleaned(still=True).head())
         gyroscope, 100 Hz, 3 min 20 s (0.5 % set aside: something moved at 0:49)
         """
-        sensors = {name: self.usable(name, still, keep).reshape(len(self.time), -1) for name in self._sensors()}
+        sensors = {name: self.usable(name, still, (*keep, *left)).reshape(len(self.time), -1) for name in self._sensors()}
         said = said_of((one for one in self.evidence if one.kind not in keep), len(self.time), self.rate) if still else []
         log = self._replaced(**_fields(sensors), findings=(*self.findings, *said))
         object.__setattr__(log, "_raw", (self, tuple(keep)))  # what was found in it stays known, and is not searched again

@@ -126,7 +126,7 @@ def perform(task: Any, log: Log, options: dict[str, Any]) -> dict[str, Any]:
     """Perform the task: the result as in JSON, its numbers, and findings."""
     if isinstance(task, str):
         still = task in ("noise", "allan")
-        log = log.cleaned(still, () if still else ("clipped",))
+        log = log.cleaned(still, left=() if still else ("clipped", "zeroed"))
         if wrong := unsuited(task, log, str(log.provenance.get("file", "LOG"))):
             raise DataError(wrong, code="unsuited")
         document, found, said = TASKS[task][0](log, **options)

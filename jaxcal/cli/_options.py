@@ -313,6 +313,8 @@ def read_log(path: Path, options: Reading, command: str) -> Any:
         raise CallError(f"--start {options.start:g} --stop {options.stop:g}: nothing lies between; the start comes first", "start")
     import jaxcal
 
+    from ..evidence._stretch import NO_READING, NOT_STILL
+
     given = reading_options(options)
     try:
         log = jaxcal.read(path, quiet=True, **given)
@@ -322,11 +324,11 @@ def read_log(path: Path, options: Reading, command: str) -> Any:
         said = f"{error}. For all logs of a folder: jaxcal batch {shlex.quote(str(path))} --task {command} --out fleet"
         raise jaxcal.DataError(said, code=error.code) from error
     log = log if options.start is None and options.stop is None else log.select(options.start, options.stop)
-    if command not in SET_ASIDE or "all" in options.keep:
+    if command not in SET_ASIDE:
         return log
     still = SET_ASIDE[command]
     # estimators of a sensor that moves have their own view of the end of the range
-    return log.cleaned(still, options.keep if still else (*options.keep, "clipped", "zeroed"))
+    return log.cleaned(still, (*NO_READING, *NOT_STILL) if "all" in options.keep else options.keep, () if still else ("clipped", "zeroed"))
 
 
 def stem(path: Path) -> str:
