@@ -133,23 +133,28 @@ class Log(eqx.Module):
             sensors[name], offset[name] = at_nearest(name, apart[name], own_grid, grid, found)
 
         undone: list[Stretch] = []
+        stopped: list[Stretch] = []
         for name, values in sensors.items():
             unit = shown_unit(name, values)
             values, wrapped = unwrapped(name, values, rate, unit)
             undone += wrapped
             seen = wrapped + of_values(name, values, rate, unit)
             found += seen_in(name, _channel_names(name, values), values, rate, unit, seen)
-            for stuck in (one for one in seen if one.kind == "stuck"):
+            for stuck in (one for one in seen if one.kind == "stuck" and len(one.axes) == values.shape[1]):
                 values = np.where(masked(stuck, values, rate), np.nan, values)
+            stopped += [one for one in seen if one.kind == "stuck" and len(one.axes) < values.shape[1]]
             sensors[name] = values
+        gaps = gaps_of(sensors, offset, rate, found)
+        for one in stopped:  # no gap: the other axes go on
+            sensors[one.sensor] = np.where(masked(one, sensors[one.sensor], rate), np.nan, sensors[one.sensor])
         self.time = np.arange(size) / rate
         self.gyro, self.accel, self.mag, self.temperature = _fields(sensors).values()
         self.rate = rate
         self.offset = offset
-        self.gaps = gaps_of(sensors, offset, rate, found)
+        self.gaps = gaps
         self.findings = tuple(found)
         self.provenance = provenance | {"epoch_ns": int(provenance.get("epoch_ns", 0)) + epoch}
-        object.__setattr__(self, "_undone", tuple(undone))  # can no longer be seen in the readings
+        object.__setattr__(self, "_undone", (*undone, *stopped))  # can no longer be seen in the readings
 
     @property
     def duration(self) -> float:

@@ -17,7 +17,7 @@ import scipy  # loads its parts when they are first used
 from .._arrays import runs
 from .._errors import DataError
 from .._precision import real_numbers
-from ._values import CHANCE, EFFICIENCY, FEW, SAMPLE, resolution
+from ._values import CHANCE, EFFICIENCY, FEW, HIDDEN, SAMPLE, resolution
 
 #: overlapping looks are few independent ones: the tail of a block's energy is that much longer than the normal one of its cube root
 _HEAVIER = 1.25
@@ -31,8 +31,6 @@ _BLOCK, _RUNNING = 64, 65
 _GROSS = 16.0
 #: mean of z over the axes above which a look belongs to an event whose blocks are loud; noise has 1
 _EVENT = 3.0
-#: share of equal neighbours above which the noise is hidden by the step of the values: below, it is at least 0.45 steps
-HIDDEN = 0.5
 #: quantiles of |d| -> those of a normal law: the larger of the two spreads counts, so that tails and coarse values are no events
 _SPREADS = {0.5: 0.6745, 0.9: 1.6449}
 
@@ -91,7 +89,8 @@ class _Record:
             raise DataError(f"values have shape {values.shape}; expected (n,) or (n, axes)", code="shape")
         values = values.reshape(len(values), -1 if values.size else 1)
         known = np.isfinite(values)
-        alive = [i for i in range(values.shape[1]) if known[:, i].any() and np.nanmin(values[:, i]) < np.nanmax(values[:, i])]
+        enough = 0.5 * known.sum(axis=0).max(initial=1)  # an axis that stopped costs the others nothing
+        alive = [i for i in range(values.shape[1]) if known[:, i].sum() >= enough and np.nanmin(values[:, i]) < np.nanmax(values[:, i])]
         self.size = len(values)
         self.present = known[:, alive].all(axis=1) if alive else np.zeros(self.size, bool)
         self.index = np.flatnonzero(self.present)

@@ -25,7 +25,8 @@ def seen_in(sensor: str, names: list[str], values: np.ndarray, rate: float, unit
     if stuck := [one for one in stretches if one.kind == "stuck"]:
         longest = max(stuck, key=lambda one: one.samples)
         facts = {"length": longest.stop - longest.start, "at": longest.start - 1 / rate, "samples": sum(one.samples for one in stuck)}
-        found.append(LOG("frozen", sensor, count=len(stuck), run=STUCK, **facts))
+        of = sensor if len(longest.axes) == values.shape[1] else [names[axis] for axis in longest.axes]
+        found.append(LOG("frozen", of, count=len(stuck), run=STUCK, **facts))
     for one in stretches:
         share, about = one.samples / len(values), [names[axis] for axis in one.axes]
         if one.kind == "held":

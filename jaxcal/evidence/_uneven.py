@@ -10,7 +10,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._answer import Finding, Table
-from ._bursts import HIDDEN
+from ._values import HIDDEN
 
 #: blocks of the record; fewer ones see slower changes of the level
 BLOCKS = (10, 5, 2)

@@ -16,6 +16,8 @@ STUCK = 50
 _FEWEST, _SLOW = 3, 0.2
 #: samples from which a spread is found to 1 %, and in which the step of the values is looked for
 SAMPLE = 20_000
+#: share of equal neighbours above which the noise is hidden by the step of the values: below, it is at least 0.45 steps
+HIDDEN = 0.5
 #: chance of a false finding in a record of noise
 CHANCE = 0.01
 #: efficiency of a spread by a median of sizes, relative to one by squares
@@ -25,6 +27,7 @@ _ALL_CHANGE = 0.7
 #: samples at the end of the range that are no accident, and nonzero values just outside of a dead band that show its edge
 FEW = 10
 _DIGITS = 1e5  # steps of this many of the smallest: the digits of a float look like steps of the values
+_LINE = 10.0  # a line of a spectrum is so much higher than its median; of noise, no line is higher than 5 times
 _WARM_UP = 60.0  # s: length of the parts whose medians are compared
 
 
@@ -87,6 +90,7 @@ def of_values(sensor: str, values: np.ndarray, rate: float, unit: str) -> list[S
         for axis, column in enumerate(values.T):
             found += _zeroed(sensor, axis, column, rate, unit) if sensor == "gyro" else []
             found += _clipped(sensor, axis, column, rate, unit)
+        found += _stopped(sensor, values, rate, found)
         found += _lost(sensor, values, rate)
         found += _resampled(sensor, values, rate, found)
     return [*found, *_coarse(sensor, values, rate, unit), *_warm_up(sensor, values, rate, unit)]
@@ -189,6 +193,24 @@ def _zeroed(sensor: str, axis: int, column: np.ndarray, rate: float, unit: str) 
     return [Stretch("zeroed", sensor, (axis,), *_between(at, rate), smallest, unit, len(at))]
 
 
+def _stopped(sensor: str, values: np.ndarray, rate: float, found: list[Stretch]) -> list[Stretch]:
+    """An axis that repeats one value from some time to the end, or from the start, while another axis goes on."""
+    equal = values[1:] == values[:-1]
+    stretches = []
+    for axis, same in enumerate(equal.T):
+        first, last = len(same) - int(np.argmin(same[::-1])), int(np.argmin(same))
+        for start, stop in ((first, len(same)), (0, last)):
+            # a coarse axis repeats its values elsewhere, too; those of a dead band and of the end of the range are known
+            rest = np.concatenate([same[:start], same[stop:]])
+            known = {one.size if one.kind == "clipped" else 0.0 for one in found if one.kind in ("clipped", "zeroed") and axis in one.axes}
+            if stop - start < STUCK or not len(rest) or rest.mean() >= HIDDEN or values[start, axis] in known:
+                continue
+            if equal[start:stop].mean(axis=0).min() < HIDDEN:
+                begins = start + (start > 0)
+                stretches.append(Stretch("stuck", sensor, (axis,), begins / rate, (stop + 1) / rate, samples=stop + 1 - begins))
+    return stretches
+
+
 def _lost(sensor: str, values: np.ndarray, rate: float) -> list[Stretch]:
     """Rows of exact zeros, far from all other readings: readings that were lost."""
     if sensor == "gyro" or values.shape[1] < 3:
@@ -248,10 +270,13 @@ def _resampled(sensor: str, values: np.ndarray, rate: float, found: list[Stretch
             return []
         if one.kind == "held":
             out |= masked(one, values, rate)[:, 0]
-    second = np.abs(np.diff(values[: 2 * SAMPLE][~out[: 2 * SAMPLE]][:SAMPLE], 2, axis=0))
-    usual = np.quantile(second, 0.9, axis=0) if len(second) > STUCK**2 else np.zeros(0)
-    if not usual.all() or not len(usual):
+    bent = np.diff(values[: 2 * SAMPLE][~out[: 2 * SAMPLE]][:SAMPLE], 2, axis=0)
+    usual = np.quantile(np.abs(bent), 0.9, axis=0) if len(bent) > STUCK**2 else np.zeros(1)
+    if not usual.all():
         return []
+    spectrum = np.fft.rfft(bent, axis=0)  # without a hum, which beats with the rate, too
+    spectrum /= np.maximum(np.abs(spectrum) / (_LINE * np.median(np.abs(spectrum), axis=0)), 1.0)
+    second = np.abs(np.fft.irfft(spectrum, len(bent), axis=0))
     size = np.minimum(second / usual, 1.0).sum(axis=1)
     power = np.abs(np.fft.rfft(size - size.mean())) ** 2
     first = len(size) // STUCK  # slow changes of the size are none

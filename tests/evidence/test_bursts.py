@@ -247,3 +247,20 @@ def test_noise_of_a_slow_sensor_is_that_of_its_own_readings():
     found, own = jaxcal.noise.characterise(log), jaxcal.noise.fit(y, 10.0)
     for axis, name in enumerate(("mag_x", "mag_y", "mag_z")):
         assert float(found[name].noise.N) == pytest.approx(float(own.noise.N[axis]), rel=1e-6)
+
+
+@pytest.mark.parametrize("value", [0.0, None])
+def test_an_axis_that_stops_costs_itself_alone(value):
+    y = records.noise(np.random.default_rng(3), 60_000, 100.0)
+    dead = y.copy()
+    dead[18_000:, 1] = y[18_000, 1] if value is None else value
+    log = jaxcal.Log(None, gyro=dead, rate=100.0)
+    assert [(one.kind, one.axes) for one in log.evidence] == [("stuck", (1,))]
+    assert not log.gaps
+    assert [np.isfinite(column).sum() for column in log.gyro.T] == [60_000, 18_001, 60_000]
+
+
+def test_a_hum_near_a_quarter_of_the_rate_is_not_interpolated():
+    t = np.arange(60_000) / 200.0
+    y = np.random.default_rng(4).normal(size=(60_000, 3)) + 2.0 * np.sin(2 * np.pi * 50.3 * t)[:, None]
+    assert not [one for one in find({"gyro": y}, 200.0) if one.kind == "resampled"]
