@@ -13,6 +13,7 @@ bands: a gyroscope with a dead band: stated error of the bias over the actual on
 dead: one dead axis: what the other axes lose.
 coarse: an accelerometer in steps of 15 mg: how often `imu` answers, and whether clipping is claimed.
 resampled: readings of 250 Hz, copied or interpolated to 400 Hz, and noise of a filter: how often it is named.
+rests: rests of a turntable, whatever its rate, noise and steps of the values: how many tables have all of theirs.
 real: the logs of JAXCAL_REFERENCE with the evidence as found, and with nothing set aside: each number's change over its error.
 cost: seconds of the stage and of the commands.
 
@@ -390,6 +391,34 @@ def resampling(runs: int) -> None:
     print("resampled: named in", {name: f"{100 * np.mean(found):.0f} %" for name, found in rows.items()})
 
 
+def rests(runs: int) -> None:
+    """Tables of 1 to 200 Hz, with noise of a good sensor or 30 and 1000 times as much, and steps of 0 to 5 standard deviations of it."""
+    sys.path.insert(0, str(pathlib.Path(__file__).parents[1]))
+    import tests.alignment.world as world
+    from jaxcal.evidence._rests import still_intervals
+
+    found, lost = collections.Counter(), []
+    for seed in range(runs):
+        rng = np.random.default_rng([seed, 77])
+        rate, axes, factor = float(rng.choice([1, 5, 20, 50, 100, 200])), int(rng.choice([1, 3])), rng.choice([1.0, 30.0, 1000.0])
+        places = [0, 90, 180, 270, 0, 270, 180, 90][: rng.choice([4, 8])]
+        dwells = rng.uniform(8, 40, len(places)) if rate >= 20 else rng.uniform(60, 150, len(places))
+        made = world.recording(rng, places, dwells, "N+B+K", np.deg2rad([1.0, 2.0, 40.0]), axes=axes, rate=rate)
+        sensors, size = {}, rng.choice([0.0, 1.0, 5.0])
+        for name, y, n in zip(("accel", "gyro"), made[2:4], (world.ACCEL[0] * min(factor, 30.0), world.GYRO[0] * factor), strict=True):
+            sd = n * np.sqrt(rate)
+            y = y + sd * rng.normal(size=y.shape)
+            sensors[name] = np.round(y / sd / size) * size * sd if size else y
+        ends = still_intervals(sensors, rate, table=True, angle=made[1] if rng.integers(2) else None, least=5.0).ends
+        kind = f"steps of {size:g} sd, noise x {factor:g}"
+        found[kind, len(ends) == len(made[4])] += 1
+        if len(ends) == len(made[4]):
+            lost.append((np.abs(ends - made[4]) / rate).max())
+    whole = sum(count for (_, same), count in found.items() if same)
+    print(f"rests: all rests of {whole} of {runs} tables, each end within {np.median(lost):.2f} s in the median; not all of")
+    print("  ", {kind: count for (kind, same), count in found.items() if not same})
+
+
 def real_logs():
     """Name, command and log of every real log with an IMU or a magnetometer that suits a command."""
     root = pathlib.Path(os.environ["JAXCAL_REFERENCE"], "data")
@@ -484,7 +513,7 @@ def cost(_: int) -> None:
 
 
 PARTS = {"alarms": alarms, "knocks": knocks, "noise": noise_of_knocks, "uneven": uneven, "stamps": stamps, "held": held, "bands": bands,
-         "dead": dead, "coarse": coarse, "resampled": resampling, "real": real, "cost": cost}  # fmt: skip
+         "dead": dead, "coarse": coarse, "resampled": resampling, "rests": rests, "real": real, "cost": cost}  # fmt: skip
 
 
 def main() -> None:
