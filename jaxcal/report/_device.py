@@ -7,7 +7,7 @@ import numpy as np
 from .._units import shown_in
 from ..device import DeviceFit
 from ._charts import Chart, Curve, charts
-from ._html import MOST, Markup, evenly, numbers, section, tag
+from ._html import MOST, Markup, evenly, section, tag
 
 SUBJECT = "Calibration"
 _MEANING = (
@@ -41,7 +41,7 @@ def figures(found: DeviceFit, _: Any) -> tuple[list[Markup], list[Markup]]:
     gyro, accel, field = _residuals(found)
     return [charts([gyro, field])], [
         section("Attitude", "attitude", charts(_way(found))),
-        section("Residuals", "residuals", charts([accel]), _numbers(found), *_stretches_of(found)),
+        section("Residuals", "residuals", charts([accel]), *_stretches_of(found)),
     ]
 
 
@@ -114,17 +114,6 @@ def _residuals(found: DeviceFit) -> list[Chart]:
               f"attitude{note}", "Time (s)", "Field left", ((unit, size), ("% of the field", percent)),
               _lines(found, found.residual_field), marks),
     ]  # fmt: skip
-
-
-def _numbers(found: DeviceFit) -> Markup:
-    """Table of the residuals in a subset of the windows."""
-    unit, size = _unit_of_field(found)
-    pick = evenly(len(found.time) - 1, MOST)
-    kinds = (("turn", ""), ("velocity", ""), ("field", f" ({unit})"))
-    columns = ("time (s)", *(f"{kind} {axis}{own}" for kind, own in kinds for axis in "xyz"))
-    values = np.concatenate([np.asarray(found.residual_inertial)[:, :6], np.asarray(found.residual_field) / size], axis=1)
-    rows = [(f"{found.time[k]:.2f}", *(f"{value:.3g}" if np.isfinite(value) else "" for value in values[k])) for k in pick]
-    return numbers(f"Residuals of {len(pick)} of {len(found.time) - 1} windows, evenly over the recording", columns, rows)
 
 
 def _stretches_of(found: DeviceFit) -> list[Markup]:
