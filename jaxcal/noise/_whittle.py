@@ -112,7 +112,9 @@ def _result(model: Described, asked: Asked, sensor: str) -> NoiseFit:
     duration, unit = len(observed.y) * dt, float(solved.bins.unit)
     wider = widening(fitted.bins, unit, fitted.theta, names, observed.spectrum() * np.sqrt(dt))
     if len(observed.doubts):
-        wider = wider._replace(factor=wider.factor + doubted(fitted.bins, fitted.theta, observed.doubts / unit))
+        doubt = doubted(fitted.bins, fitted.theta, observed.doubts / unit)
+        # the search holds the fast terms, which no change of the mean looks like
+        wider = wider._replace(factor=wider.factor + np.where(np.isin(names, _FAST), 0.0, doubt))
     covariance, limits = _uncertainty(solved, wider.factor, asked.confidence)
     scale = float(wider.factor[names.index("N")]) if "N" in names else 1.0
     rival = rival_of(fitted, names, dt, duration, levels_of(asked.confidence), scale)
