@@ -173,6 +173,11 @@ def test_latitude():
     for options in ({"free": (*FIVE, "s_g")}, {}):
         rows = X4 if options else X4[::2]
         assert fit(readings_at(rows), **options).latitude is None
+    # without the hemisphere two latitudes and azimuths fit: both are withheld, what they share is given, and an option decides
+    either = fit(readings_at(X4, np.array([1.0, 2.0, 40.0]) * DEG))
+    assert [either.latitude, either.psi, either.parameters["b_g"] is None] == [None, None, False]
+    (told,) = (one for one in either.findings if one.code == "undecided")
+    assert "--hemisphere" in told.spelt("terminal")
 
 
 def test_two_azimuths_that_fit_are_not_decided_in_silence():
