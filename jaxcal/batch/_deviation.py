@@ -223,8 +223,7 @@ def reduce(parts: Iterable[T]) -> T:
 
     Parameters
     ----------
-    parts : partial results in the order of the record, each with a method `merge(other)`: `jaxcal.allan.Accumulator`,
-        `jaxcal.spectrum.Segments`.
+    parts : partial results in the order of the record, each with a method `merge(other)`, such as `jaxcal.allan.Accumulator`.
 
     Returns
     -------
@@ -248,7 +247,7 @@ def reduce(parts: Iterable[T]) -> T:
     if not level:
         raise DataError("there are no parts to merge", code="parts")
     if missing := [type(part).__name__ for part in level if not hasattr(part, "merge")]:
-        raise DataError(f"{missing[0]} cannot be merged; give parts such as jaxcal.allan.Accumulator or spectrum.Segments", code="parts")
+        raise DataError(f"{missing[0]} cannot be merged; give parts such as jaxcal.allan.Accumulator", code="parts")
     while len(level) > 1:
         pairs = [level[i].merge(level[i + 1]) for i in range(0, len(level) - 1, 2)]
         level = pairs + level[2 * len(pairs) :]

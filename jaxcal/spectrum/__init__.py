@@ -2,4 +2,3 @@
 
 from ._density import density as density
 from ._result import Spectra as Spectra, Spectrum as Spectrum
-from ._segments import Segments as Segments
