@@ -14,8 +14,8 @@ from ._model import NAMES
 
 #: offsets of the samples that an interpolation uses, from the sample before the point
 TAPS = np.arange(-3, 5)
-#: s: length of a window, and largest delay: a low-pass of 3 Hz has 0.05
-WINDOW, REACH = 0.2, 0.1
+#: s: length of a window, and largest delay
+WINDOW, REACH = 0.2, 0.05
 #: m/s^2 and rad/s: at rest, readings scatter by less, and the mean rate is below the second number; how much more than inside the rest a
 #: window at its edge may scatter; number of windows by which a rest may grow at each edge
 _STILL_FORCE, _STILL_RATE, _CALM, _EDGE = 0.35, 0.06, 1.1, 4
