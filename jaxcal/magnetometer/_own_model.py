@@ -84,9 +84,11 @@ def fit_leaves(model: MagModel, m: Any, field: Any, conditions: dict[str, Any]) 
     structure = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), model)
 
     def near_at(x: Any, near: Near, m: Any, norm: Any, conditions: Any, to_leaves: Any) -> Near:
-        _, _, measured, push, slopes = looked(structure, to_leaves @ x, m, near.field, norm, conditions)
-        found = nearest(push, m - measured + times(near.field, push.swapaxes(1, 2)), near.multiplier)
-        return found._replace(slopes=-xp.einsum("ni,nij->nj", found.normal, slopes) @ to_leaves)
+        # in a trace the second look is where the first one ends, so that the slopes have a derivative by that place
+        for _ in range(1 if xp is np else 2):
+            _, _, measured, push, slopes = looked(structure, to_leaves @ x, m, near.field, norm, conditions)
+            near = nearest(push, m - measured + times(near.field, push.swapaxes(1, 2)), near.multiplier)
+        return near._replace(slopes=-xp.einsum("ni,nij->nj", near.normal, slopes) @ to_leaves)
 
     y = looked(structure, to_leaves @ kept, m, m / norm, norm, conditions)[0]
     h = y / (y**2).sum(axis=1, keepdims=True) ** 0.5
