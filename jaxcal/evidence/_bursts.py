@@ -233,8 +233,6 @@ def _limit(axes: int, pairs: float | int, chance: float) -> float:
 def _filled(out: np.ndarray, longest: int) -> np.ndarray:
     """Fill what lies between two stretches and is shorter than both together and than the longest lag: the top of a knock."""
     starts, stops = runs(out)
-    if len(starts) < 2:
-        return out
     length = stops - starts
     close = starts[1:] - stops[:-1] < np.minimum(length[1:] + length[:-1], longest)
     out = out.copy()
