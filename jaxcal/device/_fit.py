@@ -99,16 +99,17 @@ def fit(
     held = {"accel.g_sensitivity", "gyro.g_sensitivity", "lever", "field", "accel_pole", "gyro_pole"}
     held -= {*["gyro.g_sensitivity"] * g_sensitivity, *["lever"] * lever}
     free = np.array([i for i, name in enumerate(NAMES) if field_of(name) not in held and name not in _BELOW])
-    found, place = rounds(record, start, free, (gyro, accel))
-    told = known(found, record.time, slow)
-    missing = lacks(found, record, told.ratio)
-    # a longer time constant than a step is no error of the integration, and no delay: fit again with the poles of both sensors
-    if missing.pop("low_pass", 0.0) > record.grid.step**2 / 2:
+    answers: list[Any] = []
+    for poles in ([], [ACCEL_POLE, GYRO_POLE]):
+        found, place = rounds(record, start, np.array([*free, *poles]), (gyro, accel))
+        told = known(found, record.time, slow)
+        answers.append((found, place, told, missing := lacks(found, record, told.ratio)))
+        # a longer time constant than a step is no error of the integration, and no delay: fit again with the poles of both sensors
+        if not missing.pop("low_pass", 0.0) > record.grid.step**2 / 2:
+            break
         start = dataclasses.replace(start, vector=found.vector, way=found.way)
-        more = rounds(record, start, np.append(free, [ACCEL_POLE, GYRO_POLE]), (gyro, accel))
-        if more[0].converged:  # a loose magnetometer looks like a low-pass of the gyroscope, but not for long
-            (found, place), told = more, known(more[0], record.time, slow)
-            missing = lacks(found, record, told.ratio)
+    # a loose magnetometer looks like a low-pass of the gyroscope, but the fit with it does not converge
+    found, place, told, missing = next(one for one in reversed(answers) if one[0].converged or one is answers[0])
     estimate, model = _reported(found, told, start, None if field is None else float(field))
     # the dip has the sign of the latitude but near the equator; a magnetometer whose axes mirror looks remounted, with the other dip
     sign = float(np.sign(latitude)) if latitude is not None and abs(latitude) > _TROPIC else 0.0
