@@ -1,4 +1,4 @@
-"""Files of visual-inertial estimators: Kalibr, OpenVINS, VINS, ORB-SLAM3, GTSAM. All except GTSAM can be read.
+"""Files of visual-inertial estimators: Kalibr, OpenVINS, VINS, ORB-SLAM3, GTSAM.
 
 Kalibr's `imu.yaml`: https://github.com/ethz-asl/kalibr/wiki/IMU-Noise-Model. OpenVINS' `kalibr_imu_chain.yaml`:
 https://docs.openvins.com/propagation_analytical.html (its IMU intrinsics). The loader of OpenVINS keeps one triangle of Ta and Tw, so both
@@ -11,16 +11,13 @@ from typing import Any
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._errors import DataError
 from .._types import AnyArray
 from ..calibration import Calibration
-from ..imu import Triad
 from ._findings import FINDINGS
 from ._formats import SENSORS
 from ._models import angle, factored, rounded, triads
-from ._noise import Isotropic, isotropic, noise_of, per_axis, stored_noise
+from ._noise import Isotropic, isotropic, noise_of, per_axis
 from ._options import UNITS, Product, comment, listed, number
-from ._yaml import mapping, numbers_of, parse, read_rate
 
 #: (term, sensor) -> key, in the order of the file
 _KALIBR = {
@@ -42,22 +39,6 @@ def write_kalibr(calibration: Calibration, options: Any) -> Product:
     lines = _lines(noise, _KALIBR)
     lines = (accel, *lines[:2], gyro, *lines[2:], f"rostopic: {topic}", f"update_rate: {number(noise.rate)}   # Hz")
     return Product("\n".join(lines) + "\n", noise.findings)
-
-
-def read_kalibr(text: str, options: dict[str, Any]) -> Calibration:
-    """Read `imu.yaml`, or Kalibr's calibration result with its matrices."""
-    document = parse(text)
-    part = mapping(document, "imu0") if "imu0" in document else document
-    imu = None
-    if "imu0" in document and "accelerometers" in part and "gyroscopes" in part:
-        accel, gyro = mapping(part, "accelerometers"), mapping(part, "gyroscopes")
-        turn = numbers_of(gyro, "C_gyro_i", 3, 3) if "C_gyro_i" in gyro else np.eye(3)
-        sensitivity = numbers_of(gyro, "A", 3, 3) @ turn if "A" in gyro else np.zeros((3, 3))
-        imu = {
-            "accel": Triad(numbers_of(accel, "M", 3, 3), np.zeros(3)),
-            "gyro": Triad(numbers_of(gyro, "M", 3, 3) @ turn, np.zeros(3), sensitivity),
-        }
-    return Calibration(noise={**_read_noise(part, _KALIBR), "rate": read_rate(part, "update_rate", options)}, imu=imu)
 
 
 def write_openvins(calibration: Calibration, options: Any) -> Product:
@@ -89,17 +70,6 @@ def write_openvins(calibration: Calibration, options: Any) -> Product:
     if any(np.any(part.bias) for part in parts.values()):
         found.append(FINDINGS("estimated_by_tool", tool="OpenVINS"))
     return Product("\n".join(lines) + "\n", found, facts)
-
-
-def read_openvins(text: str, options: dict[str, Any]) -> Calibration:
-    """Read `kalibr_imu_chain.yaml`. It has no biases, so these are zero; the frame is the file's IMU frame."""
-    part = mapping(parse(text), "imu0")
-    imu = None
-    if "Ta" in part or "Tw" in part:
-        accel_turn, gyro_turn = (_rotation(numbers_of(part, key, 3, 3)) for key in ("R_IMUtoACC", "R_IMUtoGYRO"))
-        accel, gyro = numbers_of(part, "Ta", 3, 3) @ accel_turn, numbers_of(part, "Tw", 3, 3) @ gyro_turn
-        imu = {"accel": Triad(accel, np.zeros(3)), "gyro": Triad(gyro, np.zeros(3), numbers_of(part, "Tg", 3, 3))}
-    return Calibration(noise={**_read_noise(part, _KALIBR), "rate": read_rate(part, "update_rate", options)}, imu=imu)
 
 
 def write_vins(calibration: Calibration, options: Any) -> Product:
@@ -181,20 +151,5 @@ def _lines(noise: Isotropic, names: dict[tuple[str, str], str]) -> list[str]:
     return [f"{key}: {number(noise.values[one])}   # {UNITS[one[0]][one[1]]}" for one, key in names.items()]
 
 
-def _read_noise(document: dict[str, Any], names: dict[tuple[str, str], str], scales: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Noise of both sensors from four keys; the numbers are divided by `scales`, and each is used for all three axes."""
-    found = {one: numbers_of(document, key) / (scales or {}).get(one[0], 1.0) for one, key in names.items()}
-    return {sensor: stored_noise(sensor, N=[found["N", sensor]] * 3, K=[found["K", sensor]] * 3) for sensor in SENSORS}
-
-
 def _block(key: str, matrix: AnyArray) -> list[str]:
     return [f"  {key}:", *(f"    - {listed(row)}" for row in matrix)]
-
-
-def _rotation(turn: AnyArray) -> AnyArray:
-    """The rotation nearest to a matrix of nine digits."""
-    u, _, v = np.linalg.svd(turn)
-    near = u @ v
-    if np.linalg.det(near) < 0 or np.abs(near - turn).max() > 1e-4:
-        raise DataError("R_IMUtoACC or R_IMUtoGYRO is no rotation", code="unreadable")
-    return near

@@ -87,7 +87,7 @@ class Format(NamedTuple):
     head: str = ""  # line that stands before the first comment
     many: bool = False  # whether a file can hold several instances of a sensor
     counts: bool = False  # whether a magnetometer in counts has a place
-    readable: bool = False  # whether `read` takes it: what a device has now, and what Kalibr found
+    readable: bool = False  # whether `read` takes it: what a device has now
 
     def function(self, name: str) -> Callable[..., Any]:
         """The writer or reader."""
@@ -98,15 +98,15 @@ _NOISE = ("axis", "inflate", "random_walk", "rate")
 _PARTS = ("imu", "magnetometer")
 _FIELDS = (*_PARTS, "temperature")
 FORMATS = {
-    "kalibr": Format("imu.yaml", "_filters", ("noise",), (*_NOISE, "topic"), readable=True),
-    "openvins": Format("kalibr_imu_chain.yaml", "_filters", ("noise", "imu"), (*_NOISE, "topic"), head="%YAML:1.0\n", readable=True),
+    "kalibr": Format("imu.yaml", "_filters", ("noise",), (*_NOISE, "topic")),
+    "openvins": Format("kalibr_imu_chain.yaml", "_filters", ("noise", "imu"), (*_NOISE, "topic"), head="%YAML:1.0\n"),
     "vins": Format("vins.yaml", "_filters", ("noise",), (*_NOISE, "topic", "gravity", "convention")),
     "orbslam3": Format("orbslam3.yaml", "_filters", ("noise",), _NOISE),
     "gtsam": Format("gtsam_imu.py", "_filters", ("noise",), ("inflate", "random_walk", "gravity", "frame")),
     "px4": Format("px4.params", "_flight_controllers", _FIELDS, ("instance",), many=True, readable=True),
     "ardupilot": Format("ardupilot.param", "_flight_controllers", _FIELDS, ("instance", "gyro_bias"), many=True, readable=True),
     "ros": Format("calibration.yaml", "_ros", ("noise", *_PARTS), ("inflate", "rate")),
-    "imu_tk": Format("imu.calib", "_imu_tk", ("imu",), mark="", readable=True),
+    "imu_tk": Format("imu.calib", "_imu_tk", ("imu",), mark=""),
     "motioncal": Format("motioncal.bin", "_motioncal", ("magnetometer",), mark="", readable=True),
     "fusion": Format("fusion.c", "_compass", ("magnetometer",), mark="//", counts=True),
     "magneto": Format("magneto.c", "_compass", ("magnetometer",), mark="//", counts=True),

@@ -4,13 +4,13 @@ from typing import Any
 
 import numpy as np
 
-from .._errors import DataError, ExportError
+from .._errors import ExportError
 from .._types import AnyArray
 from ..calibration import Calibration
 from ..imu import Triad
 from ._formats import IMU_TK
-from ._models import correction, dropped_of_gyro, inverse, triads
-from ._options import Product, finite, plain
+from ._models import correction, dropped_of_gyro, triads
+from ._options import Product, plain
 
 _DIGITS = 12  # of a number; T, whose diagonal is 1, has one decimal more
 
@@ -21,19 +21,6 @@ def write_imu_tk(calibration: Calibration, options: Any) -> Product:
     if not parts:
         raise ExportError("the calibration holds no imu, of which imu_tk's files could be made", code="no_part")
     return Product({IMU_TK[name]: _text(part) for name, part in parts.items()}, dropped_of_gyro(calibration, matrix=False))
-
-
-def read_imu_tk(texts: dict[str, str], options: dict[str, Any]) -> Calibration:
-    """Read the files of one or both sensors."""
-    imu = {}
-    for sensor, text in texts.items():
-        words = text.split()
-        if len(words) != 21:
-            raise DataError(f"the file of the {sensor} has {len(words)} numbers; expected {21}: T, K and B", code="unreadable")
-        values = np.array([finite(word, f"a number of the {sensor}") for word in words])
-        matrix = inverse(values[:9].reshape(3, 3) @ values[9:18].reshape(3, 3))
-        imu[sensor] = Triad(matrix, values[18:])
-    return Calibration(imu=imu)
 
 
 def _text(part: Triad) -> str:

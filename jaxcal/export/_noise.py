@@ -8,7 +8,6 @@ from .._answer import Finding
 from .._errors import ExportError
 from .._message import Message
 from .._types import AnyArray
-from .._units import si_unit
 from ..calibration import Calibration, DeviceNoise, SensorNoise
 from ._findings import FINDINGS
 from ._formats import SENSORS
@@ -38,11 +37,6 @@ def isotropic(calibration: Calibration, options: Any, use: str) -> Isotropic:
         found += said
     rate, said = rate_of(noise, calibration, options, use)
     return Isotropic(values, rate, tuple(facts), [*found, *said])
-
-
-def stored_noise(sensor: str, **terms: Any) -> dict[str, Any]:
-    """Noise of a sensor with these terms, in the form for `Calibration`."""
-    return {"unit": si_unit(sensor), **dict.fromkeys("QNBKR"), **terms}
 
 
 def noise_of(calibration: Calibration) -> DeviceNoise:
