@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal.magnetometer import fit
+from jaxcal.magnetometer import body_field, fit, scenario
 
 from . import cases
 
@@ -189,7 +189,7 @@ def test_six_faces_cannot_show_soft_iron():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("count", [9, 12, 20, 40])
+@pytest.mark.parametrize("count", [12, 40])
 def test_the_error_and_the_verdict_of_few_readings_are_true(count):
     """With three degrees of freedom the noise may be estimated far too small: a good one must allow for that."""
     off, stated, good = [], [], []
@@ -197,14 +197,13 @@ def test_the_error_and_the_verdict_of_few_readings_are_true(count):
         for sigma in (0.1, 0.3, 1.0):
             attitudes = scenario("twelve_points") if count == 12 else scenario("all", samples=count, seed=seed)
             m = cases.readings(cases.PAPER, body_field(attitudes, cases.FIELD, cases.DIP), sigma, seed)
-            found = fit(m, model="diagonal" if count == 9 else "symmetric", inclination=cases.DIP)
+            found = fit(m, model="symmetric", inclination=cases.DIP)
             off.append(cases.rms(cases.heading_errors(found.model, steep=True)))
             stated.append(np.rad2deg(found.heading_error[0]))
             good.append(found.verdict == "good")
     off, stated, good = np.array(off), np.array(stated), np.array(good)
-    if count > 9:  # a diagonal soft iron is not the truth
-        assert 0.8 < cases.rms(np.minimum(off / stated, 4.0)) < 1.6
-        assert np.mean(off < 2.1 * stated) > 0.9
+    assert 0.8 < cases.rms(np.minimum(off / stated, 4.0)) < 1.6
+    assert np.mean(off < 2.1 * stated) > 0.9
     assert np.mean(off[good] > 1.0) < 0.1 or not good.any()
     assert not np.any(off[good] > 3.0)
 
