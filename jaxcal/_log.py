@@ -144,14 +144,13 @@ class Log(eqx.Module):
                 values = np.where(masked(stuck, values, rate), np.nan, values)
             stopped += [one for one in seen if one.kind == "stuck" and len(one.axes) < values.shape[1]]
             sensors[name] = values
-        gaps = gaps_of(sensors, offset, rate, found)
+        self.gaps = gaps_of(sensors, offset, rate, found)
         for one in stopped:  # no gap: the other axes go on
             sensors[one.sensor] = np.where(masked(one, sensors[one.sensor], rate), np.nan, sensors[one.sensor])
         self.time = np.arange(size) / rate
         self.gyro, self.accel, self.mag, self.temperature = _fields(sensors).values()
         self.rate = rate
         self.offset = offset
-        self.gaps = gaps
         self.findings = tuple(found)
         self.provenance = provenance | {"epoch_ns": int(provenance.get("epoch_ns", 0)) + epoch}
         object.__setattr__(self, "_undone", (*undone, *stopped))  # can no longer be seen in the readings
@@ -303,15 +302,7 @@ class Log(eqx.Module):
         return log
 
     def head(self) -> str:
-        """Sensors, rate and duration in a line.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import jaxcal
-        >>> jaxcal.Log(None, gyro=np.random.default_rng(0).normal(size=(100, 3)), rate=10.0).head()
-        'gyroscope, 10 Hz, 10 s'
-        """
+        """Sensors, rate and duration in a line, and what was set aside, as in the example of `cleaned`."""
         names = [_SENSORS[name] for name in self._sensors()]
         sensors = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
         sensors = str(self.provenance.get("quantity", sensors))  # such as fractional frequencies of a clock

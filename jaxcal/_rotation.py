@@ -26,28 +26,10 @@ def product(a: Quaternion, b: Quaternion) -> Array:
     )
 
 
-def conjugate(q: Quaternion) -> Array:
-    """The inverse rotation."""
-    q = jnp.asarray(q)
-    return jnp.concatenate([q[..., :1], -q[..., 1:]], axis=-1)
-
-
 def normalised(q: Quaternion) -> Array:
     """Unit quaternion in the direction of q, which must not be zero."""
     q = jnp.asarray(q)
     return q / jnp.sqrt(jnp.sum(q * q, axis=-1, keepdims=True))
-
-
-def exponential(v: Vector) -> Array:
-    """Quaternion of the rotation vector v (rad): cos(|v|/2), v/|v| sin(|v|/2)."""
-    v = jnp.asarray(v)
-    square = jnp.sum(v * v, axis=-1, keepdims=True)
-    # Replace the input as well, because sqrt has no derivative at zero; below the switch the series is exact to rounding.
-    small = square < jnp.finfo(v.dtype).eps ** 0.5
-    angle = jnp.sqrt(jnp.where(small, 1, square))
-    cosine = jnp.where(small, 1 - square / 8 + square**2 / 384, jnp.cos(angle / 2))
-    ratio = jnp.where(small, 0.5 - square / 48 + square**2 / 3840, jnp.sin(angle / 2) / angle)
-    return jnp.concatenate([cosine, ratio * v], axis=-1)
 
 
 def matrix(q: Quaternion) -> Array:

@@ -55,28 +55,6 @@ def _tail(value: float, freedom: float) -> float:
     return min(1.0, (math.erfc(math.sqrt(x)) if k % 2 else 0.0) + largest * float(np.sum(np.concatenate(terms))))
 
 
-def chi_square_quantile(freedom: int, probability: float) -> float:
-    """Quantile of chi-square of a whole number of degrees of freedom.
-
-    Newton's steps on the cumulative probability do not overshoot from its inflection, nor from the left where it has none.
-
-    Examples
-    --------
-    >>> from jaxcal._special import chi_square_quantile
-    >>> print(round(chi_square_quantile(5, 0.05), 4))
-    1.1455
-    """
-    k = freedom
-    x = k - 2.0 if k > 2 else probability ** (3 - k)
-    for _ in range(200):
-        density = math.exp((k / 2 - 1) * math.log(x / 2) - x / 2 - math.lgamma(k / 2)) / 2
-        step = (_tail(x, float(k)) - (1 - probability)) / density
-        x += step
-        if abs(step) <= 1e-14 * x:
-            break
-    return x
-
-
 def f_tail(ratio: Any, above: Any, below: Any) -> np.ndarray | np.float64:
     r"""Probability of a larger F of d1 (`above`) and d2 (`below`) degrees of freedom.
 

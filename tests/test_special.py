@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.special
 
-from jaxcal._special import chi_square_quantile, chi_square_tail, f_tail, student_quantile
+from jaxcal._special import chi_square_tail, f_tail, student_quantile
 
 
 @pytest.mark.parametrize("freedom", [1, 2, 3, 4, 7, 20, 51, 400, 2001, 20_000])
@@ -13,10 +13,6 @@ def test_tail_of_chi_square(freedom):
     np.testing.assert_allclose(chi_square_tail(value, freedom), scipy.special.chdtrc(freedom, value), rtol=1e-10, atol=1e-300)
     assert chi_square_tail(np.inf, freedom) == 0
     assert np.isnan(chi_square_tail(np.nan, freedom))
-    for probability in (0.05, 0.5, 0.975):
-        np.testing.assert_allclose(
-            chi_square_quantile(freedom, probability), 2 * scipy.special.gammaincinv(freedom / 2, probability), rtol=1e-10
-        )
 
 
 @pytest.mark.parametrize("probability", [0.6, 0.9, 0.975, 0.9995])
