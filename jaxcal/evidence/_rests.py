@@ -76,7 +76,8 @@ class Variances:
     def __init__(
         self, sensors: Mapping[str, np.ndarray], rate: float, table: bool = False, angle: np.ndarray | None = None, levels: Any = None
     ):
-        self.half = max(round(_WINDOW * rate / 2), _SAMPLES // 2)
+        # a table stops at once, and half of a window is lost at each end of its rests
+        self.half = max(round(_WINDOW * rate / (8 if table else 2)), _SAMPLES // 2)
         self.least = max(round(_WINDOW * rate), 2)
         size, count = 2 * self.half + 1, len(next(iter(sensors.values())))
         if count < 2 * size:
