@@ -1,6 +1,7 @@
 """What a fit leaves out (host): drifts of the biases and a tilting base, what they change, and the order of positions that defeats them."""
 
 import dataclasses
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -116,8 +117,8 @@ def _said(first: AlignmentFit, found: AlignmentFit, free: set[str]) -> list[Find
         largest = max(size[name] for name in _SMOOTH if name in size)
         said.append(FINDINGS("drift", "gyro", size=Quantity(largest, "B.gyro"), change=Quantity(abs(float(change[2])), "angle")))
     if not free.isdisjoint(_TILT):
-        off = Quantity(float(np.hypot(*change[:2])), "angle")
-        said.append(FINDINGS("tilt", "accel", tilt=Quantity(float(np.hypot(*(size[name] for name in _TILT))), "angle"), change=off))
+        off = Quantity(math.hypot(*change[:2]), "angle")
+        said.append(FINDINGS("tilt", "accel", tilt=Quantity(math.hypot(*(size[name] for name in _TILT)), "angle"), change=off))
     return said
 
 

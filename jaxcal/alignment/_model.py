@@ -195,9 +195,9 @@ def with_values(model: Any, values: Any) -> Any:
 
 def turntable(attitude: Any, latitude: Any, accel: Sensor, gyro: Sensor) -> Turntable:
     """Make a `Turntable` from attitude, latitude and the errors of both sensors."""
-    (a1, a2), (g1, g2) = accel.misalignment, gyro.misalignment
+    (phi, theta, psi), (a1, a2), (g1, g2) = attitude, accel.misalignment, gyro.misalignment
     return Turntable(
-        *attitude, accel.bias, accel.scale_error, gyro.bias, gyro.scale_error, a1, a2, g1, g2, accel.bias_rate, gyro.bias_rate,
+        phi, theta, psi, accel.bias, accel.scale_error, gyro.bias, gyro.scale_error, a1, a2, g1, g2, accel.bias_rate, gyro.bias_rate,
         latitude=latitude,
     )  # fmt: skip
 

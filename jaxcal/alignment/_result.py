@@ -25,7 +25,7 @@ _LABELS = {
     **{f"ma_a_z{axis}": f"accelerometer z towards {axis}" for axis in "xy"}, **{f"ma_g_z{axis}": f"gyro z towards {axis}" for axis in "xy"},
 }  # fmt: skip
 #: parameter -> quantity of the table of units; biases are as small as bias instabilities, and are shown in their units
-QUANTITIES = dict.fromkeys(("phi", "theta", "psi", "latitude"), "angle")
+QUANTITIES: dict[str, str] = dict.fromkeys(("phi", "theta", "psi", "latitude"), "angle")
 QUANTITIES |= {name: "angle" for name in _LABELS if name.startswith("ma_")}
 QUANTITIES |= {name: f"B.{'accel' if name[2] == 'a' else 'gyro'}" for name in _LABELS if name.startswith("b_")}
 QUANTITIES |= {name: f"R.{'accel' if name[2] == 'a' else 'gyro'}" for name in _LABELS if "drift" in _LABELS[name]}

@@ -13,7 +13,7 @@ from .._message import Message
 from .._units import units_of
 from ._choose import Selection, increasing
 from ._clock import label_of, newest_first, no_clock, reading_of, stated_rate
-from ._columns import listing, resolve, wrong
+from ._columns import Columns, listing, resolve, wrong
 from ._findings import READ
 from ._names import bracketed, parse, plain
 from ._phase import differentiate
@@ -79,7 +79,13 @@ def _set_time(table: Table, time: int | None, unit: str | None, signals: Signals
         own = "mjd" if "mjd" in table.names[time].lower() else name.unit if name is not None and name.kind == "time" else None
         clock = reading_of(table, [time], unit or own, signals.rate or (stated and stated[0]), Selection({}, {}, [], set()), "clock")
         signals.time, signals.epoch_ns, why = clock.time, clock.epoch_ns, f" ({clock.reason})" * bool(clock.reason)
-        facts = {"where": label_of(table, [time]), "unit": clock.unit, "columns": str(time), "other": clock.other, "quantity": "time"}
+        facts: dict[str, Any] = {
+            "where": label_of(table, [time]),
+            "unit": clock.unit,
+            "columns": str(time),
+            "other": clock.other,
+            "quantity": "time",
+        }
         signals.findings.append(READ("read_as" if clock.sure else "assumed", "time", **facts, why=why))
     elif signals.rate is None and stated is not None:
         signals.rate = stated[0]
@@ -103,7 +109,9 @@ def _meaning(table: Table, index: int) -> tuple[str, str]:
 
 def _chosen(table: Table, given: Mapping[str, Any], data: str) -> tuple[int | None, str, list[int]]:
     """The column of time, what the others hold ("": nothing says so), and which they are: as given, or as names, order and header say."""
-    known = {name: [int(one) if one.isdecimal() else one for one in np.atleast_1d(value).tolist()] for name, value in given.items()}
+    known: Columns = {
+        name: [int(one) if one.isdecimal() else one for one in np.atleast_1d(value).tolist()] for name, value in given.items()
+    }
     if unknown := set(known) - {"time", *UNITS}:
         raise wrong("columns", f"{', '.join(sorted(unknown))}: a clock has time, and phase or frequency")
     chosen = resolve(known, table.names, len(table.columns))

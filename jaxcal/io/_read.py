@@ -276,7 +276,7 @@ def finished(found: Table | Signals, origin: dict[str, Any], given: Asked, choic
     if len(signals.imus) > 1:
         provenance["imus"] = signals.imus
     for name, axes in given.axes.items():
-        if np.shape(signals.sensors.get(name))[1:] != (3,):
+        if name not in signals.sensors or np.shape(signals.sensors[name])[1:] != (3,):
             raise wrong("axes", f"the log has no {name} with three axes")
         signals.sensors[name] = in_axes(signals.sensors[name], axes)
         provenance["axes"] = given.axes

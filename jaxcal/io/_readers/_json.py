@@ -102,7 +102,7 @@ def _arrays(content: Any) -> list[tuple[str, Sequence[float | int]]]:
     return found
 
 
-def _records(node: Any, around: dict[str, float | int]) -> list[dict[str, float | int]]:
+def _records(node: Any, around: dict[str, Any]) -> list[dict[str, Any]]:
     """Records in the order of the file, each with the numbers of the records around it."""
     if isinstance(node, list):
         return [record for one in node if isinstance(one, dict) for record in _records(one, around)]
