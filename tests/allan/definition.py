@@ -11,7 +11,7 @@ def differences(y, m, name, data="rate", stride=None):
     order, modified = 3 if name.endswith("hdev") else 2, name in ("mdev", "tdev")
     y = np.asarray(y, dtype=np.longdouble)
     lost = np.isnan(y)
-    theta = y if data == "phase" else np.concatenate([[0], np.cumsum(np.where(lost, 0, y - np.nanmean(y)))])
+    theta = y if data == "phase" else np.concatenate([[0], np.cumsum(np.where(lost, 0, y - np.mean(y[~lost] if not lost.all() else 0.0)))])
     reach = order * m if data == "rate" else None  # samples of one difference
     if modified:
         theta, reach = np.concatenate([[0], np.cumsum(np.nan_to_num(theta))]), 3 * m - (data == "rate")

@@ -87,7 +87,7 @@ def _rows(value: Any) -> bool:
     return isinstance(value, list) and len(value) > 0 and all(map(_vector, value)) and len({len(row) for row in value}) == 1
 
 
-def _arrays(content: Any) -> list[tuple[str, Sequence[float | int]]]:
+def _arrays(content: Any) -> list[tuple[str, Sequence[Any]]]:
     """Columns from rows of numbers, or from arrays by name, all of equal length."""
     if _rows(content):
         return list(zip(_named("", len(content[0])), zip(*content, strict=True), strict=True))
@@ -95,7 +95,7 @@ def _arrays(content: Any) -> list[tuple[str, Sequence[float | int]]]:
         return []
     arrays = {name: value for name, value in content.items() if _rows(value) or (_vector(value) and len(value) > 1)}
     most = max((len(value) for value in arrays.values()), default=0)
-    found: list[tuple[str, Sequence[float | int]]] = []
+    found: list[tuple[str, Sequence[Any]]] = []
     for name, value in arrays.items():
         if len(value) == most > 3:
             found += zip(_named(name, len(value[0])), zip(*value, strict=True), strict=True) if _rows(value) else [(name, value)]
@@ -129,7 +129,7 @@ def _flat(node: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
             yield before + name, value
 
 
-def _columns(records: list[dict[str, float | int]]) -> list[tuple[str, Sequence[float | int]]]:
+def _columns(records: list[dict[str, Any]]) -> list[tuple[str, Sequence[Any]]]:
     """Columns of the numbers that most records have; records without such a number have a missing value."""
     if len(records) < 2:
         return []
