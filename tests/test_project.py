@@ -68,6 +68,7 @@ def test_the_package_stays_small():
     assert sum(len(public(part)) for part in PARTS) <= 190
     assert sum(code_lines(text, tree) for _, text, tree in found) <= 34_500
     assert sum(numeric_constants(tree) for _, _, tree in found) <= 450
+    assert sum(len(path.read_text(encoding="utf-8").splitlines()) for path in (ROOT / "tests").rglob("*.py")) <= 25_000
 
 
 def imports_of(path, tree):
