@@ -15,7 +15,8 @@ class JaxcalError(ValueError):
 
     def __init__(self, message: Any = "", code: str = "", subject: str = ""):
         super().__init__(message)
-        self.code, self.subject = code, subject
+        self.code: str = code
+        self.subject: str = subject
 
     def __str__(self) -> str:
         return self.spelt("python")

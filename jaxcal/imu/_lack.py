@@ -26,6 +26,7 @@ _WORDS = {"quadratic": "a quadratic term", "cubic": "a cubic term", "asymmetry":
           "warm_up": "a drift of a warm-up", "curve": "a quadratic drift", "hysteresis": "a hysteresis",
           "creep": "a creep of 15 s"}  # fmt: skip
 _IN_TIME = ("drift", "warm_up", "curve")
+_KINDS = 4  # kinds of residuals in which terms are looked for: together they have one false alarm in a thousand recordings
 _NUDGE = 1e-3  # step of the finite difference, relative to the full term
 
 
@@ -58,7 +59,7 @@ def lacks(joint: Joint, rests: Rests, middle: float) -> list[Lack]:
     ) -> None:
         """Test the terms (n, q) on one kind of residual, together with the parameters `own` that these residuals determine."""
         for best in missing(y, columns * own, terms)[:1]:
-            if not best.shown:
+            if not best.shown or _KINDS * best.level > LEVEL:
                 continue
             kind, _, where = best.name.partition("@")
             size = Quantity(float(np.abs(best.coefficient).max()) * (at if what == "turns" else 1.0), sensor)

