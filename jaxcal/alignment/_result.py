@@ -210,14 +210,12 @@ class AlignmentFit(Bound):
         number = self.estimate[name]
         return None if number.state == "open" else float(number.value)
 
-    phi: property = property(lambda self: self._value("phi"), doc="Roll, rad; None if not determined (host only).")
-    theta: property = property(lambda self: self._value("theta"), doc="Pitch, rad; None if not determined (host only).")
-    psi: property = property(
+    phi = property(lambda self: self._value("phi"), doc="Roll, rad; None if not determined (host only).")
+    theta = property(lambda self: self._value("theta"), doc="Pitch, rad; None if not determined (host only).")
+    psi = property(
         lambda self: self._value("psi"), doc="Azimuth, rad; None if not determined, or if two solutions fit equally well (host only)."
     )
-    latitude: property = property(
-        lambda self: self._value("latitude"), doc="Given or estimated latitude, rad; None if not determined (host only)."
-    )
+    latitude = property(lambda self: self._value("latitude"), doc="Given or estimated latitude, rad; None if not determined (host only).")
 
     @property
     def parameters(self) -> dict[str, float | None]:
