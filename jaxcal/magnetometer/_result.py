@@ -190,9 +190,11 @@ class MagFit(Result):
         hard, rest = ([one for one in numbers if one not in soft and one.name.startswith("hard_iron") == first] for first in (True, False))
         currents = {one.name.removeprefix("currents.").rpartition("[")[0] for one in rest if one.name.startswith("currents.")}
         labels = {name: f"{name}, per unit" for name in currents}
-        noise = Number("noise", float(self.noise), quantity=quantity)
+        noise, shown = Number("noise", float(self.noise), quantity=quantity), [*hard, *self._correction(), *rest]
+        if not np.rad2deg(self.heading_error[0]) < _LARGEST:  # where the heading stays open, no number of the model is known
+            shown = [one._replace(state="open") for one in shown]
         found: list[Section] = [
-            by_axis("magnetometer", "magnetometer", [*hard, *self._correction(), *rest, noise], labels,
+            by_axis("magnetometer", "magnetometer", [*shown, noise], labels,
                     note="corrected = A (reading - b), with the correction A and the hard iron b."),
             by_axis("soft_iron", "soft iron, which the correction undoes", soft, detail=True),
             listed("heading", "heading error and readings", self._details(), detail=True),
