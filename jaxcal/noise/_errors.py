@@ -124,9 +124,11 @@ def _energies(spectrum: AnyArray, evidence: AnyArray, model: AnyArray, count: An
     held = np.diff(np.minimum(np.cumsum(count[:bins]), needed), prepend=0)  # ordinates of each bin
     size = float(evidence[:bins].max())
     share = evidence[:bins] / size
-    white = (np.repeat(np.sqrt(share / model[:bins]), held) * spectrum[:needed]).astype(np.float32)
+    white = np.repeat(np.sqrt(share / model[:bins]), held) * spectrum[:needed]
+    level = float(np.max(np.abs(white))) or 1.0  # of a step alone nothing is left as noise, which exceeds single precision
+    white = (white / level).astype(np.float32)
     # u^2 has twice the bandwidth of u
     whole = needed == len(spectrum)
     u = np.asarray(scipy.fft.idct(np.pad(white, (1, 0 if whole else needed - 1)), norm="ortho", overwrite_x=True))
     energy = np.add.reduceat(u * u, np.rint(np.arange(BLOCKS[0]) * len(u) / BLOCKS[0]).astype(int), dtype=float)
-    return energy * size, float((held @ share) ** 2 / (held @ share**2))
+    return energy * size * level**2, float((held @ share) ** 2 / (held @ share**2))
