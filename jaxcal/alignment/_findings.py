@@ -59,16 +59,16 @@ FINDINGS = table(
         NOTE, "Without a z reading, 180 degrees less roll and minus the azimuth give the same readings; the smaller roll is taken.",
     ),
     drift=Kind(
-        CAUTION, "The gyro's bias drifts by {size} during the test, which the fit includes: the azimuth would be off by {change} without.",
+        CAUTION, "The gyro's bias drifts by {size} during the test. The fit includes it; without, the azimuth would be off by {change}.",
         "Let it warm up.", limits=(1e-3,),  # probability of such a drift by chance
     ),
     drift_open=Kind(
-        FATAL, "A drift of the gyro's bias shows that these readings cannot tell from the azimuth.",
+        FATAL, "The gyro's bias drifts, and these readings cannot tell the drift from the azimuth.",
         "Measure each position twice, there and back, or let the gyro warm up.",
     ),
     tilt=Kind(
-        CAUTION, "The base tilts by {tilt} during the test, which the fit includes: roll and pitch would be off by {change} without. They "
-        "are those of the middle.",
+        CAUTION, "The base tilts by {tilt} during the test. The fit includes it; without, roll and pitch would be off by {change}. "
+        "They hold for the middle of the test.",
     ),
     drift_order=Kind(
         NOTE, "The azimuth changes by up to {size:.2g} for each deg/h by which the gyro's bias changes in the test.",

@@ -13,7 +13,7 @@ FINDINGS = table(
     gravity_assumed=GRAVITY_ASSUMED,
     range=WRONG_RANGE,
     other_axes=Kind(
-        NOTE, "Its x, y, z are {axes} of the accelerometer, and the result says so.", "To turn the log instead: {option.axes:{typed}}.",
+        NOTE, "Its x, y, z are {axes} of the accelerometer; its matrix contains this.", "To turn the log instead: {option.axes:{typed}}.",
         guess=True
     ),
     undetermined=Kind(
@@ -37,7 +37,7 @@ FINDINGS = table(
         NOTE, "The field was disturbed for {time:.3g} ({percent:.2g} % of the log), which counts little or nothing.",
         limits=(0.0, 0.2),  # parts of the recording
     ),
-    low_pass=Kind(NOTE, "It is behind a low-pass of about {hertz:.2g} Hz, which the fit includes."),
+    low_pass=Kind(NOTE, "A low-pass of about {hertz:.2g} Hz acts on it; the fit includes it."),
     drift=Kind(
         NOTE, "The bias drifted by {drift:.2g} along the recording; the result is its mean.", "Let the device warm up before you record."
     ),

@@ -41,27 +41,6 @@ class Missing(eqx.Module):
         """(p,) what the parameters would change by, with the size that the residuals show."""
         return self.change @ np.where(np.isfinite(np.diag(self.covariance)), self.coefficient, 0.0)
 
-    def added(self, plausible: float | np.ndarray | None = None) -> np.ndarray:
-        r"""Covariance (p, p) to add to that of the parameters.
-
-        .. math:: S\,(m m^T + P)\,S^T,\qquad P = (\tau^{-2} + C^{-1})^{-1},\quad m = P\,C^{-1} c
-
-        with the `change` S of the parameters, and the coefficients c of covariance C by the residuals. The plausible size tau of a
-        coefficient bounds what the residuals do not exclude. Without it only a term that the residuals show counts, with m = c, P = 0.
-
-        Parameters
-        ----------
-        plausible : standard deviation of each coefficient, one or (q,), by what is known of the sensor; None if nothing is.
-        """
-        if plausible is None:
-            return np.outer(self.shift, self.shift) if self.shown else np.zeros(2 * self.change.shape[:1])
-        size = np.broadcast_to(np.asarray(plausible, dtype=float), self.coefficient.shape)
-        open_ = not np.isfinite(self.covariance).all()
-        known = np.zeros_like(self.covariance) if open_ else np.linalg.inv(self.covariance)
-        inner = np.linalg.inv(np.diag(size**-2.0) + known)
-        middle = inner @ known @ self.coefficient
-        return self.change @ (np.outer(middle, middle) + inner) @ self.change.T
-
 
 def missing(rows: np.ndarray, jacobian: np.ndarray, terms: Mapping[str, np.ndarray], sigma: float | None = None) -> list[Missing]:
     """Test terms that a model lacks, on the residuals of its fit; the one that the residuals show most comes first.
@@ -124,11 +103,8 @@ def missing(rows: np.ndarray, jacobian: np.ndarray, terms: Mapping[str, np.ndarr
         variance = max(square / freedom, 1e-300) if sigma is None else sigma**2
         ratio = gain / x.shape[1] / variance
         level = scipy.special.fdtrc(x.shape[1], freedom, ratio) if sigma is None else scipy.special.chdtrc(x.shape[1], gain / variance)
-        held_out = [
-            np.sum((part / np.maximum(1 - hat, 1e-3)) ** 2) for part, hat in ((plain, share), (left, share + np.sum(root**2, axis=1)))
-        ]
         inner = np.linalg.inv(upper)
-        better = bool(held_out[1] < held_out[0])
+        better = _left_out(left, share + np.sum(root**2, axis=1)) < _left_out(plain, share)
         found.append(Missing(name, coefficient, inner @ inner.T * variance, change, float(min(level * len(terms), 1.0)), better))
     return sorted(found, key=lambda one: one.level)
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from .._answer import CAUTION, FATAL, GRAVITY_ASSUMED, NOTE, WRONG_RANGE, Kind, table
 
-_LACK = "The {what} ask for {term} of {size:.2g} at {at:.3g}, which moves the matrix by {matrix}; the intervals include it."
+_LACK = "The {what} show {term} of {size:.2g} at {at:.3g}, which moves the matrix by {matrix}; the intervals include it."
 _ADD = "Add it with {option.terms:auto}."
 
 FINDINGS = table(
@@ -60,7 +60,10 @@ FINDINGS = table(
         limits=(np.deg2rad(5.0),),  # more than scale factors of some per cent cause
     ),
     gyro_unit=Kind(FATAL, "The turns fit if the gyroscope is in {unit}.", "Give {option.units:gyro={unit}}."),
-    gyro_axes=Kind(FATAL, "Against the accelerometer {what}: x, y, z of the device are {axes} of it.", "Give {option.axes:gyro={axes}}."),
+    gyro_axes=Kind(
+        FATAL, "Compared with the accelerometer, {what}: x, y, z of the device are {axes} of the gyroscope.",
+        "Give {option.axes:gyro={axes}}."
+    ),
     prior_conflict=Kind(CAUTION, "The prior contradicts the recording (p = {level:.1g}): the device has changed, or it is another one."),
     disagree=Kind(CAUTION, "{count} of {total} {what} do not agree with the others: the sensor was bumped, or moved in another way.",
                   limits=(0.2,)),
@@ -79,11 +82,11 @@ FINDINGS = table(
     lack_gyro=Kind(CAUTION, _LACK, _ADD),
     lack_memory=Kind(CAUTION, _LACK, "Approach each pose from the same side."),
     lack_drift=Kind(
-        CAUTION, "The {what} ask for {term} of {size:.2g} in all, which moves the matrix by {matrix}; the intervals include it.",
+        CAUTION, "The {what} show {term} of {size:.2g} in all, which moves the matrix by {matrix}; the intervals include it.",
         "Let the sensor warm up first, or add the drift with {option.terms:auto}."
     ),
     lack_step=Kind(
-        CAUTION, "The {what} ask for a step of {size:.2g} after pose {pose}, at {time:.3g}, which moves the matrix by {matrix}; the "
+        CAUTION, "The {what} show a step of {size:.2g} after pose {pose}, at {time:.3g}, which moves the matrix by {matrix}; the "
         "intervals include it.", "Calibrate the parts before and after it alone."
     ),
     terms_added=Kind(NOTE, "The log asked for {terms}, which the model now has."),
