@@ -2,6 +2,4 @@
 
 from ._deviation import deviation as deviation, reduce as reduce
 from ._fleet import Fleet as Fleet
-from ._pooled import pool as pool
-from ._population import Population as Population, population as population
 from ._run import run as run

@@ -25,12 +25,8 @@ Answer = tuple[Any, dict[str, Number], list[Any]]
 def noise(log: Log, **options: Any) -> Answer:
     """Fit the noise coefficients of every channel."""
     from ..noise import characterise
-    from ._leaves import held
 
-    fits = characterise(log, **options)
-    document, found, said = answer_of(fits, log)
-    likelihoods = {channel: held(fit.log_likelihood) for channel, fit in fits.items() if fit.spectrum is not None}
-    return document | {"likelihoods": likelihoods}, found, said
+    return answer_of(characterise(log, **options), log)
 
 
 def mag(log: Log, **options: Any) -> Answer:

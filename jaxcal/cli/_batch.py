@@ -12,7 +12,6 @@ from cyclopts import Parameter
 
 import jaxcal
 
-from .._answer import tables, things_to_know
 from .._answer._text import aligned, bullets, titled
 from ._cache import keep_compiled
 from ._options import RUNNING, CallError, Config, Quiet, Reading, checked
@@ -44,16 +43,6 @@ class FleetRunning:
     memory: Annotated[
         float | None, _positive("memory", "GB beyond which a log is given up; by default equal shares. Not with --scheduler.")
     ] = None  # fmt: skip
-    pool: Annotated[
-        bool,
-        Parameter(help="Fit all logs together: middle, spread, odd units and pooled values, in the overview and in population.json."),
-    ] = False
-    table: Annotated[
-        Path | None,
-        Parameter(help="CSV file for --pool with a line for each log: columns log, device, and covariates such as temperature."),
-    ] = None
-    names: Annotated[str | None, Parameter(help='Pattern of the names of logs for --pool, as "unit{device}_{temperature}C".')] = None
-    axes: Annotated[bool, Parameter(name="--by-axis", help="With --pool: axes are a level within the device.")] = False
     each: Annotated[
         bool, Parameter(help="A result for every IMU of a log that holds several (ULog, DataFlash, bags, HDF5), not only for the first.")
     ] = False
@@ -87,8 +76,6 @@ def batch(
         raise CallError("batch needs logs: files, folders or patterns")
     if (running.timeout is not None or running.memory is not None) and running.scheduler is not None:
         raise CallError("--timeout and --memory exclude --scheduler: the workers of a cluster cannot be stopped")
-    if not running.pool and (running.table is not None or running.names is not None or running.axes):
-        raise CallError("--table, --names and --by-axis belong to --pool: add --pool")
     if out.exists() and not out.is_dir():
         raise CallError(f"--out {out}: this is a file; give a folder")
     above = next((folder for folder in (out.absolute(), *out.absolute().parents) if folder.exists()), out)
@@ -111,8 +98,7 @@ def batch(
             options=options, reading=known, timeout=running.timeout,
             memory=None if running.memory is None else 1e9 * running.memory, progress=move, each=running.each,
         )  # fmt: skip
-    pooled = jaxcal.batch.pool(fleet, table=running.table, names=running.names, axes=running.axes) if running.pool and fleet.done else {}
-    _show(screen, fleet, pooled)
+    _show(screen, fleet)
     if not fleet.done:
         raise jaxcal.DataError(f"none of {_logs(len(fleet))} could be answered; the first: {fleet.failed[0].reason}")
 
@@ -152,7 +138,7 @@ def _joined(value: Any) -> Any:
     return ",".join(value) if isinstance(value, tuple) else value
 
 
-def _show(screen: Screen, fleet: Any, pooled: dict[str, Any]) -> None:
+def _show(screen: Screen, fleet: Any) -> None:
     """Print the table of the fleet, outliers and trends, and failures."""
     kept = sum(entry.kept for entry in fleet)
     there = f"; {kept} of them were there already" if kept else ""
@@ -164,10 +150,6 @@ def _show(screen: Screen, fleet: Any, pooled: dict[str, Any]) -> None:
         rows.append((name, one.unit, str(one.count), *values, str(len(one.outliers) or "")))
     left = f"; {_ROWS} of {len(shown)} coefficients" if len(shown) > _ROWS else ""
     screen.lines(titled(f"spread over the logs{left}", aligned(rows)))
-    for name, found in pooled.items():
-        screen.line()
-        screen.lines([f"population of {name}", *tables(found.verdict, found.headline, found.sections(), (), reader="terminal")])
-        screen.lines(things_to_know(found.findings, reader="terminal", more="the overview"))
     outliers = sorted((outlier for one in shown.values() for outlier in one.outliers), key=lambda found: -abs(found.score))
     for title, said in (
         ("Outliers", [f"{found.name}: {found.reason}" for found in outliers]),
@@ -175,10 +157,7 @@ def _show(screen: Screen, fleet: Any, pooled: dict[str, Any]) -> None:
         ("Not answered", [entry.reason for entry in fleet.failed]),
     ):
         screen.lines(titled(title, bullets(_first(list(dict.fromkeys(said))))))
-    written = [
-        fleet.out / name
-        for name in ("overview.html", *(["population.json"] if pooled else []), "summary.csv", "summary.parquet", "manifest.json")
-    ]
+    written = [fleet.out / name for name in ("overview.html", "summary.csv", "summary.parquet", "manifest.json")]
     show_written(screen, [path for path in written if path.exists()])
     screen.lines([f"and a result file for each log in {fleet.out / 'results'}"])
 

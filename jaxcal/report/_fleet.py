@@ -13,7 +13,6 @@ from ..plot._style import number_label, unit_label
 from ._charts import Chart, Curve, charts
 from ._html import LISTED, PANELS, Markup, definitions, join, scroll, section, table, tag
 from ._page import page
-from ._population import populations
 
 _LINEAR, _HALF = 5.0, 80.0  # distance up to which a row of points is linear, and half its width
 _MEANING = (
@@ -41,8 +40,7 @@ def write_fleet(fleet: dict[str, Any], path: str | os.PathLike[str]) -> None:
     Parameters
     ----------
     fleet : `task` (name, options, reading, jaxcal), `logs` (number of logs), `names` and `dates` of the logs with a result, `failed`
-        (pairs of name and reason), `warnings` (pairs of sentence and names), `spread` (name -> the fields of `jaxcal.batch.Spread`), and
-        `populations` (name -> `jaxcal.batch.Population`) if the logs were pooled.
+        (pairs of name and reason), `warnings` (pairs of sentence and names), and `spread` (name -> the fields of `jaxcal.batch.Spread`).
     path : file to write; an existing file is replaced atomically.
 
     Raises
@@ -55,7 +53,7 @@ def write_fleet(fleet: dict[str, Any], path: str | os.PathLike[str]) -> None:
     lead = f"{fleet['logs']} log{'s' * (fleet['logs'] != 1)}, {done} answered, {len(fleet['failed'])} not"
     failed = table(("Log", "Reason"), fleet["failed"]) if fleet["failed"] else tag("p", "None.")
     body = (
-        _verdict(fleet), populations(fleet.get("populations", {})), _spread(fleet), _outliers(fleet), _trends(fleet),
+        _verdict(fleet), _spread(fleet), _outliers(fleet), _trends(fleet),
         section("Logs without an answer", "failed", failed),
         _warnings(fleet), section("What the words mean", "meaning", definitions(_MEANING)),
         section("Provenance", "provenance", definitions((key, str(value)) for key, value in fleet["task"].items() if value)),

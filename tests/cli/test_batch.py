@@ -55,21 +55,3 @@ def test_a_scheduler_that_is_not_there_or_no_dask_is_status_2(call, logs, monkey
     found = call("batch", "logs", "--out", "out", "--scheduler", "tcp://127.0.0.1:1")
     assert found.status == 2
     assert 'pip install "jaxcal[dask]"' in found.reason
-
-
-def test_a_pooled_fleet(call, folder):
-    (folder / "logs").mkdir()
-    for i in range(6):
-        y = 0.01 * np.exp(0.2 * i) * np.random.default_rng(i).standard_normal(1000)
-        np.savez(folder / "logs" / f"unit{i}_{20 + i % 3}C.npz", gyro=y[:, None], rate=100.0)
-    words = ["batch", "logs", "--out", "out", "--workers", "1", "--set", 'terms=["N"]', "--pool", "--names", "unit{device}_{temperature}C"]
-    found = call(*words)
-    assert (found.status, found.err) == (0, "")
-    assert "population of gyro_x" in found.out
-    assert "deviation of device" in found.out
-    assert "population.json" in found.out
-    assert "Population" in (folder / "out" / "overview.html").read_text()
-    before = (folder / "out" / "population.json").read_bytes()
-    again = call(*words)  # an interrupted run continues from the existing results and gives the same numbers
-    assert "6 of them were there already" in again.out
-    assert (folder / "out" / "population.json").read_bytes() == before

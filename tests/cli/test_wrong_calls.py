@@ -150,7 +150,6 @@ export device.json --to kalibr --inflate 0 | --inflate 0.0: expected
 export device.json --to kalibr --random-walk much | --random-walk much: expected
 export device.json --to c --out device.json | would be overwritten
 export empty.json --to c                   | no JSON, and a calibration is asked for
-batch rest.csv --out fleet --by-axis       | --table, --names and --by-axis belong to --pool
 batch rest.csv --out fleet --set term=QN   | no option term
 batch rest.csv --out fleet --units gyro=furlong | furlong
 temperature warm.csv --export kalibr       | unknown format
