@@ -117,7 +117,7 @@ class _Record:
         """Robust spread of the looks of each axis, which is known to half the step of a mean."""
         found = []
         for d, step, hidden in zip(looks, self.steps, self.hidden, strict=True):
-            d = d if still is None or still.all() else d[still]
+            d = d if still is None or still.all() or not still.any() else d[still]
             size = np.abs(d[:: len(d) // SAMPLE + 1])
             place = [round(share * (len(size) - 1)) for share in _SPREADS]
             spread = np.max(np.partition(size, place)[place] / list(_SPREADS.values()))

@@ -276,7 +276,8 @@ def _at_its_instant(change: Change, axes: Sequence[Axis], dt: float, size: int) 
     near = np.stack([axis.record[first : first + 4 * size] for axis in axes])
     count = np.arange(1, near.shape[1])
     rise = np.cumsum(near - near.mean(axis=1, keepdims=True), axis=1)[:, :-1]
-    best = int(np.argmax(np.sum(rise**2 / np.var(near, axis=1, keepdims=True), axis=0) / (count * (near.shape[1] - count))))
+    spread = np.maximum(np.var(near, axis=1, keepdims=True), np.finfo(float).tiny)  # an axis may be constant here
+    best = int(np.argmax(np.sum(rise**2 / spread, axis=0) / (count * (near.shape[1] - count))))
     return _event((first + best + 0.5) * dt, 0.0)
 
 

@@ -152,7 +152,8 @@ class Observed:
                     _products(self._mean.spectra, self._spectrum[None, :], starts)[:, 0],
                 )
             squares, cross = self._known
-        power = np.sum(squares)
+        power, eps = np.sum(squares), np.finfo(float).eps
+        rounding = eps**2 * power * count  # ordinates are never zero, not even those of a record without noise
         if len(own):  # within a bin, all ordinates have the weight of their mean
             precision = self.dt / level
             gram = own @ precision
@@ -164,6 +165,7 @@ class Observed:
             parts = self.factors[:, None] * (
                 np.einsum("ij,ijb->ib", self._mean.both * self.factors, own) - 2.0 * self._mean.shares[:, None] * cross
             )
+            rounding = rounding + eps * squares  # of the difference
             squares = np.maximum(squares + np.sum(parts, axis=0), 0.0)
             self.doubts = self._doubts(own, cross) * self.dt / count
         if not np.sum(squares) > _NOTHING**2 * power:
@@ -173,8 +175,8 @@ class Observed:
             )
         share = np.clip(1.0 - lost / count, 0.0, 1.0)
         weight = np.where(share < _LEAST, 0.0, count * share * self._there)
-        ordinates = self.dt * squares / count / np.maximum(share, _LEAST)
-        unit = np.exp(np.sum(weight * np.log(np.maximum(ordinates, np.finfo(float).tiny))) / max(np.sum(weight), 1.0))
+        ordinates = self.dt * np.maximum(squares, rounding) / count / np.maximum(share, _LEAST)
+        unit = np.exp(np.sum(weight * np.log(ordinates)) / max(np.sum(weight), 1.0))
         return Bins(ordinates / unit, weight, columns, frequency, unit)
 
     @property

@@ -121,7 +121,7 @@ def _fitted(bins: Bins, group: AnyArray) -> Fitted:
         np.bincount(group, bins.weight * values) for values in (np.ones(len(group)), bins.density / density(bins.columns, theta))
     )
     there = count > 0.0
-    ratio = np.maximum(total[there] / count[there], np.finfo(float).tiny ** 0.5)  # the ordinates of a record without noise are zero
+    ratio = total[there] / count[there]
     deviance = np.sum(count[there] * (ratio - 1.0 - np.log(ratio)))
     freedom = max(float(np.sum(there) - np.sum(theta != 0.0)), 1.0)
     return Fitted(theta, cost, bins, float(deviance / freedom), float(chance(deviance, freedom)))
@@ -157,7 +157,6 @@ def _search(bins: Bins, count: int) -> tuple[float, bool]:
     there = np.flatnonzero(total)
     level, at = (np.bincount(third, weight * values[used])[there] / total[there] for values in (bins.density, bins.frequency))
     s = np.sin(0.5 * np.pi * at / frequency.max())
-    level = np.maximum(level, np.finfo(float).tiny ** 0.5)  # a record without noise
     columns = np.stack([np.ones_like(s), s**2, 1.0 / s, 1.0 / s**2], axis=1) / level[:, None]
     width, ends = 3 * _OCTAVES, frequency.max() * 2.0 ** (-there / 3.0)
     below = np.cumsum(np.bincount(third)[there][::-1])[::-1]  # bins below the end

@@ -48,3 +48,8 @@ def test_a_record_of_which_a_filter_alone_is_left():
     random = np.random.default_rng([1, 172])
     random.uniform()
     finite_or_a_sentence(KINDS["growing"](np.arange(766) / 100.0, random.standard_normal(766), random))
+
+
+@pytest.mark.parametrize(("n", "at"), [(200, [20]), (1024, [337]), (64, [38, 38, 12]), (308, [294, 294]), (1052, [570, 100, 570])])
+def test_steps_without_noise(n, at):
+    finite_or_a_sentence(1e-5 * (np.arange(n)[:, None] >= at))
