@@ -7,6 +7,7 @@ import numpy as np
 from .._answer import CAUTION, FATAL, GRAVITY_ASSUMED, NOTE, WRONG_RANGE, Finding, Kind, Quantity, table, wrong_ranges
 from .._arrays import axis_words
 from ..fitting import Estimate
+from ..magnetometer._axes import Axes, by_axes
 from ._model import KINDS, field_of
 
 FINDINGS = table(
@@ -79,6 +80,8 @@ class Facts(NamedTuple):
     disagreement: float | None  # None if parts of the recording agree
     converged: bool
     held_out: dict[str, float]  # sensor -> rms residual of sixths that were left out, in its noise
+    dip: float = 0.0
+    hemisphere: float = 0.0  # sign of the dip at the place, or zero if the place does not tell it
 
 
 def findings_of(estimate: Estimate, facts: Facts) -> tuple[Finding, ...]:
@@ -118,4 +121,6 @@ def findings_of(estimate: Estimate, facts: Facts) -> tuple[Finding, ...]:
         found.append(FINDINGS("disagree", cost=times, times=times))
     if not facts.converged and not lost:
         found.append(FINDINGS("not_converged", SENSORS))
+    axes = by_axes(Axes(facts.axes[1], facts.dip), facts.hemisphere, turns=facts.hemisphere != 0.0)
+    found += [one.of("magnetometer") for one in axes]
     return tuple(found)

@@ -6,23 +6,22 @@ from typing import Any
 import jax
 import numpy as np
 
-from .._answer import Finding
+from .._arrays import runs
 from .._log import as_log
 from .._precision import host_float64
 from .._units import BEYOND, STANDARD_GRAVITY
 from ..fitting import Estimate
 from ..imu._fits import coefficients
 from ..imu._known import checked_gravity
-from ..magnetometer._axes import Axes, by_axes
 from ..noise import Noise as SlowNoise
 from ._findings import Facts, findings_of, sensor_of
-from ._judge import Known, known, lacks
+from ._judge import Known, known
 from ._model import AT, KINDS, NAMES, DeviceModel, field_of, model_of, template, vector_of
 from ._noise_floor import Floor
 from ._result import DeviceFit
 from ._solve import rounds
 from ._start import Start, recorded, started
-from ._state import Place, Solution, nuisance, stretches
+from ._state import Place, Solution, nuisance
 from ._windows import ACCEL_POLE, GYRO_POLE, Record
 
 _BELOW = ("accel.matrix[1,0]", "accel.matrix[2,0]", "accel.matrix[2,1]")  # zero by the convention of the frame
@@ -102,19 +101,17 @@ def fit(
     answers: list[Any] = []
     for poles in ([], [ACCEL_POLE, GYRO_POLE]):
         found, place = rounds(record, start, np.array([*free, *poles]), (gyro, accel))
-        told = known(found, record.time, slow)
-        answers.append((found, place, told, missing := lacks(found, record, told.ratio)))
+        answers.append((found, place, told := known(found, record, slow)))
         # a longer time constant than a step is no error of the integration, and no delay: fit again with the poles of both sensors
-        if not missing.pop("low_pass", 0.0) > record.grid.step**2 / 2:
+        if not told.lacks.pop("low_pass", 0.0) > record.grid.step**2 / 2:
             break
         start = dataclasses.replace(start, vector=found.vector, way=found.way)
     # a loose magnetometer looks like a low-pass of the gyroscope, but the fit with it does not converge
-    found, place, told, missing = next(one for one in reversed(answers) if one[0].converged or one is answers[0])
+    found, place, told = next(one for one in reversed(answers) if one[0].converged or one is answers[0])
     estimate, model = _reported(found, told, start, None if field is None else float(field))
     # the dip has the sign of the latitude but near the equator; a magnetometer whose axes mirror looks remounted, with the other dip
     sign = float(np.sign(latitude)) if latitude is not None and abs(latitude) > _TROPIC else 0.0
-    axes = [one.of("magnetometer") for one in by_axes(Axes(start.axes[1], float(model.dip)), sign, turns=sign != 0.0)]
-    return _result(log, record, found, place, told, start, estimate, model, missing, gravity is None, axes)
+    return _result(log, record, found, place, told, start, estimate, model, gravity is None, sign)
 
 
 def _reported(found: Solution, told: Known, start: Start, field: float | None) -> tuple[Estimate, DeviceModel]:
@@ -178,22 +175,22 @@ def _gauged(found: Solution, strength: float, field: float | None) -> tuple[np.n
 
 def _result(
     log: Any, record: Record, found: Solution, place: Place, told: Known, start: Start, estimate: Estimate, model: DeviceModel,
-    missing: dict[str, float], assumed: bool, axes: list[Finding],
+    assumed: bool, hemisphere: float,
 ) -> DeviceFit:  # fmt: skip
     begin = record.grid.first * record.grid.step
     mag = np.reshape(found.noise.mag, (-1, 1)) * start.strength
     rms = np.sqrt(np.sum(found.field**2, axis=1) / np.maximum(found.kept.sum(axis=1), 1)[:, None]) * mag
     flags = found.kept.any(axis=1) & (found.counts < 0.5), found.rests.windows
-    disturbed, resting = (stretches(which, begin, record.time) for which in flags)
+    disturbed, resting = (_stretches(which, begin, record.time) for which in flags)
     facts = Facts(
         field=model.field, gravity=record.gravity if assumed else None, axes=start.axes, place=found.way.place,
-        lacks=missing, poles=_poles(found, told), duration=float(log.duration),
+        lacks=told.lacks, poles=_poles(found, told), duration=float(log.duration),
         disturbed=sum((stop - first for first, stop in disturbed), 0.0),
         dead=bool(np.any(np.isnan(log.usable("gyro", keep=("held", "stuck", "clipped"))) & np.isfinite(log.gyro))),
-        disagreement=told.apart, converged=found.converged, held_out=told.held_out,
+        disagreement=told.apart, converged=found.converged, held_out=told.held_out, dip=float(model.dip), hemisphere=hemisphere,
     )  # fmt: skip
     return DeviceFit(
-        findings=(*findings_of(estimate, facts), *axes), model=model, estimate=estimate, disturbed=disturbed, rests=resting,
+        findings=findings_of(estimate, facts), model=model, estimate=estimate, disturbed=disturbed, rests=resting,
         noise={"gyro": float(np.median(found.noise.gyro)), "accel": float(np.median(found.noise.accel)),
                "mag": float(np.median(mag[:, 0] * np.sqrt(found.field_power)))},
         reach=place.reach, speed=place.speed, disagreement=told.ratio, held_out=told.held_out,
@@ -201,3 +198,9 @@ def _result(
         attitude=found.way.rotation, velocity=found.way.velocity, place=found.way.place, residual_inertial=found.rows.inertial,
         residual_field=rms, gravity=record.gravity, rate=float(log.rate), duration=float(log.duration),
     )  # fmt: skip
+
+
+def _stretches(flags: np.ndarray, begin: np.ndarray, time: float) -> tuple[tuple[float, float], ...]:
+    """Times (start, stop) in s of flagged windows that begin at `begin` (K,) and last `time`; neighbouring windows are joined."""
+    ends = zip(*runs(flags), strict=True)
+    return tuple((round(float(begin[first]), 3), round(float(begin[stop - 1] + time), 3)) for first, stop in ends)

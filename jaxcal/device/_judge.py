@@ -1,4 +1,4 @@
-"""Uncertainty of the parameters of a device: errors with correlated noise, undetermined parameters, and terms that the model lacks."""
+"""What a recording tells of the parameters of a device: their errors with correlated and slow noise, and terms that the model lacks."""
 
 import dataclasses
 import itertools
@@ -6,19 +6,23 @@ import itertools
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._units import factor
 from ..fitting import Chain
 from ..fitting._serial import BLOCKS, CHANCE, leave_out_pieces
 from ..imu._model import LEVEL
-from ..noise import Noise
-from ._levels import slow_noise
+from ..noise import Noise, mean_covariance
 from ._model import AT, NAMES
+from ._noise_floor import CLEAR, markov_spectrum, white_and_markov
+from ._solve import ENOUGH, LENGTHS
 from ._state import SIZES, UNSEEN, Solution
 from ._windows import ACCEL_POLE, GYRO_POLE, Record
+
+_DAY = factor("d", "time")  # s, over which the bias is a mean: the time within which a calibration is used
 
 
 @dataclasses.dataclass(frozen=True)
 class Known:
-    """Covariance of the free parameters, degrees of freedom of their errors, and disagreement between parts of the recording."""
+    """What a recording tells of the free parameters: their errors, whether its parts agree, and what the model lacks."""
 
     covariance: np.ndarray
     freedom: np.ndarray  # (p,)
@@ -26,9 +30,10 @@ class Known:
     seen: np.ndarray  # (p,) whether the recording determines a parameter
     held_out: dict[str, float]  # sensor -> rms residual of parts that were left out, in its noise
     apart: float | None  # variance of a parameter between parts over that of the noise, where it is clearly larger: the largest
+    lacks: dict[str, float]  # terms that the model lacks, see the function of this name
 
 
-def known(found: Solution, time: float, wander: dict[str, Noise]) -> Known:
+def known(found: Solution, record: Record, wander: dict[str, Noise]) -> Known:
     """Errors: from the information if parts of the recording agree, otherwise from fits that leave out parts. A parameter for which
     alone these errors are clearly larger has them, too.
 
@@ -53,19 +58,18 @@ def known(found: Solution, time: float, wander: dict[str, Noise]) -> Known:
         statistic += float(np.sum((vectors.T @ (scale * score))[strong] ** 2 / values[strong]))
         count += int(strong.sum())
     ratio = statistic / max(count, 1)
-    few = np.full(len(matrix), BLOCKS - 1.0)
+    few, missing = np.full(len(matrix), BLOCKS - 1.0), lacks(found, record, ratio)
+    more = slow_noise(found, record.time, pushed, wander)
     apart = leave_out_pieces(hats, scores, prior) + matrix @ prior @ matrix
     there = np.isfinite(apart).all()
     if there and count > 0 and scipy.special.chdtrc(count, statistic) < CHANCE:
-        return Known(apart, few, ratio, seen, held_out, ratio)
-    more = slow_noise(found, time, pushed, wander)
+        return Known(apart, few, ratio, seen, held_out, ratio, missing)
     plain = matrix * max(ratio, 1.0) + matrix @ more @ matrix
     excess = np.diag(apart) / np.diag(plain) if there else np.ones(len(matrix))
     wide = seen & (scipy.special.chdtrc(few, few * excess) < CHANCE / len(few))
     size = np.sqrt(np.where(wide, excess, 1.0))
-    return Known(
-        plain * np.outer(size, size), np.where(wide, few, np.inf), ratio, seen, held_out, excess[wide].max() if wide.any() else None
-    )
+    most = excess[wide].max() if wide.any() else None
+    return Known(plain * np.outer(size, size), np.where(wide, few, np.inf), ratio, seen, held_out, most, missing)
 
 
 def _predicted(
@@ -186,3 +190,65 @@ def _asked(found: Solution, field: np.ndarray, inner: np.ndarray) -> tuple[np.nd
     gain = np.linalg.solve(whole.information[:p, :p], np.column_stack([whole.information[:p, p:], whole.score[:p]]))
     left = whole.information[p:, p:] - whole.information[p:, :p] @ gain[:, :-1]
     return whole.score[p:] - whole.information[p:, :p] @ gain[:, -1], left
+
+
+def slow_noise(found: Solution, time: float, felt_by: dict[str, np.ndarray], wander: dict[str, Noise]) -> np.ndarray:
+    """(p, p) variance of the score from the noise that the levels of the fit do not contain.
+
+    The noise of a sensor is described as white noise and a Gauss-Markov process. Their powers and the time constant are those that explain
+    the spectrum of the residuals in octaves. The fit absorbs a part of the noise. Fits to white noise show how large this part is at each
+    frequency. At each frequency, the power above the level of the fit counts. `felt_by` (K, p, 3) is the change of the score by a bias of
+    the sensor in one window. That of the biases, `wander`, adds if the caller gives it.
+    """
+    total = np.zeros(2 * felt_by["mag"].shape[1:2])
+    for sensor, noise in wander.items():
+        total = total + _wandering(felt_by[sensor], noise, time)
+    resting = found.rests.windows
+    number = found.kept.sum() / max(np.count_nonzero(found.kept.any(axis=1)), 1)
+    keep = np.exp(-1 / np.array(LENGTHS[1:]))
+    for name, (seen, drawn) in found.residuals.items():
+        count = len(seen)
+        level = np.broadcast_to(getattr(found.noise, name), count) ** 2 * (time / number if name == "mag" else 1.0)
+        parts = [which for which in (resting, ~resting) if which.sum() >= ENOUGH]
+        # rests show the noise of the inertial sensors, which motion hides; the attitude of a rest absorbs that of the magnetometer
+        read = parts[-1] if name == "mag" else parts[0]
+        ratio, freedom, shapes = _octaves(seen, drawn, read, keep)
+        white, slow, best, gain = white_and_markov(level[read][0] * ratio, shapes, freedom)
+        if gain < CLEAR:
+            continue
+        spectrum = white + slow * markov_spectrum(keep[best : best + 1], np.pi * np.arange(count + 1) / count)
+        felt = np.zeros((count + 1, *felt_by[name].shape[1:]), dtype=complex)
+        for which in parts:
+            more = np.sqrt(np.maximum(spectrum - level[which][0], 0.0) / time)
+            felt += more[:, None, None] * np.fft.rfft(felt_by[name] * which[:, None, None], 2 * count, axis=0)
+        felt[1:-1] *= np.sqrt(2)  # negative frequencies
+        total = total + np.einsum("fpa,fqa->pq", felt, felt.conj(), optimize=True).real / (2 * count)
+    return total
+
+
+def _wandering(pushed: np.ndarray, noise: Noise, time: float) -> np.ndarray:
+    """(p, p) variance of the score from a bias that wanders about its mean over a day, with the recording in its middle.
+
+    `pushed` (K, p, 3) is the change of the score by a bias in one window. Flicker has no mean over all time.
+    """
+    dwell = np.concatenate([[_DAY / 2], np.full(len(pushed), time), [_DAY / 2]])
+    matrix = mean_covariance(noise, np.cumsum(dwell) - dwell, dwell)[1:-1, 1:-1]
+    return np.einsum("kpa,kl,lqa->pq", pushed, matrix, pushed, optimize=True)
+
+
+def _octaves(seen: np.ndarray, drawn: np.ndarray, which: np.ndarray, keep: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Power of the residuals over that of fits to white noise, its degrees of freedom, and this ratio for each process (c, octaves)."""
+    count = len(which)
+    edges = [1, 3]
+    while 4 * edges[-1] < count:
+        edges.append(2 * edges[-1])
+    powers = [np.abs(np.fft.rfft(y * which.reshape(-1, *np.ones(y.ndim - 1, dtype=int)), axis=0)) ** 2 for y in (seen, drawn)]
+    own, null = (np.add.reduceat(power, edges, axis=0) for power in powers)
+    own, null = own.sum(axis=1), null.sum(axis=1)
+    mean = null.mean(axis=-1)
+    lag = np.minimum(np.arange(2 * count), 2 * count - np.arange(2 * count))
+    both = np.fft.irfft(np.abs(np.fft.rfft(which, 2 * count)) ** 2, 2 * count)  # pairs of these windows at each lag
+    keep = np.append(keep, 0.0)[:, None]
+    power = np.fft.rfft((1 - keep) / (1 + keep) * keep**lag * both, axis=1).real[:, ::2]
+    shapes = np.add.reduceat(power, edges, axis=1)
+    return own / mean, 2 * (mean / null.std(axis=-1)) ** 2, shapes[:-1] / shapes[-1]

@@ -146,10 +146,11 @@ def _spread_of(mean: np.ndarray, end: np.ndarray, gyro: np.ndarray, accel: np.nd
 
     They depend on the mean specific force of a window (K, 3), and on the rotation from its end back to its beginning (K, 3, 3).
     """
-    up, eye = skew(mean), np.eye(3)
-    square = -(up @ up)  # an error of attitude rotates the specific force
+    # an error of attitude rotates the specific force: its products with the vector, whose cross product is that of each row
+    eye, across = np.eye(3), np.cross(end, mean[:, None])
+    square = np.sum(mean**2, axis=1)[:, None, None] * eye - mean[:, :, None] * mean[:, None]
     g, a = (level[:, None, None] ** 2 for level in (gyro, accel))
-    speed, place = g * time**2 / 2 * end @ up, g * time**3 / 6 * end @ up
+    speed, place = g * time**2 / 2 * across, g * time**3 / 6 * across
     both = a * time**2 / 2 * eye + g * time**4 / 8 * square
     rows = (
         (g * time * eye, speed, place),
@@ -255,28 +256,21 @@ def rows(
 def chain_of(found: Rows, free: np.ndarray) -> Chain:
     """Normal equations of the free parameters and of the states at the K + 1 ends of windows."""
     count, size = len(found.inertial), len(NAMES)
-    width = len(free)
     links, ties = np.zeros((count + 1, LINK, LINK)), np.zeros((count, LINK, LINK))
-    border, score = np.zeros((count + 1, LINK, width)), np.zeros((count + 1, LINK))
-    j = found.inertial_by[:, :, np.append(free, np.arange(size, size + 18))]
-    normal = np.swapaxes(j, 1, 2) @ j
-    push = np.einsum("kra,kr->ka", j, found.inertial)
-    first, second = slice(width, width + 9), slice(width + 9, width + 18)
-    links[:-1, :9, :9], ties[:, :9, :9] = normal[:, first, first], normal[:, first, second]
-    links[1:, :9, :9] += normal[:, second, second]
-    border[:-1, :9] = normal[:, first, :width]
-    border[1:, :9] += normal[:, second, :width]
-    score[:-1, :9] = push[:, first]
-    score[1:, :9] += push[:, second]
-    corner, right = normal[:, :width, :width].sum(axis=0), push[:, :width].sum(axis=0)
-    # the magnetometer's rows depend on some of the parameters only
-    seen = np.flatnonzero(np.any(found.field_by[..., free] != 0, axis=(0, 1, 2)))
-    f = found.field_by[..., np.append(free[seen], np.arange(size, size + 3))].reshape(count, -1, len(seen) + 3)
-    normal = np.swapaxes(f, 1, 2) @ f
-    push = np.einsum("kra,kr->ka", f, found.field.reshape(count, -1))
-    links[:-1, :3, :3] += normal[:, -3:, -3:]
-    border[:-1, :3][:, :, seen] += normal[:, -3:, :-3]
-    score[:-1, :3] += push[:, -3:]
-    corner[np.ix_(seen, seen)] += normal[:, :-3, :-3].sum(axis=0)
-    right[seen] += push[:, :-3].sum(axis=0)
-    return Chain(links, ties, border, corner, score, right)
+    border, score = np.zeros((count + 1, LINK, len(free))), np.zeros((count + 1, LINK))
+    ends, own = np.swapaxes(found.inertial_by[..., size:], 1, 2), found.inertial_by[..., free]
+    normal, across, push = ends @ np.swapaxes(ends, 1, 2), ends @ own, (ends @ found.inertial[..., None])[..., 0]
+    links[:-1, :9, :9], ties[:, :9, :9] = normal[:, :9, :9], normal[:, :9, 9:]
+    links[1:, :9, :9] += normal[:, 9:, 9:]
+    border[:-1, :9] = across[:, :9]
+    border[1:, :9] += across[:, 9:]
+    score[:-1, :9] = push[:, :9]
+    score[1:, :9] += push[:, 9:]
+    own = own.reshape(-1, len(free))
+    corner, right = own.T @ own, own.T @ found.inertial.ravel()
+    turn, own = np.swapaxes(found.field_by[..., size:].reshape(count, -1, 3), 1, 2), found.field_by[..., free].reshape(count, -1, len(free))
+    links[:-1, :3, :3] += turn @ np.swapaxes(turn, 1, 2)
+    border[:-1, :3] += turn @ own
+    score[:-1, :3] += (turn @ found.field.reshape(count, -1, 1))[..., 0]
+    own = own.reshape(-1, len(free))
+    return Chain(links, ties, border, corner + own.T @ own, score, right + own.T @ found.field.ravel())

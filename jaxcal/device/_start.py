@@ -9,7 +9,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .. import magnetometer
-from .._arrays import axis_fault, axis_turns, axis_words, from_vector
+from .._arrays import axis_fault, axis_turns, axis_words, from_vector, skew
 from .._errors import DataError, FitError
 from .._message import Message
 from ..imu._model import EARTH_RATE
@@ -181,15 +181,15 @@ def followed(record: Record, vector: np.ndarray) -> tuple[Way, float]:
     dip = float(np.arcsin(np.clip(-np.mean(np.sum(field * force, axis=1)[some]) / record.gravity, -0.999, 0.999)))
     world, up = np.asarray(DeviceModel(model.accel, model.gyro, model.magnetometer, 1.0, dip).world_field), np.array([0.0, 0.0, 1.0])
     step = seen.rotation[:, -1]
-    gain = np.where(some, record.time / _FIELD, 0.0), record.time / _FORCE
+    # the cross products with the field and with the vertical, times the shares of their angles that are corrected
+    gain = np.where(some, -record.time / _FIELD, 0.0)[:, None, None] * skew(world), -record.time / _FORCE / record.gravity * skew(up)
     first = int(np.argmax(some))
     turn = _triad(force[first], field[first], dip) @ functools.reduce(np.matmul, step[:first], np.eye(3)).T
     total = len(step)
     turns = np.empty((total + 1, 3, 3))
 
     def corrected(turn, k):
-        wrong = gain[0][k] * np.cross(turn @ field[k], world) + gain[1] * np.cross(turn @ force[k] / record.gravity, up)
-        return from_vector(np.clip(wrong, -0.3, 0.3)) @ turn
+        return from_vector(np.clip(gain[0][k] @ (turn @ field[k]) + gain[1] @ (turn @ force[k]), -0.3, 0.3)) @ turn
 
     for k in range(total):
         turn = corrected(turn, k) @ step[k]

@@ -1,11 +1,12 @@
 """What a fit holds: noise levels, trajectory, the prior of the hand's motion, and the solution with its rows."""
 
 import dataclasses
+import functools
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._arrays import from_vector, runs, to_vector
+from .._arrays import from_vector, to_vector
 from ..fitting import Chain
 from ..fitting._chain import Eliminated
 from ._model import KINDS, NAMES, DeviceModel, field_of, model_of
@@ -15,6 +16,7 @@ SIZES = np.array([KINDS[field_of(name)].prior for name in NAMES])
 #: error over prior standard deviation from which a parameter is not determined; if a prior wider by the second factor raises an error by
 #: the third, the error depends on the prior
 UNSEEN, _LOOSE, _DEPENDS = 0.2, 5.0, 1.2
+_DRAWS = 16  # records of white noise that are drawn
 
 
 def nuisance(name: str) -> bool:
@@ -237,6 +239,38 @@ class Solution(Point):
         asked = np.array([not nuisance(NAMES[i]) for i in self.free])
         return asked & ((error >= UNSEEN) | ~(loose <= _DEPENDS * error))
 
+    @functools.cached_property
+    def residuals(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Sensor -> residuals (K, 3) of the windows, and those of fits to simulated white noise (K, 3, draws); sums of those of the field.
+
+        Near its solution the fit is linear. So white noise is drawn for every row, and the normal equations are solved for it. This shows
+        how much of the noise the unknowns absorb.
+        """
+        rng = np.random.default_rng(0)
+        free, rows, size = self.free, self.rows, len(NAMES)
+        count, width = len(rows.inertial), len(self.free)
+        draw = lambda *shape: rng.normal(size=(*shape, _DRAWS))  # noqa: E731
+        own = rows.inertial_by[:, :, np.append(free, np.arange(size, size + 18))]
+        noise = draw(count, 9)
+        push = np.swapaxes(own, 1, 2) @ noise
+        ends = np.zeros((count + 1, LINK, _DRAWS))
+        ends[:-1, :9] += push[:, width : width + 9]
+        ends[1:, :9] += push[:, width + 9 :]
+        score = push[:, :width].sum(axis=0)
+        field_by = rows.field_by[..., np.append(free, np.arange(size, size + 3))].reshape(count, -1, width + 3)
+        seen = draw(count, field_by.shape[1]) * np.repeat(self.kept, 3, axis=1)[..., None]
+        push = np.swapaxes(field_by, 1, 2) @ seen
+        ends[:-1, :3] += push[:, width:]
+        score += push[:, :width].sum(axis=0)
+        ends += pushed(self.prior, [draw(*tie.residual.shape) for tie in self.prior], count + 1)
+        score += draw(width) / SIZES[free][:, None]
+        links, steps = self.chain.steps(ends, score)
+        steps_all = np.broadcast_to(steps, (count, *steps.shape))
+        left = noise + own @ np.concatenate([steps_all, links[:-1, :9], links[1:, :9]], axis=1)
+        field = (seen + field_by @ np.concatenate([steps_all, links[:-1, :3]], axis=1)).reshape(count, -1, 3, _DRAWS).sum(axis=1)
+        inertial = rows.inertial
+        return {"gyro": (inertial[:, :3], left[:, :3]), "accel": (inertial[:, 3:6], left[:, 3:6]), "mag": (rows.field.sum(axis=1), field)}
+
     def hand(self, time: float, level: Noise) -> tuple[Place, Rests]:
         """Reach and speed of the hand in motion: mean squares of the estimates, plus their variances. Speed and turn at rest.
 
@@ -258,9 +292,3 @@ class Solution(Point):
         turned = np.mean(to_vector(way.turns[self.rests.windows]) ** 2)
         least = 0.2 * np.min(level.gyro) * np.sqrt(time)
         return place, Rests(self.rests.windows, float(np.sqrt(slow)), max(float(np.sqrt(turned)), float(least)))
-
-
-def stretches(flags: np.ndarray, begin: np.ndarray, time: float) -> tuple[tuple[float, float], ...]:
-    """Times (start, stop) in s of flagged windows that begin at `begin` (K,) and last `time`; neighbouring windows are joined."""
-    ends = zip(*runs(flags), strict=True)
-    return tuple((round(float(begin[first]), 3), round(float(begin[stop - 1] + time), 3)) for first, stop in ends)
