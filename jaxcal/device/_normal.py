@@ -248,9 +248,8 @@ def rows(
     field_by[..., AT["dip"]] = np.einsum("kiab,kb->kia", iron @ at, np.einsum("kab,b->ka", back, lower))[..., None]
     field_by[..., size:] = across
     scale = weight[..., None]
-    return Rows(
-        np.einsum("kab,kb->ka", whiten, residual), scale * field, whiten @ by, scale[..., None] * field_by
-    )  # fmt: skip
+    field_by *= scale[..., None]
+    return Rows(np.einsum("kab,kb->ka", whiten, residual), scale * field, whiten @ by, field_by)
 
 
 def chain_of(found: Rows, free: np.ndarray) -> Chain:

@@ -18,7 +18,7 @@ from ._windows import GYRO_DELAY, MAG_DELAY, REACH, Record
 _ROUNDS, _MOST, _BLIND, _STEPS, _FEW = 3, 8, 5, 25, 10
 #: a fit has converged when a step is expected to lower the cost (half the sum of squares) by less; the rounds end when weights, and
 #: logarithms of noise levels, change by less
-_SETTLED, _SAME = 1e-4, 0.05
+_SETTLED, _SAME = 1e-5, 0.05
 #: noise of a reading of the field, as a part of it, in the first fit. Rms field residual of a window in standard deviations: above the
 #: second number it gets less weight, above the third that of the fourth, which is not zero, so that its residuals are still computed
 _FIELD_NOISE, _FAR, _GONE, _LITTLE = 0.01, 1.5, 4.0, 1e-2
@@ -92,26 +92,28 @@ def solved(
         chain, off = with_prior(chain_of(now.rows, free), now.prior), (now.vector - centre)[free] / sizes**2
         return dataclasses.replace(chain, corner=chain.corner + np.diag(sizes**-2.0), score=chain.score + off)
 
-    now = at(vector, way, moved=moved)
-    chain, done = equations(now), False
+    now, done = at(vector, way, moved=moved), False
+    known = (chain := equations(now)).eliminated()
     for _ in range(steps):
-        known = chain.eliminated()
         while True:
             move = -np.linalg.solve(known.information + damping * np.diag(sizes**-2.0), known.score)
             promised = -0.5 * float(move @ known.score) - 0.5 * float(np.sum(chain.link_score * known.links(np.zeros(len(free)))))
+            # the rest of the way is far shorter than the errors
+            if done := abs(promised) < _SETTLED:
+                break
             trial = now.vector.copy()
             trial[free] += move
             trial[[GYRO_DELAY, MAG_DELAY]] = np.clip(trial[[GYRO_DELAY, MAG_DELAY]], -REACH, REACH)
             found = at(trial, now.way.moved(known.links(move)), now.back)
             if found.cost <= now.cost * (1 + 1e-9) + 1e-6 or damping > 1e12:
+                now = found
                 break
             damping = max(10 * damping, 1.0)
-        done, now = abs(promised) < _SETTLED, found
-        damping = damping / 10 if damping > 1 else 0.0
-        chain = equations(now)
         if done:
             break
-    return Solution(**vars(now), chain=chain, eliminated=chain.eliminated(), converged=done, free=free, counts=counts,
+        damping = damping / 10 if damping > 1 else 0.0
+        known = (chain := equations(now)).eliminated()
+    return Solution(**vars(now), chain=chain, eliminated=known, converged=done, free=free, counts=counts,
                     kept=record.kept(now.back), noise=noise, rests=rests)  # fmt: skip
 
 

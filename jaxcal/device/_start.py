@@ -25,6 +25,12 @@ _BRIEF, _READINGS, _GAP, _CLOSE = 20.0, 100, 2, 0.2
 #: s: time constants of the corrections of the attitude by field and specific force; the test of the axes: s of a step; rad by which the
 #: rates turn in a segment, and its limits in s
 _FIELD, _FORCE, _THIN, _TURN, _SEGMENT = 1.0, 10.0, 0.03, 4.0, (0.6, 5.0)
+#: sensor with a dead axis -> what calibrates the others
+_WITHOUT = {
+    "gyro": "jaxcal imu calibrates the accelerometer, and jaxcal mag the magnetometer",
+    "accel": "jaxcal mag calibrates the magnetometer",
+    "mag": "jaxcal imu calibrates accelerometer and gyroscope",
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,8 +99,8 @@ def recorded(log: Any, gravity: float, latitude: float | None = None) -> tuple[R
     earth = from_vector(spin * grid.steps * grid.step)
     for name, values in (("gyro", gyro), ("accel", accel), ("mag", mag[there])):
         if dead := [f"{name}_{axis}" for axis, span in zip("xyz", np.ptp(values, axis=0), strict=True) if span == 0]:
-            said = "never changes: it is dead, or its column is wrong; jaxcal imu and jaxcal mag calibrate the sensors without it"
-            raise DataError(f"{', '.join(dead)} {said}", code="dead")
+            said = "never changes: it is dead, or its column is wrong. Without it, "
+            raise DataError(f"{', '.join(dead)} {said}{_WITHOUT[name]}", code="dead")
     floors = sensors["gyro"].floor(rate), sensors["accel"].floor(rate)
     later = np.where(there, log.offset["mag"], 0.0) if "mag" in log.offset else None
     return Record(accel, gyro, np.where(there[:, None], mag, 0.0), later, there, broken, grid, gravity, earth), floors, mag
