@@ -61,12 +61,13 @@ def widening(bins: Bins, unit: float, theta: AnyArray, names: tuple[str, ...], s
         # energies of few chi-squares have long tails, which make their scatter less certain
         known = worth >= _INDEPENDENT * blocks
         freedom = (blocks - 1.0) / (1.0 + 6.0 * blocks / np.where(known, worth, 1.0))
-        found = np.where(known, beyond_chance(spread, freedom), 1.0)
+        found, named = np.where(known, beyond_chance(spread, freedom), 1.0), known & is_named(spread, freedom)
+        # the level wanders, and the variance of few blocks is itself uncertain
+        found *= np.where(named, (scipy.special.stdtrit(np.maximum(freedom, 4.0), 0.975) / scipy.special.ndtri(0.975)) ** 2, 1.0)
         for row, j in enumerate(there):
             if found[row] > factor[j]:
                 part = int(np.argmax(influence[row]))
-                named = is_named(spread[row], freedom[row])
-                factor[j], loudest[j] = found[row], (part / blocks, (part + 1) / blocks) if named else None
+                factor[j], loudest[j] = found[row], (part / blocks, (part + 1) / blocks) if named[row] else None
     return Widening(factor, loudest)
 
 

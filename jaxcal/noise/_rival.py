@@ -9,9 +9,9 @@ with R_i relaxations, first-order Gauss-Markov processes whose corner frequencie
 sum of relaxations follows every falling spectrum of exponent up to two (A. van der Ziel, Physica 16, 1950). The model is linear in its
 coefficients, and the iteration of non-negative least squares with the weights nu/S^2 ends at the maximum of the likelihood.
 
-The interval of N is the hull of both. Where the rival is clearly more likely, corners up to the end of the band take part in it: what lies
-above the highest corner could be N as well as slow noise. B and K are hints at most where the rival is clearly more likely and clearly
-another spectrum.
+The interval of N is the hull of both. What lies above the highest corner could be N as well as slow noise. Corners up to the end of the
+band therefore take part in the hull, at a price in likelihood that only a record of another spectrum pays. B and K are hints at most
+where the rival is clearly more likely and clearly another spectrum; the low ends of their intervals fall to zero where it begins to be.
 """
 
 from typing import NamedTuple
@@ -29,23 +29,22 @@ _OCTAVES = 3.0  # below the end of the band, at which the highest corner lies; n
 #: twice the gain in log likelihood, and rms logarithm of the ratio of the densities, from which the rival is another spectrum: records of
 #: N, B and K reach both in less than 1 % (`benchmarks/real_noise.py`)
 _GAIN, _APART = 12.0, 0.25
-_SLOW = ("B", "K")
 
 
 class Rival(NamedTuple):
-    """Density of the rival in the bins of a fit, twice its gain in log likelihood, rms logarithm of its ratio to the model, and limits of
-    its N^2 (low, high, one-sided upper limit) in units of `Bins.unit`, or None without N.
+    """Density of the rival in the bins of a fit, rms logarithm of its ratio to the model, the share of the low ends of B^2 and K^2 that it
+    leaves, and limits of its N^2 (low, high, one-sided upper limit) in units of `Bins.unit`, or None without N.
     """
 
     density: AnyArray
-    gain: float
     apart: float
+    left: float
     white: tuple[float, float, float] | None
 
     @property
     def other(self) -> bool:
         """Whether the record shows another spectrum than that of the model."""
-        return self.gain > _GAIN and self.apart > _APART
+        return self.left == 0.0
 
 
 def rival_of(fitted: Fitted, names: tuple[str, ...], dt: float, duration: float, levels: tuple[float, float], widened: float) -> Rival:
@@ -55,7 +54,7 @@ def rival_of(fitted: Fitted, names: tuple[str, ...], dt: float, duration: float,
     Where the model does not describe the slow noise, relaxations up to the end of the band may take part of N.
     """
     bins, used = fitted.bins, fitted.bins.weight > 0
-    kept = np.array([name not in _SLOW for name in names])
+    kept = np.array([name not in ("B", "K") for name in names])
     columns, start = _columns(bins, kept, fitted.theta, dt, duration, _OCTAVES)
     theta, cost = scoring(columns, bins.density, bins.weight, start)
     model, own = density(bins.columns, fitted.theta), density(columns, theta)
@@ -63,25 +62,23 @@ def rival_of(fitted: Fitted, names: tuple[str, ...], dt: float, duration: float,
     share = np.gradient(np.log(bins.frequency)) * used
     apart = float(np.sqrt(np.sum(share * np.log(own / model) ** 2) / np.sum(share)))
     gain = 2.0 * float(fitted.cost - cost)
+    left = float(np.clip((_GAIN - gain) / levels[0], 0.0, 1.0)) if apart > _APART else 1.0
     white = [name for name, keep in zip(names, kept, strict=True) if keep].index("N") if "N" in names else None
     if white is None:
-        return Rival(own, gain, apart, None)
-    there = theta != 0.0
-    place = int(np.sum(there[:white]))
-    error = (
-        float(np.sqrt(inverse(information(bins._replace(columns=columns[:, there]), theta[there]))[place, place])) if there[white] else 0.0
-    )
-    reach = [error * np.sqrt(level) for level in (levels[0], *levels)]
-    if gain > _GAIN:
+        return Rival(own, apart, left, None)
+    error = float(np.sqrt(inverse(information(bins._replace(columns=columns * (theta != 0.0)), theta))[white, white]))
+    both = np.array([levels[0], *levels])
+    middle, reach = float(theta[white]), error * np.sqrt(both)
+    if gain > _GAIN - levels[0]:
         columns, start = _columns(bins, kept, fitted.theta, dt, duration, 0.0)
         wide, cost = scoring(columns, bins.density, bins.weight, start)
-        spread = np.zeros((len(wide), len(wide)))
-        spread[white, white] = error**2 or theta[white] ** 2
-        ends = profile_limits(bins._replace(columns=columns), wide, cost, spread, [white], *(np.array([level]) for level in levels))
-        reach = [max(abs(float(end[0]) - theta[white]), least) for end, least in zip(ends, reach, strict=False)]
-    reach = [float(np.hypot(one, error * np.sqrt((widened - 1.0) * level))) for one, level in zip(reach, (levels[0], *levels), strict=True)]
-    middle = float(theta[white])
-    return Rival(own, gain, apart, (max(middle - reach[0], 0.0), middle + reach[1], middle + reach[2]))
+        spread = np.diag(np.arange(len(wide)) == white) * (error**2 or middle**2)
+        less = max(_GAIN - 2.0 * float(fitted.cost - cost), 0.0)  # what is left of the price
+        within = (np.array([max(level - less, 0.0)]) for level in levels)
+        ends = profile_limits(bins._replace(columns=columns), wide, cost, spread, [white], *within)
+        reach = np.maximum(reach, [middle - ends.low[0], ends.high[0] - middle, ends.upper[0] - middle])
+    reach = np.hypot(reach, error * np.sqrt((widened - 1.0) * both))
+    return Rival(own, apart, left, (max(middle - reach[0], 0.0), middle + reach[1], middle + reach[2]))
 
 
 def _columns(

@@ -153,6 +153,7 @@ def _beside(limits: Limits, own: list[str], rival: Rival, changes: Changes) -> t
     """
     if rival.white:
         limits = limits.reaching(own.index("N"), *rival.white)
+    limits = limits._replace(low=limits.low * np.where(np.isin(own, ("B", "K")), rival.left, 1.0))
     doubtful = [*("B", "K") * rival.other, *("K",) * changes.hint]
     doubts = [name for i, name in enumerate(own) if name in doubtful and limits.significance[i] > PRESENT]
     for name in doubts:
