@@ -28,7 +28,7 @@ class JaxcalError(ValueError):
 
     def of(self, subject: str) -> "JaxcalError":
         """Name the channel, log or file that the error is about."""
-        self.subject = f"{subject}: {self.subject}" if self.subject else subject
+        self.subject = ": ".join(one for one in (subject, self.subject) if one)
         return self
 
 

@@ -24,12 +24,11 @@ from .._message import Message
 from .._types import AnyArray
 from ..allan import Deviation
 from ..allan._uncertainty._edf import interval_factors
-from ._checks import Asked
 from ._covariance import covariance_tensor
 from ._findings import FINDINGS, of_model
 from ._likelihood import chance, inverse, nonnegative
 from ._limits import Limits, levels_of
-from ._record import Record, naming
+from ._record import Asked, Record
 from ._result import NoiseFit, assemble, with_edf
 from ._terms import Term
 
@@ -61,9 +60,11 @@ def fit_curves(record: Record, asked: Asked) -> list[NoiseFit]:
     """Fit the overlapped Allan deviation of each channel by the method asked for."""
     found = []
     for y, name in zip(record.channels, record.names, strict=True):
-        with naming(name):
+        try:
             curve, inside = asked.deviation(y)
-            found.append(fit_deviation(curve, record.samples, asked.terms, inside, asked.method, asked.confidence))
+            found.append(fit_deviation(curve, len(y), asked.terms, inside, asked.method, asked.confidence))
+        except DataError as error:
+            raise error.of(name) from None
     return found
 
 

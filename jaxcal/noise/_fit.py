@@ -13,10 +13,9 @@ from .._types import Any
 from ..evidence._find import ranges
 from ..evidence._values import at_own_rate
 from ._axes import findings_of_axes
-from ._checks import Asked, checked_call, findings_of_checks
 from ._curvefit import fit_curves
 from ._findings import FINDINGS
-from ._record import Record, without
+from ._record import Asked, Record, checked_call, findings_of_checks, without
 from ._result import NoiseFit, NoiseFits, stacked
 from ._terms import Term
 from ._traced import fit_traced

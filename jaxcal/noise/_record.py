@@ -1,17 +1,29 @@
-"""`Record`: what a fit is made of. It is checked once, where it comes in."""
+"""`Record` and `Asked`: what a fit is made of and what it is asked for, checked once, where they come in; and findings of these checks."""
 
-import contextlib
 import dataclasses
-from collections.abc import Iterator, Sequence
-from typing import Any
+import itertools
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
+from .._answer import Finding, Quantity
 from .._errors import DataError
-from .._quality import checked_record, refuse_infinite
+from .._quality import checked_rate, checked_record
+from ..allan import Deviation, deviation
 from ..evidence import bursts
+from ..evidence._values import SAMPLE, resolution
+from ._findings import FINDINGS
+from ._model import BUILT_IN, checked_terms
+from ._sections import QUOTED
+from ._terms import Term, is_sought
 
 _AXES = 3  # most channels that are axes of one sensor, which a knock or a warm-up changes together
+METHODS = ("whittle", "gls", "log", "slope")
+#: number of cluster sizes of a curve; neighbouring values are so strongly correlated that more would add no information
+_CLUSTERS = 25
+_ALIKE, _FREQUENCIES = 1e-6, 64  # relative difference of two densities that no record shows; number of frequencies compared
 
 
 @dataclasses.dataclass
@@ -62,25 +74,18 @@ class Record:
     def set_aside(self, rate: float) -> None:
         """Refuse channels that hold no noise, and leave out the stretches in which the sensor is not at rest."""
         for name, x in zip(self.names, self.channels, strict=True):
-            with naming(name):
-                refuse_infinite(x, "the record")
-                if np.nanmin(x, initial=np.inf) == np.nanmax(x, initial=-np.inf):
-                    raise DataError(
-                        "the record is constant (every sample equal): there is no noise to characterise. Check that the sensor was running "
-                        "and that its resolution is finer than its noise; leave a dead channel out"
-                    )
+            low, high = np.fmin.reduce(x), np.fmax.reduce(x)
+            if np.isinf(low) or np.isinf(high):
+                first = np.flatnonzero(np.isinf(x))[0]
+                raise DataError(f"the record is infinite, first at sample {first}; replace infinite values by NaN", code="record").of(name)
+            if low == high:
+                raise DataError(
+                    "the record is constant (every sample equal): there is no noise to characterise. Check that the sensor was running "
+                    "and that its resolution is finer than its noise; leave a dead channel out"
+                ).of(name)
         if self.aside is None:
             self.aside = bursts(np.stack(self.channels, axis=1), rate)
         self.channels = [without(x, self.aside) for x in self.channels]
-
-
-@contextlib.contextmanager
-def naming(name: str) -> Iterator[None]:
-    """Errors about the data name the channel."""
-    try:
-        yield
-    except DataError as error:
-        raise error.of(name) if name else error from None
 
 
 def without(y: Any, aside: Sequence[tuple[int, int]]) -> Any:
@@ -90,3 +95,98 @@ def without(y: Any, aside: Sequence[tuple[int, int]]) -> Any:
         for first, last in aside:
             y[first:last] = np.nan
     return y
+
+
+class Asked(NamedTuple):
+    """What a fit is asked for: options of `fit` after checks, cluster sizes, and which of these the fit may use."""
+
+    rate: float
+    method: str
+    terms: tuple[Term, ...]
+    confidence: float
+    band: Any
+    m: np.ndarray
+    inside: np.ndarray
+
+    def deviation(self, y: Any) -> tuple[Deviation, np.ndarray]:
+        """The Allan deviation of a channel at the cluster sizes, and which of them the fit may use."""
+        found = deviation(y, self.rate, m=self.m, confidence=self.confidence)
+        return found, self.inside[np.isin(self.m, found.m)]  # gaps may leave no difference at the largest cluster sizes
+
+
+def checked_call(record: Record, rate: Any, method: str, terms: Any, confidence: float, band: Any) -> Asked:
+    """What is asked for, refused if the options do not suit each other or the record."""
+    if method not in METHODS:
+        raise DataError(f"unknown method {method!r}; expected one of {', '.join(METHODS)}", code="unknown_method")
+    terms, rate = checked_terms(terms), checked_rate(rate)
+    if method != "whittle" and any(is_sought(term) for term in terms):
+        raise DataError(f'the correlation time of a Gauss-Markov process needs method "whittle"; got {method!r}', code="only_whittle")
+    if method != "whittle" and record.traced:
+        raise DataError(f'a traced record is fitted by method "whittle"; got {method!r}', code="only_whittle")
+    if not 0.0 < confidence < 1.0:
+        raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)", code="confidence")
+    samples = record.samples
+    _refuse_alike(terms, samples, 1.0 / rate)
+    m = clusters(samples, terms)
+    if method == "whittle":  # the others are fitted to the curve, whose cluster sizes are their own
+        quoted = np.round(np.array(QUOTED) * rate).astype(np.int64)
+        m = np.union1d(m, quoted[(quoted >= 1) & (quoted <= samples // 4)])
+    return Asked(rate, method, terms, confidence, band, m, inside(m / rate, band, terms))
+
+
+def clusters(samples: int, terms: Sequence[Any]) -> np.ndarray:
+    """Cluster sizes for a fit: about 25 log-spaced, from 1 to a quarter of the record."""
+    needed = 4 * (len(terms) + 3)
+    if samples < needed:
+        raise DataError(
+            f"{samples} sample{'s are' if samples != 1 else ' is'} too short a record to fit {len(terms)} noise terms; "
+            f"record at least {needed} samples (an hour or more, for bias instability), or ask for fewer terms", code="too_short",
+        )  # fmt: skip
+    return np.unique(np.round(np.logspace(0.0, np.log10(samples // 4), _CLUSTERS)).astype(np.int64))
+
+
+def inside(tau: np.ndarray, band: Any, terms: Sequence[Any]) -> np.ndarray:
+    """Whether each cluster time lies in the band asked for."""
+    if band is None:
+        return np.ones(len(tau), dtype=bool)
+    try:
+        low, high = (float(edge) for edge in band)
+    except (TypeError, ValueError):
+        raise DataError(f"band must be (shortest, longest) cluster time in s; got {band!r}", code="band") from None
+    within = (tau >= low * (1 - 1e-9)) & (tau <= high * (1 + 1e-9))
+    if within.sum() <= len(terms):
+        raise DataError(
+            f"the band {low:g} s to {high:g} s holds {within.sum()} cluster times, too few for {len(terms)} terms; "
+            f"widen it (the record has {tau[0]:g} s to {tau[-1]:g} s) or ask for fewer terms", code="band",
+        )  # fmt: skip
+    return within
+
+
+def _refuse_alike(terms: tuple[Term, ...], samples: int, dt: float) -> None:
+    """Raise a `DataError` if the densities of two terms have the same shape at all frequencies of a record of so many samples."""
+    if all(term.name in BUILT_IN for term in terms):
+        return
+    f = np.geomspace(0.5 / (samples * dt), 0.5 / dt, _FREQUENCIES)
+    with jax.ensure_compile_time_eval():
+        shapes = {term.name: np.asarray(term.psd(f, dt)) for term in terms if not is_sought(term)}
+    for (one, a), (other, b) in itertools.combinations(shapes.items(), 2):
+        if np.all(a > 0.0) and np.all(b > 0.0) and np.ptp(np.log(a / b)) < _ALIKE:
+            raise DataError(
+                f"the terms {one} and {other} have densities of the same shape in this record, so it cannot tell them apart; leave one out"
+            )
+
+
+def findings_of_checks(y: Any, record: Record, asked: Asked, n_squared: float) -> list[Finding]:
+    """What was set aside or is missing, and the resolution, where it matters beside the noise. `n_squared` is N^2 of the fit."""
+    found, aside = [], list(record.aside or ())
+    lost = sum(last - first for first, last in aside)
+    if lost and (record.found or lost > FINDINGS["set_aside"].limits[1] * len(y)):
+        part, first = lost / len(y), aside[0][0] / asked.rate
+        found += FINDINGS.over("set_aside", part, length=lost / asked.rate, share=100 * part, first=first)
+    if gone := int(np.isnan(y).sum()) - lost:
+        found.append(FINDINGS("gaps", cost=gone / len(y), share=100 * gone / len(y)))
+    step, known = resolution(y), y[np.isfinite(y)][:SAMPLE]
+    white = float(np.std(np.diff(known))) / np.sqrt(2.0)
+    share = step**2 / asked.rate / 12.0 / n_squared if n_squared > 0.0 else 0.0
+    coarse = FINDINGS.over("coarse", step / white if white else np.inf * step, step=Quantity(step, record.sensor or "ratio"))
+    return [*found, *(coarse or FINDINGS.over("rounding", share, share=100 * min(share, 1.0)))]

@@ -14,10 +14,10 @@ import numpy as np
 from .._errors import DataError
 from .._types import AnyArray, Array
 from ..fitting import solve
-from ._checks import Asked
 from ._likelihood import FAINT
 from ._limits import Limits, levels_of
 from ._ordinates import Bins, bins_of
+from ._record import Asked
 from ._result import NoiseFit, assemble
 from ._solve import groups_of, inside
 from ._terms import Ramp, is_sought

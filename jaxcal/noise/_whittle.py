@@ -10,7 +10,6 @@ from .._message import Message
 from .._types import AnyArray
 from . import _findings
 from ._changes import Axis, Changes, find_changes, lowest_of
-from ._checks import Asked
 from ._compare import likeliest_time
 from ._errors import Widening, doubted, widening
 from ._likelihood import density, information, inverse
@@ -18,7 +17,7 @@ from ._limits import PRESENT, Limits, levels_of, profile_limits
 from ._measured import edf_of
 from ._observed import Observed, Regressors
 from ._ordinates import amplitudes
-from ._record import Record, naming
+from ._record import Asked, Record
 from ._result import FittedSpectrum, NoiseFit, assemble, with_edf
 from ._rival import Rival, rival_of
 from ._solve import FILTER, Solved, solve
@@ -55,11 +54,13 @@ def fit_axes(record: Record, asked: Asked) -> list[NoiseFit]:
         )
     found = []
     for y, name in zip(record.channels, record.names, strict=True):
-        with naming(name):
+        try:
             observed = Observed(y, 1.0 / asked.rate)
             if ramps:  # a regressor beside the other terms
-                observed = observed.beside(Regressors(np.arange(record.samples)[None, :] / asked.rate))
+                observed = observed.beside(Regressors(np.arange(len(y))[None, :] / asked.rate))
             found.append(Described(observed, solve(observed, base, asked.band), asked.terms))
+        except DataError as error:
+            raise error.of(name) from None
     if sought:
         found = [_with_process(one, base, asked.band) for one in found]
     elif not ramps:

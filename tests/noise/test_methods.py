@@ -9,7 +9,7 @@ import pytest
 
 from jaxcal.allan import deviation
 from jaxcal.noise import Noise, _curvefit, allan_covariance, fit
-from jaxcal.noise._checks import clusters
+from jaxcal.noise._record import clusters
 
 RATE, DT = 100.0, 0.01
 TERMS = ("Q", "N", "B", "K")
