@@ -41,9 +41,9 @@ _STARTS = np.arange(96) / 96
 _TIMES = np.array([0.0, *2.0 ** np.arange(-7, 1), np.inf])
 _LAGS, _CYCLES = (0.0, 0.003, 0.01, 0.03, 0.1), np.arange(0.5, 10.01, 0.25)
 #: likelihood ratio for one axis that one in 300 records of noise alone reaches in the search of a family; a shift has a known place, and
-#: 2.6 standard errors suffice. By how much less a change without K must be better than K to be named "beside" K, and for K to be a "hint"
-#: at most: 32 and 4 % of records of 22 minutes with K reach them, and 3 % of records of 87 minutes (`benchmarks/real_noise.py`)
-_LEVELS = {"shift": 6.8, "event": 20.0, "edge": 13.0, "edges": 18.0, "sinusoid": 20.0, "temperature": 12.0, "beside": 13.25, "hint": 6.5}
+#: 2.6 standard errors suffice. By how much less a change without K must be better than K to be named "beside" K: of records of 22 minutes,
+#: K alone reaches it in 25 % and not one event in twenty fails to, and the exact Bayes factor does no better (`benchmarks/real_noise.py`)
+_LEVELS = {"shift": 6.8, "event": 20.0, "edge": 13.0, "edges": 18.0, "sinusoid": 20.0, "temperature": 12.0, "beside": 13.25}
 _EVIDENT = 0.1  # share of the likelihood ratio of K itself by which the change must be better, too
 _FAINT = 0.05  # a change of a smaller share is left out, which moves no coefficient by a tenth of its error
 
@@ -58,14 +58,11 @@ class Change(NamedTuple):
 
 
 class Changes(NamedTuple):
-    """The changes that are fitted and the share of each, one that describes the record about as well as K does, or None, and whether K is a
-    hint for it.
-    """
+    """The changes that are fitted and the share of each, and one that describes the record about as well as K does, or None."""
 
     fitted: tuple[Change, ...] = ()
     shares: tuple[float, ...] = ()
     instead: Change | None = None
-    hint: bool = False
 
     @property
     def likely(self) -> tuple[Change, ...]:
@@ -260,7 +257,7 @@ def find_changes(
             break
         held, fitted, cost, instead = designs[best], thetas[best], costs[best], (-_LEVELS["beside"], None)
     fitted, shares = zip(*found, strict=True) if found else ((), ())
-    return Changes(fitted, shares, instead[1], instead[0] > -_LEVELS["hint"])
+    return Changes(fitted, shares, instead[1])
 
 
 def _shares(beyond: Any) -> Any:

@@ -114,12 +114,12 @@ def of_changes(changes: Changes, factors: Any, covariance: Any, unit: str, durat
     return found
 
 
-def of_doubts(doubts: Sequence[str], walks: bool, rival: Rival, changes: Changes) -> list[Finding]:
-    """Why terms are hints at most, and what K may be instead if the record `walks`."""
-    if doubts and rival.other:
+def of_doubts(doubts: Sequence[str], rival: Rival, instead: Change | None) -> list[Finding]:
+    """Why terms are hints at most, and what a present K may be instead."""
+    if doubts:
         return [FINDINGS("rival", terms=" and ".join(doubts), factor=float(np.exp(rival.apart)))]
     what = {"step": "a change", "warm_up": "a warm-up or drift", "sinusoid": "a sinusoid", "temperature": "an effect of temperature"}
-    return [FINDINGS("instead", change=what[changes.instead.family])] if walks and changes.instead else []
+    return [FINDINGS("instead", change=what[instead.family])] if instead else []
 
 
 def of_widening(wider: Widening, names: Sequence[str], duration: float) -> list[Finding]:

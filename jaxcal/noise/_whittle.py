@@ -119,7 +119,7 @@ def _result(model: Described, asked: Asked, sensor: str) -> NoiseFit:
     covariance, limits = _uncertainty(solved, wider.factor, asked.confidence)
     scale = float(wider.factor[names.index("N")]) if "N" in names else 1.0
     rival = rival_of(fitted, names, dt, duration, levels_of(asked.confidence), scale)
-    limits, doubts = _beside(limits, [names[i] for i in solved.own], rival, model.changes)
+    limits, doubts = _beside(limits, [names[i] for i in solved.own], rival)
     curve, used = asked.deviation(observed.drawn if model.changes.fitted else observed.filled)
     used = used & (curve.tau >= (0.5 / solved.end) * (1 - 1e-9))
     used[-1] |= not used.any()
@@ -147,19 +147,13 @@ def _uncertainty(solved: Solved, widened: AnyArray, confidence: float) -> tuple[
     return covariance * np.sqrt(np.outer(widened, widened)), limits._replace(significance=limits.significance / widened[own])
 
 
-def _beside(limits: Limits, own: list[str], rival: Rival, changes: Changes) -> tuple[Limits, list[str]]:
-    """Limits of terms, of which those of N hold under the rival too, and the terms that are hints at most.
-
-    They are hints because the rival is another spectrum, or K because a change of the mean describes the record without it.
-    """
+def _beside(limits: Limits, own: list[str], rival: Rival) -> tuple[Limits, list[str]]:
+    """Limits of terms that hold under the rival too, and the terms that are hints at most, because it is another spectrum."""
     if rival.white:
         limits = limits.reaching(own.index("N"), *rival.white)
-    limits = limits._replace(low=limits.low * np.where(np.isin(own, ("B", "K")), rival.left, 1.0))
-    doubtful = [*("B", "K") * rival.other, *("K",) * changes.hint]
-    doubts = [name for i, name in enumerate(own) if name in doubtful and limits.significance[i] > PRESENT]
-    for name in doubts:
-        limits = limits.reaching(own.index(name), 0.0, 0.0, 0.0)
-    return limits, doubts
+    slow = np.isin(own, ("B", "K"))
+    doubts = [name for name, doubtful in zip(own, slow & rival.other & (limits.significance > PRESENT), strict=True) if doubtful]
+    return limits._replace(low=limits.low * np.where(slow, rival.left, 1.0)), doubts
 
 
 def _said(fit: NoiseFit, model: Described, wider: Widening, rival: Rival, doubts: list[str], sensor: str) -> tuple:
@@ -173,7 +167,7 @@ def _said(fit: NoiseFit, model: Described, wider: Widening, rival: Rival, doubts
         *_findings.of_lines(_lines(model)),
         *_findings.of_changes(model.changes, observed.factors, observed.covariance, sensor or "ratio", duration),
         *_findings.of_widening(wider, model.solved.names, duration),
-        *_findings.of_doubts(doubts, "K" in doubts or fit.presence.get("K") == "present", rival, model.changes),
+        *_findings.of_doubts(doubts, rival, model.changes.instead if fit.presence.get("K") == "present" else None),
     )
 
 
