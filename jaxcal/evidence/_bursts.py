@@ -89,36 +89,47 @@ class _Record:
             raise DataError(f"values have shape {values.shape}; expected (n,) or (n, axes)", code="shape")
         values = values.reshape(len(values), -1 if values.size else 1)
         known = np.isfinite(values)
-        enough = 0.5 * known.sum(axis=0).max(initial=1)  # an axis that stopped costs the others nothing
-        alive = [i for i in range(values.shape[1]) if known[:, i].sum() >= enough and np.nanmin(values[:, i]) < np.nanmax(values[:, i])]
+        count = np.count_nonzero(known, axis=0)
+        enough = 0.5 * count.max(initial=1)  # an axis that stopped costs the others nothing
+        alive = [i for i, column in enumerate(values.T) if count[i] >= enough and np.fmin.reduce(column) < np.fmax.reduce(column)]
         self.size = len(values)
         self.present = known[:, alive].all(axis=1) if alive else np.zeros(self.size, bool)
         self.index = np.flatnonzero(self.present)
-        self.columns = [values[self.index, i] for i in alive]
+        self.columns = [values[:, i] if len(self.index) == self.size else values[self.index, i] for i in alive]
         self.columns = [column - np.median(column[:: len(column) // SAMPLE + 1]) for column in self.columns if len(column)]
         self.steps = [resolution(column) for column in self.columns]
         # where the step of the values hides the noise, so that most readings equal the one before, nothing smaller is an event
-        equal = [np.mean(column[1:] == column[:-1]) for column in self.columns]
-        self.hidden = [step if share > HIDDEN else 0.0 for step, share in zip(self.steps, equal, strict=True)]
+        hidden = [step > 0.0 and np.mean(column[1:] == column[:-1]) > HIDDEN for step, column in zip(self.steps, self.columns, strict=True)]
+        self.hidden = np.where(hidden, self.steps, 0.0)
         self.longest = min(round(LONGEST * rate * len(self.index) / max(self.size, 1)), len(self.index) // (2 * _PAIRS))
         self._sum()
+        self.room = np.empty((len(self.columns), len(self.index)))  # for the looks of any lag
         self.tails = False  # whether single outliers are tails of the noise
         self.lags = max(self.longest, 1).bit_length()
         self.slow = self._spread(self.looks(self.longest, 1 + self.longest // 4), self.longest) if self.longest else np.ones(0)
 
     def _sum(self) -> None:
-        self.sums = [np.concatenate([[0.0], np.cumsum(column)]) for column in self.columns]
+        self.sums = [np.append(0.0, np.cumsum(column)) for column in self.columns]
 
-    def looks(self, h: int, step: int) -> list[np.ndarray]:
-        """The looks d of each axis at every `step` samples, the first at sample h."""
-        return [(c[2 * h :: step] - 2.0 * c[h : len(c) - h : step] + c[: len(c) - 2 * h : step]) / h for c in self.sums]
+    def looks(self, h: int, step: int) -> np.ndarray:
+        """(axes, looks) squares of the looks d at every `step` samples, the first at sample h; computed in parts that fit a cache."""
+        out = self.room[:, : max((len(self.index) - 2 * h) // step + 1, 0)]
+        for row, c in zip(out, self.sums, strict=True):
+            for first in range(0, len(row), SAMPLE):
+                d = row[first : first + SAMPLE]
+                before, at, after = (c[i : i + step * len(d) : step] for i in range(first * step, first * step + 2 * h + 1, h))
+                np.multiply(at, -2.0, out=d)
+                d += after
+                d += before
+                d *= 1.0 / h
+                d *= d
+        return out
 
-    def _spread(self, looks: list[np.ndarray], h: int, still: np.ndarray | None = None) -> np.ndarray:
+    def _spread(self, looks: np.ndarray, h: int) -> np.ndarray:
         """Robust spread of the looks of each axis, which is known to half the step of a mean."""
         found = []
-        for d, step, hidden in zip(looks, self.steps, self.hidden, strict=True):
-            d = d if still is None or still.all() or not still.any() else d[still]
-            size = np.abs(d[:: len(d) // SAMPLE + 1])
+        for squares, step, hidden in zip(looks, self.steps, self.hidden, strict=True):
+            size = np.sqrt(squares[:: len(squares) // SAMPLE + 1])
             place = [round(share * (len(size) - 1)) for share in _SPREADS]
             spread = np.max(np.partition(size, place)[place] / list(_SPREADS.values()))
             found.append(spread + max(0.5 * step / h, hidden / np.sqrt(h)))
@@ -128,31 +139,39 @@ class _Record:
         """(size,) whether a reading belongs to an event at lag h."""
         out = np.zeros(self.size, bool)
         step = max(h // 4, 1)
-        looks = self.looks(h, step) if len(self.index) > 2 * h else []  # events may have taken most of the record
-        count = len(looks[0]) if looks else 0
+        looks = self.looks(h, step)  # none, if events have taken most of the record
+        axes, count = looks.shape
         if count < 2 * _PAIRS:
             return out
-        still = self._still(looks)
-        spread = self._spread(looks, h, still)
+        energy = np.einsum("abk->ab", _blocks(looks)) / _BLOCK
+        gross = np.any(energy > _GROSS * (np.quantile(energy, 0.25, axis=1) + self.hidden**2)[:, None], axis=0)
+        still = np.append(np.repeat(~gross, _BLOCK), np.ones(count % _BLOCK, bool)) if gross.any() else slice(None)
+        spread = self._spread(looks[:, still] if np.any(still) else looks, h)
         if not spread.all():
             return out
-        for d, s in zip(looks, spread, strict=True):
-            d *= 1.0 / s
-            d *= d
-        z = functools.reduce(np.add, looks)
+        z = functools.partial(np.matmul, spread**-2)
         chance = 0.5 * CHANCE / self.lags  # half for single looks, half for the energy of blocks of looks
-        limit = _limit(len(looks), len(self.index) / h, chance / count)
-        found = z > limit
+        limit = _limit(axes, len(self.index) / h, chance / count)
+        # in a block whose largest looks stay below the limit together, none exceeds it
+        high = np.flatnonzero(z(np.maximum.reduceat(looks, np.arange(0, count, _BLOCK), axis=1)) > limit)
+        near = (high[:, None] * _BLOCK + np.arange(_BLOCK)).ravel()
+        near = near[near < count]
+        size, total = z(looks[:, near]), z(energy)
+        whole = high[high < len(total)]
+        total[whole] = _blocks(np.minimum(size, limit))[: len(whole)].mean(axis=1)
+        loud, found = gross | _loud(total, axes, chance), np.zeros(count, bool)
+        found[near] = size > limit
         starts, stops = runs(found)
         single = stops - starts <= 2 * h // step
         self.tails = self.tails or np.count_nonzero(single) > FEW  # single outliers at one lag
         if self.tails:
             for start, stop in zip(starts[single], stops[single], strict=True):
                 found[start:stop] = False
-        for start, stop in zip(*runs(~still | _loud(np.minimum(z, limit), len(looks), chance)), strict=True):
+        for start, stop in zip(*runs(loud), strict=True):
             # the event may be shorter than its blocks of looks: it ends where the first and the last of them have their energy
-            first, last = (_loudest(z[at : at + _BLOCK] - _EVENT * len(looks)) for at in (start, stop - _BLOCK))
-            found[start + first[0] : stop - _BLOCK + last[1]] = True
+            ends = start * _BLOCK, (stop - 1) * _BLOCK
+            first, last = (_loudest(z(looks[:, at : at + _BLOCK]) - _EVENT * axes) for at in ends)
+            found[ends[0] + first[0] : ends[1] + last[1]] = True
         starts, stops = runs(found)
         grown = h // 2 + 2
         first = np.maximum(h + starts * step - grown, 0)
@@ -160,16 +179,6 @@ class _Record:
         for a, b in zip(self.index[first], self.index[last], strict=True):
             out[a : b + 1] = True
         return out
-
-    def _still(self, looks: list[np.ndarray]) -> np.ndarray:
-        """Looks outside of blocks that move much more than the quietest quarter."""
-        gross: Any = False
-        for d, hidden in zip(looks, self.hidden, strict=True):
-            energy = np.einsum("ij,ij->i", _blocks(d), _blocks(d)) / _BLOCK
-            gross |= energy > _GROSS * (np.quantile(energy, 0.25) + hidden**2)
-        still = np.ones(len(looks[0]), bool)
-        _blocks(still)[gross] = False
-        return still
 
     def drop(self, out: np.ndarray) -> None:
         """Take the rows of events out, and join the levels before and after."""
@@ -201,21 +210,20 @@ class _Record:
 
 
 def _blocks(values: np.ndarray) -> np.ndarray:
-    """(blocks, looks in a block) a view of the values, without the rest behind the last block."""
-    return values[: len(values) // _BLOCK * _BLOCK].reshape(-1, _BLOCK)
+    """(..., blocks, looks in a block) a view of the values, without the rest behind the last block."""
+    count = values.shape[-1] // _BLOCK
+    return values[..., : count * _BLOCK].reshape(*values.shape[:-1], count, _BLOCK)
 
 
-def _loud(z: np.ndarray, axes: int, chance: float) -> np.ndarray:
-    """Looks in blocks whose energy exceeds the running median; the cube root of an energy is nearly normal (Wilson and Hilferty, 1931)."""
-    out = np.zeros(len(z), bool)
-    total = np.cbrt(_blocks(z).mean(axis=1))
+def _loud(energy: np.ndarray, axes: int, chance: float) -> np.ndarray:
+    """Blocks whose energy exceeds the running median; the cube root of an energy is nearly normal (Wilson and Hilferty, 1931)."""
+    total = np.cbrt(energy)
     if len(total) < _RUNNING:
-        return out
+        return np.zeros(len(total), bool)
     over = total - scipy.ndimage.median_filter(total, _RUNNING, mode="nearest")
     scatter = 1.4826 * np.median(np.abs(over))
     limit = -_HEAVIER * scatter * scipy.special.stdtrit(EFFICIENCY * len(total), chance / len(total))
-    _blocks(out)[(over > limit) & (total > np.cbrt(axes))] = True
-    return out
+    return (over > limit) & (total > np.cbrt(axes))
 
 
 def _loudest(excess: np.ndarray) -> tuple[int, int]:

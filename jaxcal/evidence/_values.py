@@ -311,8 +311,13 @@ def resolution(column: np.ndarray) -> float:
     >>> resolution(y), round(resolution(0.25 * np.round(4 * y)), 3)
     (0.0, 0.25)
     """
-    column = column[np.isfinite(column)]
-    return _common_step(np.abs(np.diff(column[:SAMPLE])))
+    return _common_step(np.abs(np.diff(first_known(column))))
+
+
+def first_known(column: np.ndarray) -> np.ndarray:
+    """The first readings that are there, enough for a spread."""
+    first = column[:SAMPLE]
+    return first if np.isfinite(first).all() else column[np.isfinite(column)][:SAMPLE]
 
 
 def _nearby(steps: np.ndarray) -> np.ndarray:
