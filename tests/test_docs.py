@@ -24,7 +24,6 @@ def name(page):
 
 
 def test_there_are_pages():
-    assert len(PAGES) == 28
     settings = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     listed = re.findall(r": ([a-z_/]+\.md)$", settings, re.MULTILINE)
     assert sorted(listed) == [page.relative_to(ROOT / "docs").as_posix() for page in PAGES]

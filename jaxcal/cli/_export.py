@@ -36,7 +36,7 @@ It says what the tool cannot represent, and the resulting error.
 def export_to(format: str) -> Callable[..., None]:
     """The command `jaxcal export` with the options of one format, or with those of all formats alone if it is ""."""
 
-    def export(calibration, /, *, to, out=None, ids=None, running=Plain(), **options):
+    def export(calibration=(), /, *, to, out=None, ids=None, running=Plain(), **options):
         _write(calibration, to, out, ids, running, options)
 
     group = Group(f"Of {format}", sort_key=5)
@@ -46,7 +46,8 @@ def export_to(format: str) -> Callable[..., None]:
         own["ids"] = Annotated[str | None, Parameter(group=group, help=f"Ids by which the vehicle finds its sensors: {pairs}.")]
     types = {"to": _TO, "out": _OUT, **own, "running": Plain}
     defaults = {"to": inspect.Parameter.empty, "running": Plain(), **{name: False for name in own if own[name].__origin__ is bool}}
-    known = [inspect.Parameter("calibration", inspect.Parameter.POSITIONAL_ONLY, annotation=_CALIBRATION)]
+    alone = {"default": ()} if "solver" in own else {}  # the code for a device needs no calibration
+    known = [inspect.Parameter("calibration", inspect.Parameter.POSITIONAL_ONLY, annotation=_CALIBRATION, **alone)]
     known += [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=defaults.get(name), annotation=one) for name, one in types.items()
     ]
@@ -65,6 +66,8 @@ def _annotation(name: str, group: Group) -> Any:
 
 def _write(calibration: list[Path], to: str, out: Path | None, ids: str | None, running: Plain, options: dict[str, Any]) -> None:
     must_be_calibration(*calibration)
+    if not calibration and not options.get("solver"):
+        raise CallError("export needs a calibration, as other commands write it, or --solver", "no_calibration")
     given = ids_of(ids, _IDS.get(to, ()))
     options = {name: value for name, value in options.items() if value is not None and value is not False}
     if "random_walk" in options:
@@ -79,7 +82,7 @@ def _write(calibration: list[Path], to: str, out: Path | None, ids: str | None, 
     targets = files_of(target, to)
     screen = Screen(running.quiet)
     with staged(distinct([(path, None) for path in targets.values()]), inputs=calibration, force=running.force) as places:
-        devices = [_with_ids(jaxcal.Calibration.load(path), given, to) for path in calibration]
+        devices = [_with_ids(jaxcal.Calibration.load(path), given, to) for path in calibration] or [jaxcal.Calibration()]
         digest = (devices[0].provenance or {}).get("sha256") if len(devices) == 1 else ""
         replaceable(targets.values(), digest or "", force=running.force)
         place = places[targets[""]] if "" in targets else next(iter(places.values())).with_name(target.name)

@@ -1,5 +1,6 @@
-"""Write a calibration as a C header without dependencies: C99, float32, SI, no dynamic memory."""
+"""Write a calibration as a C header without dependencies (C99, float32, SI, no dynamic memory), and code that makes one on the device."""
 
+import pathlib
 from typing import Any
 
 import numpy as np
@@ -37,9 +38,10 @@ def write_c(calibration: Calibration, options: Any) -> Product:
     found = {sensor: _inertial(calibration, sensor, parts.get(sensor), powers, p, said) for sensor, powers in thermal.items()}
     if calibration.magnetometer is not None:
         found["mag"] = _magnetic(calibration, options, said)
-    if not any(found.values()):
+    if not any(found.values()) and not options.solver:
         raise ExportError("a C header needs an imu, magnetometer or temperature section; this calibration has none", code="no_part")
-    head = ["/* Sensor calibration written by jaxcal. SI units, sensor frame.", *(_HEAD[name] for name, lines in found.items() if lines)]
+    about = "Sensor calibration written by jaxcal. SI units, sensor frame." if any(found.values()) else "Code for calibrations."
+    head = [f"/* {about}", *(_HEAD[name] for name, lines in found.items() if lines)]
     ranges = []
     if any(powers is not None for powers in thermal.values()):
         head.append(_THERMAL % p)
@@ -47,8 +49,15 @@ def write_c(calibration: Calibration, options: Any) -> Product:
         ranges = [f"#define {p}TEMPERATURE_{name}_C {_number(getattr(calibration.temperature, key))}" for name, key in limits] + [""]
     guard = f"{p}CALIBRATION_H"
     lines = [*head, " */", f"#ifndef {guard}", f"#define {guard}", "", *ranges, *(line for lines in found.values() for line in lines), ""]
-    text = "\n".join(lines) + "\n" + _APPLY % p.lower()
+    text = "\n".join(lines) + "\n" + (_APPLY % p.lower() if any(found.values()) else "") + (_solver(p) if options.solver else "")
     return Product(text + "\n#endif\n", said)
+
+
+def _solver(prefix: str) -> str:
+    """The code that collects readings and solves for a calibration: declarations, and behind a switch their functions."""
+    declared, made = ((pathlib.Path(__file__).parent / "_embedded" / f"sensors.{kind}").read_text(encoding="utf-8") for kind in "hc")
+    text = f"\n{declared}\n#ifdef JAXCAL_IMPLEMENTATION\n{made}#endif\n"
+    return text.replace("JAXCAL_", prefix.upper()).replace("jaxcal_", prefix.lower())
 
 
 def _inertial(

@@ -72,6 +72,8 @@ OPTIONS = {
     "instance": Option(0, is_instance, "0 for the first", "Number of the sensors on the vehicle, from 0."),
     "gyro_bias": Option(False, lambda value: isinstance(value, bool), "True or False",
                         "Also the bias of the gyroscope, which the firmware learns at every start."),
+    "solver": Option(False, lambda value: isinstance(value, bool), "True or False",
+                     "Also the code that collects readings on the device and solves for a calibration; needs no calibration."),
     "prefix": Option("JAXCAL_", is_name, "the beginning of a name in C", "Prefix of the names in the header."),
 }  # fmt: skip
 
@@ -112,7 +114,7 @@ FORMATS = {
     "magneto": Format("magneto.c", "_compass", ("magnetometer",), mark="//", counts=True),
     "inav": Format("inav.txt", "_compass", ("magnetometer",), counts=True),
     "betaflight": Format("betaflight.txt", "_compass", ("magnetometer",), counts=True),
-    "c": Format("calibration.h", "_c", _FIELDS, ("prefix",), mark="//", counts=True),
+    "c": Format("calibration.h", "_c", _FIELDS, ("prefix", "solver"), mark="//", counts=True),
     "csv": Format("calibration.csv", "_csv", ("noise", *_FIELDS), mark="", counts=True),
 }
 

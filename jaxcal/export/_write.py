@@ -47,7 +47,8 @@ def write(
         - px4, ardupilot: `instance` (index of the sensors on the vehicle, from 0). ardupilot: `gyro_bias` (True also writes the bias of the
           gyroscope, which the firmware estimates again at every start).
         - ros: `inflate`, `rate`.
-        - c: `prefix` (of the names).
+        - c: `prefix` (of the names), `solver` (True also writes the code that collects readings of a magnetometer, accelerometer or
+          gyroscope on a microcontroller and solves for a calibration there; an empty `Calibration()` is enough).
 
     Returns
     -------

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from ._fit import fit as fit
     from ._guide import Guide as Guide, guide as guide
     from ._model import MagModel as MagModel
+    from ._moments import Moments as Moments
     from ._own_model import residuals as residuals
     from ._result import MagFit as MagFit
     from ._track import Track as Track, track as track
@@ -25,6 +26,7 @@ install(
         "_attitude": "Attitude",
         "_check": "Check check",
         "_design._coverage": "Coverage coverage",
+        "_moments": "Moments",
         "_own_model": "residuals",
         "_field": "body_field earth_field heading scenario",
         "_fit": "fit",

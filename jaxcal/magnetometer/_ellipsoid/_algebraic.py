@@ -220,23 +220,32 @@ def _laplacian(moments: np.ndarray) -> np.ndarray:
     return sum(d @ d @ moments + 2 * d @ moments @ d.T + moments @ (d @ d).T for d in _slopes())  # type: ignore[return-value]
 
 
-def consistent(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Shape matrix and centre at the noise s (units of u), the smallest that makes Psi = Psi0 + s^2 Psi1 + s^4 Psi2 singular.
+def noisy(products: np.ndarray, variance: float) -> np.ndarray:
+    """Mean products of the monomials without those of a noise: exp(-s^2/2 D) of them, with the Laplacian D."""
+    first = -_laplacian(products) / 2
+    return products + variance * (first - variance * _laplacian(first) / 4)
 
-    Psi is the mean of the products of the monomials without that of the noise, exp(-s^2/2 D) with the Laplacian D. I. Markovsky,
-    A. Kukush and S. Van Huffel, Numer. Math. 98 (2004) 177; V. Renaudin, M. H. Afzal and G. Lachapelle, J. Sensors 2010, 967245.
+
+def adjusted(products: np.ndarray) -> tuple[float, np.ndarray]:
+    """The smallest variance of the noise that makes `noisy` singular, and the quadric that it then maps to zero."""
+    first = -_laplacian(products) / 2
+    second, s2 = -_laplacian(first) / 4, 0.0
+    if np.linalg.eigvalsh(products)[0] > 1e-14:  # otherwise the readings are exact
+        # with t = 1 / s^2, (t^2 Psi0 + t Psi1 + Psi2) q = 0 is an eigenvalue problem of twice the size, whose largest real t is wanted
+        zero, one = np.zeros_like(products), np.eye(len(products))
+        t = np.linalg.eigvals(np.block([[-np.linalg.solve(products, first), -np.linalg.solve(products, second)], [one, zero]]))
+        s2 = 1 / max(t.real[np.abs(t.imag) <= 1e-6 * np.abs(t)].max(initial=0.0), 1e-300)
+    return s2, np.linalg.eigh(products + s2 * (first + s2 * second))[1][:, 0]
+
+
+def consistent(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Shape matrix and centre by adjusted least squares.
+
+    I. Markovsky, A. Kukush and S. Van Huffel, Numer. Math. 98 (2004) 177; V. Renaudin, M. H. Afzal and G. Lachapelle, J. Sensors 2010,
+    967245.
     """
     columns = monomials(u)
-    zeroth = columns.T @ columns / len(u)
-    first = -_laplacian(zeroth) / 2
-    second, s2 = -_laplacian(first) / 4, 0.0
-    if np.linalg.eigvalsh(zeroth)[0] > 1e-14:  # otherwise the readings are exact
-        # with t = 1 / s^2, (t^2 Psi0 + t Psi1 + Psi2) q = 0 is an eigenvalue problem of twice the size, whose largest real t is wanted
-        zero, one = np.zeros_like(zeroth), np.eye(len(zeroth))
-        t = np.linalg.eigvals(np.block([[-np.linalg.solve(zeroth, first), -np.linalg.solve(zeroth, second)], [one, zero]]))
-        s2 = 1 / max(t.real[np.abs(t.imag) <= 1e-6 * np.abs(t)].max(initial=0.0), 1e-300)
-    theta = np.linalg.eigh(zeroth + s2 * (first + s2 * second))[1][:, 0]
-    return ellipsoid_of(theta)
+    return ellipsoid_of(adjusted(columns.T @ columns / len(u))[1])
 
 
 def start(u: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
