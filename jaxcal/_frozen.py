@@ -1,11 +1,21 @@
-"""Frozen modules made, changed and cut without their `__init__`, which would take most of the time of a short call."""
+"""Frozen modules: the base of models, and modules made, changed and cut without their `__init__`, which takes most of a short call."""
 
 import dataclasses
 from typing import Any, TypeVar
 
+import equinox as eqx
 import jax
+import numpy as np
 
 T = TypeVar("T")
+
+
+class Model(eqx.Module):
+    """The base of models of sensors, which print their numbers, not the shapes of their arrays."""
+
+    def __repr__(self) -> str:
+        with np.printoptions(precision=6):
+            return eqx.tree_pformat(self, short_arrays=False)
 
 
 def made(kind: type[T], /, **fields: Any) -> T:

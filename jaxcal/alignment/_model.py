@@ -10,6 +10,7 @@ import numpy as np
 
 from .._arrays import padded as long, power_of_two
 from .._errors import DataError
+from .._frozen import Model
 from .._precision import array_module
 from .._types import AnyArray
 from ..noise import Noise
@@ -19,7 +20,7 @@ from ._positions import EARTH_RATE, GRAVITY, SMALL, Geometry, Positions, Reading
 _SMALLEST_PAD = 16
 
 
-class Turntable(eqx.Module):
+class Turntable(Model):
     r"""A turntable with one accelerometer and one gyro: attitude, sensor errors and latitude.
 
     .. math:: m = (1 + s)\,u\cdot v + MA_1 v_1\cdot v + MA_2 v_2\cdot v + b + \dot b\,t,\qquad

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from .._frozen import Model
 from .._precision import array_module
 from .._types import AnyArray
 from .._units import STANDARD_GRAVITY
@@ -37,7 +38,7 @@ KINDS = {
 }  # fmt: skip
 
 
-class DeviceModel(eqx.Module):
+class DeviceModel(Model):
     r"""Accelerometer, gyroscope and magnetometer of one device.
 
     With the specific force f, the angular rate w and the field h in the frame of the device, at the time t:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
+from .._frozen import Model
 from .._precision import array_module, host_float64, is_traced
 from .._types import AnyArray, Array
 from .._units import EARTH_RATE as EARTH_RATE
@@ -23,7 +24,7 @@ LEVEL, FITTED_LEVEL = 1e-3, 0.01
 CONDITION = 100.0
 
 
-class Triad(eqx.Module):
+class Triad(Model):
     r"""Scale factors, misalignment, bias and g-sensitivity of an accelerometer or gyroscope triad.
 
     .. math:: y = M x + b + G a
@@ -145,7 +146,7 @@ def inverse(matrix: AnyArray) -> AnyArray:
     return cofactor.T / xp.sum(matrix[0] * cofactor[0])
 
 
-class Imu(eqx.Module):
+class Imu(Model):
     """Accelerometer and gyroscope of one device.
 
     Attributes

@@ -2,15 +2,15 @@
 
 from types import ModuleType
 
-import equinox as eqx
 import jax
 import numpy as np
 
+from .._frozen import Model
 from .._precision import array_module, host_float64
 from .._types import Any, AnyArray
 
 
-class MagModel(eqx.Module):
+class MagModel(Model):
     r"""Soft iron and hard iron of a magnetometer.
 
     .. math:: m = C h + b

@@ -4,11 +4,11 @@ import abc
 from types import ModuleType
 from typing import Any
 
-import equinox as eqx
 import jax
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._frozen import Model
 from .._precision import array_module
 from .._types import AnyArray
 
@@ -25,7 +25,7 @@ def common(xp: ModuleType, *values: Any) -> list[Any]:
     return [xp.asarray(value, dtype=kind) for value in values]
 
 
-class AbstractCurve(eqx.Module):
+class AbstractCurve(Model):
     """A bias as a function of the temperature; subclass it and implement `value` for your own curve.
 
     Examples

@@ -3,10 +3,10 @@
 import warnings
 from typing import Any
 
-import equinox as eqx
 import numpy as np
 
 from .._errors import DataError
+from .._frozen import Model
 from .._precision import array_module, host_float64, is_traced
 from .._types import AnyArray
 from ._curves import AbstractCurve, common
@@ -30,7 +30,7 @@ class ClampWarning(UserWarning):
     """
 
 
-class ThermalModel(eqx.Module):
+class ThermalModel(Model):
     r"""Bias of one channel as a function of temperature, with the hysteresis of the sensor.
 
     .. math:: b = f(T_e) + c\,L_{\tau'}(\dot T),\qquad T_e = \mathrm{clip}(P_h(L_\tau(T)), T_{lo}, T_{hi})
