@@ -21,6 +21,7 @@ class Missing(eqx.Module):
     covariance : (q, q) of the coefficients; infinite if the parameters reproduce the term, so that the residuals cannot show it.
     change : (p, q) what each parameter of the result would change by for a unit of each coefficient.
     level : probability of a fit at least as much better if the term is absent, times the number of terms tried.
+    odds : by how much the residuals make the term more probable (Bayes factor by the Bayesian information criterion); zero if they cannot.
     better : whether the term improves the prediction of residuals that were left out of the fit.
     """
 
@@ -29,6 +30,7 @@ class Missing(eqx.Module):
     covariance: np.ndarray
     change: np.ndarray
     level: float
+    odds: float
     better: bool
 
     @property
@@ -94,7 +96,7 @@ def missing(rows: np.ndarray, jacobian: np.ndarray, terms: Mapping[str, np.ndarr
         # six faces, for example, cannot distinguish a cubic term from a scale factor
         if np.any(np.linalg.norm(apart, axis=0) <= _APART * np.linalg.norm(x, axis=0)):
             nothing = np.zeros(x.shape[1])
-            found.append(Missing(name, nothing, np.diag(nothing + np.inf), change, 1.0, False))
+            found.append(Missing(name, nothing, np.diag(nothing + np.inf), change, 1.0, 0.0, False))
             continue
         root, upper = np.linalg.qr(apart)
         coefficient = np.linalg.solve(upper, root.T @ plain)
@@ -103,9 +105,12 @@ def missing(rows: np.ndarray, jacobian: np.ndarray, terms: Mapping[str, np.ndarr
         variance = max(square / freedom, 1e-300) if sigma is None else sigma**2
         ratio = gain / x.shape[1] / variance
         level = scipy.special.fdtrc(x.shape[1], freedom, ratio) if sigma is None else scipy.special.chdtrc(x.shape[1], gain / variance)
+        half = (freedom + x.shape[1]) / 2
+        likelihood = gain / variance / 2 if sigma is not None else half * np.log(without / max(square, 1e-300))
+        odds = float(np.exp(min(likelihood - x.shape[1] / 2 * np.log(2 * half), 700.0)))
         inner = np.linalg.inv(upper)
         better = _left_out(left, share + np.sum(root**2, axis=1)) < _left_out(plain, share)
-        found.append(Missing(name, coefficient, inner @ inner.T * variance, change, float(min(level * len(terms), 1.0)), better))
+        found.append(Missing(name, coefficient, inner @ inner.T * variance, change, float(min(level * len(terms), 1.0)), odds, better))
     return sorted(found, key=lambda one: one.level)
 
 

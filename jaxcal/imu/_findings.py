@@ -80,7 +80,7 @@ FINDINGS = table(
     ),
     lack_accel=Kind(CAUTION, _LACK, _ADD),
     lack_gyro=Kind(CAUTION, _LACK, _ADD),
-    lack_memory=Kind(CAUTION, _LACK, "Approach each pose from the same side."),
+    lack_memory=Kind(CAUTION, _LACK, "Approach each pose from the same side, and rest longer."),
     lack_drift=Kind(
         CAUTION, "The {what} show {term} of {size:.2g} in all, which moves the matrix by {matrix}; the intervals include it.",
         "Let the sensor warm up first, or add the drift with {option.terms:auto}."

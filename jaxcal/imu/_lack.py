@@ -31,14 +31,14 @@ _NUDGE = 1e-3  # step of the finite difference, relative to the full term
 
 
 class Lack(eqx.Module):
-    """A term that the model lacks.
+    """What the model lacks, or may lack.
 
-    shift : (p,) change of the fit's parameters that the term would cause. finding : what to say about it.
+    spread : (p, p) by how much the squares of the errors of the fit's parameters grow. finding : what to say about it, if anything.
     term : name by which the term can be added, or None.
     """
 
-    shift: np.ndarray
-    finding: Finding = eqx.field(static=True)
+    spread: np.ndarray
+    finding: Finding | None = eqx.field(static=True, default=None)
     term: str | None = eqx.field(static=True, default=None)
 
 
@@ -57,9 +57,17 @@ def lacks(joint: Joint, rests: Rests, middle: float) -> list[Lack]:
     def judged(
         sensor: str, what: str, own: np.ndarray, y: np.ndarray, columns: np.ndarray, terms: dict[str, np.ndarray], at: float
     ) -> None:
-        """Test the terms (n, q) on one kind of residual, together with the parameters `own` that these residuals determine."""
-        for best in missing(y, columns * own, terms)[:1]:
+        """Test the terms (n, q) on one kind of residual, together with the parameters `own` that these residuals determine.
+
+        The best one is found if it is significant. Otherwise each counts with its probability, for which the model as it is weighs as
+        much as all terms together.
+        """
+        tried = missing(y, columns * own, terms)
+        for best in tried[:1]:
             if not best.shown or _KINDS * best.level > LEVEL:
+                odds = np.array([one.odds for one in tried]) / len(tried)
+                shifts = np.array([one.shift for one in tried])
+                found.append(Lack(np.einsum("k,ki,kj->ij", odds / (1 + odds.sum()), shifts, shifts)))
                 continue
             kind, _, where = best.name.partition("@")
             size = Quantity(float(np.abs(best.coefficient).max()) * (at if what == "turns" else 1.0), sensor)
@@ -75,7 +83,7 @@ def lacks(joint: Joint, rests: Rests, middle: float) -> list[Lack]:
             else:
                 code = "lack_memory" if term is None else f"lack_{sensor}"
                 made = FINDINGS(code, sensor, term=_WORDS[kind], at=Quantity(at, sensor), **facts)
-            found.append(Lack(best.shift, made, term))
+            found.append(Lack(np.outer(best.shift, best.shift), made, term))
 
     # the magnitude is gravity, not the measured one, because the error of the measured one is the residual itself
     force = joint.found.vertical * float(joint.data.gravity)
@@ -90,13 +98,14 @@ def lacks(joint: Joint, rests: Rests, middle: float) -> list[Lack]:
         both = {name: np.concatenate([x, _between(joint, shapes[name])]) for name, x in terms.items()}
         tried.append(("poses and turns", slice(0, 3 * slots - 2), own | np.char.startswith(names, "gyro.matrix"), both))
     for what, part, kept, terms in tried:
-        if not found:
+        if not any(one.finding for one in found):
+            found.clear()
             terms = {name: root[part, None] * x for name, x in terms.items()}
             # one size for all axes, which has more power
             terms |= {name: terms[name].sum(axis=1, keepdims=True) for name in rests.past}
             judged("accel", what, kept, rows[part], slope[part], terms, STANDARD_GRAVITY)
     if turns is None:
-        return found or _scattered(joint, rests, count - int(np.sum(own)), left)
+        return found + _scattered(joint, rests, count - int(np.sum(own)), left)
     scale = np.abs(np.diag(np.asarray(fit.model.gyro.matrix)))
     fast = float(np.quantile(np.abs(turns.gyro - np.asarray(fit.model.gyro.bias)) / scale, 0.999))
     part = slice(slots, 3 * slots - 2)
@@ -121,7 +130,7 @@ def _scattered(joint: Joint, rests: Rests, freedom: int, left: int) -> list[Lack
     square = float(np.sum(joint.found.norm[:count] ** 2 / known))
     ratio = np.sqrt(square / freedom)
     told = FINDINGS.over("scatter_unexplained", ratio, "accel", ratio=ratio) if scipy.special.chdtrc(freedom, square) < LEVEL else []
-    return [Lack(np.zeros(len(joint.fit.names)), one) for one in told]
+    return [Lack(np.zeros((len(joint.fit.names),) * 2), one) for one in told]
 
 
 def _shapes(force: np.ndarray, rests: Rests, scale: np.ndarray) -> dict[str, np.ndarray]:
@@ -132,10 +141,8 @@ def _shapes(force: np.ndarray, rests: Rests, scale: np.ndarray) -> dict[str, np.
     found |= {f"step@{k}": np.arange(count) >= k for k in range(LEAST, count - LEAST + 1)}
     found = {name: padded(x[:, None] * np.ones((1, 3)), slots) for name, x in found.items()}
     found |= {"quadratic": size**2, "cubic": force * size**2 / STANDARD_GRAVITY, "asymmetry": size}
-    return found | {
-        "creep": padded(rests.past["creep"] / scale, slots) / STANDARD_GRAVITY,
-        "hysteresis": padded(rests.past["hysteresis"], slots),
-    }
+    units = {"creep": scale * STANDARD_GRAVITY, "hysteresis": 1.0}
+    return found | {name: padded(rests.past[name] / unit, slots) for name, unit in units.items()}
 
 
 def _between(joint: Joint, shape: np.ndarray) -> np.ndarray:
