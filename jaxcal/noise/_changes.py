@@ -306,13 +306,8 @@ def _refitted(records, columns, bases, designs, begun, held: Any = False) -> tup
         ]
         target = means(np.square(rests))
         if columns.shape[1]:
-            # the likelihood has local maxima: one start is the last fit, the other has little of every term
-            flat = np.median(target / levels, axis=-1)[..., None] * np.min(levels[..., None] / columns_of, axis=-2)
-            tried = np.stack([theta, np.where(held, theta, np.maximum(flat, 1e-6 * theta))], axis=2)
-            twice = (np.repeat(values.reshape(-1, len(count)), 2, axis=0) for values in (target, levels))
-            stays = np.repeat(np.broadcast_to(held, theta.shape).reshape(-1, theta.shape[-1]), 2, axis=0)
-            found, costs = scoring(columns_of, next(twice), count, tried.reshape(-1, tried.shape[-1]), next(twice), stays)
-            best = np.argmin(costs.reshape(*shape, 2), axis=-1)[..., None, None]
-            theta = np.take_along_axis(found.reshape(tried.shape), best, axis=2)[:, :, 0]
+            rows = (values.reshape(-1, values.shape[-1]) for values in (target, theta, levels, np.broadcast_to(held, theta.shape)))
+            goal, start, own, stays = rows
+            theta = scoring(columns_of, goal, count, start, own, stays)[0].reshape(theta.shape)
     s = levels + theta @ columns_of.T
     return theta, np.sum(count * (np.log(s) + target / s), axis=(1, 2))
