@@ -109,7 +109,9 @@ class _Record:
         self.slow = self._spread(self.looks(self.longest, 1 + self.longest // 4), self.longest) if self.longest else np.ones(0)
 
     def _sum(self) -> None:
-        self.sums = [np.append(0.0, np.cumsum(column)) for column in self.columns]
+        self.sums = np.zeros((len(self.columns), len(self.index) + 1))
+        for row, column in zip(self.sums, self.columns, strict=True):
+            np.cumsum(column, out=row[1:])
 
     def looks(self, h: int, step: int) -> np.ndarray:
         """(axes, looks) squares of the looks d at every `step` samples, the first at sample h; computed in parts that fit a cache."""
@@ -129,10 +131,8 @@ class _Record:
         """Robust spread of the looks of each axis, which is known to half the step of a mean."""
         found = []
         for squares, step, hidden in zip(looks, self.steps, self.hidden, strict=True):
-            size = np.sqrt(squares[:: len(squares) // SAMPLE + 1])
-            place = [round(share * (len(size) - 1)) for share in _SPREADS]
-            spread = np.max(np.partition(size, place)[place] / list(_SPREADS.values()))
-            found.append(spread + max(0.5 * step / h, hidden / np.sqrt(h)))
+            sizes = np.sqrt([_quantile(squares[:: len(squares) // SAMPLE + 1], share) for share in _SPREADS])
+            found.append(np.max(sizes / list(_SPREADS.values())) + max(0.5 * step / h, hidden / np.sqrt(h)))
         return np.array(found)
 
     def events(self, h: int) -> np.ndarray:
@@ -144,7 +144,7 @@ class _Record:
         if count < 2 * _PAIRS:
             return out
         energy = np.einsum("abk->ab", _blocks(looks)) / _BLOCK
-        gross = np.any(energy > _GROSS * (np.quantile(energy, 0.25, axis=1) + self.hidden**2)[:, None], axis=0)
+        gross = np.any(energy > _GROSS * (_quantile(energy, 0.25) + self.hidden**2)[:, None], axis=0)
         still = np.append(np.repeat(~gross, _BLOCK), np.ones(count % _BLOCK, bool)) if gross.any() else slice(None)
         spread = self._spread(looks[:, still] if np.any(still) else looks, h)
         if not spread.all():
@@ -215,13 +215,19 @@ def _blocks(values: np.ndarray) -> np.ndarray:
     return values[..., : count * _BLOCK].reshape(*values.shape[:-1], count, _BLOCK)
 
 
+def _quantile(values: np.ndarray, share: float) -> np.ndarray:
+    """Of the last axis; the nearest value, much faster than `numpy.quantile`."""
+    place = round(share * (values.shape[-1] - 1))
+    return np.partition(values, place)[..., place]
+
+
 def _loud(energy: np.ndarray, axes: int, chance: float) -> np.ndarray:
     """Blocks whose energy exceeds the running median; the cube root of an energy is nearly normal (Wilson and Hilferty, 1931)."""
     total = np.cbrt(energy)
     if len(total) < _RUNNING:
         return np.zeros(len(total), bool)
     over = total - scipy.ndimage.median_filter(total, _RUNNING, mode="nearest")
-    scatter = 1.4826 * np.median(np.abs(over))
+    scatter = 1.4826 * _quantile(np.abs(over), 0.5)
     limit = -_HEAVIER * scatter * scipy.special.stdtrit(EFFICIENCY * len(total), chance / len(total))
     return (over > limit) & (total > np.cbrt(axes))
 

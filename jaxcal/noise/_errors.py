@@ -24,6 +24,7 @@ import scipy  # loads its parts when they are first used
 
 from .._types import AnyArray
 from ..evidence._uneven import BLOCKS, beyond_chance, is_named
+from ..spectrum._average import log_groups
 from ._likelihood import density, information, inverse
 from ._ordinates import Bins
 
@@ -44,7 +45,7 @@ def widening(bins: Bins, unit: float, theta: AnyArray, names: tuple[str, ...], s
     factor = _of_octaves(bins, theta)
     model = density(bins.columns, theta)
     loudest: list[tuple[float, float] | None] = [None] * len(names)
-    count = _counts(len(spectrum))
+    count = log_groups(len(spectrum), keep_tail=True)[1]
     there = np.flatnonzero(theta != 0.0)
     energies, worth = np.zeros((len(there), BLOCKS[0])), np.zeros(len(there))
     for row, j in enumerate(there):
@@ -76,12 +77,6 @@ def doubted(bins: Bins, theta: AnyArray, doubts: AnyArray) -> AnyArray:
     model, back = density(bins.columns, theta), inverse(information(bins, theta))
     moved = (doubts * 0.5 * bins.weight / model**2) @ bins.columns @ back
     return np.sum(moved**2, axis=0) / np.maximum(np.diagonal(back), np.finfo(float).tiny)
-
-
-def _counts(ordinates: int) -> AnyArray:
-    from ..spectrum._average import log_groups
-
-    return log_groups(ordinates, keep_tail=True)[1]
 
 
 def _of_octaves(bins: Bins, theta: AnyArray) -> AnyArray:

@@ -22,7 +22,8 @@ FAINT = 0.01  # in several starts one column begins with this fraction of an equ
 #: counts as this share; least squares: roundings added to the diagonal, which keep equations of nearly equal columns solvable, and the
 #: slope of a coefficient at zero, over the largest, that is rounding
 _STEPS, _SHORTEST, _GAINED, _DARK, _FLAT, _RIDGE = 50, 1e-3, 1e-4, 1e-9, 64.0, 1e-10
-_LEAST = np.sqrt(np.finfo(float).tiny)  # a density above zero whose square is a number
+_TINY, _EPS = np.finfo(float).tiny, np.finfo(float).eps
+_LEAST = np.sqrt(_TINY)  # a density above zero whose square is a number
 
 
 def density(columns: AnyArray, theta: AnyArray) -> AnyArray:
@@ -77,14 +78,15 @@ def scoring(
     """
     used = weight > 0
     x, weight = columns[used], weight[used]
-    scale = np.maximum(np.abs(x).max(axis=0), np.finfo(float).tiny)
+    scale = np.maximum(np.abs(x).max(axis=0), _TINY)
     x, free, theta = x / scale, np.any(x < 0, axis=0), np.atleast_2d(start * scale)
+    rows, products = np.ascontiguousarray(x.T), (x[:, :, None] * x[:, None, :]).reshape(len(x), -1)
     p, base = (np.broadcast_to(values, (len(theta), len(used)))[:, used] for values in (target, base))
-    p, held = np.maximum(p, np.finfo(float).tiny ** 0.25), np.broadcast_to(held, theta.shape)
+    p, held = np.maximum(p, _TINY**0.25), np.broadcast_to(held, theta.shape)
     fixed = np.where(held, theta, 0.0)
 
     def cost_of(theta: AnyArray) -> tuple[AnyArray, AnyArray]:
-        s = np.maximum(theta @ x.T + base, _DARK * p)
+        s = np.maximum(theta @ rows + base, _DARK * p)
         ratio = p / s
         return s, 0.5 * ((ratio - 1.0 - np.log(ratio)) @ weight)
 
@@ -92,9 +94,10 @@ def scoring(
     s, cost = cost_of(theta)
     for k in range(_STEPS):
         # near the maximum the mean of expected and observed information has half the error of the expected one
-        each, slope = weight / s**2 * (p / s if k > 1 else 1.0), weight / s * (p / s - 1.0)
-        gram, goal = (each[:, None, :] * x.T) @ x, (each * (s - base - fixed @ x.T) + slope) @ x
-        wanted, active = nonnegative(gram, goal, free, active, held)
+        own, ratio = weight / s, p / s
+        each = own / s * ratio if k > 1 else own / s
+        goal = (each * (s - base - fixed @ rows) + own * (ratio - 1.0)) @ x
+        wanted, active = nonnegative((each @ products).reshape(*goal.shape, -1), goal, free, active, held)
         wanted += fixed
         begin, step, trial = theta[on], np.ones(len(on)), wanted
         s, new = cost_of(trial)
@@ -105,9 +108,10 @@ def scoring(
         gained = cost[on] - new
         better, more = gained >= 0.0, gained > enough
         theta[on[better]], cost[on[better]] = trial[better], new[better]
-        s, active, on, p, base, held, fixed = (values[more] for values in (s, active, on, p, base, held, fixed))
-        if not len(on):
+        if not more.any():
             break
+        if not more.all():
+            s, active, on, p, base, held, fixed = (values[more] for values in (s, active, on, p, base, held, fixed))
     return (theta / scale, cost) if np.ndim(start) > 1 else (theta[0] / scale, float(cost[0]))
 
 
@@ -118,11 +122,11 @@ def nonnegative(gram: AnyArray, target: AnyArray, free: Any, active: AnyArray, h
     a condition of the minimum change sides, first all together and then the worst one (J. J. Júdice and F. M. Pires, Comput. Oper. Res.
     21, 1994).
     """
-    size = np.sqrt(np.diagonal(gram, axis1=-2, axis2=-1))
-    size = np.where(size > 0.0, size, 1.0)
+    size = np.sqrt(gram.diagonal(axis1=-2, axis2=-1))
+    size[size == 0.0] = 1.0
     unit, goal, own = gram / (size[..., :, None] * size[..., None, :]), target / size, np.eye(gram.shape[-1])
-    unit = unit + _FLAT * np.finfo(float).eps * own
-    enough = _RIDGE * np.max(np.abs(goal), axis=-1, keepdims=True)
+    unit += _FLAT * _EPS * own
+    enough = _RIDGE * np.abs(goal).max(axis=-1, keepdims=True)
     theta = goal
     for k in range(10 * len(own)):
         both = active[..., :, None] & active[..., None, :]

@@ -88,9 +88,10 @@ class Observed:
     def __init__(self, y: np.ndarray, dt: float):
         self.y, self.dt = np.asarray(y, dtype=float), dt
         y, n, missing = self.y, len(y), np.isnan(y)
-        self._there = 1.0 - missing.mean()
-        if n - missing.sum() < _FEWEST:
-            raise DataError(f"{n - int(missing.sum())} of {n} samples are there; a noise model needs {_FEWEST} at least")
+        known = n - np.count_nonzero(missing)
+        self._there = known / n
+        if known < _FEWEST:
+            raise DataError(f"{known} of {n} samples are there; a noise model needs {_FEWEST} at least")
         if 0.0 < 1.0 - self._there <= _FEW and len(runs(missing)[0]) <= _GAPS * np.sqrt(n):
             y, missing = bridged(y), np.zeros(n, dtype=bool)
         else:

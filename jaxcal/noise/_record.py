@@ -13,7 +13,7 @@ from .._errors import DataError
 from .._quality import checked_rate, checked_record
 from ..allan import Deviation, deviation
 from ..evidence import bursts
-from ..evidence._values import SAMPLE, resolution
+from ..evidence._values import first_known, resolution
 from ._findings import FINDINGS
 from ._model import BUILT_IN, checked_terms
 from ._sections import QUOTED
@@ -183,10 +183,9 @@ def findings_of_checks(y: Any, record: Record, asked: Asked, n_squared: float) -
     if lost and (record.found or lost > FINDINGS["set_aside"].limits[1] * len(y)):
         part, first = lost / len(y), aside[0][0] / asked.rate
         found += FINDINGS.over("set_aside", part, length=lost / asked.rate, share=100 * part, first=first)
-    if gone := int(np.isnan(y).sum()) - lost:
+    if gone := int(np.count_nonzero(np.isnan(y))) - lost:
         found.append(FINDINGS("gaps", cost=gone / len(y), share=100 * gone / len(y)))
-    step, known = resolution(y), y[np.isfinite(y)][:SAMPLE]
-    white = float(np.std(np.diff(known))) / np.sqrt(2.0)
+    step, white = resolution(y), float(np.std(np.diff(first_known(y)))) / np.sqrt(2.0)
     share = step**2 / asked.rate / 12.0 / n_squared if n_squared > 0.0 else 0.0
     coarse = FINDINGS.over("coarse", step / white if white else np.inf * step, step=Quantity(step, record.sensor or "ratio"))
     return [*found, *(coarse or FINDINGS.over("rounding", share, share=100 * min(share, 1.0)))]
