@@ -36,6 +36,7 @@ import warnings
 
 import numpy as np
 import scipy.signal
+import scipy.stats
 
 import jaxcal
 from jaxcal.evidence import bursts, find
@@ -161,7 +162,9 @@ PLACES, HEIGHTS, LENGTHS = ("start", "middle", "end", "twice"), (0.01, 0.03, 0.1
 def knocks(runs: int) -> None:
     """Sizes and lengths are drawn from their whole range. Every fifth record is put down at its start instead.
 
-    That has no sharp end: it is taken where what follows has a signal-to-noise ratio of 5, as a filter that knows its form would see it.
+    That has no sharp end. It ends where what follows could no longer be found by itself: where its energy on three axes, over the square
+    of N, is no more than noise alone reaches in one of 100 records, at any of its instants and lags, of which there are twice as many as
+    samples. That is a signal-to-noise ratio of 6.
     """
     rng, rows = np.random.default_rng(0), []
     for i in range(runs):
@@ -171,7 +174,8 @@ def knocks(runs: int) -> None:
         if put:
             height = max(height, 0.05)
             y += put_down(np.arange(len(y)) / rate, height, frequency=rng.uniform(1.0, 3.0))[:, None] * AXES
-            known = [(0.0, 0.4 * np.log(0.8 / 4 * (height / (5 * 1.4e-4)) ** 2))]
+            least = scipy.stats.chi2.isf(0.01 / (2 * len(y)), 3)
+            known = [(0.0, 0.4 * np.log(0.8 / 4 * (height / 1.4e-4) ** 2 / least))]
         ranges = [(a / rate, b / rate) for a, b in bursts(y, rate)]
         out = np.zeros(len(y), bool)
         for a, b in ranges:

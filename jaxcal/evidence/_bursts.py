@@ -15,9 +15,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._arrays import runs
-from .._errors import DataError
-from .._precision import real_numbers
-from ._values import CHANCE, EFFICIENCY, FEW, HIDDEN, SAMPLE, resolution
+from ._values import CHANCE, EFFICIENCY, FEW, HIDDEN, SAMPLE, columns_of, resolution
 
 #: overlapping looks are few independent ones: the tail of a block's energy is that much longer than the normal one of its cube root
 _HEAVIER = 1.25
@@ -84,10 +82,7 @@ class _Record:
     """The readings that are still in, as one column for each axis without gaps, and the rows of the record that they come from."""
 
     def __init__(self, values: Any, rate: float):
-        values = real_numbers(values)
-        if values.ndim not in (1, 2):
-            raise DataError(f"values have shape {values.shape}; expected (n,) or (n, axes)", code="shape")
-        values = values.reshape(len(values), -1 if values.size else 1)
+        values = columns_of(values)
         known = np.isfinite(values)
         count = np.count_nonzero(known, axis=0)
         enough = 0.5 * count.max(initial=1)  # an axis that stopped costs the others nothing
@@ -163,7 +158,8 @@ class _Record:
         found[near] = size > limit
         starts, stops = runs(found)
         single = stops - starts <= 2 * h // step
-        self.tails = self.tails or np.count_nonzero(single) > FEW  # single outliers at one lag
+        # single outliers at one lag, anywhere in the record: the swings of one event are near one another
+        self.tails = self.tails or len(np.unique(starts[single] * step // self.longest)) > FEW
         if self.tails:
             for start, stop in zip(starts[single], stops[single], strict=True):
                 found[start:stop] = False
@@ -173,7 +169,7 @@ class _Record:
             first, last = (_loudest(z(looks[:, at : at + _BLOCK]) - _EVENT * axes) for at in ends)
             found[ends[0] + first[0] : ends[1] + last[1]] = True
         starts, stops = runs(found)
-        grown = h // 2 + 2
+        grown = h // 4 + 2
         first = np.maximum(h + starts * step - grown, 0)
         last = np.minimum(h + (stops - 1) * step + grown, len(self.index) - 1)
         for a, b in zip(self.index[first], self.index[last], strict=True):

@@ -9,7 +9,7 @@ from .._units import si_unit
 from ._bursts import LONGEST, bursts
 from ._gaps import Gap
 from ._stretch import NO_READING, NOT_STILL, Stretch
-from ._values import masked, of_values, unwrapped
+from ._values import columns_of, masked, of_values, unwrapped
 
 
 def find(sensors: Mapping[str, Any], rate: float | int, gaps: Iterable[Gap] = ()) -> tuple[Stretch, ...]:
@@ -32,7 +32,9 @@ def find(sensors: Mapping[str, Any], rate: float | int, gaps: Iterable[Gap] = ()
     """
     found = [Stretch("gap", "", (), gap.start, gap.start + gap.length, samples=gap.samples) for gap in gaps]
     for sensor, given in sensors.items():
-        values = np.asarray(given, dtype=float).reshape(len(given), -1)
+        values = columns_of(given)
+        if len(values) < 2:
+            continue
         values, joined = unwrapped(sensor, values, rate, si_unit(sensor))
         seen = joined + of_values(sensor, values, rate, si_unit(sensor))
         found += [*seen, *events(sensor, set_aside(sensor, values, rate, seen), rate)]

@@ -130,7 +130,8 @@ def _relative(x: np.ndarray, size: int, step: np.ndarray, lag: int, level: float
     level = float(np.quantile(variance[np.isfinite(variance)], _QUANTILE))
     quiet = np.flatnonzero(variance <= 1.5 * level)
     middle = quiet + size // 2
-    change = np.nanmean((x[middle] - x[middle - max(lag, 1)]) ** 2, axis=0) / 2
+    squares = (x[middle] - x[middle - max(lag, 1)]) ** 2
+    change = np.nansum(squares, axis=0) / np.maximum(np.isfinite(squares).sum(axis=0), 1) / 2
     rests = not np.mean(variance[quiet]) > _SLOW * np.linalg.norm(change)
     # coarse readings of a still sensor are constant, or jump between two neighbouring values
     return variance / (max(level, float(np.linalg.norm(np.where(np.isfinite(step), step, 0.0) ** 2 / 12))) or 1.0), rests

@@ -6,7 +6,9 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._arrays import runs
+from .._errors import DataError
 from .._log_findings import LOG
+from .._precision import real_numbers
 from .._timebase import WRAPS
 from ._stretch import Stretch
 
@@ -29,6 +31,14 @@ FEW = 10
 _DIGITS = 1e5  # steps of this many of the smallest: the digits of a float look like steps of the values
 _LINE = 10.0  # a line of a spectrum is so much higher than its median; of noise, no line is higher than 5 times
 _WARM_UP = 60.0  # s: length of the parts whose medians are compared
+
+
+def columns_of(values: Any) -> np.ndarray:
+    """Readings as (n, axes), of (n,) or (n, axes) real numbers."""
+    values = real_numbers(values)
+    if values.ndim not in (1, 2):
+        raise DataError(f"values have shape {values.shape}; expected (n,) or (n, axes)", code="shape")
+    return values.reshape(len(values), -1 if values.size else 1)
 
 
 def held(values: Any) -> np.ndarray:

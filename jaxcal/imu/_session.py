@@ -111,6 +111,8 @@ def _faces(record: Recording, apart: list[Region] | None) -> list[Region]:
         ends = np.array([region[1:] for region in apart])
     else:
         ends = still_intervals(record.sensors, record.rate).ends
+    if not len(ends):
+        raise DataError("The log never rests; lay the block on each of its six faces for 3 s or more", code="missing")
     reading = means(record.accel, *ends.T)
     # readings in counts have their zero elsewhere
     reading = reading - (reading.min(axis=0) + reading.max(axis=0)) / 2

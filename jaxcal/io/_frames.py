@@ -23,10 +23,17 @@ def table_of(source: Any) -> Table:
     if library == "pandas" and kind in ("DataFrame", "Series"):
         return table_of_arrays(_of_pandas(source.to_frame() if kind == "Series" else source))
     if isinstance(source, dict):
-        return table_of_arrays({str(name): np.array(values) for name, values in source.items()})
+        return table_of_arrays({str(name): _array(values) for name, values in source.items()})
     if isinstance(source, list | tuple) or hasattr(source, "__array__"):
-        return arrays_of_columns(np.array(source))
+        return arrays_of_columns(_array(source))
     raise DataError(f"a recording cannot be made of {kind} objects; expected {_TAKEN}", code="not_a_recording")
+
+
+def _array(values: Any) -> np.ndarray:
+    try:
+        return np.array(values)
+    except ValueError as error:
+        raise DataError(f"its values do not make an array: {error}", code="not_a_recording") from error
 
 
 def _of_pandas(frame: Any) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from .._compile import filter_jit
 from .._errors import DataError
-from .._precision import host_float64, is_traced
+from .._precision import host_float64, is_traced, real_numbers
 from .._types import AnyArray
 
 #: dip of the field at Ankara, where the magnetometer paper's experiment was made
@@ -143,6 +143,8 @@ def heading(m: Any, accel: Any, *, declination: float = 0.0) -> AnyArray:
     ----------
     NXP AN4248, equations 13 to 22, for these axes.
     """
+    if not is_traced(m, accel):
+        m, accel = real_numbers(m, "m"), real_numbers(accel, "accel")
     m, accel = jnp.asarray(m, dtype=jnp.result_type(float)), jnp.asarray(accel, dtype=jnp.result_type(float))
     if m.shape != accel.shape or m.ndim not in (1, 2) or m.shape[-1] != 3:
         raise DataError(f"The field has shape {m.shape} and the specific force {accel.shape}; both must be (3,) or (n, 3).")

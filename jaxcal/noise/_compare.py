@@ -10,7 +10,7 @@ import numpy as np
 from .._answer import Finding, Grid, Number, Result, Section
 from .._errors import DataError
 from .._precision import host_float64
-from .._quality import checked_rate, checked_record
+from .._quality import checked_rate, checked_record, refuse_infinite
 from .._types import AnyArray
 from ._likelihood import scoring
 from ._observed import Observed
@@ -113,6 +113,7 @@ def compare(y: Any, rate: Any, *, rivals: Sequence[str] = tuple(_RIVALS)) -> Com
         raise DataError(f"unknown rivals {', '.join(sorted(unknown))}; expected some of {', '.join(_RIVALS)}", code="unknown_rival")
     if y.ndim != 1:
         raise DataError(f"y must be (n,), one channel; got shape {y.shape}")
+    refuse_infinite(y, "y")
     dt = 1.0 / rate
     solved = solve(Observed(y, dt), tuple(BUILT_IN[term] for term in "QNBK"), None)
     fitted, names, duration = solved.fitted, solved.names, len(y) * dt

@@ -9,6 +9,7 @@ import scipy  # loads its parts when they are first used
 
 from .._answer import Finding, Grid, Result, joined
 from .._errors import DataError
+from .._quality import checked_record
 from ._fit import fit
 from ._model import Noise, noise_of
 from ._result import NoiseFit
@@ -122,9 +123,9 @@ def fit_recordings(
         raise DataError(f"{len(records)} recording{'s' * (len(records) != 1)}: two at least show how recordings differ; use fit for one")
     fits = []
     for i, record in enumerate(records):
-        if np.ndim(record) != 1:
-            raise DataError(f"recording {i} has the shape {np.shape(record)}; give one channel, (n,), of each recording")
         try:
+            if (shape := checked_record(record).shape)[1:]:
+                raise DataError(f"it has the shape {shape}; give one channel, (n,), of each recording")
             fits.append(fit(record, rate, terms=terms, confidence=confidence, band=band))
         except DataError as error:
             raise DataError(f"recording {i}: {error}") from error

@@ -1,5 +1,6 @@
 """Degenerate, masked and absurd data of all public estimators: an answer or a `JaxcalError`, no warning and no other exception."""
 
+import tempfile
 import warnings
 
 import numpy as np
@@ -71,15 +72,33 @@ def faces(y):
     return jaxcal.imu.six_position([y + sign * GRAVITY[[(k - axis - 1) % 3 for k in range(3)]] for axis in range(3) for sign in (1, -1)])
 
 
+def flight(y):
+    with tempfile.TemporaryDirectory() as folder:
+        np.savez(f"{folder}/log.npz", gyro=np.asarray(y), rate=100.0)
+        jaxcal.io.flight(f"{folder}/log.npz")
+
+
 ESTIMATORS = {
     "evidence.bursts": lambda y: jaxcal.evidence.bursts(y, 100.0),
+    "evidence.find": lambda y: jaxcal.evidence.find({"mag": y}, 100.0),
     "Log": lambda y: log_of(gyro=y).evidence,
     "allan.deviation": lambda y: jaxcal.allan.deviation(y, 100.0),
     "spectrum.density": lambda y: jaxcal.spectrum.density(y, 100.0),
     "noise.fit": lambda y: jaxcal.noise.fit(y, 100.0),
     "noise.characterise": lambda y: jaxcal.noise.characterise(log_of(gyro=y)),
+    "noise.compare": lambda y: jaxcal.noise.compare(y[:, 0] if is_table(y) else y, 100.0),
+    "noise.fit_recordings": lambda y: jaxcal.noise.fit_recordings([y[:, 0] if is_table(y) else y] * 2, 100.0),
     "magnetometer.fit": lambda y: jaxcal.magnetometer.fit(y),
     "magnetometer.guide": lambda y: jaxcal.magnetometer.guide(y),
+    "magnetometer.track": lambda y: jaxcal.magnetometer.track(y),
+    "magnetometer.coverage": lambda y: jaxcal.magnetometer.coverage(y),
+    "imu.ferraris": lambda y: jaxcal.imu.ferraris(log_of(accel=y, gyro=y), gravity=9.81),
+    "imu.rate_table": lambda y: jaxcal.imu.rate_table(y, y),
+    "imu.rate_test": lambda y: jaxcal.imu.rate_test(log_of(accel=y, gyro=y), [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]),
+    "alignment.from_log": lambda y: jaxcal.alignment.from_log(log_of(accel=y, gyro=y), angles=[0.0, 1.57, 3.14, 4.71]),
+    "alignment.noise_of": lambda y: jaxcal.alignment.noise_of(log_of(accel=y, gyro=y)),
+    "read": lambda y: jaxcal.read({"gyro": y}, rate=100.0, units="gyro=rad/s", quiet=True),
+    "io.flight": flight,
     "imu.multi_position": lambda y: jaxcal.imu.multi_position(log_of(accel=y, gyro=y), gravity=9.81),
     "imu.six_position": faces,
     "temperature.fit": lambda y: jaxcal.temperature.fit(np.linspace(20.0, 40.0, len(y)), y[:, 0]),
@@ -87,7 +106,7 @@ ESTIMATORS = {
     "device.fit": lambda y: jaxcal.device.fit(log_of(accel=y, gyro=y, mag=y), gravity=9.81),
 }  # fmt: skip
 #: their own code must see what it is given; these calls of the test itself fail before
-OWN = {"imu.six_position", "temperature.fit", "temperature.characterise"}
+OWN = {"imu.six_position", "temperature.fit", "temperature.characterise", "io.flight"}
 
 
 def is_table(y):

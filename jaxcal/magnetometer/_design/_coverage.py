@@ -9,7 +9,7 @@ import scipy  # loads its parts when they are first used
 
 from ..._errors import DataError
 from ..._frozen import made
-from ..._precision import host_float64
+from ..._precision import host_float64, real_numbers
 from ..._types import AnyArray
 
 ZONES = (1, 15, 34, 34, 15, 1)  # sectors of the zones of latitude, from the north pole on: 100 regions of equal area
@@ -121,7 +121,7 @@ def coverage(m: Any) -> Coverage:
 
 def covered(m: Any) -> Coverage:
     """`coverage` for NumPy arrays on the host."""
-    m = np.asarray(m, dtype=float)
+    m = real_numbers(m, "m")
     if m.ndim != 2 or m.shape[-1] != 3 or not len(m):
         raise DataError(f"The corrected readings have shape {m.shape}; they must be (n, 3) with at least one row.")
     norm = np.linalg.norm(m, axis=1)
