@@ -31,6 +31,7 @@ from ._result import ImuFit, judged, quantities
 
 #: ratio of the noise of two rests above which motion of the hand is the cause; without it, the error of a bias is stated 13 % too large
 _UNEVEN = 10.0
+_FAR_OFF = 2 * FINDINGS["turns_disagree"].limits[0] ** 2  # mean square of a turn's residual from which the fit starts at another scale
 
 
 def count_of(free: Any) -> int:
@@ -131,17 +132,16 @@ class Job(eqx.Module):
             return Refusal((FINDINGS("few_turns_left", "gyro", kept=kept), *notes), seen)
         force = size[:, None] * vertical
         bias, cross, drift = _fits.rest_start(rests, force, options.g_sensitivity, np.zeros(3))
-        if near is not None:
-            scale = near[1]
-        else:
-            scale = _fits.scanned_scale(bias, padded(vertical, rests.slots), turns) if self.raw else 1.0
+        scale, matrix = 1.0 if near is None else near[1], self.model.gyro.matrix
+        if near is None and (self.raw or _fits.turn_costs(np.eye(3)[None], bias, padded(vertical, rests.slots), turns)[0] > _FAR_OFF):
+            found = _fits.scanned_scale(bias, padded(vertical, rests.slots), turns)
+            scale, matrix = (found, np.eye(3) / found) if self.raw else (1.0, matrix / found)
         if options.latitude is not None:
             earth = EARTH_RATE * np.sin(options.latitude) * vertical / scale
             bias, cross, drift = _fits.rest_start(rests, force, options.g_sensitivity, earth)
         moving = np.zeros(3) if drift else None
         if near is not None:
             return Begun(rests, fit, vertical, dataclasses.replace(near[0], drift=moving), turns, scale, seen, tuple(notes))
-        matrix = np.eye(3) / scale if self.raw else self.model.gyro.matrix
         gyro = eqx.tree_at(lambda t: (t.matrix, t.bias, t.g_sensitivity), self.model.gyro, (matrix, bias, cross))
         start = dataclasses.replace(self.model, accel=accel, gyro=gyro, drift=moving)
         return Begun(rests, fit, vertical, start, turns, scale, seen, tuple(notes))

@@ -172,7 +172,9 @@ def judged(
     elif not errors["accel"] <= UNKNOWN:
         found.append(dataclasses.replace(seen.finding, severity=FATAL))
     notes = list(notes)
-    found += causes() if found or any(one.code == "range" for one in notes) else ()
+    if found or any(one.code == "range" for one in notes):
+        found += (known := causes())
+        notes = [one for one in notes if not known or one.code != "range"]  # another unit or order of axes explains the scales, too
     if options.prior is None:
         found += FINDINGS.over("few_poses", -float(poses), cost=0.0, poses=poses) if options.misalignment else []
     elif (level := conflict(fit)) < LEVEL:
