@@ -314,10 +314,11 @@ def read_log(path: Path, options: Reading, command: str) -> Any:
     import jaxcal
 
     from ..evidence._stretch import NO_READING, NOT_STILL
+    from ..io._read import read_for
 
     given = reading_options(options)
     try:
-        log = jaxcal.read(path, quiet=True, **given)
+        log = read_for("mag" if command == "mag" else None, path, **given)
     except jaxcal.DataError as error:
         if not path.is_dir() or command not in TASKS:
             raise

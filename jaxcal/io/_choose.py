@@ -1,6 +1,7 @@
-"""Assign the columns of a table to sensors: by `columns=`, by known devices, or by names, units and values."""
+"""Assign the columns of a table to sensors: by `columns=`, by known devices, or by the odds of names, units and values."""
 
 import dataclasses
+import itertools
 import re
 from typing import Any
 
@@ -13,19 +14,11 @@ from . import _guess
 from ._columns import AXES, SENSORS, Columns, listing, resolve
 from ._findings import READ
 from ._mixed import refuse_mixed
-from ._names import OTHERS, Name, bracketed, is_counter, is_other, unit_of
+from ._names import OTHERS, Name, bracketed, is_counter, is_other, parse, unit_of
 from ._profiles import ROS2_IMU, matching
-from ._spelling import meanings
+from ._triples import MARGIN, Triple, file_kind, triples_of, weigh_values
 
 HOW = Message("say which is which, by number or name, with {option.columns:time=0,gyro=1:3,accel=4:6}")
-_FILES = {
-    "linear": r"linear|useracc|free_?acc|without_?g|ohne_?g",
-    "gravity": r"gravity",
-    "attitude": r"orientation|attitude|euler|quat",
-    "gyro": r"gyro|gyr(?![a-z])|angular_?vel|rotation_?rate|drehrate",
-    "accel": r"acc(?![a-z])|accel|beschleunigung|specific_?force",
-    "mag": r"mag(?![a-z])|magnet|compass",
-}
 #: words that suggest a sensor in the name of a column
 _LIKE = re.compile(r"gyr|angular|omega|rotrate|rotation(?!vector)|acc|mag(?:n|_|$|[xyz])|compass", re.IGNORECASE)
 #: words for values that were processed after the sensor
@@ -40,7 +33,8 @@ _NOT_LIKE = re.compile(r"covar|bias|std|status|accura|calib|norm|total|abs|count
 class Selection:
     """Columns by quantity, units from the names, and how the choice was made; `names` are the meanings of all columns.
 
-    `why` gives, for a sensor that its name did not tell, what did; `counters` are the names of columns that count rows.
+    `why` gives, for a sensor that its name did not tell, what did; `counters` are the names of columns that count rows; `increments` are
+    the sensors whose columns hold increments over a sampling period.
     """
 
     columns: dict[str, list[int]]
@@ -51,61 +45,71 @@ class Selection:
     gravity_free: list[int] = dataclasses.field(default_factory=list)  # columns of acceleration without gravity
     why: dict[str, str] = dataclasses.field(default_factory=dict)
     counters: list[str] = dataclasses.field(default_factory=list)
+    increments: list[str] = dataclasses.field(default_factory=list)
     findings: list[Finding] = dataclasses.field(default_factory=list)
 
 
-def select(table, columns: Columns) -> Selection:
-    """Choose the sensors and the temperature of a table; time, unless explicit, is chosen in `_clock`."""
-    names, count = table.names, len(table.columns)
+def select(table: Any, columns: Columns, wanted: str | None = None) -> Selection:
+    """Choose the sensors and the temperature of a table; time, unless explicit, is chosen in `_clock`. `wanted` is the sensor asked for."""
+    table.word = _word(table)
+    names, count = _labelled(table), len(table.columns)
     explicit = resolve(columns, names, count)
-    profile, known = matching(names if any(names) else _labelled(table), table.preamble, table.stem)
+    profile, known = matching(names, table.preamble, table.stem)
     shared = _shared_prefix(names)
-    read = meanings(table, shared, known)
+    read = [known.get(i) or (parse(name[len(shared) :]) if name else None) for i, name in enumerate(_grouped(table, names))]
     found = Selection({}, {}, read, set(), profile.name if profile else "")
     if profile:
         found.findings.append(READ("device", name=profile.name, sign=profile.sign and f"; {profile.sign}"))
-    if any(names) or known:
-        _by_name(table, columns, found)
-        _by_file(table, columns, found)
+    # columns called x, y, z twice say no more than columns without names
+    said = [name for name, one in zip(names, read, strict=True) if name and not name.isdecimal() and (one is None or one.kind != "time")]
+    named = any(name.lower() not in AXES for name in said) or 0 < len(said) < 6
+    triples = triples_of(table, [name[len(shared) :] for name in _grouped(table, names)], known, wanted) if named else []
+    _by_odds(table, columns, found, triples)
     if set(explicit) - {"time"}:
         found.columns = {}
     for quantity, indices in explicit.items():
         found.columns[quantity] = indices
-        meaning = read[indices[0]]
-        found.units.pop(quantity, None)
-        inside = bracketed(names[indices[0]])
+        meaning, inside = read[indices[0]], bracketed(names[indices[0]])
         kind = meaning.kind if meaning else ""
         own = meaning.unit if meaning and quantity in (kind, {"accel or linear": "accel", "linear": "accel"}.get(kind)) else None
-        unit = own or (unit_of(inside, quantity) if inside else None)
-        if unit:
+        found.units.pop(quantity, None)
+        if unit := own or (unit_of(inside, quantity) if inside else None):
             found.units[quantity] = unit
     if not set(found.columns) - {"time"}:
-        _refuse_or_position(table, columns, found)
+        if named:
+            raise _unclear_names(table, found, triples)
+        _by_position(table, columns, found, wanted)
     found.guessed = set(found.columns) - set(explicit)
-    if not set(explicit) - {"time"}:
+    try:
         refuse_mixed(table, found.columns)
-        _tell_unused(table, found)
-    else:
-        try:
-            refuse_mixed(table, found.columns)
-        except DataError as error:  # the columns were named, so that this is no more than a warning
-            found.findings.append(READ("mixed", why=error))
+    except DataError as error:
+        if not set(explicit) - {"time"}:
+            raise
+        found.findings.append(READ("mixed", why=error))  # the columns were named, so that this is no more than a warning
+    if not set(explicit) - {"time"}:
+        _tell_unused(table, found, triples)
     return found
 
 
-def _labelled(table) -> list[str]:
-    """Names for a table without names, if it has five columns: the word of a sensor, a time, and three axes."""
-    if (
-        len(table.columns) == len(ROS2_IMU)
-        and not any(table.names)
-        and [i for i, one in enumerate(table.columns) if one.dtype.kind == "O"] == [2]
-    ):
+def _labelled(table: Any) -> list[str]:
+    """Names for a table without names that has those of a known program: 40 columns, or a word, a time and three axes."""
+    texts = [i for i, one in enumerate(table.columns) if one.dtype.kind == "O"] if not any(table.names) else []
+    if texts == [2] and len(table.columns) == len(ROS2_IMU):
         table.names[:] = ROS2_IMU
-    if len(table.columns) == 5 and table.columns[0].dtype.kind == "O":
+    if texts[:1] == [0] and len(table.columns) == 5:
         words = {str(value).strip() for value in table.columns[0] if value is not None}
         if len(words) == 1:
             return [f"{next(iter(words))}_{part}" for part in ("word", "time", *AXES)]
     return table.names
+
+
+def _word(table: Any) -> str | None:
+    """The sensor named by a word in every row, or None."""
+    for column in table.columns:
+        words = {str(value).strip() for value in column if value is not None} if column.dtype.kind == "O" else ()
+        if len(words) == 1 and (kind := file_kind(next(iter(words)))) in SENSORS:
+            return kind
+    return None
 
 
 def _shared_prefix(names: list[str]) -> str:
@@ -118,108 +122,84 @@ def _shared_prefix(names: list[str]) -> str:
     return "" if len(prefix) < 4 or _LIKE.search(prefix) else prefix
 
 
-def is_number(table, index: int) -> bool:
+def _grouped(table: Any, names: list[str]) -> list[str]:
+    """Complete repeated names x, y, z with the name of their group, which is that of an empty column before them."""
+    low = [name.strip().lower() for name in names]
+    if low.count("x") < 2:
+        return names
+    group, out = "", []
+    for name, column in zip(names, table.columns, strict=True):
+        if column.dtype.kind == "f" and not np.isfinite(column[:1000]).any():
+            group = name
+        out.append(f"{group}.{name}" if group and name.strip().lower() in ("x", "y", "z", "w") else name)
+    return out
+
+
+def is_number(table: Any, index: int) -> bool:
     """Whether a column holds numbers."""
     return table.columns[index].dtype.kind in "iufb" and index not in table.clocks
 
 
-def _present(table, index: int) -> bool:
+def _present(table: Any, index: int) -> bool:
     column = table.columns[index]
     return is_number(table, index) and (column.dtype.kind != "f" or bool(np.isfinite(column).any()))
 
 
-def _groups(table, meanings: list[Name | None], kind: str) -> dict[tuple[int, str], dict[str, int]]:
-    """Columns of one kind by sensor: (instance, stem) -> axis -> column; sensors without any value are left out."""
-    found: dict[tuple[int, str], dict[str, int]] = {}
-    for i, one in enumerate(meanings):
-        if one is not None and one.kind == kind and one.axis and is_number(table, i):
-            found.setdefault((one.instance, one.stem), {}).setdefault(one.axis, i)
-    full = {key: axes for key, axes in found.items() if any(_present(table, i) for i in axes.values())}
-    return full or dict(list(found.items())[:1])
-
-
-def _by_name(table, columns: Columns, found: Selection) -> None:
-    for sensor in SENSORS:
-        if sensor in columns:
+def _by_odds(table: Any, columns: Columns, found: Selection, triples: list[Triple]) -> None:
+    """Assign each sensor to the columns with the best odds for it, or to single axes by their names."""
+    # of several, those of a whole name, then unprocessed ones, which noise analysis and calibration need
+    whole = [one for one in triples if any(_present(table, i) for i in one.columns)] or triples
+    filtered = [bool(_FILTERED.search(" ".join(table.names[i] for i in one.columns))) for one in whole]
+    for sensor in [name for name in SENSORS if name not in columns]:
+        ranked = [k for k, one in enumerate(whole) if one.kind == sensor]
+        ranked.sort(key=lambda k: (filtered[k], -round(whole[k].odds[sensor])))
+        if not ranked:
+            _by_axis(table, found, sensor)
             continue
-        groups = _groups(table, found.names, sensor)
-        if sensor == "accel" and not groups:
-            groups = _groups(table, found.names, "accel or linear")
-        if not groups:
-            continue
-        whole = [key for key, axes in groups.items() if len(axes) == 3]
-        # prefer unprocessed values, which noise analysis and calibration need
-        whole.sort(key=lambda key: bool(_FILTERED.search(" ".join(table.names[i] for i in groups[key].values()))))
-        key = whole[0] if whole else next(iter(groups))
-        axes = groups[key]
-        if not whole:  # the axes of one sensor may be spelled differently
-            for other in groups.values():
-                axes = other | axes
-        present = [axis for axis in AXES if axis in axes]
-        if present != list(AXES[: len(present)]):
-            said = "only the axes {axes} of {sensor} are recognised in the columns {listed}; name them with {option.columns:{sensor}=...}"
-            listed = listing(table.names, len(table.names))
-            raise DataError(Message(said, axes=", ".join(present), sensor=sensor, listed=listed), code="axes")
-        found.columns[sensor] = [axes[axis] for axis in present]
-        unit = next((one.unit for i in found.columns[sensor] if (one := found.names[i]) and one.unit), None)
-        if unit:
+        first, *others = (whole[k] for k in ranked)
+        found.increments += [sensor] * first.increments
+        found.columns[sensor] = first.columns
+        if unit := first.units.get(sensor):
             found.units[sensor] = unit
-        others = [axes for other, axes in groups.items() if other != key and len(axes) == 3]
-        if whole and others:
-            shown = [",".join(table.names[axes[axis]] for axis in AXES) for axes in others[:4]]
-            names = ",".join(table.names[i] for i in found.columns[sensor])
+        if first.name is None and sensor not in first.units:
+            found.why[sensor] = first.why.get(sensor, "")
+            if not found.why[sensor]:
+                found.findings.append(READ("roles", which=f"{sensor} is {', '.join(table.names[i] for i in first.columns)}"))
+        for i, axis in zip(first.columns, AXES, strict=True):
+            found.names[i] = found.names[i] or Name(sensor, axis, first.units.get(sensor))
+        others = [one for one in others if one.odds[sensor] > first.odds[sensor] - 3.0 and not one.increments]
+        if others:
+            shown = [",".join(table.names[i] for i in one.columns) for one in others[:4]]
+            names = ",".join(table.names[i] for i in first.columns)
             facts: dict[str, Any] = {"names": names, "others": "; ".join(shown), "quantity": sensor, "first": shown[0]}
             found.findings.append(READ("several_columns", (sensor,), 0.0, None, **facts))
-    found.gravity_free = [i for i, one in enumerate(found.names) if one is not None and one.kind == "linear" and _present(table, i)]
+    found.gravity_free = [i for one in triples if one.kind == "linear" for i in one.columns if _present(table, i)]
     temperatures = [i for i, one in enumerate(found.names) if one is not None and one.kind == "temperature" and _present(table, i)]
     if temperatures and "temperature" not in columns:
         found.columns["temperature"] = temperatures[:1]
-        one = found.names[temperatures[0]]
-        if one is not None and one.unit:
+        if (one := found.names[temperatures[0]]) is not None and one.unit:
             found.units["temperature"] = one.unit
 
 
-def file_kind(stem: str) -> str | None:
-    """The sensor named in a file name, or None."""
-    low = re.sub(r"([a-z])([A-Z])", r"\1_\2", stem).lower()
-    found = [kind for kind, pattern in _FILES.items() if re.search(rf"(?<![a-z])(?:{pattern})|(?:{pattern})", low)]
-    if found and found[0] in ("linear", "gravity", "attitude"):
-        return found[0]
-    return found[0] if len(found) == 1 else None
+def _by_axis(table: Any, found: Selection, sensor: str) -> None:
+    """Assign one or two axes, or three that are spelled differently."""
+    axes: dict[str, int] = {}
+    for i, one in enumerate(found.names):
+        if one is not None and one.axis and one.kind in (sensor, *["accel or linear"] * (sensor == "accel")) and _present(table, i):
+            axes.setdefault(one.axis, i)
+    present = [axis for axis in AXES if axis in axes]
+    if present != list(AXES[: len(present)]):
+        said = "only the axes {axes} of {sensor} are recognised in the columns {listed}; name them with {option.columns:{sensor}=...}"
+        listed = listing(table.names, len(table.names))
+        raise DataError(Message(said, axes=", ".join(present), sensor=sensor, listed=listed), code="axes")
+    if present:
+        found.columns[sensor] = [axes[axis] for axis in present]
+        if unit := next((one.unit for i in found.columns[sensor] if (one := found.names[i]) and one.unit), None):
+            found.units[sensor] = unit
 
 
-def _by_file(table, columns: Columns, found: Selection) -> None:
-    """Assign columns that are called x, y, z to the sensor in the file name."""
-    if found.profile or set(found.columns) & set(SENSORS) or any(sensor in columns for sensor in SENSORS):
-        return
-    kind = file_kind(table.stem)
-    axes = _bare_axes(table, found)
-    if len(axes) != 3 or kind is None:
-        return
-    if kind == "linear":
-        found.gravity_free = axes
-    if kind in SENSORS:
-        found.columns[kind] = axes
-        inside = bracketed(table.names[axes[0]])
-        unit = unit_of(inside, kind) if inside else None
-        if unit:
-            found.units[kind] = unit
-        found.why[kind] = "by the file's name"
-
-
-def _bare_axes(table, found: Selection) -> list[int]:
-    """Columns that are called x, y, z, alone or with the same words in all three names."""
-    groups: dict[str, dict[str, int]] = {}
-    for i, name in enumerate(table.names):
-        bare = re.sub(r"[\[(].*?[\])]|(?:(?<=^[xyzXYZ])|^)(?:axis|raw|value)[ _]?", "", name.lower())
-        match = re.search(r"(?<![a-z0-9])([xyz])(?![a-z0-9])", bare)
-        if match and (found.names[i] is None or len(bare) == 1) and _present(table, i):
-            groups.setdefault(bare[: match.start()] + "?" + bare[match.end() :], {}).setdefault(match[1], i)
-    whole = [[axes[axis] for axis in AXES] for axes in groups.values() if len(axes) == 3]
-    return whole[0] if len(whole) == 1 else []
-
-
-def _refuse_or_position(table, columns: Columns, found: Selection) -> None:
+def _unclear_names(table: Any, found: Selection, triples: list[Triple]) -> DataError:
+    """Error for names that do not say which sensor the columns hold: what they hold, and the option with what is known."""
     names, count = table.names, len(table.columns)
     if found.gravity_free:
         said = (
@@ -227,30 +207,36 @@ def _refuse_or_position(table, columns: Columns, found: Selection) -> None:
             "other sensor is in the table; to read these values all the same: {option.columns:accel={a}:{b}} {option.units:accel=m/s^2}"
         )
         shown, (a, b) = ", ".join(names[i] for i in found.gravity_free[:3]), (found.gravity_free[0], found.gravity_free[-1])
-        raise DataError(Message(said, names=shown, a=a, b=b), code="gravity_free")
-    if any(names) and not all(name.isdecimal() for name in names if name):
-        refuse_mixed(table, {"accel": _bare_axes(table, found)})
-        other = [is_other(name) or (one is not None and one.kind in OTHERS) for name, one in zip(names, found.names, strict=True)]
-        left = [
-            i for i, name in enumerate(names) if not other[i] and is_number(table, i) and found.names[i] is None and not is_counter(name)
-        ]
-        if len(left) < 3 and any(other):
-            held = f"the columns {listing(names, count)} hold attitudes, places, speeds or states of a filter"
-            raise DataError(f"{held}; no inertial sensor is among them: log its readings themselves", code="no_sensor")
-        raise _unclear(f"the columns {listing(names, count)} do not say which sensor they hold")
-    _by_position(table, columns, found)
+        return DataError(Message(said, names=shown, a=a, b=b), code="gravity_free")
+    likely = [one for one in triples if not one.kind and one.odds[one.likely] > 0] or [one for one in triples if one.kind != "other"]
+    refuse_mixed(table, {one.likely: one.columns for one in likely})
+    other = [is_other(name) or (one is not None and one.kind in OTHERS) for name, one in zip(names, found.names, strict=True)]
+    left = [i for i, name in enumerate(names) if not other[i] and is_number(table, i) and found.names[i] is None and not is_counter(name)]
+    if len(left) < 3 and any(other):
+        held = f"the columns {listing(names, count)} hold attitudes, places, speeds or states of a filter"
+        return DataError(f"{held}; no inertial sensor is among them: log its readings themselves", code="no_sensor")
+    why = f"the columns {listing(names, count)} do not say which sensor they hold"
+    if not likely:
+        return unclear(why)
+    option = _option({one.likely: one.columns for one in likely})
+    return unclear(Message("{why}; say it, as with {option.columns:{given}}, for gyro, accel or mag", why=why, given=option))
 
 
-def _unclear(why: Any, code: str = "columns_unclear") -> DataError:
+def _option(columns: dict[str, list[int]]) -> str:
+    """Columns by quantity as the option `columns` takes them."""
+    return ",".join(f"{name}={','.join(map(str, indices))}" for name, indices in columns.items())
+
+
+def unclear(why: Any, code: str = "columns_unclear") -> DataError:
     """Error for columns that do not show which sensor they hold."""
-    return DataError(joined_messages([why, HOW]), code)
+    return DataError(why if isinstance(why, Message) else joined_messages([why, HOW]), code)
 
 
-def _by_position(table, columns: Columns, found: Selection) -> None:
-    count = len(table.columns)
-    numeric = [i for i in range(count) if is_number(table, i)]
-    time = found.columns.get("time")
-    stamps = [i for i in range(count) if table.columns[i].dtype.kind == "M" or i in table.clocks]
+def _by_position(table: Any, columns: Columns, found: Selection, wanted: str | None) -> None:
+    """Assign columns without names: three, six or nine beside time, by their values."""
+    numeric = [i for i in range(len(table.columns)) if is_number(table, i)]
+    time, listed = found.columns.get("time"), listing(table.names, len(table.columns))
+    stamps = [i for i, one in enumerate(table.columns) if one.dtype.kind == "M" or i in table.clocks]
     if time is None and "time" not in columns and not stamps:
         rising = [i for i in numeric if increasing(table.columns[i])]
         counters = [i for i in rising if np.mean(np.diff(table.columns[i]) == 1) > 0.95] if len(rising) > 1 else []
@@ -261,49 +247,40 @@ def _by_position(table, columns: Columns, found: Selection) -> None:
         # leave out constant columns, such as the number of a person or a sensor
         left = [i for i in left if np.ptp(table.columns[i]) > 0] if len(table.columns[0]) > 10 else left
     refuse_mixed(table, {"accel": left[-3:]})
-    label = _label(table)
-    if label and len(left) == 3:
-        found.columns |= {label: left} | ({"time": time} if time else {})
-        found.why[label] = "by the word that stands in every row"
-        return
     if len(left) not in (3, 6, 9):
         rises = f" (column {time[0]} rises, as time does)" if time else ""
-        raise _unclear(f"{listing(table.names, count)}{rises}: 3, 6 or 9 columns besides time can be told apart, not {len(left)}")
-    triples = [left[i : i + 3] for i in range(0, len(left), 3)]
-    apart = [triple for triple in triples if triple[2] - triple[0] != 2]
-    if apart:
-        shown = ", ".join(map(str, apart[0]))
-        raise _unclear(f"{listing(table.names, count)}: columns {shown} do not stand side by side as axes do")
-    flat = [[np.ptp(table.columns[i]) == 0 for i in triple] for triple in triples]
-    if any(map(any, flat)) and not all(map(any, flat)) and len(table.columns[0]) > 100:
-        at = next(triple[one.index(True)] for triple, one in zip(triples, flat, strict=True) if any(one))
-        raise _unclear(f"{listing(table.names, count)}: column {at} never changes, as no axis of a sensor does")
-    kind = file_kind(table.stem) if len(triples) == 1 else None
-    try:
-        if kind in SENSORS:
-            roles = [kind]
-        else:
-            roles = _guess.roles([np.column_stack([table.columns[i] for i in triple]).astype(np.float64) for triple in triples])
-            which = ", ".join(f"{role} is {triple[0]}-{triple[-1]}" for role, triple in zip(roles, triples, strict=True))
-            found.findings.append(READ("roles", which=which))
-    except DataError as error:
-        raise _unclear(error, error.code) from None
-    found.columns |= ({"time": time} if time else {}) | dict(zip(roles, triples, strict=True))
+        raise unclear(f"{listed}{rises}: 3, 6 or 9 columns besides time can be told apart, not {len(left)}")
+    triples = [Triple(left[i : i + 3]) for i in range(0, len(left), 3)]
+    for one in triples:
+        if one.columns[2] - one.columns[0] != 2 and table.word is None:
+            raise unclear(f"{listed}: columns {', '.join(map(str, one.columns))} do not stand side by side as axes do")
+        flat = [np.ptp(table.columns[i]) == 0 for i in one.columns]
+        if any(flat) and not all(flat) and len(table.columns[0]) > 100:
+            raise unclear(f"{listed}: column {one.columns[flat.index(True)]} never changes, as no axis of a sensor does")
+        one.odds = dict.fromkeys(SENSORS, 0.0) | {"linear": 0.0, "other": 0.0}
+        weigh_values(one, table, wanted, nameless=True)
+    roles = _joint(triples, table)
+    if not triples[0].why:
+        which = ", ".join(f"{role} is {one.columns[0]}-{one.columns[-1]}" for role, one in zip(roles, triples, strict=True))
+        found.findings.append(READ("roles", which=which))
+    found.why |= {role: why for role, one in zip(roles, triples, strict=True) if (why := one.why.get(role))}
+    found.columns |= ({"time": time} if time else {}) | {role: one.columns for role, one in zip(roles, triples, strict=True)}
 
 
-def _label(table) -> str | None:
-    """The sensor named by a word in every row, or None; rows of several sensors are refused."""
-    for i, column in enumerate(table.columns):
-        if column.dtype.kind != "O":
-            continue
-        words = {str(value).strip() for value in column if value is not None}
-        kinds = {file_kind(word) for word in list(words)[:50]}
-        if len(words) == 1 and kinds & set(SENSORS):
-            return kinds.pop()
-        if 1 < len(words) < 50 and kinds & set(SENSORS):
-            words = ", ".join(sorted(words)[:6])
-            raise DataError(f"column {i} names the sensor of each row ({words}); split the file by it and read the parts", code="mixed")
-    return None
+def _joint(triples: list[Triple], table: Any) -> tuple[str, ...]:
+    """The sensors of columns without names, each sensor once: those with the best odds together; an error if others are nearly as good."""
+    totals = {
+        roles: sum(one.odds[role] for one, role in zip(triples, roles, strict=True))
+        for roles in itertools.permutations(SENSORS, len(triples))
+        if "accel" in roles or len(triples) == 1
+    }
+    best, second = sorted(totals, key=totals.__getitem__, reverse=True)[:2]
+    if totals[best] < totals[second] + MARGIN or (len(triples) > 1 and triples[best.index("accel")].odds["accel"] <= 0.0):
+        values = [np.column_stack([table.columns[i] for i in one.columns]) for one in triples]
+        whole = " of whole numbers, which look like raw counts," if all(map(_guess.all_integer, values)) else ""
+        why = f"the values of {len(triples)} times three columns{whole} do not show gravity, a field and rates clearly enough"
+        raise unclear(f"{listing(table.names, len(table.columns))}: {why}", "no_gravity" if len(triples) > 1 else "counts")
+    return best
 
 
 def increasing(values: np.ndarray) -> bool:
@@ -314,18 +291,22 @@ def increasing(values: np.ndarray) -> bool:
     return bool(len(steps) and np.count_nonzero(np.greater(steps, steps.dtype.type(0))) >= 0.95 * len(steps))
 
 
-def _tell_unused(table, found: Selection) -> None:
+def _tell_unused(table: Any, found: Selection, triples: list[Triple]) -> None:
     """Report columns that look like those of a sensor but are not read."""
     used = {i for indices in found.columns.values() for i in indices}
+    missing = {sensor for sensor in SENSORS if sensor not in found.columns}
+    doubtful = [one for one in triples if not used & set(one.columns) and not one.kind and one.likely in missing]
     strange = [
         i for i, name in enumerate(table.names)
         if i not in used and found.names[i] is None and _LIKE.search(name) and not (_NOT_LIKE.search(name) or is_counter(name))
-        and _present(table, i) and not _CLOCKS.search(name)
+        and _present(table, i) and not _CLOCKS.search(name) and not any(i in one.columns for one in triples if one.kind)
     ]  # fmt: skip
+    strange = sorted({*strange, *(i for one in doubtful for i in one.columns)})
     shown = ", ".join(f"{i} ({table.names[i]})" for i in strange[:9]) + (" ..." if len(strange) > 9 else "")
     if strange and not set(found.columns) & set(SENSORS):
-        raise _unclear(f"the columns {shown} look like those of a sensor, but which axis of which is not understood")
+        raise unclear(f"the columns {shown} look like those of a sensor, but which axis of which is not understood")
     if strange:
-        found.findings.append(READ("strange", columns=shown))
+        first = doubtful[0] if doubtful else Triple(strange[:3], odds=dict.fromkeys(missing or SENSORS, 0.0))
+        found.findings.append(READ("strange", columns=shown, first=_option(found.columns | {first.likely: first.columns})))
     if found.gravity_free and "accel" not in found.columns:
         found.findings.append(READ("gravity_free", "accel", columns=", ".join(table.names[i] for i in found.gravity_free[:3])))

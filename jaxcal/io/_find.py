@@ -7,18 +7,19 @@ import struct
 
 from .._errors import DataError
 from ._archive import zip_kind
-from ._choose import file_kind
 from ._columns import SENSORS
 from ._names import parse
 from ._readers._bounds import MOST
+from ._triples import file_kind
 
 #: supported formats, as named in `format=`
-FORMATS = ("csv", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "ulog", "dataflash", "zip", "json")
+FORMATS = ("csv", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "ulog", "dataflash", "zip", "json", "xlsx", "tdms")
 
 _SQLITE, _MCAP, _HDF5 = b"SQLite format 3\0", b"\x89MCAP0\r\n", b"\x89HDF\r\n\x1a\n"
 _MAGIC = {
     b"\x93NUMPY": "npy", b"PK\x03\x04": "zip", b"PK\x05\x06": "zip", b"PAR1": "parquet", b"#ROSBAG V": "rosbag1", _SQLITE: "rosbag2",
     _MCAP: "rosbag2", _HDF5: "hdf5", b"MATLAB 7.3": "hdf5", b"MATLAB 5.0": "mat", b"ULog\x01\x12\x35": "ulog", b"\xa3\x95": "dataflash",
+    b"\xd0\xcf\x11\xe0": "xlsx", b"TDSm": "tdms",
 }  # fmt: skip
 #: suffixes of text tables; other text files (notes, configuration) are not logs
 _TEXT = (".csv", ".tsv", ".txt", ".dat", ".csv.gz", ".tsv.gz", ".txt.gz", ".dat.gz")
@@ -29,7 +30,6 @@ _LFS = b"version https://git-lfs.github.com/spec/"
 _SHOWN = 8
 #: first bytes of files that are not read, or their suffix, what they are, and the program that makes a log of them
 _OTHERS = (
-    ((b"\xd0\xcf\x11\xe0", ".xls"), "an Excel workbook of the old kind (XLS)", "save the sheet that holds the log as CSV"),
     ((b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05"), "a pickle, which can run any program", "save the arrays with numpy.savez"),
     ((b"ARROW1", b"FEA1"), "an Arrow (Feather) file", "save it as Parquet"),
     (
@@ -38,11 +38,10 @@ _OTHERS = (
         "run `blackbox_decode LOG`, or save CSV in Blackbox Explorer",
     ),
     (
-        (b"FMT, ", ".tlog"),
-        "telemetry or a log as text of ArduPilot",
-        "give the .bin log, or run `mavlogdump.py --format csv --types IMU LOG > imu.csv`",
+        (".tlog",),
+        "telemetry of MAVLink",
+        "give the .bin log, or run `mavlogdump.py --format csv --types RAW_IMU LOG > imu.csv`",
     ),
-    ((b"TDSm",), "a LabVIEW file (TDMS)", "run `python -c \"import nptdms; nptdms.TdmsFile('LOG').as_dataframe().to_csv('log.csv')\"`"),
     ((b"MD\xfc\x03", ".cwa"), "a log of Axivity (CWA)", "export CSV with OmGui, or run `cwa-convert LOG -out log.csv`"),
     ((b"Device Identity",), "a log of GENEActiv", "export CSV with the GENEActiv software"),
     ((".gt3x",), "a log of ActiGraph (GT3X)", "export CSV with ActiLife, or with pygt3x"),

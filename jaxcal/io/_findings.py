@@ -10,7 +10,7 @@ READ = table(
     # which column is what, and in which unit
     read_as=Kind(NOTE, "{where}, {unit}{why}.", _OVERRIDE),
     assumed=Kind(CAUTION, "A guess: {where}, {unit}{why}.", _OVERRIDE, guess=True),
-    roles=Kind(CAUTION, "A guess from the size of the values, since the columns have no names: {which}.",
+    roles=Kind(CAUTION, "A guess from the size of the values, since no name says so: {which}.",
                "If that is wrong, say which is which, as in {option.columns:gyro=1:3,accel=4:6}.", guess=True),
     rate_stated=Kind(NOTE, "The rate is {rate:g} Hz, as {source}.", "If that is wrong: {option.rate:HZ}."),
     rate_of_name=Kind(CAUTION, "A guess: the rate is {rate:g} Hz, as the file's name says; there is no time column.",
@@ -31,6 +31,10 @@ READ = table(
     own_stamps=Kind(NOTE, "{source} has stamps of its own; the readings stand at the nearest stamps of {main}.",
                     "For its noise, read it alone: {option.topics:{source}}."),
     temperature=Kind(NOTE, "The temperature is that of {source}, at the stamps of {main}."),
+    increments=Kind(CAUTION, "{quantity}: increments over a sampling period, by their names; they are divided by it.",
+                    "If they are none: {option.columns:{quantity}=...}.", guess=True),
+    no_clock=Kind(CAUTION, "There is no clock: the readings are taken one by one, at 1 Hz, so that no time and no rate means anything.",
+                  "If they have a rate: {option.rate:HZ}."),
     phase=Kind(NOTE, "The values are taken as time integrals; their differences over the sampling period are used ({option.data:phase})."),
     # what is doubtful
     left_out=Kind(CAUTION, "Left out: {why}.", "To read it all the same: {option.units:{quantity}=...}."),
@@ -47,7 +51,8 @@ READ = table(
                          "Read others with {option.topics}: {others}."),
     file_not_read=Kind(CAUTION, "{file} is not read: {why}."),
     mixed=Kind(CAUTION, "{why}."),
-    strange=Kind(CAUTION, "Not read, although the names look like those of a sensor: {columns}.", "Name them with {option.columns}."),
+    strange=Kind(CAUTION, "Not read, although the names or values look like those of a sensor: {columns}.",
+                 "To read them: {option.columns:{first}}."),
     skips=Kind(CAUTION, "{counter} counts the samples and skips {count} of them in {places} places: these are missing."),
     # what is damaged
     rows_left_out=Kind(CAUTION, "{count} of {rows} rows do not have {width} fields and are left out; the first is line {line}: {shown!r}."),

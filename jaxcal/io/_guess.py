@@ -22,7 +22,6 @@ from ._evidence import (
     noise_floor,
     normalised,
     norms,
-    spread,
     step_unit,
     thinned,
     turning,
@@ -75,7 +74,7 @@ class Guess:
     sure: bool = True
 
 
-def _fitting(sensor: str, size: float, row: int = 0) -> list[str]:
+def fitting(sensor: str, size: float, row: int = 0) -> list[str]:
     """Units in which a size is that of gravity or of the Earth's field: for certain, or likely (`row` 1)."""
     low, high = _RANGES[sensor][row][:2]
     return [unit for unit, (one, _) in _SIZES[sensor].items() if low <= size / one <= high]
@@ -106,7 +105,7 @@ def accel_unit(values: np.ndarray, stated: str | None, where: str, period: float
     stays = gravity_stays(values, period)
     if _allowed("accel", force) and not stays < 0.45:
         return Guess(stated, f"{where}; {seen}", stated)
-    better = [unit for unit in _fitting("accel", norm) if unit != stated and stays > 0.6]
+    better = [unit for unit in fitting("accel", norm) if unit != stated and stays > 0.6]
     if better:
         raise _contradicts("accel", stated, where, f"its {seen} is that of gravity in {better[0]}", better[0])
     if force < _STATED["accel"][0] or stays < 0.45:
@@ -133,14 +132,14 @@ def mag_unit(values: np.ndarray, stated: str | None, where: str) -> Guess:
         if stated is not None:
             return Guess(stated, where, stated)
         norm = median_norm(values)
-        if _fitting("mag", radius) or not _fitting("mag", norm, 1):
+        if fitting("mag", radius) or not fitting("mag", norm, 1):
             return _by_size("mag", radius, seen, values)
         # readings on a small part of a sphere fit any radius, so use the median magnitude
         return dataclasses.replace(_by_size("mag", norm, f"median norm {norm:.3g}; uncertain, the {seen}", values), sure=False)
     field = radius * size * 1e6
     if any(_allowed("mag", one * size * 1e6) for one in (radius, median_norm(values))):
         return Guess(stated, f"{where}; {seen}", stated)
-    better = [unit for unit in _fitting("mag", radius) if unit != stated]
+    better = [unit for unit in fitting("mag", radius) if unit != stated]
     advice = better[0] if better else f"{4e-5 / radius:.3g} T"
     like = f"it is that in {better[0]}" if better else "the values may be normalised, or counts"
     raise _contradicts("mag", stated, where, f"its {seen} would be {field:.3g} uT, and the Earth's field is 22 to 67 uT: {like}", advice)
@@ -154,7 +153,7 @@ def no_field(values: np.ndarray) -> str | None:
     length = normalised(values)
     if length is None:
         return None
-    return None if _fitting("mag", length) else f"every vector has the length {length:.6g}: it is normalised, a direction and no field"
+    return None if fitting("mag", length) else f"every vector has the length {length:.6g}: it is normalised, a direction and no field"
 
 
 def _by_size(sensor: str, size: float, seen: str, values: np.ndarray) -> Guess:
@@ -232,7 +231,7 @@ def keeps_length(values: np.ndarray) -> str | None:
         return None
     middle = float(np.median(lengths))
     turned = float(np.linalg.norm(np.mean(seen / lengths[:, None], axis=0)))
-    if _fitting("accel", middle) and turned < 0.9 and float(np.std(lengths)) < 0.15 * middle:
+    if fitting("accel", middle) and turned < 0.9 and float(np.std(lengths)) < 0.15 * middle:
         return f"the columns that are called those of the gyroscope turn, but keep the length {middle:.4g}"
     return None
 
@@ -292,46 +291,6 @@ def turns_of(values: dict[str, np.ndarray], period: float | None) -> Turning | N
 def factor_of(unit: str, sensor: str) -> float | None:
     """SI value of a unit; None for a unit with a number before it."""
     return factor(unit, sensor) if find_unit(unit, sensor) else None
-
-
-def roles(triples: list[np.ndarray]) -> list[str]:
-    """Identify the sensor of each of one, two or three triples of columns without names.
-
-    The magnitudes of gravity and of the magnetic field stay constant when the sensor rotates; that of an angular rate does not.
-    """
-    if len(triples) == 1:
-        if all_integer(triples[0]) and not (_gravity_like(triples[0]) or _field_like(triples[0])):
-            hint = counts_hint("accel", triples[0])
-            like = " (of an accelerometer, if one is {hint}: {option.columns:accel=...} {option.units:accel={hint}})" if hint else ""
-            said = f"three columns of whole numbers, which look like raw counts{like}, do not say of which sensor"
-            raise DataError(Message(said, hint=hint), code="counts")
-        return ["accel" if _gravity_like(triples[0]) else "mag" if _field_like(triples[0]) else "gyro"]
-    likeness = [_gravity_like(triple) for triple in triples]
-    if not any(likeness):
-        hints = [(k, hint) for k, triple in enumerate(triples) if all_integer(triple) and (hint := counts_hint("accel", triple))]
-        like = f", but the {('first', 'second', 'third')[hints[0][0]]} has it in counts of {hints[0][1]}" if hints else ""
-        raise DataError(f"neither triple of columns has the norm of gravity in m/s^2, g or mg{like}", code="no_gravity")
-    # if two triples may be gravity, choose the one with the steadier magnitude
-    force = min((k for k, like in enumerate(likeness) if like), key=lambda k: spread(triples[k]))
-    rest = [k for k in range(len(triples)) if k != force]
-    if len(rest) == 1:
-        found = {rest[0]: "gyro"}
-    else:
-        fields = [k for k in rest if _field_like(triples[k])]
-        if len(fields) == 2 and 3 * spread(triples[min(rest, key=lambda k: spread(triples[k]))]) < max(spread(triples[k]) for k in rest):
-            fields = [min(rest, key=lambda k: spread(triples[k]))]  # the magnitude of a field is steadier than that of rates
-        if len(fields) != 1:
-            raise DataError("of the two triples besides the accelerometer's, not one alone is like the Earth's field", code="no_field")
-        found = {k: "mag" if k in fields else "gyro" for k in rest}
-    return [("accel" if k == force else found[k]) for k in range(len(triples))]
-
-
-def _gravity_like(values: np.ndarray) -> bool:
-    return bool(_fitting("accel", median_norm(values), 1)) and spread(values) < 0.5
-
-
-def _field_like(values: np.ndarray) -> bool:
-    return bool(_fitting("mag", field_size(values)[0])) and spread(values) < 0.9
 
 
 def undecided(sensor: str, seen: str, values: np.ndarray, example: str) -> UnitDoubtError:

@@ -9,6 +9,7 @@ import dataclasses
 import functools
 import re
 import unicodedata
+from collections.abc import Iterator, Sequence
 
 from .._units import find_unit
 
@@ -16,7 +17,7 @@ AXES = "xyz"
 #: longest name that is parsed
 _LONGEST = 120
 #: kinds that are not read as a sensor; "linear" is acceleration without gravity
-OTHERS = ("linear", "gravity", "attitude", "motion", "counter")
+OTHERS = ("linear", "gravity", "attitude", "motion", "counter", "d gyro", "d accel")
 
 
 def _words(text: str) -> frozenset[str]:
@@ -25,17 +26,17 @@ def _words(text: str) -> frozenset[str]:
 
 _WORDS = {
     "gyro": (
-        "g|gyr|gyro|gyros|gyroscope|gyroscopes|gyroskop|giroscopio|giroscopo|gyrorotation|gyrorotationrate|gyroscoperotationrate|w|omega|"
+        "g|gy|gyr|gyro|gyros|gyroscope|gyroscopes|gyroskop|giroscopio|giroscopo|gyrorotation|gyrorotationrate|gyroscoperotationrate|w|omega|"
         "angularvelocity|angvelocity|angvel|angularvel|angularrate|angrate|anglerate|angularspeed|rate|rates|rotationrate|rotrate|"
         "rotationspeed|turnrate|rateofturn|drehrate|drehgeschwindigkeit|winkelgeschwindigkeit|vitesseangulaire|velocidadangular|"
         "hoeksnelheid|jiroskop|zyroskop|gyroskooppi|kulmanopeus|predkosckatowa|acsalhz|vinkelhastighet|"
-        "velocitaangolare|velocidadeangular|wrss|av|as|wb|gyrounfiltered|deltarate"
+        "velocitaangolare|velocidadeangular|wrss|av|as|wb|gyrounfiltered|deltarate|pqr|rot|gyrorot|gyroscoperot|angvels|wibb|omegaibb"
     ),
     "accel": (
-        "a|ac|acc|acce|accel|accelero|accelerometer|accelerometers|acceleration|accelerations|accelerometeracceleration|f|gf|gforce|fb|"
+        "a|ac|acc|acce|accl|accel|accelero|accelerometer|accelerometers|acceleration|accelerations|accelerometeracceleration|f|gf|gforce|fb|"
         "specificforce|sf|totalacceleration|totalacc|accelerationincludinggravity|accelerationwithg|beschleunigung|beschl|"
         "beschleunigungssensor|beschleunigungmitg|versnelling|ivme|przyspieszenie|kiihtyvyys|zrychleni|aceleracion|acelerometro|accelerazione|accelerometro|aceleracao|acelerometro|arss|"
-        "properacceleration"
+        "properacceleration|fibb"
     ),
     # this name means opposite things in ROS and phyphox; the values decide whether gravity is included
     "accel or linear": "linearacceleration|linearaccelerations|linearaccel|linearacc|linacc|linaccel|la|lia|linearebeschleunigung",
@@ -54,6 +55,9 @@ _WORDS = {
         "roll|pitch|yaw|angle|angles|euler|eulerangles|quat|quaternion|q|orientation|rotationvector|gamerotationvector|attitude|rpy|"
         "heading|azimuth|mat|dcm|tilt|winkel|orientierung|ori"
     ),
+    # increments over a sampling period
+    "d gyro": "dtheta|dangle|deltaangle|deltatheta|dang|dphi",
+    "d accel": "dv|dvel|deltavelocity|deltav|deltavel|dvelocity",
     "motion": "pos|position|p|vel|velocity|speed|v|lat|lon|latitude|longitude|alt|altitude|height|dist|displacement|trans|translation|d|s",
 }  # fmt: skip
 _KINDS = {kind: frozenset(words.split("|")) for kind, words in _WORDS.items()}
@@ -87,7 +91,7 @@ _ORIGINS = _words(
     "asse adc body attr "
     "corrected compensated "
     "smooth in of the device phone input reading readings meas measured signal comp component channel ch ln wr low noise wide range "
-    "mpu icm lsm bmi bno xsens mems filt filtered lpf avg"
+    "v mpu icm lsm bmi bno xsens mems filt filtered lpf avg"
 )
 
 
@@ -96,7 +100,7 @@ _CHANGING = _words(
     "bias biases offset off std stdev stddev var variance cov covariance sigma rms error err true truth ref reference gt groundtruth est "
     "estimate estimated mean median max min peak target desired cmd command setpoint world earth nav global ned enu delta d dt integral "
     "integrated free linear lin user dynamic gravity grav jerk diff pos position vel velocity quat euler angle angles temp temperature "
-    "scale factor misalignment drift residual innovation"
+    "scale factor misalignment drift residual innovation angular b bg ba setpoint sp"
 )
 #: words in other scripts, in the order of the search
 OTHER_SCRIPTS = {
@@ -143,7 +147,7 @@ class Name:
 def bracketed(name: str) -> str | None:
     """Text in the brackets of a column name, or None; a number in brackets is an axis and is ignored."""
     found = [(one or other).strip() for one, other in re.findall(r"\[([^\]]*)\]|\(((?:[^()]|\([^()]*\))*)\)", name)]
-    return next((text for text in found if not text.isdigit()), None)
+    return next((text for text in found if not text.isdigit() and text.lower() not in tuple(AXES)), None)
 
 
 def unit_of(text: str, quantity: str) -> str | None:
@@ -174,6 +178,7 @@ def _cut(name: str) -> list[list[str]]:
         for word, ours in OTHER_SCRIPTS.items():
             if word in low:
                 name = low = low.replace(word, f" {ours} ")
+    name = re.sub(r"[\[(]([xyzXYZ0-2])[\])]", r" \1 ", name)  # Accelerometer (x), acc[0]
     plain = unicodedata.normalize("NFKD", re.sub(r"\[[^\]]*\]|\([^)]*\)", " ", name)).encode("ascii", "ignore").decode()
     camel = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", plain)
     whole = re.findall(r"[0-9A-Za-z]+", plain)
@@ -206,15 +211,16 @@ _RISES = _words(
 )
 
 
-_QUATERNION = _words("qw qx qy qz q0 q1 q2 q3 rx ry rz vx vy vz px py pz ve vn vu vd")
+_QUATERNION = _words("qw qx qy qz q0 q1 q2 q3 rx ry rz vx vy vz px py pz ve vn vu vd pn pe bgx bgy bgz bax bay baz")
 
 
 def is_other(name: str) -> bool:
     """Whether a word of a name denotes an attitude, a motion, a place or so, which may rise for a while as time does."""
     words = {word for words in _cut(name[:_LONGEST]) for word in words if len(word) > 1}
     found = parse(name)
-    kind = found is not None and found.kind in ("attitude", "motion", "gravity")
-    return kind or not words.isdisjoint(_KINDS["attitude"] | _KINDS["motion"] | _RISES | _CHANGING | _QUATERNION)
+    if (found is not None and found.kind in ("attitude", "motion", "gravity")) or re.match("b_?[wag]_", name.lower()):
+        return True
+    return not words.isdisjoint(_KINDS["attitude"] | _KINDS["motion"] | _RISES | _CHANGING | _QUATERNION)
 
 
 @functools.lru_cache(4096)
@@ -223,20 +229,15 @@ def parse(name: str) -> Name | None:
     if len(name) > _LONGEST:
         return None
     inside = bracketed(name)
-    index = re.search(r"\[([0-2])\]\s*$", name)
     for words in _cut(name):
-        if not words:
-            continue
-        found = _time(words, inside) or _temperature(words, inside)
-        if found:
+        if words and (found := _time(words, inside) or _temperature(words, inside)):
             return found
-        for found in _sensors(words, index):
-            if found.unit is None and inside:
-                kind = "accel" if found.kind in ("accel or linear", "linear", "gravity") else found.kind
-                # gyro_rad and gyro [deg] mean rates, also of angles that are differenced
-                inside += "/s" * (kind == "gyro" and inside in ("deg", "rad"))
-                return dataclasses.replace(found, unit=unit_of(inside, kind) if kind in _KINDS and kind not in OTHERS else None)
-            return found
+        for axis, rest in placed(words, AXES):
+            found = described(rest)
+            if found is not None and found.sure:
+                if found.kind in ("d gyro", "d accel"):
+                    break
+                return Name(found.kind, axis, found.unit or unit_in(inside, found.kind), found.instance, "".join(rest))
     # for x, y, z with a unit, the unit determines the sensor
     bare = "".join(_cut(name)[0])
     bare = bare.removesuffix("axis").removeprefix("axis")
@@ -247,33 +248,64 @@ def parse(name: str) -> Name | None:
     return Name("counter") if is_counter(name) and name else None
 
 
-def _sensors(words: list[str], index: re.Match[str] | None):
-    """Possible interpretations of the words, the most literal first."""
-    placed = [(i, word, []) for i, word in enumerate(words) if word in tuple(AXES)]
-    placed += [(i, word[-1], [word[:-1]]) for i, word in enumerate(words) if len(word) > 1 and word[-1] in AXES]
-    placed += [(i, word[0], [word[1:]]) for i, word in enumerate(words) if len(word) > 2 and word[0] in AXES]
-    numbered = [(i, re.fullmatch(r"([a-z]*[xyz])(\d)", word)) for i, word in enumerate(words)]
-    placed += [(i, match[1][-1], [word for word in (match[1][:-1], match[2]) if word]) for i, match in numbered if match]
-    if index:
-        placed.insert(0, (len(words), AXES[int(index[1])], []))
-    for at, axis, left in placed:
-        rest = [*words[:at], *left, *words[at + 1 :]]
-        for tail in (0, *range(min(3, len(rest) - 1), 0, -1)):  # try the longest unit first: mg before g
-            head, end = rest[: len(rest) - tail], rest[len(rest) - tail :]
-            found = _kind(head)
-            if found is None:
+def unit_in(inside: str | None, kind: str) -> str | None:
+    """The unit of a kind in the brackets of a name, or None."""
+    if not inside or kind in ("gravity", "attitude", "motion", "counter"):
+        return None
+    # gyro_rad and gyro [deg] mean rates, also of angles that are differenced
+    return unit_of(inside + "/s" * (kind == "gyro" and inside in ("deg", "rad")), quantity_of(kind))
+
+
+def quantity_of(kind: str) -> str:
+    """The sensor whose units a kind has."""
+    return "accel" if kind in ("accel or linear", "linear", "gravity") else kind
+
+
+def placed(words: list[str], axes: Sequence[str] = AXES) -> Iterator[tuple[str, list[str]]]:
+    """Axes x, y, z that a name may mean, which it calls by the words `axes`, and the other words; the most literal first."""
+    for i, word in enumerate(words):
+        if word in axes:
+            yield AXES[axes.index(word)], [*words[:i], *words[i + 1 :]]
+    for i, word in enumerate(words if axes == AXES else ()):
+        if match := re.fullmatch(r"(.*)([xyz])(\d?)", word):  # accx, accx1, x1
+            yield match[2], [*words[:i], *filter(None, (match[1], match[3])), *words[i + 1 :]]
+        if match := re.fullmatch("([xyz])(..+)", word):  # xaccel
+            yield match[1], [*words[:i], match[2], *words[i + 1 :]]
+
+
+@dataclasses.dataclass(frozen=True)
+class Described:
+    """What the words beside an axis say: kind, unit, number of the sensor, and whether all words say so or only some of them."""
+
+    kind: str
+    unit: str | None
+    instance: int
+    sure: bool
+
+
+def described(words: list[str]) -> Described | None:
+    """What the words beside an axis say; None if they say nothing, or a word among them may change the meaning."""
+    for tail in (0, *range(min(3, len(words) - 1), 0, -1)):  # try the longest unit first: mg before g
+        head, end = words[: len(words) - tail], words[len(words) - tail :]
+        if (found := _kind(head)) is None:
+            continue
+        kind, instance = found
+        unit = _spelled(end, quantity_of(kind)) if quantity_of(kind) in ("gyro", "accel", "mag") else None
+        if not end or unit or (kind in OTHERS and all(word in _ORIGINS or word.isdigit() for word in end)):
+            return Described(kind, unit, instance, True)
+    for size in range(len(words) - 1, 0, -1):
+        for start in range(len(words) - size + 1):
+            dropped = [*words[:start], *words[start + size :]]
+            found = _kind(words[start : start + size])
+            if found is None or found[0] in OTHERS or any(word in _CHANGING or _known(word) not in (None, found[0]) for word in dropped):
                 continue
-            kind, instance, stem = found
-            if not end:
-                yield Name(kind, axis, None, instance, stem)
-                continue
-            if kind in OTHERS and all(word in _ORIGINS or word.isdigit() for word in end):
-                yield Name(kind, axis, None, instance, stem)
-                continue
-            quantity = "accel" if kind in ("accel or linear", "linear", "gravity") else kind
-            unit = _spelled(end, quantity) if quantity in ("gyro", "accel", "mag") else None
-            if unit:
-                yield Name(kind, axis, unit, instance, stem)
+            return Described(found[0], None, found[1], False)
+    return None
+
+
+def _known(word: str) -> str | None:
+    """The kind that a word denotes, or None."""
+    return next((kind for kind, known in _KINDS.items() if word in known), None)
 
 
 def _spelled(words: list[str], quantity: str) -> str | None:
@@ -282,23 +314,8 @@ def _spelled(words: list[str], quantity: str) -> str | None:
     return next((unit for glue in ("", "_", "/", " ") if (unit := unit_of(glue.join(words), quantity))), None)
 
 
-def loosened(name: str) -> Name | None:
-    """Meaning of a name after dropping unknown words at its ends, such as the place of a sensor; None if a word may change the meaning."""
-    inside = re.search(r"\s*[\[(][^\])]*[\])]\s*$", name)
-    tail = inside[0] if inside else ""
-    for words in _cut(name[:_LONGEST]):
-        for before, after in ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0)):
-            kept, dropped = words[before : len(words) - after], words[:before] + words[len(words) - after :]
-            if not kept or any(word in _CHANGING for word in dropped):
-                continue
-            found = parse("_".join(kept) + tail)
-            if found is not None and found.axis in tuple(AXES) and found.kind not in OTHERS and found.kind not in ("time", "temperature"):
-                return dataclasses.replace(found, stem="".join(dropped) + found.stem)
-    return None
-
-
-def _kind(words: list[str]) -> tuple[str, int, str] | None:
-    """Kind, instance and stem of a sensor's name, or None."""
+def _kind(words: list[str]) -> tuple[str, int] | None:
+    """Kind and instance of a sensor's name, or None."""
     digits = [int(word) for word in words if word.isdigit() and len(word) < 3]
     bare = [word.rstrip("0123456789") if not word.isdigit() else "" for word in words]
     digits += [int(word[len(word.rstrip("0123456789")) :]) for word in words if word[-1].isdigit() and not word.isdigit()][:1]
@@ -308,9 +325,8 @@ def _kind(words: list[str]) -> tuple[str, int, str] | None:
         joined = "".join(candidate)
         if joined in ("g", "m") and "field" in bare:
             continue  # field_x_G is a field in gauss, not a gyroscope in the field of a message
-        for kind, known in _KINDS.items():
-            if joined in known:
-                return kind, digits[0] if digits and digits[0] < 1000 else 0, "".join(words)
+        if kind := _known(joined):
+            return kind, digits[0] if digits and digits[0] < 1000 else 0
     return None
 
 

@@ -62,13 +62,15 @@ PROFILES = (
          (r"dv\[?[123]\]?|dq_.*", "attitude", None)),
         preamble=r"DeviceTag|OutputRate|Xsens DOT|Movella",
     ),
-    Profile(
-        "Xsens MT", ("(?:packet)?counter", r"packetcounter|mat\[1\]\[1\]"),
+    *(Profile(
+        "Xsens MT", needs,
         ((rf"acc_{_XYZ}", "accel", "m/s^2"), (rf"gyr_{_XYZ}", "gyro", "rad/s"), (rf"freeacc_{_XYZ}", "linear", "m/s^2"),
          (r"mag_[xyz]", "motion", None)),
-        preamble=r"Update Rate|Sample Rate|Filter Profile|Option Flags|Firmware Version",
-        sign="its magnetometer is relative to the field in which it was calibrated, and is not read",
-    ),
+        preamble=preamble, sign="its magnetometer is relative to the field in which it was calibrated, and is not read",
+    ) for needs, preamble in (
+        (("packetcounter",), r"Update Rate|Sample Rate|Filter Profile|Option Flags|Firmware Version"),
+        (("(?:packet)?counter", r"acc_x|gyr_x", r"mat\[1\]\[1\]|mag_x"), ""),
+    )),
     Profile(
         "Physics Toolbox", (rf"gf{_XYZ}",),
         ((rf"gf{_XYZ}", "accel", "g"), (rf"a{_XYZ}", "linear", "m/s^2"), (rf"w{_XYZ}", "gyro", "rad/s"), (rf"b{_XYZ}", "mag", "uT"),
@@ -78,6 +80,15 @@ PROFILES = (
         "VectorNav", ("timestartup|timegpspps",),
         ((rf"(?:uncomp)?(?:gyro|angularrate)\.?{_XYZ}", "gyro", "rad/s"), (rf"(?:uncomp)?accel\.?{_XYZ}", "accel", "m/s^2"),
          (rf"(?:uncomp)?mag\.?{_XYZ}", "mag", "G"), ("timestartup", "time", "ns")),
+    ),
+    Profile(
+        "MAVLink", (rf"(?:.*\.)?{_XYZ}gyro", rf"(?:.*\.)?{_XYZ}acc"),
+        ((rf"(?:.*\.)?{_XYZ}gyro", "gyro", "mrad/s"), (rf"(?:.*\.)?{_XYZ}acc", "accel", "mg"), (rf"(?:.*\.)?{_XYZ}mag", "mag", "mG"),
+         ("time_boot_ms", "time", "ms"), ("time_usec", "time", "us")),
+    ),
+    Profile(
+        "ArduPilot", ("timeus", "gyrx", "accx"),
+        ((rf"gyr{_XYZ}", "gyro", "rad/s"), (rf"acc{_XYZ}", "accel", "m/s^2"), (rf"mag{_XYZ}", "mag", "mG"), ("timeus", "time", "us")),
     ),
     Profile(
         "Betaflight blackbox", (r"gyroadc\[0\].*",),

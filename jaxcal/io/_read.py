@@ -24,27 +24,27 @@ from ._columns import SENSORS, in_axes, parse_axes, parse_columns, parse_topics,
 from ._find import FORMATS, find
 from ._findings import READ
 from ._frames import table_of
-from ._readers._arrays import read_hdf5, read_mat, read_npy, read_npz, read_parquet
+from ._readers._arrays import read_hdf5, read_mat, read_npy, read_npz, read_parquet, read_tdms
 from ._readers._bounds import BLOCK
-from ._readers._csv import read_csv
+from ._readers._csv import read_csv, read_workbook
 from ._readers._dataflash import read_ardupilot
 from ._readers._json import read_json
 from ._readers._px4 import read_px4
 from ._readers._ros import read_ros
 from ._saved import SUFFIXES, offsets_of, save
-from ._sensors import read_sensors
+from ._sensors import by_sensor, read_sensors
 from ._table import Choice, Signals, Table, interpret
 
 #: readers of tables (columns= chooses), of trees of arrays (topics= names a group), and of logs of messages (topics= chooses)
 _TABLES = {"csv": read_csv, "npy": read_npy, "npz": read_npz, "parquet": read_parquet, "json": read_json}
-_TREES = {"mat": read_mat, "hdf5": read_hdf5}
+_TREES = {"mat": read_mat, "hdf5": read_hdf5, "tdms": read_tdms}
 _LOGS = {"ulog": read_px4, "dataflash": read_ardupilot}
 _SI = {name: si_unit(name) for name in (*SENSORS, "temperature")}
 _NAMES = {
     "csv": "a text table", "npy": "a NumPy array", "npz": "NumPy arrays", "parquet": "Parquet", "rosbag1": "a ROS 1 bag",
     "rosbag2": "a ROS 2 recording", "mat": "a MATLAB file", "hdf5": "HDF5", "ulog": "a PX4 ULog",
     "dataflash": "an ArduPilot DataFlash log", "sensors": "a folder with a table for each sensor",
-    "json": "JSON",
+    "json": "JSON", "xlsx": "a workbook", "tdms": "LabVIEW TDMS",
 }  # fmt: skip
 
 
@@ -112,14 +112,19 @@ def read(
     """
     if not isinstance(path, str | os.PathLike):
         return _in_memory(path, format or topics, asked(columns=columns, units=units, rate=rate, data=data, missing=missing, axes=axes))
-    path = pathlib.Path(path)
-    with named(path):
-        given = {"format": format, "columns": columns, "units": units, "rate": rate, "topics": topics, "missing": missing, "axes": axes}
-        log = _read(path, asked(data=data, **given))
+    given = {"format": format, "columns": columns, "units": units, "rate": rate, "topics": topics, "missing": missing, "axes": axes}
+    log = read_for(None, path, data=data, **given)
     if not quiet:
         for one in log.findings:
             print(f"{'warning' if one.severity else 'note'}: {one}", file=sys.stderr)
     return log
+
+
+def read_for(wanted: str | None, path: str | os.PathLike[str], **options: Any) -> Log:
+    """Read a file with the options of `read` for a command that needs one sensor, `wanted`: "mag", or None."""
+    path = pathlib.Path(path)
+    with named(path):
+        return _read(path, asked(wanted=wanted, **options))
 
 
 def convert(path: str | os.PathLike[str], out: str | os.PathLike[str], **options: Any) -> Log:
@@ -187,14 +192,15 @@ class Asked(NamedTuple):
 
 def asked(
     *, format: str | None = None, columns: Any = None, units: Any = None, rate: Any = None, topics: Any = None, data: str = "rate",
-    missing: Any = None, axes: Any = None,
+    missing: Any = None, axes: Any = None, wanted: str | None = None,
 ) -> Asked:  # fmt: skip
     """Parse the options of `read`."""
     if data not in ("rate", "phase"):
         raise wrong("data", f'{data!r}; expected "rate" or "phase"')
     if format is not None and format not in FORMATS:
         raise wrong("format", f"{format!r} is unknown; use one of {', '.join(FORMATS)}")
-    table = {"columns": parse_columns(columns), "units": parse_units(units), "rate": rate, "missing": missing, "phase": data == "phase"}
+    table = {"columns": parse_columns(columns), "units": parse_units(units), "rate": rate, "missing": missing}
+    table |= {"phase": data == "phase", "wanted": wanted}
     return Asked(format, table, parse_topics(topics), parse_axes(axes))
 
 
@@ -234,8 +240,8 @@ def opened(path: pathlib.Path, given: Asked) -> Iterator[tuple[Table | Signals, 
             inside = {"inside": inner["file"]} if inner["file"] != folder.name else {}
             yield found, inner | {"file": shown(path), "size": size, "sha256": sha256} | inside
         return
-    tables = (*_TABLES, "sensors")
-    _belongs("topics", bool(topics) and kind in tables, kind, "to recordings of messages; choose with {option.columns}")
+    tables = (*_TABLES, "sensors", "xlsx")
+    _belongs("topics", bool(topics) and kind in (*_TABLES, "sensors"), kind, "to recordings of messages; choose with {option.columns}")
     _belongs("columns", bool(options["columns"]) and kind not in (*tables, *_TREES), kind, "to tables; choose with {option.topics}")
     _belongs("missing", options["missing"] is not None and kind not in (*tables, *_TREES), kind, "to tables; leave it out")
     _belongs("data", options["phase"] and kind not in (*tables, *_TREES), kind, "to tables; leave it out")
@@ -268,6 +274,8 @@ def finished(found: Table | Signals, origin: dict[str, Any], given: Asked, choic
     if isinstance(found, Signals):
         found.rate = given.table["rate"]
         signals = found
+    elif parts := {} if given.table["columns"] else by_sensor(found):
+        signals = _joined(parts, given.table)
     else:
         signals = interpret(found, **given.table)
     if choices is not None:
@@ -296,8 +304,15 @@ def _parse(kind: str, sources: list[pathlib.Path], topics: list[str] | None, opt
     if kind in _LOGS:
         return _LOGS[kind](sources[0], topics, options["units"])
     if kind == "sensors":
-        return read_sensors(sources, lambda file: interpret(read_csv(file), **options))
+        return read_sensors({file.name: lambda file=file: interpret(read_csv(file), **options) for file in sources})
+    if kind == "xlsx":
+        sheets = read_workbook(sources[0], topics)
+        return next(iter(sheets.values())) if len(sheets) == 1 else _joined(sheets, options)
     return read_ros(sources, 1 if kind == "rosbag1" else 2, topics, options["units"])
+
+
+def _joined(tables: dict[str, Table], options: dict[str, Any]) -> Signals:
+    return read_sensors({name: lambda one=one: interpret(one, **options) for name, one in tables.items()})
 
 
 def _build(signals: Signals, provenance: dict[str, Any]) -> Log:

@@ -43,6 +43,7 @@ class Table:
     days: set[int] = dataclasses.field(default_factory=set)
     preamble: str = ""
     stem: str = ""
+    word: str | None = None  # the sensor that a word in every row names
 
     def __post_init__(self) -> None:
         self.names = [printable(name) for name in self.names]
@@ -89,10 +90,10 @@ class Signals:
 @np.errstate(invalid="ignore", over="ignore")
 def interpret(
     table: Table, columns: Columns, units: dict[str, str], rate: float | int | None, missing: float | int | None = None,
-    phase: bool = False,
+    phase: bool = False, wanted: str | None = None,
 ) -> Signals:  # fmt: skip
-    """Convert a table to time stamps and sensors; `missing` is the number that marks a missing value, and `phase` says that all values
-    are time integrals.
+    """Convert a table to time stamps and sensors; `missing` is the number that marks a missing value, `phase` says that all values
+    are time integrals, and `wanted` is the only sensor that is needed: of a magnetometer, readings without a clock will do.
 
     One error reports everything that is missing or contradictory, so that the user needs only one more call.
     """
@@ -100,7 +101,7 @@ def interpret(
     if not table.columns or not len(table.columns[0]):
         raise DataError(f"there are no rows of numbers (columns: {listed})", code="no_rows")
     newest_first(table)
-    found = select(table, columns)
+    found = select(table, columns, wanted)
     if not set(found.columns) - {"time"}:
         raise DataError(Message("no sensor among the columns {listed}; {how}", listed=listed, how=HOW), code="no_sensor")
     problems: list[Any] = []
@@ -112,8 +113,15 @@ def interpret(
     if clock is not None and not (clock.sure or phase):
         clock = _settled(clock, raw)
     _set_time(table, found, columns, clock, stated, signals, problems)
+    if wanted == "mag" and "mag" in raw and signals.time is None and not signals.rate:
+        problems[:] = [one for one in problems if getattr(one, "code", "") != "no_rate"]
+        raw, signals.rate = {"mag": raw["mag"]}, 1.0
+        signals.findings.append(READ("no_clock"))
     period = clock.period if clock is not None else 1.0 / signals.rate if signals.rate else None
     raw, signals.time = own_rows(raw, signals.time, problems)
+    for name in found.increments if period and not phase else ():
+        raw[name] = [column / period for column in raw[name]]
+        signals.findings.append(READ("increments", name, quantity=name))
     if phase:
         raw, signals.time = differentiate(raw, signals.time, signals.rate)
         signals.findings.append(READ("phase"))
@@ -251,7 +259,9 @@ def _units(
     turns = _guess.turns_of(values, period)
     for name in raw:
         first = table.names[found.columns[name][0]]
-        stated = units.get(name) or found.units.get(name)
+        stated, header = units.get(name) or found.units.get(name), found.units.get(name)
+        if name in units and header and scale(header, name) != scale(units[name], name):
+            signals.findings.append(READ("against_values", name, unit=units[name], where="as given", why=f"its columns state {header}"))
         where = "as given" if name in units else f"from {found.profile}" if found.profile and name in found.guessed else "from the name"
         try:
             if stated is None:

@@ -21,7 +21,7 @@ SAID = {
     "phyphox_header_wrong_unit.csv": [("deg/s",), ("rad/s",), ("steps", "turns")],
     "android_sensor_csv.csv": [("rate",)],
     "hex_counts_imu_data.mat": [("rate",), ("counts",)],
-    "stationary.xlsx": [("imu_data",), ("csv",)],
+    "stationary.xlsx": [("imu_data",), ("topics",)],
     "demo.mcap": [("git lfs",)],
 }
 #: options that make refused logs readable, as their refusals advise
@@ -30,6 +30,7 @@ MENDED = {
     "example_ferraris_session.csv": {"rate": 102.4},
     "phyphox_header_wrong_unit.csv": {"units": "gyro=rad/s"},
     "android_sensor_csv.csv": {"rate": 10},
+    "stationary.xlsx": {"topics": "imu_data"},
 }
 
 

@@ -72,15 +72,6 @@ def test_recordings_one_below_the_other_and_pointers_are_no_log(name, text, code
         read(tmp_path / name, quiet=True)
 
 
-def test_a_workbook_is_named_with_its_sheets(tmp_path, refuses):
-    with zipfile.ZipFile(tmp_path / "log.xlsx", "w") as archive:
-        archive.writestr(
-            "xl/workbook.xml", '<workbook><sheets><sheet name="imu" sheetId="1"/><sheet name="gps" sheetId="2"/></sheets></workbook>'
-        )
-    with refuses("not_a_log"):
-        read(tmp_path / "log.xlsx", quiet=True)
-
-
 def test_a_zip_file_of_one_log_and_of_one_sensor_in_each_file(still, tmp_path):
     def text(names, values):
         table = "".join(f"{t:.3f}," + ",".join(f"{v:.9g}" for v in row) + "\n" for t, row in zip(still.time, values, strict=True))

@@ -132,6 +132,12 @@ def read_mat(path: pathlib.Path, topics: list[str] | None) -> Table:
     return _table_of_tree(about, arrays, topics, "variable")
 
 
+def read_tdms(path: pathlib.Path, topics: list[str] | None) -> Table:
+    """Read the channels of a LabVIEW TDMS file, with their units and the rate of their waveforms."""
+    require("nptdms", "reading TDMS", "tdms")
+    return _rated(_in_sandbox("tdms", path, "the file"), topics, "channel")
+
+
 def read_hdf5(path: pathlib.Path, topics: list[str] | None) -> Table:
     """Read the arrays of an HDF5 or MATLAB 7.3 file by the names of the data sets, at any depth; an attribute `units` gives the unit.
 
@@ -144,12 +150,18 @@ def read_hdf5(path: pathlib.Path, topics: list[str] | None) -> Table:
     mend = "save it as a struct of arrays (table2struct(T, 'ToScalar', true))"
     left_out = [f"{name} is a MATLAB {kind or 'object'}; {mend}" for name, kind in about["opaque"]]
     try:
-        table = _table_of_tree(about, arrays, topics, "data set")
+        table = _rated((about, arrays), topics, "data set")
     except DataError as error:
         if left_out and not isinstance(error, SeveralError):
             raise DataError(joined_messages([error, f"not read: {'; '.join(left_out)}"]), error.code) from None
         raise
     table.findings += [READ("not_read", what=what) for what in left_out]
+    return table
+
+
+def _rated(found: tuple[dict[str, Any], list[np.ndarray]], topics: list[str] | None, kind: str) -> Table:
+    """The table of a tree, with the rate that one attribute states."""
+    table, about = _table_of_tree(*found, topics, kind), found[0]
     rates = {value for name, value in about.get("attributes", {}).items() if _is_rate(posixpath.basename(name))}
     if table.rate is None and len(rates) == 1 and next(iter(rates)) > 0:
         table.rate = rates.pop()

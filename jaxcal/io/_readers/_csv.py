@@ -17,11 +17,14 @@ import numpy as np
 
 from ..._answer import Finding
 from ..._errors import DataError
-from ..._message import Message
+from ..._message import Message, joined_messages
+from .._columns import wrong
 from .._findings import READ
 from .._table import Table
-from ._bounds import require
-from ._text import MISSING, MONTHS, STAMPS, Layout, Text, open_text, sniff, split
+from .._triples import file_kind
+from ._bounds import MOST, allowed, check_declared, require
+from ._sandbox import sandbox
+from ._text import HEAD, MISSING, MONTHS, STAMPS, Layout, Text, open_text, sniff, split
 
 #: largest share of damaged rows; a table with more is refused
 _TOLERATED = 0.01
@@ -34,7 +37,11 @@ def read_csv(path: pathlib.Path) -> Table:
     of either is an error, which shows the first case.
     """
     require("polars", "reading tables", "csv")
-    text = open_text(path)
+    return read_text(open_text(path), path.name.removesuffix(".gz").rpartition(".")[0] or path.name)
+
+
+def read_text(text: Text, stem: str) -> Table:
+    """Read the columns of an opened text table."""
     layout = sniff(text.head)
     found = [READ("holes")] if text.holes else []
     columns = gather(text, layout, found)
@@ -43,8 +50,35 @@ def read_csv(path: pathlib.Path) -> Table:
         found.append(READ("last_row"))
     of = {kind: {j for j, each in enumerate(layout.kinds) if each == kind} for kind in ("clock", "day")}
     integer = {j for j, kind in enumerate(layout.kinds) if kind in ("int", "long")}
-    stem = path.name.removesuffix(".gz").rpartition(".")[0] or path.name
     return Table(columns, layout.names, integer, findings=found, clocks=of["clock"], days=of["day"], preamble=layout.preamble, stem=stem)
+
+
+def read_workbook(path: pathlib.Path, topics: list[str] | None) -> dict[str, Table]:
+    """Read the sheets of a workbook (XLSX, XLS, ODS) that hold a table of numbers, or those of them in `topics`."""
+    for library, extra in (("python_calamine", "xlsx"), ("polars", "csv")):
+        require(library, "reading workbooks", extra)
+    size = path.stat().st_size
+    about, sheets = sandbox.read("xlsx", str(path), allowed=allowed(size), most=MOST)
+    check_declared(about.get("declared", 0), size, "the workbook")
+    found: dict[str, Table] = {}
+    faults: list[Any] = []
+    for name, content in zip(about["names"], map(bytes, sheets), strict=True):
+        try:
+            head = content[:HEAD].decode("utf-8", errors="replace")
+            found[name] = read_text(Text(path, head, content[:HEAD], content, packed=False), name)
+        except DataError as error:
+            faults.append(Message("{name}: {error}", name=name, error=error))
+    if topics and (unknown := [name for name in topics if name not in found]):
+        raise wrong("topics", f"no sheet {', '.join(unknown)} with a table of numbers among {', '.join(about['names'])}")
+    most = max((len(table.columns[0]) for table in found.values()), default=0)  # a sheet of a few rows describes the recording
+    found = {name: table for name, table in found.items() if (name in topics if topics else 20 * len(table.columns[0]) > most)}
+    kinds = [file_kind(name) for name in found]
+    if len(found) > 1 and (None in kinds or len(set(kinds)) < len(kinds)):
+        said = "the workbook holds {count} sheets with numbers: name one, as in {option.topics:{first}}: {names}"
+        raise DataError(Message(said, count=len(found), first=next(iter(found)), names=", ".join(found)), code="several")
+    if not found:
+        raise DataError(joined_messages(["no sheet holds a table of numbers", *faults]), code="no_rows")
+    return found
 
 
 def _cut_last(text: Text, layout: Layout, columns: list[np.ndarray]) -> bool:
@@ -305,7 +339,8 @@ def _repair(pl: Any, content: bytes, layout: Layout) -> tuple[Any, Faults]:
         lines = lines.with_columns(line.str.replace_all(r"\s+", " "))
     if lines.select(line.str.contains('"', literal=True).any()).item():
         # replace delimiters inside quotes, which do not separate fields
-        plain = [separator.join(field.replace(separator, " ") for field in split(text, separator)) for text in lines["line"]]
+        instead = "." if layout.comma and separator == "," else " "
+        plain = [separator.join(field.replace(separator, instead) for field in split(text, separator)) for text in lines["line"]]
         lines = lines.with_columns(pl.Series("line", plain, pl.String))
     fields = line.str.count_matches(separator, literal=True) + 1
     right = (fields == layout.width) | ((fields == layout.width + 1) & line.str.ends_with(separator))

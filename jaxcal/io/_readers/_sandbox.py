@@ -38,7 +38,7 @@ def _serve() -> None:
         request = json.loads(line)
         try:
             _limit(round(_MEMORY * (1 + os.path.getsize(request["path"]) / _SIZE)))
-            about, arrays = {"parquet": _parquet, "mat": _mat, "hdf5": _hdf5}[request["kind"]](request)
+            about, arrays = {"parquet": _parquet, "mat": _mat, "hdf5": _hdf5, "xlsx": _xlsx, "tdms": _tdms}[request["kind"]](request)
             arrays = [np.ascontiguousarray(array) for array in arrays]
             about["arrays"] = [(array.dtype.str, array.shape) for array in arrays]
         except BaseException as error:
@@ -123,6 +123,49 @@ def _mat(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
 
     collect("", variables, 0)
     return {"names": names, "opaque": opaque}, arrays
+
+
+def _xlsx(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
+    """The sheets of a workbook as text tables."""
+    import csv
+    import io
+
+    import python_calamine
+
+    names, arrays, left = [], [], request["allowed"]
+    with python_calamine.CalamineWorkbook.from_path(request["path"]) as book:
+        for name in book.sheet_names[: request["most"]]:
+            text = io.StringIO()
+            write = csv.writer(text, lineterminator="\n")
+            for row in book.get_sheet_by_name(name).iter_rows():
+                write.writerow([str(one) for one in row])
+                if text.tell() > left:
+                    return {"declared": request["allowed"] + 1}, []
+            left -= text.tell()
+            names.append(name)
+            arrays.append(np.frombuffer(text.getvalue().encode(), np.uint8))
+    return {"names": names}, arrays
+
+
+def _tdms(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
+    import nptdms
+
+    names, units, attributes, arrays = [], {}, {}, []
+    with nptdms.TdmsFile.open(request["path"]) as file:
+        channels = [channel for group in file.groups() for channel in group.channels()][: request["most"]]
+        declared = sum(8 * len(channel) for channel in channels)
+        if declared > request["allowed"]:
+            return {"declared": declared}, []
+        for channel in channels:
+            name, values = f"{channel.group_name}/{channel.name}", np.asarray(channel[:])
+            if values.dtype.kind not in "iufbM":
+                continue
+            names.append(name)
+            arrays.append(values.astype("datetime64[ns]").astype(np.int64) if values.dtype.kind == "M" else values)
+            units[name] = "ns" if values.dtype.kind == "M" else str(channel.properties.get("unit_string") or "")
+            if step := channel.properties.get("wf_increment"):
+                attributes[f"{name}/rate"] = 1.0 / float(step)
+    return {"names": names, "units": units, "opaque": [], "attributes": attributes}, arrays
 
 
 def _hdf5(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:

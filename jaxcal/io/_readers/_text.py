@@ -18,9 +18,10 @@ from .._columns import SENSORS
 from .._names import OTHER_SCRIPTS, parse_name, unit_of
 from ._bounds import BLOCK, MOST, check_declared
 from ._labelled import refuse_kinds, relabelled
+from ._programs import of_program
 
 #: bytes at the beginning that tell the layout; a line as long as this is none of a log
-_HEAD = 1 << 18
+HEAD = 1 << 18
 MISSING = ("", "NA", "N/A", "n/a", "null", "NULL", "None", "none", "-", "--", "NAN", "nan", "NaN", "Nan")
 COMMENTS = ("#", "%", "//")
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:inf(?:inity)?)", re.IGNORECASE)
@@ -115,14 +116,14 @@ def open_text(path: pathlib.Path) -> Text:
     with path.open("rb") as file:
         packed = file.read(2) == b"\x1f\x8b"
     with _gzip_faults(), gzip.open(path) if packed else path.open("rb") as file:
-        first = file.read(_HEAD)
+        first = file.read(HEAD)
         whole = not file.read(1)
     holes = _HOLE.search(first) is not None and b"\0" not in _HOLE.sub(b"", first)
     encoding = _encoding(_HOLE.sub(b"\n", first) if holes else first)
     if holes:
         content = _HOLE.sub(b"\n", b"".join(_unpacked(path, 0)) if packed else path.read_bytes())
         content = content.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n").encode()
-        return Text(path, content[:_HEAD].decode("utf-8", errors="replace"), content[:_HEAD], content, packed, True)
+        return Text(path, content[:HEAD].decode("utf-8", errors="replace"), content[:HEAD], content, packed, True)
     text = first.decode(encoding, errors="replace")
     if not whole:
         _refuse_wide(text.split("\n"))
@@ -130,17 +131,17 @@ def open_text(path: pathlib.Path) -> Text:
     if not text.strip():
         raise DataError("the file is empty", code="empty")
     content = None
-    table = relabelled(text)
+    table = of_program(text) or relabelled(text)
     # polars needs UTF-8 and lines that end with \n
     if table is not None:
         everything = b"".join(_unpacked(path, 0)) if packed else path.read_bytes()
         text = table(everything.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n"))
-        content, text = text.encode(), text[:_HEAD]
-        first = content[:_HEAD]
+        content, text = text.encode(), text[:HEAD]
+        first = content[:HEAD]
     elif encoding not in ("utf-8-sig", "latin-1") or ("\n" not in text and "\r" in text):
         everything = b"".join(_unpacked(path, 0)) if packed else path.read_bytes()
         content = everything.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n").encode()
-        first = content[:_HEAD]
+        first = content[:HEAD]
     return Text(path, text, first, content, packed)
 
 
@@ -252,18 +253,22 @@ def sniff(text: str) -> Layout:
         stated, first, data = f"\nsampling rate: {data[1][0].strip()} Hz", sorted(found)[2], data[2:]
     trailing = any(len(row) > width for row in data)
     comments = [line.strip() for line in lines[first:] if _is_comment(line)]
+    head = [one for one in lines[:first] if one.strip(" \t#%/")]
     marks = [mark for mark in COMMENTS if any(line.startswith(mark) for line in comments)]
+    comma = delimiter != " " and any(_COMMA_NUMBER.fullmatch(field.strip()) for row in data for field in row)
     blanks = delimiter == " " and any(line != line.strip() or re.search(r"[ \t]{2,}|\t", line) for line in lines[first:])
     return Layout(
         skip=first,
         delimiter=delimiter,
-        names=(None if stated else _names([one for one in lines[:first] if one.strip(" \t#%/")], delimiter, width, trailing))
-        or [""] * width,
+        names=(not stated and (_names(head, delimiter, width, trailing) or _uneven(head, delimiter, data, width))) or [""] * width,
         kinds=[_kind([row[j].strip() for row in data]) for j in range(width)],
-        comma=delimiter in ";\t" and any(_COMMA_NUMBER.fullmatch(field.strip()) for row in data for field in row),
+        comma=comma,
         comment=marks[0] if marks else "#",
         trailing=trailing,
-        padded=ended or blanks or (delimiter != " " and any(field != field.rstrip() for row in data for field in row[-1:])),
+        padded=ended
+        or blanks
+        or (comma and delimiter == ",")
+        or (delimiter != " " and any(field != field.rstrip() for row in data for field in row[-1:])),
         preamble="\n".join(lines[:first])[:20_000] + stated,
     )
 
@@ -272,7 +277,7 @@ def _refuse_wide(lines: list[str]) -> None:
     """Refuse a line that is longer or has more fields than any log, before splitting it."""
     for number, line in enumerate(lines, 1):
         fields = max(line.count(mark) for mark in ",;\t ") + 1 if len(line) > MOST else 0
-        if fields > MOST or len(line) >= _HEAD:
+        if fields > MOST or len(line) >= HEAD:
             what = f"{fields} fields" if fields > MOST else f"{len(line)} characters"
             said = f"line {number} has {what}, as no log has: write one sample a line (transpose the table), or save the arrays as .npz"
             raise DataError(said, code="too_wide")
@@ -330,6 +335,8 @@ def _kind(fields: list[str]) -> str:
 
 def _names(head: list[str], delimiter: str, width: int, trailing: bool) -> list[str] | None:
     """Column names: the line of text above the data with the same number of fields; a line of units below it is added to the names."""
+    if head and {*re.findall(r"\w+", head[-1])} <= {"Smp", "Avg", "Max", "Min", "Std", "Tot"}:  # Campbell Scientific: how a value was made
+        head = head[:-1]
     names = _fields(head[-1], delimiter, width) or (_fields(head[-1], delimiter, width + 1) if trailing else None) if head else None
     names = names and names[:width]  # the name of a field that is empty in all rows goes
     if names and len(head) > 1 and _are_units(names):
@@ -348,6 +355,19 @@ def _names(head: list[str], delimiter: str, width: int, trailing: bool) -> list[
             return joined
     # a comment can have as many words as there are columns by chance, so require a known name
     return None if names and _is_comment(head[-1]) and not any(map(parse_name, names)) else names
+
+
+def _uneven(head: list[str], delimiter: str, data: list[list[str]], width: int) -> list[str] | None:
+    """Column names where rows have a field more than the header, such as a number of the row or a checksum, or one less."""
+    names = head and (_fields(head[-1], delimiter, width - 1) or _fields(head[-1], delimiter, width + 1))
+    if not names or not any(map(parse_name, names)):
+        return None
+    if len(names) > width:
+        return names[:width] if parse_name(names[-1]) is None else None
+    first, last = ([row[j].strip(' "') for row in data if len(row) > j] for j in (0, width - 1))
+    if all(one.isdecimal() for one in first) and all(int(b) - int(a) == 1 for a, b in itertools.pairwise(first)):
+        return ["", *names]
+    return [*names, ""] if not any("." in one for one in last) else None
 
 
 def _fields(line: str, delimiter: str, width: int) -> list[str] | None:

@@ -1,0 +1,147 @@
+"""Columns that may be the three axes of one sensor, and the odds of each sensor by name, unit in brackets, file name and values."""
+
+import dataclasses
+import itertools
+import re
+from typing import Any
+
+import numpy as np
+
+from . import _guess
+from ._columns import SENSORS
+from ._evidence import field_size, median_norm, spread
+from ._names import AXES, Name, bracketed, described, is_other, placed, unit_in, words_of
+
+#: words for the axes x, y and z, and whether only rates are called so
+_WORDS = (
+    (AXES, False), (("roll", "pitch", "yaw"), True), (("r", "p", "y"), True), (("p", "q", "r"), True), (("beta", "gamma", "alpha"), True),
+    (("1", "2", "3"), False), (("0", "1", "2"), False),
+)  # fmt: skip
+#: decimal logarithms of the odds that a piece of evidence gives one sensor against the others
+_ODDS = {"device": 12.0, "name": 6.0, "part of the name": 5.0, "unit": 4.0, "file": 4.0, "values": 2.0}
+#: odds by which the best sensor must exceed the second
+MARGIN = 1.0
+_FILES = {
+    "linear": r"linear|useracc|free_?acc|without_?g|ohne_?g",
+    "gravity": r"gravity",
+    "attitude": r"orientation|attitude|euler|quat",
+    "gyro": r"gyro|gyr(?![a-z])|angular_?vel|rotation_?rate|drehrate",
+    "accel": r"acc(?![a-z])|accel|beschleunigung|specific_?force",
+    "mag": r"mag(?![a-z])|magnet|compass",
+}
+
+
+@dataclasses.dataclass
+class Triple:
+    """Three columns in the order x, y, z: what their names say, odds by sensor ("other" for none), and unit by sensor."""
+
+    columns: list[int]
+    name: Name | None = None
+    odds: dict[str, float] = dataclasses.field(default_factory=dict)
+    units: dict[str, str] = dataclasses.field(default_factory=dict)
+    why: dict[str, str] = dataclasses.field(default_factory=dict)
+    increments: bool = False  # whether the columns hold increments over a sampling period
+
+    @property
+    def kind(self) -> str:
+        """The sensor with the best odds; "" if a second one is nearly as good."""
+        first, second = sorted(self.odds, key=self.odds.__getitem__, reverse=True)[:2]
+        return first if self.odds[first] >= self.odds[second] + MARGIN else ""
+
+    @property
+    def likely(self) -> str:
+        """The sensor with the best odds."""
+        return max((sensor for sensor in SENSORS if sensor in self.odds), key=self.odds.__getitem__)
+
+
+def file_kind(stem: str) -> str | None:
+    """The sensor named in a file name, or None."""
+    low = re.sub(r"([a-z])([A-Z])", r"\1_\2", stem).lower()
+    found = [kind for kind, pattern in _FILES.items() if re.search(rf"(?<![a-z])(?:{pattern})|(?:{pattern})", low)]
+    if found and found[0] in ("linear", "gravity", "attitude"):
+        return found[0]
+    return found[0] if len(found) == 1 else None
+
+
+def triples_of(table: Any, names: list[str], known: dict[int, Name], wanted: str | None) -> list[Triple]:
+    """Sets of three columns whose names differ only in the word for the axis, with the odds of each sensor."""
+    groups: dict[tuple[Any, ...], dict[str, int]] = {}
+    for i, name in enumerate(names):
+        if not name or table.columns[i].dtype.kind not in "iufb" or i in table.clocks:
+            continue
+        if one := known.get(i):
+            if one.axis:
+                groups.setdefault((one.kind, one.stem), {}).setdefault(one.axis, i)
+            continue
+        for words, turning in _WORDS:
+            split = words_of(re.sub("(roll|pitch|yaw)", r" \1 ", name, flags=re.IGNORECASE) if turning else name)
+            for axis, rest in placed(split, words):
+                if words == AXES or not set(rest) & set(AXES):
+                    key = (words, turning, *rest)
+                    # x, y, z, x, y, z are two sets
+                    at = next(k for k in itertools.count() if groups.get((k, *key), {}).get(axis, i) == i)
+                    groups.setdefault((at, *key), {})[axis] = i
+    found: list[Triple] = []
+    for key, axes in groups.items():
+        if len(axes) == 3:
+            one = Triple([axes[axis] for axis in AXES])
+            meaning = known.get(one.columns[0])
+            _weigh(one, table, names, meaning, () if meaning else key[1:], wanted)
+            found.append(one)
+    # a column belongs to the set of which its name says most
+    found.sort(key=lambda one: -max(one.odds.values()))
+    taken: set[int] = set()
+    kept = [one for one in found if not taken & set(one.columns) and not taken.update(one.columns)]
+    return sorted(kept, key=lambda one: one.columns)
+
+
+def _weigh(one: Triple, table: Any, names: list[str], meaning: Name | None, key: tuple[Any, ...], wanted: str | None) -> None:
+    """Set the odds of each sensor, and of none, for three columns."""
+    one.odds = dict.fromkeys((*SENSORS, "linear", "other"), 0.0)
+    inside = bracketed(names[one.columns[0]])
+    if meaning is not None:
+        kind, says, unit = meaning.kind, "device", meaning.unit
+        one.name = meaning
+    else:
+        axes, turning, *words = key
+        words = ["rate" if turning and word in ("speed", "vel", "velocity", "dot") else word for word in words]
+        said = described(words or ["rate"] * (axes == ("p", "q", "r")))
+        kind, unit = (said.kind, said.unit) if said else ("", None)
+        says = "name" if said and said.sure else "part of the name"
+        one.increments = kind in ("d gyro", "d accel")
+        if one.increments:
+            kind, says, inside = kind[2:], "part of the name", "m/s^2" if inside == "m/s" else inside
+        if turning and kind != "gyro":
+            kind, says = "other", "name"
+        elif said:
+            one.name = Name(kind, "x", unit, said.instance, "".join(words))
+        elif is_other(names[one.columns[0]]):
+            kind, says = "other", "name"
+    sensor = {"accel or linear": "accel", "": "other"}.get(kind, kind if kind in one.odds else "other")
+    one.odds[sensor] += _ODDS[says] if kind else 0.0
+    if says == "name" and sensor in ("linear", "other"):
+        return
+    units = {kind: found for kind in SENSORS if (found := unit if unit and kind == sensor else unit_in(inside, kind))}
+    one.units = units if inside not in ("g", "mg") or sensor == "mag" else {k: u for k, u in units.items() if k != "mag"}
+    for kind in SENSORS:
+        one.odds[kind] += _ODDS["unit"] * ((kind in one.units) - (bool(one.units) and kind not in one.units)) if inside else 0.0
+    weigh_values(one, table, wanted)
+
+
+def weigh_values(one: Triple, table: Any, wanted: str | None, *, nameless: bool = False) -> None:
+    """Add the odds by the name of the file, by the sensor that the command needs, and by the values."""
+    for kind, why in ((file_kind(table.stem), "by the file's name"), (table.word, "by the word that stands in every row"), (wanted, "")):
+        if kind is not None:
+            one.odds[kind if kind in one.odds else "other"] += _ODDS["file"]
+            one.why[kind] = why
+    values = np.column_stack([np.asarray(table.columns[i], np.float64) for i in one.columns])
+    steady = spread(values)
+    # the length of a rate changes more than that of gravity or a field
+    sure = _ODDS["values"] + 0.5 * min(2.0, -np.log10(max(steady, 1e-9)))
+    radius, how = field_size(values)
+    heavy = steady < 0.5 and bool(_guess.fitting("accel", median_norm(values), 1) or _guess.counts_hint("accel", values))
+    field = steady < 0.9 and bool(_guess.fitting("mag", radius)) and (nameless or how == "sphere radius")
+    one.odds["accel"] += heavy * sure
+    one.odds["mag"] += field * (sure if how == "sphere radius" else 1.0)
+    # without names, what is like neither gravity nor a field is a rate
+    one.odds["gyro"] += nameless * (not (heavy or field or _guess.all_integer(values))) * _ODDS["values"]
