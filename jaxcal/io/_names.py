@@ -133,14 +133,13 @@ _LONG_UNITS = tuple(
 class Name:
     """Meaning of a column name.
 
-    `kind` is a quantity of a log or one of `OTHERS`, `axis` is x, y, z, "" or "nsec", `unit` is None if the name has no unit, `instance`
-    is the number of the sensor among several, and `stem` is the same for all columns of one sensor.
+    `kind` is a quantity of a log or one of `OTHERS`, `axis` is x, y, z, "" or "nsec", `unit` is None if the name has no unit, and
+    `stem` is the same for all columns of one sensor of a known device.
     """
 
     kind: str
     axis: str = ""
     unit: str | None = None
-    instance: int = 0
     stem: str = ""
 
 
@@ -237,14 +236,14 @@ def parse(name: str) -> Name | None:
             if found is not None and found.sure:
                 if found.kind in ("d gyro", "d accel"):
                     break
-                return Name(found.kind, axis, found.unit or unit_in(inside, found.kind), found.instance, "".join(rest))
+                return Name(found.kind, axis, found.unit or unit_in(inside, found.kind))
     # for x, y, z with a unit, the unit determines the sensor
     bare = "".join(_cut(name)[0])
     bare = bare.removesuffix("axis").removeprefix("axis")
     if bare in tuple(AXES) and inside:
         for kind in ("gyro", "accel", "mag"):
             if unit := unit_of(inside, kind):
-                return Name("accel or linear" if kind == "accel" else kind, bare, unit, stem="")
+                return Name("accel or linear" if kind == "accel" else kind, bare, unit)
     return Name("counter") if is_counter(name) and name else None
 
 
@@ -275,11 +274,10 @@ def placed(words: list[str], axes: Sequence[str] = AXES) -> Iterator[tuple[str, 
 
 @dataclasses.dataclass(frozen=True)
 class Described:
-    """What the words beside an axis say: kind, unit, number of the sensor, and whether all words say so or only some of them."""
+    """What the words beside an axis say: kind, unit, and whether all words say so or only some of them."""
 
     kind: str
     unit: str | None
-    instance: int
     sure: bool
 
 
@@ -287,19 +285,17 @@ def described(words: list[str]) -> Described | None:
     """What the words beside an axis say; None if they say nothing, or a word among them may change the meaning."""
     for tail in (0, *range(min(3, len(words) - 1), 0, -1)):  # try the longest unit first: mg before g
         head, end = words[: len(words) - tail], words[len(words) - tail :]
-        if (found := _kind(head)) is None:
+        if (kind := _kind(head)) is None:
             continue
-        kind, instance = found
         unit = _spelled(end, quantity_of(kind)) if quantity_of(kind) in ("gyro", "accel", "mag") else None
         if not end or unit or (kind in OTHERS and all(word in _ORIGINS or word.isdigit() for word in end)):
-            return Described(kind, unit, instance, True)
+            return Described(kind, unit, True)
     for size in range(len(words) - 1, 0, -1):
         for start in range(len(words) - size + 1):
             dropped = [*words[:start], *words[start + size :]]
-            found = _kind(words[start : start + size])
-            if found is None or found[0] in OTHERS or any(word in _CHANGING or _known(word) not in (None, found[0]) for word in dropped):
-                continue
-            return Described(found[0], None, found[1], False)
+            kind = _kind(words[start : start + size])
+            if kind not in (None, *OTHERS) and not any(word in _CHANGING or _known(word) not in (None, kind) for word in dropped):
+                return Described(kind, None, False)
     return None
 
 
@@ -314,19 +310,14 @@ def _spelled(words: list[str], quantity: str) -> str | None:
     return next((unit for glue in ("", "_", "/", " ") if (unit := unit_of(glue.join(words), quantity))), None)
 
 
-def _kind(words: list[str]) -> tuple[str, int] | None:
-    """Kind and instance of a sensor's name, or None."""
-    digits = [int(word) for word in words if word.isdigit() and len(word) < 3]
-    bare = [word.rstrip("0123456789") if not word.isdigit() else "" for word in words]
-    digits += [int(word[len(word.rstrip("0123456789")) :]) for word in words if word[-1].isdigit() and not word.isdigit()][:1]
-    bare = [word for word in bare if word]
-    named = [word for word in bare if word not in _ORIGINS] or bare
-    for candidate in (named, bare):
+def _kind(words: list[str]) -> str | None:
+    """Kind of a sensor's name, or None."""
+    bare = [word for one in words if (word := one.rstrip("0123456789"))]
+    for candidate in ([word for word in bare if word not in _ORIGINS] or bare, bare):
         joined = "".join(candidate)
-        if joined in ("g", "m") and "field" in bare:
-            continue  # field_x_G is a field in gauss, not a gyroscope in the field of a message
-        if kind := _known(joined):
-            return kind, digits[0] if digits and digits[0] < 1000 else 0
+        # field_x_G is a field in gauss, not a gyroscope in the field of a message
+        if (kind := _known(joined)) and not (joined in ("g", "m") and "field" in bare):
+            return kind
     return None
 
 

@@ -156,7 +156,7 @@ def matching(names: list[str], preamble: str, file: str) -> tuple[Profile | None
                     axis = "xyz"["012".index(axis)] if axis in tuple("012") else axis
                     # the columns of one sensor differ only in the axis
                     stem = pattern + (name[: match.start(1)] if match.groups() else "")
-                    found[i] = Name(kind, axis, sizes.get(kind, unit), 0, stem)
+                    found[i] = Name(kind, axis, sizes.get(kind, unit), stem)
                     break
         return profile, found
     return None, {}

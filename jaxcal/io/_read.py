@@ -55,8 +55,9 @@ def read(
 ) -> Log:  # fmt: skip
     r"""Read a recording of an inertial or magnetic sensor into a `Log`, in SI and on a uniform time grid.
 
-    The content of a file shows its format: text tables (any delimiter, with or without header, plain or gzipped), JSON, NumPy .npy and
-    .npz, Parquet, MATLAB files, HDF5, ROS 1 bags, ROS 2 recordings (sqlite3 or MCAP), PX4 ULog and ArduPilot DataFlash. jaxcal infers
+    The content of a file shows its format: text tables (any delimiter, with or without header, plain or gzipped), JSON, workbooks,
+    NumPy .npy and .npz, Parquet, MATLAB files, HDF5, LabVIEW (TDMS, LVM), ROS 1 bags, ROS 2 recordings (sqlite3 or MCAP), PX4 ULog and
+    ArduPilot DataFlash. jaxcal infers
     what the file does not state: columns from their names (or from their values if they have no names), the unit of time from the
     size of the steps, units of sensors from gravity, the Earth's field and the size of the rates. `Log.findings` has one entry for
     every inference, with its reason and the option that overrides it.
@@ -66,8 +67,8 @@ def read(
     path : a file; or a folder with a ROS 2 recording, with the numbered parts of a split recording, or with one log. Or a recording in
         memory: a pandas or polars data frame, a dictionary of arrays, or an array (n, columns)
         with its `rate`; `columns` and `units` work as for a file. A `Log` is returned unchanged.
-    format : "csv", "json", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "ulog" or "dataflash"; the default is detected
-        from the first bytes.
+    format : "csv", "json", "xlsx", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "tdms", "ulog" or "dataflash"; the
+        default is detected from the first bytes.
     columns : columns of each quantity, by number (from 0) or name: ``{"time": 0, "gyro": [1, 2, 3]}``, ``{"gyro_x": "wx", ...}``,
         or a string, ``"time=0,gyro=1:3"``, in which ``1:3`` means columns 1 to 3. Sensors that are not named are left out;
         ``{"time": None}`` ignores the time stamps (then give `rate`).
@@ -75,7 +76,8 @@ def read(
         the unit is the size of one count: ``{"gyro": "0.05 deg/s"}``.
     rate : sampling rate, Hz. Required without time stamps; with time stamps, a contradiction of more than 0.5 % is an error.
     topics : what to read if there are several sensors of a kind: ROS topics, ULog topics with their instance
-        (``"sensor_gyro:1,sensor_accel:1"``), DataFlash records with their instance (``"IMU:1"``), or the group in a MATLAB or HDF5 file.
+        (``"sensor_gyro:1,sensor_accel:1"``), DataFlash records with their instance (``"IMU:1"``), the sheet of a workbook, or the group
+        in a MATLAB, HDF5 or TDMS file.
     data : "rate", or "phase" if the file has the time integral of the measured quantities: angles and velocities, or the phase
         in files of Stable32. jaxcal then uses differences between samples divided by the sampling period; `units` are those of the rate.
     missing : number that marks a missing value in a table (0 in files of Stable32, -999 in others).

@@ -15,7 +15,7 @@ from .._errors import DataError
 from .._log import Log
 from .._message import Message
 from .._types import AnyArray
-from .._units import STANDARD_GRAVITY
+from .._units import BEYOND, ON_EARTH, STANDARD_GRAVITY
 from ..evidence._rests import still_intervals
 from ._columns import SENSORS
 from ._evidence import median_norm
@@ -211,11 +211,14 @@ def _upright(accel: _Seconds | None) -> bool:
 
 
 def _sides(field: AnyArray | None) -> np.ndarray | None:
-    """Scatter of the field along its three principal directions, relative to its norm; None with too few data."""
+    """Scatter of the field along its three principal directions, relative to that of the Earth, or to its norm; None with too few data."""
     seen = np.zeros((0, 3)) if field is None or field.shape[1] != 3 else np.asarray(field)[np.isfinite(field).all(axis=1)]
     if len(seen) < 10:
         return None
-    return np.linalg.svd(seen - seen.mean(axis=0), compute_uv=False) / np.sqrt(len(seen)) / np.median(np.linalg.norm(seen, axis=1))
+    norm = float(np.median(np.linalg.norm(seen, axis=1)))
+    # the norm of readings beside a magnet is not that of the field, while counts have no other size
+    size = norm if norm > BEYOND["mag"] else min(norm, ON_EARTH["field"][1])
+    return np.linalg.svd(seen - seen.mean(axis=0), compute_uv=False) / np.sqrt(len(seen)) / size
 
 
 def _table_rates(gyro: _Seconds | None) -> bool:

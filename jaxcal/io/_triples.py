@@ -114,7 +114,7 @@ def _weigh(one: Triple, table: Any, names: list[str], meaning: Name | None, key:
         if turning and kind != "gyro":
             kind, says = "other", "name"
         elif said:
-            one.name = Name(kind, "x", unit, said.instance, "".join(words))
+            one.name = Name(kind, "x", unit)
         elif is_other(names[one.columns[0]]):
             kind, says = "other", "name"
     sensor = {"accel or linear": "accel", "": "other"}.get(kind, kind if kind in one.odds else "other")
@@ -130,7 +130,8 @@ def _weigh(one: Triple, table: Any, names: list[str], meaning: Name | None, key:
 
 def weigh_values(one: Triple, table: Any, wanted: str | None, *, nameless: bool = False) -> None:
     """Add the odds by the name of the file, by the sensor that the command needs, and by the values."""
-    for kind, why in ((file_kind(table.stem), "by the file's name"), (table.word, "by the word that stands in every row"), (wanted, "")):
+    said = {"by the file's name": file_kind(table.stem), "by the word that stands in every row": table.word, "as the command needs": wanted}
+    for why, kind in said.items():
         if kind is not None:
             one.odds[kind if kind in one.odds else "other"] += _ODDS["file"]
             one.why[kind] = why
