@@ -1,6 +1,6 @@
 """Shape and dtype aliases for annotations, checked at run time in the tests (jaxtyping, beartype)."""
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,4 +19,12 @@ Scalar = Float[AnyArray, ""] | float
 #: the group of each of many items: a number or a word
 Groups = Sequence[Hashable] | AnyArray
 
-__all__ = ["Any", "AnyArray", "Array", "ArrayLike", "Bool", "Float", "Groups", "Int", "Num", "PyTree", "Scalar", "Series", "Value"]
+#: options of reading: the columns of each quantity by number or name, the unit of each, and axes such as "y,x,-z"; as text "gyro=1:3"
+ColumnsOf = Mapping[str, int | str | Sequence[int | str] | None] | str
+UnitsOf = Mapping[str, str | float | int] | str
+AxesOf = Mapping[str, str | Sequence[str]] | str
+
+__all__ = [
+    "Any", "AnyArray", "Array", "ArrayLike", "AxesOf", "Bool", "ColumnsOf", "Float", "Groups", "Int", "Num", "PyTree", "Scalar", "Series",
+    "UnitsOf", "Value",
+]  # fmt: skip

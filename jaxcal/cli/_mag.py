@@ -120,6 +120,8 @@ def mag(
         def compute(recording: Any, _: Any) -> Any:
             if recording.mag is None or recording.mag.shape[1] != 3:
                 raise jaxcal.DataError(_NO_MAG, code="no_mag")
+            if align == "gyro" and "no_clock" in recording.codes:
+                raise jaxcal.DataError("--align gyro needs times, and the log has none: give --rate", code="no_rate")
             given = shots(log, reading, recording, headings, currents, check)
             fields.update(given.currents)
             found = _fit(recording, align, chosen, given, flight)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from ._options import CallError, Reading, in_counts, read_log
 from ._readings import column_of
 
-_PEEK, _SMALL = 20_000, 5_000_000  # bytes
+_SMALL = 5_000_000  # bytes
 _NO_TIMES = "there are no times, and a fit of norms needs none: the rows stand 1 s apart; give them with --rate"
 _COUNTS = "whole numbers without a unit are counts, and so are all results; give it with --units mag=uT"
 
@@ -50,69 +50,22 @@ def shots(path: Path, reading: Reading, log: Any, headings: str | None, currents
 
 
 def ready(path: Path, reading: Reading, needs_time: bool) -> tuple[Reading, list[str]]:
-    """Options to read a log without named columns or times, with notes; a fit of field magnitudes needs neither times nor a unit."""
-    if not path.is_file() or path.stat().st_size > _SMALL:
-        return reading, []
-    said: list[str] = []
-    if not needs_time and not reading.columns and reading.format in (None, "csv", "json"):
-        reading, said = _by_position(path, reading)
-    timeless = [] if needs_time or reading.rate is not None else [({"rate": 1.0}, [_NO_TIMES])]
-    units = in_counts(reading, "mag").units
-    counted = [] if units == reading.units else [({"units": units}, [_COUNTS])]
-    both = [({**one, **other}, [*word, *more]) for one, word in counted for other, more in timeless]
-    for options, words in [({}, []), *timeless, *counted, *both]:
-        tried = dataclasses.replace(reading, **options)
-        if _has_readings(path, tried, "units" in options):
-            return tried, [*said, *words]
-    return reading, said  # reading by the command will report the reason
-
-
-def _has_readings(path: Path, reading: Reading, whole: bool) -> bool:
-    """Whether a log can be read with these options and has a magnetometer with three axes (`whole`: of whole numbers, for counts)."""
+    """Options to read a log without times or a unit, with notes; a fit of field magnitudes needs neither."""
     import numpy as np
 
     import jaxcal
 
-    try:
-        mag = read_log(path, reading, "mag").mag
-    except (jaxcal.DataError, jaxcal.UnitError):
-        return False
-    return mag is not None and mag.shape[1] == 3 and not (whole and np.any(mag[np.isfinite(mag)] % 1))
-
-
-def _by_position(path: Path, reading: Reading) -> tuple[Reading, list[str]]:
-    """Read three columns without names, or called x, y and z, as the magnetometer."""
-    import numpy as np
-
-    chosen: dict[str, Any] = {}
-    if path.suffix.lower() == ".json":
-        import jaxcal
-
-        from ..io._readers._json import read_json
-
+    if not path.is_file() or path.stat().st_size > _SMALL:
+        return reading, []
+    for units, said in {reading.units: [], in_counts(reading, "mag").units: [_COUNTS]}.items():
+        tried = dataclasses.replace(reading, units=units)
         try:
-            table = read_json(path)
-        except jaxcal.DataError:
-            return reading, []  # reading by the command will report the reason
-        bare = len(table.names) == 3 and not any(table.names)
-        if not bare and not {"x", "y", "z"} <= set(table.names):
-            return reading, []
-        numbers = [0, 1, 2] if bare else [table.names.index(axis) for axis in "xyz"]
-        values = np.stack([table.columns[i] for i in numbers], axis=1)
-        chosen["columns"] = ("mag=0:2" if bare else "mag=x,y,z",)
-    else:
-        with path.open("rb") as file:
-            lines = file.read(_PEEK).decode("utf-8", errors="replace").splitlines()[:-1]
-        cells = [line.replace(",", " ").replace(";", " ").split() for line in lines if line.strip()]
-        try:
-            values = np.array(cells, dtype=float)
-        except ValueError:
-            return reading, []
-        if values.ndim != 2 or values.shape[1] != 3:
-            return reading, []
-        chosen["columns"] = ("mag=0:2",)
-    said = ["three columns of numbers are readings of the magnetometer"]
-    if not reading.units and not np.any(values % 1):
-        chosen["units"] = ("mag=1 T",)
-        said.append(_COUNTS)
-    return dataclasses.replace(reading, **chosen), said
+            log = read_log(path, tried, "mag")
+        except (jaxcal.DataError, jaxcal.UnitError):
+            continue
+        if log.mag is None or log.mag.shape[1] != 3 or (said and np.any(log.mag[np.isfinite(log.mag)] % 1)):
+            continue
+        if "no_clock" in log.codes and not needs_time:
+            return dataclasses.replace(tried, rate=1.0), [*said, _NO_TIMES]
+        return tried, said
+    return reading, []  # reading by the command will report the reason

@@ -205,7 +205,7 @@ def is_counter(name: str) -> bool:
 #: words of places, commands and surroundings, whose values may rise for a while
 _RISES = _words(
     "lat latitude lon lng long longitude alt altitude elevation height depth range distance dist odometer odo declination inclination dip "
-    "pressure baro temp temperature humidity battery voltage volt throttle rudder elevator aileron rc pwm motor servo "
+    "pressure baro temp temperature humidity battery voltage volt throttle rudder elevator aileron rc pwm motor servo  northing easting "
     "wheel encoder steering label class activity subject user trial"
 )
 

@@ -8,7 +8,7 @@ import importlib.metadata
 import os
 import pathlib
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from .._errors import DataError, ExportError, JaxcalError
 from .._files import clear_hidden, hidden_name, shown
 from .._log import Log
 from .._message import Message
+from .._types import AxesOf, ColumnsOf, UnitsOf
 from .._units import si_unit
 from ._archive import unpacked
 from ._columns import SENSORS, in_axes, parse_axes, parse_columns, parse_topics, parse_units, wrong
@@ -25,7 +26,6 @@ from ._find import FORMATS, find
 from ._findings import READ
 from ._frames import table_of
 from ._readers._arrays import read_hdf5, read_mat, read_npy, read_npz, read_parquet, read_tdms
-from ._readers._bounds import BLOCK
 from ._readers._csv import read_csv, read_workbook
 from ._readers._dataflash import read_ardupilot
 from ._readers._json import read_json
@@ -49,9 +49,9 @@ _NAMES = {
 
 
 def read(
-    path: Any, *, format: str | None = None, columns: Mapping[str, Any] | str | None = None, units: Mapping[str, Any] | str | None = None,
+    path: object, *, format: str | None = None, columns: ColumnsOf | None = None, units: UnitsOf | None = None,
     rate: float | int | None = None, topics: Sequence[str] | str | None = None, data: str = "rate", missing: float | int | None = None,
-    axes: Mapping[str, Any] | str | None = None, quiet: bool = False,
+    axes: AxesOf | None = None, quiet: bool = False,
 ) -> Log:  # fmt: skip
     r"""Read a recording of an inertial or magnetic sensor into a `Log`, in SI and on a uniform time grid.
 
@@ -193,8 +193,9 @@ class Asked(NamedTuple):
 
 
 def asked(
-    *, format: str | None = None, columns: Any = None, units: Any = None, rate: Any = None, topics: Any = None, data: str = "rate",
-    missing: Any = None, axes: Any = None, wanted: str | None = None,
+    *, format: str | None = None, columns: ColumnsOf | None = None, units: UnitsOf | None = None, rate: float | int | None = None,
+    topics: Sequence[str] | str | None = None, data: str = "rate", missing: float | int | None = None, axes: AxesOf | None = None,
+    wanted: str | None = None,
 ) -> Asked:  # fmt: skip
     """Parse the options of `read`."""
     if data not in ("rate", "phase"):
@@ -206,7 +207,7 @@ def asked(
     return Asked(format, table, parse_topics(topics), parse_axes(axes))
 
 
-def _in_memory(source: Any, other: Any, given: Asked) -> Log:
+def _in_memory(source: object, other: object, given: Asked) -> Log:
     """Make a log from an object in memory."""
     if isinstance(source, Log):
         if other or not _plain(given):
@@ -247,17 +248,11 @@ def opened(path: pathlib.Path, given: Asked) -> Iterator[tuple[Table | Signals, 
     _belongs("columns", bool(options["columns"]) and kind not in (*tables, *_TREES), kind, "to tables; choose with {option.topics}")
     _belongs("missing", options["missing"] is not None and kind not in (*tables, *_TREES), kind, "to tables; leave it out")
     _belongs("data", options["phase"] and kind not in (*tables, *_TREES), kind, "to tables; leave it out")
-    with faults(_NAMES[kind]):
-        # a thread for the hash of a small file would cost more than it saves
-        if all(source.is_file() and source.stat().st_size < BLOCK for source in sources):
-            size, sha256 = fingerprint(sources)
-            found = _parse(kind, sources, topics, options)
-        else:
-            with concurrent.futures.ThreadPoolExecutor(1) as pool:
-                # hashing releases the interpreter lock, so it runs in parallel to the parsing
-                digest = pool.submit(fingerprint, sources)
-                found = _parse(kind, sources, topics, options)
-                size, sha256 = digest.result()
+    with faults(_NAMES[kind]), concurrent.futures.ThreadPoolExecutor(1) as pool:
+        # hashing releases the interpreter lock, so it runs in parallel to the parsing
+        digest = pool.submit(fingerprint, sources)
+        found = _parse(kind, sources, topics, options)
+        size, sha256 = digest.result()
     name = shown(sources[0] if len(sources) == 1 and path.is_dir() else path)
     yield found, {"file": name, "size": size, "sha256": sha256, "format": kind}
 

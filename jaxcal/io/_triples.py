@@ -76,7 +76,8 @@ def triples_of(table: Any, names: list[str], known: dict[int, Name], wanted: str
         for words, turning in _WORDS:
             split = words_of(re.sub("(roll|pitch|yaw)", r" \1 ", name, flags=re.IGNORECASE) if turning else name)
             for axis, rest in placed(split, words):
-                if words == AXES or not set(rest) & set(AXES):
+                # field1, field2, field3 are any fields of a record
+                if words == AXES or not (set(rest) & set(AXES) or rest == ["field"]):
                     key = (words, turning, *rest)
                     # x, y, z, x, y, z are two sets
                     at = next(k for k in itertools.count() if groups.get((k, *key), {}).get(axis, i) == i)

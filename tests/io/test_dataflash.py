@@ -124,20 +124,6 @@ def test_letters_that_stand_for_hundredths(put):
     np.testing.assert_allclose(log.mag, MILLIGAUSS * 1e-9, rtol=1e-14)
 
 
-def test_the_units_of_the_log_replace_the_custom(put):
-    def describe(log):
-        log.describe(50, "FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds")
-        log.describe(51, "UNIT", "QbZ", "TimeUS,Id,Label")
-        log.describe(52, "MULT", "Qbd", "TimeUS,Id,Mult")
-        log.write("UNIT", 0, ord("G"), "Gauss")
-        log.write("MULT", 0, ord("C"), 1e-3)
-        log.write("FMTU", 0, 40, "s#GGGGGGGGG-s", "F-CCCCCCCCC-F")
-
-    log = read(put(mag_log(MILLIGAUSS, describe, letters="QBccchhhhhhBI")), quiet=True)
-    np.testing.assert_allclose(log.mag, MILLIGAUSS * 1e-7, rtol=1e-14)
-    assert log.provenance["units"]["mag"] == "G"
-
-
 def test_drops_of_the_logger(still, put, finding):
     log = dataflash_with_imu(STAMPS, still.gyro, still.accel)
     log.describe(60, "DSF", "QI", "TimeUS,Dp")

@@ -72,6 +72,9 @@ READ = {
     ),
     "bursts of a radio": "t_ms,ax,ay,az\n" + rows([f"{1000 * TIME[i - i % 5] + i % 5:.0f}" for i in range(N)]),
     "seconds of the GPS week": "GPST,ax,ay,az\n" + rows([f"{390884.27 + t:.2f}" for t in TIME]),
+    "a sensor in each row": "time,sensor,x,y,z\n" + "".join(
+        f"{t},acc,{a[0]},{a[1]},{a[2]}\n{t}1,gyr,{w[0]},{w[1]},{w[2]}\n" for t, a, w in zip(SECONDS, ACCEL, GYRO, strict=True)
+    ),
     "corrected values": "time,AccelCorrectedX,AccelCorrectedY,AccelCorrectedZ\n" + rows(SECONDS),
 }  # fmt: skip
 
@@ -119,9 +122,6 @@ REFUSED = {
     "a button between light and temperature": ("".join(
         f"{m},{a[0]},{a[1]},{a[2]},{300 + i % 7},0,27.{i % 10}\n" for i, (m, a) in enumerate(zip(SECONDS, ACCEL, strict=True))),
         "columns_unclear"),
-    "a sensor in each row": ("time,sensor,x,y,z\n" + "".join(
-        f"{t},acc,{a[0]},{a[1]},{a[2]}\n{t}1,gyr,{w[0]},{w[1]},{w[2]}\n" for t, a, w in zip(SECONDS, ACCEL, GYRO, strict=True)),
-        "mixed"),
     "rows that hold one sensor each": ("time,ax,ay,az,gx,gy,gz\n" + "".join(
         f"{t},{a[0]},{a[1]},{a[2]},,,\n{t}4,,,,{w[0]},{w[1]},{w[2]}\n" for t, a, w in zip(SECONDS, ACCEL, GYRO, strict=True)),
         "unclear"),
@@ -148,7 +148,7 @@ def test_one_sensor_of_several_in_turn_can_be_named(tmp_path):
     log = read(tmp_path / "log.csv", columns="time=time,accel=ax,ay,az", units="accel=g", quiet=True)
     assert log.rate == pytest.approx(RATE, rel=1e-3)
     np.testing.assert_allclose(log.accel, ACCEL * G, atol=1e-6)
-    (tmp_path / "log.csv").write_text(REFUSED["a sensor in each row"][0])
+    (tmp_path / "log.csv").write_text(READ["a sensor in each row"])
     log = read(tmp_path / "log.csv", columns="time=0,accel=2:4", units="accel=g", quiet=True)
     assert "mixed" in log.codes
 

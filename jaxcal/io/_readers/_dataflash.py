@@ -13,7 +13,6 @@ import numpy as np
 
 from ..._errors import DataError
 from ..._message import Message
-from ..._units import find_unit
 from .._findings import READ
 from .._table import Signals
 from ._bounds import BLOCK
@@ -27,7 +26,7 @@ _LETTERS = {
 }  # fmt: skip
 #: letters of fields that are stored multiplied by 100
 _HUNDREDTHS = "cCeE"
-#: (sensor, prefix of its fields, unit if the log does not state one); group of records -> its sensors
+#: (sensor, prefix of its fields, unit); group of records -> its sensors
 _GYRO, _ACCEL, _MAG = ("gyro", "Gyr", "rad/s"), ("accel", "Acc", "m/s^2"), ("mag", "Mag", "mG")
 _GROUPS = {"IMU": (_GYRO, _ACCEL), "GYR": (_GYRO,), "ACC": (_ACCEL,), "MAG": (_MAG,)}
 _OLD = re.compile(r"(IMU|GYR|ACC|MAG)([1-9])")
@@ -149,10 +148,9 @@ def _records(log: DataFlash, label: str, rows: np.ndarray, signals: Signals) -> 
     stamps = stamps_of(rows, label)
     parts = []
     for name, prefix, unit in _GROUPS[group]:
-        values, unit = _values(log, form, rows, [prefix + axis for axis in "XYZ"], unit, name)
-        parts.append(Part(name, label, stamps, values, unit))
+        parts.append(Part(name, label, stamps, _values(log, form, rows, [prefix + axis for axis in "XYZ"]), unit))
     if group == "IMU" and "T" in names:
-        parts.append(Part("temperature", label, stamps, _values(log, form, rows, ["T"], "degC", "temperature")[0], "degC"))
+        parts.append(Part("temperature", label, stamps, _values(log, form, rows, ["T"]), "degC"))
     if group in ("IMU", "MAG"):
         signals.findings.append(READ("applied", label, who="ArduPilot"))
     else:
@@ -183,36 +181,13 @@ def stamps_of(rows: np.ndarray, label: str) -> np.ndarray:
     return rows[stamp].astype(np.int64) * _CLOCKS.get(stamp, 1000)
 
 
-def _values(log: DataFlash, form: str, rows: np.ndarray, fields: list[str], unit: str, quantity: str) -> tuple[np.ndarray, str]:
-    """Fields of records as (n, k), and their unit from FMTU, UNIT and MULT, or else the usual unit."""
+def _values(log: DataFlash, form: str, rows: np.ndarray, fields: list[str]) -> np.ndarray:
+    """Fields of records as (n, k)."""
     letters = log.formats[form].letters
     wrong = [field for field in fields if field not in letters or rows[field].dtype.kind not in "iuf" or rows[field].ndim > 1]
     if wrong:
         raise _lacks(f"{form} has no numbers in {', '.join(wrong)} (its fields are {', '.join(letters)})")
-    values = np.stack([rows[field].astype(np.float64) for field in fields], axis=1)
-    stated, factor = _stated(log, form, fields[0], quantity)
-    if stated is not None:
-        return values * factor, stated
-    return values * np.array([0.01 if letters[field] in _HUNDREDTHS else 1.0 for field in fields]), unit
-
-
-def _stated(log: DataFlash, form: str, field: str, quantity: str) -> tuple[str | None, float]:
-    """Unit and factor that the log states for a field; the unit is None if it states none."""
-    if not (log.holds("FMTU", "FmtType", "UnitIds", "MultIds") and log.holds("UNIT", "Id", "Label") and log.holds("MULT", "Id", "Mult")):
-        return None, 1.0
-    own = next((row for row in log.rows("FMTU") if row["FmtType"] == log.formats[form].number), None)
-    place = list(log.formats[form].letters).index(field)
-    if own is None or not all(isinstance(own[name], bytes) and place < len(own[name]) for name in ("UnitIds", "MultIds")):
-        return None, 1.0
-    unit, factor = own["UnitIds"][place], own["MultIds"][place]
-    labels = [row["Label"] for row in log.rows("UNIT") if row["Id"] == unit]
-    factors = [float(row["Mult"]) for row in log.rows("MULT") if row["Id"] == factor]
-    text = labels[0].decode("latin-1") if labels and isinstance(labels[0], bytes) else ""
-    found = find_unit({"Gauss": "G", "mGauss": "mG", "m/s/s": "m/s^2"}.get(text, text), quantity)
-    if found is None or not factors:
-        return None, 1.0
-    # zero means that the field has no multiplier
-    return found, factors[0] if np.isfinite(factors[0]) and factors[0] > 0 else 1.0
+    return np.stack([degrees(log, form, rows, field) for field in fields], axis=1)
 
 
 def _batches(log: DataFlash, label: str, signals: Signals) -> Part:

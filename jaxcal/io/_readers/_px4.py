@@ -20,7 +20,6 @@ _USED = {"sensor_combined": ("gyro", "accel"), "vehicle_magnetometer": ("mag",)}
 _ALL = _RAW | _FIFO | _USED
 #: topics of magnetometers, raw readings first
 COMPASSES = ("sensor_mag", "vehicle_magnetometer")
-_STATUS = "vehicle_imu_status"
 #: value that PX4 writes if it has no accelerometer sample
 _INVALID = 2147483647
 #: raw topics with a smaller share of the samples of another topic are not used
@@ -30,8 +29,8 @@ _UNITS = {"gyro": "rad/s", "accel": "m/s^2", "mag": "G", "temperature": "degC"}
 
 def read_px4(path: pathlib.Path, topics: list[str] | None, units: dict[str, str]) -> Signals:
     """Read time stamps and sensors of a ULog; raw topics are preferred to calibrated ones; `topics` names one of several instances."""
-    log = ULog(path, frozenset((*_ALL, _STATUS)))
-    found = {topic.label: topic for topic in log.topics if topic.name in _ALL}
+    log = ULog(path, frozenset(_ALL))
+    found = {topic.label: topic for topic in log.topics}
     if not found:
         raise DataError(
             f"no sensor topic ({', '.join(_ALL)}) with data in it; the topics are: {', '.join(sorted(log.others)) or 'none'}",
@@ -45,7 +44,9 @@ def read_px4(path: pathlib.Path, topics: list[str] | None, units: dict[str, str]
     signals.imus = imus_of(list(found), labels if topics is None else [])
     chosen = [found[label] for label in labels]
     parts = [part for topic in chosen for part in _parts(log, topic, signals)]
-    _one_temperature(log, parts)
+    # of several temperatures that of the gyroscope, whose bias depends on it most
+    heat = sorted((part for part in parts if part.name == "temperature"), key=lambda part: not part.source.startswith("sensor_gyro"))
+    parts = [part for part in parts if part not in heat[1:]]
     if log.dropouts:
         total, longest = sum(log.dropouts) / 1000, max(log.dropouts) / 1000
         signals.findings.append(READ("dropped", what=f"data {len(log.dropouts)} times, {total:g} s in all, the longest {longest:g} s"))
@@ -215,16 +216,3 @@ def _longest(rows: dict[str, np.ndarray], field: str, topic: Topic, findings: li
         findings.append(READ("recalibrated", topic.label, count=len(counts) - 1, read=number, total=counts.total()))
     kept = np.asarray(rows[field] == most)
     return {name: column[kept] for name, column in rows.items()}
-
-
-def _one_temperature(log: ULog, parts: list[Part]) -> None:
-    """Keep one temperature: that of the gyroscope, whose bias depends on it most, or else that of the status topic."""
-    found = sorted((part for part in parts if part.name == "temperature"), key=lambda part: not part.source.startswith("sensor_gyro"))
-    for part in found[1:]:
-        parts.remove(part)
-    status = [topic for topic in log.topics if topic.name == _STATUS]
-    if not found and len(status) == 1 and any(part.source.startswith("sensor_combined") for part in parts):
-        rows = log.rows(status[0], ["timestamp", "temperature_gyro"])
-        if len(rows) == 2 and rows["temperature_gyro"].dtype.kind == "f" and np.isfinite(rows["temperature_gyro"]).all():
-            values = rows["temperature_gyro"].astype(np.float64)[:, None]
-            parts.append(Part("temperature", status[0].label, rows["timestamp"].astype(np.int64) * 1000, values, "degC"))
