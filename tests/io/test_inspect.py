@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pytest
 
 import jaxcal
 
@@ -80,3 +81,19 @@ def test_motion_by_hand_and_turntables_have_their_commands(tmp_path):
     gyro = np.outer(rate, [0, 0, 1]) + 1e-3 * noise.normal(size=(len(rate), 3))
     np.savez(tmp_path / "table.npz", time=time, gyro=gyro, accel=level + 0.01 * noise.normal(size=gyro.shape), units="SI")
     assert suits(jaxcal.io.inspect(tmp_path / "table.npz"))[0] == "north"
+
+
+@pytest.mark.parametrize(("work", "seen"), [(1.4, True), (0.0, False)])
+def test_a_bar_appears_where_reading_takes_more_than_a_second(work, seen, monkeypatch):
+    import io
+    import time
+
+    from rich.console import Console
+
+    from jaxcal.cli import _screen
+
+    shown = io.StringIO()
+    monkeypatch.setattr(_screen, "Console", lambda **_: Console(file=shown, force_terminal=True, width=80))
+    with _screen.progress("reading log.csv"):
+        time.sleep(work)
+    assert ("reading log.csv" in shown.getvalue()) == seen

@@ -58,25 +58,6 @@ READ = {
     ),
     "whole seconds": ("log.csv", lambda: table("timestamp,ax,ay,az", SECONDS, A)),
     "words in every column's name": ("acc_walking_waist.csv", lambda: table("id,attr_time,attr_x,attr_y,attr_z", MS, epoch(1e3), A)),
-    "places of sensors": (
-        "log.csv",
-        lambda: table(",".join(["Time_s", *(f"{p}_{s}_{x}" for p in ("Thigh", "Shank") for s in ("Acc", "Gyr") for x in "XYZ")]),
-                      cells(TIME), A, W, A[::-1], W[::-1]),
-    ),
-    "axes by number": ("log.csv", lambda: table("time_s,acc_1,acc_2,acc_3,gyro_1,gyro_2,gyro_3", cells(TIME), A, W)),
-    "rates of roll, pitch and yaw": (
-        "log.csv",
-        lambda: table("t_s,roll_rate_dps,pitch_rate_dps,yaw_rate_dps,roll,ax,ay,az", cells(TIME), cells(GYRO / DEG), same("1"), A),
-    ),
-    "rates that are called angles": (
-        "log_sensor_combined_0.csv",
-        lambda: table(",".join(["timestamp", *(f"gyro_rad[{i}]" for i in range(3)), *(f"accelerometer_m_s2[{i}]" for i in range(3))]),
-                      [[str(round(1.1e8 + 1e6 * t)) for t in TIME]], W, A),
-    ),
-    "raw before filtered": (
-        "log.csv",
-        lambda: table(",".join(["t_s", *(f"acc_{x}_{how}" for how in ("filt", "raw") for x in "xyz")]), cells(TIME), cells(0.9 * ACCEL), A),
-    ),
     "groups named above": (
         "imu.csv",
         lambda: table("stamp,header,secs,nsecs,angular_velocity,x,y,z,linear_acceleration,x,y,z", epoch(1e9), same(""),
@@ -195,11 +176,6 @@ REFUSED = {
     "JSON": ("log.txt", lambda: '[{"time": "noon", "x": "two"}]', "json"),
     "nanoseconds of no second": ("log.csv", lambda: table("sec,nsec,ax,ay,az", same(""), [[str(i) for i in range(N)]], A), "two_columns"),
     "a page of the web": ("imu.csv", lambda: "<!DOCTYPE html>\n<html></html>\n", "not_a_log"),
-    "ground truth with biases": (
-        "data.csv",
-        lambda: table("#time(ns),px,py,pz,qw,qx,qy,qz,vx,vy,vz,bwx,bwy,bwz,bax,bay,baz", epoch(1e9), *[A[:1]] * 16),
-        "no_sensor",
-    ),
     "sensors of which no axis is understood": (
         "log.csv", lambda: table("time_s,temp,gyro_foo,acc_foo", cells(TIME), same("25.1"), W[:1], A[:1]), "columns_unclear"
     ),

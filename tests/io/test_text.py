@@ -252,17 +252,8 @@ def test_missing_values_are_gaps(word, still, save):
         ("sec", ("time", "", "s")), ("secs", ("time", "", "s")), ("ms", ("time", "", "ms")), ("us", ("time", "", "us")),
         ("ns", ("time", "", "ns")), ("TimeUS", ("time", "", "us")), ("t_us", ("time", "", "us")), ("time_s", ("time", "", "s")),
         ("timestamp [ns]", ("time", "", "ns")), ("SampleTimeFine", ("time", "", "1e-4 s")), ("%time", ("time", "", None)),
-        *[(name, ("gyro", "x", None)) for name in (
-            "gx", "GyrX", "gyr_x", "Gyro_X", "gyroscope.x", "wx", "omega_x", "angular_velocity.x", "rate_x", "field.angular_velocity.x",
-            "/imu/angular_velocity/x", "x_gyro", "imu0_gyro_x_raw")],
-        ("gyro_x_dps", ("gyro", "x", "deg/s")), ("gy [deg/s]", ("gyro", "y", "deg/s")), ("gyro_z (rad/s)", ("gyro", "z", "rad/s")),
-        ("w_RS_S_x [rad s^-1]", ("gyro", "x", "rad/s")), ("wz_rad_s", ("gyro", "z", "rad/s")), ("gyro_dps_y", ("gyro", "y", "deg/s")),
-        *[(name, ("accel", "y", None)) for name in (
-            "ay", "accy", "acc_y", "accel_y", "accelerometer_y", "fy", "specific_force_y", "linear_acceleration.y")],
-        ("acc_x(m/s^2)", ("accel", "x", "m/s^2")), ("accel_x_g", ("accel", "x", "g")), ("a_RS_S_z [m s^-2]", ("accel", "z", "m/s^2")),
-        ("acc_z_m_s2", ("accel", "z", "m/s^2")), ("ax_mg", ("accel", "x", "mg")),
-        *[(name, ("mag", "z", None)) for name in ("mz", "magz", "mag_z", "magnetometer_z", "bz", "field_z", "magnetic_field.z")],
-        ("mag_x_uT", ("mag", "x", "uT")), ("mx [gauss]", ("mag", "x", "G")), ("bx (nT)", ("mag", "x", "nT")),
+        ("/imu/angular_velocity/x", ("gyro", "x", None)), ("gyro_dps_y", ("gyro", "y", "deg/s")), ("ax_mg", ("accel", "x", "mg")),
+        ("linear_acceleration.y", ("accel", "y", None)), ("bx (nT)", ("mag", "x", "nT")), ("magnetic_field.z", ("mag", "z", None)),
         *[(name, ("temperature", "", None)) for name in ("temp", "temperature", "imu_temp")],
         ("t_c", ("temperature", "", "degC")), ("tempc", ("temperature", "", "degC")), ("Temperature [K]", ("temperature", "", "K")),
         *[(name, None) for name in ("notes", "frame_id", "orientation.x", "latitude", "gyro", "status_x", "x")],
@@ -270,11 +261,6 @@ def test_missing_values_are_gaps(word, still, save):
 )  # fmt: skip
 def test_column_names(name, meaning):
     assert parse_name(name) == meaning
-
-
-def test_rates_of_the_body_are_p_q_r(still, save):
-    text = "t,p,q,r\n" + table(rows(still)[:, :4])
-    np.testing.assert_allclose(read(save(text), quiet=True).gyro, still.gyro, rtol=1e-11)
 
 
 def test_the_first_of_two_sensors_wins_and_the_other_is_told(still, save, finding):
