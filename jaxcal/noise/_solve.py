@@ -13,9 +13,8 @@ from ._terms import Filter, Term
 
 FILTER = Filter.name
 _FINE = 1e-12  # gain in log likelihood at which a fit ends
-#: most rounds of filling gaps, and the relative change of the density at which they end; number of rounds in which groups of more ordinates
-#: than this scale the model
-_ROUNDS, _SETTLED, _ROUGH, _MANY = 30, 2e-3, 2, 100.0
+#: most rounds of filling gaps, the relative change of the density at which they end, and rounds before the band is looked for
+_ROUNDS, _SETTLED, _ROUGH = 30, 2e-3, 2
 #: the goodness of fit compares means over groups of bins with the model: ordinates at which the first groups begin, and the number of
 #: groups, of which the later ones are evenly spaced in the logarithm
 _FIRST, _GROUPS = (0, 4, 12, 24, 48), 40
@@ -75,23 +74,16 @@ def solve(observed: Observed, columns: tuple[Term, ...], band) -> Solved:
     columns, level = (*columns, Filter()), np.ones(1)
     solved = _solved(observed.bins(columns), columns, band, band is None and observed.complete)
     for k in range(0 if observed.complete else _ROUNDS):
-        before, level = level, _level(solved, k < _ROUGH)
+        before, level = level, _level(solved)
         if k > _ROUGH and np.max(np.abs(np.log(level / before))) < _SETTLED:
             break
         solved = _solved(observed.bins(columns, level), columns, band, band is None and k + 1 >= _ROUGH)
     return solved
 
 
-def _level(solved: Solved, rough: bool):
-    """Density at the bins: that of the model in the band, and the ordinates themselves in spectral lines and outside of the band.
-
-    In the first, `rough` rounds of filling gaps, the model may fit badly. It is then scaled to the ordinates in large groups.
-    """
+def _level(solved: Solved):
+    """Density at the bins: that of the model in the band, and the ordinates themselves in spectral lines and outside of the band."""
     bins, model = solved.bins, density(solved.fitted.bins.columns, solved.fitted.theta)
-    if rough:
-        group = groups_of(bins.weight, int(bins.weight.sum()))
-        count, total = (np.bincount(group, bins.weight * values) for values in (np.ones(len(model)), bins.density / model))
-        model = model * np.where(count > _MANY, total / np.maximum(count, 1.0), 1.0)[group]
     own = (solved.fitted.bins.weight == 0.0) & (bins.weight > 0.0) & (bins.density > 0.0)
     return np.where(own, bins.density, model) * bins.unit
 
