@@ -42,7 +42,7 @@ _TIMES = np.array([0.0, *2.0 ** np.arange(-7, 1), np.inf])
 _LAGS, _CYCLES = (0.0, 0.003, 0.01, 0.03, 0.1), np.arange(0.5, 10.01, 0.25)
 #: likelihood ratio for one axis that one in 300 records of noise alone reaches in the search of a family; a shift has a known place, and
 #: 2.6 standard errors suffice. By how much less a change without K must be better than K to be named "beside" K: of records of 22 minutes,
-#: K alone reaches it in 25 % and not one event in twenty fails to, and the exact Bayes factor does no better (`benchmarks/real_noise.py`)
+#: K alone reaches it in 30 %, and one event in twenty-five does not; the exact Bayes factor does little better (`benchmarks/real_noise.py`)
 _LEVELS = {"shift": 6.8, "event": 20.0, "edge": 13.0, "edges": 18.0, "sinusoid": 20.0, "temperature": 12.0, "beside": 13.25}
 _EVIDENT = 0.1  # share of the likelihood ratio of K itself by which the change must be better, too
 _FAINT = 0.05  # a change of a smaller share is left out, which moves no coefficient by a tenth of its error
