@@ -28,7 +28,6 @@ import world
 
 ATTITUDE = np.array([1.0, 2.0, 40.0]) * world.DEG
 NAMES = ("phi", "theta", "psi")
-STEADY = {"b_g_rate": 0.0}  # nothing drifts
 
 
 def noises(kind):
@@ -50,7 +49,7 @@ def cells(runs):
             for known in (True, False) if kind == "white" else (True,):
                 begin, inside, errors = time.perf_counter(), [], []
                 for a, w in zip(accel, gyro, strict=True):
-                    found = fit(Readings(places, a, w, **(given if known else {})), world.LATITUDE, start=STEADY)
+                    found = fit(Readings(places, a, w, **(given if known else {})), world.LATITUDE)
                     inside.append(held(found))
                     errors.append(found.psi - ATTITUDE[2])
                 cover = " ".join(f"{100 * share:6.1f}" for share in np.mean(inside, axis=0))
@@ -76,7 +75,7 @@ def raw(runs):
                 noise = {name.removesuffix("_noise"): one for name, one in given.items()}
                 found = from_log(jaxcal.Log(stamps, accel=accel, gyro=gyro), angle=angle if known else None, noise=noise)
                 lost.append((np.sum(rests[:, 1] - rests[:, 0]) - np.sum(found.stop - found.start)) / 50 / len(rests))
-                got = found.fit(world.LATITUDE, start=STEADY)
+                got = found.fit(world.LATITUDE)
                 words = ("x",) if axes == 1 else ("x", "y", "fixed z")
                 times = (rests[:, 1] - rests[:, 0]) / 50, rests[:, 0] / 50
                 # angles from the gyroscope are as uncertain for the ideal means as for the log
@@ -84,7 +83,7 @@ def raw(runs):
                 place, doubt = exact if known else (found.readings.positions.angle, found.readings.positions.angle_std)
                 places = Positions(place, words * len(angles), *(np.repeat(x, axes) for x in times), angle_std=doubt)
                 means = Readings(places, *(mean.ravel() for mean in ideal), **given)
-                best = fit(means, world.LATITUDE, model=found.model, free=found.free, priors=found.priors or None, start=STEADY)
+                best = fit(means, world.LATITUDE, model=found.model, free=found.free, priors=found.priors or None)
                 differences.append([(got.parameters[name] - best.parameters[name]) / got.std[name] for name in NAMES])
                 inside.append(held(got))
             rms = " ".join(f"{x:.3f}" for x in np.sqrt(np.mean(np.square(differences), axis=0)))

@@ -178,8 +178,7 @@ def test_alignment():
         louder = [Noise(N=noise * float(one.N)) for one in (made.accel_noise, made.gyro_noise)]
         return Readings(Positions(angles, dwell=60.0), np.asarray(accel), np.asarray(gyro), accel_noise=louder[0], gyro_noise=louder[1])
 
-    # the allowance for drifts that the noise hides does not grow with it
-    fit = lambda readings: alignment.fit(readings, latitude, start={"b_g_rate": 0.0})  # noqa: E731
+    fit = lambda readings: alignment.fit(readings, latitude)  # noqa: E731
     before = fit(changed())
     attitude = np.array([before.phi, before.theta, before.psi])
     # a constant changes the biases, which are free
@@ -198,7 +197,8 @@ def test_alignment():
     matrices = [f.model.matrix for f in (before, turned)]
     ways = [back @ matrices[0], back.T @ matrices[0]]
     close(min(ways, key=lambda way: np.abs(way - matrices[1]).max()), matrices[1], 0.0, 1e-8)
-    # noise determines the weights of the sensors; a common factor changes only the standard errors
-    louder = fit(changed(noise=2.0))
+    # noise determines the weights of the sensors; twice the noise in all readings changes only the standard errors
+    clean = before.model.measure(positions)
+    louder = fit(changed(accel=2 * made.accel - clean[0], gyro=2 * made.gyro - clean[1], noise=2.0))
     close([louder.phi, louder.theta, louder.psi], attitude, 1e-8)
     close(louder.azimuth_std, 2.0 * before.azimuth_std, 1e-6)

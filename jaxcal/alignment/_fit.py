@@ -13,11 +13,12 @@ import numpy as np
 from .._errors import DataError
 from .._precision import array_module, host_float64, is_traced
 from .._special import chi_square_tail
+from .._types import AnyArray
 from ..fitting import Estimate, Fit, solve
 from ..noise import Noise
 from ._closed import WEAK
-from ._drift import TERMS, checked
 from ._findings import FINDINGS, OUTCOMES, decided, findings_of, has_number
+from ._lack import checked
 from ._model import ANGLES, Table, Triads, Turntable, names_of, padded, residuals, tabulate, with_angle_errors, with_values
 from ._noise import SENSORS, check_noise, covariance_of, noise_of
 from ._plausible import check_readings
@@ -123,36 +124,17 @@ def fit(
     if noise is not None:
         told = noise_of(noise, None if isinstance(model, Triads) else "x")
         readings = dataclasses.replace(readings, **{name: one for name, one in told.items() if one is not None})
-    known = {name: getattr(readings, f"{name}_noise") for name in SENSORS}
     check_readings(readings)
-    for name in sensors:
-        check_noise(known[name], f"{SENSORS[name]} noise")
-    unknown = [name for name in sensors if known[name] is None]
-    noise = {name: Noise(N=_NOMINAL[name]) if one is None else one for name, one in known.items()}
     side = {None: 0.0, "north": 1.0, "south": -1.0}[hemisphere]
-    options = _Options(model, names, tuple(name in chosen for name in names), values, set(given), mean, certainty, hint, side, not unknown)
-    traced = is_traced(readings, gravity, options)
-    for _ in range(_ROUNDS if unknown and not traced else 1):
-        solved, table, twofold = _solved(readings, gravity, noise, options)
-        found = _described(solved, table, readings, sizes_of(names, gravity, readings.positions), twofold, options)
-        if traced:
-            return found
-        spare = _spare(solved, table, found)
-        noise |= {name: Noise(N=noise[name].N * spare[name][1]) for name in unknown}
-    estimated = {name: spare[name][0] for name in unknown if spare[name][0] > _FEWEST}
-    freedom = _freedom(solved, table, found, estimated)
-    told = _told(found, freedom, readings, options, bool(twofold), [name for name in unknown if name not in estimated])
-    if not TERMS.isdisjoint(options.chosen | options.known):
-        return told  # the caller says what drifts
+    options = _Options(model, names, tuple(name in chosen for name in names), values, set(given), mean, certainty, hint, side)
+    found, table, noise, spare = _joint(readings, gravity, options)
+    if table is None or not {"b_g_rate", "b_a_rate"}.isdisjoint(options.chosen | options.known):
+        return found  # traced, or the caller says what drifts
 
-    def refit(readings: Readings, free: set[str]) -> AlignmentFit:
-        begun = {name: told.estimate[name].value for name in options.chosen}
-        return fit(
-            readings, latitude, free=free, priors=priors, start={**given, **begun}, model=model, hint=hint, hemisphere=hemisphere,
-            gravity=gravity,
-        )  # fmt: skip
+    def refit(readings: Readings, begin: dict[str, Any]) -> AlignmentFit:
+        return _joint(readings, gravity, dataclasses.replace(options, values=values | begin, known=options.known | set(begin)))[0]
 
-    return checked(told, options.chosen, refit)
+    return checked(found, table, gravity, noise, spare, refit)
 
 
 class _Options(eqx.Module):
@@ -167,12 +149,36 @@ class _Options(eqx.Module):
     certainty: dict[str, Any]
     hint: Any
     hemisphere: float
-    noise_known: bool
 
     @property
     def chosen(self) -> set[str]:
         """Names of the parameters to estimate."""
         return {name for name, free in zip(self.names, self.free, strict=True) if free}
+
+
+def _joint(readings: Readings, gravity: Any, o: _Options) -> tuple[AlignmentFit, Any, dict[str, Any], dict[str, float]]:
+    """Fit with the noise of the readings, or that of their residuals; a traced fit has no table."""
+    sensors = [name for name in SENSORS if getattr(readings, name) is not None]
+    known = {name: getattr(readings, f"{name}_noise") for name in SENSORS}
+    for name in sensors:
+        check_noise(known[name], f"{SENSORS[name]} noise")
+    unknown = [name for name in sensors if known[name] is None]
+    noise = {name: Noise(N=_NOMINAL[name]) if one is None else one for name, one in known.items()}
+    traced = is_traced(readings, gravity, o)
+    for _ in range(_ROUNDS if unknown and not traced else 1):
+        solved, table, twofold = _solved(readings, gravity, noise, o)
+        found = _described(solved, table, readings, sizes_of(o.names, gravity, readings.positions), twofold, not unknown, o)
+        if traced:
+            return found, None, noise, {}
+        each = _spare(solved, table, np.where(np.isfinite(found.covariance), found.covariance, 0))
+        spare = {name: float(free) for name, (free, _) in zip(SENSORS, each, strict=True) if free > _FEWEST}
+        # the noise that the residuals have
+        ratio = {name: max(np.sqrt(square / spare[name]), 1e-6) for name, (_, square) in zip(SENSORS, each, strict=True) if name in spare}
+        noise |= {name: Noise(N=noise[name].N * ratio.get(name, 1.0)) for name in unknown}
+    estimated = {name: spare[name] for name in unknown if name in spare}
+    freedom = _freedom(solved, table, found, estimated)
+    told = _told(found, freedom, readings, o, bool(twofold), [name for name in unknown if name not in estimated])
+    return told, table, noise, spare
 
 
 def _solved(readings: Readings, gravity: Any, noise: dict[str, Any], o: _Options) -> tuple[Fit, Table, Any]:
@@ -199,7 +205,7 @@ def _solved(readings: Readings, gravity: Any, noise: dict[str, Any], o: _Options
     return found if xp is jnp else jax.tree.map(np.asarray, found), table, twofold
 
 
-def _described(found: Fit, table: Table, readings: Readings, sizes: Any, twofold: Any, o: _Options) -> AlignmentFit:
+def _described(found: Fit, table: Table, readings: Readings, sizes: Any, twofold: Any, noise_known: bool, o: _Options) -> AlignmentFit:
     """Covariance, test of fit and verdict; in NumPy, which needs no compilation, unless the call is traced."""
     xp = array_module(found, table)
     r, jacobian, n, free, names = found.residuals, found.jacobian, table.accel.size, np.array(o.free), o.names
@@ -209,7 +215,10 @@ def _described(found: Fit, table: Table, readings: Readings, sizes: Any, twofold
     dof = xp.sum(counted) - known_of.rank_with_priors
     chi_square = xp.sum(r**2)
     # on the host without SciPy's special functions, which are slow to load
-    p_value = chi_square_tail(chi_square, max(dof, 1)) if xp is np else jax.scipy.special.gammaincc(jnp.maximum(dof, 1) / 2, chi_square / 2)
+    tail = chi_square_tail if xp is np else lambda square, freedom: jax.scipy.special.gammaincc(freedom / 2, square / 2)
+    p_value = tail(chi_square, xp.maximum(dof, 1))
+    # each sensor alone: errors of the table's angles are often seen by one of them
+    alone = [xp.where(free > _FEWEST, tail(square, xp.maximum(xp.round(free), 1)), 1.0) for free, square in _spare(found, table, finite)]
     # the solver's own convergence test fails for noise-free readings, whose residuals are rounding, and along undetermined directions: a
     # fit has converged, too, where the remaining step is a thousandth of the standard error
     gradient = jacobian.T @ r
@@ -221,7 +230,7 @@ def _described(found: Fit, table: Table, readings: Readings, sizes: Any, twofold
     weak = free[2] & (covariance[2, 2] > WEAK**2)
     outcome = decided(
         (weak, "weak"),
-        (o.noise_known & (dof > 0) & (1 - p_value > _MISFIT), "misfit"),
+        (noise_known & (1 - len(alone) * xp.minimum(*alone) > _MISFIT), "misfit"),
         (twofold, "undecided"),
         (xp.any(known_of.lost), "unobservable"),
         (free[2] & (abs(values[names.index("latitude")]) > POLE), "pole"),
@@ -233,7 +242,7 @@ def _described(found: Fit, table: Table, readings: Readings, sizes: Any, twofold
         rank=known_of.rank, hidden=known_of.hidden, lost=known_of.lost,
         prior_only=free & (table.certainty > 0) & (xp.diagonal(finite) * table.certainty**2 > 0.95**2),
         accel_residual=r[: len(readings.positions)], gyro_residual=r[n : n + len(readings.positions)], chi_square=chi_square,
-        degrees_of_freedom=dof, p_value=p_value, noise_known=o.noise_known, outcome=outcome,
+        degrees_of_freedom=dof, p_value=p_value, noise_known=noise_known, outcome=outcome,
     )  # fmt: skip
 
 
@@ -251,16 +260,15 @@ def _mirrored(readings: Readings, o: _Options) -> bool:
     return not {"z", "-z", "fixed z"} & set(readings.positions.mounting) and {"phi", "psi"} <= o.chosen
 
 
-def _spare(found: Fit, table: Table, fitted: AlignmentFit) -> dict[str, tuple[float, float]]:
-    """Sensor -> its degrees of freedom, and the ratio of the noise in its residuals to the assumed noise."""
-    finite = np.where(np.isfinite(fitted.covariance), fitted.covariance, 0)
-    left = 1 - np.einsum("mi,ij,mj->m", found.jacobian, finite, found.jacobian)
-    n, made = table.accel.size, {}
-    for i, name in enumerate(SENSORS):
-        part = slice(i * n, (i + 1) * n)
-        share, square = float(np.sum(left[part][table.measured[i]])), float(np.sum(found.residuals[part] ** 2))
-        made[name] = share, max(np.sqrt(square / share), 1e-6) if share > _FEWEST else 1.0
-    return made
+def _spare(found: Fit, table: Table, covariance: AnyArray) -> list[tuple[Any, Any]]:
+    """Degrees of freedom of each sensor, and the sum of its squared residuals; `covariance` is zero where nothing is determined."""
+    xp, n = array_module(found, table), table.accel.size
+    left = 1 - xp.einsum("mi,ij,mj->m", found.jacobian, covariance, found.jacobian)
+    parts = [slice(0, n), slice(n, 2 * n)]
+    return [
+        (xp.sum(xp.where(here, left[part], 0.0)), xp.sum(found.residuals[part] ** 2))
+        for here, part in zip(table.measured, parts, strict=True)
+    ]
 
 
 def _freedom(found: Fit, table: Table, fitted: AlignmentFit, estimated: dict[str, float]) -> np.ndarray:
@@ -286,9 +294,9 @@ def _level(noise: Any, places: Any, here: Any) -> Any:
 def _told(found: AlignmentFit, freedom: np.ndarray, readings: Readings, o: _Options, twofold: bool, nominal: list[str]) -> AlignmentFit:
     """Add findings and states to a host result; `nominal` names the sensors whose noise is neither given nor estimated."""
     dof, mirrored = int(found.degrees_of_freedom), _mirrored(readings, o)
-    tested = o.noise_known and dof > 0
+    tested = found.noise_known and dof > 0
     findings = list(findings_of(found.outcome, names=", ".join(found.unobservable), p=float(found.p_value)))
-    if not o.noise_known:
+    if not found.noise_known:
         findings.append(FINDINGS("noise_from_residuals"))
     if nominal:
         findings.append(FINDINGS("nominal_noise", nominal))

@@ -15,7 +15,7 @@ from .._precision import array_module
 from .._types import AnyArray
 from ..noise import Noise
 from ._noise import Sensor, covariance_of, weight_of
-from ._positions import EARTH_RATE, GRAVITY, SMALL, Geometry, Positions, Readings, geometry, table_from_nav
+from ._positions import EARTH_RATE, GRAVITY, Geometry, Positions, Readings, geometry, table_from_nav
 
 _SMALLEST_PAD = 16
 
@@ -35,8 +35,6 @@ class Turntable(Model):
     b_a, s_a, b_g, s_g : bias and scale error of the accelerometer (m/s^2) and of the gyro (rad/s).
     ma_a_xy, ma_a_xz, ma_g_xy, ma_g_xz : misalignments towards the first and the second cross axis, rad.
     b_a_rate, b_g_rate : drift of the biases per second; b_a and b_g refer to the middle of the test.
-    b_g_bend, b_g_twist : by how much b_g_rate changes from the middle of the test to its end, antisymmetric and symmetric in time.
-    phi_rate, theta_rate : tilting of the base, rad/s; phi and theta refer to the middle of the test.
     latitude : rad, north positive.
 
     Examples
@@ -65,10 +63,6 @@ class Turntable(Model):
     ma_g_xz: Any = 0.0
     b_a_rate: Any = 0.0
     b_g_rate: Any = 0.0
-    b_g_bend: Any = 0.0
-    b_g_twist: Any = 0.0
-    phi_rate: Any = 0.0
-    theta_rate: Any = 0.0
     latitude: Any = 0.0
 
     @property
@@ -85,15 +79,9 @@ class Turntable(Model):
     def truth(self, positions: Any, *, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> tuple[AnyArray, AnyArray]:
         """True specific force (n, 3), m/s^2, and angular rate (n, 3), rad/s, along the sensitive and two cross axes; see `measure`."""
         places = geometry(positions, gravity, lever_arm)
-        xp, time = array_module(self, places), places.time
-        # the base may tilt during the test: matrices (3, 3, n)
-        moved = dataclasses.replace(
-            self, phi=self.phi + self.phi_rate * time, theta=self.theta + self.theta_rate * time, psi=self.psi + 0 * time
-        )
-        down, earth = moved.matrix[:, 2], EARTH_RATE * moved.earth_rate
-        along = lambda axes, vector: xp.einsum("nij,jn->ni", axes, vector)  # noqa: E731
-        force = places.force + along(places.coriolis, earth) - places.gravity * along(places.axes, down)
-        return force, places.rate + along(places.axes, earth)
+        earth = EARTH_RATE * self.earth_rate
+        force = places.force + places.coriolis @ earth - places.gravity * places.axes @ self.matrix[:, 2]
+        return force, places.rate + places.axes @ earth
 
     def measure(self, positions: Any, *, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> tuple[AnyArray, AnyArray]:
         """Compute the noise-free readings of the accelerometer (n,), m/s^2, and of the gyro (n,), rad/s.
@@ -109,13 +97,7 @@ class Turntable(Model):
         accel = force @ xp.stack([xp.asarray(1 + self.s_a), xp.asarray(self.ma_a_xy), xp.asarray(self.ma_a_xz)])
         gyro = rate @ xp.stack([xp.asarray(1 + self.s_g), xp.asarray(self.ma_g_xy), xp.asarray(self.ma_g_xz)])
         accel = accel + self.b_a + self.b_a_rate * places.time
-        return accel, gyro + _drifting(places.time, self.b_g, self.b_g_rate, self.b_g_bend, self.b_g_twist)
-
-
-def _drifting(time: AnyArray, bias: Any, *slopes: Any) -> AnyArray:
-    """Bias over time: in the middle of the test, its slope there, and changes of the slope until the end, by powers of time."""
-    part = time / array_module(time).maximum(abs(time).max(), SMALL)
-    return bias + time * sum(slope * part**i / (i + 1) for i, slope in enumerate(slopes))
+        return accel, gyro + self.b_g + self.b_g_rate * places.time
 
 
 class Triads(Turntable):
@@ -130,7 +112,6 @@ class Triads(Turntable):
     Attributes
     ----------
     b_a_y, b_a_z, b_g_y, b_g_z : biases of the y and z axes; b_a and b_g are the biases of the x axes.
-    b_g_rate_y, b_g_bend_y, b_g_twist_y : drift of the y gyro, as those without y are that of the x gyro.
     ma_a_zx, ma_a_zy, ma_g_zx, ma_g_zy : misalignments of the z axes towards x and y, rad.
 
     Examples
@@ -154,18 +135,13 @@ class Triads(Turntable):
     ma_a_zy: Any = 0.0
     ma_g_zx: Any = 0.0
     ma_g_zy: Any = 0.0
-    b_g_rate_y: Any = 0.0
-    b_g_bend_y: Any = 0.0
-    b_g_twist_y: Any = 0.0
 
     def measure(self, positions: Any, *, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> tuple[AnyArray, AnyArray]:
         """Compute the noise-free readings as `Turntable.measure` does, with the bias of each axis and the misalignment of the z axes."""
         places = geometry(positions, gravity, lever_arm)
         xp, readings, truth = array_module(self, places), super().measure(places), self.truth(places)
-        drift = _drifting(places.time, self.b_g, self.b_g_rate, self.b_g_bend, self.b_g_twist)
-        drift_y = _drifting(places.time, self.b_g_y, self.b_g_rate_y, self.b_g_bend_y, self.b_g_twist_y)
         errors = (
-            (self.b_a, self.b_a_y, self.b_a_z, self.ma_a_zx, self.ma_a_zy), (drift, drift_y, self.b_g_z, self.ma_g_zx, self.ma_g_zy),
+            (self.b_a, self.b_a_y, self.b_a_z, self.ma_a_zx, self.ma_a_zy), (self.b_g, self.b_g_y, self.b_g_z, self.ma_g_zx, self.ma_g_zy),
         )  # fmt: skip
         made = []
         for reading, true, (x, y, z, towards_x, towards_y) in zip(readings, truth, errors, strict=True):

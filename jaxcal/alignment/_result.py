@@ -18,9 +18,6 @@ _LABELS = {
     "phi": "roll", "theta": "pitch", "psi": "azimuth", "b_a": "accelerometer bias", "s_a": "accelerometer scale error",
     "b_g": "gyro bias", "s_g": "gyro scale error", "ma_a_xy": "accelerometer misalignment 1", "ma_a_xz": "accelerometer misalignment 2",
     "ma_g_xy": "gyro misalignment 1", "ma_g_xz": "gyro misalignment 2", "b_a_rate": "accelerometer drift", "b_g_rate": "gyro drift",
-    "b_g_bend": "gyro drift, bend", "b_g_twist": "gyro drift, twist", "b_g_rate_y": "gyro drift y", "b_g_bend_y": "gyro drift y, bend",
-    "b_g_twist_y": "gyro drift y, twist",
-    "phi_rate": "roll drift", "theta_rate": "pitch drift",
     **{f"b_a_{axis}": f"accelerometer bias {axis}" for axis in "yz"}, **{f"b_g_{axis}": f"gyro bias {axis}" for axis in "yz"},
     **{f"ma_a_z{axis}": f"accelerometer z towards {axis}" for axis in "xy"}, **{f"ma_g_z{axis}": f"gyro z towards {axis}" for axis in "xy"},
 }  # fmt: skip
@@ -29,7 +26,6 @@ QUANTITIES: dict[str, str] = dict.fromkeys(("phi", "theta", "psi", "latitude"), 
 QUANTITIES |= {name: "angle" for name in _LABELS if name.startswith("ma_")}
 QUANTITIES |= {name: f"B.{'accel' if name[2] == 'a' else 'gyro'}" for name in _LABELS if name.startswith("b_")}
 QUANTITIES |= {name: f"R.{'accel' if name[2] == 'a' else 'gyro'}" for name in _LABELS if "drift" in _LABELS[name]}
-QUANTITIES |= dict.fromkeys(("phi_rate", "theta_rate"), "B.gyro")
 
 
 class Knowledge(eqx.Module):
@@ -51,8 +47,7 @@ def sizes_of(names: tuple[str, ...], gravity: Any, positions: Any) -> AnyArray:
     """(p,) unit in which each parameter is scaled: rad, gravity, the Earth's rate, one of these per duration of the test, or one."""
     xp = array_module(gravity, positions)
     duration = (positions.start + positions.dwell).max() - positions.start.min()
-    sizes = {"b_a_rate": gravity / duration, **dict.fromkeys(("phi_rate", "theta_rate"), 1 / duration)}
-    sizes |= {name: EARTH_RATE / duration for name in names if QUANTITIES.get(name) == "R.gyro"}
+    sizes = {"b_a_rate": gravity / duration, "b_g_rate": EARTH_RATE / duration}
     for axis in ("", "_y", "_z"):
         sizes |= {f"b_a{axis}": gravity, f"b_g{axis}": EARTH_RATE}
     return xp.stack([xp.asarray(sizes.get(name, 1.0)) for name in names])

@@ -11,16 +11,13 @@ from .._types import AnyArray
 from ._model import Table
 from ._positions import EARTH_RATE, Positions, distance, least_squares, table_from_nav, wrap
 
-#: drift of the gyro's bias, by powers of time; those of the y axis last
-DRIFTS = tuple(f"b_g_{name}{axis}" for axis in ("", "_y") for name in ("rate", "bend", "twist"))
 _ALWAYS = ("phi", "theta", "psi", "b_a", "b_g")
 _OTHER_AXES = ("b_a_y", "b_a_z", "b_g_y", "b_g_z")
 _ANGLES = ("phi", "theta", "psi", "latitude")
 #: sensor -> parameters that cannot be free without this sensor
 NEEDED = {
-    "accelerometer": ("b_a", "s_a", "ma_a_xy", "ma_a_xz", "b_a_rate", "b_a_y", "b_a_z", "ma_a_zx", "ma_a_zy",
-                      "phi_rate", "theta_rate"),
-    "gyro": ("psi", "b_g", "s_g", "b_g_y", "b_g_z", "ma_g_zx", "ma_g_zy", *DRIFTS),
+    "accelerometer": ("b_a", "s_a", "ma_a_xy", "ma_a_xz", "b_a_rate", "b_a_y", "b_a_z", "ma_a_zx", "ma_a_zy"),
+    "gyro": ("psi", "b_g", "s_g", "b_g_y", "b_g_z", "ma_g_zx", "ma_g_zy", "b_g_rate"),
 }  # fmt: skip
 _GRID = 360
 

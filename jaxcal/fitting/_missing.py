@@ -4,11 +4,12 @@ from collections.abc import Mapping
 
 import equinox as eqx
 import numpy as np
-import scipy  # loads its parts when they are first used
+
+from .._special import chi_square_tail, f_tail
 
 #: least degrees of freedom to judge a term, or a prediction; least share of a term's effect, in length, that no parameter reproduces
 LEAST, _APART = 3, 0.05
-_LEVEL = 1e-3  # of the test: one false alarm in a thousand results, whatever the number of terms tried
+LEVEL = 1e-3  # of the test: one false alarm in a thousand results, whatever the number of terms tried
 
 
 class Missing(eqx.Module):
@@ -20,7 +21,7 @@ class Missing(eqx.Module):
     coefficient : (q,) sizes of its coefficients, by the residuals and the parameters together.
     covariance : (q, q) of the coefficients; infinite if the parameters reproduce the term, so that the residuals cannot show it.
     change : (p, q) what each parameter of the result would change by for a unit of each coefficient.
-    level : probability of a fit at least as much better if the term is absent, times the number of terms tried.
+    log_level : logarithm of `level`, which may be too small for a number.
     odds : by how much the residuals make the term more probable (Bayes factor by the Bayesian information criterion); zero if they cannot.
     better : whether the term improves the prediction of residuals that were left out of the fit.
     """
@@ -29,14 +30,19 @@ class Missing(eqx.Module):
     coefficient: np.ndarray
     covariance: np.ndarray
     change: np.ndarray
-    level: float
+    log_level: float
     odds: float
     better: bool
 
     @property
+    def level(self) -> float:
+        """Probability of a fit at least as much better if the term is absent, times the number of terms tried; one at most."""
+        return float(np.exp(min(self.log_level, 0.0)))
+
+    @property
     def shown(self) -> bool:
         """Whether the residuals show the term."""
-        return self.better and self.level < _LEVEL
+        return self.better and self.log_level < np.log(LEVEL)
 
     @property
     def shift(self) -> np.ndarray:
@@ -56,7 +62,7 @@ def missing(rows: np.ndarray, jacobian: np.ndarray, terms: Mapping[str, np.ndarr
 
     Returns
     -------
-    One `Missing` for each term for which at least 3 degrees of freedom are left, by `level`.
+    One `Missing` for each term for which at least 3 degrees of freedom are left, or none if `sigma` is given, by `level`.
 
     Examples
     --------
@@ -88,7 +94,7 @@ def missing(rows: np.ndarray, jacobian: np.ndarray, terms: Mapping[str, np.ndarr
     without, share = np.sum(plain**2), np.sum(basis**2, axis=1)
     for name, x in terms.items():
         freedom = len(rows) - basis.shape[1] - x.shape[1]
-        if freedom < LEAST:
+        if freedom < (LEAST if sigma is None else 0):
             continue
         change = np.zeros((len(used), x.shape[1]))
         change[used] = inverse @ (basis.T @ x)
@@ -96,22 +102,24 @@ def missing(rows: np.ndarray, jacobian: np.ndarray, terms: Mapping[str, np.ndarr
         # six faces, for example, cannot distinguish a cubic term from a scale factor
         if np.any(np.linalg.norm(apart, axis=0) <= _APART * np.linalg.norm(x, axis=0)):
             nothing = np.zeros(x.shape[1])
-            found.append(Missing(name, nothing, np.diag(nothing + np.inf), change, 1.0, 0.0, False))
+            found.append(Missing(name, nothing, np.diag(nothing + np.inf), change, np.inf, 0.0, False))
             continue
         root, upper = np.linalg.qr(apart)
         coefficient = np.linalg.solve(upper, root.T @ plain)
         left = plain - root @ (root.T @ plain)
         gain, square = max(without - np.sum(left**2), 0.0), np.sum(left**2)
         variance = max(square / freedom, 1e-300) if sigma is None else sigma**2
-        ratio = gain / x.shape[1] / variance
-        level = scipy.special.fdtrc(x.shape[1], freedom, ratio) if sigma is None else scipy.special.chdtrc(x.shape[1], gain / variance)
+        times = gain / variance
+        level = f_tail(times / x.shape[1], x.shape[1], freedom) if sigma is None else chi_square_tail(times, x.shape[1])
         half = (freedom + x.shape[1]) / 2
-        likelihood = gain / variance / 2 if sigma is not None else half * np.log(without / max(square, 1e-300))
+        likelihood = half * np.log(without / max(square, 1e-300)) if sigma is None else times / 2
+        # the leading part of the logarithm where the number is too small
+        log_level = float((np.log(level) if level > 0 else -likelihood) + np.log(len(terms)))
         odds = float(np.exp(min(likelihood - x.shape[1] / 2 * np.log(2 * half), 700.0)))
         inner = np.linalg.inv(upper)
         better = _left_out(left, share + np.sum(root**2, axis=1)) < _left_out(plain, share)
-        found.append(Missing(name, coefficient, inner @ inner.T * variance, change, float(min(level * len(terms), 1.0)), odds, better))
-    return sorted(found, key=lambda one: one.level)
+        found.append(Missing(name, coefficient, inner @ inner.T * variance, change, log_level, odds, better))
+    return sorted(found, key=lambda one: one.log_level)
 
 
 def _left_out(left: np.ndarray, share: np.ndarray) -> float:

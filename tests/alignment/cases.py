@@ -9,8 +9,6 @@ from jaxcal.alignment._findings import OUTCOMES
 
 DEG = np.pi / 180
 ARW, VRW = 0.01 * DEG / 60, 50e-6 * 9.80665
-#: tells a fit that nothing drifts, so that its errors are those of the noise alone
-NO_DRIFT = {"b_g_rate": 0.0}
 
 
 def vectors(reference):

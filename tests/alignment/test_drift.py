@@ -7,7 +7,7 @@ import pytest
 
 import jaxcal
 from jaxcal.alignment import Positions, Readings, fit, from_log
-from jaxcal.alignment._drift import there_and_back
+from jaxcal.alignment._lack import there_and_back
 from jaxcal.noise import Noise
 
 from . import world
@@ -52,16 +52,18 @@ def test_a_drift_is_named_and_the_azimuth_holds_or_is_withheld(plan, kind, parts
     assert held[2] > 0.95 - 3 * np.sqrt(0.95 * 0.05 / runs)
 
 
-@pytest.mark.parametrize(("plan", "most"), [(FOUR, 3.0), (MIRRORED, 1.6), (world.PAIRS, 1.2)], ids=["four", "mirrored", "pairs"])
-def test_without_a_drift_nothing_is_found_and_the_estimate_is_as_good_as_before(plan, most):
-    found, held, off = results(plan, 30)
-    assert np.mean([one.verdict == "good" for one in found]) > 0.95
+@pytest.mark.parametrize("plan", [FOUR, MIRRORED, world.PAIRS], ids=["four", "mirrored", "pairs"])
+def test_without_a_drift_nothing_is_found_and_the_estimate_is_as_good_as_before(plan):
+    runs = 60
+    found, held, off = results(plan, runs)
+    # three in a hundred are said to misfit
+    assert np.mean([one.verdict == "good" for one in found]) > 0.97 - 3 * np.sqrt(0.03 * 0.97 / runs)
     assert not any({"drift", "tilt"} & one.codes for one in found)
     assert np.all(held > 0.83)
     # the bound without a drift: N sqrt(2 / T) over the horizontal part of the Earth's rate
     bound = world.GYRO[0] * np.sqrt(2 / 480.0) / (world.EARTH * np.cos(world.LATITUDE))
-    assert off[2] < bound * (1.03 + 3 / np.sqrt(2 * 30))
-    assert np.median([one.azimuth_std for one in found]) / bound < most
+    assert off[2] < bound * (1.03 + 3 / np.sqrt(2 * runs))
+    assert np.median([one.azimuth_std for one in found]) / bound < 1.03
     assert plan is MIRRORED or all(("drift_order" in one.codes) == (plan is FOUR) for one in found)
 
 
@@ -99,9 +101,15 @@ def test_the_order_is_the_best_of_all():
     assert own.max() == pytest.approx(worst.min(), abs=1e-9)
 
 
-def test_who_says_that_nothing_drifts_gets_the_errors_of_the_noise_alone():
-    places = Positions(np.deg2rad([0, 90, 180, 270]), dwell=120.0)
+@pytest.mark.parametrize("drift", [0.0, 2e-6])
+def test_the_errors_are_proportional_to_all_noise_and_allow_for_little_in_plain_readings(drift):
+    places, rng = Positions(np.deg2rad([0, 180, 180, 0, 90, 270, 270, 90]), dwell=120.0), np.random.default_rng(0)
     clean = [vector[:, 0] for vector in world.vectors(np.array([1.0, 2.0, 40.0]) * DEG, np.asarray(places.angle))]
-    readings = Readings(places, *clean, accel_noise=NOISE["accel"], gyro_noise=NOISE["gyro"])
-    wide, narrow = (fit(readings, world.LATITUDE, **more).azimuth_std for more in ({}, {"start": {"b_g_rate": 0.0}}))
-    assert wide > 1.5 * narrow
+    off = [c[0] * (rng.normal(size=8) / np.sqrt(120) + drift * np.arange(8) * 1e4) for c in (world.ACCEL, world.GYRO)]
+    std = []
+    for times in (1, 2):
+        noise = {f"{name}_noise": times * one.N for name, one in NOISE.items()}
+        readings = Readings(places, *(x + times * e for x, e in zip(clean, off, strict=True)), **noise)
+        std.append([fit(readings, world.LATITUDE, **more).azimuth_std for more in ({}, {"start": {"b_g_rate": 0.0}})])
+    assert std[1] == pytest.approx([2 * one for one in std[0]], rel=1e-3)
+    assert drift or std[0][0] < 1.03 * std[0][1]

@@ -9,7 +9,7 @@ from jaxcal.alignment import Positions, Readings, Sensor, crlb, fit, noise_of, p
 from jaxcal.noise import Noise
 
 from . import cases, world
-from .cases import ARW, DEG, NO_DRIFT, VRW
+from .cases import ARW, DEG, VRW
 
 ATTITUDE = np.array([1.0, 2.0, 40.0]) * DEG
 GIVEN = {kind: [Noise(**dict(zip("NBK", c * keep, strict=True))) for c in (world.ACCEL, world.GYRO)] for kind, keep in world.NOISES.items()}
@@ -22,7 +22,7 @@ def covered(plan_name, kind, known, runs, seed=5):
     noise = dict(zip(("accel_noise", "gyro_noise"), GIVEN[kind], strict=True))
     inside, errors = [], []
     for a, w in zip(accel, gyro, strict=True):
-        found = fit(Readings(places, a, w, **(noise if known else {})), world.LATITUDE, start=NO_DRIFT)
+        found = fit(Readings(places, a, w, **(noise if known else {})), world.LATITUDE)
         limits = {name: (found.estimate[name].low, found.estimate[name].high) for name in ("phi", "theta", "psi")}
         inside.append([limits[name][0] <= truth <= limits[name][1] for name, truth in zip(("phi", "theta", "psi"), ATTITUDE, strict=True)])
         errors.append(found.psi - ATTITUDE[2])

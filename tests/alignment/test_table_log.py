@@ -9,7 +9,7 @@ from jaxcal.alignment import Positions, Readings, fit, from_log
 from jaxcal.noise import Noise
 
 from . import world
-from .cases import DEG, NO_DRIFT
+from .cases import DEG
 
 ATTITUDE = np.array([1.0, 2.0, 40.0]) * DEG
 WORDS = {1: ("x",), 3: ("x", "y", "fixed z")}
@@ -31,11 +31,11 @@ def compared(axes, known, runs, kind="N+B+K"):
         time, angle, accel, gyro, rests, ideal = world.recording(rng, angles, dwells, kind, ATTITUDE, axes=axes)
         found = from_log(jaxcal.Log(time, accel=accel, gyro=gyro), angle=angle if known else None, noise=noise)
         assert len(found.angle) == len(angles)
-        got, words = found.fit(world.LATITUDE, start=NO_DRIFT), WORDS[axes]
+        got, words = found.fit(world.LATITUDE), WORDS[axes]
         times = (rests[:, 1] - rests[:, 0]) / 50, rests[:, 0] / 50
         places = Positions(np.repeat(angles * DEG, axes), words * len(angles), *(np.repeat(x, axes) for x in times))
         means = Readings(places, *(mean.ravel() for mean in ideal), accel_noise=noise["accel"], gyro_noise=noise["gyro"])
-        best = fit(means, world.LATITUDE, model=found.model, free=found.free, priors=found.priors or None, start=NO_DRIFT)
+        best = fit(means, world.LATITUDE, model=found.model, free=found.free, priors=found.priors or None)
         names = ("phi", "theta", "psi")
         differences.append([(got.parameters[name] - best.parameters[name]) / got.std[name] for name in names])
         inside.append([got.estimate[name].low <= truth <= got.estimate[name].high for name, truth in zip(names, ATTITUDE, strict=True)])
@@ -120,7 +120,7 @@ def test_a_known_azimuth_calibrates_the_gyro():
     for _ in range(4):
         time, angle, accel, gyro, _, _ = world.recording(rng, [0, 90, 180, 270], [120.0] * 4, "white", ATTITUDE, rate=20.0, scale=1.01)
         found = from_log(jaxcal.Log(time, accel=accel, gyro=gyro), angle=angle, noise={"accel": world.ACCEL[0], "gyro": world.GYRO[0]})
-        got = found.fit(world.LATITUDE, free=("phi", "theta", "b_a", "b_g", "s_g"), start={"psi": ATTITUDE[2], **NO_DRIFT})
+        got = found.fit(world.LATITUDE, free=("phi", "theta", "b_a", "b_g", "s_g"), start={"psi": ATTITUDE[2]})
         inside.append(got.estimate["s_g"].low <= 0.01 <= got.estimate["s_g"].high)
         ratio.append(abs(got.parameters["s_g"] - 0.01) / got.std["s_g"])
     assert sum(inside) >= 3

@@ -1,0 +1,224 @@
+"""What a fit leaves out (host): drifts of the gyro, a tilting base and errors of the angles, what they change, and a better order."""
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .._answer import Finding, Quantity
+from .._arrays import padded as long
+from .._special import chi_square_tail
+from ..fitting import Estimate
+from ..fitting._missing import LEVEL, Missing, missing
+from ._findings import FINDINGS, has_number
+from ._model import Table, residuals, tabulate, with_angle_errors, with_values
+from ._noise import SENSORS
+from ._positions import EARTH_RATE, ROUNDING, SMALL, Readings, wrap
+from ._result import AlignmentFit, sizes_of
+
+_DEG_PER_HOUR = np.deg2rad(1.0) / 3600
+_ENCODER = np.deg2rad(0.1)  # errors of a plain encoder or of angles set by hand
+_OPPOSITE = 0.1  # rad: positions this close to a half turn apart are a pair
+_PASSES = 2  # of the linear search for terms: about the answer without them, and about that with them
+_NUDGE = 1e-4  # step of a derivative, in the size of each parameter
+(_MISFIT,) = FINDINGS["misfit"].limits
+
+
+def checked(
+    found: AlignmentFit, table: Table, gravity: Any, noise: dict[str, Any], spare: dict[str, float],
+    refit: Callable[[Readings, dict[str, Any]], AlignmentFit],
+) -> AlignmentFit:  # fmt: skip
+    """A fit after a look for what it leaves out: with what the readings show; its errors allow for what they nearly show.
+
+    A term that the model lacks is there with the odds LEVEL / `Missing.level`, which are even where a term counts as shown. The covariance
+    is that of the mixture of all answers, about the most probable one. Both grow and shrink with the noise. Errors of a noise that comes
+    from the residuals hold a drift already.
+
+    Parameters
+    ----------
+    found : the fit. table, gravity, noise : what it was fitted to, with the noise of each sensor.
+    spare : sensor -> degrees of freedom of its residuals.
+    refit : (readings, start) -> fit of these readings, without such a look; a sensor without a noise takes that of its residuals.
+    """
+    said = _order(found) + _exact(found)
+    if not found.noise_known or not has_number(found.outcome) or np.any(found.lost):
+        return dataclasses.replace(found, findings=(*found.findings, *said))
+    first, readings, look = found, found.readings, _Look(found, table, gravity, noise)
+    states, allowed, effect = dict(found.estimate.states), np.zeros_like(found.covariance), np.zeros((2, len(found.readings.positions)))
+    for sensor in spare:
+        best, more = look.searched(sensor, _log_tail(getattr(found, f"{sensor}_residual"), spare[sensor]))
+        allowed[np.ix_(look.free, look.free)] += more
+        if best is None:
+            continue
+        added = look.means[sensor][best.name] @ best.coefficient
+        effect, change = effect + added, look.values - np.asarray(first.estimate.values)
+        if sensor == "accel":
+            tilt = Quantity(math.hypot(*best.coefficient) * float(np.ptp(readings.positions.time)), "angle")
+            said.insert(0, FINDINGS("tilt", sensor, tilt=tilt, change=Quantity(math.hypot(*change[:2]), "angle")))
+        else:
+            size, change = Quantity(float(np.ptp(added[1])), "B.gyro"), Quantity(abs(float(wrap(change[2]))), "angle")
+            said.insert(0, FINDINGS("drift", sensor, size=size, change=change))
+            # the form of the drift stays open where it explains too little, and where there are too few readings to see that
+            if look.left() < np.log(LEVEL) or "power 2" not in look.terms[sensor]:
+                said.insert(0, FINDINGS("drift_open", sensor))
+                states["psi"] = "open"
+    begin = {found.names[i]: look.values[i] for i in look.free}
+    if np.any(effect):
+        less = {name: own - more for name, more in zip(SENSORS, effect, strict=True) if (own := getattr(readings, name)) is not None}
+        found = refit(dataclasses.replace(readings, **less), begin)
+    estimate = found.estimate
+    if "misfit" in found.codes:
+        off = [name for name in spare if _log_tail(getattr(found, f"{name}_residual"), spare[name]) < np.log((1 - _MISFIT) / len(SENSORS))]
+        estimate = refit(dataclasses.replace(found.readings, **{f"{name}_noise": None for name in off}), begin).estimate
+    states, matrix = estimate.states | states, estimate.matrix + allowed
+    estimate = Estimate(found.names, estimate.values, matrix, estimate.freedom, states, estimate.quantities)
+    return dataclasses.replace(found, estimate=estimate, readings=readings, findings=(*found.findings, *said))
+
+
+class _Look:
+    """Search for terms that the model of a fit lacks, in the readings inside the rests where they are known.
+
+    Attributes
+    ----------
+    values : (p,) parameters, with the terms that were found. free : places of those that are estimated.
+    data : readings without these terms. terms : sensor -> term -> (2, n, q) its effect on these. means : on the mean readings.
+    """
+
+    def __init__(self, found: AlignmentFit, table: Table, gravity: Any, noise: dict[str, Any]):
+        readings = found.readings
+        parts = readings if readings.parts is None else readings.parts
+        self.model, self.free, self.values = found.model, np.flatnonzero(found.free), np.array(found.estimate.values)
+        self.sizes = np.asarray(sizes_of(found.names, gravity, readings.positions))
+        self.terms, self.means = (_terms(found, one, parts, gravity) for one in (parts, readings))
+        data = tabulate(parts, gravity, list(noise.values()), table.prior, table.certainty)
+        self.data = with_angle_errors(data, found.model, parts.positions, gravity, parts.lever_arm)
+
+    def _less(self, effect: np.ndarray) -> Table:
+        """Readings without an effect (2, n)."""
+        accel, gyro = (long(one, self.data.accel.size) for one in effect)
+        return dataclasses.replace(self.data, accel=self.data.accel - accel, gyro=self.data.gyro - gyro)
+
+    def _rows(self, values: np.ndarray, data: Table | None = None) -> np.ndarray:
+        """Whitened residuals at these parameters."""
+        return np.asarray(residuals(with_values(self.model, values), self.data if data is None else data))
+
+    def searched(self, sensor: str, scattered: float) -> tuple[Missing | None, np.ndarray]:
+        """The term of a sensor that the readings show, which moves into `values` and `data`; and what the others add to the covariance.
+
+        `scattered` is the logarithm of the probability of the residuals: where errors at each position alone explain more, nothing shows.
+        """
+        terms, best = self.terms[sensor], None
+        for _ in range(_PASSES):
+            rows, steps = self._rows(self.values), np.diag(_NUDGE * self.sizes)[self.free]
+            slope = np.stack([(self._rows(self.values + h) - self._rows(self.values - h)) / (2 * h.max()) for h in steps], axis=1)
+            made = {
+                name: np.stack([self._rows(self.values, self._less(-one)) - rows for one in np.moveaxis(effect, 2, 0)], axis=1)
+                for name, effect in terms.items()
+            }
+            tried = [one for one in missing(rows, slope, made, 1.0) if np.all(np.isfinite(one.covariance))]
+            none = max(0.0, np.log(LEVEL / max(len(terms), 1)) - scattered)
+            odds = np.array([none, *(np.log(LEVEL) - one.log_level for one in tried)])
+            at = int(np.argmax(odds))
+            if not at:
+                break
+            best = tried[at - 1]
+            self.values[self.free] += best.shift - np.linalg.lstsq(slope, rows)[0]
+        share = np.exp(odds - odds[at]) / np.sum(np.exp(odds - odds[at]))
+        shift = np.array([np.zeros(len(self.free)), *(one.shift for one in tried)])
+        allowed = np.einsum("k,ki,kj->ij", share, shift - shift[at], shift - shift[at])
+        allowed += sum(weight * one.change @ one.covariance @ one.change.T for weight, one in zip(share[1:], tried, strict=True))
+        if at and best is not None:
+            self.data = self._less(terms[best.name] @ best.coefficient)
+        return best if at else None, allowed
+
+    def left(self) -> float:
+        """Logarithm of the probability of larger residuals."""
+        rows = self._rows(self.values)
+        return _log_tail(rows, np.count_nonzero(rows) - len(self.free))
+
+
+def _log_tail(rows: np.ndarray, freedom: float) -> float:
+    """Logarithm of the probability of larger residuals; its leading part where the number is too small."""
+    square = float(np.sum(np.asarray(rows) ** 2))
+    level = chi_square_tail(square, max(round(freedom), 1))
+    return float(np.log(level)) if level > 0 else -square / 2
+
+
+def _terms(found: AlignmentFit, readings: Readings, tried: Readings, gravity: Any) -> dict[str, dict[str, np.ndarray]]:
+    """Sensor -> term -> (2, n, q) change of the readings of accelerometer and gyro for a unit of each of its coefficients."""
+    places, model, terms = readings.positions, found.model, {name: {} for name in SENSORS}
+    time, half = np.asarray(places.time), float(np.max(places.start + places.dwell) - np.min(places.start)) / 2
+    # what offset and two harmonics leave over
+    spare = {
+        name: 0 if (values := getattr(tried, name)) is None else np.count_nonzero(np.isfinite(values) & (tried.positions.channel == 0)) - 3
+        for name in SENSORS
+    }  # fmt: skip
+    if spare["accel"] > 2:
+        ends = ((dataclasses.replace(model, **{name: getattr(model, name) + h}) for h in (_NUDGE, -_NUDGE)) for name in ("phi", "theta"))
+        slope = np.stack([np.subtract(*(one.measure(places, gravity=gravity)[0] for one in pair)) for pair in ends], axis=-1)
+        accel = slope / (2 * _NUDGE) * time[:, None]  # it tilts the Earth's rate as well, by nothing that a gyro sees
+        terms["accel"]["tilt"] = np.stack([accel, np.zeros_like(accel)])
+    here = np.unique(tried.positions.channel[tried.positions.channel < 2])
+    # a drift that shows is seldom straight
+    most = min(spare["gyro"], 4)
+    shapes = {f"power {n}": [(time / half) ** k for k in range(1, n + 1)] for n in range(min(most, 2), most + 1) if n > 0}
+    moments = np.unique(found.readings.positions.start)[1:] if spare["gyro"] > 0 else []
+    shapes |= {f"step {i + 1}": [1.0 * (np.asarray(places.start) > moment - SMALL)] for i, moment in enumerate(moments)}
+    for name, columns in shapes.items():
+        gyro = np.stack([column * (places.channel == axis) for column in columns for axis in here], axis=-1)
+        terms["gyro"][name] = np.stack([np.zeros_like(gyro), gyro])
+    return terms
+
+
+def _order(found: AlignmentFit) -> list[Finding]:
+    """What a drift of the gyro's bias does to the azimuth, and the order of positions that it hurts less."""
+    places = found.readings.positions
+    if found.parameters.get("psi") is None or found.readings.gyro is None:
+        return []
+    here = np.isfinite(np.asarray(found.readings.gyro)) & np.isin(places.mounting, ["x", "y"])
+    angle, time, axis = np.asarray(places.angle)[here], np.asarray(places.start + places.dwell / 2)[here], places.channel[here]
+    order = there_and_back(angle[axis == axis.min(initial=1)])
+    if len(order) < 4 or len(np.unique(time)) < 2:  # not two angles
+        return []
+    now, then = _sensitivity(angle, time, axis), _sensitivity(order, np.arange(len(order)), 0 * order)
+    size = Quantity(now / float(np.cos(found.latitude)), "angle")
+    return FINDINGS.over("drift_order", now / then, size=size, order=", ".join(f"{round(x, 1):g}" for x in np.rad2deg(order)))
+
+
+def _exact(found: AlignmentFit) -> list[Finding]:
+    """What errors of the table's angles would do that are not given."""
+    places, known = found.readings.positions, found.parameters
+    if places.angle_std is not None or not found.noise_known or None in (known.get("phi"), known.get("theta")):
+        return []
+    each = _ENCODER / np.sqrt(len(np.unique(places.start)))
+    level, azimuth = np.hypot(found.phi, found.theta) * each, each * ("psi" in known)
+    ratio = max(level / max(found.std["phi"], found.std["theta"]), azimuth / max(found.std.get("psi", np.inf), ROUNDING))
+    return FINDINGS.over("angles_exact", ratio, level=Quantity(float(level), "angle"), azimuth=Quantity(float(azimuth), "angle"))
+
+
+def there_and_back(angle: np.ndarray) -> np.ndarray:
+    """Table angles in the order a, a + 180, a + 180, a for each pair of opposite ones, or all forth and back.
+
+    Of the 2,520 orders of twice 0, 90, 180 and 270 degrees, it leaves least of a linear drift, of a quadratic one and of a step.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.alignment._lack import there_and_back
+    >>> np.rad2deg(there_and_back(np.deg2rad([0, 90, 180, 270]))).round()
+    array([  0., 180., 180.,   0.,  90., 270., 270.,  90.])
+    """
+    distinct = np.unique(np.round(np.mod(angle, 2 * np.pi), 3))
+    pairs = [(a, b) for a in distinct for b in distinct if a < b and abs(b - a - np.pi) < _OPPOSITE]
+    forth = [(a, b, b, a) for a, b in pairs] if 2 * len(pairs) == len(distinct) else [distinct, distinct[::-1]]
+    return np.concatenate(forth)
+
+
+def _sensitivity(angle: np.ndarray, time: np.ndarray, axis: np.ndarray) -> float:
+    """Largest change of the azimuth (rad) at the equator if a bias of the gyro changes by 1 deg/h: evenly in time, or in one step."""
+    turn = np.exp(1j * (angle + np.pi / 2 * (axis > 0)))  # gain of a reading: both harmonics of the Earth's rate
+    shapes = [(time - time.min()) / np.ptp(time), *(time >= moment for moment in np.unique(time)[1:])]
+    each = [abs(np.sum((turn * (shape - shape[axis == i].mean()))[axis == i])) for shape in shapes for i in np.unique(axis)]
+    return 2 * float(max(each)) / len(turn) / EARTH_RATE * _DEG_PER_HOUR
