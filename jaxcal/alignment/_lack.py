@@ -52,7 +52,8 @@ def checked(
         allowed[np.ix_(look.free, look.free)] += more
         if best is None:
             continue
-        added = look.means[sensor][best.name] @ best.coefficient
+        inside = look.terms[sensor][best.name] @ best.coefficient
+        added = inside.reshape(2, look.rests, -1, effect.shape[1] // look.rests).mean(axis=2).reshape(2, -1)
         effect, change = effect + added, look.values - np.asarray(first.estimate.values)
         if sensor == "accel":
             tilt = Quantity(math.hypot(*best.coefficient) * float(np.ptp(readings.positions.time)), "angle")
@@ -68,12 +69,11 @@ def checked(
     if np.any(effect):
         less = {name: own - more for name, more in zip(SENSORS, effect, strict=True) if (own := getattr(readings, name)) is not None}
         found = refit(dataclasses.replace(readings, **less), begin)
-    estimate = found.estimate
+    own, wide = found.estimate, found.estimate
     if "misfit" in found.codes:
         off = [name for name in spare if _log_tail(getattr(found, f"{name}_residual"), spare[name]) < np.log((1 - _MISFIT) / len(SENSORS))]
-        estimate = refit(dataclasses.replace(found.readings, **{f"{name}_noise": None for name in off}), begin).estimate
-    states, matrix = estimate.states | states, estimate.matrix + allowed
-    estimate = Estimate(found.names, estimate.values, matrix, estimate.freedom, states, estimate.quantities)
+        wide = refit(dataclasses.replace(found.readings, **{f"{name}_noise": None for name in off}), begin).estimate
+    estimate = Estimate(own.names, own.values, wide.matrix + allowed, wide.freedom, own.states | states, own.quantities)
     return dataclasses.replace(found, estimate=estimate, readings=readings, findings=(*found.findings, *said))
 
 
@@ -83,7 +83,7 @@ class _Look:
     Attributes
     ----------
     values : (p,) parameters, with the terms that were found. free : places of those that are estimated.
-    data : readings without these terms. terms : sensor -> term -> (2, n, q) its effect on these. means : on the mean readings.
+    data : readings without these terms. terms : sensor -> term -> (2, n, q) its effect on these. rests : number of rests.
     """
 
     def __init__(self, found: AlignmentFit, table: Table, gravity: Any, noise: dict[str, Any]):
@@ -91,7 +91,7 @@ class _Look:
         parts = readings if readings.parts is None else readings.parts
         self.model, self.free, self.values = found.model, np.flatnonzero(found.free), np.array(found.estimate.values)
         self.sizes = np.asarray(sizes_of(found.names, gravity, readings.positions))
-        self.terms, self.means = (_terms(found, one, parts, gravity) for one in (parts, readings))
+        self.terms, self.rests = _terms(found, parts, gravity), len(np.unique(readings.positions.start))
         data = tabulate(parts, gravity, list(noise.values()), table.prior, table.certainty)
         self.data = with_angle_errors(data, found.model, parts.positions, gravity, parts.lever_arm)
 
@@ -146,28 +146,25 @@ def _log_tail(rows: np.ndarray, freedom: float) -> float:
     return float(np.log(level)) if level > 0 else -square / 2
 
 
-def _terms(found: AlignmentFit, readings: Readings, tried: Readings, gravity: Any) -> dict[str, dict[str, np.ndarray]]:
+def _terms(found: AlignmentFit, parts: Readings, gravity: Any) -> dict[str, dict[str, np.ndarray]]:
     """Sensor -> term -> (2, n, q) change of the readings of accelerometer and gyro for a unit of each of its coefficients."""
-    places, model, terms = readings.positions, found.model, {name: {} for name in SENSORS}
-    time, half = np.asarray(places.time), float(np.max(places.start + places.dwell) - np.min(places.start)) / 2
+    places, model, terms = parts.positions, found.model, {name: {} for name in SENSORS}
+    time, channel = np.asarray(places.time), places.channel
     # what offset and two harmonics leave over
-    spare = {
-        name: 0 if (values := getattr(tried, name)) is None else np.count_nonzero(np.isfinite(values) & (tried.positions.channel == 0)) - 3
-        for name in SENSORS
-    }  # fmt: skip
+    read = {name: np.asarray(np.nan if (own := getattr(parts, name)) is None else own) for name in SENSORS}
+    spare = {name: np.count_nonzero(np.isfinite(own) & (channel == 0)) - 3 for name, own in read.items()}
     if spare["accel"] > 2:
         ends = ((dataclasses.replace(model, **{name: getattr(model, name) + h}) for h in (_NUDGE, -_NUDGE)) for name in ("phi", "theta"))
         slope = np.stack([np.subtract(*(one.measure(places, gravity=gravity)[0] for one in pair)) for pair in ends], axis=-1)
         accel = slope / (2 * _NUDGE) * time[:, None]  # it tilts the Earth's rate as well, by nothing that a gyro sees
         terms["accel"]["tilt"] = np.stack([accel, np.zeros_like(accel)])
-    here = np.unique(tried.positions.channel[tried.positions.channel < 2])
     # a drift that shows is seldom straight
-    most = min(spare["gyro"], 4)
-    shapes = {f"power {n}": [(time / half) ** k for k in range(1, n + 1)] for n in range(min(most, 2), most + 1) if n > 0}
-    moments = np.unique(found.readings.positions.start)[1:] if spare["gyro"] > 0 else []
+    most, part = min(spare["gyro"], 4), time / np.abs(time).max()
+    shapes = {f"power {n}": [part**k for k in range(1, n + 1)] for n in range(min(most, 2), most + 1) if n > 0}
+    moments = np.unique(found.readings.positions.start)[1:] if most > 0 else []
     shapes |= {f"step {i + 1}": [1.0 * (np.asarray(places.start) > moment - SMALL)] for i, moment in enumerate(moments)}
     for name, columns in shapes.items():
-        gyro = np.stack([column * (places.channel == axis) for column in columns for axis in here], axis=-1)
+        gyro = np.stack([column * (channel == axis) for column in columns for axis in np.unique(channel[channel < 2])], axis=-1)
         terms["gyro"][name] = np.stack([np.zeros_like(gyro), gyro])
     return terms
 

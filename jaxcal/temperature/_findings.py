@@ -15,10 +15,6 @@ FINDINGS = table(
         CAUTION, "Heating and cooling differ, but the temperature changed too evenly to tell a lag from a play.",
         "Record ramps of different speed.",
     ),
-    jump_missed=Kind(
-        CAUTION, "The polynomial leaves {worst:.3g} around {at:.1f} degC, {times:.1f} times its rms. Is there a jump?",
-        "{option.model:auto} follows it.",
-    ),
     left_out=Kind(NOTE, "{missing} of {total} samples are not numbers and {outliers} stand out from their neighbours; they are left out."),
     constant=Kind(CAUTION, "Constant in every sample: the channel is dead, and has no model."),
     refused=Kind(CAUTION, "No model: {why}"),

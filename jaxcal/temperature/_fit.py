@@ -120,9 +120,8 @@ def _check(model: Any, degree: Any, lag: Any, play: Any, confidence: float, time
         said = "{option.model:polynomial} and {option.degree} go together; {option.model:auto} has as much freedom as the data support"
         raise DataError(Message(said), code="degree")
     if degree is not None and (not isinstance(degree, (int, np.integer)) or isinstance(degree, bool) or not 0 <= degree <= DEGREE):
-        raise DataError(
-            Message("{option.degree:{degree}}: expected a whole number from 0 to {cap}", degree=degree, cap=DEGREE), code="degree"
-        )
+        said = "{option.degree:{degree}}: expected a whole number from 0 to {cap}"
+        raise DataError(Message(said, degree=degree, cap=DEGREE), code="degree")
     if not 0 < confidence < 1:
         said = "{option.confidence:{level:g}}: expected a level between 0 and 1, such as 0.95"
         raise DataError(Message(said, level=confidence), code="confidence")
@@ -202,8 +201,6 @@ def _given(
         curve = polynomial_curve(bins, low, high, degree) if degree is not None else table_curve(binned(t, b, COARSE))
     residual = bins.b - np.asarray(curve.value(bins.t))
     rms, worst, worst_at = _windows(bins, residual)
-    if kind == "polynomial" and worst > 3 * _elsewhere(bins, residual, worst_at):  # beyond chance and the ends of the range
-        findings.append(FINDINGS("jump_missed", cost=worst, worst=Quantity(worst, quantity), at=worst_at, times=worst / rms))
     grid, rows, gain = _gain(curve, own, bins, t, b, degree, low, high)
     found = settled(design, given)
     restricted = design.restricted(found.form)
@@ -268,8 +265,3 @@ def _windows(bins: Bins, residual: AnyArray) -> tuple[float, float, float]:
     mean = square / np.maximum(count, 1)
     worst = int(np.argmax(mean))
     return float(np.sqrt(square.sum() / count.sum())), float(np.sqrt(mean[worst])), float(bins.t[0]) + _WINDOW * (worst + 0.5)
-
-
-def _elsewhere(bins: Bins, residual: AnyArray, centre: float) -> float:
-    away = np.abs(bins.t - centre) > _WINDOW
-    return float(np.sqrt(np.average(residual[away] ** 2, weights=bins.count[away]))) if away.any() else np.inf

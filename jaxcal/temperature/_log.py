@@ -105,16 +105,14 @@ def thermometer(log: Log) -> AnyArray:
     slope of the bias; the average over a second removes most of it.
     """
     if log.temperature is None:
-        raise DataError(
-            Message("the log has no temperature; name its column with {option.columns:temperature=NAME}"), code="no_temperature"
-        )
+        said = "the log has no temperature; name its column with {option.columns:temperature=NAME}"
+        raise DataError(Message(said), code="no_temperature")
     t = np.asarray(log.temperature, dtype=float)
     known = np.isfinite(t)
     t = np.asarray(np.interp(log.time, log.time[known], t[known]))
     size = max(round(log.rate), 1)
     if size == 1 or len(t) < size:
         return t
-    total = np.concatenate([[0.0], np.cumsum(t - t[0])])
-    last = np.minimum(np.arange(len(t)) + size // 2 + 1, len(t))
-    first = np.maximum(np.arange(len(t)) - size // 2, 0)
+    total = np.cumsum(np.append(0.0, t - t[0]))
+    first, last = (np.clip(np.arange(len(t)) + by, 0, len(t)) for by in (-(size // 2), size // 2 + 1))
     return t[0] + (total[last] - total[first]) / (last - first)

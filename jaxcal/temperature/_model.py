@@ -130,9 +130,7 @@ class ThermalModel(Model):
     def _at(self, y: Any, temperature: Any, time: Any, rate: Any, state: Any) -> tuple[Any, Any, Any]:
         """Readings and bias of every sample, in one dtype, and the state after the last sample."""
         if np.shape(y) != np.shape(temperature) or np.ndim(temperature) != 1 or not np.size(temperature):
-            raise DataError(
-                f"y has shape {np.shape(y)} and temperature {np.shape(temperature)}; expected both (n,), one temperature per reading"
-            )
+            raise DataError(f"y has shape {np.shape(y)} and temperature {np.shape(temperature)}; expected both (n,), for each reading one")
         xp = array_module(self, y, temperature)
         t, y = common(xp, temperature, y)
         if not is_traced(t) and not np.isfinite(t).all():
@@ -154,12 +152,9 @@ class ThermalModel(Model):
         if not is_traced(self, t):
             outside = np.mean((t < low) | (t > high))
             if np.min(t) < low - FINE or np.max(t) > high + FINE:  # closer ones may be noise of the thermometer
-                warnings.warn(
-                    f"{100 * outside:.3g} % of the temperatures ({np.min(t):.2f} to {np.max(t):.2f} degC) are outside the range of the "
-                    f"model, {low:.2f} to {high:.2f} degC; the value at its end is used. Calibrate over a wider range",
-                    ClampWarning,
-                    stacklevel=5,
-                )
+                said = f"{100 * outside:.3g} % of the temperatures ({np.min(t):.2f} to {np.max(t):.2f} degC) are outside the range of "
+                said += f"the model, {low:.2f} to {high:.2f} degC; the value at its end is used. Calibrate over a wider range"
+                warnings.warn(said, ClampWarning, stacklevel=5)
         return self.curve.value(xp.clip(t, low, high))
 
 

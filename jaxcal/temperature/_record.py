@@ -7,6 +7,7 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
+import scipy  # loads its parts when they are first used
 
 from .._answer import Finding
 from .._arrays import namespace
@@ -102,9 +103,7 @@ def record(temperature: Any, bias: Any, time: Any) -> Record:
     stamps = None if time is None else numbers(time, "time")
     for name, values in (("bias", b), ("time", stamps)):
         if values is not None and len(values) != len(t):
-            said = (
-                f"{name} has {len(values)} samples and temperature {len(t)}; give one temperature per sample (interpolate the thermometer)"
-            )
+            said = f"{name} has {len(values)} samples and temperature {len(t)}; interpolate the thermometer to the samples"
             raise DataError(said, code="lengths")
     known = np.isfinite(t) & np.isfinite(b) & (True if stamps is None else np.isfinite(stamps))
     if not known.any():
@@ -175,19 +174,5 @@ def _check(t: AnyArray) -> list[Finding]:
 
 def ramps(t: AnyArray) -> AnyArray:
     """Index of the ramp of each sample; a turning point needs a return by a tenth of the range, and by 0.5 degC."""
-    least = max(np.ptp(t) / 10, 0.5)
-    turns, up, extreme = [], None, 0
-    low = high = 0
-    for k, value in enumerate(t.tolist()):
-        if up is None:
-            low, high = (k if value < t[low] else low), (k if value > t[high] else high)
-            if t[high] - t[low] >= least:
-                up, extreme = high > low, max(high, low)
-                if min(high, low) > 0 and abs(t[min(high, low)] - t[0]) >= least:
-                    turns.append(min(high, low))
-        elif (value > t[extreme]) == up:
-            extreme = k if value != t[extreme] else extreme
-        elif abs(value - t[extreme]) >= least:
-            turns.append(extreme)
-            up, extreme = not up, k
-    return np.searchsorted(turns, np.arange(len(t)), side="right")
+    turns = [scipy.signal.find_peaks(sign * t, prominence=max(np.ptp(t) / 10, 0.5))[0] for sign in (1, -1)]
+    return np.searchsorted(np.sort(np.concatenate(turns)), np.arange(len(t)), side="right")

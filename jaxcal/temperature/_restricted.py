@@ -200,9 +200,8 @@ class Restricted:
         quick = np.argsort(self.held.columns[:, 2])[: max(len(level) // 4, 1)]
         white = float(np.median(level[quick] / self.held.columns[quick, 0]))
         last = self.held.columns[np.argmin(self.held.columns[:, 2])]
-        unit = np.log(
-            np.array([white, *(white * last[0] / last[1:]), float(np.sum(level * self.held.count) / np.sum(self.held.count)), 1.0])
-        )
+        curve = float(np.average(level, weights=self.held.count))
+        unit = np.log(np.array([white, *(white * last[0] / last[1:]), curve, 1.0]))
         low, high = unit - _DEEP, unit + _HIGH
         low[4], high[4] = np.log(SHORTEST), np.log(LONGEST)
         return unit, low, high
@@ -239,10 +238,8 @@ class Restricted:
         each = [self.solved(draws[i]) for i in kept]
         beta = np.stack([one.beta for one in each])
         mean = weight @ beta
-        covariance = sum(w * one.covariance for w, one in zip(weight, each, strict=True)) + (beta - mean).T @ (
-            (beta - mean) * weight[:, None]
-        )
-        return Averaged(mean, np.asarray(covariance), np.exp(draws[kept, :3]), weight)
+        within, off = sum(w * one.covariance for w, one in zip(weight, each, strict=True)), beta - mean
+        return Averaged(mean, np.asarray(within + off.T @ (off * weight[:, None])), np.exp(draws[kept, :3]), weight)
 
     def _drawn(self, middle: AnyArray, root: AnyArray, count: int) -> tuple[AnyArray, AnyArray]:
         """Draws (count, p) of the hyperparameters from a multivariate t, and their weights (count,)."""

@@ -172,10 +172,7 @@ class TemperatureFit(Result):
     @host_float64
     def interval_at(self, temperature: Any) -> tuple[AnyArray, AnyArray]:
         """Limits of the confidence interval of the curve at steady temperatures (n,) or (), degC, at level `confidence`."""
-        t = np.clip(np.asarray(temperature, dtype=float), self.model.low, self.model.high)
-        value = np.asarray(self.model.curve.value(t))
-        half = scipy.special.ndtri(0.5 + self.confidence / 2) * np.interp(t, self.grid, self.error)
-        return np.asarray(value - half), np.asarray(value + half)
+        return self._about(temperature, self.error)
 
     @host_float64
     def prediction_at(self, temperature: Any) -> tuple[AnyArray, AnyArray]:
@@ -193,10 +190,12 @@ class TemperatureFit(Result):
         >>> bool(low < jaxcal.temperature.reference_bias(np.array([30.0]), jump=0.0) < high)
         True
         """
-        t = np.clip(np.asarray(temperature, dtype=float), self.model.low, self.model.high)
-        value, tail = np.asarray(self.model.curve.value(t)), 0.5 + self.confidence / 2
-        half = scipy.special.ndtri(tail) * np.interp(t, self.grid, self.next_error)
-        spread, freedom = self.level
+        return self._about(temperature, self.next_error, *self.level)
+
+    def _about(self, temperature: Any, error: AnyArray, spread: float = 0.0, freedom: int = 0) -> tuple[AnyArray, AnyArray]:
+        """Limits about the curve, for an error at each bin and one common to all."""
+        t, tail = np.clip(np.asarray(temperature, dtype=float), self.model.low, self.model.high), 0.5 + self.confidence / 2
+        value, half = np.asarray(self.model.curve.value(t)), scipy.special.ndtri(tail) * np.interp(t, self.grid, error)
         half = np.hypot(half, scipy.special.stdtrit(freedom, tail) * spread) if freedom else half
         return np.asarray(value - half), np.asarray(value + half)
 

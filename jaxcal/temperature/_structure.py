@@ -183,9 +183,6 @@ def _coarser(design: Design) -> Design:
     size = max(len(design.t) // COARSE, 1)
     if size == 1:
         return design
-
-    def means(x: AnyArray) -> AnyArray:
-        count = len(x) // size
-        return x[: count * size].reshape(count, size).mean(axis=1)
-
-    return Design([Part(means(part.t), means(part.rate), means(part.b)) for part in design.parts], design.dt * size)
+    return Design(
+        [Part(*(x[: len(x) // size * size].reshape(-1, size).mean(axis=1) for x in part)) for part in design.parts], design.dt * size
+    )
