@@ -48,14 +48,6 @@ class _Curve(NamedTuple):
     tensor: AnyArray
 
 
-class _Fitted(NamedTuple):
-    theta: AnyArray
-    covariance: AnyArray
-    misfit: float
-    freedom: float
-    settled: bool
-
-
 def fit_curves(record: Record, asked: Asked) -> list[NoiseFit]:
     """Fit the overlapped Allan deviation of each channel by the method asked for."""
     found = []
@@ -97,17 +89,17 @@ def _curve_of(curve: Deviation, samples: int, terms: tuple[Term, ...], inside: A
 
 
 def _jointly(curve: Deviation, data: _Curve, used: AnyArray, unit: float, samples: int, terms, confidence: float):
-    fitted = _fixed_point(data, used)
-    theta, covariance = fitted.theta * unit, fitted.covariance * unit**2
+    relative, spread, misfit, settled = _fixed_point(data, used)
+    theta, covariance, freedom = relative * unit, spread * unit**2, _freedom(used, relative)
     if not np.all(np.isfinite(theta)):
         raise FitError(Message("the fit gave no finite coefficients; give fewer {option.terms} or another {option.band}"))
-    goodness = chance(fitted.misfit, fitted.freedom)
-    inflation = max(fitted.misfit / fitted.freedom, 1.0) if goodness < _WIDENED else 1.0
+    goodness = chance(misfit, freedom)
+    inflation = max(misfit / freedom, 1.0) if goodness < _WIDENED else 1.0
     covariance = covariance * inflation
     fit = assemble(
         theta, covariance, _limits_of(theta, covariance, confidence), terms, curve, samples / curve.rate, goodness=goodness,
         used=used, confidence=confidence, method="gls", band=(np.min(curve.tau[used]), np.max(curve.tau[used])), findings=(
-            *getattr(curve, "findings", ()), *of_model(inflation, None), *(() if fitted.settled else (FINDINGS("unsettled"),)),
+            *getattr(curve, "findings", ()), *of_model(inflation, None), *(() if settled else (FINDINGS("unsettled"),)),
         ),
     )  # fmt: skip
     variance = np.diagonal(_covariance(data, theta / unit))
@@ -148,8 +140,8 @@ def _least(rows: AnyArray, target: AnyArray) -> AnyArray:
     return nonnegative(rows.T @ rows, rows.T @ target, np.zeros(p, dtype=bool), np.ones(p, dtype=bool))[0]
 
 
-def _fixed_point(data: _Curve, used: AnyArray) -> _Fitted:
-    """Iterate the weights."""
+def _fixed_point(data: _Curve, used: AnyArray) -> tuple[AnyArray, AnyArray, float, bool]:
+    """Coefficients, covariance and misfit at the fixed point of the weights, and whether it was reached."""
     theta = _least(data.columns[used] / data.v[used, None], np.ones(np.sum(used)))
     settled = False
     for _ in range(_STEPS):
@@ -162,7 +154,7 @@ def _fixed_point(data: _Curve, used: AnyArray) -> _Fitted:
         if settled:
             break
     misfit, rows, _ = _chi_square(data, used, theta)
-    return _Fitted(theta, inverse(rows.T @ rows), misfit, _freedom(used, theta), settled)
+    return theta, inverse(rows.T @ rows), misfit, settled
 
 
 def _logarithmic(data: _Curve, used: AnyArray) -> AnyArray:

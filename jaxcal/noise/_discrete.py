@@ -13,7 +13,7 @@ import scipy  # loads its parts when they are first used
 from .._errors import DataError
 from .._precision import is_traced
 from .._types import Any, Float
-from ._model import Noise, checked_sampling, noise_of
+from ._model import Noise, checked_sampling
 from ._terms import GaussMarkov, Term
 
 #: lowest frequency of the default band, one cycle per hour, and the largest error of the density that the default chain may have; most
@@ -58,13 +58,13 @@ class StateSpace(eqx.Module):
     initial : (states, states) covariance of the states at the first sample.
     names : names of the states, in order.
     rate : sampling rate in Hz.
-    noise : the same model as a `Noise`, in which the chain of Gauss-Markov processes replaces B.
+    noise : the same model as a `Noise`, in which the chain of Gauss-Markov processes replaces B; `noise.avar` and `noise.psd` with
+        dt = 1/rate are exactly those of the matrices.
     chain : ((qc, Tc), ...) of the flicker states, as in `Noise.markov`; empty if no term needs a chain. Besides B, terms of your own
         without an exact state-space form need one.
-    band : (low, high) frequencies in Hz between which the chain follows flicker. This and the next three are None without a chain.
-    clusters : (shortest, longest) cluster times in s that this band covers: 0.5/high and 0.1/low.
-    psd_error : largest relative error of the density of the chain in `band`.
-    deviation_error : largest relative error of the Allan deviation of the chain in `clusters`.
+    band : (low, high) frequencies in Hz between which the chain follows flicker. This and the next are None without a chain.
+    psd_error : largest relative error of the density of the chain in `band`. That of the Allan deviation between the cluster times
+        0.5/high and 0.1/low is less than half of it.
 
     Examples
     --------
@@ -83,34 +83,8 @@ class StateSpace(eqx.Module):
     noise: Noise
     chain: tuple[tuple[float, float], ...]
     band: tuple[float, float] | None
-    clusters: tuple[float, float] | None
     psd_error: float | None
-    deviation_error: float | None
     names: tuple[str, ...] = eqx.field(static=True)
-
-    def avar(self, tau: Any) -> Any:
-        """Allan variance of y at cluster time tau in s (multiples of 1/rate), computed by `Noise.avar` with `dt`.
-
-        Examples
-        --------
-        >>> import jaxcal
-        >>> model = jaxcal.noise.discrete(jaxcal.noise.Noise(N=2.0), rate=10.0)
-        >>> float(model.avar(4.0))
-        1.0
-        """
-        return self.noise.avar(tau, dt=1.0 / self.rate)
-
-    def psd(self, f: Any) -> Any:
-        """Two-sided power spectral density of y at frequency f in Hz, computed by `Noise.psd` with `dt`.
-
-        Examples
-        --------
-        >>> import jaxcal
-        >>> model = jaxcal.noise.discrete(jaxcal.noise.Noise(N=2.0), rate=10.0)
-        >>> float(model.psd(1.0))
-        4.0
-        """
-        return self.noise.psd(f, dt=1.0 / self.rate)
 
 
 def discrete(noise: Any, rate: Any, *, states: Any = None, band: Any = None) -> StateSpace:
@@ -156,8 +130,8 @@ def discrete(noise: Any, rate: Any, *, states: Any = None, band: Any = None) -> 
     >>> model = jaxcal.noise.discrete(gyro, rate=100.0, states=3, band=(0.001, 1.0))
     >>> model.names
     ('walk', 'flicker 1', 'flicker 2', 'flicker 3')
-    >>> f"{model.white:.2e} {model.process[0, 0]:.2e}, chain within {100 * model.deviation_error:.0f} %"
-    '5.29e-07 1.00e-14, chain within 4 %'
+    >>> f"{model.white:.2e} {model.process[0, 0]:.2e}, chain within {100 * model.psd_error:.0f} %"
+    '5.29e-07 1.00e-14, chain within 8 %'
 
     References
     ----------
@@ -166,19 +140,18 @@ def discrete(noise: Any, rate: Any, *, states: Any = None, band: Any = None) -> 
     """
     noise, rate = _checked_model(noise, rate)
     blocks, chains = [], []
-    quality: dict[str, Any] = dict.fromkeys(("band", "clusters", "psd_error", "deviation_error"))
+    limits, error = None, None
     for name, coefficient, term in sorted(noise.parts, key=lambda part: (*_ORDER, part[0]).index(part[0])):
         block = term.states(1.0 / rate)
         if coefficient > 0.0 and block is not None:
             blocks.append((name, coefficient, block))
         elif coefficient > 0.0:
             limits = _checked_band(band, rate)
-            unit, errors = _chain(term, rate, limits, _checked_states(states))
+            unit, largest = _chain(term, rate, limits, _checked_states(states))
             chains += [(coefficient * strength, time) for strength, time in unit]
             label = "flicker" if name == "B" else name
             blocks += [(label, strength, GaussMarkov(time=time).states(1.0 / rate)) for strength, time in chains[-len(unit) :]]
-            # if there are several chains, report the largest errors
-            quality |= {key: max(quality[key] or 0.0, value) if key.endswith("error") else value for key, value in errors.items()}
+            error = max(error or 0.0, largest)
     held = [(coefficient, block) for _, coefficient, block in blocks if block.names]
     exact = tuple(part for part in noise.further if part[1].states(1.0 / rate) is not None)
 
@@ -194,8 +167,9 @@ def discrete(noise: Any, rate: Any, *, states: Any = None, band: Any = None) -> 
         rate=rate,
         noise=dataclasses.replace(noise, B=0.0, markov=(*noise.markov, *chains), further=exact),
         chain=tuple(chains),
+        band=limits,
+        psd_error=error,
         names=_numbered([(label, block.names) for label, _, block in blocks]),
-        **quality,
     )
 
 
@@ -212,18 +186,13 @@ def _numbered(blocks: list[tuple[str, tuple[str, ...]]]) -> tuple[str, ...]:
 
 
 def _chain(term: Term, rate: float, band: tuple[float, float], states: int | None):
-    """The chain for a term of coefficient one, with its band, the cluster times that the band covers, and the errors in both."""
+    """The chain for a term of coefficient one, and the largest error of its density in the band."""
     tried = (_unit_chain(term, band, rate, number) for number in (range(1, _MOST_STATES + 1) if states is None else (states,)))
     unit, error = next((found for found in tried if found[1] <= _ERROR or states is not None), ((), math.inf))
     if not unit:
         span = f"{band[0]:g} to {band[1]:g} Hz"
         raise DataError(f"no chain of {_MOST_STATES} states is within {100 * _ERROR:g} % from {span}; choose states=")
-    shortest, longest = max(0.5 / band[1], 1.0 / rate), 0.1 / band[0]
-    m = np.unique(np.round(np.geomspace(shortest, longest, 200) * rate))
-    m = m[(m >= shortest * rate * (1.0 - 1e-9)) & (m <= longest * rate * (1.0 + 1e-9))]
-    got, wanted = (n.avar(m / rate, dt=1.0 / rate) for n in (Noise(markov=unit), noise_of([term], [1.0])))
-    off = float(np.max(np.abs(np.sqrt(got / wanted) - 1.0)))
-    return unit, {"band": band, "clusters": (shortest, longest), "psd_error": error, "deviation_error": off}
+    return unit, error
 
 
 @functools.lru_cache(maxsize=64)

@@ -16,7 +16,6 @@ that of the coefficient, as in a jackknife. A draught, or a level that wanders, 
 A factor counts in full where chance does not explain it.
 """
 
-import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -105,12 +104,7 @@ def _needed(evidence: AnyArray, count: AnyArray) -> int:
     last = int(np.searchsorted(total, _ENOUGH * total[-1]))
     ordinates = int(np.sum(count))
     wanted = max(int(np.sum(count[: last + 1])), _FEWEST)
-    return ordinates if wanted > ordinates // 4 else min(_fast(wanted), ordinates)
-
-
-@functools.lru_cache(maxsize=256)
-def _fast(length: int) -> int:
-    return int(scipy.fft.next_fast_len(length, real=True))
+    return ordinates if wanted > ordinates // 4 else min(scipy.fft.next_fast_len(wanted, real=True), ordinates)
 
 
 def _energies(spectrum: AnyArray, evidence: AnyArray, model: AnyArray, count: AnyArray) -> tuple[AnyArray, float]:

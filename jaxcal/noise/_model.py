@@ -10,6 +10,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import array_module, host_float64
+from .._quality import checked_rate, checked_whole
 from .._types import Any
 from ._terms import BUILT_IN, GaussMarkov, Sinusoid, Term
 
@@ -308,11 +309,7 @@ def checked_terms(terms: Any) -> tuple[Term, ...]:
 
 def checked_sampling(n: Any, rate: Any) -> tuple[int, float]:
     """Check the number of samples and the rate; return the number and the sampling interval in s."""
-    if not (isinstance(n, (int, np.integer)) and n >= 1):
-        raise DataError(f"n must be a positive whole number of samples; got {n!r}")
-    if not (isinstance(rate, (int, float, np.number)) and 0.0 < float(rate) < math.inf):
-        raise DataError(f"rate must be positive and finite, in Hz; got {rate!r}")
-    return int(n), 1.0 / float(rate)
+    return checked_whole("n", n, 1), 1.0 / checked_rate(rate)
 
 
 def _checked_resolution(resolution: Any, channels: int) -> np.ndarray:
@@ -321,9 +318,6 @@ def _checked_resolution(resolution: Any, channels: int) -> np.ndarray:
         step = np.asarray(resolution, dtype=float)
     except (TypeError, ValueError):
         step = np.asarray(math.nan)
-    if not (np.all(np.isfinite(step)) and np.all(step > 0)) or (step.ndim and step.shape != (channels,)):
-        raise DataError(
-            f"resolution must be the positive step of the output, or one for each of the {channels} channel"
-            f"{'s' if channels > 1 else ''}; got {resolution!r}"
-        )
+    if not (np.all(np.isfinite(step)) and np.all(step > 0)) or step.shape not in ((), (channels,)):
+        raise DataError(f"resolution must be the positive step of the output, or one for each channel ({channels}); got {resolution!r}")
     return step

@@ -56,11 +56,6 @@ class Record:
         self.names = self.names or (tuple(f"channel {i}" for i in range(y.shape[1])) if y.ndim == 2 else ("",))
 
     @property
-    def samples(self) -> int:
-        """Number of samples of a channel."""
-        return len(self.channels[0])
-
-    @property
     def sensor(self) -> str:
         """The sensor, if the channels are axes of a known one."""
         return self.names[0].partition("_")[0] if "_" in self.names[0] else ""
@@ -125,7 +120,7 @@ def checked_call(record: Record, rate: Any, method: str, terms: Any, confidence:
         raise DataError(f'a traced record is fitted by method "whittle"; got {method!r}', code="only_whittle")
     if not 0.0 < confidence < 1.0:
         raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)", code="confidence")
-    samples = record.samples
+    samples = len(record.channels[0])
     _refuse_alike(terms, samples, 1.0 / rate)
     m = clusters(samples, terms)
     if method == "whittle":  # the others are fitted to the curve, whose cluster sizes are their own

@@ -281,30 +281,26 @@ def assemble(
 
     Without limits (None) the tables stay empty. `xp` is the module of the arrays. `others` are further fields of the result.
     """
-    positive = theta > 0.0
+    names, positive = tuple(term.name for term in terms), theta > 0.0
     guarded = xp.where(positive, theta, 1.0)  # keeps the derivative of the root finite where the coefficient is zero
     value = xp.where(positive, xp.sqrt(guarded), 0.0)
     tables: dict[str, Any] = {name: {} for name in ("interval", "upper_limit", "presence", "significance", "longer_record")}
     if limits is not None:
         relative, rises = xp.sqrt(xp.diagonal(spread)) / (2.0 * guarded), limits.significance
-        columns = {
-            "interval": list(zip(xp.sqrt(limits.low), xp.sqrt(limits.high), strict=True)),
-            "upper_limit": xp.sqrt(limits.upper),
-            "presence": []
-            if xp is not np
-            else ["present" if rise > PRESENT else "hint" if rise > HINT else "not detected" for rise in rises]
-            if xp is np
-            else [],
-            "significance": rises,
-            "longer_record": xp.where(positive, duration * (relative / 0.1) ** 2, xp.inf),
-        }
-        tables = {name: dict(zip([term.name for term in terms], values, strict=False)) for name, values in columns.items()}
+        columns = (
+            zip(xp.sqrt(limits.low), xp.sqrt(limits.high), strict=True),
+            xp.sqrt(limits.upper),
+            ["present" if rise > PRESENT else "hint" if rise > HINT else "not detected" for rise in (rises if xp is np else ())],
+            rises,
+            xp.where(positive, duration * (relative / 0.1) ** 2, xp.inf),
+        )
+        tables = {name: dict(zip(names, values, strict=False)) for name, values in zip(tables, columns, strict=True)}
     return NoiseFit(
         noise=noise_of(terms, list(value), sinusoid),
-        covariance=NamedMatrix(tuple(term.name for term in terms), spread),
+        covariance=NamedMatrix(names, spread),
         deviation=curve,
         duration=duration,
-        terms=tuple(term.name for term in terms),
+        terms=names,
         **tables,
         **others,
     )

@@ -79,7 +79,7 @@ def _with_process(plain: Described, base: tuple[Term, ...], band) -> Described:
 
 def _with_changes(plain: list[Described], base: tuple[Term, ...], asked: Asked, record: Record) -> list[Described]:
     """The records with what changes their mean, if anything does."""
-    dt, n = 1.0 / asked.rate, record.samples
+    dt, n = 1.0 / asked.rate, len(record.channels[0])
     slow = np.array([name not in _FAST for name in plain[0].solved.names])
     walk = np.array([name == "K" for name in plain[0].solved.names])[slow]
     columns = lowest_of(n, dt, plain[0].solved.columns)

@@ -7,7 +7,6 @@ import pytest
 
 from jaxcal import DataError
 from jaxcal.noise import GaussMarkov, Noise, mean_covariance
-from jaxcal.noise._terms import PowerLaw
 
 START, DWELL = np.array([0.0, 31.0, 70.0, 300.0]), np.array([20.0, 30.0, 25.0, 10.0])
 
@@ -39,12 +38,6 @@ def test_means_of_samples_have_this_covariance(name):
     expected = np.array([[-np.mean(gamma[np.abs(i[:, None] - j[None, :])]) for j in samples] for i in samples])
     found = mean_covariance(noise, START, DWELL)
     np.testing.assert_allclose(contrasts(found), contrasts(expected), atol=2e-3 * np.abs(contrasts(expected)).max())
-
-
-@pytest.mark.parametrize(("exact", "term"), [(Noise(B=1.0), PowerLaw(1.0)), (Noise(K=1.0), PowerLaw(2.0))])
-def test_a_term_without_closed_form_has_the_covariance_of_its_density(exact, term):
-    numeric = mean_covariance(Noise(further=((1.0, term),)), START, DWELL)
-    np.testing.assert_allclose(numeric, mean_covariance(exact, START, DWELL), atol=1e-4 * np.abs(numeric).max())
 
 
 def test_a_slow_process_is_a_random_walk_and_a_fast_one_white():

@@ -175,7 +175,7 @@ def test_state_space_of_a_term():
     assert model.psd_error < 0.1
     assert model.names[0] == "P 1"
     f = np.geomspace(1e-3, 0.5, 50)
-    np.testing.assert_allclose(model.psd(f), 1.0 + STRENGTH**2 * np.asarray(LAW.psd(f, 1.0)), rtol=1.01 * model.psd_error)
+    np.testing.assert_allclose(model.noise.psd(f, dt=1.0), 1.0 + STRENGTH**2 * np.asarray(LAW.psd(f, 1.0)), rtol=1.01 * model.psd_error)
 
 
 @pytest.mark.parametrize(

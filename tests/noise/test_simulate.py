@@ -92,10 +92,10 @@ def test_seeds_and_channels():
 @pytest.mark.parametrize(
     ("noise", "n", "rate", "words"),
     [
-        (Noise(N=1.0), 0, 1.0, "positive whole number"),
-        (Noise(N=1.0), 1.5, 1.0, "positive whole number"),
-        (Noise(N=1.0), 10, 0.0, "positive and finite"),
-        (Noise(N=1.0), 10, "fast", "positive and finite"),
+        (Noise(N=1.0), 0, 1.0, "n must be a whole number"),
+        (Noise(N=1.0), 1.5, 1.0, "n must be a whole number"),
+        (Noise(N=1.0), 10, 0.0, "rate must be positive"),
+        (Noise(N=1.0), 10, "fast", "rate must be a number"),
         (Noise(N=-1.0), 10, 1.0, "not negative"),
         (Noise(K=np.nan), 10, 1.0, "finite"),
         (Noise(N=[1.0, 2.0], K=[1.0, 2.0, 3.0]), 10, 1.0, "different lengths"),

@@ -6,6 +6,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from ..._errors import DataError
 from ..._types import Float
 from . import _numeric
 
@@ -112,9 +113,10 @@ class Term(eqx.Module):
 
         .. math:: G(h) = \int S(f)\,\frac{\cos 2\pi f h - 1 + \ldots}{(2\pi f)^2}\,df
 
-        up to a constant and a multiple of h^2. Neither affects the covariance of differences between means.
+        up to a constant and a multiple of h^2. Neither affects the covariance of differences between means. A term of your own needs it
+        for `mean_covariance` alone.
         """
-        return _numeric.integral(self.psd, h)
+        raise DataError(f"the covariance of means needs a closed form, which the term {self.name} lacks: define its `integral`")
 
     def simulate(self, n: int, dt: float, random: np.random.Generator) -> Float[np.ndarray, " n"]:
         """Samples for a coefficient of one."""

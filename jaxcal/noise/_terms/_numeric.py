@@ -77,28 +77,6 @@ def allan_variance(psd, tau, dt):
     return (weights * psd(nodes / (step if dt is None else dt), dt)).sum(axis=0) / step
 
 
-def integral(psd, h):
-    """`Term.integral` of a density.
-
-    Below one over the longest lag, the first terms of the cosine series are subtracted; above it the cosine is integrated alone.
-    """
-    if isinstance(h, jax.core.Tracer):
-        raise DataError("the covariance of means of a term without closed form needs times that are not traced; give them as an array")
-    size = np.abs(np.asarray(h, dtype=float))
-    lags, place = np.unique(size, return_inverse=True)
-    if not lags[-1] > 0.0:
-        return np.zeros_like(size)
-    step = lags[lags > 0.0][0] / _CONTINUOUS
-    p = lags[:, None] / step
-    low = np.repeat(_EDGES[None, 1:] * p[-1, 0] < 1.0, _NODES, axis=1)
-    x = np.where(low, p * ANGLE, 0.0) ** 2
-    # cos x - 1 + x^2/2
-    near = x**2 * (1 / 24 - x * (1 / 720 - x * (1 / 40320 - x / 3628800)))
-    weights = np.where(low, _PLAIN * near, _cosine(p[:, 0])) / ANGLE**2
-    density = np.asarray(psd(ANGLE / (2.0 * np.pi * step), None))
-    return (step / np.pi * (weights @ density))[place].reshape(size.shape)
-
-
 def ordinates(psd, k, n: int, dt: float) -> np.ndarray:
     """`Term.ordinates` of a density: its level, corrected for leakage that is computed at some ordinates and interpolated between them."""
     k = np.asarray(k)
