@@ -141,10 +141,7 @@ def compare(y: Any, rate: Any, *, rivals: Sequence[str] = tuple(_RIVALS)) -> Com
 def _fitted(fitted: Fitted, base: AnyArray, terms: Sequence[Term], dt: float) -> tuple[AnyArray, float]:
     """Coefficients and cost of a fit of the base terms with others."""
     bins = fitted.bins
-    own = [
-        bins.columns[:, [i for i, keep in enumerate(base) if keep]],
-        *(np.asarray(term.psd(bins.frequency, dt))[:, None] for term in terms),
-    ]
+    own = [bins.columns[:, base], *(np.asarray(term.psd(bins.frequency, dt))[:, None] for term in terms)]
     level = np.median(bins.density[bins.weight > 0])
     start = [fitted.theta[base], *(np.atleast_1d(level / np.median(one)) for one in own[1:])]
     return scoring(np.concatenate(own, axis=1), bins.density, bins.weight, np.concatenate(start))

@@ -1,6 +1,5 @@
 """`Noise`: the noise family of IEEE Std 952 as one composable model."""
 
-import math
 from collections.abc import Iterable
 
 import equinox as eqx
@@ -9,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
-from .._precision import array_module, host_float64
+from .._precision import array_module, host_float64, real_numbers
 from .._quality import checked_rate, checked_whole
 from .._types import Any
 from ._terms import BUILT_IN, GaussMarkov, Sinusoid, Term
@@ -235,7 +234,9 @@ class Noise(eqx.Module):
         channels = {np.size(value) for value in jax.tree.leaves(self) if np.ndim(value)}
         if len(channels) > 1:
             raise DataError(f"coefficients are arrays over channels of different lengths: {sorted(channels)}")
-        step = None if resolution is None else _checked_resolution(resolution, max(channels, default=1))
+        step = None if resolution is None else real_numbers(resolution, "resolution")
+        if step is not None and not (np.all(np.isfinite(step) & (step > 0.0)) and step.shape in ((), (max(channels, default=1),))):
+            raise DataError(f"resolution must be the positive step of the output, or one for each channel; got {resolution!r}")
 
         def drawn(noise):
             return sum((float(value) * term.simulate(n, dt, random) for _, value, term in noise.parts if value), np.zeros(n))
@@ -310,14 +311,3 @@ def checked_terms(terms: Any) -> tuple[Term, ...]:
 def checked_sampling(n: Any, rate: Any) -> tuple[int, float]:
     """Check the number of samples and the rate; return the number and the sampling interval in s."""
     return checked_whole("n", n, 1), 1.0 / checked_rate(rate)
-
-
-def _checked_resolution(resolution: Any, channels: int) -> np.ndarray:
-    """Check the step of the output, or one step for each channel, and return it as an array."""
-    try:
-        step = np.asarray(resolution, dtype=float)
-    except (TypeError, ValueError):
-        step = np.asarray(math.nan)
-    if not (np.all(np.isfinite(step)) and np.all(step > 0)) or step.shape not in ((), (channels,)):
-        raise DataError(f"resolution must be the positive step of the output, or one for each channel ({channels}); got {resolution!r}")
-    return step

@@ -77,7 +77,7 @@ class NoiseFit(Result):
         records. Method gls corrects it for the skewness of the Allan variance at long cluster times.
     covariance : of the *squared* coefficients, by the names of the terms: `covariance["N", "K"]`; channels last. In short records the
         estimates of B and K are skewed, and one that comes out low also has too small an error here. The intervals allow for this.
-    goodness : probability of a worse chi-square in the band if the model were true.
+    goodness : probability of a worse chi-square in the band if the model were true; NaN for a traced record.
     longer_record : term -> record length in s that would give the coefficient to 10 %; inf for a coefficient of zero.
     band : (shortest, longest) cluster time in s that the fit uses.
     deviation : the `Deviation` of the record at all cluster sizes. Inside the band its edf and limits follow from the fitted model,

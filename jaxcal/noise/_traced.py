@@ -20,10 +20,10 @@ from ..fitting import solve
 from ..fitting._descent import implicit
 from ._likelihood import FAINT
 from ._limits import Limits, levels_of
-from ._ordinates import Bins, bins_of
+from ._ordinates import bins_of
 from ._record import Asked
 from ._result import NoiseFit, assemble
-from ._solve import groups_of, inside
+from ._solve import inside
 from ._terms import Ramp, Term, is_sought
 
 _FINE = 1.5e-8  # remaining step, in standard errors, at which the search ends
@@ -35,17 +35,17 @@ def fit_traced(y: Array, asked: Asked) -> NoiseFit:
     if any(isinstance(term, Ramp) or is_sought(term) for term in terms):
         raise DataError("a traced record is fitted without R and markov; these are found by a search, which cannot be traced")
     duration, band = y.shape[0] / rate, None if band is None else tuple(map(float, band))
-    theta, covariance, limits, goodness = _fitted(y, rate, terms, confidence, band)
+    theta, covariance, limits = _fitted(y, rate, terms, confidence, band)
     return assemble(
-        theta, covariance, limits, terms, None, duration, goodness=goodness, confidence=confidence, method="whittle", used=None,
+        theta, covariance, limits, terms, None, duration, goodness=np.nan, confidence=confidence, method="whittle", used=None,
         band=(1.0 / rate, duration / 2.0) if band is None else band, xp=jnp,
     )  # fmt: skip
 
 
 # compiled as a whole: outside of `jax.jit`, a derivative would compile its operations one by one
 @functools.partial(jax.jit, static_argnums=(1, 2, 3, 4))
-def _fitted(y: Array, rate: float, terms: tuple[Term, ...], confidence: float, band: Any) -> tuple[Array, Array, Limits, Array]:
-    """Squared coefficients, their covariance and limits, and the goodness of the fit."""
+def _fitted(y: Array, rate: float, terms: tuple[Term, ...], confidence: float, band: Any) -> tuple[Array, Array, Limits]:
+    """Squared coefficients, their covariance and limits."""
     bins = inside(bins_of(y, 1.0 / rate, terms), band)
     used = bins.weight > 0
     theta, _ = implicit(_likeliest, _score, bins.density[used], jnp.asarray(bins.columns[used]), jnp.asarray(bins.weight[used]))
@@ -57,7 +57,7 @@ def _fitted(y: Array, rate: float, terms: tuple[Term, ...], confidence: float, b
     error, middle = jax.lax.stop_gradient((jnp.sqrt(jnp.diagonal(covariance)), theta))
     both, one = (error * level**0.5 for level in levels_of(confidence))
     limits = Limits(jnp.maximum(middle - both, 0.0), middle + both, middle + one, (middle / error) ** 2)
-    return theta * bins.unit, covariance * bins.unit**2, limits.scaled(bins.unit), _goodness(bins, theta, model)
+    return theta * bins.unit, covariance * bins.unit**2, limits.scaled(bins.unit)
 
 
 def _likeliest(target: Array, columns: Array, weight: Array) -> tuple[Array, tuple]:
@@ -95,15 +95,3 @@ def _deviances(theta: Array, data: tuple[Any, tuple[Any, Array]]) -> Array:
     columns, (root, target) = data
     tiny = jnp.finfo(target.dtype).tiny ** 0.5
     return root * _root(jnp.maximum(target, tiny) / jnp.maximum(columns @ theta, tiny))
-
-
-def _goodness(bins: Bins, theta: Array, model: AnyArray) -> Array:
-    """Chance of a worse deviance, as `_solve.deviance` defines it."""
-    group = groups_of(bins.weight, int(bins.weight.sum()))
-    member = (np.unique(group)[:, None] == group[None, :]).astype(bins.weight.dtype)
-    count = member @ bins.weight
-    there = count > 0
-    ratio = (member @ (bins.weight * bins.density / model))[there] / count[there]
-    deviance = jnp.sum(count[there] * (ratio - 1.0 - jnp.log(ratio)))
-    freedom = jnp.maximum((jnp.sum(there) - jnp.sum(theta != 0)).astype(deviance.dtype), 1.0)
-    return jax.scipy.special.gammaincc(freedom / 2.0, deviance / 2.0)
