@@ -51,8 +51,10 @@ class Selection:
 
 def select(table: Any, columns: Columns, wanted: str | None = None) -> Selection:
     """Choose the sensors and the temperature of a table; time, unless explicit, is chosen in `_clock`. `wanted` is the sensor asked for."""
-    table.word = _word(table)
-    names, count = _labelled(table), len(table.columns)
+    table.word, count = _word(table), len(table.columns)
+    if count == len(ROS2_IMU) and not any(table.names) and table.columns[2].dtype.kind == "O":
+        table.names[:] = ROS2_IMU
+    names = table.names
     explicit = resolve(columns, names, count)
     profile, known = matching(names, table.preamble, table.stem)
     shared = _shared_prefix(names)
@@ -89,18 +91,6 @@ def select(table: Any, columns: Columns, wanted: str | None = None) -> Selection
     if not set(explicit) - {"time"}:
         _tell_unused(table, found, triples)
     return found
-
-
-def _labelled(table: Any) -> list[str]:
-    """Names for a table without names that has those of a known program: 40 columns, or a word, a time and three axes."""
-    texts = [i for i, one in enumerate(table.columns) if one.dtype.kind == "O"] if not any(table.names) else []
-    if texts == [2] and len(table.columns) == len(ROS2_IMU):
-        table.names[:] = ROS2_IMU
-    if texts[:1] == [0] and len(table.columns) == 5:
-        words = {str(value).strip() for value in table.columns[0] if value is not None}
-        if len(words) == 1:
-            return [f"{next(iter(words))}_{part}" for part in ("word", "time", *AXES)]
-    return table.names
 
 
 def _word(table: Any) -> str | None:
@@ -210,7 +200,8 @@ def _unclear_names(table: Any, found: Selection, triples: list[Triple]) -> DataE
         return DataError(Message(said, names=shown, a=a, b=b), code="gravity_free")
     likely = [one for one in triples if not one.kind and one.odds[one.likely] > 0] or [one for one in triples if one.kind != "other"]
     refuse_mixed(table, {one.likely: one.columns for one in likely})
-    other = [is_other(name) or (one is not None and one.kind in OTHERS) for name, one in zip(names, found.names, strict=True)]
+    apart = {i for one in triples if one.kind == "other" for i in one.columns}
+    other = [i in apart or is_other(names[i]) or (one is not None and one.kind in OTHERS) for i, one in enumerate(found.names)]
     left = [i for i, name in enumerate(names) if not other[i] and is_number(table, i) and found.names[i] is None and not is_counter(name)]
     if len(left) < 3 and any(other):
         held = f"the columns {listing(names, count)} hold attitudes, places, speeds or states of a filter"

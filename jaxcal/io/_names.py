@@ -296,7 +296,7 @@ def described(words: list[str]) -> Described | None:
             kind = _kind(words[start : start + size])
             if kind not in (None, *OTHERS) and not any(word in _CHANGING or _known(word) not in (None, kind) for word in dropped):
                 return Described(kind, None, False)
-    return None
+    return Described("motion", None, False) if any(_known(word) in OTHERS for word in words) else None
 
 
 def _known(word: str) -> str | None:

@@ -3,9 +3,7 @@
 A profile defines the quantity and the unit of columns. The values are still checked against gravity, the field and known sensors, so that
 a wrong profile is detected.
 
-Sources: the data sheets and manuals of the makers (VMU931 User Guide, Variense 2017: ms since power-up, g, deg/s; VectorNav: gauss, m/s^2,
-rad/s), the formats of the data sets (EuRoC MAV, TUM-VI, BROAD), sensor_msgs of ROS (REP 103: SI), and the description of
-Gyroflow's .gcsv (docs.gyroflow.xyz).
+Sources: the data sheets and manuals of the makers (VectorNav: gauss, m/s^2, rad/s), sensor_msgs of ROS (REP 103: SI), and the description of Gyroflow's .gcsv (docs.gyroflow.xyz).
 """
 
 import contextlib
@@ -72,11 +70,6 @@ PROFILES = (
         (("(?:packet)?counter", r"acc_x|gyr_x", r"mat\[1\]\[1\]|mag_x"), ""),
     )),
     Profile(
-        "Physics Toolbox", (rf"gf{_XYZ}",),
-        ((rf"gf{_XYZ}", "accel", "g"), (rf"a{_XYZ}", "linear", "m/s^2"), (rf"w{_XYZ}", "gyro", "rad/s"), (rf"b{_XYZ}", "mag", "uT"),
-         ("time", "time", None)),
-    ),
-    Profile(
         "VectorNav", ("timestartup|timegpspps",),
         ((rf"(?:uncomp)?(?:gyro|angularrate)\.?{_XYZ}", "gyro", "rad/s"), (rf"(?:uncomp)?accel\.?{_XYZ}", "accel", "m/s^2"),
          (rf"(?:uncomp)?mag\.?{_XYZ}", "mag", "G"), ("timestartup", "time", "ns")),
@@ -100,20 +93,6 @@ PROFILES = (
     Profile(
         "Kalibr", ("timestamp", "omega_x", "alpha_x"),
         ((rf"omega_{_XYZ}", "gyro", "rad/s"), (rf"alpha_{_XYZ}", "accel", "m/s^2"), ("timestamp", "time", None)),
-    ),
-    Profile(
-        "OpenVINS or EuRoC ground truth", (r"#?time.*", "p_?(?:rs_r_)?x.*", "b_?w_?(?:rs_s_)?x.*"),
-        ((r"[pqvb].*", "motion", None), (r"#?time.*", "time", "ns")),
-    ),
-    Profile(
-        "VMU931", ("(?:gyroscope|accelerometer|magnetometer)_time",),
-        ((rf"gyroscope_{_XYZ}", "gyro", "deg/s"), (rf"accelerometer_{_XYZ}", "accel", "g"), (rf"magnetometer_{_XYZ}", "mag", "uT"),
-         (r"\w+_time", "time", "ms")),
-    ),
-    Profile(
-        "BROAD", (r"imu_gyr(?: \[.*\])?_x", r"imu_acc(?: \[.*\])?_x", r"imu_mag(?: \[.*\])?_x"),
-        ((rf"imu_gyr(?: \[.*\])?_{_XYZ}", "gyro", "rad/s"), (rf"imu_acc(?: \[.*\])?_{_XYZ}", "accel", "m/s^2"),
-         (rf"imu_mag(?: \[.*\])?_{_XYZ}", "mag", "uT")),
     ),
     Profile(
         "ROS", (r".*angular_velocity[._/]x", r".*(?:header|covariance|frame_id|__time|%time).*"),

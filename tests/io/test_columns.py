@@ -29,9 +29,7 @@ t,b_w_RS_S_@ | t n | no_sensor
 t,pn,pe,pd,vn,ve,vd,bg@,ba@ | t n n n n | no_sensor
 time,latitude,longitude,altitude | t n | no_sensor
 t,q0,q1,q2,q3 | t n 1 | no_sensor
-t,jerk_@ | t n | no_sensor
 t,@ | t n | columns_unclear
-t,i_@ | t n | columns_unclear
 t,@,v@ | t n n | columns_unclear
 Frame,Time,LASI_@,RASI_@ | i t n n | columns_unclear
 t,angular_acceleration_@ | t n | no_sensor
@@ -39,7 +37,6 @@ t,angular_acceleration_@ | t n | no_sensor
 time;dev;a@;g@;label | t 1 a:g w:d z
 timestamp,gyroRotation~,accelerometerAcceleration~ | t w:r a:g
 timestamp,accelerometerAccel~,gyroscopeRot~ | t a:g w:r
-Counter,a@,g@ | i a:g w:d | no_rate
 Counter,Acc_~,Gyr_~,Mag_~,Mat[1][1] | i a:m w:r m:rel 1 | no_rate wa
 t,dtheta_@,dv_@ | t w:inc a:inc
 time,DeltaAngle_~,DeltaVelocity_~ | t w:inc a:inc
@@ -57,7 +54,6 @@ time,p,q,r,n@ | t w:r a:g
 time,roll_rate,pitch_rate,yaw_rate,accel_@ | t w:d a:m
 time,pqr[0],pqr[1],pqr[2],acc[0],acc[1],acc[2] | t w:r a:m
 t,accelerometer.v[0],accelerometer.v[1],accelerometer.v[2],gyro.v[0],gyro.v[1],gyro.v[2] | t a:m w:r
-t,acc1,acc2,acc3,gyr1,gyr2,gyr3 | t a:m w:d
 Time,XV1_ROT,XV2_ROT,XV3_ROT,XV1_ACC,XV2_ACC,XV3_ACC | t w:d a:m
 t,accelerationIncludingGravity.@,acceleration.@,rotationRate.beta,rotationRate.gamma,rotationRate.alpha | t a:m f:m w:d
 t,rotation_rate_@(radians/s),gravity_@(G),user_acc_@(G),magnetic_field_@(microteslas) | t w:r v:g f:g m:uT | wm
@@ -67,16 +63,13 @@ timestamp,TimeUS,I,Gyr~,Acc~ | t us 0 w:r a:m
 timestamp,timestamp_sample,device_id,@,temperature | us us 396825 m:G 25 | | log_sensor_mag_0.csv
 Clock:offsetTime,IMU_ATTI(0):accel~,IMU_ATTI(0):gyro~ | t a:g w:d
 tickNo,offsetTime,ATTI_PRINTF(0):accel~[meters/sec2],gyro~[degrees/sec] | i t a:m w:d
-timestamp,LSM6DSO Accelerometer.@,LSM6DSO Gyroscope.@ | t a:m w:r
 time,Shank LT Accel Sens ~ (mG) | t a:mg
 timestamp,~ (40g) | t a:g
-t,wrist_acc_@,wrist_gyr_@ | t a:m w:d
 t,f_ib_b_@,omega_ib_b_@ | t a:m w:r
 t,acc_@,acc_bias_@,gyr_@,gyr_std_@ | t a:m n w:r n
 t,rate_setpoint_@,gyro_@ | t n w:r
 t,@,@ | t a:m w:r
 t,@ | t a:m
-Time,~ (uT) | t m:uT
  | t w:d a:g m:uT
  | t w:r | | gyro.csv
  | t m:uT | | magnetometer.txt

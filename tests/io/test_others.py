@@ -130,11 +130,6 @@ def axes(form):
 
 
 DEVICES = {
-    "VMU931": lambda: table("", same("gyroscope"), MS, cells(np.round(GYRO / DEG * 16.384) / 16.384, "%.9f"))[1:],
-    "BROAD": lambda: table(f"{axes('imu_gyr_{}')},{axes('imu_acc_{}')},{axes('imu_mag_{}')},t", W, A, M, cells(TIME)),
-    "ROS": lambda: table(
-        f"__time,/imu/header/seq,{axes('/imu/angular_velocity/{}')},{axes('/imu/linear_acceleration/{}')}", cells(TIME), MS, W, A
-    ),
     "VectorNav": lambda: table(f"TimeStartup,{axes('UncompAccel.{}')},{axes('UncompGyro.{}')}", epoch(1e9), A, W),
     "Xsens MT": lambda: table(
         f"// Sample rate: 50.0Hz\nCounter\t{axes('Acc_{}')}\t{axes('Gyr_{}')}\tMat[1][1]".replace(",", "\t"),

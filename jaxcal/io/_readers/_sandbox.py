@@ -177,62 +177,47 @@ def _hdf5(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
     opaque: list[tuple[str, str]] = []
     arrays: list[np.ndarray] = []
     declared = count = 0
-    seen = set()
 
     def text(dataset: Any, name: str) -> str:
         value = dataset.attrs.get(name)
         return value.decode("latin-1") if isinstance(value, bytes) else value if isinstance(value, str) else ""
 
-    def note(path: str, holder: Any) -> None:
-        for name in list(holder.attrs)[:100]:
-            value = holder.attrs.get(name)
+    def take(path: str, item: Any) -> bool | None:
+        """Read one item; anything but None ends the walk, which follows no links: a log must not make its reader open other files."""
+        nonlocal declared, count, units
+        count += 1
+        if count > request["most"] or declared > request["allowed"]:
+            return True
+        for name in list(item.attrs)[:100]:
+            value = item.attrs.get(name)
             if isinstance(value, np.ndarray | np.number) and np.size(value) == 1 and value.dtype.kind in "iuf":
-                attributes[f"{path}{name}"] = float(np.reshape(value, ()))
-
-    def take(path: str, dataset: Any) -> None:
-        nonlocal declared
-        note(f"{path}/", dataset)
-        kind = text(dataset, "MATLAB_class")
-        fields = dataset.dtype.names
-        if kind in _OPAQUE or "MATLAB_object_decode" in dataset.attrs:
+                attributes[f"{path}/{name}"] = float(np.reshape(value, ()))
+        if not isinstance(item, h5py.Dataset) or "#" in path or item.external or item.is_virtual:
+            return None
+        kind, fields = text(item, "MATLAB_class"), item.dtype.names
+        if kind in _OPAQUE or "MATLAB_object_decode" in item.attrs:
             opaque.append((path, kind))
-        elif kind not in ("char", "cell") and dataset.shape is not None and (fields or dataset.dtype.kind in "iufb"):
-            declared += math.prod(dataset.shape) * dataset.dtype.itemsize
+        elif kind not in ("char", "cell") and item.shape is not None and (fields or item.dtype.kind in "iufb"):
+            declared += math.prod(item.shape) * item.dtype.itemsize
             if declared > request["allowed"]:
-                return
-            array = dataset[()]
-            unit = next((found for name in ("units", "unit", "Units", "Unit", "UNITS") if (found := text(dataset, name))), "")
+                return True
+            array = item[()]
+            unit = next((found for name in ("units", "unit", "Units", "Unit", "UNITS") if (found := text(item, name))), "")
             for field in fields or ("",):
                 column = np.asarray(array[field] if field else array)
                 if column.dtype.kind in "iufb":
-                    label = f"{path}/{field}" if field else path
-                    names.append(label)
+                    names.append(f"{path}/{field}" if field else path)
                     arrays.append(column)
-                    if unit:
-                        units[label] = unit
+                    units |= {names[-1]: unit} if unit else {}
+        return None
 
     with h5py.File(request["path"], "r", locking="best-effort") as file:
-        waiting: list[tuple[str, Any, int]] = [("", file, 0)]
-        while waiting:
-            prefix, group, depth = waiting.pop(0)
-            if group in seen or depth > 32:
-                continue
-            seen.add(group)
-            note(prefix, group)
-            for name in sorted(group):
-                count += 1
-                if count > request["most"]:
-                    return {"many": True}, []
-                # skip links and external data: a log must not be able to make its reader open other files
-                if name.startswith("#") or group.get(name, getclass=True, getlink=True) is not h5py.HardLink:
-                    continue
-                item = group.get(name)
-                if isinstance(item, h5py.Group):
-                    waiting.append((f"{prefix}{name}/", item, depth + 1))
-                elif isinstance(item, h5py.Dataset) and not item.external and not item.is_virtual:
-                    take(f"{prefix}{name}", item)
-                    if declared > request["allowed"]:
-                        return {"declared": declared}, []
+        take("", file)
+        file.visititems(take)
+    if count > request["most"]:
+        return {"many": True}, []
+    if declared > request["allowed"]:
+        return {"declared": declared}, []
     return {"names": names, "units": units, "opaque": opaque, "attributes": attributes}, arrays
 
 
