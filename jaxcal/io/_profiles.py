@@ -3,7 +3,8 @@
 A profile defines the quantity and the unit of columns. The values are still checked against gravity, the field and known sensors, so that
 a wrong profile is detected.
 
-Sources: the data sheets and manuals of the makers (VectorNav: gauss, m/s^2, rad/s), sensor_msgs of ROS (REP 103: SI), and the description of Gyroflow's .gcsv (docs.gyroflow.xyz).
+Sources: the data sheets and manuals of the makers (VectorNav: gauss, m/s^2, rad/s), sensor_msgs of ROS (REP 103: SI), and the
+description of Gyroflow's .gcsv (docs.gyroflow.xyz).
 """
 
 import contextlib

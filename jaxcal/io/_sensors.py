@@ -19,7 +19,9 @@ def by_sensor(table: Table) -> dict[str, Table]:
     for i, column in enumerate(table.columns):
         if column.dtype.kind != "O" or len(words := dict.fromkeys(column.tolist())) > 64 or None in words:
             continue
-        if len(words) < 2 or not any(file_kind(str(word)) in SENSORS for word in words):
+        kinds, turns = [file_kind(str(word)) for word in words], float(np.mean(column[1:] != column[:-1])) if len(column) > 1 else 0.0
+        # the words of an activity may be like those of a sensor, but do not take turns
+        if len(words) < 2 or not set(kinds) & set(SENSORS) or (None in kinds and turns < 0.2):
             continue
         found = {}
         for word in words:

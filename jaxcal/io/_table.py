@@ -106,7 +106,12 @@ def interpret(
         raise DataError(Message("no sensor among the columns {listed}; {how}", listed=listed, how=HOW), code="no_sensor")
     problems: list[Any] = []
     stated = (float(table.rate), "the file states") if table.rate else stated_rate(table.preamble, table.stem)
-    clock = _clock(table, found, columns, units, rate if rate is not None else stated and stated[0], problems)
+    clock: Clock | None = None
+    if columns.get("time", ...) is not None:
+        try:
+            clock = clock_of(table, found, units, rate if rate is not None else stated and stated[0])
+        except DataError as error:
+            problems.append(error)
     signals = Signals(None, {}, findings=[*table.findings, *found.findings], rate=rate)
     names = [name for name in (*SENSORS, "temperature") if name in found.columns]
     raw = {name: [_without(_numbers(table, i), missing) for i in found.columns[name]] for name in names}
@@ -168,18 +173,6 @@ def _tell(
         facts: dict[str, Any] = {"where": where, "unit": {"date": "dates"}.get(unit, unit), "quantity": name, "columns": numbers}
         why = f" ({reason})" if reason and reason != "dates" else ""
         signals.findings.append(READ("read_as" if sure else "assumed", name, **facts, why=why, other=other or unit))
-
-
-def _clock(
-    table: Table, found: Any, columns: Columns, units: dict[str, str], rate: float | int | None, problems: list[Any]
-) -> Clock | None:
-    if "time" in columns and columns["time"] is None:
-        return None
-    try:
-        return clock_of(table, found, units, rate)
-    except DataError as error:
-        problems.append(error)
-        return None
 
 
 def _set_time(

@@ -23,7 +23,8 @@ def of_program(text: str) -> Callable[[str], str] | None:
     if sentence:
         kept = re.compile(rf"{re.escape(sentence)},(.*)\*[0-9A-Fa-f]+")
         return lambda text: "\n".join([_SENTENCES[sentence], *(match[1] for line in text.split("\n") if (match := kept.match(line)))])
-    labels = [match[1] if (match := _LABEL.fullmatch(line)) else "" for line in lines]
+    # a long line of blanks would take long
+    labels = [match[1] if len(line) < 200 and (match := _LABEL.fullmatch(line)) else "" for line in lines]
     turn = list(dict.fromkeys(labels))
     if (
         2 < len(turn) < 20
@@ -66,7 +67,7 @@ def _in_turn(text: str, turn: list[str]) -> str:
     row: dict[str, str] = {}
     out = [",".join(turn)]
     for line in text.split("\n"):
-        if match := _LABEL.fullmatch(line):
+        if len(line) < 200 and (match := _LABEL.fullmatch(line)):
             row[match[1]] = match[2]
             if match[1] == turn[-1]:
                 out += [",".join(row[one] for one in turn)] * (len(row) == len(turn))

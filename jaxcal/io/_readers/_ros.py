@@ -57,7 +57,9 @@ def read_ros(paths: list[pathlib.Path], version: int, topics: list[str] | None, 
         present = "; ".join(listed)
         if not found:
             others = ", ".join(sorted({f"{c.topic} ({c.msgtype})" for r in readers for c in r.connections})) or "none"
-            raise DataError(f"no topic of type sensor_msgs Imu, MagneticField or Temperature; the topics are: {others}", code="no_sensor")
+            echo = "rostopic echo -b LOG -p TOPIC > log.csv" if version == 1 else "ros2 topic echo --csv TOPIC > log.csv"
+            said = f"no topic of type sensor_msgs Imu, MagneticField or Temperature; write one of another type as text, `{echo}`"
+            raise DataError(f"{said}; the topics are: {others}", code="no_sensor")
         signals.sources = listed
         chosen = _choose(found, topics, present, signals.findings)
         streams = [_stream(readers, topic, version, signals.findings) for topic in chosen]
