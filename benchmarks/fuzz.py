@@ -6,8 +6,8 @@
 
 The name of the reader and a number determine each input. One process makes and reads the inputs, one after the other, in a folder in
 memory. A hook in it notes files opened for writing, programs started, code run and pickles loaded. Another process watches it: an input
-that takes more than 20 s ends it, and it starts again after that input. The peak memory of the process, and of the process in which
-jaxcal reads Parquet, MATLAB and HDF5, may exceed their memory at the start by 1 GB. Exit status 1 means that something crashed; the lines
+that takes more than 10 s ends it, and it starts again after that input. The peak memory of the process, and of the process in which
+jaxcal reads Parquet, MATLAB and HDF5, may exceed their memory at the start by 400 MB. Exit status 1 means that something crashed; the lines
 tell the number of the input.
 """
 
@@ -36,17 +36,19 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "tests" / "io")]
 
 #: time limit for one input in s, and memory limit in bytes beyond what the process holds when it begins
-LIMIT_S, LIMIT_BYTES = 20.0, 1 << 30
+LIMIT_S, LIMIT_BYTES = 10.0, 400_000_000
+#: bytes of addresses beyond that, of which a process uses a part
+ADDRESSES = 1 << 30
 SAMPLES = 40
 SUFFIX = {
-    "csv": ".csv", "headers": ".csv", "zip": ".zip",
+    "csv": ".csv", "headers": ".csv", "lines": ".log", "records": ".json", "zip": ".zip",
     "npy": ".npy", "npz": ".npz", "parquet": ".parquet", "bag1": ".bag", "sqlite3": ".db3", "mcap": ".mcap",
     "ulog": ".ulg", "dataflash": ".bin", "mat5": ".mat", "hdf5": ".h5", "mat73": ".mat", "calibration": ".json",
 }  # fmt: skip
 #: thousandths of the inputs for each reader, by the cost of an input and by how much of the reader is jaxcal's own code
 SHARE = {
-    "csv": 25, "headers": 40, "zip": 5, "npy": 90, "npz": 40, "parquet": 120, "bag1": 110, "sqlite3": 25, "mcap": 80, "ulog": 80,
-    "dataflash": 80, "mat5": 25, "hdf5": 40, "mat73": 10, "calibration": 230,
+    "csv": 40, "headers": 70, "lines": 40, "records": 60, "zip": 5, "npy": 80, "npz": 40, "parquet": 100, "bag1": 100, "sqlite3": 25,
+    "mcap": 70, "ulog": 80, "dataflash": 80, "mat5": 25, "hdf5": 40, "mat73": 10, "calibration": 135,
 }  # fmt: skip
 
 
@@ -96,6 +98,8 @@ def seeds(folder):
     for number in range(48):
         name, content, _ = layouts.case(number)
         found["headers"].append(b"\n".join(content.split(b"\n")[: 120 if number % 6 == 0 else 32]) + b"\n")
+    found["lines"] += lines_of(table)
+    found["records"] += records_of(table)
     for members in ({"log.csv": rows}, {"Gyroscope.csv": "t,x,y,z\n" + rows, "Accelerometer.csv": "t,x,y,z\n" + rows}):
         packed = io.BytesIO()
         with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -143,6 +147,36 @@ def seeds(folder):
     found["mat73"].append(bytes(content))
     found["calibration"] += calibrations(folder)
     return dict(found)
+
+
+def lines_of(table):
+    """Logs of a terminal: a label for each number, a time and an arrow, lists, several lines a sample, sentences with checksums."""
+    rows = table[:30]
+    forms = (
+        "ax: {4:.3f} ay: {5:.3f} az: {6:.3f} gx: {1:.3f} gy: {2:.3f} gz: {3:.3f}\n",
+        "12:00:{0:06.3f} -> {1:.4f},{2:.4f},{3:.4f}\n",
+        '{0:.3f},"[{1:.4f}, {2:.4f}, {3:.4f}]"\n',
+        "GYRO {0:.3f} {1:.4f} {2:.4f} {3:.4f}\nACC {0:.3f} {4:.4f} {5:.4f} {6:.4f}\n",
+        "$VNIMU,{0:.4f},{1:.4f},{2:.4f},{3:.4f},{4:.4f},{5:.4f},{6:.4f}*5F\n",
+        "[INFO] t={0:.3f}s a=({4:.3f} g, {5:.3f} g, {6:.3f} g)\n",
+    )
+    return [("".join(form.format(*row) for row in rows)).encode() for form in forms]
+
+
+def records_of(table):
+    """JSON: records, one in each line, arrays by name, rows, and records inside others."""
+    names = ("time", "gx", "gy", "gz", "ax", "ay", "az")
+    records = [dict(zip(names, row, strict=True)) for row in table[:30].round(4).tolist()]
+    nested = [{"t": one["time"], "gyro": [one["gx"], one["gy"], one["gz"]], "device": {"name": "a", "temperature": 20}} for one in records]
+    arrays = {"time": table[:30, 0].tolist(), "gyro": table[:30, 1:4].tolist()}
+    whole = (
+        records,
+        nested,
+        arrays,
+        table[:30].tolist(),
+        {"poses": [{"heading": 90, "samples": nested}, {"heading": 0, "samples": nested}]},
+    )
+    return [json.dumps(one).encode() for one in whole] + ["".join(json.dumps(one) + "\n" for one in records).encode()]
 
 
 def bags(folder, storage, gyro, accel, mag):
@@ -247,7 +281,7 @@ ODD = [
 WORDS = [
     "nan", "inf", "-inf", "1e400", "-1e-400", "", " ", "0x10", "1e5", "9" * 30, "1_000", "\u00e9", "\u22121", "null", "None",
     "2024-01-01", "\0", '"', "'", ",", ";", "\t", "\r", "#", "//", "\ufeff", "-9223372036854775808", "18446744073709551616",
-    "1.7976931348623157e308",
+    "1.7976931348623157e308", "9" * 20_000, " " * 2000, "-" * 3000, "1e" * 2000, "(" * 2000, "x: " * 2000, "[/x]", "\x1b[31m", "\u202e",
 ]  # fmt: skip
 
 
@@ -448,9 +482,9 @@ def in_database(draw, content, others):
 
 def in_json(draw, content, others):
     """Replace values of a JSON file by values of any type, and rename or drop keys."""
-    document = json.loads(content)
+    document = {"": json.loads(content)}
     for _ in range(draw.choice([1, 1, 2, 4])):
-        places = [(document, key) for key in document] if isinstance(document, dict) else []
+        places = [(document, key) for key in document]
         for holder, key in places:
             inner = holder[key]
             if isinstance(inner, dict):
@@ -471,7 +505,7 @@ def in_json(draw, content, others):
             holder[draw.choice(["x", "__class__", "type", key + "_"])] = holder.pop(key)
         else:
             holder.insert(key, holder[key])
-    text = json.dumps(document)
+    text = json.dumps(document.get(""))
     if draw.random() < 0.02:
         text = "[" * 100_000 + text
     return text.encode()
@@ -492,7 +526,11 @@ def mutate(reader, number, found):
     if reader == "headers":
         content = headerwise(draw, content, others)
         return textwise(draw, content, others) if draw.random() < 0.1 else content
-    special = {"npz": zipped, "zip": zipped, "mat5": unpacked_mat, "sqlite3": in_database, "calibration": in_json}.get(reader)
+    if reader == "lines" or (reader == "records" and content.count(b"\n") > 1):
+        return textwise(draw, content, others) if own else bytewise(draw, content, others)
+    special = {"records": in_json, "npz": zipped, "zip": zipped, "mat5": unpacked_mat, "sqlite3": in_database, "calibration": in_json}.get(
+        reader
+    )
     return special(draw, content, others) if special and own else bytewise(draw, content, others)
 
 
@@ -520,7 +558,7 @@ def worker(folder, parts, first, state, out):
     warnings.simplefilter("error")  # no warning of a library may reach a user
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     own = resource.getpagesize() * int(pathlib.Path("/proc/self/statm").read_text().split()[0])
-    resource.setrlimit(resource.RLIMIT_AS, (own + LIMIT_BYTES, own + LIMIT_BYTES))
+    resource.setrlimit(resource.RLIMIT_AS, (own + ADDRESSES, own + ADDRESSES))
     begun = held()
     aside = held(sandbox._process.pid)
     for part, (reader, seed, number) in enumerate(parts):

@@ -19,7 +19,8 @@ _DAYS = 3 * 86400.0  # s; age after which a left-over file is removed
 PIECE = 1 << 22  # bytes: the most of a JSON document, and of each end of a file that is searched for the marks
 #: how jaxcal marks the files that it writes: JSON, comments and pages, pictures, converted logs, tables of numbers, and logs
 _MARKS = re.compile(
-    rb"\"schema\"\s*:\s*\"jaxcal\.|written by jaxcal|Creator.{0,9}jaxcal|<dc:title>jaxcal|Software\0jaxcal|PK.{28}jaxcal\.npy|PAR1.*jaxcal"
+    rb"\"schema\"\s*:\s*\"jaxcal\.|written by jaxcal|Creator.{0,9}jaxcal|<dc:title>jaxcal|Software\0jaxcal|PK.{28}jaxcal\.npy"
+    rb"|\APAR1.*jaxcal"
     rb"|^quantity,axis,value,low,high,unit,kind|^time \[s\](,(gyro|accel|mag)_[xyz] \[[^],]+\])*(,temperature \[degC\])?\r?\n-?\d+\.\d{9},",
     re.IGNORECASE | re.DOTALL,
 )

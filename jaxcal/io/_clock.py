@@ -35,8 +35,8 @@ from ._stamps import (
 #: sizes of counters of 16, 31 and 32 bits, by which a clock jumps back when its counter wraps
 _WRAPS = (2.0**16, 2.0**31, 2.0**32)
 _STATED = re.compile(
-    r"(?:sampl\w*[ _-]*(?:rate|freq\w*)|update[ _-]*rate|output[ _-]*(?:data[ _-]*)?rate|data[ _-]*rate|\bodr|frequency|\bfreq|\bfs|\brate|"
-    r"abtastrate|taxa|\bat)\b[\"']?\s*(?:\[?\(?hz\)?\]?)?[\s:=,;\"']*([0-9]+(?:[.,][0-9]+)?)\s*(k?hz)?", re.IGNORECASE,
+    r"(?:sampl\w{0,20}[ _-]{0,3}(?:rate|freq\w*)|update[ _-]*rate|output[ _-]*(?:data[ _-]*)?rate|data[ _-]*rate|\bodr|frequency|\bfreq|"
+    r"\bfs|\brate|abtastrate|taxa|\bat)\b[\"']?(?:\s*\[?\(?hz\)?\]?)?[\s:=,;\"']*([0-9]+(?:[.,][0-9]+)?)\s*(k?hz)?", re.IGNORECASE,
 )  # fmt: skip
 _LIKE_TIME = re.compile(
     r"time(?!te?r)|stamp|clock|elapsed|epoch|zeit|(?<![a-z])(?:ms|us|ns|sec|seconds|millis|micros)(?![a-z])", re.IGNORECASE

@@ -102,7 +102,7 @@ def parse_topics(given: Any) -> list[str] | None:
 def scale(unit: str, quantity: str) -> tuple[float, float]:
     """Factor and offset that convert `unit`, which may begin with a number ("0.05 deg/s"), to SI."""
     number, rest = 1.0, unit
-    match = re.match(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*[ *]?\s*(.*)", unit)
+    match = re.match(r"\s*([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?)\s*[ *]?\s*(.*)", unit)
     if match and find_unit(unit, quantity) is None:
         number, rest = float(match[1]), match[2] or si_unit(quantity)
     if number == 0.0:

@@ -23,6 +23,9 @@ from ._phase import differentiate
 from ._saved import Saved
 from ._stamps import Clock
 
+#: characters of a column's name: no name of a sensor is longer, and patterns that look for units in it take time as its square
+_LONGEST = 200
+
 
 @dataclasses.dataclass
 class Table:
@@ -46,7 +49,7 @@ class Table:
     word: str | None = None  # the sensor that a word in every row names
 
     def __post_init__(self) -> None:
-        self.names = [printable(name) for name in self.names]
+        self.names = [printable(name)[:_LONGEST] for name in self.names]
 
 
 @dataclasses.dataclass(frozen=True)

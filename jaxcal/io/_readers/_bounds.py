@@ -1,7 +1,7 @@
 """Limits on the memory and time that a file may use in its reader.
 
 A few damaged or malicious bytes can declare terabytes, and a file of one megabyte can contain a gigabyte of zeros. Sensor noise does
-not compress: real logs grow by a factor of ten or twenty when unpacked, so a much higher limit refuses no real log. Three measures
+not compress: real logs grow by a factor of ten or twenty when unpacked, so a higher limit refuses no real log. Three measures
 enforce the limit, from cheap to expensive:
 
 - the size declared in a file is compared with the size of the file before memory is allocated (`check_declared`);
@@ -15,8 +15,8 @@ import importlib.util
 
 from ..._errors import DataError
 
-#: bytes that every file may use, and further bytes for each byte of the file
-FREE, _FACTOR = 1 << 26, 256
+#: unpacked bytes that every file may have, of which text takes six times as much memory; those for each byte of a larger file
+FREE, _FACTOR = 3 << 24, 32
 #: bytes of a file that are read in one piece: with blocks of 4 MiB, two threads read as fast as they parse and need little memory
 BLOCK = 1 << 22
 #: samples or messages that are gathered or looked at together
@@ -27,7 +27,7 @@ MOST = 5000
 
 def allowed(size: int) -> int:
     """Largest unpacked size, in bytes, of a file of `size` bytes."""
-    return FREE + _FACTOR * size
+    return max(FREE, _FACTOR * size)
 
 
 def check_declared(declared: int, size: int, what: str) -> None:

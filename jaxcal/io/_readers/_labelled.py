@@ -26,7 +26,7 @@ _MESSAGE = re.compile(r"^ *(?:angular_velocity|linear_acceleration|magnetic_fiel
 #: the text before the first number of a line
 _WORD = re.compile(r"\s*([^\d\s]\D{0,40}?)[-+]?\.?\d")
 _SENSOR = re.compile(r"imu|gyr|acc|mag", re.IGNORECASE)
-_NUMBER = re.compile(r"(?<![\w.^])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w:]|\.\d)")
+_NUMBER = re.compile(r"(?<![\w.^])[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?(?![\w:]|\.\d)")
 
 
 def relabelled(text: str) -> Callable[[str], str] | None:
@@ -146,7 +146,7 @@ def _names(form: tuple[str, ...]) -> list[str]:
     names: list[str] = ["time"] if form[0] == "\0" else []
     group, place = "", 0
     for before, after in itertools.pairwise(form[1:]):
-        label = re.sub(r"^\W+|[^\w\])]+$", "", re.split(r"[,;|]", before)[-1])
+        label = re.sub(r"^\W+|(?<![^\w\])])[^\w\])]+$", "", re.split(r"[,;|]", before)[-1])
         if not re.search(r"[A-Za-z]", label):
             place += 1
             label = f"{group}_{AXES[place]}" if group and place < 3 else ""
@@ -156,6 +156,6 @@ def _names(form: tuple[str, ...]) -> list[str]:
             label, place = f"{re.sub(r'[ _]?[xyzXYZ]$', '', group)}_{label}", 0
         else:
             group, place = label, 0
-        unit = re.match(r"\s*([^\s,;|:=]*[A-Za-z\u00b0/][^\s,;|:=]*)\s*(?:[,;|]|$)", after)
+        unit = re.match(r"\s*(?=[^\s,;|:=]*[A-Za-z\u00b0/])([^\s,;|:=]+)\s*(?:[,;|]|$)", after)
         names.append((f"{label} [{unit[1]}]" if unit and label else label).replace(",", " "))
     return names
