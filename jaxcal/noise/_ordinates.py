@@ -25,9 +25,8 @@ from .._types import Any, AnyArray, Array, Float
 from ..spectrum._average import log_groups
 from ._terms import Term
 
-#: search for lines: farthest neighbour on either side; chance of a false line in the whole spectrum; chance of a false bin next to a
-#: line; number of passes
-_REACH, _CHANCE, _SIDE, _PASSES = 9, 0.01, 1e-4, 4
+#: search for lines: farthest neighbour on either side; chance of a false line in the whole spectrum; number of passes
+_REACH, _CHANCE, _PASSES = 9, 0.01, 4
 #: widest line in bins, including its skirts, of which one of twice the width is none; ratio to the level above which a wider run is a line
 #: all the same, and one of half the ratio an error of the first fit; least number of neighbours on each side from which a level is computed
 _WIDEST, _TOWERING, _FEWEST = 8, 3.0, 4
@@ -89,9 +88,9 @@ def find_lines(bins: Bins, model) -> Float[np.ndarray, " bins"]:
 
     The ordinates P are divided by a first fit, `model`, which is smooth even where it is wrong. In a bin of nu ordinates, nu P/S follows
     a chi-square law of nu degrees of freedom. The level S is the geometric mean of the medians of the neighbours on either side, raised
-    by twice its uncertainty. A bin is part of a line if the chance of its value is below 1 %, divided by the number of bins; a neighbour
-    of such a bin, if its chance is below 1e-4. The search runs in several passes, because a line raises the level next to it. At the
-    end one more bin on each side is added for the skirts. The wider a low rise beyond eight bins, the less of it is a line.
+    by twice its uncertainty. A bin is part of a line if the chance of its value is below 1 %, divided by the number of bins. The search
+    runs in several passes, because a line raises the level next to it. At the end one more bin on each side is added for the skirts. The
+    wider a low rise beyond eight bins, the less of it is a line.
 
     A bin whose chance is close to the limit has a share between 0 and 1, so that a small change of the record changes the fit little. From
     the share `LINE` on the bin is reported as a line. The share grows evenly with the normal value of the same chance, like a weight that
@@ -99,7 +98,7 @@ def find_lines(bins: Bins, model) -> Float[np.ndarray, " bins"]:
     """
     weight, density = np.asarray(bins.weight), np.asarray(bins.density / model)
     used = weight > 0
-    number = int(used.sum())
+    limit = _CHANCE / max(int(used.sum()), 1)
     taken, share = np.zeros(len(weight), dtype=bool), np.zeros(len(weight))
     offsets = np.array([k for k in range(-_REACH, _REACH + 1) if abs(k) > 1])
     index = np.arange(len(weight))[:, None] + offsets[None, :]
@@ -118,11 +117,9 @@ def find_lines(bins: Bins, model) -> Float[np.ndarray, " bins"]:
         ordinates = np.where(there, weight[index], 0.0).sum(axis=1)
         level *= 1.0 + 2.0 * 1.25 * np.sqrt(2.0 / np.maximum(ordinates, 1.0))
         chance = scipy.special.gammaincc(weight / 2.0, weight * density / level / 2.0)
-        beside = np.convolve(taken, [1, 1, 1], mode="same") > 0
-        limit = np.where(beside, _SIDE, _CHANCE / max(number, 1))
         new = known & (chance < limit)
         near = known & (chance < _NEAR)
-        apart = scipy.special.ndtri(limit[near]) - scipy.special.ndtri(np.maximum(chance[near], np.finfo(float).tiny))
+        apart = scipy.special.ndtri(limit) - scipy.special.ndtri(np.maximum(chance[near], np.finfo(float).tiny))
         share[near] = np.maximum(share[near], np.clip((apart + _BELOW) / (_BELOW + _ABOVE), 0.0, 1.0))
         if not (new & ~taken).any():
             break
