@@ -184,8 +184,8 @@ def _compared(path: Path | None, present: Any, found: Any) -> Any:
     import numpy as np
 
     from .._answer import Quantity
-    from ..magnetometer._design._heading_error import heading_change
     from ..magnetometer._findings import FINDINGS as OF_MAG
+    from ..magnetometer._heading_error import heading_change
     from ..magnetometer._result import quantity_of
 
     turns = heading_change(present, found.model, float(found.field), inclination=float(found.inclination), down=found.down)

@@ -152,3 +152,19 @@ def correlation_time(residuals: np.ndarray) -> float:
     values = values / values[0]
     lost = values < 2 / np.sqrt(n)
     return float(max(1 + 2 * np.sum(values[1 : np.argmax(lost) if lost.any() else len(values)]), 1.0))
+
+
+def followed(span: np.ndarray, columns: np.ndarray, residuals: np.ndarray) -> tuple[np.ndarray, float]:
+    """Coefficients (k,) of columns (n, k) that residuals follow beside the parameters, and the chance that they do by accident.
+
+    span : orthonormal columns that span the changes with the parameters. Columns that the parameters imitate have a chance of one.
+    """
+    free = columns - span @ (span.T @ columns)
+    size = np.linalg.norm(free, axis=0)
+    if not size.size or not (size > 1e-6 * np.linalg.norm(columns, axis=0)).all():
+        return np.zeros(size.size), 1.0
+    calm = tamed(span, residuals)
+    coefficients = np.linalg.lstsq(free / size, calm, rcond=1e-9)[0] / size
+    rest = calm - free @ coefficients
+    gain = len(residuals) / correlation_time(rest) * np.log(np.sum(calm**2) / np.sum(rest**2))
+    return coefficients, float(chi_square_tail(float(gain), size.size))

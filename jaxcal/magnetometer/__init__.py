@@ -5,10 +5,15 @@ from typing import TYPE_CHECKING
 from .._lazy import install
 
 if TYPE_CHECKING:
-    from ._aids import Accelerometer as Accelerometer, Alignment as Alignment, Gyroscope as Gyroscope, Headings as Headings
-    from ._attitude import Attitude as Attitude
+    from ._aids import (
+        Accelerometer as Accelerometer,
+        Alignment as Alignment,
+        Attitude as Attitude,
+        Gyroscope as Gyroscope,
+        Headings as Headings,
+    )
     from ._check import Check as Check, check as check
-    from ._design._coverage import Coverage as Coverage, coverage as coverage
+    from ._coverage import Coverage as Coverage, coverage as coverage
     from ._field import body_field as body_field, earth_field as earth_field, heading as heading, scenario as scenario
     from ._fit import fit as fit
     from ._guide import Guide as Guide, guide as guide
@@ -22,10 +27,9 @@ if TYPE_CHECKING:
 install(
     __name__,
     {
-        "_aids": "Accelerometer Alignment Gyroscope Headings",
-        "_attitude": "Attitude",
+        "_aids": "Accelerometer Alignment Attitude Gyroscope Headings",
         "_check": "Check check",
-        "_design._coverage": "Coverage coverage",
+        "_coverage": "Coverage coverage",
         "_moments": "Moments",
         "_own_model": "residuals",
         "_field": "body_field earth_field heading scenario",

@@ -11,12 +11,12 @@ from .._answer._sections import Grid
 from .._errors import DataError
 from .._precision import host_float64
 from .._types import AnyArray
-from ._aids import array, like, still
-from ._design._heading_error import HEADINGS, distance_slopes
-from ._ellipsoid._algebraic import unit
+from ._axes import array, like, still
 from ._field import STEEPEST, heading
 from ._findings import FINDINGS
-from ._result import EXACT, MagFit
+from ._heading_error import HEADINGS, distance_slopes
+from ._quadric import EXACT, unit
+from ._result import MagFit
 
 _PARAMETERS = 3.0  # approximate degrees of freedom of a heading error: the hard iron dominates it
 

@@ -12,9 +12,10 @@ from .._log import Log, as_log
 from .._message import Message
 from .._precision import is_traced, real_numbers
 from ._aids import Accelerometer, Gyroscope
-from ._ellipsoid._algebraic import COUNT
 from ._field import INCLINATION
 from ._model import MagModel
+from ._own_model import further_names
+from ._quadric import COUNT
 
 METHODS = ("ml", "consistent", "constrained")
 MODELS = ("auto", *COUNT, "planar")
@@ -28,7 +29,7 @@ class Asked(NamedTuple):
     m : (n, 3) readings; NaN in some rows beside rates, which are integrated over all of them. there : numbers of the rows with a reading.
     method, model, aid, limits : as for `fit`; the accelerometer of a log is an aid that does not turn the axes.
     norm, field_error, dip : magnitude of the field and its relative error, or None, and its dip. known : whether the dip was given.
-    currents, conditions : name -> numbers at the times of the readings.
+    currents, conditions : name -> numbers at the times of the readings. traced : whether the fit is in a trace; nothing is chosen then.
     """
 
     m: np.ndarray
@@ -43,6 +44,7 @@ class Asked(NamedTuple):
     aid: Any
     currents: dict[str, np.ndarray]
     conditions: dict[str, np.ndarray]
+    traced: bool = False
 
     @property
     def sign(self) -> float:
@@ -51,11 +53,16 @@ class Asked(NamedTuple):
 
 
 def asked_for(
-    m: Any, force: Any, method: str, model: Any, field: Any, field_error: Any, inclination: Any, limits: Any, aid: Any, currents: Any,
+    source: Any, method: str, model: Any, field: Any, field_error: Any, inclination: Any, limits: Any, aid: Any, currents: Any,
     conditions: Any,
 ) -> Asked:  # fmt: skip
-    """The fit as asked for, after a check that each option is known and that all suit one another; `force`: specific force of a log."""
-    m = real_numbers(m, "the readings")
+    """The fit as asked for, after a check that each option is known and that all suit one another."""
+    m, force = field_readings(source)
+    own = isinstance(model, MagModel)
+    if is_traced(m, field):
+        host = {"method": method != "ml", "field_error": field_error, "aid": aid, "currents": currents,
+                "conditions": conditions and not own}  # fmt: skip
+        return _in_trace(m, model, field, inclination, conditions or {}, [name for name, given in host.items() if given])
     there = np.isfinite(m).all(axis=1) if m.ndim == 2 else np.zeros(0, dtype=bool)
     if m.ndim != 2 or m.shape[1] != 3 or not len(m):
         raise DataError(f"The readings have shape {m.shape}; expected (n, 3), one row per reading.", code="bad_shape")
@@ -63,7 +70,6 @@ def asked_for(
         raise DataError(
             f"{np.sum(~there)} readings are not finite, the first in row {np.argmin(there)}; leave them out.", code="not_finite"
         )
-    own = isinstance(model, MagModel)
     if own and method != "ml":
         raise DataError("A model object is fitted by method='ml'.", code="model_object_options")
     for given, known, what in ((method, METHODS, "method"), ("auto" if own else model, MODELS, "model")):
@@ -90,6 +96,22 @@ def asked_for(
     known = inclination is not None or np.ndim(field) == 1
     return Asked(m, np.flatnonzero(there), method, model, norm, field_error, float(dip), known, (float(limits[0]), float(limits[1])), aid,
                  flows, recorded)  # fmt: skip
+
+
+def _in_trace(m: Any, model: Any, field: Any, inclination: Any, conditions: dict[str, Any], refused: list[str]) -> Asked:
+    """A fit in a trace; `refused` names options that were given and are decided on the host."""
+    own = isinstance(model, MagModel)
+    if not (own or model in COUNT) or refused:
+        said = ", ".join(f"`{name}`" for name in refused) or f"model={model!r}"
+        raise DataError(
+            "A traced fit has its structure fixed by model='sphere', 'diagonal', 'symmetric' or a model object, and method='ml'; "
+            f"{said} is decided on the host. Leave it out, or call `fit` outside of jit, vmap and grad.", code="traced_options",
+        )  # fmt: skip
+    least = 10 + len(further_names(model)) if own else COUNT[model] + 1
+    if m.ndim != 2 or m.shape[1] != 3 or len(m) < least:
+        raise DataError(f"The readings have shape {m.shape}; this model needs (n, 3) with at least {least} rows.", code="bad_shape")
+    norm, dip = norm_and_dip(field, inclination)
+    return Asked(m, np.arange(len(m)), "ml", model, norm, None, float(dip), True, (0.0, 0.0), None, {}, conditions, True)
 
 
 def _numbers(given: Any, what: str, count: int, code: str, wide: bool = False) -> np.ndarray:

@@ -1,26 +1,15 @@
 """`fit`: hard and soft iron from readings in a field of constant magnitude, with what is known beside."""
 
-import functools
 from typing import Any
 
-import jax
-import jax.numpy as jnp
-
-from .._compile import filter_jit
-from .._errors import DataError
-from .._frozen import made
-from .._precision import host_float64, is_traced
+from .._precision import host_float64
 from ._aids import Plane
-from ._checked import asked_for, field_readings, norm_and_dip
-from ._design._heading_error import both_tilts, rms_heading
-from ._ellipsoid._algebraic import COUNT, Frame, between
-from ._ellipsoid._orthogonal import fitted
-from ._findings import FINDINGS
+from ._checked import asked_for
 from ._joined import joined
-from ._magnitudes import Surface, by_magnitudes, ellipsoid
+from ._judge import by_magnitudes
 from ._model import MagModel
-from ._own_model import changes_of, fit_leaves, further_names
-from ._result import LIMITS, MagFit, estimated
+from ._result import LIMITS, MagFit
+from ._surface import surface_of
 
 
 @host_float64
@@ -104,56 +93,10 @@ def fit(
     J. F. Vasconcelos et al., IEEE Trans. Aerosp. Electron. Syst. 47 (2011) 1293 (maximum likelihood); I. Markovsky et al., Numer.
     Math. 98 (2004) 177 (consistent); the magnetometer paper's equations 6 to 16 (constrained); the thesis, chapter 6.
     """
-    m, force = field_readings(m)
-    if is_traced(m, field):
-        host = {"method": method != "ml", "field_error": field_error, "aid": aid, "currents": currents,
-                "conditions": conditions and not isinstance(model, MagModel)}  # fmt: skip
-        return fit_traced(m, model, field, inclination, conditions, [name for name, given in host.items() if given])
-    asked = asked_for(m, force, method, model, field, field_error, inclination, limits, aid, currents, conditions)
-    first, used, plane = by_magnitudes(asked)
+    asked = asked_for(m, method, model, field, field_error, inclination, limits, aid, currents, conditions)
+    surface = surface_of(asked)
+    first = by_magnitudes(asked, surface)
     turns = getattr(asked.aid, "turns", asked.aid is not None)
-    if plane is not None and not turns:
-        asked, turns = asked._replace(aid=Plane(plane, model == "planar")), True
-    return joined(first, asked, used) if turns or currents or field_error is not None else first
-
-
-def fit_traced(m: Any, model: Any, field: Any, inclination: Any, conditions: Any, refused: list[str]) -> MagFit:
-    """The traced fit; `refused` names options that were given and are decided on the host."""
-    own = isinstance(model, MagModel)
-    if not (own or model in COUNT) or refused:
-        said = ", ".join(f"`{name}`" for name in refused) or f"model={model!r}"
-        raise DataError(
-            "A traced fit has its structure fixed by model='sphere', 'diagonal', 'symmetric' or a model object, and method='ml'; "
-            f"{said} is decided on the host. Leave it out, or call `fit` outside of jit, vmap and grad.", code="traced_options",
-        )  # fmt: skip
-    names = further_names(model) if own else []
-    least = 10 + len(names) if own else COUNT[model] + 1
-    if m.ndim != 2 or m.shape[1] != 3 or len(m) < least:
-        raise DataError(f"The readings have shape {m.shape}; this model needs (n, 3) with at least {least} rows.", code="bad_shape")
-    norm, dip = norm_and_dip(field, inclination)
-    told = _pure(model, float(dip), m, norm, conditions or {})
-    further = dict(zip(names, told.pop("further"), strict=True))
-    known = estimated(told["model"], told["field"], told.pop("covariance"), float(len(m) + 1 - least), further, norm is not None or own)
-    return made(
-        MagFit, inclination=dip, method="ml", kind=type(model).__name__ if own else model, findings=(FINDINGS("not_judged"),),
-        estimate=known, **told,
-    )  # fmt: skip
-
-
-@filter_jit
-def _pure(model: Any, dip: float, m: Any, norm: Any, conditions: Any) -> dict[str, Any]:
-    """The results of a traced fit; one program, since called eagerly by `grad` its operations would be compiled one by one."""
-    if isinstance(model, MagModel):
-        usual = {name: jnp.median(value, axis=0) for name, value in conditions.items()}
-        typed = jax.tree.map(lambda leaf: jnp.asarray(leaf, m.dtype), model)
-        found, own, size, slopes, *_ = fit_leaves(typed, m, norm, conditions)
-        surface = Surface(found=found, model=own, field=size, slopes=slopes, change=functools.partial(changes_of, own, size, usual))
-    else:
-        frame = Frame.of(m)
-        surface = ellipsoid(fitted(frame.scaled(m), model), frame, norm)
-    found, matrix = surface.found, between(surface.slopes, surface.found.covariance)
-    return {
-        "model": surface.model, "covariance": matrix, "field": surface.field, "noise": found.noise * surface.scale,
-        "heading_error": rms_heading(both_tilts(surface.change, dip), matrix), "residual": found.distance * surface.scale,
-        "further": jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(surface.model)])[12:],
-    }  # fmt: skip
+    if surface.plane is not None and not turns:
+        asked, turns = asked._replace(aid=Plane(surface.plane, model == "planar")), True
+    return joined(first, asked, asked.there[surface.rows]) if turns or currents or field_error is not None else first

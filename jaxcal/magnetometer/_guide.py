@@ -10,10 +10,10 @@ from .._errors import DataError
 from .._precision import host_float64, real_numbers
 from .._quality import checked_confidence
 from .._types import AnyArray
-from ._design._coverage import sphere_grid
-from ._design._heading_error import HEADINGS, by_iron, distance_slopes, heading_slopes
-from ._ellipsoid._algebraic import COUNT, sphere_centre, unit
+from ._coverage import sphere_grid
 from ._fit import fit
+from ._heading_error import HEADINGS, by_iron, distance_slopes, heading_slopes
+from ._quadric import COUNT, sphere_centre, unit
 from ._result import MagFit
 
 _FEWEST = 12  # number of readings from which the fit gives the advice; before, the largest gap between directions does

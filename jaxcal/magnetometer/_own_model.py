@@ -1,8 +1,4 @@
-"""Model objects: a `MagModel`, or a subclass of it with fields of its own, in the fit of all models.
-
-Field magnitudes do not determine a common rotation. So the soft iron is S Q with a symmetric S, which is fitted, and the rotation Q of
-the start, which is kept. All other floating leaves are fitted unchanged.
-"""
+"""Model objects: what a `MagModel`, or a subclass of it with fields of its own, says of readings, with all derivatives."""
 
 from typing import Any
 
@@ -14,9 +10,8 @@ from .._compile import filter_jit
 from .._precision import host_float64
 from .._types import Array
 from ..fitting._problem import names_of, vector_of
-from ._ellipsoid._algebraic import SYMMETRIC, UPPER, Frame, NotEllipsoid, basis_of, host_start, radius_of, soft_and_centre, traced_start
-from ._ellipsoid._orthogonal import Found, Near, distance_to, found_of, inverse_of, maximised, nearest, times
 from ._model import MagModel
+from ._orthogonal import distance_to, inverse_of, times
 
 _ROWS = 512  # of a block: readings and directions of any number share one program
 
@@ -51,12 +46,12 @@ def changes_of(model: MagModel, field: Any, usual: dict[str, Any], directions: A
     xp = model.soft_iron.__array_namespace__()
     directions = xp.asarray(directions, dtype=model.soft_iron.dtype)
     there = {name: xp.broadcast_to(value, (len(directions), *np.shape(value))) for name, value in usual.items()}
-    _, _, _, push, slopes = looked(model, _leaves_of(model), directions, directions, field, there)
+    _, _, _, push, slopes = looked(model, leaves_of(model), directions, directions, field, there)
     change = -inverse_of(push) @ slopes
     return xp.concatenate([change[..., 9:12], change[..., :9], 0.0 * change[..., :1], change[..., 12:]], axis=-1)
 
 
-def _leaves_of(model: MagModel) -> Any:
+def leaves_of(model: MagModel) -> Any:
     """The leaves as one vector: soft iron by rows, hard iron, and further ones."""
     leaves = [leaf.ravel() for leaf in jax.tree.leaves(model)]
     return (np if all(isinstance(leaf, np.ndarray) for leaf in leaves) else jnp).concatenate(leaves)
@@ -65,64 +60,6 @@ def _leaves_of(model: MagModel) -> Any:
 def further_names(model: MagModel) -> list[str]:
     """Names of the fields of its own."""
     return names_of(model)[12:]
-
-
-def fit_leaves(model: MagModel, m: Any, field: Any, conditions: dict[str, Any]) -> tuple[Found, MagModel, Any, Any, Any, Any]:
-    """The model object through readings (n, 3), on the host or in a trace.
-
-    Returns the surface, the model, the field, the derivative (13 + q, 9 + q) of hard iron, soft iron, field and further leaves by the
-    parameters, corrected readings, and whether `correct` undoes `measure`.
-    """
-    xp, given = m.__array_namespace__(), _leaves_of(model)
-    more, turn, kept, norm = given.size - 12, *_start(model, given, m, field, conditions)
-    basis = np.concatenate([basis_of("symmetric"), np.zeros((12, more))], axis=1)
-    basis, kind = basis.astype(m.dtype), m.dtype
-    soft = (xp.asarray(SYMMETRIC.T.reshape(6, 3, 3), dtype=kind) @ turn).reshape(6, 9).T
-    to_leaves = xp.concatenate([
-        xp.concatenate([soft, xp.zeros((9, 3 + more), dtype=kind)], axis=1), xp.eye(3 + more, 9 + more, 6, dtype=kind)
-    ])  # fmt: skip
-    structure = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), model)
-
-    def near_at(x: Any, near: Near, m: Any, norm: Any, conditions: Any, to_leaves: Any) -> Near:
-        # in a trace the second look is where the first one ends, so that the slopes have a derivative by that place
-        for _ in range(1 if xp is np else 2):
-            _, _, measured, push, slopes = looked(structure, to_leaves @ x, m, near.field, norm, conditions)
-            near = nearest(push, m - measured + times(near.field, push.swapaxes(1, 2)), near.multiplier)
-        return near._replace(slopes=-xp.einsum("ni,nij->nj", near.normal, slopes) @ to_leaves)
-
-    y = looked(structure, to_leaves @ kept, m, m / norm, norm, conditions)[0]
-    h = y / (y**2).sum(axis=1, keepdims=True) ** 0.5
-    x, near, weights, converged = maximised(near_at, kept, h, basis, norm, m, norm, conditions, to_leaves)
-    iron = soft_and_centre(x[:9], basis_of("symmetric"))
-    found = found_of(x, iron, near, weights, basis, converged, type(model).__name__)
-    leaves = to_leaves @ x
-    y, again, *_ = looked(structure, leaves, m, near.field, norm, conditions)
-    slopes = xp.concatenate([to_leaves[np.r_[9:12, 0:9]], xp.zeros((1, 9 + more), dtype=kind), to_leaves[12:]])
-    return found, jax.tree.map(xp.asarray, vector_of(model)[1](leaves)), norm, slopes, y, abs(again - near.field).max() < 1e-6
-
-
-def _start(model: MagModel, given: Any, m: Any, field: Any, conditions: Any) -> tuple[Any, Any, Any]:
-    """Q of the soft iron S Q, the parameters to start from, and the field.
-
-    The start is the given model, or the same with the iron of the algebraic fit if the magnitudes that it corrects scatter less.
-    """
-    xp = m.__array_namespace__()
-    left, values, right = xp.linalg.svd(given[:9].reshape(3, 3))
-    turn, frame, whole = left @ right, Frame.of(m), (left * values[None]) @ left.T
-    begin = xp.concatenate([whole[UPPER], given[9:]])
-    try:
-        soft, centre = soft_and_centre((host_start if xp is np else traced_start)(frame.scaled(m), "symmetric"), basis_of("symmetric"))
-    except NotEllipsoid:
-        return turn, begin, float(np.median(np.linalg.norm(m - given[9:12], axis=1))) if field is None else field
-    soft = soft * frame.scale
-    norm = radius_of(soft) if field is None else field
-    hard = frame.centre + frame.scale * centre
-    other = xp.concatenate([(soft / norm)[UPPER], hard, given[12:]])
-    off = []
-    for leaves in (given, xp.concatenate([(soft @ turn / norm).ravel(), hard, given[12:]])):
-        y = looked(model, leaves, m, m / norm, norm, conditions)[0]
-        off.append(((xp.linalg.norm(y, axis=1) - norm) ** 2).sum())
-    return turn, xp.where(off[0] <= off[1], begin, other), norm
 
 
 def residuals(model: MagModel, data: Any) -> Array:

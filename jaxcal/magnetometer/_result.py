@@ -1,30 +1,21 @@
 """`MagFit`: a magnetometer calibration with its uncertainty, the heading error to expect, and what to know about it."""
 
-from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
 import numpy as np
 
-from .._answer import CAUTION, FATAL, Finding, Grid, Number, Quantity, Result, Section, by_axis, listed
-from .._frozen import made, replaced
+from .._answer import Finding, Grid, Number, Result, Section, by_axis, listed
 from .._types import AnyArray
 from .._units import BEYOND
 from ..fitting import Estimate
-from ..fitting._serial import is_white, leave_out
-from ._design._coverage import covered, sphere_grid
-from ._design._heading_error import HEADINGS, heading_at, needed
-from ._ellipsoid._algebraic import PLACE, between
-from ._findings import FINDINGS
+from ._heading_error import HEADINGS, between, heading_at, needed
 from ._model import MagModel
+from ._quadric import PLACE, outliers
 
 #: rms heading error in rad above which a fit is weak, and above which it is refused
 LIMITS = (float(np.deg2rad(1.0)), float(np.deg2rad(5.0)))
-OUTLIER = 4.0  # robust standard deviations: one of 16,000 normal readings
-#: findings beside which a heading error means nothing
-_OPEN = ("not_judged", "undetermined", "near_planar", "no_ellipsoid", "not_converged")
-EXACT = 1e-9  # share of the field below which residuals are rounding, not noise
 HARD = tuple(f"hard_iron[{i}]" for i, _ in enumerate(PLACE))
 SOFT = tuple(f"soft_iron[{i},{j}]" for i, j in np.ndindex(*PLACE.shape))
 _NINETEEN = 2.1  # actual over stated error that 95.4 % of 800 simulated logs stayed below
@@ -52,50 +43,6 @@ def estimated(model: MagModel, field: Any, covariance: Any, freedom: float | int
     quantities = {"hard_iron": quantity, "field": quantity}
     quantities |= {name.partition("[")[0]: quantity for name in further if name.startswith("currents.")}
     return Estimate((*HARD, *SOFT, "field", *further), xp.concatenate(values), covariance, freedom, states, quantities)
-
-
-def by_parts(white: Any, jacobian: np.ndarray, left: np.ndarray, prior: np.ndarray | None = None) -> tuple[np.ndarray, bool]:
-    """Covariance of the parameters by fits without parts of the log, and True; if its residuals look white, the given one, and False.
-
-    No parameter is known better than by white residuals. prior : information (p, p) that no part of the log takes away.
-    """
-    shown = np.abs(jacobian).max(axis=0) > 0  # others are in the prior alone
-    if is_white(jacobian[:, shown], left):
-        return white, False
-    other = leave_out(jacobian, left, prior)
-    if prior is not None:
-        if not np.isfinite(other).all():
-            return white, False  # too few to leave any out, and the prior holds what they leave open
-        other = other + white @ prior @ white
-    ratio = np.sqrt(np.maximum(np.diag(white) / np.maximum(np.diag(other), 1e-300), 1.0))
-    return other * np.outer(ratio, ratio), True
-
-
-def outliers(distance: AnyArray) -> np.ndarray:
-    """Indices of readings more than four robust standard deviations off; distances in scaled units."""
-    size = np.abs(distance)
-    return np.flatnonzero(size > max(OUTLIER * 1.4826 * np.median(size), 1e-9))
-
-
-def by_readings(scatter: float, far: int, total: int) -> list[Finding]:
-    """Findings about the size of the residuals, relative to the field, and about outliers, of which two are no matter."""
-    said = FINDINGS.over("scatter", scatter, share=100 * scatter)
-    return said + FINDINGS.over("outliers", far / total if far > 2 else 0.0, count=far, total=total)
-
-
-def judged(said: Sequence[Finding], level: float, limits: tuple[float, float], weakest: str, wanted: AnyArray) -> tuple[Finding, ...]:
-    """All findings of a fit: those found, and one about its heading error in rad at level if that is above a limit."""
-    if any(one.code in _OPEN for one in said) or level <= limits[0]:
-        return tuple(said)
-    grave = not level <= limits[1]
-    way = "(" + ", ".join(f"{x:+.1f}" for x in wanted[0]) + ") of the sensor" if len(wanted) else "directions not yet seen"
-    limit = Quantity(limits[1] if grave else limits[0], "angle")
-    return (*said, FINDINGS("heading", severity=FATAL if grave else CAUTION, cost=level, limit=limit, what=weakest, direction=way))
-
-
-def dip_differs(found: float, given: float) -> list[Finding]:
-    """A finding if the dip by the accelerometer is not that of the given field; none for NaN."""
-    return FINDINGS.over("dip_differs", abs(found - given), found=Quantity(found, "angle"), given=Quantity(given, "angle"))
 
 
 class MagFit(Result):
@@ -177,9 +124,9 @@ class MagFit(Result):
     @property
     def needed(self) -> np.ndarray:
         """(3, 3) unit vectors, in the corrected field's axes, in which further readings would help most; (0, 3) if unknown."""
-        if self.model is None or self.kind == "planar" or not np.isfinite(np.asarray(self.estimate.matrix)).all():
-            return np.zeros((0, 3))
-        return needed(self.model, float(self.field), np.asarray(self.estimate.matrix[:13, :13]), sphere_grid())
+        return (
+            np.zeros((0, 3)) if self.model is None else needed(self.model, float(self.field), self.kind, np.asarray(self.estimate.matrix))
+        )
 
     def sections(self) -> list[Section]:
         """What corrects a reading, field and noise; then soft iron, heading error, coverage, rotation and check in detail."""
@@ -250,21 +197,3 @@ def _within(name: str, grid: Any) -> Grid:
         for label, cells in grid.rows
     )
     return grid._replace(rows=rows)
-
-
-def judged_fit(
-    said: Sequence[Finding], limits: tuple[float, float], weakest: str, corrected: np.ndarray, **told: Any
-) -> MagFit:  # fmt: skip
-    """A fit with its findings and the coverage of the corrected readings; `weakest` says what is least certain, in words."""
-    result = made(MagFit, coverage=covered(corrected), findings=(), **told)
-    level = float(result.heading_error[0])
-    wanted = result.needed if not level <= limits[0] else np.zeros((0, 3))
-    return replaced(result, findings=judged(said, level, limits, weakest, wanted))
-
-
-def unfitted(method: str, dip: float, *findings: Finding) -> MagFit:
-    """A fit without a model."""
-    return made(
-        MagFit, model=None, estimate=Estimate((), np.zeros(0), np.zeros((0, 0))), heading_error=np.full(2, np.inf), field=np.inf,
-        noise=np.inf, residual=np.zeros(0), inclination=dip, method=method, kind="none", findings=findings,
-    )  # fmt: skip

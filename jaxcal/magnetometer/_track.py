@@ -15,13 +15,12 @@ from .._types import AnyArray
 from ..fitting import Chain
 from ..fitting._chain import Eliminated
 from ._aided import ROUNDS, SETTLED
-from ._ellipsoid._algebraic import SYMMETRIC
-from ._ellipsoid._robust import LONG
 from ._field import INCLINATION
 from ._findings import FINDINGS
 from ._fit import fit
 from ._model import MagModel
-from ._result import LIMITS, outliers, quantity_of
+from ._quadric import LONG, SYMMETRIC, outliers
+from ._result import LIMITS, quantity_of
 
 _CLEAR = 9.0  # twice the logarithm of the likelihood by which a drift must gain: three standard deviations
 _WINDOWS = 24  # of the log: half of them are left out, and between them the path is compared with itself

@@ -12,11 +12,12 @@ import scipy  # loads its parts when they are first used
 from .._errors import DataError
 from .._precision import array_module, host_float64
 from .._types import AnyArray, Array
-from ._design._heading_error import both_tilts, by_iron, heading_at, sphere_rows
-from ._ellipsoid._algebraic import basis_of
 from ._field import INCLINATION, unit_field
+from ._heading_error import both_tilts, by_iron, heading_at
 from ._model import MagModel
+from ._quadric import basis_of
 from ._result import MagFit
+from ._surface import sphere_rows
 
 _STARTS, _FEWEST = 4, 10  # random plans, of which the best is kept; readings: one more than parameters
 

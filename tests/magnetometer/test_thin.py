@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from jaxcal.magnetometer import fit
-from jaxcal.magnetometer._ellipsoid._robust import thinned
-from jaxcal.magnetometer._magnitudes import candidates
+from jaxcal.magnetometer._quadric import thinned
+from jaxcal.magnetometer._surface import candidates
 
 from . import cases
 

@@ -12,8 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ...fitting._descent import descend, implicit, repeated
-from ._algebraic import COUNT, basis_of, host_start, soft_and_centre, traced_start, unit
+from ..fitting._descent import descend, implicit, repeated
+from ..fitting._serial import is_white, leave_out
 
 CURVED = 0.02  # noise over radius above which the curvature term matters
 #: most rounds, and steps to a foot, which takes three near the surface; change of the noise, or of the free parameters, that ends rounds
@@ -185,9 +185,10 @@ class Weights(NamedTuple):
 
 
 class Found(NamedTuple):
-    """A fitted surface: parameters (p,), their covariance, noise and its degrees of freedom, distances (n,) and their slopes (n, p).
+    """A fitted surface: parameters (p,), their covariance, noise and its degrees of freedom, distances (n,), and its readings.
 
-    soft, centre : S and the centre of an ellipsoid in scaled readings. noise2 : for the curvature term, in the distances.
+    soft, centre : S and the centre of an ellipsoid in scaled readings. basis : from the parameters to their entries. noise2 : for the
+    curvature term, in the distances. parts : whether the covariance is that of fits without parts of the log.
     """
 
     parameters: Any
@@ -197,10 +198,12 @@ class Found(NamedTuple):
     noise: Any
     freedom: Any
     distance: Any
-    rows: Any
+    near: Near
     converged: Any
     kind: str
+    basis: Any
     noise2: Any = 0.0
+    parts: bool = False
 
 
 def penalties(basis: np.ndarray) -> np.ndarray:
@@ -245,50 +248,47 @@ def rounds(near_at: Callable[[Any, Near], Near], x: Any, near: Near, basis: np.n
     """
     xp, out = x.__array_namespace__(), penalties(basis)
 
-    def fitted(state: tuple) -> tuple:
+    def settle(state: tuple) -> tuple:
         x, near, weights, _, _, count = state
         root, offset = xp.sqrt(weights.ridge), weights.noise2 * near.curvature
 
-        def evaluate(x: Any, near: Near) -> tuple:
-            near = near_at(x, near)
+        def evaluate(x: Any, last: tuple) -> tuple:
+            # a round begins where the last one ended
+            near = last[1] if x is last[0] else near_at(x, last[1])
             left = xp.concatenate([near.distance - offset, root * (out @ x)])
-            return left, xp.concatenate([near.slopes, root * out]), near
+            return left, xp.concatenate([near.slopes, root * out]), (x, near)
 
-        end, converged = descend(evaluate, x, near)
-        after = weighed(end.x, end.carry, weights[:2], basis, size)
+        end, converged = descend(evaluate, x, (x, near))
+        x, near = end.carry
+        after = weighed(x, near, weights[:2], basis, size)
         settled = (abs(after.noise2 - weights.noise2) <= SETTLED * after.noise2) & (abs(after.freedom - weights.freedom) <= SETTLED)
-        return end.x, end.carry, after, converged, settled | ~xp.isfinite(after.noise), count + 1
+        return x, near, after, converged, settled | ~xp.isfinite(after.noise), count + 1
 
     near = near_at(x, near)  # which also gives the start its shapes
     start = (x, near, weighed(x, near, (0.0, 0.0), basis, size), xp.asarray(False), xp.asarray(False), xp.asarray(0))
-    x, near, weights, converged, _, _ = repeated(fitted, start, lambda state: state[4] | (state[5] >= ROUNDS))
+    x, near, weights, converged, _, _ = repeated(settle, start, lambda state: state[4] | (state[5] >= ROUNDS))
     return x, near, weights, converged
 
 
-def by_ellipsoid(u: Any, basis: np.ndarray, x: Any, near: Near | None = None) -> Near:
-    """Scaled readings beside an ellipsoid, and the slopes of their distances by its parameters."""
-    soft, centre = soft_and_centre(x, basis)
-    found = nearest(soft, u - centre[None], None if near is None else near.multiplier)
-    whole = (found.normal[:, :, None] * found.field[:, None, :]).reshape(-1, 9)
-    return found._replace(slopes=-(whole @ basis[:9] + found.normal @ basis[9:]))
-
-
-def found_of(x: Any, iron: tuple, near: Near, weights: Weights, basis: np.ndarray, converged: Any, kind: str) -> Found:
+def found_of(x: Any, near: Near, weights: Weights, basis: np.ndarray, converged: Any, kind: str) -> Found:
     """A fitted surface by its distances and their slopes, and by the prior."""
+    iron = basis @ x
     covariance = x.__array_namespace__().where(weights.determined, weights.noise**2 * weights.inverse, np.inf)
     left = near.distance - weights.noise2 * near.curvature
-    return Found(x, iron[0], iron[1], covariance, weights.noise, weights.freedom, left, near.slopes, converged, kind, weights.noise2)
+    soft, centre = iron[:9].reshape(3, 3), iron[9:]
+    return Found(x, soft, centre, covariance, weights.noise, weights.freedom, left, near, converged, kind, basis, weights.noise2)
 
 
-def maximised(near_at: Callable[..., Near], begin: Any, h: Any, basis: np.ndarray, size: Any, *data: Any) -> tuple[Any, Near, Weights, Any]:
-    """`rounds` from parameters, and unit fields (n, 3) near which to begin, for `near_at(x, near, *data)`; in a trace with a derivative.
+def maximised(near_at: Callable[..., Near], begin: Any, h: Any, basis: np.ndarray, size: Any, kind: str, *data: Any) -> Found:
+    """The surface by `rounds` from parameters, and unit fields (n, 3) near which to begin, for `near_at(x, near, *data)`.
 
-    The root that has the derivative is that of the slope of the cost, with the variance of the noise as one more unknown.
+    In a trace it has a derivative: that of the root of the slope of the cost, with the variance of the noise as one more unknown.
     """
     none = 0.0 * h[:, 0]
     near = Near(none, h, h, none, none, h)
     if isinstance(begin, np.ndarray):
-        return rounds(lambda x, near: near_at(x, near, *data), begin, near, basis, size)
+        x, near, weights, converged = rounds(lambda x, near: near_at(x, near, *data), begin, near, basis, size)
+        return found_of(x, near, weights, basis, converged, kind)
 
     def solver(begin: Any, near: Near, size: Any, *data: Any) -> tuple:
         x, near, weights, converged = rounds(lambda x, near: near_at(x, near, *data), begin, near, basis, size)
@@ -305,47 +305,27 @@ def maximised(near_at: Callable[..., Near], begin: Any, h: Any, basis: np.ndarra
     root, (near, converged) = implicit(solver, score, begin, near, jnp.asarray(size, h.dtype), *data)
     x, near = root[:-1], near_at(root[:-1], near, *data)
     noise2, ridge = terms(x, root[-1], basis, size)
-    return x, near, weighed(x, near, (noise2, ridge), basis, size), converged > 0
+    return found_of(x, near, weighed(x, near, (noise2, ridge), basis, size), basis, converged > 0, kind)
 
 
-def fitted(u: Any, kind: str, begin: Any = None) -> Found:
-    """The ellipsoid of a kind through scaled readings; in a trace nothing is chosen on the host."""
-    if begin is None:
-        begin = host_start(u, kind) if isinstance(u, np.ndarray) else traced_start(jax.lax.stop_gradient(u), kind)
-    basis = basis_of(kind).astype(u.dtype)
-    x, near, weights, converged = maximised(lambda x, near, u: by_ellipsoid(u, basis, x, near), begin, 0.0 * u, basis, 1.0, u)
-    return found_of(x, soft_and_centre(x, basis), near, weights, basis, converged, kind)
-
-
-def of_parameters(u: np.ndarray, kind: str, x: np.ndarray) -> Found:
-    """An ellipsoid that another method found, with the smallest covariance that the readings allow there (Cramer-Rao bound)."""
-    basis = basis_of(kind)
-    near = by_ellipsoid(u, basis, x)
+def of_method(near: Near, x: np.ndarray, basis: np.ndarray, kind: str) -> Found:
+    """A surface that another method found, with the smallest covariance that the readings allow there (Cramer-Rao bound)."""
     weights = weighed(x, near, (0.0, 0.0), basis, 1.0)._replace(noise2=0.0, ridge=0.0)
-    return found_of(x, soft_and_centre(x, basis), near, weights, basis, True, kind)
+    return found_of(x, near, weights, basis, True, kind)
 
 
-def distances(found: Found, u: np.ndarray) -> np.ndarray:
-    """Distance of readings to an ellipsoid that was fitted to others."""
-    near = nearest(found.soft, u - found.centre)
-    return near.distance - found.noise2 * near.curvature
+def by_parts(white: Any, jacobian: np.ndarray, left: np.ndarray, prior: np.ndarray | None = None) -> tuple[np.ndarray, bool]:
+    """Covariance of the parameters by fits without parts of the log, and True; if its residuals look white, the given one, and False.
 
-
-def directions_of(found: Found, u: np.ndarray) -> np.ndarray:
-    """Unit vectors of the corrected readings."""
-    return unit((u - found.centre) @ np.linalg.inv(found.soft))
-
-
-def left_out(fits: dict[str, Found], chosen: Found) -> np.ndarray:
-    """Bias (12,) of S and centre of the chosen model due to the terms that it leaves out, as far as the largest model shows it.
-
-    A lack of evidence for these terms must not make the fit more certain. The step to the largest model is this bias plus noise, and noise
-    contributes one per parameter to the likelihood ratio (positive-part James and Stein).
+    No parameter is known better than by white residuals. prior : information (p, p) that no part of the log takes away.
     """
-    largest = next(iter(fits.values()))
-    more = COUNT[largest.kind] - COUNT[chosen.kind]
-    if not more or not np.isfinite(largest.covariance).all():
-        return np.zeros(12)  # the verdict reports that the largest model could not be tried
-    gain = float(np.sum(chosen.distance**2) - np.sum(largest.distance**2)) / max(largest.noise, 1e-300) ** 2
-    step = basis_of(largest.kind) @ largest.parameters - basis_of(chosen.kind) @ chosen.parameters
-    return np.sqrt(max(1 - more / max(gain, 1e-300), 0.0)) * step
+    shown = np.abs(jacobian).max(axis=0) > 0  # others are in the prior alone
+    if is_white(jacobian[:, shown], left):
+        return white, False
+    other = leave_out(jacobian, left, prior)
+    if prior is not None:
+        if not np.isfinite(other).all():
+            return white, False  # too few to leave any out, and the prior holds what they leave open
+        other = other + white @ prior @ white
+    ratio = np.sqrt(np.maximum(np.diag(white) / np.maximum(np.diag(other), 1e-300), 1.0))
+    return other * np.outer(ratio, ratio), True

@@ -1,21 +1,29 @@
-"""Ellipsoids {b + S h : |h| = 1} of scaled readings, with S the soft iron times the field: their kinds, and fits without iteration.
+"""Ellipsoids {b + S h : |h| = 1}, with S the soft iron times the field: their kinds, fits without iteration, and which readings to fit.
 
 A quadric is theta = [a..f | p, r, s, k] over the monomials [x^2, xy, xz, y^2, yz, z^2 | x, y, z, 1]. Every fit works on readings
 that are centred and scaled, and eliminates the linear part exactly: with linear and quadratic constraints, and consistent. These also start
 the iterative fits. Functions run in NumPy on the host unless they say "traced".
+
+Readings that are none of the field (spikes, zeros, blunders) are found before the fit, which then is plain least squares. A sensor that
+rests, or a value that a driver repeats, must not outvote the rest of a log. So every cell of space speaks with four readings at most. An
+ellipsoid through the nearest part of these (least trimmed squares, P. J. Rousseeuw and K. Van Driessen, Technometrics 41, 1999, 212) says
+how far the readings scatter, and which of them are too far.
 """
 
+import contextlib
 import dataclasses
 import functools
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from ..._errors import FitError
-from ..._types import AnyArray
+from .._errors import FitError
+from .._types import AnyArray
+from ..evidence._values import clipped, held
 
 #: place of each entry of a symmetric matrix among its six upper ones, the their rows and columns, and the matrix (9, 6) from them to all
 PLACE = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
@@ -69,13 +77,6 @@ class Frame:
         return (m - self.centre[None, :]) / self.scale
 
 
-def between(slopes: Any, covariance: Any) -> Any:
-    """Covariance J C J'; infinite if C is: infinity times zero is NaN."""
-    xp = covariance.__array_namespace__()
-    known = xp.isfinite(covariance).all()
-    return xp.where(known, slopes @ xp.where(known, covariance, 0.0) @ slopes.T, xp.inf)
-
-
 def unit(v: np.ndarray) -> np.ndarray:
     """Rows scaled to length one."""
     return v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-300)
@@ -93,21 +94,6 @@ def shape_of_soft(soft: np.ndarray) -> np.ndarray:
     """A of S (host only)."""
     inverse = np.linalg.inv(soft)
     return inverse.T @ inverse
-
-
-def radius_of(soft: Any) -> Any:
-    """Geometric mean of all semi-axes."""
-    xp = soft.__array_namespace__()
-    return xp.cbrt(xp.abs(xp.linalg.det(soft)))
-
-
-def iron_slopes(whole: Any, field: Any, given: bool) -> Any:
-    """Derivative (13, 12) of hard iron, soft iron and field by the whole matrix C H and the hard iron; H = det(C H)^(1/3) unless given."""
-    xp = whole.__array_namespace__()
-    by_field = xp.zeros(9, dtype=whole.dtype) if given else field / 3 * xp.linalg.inv(whole).T.ravel()
-    by_soft = xp.concatenate([xp.eye(9, dtype=whole.dtype) / field - xp.outer(whole.ravel(), by_field) / field**2, by_field[None]])
-    hard = xp.eye(3, 12, 9, dtype=whole.dtype)
-    return xp.concatenate([hard, xp.concatenate([by_soft, xp.zeros((10, 3), dtype=whole.dtype)], axis=1)])
 
 
 class NotEllipsoid(FitError):
@@ -285,3 +271,123 @@ def away(found: tuple[np.ndarray, np.ndarray], u: np.ndarray) -> np.ndarray:
     normal = z @ found[0]
     r = np.sqrt(np.maximum(np.sum(z * normal, axis=1), 1e-12))
     return np.abs((r - 1) * r) / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
+
+
+OUTLIER = 4.0  # robust standard deviations: one of 16,000 normal readings
+EXACT = 1e-9  # share of the field below which residuals are rounding, not noise
+LONG = 20_000  # largest number of readings that are all fitted
+_CELL, _PER_CELL, _PER_LONG = 0.25, 4, 32  # side of a cell over the size of the log; readings of each that vote, and of a long log
+#: quantile of the distances from the median reading that is the size, above which there may be spikes; how many sizes away they begin
+_SIZE, _SPIKE = 0.8, 5.0
+#: shares of the readings, nearest to the median, from which trimmed fits start; the last is the share that they keep in all rounds
+_SHARES, _ROUNDS = (0.97, 0.7), 4
+#: factor by which the trimmed fit must be closer than the plain one; robust standard deviations of a reading that is left out; their share,
+#: above which nothing is left out
+_CLOSER, _FAR, _MOST = 2.0, 6.0, 0.1
+
+
+def spread_of(distance: np.ndarray) -> float:
+    """Robust standard deviation of sizes of distances, in scaled units."""
+    return max(1.4826 * float(np.median(distance)), 1e-9)
+
+
+def outliers(distance: AnyArray) -> np.ndarray:
+    """Indices of readings more than four robust standard deviations off; distances in scaled units."""
+    size = np.abs(distance)
+    return np.flatnonzero(size > max(OUTLIER * 1.4826 * np.median(size), 1e-9))
+
+
+def _voters(u: np.ndarray, most: int = _PER_CELL) -> np.ndarray:
+    """Rows of at most so many readings of each cell, evenly over time."""
+    # cells that share a number are far apart, and only few
+    number = np.floor(u / _CELL).astype(np.int64) @ np.array([1, 1 << 20, 1 << 40])
+    cell, count = np.unique(number, return_inverse=True, return_counts=True)[1:]
+    order = np.argsort(cell, kind="stable")
+    size = count[cell[order]]
+    place = np.arange(len(u)) - np.repeat(np.cumsum(count) - count, count)
+    return np.sort(order[(size <= most) | (place * most // size != (place - 1) * most // size)])
+
+
+def _frame(m: np.ndarray) -> tuple[np.ndarray, float]:
+    """Median reading and size of a log, by readings of which every cell has four at most: a dwell does not shrink them."""
+    voters = m
+    for _ in range(4):
+        middle = np.median(voters, axis=0)
+        size = float(np.quantile(np.linalg.norm(voters - middle, axis=1), _SIZE))
+        if not size > 0:
+            break
+        voters = m[_voters((m - middle) / size)]
+    return middle, size
+
+
+def thinned(m: np.ndarray) -> np.ndarray:
+    """Rows of a long log of which every cell of space has 32 at most: neighbouring readings repeat one another."""
+    middle, size = _frame(m)
+    return _voters((m - middle) / size, _PER_LONG) if size > 0 else np.arange(len(m))
+
+
+def _tried(fitted: Callable[[], tuple[np.ndarray, np.ndarray]], u: np.ndarray) -> list[tuple[float, tuple[np.ndarray, np.ndarray]]]:
+    """Median distance of readings to an ellipsoid, and the ellipsoid; empty if there is none."""
+    with contextlib.suppress(NotEllipsoid, np.linalg.LinAlgError):
+        found = fitted()
+        return [(float(np.median(away(found, u))), found)]
+    return []
+
+
+def _trimmed(u: np.ndarray) -> list[tuple[float, tuple[np.ndarray, np.ndarray]]]:
+    """Ellipsoids through the nearest part of the readings (concentration steps of least trimmed squares)."""
+    order, found = np.argsort(np.linalg.norm(u, axis=1)), []
+    for share in _SHARES:
+        now = _tried(lambda share=share: algebraic(u[order[: int(share * len(u))]]), u)
+        for _ in range(_ROUNDS):
+            now = [
+                new
+                for _, one in now
+                for new in _tried(lambda one=one: algebraic(u[np.argsort(away(one, u))[: int(_SHARES[-1] * len(u))]]), u)
+            ]
+            found += now
+    return found
+
+
+def sound(m: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
+    """Flags (n,) of the readings that do not stand apart, and the ellipsoid near them.
+
+    All readings are kept where an ellipsoid through most is not to be had, or more than a tenth stand apart.
+    """
+    (middle, size), everything, least = _frame(m), np.ones(len(m), dtype=bool), 2 * COUNT["symmetric"]
+    kept = np.linalg.norm(m - middle, axis=1) <= _SPIKE * size
+    if not size > 0 or np.mean(~kept) > _MOST or kept.sum() < least:
+        return everything, None
+    u = (m - middle) / size
+    vote = u[kept][_voters(u[kept])]
+    if len(vote) < least or extents(Frame.of(vote).scaled(vote))[-1] < NEAR_PLANAR:
+        return kept, None
+    plain = _tried(lambda: start(vote, "symmetric"), vote)
+    # a fit without a reading that stands apart needs no other
+    far = not plain or away(plain[0][1], vote).max() > OUTLIER * spread_of(away(plain[0][1], vote))
+    found = min(plain + [(_CLOSER * median, one) for median, one in (_trimmed(vote) if far else [])], key=lambda one: one[0], default=None)
+    if found is None:
+        return kept, None
+    shape, centre = found[1]
+    near = kept & (away(found[1], u) <= _FAR * spread_of(away(found[1], vote)))
+    return (everything, None) if np.mean(~near) > _MOST else (near, (shape / size**2, middle + size * centre))
+
+
+class Chosen(NamedTuple):
+    """Readings to fit: their numbers, themselves, the ellipsoid near them (shape, centre) if one is known, and how many were saturated."""
+
+    rows: np.ndarray
+    m: np.ndarray
+    near: tuple[np.ndarray, np.ndarray] | None
+    full: int
+
+
+def chosen(m: np.ndarray) -> Chosen:
+    """The readings to fit: without spikes, repeats and saturated ones, thinned if many."""
+    full = clipped(m)
+    used = np.flatnonzero(~full & ~held(m))
+    kept, near = sound(m[used])
+    used = used[kept]
+    if len(used) > LONG:
+        used = used[thinned(m[used])]
+    return Chosen(used, m[used], near, int(full.sum()))

@@ -1,17 +1,18 @@
-"""Heading error from the covariance of hard and soft iron, and the parameters that the readings determine least (host, NumPy)."""
+"""Heading error from the covariance of hard and soft iron."""
 
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from ..._types import AnyArray
-from .._ellipsoid._algebraic import SYMMETRIC, UPPER, basis_of
-from .._field import INCLINATION, unit_field
-from .._own_model import changes_of
+from .._compile import filter_jit
+from .._types import AnyArray
+from ._coverage import sphere_grid
+from ._field import INCLINATION, unit_field
+from ._own_model import changes_of
 
 TILT = np.deg2rad(20.0)  # of a vehicle that brakes or banks
-TURNED = 0.5  # length of the mean unit field: sin(dip) for turns about the vertical, zero for a sensor turned through all attitudes
 HEADINGS = np.arange(24) * np.pi / 12  # every 15 degrees
 
 
@@ -43,13 +44,6 @@ def levelled(down: AnyArray | None) -> np.ndarray:
     return np.array(found)
 
 
-def down_of(directions: np.ndarray, dip: float) -> np.ndarray | None:
-    """The axis about which a sensor turned, from unit fields (n, 3), or None if it was turned through all attitudes."""
-    mean = directions.mean(axis=0)
-    size = float(np.linalg.norm(mean))
-    return np.copysign(1.0, dip) * mean / size if size > TURNED else None
-
-
 def _grid(headings: np.ndarray, tilt: float, dip: float, down: AnyArray | None) -> tuple[np.ndarray, np.ndarray]:
     """Derivative (m, 3) of headings by the corrected unit field, and that field: for each `down`, direction of tilt, and heading."""
     attitudes = tilted(headings, tilt)
@@ -78,6 +72,13 @@ def both_tilts(change: Callable[[np.ndarray], Any], dip: float, down: AnyArray |
     slopes = change(directions)
     rows = slopes.__array_namespace__().einsum("ni,nip->np", across, slopes)
     return rows[: len(level[0])], rows[len(level[0]) :]
+
+
+def between(slopes: Any, covariance: Any) -> Any:
+    """Covariance J C J'; infinite if C is: infinity times zero is NaN."""
+    xp = covariance.__array_namespace__()
+    known = xp.isfinite(covariance).all()
+    return xp.where(known, slopes @ xp.where(known, covariance, 0.0) @ slopes.T, xp.inf)
 
 
 def rms_heading(slopes: tuple[Any, Any], covariance: Any) -> Any:
@@ -135,37 +136,26 @@ def heading_change(present: Any, new: Any, field: float, *, inclination: float =
     return np.angle(np.exp(1j * (by[1] - by[0])))
 
 
-def sphere_rows(directions: Any, xp: Any = np) -> Any:
-    """Derivative (n, 9) of the distance of unit vectors to the unit sphere by the upper entries of S and the centre, but for its sign."""
-    i, j = UPPER
-    return xp.concatenate([directions[:, i] * directions[:, j] * SYMMETRIC.sum(axis=0)[None, :], directions], axis=1)
+def change_of(model: Any, field: Any, usual: dict[str, Any] | None) -> Callable[[np.ndarray], Any]:
+    """Derivative (n, 3, p) of corrected unit fields by the first parameters of a fit; `usual`: conditions of a model object."""
+    return by_iron(model, field) if usual is None else functools.partial(changes_of, model, field, usual)
 
 
-def information(directions: np.ndarray, kind: str) -> tuple[float, str]:
-    """Condition number of the fit on the unit sphere, and the parameters that it determines least, in words.
-
-    Columns keep their natural scale, because with columns of unit length a thin band of directions would look well conditioned. A row is
-    u'Su + c'u for the changes S and c, with 2 S, the change of the quadric, as parameter.
-    """
-    basis = np.repeat([0.5, 1.0], [6, 3])[:, None] * (np.linalg.pinv(basis_of("symmetric")) @ basis_of(kind))
-    values, vectors = np.linalg.svd(np.linalg.qr(sphere_rows(directions) @ basis, mode="r"))[1:]
-    condition = float(values[0] / values[-1]) if len(values) == basis.shape[1] and values[-1] > 0 else np.inf
-    axes = [("xyz"[i], "xyz"[j]) for i, j in zip(*UPPER, strict=True)]
-    words = [f"scale along {i}" if i == j else f"coupling of {i} and {j}" for i, j in axes] + [f"hard iron along {i}" for i in "xyz"]
-    weak = np.abs(basis @ vectors[-1])
-    return condition, ", ".join(word for word, share in zip(words, weak, strict=True) if share > 0.5 * weak.max())
+def heading_errors(
+    model: Any, field: Any, usual: dict[str, Any] | None, dip: Any, down: AnyArray | None, matrices: Sequence[Any]
+) -> list[Any]:  # fmt: skip
+    """`rms_heading` (2,) in rad by each covariance of the parameters."""
+    headings = both_tilts(change_of(model, field, usual), dip, down)
+    return [rms_heading(headings, one) for one in matrices]
 
 
-def change_of(found: Any) -> Callable[[np.ndarray], Any]:
-    """Derivative (n, 3, p) of corrected unit fields by the first parameters of a fit's estimate."""
-    if "usual" in found._about:
-        return lambda u: changes_of(found.model, found.field, found._about["usual"], u)
-    return by_iron(found.model, float(found.field))
+errors_in_trace = filter_jit(heading_errors)
 
 
 def heading_at(found: Any, headings: np.ndarray, tilt: float = 0.0) -> np.ndarray:
     """Standard deviation (n,) of the headings of a fit; the root mean square over directions of tilt, and over axes if none points down."""
-    rows = heading_slopes(change_of(found), headings, tilt, found.inclination, found.down)
+    change = change_of(found.model, float(found.field), found._about.get("usual"))
+    rows = heading_slopes(change, headings, tilt, found.inclination, found.down)
     covariance = np.asarray(found.estimate.matrix)[: rows.shape[1], : rows.shape[1]]
     return np.sqrt(np.sum((rows @ covariance) * rows, axis=1).reshape(-1, len(headings)).mean(axis=0))
 
@@ -179,11 +169,16 @@ def distance_slopes(model: Any, field: float, directions: np.ndarray) -> np.ndar
     return -np.concatenate([normal, by_soft, by_field], axis=1)
 
 
-def needed(model: Any, field: float, covariance: np.ndarray, grid: np.ndarray) -> np.ndarray:
-    """The three directions, at least 45 degrees apart, in which the fit predicts readings worst: new readings there help most."""
+def needed(model: Any, field: float, kind: str, covariance: np.ndarray) -> np.ndarray:
+    """The three directions, at least 45 degrees apart, in which the fit predicts readings worst: new readings there help most.
+
+    None, (0, 3), for a plane, or where the covariance is not known.
+    """
+    if kind == "planar" or not np.isfinite(covariance).all():
+        return np.zeros((0, 3))
+    grid, chosen = sphere_grid(), []
     rows = distance_slopes(model, field, grid)
-    variance = np.sum(rows @ covariance * rows, axis=1)
-    chosen = []
+    variance = np.sum(rows @ covariance[:13, :13] * rows, axis=1)
     for _ in range(3):
         chosen.append(grid[np.argmax(variance)])
         variance = np.where(grid @ chosen[-1] < np.cos(np.pi / 4), variance, -1.0)

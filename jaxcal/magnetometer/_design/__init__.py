@@ -1,1 +1,0 @@
-"""How well a set of attitudes determines the model: coverage, heading error, and plans of further attitudes."""

@@ -1,1 +1,0 @@
-"""Ellipsoids fitted to readings: algebraic, consistent, orthogonal distance, choice of the model, subsampling."""

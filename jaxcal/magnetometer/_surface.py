@@ -1,0 +1,408 @@
+"""The surface of all readings that a field of one magnitude can give: chosen, fitted, and all readings beside it.
+
+The covariance comes from fits without parts of the log, on the raw residuals. On real logs nothing else predicts the difference between
+halves: what looks like a drift or a current there does not go on after the log, and taking it out of the residuals makes the error too
+small.
+
+A model object is fitted as the built-in models are. Field magnitudes do not determine a common rotation. So its soft iron is S Q with a
+symmetric S, which is fitted, and the rotation Q of the start, which is kept. All other floating leaves are fitted unchanged.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy  # loads its parts when they are first used
+
+from .._answer import Finding
+from .._compile import filter_jit
+from .._errors import DataError
+from ..fitting._information import information as of_jacobian, symmetric_inverse
+from ..fitting._problem import vector_of
+from ._checked import Asked
+from ._coverage import bins
+from ._findings import FINDINGS
+from ._model import MagModel
+from ._orthogonal import Found, Near, by_parts, maximised, nearest, of_method, times
+from ._own_model import further_names, leaves_of, looked
+from ._quadric import (
+    COUNT,
+    EXACT,
+    NEAR_PLANAR,
+    SYMMETRIC,
+    UPPER,
+    Chosen,
+    Frame,
+    NotEllipsoid,
+    away,
+    basis_of,
+    chosen,
+    consistent,
+    constrained,
+    extents,
+    host_start,
+    parameters_of,
+    soft_of,
+    spread_of,
+    traced_start,
+    unit,
+)  # fmt: skip
+
+#: constant of Tukey's biweight, 95 % efficient with normal noise; standard deviations where its tail begins, how surely it is too heavy,
+#: and rounds; with fewer readings a parameter, residuals of normal noise look heavy in 5 % of logs
+_TUKEY, _TAIL, _SURE, _ROUNDS, _EACH = 4.685, 2.5, 4.0, 4, 4
+
+
+class Surface(NamedTuple):
+    """A fitted surface, the finding why there is none, or the normal of the plane of the readings.
+
+    rows : numbers of the fitted readings, of those of the log that are finite. m : these readings, as they were fitted. model, field : what
+    the surface says of the iron. slopes : (13 + q, p) derivative of hard iron, soft iron, field and further leaves by the parameters.
+    through : (13, 12), by S and centre. corrected : all readings. residual : (n,) their distances, in their unit.
+    scale, radius : unit of distances, and size of the field in that unit. unseen : (13,) bias by terms that a smaller model leaves out.
+    smaller, larger : whether the model is smaller than the largest, and the surface of that one. best : the model of maximum likelihood
+    beside another method. further, usual : values of further leaves, and the median of each condition. condition, weakest : condition
+    number, and what is determined least. widest : slopes of the distances by the parameters of the largest ellipsoid.
+    """
+
+    refused: Finding | None = None
+    plane: Any = None
+    rows: Any = None
+    said: tuple[Finding, ...] = ()
+    found: Any = None
+    model: Any = None
+    field: Any = None
+    slopes: Any = None
+    through: Any = None
+    corrected: Any = None
+    residual: Any = None
+    m: Any = None
+    scale: Any = 1.0
+    radius: Any = 1.0
+    unseen: Any = 0.0
+    smaller: bool = False
+    larger: Any = None
+    best: Any = None
+    further: Any = None
+    usual: Any = None
+    condition: float = np.nan
+    weakest: str = ""
+    widest: Any = None
+
+
+def surface_of(asked: Asked) -> Surface:
+    """The surface through the readings, the finding why there is none, or their plane."""
+    if asked.traced:
+        return _in_trace(asked.model, asked.m, asked.norm, asked.conditions)
+    m, own = asked.m[asked.there], isinstance(asked.model, MagModel)
+    picked = Chosen(np.arange(len(m)), m, None, 0) if own else chosen(m)
+    clipped = (FINDINGS("clipped", count=picked.full),) if picked.full else ()
+    try:
+        one = _of_object(asked, m) if own else _of_kind(asked, picked)
+    except NotEllipsoid as error:
+        one = Surface(FINDINGS("no_ellipsoid", quadric=error.quadric))
+    one = one._replace(rows=picked.rows, said=clipped)
+    if one.found is None:
+        return one
+    found = one.found
+    if np.isfinite(found.covariance).all() and found.noise > EXACT * one.radius and found.converged:
+        covariance, parts = by_parts(found.covariance, found.near.slopes, found.distance)
+        found = found._replace(covariance=covariance, parts=parts)
+    if own:
+        return one._replace(found=found)
+    residual, corrected, largest = one.residual, np.asarray(one.model.correct(m)), basis_of("symmetric")
+    if not np.array_equal(one.m, m):
+        near = nearest(found.soft, (m - one.model.hard_iron) / one.scale)
+        residual = (near.distance - found.noise2 * near.curvature) * one.scale
+    condition, weakest = information(unit(corrected[one.rows]), found.basis)
+    return one._replace(
+        found=found, corrected=corrected, residual=residual, condition=condition, weakest=weakest,
+        widest=found.near.slopes if found.kind == "symmetric" else slopes_of(found.near, largest),
+    )  # fmt: skip
+
+
+@filter_jit
+def _in_trace(model: Any, m: Any, norm: Any, conditions: dict[str, Any]) -> Surface:
+    """The surface in a trace; one program, since called eagerly by `grad` its operations would be compiled one by one."""
+    if isinstance(model, MagModel):
+        return fit_leaves(jax.tree.map(lambda leaf: jnp.asarray(leaf, m.dtype), model), m, norm, conditions)[0]
+    frame = Frame.of(m)
+    return ellipsoid(fitted(frame.scaled(m), model), frame, norm, m)
+
+
+def _of_kind(asked: Asked, picked: Chosen) -> Surface:
+    """The surface of a built-in model through chosen readings.
+
+    Raises
+    ------
+    NotEllipsoid
+        If the readings lie on another quadric.
+    """
+    m, method, model, norm, begin = picked.m, asked.method, asked.model, asked.norm, None
+    count, frame = _distinct(m), Frame.of(m)
+    least = "sphere" if model in ("auto", "planar") and method == "ml" else "symmetric" if model == "auto" else model
+    if count <= COUNT[least] or frame.scale < EXACT * np.abs(m).max():
+        return Surface(FINDINGS("few", count=count, model=least, least=COUNT[least] + 1))
+    if picked.near is not None:
+        m, soft, centre = _calmed(m, frame, *picked.near)
+        frame = Frame.of(m)
+        begin = parameters_of("symmetric", soft / frame.scale, (centre - frame.centre) / frame.scale)
+    u = frame.scaled(m)
+    spread = extents(u)
+    if spread[1] < NEAR_PLANAR:
+        return Surface(FINDINGS("line"))
+    if model == "planar" or (spread[2] < NEAR_PLANAR and model == "auto" and method == "ml"):
+        normal = np.linalg.svd(u, full_matrices=False)[2][2]
+        return Surface(plane=normal * np.sign(normal[np.argmax(np.abs(normal))]))
+    if method != "ml":
+        shape, centre = constrained(u) if method == "constrained" else consistent(u)
+        x, basis = parameters_of(least, soft_of(shape), centre), basis_of(least)
+        one = ellipsoid(of_method(by_ellipsoid(u, basis, x), x, basis, least), frame, norm, m)
+        return one if method != "constrained" else one._replace(best=_best(u, frame, norm))
+    if model != "auto":
+        return ellipsoid(fitted(u, model, begin if model == "symmetric" else None), frame, norm, m)
+    fits, occupied = candidates(u, count, begin)
+    found, largest = min(fits.values(), key=lambda one: score(one, occupied)), fits.get("symmetric")
+    one = ellipsoid(found, frame, norm, m)
+    whole = None if largest is None or found is largest or not largest.converged else ellipsoid(largest, frame, None)
+    return one._replace(unseen=one.through @ left_out(fits, found), smaller=found is not largest, larger=whole)
+
+
+def _best(u: np.ndarray, frame: Frame, norm: float | None) -> MagModel | None:
+    """The model of maximum likelihood of scaled readings, if there is one."""
+    try:
+        return ellipsoid(fitted(u, "symmetric"), frame, norm).model
+    except NotEllipsoid:
+        return None
+
+
+def radius_of(soft: Any) -> Any:
+    """Geometric mean of all semi-axes."""
+    xp = soft.__array_namespace__()
+    return xp.cbrt(xp.abs(xp.linalg.det(soft)))
+
+
+def iron_slopes(whole: Any, field: Any, given: bool) -> Any:
+    """Derivative (13, 12) of hard iron, soft iron and field by the whole matrix C H and the hard iron; H = det(C H)^(1/3) unless given."""
+    xp = whole.__array_namespace__()
+    by_field = xp.zeros(9, dtype=whole.dtype) if given else field / 3 * xp.linalg.inv(whole).T.ravel()
+    by_soft = xp.concatenate([xp.eye(9, dtype=whole.dtype) / field - xp.outer(whole.ravel(), by_field) / field**2, by_field[None]])
+    hard = xp.eye(3, 12, 9, dtype=whole.dtype)
+    return xp.concatenate([hard, xp.concatenate([by_soft, xp.zeros((10, 3), dtype=whole.dtype)], axis=1)])
+
+
+def ellipsoid(found: Found, frame: Frame, norm: Any, m: Any = None) -> Surface:
+    """The surface of an ellipsoid in scaled readings, traced or not; `norm`: magnitude of the field if it is given."""
+    radius = radius_of(found.soft)
+    field = frame.scale * radius if norm is None else norm
+    through = iron_slopes(found.soft * frame.scale, field, norm is not None) * frame.scale
+    model = MagModel(found.soft * frame.scale / field, frame.centre + frame.scale * found.centre)
+    return Surface(
+        found=found, model=model, field=field, slopes=through @ found.basis, through=through, residual=found.distance * frame.scale, m=m,
+        scale=frame.scale, radius=radius,
+    )  # fmt: skip
+
+
+def _of_object(asked: Asked, m: np.ndarray) -> Surface:
+    """The surface of a model object through all readings."""
+    model = jax.tree.map(lambda leaf: np.asarray(leaf, dtype=float), asked.model)
+    names, kind = further_names(model), type(model).__name__
+    if len(m) <= 9 + len(names):
+        raise DataError(f"There are {len(m)} readings; this model with {9 + len(names)} parameters needs {10 + len(names)}.",
+                        code="few_readings")  # fmt: skip
+    one, inverse = fit_leaves(model, m, asked.norm, asked.conditions)
+    if not inverse:
+        raise DataError(f"`measure` and `correct` of {kind} do not undo one another; `correct` must be its inverse.", code="no_inverse")
+    axes = [f"soft_iron[{i},{j}]" for i, j in zip(*UPPER, strict=True)] + [f"hard_iron[{i}]" for i in range(3)]
+    known = of_jacobian(one.found.near.slopes, names=axes + names)
+    return one._replace(condition=float(known.condition), weakest=", ".join(known.weakest))
+
+
+def _distinct(m: np.ndarray) -> int:
+    """Number of distinct readings; only the first few are counted where these suffice for any model."""
+    few = len(np.unique(m[: 2**6], axis=0))
+    return few if few > COUNT["symmetric"] else len(np.unique(m, axis=0))
+
+
+def _calmed(m: np.ndarray, frame: Frame, shape: np.ndarray, centre: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Readings whose distances d from an ellipsoid near them are psi(d) / mean(psi'), if these have too heavy a tail; psi is Tukey's.
+
+    Least squares of these pseudo-values is the redescending fit, and their scatter gives its covariance (P. J. Huber and E. M. Ronchetti,
+    Robust Statistics, 2009, section 7.8). Normal noise needs none of this. Also S and the centre from which to fit them.
+    """
+    near, basis, u = (shape * frame.scale**2, (centre - frame.centre) / frame.scale), basis_of("symmetric"), frame.scaled(m)
+    x, ratio, usual = parameters_of("symmetric", soft_of(near[0]), near[1]), away(near, u), scipy.special.erfc(_TAIL / np.sqrt(2)) * len(u)
+    if len(u) >= _EACH * COUNT["symmetric"] and np.sum(ratio > _TAIL * spread_of(ratio)) > usual + _SURE * np.sqrt(usual):
+        for _ in range(_ROUNDS):
+            one = by_ellipsoid(u, basis, x)
+            square = np.minimum((one.distance / (_TUKEY * spread_of(np.abs(one.distance)))) ** 2, 1.0)
+            pulled = one.distance * (1 - square) ** 2 / np.mean((1 - square) * (1 - 5 * square))
+            m = frame.centre + frame.scale * (u - one.normal * (one.distance - pulled)[:, None])
+            x = x + np.linalg.lstsq(-one.slopes, pulled, rcond=None)[0]
+    iron = frame.scale * (basis @ x)
+    return m, iron[:9].reshape(3, 3), frame.centre + iron[9:]
+
+
+def by_ellipsoid(u: Any, basis: np.ndarray, x: Any, near: Near | None = None) -> Near:
+    """Scaled readings beside an ellipsoid, and the slopes of their distances by its parameters."""
+    iron = basis @ x
+    found = nearest(iron[:9].reshape(3, 3), u - iron[9:][None], None if near is None else near.multiplier)
+    return found._replace(slopes=slopes_of(found, basis))
+
+
+def slopes_of(near: Near, basis: np.ndarray) -> Any:
+    """Derivative (n, p) of the distances of readings to an ellipsoid by its parameters."""
+    return -((near.normal[:, :, None] * near.field[:, None, :]).reshape(-1, 9) @ basis[:9] + near.normal @ basis[9:])
+
+
+def fitted(u: Any, kind: str, begin: Any = None) -> Found:
+    """The ellipsoid of a kind through scaled readings; in a trace nothing is chosen on the host."""
+    if begin is None:
+        begin = host_start(u, kind) if isinstance(u, np.ndarray) else traced_start(jax.lax.stop_gradient(u), kind)
+    basis = basis_of(kind).astype(u.dtype)
+    return maximised(lambda x, near, u: by_ellipsoid(u, basis, x, near), begin, 0.0 * u, basis, 1.0, kind, u)
+
+
+def candidates(u: np.ndarray, distinct: int, begin: Any = None) -> tuple[dict[str, Found], int]:
+    """Fits of all kinds that have enough readings and are not clearly excluded, the largest first; `begin`: start of that.
+
+    Also the number of bins, of 500, that contain a reading.
+    """
+    fits, failure, full = {}, None, None
+    for kind in reversed(COUNT):
+        if distinct <= COUNT[kind]:
+            continue
+        near, loss = (begin if kind == "symmetric" else None, 0.0) if full is None else _smaller(full, kind)
+        # twice the margin by which the criterion of the larger model would be better
+        if near is not None and loss and count * np.log1p(loss) > 2 * (COUNT[full.kind] - COUNT[kind]) * np.log(count):
+            continue
+        try:
+            fits[kind] = fitted(u, kind, near)
+        except NotEllipsoid as error:
+            failure = error
+            continue
+        if len(fits) == 1:
+            count = int(np.count_nonzero(np.bincount(bins(unit(fits[kind].near.field)))))
+            full = fits[kind] if fits[kind].converged and np.isfinite(fits[kind].covariance).all() else None
+    if not fits:
+        raise failure or NotEllipsoid("quadric with more parameters than readings")
+    return fits, count
+
+
+def _smaller(full: Found, kind: str) -> tuple[np.ndarray | None, float]:
+    """Parameters of a smaller kind nearest to a fit in its covariance: almost the smaller fit where both models hold.
+
+    Also by what share the mean square of the distances then grows. None if these are no ellipsoid.
+    """
+    whiten, basis = symmetric_inverse(full.covariance), np.linalg.pinv(full.basis) @ basis_of(kind)
+    begin = symmetric_inverse(basis.T @ whiten @ basis) @ (basis.T @ whiten @ full.parameters)
+    off = full.parameters - basis @ begin
+    loss = full.noise**2 * (off @ whiten @ off) / (len(full.distance) * max(np.mean(full.distance**2), EXACT**2))
+    return begin if (begin[: COUNT[kind] - 3] > 0).all() else None, float(loss)
+
+
+def score(found: Found, count: int) -> float:
+    """The criterion n ln(mean d^2) + k ln n. n is the number of occupied bins of 500, because neighbours repeat one another."""
+    return float(count * np.log(max(np.mean(found.distance**2), EXACT**2)) + COUNT[found.kind] * np.log(count))
+
+
+def left_out(fits: dict[str, Found], chosen: Found) -> np.ndarray:
+    """Bias (12,) of S and centre of the chosen model due to the terms that it leaves out, as far as the largest model shows it.
+
+    A lack of evidence for these terms must not make the fit more certain. The step to the largest model is this bias plus noise, and noise
+    contributes one per parameter to the likelihood ratio (positive-part James and Stein).
+    """
+    largest = next(iter(fits.values()))
+    more = COUNT[largest.kind] - COUNT[chosen.kind]
+    if not more or not np.isfinite(largest.covariance).all():
+        return np.zeros(12)  # the verdict reports that the largest model could not be tried
+    gain = float(np.sum(chosen.distance**2) - np.sum(largest.distance**2)) / max(largest.noise, 1e-300) ** 2
+    step = largest.basis @ largest.parameters - chosen.basis @ chosen.parameters
+    return np.sqrt(max(1 - more / max(gain, 1e-300), 0.0)) * step
+
+
+def sphere_rows(directions: Any, xp: Any = np) -> Any:
+    """Derivative (n, 9) of the distance of unit vectors to the unit sphere by the upper entries of S and the centre, but for its sign."""
+    i, j = UPPER
+    return xp.concatenate([directions[:, i] * directions[:, j] * SYMMETRIC.sum(axis=0)[None, :], directions], axis=1)
+
+
+def information(directions: np.ndarray, basis: np.ndarray) -> tuple[float, str]:
+    """Condition number of the fit on the unit sphere, and the parameters that it determines least, in words.
+
+    Columns keep their natural scale, because with columns of unit length a thin band of directions would look well conditioned. A row is
+    u'Su + c'u for the changes S and c, with 2 S, the change of the quadric, as parameter.
+    """
+    part = np.repeat([0.5, 1.0], [6, 3])[:, None] * (np.linalg.pinv(basis_of("symmetric")) @ basis)
+    values, vectors = np.linalg.svd(np.linalg.qr(sphere_rows(directions) @ part, mode="r"))[1:]
+    condition = float(values[0] / values[-1]) if len(values) == part.shape[1] and values[-1] > 0 else np.inf
+    axes = [("xyz"[i], "xyz"[j]) for i, j in zip(*UPPER, strict=True)]
+    words = [f"scale along {i}" if i == j else f"coupling of {i} and {j}" for i, j in axes] + [f"hard iron along {i}" for i in "xyz"]
+    weak = np.abs(part @ vectors[-1])
+    return condition, ", ".join(word for word, share in zip(words, weak, strict=True) if share > 0.5 * weak.max())
+
+
+def fit_leaves(model: MagModel, m: Any, field: Any, conditions: dict[str, Any]) -> tuple[Surface, Any]:
+    """The surface of a model object through readings (n, 3), on the host or in a trace, and whether `correct` undoes `measure`."""
+    xp, given, kind = m.__array_namespace__(), leaves_of(model), m.dtype
+    more, turn, begin, norm = given.size - 12, *_start(model, given, m, field, conditions)
+    basis = np.concatenate([basis_of("symmetric"), np.zeros((12, more))], axis=1).astype(kind)
+    soft = (xp.asarray(SYMMETRIC.T.reshape(6, 3, 3), dtype=kind) @ turn).reshape(6, 9).T
+    to_leaves = xp.concatenate([
+        xp.concatenate([soft, xp.zeros((9, 3 + more), dtype=kind)], axis=1), xp.eye(3 + more, 9 + more, 6, dtype=kind)
+    ])  # fmt: skip
+    structure = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), model)
+
+    def near_at(x: Any, near: Near, m: Any, norm: Any, conditions: Any, to_leaves: Any) -> Near:
+        # in a trace the second look is where the first one ends, so that the slopes have a derivative by that place
+        for _ in range(1 if xp is np else 2):
+            _, _, measured, push, slopes = looked(structure, to_leaves @ x, m, near.field, norm, conditions)
+            near = nearest(push, m - measured + times(near.field, push.swapaxes(1, 2)), near.multiplier)
+        return near._replace(slopes=-xp.einsum("ni,nij->nj", near.normal, slopes) @ to_leaves)
+
+    y = looked(structure, to_leaves @ begin, m, m / norm, norm, conditions)[0]
+    h = y / (y**2).sum(axis=1, keepdims=True) ** 0.5
+    found = maximised(near_at, begin, h, basis, norm, type(model).__name__, m, norm, conditions, to_leaves)
+    leaves = to_leaves @ found.parameters
+    y, again, *_ = looked(structure, leaves, m, found.near.field, norm, conditions)
+    slopes = xp.concatenate([to_leaves[np.r_[9:12, 0:9]], xp.zeros((1, 9 + more), dtype=kind), to_leaves[12:]])
+    whole = jax.tree.map(xp.asarray, vector_of(model)[1](leaves))
+    further = dict(zip(further_names(model), leaves[12:], strict=True))
+    usual = {name: xp.median(value, axis=0) for name, value in conditions.items()}
+    one = Surface(
+        found=found,
+        model=whole,
+        field=norm,
+        slopes=slopes,
+        corrected=y,
+        residual=found.distance,
+        m=m,
+        radius=norm,
+        further=further,
+        usual=usual,
+    )
+    return one, abs(again - found.near.field).max() < 1e-6
+
+
+def _start(model: MagModel, given: Any, m: Any, field: Any, conditions: Any) -> tuple[Any, Any, Any]:
+    """Q of the soft iron S Q, the parameters to start from, and the field.
+
+    The start is the given model, or the same with the iron of the algebraic fit if the magnitudes that it corrects scatter less.
+    """
+    xp = m.__array_namespace__()
+    left, values, right = xp.linalg.svd(given[:9].reshape(3, 3))
+    turn, frame, whole = left @ right, Frame.of(m), (left * values[None]) @ left.T
+    begin = xp.concatenate([whole[UPPER], given[9:]])
+    try:
+        iron = basis_of("symmetric") @ (host_start if xp is np else traced_start)(frame.scaled(m), "symmetric") * frame.scale
+    except NotEllipsoid:
+        return turn, begin, float(np.median(np.linalg.norm(m - given[9:12], axis=1))) if field is None else field
+    soft, hard = iron[:9].reshape(3, 3), frame.centre + iron[9:]
+    norm = radius_of(soft) if field is None else field
+    other = xp.concatenate([(soft / norm)[UPPER], hard, given[12:]])
+    off = []
+    for leaves in (given, xp.concatenate([(soft @ turn / norm).ravel(), hard, given[12:]])):
+        y = looked(model, leaves, m, m / norm, norm, conditions)[0]
+        off.append(((xp.linalg.norm(y, axis=1) - norm) ** 2).sum())
+    return turn, xp.where(off[0] <= off[1], begin, other), norm
