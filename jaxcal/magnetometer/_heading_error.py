@@ -54,23 +54,19 @@ def _grid(headings: np.ndarray, tilt: float, dip: float, down: AnyArray | None) 
     return (across @ turns).reshape(-1, 3), (directions @ turns).reshape(-1, 3)
 
 
-def heading_slopes(change: Callable[[np.ndarray], Any], headings: np.ndarray, tilt: float, dip: float, down: AnyArray | None) -> Any:
+def heading_slopes(change: Callable[[Any, Any], Any], headings: np.ndarray, tilt: float, dip: float, down: AnyArray | None) -> Any:
     """Derivative (m, p) of headings by parameters: for each `down`, each direction of tilt, and each heading, which is the last in m.
 
-    change : takes unit fields in body axes (n, 3) to the derivative of the corrected fields by the parameters, (n, 3, p).
-    down : the axis that points down at level; None for all six.
+    change : takes vectors (n, 3) and unit fields in body axes (n, 3) to the change of the corrected fields along these vectors with the
+    parameters, (n, p). down : the axis that points down at level; None for all six.
     """
-    across, directions = _grid(headings, tilt, dip, down)
-    slopes = change(directions)
-    return slopes.__array_namespace__().einsum("ni,nip->np", across, slopes)
+    return change(*_grid(headings, tilt, dip, down))
 
 
-def both_tilts(change: Callable[[np.ndarray], Any], dip: float, down: AnyArray | None = None) -> tuple[Any, Any]:
+def both_tilts(change: Callable[[Any, Any], Any], dip: float, down: AnyArray | None = None) -> tuple[Any, Any]:
     """`heading_slopes` at every 15 degrees, at level and at 20 degrees of tilt."""
     level, leaning = (_grid(HEADINGS, tilt, dip, down) for tilt in (0.0, TILT))
-    across, directions = (np.concatenate(parts) for parts in zip(level, leaning, strict=True))
-    slopes = change(directions)
-    rows = slopes.__array_namespace__().einsum("ni,nip->np", across, slopes)
+    rows = change(*(np.concatenate(parts) for parts in zip(level, leaning, strict=True)))
     return rows[: len(level[0])], rows[len(level[0]) :]
 
 
@@ -91,19 +87,18 @@ def rms_heading(slopes: tuple[Any, Any], covariance: Any) -> Any:
     return xp.where(known, xp.sqrt(xp.maximum(mean, 0.0)), xp.inf)
 
 
-def by_iron(model: Any, field: Any) -> Callable[[np.ndarray], Any]:
-    """Derivative (n, 3, 13) of corrected unit fields by hard iron, soft iron and field.
+def by_iron(model: Any, field: Any) -> Callable[[Any, Any], Any]:
+    """Change (n, 13) of corrected unit fields, along vectors, by hard iron, soft iron and field.
 
     With the whole matrix H C and its inverse W, u changes by -W db - H W dC u. A change of H turns no heading.
     """
     xp = model.soft_iron.__array_namespace__()
     inverse = xp.linalg.inv(model.soft_iron * field)
 
-    def change(directions: np.ndarray) -> Any:
-        n = len(directions)
-        by_soft = -field * (inverse[None, :, :, None] * directions[:, None, None, :]).reshape(n, 3, 9)
-        by_hard = xp.broadcast_to(-inverse, (n, 3, 3))
-        return xp.concatenate([by_hard, by_soft, xp.zeros((n, 3, 1), dtype=inverse.dtype)], axis=2)
+    def change(across: Any, directions: Any) -> Any:
+        along = -(across @ inverse)
+        by_soft = field * (along[:, :, None] * directions[:, None, :]).reshape(-1, 9)
+        return xp.concatenate([along, by_soft, 0.0 * along[:, :1]], axis=1)
 
     return change
 
@@ -136,8 +131,8 @@ def heading_change(present: Any, new: Any, field: float, *, inclination: float =
     return np.angle(np.exp(1j * (by[1] - by[0])))
 
 
-def change_of(model: Any, field: Any, usual: dict[str, Any] | None) -> Callable[[np.ndarray], Any]:
-    """Derivative (n, 3, p) of corrected unit fields by the first parameters of a fit; `usual`: conditions of a model object."""
+def change_of(model: Any, field: Any, usual: dict[str, Any] | None) -> Callable[[Any, Any], Any]:
+    """Change (n, p) of corrected unit fields, along vectors, by the first parameters of a fit; `usual`: conditions of a model object."""
     return by_iron(model, field) if usual is None else functools.partial(changes_of, model, field, usual)
 
 

@@ -41,14 +41,17 @@ def looked(model: MagModel, leaves: Any, m: Any, h: Any, field: Any, conditions:
 
 
 @host_float64
-def changes_of(model: MagModel, field: Any, usual: dict[str, Any], directions: Any) -> Any:
-    """Derivative (n, 3, p) of corrected unit fields by hard iron, soft iron, the field (zero) and further leaves, in usual conditions."""
+def changes_of(model: MagModel, field: Any, usual: dict[str, Any], across: Any, directions: Any) -> Any:
+    """Change (n, p) of corrected unit fields, along vectors, by hard iron, soft iron, the field (zero) and further leaves.
+
+    In usual conditions.
+    """
     xp = model.soft_iron.__array_namespace__()
     directions = xp.asarray(directions, dtype=model.soft_iron.dtype)
     there = {name: xp.broadcast_to(value, (len(directions), *np.shape(value))) for name, value in usual.items()}
     _, _, _, push, slopes = looked(model, leaves_of(model), directions, directions, field, there)
-    change = -inverse_of(push) @ slopes
-    return xp.concatenate([change[..., 9:12], change[..., :9], 0.0 * change[..., :1], change[..., 12:]], axis=-1)
+    change = -xp.einsum("ni,nij,njp->np", across, inverse_of(push), slopes)
+    return xp.concatenate([change[:, 9:12], change[:, :9], 0.0 * change[:, :1], change[:, 12:]], axis=1)
 
 
 def leaves_of(model: MagModel) -> Any:

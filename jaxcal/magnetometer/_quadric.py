@@ -50,10 +50,15 @@ def soft_and_centre(parameters: Any, basis: Any) -> tuple[Any, Any]:
     return full[:9].reshape(3, 3), full[9:]
 
 
+@functools.cache
+def inverse_of(kind: str) -> np.ndarray:
+    """Matrix (p, 12) from the entries of S and the centre to the nearest parameters of a kind."""
+    return np.linalg.pinv(basis_of(kind))
+
+
 def parameters_of(kind: str, soft: Any, centre: Any) -> Any:
     """Parameters of the given kind nearest to S and a centre."""
-    xp = soft.__array_namespace__()
-    return np.linalg.pinv(basis_of(kind)).astype(soft.dtype) @ xp.concatenate([soft.ravel(), centre])
+    return inverse_of(kind).astype(soft.dtype) @ soft.__array_namespace__().concatenate([soft.ravel(), centre])
 
 
 #: singular value of the centred readings over their size, 0.58 for a full sphere, below which they lie near a plane
@@ -316,7 +321,10 @@ def _frame(m: np.ndarray) -> tuple[np.ndarray, float]:
         size = float(np.quantile(np.linalg.norm(voters - middle, axis=1), _SIZE))
         if not size > 0:
             break
-        voters = m[_voters((m - middle) / size)]
+        rows, last = _voters((m - middle) / size), len(voters)
+        if len(rows) == last == len(m):
+            break
+        voters = m[rows]
     return middle, size
 
 

@@ -20,34 +20,14 @@ from .._compile import filter_jit
 from .._errors import DataError
 from ..fitting._information import information as of_jacobian, symmetric_inverse
 from ..fitting._problem import vector_of
+from . import _quadric as quadric
 from ._checked import Asked
 from ._coverage import bins
 from ._findings import FINDINGS
 from ._model import MagModel
 from ._orthogonal import Found, Near, by_parts, maximised, nearest, of_method, times
 from ._own_model import further_names, leaves_of, looked
-from ._quadric import (
-    COUNT,
-    EXACT,
-    NEAR_PLANAR,
-    SYMMETRIC,
-    UPPER,
-    Chosen,
-    Frame,
-    NotEllipsoid,
-    away,
-    basis_of,
-    chosen,
-    consistent,
-    constrained,
-    extents,
-    host_start,
-    parameters_of,
-    soft_of,
-    spread_of,
-    traced_start,
-    unit,
-)  # fmt: skip
+from ._quadric import COUNT, EXACT, NEAR_PLANAR, SYMMETRIC, UPPER, Chosen, Frame, NotEllipsoid, basis_of, unit
 
 #: constant of Tukey's biweight, 95 % efficient with normal noise; standard deviations where its tail begins, how surely it is too heavy,
 #: and rounds; with fewer readings a parameter, residuals of normal noise look heavy in 5 % of logs
@@ -96,7 +76,7 @@ def surface_of(asked: Asked) -> Surface:
     if asked.traced:
         return _in_trace(asked.model, asked.m, asked.norm, asked.conditions)
     m, own = asked.m[asked.there], isinstance(asked.model, MagModel)
-    picked = Chosen(np.arange(len(m)), m, None, 0) if own else chosen(m)
+    picked = Chosen(np.arange(len(m)), m, None, 0) if own else quadric.chosen(m)
     clipped = (FINDINGS("clipped", count=picked.full),) if picked.full else ()
     try:
         one = _of_object(asked, m) if own else _of_kind(asked, picked)
@@ -139,31 +119,30 @@ def _of_kind(asked: Asked, picked: Chosen) -> Surface:
     NotEllipsoid
         If the readings lie on another quadric.
     """
-    m, method, model, norm, begin = picked.m, asked.method, asked.model, asked.norm, None
+    m, method, model, norm = picked.m, asked.method, asked.model, asked.norm
     count, frame = _distinct(m), Frame.of(m)
     least = "sphere" if model in ("auto", "planar") and method == "ml" else "symmetric" if model == "auto" else model
     if count <= COUNT[least] or frame.scale < EXACT * np.abs(m).max():
         return Surface(FINDINGS("few", count=count, model=least, least=COUNT[least] + 1))
     if picked.near is not None:
-        m, soft, centre = _calmed(m, frame, *picked.near)
+        m = _calmed(m, frame, *picked.near)
         frame = Frame.of(m)
-        begin = parameters_of("symmetric", soft / frame.scale, (centre - frame.centre) / frame.scale)
     u = frame.scaled(m)
-    spread = extents(u)
+    spread = quadric.extents(u)
     if spread[1] < NEAR_PLANAR:
         return Surface(FINDINGS("line"))
     if model == "planar" or (spread[2] < NEAR_PLANAR and model == "auto" and method == "ml"):
         normal = np.linalg.svd(u, full_matrices=False)[2][2]
         return Surface(plane=normal * np.sign(normal[np.argmax(np.abs(normal))]))
     if method != "ml":
-        shape, centre = constrained(u) if method == "constrained" else consistent(u)
-        x, basis = parameters_of(least, soft_of(shape), centre), basis_of(least)
+        shape, centre = quadric.constrained(u) if method == "constrained" else quadric.consistent(u)
+        x, basis = quadric.parameters_of(least, quadric.soft_of(shape), centre), basis_of(least)
         one = ellipsoid(of_method(by_ellipsoid(u, basis, x), x, basis, least), frame, norm, m)
         return one if method != "constrained" else one._replace(best=_best(u, frame, norm))
     if model != "auto":
-        return ellipsoid(fitted(u, model, begin if model == "symmetric" else None), frame, norm, m)
-    fits, occupied = candidates(u, count, begin)
-    found, largest = min(fits.values(), key=lambda one: score(one, occupied)), fits.get("symmetric")
+        return ellipsoid(fitted(u, model), frame, norm, m)
+    fits, occupied = candidates(u, count)
+    found, largest = min(fits.values(), key=lambda one: score(one.distance, one.kind, occupied)), fits.get("symmetric")
     one = ellipsoid(found, frame, norm, m)
     whole = None if largest is None or found is largest or not largest.converged else ellipsoid(largest, frame, None)
     return one._replace(unseen=one.through @ left_out(fits, found), smaller=found is not largest, larger=whole)
@@ -225,23 +204,23 @@ def _distinct(m: np.ndarray) -> int:
     return few if few > COUNT["symmetric"] else len(np.unique(m, axis=0))
 
 
-def _calmed(m: np.ndarray, frame: Frame, shape: np.ndarray, centre: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _calmed(m: np.ndarray, frame: Frame, shape: np.ndarray, centre: np.ndarray) -> np.ndarray:
     """Readings whose distances d from an ellipsoid near them are psi(d) / mean(psi'), if these have too heavy a tail; psi is Tukey's.
 
     Least squares of these pseudo-values is the redescending fit, and their scatter gives its covariance (P. J. Huber and E. M. Ronchetti,
-    Robust Statistics, 2009, section 7.8). Normal noise needs none of this. Also S and the centre from which to fit them.
+    Robust Statistics, 2009, section 7.8). Normal noise needs none of this.
     """
     near, basis, u = (shape * frame.scale**2, (centre - frame.centre) / frame.scale), basis_of("symmetric"), frame.scaled(m)
-    x, ratio, usual = parameters_of("symmetric", soft_of(near[0]), near[1]), away(near, u), scipy.special.erfc(_TAIL / np.sqrt(2)) * len(u)
-    if len(u) >= _EACH * COUNT["symmetric"] and np.sum(ratio > _TAIL * spread_of(ratio)) > usual + _SURE * np.sqrt(usual):
+    x, ratio = quadric.parameters_of("symmetric", quadric.soft_of(near[0]), near[1]), quadric.away(near, u)
+    usual = scipy.special.erfc(_TAIL / np.sqrt(2)) * len(u)
+    if len(u) >= _EACH * COUNT["symmetric"] and np.sum(ratio > _TAIL * quadric.spread_of(ratio)) > usual + _SURE * np.sqrt(usual):
         for _ in range(_ROUNDS):
             one = by_ellipsoid(u, basis, x)
-            square = np.minimum((one.distance / (_TUKEY * spread_of(np.abs(one.distance)))) ** 2, 1.0)
+            square = np.minimum((one.distance / (_TUKEY * quadric.spread_of(np.abs(one.distance)))) ** 2, 1.0)
             pulled = one.distance * (1 - square) ** 2 / np.mean((1 - square) * (1 - 5 * square))
             m = frame.centre + frame.scale * (u - one.normal * (one.distance - pulled)[:, None])
             x = x + np.linalg.lstsq(-one.slopes, pulled, rcond=None)[0]
-    iron = frame.scale * (basis @ x)
-    return m, iron[:9].reshape(3, 3), frame.centre + iron[9:]
+    return m
 
 
 def by_ellipsoid(u: Any, basis: np.ndarray, x: Any, near: Near | None = None) -> Near:
@@ -259,13 +238,13 @@ def slopes_of(near: Near, basis: np.ndarray) -> Any:
 def fitted(u: Any, kind: str, begin: Any = None) -> Found:
     """The ellipsoid of a kind through scaled readings; in a trace nothing is chosen on the host."""
     if begin is None:
-        begin = host_start(u, kind) if isinstance(u, np.ndarray) else traced_start(jax.lax.stop_gradient(u), kind)
+        begin = quadric.host_start(u, kind) if isinstance(u, np.ndarray) else quadric.traced_start(jax.lax.stop_gradient(u), kind)
     basis = basis_of(kind).astype(u.dtype)
     return maximised(lambda x, near, u: by_ellipsoid(u, basis, x, near), begin, 0.0 * u, basis, 1.0, kind, u)
 
 
-def candidates(u: np.ndarray, distinct: int, begin: Any = None) -> tuple[dict[str, Found], int]:
-    """Fits of all kinds that have enough readings and are not clearly excluded, the largest first; `begin`: start of that.
+def candidates(u: np.ndarray, distinct: int) -> tuple[dict[str, Found], int]:
+    """Fits of all kinds that have enough readings and are not clearly excluded, the largest first.
 
     Also the number of bins, of 500, that contain a reading.
     """
@@ -273,10 +252,12 @@ def candidates(u: np.ndarray, distinct: int, begin: Any = None) -> tuple[dict[st
     for kind in reversed(COUNT):
         if distinct <= COUNT[kind]:
             continue
-        near, loss = (begin if kind == "symmetric" else None, 0.0) if full is None else _smaller(full, kind)
-        # twice the margin by which the criterion of the larger model would be better
-        if near is not None and loss and count * np.log1p(loss) > 2 * (COUNT[full.kind] - COUNT[kind]) * np.log(count):
-            continue
+        near = None if full is None else _smaller(full, kind)
+        if near is not None:
+            margin, iron = (COUNT[full.kind] - COUNT[kind]) * np.log(count), basis_of(kind) @ near
+            off = quadric.away((quadric.shape_of_soft(iron[:9].reshape(3, 3)), iron[9:]), u)
+            if score(off, kind, count) > score(full.distance, full.kind, count) + margin:
+                continue
         try:
             fits[kind] = fitted(u, kind, near)
         except NotEllipsoid as error:
@@ -290,21 +271,16 @@ def candidates(u: np.ndarray, distinct: int, begin: Any = None) -> tuple[dict[st
     return fits, count
 
 
-def _smaller(full: Found, kind: str) -> tuple[np.ndarray | None, float]:
-    """Parameters of a smaller kind nearest to a fit in its covariance: almost the smaller fit where both models hold.
-
-    Also by what share the mean square of the distances then grows. None if these are no ellipsoid.
-    """
-    whiten, basis = symmetric_inverse(full.covariance), np.linalg.pinv(full.basis) @ basis_of(kind)
+def _smaller(full: Found, kind: str) -> np.ndarray | None:
+    """Parameters of a smaller kind nearest to a fit in its covariance: almost the smaller fit where both models hold."""
+    whiten, basis = symmetric_inverse(full.covariance), quadric.inverse_of(full.kind) @ basis_of(kind)
     begin = symmetric_inverse(basis.T @ whiten @ basis) @ (basis.T @ whiten @ full.parameters)
-    off = full.parameters - basis @ begin
-    loss = full.noise**2 * (off @ whiten @ off) / (len(full.distance) * max(np.mean(full.distance**2), EXACT**2))
-    return begin if (begin[: COUNT[kind] - 3] > 0).all() else None, float(loss)
+    return begin if (begin[: COUNT[kind] - 3] > 0).all() else None
 
 
-def score(found: Found, count: int) -> float:
+def score(distance: Any, kind: str, count: int) -> float:
     """The criterion n ln(mean d^2) + k ln n. n is the number of occupied bins of 500, because neighbours repeat one another."""
-    return float(count * np.log(max(np.mean(found.distance**2), EXACT**2)) + COUNT[found.kind] * np.log(count))
+    return float(count * np.log(max(np.mean(distance**2), EXACT**2)) + COUNT[kind] * np.log(count))
 
 
 def left_out(fits: dict[str, Found], chosen: Found) -> np.ndarray:
@@ -334,7 +310,7 @@ def information(directions: np.ndarray, basis: np.ndarray) -> tuple[float, str]:
     Columns keep their natural scale, because with columns of unit length a thin band of directions would look well conditioned. A row is
     u'Su + c'u for the changes S and c, with 2 S, the change of the quadric, as parameter.
     """
-    part = np.repeat([0.5, 1.0], [6, 3])[:, None] * (np.linalg.pinv(basis_of("symmetric")) @ basis)
+    part = np.repeat([0.5, 1.0], [6, 3])[:, None] * (quadric.inverse_of("symmetric") @ basis)
     values, vectors = np.linalg.svd(np.linalg.qr(sphere_rows(directions) @ part, mode="r"))[1:]
     condition = float(values[0] / values[-1]) if len(values) == part.shape[1] and values[-1] > 0 else np.inf
     axes = [("xyz"[i], "xyz"[j]) for i, j in zip(*UPPER, strict=True)]
@@ -371,17 +347,9 @@ def fit_leaves(model: MagModel, m: Any, field: Any, conditions: dict[str, Any]) 
     further = dict(zip(further_names(model), leaves[12:], strict=True))
     usual = {name: xp.median(value, axis=0) for name, value in conditions.items()}
     one = Surface(
-        found=found,
-        model=whole,
-        field=norm,
-        slopes=slopes,
-        corrected=y,
-        residual=found.distance,
-        m=m,
-        radius=norm,
-        further=further,
+        found=found, model=whole, field=norm, slopes=slopes, corrected=y, residual=found.distance, m=m, radius=norm, further=further,
         usual=usual,
-    )
+    )  # fmt: skip
     return one, abs(again - found.near.field).max() < 1e-6
 
 
@@ -395,9 +363,10 @@ def _start(model: MagModel, given: Any, m: Any, field: Any, conditions: Any) -> 
     turn, frame, whole = left @ right, Frame.of(m), (left * values[None]) @ left.T
     begin = xp.concatenate([whole[UPPER], given[9:]])
     try:
-        iron = basis_of("symmetric") @ (host_start if xp is np else traced_start)(frame.scaled(m), "symmetric") * frame.scale
+        begun = (quadric.host_start if xp is np else quadric.traced_start)(frame.scaled(m), "symmetric")
     except NotEllipsoid:
         return turn, begin, float(np.median(np.linalg.norm(m - given[9:12], axis=1))) if field is None else field
+    iron = frame.scale * (basis_of("symmetric") @ begun)
     soft, hard = iron[:9].reshape(3, 3), frame.centre + iron[9:]
     norm = radius_of(soft) if field is None else field
     other = xp.concatenate([(soft / norm)[UPPER], hard, given[12:]])
