@@ -44,12 +44,6 @@ def basis_of(kind: str) -> np.ndarray:
     return basis
 
 
-def soft_and_centre(parameters: Any, basis: Any) -> tuple[Any, Any]:
-    """S and the centre."""
-    full = basis @ parameters
-    return full[:9].reshape(3, 3), full[9:]
-
-
 @functools.cache
 def inverse_of(kind: str) -> np.ndarray:
     """Matrix (p, 12) from the entries of S and the centre to the nearest parameters of a kind."""
