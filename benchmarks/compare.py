@@ -1,7 +1,7 @@
 """jaxcal beside allantools in one run: speed, agreement, memory, compilations, and the whole command `jaxcal noise`.
 
     python benchmarks/compare.py                     everything (about twenty minutes on two cores)
-    python benchmarks/compare.py --only total        one part: command, speed, calls, all, total, stream, ... (see main)
+    python benchmarks/compare.py --only stream       one part: command, speed, calls, all, stream, ... (see main)
     python benchmarks/compare.py --longest 1000000   shorter records only
     python benchmarks/compare.py --log imu.csv.gz    the command on your own log instead of a simulated one
 
@@ -19,7 +19,6 @@ import time
 import _alltau
 import _gpu
 import _stream
-import _total
 import allantools
 import jax
 import numpy as np
@@ -229,7 +228,6 @@ def main():
         "speed": lambda: speed(options.longest, compilations),
         "calls": calls,
         "all": lambda: _alltau.all_tau(options.longest),
-        "total": _total.total_family,
         "stream": lambda: _stream.stream(options.stream),
         "logs": _stream.many_logs,
         "memory": lambda: memory(options.longest),

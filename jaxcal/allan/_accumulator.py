@@ -270,9 +270,9 @@ class Accumulator(eqx.Module):
         edf = np.maximum(degrees_of_freedom(m[:, None], types, statistic, samples) * (count / expected), 1.0)
         edf = np.where(alive, edf, np.nan)
         factors, findings = (edf, *interval_factors(edf, self.confidence)), tuple(self._findings(begun, kept, alive))
-        skipped, bias, flat = expected - count, np.ones_like(deviation), self.channels == 1
+        skipped, flat = expected - count, self.channels == 1
         noise = noise.astype(np.int64)
-        return assembled(statistic, self.rate, m, deviation, factors, count, noise, skipped, bias, self.confidence, findings, flat)
+        return assembled(statistic, self.rate, m, deviation, factors, count, noise, skipped, self.confidence, findings, flat)
 
     def _checked(self, chunk):
         if is_traced(chunk):

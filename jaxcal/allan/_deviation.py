@@ -20,17 +20,14 @@ from .._quality import checked_confidence, checked_rate, checked_record, refuse_
 from .._types import Any, Int
 from ..evidence._uneven import widened
 from ._findings import FINDINGS, times
-from ._kernels._contiguous import measure_whole, refuse_traced
 from ._kernels._difference_sums import direct_sums
 from ._kernels._phase import IN_CACHE, aligned, integrate, padded_length, running_sum_of_phase
 from ._kernels._route import PARALLEL_FROM, record_sums, sums_in_cache
-from ._kernels._total import traced_total_sums
+from ._kernels._time_error import measure_whole
 from ._kinds import MANY, Kind, cluster_sizes, find_kind
 from ._noise_type._identify import identify, noise_types, types_for_intervals
 from ._result import Deviation, assembled
-from ._uncertainty._bias import bias_factors
 from ._uncertainty._edf import interval_factors, known_uncertainty, tabulated_factors
-from ._uncertainty._edf_total import degrees_of_freedom
 
 #: function that gives the sums, which may still be computed; counts; noise types: (clusters, channels) each
 _Measured = tuple[Callable[[], Any], Any, Any]
@@ -39,9 +36,8 @@ _Measured = tuple[Callable[[], Any], Any, Any]
 @host_float64
 def deviation(
     y: Any, rate: Any, *, kind: str | Kind = "oadev", m: Any = "log", data: str = "rate", confidence: float | int = 0.95, alpha: Any = None,
-    bias_corrected: bool = False,
 ) -> Deviation:  # fmt: skip
-    r"""Allan, modified Allan, time, Hadamard or total deviation, with noise type and interval.
+    r"""Allan, modified Allan, time or Hadamard deviation, with noise type and interval.
 
     With the phase :math:`\theta_k = \sum_{t<k} (y_t - \bar y)` in units of samples,
 
@@ -53,16 +49,9 @@ def deviation(
     ======== ==================================================================================== ============ =================
     kind     variance                                                                             cluster size unit
     ======== ==================================================================================== ============ =================
-    totdev   second differences of the record reflected through its first and last phase point    1 .. n/2     of the record
-    mtotdev  mdev of every window of 3 m phase points, its line removed, reflected at both ends   1 .. n/3     of the record
-    ttotdev  mtotdev times tau/sqrt(3)                                                            1 .. n/3     times s
-    htotdev  ohdev of every window of 3 m rate samples, likewise; ohdev itself at m = 1           1 .. n/3     of the record
     mtie     largest range of the phase in a window of m samples, no interval                     1 .. n       times s
     tierms   rms change of the phase over m samples, no interval                                  1 .. n       times s
     ======== ==================================================================================== ============ =================
-
-    At long cluster times the total statistics are more precise than their plain counterparts, but have a bias that depends on
-    the noise type; `bias_corrected` removes it.
 
     More than 512 cluster sizes, or all (``m="all"``), cost O(n log^2 n) in a record without gaps. FFT correlations then replace the direct
     sums, with a relative error of the variance below 1e-8; cluster sizes where rounding could exceed this are summed directly. With gaps,
@@ -76,15 +65,13 @@ def deviation(
         touch it are left out and counted. The total statistics, mtie and tierms need a record without gaps: they use the
         longest stretch without gaps, and a finding reports it. If only some channels contain samples, the others give NaN and a finding.
     rate : sampling rate in Hz.
-    kind : "adev", "oadev" (default), "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev",
+    kind : "adev", "oadev" (default), "mdev", "tdev", "hdev", "ohdev",
         "mtie" or "tierms". A traced record (jit, grad, vmap) allows the first seven.
     m : cluster sizes in samples: "log" (default, about 15 per decade), "octave", "decade", "all", or integers.
     data : "rate" (default) or "phase".
     confidence : level of the intervals, 0.95 by default.
     alpha : noise type for the degrees of freedom (2 .. -2), to replace the one identified at each cluster size. Of a traced record none
         is identified: it is 0, white noise of the rate, unless given.
-    bias_corrected : True divides the variance by its exact bias against mdev, ohdev or oadev, for the noise type at each cluster size.
-        `bias` of the result reports the factor.
 
     Returns
     -------
@@ -118,15 +105,14 @@ def deviation(
     confidence, y = checked_confidence(confidence), checked_record(y)
     empty = empty_channels(y)
     if empty is not None:
-        rest = {"kind": kind, "m": m, "data": data, "confidence": confidence, "alpha": alpha, "bias_corrected": bias_corrected}
+        rest = {"kind": kind, "m": m, "data": data, "confidence": confidence, "alpha": alpha}
         return _with_empty(deviation(y[:, ~empty], rate, **rest), empty)
     sizes = cluster_sizes(m, statistic, y.shape[0] - (1 if data == "phase" else 0))
-    return begin(y, rate, statistic, sizes, confidence, alpha, data=data, bias_corrected=bias_corrected)()
+    return begin(y, rate, statistic, sizes, confidence, alpha, data=data)()
 
 
 def begin(
     y, rate: float, statistic: Kind, sizes: Int[np.ndarray, " clusters"], confidence: float, alpha: Any, *, data="rate",
-    bias_corrected: Any = False,
 ) -> Callable[[], Deviation]:  # fmt: skip
     """Start `deviation` for a checked record at given cluster sizes, and return a function that waits for the result.
 
@@ -136,19 +122,23 @@ def begin(
     columns = y if y.ndim == 2 else y[:, None]
     findings: tuple[Finding, ...] = ()
     if not isinstance(y, np.ndarray):
-        refuse_traced(statistic)
+        if statistic.error:
+            raise DataError(
+                f"{statistic.name} is computed on the host, outside of jit, grad and vmap; take another kind of a traced record",
+                code="traced",
+            )  # fmt: skip
         measured = _traced(columns, sizes, statistic, rate, data, samples, alpha)
-    elif statistic.contiguous:
+    elif statistic.error:
         names = [f"channel {index}" if columns.shape[1] > 1 else "y" for index in range(columns.shape[1])]
         missing = [None if np.isfinite(np.sum(column)) else _missing(column, name) for column, name in zip(columns.T, names, strict=True)]
-        total, count, noise, told = measure_whole(columns, missing, sizes, statistic, rate, data, alpha)
-        findings, measured = told, (lambda: total, count, noise)
+        total, count, findings = measure_whole(columns, missing, sizes, statistic, rate, data)
+        measured = lambda: total, count, np.zeros(count.shape)
     else:
         measured = _measured(columns, sizes, statistic, rate, data, samples, alpha)
-    return lambda: _finished(y, columns, rate, statistic, sizes, confidence, samples, measured, data, bias_corrected, findings)
+    return lambda: _finished(y, columns, rate, statistic, sizes, confidence, samples, measured, data, findings)
 
 
-def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int, measured, data, bias_corrected, findings):
+def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int, measured, data, findings):
     """The result from sums, counts and noise types, (clusters, channels). The sums come last, because they may still be computed."""
     sums, count, noise = measured
     xp, kept = namespace(y, concrete=True), slice(None)
@@ -165,27 +155,21 @@ def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int
     else:
         count = eqx.error_if(count, xp.any(count == 0), "a cluster size has no difference free of gaps; choose smaller m")
         expected = jnp.asarray(expected, dtype=count.dtype)
-    lengths = statistic.length(count, sizes[:, None], samples) if xp is np else samples
-    if statistic.family == "error":  # of which no distribution is known
+    if statistic.error:  # of which no distribution is known
         edf, low, high = (np.full(count.shape, np.nan) for _ in range(3))
     else:
-        types = types_for_intervals(noise, sizes, lengths, data) if xp is np else noise
-        edf, low, high = _uncertainty(types, count, expected, sizes, statistic, lengths, confidence, xp)
-    if xp is np and statistic.family != "error":
+        types = types_for_intervals(noise, sizes, samples, data) if xp is np else noise
+        edf, low, high = _uncertainty(types, count, expected, sizes, statistic, samples, confidence, xp)
+    if xp is np and not statistic.error:
         wider, said = widened(edf, columns, 2 if data == "phase" else 1, samples / rate, FINDINGS)
         if (wider < edf).any():
             edf, findings = wider, (*findings, *said)
             low, high = interval_factors(edf, confidence)
-    corrected = bias_corrected and statistic.family != "error"
-    bias = bias_factors(sizes[:, None], noise, statistic, lengths) if corrected else np.ones(count.shape)
-    bias = xp.asarray(bias, dtype=low.dtype)
     scale = statistic.scale(sizes, rate)[:, None].astype(low.dtype)
-    factor = scale / count / bias
+    factor = scale / count
     result = xp.sqrt(sums()[kept] * factor)
     factors, skipped = (edf, low, high), expected - count
-    return assembled(
-        statistic, rate, sizes, result, factors, count, noise.astype(np.int64), skipped, bias, confidence, findings, y.ndim == 1
-    )
+    return assembled(statistic, rate, sizes, result, factors, count, noise.astype(np.int64), skipped, confidence, findings, y.ndim == 1)
 
 
 def empty_channels(y):
@@ -198,9 +182,9 @@ def empty_channels(y):
 
 def _with_empty(found: Deviation, empty) -> Deviation:
     """The result of the channels with samples, extended by NaN and a finding for channels without samples."""
-    values = {"count": 0, "alpha": 0, "skipped": found.count[:, 0] + found.skipped[:, 0], "bias": 1.0}
+    values = {"count": 0, "alpha": 0, "skipped": found.count[:, 0] + found.skipped[:, 0]}
     arrays = {}
-    for name in ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped", "bias"):
+    for name in ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped"):
         array = getattr(found, name)
         arrays[name] = np.empty((len(array), len(empty)), array.dtype)
         arrays[name][:, ~empty] = array
@@ -220,10 +204,10 @@ def _missing(column, name: str):
 
 def _uncertainty(noise, count, expected, sizes, statistic: Kind, samples, confidence: float, xp):
     """The edf and the interval factors; in a trace, the factors are read from a table."""
-    if xp is np and not statistic.contiguous and len(sizes) <= MANY and (count == expected).all():
+    if xp is np and len(sizes) <= MANY and (count == expected).all():
         return known_uncertainty(sizes, noise, statistic, samples, confidence)
     edf = xp.asarray(degrees_of_freedom(sizes[:, None], noise, statistic, samples), dtype=expected.dtype if xp is jnp else float)
-    edf = xp.maximum(edf if statistic.contiguous else edf * (count / expected), 1.0)
+    edf = xp.maximum(edf * (count / expected), 1.0)
     if xp is np:
         return edf, *interval_factors(edf, confidence)
     return edf, *tabulated_factors(edf, 2.0 * samples, confidence, jnp)
@@ -246,13 +230,9 @@ def _traced(columns, sizes, statistic: Kind, rate: float, data: str, samples: in
     if statistic.modified:
         parts = jnp.concatenate([jnp.zeros_like(theta[:1]), jnp.cumsum(theta, axis=0)])
     number = statistic.count(samples, sizes)
-    if statistic.contiguous:
-        parts = eqx.error_if(parts, jnp.any(gone), f"a traced {statistic.name} needs a record without gaps")
 
     def channel(arrays):
         part, lost = arrays
-        if statistic.name == "totdev":
-            return traced_total_sums(part, jnp.asarray(sizes)), jnp.asarray(number)
         return direct_sums(
             (part,), lost, jnp.asarray(sizes), jnp.asarray(number), less,
             order=statistic.difference, strided=not statistic.overlapped, rule=rule,
@@ -287,7 +267,7 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
                 break  # a record with a gap is handled below
             sums.append(sums_in_cache(theta, ascending, number, statistic))
             if alpha is None:  # while the sums are computed in the background
-                noise[:, index] = identify(theta[: samples + 1], None, ascending, statistic.plain, samples, data)[back]
+                noise[:, index] = identify(theta[: samples + 1], None, ascending, statistic, samples, data)[back]
         else:
             count = np.repeat(number[back, None], channels, axis=1)
             return lambda: np.stack([wait() for wait in sums], axis=1)[back], count, noise
@@ -303,7 +283,7 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
             prepared = _prepare(columns[:, index], f"channel {index}" if channels > 1 else "y", statistic, rate, data, samples)
             total, count = record_sums(prepared, ascending, number, statistic, split, run)
             if alpha is None:
-                return total, count, noise_types(prepared[1], prepared[2], ascending, statistic.plain, samples, data)
+                return total, count, noise_types(prepared[1], prepared[2], ascending, statistic, samples, data)
             return total, count, np.full(len(ascending), float(alpha))
 
     if workers == 1:

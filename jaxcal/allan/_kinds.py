@@ -12,8 +12,7 @@ from .._types import Any, Int
 class Kind:
     """One statistic: differences of `order` of the phase (or of its running sum, if `modified`), at all points or every m-th.
 
-    `family` tells how it is formed: "difference" uses differences of the record itself; "total" uses differences of the record, or of
-    windows of it, reflected about their ends; "error" is an error of time.
+    An `error` of time keeps the line in the phase, and needs a stretch without gaps.
     """
 
     name: str
@@ -21,48 +20,29 @@ class Kind:
     modified: bool  # first averages the phase over m points
     overlapped: bool  # all starting points, not every m-th
     timed: bool = False  # multiplied by tau/sqrt(3)
-    family: str = "difference"
+    error: bool = False
 
     @property
     def difference(self) -> int:
         """Order of the difference of the summed array: 3 for the running sum of phase (NIST SP 1065, 5.2.5)."""
         return 3 if self.modified else self.order
 
-    @property
-    def plain(self) -> "Kind":
-        """The difference statistic that this one estimates, or whose response to noise types is the same."""
-        name = "ohdev" if self.order == 3 else "mdev" if self.modified else "oadev"
-        return _KINDS[name] if self.contiguous else self
-
-    @property
-    def contiguous(self) -> bool:
-        """Whether the statistic needs a stretch without gaps."""
-        return self.family != "difference"
-
     def count(self, samples: Any, m: Int[np.ndarray, " clusters"]) -> Int[np.ndarray, " clusters"]:
         """Number of differences in a record of `samples` rate samples (one more phase point) at cluster sizes m."""
-        if self.name == "totdev":
-            return samples - 1 + 0 * m
         if not self.overlapped:
             return samples // m - self.order + 1
         return samples - self.difference * m + (2 if self.modified else 1)
 
-    def length(self, count: Any, m: Any, samples: int) -> Any:
-        """Number of rate samples in the stretch that gave `count` differences; the whole record if gaps are left out one by one."""
-        if not self.contiguous:
-            return samples
-        return count + (1 if self.name == "totdev" else self.difference * m - (2 if self.modified else 1))
-
     def largest(self, samples: int) -> int:
-        """Largest cluster size with at least one difference; totdev is defined up to half the record."""
-        if self.name == "totdev" or not self.overlapped:
+        """Largest cluster size with at least one difference."""
+        if not self.overlapped:
             return samples // self.order
         return (samples + (1 if self.modified else 0)) // self.difference
 
     def scale(self, m: np.ndarray, rate: float) -> np.ndarray:
         """Factor from the mean squared difference to the variance."""
         m = np.asarray(m, dtype=np.float64)
-        if self.family == "error":
+        if self.error:
             return np.full(m.shape, rate**-2.0)
         factor = 1.0 / ((2.0 if self.order == 2 else 6.0) * m**2)
         if self.modified:
@@ -92,12 +72,8 @@ _KINDS = {
         Kind("tdev", order=2, modified=True, overlapped=True, timed=True),
         Kind("hdev", order=3, modified=False, overlapped=False),
         Kind("ohdev", order=3, modified=False, overlapped=True),
-        Kind("totdev", order=2, modified=False, overlapped=True, family="total"),
-        Kind("mtotdev", order=2, modified=True, overlapped=True, family="total"),
-        Kind("ttotdev", order=2, modified=True, overlapped=True, timed=True, family="total"),
-        Kind("htotdev", order=3, modified=False, overlapped=True, family="total"),
-        Kind("mtie", order=1, modified=False, overlapped=True, family="error"),
-        Kind("tierms", order=1, modified=False, overlapped=True, family="error"),
+        Kind("mtie", order=1, modified=False, overlapped=True, error=True),
+        Kind("tierms", order=1, modified=False, overlapped=True, error=True),
     )
 }
 

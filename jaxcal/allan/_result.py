@@ -10,7 +10,6 @@ import numpy as np
 
 from .._answer import Curve, Finding, Number
 from .._answer._curves import SENSORS, Curved, Curves, Labelled, at_decades, labelled
-from .._arrays import namespace
 from .._types import AnyArray
 from ._kinds import Kind
 from ._uncertainty._edf import interval_factors
@@ -25,11 +24,10 @@ class Deviation(Curved):
     ----------
     tau : (clusters,) cluster time in s.
     m : (clusters,) cluster size in samples.
-    deviation : (clusters,) or (clusters, channels), in the unit of the record (tdev, ttotdev, mtie, tierms: that unit times s).
+    deviation : (clusters,) or (clusters, channels), in the unit of the record (tdev, mtie, tierms: that unit times s).
     lower, upper : limits of the interval at level `confidence`, same shape and unit as `deviation`.
     edf : equivalent degrees of freedom of the variance, same shape; fewer where the noise is uneven in time.
-    count : number of differences averaged (windows for mtotdev, ttotdev and htotdev), same shape; less than the full number
-        if gaps were left out.
+    count : number of differences averaged, same shape; less than the full number if gaps were left out.
     alpha : noise type identified at each cluster size (2 white phase or quantisation, 1 flicker phase, 0 white rate, -1 flicker rate, -2
         random walk of rate), same shape. With fewer than 30 averages, edf and limits use the redder of this type and the last one
         identified before.
@@ -38,7 +36,6 @@ class Deviation(Curved):
     confidence : level of the interval.
     skipped : number of differences left out because they touch a gap, same shape as `count`.
     findings : on cluster sizes or parts of the record that were left out.
-    bias : factor by which the variance was divided (`bias_corrected`), same shape; ones without correction.
 
     Examples
     --------
@@ -69,11 +66,6 @@ class Deviation(Curved):
     rate: float = eqx.field(static=True)
     confidence: float = eqx.field(static=True)
     findings: tuple[Finding, ...] = eqx.field(static=True, default=())
-    bias: AnyArray = None  # type: ignore[assignment]  # ones by default
-
-    def __post_init__(self) -> None:
-        if self.bias is None:
-            self.bias = namespace(self.deviation, concrete=True).ones_like(self.deviation)
 
     _figure, _value = ("allan", False), "deviation"
 
@@ -85,7 +77,7 @@ class Deviation(Curved):
     @property
     def unit_of_phase(self) -> bool:
         """Whether the deviation is in the unit of the record times s."""
-        return self.kind in ("tdev", "ttotdev", "mtie", "tierms")
+        return self.kind in ("tdev", "mtie", "tierms")
 
     @property
     def _title(self) -> str:
@@ -150,15 +142,13 @@ class Deviations(Curves[Deviation]):
 Deviation._several = Deviations
 
 
-def assembled(
-    kind: Kind, rate: float, m, deviation, factors, count, alpha, skipped, bias, confidence: float, findings, flat: bool
-) -> Deviation:
+def assembled(kind: Kind, rate: float, m, deviation, factors, count, alpha, skipped, confidence: float, findings, flat: bool) -> Deviation:
     """The result from arrays (clusters, channels), with a single channel if `flat`; `factors` are edf and factors of the limits.
 
     It is built from its tree structure, in a tenth of the time of `__init__`, which would be a large part of a call with a short record.
     """
     edf, low, high = factors
-    arrays = (deviation, deviation * low, deviation * high, edf, count, alpha, skipped, bias)
+    arrays = (deviation, deviation * low, deviation * high, edf, count, alpha, skipped)
     arrays = [array[:, 0] for array in arrays] if flat else arrays
     return jax.tree.unflatten(_structure(kind.name, rate, confidence, findings), [m / rate, m, *arrays])
 

@@ -144,7 +144,7 @@ def deviation(
 
 def _plain(m: Any, statistic: Kind) -> bool:
     """Whether there are few cluster sizes, and the statistic uses differences of the record itself."""
-    return statistic.family == "difference" and (m != "all" if isinstance(m, str) else np.size(m) <= MANY)
+    return not statistic.error and (m != "all" if isinstance(m, str) else np.size(m) <= MANY)
 
 
 def _shared(executor: Any, workers: int | None, source: Any, columns: Any) -> Callable[..., Accumulator] | None:
@@ -200,7 +200,7 @@ def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, A
         for samples in record.of(chunk):
             accumulator = accumulator.update(samples)
     found = accumulator.result()
-    tables = ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped", "bias") if record.channels == 1 and not record.flat else ()
+    tables = ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped") if record.channels == 1 and not record.flat else ()
     columns = {name: getattr(found, name)[:, None] for name in tables}
     return dataclasses.replace(found, findings=(*findings, *found.findings), **columns)
 

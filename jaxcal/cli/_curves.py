@@ -16,7 +16,7 @@ from ._outputs import File, Outputs, figure, outputs, save_json, save_report
 from ._work import carry_out
 
 Kind = Literal[
-    "adev", "oadev", "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "mtie", "tierms"
+    "adev", "oadev", "mdev", "tdev", "hdev", "ohdev", "mtie", "tierms"
 ]  # fmt: skip
 _GRIDS = ("log", "octave", "decade", "all")
 
@@ -35,7 +35,6 @@ def allan(
     kind: Kind = "oadev",
     m: str = "log",
     confidence: Level = 0.95,
-    bias_corrected: bool = False,
     alpha: Literal[-2, -1, 0, 1, 2] | None = None,
     clock: bool = False,
     nominal: float | None = None,
@@ -48,12 +47,10 @@ def allan(
     Parameters
     ----------
     kind
-        Statistic: Allan (adev, overlapping oadev), modified Allan (mdev), time (tdev), Hadamard (hdev, overlapping ohdev), their
-        total forms (totdev, mtotdev, ttotdev, htotdev), time interval error (mtie, tierms).
+        Statistic: Allan (adev, overlapping oadev), modified Allan (mdev), time (tdev), Hadamard (hdev, overlapping ohdev),
+        time interval error (mtie, tierms).
     m
         Cluster sizes: log (15 per decade), octave, decade, all, or numbers of samples as 1,10,100.
-    bias_corrected
-        Remove the bias of the total statistics for the identified noise type.
     alpha
         Noise type for the intervals, instead of the identified one: 2 white phase, 1 flicker phase, 0 white frequency, -1 flicker
         frequency, -2 random walk of frequency.
@@ -64,7 +61,7 @@ def allan(
     nominal
         Nominal frequency in Hz of a clock whose readings are in Hz, such as 10e6.
     """
-    asked = {"kind": kind, "m": _sizes(m), "confidence": confidence, "bias_corrected": bias_corrected, "alpha": alpha}
+    asked = {"kind": kind, "m": _sizes(m), "confidence": confidence, "alpha": alpha}
     options: dict[str, Any] = dict(asked)
 
     if clock:

@@ -16,11 +16,10 @@ if TYPE_CHECKING:
 
 KINDS = {
     "adev": "Allan deviation", "oadev": "Allan deviation", "mdev": "Modified Allan deviation", "tdev": "Time deviation",
-    "hdev": "Hadamard deviation", "ohdev": "Hadamard deviation", "totdev": "Total deviation",
+    "hdev": "Hadamard deviation", "ohdev": "Hadamard deviation",
     "mtie": "Maximum time interval error", "tierms": "Time interval error, rms",
-    "mtotdev": "Modified total deviation", "ttotdev": "Time total deviation", "htotdev": "Hadamard total deviation",
 }  # fmt: skip
-_MODELLED = ("adev", "oadev", "totdev")  # statistics whose expectation is the Allan variance of the model
+_MODELLED = ("adev", "oadev")  # statistics whose expectation is the Allan variance of the model
 
 
 class _Channel(ModelledChannel):

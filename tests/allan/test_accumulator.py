@@ -227,7 +227,7 @@ def test_a_channel_without_samples_is_said_and_the_others_are_served(refuses):
 @pytest.mark.parametrize(
     ("options", "code"),
     [
-        ({"kind": "totdev"}, "kind"), ({"m": "all"}, "grid"), ({"m": [0]}, "m"), ({"m": [1.5]}, "m"), ({"m": []}, "m"),
+        ({"kind": "mtie"}, "kind"), ({"m": "all"}, "grid"), ({"m": [0]}, "m"), ({"m": [1.5]}, "m"), ({"m": []}, "m"),
         ({"kind": "mdev", "m": [70_000]}, "m"), ({"channels": 0}, "whole"), ({"exact": 0.5}, "whole"), ({"start": -1}, "whole"),
         ({"confidence": 95}, "confidence"), ({"rate": 0.0}, "rate"),
     ],

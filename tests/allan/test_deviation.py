@@ -126,7 +126,7 @@ def test_a_single_channel_has_none_to_pick():
     assert jaxcal.allan.deviation is deviation
 
 
-@pytest.mark.parametrize("kind", ["oadev", "mtotdev"])
+@pytest.mark.parametrize("kind", ["oadev", "tierms"])
 def test_a_channel_without_samples_leaves_the_others_alone(kind):
     y = np.random.default_rng(8).standard_normal((500, 3))
     y[:, 1] = np.nan

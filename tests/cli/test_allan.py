@@ -32,7 +32,6 @@ def test_it_prints_and_writes_nothing_unless_asked(call, folder, log):
     ("words", "options"),
     [
         (("--m", "octave"), {"m": "octave"}), (("--kind", "tdev", "--m", "all"), {"kind": "tdev", "m": "all"}),
-        (("--kind", "mtotdev", "--m", "4,16", "--bias-corrected"), {"kind": "mtotdev", "m": [4, 16], "bias_corrected": True}),
         (("--m", "1,10", "--alpha", "-2"), {"m": [1, 10], "alpha": -2}),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
@@ -48,7 +47,7 @@ def test_files_hold_what_the_library_gives(call, folder, words, options):
     channel, kind = document["channels"]["gyro_y"], options.get("kind", "oadev")
     assert (channel["kind"], channel["rate"], channel["unit"]) == (kind, 100.0, "rad" if kind == "tdev" else "rad/s")
     assert channel["m"] == expected.m.tolist()
-    for name in ("deviation", "lower", "upper", "edf", "bias"):
+    for name in ("deviation", "lower", "upper", "edf"):
         np.testing.assert_allclose(channel[name], getattr(expected, name)[:, 1])
     rows = [line.split(",") for line in (folder / "imu-allan.csv").read_text().splitlines()]
     assert rows[0] == ["channel", "unit", "tau_s", "m", "deviation", "lower", "upper", "edf"]

@@ -11,7 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from jaxcal import ExportError
-from jaxcal.allan import Deviation, deviation
+from jaxcal.allan import Deviation
 from jaxcal.noise import Noise
 from jaxcal.plot import TERM_COLORS, allan, save
 from jaxcal.plot._style import duration_label, interval_labels, number_label, unit_label
@@ -148,21 +148,6 @@ def test_deviation_of_several_channels():
     ax = allan(both)
     assert {"0", "1"} <= set(key(ax))
     assert ax.get_ylabel() == "Modified Allan deviation (unit of the record)"
-
-
-@pytest.mark.parametrize(
-    ("kind", "label"),
-    [
-        ("totdev", "Total deviation (°/h)"), ("ttotdev", "Time total deviation (°/h s)"),
-    ],
-)  # fmt: skip
-def test_total_statistics(kind, label):
-    y = 1e-3 * np.random.default_rng(0).standard_normal(500)
-    ax = allan({"gyro_x": deviation(y, 100.0, kind=kind, m="octave")})
-    save_to_nowhere(ax)
-    assert ax.get_ylabel() == label
-    assert key(ax) == ["measured, 95 % interval"]
-    assert np.all(np.isfinite(ax.get_ylim()))
 
 
 def test_every_cluster_size_of_a_long_record_is_thinned():

@@ -1,1 +1,1 @@
-"""Degrees of freedom, intervals and bias factors of the variances, by noise type."""
+"""Degrees of freedom and intervals of the variances, by noise type."""

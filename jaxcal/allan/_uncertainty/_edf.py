@@ -12,8 +12,9 @@ from types import ModuleType
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from ..._types import Float
-from .._kinds import Kind, autocorrelation
+from ..._errors import DataError
+from ..._types import Any, Float
+from .._kinds import Kind, autocorrelation, find_kind
 from ._tables import GREENHALL_RILEY
 
 _JMAX = 100
@@ -166,25 +167,31 @@ def _short(total, j, s, f, alpha: int, order: int) -> np.ndarray:
     return _basic_sum(j, total, s, f, alpha, order) / (total * _sz(np.zeros_like(s), f, alpha, order) ** 2)
 
 
-def degrees_of_freedom(m, alpha, kind: Kind, samples) -> Float[np.ndarray, "..."]:
-    """Equivalent degrees of freedom at cluster sizes m (broadcast against noise types alpha), for a record without gaps.
+def degrees_of_freedom(m: Any, alpha: Any, kind: str | Kind, samples: Any) -> Float[np.ndarray, "..."]:
+    """Equivalent degrees of freedom of a variance, for a record without gaps.
+
+    The variance times edf over its expectation is nearly chi-square with edf degrees of freedom ("combined" algorithm of Greenhall and
+    Riley, PTTI 2003).
 
     Parameters
     ----------
-    m : cluster sizes.
-    alpha : noise types, 2 .. -2 (-4 for three-sample statistics); clipped to that range.
-    kind : the statistic.
-    samples : number of rate samples of the record, one for all or (broadcast) one for each.
+    m : cluster sizes in samples.
+    alpha : noise types (2 white phase .. -2 random walk of rate, -4 for three-sample statistics), broadcast against m. Types beyond the
+        last count as the last.
+    kind : name of the statistic, such as "oadev".
+    samples : number of rate samples of the record, broadcast against m.
 
     Examples
     --------
     Overlapping Allan deviation of white rate noise, 1025 phase points:
 
-    >>> from jaxcal.allan._uncertainty._edf import degrees_of_freedom
-    >>> from jaxcal.allan._kinds import find_kind
-    >>> [round(float(v), 1) for v in degrees_of_freedom([2, 16, 128], 0, find_kind("oadev"), 1024)]
+    >>> from jaxcal.allan import degrees_of_freedom
+    >>> [round(float(v), 1) for v in degrees_of_freedom([2, 16, 128], 0, "oadev", 1024)]
     [553.7, 88.5, 9.8]
     """
+    kind = find_kind(kind)
+    if kind.error:
+        raise DataError(f"no distribution of {kind.name} is known, and so no degrees of freedom", code="kind")
     alpha = np.clip(np.asarray(alpha), -2 if kind.order == 2 else -4, 2).astype(np.int64)
     sizes, types, samples = np.broadcast_arrays(np.asarray(m, dtype=np.int64), alpha, samples)
     inverse = _inverse_edf(sizes.ravel(), types.ravel(), samples.ravel() + 1, kind).reshape(sizes.shape)
