@@ -27,7 +27,7 @@ from ._kernels._time_error import measure_whole
 from ._kinds import MANY, Kind, cluster_sizes, find_kind
 from ._noise_type._identify import identify, noise_types, types_for_intervals
 from ._result import Deviation, assembled
-from ._uncertainty._edf import interval_factors, known_uncertainty, tabulated_factors
+from ._uncertainty._edf import degrees_of_freedom, interval_factors, known_uncertainty, tabulated_factors
 
 #: function that gives the sums, which may still be computed; counts; noise types: (clusters, channels) each
 _Measured = tuple[Callable[[], Any], Any, Any]
