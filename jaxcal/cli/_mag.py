@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import math
+import time
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -41,7 +42,7 @@ class Writing(opt.Folder):
 
 
 def mag(
-    log: opt.Log,
+    log: opt.Log | None = None,
     /,
     *,
     model: Annotated[
@@ -86,6 +87,15 @@ def mag(
     limit: Annotated[
         float, opt.checked("--limit", lambda limit: 0 < limit < 90, "degrees above 0", "Heading error in degrees for --next to say stop.")
     ] = 1.0,
+    live: Annotated[
+        str | None,
+        Parameter(
+            allow_leading_hyphen=True,
+            help="Record LOG (else mag-DATE.csv) from a serial port, as /dev/ttyUSB0, or a pipe (-), with a page that says where to turn, "
+            "until the heading error is below --limit.",
+        ),
+    ] = None,
+    baud: Annotated[int, Parameter(help="Speed of the serial port of --live.")] = 115200,
     reading: opt.Reading = opt.Reading(),
     writing: Writing = Writing(),
     running: opt.Running = opt.Running(),
@@ -100,6 +110,15 @@ def mag(
     if currents is not None and model == "planar":
         raise opt.CallError("--currents goes with fits of magnitudes in all attitudes: leave out --model planar", "currents_in_plane")
     opt.must_exist(against, option="--against")
+    if log is None and live is None:
+        raise opt.CallError("jaxcal mag needs LOG: jaxcal mag tumble.csv", "no_log")
+    if live is not None:
+        from ._live import recorded  # a system without serial ports of this kind has no termios
+
+        dip = None if inclination is None else math.radians(inclination)
+        target = log or Path(f"mag-{time.strftime('%Y%m%d-%H%M%S')}.csv")
+        log = recorded(live, target, baud, math.radians(limit), dip, Screen(running.quiet), running.force)
+    assert log is not None
     if next:
         _advise(log, reading, running, limit, inclination)
         return

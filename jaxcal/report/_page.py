@@ -9,8 +9,9 @@ import hashlib
 import pathlib
 import re
 from collections.abc import Iterable
+from typing import Any
 
-from ._html import Markup, definitions, join, tag
+from ._html import Markup, data, definitions, join, tag
 
 _ASSETS = pathlib.Path(__file__).parent / "_assets"
 _LIBRARY = "uPlot 1.6.32 (MIT License, Copyright (c) 2022 Leon Sorokin)"
@@ -161,6 +162,8 @@ def page(title: str, lead: str, body: Markup, footer: str, facts: Iterable[tuple
     style, scripts = _STYLE, []
     if 'class="sphere"' in body:
         scripts = [_asset("sphere.js")]
+    if 'id="live"' in body:
+        scripts += [_asset("live.js")]
     drawn = [script for name, script in (("explore", "explore.js"), ("charts", "charts.js")) if f'class="{name}"' in body]
     if drawn:
         style = _asset("uPlot.min.css") + style
@@ -171,6 +174,7 @@ def page(title: str, lead: str, body: Markup, footer: str, facts: Iterable[tuple
         style = _asset("explore.css") + style
     allowed = " ".join(f"'{_hash(script)}'" for script in scripts) or "'none'"
     policy = f"default-src 'none'; script-src {allowed}; style-src '{_hash(style)}'; img-src data:; base-uri 'none'; form-action 'none'"
+    policy += "; connect-src 'self'" if 'id="live"' in body else ""
     head = join(
         (
             tag("meta", charset="utf-8"),
@@ -187,6 +191,20 @@ def page(title: str, lead: str, body: Markup, footer: str, facts: Iterable[tuple
     contents = tag("nav", tag("ul", *(tag("li", tag("a", Markup(name), href=f"#{place}")) for place, name in parts)), aria_label="Contents")
     content = join((contents, header, tag("main", body), tag("footer", footer), *behind))
     return "<!DOCTYPE html>\n" + tag("html", tag("head", head), "\n", tag("body", content), lang="en") + "\n"
+
+
+def live_page() -> str:
+    """The page of a magnetometer that is being recorded; its script fetches "state" and posts "stop" beside it."""
+    nothing: dict[str, Any] = {name: [] for name in ("readings", "residual", "number", "outliers", "missing", "needed")}
+    facts = tag("dl", *(part for name, place in (("Readings", "count"), ("Heading error to expect", "error"))
+                        for part in (tag("dt", name), tag("dd", "", id=place))), class_="facts")  # fmt: skip
+    body = tag(
+        "div", tag("p", "Turn the sensor so that the next reading falls on the cross.", id="turn"), tag("p", "", id="reason"), facts,
+        tag("p", tag("button", "Stop", type="button", id="stop")),
+        tag("div", data(nothing | {"unit": "", "field": 1}), tag("div", class_="static"), tag("div", class_="aside"), class_="sphere"),
+        id="live",
+    )  # fmt: skip
+    return page("Magnetometer", "Recording", body, "Served by this machine, for this machine alone")
 
 
 def _asset(name: str) -> str:

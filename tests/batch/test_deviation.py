@@ -48,9 +48,9 @@ def test_the_grid_is_that_of_the_record_and_columns_are_chosen(y, tmp_path):
         np.testing.assert_allclose(found.deviation, whole.deviation, rtol=1e-12)
         assert deviation(y, RATE, columns=[2, 0], chunk=chunk).deviation.shape == (len(whole.m), 2)
         single = deviation(y[:, :1], RATE, chunk=chunk)
-        assert single.deviation.shape == single.bias.shape == (len(whole.m), 1)
+        assert single.deviation.shape == single.edf.shape == (len(whole.m), 1)
         same(single.channel(0), whole)
-        assert single.channel(0).bias.shape == (len(whole.m),)
+        assert single.channel(0).edf.shape == (len(whole.m),)
     path = tmp_path / "log.parquet"
     pl.DataFrame({"t": np.arange(3000), "gx": [None, *y[1:3000, 0]], "gy": y[:3000, 2]}).write_parquet(path)
     found = deviation(path, RATE, columns="gx", m=[1, 10])

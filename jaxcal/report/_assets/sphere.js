@@ -180,6 +180,6 @@
       ctx.globalAlpha = 1;
     }
   }
-  const spheres = [...document.querySelectorAll(".sphere")].map((root) => new Sphere(root));
+  const spheres = [...document.querySelectorAll(".sphere")].map((root) => (root.sphere = new Sphere(root)));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => spheres.forEach((one) => one.draw()));
 })();
