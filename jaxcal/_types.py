@@ -16,6 +16,9 @@ Series = Num[AnyArray, " n"] | Num[AnyArray, "n channels"]
 
 Scalar = Float[AnyArray, ""] | float
 
+#: what NumPy makes an array of numbers of
+Numbers = ArrayLike | Sequence[Any]
+
 #: the group of each of many items: a number or a word
 Groups = Sequence[Hashable] | AnyArray
 
@@ -25,6 +28,6 @@ UnitsOf = Mapping[str, str | float | int] | str
 AxesOf = Mapping[str, str | Sequence[str]] | str
 
 __all__ = [
-    "Any", "AnyArray", "Array", "ArrayLike", "AxesOf", "Bool", "ColumnsOf", "Float", "Groups", "Int", "Num", "PyTree", "Scalar", "Series",
-    "UnitsOf", "Value",
+    "Any", "AnyArray", "Array", "ArrayLike", "AxesOf", "Bool", "ColumnsOf", "Float", "Groups", "Int", "Num", "Numbers", "PyTree", "Scalar",
+    "Series", "UnitsOf", "Value",
 ]  # fmt: skip

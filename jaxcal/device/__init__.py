@@ -15,13 +15,6 @@ if TYPE_CHECKING:
     from ._result import DeviceFit as DeviceFit
     from ._simulate import random_device as random_device, simulate as simulate
 
-install(
-    __name__,
-    {
-        "_fit": "fit",
-        "_hand": "HandMotion",
-        "_model": "DeviceModel",
-        "_result": "DeviceFit",
-        "_simulate": "random_device simulate",
-    },
-)
+install(__name__, {
+    "_fit": "fit", "_hand": "HandMotion", "_model": "DeviceModel", "_result": "DeviceFit", "_simulate": "random_device simulate",
+})  # fmt: skip

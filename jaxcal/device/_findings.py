@@ -51,9 +51,7 @@ FINDINGS = table(
         "Record again in one place, without knocks, far from iron.",
         limits=(1.5,),  # in plain recordings 0.8 to 1.1
     ),
-    disagree=Kind(
-        NOTE, "Parts of the recording disagree {times:.2g} times as much as noise explains.",
-    ),
+    disagree=Kind(NOTE, "Parts of the recording disagree {times:.2g} times as much as noise explains."),
 )  # fmt: skip
 
 SENSORS = ("accel", "gyro", "magnetometer")

@@ -11,7 +11,7 @@ from .._log import as_log
 from .._precision import host_float64
 from .._units import BEYOND, STANDARD_GRAVITY
 from ..fitting import Estimate
-from ..imu._fits import coefficients
+from ..imu._fits import Knowledge, coefficients
 from ..imu._known import checked_gravity
 from ..noise import Noise as SlowNoise
 from ._findings import Facts, findings_of, sensor_of
@@ -32,7 +32,7 @@ _TROPIC = 0.35
 @host_float64
 def fit(
     log: Any, *, gravity: float | int | None = None, field: float | int | None = None, latitude: float | int | None = None,
-    g_sensitivity: bool = False, lever: bool = False, noise: Any = None,
+    g_sensitivity: bool = False, lever: bool = False, noise: Knowledge = None,
 ) -> DeviceFit:  # fmt: skip
     r"""Calibrate accelerometer, gyroscope and magnetometer, and the delays between them, from one recording by hand.
 

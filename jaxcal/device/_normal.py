@@ -141,15 +141,13 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
     )  # fmt: skip
 
 
-def _spread_of(mean: np.ndarray, end: np.ndarray, gyro: np.ndarray, accel: np.ndarray, time: float) -> np.ndarray:
-    """(K, 9, 9) covariances of the inertial residuals for white noise with densities (K,).
-
-    They depend on the mean specific force of a window (K, 3), and on the rotation from its end back to its beginning (K, 3, 3).
-    """
+def whitened(found: Inertial, gyro: Any, accel: Any, time: float, broken: np.ndarray) -> np.ndarray:
+    """(K, 9, 9) matrices that whiten the inertial residuals, for white noise of gyroscope and accelerometer, one density or (K,)."""
+    mean, end = found.speed / time, np.swapaxes(found.rotation[:, -1], 1, 2)
     # an error of attitude rotates the specific force: its products with the vector, whose cross product is that of each row
     eye, across = np.eye(3), np.cross(end, mean[:, None])
     square = np.sum(mean**2, axis=1)[:, None, None] * eye - mean[:, :, None] * mean[:, None]
-    g, a = (level[:, None, None] ** 2 for level in (gyro, accel))
+    g, a = (np.broadcast_to(level, len(mean))[:, None, None] ** 2 for level in (gyro, accel))
     speed, place = g * time**2 / 2 * across, g * time**3 / 6 * across
     both = a * time**2 / 2 * eye + g * time**4 / 8 * square
     rows = (
@@ -157,13 +155,7 @@ def _spread_of(mean: np.ndarray, end: np.ndarray, gyro: np.ndarray, accel: np.nd
         (np.swapaxes(speed, 1, 2), a * time * eye + g * time**3 / 3 * square, both),
         (np.swapaxes(place, 1, 2), np.swapaxes(both, 1, 2), a * time**3 / 3 * eye + g * time**5 / 20 * square),
     )
-    return np.concatenate([np.concatenate(row, axis=2) for row in rows], axis=1)
-
-
-def whitened(found: Inertial, gyro: Any, accel: Any, time: float, broken: np.ndarray) -> np.ndarray:
-    """(K, 9, 9) matrices that whiten the inertial residuals, for white noise of gyroscope and accelerometer, one density or (K,)."""
-    gyro, accel = (np.broadcast_to(level, len(found.speed)) for level in (gyro, accel))
-    matrix = _spread_of(found.speed / time, np.swapaxes(found.rotation[:, -1], 1, 2), gyro, accel, time)
+    matrix = np.concatenate([np.concatenate(row, axis=2) for row in rows], axis=1)
     matrix[broken] = np.diag(np.repeat([1.0, 10.0, 1.0], 3) ** 2)
     return np.linalg.inv(np.linalg.cholesky(matrix))
 
@@ -182,47 +174,26 @@ class Rows:
     field_by: np.ndarray  # (K, m, 3, p + 3)
 
 
-def left_over(
-    states: tuple, w: Windows, found: Inertial, model: DeviceModel, gravity: float, earth: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Inertial residuals (K, 9) and field residuals (K, m, 3), in their own units."""
-    turn, velocity, place = states
-    back, h = np.swapaxes(turn[:-1], 1, 2), float(w.step[0])
-    time, down = h * found.to_reading.shape[1], np.array([0.0, 0.0, gravity])
-    rotation = found.rotation[:, -1]
-    turned = to_vector(np.swapaxes(rotation, 1, 2) @ (back @ earth @ turn[1:]))
-    speed = np.einsum("kab,kb->ka", back, np.diff(velocity, axis=0) + time * down)
-    moved = np.einsum("kab,kb->ka", back, np.diff(place, axis=0) - time * velocity[:-1] + time**2 / 2 * down)
-    # the states are those of the point about which the hand rotates the device
-    relative, arm = back @ turn[1:], np.asarray(model.arm)
-    speed += np.einsum("kab,kb->ka", relative, found.swept[:, 1]) - found.swept[:, 0]
-    moved += relative @ arm - arm - time * found.swept[:, 0]
-    inner = np.einsum("kab,b->ka", back, np.asarray(model.world_field))
-    seen = np.einsum("kiba,kb->kia", found.to_reading, inner)
-    field = seen @ np.asarray(model.magnetometer.soft_iron).T + model.magnetometer.hard_iron - w.field
-    return np.concatenate([turned, speed - found.speed, moved - found.place], axis=1), field
-
-
 def rows(
     states: tuple, w: Windows, found: Inertial, model: DeviceModel, whiten: np.ndarray, weight: np.ndarray, gravity: float,
     earth: np.ndarray,
 ) -> Rows:  # fmt: skip
     """Rows of the least squares: `whiten` (K, 9, 9) multiplies the inertial part, `weight` (K, m) each reading of the magnetometer."""
-    turn = states[0]
+    turn, velocity, place = states
     count, steps = weight.shape
-    back, h, size = np.swapaxes(turn[:-1], 1, 2), float(w.step[0]), len(NAMES)
-    time = h * steps
-    residual, field = left_over(states, w, found, model, gravity, earth)
+    back, size, columns = np.swapaxes(turn[:-1], 1, 2), len(NAMES), found.columns
+    time, down = float(w.step[0]) * steps, np.array([0.0, 0.0, gravity])
+    # the states are those of the point about which the hand rotates the device
+    swept, arm, apart, relative = found.swept, np.asarray(model.arm), back @ turn[1:], np.swapaxes(back @ earth @ turn[1:], 1, 2)
+    turned = to_vector(np.swapaxes(relative @ found.rotation[:, -1], 1, 2))
+    speed = np.einsum("kab,kb->ka", back, np.diff(velocity, axis=0) + time * down) + np.einsum("kab,kb->ka", apart, swept[:, 1])
+    moved = np.einsum("kab,kb->ka", back, np.diff(place, axis=0) - time * velocity[:-1] + time**2 / 2 * down) + apart @ arm
+    residual = np.concatenate([turned, speed - swept[:, 0] - found.speed, moved - arm - time * swept[:, 0] - found.place], axis=1)
     by = np.zeros((count, 9, size + 18))
-    columns = found.columns
-    relative = np.swapaxes(back @ earth @ turn[1:], 1, 2)
     # carry rotations from the device axes at the beginning to those at the end
     bend = np.eye(3) + skew(residual[:, :3]) / 2
     by[:, :3, columns] = -bend @ relative @ found.turned_by
     by[:, :3, size : size + 3], by[:, :3, size + 9 : size + 12] = -bend @ relative, bend
-    swept, arm, apart = found.swept, np.asarray(model.arm), back @ turn[1:]
-    speed = residual[:, 3:6] + found.speed + swept[:, 0]
-    moved = residual[:, 6:] + found.place + arm + time * swept[:, 0]
     by[:, 3:6, :size], by[:, 6:, :size] = -found.speed_by, -found.place_by
     by[:, 3:6, size : size + 3], by[:, 6:, size : size + 3] = skew(speed), skew(moved)
     by[:, 3:6, size + 3 : size + 6], by[:, 3:6, size + 12 : size + 15] = -back, back
@@ -238,6 +209,7 @@ def rows(
     inner = np.einsum("kab,b->ka", back, world)
     at = np.swapaxes(found.to_reading, 2, 3)
     seen = np.einsum("kiab,kb->kia", at, inner)
+    field = seen @ iron.T + model.magnetometer.hard_iron - w.field
     field_by = np.zeros((count, steps, 3, size + 3))
     across = iron @ at @ skew(inner)[:, None]
     field_by[..., columns] = across @ found.reading_by

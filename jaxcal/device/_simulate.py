@@ -1,5 +1,6 @@
 """Simulated recordings of a device that a hand waves, with known truth."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ from .._arrays import from_vector
 from .._errors import DataError
 from .._log import Log
 from .._precision import host_float64
+from .._types import Numbers
 from .._units import STANDARD_GRAVITY
 from ..imu import Triad
 from ..imu._simulate import NOISE, noisy
@@ -53,24 +55,11 @@ def random_device(seed: Any, *, field: float = 50e-6) -> DeviceModel:
 
 @host_float64
 def simulate(
-    duration: float | int = 180.0,
-    rate: float | int = 100.0,
-    *,
-    seed: int,
-    rests: int = 0,
-    still: float | int = 4.0,
-    initial: float | int = 0.0,
-    held: bool = False,
-    turns: str = "free",
-    reach: float | int = 0.25,
-    swing: float | int = 1.0,
-    tremor: float | int = 5e-5,
-    arm: Any = (0.0, 0.0, 0.0),
-    model: DeviceModel | None = None,
-    noise: Any = None,
-    gradient: float | int = 0.0,
-    iron: tuple[float, float, float] | None = None,
-) -> tuple[Log, DeviceModel, HandMotion]:
+    duration: float | int = 180.0, rate: float | int = 100.0, *, seed: int, rests: int = 0, still: float | int = 4.0,
+    initial: float | int = 0.0, held: bool = False, turns: str = "free", reach: float | int = 0.25, swing: float | int = 1.0,
+    tremor: float | int = 5e-5, arm: Numbers = (0.0, 0.0, 0.0), model: DeviceModel | None = None, noise: Mapping[str, Any] | None = None,
+    gradient: float | int = 0.0, iron: tuple[float, float, float] | None = None,
+) -> tuple[Log, DeviceModel, HandMotion]:  # fmt: skip
     """Simulate a recording of a device that a hand waves within its reach.
 
     Position and angles are Gaussian signals with spectral density (1 + (f / corner)^2)^-3, like a Matern process of order 5/2. They are

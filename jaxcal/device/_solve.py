@@ -83,7 +83,7 @@ def solved(
         moved = inertial(model, w, **options) if moved is None else moved
         whiten = whitened(moved, noise.gyro, noise.accel, record.time, record.broken)
         weight = counts[:, None] * record.kept(back) / np.reshape(noise.mag, (-1, 1))
-        made = rows(way.states, w, moved, model, whiten, weight, record.gravity, record.earth)
+        made = rows((way.rotation, way.velocity, way.place), w, moved, model, whiten, weight, record.gravity, record.earth)
         prior = hand_prior(way, place, rests, record.time)
         squares = [made.inertial, made.field, (vector - centre)[free] / sizes, *(tie.residual for tie in prior)]
         return Point(vector, way, back, moved, made, prior, 0.5 * sum(float(np.sum(part**2)) for part in squares))

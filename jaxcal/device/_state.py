@@ -43,11 +43,6 @@ class Way:
     acceleration: np.ndarray
 
     @property
-    def states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The states that the residuals of the sensors contain."""
-        return self.rotation, self.velocity, self.place
-
-    @property
     def smooth(self) -> np.ndarray:
         """(K + 1, 3, axes) velocity, position and acceleration, which are a Markov process."""
         return np.stack([self.velocity, self.place, self.acceleration], axis=1)
@@ -70,10 +65,6 @@ class Rests:
     windows: np.ndarray
     speed: float = 2e-3
     turn: float = 1e-3
-
-    @property
-    def moving(self) -> np.ndarray:
-        return 1.0 - self.windows
 
     @property
     def ends(self) -> np.ndarray:
@@ -135,7 +126,7 @@ def hand_prior(way: Way, place: Place, rests: Rests, time: float) -> list[Tie]:
     """
     step, known, begin = place.transition(time)
     root, first = (np.linalg.cholesky(matrix).T for matrix in (known, begin))
-    x, moving = way.smooth, rests.moving[:, None, None]
+    x, moving = way.smooth, 1.0 - rests.windows[:, None, None]
     left = np.swapaxes(root @ (x[1:] - step @ x[:-1]), 1, 2).reshape(len(moving), 9)
     ties = [
         Tie(left * moving[..., 0], -_by_axis(root @ step) * moving, _by_axis(root) * moving),
@@ -283,7 +274,7 @@ class Solution(Point):
         moving = ~ends
         reach = np.mean(way.place[moving] ** 2 + spread[moving, PLACE])
         speed = np.mean(way.velocity[moving] ** 2 + spread[moving, VELOCITY])
-        place = Place(float(np.sqrt(reach)), float(np.sqrt(speed))).strained(way, time, self.rests.moving)
+        place = Place(float(np.sqrt(reach)), float(np.sqrt(speed))).strained(way, time, 1.0 - self.rests.windows)
         if not ends.any():
             return place, self.rests
         # on a table the true velocity is zero. The mean square plus the variance of the estimate would need many rounds to come near it

@@ -67,13 +67,8 @@ def unfiltered(y: np.ndarray, pole: float, step: float) -> np.ndarray:
     return _filtered(y, weights, np.clip(np.arange(len(y)) + shift, -TAPS[0], len(y) - 1 - TAPS[-1]))
 
 
-def value_at(y: Any, x: float, index: np.ndarray) -> Any:
-    """Readings at index + x, 0 <= x < 1."""
-    return _filtered(y, lagrange(x)[:, 0], index)
-
-
-def derivative_at(y: Any, x: float, index: np.ndarray, order: int) -> Any:
-    """First or higher derivative at index + x, per sample."""
+def derivative_at(y: np.ndarray, x: float, index: np.ndarray, order: int = 0) -> np.ndarray:
+    """Readings at index + x, 0 <= x < 1, or a derivative of them, per sample."""
     return _filtered(y, math.factorial(order) * lagrange(x)[:, order], index)
 
 
@@ -127,15 +122,13 @@ def windows(
         to_reading, last = integral(gyro, start, x + part, first), (x + part, first)
     else:
         to_reading, last = integral(gyro, start, 1.0, first) + integral(gyro, 0.0, x + part - 1, first + 1), (x + part - 1, first + 1)
-    rate, to_reading, field_time = value_at(gyro, *last), h * to_reading, np.full(whole[:, :-1].shape, part * h)
+    rate, to_reading, field_time = derivative_at(gyro, *last), h * to_reading, np.full(whole[:, :-1].shape, part * h)
     if later is not None:
         more = later[readings][..., None]
         slope = derivative_at(gyro, *last, 1) / h
         rate, to_reading, field_time = rate + more * slope, to_reading + more * rate + more**2 / 2 * slope, field_time + more[..., 0]
-    return Windows(
-        accel[whole], value_at(gyro, x, index), derivative_at(gyro, x, index, 1) / h, derivative_at(gyro, x, index, 2) / h**2, h * turn,
-        mag[readings], to_reading, rate, field_time, np.full(len(whole), h),
-    )  # fmt: skip
+    rates = (derivative_at(gyro, x, index, order) / h**order for order in range(3))
+    return Windows(accel[whole], *rates, h * turn, mag[readings], to_reading, rate, field_time, np.full(len(whole), h))
 
 
 def steps_back(grid: Grid, mag_delay: float) -> int:

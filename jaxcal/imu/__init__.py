@@ -19,21 +19,9 @@ if TYPE_CHECKING:
     from ._simulate import MEMS as MEMS, simulate as simulate
     from ._thermal import ThermalTriad as ThermalTriad, over_temperature as over_temperature
 
-install(
-    __name__,
-    {
-        "_estimate": "PoseFit estimate",
-        "_known": "TriadFit rate_table six_position",
-        "_model": "Imu Triad gravity",
-        "_motion": "Motion motion",
-        "_multi": "multi_position",
-        "_nonlinear": "Nonlinear",
-        "_observability": "observability",
-        "_rate_test": "RateTest rate_test",
-        "_residuals": "Poses Turns residuals weighted",
-        "_result": "ImuFit",
-        "_session": "ferraris",
-        "_simulate": "MEMS simulate",
-        "_thermal": "ThermalTriad over_temperature",
-    },
-)
+install(__name__, {
+    "_estimate": "PoseFit estimate", "_known": "TriadFit rate_table six_position", "_model": "Imu Triad gravity",
+    "_motion": "Motion motion", "_multi": "multi_position", "_nonlinear": "Nonlinear", "_observability": "observability",
+    "_rate_test": "RateTest rate_test", "_residuals": "Poses Turns residuals weighted", "_result": "ImuFit",
+    "_session": "ferraris", "_simulate": "MEMS simulate", "_thermal": "ThermalTriad over_temperature",
+})  # fmt: skip

@@ -10,7 +10,7 @@ import numpy as np
 
 from .._compile import filter_jit
 from .._precision import array_module, host_float64
-from .._types import AnyArray
+from .._types import AnyArray, Scalar
 from ..fitting import AbstractLoss, AbstractPrior, Estimate, Fit, covariance, solve
 from ._model import Imu, Triad, checked_convention, entries, freed, in_convention, replaced, values
 from ._residuals import Poses, Turns, Weighted, arrays, residuals, reweighted
@@ -49,17 +49,9 @@ class PoseFit(eqx.Module):
 
 @host_float64
 def estimate(
-    poses: Poses,
-    turns: Turns | None = None,
-    *,
-    gravity: Any,
-    model: Any = None,
-    convention: str = "upper",
-    misalignment: bool = True,
-    g_sensitivity: bool = True,
-    latitude: Any = None,
-    loss: AbstractLoss | None = None,
-) -> PoseFit:
+    poses: Poses, turns: Turns | None = None, *, gravity: Scalar | int, model: Triad | Imu | None = None, convention: str = "upper",
+    misalignment: bool = True, g_sensitivity: bool = True, latitude: Scalar | int | None = None, loss: AbstractLoss | None = None,
+) -> PoseFit:  # fmt: skip
     r"""Fit accelerometer and gyroscope to the means of still poses and the samples of the turns between them.
 
     The fit minimises the sum of squares of `residuals`, or their loss. The covariance is :math:`s^2 (J^T J)^{-1}` with the reduced

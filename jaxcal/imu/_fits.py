@@ -24,6 +24,8 @@ from ._prior import Prior, complete
 from ._recording import Rests
 from ._residuals import Pieces, Turns, Weighted, pieces, reweighted
 
+#: what is known of a device: a mapping by sensor, or a result or calibration that holds it
+Knowledge = Mapping[str, Any] | eqx.Module | None
 #: rad, assumed error of a turn in the first fit. Residuals of the start do not show it: with a range that is set wrong by 2 they are as
 #: large as the turns
 _FIRST_TURN = 0.02
@@ -70,7 +72,7 @@ def excess(residual: np.ndarray, base: np.ndarray, parameters: Any) -> float:
     return float(scipy.optimize.brentq(surplus, floor, max(2 * top, 2 * floor), xtol=1e-18 * top, rtol=1e-10))  # type: ignore[arg-type]
 
 
-def coefficients(noise: Any, sensor: str) -> tuple[float, float, float]:
+def coefficients(noise: Knowledge, sensor: str) -> tuple[float, float, float]:
     """White noise N, bias instability B and random walk K of a sensor, of its noisiest axis, in SI; zero if unknown.
 
     `noise` is {"accel": ..., "gyro": ...}, or channel -> noise as in the result of `jaxcal.noise.characterise`, or has one of these as

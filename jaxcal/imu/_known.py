@@ -11,7 +11,7 @@ from .._answer import Finding, Message, Quantity, Result, Section, by_axis
 from .._arrays import from_vector, skew
 from .._errors import DataError
 from .._precision import host_float64, real_numbers
-from .._types import AnyArray
+from .._types import AnyArray, Numbers
 from .._units import ON_EARTH, on_earth
 from ..fitting import Estimate, information
 from ._findings import FINDINGS
@@ -192,7 +192,9 @@ def levelled(
 
 
 @host_float64
-def six_position(readings: Any, gravity: float | int | None = None, *, up: Any = None, sigma: Any = None) -> TriadFit:
+def six_position(
+    readings: Numbers, gravity: float | int | None = None, *, up: Numbers | None = None, sigma: Numbers | None = None
+) -> TriadFit:
     r"""Calibrate an accelerometer from positions of known attitude: the six faces of a rectangular block, or others.
 
     .. math:: y_k = M f_k + b,\qquad f_k = g\,u_k;\qquad
@@ -255,8 +257,9 @@ def six_position(readings: Any, gravity: float | int | None = None, *, up: Any =
 
 @host_float64
 def rate_table(
-    readings: Any, rates: Any, accel: Any = None, *, latitude: float | None = None, sigma: Any = None, servo: float = 0.0
-) -> TriadFit:
+    readings: Numbers, rates: Numbers, accel: Numbers | None = None, *, latitude: float | None = None, sigma: Numbers | None = None,
+    servo: float = 0.0,
+) -> TriadFit:  # fmt: skip
     r"""Calibrate a gyroscope from mean readings on a rate table, with g-sensitivity if the specific force is known.
 
     .. math:: y_k = M\,(\omega_k + \Omega_E\sin\varphi\,u_k) + b + G f_k

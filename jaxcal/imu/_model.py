@@ -11,7 +11,7 @@ import numpy as np
 from .._errors import DataError
 from .._frozen import Model
 from .._precision import array_module, host_float64, is_traced
-from .._types import AnyArray, Array
+from .._types import AnyArray, Array, Numbers
 from .._units import EARTH_RATE as EARTH_RATE
 from ..fitting._problem import names_of
 
@@ -71,7 +71,7 @@ class Triad(Model):
     g_sensitivity: Any = eqx.field(default_factory=lambda: np.zeros((3, 3)))
 
     @host_float64
-    def measure(self, x: Any, accel: Any = None) -> AnyArray:
+    def measure(self, x: Numbers, accel: Numbers | None = None) -> AnyArray:
         """Compute the readings M x + b + G a.
 
         Parameters
@@ -92,7 +92,7 @@ class Triad(Model):
         return x @ matrix.T + offset
 
     @host_float64
-    def correct(self, y: Any, accel: Any = None) -> AnyArray:
+    def correct(self, y: Numbers, accel: Numbers | None = None) -> AnyArray:
         """Correct readings: the measured quantity M^-1 (y - b - G a).
 
         Parameters
@@ -288,7 +288,7 @@ def in_convention(imu: Imu, convention: str) -> Imu:
 
 
 @host_float64
-def gravity(latitude: Any, height: Any = 0.0) -> AnyArray:
+def gravity(latitude: Numbers, height: Numbers = 0.0) -> AnyArray:
     r"""Normal gravity of WGS 84.
 
     .. math:: g = g_e\frac{1 + k\sin^2\varphi}{\sqrt{1 - e^2\sin^2\varphi}} - 3.086\cdot10^{-6}\,h

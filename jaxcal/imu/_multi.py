@@ -1,7 +1,7 @@
 """`multi_position`: calibrate both triads from still poses and the turns between them, without a turntable."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,13 +11,14 @@ from .._arrays import power_of_two
 from .._errors import DataError
 from .._message import Message
 from .._precision import host_float64, is_traced
+from .._types import Numbers
 from ..evidence._rests import Ends, Multiples, StillIntervals, Variances
 from ..fitting import AbstractLoss, Fit, Huber
 from ..fitting._result import leverage
 from . import _fits, _recording
 from ._estimate import solved, started
 from ._findings import FINDINGS
-from ._fits import Options
+from ._fits import Knowledge, Options
 from ._joint import Job, count_of
 from ._known import checked_gravity
 from ._model import Imu, Triad, checked_convention, freed
@@ -32,21 +33,10 @@ _TYPICAL = 0.01  # m/s^2: assumed error of a magnitude, to weight a prior before
 
 @host_float64
 def multi_position(
-    log: Any,
-    *,
-    gravity: float | int | None = None,
-    convention: str = "upper",
-    model: Any = "full",
-    g_sensitivity: bool = True,
-    loss: Any = _HUBER,
-    latitude: float | None = None,
-    noise: Any = None,
-    raw: bool = False,
-    rests: Any = None,
-    held_out: bool = True,
-    terms: Any = (),
-    prior: Any = None,
-) -> ImuFit:
+    log: Any, *, gravity: float | int | None = None, convention: str = "upper", model: str | Triad | Imu = "full",
+    g_sensitivity: bool = True, loss: AbstractLoss | None = _HUBER, latitude: float | None = None, noise: Knowledge = None,
+    raw: bool = False, rests: Numbers | None = None, held_out: bool = True, terms: str | Iterable[str] = (), prior: Knowledge = None,
+) -> ImuFit:  # fmt: skip
     r"""Estimate scale factors, misalignments, biases and g-sensitivity from still poses and the turns between them.
 
     The fit uses three facts. At rest, the corrected specific force has the magnitude of gravity in every attitude. Between two poses,

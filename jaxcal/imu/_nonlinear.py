@@ -9,7 +9,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import array_module, host_float64
-from .._types import AnyArray
+from .._types import AnyArray, Numbers
 from ._model import Imu, Triad
 
 _ROUNDS = 4  # iterations of the fixed point: the error is then 1e-10 of the reading for a term of 1 % of the reading
@@ -49,12 +49,12 @@ class Nonlinear(Triad):
     asymmetry: Any = None
 
     @host_float64
-    def measure(self, x: Any, accel: Any = None) -> AnyArray:
+    def measure(self, x: Numbers, accel: Numbers | None = None) -> AnyArray:
         """Compute the readings; see `Triad.measure`."""
         return super().measure(x, accel) + self._bent(x)
 
     @host_float64
-    def correct(self, y: Any, accel: Any = None) -> AnyArray:
+    def correct(self, y: Numbers, accel: Numbers | None = None) -> AnyArray:
         """Correct readings by a fixed-point iteration; see `Triad.correct`."""
         x = super().correct(y, accel)
         for _ in range(_ROUNDS):

@@ -9,7 +9,7 @@ import numpy as np
 
 from .._compile import filter_jit
 from .._precision import array_module, host_float64, is_traced
-from .._types import Array
+from .._types import Array, Scalar
 from ._integrate import attitude, closed_form
 from ._model import EARTH_RATE, Imu, inverse
 
@@ -258,7 +258,9 @@ def whitening(sigma: Array, turn: Array, gravity: Array, tangent: Array, rotatio
 
 
 @host_float64
-def weighted(model: Imu, poses: Poses, turns: Turns | None = None, *, gravity: Any, latitude: Any = None) -> Weighted:
+def weighted(
+    model: Imu, poses: Poses, turns: Turns | None = None, *, gravity: Scalar | int, latitude: Scalar | int | None = None
+) -> Weighted:
     """Combine poses and turns with the weights of their residuals, computed at a model.
 
     Parameters

@@ -1,5 +1,6 @@
 """Simulated recordings and readings of sensors with known parameters."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ import scipy  # loads its parts when they are first used
 from .._errors import DataError
 from .._log import Log
 from .._precision import host_float64
+from .._types import Numbers
 from .._units import STANDARD_GRAVITY
 from ._known import checked_gravity
 from ._model import EARTH_RATE, Imu, Triad
@@ -56,21 +58,10 @@ def _attitude_with(up: np.ndarray, heading: float) -> np.ndarray:
 
 @host_float64
 def simulate(
-    poses: int = 24,
-    *,
-    rate: float | int = 100.0,
-    initial: float | int = 30.0,
-    still: float | int = 4.0,
-    turn: float | int = 3.0,
-    accel: Triad = MEMS.accel,
-    gyro: Triad = MEMS.gyro,
-    noise: Any = None,
-    gravity: float | int = 9.81,
-    latitude: float | None = None,
-    up: Any = None,
-    motion: int | None = None,
-    seed: int = 0,
-) -> Log:
+    poses: int = 24, *, rate: float | int = 100.0, initial: float | int = 30.0, still: float | int = 4.0, turn: float | int = 3.0,
+    accel: Triad = MEMS.accel, gyro: Triad = MEMS.gyro, noise: Mapping[str, Any] | None = None, gravity: float | int = 9.81,
+    latitude: float | None = None, up: Numbers | None = None, motion: int | None = None, seed: int = 0,
+) -> Log:  # fmt: skip
     """Simulate a recording for `multi_position`: an initial rest, then still poses with smooth turns between them.
 
     Every turn is about an axis fixed in the body; its rate and acceleration are zero at both ends. The sensor sits in the centre of

@@ -10,7 +10,7 @@ import numpy as np
 from .._answer import merged
 from .._errors import DataError
 from .._precision import host_float64
-from .._types import AnyArray
+from .._types import AnyArray, Numbers
 from ..fitting import Estimate
 from ..fitting._information import symmetric_inverse
 from ._model import Triad
@@ -50,21 +50,21 @@ class ThermalTriad(Triad):
     low: Any = -np.inf
     high: Any = np.inf
 
-    def at(self, temperature: Any) -> list[np.ndarray]:
+    def at(self, temperature: Numbers) -> list[np.ndarray]:
         """Matrix, bias and g-sensitivity at each temperature (n,), with n as their first axis."""
         above = np.clip(np.atleast_1d(np.asarray(temperature, dtype=float)), self.low, self.high) - self.reference
         powers = above[:, None] ** np.arange(1, len(self.bias_powers) + 1)
         return [np.asarray(getattr(self, x)) + np.tensordot(powers, getattr(self, f"{x}_powers"), 1) for x in _FIELDS]
 
     @host_float64
-    def measure(self, x: Any, accel: Any = None, temperature: Any = None) -> AnyArray:
+    def measure(self, x: Numbers, accel: Numbers | None = None, temperature: Numbers | None = None) -> AnyArray:
         """Compute the readings at the temperatures (n,), degC; None is the reference. See `Triad.measure`."""
         matrix, bias, cross = self.at(self.reference if temperature is None else temperature)
         force = np.zeros_like(x) if accel is None else accel
         return np.einsum("...ij,...j->...i", matrix, x) + bias + np.einsum("...ij,...j->...i", cross, force)
 
     @host_float64
-    def correct(self, y: Any, accel: Any = None, temperature: Any = None) -> AnyArray:
+    def correct(self, y: Numbers, accel: Numbers | None = None, temperature: Numbers | None = None) -> AnyArray:
         """Correct readings at the temperatures (n,), degC; None is the reference. See `Triad.correct`."""
         matrix, bias, cross = self.at(self.reference if temperature is None else temperature)
         force = np.zeros_like(y) if accel is None else accel
