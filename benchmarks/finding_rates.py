@@ -73,6 +73,15 @@ CASES = {
 }
 
 
+def answer(made, seed):
+    """Verdict and codes; an error is a verdict, too."""
+    try:
+        found = made(seed)
+    except jaxcal.DataError as error:
+        return "error", [error.code]
+    return found.verdict, sorted(found.codes)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=30)
@@ -80,10 +89,9 @@ def main():
     chosen = parser.parse_args()
     for name, made in CASES.items():
         if name.startswith(tuple(chosen.only)):
-            found = [made(seed) for seed in range(chosen.runs)]
-            verdicts, codes = (dict(collections.Counter(each).most_common()) for each in (
-                [one.verdict for one in found], [code for one in found for code in one.codes]
-            ))  # fmt: skip
+            answers = [answer(made, seed) for seed in range(chosen.runs)]
+            verdicts = dict(collections.Counter(verdict for verdict, _ in answers).most_common())
+            codes = dict(collections.Counter(code for _, said in answers for code in said).most_common())
             print(f"{name:50s} of {chosen.runs}: {verdicts}, {codes}", flush=True)
 
 

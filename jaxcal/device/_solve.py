@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._errors import DataError
 from ._model import NAMES, field_of, model_of
 from ._noise_floor import Floor
 from ._normal import Inertial, chain_of, inertial, rows, whitened
@@ -39,7 +40,11 @@ def rounds(record: Record, start: Start, free: np.ndarray, floors: tuple[Floor, 
     found: Any = start
     steps, fewest, moved = 2, _BLIND, None
     for turn in range(-1, _MOST):
-        found = solved(record, found.vector, found.way, free, level, place, counts, steps, rests, centre, moved)
+        try:
+            found = solved(record, found.vector, found.way, free, level, place, counts, steps, rests, centre, moved)
+        except np.linalg.LinAlgError as error:
+            said = "the sensors show no common motion, so the fit failed. Check the range and the unit of each of them"
+            raise DataError(said, code="no_motion") from error
         blind, moved = bool(found.unseen.any()), found.moved
         steps = _FEW if blind else _STEPS
         if turn < 0:
