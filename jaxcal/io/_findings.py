@@ -40,6 +40,7 @@ READ = table(
     left_out=Kind(CAUTION, "Left out: {why}.", "To read it all the same: {option.units:{quantity}=...}."),
     gravity_free=Kind(CAUTION, "{columns} is acceleration without gravity, which is no specific force, and is not read."),
     against_values=Kind(CAUTION, "Read in {unit} ({where}), although {why}."),
+    against_header=Kind(CAUTION, "Read in {unit} as given, although its columns state {header}."),
     turns_differ=Kind(CAUTION, "Gravity or the field turns {ratio:.3g} times as fast as the gyroscope says (r = {r:.2f}): {what}."),
     turns_against=Kind(CAUTION, "The gyroscope turns against gravity or the field: axes or a sign differ, and what uses both is wrong.",
                        "Put the columns in order, with their sign, as in {option.units:gyro=-1 deg/s}."),

@@ -257,7 +257,7 @@ def _units(
         first = table.names[found.columns[name][0]]
         stated, header = units.get(name) or found.units.get(name), found.units.get(name)
         if name in units and header and scale(header, name) != scale(units[name], name):
-            signals.findings.append(READ("against_values", name, unit=units[name], where="as given", why=f"its columns state {header}"))
+            signals.findings.append(READ("against_header", name, unit=units[name], header=header))
         where = "as given" if name in units else f"from {found.profile}" if found.profile and name in found.guessed else "from the name"
         try:
             if stated is None:

@@ -232,7 +232,12 @@ def judge(path, truth):
         log = jaxcal.read(path, quiet=True)
     except jaxcal.JaxcalError as error:
         return ("refused" if "refuse" in truth else "asked"), str(error)
-    warned = {name for one in log.findings if one.kind.guess or one.code == "against_values" for name in (*one.subject, one.code)}
+    warned = {
+        name
+        for one in log.findings
+        if one.kind.guess or one.code in ("against_values", "against_header")
+        for name in (*one.subject, one.code)
+    }
     if "refuse" in truth:
         return "wrong", f"read, though it should not be ({truth['refuse']}; {truth['tricks']})"
     if abs(log.rate / truth["rate"] - 1) > truth.get("tolerance", 0.005):
