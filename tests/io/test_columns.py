@@ -235,4 +235,4 @@ def test_a_unit_against_that_of_the_header_is_said(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("t [s],gx [rad/s]\n" + "".join(f"{t},{np.sin(t)}\n" for t in TIME))
     said = [one for one in jaxcal.read(path, units="gyro=deg/s", quiet=True).findings if one.code == "against_header"]
-    assert [(one.facts["unit"], one.facts["why"]) for one in said] == [("deg/s", "its columns state rad/s")]
+    assert [(one.facts["unit"], one.facts["header"]) for one in said] == [("deg/s", "rad/s")]
