@@ -45,16 +45,20 @@ def events(sensor: str, values: np.ndarray, rate: float | int) -> list[Stretch]:
     """Knocks, movement and steps of one sensor (n, axes) at rest; none of a thermometer, which may change at any time."""
     if sensor == "temperature":
         return []
-    return [_named(sensor, values, rate, first, last) for first, last in bursts(values, rate)]
+    found = bursts(values, rate)
+    alive = np.isfinite(values).any(axis=0) if found else ()
+    return [_named(sensor, values, alive, rate, first, last) for first, last in found]
 
 
-def _named(sensor: str, values: np.ndarray, rate: float | int, first: int, last: int) -> Stretch:
+def _named(sensor: str, values: np.ndarray, alive: Any, rate: float | int, first: int, last: int) -> Stretch:
     """A burst with its kind and size."""
     width = round(LONGEST * rate)
-    alive = np.isfinite(values).any(axis=0)
-    sides = [values[max(first - width, 0) : first], values[last : last + width], values]
-    sides = [seen for side in sides if len(seen := side[np.isfinite(side[:, alive]).all(axis=1)])]
-    sides = sides[:-1] or sides  # the whole record only where nothing is known beside the stretch
+
+    def known(*parts: np.ndarray) -> list[np.ndarray]:
+        return [seen for part in parts if len(seen := part[np.isfinite(part[:, alive]).all(axis=1)])]
+
+    # the whole record only where nothing is known beside the stretch
+    sides = known(values[max(first - width, 0) : first], values[last : last + width]) or known(values)
     level = np.stack([np.median(side, axis=0) for side in sides])
     noise = np.std(np.concatenate(sides), axis=0)
     # the distance from what lies between the levels on both sides, beyond what the noise reaches

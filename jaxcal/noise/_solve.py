@@ -69,15 +69,18 @@ class Solved(NamedTuple):
         return float(np.max(np.where(bins.weight > 0, bins.frequency, 0.0))) if self.fitted.cut else np.inf
 
 
-def solve(observed: Observed, columns: tuple[Term, ...], band) -> Solved:
-    """Fit the samples observed. If some are missing, the fit is repeated until the density that fills the gaps no longer changes."""
-    columns, level = (*columns, Filter()), np.ones(1)
-    solved = _solved(observed.bins(columns), columns, band, band is None and observed.complete)
+def solve(observed: Observed, columns: tuple[Term, ...], band, begun: Solved | None = None) -> Solved:
+    """Fit the samples observed. If some are missing, the fit is repeated until the density that fills the gaps no longer changes.
+
+    `begun` is a fit without regressors that the record now has.
+    """
+    columns, level, rough = (*columns, Filter()), np.ones(1), 0 if begun else _ROUGH
+    solved = begun or _solved(observed.bins(columns), columns, band, band is None and observed.complete)
     for k in range(0 if observed.complete else _ROUNDS):
         before, level = level, _level(solved)
-        if k > _ROUGH and np.max(np.abs(np.log(level / before))) < _SETTLED:
+        if k > rough and np.max(np.abs(np.log(level / before))) < _SETTLED:
             break
-        solved = _solved(observed.bins(columns, level), columns, band, band is None and k + 1 >= _ROUGH)
+        solved = _solved(observed.bins(columns, level), columns, band, band is None and k + 1 >= rough)
     return solved
 
 

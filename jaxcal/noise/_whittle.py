@@ -94,7 +94,7 @@ def _with_changes(plain: list[Described], base: tuple[Term, ...], asked: Asked, 
     found = []
     for one in plain:
         observed = one.observed.beside(regressors)
-        found.append(one._replace(observed=observed, solved=solve(observed, base, asked.band), changes=changes))
+        found.append(one._replace(observed=observed, solved=solve(observed, base, asked.band, one.solved), changes=changes))
     return found
 
 
