@@ -57,15 +57,15 @@ def select(table: Any, columns: Columns, wanted: str | None = None) -> Selection
     names = table.names
     explicit = resolve(columns, names, count)
     profile, known = matching(names, table.preamble, table.stem)
-    shared = _shared_prefix(names)
-    read = [known.get(i) or (parse(name[len(shared) :]) if name else None) for i, name in enumerate(_grouped(table, names))]
+    full = _grouped(table, names)
+    read = [known.get(i) or (parse(name) if name else None) for i, name in enumerate(full)]
     found = Selection({}, {}, read, set(), profile.name if profile else "")
     if profile:
         found.findings.append(READ("device", name=profile.name, sign=profile.sign and f"; {profile.sign}"))
     # columns called x, y, z twice say no more than columns without names
     said = [name for name, one in zip(names, read, strict=True) if name and not name.isdecimal() and (one is None or one.kind != "time")]
     named = any(name.lower() not in AXES for name in said) or 0 < len(said) < 6
-    triples = triples_of(table, [name[len(shared) :] for name in _grouped(table, names)], known, wanted) if named else []
+    triples = triples_of(table, full, known, wanted) if named else []
     _by_odds(table, columns, found, triples)
     if set(explicit) - {"time"}:
         found.columns = {}
@@ -100,16 +100,6 @@ def _word(table: Any) -> str | None:
         if len(words) == 1 and (kind := file_kind(next(iter(words)))) in SENSORS:
             return kind
     return None
-
-
-def _shared_prefix(names: list[str]) -> str:
-    """Common prefix of all names up to a separator, such as the name of a device; empty if it may denote a sensor."""
-    named = [name for name in names if name]
-    ends = (min(named), max(named)) if len(named) > 3 else ("", "")
-    same = next((i for i, (a, b) in enumerate(zip(*ends, strict=False)) if a != b), min(map(len, ends)))
-    prefix = ends[0][:same]
-    prefix = prefix[: max(prefix.rfind(mark) for mark in "_./: ") + 1]
-    return "" if len(prefix) < 4 or _LIKE.search(prefix) else prefix
 
 
 def _grouped(table: Any, names: list[str]) -> list[str]:
