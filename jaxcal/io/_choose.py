@@ -10,13 +10,13 @@ import numpy as np
 from .._answer import Finding
 from .._errors import DataError
 from .._message import Message, joined_messages
-from . import _guess
 from ._columns import AXES, SENSORS, Columns, listing, resolve
+from ._evidence import all_integer
 from ._findings import READ
 from ._mixed import refuse_mixed
 from ._names import OTHERS, Name, bracketed, is_counter, is_other, parse, unit_of
 from ._profiles import ROS2_IMU, matching
-from ._triples import MARGIN, Triple, file_kind, triples_of, weigh_values
+from ._triples import ODDS, Triple, file_kind, triples_of, weigh_values
 
 HOW = Message("say which is which, by number or name, with {option.columns:time=0,gyro=1:3,accel=4:6}")
 #: words that suggest a sensor in the name of a column
@@ -256,9 +256,9 @@ def _joint(triples: list[Triple], table: Any) -> tuple[str, ...]:
         if "accel" in roles or len(triples) == 1
     }
     best, second = sorted(totals, key=totals.__getitem__, reverse=True)[:2]
-    if totals[best] < totals[second] + MARGIN or (len(triples) > 1 and triples[best.index("accel")].odds["accel"] <= 0.0):
+    if totals[best] < totals[second] + ODDS["margin"] or (len(triples) > 1 and triples[best.index("accel")].odds["accel"] <= 0.0):
         values = [np.column_stack([table.columns[i] for i in one.columns]) for one in triples]
-        whole = " of whole numbers, which look like raw counts," if all(map(_guess.all_integer, values)) else ""
+        whole = " of whole numbers, which look like raw counts," if all(map(all_integer, values)) else ""
         why = f"the values of {len(triples)} times three columns{whole} do not show gravity, a field and rates clearly enough"
         raise unclear(f"{listing(table.names, len(table.columns))}: {why}", "no_gravity" if len(triples) > 1 else "counts")
     return best

@@ -35,13 +35,9 @@ _OTHERS = (
     (
         (b"H Product:Blackbox", ".bbl", ".bfl"),
         "a blackbox log of Betaflight or iNav",
-        "run `blackbox_decode LOG`, or save CSV in Blackbox Explorer",
+        "run `blackbox_decode LOG`, or use Blackbox Explorer",
     ),
-    (
-        (".tlog",),
-        "telemetry of MAVLink",
-        "give the .bin log, or run `mavlogdump.py --format csv --types RAW_IMU LOG > imu.csv`",
-    ),
+    ((".tlog",), "telemetry of MAVLink", "give the .bin log, or run `mavlogdump.py --format csv --types RAW_IMU LOG > imu.csv`"),
     ((b"MD\xfc\x03", ".cwa"), "a log of Axivity (CWA)", "export CSV with OmGui, or run `cwa-convert LOG -out log.csv`"),
     ((b"Device Identity",), "a log of GENEActiv", "export CSV with the GENEActiv software"),
     ((".gt3x",), "a log of ActiGraph (GT3X)", "export CSV with ActiLife, or with pygt3x"),

@@ -12,20 +12,7 @@ from .._answer import Finding
 from .._errors import DataError
 from .._message import Message, joined_messages
 from .._units import STANDARD_GRAVITY, factor, find_unit, to_si
-from ._evidence import (
-    Turning,
-    all_integer,
-    counts_hint,
-    field_size,
-    gravity_stays,
-    median_norm,
-    noise_floor,
-    normalised,
-    norms,
-    step_unit,
-    thinned,
-    turning,
-)  # fmt: skip
+from . import _evidence
 from ._findings import READ
 
 #: sensor -> unit -> size of gravity (or of a field of 1 uT) in this unit, and the unit to suggest if the guess is wrong
@@ -87,14 +74,14 @@ def _allowed(sensor: str, value: float) -> bool:
 
 def accel_unit(values: np.ndarray, stated: str | None, where: str, period: float | None) -> Guess:
     """Unit of an accelerometer, whose values must include gravity."""
-    norm, whole = median_norm(values), values.shape[1] == 3
+    norm, whole = _evidence.median_norm(values), values.shape[1] == 3
     seen = f"median norm {norm:.4g}"
-    if whole and abs(norm - 1.0) < 1e-3 and normalised(values) is not None and float(np.ptp(norms(values))) < 1e-4:
+    if whole and abs(norm - 1.0) < 1e-3 and _evidence.normalised(values) is not None and float(np.ptp(_evidence.norms(values))) < 1e-4:
         # even noise would make the magnitudes differ, so these are normalised vectors
         reason = "every vector has the length 1; uncertain, normalised vectors are no specific force"
         return Guess(stated or "g", reason, "m/s^2", False)
     if stated is None:
-        stays = gravity_stays(values, period) if whole else np.nan
+        stays = _evidence.gravity_stays(values, period) if whole else np.nan
         if whole and stays < 0.45:
             raise _gravity_free("", seen, stays)
         return _by_size("accel", norm, seen, values)
@@ -102,7 +89,7 @@ def accel_unit(values: np.ndarray, stated: str | None, where: str, period: float
     if not whole or size is None or not norm:
         return Guess(stated, where, stated)
     force = norm * size / STANDARD_GRAVITY
-    stays = gravity_stays(values, period)
+    stays = _evidence.gravity_stays(values, period)
     if _allowed("accel", force) and not stays < 0.45:
         return Guess(stated, f"{where}; {seen}", stated)
     better = [unit for unit in fitting("accel", norm) if unit != stated and stays > 0.6]
@@ -125,19 +112,19 @@ def _gravity_free(stated: str, seen: str, stays: float) -> UnitDoubtError:
 
 def mag_unit(values: np.ndarray, stated: str | None, where: str) -> Guess:
     """Unit of a magnetometer from the radius of a sphere fit: the Earth's field is 22 to 67 uT."""
-    radius, how = field_size(values)
+    radius, how = _evidence.field_size(values)
     seen = f"{how} {radius:.3g}"
     size = None if stated is None else factor_of(stated, "mag")
     if stated is None or size is None or values.shape[1] != 3 or not radius:
         if stated is not None:
             return Guess(stated, where, stated)
-        norm = median_norm(values)
+        norm = _evidence.median_norm(values)
         if fitting("mag", radius) or not fitting("mag", norm, 1):
             return _by_size("mag", radius, seen, values)
         # readings on a small part of a sphere fit any radius, so use the median magnitude
         return dataclasses.replace(_by_size("mag", norm, f"median norm {norm:.3g}; uncertain, the {seen}", values), sure=False)
     field = radius * size * 1e6
-    if any(_allowed("mag", one * size * 1e6) for one in (radius, median_norm(values))):
+    if any(_allowed("mag", one * size * 1e6) for one in (radius, _evidence.median_norm(values))):
         return Guess(stated, f"{where}; {seen}", stated)
     better = [unit for unit in fitting("mag", radius) if unit != stated]
     advice = better[0] if better else f"{4e-5 / radius:.3g} T"
@@ -147,18 +134,18 @@ def mag_unit(values: np.ndarray, stated: str | None, where: str) -> Guess:
 
 def no_field(values: np.ndarray) -> str | None:
     """Sentence that says why magnetometer values are not a field (zero, or normalised directions); None if they may be one."""
-    seen = thinned(values)
+    seen = _evidence.thinned(values)
     if len(seen) and not seen.any():
         return "it is zero in every sample"
-    length = normalised(values)
+    length = _evidence.normalised(values)
     if length is None:
         return None
     return None if fitting("mag", length) else f"every vector has the length {length:.6g}: it is normalised, a direction and no field"
 
 
 def _by_size(sensor: str, size: float, seen: str, values: np.ndarray) -> Guess:
-    whole = all_integer(values)
-    steps = step_unit("accel", values) if sensor == "accel" else None
+    whole = _evidence.all_integer(values)
+    steps = _evidence.step_unit("accel", values) if sensor == "accel" else None
     for low, high, sure, no_counts in _RANGES[sensor]:
         for unit, (one, other) in _SIZES[sensor].items():
             if low <= size / one <= high and (not whole or unit in no_counts):
@@ -176,14 +163,14 @@ def _by_size(sensor: str, size: float, seen: str, values: np.ndarray) -> Guess:
     raise undecided(sensor, seen, values, {"accel": "g", "mag": "uT"}[sensor])
 
 
-def gyro_unit(values: np.ndarray, stated: str | None, where: str, turns: Turning | None) -> Guess:
+def gyro_unit(values: np.ndarray, stated: str | None, where: str, turns: _evidence.Turning | None) -> Guess:
     """Unit of a gyroscope: the stated unit, checked against steps, rotations and size; else a unit inferred from these, or a guess."""
     largest = float(np.nanmax(np.abs(values)))
-    steps = step_unit("gyro", values)
+    steps = _evidence.step_unit("gyro", values)
     if stated is not None:
         _contradict_gyro(values, stated, where, steps, turns, largest)
         return Guess(stated, where + (f"; {steps[1]}" if steps and steps[0] == stated else ""), stated)
-    if all_integer(values):
+    if _evidence.all_integer(values):
         raise undecided("gyro", "all values are whole numbers", values, "deg/s")
     other = {"rad/s": "deg/s", "deg/s": "rad/s"}
     if like := keeps_length(values):
@@ -199,13 +186,13 @@ def gyro_unit(values: np.ndarray, stated: str | None, where: str, turns: Turning
         reason = f"states {abs(turns.slope) ** -1:.2g} times the turns of gravity or the field, r = {abs(turns.correlation):.2f}"
         return Guess(turns.unit, reason + ("" if sure else "; uncertain"), other[turns.unit], sure)
     # the following uses medians over about 100 parts of the record
-    lengths = norms(values)
+    lengths = _evidence.norms(values)
     middle = float(np.median(lengths)) if len(lengths) else 0.0
     if largest > 35 and middle > 20 and np.ptp(np.quantile(lengths, [0.1, 0.9])) < 0.5 * middle:
         return Guess("deg/s", f"assumed: never far from {middle:.3g}, as on a turntable; mdeg/s at rest would look so too", "mdeg/s", False)
     if largest > 35:
         return Guess("deg/s", f"reaches {largest:.3g}; 35 rad/s would be 2005 deg/s", "rad/s")
-    floor = noise_floor(values)
+    floor = _evidence.noise_floor(values)
     if floor > _NOISY:
         return Guess("deg/s", f"assumed: noise of {floor:.2g} from sample to sample where it moves least is much for rad/s", "rad/s", False)
     block = max(1, len(lengths) // 100)
@@ -225,7 +212,7 @@ def keeps_length(values: np.ndarray) -> str | None:
     """Sentence that the vectors rotate while their magnitude stays that of gravity, or None."""
     if values.shape[1] != 3:
         return None
-    seen = thinned(values)
+    seen = _evidence.thinned(values)
     lengths = np.linalg.norm(seen, axis=1)
     if len(seen) < 50 or not lengths.all():
         return None
@@ -236,7 +223,7 @@ def keeps_length(values: np.ndarray) -> str | None:
     return None
 
 
-def _contradict_gyro(values, stated: str, where: str, steps, turns: Turning | None, largest: float) -> None:
+def _contradict_gyro(values, stated: str, where: str, steps, turns: _evidence.Turning | None, largest: float) -> None:
     says = ""
     right = {"rad/s": "deg/s", "deg/s": "rad/s"}.get(find_unit(stated, "gyro") or "", "")
     if not right:
@@ -271,7 +258,7 @@ def temperature_unit(values: np.ndarray, stated: str | None, where: str) -> Gues
     raise undecided("temperature", f"median {median:.4g}", values, "0.01 degC")
 
 
-def judged(name: str, values: np.ndarray, stated: str | None, where: str, period: float | None, turns: Turning | None) -> Guess:
+def judged(name: str, values: np.ndarray, stated: str | None, where: str, period: float | None, turns: _evidence.Turning | None) -> Guess:
     """Unit of a quantity: the stated one, checked against the values, or one that these tell."""
     if name == "gyro":
         return gyro_unit(values, stated, where, turns)
@@ -280,11 +267,11 @@ def judged(name: str, values: np.ndarray, stated: str | None, where: str, period
     return (mag_unit if name == "mag" else temperature_unit)(values, stated, where)
 
 
-def turns_of(values: dict[str, np.ndarray], period: float | None) -> Turning | None:
+def turns_of(values: dict[str, np.ndarray], period: float | None) -> _evidence.Turning | None:
     """Compare the gyroscope (as rad/s) with the rotation of gravity or of the field, whichever correlates better."""
     if "gyro" not in values or not period:
         return None
-    found = [turning(values["gyro"], values[name], period) for name in ("accel", "mag") if name in values]
+    found = [_evidence.turning(values["gyro"], values[name], period) for name in ("accel", "mag") if name in values]
     return max((one for one in found if one is not None), key=lambda one: abs(one.correlation), default=None)
 
 
@@ -296,8 +283,8 @@ def factor_of(unit: str, sensor: str) -> float | None:
 def undecided(sensor: str, seen: str, values: np.ndarray, example: str) -> UnitDoubtError:
     """Error for values without any evidence of their unit."""
     why, remedy, unit = f"the unit of {sensor} cannot be told ({seen})", "give it with {option.units:{sensor}={unit}}", example
-    if all_integer(values):
-        hint = counts_hint(sensor, values)
+    if _evidence.all_integer(values):
+        hint = _evidence.counts_hint(sensor, values)
         unit = hint or f"0.01 {example}"
         why += ": these look like raw counts" + (f", and their norm is that of gravity if one count is {hint}" if hint else "")
         remedy = "give the size of one, as in {option.units:{sensor}={unit}}"
