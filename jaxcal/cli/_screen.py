@@ -75,10 +75,10 @@ def progress(what: str, quiet: bool = False) -> Iterator[Callable[[int, int, str
     if quiet or not console.is_terminal:
         yield lambda done, total, name: None
         return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     bar = Progress(
-        TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn(), console=console, transient=True,
+        TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), console=console, transient=True,
         redirect_stdout=False, redirect_stderr=False,
     )  # fmt: skip
     task = bar.add_task(what, total=None)
