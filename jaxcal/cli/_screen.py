@@ -77,10 +77,8 @@ def progress(what: str, quiet: bool = False) -> Iterator[Callable[[int, int, str
         return
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    bar = Progress(
-        TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), console=console, transient=True,
-        redirect_stdout=False, redirect_stderr=False,
-    )  # fmt: skip
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    bar = Progress(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False)
     task = bar.add_task(what, total=None)
     timer = threading.Timer(_WAIT, bar.start)
     timer.daemon = True
