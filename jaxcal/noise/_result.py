@@ -229,7 +229,7 @@ _EACH = ("spectrum", "events")  # fields that are tuples over the channels
 def stacked(fits: list[NoiseFit]) -> NoiseFit:
     """Join the fits of the channels of one record into one result, channels last."""
     first, curves = fits[0], [fit.deviation for fit in fits]
-    names = ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped", "bias")
+    names = ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped")
     return dataclasses.replace(
         first,
         noise=stacked_noises([fit.noise for fit in fits]),
